@@ -7,6 +7,7 @@
 #        PYTHON=/usr/bin/python3 (which is to find spin4d.py)  PYTHONDIR= (where it goes)
 #        RUN='qemu-aarch64 -L /usr/aarch64-linux-gnu' (what runs programs of another machine)
 # Private settings go into an untracked local.mk.
+comma := ,
 HERE := $(patsubst %/,%,$(dir $(realpath $(firstword $(MAKEFILE_LIST)))))
 ifneq ($(HERE),$(CURDIR))
 # Called from another folder: what is built goes into its build/.
@@ -72,16 +73,18 @@ ifneq ($(filter x86_64-%,$(MACHINE)),)
 PATHS    := base v3 v4
 endif
 FLAGS.base :=
-FLAGS.v3   := -march=x86-64-v3
-FLAGS.v4   := -march=x86-64-v4 -mprefer-vector-width=512
+# -march=x86-64-v3 and -v4, which gcc 10 does not know, in its words.
+FLAGS.v3   := -march=x86-64 -mtune=generic -mcx16 -msahf -mpopcnt -msse4.2 -mavx2 -mbmi -mbmi2 -mf16c -mfma -mlzcnt \
+              -mmovbe -mxsave
+FLAGS.v4   := $(FLAGS.v3) -mavx512f -mavx512bw -mavx512cd -mavx512dq -mavx512vl -mprefer-vector-width=512
 
 ROOMS    := src/base src/io src/formats src/scene src/model src/render src/train src/eval src/eval/report src/run importers importers/lib \
             exporters exporters/lib
-LIB_C    := $(filter-out src/io/video%ffmpeg.c src/io/ranks_mpi.c,$(sort $(wildcard $(addsuffix /*.c,$(ROOMS))))) src/device/device.c
+LIB_C    := $(filter-out src/io/video%ffmpeg.c src/io/ranks_mpi.c src/io/image_plain.c,$(sort $(wildcard $(addsuffix /*.c,$(ROOMS))))) src/device/device.c
 CPU_C    := $(sort $(wildcard src/device/cpu/*.c))
-LIB_O    := $(LIB_C:%.c=$(B)/%.o) $(addprefix $(B)/,exporters/html_page.o src/eval/report/page.o) $(foreach p,$(PATHS),$(CPU_C:%.c=$(B)/%.$(p).o))
-CMD_O    := $(patsubst %.c,$(B)/%.o,$(filter-out src/cmd/spin-%,$(sort $(wildcard src/cmd/*.c))))
-COMMANDS := spin-import spin-retrain spin-export spin-eval
+LIB_O    := $(LIB_C:%.c=$(B)/%.o) $(addprefix $(B)/,exporters/html_page.o src/eval/report/page.o src/eval/report/compare_html.o src/run/watch_html.o) $(foreach p,$(PATHS),$(CPU_C:%.c=$(B)/%.$(p).o))
+CMD_O    := $(patsubst %.c,$(B)/%.o,$(filter-out src/cmd/spin%,$(sort $(wildcard src/cmd/*.c))))
+COMMANDS := spin4d spin-import spin-retrain spin-export spin-eval
 BINS     := $(COMMANDS:%=$(B)/bin/%)
 LIB      := $(B)/libspin.a
 LIB_SO   := $(B)/libspin.so.$(VERSION)
@@ -95,6 +98,13 @@ endif
 
 TOOLS    := $(B)/tests/tools/compare-images
 
+# Pictures without OpenImageIO, for machines that have little (tests/card): for who has libjpeg-turbo and libpng.
+PLAIN    := $(shell printf '\043if __has_include(<jpeglib.h>) && __has_include(<png.h>)\nyes\n\043endif\n' | \
+            $(CC) $(SPIN_CPPFLAGS) $(CPPFLAGS) -E -P -x c - 2>/dev/null)
+ifneq ($(filter yes,$(PLAIN)),)
+TOOLS    += $(B)/lib/spin-image-plain.so
+endif
+
 # Videos are for who has FFmpeg: `make setup-video` installs it, VIDEO=no does without.
 VIDEO    ?= $(shell printf '\043if __has_include(<libavformat/avformat.h>) && __has_include(<libavcodec/avcodec.h>)\nyes\n\043endif\n' | \
             $(CC) $(SPIN_CPPFLAGS) $(CPPFLAGS) -E -P -x c - 2>/dev/null)
@@ -104,7 +114,8 @@ TOOLS    += $(B)/tests/tools/make-video
 endif
 
 # The CUDA device is for who has nvcc (CUDA=1: fail without; 0: leave it out). One object serves every card from
-# sm_75 on, by cubins for the listed ones and PTX for all others, and is opened only where it is asked for.
+# sm_75 on, by cubins for the listed ones and PTX of them and of sm_75 for all others, and is opened only where it is
+# asked for.
 CUDA      ?= auto
 CUDA_ARCH ?= 80 90 120
 NVCC      ?= $(shell command -v nvcc 2>/dev/null)
@@ -142,11 +153,11 @@ BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
 BENCH    := $(B)/tests/bench/bench
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
-.PHONY: all help config setup setup-video setup-lint demo quick test test-bins test-tools test-builds test-card test-ranks check lint mutants test-viewers valgrind tsan fuzz fuzz-replay bench install uninstall dist deb clean format
+.PHONY: all help config setup setup-video setup-lint demo quick test test-bins test-tools test-builds test-card card-kit test-ranks check lint mutants test-viewers bench-viewers valgrind tsan fuzz fuzz-replay bench install uninstall wheel portable dist deb clean format
 .SECONDARY:
 .DELETE_ON_ERROR:
 
-all: $(BINS) $(LIB_SO) $(SHIMS) $(if $(filter build,$(BUILD)),bin) ## both libraries and the four commands (default)
+all: $(BINS) $(LIB_SO) $(SHIMS) $(if $(filter build,$(BUILD)),bin) ## both libraries and the commands (default)
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' Makefile | awk -F'|' '{printf "%-22s %s\n", $$1, $$2}'
@@ -186,6 +197,9 @@ test-tools: $(TOOLS)
 test-card: ## trainings on the emulated card, which `make test` leaves out
 	@$(MAKE) --no-print-directory test K=$@
 
+card-kit: test-bins ## BUILD/spin4d-card.tar.xz: tests for a machine with a card and little else, docs/accelerator.md
+	@sh tests/card/pack.sh $(B) $(BUILD)
+
 test-ranks: ## trainings by many processes, which `make test` leaves out
 	@$(MAKE) --no-print-directory test K=$@
 
@@ -213,10 +227,15 @@ PLUGIN_SYM := src/plugin.sym
 PLUGIN_LD  := -Wl,--dynamic-list=$(PLUGIN_SYM) \
               $(shell sed -n 's/^ *\(spin_[a-z_]*\);$$/-Wl,-u,\1/p' $(PLUGIN_SYM))
 
-$(B)/bin/%: $(B)/src/cmd/%.o $(CMD_O) $(LIB) $(PLUGIN_SYM)
-	@mkdir -p $(@D)
-	$(SAY) LINK $@
-	$(Q)$(LINK) $(PLUGIN_LD) -o $@ $(B)/src/cmd/$*.o $(CMD_O) $(LIB) $(SPIN_LDLIBS) $(LDLIBS)
+# Those of `make portable` find every library, also those of what they load, in the lib/spin4d beside their bin/.
+define COMMAND_RULE
+$(B)$(1)/bin/%: $(B)/src/cmd/%.o $(CMD_O) $(LIB) $(PLUGIN_SYM)
+	@mkdir -p $$(@D)
+	$(SAY) LINK $$@
+	$(Q)$(LINK) $(PLUGIN_LD) $(2) -o $$@ $(B)/src/cmd/$$*.o $(CMD_O) $(LIB) $(SPIN_LDLIBS) $(LDLIBS)
+endef
+$(eval $(call COMMAND_RULE))
+$(eval $(call COMMAND_RULE,/portable,-Wl$(comma)--disable-new-dtags -Wl$(comma)-rpath$(comma)'$$$$ORIGIN/../lib/spin4d'))
 
 # Pages as C strings, without indents and lines of comment.
 C_STRING := sed -e 's/^ *//' -e '/^\/\//d' -e 's/\\/\\\\/g' -e 's/"/\\"/g' -e 's/^/    "/' -e 's/$$/\\n"/'
@@ -224,12 +243,20 @@ $(B)/src/eval/report/page.c: src/eval/report/page.html Makefile
 	@mkdir -p $(@D)
 	$(SAY) PAGE $@
 	$(Q){ echo 'extern const char spin_report_page[]; const char spin_report_page[] ='; $(C_STRING) $<; echo '    ;'; } >$@
-$(B)/src/eval/report/page.o: $(B)/src/eval/report/page.c
+$(B)/src/eval/report/compare_html.c: src/eval/report/compare.html Makefile
+	@mkdir -p $(@D)
+	$(SAY) PAGE $@
+	$(Q){ echo 'extern const char spin_compare_html[]; const char spin_compare_html[] ='; $(C_STRING) $<; echo '    ;'; } >$@
+$(B)/src/run/watch_html.c: src/run/watch.html Makefile
+	@mkdir -p $(@D)
+	$(SAY) PAGE $@
+	$(Q){ echo 'extern const char spin_watch_html[]; const char spin_watch_html[] ='; $(C_STRING) $<; echo '    ;'; } >$@
+$(B)/src/eval/report/page.o $(B)/src/eval/report/compare_html.o $(B)/src/run/watch_html.o: %.o: %.c
 	$(SAY) CC $@
 	$(Q)$(COMPILE_C) -c -o $@ $<
 
 # The page of the html exporter, a string for each of its files.
-PAGE := head:head.html css:page.css body:body.html vertex:shader.vert fragment:shader.frag \
+PAGE := head:head.html css:page.css body:body.html project:project.frag vertex:shader.vert fragment:shader.frag \
         worker:worker.js script:page.js
 $(B)/exporters/html_page.c: $(addprefix exporters/html/,$(foreach p,$(PAGE),$(lastword $(subst :, ,$(p))))) Makefile
 	@mkdir -p $(@D)
@@ -242,6 +269,21 @@ $(B)/exporters/html_page.o: $(B)/exporters/html_page.c exporters/html/page.h
 	$(SAY) CC $@
 	$(Q)$(COMPILE_C) -c -o $@ $<
 
+# The player as a package: its files, and the page without a clip, for .sogst files.
+PLAYER := $(patsubst exporters/player/%,$(B)/player/%,$(filter-out %/sogst.js,$(wildcard exporters/player/*))) $(B)/player/view.html
+$(B)/player/view.html: $(addprefix exporters/html/,$(foreach p,$(PAGE),$(lastword $(subst :, ,$(p))))) exporters/player/sogst.js Makefile
+	@mkdir -p $(@D)
+	$(SAY) PAGE $@
+	$(Q){ cat exporters/html/head.html; echo '<title>Clip</title>'; echo '<style>'; cat exporters/html/page.css exporters/html/body.html; \
+	    echo '<script type="application/json" id="clip"></script>'; \
+	    for p in worker:worker.js project:project.frag vertex:shader.vert fragment:shader.frag page:page.js; do \
+	    echo "<script type=\"text/plain\" id=\"$${p%%:*}\">"; cat exporters/html/$${p#*:}; echo '</script>'; done; \
+	    echo '<script>'; cat exporters/player/sogst.js; echo '</script>'; echo '</body>'; echo '</html>'; } >$@
+all: $(PLAYER)
+$(B)/player/%: exporters/player/%
+	@mkdir -p $(@D)
+	$(Q)cp $< $@
+
 # What stands before a C++ library is an object of its own: who does not need it does not load it. Commands load none
 # that others can write, so what umask allows the group is taken away.
 SHIM_DONE = $(Q)chmod go-w $(@D) $@
@@ -249,6 +291,12 @@ $(B)/lib/spin-image.so: src/io/image_oiio.cpp src/io/image_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
 	$(Q)$(COMPILE_CXX) -shared -o $@ $< -lOpenImageIO -lOpenImageIO_Util
+	$(SHIM_DONE)
+
+$(B)/lib/spin-image-plain.so: src/io/image_plain.c src/io/image_shim.h
+	@mkdir -p $(@D)
+	$(SAY) SHIM $@
+	$(Q)$(CC) $(COMPILE_SHIM) -shared -o $@ $< -ljpeg -lpng
 	$(SHIM_DONE)
 
 $(B)/lib/spin-gltf.so: src/formats/glb_tiny.cpp src/formats/glb_shim.h
@@ -277,7 +325,7 @@ $(B)/tests/tools/make-video: tests/tools/make-video.c
 
 # Kernels for cards. Without contraction of products and sums where the CPU has none, see below.
 NVCCFLAGS := -std=c++20 -O3 -DNDEBUG -Xcompiler -fPIC,-fvisibility=hidden -gencode arch=compute_75,code=compute_75 \
-             $(foreach a,$(CUDA_ARCH),-gencode arch=compute_$a,code=sm_$a) -Xptxas -v
+             $(foreach a,$(CUDA_ARCH),-gencode arch=compute_$a$(comma)code=[sm_$a$(comma)compute_$a]) -Xptxas -v
 $(B)/src/device/cuda/contract.cu.o $(B)/src/device/cuda/grid.cu.o $(B)/src/device/cuda/lazy_adam.cu.o: FMAD := -fmad=false
 $(B)/%.cu.o: %.cu
 	@mkdir -p $(@D)
@@ -395,6 +443,10 @@ test-viewers: ## exports in real viewers (Chromium, Node); SHORT=1  IMPORTERS=1 
 	@$(MAKE) --no-print-directory -j$(JOBS) all
 	@sh tests/viewers/run.sh $(B)/bin $(if $(SHORT),short)
 
+bench-viewers: ## pictures a second of the page beside SuperSplat's viewer (Chromium, Node); SPEED='--rounds 5'
+	@$(MAKE) --no-print-directory -j$(JOBS) all
+	@sh tests/viewers/run.sh $(B)/bin speed $(SPEED)
+
 lint: ## includes, circles, headers, lists, manual, device pointers, plug-ins
 	@for s in tests/lint/*.sh; do B=$(BUILD)/release sh $$s "$(CC)" "$(CXX)" || exit 1; done
 
@@ -430,6 +482,8 @@ install: all $(LIB) ## into PREFIX, libraries into LIBDIR, all of it below DESTD
 	    -e 's|@LIBS@|$(SPIN_LDLIBS)|' src/spin4d.pc.in >$(DESTLIB)/pkgconfig/spin4d.pc
 	install -d $(DESTDIR)$(PYTHONDIR)
 	install -m 644 exporters/python/spin4d.py $(DESTDIR)$(PYTHONDIR)
+	install -d $(DEST)/share/spin4d/player
+	install -m 644 $(PLAYER) $(DEST)/share/spin4d/player
 	for page in $(PAGES); do install -m 644 $$page $(DEST)/share/man/man$${page##*.}; done
 	install -m 644 man/example-plugin/Makefile man/example-plugin/*.c $(DEST)/$(EXAMPLE)
 	install -d $(sort $(dir $(addprefix $(DEST)/,$(BASH) $(ZSH))))
@@ -443,7 +497,16 @@ uninstall: ## take away what install put there, with the same PREFIX, LIBDIR, PY
 	rm -f $(addprefix $(DEST)/,include/spin4d/spin.h include/spin4d/spin_train.h include/spin4d/spin_run.h) $(DESTDIR)$(PYTHONDIR)/spin4d.py
 	rm -f $(foreach p,$(PAGES),$(DEST)/share/man/man$(subst .,,$(suffix $p))/$(notdir $p))
 	rm -f $(addprefix $(DEST)/$(EXAMPLE)/,$(notdir $(wildcard man/example-plugin/*)))
+	rm -f $(addprefix $(DEST)/share/spin4d/player/,$(notdir $(PLAYER)))
+	-rmdir $(DEST)/share/spin4d/player $(DEST)/share/spin4d
 	-rmdir $(DEST)/$(EXAMPLE) $(DEST)/share/doc/spin4d $(DEST)/include/spin4d $(DESTLIB)/spin4d
+
+# Built in a Debian of its own, whose C library is older, it runs on more machines.
+portable: $(if $(DEBIAN),dist,$(BINS) $(BINS:$(B)/%=$(B)/portable/%) $(filter %-gltf.so %-cuda.so %-plain.so,$(SHIMS) $(TOOLS))) ## BUILD/spin4d-VERSION-linux-*.tar.gz, which needs nothing installed; DEBIAN=bullseye (where to build it)
+	@$(if $(DEBIAN),sh src/packaging/chroot.sh $(DEBIAN) $(VERSION),sh src/packaging/portable.sh $(VERSION) $(B)) $(BUILD)
+
+wheel: portable ## BUILD/spin4d-VERSION-*.whl for pip, of what `make portable` writes
+	@$(PYTHON) src/packaging/wheel.py $(BUILD)/spin4d-$(VERSION)-linux-$(firstword $(subst -, ,$(MACHINE))).tar.gz $(BUILD)
 
 dist: ## BUILD/spin4d-VERSION.tar.gz of the last commit: the same bytes for the same commit
 	@mkdir -p $(BUILD)
@@ -457,7 +520,7 @@ format: ## rewrite all sources with clang-format
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cpp' '*.cu')
 
 clean: ## remove what was built, in BUILD, and bin
-	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov mutants fuzz deb gcc clang arm64 bytes stderr test-needs *.tar.gz) bin
+	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov mutants fuzz deb gcc clang arm64 bytes stderr test-needs debian-* *.tar.gz *.whl) bin
 	-@rmdir $(BUILD) 2>/dev/null
 
 -include $(shell find $(B) -name '*.d' 2>/dev/null)

@@ -20,11 +20,14 @@
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/page_draft.h"
 #include "exporters/lib/page_group.h"
+#include "exporters/lib/page_rows.h"
 #include "exporters/lib/sort_rows.h"
 #include "io/file.h"
 #include "io/json.h"
 
+#define DEGREES 57.29577951308232 /* of a radian */
 #define DEFAULT_FPS 30
+#define LEAST_SECONDS 2.0 /* that a clip lasts unless --fps is given */
 #define DEFAULT_KEY_EVERY 30
 #define NEAR_W 0.2 /* where the training cut splats off */
 
@@ -42,7 +45,9 @@ static const struct spin_plugin_option options[] = {
     {"min-opacity", "V", "leave out splats whose opacity is below V, 0 to 1", "0"},
     {"max-splats", "N", "of each frame only the N most visible splats", NULL},
     {"every", "N", "write every Nth frame; the clip lasts as long", "1"},
-    {"fps", "F", "frames per second; otherwise the bundle's, else 30", NULL},
+    {"fps", "F", "frames per second; otherwise the bundle's, else 30, in two seconds or more",
+     NULL},
+    {"title", "TEXT", "what the page says above the clip (its file's name); empty: nothing", NULL},
     {"only", "after|before", "leave the other version out, where there are two", NULL},
     {0},
 };
@@ -54,6 +59,7 @@ static const struct spin_plugin_option options[] = {
 struct page_frame {
     int first; /* frame whose key it needs */
     size_t shared, still, own;
+    int from, end;      /* ticks, of rows */
     uint64_t at, bytes; /* in the file of --split */
 };
 
@@ -67,6 +73,7 @@ struct version {
     struct page_frame *frame; /* [frames of the job] */
     int n_written;
     double n_kept;
+    bool rows; /* blocks are 4D splats; then page_frame.first is not used */
 };
 
 struct export
@@ -85,10 +92,12 @@ struct export
     struct version version[2];
     int n_versions;
     struct spin_splats source;
-    size_t max_splats; /* 0: all */
+    struct spin_page_rows four_d; /* of the first version, where the clip is 4D splats */
+    size_t max_splats;            /* 0: all */
     int every, key_every;
     double fps;
-    int *number; /* [frames written] */
+    const char *title; /* NULL: the file's name */
+    int *number;       /* [frames written] */
     int n_written;
     uint64_t data_bytes, n_splats;
 };
@@ -147,29 +156,43 @@ struct sink {
     struct version *v;
 };
 
-static spin_status take_block(void *context, const struct spin_page_block *block)
+static spin_status take_bytes(const struct sink *s, struct page_frame block, const uint8_t *data,
+                              size_t n)
 {
-    struct sink *s = context;
     struct export *x = s->x;
-    struct page_frame *at = &s->v->frame[s->v->n_written];
     char tag[64];
 
-    *at = (struct page_frame){.first = s->v->n_written - block->frame,
-                              .shared = block->n_shared,
-                              .still = block->n_still,
-                              .own = block->n_own,
-                              .at = x->data_bytes,
-                              .bytes = block->n_bytes};
-    x->data_bytes += block->n_bytes;
-    x->n_splats += block->n_shared + block->n_own;
-    s->v->n_written++;
+    block.at = x->data_bytes;
+    block.bytes = n;
+    s->v->frame[s->v->n_written++] = block;
+    x->data_bytes += n;
+    x->n_splats += block.shared + block.own;
     if (x->split)
-        return spin_out_write(&x->data, block->data, block->n_bytes);
+        return spin_out_write(&x->data, data, n);
     snprintf(tag, sizeof tag, "<script type=\"text/plain\" id=\"v%df%d\">",
              (int)(s->v - x->version), s->v->n_written - 1);
     SPIN_TRY(write_text(x, tag));
-    write_sevens(x->out.file, block->data, block->n_bytes);
+    write_sevens(x->out.file, data, n);
     return write_text(x, "</script>\n");
+}
+
+static spin_status take_block(void *context, const struct spin_page_block *block)
+{
+    const struct sink *s = context;
+
+    return take_bytes(s,
+                      (struct page_frame){.first = s->v->n_written - block->frame,
+                                          .shared = block->n_shared,
+                                          .still = block->n_still,
+                                          .own = block->n_own},
+                      block->data, block->n_bytes);
+}
+
+static spin_status take_rows(void *context, const struct spin_page_rows_block *block)
+{
+    return take_bytes(context,
+                      (struct page_frame){.own = block->n, .from = block->from, .end = block->end},
+                      block->data, block->n_bytes);
 }
 
 static spin_status take_draft(void *context, const struct spin_page_block *block)
@@ -237,30 +260,33 @@ static spin_json *list_of_ints(const int *value, int n)
 
 static spin_json *version_json(const struct version *v, const struct export *x)
 {
-    static const char *const key[] = {"splats", "first", "shared", "still", "own", "at", "bytes"};
-    spin_json *j = spin_json_object(), *list[7];
+    static const char *const frames[] = {"splats", "at",    "bytes", "first",
+                                         "shared", "still", "own",   NULL};
+    static const char *const rows[] = {"splats", "at", "bytes", "from", "end", NULL};
+    const char *const *key = v->rows ? rows : frames;
+    spin_json *j = spin_json_object();
 
     spin_json_set_string(j, "name", v->name);
     spin_json_set_string(j, "label", v->label);
     spin_json_set_integer(j, "degree", v->sh_degree);
     spin_json_set_integer(j, "sh", v->n_sh);
     spin_json_set_bool(j, "antialias", v->antialias);
-    for (int k = 0; k < 7; k++) {
-        list[k] = spin_json_array();
+    for (int k = 0; key[k]; k++) {
+        spin_json *list = spin_json_array();
+
         for (int f = 0; f < v->n_written; f++) {
             const struct page_frame *at = &v->frame[f];
-            const uint64_t value[] = {at->shared + at->own,
-                                      (uint64_t)at->first,
-                                      at->shared,
-                                      at->still,
-                                      at->own,
-                                      at->at,
-                                      at->bytes};
+            const uint64_t of_rows[] = {(uint64_t)at->from, (uint64_t)at->end};
+            const uint64_t of_frames[] = {(uint64_t)at->first, at->shared, at->still, at->own};
+            const uint64_t of_all[] = {at->shared + at->own, at->at, at->bytes};
+            uint64_t value = k < 3 ? of_all[k] : v->rows ? of_rows[k - 3] : of_frames[k - 3];
 
-            spin_json_push(list[k], spin_json_integer_value((int64_t)value[k]));
+            spin_json_push(list, spin_json_integer_value((int64_t)value));
         }
-        spin_json_set(j, key[k], list[k]);
+        spin_json_set(j, key[k], list);
     }
+    if (v->rows)
+        spin_json_set(j, "rows", spin_page_rows_json(&x->four_d));
     if (v == &x->version[0] && x->draft_splats > 0) {
         spin_json *draft = spin_json_object();
 
@@ -316,6 +342,8 @@ static spin_status write_clip(struct export *x)
     spin_status status;
 
     set_name(j, "name", file, stem_of(file));
+    if (x->title)
+        spin_json_set_string(j, "title", x->title);
     set_name(j, "source", x->job->source ? x->job->source : "", SIZE_MAX);
     spin_json_set_number(j, "fps", x->fps);
     spin_json_set_number(j, "size", x->size);
@@ -330,7 +358,7 @@ static spin_status write_clip(struct export *x)
     spin_json_set(j, "up", list_of(x->view.up, 3));
     spin_json_set(j, "reach", list_of(x->view.reach, 2));
     spin_json_set(j, "numbers", list_of_ints(x->number, x->n_written));
-    spin_json_set(j, "steps", steps_json(space));
+    spin_json_set(j, "steps", steps_json(x->version[0].rows ? &x->four_d.inner : space));
     if (x->split)
         spin_json_set_string(j, "data", spin_path_name(x->data.path));
     for (int i = 0; i < x->n_versions; i++)
@@ -385,6 +413,7 @@ static spin_status parse_options(struct export *x)
     struct spin_page_bounds bounds;
     int n = 0;
 
+    x->title = spin_plugin_value(v, "title", NULL);
     SPIN_TRY(spin_splat_filter_begin(&x->rows, x->job, NULL));
     SPIN_TRY(spin_option_count(v, "max-splats", 1, 1000000000, &n));
     x->max_splats = (size_t)n;
@@ -395,6 +424,8 @@ static spin_status parse_options(struct export *x)
     SPIN_TRY(spin_page_bounds_from(v, 1, &bounds)); /* the scene's size is not known yet */
     x->split = spin_plugin_value(v, "split", NULL) != NULL;
     x->fps = x->job->fps > 0 ? x->job->fps : DEFAULT_FPS;
+    if (x->job->n_frames > 1 && x->job->n_frames < LEAST_SECONDS * x->fps)
+        x->fps = x->job->n_frames / LEAST_SECONDS;
     SPIN_TRY(spin_option_number(v, "fps", 0.001, 1000, &x->fps));
     x->fps /= x->every;
     return SPIN_OK;
@@ -456,6 +487,20 @@ static spin_status open_files(struct export *x)
     return status;
 }
 
+/* For tabs and search engines; the page itself has it in the JSON. */
+static spin_status write_title(struct export *x)
+{
+    const char *file = spin_path_name(x->job->output), *title = x->title;
+    size_t n = title && *title ? strlen(title) : stem_of(file);
+
+    SPIN_TRY(write_text(x, "<title>"));
+    for (const char *c = title && *title ? title : file; n > 0; c++, n--)
+        SPIN_TRY(*c == '<'   ? write_text(x, "&lt;")
+                 : *c == '&' ? write_text(x, "&amp;")
+                             : spin_out_write(&x->out, c, 1));
+    return write_text(x, "</title>\n<style>\n");
+}
+
 static spin_status html_begin(const struct spin_export_job *job, void **self)
 {
     struct export *x = NULL;
@@ -468,6 +513,8 @@ static spin_status html_begin(const struct spin_export_job *job, void **self)
     SPIN_TRY_OUT(spin_alloc((size_t)job->n_frames, sizeof *x->number, (void **)&x->number));
     SPIN_TRY_OUT(open_files(x));
     status = write_text(x, spin_html_head);
+    if (status == SPIN_OK)
+        status = write_title(x);
     if (status == SPIN_OK)
         status = write_text(x, spin_html_css);
     if (status == SPIN_OK)
@@ -521,6 +568,76 @@ static spin_status html_frame(void *self, int frame, const struct spin_frame_inf
     return SPIN_OK;
 }
 
+/* ---- 4D splats ------------------------------------------------------------------------------------- */
+
+/* Each splat once; the first frame is looked at for the view and the draft alone. */
+static spin_status write_rows(struct export *x, const double *times)
+{
+    struct version *v = &x->version[0];
+    const struct spin_splats_4d *s = x->job->splats_4d;
+    struct spin_splats view = {.n = s->n,
+                               .capacity = s->n,
+                               .sh_degree = s->sh_degree,
+                               .means = s->centres,
+                               .quats = s->quats,
+                               .log_scales = s->log_scales,
+                               .logit_opacities = s->logit_opacities,
+                               .sh = s->sh};
+    struct sink sink = {x, v};
+    int n_blocks = 2 + x->n_written / x->key_every;
+
+    SPIN_TRY(spin_splats_4d_slice(s, times[0], SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &x->source));
+    SPIN_TRY(set_space(x, &x->source, 0));
+    v->rows = true;
+    x->four_d.space = x->space;
+    x->four_d.splats = s;
+    x->four_d.pool = x->rows.pool;
+    x->four_d.times = times;
+    x->four_d.n_sh = v->n_sh;
+    x->four_d.n_frames = x->n_written;
+    x->four_d.key_every = x->key_every;
+    spin_page_rows_begin(&x->four_d);
+    if (x->split) {
+        x->draft.group.space = x->four_d.inner;
+        SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->source, x->number[0]));
+        SPIN_TRY(spin_page_draft_take(&x->draft, &x->rows, &x->source, &x->view, &x->order));
+    }
+    SPIN_TRY(spin_grow((size_t)n_blocks, sizeof *v->frame, (void **)&v->frame));
+    SPIN_TRY(spin_splat_filter_choose(&x->rows, &view, x->number[0]));
+    return spin_page_rows_write(&x->four_d, &x->rows, take_rows, &sink);
+}
+
+/* As rows where their times are even; else, and where only some splats of each frame are wanted, as frames. */
+static spin_status write_4d(struct export *x)
+{
+    const struct spin_export_job *job = x->job;
+    const struct spin_splats *frame;
+    double *times;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc((size_t)job->n_frames, sizeof *times, (void **)&times));
+    for (int f = 0; f < job->n_frames; f += x->every) {
+        times[x->n_written] = job->times[f];
+        x->number[x->n_written++] = job->numbers[f];
+    }
+    if (x->max_splats == 0 && spin_page_rows_can(times, x->n_written, &x->four_d.step)) {
+        status = write_rows(x, times);
+        free(times);
+        return status;
+    }
+    free(times);
+    x->n_written = 0;
+    for (int f = 0; f < job->n_frames; f++) {
+        struct spin_frame_info info = {.number = job->numbers[f], .time = job->times[f]};
+
+        if (f % x->every != 0)
+            continue;
+        SPIN_TRY(job->again(job->context, f, &frame));
+        SPIN_TRY(html_frame(x, f, &info, frame));
+    }
+    return SPIN_OK;
+}
+
 /* Of the frames in the page, not of those it was asked for. */
 static spin_status fill_report(struct export *x)
 {
@@ -536,32 +653,49 @@ static spin_status fill_report(struct export *x)
     if (!report)
         return SPIN_OK;
     report->frames = x->n_written;
-    report->splats_mean = x->version[0].n_kept / x->n_written;
+    if (!x->version[0].rows)
+        report->splats_mean = x->version[0].n_kept / x->n_written;
     report->bytes = page;
     return SPIN_OK;
 }
 
-/* The largest error of all values, beside what it may be. */
+/* The largest error of all values, beside what it may be; and for --check. */
 static void say_errors(const struct export *x)
 {
     const struct spin_page_bounds *b = &x->space.bounds;
-    double most[SPIN_QUANT_PARTS] = {0};
-    uint64_t n_values = 0;
+    struct spin_quant_error quant = x->four_d.quant;
+    struct spin_export_report *report = x->job->report;
+    uint64_t n_values = x->four_d.n_values;
+    double most[SPIN_QUANT_PARTS];
 
     for (int i = 0; i < x->n_versions; i++) {
         n_values += x->version[i].group.n_values;
-        for (int p = 0; p < SPIN_QUANT_PARTS; p++)
-            most[p] = fmax(most[p], x->version[i].group.largest[p]);
+        spin_quant_error_merge(&quant, &x->version[i].group.quant);
     }
+    for (int p = 0; p < SPIN_QUANT_PARTS; p++)
+        most[p] = quant.part[p].largest;
     spin_log(0,
              "html: largest errors of %llu values: place %.3g (bound %.3g), scale %.2f %% (%.2f), "
              "rotation "
              "%.2f degrees (%.2f), opacity %.2f/255 (%.2f), colour %.2f/255 (%.2f), SH %.3f (%.3f)",
              (unsigned long long)n_values, most[SPIN_QUANT_PLACE], b->place,
              100 * expm1(most[SPIN_QUANT_SCALE]), 100 * expm1(b->scale),
-             most[SPIN_QUANT_ROTATION] * 57.29577951308232, b->rotation * 57.29577951308232,
+             most[SPIN_QUANT_ROTATION] * DEGREES, b->rotation * DEGREES,
              255 * most[SPIN_QUANT_OPACITY], 255 * b->opacity, 255 * most[SPIN_QUANT_COLOUR],
              255 * b->colour, most[SPIN_QUANT_SH], b->sh);
+    if (!report || !x->job->check)
+        return;
+    report->check = (struct spin_export_check){.frames = x->n_written,
+                                               .splats = quant.part[SPIN_QUANT_OPACITY].n,
+                                               .bounds = 2 * most[SPIN_QUANT_PLACE],
+                                               .rendered = -1,
+                                               .psnr = (double)NAN};
+    for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
+        double unit = p == SPIN_QUANT_ROTATION ? DEGREES : 1;
+
+        report->check.rms[p] = unit * spin_quant_error_rms(&quant, (enum spin_quant_error_part)p);
+        report->check.largest[p] = unit * most[p];
+    }
 }
 
 /* The blocks first, so that no page is without them. */
@@ -595,11 +729,14 @@ static spin_status html_end(void *self)
     struct export *x = self;
     spin_status status;
 
+    if (x->job->splats_4d)
+        SPIN_TRY_OUT(write_4d(x));
     for (int i = 0; i < x->n_versions; i++)
         SPIN_TRY_OUT(write_group(x, &x->version[i]));
     SPIN_TRY_OUT(write_draft(x));
     SPIN_TRY_OUT(write_clip(x));
     SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"worker\"", spin_html_worker));
+    SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"project\"", spin_html_project));
     SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"vertex\"", spin_html_vertex));
     SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"fragment\"", spin_html_fragment));
     SPIN_TRY_OUT(write_script(x, "", spin_html_script));
@@ -623,7 +760,9 @@ const struct spin_exporter spin_exporter_html = {
     .summary = "one page that plays the clip in a browser, before and after, with no server",
     .options = options,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+    .checks = true,
     .antialias = true,
+    .splats_4d = true,
     .looks_at_views = true,
     .begin = html_begin,
     .frame = html_frame,

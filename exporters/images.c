@@ -1,4 +1,4 @@
-/* Renders of every frame as PNG, for looking and for measuring with other programs: from the data set's
+/* Renders of every frame as PNG or EXR, for looking, for films and for measuring with other programs: from the data set's
  * cameras or from one that moves, with the names of spin_picture_name(); several versions side by side on
  * demand. */
 #include <stdlib.h>
@@ -21,8 +21,15 @@ static const struct spin_plugin_option options[] = {
     SPIN_DRAWING_OPTION_SIZE,
     SPIN_DRAWING_OPTION_DURATION,
     {"fps", "F", "frames per second of --duration; otherwise the bundle's, else 30", NULL},
+    {"format", "png|exr", "of the files", "png"},
+    {"bits", "N", "of a colour: 8 or 16 in PNG, 16 (half floats) or 32 in EXR; otherwise the first", NULL},
+    {"transfer", "linear|srgb",
+     "what EXR holds: light, as film programs expect, or the values that splats blend", "linear"},
+    {"depth", NULL, "EXR: channels Z and ZMedian, the expected and the median depth", NULL},
     {0},
 };
+
+#define FAR 1e10f /* depth where there is nothing, as renderers of films have it */
 
 enum which { TEST, TRAIN, ALL };
 
@@ -32,6 +39,10 @@ struct export
     const struct spin_export_job *job;
     enum which which;
     int n_unseen; /* frames without any view */
+    struct spin_film film;
+    bool wants_depth;
+    float *layers;  /* [3][h][w] alpha, depths */
+    size_t n_layer; /* pixels of a layer there is room for */
     struct spin_camera_path drawing;
 };
 
@@ -49,17 +60,41 @@ static bool any_chosen(const struct export *x)
     return false;
 }
 
-static spin_status export_picture(struct export *x, const char *name, int frame,
+/* Alpha and depth of the picture that was drawn. */
+static spin_status take_layers(struct export *x, const struct spin_camera *camera)
+{
+    size_t n = (size_t)camera->width * (size_t)camera->height;
+
+    if (!x->job->transparent && !x->wants_depth)
+        return SPIN_OK;
+    if (n > x->n_layer)
+        SPIN_TRY(spin_grow(3 * n, sizeof *x->layers, (void **)&x->layers));
+    x->n_layer = n > x->n_layer ? n : x->n_layer;
+    x->film.alpha = x->job->transparent ? x->layers : NULL;
+    x->film.depth = x->wants_depth ? x->layers + n : NULL;
+    SPIN_TRY(spin_render_layers(x->job->renderer, x->job->transparent ? x->layers : NULL,
+                                x->wants_depth ? x->layers + n : NULL));
+    for (size_t i = n; i < 3 * n && x->wants_depth; i++)
+        x->layers[i] = x->layers[i] > 0 ? x->layers[i] : FAR;
+    return SPIN_OK;
+}
+
+static spin_status export_picture(struct export *x, char *name, int frame,
                                   const struct spin_splats *splats,
                                   const struct spin_camera *camera, const char *truth)
 {
     char *path = NULL;
     spin_status status;
 
+    if (x->film.exr)
+        memcpy(strrchr(name, '.'), ".exr", 4);
     SPIN_TRY(spin_path_join(x->folder.path, name, &path));
     SPIN_TRY_OUT(spin_camera_path_draw(&x->drawing, frame, splats, camera, truth));
-    status = spin_image_save(path, x->drawing.n_panels * camera->width, camera->height,
-                             x->drawing.wide, x->job->sync);
+    SPIN_TRY_OUT(take_layers(x, camera));
+    x->film.width = x->drawing.n_panels * camera->width;
+    x->film.height = camera->height;
+    x->film.image = x->drawing.wide;
+    status = spin_film_write(path, &x->film, x->job->sync);
 out:
     free(path);
     return status;
@@ -68,6 +103,7 @@ out:
 static void finish(struct export *x)
 {
     spin_camera_path_free(&x->drawing);
+    free(x->layers);
     free(x);
 }
 
@@ -81,12 +117,41 @@ static spin_status check_options(const struct export *x)
         if (spin_plugin_value(v, moving[i], NULL))
             return spin_fail(SPIN_E_USAGE, "--%s is for a camera that moves: see --path",
                              moving[i]);
-    if (spin_plugin_value(v, "fps", NULL) && !spin_plugin_value(v, "duration", NULL))
+    if (spin_plugin_value(v, "fps", NULL) &&
+        (x->drawing.path == SPIN_PATH_CAMERA || x->drawing.path == SPIN_PATH_FILE ||
+         spin_plugin_value(v, "repeat", NULL)))
         return spin_fail(SPIN_E_USAGE, "--fps needs --duration");
     if (spin_camera_path_is_own(&x->drawing) && spin_plugin_value(v, "views", NULL))
         return spin_fail(SPIN_E_USAGE, "--views: %s",
                          x->job->views ? "a camera that moves is none of the data set's"
                                        : "there is no data set, give --data DIR");
+    return SPIN_OK;
+}
+
+static spin_status parse_film(struct export *x)
+{
+    const struct spin_plugin_values *v = x->job->values;
+    bool layers = x->job->transparent;
+    int word, bits;
+
+    SPIN_TRY(spin_option_word(v, "format", "png|exr", &word));
+    x->film.exr = word == 1;
+    bits = x->film.exr ? 16 : 8;
+    SPIN_TRY(spin_option_count(v, "bits", 8, 32, &bits));
+    if (bits != 16 && bits != (x->film.exr ? 32 : 8))
+        return spin_fail(SPIN_E_USAGE, "--bits %d: expected %s", bits,
+                         x->film.exr ? "16 or 32 in EXR" : "8 or 16 in PNG");
+    x->film.bits = bits;
+    SPIN_TRY(spin_option_word(v, "transfer", "linear|srgb", &word));
+    x->film.linear = x->film.exr && word == 0;
+    x->wants_depth = spin_plugin_value(v, "depth", NULL) != NULL;
+    if (!x->film.exr && (x->wants_depth || spin_plugin_value(v, "transfer", NULL)))
+        return spin_fail(SPIN_E_USAGE, "--%s is for --format exr",
+                         x->wants_depth ? "depth" : "transfer");
+    layers = layers || x->wants_depth;
+    if (layers && (x->drawing.n_panels > 1 || x->drawing.panel[0] == SPIN_PANEL_TRUTH))
+        return spin_fail(SPIN_E_USAGE, "%s: only one panel, before or after, has that",
+                         x->wants_depth ? "--depth" : "--background none");
     return SPIN_OK;
 }
 
@@ -100,6 +165,7 @@ static spin_status images_begin(const struct spin_export_job *job, void **self)
     x->job = job;
     SPIN_TRY_OUT(spin_camera_path_begin(&x->drawing, job));
     SPIN_TRY_OUT(check_options(x));
+    SPIN_TRY_OUT(parse_film(x));
     SPIN_TRY_OUT(spin_option_word(job->values, "views", "test|train|all", &which));
     x->which = (enum which)which;
     if (!spin_camera_path_is_own(&x->drawing) && !any_chosen(x)) {
@@ -107,7 +173,8 @@ static spin_status images_begin(const struct spin_export_job *job, void **self)
                            x->which == TEST ? "test" : "train");
         goto out;
     }
-    SPIN_TRY_OUT(spin_output_folder_begin(job->output, job->force, ".png", &x->folder));
+    SPIN_TRY_OUT(spin_output_folder_begin(job->output, job->force, x->film.exr ? ".exr" : ".png",
+                                          &x->folder));
     *self = x;
     return SPIN_OK;
 out:
@@ -188,10 +255,11 @@ extern const struct spin_exporter spin_exporter_images;
 const struct spin_exporter spin_exporter_images = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "images",
-    .summary = "PNG renders from the data set's cameras or one that moves",
+    .summary = "PNG or EXR renders from the data set's cameras or one that moves",
     .options = options,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .antialias = true,
+    .alpha = true,
     .looks_at_views = true,
     .needs_renderer = true,
     .begin = images_begin,

@@ -325,7 +325,7 @@ extern const struct spin_exporter spin_exporter_sog;
 const struct spin_exporter spin_exporter_sog = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "sog",
-    .summary = "a folder with one SOG per frame, for PlayCanvas and SuperSplat: the smallest",
+    .summary = "a folder with one SOG per frame, for PlayCanvas and SuperSplat: small",
     .options = options,
     .checks = true,
     .antialias = true,

@@ -278,7 +278,7 @@ extern const struct spin_exporter spin_exporter_spz;
 const struct spin_exporter spin_exporter_spz = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "spz",
-    .summary = "a folder with one SPZ (version 3 or 4) per frame: about a tenth of a PLY",
+    .summary = "a folder with one SPZ (version 3 or 4) per frame: a tenth to a quarter of a PLY",
     .options = options,
     .checks = true,
     .antialias = true,

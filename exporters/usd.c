@@ -7,14 +7,22 @@
  *
  * Facts from OpenUSD's schema and its guide to value clips: scales are standard deviations, opacities 0 to 1,
  * orientations w x y z, SH one float3 a coefficient, splat by splat. The axes are x right, y up, z back: half a turn
- * about x from those of the training. */
+ * about x from those of the training.
+ *
+ * What is the same in all frames stands once, in still.usda, which the stage and each layer have below them. Numbers are
+ * halves by default, with as few digits as read back as the same half; places have as many as tell a millionth of the
+ * first frame's diagonal. Cameras are UsdGeomCamera, those of the data set and one that moves; only the ratio of focal
+ * length and aperture counts. */
 #include <stdlib.h>
 #include <string.h>
 
+#include "exporters/lib/camera_path.h"
 #include "exporters/lib/frames.h"
 #include "base/mem.h"
+#include "base/number.h"
 #include "base/option.h"
 #include "math/ntc.h"
+#include "math/project.h"
 #include "math/sh.h"
 
 #define DEFAULT_FPS 30
@@ -24,6 +32,8 @@
 #define LEAST_HALF 6e-8f /* the smallest half above 0 */
 #define MOST_HALF 65504.0f
 #define PRIM "Splats"
+#define STILL "still.usda"
+#define APERTURE 36.0 /* horizontal, of any camera */
 
 static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.usda"),
@@ -31,7 +41,10 @@ static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTION_FPS,
     {"axes", "usd|source", "axes to write without --up; usd: x right, y up, half a turn about x",
      "usd"},
-    {"half", NULL, "half floats for all but the places: smaller, three digits", NULL},
+    {"float", NULL, "floats with all digits, not half floats with three", NULL},
+    {"path", "orbit|spiral|train|FILE", "a camera that moves, as of --to images, once in the clip",
+     NULL},
+    {"meters-per-unit", "M", "metres of a unit of the scene", "1"},
     {0},
 };
 
@@ -55,6 +68,15 @@ struct export
     struct spin_frames frames;
     double codes; /* of time from one frame to the next */
     bool half;
+    double meters;     /* of a unit */
+    int decimals;      /* of places, where not all digits are written; -1: not known yet */
+    unsigned still;    /* bits of the attributes that are the same in all frames */
+    char(*halves)[10]; /* [65536] text of each half */
+
+    /* The camera of --path. */
+    struct spin_camera_path path;
+    bool has_path;
+    struct spin_camera *camera; /* [n_pictures]; NULL: no frame has come yet */
 
     /* The batch at hand. */
     enum attribute attribute;
@@ -74,6 +96,84 @@ static float as_half(float v, float least)
 
 static bool is_half(const struct export *x) { return x->half && forms[x->attribute].type_half; }
 
+/* "%.Ng" without a plus or zeros in the exponent. */
+static void print_short(char to[24], int digits, double v)
+{
+    char *e, *from;
+
+    snprintf(to, 24, "%.*g", digits, v);
+    e = strchr(to, 'e');
+    if (!e)
+        return;
+    e += e[1] == '-' ? 2 : 1;
+    from = e + strspn(e, "+0");
+    memmove(e, from, strlen(from) + 1);
+}
+
+static uint32_t bits_of_half(float h)
+{
+    uint32_t bits = spin_bits_of_float(h), sign = bits >> 16 & 0x8000u;
+
+    if (fabsf(h) < 6.1035156e-5f) /* 2^-14 */
+        return sign | (uint32_t)(fabsf(h) * 16777216.0f);
+    return sign | (((bits >> 13) - (112u << 10)) & 0x7fffu);
+}
+
+static float float_of_half(uint32_t half)
+{
+    uint32_t exponent = half >> 10 & 31u, fraction = half & 1023u;
+    float a = exponent ? ldexpf((float)(1024u + fraction), (int)exponent - 25)
+                       : ldexpf((float)fraction, -24);
+
+    return half & 0x8000u ? -a : a;
+}
+
+static spin_status make_halves(struct export *x)
+{
+    SPIN_TRY(spin_alloc(65536, sizeof *x->halves, (void **)&x->halves));
+    for (uint32_t half = 0; half < 65536; half++) {
+        float h = float_of_half(half), back = h + 1;
+
+        if ((half & 0x7c00u) == 0x7c00u) /* infinite: none is written */
+            continue;
+        for (int digits = 1; digits < 6 && back != h; digits++) {
+            char text[24];
+
+            print_short(text, digits, (double)h);
+            memcpy(x->halves[half], text, sizeof x->halves[half] - 1);
+            back = spin_half(strtof(text, NULL));
+        }
+    }
+    return SPIN_OK;
+}
+
+/* A value as it is written; returns its length. */
+static int print_value(const struct export *x, float v, char *to)
+{
+    int n;
+
+    if (is_half(x))
+        return sprintf(to, "%s", x->halves[bits_of_half(v)]);
+    if (x->attribute != POSITIONS || !x->half)
+        return sprintf(to, "%.9g", (double)v);
+    n = sprintf(to, "%.*f", x->decimals, (double)v);
+    while (x->decimals > 0 && to[n - 1] == '0')
+        n--;
+    n -= to[n - 1] == '.';
+    return strncmp(to, "-0", (size_t)n) == 0 ? sprintf(to, "0") : n;
+}
+
+/* A place as it is written. */
+static float rounded_place(const struct export *x, float v)
+{
+    char text[64];
+
+    if (!x->half)
+        return v;
+    snprintf(text, sizeof text, "%.*f", x->decimals, (double)v);
+    return strtof(text, NULL);
+}
+
 /* The values of a row, groups of `group`; what a reader loses is counted. */
 static size_t take_row(const struct export *x, size_t i, float out[MAX_FLOATS], size_t *group,
                        struct spin_quant_error *quant)
@@ -89,7 +189,8 @@ static size_t take_row(const struct export *x, size_t i, float out[MAX_FLOATS], 
     *group = 3;
     switch (x->attribute) {
     case POSITIONS:
-        memcpy(out, is.place, sizeof is.place);
+        for (int c = 0; c < 3; c++)
+            out[c] = rounded_place(x, is.place[c]);
         spin_quant_error_add_place(quant, is.place, out);
         return 3;
     case ORIENTATIONS:
@@ -133,7 +234,6 @@ static size_t take_row(const struct export *x, size_t i, float out[MAX_FLOATS], 
 static char *print_row(const struct export *x, size_t i, bool first, char *to,
                        struct spin_quant_error *quant)
 {
-    const char *format = is_half(x) ? "%.5g" : "%.9g";
     float value[MAX_FLOATS];
     size_t group, n = take_row(x, i, value, &group, quant);
 
@@ -142,7 +242,7 @@ static char *print_row(const struct export *x, size_t i, bool first, char *to,
             *to++ = ',';
         if (group > 1 && k % group == 0)
             *to++ = '(';
-        to += sprintf(to, format, (double)value[k]);
+        to += print_value(x, value[k], to);
         if (group > 1 && k % group == group - 1)
             *to++ = ')';
     }
@@ -185,16 +285,21 @@ static const char *name_of(const struct export *x, enum attribute a)
     return x->half && forms[a].type_half ? forms[a].name_half : forms[a].name;
 }
 
+/* As the sample of a frame; or, where it is still, as the value. */
 static spin_status write_attribute(struct export *x, enum attribute a, int number,
                                    struct spin_out *out)
 {
     const struct spin_splat_filter *rows = &x->frames.rows;
+    bool still = (x->still >> a & 1u) != 0;
     size_t n_blocks = spin_splat_filter_blocks(rows);
     char head[160];
 
     x->attribute = a;
-    snprintf(head, sizeof head, "    %s %s.timeSamples = {\n        %d: [", type_of(x, a),
-             name_of(x, a), number);
+    if (still)
+        snprintf(head, sizeof head, "    %s %s = [", type_of(x, a), name_of(x, a));
+    else
+        snprintf(head, sizeof head, "    %s %s.timeSamples = {\n        %d: [", type_of(x, a),
+                 name_of(x, a), number);
     SPIN_TRY(put(out, head));
     for (x->first = 0; x->first < n_blocks; x->first += BATCH) {
         size_t n = n_blocks - x->first < BATCH ? n_blocks - x->first : BATCH;
@@ -203,10 +308,10 @@ static spin_status write_attribute(struct export *x, enum attribute a, int numbe
         for (size_t b = 0; b < n; b++)
             SPIN_TRY(spin_out_write(out, x->text + b * x->stride, x->n_text[b]));
     }
-    return put(out, "],\n    }\n");
+    return put(out, still ? "]\n" : "],\n    }\n");
 }
 
-/* The box of the ellipsoids at three standard deviations of their longest axis. */
+/* The box of the ellipsoids at three standard deviations. */
 static void find_extent(const struct export *x, float extent[6])
 {
     const struct spin_splat_filter *rows = &x->frames.rows;
@@ -216,13 +321,19 @@ static void find_extent(const struct export *x, float extent[6])
     memset(extent, 0, 6 * sizeof *extent);
     for (size_t i = 0; i < rows->splats->n; i++) {
         const float *scale = rows->splats->log_scales + 3 * i;
-        float reach;
+        float q[4], axis[3][3];
 
         if (!rows->keep[i])
             continue;
-        reach = 3 * expf(spin_maxf(spin_maxf(scale[0], scale[1]), scale[2]));
+        spin_splat_filter_turned(rows, i, q);
+        spin_rotation(q, axis);
         spin_splat_filter_place(rows, i, place);
         for (int c = 0; c < 3; c++) {
+            float reach = 0;
+
+            for (int k = 0; k < 3; k++)
+                reach += axis[c][k] * axis[c][k] * expf(2 * scale[k]);
+            reach = 3 * sqrtf(reach);
             extent[c] = any ? spin_minf(extent[c], place[c] - reach) : place[c] - reach;
             extent[3 + c] = any ? spin_maxf(extent[3 + c], place[c] + reach) : place[c] + reach;
         }
@@ -235,9 +346,10 @@ static void print_head(const struct export *x, int first, int last, FILE *to)
 {
     fprintf(to,
             "#usda 1.0\n(\n    defaultPrim = \"" PRIM "\"\n    doc = \"Generated by spin4d %s\"\n"
-            "    endTimeCode = %d\n    framesPerSecond = %.9g\n    metersPerUnit = 1\n"
-            "    startTimeCode = %d\n    timeCodesPerSecond = %.9g\n    upAxis = \"Y\"\n)\n\n",
-            SPIN_VERSION, last, x->frames.fps, first, x->frames.fps * x->codes);
+            "    endTimeCode = %d\n    framesPerSecond = %.9g\n    metersPerUnit = %.9g\n"
+            "    startTimeCode = %d\n%s    timeCodesPerSecond = %.9g\n    upAxis = \"Y\"\n)\n\n",
+            SPIN_VERSION, last, x->frames.fps, x->meters, first,
+            x->still ? "    subLayers = [@./" STILL "@]\n" : "", x->frames.fps * x->codes);
 }
 
 static void print_degree(const struct export *x, FILE *to)
@@ -263,23 +375,73 @@ static spin_status layer_head(const struct export *x, int number, size_t n, char
     return fclose(to) == 0 ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for a layer of USD");
 }
 
+/* What is the same in all frames, from the one at hand. */
+static spin_status write_still(struct export *x)
+{
+    struct spin_out out;
+    char *path = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_path_join(x->frames.folder.path, STILL, &path));
+    status = spin_out_open(path, x->frames.job->force, &out);
+    free(path);
+    SPIN_TRY(status);
+    out.sync = x->frames.job->sync;
+    SPIN_TRY_OUT(put(&out, "#usda 1.0\n\nover \"" PRIM "\"\n{\n"));
+    for (int a = 0; a < ATTRIBUTES; a++)
+        if (x->still >> a & 1u)
+            SPIN_TRY_OUT(write_attribute(x, (enum attribute)a, 0, &out));
+    SPIN_TRY_OUT(put(&out, "}\n"));
+    return spin_out_commit(&out);
+out:
+    spin_out_abandon(&out);
+    return status;
+}
+
+/* Places tell a millionth of the diagonal of this frame's box. */
+static int decimals_of(const float e[6])
+{
+    double square = 0, step;
+
+    for (int c = 0; c < 3; c++)
+        square += ((double)e[3 + c] - (double)e[c]) * ((double)e[3 + c] - (double)e[c]);
+    step = square > 0 && isfinite(square) ? 1e-6 * sqrt(square) : 1e-6;
+    return (int)fmin(fmax(ceil(-log10(step)), 0), 20);
+}
+
+/* With the first frame: what all frames share. */
+static spin_status begin_frames(struct export *x, const float e[6])
+{
+    size_t n_sh = 3 * (size_t)spin_sh_count(x->frames.rows.sh_degree);
+
+    x->stride = (size_t)SPIN_ROWS_BLOCK * (n_sh > 4 ? n_sh : 4) * (NUMBER + 1);
+    SPIN_TRY(spin_grow(BATCH, x->stride, (void **)&x->text));
+    x->decimals = decimals_of(e);
+    if (x->still)
+        SPIN_TRY(write_still(x));
+    if (!x->has_path)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc((size_t)x->path.n_pictures, sizeof *x->camera, (void **)&x->camera));
+    for (int64_t p = 0; p < x->path.n_pictures; p++)
+        SPIN_TRY(spin_camera_path_camera(&x->path, p, x->frames.rows.splats, &x->camera[p]));
+    return SPIN_OK;
+}
+
 static spin_status usd_write(void *self, const struct spin_frame_info *info, struct spin_out *out)
 {
     struct export *x = self;
-    size_t n_sh = 3 * (size_t)spin_sh_count(x->frames.rows.sh_degree), n_head;
+    size_t n_head;
     char *head = NULL, line[256];
     float e[6];
     spin_status status;
 
-    if (!x->text) {
-        x->stride = (size_t)SPIN_ROWS_BLOCK * (n_sh > 4 ? n_sh : 4) * (NUMBER + 1);
-        SPIN_TRY(spin_grow(BATCH, x->stride, (void **)&x->text));
-    }
+    find_extent(x, e);
+    if (!x->text)
+        SPIN_TRY(begin_frames(x, e));
     SPIN_TRY(layer_head(x, info->number, x->frames.rows.n_kept, &head, &n_head));
     status = spin_out_write(out, head, n_head);
     free(head);
     SPIN_TRY(status);
-    find_extent(x, e);
     snprintf(line, sizeof line,
              "    float3[] extent.timeSamples = {\n"
              "        %d: [(%.9g, %.9g, %.9g), (%.9g, %.9g, %.9g)],\n    }\n",
@@ -287,7 +449,8 @@ static spin_status usd_write(void *self, const struct spin_frame_info *info, str
              (double)e[5]);
     SPIN_TRY(put(out, line));
     for (int a = 0; a < ATTRIBUTES; a++)
-        SPIN_TRY(write_attribute(x, (enum attribute)a, info->number, out));
+        if (!(x->still >> a & 1u))
+            SPIN_TRY(write_attribute(x, (enum attribute)a, info->number, out));
     return put(out, "}\n");
 }
 
@@ -299,6 +462,167 @@ static uint64_t usd_bytes(const void *self, size_t n)
            (uint64_t)n * NUMBER * (11 + 3 * (uint64_t)spin_sh_count(x->frames.rows.sh_degree));
 }
 
+/* ---- Cameras --------------------------------------------------------------------------------- */
+
+/* Camera to world in the axes of the file, of a camera with x right, y up, z back: rows are its axes and its place. */
+static void print_matrix(const struct export *x, const struct spin_camera *camera, FILE *to)
+{
+    const double *m = camera->w2c, *q = x->frames.rows.turn_q;
+    double back[4] = {q[0], q[1], q[2], q[3]}, row[4][3] = {{0}};
+
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++) {
+            row[r][c] = (r == 0 ? 1 : -1) * m[4 * r + c];
+            row[3][c] -= m[4 * r + c] * m[4 * r + 3];
+        }
+    for (int r = 0; r < 4; r++) { /* v + 2 w (u x v) + 2 u x (u x v) */
+        double *v = row[r], *u = back + 1, a[3], b[3];
+
+        for (int c = 0; c < 3; c++)
+            a[c] = u[(c + 1) % 3] * v[(c + 2) % 3] - u[(c + 2) % 3] * v[(c + 1) % 3];
+        for (int c = 0; c < 3; c++)
+            b[c] = u[(c + 1) % 3] * a[(c + 2) % 3] - u[(c + 2) % 3] * a[(c + 1) % 3];
+        for (int c = 0; c < 3; c++)
+            v[c] += 2 * back[0] * a[c] + 2 * b[c];
+        fprintf(to, "%s(%.9g, %.9g, %.9g, %d)", r ? ", " : "(", v[0] + 0.0, v[1] + 0.0, v[2] + 0.0,
+                r == 3);
+    }
+    fprintf(to, ")");
+}
+
+static double focal_of(const struct spin_camera *camera)
+{
+    return camera->fx * APERTURE / camera->width;
+}
+
+/* A camera that is at camera[k] at time[k]. Its lens is that of the first but for the focal length. */
+static void print_camera(const struct export *x, const char *name, const struct spin_camera *camera,
+                         const double *time, size_t n, FILE *to)
+{
+    double focal = focal_of(camera), high = focal * camera->height / camera->fy;
+    bool zooms = false, moves = false;
+
+    for (size_t k = 1; k < n; k++) {
+        zooms = zooms || focal_of(&camera[k]) != focal;
+        moves = moves || memcmp(camera[k].w2c, camera->w2c, sizeof camera->w2c) != 0;
+    }
+    fprintf(to,
+            "    def Camera \"%s\"\n    {\n        float2 clippingRange = (0.01, 1000000)\n"
+            "        float focalLength = %.9g\n",
+            name, focal);
+    if (zooms) {
+        fprintf(to, "        float focalLength.timeSamples = {\n");
+        for (size_t k = 0; k < n; k++)
+            fprintf(to, "            %.9g: %.9g,\n", time[k], focal_of(&camera[k]));
+        fprintf(to, "        }\n");
+    }
+    fprintf(to,
+            "        float horizontalAperture = %.9g\n"
+            "        float horizontalApertureOffset = %.9g\n"
+            "        float verticalAperture = %.9g\n        float verticalApertureOffset = %.9g\n"
+            "        matrix4d xformOp:transform%s",
+            APERTURE, (0.5 * camera->width - camera->cx) / camera->fx * focal, high,
+            (camera->cy - 0.5 * camera->height) / camera->fy * focal,
+            moves ? ".timeSamples = {\n" : " = ");
+    for (size_t k = 0; k < (moves ? n : 1); k++) {
+        if (moves)
+            fprintf(to, "            %.9g: ", time[k]);
+        print_matrix(x, &camera[k], to);
+        fprintf(to, moves ? ",\n" : "\n");
+    }
+    fprintf(to, "%s        uniform token[] xformOpOrder = [\"xformOp:transform\"]\n    }\n",
+            moves ? "        }\n" : "");
+}
+
+/* View v is the k-th of its camera's number in its row. */
+static int twin_of(const struct spin_views *views, size_t v)
+{
+    size_t first = v;
+
+    while (first > 0 && views->view[first - 1].dataset_frame == views->view[v].dataset_frame &&
+           views->view[first - 1].camera_id == views->view[v].camera_id)
+        first--;
+    return (int)(v - first);
+}
+
+static bool is_at_hand(const struct export *x, const struct spin_view *view, size_t *frame)
+{
+    for (*frame = 0; *frame < x->frames.n_entries; ++*frame)
+        if (x->frames.job->dataset_frame_of[*frame] == view->dataset_frame)
+            return true;
+    return false;
+}
+
+/* Each camera of the data set that has a view of the frames that were written. */
+static spin_status print_rig(const struct export *x, FILE *to)
+{
+    const struct spin_views *views = x->frames.job->views;
+    size_t n_views = views && x->frames.job->dataset_frame_of ? views->n : 0;
+    struct spin_camera *camera = NULL;
+    double *time = NULL;
+    bool *done = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_alloc(n_views + 1, sizeof *camera, (void **)&camera));
+    SPIN_TRY_OUT(spin_alloc(n_views + 1, sizeof *time, (void **)&time));
+    SPIN_TRY_OUT(spin_alloc(n_views + 1, sizeof *done, (void **)&done));
+    for (size_t v = 0; v < n_views; v++) {
+        const struct spin_view *view = &views->view[v];
+        size_t n = 0, frame;
+        char name[48], twin[16] = "";
+
+        for (size_t w = v; w < n_views && !done[v]; w++) {
+            if (views->view[w].camera_id != view->camera_id ||
+                twin_of(views, w) != twin_of(views, v))
+                continue;
+            done[w] = w > v;
+            if (!is_at_hand(x, &views->view[w], &frame))
+                continue;
+            camera[n] = views->view[w].camera;
+            time[n++] = x->frames.entry[frame].number;
+        }
+        if (twin_of(views, v) > 0)
+            snprintf(twin, sizeof twin, "_%d", twin_of(views, v) + 1);
+        snprintf(name, sizeof name, "cam_%02d%s", view->camera_id, twin);
+        if (n > 0)
+            print_camera(x, name, camera, time, n, to);
+    }
+out:
+    free(camera);
+    free(time);
+    free(done);
+    return status;
+}
+
+/* The camera of --path: its pictures at even times, from the first frame to where the last one ends. */
+static spin_status print_path(const struct export *x, FILE *to)
+{
+    size_t n = (size_t)x->path.n_pictures;
+    double first = x->frames.entry[0].number, *time = NULL;
+    double span = x->frames.entry[x->frames.n_entries - 1].number + x->codes - first;
+
+    SPIN_TRY(spin_alloc(n, sizeof *time, (void **)&time));
+    for (size_t p = 0; p < n; p++)
+        time[p] = first + span * (double)p / (double)n;
+    print_camera(x, spin_camera_path_name(&x->path), x->camera, time, n, to);
+    free(time);
+    return SPIN_OK;
+}
+
+static spin_status print_cameras(const struct export *x, FILE *to)
+{
+    spin_status status;
+
+    if (!x->camera && !(x->frames.job->views && x->frames.job->views->n > 0))
+        return SPIN_OK;
+    fprintf(to, "\ndef Scope \"Cameras\"\n{\n");
+    status = print_rig(x, to);
+    if (status == SPIN_OK && x->camera)
+        status = print_path(x, to);
+    fprintf(to, "}\n");
+    return status;
+}
+
 /* ---- The stage ------------------------------------------------------------------------------- */
 
 /* Attributes that the clips bring, declared without a value. */
@@ -306,7 +630,9 @@ static void print_attributes(const struct export *x, FILE *to)
 {
     fprintf(to, "    float3[] extent\n");
     for (int a = 0; a < ATTRIBUTES; a++)
-        fprintf(to, "    %s %s\n", type_of(x, (enum attribute)a), name_of(x, (enum attribute)a));
+        if (!(x->still >> a & 1u))
+            fprintf(to, "    %s %s\n", type_of(x, (enum attribute)a),
+                    name_of(x, (enum attribute)a));
 }
 
 static spin_status print_clips(const struct export *x, FILE *to)
@@ -354,6 +680,8 @@ static spin_status write_stage(struct export *x, bool manifest)
     }
     print_attributes(x, to);
     fprintf(to, "}\n");
+    if (!manifest && status == SPIN_OK)
+        status = print_cameras(x, to);
     if (fclose(to) != 0)
         status = spin_fail(SPIN_E_MEMORY, "no memory for a stage of USD");
     if (status == SPIN_OK)
@@ -383,7 +711,58 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     x->frames.axes = axes == 0 ? half_about_x : NULL;
     x->codes = job->stride > 0 ? job->stride : 1;
     x->frames.fps = job->fps > 0 ? job->fps : DEFAULT_FPS / x->codes;
-    x->half = spin_plugin_value(v, "half", NULL) != NULL;
+    x->half = spin_plugin_value(v, "float", NULL) == NULL;
+    x->meters = 1;
+    SPIN_TRY(spin_option_number(v, "meters-per-unit", 1e-9, 1e9, &x->meters));
+    if (x->half)
+        SPIN_TRY(make_halves(x));
+    x->has_path = spin_plugin_value(v, "path", NULL) != NULL;
+    if (!x->has_path)
+        return SPIN_OK;
+    SPIN_TRY(spin_camera_path_begin(&x->path, job));
+    if (x->path.path == SPIN_PATH_CAMERA)
+        return spin_fail(SPIN_E_USAGE,
+                         "--path camera: the data set's cameras are there without it");
+    if (x->path.path != SPIN_PATH_FILE)
+        x->path.n_pictures = job->n_frames;
+    return SPIN_OK;
+}
+
+/* A hash of an attribute of the frame's rows. */
+static uint64_t imprint(const struct export *x, enum attribute a)
+{
+    const struct spin_splats *s = x->frames.rows.splats;
+    const float *const column[] = {s->means, s->quats, s->log_scales, s->logit_opacities, s->sh};
+    const size_t width[] = {3, 4, 3, 1, 3 * (size_t)spin_sh_count(s->sh_degree)};
+    uint64_t hash = SPIN_HASH_BEGIN;
+
+    spin_hash(&hash, x->frames.rows.keep, s->n);
+    spin_hash(&hash, column[a], s->n * width[a] * sizeof(float));
+    return hash;
+}
+
+/* Which attributes stay the same: frames are read until there is none. */
+static spin_status find_still(struct export *x, const struct spin_export_job *job)
+{
+    const struct spin_splats *splats;
+    uint64_t first[ATTRIBUTES];
+    unsigned still = (1u << ATTRIBUTES) - 1;
+
+    if (!job->again || job->n_frames < 2)
+        return SPIN_OK;
+    x->frames.rows.quiet = true;
+    for (int f = 0; f < job->n_frames && still; f++) {
+        SPIN_TRY(job->again(job->context, f, &splats));
+        SPIN_TRY(spin_splat_filter_choose(&x->frames.rows, splats, 0));
+        for (int a = 0; a < ATTRIBUTES; a++) {
+            uint64_t now = f == 0 || still >> a & 1u ? imprint(x, (enum attribute)a) : 0;
+
+            first[a] = f == 0 ? now : first[a];
+            still &= now == first[a] ? ~0u : ~(1u << a);
+        }
+    }
+    x->frames.rows.quiet = false;
+    x->still = still;
     return SPIN_OK;
 }
 
@@ -396,7 +775,15 @@ static spin_status usd_end(void *self)
     return spin_frames_end(x);
 }
 
-static void end(void *self) { free(((struct export *)self)->text); }
+static void end(void *self)
+{
+    struct export *x = self;
+
+    free(x->text);
+    free(x->halves);
+    free(x->camera);
+    spin_camera_path_free(&x->path);
+}
 
 static const struct spin_frames_format format = {
     .name = "usd",
@@ -412,16 +799,25 @@ static const struct spin_frames_format format = {
 
 static spin_status usd_begin(const struct spin_export_job *job, void **self)
 {
-    return spin_frames_begin(&format, job, self);
+    spin_status status;
+
+    SPIN_TRY(spin_frames_begin(&format, job, self));
+    status = find_still(*self, job);
+    if (status != SPIN_OK) {
+        spin_frames_abort(*self);
+        *self = NULL;
+    }
+    return status;
 }
 
 extern const struct spin_exporter spin_exporter_usd;
 const struct spin_exporter spin_exporter_usd = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "usd",
-    .summary = "a stage of USD (26.03) in a folder, one layer per frame, played by value clips",
+    .summary = "a stage of USD (26.03) in a folder, one layer per frame, with cameras",
     .options = options,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+    .looks_at_views = true,
     .begin = usd_begin,
     .frame = spin_frames_frame,
     .end = usd_end,

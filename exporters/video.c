@@ -18,7 +18,9 @@ static const struct spin_plugin_option options[] = {
     SPIN_DRAWING_OPTION_NO_LABELS,
     SPIN_DRAWING_OPTION_SIZE,
     SPIN_DRAWING_OPTION_DURATION,
-    {"fps", "F", "frames per second of the video; otherwise the bundle's, else 30", NULL},
+    {"fps", "F",
+     "frames per second of the video; otherwise the bundle's, else 30, in two seconds or more",
+     NULL},
     {"quality", "Q", "0 (best) to 51 (least)", "18"},
     {0},
 };
@@ -50,9 +52,9 @@ static spin_status choose_camera(struct export *x)
     int id = 0;
 
     if (text && spin_camera_path_is_own(&x->drawing))
-        return spin_fail(SPIN_E_USAGE, "--camera: %s", job->views
-                         ? "the camera of --path is none of the data set's"
-                         : "there is no data set, give --data DIR");
+        return spin_fail(SPIN_E_USAGE, "--camera: %s",
+                         job->views ? "the camera of --path is none of the data set's"
+                                    : "there is no data set, give --data DIR");
     if (spin_camera_path_is_own(&x->drawing))
         return SPIN_OK;
     x->first = spin_initial_view_view(job->views, row, true);
@@ -132,8 +134,8 @@ static spin_status draw_one(struct export *x, int frame, int64_t picture,
     }
     if (camera.width != x->size[0] || camera.height != x->size[1])
         return spin_fail(SPIN_E_UNSUPPORTED, "frame %d: camera %d is %dx%d there, %dx%d before",
-                         info->number, view ? view->camera_id : -1, camera.width, camera.height, x->size[0],
-                         x->size[1]);
+                         info->number, view ? view->camera_id : -1, camera.width, camera.height,
+                         x->size[0], x->size[1]);
     SPIN_TRY(spin_camera_path_draw(d, frame, splats, &camera, view ? view->path : NULL));
     return spin_video_put(x->video, d->wide);
 }

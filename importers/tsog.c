@@ -88,14 +88,6 @@ static spin_status frame(void *self, int frame, double time, unsigned columns,
     return spin_model_slice(self, frame, continuous ? time : frame, columns, out);
 }
 
-static spin_status splats_4d(void *self, const struct spin_splats_4d **out)
-{
-    const struct tsog_model *m = self;
-
-    *out = NULL;
-    return m->tsog.time == SPIN_TSOG_CONTINUOUS ? spin_model_splats_4d(self, out) : SPIN_OK;
-}
-
 SPIN_MODEL_OPEN(tsog_open, struct tsog_model, open_file)
 
 const struct spin_importer spin_importer_tsog = {
@@ -107,5 +99,5 @@ const struct spin_importer spin_importer_tsog = {
     .open = tsog_open,
     .frame = frame,
     .close = spin_model_close,
-    .splats_4d = splats_4d,
+    .splats_4d = spin_model_splats_4d,
 };

@@ -1,7 +1,7 @@
 /* spin.h - the public header of spin4d, and the map of the source. The calls behind
  * the commands are in spin_run.h.
  *
- *     four commands  ->  one library  <-  importers and exporters, one file each
+ *     the commands  ->  one library  <-  importers and exporters, one file each
  *
  *   src/base      errors, memory, log and progress, threads, text; knows nothing of splats
  *   src/io        bytes to arrays and back: files, zip, npy, checkpoints, JSON, images
@@ -14,7 +14,7 @@
  *   src/render    a view through the rasteriser; frames of a bundle as pictures
  *   src/train     the stages of a training: plan, frames, loop, output
  *   src/eval      metrics, dynamic regions, LPIPS, the report
- *   src/run       the calls of spin_run.h: import, retrain, evaluate, export
+ *   src/run       the calls of spin_run.h: import, retrain, evaluate, export, and a run to a clip
  *   src/cmd       the commands: parse, call the library, print; nothing else
  *   importers     foreign files in: one plug-in per file, listed in importers.c
  *   exporters     standard files out: one plug-in per file, listed in exporters.c
@@ -252,7 +252,7 @@ void spin_views_free(struct spin_views *views);
 
 /* A plug-in may call the functions of parts 1 to 4 and of part 6; src/plugin.sym lists them. */
 
-#define SPIN_PLUGIN_ABI 5
+#define SPIN_PLUGIN_ABI 6
 
 /* One row of a plug-in's own options: `--key value`. The table ends with key == NULL. */
 struct spin_plugin_option {
@@ -345,12 +345,27 @@ struct spin_export_check {
     double psnr; /* dB against the bundle's own render; infinite: the same picture; NaN: none */
 };
 
+/* What spin-export --decimate left out, and what that loses. */
+struct spin_decimated {
+    double before,
+        after; /* splats of a frame in the mean, or of 4D splats: without what is left out in any case; before
+                           * is 0: it was not asked for */
+    bool four_d;      /* they are those of 4D splats */
+    bool by_views;    /* cameras of the data set saw what counts; else opacities and sizes do */
+    int n_pictures;   /* 0: no splat is in any picture */
+    double psnr;      /* dB of all pictures together, against all splats; infinite: the same */
+    int n_tries;      /* outputs written to find a size; 0: none */
+    uint64_t reached; /* bytes of the whole output, where a size was asked for */
+};
+
 struct spin_export_report {
     int frames;
     double splats_mean;
     uint64_t bytes;    /* 0: unknown */
     uint64_t left_out; /* splats that no viewer could draw, over all frames */
+    uint64_t filtered; /* left out by --crop, --min-views and --floaters before; not an exporter's to set */
     struct spin_export_check check;
+    struct spin_decimated decimated;
 };
 
 /* What an exporter is told before the first frame. Everything is borrowed until end() or abort(). */
@@ -368,6 +383,7 @@ struct spin_export_job {
     const int *dataset_frame_of;    /* [n_frames] the data set's row of each frame, or -1 */
     struct spin_renderer *renderer; /* set when the exporter has needs_renderer */
     const float *background;        /* [3] */
+    bool transparent; /* --background none: what is drawn has alpha; else it is refused */
     int n_threads;                  /* 0: all */
     /* The same frame as it was imported, when the bundle holds that beside the network whose splats
      * come; NULL: there is nothing to compare with. */
@@ -400,6 +416,8 @@ struct spin_export_job {
     const char *data;        /* the data set's folder, absolute, and who reads it; NULL: none */
     const char *data_from;
     bool identity; /* row i is the same splat in every frame */
+
+    const int *numbers; /* [n_frames] of the frames, as in struct spin_frame_info */
 };
 
 struct spin_frame_info {
@@ -416,8 +434,10 @@ struct spin_exporter {
     bool checks;    /* can read back what it wrote */
     bool
         antialias; /* what it writes says, or shows, when splats are meant to be drawn antialiased */
-    bool splats_4d; /* where the clip is 4D splats they are used, and no frame comes */
+    bool splats_4d; /* where the clip is 4D splats they are used, and no frame comes; without
+                     * `frame` it takes nothing else */
     bool needs_renderer;
+    bool alpha;          /* knows job->transparent */
     bool looks_at_views; /* job->views are used; else the data set is not opened */
 
     /* Exactly one of end() and abort() follows a successful begin(). Files appear under their
@@ -502,6 +522,11 @@ spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_splat
 /* Draw one view of splats that have all attribute columns. image: [3][h][w]. */
 spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splats,
                         const struct spin_camera *camera, const float background[3], float *image);
+
+/* Of the picture drawn last: what the splats hide of the background, [h][w], 0..1; and their depth along the camera's
+ * axis in world units, [2][h][w]: the expected one, which is the mean by what each adds to the picture, and the median,
+ * at which half of the light is held up. 0: there is none. Either may be NULL. */
+spin_status spin_render_layers(struct spin_renderer *r, float *alpha, float *depth);
 
 /* Read an image, box-filtered to camera size when they differ, as planar [3][h][w] float 0..1
  * (out must hold it), and write one as PNG (sync: as of struct spin_out). For exporters that draw.

@@ -20,6 +20,7 @@ struct spin_import_options {
     int n_times;
     struct spin_range range;
     bool positions_only, force;
+    unsigned precision; /* of the values of 4D splats: 0 to the bit, 1 half, 2 compact, as of spin_precision */
     bool sync;                       /* write the bundle to the disk (fsync) before it is renamed */
     bool full;                       /* describe: read every frame, not up to 16 of them */
     const char *check_cameras;       /* folder for PNGs of the points over data's images, or NULL */
@@ -36,6 +37,11 @@ spin_status spin_import(const struct spin_import_options *o, char **report);
  * file is no bundle. */
 spin_status spin_bundle_describe(const char *path, char **report);
 
+/* The pictures of its data set, an array: frame (from 0), number, camera, test, width, height, fx, fy, cx, cy, w2c (as
+ * of struct spin_camera), image, mask (or null). data, data_from: NULL as the bundle says. */
+spin_status spin_bundle_views(const char *path, const char *data, const char *data_from,
+                              char **report);
+
 spin_status spin_retrain(const struct spin_retrain_options *o, char **report);
 
 struct spin_eval_options {
@@ -48,6 +54,7 @@ struct spin_eval_options {
     bool source;        /* measure the imported attributes */
     const char *images; /* folder for renders, or NULL */
     enum spin_dynamic_from dynamic;
+    bool mask; /* score what the data set's masks or the images' alpha show, and nothing else */
     const char *report, *log; /* a page of HTML; what spin-retrain --log wrote; or NULL */
     const char *lpips; /* folder with the weights of one or both networks of LPIPS; or NULL */
     const char *lpips_backbone, *lpips_lin; /* the two files of one network; or NULL */
@@ -59,20 +66,60 @@ struct spin_eval_options {
 
 spin_status spin_eval(const struct spin_eval_options *o, char **report);
 
+/* The same of n bundles on the same views; o->input, log and images do not count, report is a page that compares them.
+ * figures: a folder for its charts and pictures, or NULL. The document has "runs", which are those of spin_eval() with
+ * "input" and "name" each. */
+spin_status spin_compare(const struct spin_eval_options *o, const char *const *input, int n,
+                         const char *figures, char **report);
+
 struct spin_export_options {
     const char *input, *output, *to;
     struct spin_range range;
     bool source, force;
     bool sync;  /* files are on the disk before they have their names */
     bool check; /* read back what was written */
+    const char *decimate; /* "5000" splats, "50%" of them, "2MB" in all or a loss of "40dB"; NULL: all are written */
     const char *data, *data_from, *pair;
     float background[3];
+    bool transparent; /* pictures have alpha instead of a background */
     const char *device;
     int n_threads;
     const char *const *plugin_pairs;
+
+    /* What is left of the scene, by its own units and axes; then its size and place. */
+    double crop[6];      /* low and high corner of a box, or centre and radius of a sphere */
+    int n_crop;          /* 6: a box; 4: a sphere; 0: none */
+    int min_views;       /* training views of its frame that a splat is in; 0: any */
+    double floaters;     /* largest distance to the nearest, as a multiple of the median; 0: any */
+    double scale;        /* above 0; 0: 1 */
+    double translate[3]; /* after the scale */
 };
 
 spin_status spin_export(const struct spin_export_options *o, char **report);
+
+/* The exporter that writes files with this ending, such as "html" for "clip.html"; or NULL. */
+const char *spin_exporter_for(const char *output);
+/* What is written of the same kind as files with an ending that nothing writes; else the ending that is spelled most like
+ * it, or NULL. */
+const char *spin_exporter_nearest(const char *ending);
+
+/* A run into what viewers play, by the calls above. Beside the output lies its bundle, OUTPUT's name with .spin. */
+struct spin_convert_options {
+    const char *input, *output;   /* a run or a bundle; NULL: the input's name with .html, here */
+    const char *to;               /* exporter; NULL: what the output's ending says */
+    const char *from;             /* importer; NULL: detected */
+    const char *data, *data_from; /* data set; NULL: the only one in the run or beside it */
+    int n_frames;                 /* as of an import */
+    bool no_retrain;              /* else it is retrained, when there is a data set */
+    const char *preset;           /* of a retraining; NULL: the default */
+    int iterations;               /* of it; 0: the preset's */
+    const char *device;
+    int n_threads;
+    bool force;
+};
+
+/* After an interruption the same call goes on with the unfinished retraining. */
+spin_status spin_convert(const struct spin_convert_options *o, char **report);
 
 #ifdef __cplusplus
 }

@@ -90,6 +90,7 @@ struct spin_retrain_options {
     int eval_every, save_every;    /* iterations; 0: at the end; every 5 minutes */
     bool resume, force, dry_run;
     const char *preview, *log; /* folder, file; or NULL */
+    const char *watch;         /* folder for a page that shows the state; or NULL */
     const char
         *cache; /* folder of refined frames that runs share, and that stays; NULL: the run's own */
 };

@@ -6,6 +6,8 @@
 #   paths       these tests on the code paths base and v3 of the CPU, in the build of `make`
 #   bytes       the last commit twice, in two folders, inside and outside the tree: the same bytes
 #   deb         make deb, with its tests and lintian
+#   portable    make portable DEBIAN=bullseye, and what it wrote in bare Debians of other suites, as root with
+#               debootstrap; not among the parts that run unasked
 #   arm64       by the cross compiler, these tests under QEMU; not among the parts that run unasked
 BUILD=${1:?usage: builds.sh BUILD [PART...]}
 shift
@@ -85,6 +87,20 @@ for part in "$@"; do
         ;;
     bytes) (same_bytes) || exit 1 ;;
     deb) make -s BUILD="$BUILD" deb || exit 1 ;;
+    portable)
+        make -s BUILD="$BUILD" DEBIAN=bullseye portable || exit 1
+        for suite in bullseye bookworm trixie sid; do
+            root=$BUILD/bare-$suite
+            [ -f "$root/etc/debian_version" ] ||
+                debootstrap --variant=minbase "$suite" "$root" >"$BUILD/bare-$suite.log" 2>&1 || fail "no Debian '$suite'"
+            rm -rf "$root/try" && mkdir "$root/try" || exit 1
+            cp -R "$BUILD"/spin4d-*-linux-*.tar.gz tests/portable.sh fixtures/court-mini "$root/try/" || exit 1
+            echo "-- $suite"
+            # shellcheck disable=SC2016
+            unshare -m sh -c 'mount -t proc proc "$0/proc" && exec chroot "$0" sh -c "sh /try/portable.sh /try/*.gz /try/court-mini"' \
+                "$root" || fail "not in '$suite'"
+        done
+        ;;
     arm64)
         for tool in aarch64-linux-gnu-gcc aarch64-linux-gnu-g++ qemu-aarch64; do
             command -v $tool >/dev/null || fail "no $tool: CONTRIBUTING.md says what arm64 needs"

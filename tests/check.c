@@ -406,6 +406,20 @@ const char *check_device_name(void)
     return name && *name ? name : "cpu";
 }
 
+bool check_device_is_emulated(void)
+{
+    struct spin_device *d = check_device(1);
+    bool is = !d->is_host && !check_device_is_card(d);
+
+    check_device_free(d);
+    return is;
+}
+
+bool check_device_is_card(const struct spin_device *d)
+{
+    return !d->is_host && strcmp(d->description, "cuda (emulated)") != 0;
+}
+
 bool check_device_is_cpu(void) { return strcmp(check_device_name(), "cpu") == 0; }
 
 int check_same_sums(const float *got, const float *want, size_t n, const char *what)

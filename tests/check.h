@@ -51,6 +51,9 @@ const char **check_cases(const char *folder, const char *file);
 struct spin_device *check_device(int n_threads);
 const char *check_device_name(void);
 bool check_device_is_cpu(void);
+bool check_device_is_emulated(void); /* its errors can be ordered (tests/emu/gpu.cpp) */
+/* A card, or an emulated one under a name of its own: its memory is not the host's. */
+bool check_device_is_card(const struct spin_device *d);
 /* Sums that a device may add in any order: the same bits on the CPU, equal to rounding elsewhere. */
 int check_same_sums(const float *got, const float *want, size_t n, const char *what);
 void check_device_free(struct spin_device *d);

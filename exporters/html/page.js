@@ -4,10 +4,21 @@
 (() => {
 const $ = (id) => document.getElementById(id);
 const clip = JSON.parse($('clip').textContent), canvas = $('view'), root = document.documentElement;
-const say = (text) => { $('message').textContent = text; };
-const gl = canvas.getContext('webgl2', { antialias: false, alpha: false, powerPreference: 'high-performance' });
+const say = (text) => { $('message').textContent = text; root.classList.toggle('loading', false); };
+root.classList.toggle('loading', true);
+const asked = readParameters(new URL(location.href).searchParams);
+const embedded = window.parent !== window;
+const gl = canvas.getContext('webgl2', { antialias: false, depth: false, alpha: false, powerPreference: 'high-performance' });
 if (!gl) return say('This page needs WebGL 2, which this browser does not offer.');
+if (clip.data && location.href.startsWith('file:')) return say(`This page reads ${clip.data} beside it, which browsers do not allow from the disk. Put both on a web server ("python3 -m http.server" in their folder is one), or export the clip without --split.`);
 if (typeof DecompressionStream === 'undefined') return say('This browser is too old: it has no DecompressionStream.');
+
+// What the address asks for: ?frame=7&autoplay=0&noui&poster=first.jpg&version=before&fps=12&background=ffffff
+function readParameters(given) {
+    const has = (name) => given.has(name) && given.get(name) !== '0' && given.get(name) !== 'false', number = (name, least, most) => (given.get(name) && Number(given.get(name)) >= least && Number(given.get(name)) <= most ? Number(given.get(name)) : undefined);
+    const hex = given.get('background')?.match(/^#?(?:([0-9a-f])([0-9a-f])([0-9a-f])|([0-9a-f]{2})([0-9a-f]{2})([0-9a-f]{2}))$/i)?.slice(1).filter(Boolean).map((h) => parseInt(h.repeat(3 - h.length), 16) / 255);
+    return { frame: number('frame', 1, clip.numbers.length), autoplay: given.has('autoplay') ? has('autoplay') : undefined, noui: has('noui'), poster: given.get('poster'), version: given.get('version'), fps: number('fps', 0.001, 1000), background: hex };
+}
 
 // ---- Vectors and the camera, in the page's units: (world - centre) / size ------------------------
 
@@ -19,7 +30,7 @@ const inside = (p) => p.map((v, i) => (v - clip.centre[i]) / clip.size);
 
 const up = unit(clip.up);
 const side = unit(cross(up, Math.abs(up[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0])), front = cross(side, up);
-const orbit = {};
+const orbit = { tall: Infinity };
 
 function home() {
     const target = inside(clip.target), from = add(inside(clip.eye), target, -1);
@@ -34,9 +45,20 @@ function camera() {
     const out = add(add(front.map((v) => v * flat * Math.cos(angle)), side, flat * Math.sin(angle)), up, Math.sin(height));
     const forward = out.map((v) => -v), right = unit(cross(forward, up));
     const w = canvas.width, h = canvas.height, tan = Math.tan(clip.fovy * Math.PI / 360);
-    // all of the first camera's picture is in view, whatever the window's shape
-    const focal = Math.min(h / 2 / tan, w / 2 / (tan * clip.aspect));
+    // All of the first camera's picture is in view; in a window that is higher than it only so much of its sides as
+    // leaves nothing empty above and below.
+    const focal = Math.min(h / 2 / tan, Math.max(w / 2 / (tan * clip.aspect), h / 2 / orbit.tall));
     return { eye: add(target, out, distance), right, down: cross(forward, right), forward, focal };
+}
+
+// How high the scene stands in the first view, as a slope: a tenth of what is before the middle of the picture is higher.
+function measureHeight(place, n) {
+    const c = camera(), near = clip.near / clip.size, tan = Math.tan(clip.fovy * Math.PI / 360), high = [];
+    for (let i = 0; i < n; i++) {
+        const p = add([place[8 * i], place[8 * i + 1], place[8 * i + 2]], c.eye, -1), depth = dot(p, c.forward);
+        if (depth > near && Math.abs(dot(p, c.right)) < 0.5 * tan * clip.aspect * depth) high.push(Math.abs(dot(p, c.down)) / depth);
+    }
+    return high.length ? Math.max(tan, Float32Array.from(high).sort()[Math.floor(0.9 * high.length)]) : Infinity;
 }
 
 // ---- WebGL -----------------------------------------------------------------------------------------
@@ -49,20 +71,42 @@ function shader(type, text) {
     return s;
 }
 
-const program = gl.createProgram();
-gl.attachShader(program, shader(gl.VERTEX_SHADER, $('vertex').textContent));
-gl.attachShader(program, shader(gl.FRAGMENT_SHADER, $('fragment').textContent));
-gl.linkProgram(program);
-if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
-gl.useProgram(program);
-const where = (name) => gl.getUniformLocation(program, name);
-const at = Object.fromEntries(['splats', 'harmonics', 'turn', 'eye', 'focal', 'half_size', 'near', 'degree', 'words', 'antialias'].map((n) => [n, where(n)]));
-gl.enableVertexAttribArray(0);
-gl.vertexAttribDivisor(0, 1);
-gl.enable(gl.BLEND);
+// A program and the places of its uniforms.
+function programOf(vertex, fragment) {
+    const p = gl.createProgram();
+    gl.attachShader(p, shader(gl.VERTEX_SHADER, vertex));
+    gl.attachShader(p, shader(gl.FRAGMENT_SHADER, fragment));
+    gl.linkProgram(p);
+    if (!gl.getProgramParameter(p, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(p));
+    return { use: () => gl.useProgram(p), at: (name) => gl.getUniformLocation(p, name) };
+}
+
+// First each splat is projected, into two textures; then the boxes of all are drawn.
+const ALL = '#version 300 es\nvoid main() { gl_Position = vec4(float(gl_VertexID & 1) * 4.0 - 1.0, float(gl_VertexID & 2) * 2.0 - 1.0, 0, 1); }';
+const project = programOf(ALL, $('project').textContent), boxes = programOf($('vertex').textContent, $('fragment').textContent);
+const at = Object.fromEntries(['turn', 'eye', 'focal', 'half_size', 'near', 'degree', 'words', 'antialias', 'count'].map((n) => [n, project.at(n)]));
+const first = boxes.at('first'), most = boxes.at('most'), SPLATS = 0, HARMONICS = 1, ORDER = 2, ELLIPSES = 3, PAINTS = 4;
+project.use();
+Object.entries({ splats: SPLATS, harmonics: HARMONICS, order: ORDER }).forEach(([name, unit]) => gl.uniform1i(project.at(name), unit));
+boxes.use();
+Object.entries({ ellipses: ELLIPSES, paints: PAINTS }).forEach(([name, unit]) => gl.uniform1i(boxes.at(name), unit));
+// Two triangles a splat, as many splats as 16 bits can number the corners of. Instances of four corners each take
+// many times as long on a processor.
+const BATCH = 16384, CORNERS = [0, 1, 2, 2, 1, 3];
+gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, Uint16Array.from({ length: 6 * BATCH }, (_, i) => 4 * Math.floor(i / 6) + CORNERS[i % 6]), gl.STATIC_DRAW);
 gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-gl.uniform1i(at.splats, 0);
-gl.uniform1i(at.harmonics, 1);
+
+// A texture 2048 wide.
+function storage(unit, format, rows) {
+    const made = gl.createTexture();
+    gl.activeTexture(gl.TEXTURE0 + unit);
+    gl.bindTexture(gl.TEXTURE_2D, made);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, format, 2048, rows);
+    return made;
+}
 
 // Words into a texture 2048 wide, made anew when it has to grow; the last row is filled up. Without words: bind it.
 function texture(slot, format, layout, perTexel) {
@@ -74,12 +118,7 @@ function texture(slot, format, layout, perTexel) {
         if (!words) return;
         if (need > rows) {
             gl.deleteTexture(made);
-            made = gl.createTexture();
-            rows = need;
-            gl.bindTexture(gl.TEXTURE_2D, made);
-            gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
-            gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
-            gl.texStorage2D(gl.TEXTURE_2D, 1, format, 2048, rows);
+            made = storage(slot, format, rows = need);
         }
         const full = Math.floor(words.length / line), rest = words.length - full * line;
         const put = (y, h, data) => gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, y, 2048, h, layout, gl.UNSIGNED_INT, data);
@@ -92,46 +131,75 @@ function texture(slot, format, layout, perTexel) {
     };
 }
 // Each version's frame that is on the card.
-const shown = clip.versions.map((v) => ({ v, frame: -1, draft: false, count: 0, words: 0, order: gl.createBuffer(), splats: texture(0, gl.RGBA32UI, gl.RGBA_INTEGER, 4), harmonics: texture(1, gl.R32UI, gl.RED_INTEGER, 1) }));
+const shown = clip.versions.map((v) => ({ v, frame: -1, draft: false, count: 0, words: 0, splats: texture(SPLATS, gl.RGBA32UI, gl.RGBA_INTEGER, 4), harmonics: texture(HARMONICS, gl.R32UI, gl.RED_INTEGER, 1), order: texture(ORDER, gl.R32UI, gl.RED_INTEGER, 1) }));
 
-// One version into the columns of pixels from left to right.
-function drawPart(s, left, right) {
-    gl.scissor(left, 0, right - left, canvas.height);
-    s.splats();
-    s.harmonics();
-    gl.bindBuffer(gl.ARRAY_BUFFER, s.order);
-    gl.vertexAttribIPointer(0, 1, gl.UNSIGNED_INT, 0, 0);
-    gl.uniform1i(at.degree, s.v.degree);
-    gl.uniform1i(at.words, s.words);
-    gl.uniform1i(at.antialias, s.v.antialias ? 1 : 0);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, s.count);
+// What project.frag writes to: a row for every 2048 splats.
+const projected = { frame: gl.createFramebuffer(), rows: 0, textures: [] };
+function makeRoom(rows) {
+    gl.bindFramebuffer(gl.FRAMEBUFFER, projected.frame);
+    if (rows <= projected.rows) return;
+    projected.textures.forEach((t) => gl.deleteTexture(t));
+    projected.textures = [storage(ELLIPSES, gl.RGBA32UI, rows), storage(PAINTS, gl.RG32UI, rows)];
+    projected.rows = rows;
+    projected.textures.forEach((t, i) => gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0 + i, gl.TEXTURE_2D, t, 0));
+    gl.drawBuffers([gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1]);
 }
 
-function draw() {
-    const w = canvas.width, h = canvas.height, c = camera(), cut = Math.round(state.cut * w);
-    gl.viewport(0, 0, w, h);
-    gl.disable(gl.SCISSOR_TEST);
-    gl.clearColor(...clip.background, 1);
-    gl.clear(gl.COLOR_BUFFER_BIT);
-    if (!state.drawn) return;
-    gl.enable(gl.SCISSOR_TEST);
+// One version as the camera sees it, into the columns of pixels from left to right.
+function drawPart(s, c, left, right) {
+    const w = canvas.width, h = canvas.height, rows = Math.ceil(s.count / 2048);
+    if (!rows) return;
+    makeRoom(rows);
+    project.use();
+    s.splats();
+    s.harmonics();
+    s.order();
     gl.uniformMatrix3fv(at.turn, false, [...c.right, ...c.down, ...c.forward]);
     gl.uniform3fv(at.eye, c.eye);
     gl.uniform2f(at.focal, c.focal, c.focal);
     gl.uniform2f(at.half_size, w / 2, h / 2);
     gl.uniform1f(at.near, clip.near / clip.size);
-    if (state.drawn.length === 1) drawPart(shown[state.drawn[0]], 0, w);
+    gl.uniform1i(at.degree, s.v.degree);
+    gl.uniform1i(at.words, s.words);
+    gl.uniform1i(at.antialias, s.v.antialias ? 1 : 0);
+    gl.uniform1i(at.count, s.count);
+    gl.viewport(0, 0, 2048, rows);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    boxes.use();
+    gl.uniform1f(most, state.moves ? 2.83 : 4);
+    gl.viewport(0, 0, w, h);
+    gl.enable(gl.BLEND);
+    gl.enable(gl.SCISSOR_TEST);
+    gl.scissor(left, 0, right - left, h);
+    for (let k = 0; k < s.count; k += BATCH) {
+        gl.uniform1i(first, k);
+        gl.drawElements(gl.TRIANGLES, 6 * Math.min(BATCH, s.count - k), gl.UNSIGNED_SHORT, 0);
+    }
+    gl.disable(gl.SCISSOR_TEST);
+    gl.disable(gl.BLEND);
+}
+
+function draw() {
+    const w = canvas.width, c = camera(), cut = Math.round(state.cut * w);
+    gl.clearColor(...asked.background ?? clip.background, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    if (!state.drawn) return;
+    if (state.drawn.length === 1) drawPart(shown[state.drawn[0]], c, 0, w);
     else {
-        drawPart(shown[BEFORE], 0, cut);
-        drawPart(shown[AFTER], cut, w);
+        drawPart(shown[BEFORE], c, 0, cut);
+        drawPart(shown[AFTER], c, cut, w);
     }
 }
 
 // ---- What is wanted and what is shown ----------------------------------------------------------------
 
 const AFTER = 0, BEFORE = 1; // of two versions
+const between = clip.versions.every((v) => v.rows || v.moves); // there are splats for any time, not for frames alone
+// moves: the camera did since the last picture; then splats end where they are faint, and one more picture follows.
 // drawn: the versions in the picture; wipe: both are wanted, with the line at the share `cut` of the width.
-const state = { version: 0, wipe: false, cut: 0.5, frame: 0, playing: false, speed: 1, clock: 0, last: 0, asked: '', waiting: false, dirty: true, drawn: null };
+const state = { version: 0, wipe: false, cut: 0.5, frame: 0, playing: false, speed: 1, clock: 0, last: 0, touched: 0, asked: '', waiting: false, dirty: true, drawn: null, view: '', moves: false };
 const texts = clip.data ? null : clip.versions.map((v, i) => v.splats.map((_, f) => {
     const element = $(`v${i}f${f}`), text = element.textContent;
     element.remove();
@@ -140,7 +208,7 @@ const texts = clip.data ? null : clip.versions.map((v, i) => v.splats.map((_, f)
 const source = new Blob([$('worker').textContent], { type: 'text/javascript' });
 const worker = new Worker(URL.createObjectURL(source));
 worker.onerror = (e) => say(`The page failed: ${e.message}`);
-worker.postMessage({ clip, texts, address: clip.data && new URL(encodeURIComponent(clip.data), location.href).href });
+worker.postMessage({ clip, texts, address: clip.data && new URL(encodeURIComponent(clip.data), location.href).href, moving: window.spinMoving });
 
 worker.onmessage = ({ data }) => {
     state.waiting = false;
@@ -149,52 +217,63 @@ worker.onmessage = ({ data }) => {
         const s = shown[part.version];
         if (part.texels) {
             s.splats(part.texels);
+            if (!state.drawn) orbit.tall = measureHeight(new Float32Array(part.texels.buffer), part.texels.length / 8);
             if (part.words) s.harmonics(part.sh);
             Object.assign(s, { frame: data.frame, draft: data.draft, words: part.words });
         }
-        gl.bindBuffer(gl.ARRAY_BUFFER, s.order);
-        gl.bufferData(gl.ARRAY_BUFFER, part.order, gl.DYNAMIC_DRAW);
+        s.order(part.order);
         s.count = part.order.length;
     }
     state.drawn = data.parts.map((p) => p.version);
     state.dirty = true;
+    $('poster').hidden = true;
     say('');
 };
 
 const wanted = () => (state.wipe ? [AFTER, BEFORE] : [state.version]);
+// After so many milliseconds without a hand the controls go while it plays, and always from pictures that are no higher.
+const REST = 3000, SMALL = 240;
 const isWhole = () => state.drawn && !shown[state.drawn[0]].draft;
 
 // Ask for the wanted frame, and for a new order when the camera has turned or moved; of a page that is served
 // first for the draft, which is shown before anything else is read.
 function ask(c) {
     const draft = !state.drawn && !state.wipe && state.frame === 0 && clip.versions[state.version].draft !== undefined;
-    const key = [wanted(), draft, state.frame, ...c.forward.map((v) => v.toFixed(3)), ...c.eye.map((v) => v.toFixed(3))].join(' ');
+    const slope = [canvas.width, canvas.height].map((v) => v / 2 / c.focal);
+    const key = [wanted(), draft, state.frame, ...[c.forward, c.eye, slope].flat().map((v) => v.toFixed(3))].join(' ');
     if (state.waiting || key === state.asked) return;
     state.asked = key;
     state.waiting = true;
     const n = clip.numbers.length, parts = wanted().map((version) => ({ version, data: shown[version].frame !== state.frame || shown[version].draft }));
-    worker.postMessage({ parts, draft, frame: state.frame, eye: c.eye, forward: c.forward, near: clip.near / clip.size, next: n > 1 && !draft ? (state.frame + 1) % n : undefined });
+    worker.postMessage({ parts, draft, frame: state.frame, eye: c.eye, right: c.right, down: c.down, forward: c.forward, slope, near: clip.near / clip.size, next: n > 1 && !draft ? (state.frame + 1) % n : undefined });
 }
 
 function tick(now) {
     const n = clip.numbers.length;
     if (state.playing && isWhole()) {
-        state.clock = (state.clock + (now - state.last) / 1000 * state.speed * clip.fps) % n;
-        if (Math.floor(state.clock) !== state.frame) go(Math.floor(state.clock), false);
+        state.clock = (state.clock + (now - state.last) / 1000 * state.speed * (asked.fps ?? clip.fps)) % n;
+        const frame = between ? Math.min(state.clock, n - 1) : Math.floor(state.clock);
+        if (frame !== state.frame) go(frame, false);
     }
+    fly((now - state.last) / 1000);
     state.last = now;
+    tell();
     const ratio = Math.min(window.devicePixelRatio || 1, 2), w = Math.round(canvas.clientWidth * ratio), h = Math.round(canvas.clientHeight * ratio);
     if (w && h && (canvas.width !== w || canvas.height !== h)) {
         canvas.width = w;
         canvas.height = h;
         state.dirty = true;
     }
-    ask(camera());
+    root.classList.toggle('rest', (state.playing || canvas.clientHeight < SMALL) && now - state.touched > REST);
+    const c = camera(), view = [...c.eye, ...c.forward, c.focal].join(' '), moves = view !== state.view;
+    if (state.moves && !moves) state.dirty = true;
+    Object.assign(state, { view, moves });
+    ask(c);
     if (state.dirty) {
         state.dirty = false;
         draw();
         const first = state.drawn && shown[state.drawn[0]];
-        root.dataset.shown = !first ? '' : `${state.drawn.length > 1 ? 'wipe' : first.v.name} ${clip.numbers[first.frame]}`;
+        root.dataset.shown = !first ? '' : `${state.drawn.length > 1 ? 'wipe' : first.v.name} ${numberAt(first.frame)}`;
         root.dataset.draft = first?.draft ? 'yes' : 'no';
         root.dataset.draws = Number(root.dataset.draws || 0) + 1;
     }
@@ -203,12 +282,19 @@ function tick(now) {
 
 // ---- Buttons, keys, fingers ------------------------------------------------------------------------
 
+// The source's number of a frame, or one between two of them.
+function numberAt(frame) {
+    const k = Math.floor(frame), a = clip.numbers[k];
+    return frame === k ? a : Number((a + (frame - k) * (clip.numbers[k + 1] - a)).toFixed(3));
+}
+
 function label() {
     const n = clip.numbers.length;
-    $('label').textContent = `Frame ${state.frame + 1} of ${n}`;
-    $('label').title = `Number ${clip.numbers[state.frame]}`;
+    $('label').textContent = `Frame ${Math.floor(state.frame) + 1} of ${n}`;
+    $('label').title = `Number ${numberAt(state.frame)}`;
     $('scrub').value = state.frame;
     $('play').textContent = state.playing ? 'Pause' : 'Play';
+    root.classList.toggle('playing', state.playing);
     for (const b of $('versions').children) b.setAttribute('aria-pressed', b.dataset.version === (state.wipe ? 'wipe' : clip.versions[state.version].name));
     $('wipe').hidden = !state.wipe;
 }
@@ -246,29 +332,44 @@ function cutAt(share) {
 
 function reset() {
     home();
+    state.flies = false;
     state.dirty = true;
 }
 
+// Around the target; who flies turns where he is.
 function turnBy(dx, dy) {
+    const { eye } = camera();
     orbit.angle -= dx * 0.006;
     orbit.height = Math.max(-1.55, Math.min(1.55, orbit.height + dy * 0.006));
+    if (state.flies) orbit.target = add(orbit.target, add(eye, camera().eye, -1));
     state.dirty = true;
     welcome(false);
 }
 
 function moveBy(dx, dy) {
     const c = camera(), k = orbit.distance / c.focal * Math.min(window.devicePixelRatio || 1, 2);
-    // not farther than the scene reaches
-    const first = inside(clip.target), off = add(add(add(orbit.target, c.right, -dx * k), c.down, -dy * k), first, -1);
+    aim(add(add(orbit.target, c.right, -dx * k), c.down, -dy * k));
+}
+
+// Not farther than the scene reaches.
+function aim(target) {
+    const first = inside(clip.target), off = add(target, first, -1);
     orbit.target = add(first, off, Math.min(1, 1 / Math.max(Math.hypot(...off), 1e-9)));
     state.dirty = true;
     welcome(false);
 }
 
-// From where the cameras stood to a part of their way in: behind them are the walls.
+// W A S D, Q and E for down and up, of the keys that are held: in a second a part of the way to the target.
+const FLY = { w: ['forward', 1], s: ['forward', -1], d: ['right', 1], a: ['right', -1], q: ['down', 1], e: ['down', -1] }, held = new Set();
+function fly(seconds) {
+    const c = camera(), step = 0.5 * orbit.first * Math.min(seconds, 0.1);
+    if (held.size) aim([...held].reduce((p, key) => add(p, c[FLY[key][0]], step * FLY[key][1]), orbit.target));
+}
+
+// From where the whole scene is seen to a part of the way that the cameras stood away: behind that are the walls.
 function zoomBy(factor) {
-    const [least, most] = clip.reach.map((d) => d / clip.size);
-    orbit.distance = Math.max(Math.min(least, orbit.first), Math.min(Math.max(most, orbit.first), orbit.distance * factor));
+    const [least, most] = clip.reach.map((d) => d / clip.size), whole = 1.5 / Math.tan(clip.fovy * Math.PI / 360);
+    orbit.distance = Math.max(Math.min(least, orbit.first), Math.min(Math.max(most, whole, orbit.first), orbit.distance * factor));
     state.dirty = true;
     welcome(false);
 }
@@ -295,7 +396,19 @@ $('scrub').oninput = (e) => {
 $('speed').onchange = (e) => { state.speed = Number(e.target.value); };
 canvas.ondblclick = reset;
 canvas.oncontextmenu = (e) => e.preventDefault();
-canvas.addEventListener('wheel', (e) => { e.preventDefault(); zoomBy(Math.exp(e.deltaY * (e.deltaMode ? 0.05 : 0.0015))); }, { passive: false });
+// In another page the wheel and a finger are that page's, until this one is touched.
+const engage = (on) => {
+    state.engaged = on || !embedded;
+    canvas.style.touchAction = state.engaged ? 'none' : 'pan-y';
+};
+window.addEventListener('blur', () => engage(false));
+for (const type of ['pointermove', 'pointerdown', 'keydown', 'focusin']) {
+    window.addEventListener(type, () => {
+        state.touched = state.last;
+        if (type !== 'pointermove') engage(true);
+    });
+}
+canvas.addEventListener('wheel', (e) => { if (!state.engaged) return; e.preventDefault(); zoomBy(Math.exp(e.deltaY * (e.deltaMode ? 0.05 : 0.0015))); }, { passive: false });
 
 const line = $('wipe');
 line.onpointerdown = (e) => { line.setPointerCapture(e.pointerId); };
@@ -328,11 +441,12 @@ canvas.onpointermove = (e) => {
 window.addEventListener('keydown', (e) => {
     if (e.ctrlKey || e.metaKey || e.altKey) return;
     const typed = e.target.tagName === 'BUTTON' || e.target.tagName === 'SELECT';
-    const step = { ArrowLeft: -1, ArrowRight: 1 }[e.key];
+    const to = { ArrowLeft: Math.ceil(state.frame) - 1, ArrowRight: Math.floor(state.frame) + 1 }[e.key];
     if (e.key === ' ' && !typed) play(!state.playing);
-    else if (step && e.target.id !== 'scrub' && !typed) { play(false); go(state.frame + step); }
+    else if (to !== undefined && e.target.id !== 'scrub' && !typed) { play(false); go(to); }
     else if (e.key === 'b' || e.key === 'B') show(state.version + 1);
-    else if (e.key === 'w' || e.key === 'W') wipe(!state.wipe);
+    else if (e.key === 'c' || e.key === 'C') wipe(!state.wipe);
+    else if (FLY[e.key.toLowerCase()] && !typed) { held.add(e.key.toLowerCase()); state.flies = true; }
     else if (e.key === 'f' || e.key === 'F') fullscreen();
     else if (e.key === 'r' || e.key === 'R') reset();
     else if (e.key === 'h' || e.key === 'H') root.classList.toggle('bare');
@@ -340,11 +454,15 @@ window.addEventListener('keydown', (e) => {
     e.preventDefault();
 });
 
+window.addEventListener('keyup', (e) => held.delete(e.key.toLowerCase()));
+window.addEventListener('blur', () => held.clear());
+
 canvas.addEventListener('webglcontextlost', () => say('The graphics card lost the picture: reload the page.'));
 $('scrub').max = clip.numbers.length - 1;
-$('time').hidden = clip.numbers.length < 2;
-$('speed').hidden = clip.numbers.length < 2;
+$('scrub').step = between ? 0.1 : 1;
+for (const id of ['play', 'scrub', 'label', 'speed']) $(id).hidden = clip.numbers.length < 2;
 $('versions').hidden = clip.versions.length < 2;
+root.classList.toggle('two', clip.versions.length > 1);
 function addButton(name, text, title, does) {
     const button = document.createElement('button');
     button.textContent = text;
@@ -354,18 +472,57 @@ function addButton(name, text, title, does) {
     $('versions').append(button);
 }
 clip.versions.forEach((v, i) => addButton(v.name, v.label, `${v.label} alone (B)`, () => show(i)));
-if (clip.versions.length === 2) addButton('wipe', 'Wipe', 'Both, with a line between them (W)', () => wipe(true));
-$('name').textContent = document.title = clip.name;
-$('hint').textContent = matchMedia('(pointer: coarse)').matches ? 'One finger turns, two move and zoom.' : 'Drag to turn, wheel to zoom, right button to move.';
+if (clip.versions.length === 2) addButton('wipe', 'Wipe', 'Both, with a line between them (C)', () => wipe(true));
+$('name').textContent = clip.title ?? clip.name;
+$('title').hidden = clip.title === '';
+$('hint').textContent = matchMedia('(pointer: coarse)').matches ? 'One finger turns, two move and zoom.' : 'Drag to turn, wheel to zoom, right button to move, WASD to fly.';
 setTimeout(() => welcome(false), 8000);
+if (asked.poster) {
+    $('poster').src = asked.poster;
+    $('poster').hidden = false;
+}
+root.classList.toggle('bare', asked.noui);
+root.style.background = asked.background ? `rgb(${asked.background.map((v) => Math.round(255 * v))})` : '';
 home();
 cutAt(0.5);
-play(!matchMedia('(prefers-reduced-motion: reduce)').matches);
+engage(false);
+if (asked.frame !== undefined) go(between ? asked.frame - 1 : Math.floor(asked.frame) - 1);
+if (asked.version === 'wipe') wipe(true);
+else show(Math.max(0, clip.versions.findIndex((v) => v.name === asked.version)));
+play(asked.autoplay ?? (asked.frame === undefined && !matchMedia('(prefers-reduced-motion: reduce)').matches));
 requestAnimationFrame(tick);
 
-// For whoever scripts the page: the camera as it is, in the world's units.
+// ---- For whoever scripts the page, or holds it in a frame ---------------------------------------------
+
+// Wishes are { play, frame, speed, version }, any of them; frames count from 1, as in the bar.
+const is = { play: (v) => typeof v === 'boolean', frame: (v) => v >= 1 && v <= clip.numbers.length, speed: (v) => v > 0 && v <= 100, version: (v) => clip.versions.some((each) => each.name === v) || (v === 'wipe' && clip.versions.length === 2) };
+function set(wishes) {
+    for (const [name, v] of Object.entries(wishes)) if (!is[name]?.(v)) throw new RangeError(`spin4d: ${name} cannot be ${v}`);
+    const { play: on, frame, speed, version } = wishes;
+    if (frame !== undefined) go(between ? frame - 1 : Math.floor(frame) - 1);
+    if (speed !== undefined) $('speed').value = String(state.speed = speed);
+    if (version === 'wipe') wipe(true);
+    else if (version !== undefined) show(clip.versions.findIndex((each) => each.name === version));
+    play(on ?? state.playing);
+}
+
+const stateNow = () => ({ play: state.playing, frame: state.frame + 1, frames: clip.numbers.length, speed: state.speed, version: state.wipe ? 'wipe' : clip.versions[state.version].name, ready: Boolean(state.drawn) });
+let told = '';
+// To the page around: what is so now, when it has changed.
+function tell() {
+    const now = JSON.stringify(stateNow());
+    if (embedded && now !== told) window.parent.postMessage({ spin4d: JSON.parse(told = now) }, '*');
+}
+window.addEventListener('message', (e) => {
+    if (e.source !== window.parent || !e.data?.spin4d) return;
+    try { set(e.data.spin4d); } catch (error) { window.parent.postMessage({ spin4d: { error: error.message } }, '*'); }
+});
+tell();
+// The camera is as it is, in the world's units.
 window.spin4d = {
     clip,
+    set,
+    get state() { return stateNow(); },
     camera: () => { const c = camera(), out = (p) => p.map((v, i) => v * clip.size + clip.centre[i]); return { ...c, eye: out(c.eye), target: out(orbit.target), up, width: canvas.width, height: canvas.height, fovy: 360 / Math.PI * Math.atan(canvas.height / 2 / c.focal) }; }
 };
 })();

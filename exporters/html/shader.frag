@@ -1,7 +1,7 @@
 #version 300 es
 precision highp float;
 in vec2 place;
-in vec4 colour;
+flat in vec4 colour;
 out vec4 pixel;
 
 void main()

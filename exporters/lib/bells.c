@@ -12,31 +12,46 @@
 
 enum { SAMPLES = 9 }; /* times at which a loss is looked for */
 
-spin_status spin_bells_can(const struct spin_export_job *job, const char *name)
-{
-    const struct spin_splats_4d *s = job->splats_4d;
+static double first_time(const struct spin_bells *b) { return b->job->times[0]; }
+static double last_time(const struct spin_bells *b) { return b->job->times[b->job->n_frames - 1]; }
 
-    if (!s)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "this clip is frames, and %s holds 4D splats: import a source that has "
-                         "them, without --frames, or write another format",
-                         name);
-    if (s->plateaus || s->cuts || s->gates)
+static bool is_seen(const struct spin_bells *b, size_t i)
+{
+    const double *span = b->job->splats_4d->spans + 2 * i;
+
+    return span[0] <= last_time(b) && span[1] >= first_time(b);
+}
+
+/* A beginning or an end within the clip is no bell's. */
+static bool has_cuts(const struct spin_bells *b)
+{
+    const struct spin_splats_4d *s = b->job->splats_4d;
+
+    for (size_t i = 0; s->cuts && i < s->n; i++)
+        if (is_seen(b, i) &&
+            ((double)s->cuts[2 * i] > first_time(b) || (double)s->cuts[2 * i + 1] <= last_time(b)))
+            return true;
+    return false;
+}
+
+spin_status spin_bells_can(const struct spin_bells *b)
+{
+    const struct spin_splats_4d *s = b->job->splats_4d;
+    bool cuts = has_cuts(b);
+
+    if (s->plateaus || cuts || s->gates)
         return spin_fail(
             SPIN_E_UNSUPPORTED,
             "these 4D splats have %s, and %s holds bells in time: write another format",
-            s->cuts       ? "a beginning and an end"
+            cuts          ? "a beginning and an end"
             : s->plateaus ? "times at which they do not fade"
                           : "opacities that do not fade to 0",
-            name);
-    if (!(job->times[job->n_frames - 1] > job->times[0]))
+            b->name);
+    if (!(last_time(b) > first_time(b)))
         return spin_fail(SPIN_E_UNSUPPORTED,
-                         "%s holds a clip, and this is one frame: give more with --range", name);
+                         "%s holds a clip, and this is one frame: give more with --range", b->name);
     return SPIN_OK;
 }
-
-static double first_time(const struct spin_bells *b) { return b->job->times[0]; }
-static double last_time(const struct spin_bells *b) { return b->job->times[b->job->n_frames - 1]; }
 
 /* The file's unit for one of the source's. */
 static double per_time(const struct spin_bells *b)
@@ -264,20 +279,25 @@ spin_status spin_bells_convert(struct spin_bells *b)
         &b->clip, s->n, degree > b->least_degree ? degree : b->least_degree, s->sh_degree, 0));
     SPIN_TRY(spin_alloc(s->n + 1, sizeof *b->from, (void **)&b->from));
     for (size_t i = 0; i < s->n; i++)
-        if (s->spans[2 * i] <= last_time(b) && s->spans[2 * i + 1] >= first_time(b))
+        if (is_seen(b, i))
             convert_row(b, i, n++);
     if (n == 0)
         return spin_fail(SPIN_E_UNSUPPORTED, "no splat is seen at any time of this clip");
     b->clip.n = n;
-    b->view = (struct spin_splats){.n = n,
-                                   .capacity = n,
-                                   .sh_degree = s->sh_degree,
+    spin_bells_look(b);
+    return SPIN_OK;
+}
+
+void spin_bells_look(struct spin_bells *b)
+{
+    b->view = (struct spin_splats){.n = b->clip.n,
+                                   .capacity = b->clip.n,
+                                   .sh_degree = b->clip.sh_degree,
                                    .means = b->clip.centres,
                                    .quats = b->clip.quats,
                                    .log_scales = b->clip.log_scales,
                                    .logit_opacities = b->clip.logit_opacities,
                                    .sh = b->clip.sh};
-    return SPIN_OK;
 }
 
 void spin_bells_free(struct spin_bells *b)

@@ -20,10 +20,12 @@ struct spin_bells {
         lost_colour; /* the most: world units where half is seen, degrees, of 1 */
 };
 
-/* Whether the job has 4D splats whose windows are bells, and more than one frame. */
-spin_status spin_bells_can(const struct spin_export_job *job, const char *name);
-/* Fills the last five. */
+/* Whether windows are bells while the clip lasts, and it has more than one frame. */
+spin_status spin_bells_can(const struct spin_bells *b);
+/* Fills the last six. */
 spin_status spin_bells_convert(struct spin_bells *b);
+/* Fills view, of the clip as it is. */
+void spin_bells_look(struct spin_bells *b);
 /* One warning for each thing that is lost. */
 void spin_bells_warn(const struct spin_bells *b);
 /* The file's time of a source's. */

@@ -8,6 +8,7 @@
 #include "exporters/lib/splat_filter.h"
 #include "base/log.h"
 #include "base/option.h"
+#include "io/file.h"
 #include "math/covariance.h"
 
 /* ---- Options --------------------------------------------------------------------------------- */
@@ -48,7 +49,15 @@ static spin_status parse_panels(struct spin_camera_path *d, const char *list)
 }
 
 #define DEFAULT_FPS 30
-enum { FRONT_HEIGHT = 640, LEAST_SIDE = 16, MOST_SIDE = 16384, MOST_PICTURES = 10000000 };
+#define DEFAULT_SECONDS 8.0
+#define LEAST_SECONDS 2.0 /* that the clip lasts, told neither --fps nor --duration */
+enum {
+    OWN_WIDTH = 1280,
+    OWN_HEIGHT = 720,
+    LEAST_SIDE = 16,
+    MOST_SIDE = 16384,
+    MOST_PICTURES = 10000000
+};
 
 static spin_status parse_size(struct spin_camera_path *d)
 {
@@ -69,6 +78,23 @@ static spin_status parse_size(struct spin_camera_path *d)
     return SPIN_OK;
 }
 
+/* A word, or the name of a file with a camera for each picture. */
+static spin_status parse_path(struct spin_camera_path *d)
+{
+    static const char *const words[] = {"camera", "orbit", "spiral", "train"};
+    const char *text = spin_plugin_value(d->job->values, "path", "camera");
+    int word = word_of(text, strlen(text), words, 4);
+
+    d->path = word < 0 ? SPIN_PATH_FILE : (enum spin_camera_path_path)word;
+    if (word >= 0)
+        return SPIN_OK;
+    if (!spin_path_exists(text) || spin_path_is_folder(text))
+        return spin_fail(SPIN_E_USAGE,
+                         "--path '%s': expected camera, orbit, spiral, train or a file of cameras",
+                         text);
+    return spin_path_file_open(text, &d->file);
+}
+
 /* How many pictures, at which speed. */
 static spin_status parse_pace(struct spin_camera_path *d)
 {
@@ -76,13 +102,25 @@ static spin_status parse_pace(struct spin_camera_path *d)
     double seconds = 0;
     int repeat = 1;
 
-    d->fps = d->job->fps > 0 ? d->job->fps : DEFAULT_FPS;
+    d->fps = d->file.fps > 0 ? d->file.fps : d->job->fps > 0 ? d->job->fps : DEFAULT_FPS;
     SPIN_TRY(spin_option_number(v, "fps", 0.01, 1000, &d->fps));
     SPIN_TRY(spin_option_count(v, "repeat", 1, 10000, &repeat));
     SPIN_TRY(spin_option_number(v, "duration", 0.001, 1e6, &seconds));
     d->n_pictures = (int64_t)d->job->n_frames * repeat;
-    if (seconds <= 0)
+    if (d->path == SPIN_PATH_FILE) {
+        d->n_pictures = (int64_t)d->file.n;
+        return seconds > 0 || spin_plugin_value(v, "repeat", NULL)
+                   ? spin_fail(SPIN_E_USAGE, "--duration, --repeat: the file of --path has as many "
+                                             "cameras as there will be pictures")
+                   : SPIN_OK;
+    }
+    if (seconds <= 0 && d->path != SPIN_PATH_CAMERA && !spin_plugin_value(v, "repeat", NULL))
+        seconds = fmax(DEFAULT_SECONDS, d->job->n_frames / d->fps);
+    if (seconds <= 0) {
+        if (d->job->n_frames > 1 && !spin_plugin_value(v, "fps", NULL))
+            d->fps = fmin(d->fps, d->job->n_frames / LEAST_SECONDS);
         return SPIN_OK;
+    }
     if (spin_plugin_value(v, "repeat", NULL))
         return spin_fail(SPIN_E_USAGE, "--duration and --repeat: give one of them");
     if (seconds * d->fps > MOST_PICTURES)
@@ -127,32 +165,38 @@ static void set_lens(struct spin_camera_path *d)
         double focal;
 
         spin_initial_view_first(NULL, 0, false, middle, 1, &front);
-        focal = spin_initial_view_focal(&front, FRONT_HEIGHT);
-        d->lens = (struct spin_camera){.width = (int)lrint(FRONT_HEIGHT * front.aspect),
-                                       .height = FRONT_HEIGHT,
+        focal = spin_initial_view_focal(&front, OWN_HEIGHT);
+        d->lens = (struct spin_camera){.width = OWN_WIDTH,
+                                       .height = OWN_HEIGHT,
                                        .fx = focal,
                                        .fy = focal,
-                                       .cx = 0.5 * FRONT_HEIGHT * front.aspect,
-                                       .cy = 0.5 * FRONT_HEIGHT};
+                                       .cx = 0.5 * OWN_WIDTH,
+                                       .cy = 0.5 * OWN_HEIGHT};
+    }
+    if (d->size[0] == 0 && d->file.width > 0) {
+        d->size[0] = d->file.width;
+        d->size[1] = d->file.height;
+    } else if (d->size[0] == 0 && spin_camera_path_is_own(d) && d->lens.height < OWN_HEIGHT) {
+        double width = (double)OWN_HEIGHT * d->lens.width / d->lens.height;
+
+        d->size[0] = (int)fmin(2 * rint(width / 2), MOST_SIDE);
+        d->size[1] = OWN_HEIGHT;
     }
     spin_camera_path_resize(d, &d->lens);
 }
 
 const char *spin_camera_path_name(const struct spin_camera_path *d)
 {
-    static const char *const name[] = {"front", "orbit", "spiral", "train"};
+    static const char *const name[] = {"front", "orbit", "spiral", "train", "path"};
 
     return name[d->path];
 }
 
 spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin_export_job *job)
 {
-    int path;
-
     d->job = job;
     d->source_frame = -1;
-    SPIN_TRY(spin_option_word(job->values, "path", "camera|orbit|spiral|train", &path));
-    d->path = (enum spin_camera_path_path)path;
+    SPIN_TRY(parse_path(d));
     d->row = job->dataset_frame_of ? job->dataset_frame_of[0] : 0;
     SPIN_TRY(parse_pace(d));
     SPIN_TRY(parse_panels(d, spin_plugin_value(job->values, "panels", "after")));
@@ -162,7 +206,7 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
     if (d->path == SPIN_PATH_TRAIN)
         SPIN_TRY(spin_rig_path_open(job->views, d->row, &d->rig));
     set_lens(d);
-    if (!job->views)
+    if (!job->views && d->path != SPIN_PATH_FILE)
         spin_log(0, "no data set: looking from the front, as a page does");
     d->labels = spin_plugin_value(job->values, "no-labels", NULL) == NULL;
     SPIN_TRY(spin_splat_filter_begin(&d->rows, job, NULL));
@@ -180,6 +224,7 @@ void spin_camera_path_say_blank(const struct spin_camera_path *d)
 void spin_camera_path_free(struct spin_camera_path *d)
 {
     spin_rig_path_free(&d->rig);
+    spin_path_file_close(&d->file);
     free(d->image);
     free(d->wide);
     spin_splats_free(&d->source);
@@ -437,6 +482,17 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
     const struct spin_views *views = d->job->views;
 
     *out = d->lens;
+    if (d->path == SPIN_PATH_FILE) {
+        const struct spin_path_pose *pose = &d->file.pose[picture];
+
+        memcpy(out->w2c, pose->w2c, sizeof out->w2c);
+        if (pose->fovy_deg > 0) {
+            out->fx = out->fy = 0.5 * out->height / tan(pose->fovy_deg / 114.59155902616465);
+            out->cx = 0.5 * out->width;
+            out->cy = 0.5 * out->height;
+        }
+        return SPIN_OK;
+    }
     if (d->path == SPIN_PATH_TRAIN) {
         double last = d->n_pictures > 1 ? (double)(d->n_pictures - 1) : 1;
 

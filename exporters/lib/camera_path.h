@@ -5,12 +5,14 @@
 #include <string.h>
 
 #include "exporters/lib/initial_view.h"
+#include "exporters/lib/path_file.h"
 #include "exporters/lib/splat_filter.h"
 
 #define SPIN_DRAWING_OPTION_PATH                                                                   \
     {                                                                                              \
-        "path", "camera|orbit|spiral|train",                                                             \
-            "where to look from: cameras of the data set, or a moving one; without data, the front",       \
+        "path", "camera|orbit|spiral|train|FILE",                                                  \
+            "where to look from: cameras of the data set, or a moving one; FILE: a camera path of "       \
+            "nerfstudio, or matrices",                                                             \
             "camera"                                                                               \
     }
 
@@ -39,11 +41,17 @@
     {                                                                                              \
         "duration", "S",                                                                           \
             "seconds that the clip lasts, instead of --repeat: frames are repeated or left " \
-            "out to fit",                                                                  \
+            "out to fit; otherwise 8 for a camera that moves, unless the clip is longer",                                                                  \
             NULL                                                                                   \
     }
 
-enum spin_camera_path_path { SPIN_PATH_CAMERA, SPIN_PATH_ORBIT, SPIN_PATH_SPIRAL, SPIN_PATH_TRAIN };
+enum spin_camera_path_path {
+    SPIN_PATH_CAMERA,
+    SPIN_PATH_ORBIT,
+    SPIN_PATH_SPIRAL,
+    SPIN_PATH_TRAIN,
+    SPIN_PATH_FILE
+};
 
 enum spin_camera_path_panel { SPIN_PANEL_TRUTH, SPIN_PANEL_BEFORE, SPIN_PANEL_AFTER };
 
@@ -79,6 +87,7 @@ struct spin_camera_path {
     int size[2];                   /* of a picture, instead of the cameras'; 0: theirs */
     int row;                       /* the data set's, of the first frame */
     struct spin_rig_path rig;      /* of SPIN_PATH_TRAIN */
+    struct spin_path_file file;    /* of SPIN_PATH_FILE: a camera a picture */
     struct spin_camera lens;       /* all but the pose of a camera that is not a view's */
     bool looked;                   /* the next is set */
     struct spin_initial_view look; /* such a camera begins here */
@@ -106,7 +115,7 @@ void spin_camera_path_say_blank(const struct spin_camera_path *d);
 /* Pictures of frame f are those from this one up to that of frame f + 1. */
 int64_t spin_camera_path_first(const struct spin_camera_path *d, int frame);
 
-/* --size: the same height of view, square pixels stay square; the sides show more or less. */
+/* --size, and what a moving camera has without it: the same height of view, square pixels stay square; the sides show more or less. */
 void spin_camera_path_resize(const struct spin_camera_path *d, struct spin_camera *camera);
 
 /* Whether the pictures come from another camera than the data set's: it moves, or there are none. */

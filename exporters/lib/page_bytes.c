@@ -1,12 +1,13 @@
 #include "exporters/lib/page_bytes.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/err.h"
 #include "base/mem.h"
 
-enum { PLANES = 7, FROM_OTHER = 16 };
+enum { PLANES = 7, FROM_OTHER = 16, FROM_COLUMN = 32 };
 
 void spin_page_bytes_free(struct spin_page_bytes *b)
 {
@@ -79,13 +80,15 @@ static spin_status too_short(void)
     return spin_fail(SPIN_E_MALFORMED, "a block of the page ends early");
 }
 
-static spin_status get_head(const uint8_t *data, size_t size, size_t *at, int *planes, bool *other)
+/* allowed: bits beside those of the planes. */
+static spin_status get_head(const uint8_t *data, size_t size, size_t *at, int allowed, int *planes,
+                            int *from)
 {
     if (*at >= size)
         return too_short();
     *planes = data[*at] & PLANES;
-    *other = data[*at] & FROM_OTHER;
-    if (*planes > 4 || data[(*at)++] & ~(PLANES | FROM_OTHER))
+    *from = data[*at] & allowed;
+    if (*planes > 4 || data[(*at)++] & ~(PLANES | allowed))
         return spin_fail(SPIN_E_MALFORMED, "a block of the page has a column of an unknown kind");
     return SPIN_OK;
 }
@@ -99,18 +102,94 @@ static inline uint32_t number_at(const uint8_t *data, size_t n, size_t i, int pl
     return u;
 }
 
-spin_status spin_page_get_whole(const uint8_t *data, size_t size, size_t *at, int32_t *x, size_t n)
+static spin_status get_column(const uint8_t *data, size_t size, size_t *at, int allowed, int32_t *x,
+                              const int32_t *other, size_t n)
 {
-    bool by_step = false;
-    int planes = 0;
+    int planes = 0, from = 0;
 
-    SPIN_TRY(get_head(data, size, at, &planes, &by_step));
+    SPIN_TRY(get_head(data, size, at, allowed, &planes, &from));
     if (planes && (size - *at) / (size_t)planes < n)
         return too_short();
     for (size_t i = 0; i < n; i++)
         x[i] = (int32_t)((uint32_t)unfolded(number_at(data + *at, n, i, planes)) +
-                         (by_step && i ? (uint32_t)x[i - 1] : 0));
+                         (from & FROM_OTHER && i ? (uint32_t)x[i - 1] : 0));
+    for (size_t i = 0; i < n && from & FROM_COLUMN; i++)
+        x[i] = (int32_t)((uint32_t)x[i] + (uint32_t)other[i]);
     *at += (size_t)planes * n;
+    return SPIN_OK;
+}
+
+spin_status spin_page_get_whole(const uint8_t *data, size_t size, size_t *at, int32_t *x, size_t n)
+{
+    return get_column(data, size, at, FROM_OTHER, x, NULL, n);
+}
+
+spin_status spin_page_get_column(const uint8_t *data, size_t size, size_t *at, int32_t *x,
+                                 const int32_t *other, size_t n)
+{
+    return get_column(data, size, at, FROM_OTHER | (other ? FROM_COLUMN : 0), x, other, n);
+}
+
+/* ---- Columns of rows ---------------------------------------------------------------------------- */
+
+/* x, or against the other column; then by steps. */
+static inline uint32_t column_number(const int32_t *x, const int32_t *other, int from, size_t i)
+{
+    uint32_t now = (uint32_t)x[i] - (from & FROM_COLUMN ? (uint32_t)other[i] : 0), last = 0;
+
+    if (from & FROM_OTHER && i)
+        last = (uint32_t)x[i - 1] - (from & FROM_COLUMN ? (uint32_t)other[i - 1] : 0);
+    return folded((int32_t)(now - last));
+}
+
+/* Bits that a code by how frequent each byte is would take. */
+static double entropy_of(const int32_t *x, const int32_t *other, int from, size_t n, uint32_t *all)
+{
+    size_t count[4][256] = {{0}};
+    double bits = 0;
+
+    *all = 0;
+    for (size_t i = 0; i < n; i++) {
+        uint32_t u = column_number(x, other, from, i);
+
+        *all |= u;
+        for (int p = 0; p < 4; p++)
+            count[p][u >> 8 * p & 255]++;
+    }
+    for (int p = 0; p < 4; p++)
+        for (int k = 0; k < 256; k++)
+            if (count[p][k])
+                bits -= (double)count[p][k] * log2((double)count[p][k] / (double)n);
+    return bits;
+}
+
+spin_status spin_page_put_column(struct spin_page_bytes *b, const int32_t *x, const int32_t *other,
+                                 size_t n)
+{
+    static const int ways[] = {0, FROM_OTHER, FROM_COLUMN, FROM_COLUMN | FROM_OTHER};
+    double least = HUGE_VAL;
+    uint32_t all = 0, now;
+    int from = 0, planes;
+
+    for (int k = 0; k < (other ? 4 : 2); k++) {
+        double bits = entropy_of(x, other, ways[k], n, &now);
+
+        if (bits < least) {
+            least = bits;
+            all = now;
+            from = ways[k];
+        }
+    }
+    planes = planes_of(all);
+    SPIN_TRY(room_for(b, 1 + (size_t)planes * n));
+    b->data[b->n++] = (uint8_t)(planes | from);
+    for (size_t i = 0; i < n; i++) {
+        uint32_t u = column_number(x, other, from, i);
+
+        for (int p = 0; p < planes; p++)
+            b->data[b->n + (size_t)p * n + i] = (uint8_t)(u >> 8 * p);
+    }
+    b->n += (size_t)planes * n;
     return SPIN_OK;
 }
 
@@ -174,10 +253,9 @@ spin_status spin_page_get_changes(const uint8_t *data, size_t size, size_t *at, 
 {
     const uint8_t *mask = data + *at + 1;
     size_t n_mask = (n + 7) / 8, listed = 0, k = 0;
-    bool by = false;
-    int planes = 0;
+    int planes = 0, by = 0;
 
-    SPIN_TRY(get_head(data, size, at, &planes, &by));
+    SPIN_TRY(get_head(data, size, at, FROM_OTHER, &planes, &by));
     if (planes) {
         if (size - *at < n_mask)
             return too_short();

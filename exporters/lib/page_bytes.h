@@ -1,7 +1,7 @@
 /* Whole numbers of one column as bytes, for a page's blocks; docs/page-format.md has the layout.
  *
- * A column begins with one byte: the planes in bits 0 to 2 (0: all numbers are zero), in bit 4 what
- * the numbers are told from. Numbers are written d < 0 ? -2 d - 1 : 2 d, low bytes first, then the
+ * A column begins with one byte: the planes in bits 0 to 2 (0: all numbers are zero), in bits 4 and
+ * 5 what the numbers are told from. Numbers are written d < 0 ? -2 d - 1 : 2 d, low bytes first, then the
  * next higher: a plane of bytes each. */
 #ifndef SPIN_EXPORTERS_LIB_PAGE_BYTES_H
 #define SPIN_EXPORTERS_LIB_PAGE_BYTES_H
@@ -19,6 +19,10 @@ void spin_page_bytes_free(struct spin_page_bytes *b);
 /* A key: each of n numbers as it is, or against the one before it, whichever is less. */
 spin_status spin_page_put_whole(struct spin_page_bytes *b, const int32_t *x, size_t n);
 
+/* A column of rows: the same, but also against the column before, `other` (NULL: there is none), or against both. */
+spin_status spin_page_put_column(struct spin_page_bytes *b, const int32_t *x, const int32_t *other,
+                                 size_t n);
+
 /* What a decoder knows of a moving column: the numbers of the frame before, and sixteen times their
  * mean, in which each frame before it counts half as much as the next. */
 struct spin_page_state {
@@ -32,6 +36,8 @@ spin_status spin_page_put_changes(struct spin_page_bytes *b, const int32_t *x, s
 
 /* The opposite, from byte *at on, which moves on. SPIN_E_MALFORMED when the bytes end. */
 spin_status spin_page_get_whole(const uint8_t *data, size_t size, size_t *at, int32_t *x, size_t n);
+spin_status spin_page_get_column(const uint8_t *data, size_t size, size_t *at, int32_t *x,
+                                 const int32_t *other, size_t n);
 spin_status spin_page_get_changes(const uint8_t *data, size_t size, size_t *at, size_t n,
                                   struct spin_page_state *state);
 

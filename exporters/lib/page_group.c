@@ -1,13 +1,11 @@
 #include "exporters/lib/page_group.h"
 
-#include <float.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/err.h"
 #include "base/mem.h"
 #include "io/gzip.h"
-#include "math/morton.h"
 
 #define NONE UINT32_MAX
 
@@ -33,19 +31,6 @@ void spin_page_group_free(struct spin_page_group *g)
     free(g->key);
     free(g->number);
     memset(g, 0, sizeof *g);
-}
-
-static uint64_t place_key(const struct spin_page_group *g, const float *value)
-{
-    double step = fmax(4 * g->space.bounds.place, 1e-12);
-    uint64_t key = 0;
-
-    for (int c = 0; c < 3; c++) {
-        double at = ((double)value[c] - g->space.centre[c]) / step + 524288;
-
-        key |= spin_morton_spread((uint64_t)fmin(fmax(at, 0), 1048575)) << c;
-    }
-    return key;
 }
 
 static const float *row_value(const struct spin_page_group *g, int frame, size_t i)
@@ -90,7 +75,8 @@ static spin_status split_rows(struct spin_page_group *g, struct spin_sort_rows *
         for (size_t i = 0; i < at->n; i++)
             if (at->present[i] && !used[i])
                 order->item[order->n++] = (struct spin_keyed){
-                    .key = place_key(g, at->value + i * spin_page_width(g)), .row = (uint32_t)i};
+                    .key = spin_page_place_key(&g->space, at->value + i * spin_page_width(g)),
+                    .row = (uint32_t)i};
         spin_sort_rows_sort(order);
         status = spin_grow(order->n + 1, sizeof *at->own, (void **)&at->own);
         if (status != SPIN_OK) {
@@ -163,8 +149,9 @@ static void number_task(void *context, int task, int worker)
         /* half a bit a value and frame makes a level of its own */
         if (activity)
             level = 1 + 2 * activity / (columns * (n - 1));
-        t->order[k] = (struct spin_keyed){
-            .key = (level > 15 ? 15 : level) << 60 | place_key(g, value[0]), .row = (uint32_t)k};
+        t->order[k] = (struct spin_keyed){.key = (level > 15 ? 15 : level) << 60 |
+                                                 spin_page_place_key(&g->space, value[0]),
+                                          .row = (uint32_t)k};
     }
 }
 
@@ -287,40 +274,9 @@ static spin_status run_columns(struct blocks *b, spin_task_fn fn)
 
 struct errors {
     struct blocks *b;
-    double (*largest)[SPIN_QUANT_PARTS]; /* [tasks of all frames] */
+    struct spin_quant_error *quant; /* [tasks of all frames] */
     size_t first_task[SPIN_PAGE_MOST_FRAMES + 1];
 };
-
-static void add_error(double *largest, enum spin_quant_error_part part, double error)
-{
-    error = fabs(error);
-    if (!(error <= largest[part]))
-        largest[part] = error;
-}
-
-static void add_errors(double *largest, const double *is, const float *want, bool present, int n_sh)
-{
-    double dot = 0, apart = 0;
-
-    if (!present) {
-        add_error(largest, SPIN_QUANT_OPACITY, is[SPIN_PAGE_OPACITY]);
-        return;
-    }
-    for (int c = 0; c < 3; c++) {
-        add_error(largest, SPIN_QUANT_PLACE, is[c] - (double)want[c]);
-        add_error(largest, SPIN_QUANT_COLOUR, is[3 + c] - (double)want[3 + c]);
-        add_error(largest, SPIN_QUANT_SCALE, is[7 + c] - (double)want[7 + c]);
-    }
-    add_error(largest, SPIN_QUANT_OPACITY, is[SPIN_PAGE_OPACITY] - (double)want[SPIN_PAGE_OPACITY]);
-    for (int c = 10; c < 14; c++)
-        dot += is[c] * (double)want[c];
-    for (int c = 10; c < 14; c++)
-        apart += pow(is[c] - (dot < 0 ? -1 : 1) * (double)want[c], 2);
-    add_error(largest, SPIN_QUANT_ROTATION, 4 * asin(fmin(sqrt(apart) / 2, 1)));
-    for (int c = 0; c < n_sh; c++)
-        add_error(largest, SPIN_QUANT_SH,
-                  is[SPIN_PAGE_VALUE_SH + c] - (double)want[SPIN_PAGE_VALUE_SH + c]);
-}
 
 /* Every value of some rows of a frame, as a reader of the numbers has it, against the source's. */
 static void error_task(void *context, int task, int worker)
@@ -338,8 +294,8 @@ static void error_task(void *context, int task, int worker)
     to = fmin(from + SPIN_ROWS_BLOCK, g->n_shared + frame->n_own);
     for (size_t k = from; k < to; k++) {
         int32_t key[SPIN_PAGE_COLUMNS], number[SPIN_PAGE_COLUMNS];
-        double value[SPIN_PAGE_WIDTH];
-        const float *want;
+        double value[SPIN_PAGE_WIDTH], want[SPIN_PAGE_WIDTH];
+        const float *row;
         bool present = true;
 
         for (size_t c = 0; c < columns; c++) {
@@ -348,25 +304,22 @@ static void error_task(void *context, int task, int worker)
             number[c] = k < g->n_shared ? g->number[(c * n + f) * g->n_shared + k] : 0;
         }
         if (k < g->n_shared) {
-            want = row_value(g, (int)f, g->shared[k]);
+            row = row_value(g, (int)f, g->shared[k]);
             present = frame->row || frame->present[g->shared[k]];
         } else
-            want = frame->value + frame->own[k - g->n_shared] * spin_page_width(g);
+            row = frame->value + frame->own[k - g->n_shared] * spin_page_width(g);
+        for (size_t c = 0; c < spin_page_width(g); c++)
+            want[c] = (double)row[c];
         spin_page_value_of(&g->space, key, number, g->n_sh, value);
-        add_errors(e->largest[task], value, want, present, g->n_sh);
+        spin_page_errors_add(&e->quant[task], value, want, present, g->n_sh);
     }
 }
 
 static spin_status check_values(struct blocks *b)
 {
-    static const char *const name[] = {"place", "scale", "rotation", "opacity", "colour", "SH"};
     struct spin_page_group *g = b->g;
-    const struct spin_page_bounds *limit = &g->space.bounds;
-    const double bound[] = {limit->place,   limit->scale,  limit->rotation,
-                            limit->opacity, limit->colour, limit->sh};
     struct errors e = {.b = b};
     size_t n_tasks = 0;
-    spin_status status = SPIN_OK;
 
     for (int f = 0; f < g->n_frames; f++) {
         size_t n = g->n_shared + g->frame[f].n_own;
@@ -376,21 +329,12 @@ static spin_status check_values(struct blocks *b)
         e.first_task[f + 1] = n_tasks;
         g->n_values += n * spin_page_width(g);
     }
-    SPIN_TRY(spin_alloc(n_tasks + 1, sizeof *e.largest, (void **)&e.largest));
+    SPIN_TRY(spin_alloc(n_tasks + 1, sizeof *e.quant, (void **)&e.quant));
     spin_pool_run(g->pool, (int)n_tasks, error_task, &e);
-    for (size_t t = 0; t < n_tasks && status == SPIN_OK; t++)
-        for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
-            double error = e.largest[t][p];
-
-            if (!(error <= g->largest[p]))
-                g->largest[p] = error;
-            if (!(error <= bound[p]) && status == SPIN_OK)
-                status = spin_fail(SPIN_E_MALFORMED,
-                                   "%s is off by %g, more than its bound of %g: a bug in spin4d",
-                                   name[p], error, bound[p]);
-        }
-    free(e.largest);
-    return status;
+    for (size_t t = 0; t < n_tasks; t++)
+        spin_quant_error_merge(&g->quant, &e.quant[t]);
+    free(e.quant);
+    return spin_page_errors_judge(&g->quant, &g->space.bounds);
 }
 
 /* ---- All of it ---------------------------------------------------------------------------------------------------- */

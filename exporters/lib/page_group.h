@@ -7,7 +7,6 @@
 
 #include "exporters/lib/page_bytes.h"
 #include "exporters/lib/page_values.h"
-#include "exporters/lib/quant_error.h"
 #include "exporters/lib/sort_rows.h"
 
 enum { SPIN_PAGE_MOST_FRAMES = 256 };
@@ -32,10 +31,10 @@ struct spin_page_group {
     /* While it is written. */
     uint32_t *shared; /* [n_shared] rows of the first frame, in the order of the file */
     size_t n_shared, n_still;
-    int32_t *key;                     /* [n_shared][columns], in the order of shared */
-    int32_t *number;                  /* [columns][n_frames][n_shared] */
-    double largest[SPIN_QUANT_PARTS]; /* errors over the clip: world, log, degrees, 0..1, 0..1, 1 */
-    uint64_t n_values;                /* that were held to the bounds */
+    int32_t *key;                  /* [n_shared][columns], in the order of shared */
+    int32_t *number;               /* [columns][n_frames][n_shared] */
+    struct spin_quant_error quant; /* over the clip, rotations in radians */
+    uint64_t n_values;             /* that were held to the bounds */
 };
 
 /* Floats of a row in value. */

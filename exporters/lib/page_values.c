@@ -3,8 +3,10 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/err.h"
 #include "base/option.h"
 #include "exporters/lib/page_bytes.h"
+#include "math/morton.h"
 #include "math/scene_rotation.h"
 
 #define PI 3.14159265358979323846
@@ -59,7 +61,7 @@ double spin_page_step(const struct spin_page_space *space, int column)
 
 static double length_of(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
-static void turn_of(const double v[3], double q[4])
+void spin_page_turn_of(const double v[3], double q[4])
 {
     double angle = length_of(v), k = angle > 1e-9 ? sin(angle / 2) / angle : 0.5;
 
@@ -68,8 +70,7 @@ static void turn_of(const double v[3], double q[4])
         q[c + 1] = k * v[c];
 }
 
-/* The shorter way round. */
-static void vector_of(const double q[4], double v[3])
+void spin_page_vector_of(const double q[4], double v[3])
 {
     double sine = length_of(q + 1), sign = q[0] < 0 ? -1 : 1;
     double k = sine > 1e-9 ? sign * 2 * atan2(sine, sign * q[0]) / sine : sign * 2;
@@ -87,7 +88,7 @@ static void vector_from(const double from[4], const float *value, const double *
     for (int c = 0; c < 4; c++)
         to[c] = (double)value[SPIN_PAGE_ROTATION + c];
     spin_scene_rotation_join(to, back, q);
-    vector_of(q, v);
+    spin_page_vector_of(q, v);
     angle = length_of(v);
     if (!last || angle < 1e-9)
         return;
@@ -98,6 +99,62 @@ static void vector_from(const double from[4], const float *value, const double *
     }
     for (int c = 0; c < 3 && far < near; c++)
         v[c] *= other;
+}
+
+/* ---- Errors --------------------------------------------------------------------------------------- */
+
+void spin_page_errors_add(struct spin_quant_error *q, const double *is, const double *want,
+                          bool present, int n_sh)
+{
+    double dot = 0, apart = 0;
+
+    if (!present) {
+        spin_quant_error_add(q, SPIN_QUANT_OPACITY, is[SPIN_PAGE_OPACITY]);
+        return;
+    }
+    for (int c = 0; c < 3; c++) {
+        spin_quant_error_add(q, SPIN_QUANT_PLACE, is[c] - want[c]);
+        spin_quant_error_add(q, SPIN_QUANT_COLOUR, is[3 + c] - want[3 + c]);
+        spin_quant_error_add(q, SPIN_QUANT_SCALE, is[7 + c] - want[7 + c]);
+    }
+    spin_quant_error_add(q, SPIN_QUANT_OPACITY, is[SPIN_PAGE_OPACITY] - want[SPIN_PAGE_OPACITY]);
+    for (int c = 10; c < 14; c++)
+        dot += is[c] * want[c];
+    for (int c = 10; c < 14; c++)
+        apart += pow(is[c] - (dot < 0 ? -1 : 1) * want[c], 2);
+    spin_quant_error_add(q, SPIN_QUANT_ROTATION, 4 * asin(fmin(sqrt(apart) / 2, 1)));
+    for (int c = 0; c < n_sh; c++)
+        spin_quant_error_add(q, SPIN_QUANT_SH,
+                             is[SPIN_PAGE_VALUE_SH + c] - want[SPIN_PAGE_VALUE_SH + c]);
+}
+
+spin_status spin_page_errors_judge(const struct spin_quant_error *q,
+                                   const struct spin_page_bounds *b)
+{
+    static const char *const name[] = {"place", "scale", "rotation", "opacity", "colour", "SH"};
+    const double bound[] = {b->place, b->scale, b->rotation, b->opacity, b->colour, b->sh};
+
+    for (int p = 0; p < SPIN_QUANT_PARTS; p++)
+        if (!(q->part[p].largest <= bound[p]) || !isfinite(q->part[p].squares))
+            return spin_fail(SPIN_E_MALFORMED,
+                             "%s is off by %g, more than its bound of %g: a bug in spin4d", name[p],
+                             q->part[p].largest, bound[p]);
+    return SPIN_OK;
+}
+
+/* ---- Places --------------------------------------------------------------------------------------- */
+
+uint64_t spin_page_place_key(const struct spin_page_space *space, const float place[3])
+{
+    double step = fmax(4 * space->bounds.place, 1e-12);
+    uint64_t key = 0;
+
+    for (int c = 0; c < 3; c++) {
+        double at = ((double)place[c] - space->centre[c]) / step + 524288;
+
+        key |= spin_morton_spread((uint64_t)fmin(fmax(at, 0), 1048575)) << c;
+    }
+    return key;
 }
 
 /* ---- Numbers -------------------------------------------------------------------------------------- */
@@ -164,14 +221,14 @@ static void number_rotation(const struct spin_page_space *space, const float *co
         choose_key(x + (ptrdiff_t)c * n_frames, n_frames, step, &k);
         off[c] = 0.5 * step / 2 * k; /* the other half is for the rounding of the key */
     }
-    turn_of(off, part);
+    spin_page_turn_of(off, part);
     spin_scene_rotation_join(part, first, base);
-    vector_of(base, v);
+    spin_page_vector_of(base, v);
     for (int c = 0; c < 3; c++) {
         key[SPIN_PAGE_ROTATION + c] = nearest(v[c] / (step / 2));
         v[c] = key[SPIN_PAGE_ROTATION + c] * (step / 2);
     }
-    turn_of(v, base);
+    spin_page_turn_of(v, base);
     for (int f = 0; f < n_frames; f++) {
         vector_from(base, value[f], f ? last : NULL, v);
         for (int c = 0; c < 3; c++) {
@@ -226,7 +283,7 @@ bool spin_page_number_own(const struct spin_page_space *space, const float *valu
 
     for (int c = 0; c < 4; c++)
         q[c] = (double)value[SPIN_PAGE_ROTATION + c];
-    vector_of(q, v);
+    spin_page_vector_of(q, v);
     for (int c = 0; c < SPIN_PAGE_SH + n_sh; c++) {
         double x = c < SPIN_PAGE_ROTATION ? (double)value[c]
                    : c < SPIN_PAGE_SH     ? v[c - SPIN_PAGE_ROTATION]
@@ -257,7 +314,7 @@ void spin_page_value_of(const struct spin_page_space *space, const int32_t *key,
         v[c] = key[SPIN_PAGE_ROTATION + c] * (step / 2);
         w[c] = number ? number[SPIN_PAGE_ROTATION + c] * step : 0;
     }
-    turn_of(v, from);
-    turn_of(w, by);
+    spin_page_turn_of(v, from);
+    spin_page_turn_of(w, by);
     spin_scene_rotation_join(by, from, value + SPIN_PAGE_ROTATION);
 }

@@ -14,7 +14,7 @@
 #ifndef SPIN_EXPORTERS_LIB_PAGE_VALUES_H
 #define SPIN_EXPORTERS_LIB_PAGE_VALUES_H
 
-#include "formats/gaussian.h"
+#include "exporters/lib/quant_error.h"
 
 enum {
     SPIN_PAGE_PLACE = 0,
@@ -54,6 +54,17 @@ bool spin_page_number_row(const struct spin_page_space *space, const float *cons
 /* A row that one frame alone has: its key, in whole steps, columns of them. */
 bool spin_page_number_own(const struct spin_page_space *space, const float *value, int n_sh,
                           int32_t *key);
+/* A turn from its vector, w x y z; and back, the shorter way round. */
+void spin_page_turn_of(const double v[3], double q[4]);
+void spin_page_vector_of(const double q[4], double v[3]);
+/* A place on a Morton curve, for sorting. */
+uint64_t spin_page_place_key(const struct spin_page_space *space, const float place[3]);
+/* Adds how far the values that a reader has are from those wanted, rotations in radians; of what is not there only the
+ * opacity counts. SPIN_E_MALFORMED: one of the largest is more than its bound. */
+void spin_page_errors_add(struct spin_quant_error *q, const double *is, const double *want,
+                          bool present, int n_sh);
+spin_status spin_page_errors_judge(const struct spin_quant_error *q,
+                                   const struct spin_page_bounds *bounds);
 /* What a reader makes of them: value[14 + n_sh] as above. number NULL: the key. */
 void spin_page_value_of(const struct spin_page_space *space, const int32_t *key,
                         const int32_t *number, int n_sh, double *value);

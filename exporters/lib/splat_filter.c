@@ -1,10 +1,5 @@
-/* Which rows are written, for all formats.
- *
- * A row that no viewer could draw is left out, as NaN scales are known to hang viewers: one with a NaN
- * or infinity, a rotation of length zero, a scale whose square leaves the range of float, or one
- * larger than the scene - its standard deviation beyond the diagonal of the box of all places of its
- * frame, which would lay one colour over everything (--max-scale). How many, and why, is said for
- * each such frame and reported at the end.
+/* Which rows are written, for all formats: math/drawable.h says which are left out (--max-scale changes the limit). How
+ * many, and why, is said for each such frame and reported at the end.
  *
  * An infinite logit is a saturated opacity and is written as a finite one. */
 #include "exporters/lib/splat_filter.h"
@@ -16,11 +11,6 @@
 #include "base/option.h"
 #include "io/file.h"
 #include "math/approx.h"
-
-/* exp(2 * 44) is the last whole power that float holds: renderers square the scale. */
-#define LOG_SCALE_LIMIT 44.0f
-/* The box of fewer places than this says nothing about the size of a scene. */
-#define LEAST_FOR_BOX 8
 
 /* Bytes of a frame in the map that do not matter. */
 #define SMALL ((size_t)64 << 20)
@@ -81,16 +71,6 @@ void spin_splat_filter_rest(const struct spin_splat_filter *rows, size_t block, 
         spin_map_rest(s->sh + n_sh * first, n_sh * n * sizeof(float));
 }
 
-/* x * 0 is 0 for a finite x and NaN for any other: a sum of them tells without a branch. */
-static float zeros(const float *x, size_t n)
-{
-    float sum = 0;
-
-    for (size_t i = 0; i < n; i++)
-        sum += x[i] * 0.0f;
-    return sum;
-}
-
 static void measure_block(void *context, int b, int worker)
 {
     struct spin_splat_filter *rows = ((struct choice *)context)->rows;
@@ -100,24 +80,15 @@ static void measure_block(void *context, int b, int worker)
     (void)worker;
     *block = (struct spin_splat_filter_block){.low = {INFINITY, INFINITY, INFINITY},
                                               .high = {-INFINITY, -INFINITY, -INFINITY}};
-    for (size_t i = (size_t)b * SPIN_ROWS_BLOCK; i < end; i++) {
-        const float *place = rows->splats->means + 3 * i;
-
-        if (zeros(place, 3) != 0.0f)
-            continue;
-        block->n_finite++;
-        for (int c = 0; c < 3; c++) {
-            block->low[c] = spin_minf(block->low[c], place[c]);
-            block->high[c] = spin_maxf(block->high[c], place[c]);
-        }
-    }
+    for (size_t i = (size_t)b * SPIN_ROWS_BLOCK; i < end; i++)
+        block->n_finite +=
+            (uint32_t)spin_box_add(rows->splats->means + 3 * i, block->low, block->high);
 }
 
 /* The largest log scale that is written. */
 static float limit_of(const struct spin_splat_filter *rows)
 {
     float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
-    double square = 0, limit;
     size_t n = 0;
 
     for (size_t b = 0; b < spin_splat_filter_blocks(rows); b++) {
@@ -127,28 +98,7 @@ static float limit_of(const struct spin_splat_filter *rows)
             high[c] = spin_maxf(high[c], rows->block[b].high[c]);
         }
     }
-    for (int c = 0; c < 3 && n > 0; c++)
-        square += ((double)high[c] - low[c]) * ((double)high[c] - low[c]);
-    if (n < LEAST_FOR_BOX || !(square > 0) || !(rows->max_scale > 0))
-        return LOG_SCALE_LIMIT;
-    limit = log(rows->max_scale) + 0.5 * log(square);
-    return limit < (double)LOG_SCALE_LIMIT ? (float)limit : LOG_SCALE_LIMIT;
-}
-
-/* Quaternions whose square leaves the range of float can be written. */
-static int reason_of(const struct spin_splats *s, size_t i, size_t n_sh, float limit)
-{
-    const float *q = s->quats + 4 * i, *scale = s->log_scales + 3 * i;
-    float sum =
-        zeros(s->means + 3 * i, 3) + zeros(q, 4) + zeros(scale, 3) + zeros(s->sh + i * n_sh, n_sh);
-
-    if (sum != 0.0f || isnan(s->logit_opacities[i]))
-        return SPIN_ROWS_NOT_FINITE;
-    if (!(q[0] || q[1] || q[2] || q[3]))
-        return SPIN_ROWS_NO_ROTATION;
-    if (!(spin_maxf(scale[0], spin_maxf(scale[1], scale[2])) <= limit))
-        return SPIN_ROWS_TOO_LARGE;
-    return SPIN_ROWS_REASONS;
+    return spin_log_scale_limit(low, high, n, rows->max_scale);
 }
 
 static void choose_block(void *context, int b, int worker)
@@ -161,7 +111,9 @@ static void choose_block(void *context, int b, int worker)
 
     (void)worker;
     for (size_t i = (size_t)b * SPIN_ROWS_BLOCK; i < end; i++) {
-        int reason = reason_of(s, i, n_sh, choice->limit);
+        enum spin_undrawable reason =
+            spin_undrawable(s->means + 3 * i, s->quats + 4 * i, s->log_scales + 3 * i,
+                            s->logit_opacities + i, s->sh + i * n_sh, n_sh, choice->limit);
 
         rows->keep[i] = reason == SPIN_ROWS_REASONS && s->logit_opacities[i] >= rows->min_logit;
         block->n_kept += rows->keep[i];
@@ -239,18 +191,23 @@ void spin_splat_filter_keep(struct spin_splat_filter *rows, const unsigned char 
 
 /* ---- One row ---------------------------------------------------------------------------------- */
 
-void spin_splat_filter_place(const struct spin_splat_filter *rows, size_t i, float out[3])
+void spin_splat_filter_direction(const struct spin_splat_filter *rows, const float v[3],
+                                 float out[3])
 {
-    const float *p = rows->splats->means + 3 * i;
     spin_vec3 turned;
 
-    memcpy(out, p, 3 * sizeof *out);
+    memcpy(out, v, 3 * sizeof *out);
     if (rows->turn.kind == SPIN_TURN_NONE)
         return;
-    turned = spin_scene_rotation_place(&rows->turn, spin_v3(p[0], p[1], p[2]));
+    turned = spin_scene_rotation_place(&rows->turn, spin_v3(v[0], v[1], v[2]));
     out[0] = turned.x;
     out[1] = turned.y;
     out[2] = turned.z;
+}
+
+void spin_splat_filter_place(const struct spin_splat_filter *rows, size_t i, float out[3])
+{
+    spin_splat_filter_direction(rows, rows->splats->means + 3 * i, out);
 }
 
 void spin_splat_filter_turned(const struct spin_splat_filter *rows, size_t i, float out[4])

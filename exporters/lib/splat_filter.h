@@ -6,6 +6,7 @@
 
 #include "base/pool.h"
 #include "formats/gaussian.h"
+#include "math/drawable.h"
 #include "math/scene_rotation.h"
 
 #define SPIN_ROWS_OPTION_SH                                                                        \
@@ -26,14 +27,6 @@
     }
 
 #define SPIN_ROWS_BLOCK 4096 /* rows that one task takes */
-
-/* Why a row is not written. */
-enum spin_splat_filter_reason {
-    SPIN_ROWS_NOT_FINITE,  /* NaN or infinity */
-    SPIN_ROWS_NO_ROTATION, /* of length zero */
-    SPIN_ROWS_TOO_LARGE,   /* against the scene */
-    SPIN_ROWS_REASONS
-};
 
 struct spin_splat_filter_block;
 
@@ -90,6 +83,9 @@ static inline int spin_splat_filter_workers(const struct spin_splat_filter *rows
 
 /* Turned to the axes of the file; the rotation of unit length, w >= 0. */
 void spin_splat_filter_place(const struct spin_splat_filter *rows, size_t i, float out[3]);
+/* A difference of places, as it is written: turned only. */
+void spin_splat_filter_direction(const struct spin_splat_filter *rows, const float v[3],
+                                 float out[3]);
 void spin_splat_filter_turned(const struct spin_splat_filter *rows, size_t i, float out[4]);
 float spin_splat_filter_opacity(const struct spin_splat_filter *rows, size_t i); /* 0..1 */
 void spin_splat_filter_colour(const struct spin_splat_filter *rows, size_t i, float out[3]);

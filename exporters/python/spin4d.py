@@ -1,9 +1,15 @@
-"""Frames of a *.spin bundle as arrays, with NumPy alone.
+"""Frames of a *.spin bundle as arrays, with NumPy alone; and the commands as calls.
 
     import spin4d
+    spin4d.import_run("output/balls", "balls.spin", data="data/balls")
+    spin4d.retrain("balls.spin", "better.spin")
     clip = spin4d.load("better.spin")
     for i in range(len(clip)):
         means, quats, scales, opacities, sh = clip.frame(i)
+    spin4d.export("better.spin", "better.html")
+
+The calls run spin-import and so on, take their options as keywords (test_cams=[0, 15] is --test-cams 0,15; force=True
+is --force), return what --json prints, and raise spin4d.Error with the command's own message.
 
 A frame is what gsplat's rasterization() takes: means [n,3]; quats [n,4], unit, w x y z; scales [n,3],
 standard deviations; opacities [n], 0 to 1; sh [n,k,3], k = (degree + 1)^2. frame(i, torch=True) gives
@@ -12,6 +18,9 @@ tensors. What lies in the file: man spin-bundle(5).
 import collections
 import json
 import os
+import shutil
+import subprocess
+import sys
 
 import numpy as np
 
@@ -23,6 +32,119 @@ PRIMES = np.array([1, 2654435761, 805459861, 3674653429], np.uint32)
 def load(path):
     """The bundle at path. Nothing of a frame is read yet."""
     return Clip(path)
+
+
+class Error(RuntimeError):
+    """A command failed; the text is its message, code its exit code."""
+
+    def __init__(self, message, code):
+        super().__init__(message)
+        self.code = code
+
+
+def convert(run, output=None, **options):
+    """From a run to a clip that viewers play: spin4d(1)."""
+    return _run("spin4d", run, output, options)
+
+
+def import_run(run, output, **options):
+    """A run of another method into a bundle: spin-import(1)."""
+    return _run("spin-import", run, output, options)
+
+
+def retrain(bundle, output, **options):
+    """The attributes of a bundle learned anew: spin-retrain(1)."""
+    return _run("spin-retrain", bundle, output, options)
+
+
+def evaluate(bundle, **options):
+    """PSNR and SSIM of the held-out views: spin-eval(1)."""
+    return _run("spin-eval", bundle, None, options)
+
+
+def export(bundle, output, **options):
+    """Standard files out of a bundle, by the ending of output or to="ply": spin-export(1)."""
+    return _run("spin-export", bundle, output, options)
+
+
+def _command(name):
+    """Beside the Python of a virtual environment, where pip puts it, or in PATH."""
+    beside = os.path.join(os.path.dirname(sys.executable), name)
+    own = sys.prefix != sys.base_prefix and os.access(beside, os.X_OK)
+    found = beside if own else shutil.which(name)
+    if not found:
+        raise FileNotFoundError(f"{name} is not in PATH")
+    return found
+
+
+def _run(name, word, output, options):
+    """The JSON that a command prints. What it says goes to the standard error as it comes."""
+    word = os.fspath(word)
+    argv = [_command(name), os.path.join(".", word) if word.startswith("-") else word, "--json"]
+    if output is not None:
+        argv += ["--output", os.fspath(output)]
+    for key, value in options.items():
+        option = "--" + key.strip("_").replace("_", "-")
+        if value is True:
+            argv.append(option)
+        elif value is not None and value is not False:
+            many = isinstance(value, (list, tuple, np.ndarray))
+            argv.append(f"{option}={','.join(map(str, value)) if many else value}")
+    with subprocess.Popen(argv, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
+        said, last = _listen(child)
+    if child.returncode != 0:
+        raise Error(last or f"{name} ended with {child.returncode}", child.returncode)
+    return json.loads(said) if said.strip() else None
+
+
+def _listen(child):
+    """What a command printed, and its last words. After Ctrl-C, which it gets as well, it keeps its work and ends."""
+    import threading
+    printed, last = [], [""]
+    reader = threading.Thread(target=lambda: printed.append(child.stdout.read()))
+    reader.start()
+    while True:
+        try:
+            line = child.stderr.readline()
+        except KeyboardInterrupt:
+            continue
+        if not line:
+            break
+        last[0] = line.decode(errors="replace").strip()
+        sys.stderr.write(last[0] + "\n")
+    reader.join()
+    return (printed or [b""])[0], last[0]
+
+
+View = collections.namedtuple("View", "frame camera test intrinsics pose width height image mask")
+View.__doc__ = """A picture of the data set. frame: of range(len(clip)). camera: its number. test: it is held out.
+intrinsics: [3,3], pixels. pose: [4,4], world to camera, which looks along +z, x right, y down. image, mask: paths."""
+
+
+def picture(view):
+    """The picture of a view as [height, width, 3 or 4] bytes, by Pillow."""
+    from PIL import Image
+    with Image.open(view.image) as image:
+        return np.array(image if image.mode == "RGBA" else image.convert("RGB"))
+
+
+def write_ply(path, frame):
+    """A frame as the PLY of 3DGS, which viewers of splats open."""
+    n, k = len(frame.means), frame.sh.shape[1]
+    logits = np.log(frame.opacities / np.maximum(1 - frame.opacities, 1e-12))
+    rest = np.moveaxis(np.asarray(frame.sh)[:, 1:], 1, 2).reshape(n, -1)
+    names = ["x", "y", "z", *(f"f_dc_{i}" for i in range(3)), *(f"f_rest_{i}" for i in range(3 * (k - 1))),
+             "opacity", *(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4))]
+    rows = np.concatenate([frame.means, np.asarray(frame.sh)[:, 0], rest, np.asarray(logits)[:, None],
+                           np.log(frame.scales), frame.quats], axis=1).astype("<f4")
+    if not np.all(np.isfinite(rows)):
+        raise ValueError(f"{path}: a splat has a value that is not finite")
+    head = "".join(["ply\nformat binary_little_endian 1.0\n", f"element vertex {n}\n",
+                    *(f"property float {name}\n" for name in names), "end_header\n"])
+    part = f"{os.fspath(path)}.part"
+    with open(part, "wb") as out:
+        out.write(head.encode() + rows.tobytes())
+    os.replace(part, path)
 
 
 class Clip:
@@ -68,6 +190,24 @@ class Clip:
 
     def __len__(self):
         return len(self.meta["frames"])
+
+    def __repr__(self):
+        return (f"<spin4d.Clip {self._path!r}: {len(self)} frames of {self.meta.get('from')}, "
+                f"times {self.times[0]:g} to {self.times[-1]:g}, {', '.join(self.versions) or 'positions only'}>")
+
+    def views(self, data=None):
+        """The pictures of the data set, a View each, with intrinsics and poses; by spin-import --views."""
+        out = []
+        for v in _run("spin-import", self._path, None, {"info": True, "views": True, "quiet": True, "data": data}):
+            intrinsics = np.array([[v["fx"], 0, v["cx"]], [0, v["fy"], v["cy"]], [0, 0, 1]])
+            pose = np.array(v["w2c"] + [0, 0, 0, 1], float).reshape(4, 4)
+            out.append(View(v["frame"], v["camera"], v["test"], intrinsics, pose, v["width"], v["height"],
+                            v["image"], v["mask"]))
+        return out
+
+    def training(self, data=None):
+        """The views that training learns from: those that are not held out."""
+        return [view for view in self.views(data) if not view.test]
 
     def antialias(self, version=None):
         """Whether these splats are meant to be drawn antialiased."""

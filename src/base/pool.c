@@ -135,6 +135,8 @@ static spin_status start_workers(struct spin_pool *pool)
     int error = 0;
 
     sigfillset(&all);
+    /* A file that is cut is known by it, in whichever thread: io/watch.c. */
+    sigdelset(&all, SIGBUS);
     pthread_sigmask(SIG_BLOCK, &all, &old);
     for (int i = 0; i < pool->n_threads - 1 && error == 0; i++) {
         pool->worker[i].pool = pool;

@@ -166,3 +166,27 @@ void spin_views_note(struct spin_views *views, const char *fmt, ...)
     note(views->notes, sizeof views->notes, fmt, args);
     va_end(args);
 }
+
+int spin_text_distance(const char *a, size_t n_a, const char *b)
+{
+    size_t n_b = strlen(b);
+    int row[32];
+
+    if (n_a > 31 || n_b > 31)
+        return 99;
+    for (size_t j = 0; j <= n_b; j++)
+        row[j] = (int)j;
+    for (size_t i = 1; i <= n_a; i++) {
+        int diagonal = row[0];
+
+        row[0] = (int)i;
+        for (size_t j = 1; j <= n_b; j++) {
+            int change = diagonal + (a[i - 1] != b[j - 1]);
+            int best = row[j] < row[j - 1] ? row[j] + 1 : row[j - 1] + 1;
+
+            diagonal = row[j];
+            row[j] = best < change ? best : change;
+        }
+    }
+    return row[n_b];
+}

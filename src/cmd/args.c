@@ -16,10 +16,12 @@
 #include "base/text.h"
 #include "io/template.h"
 
-enum { HELP_COLUMN = 28, HELP_WIDTH = 84 };
+enum { HELP_COLUMN = 28, HELP_WIDTH = 100 };
+enum help { NO_HELP, SHORT_HELP, WHOLE_HELP };
 
 struct spin_args spin_args;
-static bool wants_help, wants_version;
+static bool wants_help_flag, wants_version;
+static enum help wants_help;
 static const char *wants_completion; /* name of a shell, or NULL */
 
 static const struct spin_args_row common_rows[] = {
@@ -32,7 +34,8 @@ static const struct spin_args_row common_rows[] = {
     SPIN_ARG("verbose", 'v', NULL, COUNT, spin_args.verbose, "say more; up to four times"),
     SPIN_ARG("completion", 0, "bash|zsh", CHOICE, wants_completion,
              "print the script that completes this command's options in that shell"),
-    SPIN_ARG("help", 'h', NULL, FLAG, wants_help, "this text"),
+    SPIN_ARG("help", 'h', NULL, FLAG, wants_help_flag,
+             "what matters on one screen; --help all: every option"),
     SPIN_ARG("version", 0, NULL, FLAG, wants_version, "name and version"),
     SPIN_ARG_END,
 };
@@ -306,7 +309,7 @@ static bool store(const struct spin_args_row *row, const char *text)
     case SPIN_ARG_RANGE:
         return parse_range(text, row->into);
     case SPIN_ARG_COLOUR:
-        return parse_colour(row, text);
+        return (row->parse && row->parse(row, text)) || parse_colour(row, text);
     case SPIN_ARG_CUSTOM:
         return row->parse(row, text);
     case SPIN_ARG_FLAG:
@@ -339,38 +342,13 @@ static int misuse_value(const struct parser *p, const struct spin_args_row *row,
 
 /* ---- Names ----------------------------------------------------------------------------------- */
 
-/* Edits that turn one name into the other (Levenshtein); names longer than 31 count as far. */
-static int distance(const char *a, size_t n_a, const char *b)
-{
-    size_t n_b = strlen(b);
-    int row[32];
-
-    if (n_a > 31 || n_b > 31)
-        return 99;
-    for (size_t j = 0; j <= n_b; j++)
-        row[j] = (int)j;
-    for (size_t i = 1; i <= n_a; i++) {
-        int diagonal = row[0];
-
-        row[0] = (int)i;
-        for (size_t j = 1; j <= n_b; j++) {
-            int change = diagonal + (a[i - 1] != b[j - 1]);
-            int best = row[j] < row[j - 1] ? row[j] + 1 : row[j - 1] + 1;
-
-            diagonal = row[j];
-            row[j] = best < change ? best : change;
-        }
-    }
-    return row[n_b];
-}
-
 static int misuse_unknown(const struct parser *p, const char *name, size_t length)
 {
     const char *best = NULL;
     int best_distance = length < 5 ? 2 : 3;
 
     for (const struct spin_args_row *row = p->rows; row->help; row++) {
-        int d = row->name ? distance(name, length, row->name) : 99;
+        int d = row->name ? spin_text_distance(name, length, row->name) : 99;
 
         if (row->name && length >= 3 && !strncmp(row->name, name, length))
             d = 0;
@@ -414,7 +392,7 @@ static int check_chosen(const struct parser *p)
     if (!p->chosen)
         return SPIN_EXIT_OK;
     for (size_t i = 0; (name = plugin_name(p, i, &options)); i++) {
-        int d = distance(p->chosen, strlen(p->chosen), name);
+        int d = spin_text_distance(p->chosen, strlen(p->chosen), name);
 
         if (d == 0)
             return SPIN_EXIT_OK;
@@ -517,38 +495,95 @@ static void print_help_row(const char *left, const char *help)
     }
 }
 
+static void print_row(const struct spin_args_row *row)
+{
+    const char *fallback = row->kind == SPIN_ARG_PLUGIN ? row->into : NULL;
+    char left[96], help[1024], brief[8] = "    ";
+
+    if (row->brief)
+        snprintf(brief, sizeof brief, "-%c, ", row->brief);
+    snprintf(left, sizeof left, "  %s--%s%s%s", brief, row->name, row->arg ? " " : "",
+             row->arg ? row->arg : "");
+    snprintf(help, sizeof help, fallback ? "%s (%s)" : "%s", row->help, fallback);
+    print_help_row(left, help);
+}
+
+static void print_lines(const char *heading, const char *const *line)
+{
+    printf("%s\n", heading);
+    for (; *line; line++)
+        printf("  %s\n", *line);
+}
+
+/* Options of the plug-in that was named. */
+static void print_plugin(const struct parser *p)
+{
+    bool none = true;
+
+    printf("\nOptions of the %s '%s':\n", p->command->plugin_kind, p->chosen);
+    for (const struct spin_args_row *row = p->rows; row->help; row++) {
+        if (row->kind != SPIN_ARG_PLUGIN)
+            continue;
+        print_row(row);
+        none = false;
+    }
+    if (none)
+        printf("  none\n");
+}
+
+/* One a line with what it writes, or names alone. */
+static void print_exporters(const struct spin_args_command *command, bool whole)
+{
+    char left[96], names[512] = "";
+    size_t at = 0;
+
+    if (whole)
+        printf("\nExporters, the NAME of --%s:\n", command->plugin_selector);
+    for (const struct spin_exporter *const *i = spin_exporter_list(); *i; i++) {
+        snprintf(left, sizeof left, "      %s", (*i)->name);
+        if (whole)
+            print_help_row(left, (*i)->summary);
+        else if (at < sizeof names)
+            at +=
+                (size_t)snprintf(names + at, sizeof names - at, "%s%s", at ? ", " : "", (*i)->name);
+    }
+    if (!whole) {
+        printf("\nExporters, the NAME of --%s:\n", command->plugin_selector);
+        print_help_row("     ", names);
+    }
+}
+
 static void print_help(const struct parser *p)
 {
     const struct spin_args_command *command = p->command;
-    bool own = false; /* of the chosen plug-in */
 
-    printf("%s: %s\n\n", command->name, command->summary);
-    for (const char *const *line = command->usage; *line; line++)
-        printf("  %s\n", *line);
-    for (const struct spin_args_row *row = p->rows; row < p->rows + p->n_shown; row++) {
-        const char *fallback = row->kind == SPIN_ARG_PLUGIN ? row->into : NULL;
-        char left[96], help[1024], brief[8] = "    ";
-
-        if (!row->name) {
-            printf("\n%s:\n", row->help);
-            continue;
+    printf("%s: %s\n", command->name, command->summary);
+    print_lines("", command->usage);
+    if (wants_help == WHOLE_HELP) {
+        for (const struct spin_args_row *row = p->rows; row < p->rows + p->n_shown; row++) {
+            if (!row->name)
+                printf("\n%s:\n", row->help);
+            else if (row->kind != SPIN_ARG_PLUGIN)
+                print_row(row);
         }
-        if (row->kind == SPIN_ARG_PLUGIN && !own)
-            printf("\nOptions of the %s '%s':\n", command->plugin_kind, p->chosen);
-        own = row->kind == SPIN_ARG_PLUGIN;
-        if (row->brief)
-            snprintf(brief, sizeof brief, "-%c, ", row->brief);
-        snprintf(left, sizeof left, "  %s--%s%s%s", brief, row->name, row->arg ? " " : "",
-                 row->arg ? row->arg : "");
-        snprintf(help, sizeof help, fallback ? "%s (%s)" : "%s", row->help, fallback);
-        print_help_row(left, help);
+    } else if (!p->chosen) {
+        print_lines("\nExamples:", command->examples);
+        printf("\nOptions:\n");
+        for (const char *const *name = command->main; *name; name++)
+            print_row(find(p, *name, strlen(*name)));
     }
-    if (p->chosen && !own)
-        printf("\nOptions of the %s '%s':\n  none\n", command->plugin_kind, p->chosen);
-    if (command->plugin_kind && !p->chosen)
-        printf("\nAn %s can have options of its own: %s --%s NAME --help\n", command->plugin_kind,
-               command->name, command->plugin_selector);
-    printf("\nThe manual page has examples: man %s\n", command->name);
+    if (command->lists_exporters && !p->chosen)
+        print_exporters(command, wants_help == WHOLE_HELP);
+    if (p->chosen)
+        print_plugin(p);
+    else if (command->plugin_kind)
+        printf("%sAn %s can have options of its own: %s --%s NAME --help\n",
+               command->lists_exporters ? "" : "\n", command->plugin_kind, command->name,
+               command->plugin_selector);
+    if (wants_help == SHORT_HELP)
+        printf("\nAll options: %s --help all, or man %s\n", command->name, command->name);
+    else
+        printf("\nThe manual page has more: man %s\n", command->name);
 }
 
 /* ---- Completion ------------------------------------------------------------------------------ */
@@ -558,17 +593,22 @@ static void print_help(const struct parser *p)
 static void print_completion(const struct spin_args_command *command, const char *shell)
 {
     const char *name = command->name;
+    char function[32];
 
+    snprintf(function, sizeof function, "_%s", name);
+    for (char *c = function; *c; c++)
+        if (*c == '-')
+            *c = '_';
     if (*shell == 'z')
         printf("#compdef %s\nlocal -a found=(${(f)\"$(%s --complete ${words[2,CURRENT]})\"})\n"
                "compset -P '--*='\nif (( $#found )); then _describe %s found; else _files; fi\n",
                name, name, name);
     else
-        printf("_%.4s_%s()\n{\n"
+        printf("%s()\n{\n"
                "    mapfile -t COMPREPLY < <(%s --complete \"${COMP_WORDS[@]:1:COMP_CWORD}\")\n"
                "    COMPREPLY=(\"${COMPREPLY[@]%%%%:*}\")\n}\n"
-               "complete -o default -F _%.4s_%s %s\n",
-               name, name + 5, name, name, name + 5, name);
+               "complete -o default -F %s %s\n",
+               function, name, function, name);
 }
 
 static void offer(const char *word, size_t length, const char *begun)
@@ -624,6 +664,8 @@ static void complete(const struct parser *p, int n, char **word)
         offer_values(p, row, begun);
         return;
     }
+    for (const char *const *first = p->command->words; first && *first && n == 1; first++)
+        offer(*first, strlen(*first), begun);
     for (row = p->rows; *begun == '-' && row < p->rows + p->n_shown; row++)
         if (row->name && !strncmp(begun, "--", 2) &&
             !strncmp(row->name, begun + 2, strlen(begun + 2)))
@@ -717,6 +759,19 @@ static int take_brief(struct parser *p, const char *text)
     return code;
 }
 
+static int keep_word(struct parser *p, const char *text)
+{
+    const char **words =
+        realloc(spin_args.all_words, ((size_t)spin_args.n_words + 1) * sizeof *words);
+
+    if (!words)
+        return spin_args_misuse(p->command, "out of memory");
+    spin_args.all_words = words;
+    words[spin_args.n_words++] = text;
+    spin_args.word = words[0];
+    return SPIN_EXIT_OK;
+}
+
 static int read_all(struct parser *p)
 {
     bool only_words = false;
@@ -731,21 +786,26 @@ static int read_all(struct parser *p)
             code = take_long(p, text + 2);
         else if (!only_words && text[0] == '-' && text[1])
             code = take_brief(p, text + 1);
-        else if (spin_args.word)
+        else if (spin_args.word && !p->command->takes_many)
             return spin_args_misuse(p->command, "unexpected argument '%s'", text);
         else
-            spin_args.word = text;
+            code = keep_word(p, text);
     }
     return code;
 }
 
 /* --help answers whatever else was typed, so it is looked for before mistakes are. */
-static bool asks_for_help(int argc, char **argv)
+static enum help asks_for_help(int argc, char **argv)
 {
-    for (int i = 1; i < argc && strcmp(argv[i], "--"); i++)
-        if (!strcmp(argv[i], "--help") || !strcmp(argv[i], "-h"))
-            return true;
-    return false;
+    for (int i = 1; i < argc && strcmp(argv[i], "--"); i++) {
+        bool here = !strcmp(argv[i], "--help") || !strcmp(argv[i], "-h");
+
+        if (!strcmp(argv[i], "--help=all") || (here && i + 1 < argc && !strcmp(argv[i + 1], "all")))
+            return WHOLE_HELP;
+        if (here)
+            return SHORT_HELP;
+    }
+    return NO_HELP;
 }
 
 /* True: the command goes on. */

@@ -1,5 +1,5 @@
 /* The command line. A table has a row for each option; from it come the parser, --help, what shells complete, and
- * the checks of the manual. Also here: what all commands do around their work, and exit codes.
+ * the checks of the manual. --help shows what matters on one screen, --help all the table. Also here: what all commands do around their work, and exit codes.
  *
  *     static int size = 3;
  *     static const struct spin_args_row rows[] = {
@@ -49,7 +49,7 @@ struct spin_args_row {
     void *into;       /* where the value goes, see the kind */
     const char *help; /* one sentence without a capital or full stop; the heading; NULL: the end */
     double min, max;  /* of numbers; 0, 0: no limit */
-    /* SPIN_ARG_CUSTOM: store text; false when it makes no sense */
+    /* SPIN_ARG_CUSTOM: store text; false when it makes no sense. SPIN_ARG_COLOUR: words that are no colour, or NULL */
     bool (*parse)(const struct spin_args_row *row, const char *text);
 };
 
@@ -90,21 +90,28 @@ const char *spin_args_find(int argc, char **argv, const char *name);
 /* ---- A command ------------------------------------------------------------------------------- */
 
 struct spin_args_command {
-    const char *name;         /* "spin-import" */
-    const char *summary;      /* one line */
-    const char *const *usage; /* lines, NULL-terminated */
+    const char *name;            /* "spin-import" */
+    const char *summary;         /* one line */
+    const char *const *usage;    /* lines, NULL-terminated */
+    const char *const *examples; /* three, and what each does; NULL-terminated */
+    const char *const *main; /* options that --help shows, the most used first; NULL-terminated */
     const struct spin_args_row *rows;
     const char
         *plugin_kind; /* "importer" or "exporter": their own options are taken too; or NULL */
     const char *plugin_selector; /* the option that names one: "from" */
+    bool lists_exporters;        /* --help all has their names and summaries */
+    bool takes_many;             /* words, else one */
+    const char *const *words; /* what shells offer for the first word; NULL-terminated, or NULL */
 };
 
 /* What every command has: its options, whose rows follow those of the table, and what was left after them. */
 struct spin_args {
     bool json, force;
     int quiet, verbose;
-    int n_threads;             /* 0: all */
-    const char *word;          /* NULL: there was none */
+    int n_threads;          /* 0: all */
+    const char *word;       /* NULL: there was none */
+    const char **all_words; /* [n_words] */
+    int n_words;
     const char **plugin_pairs; /* NULL-terminated key, value, ...; NULL when there are none */
 };
 extern struct spin_args spin_args;

@@ -1,10 +1,17 @@
 /* spin-eval: how good the splats of a bundle look from cameras that are known. */
 #include "cmd/args.h"
 
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
 #include "spin_run.h"
+#include "io/json.h"
 
 static struct spin_eval_options options = {.image_scale = 1, .device = "auto"};
 static struct spin_args_list test_cameras;
+static const char *table, *figures;
 
 static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("What to measure"),
@@ -21,6 +28,8 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("dynamic", 0, "auto|masks|images|off", ENUM, options.dynamic,
              "where the dynamic regions are: the data set's masks, or what changes in its images "
              "(auto)"),
+    SPIN_ARG("mask", 0, NULL, FLAG, options.mask,
+             "score the subject alone: what the data set's masks or the images' alpha show"),
     SPIN_ARG("lpips", 0, "DIR", STRING, options.lpips,
              "measure LPIPS with the weights in this folder, see the manual"),
     SPIN_ARG("lpips-backbone", 0, "FILE", STRING, options.lpips_backbone,
@@ -30,7 +39,12 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("images", 0, "DIR", STRING, options.images,
              "write one PNG per view: ground truth | source | render"),
     SPIN_ARG("report", 0, "FILE.html", STRING, options.report,
-             "write a page with curves, tables and pictures"),
+             "write a page with curves, tables and pictures; of several bundles one that compares "
+             "them"),
+    SPIN_ARG("figures", 0, "DIR", STRING, figures,
+             "write its curves as SVG, and its pictures of fast motion as PNG and SVG"),
+    SPIN_ARG("table", 0, "md|csv|latex", CHOICE, table,
+             "print a row a bundle, as Markdown, comma-separated or for LaTeX"),
     SPIN_ARG("log", 0, "FILE", STRING, options.log,
              "for the report: what spin-retrain --log wrote"),
     SPIN_ARG_HEADING("Data set"),
@@ -42,14 +56,29 @@ static const struct spin_args_row rows[] = {
 
 static const char *const usage[] = {
     "spin-eval IN.spin [--data DIR] [--split test|train|all] [--source] [options]",
+    "spin-eval A.spin B.spin ... [--table md|csv|latex] [--report FILE.html] [options]",
     NULL,
 };
+
+static const char *const examples[] = {
+    "spin-eval better.spin                        PSNR and SSIM of the held-out views",
+    "spin-eval better.spin --report report.html   a page with curves, tables and pictures",
+    "spin-eval ball.spin better.spin --table md   two bundles, as a table",
+    NULL,
+};
+
+static const char *const main_options[] = {
+    "report",  "figures", "table", "images", "split", "test-cams", "source",  "range", "scale",
+    "dynamic", "mask",    "lpips", "data",   "force", "json",      "verbose", "help",  NULL};
 
 static const struct spin_args_command command = {
     .name = "spin-eval",
     .summary = "PSNR, SSIM and LPIPS of a bundle against its data set",
     .usage = usage,
+    .examples = examples,
+    .main = main_options,
     .rows = rows,
+    .takes_many = true,
 };
 
 /* ---- For people ------------------------------------------------------------------------------ */
@@ -66,12 +95,123 @@ static const struct spin_args_command command = {
     "{{#cameras}}   all{{id %8d}}" MEASURES "\n{{/}}"
 #define ALL "   all     all" MEASURES "   {{views}} views, {{attributes}} attributes\n"
 #define FOOT                                                                                       \
+    "{{#mask}}mask     the subject alone, by {{mask}} of the data set\n{{/}}"                      \
     "{{^dynamic_from=off}}dynamic  {{dynamic %.2p}} % of the pixels, from "                        \
     "{{#dynamic_from=masks}}foreground masks{{/}}{{#dynamic_from=images}}the images{{/}}: "        \
     "PSNR {{psnr_dynamic %.3f}} there, {{psnr_static %.3f}} elsewhere\n{{/}}"                      \
     "speed    {{fps %.2f}} frames per second with decoding, {{fps_draw %.2f}} without\n"           \
     "storage  {{storage.measured %B}} for these attributes, {{storage.measured_per_frame %B}} "    \
     "a frame; the file has {{storage.file %B}}, unpacked {{storage_unpacked.file %B}}\n"
+
+/* Of several: a row each. What the first one has, all have. */
+#define EACH(text) "{{#runs}}" text "{{/}}"
+#define IF_DYNAMIC(text) "{{#runs.0.psnr_dynamic}}" text "{{/}}"
+#define IF_VGG(text) "{{#runs.0.lpips_vgg}}" text "{{/}}"
+#define IF_ALEX(text) "{{#runs.0.lpips_alex}}" text "{{/}}"
+
+static const char plain_text[] = "      PSNR     SSIM" IF_DYNAMIC("   dynamic")
+    IF_VGG("   LPIPS VGG") IF_ALEX("  LPIPS Alex") "     storage  run\n" EACH(
+        "{{psnr %10.3f}}{{ssim %9.4f}}" IF_DYNAMIC("{{psnr_dynamic %10.3f}}")
+            IF_VGG("{{lpips_vgg %12.4f}}")
+                IF_ALEX("{{lpips_alex %12.4f}}") "{{megabytes %9.2f}} MB  {{name}}\n");
+
+static const char md_text[] = "| run | PSNR | SSIM |" IF_DYNAMIC(" PSNR, dynamic |")
+    IF_VGG(" LPIPS VGG |") IF_ALEX(" LPIPS Alex |") " MB |\n|---|---:|---:|" IF_DYNAMIC("---:|")
+        IF_VGG("---:|") IF_ALEX("---:|") "---:|\n" EACH(
+            "| {{escaped}} | {{psnr %.2f}} | {{ssim %.4f}} |" IF_DYNAMIC(" {{psnr_dynamic %.2f}} |")
+                IF_VGG(" {{lpips_vgg %.4f}} |")
+                    IF_ALEX(" {{lpips_alex %.4f}} |") " {{megabytes %.2f}} |\n");
+
+static const char csv_text[] = "run,psnr,ssim" IF_DYNAMIC(",psnr_dynamic") IF_VGG(",lpips_vgg")
+    IF_ALEX(",lpips_alex") ",megabytes\n" EACH(
+        "{{escaped}},{{psnr %.6f}},{{ssim %.6f}}" IF_DYNAMIC(",{{psnr_dynamic %.6f}}")
+            IF_VGG(",{{lpips_vgg %.6f}}") IF_ALEX(",{{lpips_alex %.6f}}") ",{{megabytes %.6f}}\n");
+
+static const char latex_text[] =
+    "\\begin{tabular}{lrr" IF_DYNAMIC("r") IF_VGG("r")
+        IF_ALEX("r") "r}\n"
+                     "run & PSNR & SSIM" IF_DYNAMIC(" & PSNR, dynamic")
+                         IF_VGG(" & LPIPS VGG")
+                             IF_ALEX(" & LPIPS Alex") " & MB \\\\\n\\hline\n" EACH(
+                                 "{{escaped}} & {{psnr %.2f}} & {{ssim %.4f}}" IF_DYNAMIC(
+                                     " & {{psnr_dynamic %.2f}}") IF_VGG(" & {{lpips_vgg %.4f}}")
+                                     IF_ALEX(" & {{lpips_alex %.4f}}") " & {{megabytes %.2f}} "
+                                                                       "\\\\\n") "\\end{tabular}\n";
+
+/* A name as such a table takes it. */
+static void escape(const char *name, FILE *to)
+{
+    bool csv = table && *table == 'c', latex = table && *table == 'l';
+
+    if (csv)
+        putc('"', to);
+    for (; *name; name++) {
+        if (csv && *name == '"')
+            putc('"', to);
+        if (latex && *name == '\\')
+            fputs("\\textbackslash ", to);
+        else if (latex && (*name == '~' || *name == '^'))
+            fprintf(to, "\\%c{}", *name);
+        else if ((latex && strchr("&%$#_{}", *name)) || (!csv && !latex && strchr("|\\", *name)))
+            fprintf(to, "\\%c", *name);
+        else
+            putc(*name, to);
+    }
+    if (csv)
+        putc('"', to);
+}
+
+/* What only the tables have. */
+static char *for_tables(char *report)
+{
+    spin_json *document = NULL, *runs;
+    char *text = report;
+
+    if (!report || spin_json_parse("report", report, strlen(report), &document) != SPIN_OK)
+        return report;
+    runs = spin_json_get(document, "runs");
+    for (size_t i = 0; i < spin_json_length(runs); i++) {
+        spin_json *run = spin_json_at(runs, i);
+        double bytes = NAN;
+        char *name = NULL;
+        size_t n;
+        FILE *to = open_memstream(&name, &n);
+
+        spin_json_number(spin_json_get(spin_json_get(run, "storage"), "measured"), &bytes);
+        spin_json_set_number(run, "megabytes", bytes / 1e6);
+        if (to) {
+            escape(spin_json_string(spin_json_get(run, "name")), to);
+            fclose(to);
+        }
+        spin_json_set_string(run, "escaped", name ? name : "");
+        free(name);
+    }
+    free(report);
+    return spin_json_finish(document, &text) == SPIN_OK ? text : NULL;
+}
+
+/* What is asked of several bundles, or of one in the same form. */
+static int compare(void)
+{
+    const char *form = !table          ? plain_text
+                       : *table == 'm' ? md_text
+                       : *table == 'c' ? csv_text
+                                       : latex_text;
+    char *report;
+    int code;
+
+    if (options.images || options.log)
+        return spin_args_misuse(&command, "--images and --log are for one bundle without --table");
+    if (table && spin_args.json)
+        return spin_args_misuse(&command, "--table and --json are two forms of the same");
+    if (!spin_args_begin(&command, &code) ||
+        !spin_args_ended(
+            &command,
+            spin_compare(&options, spin_args.all_words, spin_args.n_words, figures, &report),
+            &code))
+        return code;
+    return spin_args_report(&command, spin_args.json ? report : for_tables(report), form);
+}
 
 int main(int argc, char **argv)
 {
@@ -87,6 +227,8 @@ int main(int argc, char **argv)
     options.n_test_cameras = test_cameras.n;
     options.n_threads = spin_args.n_threads;
     options.force = spin_args.force;
+    if (spin_args.n_words > 1 || table || figures)
+        return compare();
     if (!spin_args_begin(&command, &code) ||
         !spin_args_ended(&command, spin_eval(&options, &report), &code))
         return code;

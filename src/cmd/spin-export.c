@@ -9,23 +9,72 @@
 static struct spin_export_options options = {.device = "auto"};
 static bool wants_list;
 
+/* Just `n` numbers. */
+static bool parse_numbers(const struct spin_args_row *row, const char *text, int n)
+{
+    double value[7];
+
+    if (spin_args_numbers(row, text, value, 7) != n)
+        return false;
+    memcpy(row->into, value, (size_t)n * sizeof *value);
+    return true;
+}
+
+static bool parse_crop(const struct spin_args_row *row, const char *text)
+{
+    options.n_crop = parse_numbers(row, text, 6) ? 6 : parse_numbers(row, text, 4) ? 4 : 0;
+    return options.n_crop > 0;
+}
+
+static bool parse_translate(const struct spin_args_row *row, const char *text)
+{
+    return parse_numbers(row, text, 3);
+}
+
+static bool parse_none(const struct spin_args_row *row, const char *text)
+{
+    (void)row;
+    options.transparent = strcmp(text, "none") == 0;
+    return options.transparent;
+}
+
 static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Output"),
     SPIN_ARG("to", 0, "NAME", STRING, options.to,
-             "the exporter; otherwise what the ending of OUT says"),
+             "the exporter; otherwise what the ending of OUT says: .ply, .glb, .html, ..."),
     SPIN_ARG("output", 'o', "OUT", STRING, options.output, "the folder or file to write"),
     SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range, "export frame numbers A to B-1"),
     SPIN_ARG("source", 0, NULL, FLAG, options.source,
              "write the imported attributes instead of the retrained ones"),
+    SPIN_ARG(
+        "decimate", 0, "N|P%|SIZE|LOSS", STRING, options.decimate,
+        "of each frame the N splats that are seen most; or a share of them (50%); or as many as "
+        "the size of the output (2MB) or a loss (40dB) lets stay"),
     SPIN_ARG("check", 0, NULL, FLAG, options.check,
              "read back what was written and compare it with the bundle"),
     SPIN_ARG("sync", 0, NULL, FLAG, options.sync,
              "wait until every file is on the disk before it gets its name"),
     SPIN_ARG("list", 0, NULL, FLAG, wants_list, "list the exporters"),
+    SPIN_ARG_HEADING("The scene, by its own axes and units"),
+    SPIN_ARG("crop", 0, "BOX|SPHERE", CUSTOM, options.crop,
+             "keep what is in X0,Y0,Z0,X1,Y1,Z1 or in X,Y,Z,RADIUS", .parse = parse_crop),
+    SPIN_ARG("min-views", 0, "N", INT, options.min_views,
+             "leave out splats that fewer than N training views of their frame see", .min = 1,
+             .max = 100000),
+    SPIN_ARG("floaters", 0, "F", DOUBLE, options.floaters,
+             "leave out splats whose three nearest are F times as far as the median, beyond "
+             "their own reach",
+             .min = 1, .max = 1e6),
+    SPIN_ARG("scale", 0, "S", DOUBLE, options.scale, "then make the scene S times as large (1)",
+             .min = 1e-6, .max = 1e6),
+    SPIN_ARG("translate", 0, "X,Y,Z", CUSTOM, options.translate,
+             "then move it; --up and --rotate of an exporter come after that",
+             .parse = parse_translate),
     SPIN_ARG_HEADING("Data set, for exporters that draw"),
     SPIN_ARG_DATA_ROWS(options),
     SPIN_ARG("background", 0, "COLOUR", COLOUR, options.background,
-             "black, white or R,G,B with each in 0..1 (black)", .min = 0, .max = 1),
+             "black, white or R,G,B with each in 0..1, or none: images with alpha (black)",
+             .min = 0, .max = 1, .parse = parse_none),
     SPIN_ARG_HEADING("Machine"),
     SPIN_ARG_DEVICE_ROW(options),
     SPIN_ARG_END,
@@ -37,13 +86,27 @@ static const char *const usage[] = {
     NULL,
 };
 
+static const char *const examples[] = {
+    "spin-export better.spin -o clip.html                 a page for the browser",
+    "spin-export better.spin --to ply -o frames/          a PLY file a frame",
+    "spin-export better.spin -o frame.spz --range 12:13   one frame",
+    NULL,
+};
+
+static const char *const main_options[] = {"output", "to",   "range", "source",
+                                           "check",  "list", "data",  "background",
+                                           "force",  "json", "help",  NULL};
+
 static const struct spin_args_command command = {
     .name = "spin-export",
     .summary = "write the frames of a bundle as standard files",
     .usage = usage,
+    .examples = examples,
+    .main = main_options,
     .rows = rows,
     .plugin_kind = "exporter",
     .plugin_selector = "to",
+    .lists_exporters = true,
 };
 
 static char *list_exporters(void)
@@ -67,7 +130,12 @@ static const char list_text[] = "{{#.}}{{name %-16s}} {{summary}}\n"
 
 static const char text[] =
     "{{output}}: {{frames %N frame}} as {{to}}, {{splats_mean %M}} splats each"
-    "{{#bytes}}, {{bytes %B}}{{/}}{{#left_out}}, {{left_out}} splats left out{{/}}\n"
+    "{{#bytes}}, {{bytes %B}}{{/}}{{#filtered}}, {{filtered}} splats filtered out{{/}}"
+    "{{#left_out}}, {{left_out}} splats left out{{/}}\n"
+    "{{#decimated}}decimated: {{after %M}} of {{before %M}} splats {{unit}}, by {{by}}; "
+    "{{#pictures}}{{#psnr}}{{psnr %.2f}} dB{{/}}{{^psnr}}no difference{{/}} against all of them in "
+    "{{pictures %N picture}} from {{cameras}}{{/}}{{^pictures}}no picture shows one{{/}}\n"
+    "{{#tries}}          {{reached %B}} in all, found by writing {{tries}} times\n{{/}}{{/}}"
     "{{#check}}read back: {{frames %N frame}}, {{splats}} splats; "
     "boxes differ by {{bounds %.3g}} at most\n"
     "  place                error {{place.rms %.3g}} rms, {{place.largest %.3g}} at most\n"
@@ -80,39 +148,28 @@ static const char text[] =
     "{{^rendered=}}frame {{rendered}} rendered from the file: {{#psnr}}{{psnr %.2f}} dB against "
     "{{/}}the bundle's own picture\n{{/}}{{/}}";
 
-/* The exporter of files with that ending, or NULL. */
-static const char *exporter_of(const char *output)
+/* Without --to, an output whose ending says nothing. */
+static int misuse_output(const char *output)
 {
-    static const char *const endings[][2] = {{".compressed.ply", "compressed-ply"},
-                                             {".ftgs.ply", "ftgs"},
-                                             {".ply", "ply"},
-                                             {".glb", "gltf"},
-                                             {".sog", "sog"},
-                                             {".sogst", "sogst"},
-                                             {".splat", "splat"},
-                                             {".spz", "spz"},
-                                             {".tsog", "tsog"},
-                                             {".usda", "usd"},
-                                             {".html", "html"},
-                                             {".mp4", "video"},
-                                             {".webm", "video"}};
-    size_t n = strlen(output);
+    const char *name = strrchr(output, '/'), *ending = strrchr(name ? name : output, '.'), *near;
 
-    for (size_t i = 0; i < sizeof endings / sizeof *endings; i++) {
-        size_t n_ending = strlen(endings[i][0]);
-
-        if (n > n_ending && strcmp(output + n - n_ending, endings[i][0]) == 0)
-            return endings[i][1];
-    }
-    return NULL;
+    near = ending && ending[1] ? spin_exporter_nearest(ending) : NULL;
+    if (near)
+        return spin_args_misuse(&command, "no exporter writes '%s'; the nearest is %s", ending,
+                                near);
+    return spin_args_misuse(&command,
+                            "say what to write with --to, or by the ending of --output; --list "
+                            "shows what there is");
 }
 
 static int check(void)
 {
     if (!options.to && options.output)
-        options.to = exporter_of(options.output);
+        options.to = spin_exporter_for(options.output);
     if (!spin_args.word)
         return spin_args_misuse(&command, "IN.spin is missing");
+    if (!options.to && options.output)
+        return misuse_output(options.output);
     if (!options.to)
         return spin_args_misuse(&command,
                                 "say what to write with --to, or by the ending of --output; --list "

@@ -9,7 +9,7 @@
 
 static struct spin_import_options options;
 static struct spin_args_list times;
-static bool wants_info, wants_list;
+static bool wants_info, wants_list, wants_views;
 
 static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Input"),
@@ -37,9 +37,15 @@ static const struct spin_args_row rows[] = {
              "wait until the bundle is on the disk before it gets its name"),
     SPIN_ARG("positions-only", 0, NULL, FLAG, options.positions_only,
              "leave the source's attributes out"),
+    SPIN_ARG(
+        "precision", 0, "full|half|compact", ENUM, options.precision,
+        "of rotations, sizes, opacities and colours of 4D splats; full: to the bit; half: about "
+        "that of half floats; compact: steps that pictures hardly show (full)"),
     SPIN_ARG("info", 0, NULL, FLAG, wants_info, "describe the input and write nothing"),
     SPIN_ARG("full", 0, NULL, FLAG, options.full,
              "with --info: read every frame instead of 16 of them"),
+    SPIN_ARG("views", 0, NULL, FLAG, wants_views,
+             "with --info of a bundle: list the pictures of its data set, with their cameras"),
     SPIN_ARG("check-cameras", 0, "DIR", STRING, options.check_cameras,
              "draw the clip's points over the images of --data, as PNGs in DIR"),
     SPIN_ARG("list", 0, NULL, FLAG, wants_list, "list the importers"),
@@ -54,10 +60,24 @@ static const char *const usage[] = {
     NULL,
 };
 
+static const char *const examples[] = {
+    "spin-import output/balls --data data/balls -o balls.spin   a run and the images it was "
+    "trained on",
+    "spin-import --info output/balls                            what is in a run, or in a bundle",
+    "spin-import frames/ -o clip.spin                           a folder of splat files",
+    NULL,
+};
+
+static const char *const main_options[] = {
+    "output",         "data", "from",          "data-from", "range", "frames", "times", "pair",
+    "positions-only", "info", "check-cameras", "list",      "force", "json",   "help",  NULL};
+
 static const struct spin_args_command command = {
     .name = "spin-import",
     .summary = "read a run of another method into a bundle",
     .usage = usage,
+    .examples = examples,
+    .main = main_options,
     .rows = rows,
     .plugin_kind = "importer",
     .plugin_selector = "from",
@@ -131,6 +151,11 @@ static const char list_text[] =
     "inside, of all views\n{{/}}"                                                                  \
     "{{#output}}written     {{output}}\n{{/}}"
 
+static const char views_text[] =
+    " frame  camera  pixels     focal lengths        split  image\n"
+    "{{#.}}{{frame %6d}}{{camera %8d}}  {{width}}x{{height}}  {{fx %9.3f}} {{fy %9.3f}}  "
+    "{{#test}}test {{/}}{{^test}}train{{/}}  {{image}}\n{{/}}";
+
 #define STAGE                                                                                      \
     "            attributes:" ATTRIBUTES                                                           \
     "{{#before}}            held-out views before: {{psnr %.2f}} dB, SSIM {{ssim %.4f}}\n{{/}}"    \
@@ -178,6 +203,8 @@ static int check(void)
         return spin_args_misuse(&command, "--info writes nothing, but --output was given");
     if (!wants_info && !options.output && !options.check_cameras)
         return spin_args_misuse(&command, "say where to write with --output, or use --info");
+    if (wants_views && !wants_info)
+        return spin_args_misuse(&command, "--views goes with --info");
     if (options.full && !wants_info)
         return spin_args_misuse(&command, "--full goes with --info: an import reads every frame");
     if (from && !from->open)
@@ -191,9 +218,24 @@ static int check(void)
     return SPIN_EXIT_OK;
 }
 
-int main(int argc, char **argv)
+static spin_status describe_or_import(char **report, const char **text)
 {
     spin_status status = SPIN_E_NOT_RECOGNISED;
+
+    *text = bundle_text;
+    if (wants_info && !options.from && !options.check_cameras)
+        status = spin_bundle_describe(options.input, report);
+    if (status != SPIN_E_NOT_RECOGNISED)
+        return status;
+    *text = wants_info        ? FROM RECOGNISED REPORT_TO_SPLATS STATIC REPORT_FROM_BOUNDS
+            : spin_args.quiet ? NULL
+                              : FROM REPORT_TO_SPLATS REPORT_FROM_BOUNDS;
+    return spin_import(&options, report);
+}
+
+int main(int argc, char **argv)
+{
+    spin_status status;
     const char *text = NULL;
     char *report = NULL;
     int code;
@@ -214,15 +256,11 @@ int main(int argc, char **argv)
     options.plugin_pairs = spin_args.plugin_pairs;
     if (!spin_args_begin(&command, &code))
         return code;
-    if (wants_info && !options.from && !options.check_cameras)
-        status = spin_bundle_describe(options.input, &report);
-    if (status == SPIN_OK) {
-        text = bundle_text;
-    } else if (status == SPIN_E_NOT_RECOGNISED) {
-        status = spin_import(&options, &report);
-        text = wants_info        ? FROM RECOGNISED REPORT_TO_SPLATS STATIC REPORT_FROM_BOUNDS
-               : spin_args.quiet ? NULL
-                                 : FROM REPORT_TO_SPLATS REPORT_FROM_BOUNDS;
+    if (wants_views) {
+        status = spin_bundle_views(options.input, options.data, options.data_from, &report);
+        text = views_text;
+    } else {
+        status = describe_or_import(&report, &text);
     }
     if (!spin_args_ended(&command, status, &code)) {
         free(report);

@@ -99,6 +99,9 @@ static const struct spin_args_row rows[] = {
         "keep refined frames in this folder, and take those that are there; runs may share it"),
     SPIN_ARG("preview", 0, "DIR", STRING, options.preview,
              "write PNGs that show ground truth and render side by side"),
+    SPIN_ARG("watch", 0, "DIR", STRING, options.watch,
+             "keep a page in this folder that refreshes itself: curves, pictures, the clip as it "
+             "stands"),
     SPIN_ARG("log", 0, "FILE", STRING, options.log, "write one line of JSON per step"),
     SPIN_ARG_HEADING("Preset"),
     SPIN_ARG("preset", 0, SPIN_PRESETS, CHOICE, preset,
@@ -131,10 +134,25 @@ static const char *const usage[] = {
     NULL,
 };
 
+static const char *const examples[] = {
+    "spin-retrain balls.spin -o better.spin               says what and how long, then trains",
+    "spin-retrain balls.spin -o best.spin --preset best   three times as long, for the last "
+    "decibel",
+    "spin-retrain balls.spin -o better.spin --dry-run     says what and how long, and no more",
+    NULL,
+};
+
+static const char *const main_options[] = {
+    "output",    "data",   "preset",  "iterations", "max-points", "range", "scale",
+    "test-cams", "resume", "dry-run", "watch",      "preview",    "log",   "device",
+    "threads",   "force",  "json",    "help",       NULL};
+
 static const struct spin_args_command command = {
     .name = "spin-retrain",
     .summary = "learn the attributes of a bundle anew",
     .usage = usage,
+    .examples = examples,
+    .main = main_options,
     .rows = rows,
 };
 
@@ -176,9 +194,9 @@ static const char *const of_network[] = {"levels",          "features",        "
                                          "lr-scale",        "lr-rotation",     "lr-opacity",
                                          "head-lr-factor",  "network-start",   NULL};
 static const char *const of_sh[] = {"sh-degree", "sh-increase-every", NULL};
-static const char *const of_clip[] = {"iterations",  "batch",    "views-per-frame", "warmup",
-                                      "lr-position", "residual", "lr-residual",     "eval-every",
-                                      "save-every",  NULL};
+static const char *const of_clip[] = {
+    "iterations",  "batch",      "views-per-frame", "warmup", "lr-position", "residual",
+    "lr-residual", "eval-every", "save-every",      "watch",  NULL};
 static const char *const of_tracks[] = {"lr-track",          "lr-tracked",       "lr-displacement",
                                         "track-iterations",  "dynamic-residual", "densify-every",
                                         "densify-threshold", "densify-until",    NULL};

@@ -91,12 +91,14 @@ static spin_status open_cuda(int n_threads, struct spin_device *out)
     return out->op->open(out, n_threads);
 }
 
-/* A card when there is one that works, else the CPU; says which and why, once. SPIN_CPU asks for the CPU. */
+/* A card when there is one that works, else the CPU; says which and why, once: to all, where there is a card that is
+ * left idle. SPIN_CPU asks for the CPU. */
 static spin_status open_auto(int n_threads, struct spin_device *out)
 {
     static bool said;
     const char *path = getenv("SPIN_CPU");
     char why[300] = "SPIN_CPU is set";
+    bool idle = false;
 
     if (!path || !*path) {
         if (open_cuda(n_threads, out) == SPIN_OK) {
@@ -106,10 +108,11 @@ static spin_status open_auto(int n_threads, struct spin_device *out)
             return SPIN_OK;
         }
         snprintf(why, sizeof why, "%s", spin_last_error());
+        idle = out->description[0] != '\0';
         memset(out, 0, sizeof *out);
     }
     if (!said)
-        spin_log(1, "device auto: the cpu, as: %s", why);
+        spin_log(idle ? 0 : 1, "device auto: the cpu, as: %s", why);
     said = true;
     return open_cpu(n_threads, out);
 }

@@ -155,6 +155,9 @@ struct spin_frame_batch {
         float SPIN_DEV *d_means;        /* [n][3] */
         const float SPIN_DEV *residual; /* [SPIN_RESIDUAL n], or NULL: see residual() */
         float SPIN_DEV *d_residual;     /* the same, or NULL: residuals are not trained */
+        const float SPIN_DEV *sh; /* [n][sh_width], beside residuals, or NULL: see residual() */
+        float SPIN_DEV *d_sh;     /* the same, or NULL: it is not trained */
+        size_t sh_width;          /* 9, 24 or 45: of degree 1, 2 or 3 */
         float d_scale,
             d_opacity; /* slope of the loss by each scale and each opacity of an active splat */
 
@@ -274,6 +277,7 @@ struct spin_link_name {
 
 struct spin_device_ops {
     const char *name; /* "cpu", "cuda" */
+    /* Where it fails although there is a card, the description is not empty. */
     spin_status (*open)(struct spin_device *d, int n_threads);
     void (*close)(struct spin_device *d);
 
@@ -354,9 +358,9 @@ struct spin_device_ops {
                      float SPIN_DEV *d_z);
 
     /* raw [n][SPIN_ATTR] += explicit values of the splats; the colour is the first coefficient. A frame's
-     * residual [SPIN_RESIDUAL n] is four groups: [n][3], [n][4], [n][3], [n]. Frames without are left alone.
-     * residual_set: raw =, without a network; the SH coefficients beyond the first stay as they are. Back:
-     * d_residual += */
+     * residual [SPIN_RESIDUAL n] is four groups: [n][3], [n][4], [n][3], [n]; its sh are the coefficients beyond
+     * the first. Frames without are left alone. residual_set: raw =, without a network; coefficients that no sh is
+     * for stay as they are. Back: d_residual +=, d_sh += */
     void (*residual)(struct spin_device *d, const struct spin_frame_batch *frames,
                      float SPIN_DEV *raw);
     void (*residual_set)(struct spin_device *d, const struct spin_frame_batch *frames,
@@ -415,6 +419,10 @@ struct spin_device_ops {
                   const struct spin_splat2d SPIN_DEV *splat2d, const struct spin_tiles *tiles,
                   float SPIN_DEV *image, float SPIN_DEV *final_transmittance,
                   int32_t SPIN_DEV *last_contributor);
+    /* depth [n_views][2][max_pixels] =: along the cameras' axes, expected and median, math/blend.h */
+    void (*depth)(struct spin_device *d, const struct spin_view_batch *views,
+                  const struct spin_splat2d SPIN_DEV *splat2d, const struct spin_tiles *tiles,
+                  float SPIN_DEV *depth);
     /* d_splat2d = */
     void (*blend_back)(struct spin_device *d, const struct spin_view_batch *views,
                        const struct spin_splat2d SPIN_DEV *splat2d, const struct spin_tiles *tiles,
@@ -449,6 +457,9 @@ struct spin_device_ops {
 
     /* One step of Adam for all groups, math/adam.h: p -= ...; m, v updated; g is left zeroed. */
     void (*adam)(struct spin_device *d, int n_groups, const struct spin_param_group *group);
+    /* *count += how many of the n values are NaN or infinite. */
+    void (*not_finite)(struct spin_device *d, size_t n, const float SPIN_DEV *values,
+                       uint32_t SPIN_DEV *count);
 
     /* The same for a table of which a step touches little; all NULL on a device that has not got it.
      * enable: of the group's arrays, for this many steps at most (now). grid: as grid(), after the lines

@@ -190,6 +190,37 @@ static spin_status read_mask(struct spin_dynamic_mask *m, const struct spin_view
     return SPIN_OK;
 }
 
+/* Opaque by half or more. Alpha is what lets a white background through and a black one. */
+static spin_status read_alpha(struct spin_dynamic_mask *m, const struct spin_view *view)
+{
+    static const float white[3] = {1, 1, 1};
+    int width = view->camera.width, height = view->camera.height;
+    size_t plane = (size_t)width * (size_t)height;
+    float *over_white;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(plane, 3 * sizeof(float), (void **)&over_white));
+    status = spin_image_load(view->path, width, height, black, m->image);
+    if (status == SPIN_OK)
+        status = spin_image_load(view->path, width, height, white, over_white);
+    for (size_t i = 0; i < plane && status == SPIN_OK; i++)
+        m->mask[i] = over_white[i] - m->image[i] < 0.5f;
+    free(over_white);
+    return status;
+}
+
+static bool all_have_alpha(const struct spin_views *views, const struct spin_pair *pairs, size_t n)
+{
+    int width, height, channels;
+
+    for (size_t i = 0; i < n; i++)
+        if (spin_image_size(views->view[pairs[i].view].path, &width, &height, &channels) !=
+                SPIN_OK ||
+            channels % 2 != 0)
+            return false;
+    return n > 0;
+}
+
 /* ---- Opening and asking -------------------------------------------------------------------------- */
 
 static bool all_have_masks(const struct spin_views *views, const struct spin_pair *pairs, size_t n)
@@ -211,6 +242,13 @@ static bool some_have_medians(const struct spin_views *views, const struct spin_
     return false;
 }
 
+static spin_status make_room(struct spin_dynamic_mask *m)
+{
+    m->room = spin_views_pixels(m->views);
+    SPIN_TRY(spin_alloc(m->room, 3 * sizeof(float), (void **)&m->image));
+    return spin_alloc(m->room, 2, (void **)&m->mask);
+}
+
 spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_image_cache *pixels,
                                    enum spin_dynamic_from from, const struct spin_pair *pairs,
                                    size_t n_pairs, struct spin_dynamic_mask *m)
@@ -230,12 +268,21 @@ spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_i
         return spin_fail(SPIN_E_UNSUPPORTED, "dynamic regions cannot be found in the images: no "
                                              "camera stands still for three frames");
     m->from = from;
-    if (from == SPIN_DYNAMIC_OFF)
-        return SPIN_OK;
-    m->room = spin_views_pixels(views);
-    SPIN_TRY(spin_alloc(m->room, 3 * sizeof(float), (void **)&m->image));
-    SPIN_TRY(spin_alloc(m->room, 2, (void **)&m->mask));
-    return SPIN_OK;
+    return from == SPIN_DYNAMIC_OFF ? SPIN_OK : make_room(m);
+}
+
+spin_status spin_subject_mask_open(const struct spin_views *views, struct spin_image_cache *pixels,
+                                   const struct spin_pair *pairs, size_t n_pairs,
+                                   struct spin_dynamic_mask *m)
+{
+    *m = (struct spin_dynamic_mask){.views = views, .pixels = pixels};
+    m->from = SPIN_DYNAMIC_MASKS;
+    m->alpha = !all_have_masks(views, pairs, n_pairs);
+    if (m->alpha && !all_have_alpha(views, pairs, n_pairs))
+        return spin_fail(SPIN_E_NOT_FOUND,
+                         "--mask: the data set has no foreground mask for some of these views, and "
+                         "not all their images have alpha");
+    return make_room(m);
 }
 
 void spin_dynamic_mask_close(struct spin_dynamic_mask *m)
@@ -278,7 +325,7 @@ static spin_status find(struct spin_dynamic_mask *m, size_t view, const float *t
     const uint8_t *median = NULL;
 
     if (m->from == SPIN_DYNAMIC_MASKS)
-        return read_mask(m, v);
+        return m->alpha ? read_alpha(m, v) : read_mask(m, v);
     SPIN_TRY(find_median(m, v->camera_id, &median));
     if (median && !truth) {
         SPIN_TRY(spin_image_cache_get(m->pixels, view, m->image));

@@ -14,6 +14,7 @@ struct spin_dynamic_mask {
     const struct spin_views *views;
     struct spin_image_cache *pixels;
     enum spin_dynamic_from from; /* MASKS, IMAGES or OFF */
+    bool alpha;                  /* instead: what the images' alpha shows */
     struct spin_median *median;  /* [n_medians] of the cameras met so far */
     size_t n_medians;
     float *image;   /* scratch of one picture */
@@ -27,6 +28,10 @@ struct spin_dynamic_mask {
 spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_image_cache *pixels,
                                    enum spin_dynamic_from from, const struct spin_pair *pairs,
                                    size_t n_pairs, struct spin_dynamic_mask *out);
+/* The subject: by masks where all of these views have one, else by the alpha of all their images; else an error. */
+spin_status spin_subject_mask_open(const struct spin_views *views, struct spin_image_cache *pixels,
+                                   const struct spin_pair *pairs, size_t n_pairs,
+                                   struct spin_dynamic_mask *out);
 void spin_dynamic_mask_close(struct spin_dynamic_mask *m);
 /* Keep what is found, for views that are asked for again and again: a bit a pixel. */
 spin_status spin_dynamic_mask_keep(struct spin_dynamic_mask *m);

@@ -143,6 +143,60 @@ static spin_status load_photo(struct spin_metrics *m, size_t view, size_t plane,
     return SPIN_OK;
 }
 
+/* ---- A subject alone --------------------------------------------------------------------------- */
+
+/* Pixels of the mask [h][w], grown by half the window of SSIM: elsewhere two pictures of one subject on one
+ * background are the same in every window. */
+static size_t count_grown(const uint8_t *mask, int width, int height)
+{
+    size_t n = 0;
+
+    for (int y = 0; y < height; y++)
+        for (int x = 0; x < width; x++) {
+            bool near = false;
+
+            for (int v = y - SPIN_SSIM_HALF; v <= y + SPIN_SSIM_HALF && !near; v++)
+                for (int u = x - SPIN_SSIM_HALF; u <= x + SPIN_SSIM_HALF && !near; u++)
+                    near = v >= 0 && v < height && u >= 0 && u < width &&
+                           mask[(size_t)v * (size_t)width + (size_t)u];
+            n += near;
+        }
+    return n;
+}
+
+/* Photograph and picture become background outside the mask; then what differs is the subject's. */
+static spin_status measure_subject(struct spin_metrics *m, const struct spin_camera *c, size_t view,
+                                   struct pictures *p, struct spin_quality *q)
+{
+    size_t plane = (size_t)c->width * (size_t)c->height, n, n_grown;
+    double v[SPIN_MEASURE_VALUES];
+
+    SPIN_TRY(spin_dynamic_mask_find(m->subject, view, NULL, &n));
+    SPIN_TRY(spin_player_picture(m->player, p->image));
+    for (size_t i = 0; i < plane; i++)
+        for (size_t k = 0; k < 3 && !m->subject->mask[i]; k++) {
+            float back = fminf(fmaxf(m->background[k], 0), 1);
+
+            p->rgb8[3 * i + k] = (uint8_t)lrintf(255 * back);
+            p->image[k * plane + i] = p->truth[k * plane + i] = p->rgb8[3 * i + k] / 255.0f;
+        }
+    spin_player_set_picture(m->player, p->image);
+    SPIN_TRY(spin_player_measure(m->player, p->rgb8, NULL, v));
+    *q = (struct spin_quality){.psnr = NAN,
+                               .ssim = NAN,
+                               .psnr_channel_mean = NAN,
+                               .psnr_dynamic = NAN,
+                               .psnr_static = NAN,
+                               .dynamic = NAN,
+                               .lpips = {NAN, NAN}};
+    if (n == 0)
+        return SPIN_OK;
+    n_grown = count_grown(m->subject->mask, c->width, c->height);
+    set_quality(v, (double)n, false, 0, q);
+    q->ssim = 1 - (1 - v[SPIN_MEASURE_SSIM]) * (double)plane / (double)n_grown;
+    return SPIN_OK;
+}
+
 /* What a view tells. */
 struct measured {
     struct spin_eval_view view;
@@ -161,14 +215,18 @@ static spin_status measure_one(struct spin_metrics *m, size_t i, struct pictures
 
     SPIN_TRY(draw_one(m, i));
     SPIN_TRY(load_photo(m, pair->view, plane, regions, p, &n_dynamic));
-    SPIN_TRY(spin_player_measure(m->player, p->rgb8, regions ? p->mask : NULL, values));
     out->frame = m->clip->bundle.meta.frame[m->clip->frame[pair->frame]].number;
     out->camera = view->camera_id;
-    set_quality(values, (double)plane, regions, (double)n_dynamic, &out->q);
-    SPIN_TRY(spin_player_picture(m->player, p->image));
+    if (m->subject) {
+        SPIN_TRY(measure_subject(m, &view->camera, pair->view, p, &out->q));
+    } else {
+        SPIN_TRY(spin_player_measure(m->player, p->rgb8, regions ? p->mask : NULL, values));
+        set_quality(values, (double)plane, regions, (double)n_dynamic, &out->q);
+        SPIN_TRY(spin_player_picture(m->player, p->image));
+    }
     spin_colour_sums(view->camera_id, plane, p->image, p->truth, &one->sums);
     for (int k = 0; k < SPIN_N_LPIPS; k++)
-        if (m->lpips[k])
+        if (m->lpips[k] && out->q.valid)
             SPIN_TRY(spin_lpips_compare(m->lpips[k], view->camera.width, view->camera.height,
                                         p->image, p->truth, &out->q.lpips[k], NULL));
     if (m->images)
@@ -188,6 +246,8 @@ static void add_one(double value, double *sum, size_t *n)
 
 void spin_quality_add(struct spin_quality_sum *s, const struct spin_quality *q)
 {
+    if (!q->valid)
+        return;
     s->n++;
     s->sum.psnr += q->psnr;
     s->sum.ssim += q->ssim;
@@ -266,7 +326,8 @@ out:
     return status;
 }
 
-static spin_status add_fitted(struct measured *view, size_t n)
+/* Of a subject alone none is known: the background around it would be fitted too. */
+static spin_status add_fitted(struct measured *view, size_t n, bool subject)
 {
     struct spin_colour_sums *sums = NULL;
     double *psnr = NULL;
@@ -278,7 +339,7 @@ static spin_status add_fitted(struct measured *view, size_t n)
         sums[i] = view[i].sums;
     spin_colour_fit(sums, n, psnr);
     for (size_t i = 0; i < n; i++)
-        view[i].view.q.psnr_colour_fitted = psnr[i];
+        view[i].view.q.psnr_colour_fitted = subject ? NAN : psnr[i];
 out:
     free(sums);
     free(psnr);
@@ -315,7 +376,7 @@ spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)
     }
     SPIN_TRY_OUT(spin_ranks_agree(status));
     SPIN_TRY_OUT(merge_views(m, view));
-    SPIN_TRY_OUT(add_fitted(view, m->n_pairs));
+    SPIN_TRY_OUT(add_fitted(view, m->n_pairs, m->subject != NULL));
     for (size_t i = 0; i < m->n_pairs; i++) {
         spin_quality_add(&sum, &view[i].view.q);
         if (m->view)

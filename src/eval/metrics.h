@@ -8,7 +8,7 @@
 
 /* Means over views; what was not measured is NaN. */
 struct spin_quality {
-    bool valid;
+    bool valid; /* else nothing of it was measured */
     double psnr, ssim, psnr_channel_mean;
     double
         psnr_colour_fitted; /* after one gain and offset a channel were fitted to the camera's photographs */
@@ -31,9 +31,10 @@ struct spin_eval_report {
     int n_bundle_frames;            /* storage is of these, whichever were measured */
     bool trained, refined;          /* what was measured; neither: the source */
     enum spin_dynamic_from dynamic; /* where the dynamic regions came from; OFF: nowhere */
-    uint64_t left_out;              /* splats that cannot be drawn, over all frames */
-    double seconds_decode;          /* one frame: positions and network to splats */
-    double seconds_draw;            /* one view of a decoded frame */
+    const char *subject; /* what was measured alone: by "masks" or "alpha"; NULL: whole pictures */
+    uint64_t left_out;   /* splats that cannot be drawn, over all frames */
+    double seconds_decode; /* one frame: positions and network to splats */
+    double seconds_draw;   /* one view of a decoded frame */
     struct spin_bundle_bytes storage, unpacked;
 };
 
@@ -52,6 +53,8 @@ struct spin_metrics {
     const float *background;
     const size_t *live_counts;         /* network in training: splats of each frame; else NULL */
     struct spin_dynamic_mask *dynamic; /* moving regions apart, or NULL */
+    struct spin_dynamic_mask
+        *subject; /* what is measured alone, the rest becomes background; or NULL */
     struct spin_lpips *lpips[SPIN_N_LPIPS]; /* or NULL */
     const char *images;                     /* folder for "truth | picture" PNGs, or NULL */
     struct spin_player *source;             /* "truth | source | picture" then; or NULL */

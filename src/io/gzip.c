@@ -5,6 +5,7 @@
  * 0.1 % longer than if deflated in one go. */
 #include "io/gzip.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <zlib.h>
@@ -14,31 +15,47 @@
 #include "io/file.h"
 
 #define BLOCK ((size_t)256 << 10)
-#define WINDOW ((size_t)32 << 10)
+#define WINDOW ((size_t)SPIN_DEFLATE_WINDOW)
+#define LEAST_NOISE 4096
 
-struct gzip {
-    const unsigned char *data;
-    size_t n;
-    int level;
+struct deflated {
+    const struct spin_deflate *job;
     unsigned char *slots; /* [blocks][slot] packed blocks */
     size_t slot;
     size_t *n_packed; /* [blocks]; 0: not enough memory */
 };
 
+/* Whether Huffman's code would not shorten bytes by a hundredth: their entropy. */
+static bool is_noise(const unsigned char *data, size_t n)
+{
+    uint32_t seen[256] = {0};
+    double bits = 0;
+
+    for (size_t i = 0; i < n; i++)
+        seen[data[i]]++;
+    for (int b = 0; b < 256; b++)
+        if (seen[b] > 0)
+            bits += seen[b] * log2((double)n / seen[b]);
+    return n >= LEAST_NOISE && bits > 7.9 * (double)n;
+}
+
 static void deflate_block(void *context, int task, int worker)
 {
-    struct gzip *g = context;
-    size_t at = (size_t)task * BLOCK, n = g->n - at < BLOCK ? g->n - at : BLOCK;
-    int flush = at + n == g->n ? Z_FINISH : Z_SYNC_FLUSH;
+    struct deflated *g = context;
+    const struct spin_deflate *job = g->job;
+    size_t at = (size_t)task * BLOCK, n = job->n - at < BLOCK ? job->n - at : BLOCK;
+    size_t before = at > 0 ? WINDOW : job->n_before < WINDOW ? job->n_before : WINDOW;
+    int flush = job->last && at + n == job->n ? Z_FINISH : Z_SYNC_FLUSH;
+    int level = job->noise_as_is && is_noise(job->data + at, n) ? 0 : job->level;
     z_stream z = {0};
 
     (void)worker;
-    if (deflateInit2(&z, g->level, Z_DEFLATED, -MAX_WBITS, 8,
-                     g->level == 1 ? Z_RLE : Z_DEFAULT_STRATEGY) != Z_OK)
+    if (deflateInit2(&z, level, Z_DEFLATED, -MAX_WBITS, 8, job->rle ? Z_RLE : Z_DEFAULT_STRATEGY) !=
+        Z_OK)
         return;
-    if (at > 0)
-        deflateSetDictionary(&z, g->data + at - WINDOW, WINDOW);
-    z.next_in = (unsigned char *)(uintptr_t)(g->data + at);
+    if (before > 0)
+        deflateSetDictionary(&z, job->data + at - before, (uInt)before);
+    z.next_in = (unsigned char *)(uintptr_t)(job->data + at);
     z.avail_in = (uInt)n;
     z.next_out = g->slots + (size_t)task * g->slot;
     z.avail_out = (uInt)g->slot;
@@ -48,25 +65,21 @@ static void deflate_block(void *context, int task, int worker)
     deflateEnd(&z);
 }
 
-spin_status spin_gzip_write(struct spin_pool *pool, int level, const void *data, size_t n,
-                            unsigned char **out, size_t *n_room, size_t *n_out)
+spin_status spin_deflate(struct spin_pool *pool, const struct spin_deflate *job, size_t n_head,
+                         size_t n_tail, struct spin_deflate_room *to)
 {
-    /* Magic, deflate, no flags, no date, no hint about the effort, Unix. */
-    static const unsigned char header[10] = {0x1f, 0x8b, 8, 0, 0, 0, 0, 0, 0, 3};
-    size_t n_blocks = n > 0 ? (n + BLOCK - 1) / BLOCK : 1;
-    struct gzip g = {.data = data, .n = n, .level = level};
-    uint32_t crc = spin_crc32(0, data, n);
+    size_t n_blocks = job->n > 0 ? (job->n + BLOCK - 1) / BLOCK : 1;
+    struct deflated g = {.job = job};
     unsigned char *end;
     spin_status status = SPIN_OK;
 
     g.slot = compressBound(BLOCK) + 64; /* the bound knows nothing of the flush */
-    if (sizeof header + n_blocks * g.slot + 8 > *n_room) {
-        SPIN_TRY(spin_grow(sizeof header + n_blocks * g.slot + 8, 1, (void **)out));
-        *n_room = sizeof header + n_blocks * g.slot + 8;
+    if (n_head + n_blocks * g.slot + n_tail > to->n_room) {
+        SPIN_TRY(spin_grow(n_head + n_blocks * g.slot + n_tail, 1, (void **)&to->data));
+        to->n_room = n_head + n_blocks * g.slot + n_tail;
     }
     SPIN_TRY(spin_alloc(n_blocks, sizeof *g.n_packed, (void **)&g.n_packed));
-    memcpy(*out, header, sizeof header);
-    end = g.slots = *out + sizeof header;
+    end = g.slots = to->data + n_head;
     spin_pool_run(pool, (int)n_blocks, deflate_block, &g);
     for (size_t i = 0; i < n_blocks; i++) {
         if (g.n_packed[i] == 0)
@@ -75,12 +88,33 @@ spin_status spin_gzip_write(struct spin_pool *pool, int level, const void *data,
         end += g.n_packed[i];
     }
     free(g.n_packed);
+    to->n = (size_t)(end - g.slots);
+    return status;
+}
+
+spin_status spin_gzip_write(struct spin_pool *pool, int level, const void *data, size_t n,
+                            unsigned char **out, size_t *n_room, size_t *n_out)
+{
+    /* Magic, deflate, no flags, no date, no hint about the effort, Unix. */
+    static const unsigned char header[10] = {0x1f, 0x8b, 8, 0, 0, 0, 0, 0, 0, 3};
+    const struct spin_deflate job = {
+        .data = data, .n = n, .level = level, .rle = level == 1, .last = true};
+    struct spin_deflate_room to = {.data = *out, .n_room = *n_room};
+    uint32_t crc = spin_crc32(0, data, n);
+    spin_status status = spin_deflate(pool, &job, sizeof header, 8, &to);
+    unsigned char *end;
+
+    *out = to.data;
+    *n_room = to.n_room;
+    SPIN_TRY(status);
+    memcpy(to.data, header, sizeof header);
+    end = to.data + sizeof header + to.n;
     for (int i = 0; i < 4; i++) {
         end[i] = (unsigned char)(crc >> (8 * i));
         end[4 + i] = (unsigned char)(n >> (8 * i));
     }
-    *n_out = (size_t)(end + 8 - *out);
-    return status;
+    *n_out = (size_t)(end + 8 - to.data);
+    return SPIN_OK;
 }
 
 static spin_status inflate_all(int window_bits, const char *name, const void *data, size_t size,

@@ -4,11 +4,13 @@
  * calls that success, and libpng talks to the terminal. */
 #include "io/image.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/err.h"
+#include "base/mem.h"
 #include "io/image_shim.h"
 #include "base/shim.h"
 #include "io/video.h"
@@ -263,25 +265,97 @@ spin_status spin_image_encode(int width, int height, const uint8_t *rgb, unsigne
     return SPIN_OK;
 }
 
+static spin_status write_bytes(const char *path, const unsigned char *bytes, size_t n_bytes,
+                               bool sync)
+{
+    struct spin_out out;
+    spin_status status;
+
+    SPIN_TRY(spin_out_open(path, true, &out));
+    out.sync = sync;
+    status = spin_out_write(&out, bytes, n_bytes);
+    if (status == SPIN_OK)
+        return spin_out_commit(&out);
+    spin_out_abandon(&out);
+    return status;
+}
+
 spin_status spin_image_write(const char *path, int width, int height, const uint8_t *rgb, bool sync)
 {
     unsigned char *bytes = NULL;
     size_t n_bytes = 0;
-    struct spin_out out;
     spin_status status = spin_image_encode(width, height, rgb, &bytes, &n_bytes);
 
     if (status != SPIN_OK)
         return spin_fail_context(status, "cannot write image '%s'", path);
-    SPIN_TRY_OUT(spin_out_open(path, true, &out));
-    out.sync = sync;
-    status = spin_out_write(&out, bytes, n_bytes);
-    if (status == SPIN_OK)
-        status = spin_out_commit(&out);
-    else
-        spin_out_abandon(&out);
-out:
+    status = write_bytes(path, bytes, n_bytes, sync);
     free(bytes);
     return status;
+}
+
+/* ---- Films -------------------------------------------------------------------------------------- */
+
+static float finite_or_0(float v) { return isfinite(v) ? v : 0; }
+
+/* What the screen makes light of: the curve of sRGB, which goes on above 1. */
+static float light_of(float v)
+{
+    return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
+}
+
+/* Colour of a pixel by itself, and as the file has it: PNG's is not multiplied by alpha. */
+static void colour_of(const struct spin_film *film, size_t i, float out[3])
+{
+    size_t plane = (size_t)film->width * (size_t)film->height;
+    float alpha = film->alpha ? finite_or_0(film->alpha[i]) : 1, back = film->exr ? alpha : 1;
+
+    for (size_t c = 0; c < 3; c++) {
+        float v = finite_or_0(film->image[c * plane + i]);
+
+        v = alpha > 0 ? v / alpha : 0;
+        out[c] = (film->linear ? light_of(v) : v) * back;
+    }
+    if (film->alpha)
+        out[3] = alpha;
+}
+
+spin_status spin_film_write(const char *path, const struct spin_film *film, bool sync)
+{
+    static const char *const all[] = {"R", "G", "B", "A", "Z", "ZMedian"};
+    const char *names[6];
+    size_t plane = (size_t)film->width * (size_t)film->height, n = 0, n_bytes = 0;
+    struct spin_image_out out = {.format = film->exr ? "openexr" : "png",
+                                 .width = film->width,
+                                 .height = film->height,
+                                 .names = names,
+                                 .n_colours = film->alpha ? 4 : 3,
+                                 .bits = film->bits,
+                                 .linear = film->linear};
+    unsigned char *bytes = NULL;
+    float *pixels = NULL;
+    char why[256] = "";
+    spin_status status;
+
+    for (size_t k = 0; k < 6; k++)
+        if (k < 3 || (k == 3 ? film->alpha != NULL : film->depth != NULL))
+            names[n++] = all[k];
+    out.n_channels = (int)n;
+    SPIN_TRY(spin_alloc(plane, n * sizeof *pixels, (void **)&pixels));
+    for (size_t i = 0; i < plane; i++) {
+        colour_of(film, i, pixels + n * i);
+        for (size_t k = 0; k < 2 && film->depth; k++)
+            pixels[n * i + (size_t)out.n_colours + k] = film->depth[k * plane + i];
+    }
+    out.pixels = pixels;
+    SPIN_TRY_OUT(spin_image_start());
+    if (shim->encode(&out, &bytes, &n_bytes, why, sizeof why) != SPIN_IMAGE_OK)
+        status = spin_fail(SPIN_E_IO, "cannot encode a picture: %s", why);
+    if (status == SPIN_OK)
+        status = write_bytes(path, bytes, n_bytes, sync);
+out:
+    free(pixels);
+    free(bytes);
+    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot write image '%s'", path);
 }
 
 /* ---- Names ------------------------------------------------------------------------------------- */

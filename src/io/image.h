@@ -22,7 +22,7 @@ spin_status spin_image_look(const char *path, int *width, int *height,
 
 /* Decode to interleaved 8-bit RGB [h][w][3], allocated with malloc; grey is spread, 16-bit is rounded,
  * and what has alpha is composited over `background` (0..1; NULL: black) as the methods do it: on the
- * stored values, colour * alpha + background * (1 - alpha). Sizes above 64 Mi pixels are refused. */
+ * stored values, colour * alpha + background * (1 - alpha); EXR's are brought from light to the screen first. Sizes above 64 Mi pixels are refused. */
 spin_status spin_image_read(const char *path, const float background[3], int *width, int *height,
                             uint8_t **rgb);
 
@@ -33,6 +33,19 @@ spin_status spin_image_encode(int width, int height, const uint8_t *rgb, unsigne
 /* Write interleaved 8-bit RGB as PNG (write, then rename; sync: wait for the disk between). */
 spin_status spin_image_write(const char *path, int width, int height, const uint8_t *rgb,
                              bool sync);
+
+/* A picture of splats as films want it, written as spin_image_write() does. `image` [3][h][w] holds the values that splats
+ * blend, which are those of the screen (sRGB), over black where there is alpha. */
+struct spin_film {
+    int width, height;
+    const float *image;
+    const float *alpha; /* [h][w], or NULL */
+    const float *depth; /* [2][h][w] expected and median, channels Z and ZMedian; EXR; or NULL */
+    bool exr;           /* else PNG */
+    int bits;           /* PNG: 8 or 16; EXR: 16 (half) or 32 */
+    bool linear;        /* EXR: values become those of light, colour by colour */
+};
+spin_status spin_film_write(const char *path, const struct spin_film *film, bool sync);
 
 /* Of a picture drawn from a view, the same wherever pictures are written: "cam_07_frame_00012.png".
  * label: goes before the ending, or NULL. The second camera that a row has with the same number, which happens, is

@@ -4,7 +4,9 @@
  * has. Each function catches everything. */
 #include "io/image_shim.h"
 
+#include <algorithm>
 #include <atomic>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -120,6 +122,36 @@ void to_rgb(const uint8_t *pixels, size_t n_pixels, int n, int alpha, const floa
     }
 }
 
+/* The screen's value 0..1 of light: the curve of sRGB. */
+float screen_of(float light)
+{
+    return light <= 0.0031308f ? light * 12.92f : 1.055f * std::pow(light, 1 / 2.4f) - 0.055f;
+}
+
+/* Floats, colours multiplied by alpha and mostly of light, as EXR has them. */
+void read_floats(OIIO::ImageInput &in, int n, int alpha, const float background[3], uint8_t *rgb)
+{
+    const OIIO::ImageSpec spec = in.spec();
+    size_t n_pixels = static_cast<size_t>(spec.width) * static_cast<size_t>(spec.height);
+    bool linear = spec.get_string_attribute("oiio:ColorSpace", "Linear") != "sRGB";
+    std::vector<float> all(n_pixels * static_cast<size_t>(n));
+
+    if (!in.read_image(0, 0, 0, n, OIIO::TypeDesc::FLOAT, all.data()))
+        fail(in.geterror());
+    for (size_t i = 0; i < n_pixels; i++) {
+        const float *from = all.data() + i * static_cast<size_t>(n);
+        float a = alpha >= 0 ? from[alpha] : 1;
+
+        for (int c = 0; c < 3; c++) {
+            float v = a > 0 ? from[n < 3 ? 0 : c] / a : 0;
+            float shown = (linear ? screen_of(v) : v) * a + background[c] * (1 - a);
+
+            rgb[3 * i + static_cast<size_t>(c)] =
+                static_cast<uint8_t>(shown > 0 ? std::min(shown, 1.0f) * 255 + 0.5f : 0);
+        }
+    }
+}
+
 enum spin_image_result image_size(const char *path, const char *format, int *width, int *height,
                                   int *channels, char *why, size_t n_why)
 {
@@ -145,20 +177,43 @@ enum spin_image_result image_read(const char *path, const char *format, int64_t 
         size_t n_pixels = static_cast<size_t>(spec.width) * static_cast<size_t>(spec.height);
         std::unique_ptr<uint8_t, decltype(&std::free)> out(
             static_cast<uint8_t *>(std::malloc(3 * n_pixels)), &std::free);
-        std::vector<uint8_t> other(n == 3 ? 0 : n_pixels * static_cast<size_t>(n));
+        bool floats = std::strcmp(in->format_name(), "openexr") == 0;
+        std::vector<uint8_t> other(n == 3 || floats ? 0 : n_pixels * static_cast<size_t>(n));
         uint8_t *pixels = n == 3 ? out.get() : other.data();
 
         if (!out)
             throw std::bad_alloc();
-        if (!in->read_image(0, 0, 0, n, OIIO::TypeDesc::UINT8, pixels))
+        alpha = alpha == spec.alpha_channel ? alpha : -1;
+        if (floats)
+            read_floats(*in, n, alpha, background, out.get());
+        else if (!in->read_image(0, 0, 0, n, OIIO::TypeDesc::UINT8, pixels))
             fail(in->geterror());
-        if (n != 3)
-            to_rgb(pixels, n_pixels, n, alpha == spec.alpha_channel ? alpha : -1, background,
-                   out.get());
+        if (n != 3 && !floats)
+            to_rgb(pixels, n_pixels, n, alpha, background, out.get());
         *width = spec.width;
         *height = spec.height;
         *rgb = out.release();
     });
+}
+
+void encode(const OIIO::ImageSpec &spec, const char *format, OIIO::TypeDesc type,
+            const void *pixels, unsigned char **bytes, size_t *n_bytes)
+{
+    std::vector<unsigned char> file;
+    OIIO::Filesystem::IOVecOutput sink(file);
+    auto out = OIIO::ImageOutput::create(format);
+
+    if (!out || !out->supports("ioproxy"))
+        fail(std::string("OpenImageIO was built without ") + format);
+    out->set_ioproxy(&sink);
+    if (!out->open(std::string("image.") + format, spec) || !out->write_image(type, pixels) ||
+        !out->close())
+        fail(out->geterror());
+    *bytes = static_cast<unsigned char *>(std::malloc(file.size() + 1));
+    if (!*bytes)
+        throw std::bad_alloc();
+    std::memcpy(*bytes, file.data(), file.size());
+    *n_bytes = file.size();
 }
 
 enum spin_image_result image_encode_png(int width, int height, const uint8_t *rgb,
@@ -166,22 +221,34 @@ enum spin_image_result image_encode_png(int width, int height, const uint8_t *rg
                                         size_t n_why)
 {
     return guarded(why, n_why, [&] {
-        OIIO::ImageSpec spec(width, height, 3, OIIO::TypeDesc::UINT8);
-        std::vector<unsigned char> file;
-        OIIO::Filesystem::IOVecOutput sink(file);
-        auto out = OIIO::ImageOutput::create("png");
+        encode(OIIO::ImageSpec(width, height, 3, OIIO::TypeDesc::UINT8), "png",
+               OIIO::TypeDesc::UINT8, rgb, bytes, n_bytes);
+    });
+}
 
-        if (!out || !out->supports("ioproxy"))
-            fail("OpenImageIO was built without PNG");
-        out->set_ioproxy(&sink);
-        if (!out->open("image.png", spec) || !out->write_image(OIIO::TypeDesc::UINT8, rgb) ||
-            !out->close())
-            fail(out->geterror());
-        *bytes = static_cast<unsigned char *>(std::malloc(file.size() + 1));
-        if (!*bytes)
-            throw std::bad_alloc();
-        std::memcpy(*bytes, file.data(), file.size());
-        *n_bytes = file.size();
+enum spin_image_result image_encode(const struct spin_image_out *image, unsigned char **bytes,
+                                    size_t *n_bytes, char *why, size_t n_why)
+{
+    return guarded(why, n_why, [&] {
+        bool exr = std::strcmp(image->format, "openexr") == 0;
+        OIIO::TypeDesc colour =
+            exr ? (image->bits == 16 ? OIIO::TypeDesc::HALF : OIIO::TypeDesc::FLOAT)
+                : (image->bits == 16 ? OIIO::TypeDesc::UINT16 : OIIO::TypeDesc::UINT8);
+        OIIO::ImageSpec spec(image->width, image->height, image->n_channels, colour);
+
+        spec.channelnames.assign(image->names, image->names + image->n_channels);
+        if (image->n_channels > image->n_colours) {
+            spec.channelformats.assign(static_cast<size_t>(image->n_channels),
+                                       OIIO::TypeDesc::FLOAT);
+            std::fill_n(spec.channelformats.begin(), image->n_colours, colour);
+        }
+        for (int c = 0; c < image->n_channels; c++)
+            if (std::strcmp(image->names[c], "A") == 0)
+                spec.alpha_channel = c;
+        spec.attribute("oiio:ColorSpace", image->linear ? "Linear" : "sRGB");
+        if (!exr)
+            spec.attribute("oiio:UnassociatedAlpha", 1);
+        encode(spec, image->format, OIIO::TypeDesc::FLOAT, image->pixels, bytes, n_bytes);
     });
 }
 
@@ -224,4 +291,5 @@ png_set_error_fn(void *png, void *context, png_handler error, png_handler warnin
 }
 
 extern "C" const struct spin_image_shim spin_image_shim_table = {
-    SPIN_IMAGE_SHIM_ABI, OIIO_VERSION_STRING, image_size, image_read, image_encode_png};
+    SPIN_IMAGE_SHIM_ABI, OIIO_VERSION_STRING, image_size,
+    image_read,          image_encode_png,    image_encode};

@@ -3,6 +3,7 @@
 #ifndef SPIN_IO_IMAGE_SHIM_H
 #define SPIN_IO_IMAGE_SHIM_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -10,7 +11,7 @@
 extern "C" {
 #endif
 
-#define SPIN_IMAGE_SHIM_ABI 2
+#define SPIN_IMAGE_SHIM_ABI 3
 #define SPIN_IMAGE_SHIM_SYMBOL "spin_image_shim_table"
 
 enum spin_image_result {
@@ -18,6 +19,19 @@ enum spin_image_result {
     SPIN_IMAGE_UNREADABLE, /* no such format, damaged, cut short */
     SPIN_IMAGE_TOO_LARGE,
     SPIN_IMAGE_NO_MEMORY
+};
+
+/* A picture to write: values 0..1, or as they are where bits is of floats. */
+struct spin_image_out {
+    const char *format; /* "png" or "openexr" */
+    int width, height, n_channels;
+    const char *const *
+        names; /* [n_channels] R, G, B, then A, then others, which are written as floats of 32 bits */
+    int n_colours; /* channels before the others */
+    int bits;      /* PNG: 8, 16; EXR: 16, 32 */
+    bool linear;   /* light, else values for the screen */
+    const float
+        *pixels; /* [h][w][n_channels]; PNG: colours are not multiplied by alpha, EXR: they are */
 };
 
 /* format: "jpeg" or "png" when the caller knows, "" to let OpenImageIO guess.
@@ -35,6 +49,9 @@ struct spin_image_shim {
     enum spin_image_result (*encode_png)(int width, int height, const uint8_t *rgb,
                                          unsigned char **bytes, size_t *n_bytes, char *why,
                                          size_t n_why);
+    /* The bytes of a PNG or EXR file. */
+    enum spin_image_result (*encode)(const struct spin_image_out *image, unsigned char **bytes,
+                                     size_t *n_bytes, char *why, size_t n_why);
 };
 
 extern const struct spin_image_shim spin_image_shim_table;

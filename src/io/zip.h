@@ -45,7 +45,7 @@ spin_status spin_zip_head(const struct spin_zip *zip, const struct spin_zip_memb
                           void *out, size_t n, size_t *n_out);
 
 /* ---- Writing: members stored, data 64-byte aligned, or deflated; zip64 when needed, no dates (1980-01-01), so equal
- * content gives equal bytes. */
+ * content gives equal bytes, by any number of threads. */
 
 struct spin_zip_writer {
     struct spin_out out;
@@ -56,6 +56,8 @@ struct spin_zip_writer {
     bool in_member;
     bool plain; /* headers hold names alone, and data are not aligned; set it after begin() */
     struct spin_zip_deflate *deflate; /* of the member that is being written; NULL: stored */
+    int n_threads; /* that deflate a long member; 0: all cores. Set it after open() or begin() */
+    struct spin_pool *pool;
 };
 spin_status spin_zip_writer_open(const char *path, bool force, struct spin_zip_writer *w);
 /* begin with the exact size, then write in pieces, then end. */
@@ -63,6 +65,8 @@ spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, u
 /* The same for a member that is deflated on the way. */
 spin_status spin_zip_member_begin_deflated(struct spin_zip_writer *w, const char *name,
                                            uint64_t size);
+/* The one just begun quickly: only runs of a byte are found, and what seems random is stored. Before its first bytes. */
+void spin_zip_member_runs(struct spin_zip_writer *w);
 spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, size_t bytes);
 spin_status spin_zip_member_end(struct spin_zip_writer *w);
 /* The same at once, of two pieces that are there already: nothing is written twice. */

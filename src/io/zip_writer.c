@@ -4,10 +4,10 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
-#include <zlib.h>
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "io/gzip.h"
 #include "io/zip_format.h"
 
 enum {
@@ -16,14 +16,18 @@ enum {
     ALIGN = 64,
     DOS_DATE_1980 = 0x21,
     DEFLATE_LEVEL = 6,
-    DEFLATE_ROOM = 1 << 16
+    WINDOW = SPIN_DEFLATE_WINDOW,
+    PART = 8 << 20 /* what threads deflate side by side */
 };
 /* A deflated member may become a little longer; from here on its header has room for 64 bits. */
 static const uint64_t deflate_zip64 = 0xf0000000u;
 
 struct spin_zip_deflate {
-    z_stream z;
-    unsigned char room[DEFLATE_ROOM]; /* what came out */
+    bool runs;         /* see spin_zip_member_runs() */
+    unsigned char *in; /* [n_room]: n_before bytes that are written, then n that wait */
+    size_t n_room, n_before, n;
+    uint64_t packed_size;
+    struct spin_deflate_room out;
 };
 
 struct spin_zip_written {
@@ -127,7 +131,9 @@ static spin_status begin_member(struct spin_zip_writer *w, const char *name, uin
         put(&extra, size, 8);
     }
     e->crc = crc;
-    pad = method == METHOD_STORED && !w->plain ? padding(w->out.bytes + LOCAL_BYTES + n_name + extra.n) : 0;
+    pad = method == METHOD_STORED && !w->plain
+              ? padding(w->out.bytes + LOCAL_BYTES + n_name + extra.n)
+              : 0;
     if (pad > 0) {
         put(&extra, EXTRA_ALIGN, 2);
         put(&extra, pad - 4, 2);
@@ -154,8 +160,10 @@ spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, u
 
 static void end_deflate(struct spin_zip_writer *w)
 {
-    if (w->deflate)
-        deflateEnd(&w->deflate->z);
+    if (w->deflate) {
+        free(w->deflate->in);
+        free(w->deflate->out.data);
+    }
     free(w->deflate);
     w->deflate = NULL;
 }
@@ -163,36 +171,57 @@ static void end_deflate(struct spin_zip_writer *w)
 spin_status spin_zip_member_begin_deflated(struct spin_zip_writer *w, const char *name,
                                            uint64_t size)
 {
+    struct spin_zip_deflate *d;
+
     w->crc = 0;
     w->member_size = 0;
-    SPIN_TRY(spin_alloc(1, sizeof *w->deflate, (void **)&w->deflate));
-    if (deflateInit2(&w->deflate->z, DEFLATE_LEVEL, Z_DEFLATED, -MAX_WBITS, 8,
-                     Z_DEFAULT_STRATEGY) != Z_OK) {
-        free(w->deflate);
-        w->deflate = NULL;
-        return spin_fail(SPIN_E_MEMORY, "cannot write '%s': no memory to deflate", w->out.path);
-    }
+    SPIN_TRY(spin_alloc(1, sizeof *d, (void **)&d));
+    *d = (struct spin_zip_deflate){.n_room = WINDOW + (size < PART ? (size_t)size : PART)};
+    w->deflate = d;
+    SPIN_TRY(spin_alloc(d->n_room, 1, (void **)&d->in));
+    if (size > PART && !w->pool)
+        SPIN_TRY(spin_pool_create(w->n_threads, &w->pool));
     w->in_member = true;
     return begin_member(w, name, size, 0, METHOD_DEFLATE);
 }
 
-/* Deflate n more bytes, or with Z_FINISH the rest, and write what comes out. */
-static spin_status deflate_on(struct spin_zip_writer *w, const void *data, size_t n, int flush)
-{
-    z_stream *z = &w->deflate->z;
-    const size_t most = 1u << 30; /* zlib counts in unsigned int */
+void spin_zip_member_runs(struct spin_zip_writer *w) { w->deflate->runs = true; }
 
-    z->next_in = (Bytef *)(uintptr_t)data;
-    do {
-        if (z->avail_in == 0 && n > 0) {
-            z->avail_in = (uInt)(n < most ? n : most);
-            n -= z->avail_in;
-        }
-        z->next_out = w->deflate->room;
-        z->avail_out = DEFLATE_ROOM;
-        deflate(z, flush); /* cannot fail: its state is sound and there is room */
-        SPIN_TRY(spin_out_write(&w->out, w->deflate->room, DEFLATE_ROOM - z->avail_out));
-    } while (z->avail_out == 0 || z->avail_in > 0 || n > 0);
+/* Deflate what waits, and write it. */
+static spin_status deflate_part(struct spin_zip_writer *w, bool last)
+{
+    struct spin_zip_deflate *d = w->deflate;
+    const struct spin_deflate job = {.data = d->in + d->n_before,
+                                     .n = d->n,
+                                     .n_before = d->n_before,
+                                     .level = DEFLATE_LEVEL,
+                                     .rle = d->runs,
+                                     .noise_as_is = d->runs,
+                                     .last = last};
+    size_t all = d->n_before + d->n;
+
+    SPIN_TRY(spin_deflate(w->pool, &job, 0, 0, &d->out));
+    d->packed_size += d->out.n;
+    d->n_before = all < WINDOW ? all : WINDOW;
+    d->n = 0;
+    memmove(d->in, d->in + all - d->n_before, d->n_before);
+    return spin_out_write(&w->out, d->out.data, d->out.n);
+}
+
+static spin_status deflate_on(struct spin_zip_writer *w, const unsigned char *data, size_t n)
+{
+    struct spin_zip_deflate *d = w->deflate;
+
+    while (n > 0) {
+        size_t room = d->n_room - d->n_before - d->n, take = n < room ? n : room;
+
+        memcpy(d->in + d->n_before + d->n, data, take);
+        d->n += take;
+        data += take;
+        n -= take;
+        if (n > 0)
+            SPIN_TRY(deflate_part(w, false));
+    }
     return SPIN_OK;
 }
 
@@ -214,7 +243,7 @@ spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, s
     w->crc = spin_crc32(w->crc, data, bytes);
     w->member_size += bytes;
     if (w->deflate)
-        return deflate_on(w, data, bytes, Z_NO_FLUSH);
+        return deflate_on(w, data, bytes);
     return spin_out_write(&w->out, data, bytes);
 }
 
@@ -240,8 +269,8 @@ spin_status spin_zip_member_end(struct spin_zip_writer *w)
     put(&b, entry->crc, 4);
     if (!w->deflate)
         return patch(w, &b, entry->header_offset + 14);
-    SPIN_TRY(deflate_on(w, "", 0, Z_FINISH));
-    entry->packed_size = w->deflate->z.total_out;
+    SPIN_TRY(deflate_part(w, true));
+    entry->packed_size = w->deflate->packed_size;
     end_deflate(w);
     if (!entry->zip64)
         put(&b, entry->packed_size, 4);
@@ -321,6 +350,7 @@ static void free_written(struct spin_zip_writer *w)
     for (size_t i = 0; i < w->n; i++)
         free(w->written[i].name);
     free(w->written);
+    spin_pool_free(w->pool);
     memset(w, 0, sizeof *w);
 }
 

@@ -95,7 +95,7 @@ SPIN_FN int spin_blend_step(const struct spin_blend_splat *s, float dx, float dy
 
     if (pixel->stopped || !spin_blend_counts(power, s->log2_opacity))
         return 0;
-    alpha = spin_minf(spin_exp2(power + s->log2_opacity), SPIN_ALPHA_MAX);
+    alpha = spin_minf(spin_exp2_within(power + s->log2_opacity), SPIN_ALPHA_MAX);
     t = pixel->t - alpha * pixel->t;
     if (t < SPIN_T_MIN) {
         pixel->stopped = 1;
@@ -105,6 +105,23 @@ SPIN_FN int spin_blend_step(const struct spin_blend_splat *s, float dx, float dy
         pixel->colour[c] += alpha * pixel->t * s->colour[c];
     pixel->t = t;
     return 1;
+}
+
+/* The same for depths, of a Gaussian whose colour is (depth, 1, 0): the pixel's colour gets the sum of the depths by
+ * their weights, that of the weights, and the median: the depth at which half of the light is held up, 0 before. */
+SPIN_FN void spin_blend_depth(const struct spin_blend_splat *s, float dx, float dy,
+                              struct spin_blend_pixel *pixel)
+{
+    float before = pixel->t;
+
+    if (spin_blend_step(s, dx, dy, pixel) && before > 0.5f && pixel->t <= 0.5f)
+        pixel->colour[2] = s->colour[0];
+}
+
+/* The expected depth, the mean of the depths by their weights; 0 where nothing shows. */
+SPIN_FN float spin_blend_expected(const struct spin_blend_pixel *pixel)
+{
+    return pixel->colour[1] > 0 ? pixel->colour[0] / pixel->colour[1] : 0;
 }
 
 /* What a Gaussian's gradient is made of: sums over its pixels of w g, and of de dx^i dy^j, where
@@ -119,13 +136,13 @@ struct spin_blend_pixel_adj {
     float g[3]; /* dL/dpixel */
 };
 
-/* One step back to front, for a pair that was added: its weight in the pixel, and de. The gradient passes the cap
- * of alpha. */
-SPIN_FN void spin_blend_pixel_adj(const struct spin_blend_splat *s, float dx, float dy,
+/* One step back to front, for a pair that was added, of this power: its weight in the pixel, and de. The gradient
+ * passes the cap of alpha. */
+SPIN_FN void spin_blend_pixel_adj(const struct spin_blend_splat *s, float power,
                                   struct spin_blend_pixel_adj *pixel, float *weight, float *de)
 {
-    float raw = spin_exp2(spin_blend_power(s, dx, dy) + s->log2_opacity);
-    float alpha = spin_minf(raw, SPIN_ALPHA_MAX), back = 1 / (1 - alpha);
+    float raw = spin_exp2_within(power + s->log2_opacity);
+    float alpha = spin_minf(raw, SPIN_ALPHA_MAX), back = spin_reciprocal(1 - alpha);
     float t = pixel->t * back, w = alpha * t;
     float cg = s->colour[0] * pixel->g[0] + s->colour[1] * pixel->g[1] + s->colour[2] * pixel->g[2];
 
@@ -154,7 +171,7 @@ SPIN_FN void spin_blend_step_adj(const struct spin_blend_splat *s, float dx, flo
 {
     float weight, de;
 
-    spin_blend_pixel_adj(s, dx, dy, pixel, &weight, &de);
+    spin_blend_pixel_adj(s, spin_blend_power(s, dx, dy), pixel, &weight, &de);
     spin_blend_add_adj(pixel->g, weight, de, dx, dy, sums);
 }
 

@@ -18,7 +18,7 @@ mkdir -p "$deb" || exit 1
 cp "$BUILD/spin4d-$version.tar.gz" "$deb/spin4d_$version.orig.tar.gz" || exit 1
 tar -C "$deb" -xzf "$BUILD/spin4d-$version.tar.gz" || exit 1
 cp -R "$here" "$tree/debian" || exit 1
-rm -f "$tree/debian/deb.sh"
+rm -f "$tree"/debian/*.sh "$tree/debian/wheel.py"
 # The version and the time are those of the tree.
 cat >"$tree/debian/changelog" <<CHANGES
 spin4d ($version-1) UNRELEASED; urgency=medium

@@ -8,6 +8,7 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "math/drawable.h"
 #include "model/residual.h"
 
 bool spin_bundle_is_trained(const struct spin_bundle *bundle)
@@ -35,23 +36,13 @@ spin_status spin_player_choose(const struct spin_bundle *bundle, bool source,
 
 /* ---- Values that are not finite ---------------------------------------------------------------- */
 
-/* x * 0 is 0 for a finite x and NaN for any other: a sum of them tells without a branch. */
-static float zeros(const float *x, size_t n)
-{
-    float sum = 0;
-
-    for (size_t i = 0; i < n; i++)
-        sum += x[i] * 0.0f;
-    return sum;
-}
-
 /* An infinite logit is an opacity of 0 or 1, and a log scale of minus infinity a point. */
 static bool is_drawable(const struct spin_splats *s, size_t i, size_t n_sh)
 {
     const float *scale = s->log_scales + 3 * i;
 
-    return zeros(s->means + 3 * i, 3) + zeros(s->quats + 4 * i, 4) +
-                   zeros(s->sh + n_sh * i, n_sh) ==
+    return spin_zeros(s->means + 3 * i, 3) + spin_zeros(s->quats + 4 * i, 4) +
+                   spin_zeros(s->sh + n_sh * i, n_sh) ==
                0.0f &&
            scale[0] < INFINITY && scale[1] < INFINITY && scale[2] < INFINITY &&
            !isnan(s->logit_opacities[i]);
@@ -84,8 +75,8 @@ static void count_network(struct spin_player *p, int index, size_t n, const floa
     if (!p->looked || p->looked[index])
         return;
     for (size_t i = 0; i < n; i++)
-        n_bad += zeros(means + 3 * i, 3) +
-                     (residual ? zeros(residual + SPIN_RESIDUAL * i, SPIN_RESIDUAL) : 0) !=
+        n_bad += spin_zeros(means + 3 * i, 3) +
+                     (residual ? spin_zeros(residual + SPIN_RESIDUAL * i, SPIN_RESIDUAL) : 0) !=
                  0.0f;
     add_bad(p, index, n_bad);
 }
@@ -241,7 +232,9 @@ static void release_pictures(struct spin_player *p)
     spin_raster_close(&p->raster);
     spin_image_store_close(&p->photo);
     d->op->release(d, p->values);
+    d->op->release(d, p->depth);
     p->values = NULL;
+    p->depth = NULL;
     p->pixels = p->tiles = 0;
 }
 
@@ -439,7 +432,8 @@ static spin_status need_pictures(struct spin_player *p, size_t pixels, size_t ti
         p->tiles = tiles;
     }
     if (!p->raster.device)
-        return spin_raster_open(&p->raster, p->device, p->capacity, p->pixels, p->tiles, 1, false);
+        return spin_raster_open(&p->raster, p->device, p->capacity, p->pixels, p->tiles, 1,
+                                p->weighs);
     return SPIN_OK;
 }
 
@@ -490,6 +484,55 @@ spin_status spin_player_picture(struct spin_player *p, float *image)
 {
     return p->device->op->download(p->device, image, p->raster.image,
                                    3 * p->drawn_pixels * sizeof(float));
+}
+
+/* The share of a colour is the slope of the picture by it: the way back from slopes of 1 of every pixel. */
+spin_status spin_player_weigh(struct spin_player *p, float *weights)
+{
+    struct spin_device *d = p->device;
+    struct spin_raster *r = &p->raster;
+    size_t n = p->now.n, n_values = 3 * p->drawn_pixels;
+    struct spin_splat2d_grad *slope = NULL;
+    float *ones = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_alloc(n_values, sizeof *ones, (void **)&ones));
+    SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *slope, (void **)&slope));
+    for (size_t i = 0; i < n_values; i++)
+        ones[i] = 1;
+    d->op->upload(d, r->d_image, ones, n_values * sizeof *ones);
+    d->op->blend_back(d, &p->drawn, r->splat2d, &r->tiles, r->final_transmittance,
+                      r->last_contributor, r->d_image, r->d_splat2d);
+    SPIN_TRY_OUT(d->op->download(d, slope, r->d_splat2d, n * sizeof *slope));
+    for (size_t i = 0; i < n; i++)
+        weights[i] = slope[i].colour[0];
+out:
+    free(ones);
+    free(slope);
+    return status;
+}
+
+spin_status spin_player_layers(struct spin_player *p, float *alpha, float *depth)
+{
+    struct spin_device *d = p->device;
+    size_t n = p->drawn_pixels;
+
+    if (alpha) {
+        SPIN_TRY(d->op->download(d, alpha, p->raster.final_transmittance, n * sizeof(float)));
+        for (size_t i = 0; i < n; i++)
+            alpha[i] = 1 - alpha[i];
+    }
+    if (!depth)
+        return SPIN_OK;
+    if (!p->depth)
+        SPIN_TRY(d->op->reserve(d, 2 * p->pixels * sizeof(float), (void SPIN_DEV **)&p->depth));
+    d->op->depth(d, &p->drawn, p->raster.splat2d, &p->raster.tiles, p->depth);
+    return d->op->download(d, depth, p->depth, 2 * n * sizeof(float));
+}
+
+void spin_player_set_picture(struct spin_player *p, const float *image)
+{
+    p->device->op->upload(p->device, p->raster.image, image, 3 * p->drawn_pixels * sizeof(float));
 }
 
 spin_status spin_player_measure(struct spin_player *p, const uint8_t *rgb8, const uint8_t *mask,

@@ -35,7 +35,9 @@ struct spin_player {
         *residual; /* [SPIN_RESIDUAL capacity], when the network's splats have residuals */
     struct spin_image_store photo; /* one, for measuring */
     double SPIN_DEV *values;       /* [SPIN_MEASURE_VALUES] */
+    float SPIN_DEV *depth;         /* [2][pixels], when it was asked for */
     float *staging;                /* host [capacity][SPIN_ATTR] */
+    bool weighs;                   /* pictures are drawn with room for spin_player_weigh() */
     size_t capacity, pixels, tiles;
     struct spin_splats splats;   /* host */
     struct spin_frame_batch now; /* the frame shown */
@@ -88,13 +90,21 @@ spin_status spin_player_set_lenses(struct spin_player *p, const struct spin_lens
  * NULL: it stays on the device. */
 spin_status spin_player_draw(struct spin_player *p, const struct spin_camera *camera,
                              const float background[3], float *image);
+/* How much each splat of the frame that is shown gives to the picture drawn last: weights [n] = the sum over its pixels
+ * of the share of the splat's colour in them. It needs `weighs` since before the first picture. */
+spin_status spin_player_weigh(struct spin_player *p, float *weights);
 /* Compare the picture drawn last with its photograph (host, [h][w][3]); mask: bits of regions that are
  * measured apart, or NULL. values: as spin_device_ops.measure has them. The picture is clamped to 0..1
  * (docs/method.md section 9). */
 spin_status spin_player_measure(struct spin_player *p, const uint8_t *rgb8, const uint8_t *mask,
                                 double values[SPIN_MEASURE_VALUES]);
-/* The picture drawn last. */
+/* The picture drawn last; and another one in its place, for spin_player_measure(). */
 spin_status spin_player_picture(struct spin_player *p, float *image);
+void spin_player_set_picture(struct spin_player *p, const float *image);
+
+/* Of it: what it hides of the background, [h][w], 0..1; depth along the camera's axis, [2][h][w], expected and median,
+ * world units. Either may be NULL. */
+spin_status spin_player_layers(struct spin_player *p, float *alpha, float *depth);
 
 /* What is best in a bundle and whole: the network's splats, the refined ones, the source's; or just the
  * source's. SPIN_E_NOT_FOUND when it has positions only. */

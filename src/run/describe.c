@@ -5,6 +5,8 @@
 #include "base/err.h"
 #include "spin_run.h"
 #include "scene/bundle.h"
+#include "scene/clip.h"
+#include "scene/trained_options.h"
 
 static int64_t integer_of(const spin_json *object, const char *key)
 {
@@ -78,6 +80,8 @@ static void add_stage(spin_json *root, const struct spin_bundle *b, const char *
 
         spin_json_set(to, copied[i], value ? json_incref(value) : json_null());
     }
+    if (from == SPIN_FROM_TRAINED && spin_json_get(json, "options"))
+        spin_json_set(to, "options", spin_trained_options(json));
     spin_json_set(root, name, to);
 }
 
@@ -135,5 +139,52 @@ out:
     spin_json_free(root);
     free(data);
     spin_bundle_close(&bundle);
+    return status;
+}
+
+static spin_json *view_json(const struct spin_clip *clip, const struct spin_pair *pair)
+{
+    const struct spin_view *v = &clip->views.view[pair->view];
+    const struct spin_camera *c = &v->camera;
+    spin_json *j = spin_json_object();
+
+    spin_json_set_integer(j, "frame", pair->frame);
+    spin_json_set_integer(j, "number", clip->bundle.meta.frame[clip->frame[pair->frame]].number);
+    spin_json_set_integer(j, "camera", v->camera_id);
+    spin_json_set_bool(j, "test", v->test);
+    spin_json_set_integer(j, "width", c->width);
+    spin_json_set_integer(j, "height", c->height);
+    spin_json_set_number(j, "fx", c->fx);
+    spin_json_set_number(j, "fy", c->fy);
+    spin_json_set_number(j, "cx", c->cx);
+    spin_json_set_number(j, "cy", c->cy);
+    spin_json_set(j, "w2c", spin_json_numbers(c->w2c, 12));
+    spin_json_set_string(j, "image", v->path);
+    spin_json_set_string(j, "mask", v->mask);
+    return j;
+}
+
+spin_status spin_bundle_views(const char *path, const char *data, const char *data_from,
+                              char **report)
+{
+    struct spin_clip_options o = {
+        .input = path, .data = data, .data_from = data_from, .needs_views = true};
+    struct spin_clip clip;
+    struct spin_pair *pairs = NULL;
+    spin_json *list = spin_json_array();
+    size_t n = 0;
+    spin_status status;
+
+    *report = NULL;
+    memset(&clip, 0, sizeof clip);
+    SPIN_TRY_OUT(spin_clip_open(&o, &clip));
+    SPIN_TRY_OUT(spin_clip_pairs(&clip, SPIN_SPLIT_ALL, &pairs, &n));
+    for (size_t i = 0; i < n; i++)
+        spin_json_push(list, view_json(&clip, &pairs[i]));
+    status = spin_json_finish(json_incref(list), report);
+out:
+    spin_json_free(list);
+    free(pairs);
+    spin_clip_close(&clip);
     return status;
 }

@@ -15,10 +15,11 @@
 
 struct eval {
     const struct spin_eval_options *o;
+    struct spin_compare *compare; /* or NULL */
     struct spin_eval_report *report;
     struct spin_clip clip;
     struct spin_image_cache pixels;
-    struct spin_dynamic_mask dynamic;
+    struct spin_dynamic_mask dynamic, subject;
     struct spin_lpips *lpips[SPIN_N_LPIPS];
     struct spin_device device;
     struct spin_player player, source;
@@ -55,7 +56,12 @@ static spin_status open_clip(struct eval *e)
         return spin_fail(SPIN_E_NOT_FOUND, "the data set has no view in this split");
     SPIN_TRY(spin_image_cache_open(&e->clip.views, spin_memory_available() / 4, o->background,
                                    &e->pixels));
-    return spin_dynamic_mask_open(&e->clip.views, &e->pixels, o->dynamic, e->pairs, e->n_pairs,
+    if (o->mask)
+        SPIN_TRY(
+            spin_subject_mask_open(&e->clip.views, &e->pixels, e->pairs, e->n_pairs, &e->subject));
+    e->report->subject = !o->mask ? NULL : e->subject.alpha ? "alpha" : "masks";
+    return spin_dynamic_mask_open(&e->clip.views, &e->pixels,
+                                  o->mask ? SPIN_DYNAMIC_OFF : o->dynamic, e->pairs, e->n_pairs,
                                   &e->dynamic);
 }
 
@@ -92,7 +98,7 @@ static spin_status open_players(struct eval *e)
             warn_exposures(e);
         }
     }
-    if ((!o->images && !o->report) || e->from == SPIN_FROM_SOURCE ||
+    if (e->compare || (!o->images && !o->report) || e->from == SPIN_FROM_SOURCE ||
         (SPIN_COL_ATTRIBUTES & ~e->clip.bundle.meta.columns))
         return SPIN_OK;
     SPIN_TRY(spin_player_open(&e->source, &e->device, &e->clip.bundle, SPIN_FROM_SOURCE));
@@ -136,8 +142,10 @@ static spin_status check_report(const struct spin_eval_options *o)
 /* The source is measured as well, when there is one to compare with. */
 static spin_status write_report(struct eval *e, const struct spin_metrics *after)
 {
-    struct spin_eval_report before = {
-        .n_views = e->n_pairs, .n_frames = e->clip.n_frames, .dynamic = e->dynamic.from};
+    struct spin_eval_report before = {.n_views = e->n_pairs,
+                                      .n_frames = e->clip.n_frames,
+                                      .dynamic = e->dynamic.from,
+                                      .subject = e->report->subject};
     struct spin_report r = {.path = e->o->report,
                             .log = e->o->log,
                             .force = e->o->force,
@@ -194,11 +202,14 @@ static spin_status run_eval(struct eval *e)
                              .clip = &e->clip,
                              .pixels = &e->pixels,
                              .dynamic = &e->dynamic,
+                             .subject = o->mask ? &e->subject : NULL,
                              .background = o->background,
                              .images = o->images,
                              .what = "evaluating"};
 
     SPIN_TRY(check_report(o));
+    if (o->mask && o->dynamic != SPIN_DYNAMIC_AUTO && o->dynamic != SPIN_DYNAMIC_OFF)
+        return spin_fail(SPIN_E_USAGE, "--mask scores one region alone: it goes without --dynamic");
     SPIN_TRY(open_lpips(e));
     SPIN_TRY(open_clip(e));
     SPIN_TRY(open_players(e));
@@ -212,6 +223,8 @@ static spin_status run_eval(struct eval *e)
     m.view = report->view;
     memcpy(m.lpips, e->lpips, sizeof m.lpips);
     SPIN_TRY(spin_metrics_run(&m, &report->mean));
+    if (!report->mean.valid)
+        return spin_fail(SPIN_E_NOT_FOUND, "--mask: no view of this split shows the subject");
     SPIN_TRY(sum_left_out(e));
     report->n_views = e->n_pairs;
     report->n_frames = e->clip.n_frames;
@@ -220,12 +233,18 @@ static spin_status run_eval(struct eval *e)
     report->seconds_decode = m.seconds_decode / m.n_decoded;
     report->seconds_draw = m.seconds_draw / (double)e->n_pairs;
     spin_bundle_weigh(&e->clip.bundle, &report->storage, &report->unpacked);
+    if (e->compare)
+        return spin_ranks_agree(spin_rank() > 0
+                                    ? SPIN_OK
+                                    : spin_compare_draw(e->compare, &e->clip, &e->pixels, e->pairs,
+                                                        report, &e->player, o->background));
     return o->report ? write_report(e, &m) : SPIN_OK;
 }
 
-spin_status spin_evaluate(const struct spin_eval_options *o, struct spin_eval_report *report)
+spin_status spin_evaluate_for(const struct spin_eval_options *o, struct spin_compare *compare,
+                              struct spin_eval_report *report)
 {
-    struct eval e = {.o = o, .report = report};
+    struct eval e = {.o = o, .compare = compare, .report = report};
     spin_status status;
 
     memset(report, 0, sizeof *report);
@@ -234,6 +253,7 @@ spin_status spin_evaluate(const struct spin_eval_options *o, struct spin_eval_re
     spin_player_close(&e.source);
     spin_device_close(&e.device);
     spin_dynamic_mask_close(&e.dynamic);
+    spin_dynamic_mask_close(&e.subject);
     for (int i = 0; i < SPIN_N_LPIPS; i++)
         spin_lpips_close(e.lpips[i]);
     spin_lenses_free(&e.lenses);
@@ -245,6 +265,11 @@ spin_status spin_evaluate(const struct spin_eval_options *o, struct spin_eval_re
     if (status != SPIN_OK && status != SPIN_E_CANCELLED)
         return spin_fail_context(status, "cannot evaluate '%s'", o->input);
     return status;
+}
+
+spin_status spin_evaluate(const struct spin_eval_options *o, struct spin_eval_report *report)
+{
+    return spin_evaluate_for(o, NULL, report);
 }
 
 spin_status spin_eval(const struct spin_eval_options *o, char **report)

@@ -6,10 +6,14 @@
 
 #include "base/err.h"
 #include "spin_run.h"
+#include "run/decimate.h"
 #include "run/run.h"
+#include "run/scene_edit.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/text.h"
 #include "io/file.h"
+#include "io/output.h"
 #include "io/ranks.h"
 #include "render/player.h"
 #include "run/share_splats.h"
@@ -107,6 +111,11 @@ spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splat
     return spin_player_draw(&r->player, camera, background, image);
 }
 
+spin_status spin_render_layers(struct spin_renderer *r, float *alpha, float *depth)
+{
+    return spin_player_layers(&r->player, alpha, depth);
+}
+
 /* ---- Export ---------------------------------------------------------------------------------------- */
 
 struct export
@@ -119,12 +128,21 @@ struct export
     struct spin_player player;
     struct spin_renderer *renderer;
     struct spin_splats splats, received; /* of this process, of another */
+    struct spin_decimation decimation;   /* where it decimates */
+    struct spin_splats thinned;          /* of the frame at hand */
+    bool decimates;
+    const char *output; /* where to at the moment */
+    bool checks;        /* what is written at the moment */
+    const char **pairs; /* of the exporter, where it decimates */
     enum spin_splat_source from;
     size_t *counts; /* [n_frames] */
-    int *source_index;
+    int *source_index, *numbers;
     char *data;                             /* the data set that the bundle names */
     double *times;                          /* [n_frames] */
     const struct spin_splats_4d *splats_4d; /* what is written instead of frames; NULL */
+    struct spin_scene_edit edit;
+    struct spin_splats edited; /* a frame as it is written */
+    double n_written;          /* splats, of all frames */
     void *self;
 };
 
@@ -146,19 +164,6 @@ static spin_status find_exporter(const char *name, const struct spin_exporter **
     return spin_fail(SPIN_E_USAGE, "no exporter '%s'; there are %s", name, known);
 }
 
-static double clip_fps(const struct spin_clip *clip)
-{
-    const struct spin_frame_info *first = &clip->bundle.meta.frame[clip->frame[0]];
-    const struct spin_frame_info *last = &clip->bundle.meta.frame[clip->frame[clip->n_frames - 1]];
-    double span = last->time - first->time, fps = clip->bundle.meta.fps;
-
-    /* A unit of one per frame is a frame number, not seconds, also where --range leaves frames out. */
-    if (clip->n_frames < 2 || span <= 0 || span == clip->n_frames - 1 ||
-        span == last->number - first->number)
-        return fps;
-    return fps > 0 ? fps : (clip->n_frames - 1) / span;
-}
-
 static double clip_stride(const struct spin_clip *clip)
 {
     const struct spin_frame_info *info = clip->bundle.meta.frame;
@@ -167,6 +172,40 @@ static double clip_stride(const struct spin_clip *clip)
     return n < 2
                ? 1
                : (double)(info[clip->frame[n - 1]].number - info[clip->frame[0]].number) / (n - 1);
+}
+
+/* Of the frames that are written: every other one has half the rate. */
+static double clip_fps(const struct spin_clip *clip)
+{
+    const struct spin_frame_info *first = &clip->bundle.meta.frame[clip->frame[0]];
+    const struct spin_frame_info *last = &clip->bundle.meta.frame[clip->frame[clip->n_frames - 1]];
+    double span = last->time - first->time, fps = clip->bundle.meta.fps / clip_stride(clip);
+
+    /* A unit of one per frame is a frame number, not seconds, also where --range leaves frames out. */
+    if (clip->n_frames < 2 || span <= 0 || span == clip->n_frames - 1 ||
+        span == last->number - first->number)
+        return fps;
+    return fps > 0 ? fps : (clip->n_frames - 1) / span;
+}
+
+/* Frame f of the export in x->splats without what is decimated. */
+static spin_status thin(struct export *x, int f, bool counts, struct spin_splats **splats)
+{
+    if (!x->decimates)
+        return SPIN_OK;
+    SPIN_TRY(spin_decimation_frame(&x->decimation, f, *splats, counts, &x->thinned));
+    *splats = &x->thinned;
+    return SPIN_OK;
+}
+
+/* Frame f of the export in *splats, as it is written. */
+static spin_status edit(struct export *x, int f, bool counts, struct spin_splats **splats)
+{
+    if (spin_scene_edit_is_none(&x->edit))
+        return SPIN_OK;
+    SPIN_TRY(spin_scene_edit_frame(&x->edit, f, *splats, counts, &x->edited));
+    *splats = &x->edited;
+    return SPIN_OK;
 }
 
 /* Every rank computes a frame of the round, and rank 0 writes them in order; one rank alone has a frame a round. */
@@ -184,6 +223,11 @@ static spin_status write_round(struct export *x, int first, int n)
         struct spin_frame_info info = x->clip.bundle.meta.frame[x->clip.frame[first + r]];
 
         SPIN_TRY(spin_share_splats(splats, columns, r));
+        SPIN_TRY(thin(x, first + r, true, &splats));
+        if (own == 0)
+            SPIN_TRY(edit(x, first + r, true, &splats));
+        x->n_written += (double)splats->n;
+        x->report->splats_mean = x->n_written / (first + r + 1); /* an exporter may know better */
         info.n = splats->n;
         if (own == 0)
             SPIN_TRY(x->exporter->frame(x->self, first + r, &info, splats));
@@ -197,6 +241,8 @@ static spin_status write_frames(struct export *x)
     struct spin_progress progress;
     spin_status status = SPIN_OK;
 
+    x->n_written = 0;
+    spin_scene_edit_again(&x->edit);
     spin_progress_begin(&progress, "exporting", "frames", 0, x->clip.n_frames);
     for (int f = 0; f < x->clip.n_frames && status == SPIN_OK; f += spin_n_ranks()) {
         int left = x->clip.n_frames - f, n = left < spin_n_ranks() ? left : spin_n_ranks();
@@ -205,15 +251,27 @@ static spin_status write_frames(struct export *x)
         spin_progress_set(&progress, f + n, "%zu splats", x->splats.n);
     }
     spin_progress_end(&progress);
-    return status;
+    if (status != SPIN_OK)
+        return status;
+    spin_scene_edit_say(&x->edit);
+    return SPIN_OK;
 }
 
 static spin_status source_frame(void *source_of, int frame, struct spin_splats *out)
 {
     struct export *x = source_of;
+    const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    struct spin_splats *splats = &x->received;
+    bool plain = !x->decimates && spin_scene_edit_is_none(&x->edit);
 
-    return spin_bundle_frame(&x->clip.bundle, x->clip.frame[frame],
-                             SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, out);
+    SPIN_TRY(
+        spin_bundle_frame(&x->clip.bundle, x->clip.frame[frame], columns, plain ? out : splats));
+    if (plain)
+        return SPIN_OK;
+    if (spin_scene_edit_is_none(&x->edit))
+        return spin_decimation_frame(&x->decimation, frame, splats, false, out);
+    SPIN_TRY(thin(x, frame, false, &splats));
+    return spin_scene_edit_frame(&x->edit, frame, splats, false, out);
 }
 
 static bool is_antialiased(const struct export *x)
@@ -234,20 +292,62 @@ static int sh_degree_of(const struct export *x)
 static spin_status read_again(void *context, int frame, const struct spin_splats **out)
 {
     struct export *x = context;
+    struct spin_splats *splats = &x->splats;
 
-    *out = &x->splats;
     if (spin_cancelled())
         return spin_fail_cancelled();
-    return spin_player_splats(&x->player, x->clip.frame[frame],
-                              SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &x->splats);
+    SPIN_TRY(spin_player_splats(&x->player, x->clip.frame[frame],
+                                SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, splats));
+    SPIN_TRY(thin(x, frame, false, &splats));
+    SPIN_TRY(edit(x, frame, false, &splats));
+    *out = splats;
+    return SPIN_OK;
+}
+
+/* The clip as 4D splats, for exporters that take them. */
+static spin_status find_4d(struct export *x)
+{
+    struct spin_bundle *bundle = &x->clip.bundle;
+
+    if (!x->exporter->splats_4d)
+        return SPIN_OK;
+    if (x->from == SPIN_FROM_SOURCE)
+        SPIN_TRY(spin_bundle_splats_4d(bundle, &x->splats_4d));
+    if (x->splats_4d || x->exporter->frame)
+        return SPIN_OK;
+    if (bundle->meta.four_d.n > 0)
+        return spin_fail(
+            SPIN_E_UNSUPPORTED,
+            "'%s' holds 4D splats, and what was trained is frames: --source writes the "
+            "4D splats of the source",
+            x->o->to);
+    return spin_fail(SPIN_E_UNSUPPORTED,
+                     "this clip is frames, and '%s' holds 4D splats: import a source that has "
+                     "them, without --frames, or write another format",
+                     x->o->to);
+}
+
+/* 4D splats as they are written, and how many of them each frame shows. */
+static spin_status change_4d(struct export *x, const struct spin_splats_4d **splats_4d)
+{
+    *splats_4d = x->splats_4d;
+    if (!x->splats_4d || (!x->decimates && spin_scene_edit_is_none(&x->edit)))
+        return SPIN_OK;
+    if (x->decimates)
+        SPIN_TRY(spin_decimation_4d(&x->decimation, splats_4d));
+    if (!spin_scene_edit_is_none(&x->edit))
+        SPIN_TRY(spin_scene_edit_4d(&x->edit, *splats_4d, splats_4d));
+    spin_scene_edit_say(&x->edit);
+    return spin_splats_4d_counts(*splats_4d, x->times, (size_t)x->clip.n_frames, x->counts);
 }
 
 static spin_status begin_export(struct export *x)
 {
+    static const float black[3] = {0};
     const struct spin_export_options *o = x->o;
-    struct spin_plugin_values values = {.pairs = o->plugin_pairs};
+    struct spin_plugin_values values = {.pairs = x->pairs ? x->pairs : o->plugin_pairs};
     struct spin_export_job job = {
-        .output = o->output,
+        .output = x->output,
         .force = o->force,
         .sync = o->sync,
         .n_frames = x->clip.n_frames,
@@ -257,56 +357,57 @@ static spin_status begin_export(struct export *x)
         .numbered = x->clip.bundle.meta.numbered,
         .pair = x->o->pair ? x->o->pair : x->clip.bundle.meta.pair,
         .data_from = x->clip.bundle.meta.data_from,
-        .identity = x->from == SPIN_FROM_SOURCE && x->clip.bundle.meta.identity,
+        .identity = x->from == SPIN_FROM_SOURCE && x->clip.bundle.meta.identity && !x->edit.filters,
         .source = x->clip.bundle.meta.from,
         .sh_degree = sh_degree_of(x),
         .antialias = is_antialiased(x),
         .values = &values,
-        .views = x->clip.has_views ? &x->clip.views : NULL,
         .dataset_frame_of = x->clip.dataset_frame,
         .renderer = x->renderer,
-        .background = o->background,
+        .background = o->transparent ? black : o->background,
+        .transparent = o->transparent,
         .n_threads = o->n_threads,
         .source_of = x,
         .source_sh_degree = x->clip.bundle.meta.sh_degree,
         .source_antialias = x->clip.bundle.meta.antialias,
         .retrained = x->from == SPIN_FROM_TRAINED,
         .report = x->report,
-        .check = o->check,
+        .check = x->checks,
         .again = read_again,
         .context = x,
     };
+    const struct spin_splats_4d *splats_4d = x->splats_4d;
     double sum = 0;
     spin_status status;
 
-    if (x->from == SPIN_FROM_SOURCE && x->exporter->splats_4d)
-        SPIN_TRY(spin_bundle_splats_4d(&x->clip.bundle, &x->splats_4d));
     if (x->from != SPIN_FROM_SOURCE && !(SPIN_COL_ATTRIBUTES & ~x->clip.bundle.meta.columns))
         job.source_frame = source_frame;
-    SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof *x->counts, (void **)&x->counts));
-    SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof(int), (void **)&x->source_index));
-    SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof *x->times, (void **)&x->times));
     for (int f = 0; f < x->clip.n_frames; f++) {
-        x->counts[f] = spin_bundle_count(&x->clip.bundle, x->clip.frame[f], x->from);
+        x->counts[f] = x->decimates ? spin_decimation_count(&x->decimation, f)
+                                    : spin_bundle_count(&x->clip.bundle, x->clip.frame[f], x->from);
         x->source_index[f] = x->clip.bundle.meta.source_index[x->clip.frame[f]];
+        x->numbers[f] = x->clip.bundle.meta.frame[x->clip.frame[f]].number;
         x->times[f] = x->clip.bundle.meta.frame[x->clip.frame[f]].time;
-        sum += (double)x->counts[f];
     }
-    SPIN_TRY(spin_bundle_data_path(&x->clip.bundle, &x->data));
-    job.data = x->data && spin_path_exists(x->data) ? x->data : NULL;
-    job.counts = x->counts;
+    SPIN_TRY(change_4d(x, &splats_4d));
+    for (int f = 0; f < x->clip.n_frames; f++)
+        sum += (double)x->counts[f];
+    job.data = x->data && spin_path_exists(x->data) && !x->edit.moves ? x->data : NULL;
     job.source_index = x->source_index;
+    job.numbers = x->numbers;
     job.times = x->times;
-    job.splats_4d = x->splats_4d;
+    job.splats_4d = splats_4d;
     x->report->frames = x->clip.n_frames;
     x->report->splats_mean = sum / x->clip.n_frames;
+    SPIN_TRY(spin_scene_edit_views(&x->edit, &job.views));
+    job.counts = x->edit.filters && !x->splats_4d ? NULL : x->counts;
     if (job.antialias && !x->exporter->antialias)
         spin_warn("these splats are trained with antialiasing, which '%s' files cannot say: "
                   "switch it on in the viewer",
                   o->to);
     if (spin_rank() > 0)
         return x->splats_4d ? SPIN_OK : write_frames(x);
-    spin_out_sweep(o->output);
+    spin_out_sweep(x->output);
     SPIN_TRY(x->exporter->begin(&job, &x->self));
     status = x->splats_4d ? SPIN_OK : write_frames(x);
     if (status != SPIN_OK) {
@@ -314,6 +415,91 @@ static spin_status begin_export(struct export *x)
         return status;
     }
     return x->exporter->end(x->self);
+}
+
+/* ---- Decimation ---------------------------------------------------------------------------------- */
+
+/* The exporter's options; rows that are too large are marked by then, and their frame's box is another. */
+static spin_status make_pairs(struct export *x)
+{
+    const char *const *pairs = x->o->plugin_pairs;
+    size_t n = 0;
+
+    while (pairs && pairs[n])
+        n++;
+    SPIN_TRY(spin_alloc(n + 3, sizeof *x->pairs, (void **)&x->pairs));
+    for (size_t i = 0; i < n; i++)
+        x->pairs[i] = pairs[i];
+    x->pairs[n] = "max-scale"; /* the last one counts */
+    x->pairs[n + 1] = "0";
+    return SPIN_OK;
+}
+
+/* Whether an exporter leaves out what cannot be drawn: those do that have the option. */
+static bool filters(const struct spin_exporter *exporter)
+{
+    for (const struct spin_plugin_option *o = exporter->options; o && o->key; o++)
+        if (strcmp(o->key, "min-opacity") == 0)
+            return true;
+    return false;
+}
+
+/* What is in the way is said before the work. */
+static spin_status check_output(const struct spin_export_options *o)
+{
+    if (spin_path_is_folder(o->output))
+        return spin_output_check_empty_folder(o->output, o->force);
+    return o->force || !spin_path_is_taken(o->output)
+               ? SPIN_OK
+               : spin_fail(SPIN_E_IO, "cannot write '%s': it exists; use --force to overwrite",
+                           o->output);
+}
+
+static spin_status write_try(void *context, const char *output)
+{
+    struct export *x = context;
+    struct spin_export_report before = *x->report;
+    spin_status status;
+
+    x->output = output;
+    x->checks = false;
+    status = begin_export(x);
+    x->output = x->o->output;
+    x->checks = x->o->check;
+    *x->report = before;
+    return status;
+}
+
+static spin_status decimate(struct export *x, const struct spin_decimate_goal *goal)
+{
+    struct spin_decimation *d = &x->decimation;
+    int n_tries = 0;
+    uint64_t reached = 0;
+
+    SPIN_TRY(check_output(x->o));
+    if (spin_n_ranks() > 1)
+        return spin_fail(SPIN_E_UNSUPPORTED, "--decimate works in one process, not under mpirun");
+    d->clip = &x->clip;
+    d->frames = &x->player;
+    d->splats_4d = x->splats_4d;
+    d->background = x->o->background;
+    d->filters = filters(x->exporter);
+    d->edit = &x->edit;
+    d->values = &(struct spin_plugin_values){.pairs = x->o->plugin_pairs};
+    SPIN_TRY(spin_decimation_open(d));
+    SPIN_TRY(make_pairs(x));
+    x->decimates = x->edit.chosen = true;
+    if (goal->unit == SPIN_DECIMATE_BYTES)
+        SPIN_TRY(spin_decimation_choose_bytes(d, goal->amount, x->o->output, write_try, x, &n_tries,
+                                              &reached));
+    else if (goal->unit == SPIN_DECIMATE_DB)
+        SPIN_TRY(spin_decimation_choose_loss(d, goal->amount));
+    else
+        SPIN_TRY(spin_decimation_choose(d, goal->unit, goal->amount));
+    SPIN_TRY(spin_decimation_measure(d, &x->report->decimated));
+    x->report->decimated.n_tries = n_tries;
+    x->report->decimated.reached = reached;
+    return SPIN_OK;
 }
 
 /* What the cameras' lens darkens is not the scene's, so it is in no export. */
@@ -344,12 +530,20 @@ static spin_status run_export(struct export *x)
                                   .pair = o->pair,
                                   .range = o->range};
 
+    struct spin_decimate_goal goal;
+
+    if (o->decimate)
+        SPIN_TRY(spin_decimate_parse(o->decimate, &goal));
     SPIN_TRY(find_exporter(o->to, &x->exporter));
     SPIN_TRY(spin_plugin_check(o->to, x->exporter->options, o->plugin_pairs));
     if (o->check && !x->exporter->checks)
         return spin_fail(SPIN_E_USAGE, "--check: what '%s' writes cannot be read back", o->to);
-    c.wants_views = x->exporter->looks_at_views || o->check;
+    if (o->transparent && !x->exporter->alpha)
+        return spin_fail(SPIN_E_USAGE,
+                         "--background none: what '%s' writes has no alpha; images have", o->to);
+    c.wants_views = x->exporter->looks_at_views || o->check || o->decimate || o->min_views > 0;
     SPIN_TRY(spin_clip_open(&c, &x->clip));
+    SPIN_TRY(spin_scene_edit_begin(&x->edit, o, &x->clip));
     x->clip.bundle.told_not_finite = true; /* exporters say which rows they leave out */
     SPIN_TRY(spin_player_choose(&x->clip.bundle, o->source, &x->from));
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &x->device));
@@ -359,12 +553,20 @@ static spin_status run_export(struct export *x)
         SPIN_TRY(spin_player_open(&x->renderer->player, &x->device, NULL, SPIN_FROM_SOURCE));
     }
     SPIN_TRY(say_lens(x));
+    SPIN_TRY(find_4d(x));
+    SPIN_TRY(spin_bundle_data_path(&x->clip.bundle, &x->data));
+    SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof *x->counts, (void **)&x->counts));
+    SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof(int), (void **)&x->source_index));
+    SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof(int), (void **)&x->numbers));
+    SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof *x->times, (void **)&x->times));
+    if (o->decimate)
+        SPIN_TRY(decimate(x, &goal));
     return begin_export(x);
 }
 
 spin_status spin_export_clip(const struct spin_export_options *o, struct spin_export_report *report)
 {
-    struct export x = {.o = o, .report = report};
+    struct export x = {.o = o, .report = report, .output = o->output, .checks = o->check};
     spin_status status;
 
     memset(report, 0, sizeof *report);
@@ -372,14 +574,21 @@ spin_status spin_export_clip(const struct spin_export_options *o, struct spin_ex
     if (x.renderer)
         spin_player_close(&x.renderer->player);
     free(x.renderer);
+    spin_decimation_close(&x.decimation);
     spin_player_close(&x.player);
     spin_device_close(&x.device);
     spin_splats_free(&x.splats);
+    spin_splats_free(&x.thinned);
+    free(x.pairs);
     spin_splats_free(&x.received);
+    spin_splats_free(&x.edited);
+    report->filtered = x.edit.n_seen - x.edit.n_kept;
+    spin_scene_edit_end(&x.edit);
     spin_clip_close(&x.clip);
     free(x.counts);
     free(x.data);
     free(x.source_index);
+    free(x.numbers);
     free(x.times);
     if (status != SPIN_OK && status != SPIN_E_CANCELLED)
         return spin_fail_context(status, "cannot export '%s'", o->input);
@@ -405,6 +614,23 @@ static spin_json *check_json(const struct spin_export_check *c)
     return j;
 }
 
+static spin_json *decimated_json(const struct spin_decimated *d)
+{
+    spin_json *j;
+
+    if (d->before == 0)
+        return json_null();
+    j = json_pack("{s:f, s:f, s:s, s:s, s:s, s:i}", "before", d->before, "after", d->after, "unit",
+                  d->four_d ? "in all" : "a frame", "by",
+                  d->by_views ? "their share of the pictures" : "opacity and size", "cameras",
+                  d->by_views ? "training cameras" : "all around", "pictures", d->n_pictures);
+    spin_json_set_number(j, "psnr", d->n_pictures > 0 ? d->psnr : (double)NAN);
+    spin_json_set(j, "tries", json_integer(d->n_tries));
+    spin_json_set(j, "reached",
+                  d->n_tries > 0 ? json_integer((json_int_t)d->reached) : json_null());
+    return j;
+}
+
 spin_status spin_export(const struct spin_export_options *o, char **report)
 {
     struct spin_export_report r;
@@ -412,9 +638,11 @@ spin_status spin_export(const struct spin_export_options *o, char **report)
     *report = NULL;
     SPIN_TRY(spin_export_clip(o, &r));
     return spin_json_finish(
-        json_pack("{s:o, s:o, s:i, s:f, s:o, s:I, s:o}", "to", spin_json_text_value(o->to),
-                  "output", spin_json_text_value(o->output), "frames", r.frames, "splats_mean",
-                  r.splats_mean, "bytes", r.bytes ? json_integer((json_int_t)r.bytes) : json_null(),
-                  "left_out", (json_int_t)r.left_out, "check", check_json(&r.check)),
+        json_pack("{s:o, s:o, s:i, s:f, s:o, s:I, s:I, s:o, s:o}", "to",
+                  spin_json_text_value(o->to), "output", spin_json_text_value(o->output), "frames",
+                  r.frames, "splats_mean", r.splats_mean, "bytes",
+                  r.bytes ? json_integer((json_int_t)r.bytes) : json_null(), "left_out",
+                  (json_int_t)r.left_out, "filtered", (json_int_t)r.filtered, "check",
+                  check_json(&r.check), "decimated", decimated_json(&r.decimated)),
         report);
 }

@@ -145,15 +145,15 @@ static void look_for_frames(struct import *im)
         spin_note(t, "sampled at the times of the %d frames of the data set '%s'",
                   im->views.n_dataset_frames, beside);
     free(beside);
-    if (im->keeps_4d && im->views.n == 0) {
+    if (im->four_d && im->views.n == 0) {
         double span = t->time_last - t->time_first;
 
         im->n_own = span > 2 && span < 1e4 ? (int)(30 * span + 0.5) + 1 : 61;
         spin_note(t,
                   "the run does not say how many frames its clip has: %d are shown, from time %g "
-                  "to %g; the 4D splats "
-                  "hold any time (--data gives those of a data set)",
-                  im->n_own, t->time_first, t->time_last);
+                  "to %g%s (--data gives those of a data set)",
+                  im->n_own, t->time_first, t->time_last,
+                  im->keeps_4d ? "; the 4D splats hold any time" : "");
     }
 }
 
@@ -570,15 +570,42 @@ static spin_status store_frames(struct import *im, struct spin_progress *progres
     return status;
 }
 
+/* A copy, rounded as the user wants it; *s is to be counted by. */
+static spin_status store_rounded(struct import *im, struct spin_splats_4d *s)
+{
+    enum spin_round_4d round = (enum spin_round_4d)im->o->precision;
+    unsigned char *all = NULL;
+    size_t n_dropped;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(im->four_d->n + 1, 1, (void **)&all));
+    memset(all, 1, im->four_d->n);
+    SPIN_TRY_OUT(spin_splats_4d_take(im->four_d, all, s));
+    spin_splats_4d_round(s, round);
+    if (im->writing)
+        SPIN_TRY_OUT(spin_bundle_write_4d(&im->writer, s, round, &im->meta));
+    status = spin_splats_4d_settle(s, &n_dropped, NULL);
+out:
+    free(all);
+    return status;
+}
+
 /* The 4D splats as they are. Frames are their slices: only how many splats each has is found out. */
 static spin_status store_4d(struct import *im)
 {
     struct spin_bundle_meta *meta = &im->meta;
     const struct spin_splats_4d *s = im->four_d;
+    struct spin_splats_4d rounded = {0};
     size_t n = (size_t)meta->n_frames, *counts = NULL;
     double *times = NULL;
     spin_status status;
 
+    if (im->o->precision) {
+        SPIN_TRY_OUT(store_rounded(im, &rounded));
+        s = &rounded;
+    } else if (im->writing) {
+        SPIN_TRY_OUT(spin_bundle_write_4d(&im->writer, s, SPIN_ROUND_NOTHING, meta));
+    }
     SPIN_TRY_OUT(spin_alloc(n, sizeof *times, (void **)&times));
     SPIN_TRY_OUT(spin_alloc(n, sizeof *counts, (void **)&counts));
     for (size_t i = 0; i < n; i++)
@@ -592,9 +619,8 @@ static spin_status store_4d(struct import *im)
             im->low[c] = fminf(im->low[c], s->centres[3 * i + c]);
             im->high[c] = fmaxf(im->high[c], s->centres[3 * i + c]);
         }
-    if (im->writing)
-        status = spin_bundle_write_4d(&im->writer, s, meta);
 out:
+    spin_splats_4d_free(&rounded);
     free(counts);
     free(times);
     return status;
@@ -790,8 +816,14 @@ static spin_status find_4d(struct import *im)
 
     if (im->importer->splats_4d)
         SPIN_TRY(im->importer->splats_4d(im->self, &im->four_d));
+    if (im->four_d && !spin_splats_4d_is_settled(im->four_d))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "the importer '%s' gives 4D splats that it has not settled",
+                         im->importer->name);
     im->keeps_4d = im->four_d && im->sequence.continuous && !sampled && !o->positions_only &&
                    (im->sequence.columns & SPIN_COL_ATTRIBUTES) == SPIN_COL_ATTRIBUTES;
+    if (o->precision && !(im->keeps_4d && o->output))
+        return spin_fail(SPIN_E_USAGE, "--precision is for 4D splats that a bundle keeps as such");
     if (im->four_d && sampled && o->output)
         spin_note(&im->sequence,
                   "sampled, as --frames or --times ask for: the 4D splats themselves are not kept");
@@ -841,6 +873,7 @@ static spin_status run_import(struct import *im)
     im->stores = o->output != NULL;
     if (o->output && spin_rank() == 0) {
         SPIN_TRY(spin_bundle_writer_open(o->output, o->force, o->sync, &im->writer));
+        im->writer.packs = im->writer.packer.quick = im->keeps_4d;
         im->writing = true;
     }
     SPIN_TRY(read_frames(im));

@@ -112,7 +112,7 @@ static bool take(const spin_json *root, struct spin_frame_info *frame, int n, in
     bool numbered, placed = spin_json_integer(spin_json_get(root, "source_frames"), &n_source) &&
                             n_source > 0 && n_source <= INT_MAX &&
                             spin_json_bool(spin_json_get(root, "numbered"), &numbered);
-    double time, fps;
+    double time, fps, stride = n < 2 ? 1 : (frame[n - 1].number - frame[0].number) / (n - 1.0);
 
     for (int pass = 0; pass < 2; pass++)
         for (int i = 0; i < n; i++) {
@@ -130,7 +130,7 @@ static bool take(const spin_json *root, struct spin_frame_info *frame, int n, in
         }
     spin_json_bool(spin_json_get(root, "identity"), &meta->identity);
     if (spin_json_number(spin_json_get(root, "fps"), &fps) && isfinite(fps) && fps > 0)
-        meta->fps = fps;
+        meta->fps = fps * stride;
     meta->n_source_frames = placed ? (int)n_source : meta->n_source_frames;
     meta->numbered = placed ? numbered : meta->numbered;
     snprintf(meta->pair, sizeof meta->pair, "%s", pair ? pair : "");

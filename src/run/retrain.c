@@ -15,6 +15,7 @@
 #include "io/json.h"
 #include "io/ranks.h"
 #include "run/run.h"
+#include "run/watch.h"
 #include "train/camera_colours.h"
 #include "train/loop.h"
 #include "train/output.h"
@@ -37,6 +38,7 @@ struct run {
     struct spin_checkpoint checkpoint;
     struct spin_step_log step_log;
     struct spin_output_lock lock; /* on the output */
+    struct spin_watch watch;
     double colour_spread; /* of the cameras, 0..1; -1: nothing to compare; NaN: not asked for */
     bool resume;          /* there is a state to go on from */
 };
@@ -121,8 +123,12 @@ static spin_status check_outputs(struct run *r)
     if (o->refine > 0 && (o->cache || spin_path_is_taken(r->plan.parts)))
         SPIN_TRY(spin_output_check_folder(r->plan.parts));
     SPIN_TRY(check_disk(r));
+    if (o->watch)
+        SPIN_TRY(spin_output_check_empty_folder(o->watch, o->force || o->resume));
     if (o->preview)
         SPIN_TRY(spin_output_check_empty_folder(o->preview, o->force || o->resume));
+    if (o->watch)
+        SPIN_TRY(spin_watch_begin(&r->watch));
     return spin_step_log_open(&r->step_log, o->log, o->resume);
 }
 
@@ -166,6 +172,21 @@ static void say_recipe(const struct spin_plan *p)
                  spin_text_count(o->iterations, "iteration", count), frames, about);
 }
 
+/* What the page shows is measured and drawn twenty times, unless the user says otherwise. */
+static spin_status prepare_watch(struct run *r)
+{
+    struct spin_retrain_options *o = &r->plan.report->options;
+
+    if (!o->watch)
+        return SPIN_OK;
+    SPIN_TRY(spin_watch_open(&r->watch, o->watch));
+    o->log = o->log ? o->log : r->watch.log;
+    o->preview = o->preview ? o->preview : r->watch.pictures;
+    if (o->eval_every == 0)
+        o->eval_every = o->iterations > 20 ? o->iterations / 20 : 1;
+    return SPIN_OK;
+}
+
 static spin_status plan(struct run *r, const struct spin_retrain_options *o,
                         struct spin_retrain_report *report)
 {
@@ -177,6 +198,7 @@ static spin_status plan(struct run *r, const struct spin_retrain_options *o,
     spin_plan_set_device(&r->plan, &r->device);
     SPIN_TRY(check_paths(r));
     spin_code_paths_begin(&r->code_paths, r->device.path);
+    SPIN_TRY(prepare_watch(r));
     /* Where frames are loaded at once, that looks at the points as well. */
     return o->dry_run || o->refine > 0 ? spin_frames_look(&r->plan) : SPIN_OK;
 }
@@ -236,7 +258,7 @@ static spin_status look_at_input(struct run *r)
     SPIN_TRY(choose_exposure(r));
     if (r->plan.o->refine > 0)
         SPIN_TRY(spin_refinement_keys(&r->refinement, &r->plan, &r->photos));
-    return spin_fingerprint(&r->plan, &r->refinement, &r->photos, &r->device, &r->fingerprint);
+    return spin_fingerprint(&r->plan, r->refinement.frame, &r->photos, &r->device, &r->fingerprint);
 }
 
 /* ---- The work ----------------------------------------------------------------------------------- */
@@ -291,19 +313,10 @@ static spin_status find_tracks(struct run *r)
 }
 
 /* Frames and what they share. */
-static spin_status open_trainer_frames(struct run *r, bool resume)
+static spin_status open_trainer(struct run *r, bool resume)
 {
     struct spin_plan *p = &r->plan;
-    struct spin_trainer_size size = {
-        .n_frames = p->clip.n_frames,
-        .network = p->o->method == SPIN_METHOD_NETWORK,
-        .max_items = p->o->batch,
-        .max_pixels = p->max_pixels,
-        .max_tiles = p->max_tiles,
-        .n_cameras = p->o->learn_exposure == SPIN_EXPOSURE_ON ? p->n_cameras : 0,
-        .n_lenses = p->lenses.n,
-        .exposure = p->exposure,
-    };
+    struct spin_trainer_size size = {.n_frames = p->clip.n_frames};
     void *block = NULL;
     struct spin_frame_size *frame;
     spin_status status;
@@ -327,47 +340,10 @@ static spin_status open_trainer_frames(struct run *r, bool resume)
         for (int f = 0; f < size.n_frames; f++)
             r->plan.counts[f] = frame[f].n;
     }
-    status = spin_trainer_open(&r->trainer, &r->device, &p->field, &size);
+    status = spin_plan_open_trainer(p, &r->device, &size, &r->trainer);
 out:
     free(block);
     return status;
-}
-
-static spin_status open_trainer(struct run *r, bool resume)
-{
-    const struct spin_plan *p = &r->plan;
-    const struct spin_retrain_options *o = p->o;
-    struct spin_trainer *t = &r->trainer;
-    /* Rates of 3DGS for log scale, rotation, colour and opacity. */
-    static const double residual[SPIN_HEADS] = {5e-3, 1e-3, 2.5e-3, 0.05};
-
-    SPIN_TRY(open_trainer_frames(r, resume));
-    t->rates = (struct spin_train_rates){
-        .table = o->lr_table,
-        .head = {[SPIN_HEAD_SCALE] = o->lr_scale * o->lr_head_factor,
-                 [SPIN_HEAD_ROTATION] = o->lr_rotation * o->lr_head_factor,
-                 [SPIN_HEAD_SH] = o->lr_sh * o->lr_head_factor,
-                 [SPIN_HEAD_OPACITY] = o->lr_opacity * o->lr_head_factor},
-        .position = o->lr_position * p->extent,
-        .tracked = o->lr_tracked,
-        .displacement = o->lr_displacement * p->extent,
-        .exposure = o->lr_exposure,
-        .end = 1e-7,
-        .warmup = o->warmup >= 0 ? o->warmup : o->iterations / 40,
-        .iterations = o->iterations,
-        .track_iterations = o->track_iterations,
-        .network_from = (int64_t)(o->network_start * o->iterations),
-    };
-    for (int k = 0; k < SPIN_HEADS; k++) {
-        t->rates.residual[k] = residual[k] * o->lr_residual;
-        t->rates.track[k] = residual[k] * o->lr_track;
-    }
-    t->lambda_dssim = (float)o->lambda_dssim;
-    t->lambda_scale = p->extent > 0 ? (float)(o->lambda_scale / p->extent) : 0;
-    t->lambda_opacity = (float)o->lambda_opacity;
-    t->sh_increase_every = o->sh_increase_every;
-    memcpy(t->background, o->background, sizeof t->background);
-    return t->network && spin_plan_is_lazy(p) ? spin_trainer_enable_lazy_adam(t) : SPIN_OK;
 }
 
 /* First values of table and heads. */
@@ -406,12 +382,44 @@ static void count_splats(struct run *r)
     *mean /= r->trainer.n_frames;
 }
 
+static struct spin_output output_of(struct run *r)
+{
+    return (struct spin_output){.plan = &r->plan,
+                                .refinement = &r->refinement,
+                                .frames = &r->frames,
+                                .trainer = &r->trainer,
+                                .fingerprint = r->fingerprint,
+                                .code_paths = r->code_paths.all};
+}
+
+/* A page that cannot be written is no reason to end a training. */
+static spin_status show_state(void *context)
+{
+    struct run *r = context;
+    struct spin_output output = output_of(r);
+    spin_status status;
+
+    if (spin_rank() > 0)
+        return SPIN_OK;
+    if (spin_step_log_begin(&r->step_log)) /* the page reads it */
+        spin_step_log_end(&r->step_log, true);
+    status = spin_watch_update(&r->watch, &output, r->plan.o->log,
+                               r->trainer.iteration == r->plan.o->iterations);
+    if (status == SPIN_E_CANCELLED)
+        return SPIN_OK; /* the loop sees that too, and keeps the state */
+    if (status != SPIN_OK)
+        spin_warn("%s", spin_last_error());
+    return SPIN_OK;
+}
+
 static spin_status train_network(struct run *r)
 {
     bool resume = r->resume;
     struct spin_checkpoint *c = &r->checkpoint;
-    struct spin_loop loop = {&r->plan, &r->photos, &r->frames, &r->trainer, c, &r->step_log};
+    struct spin_loop loop = spin_loop_of(&r->plan, &r->photos, &r->trainer, c, &r->step_log);
 
+    loop.looked = r->plan.o->watch ? show_state : NULL;
+    loop.context = r;
     c->path = r->plan.part;
     c->fingerprint = r->fingerprint;
     c->code_paths = &r->code_paths;
@@ -460,12 +468,7 @@ static void warn_worse(const struct run *r)
 static spin_status run(struct run *r)
 {
     struct spin_plan *p = &r->plan;
-    struct spin_output output = {.plan = p,
-                                 .refinement = &r->refinement,
-                                 .frames = &r->frames,
-                                 .trainer = &r->trainer,
-                                 .fingerprint = r->fingerprint,
-                                 .code_paths = r->code_paths.all};
+    struct spin_output output = output_of(r);
 
     if (p->o->refine > 0) {
         SPIN_TRY(spin_refinement_run(&r->refinement, p, &r->photos, &r->device, &r->code_paths,
@@ -483,6 +486,7 @@ static spin_status run(struct run *r)
 static spin_status keep(struct run *r, spin_status failed)
 {
     struct spin_checkpoint *c = &r->checkpoint;
+    const char *go_on = r->plan.o->resume ? ": the same command goes on" : ": go on with --resume";
     bool lost = false;
     char why[1024], kept[1024] = "";
 
@@ -492,15 +496,12 @@ static spin_status keep(struct run *r, spin_status failed)
         lost = spin_checkpoint_save(c, &r->trainer) != SPIN_OK;
     if (lost && strcmp(why, spin_last_error()) != 0)
         snprintf(kept, sizeof kept, "; %s", spin_last_error());
-    if (failed == SPIN_E_CANCELLED && !lost)
-        return spin_fail_cancelled();
     if (c->saved >= 0)
         return spin_fail(failed, "%s%s; the state of iteration %lld is kept in '%s'%s", why, kept,
-                         (long long)c->saved, r->plan.part,
-                         c->sound ? ": go on with --resume" : "");
+                         (long long)c->saved, r->plan.part, c->sound ? go_on : "");
     if (!lost && r->refinement.frame && spin_path_is_folder(r->plan.parts))
         return spin_fail(failed, "%s; the frames refined so far are kept in '%s'%s", why,
-                         r->plan.parts, r->plan.o->cache ? "" : ": go on with --resume");
+                         r->plan.parts, r->plan.o->cache && !r->plan.o->resume ? "" : go_on);
     return spin_fail(failed, "%s%s", why, kept);
 }
 
@@ -571,6 +572,7 @@ static void close_all(struct run *r)
     spin_photos_close(&r->photos);
     spin_device_close(&r->device);
     spin_plan_close(&r->plan);
+    spin_watch_close(&r->watch);
     free(r->fingerprint);
 }
 

@@ -253,6 +253,13 @@ spin_status spin_bundle_open(const char *path, struct spin_bundle *out)
     memset(out, 0, sizeof *out);
     SPIN_TRY_OUT(spin_strdup(path, &out->path));
     SPIN_TRY_OUT(spin_npz_open(path, &out->npz));
+    if (spin_zip_find(&out->npz.zip, "state.json")) {
+        status =
+            spin_fail(SPIN_E_UNSUPPORTED,
+                      "it is the state of an unfinished training: spin-retrain --resume goes on "
+                      "with it, and --watch DIR keeps such a state as a clip, DIR/state.spin");
+        goto out;
+    }
     SPIN_TRY_OUT(load_meta(out));
     SPIN_TRY_OUT(check_source(out));
     status = check_refined(out);
@@ -660,20 +667,32 @@ spin_status spin_bundle_write_frame(struct spin_bundle_writer *w, int index, uns
     return write_group(w, "source", index, columns, static_columns, splats);
 }
 
+static spin_status write_array_4d(struct spin_bundle_writer *w, const struct spin_splats_4d *s,
+                                  int k, const float *values, float per_unit)
+{
+    uint64_t shape[2] = {s->n, spin_array_4d_width(s, k)};
+    float unit[SPIN_UNITS];
+    char name[64];
+
+    snprintf(name, sizeof name, "source/4d/%s", spin_array_4d_name(k));
+    for (uint64_t c = 0; c < shape[1] && per_unit > 0; c++)
+        unit[c] = per_unit;
+    if (per_unit > 0)
+        SPIN_TRY(spin_packer_units(&w->packer, name, shape[1], unit));
+    else if (w->packer.quick && shape[1] >= SPIN_WIDE) /* random bits of SH: a fifth less at most */
+        return spin_npz_write(&w->zip, name, "<f4", 2, shape, values);
+    return spin_bundle_write_array(w, name, -1, "<f4", 2, shape, values);
+}
+
 spin_status spin_bundle_write_4d(struct spin_bundle_writer *w, const struct spin_splats_4d *s,
-                                 struct spin_bundle_meta *meta)
+                                 enum spin_round_4d round, struct spin_bundle_meta *meta)
 {
     struct spin_splats_4d of = *s;
 
-    for (int k = 0; k < SPIN_N_ARRAYS_4D; k++) {
-        uint64_t shape[2] = {s->n, spin_array_4d_width(s, k)};
-        char name[64];
-
-        if (!*spin_array_4d_of(&of, k))
-            continue;
-        snprintf(name, sizeof name, "source/4d/%s", spin_array_4d_name(k));
-        SPIN_TRY(spin_bundle_write_array(w, name, -1, "<f4", 2, shape, *spin_array_4d_of(&of, k)));
-    }
+    for (int k = 0; k < SPIN_N_ARRAYS_4D; k++)
+        if (*spin_array_4d_of(&of, k))
+            SPIN_TRY(write_array_4d(w, s, k, *spin_array_4d_of(&of, k),
+                                    spin_array_4d_per_unit(k, round)));
     meta->four_d = (struct spin_splats_4d){.n = s->n,
                                            .degree = s->degree,
                                            .least_weight = s->least_weight,

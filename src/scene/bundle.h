@@ -20,6 +20,7 @@
 #include "scene/bundle_meta.h"
 #include "scene/bundle_pack.h"
 #include "scene/columns.h"
+#include "scene/splats_4d.h"
 
 /* Frames that were refined on their own: splats in a number and an order of their own. A network in
  * the same bundle was trained on them. */
@@ -136,9 +137,10 @@ spin_status spin_bundle_writer_open(const char *path, bool force, bool sync,
 /* Columns in `columns` of frame `index`; those in static_columns are written at index 0 only. */
 spin_status spin_bundle_write_frame(struct spin_bundle_writer *w, int index, unsigned columns,
                                     unsigned static_columns, const struct spin_splats *splats);
-/* The source as 4D splats, instead of its frames; sets four_d, parts, columns and SH degree of meta. */
+/* The source as 4D splats, instead of its frames; sets four_d, parts, columns and SH degree of meta. round: what was
+ * done to them by spin_splats_4d_round(), and no more since. */
 spin_status spin_bundle_write_4d(struct spin_bundle_writer *w, const struct spin_splats_4d *s,
-                                 struct spin_bundle_meta *meta);
+                                 enum spin_round_4d round, struct spin_bundle_meta *meta);
 /* Columns of refined frame `index`; the core describes them in meta.json's "refined". */
 spin_status spin_bundle_write_refined(struct spin_bundle_writer *w, int index, unsigned columns,
                                       const struct spin_splats *splats);

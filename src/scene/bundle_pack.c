@@ -9,7 +9,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 
-enum { PORTION = 1 << 15 }; /* values at a time */
+enum { PORTION = 1 << 15, GROUP = 16 }; /* values at a time; columns */
 
 /* Words of an array, row by row. */
 struct words {
@@ -59,12 +59,22 @@ static spin_status read_words(void *context, uint64_t first, size_t n, uint32_t 
     return SPIN_OK;
 }
 
+static spin_status write_bytes(struct spin_zip_writer *w, const unsigned char *bytes, uint64_t n)
+{
+    for (uint64_t first = 0; first < n; first += PORTION)
+        SPIN_TRY(spin_zip_member_write(w, bytes + first,
+                                       (size_t)(n - first < PORTION ? n - first : PORTION)));
+    return SPIN_OK;
+}
+
+/* Columns are gathered by the line of the cache: 16 at a time. */
 static spin_status write_columns(struct spin_zip_writer *w, const char *name, int n_dims,
-                                 const uint64_t *shape, const struct words *words)
+                                 const uint64_t *shape, const struct words *words, bool quick)
 {
     uint64_t dims[SPIN_NPY_MAX_DIMS] = {1};
     uint32_t any = 0;
-    unsigned char bytes[PORTION];
+    unsigned char *bytes = NULL;
+    spin_status status = SPIN_OK;
 
     for (uint64_t i = 0; i < words->n_rows * words->width; i++)
         any |= words->at[i];
@@ -73,18 +83,22 @@ static spin_status write_columns(struct spin_zip_writer *w, const char *name, in
     memcpy(dims + 1, shape + 1, (size_t)(n_dims - 1) * sizeof *dims);
     dims[n_dims] = shape[0];
     SPIN_TRY(spin_npz_write_begin_deflated(w, name, "|i1", n_dims + 1, dims));
-    for (uint64_t plane = 0; plane < dims[0]; plane++)
-        for (uint64_t column = 0; column < words->width; column++)
-            for (uint64_t first = 0; first < words->n_rows; first += PORTION) {
-                const uint32_t *from = words->at + first * words->width + column;
-                uint64_t n = words->n_rows - first;
+    if (quick && words->width >= SPIN_WIDE)
+        spin_zip_member_runs(w);
+    SPIN_TRY(spin_alloc((size_t)words->n_rows + 1, GROUP, (void **)&bytes));
+    for (uint64_t plane = 0; plane < dims[0] && status == SPIN_OK; plane++)
+        for (uint64_t first = 0; first < words->width && status == SPIN_OK; first += GROUP) {
+            uint64_t n = words->width - first < GROUP ? words->width - first : GROUP;
 
-                n = n < PORTION ? n : PORTION;
-                for (uint64_t i = 0; i < n; i++)
-                    bytes[i] = (unsigned char)(from[i * words->width] >> 8 * plane);
-                SPIN_TRY(spin_zip_member_write(w, bytes, (size_t)n));
-            }
-    return spin_zip_member_end(w);
+            for (uint64_t i = 0; i < words->n_rows; i++)
+                for (uint64_t c = 0; c < n; c++)
+                    bytes[c * words->n_rows + i] =
+                        (unsigned char)(words->at[i * words->width + first + c] >> 8 * plane);
+            for (uint64_t c = 0; c < n && status == SPIN_OK; c++)
+                status = write_bytes(w, bytes + c * words->n_rows, words->n_rows);
+        }
+    free(bytes);
+    return status == SPIN_OK ? spin_zip_member_end(w) : status;
 }
 
 /* ---- Series ------------------------------------------------------------------------------------- */
@@ -194,19 +208,25 @@ spin_status spin_packer_put(struct spin_packer *packer, struct spin_zip_writer *
 {
     struct spin_pack_series *s;
     struct words words = {.n_rows = shape[0], .width = 1};
-    uint64_t rows;
+    uint64_t rows = 0;
+    bool as_it_is;
     char name[80];
     spin_status status;
 
     for (int i = 1; i < n_dims; i++)
         words.width *= shape[i];
     SPIN_TRY(find_series(packer, series, &s));
-    SPIN_TRY(
-        spin_alloc((size_t)(words.n_rows * words.width) + 1, sizeof *words.at, (void **)&words.at));
-    memcpy(words.at, values, (size_t)(words.n_rows * words.width) * sizeof *words.at);
+    as_it_is = frame < 0 && !s->per_unit; /* then nothing is copied */
+    if (as_it_is) {
+        words.at = (uint32_t *)(uintptr_t)values;
+    } else {
+        SPIN_TRY(spin_alloc((size_t)(words.n_rows * words.width) + 1, sizeof *words.at,
+                            (void **)&words.at));
+        memcpy(words.at, values, (size_t)(words.n_rows * words.width) * sizeof *words.at);
+        words.whole = make_whole(s, &words);
+        rows = choose_rows(s, &words);
+    }
     s->written = true;
-    words.whole = make_whole(s, &words);
-    rows = choose_rows(s, &words);
     if (frame < 0) {
         snprintf(name, sizeof name, "%s", series);
     } else {
@@ -220,10 +240,10 @@ spin_status spin_packer_put(struct spin_packer *packer, struct spin_zip_writer *
     if (s->per_unit && !words.whole)
         status = spin_pack_write(w, name, n_dims, shape, read_words, words.at);
     else
-        status = write_columns(w, name, n_dims, shape, &words);
+        status = write_columns(w, name, n_dims, shape, &words, packer->quick);
     if (frame == 0)
         s->key = words;
-    else
+    else if (!as_it_is)
         free(words.at);
     return status;
 }

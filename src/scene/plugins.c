@@ -117,7 +117,8 @@ static const char *exporter_lacks(const struct spin_exporter *exporter)
         return "an exporter in it has no name of a-z, 0-9, '-' and '_'";
     if (!exporter->summary)
         return "its exporter has no summary";
-    if (!exporter->begin || !exporter->frame || !exporter->end || !exporter->abort)
+    if (!exporter->begin || (!exporter->frame && !exporter->splats_4d) || !exporter->end ||
+        !exporter->abort)
         return "its exporter lacks one of begin(), frame(), end() and abort()";
     return NULL;
 }

@@ -9,9 +9,13 @@
 #include "base/number.h"
 #include "math/activate.h"
 #include "math/motion.h"
+#include "scene/bundle_pack.h"
 
 /* Far below the largest float: places move, and others square them. */
 #define SANE 1e18
+/* What a half float holds of a number near 1. */
+#define HALF_PER_UNIT 0x1p11f
+#define HALF_BITS 11
 
 enum { PATHS = 1u << 31, ALWAYS = 0 };
 
@@ -21,20 +25,21 @@ static const struct {
     size_t width; /* 0: follows from a degree */
     unsigned part;
     double most; /* of a value: times may be as far as for ever */
+    float steps; /* steps in 1 that hardly show; 0: it is never rounded */
 } arrays[SPIN_N_ARRAYS_4D] = {
-    {"centres", offsetof(struct spin_splats_4d, centres), 3, ALWAYS, SANE},
-    {"times", offsetof(struct spin_splats_4d, times), 1, ALWAYS, SANE},
-    {"quats", offsetof(struct spin_splats_4d, quats), 4, ALWAYS, SANE},
-    {"log_scales", offsetof(struct spin_splats_4d, log_scales), 3, ALWAYS, SANE},
-    {"logit_opacities", offsetof(struct spin_splats_4d, logit_opacities), 1, ALWAYS, SANE},
-    {"sigmas", offsetof(struct spin_splats_4d, sigmas), 1, ALWAYS, SPIN_FOREVER},
-    {"sh", offsetof(struct spin_splats_4d, sh), 0, ALWAYS, SANE},
-    {"paths", offsetof(struct spin_splats_4d, paths), 0, PATHS, SANE},
-    {"spins", offsetof(struct spin_splats_4d, spins), 4, SPIN_4D_SPINS, SANE},
-    {"plateaus", offsetof(struct spin_splats_4d, plateaus), 3, SPIN_4D_PLATEAUS, SPIN_FOREVER},
-    {"cuts", offsetof(struct spin_splats_4d, cuts), 2, SPIN_4D_CUTS, SPIN_FOREVER},
-    {"gates", offsetof(struct spin_splats_4d, gates), 1, SPIN_4D_GATES, SANE},
-    {"sh_cos", offsetof(struct spin_splats_4d, sh_cos), 0, SPIN_4D_SH_COS, SANE},
+    {"centres", offsetof(struct spin_splats_4d, centres), 3, ALWAYS, SANE, 0},
+    {"times", offsetof(struct spin_splats_4d, times), 1, ALWAYS, SANE, 0},
+    {"quats", offsetof(struct spin_splats_4d, quats), 4, ALWAYS, SANE, 256},
+    {"log_scales", offsetof(struct spin_splats_4d, log_scales), 3, ALWAYS, SANE, 32},
+    {"logit_opacities", offsetof(struct spin_splats_4d, logit_opacities), 1, ALWAYS, SANE, 32},
+    {"sigmas", offsetof(struct spin_splats_4d, sigmas), 1, ALWAYS, SPIN_FOREVER, 0},
+    {"sh", offsetof(struct spin_splats_4d, sh), 0, ALWAYS, SANE, 128},
+    {"paths", offsetof(struct spin_splats_4d, paths), 0, PATHS, SANE, 0},
+    {"spins", offsetof(struct spin_splats_4d, spins), 4, SPIN_4D_SPINS, SANE, 0},
+    {"plateaus", offsetof(struct spin_splats_4d, plateaus), 3, SPIN_4D_PLATEAUS, SPIN_FOREVER, 0},
+    {"cuts", offsetof(struct spin_splats_4d, cuts), 2, SPIN_4D_CUTS, SPIN_FOREVER, 0},
+    {"gates", offsetof(struct spin_splats_4d, gates), 1, SPIN_4D_GATES, SANE, 0},
+    {"sh_cos", offsetof(struct spin_splats_4d, sh_cos), 0, SPIN_4D_SH_COS, SANE, 128},
 };
 
 /* ---- Arrays ------------------------------------------------------------------------------------ */
@@ -49,6 +54,13 @@ float **spin_array_4d_of(struct spin_splats_4d *s, int k)
 static size_t sh_width(const struct spin_splats_4d *s)
 {
     return 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1));
+}
+
+float spin_array_4d_per_unit(int k, enum spin_round_4d round)
+{
+    if (round == SPIN_ROUND_NOTHING || !(arrays[k].steps > 0))
+        return 0;
+    return round == SPIN_ROUND_HALF ? HALF_PER_UNIT : arrays[k].steps;
 }
 
 size_t spin_array_4d_width(const struct spin_splats_4d *s, int k)
@@ -155,6 +167,16 @@ static bool settle_row(struct spin_splats_4d *s, size_t i)
     return true;
 }
 
+void spin_splats_4d_round(struct spin_splats_4d *s, enum spin_round_4d round)
+{
+    for (int k = 0; k < SPIN_N_ARRAYS_4D; k++) {
+        float *values = *spin_array_4d_of(s, k), per_unit = spin_array_4d_per_unit(k, round);
+
+        if (values && per_unit > 0)
+            spin_round_values(values, s->n * spin_array_4d_width(s, k), HALF_BITS, 1 / per_unit);
+    }
+}
+
 static void move_row(struct spin_splats_4d *s, size_t from, size_t to)
 {
     for (int k = 0; k < SPIN_N_ARRAYS_4D && from != to; k++) {
@@ -166,6 +188,27 @@ static void move_row(struct spin_splats_4d *s, size_t from, size_t to)
     }
 }
 
+static void span_of(const struct spin_splats_4d *s, size_t i, double span[2])
+{
+    struct spin_window w = window_of(s, i);
+    double opacity = spin_sigmoid_of((double)s->logit_opacities[i]);
+
+    spin_window_span(
+        &w, fmax(s->least_weight, s->least_opacity > 0 ? s->least_opacity / opacity : 0), span);
+}
+
+bool spin_splats_4d_is_settled(const struct spin_splats_4d *s)
+{
+    for (size_t i = 0; i < s->n; i++) {
+        double span[2];
+
+        span_of(s, i, span);
+        if (span[0] != s->spans[2 * i] || span[1] != s->spans[2 * i + 1])
+            return false;
+    }
+    return true;
+}
+
 spin_status spin_splats_4d_settle(struct spin_splats_4d *s, size_t *n_dropped, size_t *from)
 {
     size_t kept = 0;
@@ -173,23 +216,47 @@ spin_status spin_splats_4d_settle(struct spin_splats_4d *s, size_t *n_dropped, s
     if (s->sh_cos && !(s->period > 0 && isfinite(s->period)))
         return spin_fail(SPIN_E_MALFORMED, "colours in time with a period of %g", s->period);
     for (size_t i = 0; i < s->n; i++) {
-        struct spin_window w;
-        double opacity;
-
         if (!settle_row(s, i))
             continue;
         move_row(s, i, kept);
         if (from)
             from[kept] = i;
-        w = window_of(s, kept);
-        opacity = spin_sigmoid_of((double)s->logit_opacities[kept]);
-        spin_window_span(
-            &w, fmax(s->least_weight, s->least_opacity > 0 ? s->least_opacity / opacity : 0),
-            s->spans + 2 * kept);
+        span_of(s, kept, s->spans + 2 * kept);
         kept++;
     }
     *n_dropped = s->n - kept;
     s->n = kept;
+    return SPIN_OK;
+}
+
+spin_status spin_splats_4d_take(const struct spin_splats_4d *s, const unsigned char *mark,
+                                struct spin_splats_4d *out)
+{
+    struct spin_splats_4d from = *s;
+    size_t n = 0;
+
+    for (size_t i = 0; i < s->n; i++)
+        n += mark[i];
+    *out = *s;
+    out->spans = NULL;
+    for (int k = 0; k < SPIN_N_ARRAYS_4D; k++)
+        *spin_array_4d_of(out, k) = NULL;
+    SPIN_TRY(spin_splats_4d_reserve(out, n, s->degree, s->sh_degree, spin_splats_4d_parts(s)));
+    for (int k = 0; k < SPIN_N_ARRAYS_4D; k++) {
+        size_t width = spin_array_4d_width(s, k);
+        const float *at = *spin_array_4d_of(&from, k);
+        float *to = *spin_array_4d_of(out, k);
+
+        for (size_t i = 0; i < s->n && at; i++)
+            if (mark[i]) {
+                memcpy(to, at + width * i, width * sizeof *to);
+                to += width;
+            }
+    }
+    n = 0;
+    for (size_t i = 0; i < s->n; i++)
+        if (mark[i])
+            memcpy(out->spans + 2 * n++, s->spans + 2 * i, 2 * sizeof *out->spans);
     return SPIN_OK;
 }
 
@@ -209,7 +276,8 @@ static void fill_row(const struct spin_splats_4d *s, size_t i, double time, unsi
     size_t width = sh_width(s);
 
     if (columns & SPIN_COL_MEANS) {
-        spin_path_at(s->centres + 3 * i, s->paths + 3 * (size_t)s->degree * i, s->degree, d, place);
+        spin_path_at(s->centres + 3 * i, s->paths ? s->paths + 3 * (size_t)s->degree * i : NULL,
+                     s->degree, d, place);
         for (size_t c = 0; c < 3; c++)
             out->means[3 * k + c] = (float)place[c];
     }

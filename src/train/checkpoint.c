@@ -1,12 +1,10 @@
-/* The state of a network training as an archive of arrays, and the fingerprint that a resume is held to. */
+/* The state of a training as an archive of arrays. */
 #include "train/checkpoint.h"
 
-#include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "spin_train.h"
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
@@ -14,50 +12,8 @@
 #include "io/npy.h"
 #include "io/ranks.h"
 #include "train/lazy_adam.h"
-#include "train/settings.h"
 
 enum { PORTION = 1 << 20 }; /* floats that are carried to the host at a time */
-
-spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_refinement *refinement,
-                             const struct spin_photos *photos, const struct spin_device *device,
-                             char **out)
-{
-    const struct spin_retrain_options *o = plan->o;
-    bool network = o->method != SPIN_METHOD_FRAMES;
-    spin_json *j = network ? spin_field_to_json(&plan->field, true) : spin_json_object();
-    spin_json *frames = spin_json_array(), *centre = spin_json_array();
-    const struct spin_zip *zip = &plan->clip.bundle.npz.zip;
-    char text[64];
-    double sum = 0;
-
-    for (int c = 0; c < 3; c++)
-        spin_json_push_number(centre, o->normalise_centre[c]);
-    if (network) { /* the scene transform follows from the input and these */
-        spin_json_set_integer(j, "normalise", o->normalise);
-        spin_json_set_number(j, "normalise_radius", o->normalise_radius);
-        spin_json_set(j, "normalise_centre", centre);
-        spin_json_set(j, "options", spin_settings_network(plan, o->init_log_scale));
-        spin_json_set_string(j, "device", device->op->name);
-    } else {
-        spin_json_free(centre);
-    }
-    for (size_t i = 0; i < zip->n; i++)
-        sum += (double)zip->member[i].crc;
-    for (int f = 0; f < plan->clip.n_frames; f++) {
-        spin_json_push_number(frames, spin_plan_info(plan, f)->number);
-        spin_json_push_number(frames, (double)plan->counts[f]);
-        if (refinement->frame)
-            spin_json_push_string(frames, refinement->frame[f].key);
-    }
-    snprintf(text, sizeof text, "%016" PRIx64, spin_photos_imprint(photos, plan, -1));
-    spin_json_set(j, "frames", frames);
-    spin_json_set_string(j, "images", text);
-    snprintf(text, sizeof text, "%.0f", sum);
-    spin_json_set_string(j, "input", text);
-    *out = spin_json_text(j, false);
-    spin_json_free(j);
-    return *out ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "out of memory");
-}
 
 double spin_checkpoint_seconds(const struct spin_checkpoint *c)
 {
@@ -101,7 +57,7 @@ static spin_status list_pieces(const struct spin_checkpoint *c, struct spin_trai
     struct piece *piece;
     size_t k = 0;
 
-    SPIN_TRY(spin_alloc(3 * N_PARAMS + 1 + 10 * (size_t)t->n_frames, sizeof *piece, &block));
+    SPIN_TRY(spin_alloc(3 * N_PARAMS + 1 + 13 * (size_t)t->n_frames, sizeof *piece, &block));
     piece = block;
     for (int i = 0; i < N_PARAMS; i++) {
         float SPIN_DEV *at[3] = {param[i]->p, param[i]->m, param[i]->v};
@@ -128,6 +84,13 @@ static spin_status list_pieces(const struct spin_checkpoint *c, struct spin_trai
         for (int j = 0; j < 3; j++, k++)
             piece[k] = of_frame(f, "residual", part_name[j], at[j],
                                 SPIN_RESIDUAL * t->frame[f].size.n_residual);
+    }
+    for (int f = 0; f < t->n_frames && t->d_sh; f++) {
+        float SPIN_DEV *at[3] = {t->frame[f].sh, t->frame[f].sh_m, t->frame[f].sh_v};
+
+        for (int j = 0; j < 3; j++, k++)
+            piece[k] =
+                of_frame(f, "sh", part_name[j], at[j], t->frame[f].sh_width * t->frame[f].size.n);
     }
     for (int f = 0; f < t->n_frames && t->tracked; f++) {
         const struct spin_train_frame *frame = &t->frame[f];
@@ -171,7 +134,7 @@ static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
     uint64_t *all = NULL;
     spin_status status;
 
-    if (spin_n_ranks() == 1)
+    if (t->n_ranks == 1)
         return SPIN_OK;
     SPIN_TRY(spin_alloc((size_t)spin_n_ranks(), sizeof *all, (void **)&all));
     all[spin_rank()] = hash;
@@ -187,6 +150,31 @@ static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
     return status;
 }
 
+/* Moments go into parameters with the next step. */
+static bool is_parameter(const struct piece *piece)
+{
+    return piece->name[strlen(piece->name) - 1] == 'p';
+}
+
+/* *bad: some parameter is not finite. The device looks. */
+static spin_status look_for_bad(const struct spin_trainer *t, const struct piece *piece,
+                                size_t n_pieces, bool *bad)
+{
+    struct spin_device *d = t->device;
+    void SPIN_DEV *count = NULL;
+    uint32_t found = 0;
+    spin_status status;
+
+    SPIN_TRY(d->op->reserve(d, sizeof found, &count));
+    for (size_t i = 0; i < n_pieces; i++)
+        if (is_parameter(&piece[i]) && piece[i].n > 0)
+            d->op->not_finite(d, piece[i].n, piece[i].at, count);
+    status = d->op->download(d, &found, count, sizeof found);
+    d->op->release(d, count);
+    *bad = found > 0;
+    return status;
+}
+
 spin_status spin_check_parameters(struct spin_trainer *t)
 {
     uint64_t hash = SPIN_HASH_BEGIN;
@@ -194,21 +182,23 @@ spin_status spin_check_parameters(struct spin_trainer *t)
     size_t n_pieces = 0;
     struct piece *piece = NULL;
     void *block = NULL;
+    bool bad = false;
     spin_status status;
 
     SPIN_TRY_OUT(list_pieces(NULL, t, &piece, &n_pieces));
-    SPIN_TRY_OUT(spin_alloc(PORTION, sizeof(float), &block));
+    SPIN_TRY_OUT(look_for_bad(t, piece, n_pieces, &bad));
+    if (!bad && spin_n_ranks() == 1)
+        goto out;
+    SPIN_TRY_OUT(spin_alloc(PORTION, sizeof(float), &block)); /* where, and whether ranks agree */
     for (size_t i = 0; i < n_pieces; i++) {
-        size_t length = strlen(piece[i].name);
-
-        if (piece[i].name[length - 1] != 'p') /* moments go into parameters with the next step */
+        if (!is_parameter(&piece[i]))
             continue;
         for (size_t first = 0; first < piece[i].n; first += PORTION) {
             size_t n = piece[i].n - first < PORTION ? piece[i].n - first : PORTION;
 
             SPIN_TRY_OUT(d->op->download(d, block, piece[i].at + first, n * sizeof(float)));
             SPIN_TRY_OUT(check_values(t, piece[i].name, first, block, n));
-            if (spin_n_ranks() > 1)
+            if (t->n_ranks > 1)
                 spin_hash(&hash, block, n * sizeof(float));
         }
     }
@@ -216,7 +206,7 @@ spin_status spin_check_parameters(struct spin_trainer *t)
 out:
     free(piece);
     free(block);
-    return spin_ranks_agree(status);
+    return t->n_ranks > 1 ? spin_ranks_agree(status) : status;
 }
 
 spin_status spin_read_device_values(struct spin_trainer *t, const char *name,

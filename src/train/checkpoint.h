@@ -4,7 +4,6 @@
 #define SPIN_TRAIN_CHECKPOINT_H
 
 #include "train/code_paths.h"
-#include "train/refinement.h"
 #include "train/step.h"
 
 struct spin_checkpoint {
@@ -19,12 +18,6 @@ struct spin_checkpoint {
     uint32_t **permutation; /* [frames][splats] kept in the state when there are tracks */
     int64_t saved;          /* iteration of the state that is kept; -1: none is */
 };
-
-/* What decides the result: options, the frames and what refined frames are made from, the images, the CRCs of
- * the input's arrays. To be freed. */
-spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_refinement *refinement,
-                             const struct spin_photos *photos, const struct spin_device *device,
-                             char **out);
 
 /* Seconds of work so far, those before a resume too. */
 double spin_checkpoint_seconds(const struct spin_checkpoint *checkpoint);

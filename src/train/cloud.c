@@ -44,6 +44,40 @@ void spin_refine_cloud_free(struct spin_refine_cloud *cloud)
     memset(cloud, 0, sizeof *cloud);
 }
 
+/* Rows of values, or of moments. */
+static struct spin_frame_rows rows_of(const struct spin_refine_cloud *cloud,
+                                      enum spin_train_array which)
+{
+    struct spin_refine_point *first = cloud->point;
+    struct spin_refine_row *row = which == SPIN_TRAIN_VALUES     ? &first->p
+                                  : which == SPIN_TRAIN_MOMENT_1 ? &first->m
+                                                                 : &first->v;
+    size_t stride = sizeof *first / sizeof(float);
+
+    return (struct spin_frame_rows){
+        .pos = {row->pos_w, stride},
+        .residual = {row->log_scale, stride},
+        .sh = {cloud->sh ? cloud->sh + SPIN_REFINE_SH * which : NULL, 3 * SPIN_REFINE_SH}};
+}
+
+spin_status spin_refine_cloud_send(const struct spin_refine_cloud *cloud, struct spin_device *d,
+                                   struct spin_train_frame *frame)
+{
+    for (int which = SPIN_TRAIN_VALUES; cloud->n > 0 && which <= SPIN_TRAIN_MOMENT_2; which++)
+        SPIN_TRY(spin_train_frame_upload(frame, d, which, rows_of(cloud, which), NULL));
+    return SPIN_OK;
+}
+
+spin_status spin_refine_cloud_fetch(struct spin_refine_cloud *cloud, struct spin_device *d,
+                                    const struct spin_train_frame *frame)
+{
+    if (cloud->sh)
+        memset(cloud->sh, 0, 3 * SPIN_REFINE_SH * cloud->n * sizeof *cloud->sh);
+    for (int which = SPIN_TRAIN_VALUES; cloud->n > 0 && which <= SPIN_TRAIN_MOMENT_2; which++)
+        SPIN_TRY(spin_train_frame_download(frame, d, which, rows_of(cloud, which), NULL));
+    return SPIN_OK;
+}
+
 static spin_status begin(struct spin_refine_cloud *out, size_t n)
 {
     SPIN_TRY(spin_refine_cloud_reserve(out, n));

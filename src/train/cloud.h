@@ -3,7 +3,7 @@
 #define SPIN_TRAIN_CLOUD_H
 
 #include "base/pool.h"
-#include "device/device.h"
+#include "train/train_frame.h"
 
 /* The parameters of one Gaussian, raw: what the optimiser sees. */
 struct spin_refine_row {
@@ -37,6 +37,11 @@ struct spin_refine_cloud {
 /* Room for n points; contents are kept. */
 spin_status spin_refine_cloud_reserve(struct spin_refine_cloud *cloud, size_t n);
 void spin_refine_cloud_free(struct spin_refine_cloud *cloud);
+/* Its points and their moments to a frame of as many splats, and back; what a splat has not of its own stays as it is. */
+spin_status spin_refine_cloud_send(const struct spin_refine_cloud *cloud, struct spin_device *d,
+                                   struct spin_train_frame *frame);
+spin_status spin_refine_cloud_fetch(struct spin_refine_cloud *cloud, struct spin_device *d,
+                                    const struct spin_train_frame *frame);
 
 /* The start of 3DGS from coloured points: isotropic scale from the 3 nearest neighbours, no
  * rotation, opacity 0.1. pos_w [n][3] must be finite; rgb [n][3] is 0..1, or NULL for mid grey. */

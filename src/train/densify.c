@@ -19,12 +19,14 @@ static const float log_shrink = 0.47000363f; /* ln 1.6: a child's scale is its p
 
 /* ---- Choosing -------------------------------------------------------------------------------- */
 
+const double spin_prune_opacity = 0.005;
+
 void spin_densify_defaults(struct spin_densify_options *o)
 {
     memset(o, 0, sizeof *o);
     o->gradient_threshold = 2e-4;
     o->percent_dense = 0.01;
-    o->prune_opacity = 0.005;
+    o->prune_opacity = spin_prune_opacity;
 }
 
 static float mean_gradient(const struct spin_refine_point *p)

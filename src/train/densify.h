@@ -5,11 +5,14 @@
 
 #include "train/cloud.h"
 
+/* Opacity below which points are dropped. */
+extern const double spin_prune_opacity;
+
 struct spin_densify_options {
     double extent;             /* of the scene: spin_views_extent(); no default */
     double gradient_threshold; /* of the mean gradient; 2e-4 */
     double percent_dense;      /* of the extent: largest scale that is cloned, not split; 0.01 */
-    double prune_opacity;      /* 0.005 */
+    double prune_opacity;      /* spin_prune_opacity */
     size_t max_points;         /* 0: no limit */
     uint64_t seed;
     int frame; /* with the seed: names the random numbers */

@@ -17,6 +17,7 @@ struct change {
         tracks; /* the new ones, in the order of kinds: moving, varying, others */
     size_t n_before, n_moving, n_varying;
     uint32_t *row; /* [n_before] a frame's splat of an old track, or SPIN_NO_TRACK */
+    struct spin_refine_cloud before, after; /* of a frame; their memory serves the next one */
 };
 
 /* ---- The tracks' parameters ---------------------------------------------------------------------- */
@@ -79,7 +80,9 @@ static spin_status fetch_seen(struct spin_trainer *t, int f, struct seen_frame *
     out->track = out->seen + n;
     SPIN_TRY(d->op->download(d, out->gradient, frame->gradient, n * sizeof *out->gradient));
     SPIN_TRY(d->op->download(d, out->seen, frame->seen, n * sizeof *out->seen));
-    return d->op->download(d, out->track, frame->track, n * sizeof *out->track);
+    memset(out->track, 0xff, n * sizeof *out->track); /* SPIN_NO_TRACK */
+    return t->n_tracks == 0 ? SPIN_OK
+                            : d->op->download(d, out->track, frame->track, n * sizeof *out->track);
 }
 
 /* A track has been seen as often as its splats. */
@@ -146,7 +149,8 @@ static spin_status change_tracks(struct change *c, struct spin_densify_change *s
     o.max_points = cap_beside(c, most_free);
 
     SPIN_TRY(spin_refine_cloud_reserve(&c->tracks, n));
-    memset(c->tracks.point, 0, n * sizeof *c->tracks.point);
+    if (n > 0)
+        memset(c->tracks.point, 0, n * sizeof *c->tracks.point);
     c->tracks.n = n;
     SPIN_TRY(carry_tracks(t->device, &t->tracks, &c->tracks, false));
     SPIN_TRY(add_statistics(c));
@@ -160,31 +164,15 @@ static spin_status change_tracks(struct change *c, struct spin_densify_change *s
 
 /* ---- A frame ------------------------------------------------------------------------------------- */
 
-/* A frame's splats as rows; what a splat has not of its own is zero. */
+/* A frame's new splats. The cloud has those with values of their own, which are the first of them; of these values, what
+ * a splat has not is zero. */
 struct rows {
-    struct spin_refine_cloud cloud;
-    uint32_t *track; /* [n] */
+    struct spin_refine_cloud *cloud;
+    uint32_t *track;  /* [n] */
+    uint32_t *origin; /* [n] the row before, or NEW_ROW */
     struct spin_frame_size size;
 };
-
-static spin_status carry_frame(struct spin_device *d, struct spin_train_frame *frame,
-                               struct spin_refine_point *point, bool up)
-{
-    size_t stride = sizeof *point / sizeof(float);
-
-    for (int part = 0; part < 3; part++) {
-        enum spin_train_array which = SPIN_TRAIN_VALUES + part;
-        struct spin_refine_row *row = part_of(point, part);
-        struct spin_rows pos = {frame->size.n_pos ? row->pos_w : NULL, stride};
-        struct spin_rows residual = {frame->size.n_residual ? row->log_scale : NULL, stride};
-
-        if (up)
-            SPIN_TRY(spin_train_frame_upload(frame, d, which, pos, residual, NULL));
-        else
-            SPIN_TRY(spin_train_frame_download(frame, d, which, pos, residual, NULL));
-    }
-    return SPIN_OK;
-}
+static const uint32_t NEW_ROW = UINT32_MAX;
 
 /* c->row of this frame; how many splats the new tracks have there. */
 static size_t find_rows(struct change *c, const struct seen_frame *seen, size_t n)
@@ -200,23 +188,25 @@ static size_t find_rows(struct change *c, const struct seen_frame *seen, size_t 
     return n_tracked;
 }
 
-/* Densify the splats without a track. */
+/* c->after = the splats without a track, densified. */
 static spin_status change_free(struct change *c, int f, const struct seen_frame *seen,
-                               const struct spin_refine_point *before, size_t n_free,
-                               size_t n_tracked, struct spin_refine_cloud *out,
-                               struct spin_densify_change *sum)
+                               size_t n_free, size_t n_tracked, struct spin_densify_change *sum)
 {
+    const struct spin_refine_cloud *before = &c->before;
+    struct spin_refine_cloud *out = &c->after;
     struct spin_densify_options o = *c->o;
     struct spin_densify_change change;
 
     SPIN_TRY(spin_refine_cloud_reserve(out, n_free + 1));
-    memcpy(out->point, before, n_free * sizeof *before);
+    memcpy(out->point, before->point, n_free * sizeof *before->point);
     out->n = n_free;
+    if (before->sh)
+        memcpy(out->sh, before->sh, 3 * SPIN_REFINE_SH * n_free * sizeof *out->sh);
     for (size_t i = 0; i < n_free; i++) {
         out->point[i].gradient = seen->gradient[i];
         out->point[i].seen = seen->seen[i];
     }
-    o.frame = f;
+    o.frame += f;
     o.max_points = cap_beside(c, n_tracked);
     SPIN_TRY(spin_densify(&o, c->iteration, out, &change));
     sum->clones += change.clones;
@@ -225,80 +215,73 @@ static spin_status change_free(struct change *c, int f, const struct seen_frame 
     return SPIN_OK;
 }
 
-/* The splats of the new tracks behind those without one, in the order of the tracks. */
-static spin_status add_tracked(const struct change *c, const struct spin_refine_point *before,
-                               struct rows *rows)
+/* The values of its own of a splat of track k. */
+static void add_own(const struct change *c, size_t k, uint32_t row, struct rows *rows)
 {
-    struct spin_refine_cloud *to = &rows->cloud;
+    struct spin_refine_point *p = &rows->cloud->point[rows->cloud->n++];
+
+    *p = c->before.point[row];
+    if (c->tracks.point[k].is_new)
+        memset(&p->m, 0, 2 * sizeof p->m); /* m and v */
+    rows->size.n_pos += k < c->n_moving;
+    rows->size.n_residual += k < c->n_varying;
+}
+
+/* The splats of the new tracks behind those without one, in the order of the tracks. */
+static spin_status add_tracked(const struct change *c, struct rows *rows)
+{
+    size_t n_free = rows->cloud->n, most = n_free + c->tracks.n, n = n_free;
+    size_t n_own = c->n_moving > c->n_varying ? c->n_moving : c->n_varying;
     void *block = NULL;
 
-    SPIN_TRY(spin_refine_cloud_reserve(to, to->n + c->tracks.n));
-    SPIN_TRY(spin_alloc(to->n + c->tracks.n + 1, sizeof *rows->track, &block));
+    SPIN_TRY(spin_refine_cloud_reserve(rows->cloud, n_free + n_own));
+    SPIN_TRY(spin_alloc(2 * most + 1, sizeof *rows->track, &block));
     rows->track = block;
-    for (size_t i = 0; i < to->n; i++)
+    rows->origin = rows->track + most;
+    for (size_t i = 0; i < n_free; i++) {
+        const struct spin_refine_point *p = &rows->cloud->point[i];
+
         rows->track[i] = SPIN_NO_TRACK;
-    rows->size.n_free = rows->size.n_pos = rows->size.n_residual = to->n;
+        rows->origin[i] = p->is_new ? NEW_ROW : p->origin;
+    }
+    rows->size.n_free = rows->size.n_pos = rows->size.n_residual = n_free;
     for (size_t k = 0; k < c->tracks.n; k++) {
-        const struct spin_refine_point *track = &c->tracks.point[k];
-        uint32_t row = c->row[track->origin];
-        struct spin_refine_point *p = &to->point[to->n];
+        uint32_t row = c->row[c->tracks.point[k].origin];
 
         if (row == SPIN_NO_TRACK)
             continue;
-        *p = before[row];
-        p->origin = row;
-        p->is_new = track->is_new;
-        if (p->is_new)
-            memset(&p->m, 0, 2 * sizeof p->m); /* m and v */
-        rows->size.n_pos += k < c->n_moving;
-        rows->size.n_residual += k < c->n_varying;
-        rows->track[to->n++] = (uint32_t)k;
+        if (k < n_own)
+            add_own(c, k, row, rows);
+        rows->origin[n] = c->tracks.point[k].is_new ? NEW_ROW : row;
+        rows->track[n++] = (uint32_t)k;
     }
-    rows->size.n = to->n;
+    rows->size.n = n;
     return SPIN_OK;
 }
 
-struct place {
-    uint32_t place, row;
-};
-
-static int compare_places(const void *a, const void *b)
-{
-    const struct place *x = a, *y = b;
-
-    return (x->place > y->place) - (x->place < y->place);
-}
-
 /* Splats that were there keep their order in the output, new ones follow. */
-static spin_status permute(const struct rows *rows, uint32_t **permutation)
+static spin_status permute(const struct rows *rows, size_t n_before, uint32_t **permutation)
 {
-    size_t n = rows->cloud.n, n_kept = 0;
-    struct place *kept;
-    uint32_t *to;
-    void *block = NULL, *list = NULL;
-    spin_status status = SPIN_OK;
+    size_t n = rows->size.n, n_kept = 0;
+    uint32_t *to, *row_at; /* [n_before] the row that is now at a place of the output before */
+    void *block = NULL;
 
-    SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *to, &block));
-    SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *kept, &list));
+    SPIN_TRY(spin_alloc(n + n_before + 1, sizeof *to, &block));
     to = block;
-    kept = list;
+    row_at = to + n;
+    memset(row_at, 0xff, n_before * sizeof *row_at);
     for (size_t i = 0; i < n; i++)
-        if (!rows->cloud.point[i].is_new)
-            kept[n_kept++] =
-                (struct place){(*permutation)[rows->cloud.point[i].origin], (uint32_t)i};
-    qsort(kept, n_kept, sizeof *kept, compare_places);
-    for (size_t i = 0; i < n_kept; i++)
-        to[kept[i].row] = (uint32_t)i;
+        if (rows->origin[i] != NEW_ROW)
+            row_at[(*permutation)[rows->origin[i]]] = (uint32_t)i;
+    for (size_t place = 0; place < n_before; place++)
+        if (row_at[place] != NEW_ROW)
+            to[row_at[place]] = (uint32_t)n_kept++;
     for (size_t i = 0; i < n; i++)
-        if (rows->cloud.point[i].is_new)
+        if (rows->origin[i] == NEW_ROW)
             to[i] = (uint32_t)n_kept++;
     free(*permutation);
     *permutation = to;
-    block = NULL;
-out:
-    free(list);
-    free(block);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status replace_frame(struct change *c, int f, const struct rows *rows)
@@ -307,38 +290,46 @@ static spin_status replace_frame(struct change *c, int f, const struct rows *row
     struct spin_train_frame *frame = &c->t->frame[f], old = *frame;
 
     spin_train_frame_close(frame, d);
-    SPIN_TRY(spin_train_frame_open(frame, d, rows->size, true));
+    SPIN_TRY(spin_train_frame_open(frame, d, rows->size, c->t->sh_width, true));
     frame->time = old.time;
     frame->steps = old.steps;
     d->op->upload(d, frame->track, rows->track, rows->size.n * sizeof *rows->track);
-    return carry_frame(d, frame, rows->cloud.point, true);
+    return spin_refine_cloud_send(rows->cloud, d, frame);
+}
+
+/* c->before = the frame's splats that have values of their own. */
+static spin_status fetch_frame(struct change *c, const struct spin_train_frame *frame)
+{
+    const struct spin_frame_size *size = &frame->size;
+    struct spin_refine_cloud *before = &c->before;
+    size_t n = size->n_pos > size->n_residual ? size->n_pos : size->n_residual;
+
+    SPIN_TRY(spin_refine_cloud_reserve(before, n + 1));
+    memset(before->point, 0, n * sizeof *before->point);
+    before->n = n;
+    return spin_refine_cloud_fetch(before, c->t->device, frame);
 }
 
 static spin_status change_frame(struct change *c, int f, uint32_t **permutation,
                                 struct spin_densify_change *sum)
 {
-    struct spin_train_frame *frame = &c->t->frame[f];
+    const struct spin_train_frame *frame = &c->t->frame[f];
     size_t n = frame->size.n, n_tracked;
-    struct spin_refine_cloud before = {0};
-    struct rows rows = {0};
+    struct rows rows = {.cloud = &c->after};
     struct seen_frame seen = {0};
     spin_status status;
 
     SPIN_TRY_OUT(fetch_seen(c->t, f, &seen));
-    SPIN_TRY_OUT(spin_refine_cloud_reserve(&before, n + 1));
-    memset(before.point, 0, (n + 1) * sizeof *before.point);
-    SPIN_TRY_OUT(carry_frame(c->t->device, frame, before.point, false));
+    SPIN_TRY_OUT(fetch_frame(c, frame));
     n_tracked = find_rows(c, &seen, n);
-    SPIN_TRY_OUT(
-        change_free(c, f, &seen, before.point, frame->size.n_free, n_tracked, &rows.cloud, sum));
-    SPIN_TRY_OUT(add_tracked(c, before.point, &rows));
-    SPIN_TRY_OUT(permute(&rows, permutation));
+    SPIN_TRY_OUT(change_free(c, f, &seen, frame->size.n_free, n_tracked, sum));
+    SPIN_TRY_OUT(add_tracked(c, &rows));
+    if (permutation)
+        SPIN_TRY_OUT(permute(&rows, n, permutation));
     status = replace_frame(c, f, &rows);
 out:
     free(seen.gradient);
     free(rows.track);
-    spin_refine_cloud_free(&rows.cloud);
-    spin_refine_cloud_free(&before);
     return status;
 }
 
@@ -355,9 +346,13 @@ spin_status spin_densify_tracks(struct spin_trainer *t, const struct spin_densif
     SPIN_TRY(spin_alloc(t->n_tracks + 1, sizeof *c.row, &block));
     c.row = block;
     SPIN_TRY_OUT(spin_trainer_join_seen(t));
+    if (t->sh_degree > 0) {
+        SPIN_TRY_OUT(spin_refine_add_sh(t->sh_degree, NULL, &c.before));
+        SPIN_TRY_OUT(spin_refine_add_sh(t->sh_degree, NULL, &c.after));
+    }
     SPIN_TRY_OUT(change_tracks(&c, change));
     for (int f = 0; f < t->n_frames; f++) {
-        SPIN_TRY_OUT(change_frame(&c, f, &permutation[f], change));
+        SPIN_TRY_OUT(change_frame(&c, f, permutation ? &permutation[f] : NULL, change));
         counts[f] = t->frame[f].size.n;
     }
     t->n_tracks = c.tracks.n;
@@ -365,6 +360,8 @@ spin_status spin_densify_tracks(struct spin_trainer *t, const struct spin_densif
     t->n_varying = c.n_varying;
     status = spin_trainer_resize(t);
 out:
+    spin_refine_cloud_free(&c.before);
+    spin_refine_cloud_free(&c.after);
     spin_refine_cloud_free(&c.tracks);
     free(block);
     return status;

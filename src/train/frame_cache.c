@@ -39,6 +39,7 @@ spin_status spin_frame_cache_put(const char *folder, int index, const char *key,
     meta.columns = held;
     meta.sh_degree = splats->sh_degree;
     SPIN_TRY_OUT(spin_bundle_writer_open(path, true, true, &w));
+    w.zip.n_threads = 1; /* others write theirs */
     writing = true;
     SPIN_TRY_OUT(spin_bundle_write_frame(&w, 0, held, 0, splats));
     extra = spin_json_object();

@@ -6,8 +6,6 @@
 
 #include "spin.h"
 
-enum { SPIN_FRAME_KEY = 40 }; /* bytes a key may have, with its end */
-
 /* A frame that is there. */
 struct spin_shelved {
     size_t n;      /* splats */

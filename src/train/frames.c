@@ -179,7 +179,7 @@ static spin_status send_frame(const struct spin_plan *plan, const struct spin_sp
                               struct spin_device *device, struct spin_train_frame *frame)
 {
     struct spin_refine_cloud cloud = {0};
-    struct spin_rows pos = {s->means, 3}, residual = {0};
+    struct spin_frame_rows rows = {.pos = {s->means, 3}};
     spin_status status;
 
     if (spin_plan_has_residual(plan)) {
@@ -194,10 +194,10 @@ static spin_status send_frame(const struct spin_plan *plan, const struct spin_sp
             clear_tracked(first->tracks, f, &cloud);
         }
         if (cloud.n > 0)
-            residual =
+            rows.residual =
                 (struct spin_rows){cloud.point[0].p.log_scale, sizeof *cloud.point / sizeof(float)};
     }
-    status = spin_train_frame_upload(frame, device, SPIN_TRAIN_VALUES, pos, residual, permutation);
+    status = spin_train_frame_upload(frame, device, SPIN_TRAIN_VALUES, rows, permutation);
 out:
     spin_refine_cloud_free(&cloud);
     return status;

@@ -12,7 +12,6 @@
 #include "base/text.h"
 #include "io/ranks.h"
 #include "train/densify_tracks.h"
-#include "train/sampler.h"
 #include "train/test_views.h"
 
 enum { CHECK_EVERY = 100 };             /* iterations between checks that all values are finite */
@@ -56,85 +55,196 @@ static spin_status show_network(const struct spin_loop *l, struct spin_quality *
 static spin_status look(const struct spin_loop *l)
 {
     struct spin_quality q;
+    FILE *log;
 
     SPIN_TRY(show_network(l, &q));
     if (q.valid)
         spin_log(0, "iteration %lld: test PSNR %.3f dB, SSIM %.4f",
                  (long long)l->trainer->iteration, q.psnr, q.ssim);
-    if (l->step_log->file && q.valid) {
+    if (q.valid && (log = spin_step_log_begin(l->step_log))) {
         fprintf(
-            l->step_log->file,
+            log,
             "{\"iteration\": %lld, \"seconds\": %.3f, \"test_psnr\": %.6f, \"test_ssim\": %.6f}\n",
             (long long)l->trainer->iteration, spin_checkpoint_seconds(l->checkpoint), q.psnr,
             q.ssim);
-        spin_step_log_check(l->step_log, true);
+        spin_step_log_end(l->step_log, true);
     }
     l->plan->report->test = q;
+    return l->looked ? l->looked(l->context) : SPIN_OK;
+}
+
+/* ---- A step ------------------------------------------------------------------------------------- */
+
+/* A frame by itself, for 3DGS. */
+static bool is_alone(const struct spin_loop *l) { return l->plan->o->method == SPIN_METHOD_FRAMES; }
+
+struct spin_loop spin_loop_of(struct spin_plan *plan, struct spin_photos *photos,
+                              struct spin_trainer *trainer, struct spin_checkpoint *checkpoint,
+                              struct spin_step_log *step_log)
+{
+    struct spin_loop l = {.plan = plan,
+                          .photos = photos,
+                          .trainer = trainer,
+                          .checkpoint = checkpoint,
+                          .step_log = step_log,
+                          .schedule = spin_plan_schedule(plan)};
+
+    spin_densify_defaults(&l.densify);
+    l.densify.extent = plan->extent;
+    l.densify.seed = plan->o->seed;
+    l.densify.max_points = (size_t)plan->o->max_points;
+    if (is_alone(&l))
+        l.densify.frame = spin_plan_info(plan, 0)->number;
+    else
+        l.densify.gradient_threshold = plan->o->densify_threshold / plan->o->batch;
+    return l;
+}
+
+/* Statistics are gathered while a densification is still to come. */
+static bool gathers(const struct spin_loop *l, int64_t iteration)
+{
+    return l->trainer->tracked && l->schedule.every > 0 && iteration < l->schedule.until;
+}
+
+static bool densifies(const struct spin_loop *l, int64_t iteration)
+{
+    return gathers(l, iteration) && iteration > l->schedule.first &&
+           iteration % l->schedule.every == 0;
+}
+
+static spin_status densify(const struct spin_loop *l, struct spin_densify_change *change)
+{
+    struct spin_trainer *t = l->trainer;
+
+    memset(change, 0, sizeof *change);
+    SPIN_TRY(spin_densify_tracks(t, &l->densify, (int)t->iteration, l->checkpoint->permutation,
+                                 l->plan->counts, change));
+    if (!is_alone(l))
+        spin_log(1, "iteration %lld: %zu clones, %zu splits, %zu pruned: %zu tracks",
+                 (long long)t->iteration, change->clones, change->splits, change->pruned,
+                 t->n_tracks);
+    return SPIN_OK;
+}
+
+/* One step, after which the trainer is sound. A frame by itself makes none where it densifies: 3DGS exchanges the
+ * parameters there, so their gradients are gone. What is not finite would be pruned without a word. */
+static spin_status take_step(const struct spin_loop *l, const struct spin_sampler *sampler,
+                             struct spin_steps *steps)
+{
+    struct spin_trainer *t = l->trainer;
+    int64_t now = t->iteration + 1;
+    bool due_now = densifies(l, now);
+
+    l->checkpoint->sound = false;
+    t->gather = gathers(l, now);
+    t->hold = due_now && is_alone(l);
+    SPIN_TRY(spin_trainer_step(t, &sampler->images.images, sampler->items, l->plan->o->batch,
+                               &steps->last));
+    if (!isfinite(steps->last.loss))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "the loss is not finite at iteration %lld; lower the learning rates, or "
+                         "look for bad points",
+                         (long long)now);
+    if (due_now || now % CHECK_EVERY == 0 || now == l->plan->o->iterations)
+        SPIN_TRY(spin_check_parameters(t));
+    if (due_now)
+        SPIN_TRY(densify(l, &steps->change));
+    l->checkpoint->sound = true;
     return SPIN_OK;
 }
 
 static const char *const op_names[] = SPIN_OP_NAMES;
 
-/* Seconds of the last step's operations; of all steps: those of each operation, and on the wall. */
-struct spent {
-    double step[SPIN_N_OPS], op[SPIN_N_OPS], wall;
-    double exchange_s, sent, steps; /* with other ranks: seconds, bytes that this one sent */
-};
-
 /* One line a step, with the seconds of its ops. */
-static void log_step(const struct spin_loop *l, const struct spin_train_values *v,
-                     const struct spin_pair *const *pairs, const struct spent *spent,
-                     double seconds)
+static void log_step(const struct spin_loop *l, const struct spin_sampler *sampler,
+                     const struct spin_steps *steps, double seconds)
 {
-    FILE *f = l->step_log->file;
+    const struct spin_train_values *v = &steps->last;
+    const struct spin_densify_change *change = &steps->change;
+    FILE *f = spin_step_log_begin(l->step_log);
 
+    if (!f)
+        return;
     fprintf(f,
-            "{\"iteration\": %lld, \"seconds\": %.3f, \"step_s\": %.5f, \"loss\": %.7g, "
+            "{\"%s\": %lld, \"seconds\": %.3f, \"step_s\": %.5f, \"loss\": %.7g, "
             "\"l1\": %.7g, \"ssim\": %.7g, \"views\": [",
-            (long long)l->trainer->iteration, spin_checkpoint_seconds(l->checkpoint), seconds,
-            v->loss, v->l1, v->ssim);
+            is_alone(l) ? "refine" : "iteration", (long long)l->trainer->iteration,
+            spin_checkpoint_seconds(l->checkpoint), seconds, v->loss, v->l1, v->ssim);
     for (int i = 0; i < l->plan->o->batch; i++)
-        fprintf(f, "%s[%d, %d]", i ? ", " : "", spin_plan_info(l->plan, pairs[i]->frame)->number,
-                l->plan->clip.views.view[pairs[i]->view].camera_id);
-    fprintf(f, "], \"ops_s\": {");
+        fprintf(f, "%s[%d, %d]", i ? ", " : "",
+                spin_plan_info(l->plan, sampler->pairs[i]->frame)->number,
+                l->plan->clip.views.view[sampler->pairs[i]->view].camera_id);
+    fprintf(f, "]");
+    if (is_alone(l))
+        fprintf(f, ", \"splats\": %zu", l->trainer->frame[0].size.n);
+    if (densifies(l, l->trainer->iteration))
+        fprintf(f, ", \"clones\": %zu, \"splits\": %zu, \"pruned\": %zu", change->clones,
+                change->splits, change->pruned);
+    fprintf(f, ", \"ops_s\": {");
     for (int i = 0; i < SPIN_N_OPS; i++)
-        fprintf(f, "%s\"%s\": %.6f", i ? ", " : "", op_names[i], spent->step[i]);
+        fprintf(f, "%s\"%s\": %.6f", i ? ", " : "", op_names[i], steps->step_s[i]);
     fprintf(f, "}}\n");
-    spin_step_log_check(l->step_log, false);
+    spin_step_log_end(l->step_log, false);
 }
 
 /* What the device did since the last call. */
-static void take_seconds(struct spent *spent, struct spin_device *device)
+static void take_seconds(struct spin_steps *steps, struct spin_device *device)
 {
     for (int i = 0; i < SPIN_N_OPS; i++)
-        spent->step[i] = device->op->clock(device, i);
+        steps->step_s[i] = device->op->clock(device, i);
 }
 
-static void count_seconds(struct spent *spent, double seconds)
+static void count_seconds(struct spin_steps *steps, double seconds)
 {
-    spent->wall += seconds;
+    steps->wall_s += seconds;
     for (int i = 0; i < SPIN_N_OPS; i++)
-        spent->op[i] += spent->step[i];
+        steps->op_s[i] += steps->step_s[i];
+}
+
+spin_status spin_loop_step(const struct spin_loop *l, struct spin_sampler *sampler,
+                           struct spin_steps *steps)
+{
+    struct spin_device *d = l->trainer->device;
+    double start = spin_now_s(), loaded, seconds, waited, waited_before;
+    uint64_t sent, sent_before;
+
+    take_seconds(steps, d); /* of what was done between steps */
+    SPIN_TRY(spin_sampler_batch(sampler, l->trainer->iteration));
+    loaded = spin_now_s();
+    spin_ranks_spent(&sent_before, &waited_before);
+    SPIN_TRY(take_step(l, sampler, steps));
+    spin_ranks_spent(&sent, &waited);
+    steps->sent += (double)(sent - sent_before);
+    steps->exchange_s += waited - waited_before;
+    steps->done++;
+    if (!steps->last.seen && steps->blind++ == 0)
+        steps->first_blind = l->trainer->iteration;
+    take_seconds(steps, d);
+    steps->step_s[SPIN_OP_PIXELS] += loaded - start;
+    seconds = spin_now_s() - start;
+    count_seconds(steps, seconds);
+    log_step(l, sampler, steps, seconds);
+    return SPIN_OK;
 }
 
 /* Where the time of the steps went. */
-static void say_seconds(const struct spent *spent)
+static void say_seconds(const struct spin_steps *steps)
 {
     double named = 0;
     char sent[32];
 
-    if (!(spent->wall > 0))
+    if (!(steps->wall_s > 0))
         return;
     for (int i = 0; i < SPIN_N_OPS; i++) {
-        named += spent->op[i];
-        spin_log(1, "  %-13s %9.3f s %6.1f %%", op_names[i], spent->op[i],
-                 100 * spent->op[i] / spent->wall);
+        named += steps->op_s[i];
+        spin_log(1, "  %-13s %9.3f s %6.1f %%", op_names[i], steps->op_s[i],
+                 100 * steps->op_s[i] / steps->wall_s);
     }
     spin_log(1, "  %-13s %9.3f s %6.1f %% of %.3f s in steps", "together", named,
-             100 * named / spent->wall, spent->wall);
-    spin_text_bytes((size_t)(spent->sent / (spent->steps > 0 ? spent->steps : 1)), sent);
+             100 * named / steps->wall_s, steps->wall_s);
+    spin_text_bytes((size_t)(steps->sent / (double)(steps->done > 0 ? steps->done : 1)), sent);
     if (spin_n_ranks() > 1)
-        spin_log(1, "  %-13s %9.3f s, %s sent a step by rank 0", "exchanged", spent->exchange_s,
+        spin_log(1, "  %-13s %9.3f s, %s sent a step by rank 0", "exchanged", steps->exchange_s,
                  sent);
 }
 
@@ -181,125 +291,41 @@ static spin_status stop_or_save(const struct spin_loop *l)
 }
 
 /* Steps that showed nothing: all their views look past the splats, and nothing was learned. */
-struct blind {
-    int64_t first, n, done; /* iteration of the first; how many; of how many */
-};
-
-static spin_status count_blind(const struct spin_loop *l, bool seen, struct blind *b)
+static spin_status judge_blind(const struct spin_loop *l, const struct spin_steps *steps)
 {
-    int64_t epoch = (int64_t)(l->plan->n_train / (size_t)l->plan->o->batch) + 1;
+    int64_t epoch = (int64_t)(l->plan->n_train / (size_t)l->plan->o->batch) + 1, n = steps->blind;
     bool last = l->trainer->iteration == l->plan->o->iterations;
 
-    b->done++;
-    if (seen)
-        return SPIN_OK;
-    if (b->n++ == 0)
-        b->first = l->trainer->iteration;
-    if (b->n == l->trainer->iteration && (last || b->n == (epoch > 50 ? 2 * epoch : 100)))
+    if (n == l->trainer->iteration && (last || n == (epoch > 50 ? 2 * epoch : 100)))
         return spin_fail(SPIN_E_MALFORMED,
                          "no splat is visible in any view of %lld iterations: do the cameras "
                          "belong to these points",
-                         (long long)b->n);
+                         (long long)n);
     return SPIN_OK;
 }
 
-static void warn_blind(const struct blind *b)
+static void warn_blind(const struct spin_steps *steps)
 {
-    if (b->n > 0)
+    if (steps->blind > 0)
         spin_warn("no splat was visible in any view of %lld of %lld iterations, first in "
                   "iteration %lld: nothing was learned in them",
-                  (long long)b->n, (long long)b->done, (long long)b->first);
-}
-
-/* ---- Densification of tracks -------------------------------------------------------------------- */
-
-static bool densifies(const struct spin_loop *l, int64_t iteration)
-{
-    return l->trainer->tracked && spin_plan_densifies_by(l->plan, iteration);
-}
-
-static spin_status densify(const struct spin_loop *l)
-{
-    const struct spin_retrain_options *o = l->plan->o;
-    struct spin_trainer *t = l->trainer;
-    struct spin_densify_options d;
-    struct spin_densify_change change = {0};
-
-    if (!densifies(l, t->iteration) || t->iteration % o->densify_every != 0)
-        return SPIN_OK;
-    spin_densify_defaults(&d);
-    d.extent = l->plan->extent;
-    d.seed = o->seed;
-    d.gradient_threshold = o->densify_threshold / o->batch;
-    d.max_points = (size_t)o->max_points;
-    SPIN_TRY(spin_densify_tracks(t, &d, (int)t->iteration, l->frames->permutation, l->plan->counts,
-                                 &change));
-    spin_log(1, "iteration %lld: %zu clones, %zu splits, %zu pruned: %zu tracks",
-             (long long)t->iteration, change.clones, change.splits, change.pruned, t->n_tracks);
-    return SPIN_OK;
-}
-
-/* One step, after which the trainer is sound; its loss goes into v. */
-static spin_status take_step(const struct spin_loop *l, const struct spin_sampler *sampler,
-                             struct spin_train_values *v)
-{
-    struct spin_trainer *t = l->trainer;
-
-    l->checkpoint->sound = false;
-    t->gather = densifies(l, t->iteration);
-    SPIN_TRY(spin_trainer_step(t, &sampler->images.images, sampler->items, l->plan->o->batch, v));
-    if (!isfinite(v->loss))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "the loss is not finite at iteration %lld; lower the learning rates, or "
-                         "look for bad points",
-                         (long long)t->iteration);
-    if (t->iteration % CHECK_EVERY == 0 || t->iteration == l->plan->o->iterations)
-        SPIN_TRY(spin_check_parameters(t));
-    SPIN_TRY(densify(l));
-    l->checkpoint->sound = true;
-    return SPIN_OK;
-}
-
-/* A step with its images and its line in the log. */
-static spin_status iterate(const struct spin_loop *l, struct spin_sampler *sampler,
-                           struct spent *spent, struct blind *blind, struct spin_train_values *v)
-{
-    struct spin_device *d = l->trainer->device;
-    double start = spin_now_s(), loaded, seconds, waited, waited_before;
-    uint64_t sent, sent_before;
-
-    take_seconds(spent, d); /* of what was done between steps */
-    SPIN_TRY(spin_sampler_batch(sampler, l->trainer->iteration));
-    loaded = spin_now_s();
-    spin_ranks_spent(&sent_before, &waited_before);
-    SPIN_TRY(take_step(l, sampler, v));
-    spin_ranks_spent(&sent, &waited);
-    spent->sent += (double)(sent - sent_before);
-    spent->exchange_s += waited - waited_before;
-    spent->steps++;
-    take_seconds(spent, d);
-    spent->step[SPIN_OP_PIXELS] += loaded - start;
-    seconds = spin_now_s() - start;
-    count_seconds(spent, seconds);
-    if (l->step_log->file)
-        log_step(l, v, sampler->pairs, spent, seconds);
-    return count_blind(l, v->seen, blind);
+                  (long long)steps->blind, (long long)steps->done, (long long)steps->first_blind);
 }
 
 static spin_status iterate_all(const struct spin_loop *l, struct spin_sampler *sampler,
-                               struct spent *spent)
+                               struct spin_steps *steps)
 {
     const struct spin_retrain_options *o = l->plan->o;
-    struct spin_train_values v = {0};
+    const struct spin_train_values *v = &steps->last;
     struct spin_progress progress;
-    struct blind blind = {0};
     double *smooth = &l->checkpoint->loss;
     spin_status status = SPIN_OK;
 
     spin_progress_begin(&progress, "retraining", "it", l->trainer->iteration, o->iterations);
     while (l->trainer->iteration < o->iterations) {
-        SPIN_TRY_OUT(iterate(l, sampler, spent, &blind, &v));
-        *smooth = *smooth > 0 ? 0.98 * *smooth + 0.02 * v.loss : v.loss;
+        SPIN_TRY_OUT(spin_loop_step(l, sampler, steps));
+        SPIN_TRY_OUT(judge_blind(l, steps));
+        *smooth = *smooth > 0 ? 0.98 * *smooth + 0.02 * v->loss : v->loss;
         if (l->plan->report->test.valid) /* of the last --eval-every */
             spin_progress_set(&progress, l->trainer->iteration, "loss %.4f, test PSNR %.2f dB",
                               *smooth, l->plan->report->test.psnr);
@@ -310,7 +336,7 @@ static spin_status iterate_all(const struct spin_loop *l, struct spin_sampler *s
             SPIN_TRY_OUT(look(l));
     }
     l->plan->report->loss_last = *smooth;
-    warn_blind(&blind);
+    warn_blind(steps);
 out:
     spin_progress_end(&progress);
     return status;
@@ -320,12 +346,12 @@ spin_status spin_loop_run(const struct spin_loop *l)
 {
     struct spin_retrain_report *report = l->plan->report;
     struct spin_sampler sampler = {0};
-    struct spent spent = {0};
+    struct spin_steps steps = {0};
     spin_status status;
 
     SPIN_TRY_OUT(spin_sampler_open(&sampler, l->plan, l->photos));
-    status = iterate_all(l, &sampler, &spent);
-    say_seconds(&spent);
+    status = iterate_all(l, &sampler, &steps);
+    say_seconds(&steps);
 out:
     spin_sampler_close(&sampler);
     SPIN_TRY(status);

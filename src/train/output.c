@@ -128,7 +128,8 @@ static spin_status write_frame(const struct spin_output *output, struct spin_bun
     size_t n = residual ? from->size.n_residual : from->size.n_pos;
     size_t width = residual ? SPIN_RESIDUAL : 3, to = 0;
     uint64_t shape[2] = {n, width};
-    struct spin_rows rows = {.stride = width}, none = {0};
+    struct spin_rows rows = {.stride = width};
+    struct spin_frame_rows of = {0};
     uint32_t *place = NULL;
     float *packed;
     void *block = NULL;
@@ -138,8 +139,9 @@ static spin_status write_frame(const struct spin_output *output, struct spin_bun
     SPIN_TRY_OUT(spin_alloc(width * n + 1, 2 * sizeof(float), &block));
     rows.at = block;
     packed = rows.at + width * n;
-    SPIN_TRY_OUT(spin_train_frame_download(from, output->trainer->device, SPIN_TRAIN_VALUES,
-                                           residual ? none : rows, residual ? rows : none, NULL));
+    *(residual ? &of.residual : &of.pos) = rows;
+    SPIN_TRY_OUT(
+        spin_train_frame_download(from, output->trainer->device, SPIN_TRAIN_VALUES, of, NULL));
     for (size_t i = 0; i < from->size.n; i++)
         if (place[i] < n)
             memcpy(packed + width * to++, rows.at + width * place[i], width * sizeof *packed);
@@ -289,7 +291,7 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
 
     SPIN_TRY(spin_bundle_splats_4d(&plan->clip.bundle, &four_d));
     if (four_d)
-        SPIN_TRY(spin_bundle_write_4d(w, four_d, meta));
+        SPIN_TRY(spin_bundle_write_4d(w, four_d, SPIN_ROUND_NOTHING, meta));
     for (int f = 0; !four_d && f < plan->clip.n_frames; f++) {
         SPIN_TRY_OUT(spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, f), meta->columns,
                                        &splats));
@@ -480,6 +482,7 @@ static spin_status write_whole(const struct spin_output *output, const float SPI
 
     memset(&meta, 0, sizeof meta);
     status = spin_bundle_writer_open(o->output, o->force, true, &w);
+    w.zip.n_threads = o->n_threads;
     if (status != SPIN_OK) {
         spin_json_free(extra);
         return status;

@@ -16,8 +16,7 @@
 #include "train/lazy_adam.h"
 #include "train/options.h"
 #include "train/point_sample.h"
-#include "train/refine.h"
-#include "train/step.h"
+#include "train/cloud.h"
 
 static const size_t program_bytes = 150 << 20; /* the image library, mostly */
 
@@ -71,12 +70,12 @@ spin_status spin_plan_check_means(const struct spin_plan *plan, int frame, bool 
     return SPIN_OK;
 }
 
-/* The training cameras' ids, each once, and their lenses. */
+/* The training cameras' ids, each once. */
 static spin_status list_cameras(struct spin_plan *plan)
 {
     void *block = NULL;
 
-    SPIN_TRY(spin_alloc(plan->n_train, sizeof *plan->camera, &block));
+    SPIN_TRY(spin_alloc(plan->n_train + 1, sizeof *plan->camera, &block));
     plan->camera = block;
     for (size_t i = 0; i < plan->n_train; i++) {
         int id = plan->clip.views.view[plan->train[i].view].camera_id, k = 0;
@@ -89,13 +88,14 @@ static spin_status list_cameras(struct spin_plan *plan)
                 (size_t)(plan->n_cameras++ - k) * sizeof *plan->camera);
         plan->camera[k] = id;
     }
-    SPIN_TRY(spin_lenses_list(&plan->clip.views, plan->train, plan->n_train, plan->o->image_scale,
-                              &plan->lenses));
-    block = NULL;
-    SPIN_TRY(spin_alloc((size_t)(plan->n_cameras + plan->lenses.n), SPIN_EXPOSURE * sizeof(float),
-                        &block));
-    plan->exposure = block;
     return SPIN_OK;
+}
+
+/* Room for what cameras and lenses begin with: nothing. */
+static spin_status reserve_exposure(struct spin_plan *plan)
+{
+    return spin_alloc((size_t)(plan->n_cameras + plan->lenses.n) + 1, SPIN_EXPOSURE * sizeof(float),
+                      (void **)&plan->exposure);
 }
 
 bool spin_plan_has_source(const struct spin_plan *plan)
@@ -108,18 +108,26 @@ bool spin_plan_has_residual(const struct spin_plan *plan)
     return plan->o->residual != SPIN_RESIDUAL_OFF || plan->o->tracks;
 }
 
-bool spin_plan_densifies(const struct spin_plan *plan)
+/* A frame by itself: 3DGS starts after 500 iterations, which would leave a budget of 500 without any. A clip: while its
+ * tracks learn. */
+struct spin_schedule spin_plan_schedule(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
+    int fifth = o->iterations / 5;
 
-    return o->tracks && o->refine == 0 && spin_plan_densifies_by(plan, o->densify_every);
+    if (o->method != SPIN_METHOD_FRAMES)
+        return (struct spin_schedule){0, (int64_t)ceil(o->densify_until * o->track_iterations),
+                                      o->densify_every};
+    return (struct spin_schedule){fifth < 500 ? fifth : 500, 3 * (int64_t)o->iterations / 4,
+                                  o->densify ? 100 : 0};
 }
 
-bool spin_plan_densifies_by(const struct spin_plan *plan, int64_t iteration)
+bool spin_plan_densifies(const struct spin_plan *plan)
 {
-    const struct spin_retrain_options *o = plan->o;
+    struct spin_schedule schedule = spin_plan_schedule(plan);
 
-    return o->densify_every > 0 && (double)iteration < o->densify_until * o->track_iterations;
+    return plan->o->tracks && plan->o->refine == 0 && schedule.every > 0 &&
+           schedule.every < schedule.until;
 }
 
 int spin_plan_camera(const struct spin_plan *plan, int id)
@@ -250,11 +258,32 @@ size_t spin_plan_image_bytes(const struct spin_plan *plan)
     return 3 * plan->max_pixels + (spin_plan_is_weighted(plan) ? (plan->max_pixels + 7) / 8 : 0);
 }
 
+bool spin_plan_starts_from_source(const struct spin_plan *plan)
+{
+    return plan->o->refine_start == SPIN_REFINE_FROM_SOURCE;
+}
+
+unsigned spin_plan_start_columns(const struct spin_plan *plan)
+{
+    unsigned columns = plan->clip.bundle.meta.columns;
+
+    if (spin_plan_starts_from_source(plan))
+        return SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    return SPIN_COL_MEANS | (columns & SPIN_COL_RGB ? SPIN_COL_RGB : columns & SPIN_COL_SH);
+}
+
 int spin_plan_sh_increase_every(const struct spin_plan *plan)
 {
-    if (plan->o->refine_start == SPIN_REFINE_FROM_SOURCE)
+    if (spin_plan_starts_from_source(plan))
         return 0;
     return plan->o->sh_increase_every > 0 ? plan->o->sh_increase_every : SPIN_SH_INCREASE_EVERY;
+}
+
+int spin_sh_degree_reached(int sh_degree, int increase_every, int iterations)
+{
+    int reached = increase_every > 0 ? (iterations - 1) / increase_every : sh_degree;
+
+    return reached < sh_degree ? reached : sh_degree;
 }
 
 int spin_plan_frame_sh_degree(const struct spin_plan *plan)
@@ -263,20 +292,138 @@ int spin_plan_frame_sh_degree(const struct spin_plan *plan)
 
     if (plan->o->method != SPIN_METHOD_FRAMES)
         return 0;
-    if (plan->o->refine_start == SPIN_REFINE_FROM_SOURCE)
+    if (spin_plan_starts_from_source(plan))
         most = most < source ? most : source;
-    return spin_refine_sh_degree(most, spin_plan_sh_increase_every(plan), plan->o->refine);
+    return spin_sh_degree_reached(most, spin_plan_sh_increase_every(plan), plan->o->refine);
 }
+
+/* ---- A frame by itself, and the trainer -------------------------------------------------------- */
+
+spin_status spin_plan_of_frame(const struct spin_plan *clip, int frame, struct spin_device *device,
+                               struct spin_plan *plan)
+{
+    struct spin_retrain_options *o = &plan->options;
+    size_t n = 0;
+
+    *plan = *clip;
+    plan->o = o;
+    plan->device = device;
+    plan->train = NULL;
+    plan->camera = NULL;
+    plan->exposure = NULL;
+    plan->n_train = plan->n_test = 0;
+    plan->n_cameras = 0;
+    plan->counts = &plan->n_of_frame;
+    plan->n_of_frame = clip->counts[frame];
+    plan->clip.frame += frame;
+    plan->clip.n_frames = 1;
+    plan->field.sh_degree = spin_plan_frame_sh_degree(clip);
+    *o = *clip->o;
+    o->method = SPIN_METHOD_FRAMES;
+    o->iterations = o->refine;
+    o->batch = o->views_per_frame = 1;
+    o->sh_increase_every = spin_plan_sh_increase_every(clip);
+    for (size_t i = 0; i < clip->n_train; i++)
+        n += clip->train[i].frame == frame;
+    SPIN_TRY(spin_alloc(n + 1, sizeof *plan->train, (void **)&plan->train));
+    for (size_t i = 0; i < clip->n_train; i++)
+        if (clip->train[i].frame == frame)
+            plan->train[plan->n_train++] = (struct spin_pair){0, clip->train[i].view};
+    SPIN_TRY(list_cameras(plan));
+    SPIN_TRY(reserve_exposure(plan));
+    memcpy(plan->exposure + SPIN_EXPOSURE * plan->n_cameras,
+           clip->exposure + SPIN_EXPOSURE * clip->n_cameras,
+           SPIN_EXPOSURE * (size_t)plan->lenses.n * sizeof *plan->exposure);
+    return SPIN_OK;
+}
+
+void spin_plan_close_frame(struct spin_plan *plan)
+{
+    free(plan->train);
+    free(plan->camera);
+    free(plan->exposure);
+}
+
+static struct spin_train_rates clip_rates(const struct spin_plan *plan)
+{
+    const struct spin_retrain_options *o = plan->o;
+    struct spin_train_rates rates = {
+        .table = o->lr_table,
+        .head = {[SPIN_HEAD_SCALE] = o->lr_scale * o->lr_head_factor,
+                 [SPIN_HEAD_ROTATION] = o->lr_rotation * o->lr_head_factor,
+                 [SPIN_HEAD_SH] = o->lr_sh * o->lr_head_factor,
+                 [SPIN_HEAD_OPACITY] = o->lr_opacity * o->lr_head_factor},
+        .position = o->lr_position * plan->extent,
+        .tracked = o->lr_tracked,
+        .displacement = o->lr_displacement * plan->extent,
+        .exposure = o->lr_exposure,
+        .end = 1e-7,
+        .warmup = o->warmup >= 0 ? o->warmup : o->iterations / 40,
+        .iterations = o->iterations,
+        .track_iterations = o->track_iterations,
+        .network_from = (int64_t)(o->network_start * o->iterations),
+    };
+
+    for (int k = 0; k < SPIN_HEADS; k++) {
+        rates.residual[k] = spin_rate_3dgs[k] * o->lr_residual;
+        rates.track[k] = spin_rate_3dgs[k] * o->lr_track;
+    }
+    return rates;
+}
+
+spin_status spin_plan_open_trainer(const struct spin_plan *plan, struct spin_device *device,
+                                   struct spin_trainer_size *size, struct spin_trainer *t)
+{
+    const struct spin_retrain_options *o = plan->o;
+    bool exposures = o->learn_exposure == SPIN_EXPOSURE_ON;
+
+    size->network = o->method == SPIN_METHOD_NETWORK;
+    size->alone = o->method == SPIN_METHOD_FRAMES;
+    size->sh_degree = size->alone ? plan->field.sh_degree : 0;
+    size->max_items = o->batch;
+    size->max_pixels = plan->max_pixels;
+    size->max_tiles = plan->max_tiles;
+    size->n_cameras = exposures ? plan->n_cameras : 0;
+    size->n_lenses = plan->lenses.n;
+    size->exposure = plan->exposure;
+    SPIN_TRY(spin_trainer_open(t, device, &plan->field, size));
+    t->rates = size->alone ? spin_rates_3dgs(plan->extent, o->iterations) : clip_rates(plan);
+    if (size->alone)
+        t->rates.exposure = o->lr_exposure;
+    t->lambda_dssim = (float)o->lambda_dssim;
+    t->lambda_scale = plan->extent > 0 ? (float)(o->lambda_scale / plan->extent) : 0;
+    t->lambda_opacity = (float)o->lambda_opacity;
+    t->sh_increase_every = o->sh_increase_every;
+    memcpy(t->background, o->background, sizeof t->background);
+    return t->network && spin_plan_is_lazy(plan) ? spin_trainer_enable_lazy_adam(t) : SPIN_OK;
+}
+
+/* ---- Memory and time, again --------------------------------------------------------------------- */
 
 size_t spin_plan_refine_bytes(const struct spin_plan *plan)
 {
-    size_t n_views = 0;
+    size_t n = 2 * plan->clip.n_max, host = 2 * sizeof(struct spin_refine_point);
+    struct spin_frame_size frame = {n, n, n, n};
+    struct spin_trainer_size size = {.n_frames = 1, .frame = &frame, .tracked = true};
+    struct spin_trainer t = {0};
+    struct spin_image_store images = {0};
+    struct spin_counting_device c;
+    struct spin_plan one = {0};
+    spin_status status;
 
-    for (size_t i = 0; i < plan->n_train; i++)
-        n_views += plan->train[i].frame == plan->train[0].frame;
-    return spin_refine_bytes(plan->device, 2 * plan->clip.n_max, plan->max_pixels, plan->max_tiles,
-                             spin_plan_frame_sh_degree(plan)) +
-           n_views * spin_plan_image_bytes(plan);
+    spin_device_count(&c, plan->device);
+    SPIN_TRY_OUT(spin_plan_of_frame(plan, plan->train[0].frame, &c.device, &one));
+    SPIN_TRY_OUT(spin_plan_open_trainer(&one, &c.device, &size, &t));
+    status = spin_image_store_open(&images, &c.device, one.n_train, one.max_pixels, SPIN_IMAGE_RGB8,
+                                   spin_plan_is_weighted(plan));
+    if (t.sh_width > 0)
+        host += 6 * SPIN_REFINE_SH * sizeof(float);
+out:
+    spin_image_store_close(&images);
+    spin_trainer_close(&t);
+    spin_plan_close_frame(&one);
+    return status == SPIN_OK ? c.bytes + n * host + spin_raster_grows(n, plan->max_pixels, true)
+                             : SIZE_MAX;
 }
 
 /* All that a training opens. As if nothing were shared, and as many tracks as splats: what tracks save is not known before
@@ -286,13 +433,8 @@ static spin_status open_training(const struct spin_plan *plan, struct spin_devic
     const struct spin_retrain_options *o = plan->o;
     size_t n_frames = (size_t)plan->clip.n_frames, most = plan->clip.n_max;
     struct spin_frame_size *frame = NULL;
-    struct spin_trainer_size size = {.n_frames = plan->clip.n_frames,
-                                     .tracked = o->tracks,
-                                     .n_tracks = o->tracks ? most : 0,
-                                     .network = o->method == SPIN_METHOD_NETWORK,
-                                     .max_items = o->batch,
-                                     .max_pixels = plan->max_pixels,
-                                     .max_tiles = plan->max_tiles};
+    struct spin_trainer_size size = {
+        .n_frames = plan->clip.n_frames, .tracked = o->tracks, .n_tracks = o->tracks ? most : 0};
     struct spin_trainer t = {0};
     struct spin_image_store images = {0};
     struct spin_field_eval evaluation = {0};
@@ -305,9 +447,7 @@ static spin_status open_training(const struct spin_plan *plan, struct spin_devic
         frame[f] = (struct spin_frame_size){n, n, n, spin_plan_has_residual(plan) ? n : 0};
     }
     size.frame = frame;
-    SPIN_TRY_OUT(spin_trainer_open(&t, device, &plan->field, &size));
-    if (t.network && spin_plan_is_lazy(plan))
-        SPIN_TRY_OUT(spin_trainer_enable_lazy_adam(&t));
+    SPIN_TRY_OUT(spin_plan_open_trainer(plan, device, &size, &t));
     SPIN_TRY_OUT(spin_field_eval_open(&evaluation, device, t.network, most, false));
     status = spin_image_store_open(&images, device, (size_t)o->batch, plan->max_pixels,
                                    SPIN_IMAGE_RGB8, spin_plan_is_weighted(plan));
@@ -585,6 +725,9 @@ static spin_status open_clip(struct spin_plan *plan)
     if (plan->n_train == 0)
         return spin_fail(SPIN_E_USAGE, "no training camera is left: all are held out for testing");
     SPIN_TRY(list_cameras(plan));
+    SPIN_TRY(spin_lenses_list(&plan->clip.views, plan->train, plan->n_train, o->image_scale,
+                              &plan->lenses));
+    SPIN_TRY(reserve_exposure(plan));
     SPIN_TRY(spin_times_check(plan->clip.bundle.meta.frame, plan->clip.frame, plan->clip.n_frames));
     measure_pictures(plan);
     return plan_extent(plan);

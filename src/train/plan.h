@@ -8,6 +8,7 @@
 #include "device/device.h"
 #include "model/field.h"
 #include "scene/lens.h"
+#include "train/trainer.h"
 
 struct spin_retrain_report {
     struct spin_retrain_options
@@ -32,14 +33,14 @@ struct spin_retrain_report {
 };
 
 struct spin_plan {
-    struct spin_retrain_options
-        options; /* the caller's; what a preset leaves to the clip has its number */
+    struct spin_retrain_options options;  /* of a frame by itself */
     const struct spin_retrain_options *o; /* as the report has them */
     struct spin_retrain_report *report;   /* every stage writes its own fields */
     struct spin_device *device;           /* where the run works; the caller's */
     struct spin_clip clip;
     struct spin_field field; /* the scene transform is set by frames.c */
     size_t *counts;          /* [frames] splats; of the refined frames once there are some */
+    size_t n_of_frame;       /* the one count of a frame by itself */
     int *camera;             /* [n_cameras] ids of the training cameras, ascending */
     int n_cameras;
     struct spin_lenses lenses; /* of the training cameras */
@@ -77,8 +78,12 @@ bool spin_plan_has_source(const struct spin_plan *plan);
 bool spin_plan_has_residual(const struct spin_plan *plan);
 /* Tracks, and splats without one, are densified; refined frames, which were before, are not. */
 bool spin_plan_densifies(const struct spin_plan *plan);
-/* Whether clips that are densified still are in this iteration. */
-bool spin_plan_densifies_by(const struct spin_plan *plan, int64_t iteration);
+/* Densification comes after `first` and before `until`, every so many iterations; every 0: never. */
+struct spin_schedule {
+    int64_t first, until;
+    int every;
+};
+struct spin_schedule spin_plan_schedule(const struct spin_plan *plan);
 /* Pixels do not all count alike (--dynamic-weight). */
 bool spin_plan_is_weighted(const struct spin_plan *plan);
 /* Whether the table takes lazy Adam: the device has it, and a step's splats need less than half of the table. */
@@ -86,11 +91,28 @@ bool spin_plan_is_lazy(const struct spin_plan *plan);
 
 /* Bytes of an image on the device, with its mask where pixels do not all count alike. */
 size_t spin_plan_image_bytes(const struct spin_plan *plan);
+/* The highest SH degree that so many iterations come to, of at most sh_degree, when a degree joins every `increase_every`;
+ * 0: all from the start. */
+int spin_sh_degree_reached(int sh_degree, int increase_every, int iterations);
 /* SH degree that frames come to which the explicit method optimises, from a source at most that of the source;
  * refined for a network they have 0. */
 int spin_plan_frame_sh_degree(const struct spin_plan *plan);
 /* Iterations until the next degree joins; 0: all from the start, as what a source has learned. */
 int spin_plan_sh_increase_every(const struct spin_plan *plan);
+/* Frames by themselves start from the source's attributes; else from coloured points. */
+bool spin_plan_starts_from_source(const struct spin_plan *plan);
+/* The source's columns that they start from. */
+unsigned spin_plan_start_columns(const struct spin_plan *plan);
+/* The plan of a frame by itself, on its own device: a clip of one frame, with its training views. It holds on to the
+ * clip's plan, and must not be moved. Zero it first; close it also after a failure. */
+spin_status spin_plan_of_frame(const struct spin_plan *clip, int frame, struct spin_device *device,
+                               struct spin_plan *plan);
+void spin_plan_close_frame(struct spin_plan *plan);
+
+/* A trainer for the plan, with its rates: size has frames and tracks, the plan fills in what else there is. */
+spin_status spin_plan_open_trainer(const struct spin_plan *plan, struct spin_device *device,
+                                   struct spin_trainer_size *size, struct spin_trainer *trainer);
+
 /* Bytes of one frame that is being refined, should its points double. */
 size_t spin_plan_refine_bytes(const struct spin_plan *plan);
 /* SPIN_E_MEMORY when the run needs more than there is. */

@@ -7,7 +7,6 @@
  * same key is taken as it is. */
 #include "train/refinement.h"
 
-#include <inttypes.h>
 #include <math.h>
 #include <pthread.h>
 #include <stdlib.h>
@@ -22,7 +21,8 @@
 #include "base/text.h"
 #include "io/ranks.h"
 #include "math/sh.h"
-#include "train/refine.h"
+#include "train/cloud.h"
+#include "train/loop.h"
 #include "train/settings.h"
 #include "train/test_views.h"
 
@@ -43,56 +43,14 @@ unsigned spin_refinement_columns(const struct spin_plan *plan)
     return needs_whole(plan) ? whole : SPIN_COL_MEANS | SPIN_COL_RGB;
 }
 
-static bool starts_from_source(const struct spin_plan *plan)
-{
-    return plan->o->refine_start == SPIN_REFINE_FROM_SOURCE;
-}
-
-/* The source's columns that a frame starts from. */
-static unsigned start_columns(const struct spin_plan *plan)
-{
-    unsigned columns = plan->clip.bundle.meta.columns;
-
-    if (starts_from_source(plan))
-        return whole;
-    return SPIN_COL_MEANS | (columns & SPIN_COL_RGB ? SPIN_COL_RGB : columns & SPIN_COL_SH);
-}
-
-/* ---- Keys ------------------------------------------------------------------------------------ */
-
-static spin_status make_key(struct spin_plan *plan, const struct spin_photos *photos, int f,
-                            struct spin_refined *refined)
-{
-    char images[20], *text;
-    uint64_t hash = SPIN_HASH_BEGIN;
-    uint32_t input;
-    spin_json *j;
-
-    SPIN_TRY(spin_bundle_checksum(&plan->clip.bundle, spin_plan_index(plan, f), start_columns(plan),
-                                  &input));
-    j = spin_settings_refine(plan);
-    snprintf(images, sizeof images, "%016" PRIx64, spin_photos_imprint(photos, plan, f));
-    spin_json_set_string(j, "images", images);
-    spin_json_set_integer(j, "frame", spin_plan_info(plan, f)->number);
-    spin_json_set_integer(j, "input", input);
-    if (plan->o->learn_exposure == SPIN_EXPOSURE_ON)
-        spin_json_set(j, "lenses", spin_lenses_to_json(&plan->lenses));
-    text = spin_json_text(j, false);
-    spin_json_free(j);
-    if (!text)
-        return spin_fail(SPIN_E_MEMORY, "out of memory");
-    spin_hash(&hash, text, strlen(text));
-    snprintf(refined->key, sizeof refined->key, "%016" PRIx64, hash);
-    free(text);
-    return SPIN_OK;
-}
+/* ---- Open and close -------------------------------------------------------------------------- */
 
 spin_status spin_refinement_open(struct spin_refinement *refinement, const struct spin_plan *plan)
 {
     size_t n = (size_t)plan->clip.n_frames;
     void *block = NULL;
 
-    if (starts_from_source(plan) && !spin_plan_has_source(plan))
+    if (spin_plan_starts_from_source(plan) && !spin_plan_has_source(plan))
         return spin_fail(SPIN_E_NOT_FOUND,
                          "'%s' has no attributes of its source: refine from its points, with "
                          "--refine-start points",
@@ -109,7 +67,7 @@ spin_status spin_refinement_keys(struct spin_refinement *refinement, struct spin
                                  const struct spin_photos *photos)
 {
     for (int f = 0; f < plan->clip.n_frames; f++)
-        SPIN_TRY(make_key(plan, photos, f, &refinement->frame[f]));
+        SPIN_TRY(spin_frame_key(plan, photos, f, refinement->frame[f].key));
     return SPIN_OK;
 }
 
@@ -181,7 +139,6 @@ struct stage {
     struct spin_device *device; /* that the run was opened with */
     struct spin_code_paths *code_paths;
     struct spin_step_log *step_log;
-    struct spin_refine_options options;
     int *todo, n_todo;        /* frames that this rank refines */
     int *all, n_all;          /* and all ranks */
     int first;                /* of those under way */
@@ -199,111 +156,106 @@ struct stage {
 struct job {
     struct stage *stage;
     int frame;
-    struct spin_refine_view *view; /* [n_views] */
-    const struct spin_pair **pair; /* [n_views] */
-    int n_views;
-    struct spin_image_store images; /* [n_views] */
+    struct spin_plan plan; /* of this frame */
+    struct spin_sampler sampler;
+    struct spin_trainer trainer;
+    struct spin_checkpoint clock;
+    struct spin_steps steps;
+    double loss_first;
+    size_t n_first;
     struct spin_refine_cloud cloud;
     struct spin_splats splats;
 };
 
-static void log_iteration(const struct job *job, const struct spin_refine_step *step)
+static void close_job(struct job *job)
 {
-    const struct spin_plan *plan = job->stage->plan;
-    FILE *log = job->stage->step_log->file;
-
-    fprintf(log,
-            "{\"refine\": %d, \"frame\": %d, \"seconds\": %.3f, \"loss\": %.7g, \"splats\": %zu, "
-            "\"camera\": %d",
-            step->iteration, spin_plan_info(plan, job->frame)->number,
-            spin_now_s() - job->stage->start_s, step->loss, step->n,
-            plan->clip.views.view[job->pair[step->view]->view].camera_id);
-    if (step->densified)
-        fprintf(log, ", \"clones\": %zu, \"splits\": %zu, \"pruned\": %zu", step->change.clones,
-                step->change.splits, step->change.pruned);
-    fprintf(log, "}\n");
-    spin_step_log_check(job->stage->step_log, false);
-}
-
-static void watch(void *context, const struct spin_refine_step *step)
-{
-    const struct job *job = context;
-    struct stage *stage = job->stage;
-
-    pthread_mutex_lock(&stage->lock);
-    stage->done++;
-    if (stage->step_log->file)
-        log_iteration(job, step);
-    spin_progress_set(&stage->progress, stage->done, "frame %d, loss %.4f, %zu splats",
-                      spin_plan_info(stage->plan, job->frame)->number, step->loss, step->n);
-    pthread_mutex_unlock(&stage->lock);
-}
-
-/* The training views of the frame with their images. */
-static spin_status load_views(struct job *job, struct spin_device *device)
-{
-    struct spin_plan *plan = job->stage->plan;
-    void *view = NULL, *pair = NULL;
-    size_t n = 0;
-
-    for (size_t i = 0; i < plan->n_train; i++)
-        n += plan->train[i].frame == job->frame;
-    SPIN_TRY(spin_alloc(n + 1, sizeof *job->view, &view));
-    job->view = view;
-    SPIN_TRY(spin_alloc(n + 1, sizeof *job->pair, &pair));
-    job->pair = pair;
-    SPIN_TRY(spin_photos_open_store(plan, device, n, &job->images));
-    for (size_t i = 0; i < plan->n_train; i++) {
-        uint32_t image = (uint32_t)job->n_views;
-
-        if (plan->train[i].frame != job->frame)
-            continue;
-        SPIN_TRY(
-            spin_photos_put(job->stage->photos, plan, plan->train[i].view, &job->images, image));
-        job->pair[image] = &plan->train[i];
-        job->view[image].camera = plan->clip.views.view[plan->train[i].view].camera;
-        job->view[image].image = image;
-        job->view[image].lens = spin_lenses_find(&plan->lenses, &job->view[image].camera);
-        job->n_views++;
-    }
-    return SPIN_OK;
+    spin_trainer_close(&job->trainer);
+    spin_sampler_close(&job->sampler);
+    spin_plan_close_frame(&job->plan);
+    spin_refine_cloud_free(&job->cloud);
+    spin_splats_free(&job->splats);
 }
 
 static spin_status load_start(struct job *job)
 {
     struct spin_plan *plan = job->stage->plan;
     struct spin_splats *s = &job->splats;
-    int degree = spin_plan_frame_sh_degree(plan);
+    int degree = job->plan.field.sh_degree;
 
     SPIN_TRY(spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, job->frame),
-                               start_columns(plan), s));
-    if (starts_from_source(plan))
+                               spin_plan_start_columns(plan), s));
+    if (spin_plan_starts_from_source(plan))
         SPIN_TRY(spin_refine_init_from_splats(s, &job->cloud));
     else
         SPIN_TRY(spin_refine_init_from_colours(s, &job->cloud));
     if (degree > 0)
-        SPIN_TRY(spin_refine_add_sh(degree, starts_from_source(plan) ? s : NULL, &job->cloud));
-    if (starts_from_source(plan))
+        SPIN_TRY(
+            spin_refine_add_sh(degree, spin_plan_starts_from_source(plan) ? s : NULL, &job->cloud));
+    if (spin_plan_starts_from_source(plan))
         spin_refine_prune(&job->cloud, 0); /* values that are not finite */
     return SPIN_OK;
 }
 
+/* What the frame starts from, and its images. */
 static spin_status load(struct job *job, struct spin_device *device)
 {
+    struct stage *stage = job->stage;
     spin_status status;
 
-    pthread_mutex_lock(&job->stage->lock);
-    status = load_views(job, device);
-    if (status == SPIN_OK)
-        status = load_start(job);
-    pthread_mutex_unlock(&job->stage->lock);
+    pthread_mutex_lock(&stage->lock);
+    SPIN_TRY_OUT(spin_plan_of_frame(stage->plan, job->frame, device, &job->plan));
+    if (job->plan.n_train > 0)
+        SPIN_TRY_OUT(spin_sampler_open(&job->sampler, &job->plan, stage->photos));
+    status = load_start(job);
+out:
+    pthread_mutex_unlock(&stage->lock);
     return status;
 }
 
-static spin_status keep(struct job *job, const struct spin_refine_stats *stats)
+static void show(const struct job *job)
+{
+    struct stage *stage = job->stage;
+
+    pthread_mutex_lock(&stage->lock);
+    spin_progress_set(&stage->progress, ++stage->done, "frame %d, loss %.4f, %zu splats",
+                      spin_plan_info(stage->plan, job->frame)->number, job->steps.last.loss,
+                      job->trainer.frame[0].size.n);
+    pthread_mutex_unlock(&stage->lock);
+}
+
+/* From the cloud to the cloud; a frame that loses all its splats ends early. */
+static spin_status train(struct job *job, struct spin_device *device)
+{
+    size_t n = job->cloud.n;
+    struct spin_frame_size frame = {n, n, n, n};
+    struct spin_trainer_size size = {.n_frames = 1, .frame = &frame, .tracked = true};
+    struct spin_trainer *t = &job->trainer;
+    const struct spin_loop loop =
+        spin_loop_of(&job->plan, job->stage->photos, t, &job->clock, job->stage->step_log);
+
+    job->clock.start_s = job->stage->start_s;
+    SPIN_TRY(spin_plan_open_trainer(&job->plan, device, &size, t));
+    SPIN_TRY(spin_refine_cloud_send(&job->cloud, device, &t->frame[0]));
+    while (t->iteration < job->plan.o->iterations && t->frame[0].size.n > 0) {
+        if (spin_cancelled())
+            return spin_fail_cancelled();
+        SPIN_TRY(spin_loop_step(&loop, &job->sampler, &job->steps));
+        if (t->iteration == 1)
+            job->loss_first = job->steps.last.loss;
+        show(job);
+    }
+    SPIN_TRY(spin_refine_cloud_reserve(&job->cloud, t->frame[0].size.n));
+    job->cloud.n = t->frame[0].size.n;
+    SPIN_TRY(spin_refine_cloud_fetch(&job->cloud, device, &t->frame[0]));
+    spin_refine_prune(&job->cloud, spin_prune_opacity);
+    return SPIN_OK;
+}
+
+static spin_status keep(struct job *job)
 {
     struct stage *stage = job->stage;
     struct spin_plan *plan = stage->plan;
+    const struct spin_steps *steps = &job->steps;
 
     SPIN_TRY(spin_refine_to_splats(&job->cloud, &job->splats));
     SPIN_TRY(spin_frame_cache_put(plan->parts, spin_plan_index(plan, job->frame),
@@ -311,33 +263,24 @@ static spin_status keep(struct job *job, const struct spin_refine_stats *stats)
                                   &job->splats));
     pthread_mutex_lock(&stage->lock);
     stage->refinement->counts[job->frame] = job->splats.n;
-    stage->done += stage->options.iterations - stats->iterations;
-    stage->drawn += stats->iterations;
-    stage->blind += stats->blind;
-    plan->report->loss_last += stats->loss_last / stage->n_all;
+    stage->done += plan->o->refine - steps->done;
+    stage->drawn += steps->done;
+    stage->blind += steps->blind;
+    plan->report->loss_last += steps->last.loss / stage->n_all;
     spin_log(1, "frame %d: %zu splats became %zu, loss %.4f became %.4f",
-             spin_plan_info(plan, job->frame)->number, stats->n_first, stats->n_last,
-             stats->loss_first, stats->loss_last);
+             spin_plan_info(plan, job->frame)->number, job->n_first, job->splats.n, job->loss_first,
+             steps->last.loss);
     pthread_mutex_unlock(&stage->lock);
     return SPIN_OK;
 }
 
 static spin_status refine(struct job *job, struct spin_device *device)
 {
-    struct spin_refine_options o = job->stage->options;
-    struct spin_refine_stats stats = {0};
-
-    o.densify.frame = spin_plan_info(job->stage->plan, job->frame)->number;
-    o.watch = watch;
-    o.context = job;
     SPIN_TRY(load(job, device));
-    stats.n_first = stats.n_last = job->cloud.n;
-    if (job->n_views > 0)
-        SPIN_TRY(spin_refine_frame(device, &o, &job->images.images, job->view, job->n_views, NULL,
-                                   &job->cloud, &stats));
-    if (!isfinite(stats.loss_last))
-        return spin_fail(SPIN_E_MALFORMED, "the loss is not finite; look for bad points");
-    return keep(job, &stats);
+    job->n_first = job->cloud.n;
+    if (job->plan.n_train > 0 && job->cloud.n > 0)
+        SPIN_TRY(train(job, device));
+    return keep(job);
 }
 
 static void refine_task(void *context, int task, int hand)
@@ -361,37 +304,10 @@ static void refine_task(void *context, int task, int hand)
         }
         pthread_mutex_unlock(&stage->lock);
     }
-    free(job.view);
-    free(job.pair);
-    spin_image_store_close(&job.images);
-    spin_refine_cloud_free(&job.cloud);
-    spin_splats_free(&job.splats);
+    close_job(&job);
 }
 
 /* ---- All frames ------------------------------------------------------------------------------ */
-
-static void set_options(struct stage *stage)
-{
-    const struct spin_retrain_options *from = stage->plan->o;
-    struct spin_refine_options *o = &stage->options;
-
-    spin_refine_defaults(o);
-    o->iterations = from->refine;
-    o->sh_increase_every = spin_plan_sh_increase_every(stage->plan);
-    o->lambda_dssim = from->lambda_dssim;
-    memcpy(o->background, from->background, sizeof o->background);
-    if (!from->densify)
-        o->densify_until = 0;
-    o->lr_exposure = from->learn_exposure == SPIN_EXPOSURE_ON ? from->lr_exposure : 0;
-    o->lenses = stage->plan->exposure + SPIN_EXPOSURE * stage->plan->n_cameras;
-    o->n_lenses = stage->plan->lenses.n;
-    o->lambda_scale = from->lambda_scale;
-    o->lambda_opacity = from->lambda_opacity;
-    o->antialias = from->antialias;
-    o->densify.extent = stage->plan->extent;
-    o->densify.max_points = (size_t)from->max_points;
-    o->densify.seed = from->seed;
-}
 
 /* Whether the cache has the frame. */
 static spin_status find_cached(struct stage *stage, int f, bool *found)
@@ -629,7 +545,6 @@ spin_status spin_refinement_run(struct spin_refinement *refinement, struct spin_
     if (!plan->o->resume && !plan->o->cache && spin_rank() == 0)
         spin_frame_cache_clear(plan->parts);
     SPIN_TRY(spin_ranks_agree(SPIN_OK));
-    set_options(&stage);
     SPIN_TRY_OUT(list_todo(&stage));
     spin_log(0, "refining %d of %d frames, %s each", stage.n_all, plan->clip.n_frames,
              spin_text_count(plan->o->refine, "iteration", count));

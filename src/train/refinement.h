@@ -5,13 +5,8 @@
 #include "scene/bundle.h"
 #include "train/code_paths.h"
 #include "train/frame_cache.h"
+#include "train/key.h"
 #include "train/step_log.h"
-#include "train/photos.h"
-
-struct spin_refined {
-    char key[SPIN_FRAME_KEY]; /* what it is made from and how */
-    bool from_input;          /* the input has it; else it is in the frame cache */
-};
 
 struct spin_refinement {
     struct spin_refined *frame; /* [frames], or NULL: frames are not refined */

@@ -9,17 +9,26 @@
 #include "io/ranks.h"
 #include "math/rng.h"
 
-enum { STREAM_SHUFFLE = 16 }; /* of the random numbers, see math/rng.h */
+enum { STREAM_SHUFFLE = 16, STREAM_FRAME = 33 }; /* of the random numbers, see math/rng.h */
 
 static void shuffle(const struct spin_sampler *s, uint64_t key, uint32_t *list, size_t n)
 {
     for (size_t i = n; i > 1; i--) {
-        size_t j = spin_rng_below(s->plan->o->seed, STREAM_SHUFFLE, key << 32 | i, (uint32_t)i);
+        size_t j = spin_rng_below(s->seed, STREAM_SHUFFLE, key << 32 | i, (uint32_t)i);
         uint32_t keep = list[i - 1];
 
         list[i - 1] = list[j];
         list[j] = keep;
     }
+}
+
+static bool is_alone(const struct spin_plan *plan) { return plan->o->method == SPIN_METHOD_FRAMES; }
+
+static spin_status find_image(struct spin_sampler *s, size_t view, uint32_t *image)
+{
+    return spin_image_store_find(&s->images, view, image)
+               ? SPIN_OK
+               : spin_photos_put(s->photos, s->plan, view, &s->images, *image);
 }
 
 /* One epoch: a permutation of all (frame, training camera) pairs. With views_per_frame V > 1 the
@@ -84,14 +93,9 @@ spin_status spin_sampler_batch(struct spin_sampler *s, int64_t iteration)
         item->lens = plan->n_cameras + spin_lenses_find(&plan->lenses, &view->camera);
         s->pairs[k] = pair;
     }
-    for (size_t k = 0; k < batch; k++) {
-        struct spin_train_item *item = &s->items[k];
-        size_t view = s->pairs[k]->view;
-
-        if (spin_step_rank((int)k, (int)batch) == spin_rank() &&
-            !spin_image_store_find(&s->images, view, &item->image))
-            SPIN_TRY(spin_photos_put(s->photos, plan, view, &s->images, item->image));
-    }
+    for (size_t k = 0; k < batch; k++)
+        if (is_alone(plan) || spin_step_rank((int)k, (int)batch, spin_n_ranks()) == spin_rank())
+            SPIN_TRY(find_image(s, s->pairs[k]->view, &s->items[k].image));
     return SPIN_OK;
 }
 
@@ -100,6 +104,8 @@ static size_t images_kept(const struct spin_plan *plan)
 {
     size_t batch = (size_t)plan->o->batch, most;
 
+    if (is_alone(plan))
+        return plan->n_train;
     if (plan->device->is_host)
         return batch;
     most = plan->device->op->memory_available(plan->device) / 2 / spin_plan_image_bytes(plan);
@@ -116,6 +122,9 @@ spin_status spin_sampler_open(struct spin_sampler *s, const struct spin_plan *pl
     s->plan = plan;
     s->photos = photos;
     s->epoch = -1;
+    s->seed = plan->o->seed;
+    if (is_alone(plan))
+        s->seed = spin_rng_u64(s->seed, STREAM_FRAME, (uint64_t)spin_plan_info(plan, 0)->number);
     SPIN_TRY(spin_alloc(3 * plan->n_train, sizeof *s->sequence, &block));
     s->sequence = block;
     SPIN_TRY(spin_photos_open_store(plan, plan->device, images_kept(plan), &s->images));
@@ -123,6 +132,11 @@ spin_status spin_sampler_open(struct spin_sampler *s, const struct spin_plan *pl
     s->items = block;
     SPIN_TRY(spin_alloc(batch, sizeof *s->pairs, &block));
     s->pairs = block;
+    for (size_t i = 0; is_alone(plan) && i < plan->n_train; i++) {
+        uint32_t image;
+
+        SPIN_TRY(find_image(s, plan->train[i].view, &image));
+    }
     return SPIN_OK;
 }
 

@@ -13,7 +13,12 @@ struct batch {
     int n;
 };
 
-int spin_step_rank(int item, int n) { return (int)((int64_t)item * spin_n_ranks() / n); }
+int spin_step_rank(int item, int n, int n_ranks) { return (int)((int64_t)item * n_ranks / n); }
+
+static int rank_of(const struct spin_trainer *t, const struct batch *b, int item)
+{
+    return spin_step_rank(item, b->n, t->n_ranks);
+}
 
 /* ---- Drawing ---------------------------------------------------------------------------------- */
 
@@ -62,8 +67,7 @@ static spin_status draw_frames(struct spin_trainer *t, const struct batch *b, co
         float share = 0; /* of the batch's pictures */
 
         for (int i = first[f]; i < b->n; i++) {
-            if (b->items[i].frame != b->items[first[f]].frame ||
-                spin_step_rank(i, b->n) != spin_rank())
+            if (b->items[i].frame != b->items[first[f]].frame || rank_of(t, b, i) != t->rank)
                 continue;
             if (views.n_views == t->raster.views || views.n_views == SPIN_MAX_VIEWS)
                 SPIN_TRY(draw_views(t, b, frames, &views));
@@ -81,6 +85,7 @@ static void add_frame(const struct spin_trainer *t, int number, struct spin_fram
     struct spin_frame_of_batch *to = &frames->frame[frames->n_frames++];
     const struct spin_train_frame *frame = &t->frame[number];
     bool residual = frame->residual && t->rates.residual[SPIN_HEAD_SCALE] > 0;
+    bool sh = frame->sh && spin_trainer_sh_degree(t) > 0; /* before, all zero, and no gradient */
 
     *to = (struct spin_frame_of_batch){
         .first = frames->n,
@@ -90,8 +95,13 @@ static void add_frame(const struct spin_trainer *t, int number, struct spin_fram
         .d_means = t->d_pos + 3 * frames->n,
         .residual = frame->residual,
         .d_residual = residual ? t->d_residual + SPIN_RESIDUAL * frames->n : NULL,
+        .sh = sh ? frame->sh : NULL,
+        .d_sh = sh && residual ? t->d_sh + frame->sh_width * frames->n : NULL,
+        .sh_width = frame->sh_width,
+        .gradient = frame->gradient,
+        .seen = frame->seen,
     };
-    if (t->tracked) {
+    if (t->n_tracks > 0) {
         to->track = frame->track;
         to->own_means = frame->pos;
         to->n_own_means = frame->size.n_pos;
@@ -100,8 +110,6 @@ static void add_frame(const struct spin_trainer *t, int number, struct spin_fram
         to->means = t->means + 3 * frames->n;
         to->residual = t->residual + SPIN_RESIDUAL * frames->n;
         to->d_residual = t->d_residual + SPIN_RESIDUAL * frames->n;
-        to->gradient = frame->gradient;
-        to->seen = frame->seen;
     }
     frames->n += frame->size.n;
 }
@@ -111,7 +119,7 @@ static void add_tracks(struct spin_trainer *t, const struct spin_frame_batch *fr
 {
     struct spin_tracks_f32 tracks = {t->n_tracks, t->tracks.p, t->tracks.g};
 
-    if (t->tracked)
+    if (t->n_tracks > 0)
         t->device->op->tracks(t->device, frames, &tracks, t->means, t->residual);
 }
 
@@ -131,18 +139,21 @@ static void step_frames(struct spin_trainer *t, const struct batch *b, const int
                         const struct spin_frame_batch *frames)
 {
     struct spin_param_group group[SPIN_MAX_FRAMES * SPIN_TRAIN_FRAME_GROUPS];
-    double lr_pos =
-        t->rates.position == 0 ? 0 : spin_trainer_rate(t, t->rates.position, t->iteration);
-    double lr[SPIN_HEADS];
+    struct spin_frame_rates rates = {.pos = spin_trainer_position_rate(t),
+                                     .sh = spin_trainer_rate(t, t->rates.sh, t->iteration),
+                                     .tracked = t->rates.tracked};
     bool fixed = t->rates.residual[SPIN_HEAD_SCALE] == 0; /* residual values stay as they are */
     int n_groups = 0;
 
     for (int k = 0; k < SPIN_HEADS; k++)
-        lr[k] = spin_trainer_rate(t, t->rates.residual[k], t->iteration);
-    for (int f = 0; f < frames->n_frames; f++)
-        n_groups += spin_train_frame_step(
-            &t->frame[b->items[first[f]].frame], lr_pos, lr, t->rates.tracked,
-            frames->frame[f].d_means, fixed ? NULL : frames->frame[f].d_residual, group + n_groups);
+        rates.residual[k] = spin_trainer_rate(t, t->rates.residual[k], t->iteration);
+    for (int f = 0; f < frames->n_frames; f++) {
+        struct spin_frame_of_batch of = frames->frame[f];
+
+        of.d_residual = fixed ? NULL : of.d_residual;
+        n_groups += spin_train_frame_step(&t->frame[b->items[first[f]].frame], &rates, &of,
+                                          group + n_groups);
+    }
     t->device->op->adam(t->device, n_groups, group);
 }
 
@@ -151,25 +162,27 @@ static void step_frames(struct spin_trainer *t, const struct batch *b, const int
 static size_t move_own(struct spin_trainer *t, const struct spin_frame_of_batch *frame,
                        const struct spin_frame_size *size, float SPIN_DEV *at, bool put)
 {
-    float SPIN_DEV *from[1 + SPIN_HEADS] = {frame->d_means};
-    size_t n[1 + SPIN_HEADS] = {3 * size->n_pos}, sum = 0, all = 0;
+    float SPIN_DEV *from[2 + SPIN_HEADS] = {[0] = frame->d_means, [1 + SPIN_HEADS] = frame->d_sh};
+    size_t n[2 + SPIN_HEADS] = {[0] = 3 * size->n_pos,
+                                [1 + SPIN_HEADS] = frame->d_sh ? frame->sh_width * size->n : 0};
+    size_t sum = 0, all = 0;
 
     for (int k = 0; frame->d_residual && k < SPIN_HEADS; k++) {
         from[1 + k] = frame->d_residual + sum * frame->n;
         n[1 + k] = spin_residual_width[k] * size->n_residual;
         sum += spin_residual_width[k];
     }
-    for (int i = 0; i <= SPIN_HEADS; all += n[i++])
+    for (int i = 0; i <= 1 + SPIN_HEADS; all += n[i++])
         if (n[i] > 0)
             t->device->op->copy_rows(t->device, 1, n[i], put ? from[i] : at + all, n[i],
                                      put ? at + all : from[i], n[i]);
     return all;
 }
 
-static bool seen_before(const struct batch *b, int i, int rank)
+static bool seen_before(const struct spin_trainer *t, const struct batch *b, int i, int rank)
 {
     for (int j = 0; j < i; j++)
-        if (b->items[j].frame == b->items[i].frame && (rank < 0 || spin_step_rank(j, b->n) == rank))
+        if (b->items[j].frame == b->items[i].frame && (rank < 0 || rank_of(t, b, j) == rank))
             return true;
     return false;
 }
@@ -178,8 +191,14 @@ static bool seen_before(const struct batch *b, int i, int rank)
  * part. */
 static bool begins(const struct spin_trainer *t, const struct batch *b, int i, int rank)
 {
-    return (rank < 0 || spin_step_rank(i, b->n) == rank) && !seen_before(b, i, rank) &&
+    return (rank < 0 || rank_of(t, b, i) == rank) && !seen_before(t, b, i, rank) &&
            t->frame[b->items[i].frame].size.n > 0;
+}
+
+/* Floats of a frame there. */
+static size_t own_floats(const struct spin_trainer *t, const struct spin_frame_size *size)
+{
+    return 3 * size->n_pos + SPIN_RESIDUAL * size->n_residual + t->sh_width * size->n;
 }
 
 /* Where the gradients of an item's frame are in t->own_grad: behind those of the frames before it. */
@@ -187,12 +206,9 @@ static float SPIN_DEV *place_of(const struct spin_trainer *t, const struct batch
 {
     float SPIN_DEV *at = t->own_grad;
 
-    for (int i = 0; i < b->n && b->items[i].frame != b->items[item].frame; i++) {
-        const struct spin_frame_size *size = &t->frame[b->items[i].frame].size;
-
+    for (int i = 0; i < b->n && b->items[i].frame != b->items[item].frame; i++)
         if (begins(t, b, i, -1))
-            at += 3 * size->n_pos + SPIN_RESIDUAL * size->n_residual;
-    }
+            at += own_floats(t, &t->frame[b->items[i].frame].size);
     return at;
 }
 
@@ -203,15 +219,14 @@ static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
     struct spin_device_sum sum[5];
     size_t n = 0, own = 0;
 
-    if (spin_n_ranks() == 1)
+    if (t->n_ranks == 1)
         return SPIN_OK;
     for (int k = 0; k < 4; k++)
         if (param[k]->n > 0 && (k > 1 || spin_trainer_network(t)))
             sum[n++] = (struct spin_device_sum){param[k]->g, param[k]->n, false};
     for (int i = 0; i < b->n; i++)
         if (begins(t, b, i, -1))
-            own += 3 * t->frame[b->items[i].frame].size.n_pos +
-                   SPIN_RESIDUAL * t->frame[b->items[i].frame].size.n_residual;
+            own += own_floats(t, &t->frame[b->items[i].frame].size);
     if (own > 0)
         sum[n++] = (struct spin_device_sum){t->own_grad, own, false};
     SPIN_TRY(spin_rank_sum(&t->rank_sum, sum, n));
@@ -244,17 +259,20 @@ static spin_status do_frames(struct spin_trainer *t, const struct batch *b, cons
     spin_field_forward(&t->field_eval, network, t->table.p, t->heads.p, &frames);
     d->op->zero(d, t->field_eval.d_attr, frames.n * SPIN_ATTR * sizeof(float));
     d->op->zero(d, t->d_pos, frames.n * 3 * sizeof(float));
-    if (t->tracked ||
-        (spin_n_ranks() > 1 && t->residuals)) /* no Adam here, which would leave zeros */
+    if (t->n_tracks > 0 || (t->n_ranks > 1 && t->residuals)) /* no Adam, which would leave zeros */
         d->op->zero(d, t->d_residual, frames.n * SPIN_RESIDUAL * sizeof(float));
+    if (t->n_ranks > 1 && t->sh_width > 0)
+        d->op->zero(d, t->d_sh, frames.n * t->sh_width * sizeof(float));
     SPIN_TRY(draw_frames(t, b, first, &frames));
+    if (t->hold)
+        return SPIN_OK;
     spin_field_backward(&t->field_eval, network, t->table.p, t->heads.p, &frames, t->table.g,
                         t->heads.g);
-    if (t->tracked)
+    if (t->n_tracks > 0)
         d->op->tracks_back(d, &frames, &tracks);
-    if (spin_n_ranks() == 1)
+    if (t->n_ranks == 1)
         step_frames(t, b, first, &frames);
-    for (int f = 0; spin_n_ranks() > 1 && f < n; f++)
+    for (int f = 0; t->n_ranks > 1 && f < n; f++)
         move_own(t, &frames.frame[f], &t->frame[b->items[first[f]].frame].size,
                  place_of(t, b, first[f]), true);
     return SPIN_OK;
@@ -266,7 +284,7 @@ static spin_status do_groups(struct spin_trainer *t, const struct batch *b)
     int at_once = spin_trainer_frames_at_once(t), first[SPIN_MAX_FRAMES], n = 0;
 
     for (int i = 0; i < b->n; i++) {
-        if (!begins(t, b, i, spin_rank()))
+        if (!begins(t, b, i, t->rank))
             continue;
         first[n++] = i;
         if (n == at_once || n == SPIN_MAX_FRAMES) {
@@ -326,6 +344,8 @@ static int step_tracks(const struct spin_trainer *t, struct spin_param_group *gr
 static void step_shared(struct spin_trainer *t)
 {
     struct spin_device *d = t->device;
+    const struct spin_param *exposure = &t->exposures.param;
+    size_t n_exposure = t->rates.lenses_stay ? SPIN_EXPOSURE * t->exposures.n_cameras : exposure->n;
     struct spin_param_group group[2 * SPIN_HEADS + 3];
     int n = 0;
 
@@ -333,11 +353,13 @@ static void step_shared(struct spin_trainer *t)
         n += step_network(t, group + n);
     if (t->n_tracks > 0)
         n += step_tracks(t, group + n);
-    if (t->exposures.param.n)
+    if (exposure->n > 0)
         group[n++] =
-            spin_param_group(&t->exposures.param, 0, t->exposures.param.n,
+            spin_param_group(exposure, 0, n_exposure,
                              spin_trainer_rate(t, t->rates.exposure, t->iteration), t->iteration);
     d->op->adam(d, n, group);
+    if (exposure->n > n_exposure)
+        d->op->zero(d, exposure->g + n_exposure, (exposure->n - n_exposure) * sizeof(float));
     spin_exposures_centre(&t->exposures, d);
 }
 
@@ -359,7 +381,8 @@ static spin_status read_values(struct spin_trainer *t, int n, struct spin_train_
         if (values->each)
             values->each[t->drawn[i]] = v[SPIN_LOSS];
     }
-    SPIN_TRY(spin_ranks_sum(sum, 4, SPIN_SUM_F64));
+    if (t->n_ranks > 1)
+        SPIN_TRY(spin_ranks_sum(sum, 4, SPIN_SUM_F64));
     values->loss = sum[0];
     values->l1 = sum[1];
     values->ssim = sum[2];

@@ -20,7 +20,7 @@ struct spin_train_values {
 };
 
 /* The rank that draws an item of a batch of n: neighbours stay together, as they may show one frame. */
-int spin_step_rank(int item, int n);
+int spin_step_rank(int item, int n, int n_ranks);
 
 /* The frame's splats as they are drawn: their own values with those of their tracks. Good until the next call,
  * or the next step. */

@@ -2,6 +2,7 @@
 #ifndef SPIN_TRAIN_STEP_LOG_H
 #define SPIN_TRAIN_STEP_LOG_H
 
+#include <pthread.h>
 #include <stdio.h>
 
 #include "spin.h"
@@ -10,13 +11,16 @@ struct spin_step_log {
     const char *path;
     FILE *file;     /* NULL: none is written, or no longer */
     char error[96]; /* why no longer */
+    pthread_mutex_t lock;
 };
 
 /* path NULL: none is written. */
 spin_status spin_step_log_open(struct spin_step_log *log, const char *path, bool append);
-/* After a line, and with flush at once. A log that cannot be written ends here, with a warning: the
+/* The file for a line of this thread, which must end it; or NULL: none is written. */
+FILE *spin_step_log_begin(struct spin_step_log *log);
+/* After the line, and with flush at once. A log that cannot be written ends here, with a warning: the
  * training goes on. */
-void spin_step_log_check(struct spin_step_log *log, bool flush);
+void spin_step_log_end(struct spin_step_log *log, bool flush);
 /* log->error says what was not written; empty: all was. */
 void spin_step_log_close(struct spin_step_log *log);
 

@@ -15,16 +15,19 @@ static spin_status reserve(struct spin_device *d, size_t floats, float SPIN_DEV 
 }
 
 spin_status spin_train_frame_open(struct spin_train_frame *f, struct spin_device *d,
-                                  struct spin_frame_size size, bool tracked)
+                                  struct spin_frame_size size, size_t sh_width, bool tracked)
 {
     float SPIN_DEV **pos[3] = {&f->pos, &f->m, &f->v};
     float SPIN_DEV **residual[3] = {&f->residual, &f->residual_m, &f->residual_v};
+    float SPIN_DEV **sh[3] = {&f->sh, &f->sh_m, &f->sh_v};
 
     memset(f, 0, sizeof *f);
-    f->size = f->capacity = size;
+    f->size = size;
+    f->sh_width = sh_width;
     for (int i = 0; i < 3; i++) {
         SPIN_TRY(reserve(d, size.n_pos * 3, pos[i]));
         SPIN_TRY(reserve(d, size.n_residual * SPIN_RESIDUAL, residual[i]));
+        SPIN_TRY(reserve(d, size.n * sh_width, sh[i]));
     }
     if (!tracked)
         return SPIN_OK;
@@ -35,70 +38,94 @@ spin_status spin_train_frame_open(struct spin_train_frame *f, struct spin_device
 
 void spin_train_frame_close(struct spin_train_frame *f, struct spin_device *d)
 {
-    void SPIN_DEV *all[] = {f->pos,        f->m,     f->v,        f->residual, f->residual_m,
-                            f->residual_v, f->track, f->gradient, f->seen};
+    void SPIN_DEV *all[] = {f->pos, f->m,    f->v,    f->residual, f->residual_m, f->residual_v,
+                            f->sh,  f->sh_m, f->sh_v, f->track,    f->gradient,   f->seen};
 
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         d->op->release(d, all[i]);
     memset(f, 0, sizeof *f);
 }
 
-static float SPIN_DEV *positions(const struct spin_train_frame *f, enum spin_train_array which)
+struct arrays {
+    float SPIN_DEV *pos, *residual, *sh;
+};
+
+static struct arrays arrays_of(const struct spin_train_frame *f, enum spin_train_array which)
 {
-    return which == SPIN_TRAIN_VALUES ? f->pos : which == SPIN_TRAIN_MOMENT_1 ? f->m : f->v;
+    return which == SPIN_TRAIN_VALUES     ? (struct arrays){f->pos, f->residual, f->sh}
+           : which == SPIN_TRAIN_MOMENT_1 ? (struct arrays){f->m, f->residual_m, f->sh_m}
+                                          : (struct arrays){f->v, f->residual_v, f->sh_v};
 }
 
-static float SPIN_DEV *residuals(const struct spin_train_frame *f, enum spin_train_array which)
+static spin_status reserve_host(const struct spin_train_frame *f, float **host)
 {
-    return which == SPIN_TRAIN_VALUES     ? f->residual
-           : which == SPIN_TRAIN_MOMENT_1 ? f->residual_m
-                                          : f->residual_v;
+    size_t width = f->sh_width > SPIN_RESIDUAL ? f->sh_width : SPIN_RESIDUAL;
+
+    return spin_alloc(width * f->size.n + 1, sizeof **host, (void **)host);
+}
+
+static void upload_rows(struct spin_device *d, struct spin_rows rows, size_t n, size_t width,
+                        const uint32_t *row_of, float *host, float SPIN_DEV *to)
+{
+    for (size_t i = 0; rows.at && i < n; i++)
+        memcpy(host + width * i, rows.at + (row_of ? row_of[i] : i) * rows.stride,
+               width * sizeof *host);
+    if (rows.at)
+        d->op->upload(d, to, host, width * n * sizeof *host);
 }
 
 spin_status spin_train_frame_upload(struct spin_train_frame *frame, struct spin_device *d,
-                                    enum spin_train_array which, struct spin_rows pos,
-                                    struct spin_rows residual, const uint32_t *row_of)
+                                    enum spin_train_array which, struct spin_frame_rows rows,
+                                    const uint32_t *row_of)
 {
-    size_t n = frame->size.n_pos, n_residual = frame->size.n_residual;
-    void *block = NULL;
-    float *host;
+    size_t n = frame->size.n_residual;
+    struct arrays to = arrays_of(frame, which);
+    float *host = NULL;
 
-    SPIN_TRY(spin_alloc(SPIN_RESIDUAL * frame->size.n + 1, sizeof(float), &block));
-    host = block;
-    for (size_t i = 0; pos.at && i < n; i++)
-        memcpy(host + 3 * i, pos.at + (row_of ? row_of[i] : i) * pos.stride, 3 * sizeof *host);
-    if (pos.at)
-        d->op->upload(d, positions(frame, which), host, 3 * n * sizeof *host);
-    if (residual.at) {
-        spin_residual_from_rows(n_residual, residual.at, residual.stride, row_of, host);
-        d->op->upload(d, residuals(frame, which), host, SPIN_RESIDUAL * n_residual * sizeof *host);
+    SPIN_TRY(reserve_host(frame, &host));
+    upload_rows(d, rows.pos, frame->size.n_pos, 3, row_of, host, to.pos);
+    if (rows.residual.at) {
+        spin_residual_from_rows(n, rows.residual.at, rows.residual.stride, row_of, host);
+        d->op->upload(d, to.residual, host, SPIN_RESIDUAL * n * sizeof *host);
     }
-    free(block);
+    if (frame->sh)
+        upload_rows(d, rows.sh, frame->size.n, frame->sh_width, row_of, host, to.sh);
+    free(host);
+    return SPIN_OK;
+}
+
+static spin_status download_rows(struct spin_device *d, const float SPIN_DEV *from, size_t n,
+                                 size_t width, const uint32_t *row_of, float *host,
+                                 struct spin_rows rows)
+{
+    if (!rows.at || n == 0)
+        return SPIN_OK;
+    SPIN_TRY(d->op->download(d, host, from, width * n * sizeof *host));
+    for (size_t i = 0; i < n; i++)
+        memcpy(rows.at + (row_of ? row_of[i] : i) * rows.stride, host + width * i,
+               width * sizeof *host);
     return SPIN_OK;
 }
 
 spin_status spin_train_frame_download(const struct spin_train_frame *frame, struct spin_device *d,
-                                      enum spin_train_array which, struct spin_rows pos,
-                                      struct spin_rows residual, const uint32_t *row_of)
+                                      enum spin_train_array which, struct spin_frame_rows rows,
+                                      const uint32_t *row_of)
 {
-    size_t n = frame->size.n_pos, n_residual = frame->size.n_residual;
-    void *block = NULL;
-    float *host;
+    size_t n = frame->size.n_residual;
+    struct arrays from = arrays_of(frame, which);
+    float *host = NULL;
     spin_status status;
 
-    SPIN_TRY_OUT(spin_alloc(SPIN_RESIDUAL * frame->size.n + 1, sizeof(float), &block));
-    host = block;
-    if (pos.at)
-        SPIN_TRY_OUT(d->op->download(d, host, positions(frame, which), 3 * n * sizeof *host));
-    for (size_t i = 0; pos.at && i < n; i++)
-        memcpy(pos.at + (row_of ? row_of[i] : i) * pos.stride, host + 3 * i, 3 * sizeof *host);
-    if (residual.at) {
-        SPIN_TRY_OUT(d->op->download(d, host, residuals(frame, which),
-                                     SPIN_RESIDUAL * n_residual * sizeof *host));
-        spin_residual_to_rows(n_residual, host, row_of, residual.at, residual.stride);
+    SPIN_TRY_OUT(reserve_host(frame, &host));
+    SPIN_TRY_OUT(download_rows(d, from.pos, frame->size.n_pos, 3, row_of, host, rows.pos));
+    if (rows.residual.at && n > 0) {
+        SPIN_TRY_OUT(d->op->download(d, host, from.residual, SPIN_RESIDUAL * n * sizeof *host));
+        spin_residual_to_rows(n, host, row_of, rows.residual.at, rows.residual.stride);
     }
+    if (frame->sh)
+        status = download_rows(d, from.sh, frame->size.n, frame->sh_width, row_of, host, rows.sh);
 out:
-    free(block);
+    free(host);
     return status;
 }
 
@@ -125,36 +152,44 @@ static int split_group(struct spin_param_group all, size_t width, size_t n, size
     return n_groups;
 }
 
-int spin_train_frame_step(struct spin_train_frame *frame, double lr_pos,
-                          const double lr_residual[SPIN_HEADS], double tracked,
-                          float SPIN_DEV *d_pos, float SPIN_DEV *d_residual,
+int spin_train_frame_step(struct spin_train_frame *frame, const struct spin_frame_rates *rates,
+                          const struct spin_frame_of_batch *of,
                           struct spin_param_group group[SPIN_TRAIN_FRAME_GROUPS])
 {
     const struct spin_frame_size *size = &frame->size;
     int n_groups = 0;
 
     frame->steps++;
-    for (size_t k = 0, sum = 0; d_residual && k < SPIN_HEADS; sum += spin_residual_width[k++]) {
+    for (size_t k = 0, sum = 0; of->d_residual && k < SPIN_HEADS; sum += spin_residual_width[k++]) {
         size_t at = sum * size->n_residual;
         struct spin_param_group all = {.p = frame->residual + at,
-                                       .g = d_residual + sum * size->n,
+                                       .g = of->d_residual + sum * size->n,
                                        .m = frame->residual_m + at,
                                        .v = frame->residual_v + at,
-                                       .lr = lr_residual[k],
+                                       .lr = rates->residual[k],
                                        .step = frame->steps};
 
         n_groups += split_group(all, spin_residual_width[k], size->n_residual, size->n_free,
-                                tracked, group + n_groups);
+                                rates->tracked, group + n_groups);
     }
-    if (lr_pos > 0) {
+    if (of->d_sh)
+        group[n_groups++] = (struct spin_param_group){.p = frame->sh,
+                                                      .g = of->d_sh,
+                                                      .m = frame->sh_m,
+                                                      .v = frame->sh_v,
+                                                      .n = frame->sh_width * size->n,
+                                                      .lr = rates->sh,
+                                                      .step = frame->steps};
+    if (rates->pos > 0) {
         struct spin_param_group all = {.p = frame->pos,
-                                       .g = d_pos,
+                                       .g = of->d_means,
                                        .m = frame->m,
                                        .v = frame->v,
-                                       .lr = lr_pos,
+                                       .lr = rates->pos,
                                        .step = frame->steps};
 
-        n_groups += split_group(all, 3, size->n_pos, size->n_free, tracked, group + n_groups);
+        n_groups +=
+            split_group(all, 3, size->n_pos, size->n_free, rates->tracked, group + n_groups);
     }
     return n_groups;
 }

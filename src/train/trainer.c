@@ -40,7 +40,7 @@ static size_t smaller(int a, int b) { return (size_t)(a < b ? a : b); }
 /* Gradients of the own values of a batch's frames, at most. */
 static size_t own_floats(const struct spin_trainer *t)
 {
-    return (size_t)t->max_items * t->n_max * (t->residuals ? 3 + SPIN_RESIDUAL : 3);
+    return (size_t)t->max_items * t->n_max * ((t->residuals ? 3 + SPIN_RESIDUAL : 3) + t->sh_width);
 }
 
 int spin_trainer_frames_at_once(const struct spin_trainer *t)
@@ -75,10 +75,11 @@ static void close_buffers(struct spin_trainer *t)
 
     d->op->release(d, t->d_pos);
     d->op->release(d, t->d_residual);
+    d->op->release(d, t->d_sh);
     d->op->release(d, t->means);
     d->op->release(d, t->residual);
     d->op->release(d, t->own_grad);
-    t->d_pos = t->d_residual = t->means = t->residual = t->own_grad = NULL;
+    t->d_pos = t->d_residual = t->d_sh = t->means = t->residual = t->own_grad = NULL;
     spin_field_eval_close(&t->field_eval, t->network);
     spin_raster_close(&t->raster);
 }
@@ -92,11 +93,13 @@ static spin_status open_buffers(struct spin_trainer *t)
     SPIN_TRY(reserve(d, n * 3, &t->d_pos));
     if (t->residuals)
         SPIN_TRY(reserve(d, n * SPIN_RESIDUAL, &t->d_residual));
-    if (t->tracked) {
+    if (t->sh_width > 0)
+        SPIN_TRY(reserve(d, n * t->sh_width, &t->d_sh));
+    if (t->n_tracks > 0) {
         SPIN_TRY(reserve(d, n * 3, &t->means));
         SPIN_TRY(reserve(d, n * SPIN_RESIDUAL, &t->residual));
     }
-    if (spin_n_ranks() > 1)
+    if (t->n_ranks > 1)
         SPIN_TRY(reserve(d, own_floats(t), &t->own_grad));
     SPIN_TRY(spin_field_eval_open(&t->field_eval, d, t->network, n, true));
     return spin_raster_open(&t->raster, d, t->n_max, t->max_pixels, t->max_tiles,
@@ -120,6 +123,10 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
     t->n_moving = size->n_moving;
     t->n_varying = size->n_varying;
     t->residuals = has_residual(size);
+    t->sh_degree = size->sh_degree;
+    t->sh_width = spin_column_width(SPIN_COL_SH, size->sh_degree) - 3;
+    t->rank = size->alone ? 0 : spin_rank();
+    t->n_ranks = size->alone ? 1 : spin_n_ranks();
     t->n_max = most_splats(size);
     SPIN_TRY_OUT(spin_alloc((size_t)size->n_frames, sizeof *t->frame, &block));
     t->frame = block;
@@ -133,9 +140,11 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
                                      size->exposure,
                                      t->max_pixels * smaller(device->views_at_once, t->max_items)));
     for (int f = 0; f < t->n_frames; f++)
-        SPIN_TRY_OUT(spin_train_frame_open(&t->frame[f], device, size->frame[f], t->tracked));
+        SPIN_TRY_OUT(
+            spin_train_frame_open(&t->frame[f], device, size->frame[f], t->sh_width, t->tracked));
     SPIN_TRY_OUT(open_buffers(t));
-    SPIN_TRY_OUT(spin_rank_sum_open(&t->rank_sum, device));
+    if (t->n_ranks > 1)
+        SPIN_TRY_OUT(spin_rank_sum_open(&t->rank_sum, device));
     return SPIN_OK;
 out:
     spin_trainer_close(t);
@@ -148,8 +157,12 @@ spin_status spin_trainer_resize(struct spin_trainer *t)
 
     for (int f = 0; f < t->n_frames; f++)
         n = t->frame[f].size.n > n ? t->frame[f].size.n : n;
-    if (n <= t->n_max)
+    if (n <= t->n_max) { /* no tracks may be left, whose splats' gradients Adam does not clear */
+        if (t->d_residual)
+            t->device->op->zero(t->device, t->d_residual,
+                                splats_at_once(t) * SPIN_RESIDUAL * sizeof(float));
         return SPIN_OK;
+    }
     close_buffers(t);
     t->n_max = n + n / 4;
     SPIN_TRY(open_buffers(t));
@@ -165,7 +178,7 @@ spin_status spin_trainer_join_seen(struct spin_trainer *t)
     size_t n = 0;
     spin_status status;
 
-    if (spin_n_ranks() == 1 || !t->tracked)
+    if (t->n_ranks == 1 || !t->tracked)
         return SPIN_OK;
     SPIN_TRY(spin_alloc(2 * (size_t)t->n_frames, sizeof *sum, (void **)&sum));
     for (int f = 0; f < t->n_frames; f++) {
@@ -183,7 +196,7 @@ spin_status spin_trainer_join_seen(struct spin_trainer *t)
 
 void spin_trainer_part_seen(struct spin_trainer *t)
 {
-    for (int f = 0; t->tracked && spin_rank() > 0 && f < t->n_frames; f++) {
+    for (int f = 0; t->tracked && t->rank > 0 && f < t->n_frames; f++) {
         const struct spin_train_frame *frame = &t->frame[f];
 
         t->device->op->zero(t->device, frame->gradient, frame->size.n * sizeof *frame->gradient);
@@ -224,11 +237,39 @@ void spin_trainer_close(struct spin_trainer *t)
     memset(t, 0, sizeof *t);
 }
 
+const double spin_rate_3dgs[SPIN_HEADS] = {5e-3, 1e-3, 2.5e-3, 0.05};
+
+struct spin_train_rates spin_rates_3dgs(double extent, int iterations)
+{
+    struct spin_train_rates rates = {.position = 1.6e-4 * extent,
+                                     .position_end = 1.6e-6 * extent,
+                                     .sh = spin_rate_3dgs[SPIN_HEAD_SH] / 20,
+                                     .tracked = 1,
+                                     .lenses_stay = true,
+                                     .iterations = iterations};
+
+    memcpy(rates.residual, spin_rate_3dgs, sizeof rates.residual);
+    return rates;
+}
+
 double spin_trainer_rate(const struct spin_trainer *t, double lr0, int64_t iteration)
 {
     const struct spin_train_rates *r = &t->rates;
 
+    if (r->position_end > 0)
+        return lr0;
     return spin_lr(lr0, r->end, iteration, r->warmup, r->iterations);
+}
+
+double spin_trainer_position_rate(const struct spin_trainer *t)
+{
+    const struct spin_train_rates *r = &t->rates;
+
+    if (r->position == 0)
+        return 0;
+    return r->position_end > 0
+               ? spin_lr_exp(r->position, r->position_end, t->iteration, r->iterations)
+               : spin_trainer_rate(t, r->position, t->iteration);
 }
 
 double spin_trainer_track_rate(const struct spin_trainer *t, double lr0)
@@ -266,11 +307,11 @@ const struct spin_field *spin_trainer_network(const struct spin_trainer *t)
 int spin_trainer_sh_degree(const struct spin_trainer *t)
 {
     int64_t begun = t->iteration > 0 ? t->iteration - 1 : 0;
+    bool own = !network_works(t) && (t->tracked || !t->network);
+    int most = own ? t->sh_degree : t->field.sh_degree;
 
-    if (!network_works(t) && (t->tracked || !t->network))
-        return 0;
-    if (t->sh_increase_every <= 0 || begun / t->sh_increase_every >= t->field.sh_degree)
-        return t->field.sh_degree;
+    if (t->sh_increase_every <= 0 || begun / t->sh_increase_every >= most)
+        return most;
     return (int)(begun / t->sh_increase_every);
 }
 

@@ -1,4 +1,4 @@
-/* What a training of the network keeps between steps, and where it lies (docs/method.md sections 3 to 7). A step is
+/* What a training keeps between steps, and where it lies (docs/method.md sections 3 to 7). A step is
  * in step.h. */
 #ifndef SPIN_TRAIN_TRAINER_H
 #define SPIN_TRAIN_TRAINER_H
@@ -11,13 +11,22 @@
 
 struct spin_train_rates {
     double table, head[SPIN_HEADS], position, exposure, end;
-    double residual[SPIN_HEADS]; /* 0: residual values stay as they are */
-    double tracked;              /* on position and residual, for splats with a track */
+    double residual[SPIN_HEADS]; /* 0: residual values stay as they are, and so does SH */
+    double sh;                   /* of splats' own SH beyond the first coefficient */
+    double
+        position_end; /* as in 3DGS: positions' rate comes log-linearly to this one, all others stay; 0: no */
+    double tracked; /* on position and residual, for splats with a track */
     double track[SPIN_HEADS], displacement;
     int64_t warmup, iterations;
     int64_t track_iterations; /* the first of them: tracks learn in these */
     int64_t network_from; /* the network joins after this many iterations: its rates begin then */
+    bool lenses_stay;     /* of exposures only those of cameras learn */
 };
+
+/* 3DGS's rates of log scale, rotation, colour and opacity; and all for a frame by itself in a scene of this extent, but
+ * for the exposure (docs/method.md section 2). */
+extern const double spin_rate_3dgs[SPIN_HEADS];
+struct spin_train_rates spin_rates_3dgs(double extent, int iterations);
 
 /* What there is memory for. */
 struct spin_trainer_size {
@@ -26,6 +35,8 @@ struct spin_trainer_size {
     bool tracked; /* splats may have tracks, and are densified; n_tracks may still be 0 */
     size_t n_tracks, n_moving, n_varying;
     bool network;
+    bool alone;    /* the work is this rank's, and shares nothing with others */
+    int sh_degree; /* of splats' own SH; 0: the colour alone */
     int max_items; /* pictures of a batch */
     size_t max_pixels, max_tiles;
     int n_cameras, n_lenses; /* whose exposure and falloff are learned */
@@ -43,10 +54,14 @@ struct spin_trainer {
     size_t n_moving,
         n_varying; /* the first of them: their splats have positions, residual values, of their own */
     bool gather;   /* what densification goes by */
+    bool hold;     /* a step draws and gathers, and leaves the splats' values as they are */
     struct spin_exposures exposures;
     struct spin_train_frame *frame; /* [n_frames] */
     int n_frames;
     bool residuals; /* splats have values besides the network's */
+    int sh_degree;  /* of splats' own SH */
+    size_t sh_width;
+    int rank, n_ranks; /* that share the steps */
     size_t n_max, max_pixels, max_tiles;
     struct spin_train_rates rates;
     struct spin_lazy_adam *lazy; /* of the table, as that pays; else NULL */
@@ -56,13 +71,15 @@ struct spin_trainer {
     int64_t iteration;     /* steps done */
     struct spin_field_eval field_eval;
     struct spin_raster raster;
-    float SPIN_DEV *d_pos;            /* [frames at once][n_max][3] */
-    float SPIN_DEV *d_residual;       /* [frames at once][SPIN_RESIDUAL n_max], when splats have
+    float SPIN_DEV *d_pos;      /* [frames at once][n_max][3] */
+    float SPIN_DEV *d_residual; /* [frames at once][SPIN_RESIDUAL n_max], when splats have
                               residual values */
-    float SPIN_DEV *means, *residual; /* the same: of splats with what their tracks add */
-    double SPIN_DEV *values;          /* [max_items][SPIN_LOSS_VALUES] of a step */
-    double *host_values;              /* the same */
-    int *drawn;                       /* [max_items] the item of each row of values */
+    float SPIN_DEV *d_sh;       /* [frames at once][sh_width n_max] */
+    float SPIN_DEV *means,
+        *residual;           /* of splats with what their tracks add, where there are some */
+    double SPIN_DEV *values; /* [max_items][SPIN_LOSS_VALUES] of a step */
+    double *host_values;     /* the same */
+    int *drawn;              /* [max_items] the item of each row of values */
     struct spin_rank_sum rank_sum;
     float SPIN_DEV *
         own_grad; /* with several ranks: gradients of the own values of a batch's frames; zeros between steps */
@@ -101,6 +118,7 @@ void spin_trainer_put_back(struct spin_trainer *t);
 /* Rates now, of what begins with lr0: of all that is trained; of tracks, which learn in the first steps; and of the
  * network, which may join later and counts its own steps. */
 double spin_trainer_rate(const struct spin_trainer *t, double lr0, int64_t iteration);
+double spin_trainer_position_rate(const struct spin_trainer *t);
 double spin_trainer_track_rate(const struct spin_trainer *t, double lr0);
 double spin_trainer_network_rate(const struct spin_trainer *t, double lr0, int64_t step);
 int64_t spin_trainer_network_steps(const struct spin_trainer *t);

@@ -1,5 +1,6 @@
 /* Parallel-for.  K: base threads */
 #include <sched.h>
+#include <signal.h>
 #include <stdatomic.h>
 #include <time.h>
 
@@ -102,12 +103,46 @@ static void bursts(int n_threads)
     spin_pool_free(pool);
 }
 
+struct masks {
+    atomic_int at_once;
+    sigset_t of[2];
+};
+
+static void look_at_mask(void *context, int number, int worker)
+{
+    struct masks *m = context;
+
+    (void)number;
+    pthread_sigmask(SIG_BLOCK, NULL, &m->of[worker]);
+    atomic_fetch_add(&m->at_once, 1);
+    while (atomic_load(&m->at_once) < 2) /* so each thread takes one */
+        sched_yield();
+}
+
+/* An interrupt is for the thread that runs the command; a read of a file that was cut is a signal in the reading one. */
+static void signals(void)
+{
+    static struct masks m;
+    struct spin_pool *pool;
+
+    if (spin_pool_create(2, &pool) != SPIN_OK)
+        exit(1);
+    spin_pool_run(pool, 2, look_at_mask, &m);
+    ok(!sigismember(&m.of[0], SIGINT) && sigismember(&m.of[1], SIGINT) &&
+           sigismember(&m.of[1], SIGTERM),
+       "a worker takes no interrupt");
+    ok(!sigismember(&m.of[0], SIGBUS) && !sigismember(&m.of[1], SIGBUS),
+       "what it reads from a file that is cut reaches it");
+    spin_pool_free(pool);
+}
+
 TAP_MAIN
 {
     struct spin_pool *pool;
     cpu_set_t set;
     int next = 0;
 
+    signals();
     many(1);
     many(2);
     many(3);

@@ -1,5 +1,5 @@
 /* How long the stages of a training step take, beside what this machine can do and beside the
- * reference times of docs/benchmarks.md. `make bench` runs it; `bench --help` lists the choices.
+ * reference times of tests/bench/README.md. `make bench` runs it; `bench --help` lists the choices.
  *
  * A round runs all stages of a step one after the other, as training does, so each finds caches
  * and gradients as they are in training. Processor time is what counts on a shared machine; with
@@ -24,6 +24,7 @@ static const char *const unit_names[UNITS] = {"Gaussian", "pair", "pixel", "para
 
 struct timing {
     double cpu[MAX_ROUNDS], wall[MAX_ROUNDS];
+    bool failed; /* the device did */
 };
 
 struct options {
@@ -31,12 +32,9 @@ struct options {
     int sizes[MAX_LIST], n_sizes;
     int tables[MAX_LIST], n_tables;
     int rounds, frame;
-    const char *mode, *points;
+    const char *mode, *points, *device;
     bool alone, json;
 };
-
-/* The same step by stock PyTorch on the CPU and a known trainer's rasteriser, docs/benchmarks.md. */
-static const double peers_ms[BENCH_SIZES] = {1910, 3810, 19470};
 
 /* ---- measuring ------------------------------------------------------------------------------- */
 
@@ -46,13 +44,15 @@ static void time_stage(const struct bench_stage *stage, struct bench_scene *s, s
     double cpu = bench_cpu_s(), wall = spin_now_s();
 
     stage->run(s);
+    if (!s->device.is_host && s->device.op->wait(&s->device) != SPIN_OK)
+        t->failed = true;
     t->wall[round] = spin_now_s() - wall;
     t->cpu[round] = bench_cpu_s() - cpu;
 }
 
 struct row {
     const struct bench_stage *stage;
-    double cpu_ms, cpu_median_ms, wall_ms, each_ns, gflops, gbytes, share, ratio, peers;
+    double cpu_ms, cpu_median_ms, wall_ms, each_ns, gflops, gbytes, share, ratio;
     double lines, lines_ms; /* of the table, and the time of as many random reads */
 };
 
@@ -101,23 +101,25 @@ static struct row row_of(const struct bench_stage *stage, struct timing *t, int 
     struct row row = {.stage = stage};
     int at = reference_place(s->n);
     double seconds;
+    bool one_thread = n_threads == 1 && s->device.is_host;
 
     qsort(t->cpu, (size_t)rounds, sizeof *t->cpu, spin_by_double);
     qsort(t->wall, (size_t)rounds, sizeof *t->wall, spin_by_double);
-    seconds = n_threads == 1 ? t->cpu[0] : t->wall[0];
+    seconds = one_thread ? t->cpu[0] : t->wall[0];
     row.cpu_ms = 1e3 * t->cpu[0];
     row.cpu_median_ms = 1e3 * t->cpu[rounds / 2];
     row.wall_ms = 1e3 * t->wall[0];
-    row.each_ns = 1e9 * t->cpu[0] / units_of(s, stage->unit, intersections);
+    row.each_ns = 1e9 * (s->device.is_host ? t->cpu[0] : t->wall[0]) /
+                  units_of(s, stage->unit, intersections);
     row.gflops = work.flop / seconds / 1e9;
     row.gbytes = work.bytes / seconds / 1e9;
-    row.share = share_of(stage, &work, seconds, s, c);
-    row.lines = work.lines;
-    row.lines_ms = 1e3 * work.lines / bench_lookups(c, 4 * s->trainer.table.n);
-    if (at >= 0 && n_threads == 1 && stage->allowed > 0 && (!stage->uses_table || log2_rows == 21))
+    if (s->device.is_host) { /* the ceilings are the processor's */
+        row.share = share_of(stage, &work, seconds, s, c);
+        row.lines = work.lines;
+        row.lines_ms = 1e3 * work.lines / bench_lookups(c, 4 * s->trainer.table.n);
+    }
+    if (at >= 0 && one_thread && stage->allowed > 0 && (!stage->uses_table || log2_rows == 21))
         row.ratio = row.cpu_ms / stage->reference_ms[at];
-    if (at >= 0 && n_threads == 1 && strncmp(stage->name, "step", 4) == 0 && log2_rows == 21)
-        row.peers = peers_ms[at] / row.cpu_ms;
     return row;
 }
 
@@ -149,8 +151,6 @@ static void print_row(const struct row *r)
     if (r->lines > 0 && r->ratio > 0)
         printf("  %-22s %9.2f ms to read its %.2f M lines of 64 bytes at random\n", "", r->lines_ms,
                r->lines / 1e6);
-    if (r->peers > 0)
-        printf("  %-22s %9.1f times the peers' speed\n", "", r->peers);
 }
 
 static void print_head(const struct bench_scene *s, int log2_rows, double intersections)
@@ -188,8 +188,6 @@ static spin_json *row_to_json(const struct row *r)
         spin_json_set_number(j, "of_reference", r->ratio);
         spin_json_set_bool(j, "within", r->ratio <= r->stage->allowed);
     }
-    if (r->peers > 0)
-        spin_json_set_number(j, "times_peers", r->peers);
     return j;
 }
 
@@ -330,6 +328,8 @@ static spin_status measure(const struct options *o, struct bench_scene *s, int n
 
         if (!wanted(o, stage))
             continue;
+        if (timing[i].failed)
+            return spin_fail(SPIN_E_DEVICE, "%s failed: %s", stage->name, spin_last_error());
         row = row_of(stage, &timing[i], o->rounds, n_threads, s, c, intersections, log2_rows);
         report(o, &row, rows);
     }
@@ -351,20 +351,22 @@ static spin_status measure(const struct options *o, struct bench_scene *s, int n
 static spin_status run_all(const struct options *o, spin_json *ceilings, spin_json *runs)
 {
     for (int t = 0; t < o->n_threads; t++) {
-        struct bench_ceilings c;
+        struct bench_ceilings c = {0};
 
-        SPIN_TRY(bench_ceilings(o->threads[t], &c));
-        if (o->json)
-            spin_json_push(ceilings, ceilings_to_json(o->threads[t], &c));
-        else
-            print_ceilings(o->threads[t], &c);
+        if (strcmp(o->device, "cpu") == 0) {
+            SPIN_TRY(bench_ceilings(o->threads[t], &c));
+            if (o->json)
+                spin_json_push(ceilings, ceilings_to_json(o->threads[t], &c));
+            else
+                print_ceilings(o->threads[t], &c);
+        }
         for (int k = 0; k < o->n_tables; k++)
             for (int i = 0; i < o->n_sizes; i++) {
                 struct bench_scene s;
                 spin_status status;
 
-                SPIN_TRY(bench_scene_open((size_t)o->sizes[i], o->tables[k], o->threads[t],
-                                          o->points, o->frame, &s));
+                SPIN_TRY(bench_scene_open(o->device, (size_t)o->sizes[i], o->tables[k],
+                                          o->threads[t], o->points, o->frame, &s));
                 status = measure(o, &s, o->threads[t], o->tables[k], &c, runs);
                 bench_scene_close(&s);
                 SPIN_TRY(status);
@@ -378,6 +380,8 @@ static spin_status run_all(const struct options *o, spin_json *ceilings, spin_js
 static void help(void)
 {
     printf("usage: bench [options]\n"
+           "  --device cpu          or cuda: then wall ms counts, and a stage ends when the card "
+           "has done it\n"
            "  --threads 1,2         numbers of threads\n"
            "  --gaussians 10000,50000,200000\n"
            "  --table 19,21         log2 of the rows a level\n"
@@ -423,9 +427,10 @@ static bool known_mode(const char *mode)
 static bool read_options(int argc, char **argv, struct options *o)
 {
     static const struct option known[] = {
-        {"threads", 1, 0, 't'}, {"gaussians", 1, 0, 'g'}, {"table", 1, 0, 'k'}, {"mode", 1, 0, 'm'},
-        {"rounds", 1, 0, 'r'},  {"points", 1, 0, 'p'},    {"frame", 1, 0, 'f'}, {"json", 0, 0, 'j'},
-        {"help", 0, 0, 'h'},    {"alone", 0, 0, 'a'},     {0, 0, 0, 0}};
+        {"threads", 1, 0, 't'}, {"gaussians", 1, 0, 'g'}, {"table", 1, 0, 'k'},
+        {"mode", 1, 0, 'm'},    {"rounds", 1, 0, 'r'},    {"points", 1, 0, 'p'},
+        {"frame", 1, 0, 'f'},   {"json", 0, 0, 'j'},      {"help", 0, 0, 'h'},
+        {"alone", 0, 0, 'a'},   {"device", 1, 0, 'd'},    {0, 0, 0, 0}};
     int c;
 
     while ((c = getopt_long(argc, argv, "", known, NULL)) != -1) {
@@ -448,6 +453,9 @@ static bool read_options(int argc, char **argv, struct options *o)
         case 'p':
             o->points = optarg;
             o->n_sizes = 1;
+            break;
+        case 'd':
+            o->device = optarg;
             break;
         case 'f':
             o->frame = atoi(optarg);
@@ -477,7 +485,8 @@ int main(int argc, char **argv)
                         .n_sizes = 3,
                         .tables = {19, 21},
                         .n_tables = 2,
-                        .rounds = 7};
+                        .rounds = 7,
+                        .device = "cpu"};
     spin_json *all, *ceilings = NULL, *runs = NULL;
 
     if (!read_options(argc, argv, &o)) {

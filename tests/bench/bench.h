@@ -32,8 +32,8 @@ struct bench_scene {
 
 /* n Gaussians on eight spheres, in Morton order, at 640x360, about 50 contributing pairs a pixel;
  * or the points of a frame of a bundle (path not NULL, n ignored). */
-spin_status bench_scene_open(size_t n, int log2_rows, int n_threads, const char *path, int frame,
-                             struct bench_scene *out);
+spin_status bench_scene_open(const char *device, size_t n, int log2_rows, int n_threads,
+                             const char *path, int frame, struct bench_scene *out);
 void bench_scene_close(struct bench_scene *s);
 /* The frame, and the view of it. */
 struct spin_frame_batch bench_frames(struct bench_scene *s);
@@ -62,7 +62,7 @@ struct bench_stage {
     enum unit unit;
     enum bound bound;
     bool uses_table;                  /* the reference is for 2^21 rows a level */
-    double reference_ms[BENCH_SIZES]; /* of one thread, docs/benchmarks.md */
+    double reference_ms[BENCH_SIZES]; /* of one thread, tests/bench/README.md */
     double allowed;                   /* times that */
 };
 extern const struct bench_stage bench_stages[BENCH_STAGES];

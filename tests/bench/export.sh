@@ -1,5 +1,5 @@
 #!/bin/sh
-# export.sh [frame|clip|all]: how fast and how large exports are, as tables for docs/benchmarks.md.
+# export.sh [frame|clip|all]: how fast and how large exports are, as tables for tests/bench/README.md.
 #
 # frame: one frame of a million splats with SH of degree 3, to PLY, GLB, compressed PLY and SPZ, beside
 #        splat-transform on the same frame, the two in turns.

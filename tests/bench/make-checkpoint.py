@@ -3,9 +3,10 @@
 make-checkpoint.py OUT SPLATS [plain]: of random numbers, with the optimiser's two moments for every parameter unless
 it shall be plain. 230,000 splats are 450 MB, a third of which a reader needs.
 
-make-checkpoint.py OUT PARAMS.npz [SPAN]: 4-D Gaussians that stand for the tracks of a Dynamic 3D Gaussians run. A
+make-checkpoint.py OUT PARAMS.npz [SPAN [sh]]: 4-D Gaussians that stand for the tracks of a Dynamic 3D Gaussians run. A
 track within 3 cm of its mean is one Gaussian for all times; any other is one for every SPAN frames (2), on the straight
-line nearest to the track there. Times are 0 to 1. Needs NumPy."""
+line nearest to the track there. Times are 0 to 1. SH beyond the colour are 0, or with sh random, as wide as those of
+trained runs are about. Needs NumPy."""
 import array
 import collections
 import io
@@ -142,7 +143,12 @@ if tracks:
     import numpy
     xyz, rgb, scales, left, right, logits, t = of_tracks(sys.argv[2], int(sys.argv[3]) if sys.argv[3:] else 2)
     n = len(xyz)
-    given = [xyz, (rgb - 0.5) / 0.28209479177387814, numpy.zeros((n, 47, 3)), scales[:, :3], left, logits, t, scales[:, 3:], right]
+    rest = numpy.zeros((n, 47, 3))
+    if sys.argv[4:]:
+        wide = numpy.repeat([0.06, 0.04, 0.03], [3, 5, 7])  # bands 1 to 3
+        wide = numpy.concatenate([wide, *[f * numpy.concatenate([[0.15], wide]) for f in (0.3, 0.2)]])
+        rest = numpy.random.default_rng(0).standard_normal((n, 47, 3)) * wide[:, None]
+    given = [xyz, (rgb - 0.5) / 0.28209479177387814, rest, scales[:, :3], left, logits, t, scales[:, 3:], right]
     shapes = [(n, 3), (n, 1, 3), (n, 47, 3), (n, 3), (n, 4), (n, 1), (n, 1), (n, 1), (n, 4)]
     made = [Tensor(s, numpy.ascontiguousarray(g, '<f4').tobytes()) for s, g in zip(shapes, given)]
     parameters, times = made[:6], made[6:]

@@ -157,8 +157,8 @@ static spin_status open_trainer(struct bench_scene *s, int log2_rows)
     return put_network(s);
 }
 
-spin_status bench_scene_open(size_t n, int log2_rows, int n_threads, const char *path, int frame,
-                             struct bench_scene *s)
+spin_status bench_scene_open(const char *device, size_t n, int log2_rows, int n_threads,
+                             const char *path, int frame, struct bench_scene *s)
 {
     /* From 2.2 along -z, looking at the middle. */
     struct spin_camera camera = {.width = WIDTH,
@@ -175,7 +175,7 @@ spin_status bench_scene_open(size_t n, int log2_rows, int n_threads, const char 
     memset(s, 0, sizeof *s);
     s->camera = camera;
     s->cam = spin_camera_f32_from(&camera);
-    SPIN_TRY(spin_device_open("cpu", n_threads, &s->device));
+    SPIN_TRY(spin_device_open(device, n_threads, &s->device));
     s->open = true;
     if (path) {
         SPIN_TRY_OUT(load_points(path, frame, &splats));

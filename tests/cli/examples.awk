@@ -6,7 +6,7 @@
 #     awk -v into=FOLDER -v first=1 -f tests/cli/examples.awk FILE...
 BEGIN {
     # A first word, after settings of variables.
-    command = "^([A-Z_]+=[^ ]* )*(sudo |make|spin-|mpirun |sh |node |npm |cc |cp |cd |git |python3 |curl |export |jq |chrt |apt|man |for |bench )"
+    command = "^([A-Z_]+=[^ ]* )*(sudo |make|spin-|spin4d |mpirun |sh |node |npm |cc |cp |cd |git |python3 |curl |export |jq |chrt |apt|man |for |bench )"
     n = first - 1
 }
 function flush(    kind, i, text, out) {
@@ -16,7 +16,7 @@ function flush(    kind, i, text, out) {
             kind = "sh"
         if (line[1] ~ /^\$ /)
             kind = "session"
-        if (line[1] ~ /^(import|from) /)
+        if (line[1] ~ /^(import|from) / && line[1] !~ /from '/)
             kind = "py"
         text = ""
         for (i = 1; i <= lines; i++) {
@@ -25,7 +25,7 @@ function flush(    kind, i, text, out) {
                     continue
                 sub(/^\$ /, "", line[i])
             }
-            if (!kind && line[i] ~ /^spin-[a-z]+ /)
+            if (!kind && line[i] ~ /^(spin-[a-z]+|spin4d) /)
                 print "stray", start, line[i]
             text = text line[i] "\n"
         }

@@ -59,6 +59,10 @@ misuse "IN.spin is missing" spin-eval
 misuse "not 'half'" spin-eval a --split half
 misuse "IN.spin is missing" spin-export --to ply
 misuse "with --to" spin-export a -o b
+misuse "no exporter writes '.gif'; the nearest is .mp4" spin-export a -o clip.gif
+misuse "the nearest is a folder with --to images" spin-export a -o b.d/a.png
+misuse "no exporter writes '.sogs'; the nearest is .sog" spin-export a -o clip.sogs
+misuse "with --to" spin-export a -o a.d/clip
 misuse "with --output" spin-export a --to ply
 misuse "no exporter is called" spin-export a --to nonsense -o b
 

@@ -21,11 +21,11 @@ greater "$compiled" 150
 ok $? "compiles with their CC"
 is "$(grep '^mycc .* -c ' "$work/out" | grep -- '-std=gnu11 .*-fPIC .* -DMINE_C' | grep -c -- '-D_GNU_SOURCE.* -DMINE_P')" \
     "$compiled" "CPPFLAGS and CFLAGS come after those that spin4d needs"
-is "$(grep -c '^mycc .*-Wl,--mine.*libspin.a' "$work/out")" 4 "LDFLAGS reach the four commands"
+is "$(grep -c '^mycc .*-Wl,--mine.*libspin.a' "$work/out")" 5 "LDFLAGS reach the commands"
 is "$(grep '^mycc .*-shared' "$work/out" | grep -c -- '-Wl,--mine .*-soname,libspin.so.0')" 1 "and the shared library"
 is "$(grep '^my++ .*-shared' "$work/out" | grep -cv -- '-std=c++17.* -DMINE_X -Wl,--mine ')" 0 \
     "CXX, CXXFLAGS and LDFLAGS reach what is C++"
-is "$(grep -c 'march=x86-64-v3.*-DMINE_C' "$work/out")" 0 "a path of the CPU has the last word on its -march"
+is "$(grep -c 'mfma.*-DMINE_C' "$work/out")" 0 "a path of the CPU has the last word on its -march"
 run env CFLAGS=-DMINE_C make -n -B V=1 CUDA=0 BUILD="$work/env" CONFIG="$config" "$work/env/$config/src/base/text.o"
 out_has '-DMINE_C' "CFLAGS of the environment"
 

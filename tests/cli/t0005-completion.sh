@@ -5,7 +5,7 @@
 unset SPIN_PLUGIN_PATH
 PATH=$bin:$PATH # the scripts ask the commands
 
-for name in spin-import spin-retrain spin-eval spin-export; do
+for name in spin4d spin-import spin-retrain spin-eval spin-export; do
     for shell in bash zsh; do
         run "$bin/$name" --completion $shell
         is "$code $(wc -c <"$work/err")" "0 0" "$name --completion $shell"
@@ -42,11 +42,11 @@ offers() {
 }
 
 if command -v bash >/dev/null 2>&1; then
-    for name in spin-import spin-retrain spin-eval spin-export; do
+    for name in spin4d spin-import spin-retrain spin-eval spin-export; do
         offered $name --
         is "$(LC_ALL=C sort "$work/out")" \
-            "$("$bin/$name" --help | sed -n 's/^  \(-., \|    \)\(--[a-z0-9-]*\).*/\2/p' | LC_ALL=C sort)" \
-            "$name: every option of --help"
+            "$("$bin/$name" --help all | sed -n 's/^  \(-., \|    \)\(--[a-z0-9-]*\).*/\2/p' | LC_ALL=C sort)" \
+            "$name: every option of --help all"
     done
     offers "--positions-only" spin-import in.npz --pos
     # shellcheck disable=SC2046
@@ -64,6 +64,9 @@ if command -v bash >/dev/null 2>&1; then
     offers "--path" spin-export --pat --to = images --pat
     offers "orbit" spin-export in.spin --to images --path o
     offers "black white" spin-export --background ""
+    offers "import retrain eval export" spin4d ""
+    offers "--background" spin4d export --backg
+    offers "" spin4d run --backg
 else
     skip "what bash offers" "no bash"
 fi

@@ -39,6 +39,8 @@ ok $? "a bundle of them says so"
 is "$("$bin/spin-import" --info "$work/any.spin" --json | tr -d ' \n' | grep -c '"splats_4d":{"n":')" 1 "as JSON too"
 is "$("$bin/spin-import" --info "$work/sampled.spin" --json | tr -d ' \n' | grep -c '"splats_4d":null')" 1 \
     "and one of frames does not"
+run "$bin/spin-import" "$run_in" -o "$work/places.spin" --positions-only --json
+is "$code $(member frames) $(grep -c '4D splats hold' "$work/out")" "0 61 0" "places alone are sampled there too"
 run "$bin/spin-import" fixtures/deformable3dgs/real_small/model -o "$work/none.spin"
 fails 2 spin-import "a network's import needs to know where"
 err_has "continuous in time, from 0 to 1, and .* with --frames, --times or --data" "and says how to tell, and the range"

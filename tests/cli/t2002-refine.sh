@@ -37,7 +37,7 @@ told=$(member splats_mean)
 splats_of "$work/one.spin" >/dev/null
 is "$told" "$(grep -a -h -m 1 '^element vertex' "$work"/ply/frame_*.ply | awk '{ n += $3 } END { print n / NR }')" \
     "and how many splats a refined frame has"
-is "$(grep -c '"refine": [0-9]*, "frame": 1,' "$work/log.jsonl")" 136 "--log has every iteration"
+is "$(grep -c '^{"refine": [0-9]*, .*"views": \[\[1, [0-9]*\]\]' "$work/log.jsonl")" 136 "--log has every iteration, a line as of any step"
 grep -q '"clones": ' "$work/log.jsonl"
 ok $? "and what densification did"
 ls "$work/preview"/*refined.png >/dev/null 2>&1

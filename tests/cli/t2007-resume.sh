@@ -38,6 +38,8 @@ stopped() {
         return
     fi
     is "$code" "$2" "stopped by $1: exit code $2"
+    [ "$1" = KILL ] ||
+        err_has "^spin-retrain: interrupted; the state of iteration [0-9]* is kept in '.*stopped.spin.part': go on with --resume\$" "$1: says what is kept and how to go on"
     run "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small $length --save-every 10
     fails 1 spin-retrain "an unfinished run without --resume ($1)"
     run "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small ${4-$length} \

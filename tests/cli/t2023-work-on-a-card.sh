@@ -48,7 +48,7 @@ for device in cpu cuda; do
         total $what "$work/refined-$device.log" >"$work/$what-$device"
     done
 done
-same_losses refined 100 2e-4 '"frame": 1,'
+same_losses refined 100 2e-4 '"views": \[\[1,'
 for what in clones splits; do
     n=$(cat "$work/$what-cpu")
     [ "$n" -gt 0 ]
@@ -190,7 +190,7 @@ for n in 3 10 20 34; do # from the splats to what a verb wants for itself
     nothing_at "$work/full.spin" "refining, block $n is too much: nothing is left"
 done
 found=0
-for n in 46 45 44 43 42 41 40 39 38 37 36; do # some of these blocks are for the splats that densification adds
+for n in 58 62 54 66 50 70 46 42 38; do # some of these blocks are for the splats that densification adds
     SPIN_EMU_FULL=$n retrain full cuda --method frames --refine 136 --range 0:1 --test-cams 0 -q --log "$work/full.log"
     grep -q '"refine": 99, ' "$work/full.log" && grep -q "frame 0: .*out of memory" "$work/err" && found=1 && break
 done

@@ -60,7 +60,7 @@ run "$bin/spin-export" "$work/alone.spin" --to images --data-from panoptic -o "$
 fails 2 spin-export "--data-from without a data set"
 cp -r "$clip" "$work/run"
 run "$bin/spin-import" "$work/run" --data "$work/run" -o "$work/moved.spin"
-run "$bin/spin-export" "$work/moved.spin" --to images --path train --size 60x40 --range 0:2 -o "$work/rig"
+run "$bin/spin-export" "$work/moved.spin" --to images --path train --repeat 1 --size 60x40 --range 0:2 -o "$work/rig"
 is "$code $(ls "$work/rig" | tr '\n' ' ')" "0 train_frame_00000.png train_frame_00001.png " "a path through the training cameras"
 rm -r "$work/run"
 run "$bin/spin-export" "$work/moved.spin" --to images --size 60x40 --range 0:1 -o "$work/gone"
@@ -125,7 +125,7 @@ done
     for x in 1 2 3; do echo "$x 0 0 0 0 0 -20 -3 -3 -3 1 0 0 0"; done
 } >"$work/faint.ply"
 run "$bin/spin-import" "$work/faint.ply" -o "$work/faint.spin"
-run "$bin/spin-export" "$work/faint.spin" --to images --path orbit -o "$work/faint"
+run "$bin/spin-export" "$work/faint.spin" --to images --path orbit --repeat 1 --size 64x48 -o "$work/faint"
 is "$code" 0 "images of what cannot be seen"
 err_has "1 of 1 renders show nothing but the background" "images: it is said that they are empty"
 run "$bin/spin-export" "$work/faint.spin" --to spz --check -o "$work/faint-spz" --json
@@ -133,7 +133,7 @@ is "$code" 0 "--check of what cannot be seen"
 err_has "the camera sees no splat of frame 0: no picture was compared" "--check: and that none was compared"
 grep -q '"rendered": null' "$work/out"
 ok $? "--check --json names no frame"
-run "$bin/spin-export" "$work/faint.spin" --to video --path orbit -o "$work/faint.mp4"
+run "$bin/spin-export" "$work/faint.spin" --to video --path orbit --repeat 1 --size 64x48 -o "$work/faint.mp4"
 if [ "$code" = 0 ]; then
     err_has "1 of 1 renders show nothing but the background" "a video: it is said that it is empty"
 else

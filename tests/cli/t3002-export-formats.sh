@@ -60,7 +60,7 @@ run "$bin/spin-export" "$in" -o "$work/one.sog" --to spz --range 1:2 --force
 fails 1 spin-export "--to counts, and a file is no folder"
 run "$bin/spin-export" "$in" -o "$work/checked.spz" --range 1:2 --check --json
 is "$code" 0 "one file is checked"
-run "$bin/spin-export" "$in" --to usd --half -o "$work/half" --range 0:1
+run "$bin/spin-export" "$in" --to usd -o "$work/half" --range 0:1
 err_has "usd rounds values; error, rms" "usd: says what half floats cost"
 
 run "$bin/spin-export" "$in" --to gltf -o "$work/clip.glb" --range 0:3

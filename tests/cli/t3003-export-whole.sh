@@ -125,7 +125,7 @@ nothing_at "$work/full.glb" "one GLB: a limit on files"
 # What draws needs a clip with cameras; pictures go around the scene.
 run "$bin/spin-import" "$clip" --data "$clip" -o "$work/seen.spin"
 is "$code" 0 "imports a clip with cameras"
-around='--path orbit --repeat 100'
+around='--path orbit --repeat 100 --size 160x90'
 videos=
 if "$bin/spin-export" -q "$work/seen.spin" --to video -o "$work/try.mp4" 2>"$work/err"; then
     videos='mp4 webm'

@@ -26,7 +26,7 @@ for to in gltf:glb html:html; do
     is "$(syncs "$bin/spin-export" "$in" --to "${to%%:*}" -o "$work/wait.${to#*:}" --sync)" 1 \
         "${to#*:}: --sync"
 done
-n=$(syncs "$bin/spin-export" "$in" --to images --path orbit -o "$work/wait-c" --sync)
+n=$(syncs "$bin/spin-export" "$in" --to images --path orbit --repeat 1 --size 64x48 -o "$work/wait-c" --sync)
 is "$n" "$(find "$work/wait-c" -name '*.png' | wc -l)" "images: --sync"
 if "$bin/spin-export" -q "$in" --to video -o "$work/try.mp4" 2>"$work/err"; then
     is "$(syncs "$bin/spin-export" "$in" --to video -o "$work/wait.mp4" --sync)" 1 "video: --sync"

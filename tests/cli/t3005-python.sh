@@ -231,7 +231,7 @@ run "$bin/spin-retrain" "$in" -o "$work/refined.spin" $small $net --iterations 2
 is "$code" 0 "a network on refined frames"
 run "$bin/spin-import" --from d3dgs $clip --data $clip --pair order -o "$work/paired.spin" --range 0:1
 is "$code" 0 "a pairing of its own"
-"$bin/spin-retrain" --help | sed -n 's/^  \(-., \|    \)--\([a-z0-9-]*\).*/\2/p' | tr - _ >"$work/options"
+"$bin/spin-retrain" --help all | sed -n 's/^  \(-., \|    \)--\([a-z0-9-]*\).*/\2/p' | tr - _ >"$work/options"
 python3 - man/spin-bundle.5 "$work/options" "$work"/*.spin <<'E' 2>"$work/err"
 import json, re, sys, zipfile
 

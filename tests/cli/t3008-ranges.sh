@@ -24,7 +24,7 @@ cd "$work" || exit 1
 
 # Four cameras, one of them held out; the pictures are the clip's own, of other moments.
 run "$bin/spin-import" five -o alone.spin
-run "$bin/spin-export" alone.spin --to images --path orbit --size 64x48 -o pictures
+run "$bin/spin-export" alone.spin --to images --path orbit --repeat 1 --size 64x48 -o pictures
 for f in 1 2 3 4 5; do
     cp pictures/orbit_frame_0000$((f % 5)).png set/ims/a_$f.png
     cp pictures/orbit_frame_0000$(((f + 2) % 5)).png set/ims/b_$f.png
@@ -69,7 +69,7 @@ run "$bin/spin-export" learned.spin --to ply -o learned
 run "$bin/spin-eval" learned.spin --split all --images all_sheets
 videos=
 if "$bin/spin-export" -q whole.spin --to video -o try.mp4 2>err; then
-    videos='video:clip.mp4 video:orbit.mp4:--path:orbit:--repeat:2'
+    videos='video:clip.mp4 video:orbit.mp4:--path:orbit:--repeat:2:--size:64x48'
 else
     skip "videos" "$(cat err)"
 fi
@@ -151,7 +151,7 @@ for range in 2:5 1:5:2; do
     other=fewer.spin
     for one in ply:o gltf:o gltf:clip.glb gltf:clip.glb:--still-apart splat:o compressed-ply:o \
         spz:o spz:o:--spz-version:4 sog:o usd:o html:page.html html:page.html:--split:--max-splats:9 images:o \
-        images:o:--views:train:--panels:truth,after images:o:--path:orbit images:o:--path:train $videos; do
+        images:o:--views:train:--panels:truth,after images:o:--path:orbit:--repeat:1:--size:64x48 images:o:--path:train:--repeat:1:--size:64x48 $videos; do
         to=${one%%:*}
         rest=$(echo "${one#*:}" | tr : ' ')
         case $to in ply | splat | compressed-ply | spz | sog | gltf) rest="$rest --check" ;; esac

@@ -126,12 +126,36 @@ is "$code" 0 "and as TSOG"
 err_has "paths have degree 2, .* fitted, off by" "whose straight paths are fitted"
 within "where they are seen" 'check["place"]["rms"] < 1.2 and opacity < 0.01'
 
+# Frames: each splat in its own. A clip of 12 frames at 24 a second is shown for half a second.
+run "$bin/spin-import" "$run_in" --frames 12 -o "$work/frames.spin"
+run "$bin/spin-export" "$work/frames.spin" -o "$work/frames.tsog" --fps 24 --check --json
+is "$code" 0 "frames go out as TSOG"
+within "each as near as its steps" \
+    'place < 1.5e-3 and log_scale < 0.02 and rotation_deg < 1 and opacity < 0.002 and colour < 0.01 and check["frames"] == 12'
+laid_out "$work/frames.tsog" "laid out as its player asks"
+grep -aq '"timeline":{"type":0,"N":12,"delta":5461,.*"playback":{"duration":0.5,"fps":24,' "$work/frames.tsog"
+ok $? "as frames for half a second"
+run "$bin/spin-import" "$work/frames.tsog" -o "$work/frames-back.spin" --json
+is "$code $(member from) $(member frames)" "0 tsog 12" "and come back"
+out_has '"splats_4d": null' "as frames"
+for bundle in frames frames-back; do
+    "$bin/spin-import" --info "$work/$bundle.spin" | grep '^splats' >"$work/$bundle.count"
+done
+cmp -s "$work/frames.count" "$work/frames-back.count"
+ok $? "of as many splats each"
+run "$bin/spin-export" "$work/frames.spin" -o "$work/some.tsog" --range 2:11:4 --min-opacity 0.2 --rotate 180,0,0 --check --json
+is "$code" 0 "some of them, turned, without what is faint"
+within "as near" 'place < 1.5e-3 and rotation_deg < 1 and opacity < 0.002 and check["frames"] == 3'
+run "$bin/spin-export" "$work/frames.spin" -o "$work/one.tsog" --range 2:3
+fails 1 spin-export "one frame is no clip"
+err_has "this is one frame" "and says so"
+nothing_at "$work/one.tsog" "nothing was written"
+
 # What cannot be held is said.
-run "$bin/spin-import" "$run_in" --frames 3 -o "$work/frames.spin"
-run "$bin/spin-export" "$work/frames.spin" -o "$work/frames.tsog"
+run "$bin/spin-export" "$work/frames.spin" -o "$work/frames.sogst"
 fails 1 spin-export "frames are no 4D splats"
-err_has "this clip is frames" "by their name"
-nothing_at "$work/frames.tsog" "nothing was written"
+err_has "this clip is frames, and 'sogst' holds 4D splats" "by their name"
+nothing_at "$work/frames.sogst" "nothing was written"
 run "$bin/spin-import" "$fixtures/realtime4dgs/rot4d_sht" -o "$work/sht.spin"
 if [ "$code" = 0 ]; then
     run "$bin/spin-export" "$work/sht.spin" -o "$work/sht.tsog" --fps 30 --check --json

@@ -71,7 +71,7 @@ done <"$work/names"
 
 # The clip as its own method has it, rendered, is what the network is trained on. Any picture stands for
 # the data set until then.
-retrained() { # IMPORTER RADIUS LAST_TIME
+retrained() { # IMPORTER RADIUS LAST_TIME [IMPORT_OPTIONS]
     in=$(place_of "$(run_of "$1")")
     data=$work/$1-data
     if [ ! -d "$in" ]; then
@@ -80,7 +80,8 @@ retrained() { # IMPORTER RADIUS LAST_TIME
     fi
     stand_in "$data" "$clip/ims/0/000008.jpg"
     cameras "$data" "$2" "$3"
-    run "$bin/spin-import" "$in" --data "$data" --data-from transforms:ending=.jpg -o "$work/$1-a.spin"
+    # shellcheck disable=SC2086
+    run "$bin/spin-import" "$in" --data "$data" --data-from transforms:ending=.jpg -o "$work/$1-a.spin" $4
     is "$code" 0 "$1: with cameras"
     run "$bin/spin-export" "$work/$1-a.spin" --to images --views all -o "$work/$1-images"
     is "$code" 0 "$1: is rendered"
@@ -89,7 +90,8 @@ retrained() { # IMPORTER RADIUS LAST_TIME
             mv "$work/$1-images/cam_0${camera}_frame_0000$frame.png" "$data/images/cam0${camera}_000$frame.png"
         done
     done
-    run "$bin/spin-import" "$in" --data "$data" -o "$work/$1-b.spin" --json
+    # shellcheck disable=SC2086
+    run "$bin/spin-import" "$in" --data "$data" -o "$work/$1-b.spin" --json $4
     is "$code $(member frames)" "0 3" "$1: with its own pictures"
     run "$bin/spin-retrain" "$work/$1-b.spin" -o "$work/$1-c.spin" --preset paper --iterations 20 --hash-log2 14 --json --scene-normalise auto \
         --init-log-scale auto --head-lr-factor 4 \
@@ -116,4 +118,21 @@ retrained gltf 7 2
 retrained hybrid4dgs 7 9
 retrained ex4dgs 7 2
 retrained freetimegs 7 1
+retrained sogst 24 2
+retrained tsog 60 1
+retrained splat4d 8 0.6 '--range 0:3 --pair order'
+retrained 4dgs 7 3.9
+
+# What was trained is frames, also where the source is 4D splats.
+if [ -f "$work/freetimegs-c.spin" ]; then
+    run "$bin/spin-export" "$work/freetimegs-c.spin" -o "$work/c.sogst"
+    fails 1 spin-export "a trained clip as 4D splats"
+    err_has "what was trained is frames: --source writes" "names the option that has them"
+    run "$bin/spin-export" "$work/freetimegs-c.spin" --source -o "$work/c.sogst" --check
+    is "$code" 0 "which does"
+    run "$bin/spin-export" "$work/freetimegs-c.spin" -o "$work/c.tsog" --check
+    is "$code" 0 "TSOG takes the frames"
+else
+    skip "a trained clip as 4D splats" "no fixture"
+fi
 done_testing

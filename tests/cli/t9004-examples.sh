@@ -7,7 +7,14 @@ root=$PWD
 bin=$(cd "$bin" && pwd)
 blocks=$work/blocks
 mkdir "$blocks" "$work/place" "$work/path"
-documents="README.md CONTRIBUTING.md $(ls docs/*.md docs/*/*.md man/*.[157] tests/viewers/README.md)"
+documents="README.md CONTRIBUTING.md $(ls docs/*.md docs/*/*.md man/*.[157] tests/viewers/*.md tests/bench/*.md)"
+
+# Those of --help as a document of their own.
+for name in spin4d spin-import spin-retrain spin-eval spin-export; do
+    "$bin/$name" --help | sed -n '/^Examples:/,/^$/s/^  \(spin[^ ]*\( [^ ]*\)*\)   *[^ ].*/    \1/p' >"$work/$name--help"
+    is "$(wc -l <"$work/$name--help")" 3 "three examples in $name --help"
+    documents="$documents $work/$name--help"
+done
 
 # shellcheck disable=SC2086
 awk -v into="$blocks" -v first=1 -f tests/cli/examples.awk $documents >"$work/index"
@@ -15,16 +22,17 @@ is "$(grep '^stray' "$work/index")" "" "every line that begins with a command is
 [ "$(grep -vc '^stray' "$work/index")" -gt 40 ]
 ok $? "finds the examples"
 
-# The two commands of a fresh machine. Continuous integration runs the second one as it stands there.
+# The three commands of a fresh machine. Continuous integration runs the last one as it stands there.
 grep -q '^    make demo' README.md
 ok $? "README says how to see it work"
+is "$(grep -c '^    spin4d ' README.md)" 1 "README names one command for the main job"
 tests=$(sed -n 's/^    \(make test.*\)/\1/p' README.md)
 is "$(sed -n 's/^step \(make test\)$/\1/p' .ci/run)" "${tests:-a command}" "README says how to test it, and .ci/run does that"
 
 # ---- Options -------------------------------------------------------------------------------------
 
-for name in spin-import spin-retrain spin-eval spin-export; do
-    "$bin/$name" --help | sed -n 's/^  \(-., \|    \)--\([a-z0-9-]*\).*/--\2/p' >"$work/$name.options"
+for name in spin4d spin-import spin-retrain spin-eval spin-export; do
+    "$bin/$name" --help all | sed -n 's/^  \(-., \|    \)--\([a-z0-9-]*\).*/--\2/p' >"$work/$name.options"
 done
 for plugin in $("$bin/spin-import" --list | awk '/^[a-z0-9]/ { print $1 }'); do
     "$bin/spin-import" --from "$plugin" --help
@@ -39,8 +47,8 @@ commands() {
 }
 # wrong COMMAND-LINE: the options in it that its command does not have.
 wrong() {
-    echo "$1" | sed 's/&&\|[|;]/\n/g' | while read -r line; do
-        name=$(echo "$line" | grep -o 'spin-\(import\|retrain\|eval\|export\)' | head -n 1)
+    echo "$1" | sed -e 's/&&\|[|;]/\n/g' -e 's/spin4d \(import\|retrain\|eval\|export\) /spin-\1 /g' | while read -r line; do
+        name=$(echo "$line" | grep -oE 'spin4d |spin-(import|retrain|eval|export)' | head -n 1 | tr -d ' ')
         [ -n "$name" ] || continue
         echo "${line#*"$name"}" | tr ' ' '\n' | grep '^--[a-z]' | sed 's/=.*//' |
             grep -vxF -f "$work/$name.options" | sed "s/^/$name /"
@@ -69,12 +77,12 @@ ok $? "the options, targets and scripts in examples are there"
 
 # Of commands inside a sentence too.
 # shellcheck disable=SC2086
-grep -ohE '`spin-(import|retrain|eval|export) [^`]*`' README.md CONTRIBUTING.md $(ls docs/*.md docs/*/*.md) | tr -d '`' | sort -u |
+grep -ohE '`(spin4d|spin-(import|retrain|eval|export)) [^`]*`' README.md CONTRIBUTING.md $(ls docs/*.md docs/*/*.md) | tr -d '`' | sort -u |
     while IFS= read -r line; do wrong "$line"; done >"$work/strangers"
 is "$(cat "$work/strangers")" "" "commands in the text of documents have the options that they name"
 
 # And those named in the text, each in some command: `--word`, or Fl Fl word.
-sort -u "$work"/spin-*.options >"$work/all.options"
+sort -u "$work"/spin*.options >"$work/all.options"
 # shellcheck disable=SC2086
 grep -ohE '`--[a-z0-9-]+' README.md CONTRIBUTING.md $(ls docs/*.md docs/*/*.md) | tr -d '`' | sort -u |
     grep -vxF -f "$work/all.options" | grep -vxE -e '--(mca|bind-to|expect-motion|max-frames|matrix|deterministic|alone|bound-)' >"$work/strangers"
@@ -165,6 +173,13 @@ MPIRUN
 for name in import eval export; do
     ln -s "$bin/spin-$name" "$work/path/spin-$name"
 done
+cat >"$work/path/spin4d" <<SPIN4D
+#!/bin/sh
+case "\$1" in
+import | retrain | eval | export) name=\$1 && shift && exec spin-\$name "\$@" ;;
+*) exec "$bin/spin4d" "\$@" --iterations 20 ;;
+esac
+SPIN4D
 chmod +x "$work"/path/*
 
 # lacks SCRIPT: what this machine has not and the example needs.
@@ -173,7 +188,7 @@ lacks() {
     grep -q -e '--to video\|\.mp4\|\.webm' "$1" && { [ -f "$bin/../lib/spin-video.so" ] || echo FFmpeg; }
     grep -q '| jq' "$1" && { command -v jq >/dev/null || echo jq; }
     grep -q '^import .*numpy' "$1" && { python3 -c 'import numpy' 2>/dev/null || echo NumPy; }
-    grep -q 'spin4d.load' "$1" && { python3 -c 'import numpy' 2>/dev/null || echo NumPy; }
+    grep -q '^import spin4d' "$1" && { python3 -c 'import numpy' 2>/dev/null || echo NumPy; }
 }
 
 sed -n 's/^\([^#].*\) | .*/\1/p' tests/cli/examples.list >"$work/listed"
@@ -214,9 +229,10 @@ while read -r number kind place; do
     cp -al "$here" "$work/fresh"
     for out in $(grep -oE '(-o|--output|--images|--preview) [^ ]+' "$work/script" | awk '{ print $2 }'); do
         rm -rf "$work/fresh/${out%/}"
+        grep -q '^spin4d' "$work/script" && rm -f "$work/fresh/${out%.*}.spin"
     done
     if [ "$kind" = py ]; then
-        (cd "$work/fresh" && PYTHONPATH=$root/exporters/python python3 "$work/script") >"$work/out" 2>"$work/err" </dev/null
+        (cd "$work/fresh" && PYTHONPATH=$root/exporters/python PATH=$work/path:$PATH python3 "$work/script") >"$work/out" 2>"$work/err" </dev/null
     else
         (cd "$work/fresh" && SLURM_ARRAY_TASK_ID=0 PATH=$work/path:$PATH sh "$work/script") \
             >"$work/out" 2>"$work/err" </dev/null

@@ -386,7 +386,7 @@ static void test_images(void)
 static void test_path(void)
 {
     ok(shell("%s/spin-export %s/rig.spin --data %s/rig --to images --path train --repeat 2 --range "
-             "4:6 -o %s/train -q",
+             "4:6 --size 64x48 -o %s/train -q",
              bin, folder, folder, folder) == 0,
        "exports a path: %s", said);
     check_file("train/train_frame_00000.png", 1, 0, 0, 1, &camera[1][0], &pose[1][0]);

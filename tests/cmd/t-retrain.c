@@ -1168,7 +1168,9 @@ static struct refined refine(const char *more)
         double camera = -1;
 
         spin_json_parse("log", line, strlen(line), &j);
-        if (spin_json_number(spin_json_get(j, "camera"), &camera)) {
+        if (spin_json_get(j, "refine") &&
+            spin_json_number(spin_json_at(spin_json_at(spin_json_get(j, "views"), 0), 1),
+                             &camera)) {
             if (r.n++ == 0)
                 spin_json_number(spin_json_get(j, "loss"), &r.first);
             r.n_cameras[camera >= 0 && camera < 32 ? (int)camera : 31]++;

@@ -1,5 +1,6 @@
 /* The strict device. Its memory is one range of addresses, of which blocks are taken one after the other
- * and never again, so one mprotect() opens or closes all of it, and a released block stays dead. */
+ * and never again, so one mprotect() opens or closes all of it, and a released block stays dead. A card has memory
+ * that the host cannot touch anyway: there the blocks are the card's own, kept until the end. */
 #include "tests/device/strict.h"
 
 #include <stdio.h>
@@ -8,6 +9,7 @@
 #include <sys/mman.h>
 
 #include "base/err.h"
+#include "tests/check.h"
 #include "tests/tap.h"
 
 enum { MOST_BLOCKS = 1 << 16, PAGE = 4096 };
@@ -21,10 +23,11 @@ struct entry {
 struct strict {
     struct spin_device_ops ops;
     struct spin_device *inner;
-    char *range;
+    char *range; /* NULL: blocks are the inner device's */
     size_t used;
     struct block {
-        size_t first, bytes;
+        char *at;
+        size_t bytes;
         bool released;
     } block[MOST_BLOCKS];
     size_t n_blocks;
@@ -47,12 +50,12 @@ size_t strict_queued(const struct spin_device *d) { return of(d)->n; }
 static void check(struct spin_device *d, const char *verb, const void *at)
 {
     struct strict *s = of(d);
-    size_t offset = (size_t)((const char *)at - s->range);
 
     if (!at)
         return;
     for (size_t i = 0; i < s->n_blocks; i++)
-        if (!s->block[i].released && offset - s->block[i].first < s->block[i].bytes)
+        if (!s->block[i].released &&
+            (size_t)((const char *)at - s->block[i].at) < s->block[i].bytes)
             return;
     n_complaints++;
     snprintf(last, sizeof last, "%s: %p is not device memory", verb, at);
@@ -76,7 +79,7 @@ static void push(struct spin_device *d, void (*run)(struct spin_device *, void *
 
 static void open_memory(struct strict *s, bool open)
 {
-    if (s->used)
+    if (s->range && s->used)
         mprotect(s->range, s->used, open ? PROT_READ | PROT_WRITE : PROT_NONE);
 }
 
@@ -101,8 +104,11 @@ static spin_status reserve(struct spin_device *d, size_t bytes, void SPIN_DEV **
 
     if (s->n_blocks == MOST_BLOCKS || s->used + bytes + PAGE > range_bytes)
         return spin_fail(SPIN_E_MEMORY, "the strict device is full");
-    s->block[s->n_blocks++] = (struct block){s->used, bytes, false};
-    *out = s->range + s->used;
+    if (s->range)
+        *out = s->range + s->used;
+    else
+        SPIN_TRY(s->inner->op->reserve(s->inner, bytes, out));
+    s->block[s->n_blocks++] = (struct block){(char *)*out, bytes, false};
     s->used += (bytes + 2 * PAGE - 1) / PAGE * PAGE; /* and a page that nobody owns */
     return SPIN_OK;
 }
@@ -116,8 +122,9 @@ static void release(struct spin_device *d, void SPIN_DEV *at)
     catch_up(d);
     open_memory(s, false);
     for (size_t i = 0; i < s->n_blocks; i++)
-        if (s->range + s->block[i].first == (char *)at && !s->block[i].released) {
-            madvise((void *)at, s->block[i].bytes, MADV_DONTNEED);
+        if (s->block[i].at == (char *)at && !s->block[i].released) {
+            if (s->range)
+                madvise((void *)at, s->block[i].bytes, MADV_DONTNEED);
             s->block[i].released = true;
             return;
         }
@@ -230,6 +237,8 @@ static void check_spin_frame_batch(struct spin_device *d, const char *verb,
         check(d, verb, (const void *)frames->frame[f].d_means);
         check(d, verb, (const void *)frames->frame[f].residual);
         check(d, verb, (const void *)frames->frame[f].d_residual);
+        check(d, verb, (const void *)frames->frame[f].sh);
+        check(d, verb, (const void *)frames->frame[f].d_sh);
         check(d, verb, (const void *)frames->frame[f].track);
         check(d, verb, (const void *)frames->frame[f].own_means);
         check(d, verb, (const void *)frames->frame[f].own_residual);
@@ -367,6 +376,7 @@ QUEUED4(tracks, S, spin_frame_batch, S, spin_tracks_f32, P, float, P, float)
 QUEUED2(tracks_back, S, spin_frame_batch, S, spin_tracks_f32)
 QUEUED6(blend, S, spin_view_batch, P, const struct spin_splat2d, S, spin_tiles, P, float, P, float,
         P, int32_t)
+QUEUED4(depth, S, spin_view_batch, P, const struct spin_splat2d, S, spin_tiles, P, float)
 QUEUED7(blend_back, S, spin_view_batch, P, const struct spin_splat2d, S, spin_tiles, P, floats,
         P, const int32_t, P, floats, P, struct spin_splat2d_grad)
 QUEUED6(loss, S, spin_view_batch, S, spin_images, V, float, P, floats, P, double, P, float)
@@ -374,6 +384,7 @@ QUEUED4(measure, S, spin_view_batch, S, spin_images, P, float, P, double)
 QUEUED4(exposure, S, spin_view_batch, P, floats, P, floats, P, float)
 QUEUED5(exposure_back, S, spin_view_batch, P, floats, P, floats, P, float, P, float)
 QUEUED2(exposure_centre, V, size_t, P, float)
+QUEUED3(not_finite, V, size_t, P, floats, P, uint32_t)
 /* clang-format on */
 
 struct args_adam {
@@ -450,8 +461,11 @@ static void close_strict(struct spin_device *d)
     struct strict *s = of(d);
 
     catch_up(d);
+    for (size_t i = 0; i < s->n_blocks && !s->range; i++)
+        s->inner->op->release(s->inner, (void SPIN_DEV *)s->block[i].at);
     spin_device_close(s->inner);
-    munmap(s->range, range_bytes);
+    if (s->range)
+        munmap(s->range, range_bytes);
     free(s->inner);
     free(s->queue);
     free(s);
@@ -463,8 +477,9 @@ struct spin_device *strict_open(struct spin_device *inner, int frames_at_once, i
     struct strict *s = calloc(1, sizeof *s);
 
     s->inner = inner;
-    s->range =
-        mmap(NULL, range_bytes, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    if (!check_device_is_card(inner))
+        s->range =
+            mmap(NULL, range_bytes, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
     if (s->range == MAP_FAILED) {
         printf("Bail out! no addresses for the strict device\n");
         exit(1);
@@ -505,6 +520,7 @@ struct spin_device *strict_open(struct spin_device *inner, int frames_at_once, i
         .tile_count = tile_count,
         .tile_fill = tile_fill,
         .blend = blend,
+        .depth = depth,
         .blend_back = blend_back,
         .loss = loss,
         .measure = measure,
@@ -512,6 +528,7 @@ struct spin_device *strict_open(struct spin_device *inner, int frames_at_once, i
         .exposure_back = exposure_back,
         .exposure_centre = exposure_centre,
         .adam = adam,
+        .not_finite = not_finite,
     };
     d->op = &s->ops;
     d->path = inner->path;

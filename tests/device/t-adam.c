@@ -252,8 +252,37 @@ static void many_groups(void)
     check_device_free(d);
 }
 
+/* NaN and infinity are counted, wherever they stand; what is large or tiny is not. */
+static void not_finite(void)
+{
+    enum { MOST = 200001 };
+    static float values[MOST];
+    struct spin_device *d = check_device(2);
+    struct loans l = {.d = d};
+    uint32_t count = 5;
+    float SPIN_DEV *at;
+    uint32_t SPIN_DEV *counted;
+
+    for (int i = 0; i < MOST; i++)
+        values[i] = i % 3 ? 3.4e38f : i % 2 ? -1e-45f : -0.0f;
+    values[0] = NAN;
+    values[70000] = -NAN;
+    values[131072] = INFINITY;
+    values[MOST - 1] = -INFINITY;
+    at = lend(&l, values, sizeof values);
+    counted = lend_both(&l, &count, sizeof count);
+    d->op->not_finite(d, MOST, at, counted);
+    d->op->not_finite(d, 70000, at + 1, counted); /* up to the second */
+    d->op->not_finite(d, 69999, at + 1, counted); /* and before it */
+    d->op->not_finite(d, 0, at, counted);
+    settle(&l);
+    ok(count == 5 + 4 + 1, "not_finite counts NaN and infinity (%u)", count);
+    check_device_free(d);
+}
+
 TAP_MAIN
 {
+    not_finite();
     for (int i = 0; i < N_NET_PATHS; i++)
         if (net_path(net_paths[i]))
             golden(net_paths[i]);

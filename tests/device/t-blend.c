@@ -165,6 +165,81 @@ static void against_plain(struct spin_device *d, int n, float size_px, const cha
     view_free(&v);
 }
 
+/* The median depth of a pixel, by another way: the alphas in double. */
+static double median_at(const struct view *v, int px, int py, double *edge)
+{
+    int tile = py / SPIN_TILE * v->cam.tiles_x + px / SPIN_TILE;
+    double t = 1;
+
+    *edge = 1;
+    for (uint32_t k = v->tiles.start[tile]; k < v->tiles.start[tile + 1]; k++) {
+        const struct spin_splat2d *s = v->splat2d + v->tiles.intersections[k];
+        double dx = (double)s->u_px - px, dy = (double)s->v_px - py;
+        double e = 0.5 * ((double)s->conic[0] * dx * dx + (double)s->conic[2] * dy * dy) +
+                   (double)s->conic[1] * dx * dy;
+        double alpha = fmin(0.99, (double)s->opacity * exp(-e));
+
+        if (e < 0 || alpha < 1 / 255.0)
+            continue;
+        t *= 1 - alpha;
+        *edge = fmin(*edge, fabs(t - 0.5));
+        if (t <= 0.5)
+            return (double)s->depth;
+    }
+    return 0;
+}
+
+/* Expected depth: the picture of splats whose colour is their depth, by that of white ones. */
+static void depths(struct spin_device *d)
+{
+    struct spin_camera camera = camera_of(150, 90, 120);
+    float black[3] = {0}, *depth, *image;
+    int n = 60, n_seen = 0, n_median = 0, n_beyond = 0;
+    double worst = 0, off = 0, edge, least = 1e9, farthest = 0;
+    struct spin_splat2d *as_colour;
+    struct view v;
+    size_t pixels;
+
+    view_random(&v, &camera, n, 8, 4);
+    pixels = view_pixels(&v);
+    depth = take(2 * pixels, sizeof *depth);
+    image = take(3 * pixels, sizeof *image);
+    as_colour = take((size_t)n, sizeof *as_colour);
+    view_forward(d, &v);
+    memcpy(as_colour, v.splat2d, (size_t)n * sizeof *as_colour);
+    for (int i = 0; i < n; i++) {
+        as_colour[i].colour[0] = as_colour[i].depth;
+        as_colour[i].colour[1] = 1;
+        if (as_colour[i].radius_px > 0) {
+            least = fmin(least, (double)as_colour[i].depth);
+            farthest = fmax(farthest, (double)as_colour[i].depth);
+        }
+    }
+    on_blend(d, &v.cam, (size_t)n, as_colour, &v.tiles, black, image, v.final_transmittance,
+             v.last_contributor);
+    on_depth(d, &v.cam, (size_t)n, v.splat2d, &v.tiles, depth);
+    for (size_t i = 0; i < pixels; i++) {
+        double want = image[pixels + i] > 0 ? (double)image[i] / (double)image[pixels + i] : 0;
+        double median = median_at(&v, (int)(i % 150), (int)(i / 150), &edge);
+
+        worst = most(worst, depth[i], want);
+        n_seen += want > 0;
+        n_beyond +=
+            want > 0 && ((double)depth[i] < least - 1e-4 || (double)depth[i] > farthest + 1e-4);
+        off += edge > 1e-4 && fabs((double)depth[pixels + i] - median) > 1e-6;
+        n_median += median > 0;
+    }
+    ok(n_seen > 5000 && n_seen < (int)pixels && n_median > 500 && n_median < n_seen,
+       "a picture with all kinds of pixels: %d, %d of %zu", n_seen, n_median, pixels);
+    ok(worst < 2e-3, "the expected depth is the mean of the depths by their weights (%g)", worst);
+    ok(n_beyond == 0, "and between the least and the largest");
+    ok(off <= 3, "the median is the depth at which half of the light is held up (%g off)", off);
+    free(depth);
+    free(image);
+    free(as_colour);
+    view_free(&v);
+}
+
 static double picture_sum(struct spin_device *d, struct view *v)
 {
     double sum = 0;
@@ -341,6 +416,7 @@ TAP_MAIN
         against_plain(d, 2000, 2, "small splats");
         against_plain(d, 150, 40, "large splats");
         against_plain(d, 600, 40, "more in a tile than any device takes at once");
+        depths(d);
         differences(d);
         cap_and_stop(d);
         bad_numbers(d);

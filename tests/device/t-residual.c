@@ -9,22 +9,30 @@ enum { N = 2500, ROWS = 1700 };
 
 static float residual[SPIN_RESIDUAL * N], raw[N * SPIN_ATTR], first[N * SPIN_ATTR],
     d_raw[ROWS * SPIN_ATTR];
-static float d_residual[SPIN_RESIDUAL * N];
+static float d_residual[SPIN_RESIDUAL * N], sh[45 * N], d_sh[45 * N];
 static uint32_t rows[ROWS];
 
 /* Every group of own values is a matrix of its own; a row of attributes has columns of all. */
-static float of_own(const float *v, size_t i, int column)
+static bool is_own(int column, size_t sh_width)
 {
+    return column < SPIN_ATTR_SH + 3 + (int)sh_width || column == SPIN_ATTR_OPACITY;
+}
+
+static float of_own(const float *v, const float *of_sh, size_t sh_width, size_t i, int column)
+{
+    if (column >= SPIN_ATTR_SH + 3 && column < SPIN_ATTR_OPACITY)
+        return is_own(column, sh_width) ? of_sh[sh_width * i + (size_t)column - SPIN_ATTR_SH - 3]
+                                        : 0;
     if (column < SPIN_ATTR_ROTATION)
         return v[3 * i + (size_t)column];
     if (column < SPIN_ATTR_SH)
         return v[3 * N + 4 * i + (size_t)(column - SPIN_ATTR_ROTATION)];
     if (column < SPIN_ATTR_SH + 3)
         return v[7 * N + 3 * i + (size_t)(column - SPIN_ATTR_SH)];
-    return column == SPIN_ATTR_OPACITY ? v[10 * N + i] : 0;
+    return v[10 * N + i];
 }
 
-static void check_path(const char *path, int n_threads)
+static void check_path(const char *path, int n_threads, size_t width)
 {
     struct spin_device *d;
     int wrong = 0;
@@ -32,36 +40,37 @@ static void check_path(const char *path, int n_threads)
     setenv("SPIN_CPU", path, 1);
     d = check_device(n_threads);
     memcpy(raw, first, sizeof raw);
-    on_residual(d, N, residual, raw);
+    on_residual(d, N, residual, width, width ? sh : NULL, raw);
     for (size_t i = 0; i < N; i++)
         for (int k = 0; k < SPIN_ATTR; k++) {
-            float sum = first[i * SPIN_ATTR + (size_t)k] + of_own(residual, i, k);
+            float sum = first[i * SPIN_ATTR + (size_t)k] + of_own(residual, sh, width, i, k);
 
             wrong += raw[i * SPIN_ATTR + (size_t)k] != sum;
         }
     ok(wrong == 0, "%s, %d threads: outputs plus own values (%d differ)", path, n_threads, wrong);
     wrong = 0;
     memcpy(raw, first, sizeof raw);
-    on_residual_set(d, N, residual, raw);
+    on_residual_set(d, N, residual, width, width ? sh : NULL, raw);
     for (size_t i = 0; i < N; i++)
         for (int k = 0; k < SPIN_ATTR; k++) {
-            bool own = k < SPIN_ATTR_SH + 3 || k == SPIN_ATTR_OPACITY;
             size_t at = i * SPIN_ATTR + (size_t)k;
 
-            wrong += raw[at] != (own ? of_own(residual, i, k) : first[at]);
+            wrong += raw[at] != (is_own(k, width) ? of_own(residual, sh, width, i, k) : first[at]);
         }
     ok(wrong == 0, "%s, %d threads: own values in place of outputs (%d differ)", path, n_threads,
        wrong);
     wrong = 0;
     for (size_t i = 0; i < SPIN_RESIDUAL * N; i++)
         d_residual[i] = 1;
-    on_residual_back(d, N, ROWS, rows, d_raw, d_residual);
+    for (size_t i = 0; i < 45 * N; i++)
+        d_sh[i] = 1;
+    on_residual_back(d, N, ROWS, rows, d_raw, d_residual, width, width ? d_sh : NULL);
     for (size_t i = 0, r = 0; i < N; i++) {
         bool active = r < ROWS && rows[r] == i;
 
         for (int k = 0; k < SPIN_ATTR; k++)
-            if ((k < SPIN_ATTR_SH + 3 || k == SPIN_ATTR_OPACITY) &&
-                of_own(d_residual, i, k) != 1 + (active ? d_raw[r * SPIN_ATTR + (size_t)k] : 0))
+            if (is_own(k, width) && of_own(d_residual, d_sh, width, i, k) !=
+                                        1 + (active ? d_raw[r * SPIN_ATTR + (size_t)k] : 0))
                 wrong++;
         r += active;
     }
@@ -81,6 +90,7 @@ TAP_MAIN
     static const char *const paths[] = {"base", "v3", "v4"};
 
     fill(residual, SPIN_RESIDUAL * N, 7919);
+    fill(sh, (size_t)45 * N, 15485863);
     fill(first, (size_t)N * SPIN_ATTR, 104729);
     fill(d_raw, (size_t)ROWS * SPIN_ATTR, 1299709);
     for (uint32_t i = 0; i < ROWS; i++)
@@ -95,6 +105,6 @@ TAP_MAIN
         }
         spin_device_close(&d);
         for (int n = 1; n <= 8; n = n == 3 ? 8 : n + 1)
-            check_path(paths[p], n);
+            check_path(paths[p], n, n == 1 ? 0 : n == 2 ? 9 : 45);
     }
 }

@@ -200,34 +200,42 @@ VERB void on_mlp_back(struct spin_device *d, const struct spin_heads *heads, con
     settle(&l);
 }
 
-VERB void on_residual(struct spin_device *d, size_t n, const float *residual, float *raw)
+VERB void on_residual(struct spin_device *d, size_t n, const float *residual, size_t sh_width,
+                      const float *sh, float *raw)
 {
     struct loans l = {.d = d};
     struct spin_frame_batch frames = frame_of(n);
 
     frames.frame[0].residual = lend(&l, residual, n * SPIN_RESIDUAL * sizeof(float));
+    frames.frame[0].sh = lend(&l, sh, n * sh_width * sizeof(float));
+    frames.frame[0].sh_width = sh_width;
     d->op->residual(d, &frames, lend_both(&l, raw, n * ATTR_BYTES));
     settle(&l);
 }
 
-VERB void on_residual_set(struct spin_device *d, size_t n, const float *residual, float *raw)
+VERB void on_residual_set(struct spin_device *d, size_t n, const float *residual, size_t sh_width,
+                          const float *sh, float *raw)
 {
     struct loans l = {.d = d};
     struct spin_frame_batch frames = frame_of(n);
 
     frames.frame[0].residual = lend(&l, residual, n * SPIN_RESIDUAL * sizeof(float));
+    frames.frame[0].sh = lend(&l, sh, n * sh_width * sizeof(float));
+    frames.frame[0].sh_width = sh_width;
     d->op->residual_set(d, &frames, lend_both(&l, raw, n * ATTR_BYTES));
     settle(&l);
 }
 
 VERB void on_residual_back(struct spin_device *d, size_t n, size_t n_rows, const uint32_t *rows,
-                           const float *d_raw, float *d_residual)
+                           const float *d_raw, float *d_residual, size_t sh_width, float *d_sh)
 {
     struct loans l = {.d = d};
     struct spin_active active = lend_active(&l, rows, n_rows);
     struct spin_frame_batch frames = frame_of(n);
 
     frames.frame[0].d_residual = lend_both(&l, d_residual, n * SPIN_RESIDUAL * sizeof(float));
+    frames.frame[0].d_sh = lend_both(&l, d_sh, n * sh_width * sizeof(float));
+    frames.frame[0].sh_width = sh_width;
     d->op->residual_back(d, &frames, &active, lend(&l, d_raw, n_rows * ATTR_BYTES));
     settle(&l);
 }
@@ -400,6 +408,18 @@ VERB void on_blend(struct spin_device *d, const struct spin_camera_f32 *cam, siz
                  lend_both(&l, image, views.max_pixels * float_row[3]),
                  lend_both(&l, final_transmittance, views.max_pixels * sizeof(float)),
                  lend_both(&l, last_contributor, views.max_pixels * sizeof(int32_t)));
+    settle(&l);
+}
+
+VERB void on_depth(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
+                   const struct spin_splat2d *splat2d, const struct host_tiles *from, float *depth)
+{
+    struct loans l = {.d = d};
+    struct spin_view_batch views = view_of_camera(cam, n);
+    struct spin_tiles tiles = lend_tiles(&l, &views, from);
+
+    d->op->depth(d, &views, lend(&l, splat2d, n * sizeof *splat2d), &tiles,
+                 lend_both(&l, depth, 2 * views.max_pixels * sizeof(float)));
     settle(&l);
 }
 

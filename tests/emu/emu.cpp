@@ -487,6 +487,8 @@ void emu_run(const char *name, dim3 grid, dim3 block, size_t dynamic_bytes, void
     kernel_name = name;
     if (n == 0 || threads == 0 || threads > MOST_THREADS)
         emu_die("a launch without blocks or threads, or with more than 1024 threads a block");
+    if (dynamic_bytes > EMU_MOST_SHARED)
+        emu_die("a launch with more shared memory than a block may have");
     place = (uint32_t *)malloc(n * sizeof *place);
     n_threads = (int)threads;
     need_stacks(n_threads);

@@ -47,6 +47,7 @@ void emu_launch_dynamic(const char *name, dim3 grid, dim3 block, size_t bytes, F
     emu_run(
         name, grid, block, bytes, [](void *k) { (*(F *)k)(); }, &kernel);
 }
+enum { EMU_MOST_SHARED = 163 * 1024 }; /* as on sm_80; more ends the program */
 void *emu_dynamic(void); /* the block's own dynamic shared memory */
 
 enum emu_op {
@@ -91,7 +92,7 @@ unsigned emu_active(void);
 
 /* mma.sync of tensor cores: the lane's registers, as src/device/cuda/mma.h has them. Several in a row wait once. */
 struct emu_mma_queue {
-    enum { MOST = 16 };
+    enum { MOST = 24 };
     struct {
         float *c;
         const uint32_t *a, *b;
@@ -128,6 +129,9 @@ static inline int __popc(unsigned v) { return __builtin_popcount(v); }
 static inline int __ffs(int v) { return __builtin_ffs(v); }
 static inline int __clz(int v) { return v ? __builtin_clz((unsigned)v) : 32; }
 
+struct float2 {
+    float x, y;
+};
 struct float4 {
     float x, y, z, w;
 };

@@ -184,7 +184,9 @@ EXPORT int run(const char *what)
     else if (strcmp(what, "early") == 0)
         emu_launch(what, 1, N, [=] { early(out); });
     else if (strncmp(what, "dynamic", 7) == 0)
-        emu_launch_dynamic(what, 1, N, N * sizeof(float),
+        emu_launch_dynamic(what, 1, N,
+                           strcmp(what, "dynamic-large") == 0 ? EMU_MOST_SHARED + 1
+                                                              : N * sizeof(float),
                            [=] { dynamic_kernel(out, strcmp(what, "dynamic-past") == 0); });
     else if (strcmp(what, "never-set") == 0)
         emu_launch(what, 4, N, [=] { never_set(out); });

@@ -1,10 +1,17 @@
 /* The names of src/device/cuda/gpu.h for the emulation: a card whose memory is the host's, and which has finished
  * every piece of work before the call returns.
  *
- * For tests: SPIN_EMU_CARDS=N, there are so many cards (else one); SPIN_EMU_MEMORY=BYTES, it has so much, 0: it does not say;
- * SPIN_EMU_FULL=N, others have taken its memory when the N-th block is wanted; SPIN_EMU_LOST=N, it is lost at the N-th
- * piece of work, and what comes after does nothing; SPIN_EMU_PINNED=0, no page-locked memory is to be had;
- * SPIN_EMU_COPIES=FILE, when it is closed it adds a line there: bytes copied between it and host memory of each kind. */
+ * For tests, in the environment:
+ *     SPIN_EMU_CARDS=N       there are so many cards (else one); old: there is one that the driver cannot serve
+ *     SPIN_EMU_OLD=N         for the first N cards there is no code
+ *     SPIN_EMU_NAME=NAME     what they are called, as a card that is not emulated would be
+ *     SPIN_EMU_MEMORY=BYTES  it has so much; 0: it does not say
+ *     SPIN_EMU_FULL=N        others have taken its memory when the N-th block is wanted and the next one
+ *     SPIN_EMU_FULL_FOR=M    or for so many blocks
+ *     SPIN_EMU_LOST=N        it is lost at the N-th piece of work, and what comes after does nothing
+ *     SPIN_EMU_PINNED=0      no page-locked memory is to be had
+ *     SPIN_EMU_COPIES=FILE   when it is closed it adds a line there: bytes copied between it and host memory of each
+ *                            kind, launches of kernels (CUB's as well), and how often the host waited */
 #include "device/cuda/gpu.h"
 
 #include <algorithm>
@@ -19,6 +26,8 @@
 #include <vector>
 
 static size_t used, work, blocks, copied[2]; /* copied: by way of ordinary, of page-locked memory */
+static size_t launches, waits;
+static bool busy; /* something was queued since the host waited last */
 static bool lost;
 
 static size_t number_of(const char *name, size_t fallback)
@@ -60,26 +69,52 @@ static void copy_late(void)
 static void count(const void *host, size_t bytes) { copied[is_pinned(host)] += bytes; }
 
 /* One more piece of work; false when there is no card any more to do it. */
-bool emu_works(struct gpu *)
+static bool emu_works(struct gpu *)
 {
     copy_late();
+    busy = true;
     lost |= ++work == number_of("SPIN_EMU_LOST", 0);
     return !lost;
 }
 
+int gpu_count(char *why, size_t n_why)
+{
+    const char *cards = getenv("SPIN_EMU_CARDS");
+    int n = (int)number_of("SPIN_EMU_CARDS", 1);
+
+    if (cards && strcmp(cards, "old") == 0) {
+        snprintf(why, n_why, "CUDA driver version is insufficient for CUDA runtime version");
+        return -1;
+    }
+    if (n == 0)
+        snprintf(why, n_why, "no CUDA-capable device is detected");
+    return n;
+}
+
+bool emu_launches(struct gpu *gpu)
+{
+    launches++;
+    return emu_works(gpu);
+}
+
 bool gpu_open(struct gpu *gpu, int number, char *why, size_t n_why)
 {
-    if (number_of("SPIN_EMU_CARDS", 1) == 0) {
-        snprintf(why, n_why, "no CUDA-capable device is detected");
+    const char *name = getenv("SPIN_EMU_NAME");
+
+    if ((size_t)number < number_of("SPIN_EMU_OLD", 0)) {
+        snprintf(why, n_why, "card %d: no kernel image is available for execution on the device",
+                 number);
         return false;
     }
-    work = blocks = copied[0] = copied[1] = 0;
+    work = blocks = copied[0] = copied[1] = launches = waits = 0;
     lost = false;
-    snprintf(gpu->name, sizeof gpu->name, "emulated");
-    gpu->number = number % (int)number_of("SPIN_EMU_CARDS", 1);
+    snprintf(gpu->name, sizeof gpu->name, "%s", name && *name ? name : "emulated");
+    gpu->number = number;
     snprintf(gpu->id, sizeof gpu->id, "emulated %d", gpu->number);
     gpu->stream = &messages;
     gpu->major = 8;
+    gpu->processors = 3;
+    gpu->shared = EMU_MOST_SHARED;
     return true;
 }
 
@@ -91,7 +126,8 @@ void gpu_close(struct gpu *)
     copy_late();
     if (!file)
         return;
-    fprintf(file, "ordinary %zu pinned %zu\n", copied[0], copied[1]);
+    fprintf(file, "ordinary %zu pinned %zu launches %zu waits %zu\n", copied[0], copied[1],
+            launches, waits);
     fclose(file);
 }
 
@@ -103,11 +139,13 @@ size_t gpu_memory_free(struct gpu *)
 }
 
 /* Filled with what is not a number, as nobody may rely on zeros. */
-void *gpu_alloc(struct gpu *gpu, size_t bytes)
+void *gpu_alloc(struct gpu *gpu, size_t bytes, const char **why)
 {
+    size_t full = number_of("SPIN_EMU_FULL", 0);
     void *block = NULL;
 
-    if (++blocks == number_of("SPIN_EMU_FULL", 0))
+    *why = gpu_error(gpu);
+    if (*why || (full && ++blocks >= full && blocks < full + number_of("SPIN_EMU_FULL_FOR", 2)))
         return NULL;
     if ((number_of("SPIN_EMU_MEMORY", 1) > 0 && bytes > gpu_memory_free(gpu)) ||
         posix_memalign(&block, 256, bytes + 1) != 0)
@@ -141,6 +179,7 @@ void gpu_host_free(struct gpu *, void *block)
 
 void gpu_zero(struct gpu *gpu, void *at, size_t bytes)
 {
+    launches++;
     if (emu_works(gpu))
         memset(at, 0, bytes);
 }
@@ -160,6 +199,8 @@ void gpu_copy_out(struct gpu *gpu, void *host, const void *from, size_t bytes)
 {
     if (!emu_works(gpu))
         return;
+    waits++;
+    busy = false;
     memcpy(host, from, bytes);
     count(host, bytes);
 }
@@ -168,6 +209,8 @@ const char *gpu_error(struct gpu *) { return lost ? "the card is lost" : NULL; }
 
 const char *gpu_wait(struct gpu *gpu)
 {
+    waits += busy;
+    busy = false;
     copy_late();
     return gpu_error(gpu);
 }
@@ -191,12 +234,14 @@ double gpu_seconds(void *from, void *to)
     return from && to ? *(double *)to - *(double *)from : 0;
 }
 
-size_t gpu_scan_bytes(size_t n) { return n; }
-size_t gpu_sort_bytes(size_t n) { return n; }
+/* About what CUB wants. */
+size_t gpu_scan_bytes(size_t n) { return 1024 + n / 64; }
+size_t gpu_sort_bytes(size_t n) { return 4096 + 8 * n; }
 
 void gpu_scan(struct gpu *gpu, void *temp, size_t temp_bytes, const uint64_t *in, uint64_t *out,
               size_t n)
 {
+    launches += 2; /* as CUB does, about */
     memset(temp, 0xff, temp_bytes);
     if (emu_works(gpu))
         std::exclusive_scan(in, in + n, out, (uint64_t)0);
@@ -208,6 +253,7 @@ void gpu_sort(struct gpu *gpu, void *temp, size_t temp_bytes, const uint32_t *ke
     uint32_t mask = bits == 32 ? UINT32_MAX : ((uint32_t)1 << bits) - 1;
     std::vector<size_t> order(n);
 
+    launches += 2 + (size_t)(bits + 7) / 8;
     memset(temp, 0xff, temp_bytes);
     if (!emu_works(gpu))
         return;

@@ -105,6 +105,7 @@ TAP_MAIN
         is_told(objects[k], "sum-index", "outside of its array");
     }
     is_told("faults.so", "dynamic-past", "behind its dynamic shared memory");
+    is_told("faults.so", "dynamic-large", "more shared memory than a block may have");
     shows("sum-barrier", 1);
     shows("rows-unmerged", 3);
     shows("mma-exchanged", 3);

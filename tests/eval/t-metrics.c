@@ -557,8 +557,8 @@ static void train(void)
         printf("#   %s\n", spin_last_error());
     e.input = trained;
     ok(spin_evaluate(&e, &er) == SPIN_OK && er.n_views == 12 && er.trained, "measured again");
-    near(er.mean.psnr, r.test.psnr, 1e-9, "from its file, the network is what it was in training");
-    near(er.mean.ssim, r.test.ssim, 1e-9, "in its SSIM as well");
+    near(er.mean.psnr, r.test.psnr, 1e-5, "from its file, the network is what it was in training");
+    near(er.mean.ssim, r.test.ssim, 1e-6, "in its SSIM as well");
     spin_eval_report_free(&er);
 }
 

@@ -116,9 +116,9 @@ static void test_orbit(void)
         worst = fmax(worst, pose_error(&got[i], &want));
     }
     ok(worst < 1e-9, "an orbit at one height about the place all look at: %g off", worst);
-    ok(got[5].width == 80 && got[5].height == 36 && got[5].fx == 50 && got[5].fy == 90 &&
-           got[5].cx == 47 && got[5].cy == 11,
-       "with the lens of the held-out camera");
+    ok(got[5].width == 1600 && got[5].height == 720 && got[5].fx == 20 * 50 &&
+           got[5].fy == 20 * 90 && got[5].cx == 20 * 47 && got[5].cy == 20 * 11,
+       "with the lens of the held-out camera, in 720 rows");
 }
 
 static void test_spiral(void)
@@ -168,9 +168,9 @@ static void test_train(void)
        "comes by the others and ends at one: %g, %g", nearest[1], nearest[2]);
     ok(nearest[3] > 0.5 && nearest[4] > 0.5, "not by those held out: %g, %g", nearest[3],
        nearest[4]);
-    ok(got[7].width == 64 && got[7].height == 48 && got[7].fx == 70 && got[7].fy == 55 &&
-           got[7].cx == 20 && got[7].cy == 33,
-       "with the lens of the training cameras");
+    ok(got[7].width == 960 && got[7].height == 720 && got[7].fx == 15 * 70 &&
+           got[7].fy == 15 * 55 && got[7].cx == 15 * 20 && got[7].cy == 15 * 33,
+       "with the lens of the training cameras, in 720 rows");
 }
 
 /* Which frame a picture shows: the one that runs at its time. */
@@ -192,6 +192,73 @@ static void test_pace(void)
         }
         ok(good, "%d frames in 1 to 39 pictures: each shows the frame of its time", n_frames);
     }
+}
+
+/* A moving camera goes on for eight seconds, or as long as a longer clip; a still one shows each frame once. */
+static void test_length(void)
+{
+    static const char *const all[][9] = {
+        {"path", "orbit", NULL},
+        {"path", "spiral", "fps", "24", NULL},
+        {"path", "train", "duration", "2", NULL},
+        {"path", "orbit", "fps", "0.1", NULL},
+        {"path", "orbit", "repeat", "3", NULL},
+        {"path", "camera", NULL},
+    };
+    static const int want[] = {8 * 25, 8 * 24, 2 * 25, 2, 6, 2};
+
+    for (int k = 0; k < 6; k++) {
+        struct spin_plugin_values values = {all[k]};
+        struct spin_export_job job = {.n_frames = 2,
+                                      .fps = 25,
+                                      .views = &views,
+                                      .values = &values,
+                                      .dataset_frame_of = row_of};
+        struct spin_camera_path d = {0};
+
+        ok(spin_camera_path_begin(&d, &job) == SPIN_OK && d.n_pictures == want[k],
+           "--path %s, case %d: %d pictures", all[k][1], k, (int)d.n_pictures);
+        spin_camera_path_free(&d);
+    }
+}
+
+/* A field of view of the file's, or else the lens of the data set, in pictures of the file's size. */
+static void test_file(void)
+{
+    static const char text[] =
+        "{\"render_width\": 300, \"render_height\": 200, \"fps\": 12.5, \"camera_path\": ["
+        "{\"camera_to_world\": [[0, 0, 1, 7], [1, 0, 0, 8], [0, 1, 0, 9]], \"fov\": 90},"
+        "{\"camera_to_world\": [[1, 0, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3]]}]}";
+    static const double want[2][12] = {{0, 1, 0, -8, 0, 0, -1, 9, -1, 0, 0, 7},
+                                       {1, 0, 0, -1, 0, -1, 0, 2, 0, 0, -1, 3}};
+    char path[4200];
+    const char *pairs[] = {"path", path, NULL};
+    struct spin_plugin_values values = {pairs};
+    struct spin_export_job job = {
+        .n_frames = 2, .views = &views, .values = &values, .dataset_frame_of = row_of};
+    struct spin_camera_path d = {0};
+    struct spin_camera got[2];
+    FILE *file;
+    double worst = 0;
+    bool good;
+
+    snprintf(path, sizeof path, "%s", in_folder("path.json"));
+    file = fopen(path, "w");
+    good = file && fputs(text, file) >= 0 && fclose(file) == 0 &&
+           spin_camera_path_begin(&d, &job) == SPIN_OK && d.n_pictures == 2 && d.fps == 12.5;
+    for (int i = 0; i < 2 && good; i++)
+        good = spin_camera_path_camera(&d, i, &splats, &got[i]) == SPIN_OK;
+    if (!ok(good, "a camera path of nerfstudio: %s", good ? "" : spin_last_error()))
+        return;
+    for (int k = 0; k < 24; k++)
+        worst = fmax(worst, fabs(got[k / 12].w2c[k % 12] - want[k / 12][k % 12]));
+    ok(worst < 1e-12, "its matrices, of cameras that look back along z: %g off", worst);
+    ok(got[0].width == 300 && got[0].height == 200 && fabs(got[0].fx - 100) < 1e-9 &&
+           fabs(got[0].fy - 100) < 1e-9 && got[0].cx == 150 && got[0].cy == 100,
+       "90 degrees from top to bottom");
+    ok(fabs(got[1].fy - 90 * 200.0 / 36) < 1e-9 && fabs(got[1].cy - 11 * 200.0 / 36) < 1e-9,
+       "without a field of view, the lens of the data set");
+    spin_camera_path_free(&d);
 }
 
 /* The same height of view; the middle of the picture stays where it was. */
@@ -493,6 +560,8 @@ TAP_MAIN
     test_spiral();
     test_train();
     test_pace();
+    test_length();
+    test_file();
     test_resize();
     test_turns();
     test_order();

@@ -4,6 +4,7 @@
 #include "base/log.h"
 #include "exporters/lib/page_bytes.h"
 #include "io/json.h"
+#include "math/sh.h"
 #include "tests/exporters/frame.h"
 
 extern const struct spin_exporter spin_exporter_html;
@@ -314,7 +315,7 @@ static void test_clip(void)
                                   .sh_degree = 2,
                                   .source_frame = source_frame,
                                   .source_sh_degree = 0};
-    const char *pairs[] = {"sh", "keep", "bound-place", "0.002", NULL};
+    const char *pairs[] = {"sh", "keep", "bound-place", "0.002", "fps", "25", NULL};
     struct spin_plugin_values values = {pairs};
     struct spin_splats s = {0};
     double first_number = 0;
@@ -583,7 +584,7 @@ static void test_choice(void)
     ok(report.frames == 3 && report.splats_mean == 12 && report.bytes == strlen(page),
        "the report is of what the page holds");
     clip = clip_of(&doc);
-    ok(number(clip, "fps") == 15, "thirty frames a second, each standing for two");
+    ok(number(clip, "fps") == 1.25, "five frames in two seconds, each standing for two");
     ok(spin_json_length(spin_json_get(clip, "numbers")) == 3, "three frames of five");
     ok(spin_json_length(spin_json_get(clip, "versions")) == 1, "the other version is left out");
     ok(decode(spin_json_at(spin_json_get(clip, "versions"), 0), 0, 0, 0, &c) && c.shared == 12,
@@ -700,6 +701,400 @@ static void test_camera(void)
     spin_splats_free(&s);
 }
 
+/* ---- 4D splats -------------------------------------------------------------------------------------- */
+
+enum { SPLATS = 50, PIECES = 2000, FRAMES = 5, ROW_COLUMNS = COLUMNS + 60 };
+static const double even[FRAMES] = {10, 10.5, 11, 11.5, 12};
+static const int rows_of_numbers[FRAMES] = {3, 5, 7, 9, 11};
+
+/* Rows that a clip of half seconds sees: bells of half a frame to many, plateaus, cuts, gates, turns. */
+static void make_4d(struct spin_splats_4d *s, int degree, int sh_degree, unsigned parts)
+{
+    struct spin_splats like = {0};
+    size_t n_sh = 3 * (size_t)((sh_degree + 1) * (sh_degree + 1)), n_dropped;
+    uint32_t seed = 77;
+
+    make_frame(&like, SPLATS, sh_degree, 5);
+    if (spin_splats_4d_reserve(s, SPLATS, degree, sh_degree, parts) != SPIN_OK)
+        exit(1);
+    memcpy(s->centres, like.means, sizeof(float[SPLATS][3]));
+    memcpy(s->quats, like.quats, sizeof(float[SPLATS][4]));
+    memcpy(s->log_scales, like.log_scales, sizeof(float[SPLATS][3]));
+    memcpy(s->logit_opacities, like.logit_opacities, sizeof(float[SPLATS]));
+    memcpy(s->sh, like.sh, SPLATS * n_sh * sizeof(float));
+    s->least_weight = 0.05;
+    s->period = 1.7;
+    for (size_t i = 0; i < SPLATS; i++) {
+        s->times[i] = draw(&seed, 9.5f, 12.5f);
+        s->sigmas[i] = i % 5 == 0 ? SPIN_FOREVER : draw(&seed, 0.02f, 2);
+        for (size_t k = 0; k < 3 * (size_t)degree; k++)
+            s->paths[3 * (size_t)degree * i + k] = i % 7 == 1 ? 0 : draw(&seed, -2, 2);
+        for (size_t k = 0; k < 4 && s->spins; k++)
+            s->spins[4 * i + k] = i % 3 == 0 ? 0 : draw(&seed, -1, 1);
+        if (s->plateaus) {
+            s->plateaus[3 * i] = s->times[i] - draw(&seed, 0, 0.4f);
+            s->plateaus[3 * i + 1] = s->times[i] + draw(&seed, 0, 0.4f);
+            s->plateaus[3 * i + 2] = draw(&seed, 0.05f, 1);
+        }
+        if (s->cuts) {
+            s->cuts[2 * i] = i % 4 == 0 ? 10.5f : draw(&seed, 9, 11);
+            s->cuts[2 * i + 1] = i % 4 == 1 ? 11.5f : draw(&seed, 11, 13);
+        }
+        if (s->gates)
+            s->gates[i] = i % 2 ? 0 : draw(&seed, 0, 1);
+        for (size_t k = 0; k < 2 * n_sh && s->sh_cos; k++)
+            s->sh_cos[2 * n_sh * i + k] = draw(&seed, -0.4f, 0.4f);
+    }
+    if (spin_splats_4d_settle(s, &n_dropped, NULL) != SPIN_OK || n_dropped > 0)
+        exit(1);
+    spin_splats_free(&like);
+}
+
+static spin_status again(void *context, int frame, const struct spin_splats **out)
+{
+    static struct spin_splats s;
+    const struct spin_export_job *job = context;
+
+    *out = &s;
+    return spin_splats_4d_slice(job->splats_4d, job->times[frame],
+                                SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &s);
+}
+
+static spin_status run_4d(struct spin_export_job *job, const struct spin_splats_4d *s)
+{
+    void *self = NULL;
+
+    job->force = true;
+    job->sh_degree = s->sh_degree;
+    job->splats_4d = s;
+    job->times = job->times ? job->times : even;
+    job->numbers = rows_of_numbers;
+    job->n_frames = job->n_frames ? job->n_frames : FRAMES;
+    job->again = again;
+    job->context = job;
+    SPIN_TRY(spin_exporter_html.begin(job, &self));
+    return spin_exporter_html.end(self);
+}
+
+struct rows {
+    long x[ROW_COLUMNS][PIECES];
+    size_t n, columns;
+};
+
+/* All blocks of the page's first version, after docs/page-format.md. */
+static int decode_rows(const spin_json *version, size_t columns, struct rows *r)
+{
+    static unsigned char bytes[1 << 20];
+    size_t n_blocks = spin_json_length(spin_json_get(version, "splats"));
+
+    r->n = 0;
+    r->columns = columns;
+    for (size_t b = 0; b < n_blocks; b++) {
+        size_t n = count(version, "splats", (int)b), size;
+        char id[32];
+
+        snprintf(id, sizeof id, "v0f%zu", b);
+        size = block(id, bytes, sizeof bytes);
+        if (size == 0 || r->n + n > PIECES)
+            return 0;
+        at = bytes;
+        end = bytes + size;
+        for (size_t c = 0; c < columns; c++) {
+            int head = at < end ? *at : 0;
+
+            whole(r->x[c] + r->n, n);
+            for (size_t i = r->n; head & 32 && i < r->n + n; i++)
+                r->x[c][i] += r->x[c - 1][i];
+        }
+        r->n += n;
+        if (at != end)
+            return 0;
+    }
+    return 1;
+}
+
+/* exp of minus half the square of how many sigmas the time is beyond the side. */
+static double side(const spin_json *rows, double from, double length, long sigma, long middle,
+                   double frame, int sign)
+{
+    double half = length / 32, power = (double)(sigma > 0 ? sigma - 1 : sigma), z;
+
+    power /= number(rows, "octave");
+    if (sigma == 0)
+        return 1;
+    z = frame - (from / 16 + half) -
+        (double)middle * number(rows, "middle") * half * exp2(floor(power));
+    z = fmax(0, sign * z) / (half * exp2(power));
+    return exp(-0.5 * z * z);
+}
+
+/* Row i as the page shows it at a tick; 0: it does not. */
+static int shown_4d(const struct rows *r, const spin_json *clip, size_t i, int n_sh, int tick,
+                    double *v)
+{
+    const spin_json *version = spin_json_at(spin_json_get(clip, "versions"), 0);
+    const spin_json *rows = spin_json_get(version, "rows");
+    int degree = (int)number(rows, "degree"), gated = !isnan(number(rows, "gate"));
+    int turns = !isnan(number(rows, "ratio")), waves = !isnan(number(rows, "period"));
+    const spin_json *plateaus = spin_json_get(rows, "plateaus");
+    size_t c = 13 + (size_t)n_sh;
+    double from = (double)r->x[c][i], length = (double)r->x[c + 1][i], frame = tick / 16.0, s,
+           share;
+    long sigma = r->x[c + 2][i], middle = r->x[c + 3][i], sigma2 = sigma, middle2 = middle;
+    double gate = 0, weight, a[3], p[4];
+
+    if (tick < from || tick >= from + length)
+        return 0;
+    share = (tick - from) / length;
+    s = share * degree;
+    for (size_t k = 0; k < 13 + (size_t)n_sh; k++)
+        v[k < 13 ? k : k + 1] = (double)r->x[k][i] * step_of(clip, k);
+    for (int k = 0; k < 3; k++)
+        a[k] = v[10 + k];
+    turn(a, p);
+    memcpy(v + 10, p, sizeof p);
+    c += 4;
+    if (json_is_true(plateaus)) {
+        middle2 = r->x[c][i];
+        sigma2 = r->x[c + 1][i];
+        c += 2;
+    }
+    for (int d = 1; d <= degree; d++, c += 3) {
+        double share_d = s;
+
+        for (int k = 1; k < d; k++)
+            share_d *= (s - k) / (k + 1);
+        for (size_t k = 0; k < 3; k++)
+            v[k] += share_d * (double)r->x[c + k][i] * step_of(clip, 0);
+    }
+    for (size_t k = 0; k < 3; k++) {
+        double centre = 0;
+
+        spin_json_number(spin_json_at(spin_json_get(clip, "centre"), k), &centre);
+        v[k] += centre;
+    }
+    if (gated)
+        gate = (double)r->x[c++][i] * number(rows, "gate");
+    weight = side(rows, from, length, sigma, middle, frame, -1) *
+             side(rows, from, length, sigma2, middle2, frame, 1);
+    v[6] = fmin(fmax(v[6], 0), 1) * (gate + (1 - gate) * weight);
+    if (turns) {
+        double q[4], b[4], more = share * exp((double)r->x[c + 3][i] * number(rows, "ratio"));
+        double norm = 0;
+
+        for (size_t k = 0; k < 3; k++)
+            a[k] = (double)r->x[c + k][i] * step_of(clip, 10);
+        turn(a, b);
+        q[0] = p[0] * b[0] - p[1] * b[1] - p[2] * b[2] - p[3] * b[3];
+        q[1] = p[0] * b[1] + p[1] * b[0] + p[2] * b[3] - p[3] * b[2];
+        q[2] = p[0] * b[2] - p[1] * b[3] + p[2] * b[0] + p[3] * b[1];
+        q[3] = p[0] * b[3] + p[1] * b[2] - p[2] * b[1] + p[3] * b[0];
+        for (int k = 0; k < 4; k++) {
+            q[k] = (1 - share) * p[k] + more * q[k];
+            norm += q[k] * q[k];
+        }
+        for (int k = 0; k < 4; k++)
+            v[10 + k] = q[k] / sqrt(norm);
+        c += 4;
+    }
+    for (size_t k = 0; k < 3 + (size_t)n_sh && waves; k++) {
+        double angle = 2 * 3.14159265358979 * frame / number(rows, "period") -
+                       (double)r->x[c][i] * number(rows, "phase");
+
+        v[k < 3 ? 3 + k : 11 + k] += number(rows, k < 3 ? "cosine" : "cosine_sh") *
+                                     (cos(angle) * (double)r->x[c + 1 + k][i] +
+                                      cos(2 * angle) * (double)r->x[c + 4 + k + (size_t)n_sh][i]);
+    }
+    return 1;
+}
+
+/* Every splat of a slice that is more than faint is shown, within the bounds, and no other. */
+static void check_slice(const struct rows *r, const spin_json *clip, const struct spin_splats_4d *s,
+                        int n_sh, int tick, double worst[5], size_t counts[3])
+{
+    double time = 10 + tick / 32.0;
+    struct spin_splats slice = {0};
+    size_t width = 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1));
+
+    if (spin_splats_4d_slice(s, time, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &slice) != SPIN_OK)
+        exit(1);
+    for (size_t i = 0; i < slice.n; i++) {
+        struct want w = want_of(&slice, i);
+        double best = INFINITY, v[COLUMNS + 1], found[COLUMNS + 1] = {0};
+
+        counts[0] += w.opacity >= 1 / 255.0;
+        for (size_t j = 0; j < r->n; j++) {
+            double apart = 0;
+
+            if (!shown_4d(r, clip, j, n_sh, tick, v))
+                continue;
+            for (int k = 0; k < 3; k++)
+                apart = fmax(apart, fabs(v[k] - w.place[k]));
+            if (apart < best)
+                memcpy(found, v, sizeof found);
+            best = fmin(best, apart);
+        }
+        if (best > 0.01 && w.opacity < 0.51 / 255)
+            continue;
+        counts[1] += w.opacity >= 1 / 255.0;
+        worst[0] = fmax(worst[0], best);
+        for (size_t k = 0; k < 3; k++) {
+            worst[1] = fmax(worst[1], fabs(found[3 + k] - 0.5 - 0.28209479177387814 * w.dc[k]));
+            worst[2] = fmax(worst[2], fabs(found[7 + k] - w.log_scale[k]));
+        }
+        worst[1] = fmax(worst[1], fabs(found[6] - w.opacity));
+        worst[3] = fmax(worst[3], degrees_between(found + 10, w.q));
+        for (size_t k = 0; k < (size_t)n_sh; k++)
+            worst[4] = fmax(worst[4], fabs(found[14 + k] - (double)slice.sh[width * i + 3 + k]));
+    }
+    for (size_t j = 0; j < r->n; j++) {
+        double v[COLUMNS + 1];
+
+        counts[2] += (size_t)shown_4d(r, clip, j, n_sh, tick, v);
+    }
+    counts[2] -= slice.n;
+    spin_splats_free(&slice);
+}
+
+static void test_4d(void)
+{
+    static const struct {
+        const char *what;
+        int degree, sh_degree;
+        unsigned parts;
+        size_t columns;
+    } kinds[] = {{"still ones", 0, 0, 0, 17},
+                 {"lines", 1, 1, 0, 13 + 9 + 7},
+                 {"parabolas with a beginning and an end", 2, 0, SPIN_4D_CUTS, 13 + 10},
+                 {"all there is", 3, 2,
+                  SPIN_4D_SPINS | SPIN_4D_PLATEAUS | SPIN_4D_CUTS | SPIN_4D_GATES | SPIN_4D_SH_COS,
+                  13 + 24 + 4 + 2 + 9 + 1 + 4 + 1 + 2 * 27}};
+    static struct rows rows;
+    const char *pairs[] = {"sh", "keep", "bound-place", "0.002", "key-every", "1", NULL};
+    struct spin_plugin_values values = {pairs};
+
+    for (size_t kind = 0; kind < 4; kind++) {
+        struct spin_export_report report = {.splats_mean = 7};
+        struct spin_export_job job = {
+            .output = in_folder("rows.html"), .values = &values, .report = &report, .check = true};
+        struct spin_splats_4d s = {0};
+        double worst[5] = {0};
+        size_t counts[3] = {0};
+        const spin_json *clip, *version;
+        int n_sh = 3 * (spin_sh_count(kinds[kind].sh_degree) - 1);
+        spin_json *doc;
+
+        make_4d(&s, kinds[kind].degree, kinds[kind].sh_degree, kinds[kind].parts);
+        ok(run_4d(&job, &s) == SPIN_OK && load(job.output), "4D splats, %s: %s", kinds[kind].what,
+           spin_last_error());
+        clip = clip_of(&doc);
+        version = spin_json_at(spin_json_get(clip, "versions"), 0);
+        ok(spin_json_length(spin_json_get(clip, "numbers")) == FRAMES &&
+               decode_rows(version, kinds[kind].columns, &rows) && rows.n >= 25,
+           "%zu rows with %zu columns", rows.n, kinds[kind].columns);
+        for (int tick = 0; tick <= 64; tick += 2)
+            check_slice(&rows, clip, &s, n_sh, tick, worst, counts);
+        ok(counts[0] > 250 && counts[1] == counts[0] && (ptrdiff_t)counts[2] <= 0,
+           "at each of 33 times all of them that are more than faint, and no others");
+        for (int k = 0; k < (n_sh ? 5 : 4); k++)
+            ok(worst[k] <= normal[k] && worst[k] > normal[k] / 4, "within %g (%g)", normal[k],
+               worst[k]);
+        near(report.check.largest[0], worst[0], 2e-4, "the same in the report");
+        near(report.check.largest[2], worst[3], 0.2, "of rotations in degrees");
+        ok(report.check.frames == FRAMES && report.frames == FRAMES && report.splats_mean == 7 &&
+               report.check.rms[0] > 0.1 * report.check.largest[0] &&
+               report.check.rms[0] < 0.8 * report.check.largest[0],
+           "of all frames");
+        spin_json_free(doc);
+        spin_splats_4d_free(&s);
+    }
+}
+
+/* Clips below two seconds take two, unless somebody says otherwise. */
+static void test_short(void)
+{
+    static const struct {
+        int n_frames;
+        double fps, want;
+        const char *own;
+    } cases[] = {{3, 25, 1.5, NULL},
+                 {3, 0, 1.5, NULL},
+                 {3, 25, 50, "50"},
+                 {3, 1, 1, NULL},
+                 {1, 25, 25, NULL}};
+
+    for (size_t k = 0; k < sizeof cases / sizeof cases[0]; k++) {
+        const char *pairs[] = {"title", "1 < 2", cases[k].own ? "fps" : NULL, cases[k].own, NULL};
+        struct spin_plugin_values values = {pairs};
+        struct spin_export_job job = {.output = in_folder("short.html"),
+                                      .force = true,
+                                      .n_frames = cases[k].n_frames,
+                                      .fps = cases[k].fps,
+                                      .sh_degree = 2,
+                                      .values = &values};
+        spin_json *doc;
+
+        ok(run_clip(&job, cases[k].n_frames) == SPIN_OK && load(job.output), "%d frames at %g",
+           cases[k].n_frames, cases[k].fps);
+        near(number(clip_of(&doc), "fps"), cases[k].want, 1e-9, "are shown so fast");
+        ok(strcmp(spin_json_string(spin_json_get(doc, "title")), "1 < 2") == 0 &&
+               strstr(page, "<title>1 &lt; 2</title>"),
+           "under their title");
+        spin_json_free(doc);
+    }
+}
+
+/* What the rows are not for is written as frames. */
+static void test_4d_as_frames(void)
+{
+    static const double uneven[FRAMES] = {10, 10.5, 11, 11.6, 12};
+    const char *some[] = {"max-splats", "9", NULL}, *every[] = {"every", "2", NULL};
+    struct spin_plugin_values values = {some};
+    struct spin_splats_4d s = {0};
+    static struct rows rows;
+
+    make_4d(&s, 1, 0, 0);
+    for (int k = 0; k < 4; k++) {
+        struct spin_export_job job = {.output = in_folder("rows.html")};
+        const spin_json *clip, *version;
+        spin_json *doc;
+
+        values.pairs = k == 0 ? some : every;
+        job.values = k == 0 || k == 3 ? &values : NULL;
+        job.times = k == 1 ? uneven : NULL;
+        job.n_frames = k == 2 ? 1 : 0;
+        ok(run_4d(&job, &s) == SPIN_OK && load(job.output), "written: %s", spin_last_error());
+        clip = clip_of(&doc);
+        version = spin_json_at(spin_json_get(clip, "versions"), 0);
+        if (k == 3) {
+            double last = 0;
+
+            spin_json_number(spin_json_at(spin_json_get(clip, "numbers"), 2), &last);
+            ok(last == 11 && decode_rows(version, 20, &rows) && count(version, "end", 0) == 33,
+               "every second frame: as rows, of three frames");
+        } else
+            ok(!spin_json_get(version, "rows") &&
+                   spin_json_length(spin_json_get(version, "first")) == (k == 2 ? 1 : FRAMES),
+               "as frames: %s",
+               k == 0   ? "some splats of each"
+               : k == 1 ? "uneven times"
+                        : "one");
+        spin_json_free(doc);
+    }
+    spin_splats_4d_free(&s);
+    make_4d(&s, 0, 0, 0);
+    for (size_t i = 0; i < s.n; i++)
+        s.spans[2 * i] = s.spans[2 * i + 1] = 99;
+    {
+        struct spin_export_job job = {.output = in_folder("none.html")};
+
+        ok(run_4d(&job, &s) == SPIN_E_UNSUPPORTED && strstr(spin_last_error(), "at any time") &&
+               !spin_path_exists(job.output),
+           "none that is seen: refused, and nothing is left");
+    }
+    spin_splats_4d_free(&s);
+}
+
 static void test_refusals(void)
 {
     static const char *const bad[][2] = {{"sh", "4"},
@@ -752,6 +1147,9 @@ TAP_MAIN
     test_bad_rows();
     test_large();
     test_camera();
+    test_short();
+    test_4d();
+    test_4d_as_frames();
     test_refusals();
     free(page);
 }

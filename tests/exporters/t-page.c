@@ -47,6 +47,40 @@ static void test_whole(void)
     spin_page_bytes_free(&b);
 }
 
+/* Columns that are best told as they are, by steps, against another, and against it by steps; all come back. */
+static void test_columns(void)
+{
+    static int32_t other[N], x[4][N], y[N];
+    static const int head[] = {1, 1 | 16, 32, 32 | 16};
+    uint32_t seed = 9;
+
+    for (size_t i = 0; i < N; i++) {
+        other[i] = (int32_t)draw(&seed, -3e7f, 3e7f);
+        x[0][i] = (int32_t)draw(&seed, -99, 99);
+        x[1][i] = 40 * (int32_t)i;
+        x[2][i] = other[i];
+        x[3][i] = other[i] + 40 * (int32_t)i;
+    }
+    for (int k = 0; k < 4; k++) {
+        struct spin_page_bytes b = {0};
+        size_t at = 0, refused = 0;
+
+        ok(spin_page_put_column(&b, x[k], other, N) == SPIN_OK && b.data[0] >> 4 == head[k] >> 4 &&
+               b.n <= 1 + N && spin_page_get_column(b.data, b.n, &at, y, other, N) == SPIN_OK &&
+               at == b.n && memcmp(x[k], y, sizeof y) == 0,
+           "column %d in its way, %zu bytes", k, b.n);
+        for (size_t n = 0; n < b.n; n++) {
+            at = 0;
+            refused += spin_page_get_column(b.data, n, &at, y, other, N) == SPIN_E_MALFORMED;
+        }
+        at = 0;
+        ok(refused == b.n &&
+               (spin_page_get_column(b.data, b.n, &at, y, NULL, N) == SPIN_OK) == (k < 2),
+           "and no fewer bytes, nor without the other column");
+        spin_page_bytes_free(&b);
+    }
+}
+
 static void test_changes(void)
 {
     static int32_t x[N], last[2][N], mean[2][N];
@@ -211,10 +245,12 @@ static void test_group(void)
        spin_last_error());
     ok(seen.shared == 300 && seen.own[0] == 200 && seen.own[1] == 150 && seen.own[2] == 200,
        "300 at places of before are shared, the others are each frame's own");
-    ok(seen.still >= 298 && g->largest[SPIN_QUANT_PLACE] <= 0.001 && g->n_values == 1450 * 14,
+    ok(seen.still >= 298 && g->quant.part[SPIN_QUANT_PLACE].largest <= 0.001 &&
+           g->n_values == 1450 * 14,
        "they stand still; every value is held to its bound");
-    ok(g->largest[SPIN_QUANT_ROTATION] <= 0.0174 && g->largest[SPIN_QUANT_ROTATION] > 0.7 * 0.0174,
-       "turns come near to theirs: %g", g->largest[SPIN_QUANT_ROTATION]);
+    ok(g->quant.part[SPIN_QUANT_ROTATION].largest <= 0.0174 &&
+           g->quant.part[SPIN_QUANT_ROTATION].largest > 0.7 * 0.0174,
+       "turns come near to theirs: %g", g->quant.part[SPIN_QUANT_ROTATION].largest);
     ok(add(g, &rows, &a) && add(g, &rows, &b) && add(g, &rows, &b) &&
            spin_page_group_write(g, see, &seen) == SPIN_OK && seen.shared == 300 &&
            seen.own[2] == 150 && seen.still >= 298,
@@ -237,9 +273,28 @@ static void test_group(void)
     free(g);
 }
 
+/* Errors beyond a bound, or that are not numbers, are not written. */
+static void test_judge(void)
+{
+    struct spin_page_bounds bounds = space_of(0.001).bounds;
+    struct spin_quant_error quant = {0};
+
+    spin_quant_error_add(&quant, SPIN_QUANT_PLACE, 0.001);
+    ok(spin_page_errors_judge(&quant, &bounds) == SPIN_OK, "at its bound");
+    spin_quant_error_add(&quant, SPIN_QUANT_PLACE, 0.0011);
+    ok(spin_page_errors_judge(&quant, &bounds) == SPIN_E_MALFORMED &&
+           strstr(spin_last_error(), "place is off by 0.0011"),
+       "beyond it: %s", spin_last_error());
+    quant = (struct spin_quant_error){0};
+    spin_quant_error_add(&quant, SPIN_QUANT_SH, (double)NAN);
+    ok(spin_page_errors_judge(&quant, &bounds) == SPIN_E_MALFORMED, "and no number");
+}
+
 TAP_MAIN
 {
+    test_judge();
     test_whole();
+    test_columns();
     test_changes();
     test_row();
     test_group();

@@ -202,7 +202,8 @@ static void compare_importer(const struct spin_importer *importer)
 
         if (!path || model_open(importer->name, path, pairs, &run) != SPIN_OK)
             continue;
-        if (importer->splats_4d(run.self, &rows) == SPIN_OK && rows && rows->n > 0) {
+        if (run.sequence.continuous && importer->splats_4d(run.self, &rows) == SPIN_OK && rows &&
+            rows->n > 0) {
             compare_run(&run, rows, path, &worst);
             n++;
         }

@@ -598,6 +598,86 @@ static void many_members(void)
     spin_zip_close(&zip);
 }
 
+/* A deflated member of noise and zeros by turns: whole again, the noise as it was, the rest nearly nothing; larger than
+ * any buffer on the way. */
+static void runs(void)
+{
+    enum { PIECE = 40000, PIECES = 8 };
+    static unsigned char bytes[PIECES * PIECE];
+    struct spin_zip_writer w;
+    struct spin_zip zip;
+    const unsigned char *data = NULL;
+    void *owned = NULL;
+    uint32_t state = 1;
+    int good;
+
+    for (size_t i = 0; i < sizeof bytes; i++) {
+        state = state * 1664525u + 1013904223u;
+        bytes[i] = i / PIECE % 2 ? 0 : (unsigned char)(state >> 24);
+    }
+    good = spin_zip_writer_open(path, true, &w) == SPIN_OK &&
+           spin_zip_member_begin_deflated(&w, "a", sizeof bytes) == SPIN_OK;
+    if (good)
+        spin_zip_member_runs(&w);
+    for (size_t at = 0; good && at < sizeof bytes; at += PIECE / 2)
+        good = spin_zip_member_write(&w, bytes + at, PIECE / 2) == SPIN_OK;
+    good = good && spin_zip_member_end(&w) == SPIN_OK && spin_zip_writer_commit(&w) == SPIN_OK;
+    ok(good && spin_zip_open(path, &zip) == SPIN_OK &&
+           spin_zip_read(&zip, &zip.member[0], true, sizeof bytes, &data, &owned) == SPIN_OK &&
+           memcmp(data, bytes, sizeof bytes) == 0,
+       "noise and zeros by turns come back");
+    ok(zip.member[0].packed_size < PIECES / 2 * (PIECE + 400),
+       "of which the zeros take next to nothing: %llu",
+       (unsigned long long)zip.member[0].packed_size);
+    free(owned);
+    spin_zip_close(&zip);
+}
+
+/* A member of several parts and many blocks, by one thread and by three: the same bytes, and whole again. Its numbers
+ * repeat over the ends of parts, so that what lies before them matters. */
+static void many_parts(void)
+{
+    enum { LONG = 17 << 20, PERIOD = 30001 };
+    unsigned char *bytes = malloc(LONG);
+    const unsigned char *data = NULL;
+    struct spin_zip_writer w;
+    struct spin_zip zip;
+    void *owned[2] = {NULL, NULL};
+    struct spin_imprint file[2] = {{0, 1}, {0, 2}};
+    struct spin_map map;
+    uint32_t state = 1;
+    bool good = bytes != NULL;
+
+    for (size_t i = 0; good && i < LONG; i++) {
+        state = state * 1664525u + 1013904223u;
+        bytes[i] = i < PERIOD ? (unsigned char)(state >> 24) : bytes[i - PERIOD];
+    }
+    for (int k = 0; good && k < 2; k++) {
+        good = spin_zip_writer_open(path, true, &w) == SPIN_OK;
+        w.n_threads = k == 0 ? 1 : 3;
+        good = good && spin_zip_member_begin_deflated(&w, "a", LONG) == SPIN_OK &&
+               spin_zip_member_write(&w, bytes, LONG / 2 + 1) == SPIN_OK &&
+               spin_zip_member_write(&w, bytes + LONG / 2 + 1, LONG - LONG / 2 - 1) == SPIN_OK &&
+               spin_zip_member_end(&w) == SPIN_OK && spin_zip_writer_commit(&w) == SPIN_OK &&
+               spin_map_open(path, &map) == SPIN_OK && spin_zip_open(path, &zip) == SPIN_OK;
+        if (!good)
+            break;
+        file[k] = spin_map_imprint(&map);
+        spin_map_close(&map);
+        ok(spin_zip_read(&zip, &zip.member[0], true, LONG, &data, &owned[k]) == SPIN_OK &&
+               memcmp(data, bytes, LONG) == 0,
+           "a member of %d MiB comes back, deflated by %d threads", LONG >> 20, 1 + 2 * k);
+        ok(zip.member[0].packed_size < LONG / 100, "which repeats: %llu bytes are left",
+           (unsigned long long)zip.member[0].packed_size);
+        spin_zip_close(&zip);
+    }
+    ok(good && file[0].size == file[1].size && file[0].crc == file[1].crc,
+       "and both archives are the same bytes");
+    free(owned[0]);
+    free(owned[1]);
+    free(bytes);
+}
+
 static void misuse(void)
 {
     struct spin_zip_writer w;
@@ -645,6 +725,8 @@ TAP_MAIN
     changes();
     writing();
     many_members();
+    runs();
+    many_parts();
     misuse();
     large_header();
 }

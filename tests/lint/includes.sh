@@ -54,6 +54,7 @@ foreign() {
     src/io/zstd.c) echo '^zstd\.h$' ;;
     src/io/json.[ch]) echo '^jansson\.h$' ;;
     src/io/image_oiio.cpp) echo '^(OpenImageIO/.*|[a-z_]+)$' ;;
+    src/io/image_plain.c) echo '^(jpeglib|png)\.h$' ;;
     src/formats/glb_tiny.cpp) echo '^(tiny_gltf\.h|[a-z_]+)$' ;;
     src/io/video_ffmpeg.c | src/io/video_encode_ffmpeg.c) echo '^lib(avcodec|avformat|avutil|swscale)/.*\.h$' ;;
     src/io/ranks_mpi.c) echo '^mpi\.h$' ;;

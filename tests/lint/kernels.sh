@@ -87,6 +87,10 @@ for file in grid contract; do
 done
 "$nvcc" -Isrc -I. -D_GNU_SOURCE -std=c++20 -O3 -fmad=false -arch=compute_90 -ptx -o "$ptx" src/device/cuda/grid.cu ||
     failed=1
+if ! grep -Eq 'ld\.global(\.nc)?\.v4\.f32' "$ptx"; then
+    echo "kernels: the PTX of grid.cu does not load rows of the table by 16 bytes"
+    failed=1
+fi
 if ! grep -Eq '(red|atom)\.global\.add\.v4\.f32' "$ptx"; then
     echo "kernels: the PTX of grid.cu for sm_90 does not add 16 bytes at once"
     failed=1
@@ -94,6 +98,12 @@ fi
 "$nvcc" -Isrc -I. -D_GNU_SOURCE -std=c++20 -O3 -arch=compute_80 -ptx -o "$ptx" src/device/cuda/mlp.cu || failed=1
 if ! grep -q 'mma\.sync.*\.tf32\.tf32\.f32' "$ptx" || grep -q '\.local' "$ptx"; then
     echo "kernels: the PTX of mlp.cu for sm_80 does not use tensor cores, or keeps their registers in memory"
+    failed=1
+fi
+"$nvcc" -Isrc -I. -D_GNU_SOURCE -std=c++20 -O3 -arch=compute_80 -ptx -o "$ptx" src/device/cuda/heads_tensor.cu ||
+    failed=1
+if ! grep -q 'mma\.sync.*\.tf32\.tf32\.f32' "$ptx"; then
+    echo "kernels: the PTX of heads_tensor.cu for sm_80 does not use tensor cores"
     failed=1
 fi
 [ $failed = 0 ] && echo "kernels: $(echo "$out" | sed -n 's/^n //p') for $cards cards within their budget"

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Every option of --help stands in the manual page and the other way round. Options of spin-retrain, of importers and
+# Every option of --help all stands in the manual page and the other way round. Options of spin-retrain, of importers and
 # of exporters also have the same argument and the same default there. Every environment variable stands in
 # man/spin4d.7. Where mandoc is, it finds no fault in the pages, and no line is above 80 columns. SEE ALSO names all
 # commands.
@@ -14,7 +14,7 @@ lines_of_help() {
             if (name) print "--" name, arg, match(help, /\([^()]*\)$/) ? substr(help, RSTART) : ""
             name = ""
         }
-        /^ +(-., )?--/ {
+        /^  (-., |    )--/ {
             flush()
             sub(/^ *(-., )?--/, "")
             help = match($0, /   *[^ ]/) ? substr($0, RSTART + RLENGTH - 1) : ""
@@ -84,14 +84,14 @@ for page in man/*.[157]; do
     name=${name%.*}
     if command -v mandoc >/dev/null 2>&1; then
         # Pages that are not installed are looked for in man/ below.
-        faults=$(mandoc -T lint "$page" | grep -v 'referenced manual not found')
+        faults=$(mandoc -T lint -W warning "$page" | grep -v 'referenced manual not found')
         [ -z "$faults" ] || complain "$faults"
         wide=$(mandoc -T ascii "$page" | col -bx | awk 'length > 80')
         [ -z "$wide" ] || complain "$page has lines above 80 columns: $wide"
     fi
-    for other in man/spin-*.1 man/spin4d.7; do
+    for other in man/spin*.1 man/spin4d.7; do
         other=$(basename "$other")
-        [ "$other" = "$(basename "$page")" ] ||
+        [ "${other%.*}" = "$(basename "${page%.*}")" ] ||
             sed -n '/^\.Sh SEE ALSO/,$p' "$page" | grep -q "^\.Xr ${other%.*} ${other##*.}" ||
             complain "SEE ALSO of $page lacks ${other%.*}(${other##*.})"
     done
@@ -104,13 +104,13 @@ for variable in $(grep -rhoE '"(SPIN|OMPI|PMI|PMIX|SLURM)_[A-Z_]+"' src importer
     grep -qE "^\.(It )?Ev (.* )?$variable( |\$)" man/spin4d.7 || complain "man/spin4d.7 lacks the variable $variable"
 done
 
-for page in man/spin-*.1; do
+for page in man/spin*.1; do
     name=$(basename "$page" .1)
     if [ ! -x "$bin/$name" ]; then
         echo "manual: $name is not built in $bin, its options are not compared"
         continue
     fi
-    help=$("$bin/$name" --help | sed -n 's/^  \(-., \|    \)--\([a-z0-9-]*\).*/\2/p' | sort)
+    help=$("$bin/$name" --help all | sed -n 's/^  \(-., \|    \)--\([a-z0-9-]*\).*/\2/p' | sort)
     manual=$(sed -n 's/^\.It .*Fl Fl \([a-z0-9-]*\).*/\1/p' "$page" | sort)
     for option in $help; do
         echo "$manual" | grep -qx -e "$option" || complain "$page lacks --$option"
@@ -122,7 +122,7 @@ for page in man/spin-*.1; do
     case $name in
     spin-retrain)
         differences=$({
-            "$bin/$name" --help | lines_of_help
+            "$bin/$name" --help all | lines_of_help
             lines_of_page <"$page"
         } | sort | uniq -u)
         [ -z "$differences" ] || complain "$page and --help differ: $differences"
@@ -132,7 +132,7 @@ for page in man/spin-*.1; do
         compare_plugins spin-export --to man/spin-exporters.7 "All formats of splats" "Images and video"
         ;;
     esac
-    for option in $("$bin/$name" --help | sed -n 's/^  -\(.\), --.*/\1/p'); do
+    for option in $("$bin/$name" --help all | sed -n 's/^  -\(.\), --.*/\1/p'); do
         grep -q "^\.It Fl $option ," "$page" || complain "$page lacks -$option"
     done
 done

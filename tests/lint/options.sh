@@ -22,12 +22,12 @@ used() {
     grep -q -e "--$option\([^a-z0-9-]\|\$\)" -e "\"$option\"" -e "[:,]$option=" -e " -$letter\([ \"]\|\$\)" "$@"
 }
 
-for name in spin-import spin-retrain spin-eval spin-export; do
+for name in spin4d spin-import spin-retrain spin-eval spin-export; do
     if [ ! -x "$bin/$name" ]; then
         echo "options: $name is not built in $bin, its options are not compared"
         continue
     fi
-    for option in $("$bin/$name" --help | options); do
+    for option in $("$bin/$name" --help all | options); do
         # shellcheck disable=SC2046
         if ! used "$option" $(grep -l -e "$name" tests/cli/t*.sh tests/cmd/t-*.c); then
             echo "options: no test uses $name --$option"

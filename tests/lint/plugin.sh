@@ -20,7 +20,7 @@ n=$(echo "$listed" | wc -l)
 [ "$wanted" = "$listed" ] || complain "src/plugin.sym does not list the functions of src/spin.h:
 $(printf '%s\n' "$wanted" "$listed" | LC_ALL=C sort | uniq -u)"
 
-for name in spin-import spin-retrain spin-export spin-eval; do
+for name in spin4d spin-import spin-retrain spin-export spin-eval; do
     if [ ! -x "$bin/$name" ]; then
         echo "plugin: $name is not built in $bin, its symbols are not compared"
         continue

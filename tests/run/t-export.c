@@ -192,7 +192,7 @@ static void check_small(float now, size_t n, double least)
 {
     struct spin_export_options o = {
         .input = bundle, .output = folder, .to = "spz", .check = true, .device = "cpu"};
-    static const char *const orbit[] = {"path", "orbit", NULL};
+    static const char *const orbit[] = {"path", "orbit", "repeat", "1", "size", "480x320", NULL};
     struct spin_export_report r;
 
     size = now;

@@ -59,7 +59,8 @@ static void check_use(void)
     struct spin_eval_report er;
     struct spin_export_report xr;
 
-    ok(spin_evaluate(&e, &er) == SPIN_OK && er.n_views == 12 && er.mean.valid && er.mean.psnr > 5,
+    ok(spin_evaluate(&e, &er) == SPIN_OK && er.n_views == 12 && er.mean.valid &&
+           er.mean.psnr > 5,
        "evaluates 12 test views");
     spin_eval_report_free(&er);
     e.split = SPIN_SPLIT_ALL;

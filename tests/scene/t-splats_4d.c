@@ -62,7 +62,9 @@ static void test_slice(void)
     size_t n_dropped, counts[3];
 
     fill(&s);
-    ok(spin_splats_4d_settle(&s, &n_dropped, NULL) == SPIN_OK && n_dropped == 0 && s.n == N,
+    ok(!spin_splats_4d_is_settled(&s), "rows alone are not settled");
+    ok(spin_splats_4d_settle(&s, &n_dropped, NULL) == SPIN_OK && n_dropped == 0 && s.n == N &&
+           spin_splats_4d_is_settled(&s),
        "all rows are of use");
     ok(spin_splats_4d_slice(&s, 4, ALL, &out) == SPIN_OK && out.n == 4, "time 4 shows all four");
     ok(close_to(out.means[3], 1 - 1 + 0.5, 1e-6) && out.means[4] == 0, "a place on a parabola");
@@ -112,14 +114,17 @@ static void test_dropped(void)
     spin_splats_4d_free(&s);
 }
 
-static void write_bundle(const char *path, const struct spin_splats_4d *s, size_t n_of_frame_1)
+static void write_bundle(const char *path, const struct spin_splats_4d *s, size_t n_of_frame_1,
+                         bool packs, enum spin_round_4d round)
 {
     struct spin_bundle_writer w;
     struct spin_bundle_meta meta = {.from = "test", .n_source_frames = 2, .fps = 24};
 
     if (spin_bundle_meta_reserve(&meta, 2) != SPIN_OK ||
-        spin_bundle_writer_open(path, true, false, &w) != SPIN_OK ||
-        spin_bundle_write_4d(&w, s, &meta) != SPIN_OK)
+        spin_bundle_writer_open(path, true, false, &w) != SPIN_OK)
+        exit(1);
+    w.packs = w.packer.quick = packs;
+    if (spin_bundle_write_4d(&w, s, round, &meta) != SPIN_OK)
         exit(1);
     meta.frame[0] = (struct spin_frame_info){0, 4, 4};
     meta.frame[1] = (struct spin_frame_info){1, 6, n_of_frame_1};
@@ -142,7 +147,7 @@ static void test_bundle(void)
     snprintf(path, sizeof path, "%s/a.spin", check_folder());
     fill(&s);
     spin_splats_4d_settle(&s, &n_dropped, NULL);
-    write_bundle(path, &s, 2);
+    write_bundle(path, &s, 2, false, SPIN_ROUND_NOTHING);
     if (!ok(spin_bundle_open(path, &b) == SPIN_OK, "a bundle of 4D splats opens")) {
         printf("# %s\n", spin_last_error());
         return;
@@ -168,14 +173,14 @@ static void test_bundle(void)
            sum[1] != sum[2],
        "checksums tell frames and columns apart");
     spin_bundle_close(&b);
-    write_bundle(path, &s, 3);
+    write_bundle(path, &s, 3, false, SPIN_ROUND_NOTHING);
     ok(spin_bundle_open(path, &b) == SPIN_OK &&
            spin_bundle_frame(&b, 1, ALL, &out) == SPIN_E_MALFORMED &&
            strstr(spin_last_error(), "frame 1") != NULL,
        "a count that the splats do not have is refused");
     spin_bundle_close(&b);
     s.quats[0] = INFINITY;
-    write_bundle(path, &s, 2);
+    write_bundle(path, &s, 2, false, SPIN_ROUND_NOTHING);
     ok(spin_bundle_open(path, &b) == SPIN_OK &&
            spin_bundle_frame(&b, 1, ALL, &out) == SPIN_E_MALFORMED &&
            strstr(spin_last_error(), "source/4d") != NULL,
@@ -187,10 +192,110 @@ static void test_bundle(void)
     spin_splats_4d_free(&s);
 }
 
+/* Every array of `back` against `is`, which went in rounded. */
+static bool same_arrays(struct spin_splats_4d *is, struct spin_splats_4d *back)
+{
+    bool same = is->n == back->n;
+
+    for (int k = 0; k < SPIN_N_ARRAYS_4D && same; k++) {
+        const float *a = *spin_array_4d_of(is, k), *b = *spin_array_4d_of(back, k);
+
+        /* rotations are made of unit length again */
+        for (size_t i = 0; a && i < is->n * spin_array_4d_width(is, k); i++)
+            same = same && (strcmp(spin_array_4d_name(k), "quats") == 0 ||
+                                    strcmp(spin_array_4d_name(k), "spins") == 0
+                                ? fabsf(a[i] - b[i]) < 4e-3f
+                                : a[i] == b[i]);
+    }
+    return same;
+}
+
+/* To 11 significant bits, and to steps: of what may be, and no more than half a step. */
+static void test_round(void)
+{
+    for (int r = SPIN_ROUND_NOTHING; r <= SPIN_ROUND_COMPACT; r++) {
+        enum spin_round_4d round = (enum spin_round_4d)r;
+        struct spin_splats_4d was, is;
+        const struct spin_splats_4d *back;
+        struct spin_bundle b;
+        char path[300];
+        bool near = true, on_steps = true, whole = true;
+        size_t n_dropped;
+
+        snprintf(path, sizeof path, "%s/round%d.spin", check_folder(), r);
+        fill(&was);
+        fill(&is);
+        spin_splats_4d_settle(&was, &n_dropped, NULL);
+        spin_splats_4d_settle(&is, &n_dropped, NULL);
+        is.sh[1] = was.sh[1] = 0.123456f;
+        is.log_scales[1] = was.log_scales[1] = -5.4321f;
+        spin_splats_4d_round(&is, round);
+        for (int k = 0; k < SPIN_N_ARRAYS_4D; k++) {
+            const float *a = *spin_array_4d_of(&was, k), *v = *spin_array_4d_of(&is, k);
+            float per_unit = spin_array_4d_per_unit(k, round);
+
+            for (size_t i = 0; a && i < is.n * spin_array_4d_width(&is, k); i++) {
+                float most = per_unit > 0 ? fmaxf(0.501f / per_unit, fabsf(a[i]) * 0x1p-11f) : 0;
+
+                near = near && fabsf(v[i] - a[i]) <= most;
+                on_steps = on_steps && (per_unit <= 0 || fmodf(v[i] * per_unit, 1) == 0);
+            }
+        }
+        ok(near && on_steps, "%d: values are on steps, and near", r);
+        ok((is.sh[1] == 0.123456f) == (r == 0) && (is.log_scales[1] == -5.4321f) == (r == 0),
+           "%d: which is not what they were, unless nothing is rounded", r);
+        write_bundle(path, &is, 2, true, round);
+        ok(spin_bundle_open(path, &b) == SPIN_OK && spin_bundle_splats_4d(&b, &back) == SPIN_OK &&
+               same_arrays(&is, &b.four_d),
+           "%d: they come back from a bundle", r);
+        for (int k = 0; k < SPIN_N_ARRAYS_4D; k++)
+            if (spin_array_4d_per_unit(k, round) > 0 && *spin_array_4d_of(&is, k)) {
+                char name[64];
+                struct spin_array head;
+
+                snprintf(name, sizeof name, "source/4d/%s", spin_array_4d_name(k));
+                whole = whole && spin_npz_head(&b.npz, name, &head) == SPIN_OK &&
+                        head.kind == 'i' && head.shape[0] <= 2;
+            }
+        ok(whole, "%d: as whole numbers of two bytes at most", r);
+        spin_bundle_close(&b);
+        spin_splats_4d_free(&was);
+        spin_splats_4d_free(&is);
+    }
+}
+
+/* Marked rows, and what belongs to them. */
+static void test_take(void)
+{
+    unsigned char mark[N] = {0};
+    struct spin_splats_4d s, out;
+    struct spin_splats a = {0}, b = {0};
+    size_t n_dropped, n = 0;
+
+    fill(&s);
+    spin_splats_4d_settle(&s, &n_dropped, NULL);
+    mark[1] = mark[s.n - 1] = 1;
+    ok(spin_splats_4d_take(&s, mark, &out) == SPIN_OK && out.n == 2 &&
+           !memcmp(out.sh_cos + 6, s.sh_cos + 6 * (s.n - 1), 6 * sizeof *s.sh_cos) &&
+           !memcmp(out.spans, s.spans + 2, 2 * sizeof *s.spans),
+       "two rows are taken out");
+    for (double t = 0; t < 10; t += 0.5) {
+        n += spin_splats_4d_shows(&s, 1, t) + spin_splats_4d_shows(&s, s.n - 1, t);
+        n -= spin_splats_4d_slice(&out, t, ALL, &a) == SPIN_OK ? a.n : 0;
+    }
+    ok(n == 0, "and are shown when they were");
+    spin_splats_free(&a);
+    spin_splats_free(&b);
+    spin_splats_4d_free(&s);
+    spin_splats_4d_free(&out);
+}
+
 TAP_MAIN
 {
     spin_log_set_level(-2);
     test_slice();
     test_dropped();
     test_bundle();
+    test_round();
+    test_take();
 }

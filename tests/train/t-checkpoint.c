@@ -4,6 +4,7 @@
 #include "tests/train/tracked.h"
 
 #include "base/log.h"
+#include "train/key.h"
 #include "train/lazy_adam.h"
 
 enum { ITERATION = 7, ITERATIONS = 20 };
@@ -280,7 +281,7 @@ static void check_refused(struct spin_device *d)
 struct input {
     struct spin_plan plan;
     struct spin_retrain_options o;
-    struct spin_refinement refinement;
+    struct spin_refined *given;
     struct spin_photos photos;
     struct spin_device device;
     struct spin_device_ops op;
@@ -316,7 +317,7 @@ static void make_input(struct input *in)
     in->plan.clip.views.view = in->view;
     in->plan.clip.views.n = 3;
     in->photos.imprint = in->imprint;
-    in->refinement.frame = in->refined;
+    in->given = in->refined;
     for (int i = 0; i < 3; i++) {
         in->info[i].number = 10 + i;
         in->imprint[i] = 1000 + (uint64_t)i;
@@ -336,7 +337,7 @@ static char *fingerprint_of(const struct input *in)
 {
     char *text = NULL;
 
-    if (spin_fingerprint(&in->plan, &in->refinement, &in->photos, &in->device, &text) != SPIN_OK)
+    if (spin_fingerprint(&in->plan, in->given, &in->photos, &in->device, &text) != SPIN_OK)
         exit(1);
     return text;
 }

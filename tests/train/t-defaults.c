@@ -84,7 +84,8 @@ static const struct spin_retrain_options paper = {
     false, /* resume, force, dry_run */
     NULL,
     NULL,
-    NULL, /* preview, log, cache */
+    NULL,
+    NULL, /* preview, log, watch, cache */
 };
 
 static const struct spin_retrain_options shorter = {
@@ -160,7 +161,8 @@ static const struct spin_retrain_options shorter = {
     false, /* resume, force, dry_run */
     NULL,
     NULL,
-    NULL, /* preview, log, cache */
+    NULL,
+    NULL, /* preview, log, watch, cache */
 };
 
 /* What differs from "short". */

@@ -1,6 +1,7 @@
 /* Clone, split and prune against the reference, which used the random numbers given here.
  * K: golden refine */
-#include "train/refine.h"
+#include "train/densify.h"
+#include "train/plan.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 
@@ -327,21 +328,29 @@ static void from_splats(void)
 /* What 3DGS takes (docs/method.md, section 2). */
 static void defaults(void)
 {
-    struct spin_refine_options o;
+    struct spin_train_rates r = spin_rates_3dgs(2, 700);
+    struct spin_retrain_options o = {.method = SPIN_METHOD_FRAMES, .densify = true};
+    const struct spin_plan plan = {.o = &o};
+    struct spin_densify_options d;
+    struct spin_schedule s;
 
-    spin_refine_defaults(&o);
-    ok(o.iterations == 2000 && o.lr_position == 1.6e-4 && o.lr_position_end == 1.6e-6 &&
-           o.lr_dc == 2.5e-3 && o.lr_sh == 2.5e-3 / 20 && o.sh_increase_every == 1000 &&
-           o.lr_opacity == 0.05 && o.lr_scale == 5e-3 && o.lr_rotation == 1e-3 &&
-           o.lambda_dssim == 0.2,
-       "rates and iterations of 3DGS");
-    ok(o.densify_from == -1 && o.densify_until == -1 && o.densify_every == 100 && !o.densify_at &&
-           o.densify.gradient_threshold == 2e-4 && o.densify.percent_dense == 0.01 &&
-           o.densify.prune_opacity == 0.005 && o.densify.max_points == 0,
+    ok(r.position == 3.2e-4 && r.position_end == 3.2e-6 && r.residual[SPIN_HEAD_SH] == 2.5e-3 &&
+           r.sh == 2.5e-3 / 20 && r.residual[SPIN_HEAD_OPACITY] == 0.05 &&
+           r.residual[SPIN_HEAD_SCALE] == 5e-3 && r.residual[SPIN_HEAD_ROTATION] == 1e-3 &&
+           r.tracked == 1 && r.iterations == 700,
+       "rates of 3DGS, of positions in extents");
+    spin_densify_defaults(&d);
+    ok(d.gradient_threshold == 2e-4 && d.percent_dense == 0.01 && d.prune_opacity == 0.005 &&
+           d.max_points == 0 && d.seed == 0,
        "its densification");
-    ok(o.lr_exposure == 0 && o.lambda_scale == 0 && o.lambda_opacity == 0 && !o.antialias &&
-           !o.no_final_prune && o.densify.seed == 0,
-       "nothing beyond it");
+    o.iterations = 40;
+    s = spin_plan_schedule(&plan);
+    ok(s.first == 8 && s.until == 30 && s.every == 100, "after a fifth, before three quarters");
+    o.iterations = 3000;
+    s = spin_plan_schedule(&plan);
+    ok(s.first == 500 && s.until == 2250, "in a long run after 500 iterations");
+    o.densify = false;
+    ok(spin_plan_schedule(&plan).every == 0, "or never");
 }
 
 TAP_MAIN

@@ -1,4 +1,4 @@
-/* Frames refined by spin-retrain are what spin_refine_frame() makes of the frame's splats and its training
+/* Frames refined by spin-retrain are what the loop makes of the frame's splats and its training
  * views with the options that were given: the same bits. So no option is lost or changed on the way.
  * K: long refine explicit retrain options */
 #include "scene/lens.h"
@@ -6,11 +6,9 @@
 #include "run/run.h"
 #include "eval/dynamic_mask.h"
 #include "render/image_store.h"
-#include "train/refine.h"
+#include "tests/train/one_frame.h"
 
 #include "base/log.h"
-#include "tests/check.h"
-#include "tests/tap.h"
 
 enum { FRAMES = 2, MOST_VIEWS = 8 };
 static const char clip_path[] = "fixtures/court-mini";
@@ -37,32 +35,30 @@ static struct spin_retrain_options explicit_options(int iterations)
     return o;
 }
 
-static struct spin_refine_options same_options(const struct spin_retrain_options *from,
-                                               double extent)
+static struct one_frame same_options(const struct spin_retrain_options *from, double extent)
 {
-    struct spin_refine_options o;
+    struct one_frame o;
 
-    spin_refine_defaults(&o);
-    o.iterations = from->refine;
+    one_frame_defaults(&o, from->refine, extent);
     o.lambda_dssim = from->lambda_dssim;
     o.lambda_scale = from->lambda_scale;
     o.lambda_opacity = from->lambda_opacity;
     o.antialias = from->antialias;
     memcpy(o.background, from->background, sizeof o.background);
-    o.lr_exposure = from->learn_exposure == SPIN_EXPOSURE_ON ? from->lr_exposure : 0;
-    o.densify.extent = extent;
+    o.learns_exposure = from->learn_exposure == SPIN_EXPOSURE_ON;
+    o.rates.exposure = from->lr_exposure;
     o.densify.max_points = (size_t)from->max_points;
     o.densify.seed = from->seed;
     if (from->sh_increase_every > 0)
         o.sh_increase_every = from->sh_increase_every;
     if (!from->densify)
-        o.densify_until = 0;
+        o.schedule.every = 0;
     return o;
 }
 
 /* The training views of a frame, in the order of their cameras, with their images. */
 static int take_views(const struct spin_retrain_options *from, struct spin_clip *clip, int frame,
-                      struct spin_refine_view *view, struct spin_image_store *photos)
+                      struct spin_camera *view, struct spin_image_store *photos)
 {
     struct spin_image_cache pixels;
     struct spin_dynamic_mask dynamic = {0};
@@ -93,9 +89,7 @@ static int take_views(const struct spin_retrain_options *from, struct spin_clip 
         for (size_t k = 0; k < plane; k++)
             mask[k / 8] |= (uint8_t)((dynamic.mask[k] != 0) << k % 8);
         spin_image_store_put(photos, (uint32_t)n, plane, photo, photos->masks ? mask : NULL);
-        view[n].camera = v->camera;
-        view[n].image = (uint32_t)n;
-        n++;
+        view[n++] = v->camera;
         free(photo);
         free(mask);
     }
@@ -141,8 +135,8 @@ static void take_falloff(float falloff[SPIN_EXPOSURE])
 static void refine_here(const struct spin_retrain_options *from, struct spin_clip *clip, int frame,
                         struct spin_splats *result)
 {
-    struct spin_refine_options o = same_options(from, spin_views_extent(&clip->views));
-    struct spin_refine_view view[MOST_VIEWS];
+    struct one_frame o = same_options(from, spin_views_extent(&clip->views));
+    struct spin_camera view[MOST_VIEWS];
     struct spin_refine_cloud cloud = {0};
     struct spin_splats s = {0};
     struct spin_device *d = check_device(1);
@@ -151,8 +145,7 @@ static void refine_here(const struct spin_retrain_options *from, struct spin_cli
     int n;
 
     take_falloff(falloff);
-    o.lenses = falloff;
-    o.n_lenses = 1;
+    o.falloff = falloff;
     memset(view, 0, sizeof view);
     open_photos(from, clip, d, &photos);
     n = take_views(from, clip, frame, view, &photos);
@@ -164,12 +157,12 @@ static void refine_here(const struct spin_retrain_options *from, struct spin_cli
              ? spin_refine_init_from_splats(&s, &cloud)
              : spin_refine_init_from_colours(&s, &cloud)) != SPIN_OK)
         exit(1);
-    if (spin_refine_sh_degree(from->sh_degree, o.sh_increase_every, o.iterations) > 0 &&
+    if (spin_sh_degree_reached(from->sh_degree, o.sh_increase_every, o.iterations) > 0 &&
         spin_refine_add_sh(
-            spin_refine_sh_degree(from->sh_degree, o.sh_increase_every, o.iterations), NULL,
+            spin_sh_degree_reached(from->sh_degree, o.sh_increase_every, o.iterations), NULL,
             &cloud) != SPIN_OK)
         exit(1);
-    if (spin_refine_frame(d, &o, &photos.images, view, n, NULL, &cloud, NULL) != SPIN_OK ||
+    if (one_frame_run(d, &o, &photos.images, view, n, NULL, &cloud, NULL) != SPIN_OK ||
         spin_refine_to_splats(&cloud, result) != SPIN_OK)
         exit(1);
     ok(n == 6 &&

@@ -447,6 +447,35 @@ static void check_most(struct spin_device *d)
     }
 }
 
+/* Where the last track is pruned no gradient of its splats is left for steps without tracks. */
+static void check_last(struct spin_device *d)
+{
+    struct spin_trainer t;
+    struct spin_densify_options o;
+    struct spin_densify_change change = {0};
+    uint32_t *place[2];
+    size_t n[2], left = 0;
+    float host[SPIN_RESIDUAL * 5];
+
+    tracked_open(d, tracked_size, TRACKED, 2, 3, NULL, &t);
+    tracked_fill(d, &t, 0);
+    tracked_places(place);
+    for (size_t i = 0; i < SPIN_RESIDUAL * 5; i++)
+        host[i] = 1;
+    d->op->upload(d, t.d_residual, host, sizeof host);
+    spin_densify_defaults(&o);
+    o.extent = 1000;
+    o.prune_opacity = 0.9;
+    ok(spin_densify_tracks(&t, &o, 1, place, n, &change) == SPIN_OK && t.n_tracks == 0 &&
+           d->op->download(d, host, t.d_residual, sizeof host) == SPIN_OK,
+       "no track is left");
+    for (size_t i = 0; i < SPIN_RESIDUAL * 5; i++)
+        left += host[i] != 0;
+    ok(left == 0, "and no gradient");
+    free(place[0]), free(place[1]);
+    spin_trainer_close(&t);
+}
+
 TAP_MAIN
 {
     struct spin_device *d;
@@ -461,6 +490,7 @@ TAP_MAIN
     check_carried(d);
     check_numbers_drawn(d);
     check_most(d);
+    check_last(d);
     check_device_free(d);
     d = strict_open(check_device(1), 1, 1);
     check_densify(d);

@@ -38,7 +38,7 @@ plain_points() { # FOLDER
     done
 }
 
-# NAME.spin in the viewers; a row of the table in docs/viewers.md goes to importers.rows.
+# NAME.spin in the viewers; a row of the table in tests/viewers/measured.md goes to importers.rows.
 draw() { # NAME IMPORTER RUN DRAWN
     rm -rf "$1-ply"
     "$bin/spin-export" -q "$1.spin" --to ply -o "$1-ply" || { fail "$1.spin does not export"; return; }

@@ -31,7 +31,7 @@ const fromFile = async (_, { headers }) => {
     const [from, to] = headers.Range.slice(6).split('-').map(Number);
     return new Response(data.subarray(from, to + 1), { status: 206 });
 };
-const worker = workerOf(code('worker'), ['decoded', 'advance'], { fetch: fromFile });
+const worker = workerOf(code('worker'), ['decoded', 'advance', 'blocksAt'], { fetch: fromFile });
 worker.tell({ clip, texts, address: clip.data });
 const version = opt.version ? clip.versions.findIndex((v) => v.name === opt.version) : 0;
 if (version < 0) throw new Error(`no version '${opt.version}'`);
@@ -46,27 +46,53 @@ function turn(x) {
     return [Math.cos(angle / 2), ...x.map((c) => k * c)];
 }
 
-// The values themselves, by the layout of docs/page-format.md: written, compared, or both.
-function useFrame(file, g, frame) {
-    const s = clip.steps, n = g.n + v.own[frame], rest = v.sh / 3, names = ['x', 'y', 'z', 'f_dc_0', 'f_dc_1', 'f_dc_2'];
-    for (let k = 0; k < v.sh; k++) names.push(`f_rest_${k}`);
-    names.push('opacity', 'scale_0', 'scale_1', 'scale_2', 'rot_0', 'rot_1', 'rot_2', 'rot_3');
-    const out = new Float32Array(n * names.length), places = [];
-    for (let i = 0, o = 0; i < n; i++) {
-        const own = i >= g.n, key = (c) => (own ? g.own[c][i - g.n] : 0.5 * g.keys[c][i]);
-        const number = (c) => (own || i < g.still ? 0 : g.last[c][i - g.still]), value = (c, step) => (key(c) + number(c)) * step;
-        const opacity = Math.min(1 - 1e-7, Math.max(1e-7, value(6, s.opacity)));
-        for (let c = 0; c < 3; c++) places.push(out[o++] = value(c, s.place) + clip.centre[c]);
-        for (let c = 0; c < 3; c++) out[o++] = (value(3 + c, s.colour) - 0.5) / 0.28209479177387814;
-        for (let c = 0; c < 3; c++) for (let k = 0; k < rest; k++) out[o++] = value(13 + 3 * k + c, s.sh);
-        out[o++] = Math.log(opacity / (1 - opacity));
-        for (let c = 0; c < 3; c++) out[o++] = value(7 + c, s.scale);
-        const q = multiply(turn([10, 11, 12].map((c) => key(c) * s.rotation)), turn([10, 11, 12].map((c) => number(c) * s.rotation)));
-        for (const c of q) out[o++] = c;
+const rest = v.sh / 3, names = ['x', 'y', 'z', 'f_dc_0', 'f_dc_1', 'f_dc_2'];
+for (let k = 0; k < v.sh; k++) names.push(`f_rest_${k}`);
+names.push('opacity', 'scale_0', 'scale_1', 'scale_2', 'rot_0', 'rot_1', 'rot_2', 'rot_3');
+const scaled = (q, k) => q.map((x) => k * x), sum = (a, b) => a.map((x, i) => x + b[i]);
+
+// The values themselves, by the layout of docs/page-format.md: of a splat `value(column)` is that of a column, q its
+// rotation.
+function splatOf(value, q) {
+    const opacity = Math.min(1 - 1e-7, Math.max(1e-7, value(6))), out = [0, 1, 2].map((c) => value(c) + clip.centre[c]);
+    for (let c = 0; c < 3; c++) out.push((value(3 + c) - 0.5) / 0.28209479177387814);
+    for (let c = 0; c < 3; c++) for (let k = 0; k < rest; k++) out.push(value(13 + 3 * k + c));
+    return out.concat(Math.log(opacity / (1 - opacity)), [7, 8, 9].map(value), q);
+}
+
+const s = clip.steps, stepOf = (c) => (c < 3 ? s.place : c < 6 ? s.colour : c < 7 ? s.opacity : c < 10 ? s.scale : c < 13 ? s.rotation : s.sh);
+
+function frameValues(g, frame) {
+    return Array.from({ length: g.n + v.own[frame] }, (_, i) => {
+        const own = i >= g.n, key = (c) => (own ? g.own[c][i - g.n] : 0.5 * g.keys[c][i]), number = (c) => (own || i < g.still ? 0 : g.last[c][i - g.still]);
+        const turned = (x) => turn([10, 11, 12].map((c) => x(c) * s.rotation));
+        return splatOf((c) => (key(c) + number(c)) * stepOf(c), multiply(turned(key), turned(number)));
+    });
+}
+
+// Of 4D splats at a frame.
+function rowValues(blocks, frame) {
+    const r = v.rows, tick = frame * r.ticks, out = [];
+    for (const b of blocks) for (let i = 0; i < b.n; i++) {
+        const share = (tick - b.from[i]) / b.length[i], t = share * r.degree;
+        if (share < 0 || share >= 1) continue;
+        const side = (x, sign) => Math.exp(-0.5 * Math.max(0, sign * (frame - x.at[i]) * x.by[i]) ** 2), gate = r.gate ? b.gate[i] * r.gate : 0;
+        const newton = [t, t * (t - 1) / 2, t * (t - 1) * (t - 2) / 6], path = (c) => newton.reduce((total, k, d) => total + (d < r.degree ? k * b.path[3 * d + c][i] : 0), 0);
+        const angle = r.period && 2 * Math.PI * frame / r.period - b.cosines[0][i] * r.phase, at = (c) => (c < 6 ? c - 3 : c - 10), n = 3 + v.sh;
+        const wave = (c) => (r.period && (c > 12 || (c > 2 && c < 6)) ? (c < 6 ? r.cosine : r.cosine_sh) * (Math.cos(angle) * b.cosines[1 + at(c)][i] + Math.cos(2 * angle) * b.cosines[1 + n + at(c)][i]) : 0);
+        const value = (c) => (c < 3 ? (b.keys[c][i] + path(c)) * s.place : c === 6 ? Math.min(1, Math.max(0, b.keys[6][i] * s.opacity)) * (gate + (1 - gate) * side(b.rise, -1) * side(b.fall, 1)) : b.keys[c][i] * stepOf(c) + wave(c));
+        const first = turn([10, 11, 12].map((c) => b.keys[c][i] * s.rotation)), last = r.ratio ? multiply(first, turn([0, 1, 2].map((c) => b.turn[c][i] * s.rotation))) : first;
+        const q = r.ratio ? sum(scaled(first, 1 - share), scaled(last, share * Math.exp(b.turn[3][i] * r.ratio))) : first;
+        out.push(splatOf(value, scaled(q, 1 / Math.hypot(...q))));
     }
-    const head = `ply\nformat binary_little_endian 1.0\n${v.antialias ? "comment antialiased 1\n" : ""}element vertex ${n}\n${names.map((k) => `property float ${k}\n`).join('')}end_header\n`;
-    if (opt.ply) fs.writeFileSync(path.join(opt.ply, file), Buffer.concat([Buffer.from(head), Buffer.from(out.buffer)]));
-    if (opt.like) compare(path.join(opt.like, file), places, 2 * s.place);
+    return out;
+}
+
+// Written, compared, or both.
+function usePly(file, list) {
+    const head = `ply\nformat binary_little_endian 1.0\n${v.antialias ? "comment antialiased 1\n" : ""}element vertex ${list.length}\n${names.map((k) => `property float ${k}\n`).join('')}end_header\n`;
+    if (opt.ply) fs.writeFileSync(path.join(opt.ply, file), Buffer.concat([Buffer.from(head), Buffer.from(new Float32Array(list.flat()).buffer)]));
+    if (opt.like) compare(path.join(opt.like, file), list.flatMap((x) => x.slice(0, 3)), 2 * s.place);
 }
 
 // Fails unless each of the places [n][3] is within so much, on each axis, of a splat of the PLY.
@@ -91,13 +117,14 @@ let splats = 0, seconds = 0;
 if (opt.ply) fs.mkdirSync(opt.ply, { recursive: true });
 for (let turn = 0; turn < Number(opt.repeat); turn++) {
     splats = seconds = 0;
-    for (let f = 0; f < v.splats.length; f++) {
+    for (let f = 0; f < clip.numbers.length; f++) {
         const t0 = process.cpuUsage(), frame = await worker.decoded(version, f), { user, system } = process.cpuUsage(t0);
         seconds += (user + system) / 1e6;
         splats += frame.n;
         if (!opt.ply && !opt.like) continue;
-        const g = await worker.advance(version, f);
-        useFrame(`frame_${String(clip.numbers[f]).padStart(5, '0')}.ply`, g, f);
+        const file = `frame_${String(clip.numbers[f]).padStart(5, '0')}.ply`;
+        if (v.rows) usePly(file, rowValues(await worker.blocksAt(version, f * v.rows.ticks), f));
+        else usePly(file, frameValues(await worker.advance(version, f), f));
     }
 }
-console.log(`${v.name}: ${v.splats.length} frames, ${splats} splats, ${seconds.toFixed(2)} s, ${(splats / seconds / 1e6).toFixed(2)} million splats a second`);
+console.log(`${v.name}: ${clip.numbers.length} frames, ${splats} splats, ${seconds.toFixed(2)} s, ${(splats / seconds / 1e6).toFixed(2)} million splats a second`);

@@ -10,6 +10,7 @@ import { openPage, readPage, workerOf } from './lib/browser.mjs';
 import { halfValue } from './lib/glsl.mjs';
 import { psnr } from './lib/png.mjs';
 import { render } from './lib/reference.mjs';
+import { readPly } from './lib/splat.mjs';
 import { writePly } from './lib/write.mjs';
 
 const [bin, work] = process.argv.slice(2), BANDS = [3, 1], SPLATS = 300, FRAMES = 7, C0 = 0.28209479177387814;
@@ -83,26 +84,27 @@ ok(v0.still.every((n, f) => n > 30 && n <= v0.shared[f]) && v0.still[0] < v0.sha
 
 // ---- The worker: numbers -----------------------------------------------------------------------------
 
-const NAMES = ['bytesOf', 'unfolded', 'columnsIn', 'half', 'cut', 'scaleOf', 'turnsOf', 'sorted', 'decoded', 'frameOf', 'frames', 'fetched', 'blockOf', 'draftOf', 'advance'];
+const NAMES = ['bytesOf', 'unfolded', 'columnsIn', 'half', 'cut', 'scaleOf', 'turnsOf', 'sorted', 'decoded', 'frameOf', 'frames', 'fetched', 'blockOf', 'draftOf', 'advance', 'movedTo'];
 const worker = (more = {}, given = two, changed = code) => { const w = workerOf(changed, NAMES, more); w.tell({ clip: given.clip, texts: given.texts, address: more.address ?? null }); return w; };
 const first = worker();
 
 // The splats of a frame as the shader has them, in world units; sh by channel.
-function splatsIn({ n, texels, place, sh, words }) {
+function splatsIn({ n, texels, place, sh, words, radius }, of = clip) {
     return Array.from({ length: n }, (_, i) => {
         const t = texels.subarray(8 * i, 8 * i + 8), both = (w) => [halfValue(w & 65535), halfValue(w >>> 16)];
-        return { pos: [0, 1, 2].map((c) => place[8 * i + c] * clip.size + clip.centre[c]), colour: [t[3] & 65535, t[3] >>> 16, t[7] & 65535].map((v) => v / 65535 * 4 - 1), alpha: (t[7] >>> 16) / 65535, covariance: [t[4], t[5], t[6]].flatMap(both).map((v) => v / 1024 * clip.size ** 2), sh: [...sh.subarray(2 * words * i, 2 * words * (i + 1))].map(halfValue) };
+        return { pos: [0, 1, 2].map((c) => place[8 * i + c] * of.size + of.centre[c]), colour: [t[3] & 65535, t[3] >>> 16, t[7] & 65535].map((v) => v / 65535 * 4 - 1), alpha: (t[7] >>> 16) / 65535, reach: radius[i] * of.size, covariance: [t[4], t[5], t[6]].flatMap(both).map((v) => v / 1024 * of.size ** 2), sh: [...sh.subarray(2 * words * i, 2 * words * (i + 1))].map(halfValue) };
     });
 }
 // What is not as it was exported; nothing when all is well.
-function wrongIn(frame, wanted, within = 1.6 * bounds.place, slack = 0) {
+function wrongIn(frame, wanted, within = 1.6 * bounds.place, slack = 0, given = clip) {
     const left = new Set(wanted);
-    for (const s of splatsIn(frame)) {
+    for (const s of splatsIn(frame, given)) {
         const of = [...left].find((w) => w.pos.every((v, c) => Math.abs(v - s.pos[c]) <= within));
         if (!of) { if (s.alpha > 0) return `no splat at ${s.pos}`; continue; }
         left.delete(of);
         const cov = covariance(of), trace = cov[0] + cov[3] + cov[5], colour = of.sh0.map((v) => 0.5 + C0 * v), sh = of.shN.flat();
         if (s.colour.some((v, c) => Math.abs(v - colour[c]) > (bounds.colour + 0.02) / 255)) return `colour ${s.colour} for ${colour}`;
+        if (Math.abs(s.reach / Math.sqrt(2 * Math.log(255)) / Math.max(...of.scale) - 1) > 0.025 && !slack) return `radius ${s.reach} for ${of.scale}`;
         if (Math.abs(s.alpha - of.alpha) > (bounds.colour + 0.02) / 255 && !slack) return `opacity ${s.alpha} for ${of.alpha}`;
         if (s.covariance.some((v, k) => Math.abs(v - cov[k]) > 0.009 * trace) && !slack) return `covariance ${s.covariance} for ${cov}`;
         if (sh.some((v, k) => Math.abs(v - s.sh[k]) > bounds.sh + 0.0003)) return `SH ${s.sh} for ${sh}`;
@@ -158,15 +160,97 @@ const bytes = Uint8Array.from({ length: 3000 }, () => 256 * random()), special =
 const sevens = [...bytes].map((b) => b.toString(2).padStart(8, '0')).join('').match(/.{1,7}/g).map((s) => parseInt(s.padEnd(7, '0'), 2));
 is([...first.bytesOf(sevens.map((s) => (special.includes(s) ? `\x7f${special.indexOf(s)}` : String.fromCharCode(s))).join(''))].slice(0, 3000), [...bytes], 'seven bits a character');
 
+// ---- The worker: 4D splats ---------------------------------------------------------------------------
+// A clip of them is cut at any time. Three sources at whole frames, against what is exported as PLY.
+
+const fixtures = new URL('../../fixtures/', import.meta.url).pathname, fourD = {};
+for (const [name, source] of [['lines', 'realtime4dgs/rot4d_noshfs'], ['cubes', 'ex4dgs/small'], ['turns', 'spacetimegs/full_techni']]) {
+    command('spin-import', '-q', path.join(fixtures, source), '-o', `${name}.spin`);
+    command('spin-export', '-q', `${name}.spin`, '--to', 'ply', '-o', name);
+    fourD[name] = html(`${name}.spin`, `${name}.html`);
+    const given = fourD[name].clip, w = worker({}, fourD[name]), last = given.numbers.length - 1;
+    ok(given.versions[0].rows && given.versions[0].splats.length > (name === 'cubes'), `${name}: rows, in several blocks where some are short`);
+    for (const f of [0, 1, last, 7]) {
+        const p = readPly(`${work}/${name}/frame_${String(given.numbers[f]).padStart(5, '0')}.ply`), of = (x) => (i) => x.map((column) => column[i]);
+        const wanted = Array.from({ length: p.count }, (_, i) => ({ pos: of(p.pos)(i), alpha: p.alpha[i], scale: of(p.scale)(i), rot: of(p.rot)(i), sh0: of(p.sh0)(i), shN: p.shN.map((k) => of(k)(i)) })).filter((s) => s.alpha > 0.0005);
+        const why = wrongIn(await w.decoded(0, f), wanted, 1.6 * bounds.place, 0, given);
+        ok(why === '', `${name}, frame ${f}: the splats of that time`, why);
+    }
+}
+
+// Rows by hand, with all that rows may have, at times between frames.
+const hand = {
+    numbers: [0, 1, 2, 3, 4], size: 2, centre: [1, -1, 0.5], steps: { place: 0.01, colour: 0.02, opacity: 0.01, scale: 0.05, rotation: 0.02, sh: 0.03 },
+    versions: [{ name: 'clip', degree: 1, sh: 9, splats: [3], from: [0], end: [65], at: [0], rows: { ticks: 16, degree: 3, octave: 10, middle: 0.1, plateaus: true, gate: 0.02, ratio: 0.05, period: 3, phase: 0.1, cosine: 0.01, cosine_sh: 0.02 } }]
+};
+// Columns of the three rows: a splat, its times and window, plateau, path, gate, turn, waves.
+const table = [[10, -20, 3], [5, 6, 7], [-4, 0, 300], [20, 30, 40], [25, 26, 27], [10, 44, 18], [80, 95, 60], [-60, -70, -50], [-65, -75, -40], [-90, -80, -45], [10, 0, -90], [20, 0, 30], [-30, 0, 15],
+    ...Array.from({ length: 9 }, (_, c) => [c - 4, 3 - c, 2 * c]), [0, 16, 10], [65, 24, 50], [-12, 0, 5], [-9, 0, -3], [11, 20, 2], [-8, 0, 7], [3, -4, 0], [1, 2, 0], [-5, 7, 0], [2, 0, 1], [0, 1, 0], [4, -3, 0], [1, 1, 0], [0, -2, 0], [2, 0, 0], [10, 0, 35],
+    [30, 0, -20], [-10, 0, 14], [5, 0, 40], [6, 0, -8], [7, 0, 33], ...Array.from({ length: 24 }, (_, c) => [3 - c, c % 5, c - 9])];
+{
+    const packed = zlib.gzipSync(Buffer.concat(table.map((x, c) => {
+        // each way to tell a column, in turn
+        const against = c % 3 === 1 ? x.map((v, i) => v - table[c - 1][i]) : x, steps = c % 2 ? against.map((v, i) => v - (i ? against[i - 1] : 0)) : against;
+        return Buffer.from([2 | (c % 2 ? 16 : 0) | (c % 3 === 1 ? 32 : 0), ...[0, 8].flatMap((bit) => steps.map((v) => (v < 0 ? -2 * v - 1 : 2 * v) >> bit & 255))]);
+    })));
+    hand.versions[0].bytes = [packed.length];
+    const v = hand.versions[0], r = v.rows, s = hand.steps, w = worker({ address: 'x', fetch: async () => new Response(packed, { status: 206 }) }, { clip: hand, texts: null });
+    const at = (c, i) => table[c][i], vector = (c, i, by) => [0, 1, 2].map((k) => at(c + k, i) * by), turnOf = (x) => (size(x) > 0 ? turnAbout(x, size(x)) : [1, 0, 0, 0]);
+    function row(i, frame) {
+        const from = at(22, i) / 16, length = at(23, i) / 16, share = (frame - from) / length, t = 3 * share;
+        const window = (sigma, middle, sign) => {
+            if (sigma === 0) return 1;
+            const half = length / 2, power = (sigma > 0 ? sigma - 1 : sigma) / 10, off = frame - from - half - middle * 0.1 * half * 2 ** Math.floor(power);
+            return sign * off > 0 ? Math.exp(-0.5 * (off / half / 2 ** power) ** 2) : 1;
+        };
+        const gate = at(37, i) * r.gate, angle = 2 * Math.PI * frame / 3 - at(42, i) * 0.1, wave = (c) => Math.cos(angle) * at(43 + c, i) + Math.cos(2 * angle) * at(55 + c, i);
+        const a = turnOf(vector(10, i, s.rotation)), b = times(a, turnOf(vector(38, i, s.rotation))), k = share * Math.exp(at(41, i) * 0.05);
+        return {
+            pos: [0, 1, 2].map((c) => hand.centre[c] + 0.01 * (at(c, i) + t * at(28 + c, i) + t * (t - 1) / 2 * at(31 + c, i) + t * (t - 1) * (t - 2) / 6 * at(34 + c, i))), colour: [0, 1, 2].map((c) => 0.02 * at(3 + c, i) + 0.01 * wave(c)),
+            alpha: 0.01 * at(6, i) * (gate + (1 - gate) * window(at(24, i), at(25, i), -1) * window(at(27, i), at(26, i), 1)), covariance: covariance({ rot: a.map((x, c) => (1 - share) * x + k * b[c]), scale: vector(7, i, 0.05).map(Math.exp) }), sh: Array.from({ length: 9 }, (_, c) => 0.03 * at(13 + c, i) + 0.02 * wave(3 + c))
+        };
+    }
+    for (const [frame, rows] of [[0, [0]], [0.4, [0]], [1.3, [0, 1, 2]], [2.5, [0, 2]], [4, [0]], [4.7, [0]]]) {
+        const is4 = splatsIn(await w.decoded(0, frame), hand), want = rows.map((i) => row(i, Math.min(frame, 4)));
+        is(is4.length, rows.length, `at ${frame}: so many rows`);
+        want.forEach((x, k) => near([is4[k].pos, is4[k].colour, is4[k].alpha, is4[k].sh.slice(0, 9)].flat(), [x.pos, x.colour, x.alpha, x.sh].flat(), 4e-4, `row ${rows[k]}`));
+        near(is4.map((x) => x.reach), rows.map((i) => 3.33 * Math.max(...vector(7, i, 0.05).map(Math.exp))), 0.05, 'they reach as far');
+        want.forEach((x, k) => near(is4[k].covariance, x.covariance, 0.002 * (x.covariance[0] + x.covariance[3] + x.covariance[5]), 'and its shape'));
+    }
+    ok(await w.frameOf(0, 2.5) === await w.frameOf(0, 2.5) && await w.frameOf(0, 2.4) !== await w.frameOf(0, 2.5), 'the last slice is kept');
+}
+
+// ---- The worker: splats of a .sogst file, as its reader gives them -------------------------------------
+
+{
+    const n = 40, many = (k, f) => Float32Array.from({ length: k * n }, f), moved = { ...fourD.lines.clip, fps: 4, centre: [1, -2, 0.5], size: 2, numbers: [0, 1, 2, 3], versions: [{ name: 'clip', degree: 1, sh: 9, splats: [], moves: true }] };
+    const m = { n, first: 2, place: many(3, about), velocity: many(3, about), accel: many(3, about), scale: many(3, () => 0.02 + 0.1 * Math.abs(about())), colour: many(3, () => 0.5 + 0.4 * about()), alpha: many(1, () => 0.2 + 0.7 * Math.abs(about())), centre: many(1, () => 2 + Math.abs(about())), sigma: many(1, () => 0.1 + 0.4 * Math.abs(about())), sh: many(9, () => 0.3 * about()), quat: new Float32Array(4 * n) };
+    for (let i = 0; i < n; i++) m.quat.set(unit([about(), about(), about(), about()]), 4 * i);
+    const w = worker({ address: null, fetch: null }, { clip: moved, texts: [[]] });
+    for (const [frame, t] of [[0, 2], [1.5, 2.375], [9, 2.75]]) {
+        const want = Array.from({ length: n }, (_, i) => {
+            const d = t - m.centre[i], three = (a) => [...a.subarray(3 * i, 3 * i + 3)], [x, v, a] = [m.place, m.velocity, m.accel].map(three);
+            return { pos: x.map((c, k) => c + v[k] * d + a[k] * d * d), colour: three(m.colour), alpha: m.alpha[i] * Math.exp(-d * d / 2 / m.sigma[i] ** 2), reach: 3.34 * Math.max(...three(m.scale)), covariance: covariance({ rot: [...m.quat.subarray(4 * i, 4 * i + 4)], scale: three(m.scale) }), sh: [...m.sh.subarray(9 * i, 9 * i + 9)] };
+        }).filter((x) => x.alpha >= 0.5 / 255), got = splatsIn(await w.movedTo(m, 9, frame), moved);
+        is([got.length, want.length < n], [want.length, true], `at ${frame}: those that are seen`);
+        want.forEach((x, k) => near([got[k].pos, got[k].colour, got[k].alpha, got[k].sh.slice(0, 9), got[k].reach].flat(), [x.pos, x.colour, x.alpha, x.sh, x.reach].flat(), 4e-4, `splat ${k}`));
+        want.forEach((x, k) => near(got[k].covariance, x.covariance, 0.002 * (x.covariance[0] + x.covariance[3] + x.covariance[5]), 'and its shape'));
+    }
+}
+
 // ---- The worker: order -------------------------------------------------------------------------------
 
-const n = 2000, place = new Float32Array(8 * n).map(() => 4 * about()), eye = [0.3, -0.2, 0.1], forward = unit([1, 2, -0.5]);
-const depth = Array.from({ length: n }, (_, i) => dot(sub([...place.subarray(8 * i, 8 * i + 3)], eye), forward)), order = [...first.sorted({ n, place }, eye, forward, 0.2)];
-is([...order].sort((a, b) => a - b), depth.flatMap((d, i) => (d >= 0.2 ? [i] : [])), 'all splats that are not before the near plane, once');
+const n = 2000, place = new Float32Array(8 * n).map(() => 4 * about()), radius = new Float32Array(n).map((_, i) => i % 7 * 0.05), forward = unit([1, 2, -0.5]), right = unit(cross(forward, [0, 0, 1]));
+const view = { eye: [0.3, -0.2, 0.1], right, down: cross(forward, right), forward, near: 0.2, slope: [0.9, 0.4] }, away = (i) => sub([...place.subarray(8 * i, 8 * i + 3)], view.eye);
+// How far a sphere's middle is outside of the four planes that hold 1.3 times the picture.
+const outside = (i, wide) => Math.max(...[right, view.down].map((v, k) => (Math.abs(dot(away(i), v)) - wide * view.slope[k] * dot(away(i), forward)) / Math.hypot(1, wide * view.slope[k])));
+const depth = Array.from({ length: n }, (_, i) => dot(away(i), forward)), order = [...first.sorted({ n, place, radius }, view)], want = depth.flatMap((d, i) => (d >= 0.2 && outside(i, 1.3) <= radius[i] ? [i] : []));
+is([...order].sort((a, b) => a - b), want, 'all splats that are not before the near plane and may be in the picture, once');
+ok(want.length < 0.5 * depth.filter((d) => d >= 0.2).length && depth.some((d, i) => d >= 0.2 && outside(i, 1.3) > 0 && outside(i, 1.3) <= radius[i]), 'which are not all, and some by their rim alone');
 ok(order.every((i, k) => !k || depth[i] <= depth[order[k - 1]] * 1.0001), 'far to near');
-const exactDepths = new Float32Array(16).map((_, k) => (k === 2 ? 0.5 : k === 10 ? 1 : 0));
-is([...first.sorted({ n: 2, place: exactDepths }, [0, 0, 0], [0, 0, 1], 0.5)], [1, 0], 'one at the near plane is in');
-is([[...first.sorted({ n: 1, place: exactDepths }, [0, 0, 0], [0, 0, 1], 0.1)], [...first.sorted({ n, place }, eye, forward, 99)]], [[0], []], 'one splat, and none');
+const pair = { n: 2, place: new Float32Array(16).map((_, k) => (k === 2 ? 0.5 : k === 10 ? 1 : 0)), radius: new Float32Array(2) }, ahead = { ...view, eye: [0, 0, 0], right: [1, 0, 0], down: [0, 1, 0], forward: [0, 0, 1] };
+is([...first.sorted(pair, { ...ahead, near: 0.5 })], [1, 0], 'one at the near plane is in');
+is([[...first.sorted({ ...pair, n: 1 }, ahead)], [...first.sorted({ n, place, radius }, { ...view, near: 99 })]], [[0], []], 'one splat, and none');
 
 // ---- The worker: frames that are kept, and what is fetched ---------------------------------------------
 
@@ -220,7 +304,8 @@ for (const { w } of [partly, wholly]) {
 }
 
 // What is asked for last is answered; a mistake does not end the work.
-const said = [], ready = [], busy = worker({ post: (reply) => { said.push(reply); ready.push(busy.frames.has('0 5')); } }), view = { eye: [0, 0, -3], forward: [0, 0, 1], near: 0.05 };
+const said = [], ready = [], busy = worker({ post: (reply) => { said.push(reply); ready.push(busy.frames.has('0 5')); } });
+Object.assign(view, { ...ahead, eye: [0, 0, -3], near: 0.05 });
 const asks = (frame, more = {}) => busy.tell({ parts: [{ version: 0, data: true }], frame, ...view, ...more });
 for (const f of [0, 1, 2]) asks(f, { next: 5 });
 await until(() => said.length > 1 && busy.frames.has('0 5'));
@@ -255,6 +340,14 @@ for (const degree of [2, 1, 0]) {
     like(low, truth(low, clips[0][0], degree), `SH of degree ${degree}`);
 }
 // Small, and more than a row of the textures has.
+// Where the shaders put the corners of one splat, with other uniforms.
+function corners(gl, splat, more) {
+    const [project, boxes] = gl.programs, fragment = project[gl.FRAGMENT_SHADER], vertex = boxes[gl.VERTEX_SHADER];
+    Object.assign(fragment.uniforms, { ...project.values, splats: gl.sampler(0), harmonics: gl.sampler(1), order: () => [splat, 0, 0, 1], count: 1, ...more });
+    const { ellipse, paint } = fragment.run({ gl_FragCoord: [0.5, 0.5, 0.5, 1] });
+    Object.assign(vertex.uniforms, { ellipses: () => ellipse, paints: () => [...paint, 0, 1], first: 0, most: 4 });
+    return [0, 1, 2, 3].map((k) => vertex.run({ gl_VertexID: k }).gl_Position);
+}
 const small0 = [0, 0.7, 1.4, 2.1].flatMap((x) => clips[0][0].map((s) => ({ ...s, pos: [Math.fround(s.pos[0] + 0.1 * x), Math.fround(s.pos[1] - 0.2 * x), s.pos[2]], scale: s.scale.map((v) => 0.12 * v) })));
 fs.mkdirSync(`${work}/dots`);
 writePly(`${work}/dots/frame_00000.ply`, small0, 0);
@@ -266,29 +359,42 @@ for (const antialias of [false, true]) {
     ok(psnr(p.gl.picture(), truth(p, small0, 0, antialias ? 'plain' : 'even')) < 40, 'and not the other way');
 }
 {
-    const { vertex, uniforms } = page.gl, { centre } = clip, at = (k) => clip.eye.map((v, i) => (v + k * page.camera().forward[i] - centre[i]) / clip.size);
-    near(uniforms.near, clip.near / clip.size, 1e-12, 'the near plane, in units of the page');
-    const nearest = Math.min(...clips[0][0].map((s) => dot(sub(s.pos, clip.eye), page.camera().forward))), drawn = (eye) => {
-        Object.assign(vertex.uniforms, { ...uniforms, splats: page.gl.sampler(0), harmonics: page.gl.sampler(1), eye });
-        return Array.from({ length: SPLATS }, (_, splat) => [0, 1, 2, 3].filter((corner) => vertex.run({ gl_VertexID: corner, splat }).gl_Position[2] <= 1).length).filter((k) => k > 0);
-    };
+    const { centre } = clip, at = (k) => clip.eye.map((v, i) => (v + k * page.camera().forward[i] - centre[i]) / clip.size);
+    near(page.gl.programs[0].values.near, clip.near / clip.size, 1e-12, 'the near plane, in units of the page');
+    const nearest = Math.min(...clips[0][0].map((s) => dot(sub(s.pos, clip.eye), page.camera().forward))), drawn = (eye) => Array.from({ length: SPLATS }, (_, splat) => corners(page.gl, splat, { eye }).filter((end) => end[2] <= 1).length).filter((k) => k > 0);
     ok(drawn(at(0)).length > 250 && drawn(at(0)).every((k) => k === 4), 'splats before the camera have four corners');
     ok(drawn(at(nearest - 0.21)).length === drawn(at(0)).length && drawn(at(nearest - 0.19)).length < drawn(at(0)).length && drawn(at(99)).length === 0, 'those before the near plane none, though the order is of an older view');
 }
 // Straight ahead and along the axes: one that is wide, one that is high.
 for (const [k, what] of [[0, 'wide'], [1, 'high']]) {
-    const { vertex, fragment, uniforms } = page.gl, c = page.camera(), s = splatsIn(await first.decoded(0, 0)).findIndex((p) => size(sub(p.pos, some[k].pos)) < 1e-3);
-    Object.assign(vertex.uniforms, { ...uniforms, splats: page.gl.sampler(0), harmonics: page.gl.sampler(1), eye: some[k].pos.map((v, i) => (v - 2 * c.forward[i] - clip.centre[i]) / clip.size), turn: [[1, 0, 0], [0, 1, 0], [0, 0, 1]] });
-    const ends = [0, 1, 2, 3].map((corner) => vertex.run({ gl_VertexID: corner, splat: s }).gl_Position), reach = Math.sqrt(2 * Math.log(255 * some[k].alpha));
+    const c = page.camera(), s = splatsIn(await first.decoded(0, 0)).findIndex((p) => size(sub(p.pos, some[k].pos)) < 1e-3), reach = Math.sqrt(2 * Math.log(255 * some[k].alpha));
+    const ends = corners(page.gl, s, { eye: some[k].pos.map((v, i) => (v - 2 * c.forward[i] - clip.centre[i]) / clip.size), turn: [[1, 0, 0], [0, 1, 0], [0, 0, 1]] }), fragment = page.gl.programs[1][page.gl.FRAGMENT_SHADER];
     near([0, 1].map((i) => Math.max(...ends.map((e) => e[i])) * [c.width, c.height][i] / 2), [0, 1].map((i) => reach * Math.sqrt((c.focal * some[k].scale[i] / 2) ** 2 + 0.3)), 0.05, `a splat that is ${what} is drawn so`);
     is([fragment.run({ place: [0, 0], colour: [1, 1, 1, 1] }).pixel[3], fragment.run({ place: [3.4, 0], colour: [1, 1, 1, 1] })], [0.99, null], 'nothing hides all behind it; rims end at 1/255');
 }
+// More splats than are drawn in one go.
+{
+    const many = Array.from({ length: 5 * 11 }, (_, k) => clips[0][0].map((s) => ({ ...s, pos: [s.pos[0], Math.fround(s.pos[1] + 0.02 * (k % 11 - 5)), Math.fround(s.pos[2] + 0.02 * (Math.floor(k / 11) - 2))], scale: s.scale.map((v) => 0.05 * v), alpha: 0.5 * s.alpha }))).flat();
+    fs.mkdirSync(`${work}/many`);
+    writePly(`${work}/many/frame_00000.ply`, many, 0);
+    command('spin-import', '-q', '--from', 'ply', 'many', '-o', 'many.spin');
+    const large = html('many.spin', 'many.html'), p = await openPage(large, { width: 32, height: 20 }).settle();
+    ok(p.replies.at(-1).parts[0].order.length > 16384, 'more than 16384 splats');
+    like(p, truth(p, many, 0), 'all of them', 44);
+    // After a version of few one of many: their ellipses need more room.
+    const both = await openPage({ ...large, clip: { ...large.clip, versions: [{ ...dots.clip.versions[0], name: 'few' }, { ...large.clip.versions[0], name: 'many' }] }, texts: [dots.texts[0], large.texts[0]] }, { width: 16, height: 10 }).settle(), held = both.gl.textures;
+    both.key('b');
+    await both.settle();
+    is([both.root.dataset.shown.split(' ')[0], both.replies.at(-1).parts[0].order.length > 2048, both.gl.textures - held], ['many', true, 2], 'which is made once, and what was too small is given back');
+}
 // Other windows: the whole picture of the first camera is in view.
-for (const [width, height, ratio] of [[30, 50, 1], [20, 12, 3], [70, 20, 1]]) {
-    const p = await opened({ width, height, ratio }), c = p.camera(), k = Math.min(ratio, 2), fovx = 2 * Math.atan(c.width / 2 / c.focal), wide = 2 * Math.atan(Math.tan(clip.fovy * Math.PI / 360) * clip.aspect);
+for (const [width, height, ratio, fovy = clip.fovy] of [[30, 50, 1], [30, 50, 1, clip.fovy / 4], [20, 12, 3], [70, 20, 1]]) {
+    const p = await opened({ width, height, ratio, clip: (of) => ({ ...of, fovy }) }), c = p.camera(), k = Math.min(ratio, 2), fovx = 2 * Math.atan(c.width / 2 / c.focal), wide = 2 * Math.atan(Math.tan(fovy * Math.PI / 360) * clip.aspect);
     is([c.width, c.height], [k * width, k * height], `${width} x ${height}, ${ratio} pixels each`);
-    ok(Math.min(c.fovy * Math.PI / 180 - clip.fovy * Math.PI / 180, fovx - wide) > -1e-9 && (Math.abs(c.fovy - clip.fovy) < 1e-6 || Math.abs(fovx - wide) < 1e-6), 'all of the first picture, and no more than that', `${c.fovy} ${fovx}`);
-    like(p, truth(p, clips[0][0], 3), 'there');
+    // Of a high window as much as leaves a tenth of what is before its middle above and below.
+    const high = clips[0][0].map((s) => sub(s.pos, c.eye)).filter((d) => dot(d, c.forward) > clip.near && Math.abs(dot(d, c.right) / dot(d, c.forward)) < 0.5 * Math.tan(wide / 2)).map((d) => Math.abs(dot(d, unit(cross(c.forward, c.right)))) / dot(d, c.forward)).sort((a, b) => a - b), tall = Math.max(Math.tan(fovy * Math.PI / 360), high[Math.floor(0.9 * high.length)]);
+    ok(Math.min(c.fovy - fovy, width > height ? fovx - wide : 0) > -1e-6 && (width > height ? Math.abs(c.fovy - fovy) < 1e-6 || Math.abs(fovx - wide) < 1e-6 : Math.abs(c.height / 2 / c.focal - Math.min(tall, c.height / c.width * Math.tan(wide / 2))) < 2e-3), 'all of the first picture, and no more than that', `${c.fovy} ${fovx} ${tall}`);
+    like(p, truth(p, clips[0][0], 3), 'there', 45);
 }
 // Within the scene, so that the near plane cuts and splats reach beside the camera; other axes.
 for (const [what, eyeAt, up] of [['amid the splats', [3, -1, 2], [0, -1, 0]], ['up is z', [1, -2, 2.5], [0, 0, 2]], ['up leans', [4, 0.5, 1], [1, -2, 0.3]]]) {
@@ -300,8 +406,8 @@ for (const [what, eyeAt, up] of [['amid the splats', [3, -1, 2], [0, -1, 0]], ['
 // ---- The page: frames and versions -------------------------------------------------------------------
 
 const at = (p, f) => `${p.root.dataset.shown} | ${p.$('label').textContent} | ${p.$('label').title} | ${p.$('scrub').value}` === `after ${10 + 2 * f} | Frame ${f + 1} of 7 | Number ${10 + 2 * f} | ${f}`;
-is([page.$('name').textContent, page.document.title, page.$('scrub').max, page.$('time').hidden, page.$('speed').hidden, page.$('versions').hidden, page.$('wipe').hidden, page.$('full').hidden, page.$('message').textContent], ['a', 'a', 6, false, false, false, true, false, ''], 'the page as it is opened');
-is(page.$('versions').children.map((b) => [b.textContent, b.title, b.dataset.version, b.getAttribute('aria-pressed')]), [['After', 'After alone (B)', 'after', 'true'], ['Before', 'Before alone (B)', 'before', 'false'], ['Wipe', 'Both, with a line between them (W)', 'wipe', 'false']], 'its buttons');
+is([page.$('name').textContent, two.html.match(/<title>(.*)<.title>/)[1], page.$('scrub').max, page.$('play').hidden, page.$('speed').hidden, page.$('versions').hidden, page.$('wipe').hidden, page.$('full').hidden, page.$('message').textContent], ['a', 'a', 6, false, false, false, true, false, ''], 'the page as it is opened');
+is(page.$('versions').children.map((b) => [b.textContent, b.title, b.dataset.version, b.getAttribute('aria-pressed')]), [['After', 'After alone (B)', 'after', 'true'], ['Before', 'Before alone (B)', 'before', 'false'], ['Wipe', 'Both, with a line between them (C)', 'wipe', 'false']], 'its buttons');
 ok(Object.keys(page.elements).filter((k) => /^v\d+f/.test(k)).every((k) => page.elements[k].removed), 'the texts of the blocks are given back');
 {
     const messages = page.sent.length;
@@ -345,7 +451,7 @@ ok(at(page, 5) && page.$('play').textContent === 'Play', 'keys of the slider, a 
     page.$('versions').children[0].onclick();
 }
 // Both: before on the left of the line, after on its right.
-page.key('w');
+page.key('c');
 await page.settle();
 is([page.root.dataset.shown, page.$('wipe').hidden, page.$('versions').children[2].getAttribute('aria-pressed'), page.$('wipe').style.left, page.$('wipe').getAttribute('aria-valuenow')], ['wipe 20', false, 'true', '50%', '50'], 'the wipe');
 const line = page.$('wipe');
@@ -361,7 +467,7 @@ for (const [x, left, now] of [[16, 0.25, '25'], [-5, 0.02, '2'], [64, 0.98, '98'
 }
 ok(line.fire('keydown', { key: 'ArrowLeft' }) && Math.abs(parseFloat(line.style.left) - 60.5) < 1e-9 && line.fire('keydown', { key: 'ArrowRight' }) && !line.fire('keydown', { key: 'x' }), 'keys move the line');
 near(parseFloat(line.style.left), 62.5, 1e-9, 'and back');
-page.key('w');
+page.key('c');
 is([page.$('wipe').hidden, page.$('versions').children[0].getAttribute('aria-pressed')], [true, 'true'], 'the wipe ends');
 page.$('versions').children[2].onclick();
 is(page.$('wipe').hidden, false, 'and begins by its button');
@@ -393,7 +499,45 @@ is([plays.$('play').textContent, await steps(500)], ['Play', 4], 'so does the sl
 is((await opened({ width: 16, height: 10, media: [] })).$('play').textContent, 'Pause', 'plays by itself unless less motion is wished for');
 {
     const still = await openPage({ ...dots, html: two.html }).settle();
-    is([still.$('time').hidden, still.$('speed').hidden, still.$('versions').hidden, still.sent.at(-1).next, still.key(' '), still.$('play').textContent, still.key('w'), still.$('wipe').hidden, still.$('versions').children.length], [true, true, true, undefined, true, 'Play', true, true, 1], 'a still has no time and nothing to compare');
+    is([still.$('scrub').hidden, still.$('speed').hidden, still.$('versions').hidden, still.sent.at(-1).next, still.key(' '), still.$('play').textContent, still.key('w'), still.$('wipe').hidden, still.$('versions').children.length], [true, true, true, undefined, true, 'Play', true, true, 1], 'a still has no time and nothing to compare');
+}
+
+// Of 4D splats all times may be seen, those between frames as well.
+{
+    const p = await openPage(fourD.lines, { width: 16, height: 10 }).settle(), said = () => [p.root.dataset.shown, p.$('label').textContent, p.$('label').title];
+    is([p.$('scrub').step, plays.$('scrub').step, said()], [0.1, 1, ['clip 0', 'Frame 1 of 61', 'Number 0']], 'the slider has steps between frames');
+    p.key(' ');
+    await p.settle();
+    p.$('speed').value = '0.1';
+    p.$('speed').fire('change', { target: p.$('speed') });
+    for (const [ms, frame] of [[250, 0.25], [500, 0.75], [500, 1.25]]) {
+        p.tick(ms);
+        await p.settle();
+        is(said(), [`clip ${frame}`, `Frame ${Math.floor(frame) + 1} of 61`, `Number ${frame}`], `at a tenth of the speed, after ${ms} ms`);
+    }
+    const whole = p.gl.picture();
+    p.key('ArrowRight');
+    await p.settle();
+    is([said()[0], p.$('play').textContent], ['clip 2', 'Play'], 'a key goes to the next frame');
+    ok(psnr(p.gl.picture(), whole) < 60, 'which is another picture');
+    p.$('scrub').value = '3.4';
+    p.$('scrub').fire('input');
+    await p.settle();
+    is(said()[0], 'clip 3.4', 'the slider to between two');
+    p.key('ArrowLeft');
+    await p.settle();
+    is(said()[0], 'clip 3', 'and a key to the one before');
+    p.$('scrub').value = '59.5';
+    p.$('scrub').fire('input');
+    p.key(' ');
+    p.$('speed').value = '1';
+    p.$('speed').fire('change', { target: p.$('speed') });
+    p.tick(120);
+    await p.settle();
+    is(said()[0], 'clip 60', 'the last frame stays for as long as others');
+    p.tick(60);
+    await p.settle();
+    ok(/^clip 0\.\d+$/.test(said()[0]), 'then it begins again', said()[0]);
 }
 
 // ---- The page: hands ---------------------------------------------------------------------------------
@@ -421,13 +565,21 @@ page.key('r');
     near([size(sub(e.eye, e.target)), ...e.target], [size(arm), ...c.target], 1e-6, 'the target and its distance stay');
     await page.settle();
     like(page, truth(page, clips[0][5], 3), 'turned');
+    const draws = () => Number(page.root.dataset.draws), mostOf = () => page.gl.programs[1].values.most, still = draws();
+    await page.settle();
+    is([draws(), mostOf()], [still, 4], 'at rest nothing is drawn');
+    drag([10, 30], [11, 30]);
+    page.tick();
+    is([draws(), mostOf()], [still + 1, 2.83], 'while it turns splats end sooner');
+    page.tick();
+    is([draws(), mostOf()], [still + 2, 4], 'and when it stands they are whole');
     drag([0, 0], [0, 5000]);
     near(Math.asin(dot(unit(sub(page.camera().eye, page.camera().target)), page.camera().up)), 1.55, 1e-6, 'not over the top');
     drag([0, 0], [0, -9000]);
     near(Math.asin(dot(unit(sub(page.camera().eye, page.camera().target)), page.camera().up)), -1.55, 1e-6, 'nor below');
     await page.settle();
     const asked = page.sent.at(-1);
-    near([asked.eye, asked.forward, [asked.near]].flat(), [page.camera().eye.map((v, i) => (v - clip.centre[i]) / clip.size), page.camera().forward, [clip.near / clip.size]].flat(), 1e-9, 'the worker orders for that view');
+    near([asked.eye, asked.right, asked.down, asked.forward, [asked.near], asked.slope].flat(), [page.camera().eye.map((v, i) => (v - clip.centre[i]) / clip.size), page.camera().right, page.camera().down, page.camera().forward, [clip.near / clip.size], [page.camera().width, page.camera().height].map((v) => v / 2 / page.camera().focal)].flat(), 1e-9, 'the worker orders for that view');
     page.key('r');
     near(page.camera().eye, clip.eye, 1e-6, 'the first view again by a key');
     await page.settle();
@@ -450,6 +602,35 @@ page.key('r');
     canvas.fire('pointermove', { pointerId: 77, clientX: 30, clientY: 30, buttons: 0 });
     near(page.camera().eye, clip.eye, 1e-6, 'a pointer that is not down does nothing');
     ok(canvas.fire('contextmenu'), 'the right button has no menu');
+    // Keys that fly: half the way to the target in a second, whatever the screen's rate.
+    const p = await opened({ width: 16, height: 10 }), home4 = p.camera(), way = 0.5 * size(sub(clip.eye, clip.target));
+    const flown = (key, ms) => {
+        const from = p.camera();
+        p.key(key);
+        for (let k = 0; k < ms; k += 50) p.tick(50);
+        p.window.fire('keyup', { key });
+        p.tick(500);
+        return [p.camera().eye, p.camera().target].map((v, i) => sub(v, [from.eye, from.target][i]));
+    };
+    for (const [key, axis] of [['w', home4.forward], ['S', home4.forward.map((v) => -v)], ['d', home4.right], ['a', home4.right.map((v) => -v)], ['e', home4.down.map((v) => -v)], ['q', home4.down]]) {
+        for (const moved of flown(key, 200)) near(moved, axis.map((v) => 0.2 * way * v), 1e-6, `${key} flies`);
+    }
+    const stood = p.camera().eye;
+    p.$('view').fire('pointerdown', { pointerId: 1, clientX: 0, clientY: 0 });
+    p.$('view').fire('pointermove', { pointerId: 1, clientX: 30, clientY: 5, buttons: 1 });
+    near(p.camera().eye, stood, 1e-6, 'who flies turns where he is');
+    ok(size(sub(p.camera().forward, home4.forward)) > 0.1, 'and looks elsewhere');
+    p.key('r');
+    p.$('view').fire('pointermove', { pointerId: 1, clientX: 60, clientY: 5, buttons: 1 });
+    ok(size(sub(p.camera().eye, clip.eye)) > 0.1, 'until the first view');
+    p.key('w');
+    p.window.fire('blur');
+    const left4 = p.camera().eye;
+    p.tick(50);
+    near(p.camera().eye, left4, 1e-9, 'a key that is held when the window is left is let go');
+    p.key('w');
+    for (let k = 0; k < 400; k++) p.tick(50);
+    near(size(sub(p.camera().target, clip.target)), clip.size, 1e-6, 'no farther than the scene reaches');
     // Near the target the eye hardly moves when it turns.
     const close = await opened({ width: 16, height: 10, clip: (c) => ({ ...c, reach: [0.001, 1] }) });
     close.$('view').fire('wheel', { deltaY: -1e5 });
@@ -459,6 +640,10 @@ page.key('r');
     close.$('view').fire('pointermove', { pointerId: 1, clientX: 9, clientY: 0, buttons: 1 });
     await close.settle();
     ok(close.sent.length > messages, 'a turn on the spot makes a new order');
+    const narrow = await opened({ width: 8, height: 10 }), asked2 = narrow.sent.length;
+    narrow.$('view').clientWidth = 30;
+    await narrow.settle();
+    ok(narrow.sent.length > asked2, 'so does a wider window');
 }
 {
     const fine = await opened({ ratio: 2, width: 40, height: 30 }), c = fine.camera();
@@ -476,13 +661,13 @@ page.key('r');
     }
 }
 {
-    const far = () => { const c = page.camera(); return size(sub(c.eye, c.target)); }, start = far();
+    const far = () => { const c = page.camera(); return size(sub(c.eye, c.target)); }, start = far(), whole = 1.5 * clip.size / Math.tan(clip.fovy * Math.PI / 360);
     ok(canvas.fire('wheel', { deltaY: 100, deltaMode: 0 }), 'the wheel does not scroll');
     near(far(), start * Math.exp(0.15), 1e-6, 'it zooms');
     canvas.fire('wheel', { deltaY: -3, deltaMode: 1 });
     near(far(), start, 1e-6, 'by lines, too');
     canvas.fire('wheel', { deltaY: 1e5 });
-    near(far(), Math.max(clip.reach[1], start), 1e-6, 'not out of the scene');
+    near(far(), Math.max(clip.reach[1], start, whole), 1e-6, 'until the whole scene is seen');
     canvas.fire('wheel', { deltaY: -1e5 });
     near(far(), Math.min(clip.reach[0], start), 1e-6, 'nor into it');
     page.key('r');
@@ -491,7 +676,7 @@ page.key('r');
     inside.$('view').fire('wheel', { deltaY: -1e5 });
     near(there(), start, 1e-6, 'the first view may be reached again from outside');
     inside.$('view').fire('wheel', { deltaY: 1e5 });
-    near(there(), 3 * start, 1e-6, 'and left');
+    near(there(), Math.max(3 * start, whole), 1e-6, 'and left');
 
     // Two fingers: twice as far apart is half the distance, and their middle moves the target.
     canvas.fire('pointerdown', { pointerId: 101, clientX: 20, clientY: 20 });
@@ -508,7 +693,7 @@ page.key('r');
 
 {
     const p = await opened({ width: 16, height: 10, full: false }), title = p.$('title');
-    is([p.$('hint').textContent, p.$('full').hidden, title.classList.contains('away'), p.later.map(([, ms]) => ms)], ['Drag to turn, wheel to zoom, right button to move.', true, false, [8000]], 'a hint');
+    is([p.$('hint').textContent, p.$('full').hidden, title.classList.contains('away'), p.later.map(([, ms]) => ms)], ['Drag to turn, wheel to zoom, right button to move, WASD to fly.', true, false, [8000]], 'a hint');
     p.later[0][0]();
     ok(title.classList.contains('away'), 'for eight seconds');
     for (const [what, does] of [['turns', (q) => { q.$('view').fire('pointerdown', { pointerId: 1, clientX: 0, clientY: 0 }); q.$('view').fire('pointermove', { pointerId: 1, clientX: 1, clientY: 0, buttons: 1 }); }], ['zooms', (q) => q.$('view').fire('wheel', { deltaY: 1 })], ['moves', (q) => { q.$('view').fire('pointerdown', { pointerId: 1, clientX: 0, clientY: 0 }); q.$('view').fire('pointermove', { pointerId: 1, clientX: 1, clientY: 0, buttons: 2 }); }]]) {
@@ -533,6 +718,78 @@ page.key('r');
     ok(torn.$('message').textContent.startsWith('The clip cannot be read: '), 'a page that is torn', torn.$('message').textContent);
 }
 
+// ---- The page: in another, and as its address asks --------------------------------------------------------
+
+{
+    const in16 = (more) => opened({ width: 16, height: 10, ...more }), here = 'http://there/some/page.html';
+    const away = (q) => size(sub(q.camera().eye, q.camera().target)), inner = await in16({ embedded: true }), first = away(inner), wheel = (q) => q.$('view').fire('wheel', { deltaY: -50 });
+    is([wheel(inner), away(inner) === first, inner.$('view').style.touchAction], [false, true, 'pan-y'], 'in another page the wheel and a finger are that page\'s');
+    inner.window.fire('pointerdown');
+    is([wheel(inner), away(inner) < first, inner.$('view').style.touchAction], [true, true, 'none'], 'until this one is touched');
+    inner.window.fire('blur');
+    is([wheel(inner), inner.$('view').style.touchAction], [false, 'pan-y'], 'or left again');
+    page.window.fire('blur');
+    ok(wheel(page), 'a page of its own always has them');
+    page.key('r');
+    const one = await in16({ address: `${here}?frame=3&version=before&autoplay=0&fps=20&background=0f8`, media: [] });
+    is([one.root.dataset.shown, one.$('play').textContent, one.root.classList.contains('bare'), one.root.style.background], ['before 14', 'Play', false, 'rgb(0,255,136)'], 'a frame, a version and a background');
+    near(one.gl.colour, [0, 1, 8 / 15, 1], 1e-9, 'behind the splats as well');
+    one.key(' ');
+    one.tick(60);
+    await one.settle();
+    is(one.root.dataset.shown, 'before 16', 'at so many frames a second');
+    const two2 = await in16({ address: `${here}?noui&autoplay&poster=first.jpg&version=wipe&background=102030&frame=99&fps=x` });
+    is([two2.$('play').textContent, two2.root.classList.contains('bare'), two2.$('poster').src, two2.$('poster').hidden, two2.root.dataset.shown, two2.root.style.background], ['Pause', true, 'first.jpg', true, 'wipe 10', 'rgb(16,32,48)'], 'no controls, plays at once, both versions; a frame and a rate that there are not are left out');
+    const waits = openPage(two, { address: `${here}?poster=p.png&noui=0` });
+    is([waits.$('poster').hidden, waits.root.classList.contains('bare'), waits.root.classList.contains('loading')], [false, false, true], 'a poster until the first picture is there');
+    await waits.settle();
+    is([waits.$('poster').hidden, waits.root.classList.contains('loading'), page.$('poster').hidden], [true, false, true], 'and no longer');
+    is([(await in16({ address: `${here}?frame=2`, media: [] })).$('play').textContent, openPage(fourD.lines, { address: `${here}?frame=2.5` }).$('label').title], ['Play', 'Number 1.5'], 'a frame that is asked for stays; of 4D splats also one between two');
+    ok(openPage(served, { address: 'file:///home/x/served.html' }).$('message').textContent.startsWith('This page reads served.bin beside it'), 'from the disk a page of two files says what to do');
+    const rests = await in16({ media: [], height: 250 });
+    rests.tick(3100);
+    await rests.settle();
+    ok(rests.root.classList.contains('rest') && rests.root.classList.contains('playing'), 'while it plays the controls go after three seconds');
+    rests.window.fire('pointermove');
+    rests.tick(16);
+    ok(!rests.root.classList.contains('rest'), 'and come back with a hand');
+    rests.key(' ');
+    rests.tick(9000);
+    ok(!rests.root.classList.contains('rest') && !rests.root.classList.contains('playing'), 'and stay when it stands still');
+    const low = await in16({ height: 239 }), lone = await in16({ height: 241 });
+    for (const q of [low, lone]) { q.tick(3100); await q.settle(); }
+    is([low.root.classList.contains('rest'), lone.root.classList.contains('rest')], [true, false], 'from a low picture they go when it stands still, too');
+    // By a script, and by messages from the page around.
+    const mine = await in16({}), api = mine.window.spin4d;
+    is(api.state, { play: false, frame: 1, frames: 7, speed: 1, version: 'after', ready: true }, 'what a script is told');
+    api.set({ frame: 4, version: 'before', speed: 0.25 });
+    await mine.settle();
+    is([mine.root.dataset.shown, api.state.frame, api.state.play, mine.$('speed').value], ['before 16', 4, false, '0.25'], 'and what it may set');
+    api.set({ play: true, version: 'wipe' });
+    is([api.state.play, api.state.version, mine.$('play').textContent], [true, 'wipe', 'Pause'], 'it plays, both versions');
+    for (const wish of [{ frame: 0 }, { frame: 8 }, { play: 1 }, { speed: -1 }, { version: 'x' }, { other: 1 }]) {
+        const was = JSON.stringify(api.state);
+        let said4 = '';
+        try { api.set({ frame: 2, ...wish }); } catch (e) { said4 = e.message; }
+        ok(said4.startsWith(`spin4d: ${Object.keys(wish)[0]} cannot be`) && JSON.stringify(api.state) === was, `${JSON.stringify(wish)} is refused, and nothing is done`, said4);
+    }
+    const heard = [], around = { postMessage: (m) => heard.push(m.spin4d) }, held = await in16({ embedded: around });
+    is(heard.at(-1), { play: false, frame: 1, frames: 7, speed: 1, version: 'after', ready: true }, 'the page around is told');
+    const before = heard.length;
+    held.window.fire('message', { source: around, data: { spin4d: { frame: 3 } } });
+    await held.settle();
+    is([held.root.dataset.shown, heard.length - before, heard.at(-1).frame], ['after 14', 1, 3], 'and may set the same');
+    held.window.fire('message', { source: around, data: { spin4d: { frame: 99 } } });
+    is(heard.at(-1), { error: 'spin4d: frame cannot be 99' }, 'or is told why not');
+    for (const e of [{ source: {}, data: { spin4d: { frame: 1 } } }, { source: around, data: 'hello' }, { source: around, data: null }]) held.window.fire('message', e);
+    await held.settle();
+    is([held.root.dataset.shown, heard.length - before], ['after 14', 2], 'others are not listened to');
+    const named = (title) => { command('spin-export', '-q', 'dots.spin', '--to', 'html', '-o', 'named.html', '--force', '--title', title); return readPage(`${work}/named.html`); }, tag = named('A <b> & "c"'), none = named('');
+    const shownName = openPage(tag);
+    is([tag.html.match(/<title>(.*)<.title>/)[1], shownName.$('name').textContent, shownName.$('title').hidden], ['A &lt;b> &amp; "c"', 'A <b> & "c"', false], 'a title of its own');
+    is([none.html.match(/<title>(.*)<.title>/)[1], openPage(none).$('title').hidden], ['named', true], 'or none');
+}
+
 // ---- The page: with its data on a server -----------------------------------------------------------------
 
 {
@@ -549,12 +806,12 @@ page.key('r');
     p.tick();
     is([p.root.dataset.draft, p.sent[2].parts, p.sent[2].draft], ['no', [{ version: 0, data: true }], false], 'then the frame itself');
     like(p, truth(p, clips[0][0], 3), 'that frame');
-    is(p.gl.textures, 2, 'in textures that are larger; the small ones are given back');
+    is(p.gl.textures, 5, 'in textures that are larger; the small ones are given back');
     p.tick(250);
     is(p.$('label').textContent, 'Frame 3 of 7', 'and now it plays');
 }
 // Whoever asks for another frame, or for both versions, before the draft is there gets no draft.
-for (const [what, does] of [['another frame', (p) => p.key('ArrowRight')], ['both versions', (p) => p.key('w')]]) {
+for (const [what, does] of [['another frame', (p) => p.key('ArrowRight')], ['both versions', (p) => p.key('c')]]) {
     const p = openPage({ ...served, clip: { ...served.clip, versions: [s0, { ...s0, name: 'other' }] } });
     does(p);
     p.tick();
@@ -567,7 +824,79 @@ for (const [what, does] of [['another frame', (p) => p.key('ArrowRight')], ['bot
     is([t.width, t.height, p.gl.units[1].height > 3, words.some((v, i) => v && i > 3 * 2048)], [2048, 1, true, true], 'textures as long as needed');
     p.key('ArrowRight');
     await p.settle();
-    is(p.gl.textures, 2, 'which are used again');
+    is(p.gl.textures, 5, 'which are used again');
+}
+
+// ---- The player of other pages: exporters/player --------------------------------------------------------
+
+{
+    const folder = new URL('../../exporters/player/', import.meta.url), about = JSON.parse(fs.readFileSync(new URL('package.json', folder))), version = fs.readFileSync(new URL('../../src/spin.h', import.meta.url), 'utf8').match(/SPIN_VERSION "(.*)"/)[1];
+    is([about.version, about.files.every((f) => f === 'view.html' || fs.existsSync(new URL(f, folder)))], [version, true], 'the package has the version of spin4d, and its files but that which is made');
+    const listeners = new Set(), made = [], kinds = {};
+    class Thing extends EventTarget {
+        style = {};
+        attributes = {};
+        children = [];
+        isConnected = true;
+        append(child) { this.children.push(child); child.parent = this; }
+        hasAttribute(name) { return name in this.attributes; }
+        getAttribute(name) { return this.attributes[name] ?? null; }
+    }
+    const tell = (source, data) => [...listeners].forEach((f) => f({ source, data }));
+    Object.assign(globalThis, {
+        HTMLElement: Thing, customElements: { get: (name) => kinds[name], define: (name, kind) => { kinds[name] = kind; } }, window: { addEventListener: (_, f) => listeners.add(f), removeEventListener: (_, f) => listeners.delete(f) },
+        document: { baseURI: 'https://site/blog/post.html', createElement: () => made[made.push({ addEventListener(type, f) { this[type] = f; }, style: {}, sent: [], removed: false, contentWindow: { postMessage(m) { made.find((f) => f.contentWindow === this).sent.push(m.spin4d); } }, remove() { this.removed = true; } }) - 1] }
+    });
+    const { createPlayer, addressOf } = await import(new URL('player.js', folder)), element = new Thing(), player = createPlayer(element, '../clips/a.html?frame=2', { autoplay: false, noui: true, frame: 7, poster: 'p.jpg', version: null });
+    const [frame] = made, events = [], now = { play: false, frame: 7, frames: 9, speed: 1, version: 'after', ready: false };
+    for (const type of ['ready', 'change', 'error']) player.addEventListener(type, (e) => events.push(e.message ?? type));
+    is([frame.src, frame.parent === element, frame.title], ['https://site/clips/a.html?frame=7&autoplay=0&noui=1&poster=https%3A%2F%2Fsite%2Fblog%2Fp.jpg', true, 'A clip of 3-D splats'], 'a frame with what is wished for in its address');
+    player.play();
+    player.speed = 0.5;
+    is([frame.sent, player.state, player.speed], [[], null, 1], 'wishes wait for the page');
+    tell({}, { spin4d: now });
+    tell(frame.contentWindow, 'something else');
+    is(player.state, null, 'others are not listened to');
+    tell(frame.contentWindow, { spin4d: now });
+    is([frame.sent, player.state, events], [[{ play: true }, { speed: 0.5 }], now, ['change']], 'and are told when it is there');
+    tell(frame.contentWindow, { spin4d: { ...now, ready: true, speed: 0.5 } });
+    tell(frame.contentWindow, { spin4d: { ...now, ready: true, frame: 8, version: 'wipe' } });
+    is([events, player.version, player.speed], [['change', 'ready', 'change', 'change'], 'wipe', 1], 'it says once that it is ready, and what changes');
+    frame.sent.length = 0;
+    player.pause();
+    player.seek(3.5);
+    player.version = 'before';
+    tell(frame.contentWindow, { spin4d: { error: 'spin4d: frame cannot be 99' } });
+    is([frame.sent, events.at(-1), player.state.frame], [[{ play: false }, { play: false, frame: 3.5 }, { version: 'before' }], 'spin4d: frame cannot be 99', 8], 'pause, seek, version; and mistakes');
+    const later = [], setTimeoutOf = globalThis.setTimeout;
+    globalThis.setTimeout = (f, ms) => later.push([f, ms]);
+    const parts = createPlayer(element, 'b.bin?frame=2'), lost = [];
+    parts.addEventListener('error', (e) => lost.push(e.message));
+    made.at(-1).load();
+    frame.load();
+    is([made.at(-1).src, later.map(([, ms]) => ms)], ['https://site/blog/b.html?frame=2', [5000, 5000]], 'the data of --split stand for their page');
+    later.forEach(([f]) => f());
+    globalThis.setTimeout = setTimeoutOf;
+    is([lost, events.filter((e) => e.includes('is not there')).length], [['spin4d: https://site/blog/b.html?frame=2 is not there, or is no page of spin-export'], 0], 'a page that says nothing is an error');
+    parts.destroy();
+    made.pop();
+    is(addressOf('c.sogst', { noui: true }), `${new URL('view.html', folder)}?src=${encodeURIComponent('https://site/blog/c.sogst')}&noui=1`, 'a .sogst file is shown by the page that comes with the player');
+    player.destroy();
+    is([frame.removed, listeners.size], [true, 0], 'nothing is left of it');
+    const clip3 = new kinds['spin-clip']();
+    clip3.connectedCallback();
+    is(made.length, 1, '<spin-clip> without a clip is empty');
+    clip3.attributes = { src: 'b.html', noui: '', fps: '12', title: 'A ball' };
+    clip3.attributeChangedCallback();
+    is([made[1].src, made[1].title, made[1].parent === clip3, clip3.style.aspectRatio], ['https://site/blog/b.html?noui=1&fps=12', 'A ball', true, '16 / 9'], 'with one it is a frame, its attributes the options');
+    let ready = 0;
+    clip3.addEventListener('ready', () => { ready++; });
+    tell(made[1].contentWindow, { spin4d: { ...now, ready: true } });
+    clip3.attributes.src = 'c.html';
+    clip3.attributeChangedCallback();
+    is([ready, made[1].removed, made[2].src.includes('c.html'), clip3.player.state], [1, true, true, null], 'another clip, another frame');
+    clip3.disconnectedCallback();
+    is([made[2].removed, listeners.size, clip3.player], [true, 0, null], 'which goes with the element');
 }
 console.log(`1..${tests}`);
 process.exit(failed ? 1 : 0);

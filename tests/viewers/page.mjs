@@ -170,7 +170,7 @@ async function use(first, numbers, versions) {
     await tab.mouse.wheel(0, 300);
     await until((was) => Number(document.documentElement.dataset.draws) > was, n);
     ok(differ(turned, await picture('zoomed')), 'zooms by the wheel');
-    const reach = await tab.evaluate(() => window.spin4d.clip.reach), far = (c) => Math.hypot(...c.eye.map((v, i) => v - c.target[i]));
+    const reach = await tab.evaluate(() => { const { reach, size, fovy } = window.spin4d.clip; return [reach[0], Math.max(reach[1], 1.5 * size / Math.tan(fovy * Math.PI / 360))]; }), far = (c) => Math.hypot(...c.eye.map((v, i) => v - c.target[i]));
     for (const [by, limit] of [[-1e5, reach[0]], [1e5, reach[1]]]) {
         await tab.mouse.wheel(0, by);
         await tab.waitForTimeout(200);

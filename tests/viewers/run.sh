@@ -1,5 +1,6 @@
 #!/bin/sh
 # run.sh BIN_DIR [short]: export samples in every format and open them in real viewers.
+# run.sh BIN_DIR speed [OPTION...]: pictures a second of the page beside SuperSplat's viewer (speed.mjs).
 #
 # Samples: a short retraining of the bundled clip; the bundled Dynamic 3D Gaussians run; where the large
 # fixtures are at hand (SPIN_FIXTURES, else ../shared/fixtures), a 4DGaussians and a Realtime-4DGS run;
@@ -40,7 +41,7 @@ CHROMIUM=${CHROMIUM:-$(command -v chromium || command -v chromium-browser)}
 [ -x "$CHROMIUM" ] || skip "no Chromium (Debian: chromium)"
 export CHROMIUM
 
-if [ ! -d "$here/node_modules/playwright-core" ]; then
+if [ ! -d "$here/node_modules/playwright-core" ] || [ ! -d "$here/node_modules/@playcanvas/supersplat-viewer" ]; then
     command -v npm >/dev/null 2>&1 || skip "no npm (Debian: npm)"
     echo "viewers: fetching the viewers' packages (400 MB, once)"
     (cd "$here" && timeout 120 npm ci --ignore-scripts --no-audit --no-fund \
@@ -153,7 +154,26 @@ import() {
     "$bin/spin-import" -q "$@" -o "$sample.spin" || { fail "$sample does not import"; return 1; }
 }
 
+# still_4d SAMPLE: its 4D splats as TSOG and .sogst, at their own times, by splat-transform.
+still_4d() {
+    python=$(python)
+    [ -n "$python" ] || { echo "viewers: skipped: 4D splats of $1: no NumPy"; return; }
+    for to in tsog sogst; do
+        segment=
+        [ $to = sogst ] && segment='--segment 0'
+        # shellcheck disable=SC2086
+        "$bin/spin-export" -q --force --fps 30 $segment "$1.spin" -o "$1.$to" &&
+            "$python" "$here/sog-4d.py" "$bin" "$here/node_modules/@playcanvas/splat-transform/bin/cli.mjs" \
+                "$1.$to" || fail "$1.$to: splat-transform reads another"
+    done
+}
+
 mkdir -p "$out" && cd "$out" || exit 1
+if [ "$short" = speed ]; then
+    shift 2
+    exec node "$here/speed.mjs" --out speed "$@" "$bin"
+fi
+
 size='--max-frames 3'
 [ -n "$short" ] && size='--max-frames 2 --size 256'
 
@@ -179,7 +199,11 @@ import mini-source --from d3dgs "$clip" --data "$clip" &&
     "$bin/spin-retrain" -q mini-source.spin -o mini.spin --preset paper --device cpu --iterations 300 --levels 8 \
         --hash-log2 15 --base-resolution 8,8,8,2 --finest-resolution 128,128,128,8 --sh-degree 1 \
         --head-lr-factor 4 --init-log-scale auto &&
-    show mini --eye 2.84,-1.44,0 --target 0,-0.95,0 --fovy 41
+    show mini --eye 2.84,-1.44,0 --target 0,-0.95,0 --fovy 41 &&
+    echo "a page of another site" &&
+    { node "$here/embed.mjs" "$bin/../player" mini/page.html mini-shots || fail "mini: a page of another site does not hold the clip"; } &&
+    echo "the pages of docs/how-to/viewers.md" &&
+    { node "$here/snippets.mjs" mini mini-shots || fail "mini: a page of the documents does not show the clip"; }
 
 # Splats that are meant to be drawn antialiased: the page does, as the PLY says. They are small and so is
 # the window, so that it matters: a plain picture would agree to 38 dB.
@@ -201,6 +225,16 @@ import varied --from ply "$root/fixtures/ply/inria_sh0_varN" && mkdir -p varied 
     "$bin/spin-export" -q --force varied.spin --to ply --sh 1 -o varied/truth &&
     node "$here/page-decode.mjs" --like varied/truth varied/page.html ||
     fail "varied: the page has other splats than the frames"
+
+echo
+echo "== 4D splats"
+import rot4d "$root/fixtures/realtime4dgs/rot4d_noshfs" && still_4d rot4d
+echo "rot4d.sogst in <spin-clip>"
+rm -rf rot4d-sogst rot4d.sogst
+"$bin/spin-export" -q --fps 30 --segment 0 rot4d.spin -o rot4d.sogst && import rot4d-sogst rot4d.sogst &&
+    "$bin/spin-export" -q rot4d-sogst.spin --to ply -o rot4d-sogst &&
+    node "$here/sogst.mjs" "$bin/../player" rot4d.sogst rot4d-sogst rot4d-shots || fail "rot4d.sogst: <spin-clip> shows another"
+[ ! -d "$large/realtime4dgs/rot4d_sht" ] || { import sht "$large/realtime4dgs/rot4d_sht" && still_4d sht; }
 
 if [ -z "$short" ]; then
     import d3dgs --from d3dgs "$root/fixtures/d3dgs/trained" && show d3dgs

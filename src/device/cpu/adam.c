@@ -3,6 +3,7 @@
 
 #include "device/cpu/denormals.h"
 #include "math/adam.h"
+#include "math/approx.h"
 
 enum { CHUNK = 1 << 15 };
 
@@ -48,5 +49,39 @@ void SPIN_CPU(adam)(struct spin_device *d, int n_groups, const struct spin_param
 
         spin_pool_run(spin_cpu_pool(d), (int)((one->n + CHUNK - 1) / CHUNK), adam_task, &job);
     }
+    spin_cpu_spent(d, SPIN_OP_ADAM, start);
+}
+
+/* ---- Whether they are still numbers ----------------------------------------------------------- */
+
+enum { FINITE_CHUNK = 1 << 16 };
+struct finite {
+    size_t n;
+    const float *values;
+    uint32_t *count;
+};
+
+/* The exponent alone tells: compilers take such a loop many values at a time. */
+static void finite_task(void *context, int task, int worker)
+{
+    const struct finite *job = context;
+    size_t first = (size_t)task * FINITE_CHUNK;
+    size_t end = first + FINITE_CHUNK < job->n ? first + FINITE_CHUNK : job->n;
+    uint32_t bad = 0;
+
+    (void)worker;
+    for (size_t i = first; i < end; i++)
+        bad += (spin_bits_of_float(job->values[i]) & 0x7f800000u) == 0x7f800000u;
+    if (bad)
+        __atomic_fetch_add(job->count, bad, __ATOMIC_RELAXED);
+}
+
+void SPIN_CPU(not_finite)(struct spin_device *d, size_t n, const float *values, uint32_t *count)
+{
+    double start = spin_now_s();
+    struct finite job = {n, values, count};
+
+    spin_pool_run(spin_cpu_pool(d), (int)((n + FINITE_CHUNK - 1) / FINITE_CHUNK), finite_task,
+                  &job);
     spin_cpu_spent(d, SPIN_OP_ADAM, start);
 }

@@ -318,6 +318,61 @@ void SPIN_CPU(blend)(struct spin_device *d, const struct spin_view_batch *views,
     spin_cpu_spent(d, SPIN_OP_BLEND, start);
 }
 
+/* ---- Depth ----------------------------------------------------------------------------------- */
+
+/* A pixel at a time: films are not trainings. */
+static void depth_task(void *context, int tile, int worker)
+{
+    const struct job *job = context;
+    struct place p = place_of(job->cam, tile);
+    size_t plane = (size_t)job->cam->width * (size_t)job->cam->height;
+    struct spin_blend_pixel pixel[SIDE * SIDE] = {0};
+
+    (void)worker;
+    for (int i = 0; i < SIDE * SIDE; i++)
+        pixel[i].t = 1;
+    for (uint32_t k = job->start[tile]; k < job->start[tile + 1]; k++) {
+        const struct spin_splat2d *of = job->splat2d + job->lists[k];
+        const float colour[3] = {of->depth, 1, 0};
+        struct spin_blend_splat s = spin_blend_prepare(
+            of->u_px - (float)p.x0, of->v_px - (float)p.y0, of->conic, of->opacity, colour);
+        float reach_x, reach_y;
+        int x1, y1;
+
+        spin_blend_reach(s.a, s.b, s.c, s.log2_opacity, &reach_x, &reach_y);
+        x1 = clamp_to(s.u_px + reach_x + 1, (float)p.width);
+        y1 = clamp_to(s.v_px + reach_y + 1, (float)p.height);
+        for (int y = clamp_to(s.v_px - reach_y, SIDE); y < y1; y++)
+            for (int x = clamp_to(s.u_px - reach_x, SIDE); x < x1; x++)
+                spin_blend_depth(&s, s.u_px - (float)x, s.v_px - (float)y, &pixel[y * SIDE + x]);
+    }
+    for (int y = 0; y < p.height; y++)
+        for (int x = 0; x < p.width; x++) {
+            float *to =
+                job->image + (size_t)(p.y0 + y) * (size_t)job->cam->width + (size_t)(p.x0 + x);
+
+            to[0] = spin_blend_expected(&pixel[y * SIDE + x]);
+            to[plane] = pixel[y * SIDE + x].colour[2];
+        }
+}
+
+void SPIN_CPU(depth)(struct spin_device *d, const struct spin_view_batch *views,
+                     const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,
+                     float *depth)
+{
+    for (int k = 0; k < views->n_views; k++) {
+        const struct spin_view_of_batch *view = &views->view[k];
+        struct job job = {.cam = &view->camera,
+                          .splat2d = splat2d + view->first,
+                          .lists = tiles->intersections,
+                          .start = tiles->start + (size_t)k * (views->max_tiles + 1),
+                          .image = depth + 2 * (size_t)k * views->max_pixels};
+
+        spin_pool_run(spin_cpu_pool(d), view->camera.tiles_x * view->camera.tiles_y, depth_task,
+                      &job);
+    }
+}
+
 /* ---- Backward -------------------------------------------------------------------------------- */
 
 struct back {

@@ -80,10 +80,12 @@ SPIN_CPU_VERB(regularise_back);
 SPIN_CPU_VERB(nonzero_grad);
 SPIN_CPU_VERB(project); /* project.c */
 SPIN_CPU_VERB(project_back);
+SPIN_CPU_VERB(not_finite);    /* adam.c */
 SPIN_CPU_VERB(densify_stats); /* densify_stats.c */
 SPIN_CPU_VERB(tile_count);    /* tile.c */
 SPIN_CPU_VERB(tile_fill);
 SPIN_CPU_VERB(blend); /* blend.c */
+SPIN_CPU_VERB(depth);
 SPIN_CPU_VERB(blend_back);
 SPIN_CPU_VERB(loss); /* loss.c */
 SPIN_CPU_VERB(measure);

@@ -403,6 +403,13 @@ static inline __attribute__((always_inline)) quad mix(quad a, quad b, float w)
     return a + w * (b - a);
 }
 
+#if defined(__clang__) || __GNUC__ >= 12
+#define SHUFFLE(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#else
+typedef int quad_of_ints __attribute__((vector_size(16)));
+#define SHUFFLE(a, b, ...) __builtin_shuffle(a, b, (quad_of_ints){__VA_ARGS__})
+#endif
+
 /* The sums over corners of (upper minus lower) along x, y and z, each dotted with g: the gradient
  * to the three smoothstep weights. Axes are summed away one at a time, t first. */
 static inline __attribute__((always_inline)) quad slopes(const quad v[CORNERS], quad g,
@@ -426,12 +433,11 @@ static inline __attribute__((always_inline)) quad slopes(const quad v[CORNERS], 
     gz = mix(mix(dz[0], dz[1], wx), mix(dz[2], dz[3], wx), wy) * g;
 
     /* Three sums over the four features at once. */
-    pair_lo = __builtin_shufflevector(gx, gy, 0, 4, 1, 5);
-    pair_hi = __builtin_shufflevector(gx, gy, 2, 6, 3, 7);
-    pair = pair_lo + pair_hi;                                /* x0+x2 y0+y2 x1+x3 y1+y3 */
-    last = gz + __builtin_shufflevector(gz, gz, 2, 3, 0, 1); /* z0+z2 z1+z3 .. */
-    sum = __builtin_shufflevector(pair, last, 0, 1, 4, 4) +
-          __builtin_shufflevector(pair, last, 2, 3, 5, 5);
+    pair_lo = SHUFFLE(gx, gy, 0, 4, 1, 5);
+    pair_hi = SHUFFLE(gx, gy, 2, 6, 3, 7);
+    pair = pair_lo + pair_hi;                /* x0+x2 y0+y2 x1+x3 y1+y3 */
+    last = gz + SHUFFLE(gz, gz, 2, 3, 0, 1); /* z0+z2 z1+z3 .. */
+    sum = SHUFFLE(pair, last, 0, 1, 4, 4) + SHUFFLE(pair, last, 2, 3, 5, 5);
     return sum;
 }
 

@@ -4,11 +4,11 @@
 enum { CHUNK = 1024 };
 
 struct job {
-    size_t n, n_rows;
+    size_t n, n_rows, sh_width;
     const uint32_t *rows; /* [n_rows], of the batch */
     size_t first_row;     /* of the frame */
-    const float *from;
-    float *to;
+    const float *from, *sh;
+    float *to, *d_sh;
 };
 
 /* A group is a matrix [n][width]; in a row of attributes it begins at this column. */
@@ -18,20 +18,32 @@ static const struct group {
 } groups[N_GROUPS] = {
     {3, SPIN_ATTR_SCALE}, {4, SPIN_ATTR_ROTATION}, {3, SPIN_ATTR_SH}, {1, SPIN_ATTR_OPACITY}};
 
-static inline void to_rows(const struct job *job, int task, bool add)
+/* SH beyond the first coefficient: a group with a place of its own. */
+static struct group group_of_sh(size_t width) { return (struct group){width, SPIN_ATTR_SH + 3}; }
+
+static inline void group_to_rows(const struct job *job, int task, struct group group,
+                                 const float *from, bool add)
 {
     size_t first = (size_t)task * CHUNK;
     size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
+
+    for (size_t i = first; i < end; i++) {
+        float *restrict to = job->to + i * SPIN_ATTR + group.column;
+        const float *restrict own = from + i * group.width;
+
+        for (size_t c = 0; c < group.width; c++)
+            to[c] = add ? to[c] + own[c] : own[c];
+    }
+}
+
+static inline void to_rows(const struct job *job, int task, bool add)
+{
     const float *from = job->from;
 
     for (int k = 0; k < N_GROUPS; from += groups[k++].width * job->n)
-        for (size_t i = first; i < end; i++)
-            for (size_t c = 0; c < groups[k].width; c++) {
-                float *to = &job->to[i * SPIN_ATTR + groups[k].column + c];
-                float value = from[i * groups[k].width + c];
-
-                *to = add ? *to + value : value;
-            }
+        group_to_rows(job, task, groups[k], from, add);
+    if (job->sh)
+        group_to_rows(job, task, group_of_sh(job->sh_width), job->sh, add);
 }
 
 static void add_task(void *context, int task, int worker)
@@ -55,8 +67,11 @@ static void all_to_rows(struct spin_device *d, const struct spin_frame_batch *fr
 
     for (int f = 0; f < frames->n_frames; f++) {
         const struct spin_frame_of_batch *frame = &frames->frame[f];
-        struct job job = {
-            .n = frame->n, .from = frame->residual, .to = raw + frame->first * SPIN_ATTR};
+        struct job job = {.n = frame->n,
+                          .sh_width = frame->sh_width,
+                          .from = frame->residual,
+                          .sh = frame->sh,
+                          .to = raw + frame->first * SPIN_ATTR};
 
         if (frame->residual)
             spin_pool_run(spin_cpu_pool(d), n_chunks(job.n), task, &job);
@@ -75,21 +90,30 @@ void SPIN_CPU(residual_set)(struct spin_device *d, const struct spin_frame_batch
     all_to_rows(d, frames, raw, set_task);
 }
 
+static void group_back(const struct job *job, int task, struct group group, float *to)
+{
+    size_t first = (size_t)task * CHUNK;
+    size_t end = first + CHUNK < job->n_rows ? first + CHUNK : job->n_rows;
+
+    for (size_t i = first; i < end; i++) {
+        float *restrict own = to + (job->rows[i] - job->first_row) * group.width;
+        const float *restrict from = job->from + i * SPIN_ATTR + group.column;
+
+        for (size_t c = 0; c < group.width; c++)
+            own[c] += from[c];
+    }
+}
+
 static void back_task(void *context, int task, int worker)
 {
     const struct job *job = context;
-    size_t first = (size_t)task * CHUNK;
-    size_t end = first + CHUNK < job->n_rows ? first + CHUNK : job->n_rows;
     float *to = job->to;
 
     (void)worker;
     for (int k = 0; k < N_GROUPS; to += groups[k++].width * job->n)
-        for (size_t i = first; i < end; i++) {
-            size_t row = job->rows[i] - job->first_row;
-
-            for (size_t c = 0; c < groups[k].width; c++)
-                to[row * groups[k].width + c] += job->from[i * SPIN_ATTR + groups[k].column + c];
-        }
+        group_back(job, task, groups[k], to);
+    if (job->d_sh)
+        group_back(job, task, group_of_sh(job->sh_width), job->d_sh);
 }
 
 void SPIN_CPU(residual_back)(struct spin_device *d, const struct spin_frame_batch *frames,
@@ -102,10 +126,12 @@ void SPIN_CPU(residual_back)(struct spin_device *d, const struct spin_frame_batc
         size_t first, n_rows = SPIN_CPU(active_of)(active, frame, &first);
         struct job job = {.n = frame->n,
                           .n_rows = n_rows,
+                          .sh_width = frame->sh_width,
                           .rows = active->row + first,
                           .first_row = frame->first,
                           .from = d_raw + first * SPIN_ATTR,
-                          .to = frame->d_residual};
+                          .to = frame->d_residual,
+                          .d_sh = frame->d_sh};
 
         if (frame->d_residual)
             spin_pool_run(spin_cpu_pool(d), n_chunks(n_rows), back_task, &job);

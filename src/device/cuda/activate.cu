@@ -2,54 +2,83 @@
 #include "device/cuda/cuda.h"
 #include "math/activate.h"
 
-static __global__ void activate_kernel(size_t n, const float *raw, float *attr)
-{
-    size_t i = GPU_INDEX();
-    const float *h = raw + i * SPIN_ATTR;
-    float *a = attr + i * SPIN_ATTR;
+/* A thread has four numbers of a row, so that a warp reads and writes memory that lies together. The first two
+ * threads of a row take part in the rotation, and both work it out; a thread between them and the last copies. */
+enum { FOURS = SPIN_ATTR / 4, LAST = FOURS - 1 };
+static_assert(SPIN_ATTR_SCALE == 0 && SPIN_ATTR_ROTATION + 4 == 7 &&
+                  SPIN_ATTR_OPACITY == SPIN_ATTR - 1 && SPIN_ATTR % 4 == 0,
+              "scale and rotation are in the first two fours of a row, opacity in the last");
 
-    if (i >= n)
+/* The first eight numbers of a row. */
+static __device__ void first_two(const float4 *row, float *out)
+{
+    *(float4 *)out = row[0];
+    *(float4 *)(out + 4) = row[1];
+}
+
+static __global__ void activate_kernel(size_t n, const float4 *raw, float4 *attr)
+{
+    size_t at = GPU_INDEX(), four = at % FOURS;
+    float4 v;
+
+    if (at >= n * FOURS)
         return;
-    for (int k = 0; k < 3; k++)
-        a[SPIN_ATTR_SCALE + k] = spin_scale_of(h[SPIN_ATTR_SCALE + k]);
-    spin_rotation_of(h + SPIN_ATTR_ROTATION, a + SPIN_ATTR_ROTATION);
-    for (int k = 0; k < 48; k++)
-        a[SPIN_ATTR_SH + k] = h[SPIN_ATTR_SH + k];
-    a[SPIN_ATTR_OPACITY] = spin_opacity_of(h[SPIN_ATTR_OPACITY]);
+    v = raw[at];
+    if (four < 2) {
+        alignas(16) float h[8], a[8];
+
+        first_two(raw + (at - four), h);
+        for (int k = 0; k < 3; k++)
+            a[SPIN_ATTR_SCALE + k] = spin_scale_of(h[SPIN_ATTR_SCALE + k]);
+        spin_rotation_of(h + SPIN_ATTR_ROTATION, a + SPIN_ATTR_ROTATION);
+        a[7] = h[7];
+        v = *(float4 *)(a + 4 * four);
+    }
+    if (four == LAST)
+        v.w = spin_opacity_of(v.w);
+    attr[at] = v;
 }
 
 void cuda_activate(struct spin_device *d, size_t n, const float *raw, float *attr)
 {
     cuda_begin(d, SPIN_OP_ACTIVATE);
-    GPU_EACH(gpu_of(d), n, activate_kernel, n, raw, attr);
+    GPU_EACH(gpu_of(d), n * FOURS, activate_kernel, n, (const float4 *)raw, (float4 *)attr);
     cuda_end(d, SPIN_OP_ACTIVATE);
 }
 
-static __global__ void activate_back_kernel(struct cuda_rows rows, const float *raw,
-                                            const float *d_attr, float *d_raw)
+static __global__ void activate_back_kernel(struct cuda_rows rows, const float4 *raw,
+                                            const float4 *d_attr, float4 *d_raw)
 {
-    size_t i = GPU_INDEX(), row;
-    const float *h, *g;
-    float *d_h = d_raw + i * SPIN_ATTR;
+    size_t at = GPU_INDEX(), four = at % FOURS, row;
+    float4 d;
 
-    if (!cuda_row(rows, i, &row))
+    if (!cuda_row(rows, at / FOURS, &row))
         return;
-    h = raw + row * SPIN_ATTR;
-    g = d_attr + row * SPIN_ATTR;
-    for (int k = 0; k < 3; k++)
-        d_h[SPIN_ATTR_SCALE + k] = spin_scale_adj(h[SPIN_ATTR_SCALE + k], g[SPIN_ATTR_SCALE + k]);
-    spin_rotation_adj(h + SPIN_ATTR_ROTATION, g + SPIN_ATTR_ROTATION, d_h + SPIN_ATTR_ROTATION);
-    for (int k = 0; k < 48; k++)
-        d_h[SPIN_ATTR_SH + k] = g[SPIN_ATTR_SH + k];
-    d_h[SPIN_ATTR_OPACITY] = spin_opacity_adj(h[SPIN_ATTR_OPACITY], g[SPIN_ATTR_OPACITY]);
+    d = d_attr[row * FOURS + four];
+    if (four < 2) {
+        alignas(16) float h[8], g[8], d_h[8];
+
+        first_two(raw + row * FOURS, h);
+        first_two(d_attr + row * FOURS, g);
+        for (int k = 0; k < 3; k++)
+            d_h[SPIN_ATTR_SCALE + k] =
+                spin_scale_adj(h[SPIN_ATTR_SCALE + k], g[SPIN_ATTR_SCALE + k]);
+        spin_rotation_adj(h + SPIN_ATTR_ROTATION, g + SPIN_ATTR_ROTATION, d_h + SPIN_ATTR_ROTATION);
+        d_h[7] = g[7];
+        d = *(float4 *)(d_h + 4 * four);
+    }
+    if (four == LAST)
+        d.w = spin_opacity_adj(raw[row * FOURS + LAST].w, d.w);
+    d_raw[at] = d;
 }
 
 void cuda_activate_back(struct spin_device *d, const struct spin_active *active, const float *raw,
                         const float *d_attr, float *d_raw)
 {
     cuda_begin(d, SPIN_OP_ACTIVATE_BACK);
-    GPU_EACH(gpu_of(d), active->most, activate_back_kernel, cuda_rows_of(active, 0, SIZE_MAX), raw,
-             d_attr, d_raw);
+    GPU_EACH(gpu_of(d), active->most * FOURS, activate_back_kernel,
+             cuda_rows_of(active, 0, SIZE_MAX), (const float4 *)raw, (const float4 *)d_attr,
+             (float4 *)d_raw);
     cuda_end(d, SPIN_OP_ACTIVATE_BACK);
 }
 
@@ -132,7 +161,9 @@ void cuda_nonzero_grad(struct spin_device *d, const struct spin_frame_batch *fra
         GPU_EACH(gpu_of(d), frame->n, flag_kernel, frame->n, d_attr + frame->first * SPIN_ATTR,
                  frame->d_means, flag + frame->first);
     }
-    cuda_scan(d, flag, flag + n + 1, n + 1);
-    GPU_EACH(gpu_of(d), n + 1, list_kernel, n, flag, flag + n + 1, active->row, active->n);
+    if (cuda_scan(d, flag, flag + n + 1, n + 1))
+        GPU_EACH(gpu_of(d), n + 1, list_kernel, n, flag, flag + n + 1, active->row, active->n);
+    else
+        gpu_zero(gpu_of(d), active->n, sizeof *active->n);
     cuda_end(d, SPIN_OP_NONZERO_GRAD);
 }

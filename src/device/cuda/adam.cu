@@ -2,6 +2,7 @@
  * a group has blocks of its own. */
 #include "device/cuda/cuda.h"
 #include "math/adam.h"
+#include "math/approx.h"
 
 enum { MOST_GROUPS = 64 };
 struct groups {
@@ -60,5 +61,29 @@ void cuda_adam(struct spin_device *d, int n_groups, const struct spin_param_grou
             launch(d, &groups);
     }
     launch(d, &groups);
+    cuda_end(d, SPIN_OP_ADAM);
+}
+
+/* ---- Whether they are still numbers ----------------------------------------------------------- */
+
+static __global__ void not_finite_kernel(size_t n, const float *values, uint32_t *count)
+{
+    size_t stride = (size_t)gridDim.x * blockDim.x;
+    uint32_t bad = 0;
+
+    for (size_t i = GPU_INDEX(); i < n; i += stride)
+        bad += (spin_bits_of_float(values[i]) & 0x7f800000u) == 0x7f800000u;
+    if (bad)
+        atomicAdd(count, bad);
+}
+
+void cuda_not_finite(struct spin_device *d, size_t n, const float *values, uint32_t *count)
+{
+    enum { MOST = 1024 };
+    unsigned blocks = n > 0 ? gpu_blocks(n) : 1;
+
+    cuda_begin(d, SPIN_OP_ADAM);
+    GPU_LAUNCH(gpu_of(d), not_finite_kernel, blocks < MOST ? blocks : (unsigned)MOST, GPU_BLOCK, n,
+               values, count);
     cuda_end(d, SPIN_OP_ADAM);
 }

@@ -2,9 +2,11 @@
  * a pixel of it; the splats come in batches through shared memory. The formulas are math/blend.h's. Forwards a warp has
  * 8 x 4 pixels, and passes over the splats of a batch whose alpha is below 1/255 in all of them.
  *
- * Backwards, a batch is first visited by the pixels, which leave what a splat is to them in shared memory; then by
- * threads that have a splat and a part of the pixels. Each (splat, tile) pair writes its sums to a slot of its own, and
- * the slots of a splat are added in order: no atomics, the same bits every time. */
+ * Backwards, a block begins at the last splat that any of its pixels has, and warps pass over the same splats. A
+ * warp takes two splats at once. Its pixels leave what these are to them in shared memory, until there are eight
+ * splats; then a lane adds up a row of eight pixels, and four lanes a splat. A batch's sums of the warps are added
+ * in order. Each (splat, tile) pair writes its sums to a slot of its own, and the slots of a splat are added in
+ * order: no atomics, the same bits every time. */
 #include "device/cuda/cuda.h"
 #include "device/pairs.h"
 #include "math/blend.h"
@@ -13,11 +15,16 @@ enum {
     SIDE = SPIN_TILE,
     PIXELS = SIDE * SIDE,
     FRONT = PIXELS,
-    BACK = 16,
-    PARTS = PIXELS / BACK,
     WARP = 32,
     WARP_X = 8,
-    WARP_Y = WARP / WARP_X
+    WARP_Y = WARP / WARP_X,
+    WARPS = PIXELS / WARP,
+    BACK = WARP,
+    LOADED = 4 * BACK,
+    TWO = 2,
+    HELD = WARP / WARP_Y,
+    ROW = WARP_X / 4, /* float4 in a row of a warp's pixels */
+    VALUES = sizeof(struct spin_blend_sums) / sizeof(float)
 };
 static const unsigned all_lanes = 0xffffffffu;
 
@@ -35,8 +42,8 @@ static __device__ struct spin_blend_splat make_ready(const struct spin_splat2d *
                               s->colour);
 }
 
-/* A splat of a batch, and how far it reaches. */
-struct front {
+/* A splat of a batch, and how far it reaches; loads are of 16 bytes. */
+struct alignas(16) front {
     struct spin_blend_splat splat;
     float reach_x, reach_y;
 };
@@ -89,11 +96,11 @@ static __global__ void blend_kernel(struct picture p, float *image, float *final
                 break;
             near = __ballot_sync(all_lanes, i < count && comes_near(&batch[i], warp_x, warp_y));
             for (; near; near &= near - 1) {
-                const struct spin_blend_splat *s;
+                struct spin_blend_splat s;
 
                 i = from + (uint32_t)__ffs((int)near) - 1;
-                s = &batch[i].splat;
-                if (spin_blend_step(s, s->u_px - (float)in_x, s->v_px - (float)in_y, &pixel))
+                s = batch[i].splat;
+                if (spin_blend_step(&s, s.u_px - (float)in_x, s.v_px - (float)in_y, &pixel))
                     used = (int32_t)(at + i) + 1;
             }
         }
@@ -137,6 +144,42 @@ void cuda_blend(struct spin_device *d, const struct spin_view_batch *views,
     cuda_end(d, SPIN_OP_BLEND);
 }
 
+/* A pixel a thread, without a look at what comes near: films are not trainings. */
+static __global__ void depth_kernel(struct picture p, float *depth)
+{
+    int tile = (int)blockIdx.x, in_x = (int)threadIdx.x % SIDE, in_y = (int)threadIdx.x / SIDE;
+    int x0 = tile % p.cam.tiles_x * SIDE, y0 = tile / p.cam.tiles_x * SIDE;
+    size_t plane = (size_t)p.cam.width * (size_t)p.cam.height;
+    size_t to = (size_t)(y0 + in_y) * (size_t)p.cam.width + (size_t)(x0 + in_x);
+    struct spin_blend_pixel pixel = {1, {0, 0, 0}, 0};
+
+    if (x0 + in_x >= p.cam.width || y0 + in_y >= p.cam.height)
+        return;
+    for (uint32_t k = p.start[tile]; k < p.start[tile + 1] && !pixel.stopped; k++) {
+        struct spin_blend_splat s = make_ready(p.splat2d + p.lists[k], x0, y0);
+
+        s.colour[0] = p.splat2d[p.lists[k]].depth;
+        s.colour[1] = 1;
+        s.colour[2] = 0;
+        spin_blend_depth(&s, s.u_px - (float)in_x, s.v_px - (float)in_y, &pixel);
+    }
+    depth[to] = spin_blend_expected(&pixel);
+    depth[plane + to] = pixel.colour[2];
+}
+
+void cuda_depth(struct spin_device *d, const struct spin_view_batch *views,
+                const struct spin_splat2d *splat2d, const struct spin_tiles *tiles, float *depth)
+{
+    cuda_begin(d, SPIN_OP_BLEND);
+    for (int k = 0; k < views->n_views; k++) {
+        struct picture p = picture_of(views, k, splat2d, tiles);
+
+        GPU_LAUNCH(gpu_of(d), depth_kernel, (unsigned)(p.cam.tiles_x * p.cam.tiles_y), PIXELS, p,
+                   depth + 2 * (size_t)k * views->max_pixels);
+    }
+    cuda_end(d, SPIN_OP_BLEND);
+}
+
 /* ---- Backward -------------------------------------------------------------------------------- */
 
 static __device__ size_t slot_of(const struct spin_splat2d *s, int tile_x, int tile_y)
@@ -159,25 +202,145 @@ static __device__ void add_sums(struct spin_blend_sums *to, const struct spin_bl
     to->eyy += more.eyy;
 }
 
-static __global__ void blend_back_kernel(struct picture p, const float *final_transmittance,
-                                         const int32_t *last_contributor, const float *d_image,
-                                         struct spin_blend_sums *slots)
+/* What some splats are to the pixels of a warp, in order of lanes. A splat's row is longer than the warp, so that lanes
+ * which read different rows meet in no bank. */
+struct held {
+    float4 weight[HELD][WARP / 4 + 1], de[HELD][WARP / 4 + 1];
+};
+
+static __device__ float at_of(const float4 &v, int k)
 {
-    __shared__ struct spin_blend_splat batch[BACK];
-    __shared__ float weight[BACK][PIXELS + 1], de[BACK][PIXELS + 1], g[3][PIXELS];
-    __shared__ struct spin_blend_sums part[BACK][PARTS];
-    int me = (int)threadIdx.x, tile = (int)blockIdx.x;
+    return k == 0 ? v.x : k == 1 ? v.y : k == 2 ? v.z : v.w;
+}
+
+/* A splat's sums over one row of a warp's pixels: g [3] the warp's, weight and de the row's; (dx, dy) from the row's
+ * first pixel to the splat. */
+static __device__ struct spin_blend_sums sums_of_row(const float4 *weight, const float4 *de,
+                                                     const float4 (*g)[WARP / 4], int row, float dx,
+                                                     float dy)
+{
+    struct spin_blend_sums sums = {};
+
+    for (int q = 0; q < ROW; q++)
+        for (int k = 0; k < 4; k++) {
+            float e = at_of(de[q], k), w = at_of(weight[q], k), x = dx - (float)(4 * q + k);
+
+            for (int c = 0; c < 3; c++)
+                sums.colour[c] += w * at_of(g[c][row * ROW + q], k);
+            sums.e += e;
+            sums.ex += e * x;
+            sums.exx += e * x * x;
+        }
+    sums.ey = sums.e * dy;
+    sums.exy = sums.ex * dy;
+    sums.eyy = sums.ey * dy;
+    return sums;
+}
+
+/* Adds those of the rows of a splat, in neighbouring lanes. */
+static __device__ void add_rows(struct spin_blend_sums *sums)
+{
+    for (int by = 1; by < WARP_Y; by *= 2) {
+        struct spin_blend_sums other;
+
+        for (int c = 0; c < 3; c++)
+            other.colour[c] = __shfl_xor_sync(all_lanes, sums->colour[c], by);
+        other.e = __shfl_xor_sync(all_lanes, sums->e, by);
+        other.ex = __shfl_xor_sync(all_lanes, sums->ex, by);
+        other.ey = __shfl_xor_sync(all_lanes, sums->ey, by);
+        other.exx = __shfl_xor_sync(all_lanes, sums->exx, by);
+        other.exy = __shfl_xor_sync(all_lanes, sums->exy, by);
+        other.eyy = __shfl_xor_sync(all_lanes, sums->eyy, by);
+        add_sums(sums, other);
+    }
+}
+
+/* part [BACK]: the sums over a warp's pixels of n splats that are held; this lane's is splat `mine` of the batch. */
+static __device__ void add_held(const struct held &held, int n, uint32_t mine,
+                                const struct front *batch, const float4 (*g)[WARP / 4], int warp_x,
+                                int warp_y, struct spin_blend_sums *part)
+{
+    int lane = (int)threadIdx.x % WARP, of = lane / WARP_Y, row = lane % WARP_Y;
+    struct spin_blend_sums sums = {};
+
+    __syncwarp(all_lanes);
+    if (of < n) {
+        sums = sums_of_row(held.weight[of] + row * ROW, held.de[of] + row * ROW, g, row,
+                           batch[mine].splat.u_px - (float)warp_x,
+                           batch[mine].splat.v_px - (float)(warp_y + row));
+    }
+    add_rows(&sums);
+    if (of < n && row == 0)
+        part[mine] = sums;
+}
+
+/* One step back for two splats of a batch, the second only if it is wanted: two chains of arithmetic that need not wait
+ * for each other. `used` is the pixel's last contributor, from the batch on. Writes what they are to the pixel; false,
+ * with nothing written, where no pixel of the warp has any. */
+static __device__ bool step_back(const struct front *batch, const uint32_t i[TWO], bool two,
+                                 int32_t used, int in_x, int in_y,
+                                 struct spin_blend_pixel_adj *pixel, struct held *held, int n_held)
+{
+    int lane = (int)threadIdx.x % WARP;
+    struct spin_blend_splat s[TWO];
+    float power[TWO];
+    bool counts[TWO];
+
+    for (int k = 0; k < TWO; k++) {
+        s[k] = batch[i[k]].splat;
+        power[k] = spin_blend_power(&s[k], s[k].u_px - (float)in_x, s[k].v_px - (float)in_y);
+        counts[k] = (used > (int32_t)i[k]) & spin_blend_counts(power[k], s[k].log2_opacity);
+    }
+    counts[1] &= two;
+    if (!__any_sync(all_lanes, counts[0] | counts[1]))
+        return false;
+    for (int k = 0; k < TWO; k++) {
+        struct spin_blend_pixel_adj after = *pixel;
+        float w, e;
+
+        spin_blend_pixel_adj(&s[k], power[k], &after, &w, &e);
+        pixel->t = counts[k] ? after.t : pixel->t;
+        pixel->s = counts[k] ? after.s : pixel->s;
+        ((float *)held->weight[n_held + k])[lane] = counts[k] ? w : 0;
+        ((float *)held->de[n_held + k])[lane] = counts[k] ? e : 0;
+    }
+    return true;
+}
+
+static __device__ uint32_t most_of_warp(uint32_t v)
+{
+    for (int by = WARP / 2; by > 0; by /= 2) {
+        uint32_t other = __shfl_xor_sync(all_lanes, v, by);
+
+        v = other > v ? other : v;
+    }
+    return v;
+}
+
+static __global__ void __launch_bounds__(PIXELS, 5)
+    blend_back_kernel(struct picture p, const float *final_transmittance,
+                      const int32_t *last_contributor, const float *d_image,
+                      struct spin_blend_sums *slots)
+{
+    __shared__ struct front loaded[LOADED];
+    __shared__ struct held held[WARPS];
+    __shared__ float4 g[WARPS][3][WARP / 4];
+    __shared__ struct spin_blend_sums part[WARPS][BACK];
+    __shared__ uint32_t slot[LOADED], seen_by[WARPS], last_of[WARPS];
+    int me = (int)threadIdx.x, tile = (int)blockIdx.x, lane = me % WARP, warp = me / WARP;
     int tile_x = tile % p.cam.tiles_x, tile_y = tile / p.cam.tiles_x;
-    int x = tile_x * SIDE + me % SIDE, y = tile_y * SIDE + me / SIDE;
-    uint32_t first = p.start[tile], n = p.start[tile + 1] - first;
+    int warp_x = warp % (SIDE / WARP_X) * WARP_X, warp_y = warp / (SIDE / WARP_X) * WARP_Y;
+    int in_x = warp_x + lane % WARP_X, in_y = warp_y + lane / WARP_X; /* of the tile */
+    int x = tile_x * SIDE + in_x, y = tile_y * SIDE + in_y;
+    uint32_t first = p.start[tile], n = p.start[tile + 1] - first, last = 0, warp_last;
+    uint32_t used = 0;
     struct spin_blend_pixel_adj pixel = {};
-    int32_t used = 0;
 
     if (x < p.cam.width && y < p.cam.height) {
         size_t plane = (size_t)p.cam.width * (size_t)p.cam.height;
         size_t at = (size_t)y * (size_t)p.cam.width + (size_t)x;
 
-        used = last_contributor[at];
+        used = (uint32_t)last_contributor[at];
         pixel.t = final_transmittance[at];
         for (size_t c = 0; c < 3; c++) {
             pixel.g[c] = d_image[c * plane + at];
@@ -185,41 +348,70 @@ static __global__ void blend_back_kernel(struct picture p, const float *final_tr
         }
     }
     for (int c = 0; c < 3; c++)
-        g[c][me] = pixel.g[c];
-    for (uint32_t batches = (n + BACK - 1) / BACK; batches > 0; batches--) {
-        uint32_t at = (batches - 1) * BACK, count = n - at < BACK ? n - at : (uint32_t)BACK;
-        uint32_t splat = (uint32_t)me / PARTS, k = (uint32_t)me % PARTS;
-        struct spin_blend_sums sums = {};
+        ((float *)g[warp][c])[lane] = pixel.g[c];
+    warp_last = most_of_warp(used);
+    if (lane == 0)
+        last_of[warp] = warp_last;
+    __syncthreads();
+    for (int w = 0; w < WARPS; w++)
+        last = last_of[w] > last ? last_of[w] : last;
+    for (uint32_t k = last + (uint32_t)me; k < n; k += PIXELS) { /* behind all */
+        struct spin_blend_sums none = {};
 
-        if ((uint32_t)me < count)
-            batch[me] = make_ready(p.splat2d + p.lists[first + at + (uint32_t)me], tile_x * SIDE,
-                                   tile_y * SIDE);
+        slots[slot_of(p.splat2d + p.lists[first + k], tile_x, tile_y)] = none;
+    }
+    for (uint32_t batches = (last + BACK - 1) / BACK; batches > 0; batches--) {
+        uint32_t at = (batches - 1) * BACK, count = last - at < BACK ? last - at : (uint32_t)BACK;
+        uint32_t in = at % LOADED, seen = 0, mine = 0;
+        int n_held = 0;
+        unsigned near;
+
+        if (in + BACK == LOADED || at + BACK >= last) { /* the last of those to load */
+            if ((uint32_t)me < in + count) {
+                const struct spin_splat2d *s = p.splat2d + p.lists[first + at - in + (uint32_t)me];
+
+                loaded[me] = make_front(s, tile_x * SIDE, tile_y * SIDE);
+                slot[me] = (uint32_t)slot_of(s, tile_x, tile_y);
+            }
+            __syncthreads();
+        }
+        near = __ballot_sync(all_lanes, at + (uint32_t)lane < warp_last &&
+                                            comes_near(&loaded[in + lane], warp_x, warp_y));
+        while (near) {
+            uint32_t i[TWO];
+            bool two = (near & (near - 1)) != 0;
+
+            i[0] = WARP - 1 - (uint32_t)__clz((int)near);
+            near ^= 1u << i[0];
+            i[1] = two ? WARP - 1 - (uint32_t)__clz((int)near) : i[0];
+            near &= ~(1u << i[1]);
+            if (!step_back(&loaded[in], i, two, (int32_t)(used - at), in_x, in_y, &pixel,
+                           &held[warp], n_held))
+                continue;
+            seen |= 1u << i[0] | 1u << i[1];
+            mine = lane / WARP_Y == n_held ? i[0] : lane / WARP_Y == n_held + 1 ? i[1] : mine;
+            n_held += two ? 2 : 1;
+            if (n_held < HELD)
+                continue;
+            add_held(held[warp], n_held, mine, &loaded[in], g[warp], warp_x, warp_y, part[warp]);
+            __syncwarp(all_lanes);
+            n_held = 0;
+        }
+        if (n_held > 0)
+            add_held(held[warp], n_held, mine, &loaded[in], g[warp], warp_x, warp_y, part[warp]);
+        if (lane == 0)
+            seen_by[warp] = seen;
         __syncthreads();
-        for (uint32_t i = count; i-- > 0;) {
-            float dx = batch[i].u_px - (float)(me % SIDE), dy = batch[i].v_px - (float)(me / SIDE);
-            float w = 0, e = 0;
+        for (uint32_t j = (uint32_t)me; j < count * VALUES; j += PIXELS) {
+            uint32_t of = j / VALUES;
+            float sum = 0;
 
-            if (used > (int32_t)(at + i) &&
-                spin_blend_counts(spin_blend_power(&batch[i], dx, dy), batch[i].log2_opacity))
-                spin_blend_pixel_adj(&batch[i], dx, dy, &pixel, &w, &e);
-            weight[i][me] = w;
-            de[i][me] = e;
+            for (int w = 0; w < WARPS; w++)
+                if (seen_by[w] >> of & 1)
+                    sum += ((const float *)part[w])[j];
+            ((float *)&slots[slot[in + of]])[j % VALUES] = sum;
         }
         __syncthreads();
-        for (uint32_t j = k; splat < count && j < PIXELS; j += PARTS) {
-            float of_pixel[3] = {g[0][j], g[1][j], g[2][j]};
-
-            spin_blend_add_adj(of_pixel, weight[splat][j], de[splat][j],
-                               batch[splat].u_px - (float)(j % SIDE),
-                               batch[splat].v_px - (float)(j / SIDE), &sums);
-        }
-        part[splat][k] = sums;
-        __syncthreads();
-        if (splat < count && k == 0) {
-            for (int other = 1; other < PARTS; other++)
-                add_sums(&sums, part[splat][other]);
-            slots[slot_of(p.splat2d + p.lists[first + at + splat], tile_x, tile_y)] = sums;
-        }
     }
 }
 

@@ -12,7 +12,7 @@ struct cuda_cell {
     uint32_t low[4], high[4]; /* their part of the row: times the stride or the prime */
     float w[4], slope[4];     /* d w / d x_u */
     size_t first_row;
-    uint32_t n_rows;
+    uint32_t n_rows, mask; /* mask: of a row's bits, where n_rows is a power of two; else 0 */
     bool hashed;
 };
 
@@ -27,6 +27,7 @@ static inline __device__ bool cuda_cell_of(const struct spin_grid &grid, int lev
     cell->hashed = grid.hashed[level];
     cell->first_row = grid.offset[level];
     cell->n_rows = grid.offset[level + 1] - grid.offset[level];
+    cell->mask = cell->n_rows & (cell->n_rows - 1) ? 0 : cell->n_rows - 1;
     for (int d = 0; d < 4; d++) {
         float scale = grid.scale[level][d], pos = x[d] * scale, r;
         int32_t top = cell->hashed ? 0x7fffffff : (int32_t)grid.res[level][d] - 1, corner;
@@ -50,7 +51,10 @@ static inline __device__ size_t cuda_corner_row(const struct cuda_cell &cell, in
     uint32_t x = k & 1 ? cell.high[0] : cell.low[0], y = k & 2 ? cell.high[1] : cell.low[1];
     uint32_t z = k & 4 ? cell.high[2] : cell.low[2], t = k & 8 ? cell.high[3] : cell.low[3];
 
-    return cell.first_row + (cell.hashed ? (x ^ y ^ z ^ t) % cell.n_rows : x + y + (z + t));
+    if (!cell.hashed)
+        return cell.first_row + (x + y + (z + t));
+    x ^= y ^ z ^ t;
+    return cell.first_row + (cell.mask ? x & cell.mask : x % cell.n_rows);
 }
 
 #endif

@@ -44,18 +44,38 @@ static int card_number(void)
     return 0;
 }
 
+/* Whether three products of tf32 are faster than one of fp32: not on cards for games (8.6, 8.9, 12), which have as many
+ * of one as of the other. SPIN_CUDA_MLP=fp32 or tf32 is for comparing the two. */
+static bool wants_tensor(const struct gpu *gpu)
+{
+    const char *wanted = getenv("SPIN_CUDA_MLP");
+    bool games = (gpu->major == 8 && (gpu->minor == 6 || gpu->minor == 9)) || gpu->major == 12;
+
+    if (wanted && *wanted)
+        return strcmp(wanted, "fp32") != 0;
+    return gpu->major >= 8 && !games;
+}
+
 static spin_status open_cuda(struct spin_device *d, int n_threads)
 {
     struct cuda *cuda = (struct cuda *)calloc(1, sizeof *cuda);
     char why[200] = "";
+    int n, first = card_number(), at = 0;
+    const char *sync = getenv("SPIN_CUDA_SYNC");
 
     (void)n_threads;
     if (!cuda)
         return cuda_no_memory();
-    if (!gpu_open(&cuda->gpu, card_number(), why, sizeof why)) {
+    n = gpu_count(why, sizeof why);
+    while (at < n && !gpu_open(&cuda->gpu, (first + at) % n, why, sizeof why))
+        at++;
+    if (at >= n) {
         free(cuda);
+        snprintf(d->description, sizeof d->description, "%s", n ? "cuda" : "");
         return fail(SPIN_E_DEVICE, "no CUDA device: %s", why);
     }
+    cuda->sync = sync && strcmp(sync, "1") == 0;
+    cuda->tensor = wants_tensor(&cuda->gpu);
     d->state = cuda;
     d->path = "cuda";
     d->frames_at_once = SPIN_MAX_FRAMES;
@@ -103,9 +123,13 @@ static spin_status wait(struct spin_device *d)
 
 static spin_status reserve(struct spin_device *d, size_t bytes, void SPIN_DEV **out)
 {
-    void *block = gpu_alloc(gpu_of(d), bytes);
+    const char *why = NULL;
+    void *block = gpu_alloc(gpu_of(d), bytes, &why);
 
     *out = block;
+    note(d, SPIN_E_DEVICE, why);
+    if (why)
+        return wait(d);
     if (!block)
         return fail(SPIN_E_MEMORY,
                     "out of memory on the CUDA device (%s): %zu bytes are wanted, %zu are free",
@@ -177,14 +201,20 @@ void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t byt
 {
     struct cuda *cuda = cuda_of(d);
     auto *s = &cuda->scratch[which];
+    const char *failed = NULL;
     char why[96];
 
     if (s->block && bytes <= s->bytes)
         return s->block;
     if (s->block)
         gpu_free(&cuda->gpu, s->block);
-    s->bytes = bytes + bytes / 8;
-    s->block = gpu_alloc(&cuda->gpu, s->bytes);
+    s->bytes = bytes + bytes / 8; /* so that it need not grow with every step */
+    s->block = gpu_alloc(&cuda->gpu, s->bytes, &failed);
+    if (!s->block && !failed) {
+        s->bytes = bytes;
+        s->block = gpu_alloc(&cuda->gpu, s->bytes, &failed);
+    }
+    note(d, SPIN_E_DEVICE, failed);
     if (!s->block) {
         snprintf(why, sizeof why, "out of memory: an operation wants %zu bytes for itself",
                  s->bytes);
@@ -221,9 +251,18 @@ void cuda_begin(struct spin_device *d, int op)
 
 void cuda_end(struct spin_device *d, int op)
 {
+    static const char *const name[] = SPIN_OP_NAMES;
+    const char *failed;
+    char why[160];
+
     mark(d, op, 1);
     cuda_of(d)->clock[op].n++;
-    note(d, SPIN_E_DEVICE, gpu_error(gpu_of(d)));
+    failed = cuda_of(d)->sync ? gpu_wait(gpu_of(d)) : gpu_error(gpu_of(d));
+    if (failed && cuda_of(d)->sync) {
+        snprintf(why, sizeof why, "%s (in %s)", failed, name[op]);
+        failed = why;
+    }
+    note(d, SPIN_E_DEVICE, failed);
 }
 
 static double clock_of(struct spin_device *d, int op)
@@ -254,16 +293,17 @@ spin_status cuda_pairs_fit(uint64_t pairs, uint64_t before)
 
 /* ---- Sort and scan --------------------------------------------------------------------------- */
 
-void cuda_scan(struct spin_device *d, const uint64_t *in, uint64_t *out, size_t n)
+bool cuda_scan(struct spin_device *d, const uint64_t *in, uint64_t *out, size_t n)
 {
     size_t bytes = gpu_scan_bytes(n);
     void *temp = cuda_scratch(d, CUDA_SCRATCH_SORT, bytes);
 
     if (temp)
         gpu_scan(gpu_of(d), temp, bytes, in, out, n);
+    return temp != NULL;
 }
 
-void cuda_sort(struct spin_device *d, const uint32_t *key, uint32_t *key_out, const uint32_t *value,
+bool cuda_sort(struct spin_device *d, const uint32_t *key, uint32_t *key_out, const uint32_t *value,
                uint32_t *value_out, size_t n, int bits)
 {
     size_t bytes = gpu_sort_bytes(n);
@@ -271,6 +311,7 @@ void cuda_sort(struct spin_device *d, const uint32_t *key, uint32_t *key_out, co
 
     if (temp)
         gpu_sort(gpu_of(d), temp, bytes, key, key_out, value, value_out, n, bits);
+    return temp != NULL;
 }
 
 /* ---- The table ------------------------------------------------------------------------------- */
@@ -318,6 +359,7 @@ static const struct spin_device_ops ops = {
     .tile_count = cuda_tile_count,
     .tile_fill = cuda_tile_fill,
     .blend = cuda_blend,
+    .depth = cuda_depth,
     .blend_back = cuda_blend_back,
     .loss = cuda_loss,
     .measure = cuda_measure,
@@ -325,6 +367,7 @@ static const struct spin_device_ops ops = {
     .exposure_back = cuda_exposure_back,
     .exposure_centre = cuda_exposure_centre,
     .adam = cuda_adam,
+    .not_finite = cuda_not_finite,
     .lazy_adam_enable = cuda_lazy_adam_enable,
     .lazy_adam_close = cuda_lazy_adam_close,
     .lazy_adam_grid = cuda_lazy_adam_grid,

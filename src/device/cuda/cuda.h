@@ -35,6 +35,8 @@ struct cuda {
         void *block;
         size_t bytes;
     } scratch[CUDA_SCRATCHES];
+    bool sync; /* SPIN_CUDA_SYNC=1: every verb is waited for, so that a failure has its name */
+    bool tensor;        /* heads by tensor cores */
     spin_status failed; /* what the next wait() will tell */
     char why[256];
     struct cuda_clock clock[SPIN_N_OPS];
@@ -56,9 +58,9 @@ void cuda_unlink(struct spin_device *d);
 /* A verb begins; and ends, with a look for errors of its launches. */
 void cuda_begin(struct spin_device *d, int op);
 void cuda_end(struct spin_device *d, int op);
-/* The scan of gpu.h with scratch of its own. */
-void cuda_scan(struct spin_device *d, const uint64_t *in, uint64_t *out, size_t n);
-void cuda_sort(struct spin_device *d, const uint32_t *key, uint32_t *key_out, const uint32_t *value,
+/* Scan and sort of gpu.h with scratch of their own. False: there is no memory for it, as cuda_scratch(). */
+bool cuda_scan(struct spin_device *d, const uint64_t *in, uint64_t *out, size_t n);
+bool cuda_sort(struct spin_device *d, const uint32_t *key, uint32_t *key_out, const uint32_t *value,
                uint32_t *value_out, size_t n, int bits);
 
 /* cuda.cu: whether a view's pairs are few enough, when there are so many before it. */
@@ -117,7 +119,7 @@ CUDA_VERB(grid); /* grid.cu */
 CUDA_VERB(grid_back);
 CUDA_VERB(mlp); /* mlp.cu */
 CUDA_VERB(mlp_back);
-CUDA_VERB(copy_rows); /* rows.cu */
+CUDA_VERB(copy_rows);  /* rows.cu */
 CUDA_VERB(link_ready); /* nccl.cu */
 CUDA_VERB(link_name);
 CUDA_VERB(link);
@@ -136,6 +138,7 @@ CUDA_VERB(project_back);
 CUDA_VERB(tile_count); /* tile.cu */
 CUDA_VERB(tile_fill);
 CUDA_VERB(blend); /* blend.cu */
+CUDA_VERB(depth);
 CUDA_VERB(blend_back);
 CUDA_VERB(loss); /* loss.cu */
 CUDA_VERB(measure);
@@ -143,6 +146,7 @@ CUDA_VERB(exposure); /* exposure.cu */
 CUDA_VERB(exposure_back);
 CUDA_VERB(exposure_centre);
 CUDA_VERB(adam);             /* adam.cu */
+CUDA_VERB(not_finite);
 CUDA_VERB(lazy_adam_enable); /* lazy_adam.cu */
 CUDA_VERB(lazy_adam_close);
 CUDA_VERB(lazy_adam_grid);

@@ -6,6 +6,11 @@
 #include <cub/device/device_scan.cuh>
 #include <cuda_runtime.h>
 
+static const char *text_of(cudaError_t error)
+{
+    return error == cudaSuccess ? NULL : cudaGetErrorString(error);
+}
+
 /* CUDA's choice of a card is a thread's own; kernels are launched after a call of this, gpu_mark() at least. */
 static cudaStream_t stream_of(struct gpu *gpu)
 {
@@ -13,30 +18,67 @@ static cudaStream_t stream_of(struct gpu *gpu)
     return (cudaStream_t)gpu->stream;
 }
 
-bool gpu_open(struct gpu *gpu, int number, char *why, size_t n_why)
+int gpu_count(char *why, size_t n_why)
 {
-    int n = 0;
-    cudaDeviceProp card;
-    cudaStream_t stream;
+    int n = 0, driver = 0;
     cudaError_t error = cudaGetDeviceCount(&n);
 
-    if (error == cudaSuccess && n == 0)
-        error = cudaErrorNoDevice;
-    gpu->number = n > 0 ? number % n : 0;
+    if (error == cudaSuccess && n > 0)
+        return n;
+    snprintf(why, n_why, "%s",
+             cudaGetErrorString(error == cudaSuccess ? cudaErrorNoDevice : error));
+    cudaGetLastError();
+    /* Without any driver the error is the same, and the version 0. */
+    return error == cudaErrorInsufficientDriver && cudaDriverGetVersion(&driver) == cudaSuccess &&
+                   driver > 0
+               ? -1
+               : 0;
+}
+
+/* The card's pool, which is to keep what is given back; NULL: it has none. */
+static void *pool_of(int number)
+{
+    int has = 0;
+    uint64_t keep = UINT64_MAX;
+    cudaMemPool_t pool;
+
+    if (cudaDeviceGetAttribute(&has, cudaDevAttrMemoryPoolsSupported, number) == cudaSuccess &&
+        has && cudaDeviceGetDefaultMemPool(&pool, number) == cudaSuccess &&
+        cudaMemPoolSetAttribute(pool, cudaMemPoolAttrReleaseThreshold, &keep) == cudaSuccess)
+        return pool;
+    cudaGetLastError();
+    return NULL;
+}
+
+/* All files of this folder are compiled for the same cards. */
+static __global__ void probe_kernel() {}
+
+bool gpu_open(struct gpu *gpu, int number, char *why, size_t n_why)
+{
+    cudaDeviceProp card = {};
+    cudaFuncAttributes code;
+    cudaStream_t stream;
+    cudaError_t error = cudaSetDevice(number);
+
+    gpu->number = number;
     if (error == cudaSuccess)
-        error = cudaSetDevice(gpu->number);
+        error = cudaGetDeviceProperties(&card, number);
     if (error == cudaSuccess)
-        error = cudaGetDeviceProperties(&card, gpu->number);
+        error = cudaFuncGetAttributes(&code, probe_kernel);
     if (error == cudaSuccess)
         error = cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking);
     if (error != cudaSuccess) {
-        snprintf(why, n_why, "%s", cudaGetErrorString(error));
+        snprintf(why, n_why, "%s (sm_%d%d): %s", card.name, card.major, card.minor,
+                 cudaGetErrorString(error));
         cudaGetLastError();
         return false;
     }
     gpu->stream = stream;
+    gpu->pool = pool_of(number);
     gpu->major = card.major;
     gpu->minor = card.minor;
+    gpu->processors = card.multiProcessorCount;
+    gpu->shared = (int)card.sharedMemPerBlockOptin;
     snprintf(gpu->name, sizeof gpu->name, "%s", card.name);
     for (int i = 0; i < 16; i++)
         snprintf(gpu->id + 2 * i, 3, "%02x", (unsigned char)card.uuid.bytes[i]);
@@ -47,33 +89,60 @@ void gpu_close(struct gpu *gpu)
 {
     if (gpu->stream)
         cudaStreamDestroy(stream_of(gpu));
+    if (gpu->pool)
+        cudaMemPoolTrimTo((cudaMemPool_t)gpu->pool, 0);
     gpu->stream = NULL;
 }
 
-void *gpu_alloc(struct gpu *gpu, size_t bytes)
+/* In the order of the queue, and kept when it is given back: memory that is wanted again costs nothing. A card that
+ * shares its memory with another system has no pools. */
+void *gpu_alloc(struct gpu *gpu, size_t bytes, const char **why)
 {
     void *block = NULL;
+    cudaStream_t stream = stream_of(gpu);
+    size_t room = bytes > 0 ? bytes : 1;
+    cudaError_t error =
+        gpu->pool ? cudaMallocAsync(&block, room, stream) : cudaMalloc(&block, room);
 
-    stream_of(gpu);
-    if (cudaMalloc(&block, bytes > 0 ? bytes : 1) == cudaSuccess)
-        return block;
-    if (cudaPeekAtLastError() == cudaErrorMemoryAllocation)
+    if (error == cudaErrorMemoryAllocation && gpu->pool) { /* what is kept may be in pieces */
+        cudaStreamSynchronize(stream);
+        cudaMemPoolTrimTo((cudaMemPool_t)gpu->pool, 0);
+        error = cudaMallocAsync(&block, room, stream);
+    }
+    *why = error == cudaErrorMemoryAllocation ? NULL : text_of(error);
+    if (error == cudaErrorMemoryAllocation)
         cudaGetLastError(); /* it is told by the NULL */
-    return NULL;
+    return error == cudaSuccess ? block : NULL;
 }
 
 void gpu_free(struct gpu *gpu, void *block)
 {
-    cudaStreamSynchronize(stream_of(gpu));
+    cudaStream_t stream = stream_of(gpu);
+
+    if (gpu->pool) {
+        cudaFreeAsync(block, stream);
+        return;
+    }
+    cudaStreamSynchronize(stream);
     cudaFree(block);
 }
 
 size_t gpu_memory_free(struct gpu *gpu)
 {
     size_t left = 0, all = 0;
+    uint64_t kept = 0, used = 0;
 
     stream_of(gpu);
-    return cudaMemGetInfo(&left, &all) == cudaSuccess ? left : 0;
+    if (cudaMemGetInfo(&left, &all) != cudaSuccess)
+        return 0;
+    if (gpu->pool &&
+        cudaMemPoolGetAttribute((cudaMemPool_t)gpu->pool, cudaMemPoolAttrReservedMemCurrent,
+                                &kept) == cudaSuccess &&
+        cudaMemPoolGetAttribute((cudaMemPool_t)gpu->pool, cudaMemPoolAttrUsedMemCurrent, &used) ==
+            cudaSuccess &&
+        kept > used)
+        left += kept - used;
+    return left;
 }
 
 void *gpu_host_alloc(struct gpu *gpu, size_t bytes)
@@ -108,11 +177,6 @@ void gpu_copy_out(struct gpu *gpu, void *host, const void *from, size_t bytes)
 {
     cudaMemcpyAsync(host, from, bytes, cudaMemcpyDeviceToHost, stream_of(gpu));
     cudaStreamSynchronize(stream_of(gpu));
-}
-
-static const char *text_of(cudaError_t error)
-{
-    return error == cudaSuccess ? NULL : cudaGetErrorString(error);
 }
 
 const char *gpu_error(struct gpu *gpu)

@@ -9,11 +9,22 @@
 
 #ifdef SPIN_EMU
 #define GPU_LAUNCH(gpu, kernel, grid, block, ...)                                                  \
-    (emu_works(gpu) ? emu_launch(#kernel, grid, block, [=] { kernel(__VA_ARGS__); }) : (void)0)
-bool emu_works(struct gpu *gpu); /* false: the card was lost, as a test wanted it */
+    (emu_launches(gpu) ? emu_launch(#kernel, grid, block, [=] { kernel(__VA_ARGS__); }) : (void)0)
+#define GPU_LAUNCH_SHARED(gpu, kernel, grid, block, bytes, ...)                                    \
+    (emu_launches(gpu)                                                                             \
+         ? emu_launch_dynamic(#kernel, grid, block, bytes, [=] { kernel(__VA_ARGS__); })           \
+         : (void)0)
+#define GPU_SHARED(type, name) type *name = (type *)emu_dynamic()
+bool emu_launches(struct gpu *gpu); /* false: the card was lost, as a test wanted it */
 #else
 #define GPU_LAUNCH(gpu, kernel, grid, block, ...)                                                  \
     kernel<<<grid, block, 0, (cudaStream_t)(gpu)->stream>>>(__VA_ARGS__)
+/* With so many bytes of shared memory beside what the kernel declares, up to gpu->shared; the kernel finds them by
+ * GPU_SHARED, aligned to 16. */
+#define GPU_LAUNCH_SHARED(gpu, kernel, grid, block, bytes, ...)                                    \
+    (cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, bytes),             \
+     kernel<<<grid, block, bytes, (cudaStream_t)(gpu)->stream>>>(__VA_ARGS__))
+#define GPU_SHARED(type, name) extern __shared__ __align__(16) type name[]
 #endif
 
 /* Threads of a block where a kernel has one thread for each of n things, and the blocks for them. */
@@ -32,18 +43,24 @@ static inline unsigned gpu_blocks(size_t n) { return (unsigned)((n + GPU_BLOCK -
  * kernels, are what gpu_error() and gpu_wait() tell. */
 struct gpu {
     void *stream;
+    void *pool;    /* that keeps memory which is given back, or NULL */
     char name[48]; /* of the card */
     char id[40];   /* as no other card has */
     int number;    /* of the cards here */
     int major, minor;
+    int processors; /* its multiprocessors */
+    int shared;     /* bytes of shared memory that a block may have */
 };
 
-/* The card of this number, or of what is left of it when it is divided by the number of cards. False, with why, when there is none that works. */
+/* How many cards there are; 0 with why, -1 with why when the driver knows of none that it can serve, as it is too
+ * old. */
+int gpu_count(char *why, size_t n_why);
+/* The card of this number, below gpu_count(). False, with why, when it does not work or has no code here. */
 bool gpu_open(struct gpu *gpu, int number, char *why, size_t n_why);
 void gpu_close(struct gpu *gpu);
 
-/* NULL: there is no memory left. */
-void *gpu_alloc(struct gpu *gpu, size_t bytes);
+/* NULL: there is no memory left; or, with *why, the card failed before. */
+void *gpu_alloc(struct gpu *gpu, size_t bytes, const char **why);
 void gpu_free(struct gpu *gpu, void *block);
 size_t gpu_memory_free(struct gpu *gpu);
 

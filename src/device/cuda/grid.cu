@@ -14,6 +14,35 @@ static __device__ float corner_weight(const struct cuda_cell &cell, int k)
     return (w[0] * w[1]) * (w[2] * w[3]);
 }
 
+/* WIDTH values that lie side by side, by loads and stores of up to 16 bytes: rows begin at a multiple of their size. */
+template <int WIDTH> static __device__ void load_row(const float *from, float *to)
+{
+    if constexpr (WIDTH % 4 == 0) {
+        for (int f = 0; f < WIDTH; f += 4) {
+            float4 v = *(const float4 *)(from + f);
+
+            to[f] = v.x, to[f + 1] = v.y, to[f + 2] = v.z, to[f + 3] = v.w;
+        }
+    } else if constexpr (WIDTH == 2) {
+        float2 v = *(const float2 *)from;
+
+        to[0] = v.x, to[1] = v.y;
+    } else {
+        to[0] = from[0];
+    }
+}
+
+template <int WIDTH> static __device__ void store_row(const float *from, float *to)
+{
+    if constexpr (WIDTH % 4 == 0) {
+        for (int f = 0; f < WIDTH; f += 4)
+            *(float4 *)(to + f) = make_float4(from[f], from[f + 1], from[f + 2], from[f + 3]);
+    } else {
+        for (int f = 0; f < WIDTH; f++)
+            to[f] = from[f];
+    }
+}
+
 template <int WIDTH>
 static __global__ void grid_kernel(struct spin_grid grid, const float *table, size_t n,
                                    const float *x_u, float *z)
@@ -27,14 +56,13 @@ static __global__ void grid_kernel(struct spin_grid grid, const float *table, si
         return;
     if (cuda_cell_of(grid, level, x_u + 4 * i, &cell))
         for (int k = 0; k < CUDA_CORNERS; k++) {
-            const float *row = table + cuda_corner_row(cell, k) * WIDTH;
-            float weight = corner_weight(cell, k);
+            float row[WIDTH], weight = corner_weight(cell, k);
 
+            load_row<WIDTH>(table + cuda_corner_row(cell, k) * WIDTH, row);
             for (int f = 0; f < WIDTH; f++)
                 sum[f] += weight * row[f];
         }
-    for (int f = 0; f < WIDTH; f++)
-        z[(i * (size_t)grid.n_levels + (size_t)level) * WIDTH + (size_t)f] = sum[f];
+    store_row<WIDTH>(sum, z + (i * (size_t)grid.n_levels + (size_t)level) * WIDTH);
 }
 
 void cuda_grid(struct spin_device *d, const struct spin_grid *grid, const float *table, size_t n,
@@ -67,9 +95,9 @@ void cuda_grid(struct spin_device *d, const struct spin_grid *grid, const float 
 /* a + w (b - a), the sum of one axis. */
 static __device__ float mix(float a, float b, float w) { return a + w * (b - a); }
 
-/* d_x [3] += g times the sums over corners of upper minus lower, along x, y and z, of one feature. */
-static __device__ void add_slopes(const struct cuda_cell &cell, const float v[CUDA_CORNERS], float g,
-                                  float d_x[3])
+/* d_x [3] = the sums over corners of upper minus lower, along x, y and z. */
+static __device__ void slopes_of(const struct cuda_cell &cell, const float v[CUDA_CORNERS],
+                                 float d_x[3])
 {
     float xyz[8], xy[4], dz[4], x[2], dy[2];
 
@@ -83,9 +111,9 @@ static __device__ void add_slopes(const struct cuda_cell &cell, const float v[CU
         dy[k] = xy[k + 2] - xy[k];
         x[k] = xy[k] + cell.w[1] * dy[k];
     }
-    d_x[0] += (x[1] - x[0]) * g;
-    d_x[1] += mix(dy[0], dy[1], cell.w[0]) * g;
-    d_x[2] += mix(mix(dz[0], dz[1], cell.w[0]), mix(dz[2], dz[3], cell.w[0]), cell.w[1]) * g;
+    d_x[0] = x[1] - x[0];
+    d_x[1] = mix(dy[0], dy[1], cell.w[0]);
+    d_x[2] = mix(mix(dz[0], dz[1], cell.w[0]), mix(dz[2], dz[3], cell.w[0]), cell.w[1]);
 }
 
 /* Sums in whole numbers: sum [rows][features] has the table's gradient times factor[level], a power of two. The
@@ -97,8 +125,7 @@ struct fixed {
 };
 
 /* width values that lie side by side; 16 bytes at once where cards can. */
-template <int WIDTH>
-static __device__ void add_floats(float *to, const float *value)
+template <int WIDTH> static __device__ void add_floats(float *to, const float *value)
 {
 #if defined(SPIN_EMU) || (defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900)
     if constexpr (WIDTH % 4 == 0)
@@ -131,9 +158,9 @@ static __device__ void add_to_row(const struct fixed &fixed, int level, float *d
  * sum to the table: points come along a curve, and coarse cells hold many. */
 enum { MOST_STEPS = 5 };
 struct peers {
-    unsigned mask; /* lanes that have a point */
-    bool leads;    /* the first lane of its cell */
-    int steps;     /* additions until the first has the sum of the fullest cell */
+    unsigned mask;        /* lanes that have a point */
+    bool leads;           /* the first lane of its cell */
+    int steps;            /* additions until the first has the sum of the fullest cell */
     int from[MOST_STEPS]; /* the lane whose value comes in a step, or the own: none does */
 };
 
@@ -174,10 +201,9 @@ template <int WIDTH> static __device__ void sum_of_cell(const struct peers &peer
 
 /* d_x [levels][most][3], or NULL. */
 template <int WIDTH>
-static __global__ void grid_back_kernel(struct spin_grid grid, const float *table,
-                                        struct cuda_rows rows, size_t most, const float *x_u,
-                                        const float *d_z, float *d_table, struct fixed fixed,
-                                        float *d_x)
+static __global__ void
+grid_back_kernel(struct spin_grid grid, const float *table, struct cuda_rows rows, size_t most,
+                 const float *x_u, const float *d_z, float *d_table, struct fixed fixed, float *d_x)
 {
     size_t i = GPU_INDEX(), row;
     int level = (int)blockIdx.y;
@@ -188,9 +214,10 @@ static __global__ void grid_back_kernel(struct spin_grid grid, const float *tabl
     unsigned mask = __ballot_sync(0xffffffff, inside);
 
     if (inside) {
-        const float *g = d_z + (i * (size_t)grid.n_levels + (size_t)level) * WIDTH;
         struct peers peers = find_peers(mask, cell);
+        float g[WIDTH];
 
+        load_row<WIDTH>(d_z + (i * (size_t)grid.n_levels + (size_t)level) * WIDTH, g);
         for (int k = 0; k < CUDA_CORNERS; k++) {
             float weight = corner_weight(cell, k), value[WIDTH];
 
@@ -200,12 +227,16 @@ static __global__ void grid_back_kernel(struct spin_grid grid, const float *tabl
             if (peers.leads)
                 add_to_row<WIDTH>(fixed, level, d_table, cuda_corner_row(cell, k) * WIDTH, value);
         }
-        for (int f = 0; d_x && f < WIDTH; f++) {
-            float v[CUDA_CORNERS];
+        if (d_x) {
+            float v[CUDA_CORNERS], row[WIDTH]; /* a corner's features, each times its gradient */
 
-            for (int k = 0; k < CUDA_CORNERS; k++)
-                v[k] = table[cuda_corner_row(cell, k) * WIDTH + (size_t)f];
-            add_slopes(cell, v, g[f], slope);
+            for (int k = 0; k < CUDA_CORNERS; k++) {
+                load_row<WIDTH>(table + cuda_corner_row(cell, k) * WIDTH, row);
+                v[k] = 0;
+                for (int f = 0; f < WIDTH; f++)
+                    v[k] += row[f] * g[f];
+            }
+            slopes_of(cell, v, slope);
         }
         for (int a = 0; a < 3; a++)
             slope[a] *= cell.slope[a];

@@ -1,9 +1,11 @@
-/* L1 + SSIM and its gradient, and how far a picture is from a photograph (docs/method.md 5), one thread a value. The
- * window goes down the columns first, then along the rows, as on the CPU. Sums are in double, blocks in order. */
+/* L1 + SSIM and its gradient, and how far a picture is from a photograph (docs/method.md 5). The window goes down the
+ * columns first, where a thread has eight values, one below the other; then along the rows, as on the CPU. Sums are in
+ * double, blocks in order. */
 #include "device/cuda/cuda.h"
 #include "math/loss.h"
 
-enum { HALF = SPIN_SSIM_HALF, MAPS = 4, SLOPES = 3, SUMS = 3, SQUARES = 3 };
+enum { HALF = SPIN_SSIM_HALF, MAPS = 4, SLOPES = 3, SUMS = 3, WARP = 32 };
+enum { STRIP = 8, TALL = STRIP + 2 * HALF };
 
 /* One view's picture and photograph. */
 struct photo {
@@ -45,86 +47,171 @@ static __device__ float truth_of(const struct photo &p, size_t c, size_t i)
 
 static __device__ int bit_of(const struct photo &p, size_t i) { return p.mask[i / 8] >> i % 8 & 1; }
 
-/* v(offset) summed over the window, v being 0 outside of 0..n-1. */
-template <class V> static __device__ float windowed(int at, int n, V v)
+static __device__ float weight_of(const struct photo &p, size_t i)
+{
+    return !p.mask ? 1.0f : bit_of(p, i) ? p.weight[1] : p.weight[0];
+}
+
+/* Values of a column of one plane [h][w] of several: STRIP of them from row y on, the first at `at`. */
+struct strip {
+    size_t plane, at, width;
+    int y, height;
+};
+
+static unsigned strips(const struct photo &p, unsigned planes)
+{
+    return planes * (unsigned)p.width * (unsigned)((p.height + STRIP - 1) / STRIP);
+}
+
+/* This thread's, if it is below strips(). */
+static __device__ struct strip strip_of(const struct photo &p)
+{
+    unsigned me = (unsigned)GPU_INDEX(), width = (unsigned)p.width;
+    unsigned rows = (unsigned)(p.height + STRIP - 1) / STRIP, row = me / width;
+    struct strip s;
+
+    s.plane = row / rows;
+    s.y = (int)(row % rows * STRIP);
+    s.width = width;
+    s.height = p.height;
+    s.at = s.plane * p.plane + (size_t)s.y * width + me % width;
+    return s;
+}
+
+/* v [TALL] = value(how far behind s.at) from HALF rows above the strip on; 0 outside. */
+template <class V> static __device__ void load_strip(const struct strip &s, float *v, V value)
+{
+    for (int k = 0; k < TALL; k++) {
+        int row = s.y + k - HALF;
+
+        v[k] = row >= 0 && row < s.height ? value((int64_t)(k - HALF) * (int64_t)s.width) : 0;
+    }
+}
+
+/* map = v [TALL] windowed, at the strip. */
+static __device__ void put_strip(const struct strip &s, const float *v, float *map)
 {
     const float window[HALF + 1] = SPIN_SSIM_WINDOW;
-    float sum = window[0] * v(0);
+
+    for (int k = 0; k < STRIP; k++) {
+        const float *at = v + k + HALF;
+        float sum = window[0] * at[0];
+
+        for (int j = 1; j <= HALF; j++)
+            sum += window[j] * (at[-j] + at[j]);
+        if (s.y + k < s.height)
+            map[s.at + (size_t)k * s.width] = sum;
+    }
+}
+
+/* maps [MAPS][3][h][w]: columns of the windowed x, y, x^2 + y^2 and x y. */
+static __global__ void down_kernel(struct photo p, unsigned n, float *maps)
+{
+    struct strip s = strip_of(p);
+    float x[TALL], y[TALL];
+    size_t i = s.at - s.plane * p.plane;
+
+    if (GPU_INDEX() >= n)
+        return;
+    load_strip(s, x, [&](int64_t k) { return p.image[(int64_t)s.at + k]; });
+    load_strip(s, y, [&](int64_t k) { return truth_of(p, s.plane, (size_t)((int64_t)i + k)); });
+    put_strip(s, x, maps);
+    put_strip(s, y, maps + 3 * p.plane);
+    for (int k = 0; k < TALL; k++) {
+        float squares = x[k] * x[k] + y[k] * y[k];
+
+        y[k] = x[k] * y[k];
+        x[k] = squares;
+    }
+    put_strip(s, x, maps + 6 * p.plane);
+    put_strip(s, y, maps + 9 * p.plane);
+}
+
+/* One of the values of three channels: pixel i of channel c, in column x. A block has values of one channel. */
+struct value {
+    size_t c, i, at;
+    int x;
+};
+
+static unsigned blocks_of(size_t plane) { return 3 * gpu_blocks(plane); }
+
+/* False: this thread has none. */
+static __device__ bool value_of(const struct photo &p, struct value *v)
+{
+    unsigned blocks = gridDim.x / 3, i = blockIdx.x % blocks * GPU_BLOCK + threadIdx.x;
+
+    v->c = blockIdx.x / blocks;
+    v->i = i;
+    v->at = v->c * p.plane + i;
+    v->x = (int)(i % (unsigned)p.width);
+    return i < p.plane;
+}
+
+/* A map windowed along a row, at v. */
+static __device__ float along(const float *map, const struct value &v, int width)
+{
+    const float window[HALF + 1] = SPIN_SSIM_WINDOW;
+    float sum = window[0] * map[v.at];
 
     for (int k = 1; k <= HALF; k++) {
-        float before = at >= k ? v(-k) : 0, after = at + k < n ? v(k) : 0;
+        float before = v.x >= k ? map[v.at - (size_t)k] : 0;
+        float after = v.x + k < width ? map[v.at + (size_t)k] : 0;
 
         sum += window[k] * (before + after);
     }
     return sum;
 }
 
-/* maps [MAPS][3][h][w]: columns of the windowed x, y, x^2 + y^2 and x y. */
-static __global__ void down_kernel(struct photo p, float *maps)
-{
-    size_t at = GPU_INDEX(), c = at / p.plane, i = at % p.plane, w = (size_t)p.width;
-    int y = (int)(i / w);
-    auto place = [&](int k) { return (size_t)((int64_t)i + (int64_t)k * p.width); };
-    auto x_of = [&](int k) { return p.image[c * p.plane + place(k)]; };
-    auto y_of = [&](int k) { return truth_of(p, c, place(k)); };
-
-    if (at >= 3 * p.plane)
-        return;
-    maps[at] = windowed(y, p.height, x_of);
-    maps[at + 3 * p.plane] = windowed(y, p.height, y_of);
-    maps[at + 6 * p.plane] =
-        windowed(y, p.height, [&](int k) { return x_of(k) * x_of(k) + y_of(k) * y_of(k); });
-    maps[at + 9 * p.plane] = windowed(y, p.height, [&](int k) { return x_of(k) * y_of(k); });
-}
-
-static __device__ float along(const float *map, size_t at, int x, int width)
-{
-    return windowed(x, width, [&](int k) { return map[(int64_t)at + k]; });
-}
-
 /* slopes [SLOPES][3][h][w], and of every block the sums of L1, SSIM and weights. */
 static __global__ void ssim_kernel(struct photo p, bool weigh, const float *maps, float *slopes,
                                    double *sums)
 {
-    __shared__ double sum[GPU_BLOCK];
-    size_t at = GPU_INDEX(), c = at / p.plane, i = at % p.plane, all = 3 * p.plane;
+    __shared__ float values[SUMS][GPU_BLOCK];
+    unsigned me = threadIdx.x, warp = me / WARP, lane = me % WARP;
+    size_t all = 3 * p.plane;
     float mean[MAPS], weight = 0, l1 = 0, ssim = 0;
-    double of_block[SUMS];
+    struct value v;
 
-    if (at < all) {
+    if (value_of(p, &v)) {
         struct spin_ssim_slope slope;
 
         for (size_t m = 0; m < MAPS; m++)
-            mean[m] = along(maps + m * all, at, (int)(i % (size_t)p.width), p.width);
-        weight = weigh && p.mask ? p.weight[bit_of(p, i)] : 1.0f;
+            mean[m] = along(maps + m * all, v, p.width);
+        weight = weigh ? weight_of(p, v.i) : 1.0f;
         ssim = weight * spin_ssim(mean[0], mean[1], mean[2], mean[3], &slope);
-        l1 = weight * fabsf(p.image[at] - truth_of(p, c, i));
-        slopes[at] = weight * slope.d_mu;
-        slopes[at + all] = weight * slope.d_xx;
-        slopes[at + 2 * all] = weight * slope.d_xy;
+        l1 = weight * fabsf(p.image[v.at] - truth_of(p, v.c, v.i));
+        slopes[v.at] = weight * slope.d_mu;
+        slopes[v.at + all] = weight * slope.d_xx;
+        slopes[v.at + 2 * all] = weight * slope.d_xy;
     }
-    of_block[0] = cuda_block_sum(sum, l1);
-    of_block[1] = cuda_block_sum(sum, ssim);
-    of_block[2] = cuda_block_sum(sum, weight);
-    if (threadIdx.x == 0)
-        for (int s = 0; s < SUMS; s++)
-            sums[(size_t)blockIdx.x * SUMS + (size_t)s] = of_block[s];
+    values[0][me] = l1;
+    values[1][me] = ssim;
+    values[2][me] = weight;
+    __syncthreads();
+    if (warp < SUMS) { /* a warp has a sum */
+        double sum = 0;
+
+        for (unsigned k = lane; k < GPU_BLOCK; k += WARP)
+            sum += (double)values[warp][k];
+        for (int by = WARP / 2; by > 0; by /= 2)
+            sum += __shfl_xor_sync(0xffffffffu, sum, by);
+        if (lane == 0)
+            sums[(size_t)blockIdx.x * SUMS + warp] = sum;
+    }
 }
 
-/* to [n] = sums over the blocks of from [blocks][n]; one block of threads. */
-static __global__ void add_blocks_kernel(unsigned blocks, int n, const double *from, double *to)
+/* to [n] = sums over the blocks of from [blocks][n]; a block of threads has one. */
+static __global__ void add_blocks_kernel(unsigned blocks, const double *from, double *to)
 {
     __shared__ double sum[GPU_BLOCK];
+    size_t n = gridDim.x, s = blockIdx.x;
+    double own = 0;
 
-    for (int s = 0; s < n; s++) {
-        double own = 0;
-
-        for (unsigned b = threadIdx.x; b < blocks; b += GPU_BLOCK)
-            own += from[(size_t)b * (size_t)n + (size_t)s];
-        own = cuda_block_sum(sum, own);
-        if (threadIdx.x == 0)
-            to[s] = own;
-    }
+    for (unsigned b = threadIdx.x; b < blocks; b += GPU_BLOCK)
+        own += from[(size_t)b * n + s];
+    own = cuda_block_sum(sum, own);
+    if (threadIdx.x == 0)
+        to[s] = own;
 }
 
 /* values [SPIN_LOSS_VALUES] of the sums. */
@@ -137,32 +224,33 @@ static __global__ void values_kernel(const double *sums, float lambda_dssim, dou
     values[SPIN_LOSS] = (1 - lambda) * values[SPIN_LOSS_L1] + lambda * (1 - values[SPIN_LOSS_SSIM]);
 }
 
-static __global__ void slopes_down_kernel(struct photo p, const float *slopes, float *down)
+static __global__ void slopes_down_kernel(struct photo p, unsigned n, const float *slopes,
+                                          float *down)
 {
-    size_t at = GPU_INDEX(), all = 3 * p.plane;
-    int y = (int)(at % p.plane / (size_t)p.width);
+    struct strip s = strip_of(p);
+    float v[TALL];
 
-    for (size_t m = 0; m < SLOPES && at < all; m++)
-        down[at + m * all] = windowed(y, p.height, [&](int k) {
-            return slopes[m * all + (size_t)((int64_t)at + (int64_t)k * p.width)];
-        });
+    if (GPU_INDEX() >= n)
+        return;
+    load_strip(s, v, [&](int64_t k) { return slopes[(int64_t)s.at + k]; });
+    put_strip(s, v, down);
 }
 
 static __global__ void d_image_kernel(struct photo p, float lambda_dssim, float view_weight,
                                       const double *sums, const float *down, float *d_image)
 {
-    size_t at = GPU_INDEX(), c = at / p.plane, i = at % p.plane, all = 3 * p.plane;
-    int column = (int)(i % (size_t)p.width);
+    size_t all = 3 * p.plane;
     float mass = (float)sums[2], x, y, slope, l1;
+    struct value v;
 
-    if (at >= all)
+    if (!value_of(p, &v))
         return;
-    x = p.image[at];
-    y = truth_of(p, c, i);
-    l1 = (1 - lambda_dssim) * view_weight / mass * (p.mask ? p.weight[bit_of(p, i)] : 1.0f);
-    slope = along(down, at, column, p.width) + 2 * x * along(down + all, at, column, p.width) +
-            y * along(down + 2 * all, at, column, p.width);
-    d_image[at] = l1 * spin_sign(x - y) + -lambda_dssim * view_weight / mass * slope;
+    x = p.image[v.at];
+    y = truth_of(p, v.c, v.i);
+    l1 = (1 - lambda_dssim) * view_weight / mass * weight_of(p, v.i);
+    slope = along(down, v, p.width) + 2 * x * along(down + all, v, p.width) +
+            y * along(down + 2 * all, v, p.width);
+    d_image[v.at] = l1 * spin_sign(x - y) + -lambda_dssim * view_weight / mass * slope;
 }
 
 /* Scratch of a picture: maps, slopes, the sums of blocks and the sums of all. */
@@ -174,7 +262,7 @@ struct work {
 static bool work_of(struct spin_device *d, size_t plane, struct work *w)
 {
     size_t floats = cuda_round_up(3 * plane * (MAPS + SLOPES) * sizeof(float));
-    size_t doubles = ((size_t)gpu_blocks(3 * plane) + 1) * 8 * sizeof(double);
+    size_t doubles = ((size_t)blocks_of(plane) + 1) * 8 * sizeof(double);
     char *at = (char *)cuda_scratch(d, CUDA_SCRATCH_LOSS, floats + doubles);
 
     w->maps = (float *)at;
@@ -187,12 +275,11 @@ static bool work_of(struct spin_device *d, size_t plane, struct work *w)
 /* sums [SUMS] = of L1, SSIM and weights. */
 static void lose(struct spin_device *d, const struct photo &p, bool weigh, const struct work &w)
 {
-    size_t n = 3 * p.plane;
-    unsigned blocks = gpu_blocks(n);
+    unsigned n = strips(p, 3), blocks = blocks_of(p.plane);
 
-    GPU_EACH(gpu_of(d), n, down_kernel, p, w.maps);
-    GPU_EACH(gpu_of(d), n, ssim_kernel, p, weigh, w.maps, w.slopes, w.blocks);
-    GPU_LAUNCH(gpu_of(d), add_blocks_kernel, 1, GPU_BLOCK, blocks, SUMS, w.blocks, w.sums);
+    GPU_EACH(gpu_of(d), n, down_kernel, p, n, w.maps);
+    GPU_LAUNCH(gpu_of(d), ssim_kernel, blocks, GPU_BLOCK, p, weigh, w.maps, w.slopes, w.blocks);
+    GPU_LAUNCH(gpu_of(d), add_blocks_kernel, SUMS, GPU_BLOCK, blocks, w.blocks, w.sums);
 }
 
 void cuda_loss(struct spin_device *d, const struct spin_view_batch *views,
@@ -203,6 +290,7 @@ void cuda_loss(struct spin_device *d, const struct spin_view_batch *views,
     for (int k = 0; k < views->n_views; k++) {
         const auto *view = &views->view[k];
         struct photo p = photo_of(views, k, images, image);
+        unsigned n = strips(p, 3 * SLOPES);
         struct work w;
 
         if (!work_of(d, p.plane, &w))
@@ -212,9 +300,9 @@ void cuda_loss(struct spin_device *d, const struct spin_view_batch *views,
                    values + (size_t)view->value * SPIN_LOSS_VALUES);
         if (!d_image)
             continue;
-        GPU_EACH(gpu_of(d), 3 * p.plane, slopes_down_kernel, p, w.slopes, w.maps);
-        GPU_EACH(gpu_of(d), 3 * p.plane, d_image_kernel, p, lambda_dssim, view->weight, w.sums,
-                 w.maps, d_image + cuda_picture(views, k));
+        GPU_EACH(gpu_of(d), n, slopes_down_kernel, p, n, w.slopes, w.maps);
+        GPU_LAUNCH(gpu_of(d), d_image_kernel, blocks_of(p.plane), GPU_BLOCK, p, lambda_dssim,
+                   view->weight, w.sums, w.maps, d_image + cuda_picture(views, k));
     }
     cuda_end(d, SPIN_OP_LOSS);
 }
@@ -281,7 +369,7 @@ void cuda_measure(struct spin_device *d, const struct spin_view_batch *views,
             break;
         GPU_EACH(gpu_of(d), 3 * p.plane, clamp_kernel, 3 * p.plane, p.image);
         GPU_EACH(gpu_of(d), p.plane, squares_kernel, p, w.blocks);
-        GPU_LAUNCH(gpu_of(d), add_blocks_kernel, 1, GPU_BLOCK, gpu_blocks(p.plane), 6, w.blocks,
+        GPU_LAUNCH(gpu_of(d), add_blocks_kernel, 6, GPU_BLOCK, gpu_blocks(p.plane), w.blocks,
                    w.sums);
         GPU_LAUNCH(gpu_of(d), measure_kernel, 1, 1, w.sums, (const double *)NULL, v);
         lose(d, p, false, w);

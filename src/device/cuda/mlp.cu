@@ -1,10 +1,9 @@
-/* The four heads, forward and backward, as matrix products, by tensor cores where the card has them (mma.h). Splats go
- * in chunks, whose activations lie in scratch memory; backward recomputes them. The gradient of the weights is a sum over splats: it is cut into slices
+/* The four heads, forward and backward, as matrix products, by tensor cores where that pays (mma.h). Heads of up to 64
+ * go by heads.cu; wider ones here, a launch for each product: splats go in chunks, whose activations lie in scratch memory; backward recomputes them. The gradient of the weights is a sum over splats: it is cut into slices
  * that depend only on the sizes, whose partial sums are added in order. */
 #include "device/cuda/cuda.h"
 
-#include <stdlib.h>
-
+#include "device/cuda/heads.h"
 #include "device/cuda/mma.h"
 #include "math/mlp.h"
 
@@ -130,8 +129,7 @@ struct tensor { /* a warp has 16 rows and 32 columns: EACH products of mma.h sid
 typedef struct plain tensor; /* for cards before sm_80 */
 #endif
 
-template <class form>
-static __device__ void multiply_tile(struct product x, float *a, float *b)
+template <class form> static __device__ void multiply_tile(struct product x, float *a, float *b)
 {
     int i0 = (int)blockIdx.y * TILE, j0 = (int)blockIdx.x * TILE, m = x.m, k_end = x.k, k0 = 0;
     float sum[EACH * EACH] = {0};
@@ -157,13 +155,15 @@ static __device__ void multiply_tile(struct product x, float *a, float *b)
             int k = x.a_col == 1 ? at % STEP : at / TILE, i = x.a_col == 1 ? at / STEP : at % TILE;
             bool in = i0 + i < m && k0 + k < k_end;
 
-            a[form::at(k, i)] = in ? x.a[(size_t)(i0 + i) * x.a_row + (size_t)(k0 + k) * x.a_col] : 0;
+            a[form::at(k, i)] =
+                in ? x.a[(size_t)(i0 + i) * x.a_row + (size_t)(k0 + k) * x.a_col] : 0;
         }
         for (int at = (int)threadIdx.x; at < STEP * TILE; at += (int)blockDim.x) {
             int k = x.b_row == 1 ? at % STEP : at / TILE, j = x.b_row == 1 ? at / STEP : at % TILE;
             bool in = j0 + j < x.n && k0 + k < k_end;
 
-            b[form::at(k, j)] = in ? x.b[(size_t)(k0 + k) * x.b_row + (size_t)(j0 + j) * x.b_col] : 0;
+            b[form::at(k, j)] =
+                in ? x.b[(size_t)(k0 + k) * x.b_row + (size_t)(j0 + j) * x.b_col] : 0;
         }
         __syncthreads();
         form::add(a, b, sum);
@@ -192,12 +192,9 @@ static __global__ void tensor_kernel(struct product x)
     multiply_tile<tensor>(x, a, b);
 }
 
-/* The environment variable is for comparing the two. */
-static bool wants_tensor()
+static bool is_narrow(const struct spin_heads *heads)
 {
-    const char *wanted = getenv("SPIN_CUDA_MLP");
-
-    return !wanted || strcmp(wanted, "fp32") != 0;
+    return heads->n_in <= CUDA_HEADS_WIDE && heads->hidden <= CUDA_HEADS_WIDE;
 }
 
 static int slices_of(int k) { return (k + SLICE - 1) / SLICE; }
@@ -208,7 +205,7 @@ static void multiply(struct spin_device *d, const struct product &x)
                 x.k_counts ? (unsigned)slices_of(x.k) : 1);
     struct product product = x;
 
-    if (wants_tensor())
+    if (cuda_of(d)->tensor)
         GPU_LAUNCH(gpu_of(d), tensor_kernel, blocks, SIDE * SIDE, product);
     else
         GPU_LAUNCH(gpu_of(d), product_kernel, blocks, SIDE * SIDE, product);
@@ -280,8 +277,15 @@ void cuda_mlp(struct spin_device *d, const struct spin_heads *heads, const float
               const float *z, float *raw)
 {
     size_t ld = (size_t)heads->hidden, room = n < CHUNK ? n : (size_t)CHUNK;
-    float *scratch = (float *)cuda_scratch(d, CUDA_SCRATCH_MLP, 2 * room * ld * sizeof *scratch);
+    float *scratch;
 
+    if (is_narrow(heads)) {
+        cuda_begin(d, SPIN_OP_MLP);
+        cuda_heads(d, heads, param, n, z, raw);
+        cuda_end(d, SPIN_OP_MLP);
+        return;
+    }
+    scratch = (float *)cuda_scratch(d, CUDA_SCRATCH_MLP, 2 * room * ld * sizeof *scratch);
     if (!scratch)
         return;
     cuda_begin(d, SPIN_OP_MLP);
@@ -430,8 +434,15 @@ void cuda_mlp_back(struct spin_device *d, const struct spin_heads *heads, const 
     size_t room = n < CHUNK ? n : (size_t)CHUNK, widest = ld > in_ld ? ld : in_ld;
     size_t partials = (size_t)slices_of((int)room) * (widest > 48 ? widest : 48) * widest;
     size_t floats = room * (6 * ld + in_ld) + partials;
-    float *at = (float *)cuda_scratch(d, CUDA_SCRATCH_MLP, floats * sizeof *at), *rows_of_z;
+    float *at, *rows_of_z;
 
+    if (is_narrow(heads)) {
+        cuda_begin(d, SPIN_OP_MLP_BACK);
+        cuda_heads_back(d, heads, param, active, z, d_raw, d_param, d_z);
+        cuda_end(d, SPIN_OP_MLP_BACK);
+        return;
+    }
+    at = (float *)cuda_scratch(d, CUDA_SCRATCH_MLP, floats * sizeof *at);
     if (!at || n == 0)
         return;
     rows_of_z = at + 6 * room * ld;

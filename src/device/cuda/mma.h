@@ -9,35 +9,40 @@
 #define SPIN_DEVICE_CUDA_MMA_H
 
 #include <stdint.h>
-#include <string.h>
+
+#include "math/approx.h"
+
+#ifdef SPIN_EMU
+#define CUDA_UNROLL
+#define CUDA_UNROLL_TWICE
+#else
+#define CUDA_UNROLL _Pragma("unroll")
+#define CUDA_UNROLL_TWICE _Pragma("unroll 2")
+#endif
 
 #if defined(SPIN_EMU) || (defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800)
 #define CUDA_HAS_MMA 1
 
-/* The nearest number of tf32, as the bits of a float. */
-static inline __device__ uint32_t cuda_tf32(float v)
+/* The nearest number of tf32; NaN from 4e34 on. cvt.rna.tf32.f32 takes twice as many instructions on sm_90. */
+static inline __device__ float cuda_tf32(float v)
 {
 #ifdef SPIN_EMU
-    return emu_tf32(v);
+    return spin_float_of_bits(emu_tf32(v));
 #else
-    uint32_t bits;
-
-    asm("cvt.rna.tf32.f32 %0, %1;" : "=r"(bits) : "f"(v));
-    return bits;
+    return fmaf(v, -8192.0f, __fmul_rn(v, 8193.0f)); /* the product has room for 11 bits of v */
 #endif
 }
 
-/* N registers of floats, each high + low, to 2^-22 of it. */
+/* N registers of floats, each high + low, to 2^-21 of it. */
 template <int N> struct cuda_split {
     uint32_t high[N], low[N];
 
     __device__ void set(int i, float v)
     {
-        float part;
+        float nearest = cuda_tf32(v);
 
-        high[i] = cuda_tf32(v);
-        memcpy(&part, &high[i], sizeof part);
-        low[i] = cuda_tf32(v - part);
+        high[i] = spin_bits_of_float(nearest);
+        low[i] = spin_bits_of_float(v - nearest) & ~0x1fffu;
     }
 };
 
@@ -46,29 +51,33 @@ struct cuda_mma_queue {
     /* C += A B, at once. */
     __device__ void add(float *c, const uint32_t *a, const uint32_t *b)
     {
-        asm volatile("mma.sync.aligned.m16n8k8.row.col.f32.tf32.tf32.f32 "
-                     "{%0, %1, %2, %3}, {%4, %5, %6, %7}, {%8, %9}, {%0, %1, %2, %3};"
-                     : "+f"(c[0]), "+f"(c[1]), "+f"(c[2]), "+f"(c[3])
-                     : "r"(a[0]), "r"(a[1]), "r"(a[2]), "r"(a[3]), "r"(b[0]), "r"(b[1]));
+        asm("mma.sync.aligned.m16n8k8.row.col.f32.tf32.tf32.f32 "
+            "{%0, %1, %2, %3}, {%4, %5, %6, %7}, {%8, %9}, {%0, %1, %2, %3};"
+            : "+f"(c[0]), "+f"(c[1]), "+f"(c[2]), "+f"(c[3])
+            : "r"(a[0]), "r"(a[1]), "r"(a[2]), "r"(a[3]), "r"(b[0]), "r"(b[1]));
     }
     __device__ void run() {}
 };
 #else
-typedef struct emu_mma_queue cuda_mma_queue; /* in order as well, all in run() */
+typedef struct emu_mma_queue cuda_mma_queue;         /* in order as well, all in run() */
 #endif
 
 /* C [16][8 N] += A [16][8] B [8][8 N]: N products side by side, their registers one after the other. */
 template <int N>
-static inline __device__ void cuda_mma(float *c, const cuda_split<4> &a,
-                                       const cuda_split<2 * N> &b)
+static inline __device__ void cuda_mma(float *c, const cuda_split<4> &a, const cuda_split<2 * N> &b)
 {
     cuda_mma_queue queue;
 
-    for (int v = 0; v < N; v++) {
+    /* Products of one C do not follow each other: each waits for the one before. */
+    CUDA_UNROLL
+    for (int v = 0; v < N; v++)
         queue.add(c + 4 * v, a.low, b.high + 2 * v);
+    CUDA_UNROLL
+    for (int v = 0; v < N; v++)
         queue.add(c + 4 * v, a.high, b.low + 2 * v);
+    CUDA_UNROLL
+    for (int v = 0; v < N; v++)
         queue.add(c + 4 * v, a.high, b.high + 2 * v);
-    }
     queue.run();
 }
 #else

@@ -11,6 +11,12 @@ static const int n_groups = 4;
 static const struct group groups[n_groups] = {
     {3, SPIN_ATTR_SCALE}, {4, SPIN_ATTR_ROTATION}, {3, SPIN_ATTR_SH}, {1, SPIN_ATTR_OPACITY}};
 
+/* SH beyond the first coefficient: a group with a place of its own. */
+static struct group group_of_sh(size_t width)
+{
+    return {width, SPIN_ATTR_SH + 3};
+}
+
 /* A thread has one value. */
 static __global__ void to_rows_kernel(struct group group, size_t n, bool add, const float *from,
                                       float *raw)
@@ -33,6 +39,10 @@ static void to_rows(struct spin_device *d, const struct spin_frame_batch *frames
         for (int k = 0; from && k < n_groups; from += groups[k++].width * frame->n)
             GPU_EACH(gpu_of(d), groups[k].width * frame->n, to_rows_kernel, groups[k], frame->n,
                      add, from, raw + frame->first * SPIN_ATTR);
+        if (frame->residual && frame->sh)
+            GPU_EACH(gpu_of(d), frame->sh_width * frame->n, to_rows_kernel,
+                     group_of_sh(frame->sh_width), frame->n, add, frame->sh,
+                     raw + frame->first * SPIN_ATTR);
     }
     cuda_end(d, SPIN_OP_ACTIVATE);
 }
@@ -69,6 +79,9 @@ void cuda_residual_back(struct spin_device *d, const struct spin_frame_batch *fr
         for (int k = 0; to && k < n_groups; to += groups[k++].width * frame->n)
             GPU_EACH(gpu_of(d), active->most, from_rows_kernel, groups[k],
                      cuda_rows_of(active, frame->first, frame->n), d_raw, to);
+        if (frame->d_residual && frame->d_sh)
+            GPU_EACH(gpu_of(d), active->most, from_rows_kernel, group_of_sh(frame->sh_width),
+                     cuda_rows_of(active, frame->first, frame->n), d_raw, frame->d_sh);
     }
     cuda_end(d, SPIN_OP_ACTIVATE_BACK);
 }

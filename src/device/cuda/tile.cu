@@ -8,17 +8,50 @@
 
 static __device__ uint8_t byte_of(int v) { return (uint8_t)(v > 255 ? 255 : v); }
 
+/* All views' splats, one view after the other: those of view k are [at[k], at[k + 1]), and first[k] is where they
+ * begin in splat2d. */
+struct all_views {
+    int n;
+    size_t at[SPIN_MAX_VIEWS + 1], first[SPIN_MAX_VIEWS];
+};
+
+static struct all_views all_of(const struct spin_view_batch *views)
+{
+    struct all_views all = {};
+
+    all.n = views->n_views;
+    for (int k = 0; k < all.n; k++) {
+        all.first[k] = views->view[k].first;
+        all.at[k + 1] = all.at[k] + views->view[k].n;
+    }
+    return all;
+}
+
+/* The view that has splat i of all. */
+static __device__ int view_of(const struct all_views &all, size_t i)
+{
+    int k = 0;
+
+    while (i >= all.at[k + 1])
+        k++;
+    return k;
+}
+
 /* Sets tile_cull, and count [n + 1]: the splat's pairs, and 0 at the end. */
-static __global__ void cull_kernel(size_t n, struct spin_splat2d *splat2d, uint64_t *count)
+static __global__ void cull_kernel(struct all_views all, struct spin_splat2d *splat2d,
+                                   uint64_t *count)
 {
     size_t i = GPU_INDEX();
-    struct spin_splat2d s;
+    int view;
+    struct spin_splat2d s, *to;
 
-    if (i == n)
-        count[n] = 0;
-    if (i >= n)
+    if (i == all.at[all.n])
+        count[i] = 0;
+    if (i >= all.at[all.n])
         return;
-    s = splat2d[i];
+    view = view_of(all, i);
+    to = splat2d + all.first[view] + (i - all.at[view]);
+    s = *to;
     for (int k = 0; k < 4; k++)
         s.tile_cull[k] = 0;
     if (s.radius_px > 0) {
@@ -35,54 +68,62 @@ static __global__ void cull_kernel(size_t n, struct spin_splat2d *splat2d, uint6
         s.tile_cull[3] = byte_of(s.y1 - y1);
     }
     for (int k = 0; k < 4; k++)
-        splat2d[i].tile_cull[k] = s.tile_cull[k];
+        to->tile_cull[k] = s.tile_cull[k];
     count[i] = spin_pair_count(spin_pair_rect(&s));
 }
 
-static __global__ void first_kernel(size_t n, const uint64_t *before, struct spin_splat2d *splat2d)
+/* before [n + 1] counts from the first view on, first_intersection from the splat's own. pairs [views] = */
+static __global__ void first_kernel(struct all_views all, const uint64_t *before,
+                                    struct spin_splat2d *splat2d, uint64_t *pairs)
 {
     size_t i = GPU_INDEX();
 
-    if (i < n)
-        splat2d[i].first_intersection = (uint32_t)before[i];
+    if (i < (size_t)all.n)
+        pairs[i] = before[all.at[i + 1]] - before[all.at[i]];
+    if (i < all.at[all.n]) {
+        int view = view_of(all, i);
+
+        splat2d[all.first[view] + (i - all.at[view])].first_intersection =
+            (uint32_t)(before[i] - before[all.at[view]]);
+    }
 }
 
-/* The view's pairs, to *pairs (now). */
-static spin_status count_view(struct spin_device *d, const struct spin_view_batch *views, int k,
-                              struct spin_splat2d *splat2d, uint64_t *pairs)
+/* The views' pairs, to the host (now). */
+static spin_status count_pairs(struct spin_device *d, const struct spin_view_batch *views,
+                               struct spin_splat2d *splat2d, uint64_t *pairs)
 {
-    size_t n = views->view[k].n;
-    uint64_t *count = (uint64_t *)cuda_scratch(d, CUDA_SCRATCH_TILE, 2 * (n + 1) * sizeof *count);
+    struct all_views all = all_of(views);
+    size_t n = all.at[all.n], most = n > SPIN_MAX_VIEWS ? n : (size_t)SPIN_MAX_VIEWS;
+    uint64_t *count = (uint64_t *)cuda_scratch(d, CUDA_SCRATCH_TILE,
+                                               (2 * (n + 1) + SPIN_MAX_VIEWS) * sizeof *count);
+    uint64_t *before = count + n + 1, *pairs_here = before + n + 1;
 
     if (!count)
         return d->op->wait(d);
-    GPU_EACH(gpu_of(d), n + 1, cull_kernel, n, splat2d, count);
-    cuda_scan(d, count, count + n + 1, n + 1);
-    GPU_EACH(gpu_of(d), n, first_kernel, n, count + n + 1, splat2d);
-    return d->op->download(d, pairs, count + 2 * n + 1, sizeof *pairs);
+    GPU_EACH(gpu_of(d), n + 1, cull_kernel, all, splat2d, count);
+    if (!cuda_scan(d, count, before, n + 1))
+        return d->op->wait(d);
+    GPU_EACH(gpu_of(d), most, first_kernel, all, before, splat2d, pairs_here);
+    return d->op->download(d, pairs, pairs_here, (size_t)all.n * sizeof *pairs);
 }
 
 spin_status cuda_tile_count(struct spin_device *d, const struct spin_view_batch *views,
                             struct spin_splat2d *splat2d, struct spin_tiles *tiles)
 {
     uint64_t sum = 0, *pairs = cuda_of(d)->view_pairs;
+    spin_status status;
 
     tiles->n_intersections = 0;
     cuda_begin(d, SPIN_OP_TILE);
-    for (int k = 0; k < views->n_views; k++) {
-        spin_status status = count_view(d, views, k, splat2d + views->view[k].first, &pairs[k]);
-
-        if (status == SPIN_OK)
-            status = cuda_pairs_fit(pairs[k], sum);
-        if (status != SPIN_OK) {
-            cuda_end(d, SPIN_OP_TILE);
-            return status;
-        }
+    status = count_pairs(d, views, splat2d, pairs);
+    for (int k = 0; k < views->n_views && status == SPIN_OK; k++) {
+        status = cuda_pairs_fit(pairs[k], sum);
         sum += pairs[k];
     }
-    tiles->n_intersections = sum;
     cuda_end(d, SPIN_OP_TILE);
-    return SPIN_OK;
+    if (status == SPIN_OK)
+        tiles->n_intersections = sum;
+    return status;
 }
 
 /* ---- Filling --------------------------------------------------------------------------------- */
@@ -175,12 +216,15 @@ static spin_status fill_view(struct spin_device *d, const spin_view_batch::spin_
     if (!at)
         return d->op->wait(d);
     GPU_EACH(gpu_of(d), n, depth_kernel, n, splat2d, key, splat);
-    cuda_sort(d, key, sorted_key, splat, order, n, 32);
+    if (!cuda_sort(d, key, sorted_key, splat, order, n, 32))
+        return d->op->wait(d);
     GPU_EACH(gpu_of(d), n, count_kernel, n, splat2d, order, count);
-    cuda_scan(d, count, before, n);
+    if (!cuda_scan(d, count, before, n))
+        return d->op->wait(d);
     GPU_EACH(gpu_of(d), n, pairs_kernel, n, view->camera.tiles_x, splat2d, order, before, tile,
              of_pair);
-    cuda_sort(d, tile, sorted_tile, of_pair, lists + first, pairs, bits_of(n_tiles));
+    if (!cuda_sort(d, tile, sorted_tile, of_pair, lists + first, pairs, bits_of(n_tiles)))
+        return d->op->wait(d);
     GPU_EACH(gpu_of(d), n_tiles + 1, start_kernel, n_tiles, sorted_tile, pairs, first, start);
     return SPIN_OK;
 }

@@ -15,6 +15,7 @@
 #include "io/file.h"
 #include "io/image.h"
 #include "io/template.h"
+#include "scene/trained_options.h"
 
 enum { CROPS = 6, WORST = 4, LOSS_POINTS = 300, PICTURES = 4, GAIN = 4 /* of the difference */ };
 
@@ -89,6 +90,7 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
                                       : "source");
     spin_json_set_string(j, "split", splits[split]);
     spin_json_set_string(j, "dynamic_from", dynamic[r->dynamic]);
+    spin_json_set_string(j, "mask", r->subject);
     spin_json_set_number(j, "fps", 1 / (r->seconds_decode + r->seconds_draw));
     spin_json_set_number(j, "fps_draw", 1 / r->seconds_draw);
     spin_json_set_number(j, "seconds_decode", r->seconds_decode);
@@ -377,7 +379,8 @@ static spin_status fill_page(const struct spin_report *r, spin_json *page)
     const spin_json *report[2] = {spin_eval_json(r->after, r->split),
                                   r->before ? spin_eval_json(r->before, r->split) : NULL};
     spin_json *trained = spin_json_get(r->clip->bundle.json, "trained");
-    char *settings = spin_json_text(spin_json_get(trained, "options"), true);
+    spin_json *options = spin_trained_options(trained);
+    char *settings = options ? spin_json_text(options, true) : NULL;
 
     spin_json_set(page, "after", (spin_json *)(uintptr_t)report[0]);
     if (report[1])
@@ -391,6 +394,7 @@ static spin_status fill_page(const struct spin_report *r, spin_json *page)
         spin_json_set_string(page, "settings", settings);
     }
     free(settings);
+    spin_json_free(options);
     add_cameras(page, report);
     add_storage(page, report[0]);
     SPIN_TRY(add_curves(r, page, report));

@@ -4,6 +4,8 @@
 #include <float.h>
 #include <math.h>
 
+#include "base/text.h"
+
 enum { WIDTH = 720, HEIGHT = 260, LEFT = 56, RIGHT = 26, TOP = 10, BOTTOM = 42, MOST_POINTS = 160 };
 
 struct frame {
@@ -80,17 +82,24 @@ static void write_axes(FILE *to, const struct spin_svg_chart *chart, const struc
                 "x=\"%.1f\" y=\"%d\" text-anchor=\"middle\">%.7g</text>\n",
                 across(f, x), across(f, x), HEIGHT - BOTTOM, HEIGHT - BOTTOM + 4, across(f, x),
                 HEIGHT - BOTTOM + 18, fabs(x) < step / 1e6 ? 0 : x);
-    fprintf(to,
-            "<text x=\"%d\" y=\"%d\" text-anchor=\"middle\">%s</text><text class=\"upright\" x=\"14\" "
-            "y=\"%d\" text-anchor=\"middle\" transform=\"rotate(-90 14 %d)\">%s</text>\n",
-            (LEFT + WIDTH - RIGHT) / 2, HEIGHT - 6, chart->x_name, (TOP + HEIGHT - BOTTOM) / 2,
-            (TOP + HEIGHT - BOTTOM) / 2, chart->y_name);
+    fprintf(
+        to,
+        "<text x=\"%d\" y=\"%d\" text-anchor=\"middle\">%s</text><text class=\"upright\" x=\"14\" "
+        "y=\"%d\" text-anchor=\"middle\" transform=\"rotate(-90 14 %d)\">%s</text>\n",
+        (LEFT + WIDTH - RIGHT) / 2, HEIGHT - 6, chart->x_name, (TOP + HEIGHT - BOTTOM) / 2,
+        (TOP + HEIGHT - BOTTOM) / 2, chart->y_name);
 }
 
 static void write_line(FILE *to, const struct spin_svg_chart_line *line, const struct frame *f)
 {
     bool open = false;
+    char name[512] = "";
+    FILE *text = fmemopen(name, sizeof name, "w");
 
+    if (text) {
+        spin_text_html(text, line->name);
+        fclose(text);
+    }
     fprintf(to, "<path class=\"line line-%d%s\" d=\"", line->style, line->dashed ? " dashed" : "");
     for (size_t i = 0; i < line->n; i++) {
         bool good = isfinite(line->x[i]) && isfinite(line->y[i]);
@@ -107,8 +116,43 @@ static void write_line(FILE *to, const struct spin_svg_chart_line *line, const s
                 to,
                 "<circle class=\"dot line-%d\" cx=\"%.1f\" cy=\"%.1f\" r=\"3\"><title>%s: %.7g, "
                 "%.5g</title></circle>\n",
-                line->style, across(f, line->x[i]), down(f, line->y[i]), line->name, line->x[i],
+                line->style, across(f, line->x[i]), down(f, line->y[i]), name, line->x[i],
                 line->y[i]);
+}
+
+void spin_svg_chart_file(FILE *to, const struct spin_svg_chart *chart)
+{
+    static const char *const colours[SPIN_SVG_CHART_LINES] = {
+        "#1f77c9", "#d2691e", "#2e9e5b", "#a347c4", "#c9a400", "#d33a5c", "#2aa7a7", "#8a94a3"};
+    struct frame f;
+    int names = 20 * ((chart->n_lines + 1) / 2) + 10; /* two a row */
+
+    if (measure(chart, &f))
+        round_frame(&f);
+    else
+        f = (struct frame){0, 1, 0, 1};
+    fprintf(to,
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 %d %d %d\" "
+            "font-family=\"sans-serif\" font-size=\"12\">\n<style>.grid{stroke:#d8dde4}"
+            ".tick{stroke:#5c6675}.line{fill:none;stroke-width:2;stroke-linejoin:round}"
+            ".dot{stroke:none}",
+            -names, WIDTH, HEIGHT + names);
+    for (int k = 0; k < SPIN_SVG_CHART_LINES; k++)
+        fprintf(to, ".line-%d{stroke:%s}.dot.line-%d{fill:%s}", k, colours[k], k, colours[k]);
+    fprintf(to, "</style>\n<rect y=\"%d\" width=\"100%%\" height=\"100%%\" fill=\"#fff\"/>\n",
+            -names);
+    for (int k = 0; k < chart->n_lines; k++) {
+        int x = LEFT + k % 2 * (WIDTH - LEFT - RIGHT) / 2, y = 20 - names + 20 * (k / 2);
+
+        fprintf(to, "<path class=\"line line-%d\" d=\"M%d %dh24\"/><text x=\"%d\" y=\"%d\">",
+                chart->line[k].style, x, y - 4, x + 30, y);
+        spin_text_html(to, chart->line[k].name);
+        fprintf(to, "</text>\n");
+    }
+    write_axes(to, chart, &f);
+    for (int k = 0; k < chart->n_lines; k++)
+        write_line(to, &chart->line[k], &f);
+    fprintf(to, "</svg>\n");
 }
 
 void spin_svg_chart_write(FILE *to, const struct spin_svg_chart *chart)
@@ -121,12 +165,14 @@ void spin_svg_chart_write(FILE *to, const struct spin_svg_chart *chart)
     fprintf(to, "<figure><figcaption>%s</figcaption>\n", chart->title);
     if (chart->n_lines > 1) {
         fprintf(to, "<p class=\"legend\">");
-        for (int k = 0; k < chart->n_lines; k++)
+        for (int k = 0; k < chart->n_lines; k++) {
             fprintf(to,
                     "<span><svg width=\"26\" height=\"10\"><path class=\"line line-%d%s\" d=\"M1 "
-                    "5L25 5\"/></svg> %s</span> ",
-                    chart->line[k].style, chart->line[k].dashed ? " dashed" : "",
-                    chart->line[k].name);
+                    "5L25 5\"/></svg> ",
+                    chart->line[k].style, chart->line[k].dashed ? " dashed" : "");
+            spin_text_html(to, chart->line[k].name);
+            fprintf(to, "</span> ");
+        }
         fprintf(to, "</p>\n");
     }
     fprintf(to, "<svg class=\"chart\" viewBox=\"0 0 %d %d\" role=\"img\" aria-label=\"%s\">\n",

@@ -47,12 +47,12 @@ class Element {
 }
 
 // options: width and height of the window, ratio of its pixels, media (what matchMedia finds true), full (whether a
-// full screen may be had), worker (another one), blocks (further texts), clip(c) to change what the page knows.
+// full screen may be had), address, embedded (in another page), worker (another one), blocks (further texts), clip(c) to change what the page knows.
 export function openPage(file, options = {}) {
     const { html, clip, texts, code, script, data } = typeof file === 'string' ? readPage(file) : file, o = { width: 64, height: 40, ratio: 1, media: ['reduced-motion'], ...options };
     const page = { elements: {}, later: [], frames: [], pending: 0, sent: [], asked: [], problems: [], refuseFull: o.refuseFull };
     for (const [, tag, id, attributes, text] of html.matchAll(/<(\w+) id="(\w+)"([^>]*)>([^<]*)/g)) page.elements[id] = Object.assign(new Element(page, tag.toUpperCase(), id), { hidden: / hidden\b/.test(attributes), textContent: text });
-    for (const id of ['vertex', 'fragment', 'worker']) page.elements[id] = Object.assign(new Element(page, 'SCRIPT', id), { textContent: code(id) });
+    for (const id of ['project', 'vertex', 'fragment', 'worker']) page.elements[id] = Object.assign(new Element(page, 'SCRIPT', id), { textContent: code(id) });
     (texts ?? []).forEach((list, v) => list.forEach((text, f) => { page.elements[`v${v}f${f}`] = Object.assign(new Element(page, 'SCRIPT'), { textContent: text }); }));
     page.elements.clip = Object.assign(new Element(page, 'SCRIPT'), { textContent: JSON.stringify(o.clip?.(structuredClone(clip)) ?? clip) });
     const canvas = page.elements.view, root = new Element(page, 'HTML');
@@ -64,6 +64,7 @@ export function openPage(file, options = {}) {
         createElement: (tag) => new Element(page, tag.toUpperCase()), exitFullscreen: () => { page.document.fullscreenElement = null; }
     };
     page.window = Object.assign(new Element(page, 'WINDOW'), { devicePixelRatio: o.ratio });
+    page.window.parent = o.embedded ? (o.embedded.postMessage ? o.embedded : { postMessage() {} }) : page.window;
     class Worker {
         constructor(text) {
             this.inside = workerOf(text, '', {
@@ -84,7 +85,7 @@ export function openPage(file, options = {}) {
     page.replies = [];
     class Address extends URL { static createObjectURL(blob) { return blob.text; } }
     class Text { constructor(parts) { this.text = parts.join(''); } }
-    const given = { document: page.document, window: page.window, matchMedia: (q) => ({ matches: o.media.some((m) => q.includes(m)) }), requestAnimationFrame: (f) => page.frames.push(f), setTimeout: (f, ms) => page.later.push([f, ms]), Worker, URL: Address, Blob: Text, location: { href: 'http://there/some/page.html?x#y' }, DecompressionStream: o.old ? undefined : DecompressionStream };
+    const given = { document: page.document, window: page.window, matchMedia: (q) => ({ matches: o.media.some((m) => q.includes(m)) }), requestAnimationFrame: (f) => page.frames.push(f), setTimeout: (f, ms) => page.later.push([f, ms]), Worker, URL: Address, Blob: Text, location: { href: o.address ?? 'http://there/some/page.html?x#y' }, DecompressionStream: o.old ? undefined : DecompressionStream };
     new Function(...Object.keys(given), script())(...Object.values(given));
     page.$ = (id) => page.elements[id];
     page.root = root;
@@ -113,13 +114,14 @@ export function openPage(file, options = {}) {
 // ---- WebGL 2 ----------------------------------------------------------------------------------------
 
 const NAMES = ['VERTEX_SHADER', 'FRAGMENT_SHADER', 'COMPILE_STATUS', 'LINK_STATUS', 'BLEND', 'ONE', 'ONE_MINUS_SRC_ALPHA', 'TEXTURE_2D', 'TEXTURE_MIN_FILTER', 'TEXTURE_MAG_FILTER', 'NEAREST', 'RGBA32UI',
-    'R32UI', 'RGBA_INTEGER', 'RED_INTEGER', 'UNSIGNED_INT', 'ARRAY_BUFFER', 'DYNAMIC_DRAW', 'TRIANGLE_STRIP', 'SCISSOR_TEST', 'COLOR_BUFFER_BIT'];
+    'R32UI', 'RG32UI', 'RGBA_INTEGER', 'RED_INTEGER', 'UNSIGNED_INT', 'UNSIGNED_SHORT', 'ELEMENT_ARRAY_BUFFER', 'STATIC_DRAW', 'TRIANGLES', 'SCISSOR_TEST', 'COLOR_BUFFER_BIT', 'FRAMEBUFFER', 'COLOR_ATTACHMENT0', 'COLOR_ATTACHMENT1'];
+const SAMPLERS = ['order', 'splats', 'harmonics', 'ellipses', 'paints'];
 const must = (good, what) => { if (!good) throw new Error(`WebGL: ${what}`); };
 
 class Gl {
     constructor(canvas) {
         NAMES.forEach((name, i) => { this[name] = 1000 + i; });
-        Object.assign(this, { canvas, TEXTURE0: 2000, on: new Set(), unit: 0, units: [], uniforms: {}, colour: [0, 0, 0, 0], box: null, blend: [], textures: 0 });
+        Object.assign(this, { canvas, TEXTURE0: 2000, on: new Set(), unit: 0, units: [], uniforms: {}, colour: [0, 0, 0, 0], box: null, blend: [], textures: 0, frame: null, programs: [] });
     }
     createShader(type) { return { type }; }
     shaderSource(s, text) { s.text = text; }
@@ -129,38 +131,44 @@ class Gl {
     }
     getShaderParameter(s, what) { return what === this.COMPILE_STATUS && Boolean(s.made); }
     getShaderInfoLog() { return ''; }
-    createProgram() { return {}; }
+    createProgram() { return this.programs[this.programs.push({}) - 1]; }
     attachShader(p, s) { p[s.type] = s.made; }
     linkProgram(p) {
         const made = p[this.VERTEX_SHADER].names.out, read = p[this.FRAGMENT_SHADER].names.in;
-        p.linked = read.every((n) => n === 'gl_VertexID' || made.includes(n));
+        p.linked = read.every((n) => n.startsWith('gl_') || made.includes(n));
+        p.values = {};
     }
     getProgramParameter(p, what) { return what === this.LINK_STATUS && p.linked; }
     getProgramInfoLog() { return ''; }
-    useProgram(p) { this.vertex = p[this.VERTEX_SHADER]; this.fragment = p[this.FRAGMENT_SHADER]; }
-    getUniformLocation(p, name) { return p[this.VERTEX_SHADER].names.uniform.includes(name) ? name : null; }
-    uniform(name, value) { if (name) this.uniforms[name] = value; }
-    uniform1i(n, v) { must(Number.isInteger(v), `${n} is no integer`); this.uniform(n, v); }
+    useProgram(p) { this.program = p; }
+    getUniformLocation(p, name) { return [this.VERTEX_SHADER, this.FRAGMENT_SHADER].some((k) => p[k].names.uniform.includes(name)) ? { p, name } : null; }
+    uniform(at, value) {
+        if (!at) return;
+        must(at.p === this.program, `${at.name} of a program that is not used`);
+        at.p.values[at.name] = value;
+    }
+    uniform1i(n, v) { must(Number.isInteger(v), `${n?.name} is no integer`); this.uniform(n, v); }
     uniform1f(n, v) { this.uniform(n, v); }
     uniform2f(n, a, b) { this.uniform(n, [a, b]); }
-    uniform3fv(n, v) { must(v.length === 3, `${n} has ${v.length} numbers`); this.uniform(n, [...v]); }
-    uniformMatrix3fv(n, transposed, v) { must(v.length === 9 && !transposed, `${n} is no matrix`); this.uniform(n, [v.slice(0, 3), v.slice(3, 6), v.slice(6)]); }
-    enableVertexAttribArray(i) { this.array = i; }
-    vertexAttribDivisor(i, n) { this.divisor = n; }
-    vertexAttribIPointer(i, size, type, stride, offset) { must(size === 1 && type === this.UNSIGNED_INT && !stride && !offset, 'an attribute of another kind'); this.source = this.buffer; }
+    uniform3fv(n, v) { must(v.length === 3, `${n?.name} has ${v.length} numbers`); this.uniform(n, [...v]); }
+    uniformMatrix3fv(n, transposed, v) { must(v.length === 9 && !transposed, `${n?.name} is no matrix`); this.uniform(n, [v.slice(0, 3), v.slice(3, 6), v.slice(6)]); }
     enable(what) { this.on.add(what); }
     disable(what) { this.on.delete(what); }
     blendFunc(from, to) { this.blend = [from, to]; }
     createBuffer() { return {}; }
-    bindBuffer(target, b) { this.buffer = b; }
+    bindBuffer(target, b) { must(target === this.ELEMENT_ARRAY_BUFFER, 'another buffer'); this.buffer = b; }
     bufferData(target, data) { this.buffer.data = data; }
+    createFramebuffer() { return { at: [] }; }
+    bindFramebuffer(target, f) { this.frame = f; }
+    framebufferTexture2D(target, attachment, kind, t) { this.frame.at[attachment - this.COLOR_ATTACHMENT0] = t; }
+    drawBuffers(list) { this.frame.to = list.map((b) => b - this.COLOR_ATTACHMENT0); }
     activeTexture(t) { this.unit = t - this.TEXTURE0; }
     createTexture() { this.textures++; return { filters: {} }; }
     deleteTexture(t) { if (t) { this.textures--; t.deleted = true; } }
     bindTexture(target, t) { must(!t?.deleted, 'a deleted texture'); this.units[this.unit] = t; }
     texParameteri(target, name, value) { this.units[this.unit].filters[name] = value; }
     texStorage2D(target, levels, format, width, height) {
-        const t = this.units[this.unit], lanes = format === this.RGBA32UI ? 4 : 1;
+        const t = this.units[this.unit], lanes = { [this.RGBA32UI]: 4, [this.RG32UI]: 2, [this.R32UI]: 1 }[format];
         must(!t.data, 'storage of a texture for a second time');
         Object.assign(t, { width, height, lanes, data: new Uint32Array(width * height * lanes) });
     }
@@ -176,33 +184,64 @@ class Gl {
         return (x, y) => {
             if (!fit || x < 0 || y < 0 || x >= t.width || y >= t.height) return [0, 0, 0, 0];
             const at = (y * t.width + x) * t.lanes;
-            return t.lanes === 4 ? t.data.subarray(at, at + 4) : [t.data[at], 0, 0, 1];
+            return t.lanes === 4 ? t.data.subarray(at, at + 4) : [t.data[at], t.lanes > 1 ? t.data[at + 1] : 0, 0, 1];
         };
     }
     viewport(...v) { this.view = v; }
     scissor(...b) { this.box = b; }
     clearColor(...c) { this.colour = c; }
     clear(what) {
-        must(what === this.COLOR_BUFFER_BIT && !this.on.has(this.SCISSOR_TEST), 'clears a part only');
+        must(what === this.COLOR_BUFFER_BIT && !this.on.has(this.SCISSOR_TEST) && !this.frame, 'clears a part only');
         const { width, height } = this.canvas;
         this.pixels = { width, height, rgb: new Float64Array(3 * width * height).map((_, i) => this.colour[i % 3]) };
         this.todo = [];
     }
-    drawArraysInstanced(mode, first, corners, n) {
-        must(mode === this.TRIANGLE_STRIP && first === 0 && corners === 4 && this.divisor === 1, 'another way to draw');
-        must(n <= (this.source?.data?.length ?? 0), 'more splats than the buffer has');
-        must(!this.view.some((v, i) => v !== [0, 0, this.canvas.width, this.canvas.height][i]), 'a viewport beside the canvas');
-        must(this.blend[0] === this.ONE && this.blend[1] === this.ONE_MINUS_SRC_ALPHA && this.on.has(this.BLEND), 'blends in another way');
-        const order = this.source.data, u = Object.fromEntries(this.vertex.names.uniform.map((name) => [name, this.uniforms[name] ?? 0]));
-        for (const name of ['splats', 'harmonics']) u[name] = this.sampler(u[name]);
-        const box = this.on.has(this.SCISSOR_TEST) ? this.box : [0, 0, this.canvas.width];
+    // The uniforms of the program that is used, with what its samplers read; not one of `never`.
+    inputs(shader, never = []) {
+        const u = Object.fromEntries(shader.names.uniform.map((name) => [name, this.program.values[name] ?? 0]));
+        for (const name of shader.names.uniform.filter((n) => SAMPLERS.includes(n))) {
+            must(!never.includes(this.units[u[name]]), `${name} is read where it is written`);
+            u[name] = this.sampler(u[name]);
+        }
+        return u;
+    }
+    // Of the page's programs the first: a number of each texel of the textures behind the picture.
+    drawArrays(mode, first, corners) {
+        must(mode === this.TRIANGLES && first === 0 && corners === 3 && this.frame, 'another way to draw');
+        must(!this.on.has(this.BLEND) && !this.on.has(this.SCISSOR_TEST), 'blends numbers, or a part of them');
+        const ends = [0, 1, 2].map((k) => this.program[this.VERTEX_SHADER].run({ gl_VertexID: k }).gl_Position.join());
+        must(ends.join(' ') === '-1,-1,0,1 3,-1,0,1 -1,3,0,1', `a triangle that does not cover all: ${ends}`);
+        const fragment = this.program[this.FRAGMENT_SHADER], [x0, y0, width, height] = this.view, at = this.frame.to.map((k) => this.frame.at[k]), u = this.inputs(fragment, at);
+        must(at.length === 2 && at.every((t) => t && !t.deleted && x0 === 0 && y0 === 0 && width === t.width && height <= t.height), 'textures that it does not fit');
         this.todo.push(() => {
-            Object.assign(this.vertex.uniforms, u);
-            for (let i = 0; i < n; i++) this.quad([0, 1, 2, 3].map((corner) => this.vertex.run({ gl_VertexID: corner, splat: order[i] })), box);
+            Object.assign(fragment.uniforms, u);
+            for (let y = 0; y < height; y++) {
+                for (let x = 0; x < width; x++) {
+                    const out = fragment.run({ gl_FragCoord: [x + 0.5, y + 0.5, 0.5, 1] }), all = fragment.names.out.filter((n) => !n.startsWith('gl_'));
+                    at.forEach((t, k) => t.data.set(out[all[k]], (y * width + x) * t.lanes));
+                }
+            }
         });
     }
-    // Corners 0 1 2 3 of a strip are a parallelogram here, with all varyings linear in it.
-    quad([a, b, c, d], [x0, , wide]) {
+    // The second: two triangles a splat.
+    drawElements(mode, count, type, offset) {
+        const list = this.buffer.data, { width, height } = this.canvas;
+        must(mode === this.TRIANGLES && type === this.UNSIGNED_SHORT && offset === 0 && !this.frame && list instanceof Uint16Array, 'another way to draw');
+        must(count % 6 === 0 && count <= list.length, 'more corners than the buffer has');
+        must(!this.view.some((v, i) => v !== [0, 0, width, height][i]), 'a viewport beside the canvas');
+        must(this.blend[0] === this.ONE && this.blend[1] === this.ONE_MINUS_SRC_ALPHA && this.on.has(this.BLEND), 'blends in another way');
+        const vertex = this.program[this.VERTEX_SHADER], fragment = this.program[this.FRAGMENT_SHADER], u = this.inputs(vertex), box = this.on.has(this.SCISSOR_TEST) ? this.box : [0, 0, width];
+        this.todo.push(() => {
+            Object.assign(vertex.uniforms, u);
+            for (let i = 0; i < count; i += 6) {
+                const [a, b, c, d] = [list[i], list[i + 1], list[i + 2], list[i + 5]];
+                must(list[i + 3] === c && list[i + 4] === b, 'two triangles that are no box');
+                this.quad([a, b, c, d].map((k) => vertex.run({ gl_VertexID: k })), box, fragment);
+            }
+        });
+    }
+    // Four corners are a parallelogram here, with the place linear in it and the colour that of the last corner.
+    quad([a, b, c, d], [x0, , wide], fragment) {
         const { width: W, height: H, rgb } = this.pixels, ends = [a, b, c, d].map((p) => p.gl_Position);
         if (ends.every((p) => p[2] > p[3])) return;
         const [p, q, r, s] = ends.map(([x, y]) => [(x + 1) / 2 * W, (1 - y) / 2 * H]);
@@ -216,7 +255,7 @@ class Gl {
                 const dx = x + 0.5 - p[0], dy = y + 0.5 - p[1], g = (dx * f[1] - dy * f[0]) / det, h = (e[0] * dy - e[1] * dx) / det;
                 if (g < 0 || g >= 1 || h < 0 || h >= 1) continue;
                 const mix = (name) => a[name].map((v, i) => v + g * (b[name][i] - v) + h * (c[name][i] - v));
-                const out = this.fragment.run({ place: mix('place'), colour: mix('colour') });
+                const out = fragment.run({ place: mix('place'), colour: d.colour });
                 if (!out) continue;
                 const at = 3 * (y * W + x);
                 for (let k = 0; k < 3; k++) rgb[at + k] = Math.min(1, Math.max(0, out.pixel[k] + (1 - out.pixel[3]) * rgb[at + k]));

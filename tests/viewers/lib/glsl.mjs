@@ -34,6 +34,12 @@ function halfValue(h) {
     const e = h >> 10 & 31, m = h & 1023, sign = h & 0x8000 ? -1 : 1;
     return sign * (e === 0 ? m * 2 ** -24 : e === 31 ? (m ? NaN : Infinity) : (1 + m / 1024) * 2 ** (e - 15));
 }
+// The nearest half; of two that are as near the even one.
+function halfOf(x) {
+    const sign = x < 0 || Object.is(x, -0) ? 0x8000 : 0, size = Math.abs(x), e = Math.max(-14, Math.floor(Math.log2(size || 2 ** -24))), m = size / 2 ** (e - 10), down = Math.floor(m);
+    const whole = m - down > 0.5 || (m - down === 0.5 && down % 2) ? down + 1 : down;
+    return size >= 65520 ? sign | 0x7c00 : sign | (e + 14) * 1024 + whole;
+}
 // float(), ivec2(), mat3() and so on.
 function maker(type) {
     const n = type === 'mat3' ? 9 : Number(type.at(-1)) || 1, one = /^[iu]/.test(type) ? Math.trunc : Number;
@@ -56,6 +62,8 @@ export const builtin = {
     clamp: (x, a, b) => each((v, low, high) => Math.min(high, Math.max(low, v)), x, a, b),
     length: (a) => Math.hypot(...a), normalize: (a) => { const n = Math.hypot(...a); return a.map((v) => v / n); },
     uintBitsToFloat: (a) => each((v) => { word[0] = v; return float[0]; }, a),
+    floatBitsToUint: (a) => each((v) => { float[0] = v; return word[0]; }, a),
+    packHalf2x16: ([x, y]) => (halfOf(x) | halfOf(y) << 16) >>> 0,
     unpackHalf2x16: (v) => [halfValue(v & 65535), halfValue(v >>> 16)],
     texelFetch: (sampler, [x, y]) => sampler(x, y)
 };
@@ -64,7 +72,7 @@ export { halfValue };
 // A program: uniforms by name, then run({ inputs }) gives the outputs, or null where it discards.
 export function compile(source) {
     const tokens = source.replace(/^#.*$/gm, '').replace(/\/\/.*$/gm, '').match(/[A-Za-z_]\w*|(?:\d+\.\d*|\.\d+|\d+)(?:[eE][-+]?\d+)?[uf]?|[-+*/]=|<<|>>|[<>=!]=|&&|\|\||\S/g);
-    const names = { in: ['gl_VertexID'], out: ['gl_Position'], uniform: [] }, functions = new Set();
+    const names = { in: ['gl_VertexID', 'gl_FragCoord'], out: ['gl_Position'], uniform: [] }, functions = new Set();
     let at = 0;
     const peek = (k = 0) => tokens[at + k], next = () => tokens[at++];
     const take = (t) => { if (next() !== t) throw new Error(`'${t}' expected before '${tokens.slice(at - 1, at + 6).join(' ')}'`); };
@@ -133,6 +141,7 @@ export function compile(source) {
         let t = next();
         if (t === 'precision') { while (next() !== ';'); continue; }
         if (t === 'layout') { while (next() !== ')'); t = next(); }
+        if (t === 'flat') t = next();
         if (names[t]) {
             next();
             do names[t].push(next()); while (next() === ',');

@@ -3,7 +3,9 @@
  * Both round a splat's own time, so its place goes first to where the splat is at the rounded one: what is left is a
  * fade that begins a little early or late. Books are uniform, and with the ranges they bound how far each value is off.
  * A sigma of more than a few clips would take the steps from short ones: it is cut, and such a splat is moved to the
- * middle of the clip, where its opacity keeps its value and its slope. */
+ * middle of the clip, where its opacity keeps its value and its slope.
+ *
+ * TSOG also holds a clip of frames: each splat with the number of the frame that alone shows it. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -11,7 +13,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/option.h"
-#include "exporters/lib/bells.h"
+#include "exporters/lib/bells_check.h"
 #include "exporters/lib/pictures.h"
 #include "exporters/lib/quant_error.h"
 #include "exporters/lib/sort_rows.h"
@@ -27,20 +29,29 @@
 #define K_SIGMA 3.8    /* of .sogst: a splat is drawn so many sigmas long */
 #define PERSISTENT 3.0 /* and lasts when that is more than so many segments */
 #define PLAYED 1000000 /* splats that TSOG's player draws at most */
+#define STEPS 65536    /* of 16 bits, which frames share */
 enum { PER_GROUP = SPIN_4D_CENTROIDS };
 
 struct container {
-    const char *name; /* for people */
-    bool sogst;       /* seconds, books of times, segments; else TSOG */
-    int degree;       /* of paths, at most */
+    const char *name;     /* for people */
+    const char *importer; /* that reads it */
+    bool sogst;           /* seconds, books of times, segments; else TSOG */
+    int degree;           /* of paths, at most */
 };
 
-static const struct container tsog = {"TSOG", false, 1}, sogst = {".sogst", true, 2};
+static const struct container tsog = {"TSOG", "tsog", false, 1},
+                              sogst = {".sogst", "sogst", true, 2};
 
 struct export
 {
     const struct spin_export_job *job;
     const struct container *kind;
+    struct spin_export_job
+        own; /* where the clip is frames: as splats_4d, with their places as times */
+    bool frames;
+    double *places;  /* [n_frames] 0, 1, 2, ... */
+    size_t n_cut;    /* rows of frames there are */
+    size_t capacity; /* there is room for */
     struct spin_splat_filter rows;
     struct spin_sort_rows order; /* item[j].row: row j of the file */
     struct spin_bells bells;
@@ -49,6 +60,8 @@ struct export
     int level;
     struct spin_sog_4d coding;
     struct spin_quant_error quant;
+    struct spin_out out;
+    bool open; /* out */
 
     /* In the order of the file. */
     float *rest, *palette;        /* [n][n_rest], [n_palette][n_rest] */
@@ -110,6 +123,14 @@ static void fill_book(struct spin_sog_book *book, double least, double most, boo
 static void code_time(const struct spin_sog_4d *coding, const float time[2], uint8_t *low,
                       uint8_t *high, float shown[2])
 {
+    if (coding->n_frames > 0) {
+        int step = STEPS / coding->n_frames, q = (int)time[0] * step + step / 2;
+
+        *low = (uint8_t)q;
+        *high = (uint8_t)(q >> 8);
+        memcpy(shown, time, 2 * sizeof *shown);
+        return;
+    }
     if (coding->centre.n == 0) {
         spin_sog_4d_code(&coding->time, true, 2, time, low, high, shown);
         return;
@@ -231,12 +252,8 @@ static spin_status choose_order(struct export *x)
 
 static void turned_path(const struct export *x, size_t k, int power, float out[3])
 {
-    const float *p = clip_of(x)->paths + 3 * (size_t)clip_of(x)->degree * k + 3 * power;
-    spin_vec3 v = spin_scene_rotation_place(&x->rows.turn, spin_v3(p[0], p[1], p[2]));
-
-    out[0] = v.x;
-    out[1] = v.y;
-    out[2] = v.z;
+    spin_splat_filter_direction(
+        &x->rows, clip_of(x)->paths + 3 * (size_t)clip_of(x)->degree * k + 3 * power, out);
 }
 
 static void choose_ranges(struct export *x)
@@ -298,7 +315,8 @@ static spin_status choose_coding(struct export *x)
     x->coding.sh_degree = x->rows.sh_degree;
     SPIN_TRY(spin_sort_rows_fill(&x->order, &x->rows));
     x->coding.n = x->order.n;
-    SPIN_TRY(round_times(x));
+    if (!x->frames)
+        SPIN_TRY(round_times(x));
     SPIN_TRY(choose_order(x));
     choose_ranges(x);
     return choose_palette(x);
@@ -516,8 +534,13 @@ static void print_tsog(FILE *to, const struct export *x)
     fprintf(to, "{\"version\":4,\"profile\":{\"id\":\"org.opsiclear.tsog-playback\","
                 "\"version\":1},");
     print_still(to, x);
-    fprintf(to, ",\"timeline\":{\"type\":1,");
-    print_range(to, &x->coding.time, 2, "[", "]");
+    if (x->frames) {
+        fprintf(to, ",\"timeline\":{\"type\":0,\"N\":%d,\"delta\":%d", x->job->n_frames,
+                STEPS / x->job->n_frames);
+    } else {
+        fprintf(to, ",\"timeline\":{\"type\":1,");
+        print_range(to, &x->coding.time, 2, "[", "]");
+    }
     print_files(to, x, SPIN_4D_TIME, 2);
     if (x->coding.degree > 0) {
         fprintf(to, ",\"temporal\":{\"means\":{");
@@ -526,7 +549,7 @@ static void print_tsog(FILE *to, const struct export *x)
         fprintf(to, "}");
     }
     fprintf(to, ",\"playback\":{\"duration\":%.9g,\"fps\":%.9g,\"rate\":1,\"loop\":true}}\n",
-            (x->job->n_frames - 1) / x->fps, x->fps);
+            (x->job->n_frames - !x->frames) / x->fps, x->fps); /* the last frame is shown as long */
 }
 
 static void print_stream(FILE *to, const struct export *x, size_t g)
@@ -645,177 +668,29 @@ static spin_status write_members(const struct export *x, struct spin_zip_writer 
 static spin_status write_file(struct export *x)
 {
     struct spin_zip_writer zip;
-    struct spin_out out;
-    spin_status status;
 
-    SPIN_TRY(spin_out_open(x->job->output, x->job->force, &out));
-    out.sync = x->job->sync;
-    spin_zip_writer_begin(&out, &zip);
-    status = spin_zip_writer_end(&zip, write_members(x, &zip), &out);
-    if (status != SPIN_OK) {
-        spin_out_abandon(&out);
-        return status;
-    }
+    spin_zip_writer_begin(&x->out, &zip);
+    SPIN_TRY(spin_zip_writer_end(&zip, write_members(x, &zip), &x->out));
     if (x->job->report)
-        x->job->report->bytes += out.bytes;
-    return spin_out_commit(&out);
+        x->job->report->bytes += x->out.bytes;
+    x->open = false;
+    return spin_out_commit(&x->out);
 }
 
 /* ---- Check ----------------------------------------------------------------------------------- */
 
-struct check {
-    struct export *x;
-    struct spin_splats_4d back;
-    struct spin_splats frame;
-    uint32_t *row_of; /* [source rows] of the file; UINT32_MAX: none */
-    struct spin_quant_error quant;
-    uint64_t n;
-    double bounds;
-};
-
-static spin_status read_back(struct check *check)
+static spin_status check_file(const struct export *x)
 {
-    struct export *x = check->x;
-    struct spin_map map;
-    struct spin_tsog clip;
-    struct spin_sogst seconds;
-    spin_status status;
-
-    SPIN_TRY(spin_map_open(x->job->output, &map));
-    status = x->kind->sogst ? spin_sogst_read(map.data, map.size, &seconds, &check->back)
-                            : spin_tsog_read(map.data, map.size, &clip, &check->back);
-    spin_map_close(&map);
-    if (status == SPIN_OK && check->back.n != x->order.n)
-        status =
-            spin_fail(SPIN_E_IO, "it holds %zu splats, expected %zu", check->back.n, x->order.n);
-    return status;
-}
-
-/* Values are within half a step of what was to be written: the bounds that the coding promises. */
-static spin_status judge(const struct check *check, size_t j)
-{
-    const struct export *x = check->x;
     const struct spin_sog_range *range = &x->coding.means;
-    const struct spin_splats_4d *back = &check->back;
-    size_t k = x->order.item[j].row;
-    float place[3];
-    bool good =
-        fabs((double)back->times[j] - (double)clip_of(x)->times[k]) <= 1e-6 * x->bells.length &&
-        fabs((double)back->sigmas[j] / (double)clip_of(x)->sigmas[k] - 1) <= 1e-5;
+    struct spin_bells_check of = {.bells = &x->bells,
+                                  .rows = &x->rows,
+                                  .order = x->order.item,
+                                  .n = x->order.n,
+                                  .importer = x->kind->importer};
 
-    spin_splat_filter_place(&x->rows, k, place);
-    for (size_t c = 0; c < 3; c++) {
-        double half = (range->maxs[c] - range->mins[c]) / 131070 * 1.01 + 1e-6;
-
-        good = good && fabs((double)back->centres[3 * j + c] - (double)place[c]) <=
-                           (1 + fabs((double)place[c])) * half;
-    }
-    return good ? SPIN_OK : spin_fail(SPIN_E_IO, "splat %zu is not what was written", j);
-}
-
-static void take_back(const struct spin_splats_4d *s, size_t j, double time,
-                      struct spin_gaussian *out)
-{
-    size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
-    double place[3];
-
-    spin_path_at(s->centres + 3 * j, s->paths ? s->paths + 3 * (size_t)s->degree * j : NULL,
-                 s->degree, time - (double)s->times[j], place);
-    for (size_t c = 0; c < 3; c++) {
-        out->place[c] = (float)place[c];
-        out->log_scale[c] = s->log_scales[3 * j + c];
-        out->colour[c] = 0.5f + (float)SPIN_SH_C0 * s->sh[n_sh * j + c];
-    }
-    out->opacity =
-        (float)(spin_sigmoid_of((double)s->logit_opacities[j]) * spin_splats_4d_weight(s, j, time));
-    memcpy(out->rotation, s->quats + 4 * j, sizeof out->rotation);
-}
-
-/* A frame of the source against the file at the same time. */
-static spin_status check_frame(struct check *check, int f)
-{
-    const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    struct export *x = check->x;
-    const struct spin_splats_4d *s = x->job->splats_4d;
-    double t = x->job->times[f], time = spin_bells_time(&x->bells, t), box[2][6];
-    struct spin_splat_filter rows = x->rows;
-    size_t row = 0, n_sh = 3 * (size_t)spin_sh_count(check->back.sh_degree);
-
-    for (int c = 0; c < 12; c++)
-        box[c / 6][c % 6] = c % 6 < 3 ? HUGE_VAL : -HUGE_VAL;
-    SPIN_TRY(spin_splats_4d_slice(s, t, columns, &check->frame));
-    rows.splats = &check->frame;
-    for (size_t i = 0; i < s->n; i++) {
-        struct spin_gaussian is, shown;
-        float room[3 * SPIN_SH_MAX], off[3 * SPIN_SH_MAX];
-        const float *sh;
-        size_t j = check->row_of[i], at = row, n_there;
-
-        if (!spin_splats_4d_shows(s, i, t))
-            continue;
-        row++;
-        if (j == UINT32_MAX)
-            continue;
-        spin_splat_filter_take(&rows, at, &is);
-        take_back(&check->back, j, time, &shown);
-        spin_quant_error_row(&check->quant, &is, &shown);
-        sh = spin_splat_filter_sh(&rows, at, room);
-        n_there = 3 * (size_t)spin_splat_filter_n_sh(&rows);
-        for (size_t c = 3; c < n_sh; c++)
-            off[c - 3] = (c < n_there ? sh[c] : 0) - check->back.sh[n_sh * j + c];
-        spin_quant_error_add_all(&check->quant, SPIN_QUANT_SH, off, n_sh - 3);
-        for (int c = 0; c < 3; c++) {
-            box[0][c] = fmin(box[0][c], (double)is.place[c]);
-            box[0][3 + c] = fmax(box[0][3 + c], (double)is.place[c]);
-            box[1][c] = fmin(box[1][c], (double)shown.place[c]);
-            box[1][3 + c] = fmax(box[1][3 + c], (double)shown.place[c]);
-        }
-        check->n++;
-    }
-    for (int c = 0; c < 6 && box[0][0] < HUGE_VAL; c++)
-        check->bounds = fmax(check->bounds, fabs(box[0][c] - box[1][c]));
-    return SPIN_OK;
-}
-
-static spin_status check_all(struct check *check)
-{
-    struct export *x = check->x;
-    size_t n = x->job->splats_4d->n;
-
-    SPIN_TRY(read_back(check));
-    SPIN_TRY(spin_alloc(n + 1, sizeof *check->row_of, (void **)&check->row_of));
-    for (size_t i = 0; i < n; i++)
-        check->row_of[i] = UINT32_MAX;
-    for (size_t j = 0; j < x->order.n; j++) {
-        check->row_of[x->bells.from[x->order.item[j].row]] = (uint32_t)j;
-        SPIN_TRY(judge(check, j));
-    }
-    for (int f = 0; f < x->job->n_frames; f++)
-        SPIN_TRY(check_frame(check, f));
-    return SPIN_OK;
-}
-
-static spin_status check_file(struct export *x)
-{
-    struct check check = {.x = x};
-    struct spin_export_check *out = x->job->report ? &x->job->report->check : NULL;
-    spin_status status = check_all(&check);
-
-    if (status == SPIN_OK && out) {
-        *out = (struct spin_export_check){.frames = x->job->n_frames,
-                                          .splats = check.n,
-                                          .bounds = check.bounds,
-                                          .rendered = -1,
-                                          .psnr = (double)NAN};
-        for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
-            out->rms[p] = spin_quant_error_rms(&check.quant, (enum spin_quant_error_part)p);
-            out->largest[p] = check.quant.part[p].largest;
-        }
-    }
-    spin_splats_4d_free(&check.back);
-    spin_splats_free(&check.frame);
-    free(check.row_of);
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "check: '%s'", x->job->output);
+    for (int c = 0; c < 3; c++)
+        of.half[c] = (range->maxs[c] - range->mins[c]) / 131070 * 1.01;
+    return spin_bells_check(&of);
 }
 
 /* ---- The plug-ins ---------------------------------------------------------------------------- */
@@ -824,6 +699,8 @@ static void end_export(void *self)
 {
     struct export *x = self;
 
+    if (x->open)
+        spin_out_abandon(&x->out);
     if (x->picture)
         spin_pictures_free(x->picture, n_pictures(x), true);
     free(x->picture);
@@ -836,6 +713,7 @@ static void end_export(void *self)
     free(x->end);
     free(x->span);
     free(x->block_quant);
+    free(x->places);
     free(x);
 }
 
@@ -855,6 +733,8 @@ static spin_status read_options(struct export *x)
                   FPS);
     }
     x->bells.length = x->kind->sogst ? (x->job->n_frames - 1) / x->fps : 1;
+    if (x->frames)
+        x->bells.length = x->job->n_frames - 1;
     segment = fmax(floor(x->fps / 2 + 0.5), 1) / x->fps; /* whole frames, about half a second */
     SPIN_TRY(spin_option_number(v, "segment", 0, 1e6, &segment));
     x->segment = segment;
@@ -864,11 +744,37 @@ static spin_status read_options(struct export *x)
     return spin_splat_filter_begin(&x->rows, x->job, NULL);
 }
 
+/* Frames as 4D splats: each splat is there in its own frame, whose place in the clip is its time. */
+static spin_status expect_frames(struct export *x)
+{
+    int n = x->job->n_frames;
+
+    if (n > STEPS)
+        return spin_fail(SPIN_E_UNSUPPORTED, "%s holds %d frames at most, and these are %d",
+                         x->kind->name, STEPS, n);
+    x->frames = true;
+    x->own = *x->job;
+    x->own.splats_4d = &x->bells.clip;
+    SPIN_TRY(spin_alloc((size_t)n, sizeof *x->places, (void **)&x->places));
+    for (int f = 0; f < n; f++)
+        x->places[f] = f;
+    x->own.times = x->places;
+    x->job = x->bells.job = &x->own;
+    x->coding.n_frames = n;
+    return spin_splats_4d_reserve(&x->bells.clip, 0, 0, x->job->sh_degree, SPIN_4D_CUTS);
+}
+
 static spin_status prepare(struct export *x)
 {
-    SPIN_TRY(spin_bells_can(x->job, x->kind->name));
+    if (!x->job->splats_4d)
+        SPIN_TRY(expect_frames(x));
+    SPIN_TRY(spin_bells_can(&x->bells));
     SPIN_TRY(spin_webp_need());
-    return read_options(x);
+    SPIN_TRY(read_options(x));
+    SPIN_TRY(spin_out_open(x->job->output, x->job->force, &x->out));
+    x->open = true;
+    x->out.sync = x->job->sync;
+    return SPIN_OK;
 }
 
 static spin_status begin(const struct spin_export_job *job, const struct container *kind,
@@ -895,24 +801,90 @@ static spin_status begin(const struct spin_export_job *job, const struct contain
     return SPIN_OK;
 }
 
-static spin_status no_frame(void *self, int frame, const struct spin_frame_info *info,
-                            const struct spin_splats *splats)
+/* Room for n rows more of frames. */
+static spin_status make_room(struct export *x, size_t n)
 {
-    (void)self;
-    (void)frame;
-    (void)info;
-    (void)splats;
+    struct spin_splats_4d *s = &x->bells.clip;
+    const struct {
+        float **values;
+        size_t width;
+    } array[] = {{&s->centres, 3},         {&s->quats, 4},
+                 {&s->log_scales, 3},      {&s->sh, 3 * (size_t)spin_sh_count(s->sh_degree)},
+                 {&s->logit_opacities, 1}, {&s->times, 1},
+                 {&s->sigmas, 1},          {&s->cuts, 2}};
+
+    if (x->n_cut + n <= x->capacity)
+        return SPIN_OK;
+    x->capacity = 2 * x->capacity > x->n_cut + n ? 2 * x->capacity : x->n_cut + n;
+    for (size_t k = 0; k < sizeof array / sizeof *array; k++)
+        SPIN_TRY(spin_grow(x->capacity, array[k].width * sizeof(float), (void **)array[k].values));
     return SPIN_OK;
 }
 
-static spin_status write_all(struct export *x)
+static void add_row(struct export *x, const struct spin_splats *from, size_t i, int frame)
 {
-    SPIN_TRY(spin_bells_convert(&x->bells));
+    struct spin_splats_4d *s = &x->bells.clip;
+    size_t k = x->n_cut++, n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
+
+    memcpy(s->centres + 3 * k, from->means + 3 * i, 3 * sizeof(float));
+    memcpy(s->quats + 4 * k, from->quats + 4 * i, 4 * sizeof(float));
+    memcpy(s->log_scales + 3 * k, from->log_scales + 3 * i, 3 * sizeof(float));
+    memcpy(s->sh + n_sh * k, from->sh + n_sh * i, n_sh * sizeof(float));
+    s->logit_opacities[k] = spin_finite_logit(from->logit_opacities[i]);
+    s->times[k] = s->cuts[2 * k] = (float)frame;
+    s->cuts[2 * k + 1] = (float)(frame + 1);
+    s->sigmas[k] = SPIN_FOREVER;
+}
+
+static spin_status take_frame(void *self, int frame, const struct spin_frame_info *info,
+                              const struct spin_splats *splats)
+{
+    struct export *x = self;
+
+    SPIN_TRY(spin_splat_filter_choose(&x->rows, splats, info->number));
+    SPIN_TRY(make_room(x, x->rows.n_kept));
+    for (size_t i = 0; i < splats->n; i++)
+        if (x->rows.keep[i])
+            add_row(x, splats, i, frame);
+    return SPIN_OK;
+}
+
+/* The rows of all frames; they were chosen before. */
+static spin_status join_frames(struct export *x)
+{
+    struct spin_bells *b = &x->bells;
+    size_t n_dropped;
+
+    x->rows.quiet = true;
+    x->rows.max_scale = 0;
+    free(b->clip.spans);
+    b->clip.spans = NULL;
+    b->clip.n = x->n_cut;
+    SPIN_TRY(spin_alloc(x->n_cut + 1, 2 * sizeof(double), (void **)&b->clip.spans));
+    SPIN_TRY(spin_splats_4d_settle(&b->clip, &n_dropped, NULL));
+    SPIN_TRY(spin_alloc(b->clip.n + 1, sizeof *b->from, (void **)&b->from));
+    for (size_t k = 0; k < b->clip.n; k++)
+        b->from[k] = k;
+    spin_bells_look(b);
+    return SPIN_OK;
+}
+
+static spin_status encode(struct export *x)
+{
+    SPIN_TRY(x->frames ? join_frames(x) : spin_bells_convert(&x->bells));
     SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->bells.view, 0));
     if (x->rows.n_kept == 0)
         return spin_fail(SPIN_E_UNSUPPORTED, "no splat of the clip is left to write");
     SPIN_TRY(choose_coding(x));
+    if (spin_cancelled())
+        return spin_fail_cancelled();
     SPIN_TRY(code(x));
+    return spin_cancelled() ? spin_fail_cancelled() : SPIN_OK;
+}
+
+static spin_status write_all(struct export *x)
+{
+    SPIN_TRY(encode(x));
     SPIN_TRY(write_file(x));
     spin_bells_warn(&x->bells);
     warn_of_kind(x);
@@ -964,13 +936,13 @@ extern const struct spin_exporter spin_exporter_tsog, spin_exporter_sogst;
 const struct spin_exporter spin_exporter_tsog = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "tsog",
-    .summary = "4D splats as one TSOG, which plays in browsers: small",
+    .summary = "4D splats, or frames, as one TSOG, which plays in browsers: small",
     .options = tsog_options,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .checks = true,
     .splats_4d = true,
     .begin = tsog_begin,
-    .frame = no_frame,
+    .frame = take_frame,
     .end = end,
     .abort = end_export,
 };
@@ -984,7 +956,6 @@ const struct spin_exporter spin_exporter_sogst = {
     .checks = true,
     .splats_4d = true,
     .begin = sogst_begin,
-    .frame = no_frame,
     .end = end,
     .abort = end_export,
 };

@@ -1,0 +1,181 @@
+#include "exporters/lib/bells_check.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "exporters/lib/quant_error.h"
+#include "math/activate.h"
+#include "math/motion.h"
+#include "math/sh.h"
+
+struct check {
+    const struct spin_bells_check *of;
+    const struct spin_importer *importer;
+    void *self;
+    const struct spin_splats_4d *back;
+    struct spin_splats frame;
+    uint32_t *row_of; /* [source rows] of the file; UINT32_MAX: none */
+    struct spin_quant_error quant;
+    uint64_t n;
+    double bounds;
+};
+
+static spin_status read_back(struct check *check)
+{
+    const struct spin_bells_check *of = check->of;
+    const char *path = of->bells->job->output;
+    const struct spin_plugin_values values = {NULL};
+    struct spin_sequence_info sequence;
+
+    for (const struct spin_importer *const *i = spin_importer_list(); *i; i++)
+        if (strcmp((*i)->name, of->importer) == 0)
+            check->importer = *i;
+    SPIN_TRY(check->importer->open(path, &values, &check->self, &sequence));
+    SPIN_TRY(check->importer->splats_4d(check->self, &check->back));
+    if (!check->back || check->back->n != of->n)
+        return spin_fail(SPIN_E_IO, "it holds %zu splats, expected %zu",
+                         check->back ? check->back->n : 0, of->n);
+    return SPIN_OK;
+}
+
+/* Values are as near to what was to be written as the file promises. */
+static spin_status judge(const struct check *check, size_t j)
+{
+    const struct spin_bells_check *of = check->of;
+    const struct spin_splats_4d *back = check->back, *clip = &of->bells->clip;
+    size_t k = of->order[j].row;
+    float place[3];
+    bool good = fabs((double)back->times[j] - (double)clip->times[k]) <= 1e-6 * of->bells->length &&
+                fabs((double)back->sigmas[j] / (double)clip->sigmas[k] - 1) <= 1e-5;
+
+    spin_splat_filter_place(of->rows, k, place);
+    for (size_t c = 0; c < 3; c++)
+        good = good && fabs((double)back->centres[3 * j + c] - (double)place[c]) <=
+                           (1 + fabs((double)place[c])) * (of->half[c] + 1e-6);
+    return good ? SPIN_OK : spin_fail(SPIN_E_IO, "splat %zu is not what was written", j);
+}
+
+static void take_back(const struct spin_splats_4d *s, size_t j, double time,
+                      struct spin_gaussian *out)
+{
+    size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
+    double place[3];
+
+    spin_path_at(s->centres + 3 * j, s->paths ? s->paths + 3 * (size_t)s->degree * j : NULL,
+                 s->degree, time - (double)s->times[j], place);
+    for (size_t c = 0; c < 3; c++) {
+        out->place[c] = (float)place[c];
+        out->log_scale[c] = s->log_scales[3 * j + c];
+        out->colour[c] = 0.5f + (float)SPIN_SH_C0 * s->sh[n_sh * j + c];
+    }
+    out->opacity =
+        (float)(spin_sigmoid_of((double)s->logit_opacities[j]) * spin_splats_4d_weight(s, j, time));
+    memcpy(out->rotation, s->quats + 4 * j, sizeof out->rotation);
+}
+
+static void widen(double box[6], const float place[3])
+{
+    for (int c = 0; c < 3; c++) {
+        box[c] = fmin(box[c], (double)place[c]);
+        box[3 + c] = fmax(box[3 + c], (double)place[c]);
+    }
+}
+
+/* Row `row` of the frame against row j of the file. */
+static void compare(struct check *check, const struct spin_splat_filter *rows, size_t row, size_t j,
+                    double time, double box[2][6])
+{
+    const struct spin_splats_4d *back = check->back;
+    size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree), n_there;
+    struct spin_gaussian is, shown;
+    float room[3 * SPIN_SH_MAX], off[3 * SPIN_SH_MAX];
+    const float *sh;
+
+    spin_splat_filter_take(rows, row, &is);
+    take_back(back, j, time, &shown);
+    spin_quant_error_row(&check->quant, &is, &shown);
+    sh = spin_splat_filter_sh(rows, row, room);
+    n_there = 3 * (size_t)spin_splat_filter_n_sh(rows);
+    for (size_t c = 3; c < n_sh; c++)
+        off[c - 3] = (c < n_there ? sh[c] : 0) - back->sh[n_sh * j + c];
+    spin_quant_error_add_all(&check->quant, SPIN_QUANT_SH, off, n_sh - 3);
+    widen(box[0], is.place);
+    widen(box[1], shown.place);
+    check->n++;
+}
+
+/* A frame of the source against the file at the same time. */
+static spin_status check_frame(struct check *check, int f)
+{
+    const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    const struct spin_export_job *job = check->of->bells->job;
+    const struct spin_splats_4d *s = job->splats_4d;
+    double t = job->times[f], box[2][6];
+    struct spin_splat_filter rows = *check->of->rows;
+    size_t row = 0;
+
+    for (int c = 0; c < 12; c++)
+        box[c / 6][c % 6] = c % 6 < 3 ? HUGE_VAL : -HUGE_VAL;
+    if (spin_cancelled())
+        return spin_fail_cancelled();
+    SPIN_TRY(spin_splats_4d_slice(s, t, columns, &check->frame));
+    rows.splats = &check->frame;
+    for (size_t i = 0; i < s->n; i++)
+        if (spin_splats_4d_shows(s, i, t)) {
+            if (check->row_of[i] != UINT32_MAX)
+                compare(check, &rows, row, check->row_of[i], spin_bells_time(check->of->bells, t),
+                        box);
+            row++;
+        }
+    for (int c = 0; c < 6 && box[0][0] < HUGE_VAL; c++)
+        check->bounds = fmax(check->bounds, fabs(box[0][c] - box[1][c]));
+    return SPIN_OK;
+}
+
+static spin_status check_all(struct check *check)
+{
+    const struct spin_bells_check *of = check->of;
+    size_t n = of->bells->job->splats_4d->n;
+
+    SPIN_TRY(read_back(check));
+    SPIN_TRY(spin_alloc(n + 1, sizeof *check->row_of, (void **)&check->row_of));
+    for (size_t i = 0; i < n; i++)
+        check->row_of[i] = UINT32_MAX;
+    for (size_t j = 0; j < of->n; j++) {
+        check->row_of[of->bells->from[of->order[j].row]] = (uint32_t)j;
+        SPIN_TRY(judge(check, j));
+    }
+    for (int f = 0; f < of->bells->job->n_frames; f++)
+        SPIN_TRY(check_frame(check, f));
+    return SPIN_OK;
+}
+
+spin_status spin_bells_check(const struct spin_bells_check *of)
+{
+    const struct spin_export_job *job = of->bells->job;
+    struct check check = {.of = of};
+    struct spin_export_check *out = job->report ? &job->report->check : NULL;
+    spin_status status = check_all(&check);
+
+    if (status == SPIN_OK && out) {
+        *out = (struct spin_export_check){.frames = job->n_frames,
+                                          .splats = check.n,
+                                          .bounds = check.bounds,
+                                          .rendered = -1,
+                                          .psnr = (double)NAN};
+        for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
+            out->rms[p] = spin_quant_error_rms(&check.quant, (enum spin_quant_error_part)p);
+            out->largest[p] = check.quant.part[p].largest;
+        }
+    }
+    if (check.self)
+        check.importer->close(check.self);
+    spin_splats_free(&check.frame);
+    free(check.row_of);
+    return status == SPIN_OK || status == SPIN_E_CANCELLED
+               ? status
+               : spin_fail_context(status, "check: '%s'", job->output);
+}

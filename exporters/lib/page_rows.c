@@ -1,0 +1,757 @@
+#include "exporters/lib/page_rows.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "io/gzip.h"
+#include "math/activate.h"
+#include "math/motion.h"
+#include "math/scene_rotation.h"
+#include "math/sh.h"
+
+#define LN2 0.693147180559945309
+#define TURN 6.283185307179586 /* once round */
+#define NARROWER 0.999         /* as of spin_page_step() */
+#define FAINT (0.5 / 255)      /* is not drawn */
+#define UNEVEN 1e-5            /* a clip's times are rounded: of the distance of its frames */
+#define LEAST_DOT 0.707        /* of the rotations at both ends of a row: turned by 90 degrees */
+enum { CHECKED = 33 };         /* ticks of a row, evenly; and four of its window */
+
+/* Shares of a bound. The errors of a bell are at most w (height + z middle + z^2 width) with w = exp(-z^2/2), and a
+ * gate adds 1 - w: at all z less than 1. */
+#define HEIGHT 0.5
+#define WIDTH 0.45
+#define GATE 0.3
+/* Rotations at both ends, and how much more the second counts; together less than 1 when between them are 90 degrees. */
+#define ENDS 0.78
+#define RATIO 0.1
+/* A colour that changes: its mean, two cosines, their phase. */
+#define MEAN 0.4
+#define COSINE 0.2
+#define PHASE 0.2
+
+enum { FROM, LENGTH, SIGMA, MIDDLE, N_ALWAYS };
+enum { MOST_COLUMNS = SPIN_PAGE_COLUMNS + N_ALWAYS + 2 + 9 + 1 + 4 + 1 + 2 * 48 };
+
+/* A row of the splats from one tick until before another. */
+struct piece {
+    uint32_t row;
+    int32_t from, end;
+};
+
+/* ---- Steps ------------------------------------------------------------------------------------- */
+
+bool spin_page_rows_can(const double *times, int n_frames, double *step)
+{
+    *step = n_frames > 1 ? (times[n_frames - 1] - times[0]) / (n_frames - 1) : 0;
+    for (int f = 0; f < n_frames; f++)
+        if (!(fabs(times[f] - (times[0] + f * *step)) <= UNEVEN * *step))
+            return false;
+    return *step > 0;
+}
+
+static const float *cosines_of(const struct spin_page_rows *r, size_t i)
+{
+    return r->splats->sh_cos + 6 * (size_t)spin_sh_count(r->splats->sh_degree) * i;
+}
+
+/* Of cosine k, 0 or 1, the value of column c: three colours, then the coefficients that are written. */
+static double cosine_at(const struct spin_page_rows *r, size_t i, int k, int c)
+{
+    size_t width = 3 * (size_t)spin_sh_count(r->splats->sh_degree);
+    double v = (double)cosines_of(r, i)[(size_t)k * width + (size_t)c];
+
+    return c < 3 ? SPIN_SH_C0 * v : v;
+}
+
+/* The largest slope of a value by its phase, in bounds. */
+static double steepest(const struct spin_page_rows *r)
+{
+    double most = 0;
+
+    for (size_t i = 0; i < r->splats->n; i++)
+        for (int c = 0; c < 3 + r->n_sh; c++)
+            most = fmax(most, (fabs(cosine_at(r, i, 0, c)) + 2 * fabs(cosine_at(r, i, 1, c))) /
+                                  (c < 3 ? r->space.bounds.colour : r->space.bounds.sh));
+    return most;
+}
+
+void spin_page_rows_begin(struct spin_page_rows *r)
+{
+    /* how much the places in between are off by at most, when those at even times are off by 1 */
+    static const double lebesgue[] = {1, 1, 1.25, 1.64};
+    const struct spin_splats_4d *s = r->splats;
+    const struct spin_page_bounds *b = &r->space.bounds;
+    int at = SPIN_PAGE_SH + r->n_sh + N_ALWAYS;
+
+    r->inner = r->space;
+    r->inner.bounds.place /= lebesgue[s->degree];
+    r->inner.bounds.opacity *= HEIGHT;
+    r->octave = (int)ceil(LN2 / (2 * WIDTH * NARROWER * b->opacity));
+    r->middle = 2 * WIDTH * NARROWER * b->opacity;
+    r->plateau = s->plateaus ? at : 0;
+    at += s->plateaus ? 2 : 0;
+    r->path = s->degree ? at : 0;
+    at += 3 * s->degree;
+    r->gates = s->gates ? at : 0;
+    at += s->gates ? 1 : 0;
+    r->turn = s->spins ? at : 0;
+    at += s->spins ? 4 : 0;
+    r->cosines = s->sh_cos ? at : 0;
+    at += s->sh_cos ? 1 + 2 * (3 + r->n_sh) : 0;
+    r->n_columns = at;
+    if (s->gates)
+        r->gate = 2 * GATE * b->opacity;
+    if (s->spins) {
+        r->inner.bounds.rotation *= ENDS;
+        r->ratio = 4 * RATIO * b->rotation; /* it turns by a quarter of 90 degrees for each 1 */
+    }
+    if (s->sh_cos) {
+        r->inner.bounds.colour *= MEAN;
+        r->inner.bounds.sh *= MEAN;
+        r->cosine = 2 * COSINE * NARROWER * b->colour;
+        r->cosine_sh = 2 * COSINE * NARROWER * b->sh;
+        r->phase = fmin(2 * PHASE / fmax(steepest(r), 1e-9), 1);
+    }
+}
+
+spin_json *spin_page_rows_json(const struct spin_page_rows *r)
+{
+    const struct spin_splats_4d *s = r->splats;
+    spin_json *j = spin_json_object();
+
+    spin_json_set_integer(j, "ticks", SPIN_PAGE_TICKS);
+    spin_json_set_integer(j, "degree", s->degree);
+    spin_json_set_integer(j, "octave", r->octave);
+    spin_json_set_number(j, "middle", r->middle);
+    spin_json_set_bool(j, "plateaus", s->plateaus != NULL);
+    if (s->gates)
+        spin_json_set_number(j, "gate", r->gate);
+    if (s->spins)
+        spin_json_set_number(j, "ratio", r->ratio);
+    if (s->sh_cos) {
+        spin_json_set_number(j, "period", s->period / r->step);
+        spin_json_set_number(j, "phase", r->phase);
+        spin_json_set_number(j, "cosine", r->cosine);
+        spin_json_set_number(j, "cosine_sh", r->cosine_sh);
+    }
+    return j;
+}
+
+/* ---- Time --------------------------------------------------------------------------------------- */
+
+static double time_of(const struct spin_page_rows *r, double tick)
+{
+    double frame = tick / SPIN_PAGE_TICKS;
+    int whole = (int)frame;
+
+    return frame == whole && whole < r->n_frames ? r->times[whole] : r->times[0] + frame * r->step;
+}
+
+static double frames_of(const struct spin_page_rows *r, double time)
+{
+    return (time - r->times[0]) / r->step;
+}
+
+static double opacity_at(const struct spin_page_rows *r, size_t i, double t)
+{
+    return spin_sigmoid_of((double)r->splats->logit_opacities[i]) *
+           spin_splats_4d_weight(r->splats, i, t);
+}
+
+/* When a window begins and ends to fade, and how fast. */
+struct window {
+    double lo, hi, sigma, sigma2;
+};
+
+static struct window window_of(const struct spin_page_rows *r, size_t i)
+{
+    const struct spin_splats_4d *s = r->splats;
+    const float *p = s->plateaus ? s->plateaus + 3 * i : NULL;
+
+    return (struct window){.lo = (double)(p ? p[0] : s->times[i]),
+                           .hi = (double)(p ? p[1] : s->times[i]),
+                           .sigma = (double)s->sigmas[i],
+                           .sigma2 = (double)(p ? p[2] : s->sigmas[i])};
+}
+
+/* The ticks of the clip that show more than next to nothing of row i; false: none does. */
+static bool seen(const struct spin_page_rows *r, size_t i, struct piece *p)
+{
+    const struct spin_splats_4d *s = r->splats;
+    double opacity = spin_sigmoid_of((double)s->logit_opacities[i]), from, to;
+    double faint = fmin(FAINT, 0.5 * r->space.bounds.opacity), slack = 2 * UNEVEN * SPIN_PAGE_TICKS;
+    int last = (r->n_frames - 1) * SPIN_PAGE_TICKS;
+
+    from = fmax(s->spans[2 * i], r->times[0]);
+    to = fmin(s->spans[2 * i + 1], time_of(r, last));
+    if (!s->gates || !(s->gates[i] > 0)) {
+        struct window w = window_of(r, i);
+        double reach = opacity > faint ? sqrt(2 * log(opacity / faint)) : -1;
+
+        if (reach < 0)
+            return false;
+        from = fmax(from, w.lo - reach * w.sigma);
+        to = fmin(to, w.hi + reach * w.sigma2);
+    }
+    if (!(from <= to))
+        return false;
+    p->row = (uint32_t)i;
+    p->from = (int32_t)ceil(frames_of(r, from) * SPIN_PAGE_TICKS - slack);
+    p->end = (int32_t)floor(frames_of(r, to) * SPIN_PAGE_TICKS + slack) + 1;
+    while (p->from < p->end && !spin_splats_4d_shows(s, i, time_of(r, p->from)))
+        p->from++;
+    while (p->from < p->end && !spin_splats_4d_shows(s, i, time_of(r, p->end - 1)))
+        p->end--;
+    return p->from < p->end;
+}
+
+/* ---- Rotations ------------------------------------------------------------------------------------ */
+
+/* Not of unit length. */
+static void turned_at(const struct spin_page_rows *r, size_t i, double t, double q[4])
+{
+    const struct spin_splats_4d *s = r->splats;
+
+    for (size_t c = 0; c < 4; c++)
+        q[c] = (double)s->quats[4 * i + c] +
+               (s->spins ? (t - (double)s->times[i]) * (double)s->spins[4 * i + c] : 0);
+}
+
+static double length_of(const double q[4])
+{
+    return sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+}
+
+static bool unit_of(const double q[4], double out[4])
+{
+    double length = length_of(q);
+
+    for (int c = 0; c < 4; c++)
+        out[c] = length > 0 ? q[c] / length : c == 0;
+    return length > 0;
+}
+
+/* Rotations of a piece at both ends. Those of a single tick are the same where they are far apart. */
+static double ends_of(const struct spin_page_rows *r, const struct piece *p, double a[4],
+                      double b[4])
+{
+    double u[4], v[4], dot = 0;
+
+    turned_at(r, p->row, time_of(r, p->from), a);
+    turned_at(r, p->row, time_of(r, p->end), b);
+    if (unit_of(a, u) && unit_of(b, v))
+        for (int c = 0; c < 4; c++)
+            dot += u[c] * v[c];
+    if (dot < LEAST_DOT && p->end - p->from == 1)
+        memcpy(b, a, 4 * sizeof *b);
+    return dot;
+}
+
+/* ---- Numbers --------------------------------------------------------------------------------------- */
+
+static bool put(int32_t *key, double x)
+{
+    if (!(fabs(x) < SPIN_PAGE_MOST - 1))
+        return false;
+    *key = (int32_t)(x < 0 ? x - 0.5 : x + 0.5);
+    return true;
+}
+
+static int32_t *behind(const struct spin_page_rows *r, int32_t *key)
+{
+    return key + SPIN_PAGE_SH + r->n_sh;
+}
+
+static double half_of(const int32_t *extra) { return 0.5 * extra[LENGTH] / SPIN_PAGE_TICKS; }
+
+static double centre_of(const int32_t *extra)
+{
+    return ((double)extra[FROM] + 0.5 * extra[LENGTH]) / SPIN_PAGE_TICKS;
+}
+
+/* A sigma as a number; 0 is left for one that does not fade. */
+static int32_t exponent_of(int32_t number) { return number > 0 ? number - 1 : number; }
+
+static double octave_of(const struct spin_page_rows *r, const int32_t *extra, int32_t number)
+{
+    return half_of(extra) * exp2(floor((double)exponent_of(number) / r->octave));
+}
+
+static bool put_side(const struct spin_page_rows *r, const int32_t *extra, double sigma,
+                     double middle, int32_t *number, int32_t *at)
+{
+    if (!put(number, r->octave * log2(sigma / half_of(extra))))
+        return false;
+    if (*number >= 0)
+        ++*number;
+    return put(at, (middle - centre_of(extra)) / (r->middle * octave_of(r, extra, *number)));
+}
+
+/* Returns the opacity that the window has a part of. */
+static bool number_window(const struct spin_page_rows *r, const struct piece *p, int32_t *key,
+                          double *opacity)
+{
+    struct window w = window_of(r, p->row);
+    double from = time_of(r, p->from), to = time_of(r, p->end - 1);
+    double most = opacity_at(r, p->row, fmin(fmax(w.lo, from), fmin(to, fmax(w.hi, from))));
+    double least = fmin(opacity_at(r, p->row, from), opacity_at(r, p->row, to));
+    int32_t *extra = behind(r, key);
+
+    if (most - least <= HEIGHT * r->space.bounds.opacity) {
+        *opacity = 0.5 * (most + least);
+        return true;
+    }
+    *opacity = spin_sigmoid_of((double)r->splats->logit_opacities[p->row]);
+    if (r->gates && !put(&key[r->gates], (double)r->splats->gates[p->row] / r->gate))
+        return false;
+    w = (struct window){frames_of(r, w.lo), frames_of(r, w.hi), w.sigma / r->step,
+                        w.sigma2 / r->step};
+    if (!r->plateau)
+        return put_side(r, extra, w.sigma, w.lo, &extra[SIGMA], &extra[MIDDLE]);
+    if (w.lo > (double)p->from / SPIN_PAGE_TICKS &&
+        !put_side(r, extra, w.sigma, w.lo, &extra[SIGMA], &extra[MIDDLE]))
+        return false;
+    return !(w.hi < (double)(p->end - 1) / SPIN_PAGE_TICKS) ||
+           put_side(r, extra, w.sigma2, w.hi, &key[r->plateau + 1], &key[r->plateau]);
+}
+
+static bool number_path(const struct spin_page_rows *r, const struct piece *p, int32_t *key)
+{
+    const struct spin_splats_4d *s = r->splats;
+    double step = spin_page_step(&r->inner, SPIN_PAGE_PLACE);
+    int degree = s->degree;
+
+    for (int c = 0; c < 3; c++) {
+        int32_t node[4] = {0};
+
+        for (int j = 0; j <= degree; j++) {
+            double share = degree ? (double)j / degree : 0, place[3];
+            double t = time_of(r, p->from + share * (p->end - p->from));
+
+            spin_path_at(s->centres + 3 * (size_t)p->row,
+                         s->paths ? s->paths + 3 * (size_t)degree * p->row : NULL, degree,
+                         t - (double)s->times[p->row], place);
+            if (!put(&node[j], (place[c] - r->space.centre[c]) / step))
+                return false;
+        }
+        key[SPIN_PAGE_PLACE + c] = node[0];
+        for (int k = 1; k <= degree; k++) {
+            for (int j = 0; j + k <= degree; j++)
+                node[j] = node[j + 1] - node[j];
+            key[r->path + 3 * (k - 1) + c] = node[0];
+        }
+    }
+    return true;
+}
+
+/* What a reader makes of the key's rotation. */
+static void rotation_of(const struct spin_page_rows *r, const int32_t *key, double q[4])
+{
+    double step = spin_page_step(&r->inner, SPIN_PAGE_ROTATION), v[3];
+
+    for (int c = 0; c < 3; c++)
+        v[c] = key[SPIN_PAGE_ROTATION + c] * step;
+    spin_page_turn_of(v, q);
+}
+
+static bool number_turn(const struct spin_page_rows *r, const double a[4], const double b[4],
+                        int32_t *key)
+{
+    double step = spin_page_step(&r->inner, SPIN_PAGE_ROTATION), from[4], to[4], q[4], v[3];
+
+    rotation_of(r, key, from);
+    for (int c = 1; c < 4; c++)
+        from[c] = -from[c];
+    if (!unit_of(b, to))
+        return true;
+    spin_scene_rotation_join(to, from, q);
+    spin_page_vector_of(q, v);
+    for (int c = 0; c < 3; c++)
+        if (!put(&key[r->turn + c], v[c] / step))
+            return false;
+    return put(&key[r->turn + 3], log(length_of(b) / fmax(length_of(a), 1e-30)) / r->ratio);
+}
+
+static bool number_cosines(const struct spin_page_rows *r, size_t i, int32_t *key)
+{
+    const struct spin_splats_4d *s = r->splats;
+    double round = ((double)s->times[i] - r->times[0]) / s->period;
+    int32_t *to = key + r->cosines;
+
+    if (!put(to++, TURN * (round - floor(round)) / r->phase))
+        return false;
+    for (int k = 0; k < 2; k++)
+        for (int c = 0; c < 3 + r->n_sh; c++)
+            if (!put(to++, cosine_at(r, i, k, c) / (c < 3 ? r->cosine : r->cosine_sh)))
+                return false;
+    return true;
+}
+
+/* All numbers of a piece; false: one is too large. */
+static bool number_piece(const struct spin_page_rows *r, const struct spin_splat_filter *rows,
+                         const struct piece *p, int32_t *key)
+{
+    float value[SPIN_PAGE_WIDTH] = {0}, room[3 * SPIN_SH_MAX];
+    int32_t *extra = behind(r, key);
+    struct spin_gaussian is;
+    double opacity, a[4], b[4], q[4];
+
+    memset(key, 0, (size_t)r->n_columns * sizeof *key);
+    extra[FROM] = p->from;
+    extra[LENGTH] = p->end - p->from;
+    if (!number_window(r, p, key, &opacity))
+        return false;
+    ends_of(r, p, a, b);
+    unit_of(a, q);
+    spin_splat_filter_take(rows, p->row, &is);
+    for (int c = 0; c < 3; c++) {
+        value[SPIN_PAGE_PLACE + c] = (float)r->space.centre[c]; /* see number_path() */
+        value[SPIN_PAGE_COLOUR + c] = is.colour[c];
+        value[SPIN_PAGE_SCALE + c] = is.log_scale[c];
+    }
+    for (int c = 0; c < 4; c++)
+        value[SPIN_PAGE_ROTATION + c] = (float)q[c];
+    value[SPIN_PAGE_OPACITY] = (float)opacity;
+    if (r->n_sh)
+        memcpy(value + SPIN_PAGE_VALUE_SH, spin_splat_filter_sh(rows, p->row, room) + 3,
+               (size_t)r->n_sh * sizeof *value);
+    return spin_page_number_own(&r->inner, value, r->n_sh, key) && number_path(r, p, key) &&
+           (!r->turn || number_turn(r, a, b, key)) &&
+           (!r->cosines || number_cosines(r, p->row, key));
+}
+
+/* ---- What a reader makes of them ------------------------------------------------------------------- */
+
+static double side_at(const struct spin_page_rows *r, const int32_t *extra, int32_t sigma,
+                      int32_t middle, double frames, bool before)
+{
+    double z = 0, off;
+
+    if (sigma != 0) {
+        off = frames - centre_of(extra) - middle * r->middle * octave_of(r, extra, sigma);
+        z = off / (half_of(extra) * exp2((double)exponent_of(sigma) / r->octave));
+    }
+    return (before ? z < 0 : z > 0) ? exp(-0.5 * z * z) : 1;
+}
+
+static void read_piece(const struct spin_page_rows *r, const int32_t *key, int tick, double *value)
+{
+    const int32_t *extra = key + SPIN_PAGE_SH + r->n_sh,
+                  *last = r->plateau ? key + r->plateau : NULL;
+    double frames = (double)tick / SPIN_PAGE_TICKS, w;
+    double share = (double)(tick - extra[FROM]) / extra[LENGTH], s = share * r->splats->degree;
+    int32_t twice[SPIN_PAGE_COLUMNS];
+
+    for (int c = 0; c < SPIN_PAGE_SH + r->n_sh; c++)
+        twice[c] = 2 * key[c];
+    spin_page_value_of(&r->inner, twice, NULL, r->n_sh, value);
+    w = side_at(r, extra, extra[SIGMA], extra[MIDDLE], frames, true) *
+        (last ? side_at(r, extra, last[1], last[0], frames, false)
+              : side_at(r, extra, extra[SIGMA], extra[MIDDLE], frames, false));
+    if (r->gates)
+        w = key[r->gates] * r->gate + (1 - key[r->gates] * r->gate) * w;
+    value[SPIN_PAGE_OPACITY] *= w;
+    for (int c = 0; c < 3 && r->path; c++) {
+        const int32_t *d = key + r->path + c;
+        double sum = 0;
+
+        for (int k = r->splats->degree; k > 0; k--)
+            sum = (d[3 * (k - 1)] + sum) * (s - k + 1) / k;
+        value[SPIN_PAGE_PLACE + c] += sum * spin_page_step(&r->inner, SPIN_PAGE_PLACE);
+    }
+    if (r->turn) {
+        double step = spin_page_step(&r->inner, SPIN_PAGE_ROTATION), v[3], by[4], from[4], to[4];
+        double more = share * exp(key[r->turn + 3] * r->ratio);
+
+        for (int c = 0; c < 3; c++)
+            v[c] = key[r->turn + c] * step;
+        spin_page_turn_of(v, by);
+        memcpy(from, value + SPIN_PAGE_ROTATION, sizeof from);
+        spin_scene_rotation_join(by, from, to);
+        for (int c = 0; c < 4; c++)
+            from[c] = (1 - share) * from[c] + more * to[c];
+        unit_of(from, value + SPIN_PAGE_ROTATION);
+    }
+    if (r->cosines) {
+        const int32_t *c0 = key + r->cosines + 1, *c1 = c0 + 3 + r->n_sh;
+        double turn = TURN * frames * r->step / r->splats->period - key[r->cosines] * r->phase;
+
+        for (int c = 0; c < 3 + r->n_sh; c++)
+            value[c < 3 ? SPIN_PAGE_COLOUR + c : SPIN_PAGE_VALUE_SH + c - 3] +=
+                (c < 3 ? r->cosine : r->cosine_sh) * (cos(turn) * c0[c] + cos(2 * turn) * c1[c]);
+    }
+}
+
+/* What the source has there. */
+static void true_piece(const struct spin_page_rows *r, const struct spin_splat_filter *rows,
+                       size_t i, double t, double *value)
+{
+    const struct spin_splats_4d *s = r->splats;
+    size_t width = 3 * (size_t)spin_sh_count(s->sh_degree);
+    double d = t - (double)s->times[i], turn = s->sh_cos ? TURN * d / s->period : 0, q[4];
+    float room[3 * SPIN_SH_MAX];
+    const float *sh = spin_splat_filter_sh(rows, i, room);
+
+    spin_path_at(s->centres + 3 * i, s->paths ? s->paths + 3 * (size_t)s->degree * i : NULL,
+                 s->degree, d, value);
+    for (size_t c = 0; c < 3 + (size_t)r->n_sh; c++) {
+        const float *cosine = s->sh_cos ? s->sh_cos + 2 * width * i + c : NULL;
+        double v = (double)sh[c];
+
+        if (cosine)
+            v += cos(turn) * (double)cosine[0] + cos(2 * turn) * (double)cosine[width];
+        value[c < 3 ? SPIN_PAGE_COLOUR + c : SPIN_PAGE_VALUE_SH + c - 3] =
+            c < 3 ? 0.5 + SPIN_SH_C0 * v : v;
+    }
+    value[SPIN_PAGE_OPACITY] = opacity_at(r, i, t);
+    for (size_t c = 0; c < 3; c++)
+        value[SPIN_PAGE_SCALE + c] = (double)s->log_scales[3 * i + c];
+    turned_at(r, i, t, q);
+    unit_of(q, value + SPIN_PAGE_ROTATION);
+}
+
+/* ---- A block ------------------------------------------------------------------------------------------ */
+
+struct block {
+    struct spin_page_rows *r;
+    const struct spin_splat_filter *rows;
+    const struct piece *piece; /* [n] */
+    size_t n;
+    struct spin_keyed *order;       /* [n] */
+    int32_t *key;                   /* [n][columns] */
+    struct spin_quant_error *quant; /* [tasks] */
+    uint64_t *n_values;             /* [tasks] */
+    _Atomic bool failed;
+};
+
+static void check_piece(const struct block *b, const struct piece *p, const int32_t *key, int task)
+{
+    const struct spin_page_rows *r = b->r;
+    struct window w = window_of(r, p->row);
+    const double bend[] = {w.lo - w.sigma, w.lo, w.hi, w.hi + w.sigma2};
+    double is[SPIN_PAGE_WIDTH], want[SPIN_PAGE_WIDTH];
+    int length = p->end - p->from, most = length < CHECKED ? length : CHECKED;
+
+    for (int k = 0; k < most + 4; k++) {
+        double at = k < most ? p->from + (double)k * (length - 1) / (most > 1 ? most - 1 : 1)
+                             : frames_of(r, bend[k - most]) * SPIN_PAGE_TICKS;
+        int tick = (int)floor(fmin(fmax(at, p->from), p->end - 1) + 0.5);
+
+        read_piece(r, key, tick, is);
+        true_piece(r, b->rows, p->row, time_of(r, tick), want);
+        spin_page_errors_add(&b->quant[task], is, want, true, r->n_sh);
+        b->n_values[task] += SPIN_PAGE_VALUE_SH + (uint64_t)r->n_sh;
+    }
+}
+
+/* First those that stand; then by the tick that shows them first. */
+static uint64_t class_of(const struct spin_page_rows *r, int32_t *key)
+{
+    uint64_t moves = 0;
+
+    for (int c = 0; r->path && c < 3 * r->splats->degree; c++)
+        moves |= key[r->path + c] != 0;
+    return moves << 32 | (uint64_t)(behind(r, key)[FROM]);
+}
+
+static void number_task(void *context, int task, int worker)
+{
+    struct block *b = context;
+    struct spin_page_rows *r = b->r;
+    size_t from = (size_t)task * SPIN_ROWS_BLOCK, to = from + SPIN_ROWS_BLOCK;
+
+    (void)worker;
+    for (size_t k = from; k < (to < b->n ? to : b->n); k++) {
+        int32_t *key = b->key + k * (size_t)r->n_columns;
+        float place[3];
+
+        if (!number_piece(r, b->rows, &b->piece[k], key)) {
+            b->failed = true;
+            return;
+        }
+        check_piece(b, &b->piece[k], key, task);
+        for (int c = 0; c < 3; c++)
+            place[c] =
+                (float)(key[SPIN_PAGE_PLACE + c] * spin_page_step(&r->inner, SPIN_PAGE_PLACE) +
+                        r->space.centre[c]);
+        b->order[k] =
+            (struct spin_keyed){.key = spin_page_place_key(&r->inner, place), .row = (uint32_t)k};
+    }
+}
+
+/* Column c in the order of the file. */
+static void column_of(const struct block *b, size_t c, int32_t *out)
+{
+    for (size_t k = 0; k < b->n; k++)
+        out[k] = b->key[b->order[k].row * (size_t)b->r->n_columns + c];
+}
+
+static spin_status pack(const struct block *b, spin_page_rows_sink sink, void *context)
+{
+    struct spin_page_rows_block out = {.n = b->n, .from = b->piece[0].from, .end = b->piece[0].end};
+    struct spin_page_bytes bytes = {0};
+    int32_t *column = NULL, *again;
+    unsigned char *packed = NULL, *back = NULL;
+    size_t n_room = 0, n_back = 0, at = 0;
+    spin_status status;
+
+    for (size_t k = 0; k < b->n; k++) {
+        out.from = b->piece[k].from < out.from ? b->piece[k].from : out.from;
+        out.end = b->piece[k].end > out.end ? b->piece[k].end : out.end;
+    }
+    SPIN_TRY_OUT(spin_alloc(b->n, 3 * sizeof *column, (void **)&column));
+    for (int c = 0; c < b->r->n_columns; c++) {
+        int32_t *now = column + (size_t)(c & 1) * b->n;
+
+        column_of(b, (size_t)c, now);
+        SPIN_TRY_OUT(
+            spin_page_put_column(&bytes, now, c ? column + (size_t)(~c & 1) * b->n : NULL, b->n));
+    }
+    SPIN_TRY_OUT(
+        spin_gzip_write(b->r->pool, 6, bytes.data, bytes.n, &packed, &n_room, &out.n_bytes));
+    SPIN_TRY_OUT(spin_alloc(bytes.n + 1, 1, (void **)&back));
+    SPIN_TRY_OUT(spin_gzip_read(packed, out.n_bytes, back, bytes.n + 1, &n_back));
+    again = column + 2 * b->n;
+    for (int c = 0; c < b->r->n_columns; c++) {
+        int32_t *now = column + (size_t)(c & 1) * b->n;
+
+        column_of(b, (size_t)c, now);
+        SPIN_TRY_OUT(spin_page_get_column(back, n_back, &at, again,
+                                          c ? column + (size_t)(~c & 1) * b->n : NULL, b->n));
+        if (memcmp(now, again, b->n * sizeof *now) != 0)
+            SPIN_TRY_OUT(
+                spin_fail(SPIN_E_MALFORMED, "a block of the page does not read back as written"));
+    }
+    out.data = packed;
+    status = sink(context, &out);
+out:
+    spin_page_bytes_free(&bytes);
+    free(column);
+    free(packed);
+    free(back);
+    return status;
+}
+
+static spin_status write_block(struct spin_page_rows *r, const struct spin_splat_filter *rows,
+                               const struct piece *piece, size_t n, spin_page_rows_sink sink,
+                               void *context)
+{
+    struct block b = {.r = r, .rows = rows, .piece = piece, .n = n};
+    struct spin_sort_rows order = {.n = n};
+    int n_tasks = (int)((n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK);
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_alloc(n, (size_t)r->n_columns * sizeof *b.key, (void **)&b.key));
+    SPIN_TRY_OUT(spin_alloc(n, sizeof *order.item, (void **)&order.item));
+    SPIN_TRY_OUT(spin_alloc(n, sizeof *order.spare, (void **)&order.spare));
+    SPIN_TRY_OUT(spin_alloc((size_t)n_tasks, sizeof *b.quant, (void **)&b.quant));
+    SPIN_TRY_OUT(spin_alloc((size_t)n_tasks, sizeof *b.n_values, (void **)&b.n_values));
+    b.order = order.item;
+    spin_pool_run(r->pool, n_tasks, number_task, &b);
+    if (b.failed)
+        SPIN_TRY_OUT(spin_fail(SPIN_E_UNSUPPORTED,
+                               "a splat is too far from the others, or seen for too short a time, "
+                               "for steps of %g: --bound-place takes coarser ones",
+                               2 * r->space.bounds.place));
+    for (int t = 0; t < n_tasks; t++) {
+        r->n_values += b.n_values[t];
+        spin_quant_error_merge(&r->quant, &b.quant[t]);
+    }
+    SPIN_TRY_OUT(spin_page_errors_judge(&r->quant, &r->space.bounds));
+    spin_sort_rows_sort(&order);
+    for (size_t k = 0; k < n; k++)
+        order.item[k].key = class_of(r, b.key + order.item[k].row * (size_t)r->n_columns);
+    spin_sort_rows_sort(&order); /* of one class they stay by place */
+    b.order = order.item;
+    r->n_rows += n;
+    status = pack(&b, sink, context);
+out:
+    free(b.key);
+    free(b.quant);
+    free(b.n_values);
+    spin_sort_rows_free(&order);
+    return status;
+}
+
+/* ---- All of it ---------------------------------------------------------------------------------------- */
+
+struct pieces {
+    struct piece *at;
+    size_t n, room;
+};
+
+static spin_status add_piece(const struct spin_page_rows *r, struct pieces *to, struct piece p)
+{
+    double a[4], b[4];
+
+    if (r->turn && p.end - p.from > 1 && ends_of(r, &p, a, b) < LEAST_DOT) {
+        int32_t middle = p.from + (p.end - p.from) / 2;
+
+        SPIN_TRY(add_piece(r, to, (struct piece){p.row, p.from, middle}));
+        return add_piece(r, to, (struct piece){p.row, middle, p.end});
+    }
+    if (to->n == to->room) {
+        to->room = 2 * to->room + 1024;
+        SPIN_TRY(spin_grow(to->room, sizeof *to->at, (void **)&to->at));
+    }
+    to->at[to->n++] = p;
+    return SPIN_OK;
+}
+
+/* 0: it lasts; else by when it is seen first. */
+static int block_of(const struct spin_page_rows *r, const struct piece *p)
+{
+    int long_one = r->key_every * SPIN_PAGE_TICKS;
+
+    return p->end - p->from > 2 * long_one ? 0 : 1 + p->from / long_one;
+}
+
+static spin_status by_time(const struct spin_page_rows *r, struct pieces *p)
+{
+    struct spin_sort_rows order = {.n = p->n};
+    struct piece *sorted = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_alloc(p->n + 1, sizeof *order.item, (void **)&order.item));
+    SPIN_TRY_OUT(spin_alloc(p->n + 1, sizeof *order.spare, (void **)&order.spare));
+    SPIN_TRY_OUT(spin_alloc(p->n + 1, sizeof *sorted, (void **)&sorted));
+    for (size_t k = 0; k < p->n; k++)
+        order.item[k] =
+            (struct spin_keyed){.key = (uint64_t)block_of(r, &p->at[k]), .row = (uint32_t)k};
+    spin_sort_rows_sort(&order);
+    for (size_t k = 0; k < p->n; k++)
+        sorted[k] = p->at[order.item[k].row];
+    free(p->at);
+    p->at = sorted;
+out:
+    spin_sort_rows_free(&order);
+    return status;
+}
+
+spin_status spin_page_rows_write(struct spin_page_rows *r, const struct spin_splat_filter *rows,
+                                 spin_page_rows_sink sink, void *context)
+{
+    struct pieces pieces = {0};
+    struct piece p;
+    size_t from = 0;
+    spin_status status = SPIN_OK;
+
+    for (size_t i = 0; i < r->splats->n; i++)
+        if (rows->keep[i] && seen(r, i, &p))
+            SPIN_TRY_OUT(add_piece(r, &pieces, p));
+    if (pieces.n == 0)
+        SPIN_TRY_OUT(spin_fail(SPIN_E_UNSUPPORTED, "no splat is seen at any time of this clip"));
+    SPIN_TRY_OUT(by_time(r, &pieces));
+    for (size_t k = 1; k <= pieces.n; k++) {
+        if (k < pieces.n && block_of(r, &pieces.at[k]) == block_of(r, &pieces.at[from]))
+            continue;
+        SPIN_TRY_OUT(write_block(r, rows, pieces.at + from, k - from, sink, context));
+        from = k;
+    }
+out:
+    free(pieces.at);
+    return status;
+}

@@ -1,0 +1,236 @@
+#include "exporters/lib/path_file.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "io/file.h"
+#include "io/json.h"
+
+/* Of the length of an axis, and of the cosine between two: more than what rounding to a few digits does. */
+#define CROOKED 2e-3
+
+enum { MOST_POSES = 10000000, MOST_SIDE = 16384 };
+
+/* ---- Matrices -------------------------------------------------------------------------------- */
+
+static double dot(const double *a, const double *b)
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* Camera to world, 3 x 4, of a camera whose y and z are turned by `sign`, to w2c. The axes are made straight: the third,
+ * then the second. False: it is no rotation. */
+static bool invert(const double m[12], double sign, double w2c[12])
+{
+    double axis[3][3], length[3], det;
+
+    for (int c = 0; c < 3; c++)
+        for (int r = 0; r < 3; r++)
+            axis[c][r] = (c == 0 ? 1 : sign) * m[4 * r + c];
+    for (int c = 0; c < 3; c++) {
+        length[c] = sqrt(dot(axis[c], axis[c]));
+        if (!(fabs(length[c] - 1) < CROOKED))
+            return false;
+    }
+    if (!(fabs(dot(axis[0], axis[1])) < CROOKED && fabs(dot(axis[0], axis[2])) < CROOKED &&
+          fabs(dot(axis[1], axis[2])) < CROOKED))
+        return false;
+    for (int r = 0; r < 3; r++)
+        axis[2][r] /= length[2];
+    length[1] = dot(axis[1], axis[2]);
+    for (int r = 0; r < 3; r++)
+        axis[1][r] -= length[1] * axis[2][r];
+    length[1] = sqrt(dot(axis[1], axis[1]));
+    for (int r = 0; r < 3; r++)
+        axis[1][r] /= length[1];
+    det = dot(axis[0], (double[3]){axis[1][1] * axis[2][2] - axis[1][2] * axis[2][1],
+                                   axis[1][2] * axis[2][0] - axis[1][0] * axis[2][2],
+                                   axis[1][0] * axis[2][1] - axis[1][1] * axis[2][0]});
+    for (int r = 0; r < 3; r++)
+        axis[0][r] = axis[1][(r + 1) % 3] * axis[2][(r + 2) % 3] -
+                     axis[1][(r + 2) % 3] * axis[2][(r + 1) % 3];
+    for (int c = 0; c < 3; c++) {
+        memcpy(w2c + 4 * c, axis[c], sizeof axis[c]);
+        w2c[4 * c + 3] = -(axis[c][0] * m[3] + axis[c][1] * m[7] + axis[c][2] * m[11]);
+    }
+    return det > 0;
+}
+
+/* A matrix of n numbers, 12 or 16. */
+static spin_status add(struct spin_path_file *f, size_t *room, const double *m, size_t n,
+                       double sign, double fovy_deg)
+{
+    struct spin_path_pose pose = {.fovy_deg = fovy_deg};
+
+    if (n != 12 && n != 16)
+        return spin_fail(SPIN_E_MALFORMED, "matrix %zu has %zu numbers, expected 12 or 16",
+                         f->n + 1, n);
+    for (size_t k = 0; k < n; k++)
+        if (!(fabs(m[k]) <= 1e15))
+            return spin_fail(SPIN_E_MALFORMED, "matrix %zu has a value that is no place", f->n + 1);
+    if (n == 16 && (m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1))
+        return spin_fail(SPIN_E_MALFORMED, "matrix %zu ends in %g %g %g %g, expected 0 0 0 1",
+                         f->n + 1, m[12], m[13], m[14], m[15]);
+    if (!invert(m, sign, pose.w2c))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "matrix %zu is no rotation and place from a camera to the world",
+                         f->n + 1);
+    if (f->n == MOST_POSES)
+        return spin_fail(SPIN_E_UNSUPPORTED, "more than %d matrices", MOST_POSES);
+    SPIN_TRY(spin_room(f->n, room, sizeof *f->pose, (void **)&f->pose));
+    f->pose[f->n++] = pose;
+    return SPIN_OK;
+}
+
+/* ---- JSON ------------------------------------------------------------------------------------ */
+
+/* Numbers of a list, and of lists in it, into m[17]; how many there are, at most 17. 0: something else is there. */
+static size_t numbers_of(const spin_json *j, double *m)
+{
+    size_t n = 0;
+
+    for (size_t i = 0; i < spin_json_length(j) && n < 17; i++) {
+        const spin_json *row = spin_json_at(j, i);
+
+        if (!spin_json_is_array(row)) {
+            if (!spin_json_number(row, &m[n++]))
+                return 0;
+            continue;
+        }
+        for (size_t k = 0; k < spin_json_length(row) && n < 17; k++)
+            if (!spin_json_number(spin_json_at(row, k), &m[n++]))
+                return 0;
+    }
+    return n;
+}
+
+static spin_status read_list(const spin_json *list, struct spin_path_file *out)
+{
+    double m[17];
+    size_t room = 0;
+
+    for (size_t i = 0; i < spin_json_length(list); i++)
+        SPIN_TRY(add(out, &room, m, numbers_of(spin_json_at(list, i), m), 1, 0));
+    return SPIN_OK;
+}
+
+static spin_status read_nerfstudio(const spin_json *root, struct spin_path_file *out)
+{
+    const spin_json *list = spin_json_get(root, "camera_path");
+    const char *type = spin_json_string(spin_json_get(root, "camera_type"));
+    int64_t size[2] = {0, 0};
+    double m[17];
+    size_t room = 0;
+
+    if (!spin_json_is_array(list))
+        return spin_fail(SPIN_E_MALFORMED, "it has no list 'camera_path'");
+    if (type && strcmp(type, "perspective") != 0)
+        return spin_fail(SPIN_E_UNSUPPORTED, "its 'camera_type' is '%s': only perspective is drawn",
+                         type);
+    if (spin_json_integer(spin_json_get(root, "render_width"), &size[0]) &&
+        spin_json_integer(spin_json_get(root, "render_height"), &size[1]) &&
+        (size[0] < 16 || size[1] < 16 || size[0] > MOST_SIDE || size[1] > MOST_SIDE))
+        return spin_fail(SPIN_E_UNSUPPORTED, "pictures of %lldx%lld, expected sides from 16 to %d",
+                         (long long)size[0], (long long)size[1], MOST_SIDE);
+    out->width = (int)size[0];
+    out->height = (int)size[1];
+    if (!spin_json_number(spin_json_get(root, "fps"), &out->fps) ||
+        !(out->fps >= 0.01 && out->fps <= 1000))
+        out->fps = 0;
+    for (size_t i = 0; i < spin_json_length(list); i++) {
+        const spin_json *camera = spin_json_at(list, i);
+        double fovy = 0;
+
+        if (spin_json_number(spin_json_get(camera, "fov"), &fovy) && !(fovy > 0.1 && fovy < 179))
+            return spin_fail(SPIN_E_UNSUPPORTED, "camera %zu has a field of view of %g degrees",
+                             i + 1, fovy);
+        SPIN_TRY(
+            add(out, &room, m, numbers_of(spin_json_get(camera, "camera_to_world"), m), -1, fovy));
+    }
+    return SPIN_OK;
+}
+
+static spin_status read_json(const char *path, const struct spin_map *map,
+                             struct spin_path_file *out)
+{
+    spin_json *root;
+    spin_status status;
+
+    SPIN_TRY(spin_json_parse(path, (const char *)map->data, map->size, &root));
+    status = spin_json_is_array(root) ? read_list(root, out) : read_nerfstudio(root, out);
+    spin_json_free(root);
+    return status;
+}
+
+/* ---- Text ------------------------------------------------------------------------------------ */
+
+/* A matrix a line; "#" begins a comment. */
+static spin_status read_text(char *text, struct spin_path_file *out)
+{
+    size_t room = 0;
+
+    for (char *line = text, *next; line; line = next) {
+        double m[17];
+        size_t n = 0;
+        char *at = line, *end;
+
+        next = strchr(line, '\n');
+        if (next)
+            *next++ = '\0';
+        line[strcspn(line, "#")] = '\0';
+        for (; n < 17; at = end + strspn(end, ", \t\r")) {
+            m[n] = strtod(at, &end);
+            if (end == at)
+                break;
+            n++;
+        }
+        if (at[strspn(at, " \t\r")] && n < 17)
+            return spin_fail(SPIN_E_MALFORMED, "'%.20s' is no number of a matrix", at);
+        if (n > 0)
+            SPIN_TRY(add(out, &room, m, n, 1, 0));
+    }
+    return SPIN_OK;
+}
+
+static spin_status read_file(const char *path, const struct spin_map *map,
+                             struct spin_path_file *out)
+{
+    size_t first = 0;
+    char *text = NULL;
+    spin_status status;
+
+    while (first < map->size && memchr(" \t\r\n", map->data[first], 4))
+        first++;
+    if (first < map->size && (map->data[first] == '{' || map->data[first] == '['))
+        return read_json(path, map, out);
+    SPIN_TRY(spin_alloc(map->size + 1, 1, (void **)&text));
+    memcpy(text, map->data, map->size);
+    status = read_text(text, out);
+    free(text);
+    return status;
+}
+
+spin_status spin_path_file_open(const char *path, struct spin_path_file *out)
+{
+    struct spin_map map;
+    spin_status status;
+
+    *out = (struct spin_path_file){0};
+    SPIN_TRY(spin_map_open(path, &map));
+    status = read_file(path, &map, out);
+    spin_map_close(&map);
+    if (status == SPIN_OK && out->n == 0)
+        status = spin_fail(SPIN_E_MALFORMED, "it has no camera");
+    if (status == SPIN_OK)
+        return SPIN_OK;
+    spin_path_file_close(out);
+    return spin_fail_context(status, "camera path '%s'", path);
+}
+
+void spin_path_file_close(struct spin_path_file *file)
+{
+    free(file->pose);
+    *file = (struct spin_path_file){0};
+}

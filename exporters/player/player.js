@@ -1,0 +1,93 @@
+// A clip on a page of your own: a page that `spin-export -o clip.html` wrote, or the .bin of --split beside its page, or a
+// .sogst file, in a frame that fills an element, and an object that says what plays. Frames count from 1; of a clip of 4D splats they may be fractions.
+
+const PATIENCE = 5000; // milliseconds from when a page is there to when it must have said so
+const WISHES = ['frame', 'autoplay', 'noui', 'poster', 'version', 'fps', 'background'];
+
+// The page's address with what is wished for; a name with true or '' is a switch.
+export function addressOf(url, options = {}) {
+    const source = new URL(url, document.baseURI), address = source.pathname.endsWith('.sogst') ? new URL('view.html', import.meta.url) : source;
+    if (address !== source) address.searchParams.set('src', source.href);
+    address.pathname = address.pathname.replace(/\.bin$/, '.html');
+    for (const name of WISHES) {
+        const v = options[name];
+        if (v === undefined || v === null) continue;
+        const picture = name === 'poster' ? new URL(v, document.baseURI).href : v;
+        address.searchParams.set(name, v === true || v === '' ? '1' : v === false ? '0' : picture);
+    }
+    return address.href;
+}
+
+// Events: 'ready' when the first picture is there, 'change' when something of `state` has changed, 'error'.
+export class Player extends EventTarget {
+    #frame;
+    #tell;
+    #waiting = [];
+    state = null;
+
+    constructor(element, url, options = {}) {
+        super();
+        const frame = document.createElement('iframe');
+        frame.src = addressOf(url, options);
+        frame.title = options.title ?? 'A clip of 3-D splats';
+        frame.allow = 'fullscreen';
+        frame.style.cssText = 'display: block; width: 100%; height: 100%; border: 0';
+        this.#frame = frame;
+        this.#tell = (e) => { if (e.source === frame.contentWindow && e.data?.spin4d) this.#hear(e.data.spin4d); };
+        window.addEventListener('message', this.#tell);
+        frame.addEventListener('load', () => setTimeout(() => { if (!this.state) this.#hear({ error: `spin4d: ${frame.src} is not there, or is no page of spin-export` }); }, PATIENCE));
+        element.append(frame);
+    }
+
+    #hear(said) {
+        if (said.error) return this.dispatchEvent(Object.assign(new Event('error'), { message: said.error }));
+        const was = this.state;
+        this.state = said;
+        for (const wishes of was ? [] : this.#waiting.splice(0)) this.set(wishes);
+        if (said.ready && !was?.ready) this.dispatchEvent(new Event('ready'));
+        return this.dispatchEvent(new Event('change'));
+    }
+
+    // { play, frame, speed, version }, any of them; before the page is there they wait for it.
+    set(wishes) {
+        if (!this.state) this.#waiting.push(wishes);
+        else this.#frame.contentWindow.postMessage({ spin4d: wishes }, '*');
+    }
+
+    play() { this.set({ play: true }); }
+    pause() { this.set({ play: false }); }
+    seek(frame) { this.set({ play: false, frame }); }
+    get speed() { return this.state?.speed ?? 1; }
+    set speed(speed) { this.set({ speed }); }
+    get version() { return this.state?.version ?? ''; }
+    set version(version) { this.set({ version }); }
+
+    destroy() {
+        window.removeEventListener('message', this.#tell);
+        this.#frame.remove();
+    }
+}
+
+export const createPlayer = (element, url, options) => new Player(element, url, options);
+
+// <spin-clip src="clip.html" autoplay noui ...>: attributes are the options; `player` is the player.
+if (globalThis.customElements && !customElements.get('spin-clip')) {
+    customElements.define('spin-clip', class extends HTMLElement {
+        static observedAttributes = ['src'];
+        connectedCallback() { this.#open(); }
+        disconnectedCallback() { this.#close(); }
+        attributeChangedCallback() { if (this.isConnected) this.#open(); }
+        #close() {
+            this.player?.destroy();
+            this.player = null;
+        }
+        #open() {
+            this.#close();
+            if (!this.hasAttribute('src')) return;
+            if (!this.style.display) Object.assign(this.style, { display: 'block', aspectRatio: this.style.aspectRatio || '16 / 9' });
+            const options = Object.fromEntries([...WISHES, 'title'].filter((name) => this.hasAttribute(name)).map((name) => [name, this.getAttribute(name)]));
+            this.player = createPlayer(this, this.getAttribute('src'), options);
+            for (const type of ['ready', 'change', 'error']) this.player.addEventListener(type, (e) => this.dispatchEvent(Object.assign(new Event(type), { message: e.message })));
+        }
+    });
+}

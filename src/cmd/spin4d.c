@@ -1,0 +1,113 @@
+/* spin4d: a run into a clip that viewers play; and the four commands by one name. */
+#include "cmd/args.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "spin_run.h"
+
+static struct spin_convert_options options = {.device = "auto"};
+
+static const struct spin_args_row rows[] = {
+    SPIN_ARG_HEADING("Input"),
+    SPIN_ARG("data", 0, "DIR", STRING, options.data,
+             "the multi-view video that the run was trained on (the one beside it)"),
+    SPIN_ARG("data-from", 0, "NAME", STRING, options.data_from, "kind of that data set (detected)"),
+    SPIN_ARG("from", 0, "NAME", STRING, options.from, "the importer (detected)"),
+    SPIN_ARG("frames", 0, "N", INT, options.n_frames,
+             "continuous methods: sample N frames over the whole time range", .min = 1,
+             .max = 1000000),
+    SPIN_ARG_HEADING("Retraining"),
+    SPIN_ARG("no-retrain", 0, NULL, FLAG, options.no_retrain,
+             "convert the splats as they are, although there are images"),
+    SPIN_ARG("preset", 0, SPIN_PRESETS, CHOICE, options.preset,
+             "as of spin-retrain: minutes, or three times as long for the last decibel (quick)"),
+    SPIN_ARG("iterations", 0, "N", INT, options.iterations,
+             "for a look: train no longer than this (what the preset asks for)", .min = 1,
+             .max = 1e9),
+    SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, options.device, "device that computes (auto)"),
+    SPIN_ARG_HEADING("Output"),
+    SPIN_ARG("output", 'o', "OUT", STRING, options.output,
+             "what to write, by its ending: .html, .mp4, .ply, ... (RUN.html)"),
+    SPIN_ARG("to", 0, "NAME", STRING, options.to,
+             "the exporter; otherwise what the ending of OUT says"),
+    SPIN_ARG_END,
+};
+
+static const char *const usage[] = {
+    "spin4d RUN [--data DIR] [-o clip.html] [options]",
+    "spin4d import|retrain|eval|export ...    the commands spin-import(1) to spin-export(1)",
+    NULL,
+};
+
+static const char *const commands[] = {"import", "retrain", "eval", "export", NULL};
+
+static const char *const examples[] = {
+    "spin4d output/balls --data data/balls -o balls.html   retrain on the images, write a page",
+    "spin4d output/balls --data data/balls --no-retrain    the splats as they are, into balls.html",
+    "spin4d eval balls.spin                                how good the retrained clip is",
+    NULL,
+};
+
+static const char *const main_options[] = {"output", "data", "no-retrain", "preset", "iterations",
+                                           "frames", "from", "to",         "device", "force",
+                                           "json",   "help", NULL};
+
+static const struct spin_args_command command = {
+    .name = "spin4d",
+    .summary = "turn a run of a 4D Gaussian Splatting method into a clip to look at",
+    .usage = usage,
+    .examples = examples,
+    .main = main_options,
+    .rows = rows,
+    .words = commands,
+};
+
+static const char text[] =
+    "{{#retrain}}{{#test}}held-out views: {{before.psnr %.2f}} dB before, {{psnr %.2f}} dB "
+    "after\n{{/}}{{/}}"
+    "{{output}}: {{export.frames %N frame}} as {{to}}, {{export.splats_mean %M}} splats each"
+    "{{#export.bytes}}, {{export.bytes %B}}{{/}}\n"
+    "{{bundle}}: the clip itself, for spin4d eval and spin4d export\n"
+    "{{#to=html}}Open {{output}} in a browser.\n{{/}}";
+
+/* `spin4d import ...` is spin-import beside this program. Returns only when that cannot be run. */
+static int become(const char *name, char **argv)
+{
+    char own[4096], path[4200];
+    ssize_t n = readlink("/proc/self/exe", own, sizeof own - 1);
+    char *slash;
+
+    own[n > 0 ? n : 0] = '\0';
+    slash = strrchr(own, '/');
+    snprintf(path, sizeof path, "%.*sspin-%s", slash ? (int)(slash - own) + 1 : 0, own, name);
+    execv(path, argv);
+    fprintf(stderr, "spin4d: cannot run '%s': %s\n", path, strerror(errno));
+    return SPIN_EXIT_FAILED;
+}
+
+int main(int argc, char **argv)
+{
+    int at = argc > 3 && strcmp(argv[1], "--complete") == 0 ? 2 : 1; /* of the command's name */
+    char *report;
+    int code;
+
+    for (const char *const *name = commands; *name && at < argc; name++)
+        if (strcmp(argv[at], *name) == 0) {
+            argv[at] = argv[at - 1]; /* our name, or --complete */
+            return become(*name, argv + 1);
+        }
+    if (!spin_args_parse(&command, argc, argv, &code))
+        return code;
+    if (!spin_args.word)
+        return spin_args_misuse(&command, "RUN is missing");
+    options.input = spin_args.word;
+    options.n_threads = spin_args.n_threads;
+    options.force = spin_args.force;
+    if (!spin_args_begin(&command, &code) ||
+        !spin_args_ended(&command, spin_convert(&options, &report), &code))
+        return code;
+    return spin_args_report(&command, report, spin_args.quiet ? NULL : text);
+}

@@ -1,0 +1,412 @@
+/* A page of several runs: their curves, and the same views of all with an inset and their differences. */
+#include "eval/report/compare.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "base/text.h"
+#include "eval/report/svg_chart.h"
+#include "io/file.h"
+#include "io/image.h"
+#include "io/template.h"
+
+enum { GAP = 4, GAIN = 4 /* of the difference */, LABEL = 24 };
+
+extern const char spin_compare_html[]; /* compare.html */
+
+/* ---- Pictures ------------------------------------------------------------------------------------ */
+
+/* Windows of fast motion; in a clip without any the middle of the worst views. */
+static spin_status choose_rows(struct spin_compare *c, const struct spin_clip *clip,
+                               struct spin_image_cache *pixels, const struct spin_pair *pairs,
+                               const struct spin_eval_report *report)
+{
+    struct spin_crop crop[SPIN_COMPARE_ROWS];
+    size_t worst[SPIN_COMPARE_ROWS];
+
+    SPIN_TRY(spin_motion_crops_fast(clip, pixels, pairs, report->n_views, SPIN_COMPARE_ROWS, crop,
+                                    &c->n_rows));
+    if (c->n_rows == 0) {
+        c->n_rows =
+            spin_motion_crops_worst(report->view, report->n_views, SPIN_COMPARE_ROWS, worst);
+        for (size_t i = 0; i < c->n_rows; i++) {
+            const struct spin_camera *camera = &clip->views.view[pairs[worst[i]].view].camera;
+
+            crop[i] = (struct spin_crop){.pair = worst[i],
+                                         .x = camera->width / 3,
+                                         .y = camera->height / 3,
+                                         .side_x = (camera->width + 2) / 3,
+                                         .side_y = (camera->height + 2) / 3};
+        }
+    }
+    for (size_t i = 0; i < c->n_rows; i++) {
+        const struct spin_camera *camera = &clip->views.view[pairs[crop[i].pair].view].camera;
+        struct spin_compare_row *row = &c->row[i];
+
+        row->crop = crop[i];
+        row->width = camera->width;
+        row->height = camera->height;
+        row->frame = report->view[crop[i].pair].frame;
+        row->camera = report->view[crop[i].pair].camera;
+    }
+    return SPIN_OK;
+}
+
+/* Room for one more picture. */
+static spin_status add_picture(struct spin_compare_row *row, int n, uint8_t **out)
+{
+    void *grown = realloc(row->picture, ((size_t)n + 1) * sizeof *row->picture);
+
+    if (!grown)
+        return spin_fail(SPIN_E_MEMORY, "no memory for pictures");
+    row->picture = grown;
+    row->picture[n] = NULL;
+    SPIN_TRY(spin_alloc((size_t)row->width * (size_t)row->height, 3, (void **)&row->picture[n]));
+    *out = row->picture[n];
+    return SPIN_OK;
+}
+
+static spin_status draw_row(struct spin_compare_row *row, int n, const struct spin_clip *clip,
+                            struct spin_image_cache *pixels, const struct spin_pair *pair,
+                            struct spin_player *player, const float background[3])
+{
+    size_t plane = (size_t)row->width * (size_t)row->height;
+    float *image = NULL;
+    uint8_t *out = NULL;
+    spin_status status;
+
+    const struct spin_camera *camera = &clip->views.view[pair->view].camera;
+
+    if (camera->width != row->width || camera->height != row->height)
+        return spin_fail(SPIN_E_USAGE, "the pictures of two runs are not of one size: camera %d",
+                         row->camera);
+    if (n == 0) {
+        SPIN_TRY(add_picture(row, 0, &out));
+        SPIN_TRY(spin_image_cache_get_rgb8(pixels, pair->view, out));
+    }
+    SPIN_TRY(add_picture(row, n + 1, &out));
+    SPIN_TRY(spin_alloc(plane, 3 * sizeof(float), (void **)&image));
+    SPIN_TRY_OUT(spin_player_show(player, clip->frame[pair->frame]));
+    SPIN_TRY_OUT(spin_player_draw(player, camera, background, image));
+    for (size_t i = 0; i < plane; i++)
+        for (size_t k = 0; k < 3; k++)
+            out[3 * i + k] = (uint8_t)lrintf(255 * fminf(fmaxf(image[k * plane + i], 0), 1));
+out:
+    free(image);
+    return status;
+}
+
+spin_status spin_compare_draw(struct spin_compare *c, const struct spin_clip *clip,
+                              struct spin_image_cache *pixels, const struct spin_pair *pairs,
+                              const struct spin_eval_report *report, struct spin_player *player,
+                              const float background[3])
+{
+    if (c->n == 0)
+        SPIN_TRY(choose_rows(c, clip, pixels, pairs, report));
+    for (size_t i = 0; i < c->n_rows; i++) {
+        size_t at = c->row[i].crop.pair;
+
+        if (at >= report->n_views || report->view[at].frame != c->row[i].frame ||
+            report->view[at].camera != c->row[i].camera)
+            return SPIN_OK; /* other views: the caller refuses that */
+    }
+    for (size_t i = 0; i < c->n_rows; i++)
+        SPIN_TRY(draw_row(&c->row[i], c->n, clip, pixels, &pairs[c->row[i].crop.pair], player,
+                          background));
+    c->n++;
+    return SPIN_OK;
+}
+
+void spin_compare_free(struct spin_compare *c)
+{
+    for (size_t i = 0; i < c->n_rows; i++) {
+        for (int k = 0; c->row[i].picture && k < c->n + (c->n > 0); k++)
+            free(c->row[i].picture[k]);
+        free(c->row[i].picture);
+    }
+    spin_json_free(c->runs);
+    *c = (struct spin_compare){0};
+}
+
+/* ---- A sheet: ground truth and the runs side by side, their differences below ----------------------- */
+
+struct sheet {
+    int width, height;
+    uint8_t *rgb;
+};
+
+static void put(struct sheet *s, int x, int y, const uint8_t rgb[3])
+{
+    if (x >= 0 && x < s->width && y >= 0 && y < s->height)
+        memcpy(s->rgb + 3 * ((size_t)y * (size_t)s->width + (size_t)x), rgb, 3);
+}
+
+static void put_frame(struct sheet *s, int x, int y, int width, int height)
+{
+    static const uint8_t white[3] = {255, 255, 255};
+
+    for (int u = x - 1; u <= x + width; u++) {
+        put(s, u, y - 1, white);
+        put(s, u, y + height, white);
+    }
+    for (int v = y; v < y + height; v++) {
+        put(s, x - 1, v, white);
+        put(s, x + width, v, white);
+    }
+}
+
+/* A picture with its crop, enlarged, in the lower corner that the crop is farther from. */
+static void put_picture(struct sheet *s, int x0, const struct spin_compare_row *row,
+                        const uint8_t *picture)
+{
+    const struct spin_crop *crop = &row->crop;
+    int times = 2 * row->width / 5 / crop->side_x, width, height, x, y;
+
+    for (int v = 0; v < row->height; v++)
+        memcpy(s->rgb + 3 * ((size_t)v * (size_t)s->width + (size_t)x0),
+               picture + 3 * (size_t)v * (size_t)row->width, 3 * (size_t)row->width);
+    put_frame(s, x0 + crop->x, crop->y, crop->side_x, crop->side_y);
+    times = times < 2 ? 2 : times;
+    width = times * crop->side_x;
+    height = times * crop->side_y;
+    if (width + 2 > row->width || height + 2 > row->height)
+        return;
+    x = x0 + (2 * crop->x + crop->side_x > row->width ? 2 : row->width - width - 2);
+    y = row->height - height - 2;
+    for (int v = 0; v < height; v++)
+        for (int u = 0; u < width; u++)
+            put(s, x + u, y + v,
+                picture + 3 * ((size_t)(crop->y + v / times) * (size_t)row->width +
+                               (size_t)(crop->x + u / times)));
+    put_frame(s, x, y, width, height);
+}
+
+static spin_status make_sheet(const struct spin_compare *c, const struct spin_compare_row *row,
+                              struct sheet *s)
+{
+    const uint8_t *truth = row->picture[0];
+
+    s->width = (c->n + 1) * row->width + c->n * GAP;
+    s->height = 2 * row->height + GAP;
+    SPIN_TRY(spin_alloc((size_t)s->width * (size_t)s->height, 3, (void **)&s->rgb));
+    memset(s->rgb, 255, 3 * (size_t)s->width * (size_t)s->height);
+    for (int k = 0; k <= c->n; k++) {
+        int x0 = k * (row->width + GAP);
+
+        put_picture(s, x0, row, row->picture[k]);
+        for (int v = 0; v < row->height && k > 0; v++)
+            for (int u = 0; u < row->width; u++) {
+                size_t at = 3 * ((size_t)v * (size_t)row->width + (size_t)u);
+                uint8_t rgb[3];
+
+                for (size_t i = 0; i < 3; i++) {
+                    int d = GAIN * abs(row->picture[k][at + i] - truth[at + i]);
+
+                    rgb[i] = (uint8_t)(d > 255 ? 255 : d);
+                }
+                put(s, x0 + u, row->height + GAP + v, rgb);
+            }
+    }
+    return SPIN_OK;
+}
+
+/* The sheet as base64 of a PNG. */
+static spin_status sheet_text(const struct spin_compare *c, const struct spin_compare_row *row,
+                              char **text, struct sheet *s)
+{
+    unsigned char *bytes = NULL;
+    size_t n, n_text;
+    FILE *out;
+    spin_status status;
+
+    *text = NULL;
+    *s = (struct sheet){0};
+    SPIN_TRY_OUT(make_sheet(c, row, s));
+    SPIN_TRY_OUT(spin_image_encode(s->width, s->height, s->rgb, &bytes, &n));
+    out = open_memstream(text, &n_text);
+    if (out)
+        spin_text_base64(out, bytes, n);
+    if (!out || fclose(out) != 0)
+        status = spin_fail(SPIN_E_MEMORY, "no memory for a picture");
+out:
+    free(bytes);
+    return status;
+}
+
+/* ---- Curves -------------------------------------------------------------------------------------- */
+
+/* A measure over the frames, a line a run; as part of the page, or as a file. */
+static spin_status draw_curves(const struct spin_compare *c, const char *key, const char *title,
+                               const char *unit, bool file, FILE *to)
+{
+    struct spin_svg_chart_line line[SPIN_SVG_CHART_LINES];
+    struct spin_svg_chart chart = {
+        .title = title, .x_name = "frame", .y_name = unit, .line = line, .whole = true};
+    double *values = NULL, *next;
+    size_t all = 0;
+
+    for (int i = 0; i < c->n; i++)
+        all += 2 * spin_json_length(spin_json_get(spin_json_at(c->runs, (size_t)i), "frames"));
+    SPIN_TRY(spin_alloc(all + 1, sizeof *values, (void **)&values));
+    next = values;
+    for (int i = 0; i < c->n && i < SPIN_SVG_CHART_LINES; i++) {
+        const spin_json *run = spin_json_at(c->runs, (size_t)i),
+                        *frames = spin_json_get(run, "frames");
+        size_t n = spin_json_length(frames);
+
+        line[chart.n_lines++] = (struct spin_svg_chart_line){
+            spin_json_string(spin_json_get(run, "name")), next, next + n, n, i, false};
+        for (size_t f = 0; f < n; f++) {
+            next[f] = next[n + f] = NAN;
+            spin_json_number(spin_json_get(spin_json_at(frames, f), "frame"), &next[f]);
+            spin_json_number(spin_json_get(spin_json_at(frames, f), key), &next[n + f]);
+        }
+        next += 2 * n;
+    }
+    if (file)
+        spin_svg_chart_file(to, &chart);
+    else
+        spin_svg_chart_write(to, &chart);
+    free(values);
+    return SPIN_OK;
+}
+
+static spin_status add_curves(const struct spin_compare *c, spin_json *page)
+{
+    char *text = NULL;
+    size_t n;
+    FILE *out = open_memstream(&text, &n);
+    spin_status status = out ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for curves");
+
+    if (status == SPIN_OK)
+        status = draw_curves(c, "psnr", "PSNR over the frames", "PSNR, dB", false, out);
+    if (status == SPIN_OK)
+        status = draw_curves(c, "ssim", "SSIM over the frames", "SSIM", false, out);
+    if (out)
+        fclose(out);
+    spin_json_set_string(page, "curves", text);
+    free(text);
+    return status;
+}
+
+/* ---- Page and figures ------------------------------------------------------------------------------ */
+
+static spin_status fill_page(const struct spin_compare *c, spin_json *page)
+{
+    spin_json *rows = spin_json_array();
+
+    json_object_set(page, "runs", c->runs);
+    spin_json_set_string(page, "version", SPIN_VERSION);
+    spin_json_set_integer(page, "columns", c->n + 1);
+    spin_json_set_integer(page, "gain", GAIN);
+    spin_json_set(page, "rows", rows);
+    SPIN_TRY(add_curves(c, page));
+    for (size_t i = 0; i < c->n_rows; i++) {
+        spin_json *row = spin_json_object();
+        struct sheet s;
+        char *text;
+        spin_status status = sheet_text(c, &c->row[i], &text, &s);
+
+        spin_json_push(rows, row);
+        spin_json_set_integer(row, "frame", c->row[i].frame);
+        spin_json_set_integer(row, "camera", c->row[i].camera);
+        spin_json_set_string(row, "picture", text);
+        free(text);
+        free(s.rgb);
+        SPIN_TRY(status);
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_compare_page(const struct spin_compare *c, const char *path, bool force)
+{
+    spin_json *page = spin_json_object();
+    struct spin_out out;
+    spin_status status = fill_page(c, page);
+
+    if (status == SPIN_OK)
+        status = spin_out_open(path, force, &out);
+    if (status == SPIN_OK) {
+        spin_template_write(out.file, spin_compare_html, page, true);
+        status = spin_out_commit(&out);
+    }
+    spin_json_free(page);
+    return status == SPIN_OK ? SPIN_OK
+                             : spin_fail_context(status, "cannot write the report '%s'", path);
+}
+
+/* A file of the folder: what `write` puts into it. */
+static spin_status open_figure(const char *folder, const char *name, struct spin_out *out)
+{
+    char *path = NULL;
+    spin_status status = spin_path_join(folder, name, &path);
+
+    if (status == SPIN_OK)
+        status = spin_out_open(path, true, out);
+    free(path);
+    return status;
+}
+
+/* The sheet with the names of the runs above it. */
+static void write_svg(const struct spin_compare *c, const struct spin_compare_row *row,
+                      const struct sheet *s, const char *picture, FILE *to)
+{
+    fprintf(to,
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 %d %d\" "
+            "font-family=\"sans-serif\" font-size=\"16\">\n",
+            s->width, s->height + LABEL);
+    for (int k = 0; k <= c->n; k++) {
+        fprintf(to, "<text x=\"%d\" y=\"17\" text-anchor=\"middle\">",
+                k * (row->width + GAP) + row->width / 2);
+        spin_text_html(
+            to, k ? spin_json_string(spin_json_get(spin_json_at(c->runs, (size_t)k - 1), "name"))
+                  : "ground truth");
+        fprintf(to, "</text>\n");
+    }
+    fprintf(to,
+            "<image y=\"%d\" width=\"%d\" height=\"%d\" href=\"data:image/png;base64,%s\"/>\n"
+            "</svg>\n",
+            LABEL, s->width, s->height, picture);
+}
+
+static spin_status write_row(const struct spin_compare *c, const struct spin_compare_row *row,
+                             const char *folder)
+{
+    struct spin_out out;
+    struct sheet s;
+    char name[96], *text = NULL, *path = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(sheet_text(c, row, &text, &s));
+    snprintf(name, sizeof name, "camera_%02d_frame_%05d.png", row->camera, row->frame);
+    SPIN_TRY_OUT(spin_path_join(folder, name, &path));
+    SPIN_TRY_OUT(spin_image_write(path, s.width, s.height, s.rgb, false));
+    snprintf(name, sizeof name, "camera_%02d_frame_%05d.svg", row->camera, row->frame);
+    SPIN_TRY_OUT(open_figure(folder, name, &out));
+    write_svg(c, row, &s, text, out.file);
+    status = spin_out_commit(&out);
+out:
+    free(path);
+    free(text);
+    free(s.rgb);
+    return status;
+}
+
+spin_status spin_compare_figures(const struct spin_compare *c, const char *folder)
+{
+    static const char *const charts[][4] = {
+        {"psnr.svg", "psnr", "PSNR over the frames", "PSNR, dB"},
+        {"ssim.svg", "ssim", "SSIM over the frames", "SSIM"}};
+    struct spin_out out;
+
+    for (int i = 0; i < 2; i++) {
+        SPIN_TRY(open_figure(folder, charts[i][0], &out));
+        SPIN_TRY(draw_curves(c, charts[i][1], charts[i][2], charts[i][3], true, out.file));
+        SPIN_TRY(spin_out_commit(&out));
+    }
+    for (size_t i = 0; i < c->n_rows; i++)
+        SPIN_TRY(write_row(c, &c->row[i], folder));
+    return SPIN_OK;
+}

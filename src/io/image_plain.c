@@ -1,0 +1,348 @@
+/* The far side of image.c without OpenImageIO: JPEG by libjpeg-turbo and PNG by libpng alone, for machines that have
+ * little else (make portable, tests/card). The same pixels as OpenImageIO gives for what cameras write; other formats are refused. */
+#include <setjmp.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <jpeglib.h>
+#include <png.h>
+
+#include "io/image_shim.h"
+
+/* What a reader has in hand, let go wherever it ends. */
+struct picture {
+    const char *path;
+    int64_t most; /* pixels that are taken */
+    const float *background;
+    bool sizes; /* only those are wanted */
+    FILE *file;
+    int width, height, channels;
+    uint8_t *rgb;
+    enum spin_image_result result;
+    char *why;
+    size_t n_why;
+};
+
+static enum spin_image_result fail(struct picture *p, enum spin_image_result result,
+                                   const char *why)
+{
+    snprintf(p->why, p->n_why, "%s", why);
+    return p->result = result;
+}
+
+/* After the head: whether the pixels are wanted and there is room. */
+static bool wants_pixels(struct picture *p)
+{
+    if (p->width < 1 || p->height < 1) {
+        fail(p, SPIN_IMAGE_UNREADABLE, "not a flat picture");
+        return false;
+    }
+    if (p->sizes)
+        return false;
+    if (p->width > p->most / p->height) {
+        snprintf(p->why, p->n_why, "%d x %d pixels are more than are taken", p->width, p->height);
+        p->result = SPIN_IMAGE_TOO_LARGE;
+        return false;
+    }
+    p->rgb = malloc(3 * (size_t)p->width * (size_t)p->height);
+    if (!p->rgb)
+        fail(p, SPIN_IMAGE_NO_MEMORY, "not enough memory");
+    return p->rgb != NULL;
+}
+
+/* ---- JPEG ------------------------------------------------------------------------------------ */
+
+struct jpeg_end {
+    struct jpeg_error_mgr base; /* first */
+    jmp_buf jump;
+    struct picture *picture;
+};
+
+static void jpeg_fails(j_common_ptr info)
+{
+    struct jpeg_end *end = (struct jpeg_end *)info->err;
+    char text[JMSG_LENGTH_MAX];
+
+    info->err->format_message(info, text);
+    fail(end->picture, SPIN_IMAGE_UNREADABLE, text);
+    longjmp(end->jump, 1);
+}
+
+/* A file that was cut short is only a warning to libjpeg. */
+static void jpeg_warns(j_common_ptr info, int level)
+{
+    if (level < 0)
+        jpeg_fails(info);
+}
+
+static void read_jpeg(struct picture *p)
+{
+    struct jpeg_decompress_struct jpeg;
+    struct jpeg_end end = {.picture = p};
+
+    jpeg.err = jpeg_std_error(&end.base);
+    end.base.error_exit = jpeg_fails;
+    end.base.emit_message = jpeg_warns;
+    jpeg_create_decompress(&jpeg);
+    if (setjmp(end.jump) == 0) {
+        jpeg_stdio_src(&jpeg, p->file);
+        jpeg_read_header(&jpeg, TRUE);
+        p->width = (int)jpeg.image_width;
+        p->height = (int)jpeg.image_height;
+        p->channels = jpeg.num_components;
+        if (jpeg.num_components > 3)
+            fail(p, SPIN_IMAGE_UNREADABLE, "a JPEG with four colours, which needs OpenImageIO");
+        else if (wants_pixels(p)) {
+            jpeg.out_color_space = JCS_RGB;
+            jpeg_start_decompress(&jpeg);
+            while (jpeg.output_scanline < jpeg.output_height) {
+                JSAMPROW row = p->rgb + 3 * (size_t)p->width * jpeg.output_scanline;
+
+                jpeg_read_scanlines(&jpeg, &row, 1);
+            }
+            jpeg_finish_decompress(&jpeg);
+        }
+    }
+    jpeg_destroy_decompress(&jpeg);
+}
+
+/* ---- PNG ------------------------------------------------------------------------------------- */
+
+static void png_fails(png_structp png, png_const_charp text)
+{
+    fail(png_get_error_ptr(png), SPIN_IMAGE_UNREADABLE, text);
+    png_longjmp(png, 1);
+}
+
+static void png_warns(png_structp png, png_const_charp text) { (void)png, (void)text; }
+
+/* What shows of a value 0..255 before a background 0..1. */
+static uint8_t over(unsigned value, unsigned alpha, float background)
+{
+    return (uint8_t)((float)(value * alpha) / 255.0f + background * (float)(255u - alpha) + 0.5f);
+}
+
+static void compose(struct picture *p, const uint8_t *pixels, int n)
+{
+    size_t count = (size_t)p->width * (size_t)p->height;
+
+    for (size_t i = 0; i < count; i++, pixels += n)
+        for (int c = 0; c < 3; c++)
+            p->rgb[3 * i + (size_t)c] =
+                over(pixels[n < 3 ? 0 : c], n % 2 ? 255u : pixels[n - 1], p->background[c]);
+}
+
+static void read_png(struct picture *p)
+{
+    png_structp png = png_create_read_struct(PNG_LIBPNG_VER_STRING, p, png_fails, png_warns);
+    png_infop info = png ? png_create_info_struct(png) : NULL;
+    uint8_t *volatile pixels = NULL;
+    png_bytep *volatile row = NULL;
+
+    if (!info) {
+        fail(p, SPIN_IMAGE_NO_MEMORY, "not enough memory");
+    } else if (setjmp(png_jmpbuf(png)) == 0) {
+        png_init_io(png, p->file);
+        png_read_info(png, info);
+        p->width = (int)png_get_image_width(png, info);
+        p->height = (int)png_get_image_height(png, info);
+        png_set_expand(png); /* palettes, few bits, transparent colours */
+        png_set_scale_16(png);
+        png_set_interlace_handling(png);
+        png_read_update_info(png, info);
+        p->channels = png_get_channels(png, info);
+        if (wants_pixels(p)) {
+            size_t bytes = (size_t)p->width * (size_t)p->channels;
+
+            pixels = malloc(bytes * (size_t)p->height);
+            row = malloc((size_t)p->height * sizeof *row);
+            for (int y = 0; pixels && row && y < p->height; y++)
+                row[y] = pixels + (size_t)y * bytes;
+            if (pixels && row) {
+                png_read_image(png, row);
+                png_read_end(png, NULL);
+                compose(p, pixels, p->channels);
+            } else {
+                fail(p, SPIN_IMAGE_NO_MEMORY, "not enough memory");
+            }
+        }
+    }
+    png_destroy_read_struct(&png, info ? &info : NULL, NULL);
+    free(pixels);
+    free(row);
+}
+
+/* ---- Both ------------------------------------------------------------------------------------ */
+
+static enum spin_image_result open_picture(struct picture *p)
+{
+    unsigned char head[8] = {0};
+
+    p->result = SPIN_IMAGE_OK;
+    p->file = fopen(p->path, "rb");
+    if (!p->file)
+        return fail(p, SPIN_IMAGE_UNREADABLE, "it cannot be opened");
+    if (fread(head, 1, sizeof head, p->file) < 3 || fseek(p->file, 0, SEEK_SET) != 0)
+        fail(p, SPIN_IMAGE_UNREADABLE, "it is empty");
+    else if (head[0] == 0xff && head[1] == 0xd8)
+        read_jpeg(p);
+    else if (png_sig_cmp(head, 0, sizeof head) == 0)
+        read_png(p);
+    else
+        fail(p, SPIN_IMAGE_UNREADABLE, "neither JPEG nor PNG: other formats need OpenImageIO");
+    fclose(p->file);
+    if (p->result != SPIN_IMAGE_OK) {
+        free(p->rgb);
+        p->rgb = NULL;
+    }
+    return p->result;
+}
+
+static enum spin_image_result image_size(const char *path, const char *format, int *width,
+                                         int *height, int *channels, char *why, size_t n_why)
+{
+    struct picture p = {.path = path, .sizes = true, .why = why, .n_why = n_why};
+
+    (void)format;
+    open_picture(&p);
+    *width = p.width;
+    *height = p.height;
+    *channels = p.channels;
+    return p.result;
+}
+
+static enum spin_image_result image_read(const char *path, const char *format, int64_t max_pixels,
+                                         const float background[3], int *width, int *height,
+                                         uint8_t **rgb, char *why, size_t n_why)
+{
+    struct picture p = {
+        .path = path, .most = max_pixels, .background = background, .why = why, .n_why = n_why};
+
+    (void)format;
+    open_picture(&p);
+    *width = p.width;
+    *height = p.height;
+    *rgb = p.rgb;
+    return p.result;
+}
+
+static enum spin_image_result image_encode_png(int width, int height, const uint8_t *rgb,
+                                               unsigned char **bytes, size_t *n_bytes, char *why,
+                                               size_t n_why)
+{
+    png_image image = {.version = PNG_IMAGE_VERSION,
+                       .width = (png_uint_32)width,
+                       .height = (png_uint_32)height,
+                       .format = PNG_FORMAT_RGB};
+    png_alloc_size_t size = 0;
+    unsigned char *file = NULL;
+
+    if (png_image_write_to_memory(&image, NULL, &size, 0, rgb, 0, NULL) && (file = malloc(size)) &&
+        png_image_write_to_memory(&image, file, &size, 0, rgb, 0, NULL)) {
+        *bytes = file;
+        *n_bytes = size;
+        return SPIN_IMAGE_OK;
+    }
+    snprintf(why, n_why, "%s", image.message[0] ? image.message : "not enough memory");
+    free(file);
+    return image.message[0] ? SPIN_IMAGE_UNREADABLE : SPIN_IMAGE_NO_MEMORY;
+}
+
+/* Bytes that grow. */
+struct sink {
+    struct picture base; /* first: its words are png_fails()'s */
+    unsigned char *bytes;
+    size_t n, room;
+};
+
+static void take(png_structp png, png_bytep data, size_t n)
+{
+    struct sink *sink = png_get_io_ptr(png);
+
+    if (n > sink->room - sink->n) {
+        size_t room = 2 * sink->room + n + 4096;
+        unsigned char *bytes = realloc(sink->bytes, room);
+
+        if (!bytes) {
+            fail(&sink->base, SPIN_IMAGE_NO_MEMORY, "not enough memory");
+            png_longjmp(png, 1);
+        }
+        sink->bytes = bytes;
+        sink->room = room;
+    }
+    memcpy(sink->bytes + sink->n, data, n);
+    sink->n += n;
+}
+
+static void flush(png_structp png) { (void)png; }
+
+/* A row of values 0..1 as bytes, of 16 bits the upper first. */
+static void quantise(const struct spin_image_out *image, int y, unsigned char *row)
+{
+    size_t n = (size_t)image->width * (size_t)image->n_channels;
+    const float *from = image->pixels + n * (size_t)y;
+    float most = image->bits == 16 ? 65535.0f : 255.0f;
+
+    for (size_t i = 0; i < n; i++) {
+        unsigned v = (unsigned)(from[i] > 0 ? (from[i] < 1 ? from[i] : 1) * most + 0.5f : 0);
+
+        if (image->bits == 16)
+            *row++ = (unsigned char)(v >> 8);
+        *row++ = (unsigned char)v;
+    }
+}
+
+static void write_png(struct sink *sink, const struct spin_image_out *image)
+{
+    png_structp png =
+        png_create_write_struct(PNG_LIBPNG_VER_STRING, &sink->base, png_fails, png_warns);
+    png_infop info = png ? png_create_info_struct(png) : NULL;
+    unsigned char *row =
+        malloc((size_t)image->width * (size_t)image->n_channels * (size_t)(image->bits / 8));
+
+    if (!info || !row) {
+        fail(&sink->base, SPIN_IMAGE_NO_MEMORY, "not enough memory");
+    } else if (setjmp(png_jmpbuf(png)) == 0) {
+        png_set_write_fn(png, sink, take, flush);
+        png_set_IHDR(png, info, (png_uint_32)image->width, (png_uint_32)image->height, image->bits,
+                     image->n_channels == 4 ? PNG_COLOR_TYPE_RGBA : PNG_COLOR_TYPE_RGB,
+                     PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+        if (image->linear)
+            png_set_gAMA(png, info, 1.0);
+        else
+            png_set_sRGB(png, info, PNG_sRGB_INTENT_ABSOLUTE);
+        png_write_info(png, info);
+        for (int y = 0; y < image->height; y++) {
+            quantise(image, y, row);
+            png_write_row(png, row);
+        }
+        png_write_end(png, info);
+    }
+    png_destroy_write_struct(&png, &info);
+    free(row);
+}
+
+static enum spin_image_result image_encode(const struct spin_image_out *image,
+                                           unsigned char **bytes, size_t *n_bytes, char *why,
+                                           size_t n_why)
+{
+    struct sink sink = {.base = {.result = SPIN_IMAGE_OK, .why = why, .n_why = n_why}};
+
+    if (strcmp(image->format, "png") != 0)
+        return fail(&sink.base, SPIN_IMAGE_UNREADABLE,
+                    "this build writes PNG only: it has no OpenImageIO");
+    write_png(&sink, image);
+    if (sink.base.result != SPIN_IMAGE_OK) {
+        free(sink.bytes);
+        return sink.base.result;
+    }
+    *bytes = sink.bytes;
+    *n_bytes = sink.n;
+    return SPIN_IMAGE_OK;
+}
+
+extern const struct spin_image_shim spin_image_shim_table;
+const struct spin_image_shim spin_image_shim_table = {
+    SPIN_IMAGE_SHIM_ABI, "libjpeg, libpng", image_size, image_read, image_encode_png, image_encode};

@@ -1,0 +1,29 @@
+#!/bin/sh
+# chroot.sh SUITE VERSION OUT: `make portable` of the last commit in a bare Debian of that suite, made by debootstrap in
+# OUT/debian-SUITE, which is kept: what an old C library has, every newer one has too. `make dist` has put its tarball into OUT.
+suite=${1:?usage: chroot.sh SUITE VERSION OUT}
+version=${2:?usage: chroot.sh SUITE VERSION OUT}
+out=${3:?usage: chroot.sh SUITE VERSION OUT}
+root=$out/debian-$suite
+
+fail() {
+    echo "portable: $*" >&2
+    exit 1
+}
+
+[ "$(id -u)" = 0 ] || fail "a Debian of its own is for root alone: sudo make portable DEBIAN=$suite"
+command -v debootstrap >/dev/null || fail "debootstrap is not here: apt-get install debootstrap"
+if [ ! -f "$root/ready" ]; then
+    rm -rf "$root"
+    debootstrap --variant=minbase "$suite" "$root" >"$out/debian-$suite.log" 2>&1 || fail "no Debian '$suite': see '$out/debian-$suite.log'"
+    chroot "$root" env DEBIAN_FRONTEND=noninteractive apt-get install -qq --no-install-recommends make gcc g++ zlib1g-dev \
+        liblzma-dev libjansson-dev libjpeg-dev libpng-dev libtinygltf-dev libwebp-dev libzstd-dev \
+        >>"$out/debian-$suite.log" 2>&1 || fail "what building needs is not installed: see '$out/debian-$suite.log'"
+    touch "$root/ready"
+fi
+rm -rf "$root/tmp/spin4d-$version"
+tar -C "$root/tmp" -xzf "$out/spin4d-$version.tar.gz" || exit 1
+# /dev/null and the like are those of debootstrap. A make above this one must not hand its variables down.
+chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin make -s -j"$(nproc)" -C "/tmp/spin4d-$version" SETUP=0 portable || exit 1
+cp "$root/tmp/spin4d-$version/build"/spin4d-*-linux-*.tar.gz "$out/" || exit 1
+rm -rf "$root/tmp/spin4d-$version"

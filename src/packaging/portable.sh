@@ -1,0 +1,72 @@
+#!/bin/sh
+# portable.sh VERSION BUILD_DIR OUT: OUT/spin4d-VERSION-linux-MACHINE.tar.gz, for a Linux with nothing installed:
+# commands, manual, player, the module, and every library but the C library's, with its licence. `make portable` builds
+# what it needs first. The same build gives the same bytes.
+version=${1:?usage: portable.sh VERSION BUILD_DIR OUT}
+B=${2:?usage: portable.sh VERSION BUILD_DIR OUT}
+out=${3:?usage: portable.sh VERSION BUILD_DIR OUT}
+name=spin4d-$version-linux-$(uname -m)
+tree=$out/$name
+
+fail() {
+    echo "portable: $*" >&2
+    rm -rf "$tree"
+    exit 1
+}
+
+# take FILE NAME: a library, and the licence of its package
+take() {
+    cp -L "$1" "$tree/lib/spin4d/$2" && chmod 644 "$tree/lib/spin4d/$2" || fail "'$1' cannot be copied"
+    package=$(dpkg -S "*$(realpath "$1" | sed 's|^/usr||')" 2>/dev/null | sed -n '1s/[:,].*//p')
+    [ -f "/usr/share/doc/$package/copyright" ] || fail "no licence of '$1' is here: it comes from no Debian package"
+    cp -L "/usr/share/doc/$package/copyright" "$tree/share/doc/spin4d/$package.copyright" || exit 1
+}
+
+command -v dpkg >/dev/null || fail "dpkg is not here, which knows the licences of the libraries"
+rm -rf "$tree"
+mkdir -p "$tree/bin" "$tree/lib/spin4d" "$tree/share/doc/spin4d" "$tree/python" "$tree/share/spin4d" || exit 1
+strip -o "$tree/lib/spin4d/spin-image.so" "$B/lib/spin-image-plain.so" ||
+    fail "'$B/lib/spin-image-plain.so' is not there: apt-get install libjpeg-dev libpng-dev"
+strip -o "$tree/lib/spin4d/spin-gltf.so" "$B/lib/spin-gltf.so" || fail "'$B/lib/spin-gltf.so' is not there"
+[ ! -f "$B/lib/spin-cuda.so" ] || strip -o "$tree/lib/spin4d/spin-cuda.so" "$B/lib/spin-cuda.so" || exit 1
+for program in "$B"/portable/bin/spin*; do
+    command=$(basename "$program")
+    strip -o "$tree/bin/$command" "$program" || fail "'$program' cannot be stripped"
+    for shell in bash zsh; do
+        mkdir -p "$tree/share/completion/$shell"
+        env -u SPIN_PLUGIN_PATH "$B/bin/$command" --completion $shell >"$tree/share/completion/$shell/$command" || exit 1
+    done
+done
+
+# Libraries that are opened when they are needed, by the names they are opened by, whatever they are called here.
+for opened in $(sed -n 's/.*struct spin_library library = {"\(lib[^"]*\)".*/\1/p' src/io/*.c); do
+    take "$(${CC:-cc} -print-file-name="${opened%%.so*}.so")" "$opened"
+done
+ldd "$tree"/bin/* "$tree"/lib/spin4d/*.so* | awk '$2 == "=>" && $3 ~ /^\// { print $3 }' | sort -u |
+    grep -v -E '/(libc|libm|libdl|libpthread|librt|ld-linux[^/]*)\.so' >"$out/libraries" || fail "ldd found no libraries"
+while read -r library; do
+    take "$library" "$(basename "$library")"
+done <"$out/libraries"
+rm "$out/libraries"
+
+needs=$(objdump -T "$tree"/bin/* "$tree"/lib/spin4d/* | grep -o 'GLIBC_[0-9.]*' | sort -uV | sed -n '$s/GLIBC_//p')
+
+for page in man/*.[157]; do
+    mkdir -p "$tree/share/man/man${page##*.}" && cp "$page" "$tree/share/man/man${page##*.}/" || exit 1
+done
+cp exporters/python/spin4d.py "$tree/python/" && cp -R exporters/player "$tree/share/spin4d/" &&
+    cp LICENSE CHANGELOG.md "$tree/" || exit 1
+cat >"$tree/README" <<README
+spin4d $version for Linux on $(uname -m). Nothing needs to be installed but the C library $needs or
+newer; this folder may lie anywhere.
+
+    bin/spin4d RUN --data IMAGES -o clip.html
+
+RUN is the folder that a 4D Gaussian Splatting method wrote, IMAGES the data set it was trained on. bin/spin4d --help
+says the rest; so does man -M share/man spin4d. python/ has the module spin4d, for PYTHONPATH. Images are PNG and
+JPEG; videos and EXR need a build of one's own. share/doc has the licences of the libraries in lib/.
+README
+chmod -R u=rwX,go=rX "$tree"
+tar -C "$out" --sort=name --owner=0 --group=0 --numeric-owner --mtime=./Makefile -c "$name" | gzip -9n >"$tree.tar.gz" || exit 1
+rm -rf "$tree"
+echo "$tree.tar.gz: for the C library $needs and newer"

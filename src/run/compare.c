@@ -1,0 +1,98 @@
+/* spin_compare(): several bundles measured on the same views. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "base/text.h"
+#include "io/output.h"
+#include "io/ranks.h"
+#include "eval/report/report.h"
+#include "run/run.h"
+
+/* What a run is called: its file's name, or the whole path where another has that name too. */
+static spin_status set_name(spin_json *run, const char *const *input, int n, int i)
+{
+    const char *name = spin_path_name(input[i]);
+    char *copy = NULL;
+
+    for (int k = 0; k < n; k++)
+        if (k != i && strcmp(spin_path_name(input[k]), name) == 0)
+            name = input[i];
+    SPIN_TRY(spin_strdup(name, &copy));
+    if (spin_text_ends(copy, ".spin"))
+        copy[strlen(copy) - strlen(".spin")] = '\0';
+    spin_json_set_string(run, "name", copy);
+    spin_json_set_string(run, "input", input[i]);
+    free(copy);
+    return SPIN_OK;
+}
+
+/* Figures of other views would be no comparison. */
+static spin_status check_views(const spin_json *first, const spin_json *run)
+{
+    const spin_json *a = spin_json_get(first, "views"), *b = spin_json_get(run, "views");
+    bool same = spin_json_length(a) == spin_json_length(b);
+
+    for (size_t i = 0; i < spin_json_length(a) && same; i++)
+        same = json_equal(spin_json_get(spin_json_at(a, i), "frame"),
+                          spin_json_get(spin_json_at(b, i), "frame")) &&
+               json_equal(spin_json_get(spin_json_at(a, i), "camera"),
+                          spin_json_get(spin_json_at(b, i), "camera"));
+    return same ? SPIN_OK
+                : spin_fail(SPIN_E_USAGE,
+                            "'%s' and '%s' have other views: give --range, --split or --test-cams "
+                            "that both have",
+                            spin_json_string(spin_json_get(first, "input")),
+                            spin_json_string(spin_json_get(run, "input")));
+}
+
+static spin_status measure(const struct spin_eval_options *all, const char *const *input, int n,
+                           int i, struct spin_compare *c)
+{
+    struct spin_eval_options o = *all;
+    struct spin_eval_report report;
+    bool shown = o.report || o.images;
+    spin_json *run;
+
+    o.input = input[i];
+    o.report = o.log = o.images = NULL;
+    SPIN_TRY(spin_evaluate_for(&o, shown ? c : NULL, &report));
+    run = spin_eval_json(&report, o.split);
+    spin_eval_report_free(&report);
+    spin_json_push(c->runs, run);
+    SPIN_TRY(set_name(run, input, n, i));
+    return check_views(spin_json_at(c->runs, 0), run);
+}
+
+static spin_status check_outputs(const struct spin_eval_options *o, const char *figures)
+{
+    if (spin_rank() > 0)
+        return SPIN_OK;
+    if (o->report)
+        SPIN_TRY(spin_output_check_file(o->report, o->force));
+    return figures ? spin_output_check_empty_folder(figures, o->force) : SPIN_OK;
+}
+
+spin_status spin_compare(const struct spin_eval_options *o, const char *const *input, int n,
+                         const char *figures, char **report)
+{
+    struct spin_eval_options all = *o;
+    struct spin_compare c = {.runs = spin_json_array()};
+    spin_status status;
+
+    *report = NULL;
+    all.images = figures;
+    SPIN_TRY_OUT(spin_ranks_agree(check_outputs(o, figures)));
+    for (int i = 0; i < n; i++)
+        SPIN_TRY_OUT(measure(&all, input, n, i, &c));
+    if (spin_rank() == 0 && o->report)
+        SPIN_TRY_OUT(spin_compare_page(&c, o->report, o->force));
+    if (spin_rank() == 0 && figures)
+        SPIN_TRY_OUT(spin_compare_figures(&c, figures));
+    status = spin_json_finish(json_pack("{s:O}", "runs", c.runs), report);
+out:
+    spin_compare_free(&c);
+    return status;
+}

@@ -1,0 +1,307 @@
+/* spin_convert(): a run into what viewers play, by the other calls: import, retrain, export.
+ *
+ * The work is beside the output, under its name: clip.import.spin until all is done, clip.spin.part while the training
+ * is unfinished, and clip.spin, which stays. So the same call goes on after an interruption. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "spin_run.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "base/text.h"
+#include "io/output.h"
+#include "io/ranks.h"
+#include "render/player.h"
+#include "run/data_hint.h"
+
+struct convert {
+    const struct spin_convert_options *o;
+    const char *to;
+    char *output, *bundle; /* what is written */
+    char *import; /* what is exported or retrained; the input itself where that is a bundle */
+    char *beside; /* a data set that nobody named; NULL */
+    bool imports;
+    bool has_data, is_trained; /* of `import` */
+    spin_json *report;
+};
+
+/* ---- Names ---------------------------------------------------------------------------------------- */
+
+static spin_status put_together(const char *text, size_t n, const char *ending, char **out)
+{
+    SPIN_TRY(spin_alloc(n + strlen(ending) + 1, 1, (void **)out));
+    memcpy(*out, text, n);
+    strcpy(*out + n, ending);
+    return SPIN_OK;
+}
+
+/* Bytes of a path without the ending of its last name and without slashes behind it. */
+static size_t stem_length(const char *path, bool has_ending)
+{
+    size_t n = strlen(path);
+    const char *name, *dot;
+
+    while (n > 1 && path[n - 1] == '/')
+        n--;
+    name = spin_path_name(path);
+    dot = has_ending ? strrchr(name, '.') : NULL;
+    return dot && dot > name ? (size_t)(dot - path) : n;
+}
+
+static spin_status name_output(struct convert *c)
+{
+    const struct spin_convert_options *o = c->o;
+    char *absolute = NULL;
+    const char *name;
+    spin_status status;
+
+    if (o->output)
+        return spin_strdup(o->output, &c->output);
+    SPIN_TRY(spin_path_absolute(o->input, &absolute));
+    name = spin_path_name(absolute);
+    status =
+        put_together(name, stem_length(name, !spin_path_is_folder(absolute)), ".html", &c->output);
+    free(absolute);
+    return status;
+}
+
+static spin_status name_all(struct convert *c)
+{
+    const struct spin_convert_options *o = c->o;
+    const char *ending;
+    size_t n;
+
+    SPIN_TRY(name_output(c));
+    ending = spin_exporter_for(c->output);
+    c->to = o->to ? o->to : ending;
+    if (!c->to)
+        return spin_fail(SPIN_E_USAGE, "the ending of '%s' names no exporter: say which with --to",
+                         c->output);
+    n = stem_length(c->output, ending != NULL);
+    SPIN_TRY(put_together(c->output, n, ".spin", &c->bundle));
+    c->imports = !spin_bundle_looks_like(o->input);
+    return c->imports ? put_together(c->output, n, ".import.spin", &c->import)
+                      : spin_strdup(o->input, &c->import);
+}
+
+/* What would fail at the end fails now. */
+static spin_status check_outputs(const struct convert *c)
+{
+    const struct spin_convert_options *o = c->o;
+
+    if (spin_path_is_folder(c->output))
+        SPIN_TRY(spin_output_check_empty_folder(c->output, o->force));
+    else if (spin_path_is_taken(c->output) || spin_exporter_for(c->output))
+        SPIN_TRY(spin_output_check_file(c->output, o->force));
+    if (!c->imports && spin_path_is_taken(c->bundle)) {
+        char *input = NULL, *bundle = NULL;
+        spin_status status = spin_path_absolute(c->import, &input);
+
+        if (status == SPIN_OK)
+            status = spin_path_absolute(c->bundle, &bundle);
+        if (status == SPIN_OK && strcmp(input, bundle) == 0)
+            status = spin_fail(SPIN_E_USAGE,
+                               "the retrained clip would be '%s', which is the input: give another "
+                               "name with --output",
+                               c->bundle);
+        free(input);
+        free(bundle);
+        return status;
+    }
+    return SPIN_OK;
+}
+
+/* ---- The steps ------------------------------------------------------------------------------------- */
+
+/* A report of another call as a member of ours; takes text. */
+static spin_status add_report(struct convert *c, const char *key, char *text)
+{
+    spin_json *document = NULL;
+    spin_status status = text ? spin_json_parse("report", text, strlen(text), &document) : SPIN_OK;
+
+    free(text);
+    spin_json_set(c->report, key, document ? document : json_null());
+    return status;
+}
+
+static spin_status import_from(struct convert *c, const char *data)
+{
+    const struct spin_convert_options *o = c->o;
+    struct spin_import_options import = {.input = o->input,
+                                         .output = c->import,
+                                         .from = o->from,
+                                         .data = data,
+                                         .data_from = o->data_from,
+                                         .n_frames = o->n_frames,
+                                         .force = true};
+    char *text = NULL;
+
+    SPIN_TRY(spin_import(&import, &text));
+    return add_report(c, "import", text);
+}
+
+/* A data set that nobody named and that does not fit is no reason to fail. */
+static spin_status import(struct convert *c)
+{
+    const struct spin_convert_options *o = c->o;
+    spin_status status;
+
+    if (!o->data && !o->no_retrain)
+        c->beside = spin_data_beside(o->input);
+    if (!c->beside)
+        return import_from(c, o->data);
+    spin_log(0, "the data set '%s' lies beside the run and is taken; --data names another",
+             c->beside);
+    status = import_from(c, c->beside);
+    if (status == SPIN_OK || status == SPIN_E_CANCELLED || status == SPIN_E_MEMORY)
+        return status;
+    spin_warn("the data set '%s' is not taken: %s", c->beside, spin_last_error());
+    free(c->beside);
+    c->beside = NULL;
+    return import_from(c, NULL);
+}
+
+static spin_status look(struct convert *c)
+{
+    struct spin_bundle bundle;
+    char *data = NULL, frames[48];
+    spin_status status;
+
+    memset(&bundle, 0, sizeof bundle);
+    SPIN_TRY_OUT(spin_bundle_open(c->import, &bundle));
+    SPIN_TRY_OUT(spin_bundle_data_path(&bundle, &data));
+    c->has_data = c->o->data || (data && spin_path_exists(data));
+    c->is_trained = spin_bundle_is_trained(&bundle) || bundle.refined.columns;
+    spin_log(0, "%s '%s': %s of %s%s%s", c->imports ? "imported" : "opened", c->o->input,
+             spin_text_count(bundle.meta.n_frames, "frame", frames), bundle.meta.from,
+             *bundle.meta.variant ? ", " : "", bundle.meta.variant);
+out:
+    free(data);
+    spin_bundle_close(&bundle);
+    return status;
+}
+
+/* Here it goes on by itself. */
+static spin_status say_how_to_go_on(spin_status failed)
+{
+    static const char ending[] = "go on with --resume";
+    char why[2048];
+    int n = snprintf(why, sizeof why, "%s", spin_last_error());
+
+    if (!spin_text_ends(why, ending))
+        return failed;
+    return spin_fail(failed, "%.*sthe same command goes on", n - (int)sizeof ending + 1, why);
+}
+
+/* An unfinished retraining goes on; with --force one that was made otherwise is replaced. */
+static spin_status retrain(struct convert *c)
+{
+    const struct spin_convert_options *o = c->o;
+    struct spin_retrain_options retrain;
+    char *part = NULL, *text = NULL;
+    spin_status status;
+
+    SPIN_TRY(put_together(c->bundle, strlen(c->bundle), ".part", &part));
+    SPIN_TRY_OUT(spin_retrain_preset(o->preset ? o->preset : "quick", &retrain));
+    retrain.tracks |= retrain.method == SPIN_METHOD_TRACKS;
+    retrain.iterations = o->iterations > 0 ? o->iterations : retrain.iterations;
+    retrain.input = c->import;
+    retrain.output = c->bundle;
+    retrain.data = c->imports ? NULL : o->data;
+    retrain.data_from = c->imports ? NULL : o->data_from;
+    retrain.device = o->device;
+    retrain.n_threads = o->n_threads;
+    retrain.force = o->force;
+    retrain.resume = spin_path_is_taken(part) || (!o->force && spin_path_is_taken(c->bundle));
+    status = spin_retrain(&retrain, &text);
+    if (status == SPIN_E_USAGE && retrain.resume && o->force) {
+        retrain.resume = false;
+        status = spin_retrain(&retrain, &text);
+    }
+    status = status == SPIN_OK ? add_report(c, "retrain", text) : say_how_to_go_on(status);
+out:
+    free(part);
+    return status;
+}
+
+static spin_status export(struct convert *c, const char *bundle)
+{
+    const struct spin_convert_options *o = c->o;
+    struct spin_export_options export = {.input = bundle,
+                                         .output = c->output,
+                                         .to = c->to,
+                                         .device = o->device,
+                                         .n_threads = o->n_threads,
+                                         .force = o->force};
+    char *text = NULL;
+
+    SPIN_TRY(spin_export(&export, &text));
+    return add_report(c, "export", text);
+}
+
+/* The imported clip is what stays, or is in what stays. */
+static spin_status tidy_up(struct convert *c, bool retrained)
+{
+    if (!c->imports || spin_rank() > 0)
+        return SPIN_OK;
+    if (!retrained && rename(c->import, c->bundle) != 0)
+        return spin_fail(SPIN_E_IO, "cannot rename '%s' to '%s'", c->import, c->bundle);
+    if (retrained)
+        remove(c->import);
+    return SPIN_OK;
+}
+
+static spin_status run(struct convert *c)
+{
+    const struct spin_convert_options *o = c->o;
+    bool retrains;
+    spin_status status;
+
+    SPIN_TRY(name_all(c));
+    SPIN_TRY(check_outputs(c));
+    if (!c->imports && o->n_frames > 0)
+        return spin_fail(SPIN_E_USAGE, "--frames is for a run, and '%s' is a bundle", o->input);
+    if (c->imports)
+        SPIN_TRY(import(c));
+    SPIN_TRY(look(c));
+    retrains = c->has_data && !c->is_trained && !o->no_retrain;
+    if (retrains)
+        spin_log(0, "retraining on its images; --no-retrain leaves that out, and Ctrl-C keeps what "
+                    "is done");
+    else if (!o->no_retrain && !c->is_trained)
+        spin_log(0, "no data set is known, so nothing is retrained; --data names one");
+    if (retrains)
+        SPIN_TRY(retrain(c));
+    else if (c->imports)
+        SPIN_TRY(spin_output_check_file(c->bundle, o->force));
+    status = export(c, retrains ? c->bundle : c->import);
+    if (status != SPIN_OK && status != SPIN_E_CANCELLED && retrains)
+        return spin_fail_context(status, "the retrained clip is kept in '%s'", c->bundle);
+    SPIN_TRY(status);
+    SPIN_TRY(tidy_up(c, retrains));
+    spin_json_set_string(c->report, "bundle", c->imports || retrains ? c->bundle : c->import);
+    spin_json_set_string(c->report, "output", c->output);
+    spin_json_set_string(c->report, "to", c->to);
+    return SPIN_OK;
+}
+
+spin_status spin_convert(const struct spin_convert_options *o, char **report)
+{
+    struct convert c = {.o = o, .report = spin_json_object()};
+    spin_status status;
+
+    *report = NULL;
+    spin_json_set_null(c.report, "import");
+    spin_json_set_null(c.report, "retrain");
+    status = run(&c);
+    if (status == SPIN_OK)
+        status = spin_json_finish(json_incref(c.report), report);
+    spin_json_free(c.report);
+    free(c.output);
+    free(c.bundle);
+    free(c.import);
+    free(c.beside);
+    return status;
+}

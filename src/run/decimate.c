@@ -1,0 +1,873 @@
+#include "run/decimate.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "base/number.h"
+#include "base/option.h"
+#include "base/text.h"
+#include "math/activate.h"
+#include "math/drawable.h"
+#include "scene/splats_4d.h"
+
+#define COLUMNS (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
+enum {
+    VIEWS = 8,     /* of a frame that is weighed by itself */
+    LOOKS = 400,   /* pictures by which splats of several frames are weighed, about */
+    PICTURES = 16, /* that show the loss */
+    AROUND = 8,    /* of them where there are no cameras */
+    SIDE = 400,    /* of one of those, pixels */
+    TRIES = 8,     /* at a size */
+    HALVINGS = 8,  /* at a loss */
+};
+/* What is one splat in several frames. */
+enum { NOTHING, ROWS, FOUR_D, TRACKS };
+#define NONE UINT32_MAX
+/* Of a splat in a frame. */
+enum { COUNTS, IS_LEFT_OUT, IS_TOO_LARGE, IS_FILTERED };
+
+/* ---- The goal -------------------------------------------------------------------------------- */
+
+spin_status spin_decimate_parse(const char *text, struct spin_decimate_goal *out)
+{
+    static const struct {
+        const char *name;
+        enum spin_decimate_unit unit;
+        double factor, most;
+    } units[] = {{"", SPIN_DECIMATE_SPLATS, 1, 1e9},     {"%", SPIN_DECIMATE_SHARE, 0.01, 1},
+                 {"B", SPIN_DECIMATE_BYTES, 1, 1e15},    {"kB", SPIN_DECIMATE_BYTES, 1e3, 1e15},
+                 {"MB", SPIN_DECIMATE_BYTES, 1e6, 1e15}, {"GB", SPIN_DECIMATE_BYTES, 1e9, 1e15},
+                 {"dB", SPIN_DECIMATE_DB, 1, 200}};
+    char *end;
+    double value = strtod(text, &end);
+
+    for (size_t i = 0; i < sizeof units / sizeof *units && end > text; i++) {
+        if (strcmp(end, units[i].name) != 0)
+            continue;
+        out->unit = units[i].unit;
+        out->amount = value * units[i].factor;
+        if (out->amount > 0 && out->amount <= units[i].most &&
+            (out->unit != SPIN_DECIMATE_SPLATS || value == floor(value)))
+            return SPIN_OK;
+    }
+    return spin_fail(SPIN_E_USAGE,
+                     "--decimate '%s': expected a number of splats (5000), a share (50%%), a size "
+                     "in B, kB, MB or GB (2MB) or a loss (40dB)",
+                     text);
+}
+
+/* ---- A frame --------------------------------------------------------------------------------- */
+
+static struct spin_decimate_set *set_of(const struct spin_decimation *d, int f)
+{
+    return &d->set[d->n_sets > 1 ? f : 0];
+}
+
+/* Which rows do not count, into d->left_out: by reason those that the filters leave out, 0 for others, and those that the
+ * exporter leaves out. shown: of 4D splats, NULL: all. */
+static spin_status filter(struct spin_decimation *d, const struct spin_splats *s,
+                          const unsigned char *reason, const unsigned char *shown)
+{
+    float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    size_t n_sh = 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1)), n_finite = 0;
+    float limit;
+
+    if (s->n > d->room) {
+        d->room = 0;
+        SPIN_TRY(spin_grow(s->n, 1, (void **)&d->left_out));
+        d->room = s->n;
+    }
+    for (size_t i = 0; i < s->n; i++)
+        if (!(reason && reason[i]) && (!shown || shown[i]))
+            n_finite += (size_t)spin_box_add(s->means + 3 * i, low, high);
+    limit = spin_log_scale_limit(low, high, n_finite, d->max_scale);
+    for (size_t i = 0; i < s->n; i++) {
+        enum spin_undrawable why =
+            spin_undrawable(s->means + 3 * i, s->quats + 4 * i, s->log_scales + 3 * i,
+                            s->logit_opacities + i, s->sh + i * n_sh, n_sh, limit);
+
+        d->left_out[i] = reason && reason[i]          ? IS_FILTERED
+                         : why == SPIN_ROWS_TOO_LARGE ? IS_TOO_LARGE
+                         : why != SPIN_ROWS_REASONS || s->logit_opacities[i] < d->min_logit
+                             ? IS_LEFT_OUT
+                             : COUNTS;
+    }
+    return SPIN_OK;
+}
+
+static spin_status filter_frame(struct spin_decimation *d, int f, const struct spin_splats *s,
+                                bool counts)
+{
+    if (!d->edit->filters)
+        return filter(d, s, NULL, NULL);
+    SPIN_TRY(spin_scene_edit_judge(d->edit, f, s, counts));
+    return filter(d, s, d->edit->reason, NULL);
+}
+
+/* The marked rows of s. */
+static spin_status copy_rows(const struct spin_splats *s, const unsigned char *mark,
+                             struct spin_splats *out)
+{
+    struct spin_splats from = *s;
+    size_t n = 0;
+
+    for (size_t i = 0; i < s->n; i++)
+        n += mark[i];
+    SPIN_TRY(spin_splats_reserve(out, n, COLUMNS, s->sh_degree));
+    out->antialias = s->antialias;
+    for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
+        size_t width = spin_column_width(column, s->sh_degree);
+        float *to, *at;
+
+        if (!(COLUMNS & column))
+            continue;
+        to = *spin_column_of(out, column);
+        at = *spin_column_of(&from, column);
+        for (size_t i = 0; i < s->n; i++, at += width)
+            if (mark[i]) {
+                memcpy(to, at, width * sizeof *to);
+                to += width;
+            }
+    }
+    return SPIN_OK;
+}
+
+static double time_of(const struct spin_decimation *d, int f)
+{
+    return d->clip->bundle.meta.frame[d->clip->frame[f]].time;
+}
+
+/* Row of the set that each row of frame f is: of 4D splats. NULL: the same. */
+static spin_status rows_of(const struct spin_decimation *d, int f, size_t n, uint32_t **out)
+{
+    size_t k = 0;
+
+    *out = NULL;
+    if (!d->splats_4d)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc(n + 1, sizeof **out, (void **)out));
+    for (size_t i = 0; i < d->splats_4d->n && k < n; i++)
+        if (spin_splats_4d_shows(d->splats_4d, i, time_of(d, f)))
+            (*out)[k++] = (uint32_t)i;
+    return SPIN_OK;
+}
+
+/* Frame f into d->splats, and in *mark its rows that are drawn: of those that count all, or the kept ones. */
+static spin_status read_frame(struct spin_decimation *d, int f, bool kept, unsigned char **mark,
+                              uint32_t **row)
+{
+    struct spin_decimate_set *set = set_of(d, f);
+    spin_status status;
+
+    if (spin_cancelled())
+        return spin_fail_cancelled();
+    *mark = NULL;
+    *row = NULL;
+    SPIN_TRY(spin_player_splats(d->frames, d->clip->frame[f], COLUMNS, &d->splats));
+    SPIN_TRY_OUT(rows_of(d, f, d->splats.n, row));
+    if (!d->splats_4d)
+        SPIN_TRY_OUT(filter_frame(d, f, &d->splats, false));
+    SPIN_TRY_OUT(spin_alloc(d->splats.n + 1, 1, (void **)mark));
+    for (size_t i = 0; i < d->splats.n; i++) {
+        size_t k = *row ? (*row)[i] : i;
+        bool counts = d->splats_4d ? set->weight[k] >= 0 : d->left_out[i] == COUNTS;
+
+        (*mark)[i] = counts && (!kept || set->keep[k]);
+    }
+    return SPIN_OK;
+out:
+    free(*row);
+    *row = NULL;
+    return status;
+}
+
+/* ---- Weights --------------------------------------------------------------------------------- */
+
+/* Opacity times what a splat covers from the side that shows most of it. */
+static float size_of(const struct spin_splats *s, size_t i)
+{
+    const float *scale = s->log_scales + 3 * i;
+    double least = (double)spin_minf(scale[0], spin_minf(scale[1], scale[2]));
+
+    return (float)(spin_sigmoid_of((double)s->logit_opacities[i]) *
+                   exp((double)scale[0] + (double)scale[1] + (double)scale[2] - least));
+}
+
+static int n_views(const struct spin_decimation *d)
+{
+    int n = LOOKS / d->clip->n_frames;
+
+    return d->sharing == NOTHING || n > VIEWS ? VIEWS : n > 1 ? n : 1;
+}
+
+/* Training views [*first, *first + *n) of frame f. */
+static void find_views(const struct spin_decimation *d, int f, size_t *first, size_t *n)
+{
+    *first = 0;
+    while (*first < d->n_pairs && d->pairs[*first].frame < f)
+        ++*first;
+    for (*n = 0; *first + *n < d->n_pairs && d->pairs[*first + *n].frame == f;)
+        ++*n;
+}
+
+/* What the splats in d->part count for: the most that one view shows of them. On court the mean of the views loses 0.5 to
+ * 1.8 dB more at half and at 70 % of the splats (tests/bench/formats.md). */
+static spin_status weigh(struct spin_decimation *d, int f, float *weight)
+{
+    size_t first, n, wanted = (size_t)n_views(d);
+    float *seen = NULL;
+    spin_status status;
+
+    find_views(d, f, &first, &n);
+    for (size_t i = 0; i < d->part.n && d->n_pairs == 0; i++)
+        weight[i] = size_of(&d->part, i);
+    if (n == 0 || d->part.n == 0)
+        return SPIN_OK;
+    wanted = wanted < n ? wanted : n;
+    SPIN_TRY(spin_alloc(d->part.n, sizeof *seen, (void **)&seen));
+    SPIN_TRY_OUT(spin_player_show_splats(&d->drawing, &d->part));
+    for (size_t k = 0; k < wanted; k++) { /* others from frame to frame */
+        size_t at = first + (k * n / wanted + (size_t)f) % n;
+
+        SPIN_TRY_OUT(spin_player_draw(&d->drawing, &d->clip->views.view[d->pairs[at].view].camera,
+                                      d->background, NULL));
+        SPIN_TRY_OUT(spin_player_weigh(&d->drawing, seen));
+        for (size_t i = 0; i < d->part.n; i++)
+            weight[i] = spin_maxf(weight[i], seen[i]);
+    }
+out:
+    free(seen);
+    return status;
+}
+
+static spin_status weigh_frame(struct spin_decimation *d, int f)
+{
+    struct spin_decimate_set *set = set_of(d, f);
+    unsigned char *mark = NULL;
+    uint32_t *row = NULL;
+    float *weight = NULL;
+    size_t k = 0;
+    spin_status status;
+
+    SPIN_TRY_OUT(read_frame(d, f, false, &mark, &row));
+    SPIN_TRY_OUT(copy_rows(&d->splats, mark, &d->part));
+    SPIN_TRY_OUT(spin_alloc(d->part.n + 1, sizeof *weight, (void **)&weight));
+    SPIN_TRY_OUT(weigh(d, f, weight));
+    for (size_t i = 0; i < d->splats.n; i++) {
+        float *sum = &set->weight[row ? row[i] : i];
+
+        if (mark[i])
+            *sum = spin_maxf(*sum, 0) + weight[k++];
+    }
+    spin_bundle_rest(&d->splats);
+out:
+    free(mark);
+    free(row);
+    free(weight);
+    return status;
+}
+
+/* Rows that the clip shows and an exporter does not leave out count, if only between frames. */
+static spin_status begin_4d(struct spin_decimation *d)
+{
+    const struct spin_splats_4d *s = d->splats_4d;
+    const struct spin_splats view = {.n = s->n,
+                                     .sh_degree = s->sh_degree,
+                                     .means = s->centres,
+                                     .quats = s->quats,
+                                     .log_scales = s->log_scales,
+                                     .logit_opacities = s->logit_opacities,
+                                     .sh = s->sh};
+    double first = time_of(d, 0), last = time_of(d, d->clip->n_frames - 1);
+    unsigned char *keep = d->set[0].keep;
+
+    for (size_t i = 0; i < s->n; i++)
+        keep[i] = s->spans[2 * i] <= last && s->spans[2 * i + 1] >= first;
+    SPIN_TRY(spin_scene_edit_judge_4d(d->edit, s));
+    SPIN_TRY(filter(d, &view, d->edit->reason_4d, keep));
+    for (size_t i = 0; i < s->n; i++)
+        d->set[0].weight[i] = keep[i] && d->left_out[i] == COUNTS ? 0 : -1;
+    return SPIN_OK;
+}
+
+/* ---- What is one splat ----------------------------------------------------------------------- */
+
+/* Whether row i of all frames is one splat. */
+static bool keeps_rows(const struct spin_decimation *d)
+{
+    const struct spin_clip *c = d->clip;
+    enum spin_splat_source from = d->frames->from;
+
+    for (int f = 1; f < c->n_frames; f++)
+        if (spin_bundle_count(&c->bundle, c->frame[f], from) !=
+            spin_bundle_count(&c->bundle, c->frame[0], from))
+            return false;
+    return d->frames->tracks.values ? d->frames->tracks.same_rows
+                                    : c->bundle.meta.identity && from != SPIN_FROM_REFINED &&
+                                          c->bundle.refined.columns == 0;
+}
+
+static int find_sharing(const struct spin_decimation *d)
+{
+    if (d->splats_4d || keeps_rows(d))
+        return ROWS;
+    if (d->frames->from == SPIN_FROM_SOURCE && d->clip->bundle.meta.four_d.n > 0)
+        return FOUR_D;
+    return d->frames->tracks.values ? TRACKS : NOTHING;
+}
+
+/* The splat of the clip that each row of frame f is; NONE: one of its own. */
+static spin_status read_items(const struct spin_decimation *d, int f, size_t n, uint32_t *item)
+{
+    struct spin_bundle *b = (struct spin_bundle *)(uintptr_t)&d->clip->bundle;
+    const int64_t shape[1] = {(int64_t)n};
+    const struct spin_splats_4d *s;
+    struct spin_bundle_values v;
+    size_t k = 0;
+
+    if (d->sharing == FOUR_D) {
+        SPIN_TRY(spin_bundle_splats_4d(b, &s));
+        for (size_t i = 0; i < s->n && k < n; i++)
+            if (spin_splats_4d_shows(s, i, time_of(d, f)))
+                item[k++] = (uint32_t)i;
+        return SPIN_OK;
+    }
+    SPIN_TRY(spin_bundle_values_open(b, "trained/track", d->clip->frame[f], 'u', 1, shape, &v));
+    spin_bundle_values_get(&v, 0, n, item);
+    spin_bundle_values_close(&v);
+    return SPIN_OK;
+}
+
+/* ---- Choosing -------------------------------------------------------------------------------- */
+
+/* A row that counts. */
+struct entry {
+    float weight;
+    uint32_t item, set, row;
+};
+
+/* The heaviest first, what is one splat together. */
+static int by_weight(const void *a, const void *b)
+{
+    const struct entry *x = a, *y = b;
+
+    if (x->weight != y->weight)
+        return x->weight < y->weight ? 1 : -1;
+    if (x->item != y->item)
+        return x->item < y->item ? -1 : 1;
+    if (x->set != y->set)
+        return x->set < y->set ? -1 : 1;
+    return (x->row > y->row) - (x->row < y->row);
+}
+
+static size_t add_entries(const struct spin_decimation *d, int s, const uint32_t *item,
+                          struct entry *to)
+{
+    const struct spin_decimate_set *set = &d->set[s];
+    size_t n = 0;
+
+    for (size_t i = 0; i < set->n; i++)
+        if (set->weight[i] >= 0)
+            to[n++] = (struct entry){.weight = set->weight[i],
+                                     .item = item ? item[i] : NONE,
+                                     .set = (uint32_t)s,
+                                     .row = (uint32_t)i};
+    return n;
+}
+
+/* One splat has its mean in all frames that have it. */
+static spin_status take_means(struct entry *entry, size_t n)
+{
+    uint32_t n_items = 0;
+    double *sum = NULL;
+    uint32_t *count = NULL;
+    spin_status status;
+
+    for (size_t i = 0; i < n; i++)
+        if (entry[i].item != NONE && entry[i].item >= n_items)
+            n_items = entry[i].item + 1;
+    SPIN_TRY_OUT(spin_alloc((size_t)n_items + 1, sizeof *sum, (void **)&sum));
+    SPIN_TRY_OUT(spin_alloc((size_t)n_items + 1, sizeof *count, (void **)&count));
+    for (size_t i = 0; i < n; i++)
+        if (entry[i].item != NONE) {
+            sum[entry[i].item] += (double)entry[i].weight;
+            count[entry[i].item]++;
+        }
+    for (size_t i = 0; i < n; i++)
+        if (entry[i].item != NONE)
+            entry[i].weight = (float)(sum[entry[i].item] / count[entry[i].item]);
+out:
+    free(sum);
+    free(count);
+    return status;
+}
+
+static size_t most_of(const struct spin_decimate_set *set, enum spin_decimate_unit unit,
+                      double amount)
+{
+    double n = unit == SPIN_DECIMATE_SHARE ? fmax(floor(amount * (double)set->n_counted + 1e-9), 1)
+                                           : amount;
+
+    return n < (double)set->n_counted ? (size_t)n : set->n_counted;
+}
+
+/* From the heaviest on: a splat is kept where each of its frames has room. */
+static void keep_heaviest(struct spin_decimation *d, struct entry *entry, size_t n,
+                          enum spin_decimate_unit unit, double amount)
+{
+    size_t end;
+
+    qsort(entry, n, sizeof *entry, by_weight);
+    for (size_t i = 0; i < n; i = end) {
+        bool fits = true;
+
+        end = i + 1;
+        while (entry[i].item != NONE && end < n && entry[end].item == entry[i].item)
+            end++;
+        for (size_t k = i; k < end; k++)
+            fits =
+                fits && d->set[entry[k].set].n_kept < most_of(&d->set[entry[k].set], unit, amount);
+        for (size_t k = i; k < end && fits; k++) {
+            d->set[entry[k].set].keep[entry[k].row] = 1;
+            d->set[entry[k].set].n_kept++;
+        }
+    }
+}
+
+/* The sets from `first` to `end` by themselves. */
+static spin_status choose_sets(struct spin_decimation *d, int first, int end,
+                               enum spin_decimate_unit unit, double amount)
+{
+    bool items = d->sharing == FOUR_D || d->sharing == TRACKS;
+    struct entry *entry = NULL;
+    uint32_t *item = NULL;
+    size_t n = 0, most = 0, all = 0;
+    spin_status status;
+
+    for (int s = first; s < end; s++) {
+        memset(d->set[s].keep, 0, d->set[s].n);
+        d->set[s].n_kept = 0;
+        all += d->set[s].n_counted;
+        most = d->set[s].n > most ? d->set[s].n : most;
+    }
+    SPIN_TRY_OUT(spin_alloc(all + 1, sizeof *entry, (void **)&entry));
+    SPIN_TRY_OUT(spin_alloc(most + 1, sizeof *item, (void **)&item));
+    for (int s = first; s < end; s++) {
+        if (items)
+            SPIN_TRY_OUT(read_items(d, s, d->set[s].n, item));
+        n += add_entries(d, s, items ? item : NULL, entry + n);
+    }
+    if (items)
+        SPIN_TRY_OUT(take_means(entry, n));
+    keep_heaviest(d, entry, n, unit, amount);
+out:
+    free(entry);
+    free(item);
+    return status;
+}
+
+spin_status spin_decimation_choose(struct spin_decimation *d, enum spin_decimate_unit unit,
+                                   double amount)
+{
+    if (d->sharing == FOUR_D || d->sharing == TRACKS)
+        return choose_sets(d, 0, d->n_sets, unit, amount);
+    for (int s = 0; s < d->n_sets; s++)
+        SPIN_TRY(choose_sets(d, s, s + 1, unit, amount));
+    return SPIN_OK;
+}
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+static spin_status find_pairs(struct spin_decimation *d)
+{
+    if (!d->clip->has_views)
+        return SPIN_OK;
+    SPIN_TRY(spin_clip_pairs(d->clip, SPIN_SPLIT_TRAIN, &d->pairs, &d->n_pairs));
+    if (d->n_pairs > 0)
+        return SPIN_OK;
+    free(d->pairs);
+    return spin_clip_pairs(d->clip, SPIN_SPLIT_ALL, &d->pairs, &d->n_pairs);
+}
+
+static spin_status read_limits(struct spin_decimation *d)
+{
+    double least = 0;
+
+    d->max_scale = 1;
+    SPIN_TRY(spin_option_number(d->values, "max-scale", 0, 1e30, &d->max_scale));
+    SPIN_TRY(spin_option_number(d->values, "min-opacity", 0, 1, &least));
+    d->min_logit = least > 0 ? (float)log(least / (1 - least)) : -INFINITY;
+    return SPIN_OK;
+}
+
+static spin_status make_sets(struct spin_decimation *d)
+{
+    const struct spin_clip *c = d->clip;
+
+    d->n_sets = d->sharing == ROWS ? 1 : c->n_frames;
+    SPIN_TRY(spin_alloc((size_t)d->n_sets, sizeof *d->set, (void **)&d->set));
+    for (int s = 0; s < d->n_sets; s++) {
+        struct spin_decimate_set *set = &d->set[s];
+
+        set->n = d->splats_4d ? d->splats_4d->n
+                              : spin_bundle_count(&c->bundle, c->frame[s], d->frames->from);
+        SPIN_TRY(spin_alloc(set->n + 1, sizeof *set->weight, (void **)&set->weight));
+        SPIN_TRY(spin_alloc(set->n + 1, 1, (void **)&set->keep));
+        for (size_t i = 0; i < set->n; i++)
+            set->weight[i] = -1;
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_decimation_open(struct spin_decimation *d)
+{
+    struct spin_progress progress;
+    spin_status status = SPIN_OK;
+
+    SPIN_TRY(read_limits(d));
+    SPIN_TRY(find_pairs(d));
+    SPIN_TRY(spin_player_open(&d->drawing, d->frames->device, NULL, SPIN_FROM_SOURCE));
+    d->drawing.weighs = true;
+    d->sharing = find_sharing(d);
+    SPIN_TRY(make_sets(d));
+    if (d->splats_4d)
+        SPIN_TRY(begin_4d(d));
+    spin_progress_begin(&progress, "weighing", "frames", 0, d->clip->n_frames);
+    for (int f = 0; f < d->clip->n_frames && status == SPIN_OK; f++) {
+        status = weigh_frame(d, f);
+        spin_progress_set(&progress, f + 1, "%zu splats", d->splats.n);
+    }
+    spin_progress_end(&progress);
+    for (int s = 0; s < d->n_sets; s++)
+        for (size_t i = 0; i < d->set[s].n; i++)
+            d->set[s].n_counted += d->set[s].weight[i] >= 0;
+    return status;
+}
+
+void spin_decimation_close(struct spin_decimation *d)
+{
+    for (int s = 0; s < d->n_sets && d->set; s++) {
+        free(d->set[s].weight);
+        free(d->set[s].keep);
+    }
+    free(d->set);
+    free(d->pairs);
+    free(d->left_out);
+    spin_splats_free(&d->splats);
+    spin_splats_free(&d->part);
+    spin_splats_4d_free(&d->kept_4d);
+    spin_player_close(&d->drawing);
+}
+
+/* ---- What is left ---------------------------------------------------------------------------- */
+
+/* An exporter's own filter sees another box than that of all splats: what is too large is made so for any box. */
+static void mark_too_large(const unsigned char *mark, const unsigned char *left_out, size_t n,
+                           float *log_scales)
+{
+    for (size_t i = 0; i < n; i++)
+        if (mark[i]) {
+            if (left_out[i] == IS_TOO_LARGE)
+                log_scales[0] = 2 * SPIN_LOG_SCALE_LIMIT;
+            log_scales += 3;
+        }
+}
+
+spin_status spin_decimation_frame(struct spin_decimation *d, int f, const struct spin_splats *all,
+                                  bool counts, struct spin_splats *out)
+{
+    const struct spin_decimate_set *set = set_of(d, f);
+    unsigned char *mark = NULL;
+    spin_status status;
+
+    SPIN_TRY(filter_frame(d, f, all, counts));
+    SPIN_TRY_OUT(spin_alloc(all->n + 1, 1, (void **)&mark));
+    if (all->n == set->n)
+        memcpy(mark, set->keep, all->n);
+    else { /* other splats than the clip's: by their size */
+        struct entry *entry = NULL;
+        size_t n = 0, most = set->n_kept;
+
+        SPIN_TRY_OUT(spin_alloc(all->n + 1, sizeof *entry, (void **)&entry));
+        for (size_t i = 0; i < all->n; i++)
+            if (d->left_out[i] == COUNTS)
+                entry[n++] =
+                    (struct entry){.weight = size_of(all, i), .item = NONE, .row = (uint32_t)i};
+        qsort(entry, n, sizeof *entry, by_weight);
+        for (size_t i = 0; i < n && i < most; i++)
+            mark[entry[i].row] = 1;
+        free(entry);
+    }
+    for (size_t i = 0; i < all->n; i++)
+        mark[i] = d->left_out[i] == COUNTS ? mark[i] : d->filters && d->left_out[i] != IS_FILTERED;
+    SPIN_TRY_OUT(copy_rows(all, mark, out));
+    mark_too_large(mark, d->left_out, all->n, out->log_scales);
+out:
+    free(mark);
+    return status;
+}
+
+spin_status spin_decimation_4d(struct spin_decimation *d, const struct spin_splats_4d **out)
+{
+    const struct spin_splats_4d *s = d->splats_4d;
+    double first = time_of(d, 0), last = time_of(d, d->clip->n_frames - 1);
+    unsigned char *mark = NULL;
+    spin_status status;
+
+    spin_splats_4d_free(&d->kept_4d);
+    SPIN_TRY(spin_alloc(s->n + 1, 1, (void **)&mark));
+    for (size_t i = 0; i < s->n; i++)
+        mark[i] = d->set[0].keep[i] ||
+                  (d->filters && d->left_out[i] != COUNTS && d->left_out[i] != IS_FILTERED &&
+                   s->spans[2 * i] <= last && s->spans[2 * i + 1] >= first);
+    status = spin_splats_4d_take(s, mark, &d->kept_4d);
+    if (status == SPIN_OK)
+        mark_too_large(mark, d->left_out, s->n, d->kept_4d.log_scales);
+    free(mark);
+    *out = &d->kept_4d;
+    return status;
+}
+
+size_t spin_decimation_count(const struct spin_decimation *d, int f)
+{
+    const struct spin_decimate_set *set = set_of(d, f);
+
+    return set->n_kept + (d->filters ? set->n - set->n_counted : 0);
+}
+
+/* ---- The loss -------------------------------------------------------------------------------- */
+
+/* Picture k of the clip without cameras: from all around its middle, y down. */
+static spin_status orbit(const struct spin_splats *s, int k, struct spin_camera *out)
+{
+    double angle = 6.283185307179586 * k / AROUND, c = cos(angle), sn = sin(angle);
+    double middle[3] = {0}, reach = 0, eye[3];
+    float *at = NULL;
+
+    SPIN_TRY(spin_alloc(s->n + 1, sizeof *at, (void **)&at));
+    for (size_t axis = 0; axis < 3 && s->n > 0; axis++) {
+        for (size_t i = 0; i < s->n; i++)
+            at[i] = s->means[3 * i + axis];
+        qsort(at, s->n, sizeof *at, spin_by_float);
+        middle[axis] = (double)at[s->n / 2];
+        reach = fmax(reach, ((double)at[s->n - 1 - s->n / 20] - (double)at[s->n / 20]) / 2);
+    }
+    free(at);
+    reach = reach > 0 ? reach : 1;
+    eye[0] = middle[0] - 2.5 * reach * sn;
+    eye[1] = middle[1];
+    eye[2] = middle[2] - 2.5 * reach * c;
+    *out = (struct spin_camera){.width = SIDE,
+                                .height = SIDE,
+                                .fx = SIDE,
+                                .fy = SIDE,
+                                .cx = SIDE / 2.0,
+                                .cy = SIDE / 2.0,
+                                .w2c = {c, 0, -sn, 0, 0, 1, 0, 0, sn, 0, c, 0}};
+    for (size_t r = 0; r < 3; r++)
+        for (size_t a = 0; a < 3; a++)
+            out->w2c[4 * r + 3] -= out->w2c[4 * r + a] * eye[a];
+    return SPIN_OK;
+}
+
+/* What frame f draws, into d->part. */
+static spin_status read_part(struct spin_decimation *d, int f, bool kept)
+{
+    unsigned char *mark;
+    uint32_t *row;
+    spin_status status;
+
+    SPIN_TRY(read_frame(d, f, kept, &mark, &row));
+    status = copy_rows(&d->splats, mark, &d->part);
+    free(mark);
+    free(row);
+    return status;
+}
+
+static spin_status draw(struct spin_decimation *d, int f, bool kept,
+                        const struct spin_camera *camera, float *image)
+{
+    SPIN_TRY(read_part(d, f, kept));
+    SPIN_TRY(spin_player_show_splats(&d->drawing, &d->part));
+    return spin_player_draw(&d->drawing, camera, d->background, image);
+}
+
+/* Adds what one picture loses; one that shows nothing does not count. */
+static spin_status add_picture(struct spin_decimation *d, int f, const struct spin_camera *camera,
+                               double *sum, double *n, int *n_pictures)
+{
+    size_t pixels = (size_t)camera->width * (size_t)camera->height;
+    float *image = NULL;
+    bool blank = true;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(6 * pixels, sizeof *image, (void **)&image));
+    SPIN_TRY_OUT(draw(d, f, false, camera, image));
+    for (size_t i = 0; i < 3 * pixels && blank; i++)
+        blank = image[i] == d->background[i / pixels];
+    if (blank)
+        goto out;
+    SPIN_TRY_OUT(draw(d, f, true, camera, image + 3 * pixels));
+    for (size_t i = 0; i < 3 * pixels; i++) {
+        double off =
+            fmin(fmax((double)image[i], 0), 1) - fmin(fmax((double)image[3 * pixels + i], 0), 1);
+
+        *sum += off * off;
+    }
+    *n += 3.0 * (double)pixels;
+    ++*n_pictures;
+out:
+    free(image);
+    return status;
+}
+
+spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decimated *out)
+{
+    int n_frames = d->clip->n_frames;
+    double sum = 0, n = 0;
+    size_t n_pictures = d->n_pairs == 0 ? AROUND : d->n_pairs < PICTURES ? d->n_pairs : PICTURES;
+
+    *out = (struct spin_decimated){.four_d = d->splats_4d != NULL, .by_views = d->n_pairs > 0};
+    for (int s = 0; s < d->n_sets; s++) {
+        out->before += (double)d->set[s].n_counted;
+        out->after += (double)d->set[s].n_kept;
+    }
+    out->before /= d->n_sets;
+    out->after /= d->n_sets;
+    for (size_t k = 0; k < n_pictures; k++) {
+        size_t at = d->n_pairs * k / n_pictures;
+        int f = d->n_pairs > 0 ? d->pairs[at].frame : (int)(k * (size_t)n_frames / n_pictures);
+        struct spin_camera camera;
+
+        if (d->n_pairs > 0) {
+            camera = d->clip->views.view[d->pairs[at].view].camera;
+        } else {
+            SPIN_TRY(read_part(d, f, false));
+            SPIN_TRY(orbit(&d->part, (int)k, &camera));
+        }
+        SPIN_TRY(add_picture(d, f, &camera, &sum, &n, &out->n_pictures));
+    }
+    out->psnr = sum > 0 ? 10 * log10(n / sum) : HUGE_VAL;
+    return SPIN_OK;
+}
+
+/* ---- Looking for a loss, or a size ----------------------------------------------------------- */
+
+spin_status spin_decimation_choose_loss(struct spin_decimation *d, double decibels)
+{
+    double low = 0, high = 1;
+    struct spin_decimated found;
+
+    for (int k = 0; k < HALVINGS; k++) {
+        double middle = (low + high) / 2;
+
+        SPIN_TRY(spin_decimation_choose(d, SPIN_DECIMATE_SHARE, middle));
+        SPIN_TRY(spin_decimation_measure(d, &found));
+        if (found.n_pictures == 0)
+            return spin_fail(SPIN_E_UNSUPPORTED,
+                             "--decimate: no picture shows a splat, so no loss can be seen");
+        if (found.psnr >= decibels)
+            high = middle;
+        else
+            low = middle;
+    }
+    return spin_decimation_choose(d, SPIN_DECIMATE_SHARE, high);
+}
+
+/* Bytes of the files at `path`, which are removed. */
+static uint64_t take_away(const char *path)
+{
+    char **names = NULL, *entry = NULL;
+    size_t n = 0;
+    uint64_t bytes = 0;
+    struct stat st;
+
+    if (!spin_path_is_folder(path)) {
+        bytes = stat(path, &st) == 0 ? (uint64_t)st.st_size : 0;
+        unlink(path);
+        return bytes;
+    }
+    if (spin_folder_list(path, &names, &n) == SPIN_OK)
+        for (size_t i = 0; i < n; i++)
+            if (spin_path_join(path, names[i], &entry) == SPIN_OK) {
+                bytes += take_away(entry);
+                free(entry);
+            }
+    spin_folder_list_free(names);
+    rmdir(path);
+    return bytes;
+}
+
+/* Writes with this share, in a folder of its own beside the output, and says how many bytes that are. */
+static spin_status try_share(struct spin_decimation *d, double share, const char *output,
+                             spin_decimation_write_fn write, void *context, uint64_t *bytes)
+{
+    int level = spin_log_level();
+    size_t room = strlen(output) + 64;
+    char *folder = NULL, *path = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_decimation_choose(d, SPIN_DECIMATE_SHARE, share));
+    SPIN_TRY_OUT(spin_alloc(room, 1, (void **)&folder));
+    snprintf(folder, room, "%.*s.tmp.%ld", (int)strlen(output) - spin_text_ends(output, "/"),
+             output, (long)getpid());
+    SPIN_TRY_OUT(spin_path_join(folder, spin_path_name(output), &path));
+    SPIN_TRY_OUT(spin_folder_make(folder));
+    spin_log_set_level(-2); /* it is said when it is written for good */
+    status = write(context, path);
+    spin_log_set_level(level);
+    *bytes = take_away(folder);
+out:
+    free(folder);
+    free(path);
+    return status;
+}
+
+spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes,
+                                         const char *output, spin_decimation_write_fn write,
+                                         void *context, int *n_tries, uint64_t *reached)
+{
+    double low = 0, high = 1, n_low = 0, n_high;
+    uint64_t n;
+
+    SPIN_TRY(try_share(d, 1, output, write, context, &n));
+    n_high = (double)n;
+    *n_tries = 1;
+    if (n_high <= bytes) {
+        *reached = n;
+        return SPIN_OK;
+    }
+    while (*n_tries < TRIES && n_low < 0.98 * bytes) {
+        double part = (0.995 * bytes - n_low) / (n_high - n_low);
+        double share = low + (high - low) * fmin(fmax(part, 0.02), 0.98);
+
+        SPIN_TRY(try_share(d, share, output, write, context, &n));
+        ++*n_tries;
+        if ((double)n <= bytes) {
+            low = share;
+            n_low = (double)n;
+        } else {
+            high = share;
+            n_high = (double)n;
+        }
+    }
+    if (low == 0) { /* one splat a frame */
+        SPIN_TRY(try_share(d, 1e-12, output, write, context, &n));
+        ++*n_tries;
+        if ((double)n > bytes)
+            return spin_fail(SPIN_E_UNSUPPORTED,
+                             "--decimate: %llu bytes is the least that can be written, more than "
+                             "%.0f",
+                             (unsigned long long)n, bytes);
+        low = 1e-12;
+        n_low = (double)n;
+    }
+    *reached = (uint64_t)n_low;
+    return spin_decimation_choose(d, SPIN_DECIMATE_SHARE, low);
+}

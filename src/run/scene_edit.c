@@ -1,0 +1,429 @@
+/* --crop, --min-views, --floaters, --scale and --translate of spin-export.
+ *
+ * The filters look at the scene as it was imported: its units, its axes. What they leave is scaled, then moved. Rows
+ * that are not finite stay: exporters leave them out and say so. */
+#include "run/scene_edit.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "base/number.h"
+#include "math/project.h"
+#include "scene/columns.h"
+#include "scene/splats_4d.h"
+#include "train/knn.h"
+
+/* A splat that reaches its neighbours is none that floats alone. */
+#define REACH 3.0
+
+/* ---- Begin and end --------------------------------------------------------------------------- */
+
+spin_status spin_scene_edit_begin(struct spin_scene_edit *e, const struct spin_export_options *o,
+                                  const struct spin_clip *clip)
+{
+    const double *box = o->crop, *by = o->translate;
+
+    e->o = o;
+    e->clip = clip;
+    e->filters = o->n_crop > 0 || o->min_views > 0 || o->floaters > 0;
+    e->moves = (o->scale > 0 && o->scale != 1) || by[0] != 0 || by[1] != 0 || by[2] != 0;
+    for (int c = 0; c < 3 && o->n_crop == 6; c++)
+        if (!(box[c] < box[3 + c]))
+            return spin_fail(SPIN_E_USAGE,
+                             "--crop: the box goes from %g to %g, expected from less to more",
+                             box[c], box[3 + c]);
+    if (o->n_crop == 4 && !(box[3] > 0))
+        return spin_fail(SPIN_E_USAGE, "--crop: a sphere of radius %g holds nothing", box[3]);
+    if (o->min_views > 0 && !clip->has_views)
+        return spin_fail(SPIN_E_USAGE, "--min-views: there is no data set, give --data DIR");
+    return o->floaters > 0 ? spin_pool_create(o->n_threads, &e->pool) : SPIN_OK;
+}
+
+void spin_scene_edit_end(struct spin_scene_edit *e)
+{
+    if (e->pool)
+        spin_pool_free(e->pool);
+    free(e->reason);
+    free(e->reason_4d);
+    spin_splats_4d_free(&e->splats_4d);
+    if (e->moves)
+        spin_views_free(&e->views);
+    *e = (struct spin_scene_edit){0};
+}
+
+void spin_scene_edit_again(struct spin_scene_edit *e)
+{
+    e->n_seen = e->n_kept = 0;
+    memset(e->n_left_out, 0, sizeof e->n_left_out);
+}
+
+void spin_scene_edit_say(const struct spin_scene_edit *e)
+{
+    static const char *const names[] = {"crop", "min-views", "floaters"};
+    char text[160] = "";
+    size_t at = 0;
+
+    for (int k = 0; k < SPIN_EDIT_FILTERS; k++)
+        if (e->n_left_out[k] > 0)
+            at += (size_t)snprintf(text + at, sizeof text - at, "%s%llu by --%s", at ? ", " : "",
+                                   (unsigned long long)e->n_left_out[k], names[k]);
+    if (e->filters && e->n_kept == 0 && e->n_seen > 0)
+        spin_warn("no splat is left: %s", text);
+    else if (e->filters)
+        spin_log(0, "%llu of %llu splats left out%s%s", (unsigned long long)(e->n_seen - e->n_kept),
+                 (unsigned long long)e->n_seen, at ? ": " : "", text);
+}
+
+/* ---- Filters ----------------------------------------------------------------------------------- */
+
+static bool is_finite(const float place[3])
+{
+    return isfinite(place[0]) && isfinite(place[1]) && isfinite(place[2]);
+}
+
+static bool crops_away(const struct spin_export_options *o, const float place[3])
+{
+    const double *box = o->crop;
+    double square = 0;
+    bool outside = false;
+
+    for (int c = 0; c < 3; c++) {
+        double away = (double)place[c] - box[c];
+
+        square += away * away;
+        outside = outside || away < 0 || (o->n_crop == 6 && (double)place[c] > box[3 + c]);
+    }
+    return o->n_crop == 4 ? square > box[3] * box[3] : o->n_crop == 6 && outside;
+}
+
+/* Whether the camera has the place in its picture. */
+static bool sees(const struct spin_camera *camera, const float place[3])
+{
+    double p[3], u, v;
+
+    for (int r = 0; r < 3; r++) {
+        const double *m = camera->w2c + 4 * r;
+
+        p[r] = m[0] * (double)place[0] + m[1] * (double)place[1] + m[2] * (double)place[2] + m[3];
+    }
+    if (!(p[2] > (double)SPIN_PROJECT_NEAR))
+        return false;
+    u = camera->fx * p[0] / p[2] + camera->cx;
+    v = camera->fy * p[1] / p[2] + camera->cy;
+    return u >= 0 && v >= 0 && u <= camera->width && v <= camera->height;
+}
+
+/* The rows at hand: where they are, and why each goes: 0, or 1 + the filter. */
+struct rows {
+    size_t n;
+    const float *place, *log_scale;
+    unsigned char *reason;
+};
+
+static spin_status leave_out_unseen(struct spin_scene_edit *e, int frame, const struct rows *rows)
+{
+    const struct spin_views *views = &e->clip->views;
+    int row = e->clip->dataset_frame[frame], n_views = 0, least = e->o->min_views;
+
+    for (size_t v = 0; v < views->n; v++)
+        n_views += views->view[v].dataset_frame == row && !views->view[v].test;
+    if (n_views < least)
+        return spin_fail(SPIN_E_USAGE, "--min-views %d: frame %d has %d training view%s", least,
+                         e->clip->bundle.meta.frame[e->clip->frame[frame]].number, n_views,
+                         n_views == 1 ? "" : "s");
+    for (size_t i = 0; i < rows->n; i++) {
+        int seen = 0;
+
+        for (size_t v = 0; v < views->n && seen < least && !rows->reason[i]; v++)
+            seen += views->view[v].dataset_frame == row && !views->view[v].test &&
+                    sees(&views->view[v].camera, rows->place + 3 * i);
+        if (!rows->reason[i] && is_finite(rows->place + 3 * i) && seen < least)
+            rows->reason[i] = 1 + SPIN_EDIT_MIN_VIEWS;
+    }
+    return SPIN_OK;
+}
+
+/* Of those that are left: a row whose three nearest are F times farther than those of the others are, and that does not
+ * reach as far itself. */
+static spin_status leave_out_floaters(struct spin_scene_edit *e, const struct rows *rows)
+{
+    size_t n = 0, *row = NULL;
+    float *place = NULL, *square = NULL, *sorted = NULL;
+    double limit = 0;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_alloc(rows->n + 1, sizeof *row, (void **)&row));
+    SPIN_TRY_OUT(spin_alloc(rows->n + 1, 3 * sizeof *place, (void **)&place));
+    SPIN_TRY_OUT(spin_alloc(rows->n + 1, sizeof *square, (void **)&square));
+    SPIN_TRY_OUT(spin_alloc(rows->n + 1, sizeof *sorted, (void **)&sorted));
+    for (size_t i = 0; i < rows->n; i++)
+        if (!rows->reason[i] && is_finite(rows->place + 3 * i)) {
+            memcpy(place + 3 * n, rows->place + 3 * i, 3 * sizeof *place);
+            row[n++] = i;
+        }
+    SPIN_TRY_OUT(spin_knn_mean_dist2(e->pool, n, place, square));
+    memcpy(sorted, square, n * sizeof *sorted);
+    qsort(sorted, n, sizeof *sorted, spin_by_float);
+    if (n > 0)
+        limit = e->o->floaters * e->o->floaters * (double)sorted[n / 2];
+    for (size_t k = 0; k < n; k++) {
+        const float *scale = rows->log_scale + 3 * row[k];
+        double reach =
+            REACH * exp(fmax((double)scale[0], fmax((double)scale[1], (double)scale[2])));
+
+        if ((double)square[k] > limit && !(reach * reach >= (double)square[k]))
+            rows->reason[row[k]] = 1 + SPIN_EDIT_FLOATERS;
+    }
+out:
+    free(row);
+    free(place);
+    free(square);
+    free(sorted);
+    return status;
+}
+
+static spin_status judge(struct spin_scene_edit *e, int frame, const struct rows *rows)
+{
+    memset(rows->reason, 0, rows->n);
+    for (size_t i = 0; i < rows->n; i++)
+        if (is_finite(rows->place + 3 * i) && crops_away(e->o, rows->place + 3 * i))
+            rows->reason[i] = 1 + SPIN_EDIT_CROP;
+    if (e->o->min_views > 0)
+        SPIN_TRY(leave_out_unseen(e, frame, rows));
+    return e->o->floaters > 0 ? leave_out_floaters(e, rows) : SPIN_OK;
+}
+
+/* Count what stays of n rows, and with counts why the others go. */
+static size_t count(struct spin_scene_edit *e, const unsigned char *reason, size_t n, bool counts)
+{
+    size_t n_kept = 0;
+
+    for (size_t i = 0; i < n; i++) {
+        n_kept += !reason[i];
+        if (reason[i] && counts)
+            e->n_left_out[reason[i] - 1]++;
+    }
+    e->n_seen += counts ? n : 0;
+    e->n_kept += counts ? n_kept : 0;
+    return n_kept;
+}
+
+/* Rows of `width` floats that stay. */
+static void copy_kept(const float *from, size_t n, size_t width, const unsigned char *reason,
+                      float *to)
+{
+    for (size_t i = 0; i < n; i++)
+        if (!reason[i]) {
+            memcpy(to, from + i * width, width * sizeof *to);
+            to += width;
+        }
+}
+
+/* ---- Size and place ---------------------------------------------------------------------------- */
+
+static double scale_of(const struct spin_scene_edit *e)
+{
+    return e->o->scale > 0 ? e->o->scale : 1;
+}
+
+static void move_places(const struct spin_scene_edit *e, float *place, size_t n)
+{
+    for (size_t i = 0; i < 3 * n; i++)
+        place[i] = (float)(scale_of(e) * (double)place[i] + e->o->translate[i % 3]);
+}
+
+static void move_scales(const struct spin_scene_edit *e, float *log_scale, size_t n)
+{
+    float more = (float)log(scale_of(e));
+
+    for (size_t i = 0; i < 3 * n; i++)
+        log_scale[i] += more;
+}
+
+spin_status spin_scene_edit_views(struct spin_scene_edit *e, const struct spin_views **out)
+{
+    const struct spin_views *from = &e->clip->views;
+
+    *out = e->clip->has_views ? from : NULL;
+    if (!e->clip->has_views || !e->moves)
+        return SPIN_OK;
+    spin_views_free(&e->views);
+    for (size_t v = 0; v < from->n; v++) {
+        struct spin_view view = from->view[v];
+        double *m = view.camera.w2c;
+
+        for (int r = 0; r < 3; r++) /* R (s p + t) + w = s (R p + before) */
+            m[4 * r + 3] = scale_of(e) * m[4 * r + 3] - m[4 * r] * e->o->translate[0] -
+                           m[4 * r + 1] * e->o->translate[1] - m[4 * r + 2] * e->o->translate[2];
+        SPIN_TRY(spin_views_add(&e->views, &view));
+    }
+    e->views.n_dataset_frames = from->n_dataset_frames;
+    e->views.numbered = from->numbered;
+    *out = &e->views;
+    return SPIN_OK;
+}
+
+/* ---- Frames and 4D splats ---------------------------------------------------------------------- */
+
+spin_status spin_scene_edit_judge(struct spin_scene_edit *e, int frame, const struct spin_splats *s,
+                                  bool counts)
+{
+    struct rows rows = {s->n, s->means, s->log_scales, NULL};
+
+    SPIN_TRY(spin_grow(s->n + 1, 1, (void **)&e->reason));
+    rows.reason = e->reason;
+    SPIN_TRY(judge(e, frame, &rows));
+    count(e, e->reason, s->n, counts);
+    return SPIN_OK;
+}
+
+spin_status spin_scene_edit_frame(struct spin_scene_edit *e, int frame,
+                                  const struct spin_splats *in, bool counts,
+                                  struct spin_splats *out)
+{
+    const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    struct spin_splats from = *in;
+    size_t n_kept = in->n;
+
+    if (e->chosen) {
+        SPIN_TRY(spin_grow(in->n + 1, 1, (void **)&e->reason));
+        memset(e->reason, 0, in->n);
+    } else {
+        SPIN_TRY(spin_scene_edit_judge(e, frame, in, counts));
+        n_kept = count(e, e->reason, in->n, false);
+    }
+    SPIN_TRY(spin_splats_reserve(out, n_kept, columns, in->sh_degree));
+    out->antialias = in->antialias;
+    for (unsigned c = 1; c < SPIN_COLUMNS_END; c <<= 1)
+        if (columns & c)
+            copy_kept(*spin_column_of(&from, c), in->n, spin_column_width(c, in->sh_degree),
+                      e->reason, *spin_column_of(out, c));
+    if (e->moves) {
+        move_places(e, out->means, n_kept);
+        move_scales(e, out->log_scales, n_kept);
+    }
+    return SPIN_OK;
+}
+
+/* For each row the frame that it is judged at, or -1: no frame shows it. */
+static void find_frames(const struct spin_scene_edit *e, const struct spin_splats_4d *s, int *frame)
+{
+    for (size_t i = 0; i < s->n; i++) {
+        double nearest = INFINITY;
+
+        frame[i] = -1;
+        for (int f = 0; f < e->clip->n_frames; f++) {
+            double time = e->clip->bundle.meta.frame[e->clip->frame[f]].time;
+            double away = fabs(time - (double)s->times[i]);
+
+            if (away < nearest && spin_splats_4d_shows(s, i, time)) {
+                nearest = away;
+                frame[i] = f;
+            }
+        }
+    }
+}
+
+/* Judge the rows whose frame this is, among all that it shows. */
+static spin_status judge_slice(struct spin_scene_edit *e, const struct spin_splats_4d *s, int frame,
+                               const int *frame_of, struct spin_splats *slice,
+                               unsigned char *reason)
+{
+    double time = e->clip->bundle.meta.frame[e->clip->frame[frame]].time;
+    struct rows rows;
+    size_t at = 0;
+
+    SPIN_TRY(spin_splats_4d_slice(s, time, SPIN_COL_MEANS | SPIN_COL_LOG_SCALES, slice));
+    SPIN_TRY(spin_grow(slice->n + 1, 1, (void **)&e->reason));
+    rows = (struct rows){slice->n, slice->means, slice->log_scales, e->reason};
+    SPIN_TRY(judge(e, frame, &rows));
+    for (size_t i = 0; i < s->n; i++) {
+        if (!spin_splats_4d_shows(s, i, time))
+            continue;
+        if (frame_of[i] == frame)
+            reason[i] = e->reason[at];
+        at++;
+    }
+    return SPIN_OK;
+}
+
+static spin_status judge_4d(struct spin_scene_edit *e, const struct spin_splats_4d *s,
+                            unsigned char *reason)
+{
+    struct spin_splats slice = {0};
+    int *frame = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_alloc(s->n + 1, sizeof *frame, (void **)&frame));
+    find_frames(e, s, frame);
+    for (size_t i = 0; i < s->n; i++)
+        if (frame[i] < 0 && crops_away(e->o, s->centres + 3 * i))
+            reason[i] = 1 + SPIN_EDIT_CROP;
+    for (int f = 0; f < e->clip->n_frames; f++) {
+        size_t i = 0;
+
+        while (i < s->n && frame[i] != f)
+            i++;
+        if (i < s->n)
+            SPIN_TRY_OUT(judge_slice(e, s, f, frame, &slice, reason));
+    }
+out:
+    free(frame);
+    spin_splats_free(&slice);
+    return status;
+}
+
+spin_status spin_scene_edit_judge_4d(struct spin_scene_edit *e, const struct spin_splats_4d *s)
+{
+    if (e->reason_4d)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc(s->n + 1, 1, (void **)&e->reason_4d));
+    if (e->filters)
+        SPIN_TRY(judge_4d(e, s, e->reason_4d));
+    count(e, e->reason_4d, s->n, true);
+    return SPIN_OK;
+}
+
+spin_status spin_scene_edit_4d(struct spin_scene_edit *e, const struct spin_splats_4d *in,
+                               const struct spin_splats_4d **out)
+{
+    struct spin_splats_4d from = *in, *to = &e->splats_4d;
+    unsigned parts = spin_splats_4d_parts(in);
+    unsigned char *none = NULL;
+    const unsigned char *reason;
+    size_t n_kept, n_dropped;
+    spin_status status;
+
+    spin_splats_4d_free(to);
+    if (e->chosen)
+        SPIN_TRY(spin_alloc(in->n + 1, 1, (void **)&none));
+    else
+        SPIN_TRY(spin_scene_edit_judge_4d(e, in));
+    reason = none ? none : e->reason_4d;
+    n_kept = count(e, reason, in->n, false);
+    SPIN_TRY_OUT(spin_splats_4d_reserve(to, n_kept, in->degree, in->sh_degree, parts));
+    to->antialias = in->antialias;
+    to->least_weight = in->least_weight;
+    to->least_opacity = in->least_opacity;
+    to->period = in->period;
+    memcpy(to->cov2d, in->cov2d, sizeof to->cov2d);
+    for (int k = 0; k < SPIN_N_ARRAYS_4D; k++)
+        if (spin_array_4d_in(in, k, parts))
+            copy_kept(*spin_array_4d_of(&from, k), in->n, spin_array_4d_width(in, k), reason,
+                      *spin_array_4d_of(to, k));
+    if (e->moves) {
+        move_places(e, to->centres, n_kept);
+        move_scales(e, to->log_scales, n_kept);
+        for (size_t i = 0; i < 3 * n_kept * (size_t)in->degree; i++)
+            to->paths[i] = (float)(scale_of(e) * (double)to->paths[i]);
+    }
+    SPIN_TRY_OUT(spin_splats_4d_settle(to, &n_dropped, NULL));
+    *out = to;
+out:
+    free(none);
+    return status;
+}

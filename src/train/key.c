@@ -1,0 +1,86 @@
+/* Texts, or hashes of them. */
+#include "train/key.h"
+
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "spin_train.h"
+#include "base/err.h"
+#include "base/number.h"
+#include "train/settings.h"
+
+static void add_images(spin_json *j, const struct spin_plan *plan, const struct spin_photos *photos,
+                       int frame)
+{
+    char text[20];
+
+    snprintf(text, sizeof text, "%016" PRIx64, spin_photos_imprint(photos, plan, frame));
+    spin_json_set_string(j, "images", text);
+}
+
+spin_status spin_frame_key(struct spin_plan *plan, const struct spin_photos *photos, int f,
+                           char key[SPIN_FRAME_KEY])
+{
+    char *text;
+    uint64_t hash = SPIN_HASH_BEGIN;
+    uint32_t input;
+    spin_json *j;
+
+    SPIN_TRY(spin_bundle_checksum(&plan->clip.bundle, spin_plan_index(plan, f),
+                                  spin_plan_start_columns(plan), &input));
+    j = spin_settings_refine(plan);
+    add_images(j, plan, photos, f);
+    spin_json_set_integer(j, "frame", spin_plan_info(plan, f)->number);
+    spin_json_set_integer(j, "input", input);
+    if (plan->o->learn_exposure == SPIN_EXPOSURE_ON)
+        spin_json_set(j, "lenses", spin_lenses_to_json(&plan->lenses));
+    text = spin_json_text(j, false);
+    spin_json_free(j);
+    if (!text)
+        return spin_fail(SPIN_E_MEMORY, "out of memory");
+    spin_hash(&hash, text, strlen(text));
+    snprintf(key, SPIN_FRAME_KEY, "%016" PRIx64, hash);
+    free(text);
+    return SPIN_OK;
+}
+
+spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_refined *refined,
+                             const struct spin_photos *photos, const struct spin_device *device,
+                             char **out)
+{
+    const struct spin_retrain_options *o = plan->o;
+    bool network = o->method != SPIN_METHOD_FRAMES;
+    spin_json *j = network ? spin_field_to_json(&plan->field, true) : spin_json_object();
+    spin_json *frames = spin_json_array(), *centre = spin_json_array();
+    const struct spin_zip *zip = &plan->clip.bundle.npz.zip;
+    char text[64];
+    double sum = 0;
+
+    for (int c = 0; c < 3; c++)
+        spin_json_push_number(centre, o->normalise_centre[c]);
+    if (network) { /* the scene transform follows from the input and these */
+        spin_json_set_integer(j, "normalise", o->normalise);
+        spin_json_set_number(j, "normalise_radius", o->normalise_radius);
+        spin_json_set(j, "normalise_centre", centre);
+        spin_json_set(j, "options", spin_settings_network(plan, o->init_log_scale));
+        spin_json_set_string(j, "device", device->op->name);
+    } else {
+        spin_json_free(centre);
+    }
+    for (size_t i = 0; i < zip->n; i++)
+        sum += (double)zip->member[i].crc;
+    for (int f = 0; f < plan->clip.n_frames; f++) {
+        spin_json_push_number(frames, spin_plan_info(plan, f)->number);
+        spin_json_push_number(frames, (double)plan->counts[f]);
+        if (refined)
+            spin_json_push_string(frames, refined[f].key);
+    }
+    spin_json_set(j, "frames", frames);
+    add_images(j, plan, photos, -1);
+    snprintf(text, sizeof text, "%.0f", sum);
+    spin_json_set_string(j, "input", text);
+    *out = spin_json_text(j, false);
+    spin_json_free(j);
+    return *out ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "out of memory");
+}

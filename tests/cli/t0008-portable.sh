@@ -1,0 +1,73 @@
+#!/bin/sh
+# K: long build install make portable wheel
+# What `make portable` writes works with an empty environment, from another folder, with no library of this machine; so
+# does the wheel.
+. tests/cli/lib.sh
+build=${SPIN_BUILD:-build/release}
+portable() { make --no-print-directory -s BUILD="$(dirname "$build")" CONFIG="$(basename "$build")" CUDA=0 SETUP=0 portable "$@"; }
+unset MAKEFLAGS MFLAGS MAKELEVEL
+
+if [ "$(basename "$build")" != release ] || [ ! -f "$build/lib/spin-image-plain.so" ] || ! command -v dpkg >/dev/null; then
+    skip "make portable" "it needs the release build, jpeglib.h, png.h and dpkg"
+    done_testing
+fi
+run portable
+is "$code" 0 "make portable"
+tarball=$(sed -n 's/: for the C library .*//p' "$work/out")
+cp "$tarball" "$work/first.tar.gz"
+run portable
+cmp -s "$tarball" "$work/first.tar.gz"
+ok $? "twice the same bytes"
+tar -tzf "$tarball" >"$work/list"
+is "$(grep -c '/lib/spin4d/lib[^/]*$' "$work/list")" "$(grep -c '/lib/spin4d/lib[^/]*\.so\.[0-9]*[a-z]*$' "$work/list")" \
+    "libraries by the names they are opened by"
+is "$(grep -c '/share/doc/spin4d/.*\.copyright$' "$work/list")" "$(grep -c '/lib/spin4d/lib[^/]*$' "$work/list")" \
+    "a licence for each"
+run sh tests/portable.sh "$work/first.tar.gz" $clip
+is "$code $(cat "$work/out")" "0 portable: works" "it works alone"
+
+# That it notices: without a library of its own, and without the image shim.
+tar -C "$work" -xzf "$work/first.tar.gz"
+tree=$(echo "$work"/spin4d-*)
+for gone in libjansson.so.4 libpng16.so.16 libwebp.so.7 spin-image.so; do
+    mv "$tree/lib/spin4d/$gone" "$work/gone"
+    tar -C "$work" -czf "$work/less.tar.gz" "${tree##*/}"
+    mv "$work/gone" "$tree/lib/spin4d/$gone"
+    run sh tests/portable.sh "$work/less.tar.gz" $clip
+    is "$code $(grep -c '^portable: ' "$work/err")" "1 1" "the test fails without $gone"
+done
+# ---- The wheel -------------------------------------------------------------------------------------------
+
+for folder in one two; do
+    mkdir "$work/$folder"
+    run python3 src/packaging/wheel.py "$tarball" "$work/$folder"
+    is "$code" 0 "a wheel"
+done
+wheel=$(echo "$work"/one/*.whl)
+cmp -s "$wheel" "$work"/two/*.whl
+ok $? "twice the same bytes"
+if python3 -m pip --version >/dev/null 2>&1; then
+    run python3 -m pip install --quiet --no-index --no-deps --no-cache-dir --prefix "$work/site" "$wheel"
+    is "$code" 0 "pip installs it"
+    chmod -R go-w "$work/site"
+    module=$(find "$work/site" -name spin4d.py)
+    installed=$(dirname "$(find "$work/site" -name spin-retrain)")
+    cp -R $clip "$work/run"
+    python=$(python3 -c 'import sys; print(sys.executable)')
+    run env -i PATH="$installed" PYTHONPATH="${module%/*}" LD_DEBUG=libs LD_DEBUG_OUTPUT="$work/loads" "$python" -c '
+import os, sys, spin4d
+os.chdir(sys.argv[1])
+print(spin4d.__file__, spin4d._command("spin4d"))
+print(spin4d.convert("run", "w.html", iterations=10, quiet=True)["bundle"])' "$work"
+    is "$(cat "$work/out")" "$module $installed/spin4d
+w.spin" "and the commands and the module work from there"
+    grep -q "calling init: ${installed%/bin}.*/lib/spin4d/libpng" "$work"/loads.*
+    ok $? "with the libraries that it brings"
+else
+    skip "pip installs it" "no pip"
+fi
+
+run sh src/packaging/chroot.sh no-such-suite 0 "$work"
+[ "$code" != 0 ] && grep -q '^portable: ' "$work/err"
+ok $? "another Debian that cannot be had is said"
+done_testing

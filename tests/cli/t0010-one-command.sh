@@ -1,0 +1,129 @@
+#!/bin/sh
+# K: spin4d one command convert
+# One command from a run to a clip: what it takes, what it leaves, and that the same call goes on after Ctrl-C.
+. tests/cli/lib.sh
+bin=$(cd "$bin" && pwd)
+cp -r $clip "$work/run"
+cd "$work" || exit 1
+mkdir alone
+cp run/params.npz alone
+
+# ---- Imported, retrained, exported -------------------------------------------------------------------
+
+run "$bin/spin4d" run --iterations 40
+is "$code" 0 "a run"
+err_has "the data set '.*run' lies beside the run and is taken" "says which data set it takes"
+err_has "^preset quick: 40 iterations, 6 frames; about .* here" "says what is trained and how long"
+err_has "of 6 frames and 2 versions" "the page has both versions"
+out_has "^held-out views: 16.10 dB before, [0-9.]* dB after" "how good it became"
+out_has "Open run.html in a browser" "where it is"
+[ -s run.html ]
+ok $? "and writes the page"
+is "$(ls -d run.*)" "$(printf 'run.html\nrun.spin')" "only page and bundle stay"
+"$bin/spin-import" --info run.spin --json | grep -q '"trained": {'
+ok $? "the bundle is trained"
+is "$("$bin/spin-import" --info run.spin --json | grep -c 'hash_log2\|lr_table\|finest_resolution')" 0 \
+    "and tells no settings of a network, as there is none"
+"$bin/spin-import" run --data run -o by-hand.spin -q >/dev/null
+"$bin/spin-retrain" by-hand.spin -o by-hand-better.spin --iterations 40 -q >/dev/null 2>&1
+same_frames run.spin by-hand-better.spin "as by the commands one by one"
+
+run "$bin/spin4d" run --iterations 40
+fails 1 spin4d "a page that is there"
+rm run.html
+run "$bin/spin4d" run --iterations 40 --json
+is "$code $(member to) $(member bundle)" "0 html run.spin" "without the page only the export is done again"
+is_json "--json"
+err_has "'run.spin' is already finished" "the training is not"
+
+# ---- Without images ------------------------------------------------------------------------------------
+
+run "$bin/spin4d" alone --from d3dgs -v
+is "$code" 0 "a run without a data set"
+err_has "no data set is known, so nothing is retrained; --data names one" "says why it is not retrained"
+is "$("$bin/spin-import" --info alone.spin --json | grep -c '"trained": {')" 0 "and it is not"
+run "$bin/spin4d" run/params.npz --no-retrain -o clip.glb
+is "$code $(ls -d clip.*)" "0 $(printf 'clip.glb\nclip.spin')" "--no-retrain; the ending says the format"
+run "$bin/spin4d" alone --data run --data-from panoptic --iterations 40 -o given.html --device cpu --threads 1
+is "$code" 0 "--data"
+err_has "cpu (.*, 1 thread)" "--device and --threads"
+"$bin/spin-import" --info given.spin --json | grep -q '"trained": {'
+ok $? "with it a run alone is retrained"
+run "$bin/spin4d" run --data-from colmap -o wrong.html
+is "$code" 0 "a wrong --data-from, of a data set that is not named"
+err_has "warning: the data set '.*run' is not taken" "is said"
+run "$bin/spin4d" alone --from dash -o other2.html
+fails 1 spin4d "a wrong --from"
+run "$bin/spin4d" alone --frames 3 -o other2.html
+fails 2 spin4d "--frames of a run that stores its frames"
+run "$bin/spin4d" given.spin --frames 3 -o other2.html
+fails 2 spin4d "--frames of a bundle"
+run "$bin/spin4d" given.spin -o page.html --preset best -q
+is "$(wc -c <"$work/out")" 0 "-q says nothing"
+is "$code $(ls -d page.*)" "0 page.html" "a bundle that is trained is exported"
+run "$bin/spin4d" clip.spin --to ply -o frames/
+is "$code $(find frames -name '*.ply' | wc -l)" "0 6" "another format"
+cp clip.spin own.spin
+run "$bin/spin4d" own.spin --data run
+fails 2 spin4d "a bundle that would replace itself"
+cmp -s clip.spin own.spin
+ok $? "stays"
+
+# A data set that nobody named and that does not fit: two of its six frames are gone from its list.
+mkdir other && cp -r run/ims run/test_meta.json run/train_meta.json other
+python3 - <<'PY'
+import json
+for name in ("train", "test"):
+    path = f"other/{name}_meta.json"
+    meta = json.load(open(path))
+    for key, value in meta.items():
+        if isinstance(value, list):
+            meta[key] = value[:2]
+    json.dump(meta, open(path, "w"))
+PY
+cp run/params.npz other
+run "$bin/spin4d" other --iterations 40
+is "$code" 0 "a data set beside it that does not fit"
+err_has "warning: the data set '.*other' is not taken: " "a warning says why"
+run "$bin/spin4d" other --data other --iterations 40 --force
+is "$code" 2 "the same, named, is an error"
+err_has "^spin4d: .*cannot pair frames" "which says why"
+
+# ---- Interrupted ---------------------------------------------------------------------------------------
+
+"$bin/spin4d" run -o cut.html >out 2>err &
+pid=$!
+for _ in $(seq 200); do
+    grep -q '^before: ' err && break
+    sleep 0.1
+done
+sleep 0.5
+kill -INT $pid
+wait $pid
+is "$?" 130 "Ctrl-C"
+tail -n 1 err | grep -q "^spin4d: interrupted; the state of iteration [0-9]* is kept in 'cut.spin.part': the same command goes on$"
+ok $? "says what is kept and how to go on: $(tail -n 1 err)"
+is "$(ls -d cut.*)" "$(printf 'cut.import.spin\ncut.spin.part')" "the work is kept"
+run "$bin/spin4d" run -o cut.html --iterations 40
+is "$code" 2 "other options do not go on with it"
+run "$bin/spin4d" run -o cut.html --iterations 40 --force
+is "$code $(ls -d cut.*)" "0 $(printf 'cut.html\ncut.spin')" "--force starts anew"
+
+# ---- Asked wrongly, and the four commands ----------------------------------------------------------------
+
+run "$bin/spin4d"
+fails 2 spin4d "no run"
+run "$bin/spin4d" nothing-here
+fails 1 spin4d "a run that is not there"
+run "$bin/spin4d" alone -o clip
+fails 2 spin4d "an output without an ending"
+run "$bin/spin4d" alone -o no/such/folder.html
+fails 1 spin4d "a folder that is not there"
+nothing_at no "nothing was made"
+for name in import retrain eval export; do
+    run "$bin/spin4d" $name --version
+    is "$(cat "$work/out")" "$("$bin/spin-$name" --version)" "spin4d $name"
+done
+run "$bin/spin4d" eval
+fails 2 spin-eval "spin4d eval asked wrongly"
+done_testing

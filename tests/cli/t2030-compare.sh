@@ -1,0 +1,158 @@
+#!/bin/sh
+# K: compare table figures mask
+# spin-eval of several bundles: tables, the page that compares them, figures; and of a subject alone.
+. tests/cli/lib.sh
+
+"$bin/spin-import" $clip --data $clip -o "$work/a_b.spin" -q >/dev/null
+"$bin/spin-retrain" "$work/a_b.spin" -o "$work/better.spin" --iterations 30 -q >/dev/null 2>&1
+views="--range 1:4 --dynamic off"
+
+# ---- The same figures as one by one ------------------------------------------------------------------
+
+for name in a_b better; do
+    # shellcheck disable=SC2086
+    "$bin/spin-eval" "$work/$name.spin" $views --json >"$work/$name.json" 2>/dev/null
+done
+# shellcheck disable=SC2086
+run "$bin/spin-eval" "$work/a_b.spin" "$work/better.spin" $views --json
+is "$code" 0 "two bundles"
+is_json "--json"
+for name in a_b better; do
+    wanted=$(member psnr "$work/$name.json")
+    grep -q "^ *\"psnr\": $wanted" "$work/out"
+    ok $? "$name has the PSNR that it has alone: $wanted"
+done
+# shellcheck disable=SC2086
+run "$bin/spin-eval" "$work/a_b.spin" "$work/better.spin" $views
+is "$(awk '{ print $NF }' "$work/out" | tr '\n' ' ')" "run a_b better " "a row a bundle"
+# shellcheck disable=SC2086
+run "$bin/spin-eval" "$work/a_b.spin" "$work/better.spin" --range 1:4 --table md
+psnr=$(member psnr "$work/a_b.json" | awk '{ printf "%.2f", $1 }')
+out_has "^| run | PSNR | SSIM | PSNR, dynamic | MB |\$" "--table md"
+out_has "^| a_b | $psnr | " "with the figures"
+# shellcheck disable=SC2086
+run "$bin/spin-eval" "$work/a_b.spin" "$work/better.spin" $views --table csv
+is "$(sed -n 1p "$work/out")" "run,psnr,ssim,megabytes" "--table csv"
+is "$(awk -F, '{ print NF }' "$work/out" | sort -u)" 4 "with as many columns in every row"
+out_has '^"a_b",' "and names in quotes"
+# shellcheck disable=SC2086
+run "$bin/spin-eval" "$work/a_b.spin" $views --table latex
+is "$(head -n 1 "$work/out") $(tail -n 1 "$work/out")" '\begin{tabular}{lrrr} \end{tabular}' "--table latex of one"
+out_has '^a\\_b & [0-9.]* & 0.[0-9]* & [0-9.]* \\\\$' "with a name that LaTeX takes"
+
+# ---- The page and the figures ---------------------------------------------------------------------------
+
+# shellcheck disable=SC2086
+run "$bin/spin-eval" "$work/a_b.spin" "$work/better.spin" --dynamic off --report "$work/both.html" --figures "$work/figures"
+is "$code" 0 "--report and --figures"
+is "$(grep -o '<h1>.*</h1>' "$work/both.html")" "<h1>2 runs</h1>" "a page of both"
+is "$(grep -c '^<path class="line line-[01]"' "$work/both.html")" 4 "with two curves of two lines"
+rows=$(grep -c '<img alt="" src="data:image/png;base64,iVBOR' "$work/both.html")
+greater "$rows" 0
+ok $? "and pictures"
+is "$(find "$work/figures" -name '*.png' | wc -l) $(find "$work/figures" -name 'camera*.svg' | wc -l)" "$rows $rows" \
+    "each as PNG and as SVG"
+if command -v xmllint >/dev/null 2>&1; then
+    xmllint --noout "$work"/figures/*.svg 2>"$work/err"
+    ok $? "the SVGs are XML"
+elif command -v python3 >/dev/null 2>&1; then
+    python3 -c 'import sys, xml.dom.minidom as x; [x.parse(f) for f in sys.argv[1:]]' "$work"/figures/*.svg 2>"$work/err"
+    ok $? "the SVGs are XML"
+fi
+grep -q '>a_b</text>' "$work/figures/psnr.svg" && grep -q '>better</text>' "$work/figures/ssim.svg"
+ok $? "with names at the curves"
+set -- "$work"/figures/camera*.png
+# Three pictures of 320 x 180 side by side, and below them their differences: the one of the truth is empty.
+is "$(od -An -tu1 -j16 -N8 "$1" | awk '{ print $3 * 256 + $4, $7 * 256 + $8 }')" "$((3 * 160 + 8)) $((2 * 90 + 4))" "a sheet of this size"
+run "$bin/spin-eval" "$work/a_b.spin" "$work/better.spin" --figures "$work/figures"
+fails 1 spin-eval "a folder with figures in it"
+
+# shellcheck disable=SC2086
+run "$bin/spin-eval" "$work/better.spin" $views --report "$work/one.html"
+is "$code $(grep -c 'track_iterations' "$work/one.html") $(grep -c 'hash_log2' "$work/one.html")" "0 1 0" \
+    "a page of one tells its settings, and none of a network"
+
+# ---- What is no comparison -------------------------------------------------------------------------------
+
+"$bin/spin-import" $clip --data $clip --range 2:5 -o "$work/other.spin" -q >/dev/null
+run "$bin/spin-eval" "$work/a_b.spin" "$work/other.spin" --figures "$work/none"
+fails 2 spin-eval "other views"
+err_has "have other views" "says so"
+run "$bin/spin-eval" "$work/a_b.spin" "$work/nothing.spin"
+fails 1 spin-eval "one that is not there"
+run "$bin/spin-eval" "$work/a_b.spin" "$work/better.spin" --images "$work/none"
+fails 2 spin-eval "--images of several"
+run "$bin/spin-eval" "$work/a_b.spin" --table md --json
+fails 2 spin-eval "two forms"
+
+# ---- A subject alone --------------------------------------------------------------------------------------
+
+if python3 -c 'import numpy' 2>/dev/null; then
+    # Masks: a box. In the photographs the rest is as it is; so is a copy of the clip whose rest is something else.
+    cp -r $clip "$work/masked" && chmod -R u+w "$work/masked"
+    python3 - "$work/masked" <<'PY'
+import glob, os, struct, sys, zlib
+root = sys.argv[1]
+def png(path, w, h, inside):
+    rows = b"".join(b"\0" + bytes(255 if inside(x, y) else 0 for x in range(w)) for y in range(h))
+    chunk = lambda k, d: struct.pack(">I", len(d)) + k + d + struct.pack(">I", zlib.crc32(k + d))
+    open(path, "wb").write(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", w, h, 8, 0, 0, 0, 0))
+                           + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
+for image in glob.glob(root + "/ims/*/*"):
+    to = image.replace("/ims/", "/seg/").rsplit(".", 1)[0] + ".png"
+    os.makedirs(os.path.dirname(to), exist_ok=True)
+    png(to, 160, 90, lambda x, y: 40 <= x < 120 and 20 <= y < 70)
+PY
+    "$bin/spin-import" $clip --data "$work/masked" -o "$work/masked.spin" -q >/dev/null
+    run "$bin/spin-eval" "$work/masked.spin" --range 1:4 --dynamic masks --json
+    inside=$(member psnr_dynamic)
+    run "$bin/spin-eval" "$work/masked.spin" --range 1:4 --mask --json
+    is "$code $(member mask) $(member dynamic_from)" "0 masks off" "--mask by masks"
+    awk -v a="$(member psnr)" -v b="$inside" 'BEGIN { d = a - b; exit !(a > 0 && d < 1e-3 && d > -1e-3) }'
+    ok $? "PSNR is that inside the mask: $(member psnr), $inside"
+    ssim=$(member ssim)
+    run "$bin/spin-eval" "$work/masked.spin" --range 1:4 --mask --background white --json
+    awk -v a="$(member ssim)" -v b="$ssim" 'BEGIN { d = a - b; exit !(a > 0 && a < 0.9 && d < 0.1 && d > -0.1) }'
+    ok $? "SSIM is of the subject, on any background: $(member ssim), $ssim"
+    run "$bin/spin-eval" "$work/masked.spin" --range 1:4 --mask --images "$work/alone"
+    out_has "^mask     the subject alone" "it is said"
+    run "$bin/spin-eval" "$work/masked.spin" --mask --dynamic masks
+    fails 2 spin-eval "--mask with --dynamic"
+
+    # Alpha, of a data set without masks: the PSNR of the pixels whose alpha is half or more, by pictures of 16 bits.
+    "$bin/spin-import" fixtures/4dgaussian/coarse_and_fine --data fixtures/datasets/blender_mini -o "$work/alpha.spin" -q
+    run "$bin/spin-export" "$work/alpha.spin" --to images --bits 16 -o "$work/drawn"
+    for background in black white; do
+        run "$bin/spin-eval" "$work/alpha.spin" --mask --background $background --json
+        is "$code $(member mask)" "0 alpha" "--mask by alpha, $background"
+        got=$(member psnr)
+        [ $background = white ] && run "$bin/spin-export" "$work/alpha.spin" --to images --bits 16 --background white \
+            -o "$work/drawn" --force
+        want=$(PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=tests/tools python3 - "$work/drawn" $background <<'PY'
+import glob, sys
+import numpy as np
+from pictures import png
+psnr = []
+drawn, truth = sorted(glob.glob(sys.argv[1] + "/*.png")), sorted(glob.glob("fixtures/datasets/blender_mini/test/*.png"))
+assert len(drawn) == len(truth) == 3
+for a, b in zip(drawn, truth):
+    a, b = png(a), png(b)
+    alpha = b[..., 3:]
+    b = b[..., :3] * alpha + (sys.argv[2] == "white") * (1 - alpha)
+    subject = alpha[..., 0] >= 0.5
+    assert 50 < subject.sum() < .9 * subject.size
+    psnr.append(-10 * np.log10(((a - b)[subject] ** 2).mean()))
+print(np.mean(psnr))
+PY
+        )
+        awk -v a="$got" -v b="$want" 'BEGIN { d = a - b; exit !(a > 0 && d < 0.02 && d > -0.02) }'
+        ok $? "PSNR is that of what is opaque by half, $background: $got, $want"
+    done
+else
+    skip "--mask" "no python3 with NumPy"
+fi
+run "$bin/spin-eval" "$work/a_b.spin" --mask
+fails 1 spin-eval "--mask without masks and alpha"
+err_has "not all their images have alpha" "says what is missing"
+
+done_testing

@@ -1,0 +1,54 @@
+#!/bin/sh
+# K: watch page
+# The page of spin-retrain --watch: what is in its folder while a training runs, after Ctrl-C and at the end; and that
+# the result is the same.
+. tests/cli/lib.sh
+
+"$bin/spin-import" $clip --data $clip --range 0:3 -o "$work/a.spin" -q >/dev/null
+short="--iterations 40 --scale 0.5 --threads 1"
+# shellcheck disable=SC2086
+run "$bin/spin-retrain" "$work/a.spin" -o "$work/plain.spin" $short
+# shellcheck disable=SC2086
+run "$bin/spin-retrain" "$work/a.spin" -o "$work/b.spin" $short --watch "$work/page" --eval-every 10
+is "$code" 0 "a training with a page"
+cmp -s "$work/plain.spin" "$work/b.spin"
+ok $? "has the same bytes as without"
+is "$(ls "$work/page" | tr '\n' ' ')" "clip.html index.html log.jsonl now.js pictures state.spin " "what is in the folder"
+is "$(find "$work/page/pictures" -name '*.png' | wc -l)" 8 "a picture of each of two test cameras, four times"
+sed -e 's/^show(//' -e 's/)$//' "$work/page/now.js" >"$work/out"
+is_json "now.js calls show() with JSON"
+for what in '"iteration": *40,' '"iterations": *40,' '"done": *true' 'iteration_0000040.png"' 'PSNR of the test views' \
+    'Loss, means over stretches'; do
+    out_has "$what" "which has $what"
+done
+! grep -q 'iteration_0000030' "$work/out"
+ok $? "and no older picture"
+grep -q 'script.src = "now.js?"' "$work/page/index.html" && grep -q 'clip.html?' "$work/page/index.html"
+ok $? "the page asks for it, and plays the clip"
+grep -q '"fps":[0-9]' "$work/page/clip.html"
+ok $? "the clip is a page"
+same_frames "$work/b.spin" "$work/page/state.spin" "state.spin is the last state, as splats"
+# shellcheck disable=SC2086
+run "$bin/spin-retrain" "$work/a.spin" -o "$work/c.spin" $short --watch "$work/page"
+fails 1 spin-retrain "a folder with a page in it"
+
+# ---- Stopped on the way ----------------------------------------------------------------------------------
+
+"$bin/spin-retrain" "$work/a.spin" -o "$work/cut.spin" --iterations 100000 --scale 0.5 --eval-every 20 --watch "$work/cut" >"$work/out" 2>"$work/err" &
+pid=$!
+for _ in $(seq 300); do
+    grep -q '"iteration"' "$work/cut/now.js" 2>/dev/null && break
+    sleep 0.1
+done
+kill -INT $pid
+wait $pid
+is "$?" 130 "Ctrl-C"
+err_has "is kept in '.*cut.spin.part': go on with --resume" "says what is kept"
+run "$bin/spin-export" "$work/cut/state.spin" --to ply -o "$work/ply"
+is "$code $(find "$work/ply" -name '*.ply' | wc -l)" "0 3" "the state can be exported"
+run "$bin/spin-export" "$work/cut.spin.part" --to ply -o "$work/none"
+fails 1 spin-export "the unfinished state itself"
+err_has "state of an unfinished training: spin-retrain --resume goes on" "says what it is"
+grep -q '"done": *false' "$work/cut/now.js"
+ok $? "the page does not say that it is done"
+done_testing

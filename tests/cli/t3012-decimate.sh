@@ -1,0 +1,98 @@
+#!/bin/sh
+# K: export decimate 4d tsog sogst html
+# --decimate: frames and 4D splats of which the cameras see least are left out, as many as a number, a share, a size or a
+# loss says, in every kind of format; what that loses is said.
+. tests/cli/lib.sh
+
+# Of the last report: the value of a python expression of d, "decimated", and r, all of it.
+of() {
+    python3 -c 'import json, sys
+r = json.load(open(sys.argv[1])); d = r["decimated"]; print(eval(sys.argv[2]))' "$work/out" "$1"
+}
+all_bytes() { find "$1" -type f -exec cat {} + | wc -c; }
+
+run "$bin/spin-import" "$clip/params.npz" --data "$clip" -o "$work/c.spin"
+is "$code" 0 "court-mini comes in, with its cameras"
+run "$bin/spin-export" "$work/c.spin" --to ply -o "$work/p" --decimate 1000 --json
+is "$code $(of 'r["splats_mean"], d["after"], d["unit"], d["by"], d["cameras"]')" \
+    "0 (1000, 1000, 'a frame', 'their share of the pictures', 'training cameras')" "1000 splats a frame"
+is "$(grep -ac 'element vertex 1000$' "$work"/p/frame_*.ply | grep -vc ':0$')" 6 "in each of six files"
+many=$(of 'd["psnr"]')
+run "$bin/spin-import" "$work/p" --info
+out_has "1000 a frame" "which come in again"
+run "$bin/spin-export" "$work/c.spin" --to spz -o "$work/s" --decimate 25%
+is "$code" 0 "a quarter of them"
+out_has "^decimated: .* splats a frame, by their share of the pictures; [0-9.]* dB against all of them in 16 pictures" \
+    "and what that loses is said"
+run "$bin/spin-export" "$work/c.spin" --to ply -o "$work/q" --decimate 500 --json
+is "$(of "d['psnr'] < $many")" True "half as many lose more"
+run "$bin/spin-export" "$work/c.spin" -o "$work/page.html" --decimate 80kB --json
+is "$code $(of 'd["reached"] <= 80000 and d["tries"] > 1')" "0 True" "a page of 80 kB"
+[ "$(wc -c <"$work/page.html")" -le 80000 ] && [ "$(wc -c <"$work/page.html")" -gt 74000 ]
+ok $? "is at most that large, and nearly"
+run "$bin/spin-export" "$work/c.spin" --to sog -o "$work/sog" --decimate 100kB
+[ "$code" = 0 ] && [ "$(all_bytes "$work/sog")" -le 100000 ] && [ "$(all_bytes "$work/sog")" -gt 90000 ]
+ok $? "a folder counts with all its files"
+run "$bin/spin-export" "$work/c.spin" --to images -o "$work/i" --decimate 50% --range 0:1 --json
+is "$code $(of 'd["psnr"] > 20')" "0 True" "pictures of half of them"
+run "$bin/spin-export" "$work/c.spin" -o "$work/no.glb" --decimate 1kB
+fails 1 spin-export "a size that nothing has"
+nothing_at "$work/no.glb" "nothing was written"
+is "$(find "$work" -name '*.tmp.*' | wc -l)" 0 "and no try is left"
+for how in 0 -1 1.5 200% 3PB ''; do
+    run "$bin/spin-export" "$work/c.spin" --to ply -o "$work/no" --decimate "$how"
+    fails 2 spin-export "--decimate '$how'"
+done
+run "$bin/spin-export" "$work/c.spin" -o "$work/page.html" --decimate 50%
+fails 1 spin-export "what is in the way is said"
+
+# Without the cameras it is opacity and size that counts; they see better.
+run "$bin/spin-import" "$clip/params.npz" -o "$work/blind.spin"
+run "$bin/spin-export" "$work/blind.spin" --to ply -o "$work/b" --decimate 500 --json
+is "$code $(of 'd["by"], d["cameras"]')" "0 ('opacity and size', 'all around')" "without cameras"
+run "$bin/spin-import" "$work/b" --data "$clip" --pair order -o "$work/b.spin"
+run "$bin/spin-import" "$work/q" -o "$work/q.spin"
+for name in b q; do
+    run "$bin/spin-eval" "$work/$name.spin" --split train --json
+    eval "$name=\$(member psnr)"
+done
+# shellcheck disable=SC2154
+awk "BEGIN { exit !($q > $b + 0.1) }"
+ok $? "500 that cameras see show the pictures better: $q, $b dB"
+
+# 4D splats: rows of the file, and frames that keep theirs.
+run "$bin/spin-import" fixtures/realtime4dgs/rot4d_noshfs --time-duration -0.5,4.5 -o "$work/r.spin"
+is "$code" 0 "a run of Realtime-4DGS"
+for to in tsog sogst ftgs.ply; do
+    run "$bin/spin-export" "$work/r.spin" -o "$work/r.$to" --decimate 100 --json
+    is "$code $(of 'd["after"], d["unit"], d["by"], d["cameras"]')" "0 (100, 'in all', 'opacity and size', 'all around')" \
+        "$to: 100 4D splats, without cameras"
+    run "$bin/spin-import" "$work/r.$to" --info
+    out_has " 100 splats\| 100 Gaussians\|, 100 " "as many are in the file"
+done
+run "$bin/spin-export" "$work/r.spin" -o "$work/half.tsog" --fps 30 --decimate 50% --check
+is "$code" 0 "they are what was written"
+run "$bin/spin-export" "$work/r.spin" --to ply -o "$work/all" --range 0:150:10
+run "$bin/spin-export" "$work/r.spin" --to ply -o "$work/f" --range 0:150:10 --decimate 60
+is "$code" 0 "frames of them"
+python3 - "$work/all" "$work/f" 2>"$work/err" <<'P'
+import glob, sys
+import numpy as np
+
+# The rows of every frame, told by their sizes, which do not change.
+def frames(folder):
+    for name in sorted(glob.glob(folder + '/*.ply')):
+        head, data = open(name, 'rb').read().split(b'end_header\n', 1)
+        n = int(head.split(b'element vertex ')[1].split()[0])
+        names = [l.split()[2].decode() for l in head.splitlines() if l.startswith(b'property')]
+        rows = np.frombuffer(data, '<f4').reshape(n, -1)
+        yield {tuple(r) for r in rows[:, [names.index('scale_%d' % k) for k in range(3)]]}
+
+all, kept = list(frames(sys.argv[1])), list(frames(sys.argv[2]))
+ever = set.union(*kept)
+assert max(map(len, all)) > 60 and 40 < max(map(len, kept)) <= 60, list(map(len, kept))
+for a, k in zip(all, kept):
+    assert k == a & ever, (len(a), len(k), len(a & ever))
+P
+ok $? "have at most 60 each, and a splat that is kept in all that its time shows"
+done_testing

@@ -1,0 +1,177 @@
+#!/bin/sh
+# K: export images film exr depth path
+# spin-export --to images as films want it: EXR with alpha that composites right, depth, 16 bits, cameras from a file.
+. tests/cli/lib.sh
+
+if ! python3 -c 'import numpy' 2>/dev/null; then
+    skip "films" "no python3 with numpy"
+    done_testing
+fi
+export PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=tests/tools
+holds() { # NAME CODE ARGUMENT...
+    name=$1 code_of=$2
+    shift 2
+    python3 - "$@" <<P 2>"$work/err"
+import sys
+import numpy as np
+from pictures import exr, png
+$code_of
+P
+    ok $? "$name"
+}
+
+run "$bin/spin-import" "$clip" --data "$clip" -o "$work/court.spin"
+draw() { # OUT OPTION...
+    out=$work/$1
+    shift
+    run "$bin/spin-export" "$work/court.spin" --range 2:3 --to images -o "$out" "$@"
+    is "$code" 0 "draws $*"
+}
+of=cam_00_frame_00002
+
+draw white --bits 16 --background white
+draw black --bits 16
+draw over --format exr --background none --transfer srgb
+holds "over a checkerboard, an EXR with alpha is what is drawn over each of its colours" '
+e, white, black = exr(sys.argv[1]), png(sys.argv[2]), png(sys.argv[3])
+colour = np.stack([e[c] for c in "RGB"], -1)
+y, x = np.mgrid[:colour.shape[0], :colour.shape[1]]
+board = ((x // 8 + y // 8) % 2)[..., None]
+got = colour + (1 - e["A"])[..., None] * board
+want = np.where(board == 1, white, black)
+assert (e["A"] < .9).sum() > 200 and (e["A"] > .99).sum() > 5000
+assert np.abs(np.minimum(got, 1) - want).max() < 1e-3, np.abs(got - want).max()' \
+    "$work/over/$of.exr" "$work/white/$of.png" "$work/black/$of.png"
+draw light --format exr --background none
+holds "an EXR holds light: the picture of the screen by the curve of sRGB, multiplied by alpha" '
+e, s = exr(sys.argv[1]), exr(sys.argv[2])
+a = e["A"]
+assert np.array_equal(a, s["A"])
+for c in "RGB":
+    v = s[c] / a
+    light = np.where(v <= .04045, v / 12.92, ((v + .055) / 1.055) ** 2.4) * a
+    assert np.abs(light - e[c]).max() < 2e-3' "$work/light/$of.exr" "$work/over/$of.exr"
+draw half --format exr
+draw whole --format exr --bits 32
+holds "half floats by default, floats with --bits 32, no alpha where there is a background" '
+h, w = exr(sys.argv[1]), exr(sys.argv[2])
+assert set(h) == set(w) == set("RGB")
+for c in "RGB":
+    assert np.array_equal(w[c].astype(np.float16), h[c]) and not np.array_equal(w[c], h[c])' "$work/half/$of.exr" "$work/whole/$of.exr"
+draw png --background none
+holds "a PNG with alpha is not multiplied by it" '
+p, e = png(sys.argv[1]), exr(sys.argv[2])
+assert p.shape[2] == 4 and np.abs(p[..., 3] - e["A"]).max() < 3e-3
+for k, c in enumerate("RGB"):
+    assert np.abs(p[..., k] - np.minimum(e[c] / e["A"], 1)).max() < 4e-3' "$work/png/$of.png" "$work/over/$of.exr"
+draw eight
+holds "16 bits are finer than 8, and the same picture" '
+a, b = png(sys.argv[1]), png(sys.argv[2])
+assert a.shape == b.shape and np.abs(a - b).max() < .51 / 255 and len(np.unique(b)) > 2 * len(np.unique(a))' "$work/eight/$of.png" "$work/black/$of.png"
+
+# Without OpenImageIO, as in what `make portable` writes: the same pixels in PNG, and no EXR.
+SPIN_IMAGE_SHIM=$(cd "${SPIN_BUILD:-build/release}" && pwd)/lib/spin-image-plain.so
+if [ -f "$SPIN_IMAGE_SHIM" ]; then
+    export SPIN_IMAGE_SHIM
+    draw plain-black --bits 16
+    draw plain-png --background none
+    draw plain-eight
+    run "$bin/spin-export" "$work/court.spin" --range 2:3 --to images -o "$work/no" --format exr
+    fails 1 spin-export "an EXR without OpenImageIO"
+    unset SPIN_IMAGE_SHIM
+    for kind in black png eight; do
+        holds "by libpng alone, $kind: the same pixels" '
+a, b = png(sys.argv[1]), png(sys.argv[2])
+assert np.array_equal(a, b), np.abs(a - b).max()' "$work/$kind/$of.png" "$work/plain-$kind/$of.png"
+    done
+else
+    unset SPIN_IMAGE_SHIM
+    skip "by libpng alone" "no jpeglib.h or png.h"
+fi
+
+# Our own reader takes an EXR as the picture on the screen that it is.
+compare=${SPIN_BUILD:-build/release}/tests/tools/compare-images
+if [ -x "$compare" ]; then
+    run "$compare" "$work/half/$of.exr" "$work/eight/$of.png" "$work/light/$of.exr" "$work/eight/$of.png"
+    [ "$code" = 0 ] && [ "$(cut -d' ' -f1 "$work/out")" -le 1 ]
+    ok $? "an EXR is read as the PNG is, with alpha over black as well: $(cat "$work/out")"
+else
+    skip "an EXR is read as the PNG is" "$compare is not built"
+fi
+
+# Depth of two walls, 5 and 7 before a camera from a file: nine tenths of the light stop at the first.
+{
+    printf 'ply\nformat ascii 1.0\nelement vertex 2\n'
+    printf 'property float %s\n' x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3
+    echo end_header
+    echo "0 0 0 1 1 1 2.1972246 5 5 -6 1 0 0 0"
+    echo "0 0 2 1 1 1 -1.0986123 5 5 -6 1 0 0 0"
+} >"$work/walls.ply"
+run "$bin/spin-import" "$work/walls.ply" -o "$work/walls.spin"
+cat >"$work/list.txt" <<'E'
+# camera to world: x right, y down, z ahead
+1 0 0 0  0 1 0 0  0 0 1 -5
+1 0 0 0  0 1 0 0  0 0 1 5
+E
+run "$bin/spin-export" "$work/walls.spin" --to images --path "$work/list.txt" --size 64x48 --format exr --depth -o "$work/walls"
+is "$code $(ls "$work/walls" | tr '\n' ' ')" "0 path_frame_00000.exr path_frame_00001.exr " "a picture for each camera of a file"
+err_has "1 of 2 renders show nothing" "and what is behind the camera is not drawn"
+holds "expected and median depth, in world units; 1e10 where there is none" '
+e, none = exr(sys.argv[1]), exr(sys.argv[2])
+assert np.abs(e["Z"] - (.9 * 5 + .1 * .25 * 7) / (.9 + .1 * .25)).max() < 2e-3, e["Z"].max()
+assert np.abs(e["ZMedian"] - 5).max() < 1e-5
+assert none["Z"].min() == none["ZMedian"].min() == np.float32(1e10)' "$work/walls/path_frame_00000.exr" "$work/walls/path_frame_00001.exr"
+run "$bin/spin-export" "$work/walls.spin" --to images --path "$work/list.txt" --size 64x48 --format exr --depth --translate 0,0,1 --scale 2 -o "$work/walls2"
+holds "of a scene of another size" '
+assert np.abs(exr(sys.argv[1])["ZMedian"] - 6).max() < 1e-5' "$work/walls2/path_frame_00000.exr"
+
+# The same place by a file of nerfstudio, a list in JSON, and lists that are wrong.
+cat >"$work/studio.json" <<'E'
+{"camera_type": "perspective", "render_height": 48, "render_width": 96, "fps": 12, "seconds": 1,
+ "camera_path": [{"camera_to_world": [1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, -5, 0, 0, 0, 1], "fov": 60, "aspect": 2},
+                 {"camera_to_world": [1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, -3, 0, 0, 0, 1], "fov": 60, "aspect": 2}]}
+E
+echo '[[[1,0,0,0],[0,1,0,0],[0,0,1,-5],[0,0,0,1]], [1,0,0,0, 0,1,0,0, 0,0,1,-3]]' >"$work/list.json"
+for file in studio list; do
+    run "$bin/spin-export" "$work/walls.spin" --to images --path "$work/$file.json" --format exr --depth -o "$work/$file"
+    is "$code $(ls "$work/$file" | wc -l)" "0 2" "$file.json: two cameras"
+done
+holds "both name the same places; the file of nerfstudio its size" '
+a, b, c, d = (exr(p) for p in sys.argv[1:])
+assert a["Z"].shape == (48, 96) and c["Z"].shape == (720, 1280)
+assert abs(a["ZMedian"].mean() - 5) + abs(b["ZMedian"].mean() - 3) < 1e-4
+assert abs(c["ZMedian"].mean() - 5) + abs(d["ZMedian"].mean() - 3) < 1e-4' "$work"/studio/*.exr "$work"/list/*.exr
+bad() { # TEXT MESSAGE OPTION...
+    printf '%s\n' "$1" >"$work/bad.txt"
+    text=$2
+    shift 2
+    run "$bin/spin-export" "$work/walls.spin" --to images --path "$work/bad.txt" -o "$work/never" "$@"
+    fails 1 spin-export "a path: $text"
+    err_has "$text" "it is said"
+    nothing_at "$work/never" "and nothing was written"
+}
+bad '1 0 0 0 0 1 0 0 0 0 1' 'matrix 1 has 11 numbers'
+bad '1 0 0 0 0 1 0 0 0 0 2 0' 'matrix 1 is no rotation'
+bad '1 0 0 0 0 1 0 0 0 0 -1 0' 'matrix 1 is no rotation'
+bad '1 0 0 0 0 1 0 0 0 0 1 nan' 'matrix 1 has a value'
+bad '1 0 0 0 0 1 0 0 0 0 1 x' "'x' is no number"
+bad '# nothing' 'it has no camera'
+bad '{"camera_path": []}' 'it has no camera'
+bad '{"frames": []}' "no list 'camera_path'"
+bad '{"camera_type": "fisheye", "camera_path": []}' "'camera_type' is 'fisheye'"
+bad '[[1,0,0,0,0,1,0,0,0,0,1,"a"]]' 'matrix 1 has 0 numbers'
+bad '{"camera_path": [{"camera_to_world": [1,0,0,0,0,1,0,0,0,0,1,0], "fov": 0}]}' 'camera 1 has a field of view of 0'
+run "$bin/spin-export" "$work/walls.spin" --to images --path circle -o "$work/never"
+fails 2 spin-export "a path that is none"
+run "$bin/spin-export" "$work/walls.spin" --to images --path "$work/list.txt" --repeat 2 -o "$work/never"
+fails 2 spin-export "--repeat of a file's cameras"
+for wrong in '--depth' '--transfer srgb' '--bits 32' '--format exr --bits 8' '--format exr --depth --panels truth,after'; do
+    # shellcheck disable=SC2086
+    run "$bin/spin-export" "$work/court.spin" --to images $wrong -o "$work/never"
+    fails 2 spin-export "$wrong"
+done
+for to in html:page.html ply:ply video:a.mp4; do
+    run "$bin/spin-export" "$work/court.spin" --to "${to%:*}" --background none -o "$work/${to#*:}"
+    fails 2 spin-export "--background none with --to ${to%:*}"
+done
+done_testing
