@@ -197,7 +197,7 @@ test-tools: $(TOOLS)
 test-card: ## trainings on the emulated card, which `make test` leaves out
 	@$(MAKE) --no-print-directory test K=$@
 
-card-kit: test-bins ## BUILD/spin4d-card.tar.xz: tests for a machine with a card and little else, docs/accelerator.md
+card-kit: all test-bins ## BUILD/spin4d-card.tar.xz: tests for a machine with a card and little else, docs/accelerator.md
 	@sh tests/card/pack.sh $(B) $(BUILD)
 
 test-ranks: ## trainings by many processes, which `make test` leaves out

@@ -9,8 +9,8 @@ extern "C" {
 #endif
 
 /* NETWORK: the method of the paper. EXPLICIT: every frame on its own, as 3DGS does it. TRACKS: as NETWORK, but
- * splats and tracks have explicit values only. */
-enum spin_method { SPIN_METHOD_NETWORK, SPIN_METHOD_FRAMES, SPIN_METHOD_TRACKS };
+ * splats and tracks have explicit values only. 4D: 4D splats, made of a clip that TRACKS trained. */
+enum spin_method { SPIN_METHOD_NETWORK, SPIN_METHOD_FRAMES, SPIN_METHOD_TRACKS, SPIN_METHOD_4D };
 /* What a splat has of its own, to which the network adds: nothing; scale from its neighbours and colour
  * of its source; all of its source's (or its refined frame's) attributes, SH up to degree 0. */
 enum spin_residual { SPIN_RESIDUAL_OFF, SPIN_RESIDUAL_POINTS, SPIN_RESIDUAL_SOURCE };

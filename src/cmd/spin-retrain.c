@@ -194,12 +194,17 @@ static const char *const of_network[] = {"levels",          "features",        "
                                          "lr-scale",        "lr-rotation",     "lr-opacity",
                                          "head-lr-factor",  "network-start",   NULL};
 static const char *const of_sh[] = {"sh-degree", "sh-increase-every", NULL};
-static const char *const of_clip[] = {
-    "iterations",  "batch",      "views-per-frame", "warmup", "lr-position", "residual",
-    "lr-residual", "eval-every", "save-every",      "watch",  NULL};
-static const char *const of_tracks[] = {"lr-track",          "lr-tracked",       "lr-displacement",
-                                        "track-iterations",  "dynamic-residual", "densify-every",
-                                        "densify-threshold", "densify-until",    NULL};
+static const char *const of_clip[] = {"iterations", "batch",      "views-per-frame", "warmup",
+                                      "eval-every", "save-every", "watch",           NULL};
+static const char *const of_splats[] = {"lr-position", "residual", "lr-residual", NULL};
+static const char *const of_shared[] = {"lr-track", "lr-displacement", NULL};
+static const char *const of_tracks[] = {"lr-tracked",
+                                        "track-iterations",
+                                        "dynamic-residual",
+                                        "densify-every",
+                                        "densify-threshold",
+                                        "densify-until",
+                                        NULL};
 static const char *const of_refinement[] = {"refine-start", "densify", "cache", NULL};
 static const char *const of_densification[] = {"max-points", NULL};
 static const char *const of_exposure[] = {"lr-exposure", NULL};
@@ -221,20 +226,27 @@ static void warn_idle(int argc, char **argv, const char *const *name, bool have_
 static void warn_without_effect(int argc, char **argv)
 {
     bool clip = options.method != SPIN_METHOD_FRAMES;
+    bool of_4d = options.method == SPIN_METHOD_4D;
     bool points = !clip && options.refine_start == SPIN_REFINE_FROM_POINTS;
     int pace = options.sh_increase_every > 0 ? options.sh_increase_every : SPIN_SH_INCREASE_EVERY;
 
     warn_idle(argc, argv, of_network, options.method == SPIN_METHOD_NETWORK, "without a network");
     warn_idle(argc, argv, of_sh, options.method != SPIN_METHOD_TRACKS, "with --method tracks");
+    warn_idle(argc, argv, of_sh, !of_4d, "with --method 4d");
     warn_idle(argc, argv, of_sh, !points || options.refine > pace, "in so few iterations");
     warn_idle(argc, argv, of_sh + 1, clip || points, "with --refine-start source");
     warn_idle(argc, argv, of_clip, clip, "with --method frames");
-    warn_idle(argc, argv, of_tracks, clip && options.tracks, "without tracks");
+    warn_idle(argc, argv, of_splats, clip, "with --method frames");
+    warn_idle(argc, argv, of_splats, !of_4d, "with --method 4d");
+    warn_idle(argc, argv, of_tracks, !of_4d, "with --method 4d");
+    warn_idle(argc, argv, of_tracks, of_4d || (clip && options.tracks), "without tracks");
+    warn_idle(argc, argv, of_shared, of_4d || (clip && options.tracks), "without tracks");
     warn_idle(argc, argv, of_refinement, options.refine > 0, "without --refine");
-    warn_idle(argc, argv, of_densification,
-              (options.refine > 0 && options.densify) ||
-                  (clip && options.tracks && options.refine == 0 && options.densify_every != 0),
-              "without densification");
+    warn_idle(
+        argc, argv, of_densification,
+        (options.refine > 0 && options.densify) ||
+            (clip && !of_4d && options.tracks && options.refine == 0 && options.densify_every != 0),
+        "without densification");
     warn_idle(argc, argv, of_exposure, options.learn_exposure != SPIN_EXPOSURE_OFF,
               "without --learn-exposure");
 }
@@ -259,8 +271,9 @@ static const char *implied_preset(int argc, char **argv)
     const char *method = spin_args_find(argc, argv, "method");
     const char *refine = spin_args_find(argc, argv, "refine");
 
-    return (method && strcmp(method, "tracks") != 0) || (refine && atoi(refine) > 0) ? "paper"
-                                                                                     : "quick";
+    bool other = method && strcmp(method, "tracks") != 0 && strcmp(method, "4d") != 0;
+
+    return other || (refine && atoi(refine) > 0) ? "paper" : "quick";
 }
 
 int main(int argc, char **argv)

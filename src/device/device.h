@@ -38,6 +38,7 @@ enum {
     SPIN_RESIDUAL =
         11, /* own values of a splat: log scale [3], rotation [4], colour [3], opacity [1] */
     SPIN_TRACK = 3 + SPIN_RESIDUAL, /* values of a track: displacement [3], then as a residual */
+    SPIN_MOTION = 5, /* of a track that is a 4D splat: velocity [3], time, 1 / standard deviation of its bell */
     SPIN_TILE = 16,                 /* pixels; part of the result, docs/method.md 4.2 */
     SPIN_MAX_LEVELS = 32
 };
@@ -141,6 +142,9 @@ struct spin_tracks_f32 {
     const float SPIN_DEV
         *values;              /* [SPIN_TRACK n] in groups: displacement [n][3], then as residuals */
     float SPIN_DEV *d_values; /* the same */
+    /* [n][SPIN_MOTION], in the unit of a frame's t, or NULL: tracks are where they are, and are seen whole. Splats of
+     * such tracks have no residual values of their own. */
+    const float SPIN_DEV *motion;
 };
 
 /* The frames of a step. */
@@ -321,7 +325,7 @@ struct spin_device_ops {
     /* ---- Tracks ---- */
 
     /* means [n][3] =, residual [SPIN_RESIDUAL n] = (each frame's at its first row): own values plus those of
-     * the track. */
+     * the track, where that is at the frame's t and as much of it as is seen then. */
     void (*tracks)(struct spin_device *d, const struct spin_frame_batch *frames,
                    const struct spin_tracks_f32 *tracks, float SPIN_DEV *means,
                    float SPIN_DEV *residual);

@@ -70,6 +70,26 @@ SPIN_FN void spin_window_adj(const struct spin_window *w, double t, double g,
     out->gate = seen * (1 - bell);
 }
 
+/* The logit of a splat's opacity while a window shows exp(ln_weight) of it, from the logit l of the whole: of
+ * w o = w e^l / (1 + e^l) it is l + ln w - ln(1 + e^l (1 - w)). ln_weight at most 0. */
+SPIN_FN float spin_unseen(float l, float ln_weight) /* ln(e^l (1 - w)): -infinity where all is seen */
+{
+    return l + logf(-expm1f(ln_weight));
+}
+
+SPIN_FN float spin_seen_logit(float l, float ln_weight)
+{
+    float a = spin_unseen(l, ln_weight);
+
+    return l + ln_weight - (a > 0 ? a + log1pf(expf(-a)) : log1pf(expf(a)));
+}
+
+/* Its slope by l: 1 / (1 + e^l (1 - w)). */
+SPIN_FN float spin_seen_logit_adj(float l, float ln_weight)
+{
+    return 1 / (1 + expf(spin_unseen(l, ln_weight)));
+}
+
 /* The times, both ends included, at which the weight is at least so; span[0] > span[1]: never. */
 SPIN_FN void spin_window_span(const struct spin_window *w, double least, double span[2])
 {

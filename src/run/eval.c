@@ -68,8 +68,9 @@ static spin_status open_clip(struct eval *e)
 /* Views of training cameras are drawn as those of test cameras, of which no exposure is known. */
 static void warn_exposures(const struct eval *e)
 {
+    const spin_json *json = e->clip.bundle.json, *trained = spin_json_get(json, "trained_4d");
     const spin_json *cameras =
-        spin_json_get(spin_json_get(e->clip.bundle.json, "trained"), "cameras");
+        spin_json_get(trained ? trained : spin_json_get(json, "trained"), "cameras");
     size_t n = 0;
 
     for (size_t i = 0; i < e->n_pairs; i++)
@@ -91,7 +92,7 @@ static spin_status open_players(struct eval *e)
 
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &e->device));
     SPIN_TRY(spin_player_open(&e->player, &e->device, &e->clip.bundle, e->from));
-    if (e->from != SPIN_FROM_SOURCE) {
+    if (e->from != SPIN_FROM_SOURCE || spin_json_get(e->clip.bundle.json, "trained_4d")) {
         SPIN_TRY(spin_player_set_lenses(&e->player, &e->lenses));
         if (spin_rank() == 0) {
             spin_lenses_warn(&e->lenses, &e->clip.views, e->pairs, e->n_pairs);

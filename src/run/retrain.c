@@ -19,6 +19,7 @@
 #include "train/camera_colours.h"
 #include "train/loop.h"
 #include "train/output.h"
+#include "train/rows_4d.h"
 #include "train/test_views.h"
 
 /* What is worth learning: of the cameras' colours, and of the brightness at the corners. */
@@ -31,6 +32,7 @@ struct run {
     struct spin_photos photos;
     struct spin_refinement refinement;
     struct spin_tracks tracks;
+    struct spin_rows_4d rows; /* with --method 4d */
     struct spin_frames frames;
     struct spin_trainer trainer;
     char *fingerprint;
@@ -43,6 +45,7 @@ struct run {
     bool resume;          /* there is a state to go on from */
 };
 
+static bool trains_4d(const struct run *r) { return r->plan.o->method == SPIN_METHOD_4D; }
 static bool trains_clip(const struct run *r) { return r->plan.o->method != SPIN_METHOD_FRAMES; }
 
 /* ---- Before the work ---------------------------------------------------------------------------- */
@@ -191,6 +194,8 @@ static spin_status plan(struct run *r, const struct spin_retrain_options *o,
                         struct spin_retrain_report *report)
 {
     SPIN_TRY(spin_plan_open(&r->plan, o, report));
+    if (trains_4d(r))
+        SPIN_TRY(spin_rows_4d_cut(&r->rows, &r->plan));
     if (o->refine > 0)
         SPIN_TRY(spin_refinement_open(&r->refinement, &r->plan));
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &r->device));
@@ -200,7 +205,7 @@ static spin_status plan(struct run *r, const struct spin_retrain_options *o,
     spin_code_paths_begin(&r->code_paths, r->device.path);
     SPIN_TRY(prepare_watch(r));
     /* Where frames are loaded at once, that looks at the points as well. */
-    return o->dry_run || o->refine > 0 ? spin_frames_look(&r->plan) : SPIN_OK;
+    return !trains_4d(r) && (o->dry_run || o->refine > 0) ? spin_frames_look(&r->plan) : SPIN_OK;
 }
 
 /* Brightness at the corners of the pictures. */
@@ -215,6 +220,8 @@ static spin_status choose_exposure(struct run *r)
     if (*choice == SPIN_EXPOSURE_OFF)
         return SPIN_OK;
     SPIN_TRY(spin_camera_colours(&r->plan, &r->photos, &r->colour_spread));
+    if (trains_4d(r))
+        SPIN_TRY(spin_rows_4d_looks(&r->plan));
     if (*choice == SPIN_EXPOSURE_AUTO)
         *choice = r->colour_spread > least_spread || fabs(corner_of(r) - 1) > least_falloff
                       ? SPIN_EXPOSURE_ON
@@ -271,7 +278,10 @@ static void say_plan(const struct run *r)
     spin_log(0, "%s, %.0f splats a frame, %zu training and %zu test views, %s",
              spin_text_count(r->plan.clip.n_frames, "frame", frames), r->plan.clip.n_mean,
              r->plan.n_train, r->plan.n_test, r->device.description);
-    if (!trains_clip(r) || r->plan.o->method == SPIN_METHOD_TRACKS)
+    if (trains_4d(r))
+        spin_log(0, "%zu 4D splats, %zu of them are alike in all frames", r->rows.n,
+                 r->rows.n_whole);
+    if (r->plan.o->method != SPIN_METHOD_NETWORK)
         return;
     spin_log(0, "%.1f M parameters in the table, %.1f %% of the points outside the unit ball",
              (double)r->plan.field.n_table / 1e6, 100 * outside);
@@ -283,7 +293,7 @@ static spin_status look_at_source(struct run *r)
 {
     struct spin_quality *q = &r->plan.report->before;
 
-    SPIN_TRY(spin_test_views_measure_source(&r->plan, &r->photos, &r->device, q));
+    SPIN_TRY(spin_test_views_measure_input(&r->plan, &r->photos, &r->device, q));
     if (q->valid)
         spin_log(0, "before: test PSNR %.3f dB, SSIM %.4f", q->psnr, q->ssim);
     return SPIN_OK;
@@ -324,15 +334,15 @@ static spin_status open_trainer(struct run *r, bool resume)
     SPIN_TRY(spin_alloc((size_t)size.n_frames, sizeof *frame, &block));
     size.frame = frame = block;
     SPIN_TRY_OUT(find_tracks(r));
-    size.tracked = r->tracks.n > 0 || spin_plan_densifies(p);
-    size.n_tracks = r->tracks.n;
+    size.tracked = r->tracks.n > 0 || trains_4d(r) || spin_plan_densifies(p);
+    size.n_tracks = trains_4d(r) ? r->rows.n : r->tracks.n;
     size.n_moving = r->tracks.n_moving;
     size.n_varying = r->tracks.n_varying;
     for (int f = 0; f < size.n_frames; f++) {
         size_t n = p->counts[f];
 
-        frame[f] = (struct spin_frame_size){n, n, n, spin_plan_has_residual(p) ? n : 0};
-        if (size.tracked)
+        frame[f] = spin_plan_frame_size(p, n);
+        if (size.tracked && !trains_4d(r))
             frame[f] = spin_tracks_size(&r->tracks, f, n);
     }
     if (resume && size.tracked) {
@@ -344,6 +354,14 @@ static spin_status open_trainer(struct run *r, bool resume)
 out:
     free(block);
     return status;
+}
+
+/* What the trainer begins with, but for a network. */
+static spin_status load_splats(struct run *r, bool resume)
+{
+    if (trains_4d(r))
+        return spin_rows_4d_load(&r->rows, &r->plan, &r->trainer, &r->frames);
+    return spin_frames_load(&r->frames, &r->plan, &r->refinement, &r->tracks, &r->trainer, !resume);
 }
 
 /* First values of table and heads. */
@@ -425,8 +443,7 @@ static spin_status train_network(struct run *r)
     c->code_paths = &r->code_paths;
 
     SPIN_TRY(open_trainer(r, resume));
-    SPIN_TRY(
-        spin_frames_load(&r->frames, &r->plan, &r->refinement, &r->tracks, &r->trainer, !resume));
+    SPIN_TRY(load_splats(r, resume));
     c->permutation = r->frames.permutation;
     SPIN_TRY(resume ? spin_checkpoint_load(c, &r->trainer) : begin_network(r));
     c->sound = true;
@@ -460,7 +477,8 @@ static void warn_worse(const struct run *r)
     if (before->valid && test->valid && test->psnr < before->psnr)
         spin_warn("the result is worse than the source, test PSNR %.3f dB after %.3f dB: try %s",
                   test->psnr, before->psnr,
-                  r->plan.o->method == SPIN_METHOD_TRACKS ? "more --iterations, or --preset best"
+                  trains_clip(r) && r->plan.o->method != SPIN_METHOD_NETWORK
+                      ? "more --iterations, or --preset best"
                   : trains_clip(r) ? "more --iterations, --preset short, or --residual source"
                                    : "a larger --refine, or --refine-start source");
 }
@@ -568,6 +586,7 @@ static void close_all(struct run *r)
     spin_trainer_close(&r->trainer);
     spin_frames_close(&r->frames);
     spin_tracks_close(&r->tracks);
+    spin_rows_4d_close(&r->rows);
     spin_refinement_close(&r->refinement);
     spin_photos_close(&r->photos);
     spin_device_close(&r->device);
@@ -611,7 +630,7 @@ static spin_json *quality_json(const struct spin_quality *q)
 
 spin_status spin_retrain(const struct spin_retrain_options *o, char **report)
 {
-    static const char *const method[] = {"network", "frames", "tracks"};
+    static const char *const method[] = {"network", "frames", "tracks", "4d"};
     struct spin_retrain_report r;
     spin_json *j;
 

@@ -78,7 +78,8 @@ static spin_status read_own(struct spin_bundle_tracks *t, const char *what, int 
     return status;
 }
 
-static spin_status read_numbers(struct spin_bundle_tracks *t, int index, size_t n, uint32_t *track)
+spin_status spin_bundle_tracks_numbers(struct spin_bundle_tracks *t, int index, size_t n,
+                                       uint32_t *track)
 {
     int64_t shape[1] = {(int64_t)n};
     struct spin_bundle_values v;
@@ -121,7 +122,7 @@ spin_status spin_bundle_tracks_frame(struct spin_bundle_tracks *t, int index, si
     track = t->block;
     own_pos = (float *)(track + t->capacity);
     own_residual = own_pos + 3 * n;
-    SPIN_TRY(read_numbers(t, index, n, track));
+    SPIN_TRY(spin_bundle_tracks_numbers(t, index, n, track));
     SPIN_TRY(read_own(t, "means", index, 3, own_residual, own_pos, &n_pos));
     SPIN_TRY(
         read_own(t, "residual", index, ROW, own_residual + ROW * n, own_residual, &n_residual));

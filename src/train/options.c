@@ -226,6 +226,11 @@ void spin_options_resolve(struct spin_retrain_options *o, int n_frames)
         o->track_iterations = o->iterations;
     if (o->densify_every < 0)
         o->densify_every = o->track_iterations / DENSIFICATIONS;
+    if (o->method == SPIN_METHOD_4D) { /* 4D splats are not densified, and learn in all steps */
+        o->tracks = false;
+        o->track_iterations = o->iterations;
+        o->densify_every = 0;
+    }
 }
 
 /* ---- Limits ----------------------------------------------------------------------------------- */

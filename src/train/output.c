@@ -10,6 +10,7 @@
 #include "base/mem.h"
 #include "io/ranks.h"
 #include "model/residual.h"
+#include "train/rows_4d.h"
 #include "train/settings.h"
 
 /* ---- Precision ---------------------------------------------------------------------------------- */
@@ -278,7 +279,36 @@ static spin_status write_network(const struct spin_output *output, struct spin_b
                            &(struct weights){output, "trained/heads", t->heads.p});
 }
 
-/* The source's columns, those kept of refined frames, the network. */
+/* 4D splats, in place of the source's frames. */
+static spin_status write_rows(const struct spin_output *output, struct spin_bundle_writer *w,
+                              struct spin_bundle_meta *meta)
+{
+    static const enum spin_round_4d round[] = {SPIN_ROUND_COMPACT, SPIN_ROUND_HALF,
+                                               SPIN_ROUND_NOTHING};
+    struct spin_splats_4d rows = {0};
+    enum spin_round_4d rounded = round[output->plan->o->precision];
+    size_t n_frames = (size_t)meta->n_frames, *counts = NULL;
+    double *times = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_rows_4d_read(output->plan, output->trainer, rounded, &rows));
+    SPIN_TRY_OUT(spin_bundle_write_4d(w, &rows, rounded, meta));
+    SPIN_TRY_OUT(spin_alloc(n_frames, sizeof *times, (void **)&times));
+    SPIN_TRY_OUT(spin_alloc(n_frames, sizeof *counts, (void **)&counts));
+    for (size_t f = 0; f < n_frames; f++)
+        times[f] = meta->frame[f].time;
+    SPIN_TRY_OUT(spin_splats_4d_counts(&rows, times, n_frames, counts));
+    for (size_t f = 0; f < n_frames; f++)
+        meta->frame[f].n = counts[f];
+    meta->identity = false;
+out:
+    spin_splats_4d_free(&rows);
+    free(times);
+    free(counts);
+    return status;
+}
+
+/* The source's columns, those kept of refined frames, the network; or all of it as 4D splats. */
 static spin_status write_splats(const struct spin_output *output, struct spin_bundle_writer *w,
                                 struct spin_bundle_meta *meta, const float SPIN_DEV *whole,
                                 bool *same_rows)
@@ -289,6 +319,8 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
     const struct spin_splats_4d *four_d;
     spin_status status = SPIN_OK;
 
+    if (plan->o->method == SPIN_METHOD_4D)
+        return write_rows(output, w, meta);
     SPIN_TRY(spin_bundle_splats_4d(&plan->clip.bundle, &four_d));
     if (four_d)
         SPIN_TRY(spin_bundle_write_4d(w, four_d, SPIN_ROUND_NOTHING, meta));
@@ -432,9 +464,9 @@ static spin_status trained_to_json(const struct spin_output *output, bool same_r
                   spin_settings_network(output->plan, output->frames->init_log_scale));
     spin_json_set_string(j, "device", output->trainer->device->op->name);
     spin_json_set(j, "cameras", cameras);
-    if (t->n_tracks > 0)
+    if (t->n_tracks > 0 && !t->motion)
         tracks_to_json(t, same_rows, j);
-    if (t->tracked)
+    if (t->tracked && !t->motion)
         counts_to_json(t, j);
     spin_json_set_string(j, "fingerprint", output->fingerprint);
     spin_json_set_string(j, "path", output->code_paths);
@@ -442,6 +474,14 @@ static spin_status trained_to_json(const struct spin_output *output, bool same_r
     set_quality(j, "test", &report->test);
     *json = j;
     return SPIN_OK;
+}
+
+/* The member of meta.json that tells of the training. 4D splats are a source by themselves. */
+static const char *result_of(const struct spin_plan *plan)
+{
+    return plan->o->method == SPIN_METHOD_4D       ? "trained_4d"
+           : plan->o->method == SPIN_METHOD_FRAMES ? "refined"
+                                                   : "trained";
 }
 
 /* What the method adds to meta.json. */
@@ -460,7 +500,7 @@ static spin_status describe(const struct spin_output *output, bool same_rows, sp
     }
     if (plan->o->method != SPIN_METHOD_FRAMES) {
         SPIN_TRY(trained_to_json(output, same_rows, &trained));
-        spin_json_set(extra, "trained", trained);
+        spin_json_set(extra, result_of(plan), trained);
     } else {
         set_quality(refined, "before", &plan->report->before);
         spin_json_set_string(refined, "fingerprint", output->fingerprint);
@@ -517,8 +557,7 @@ spin_status spin_output_write(const struct spin_output *output)
 bool spin_output_is_done(const struct spin_plan *plan, const char *fingerprint)
 {
     struct spin_bundle bundle;
-    const char *method = plan->o->method != SPIN_METHOD_FRAMES ? "trained" : "refined", *text,
-               *precision;
+    const char *method = result_of(plan), *text, *precision;
     bool same;
 
     if (spin_bundle_open(plan->o->output, &bundle) != SPIN_OK)

@@ -32,10 +32,11 @@ static spin_status check_options(const struct spin_retrain_options *o)
                                        "how many with --refine");
     if (o->method == SPIN_METHOD_TRACKS && !o->tracks)
         return spin_fail(SPIN_E_USAGE, "--method tracks needs --tracks auto");
-    if (o->method == SPIN_METHOD_TRACKS && o->refine > 0)
+    if ((o->method == SPIN_METHOD_TRACKS || o->method == SPIN_METHOD_4D) && o->refine > 0)
         return spin_fail(SPIN_E_USAGE,
-                         "refined frames have no splats in common: --method tracks goes without "
-                         "--refine");
+                         "refined frames have no splats in common: --method %s goes without "
+                         "--refine",
+                         o->method == SPIN_METHOD_4D ? "4d" : "tracks");
     return SPIN_OK;
 }
 
@@ -130,6 +131,13 @@ bool spin_plan_densifies(const struct spin_plan *plan)
            schedule.every < schedule.until;
 }
 
+struct spin_frame_size spin_plan_frame_size(const struct spin_plan *plan, size_t n)
+{
+    size_t own = plan->o->method == SPIN_METHOD_4D ? 0 : n; /* rows have all */
+
+    return (struct spin_frame_size){n, own, own, spin_plan_has_residual(plan) ? own : 0};
+}
+
 int spin_plan_camera(const struct spin_plan *plan, int id)
 {
     int k = 0;
@@ -209,9 +217,10 @@ static spin_status plan_field(struct spin_plan *plan)
     memcpy(finest, o->finest_resolution, sizeof finest);
     if (finest[3] == 0)
         finest[3] = plan->clip.n_frames > 16 ? plan->clip.n_frames : 16;
-    SPIN_TRY(spin_field_plan(&plan->field, o->levels, o->features, o->hash_log2, o->hidden,
-                             o->method == SPIN_METHOD_TRACKS ? 0 : o->sh_degree, o->base_resolution,
-                             finest));
+    SPIN_TRY(spin_field_plan(
+        &plan->field, o->levels, o->features, o->hash_log2, o->hidden,
+        o->method == SPIN_METHOD_NETWORK || o->method == SPIN_METHOD_FRAMES ? o->sh_degree : 0,
+        o->base_resolution, finest));
     plan->field.heads.relu = o->relu;
     plan->field.antialias = o->antialias;
     plan->field.transform.raw = o->normalise == SPIN_NORMALISE_NONE;
@@ -377,6 +386,7 @@ spin_status spin_plan_open_trainer(const struct spin_plan *plan, struct spin_dev
     const struct spin_retrain_options *o = plan->o;
     bool exposures = o->learn_exposure == SPIN_EXPOSURE_ON;
 
+    size->motion = o->method == SPIN_METHOD_4D;
     size->network = o->method == SPIN_METHOD_NETWORK;
     size->alone = o->method == SPIN_METHOD_FRAMES;
     size->sh_degree = size->alone ? plan->field.sh_degree : 0;
@@ -433,19 +443,17 @@ static spin_status open_training(const struct spin_plan *plan, struct spin_devic
     const struct spin_retrain_options *o = plan->o;
     size_t n_frames = (size_t)plan->clip.n_frames, most = plan->clip.n_max;
     struct spin_frame_size *frame = NULL;
-    struct spin_trainer_size size = {
-        .n_frames = plan->clip.n_frames, .tracked = o->tracks, .n_tracks = o->tracks ? most : 0};
+    struct spin_trainer_size size = {.n_frames = plan->clip.n_frames,
+                                     .tracked = o->tracks || plan->n_rows > 0,
+                                     .n_tracks = o->tracks ? most : plan->n_rows};
     struct spin_trainer t = {0};
     struct spin_image_store images = {0};
     struct spin_field_eval evaluation = {0};
     spin_status status;
 
     SPIN_TRY(spin_alloc(n_frames, sizeof *frame, (void **)&frame));
-    for (size_t f = 0; f < n_frames; f++) {
-        size_t n = plan->counts[f];
-
-        frame[f] = (struct spin_frame_size){n, n, n, spin_plan_has_residual(plan) ? n : 0};
-    }
+    for (size_t f = 0; f < n_frames; f++)
+        frame[f] = spin_plan_frame_size(plan, plan->counts[f]);
     size.frame = frame;
     SPIN_TRY_OUT(spin_plan_open_trainer(plan, device, &size, &t));
     SPIN_TRY_OUT(spin_field_eval_open(&evaluation, device, t.network, most, false));

@@ -41,6 +41,7 @@ struct spin_plan {
     struct spin_field field; /* the scene transform is set by frames.c */
     size_t *counts;          /* [frames] splats; of the refined frames once there are some */
     size_t n_of_frame;       /* the one count of a frame by itself */
+    size_t n_rows;           /* 4D splats, with --method 4d */
     int *camera;             /* [n_cameras] ids of the training cameras, ascending */
     int n_cameras;
     struct spin_lenses lenses; /* of the training cameras */
@@ -84,6 +85,8 @@ struct spin_schedule {
     int every;
 };
 struct spin_schedule spin_plan_schedule(const struct spin_plan *plan);
+/* What a frame of n splats has of its own, as far as the points have not been looked at. */
+struct spin_frame_size spin_plan_frame_size(const struct spin_plan *plan, size_t n);
 /* Pixels do not all count alike (--dynamic-weight). */
 bool spin_plan_is_weighted(const struct spin_plan *plan);
 /* Whether the table takes lazy Adam: the device has it, and a step's splats need less than half of the table. */

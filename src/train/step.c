@@ -117,7 +117,7 @@ static void add_frame(const struct spin_trainer *t, int number, struct spin_fram
 /* What the frames' splats have from their tracks. */
 static void add_tracks(struct spin_trainer *t, const struct spin_frame_batch *frames)
 {
-    struct spin_tracks_f32 tracks = {t->n_tracks, t->tracks.p, t->tracks.g};
+    struct spin_tracks_f32 tracks = {t->n_tracks, t->tracks.p, t->tracks.g, t->motion};
 
     if (t->n_tracks > 0)
         t->device->op->tracks(t->device, frames, &tracks, t->means, t->residual);
@@ -249,7 +249,7 @@ static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
 static spin_status do_frames(struct spin_trainer *t, const struct batch *b, const int *first, int n)
 {
     const struct spin_field *network = spin_trainer_network(t);
-    struct spin_tracks_f32 tracks = {t->n_tracks, t->tracks.p, t->tracks.g};
+    struct spin_tracks_f32 tracks = {t->n_tracks, t->tracks.p, t->tracks.g, t->motion};
     struct spin_frame_batch frames = {0};
     struct spin_device *d = t->device;
 

@@ -26,18 +26,37 @@ spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_ph
     return plan->n_test > 0 ? spin_metrics_run(&m, out) : SPIN_OK;
 }
 
-spin_status spin_test_views_measure_source(struct spin_plan *plan, struct spin_photos *photos,
-                                           struct spin_device *device, struct spin_quality *out)
+/* A trained clip, as through the lenses that it was trained with. */
+static spin_status set_lenses(const struct spin_plan *plan, struct spin_player *input,
+                              struct spin_lenses *lenses)
 {
-    struct spin_player source;
+    if (plan->o->method != SPIN_METHOD_4D)
+        return SPIN_OK;
+    SPIN_TRY(spin_lenses_from_json(spin_json_get(plan->clip.bundle.json, "lenses"),
+                                   plan->o->image_scale, lenses));
+    return spin_player_set_lenses(input, lenses);
+}
+
+spin_status spin_test_views_measure_input(struct spin_plan *plan, struct spin_photos *photos,
+                                          struct spin_device *device, struct spin_quality *out)
+{
+    bool trained = plan->o->method == SPIN_METHOD_4D;
+    struct spin_lenses lenses = {0};
+    struct spin_player input;
     spin_status status;
 
     memset(out, 0, sizeof *out);
-    if (!spin_plan_has_source(plan))
+    if (!trained && !spin_plan_has_source(plan))
         return SPIN_OK;
-    SPIN_TRY(spin_player_open(&source, device, &plan->clip.bundle, SPIN_FROM_SOURCE));
-    status = spin_test_views_measure(plan, photos, &source, NULL, "evaluating the source", out);
-    spin_player_close(&source);
+    SPIN_TRY(spin_player_open(&input, device, &plan->clip.bundle,
+                              trained ? SPIN_FROM_TRAINED : SPIN_FROM_SOURCE));
+    status = set_lenses(plan, &input, &lenses);
+    if (status == SPIN_OK)
+        status =
+            spin_test_views_measure(plan, photos, &input, NULL,
+                                    trained ? "evaluating the clip" : "evaluating the source", out);
+    spin_player_close(&input);
+    spin_lenses_free(&lenses);
     return status;
 }
 

@@ -136,6 +136,8 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
         spin_param_open(&t->table, device, t->network ? field->n_table : 0, spin_lazy_pad(field)));
     SPIN_TRY_OUT(spin_param_open(&t->heads, device, t->network ? field->n_heads : 0, 0));
     SPIN_TRY_OUT(spin_param_open(&t->tracks, device, SPIN_TRACK * t->n_tracks, 0));
+    if (size->motion)
+        SPIN_TRY_OUT(reserve(device, SPIN_MOTION * t->n_tracks, &t->motion));
     SPIN_TRY_OUT(spin_exposures_open(&t->exposures, device, size->n_cameras, size->n_lenses,
                                      size->exposure,
                                      t->max_pixels * smaller(device->views_at_once, t->max_items)));
@@ -227,6 +229,7 @@ void spin_trainer_close(struct spin_trainer *t)
     spin_param_close(&t->table, d);
     spin_param_close(&t->heads, d);
     spin_param_close(&t->tracks, d);
+    d->op->release(d, t->motion);
     spin_exposures_close(&t->exposures, d);
     for (int f = 0; f < t->n_frames; f++)
         spin_train_frame_close(&t->frame[f], d);

@@ -34,6 +34,7 @@ struct spin_trainer_size {
     const struct spin_frame_size *frame; /* [n_frames] */
     bool tracked; /* splats may have tracks, and are densified; n_tracks may still be 0 */
     size_t n_tracks, n_moving, n_varying;
+    bool motion; /* tracks are 4D splats */
     bool network;
     bool alone;    /* the work is this rank's, and shares nothing with others */
     int sh_degree; /* of splats' own SH; 0: the colour alone */
@@ -51,6 +52,7 @@ struct spin_trainer {
     struct spin_param tracks;         /* [SPIN_TRACK n_tracks] in groups (device.h) */
     bool tracked;                     /* as in spin_trainer_size */
     size_t n_tracks;
+    float SPIN_DEV *motion; /* [n_tracks][SPIN_MOTION] of tracks that are 4D splats, or NULL; it stays as it is */
     size_t n_moving,
         n_varying; /* the first of them: their splats have positions, residual values, of their own */
     bool gather;   /* what densification goes by */

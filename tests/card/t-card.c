@@ -31,6 +31,7 @@ enum array {
     TRACK,
     TRACK_VALUES,
     D_TRACK_VALUES,
+    TRACK_MOTION,
     GRADIENT,
     SEEN,
     X_U,
@@ -201,6 +202,7 @@ static void make_arrays(void)
     make(TRACK, COUNTS, all, 0, 0);
     make(TRACK_VALUES, FLOATS, SPIN_TRACK * TRACKS, -0.1f, 0.1f);
     make(D_TRACK_VALUES, FLOATS, SPIN_TRACK * TRACKS, 0, 0);
+    make(TRACK_MOTION, FLOATS, SPIN_MOTION * TRACKS, -1, 1);
     make(GRADIENT, FLOATS, all, 0, 0);
     make(SEEN, COUNTS, all, 0, 0);
     make(X_U, FLOATS, 4 * all, 0, 1);
@@ -293,14 +295,39 @@ static struct spin_images images_of(struct side *s)
 VERB(tracks)
 {
     struct spin_frame_batch b = frames_of(s, true);
-    struct spin_tracks_f32 t = {TRACKS, s->at[TRACK_VALUES], s->at[D_TRACK_VALUES]};
+    struct spin_tracks_f32 t = {TRACKS, s->at[TRACK_VALUES], s->at[D_TRACK_VALUES], NULL};
 
     return OP(tracks, &b, &t, s->at[D_MEANS], s->at[D_OWN]);
 }
 VERB(tracks_back)
 {
     struct spin_frame_batch b = frames_of(s, true);
-    struct spin_tracks_f32 t = {TRACKS, s->at[TRACK_VALUES], s->at[D_TRACK_VALUES]};
+    struct spin_tracks_f32 t = {TRACKS, s->at[TRACK_VALUES], s->at[D_TRACK_VALUES], NULL};
+
+    return OP(tracks_back, &b, &t);
+}
+/* Tracks that are 4D splats, whose splats have nothing of their own. */
+static struct spin_frame_batch rows_of(struct side *s)
+{
+    struct spin_frame_batch b = frames_of(s, true);
+
+    for (int f = 0; f < FRAMES; f++)
+        b.frame[f].n_own_means = b.frame[f].n_own_residual = 0;
+    return b;
+}
+VERB(rows)
+{
+    struct spin_frame_batch b = rows_of(s);
+    struct spin_tracks_f32 t = {TRACKS, s->at[TRACK_VALUES], s->at[D_TRACK_VALUES],
+                                s->at[TRACK_MOTION]};
+
+    return OP(tracks, &b, &t, s->at[D_MEANS], s->at[D_OWN]);
+}
+VERB(rows_back)
+{
+    struct spin_frame_batch b = rows_of(s);
+    struct spin_tracks_f32 t = {TRACKS, s->at[TRACK_VALUES], s->at[D_TRACK_VALUES],
+                                s->at[TRACK_MOTION]};
 
     return OP(tracks_back, &b, &t);
 }
@@ -492,6 +519,8 @@ static const struct {
 } verbs[] = {
     {"tracks", do_tracks, 1e-6, {D_MEANS, D_OWN, -1}},
     {"tracks_back", do_tracks_back, 1e-6, {D_TRACK_VALUES, -1}},
+    {"tracks, 4D splats", do_rows, 1e-5, {D_MEANS, D_OWN, -1}},
+    {"tracks_back, 4D splats", do_rows_back, 1e-5, {D_TRACK_VALUES, -1}},
     {"zero", do_zero, 0, {D_OWN, -1}},
     {"copy_rows", do_copy_rows, 0, {D_RAW, -1}},
     {"contract", do_contract, 1e-6, {X_U, -1}},

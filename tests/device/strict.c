@@ -252,6 +252,7 @@ static void check_spin_tracks_f32(struct spin_device *d, const char *verb,
 {
     check(d, verb, (const void *)tracks->values);
     check(d, verb, (const void *)tracks->d_values);
+    check(d, verb, (const void *)tracks->motion);
 }
 
 static void check_spin_active(struct spin_device *d, const char *verb,

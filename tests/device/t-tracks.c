@@ -1,6 +1,7 @@
 /* What splats have from their tracks, and gradients back, against the sums written out; the same bits for any
  * number of threads; on a strict device.
  * K: threads tracks */
+#include <math.h>
 #include <stdlib.h>
 
 #include "tests/device/strict.h"
@@ -15,6 +16,7 @@ static const size_t width[4] = {3, 4, 3, 1}; /* of the residual's groups */
 static uint32_t track[FRAMES][2100];
 static float own_means[FRAMES][3 * 1500], own_residual[FRAMES][SPIN_RESIDUAL * 700];
 static float values[SPIN_TRACK * TRACKS], d_values[SPIN_TRACK * TRACKS];
+static float motion[SPIN_MOTION * TRACKS];
 static float means[3 * ALL], residual[SPIN_RESIDUAL * ALL];
 static float d_means[FRAMES][3 * 2100], d_residual[FRAMES][SPIN_RESIDUAL * 2100];
 
@@ -32,6 +34,7 @@ static struct spin_frame_batch batch_of(struct loans *l)
         struct spin_frame_of_batch *to = &frames.frame[f];
 
         to->first = first;
+        to->t = 0.3f + 0.4f * (float)f;
         to->n = n_of[f];
         to->n_own_means = n_means[f];
         to->n_own_residual = n_residual[f];
@@ -44,7 +47,7 @@ static struct spin_frame_batch batch_of(struct loans *l)
     return frames;
 }
 
-static void run(struct spin_device *d, bool with_residual)
+static void run(struct spin_device *d, bool with_residual, bool moving)
 {
     struct loans l = {.d = d};
     struct spin_frame_batch frames = batch_of(&l);
@@ -52,6 +55,10 @@ static void run(struct spin_device *d, bool with_residual)
     float SPIN_DEV *to_means = lend_both(&l, means, sizeof means);
     float SPIN_DEV *to_residual = lend_both(&l, residual, sizeof residual);
 
+    if (moving)
+        tracks.motion = lend(&l, motion, sizeof motion);
+    for (int f = 0; f < FRAMES && moving; f++)
+        frames.frame[f].n_own_residual = 0;
     for (size_t i = 0; i < SPIN_TRACK * TRACKS; i++)
         d_values[i] = 1;
     tracks.d_values = lend_both(&l, d_values, sizeof d_values);
@@ -115,19 +122,83 @@ static int count_wrong_gradients(bool with_residual)
     return wrong;
 }
 
+/* The place and the opacity of a splat whose track moves, written out; the other values are the track's. */
+static double worst_motion(void)
+{
+    double worst = 0;
+
+    for (size_t f = 0, first = 0; f < FRAMES; first += n_of[f++])
+        for (size_t i = 0; i < n_of[f]; i++) {
+            uint32_t k = track[f][i];
+            const float *m = motion + SPIN_MOTION * (size_t)k,
+                        *to = residual + SPIN_RESIDUAL * first;
+            double d = 0.3 + 0.4 * (double)f, o, seen;
+
+            if (k >= TRACKS)
+                continue;
+            d -= (double)m[3];
+            for (size_t c = 0; c < 3; c++)
+                worst = fmax(worst, fabs((double)means[3 * (first + i) + c] - d * (double)m[c] -
+                                         (double)values[3 * k + c] -
+                                         (double)(i < n_means[f] ? own_means[f][3 * i + c] : 0)));
+            o = 1 / (1 + exp(-(double)values[13 * TRACKS + k]));
+            seen = 1 / (1 + exp(-(double)to[10 * n_of[f] + i]));
+            worst = fmax(worst, fabs(seen - o * exp(-0.5 * pow(d * (double)m[4], 2))));
+            worst =
+                fmax(worst, fabs((double)(to[3 * n_of[f] + 4 * i] - values[6 * TRACKS + 4 * k])));
+        }
+    return worst;
+}
+
+/* Gradients gather as without motion but for the opacity, whose slope is d seen / d whole. */
+static double worst_motion_slope(void)
+{
+    double worst = 0;
+
+    for (size_t k = 0; k < TRACKS; k++) {
+        const float *m = motion + SPIN_MOTION * k;
+        double want = 1;
+
+        for (size_t f = 0; f < FRAMES; f++)
+            for (size_t i = 0; i < n_of[f]; i++) {
+                double d = 0.3 + 0.4 * (double)f - (double)m[3];
+                double w = exp(-0.5 * pow(d * (double)m[4], 2));
+
+                if (track[f][i] == k)
+                    want += (double)d_residual[f][10 * n_of[f] + i] /
+                            (1 + exp((double)values[13 * TRACKS + k]) * (1 - w));
+            }
+        worst = fmax(worst, fabs((double)d_values[13 * TRACKS + k] - want));
+    }
+    return worst;
+}
+
+static void check_motion(struct spin_device *d, const char *path)
+{
+    double worst, slope;
+
+    run(d, true, true);
+    worst = worst_motion();
+    slope = worst_motion_slope();
+    ok(worst < 1e-5, "%s: a track goes its way, and is seen as its bell says, to %.2g", path,
+       worst);
+    ok(slope < 1e-5, "%s: its opacity learns from what is seen, to %.2g", path, slope);
+}
+
 static void check_path(const char *path, int n_threads)
 {
     struct spin_device *d;
 
     setenv("SPIN_CPU", path, 1);
     d = check_device(n_threads);
-    run(d, true);
+    run(d, true, false);
     ok(count_wrong_sums() == 0, "%s, %d threads: own values plus those of the track", path,
        n_threads);
     ok(count_wrong_gradients(true) == 0, "%s, %d threads: gradients gather over frames", path,
        n_threads);
-    run(d, false);
+    run(d, false, false);
     ok(count_wrong_gradients(false) == 0, "%s, %d threads: places only", path, n_threads);
+    check_motion(d, path);
     check_device_free(d);
 }
 
@@ -147,6 +218,9 @@ TAP_MAIN
 
     make_tracks();
     fill(values, SPIN_TRACK * TRACKS, 7919);
+    fill(motion, SPIN_MOTION * TRACKS, 611953);
+    for (size_t k = 0; k < TRACKS; k++) /* every ninth does not fade */
+        motion[SPIN_MOTION * k + 4] = k % 9 ? 2 + motion[SPIN_MOTION * k + 4] : 0;
     for (size_t f = 0; f < FRAMES; f++) {
         fill(own_means[f], 3 * n_means[f], 104729 + f);
         fill(own_residual[f], SPIN_RESIDUAL * n_residual[f], 1299709 + f);
@@ -167,9 +241,11 @@ TAP_MAIN
     }
     unsetenv("SPIN_CPU");
     late = strict_open(check_device(2), 2, 1);
-    run(late, true);
+    run(late, true, false);
     ok(count_wrong_sums() == 0 && count_wrong_gradients(true) == 0 &&
            strict_complaints() == complaints,
        "on a device that works late, without a complaint");
+    run(late, true, true);
+    ok(worst_motion() < 1e-5 && strict_complaints() == complaints, "with motion too");
     strict_close(late);
 }

@@ -112,8 +112,33 @@ static void test_window_slopes(void)
     ok(worst < 1e-6, "slopes of a window are those of finite differences, to %.2g", worst);
 }
 
+/* What is seen of an opacity is as much of it as the window says, and its slope is that. */
+static void test_seen(void)
+{
+    double worst = 0, worst_slope = 0;
+
+    for (int k = 0; k < 4096; k++) {
+        float l = (float)(8 * draw()), ln_w = k % 8 ? (float)(-3 * (1 + draw())) : -1e-4f;
+        double o = 1 / (1 + exp(-(double)l)), seen = exp((double)ln_w) * o, h = 0.02;
+        double got = 1 / (1 + exp(-(double)spin_seen_logit(l, ln_w)));
+        double up = log(exp((double)ln_w) / (1 + exp(-(l + h)) - exp((double)ln_w)));
+        double down = log(exp((double)ln_w) / (1 + exp(-(l - h)) - exp((double)ln_w)));
+        double slope = (double)spin_seen_logit_adj(l, ln_w);
+
+        worst = fmax(worst, fabs(got - seen));
+        worst_slope = fmax(worst_slope, fabs((up - down) / (2 * h) - slope));
+    }
+    ok(worst < 1e-6, "what a window leaves of an opacity, to %.2g", worst);
+    ok(worst_slope < 1e-4, "its slope is that of finite differences, to %.2g", worst_slope);
+    ok(spin_seen_logit(3.25f, -0.0f) == 3.25f && spin_seen_logit_adj(3.25f, -0.0f) == 1,
+       "where all is seen nothing changes");
+    ok(spin_seen_logit_adj(200, -1) == 0 && isfinite(spin_seen_logit(200, -1)),
+       "an opacity of 1 is no trouble");
+}
+
 TAP_MAIN
 {
+    test_seen();
     test_path();
     test_window();
     test_window_slopes();

@@ -277,7 +277,7 @@ static void test_limits(void)
     LIMIT(lr_exposure, 1, 2);
     LIMIT(eval_every, 0, -1);
     LIMIT(save_every, 0, -1);
-    LIMIT(method, SPIN_METHOD_NETWORK, SPIN_METHOD_TRACKS + 1);
+    LIMIT(method, SPIN_METHOD_NETWORK, SPIN_METHOD_4D + 1);
     LIMIT(lr_track, 0, -1);
     LIMIT(lr_tracked, 1000, 1001);
     LIMIT(lr_displacement, 1, 2);

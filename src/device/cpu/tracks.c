@@ -2,11 +2,12 @@
  * belongs to at most one splat of a frame, so the rows of a frame are independent of each other; frames go one
  * after the other. */
 #include "device/cpu/cpu.h"
+#include "math/motion.h"
 
 enum { CHUNK = 1024 };
 
 /* A group is a matrix [n][width]. The first is the place, the others are residual values. */
-enum { N_GROUPS = 5 };
+enum { PLACE, OPACITY = 4, N_GROUPS };
 static const size_t group_width[N_GROUPS] = {3, 3, 4, 3, 1};
 
 struct job {
@@ -16,7 +17,22 @@ struct job {
     const float *shared;   /* [n_tracks][width] */
     float *to;             /* [n][width], or the tracks' gradient */
     const float *from;     /* [n][width] */
+    const float *motion;   /* of the tracks where it counts for this group, or NULL */
+    float t;
+    int group;
 };
+
+/* What a splat has of its track's motion: of the place what it has gone, of the opacity what is seen of it. */
+static void move(const struct job *job, const float *motion, float *value)
+{
+    float d = job->t - motion[3], x = d * motion[4];
+
+    if (job->group == OPACITY)
+        *value = spin_seen_logit(*value, -0.5f * x * x);
+    else
+        for (int c = 0; c < 3; c++)
+            value[c] += d * motion[c];
+}
 
 static void sum_task(void *context, int task, int worker)
 {
@@ -32,6 +48,8 @@ static void sum_task(void *context, int task, int worker)
 
         for (size_t c = 0; c < w; c++)
             job->to[w * i + c] = (own ? own[c] : 0) + (shared ? shared[c] : 0);
+        if (job->motion && shared)
+            move(job, job->motion + SPIN_MOTION * (size_t)job->track[i], job->to + w * i);
     }
 }
 
@@ -42,10 +60,18 @@ static void back_task(void *context, int task, int worker)
     size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
 
     (void)worker;
-    for (size_t i = first; i < end; i++)
-        if (job->track[i] < job->n_tracks)
-            for (size_t c = 0; c < w; c++)
-                job->to[w * job->track[i] + c] += job->from[w * i + c];
+    for (size_t i = first; i < end; i++) {
+        const float *m = job->motion ? job->motion + SPIN_MOTION * (size_t)job->track[i] : NULL;
+        float slope = 1;
+
+        if (job->track[i] >= job->n_tracks)
+            continue;
+        if (m)
+            slope = spin_seen_logit_adj(job->shared[job->track[i]],
+                                        -0.5f * powf((job->t - m[3]) * m[4], 2));
+        for (size_t c = 0; c < w; c++)
+            job->to[w * job->track[i] + c] += slope * job->from[w * i + c];
+    }
 }
 
 static int n_chunks(size_t n) { return (int)((n + CHUNK - 1) / CHUNK); }
@@ -57,19 +83,22 @@ void SPIN_CPU(tracks)(struct spin_device *d, const struct spin_frame_batch *fram
 
     for (int f = 0; f < frames->n_frames; f++) {
         const struct spin_frame_of_batch *frame = &frames->frame[f];
-        struct job job = {.n = frame->n, .n_tracks = tracks->n, .track = frame->track};
+        struct job job = {
+            .n = frame->n, .n_tracks = tracks->n, .track = frame->track, .t = frame->t};
         const float *own = frame->own_residual, *shared = tracks->values;
         float *to = residual + SPIN_RESIDUAL * frame->first;
 
         for (int k = 0; k < N_GROUPS; k++) {
+            job.group = k;
             job.width = group_width[k];
+            job.motion = k == PLACE || k == OPACITY ? tracks->motion : NULL;
             job.shared = shared;
-            job.n_own = k == 0 ? frame->n_own_means : frame->n_own_residual;
-            job.own = k == 0 ? frame->own_means : own;
-            job.to = k == 0 ? means + 3 * frame->first : to;
+            job.n_own = k == PLACE ? frame->n_own_means : frame->n_own_residual;
+            job.own = k == PLACE ? frame->own_means : own;
+            job.to = k == PLACE ? means + 3 * frame->first : to;
             spin_pool_run(spin_cpu_pool(d), n_chunks(job.n), sum_task, &job);
             shared += group_width[k] * tracks->n;
-            if (k == 0)
+            if (k == PLACE)
                 continue;
             own += group_width[k] * frame->n_own_residual;
             to += group_width[k] * frame->n;
@@ -85,17 +114,20 @@ void SPIN_CPU(tracks_back)(struct spin_device *d, const struct spin_frame_batch 
 
     for (int f = 0; f < frames->n_frames; f++) {
         const struct spin_frame_of_batch *frame = &frames->frame[f];
-        struct job job = {.n = frame->n, .n_tracks = tracks->n, .track = frame->track};
+        struct job job = {
+            .n = frame->n, .n_tracks = tracks->n, .track = frame->track, .t = frame->t};
         const float *from = frame->d_residual;
         float *to = tracks->d_values;
 
         for (int k = 0; k < (from ? N_GROUPS : 1); k++) {
             job.width = group_width[k];
-            job.from = k == 0 ? frame->d_means : from;
+            job.motion = k == OPACITY ? tracks->motion : NULL;
+            job.shared = tracks->values + (to - tracks->d_values);
+            job.from = k == PLACE ? frame->d_means : from;
             job.to = to;
             spin_pool_run(spin_cpu_pool(d), n_chunks(job.n), back_task, &job);
             to += group_width[k] * tracks->n;
-            from += k == 0 ? 0 : group_width[k] * frame->n;
+            from += k == PLACE ? 0 : group_width[k] * frame->n;
         }
     }
     spin_cpu_spent(d, SPIN_OP_ACTIVATE_BACK, start);

@@ -2,6 +2,7 @@
  * track belongs to at most one splat of a frame, so the rows of a frame are independent of each other; frames go one
  * after the other. */
 #include "device/cuda/cuda.h"
+#include "math/motion.h"
 
 /* A group of residual values is a matrix [n][width]; in a row of attributes it begins at this column. */
 struct group {
@@ -12,10 +13,7 @@ static const struct group groups[n_groups] = {
     {3, SPIN_ATTR_SCALE}, {4, SPIN_ATTR_ROTATION}, {3, SPIN_ATTR_SH}, {1, SPIN_ATTR_OPACITY}};
 
 /* SH beyond the first coefficient: a group with a place of its own. */
-static struct group group_of_sh(size_t width)
-{
-    return {width, SPIN_ATTR_SH + 3};
-}
+static struct group group_of_sh(size_t width) { return {width, SPIN_ATTR_SH + 3}; }
 
 /* A thread has one value. */
 static __global__ void to_rows_kernel(struct group group, size_t n, bool add, const float *from,
@@ -89,7 +87,7 @@ void cuda_residual_back(struct spin_device *d, const struct spin_frame_batch *fr
 /* ---- Tracks ---------------------------------------------------------------------------------- */
 
 /* The place, then the residual values. */
-static const int n_track_groups = 5;
+static const int track_place = 0, track_opacity = 4, n_track_groups = 5;
 static const size_t track_width[n_track_groups] = {3, 3, 4, 3, 1};
 
 struct track_job {
@@ -97,15 +95,49 @@ struct track_job {
     const uint32_t *track; /* [n] */
     const float *own;      /* [n_own][width] */
     const float *shared;   /* [n_tracks][width] */
+    const float *motion;   /* of the tracks where it counts for this group, or NULL */
+    float t;
 };
+
+/* What is seen of a track, as its logarithm. */
+static __device__ float seen_of(const struct track_job *job, const float *motion)
+{
+    float x = (job->t - motion[3]) * motion[4];
+
+    return -0.5f * x * x;
+}
 
 static __global__ void tracks_kernel(struct track_job job, float *to)
 {
-    size_t at = GPU_INDEX(), i = at / job.width, c = at % job.width;
+    size_t at = GPU_INDEX(), i = at / job.width, c = at % job.width, track;
+    float value;
 
-    if (i < job.n)
-        to[at] = (i < job.n_own ? job.own[at] : 0) +
-                 (job.track[i] < job.n_tracks ? job.shared[job.width * job.track[i] + c] : 0);
+    if (i >= job.n)
+        return;
+    track = job.track[i];
+    value = i < job.n_own ? job.own[at] : 0;
+    if (track < job.n_tracks) {
+        const float *m = job.motion ? job.motion + SPIN_MOTION * track : NULL;
+
+        value += job.shared[job.width * track + c];
+        if (m)
+            value = job.width == 1 ? spin_seen_logit(value, seen_of(&job, m))
+                                   : value + (job.t - m[3]) * m[c];
+    }
+    to[at] = value;
+}
+
+/* A group of a frame. Only the place and the opacity know of motion. */
+static struct track_job job_of(const struct spin_frame_batch::spin_frame_of_batch *frame,
+                               const struct spin_tracks_f32 *tracks, int k, const float *shared)
+{
+    struct track_job job = {frame->n, 0,    tracks->n, track_width[k], frame->track, NULL,
+                            shared,   NULL, 0};
+
+    if (k == track_place || k == track_opacity)
+        job.motion = tracks->motion;
+    job.t = frame->t;
+    return job;
 }
 
 void cuda_tracks(struct spin_device *d, const struct spin_frame_batch *frames,
@@ -119,16 +151,14 @@ void cuda_tracks(struct spin_device *d, const struct spin_frame_batch *frames,
 
         for (int k = 0; k < n_track_groups; k++) {
             size_t width = track_width[k];
-            struct track_job job = {
-                frame->n,     k == 0 ? frame->n_own_means : frame->n_own_residual,
-                tracks->n,    width,
-                frame->track, k == 0 ? frame->own_means : own,
-                shared};
+            struct track_job job = job_of(frame, tracks, k, shared);
 
+            job.n_own = k == track_place ? frame->n_own_means : frame->n_own_residual;
+            job.own = k == track_place ? frame->own_means : own;
             GPU_EACH(gpu_of(d), width * frame->n, tracks_kernel, job,
-                     k == 0 ? means + 3 * frame->first : to);
+                     k == track_place ? means + 3 * frame->first : to);
             shared += width * tracks->n;
-            if (k == 0)
+            if (k == track_place)
                 continue;
             own += width * frame->n_own_residual;
             to += width * frame->n;
@@ -139,10 +169,16 @@ void cuda_tracks(struct spin_device *d, const struct spin_frame_batch *frames,
 
 static __global__ void tracks_back_kernel(struct track_job job, const float *from, float *d_shared)
 {
-    size_t at = GPU_INDEX(), i = at / job.width, c = at % job.width;
+    size_t at = GPU_INDEX(), i = at / job.width, c = at % job.width, track;
+    float slope = 1;
 
-    if (i < job.n && job.track[i] < job.n_tracks)
-        d_shared[job.width * job.track[i] + c] += from[at];
+    if (i >= job.n || job.track[i] >= job.n_tracks)
+        return;
+    track = job.track[i];
+    if (job.motion && job.width == 1)
+        slope =
+            spin_seen_logit_adj(job.shared[track], seen_of(&job, job.motion + SPIN_MOTION * track));
+    d_shared[job.width * track + c] += slope * from[at];
 }
 
 void cuda_tracks_back(struct spin_device *d, const struct spin_frame_batch *frames,
@@ -156,12 +192,13 @@ void cuda_tracks_back(struct spin_device *d, const struct spin_frame_batch *fram
 
         for (int k = 0; k < (from ? n_track_groups : 1); k++) {
             size_t width = track_width[k];
-            struct track_job job = {frame->n, 0, tracks->n, width, frame->track, NULL, NULL};
+            struct track_job job =
+                job_of(frame, tracks, k, tracks->values + (to - tracks->d_values));
 
             GPU_EACH(gpu_of(d), width * frame->n, tracks_back_kernel, job,
-                     k == 0 ? frame->d_means : from, to);
+                     k == track_place ? frame->d_means : from, to);
             to += width * tracks->n;
-            from += k == 0 ? 0 : width * frame->n;
+            from += k == track_place ? 0 : width * frame->n;
         }
     }
     cuda_end(d, SPIN_OP_ACTIVATE_BACK);

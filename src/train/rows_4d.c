@@ -1,0 +1,429 @@
+/* Frames go by once, in the order of their times; of each track the piece that is still growing is kept. */
+#include "train/rows_4d.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "model/residual.h"
+#include "scene/bundle_tracks.h"
+
+const double spin_rows_4d_least_weight = 0.01;
+
+/* How far a splat may be from its piece: in its own size (of the place), and in these units of the other values, which
+ * are log scale, rotation, first SH coefficient and logit of the opacity. Tried on court. */
+static const float place_tolerance = 0.5f;
+static const struct {
+    size_t first, width;
+    float tolerance;
+} look[] = {{3, 3, 0.25f}, {7, 4, 0.2f}, {10, 3, 0.15f}, {13, 1, 1.0f}};
+enum { LOOKS = sizeof look / sizeof *look };
+
+/* Standard deviation of a piece's bell: of the time from its first to its last frame, and of one frame's. Tried on court. */
+static const double bell_of_span = 0.3, bell_of_frame = 0.25;
+
+enum { MOST_FRAMES = 8 }; /* of a piece that moves or changes */
+
+/* The piece of a track that grows. */
+struct piece {
+    int first, n; /* frames; n 0: there is none */
+    float value[MOST_FRAMES][SPIN_TRACK];
+};
+
+struct cut {
+    struct spin_rows_4d *rows;
+    struct spin_plan *plan;
+    struct spin_bundle_tracks tracks;
+    struct piece *piece; /* [tracks] */
+    float *time;         /* [frames] 0..1 */
+    uint32_t *number;    /* of the frame's splats, and their values */
+    float *means, *values;
+};
+
+/* ---- Pieces -------------------------------------------------------------------------------------- */
+
+/* A piece as a row: the line that fits its places best, and the mean of its other values. */
+static void fit(const struct cut *c, const struct piece *p, float row[SPIN_TRACK],
+                float motion[SPIN_MOTION])
+{
+    double mean[SPIN_TRACK] = {0}, middle = 0, square = 0, slope[3] = {0};
+
+    for (int i = 0; i < p->n; i++) {
+        middle += (double)c->time[p->first + i] / p->n;
+        for (int k = 0; k < SPIN_TRACK; k++)
+            mean[k] += (double)p->value[i][k] / p->n;
+    }
+    for (int i = 0; i < p->n; i++) {
+        double d = (double)c->time[p->first + i] - middle;
+
+        square += d * d;
+        for (int k = 0; k < 3; k++)
+            slope[k] += d * ((double)p->value[i][k] - mean[k]);
+    }
+    for (int k = 0; k < SPIN_TRACK; k++)
+        row[k] = (float)mean[k];
+    for (int k = 0; k < 3; k++)
+        motion[k] = square > 0 ? (float)(slope[k] / square) : 0;
+    motion[3] = (float)middle;
+}
+
+static bool fits(const struct cut *c, const struct piece *p)
+{
+    float row[SPIN_TRACK], motion[SPIN_MOTION];
+    double size;
+
+    fit(c, p, row, motion);
+    size = (double)place_tolerance * exp((double)(row[3] + row[4] + row[5]) / 3);
+    for (int i = 0; i < p->n; i++) {
+        float d = c->time[p->first + i] - motion[3];
+        double away = 0;
+
+        for (int k = 0; k < 3; k++)
+            away += pow((double)(row[k] + d * motion[k] - p->value[i][k]), 2);
+        if (away > size * size)
+            return false;
+        for (int l = 0; l < LOOKS; l++)
+            for (size_t k = look[l].first; k < look[l].first + look[l].width; k++)
+                if (fabsf(row[k] - p->value[i][k]) > look[l].tolerance)
+                    return false;
+    }
+    return true;
+}
+
+static spin_status reserve_row(struct spin_rows_4d *rows)
+{
+    size_t capacity = rows->capacity;
+
+    SPIN_TRY(spin_room(rows->n, &capacity, SPIN_TRACK * sizeof(float), (void **)&rows->values));
+    return spin_room(rows->n, &rows->capacity, SPIN_MOTION * sizeof(float), (void **)&rows->motion);
+}
+
+/* Half of the way to that end, where a piece is at an end of the clip: there is no other to fade into. Returns the time
+ * that its bell is for. */
+static double move_to_end(const struct cut *c, const struct piece *p, float *row, float *motion)
+{
+    int last = p->first + p->n - 1, n = c->rows->n_frames;
+    double span = (double)c->time[last] - (double)c->time[p->first];
+    float end = c->time[p->first == 0 ? 0 : n - 1], d = (end - motion[3]) / 2;
+
+    if (p->first > 0 && last < n - 1)
+        return span;
+    for (int k = 0; k < 3; k++)
+        row[k] += d * motion[k];
+    motion[3] += d;
+    return 1.5 * span;
+}
+
+/* A row of a piece that is over. What the whole clip shows does not fade. */
+static spin_status end_piece(struct cut *c, struct piece *p)
+{
+    struct spin_rows_4d *rows = c->rows;
+    float *row, *motion;
+    double frame = rows->n_frames > 1 ? 1.0 / (rows->n_frames - 1) : 1, span;
+
+    if (p->n == 0)
+        return SPIN_OK;
+    SPIN_TRY(reserve_row(rows));
+    row = rows->values + SPIN_TRACK * rows->n;
+    motion = rows->motion + SPIN_MOTION * rows->n;
+    if (p->n > MOST_FRAMES) { /* it stands still: its only value is the first */
+        memcpy(row, p->value[0], sizeof p->value[0]);
+        memset(motion, 0, SPIN_MOTION * sizeof *motion);
+        motion[3] = (c->time[p->first] + c->time[p->first + p->n - 1]) / 2;
+    } else {
+        fit(c, p, row, motion);
+    }
+    span = p->n < rows->n_frames ? move_to_end(c, p, row, motion) : HUGE_VAL;
+    motion[4] = (float)(1 / (bell_of_span * span + bell_of_frame * frame));
+    rows->n_whole += p->n == rows->n_frames;
+    rows->n++;
+    p->n = 0;
+    return SPIN_OK;
+}
+
+/* A splat of frame f: the piece grows, or ends before it. still: the track has one value. */
+static spin_status grow_piece(struct cut *c, struct piece *p, int f, bool still,
+                              const float value[SPIN_TRACK])
+{
+    if (p->n > 0 && (p->first + p->n != f || (!still && p->n == MOST_FRAMES)))
+        SPIN_TRY(end_piece(c, p));
+    if (p->n == 0)
+        p->first = f;
+    if (p->n < MOST_FRAMES)
+        memcpy(p->value[p->n], value, sizeof p->value[0]);
+    p->n++;
+    if (still || fits(c, p))
+        return SPIN_OK;
+    p->n--;
+    SPIN_TRY(end_piece(c, p));
+    p->first = f;
+    p->n = 1;
+    memcpy(p->value[0], value, sizeof p->value[0]);
+    return SPIN_OK;
+}
+
+/* ---- The pass ------------------------------------------------------------------------------------ */
+
+static spin_status reserve_frame(struct cut *c, size_t n)
+{
+    void *number = c->number, *means = c->means, *values = c->values;
+
+    SPIN_TRY(spin_grow(n + 1, sizeof *c->number, &number));
+    c->number = number;
+    SPIN_TRY(spin_grow(n + 1, 3 * sizeof *c->means, &means));
+    c->means = means;
+    SPIN_TRY(spin_grow(n + 1, SPIN_RESIDUAL * sizeof *c->values, &values));
+    c->values = values;
+    return SPIN_OK;
+}
+
+static spin_status cut_frame(struct cut *c, int f)
+{
+    struct spin_bundle *bundle = &c->plan->clip.bundle;
+    int index = spin_plan_index(c->plan, f);
+    size_t n = spin_bundle_count(bundle, index, SPIN_FROM_TRAINED);
+
+    SPIN_TRY(reserve_frame(c, n));
+    SPIN_TRY(spin_bundle_tracks_frame(&c->tracks, index, n, c->means, c->values));
+    SPIN_TRY(spin_bundle_tracks_numbers(&c->tracks, index, n, c->number));
+    for (size_t i = 0; i < n; i++) {
+        uint32_t k = c->number[i];
+        struct piece alone, *p = k == SPIN_NOT_TRACKED ? &alone : &c->piece[k];
+        float value[SPIN_TRACK];
+
+        memcpy(value, c->means + 3 * i, 3 * sizeof *value);
+        memcpy(value + 3, c->values + SPIN_RESIDUAL * i, SPIN_RESIDUAL * sizeof *value);
+        alone.n = 0;
+        SPIN_TRY(grow_piece(
+            c, p, f, k >= c->tracks.n_moving && k >= c->tracks.n_varying && p != &alone, value));
+        if (p == &alone)
+            SPIN_TRY(end_piece(c, p));
+    }
+    return SPIN_OK;
+}
+
+/* Which rows each frame shows. */
+static spin_status list_frames(struct cut *c)
+{
+    struct spin_rows_4d *rows = c->rows;
+    double reach = sqrt(-2 * log(spin_rows_4d_least_weight));
+    void *block = NULL;
+    uint32_t *shown;
+    spin_status status = SPIN_OK;
+
+    SPIN_TRY(spin_alloc(rows->n + 1, sizeof *shown, &block));
+    shown = block;
+    for (int f = 0; f < rows->n_frames; f++) {
+        size_t n = 0;
+
+        for (size_t i = 0; i < rows->n; i++) {
+            const float *motion = rows->motion + SPIN_MOTION * i;
+
+            if (fabs((double)(c->time[f] - motion[3]) * (double)motion[4]) <= reach)
+                shown[n++] = (uint32_t)i;
+        }
+        SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *shown, (void **)&rows->of[f]));
+        memcpy(rows->of[f], shown, n * sizeof *shown);
+        rows->counts[f] = n;
+    }
+out:
+    free(block);
+    return status;
+}
+
+static spin_status check_input(const struct cut *c)
+{
+    const struct spin_plan *plan = c->plan;
+    const spin_json *trained = spin_json_get(plan->clip.bundle.json, "trained");
+
+    if (c->tracks.n == 0 || spin_json_is_object(spin_json_get(trained, "field")))
+        return spin_fail(
+            SPIN_E_NOT_FOUND,
+            "--method 4d begins with a clip that --method tracks trained, and this one "
+            "is not: train it so first, and give the result");
+    for (int f = 1; f < plan->clip.n_frames; f++)
+        if (spin_plan_info(plan, f)->time < spin_plan_info(plan, f - 1)->time)
+            return spin_fail(
+                SPIN_E_UNSUPPORTED,
+                "frame %d comes after frame %d and is earlier: --method 4d takes frames "
+                "in the order of their times",
+                spin_plan_info(plan, f)->number, spin_plan_info(plan, f - 1)->number);
+    return SPIN_OK;
+}
+
+/* The frames of the plan are these. */
+static void set_counts(struct spin_plan *plan, const struct spin_rows_4d *rows)
+{
+    plan->n_rows = rows->n;
+    plan->clip.n_max = 0;
+    plan->clip.n_mean = 0;
+    for (int f = 0; f < rows->n_frames; f++) {
+        plan->counts[f] = rows->counts[f];
+        plan->clip.n_max = rows->counts[f] > plan->clip.n_max ? rows->counts[f] : plan->clip.n_max;
+        plan->clip.n_mean += (double)rows->counts[f] / rows->n_frames;
+    }
+    plan->report->splats_mean = plan->clip.n_mean;
+}
+
+spin_status spin_rows_4d_cut(struct spin_rows_4d *rows, struct spin_plan *plan)
+{
+    struct cut c = {.rows = rows, .plan = plan};
+    size_t n_frames = (size_t)plan->clip.n_frames;
+    spin_status status;
+
+    rows->n_frames = plan->clip.n_frames;
+    SPIN_TRY_OUT(spin_bundle_tracks_open(&plan->clip.bundle, &c.tracks));
+    SPIN_TRY_OUT(check_input(&c));
+    SPIN_TRY_OUT(spin_alloc(n_frames, sizeof *rows->of, (void **)&rows->of));
+    SPIN_TRY_OUT(spin_alloc(n_frames, sizeof *rows->counts, (void **)&rows->counts));
+    SPIN_TRY_OUT(spin_alloc(n_frames, sizeof *c.time, (void **)&c.time));
+    SPIN_TRY_OUT(spin_alloc(c.tracks.n, sizeof *c.piece, (void **)&c.piece));
+    for (int f = 0; f < rows->n_frames; f++)
+        c.time[f] = spin_field_time(&plan->field, spin_plan_info(plan, f)->time);
+    for (int f = 0; f < rows->n_frames; f++)
+        SPIN_TRY_OUT(cut_frame(&c, f));
+    for (size_t k = 0; k < c.tracks.n; k++)
+        SPIN_TRY_OUT(end_piece(&c, &c.piece[k]));
+    SPIN_TRY_OUT(list_frames(&c));
+    set_counts(plan, rows);
+out:
+    spin_bundle_tracks_close(&c.tracks);
+    free(c.piece);
+    free(c.time);
+    free(c.number);
+    free(c.means);
+    free(c.values);
+    return status;
+}
+
+void spin_rows_4d_close(struct spin_rows_4d *rows)
+{
+    for (int f = 0; rows->of && f < rows->n_frames; f++)
+        free(rows->of[f]);
+    free(rows->of);
+    free(rows->counts);
+    free(rows->values);
+    free(rows->motion);
+    memset(rows, 0, sizeof *rows);
+}
+
+/* ---- Training -------------------------------------------------------------------------------------- */
+
+/* Numbers of a camera in "trained", as retrain wrote them. */
+static void read_three(const spin_json *array, float *to)
+{
+    for (size_t c = 0; c < 3; c++) {
+        double value = 0;
+
+        if (spin_json_number(spin_json_at(array, c), &value) && isfinite(value))
+            to[c] = (float)value;
+    }
+}
+
+spin_status spin_rows_4d_looks(struct spin_plan *plan)
+{
+    const spin_json *json = plan->clip.bundle.json;
+    const spin_json *cameras = spin_json_get(spin_json_get(json, "trained"), "cameras");
+    struct spin_lenses lenses = {0};
+    float *lens = plan->exposure + SPIN_EXPOSURE * (size_t)plan->n_cameras;
+
+    SPIN_TRY(spin_lenses_from_json(spin_json_get(json, "lenses"), plan->o->image_scale, &lenses));
+    for (size_t i = 0; i < spin_json_length(cameras); i++) {
+        const spin_json *one = spin_json_at(cameras, i);
+        double id = NAN;
+
+        spin_json_number(spin_json_get(one, "camera"), &id);
+        for (int k = 0; k < plan->n_cameras; k++)
+            if (plan->camera[k] == id) {
+                read_three(spin_json_get(one, "log_gain"), plan->exposure + SPIN_EXPOSURE * k);
+                read_three(spin_json_get(one, "offset"), plan->exposure + SPIN_EXPOSURE * k + 3);
+            }
+    }
+    for (int k = 0; k < plan->lenses.n && k < lenses.n; k++) {
+        memcpy(plan->lenses.lens[k].falloff, lenses.lens[k].falloff, sizeof lenses.lens[k].falloff);
+        memcpy(lens + SPIN_EXPOSURE * k, lenses.lens[k].falloff, sizeof lenses.lens[k].falloff);
+    }
+    spin_lenses_free(&lenses);
+    return SPIN_OK;
+}
+
+/* Of the tracks, and the rows' own order of a frame's splats. */
+spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin_plan *plan,
+                              struct spin_trainer *t, struct spin_frames *frames)
+{
+    struct spin_device *d = t->device;
+    size_t n = rows->n;
+    float *groups;
+    void *block = NULL;
+
+    SPIN_TRY(spin_alloc((size_t)rows->n_frames, sizeof *frames->permutation, &block));
+    frames->permutation = block;
+    frames->n = rows->n_frames;
+    for (int f = 0; f < frames->n; f++) {
+        block = NULL;
+        SPIN_TRY(spin_alloc(rows->counts[f] + 1, sizeof **frames->permutation, &block));
+        frames->permutation[f] = block;
+        for (size_t i = 0; i < rows->counts[f]; i++)
+            frames->permutation[f][i] = (uint32_t)i;
+        t->frame[f].time = spin_plan_info(plan, f)->time;
+        d->op->upload(d, t->frame[f].track, rows->of[f], rows->counts[f] * sizeof **rows->of);
+    }
+    block = NULL;
+    SPIN_TRY(spin_alloc(n + 1, SPIN_TRACK * sizeof *groups, &block));
+    groups = block;
+    for (size_t i = 0; i < n; i++)
+        memcpy(groups + 3 * i, rows->values + SPIN_TRACK * i, 3 * sizeof *groups);
+    spin_residual_from_rows(n, rows->values + 3, SPIN_TRACK, NULL, groups + 3 * n);
+    d->op->upload(d, t->tracks.p, groups, SPIN_TRACK * n * sizeof *groups);
+    d->op->upload(d, t->motion, rows->motion, SPIN_MOTION * n * sizeof *rows->motion);
+    free(block);
+    return SPIN_OK;
+}
+
+/* ---- The result ------------------------------------------------------------------------------------ */
+
+/* Row i of the trainer's groups [n], and its motion in the clip's unit of time. */
+static void set_row(const struct spin_field *field, size_t n, size_t i, const float *groups,
+                    const float *motion, struct spin_splats_4d *out)
+{
+    double span = field->time_last > field->time_first ? field->time_last - field->time_first : 1;
+    const float *residual = groups + 3 * n;
+
+    memcpy(out->centres + 3 * i, groups + 3 * i, 3 * sizeof *groups);
+    memcpy(out->log_scales + 3 * i, residual + 3 * i, 3 * sizeof *groups);
+    memcpy(out->quats + 4 * i, residual + 3 * n + 4 * i, 4 * sizeof *groups);
+    memcpy(out->sh + 3 * i, residual + 7 * n + 3 * i, 3 * sizeof *groups);
+    out->logit_opacities[i] = residual[10 * n + i];
+    for (int c = 0; c < 3; c++)
+        out->paths[3 * i + (size_t)c] = (float)((double)motion[c] / span);
+    out->times[i] = (float)(field->time_first + (double)motion[3] * span);
+    out->sigmas[i] = motion[4] > 0 ? (float)(span / (double)motion[4]) : SPIN_FOREVER;
+}
+
+spin_status spin_rows_4d_read(const struct spin_plan *plan, struct spin_trainer *t,
+                              enum spin_round_4d round, struct spin_splats_4d *out)
+{
+    struct spin_device *d = t->device;
+    size_t n = t->n_tracks, n_dropped;
+    void *block = NULL;
+    float *groups, *motion;
+    spin_status status;
+
+    SPIN_TRY(spin_splats_4d_reserve(out, n, 1, 0, 0));
+    SPIN_TRY_OUT(spin_alloc(n + 1, (SPIN_TRACK + SPIN_MOTION) * sizeof *groups, &block));
+    groups = block;
+    motion = groups + SPIN_TRACK * n;
+    SPIN_TRY_OUT(d->op->download(d, groups, t->tracks.p, SPIN_TRACK * n * sizeof *groups));
+    SPIN_TRY_OUT(d->op->download(d, motion, t->motion, SPIN_MOTION * n * sizeof *motion));
+    for (size_t i = 0; i < n; i++)
+        set_row(&t->field, n, i, groups, motion + SPIN_MOTION * i, out);
+    out->antialias = plan->o->antialias;
+    out->least_weight = spin_rows_4d_least_weight;
+    spin_splats_4d_round(out, round);
+    status = spin_splats_4d_settle(out, &n_dropped, NULL);
+out:
+    free(block);
+    return status;
+}

@@ -1,0 +1,91 @@
+#!/bin/sh
+# K: long retrain resume emu device 4d
+# A trained clip as 4D splats, trained again: what is read, refused, kept and written.
+. tests/cli/lib.sh
+
+net='--preset quick --seed 3'
+run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$work/in.spin"
+is "$code" 0 "imports court-mini"
+run "$bin/spin-retrain" "$work/in.spin" -o "$work/tracks.spin" $net --method tracks --iterations 300 --device cpu
+is "$code" 0 "trains tracks"
+
+run "$bin/spin-retrain" "$work/in.spin" -o "$work/no.spin" --method 4d
+fails 1 spin-retrain "a clip that was not trained"
+err_has "--method 4d begins with a clip that --method tracks trained" "and it says what it begins with"
+nothing_at "$work/no" "and nothing is left"
+run "$bin/spin-retrain" "$work/tracks.spin" -o "$work/no.spin" --method 4d --refine 5
+fails 2 spin-retrain "--refine beside it"
+
+# Options that have no effect are named.
+run "$bin/spin-retrain" "$work/tracks.spin" -o "$work/4d.spin" $net --method 4d --iterations 120 --device cpu \
+    --densify-every 10 --hidden 16 --lr-residual 3 --json
+is "$code" 0 "trains 4D splats"
+err_has "no effect with --method 4d: --densify-every" "densification has no effect there"
+err_has "no effect with --method 4d: --lr-residual" "nor have rates of frames"
+is "$(member method)" 4d "the report names the method"
+psnr=$(sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
+before=$(sed -n '/"before": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
+run "$bin/spin-eval" "$work/tracks.spin" --json
+is "$(member psnr | cut -c1-7)" "$(echo "$before" | cut -c1-7)" "before is what the trained clip has"
+run "$bin/spin-eval" "$work/4d.spin" --json
+awk -v a="$(member psnr)" -v b="$psnr" 'BEGIN { d = a - b; exit !(b > 10 && d < 0.02 && d > -0.02) }'
+ok $? "the bundle shows what was trained ($psnr dB, $(member psnr))"
+awk -v a="$before" -v b="$psnr" 'BEGIN { exit !(b > a - 1) }'
+ok $? "at most 1 dB below its clip after 120 steps ($before, $psnr)"
+run "$bin/spin-import" --info "$work/4d.spin"
+out_has "4D splats" "--info tells of 4D splats"
+
+# It is a source of 4D splats to everything else.
+run "$bin/spin-export" "$work/4d.spin" -o "$work/clip.tsog" --check
+is "$code" 0 "writes TSOG, read back"
+run "$bin/spin-import" "$work/clip.tsog" -o "$work/back.spin"
+is "$code" 0 "which can be imported"
+run "$bin/spin-retrain" "$work/4d.spin" -o "$work/no.spin" --method 4d --iterations 5
+fails 1 spin-retrain "4D splats are no clip of tracks"
+
+# The same bytes for any number of threads, and after a stop.
+small="$net --method 4d --iterations 60 --device cpu"
+run "$bin/spin-retrain" "$work/tracks.spin" -o "$work/one.spin" $small --threads 1
+run "$bin/spin-retrain" "$work/tracks.spin" -o "$work/three.spin" $small --threads 3
+cmp "$work/one.spin" "$work/three.spin"
+ok $? "the same bytes by one thread and three"
+"$bin/spin-retrain" "$work/tracks.spin" -o "$work/stopped.spin" $small --save-every 10 >"$work/out" 2>"$work/err" &
+pid=$!
+tries=0
+while [ ! -s "$work/stopped.spin.part" ] && kill -0 $pid 2>/dev/null && [ $tries -lt 600 ]; do
+    sleep 0.02
+    tries=$((tries + 1))
+done
+kill -9 $pid 2>/dev/null
+wait $pid 2>/dev/null
+if [ -e "$work/stopped.spin" ]; then
+    skip "stopping" "the run was over before it could be stopped"
+else
+    run "$bin/spin-retrain" "$work/tracks.spin" -o "$work/stopped.spin" $small --resume
+    is "$code" 0 "goes on after a stop"
+    err_has "resuming at iteration" "from the state"
+    cmp "$work/one.spin" "$work/stopped.spin"
+    ok $? "to the same bytes"
+fi
+run "$bin/spin-retrain" "$work/tracks.spin" -o "$work/one.spin" $small --resume
+err_has "is already finished" "a finished run is known again"
+run "$bin/spin-retrain" "$work/tracks.spin" --method 4d --dry-run --json
+is "$code" 0 "--dry-run tells what it needs"
+
+# On the emulated card as on the CPU.
+card=$(cd "${SPIN_BUILD:-build/release}" && pwd)/tests/emu/spin-cuda.so
+if [ -f "$card" ]; then
+    SPIN_CUDA_SHIM=$card
+    export SPIN_CUDA_SHIM
+    tiny="$net --method 4d --iterations 4 --scale 0.2"
+    run "$bin/spin-retrain" "$work/tracks.spin" -o "$work/cpu.spin" $tiny --device cpu --json
+    want=$(sed -n 's/^  "loss": \([0-9.e-]*\),*$/\1/p' "$work/out")
+    run "$bin/spin-retrain" "$work/tracks.spin" -o "$work/card.spin" $tiny --device cuda --json
+    is "$code" 0 "trains on the emulated card"
+    got=$(sed -n 's/^  "loss": \([0-9.e-]*\),*$/\1/p' "$work/out")
+    awk -v a="$want" -v b="$got" 'BEGIN { d = (a - b) / a; exit !(a > 0 && d < 1e-4 && d > -1e-4) }'
+    ok $? "with the losses of the CPU ($want, $got)"
+else
+    skip "on the emulated card" "it is not built"
+fi
+done_testing
