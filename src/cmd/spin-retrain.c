@@ -107,7 +107,7 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("preset", 0, SPIN_PRESETS, CHOICE, preset,
              "defaults of all options: minutes on any device, three times as long for the last "
              "decibel, the paper's, or the paper's method for minutes on a CPU (quick; with "
-             "refinement, or a method that is not tracks: paper)"),
+             "refinement, or a method that is neither tracks nor 4d: paper)"),
     SPIN_ARG_HEADING("Data set"),
     SPIN_ARG("data", 0, "DIR", STRING, options.data,
              "multi-view video (the one named in the bundle)"),
@@ -194,17 +194,13 @@ static const char *const of_network[] = {"levels",          "features",        "
                                          "lr-scale",        "lr-rotation",     "lr-opacity",
                                          "head-lr-factor",  "network-start",   NULL};
 static const char *const of_sh[] = {"sh-degree", "sh-increase-every", NULL};
-static const char *const of_clip[] = {"iterations", "batch",      "views-per-frame", "warmup",
-                                      "eval-every", "save-every", "watch",           NULL};
-static const char *const of_splats[] = {"lr-position", "residual", "lr-residual", NULL};
-static const char *const of_shared[] = {"lr-track", "lr-displacement", NULL};
-static const char *const of_tracks[] = {"lr-tracked",
-                                        "track-iterations",
-                                        "dynamic-residual",
-                                        "densify-every",
-                                        "densify-threshold",
-                                        "densify-until",
-                                        NULL};
+static const char *const of_clip[] = {
+    "iterations", "batch",       "views-per-frame", "warmup",      "eval-every", "save-every",
+    "watch",      "lr-position", "residual",        "lr-residual", NULL};
+static const char *const of_tracks[] = {"lr-track",          "lr-displacement",  "lr-tracked",
+                                        "track-iterations",  "dynamic-residual", "densify-every",
+                                        "densify-threshold", "densify-until",    NULL};
+enum { CLIP_OF_4D = 7, TRACKS_OF_4D = 2 }; /* the first of these lists --method 4d has too */
 static const char *const of_refinement[] = {"refine-start", "densify", "cache", NULL};
 static const char *const of_densification[] = {"max-points", NULL};
 static const char *const of_exposure[] = {"lr-exposure", NULL};
@@ -236,11 +232,9 @@ static void warn_without_effect(int argc, char **argv)
     warn_idle(argc, argv, of_sh, !points || options.refine > pace, "in so few iterations");
     warn_idle(argc, argv, of_sh + 1, clip || points, "with --refine-start source");
     warn_idle(argc, argv, of_clip, clip, "with --method frames");
-    warn_idle(argc, argv, of_splats, clip, "with --method frames");
-    warn_idle(argc, argv, of_splats, !of_4d, "with --method 4d");
-    warn_idle(argc, argv, of_tracks, !of_4d, "with --method 4d");
+    warn_idle(argc, argv, of_clip + CLIP_OF_4D, !of_4d, "with --method 4d");
+    warn_idle(argc, argv, of_tracks + TRACKS_OF_4D, !of_4d, "with --method 4d");
     warn_idle(argc, argv, of_tracks, of_4d || (clip && options.tracks), "without tracks");
-    warn_idle(argc, argv, of_shared, of_4d || (clip && options.tracks), "without tracks");
     warn_idle(argc, argv, of_refinement, options.refine > 0, "without --refine");
     warn_idle(
         argc, argv, of_densification,

@@ -318,12 +318,13 @@ static spin_status find_4d(struct export *x)
     if (bundle->meta.four_d.n > 0)
         return spin_fail(
             SPIN_E_UNSUPPORTED,
-            "'%s' holds 4D splats, and what was trained is frames: --source writes the "
-            "4D splats of the source",
+            "'%s' holds 4D splats, and what was trained is frames: 'spin-retrain --method 4d' "
+            "makes 4D splats of them, and --source writes those of the source",
             x->o->to);
     return spin_fail(SPIN_E_UNSUPPORTED,
-                     "this clip is frames, and '%s' holds 4D splats: import a source that has "
-                     "them, without --frames, or write another format",
+                     "this clip is frames, and '%s' holds 4D splats: make them by 'spin-retrain "
+                     "--method 4d', import a source that has them without --frames, or write "
+                     "another format",
                      x->o->to);
 }
 

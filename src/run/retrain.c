@@ -475,8 +475,8 @@ static void warn_worse(const struct run *r)
     const struct spin_quality *before = &r->plan.report->before, *test = &r->plan.report->test;
 
     if (before->valid && test->valid && test->psnr < before->psnr)
-        spin_warn("the result is worse than the source, test PSNR %.3f dB after %.3f dB: try %s",
-                  test->psnr, before->psnr,
+        spin_warn("the result is worse than the %s, test PSNR %.3f dB after %.3f dB: try %s",
+                  trains_4d(r) ? "clip it began with" : "source", test->psnr, before->psnr,
                   trains_clip(r) && r->plan.o->method != SPIN_METHOD_NETWORK
                       ? "more --iterations, or --preset best"
                   : trains_clip(r) ? "more --iterations, --preset short, or --residual source"
