@@ -9,6 +9,7 @@ extern const struct spin_exporter spin_exporter_images;
 extern const struct spin_exporter spin_exporter_ply;
 extern const struct spin_exporter spin_exporter_sog;
 extern const struct spin_exporter spin_exporter_sogst;
+extern const struct spin_exporter spin_exporter_sogst_ply;
 extern const struct spin_exporter spin_exporter_splat;
 extern const struct spin_exporter spin_exporter_spz;
 extern const struct spin_exporter spin_exporter_tsog;
@@ -24,6 +25,7 @@ const struct spin_exporter *const spin_exporters[] = {
     &spin_exporter_ply,
     &spin_exporter_sog,
     &spin_exporter_sogst,
+    &spin_exporter_sogst_ply,
     &spin_exporter_splat,
     &spin_exporter_spz,
     &spin_exporter_tsog,

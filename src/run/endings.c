@@ -6,6 +6,7 @@
 
 static const char *const endings[][2] = {{".compressed.ply", "compressed-ply"},
                                          {".ftgs.ply", "ftgs"},
+                                         {".sogst.ply", "sogst-ply"},
                                          {".ply", "ply"},
                                          {".glb", "gltf"},
                                          {".sog", "sog"},

@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: 4d ftgs export import freetimegs
+# K: 4d ftgs sogst export import freetimegs
 # 4D splats out as files of 4D splats and back: what returns is what went, and what a file cannot hold is said.
 . tests/cli/lib.sh
 
@@ -61,6 +61,46 @@ run "$bin/spin-import" fixtures/freetimegs/still_sh0_no_optimizers --n-frames 12
 is "$code $(member frames)" "0 12" "as many frames as are asked for"
 run "$bin/spin-import" fixtures/freetimegs/still_sh0_no_optimizers --n-frames 0 -o "$work/none.spin"
 fails 2 spin-import "no frames"
+
+# The PLY for .sogst: paths of degree 2, a factor on covariances, SH of degree 1 that become degree 3 with zeros.
+python3 - "$work/curved.ply" <<'P'
+import math, struct, sys
+names = ("x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity f_dc_0 f_dc_1 f_dc_2 vx vy vz t_center t_sigma "
+         + " ".join("f_rest_%d" % k for k in range(9)) + " ax ay az").split()
+with open(sys.argv[1], "wb") as f:
+    f.write(("ply\nformat binary_little_endian 1.0\ncomment sogst.time_min 1\ncomment sogst.time_max 3\n"
+             "comment sogst.fps 30\ncomment sogst.cov2d_scale 1.5 0.5\nelement vertex 200\n"
+             + "".join("property float %s\n" % n for n in names) + "end_header\n").encode())
+    for i in range(200):
+        f.write(struct.pack("<31f", *([math.cos(i), math.sin(i), i / 50, 1, i % 3 / 3, 0.2, i % 5 / 5, -3 - i % 4, -3, -4,
+            1 + i % 3, i % 7 / 7, 0.1, 1, math.cos(2 * i), math.sin(3 * i), i % 4 / 2, 0.9 + i * 0.618 % 2.2, 0.1 + i % 6 / 20]
+            + [math.sin(i * 9 + k) / 4 for k in range(9)] + [0.5, -4.9, i % 2 / 2])))
+P
+# As it was written, in all frames that are looked at.
+as_written() { # NAME
+    is "$code $(python3 -c 'import json, sys
+c = json.load(sys.stdin)["check"]
+print(c["frames"], all(c[k]["largest"] < 2e-4 for k in c if isinstance(c[k], dict)))' <"$work/out")" "0 61 True" "$1"
+}
+has_line() { # FILE LINE TIMES
+    is "$(sed '/^end_header/q' "$1" | LC_ALL=C grep -ac "^$2")" "$3" "$(basename "$1"): $3 lines $2"
+}
+run "$bin/spin-import" "$work/curved.ply" -o "$work/curved.spin" --json
+is "$code $(member from) $(member frames)" "0 sogst 61" "the PLY for .sogst comes in"
+run "$bin/spin-export" "$work/curved.spin" -o "$work/curved.sogst.ply" --check --json
+is "$(member to) $(member bytes)" "sogst-ply $(wc -c <"$work/curved.sogst.ply")" "goes out by its ending"
+as_written "and is read back as it is"
+for line in 'time_min 0$' 'time_max 2$' 'fps 30$' 'motion_degree 2$' 'cov2d_scale 1.5 0.5$'; do
+    has_line "$work/curved.sogst.ply" "comment sogst.$line" 1
+done
+has_line "$work/curved.sogst.ply" "property float f_rest_" 45
+run "$bin/spin-import" "$work/curved.sogst.ply" -o "$work/curved-back.spin" --json
+is "$code $(member from) $(member frames)" "0 sogst 61" "and comes back"
+out_has "times 1.5 and 0.5" "with its factor on covariances"
+run "$bin/spin-export" "$work/curved.spin" -o "$work/turned.sogst.ply" --rotate 90,30,0 --sh 0 --fps 15 --check --json
+as_written "turned, half as fast, it is read back as it is"
+has_line "$work/turned.sogst.ply" "property float f_rest_" 0
+has_line "$work/turned.sogst.ply" 'comment sogst.time_max 4$' 1
 
 # Every tenth frame is shown a tenth as often, and the numbers of its frames know what they were.
 run "$bin/spin-export" "$work/a.spin" --to ply -o "$work/tenth" --range 0:181:10

@@ -1,0 +1,354 @@
+/* 4D splats with a bell in time as one PLY of floats. Nothing is rounded but to float, so these are the forms in which
+ * such models are exchanged.
+ *
+ * .ftgs.ply of FreeTimeGS, version 1. Straight paths. Times run from 0 to 1 over the clip, frame i of F at i/(F-1), and
+ * velocities count in clips; sigma and opacity are stored as their logarithm and logit. A reader holds sigma at
+ * min_duration, so that is the least there is.
+ *
+ * .sogst.ply, which encoders of .sogst take (formats/sogst.h). Paths of degree 1 or 2. Times are seconds from the first
+ * frame, and sigma is stored as it is. SH has degree 3 or 0: the reference encoder takes no other, so missing rows
+ * are 0. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "base/option.h"
+#include "exporters/lib/bells_check.h"
+#include "math/sh.h"
+
+/* Clips that a splat which never fades lasts for, as sigma: its weight is 0.9998 at the ends of the clip. */
+#define MOST_SIGMA 50
+#define FPS 30         /* where nothing says another */
+enum { BATCH = 4096 }; /* rows written at a time */
+
+struct export;
+
+struct layout {
+    const char *name;     /* for people */
+    const char *importer; /* that reads it */
+    int degree;           /* of paths, at most */
+    bool seconds;         /* the unit of time; else the clip */
+    void (*print_header)(struct export *x);
+    void (*fill_row)(const struct export *x, size_t i, float *to); /* of zeros */
+};
+
+struct export
+{
+    const struct layout *layout;
+    struct spin_bells bells;
+    struct spin_splat_filter rows;
+    struct spin_sort_rows order; /* the kept rows */
+    double fps;
+    int sh_degree; /* of the file */
+    size_t width;  /* floats of a row */
+    struct spin_out out;
+    bool open;
+};
+
+static size_t n_rest(const struct export *x) { return spin_n_rest(x->sh_degree); }
+
+/* ---- Header ---------------------------------------------------------------------------------- */
+
+static void print_property(struct export *x, const char *name, size_t n_name)
+{
+    fprintf(x->out.file, "property float %.*s\n", (int)n_name, name);
+    x->width++;
+}
+
+/* One for each word. */
+static void print_properties(struct export *x, const char *names)
+{
+    for (; *names; names += strspn(names, " ")) {
+        size_t n = strcspn(names, " ");
+
+        print_property(x, names, n);
+        names += n;
+    }
+}
+
+static void print_rest(struct export *x)
+{
+    char name[32];
+
+    for (size_t k = 0; k < n_rest(x); k++) {
+        snprintf(name, sizeof name, "f_rest_%zu", k);
+        print_property(x, name, strlen(name));
+    }
+}
+
+static void print_ftgs(struct export *x)
+{
+    const struct spin_splats_4d *s = &x->bells.clip;
+    double least = MOST_SIGMA;
+
+    for (size_t j = 0; j < x->order.n; j++)
+        least = fmin(least, (double)s->sigmas[x->order.item[j].row]);
+    fprintf(x->out.file,
+            "comment ftgs_version 1\ncomment time_units normalized\ncomment sh_degree %d\n"
+            "comment use_velocity %d\ncomment min_duration %.9g\ncomment opacity_floor 0\n"
+            "comment n_frames %d\nelement vertex %zu\n",
+            x->sh_degree, s->degree > 0, least * (1 - 1e-6), x->bells.job->n_frames, x->order.n);
+    print_properties(x, "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2");
+    print_rest(x);
+    print_properties(x, "opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 time log_duration "
+                        "velocity_0 velocity_1 velocity_2");
+}
+
+static void print_sogst(struct export *x)
+{
+    const struct spin_splats_4d *s = &x->bells.clip;
+    const double *cov2d = x->bells.job->splats_4d->cov2d;
+
+    fprintf(x->out.file,
+            "comment sogst.version 1\ncomment sogst.time_min 0\ncomment sogst.time_max %.9g\n"
+            "comment sogst.fps %.9g\ncomment sogst.motion_degree %d\n",
+            x->bells.length, x->fps, s->degree);
+    if (cov2d[0] > 0)
+        fprintf(x->out.file, "comment sogst.cov2d_scale %.9g %.9g\n", cov2d[0], cov2d[1]);
+    fprintf(x->out.file, "element vertex %zu\n", x->order.n);
+    print_properties(x, "x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity "
+                        "f_dc_0 f_dc_1 f_dc_2 vx vy vz t_center t_sigma");
+    print_rest(x);
+    if (s->degree > 1)
+        print_properties(x, "ax ay az");
+}
+
+static void print_header(struct export *x)
+{
+    fprintf(x->out.file,
+            "ply\nformat binary_little_endian 1.0\ncomment generator spin4d " SPIN_VERSION "\n");
+    x->width = 0;
+    x->layout->print_header(x);
+    fprintf(x->out.file, "end_header\n");
+}
+
+/* ---- Rows ------------------------------------------------------------------------------------ */
+
+/* Degree 0 goes to dc; all rows of red, of green, of blue go to rest. */
+static void fill_sh(const struct export *x, size_t i, float *dc, float *rest)
+{
+    size_t n_there = (size_t)spin_splat_filter_n_sh(&x->rows), n_file = n_rest(x) / 3;
+    float room[3 * SPIN_SH_MAX];
+    const float *sh = spin_splat_filter_sh(&x->rows, i, room);
+
+    memcpy(dc, sh, 3 * sizeof *dc);
+    for (size_t k = 1; k < n_there; k++)
+        for (size_t c = 0; c < 3; c++)
+            rest[n_file * c + k - 1] = sh[3 * k + c];
+}
+
+/* What stands before d^(power + 1) in the path of row i. */
+static void fill_path(const struct export *x, size_t i, int power, float to[3])
+{
+    const struct spin_splats_4d *s = &x->bells.clip;
+
+    if (power < s->degree)
+        spin_splat_filter_direction(&x->rows, s->paths + 3 * (size_t)s->degree * i + 3 * power, to);
+}
+
+static void fill_ftgs(const struct export *x, size_t i, float *to)
+{
+    const struct spin_splats_4d *s = &x->bells.clip;
+
+    spin_splat_filter_place(&x->rows, i, to);
+    fill_sh(x, i, to + 6, to + 9);
+    to += 9 + n_rest(x);
+    to[0] = spin_finite_logit(s->logit_opacities[i]);
+    memcpy(to + 1, s->log_scales + 3 * i, 3 * sizeof *to);
+    spin_splat_filter_turned(&x->rows, i, to + 4);
+    to[8] = s->times[i];
+    to[9] = (float)log((double)s->sigmas[i]);
+    fill_path(x, i, 0, to + 10);
+}
+
+static void fill_sogst(const struct export *x, size_t i, float *to)
+{
+    const struct spin_splats_4d *s = &x->bells.clip;
+
+    spin_splat_filter_place(&x->rows, i, to);
+    spin_splat_filter_turned(&x->rows, i, to + 3);
+    memcpy(to + 7, s->log_scales + 3 * i, 3 * sizeof *to);
+    to[10] = spin_finite_logit(s->logit_opacities[i]);
+    fill_sh(x, i, to + 11, to + 19);
+    fill_path(x, i, 0, to + 14);
+    to[17] = s->times[i];
+    to[18] = s->sigmas[i];
+    fill_path(x, i, 1, to + 19 + n_rest(x));
+}
+
+static spin_status write_rows(struct export *x)
+{
+    float *rows;
+    spin_status status = SPIN_OK;
+
+    SPIN_TRY(spin_alloc(BATCH, x->width * sizeof *rows, (void **)&rows));
+    for (size_t j = 0; j < x->order.n && status == SPIN_OK; j += BATCH) {
+        size_t n = x->order.n - j < BATCH ? x->order.n - j : BATCH;
+
+        memset(rows, 0, n * x->width * sizeof *rows);
+        for (size_t k = 0; k < n; k++)
+            x->layout->fill_row(x, x->order.item[j + k].row, rows + x->width * k);
+        status = spin_cancelled() ? spin_fail_cancelled()
+                                  : spin_out_write(&x->out, rows, n * x->width * sizeof *rows);
+    }
+    free(rows);
+    return status;
+}
+
+/* ---- The plug-ins ---------------------------------------------------------------------------- */
+
+static void end_export(void *self)
+{
+    struct export *x = self;
+
+    if (x->open)
+        spin_out_abandon(&x->out);
+    spin_splat_filter_end(&x->rows);
+    spin_sort_rows_free(&x->order);
+    spin_bells_free(&x->bells);
+    free(x);
+}
+
+static spin_status choose_length(struct export *x)
+{
+    const struct spin_export_job *job = x->bells.job;
+
+    x->bells.length = 1;
+    if (!x->layout->seconds)
+        return SPIN_OK;
+    x->fps = job->fps;
+    SPIN_TRY(spin_option_number(job->values, "fps", 0.001, 1e6, &x->fps));
+    if (!(x->fps > 0)) {
+        x->fps = FPS;
+        spin_warn("nothing says how many frames a second the clip has: %d are assumed; --fps "
+                  "sets them",
+                  FPS);
+    }
+    x->bells.length = (job->n_frames - 1) / x->fps;
+    return SPIN_OK;
+}
+
+static spin_status prepare(struct export *x)
+{
+    const struct spin_export_job *job = x->bells.job;
+
+    SPIN_TRY(spin_bells_can(&x->bells));
+    SPIN_TRY(choose_length(x));
+    SPIN_TRY(spin_splat_filter_begin(&x->rows, job, NULL));
+    x->sh_degree = x->layout->seconds && x->rows.sh_degree > 0 ? 3 : x->rows.sh_degree;
+    SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
+    x->open = true;
+    x->out.sync = job->sync;
+    return SPIN_OK;
+}
+
+static spin_status begin(const struct spin_export_job *job, const struct layout *layout,
+                         void **self)
+{
+    struct export *x;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
+    x->layout = layout;
+    x->bells = (struct spin_bells){.job = job,
+                                   .name = layout->name,
+                                   .most_sigma = MOST_SIGMA,
+                                   .says_cov2d = layout->seconds,
+                                   .least_degree = layout->seconds ? 1 : 0,
+                                   .degree = layout->degree};
+    status = prepare(x);
+    if (status != SPIN_OK) {
+        end_export(x);
+        return status;
+    }
+    *self = x;
+    return SPIN_OK;
+}
+
+static spin_status write_file(struct export *x)
+{
+    const struct spin_export_job *job = x->bells.job;
+    struct spin_bells_check of = {
+        .bells = &x->bells, .rows = &x->rows, .importer = x->layout->importer};
+
+    SPIN_TRY(spin_bells_convert(&x->bells));
+    SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->bells.view, 0));
+    SPIN_TRY(spin_sort_rows_fill(&x->order, &x->rows));
+    if (x->order.n == 0)
+        return spin_fail(SPIN_E_UNSUPPORTED, "no splat of the clip is left to write");
+    print_header(x);
+    SPIN_TRY(write_rows(x));
+    if (job->report)
+        job->report->bytes = (uint64_t)ftell(x->out.file);
+    x->open = false;
+    SPIN_TRY(spin_out_commit(&x->out));
+    spin_bells_warn(&x->bells);
+    of.order = x->order.item;
+    of.n = x->order.n;
+    return job->check ? spin_bells_check(&of) : SPIN_OK;
+}
+
+static spin_status end(void *self)
+{
+    spin_status status = write_file(self);
+
+    end_export(self);
+    return status;
+}
+
+static spin_status ftgs_begin(const struct spin_export_job *job, void **self)
+{
+    static const struct layout ftgs = {"a .ftgs.ply", "freetimegs", 1,
+                                       false,         print_ftgs,   fill_ftgs};
+
+    return begin(job, &ftgs, self);
+}
+
+static spin_status sogst_ply_begin(const struct spin_export_job *job, void **self)
+{
+    static const struct layout sogst = {"a .sogst.ply", "sogst", 2, true, print_sogst, fill_sogst};
+
+    return begin(job, &sogst, self);
+}
+
+static const struct spin_plugin_option ftgs_options[] = {
+    SPIN_ROWS_OPTIONS, SPIN_ROWS_OPTION_SH, {0}};
+
+static const struct spin_plugin_option sogst_ply_options[] = {
+    SPIN_ROWS_OPTIONS,
+    {"fps", "F", "frames per second of the clip; otherwise the bundle's", NULL},
+    SPIN_ROWS_OPTION_SH,
+    {0}};
+
+extern const struct spin_exporter spin_exporter_ftgs, spin_exporter_sogst_ply;
+
+const struct spin_exporter spin_exporter_ftgs = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "ftgs",
+    .summary = "4D splats as one .ftgs.ply of FreeTimeGS, without loss",
+    .options = ftgs_options,
+    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+    .checks = true,
+    .antialias = false,
+    .splats_4d = true,
+    .begin = ftgs_begin,
+    .end = end,
+    .abort = end_export,
+};
+
+const struct spin_exporter spin_exporter_sogst_ply = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "sogst-ply",
+    .summary = "4D splats as the PLY that encoders of .sogst take, without loss",
+    .options = sogst_ply_options,
+    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+    .checks = true,
+    .antialias = false,
+    .splats_4d = true,
+    .begin = sogst_ply_begin,
+    .end = end,
+    .abort = end_export,
+};
