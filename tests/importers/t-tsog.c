@@ -327,6 +327,74 @@ static void test_cases(void)
     free(picture);
 }
 
+/* Whether n numbers are those of a list, from `first` on. */
+static bool are_listed(const spin_json *all, const char *key, size_t first, const float *got,
+                       size_t n)
+{
+    const spin_json *list = spin_json_get(spin_json_get(all, "expected"), key);
+    double tolerance = NAN, v;
+
+    spin_json_number(spin_json_get(all, "tolerance"), &tolerance);
+    for (size_t i = 0; i < n; i++)
+        if (!spin_json_number(spin_json_at(list, first + i), &v) ||
+            !(fabs((double)got[i] - v) <= tolerance * fmax(1, fabs(v))))
+            return false;
+    return true;
+}
+
+/* The profile's own file of two splats against what its player makes of it. */
+static void test_vector(void)
+{
+    const char *file = check_fixture("tsog/conformance/decode-vector.json");
+    const char *path = check_fixture("tsog/conformance/decode-vector.tsog");
+    const struct spin_splats_4d *s = NULL;
+    const spin_json *playback;
+    struct spin_splats at = {0};
+    struct run run;
+    spin_json *all;
+
+    if (!file || !path || spin_json_load(file, &all) != SPIN_OK) {
+        skip("the profile's file", "no such fixture");
+        return;
+    }
+    ok(run_open(NULL, path, &run) == SPIN_OK && run.importer->splats_4d(run.self, &s) == SPIN_OK &&
+           s && s->n == 2 && s->sh_degree == 1 && s->degree == 1,
+       "the profile's file opens");
+    playback = spin_json_get(all, "expected");
+    ok(run.sequence.n_clip_frames == number_at(playback, "playback", "nFrames") &&
+           run.sequence.fps == number_at(playback, "playback", "fps"),
+       "the profile's file: frames and their rate");
+    for (size_t i = 0; s && i < 2; i++) {
+        float alpha = (float)sigmoid((double)s->logit_opacities[i]);
+
+        ok(are_listed(all, "positionTime", 4 * i, s->centres + 3 * i, 3) &&
+               are_listed(all, "positionTime", 4 * i + 3, s->times + i, 1),
+           "splat %zu: place and time", i);
+        ok(are_listed(all, "velocityDuration", 4 * i, s->paths + 3 * i, 3) &&
+               are_listed(all, "velocityDuration", 4 * i + 3, s->sigmas + i, 1),
+           "splat %zu: velocity and sigma", i);
+        ok(s->log_scales[3 * i] == 0 && s->log_scales[3 * i + 1] == 0 &&
+               s->log_scales[3 * i + 2] == 0,
+           "splat %zu: scales", i);
+        ok(are_listed(all, "alpha", i, &alpha, 1), "splat %zu: opacity", i);
+        for (size_t k = 0; k < 4; k++)
+            ok(are_listed(all, "sh", 16 * i + 4 * k, s->sh + 12 * i + 3 * k, 3),
+               "splat %zu: SH %zu", i, k);
+    }
+    if (ok(run.importer->frame(run.self, 0, 0, run.sequence.columns, &at) == SPIN_OK && at.n == 2,
+           "both are seen at time 0"))
+        for (size_t i = 0; i < 2; i++) {
+            float alpha = (float)sigmoid((double)at.logit_opacities[i]);
+
+            ok(are_listed(all, "positionsAtTimeZero", 3 * i, at.means + 3 * i, 3) &&
+                   are_listed(all, "opacityAtTimeZero", i, &alpha, 1),
+               "splat %zu: place and opacity at time 0", i);
+        }
+    spin_splats_free(&at);
+    run_close(&run);
+    spin_json_free(all);
+}
+
 /* A copy of a fixture with an edit of meta.json, and one of a member: "-" is left out, else bytes of it change. */
 struct change {
     const char *at, *json; /* "a.b", its text; NULL: nothing */
@@ -617,6 +685,7 @@ TAP_MAIN
     PART(test_fixtures, "tsog", "scene.tsog");
     PART(test_fixtures, "sogst", "scene.sogst");
     PART(test_cases);
+    PART(test_vector);
     PART(test_changes, "tsog", "tsog/conformance/decode-vector.tsog", tsog_changes,
          sizeof tsog_changes / sizeof *tsog_changes);
     PART(test_changes, "sogst", "sogst/sh1_by_splat_transform/scene.sogst", sogst_changes,
