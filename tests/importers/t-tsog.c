@@ -13,9 +13,8 @@ static void compare_column(struct spin_npz *npz, const char *key, const float *g
     compare(&(struct expected){npz, abs, rel, name}, key, 0, n, got);
 }
 
-/* SH above degree 0, colour by colour as the manifest has them. */
-static void compare_rest(struct spin_npz *npz, const float *sh, size_t n, int degree,
-                         const char *name)
+/* SH above degree 0, colour by colour as the manifest has them: [n][3][k - 1]. */
+static float *by_colour(const float *sh, size_t n, int degree)
 {
     size_t k = (size_t)(degree + 1) * (size_t)(degree + 1);
     float *got = malloc(3 * n * k * sizeof *got);
@@ -24,8 +23,39 @@ static void compare_rest(struct spin_npz *npz, const float *sh, size_t n, int de
         for (size_t c = 0; c < 3; c++)
             for (size_t j = 1; j < k; j++)
                 got[(i * 3 + c) * (k - 1) + j - 1] = sh[(i * k + j) * 3 + c];
-    compare_column(npz, "f_rest", got, 3 * n * (k - 1), 1e-7, 1e-6, name);
+    return got;
+}
+
+static void compare_rest(struct spin_npz *npz, const float *sh, size_t n, int degree,
+                         const char *name)
+{
+    size_t width = 3 * (size_t)(degree * (degree + 2));
+    float *got = by_colour(sh, n, degree);
+
+    compare_column(npz, "f_rest", got, n * width, 1e-7, 1e-6, name);
     free(got);
+}
+
+/* Opacities and SH of a frame. */
+static void compare_looks(struct spin_npz *npz, const struct spin_splats *s, const size_t *row,
+                          const char *name)
+{
+    struct table alpha = table_load(npz, "alpha", 0), dc = table_load(npz, "f_dc", 0);
+    size_t width = 3 * (size_t)(s->sh_degree * (s->sh_degree + 2));
+
+    compare_opacities(&alpha, 0, row, s, 2e-6, name);
+    compare_rows(&dc, 0, row, s->n, s->sh, 3 + width, 1e-7, 1e-6, name);
+    if (ok(spin_npz_has(npz, "f_rest") == (width > 0), "%s: SH of degree %d", name, s->sh_degree) &&
+        width > 0) {
+        struct table rest = table_load(npz, "f_rest", 0);
+        float *got = by_colour(s->sh, s->n, s->sh_degree);
+
+        compare_rows(&rest, 0, row, s->n, got, width, 1e-7, 1e-6, name);
+        free(got);
+        free(rest.value);
+    }
+    free(alpha.value);
+    free(dc.value);
 }
 
 /* The columns of a slice against rows of expected.npz. */
@@ -130,8 +160,10 @@ static void compare_frames(struct run *run, struct spin_npz *npz, const char *na
                 row[n++] = i;
         if (ok(run->importer->frame(run->self, f, f, run->sequence.columns, &s) == SPIN_OK &&
                    s.n == n && run->sequence.counts[f] == n,
-               "%s: frame %d has %zu splats", name, f, n))
-            compare_slice(npz, &s, row, 0, "centre", still, name);
+               "%s: frame %d has %zu splats", name, f, n)) {
+            compare_slice(npz, &s, row, 0, "centre", false, name);
+            compare_looks(npz, &s, row, name);
+        }
         all += n;
     }
     ok(all == frame.n_rows, "%s: a frame for every splat", name);
