@@ -132,8 +132,8 @@ static spin_status choose_coding(struct export *x)
     SPIN_TRY(choose_book(x, x->dc, 3 * n, x->sog.sh0));
     x->sog.n_palette = 0;
     if (rows->sh_degree > 0) {
-        SPIN_TRY(spin_palette_make(x->rest, n, n_rest(x), spin_sog_palette(n), x->label, x->palette,
-                                   &x->sog.n_palette));
+        SPIN_TRY(spin_palette_make(x->rest, n, n_rest(x), spin_sog_palette(n), rows->pool, x->label,
+                                   x->palette, &x->sog.n_palette));
         SPIN_TRY(spin_codebook_make(x->palette, x->sog.n_palette * n_rest(x), x->sog.sh_n));
         x->sog.n_palette = x->sog.n_palette > 0 ? x->sog.n_palette : 1;
     }

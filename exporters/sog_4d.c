@@ -302,8 +302,8 @@ static spin_status choose_palette(struct export *x)
     for (size_t j = 0; j < n; j++)
         memcpy(x->rest + width * j, spin_splat_filter_sh(&x->rows, x->order.item[j].row, room) + 3,
                (n_sh - 3) * sizeof *x->rest);
-    SPIN_TRY(spin_palette_make(x->rest, n, width, spin_sog_palette(n), x->label, x->palette,
-                               &x->coding.n_palette));
+    SPIN_TRY(spin_palette_make(x->rest, n, width, spin_sog_palette(n), x->rows.pool, x->label,
+                               x->palette, &x->coding.n_palette));
     x->coding.sh_n.n = SPIN_CODEBOOK;
     return spin_codebook_make(x->palette, x->coding.n_palette * width, x->coding.sh_n.value);
 }

@@ -145,10 +145,13 @@ unsigned char spin_codebook_nearest(const float book[SPIN_CODEBOOK], float value
 
 /* ---- Vectors --------------------------------------------------------------------------------- */
 
-/* Rows that share a vector: order[first] and on. */
+/* Rows that share a vector: order[first] and on. Once it was divided the two sides are known: [0, n_front) of it and
+ * the rest. */
 struct part {
-    size_t first, n;
-    double error; /* sum of squares */
+    size_t first, n, n_front; /* n_front 0: it cannot be cut */
+    double error;             /* sum of squares */
+    double side_error[2];
+    bool divided;
 };
 
 struct cutting {
@@ -157,16 +160,22 @@ struct cutting {
     uint32_t *order;
     struct part *part; /* a heap: the largest error first */
     size_t n_parts;
-    double *sum; /* [3][width] */
+    struct part *batch; /* [BATCH] taken out of the heap */
+    double *sums;       /* [workers][SUMS][width] */
+    uint32_t *label;
+    float *palette;
 };
 
-/* Mean into c->sum[0..width), and the sum of squared distances to it; `widest` is the coordinate with most. */
-static double measure(struct cutting *c, const struct part *p, size_t *widest)
-{
-    double *mean = c->sum, *squares = c->sum + c->width, error = 0;
+enum { BATCH = 256 };                               /* parts that are divided at a time */
+enum { MEAN, SPREAD, CENTRES, SUMS = CENTRES + 2 }; /* what a worker has room for */
 
-    memset(c->sum, 0, 2 * c->width * sizeof *c->sum);
-    for (size_t i = p->first; i < p->first + p->n; i++) {
+/* Mean into sum[0..width), and the sum of squared distances to it; `widest` is the coordinate with most. */
+static double measure(const struct cutting *c, size_t first, size_t n, double *sum, size_t *widest)
+{
+    double *mean = sum, *squares = sum + SPREAD * c->width, error = 0;
+
+    memset(sum, 0, 2 * c->width * sizeof *sum);
+    for (size_t i = first; i < first + n; i++) {
         const float *row = c->rows + c->order[i] * c->width;
 
         for (size_t k = 0; k < c->width; k++) {
@@ -176,8 +185,8 @@ static double measure(struct cutting *c, const struct part *p, size_t *widest)
     }
     *widest = 0;
     for (size_t k = 0; k < c->width; k++) {
-        mean[k] /= (double)p->n;
-        squares[k] = fmax(squares[k] - mean[k] * mean[k] * (double)p->n, 0);
+        mean[k] /= (double)n;
+        squares[k] = fmax(squares[k] - mean[k] * mean[k] * (double)n, 0);
         error += squares[k];
         *widest = squares[k] > squares[*widest] ? k : *widest;
     }
@@ -198,137 +207,194 @@ static double dot(const float *row, const double *w, size_t n)
     return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
 
-/* Rows nearer to the first of two centres come to the front; how many. centre: [2][width], behind c->sum[0..width),
- * which is overwritten. */
-static size_t divide(struct cutting *c, const struct part *p, const double *centre)
+/* Rows nearer to the first of two centres come to the front; how many. The centres, [2][width], become the means of
+ * both sides where there are two. across: room for [width]. */
+static size_t divide(const struct cutting *c, const struct part *p, const double *mean,
+                     double *across, double *centre)
 {
-    size_t front = p->first;
-    double *across = c->sum, middle = 0; /* of the plane between them */
+    size_t front = p->first, width = c->width, n;
+    double middle = 0; /* of the plane between them */
 
-    for (size_t k = 0; k < c->width; k++) {
-        double one = centre[k], two = centre[c->width + k];
+    for (size_t k = 0; k < width; k++) {
+        double one = centre[k], two = centre[width + k];
 
         across[k] = 2 * (one - two);
         middle += one * one - two * two;
     }
+    memset(centre, 0, width * sizeof *centre);
     for (size_t i = p->first; i < p->first + p->n; i++) {
-        if (dot(c->rows + c->order[i] * c->width, across, c->width) > middle) {
+        const float *row = c->rows + c->order[i] * width;
+
+        if (dot(row, across, width) > middle) {
             uint32_t keep = c->order[front];
 
             c->order[front++] = c->order[i];
             c->order[i] = keep;
+            for (size_t k = 0; k < width; k++)
+                centre[k] += (double)row[k];
         }
     }
-    return front - p->first;
-}
-
-static void centre_of(const struct cutting *c, size_t first, size_t n, double *centre)
-{
-    memset(centre, 0, c->width * sizeof *centre);
-    for (size_t i = first; i < first + n; i++)
-        for (size_t k = 0; k < c->width; k++)
-            centre[k] += (double)c->rows[c->order[i] * c->width + k] / (double)n;
+    n = front - p->first;
+    if (n == 0 || n == p->n)
+        return n;
+    for (size_t k = 0; k < width; k++) {
+        centre[width + k] = (mean[k] * (double)p->n - centre[k]) / (double)(p->n - n);
+        centre[k] /= (double)n;
+    }
+    return n;
 }
 
 /* 2-means, begun on both sides of the mean of the widest coordinate; how many rows the first part has, 0 when
  * they cannot be told apart. */
-static size_t cut(struct cutting *c, const struct part *p)
+static size_t cut(const struct cutting *c, const struct part *p, double *sum)
 {
-    double *centre = c->sum + c->width;
+    double *mean = sum + MEAN * c->width, *spread = sum + SPREAD * c->width;
+    double *centre = sum + CENTRES * c->width, apart;
     size_t widest, n = 0;
-    double error = measure(c, p, &widest), apart;
 
-    if (!(error > 0))
+    if (!(measure(c, p->first, p->n, sum, &widest) > 0))
         return 0;
-    apart = sqrt(c->sum[c->width + widest] / (double)p->n);
-    memcpy(centre, c->sum, c->width * sizeof *centre);
-    memcpy(centre + c->width, c->sum, c->width * sizeof *centre);
+    apart = sqrt(spread[widest] / (double)p->n);
+    memcpy(centre, mean, c->width * sizeof *centre);
+    memcpy(centre + c->width, mean, c->width * sizeof *centre);
     centre[widest] -= apart;
     centre[c->width + widest] += apart;
     for (int i = 0; i < CUT_STEPS; i++) {
         size_t before = n;
 
-        n = divide(c, p, centre);
+        n = divide(c, p, mean, spread, centre);
         if (n == 0 || n == p->n)
             return 0;
         if (n == before)
             break;
-        centre_of(c, p->first, n, centre);
-        centre_of(c, p->first + n, p->n - n, centre + c->width);
     }
     return n;
 }
 
-static void sink(struct cutting *c, size_t i)
+/* A part of the batch. It changes the order of no rows but its own. */
+static void divide_task(void *context, int task, int worker)
 {
-    for (;;) {
-        size_t largest = i;
-        struct part keep = c->part[i];
+    struct cutting *c = context;
+    struct part *p = &c->batch[task];
+    double *sum = c->sums + SUMS * c->width * (size_t)worker;
+    size_t widest;
 
-        for (size_t child = 2 * i + 1; child <= 2 * i + 2 && child < c->n_parts; child++)
-            if (c->part[child].error > c->part[largest].error)
-                largest = child;
-        if (largest == i)
-            return;
-        c->part[i] = c->part[largest];
-        c->part[largest] = keep;
-        i = largest;
-    }
+    if (p->divided)
+        return;
+    p->divided = true;
+    p->n_front = cut(c, p, sum);
+    if (p->n_front == 0)
+        return;
+    p->side_error[0] = measure(c, p->first, p->n_front, sum, &widest);
+    p->side_error[1] = measure(c, p->first + p->n_front, p->n - p->n_front, sum, &widest);
 }
 
-static void add_part(struct cutting *c, struct part p)
+static void push(struct cutting *c, struct part p)
 {
-    size_t i = c->n_parts++, widest;
+    size_t i = c->n_parts++;
 
-    p.error = measure(c, &p, &widest);
     for (; i > 0 && c->part[(i - 1) / 2].error < p.error; i = (i - 1) / 2)
         c->part[i] = c->part[(i - 1) / 2];
     c->part[i] = p;
 }
 
-spin_status spin_palette_make(const float *rows, size_t n, size_t width, size_t n_colours,
-                              uint32_t *label, float *palette, size_t *n_used)
+/* The part with the largest error. */
+static struct part pop(struct cutting *c)
 {
-    struct cutting c = {.rows = rows, .width = width};
+    struct part top = c->part[0], last = c->part[--c->n_parts];
+    size_t i = 0;
+
+    for (;;) {
+        size_t child = 2 * i + 1;
+
+        if (child + 1 < c->n_parts && c->part[child + 1].error > c->part[child].error)
+            child++;
+        if (child >= c->n_parts || c->part[child].error <= last.error)
+            break;
+        c->part[i] = c->part[child];
+        i = child;
+    }
+    c->part[i] = last;
+    return top;
+}
+
+/* Divides those with the largest errors, each by a thread. Which they are does not hang on the threads. */
+static void divide_largest(struct cutting *c, size_t n_left, struct spin_pool *pool)
+{
+    int n = 0;
+
+    while (n < BATCH && (size_t)n < n_left && c->n_parts > 0)
+        c->batch[n++] = pop(c);
+    spin_pool_run(pool, n, divide_task, c);
+    for (int k = 0; k < n; k++)
+        push(c, c->batch[k]);
+}
+
+static void cut_all(struct cutting *c, size_t n_colours, struct spin_pool *pool)
+{
+    while (c->n_parts < n_colours && c->part[0].error > 0) {
+        struct part p;
+
+        if (!c->part[0].divided) {
+            divide_largest(c, n_colours - c->n_parts, pool);
+            continue;
+        }
+        p = pop(c);
+        if (p.n_front == 0) {
+            p.error = 0; /* it stays one */
+            push(c, p);
+            continue;
+        }
+        push(c, (struct part){.first = p.first, .n = p.n_front, .error = p.side_error[0]});
+        push(c, (struct part){
+                    .first = p.first + p.n_front, .n = p.n - p.n_front, .error = p.side_error[1]});
+    }
+}
+
+/* The vectors of BATCH parts, and which rows have them. */
+static void finish_task(void *context, int task, int worker)
+{
+    struct cutting *c = context;
+    double *sum = c->sums + SUMS * c->width * (size_t)worker;
+    size_t i = (size_t)task * BATCH, end = i + BATCH < c->n_parts ? i + BATCH : c->n_parts, widest;
+
+    for (; i < end; i++) {
+        const struct part *p = &c->part[i];
+
+        measure(c, p->first, p->n, sum, &widest);
+        for (size_t k = 0; k < c->width; k++)
+            c->palette[i * c->width + k] = (float)sum[k];
+        for (size_t j = p->first; j < p->first + p->n; j++)
+            c->label[c->order[j]] = (uint32_t)i;
+    }
+}
+
+spin_status spin_palette_make(const float *rows, size_t n, size_t width, size_t n_colours,
+                              struct spin_pool *pool, uint32_t *label, float *palette,
+                              size_t *n_used)
+{
+    struct cutting c = {.rows = rows, .width = width, .label = label, .palette = palette};
+    size_t n_workers = pool ? (size_t)spin_pool_n_threads(pool) : 1, widest;
     spin_status status;
 
     *n_used = 0;
     if (n == 0 || n_colours == 0)
         return SPIN_OK;
     SPIN_TRY_OUT(spin_alloc(n, sizeof *c.order, (void **)&c.order));
-    SPIN_TRY_OUT(spin_alloc(n_colours, sizeof *c.part, (void **)&c.part));
-    SPIN_TRY_OUT(spin_alloc(3 * width + 1, sizeof *c.sum, (void **)&c.sum));
+    SPIN_TRY_OUT(spin_alloc(n_colours + 1, sizeof *c.part, (void **)&c.part));
+    SPIN_TRY_OUT(spin_alloc(BATCH, sizeof *c.batch, (void **)&c.batch));
+    SPIN_TRY_OUT(spin_alloc(n_workers, (SUMS * width + 1) * sizeof *c.sums, (void **)&c.sums));
     for (size_t i = 0; i < n; i++)
         c.order[i] = (uint32_t)i;
-    add_part(&c, (struct part){.n = n});
-    while (c.n_parts < n_colours && c.part[0].error > 0) {
-        struct part p = c.part[0];
-        size_t n_first = cut(&c, &p);
-
-        c.part[0].error = 0; /* of a part that cannot be cut it stays so */
-        if (n_first > 0) {
-            c.part[0] = c.part[--c.n_parts];
-            sink(&c, 0);
-            add_part(&c, (struct part){p.first, n_first, 0});
-            add_part(&c, (struct part){p.first + n_first, p.n - n_first, 0});
-        } else {
-            sink(&c, 0);
-        }
-    }
-    for (size_t i = 0; i < c.n_parts; i++) {
-        size_t widest;
-
-        measure(&c, &c.part[i], &widest);
-        for (size_t k = 0; k < width; k++)
-            palette[i * width + k] = (float)c.sum[k];
-        for (size_t j = c.part[i].first; j < c.part[i].first + c.part[i].n; j++)
-            label[c.order[j]] = (uint32_t)i;
-    }
+    push(&c, (struct part){.n = n, .error = measure(&c, 0, n, c.sums, &widest)});
+    cut_all(&c, n_colours, pool);
+    spin_pool_run(pool, (int)((c.n_parts + BATCH - 1) / BATCH), finish_task, &c);
     *n_used = c.n_parts;
     status = SPIN_OK;
 out:
     free(c.order);
     free(c.part);
-    free(c.sum);
+    free(c.batch);
+    free(c.sums);
     return status;
 }

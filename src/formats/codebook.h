@@ -3,7 +3,7 @@
 #ifndef SPIN_FORMATS_CODEBOOK_H
 #define SPIN_FORMATS_CODEBOOK_H
 
-#include "spin.h"
+#include "base/pool.h"
 
 #define SPIN_CODEBOOK 256
 
@@ -16,8 +16,9 @@ unsigned char spin_codebook_nearest(const float book[SPIN_CODEBOOK], float value
 
 /* At most n_colours vectors for n rows of width floats: the part with the largest sum of squared errors is cut
  * in two by 2-means until there are as many (bisecting k-means). label[n], palette[n_colours][width]; *n_used
- * of them are used. */
+ * of them are used. The work is shared by the pool's threads; NULL: by none. */
 spin_status spin_palette_make(const float *rows, size_t n, size_t width, size_t n_colours,
-                              uint32_t *label, float *palette, size_t *n_used);
+                              struct spin_pool *pool, uint32_t *label, float *palette,
+                              size_t *n_used);
 
 #endif

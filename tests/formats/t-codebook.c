@@ -1,10 +1,11 @@
-/* K: codebook sog
+/* K: codebook sog threads
  * Books of numbers and palettes of vectors: what there are few of is kept, what there are many of is stood for well. */
 #include "formats/codebook.h"
 #include "tests/tap.h"
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 static float draw(uint32_t *seed)
 {
@@ -82,31 +83,82 @@ static void test_palette(void)
         centre[i] = 4 * draw(&seed) - 2;
     for (size_t i = 0; i < N * WIDTH; i++)
         rows[i] = centre[i / WIDTH % GROUPS * WIDTH + i % WIDTH] + 0.02f * draw(&seed) - 0.01f;
-    ok(spin_palette_make(rows, N, WIDTH, GROUPS, label, palette, &n_used) == SPIN_OK &&
+    ok(spin_palette_make(rows, N, WIDTH, GROUPS, NULL, label, palette, &n_used) == SPIN_OK &&
            n_used == GROUPS && palette_error(rows, N, WIDTH, label, palette) < 0.02,
        "forty groups are found, error %.4f", palette_error(rows, N, WIDTH, label, palette));
     for (size_t k = 1; k <= N; k *= 4) {
         double error;
 
-        spin_palette_make(rows, N, WIDTH, k, label, palette, &n_used);
+        spin_palette_make(rows, N, WIDTH, k, NULL, label, palette, &n_used);
         error = palette_error(rows, N, WIDTH, label, palette);
         ok(n_used <= k && error < before, "%zu vectors: error %.4f", k, error);
         before = error;
     }
-    ok(spin_palette_make(rows, N, WIDTH, N, label, palette, &n_used) == SPIN_OK &&
+    ok(spin_palette_make(rows, N, WIDTH, N, NULL, label, palette, &n_used) == SPIN_OK &&
            palette_error(rows, N, WIDTH, label, palette) == 0,
        "as many as rows: none is changed");
     for (size_t i = 0; i < N * WIDTH; i++)
         rows[i] = (float)(i % WIDTH);
-    ok(spin_palette_make(rows, N, WIDTH, 64, label, palette, &n_used) == SPIN_OK && n_used == 1 &&
-           palette_error(rows, N, WIDTH, label, palette) == 0,
+    ok(spin_palette_make(rows, N, WIDTH, 64, NULL, label, palette, &n_used) == SPIN_OK &&
+           n_used == 1 && palette_error(rows, N, WIDTH, label, palette) == 0,
        "rows that are all the same take one");
-    ok(spin_palette_make(rows, 0, WIDTH, 64, label, palette, &n_used) == SPIN_OK && n_used == 0,
+    ok(spin_palette_make(rows, 0, WIDTH, 64, NULL, label, palette, &n_used) == SPIN_OK &&
+           n_used == 0,
        "no rows");
+}
+
+/* The same palette by any number of threads, of more parts than are divided at a time. */
+static void test_threads(void)
+{
+    enum { N = 20000, WIDTH = 24, COLOURS = 4096 };
+    static float rows[N * WIDTH], one[COLOURS * WIDTH], other[COLOURS * WIDTH];
+    static uint32_t labels[N], other_labels[N];
+    uint32_t seed = 23;
+    size_t n_one, n_other;
+
+    for (size_t i = 0; i < N * WIDTH; i++)
+        rows[i] = draw(&seed) * draw(&seed) - 0.25f;
+    ok(spin_palette_make(rows, N, WIDTH, COLOURS, NULL, labels, one, &n_one) == SPIN_OK &&
+           n_one == COLOURS,
+       "a palette without threads");
+    for (int n_threads = 1; n_threads <= 7; n_threads += 3) {
+        struct spin_pool *pool;
+
+        if (spin_pool_create(n_threads, &pool) != SPIN_OK)
+            exit(1);
+        ok(spin_palette_make(rows, N, WIDTH, COLOURS, pool, other_labels, other, &n_other) ==
+                   SPIN_OK &&
+               n_other == n_one && memcmp(one, other, sizeof one) == 0 &&
+               memcmp(labels, other_labels, sizeof labels) == 0,
+           "the same by %d", n_threads);
+        spin_pool_free(pool);
+    }
+}
+
+/* A heap of what is one group and what is many: the cuts go to the many. */
+static void test_largest_first(void)
+{
+    enum { N = 4000, WIDTH = 3, COLOURS = 512 };
+    static float rows[N * WIDTH], palette[COLOURS * WIDTH];
+    static uint32_t label[N];
+    uint32_t seed = 5;
+    size_t n_used, tight = 0;
+
+    for (size_t i = 0; i < N; i++) /* half of them far from the rest, and close together */
+        for (size_t k = 0; k < WIDTH; k++)
+            rows[i * WIDTH + k] = i % 2 ? 100 + 0.001f * draw(&seed) : draw(&seed);
+    ok(spin_palette_make(rows, N, WIDTH, COLOURS, NULL, label, palette, &n_used) == SPIN_OK &&
+           n_used == COLOURS,
+       "all vectors are used");
+    for (size_t k = 0; k < n_used; k++)
+        tight += palette[k * WIDTH] > 50;
+    ok(tight == 1, "of rows close together one, not %zu", tight);
 }
 
 TAP_MAIN
 {
     test_book();
     test_palette();
+    test_threads();
+    test_largest_first();
 }
