@@ -131,10 +131,11 @@ part_3() {
     done
     if [ -f "$out/cuda.spin" ] && [ -f "$out/cpu.spin" ]; then
         a=$(psnr_of "$out/cuda.spin") b=$(psnr_of "$out/cpu.spin")
-        if awk -v a="$a" -v b="$b" 'BEGIN { exit !(a > 0 && b > 0 && a - b < 0.05 && b - a < 0.05) }'; then
-            verdict ok "test PSNR on the card $a, on the CPU $b: within 0.05 dB"
+        # Of the CPU's own code paths two are 0.075 dB apart here.
+        if awk -v a="$a" -v b="$b" 'BEGIN { exit !(a > 0 && b > 0 && a - b < 0.15 && b - a < 0.15) }'; then
+            verdict ok "test PSNR on the card $a, on the CPU $b: within 0.15 dB"
         else
-            verdict FAIL "test PSNR on the card $a, on the CPU $b: more than 0.05 dB apart"
+            verdict FAIL "test PSNR on the card $a, on the CPU $b: more than 0.15 dB apart"
         fi
     fi
     if [ -f "$out/first.spin" ] && [ -f "$out/second.spin" ]; then

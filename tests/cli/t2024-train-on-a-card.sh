@@ -103,7 +103,7 @@ mkdir "$work/elsewhere" && tar -C "$work/elsewhere" -xf "$work/spin4d-card.tar.x
 (cd "$work/elsewhere" && env -i CARD_SHORT=1 CARD_SHIM="$SPIN_CUDA_SHIM" PATH=/usr/bin:/bin \
     sh spin4d-card/run.sh 1 2 3) >"$work/said" 2>&1
 is $? 0 "and runs from an empty environment: $(tail -n 1 "$work/said")"
-grep -q '^ok .*--deterministic twice: the same bytes' "$work/said" && grep -q '^ok .*within 0.05 dB' "$work/said"
+grep -q '^ok .*--deterministic twice: the same bytes' "$work/said" && grep -q '^ok .*within 0.15 dB' "$work/said"
 is $? 0 "trainings included"
 grep '^FAIL' "$work/said" | sed 's/^/#   /'
 done_testing
