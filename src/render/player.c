@@ -16,6 +16,16 @@ bool spin_bundle_is_trained(const struct spin_bundle *bundle)
     return spin_json_get(bundle->json, "trained") != NULL;
 }
 
+bool spin_bundle_is_trained_4d(const struct spin_bundle *bundle)
+{
+    return spin_json_get(bundle->json, "trained_4d") != NULL;
+}
+
+bool spin_bundle_has_lenses(const struct spin_bundle *bundle, enum spin_splat_source from)
+{
+    return from != SPIN_FROM_SOURCE || spin_bundle_is_trained_4d(bundle);
+}
+
 spin_status spin_player_choose(const struct spin_bundle *bundle, bool source,
                                enum spin_splat_source *out)
 {

@@ -55,6 +55,10 @@ struct spin_player {
 
 /* What spin_player_open() needs to know about the network of a bundle. */
 bool spin_bundle_is_trained(const struct spin_bundle *bundle);
+/* Its source is 4D splats that spin-retrain trained. */
+bool spin_bundle_is_trained_4d(const struct spin_bundle *bundle);
+/* Whether these splats were trained behind the lenses that the bundle may have. */
+bool spin_bundle_has_lenses(const struct spin_bundle *bundle, enum spin_splat_source from);
 
 /* From an open bundle; from is not SPIN_FROM_BEST. */
 spin_status spin_player_open(struct spin_player *p, struct spin_device *device,

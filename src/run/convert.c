@@ -173,7 +173,8 @@ static spin_status look(struct convert *c)
     SPIN_TRY_OUT(spin_bundle_open(c->import, &bundle));
     SPIN_TRY_OUT(spin_bundle_data_path(&bundle, &data));
     c->has_data = c->o->data || (data && spin_path_exists(data));
-    c->is_trained = spin_bundle_is_trained(&bundle) || bundle.refined.columns;
+    c->is_trained = spin_bundle_is_trained(&bundle) || spin_bundle_is_trained_4d(&bundle) ||
+                    bundle.refined.columns;
     spin_log(0, "%s '%s': %s of %s%s%s", c->imports ? "imported" : "opened", c->o->input,
              spin_text_count(bundle.meta.n_frames, "frame", frames), bundle.meta.from,
              *bundle.meta.variant ? ", " : "", bundle.meta.variant);

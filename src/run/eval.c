@@ -92,7 +92,7 @@ static spin_status open_players(struct eval *e)
 
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &e->device));
     SPIN_TRY(spin_player_open(&e->player, &e->device, &e->clip.bundle, e->from));
-    if (e->from != SPIN_FROM_SOURCE || spin_json_get(e->clip.bundle.json, "trained_4d")) {
+    if (spin_bundle_has_lenses(&e->clip.bundle, e->from)) {
         SPIN_TRY(spin_player_set_lenses(&e->player, &e->lenses));
         if (spin_rank() == 0) {
             spin_lenses_warn(&e->lenses, &e->clip.views, e->pairs, e->n_pairs);

@@ -509,7 +509,7 @@ static spin_status say_lens(const struct export *x)
     struct spin_lenses lenses;
     double corner;
 
-    if (x->from == SPIN_FROM_SOURCE)
+    if (!spin_bundle_has_lenses(&x->clip.bundle, x->from))
         return SPIN_OK;
     SPIN_TRY(spin_lenses_from_json(spin_json_get(x->clip.bundle.json, "lenses"), 1, &lenses));
     corner = spin_lenses_corner(&lenses);

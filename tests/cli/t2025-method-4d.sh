@@ -36,6 +36,10 @@ run "$bin/spin-import" --info "$work/4d.spin"
 out_has "4D splats" "--info tells of 4D splats"
 
 # It is a source of 4D splats to everything else.
+run "$bin/spin4d" "$work/4d.spin" -o "$work/page.html"
+is "$code" 0 "spin4d makes a page of it"
+grep -q -i iteration "$work/err"
+is "$?" 1 "without training it again"
 run "$bin/spin-export" "$work/4d.spin" -o "$work/clip.tsog" --check
 is "$code" 0 "writes TSOG, read back"
 run "$bin/spin-import" "$work/clip.tsog" -o "$work/back.spin"

@@ -685,6 +685,54 @@ static void test_falloff(void)
        "a camera with another lens is told: %s", said);
 }
 
+/* 4D splats begin with the cameras and the lens of the clip they are cut from, and are shown behind that lens. */
+static void test_rows_4d(void)
+{
+    struct run tracks = {0}, rows = {0};
+    const spin_json *before, *after;
+    char path[600];
+    double psnr, drawn, most = 0, falloff = 0;
+    bool dark = shell("cp -r %s %s/rows && chmod -R u+w %s/rows", clip, folder, folder) == 0;
+
+    for (int k = 0; k < TRAINING; k++)
+        dark &= darken("rows", training[k], true, k == 0);
+    ok(dark, "a clip with dark corners");
+    ok(shell("%s/spin-retrain %s/in.spin --data %s/rows -o %s/tracks.spin --device cpu --threads 1 "
+             "--iterations 60 --learn-exposure on --lr-exposure 0.02 --seed 2 --method tracks",
+             bin, folder, folder, folder) == 0,
+       "tracks of it: %s", said);
+    ok(shell("%s/spin-retrain %s/tracks.spin --data %s/rows -o %s/rows.spin --device cpu --threads "
+             "1 --iterations 1 --learn-exposure on --lr-exposure 0 --method 4d --precision full",
+             bin, folder, folder, folder) == 0,
+       "and 4D splats: %s", said);
+    snprintf(path, sizeof path, "%s/tracks.spin", folder);
+    read_bundle(&tracks, path);
+    snprintf(path, sizeof path, "%s/rows.spin", folder);
+    read_bundle(&rows, path);
+    before = spin_json_get(tracks.network, "cameras");
+    after = spin_json_get(spin_json_get(rows.bundle.json, "trained_4d"), "cameras");
+    ok(spin_json_length(after) == TRAINING, "which know the training cameras");
+    for (size_t i = 0; i < TRAINING; i++)
+        for (size_t c = 0; c < 3; c++)
+            most = fmax(most, fabs(number_at(spin_json_at(before, i), "log_gain", c) -
+                                   number_at(spin_json_at(after, i), "log_gain", c)));
+    for (size_t c = 0; c < 3; c++)
+        falloff = fmax(falloff, fabs(lens_value(&tracks, 0, c) - lens_value(&rows, 0, c)));
+    ok(most < 1e-6 && falloff < 1e-6, "as the tracks left them: gains to %.2g, falloff to %.2g",
+       most, falloff);
+    psnr = number(spin_json_get(spin_json_get(rows.bundle.json, "trained_4d"), "test"), "psnr");
+    ok(shell("%s/spin-eval %s/rows.spin --data %s/rows --device cpu --threads 1 --json", bin,
+             folder, folder) == 0,
+       "spin-eval of them");
+    drawn = said_number("psnr");
+    ok(fabs(drawn - psnr) < 1e-3, "draws through the lens: %.4f dB, %.4f", drawn, psnr);
+    ok(shell("%s/spin-export %s/rows.spin --to ply -o %s/rows-ply", bin, folder, folder) == 0 &&
+           strstr(said, "without the falloff of the cameras' lens"),
+       "an export says that it has no falloff");
+    free_run(&tracks);
+    free_run(&rows);
+}
+
 /* How far the first step moved a camera. */
 static double gain_moved(const spin_json *cameras, const spin_json *first, size_t i, size_t c)
 {
@@ -1444,6 +1492,7 @@ TAP_MAIN
     PART(test_cameras);
     PART(test_auto_exposure);
     PART(test_falloff);
+    PART(test_rows_4d);
     PART(test_network);
     PART(test_sh_every);
     PART(test_files);
