@@ -135,6 +135,23 @@ static void test_threads(void)
     }
 }
 
+/* Two vectors for many rows close to 0 and a few far from them: the plane between the two moves to the gap. */
+static void test_cut(void)
+{
+    enum { N = 1030, WIDTH = 3, FAR = 1000 };
+    static float rows[N * WIDTH], palette[2 * WIDTH];
+    static uint32_t label[N];
+    uint32_t seed = 31;
+    size_t n_used;
+
+    for (size_t i = 0; i < N * WIDTH; i++)
+        rows[i] = (i < FAR * WIDTH ? 0 : 10) + draw(&seed);
+    ok(spin_palette_make(rows, N, WIDTH, 2, NULL, label, palette, &n_used) == SPIN_OK &&
+           n_used == 2 && palette_error(rows, N, WIDTH, label, palette) < 0.32,
+       "a vector for a few rows far off, error %.3f",
+       palette_error(rows, N, WIDTH, label, palette));
+}
+
 /* A heap of what is one group and what is many: the cuts go to the many. */
 static void test_largest_first(void)
 {
@@ -161,4 +178,5 @@ TAP_MAIN
     test_palette();
     test_threads();
     test_largest_first();
+    test_cut();
 }
