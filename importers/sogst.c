@@ -1,6 +1,8 @@
 /* .sogst: one file with a clip, or the PLY that its encoders take. What src/formats/sogst.h says of them. */
 #include "formats/sogst.h"
 
+#include <limits.h>
+#include <math.h>
 #include <string.h>
 
 #include "importers/lib/file_sequence.h"
@@ -57,7 +59,7 @@ static spin_status open_file(void *self, const char *path)
     sequence->time_first = sogst.first;
     sequence->time_last = sogst.last;
     sequence->fps = sogst.fps;
-    sequence->n_clip_frames = (int)((sogst.last - sogst.first) * sogst.fps + 0.5) + 1;
+    sequence->n_clip_frames = (int)fmin((sogst.last - sogst.first) * sogst.fps + 1.5, INT_MAX);
     snprintf(sequence->variant, sizeof sequence->variant,
              "%s, %zu splats on paths of degree %d, %zu segments",
              ply ? "PLY for .sogst" : ".sogst", s->n, s->degree, sogst.n_segments);

@@ -341,6 +341,7 @@ struct spin_export_check {
     uint64_t splats;
     double bounds;             /* the most that a side of a frame's box is off by, world units */
     double rms[6], largest[6]; /* place, log scale, rotation (degrees), opacity, colour, SH */
+    uint64_t sh_lost;          /* splats with SH of a degree that the format does not hold */
     int rendered;              /* number of the frame that was rendered from its file; -1: none */
     double psnr; /* dB against the bundle's own render; infinite: the same picture; NaN: none */
 };

@@ -18,10 +18,11 @@ struct check {
     void *self; /* what the importer has opened; NULL: nothing */
     struct spin_splats back;
     struct spin_quant_error quant;
-    double bounds; /* the most that a side of a frame's box is off by */
-    double reach;  /* the farthest coordinate */
-    int rendered;  /* number of the frame that was rendered */
-    double psnr;   /* 0: none was */
+    uint64_t sh_lost; /* splats with SH of a degree that the file does not hold */
+    double bounds;    /* the most that a side of a frame's box is off by */
+    double reach;     /* the farthest coordinate */
+    int rendered;     /* number of the frame that was rendered */
+    double psnr;      /* 0: none was */
 };
 
 /* ---- Values ---------------------------------------------------------------------------------- */
@@ -63,16 +64,20 @@ static bool is_finite(const struct spin_splats *s, size_t j)
 }
 
 /* Coefficients above degree 0; what the bundle does not have should read as zero. */
-static void compare_sh(struct spin_quant_error *quant, const struct spin_splat_filter *rows,
-                       size_t i, const struct spin_splats *back, size_t j)
+static void compare_sh(struct check *check, const struct spin_splat_filter *rows, size_t i,
+                       const struct spin_splats *back, size_t j)
 {
     int n = 3 * spin_sh_count(back->sh_degree), n_there = 3 * spin_splat_filter_n_sh(rows);
     float room[3 * SPIN_SH_MAX], error[3 * SPIN_SH_MAX];
     const float *is = spin_splat_filter_sh(rows, i, room), *shown = back->sh + (size_t)n * j;
+    bool lost = false;
 
     for (int k = 3; k < n; k++)
         error[k - 3] = (k < n_there ? is[k] : 0) - shown[k];
-    spin_quant_error_add_all(quant, SPIN_QUANT_SH, error, (size_t)n - 3);
+    spin_quant_error_add_all(&check->quant, SPIN_QUANT_SH, error, (size_t)n - 3);
+    for (int k = n; k < n_there; k++)
+        lost = lost || is[k] != 0;
+    check->sh_lost += lost;
 }
 
 /* A frame as its file has it, in the file's axes and order, against the chosen rows of the bundle's: row[j] is the one
@@ -101,7 +106,7 @@ static spin_status compare(struct check *check, const char *path, const struct s
         spin_splat_filter_take(rows, i, &is);
         take_back(back, j, &shown);
         spin_quant_error_row(&check->quant, &is, &shown);
-        compare_sh(&check->quant, rows, i, back, j);
+        compare_sh(check, rows, i, back, j);
         widen(is_box, is.place);
         widen(back_box, shown.place);
         for (int c = 0; c < 3; c++)
@@ -294,6 +299,7 @@ spin_status spin_frames_check(struct spin_frames *x)
         *out = (struct spin_export_check){.frames = (int)x->n_entries,
                                           .splats = x->n_splats,
                                           .bounds = check.bounds,
+                                          .sh_lost = check.sh_lost,
                                           .rendered = check.psnr > 0 ? check.rendered : -1,
                                           .psnr = check.psnr > 0 ? check.psnr : (double)NAN};
         for (int p = 0; p < SPIN_QUANT_PARTS; p++) {

@@ -145,6 +145,9 @@ static const char text[] =
     "  opacity              error {{opacity.rms %.3g}} rms, {{opacity.largest %.3g}} at most\n"
     "  colour               error {{colour.rms %.3g}} rms, {{colour.largest %.3g}} at most\n"
     "  sh                   error {{sh.rms %.3g}} rms, {{sh.largest %.3g}} at most\n"
+    "{{#sh_lost}}  sh                   lost in {{sh_lost}} of {{splats}} splats, which {{to}} "
+    "does not "
+    "hold\n{{/}}"
     "{{^rendered=}}frame {{rendered}} rendered from the file: {{#psnr}}{{psnr %.2f}} dB against "
     "{{/}}the bundle's own picture\n{{/}}{{/}}";
 

@@ -26,6 +26,8 @@
 
 /* A description reads this many frames, evenly from all of them, unless asked for every one. */
 #define DESCRIBED_FRAMES 16
+/* At most so many frames are taken of a clip that a file counts itself: half an hour at 30 a second. */
+#define MOST_OWN 65536
 /* --check-cameras draws this many views of this many frames. */
 #define CHECKED_FRAMES 3
 #define CHECKED_VIEWS 4
@@ -133,6 +135,11 @@ static void look_for_frames(struct import *im)
     if (!t->continuous || o->data || o->n_frames > 0 || o->n_times > 0)
         return;
     im->n_own = t->n_clip_frames;
+    if (im->n_own > MOST_OWN) {
+        im->n_own = MOST_OWN;
+        spin_note(t, "its clip has %d frames, of which %d are taken, at even distances (--frames)",
+                  t->n_clip_frames, MOST_OWN);
+    }
     if (!o->output || im->n_own > 0)
         return;
     if (t->counts_frames && t->time_last - t->time_first < INT_MAX) {

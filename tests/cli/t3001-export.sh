@@ -143,5 +143,18 @@ fi
 run "$bin/spin-import" fixtures/3dgstream -o "$work/one.spin" --range 0:1
 run "$bin/spin-export" "$work/one.spin" --to splat -o "$work/one"
 err_has "sh is left out" "splat: SH of degree 1 is left out, and it is said"
+run "$bin/spin-export" "$work/one.spin" --to splat -o "$work/one-checked" --check
+rows=$(sed -n 's/^read back: 1 frame, \([0-9]*\) splats.*/\1/p' "$work/out")
+out_has "lost in $rows of $rows splats, which splat does not hold" "--check: of how many splats it is lost"
+run "$bin/spin-export" "$work/one.spin" --to spz -o "$work/one-spz" --check --json
+out_has "\"sh_lost\": 0,$" "--check: of none where the format holds it"
+# Bands that are 0 are none that can be lost.
+run "$bin/spin-export" "$work/one.spin" --to ply --sh 0 -o "$work/flat"
+run "$bin/spin-import" "$work/flat" -o "$work/flat.spin"
+run "$bin/spin-export" "$work/flat.spin" --to ply --sh 2 -o "$work/zeros"
+run "$bin/spin-import" "$work/zeros" -o "$work/zeros.spin" --json
+is "$(member sh_degree)" 2 "a clip whose SH of degree 2 is 0"
+run "$bin/spin-export" "$work/zeros.spin" --to splat -o "$work/zeros-checked" --check --json
+out_has "\"sh_lost\": 0,$" "--check: of which splat loses none"
 
 done_testing

@@ -433,6 +433,7 @@ TAP_MAIN
 {
     static const char *const of_torch[] = {"realtime4dgs", "hybrid4dgs", "ex4dgs", "rotor4dgs",
                                            "omg4",         "freetimegs", NULL};
+    static const char *const of_freetimegs[] = {"freetimegs", "ply", NULL};
     static const char *const of_npz[] = {"d3dgs", "tc3dgs", NULL};
     static const char *const of_ply[] = {"ply", NULL};
     static const char *const of_xz[] = {"omg4", NULL};
@@ -464,6 +465,7 @@ TAP_MAIN
     }
     finds("torch", of_torch);
     finds("chkpnt", of_torch);
+    finds("freetimegs", of_freetimegs);
     finds("zip", of_npz);
     finds("npy", of_npz);
     finds("xz", of_xz);
