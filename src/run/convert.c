@@ -1,7 +1,8 @@
 /* spin_convert(): a run into what viewers play, by the other calls: import, retrain, export.
  *
  * The work is beside the output, under its name: clip.import.spin until all is done, clip.spin.part while the training
- * is unfinished, and clip.spin, which stays. So the same call goes on after an interruption. */
+ * is unfinished, and clip.spin, which stays. So the same call goes on after an interruption. What holds 4D splats is
+ * trained twice: frames, as clip.tracks.spin, which stays too, and then the 4D splats that are cut from them. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,10 +21,12 @@ struct convert {
     const struct spin_convert_options *o;
     const char *to;
     char *output, *bundle; /* what is written */
+    char *tracks;          /* the retrained frames, where `to` holds 4D splats; NULL */
     char *import; /* what is exported or retrained; the input itself where that is a bundle */
     char *beside; /* a data set that nobody named; NULL */
     bool imports;
     bool has_data, is_trained; /* of `import` */
+    bool is_rows;              /* it is 4D splats that were trained */
     spin_json *report;
 };
 
@@ -67,6 +70,15 @@ static spin_status name_output(struct convert *c)
     return status;
 }
 
+/* Whether an exporter is for 4D splats. TSOG can hold frames too, each splat once for every frame. */
+static bool holds_rows(const char *name)
+{
+    for (const struct spin_exporter *const *e = spin_exporter_list(); *e; e++)
+        if (strcmp((*e)->name, name) == 0)
+            return (*e)->splats_4d && (!(*e)->frame || strcmp(name, "tsog") == 0);
+    return false;
+}
+
 static spin_status name_all(struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
@@ -81,6 +93,8 @@ static spin_status name_all(struct convert *c)
                          c->output);
     n = stem_length(c->output, ending != NULL);
     SPIN_TRY(put_together(c->output, n, ".spin", &c->bundle));
+    if (holds_rows(c->to))
+        SPIN_TRY(put_together(c->output, n, ".tracks.spin", &c->tracks));
     c->imports = !spin_bundle_looks_like(o->input);
     return c->imports ? put_together(c->output, n, ".import.spin", &c->import)
                       : spin_strdup(o->input, &c->import);
@@ -173,8 +187,8 @@ static spin_status look(struct convert *c)
     SPIN_TRY_OUT(spin_bundle_open(c->import, &bundle));
     SPIN_TRY_OUT(spin_bundle_data_path(&bundle, &data));
     c->has_data = c->o->data || (data && spin_path_exists(data));
-    c->is_trained = spin_bundle_is_trained(&bundle) || spin_bundle_is_trained_4d(&bundle) ||
-                    bundle.refined.columns;
+    c->is_rows = spin_bundle_is_trained_4d(&bundle);
+    c->is_trained = spin_bundle_is_trained(&bundle) || c->is_rows || bundle.refined.columns;
     spin_log(0, "%s '%s': %s of %s%s%s", c->imports ? "imported" : "opened", c->o->input,
              spin_text_count(bundle.meta.n_frames, "frame", frames), bundle.meta.from,
              *bundle.meta.variant ? ", " : "", bundle.meta.variant);
@@ -196,35 +210,65 @@ static spin_status say_how_to_go_on(spin_status failed)
     return spin_fail(failed, "%.*sthe same command goes on", n - (int)sizeof ending + 1, why);
 }
 
-/* An unfinished retraining goes on; with --force one that was made otherwise is replaced. */
-static spin_status retrain(struct convert *c)
+/* An unfinished retraining goes on; with --force one that was made otherwise is replaced. rows: of 4D splats. */
+static spin_status retrain_as(struct convert *c, const char *input, const char *output, bool rows)
 {
     const struct spin_convert_options *o = c->o;
     struct spin_retrain_options retrain;
+    bool own_data = !c->imports && input == c->import;
     char *part = NULL, *text = NULL;
     spin_status status;
 
-    SPIN_TRY(put_together(c->bundle, strlen(c->bundle), ".part", &part));
+    SPIN_TRY(put_together(output, strlen(output), ".part", &part));
     SPIN_TRY_OUT(spin_retrain_preset(o->preset ? o->preset : "quick", &retrain));
+    retrain.method = rows ? SPIN_METHOD_4D : retrain.method;
     retrain.tracks |= retrain.method == SPIN_METHOD_TRACKS;
+    retrain.antialias &= !c->tracks; /* 4D splats in files are drawn without */
     retrain.iterations = o->iterations > 0 ? o->iterations : retrain.iterations;
-    retrain.input = c->import;
-    retrain.output = c->bundle;
-    retrain.data = c->imports ? NULL : o->data;
-    retrain.data_from = c->imports ? NULL : o->data_from;
+    retrain.input = input;
+    retrain.output = output;
+    retrain.data = own_data ? o->data : NULL;
+    retrain.data_from = own_data ? o->data_from : NULL;
     retrain.device = o->device;
     retrain.n_threads = o->n_threads;
     retrain.force = o->force;
-    retrain.resume = spin_path_is_taken(part) || (!o->force && spin_path_is_taken(c->bundle));
+    retrain.resume = spin_path_is_taken(part) || (!o->force && spin_path_is_taken(output));
     status = spin_retrain(&retrain, &text);
     if (status == SPIN_E_USAGE && retrain.resume && o->force) {
         retrain.resume = false;
         status = spin_retrain(&retrain, &text);
     }
-    status = status == SPIN_OK ? add_report(c, "retrain", text) : say_how_to_go_on(status);
+    status = status == SPIN_OK ? add_report(c, rows ? "rows" : "retrain", text)
+                               : say_how_to_go_on(status);
 out:
     free(part);
     return status;
+}
+
+/* What is exported is c->bundle then. */
+static spin_status retrain(struct convert *c)
+{
+    bool frames = !c->is_trained;
+
+    if (!c->tracks)
+        return retrain_as(c, c->import, c->bundle, false);
+    if (frames)
+        SPIN_TRY(retrain_as(c, c->import, c->tracks, false));
+    spin_log(0, "'%s' holds 4D splats: training them from these frames", c->to);
+    return retrain_as(c, frames ? c->tracks : c->import, c->bundle, true);
+}
+
+/* Only frames that tracks trained become 4D splats. */
+static spin_status check_preset(const struct convert *c)
+{
+    const char *preset = c->o->preset;
+
+    if (!c->tracks || !preset || strcmp(preset, "quick") == 0 || strcmp(preset, "best") == 0)
+        return SPIN_OK;
+    return spin_fail(SPIN_E_USAGE,
+                     "'%s' holds 4D splats, which are trained with the presets quick and best, "
+                     "not %s",
+                     c->to, preset);
 }
 
 static spin_status export(struct convert *c, const char *bundle)
@@ -261,13 +305,14 @@ static spin_status run(struct convert *c)
     spin_status status;
 
     SPIN_TRY(name_all(c));
+    SPIN_TRY(check_preset(c));
     SPIN_TRY(check_outputs(c));
     if (!c->imports && o->n_frames > 0)
         return spin_fail(SPIN_E_USAGE, "--frames is for a run, and '%s' is a bundle", o->input);
     if (c->imports)
         SPIN_TRY(import(c));
     SPIN_TRY(look(c));
-    retrains = c->has_data && !c->is_trained && !o->no_retrain;
+    retrains = c->has_data && !o->no_retrain && (!c->is_trained || (c->tracks && !c->is_rows));
     if (retrains)
         spin_log(0, "retraining on its images; --no-retrain leaves that out, and Ctrl-C keeps what "
                     "is done");
@@ -296,12 +341,14 @@ spin_status spin_convert(const struct spin_convert_options *o, char **report)
     *report = NULL;
     spin_json_set_null(c.report, "import");
     spin_json_set_null(c.report, "retrain");
+    spin_json_set_null(c.report, "rows");
     status = run(&c);
     if (status == SPIN_OK)
         status = spin_json_finish(json_incref(c.report), report);
     spin_json_free(c.report);
     free(c.output);
     free(c.bundle);
+    free(c.tracks);
     free(c.import);
     free(c.beside);
     return status;

@@ -69,6 +69,24 @@ fails 2 spin4d "a bundle that would replace itself"
 cmp -s clip.spin own.spin
 ok $? "stays"
 
+# ---- 4D splats -----------------------------------------------------------------------------------------
+
+run "$bin/spin4d" run -o rows.sogst --iterations 40 --preset paper
+fails 2 spin4d "4D splats by the paper's network"
+run "$bin/spin4d" run -o rows.sogst --iterations 40
+is "$code $(echo $(ls -d rows.*))" "0 rows.sogst rows.spin rows.tracks.spin" "a run becomes 4D splats"
+err_has "'sogst' holds 4D splats: training them from these frames" "which are trained from frames"
+out_has "^as 4D splats: [0-9.]* dB" "and says how good they are"
+"$bin/spin-import" --info rows.spin --json | grep -q antialias.*true
+is $? 1 "they are drawn without antialiasing"
+rm rows.sogst
+run "$bin/spin4d" run -o rows.sogst --iterations 40 --json
+is "$code $(grep -c 'is already finished' "$work/err")" "0 2" "the same call does only what is left"
+run "$bin/spin4d" rows.tracks.spin -o again.tsog --iterations 5
+is "$code $(echo $(ls -d again.*))" "0 again.spin again.tsog" "frames that are trained are not trained again"
+run "$bin/spin4d" rows.spin -o again.ftgs.ply
+is "$code" 0 "4D splats that are trained are exported"
+
 # A data set that nobody named and that does not fit: two of its six frames are gone from its list.
 mkdir other && cp -r run/ims run/test_meta.json run/train_meta.json other
 python3 - <<'PY'
