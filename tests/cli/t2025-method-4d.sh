@@ -32,6 +32,10 @@ awk -v a="$(member psnr)" -v b="$psnr" 'BEGIN { d = a - b; exit !(b > 10 && d < 
 ok $? "the bundle shows what was trained ($psnr dB, $(member psnr))"
 awk -v a="$before" -v b="$psnr" 'BEGIN { exit !(b > a - 1) }'
 ok $? "at most 1 dB below its clip after 120 steps ($before, $psnr)"
+run "$bin/spin-retrain" "$work/tracks.spin" -o "$work/cut.spin" $net --method 4d --iterations 1 --device cpu --json
+cut=$(sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
+awk -v a="$before" -v b="$cut" 'BEGIN { exit !(b > a - 0.1) }'
+ok $? "cutting alone loses less than 0.1 dB ($before, $cut)"
 run "$bin/spin-import" --info "$work/4d.spin"
 out_has "4D splats" "--info tells of 4D splats"
 
