@@ -688,6 +688,8 @@ static void say_errors(const struct export *x)
     report->check = (struct spin_export_check){.frames = x->n_written,
                                                .splats = quant.part[SPIN_QUANT_OPACITY].n,
                                                .bounds = 2 * most[SPIN_QUANT_PLACE],
+                                               .place_sizes = (double)NAN,
+                                               .place_pixels = (double)NAN,
                                                .rendered = -1,
                                                .psnr = (double)NAN};
     for (int p = 0; p < SPIN_QUANT_PARTS; p++) {

@@ -342,6 +342,9 @@ struct spin_export_check {
     double bounds;             /* the most that a side of a frame's box is off by, world units */
     double rms[6], largest[6]; /* place, log scale, rotation (degrees), opacity, colour, SH */
     uint64_t sh_lost;          /* splats with SH of a degree that the format does not hold */
+    double place_sizes;        /* the most that a place is off by, of the splat's largest standard
+                                * deviation; NaN: unknown */
+    double place_pixels;       /* in pictures of the data set; NaN: no camera sees a splat, or unknown */
     int rendered;              /* number of the frame that was rendered from its file; -1: none */
     double psnr; /* dB against the bundle's own render; infinite: the same picture; NaN: none */
 };

@@ -6,6 +6,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "exporters/lib/place_error.h"
 #include "exporters/lib/quant_error.h"
 #include "math/activate.h"
 #include "math/motion.h"
@@ -19,6 +20,7 @@ struct check {
     struct spin_splats frame;
     uint32_t *row_of; /* [source rows] of the file; UINT32_MAX: none */
     struct spin_quant_error quant;
+    struct spin_place_error place;
     uint64_t n;
     double bounds;
 };
@@ -97,6 +99,9 @@ static void compare(struct check *check, const struct spin_splat_filter *rows, s
     spin_splat_filter_take(rows, row, &is);
     take_back(back, j, time, &shown);
     spin_quant_error_row(&check->quant, &is, &shown);
+    spin_place_error_add(&check->place, rows->splats->means + 3 * row,
+                         rows->splats->log_scales + 3 * row,
+                         spin_quant_error_distance(is.place, shown.place));
     sh = spin_splat_filter_sh(rows, row, room);
     n_there = 3 * (size_t)spin_splat_filter_n_sh(rows);
     for (size_t c = 3; c < n_sh; c++)
@@ -117,6 +122,7 @@ static spin_status check_frame(struct check *check, int f)
     struct spin_splat_filter rows = *check->of->rows;
     size_t row = 0;
 
+    spin_place_error_frame(&check->place, job, f);
     for (int c = 0; c < 12; c++)
         box[c / 6][c % 6] = c % 6 < 3 ? HUGE_VAL : -HUGE_VAL;
     if (spin_cancelled())
@@ -158,7 +164,10 @@ spin_status spin_bells_check(const struct spin_bells_check *of)
     const struct spin_export_job *job = of->bells->job;
     struct check check = {.of = of};
     struct spin_export_check *out = job->report ? &job->report->check : NULL;
-    spin_status status = check_all(&check);
+    spin_status status;
+
+    spin_place_error_begin(&check.place);
+    status = check_all(&check);
 
     if (status == SPIN_OK && out) {
         *out = (struct spin_export_check){.frames = job->n_frames,
@@ -170,6 +179,7 @@ spin_status spin_bells_check(const struct spin_bells_check *of)
             out->rms[p] = spin_quant_error_rms(&check.quant, (enum spin_quant_error_part)p);
             out->largest[p] = check.quant.part[p].largest;
         }
+        spin_place_error_say(&check.place, out);
     }
     if (check.self)
         check.importer->close(check.self);

@@ -27,6 +27,11 @@ static double distance(const float *a, const float *b, int n)
     return sqrt(sum);
 }
 
+double spin_quant_error_distance(const float is[3], const float shown[3])
+{
+    return distance(is, shown, 3);
+}
+
 void spin_quant_error_add_place(struct spin_quant_error *q, const float is[3], const float shown[3])
 {
     spin_quant_error_add(q, SPIN_QUANT_PLACE, distance(is, shown, 3));

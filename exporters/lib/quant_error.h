@@ -38,6 +38,8 @@ static inline void spin_quant_error_add(struct spin_quant_error *q, enum spin_qu
 void spin_quant_error_add_all(struct spin_quant_error *q, enum spin_quant_error_part part,
                               const float *error, size_t n);
 
+double spin_quant_error_distance(const float is[3], const float shown[3]);
+
 void spin_quant_error_add_place(struct spin_quant_error *q, const float is[3],
                                 const float shown[3]);
 

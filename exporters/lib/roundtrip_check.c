@@ -8,6 +8,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 #include "exporters/lib/initial_view.h"
+#include "exporters/lib/place_error.h"
 
 /* What is left of a value after float arithmetic there and back: of positions as a share of the farthest coordinate. */
 static const double SLACK[SPIN_QUANT_PARTS] = {1e-6, 1e-5, 1e-2, 1e-6, 1e-5, 1e-5};
@@ -18,6 +19,7 @@ struct check {
     void *self; /* what the importer has opened; NULL: nothing */
     struct spin_splats back;
     struct spin_quant_error quant;
+    struct spin_place_error place;
     uint64_t sh_lost; /* splats with SH of a degree that the file does not hold */
     double bounds;    /* the most that a side of a frame's box is off by */
     double reach;     /* the farthest coordinate */
@@ -106,6 +108,9 @@ static spin_status compare(struct check *check, const char *path, const struct s
         spin_splat_filter_take(rows, i, &is);
         take_back(back, j, &shown);
         spin_quant_error_row(&check->quant, &is, &shown);
+        spin_place_error_add(&check->place, rows->splats->means + 3 * i,
+                             rows->splats->log_scales + 3 * i,
+                             spin_quant_error_distance(is.place, shown.place));
         compare_sh(check, rows, i, back, j);
         widen(is_box, is.place);
         widen(back_box, shown.place);
@@ -262,6 +267,7 @@ static spin_status check_frame(struct check *check, int f, const char *path, int
     const struct spin_keyed *row = NULL;
     spin_status status = SPIN_OK;
 
+    spin_place_error_frame(&check->place, x->job, f);
     SPIN_TRY(x->job->again(x->job->context, f, &splats));
     SPIN_TRY(spin_splat_filter_choose(&x->rows, splats, x->entry[f].number));
     if (!check->self || within == 0)
@@ -287,6 +293,7 @@ spin_status spin_frames_check(struct spin_frames *x)
     spin_status status = SPIN_OK;
 
     x->rows.quiet = true;
+    spin_place_error_begin(&check.place);
     for (size_t f = 0; f < x->n_entries && status == SPIN_OK; f++) {
         char *path = NULL;
 
@@ -306,6 +313,7 @@ spin_status spin_frames_check(struct spin_frames *x)
             out->rms[p] = spin_quant_error_rms(&check.quant, (enum spin_quant_error_part)p);
             out->largest[p] = check.quant.part[p].largest;
         }
+        spin_place_error_say(&check.place, out);
     }
     if (status == SPIN_OK)
         status = judge(&check, &x->quant);

@@ -139,6 +139,8 @@ static const char text[] =
     "{{#check}}read back: {{frames %N frame}}, {{splats}} splats; "
     "boxes differ by {{bounds %.3g}} at most\n"
     "  place                error {{place.rms %.3g}} rms, {{place.largest %.3g}} at most\n"
+    "{{#place_sizes}}                       {{place_sizes %.3g}} of the splat's size at most"
+    "{{#place_pixels}}, {{place_pixels %.3g}} pixels of the data set's cameras{{/}}\n{{/}}"
     "  log scale            error {{log_scale.rms %.3g}} rms, {{log_scale.largest %.3g}} at most\n"
     "  rotation (degrees)   error {{rotation_deg.rms %.3g}} rms, {{rotation_deg.largest %.3g}} at "
     "most\n"

@@ -610,6 +610,8 @@ static spin_json *check_json(const struct spin_export_check *c)
         spin_json_set(j, keys[p],
                       json_pack("{s:o, s:o}", "rms", spin_json_number_value(c->rms[p]), "largest",
                                 spin_json_number_value(c->largest[p])));
+    spin_json_set_number(j, "place_sizes", c->place_sizes);
+    spin_json_set_number(j, "place_pixels", c->place_pixels);
     spin_json_set(j, "sh_lost", json_integer((json_int_t)c->sh_lost));
     spin_json_set(j, "rendered", c->rendered < 0 ? json_null() : json_integer(c->rendered));
     spin_json_set_number(j, "psnr", c->psnr); /* null: infinite, or none was */

@@ -895,6 +895,11 @@ def text_export(j):
     if c:
         t += ["read back: %s, %d splats; boxes differ by %.3g at most" % (some(c["frames"], "frame"), c["splats"], c["bounds"])]
         t += ["  %-20s error %.3g rms, %.3g at most" % (label, c[key]["rms"], c[key]["largest"]) for label, key in PARTS]
+        if c["place_sizes"]:
+            pixels = ", %.3g pixels of the data set's cameras" % c["place_pixels"] if c["place_pixels"] else ""
+            t.insert(-5, "                       %.3g of the splat's size at most%s" % (c["place_sizes"], pixels))
+        if c["sh_lost"]:
+            t += ["  sh                   lost in %d of %d splats, which %s does not hold" % (c["sh_lost"], c["splats"], j["to"])]
         t += ["frame %d rendered from the file: %s the bundle's own picture" % (
             c["rendered"], "%.2f dB against" % c["psnr"] if c["psnr"] is not None else "")]
     return "\n".join(t).replace(":  the", ": the")

@@ -2,6 +2,7 @@
 # K: 4d ftgs sogst export import freetimegs
 # 4D splats out as files of 4D splats and back: what returns is what went, and what a file cannot hold is said.
 . tests/cli/lib.sh
+. tests/runs.sh
 
 run_in=fixtures/realtime4dgs/rot4d_noshfs
 ftgs=fixtures/ftgs_ply/sh1_clamped/scene.ftgs.ply
@@ -130,6 +131,17 @@ greater "$(member splats_mean)" "$(echo "$mean" | awk '{ print $1 * 0.999 }')"
 ok $? "that show as many splats, and those too that the method itself hides"
 greater "$(echo "$mean" | awk '{ print $1 * 1.2 }')" "$(member splats_mean)"
 ok $? "which are few"
+
+# Where the data set's cameras see the splats, positions are off by so many pixels.
+stand_in "$work/data" "$clip/ims/0/000008.jpg"
+cameras "$work/data" 7 5
+run "$bin/spin-import" "$run_in" --time-duration 0,5 --data "$work/data" --data-from transforms:ending=.jpg \
+    -o "$work/seen.spin"
+is "$code" 0 "a run with the cameras of a data set"
+run "$bin/spin-export" "$work/seen.spin" -o "$work/seen.ftgs.ply" --check
+out_has "of the splat's size at most, .* pixels of the data set's cameras" "--check: in sizes and in pixels"
+run "$bin/spin-export" "$work/r.spin" -o "$work/unseen.ftgs.ply" --check --json
+out_has '"place_pixels": null' "--check: no pixels without a data set"
 
 # What it cannot hold.
 run "$bin/spin-import" "$run_in" --frames 3 -o "$work/frames.spin"
