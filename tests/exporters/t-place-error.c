@@ -42,7 +42,7 @@ TAP_MAIN
         ok(isnan(check.place_pixels), "%s no pixel is off", unseen[i].what);
     }
     near(check.place_sizes, 0.002, 1e-9, "of the largest size");
-    spin_place_error_add(&e, (const float[]){0.5f, 0.1f, 2}, sizes, 0.01);
+    spin_place_error_add(&e, (const float[]){0.05f, 0.02f, 2}, sizes, 0.01);
     spin_place_error_say(&e, &check);
     near(check.place_sizes, 0.02, 1e-8, "the most of them");
     near(check.place_pixels, 0.6, 1e-9, "pixels of the camera with the longest focal length");
