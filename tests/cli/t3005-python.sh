@@ -231,6 +231,9 @@ run "$bin/spin-retrain" "$in" -o "$work/refined.spin" $small $net --iterations 2
 is "$code" 0 "a network on refined frames"
 run "$bin/spin-import" --from d3dgs $clip --data $clip --pair order -o "$work/paired.spin" --range 0:1
 is "$code" 0 "a pairing of its own"
+# shellcheck disable=SC2086
+run "$bin/spin-retrain" "$work/full-tracks.spin" -o "$work/learned-4d.spin" --preset quick $small --method 4d --iterations 2
+is "$code" 0 "4D splats that were trained"
 "$bin/spin-retrain" --help all | sed -n 's/^  \(-., \|    \)--\([a-z0-9-]*\).*/\2/p' | tr - _ >"$work/options"
 python3 - man/spin-bundle.5 "$work/options" "$work"/*.spin <<'E' 2>"$work/err"
 import json, re, sys, zipfile
