@@ -84,6 +84,10 @@ spin_status spin_bundle_tracks_numbers(struct spin_bundle_tracks *t, int index, 
     int64_t shape[1] = {(int64_t)n};
     struct spin_bundle_values v;
 
+    if (!t->values) {
+        memset(track, 0xff, n * sizeof *track); /* SPIN_NOT_TRACKED */
+        return SPIN_OK;
+    }
     index = t->same_rows ? 0 : index;
     SPIN_TRY(spin_bundle_values_open(t->bundle, "trained/track", index, 'u', 1, shape, &v));
     spin_bundle_values_get(&v, 0, n, track);

@@ -30,7 +30,7 @@ struct spin_bundle_tracks {
 /* Checks the values. Zero it first; close it also after a failure. */
 spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bundle_tracks *out);
 void spin_bundle_tracks_close(struct spin_bundle_tracks *tracks);
-/* Of frame `index` with n splats: the track of each, or SPIN_NOT_TRACKED. */
+/* Of frame `index` with n splats: the track of each, or SPIN_NOT_TRACKED, which all have where there are no tracks. */
 spin_status spin_bundle_tracks_numbers(struct spin_bundle_tracks *tracks, int index, size_t n,
                                        uint32_t *track);
 /* Of frame `index` with n splats: means [n][3] and the residual rows [n][11] = the sums. */

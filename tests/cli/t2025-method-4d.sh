@@ -51,6 +51,29 @@ is "$code" 0 "which can be imported"
 run "$bin/spin-retrain" "$work/4d.spin" -o "$work/no.spin" --method 4d --iterations 5
 fails 1 spin-retrain "4D splats are no clip of tracks"
 
+# Splats without a track are linked from frame to frame: here each frame has moved by itself, so none keeps its place.
+mkdir "$work/apart"
+for f in 0 1 2 3 4 5; do
+    rm -rf "$work/one"
+    "$bin/spin-export" "$work/in.spin" --source --to ply -o "$work/one" --range $f:$((f + 1)) \
+        --translate 0.00$((f * f)),0,0 -q && cp "$work"/one/frame_*.ply "$work/apart/"
+done
+run "$bin/spin-import" "$work/apart" --from ply --data $clip --pair order -o "$work/apart.spin"
+is "$code" 0 "imports frames that share no place"
+run "$bin/spin-retrain" "$work/apart.spin" -o "$work/loose.spin" $net --iterations 60 --densify-every 0 --device cpu
+err_has "no splat keeps its position" "no splat of them has a track"
+run "$bin/spin-retrain" "$work/loose.spin" -o "$work/linked.spin" $net --method 4d --iterations 1 --device cpu --json
+is "$code" 0 "they become 4D splats"
+rows=$(sed -n 's/^\([0-9]*\) 4D splats.*/\1/p' "$work/err")
+all=$("$bin/spin-export" "$work/loose.spin" --to ply -o "$work/all" --json -q | sed -n 's/^  "splats_mean": \([0-9.]*\),*$/\1/p')
+echo "# $rows of $all a frame"
+cut=$(sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
+before=$(sed -n '/"before": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
+awk -v n="$rows" -v all="$all" 'BEGIN { exit !(n > 0 && n < 0.9 * 6 * all) }'
+ok $? "fewer than the splats of all frames ($rows, $all a frame)"
+awk -v a="$before" -v b="$cut" 'BEGIN { exit !(b > a - 0.3) }'
+ok $? "and look like them ($before, $cut)"
+
 # The same bytes for any number of threads, and after a stop.
 small="$net --method 4d --iterations 60 --device cpu"
 run "$bin/spin-retrain" "$work/tracks.spin" -o "$work/one.spin" $small --threads 1
