@@ -70,13 +70,11 @@ SPIN_FN void spin_window_adj(const struct spin_window *w, double t, double g,
     out->gate = seen * (1 - bell);
 }
 
-/* The logit of a splat's opacity while a window shows exp(ln_weight) of it, from the logit l of the whole: of
- * w o = w e^l / (1 + e^l) it is l + ln w - ln(1 + e^l (1 - w)). ln_weight at most 0. */
-SPIN_FN float spin_unseen(float l, float ln_weight) /* ln(e^l (1 - w)): -infinity where all is seen */
-{
-    return l + logf(-expm1f(ln_weight));
-}
+/* ln(e^l (1 - w)), of w = exp(ln_weight): minus infinity where all is seen. */
+SPIN_FN float spin_unseen(float l, float ln_weight) { return l + logf(-expm1f(ln_weight)); }
 
+/* The logit of a splat's opacity while a window shows w of it, from the logit l of the whole: of w o = w e^l / (1 + e^l)
+ * it is l + ln w - ln(1 + e^l (1 - w)). ln_weight at most 0. */
 SPIN_FN float spin_seen_logit(float l, float ln_weight)
 {
     float a = spin_unseen(l, ln_weight);

@@ -16,6 +16,12 @@ bool spin_bundle_is_trained(const struct spin_bundle *bundle)
     return spin_json_get(bundle->json, "trained") != NULL;
 }
 
+bool spin_bundle_is_trained_by_tracks(const struct spin_bundle *bundle)
+{
+    return spin_bundle_is_trained(bundle) &&
+           spin_json_is_null(spin_json_get(spin_json_get(bundle->json, "trained"), "field"));
+}
+
 bool spin_bundle_is_trained_4d(const struct spin_bundle *bundle)
 {
     return spin_json_get(bundle->json, "trained_4d") != NULL;

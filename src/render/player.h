@@ -55,6 +55,8 @@ struct spin_player {
 
 /* What spin_player_open() needs to know about the network of a bundle. */
 bool spin_bundle_is_trained(const struct spin_bundle *bundle);
+/* The same without a network, as --method tracks leaves it. */
+bool spin_bundle_is_trained_by_tracks(const struct spin_bundle *bundle);
 /* Its source is 4D splats that spin-retrain trained. */
 bool spin_bundle_is_trained_4d(const struct spin_bundle *bundle);
 /* Whether these splats were trained behind the lenses that the bundle may have. */

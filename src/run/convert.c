@@ -26,7 +26,7 @@ struct convert {
     char *beside; /* a data set that nobody named; NULL */
     bool imports;
     bool has_data, is_trained; /* of `import` */
-    bool is_rows;              /* it is 4D splats that were trained */
+    bool is_tracks; /* it has frames that tracks trained, of which 4D splats can be made */
     spin_json *report;
 };
 
@@ -101,30 +101,54 @@ static spin_status name_all(struct convert *c)
 }
 
 /* What would fail at the end fails now. */
-static spin_status check_outputs(const struct convert *c)
+static spin_status check_output(const struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
 
     if (spin_path_is_folder(c->output))
-        SPIN_TRY(spin_output_check_empty_folder(c->output, o->force));
-    else if (spin_path_is_taken(c->output) || spin_exporter_for(c->output))
-        SPIN_TRY(spin_output_check_file(c->output, o->force));
-    if (!c->imports && spin_path_is_taken(c->bundle)) {
-        char *input = NULL, *bundle = NULL;
-        spin_status status = spin_path_absolute(c->import, &input);
+        return spin_output_check_empty_folder(c->output, o->force);
+    if (spin_path_is_taken(c->output) || spin_exporter_for(c->output))
+        return spin_output_check_file(c->output, o->force);
+    return SPIN_OK;
+}
 
-        if (status == SPIN_OK)
-            status = spin_path_absolute(c->bundle, &bundle);
-        if (status == SPIN_OK && strcmp(input, bundle) == 0)
+/* Only frames that tracks trained become 4D splats. */
+static spin_status check_preset(const struct convert *c)
+{
+    const char *preset = c->o->preset;
+
+    if (!c->tracks || !preset || strcmp(preset, "quick") == 0 || strcmp(preset, "best") == 0)
+        return SPIN_OK;
+    return spin_fail(SPIN_E_USAGE,
+                     "'%s' holds 4D splats, which are trained with the presets quick and best, "
+                     "not %s",
+                     c->to, preset);
+}
+
+/* The retrained clip does not take the place of the bundle that it is made of. */
+static spin_status check_bundle(const struct convert *c)
+{
+    const char *written[] = {c->bundle, c->tracks};
+    char *input = NULL, *path = NULL;
+    spin_status status = SPIN_OK;
+
+    if (c->imports)
+        return SPIN_OK;
+    SPIN_TRY(spin_path_absolute(c->import, &input));
+    for (int i = 0; i < 2 && status == SPIN_OK; i++) {
+        if (!written[i] || !spin_path_is_taken(written[i]))
+            continue;
+        status = spin_path_absolute(written[i], &path);
+        if (status == SPIN_OK && strcmp(input, path) == 0 && (i == 0 || !c->is_trained))
             status = spin_fail(SPIN_E_USAGE,
                                "the retrained clip would be '%s', which is the input: give another "
                                "name with --output",
-                               c->bundle);
-        free(input);
-        free(bundle);
-        return status;
+                               written[i]);
+        free(path);
+        path = NULL;
     }
-    return SPIN_OK;
+    free(input);
+    return status;
 }
 
 /* ---- The steps ------------------------------------------------------------------------------------- */
@@ -177,6 +201,13 @@ static spin_status import(struct convert *c)
     return import_from(c, NULL);
 }
 
+/* Frames are trained once; what tracks trained is trained again where 4D splats are wanted. */
+static bool retrains(const struct convert *c)
+{
+    return c->has_data && !c->o->no_retrain && (!c->is_trained || (c->tracks && c->is_tracks));
+}
+
+/* What there is to work on, and whether that can be done. */
 static spin_status look(struct convert *c)
 {
     struct spin_bundle bundle;
@@ -187,8 +218,13 @@ static spin_status look(struct convert *c)
     SPIN_TRY_OUT(spin_bundle_open(c->import, &bundle));
     SPIN_TRY_OUT(spin_bundle_data_path(&bundle, &data));
     c->has_data = c->o->data || (data && spin_path_exists(data));
-    c->is_rows = spin_bundle_is_trained_4d(&bundle);
-    c->is_trained = spin_bundle_is_trained(&bundle) || c->is_rows || bundle.refined.columns;
+    c->is_tracks = spin_bundle_is_trained_by_tracks(&bundle);
+    c->is_trained = spin_bundle_is_trained(&bundle) || spin_bundle_is_trained_4d(&bundle) ||
+                    bundle.refined.columns;
+    if (retrains(c)) {
+        SPIN_TRY_OUT(check_preset(c));
+        SPIN_TRY_OUT(check_bundle(c));
+    }
     spin_log(0, "%s '%s': %s of %s%s%s", c->imports ? "imported" : "opened", c->o->input,
              spin_text_count(bundle.meta.n_frames, "frame", frames), bundle.meta.from,
              *bundle.meta.variant ? ", " : "", bundle.meta.variant);
@@ -258,19 +294,6 @@ static spin_status retrain(struct convert *c)
     return retrain_as(c, frames ? c->tracks : c->import, c->bundle, true);
 }
 
-/* Only frames that tracks trained become 4D splats. */
-static spin_status check_preset(const struct convert *c)
-{
-    const char *preset = c->o->preset;
-
-    if (!c->tracks || !preset || strcmp(preset, "quick") == 0 || strcmp(preset, "best") == 0)
-        return SPIN_OK;
-    return spin_fail(SPIN_E_USAGE,
-                     "'%s' holds 4D splats, which are trained with the presets quick and best, "
-                     "not %s",
-                     c->to, preset);
-}
-
 static spin_status export(struct convert *c, const char *bundle)
 {
     const struct spin_convert_options *o = c->o;
@@ -301,33 +324,34 @@ static spin_status tidy_up(struct convert *c, bool retrained)
 static spin_status run(struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
-    bool retrains;
+    bool trains;
     spin_status status;
 
     SPIN_TRY(name_all(c));
-    SPIN_TRY(check_preset(c));
-    SPIN_TRY(check_outputs(c));
+    SPIN_TRY(check_output(c));
+    if (c->imports && !o->no_retrain)
+        SPIN_TRY(check_preset(c));
     if (!c->imports && o->n_frames > 0)
         return spin_fail(SPIN_E_USAGE, "--frames is for a run, and '%s' is a bundle", o->input);
     if (c->imports)
         SPIN_TRY(import(c));
     SPIN_TRY(look(c));
-    retrains = c->has_data && !o->no_retrain && (!c->is_trained || (c->tracks && !c->is_rows));
-    if (retrains)
+    trains = retrains(c);
+    if (trains)
         spin_log(0, "retraining on its images; --no-retrain leaves that out, and Ctrl-C keeps what "
                     "is done");
     else if (!o->no_retrain && !c->is_trained)
         spin_log(0, "no data set is known, so nothing is retrained; --data names one");
-    if (retrains)
+    if (trains)
         SPIN_TRY(retrain(c));
     else if (c->imports)
         SPIN_TRY(spin_output_check_file(c->bundle, o->force));
-    status = export(c, retrains ? c->bundle : c->import);
-    if (status != SPIN_OK && status != SPIN_E_CANCELLED && retrains)
+    status = export(c, trains ? c->bundle : c->import);
+    if (status != SPIN_OK && status != SPIN_E_CANCELLED && trains)
         return spin_fail_context(status, "the retrained clip is kept in '%s'", c->bundle);
     SPIN_TRY(status);
-    SPIN_TRY(tidy_up(c, retrains));
-    spin_json_set_string(c->report, "bundle", c->imports || retrains ? c->bundle : c->import);
+    SPIN_TRY(tidy_up(c, trains));
+    spin_json_set_string(c->report, "bundle", c->imports || trains ? c->bundle : c->import);
     spin_json_set_string(c->report, "output", c->output);
     spin_json_set_string(c->report, "to", c->to);
     return SPIN_OK;

@@ -101,7 +101,10 @@ static spin_status check_disk(const struct run *r)
         all += p->counts[f];
         most = p->counts[f] > most ? p->counts[f] : most;
     }
-    floats = (p->o->tracks ? most : all) * (spin_plan_has_residual(p) ? 3 + SPIN_RESIDUAL : 3);
+    floats = (trains_4d(r)   ? r->rows.n
+              : p->o->tracks ? most
+                             : all) *
+             (spin_plan_has_residual(p) ? 3 + SPIN_RESIDUAL : 3);
     if (p->o->method == SPIN_METHOD_NETWORK)
         floats += p->field.n_table + p->field.n_heads;
     bytes = 4 * floats * sizeof(float); /* the values and their two moments, and the values */

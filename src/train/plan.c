@@ -530,7 +530,8 @@ static size_t plan_pixels(struct spin_plan *plan, size_t available, size_t neede
 static double step_bytes(const struct spin_plan *plan)
 {
     double own = spin_plan_has_residual(plan) ? SPIN_TRACK : 3;
-    double floats = plan->o->batch * own * plan->clip.n_mean;
+    double floats =
+        own * (plan->n_rows > 0 ? (double)plan->n_rows : plan->o->batch * plan->clip.n_mean);
 
     if (plan->o->method == SPIN_METHOD_NETWORK)
         floats += (double)plan->field.n_table + (double)plan->field.n_heads;

@@ -9,6 +9,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 #include "model/residual.h"
+#include "render/player.h"
 #include "scene/bundle_tracks.h"
 
 const double spin_rows_4d_least_weight = 0.01;
@@ -376,9 +377,8 @@ out:
 static spin_status check_input(const struct cut *c)
 {
     const struct spin_plan *plan = c->plan;
-    const spin_json *trained = spin_json_get(plan->clip.bundle.json, "trained");
 
-    if (!trained || spin_json_is_object(spin_json_get(trained, "field")))
+    if (!spin_bundle_is_trained_by_tracks(c->tracks.bundle))
         return spin_fail(
             SPIN_E_NOT_FOUND,
             "--method 4d begins with a clip that --method tracks trained, and this one "

@@ -87,6 +87,12 @@ is "$code $(echo $(ls -d again.*))" "0 again.spin again.tsog" "frames that are t
 run "$bin/spin4d" rows.spin -o again.ftgs.ply
 is "$code" 0 "4D splats that are trained are exported"
 
+"$bin/spin-retrain" clip.spin --data run -o refined.spin --method frames --refine 20 -q >/dev/null 2>&1
+run "$bin/spin4d" refined.spin --data run -o refined.tsog
+is "$code $(echo $(ls -d refined.*))" "0 refined.spin refined.tsog" "refined frames are written as frames, under their own name"
+run "$bin/spin4d" clip.spin --no-retrain --preset paper -o plain.tsog
+is "$code" 0 "and so are frames that are not to be trained, whatever the preset"
+
 # A data set that nobody named and that does not fit: two of its six frames are gone from its list.
 mkdir other && cp -r run/ims run/test_meta.json run/train_meta.json other
 python3 - <<'PY'
