@@ -70,7 +70,7 @@ struct spin_retrain_options {
     double lr_track;        /* on 3DGS's rates for what they share */
     double lr_tracked;      /* on lr_position and lr_residual, for splats that share something */
     double lr_displacement; /* of a shared displacement, times the extent */
-    int track_iterations; /* the first ones, in which what is shared learns; -1: all, at most 5000 */
+    int track_iterations; /* the first ones, in which tracks that stand still learn; -1: all, at most 5000 */
     bool dynamic_residual; /* splats that move have residual values of every frame as well */
     int densify_every; /* iterations between densifications; 0: none; -1: track_iterations / 20 */
     double densify_threshold, densify_until; /* of the mean gradient; share of track_iterations */

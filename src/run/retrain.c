@@ -316,11 +316,11 @@ static spin_status find_tracks(struct run *r)
     }
     SPIN_TRY(spin_tracks_find(t, &r->plan, p->o->dynamic_residual ? &r->photos : NULL));
     if (t->n == 0)
-        spin_log(0, "no splat keeps its position in more than half of the frames: no tracks%s",
+        spin_log(0, "no splat is found again in other frames: no tracks%s",
                  spin_plan_densifies(p) ? ", each frame's splats are densified alone" : "");
     else
-        spin_log(0, "%zu tracks%s, %zu move, %zu have attributes of every frame", t->n,
-                 t->identity ? "" : " (splats at the same place in several frames)", t->n_moving,
+        spin_log(0, "%zu tracks, %zu move%s, %zu have attributes of every frame", t->n, t->n_moving,
+                 t->identity ? "" : " (splats that are alike in frames after each other)",
                  t->n_varying);
     return SPIN_OK;
 }

@@ -1,5 +1,5 @@
-/* Frames go by once, in the order of their times; of each track the piece that is still growing is kept. Splats without a
- * track are linked from frame to frame by what they look like. */
+/* Frames go by once, in the order of their times; of each track the piece that is still growing is kept. A splat without a
+ * track is a piece of one frame. */
 #include "train/rows_4d.h"
 
 #include <math.h>
@@ -23,10 +23,6 @@ static const struct {
 } look[] = {{3, 3, 0.25f}, {7, 4, 0.2f}, {10, 3, 0.15f}, {13, 1, 1.0f}};
 enum { LOOKS = sizeof look / sizeof *look };
 
-/* Of splats without a track: one that is so many of its sizes from where a piece goes, and differs from the piece's last
- * values by no more than so many tolerances, may be the same splat a frame later. Tried on basketball. */
-static const float link_sizes = 2, link_tolerances = 2;
-
 /* Standard deviation of a piece's bell: of the time from its first to its last frame, and of one frame's. Tried on court. */
 static const double bell_of_span = 0.3, bell_of_frame = 0.25;
 
@@ -43,12 +39,9 @@ struct cut {
     struct spin_plan *plan;
     struct spin_bundle_tracks tracks;
     struct piece *piece; /* [tracks] */
-    struct piece *loose; /* [n_loose] those of splats without a track */
-    size_t n_loose;
-    float *time;      /* [frames] 0..1 */
-    uint32_t *number; /* of the frame's splats, and their values */
+    float *time;         /* [frames] 0..1 */
+    uint32_t *number;    /* of the frame's splats, and their values */
     float *means, *values;
-    float *untracked; /* [n][SPIN_TRACK] splats of the frame without a track */
 };
 
 /* ---- Pieces -------------------------------------------------------------------------------------- */
@@ -173,142 +166,11 @@ static spin_status grow_piece(struct cut *c, struct piece *p, int f, bool still,
     return SPIN_OK;
 }
 
-/* ---- Splats without a track ---------------------------------------------------------------------- */
-
-/* A piece may go on with a splat. */
-struct link {
-    float cost;
-    uint32_t piece, splat;
-};
-/* Where a splat stands along x. */
-struct place {
-    float x;
-    uint32_t splat;
-};
-
-static int compare_links(const void *a, const void *b)
-{
-    const struct link *x = a, *y = b;
-
-    return x->cost != y->cost ? (x->cost > y->cost) - (x->cost < y->cost)
-                              : (x->piece > y->piece) - (x->piece < y->piece);
-}
-
-static int compare_places(const void *a, const void *b)
-{
-    const struct place *x = a, *y = b;
-
-    return x->x != y->x ? (x->x > y->x) - (x->x < y->x)
-                        : (x->splat > y->splat) - (x->splat < y->splat);
-}
-
-/* How unlike a splat at value is to the piece that would be at `at` in units of what may be: above 1 in any of them, it is
- * another one, and the cost INFINITY. */
-static float cost_of(const struct piece *p, const float at[3], float reach, const float *value)
-{
-    const float *last = p->value[p->n - 1];
-    float cost = 0;
-
-    for (int k = 0; k < 3; k++)
-        cost += (value[k] - at[k]) * (value[k] - at[k]) / (reach * reach);
-    if (cost > 1)
-        return INFINITY;
-    for (int l = 0; l < LOOKS; l++)
-        for (size_t k = look[l].first; k < look[l].first + look[l].width; k++) {
-            float e = (value[k] - last[k]) / (link_tolerances * look[l].tolerance);
-
-            if (fabsf(e) > 1)
-                return INFINITY;
-            cost += e * e;
-        }
-    return cost;
-}
-
-/* The first of n places at x or beyond. */
-static size_t first_beyond(const struct place *place, size_t n, float x)
-{
-    size_t low = 0;
-
-    while (low < n) {
-        size_t middle = low + (n - low) / 2;
-
-        if (place[middle].x < x)
-            low = middle + 1;
-        else
-            n = middle;
-    }
-    return low;
-}
-
-/* The splat that is most like what piece p would be. */
-static struct link best_link(const struct cut *c, uint32_t p, const struct place *place, size_t n)
-{
-    const struct piece *piece = &c->loose[p];
-    const float *last = piece->value[piece->n - 1];
-    struct link best = {.cost = INFINITY, .piece = p};
-    float at[3], reach = link_sizes * expf((last[3] + last[4] + last[5]) / 3);
-
-    for (int k = 0; k < 3; k++)
-        at[k] = last[k] + (piece->n > 1 ? last[k] - piece->value[piece->n - 2][k] : 0);
-    for (size_t i = first_beyond(place, n, at[0] - reach); i < n && place[i].x <= at[0] + reach;
-         i++) {
-        float cost = cost_of(piece, at, reach, c->untracked + SPIN_TRACK * (size_t)place[i].splat);
-
-        if (cost < best.cost)
-            best = (struct link){cost, p, place[i].splat};
-    }
-    return best;
-}
-
-/* The n splats of frame f without a track: each goes on with the piece that is most like it, or begins one. Pieces that
- * nothing goes on with are over. */
-static spin_status link_frame(struct cut *c, int f, size_t n)
-{
-    struct piece *next = NULL;
-    struct place *place = NULL;
-    struct link *link = NULL;
-    size_t n_links = 0;
-    spin_status status;
-
-    SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *next, (void **)&next));
-    SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *place, (void **)&place));
-    SPIN_TRY_OUT(spin_alloc(c->n_loose + 1, sizeof *link, (void **)&link));
-    for (size_t i = 0; i < n; i++)
-        place[i] = (struct place){c->untracked[SPIN_TRACK * i], (uint32_t)i};
-    qsort(place, n, sizeof *place, compare_places);
-    for (size_t p = 0; p < c->n_loose; p++) {
-        link[n_links] = best_link(c, (uint32_t)p, place, n);
-        n_links += link[n_links].cost < INFINITY;
-    }
-    qsort(link, n_links, sizeof *link, compare_links);
-    for (size_t k = 0; k < n_links; k++) {
-        struct piece *from = &c->loose[link[k].piece];
-
-        if (next[link[k].splat].n == 0) {
-            next[link[k].splat] = *from;
-            from->n = 0;
-        }
-    }
-    for (size_t p = 0; p < c->n_loose; p++)
-        SPIN_TRY_OUT(end_piece(c, &c->loose[p]));
-    for (size_t i = 0; i < n; i++)
-        SPIN_TRY_OUT(grow_piece(c, &next[i], f, false, c->untracked + SPIN_TRACK * i));
-    free(c->loose);
-    c->loose = next;
-    c->n_loose = n;
-    next = NULL;
-out:
-    free(next);
-    free(place);
-    free(link);
-    return status;
-}
-
 /* ---- The pass ------------------------------------------------------------------------------------ */
 
 static spin_status reserve_frame(struct cut *c, size_t n)
 {
-    void *number = c->number, *means = c->means, *values = c->values, *untracked = c->untracked;
+    void *number = c->number, *means = c->means, *values = c->values;
 
     SPIN_TRY(spin_grow(n + 1, sizeof *c->number, &number));
     c->number = number;
@@ -316,8 +178,6 @@ static spin_status reserve_frame(struct cut *c, size_t n)
     c->means = means;
     SPIN_TRY(spin_grow(n + 1, SPIN_RESIDUAL * sizeof *c->values, &values));
     c->values = values;
-    SPIN_TRY(spin_grow(n + 1, SPIN_TRACK * sizeof *c->untracked, &untracked));
-    c->untracked = untracked;
     return SPIN_OK;
 }
 
@@ -325,7 +185,7 @@ static spin_status cut_frame(struct cut *c, int f)
 {
     struct spin_bundle *bundle = &c->plan->clip.bundle;
     int index = spin_plan_index(c->plan, f);
-    size_t n = spin_bundle_count(bundle, index, SPIN_FROM_TRAINED), n_untracked = 0;
+    size_t n = spin_bundle_count(bundle, index, SPIN_FROM_TRAINED);
 
     SPIN_TRY(reserve_frame(c, n));
     SPIN_TRY(spin_bundle_tracks_frame(&c->tracks, index, n, c->means, c->values));
@@ -336,13 +196,17 @@ static spin_status cut_frame(struct cut *c, int f)
 
         memcpy(value, c->means + 3 * i, 3 * sizeof *value);
         memcpy(value + 3, c->values + SPIN_RESIDUAL * i, SPIN_RESIDUAL * sizeof *value);
-        if (k == SPIN_NOT_TRACKED)
-            memcpy(c->untracked + SPIN_TRACK * n_untracked++, value, sizeof value);
-        else
+        if (k == SPIN_NOT_TRACKED) {
+            struct piece alone = {0};
+
+            SPIN_TRY(grow_piece(c, &alone, f, false, value));
+            SPIN_TRY(end_piece(c, &alone));
+        } else {
             SPIN_TRY(grow_piece(c, &c->piece[k], f,
                                 k >= c->tracks.n_moving && k >= c->tracks.n_varying, value));
+        }
     }
-    return link_frame(c, f, n_untracked);
+    return SPIN_OK;
 }
 
 /* Which rows each frame shows. */
@@ -426,15 +290,11 @@ spin_status spin_rows_4d_cut(struct spin_rows_4d *rows, struct spin_plan *plan)
         SPIN_TRY_OUT(cut_frame(&c, f));
     for (size_t k = 0; k < c.tracks.n; k++)
         SPIN_TRY_OUT(end_piece(&c, &c.piece[k]));
-    for (size_t k = 0; k < c.n_loose; k++)
-        SPIN_TRY_OUT(end_piece(&c, &c.loose[k]));
     SPIN_TRY_OUT(list_frames(&c));
     set_counts(plan, rows);
 out:
     spin_bundle_tracks_close(&c.tracks);
     free(c.piece);
-    free(c.loose);
-    free(c.untracked);
     free(c.time);
     free(c.number);
     free(c.means);

@@ -1,5 +1,5 @@
 /* The splats of a trained clip as 4D splats (--method 4d): each of its tracks is cut into pieces along which it goes
- * straight and looks the same, and splats without a track are linked to such pieces. A piece is a row: a splat with a
+ * straight and looks the same; a splat without a track is one by itself. A piece is a row: a splat with a
  * velocity, and a bell over the times in which it is seen. In training a row is a track with motion (device.h). */
 #ifndef SPIN_TRAIN_ROWS_4D_H
 #define SPIN_TRAIN_ROWS_4D_H

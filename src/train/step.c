@@ -319,23 +319,36 @@ static int step_part(const struct spin_trainer *t, size_t first, size_t end, dou
                      struct spin_param_group *group)
 {
     if (rate > 0)
-        *group = spin_param_group(&t->tracks, first, end, spin_trainer_track_rate(t, rate),
-                                  t->iteration);
+        *group = spin_param_group(&t->tracks, first, end, rate, t->iteration);
     else
         t->device->op->zero(t->device, t->tracks.g + first, (end - first) * sizeof(float));
     return rate > 0;
 }
 
+/* The tracks' values from `first` on, so many of each; lr0: 0, or the first rate. Tracks that move learn in all steps, as
+ * frames do: they are shown by fewer pictures than those that stand still. */
+static int step_values(const struct spin_trainer *t, size_t first, size_t width, double lr0,
+                       struct spin_param_group *group)
+{
+    double moving = lr0 > 0 ? spin_trainer_rate(t, lr0, t->iteration) : 0;
+    double still = lr0 > 0 ? spin_trainer_track_rate(t, lr0) : 0;
+    size_t split = moving == still ? 0 : first + width * t->n_moving;
+    int n = 0;
+
+    if (split > first)
+        n += step_part(t, first, split, moving, group);
+    return n + step_part(t, split > first ? split : first, first + width * t->n_tracks, still,
+                         group + n);
+}
+
 static int step_tracks(const struct spin_trainer *t, struct spin_param_group *group)
 {
+    int n = step_values(t, 0, 3, t->rates.displacement, group);
     size_t first = 3 * t->n_tracks;
-    int n = step_part(t, 0, first, t->rates.displacement, group);
 
     for (int k = 0; k < SPIN_HEADS; k++) {
-        size_t end = first + spin_residual_width[k] * t->n_tracks;
-
-        n += step_part(t, first, end, t->rates.track[k], group + n);
-        first = end;
+        n += step_values(t, first, spin_residual_width[k], t->rates.track[k], group + n);
+        first += spin_residual_width[k] * t->n_tracks;
     }
     return n;
 }
@@ -346,7 +359,7 @@ static void step_shared(struct spin_trainer *t)
     struct spin_device *d = t->device;
     const struct spin_param *exposure = &t->exposures.param;
     size_t n_exposure = t->rates.lenses_stay ? SPIN_EXPOSURE * t->exposures.n_cameras : exposure->n;
-    struct spin_param_group group[2 * SPIN_HEADS + 3];
+    struct spin_param_group group[3 * SPIN_HEADS + 4]; /* table, heads, tracks twice, cameras */
     int n = 0;
 
     if (spin_trainer_network(t))

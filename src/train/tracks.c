@@ -8,6 +8,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 #include "train/appearance.h"
+#include "train/chains.h"
 #include "train/morton.h"
 
 /* In units of the cameras' extent: a deviation that no image shows, and the most that counts as noise. */
@@ -19,7 +20,7 @@ struct place {
     float at[3];
     uint32_t n_frames;
     int last_frame;
-    bool moves; /* of a track by identity: more than its noise, see stands_still() */
+    bool moves; /* a chain; or a track by identity, more than its noise, see stands_still() */
 };
 
 /* Where a track by identity goes, from its first place. */
@@ -211,6 +212,34 @@ out:
     return status;
 }
 
+static bool is_track(const struct spin_tracks *tracks, const struct place *place)
+{
+    return place->moves || tracks->identity || 2 * place->n_frames > (uint32_t)tracks->n_frames;
+}
+
+/* What stands at no place for long may be part of a chain, which is a place that moves. */
+static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan, struct places *p)
+{
+    struct spin_chains chains = {0};
+    size_t first = p->n;
+    spin_status status;
+
+    for (int f = 0; f < tracks->n_frames; f++)
+        for (size_t i = 0; i < plan->counts[f]; i++) {
+            uint32_t *of = &tracks->of[f][i];
+
+            if (*of != SPIN_NO_TRACK && !is_track(tracks, &p->place[*of]))
+                *of = SPIN_NO_TRACK;
+        }
+    SPIN_TRY_OUT(spin_chains_find(&chains, plan, tracks->of, (uint32_t)first));
+    SPIN_TRY_OUT(reserve_places(p, chains.n));
+    for (size_t k = 0; k < chains.n; k++)
+        p->place[add_place(p, chains.place + 3 * k)].moves = true;
+out:
+    spin_chains_close(&chains);
+    return status;
+}
+
 /* ---- Numbers ------------------------------------------------------------------------------------- */
 
 /* The places of p that are tracks, along a space-filling curve: order [*n]. */
@@ -228,7 +257,7 @@ static spin_status order_places(const struct spin_tracks *tracks, const struct p
         memcpy(at + 3 * i, p->place[i].at, 3 * sizeof *at);
     status = spin_morton_order(p->n, at, order);
     for (size_t i = 0; status == SPIN_OK && i < p->n; i++)
-        if (2 * p->place[order[i]].n_frames > (uint32_t)tracks->n_frames || tracks->identity)
+        if (is_track(tracks, &p->place[order[i]]))
             order[(*n)++] = order[i];
     free(block);
     return status;
@@ -296,6 +325,8 @@ spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan,
     block = NULL;
     SPIN_TRY_OUT(look_at_frames(tracks, plan, &places));
     settle(&places, tracks->n_frames, plan->extent);
+    if (!tracks->identity)
+        SPIN_TRY_OUT(add_chains(tracks, plan, &places));
     SPIN_TRY_OUT(spin_alloc(places.n + 1, 2 * sizeof *number + 1, &block));
     number = block;
     order = number + places.n;

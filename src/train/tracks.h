@@ -1,5 +1,6 @@
 /* Which splats of a clip's frames are one and the same Gaussian (a track). Either the source says that its rows
- * keep their identity, or rows are found that stand at the same place, to the bit, in more than half of the frames. */
+ * keep their identity; or rows are found that stand at the same place, to the bit, in more than half of the frames, and
+ * the others are linked from frame to frame (chains.h). */
 #ifndef SPIN_TRAIN_TRACKS_H
 #define SPIN_TRAIN_TRACKS_H
 

@@ -18,7 +18,7 @@ struct spin_train_rates {
     double tracked; /* on position and residual, for splats with a track */
     double track[SPIN_HEADS], displacement;
     int64_t warmup, iterations;
-    int64_t track_iterations; /* the first of them: tracks learn in these */
+    int64_t track_iterations; /* the first of them: tracks that stand still learn in these */
     int64_t network_from; /* the network joins after this many iterations: its rates begin then */
     bool lenses_stay;     /* of exposures only those of cameras learn */
 };
@@ -52,7 +52,8 @@ struct spin_trainer {
     struct spin_param tracks;         /* [SPIN_TRACK n_tracks] in groups (device.h) */
     bool tracked;                     /* as in spin_trainer_size */
     size_t n_tracks;
-    float SPIN_DEV *motion; /* [n_tracks][SPIN_MOTION] of tracks that are 4D splats, or NULL; it stays as it is */
+    float SPIN_DEV *
+        motion; /* [n_tracks][SPIN_MOTION] of tracks that are 4D splats, or NULL; it stays as it is */
     size_t n_moving,
         n_varying; /* the first of them: their splats have positions, residual values, of their own */
     bool gather;   /* what densification goes by */

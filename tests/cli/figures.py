@@ -600,7 +600,7 @@ def check_said(name, told, j, lines, sizes):
            "%s: says how large the table is" % name, told)
     tracks = meta_of(path(name)).get("trained", {}).get("tracks")
     if tracks:
-        ok(line(r"%d tracks \(splats at the same place in several frames\), %d move, %d have attributes of every frame" % (
+        ok(line(r"%d tracks, %d move(?: \(splats that are alike in frames after each other\))?, %d have attributes of every frame" % (
             tracks["n"], tracks["moving"], tracks["varying"])) is not None, "%s: says how many tracks" % name, told, tracks)
     if not by_frame:
         want = ["iteration %d: test PSNR %.3f dB, SSIM %.4f" % (x["iteration"], x["test_psnr"], x["test_ssim"])

@@ -1266,8 +1266,9 @@ static void test_refine(void)
 
 /* ---- Tracks -------------------------------------------------------------------------------------- */
 
-/* Largest difference of columns [first, end) of the tracks' rows, or with b NULL their largest size. */
-static double farthest_tracks(struct run *a, struct run *b, size_t first, size_t end)
+/* Largest difference of columns [first, end) of the tracks' rows from `row` to `last`, or with b NULL their largest size. */
+static double farthest_rows(struct run *a, struct run *b, size_t row, size_t last, size_t first,
+                            size_t end)
 {
     size_t n, n_b;
     float *of_a = array_of(a, "trained/tracks", &n),
@@ -1275,11 +1276,16 @@ static double farthest_tracks(struct run *a, struct run *b, size_t first, size_t
     double most = 0;
 
     for (size_t i = 0; i < n; i++)
-        if (i % 14 >= first && i % 14 < end)
+        if (i / 14 >= row && i / 14 < last && i % 14 >= first && i % 14 < end)
             most = fmax(most, fabs((double)of_a[i] - (of_b ? (double)of_b[i] : 0)));
     free(of_a);
     free(of_b);
     return most;
+}
+
+static double farthest_tracks(struct run *a, struct run *b, size_t first, size_t end)
+{
+    return farthest_rows(a, b, 0, SIZE_MAX, first, end);
 }
 
 static double largest(struct run *r, const char *key)
@@ -1335,6 +1341,7 @@ static void test_tracks(void)
                *never_two = retrain("--tracks auto --warmup 0 --network-start 1 --iterations 2");
     const spin_json *tracks = spin_json_get(all->network, "tracks");
     double n = number(tracks, "n");
+    size_t moving = (size_t)number(tracks, "moving");
 
     ok(!spin_json_get(off->network, "tracks") && !spin_npz_has(&off->bundle.npz, "trained/tracks"),
        "no tracks by default");
@@ -1367,10 +1374,12 @@ static void test_tracks(void)
        splats_of(only));
     ok(splats_of(capped) <= splats_of(only), "--max-points");
     ok(splats_of(early) == splats_of(only), "--densify-until");
-    ok(farthest_tracks(soon, fixed, 3, 14) > 1e-3 && farthest_tracks(soon, two, 0, 14) < 1e-5 &&
+    ok(farthest_tracks(soon, fixed, 3, 14) > 1e-3 &&
+           farthest_rows(soon, two, moving, SIZE_MAX, 0, 14) < 1e-5 &&
+           farthest_rows(soon, two, 0, moving, 3, 14) > 1e-3 &&
            farthest_tracks(soon, only, 3, 14) > 1e-3 &&
            largest(soon, "trained/residual/00000") > 1e-4,
-       "--track-iterations 2: after two steps tracks stay, what frames have alone does not");
+       "--track-iterations 2: after two steps tracks that stand still stay, the others do not");
     ok(splats_of(soon_grown) == splats_of(only), "nor are they densified then");
     ok(same_order(off, 0, late, 0, 4) && late->step[1].loss != all->step[1].loss &&
            late->step[0].loss == only->step[0].loss && late->step[1].loss == only->step[1].loss,

@@ -17,14 +17,17 @@ enum { FRAMES = 12 };
 static int n_frames = 3;
 static char path[600];
 static struct spin_plan plan;
+static const struct spin_retrain_options options = {.n_threads = 2};
 static size_t counts[FRAMES];
+static const float *colours; /* [n][3] of every frame's splats, or NULL */
 static int frame_of[FRAMES] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11};
 
 /* A bundle of these frames, n[f] places each. */
 static void write_clip(const float *const place[FRAMES], const size_t *n, bool identity)
 {
     struct spin_bundle_writer w;
-    struct spin_bundle_meta meta = {.columns = SPIN_COL_MEANS, .sh_degree = -1};
+    unsigned columns = SPIN_COL_MEANS | (colours ? SPIN_COL_RGB : 0);
+    struct spin_bundle_meta meta = {.columns = columns, .sh_degree = -1};
 
     snprintf(meta.from, sizeof meta.from, "test");
     meta.identity = identity;
@@ -33,11 +36,11 @@ static void write_clip(const float *const place[FRAMES], const size_t *n, bool i
         spin_bundle_writer_open(path, true, false, &w) != SPIN_OK)
         exit(1);
     for (int f = 0; f < n_frames; f++) {
-        struct spin_splats s = {.n = n[f], .means = (float *)place[f]};
+        struct spin_splats s = {.n = n[f], .means = (float *)place[f], .rgb = (float *)colours};
 
         meta.frame[f] = (struct spin_frame_info){.n = n[f], .number = f, .time = f};
         meta.source_index[f] = f;
-        if (spin_bundle_write_frame(&w, f, SPIN_COL_MEANS, 0, &s) != SPIN_OK)
+        if (spin_bundle_write_frame(&w, f, columns, 0, &s) != SPIN_OK)
             exit(1);
         counts[f] = n[f];
     }
@@ -53,6 +56,7 @@ static void find(struct spin_tracks *tracks)
     memset(tracks, 0, sizeof *tracks);
     plan.clip.n_frames = n_frames;
     plan.extent = 1;
+    plan.o = &options;
     plan.clip.frame = frame_of;
     plan.counts = counts;
     ok(spin_bundle_open(path, &plan.clip.bundle) == SPIN_OK &&
@@ -100,12 +104,15 @@ static void check_places(void)
     static const float a[12] = {0, 0, 0, 1, 1, 1, 7, 7, 7, 1, 1, 1},
                        b[9] = {1, 1, 1, 8, 8, 8, 0, 0, 0}, c[6] = {9, 9, 9, 0, 0, -0.0f};
     const float *const place[FRAMES] = {a, b, c};
+    static const float unlike[12] = {0, 0, 0, 0.3f, 0, 0, 0.6f, 0, 0, 0.9f, 0, 0};
     const size_t n[FRAMES] = {4, 3, 2};
     struct spin_tracks t;
     struct spin_frame_size size;
 
+    colours = unlike;           /* no row is linked to another */
     write_clip(place, n, true); /* not so: the numbers of rows differ */
     find(&t);
+    colours = NULL;
     ok(!t.identity && t.n == 2 && t.n_moving == 0, "two places are there in two frames");
     ok(t.of[0][0] == t.of[1][2] && t.of[0][1] == t.of[1][0] && t.of[0][0] != t.of[0][1],
        "and tell which splats are one");
@@ -132,6 +139,58 @@ static void check_half(void)
     ok(t.n == 1 && t.of[0][1] == SPIN_NO_TRACK, "half of the frames are not enough");
     spin_tracks_close(&t);
     n_frames = 3;
+}
+
+/* A row of splats that goes faster and faster, in another order in each frame. */
+static void check_chains(void)
+{
+    enum { N = 20 };
+    static const float step[4] = {0, 0.45f, 1, 1.6f};
+    static float at[4][3 * N];
+    const float *const place[FRAMES] = {at[0], at[1], at[2], at[3]};
+    const size_t n[FRAMES] = {N, N, N, N};
+    struct spin_tracks t;
+    struct spin_frame_size size;
+    int right = 0;
+
+    for (int f = 0; f < 4; f++)
+        for (int i = 0; i < N; i++)
+            at[f][3 * ((i + 7 * f) % N)] = (float)i + step[f];
+    n_frames = 4;
+    write_clip(place, n, false);
+    find(&t);
+    for (int i = 0; i < N; i++)
+        for (int f = 1; f < 4; f++)
+            right += t.of[f][(i + 7 * f) % N] == t.of[0][i] && t.of[0][i] < t.n_moving;
+    ok(!t.identity && t.n == N && t.n_moving == N && right == 3 * N,
+       "splats that go on are linked, though each stands nearer to where another was: %d", right);
+    size = spin_tracks_size(&t, 1, N);
+    ok(size.n_free == 0 && size.n_pos == N && size.n_residual == 0,
+       "each has a place of its own in each frame");
+    spin_tracks_close(&t);
+}
+
+/* Six splats, two of another colour than their neighbours; they go half a step. */
+static void check_chains_by_colour(void)
+{
+    static const float a[18] = {0, 0, 0, 1, 0, 0, 2, 0, 0, 3, 0, 0, 4, 0, 0, 5, 0, 0},
+                       rgb[18] = {0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0.05f, 0, 0, 0.5f, 0, 0, 0};
+    static float b[18];
+    const float *const place[FRAMES] = {a, b, b};
+    const size_t n[FRAMES] = {6, 6, 0};
+    struct spin_tracks t;
+    bool right = true;
+
+    for (int i = 0; i < 6; i++)
+        b[3 * i] = a[3 * i] + 0.8f; /* nearer to where the next one was */
+    colours = rgb;
+    write_clip(place, n, false);
+    find(&t);
+    right = t.of[0][1] != SPIN_NO_TRACK && t.of[0][1] == t.of[1][1] &&
+            t.of[0][4] != SPIN_NO_TRACK && t.of[0][4] == t.of[1][4];
+    ok(right, "splats of another colour are linked to their like");
+    spin_tracks_close(&t);
+    colours = NULL;
 }
 
 /* Rows with noise of a hundredth of a unit: alone, on a slow way, of a unit; and a tremble too small to be seen. */
@@ -484,6 +543,9 @@ TAP_MAIN
     check_identity();
     check_places();
     check_half();
+    check_chains();
+    n_frames = 3;
+    check_chains_by_colour();
     check_noise();
     d = check_device(2);
     check_densify(d);

@@ -1,0 +1,198 @@
+/* Frames go by once; two of them are held. */
+#include "train/chains.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "math/sh.h"
+#include "train/knn.h"
+#include "train/link.h"
+#include "train/train_frame.h"
+
+/* A splat may be so many times the distance to its neighbours from where it is expected, and differ so much in a colour of
+ * 0..1. It is expected as far on as this share of its last step. Tried on basketball. */
+static const float reach_of_spacing = 3, colour_tolerance = 0.1f, share_of_step = 0.7f;
+static const float most_spacing =
+    4; /* in units of the mean: what stands alone is not linked across the scene */
+
+/* The splats of a frame that have no track. */
+struct loose {
+    size_t n;
+    uint32_t *splat; /* [n] rows of the frame */
+    uint32_t *chain; /* [n] numbers, or SPIN_NO_TRACK */
+    float *at;       /* [n][3] */
+    float *expected; /* [n][3] in the next frame */
+    float *colour;   /* [n][3] in units of the tolerance, or NULL */
+    float *reach;    /* [n] */
+};
+
+static void close_loose(struct loose *l)
+{
+    free(l->splat);
+    free(l->at);
+    memset(l, 0, sizeof *l);
+}
+
+static spin_status open_loose(struct loose *l, size_t n)
+{
+    close_loose(l);
+    SPIN_TRY(spin_alloc(n + 1, 2 * sizeof *l->splat, (void **)&l->splat));
+    SPIN_TRY(spin_alloc(n + 1, 10 * sizeof *l->at, (void **)&l->at));
+    l->n = n;
+    l->chain = l->splat + n;
+    l->expected = l->at + 3 * n;
+    l->colour = l->expected + 3 * n;
+    l->reach = l->colour + 3 * n;
+    return SPIN_OK;
+}
+
+static float colour_of(const struct spin_splats *s, size_t i, size_t c)
+{
+    size_t coefficients = (size_t)(s->sh_degree + 1) * (size_t)(s->sh_degree + 1);
+
+    if (s->rgb)
+        return s->rgb[3 * i + c];
+    return s->sh ? (float)(SPIN_SH_C0 * (double)s->sh[3 * coefficients * i + c]) : 0;
+}
+
+/* How far from where it is expected each splat is looked for. */
+static spin_status set_reach(struct spin_pool *pool, struct loose *l)
+{
+    double mean = 0;
+
+    SPIN_TRY(spin_knn_mean_dist2(pool, l->n, l->at, l->reach));
+    for (size_t i = 0; i < l->n; i++) {
+        l->reach[i] = sqrtf(l->reach[i]);
+        mean += (double)l->reach[i] / (double)l->n;
+    }
+    for (size_t i = 0; i < l->n; i++)
+        l->reach[i] = reach_of_spacing * fminf(l->reach[i], most_spacing * (float)mean);
+    return SPIN_OK;
+}
+
+/* Splats whose values are not all finite are left out. */
+static bool may_be_linked(const struct spin_splats *s, const uint32_t *of, size_t i)
+{
+    float sum = 0;
+
+    for (size_t c = 0; c < 3; c++)
+        sum += s->means[3 * i + c] + colour_of(s, i, c);
+    return of[i] == SPIN_NO_TRACK && isfinite(sum);
+}
+
+static spin_status read_loose(struct spin_pool *pool, const struct spin_splats *s,
+                              const uint32_t *of, struct loose *l)
+{
+    size_t n = 0;
+
+    for (size_t i = 0; i < s->n; i++)
+        n += may_be_linked(s, of, i);
+    SPIN_TRY(open_loose(l, n));
+    n = 0;
+    for (size_t i = 0; i < s->n; i++) {
+        if (!may_be_linked(s, of, i))
+            continue;
+        l->splat[n] = (uint32_t)i;
+        l->chain[n] = SPIN_NO_TRACK;
+        memcpy(l->at + 3 * n, s->means + 3 * i, 3 * sizeof *l->at);
+        memcpy(l->expected + 3 * n, s->means + 3 * i, 3 * sizeof *l->at);
+        for (size_t c = 0; c < 3; c++)
+            l->colour[3 * n + c] = colour_of(s, i, c) / colour_tolerance;
+        n++;
+    }
+    return set_reach(pool, l);
+}
+
+static spin_status begin_chain(struct spin_chains *chains, const float at[3], uint32_t *number)
+{
+    SPIN_TRY(spin_room(chains->n, &chains->capacity, 3 * sizeof *chains->place,
+                       (void **)&chains->place));
+    memcpy(chains->place + 3 * chains->n, at, 3 * sizeof *at);
+    *number = (uint32_t)chains->n++;
+    return SPIN_OK;
+}
+
+/* Splat k of `to` goes on with splat i of `from`. */
+static spin_status add_link(struct spin_chains *chains, struct loose *from, size_t i,
+                            struct loose *to, size_t k)
+{
+    if (from->chain[i] == SPIN_NO_TRACK)
+        SPIN_TRY(begin_chain(chains, from->at + 3 * i, &from->chain[i]));
+    to->chain[k] = from->chain[i];
+    for (size_t c = 0; c < 3; c++)
+        to->expected[3 * k + c] += share_of_step * (to->at[3 * k + c] - from->at[3 * i + c]);
+    return SPIN_OK;
+}
+
+static spin_status link_frames(struct spin_pool *pool, struct spin_chains *chains,
+                               struct loose *from, struct loose *to)
+{
+    uint32_t *next = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_alloc(from->n + 1, sizeof *next, (void **)&next));
+    SPIN_TRY_OUT(spin_link(pool, &(struct spin_link_side){from->n, from->expected, from->colour},
+                           from->reach, &(struct spin_link_side){to->n, to->at, to->colour}, 3,
+                           next));
+    for (size_t i = 0; i < from->n; i++)
+        if (next[i] != SPIN_NO_LINK)
+            SPIN_TRY_OUT(add_link(chains, from, i, to, next[i]));
+out:
+    free(next);
+    return status;
+}
+
+static void number_splats(const struct loose *l, uint32_t *of, uint32_t first)
+{
+    for (size_t i = 0; i < l->n; i++)
+        if (l->chain[i] != SPIN_NO_TRACK)
+            of[l->splat[i]] = first + l->chain[i];
+}
+
+static spin_status pass(struct spin_pool *pool, struct spin_chains *chains, struct spin_plan *plan,
+                        uint32_t **of, uint32_t first)
+{
+    unsigned there = plan->clip.bundle.meta.columns;
+    unsigned columns = SPIN_COL_MEANS | (there & SPIN_COL_RGB ? SPIN_COL_RGB : there & SPIN_COL_SH);
+    struct spin_splats splats = {0};
+    struct loose side[2] = {{0}};
+    spin_status status = SPIN_OK;
+
+    for (int f = 0; f < plan->clip.n_frames; f++) {
+        struct loose *from = &side[(f + 1) % 2], *to = &side[f % 2];
+
+        SPIN_TRY_OUT(
+            spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, f), columns, &splats));
+        SPIN_TRY_OUT(read_loose(pool, &splats, of[f], to));
+        SPIN_TRY_OUT(link_frames(pool, chains, from, to));
+        if (f > 0)
+            number_splats(from, of[f - 1], first);
+    }
+    number_splats(&side[(plan->clip.n_frames + 1) % 2], of[plan->clip.n_frames - 1], first);
+out:
+    for (int k = 0; k < 2; k++)
+        close_loose(&side[k]);
+    spin_splats_free(&splats);
+    return status;
+}
+
+spin_status spin_chains_find(struct spin_chains *chains, struct spin_plan *plan, uint32_t **of,
+                             uint32_t first)
+{
+    struct spin_pool *pool = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_pool_create(plan->o->n_threads, &pool));
+    status = pass(pool, chains, plan, of, first);
+    spin_pool_free(pool);
+    return status;
+}
+
+void spin_chains_close(struct spin_chains *chains)
+{
+    free(chains->place);
+    memset(chains, 0, sizeof *chains);
+}

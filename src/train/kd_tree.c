@@ -1,0 +1,132 @@
+/* Building the tree, and the search for all points near a place. */
+#include "train/kd_tree.h"
+
+#include <float.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+
+static float coordinate(const struct spin_kd_tree *t, size_t place, int axis)
+{
+    return t->points[(size_t)t->order[place] * 3 + (size_t)axis];
+}
+
+static void swap(struct spin_kd_tree *t, size_t a, size_t b)
+{
+    uint32_t keep = t->order[a];
+
+    t->order[a] = t->order[b];
+    t->order[b] = keep;
+}
+
+/* Quickselect: what belongs at `middle` gets there, smaller before it, larger after. */
+static void select_middle(struct spin_kd_tree *t, size_t lo, size_t hi, size_t middle, int axis)
+{
+    while (hi - lo > 1) {
+        size_t i = lo, j = hi - 1;
+        float pivot = coordinate(t, lo + (hi - lo - 1) / 2, axis); /* never the last */
+
+        for (;;) {
+            while (coordinate(t, i, axis) < pivot)
+                i++;
+            while (coordinate(t, j, axis) > pivot)
+                j--;
+            if (i >= j)
+                break;
+            swap(t, i++, j--);
+        }
+        /* Now [lo, i) <= pivot <= [j + 1, hi), and i is j or j + 1. */
+        if (middle <= j)
+            hi = j + 1;
+        else
+            lo = j + 1;
+    }
+}
+
+static int widest_axis(const struct spin_kd_tree *t, size_t lo, size_t hi)
+{
+    float width = -1;
+    int widest = 0;
+
+    for (int axis = 0; axis < 3; axis++) {
+        float low = FLT_MAX, high = -FLT_MAX;
+
+        for (size_t i = lo; i < hi; i++) {
+            float x = coordinate(t, i, axis);
+
+            low = x < low ? x : low;
+            high = x > high ? x : high;
+        }
+        if (high - low > width) {
+            width = high - low;
+            widest = axis;
+        }
+    }
+    return widest;
+}
+
+static void build(struct spin_kd_tree *t, size_t lo, size_t hi)
+{
+    while (hi - lo > SPIN_KD_LEAF) {
+        size_t middle = lo + (hi - lo) / 2;
+        int axis = widest_axis(t, lo, hi);
+
+        select_middle(t, lo, hi, middle, axis);
+        t->axis[middle] = (uint8_t)axis;
+        build(t, lo, middle);
+        lo = middle + 1;
+    }
+}
+
+spin_status spin_kd_tree_open(struct spin_kd_tree *tree, size_t n, const float *points)
+{
+    tree->points = points;
+    tree->n = n;
+    SPIN_TRY(spin_alloc(n + 1, sizeof *tree->order, (void **)&tree->order));
+    SPIN_TRY(spin_alloc(n + 1, 1, (void **)&tree->axis));
+    for (size_t i = 0; i < n; i++)
+        tree->order[i] = (uint32_t)i;
+    build(tree, 0, n);
+    return SPIN_OK;
+}
+
+void spin_kd_tree_close(struct spin_kd_tree *tree)
+{
+    free(tree->order);
+    free(tree->axis);
+    memset(tree, 0, sizeof *tree);
+}
+
+struct within {
+    const struct spin_kd_tree *tree;
+    const float *at;
+    float reach;
+    spin_kd_visit visit;
+    void *context;
+};
+
+static void search(const struct within *w, size_t lo, size_t hi)
+{
+    size_t middle = lo + (hi - lo) / 2;
+    float gap;
+
+    if (hi - lo <= SPIN_KD_LEAF) {
+        for (size_t i = lo; i < hi; i++)
+            w->visit(w->context, w->tree->order[i]);
+        return;
+    }
+    gap = spin_kd_gap(w->tree, middle, w->at);
+    w->visit(w->context, w->tree->order[middle]);
+    if (gap <= w->reach)
+        search(w, lo, middle);
+    if (gap >= -w->reach)
+        search(w, middle + 1, hi);
+}
+
+void spin_kd_tree_within(const struct spin_kd_tree *tree, const float at[3], float reach,
+                         spin_kd_visit visit, void *context)
+{
+    search(&(struct within){tree, at, reach, visit, context}, 0, tree->n);
+}
