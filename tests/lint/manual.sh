@@ -127,7 +127,9 @@ for page in man/spin*.1; do
         } | sort | uniq -u)
         [ -z "$differences" ] || complain "$page and --help differ: $differences"
         ;;
-    spin-import) compare_plugins spin-import --from man/spin-importers.7 ;;
+    spin-import)
+        compare_plugins spin-import --from man/spin-importers.7 "Options of several runs" "4danyone and easyvolcap"
+        ;;
     spin-export)
         compare_plugins spin-export --to man/spin-exporters.7 "All formats of splats" "Images and video"
         ;;
