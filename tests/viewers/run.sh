@@ -202,7 +202,7 @@ import mini-source --from d3dgs "$clip" --data "$clip" &&
     show mini --eye 2.84,-1.44,0 --target 0,-0.95,0 --fovy 41 &&
     echo "a page of another site" &&
     { node "$here/embed.mjs" "$bin/../player" mini/page.html mini-shots || fail "mini: a page of another site does not hold the clip"; } &&
-    echo "the pages of docs/how-to/viewers.md" &&
+    echo "the pages beside docs/how-to/viewers.md" &&
     { node "$here/snippets.mjs" mini mini-shots || fail "mini: a page of the documents does not show the clip"; }
 
 # Splats that are meant to be drawn antialiased: the page does, as the PLY says. They are small and so is

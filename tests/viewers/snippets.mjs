@@ -1,10 +1,9 @@
 #!/usr/bin/env node
-// Runs the pages of docs/how-to/viewers.md as they stand there: each must show a frame of the clip as the reference does,
+// Runs the pages beside docs/how-to/viewers.md as they stand there: each must show a frame of the clip as the reference does,
 // and then another. What they ask the network for comes from the packages of this bench, of the same versions.
 import fs from 'node:fs';
 import path from 'node:path';
 import { launch } from './lib/chrome.mjs';
-import { snippets } from './lib/docs.mjs';
 import { decodePng, encodePng, psnr } from './lib/png.mjs';
 import { MODELS, render } from './lib/reference.mjs';
 import { serve } from './lib/server.mjs';
@@ -55,7 +54,7 @@ async function watch(chrome, base, name) {
 const chrome = await launch(), server = await serve([site]);
 let failed = 0;
 for (const name of ['three', 'playcanvas', 'babylon', 'spark']) {
-    fs.writeFileSync(path.join(site, `${name}.html`), `<!doctype html><meta charset="utf-8"><title>${name}</title><style>body { margin: 0; overflow: hidden; background: #000 }</style>\n${snippets()[name]}\n`);
+    fs.copyFileSync(path.join(here, '../../docs/how-to', `${name}.html`), path.join(site, `${name}.html`));
     const { seen, problems } = await watch(chrome, server.base, name), good = seen.length > 1 && !problems.length;
     if (!good) failed++;
     console.log(`  ${good ? 'ok  ' : 'FAIL'} ${name}: ${[...seen.map(([frame, dB]) => `frame ${frame} at ${dB.toFixed(1)} dB`), ...problems].join(', ') || 'no frame of the clip'}`);
