@@ -1,8 +1,8 @@
 #!/bin/sh
 # Every option of --help all stands in the manual page and the other way round. Options of spin-retrain, of importers and
 # of exporters also have the same argument and the same default there. Every environment variable stands in
-# man/spin4d.7. Where mandoc is, it finds no fault in the pages, and no line is above 80 columns. SEE ALSO names all
-# commands.
+# man/spin4d.7. Where mandoc is, it finds no fault in the pages, and no line is above 80 columns. SEE ALSO names
+# spin4d(7), whose own names all pages.
 # B: the build folder (build/release).
 bin=${B:-build/release}/bin
 failed=0
@@ -89,9 +89,11 @@ for page in man/*.[157]; do
         wide=$(mandoc -T ascii "$page" | col -bx | awk 'length > 80')
         [ -z "$wide" ] || complain "$page has lines above 80 columns: $wide"
     fi
-    for other in man/spin*.1 man/spin4d.7; do
+    others=man/spin4d.7
+    [ "$page" = man/spin4d.7 ] && others=$(ls man/*.[157])
+    for other in $others; do
         other=$(basename "$other")
-        [ "${other%.*}" = "$(basename "${page%.*}")" ] ||
+        [ "$other" = "$(basename "$page")" ] ||
             sed -n '/^\.Sh SEE ALSO/,$p' "$page" | grep -q "^\.Xr ${other%.*} ${other##*.}" ||
             complain "SEE ALSO of $page lacks ${other%.*}(${other##*.})"
     done
