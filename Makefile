@@ -55,8 +55,10 @@ endif
 WARN          := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla -Werror=vla
 PREFIX_MAP    := -ffile-prefix-map=$(CURDIR)=. $(if $(filter /%,$(BUILD)),-ffile-prefix-map=$(BUILD)=build)
 SPIN_CPPFLAGS := -Isrc -I. -D_GNU_SOURCE
-SPIN_CFLAGS   := -std=gnu11 -g $(OPT) $(WARN) -fno-trapping-math -fno-math-errno -fPIC -pthread $(PREFIX_MAP)
-SPIN_CXXFLAGS := -std=c++17 -g -O2 -fPIC -Wall -Wextra $(PREFIX_MAP)
+MACHINE       := $(shell $(CC) -dumpmachine)
+WASM          := $(filter wasm%,$(MACHINE))
+SPIN_CFLAGS   := -std=gnu11 $(OPT) $(WARN) -fno-trapping-math -fno-math-errno $(if $(WASM),,-g -fPIC -pthread) $(PREFIX_MAP)
+SPIN_CXXFLAGS := -std=c++17 -O2 $(if $(WASM),,-g -fPIC) -Wall -Wextra $(PREFIX_MAP)
 SPIN_LDFLAGS  := $(filter -fsanitize%,$(OPT)) $(filter --coverage,$(OPT)) -pthread
 SPIN_LDLIBS   := -lz -llzma -ljansson -ldl -lm
 SPIN_DEFINES  :=
@@ -67,7 +69,6 @@ COMPILE_CXX    = $(CXX) $(SPIN_CPPFLAGS) $(CPPFLAGS) $(SPIN_CXXFLAGS) $(CXXFLAGS
 LINK           = $(CC) $(SPIN_LDFLAGS) $(CFLAGS) $(LDFLAGS)
 
 # The CPU device is compiled once per code path; device.c picks one at run time.
-MACHINE  := $(shell $(CC) -dumpmachine)
 PATHS    := base
 ifneq ($(filter x86_64-%,$(MACHINE)),)
 PATHS    := base v3 v4
@@ -80,7 +81,7 @@ FLAGS.v4   := $(FLAGS.v3) -mavx512f -mavx512bw -mavx512cd -mavx512dq -mavx512vl 
 
 ROOMS    := src/base src/io src/formats src/scene src/model src/render src/train src/eval src/eval/report src/run importers importers/lib \
             exporters exporters/lib
-LIB_C    := $(filter-out src/io/video%ffmpeg.c src/io/ranks_mpi.c src/io/image_plain.c,$(sort $(wildcard $(addsuffix /*.c,$(ROOMS))))) src/device/device.c
+LIB_C    := $(filter-out src/io/video%ffmpeg.c src/io/ranks_mpi.c src/io/image_plain.c $(if $(WASM),src/base/shim.c),$(sort $(wildcard $(addsuffix /*.c,$(ROOMS))))) src/device/device.c
 CPU_C    := $(sort $(wildcard src/device/cpu/*.c))
 LIB_O    := $(LIB_C:%.c=$(B)/%.o) $(addprefix $(B)/,exporters/html_page.o src/eval/report/page.o src/eval/report/compare_html.o src/run/watch_html.o) $(foreach p,$(PATHS),$(CPU_C:%.c=$(B)/%.$(p).o))
 CMD_O    := $(patsubst %.c,$(B)/%.o,$(filter-out src/cmd/spin%,$(sort $(wildcard src/cmd/*.c))))
@@ -153,7 +154,7 @@ BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
 BENCH    := $(B)/tests/bench/bench
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
-.PHONY: all help config setup setup-video setup-lint demo quick test test-bins test-tools test-builds test-card card-kit test-ranks check lint mutants test-viewers bench-viewers valgrind tsan fuzz fuzz-replay bench install uninstall wheel portable dist deb clean format
+.PHONY: all help config setup setup-video setup-lint demo quick test test-bins test-tools test-builds test-card card-kit test-ranks check lint mutants test-viewers bench-viewers valgrind tsan fuzz fuzz-replay bench install uninstall wheel portable web dist deb clean format
 .SECONDARY:
 .DELETE_ON_ERROR:
 
@@ -203,7 +204,7 @@ card-kit: all test-bins ## BUILD/spin4d-card.tar.xz: tests for a machine with a 
 test-ranks: ## trainings by many processes, which `make test` leaves out
 	@$(MAKE) --no-print-directory test K=$@
 
-test-builds: ## K='gcc clang paths bytes deb arm64': other compilers, code paths and packages
+test-builds: ## K='gcc clang paths bytes deb arm64 web': other compilers, code paths and packages
 	@sh tests/builds.sh $(BUILD) $(K)
 
 bin:
@@ -254,6 +255,33 @@ $(B)/src/run/watch_html.c: src/run/watch.html Makefile
 $(B)/src/eval/report/page.o $(B)/src/eval/report/compare_html.o $(B)/src/run/watch_html.o: %.o: %.c
 	$(SAY) CC $@
 	$(Q)$(COMPILE_C) -c -o $@ $<
+
+# Import and export in a browser: one page, with all that it needs. The second make has emscripten as its compiler, which
+# wants to find Debian's node modules.
+WEB := $(BUILD)/web
+web: ## BUILD/web/spin4d.html: import and export in a browser, by emscripten
+	@sh src/web/deps.sh $(WEB)
+	@NODE_PATH=/usr/share/nodejs $(MAKE) --no-print-directory B=$(WEB) CC=emcc CXX=em++ AR=emar MPICC= VIDEO=no CUDA=0 CONFIG=release \
+	    CPPFLAGS=-I$(WEB)/usr/include LDFLAGS=-L$(WEB)/usr/lib CFLAGS=-Wno-trigraphs CXXFLAGS= $(WEB)/spin4d.html
+$(WEB)/src/web/spin-%.o: src/cmd/spin-%.c
+	@mkdir -p $(@D)
+	$(SAY) CC $@
+	$(Q)$(COMPILE_C) -Dmain=spin_$*_main -Wno-missing-prototypes -c -o $@ $<
+$(WEB)/src/web/glb_tiny.o: src/formats/glb_tiny.cpp src/formats/glb_shim.h
+	@mkdir -p $(@D)
+	$(SAY) CXX $@
+	$(Q)$(COMPILE_CXX) -DTINYGLTF_IMPLEMENTATION -DTINYGLTF_NO_STB_IMAGE -DTINYGLTF_NO_STB_IMAGE_WRITE -c -o $@ $<
+WEB_O := $(addprefix $(WEB)/src/web/,main.o shim.o spin-import.o spin-export.o glb_tiny.o)
+$(WEB)/spin4d.js: $(WEB_O) $(CMD_O) $(LIB)
+	$(SAY) LINK $@
+	$(Q)$(CXX) -O3 $(LDFLAGS) -o $@ $^ -lz -llzma -ljansson -lwebp -lzstd -lworkerfs.js -sSINGLE_FILE -sMODULARIZE \
+	    -sEXPORT_NAME=spin4d -sINVOKE_RUN=0 -sENVIRONMENT=web,worker,node -sALLOW_MEMORY_GROWTH -sMAXIMUM_MEMORY=4GB \
+	    -sTOTAL_STACK=4MB -sEXPORTED_RUNTIME_METHODS=callMain,FS,WORKERFS
+$(WEB)/spin4d.html: $(WEB)/spin4d.js src/web/page.html src/web/page.js src/web/worker.js Makefile
+	$(SAY) PAGE $@
+	$(Q){ cat src/web/page.html; \
+	    echo '<script type="text/plain" id="worker">'; cat $(WEB)/spin4d.js src/web/worker.js; echo '</script>'; \
+	    echo '<script>'; cat src/web/page.js; echo '</script>'; echo '</body>'; echo '</html>'; } >$@
 
 # The page of the html exporter, a string for each of its files.
 PAGE := head:head.html css:page.css body:body.html project:project.frag vertex:shader.vert fragment:shader.frag \
@@ -520,7 +548,7 @@ format: ## rewrite all sources with clang-format
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cpp' '*.cu')
 
 clean: ## remove what was built, in BUILD, and bin
-	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov mutants fuzz deb gcc clang arm64 bytes stderr test-needs debian-* *.tar.gz *.whl) bin
+	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov mutants fuzz web deb gcc clang arm64 bytes stderr test-needs debian-* *.tar.gz *.whl) bin
 	-@rmdir $(BUILD) 2>/dev/null
 
 -include $(shell find $(B) -name '*.d' 2>/dev/null)

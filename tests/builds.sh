@@ -8,6 +8,7 @@
 #   deb         make deb, with its tests and lintian
 #   portable    make portable DEBIAN=bullseye, and what it wrote in bare Debians of other suites, as root with
 #               debootstrap; not among the parts that run unasked
+#   web         make web, and what it wrote beside the build of `make`; not among the parts that run unasked
 #   arm64       by the cross compiler, these tests under QEMU; not among the parts that run unasked
 BUILD=${1:?usage: builds.sh BUILD [PART...]}
 shift
@@ -100,6 +101,11 @@ for part in "$@"; do
             unshare -m sh -c 'mount -t proc proc "$0/proc" && exec chroot "$0" sh -c "sh /try/portable.sh /try/*.gz /try/court-mini"' \
                 "$root" || fail "not in '$suite'"
         done
+        ;;
+    web)
+        make -s -j"$jobs" BUILD="$BUILD" CUDA=0 all || fail "does not build"
+        make -s -j"$jobs" BUILD="$BUILD" web || fail "does not build for the browser"
+        sh tests/web/run.sh "$BUILD" "$BUILD/release/bin" || exit 1
         ;;
     arm64)
         for tool in aarch64-linux-gnu-gcc aarch64-linux-gnu-g++ qemu-aarch64; do

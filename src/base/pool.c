@@ -117,6 +117,14 @@ static void *worker_main(void *argument)
     return NULL;
 }
 
+#ifdef __EMSCRIPTEN__
+/* A page has no threads: the caller does all tasks, however many it asks for. */
+enum { ALONE = 1 };
+
+static int cores(void) { return 1; }
+#else
+enum { ALONE = 0 };
+
 static int cores(void)
 {
     cpu_set_t set;
@@ -127,6 +135,7 @@ static int cores(void)
     online = sysconf(_SC_NPROCESSORS_ONLN);
     return online > 0 ? (int)online : 1;
 }
+#endif
 
 /* Workers take no signals: an interrupt belongs to the thread that runs the command. */
 static spin_status start_workers(struct spin_pool *pool)
@@ -162,7 +171,7 @@ spin_status spin_pool_create(int n_threads, struct spin_pool **out)
     if (n_threads < 0 || n_threads > MAX_THREADS)
         return spin_fail(SPIN_E_USAGE, "cannot use %d threads: not in 0..%d", n_threads,
                          MAX_THREADS);
-    if (n_threads == 0) {
+    if (n_threads == 0 || ALONE) {
         n_threads = cores();
         if (n_threads > MAX_THREADS)
             n_threads = MAX_THREADS;
