@@ -239,7 +239,7 @@ $(eval $(call COMMAND_RULE))
 $(eval $(call COMMAND_RULE,/portable,-Wl$(comma)--disable-new-dtags -Wl$(comma)-rpath$(comma)'$$$$ORIGIN/../lib/spin4d'))
 
 # Pages as C strings, without indents and lines of comment.
-C_STRING := sed -e 's/^ *//' -e '/^\/\//d' -e 's/\\/\\\\/g' -e 's/"/\\"/g' -e 's/^/    "/' -e 's/$$/\\n"/'
+C_STRING := sed -e 's/^ *//' -e '/^\/\//d' -e 's/\\/\\\\/g' -e 's/"/\\"/g' -e 's/??/?\\?/g' -e 's/^/    "/' -e 's/$$/\\n"/'
 $(B)/src/eval/report/page.c: src/eval/report/page.html Makefile
 	@mkdir -p $(@D)
 	$(SAY) PAGE $@
@@ -262,7 +262,7 @@ WEB := $(BUILD)/web
 web: ## BUILD/web/spin4d.html: import and export in a browser, by emscripten
 	@sh src/web/deps.sh $(WEB)
 	@NODE_PATH=/usr/share/nodejs $(MAKE) --no-print-directory B=$(WEB) CC=emcc CXX=em++ AR=emar MPICC= VIDEO=no CUDA=0 CONFIG=release \
-	    CPPFLAGS=-I$(WEB)/usr/include LDFLAGS=-L$(WEB)/usr/lib CFLAGS=-Wno-trigraphs CXXFLAGS= $(WEB)/spin4d.html
+	    CPPFLAGS=-I$(WEB)/usr/include LDFLAGS=-L$(WEB)/usr/lib CFLAGS= CXXFLAGS= $(WEB)/spin4d.html
 $(WEB)/src/web/spin-%.o: src/cmd/spin-%.c
 	@mkdir -p $(@D)
 	$(SAY) CC $@
