@@ -153,7 +153,7 @@ BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
 BENCH    := $(B)/tests/bench/bench
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
-.PHONY: all help config setup setup-video setup-lint demo quick test test-bins test-tools test-builds test-card card-kit test-ranks check lint mutants test-viewers bench-viewers valgrind tsan fuzz fuzz-replay bench install uninstall wheel portable dist deb clean format
+.PHONY: all help config setup setup-video setup-lint demo quick test test-bins test-tools test-builds test-card card-kit test-ranks check lint mutants test-viewers bench-viewers valgrind tsan fuzz fuzz-replay bench install uninstall wheel portable windows dist deb clean format
 .SECONDARY:
 .DELETE_ON_ERROR:
 
@@ -504,6 +504,9 @@ uninstall: ## take away what install put there, with the same PREFIX, LIBDIR, PY
 # Built in a Debian of its own, whose C library is older, it runs on more machines.
 portable: $(if $(DEBIAN),dist,$(BINS) $(BINS:$(B)/%=$(B)/portable/%) $(filter %-gltf.so %-cuda.so %-plain.so,$(SHIMS) $(TOOLS))) ## BUILD/spin4d-VERSION-linux-*.tar.gz, which needs nothing installed; DEBIAN=bullseye (where to build it)
 	@$(if $(DEBIAN),sh src/packaging/chroot.sh $(DEBIAN) $(VERSION),sh src/packaging/portable.sh $(VERSION) $(B)) $(BUILD)
+
+windows: $(PLAYER) ## BUILD/windows/spin4d-VERSION-windows-x86_64.zip, by MinGW
+	@JOBS=$(JOBS) sh src/packaging/windows.sh $(VERSION) $(BUILD)
 
 wheel: portable ## BUILD/spin4d-VERSION-*.whl for pip, of what `make portable` writes
 	@$(PYTHON) src/packaging/wheel.py $(BUILD)/spin4d-$(VERSION)-linux-$(firstword $(subst -, ,$(MACHINE))).tar.gz $(BUILD)
