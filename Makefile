@@ -505,7 +505,7 @@ uninstall: ## take away what install put there, with the same PREFIX, LIBDIR, PY
 portable: $(if $(DEBIAN),dist,$(BINS) $(BINS:$(B)/%=$(B)/portable/%) $(filter %-gltf.so %-cuda.so %-plain.so,$(SHIMS) $(TOOLS))) ## BUILD/spin4d-VERSION-linux-*.tar.gz, which needs nothing installed; DEBIAN=bullseye (where to build it)
 	@$(if $(DEBIAN),sh src/packaging/chroot.sh $(DEBIAN) $(VERSION),sh src/packaging/portable.sh $(VERSION) $(B)) $(BUILD)
 
-windows: $(PLAYER) ## BUILD/windows/spin4d-VERSION-windows-x86_64.zip, by MinGW
+windows: ## BUILD/windows/spin4d-VERSION-windows-x86_64.zip, by MinGW
 	@JOBS=$(JOBS) sh src/packaging/windows.sh $(VERSION) $(BUILD)
 
 wheel: portable ## BUILD/spin4d-VERSION-*.whl for pip, of what `make portable` writes

@@ -72,7 +72,7 @@ done
 windows_make() {
     make --no-print-directory -j"$jobs" BUILD="$W" CC=$host-gcc-posix CXX=$host-g++-posix AR=$host-ar MPICC= VIDEO= CUDA=0 PLAIN= \
         CPPFLAGS="$posix" CFLAGS='-Wa,-muse-unaligned-vector-move -Wno-format -Wno-format-extra-args' PLUGIN_LD= SPIN_LDLIBS='-lz -llzma -ljansson -lm' \
-        LDFLAGS="-static -L$deps/lib" LDLIBS="$own" "$@" || fail "does not build"
+        LDFLAGS="-static -Wl,--no-insert-timestamp -L$deps/lib" LDLIBS="$own" "$@" || fail "does not build"
 }
 own=
 for file in main posix; do
@@ -90,7 +90,7 @@ shared() { # OUT SOURCE OPTION...: beside BUILD/windows/release/bin
     shift
     mkdir -p "${out%/*}" || exit 1
     # shellcheck disable=SC2086
-    $host-g++-posix -shared -static -s -O2 -Isrc -I. -ffile-prefix-map="$PWD=." -ffile-prefix-map="$deps=." -o "$out" "$@" ||
+    $host-g++-posix -shared -static -s -Wl,--no-insert-timestamp -O2 -Isrc -I. -ffile-prefix-map="$PWD=." -ffile-prefix-map="$deps=." -o "$out" "$@" ||
         fail "'$out' does not build"
 }
 for library in zstd webp; do
@@ -100,3 +100,30 @@ shared lib/spin-image.so "$image" "$W/release/src/base/windows/posix.o" "$deps/l
 (source_of tinygltf) && (source_of nlohmann-json3) || exit 1
 shared lib/spin-gltf.so -std=c++17 -DTINYGLTF_NO_STB_IMAGE -DTINYGLTF_NO_STB_IMAGE_WRITE -I"$deps/src/tinygltf" \
     -I"$deps/src/nlohmann-json3/include" src/formats/glb_tiny.cpp "$deps/src/tinygltf/tiny_gltf.cc"
+
+rm -rf "${W:?}/$name" "$W/$name.zip"
+mkdir -p "$W/$name/bin" "$W/$name/lib/spin4d" "$W/$name/licences" || exit 1
+for program in spin4d spin-import spin-retrain spin-eval spin-export; do
+    $host-strip -o "$W/$name/bin/$program.exe" "$W/release/bin/$program.exe" || exit 1
+done
+cp "$W"/release/bin/*.dll "$W/$name/bin/" && cp "$W"/release/lib/*.so "$W/$name/lib/spin4d/" && cp LICENSE CHANGELOG.md "$W/$name/" || exit 1
+for package in xz-utils jansson libzstd libwebp libjpeg-turbo libpng1.6 tinygltf nlohmann-json3; do
+    cp "$deps/src/$package/debian/copyright" "$W/$name/licences/$package.txt" || exit 1
+done
+for package in libz-mingw-w64 mingw-w64-common gcc-mingw-w64-base; do
+    cp -L "/usr/share/doc/$package/copyright" "$W/$name/licences/$package.txt" || exit 1
+done
+cat >"$W/$name/README.txt" <<README
+spin4d $version for 64-bit Windows 10 and newer. Nothing needs to be installed; this folder may lie anywhere.
+
+    bin\\spin4d RUN --data IMAGES -o clip.html
+
+RUN is the folder that a 4D Gaussian Splatting method wrote, IMAGES the data set it was trained on.
+bin\\spin4d --help says the rest. Images are PNG and JPEG. Videos, EXR, cards, several machines and
+plug-ins need Linux, or WSL. licences\\ has the licences of the libraries inside.
+README
+sed -i 's/$/\r/' "$W/$name/README.txt"
+chmod -R u=rwX,go=rX "$W/$name"
+(cd "$W" && find "$name" -exec touch -h -d @1577836800 {} + && find "$name" | LC_ALL=C sort | TZ=UTC zip -q -X "$name.zip" -@) || exit 1
+rm -rf "${W:?}/$name"
+echo "$W/$name.zip"
