@@ -203,7 +203,7 @@ card-kit: all test-bins ## BUILD/spin4d-card.tar.xz: tests for a machine with a 
 test-ranks: ## trainings by many processes, which `make test` leaves out
 	@$(MAKE) --no-print-directory test K=$@
 
-test-builds: ## K='gcc clang paths bytes deb arm64': other compilers, code paths and packages
+test-builds: ## K='gcc clang paths bytes deb arm64 windows': other compilers, code paths and packages
 	@sh tests/builds.sh $(BUILD) $(K)
 
 bin:
@@ -523,7 +523,7 @@ format: ## rewrite all sources with clang-format
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cpp' '*.cu')
 
 clean: ## remove what was built, in BUILD, and bin
-	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov mutants fuzz deb gcc clang arm64 bytes stderr test-needs debian-* *.tar.gz *.whl) bin
+	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov mutants fuzz deb gcc clang arm64 windows bytes stderr test-needs debian-* *.tar.gz *.whl) bin
 	-@rmdir $(BUILD) 2>/dev/null
 
 -include $(shell find $(B) -name '*.d' 2>/dev/null)

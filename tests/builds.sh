@@ -8,6 +8,7 @@
 #   deb         make deb, with its tests and lintian
 #   portable    make portable DEBIAN=bullseye, and what it wrote in bare Debians of other suites, as root with
 #               debootstrap; not among the parts that run unasked
+#   windows     make windows, and what it wrote under Wine beside the build of `make`; not among the parts that run unasked
 #   arm64       by the cross compiler, these tests under QEMU; not among the parts that run unasked
 BUILD=${1:?usage: builds.sh BUILD [PART...]}
 shift
@@ -100,6 +101,11 @@ for part in "$@"; do
             unshare -m sh -c 'mount -t proc proc "$0/proc" && exec chroot "$0" sh -c "sh /try/portable.sh /try/*.gz /try/court-mini"' \
                 "$root" || fail "not in '$suite'"
         done
+        ;;
+    windows)
+        make -s -j"$jobs" BUILD="$BUILD" CUDA=0 all test-tools || fail "does not build"
+        make -s BUILD="$BUILD" JOBS="$jobs" windows || fail "does not build for Windows"
+        sh tests/windows.sh "$BUILD"/windows/spin4d-*-windows-x86_64.zip "$BUILD/release" || exit 1
         ;;
     arm64)
         for tool in aarch64-linux-gnu-gcc aarch64-linux-gnu-g++ qemu-aarch64; do
