@@ -387,11 +387,55 @@ int posix_mkdir(const char *path, int mode)
     return CreateDirectoryW(widen(path, &wide), NULL) ? 0 : fail();
 }
 
+/* Names of files that were replaced while they were mapped, to be removed at the end. */
+static struct old {
+    struct old *next;
+    struct wide path;
+} * olds;
+
+static void remove_olds(void)
+{
+    for (; olds; olds = olds->next)
+        (void)DeleteFileW(olds->path.text);
+}
+
+/* A file that is mapped cannot be replaced, but it can get another name: that of a temporary file of a process with our
+ * number and one, which no process has. What cannot be removed at the end, spin_out_sweep() removes. */
+static bool put_aside(const char *path)
+{
+    static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
+    struct old *old = malloc(sizeof *old);
+    struct wide wide;
+    char name[PATH_ROOM];
+
+    snprintf(name, sizeof name, "%s.tmp.%ld", path, (long)getpid() + 1);
+    if (!old ||
+        !MoveFileExW(widen(path, &wide), widen(name, &old->path), MOVEFILE_REPLACE_EXISTING)) {
+        free(old);
+        return false;
+    }
+    pthread_mutex_lock(&mutex);
+    if (!olds)
+        atexit(remove_olds);
+    old->next = olds;
+    olds = old;
+    pthread_mutex_unlock(&mutex);
+    return true;
+}
+
 int posix_rename(const char *from, const char *to)
 {
     struct wide a, b;
 
-    return MoveFileExW(widen(from, &a), widen(to, &b), MOVEFILE_REPLACE_EXISTING) ? 0 : fail();
+    widen(from, &a);
+    widen(to, &b);
+    if (MoveFileExW(a.text, b.text, MOVEFILE_REPLACE_EXISTING))
+        return 0;
+    fail();
+    return errno == EACCES && put_aside(to) &&
+                   MoveFileExW(a.text, b.text, MOVEFILE_REPLACE_EXISTING)
+               ? 0
+               : -1;
 }
 
 int posix_link(const char *from, const char *to)

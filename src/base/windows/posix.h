@@ -51,7 +51,7 @@ int posix_access(const char *path, int mode);
 int posix_unlink(const char *path);
 int posix_rmdir(const char *path);
 int posix_mkdir(const char *path, int mode);
-int posix_rename(const char *from, const char *to); /* fails where `to` is mapped */
+int posix_rename(const char *from, const char *to);
 int posix_link(const char *from, const char *to);
 char *posix_realpath(const char *path, char *none);
 ssize_t posix_readlink(const char *path, char *out, size_t n); /* "/proc/self/exe" */
