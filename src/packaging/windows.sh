@@ -1,7 +1,7 @@
 #!/bin/sh
 # windows.sh VERSION BUILD: BUILD/windows/spin4d-VERSION-windows-x86_64.zip, for a 64-bit Windows with nothing installed:
-# commands, player, the module, and the libraries with their licences. Debian's MinGW builds it. What MinGW has no
-# package of is built from Debian's sources in BUILD/windows/deps: once, and then kept.
+# commands, and the libraries with their licences. Debian's MinGW builds it. What MinGW has no package of is built from
+# Debian's sources in BUILD/windows/deps: once, and then kept. The same build gives the same bytes.
 version=${1:?usage: windows.sh VERSION BUILD}
 mkdir -p "${2:?usage: windows.sh VERSION BUILD}/windows/deps/include" || exit 1
 W=$(cd "$2/windows" && pwd)
@@ -10,7 +10,7 @@ name=spin4d-$version-windows-x86_64
 host=x86_64-w64-mingw32
 jobs=${JOBS:-$(nproc)}
 # What Windows lacks is in src/base/windows.
-posix="-Isrc/base/windows -include base/windows/posix.h -D__USE_MINGW_ANSI_STDIO=1 -D_FILE_OFFSET_BITS=64 -I$deps/include"
+posix="-include base/windows/posix.h -D__USE_MINGW_ANSI_STDIO=1 -D_FILE_OFFSET_BITS=64 -I$deps/include"
 
 fail() {
     echo "windows: $*" >&2
@@ -23,7 +23,7 @@ for tool in $host-gcc-posix:gcc-mingw-w64-x86-64-posix $host-g++-posix:g++-mingw
 done
 [ -f /usr/$host/include/zlib.h ] || fail "no zlib.h of MinGW is here: apt-get install libz-mingw-w64-dev"
 
-# source PACKAGE: the folder $tree of Debian's source. Where an update has gone from the archive, the release's first.
+# source_of PACKAGE: the folder $tree of Debian's source. Where an update has gone from the archive, the release's first.
 source_of() {
     mkdir -p "$deps/src" && cd "$deps/src" || exit 1
     tree=$deps/src/$1
@@ -31,7 +31,7 @@ source_of() {
     apt-get source --download-only "$1" >"$1.log" 2>&1 ||
         apt-get source --download-only "$1/$(sed -n 's/^VERSION_CODENAME=//p' /etc/os-release)" >>"$1.log" 2>&1 ||
         fail "no source of '$1' (are there lines deb-src in /etc/apt/sources.list?): $(tail -n 1 "$1.log")"
-    dpkg-source --no-check -x "$(ls "$1"_*.dsc | tail -n 1)" "$1" >>"$1.log" 2>&1 || fail "'$1' does not unpack, see $deps/src/$1.log"
+    dpkg-source --no-check -x "$1"_*.dsc "$1" >>"$1.log" 2>&1 || fail "'$1' does not unpack, see $deps/src/$1.log"
 }
 
 # library PACKAGE FOLDER OPTION...: by its CMakeLists.txt in FOLDER
@@ -70,9 +70,10 @@ done
 # Aligned moves become unaligned ones, as gcc does not align the stack to a vector of AVX on Windows (its bug 54412). It takes
 # formats for those of Microsoft's printf, which %zu is not; the build for Linux checks them.
 windows_make() {
-    make --no-print-directory -j"$jobs" BUILD="$W" CC=$host-gcc-posix CXX=$host-g++-posix AR=$host-ar MPICC= VIDEO= CUDA=0 PLAIN= \
-        CPPFLAGS="$posix" CFLAGS='-Wa,-muse-unaligned-vector-move -Wno-format -Wno-format-extra-args' PLUGIN_LD= SPIN_LDLIBS='-lz -llzma -ljansson -lm' \
-        LDFLAGS="-static -Wl,--no-insert-timestamp -L$deps/lib" LDLIBS="$own" "$@" || fail "does not build"
+    make --no-print-directory -j"$jobs" BUILD="$W" CC=$host-gcc-posix CXX=$host-g++-posix AR=$host-ar MPICC= VIDEO= CUDA=0 \
+        PLAIN= CPPFLAGS="$posix" CFLAGS='-Wa,-muse-unaligned-vector-move -Wno-format -Wno-format-extra-args' PLUGIN_LD= \
+        SPIN_LDLIBS='-lz -llzma -ljansson -lm' LDFLAGS="-static -s -Wl,--no-insert-timestamp -L$deps/lib" LDLIBS="$own" "$@" ||
+        fail "does not build"
 }
 own=
 for file in main posix; do
@@ -89,8 +90,8 @@ shared() { # OUT SOURCE OPTION...: beside BUILD/windows/release/bin
     out=$W/release/$1
     shift
     mkdir -p "${out%/*}" || exit 1
-    # shellcheck disable=SC2086
-    $host-g++-posix -shared -static -s -Wl,--no-insert-timestamp -O2 -Isrc -I. -ffile-prefix-map="$PWD=." -ffile-prefix-map="$deps=." -o "$out" "$@" ||
+    $host-g++-posix -shared -static -s -Wl,--no-insert-timestamp -Wl,--disable-auto-image-base -O2 -Isrc \
+        -ffile-prefix-map="$PWD=." -ffile-prefix-map="$deps=." -o "$out" "$@" ||
         fail "'$out' does not build"
 }
 for library in zstd webp; do
@@ -104,9 +105,10 @@ shared lib/spin-gltf.so -std=c++17 -DTINYGLTF_NO_STB_IMAGE -DTINYGLTF_NO_STB_IMA
 rm -rf "${W:?}/$name" "$W/$name.zip"
 mkdir -p "$W/$name/bin" "$W/$name/lib/spin4d" "$W/$name/licences" || exit 1
 for program in spin4d spin-import spin-retrain spin-eval spin-export; do
-    $host-strip -o "$W/$name/bin/$program.exe" "$W/release/bin/$program.exe" || exit 1
+    cp "$W/release/bin/$program.exe" "$W/$name/bin/" || exit 1
 done
-cp "$W"/release/bin/*.dll "$W/$name/bin/" && cp "$W"/release/lib/*.so "$W/$name/lib/spin4d/" && cp LICENSE CHANGELOG.md "$W/$name/" || exit 1
+cp "$W"/release/bin/*.dll "$W/$name/bin/" && cp "$W"/release/lib/*.so "$W/$name/lib/spin4d/" &&
+    cp LICENSE CHANGELOG.md "$W/$name/" || exit 1
 for package in xz-utils jansson libzstd libwebp libjpeg-turbo libpng1.6 tinygltf nlohmann-json3; do
     cp "$deps/src/$package/debian/copyright" "$W/$name/licences/$package.txt" || exit 1
 done
@@ -124,6 +126,7 @@ plug-ins need Linux, or WSL. licences\\ has the licences of the libraries inside
 README
 sed -i 's/$/\r/' "$W/$name/README.txt"
 chmod -R u=rwX,go=rX "$W/$name"
-(cd "$W" && find "$name" -exec touch -h -d @1577836800 {} + && find "$name" | LC_ALL=C sort | TZ=UTC zip -q -X "$name.zip" -@) || exit 1
+(cd "$W" && find "$name" -exec touch -h -d @1577836800 {} + && find "$name" | LC_ALL=C sort | TZ=UTC zip -q -X "$name.zip" -@) ||
+    exit 1
 rm -rf "${W:?}/$name"
 echo "$W/$name.zip"
