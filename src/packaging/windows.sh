@@ -72,7 +72,8 @@ done
 windows_make() {
     make --no-print-directory -j"$jobs" BUILD="$W" CC=$host-gcc-posix CXX=$host-g++-posix AR=$host-ar MPICC= VIDEO= CUDA=0 \
         PLAIN= CPPFLAGS="$posix" CFLAGS='-Wa,-muse-unaligned-vector-move -Wno-format -Wno-format-extra-args' PLUGIN_LD= \
-        SPIN_LDLIBS='-lz -llzma -ljansson -lm' LDFLAGS="-static -s -Wl,--no-insert-timestamp -L$deps/lib" LDLIBS="$own" "$@" ||
+        SPIN_LDLIBS='-lz -llzma -ljansson -lm' \
+        LDFLAGS="-static -s -Wl,--no-insert-timestamp -Wl,--stack,8388608 -L$deps/lib" LDLIBS="$own" "$@" ||
         fail "does not build"
 }
 own=

@@ -387,7 +387,7 @@ int posix_mkdir(const char *path, int mode)
     return CreateDirectoryW(widen(path, &wide), NULL) ? 0 : fail();
 }
 
-/* Names of files that were replaced while they were mapped, to be removed at the end. */
+/* Files that were replaced while they were mapped, to be removed at the end. */
 static struct old {
     struct old *next;
     struct wide path;
@@ -401,16 +401,18 @@ static void remove_olds(void)
 
 /* A file that is mapped cannot be replaced, but it can get another name: that of a temporary file of a process with our
  * number and one, which no process has. What cannot be removed at the end, spin_out_sweep() removes. */
-static bool put_aside(const char *path)
+static bool replace_mapped(const wchar_t *from, const wchar_t *to)
 {
     static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
     struct old *old = malloc(sizeof *old);
-    struct wide wide;
-    char name[PATH_ROOM];
 
-    snprintf(name, sizeof name, "%s.tmp.%ld", path, (long)getpid() + 1);
-    if (!old ||
-        !MoveFileExW(widen(path, &wide), widen(name, &old->path), MOVEFILE_REPLACE_EXISTING)) {
+    if (!old || snwprintf(old->path.text, PATH_ROOM, L"%ls.tmp.%ld", to, (long)getpid() + 1) < 0 ||
+        !MoveFileExW(to, old->path.text, MOVEFILE_REPLACE_EXISTING)) {
+        free(old);
+        return false;
+    }
+    if (!MoveFileExW(from, to, 0)) {
+        (void)MoveFileExW(old->path.text, to, 0);
         free(old);
         return false;
     }
@@ -427,15 +429,10 @@ int posix_rename(const char *from, const char *to)
 {
     struct wide a, b;
 
-    widen(from, &a);
-    widen(to, &b);
-    if (MoveFileExW(a.text, b.text, MOVEFILE_REPLACE_EXISTING))
+    if (MoveFileExW(widen(from, &a), widen(to, &b), MOVEFILE_REPLACE_EXISTING))
         return 0;
     fail();
-    return errno == EACCES && put_aside(to) &&
-                   MoveFileExW(a.text, b.text, MOVEFILE_REPLACE_EXISTING)
-               ? 0
-               : -1;
+    return errno == EACCES && replace_mapped(a.text, b.text) ? 0 : -1;
 }
 
 int posix_link(const char *from, const char *to)
@@ -711,7 +708,7 @@ static _Thread_local char dl_error[512];
 
 void *dlopen(const char *path, int flags)
 {
-    struct wide wide;
+    struct wide wide, full;
     char name[PATH_ROOM], *ending;
     HMODULE object;
 
@@ -720,10 +717,11 @@ void *dlopen(const char *path, int flags)
     ending = strchr(name, '/') ? NULL : strstr(name, ".so");
     if (ending)
         snprintf(ending, sizeof name - (size_t)(ending - name), ".dll");
-    widen(name, &wide);
-    for (wchar_t *at = wide.text; (at = wcschr(at, L'/'));)
-        *at = L'\\';
-    object = LoadLibraryExW(wide.text, NULL,
+    if (ending)
+        widen(name, &full);
+    else if (!GetFullPathNameW(widen(name, &wide), PATH_ROOM, full.text, NULL))
+        full.text[0] = L'\0';
+    object = LoadLibraryExW(full.text, NULL,
                             ending ? LOAD_LIBRARY_SEARCH_APPLICATION_DIR
                                    : LOAD_LIBRARY_SEARCH_DLL_LOAD_DIR |
                                          LOAD_LIBRARY_SEARCH_DEFAULT_DIRS);
