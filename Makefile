@@ -154,7 +154,7 @@ BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
 BENCH    := $(B)/tests/bench/bench
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
-.PHONY: all help config setup setup-video setup-lint demo quick test test-bins test-tools test-builds test-card card-kit test-ranks check lint mutants test-viewers bench-viewers valgrind tsan fuzz fuzz-replay bench install uninstall wheel portable web dist deb clean format
+.PHONY: all help config setup setup-video setup-lint demo quick test test-bins test-tools test-builds test-card card-kit test-ranks check lint mutants test-viewers bench-viewers valgrind tsan fuzz fuzz-replay bench install uninstall wheel portable web windows dist deb clean format
 .SECONDARY:
 .DELETE_ON_ERROR:
 
@@ -204,7 +204,7 @@ card-kit: all test-bins ## BUILD/spin4d-card.tar.xz: tests for a machine with a 
 test-ranks: ## trainings by many processes, which `make test` leaves out
 	@$(MAKE) --no-print-directory test K=$@
 
-test-builds: ## K='gcc clang paths bytes deb arm64 web': other compilers, code paths and packages
+test-builds: ## K='gcc clang paths bytes deb arm64 web windows': other compilers, code paths and packages
 	@sh tests/builds.sh $(BUILD) $(K)
 
 bin:
@@ -533,6 +533,9 @@ uninstall: ## take away what install put there, with the same PREFIX, LIBDIR, PY
 portable: $(if $(DEBIAN),dist,$(BINS) $(BINS:$(B)/%=$(B)/portable/%) $(filter %-gltf.so %-cuda.so %-plain.so,$(SHIMS) $(TOOLS))) ## BUILD/spin4d-VERSION-linux-*.tar.gz, which needs nothing installed; DEBIAN=bullseye (where to build it)
 	@$(if $(DEBIAN),sh src/packaging/chroot.sh $(DEBIAN) $(VERSION),sh src/packaging/portable.sh $(VERSION) $(B)) $(BUILD)
 
+windows: ## BUILD/windows/spin4d-VERSION-windows-x86_64.zip, by MinGW
+	@JOBS=$(JOBS) sh src/packaging/windows.sh $(VERSION) $(BUILD)
+
 wheel: portable ## BUILD/spin4d-VERSION-*.whl for pip, of what `make portable` writes
 	@$(PYTHON) src/packaging/wheel.py $(BUILD)/spin4d-$(VERSION)-linux-$(firstword $(subst -, ,$(MACHINE))).tar.gz $(BUILD)
 
@@ -548,7 +551,7 @@ format: ## rewrite all sources with clang-format
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cpp' '*.cu')
 
 clean: ## remove what was built, in BUILD, and bin
-	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov mutants fuzz web deb gcc clang arm64 bytes stderr test-needs debian-* *.tar.gz *.whl) bin
+	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov mutants fuzz web windows deb gcc clang arm64 bytes stderr test-needs debian-* *.tar.gz *.whl) bin
 	-@rmdir $(BUILD) 2>/dev/null
 
 -include $(shell find $(B) -name '*.d' 2>/dev/null)

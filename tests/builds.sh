@@ -9,6 +9,7 @@
 #   portable    make portable DEBIAN=bullseye, and what it wrote in bare Debians of other suites, as root with
 #               debootstrap; not among the parts that run unasked
 #   web         make web, and what it wrote beside the build of `make`; not among the parts that run unasked
+#   windows     make windows, and what it wrote under Wine beside the build of `make`; not among the parts that run unasked
 #   arm64       by the cross compiler, these tests under QEMU; not among the parts that run unasked
 BUILD=${1:?usage: builds.sh BUILD [PART...]}
 shift
@@ -106,6 +107,11 @@ for part in "$@"; do
         make -s -j"$jobs" BUILD="$BUILD" CUDA=0 all || fail "does not build"
         make -s -j"$jobs" BUILD="$BUILD" web || fail "does not build for the browser"
         sh tests/web/run.sh "$BUILD" "$BUILD/release/bin" || exit 1
+        ;;
+    windows)
+        make -s -j"$jobs" BUILD="$BUILD" CUDA=0 all test-tools || fail "does not build"
+        make -s BUILD="$BUILD" JOBS="$jobs" windows || fail "does not build for Windows"
+        sh tests/windows.sh "$BUILD"/windows/spin4d-*-windows-x86_64.zip "$BUILD/release" || exit 1
         ;;
     arm64)
         for tool in aarch64-linux-gnu-gcc aarch64-linux-gnu-g++ qemu-aarch64; do

@@ -141,7 +141,7 @@ void spin_pages_release(void *block)
     if (!block)
         return;
     if (*head_of(block) == 0)
-        free(head_of(block));
+        SPIN_ALIGNED_FREE(head_of(block));
     else
         munmap((char *)block - HEAD_PAGE, HEAD_PAGE + *head_of(block));
 }
@@ -202,7 +202,7 @@ void spin_arena_free(struct spin_arena *arena)
     while (arena->first) {
         struct spin_arena_block *next = arena->first->next;
 
-        free(arena->first);
+        SPIN_ALIGNED_FREE(arena->first);
         arena->first = next;
     }
 }

@@ -15,6 +15,13 @@ spin_status spin_grow(size_t count, size_t size, void **inout); /* not zeroed */
 spin_status spin_room(size_t n, size_t *capacity, size_t size, void **inout);
 spin_status spin_strdup(const char *text, char **out);
 
+/* Frees what aligned_alloc() gave. */
+#ifdef _WIN32
+#define SPIN_ALIGNED_FREE(block) _aligned_free(block)
+#else
+#define SPIN_ALIGNED_FREE(block) free(block)
+#endif
+
 /* Big zeroed blocks: 2 MiB-aligned, huge pages where the system gives them. Any size. */
 spin_status spin_pages_reserve(size_t bytes, void **out);
 void spin_pages_release(void *block);

@@ -211,7 +211,7 @@ void spin_pool_free(struct spin_pool *pool)
     pthread_cond_destroy(&pool->work);
     pthread_mutex_destroy(&pool->lock);
     free(pool->worker);
-    free(pool);
+    SPIN_ALIGNED_FREE(pool);
 }
 
 int spin_pool_n_threads(const struct spin_pool *pool) { return pool ? pool->n_threads : 1; }

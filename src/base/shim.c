@@ -18,6 +18,13 @@
 #define SPIN_LIBDIR "/usr/local/lib"
 #endif
 
+/* The build for Windows is no work of its user. */
+#ifdef _WIN32
+#define WHERE "not in spin4d for Windows; in WSL"
+#else
+#define WHERE "Debian"
+#endif
+
 struct search {
     struct spin_shim *shim;
     const void *table;
@@ -163,7 +170,7 @@ spin_status spin_shim_need(struct spin_shim *shim, const void **table)
     if (found)
         return SPIN_OK;
     return spin_fail(SPIN_E_UNSUPPORTED,
-                     "%s '%s' is missing or does not load%s%s (Debian: install %s, then make)",
+                     "%s '%s' is missing or does not load%s%s (" WHERE ": install %s, then make)",
                      shim->lacking, shim->file, *shim->why ? ": " : "", shim->why, shim->debian);
 }
 

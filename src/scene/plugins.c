@@ -21,6 +21,13 @@ enum {
     MAX_NAME = 31      /* letters; spin_import_report has room for 32 */
 };
 
+/* On Windows an object would find our functions in one command only. */
+#ifdef _WIN32
+enum { CAN_LOAD = false };
+#else
+enum { CAN_LOAD = true };
+#endif
+
 struct fault {
     char name[MAX_NAME + 1]; /* what it would be asked for by */
     char text[1024];
@@ -267,7 +274,9 @@ static void load_all(void)
     char *path = strdup(search_path()), *rest = path, *piece;
 
     add_built_in();
-    while ((piece = strsep(&rest, ":"))) {
+    if (!CAN_LOAD)
+        keep_fault("", "SPIN_PLUGIN_PATH: spin4d for Windows loads no plug-ins");
+    while (CAN_LOAD && (piece = strsep(&rest, ":"))) {
         if (*piece && spin_path_is_folder(piece))
             load_folder(piece);
         else if (*piece)

@@ -49,6 +49,7 @@ ours() {
 foreign() {
     case $1 in
     src/io/file.c | src/io/zip.c | src/io/zip_writer.c | src/io/gzip.c) echo '^zlib\.h$' ;;
+    src/base/windows/*) echo '^[a-z]+\.h$' ;;
     src/io/xz.c) echo '^lzma\.h$' ;;
     src/web/shim.c) echo '^(webp/(de|en)code|zstd)\.h$' ;;
     src/io/webp.c) echo '^webp/(de|en)code\.h$' ;;
