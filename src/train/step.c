@@ -325,12 +325,12 @@ static int step_part(const struct spin_trainer *t, size_t first, size_t end, dou
     return rate > 0;
 }
 
-/* The tracks' values from `first` on, so many of each; lr0: 0, or the first rate. Tracks that move learn in all steps, as
- * frames do: they are shown by fewer pictures than those that stand still. */
+/* The tracks' values from `first` on, so many of each; lr0: 0, or the first rate, `share` of it for tracks that move.
+ * These learn in all steps, as frames do: they are shown by fewer pictures than those that stand still. */
 static int step_values(const struct spin_trainer *t, size_t first, size_t width, double lr0,
-                       struct spin_param_group *group)
+                       double share, struct spin_param_group *group)
 {
-    double moving = lr0 > 0 ? spin_trainer_rate(t, lr0, t->iteration) : 0;
+    double moving = lr0 > 0 ? spin_trainer_rate(t, share * lr0, t->iteration) : 0;
     double still = lr0 > 0 ? spin_trainer_track_rate(t, lr0) : 0;
     size_t split = moving == still ? 0 : first + width * t->n_moving;
     int n = 0;
@@ -343,11 +343,12 @@ static int step_values(const struct spin_trainer *t, size_t first, size_t width,
 
 static int step_tracks(const struct spin_trainer *t, struct spin_param_group *group)
 {
-    int n = step_values(t, 0, 3, t->rates.displacement, group);
+    /* Where a track moves, each of its places has a rate of its own too. */
+    int n = step_values(t, 0, 3, t->rates.displacement, 0.5, group);
     size_t first = 3 * t->n_tracks;
 
     for (int k = 0; k < SPIN_HEADS; k++) {
-        n += step_values(t, first, spin_residual_width[k], t->rates.track[k], group + n);
+        n += step_values(t, first, spin_residual_width[k], t->rates.track[k], 1, group + n);
         first += spin_residual_width[k] * t->n_tracks;
     }
     return n;

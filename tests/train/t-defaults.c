@@ -189,6 +189,7 @@ static const struct spin_retrain_options *best(void)
 
     b = *quick();
     b.preset = "best";
+    b.lr_tracked = 0.15;
     b.iterations = -3;
     return &b;
 }

@@ -535,6 +535,61 @@ static void check_last(struct spin_device *d)
     spin_trainer_close(&t);
 }
 
+/* A step moves each number by about its rate. Tracks that move take half the rate for their displacement, and go on when
+ * those that stand still have stopped. */
+static void check_rates(struct spin_device *d)
+{
+    static const struct spin_camera camera = {
+        4, 4, 4, 4, 2, 2, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+    const struct spin_train_item item = {.frame = 0, .camera = &camera};
+    const double rate = 1e-3;
+    struct spin_image_store photos;
+    struct spin_train_values seen = {0};
+    struct spin_trainer t;
+    float values[SPIN_TRACK * TRACKS], now[SPIN_TRACK * TRACKS], own[9], white[48];
+
+    open_trainer(d, &t);
+    for (int i = 0; i < 48; i++)
+        white[i] = 1;
+    for (int i = 0; i < 9; i++)
+        own[i] = i % 3 == 2 ? 2 : 0.3f;
+    for (int i = 0; i < SPIN_TRACK * TRACKS; i++)
+        values[i] = i >= 3 * TRACKS ? -1 : i >= 6 ? own[i - 6] : 0;
+    d->op->upload(d, t.tracks.p, values, sizeof values);
+    d->op->zero(d, t.tracks.m, sizeof values);
+    d->op->upload(d, t.frame[0].pos, own, 3 * size_of[0].n_pos * sizeof *own);
+    t.lambda_dssim = 0.2f;
+    t.rates = (struct spin_train_rates){.position = rate,
+                                        .displacement = rate,
+                                        .track = {rate, rate, rate, rate},
+                                        .tracked = 1,
+                                        .iterations = 1000,
+                                        .track_iterations = 1000};
+    if (!ok(spin_image_store_open(&photos, d, 1, 16, SPIN_IMAGE_F32, false) == SPIN_OK, "a photo"))
+        exit(tap_done());
+    spin_image_store_put(&photos, 0, 16, white, NULL);
+    for (int step = 1; step <= 2; step++) {
+        ok(spin_trainer_step(&t, &photos.images, &item, 1, &seen) == SPIN_OK &&
+               d->op->download(d, now, t.tracks.p, sizeof now) == SPIN_OK,
+           "step %d", step);
+        for (int track = 0; track < TRACKS; track++) {
+            double moved = fabs((double)now[3 * track] - (double)values[3 * track]) / rate;
+            double faded = fabs((double)now[9 + 3 * track] - (double)values[9 + 3 * track]) / rate;
+
+            if (step == 1) {
+                near(moved, track == 2 ? 1 : 0.5, 0.02, "the displacement of a track");
+                near(faded, 1, 0.02, "and its scale");
+            } else
+                ok(track == 2 ? moved == 0 && faded == 0 : moved > 0.1 && faded > 0.1,
+                   "then: %.2f and %.2f of the rate", moved, faded);
+        }
+        memcpy(values, now, sizeof now);
+        t.rates.track_iterations = 1;
+    }
+    spin_image_store_close(&photos);
+    spin_trainer_close(&t);
+}
+
 TAP_MAIN
 {
     struct spin_device *d;
@@ -553,6 +608,7 @@ TAP_MAIN
     check_numbers_drawn(d);
     check_most(d);
     check_last(d);
+    check_rates(d);
     check_device_free(d);
     d = strict_open(check_device(1), 1, 1);
     check_densify(d);
