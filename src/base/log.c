@@ -15,7 +15,7 @@
 static atomic_int log_level;
 static atomic_int line_shown; /* a progress line is on the screen and must go before other text */
 
-static const double terminal_period_s = 1.0 / 6.0, plain_period_s = 60;
+static const double terminal_period_s = 1.0 / 6.0, plain_period_s = 60, window_s = 10;
 static const char erase_line[] = "\r\033[K";
 
 void spin_log_set_level(int level) { atomic_store(&log_level, level); }
@@ -112,7 +112,8 @@ static double plain_period(void)
     if (!*end && seconds >= 0 && seconds < 1e9)
         return seconds;
     if (!atomic_exchange(&warned, 1))
-        spin_warn("SPIN_PROGRESS is '%.40s', not a number of seconds; it is taken as %g", text, plain_period_s);
+        spin_warn("SPIN_PROGRESS is '%.40s', not a number of seconds; it is taken as %g", text,
+                  plain_period_s);
     return plain_period_s;
 }
 
@@ -132,10 +133,23 @@ void spin_progress_begin(struct spin_progress *p, const char *what, const char *
         p->period_s = p->terminal ? terminal_period_s : plain_period();
 }
 
+/* How many a second of late, so that the time left follows the load; 0: not known. */
+static double rate_of_late(struct spin_progress *p, double now, long long done)
+{
+    double since = p->past[0].s > 0 ? p->past[0].s : p->start_s;
+    long long from = p->past[0].s > 0 ? p->past[0].done : p->from;
+
+    if (now - (p->past[1].s > 0 ? p->past[1].s : p->start_s) >= window_s) {
+        p->past[0] = p->past[1];
+        p->past[1].s = now;
+        p->past[1].done = done;
+    }
+    return done > from && now > since ? (double)(done - from) / (now - since) : 0;
+}
+
 void spin_progress_set(struct spin_progress *p, long long done, const char *fmt, ...)
 {
-    double now = p->period_s > 0 ? spin_now_s() : 0;
-    double elapsed = now - p->start_s;
+    double now = p->period_s > 0 ? spin_now_s() : 0, rate;
     char left[32];
     va_list args;
 
@@ -146,9 +160,8 @@ void spin_progress_set(struct spin_progress *p, long long done, const char *fmt,
     fprintf(stderr, "%s%s  %lld", p->terminal ? erase_line : "", p->what, done);
     if (p->total > 0)
         fprintf(stderr, "/%lld  %.1f%%", p->total, 100.0 * (double)done / (double)p->total);
-    if (done > p->from && elapsed > 0) {
-        double rate = (double)(done - p->from) / elapsed;
-
+    rate = rate_of_late(p, now, done);
+    if (rate > 0) {
         fprintf(stderr, "  %.3g %s/s", rate, p->unit);
         if (p->total > 0) {
             spin_text_duration((double)(p->total - done) / rate, left);

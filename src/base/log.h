@@ -25,6 +25,10 @@ struct spin_progress {
     double start_s, shown_s;
     double period_s; /* 0: nothing is shown */
     long long from, total;
+    struct {
+        double s;
+        long long done;
+    } past[2]; /* where it stood two times, 10 seconds or more apart; s 0: not yet */
     bool terminal;
 };
 void spin_progress_begin(struct spin_progress *p, const char *what, const char *unit,

@@ -124,6 +124,26 @@ TAP_MAIN
             "\r\033[Kretraining  200/400  50.0%  10 it/s  0:20 left  loss 0.5\r\033[Ka line\n",
             "progress counts from where it resumed, not too often, and gives way to a line");
 
+    capture(); /* a hundred steps in the first 1000 s, then ten a second */
+    p.period_s = 1;
+    p.shown_s = 0;
+    p.from = 0;
+    p.start_s = spin_now_s() - 1020;
+    p.past[0].s = p.start_s + 1000;
+    p.past[0].done = 100;
+    p.past[1].s = p.start_s + 1010;
+    p.past[1].done = 200;
+    spin_progress_set(&p, 300, NULL);
+    ok(strstr(captured(), "  10 it/s  0:10 left") != NULL, "the time left is that of late");
+    capture();
+    p.shown_s = 0;
+    p.start_s -= 5;
+    p.past[0].s -= 5;
+    p.past[1].s -= 5;
+    spin_progress_set(&p, 300, NULL);
+    ok(strstr(captured(), "  6.67 it/s  0:15 left") != NULL, "since the last but one of two times");
+    spin_progress_end(&p);
+
     before = spin_now_s();
     usleep(2000);
     after = spin_now_s();
