@@ -2,7 +2,7 @@
  * and no network, or, with --split, a page and a file of blocks of which it reads what it shows. Where the
  * bundle has both the imported and the retrained attributes the page switches between them.
  *
- * The player is exporters/html/, our own in WebGL 2; docs/page-format.md says how frames are written, and
+ * The player is exporters/html/, our own in WebGL 2; exporters/html/format.md says how frames are written, and
  * lib/page_group.h does it. What the page must know of the whole clip comes at the end. */
 #include <ctype.h>
 #include <math.h>

@@ -1,5 +1,5 @@
 // The worker: unpacks frames, keeps some, and sorts the splats of the wanted one for a view.
-// docs/page-format.md says what a block is; exporters/lib/page_group.h writes them.
+// exporters/html/format.md says what a block is; exporters/lib/page_group.h writes them.
 'use strict';
 
 const MOST_BYTES = 400e6, RUN_BYTES = 1e6, PLACE = 0, COLOUR = 3, OPACITY = 6, SCALE = 7, ROTATION = 10, SH = 13, REACH = 3.34; // where an opacity of 1 falls to 1/255, in deviations

@@ -1,4 +1,4 @@
-/* Whole numbers of one column as bytes, for a page's blocks; docs/page-format.md has the layout.
+/* Whole numbers of one column as bytes, for a page's blocks; exporters/html/format.md has the layout.
  *
  * A column begins with one byte: the planes in bits 0 to 2 (0: all numbers are zero), in bits 4 and
  * 5 what the numbers are told from. Numbers are written d < 0 ? -2 d - 1 : 2 d, low bytes first, then the

@@ -1,5 +1,5 @@
 /* 4D splats as blocks of a page: a row once, with its path, its window and the time that it is seen, for a clip whose
- * frames are evenly spaced. docs/page-format.md says what its columns are.
+ * frames are evenly spaced. exporters/html/format.md says what its columns are.
  *
  * The page's time counts frames from the first, in ticks. At each tick of a row all its values are within the bounds:
  * a path by its places at even times, an opacity by its shares for height, middle and width of the window. A row that

@@ -71,7 +71,7 @@ static size_t block(const char *id, unsigned char *out, size_t room)
     return result == Z_STREAM_END ? room - z.avail_out : 0;
 }
 
-/* ---- What the page makes of a block: after docs/page-format.md, not after the encoder ------------ */
+/* ---- What the page makes of a block: after exporters/html/format.md, not after the encoder ------------ */
 
 enum { ROWS = 64, COLUMNS = 13 + 45 };
 struct columns {
@@ -781,7 +781,7 @@ struct rows {
     size_t n, columns;
 };
 
-/* All blocks of the page's first version, after docs/page-format.md. */
+/* All blocks of the page's first version, after exporters/html/format.md. */
 static int decode_rows(const spin_json *version, size_t columns, struct rows *r)
 {
     static unsigned char bytes[1 << 20];

@@ -51,7 +51,7 @@ for (let k = 0; k < v.sh; k++) names.push(`f_rest_${k}`);
 names.push('opacity', 'scale_0', 'scale_1', 'scale_2', 'rot_0', 'rot_1', 'rot_2', 'rot_3');
 const scaled = (q, k) => q.map((x) => k * x), sum = (a, b) => a.map((x, i) => x + b[i]);
 
-// The values themselves, by the layout of docs/page-format.md: of a splat `value(column)` is that of a column, q its
+// The values themselves, by the layout of exporters/html/format.md: of a splat `value(column)` is that of a column, q its
 // rotation.
 function splatOf(value, q) {
     const opacity = Math.min(1 - 1e-7, Math.max(1e-7, value(6))), out = [0, 1, 2].map((c) => value(c) + clip.centre[c]);
