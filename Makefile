@@ -536,8 +536,8 @@ uninstall: ## take away what install put there, with the same PREFIX, LIBDIR, PY
 	-rmdir $(DEST)/$(EXAMPLE) $(DEST)/share/doc/spin4d $(DEST)/include/spin4d $(DESTLIB)/spin4d
 
 # Built in a Debian of its own, whose C library is older, it runs on more machines.
-portable: $(if $(DEBIAN),dist,$(BINS) $(BINS:$(B)/%=$(B)/portable/%) $(filter %-gltf.so %-cuda.so %-plain.so,$(SHIMS) $(TOOLS))) ## BUILD/spin4d-VERSION-linux-*.tar.gz, which needs nothing installed; DEBIAN=bullseye (where to build it)
-	@$(if $(DEBIAN),sh src/packaging/chroot.sh $(DEBIAN) $(VERSION),sh src/packaging/portable.sh $(VERSION) $(B)) $(BUILD)
+portable: $(if $(DEBIAN),dist,$(BINS) $(BINS:$(B)/%=$(B)/portable/%) $(filter %-gltf.so %-cuda.so %-plain.so,$(SHIMS) $(TOOLS))) ## BUILD/spin4d-VERSION-linux-*.tar.gz, which needs nothing installed; DEBIAN=bullseye (where to build it) ARCH=arm64 (by QEMU)
+	@$(if $(DEBIAN),sh src/packaging/chroot.sh $(DEBIAN) $(VERSION),sh src/packaging/portable.sh $(VERSION) $(B)) $(BUILD) $(if $(DEBIAN),$(ARCH))
 
 windows: ## BUILD/windows/spin4d-VERSION-windows-x86_64.zip, by MinGW
 	@JOBS=$(JOBS) sh src/packaging/windows.sh $(VERSION) $(BUILD)

@@ -1,10 +1,12 @@
 #!/bin/sh
-# chroot.sh SUITE VERSION OUT: `make portable` of the last commit in a bare Debian of that suite, made by debootstrap in
+# chroot.sh SUITE VERSION OUT [ARCH]: `make portable` of the last commit in a bare Debian of that suite, made by debootstrap in
 # OUT/debian-SUITE, which is kept: what an old C library has, every newer one has too. `make dist` has put its tarball into OUT.
-suite=${1:?usage: chroot.sh SUITE VERSION OUT}
-version=${2:?usage: chroot.sh SUITE VERSION OUT}
-out=${3:?usage: chroot.sh SUITE VERSION OUT}
-root=$out/debian-$suite
+# ARCH: another machine's, as arm64, in OUT/debian-SUITE-ARCH, where the kernel runs its programs by QEMU (qemu-user-static).
+suite=${1:?usage: chroot.sh SUITE VERSION OUT [ARCH]}
+version=${2:?usage: chroot.sh SUITE VERSION OUT [ARCH]}
+out=${3:?usage: chroot.sh SUITE VERSION OUT [ARCH]}
+arch=$4
+root=$out/debian-$suite${arch:+-$arch}
 
 fail() {
     echo "portable: $*" >&2
@@ -15,10 +17,10 @@ fail() {
 command -v debootstrap >/dev/null || fail "debootstrap is not here: apt-get install debootstrap"
 if [ ! -f "$root/ready" ]; then
     rm -rf "$root"
-    debootstrap --variant=minbase "$suite" "$root" >"$out/debian-$suite.log" 2>&1 || fail "no Debian '$suite': see '$out/debian-$suite.log'"
+    debootstrap ${arch:+--arch="$arch"} --variant=minbase "$suite" "$root" >"$root.log" 2>&1 || fail "no Debian '$suite': see '$root.log'"
     chroot "$root" env DEBIAN_FRONTEND=noninteractive apt-get install -qq --no-install-recommends make gcc g++ zlib1g-dev \
         liblzma-dev libjansson-dev libjpeg-dev libpng-dev libtinygltf-dev libwebp-dev libzstd-dev \
-        >>"$out/debian-$suite.log" 2>&1 || fail "what building needs is not installed: see '$out/debian-$suite.log'"
+        >>"$root.log" 2>&1 || fail "what building needs is not installed: see '$root.log'"
     touch "$root/ready"
 fi
 rm -rf "$root/tmp/spin4d-$version"
