@@ -54,6 +54,7 @@ static bool trains_clip(const struct run *r) { return r->plan.o->method != SPIN_
 static void tidy_up(const struct run *r)
 {
     remove(r->plan.part);
+    remove(r->plan.clip_of_state);
     if (!r->plan.o->cache)
         spin_frame_cache_clear(r->plan.parts);
     spin_out_sweep(r->plan.part);
@@ -452,6 +453,8 @@ static spin_status train_network(struct run *r)
     c->sound = true;
     say_plan(r);
     SPIN_TRY(look_at_source(r));
+    if (spin_rank() == 0)
+        remove(r->plan.clip_of_state); /* of an earlier interrupt */
     c->saved_s = spin_now_s();
     c->start_s = c->saved_s - r->plan.report->refine_seconds;
     c->refine_s += r->plan.report->refine_seconds;
@@ -503,6 +506,21 @@ static spin_status run(struct run *r)
     return SPIN_OK;
 }
 
+/* Who interrupts a training wants to look at it: a clip beside the state, which spin_bundle_open() finds. */
+static void keep_clip(struct run *r)
+{
+    struct spin_retrain_options o = *r->plan.o;
+    struct spin_plan plan = r->plan;
+    struct spin_output output = output_of(r);
+
+    o.output = r->plan.clip_of_state;
+    o.force = true;
+    plan.o = &o;
+    output.plan = &plan;
+    if (spin_output_write(&output) != SPIN_OK && spin_rank() == 0)
+        spin_warn("the clip of the state cannot be looked at: %s", spin_last_error());
+}
+
 /* Something failed, or was interrupted: what was trained is kept, so that --resume need not do it again. */
 static spin_status keep(struct run *r, spin_status failed)
 {
@@ -517,6 +535,8 @@ static spin_status keep(struct run *r, spin_status failed)
         lost = spin_checkpoint_save(c, &r->trainer) != SPIN_OK;
     if (lost && strcmp(why, spin_last_error()) != 0)
         snprintf(kept, sizeof kept, "; %s", spin_last_error());
+    if (failed == SPIN_E_CANCELLED && c->sound && c->saved == r->trainer.iteration)
+        keep_clip(r);
     if (c->saved >= 0)
         return spin_fail(failed, "%s%s; the state of iteration %lld is kept in '%s'%s", why, kept,
                          (long long)c->saved, r->plan.part, c->sound ? go_on : "");

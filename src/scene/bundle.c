@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "base/err.h"
+#include "base/log.h"
 #include "base/mem.h"
 #include "base/number.h"
 #include "scene/splats_4d.h"
@@ -246,6 +247,31 @@ static spin_status load_meta(struct spin_bundle *b)
     return spin_bundle_meta_read(&b->meta, b->json);
 }
 
+/* The state of a training that was interrupted stands for the clip that was left beside it. */
+static spin_status open_clip_of_state(struct spin_bundle *b)
+{
+    size_t n = strlen(b->path) + sizeof SPIN_CLIP_OF_STATE;
+    char *clip;
+    void *block;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(n, 1, &block));
+    clip = block;
+    snprintf(clip, n, "%s" SPIN_CLIP_OF_STATE, b->path);
+    if (spin_path_exists(clip)) {
+        spin_npz_close(&b->npz);
+        spin_log(0, "'%s' is the state of an unfinished training: the clip as it was is in '%s'",
+                 b->path, clip);
+        status = spin_npz_open(clip, &b->npz);
+    } else
+        status =
+            spin_fail(SPIN_E_UNSUPPORTED,
+                      "it is the state of an unfinished training: spin-retrain --resume goes on "
+                      "with it, and --watch DIR keeps such a state as a clip, DIR/state.spin");
+    free(clip);
+    return status;
+}
+
 spin_status spin_bundle_open(const char *path, struct spin_bundle *out)
 {
     spin_status status;
@@ -253,13 +279,8 @@ spin_status spin_bundle_open(const char *path, struct spin_bundle *out)
     memset(out, 0, sizeof *out);
     SPIN_TRY_OUT(spin_strdup(path, &out->path));
     SPIN_TRY_OUT(spin_npz_open(path, &out->npz));
-    if (spin_zip_find(&out->npz.zip, "state.json")) {
-        status =
-            spin_fail(SPIN_E_UNSUPPORTED,
-                      "it is the state of an unfinished training: spin-retrain --resume goes on "
-                      "with it, and --watch DIR keeps such a state as a clip, DIR/state.spin");
-        goto out;
-    }
+    if (spin_zip_find(&out->npz.zip, "state.json"))
+        SPIN_TRY_OUT(open_clip_of_state(out));
     SPIN_TRY_OUT(load_meta(out));
     SPIN_TRY_OUT(check_source(out));
     status = check_refined(out);

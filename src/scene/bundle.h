@@ -81,7 +81,9 @@ struct spin_bundle_bytes {
 
 /* Whether a file is a zip with a meta.json, as bundles are and what importers read is not. */
 bool spin_bundle_looks_like(const char *path);
-/* Every member's header is checked against meta.json before this returns. */
+/* Added to the name of a training's state: the clip as it was when the training was interrupted. */
+#define SPIN_CLIP_OF_STATE ".spin"
+/* Every member's header is checked against meta.json before this returns. A training's state stands for its clip. */
 spin_status spin_bundle_open(const char *path, struct spin_bundle *out);
 void spin_bundle_close(struct spin_bundle *bundle);
 /* What each part of it takes, in the file and unpacked. */

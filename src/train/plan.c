@@ -747,12 +747,16 @@ static spin_status name_parts(struct spin_plan *plan)
 {
     const char *output = plan->o->output ? plan->o->output : "";
     const char *cache = plan->o->cache;
-    size_t n = strlen(output) + sizeof ".parts" + (cache ? strlen(cache) : 0);
+    size_t n = strlen(output) + sizeof ".part" SPIN_CLIP_OF_STATE + (cache ? strlen(cache) : 0);
     void *block = NULL;
 
     SPIN_TRY(spin_alloc(n, 1, &block));
     plan->part = block;
     snprintf(plan->part, n, "%s.part", output);
+    block = NULL;
+    SPIN_TRY(spin_alloc(n, 1, &block));
+    plan->clip_of_state = block;
+    snprintf(plan->clip_of_state, n, "%s" SPIN_CLIP_OF_STATE, plan->part);
     block = NULL;
     SPIN_TRY(spin_alloc(n, 1, &block));
     plan->parts = block;
@@ -801,6 +805,7 @@ void spin_plan_close(struct spin_plan *plan)
     free(plan->train);
     free(plan->test);
     free(plan->part);
+    free(plan->clip_of_state);
     free(plan->parts);
     spin_clip_close(&plan->clip);
 }

@@ -53,6 +53,7 @@ struct spin_plan {
     double extent;                /* of the training cameras, in world units */
     size_t pixels_budget;         /* bytes of decoded images that are kept */
     char *part;                   /* path of the unfinished state */
+    char *clip_of_state;          /* of the clip as it was then, which an interrupt leaves */
     char *parts;                  /* folder of the frames refined so far */
 };
 

@@ -40,6 +40,13 @@ stopped() {
     is "$code" "$2" "stopped by $1: exit code $2"
     [ "$1" = KILL ] ||
         err_has "^spin-retrain: interrupted; the state of iteration [0-9]* is kept in '.*stopped.spin.part': go on with --resume\$" "$1: says what is kept and how to go on"
+    run "$bin/spin-export" "$work/stopped.spin.part" --range 1:2 --to ply -o "$work/as-it-was" --force
+    if [ "$1" = KILL ]; then
+        fails 1 spin-export "a state without its clip"
+    else
+        is "$code $(ls "$work/as-it-was" | tr '\n' ' ')" "0 frame_00001.ply sequence.json " "the clip as it was is exported ($1)"
+        err_has "is the state of an unfinished training: the clip as it was is in '.*stopped.spin.part.spin'\$" "and called that"
+    fi
     run "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small $length --save-every 10
     fails 1 spin-retrain "an unfinished run without --resume ($1)"
     run "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small ${4-$length} \
