@@ -4,6 +4,7 @@
 to=${1:?usage: deps.sh FOLDER}
 usr=$(realpath -m "$to")/usr
 [ ! -f "$usr/done" ] || exit 0
+export NODE_PATH=/usr/share/nodejs # where emscripten of Debian looks for acorn
 
 fail() {
     echo "deps.sh: $*" >&2
