@@ -54,7 +54,6 @@ static bool trains_clip(const struct run *r) { return r->plan.o->method != SPIN_
 static void tidy_up(const struct run *r)
 {
     remove(r->plan.part);
-    remove(r->plan.clip_of_state);
     if (!r->plan.o->cache)
         spin_frame_cache_clear(r->plan.parts);
     spin_out_sweep(r->plan.part);
