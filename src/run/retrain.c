@@ -54,6 +54,7 @@ static bool trains_clip(const struct run *r) { return r->plan.o->method != SPIN_
 static void tidy_up(const struct run *r)
 {
     remove(r->plan.part);
+    remove(r->plan.clip_of_state);
     if (!r->plan.o->cache)
         spin_frame_cache_clear(r->plan.parts);
     spin_out_sweep(r->plan.part);
@@ -534,7 +535,8 @@ static spin_status keep(struct run *r, spin_status failed)
         lost = spin_checkpoint_save(c, &r->trainer) != SPIN_OK;
     if (lost && strcmp(why, spin_last_error()) != 0)
         snprintf(kept, sizeof kept, "; %s", spin_last_error());
-    if (failed == SPIN_E_CANCELLED && c->sound && c->saved == r->trainer.iteration)
+    if (failed == SPIN_E_CANCELLED && spin_ranks_agreed() && c->sound &&
+        c->saved == r->trainer.iteration)
         keep_clip(r);
     if (c->saved >= 0)
         return spin_fail(failed, "%s%s; the state of iteration %lld is kept in '%s'%s", why, kept,

@@ -1,6 +1,6 @@
 // Commands of spin4d in a worker: each in a module of its own, so that nothing is left of the one before. The bundle goes
 // from one to the next as the bytes of its files.
-let clip = [], bundle = '/work/clip.spin';
+let clip = [], bundle = '/bundle/clip.spin';
 
 function readTree(FS, path, out = []) {
     if (!FS.isDir(FS.stat(path).mode)) out.push([path, FS.readFile(path)]);
@@ -72,18 +72,18 @@ const tasks = {
         return { list: JSON.parse(text) };
     },
     async import(say, { files, input, name, options }) {
-        const path = `/work/${name}.spin`;
+        const path = `/bundle/${name}.spin`;
         const { code, module } = await command(['import', `/in/${input}`, '-o', path, ...options], say, (m) => {
             mapDropped(m);
             m.FS.mkdir('/in');
-            m.FS.mkdir('/work');
+            m.FS.mkdir('/bundle');
             m.FS.mount(m.WORKERFS, { blobs: files }, '/in');
         });
-        if (!code) [clip, bundle] = [readTree(module.FS, '/work'), path];
+        if (!code) [clip, bundle] = [readTree(module.FS, '/bundle'), path];
         return { code };
     },
     async export(say, { to, name }) { return exportClip(to, name, say); },
-    async bundle() { return { code: 0, files: clip.map(([path, bytes]) => [path.slice('/work/'.length), bytes]) }; },
+    async bundle() { return { code: 0, files: clip.map(([path, bytes]) => [path.slice('/bundle/'.length), bytes]) }; },
 };
 
 if (typeof importScripts === 'function') onmessage = async ({ data: { id, task, ...rest } }) => {

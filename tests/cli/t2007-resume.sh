@@ -102,6 +102,31 @@ stopped INT 130
 stopped HUP 129
 case $caught in [13579bdf]) true ;; *) false ;; esac
 ok $? "SIGHUP is caught"
+# The clip of an earlier state is not taken for that of a later one.
+clip_of_state=$work/stopped.spin.part.spin
+rm -f "$work/stopped.spin"*
+"$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small --iterations $steps --save-every 10 2>"$work/err" &
+pid=$!
+while [ ! -s "$work/stopped.spin.part" ] && kill -0 $pid 2>/dev/null; do sleep 0.05; done
+kill -INT $pid 2>/dev/null
+wait $pid
+if [ -e "$work/stopped.spin" ]; then
+    skip "the clip of an earlier state" "the run was over before it could be stopped"
+else
+    [ -s "$clip_of_state" ]
+    ok $? "a clip is there"
+    "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small --iterations $steps --save-every 10 --resume 2>"$work/err" &
+    pid=$!
+    while [ -e "$clip_of_state" ] && kill -0 $pid 2>/dev/null; do sleep 0.02; done
+    [ ! -e "$work/stopped.spin" ]
+    ok $? "it goes before the training goes on"
+    kill -KILL $pid 2>/dev/null
+    wait $pid 2>/dev/null
+fi
+cp "$work/whole.spin" "$clip_of_state"
+run "$bin/spin-retrain" "$in" -o "$work/stopped.spin" --device cpu --scale 0.1 --range 0:1 --method frames --refine 2 --force
+is "$code" 0 "another method in place of it"
+nothing_at "$work/stopped.spin." "and nothing is left"
 # What was told to outlive its terminal does.
 rm -f "$work/stopped.spin"*
 trap '' HUP

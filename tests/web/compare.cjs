@@ -33,16 +33,16 @@ const sum = (bytes) => crypto.createHash('sha256').update(bytes).digest('hex').s
 (async () => {
     let wrong = 0, same = 0, close = 0, most = 0;
     const said = [], say = (stream, text) => said.push(text), base = path.basename(run);
-    const { code, module } = await command(['import', `/in/${base}`, '-o', '/work/clip.spin', '-q', ...(frames ? ['--frames', frames] : [])], say, ({ FS }) => {
+    const { code, module } = await command(['import', `/in/${base}`, '-o', '/bundle/clip.spin', '-q', ...(frames ? ['--frames', frames] : [])], say, ({ FS }) => {
         const folder = fs.statSync(run).isDirectory();
         writeTree(FS, [...(folder ? filesBelow(run) : [''])].map((f) => [f ? `/in/${base}/${f}` : `/in/${base}`, fs.readFileSync(path.join(run, f))]));
-        FS.mkdir('/work');
+        FS.mkdir('/bundle');
     });
     if (code) throw new Error(`import ends with ${code}: ${said.join(' ')}`);
-    const clip = readTree(module.FS, '/work');
+    const clip = readTree(module.FS, '/bundle');
     for (const to of ['ply', 'gltf', 'spz']) {
         const there = fs.existsSync(path.join(native, to));
-        const done = await command(['export', '/work/clip.spin', '--to', to, '-o', `/out/${to}`, '-q'], say, ({ FS }) => {
+        const done = await command(['export', '/bundle/clip.spin', '--to', to, '-o', `/out/${to}`, '-q'], say, ({ FS }) => {
             writeTree(FS, clip);
             FS.mkdir('/out');
         });
