@@ -110,38 +110,39 @@ TAP_MAIN
             "another word is said, once");
     unsetenv("SPIN_PROGRESS");
 
+    /* Rates of 10.14, so that a machine that stops for half a second still says 10.1. */
     capture(); /* as on a terminal */
-    spin_progress_begin(&p, "retraining", "it", 100, 400);
+    spin_progress_begin(&p, "retraining", "it", 100, 1317);
     p.terminal = true;
     p.shown_s = 0;
-    p.period_s = 1;
-    p.start_s -= 10;
-    spin_progress_set(&p, 200, "loss %g", 0.5);
-    spin_progress_set(&p, 201, "loss %g", 0.25);
+    p.period_s = 10;
+    p.start_s -= 100;
+    spin_progress_set(&p, 1114, "loss %g", 0.5);
+    spin_progress_set(&p, 1115, "loss %g", 0.25);
     spin_log(0, "a line");
     spin_progress_end(&p);
     is_text(captured(),
-            "\r\033[Kretraining  200/400  50.0%  10 it/s  0:20 left  loss 0.5\r\033[Ka line\n",
+            "\r\033[Kretraining  1114/1317  84.6%  10.1 it/s  0:20 left  loss 0.5\r\033[Ka line\n",
             "progress counts from where it resumed, not too often, and gives way to a line");
 
     capture(); /* a hundred steps in the first 1000 s, then ten a second */
-    p.period_s = 1;
+    p.period_s = 10;
     p.shown_s = 0;
     p.from = 0;
-    p.start_s = spin_now_s() - 1020;
+    p.start_s = spin_now_s() - 1100;
     p.past[0].s = p.start_s + 1000;
     p.past[0].done = 100;
-    p.past[1].s = p.start_s + 1010;
-    p.past[1].done = 200;
-    spin_progress_set(&p, 300, NULL);
-    ok(strstr(captured(), "  10 it/s  0:10 left") != NULL, "the time left is that of late");
+    p.past[1].s = p.start_s + 1050;
+    p.past[1].done = 354;
+    spin_progress_set(&p, 1114, NULL);
+    ok(strstr(captured(), "  10.1 it/s  0:20 left") != NULL, "the time left is that of late");
     capture();
     p.shown_s = 0;
-    p.start_s -= 5;
-    p.past[0].s -= 5;
-    p.past[1].s -= 5;
-    spin_progress_set(&p, 300, NULL);
-    ok(strstr(captured(), "  6.67 it/s  0:15 left") != NULL, "since the last but one of two times");
+    p.start_s -= 25;
+    p.past[0].s -= 25;
+    p.past[1].s -= 25;
+    spin_progress_set(&p, 1114, NULL);
+    ok(strstr(captured(), "  10.1 it/s  0:20 left") != NULL, "since the last but one of two times");
     spin_progress_end(&p);
 
     before = spin_now_s();
