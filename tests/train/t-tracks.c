@@ -403,6 +403,10 @@ static void check_carried(struct spin_device *d)
             wrong += wrong_values(got, 4, part, f, row_from[f], 3, 14);
         }
         ok(wrong == 0, "its splats keep theirs");
+        ok(d->op->download(d, got, frame->turn, sizeof *got * 4 * 2) == SPIN_OK && got[0] == 1 &&
+               got[1] == 0 && got[4] == (float)(100 * f + 4 * row_from[f][1]) &&
+               got[7] == got[4] + 3,
+           "and their turn; without a track there is none");
         ok(frame->time == 0.5 + f && frame->steps == 40 + f, "it keeps its time and its steps");
         free(place[f]);
     }
