@@ -38,8 +38,9 @@ enum {
     SPIN_RESIDUAL =
         11, /* own values of a splat: log scale [3], rotation [4], colour [3], opacity [1] */
     SPIN_TRACK = 3 + SPIN_RESIDUAL, /* values of a track: displacement [3], then as a residual */
-    SPIN_MOTION = 5, /* of a track that is a 4D splat: velocity [3], time, 1 / standard deviation of its bell */
-    SPIN_TILE = 16,                 /* pixels; part of the result, docs/method.md 4.2 */
+    SPIN_MOTION =
+        5, /* of a track that is a 4D splat: velocity [3], time, 1 / standard deviation of its bell */
+    SPIN_TILE = 16, /* pixels; part of the result, docs/method.md 4.2 */
     SPIN_MAX_LEVELS = 32
 };
 
@@ -171,6 +172,9 @@ struct spin_frame_batch {
         const float SPIN_DEV *own_means;    /* [n_own_means][3] */
         const float SPIN_DEV *own_residual; /* [SPIN_RESIDUAL n_own_residual] in groups */
         size_t n_own_means, n_own_residual;
+        const float SPIN_DEV
+            *turn; /* [n_own_means][4] unit quaternions by which displacement and rotation of a
+                                     * track are turned here (math/turn.h); or NULL: they are not */
 
         /* For densify_stats(); or NULL. */
         float SPIN_DEV *gradient; /* [n] */

@@ -57,7 +57,7 @@ static spin_status list_pieces(const struct spin_checkpoint *c, struct spin_trai
     struct piece *piece;
     size_t k = 0;
 
-    SPIN_TRY(spin_alloc(3 * N_PARAMS + 1 + 13 * (size_t)t->n_frames, sizeof *piece, &block));
+    SPIN_TRY(spin_alloc(3 * N_PARAMS + 1 + 14 * (size_t)t->n_frames, sizeof *piece, &block));
     piece = block;
     for (int i = 0; i < N_PARAMS; i++) {
         float SPIN_DEV *at[3] = {param[i]->p, param[i]->m, param[i]->v};
@@ -103,6 +103,8 @@ static spin_status list_pieces(const struct spin_checkpoint *c, struct spin_trai
             piece[k].kind = GRADIENT + j;
         }
         piece[k - 1].host = c ? c->permutation[f] : NULL;
+        if (frame->turn)
+            piece[k++] = of_frame(f, "frames", "turn", frame->turn, 4 * frame->size.n_pos);
     }
     *out = piece;
     *n = k;

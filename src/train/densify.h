@@ -11,6 +11,7 @@ extern const double spin_prune_opacity;
 struct spin_densify_options {
     double extent;             /* of the scene: spin_views_extent(); no default */
     double gradient_threshold; /* of the mean gradient; 2e-4 */
+    size_t n_moving;           /* the first points, whose threshold is half of that; 0 */
     double percent_dense;      /* of the extent: largest scale that is cloned, not split; 0.01 */
     double prune_opacity;      /* spin_prune_opacity */
     size_t max_points;         /* 0: no limit */

@@ -155,6 +155,7 @@ static spin_status change_tracks(struct change *c, struct spin_densify_change *s
     SPIN_TRY(carry_tracks(t->device, &t->tracks, &c->tracks, false));
     SPIN_TRY(add_statistics(c));
     o.frame = -1;
+    o.n_moving = t->n_moving;
     SPIN_TRY(spin_densify(&o, c->iteration, &c->tracks, sum));
     SPIN_TRY(sort_tracks(c));
     spin_param_close(&t->tracks, t->device);
@@ -284,17 +285,50 @@ static spin_status permute(const struct rows *rows, size_t n_before, uint32_t **
     return SPIN_OK;
 }
 
+/* turn [n_pos][4] of the new splats of moving tracks: those of their parents; NULL where a frame has none. */
+static spin_status inherit_turns(const struct change *c, const struct spin_train_frame *frame,
+                                 const struct rows *rows, float **turn)
+{
+    struct spin_device *d = c->t->device;
+    size_t n = rows->size.n_pos, n_before = frame->size.n_pos;
+    float *before;
+
+    if (!frame->turn)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc(n + n_before, 4 * sizeof **turn, (void **)turn));
+    before = *turn + 4 * n;
+    SPIN_TRY(d->op->download(d, before, frame->turn, 4 * n_before * sizeof **turn));
+    for (size_t i = 0; i < n; i++) {
+        uint32_t k = rows->track[i];
+
+        if (k == SPIN_NO_TRACK)
+            (*turn)[4 * i] = 1;
+        else
+            memcpy(*turn + 4 * i, before + 4 * (size_t)c->row[c->tracks.point[k].origin],
+                   4 * sizeof **turn);
+    }
+    return SPIN_OK;
+}
+
 static spin_status replace_frame(struct change *c, int f, const struct rows *rows)
 {
     struct spin_device *d = c->t->device;
     struct spin_train_frame *frame = &c->t->frame[f], old = *frame;
+    float *turn = NULL;
+    spin_status status;
 
+    SPIN_TRY_OUT(inherit_turns(c, frame, rows, &turn));
     spin_train_frame_close(frame, d);
-    SPIN_TRY(spin_train_frame_open(frame, d, rows->size, c->t->sh_width, true));
+    SPIN_TRY_OUT(spin_train_frame_open(frame, d, rows->size, c->t->sh_width, true));
     frame->time = old.time;
     frame->steps = old.steps;
     d->op->upload(d, frame->track, rows->track, rows->size.n * sizeof *rows->track);
-    return spin_refine_cloud_send(rows->cloud, d, frame);
+    if (frame->turn)
+        d->op->upload(d, frame->turn, turn, 4 * rows->size.n_pos * sizeof *turn);
+    status = spin_refine_cloud_send(rows->cloud, d, frame);
+out:
+    free(turn);
+    return status;
 }
 
 /* c->before = the frame's splats that have values of their own. */

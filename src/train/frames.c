@@ -15,6 +15,7 @@
 #include "train/knn.h"
 #include "train/morton.h"
 #include "train/point_sample.h"
+#include "train/turns.h"
 
 /* A frame's splats with finite means; refinement NULL: the source's. */
 static spin_status read_frame(struct spin_plan *plan, struct spin_refinement *refinement, int frame,
@@ -220,6 +221,45 @@ static spin_status send_track_numbers(const struct spin_tracks *tracks, int f, s
     return SPIN_OK;
 }
 
+/* Places of the splats of moving tracks, which follow those without a track, in the order of the tracks. */
+static spin_status add_places(struct spin_turns *turns, const struct spin_tracks *tracks, int f,
+                              const struct spin_splats *s, const uint32_t *permutation,
+                              const struct spin_frame_size *size)
+{
+    size_t n = size->n_pos - size->n_free;
+
+    SPIN_TRY(spin_turns_reserve(turns, f, n));
+    for (size_t i = 0; i < n; i++) {
+        uint32_t row = permutation[size->n_free + i];
+
+        turns->frame[f].track[i] = tracks->of[f][row];
+        memcpy(turns->frame[f].at + 3 * i, s->means + 3 * (size_t)row, 3 * sizeof *s->means);
+    }
+    return SPIN_OK;
+}
+
+static spin_status send_turns(const struct spin_plan *plan, struct spin_turns *turns,
+                              size_t n_tracks, struct spin_trainer *t)
+{
+    struct spin_pool *pool = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_pool_create(plan->o->n_threads, &pool));
+    SPIN_TRY_OUT(spin_turns_find(turns, n_tracks, pool));
+    for (int f = 0; f < t->n_frames; f++) {
+        const struct spin_train_frame *frame = &t->frame[f];
+        const struct spin_turns_frame *from = &turns->frame[f];
+
+        if (from->n > 0)
+            t->device->op->upload(t->device, frame->turn + 4 * frame->size.n_free, from->turn,
+                                  4 * from->n * sizeof *from->turn);
+    }
+    status = SPIN_OK;
+out:
+    spin_pool_free(pool);
+    return status;
+}
+
 /* The log of the median distance to the three nearest points. */
 static spin_status measure_spacing(int n_threads, const struct spin_splats *s, double *log_scale)
 {
@@ -243,8 +283,9 @@ out:
 /* ---- The pass ----------------------------------------------------------------------------------- */
 
 static spin_status load_frame(struct spin_frames *frames, struct spin_plan *plan,
-                              struct first_tracks *first, struct spin_trainer *trainer, int f,
-                              const struct spin_splats *s, bool first_values)
+                              struct first_tracks *first, struct spin_turns *turns,
+                              struct spin_trainer *trainer, int f, const struct spin_splats *s,
+                              bool first_values)
 {
     const struct spin_tracks *tracks = first->tracks;
     size_t n = trainer->frame[f].size.n; /* more or less than the bundle's after a densification */
@@ -258,6 +299,9 @@ static spin_status load_frame(struct spin_frames *frames, struct spin_plan *plan
         SPIN_TRY(spin_tracks_sort(tracks, f, s->n, frames->permutation[f]));
         SPIN_TRY(send_track_numbers(tracks, f, s->n, frames->permutation[f], trainer->device,
                                     &trainer->frame[f]));
+        if (trainer->frame[f].turn)
+            SPIN_TRY(
+                add_places(turns, tracks, f, s, frames->permutation[f], &trainer->frame[f].size));
     }
     trainer->frame[f].time = spin_plan_info(plan, f)->time;
     if (isnan(plan->o->init_log_scale) && f == spin_plan_middle_frame(plan))
@@ -278,9 +322,11 @@ spin_status spin_frames_load(struct spin_frames *frames, struct spin_plan *plan,
     struct spin_scene_transform *transform = &trainer->field.transform;
     struct spin_splats splats = {0};
     struct spin_point_sample sample = {0};
+    struct spin_turns turns = {0};
     void *block = NULL;
     spin_status status;
 
+    SPIN_TRY_OUT(spin_turns_open(&turns, plan->clip.n_frames));
     SPIN_TRY_OUT(spin_alloc((size_t)plan->clip.n_frames, sizeof *frames->permutation, &block));
     frames->permutation = block;
     frames->n = plan->clip.n_frames;
@@ -290,14 +336,17 @@ spin_status spin_frames_load(struct spin_frames *frames, struct spin_plan *plan,
     for (int f = 0; f < frames->n; f++) {
         SPIN_TRY_OUT(read_frame(plan, from, f, columns, &splats));
         spin_point_sample_add(&sample, &splats);
-        SPIN_TRY_OUT(load_frame(frames, plan, &first, trainer, f, &splats, first_values));
+        SPIN_TRY_OUT(load_frame(frames, plan, &first, &turns, trainer, f, &splats, first_values));
     }
-    if (first_values)
+    if (first_values) {
         SPIN_TRY_OUT(send_first_tracks(&first, trainer));
+        SPIN_TRY_OUT(send_turns(plan, &turns, tracks->n, trainer));
+    }
     fit_transform(plan->o, &sample, transform);
     plan->report->outside_ball = share_outside(&sample, transform);
 out:
     close_first_tracks(&first);
+    spin_turns_close(&turns);
     spin_point_sample_close(&sample);
     spin_splats_free(&splats);
     return status;

@@ -9,6 +9,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 #include "io/ranks.h"
+#include "math/turn.h"
 #include "model/residual.h"
 #include "train/rows_4d.h"
 #include "train/settings.h"
@@ -121,9 +122,40 @@ static spin_status invert(const uint32_t *permutation, size_t n, uint32_t **out)
     return SPIN_OK;
 }
 
+/* The same splats without turns, which only training has: their own values take what a turn does to the tracks' [groups].
+ * rows [n_pos][3], or residual [n_residual][SPIN_RESIDUAL]. */
+static spin_status fold_turns(const struct spin_trainer *t, const struct spin_train_frame *frame,
+                              const float *tracks, bool residual, float *rows)
+{
+    struct spin_device *d = t->device;
+    size_t n = frame->size.n_pos, width = residual ? 4 : 3;
+    const float *shared = tracks + (residual ? (3 + 3) * t->n_tracks : 0);
+    float *turn = NULL;
+    uint32_t *track;
+    spin_status status;
+
+    if (!frame->turn)
+        return SPIN_OK;
+    SPIN_TRY_OUT(spin_alloc(n + frame->size.n, 5 * sizeof *turn, (void **)&turn));
+    track = (uint32_t *)(turn + 4 * n);
+    SPIN_TRY_OUT(d->op->download(d, turn, frame->turn, 4 * n * sizeof *turn));
+    SPIN_TRY_OUT(d->op->download(d, track, frame->track, frame->size.n * sizeof *track));
+    for (size_t i = frame->size.n_free; i < n; i++) {
+        const float *value = shared + width * track[i];
+        float turned[4], *to = rows + (residual ? SPIN_RESIDUAL * i + 3 : 3 * i);
+
+        spin_turn(turn + 4 * i, (int)width, value, turned);
+        for (size_t c = 0; c < width; c++)
+            to[c] += turned[c] - value[c];
+    }
+out:
+    free(turn);
+    return status;
+}
+
 /* A frame's own positions or residual values: of the splats that have some, in the order of the source. */
 static spin_status write_frame(const struct spin_output *output, struct spin_bundle_writer *w,
-                               int frame, bool residual)
+                               int frame, const float *tracks, bool residual)
 {
     const struct spin_train_frame *from = &output->trainer->frame[frame];
     size_t n = residual ? from->size.n_residual : from->size.n_pos;
@@ -143,6 +175,7 @@ static spin_status write_frame(const struct spin_output *output, struct spin_bun
     *(residual ? &of.residual : &of.pos) = rows;
     SPIN_TRY_OUT(
         spin_train_frame_download(from, output->trainer->device, SPIN_TRAIN_VALUES, of, NULL));
+    SPIN_TRY_OUT(fold_turns(output->trainer, from, tracks, residual, rows.at));
     for (size_t i = 0; i < from->size.n; i++)
         if (place[i] < n)
             memcpy(packed + width * to++, rows.at + width * place[i], width * sizeof *packed);
@@ -212,20 +245,14 @@ out:
 
 /* Values as rows, and which splats they belong to. */
 static spin_status write_tracks(const struct spin_output *output, struct spin_bundle_writer *w,
-                                bool *same_rows)
+                                const float *groups, bool *same_rows)
 {
-    struct spin_trainer *t = output->trainer;
-    size_t n = t->n_tracks;
+    size_t n = output->trainer->n_tracks;
     uint64_t shape[2] = {n, SPIN_TRACK};
-    float *groups, *rows;
-    void *block = NULL;
+    float *rows = NULL;
     spin_status status;
 
-    SPIN_TRY_OUT(spin_alloc(n + 1, 2 * SPIN_TRACK * sizeof(float), &block));
-    groups = block;
-    rows = groups + SPIN_TRACK * n;
-    SPIN_TRY_OUT(
-        t->device->op->download(t->device, groups, t->tracks.p, SPIN_TRACK * n * sizeof *groups));
+    SPIN_TRY_OUT(spin_alloc(n + 1, SPIN_TRACK * sizeof *rows, (void **)&rows));
     for (size_t i = 0; i < n; i++)
         memcpy(rows + SPIN_TRACK * i, groups + 3 * i, 3 * sizeof *rows);
     spin_residual_to_rows(n, groups + 3 * n, NULL, rows + 3, SPIN_TRACK);
@@ -235,7 +262,7 @@ static spin_status write_tracks(const struct spin_output *output, struct spin_bu
     SPIN_TRY_OUT(spin_bundle_write_array(w, "trained/tracks", -1, "<f4", 2, shape, rows));
     status = write_numbers(output, w, same_rows);
 out:
-    free(block);
+    free(rows);
     return status;
 }
 
@@ -257,6 +284,29 @@ static spin_status read_weights(void *context, uint64_t first, size_t n, uint32_
     return SPIN_OK;
 }
 
+/* What splats have of their own and of their tracks. */
+static spin_status write_values(const struct spin_output *output, struct spin_bundle_writer *w,
+                                bool *same_rows)
+{
+    struct spin_trainer *t = output->trainer;
+    size_t floats = SPIN_TRACK * t->n_tracks;
+    float *tracks = NULL; /* in groups */
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_alloc(floats + 1, sizeof *tracks, (void **)&tracks));
+    if (floats > 0)
+        SPIN_TRY_OUT(
+            t->device->op->download(t->device, tracks, t->tracks.p, floats * sizeof *tracks));
+    for (int f = 0; f < t->n_frames; f++)
+        SPIN_TRY_OUT(write_frame(output, w, f, tracks, false));
+    for (int f = 0; spin_plan_has_residual(output->plan) && f < t->n_frames; f++)
+        SPIN_TRY_OUT(write_frame(output, w, f, tracks, true));
+    status = floats > 0 ? write_tracks(output, w, tracks, same_rows) : SPIN_OK;
+out:
+    free(tracks);
+    return status;
+}
+
 static spin_status write_network(const struct spin_output *output, struct spin_bundle_writer *w,
                                  const float SPIN_DEV *whole, bool *same_rows)
 {
@@ -265,12 +315,7 @@ static spin_status write_network(const struct spin_output *output, struct spin_b
     uint64_t table[2] = {t->field.n_table / features, features}, heads[1] = {t->heads.n};
 
     SPIN_TRY(set_units(output, &w->packer));
-    for (int f = 0; f < t->n_frames; f++)
-        SPIN_TRY(write_frame(output, w, f, false));
-    for (int f = 0; spin_plan_has_residual(output->plan) && f < t->n_frames; f++)
-        SPIN_TRY(write_frame(output, w, f, true));
-    if (t->n_tracks > 0)
-        SPIN_TRY(write_tracks(output, w, same_rows));
+    SPIN_TRY(write_values(output, w, same_rows));
     if (!t->network)
         return SPIN_OK;
     SPIN_TRY(spin_pack_write(&w->zip, "trained/table", 2, table, read_weights,

@@ -107,6 +107,7 @@ static void add_frame(const struct spin_trainer *t, int number, struct spin_fram
         to->n_own_means = frame->size.n_pos;
         to->own_residual = frame->residual;
         to->n_own_residual = frame->size.n_residual;
+        to->turn = frame->turn;
         to->means = t->means + 3 * frames->n;
         to->residual = t->residual + SPIN_RESIDUAL * frames->n;
         to->d_residual = t->d_residual + SPIN_RESIDUAL * frames->n;

@@ -14,6 +14,22 @@ static spin_status reserve(struct spin_device *d, size_t floats, float SPIN_DEV 
     return floats == 0 ? SPIN_OK : d->op->reserve(d, floats * sizeof(float), (void SPIN_DEV **)out);
 }
 
+static spin_status reserve_turns(struct spin_train_frame *f, struct spin_device *d)
+{
+    size_t n = f->size.n_pos;
+    float *identity = NULL;
+
+    if (n == f->size.n_free || n > f->size.n_residual)
+        return SPIN_OK;
+    SPIN_TRY(reserve(d, 4 * n, &f->turn));
+    SPIN_TRY(spin_alloc(4 * n, sizeof *identity, (void **)&identity));
+    for (size_t i = 0; i < n; i++)
+        identity[4 * i] = 1;
+    d->op->upload(d, f->turn, identity, 4 * n * sizeof *identity);
+    free(identity);
+    return SPIN_OK;
+}
+
 spin_status spin_train_frame_open(struct spin_train_frame *f, struct spin_device *d,
                                   struct spin_frame_size size, size_t sh_width, bool tracked)
 {
@@ -33,13 +49,15 @@ spin_status spin_train_frame_open(struct spin_train_frame *f, struct spin_device
         return SPIN_OK;
     SPIN_TRY(reserve(d, size.n, (float SPIN_DEV **)&f->track));
     SPIN_TRY(reserve(d, size.n, &f->gradient));
-    return reserve(d, size.n, (float SPIN_DEV **)&f->seen);
+    SPIN_TRY(reserve(d, size.n, (float SPIN_DEV **)&f->seen));
+    return reserve_turns(f, d);
 }
 
 void spin_train_frame_close(struct spin_train_frame *f, struct spin_device *d)
 {
-    void SPIN_DEV *all[] = {f->pos, f->m,    f->v,    f->residual, f->residual_m, f->residual_v,
-                            f->sh,  f->sh_m, f->sh_v, f->track,    f->gradient,   f->seen};
+    void SPIN_DEV *all[] = {f->pos,        f->m,    f->v,    f->residual, f->residual_m,
+                            f->residual_v, f->sh,   f->sh_m, f->sh_v,     f->track,
+                            f->gradient,   f->seen, f->turn};
 
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         d->op->release(d, all[i]);

@@ -26,10 +26,13 @@ struct spin_train_frame {
     uint32_t SPIN_DEV *track; /* [n] the track of a splat, or SPIN_NO_TRACK */
     float SPIN_DEV *gradient; /* [n] what densification goes by, see densify_stats() */
     uint32_t SPIN_DEV *seen;  /* [n] */
+    float SPIN_DEV
+        *turn; /* [n_pos][4] unit quaternions, see turns.h; NULL: no track moves, or such have no
+                               * residual values here */
     int64_t steps;
 };
 
-/* All zero; tracked: also what only frames whose splats may have tracks have. After a failure close as well. */
+/* All zero, and turns the identity; tracked: also what only frames whose splats may have tracks have. After a failure close as well. */
 spin_status spin_train_frame_open(struct spin_train_frame *frame, struct spin_device *d,
                                   struct spin_frame_size size, size_t sh_width, bool tracked);
 void spin_train_frame_close(struct spin_train_frame *frame, struct spin_device *d);

@@ -32,6 +32,7 @@ enum array {
     TRACK_VALUES,
     D_TRACK_VALUES,
     TRACK_MOTION,
+    TURN,
     GRADIENT,
     SEEN,
     X_U,
@@ -203,6 +204,7 @@ static void make_arrays(void)
     make(TRACK_VALUES, FLOATS, SPIN_TRACK * TRACKS, -0.1f, 0.1f);
     make(D_TRACK_VALUES, FLOATS, SPIN_TRACK * TRACKS, 0, 0);
     make(TRACK_MOTION, FLOATS, SPIN_MOTION * TRACKS, -1, 1);
+    make(TURN, FLOATS, 4 * all, 0.4f, 0.6f);
     make(GRADIENT, FLOATS, all, 0, 0);
     make(SEEN, COUNTS, all, 0, 0);
     make(X_U, FLOATS, 4 * all, 0, 1);
@@ -268,6 +270,7 @@ static struct spin_frame_batch frames_of(struct side *s, bool own)
             .own_residual = (float SPIN_DEV *)s->at[OWN] + SPIN_RESIDUAL * first,
             .n_own_means = n,
             .n_own_residual = n,
+            .turn = (float SPIN_DEV *)s->at[TURN] + 4 * first,
             .gradient = (float SPIN_DEV *)s->at[GRADIENT] + first,
             .seen = (uint32_t SPIN_DEV *)s->at[SEEN] + first};
     }

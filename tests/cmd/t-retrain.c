@@ -1288,6 +1288,7 @@ static double farthest_tracks(struct run *a, struct run *b, size_t first, size_t
     return farthest_rows(a, b, 0, SIZE_MAX, first, end);
 }
 
+/* Of rows of residual values but their rotations, in which the bundle has what neighbours turn by. */
 static double largest(struct run *r, const char *key)
 {
     size_t n;
@@ -1295,7 +1296,8 @@ static double largest(struct run *r, const char *key)
     double most = 0;
 
     for (size_t i = 0; i < n; i++)
-        most = fmax(most, fabs((double)values[i]));
+        if (i % SPIN_RESIDUAL < 3 || i % SPIN_RESIDUAL >= 7)
+            most = fmax(most, fabs((double)values[i]));
     free(values);
     return most;
 }

@@ -242,6 +242,7 @@ static void check_spin_frame_batch(struct spin_device *d, const char *verb,
         check(d, verb, (const void *)frames->frame[f].track);
         check(d, verb, (const void *)frames->frame[f].own_means);
         check(d, verb, (const void *)frames->frame[f].own_residual);
+        check(d, verb, (const void *)frames->frame[f].turn);
         check(d, verb, (const void *)frames->frame[f].gradient);
         check(d, verb, (const void *)frames->frame[f].seen);
     }

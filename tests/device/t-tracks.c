@@ -3,7 +3,9 @@
  * K: threads tracks */
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
+#include "math/quat.h"
 #include "tests/device/strict.h"
 #include "tests/device/verbs.h"
 
@@ -17,6 +19,7 @@ static uint32_t track[FRAMES][2100];
 static float own_means[FRAMES][3 * 1500], own_residual[FRAMES][SPIN_RESIDUAL * 700];
 static float values[SPIN_TRACK * TRACKS], d_values[SPIN_TRACK * TRACKS];
 static float motion[SPIN_MOTION * TRACKS];
+static float turn[FRAMES][4 * 1500];
 static float means[3 * ALL], residual[SPIN_RESIDUAL * ALL];
 static float d_means[FRAMES][3 * 2100], d_residual[FRAMES][SPIN_RESIDUAL * 2100];
 
@@ -47,7 +50,9 @@ static struct spin_frame_batch batch_of(struct loans *l)
     return frames;
 }
 
-static void run(struct spin_device *d, bool with_residual, bool moving)
+enum tracks { STAND, MOVE, TURN };
+
+static void run(struct spin_device *d, bool with_residual, enum tracks what)
 {
     struct loans l = {.d = d};
     struct spin_frame_batch frames = batch_of(&l);
@@ -55,10 +60,14 @@ static void run(struct spin_device *d, bool with_residual, bool moving)
     float SPIN_DEV *to_means = lend_both(&l, means, sizeof means);
     float SPIN_DEV *to_residual = lend_both(&l, residual, sizeof residual);
 
-    if (moving)
+    if (what == MOVE)
         tracks.motion = lend(&l, motion, sizeof motion);
-    for (int f = 0; f < FRAMES && moving; f++)
-        frames.frame[f].n_own_residual = 0;
+    for (int f = 0; f < FRAMES; f++) {
+        if (what == MOVE)
+            frames.frame[f].n_own_residual = 0;
+        if (what == TURN)
+            frames.frame[f].turn = lend(&l, turn[f], 4 * n_means[f] * sizeof(float));
+    }
     for (size_t i = 0; i < SPIN_TRACK * TRACKS; i++)
         d_values[i] = 1;
     tracks.d_values = lend_both(&l, d_values, sizeof d_values);
@@ -173,11 +182,101 @@ static double worst_motion_slope(void)
     return worst;
 }
 
+/* A rotation of a vector by its matrix, and the product of quaternions by the matrix of the first. */
+static double turned(const float q[4], size_t w, const float *in, size_t c)
+{
+    double a = (double)q[0], x = (double)q[1], y = (double)q[2], z = (double)q[3], sum = 0;
+    const double rotation[3][3] = {
+        {1 - 2 * (y * y + z * z), 2 * (x * y - z * a), 2 * (x * z + y * a)},
+        {2 * (x * y + z * a), 1 - 2 * (x * x + z * z), 2 * (y * z - x * a)},
+        {2 * (x * z - y * a), 2 * (y * z + x * a), 1 - 2 * (x * x + y * y)}};
+    const double product[4][4] = {{a, -x, -y, -z}, {x, a, -z, y}, {y, z, a, -x}, {z, -y, x, a}};
+
+    for (size_t k = 0; k < w; k++)
+        sum += (w == 3 ? rotation[c][k] : product[c][k]) * (double)in[k];
+    return sum;
+}
+
+/* Places and rotations that are turned, written out. */
+static double worst_turn(void)
+{
+    double worst = 0;
+
+    for (size_t f = 0, first = 0; f < FRAMES; first += n_of[f++])
+        for (size_t i = 0; i < n_of[f]; i++) {
+            size_t k = track[f][i];
+            bool turns = i < n_means[f];
+            const float *q = turn[f] + 4 * i;
+            const float *place = values + 3 * k, *rotation = values + 6 * TRACKS + 4 * k;
+
+            if (k >= TRACKS)
+                continue;
+            for (size_t c = 0; c < 3; c++)
+                worst = fmax(worst, fabs((double)means[3 * (first + i) + c] -
+                                         (turns ? turned(q, 3, place, c) : (double)place[c]) -
+                                         (double)(turns ? own_means[f][3 * i + c] : 0)));
+            for (size_t c = 0; c < 4; c++)
+                worst = fmax(
+                    worst,
+                    fabs((double)residual[SPIN_RESIDUAL * first + 3 * n_of[f] + 4 * i + c] -
+                         (turns ? turned(q, 4, rotation, c) : (double)rotation[c]) -
+                         (double)(i < n_residual[f] ? own_residual[f][3 * n_residual[f] + 4 * i + c]
+                                                    : 0)));
+        }
+    return worst;
+}
+
+/* What splats have is linear in the tracks' values v, A v + own, and their gradient is the adjoint of the splats' g:
+ * g (A v) = v (A' g), of one track. Returns how far it is off, of all tracks. */
+static double worst_adjoint(void)
+{
+    static double of_splats[TRACKS], of_tracks[TRACKS];
+    double worst = 0;
+
+    memset(of_splats, 0, sizeof of_splats);
+    memset(of_tracks, 0, sizeof of_tracks);
+    for (size_t f = 0, first = 0; f < FRAMES; first += n_of[f++])
+        for (size_t i = 0; i < n_of[f]; i++) {
+            size_t k = track[f][i], n = n_of[f], m = n_residual[f];
+
+            if (k >= TRACKS)
+                continue;
+            for (size_t c = 0; c < 3; c++)
+                of_splats[k] += (double)d_means[f][3 * i + c] *
+                                ((double)means[3 * (first + i) + c] -
+                                 (double)(i < n_means[f] ? own_means[f][3 * i + c] : 0));
+            for (size_t c = 0; c < 4; c++)
+                of_splats[k] += (double)d_residual[f][3 * n + 4 * i + c] *
+                                ((double)residual[SPIN_RESIDUAL * first + 3 * n + 4 * i + c] -
+                                 (double)(i < m ? own_residual[f][3 * m + 4 * i + c] : 0));
+        }
+    for (size_t k = 0; k < TRACKS; k++) {
+        for (size_t c = 0; c < 3; c++)
+            of_tracks[k] += (double)values[3 * k + c] * ((double)d_values[3 * k + c] - 1);
+        for (size_t c = 0; c < 4; c++)
+            of_tracks[k] += (double)values[6 * TRACKS + 4 * k + c] *
+                            ((double)d_values[6 * TRACKS + 4 * k + c] - 1);
+        worst = fmax(worst, fabs(of_splats[k] - of_tracks[k]));
+    }
+    return worst;
+}
+
+static void check_turns(struct spin_device *d, const char *path)
+{
+    double worst, off;
+
+    run(d, true, TURN);
+    worst = worst_turn();
+    off = worst_adjoint();
+    ok(worst < 2e-6, "%s: displacement and rotation of a track turn, to %.2g", path, worst);
+    ok(off < 1e-5, "%s: their gradients turn back, to %.2g", path, off);
+}
+
 static void check_motion(struct spin_device *d, const char *path)
 {
     double worst, slope;
 
-    run(d, true, true);
+    run(d, true, MOVE);
     worst = worst_motion();
     slope = worst_motion_slope();
     ok(worst < 1e-5, "%s: a track goes its way, and is seen as its bell says, to %.2g", path,
@@ -191,14 +290,15 @@ static void check_path(const char *path, int n_threads)
 
     setenv("SPIN_CPU", path, 1);
     d = check_device(n_threads);
-    run(d, true, false);
+    run(d, true, STAND);
     ok(count_wrong_sums() == 0, "%s, %d threads: own values plus those of the track", path,
        n_threads);
     ok(count_wrong_gradients(true) == 0, "%s, %d threads: gradients gather over frames", path,
        n_threads);
-    run(d, false, false);
+    run(d, false, STAND);
     ok(count_wrong_gradients(false) == 0, "%s, %d threads: places only", path, n_threads);
     check_motion(d, path);
+    check_turns(d, path);
     check_device_free(d);
 }
 
@@ -223,6 +323,9 @@ TAP_MAIN
         motion[SPIN_MOTION * k + 4] = k % 9 ? 2 + motion[SPIN_MOTION * k + 4] : 0;
     for (size_t f = 0; f < FRAMES; f++) {
         fill(own_means[f], 3 * n_means[f], 104729 + f);
+        fill(turn[f], 4 * n_means[f], 86028121 + f);
+        for (size_t i = 0; i < n_means[f]; i++)
+            spin_quat_normalise(turn[f] + 4 * i);
         fill(own_residual[f], SPIN_RESIDUAL * n_residual[f], 1299709 + f);
         fill(d_means[f], 3 * n_of[f], 15485863 + f);
         fill(d_residual[f], SPIN_RESIDUAL * n_of[f], 32452843 + f);
@@ -241,11 +344,13 @@ TAP_MAIN
     }
     unsetenv("SPIN_CPU");
     late = strict_open(check_device(2), 2, 1);
-    run(late, true, false);
+    run(late, true, STAND);
     ok(count_wrong_sums() == 0 && count_wrong_gradients(true) == 0 &&
            strict_complaints() == complaints,
        "on a device that works late, without a complaint");
-    run(late, true, true);
+    run(late, true, MOVE);
     ok(worst_motion() < 1e-5 && strict_complaints() == complaints, "with motion too");
+    run(late, true, TURN);
+    ok(worst_turn() < 2e-6 && strict_complaints() == complaints, "and with turns");
     strict_close(late);
 }

@@ -70,6 +70,7 @@ static int list(struct spin_trainer *t, struct array *a)
         a[n++] = (struct array){t->frame[f].gradient, t->frame[f].size.n};
         a[n++] = (struct array){t->frame[f].seen, t->frame[f].size.n};
         a[n++] = (struct array){t->frame[f].track, t->frame[f].size.n};
+        a[n++] = (struct array){t->frame[f].turn, 4 * t->frame[f].size.n_pos};
     }
     if (t->lazy)
         a[n++] = (struct array){t->lazy->last, t->lazy->n_lines};
@@ -150,7 +151,7 @@ static void check_back(struct spin_device *d)
     if (!ok(resume(&now, d, path) == SPIN_OK, "comes back: %s", spin_last_error()))
         exit(tap_done());
     n = list(&was.t, a);
-    ok(list(&now.t, b) == n && n == 9 + 12 + 6 + 1, "%d arrays", n);
+    ok(list(&now.t, b) == n && n == 9 + 12 + 8 + 1, "%d arrays", n);
     for (int i = 0; i < n; i++) {
         size_t bytes = a[i].n * sizeof(float);
         void *x = malloc(bytes + 1), *y = malloc(bytes + 1);

@@ -356,7 +356,7 @@ static int wrong_values(const float *got, size_t n, int part, int frame, const i
  * without a track is almost transparent. */
 static void check_carried(struct spin_device *d)
 {
-    static const float gradient[2][5] = {{0, 0, 0.1f, 0.5f, 0.9f}, {0, 0.3f, 0.25f, 0.3f}};
+    static const float gradient[2][5] = {{0, 0, 0.1f, 0.5f, 0.9f}, {0, 0.18f, 0.25f, 0.3f}};
     static const uint32_t seen[2][5] = {{1, 1, 1, 1, 1}, {1, 1, 1, 3}};
     struct spin_trainer t;
     struct spin_densify_options o;
@@ -403,9 +403,36 @@ static void check_carried(struct spin_device *d)
             wrong += wrong_values(got, 4, part, f, row_from[f], 3, 14);
         }
         ok(wrong == 0, "its splats keep theirs");
+        ok(d->op->download(d, got, frame->turn, sizeof *got * 4 * 2) == SPIN_OK && got[0] == 1 &&
+               got[1] == 0 && got[4] == (float)(100 * f + 4 * row_from[f][1]) &&
+               got[7] == got[4] + 3,
+           "and their turn; without a track there is none");
         ok(frame->time == 0.5 + f && frame->steps == 40 + f, "it keeps its time and its steps");
         free(place[f]);
     }
+    spin_trainer_close(&t);
+}
+
+/* Half of the threshold is enough for a track that moves: of 0 and 1 that have it, 1 to the bit. */
+static void check_moving(struct spin_device *d)
+{
+    static const float gradient[2][5] = {{0, 0, 0.1874f, 0.25f, 0.25f}, {0, 0.1875f, 0.25f, 0.25f}};
+    static const uint32_t seen[2][5] = {{1, 1, 1, 1, 1}, {1, 1, 1, 1}};
+    struct spin_trainer t;
+    struct spin_densify_options o;
+    struct spin_densify_change change = {0};
+    size_t n[2];
+
+    tracked_open(d, tracked_size, TRACKED, 2, 3, NULL, &t);
+    tracked_fill(d, &t, 0);
+    tracked_see(d, &t, gradient, seen);
+    spin_densify_defaults(&o);
+    o.extent = 1000;
+    o.gradient_threshold = 0.375;
+    if (spin_densify_tracks(&t, &o, 1, NULL, n, &change) != SPIN_OK)
+        exit(1);
+    ok(change.clones == 1 && t.n_tracks == 5 && t.n_moving == 3,
+       "half of the threshold is enough for a track that moves: %zu clones", change.clones);
     spin_trainer_close(&t);
 }
 
@@ -605,6 +632,7 @@ TAP_MAIN
     d = check_device(2);
     check_densify(d);
     check_carried(d);
+    check_moving(d);
     check_numbers_drawn(d);
     check_most(d);
     check_last(d);
@@ -613,6 +641,7 @@ TAP_MAIN
     d = strict_open(check_device(1), 1, 1);
     check_densify(d);
     check_carried(d);
+    check_moving(d);
     ok(strict_complaints() == 0, "no complaint of the strict device");
     strict_close(d);
 }

@@ -98,6 +98,9 @@ static void tracked_fill(struct spin_device *d, struct spin_trainer *t, float se
     }
     for (int f = 0; f < TRACKED_FRAMES; f++) {
         d->op->upload(d, t->frame[f].track, tracked_of[f], tracked_size[f].n * sizeof **tracked_of);
+        for (size_t i = 0; i < 4 * tracked_size[f].n_pos; i++)
+            host[i] = (float)(100 * f) + (float)i;
+        d->op->upload(d, t->frame[f].turn, host, sizeof *host * 4 * tracked_size[f].n_pos);
         t->frame[f].time = 0.5 + f;
         t->frame[f].steps = 40 + f;
     }

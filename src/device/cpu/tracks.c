@@ -3,11 +3,12 @@
  * after the other. */
 #include "device/cpu/cpu.h"
 #include "math/motion.h"
+#include "math/turn.h"
 
 enum { CHUNK = 1024 };
 
 /* A group is a matrix [n][width]. The first is the place, the others are residual values. */
-enum { PLACE, OPACITY = 4, N_GROUPS };
+enum { PLACE, ROTATION = 2, OPACITY = 4, N_GROUPS };
 static const size_t group_width[N_GROUPS] = {3, 3, 4, 3, 1};
 
 struct job {
@@ -18,9 +19,29 @@ struct job {
     float *to;             /* [n][width], or the tracks' gradient */
     const float *from;     /* [n][width] */
     const float *motion;   /* of the tracks where it counts for this group, or NULL */
+    const float *turn;     /* [n_turns][4] where they count for this group */
+    size_t n_turns;
     float t;
     int group;
 };
+
+/* A group of a frame. Only the place and the opacity know of motion, only the place and the rotation of turns. */
+static struct job job_of(const struct spin_frame_of_batch *frame,
+                         const struct spin_tracks_f32 *tracks, int group, const float *shared)
+{
+    bool turned = frame->turn && (group == PLACE || group == ROTATION);
+
+    return (struct job){.n = frame->n,
+                        .n_tracks = tracks->n,
+                        .width = group_width[group],
+                        .track = frame->track,
+                        .shared = shared,
+                        .motion = group == PLACE || group == OPACITY ? tracks->motion : NULL,
+                        .turn = frame->turn,
+                        .n_turns = turned ? frame->n_own_means : 0,
+                        .t = frame->t,
+                        .group = group};
+}
 
 /* What a splat has of its track's motion: of the place what it has gone, of the opacity what is seen of it. */
 static void move(const struct job *job, const float *motion, float *value)
@@ -45,7 +66,12 @@ static void sum_task(void *context, int task, int worker)
         const float *shared =
             job->track[i] < job->n_tracks ? job->shared + w * job->track[i] : NULL;
         const float *own = i < job->n_own ? job->own + w * i : NULL;
+        float turned[4];
 
+        if (shared && i < job->n_turns) {
+            spin_turn(job->turn + 4 * i, (int)w, shared, turned);
+            shared = turned;
+        }
         for (size_t c = 0; c < w; c++)
             job->to[w * i + c] = (own ? own[c] : 0) + (shared ? shared[c] : 0);
         if (job->motion && shared)
@@ -62,15 +88,20 @@ static void back_task(void *context, int task, int worker)
     (void)worker;
     for (size_t i = first; i < end; i++) {
         const float *m = job->motion ? job->motion + SPIN_MOTION * (size_t)job->track[i] : NULL;
-        float slope = 1;
+        const float *from = job->from + w * i;
+        float slope = 1, turned[4];
 
         if (job->track[i] >= job->n_tracks)
             continue;
-        if (m)
+        if (m && job->group == OPACITY)
             slope = spin_seen_logit_adj(job->shared[job->track[i]],
                                         -0.5f * powf((job->t - m[3]) * m[4], 2));
+        if (i < job->n_turns) {
+            spin_turn_adj(job->turn + 4 * i, (int)w, from, turned);
+            from = turned;
+        }
         for (size_t c = 0; c < w; c++)
-            job->to[w * job->track[i] + c] += slope * job->from[w * i + c];
+            job->to[w * job->track[i] + c] += slope * from[c];
     }
 }
 
@@ -83,16 +114,12 @@ void SPIN_CPU(tracks)(struct spin_device *d, const struct spin_frame_batch *fram
 
     for (int f = 0; f < frames->n_frames; f++) {
         const struct spin_frame_of_batch *frame = &frames->frame[f];
-        struct job job = {
-            .n = frame->n, .n_tracks = tracks->n, .track = frame->track, .t = frame->t};
         const float *own = frame->own_residual, *shared = tracks->values;
         float *to = residual + SPIN_RESIDUAL * frame->first;
 
         for (int k = 0; k < N_GROUPS; k++) {
-            job.group = k;
-            job.width = group_width[k];
-            job.motion = k == PLACE || k == OPACITY ? tracks->motion : NULL;
-            job.shared = shared;
+            struct job job = job_of(frame, tracks, k, shared);
+
             job.n_own = k == PLACE ? frame->n_own_means : frame->n_own_residual;
             job.own = k == PLACE ? frame->own_means : own;
             job.to = k == PLACE ? means + 3 * frame->first : to;
@@ -114,15 +141,12 @@ void SPIN_CPU(tracks_back)(struct spin_device *d, const struct spin_frame_batch 
 
     for (int f = 0; f < frames->n_frames; f++) {
         const struct spin_frame_of_batch *frame = &frames->frame[f];
-        struct job job = {
-            .n = frame->n, .n_tracks = tracks->n, .track = frame->track, .t = frame->t};
         const float *from = frame->d_residual;
         float *to = tracks->d_values;
 
         for (int k = 0; k < (from ? N_GROUPS : 1); k++) {
-            job.width = group_width[k];
-            job.motion = k == OPACITY ? tracks->motion : NULL;
-            job.shared = tracks->values + (to - tracks->d_values);
+            struct job job = job_of(frame, tracks, k, tracks->values + (to - tracks->d_values));
+
             job.from = k == PLACE ? frame->d_means : from;
             job.to = to;
             spin_pool_run(spin_cpu_pool(d), n_chunks(job.n), back_task, &job);

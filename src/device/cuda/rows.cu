@@ -3,6 +3,7 @@
  * after the other. */
 #include "device/cuda/cuda.h"
 #include "math/motion.h"
+#include "math/turn.h"
 
 /* A group of residual values is a matrix [n][width]; in a row of attributes it begins at this column. */
 struct group {
@@ -87,7 +88,7 @@ void cuda_residual_back(struct spin_device *d, const struct spin_frame_batch *fr
 /* ---- Tracks ---------------------------------------------------------------------------------- */
 
 /* The place, then the residual values. */
-static const int track_place = 0, track_opacity = 4, n_track_groups = 5;
+static const int track_place = 0, track_rotation = 2, track_opacity = 4, n_track_groups = 5;
 static const size_t track_width[n_track_groups] = {3, 3, 4, 3, 1};
 
 struct track_job {
@@ -96,6 +97,8 @@ struct track_job {
     const float *own;      /* [n_own][width] */
     const float *shared;   /* [n_tracks][width] */
     const float *motion;   /* of the tracks where it counts for this group, or NULL */
+    const float *turn;     /* [n_turns][4] where they count for this group */
+    size_t n_turns;
     float t;
 };
 
@@ -118,8 +121,14 @@ static __global__ void tracks_kernel(struct track_job job, float *to)
     value = i < job.n_own ? job.own[at] : 0;
     if (track < job.n_tracks) {
         const float *m = job.motion ? job.motion + SPIN_MOTION * track : NULL;
+        const float *shared = job.shared + job.width * track;
+        float turned[4];
 
-        value += job.shared[job.width * track + c];
+        if (i < job.n_turns) {
+            spin_turn(job.turn + 4 * i, (int)job.width, shared, turned);
+            shared = turned;
+        }
+        value += shared[c];
         if (m)
             value = job.width == 1 ? spin_seen_logit(value, seen_of(&job, m))
                                    : value + (job.t - m[3]) * m[c];
@@ -127,15 +136,17 @@ static __global__ void tracks_kernel(struct track_job job, float *to)
     to[at] = value;
 }
 
-/* A group of a frame. Only the place and the opacity know of motion. */
+/* A group of a frame. Only the place and the opacity know of motion, only the place and the rotation of turns. */
 static struct track_job job_of(const struct spin_frame_batch::spin_frame_of_batch *frame,
                                const struct spin_tracks_f32 *tracks, int k, const float *shared)
 {
     struct track_job job = {frame->n, 0,    tracks->n, track_width[k], frame->track, NULL,
-                            shared,   NULL, 0};
+                            shared,   NULL, frame->turn, 0, 0};
 
     if (k == track_place || k == track_opacity)
         job.motion = tracks->motion;
+    if (frame->turn && (k == track_place || k == track_rotation))
+        job.n_turns = frame->n_own_means;
     job.t = frame->t;
     return job;
 }
@@ -170,15 +181,20 @@ void cuda_tracks(struct spin_device *d, const struct spin_frame_batch *frames,
 static __global__ void tracks_back_kernel(struct track_job job, const float *from, float *d_shared)
 {
     size_t at = GPU_INDEX(), i = at / job.width, c = at % job.width, track;
-    float slope = 1;
+    float slope = 1, turned[4], g;
 
     if (i >= job.n || job.track[i] >= job.n_tracks)
         return;
+    g = from[at];
+    if (i < job.n_turns) {
+        spin_turn_adj(job.turn + 4 * i, (int)job.width, from + job.width * i, turned);
+        g = turned[c];
+    }
     track = job.track[i];
     if (job.motion && job.width == 1)
         slope =
             spin_seen_logit_adj(job.shared[track], seen_of(&job, job.motion + SPIN_MOTION * track));
-    d_shared[job.width * track + c] += slope * from[at];
+    d_shared[job.width * track + c] += slope * g;
 }
 
 void cuda_tracks_back(struct spin_device *d, const struct spin_frame_batch *frames,
