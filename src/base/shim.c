@@ -13,6 +13,9 @@
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
+#ifdef __linux__
+#include <sys/auxv.h>
+#endif
 
 #ifndef SPIN_LIBDIR
 #define SPIN_LIBDIR "/usr/local/lib"
@@ -112,17 +115,32 @@ static bool load_from(struct search *s, const char *parent, const char *below)
     return load(s, path);
 }
 
+/* Of this program's file. False: it is not known, or longer than that. */
+static bool program_path(char path[4096])
+{
+    ssize_t n = readlink("/proc/self/exe", path, 4095);
+
+    path[n > 0 ? n : 0] = '\0';
+#ifdef __linux__
+    if (n <= 0) {
+        char *whole = realpath((const char *)getauxval(AT_EXECFN), NULL);
+
+        n = whole ? snprintf(path, 4096, "%s", whole) : 0;
+        free(whole);
+    }
+#endif
+    return n > 0 && n < 4096;
+}
+
 /* lib of the build or of the prefix whose bin/ has the program, or whose tests/ROOM/. */
 static bool load_beside_program(struct search *s)
 {
-    char folder[PATH_MAX];
-    ssize_t n = readlink("/proc/self/exe", folder, sizeof folder - 1);
+    char folder[4096];
     struct stat st;
     char *bin, *tests;
 
-    if (n <= 0)
+    if (!program_path(folder))
         return false;
-    folder[n] = '\0';
     if (stat(folder, &st) == 0)
         s->owner = st.st_uid;
     *strrchr(folder, '/') = '\0';

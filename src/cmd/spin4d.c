@@ -74,7 +74,8 @@ static const char text[] =
     "{{bundle}}: the clip itself, for spin4d eval and spin4d export\n"
     "{{#to=html}}Open {{output}} in a browser.\n{{/}}";
 
-/* `spin4d import ...` is spin-import beside this program. Returns only when that cannot be run. */
+/* `spin4d import ...` is spin-import beside this program, or without /proc that of the PATH. Returns only when that cannot
+ * be run. */
 static int become(const char *name, char **argv)
 {
     char own[4096], path[4200];
@@ -84,7 +85,7 @@ static int become(const char *name, char **argv)
     own[n > 0 ? n : 0] = '\0';
     slash = strrchr(own, '/');
     snprintf(path, sizeof path, "%.*sspin-%s", slash ? (int)(slash - own) + 1 : 0, own, name);
-    execv(path, argv);
+    execvp(path, argv);
     fprintf(stderr, "spin4d: cannot run '%s': %s\n", path, strerror(errno));
     return SPIN_EXIT_FAILED;
 }

@@ -8,6 +8,25 @@ cd "$work" || exit 1
 mkdir alone
 cp run/params.npz alone
 
+# ---- Without /proc, as in a bare chroot --------------------------------------------------------------
+
+mkdir empty
+apart="mount --bind '$work/empty' /proc && exec \"\$@\""
+for how in -m -rm; do
+    unshare $how sh -c "$apart" sh true 2>/dev/null && break
+    how=
+done
+if [ "$how" ]; then
+    run env PATH="$bin:$PATH" unshare "$how" sh -c "$apart" sh spin4d import run --data run -o no-proc.spin
+    is "$code" 0 "finds its commands"
+    run unshare "$how" sh -c "$apart" sh "$bin/spin-export" no-proc.spin --to images --range 0:1 -o no-proc
+    is "$code" 0 "and its shared objects"
+    rm -r no-proc*
+else
+    skip "without /proc" "no rights to mounts of its own"
+fi
+rmdir empty
+
 # ---- Imported, retrained, exported -------------------------------------------------------------------
 
 run "$bin/spin4d" run --iterations 40
