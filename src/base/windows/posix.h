@@ -142,6 +142,7 @@ int posix_kill(pid_t pid, int zero);
 intptr_t posix_execv(const char *path, char *const *argv); /* runs it, and ends with its code */
 #define kill posix_kill
 #define execv posix_execv
+#define execvp posix_execv /* of a path, which ours always is there */
 
 /* SIGINT is Ctrl-C, SIGTERM Ctrl-Break, SIGBUS a page of a mapped file that cannot be read. */
 enum { SIGHUP = 101, SIGBUS, SIGPIPE, SIGXFSZ, SA_SIGINFO = 1, SA_RESTART };
