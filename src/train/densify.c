@@ -10,6 +10,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 #include "math/activate.h"
+#include "math/quat.h"
 #include "math/rng.h"
 
 enum { STREAM_SPLIT = 32 }; /* of the random numbers, see math/rng.h */
@@ -57,7 +58,7 @@ static size_t mark_points(const struct spin_densify_options *o, const struct spi
         mark[i] = KEEP;
         if (!(mean_gradient(&c->point[i]) >= (float)threshold_of(o, i)))
             continue;
-        mark[i] = largest_scale(&c->point[i]) <= small ? CLONE : SPLIT;
+        mark[i] = !o->long_axis && largest_scale(&c->point[i]) <= small ? CLONE : SPLIT;
         marked++;
     }
     return marked;
@@ -121,30 +122,47 @@ static struct spin_refine_point *add_point(struct spin_refine_cloud *c, size_t p
     return p;
 }
 
-/* v rotated by the unit quaternion q: v + 2 w (u x v) + 2 u x (u x v), u = (x, y, z). */
-static void rotate(const float q[4], const float v[3], float out[3])
+/* By an offset along the point's own axes. */
+static void shift(struct spin_refine_row *p, const float along[3])
 {
-    const float *u = q + 1;
-    float a[3] = {u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]};
-    float b[3] = {u[1] * a[2] - u[2] * a[1], u[2] * a[0] - u[0] * a[2], u[0] * a[1] - u[1] * a[0]};
+    float q[4], offset[3];
 
+    spin_rotation_of(p->rotation, q);
+    spin_quat_rotate(q, along, offset);
     for (int i = 0; i < 3; i++)
-        out[i] = v[i] + 2 * (q[0] * a[i] + b[i]);
+        p->pos_w[i] += offset[i];
 }
 
 static void add_child(struct spin_refine_cloud *c, size_t parent, const float normal[3])
 {
     struct spin_refine_row *p = &add_point(c, parent)->p;
-    float q[4], along[3], offset[3];
+    float along[3];
 
     for (int i = 0; i < 3; i++) {
         along[i] = normal[i] * spin_scale_of(p->log_scale[i]);
         p->log_scale[i] -= log_shrink;
     }
-    spin_rotation_of(p->rotation, q);
-    rotate(q, along, offset);
+    shift(p, along);
+}
+
+/* A half of a point, on one side along its longest axis, of these shares of its scales and opacity; the offset is in units
+ * of the scale. Tried on court and basketball. */
+static const float half_offset = 0.6f, half_long = 0.5f, half_other = 0.85f, half_opacity = 0.6f;
+
+static void add_half(struct spin_refine_cloud *c, size_t parent, float side)
+{
+    struct spin_refine_row *p = &add_point(c, parent)->p;
+    float along[3] = {0};
+    int longest = 0;
+
+    for (int i = 1; i < 3; i++)
+        if (p->log_scale[i] > p->log_scale[longest])
+            longest = i;
+    along[longest] = side * half_offset * spin_scale_of(p->log_scale[longest]);
     for (int i = 0; i < 3; i++)
-        p->pos_w[i] += offset[i];
+        p->log_scale[i] += logf(i == longest ? half_long : half_other);
+    p->logit_opacity = spin_logit_of((double)(half_opacity * spin_opacity_of(p->logit_opacity)));
+    shift(p, along);
 }
 
 static void draw_normals(const struct spin_densify_options *o, int iteration, size_t n, float *out)
@@ -166,7 +184,11 @@ static spin_status add_children(const struct spin_densify_options *o, int iterat
     void *block = NULL;
     float *normal;
 
-    if (splits == 0)
+    for (int child = 0; o->long_axis && child < 2; child++)
+        for (size_t i = 0; i < n_before; i++)
+            if (mark[i] == SPLIT)
+                add_half(c, i, child == 0 ? -1 : 1);
+    if (splits == 0 || o->long_axis)
         return SPIN_OK;
     SPIN_TRY(spin_alloc(2 * splits, 3 * sizeof *normal, &block));
     normal = block;

@@ -1,5 +1,6 @@
-/* How the number of a frame's points changes while it is refined: clone, split, prune (docs/method.md section 2;
- * the rules are those of 3DGS, Kerbl et al. 2023). Host memory only. */
+/* How the number of points changes while they are trained: clone, split, prune (docs/method.md section 2). The rules are
+ * those of 3DGS, Kerbl et al. 2023, or with long_axis a split that changes the picture less, Deng et al. 2024,
+ * "Efficient Density Control for 3D Gaussian Splatting". Host memory only. */
 #ifndef SPIN_TRAIN_DENSIFY_H
 #define SPIN_TRAIN_DENSIFY_H
 
@@ -11,10 +12,12 @@ extern const double spin_prune_opacity;
 struct spin_densify_options {
     double extent;             /* of the scene: spin_views_extent(); no default */
     double gradient_threshold; /* of the mean gradient; 2e-4 */
-    size_t n_moving;           /* the first points, whose threshold is half of that; 0 */
-    double percent_dense;      /* of the extent: largest scale that is cloned, not split; 0.01 */
-    double prune_opacity;      /* spin_prune_opacity */
-    size_t max_points;         /* 0: no limit */
+    bool
+        long_axis; /* no clones and no random numbers: two halves, one behind the other along the longest axis */
+    size_t n_moving;      /* the first points, whose threshold is half of that; 0 */
+    double percent_dense; /* of the extent: largest scale that is cloned, not split; 0.01 */
+    double prune_opacity; /* spin_prune_opacity */
+    size_t max_points;    /* 0: no limit */
     uint64_t seed;
     int frame; /* with the seed: names the random numbers */
     /* Standard normal samples of the split: out [n][3], all first children, then all second.

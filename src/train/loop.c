@@ -97,6 +97,7 @@ struct spin_loop spin_loop_of(struct spin_plan *plan, struct spin_photos *photos
         l.densify.frame = spin_plan_info(plan, 0)->number;
     else
         l.densify.gradient_threshold = plan->o->densify_threshold / plan->o->batch;
+    l.densify.long_axis = !is_alone(&l);
     return l;
 }
 

@@ -1441,53 +1441,18 @@ static void test_densify(void)
                      most = densify(3, 4, "--max-points 3000"),
                      none = densify(3, 4, "--densify-threshold 1"),
                      again = densify(3, 4, "--seed 1"), other = densify(3, 4, "--seed 2");
-    double centre[64][3], mean[3] = {0}, extent = 0, far = 0;
-    int n_small = 0, n_large = 0, n_cameras, before = three.tracks - three.clones - three.splits;
-    struct spin_views views;
+    double far = 0;
+    int before = three.tracks - three.splits;
 
-    ok(one.splits > 50 && one.clones == three.clones && one.splits == three.splits &&
-           six.clones == one.clones && six.splits == one.splits,
-       "a view counts alike in batches of 1, 3 and 6: %d clones, %d splits", one.clones,
-       one.splits);
-    ok(low.splits > three.splits && low.clones > 2 * three.clones, "--densify-threshold");
+    ok(one.splits > 50 && one.splits == three.splits && six.splits == one.splits,
+       "a view counts alike in batches of 1, 3 and 6: %d splits", one.splits);
+    ok(low.splits > three.splits, "--densify-threshold");
     ok(most.tracks == 3000 && before < 3000, "--max-points: %d of %d tracks", most.tracks,
        three.tracks);
-    ok(again.tracks == other.tracks && again.splits == other.splits,
-       "the seed does not choose what is split");
     for (int i = 0; i < 14 * again.tracks; i++)
         far = fmax(far, fabs((double)again.values[i] - (double)other.values[i]));
-    ok(far > 1e-3, "but where its children are: %g apart", far);
-    /* A track that is larger than a hundredth of the cameras' extent is split. */
-    if (spin_views_open(clip, NULL, &views, NULL, 0) != SPIN_OK)
-        exit(1);
-    n_cameras = 0;
-    for (size_t i = 0; i < views.n && n_cameras < 64; i++) {
-        const double *m = views.view[i].camera.w2c;
-
-        if (views.view[i].dataset_frame > 0 || views.view[i].test)
-            continue;
-        for (int c = 0; c < 3; c++) {
-            centre[n_cameras][c] = -(m[c] * m[3] + m[4 + c] * m[7] + m[8 + c] * m[11]);
-            mean[c] += centre[n_cameras][c];
-        }
-        n_cameras++;
-    }
-    for (int i = 0; i < n_cameras; i++)
-        extent = fmax(extent, 1.1 * sqrt(pow(centre[i][0] - mean[0] / n_cameras, 2) +
-                                         pow(centre[i][1] - mean[1] / n_cameras, 2) +
-                                         pow(centre[i][2] - mean[2] / n_cameras, 2)));
-    spin_views_free(&views);
-    for (int i = 0; i < none.tracks; i++) {
-        const float *scale = none.values + 14 * i + 3;
-        bool small = exp((double)fmaxf(scale[0], fmaxf(scale[1], scale[2]))) <= 0.01 * extent;
-
-        n_small += small;
-        n_large += !small;
-    }
-    ok(none.clones == 0 && none.splits == 0 && low.clones > n_small / 2 && low.clones <= n_small &&
-           low.splits > n_large / 2 && low.splits <= n_large,
-       "of %d small ones %d are cloned, of %d large ones %d split: the extent is %.2f", n_small,
-       low.clones, n_large, low.splits, extent);
+    ok(again.tracks == other.tracks && far == 0, "the seed does not choose what is split, and how");
+    ok(one.clones + three.clones + low.clones == 0 && none.splits == 0, "tracks are not cloned");
     free(none.values), free(one.values), free(three.values), free(six.values), free(low.values);
     free(most.values), free(again.values), free(other.values);
 }

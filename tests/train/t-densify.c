@@ -353,6 +353,48 @@ static void defaults(void)
     ok(spin_plan_schedule(&plan).every == 0, "or never");
 }
 
+/* Two halves of a point that stands across: its longest axis, the second, is turned from y to -x. */
+static void check_long_axis(void)
+{
+    static const float want[2][3] = {{1.6f, 2, 3}, {0.4f, 2, 3}}; /* 0.6 of the longest scale */
+    struct spin_densify_options o;
+    struct spin_refine_cloud cloud = {0};
+    struct spin_densify_change change;
+    double off = 0;
+
+    if (spin_refine_cloud_reserve(&cloud, 1) != SPIN_OK)
+        exit(1);
+    cloud.n = 1;
+    memset(cloud.point, 0, sizeof *cloud.point);
+    cloud.point[0].gradient = 1;
+    cloud.point[0].seen = 1;
+    cloud.point[0].p = (struct spin_refine_row){.pos_w = {1, 2, 3},
+                                                .log_scale = {logf(0.25f), 0, logf(0.5f)},
+                                                .rotation = {1, 0, 0, 1},
+                                                .dc = {4, 5, 6},
+                                                .logit_opacity = 0};
+    spin_densify_defaults(&o);
+    o.extent = 1e6; /* small in it: 3DGS would clone */
+    o.long_axis = true;
+    if (spin_densify(&o, 1, &cloud, &change) != SPIN_OK)
+        exit(1);
+    ok(cloud.n == 2 && change.splits == 1 && change.clones == 0 && change.pruned == 0,
+       "along the longest axis: two halves, of a small one too");
+    for (size_t i = 0; i < 2; i++) {
+        const struct spin_refine_row *p = &cloud.point[i].p;
+
+        for (int c = 0; c < 3; c++)
+            off = fmax(off, fabs((double)(p->pos_w[c] - want[i][c])));
+        off = fmax(off, fabs((double)(p->log_scale[0] - logf(0.25f * 0.85f))));
+        off = fmax(off, fabs((double)(p->log_scale[1] - logf(0.5f))));
+        off = fmax(off, fabs((double)(p->log_scale[2] - logf(0.5f * 0.85f))));
+        off = fmax(off, fabs((double)p->logit_opacity - log(0.3 / 0.7)));
+        off = fmax(off, fabs((double)(p->dc[0] - 4)));
+    }
+    ok(off < 1e-6, "where they stand, how large and how opaque they are, to %.2g", off);
+    spin_refine_cloud_free(&cloud);
+}
+
 TAP_MAIN
 {
     struct fixture f = {0};
@@ -372,4 +414,5 @@ TAP_MAIN
     own_normals(&f);
     not_finite(&f);
     unload(&f);
+    check_long_axis();
 }
