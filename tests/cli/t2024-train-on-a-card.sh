@@ -95,8 +95,6 @@ if [ ! -f "$build/lib/spin-cuda.so" ] || [ ! -f "$build/lib/spin-image-plain.so"
     done_testing
     exit
 fi
-SPIN_IMAGE_SHIM=$build/lib/spin-image-plain.so "$build/tests/io/t-image" >"$work/said" 2>&1
-is $? 0 "pictures by libjpeg and libpng alone: $(grep -c '^ok' "$work/said") tests"
 run sh tests/card/pack.sh "$build" "$work"
 is "$code" 0 "the kit is packed, within its 24 MiB"
 mkdir "$work/elsewhere" && tar -C "$work/elsewhere" -xf "$work/spin4d-card.tar.xz"
