@@ -1,16 +1,12 @@
 #!/bin/sh
-# Kernels for cards, in the host's emulation: the tests of the device's operations in two orders of threads (the slowest
-# in one), the golden training in one, and once more with the race detector, as far as that is quick.
+# Kernels for cards, in the host's emulation: the tests of the device's operations in one order of threads, the golden
+# training in another, and once more with the race detector, as far as that is quick. t2024 has other orders.
 # K: long golden cuda emu kernels device
 . "$(dirname "$0")/lib.sh"
 
 build=${SPIN_BUILD:-build/release}
 emulated=$(cd "$build" && pwd)/tests/emu
 export SPIN_TEST_DEVICE=cuda
-orders='reverse shuffle:11' # the race detector's runs and other scripts go forward
-case $build in
-*/asan) orders=shuffle:11 ;; # slower by four times
-esac
 
 # on OBJECT ORDER PROGRAM ARGUMENTS
 on() {
@@ -24,14 +20,7 @@ on() {
 for source in tests/device/t-*.c; do
     program=${source#tests/}
     program=${program%.c}
-    case $program in
-    */t-mlp | */t-no_memory) on spin-cuda.so shuffle:11 "$program" ;; # the slowest; heads: below in fp32, and in training reversed
-    *)
-        for order in $orders; do
-            on spin-cuda.so $order "$program"
-        done
-        ;;
-    esac
+    on spin-cuda.so shuffle:11 "$program"
     case $program in
     */t-blend | */t-no_memory) ;; # t-strict draws smaller pictures
     */t-mlp) TAP_PART=rows_are_compact on spin-cuda-race.so forward "$program" ;;

@@ -1,7 +1,7 @@
 #!/bin/sh
 # Trainings on the emulated card: as on the CPU, resumed, with as much memory as --dry-run wants, without memory, and
-# with a card that is lost; the golden training by other forms and orders. And the kit for a card, packed and run from an
-# empty environment. K: long golden cuda emu device retrain resume test-card
+# with a card that is lost; the golden training and the device's operations in orders that t2020 has not. And the kit for
+# a card, packed and run from an empty environment. K: long golden cuda emu device retrain resume test-card
 . tests/cli/lib.sh
 
 run_of=$fixtures/d3dgs/trained
@@ -87,6 +87,13 @@ golden() { # ORDER HEADS
 }
 golden shuffle:11 tf32
 golden shuffle:11 fp32
+for source in tests/device/t-*.c; do
+    program=${source#tests/}
+    program=${program%.c}
+    case $program in */t-no_memory) continue ;; esac # it counts launches
+    SPIN_TEST_DEVICE=cuda SPIN_EMU_ORDER=reverse "$build/tests/$program" >"$work/said" 2>&1
+    is $? 0 "$program, reverse: $(grep -c '^ok' "$work/said") tests"
+done
 
 # ---- The kit
 
@@ -95,8 +102,6 @@ if [ ! -f "$build/lib/spin-cuda.so" ] || [ ! -f "$build/lib/spin-image-plain.so"
     done_testing
     exit
 fi
-SPIN_IMAGE_SHIM=$build/lib/spin-image-plain.so "$build/tests/io/t-image" >"$work/said" 2>&1
-is $? 0 "pictures by libjpeg and libpng alone: $(grep -c '^ok' "$work/said") tests"
 run sh tests/card/pack.sh "$build" "$work"
 is "$code" 0 "the kit is packed, within its 24 MiB"
 mkdir "$work/elsewhere" && tar -C "$work/elsewhere" -xf "$work/spin4d-card.tar.xz"

@@ -73,6 +73,8 @@ assert a.shape == b.shape and np.abs(a - b).max() < .51 / 255 and len(np.unique(
 SPIN_IMAGE_SHIM=$(cd "${SPIN_BUILD:-build/release}" && pwd)/lib/spin-image-plain.so
 if [ -f "$SPIN_IMAGE_SHIM" ]; then
     export SPIN_IMAGE_SHIM
+    run "${SPIN_BUILD:-build/release}/tests/io/t-image"
+    is "$code" 0 "what is tested of pictures, by libjpeg and libpng alone: $(grep -c '^ok' "$work/out") tests"
     draw plain-black --bits 16
     draw plain-png --background none
     draw plain-eight

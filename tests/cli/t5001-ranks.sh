@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: ranks mpi
+# K: ranks mpi libpng
 # Several processes share the work of one command, and their outputs are those of one.
 . tests/cli/lib.sh
 

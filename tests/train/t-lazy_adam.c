@@ -175,17 +175,19 @@ static void equals_dense(const char *path)
 
 static void same_bits(void)
 {
-    int threads[] = {1, 2, 3, 8};
+    int threads[] = {1, 3, 2, 8}, n = 4;
     float *first = NULL;
 
-    for (int i = 0; i < 4; i++) {
+    for (int i = 0; i < n; i++) {
         struct table t = table_of(threads[i], 1);
         float *p;
 
+        if (!t.d->is_host) /* which has none: once without looking, once with */
+            n = 2;
         t.d->deterministic = true;
         for (int k = 1; k <= STEPS; k++) {
             step(&t, k);
-            if (i > 1 && k % 10 == 0) /* looking changes nothing */
+            if (i % 2 && k % 10 == 0) /* looking changes nothing */
                 free(flush(&t));
         }
         p = fetch(&t, t.group.p, t.n);
