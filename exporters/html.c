@@ -11,11 +11,9 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "base/err.h"
 #include "base/log.h"
 #include "base/option.h"
 #include "base/mem.h"
-#include "base/text.h"
 #include "exporters/html/page.h"
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/page_draft.h"

@@ -8,7 +8,6 @@
 
 #include "exporters/lib/frames.h"
 #include "exporters/lib/pictures.h"
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/option.h"
 #include "formats/sog.h"

@@ -10,18 +10,14 @@
 #include <string.h>
 
 #include "base/err.h"
-#include "base/log.h"
 #include "base/mem.h"
 #include "base/option.h"
 #include "exporters/lib/bells_check.h"
 #include "exporters/lib/pictures.h"
 #include "exporters/lib/quant_error.h"
 #include "exporters/lib/sort_rows.h"
-#include "formats/sogst.h"
 #include "formats/tsog.h"
 #include "io/webp.h"
-#include "math/activate.h"
-#include "math/motion.h"
 #include "math/sh.h"
 
 #define MOST_SIGMA 8   /* clips */

@@ -5,7 +5,6 @@
 #include "exporters/lib/frames.h"
 #include "base/log.h"
 #include "base/option.h"
-#include "base/mem.h"
 #include "formats/splat.h"
 
 static const struct spin_plugin_option options[] = {

@@ -7,10 +7,8 @@
  * splat-transform does; --axes rub turns half about x, to the right, up and back that Niantic's
  * library stores. */
 #include <stdlib.h>
-#include <string.h>
 
 #include "exporters/lib/frames.h"
-#include "base/log.h"
 #include "base/option.h"
 #include "base/mem.h"
 #include "formats/spz.h"

@@ -1,7 +1,6 @@
 /* The clip as a video, MP4 or WebM by the output's name: from one camera of the data set, or from one
  * that goes around the scene while the clip plays; several versions side by side on demand. */
 #include <stdlib.h>
-#include <string.h>
 
 #include "base/err.h"
 #include "base/log.h"

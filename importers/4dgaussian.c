@@ -6,7 +6,6 @@
 #include "importers/lib/deform.h"
 #include "importers/lib/hexplane.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 #include "math/quat.h"

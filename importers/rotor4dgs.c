@@ -10,7 +10,6 @@
 #include "base/option.h"
 #include "base/text.h"
 #include "importers/lib/chkpnt.h"
-#include "importers/lib/file_sequence.h"
 #include "importers/lib/gaussian4d.h"
 #include "io/json.h"
 

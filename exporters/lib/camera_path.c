@@ -2,10 +2,7 @@
 
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
-#include "exporters/lib/initial_view.h"
-#include "exporters/lib/splat_filter.h"
 #include "base/log.h"
 #include "base/option.h"
 #include "io/file.h"

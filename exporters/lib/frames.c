@@ -3,9 +3,7 @@
  * in memory a second time. */
 #include "exporters/lib/frames.h"
 
-#include <inttypes.h>
 #include <stdatomic.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 

@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 
 enum { PLANES = 7, FROM_OTHER = 16, FROM_COLUMN = 32 };

@@ -1,9 +1,7 @@
 #include "exporters/lib/page_values.h"
 
 #include <math.h>
-#include <string.h>
 
-#include "base/err.h"
 #include "base/option.h"
 #include "exporters/lib/page_bytes.h"
 #include "math/morton.h"

@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/place_error.h"

@@ -2,10 +2,8 @@
 #include "importers/lib/camera_places.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
-#include "base/mem.h"
 #include "importers/lib/run_config.h"
 #include "io/json.h"
 

@@ -5,7 +5,6 @@
 #include "importers/lib/model.h"
 #include "math/activate.h"
 #include "math/covariance.h"
-#include "math/quat.h"
 
 /* The splats of a model while they are added; when all are, they are the model's splats_4d. */
 struct gaussian4d {

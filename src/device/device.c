@@ -1,11 +1,9 @@
 /* The list of devices, and the choice among them. The only file that names devices. */
 #include "device/device.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/log.h"
 #include "base/shim.h"
 #include "device/cuda/shim.h"

@@ -5,8 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "spin.h"
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/image.h"
 

@@ -9,8 +9,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "spin.h"
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/pool.h"
 #include "base/product.h"

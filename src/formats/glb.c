@@ -1,9 +1,6 @@
 #include "formats/glb.h"
 
-#include <stdio.h>
 #include <string.h>
-
-#include "base/err.h"
 
 enum { HEADER = 12, CHUNK_HEADER = 8, MAX_STRIDE = 252 };
 #define LINEAR "lin_rec709_display"

@@ -1,6 +1,5 @@
 #include "formats/gs_ply.h"
 
-#include <stdio.h>
 #include <string.h>
 
 #include "math/sh.h"

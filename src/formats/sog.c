@@ -1,6 +1,5 @@
 #include "formats/sog.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 

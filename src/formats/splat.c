@@ -2,7 +2,6 @@
 
 #include <string.h>
 
-#include "math/portable.h"
 #include "math/quat.h"
 #include "math/sh.h"
 

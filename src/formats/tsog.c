@@ -4,8 +4,6 @@
 #include <string.h>
 #include <strings.h>
 
-#include "base/err.h"
-#include "base/mem.h"
 #include "io/zip_format.h"
 
 enum { VERSION = 4, PROFILE = 1, MOST_MEMBERS = 1024, STEPS = 65536, FRAMES = 300 };

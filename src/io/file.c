@@ -9,13 +9,11 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
-#include <sys/stat.h>
 #include <sys/statvfs.h>
 #include <time.h>
 #include <unistd.h>
 #include <zlib.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 
 enum { OUT_BUFFER = 1 << 20 };

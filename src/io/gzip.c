@@ -10,7 +10,6 @@
 #include <string.h>
 #include <zlib.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/file.h"
 

@@ -5,11 +5,9 @@
 #include "io/image.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/image_shim.h"
 #include "base/shim.h"

@@ -12,8 +12,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
-
 /* Values may take this much beyond the bytes of the input. Real checkpoints need kilobytes. */
 #define BUDGET ((size_t)32 << 20)
 #define SLAB ((size_t)16 << 10)

@@ -1,13 +1,11 @@
 /* Loads the shim when there are others, and builds on its one exchange what the work needs. */
 #include "io/ranks.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
 
-#include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/shim.h"

@@ -10,8 +10,6 @@
 #include <string.h>
 #include <strings.h>
 
-#include "base/err.h"
-#include "base/log.h"
 #include "io/xz.h"
 #include "io/zip.h"
 

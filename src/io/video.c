@@ -3,13 +3,11 @@
 
 #include <ctype.h>
 #include <pthread.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 #include <sys/stat.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/shim.h"
 #include "io/video_shim.h"

@@ -5,7 +5,6 @@
 #include <string.h>
 #include <strings.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/video_shim.h"
 

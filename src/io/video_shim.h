@@ -2,7 +2,6 @@
 #ifndef SPIN_IO_VIDEO_SHIM_H
 #define SPIN_IO_VIDEO_SHIM_H
 
-#include <stddef.h>
 #include <stdint.h>
 
 #define SPIN_VIDEO_SHIM_ABI 3

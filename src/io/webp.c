@@ -5,7 +5,6 @@
 #include <webp/decode.h>
 #include <webp/encode.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/shim.h"
 

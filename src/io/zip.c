@@ -12,7 +12,6 @@
 #include <string.h>
 #include <zlib.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/zip_format.h"
 

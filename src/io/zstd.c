@@ -2,7 +2,6 @@
 
 #include <zstd.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/shim.h"
 

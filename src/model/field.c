@@ -4,7 +4,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "math/grid.h"
 #include "math/rng.h"
 

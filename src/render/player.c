@@ -5,8 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
-#include "base/log.h"
 #include "base/mem.h"
 #include "math/drawable.h"
 #include "model/residual.h"

@@ -4,7 +4,6 @@
 #define SPIN_RENDER_PLAYER_H
 
 #include "scene/bundle_tracks.h"
-#include "scene/clip.h"
 #include "scene/lens.h"
 #include "model/field_eval.h"
 #include "render/image_store.h"

@@ -4,8 +4,6 @@
 
 #include <string.h>
 
-#include "base/err.h"
-
 /* The arrays, once. Walked to reserve and to release. */
 struct piece {
     void SPIN_DEV **at;

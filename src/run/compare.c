@@ -1,9 +1,7 @@
 /* spin_compare(): several bundles measured on the same views. */
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/text.h"
 #include "io/output.h"

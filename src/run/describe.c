@@ -2,7 +2,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "spin_run.h"
 #include "scene/bundle.h"
 #include "scene/clip.h"

@@ -3,9 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "spin_run.h"
-#include "base/log.h"
 #include "base/mem.h"
 #include "eval/metrics.h"
 #include "eval/report/report.h"

@@ -1,5 +1,4 @@
 /* The calls of spin.h that wire the rooms together: open, read, export, render. */
-#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -11,7 +10,6 @@
 #include "run/scene_edit.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "base/text.h"
 #include "io/file.h"
 #include "io/output.h"
 #include "io/ranks.h"

@@ -5,7 +5,6 @@
  * many gigabytes opens at once. The values stay in the map until a frame is asked for. */
 #include "scene/bundle.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -13,7 +12,6 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/number.h"
-#include "scene/splats_4d.h"
 
 #define META "meta.json"
 #define META_LIMIT (64u << 20) /* bytes */

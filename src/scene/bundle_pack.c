@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 
 enum { PORTION = 1 << 15, GROUP = 16 }; /* values at a time; columns */

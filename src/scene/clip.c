@@ -5,9 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "spin.h"
-#include "base/err.h"
-#include "base/log.h"
 #include "base/mem.h"
 #include "scene/probe.h"
 

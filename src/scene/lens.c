@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 
 /* Sizes are rounded when pictures are scaled; focal lengths of one make of camera differ a little. */

@@ -1,11 +1,9 @@
 /* Choosing an importer: by name, or by asking every one of them to look at the input's outside (the peek). */
 #include "scene/probe.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/file.h"
 #include "io/torch.h"

@@ -5,13 +5,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/number.h"
 #include "io/npy.h"
 #include "io/ranks.h"
-#include "train/lazy_adam.h"
 
 enum { PORTION = 1 << 20 }; /* floats that are carried to the host at a time */
 

@@ -1,10 +1,7 @@
 /* Names of code paths, each once. */
 #include "train/code_paths.h"
 
-#include <stdio.h>
 #include <string.h>
-
-#include "base/log.h"
 
 void spin_code_paths_begin(struct spin_code_paths *paths, const char *now)
 {

@@ -2,12 +2,10 @@
 #include "train/frame_cache.h"
 
 #include <ctype.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "base/err.h"
 #include "scene/bundle.h"
 
 static const unsigned held = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;

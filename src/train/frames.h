@@ -4,7 +4,6 @@
 #define SPIN_TRAIN_FRAMES_H
 
 #include "train/refinement.h"
-#include "train/step.h"
 #include "train/tracks.h"
 
 struct spin_frames {

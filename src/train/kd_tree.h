@@ -3,8 +3,6 @@
 #ifndef SPIN_TRAIN_KD_TREE_H
 #define SPIN_TRAIN_KD_TREE_H
 
-#include <stdbool.h>
-
 #include "spin.h"
 
 enum { SPIN_KD_LEAF = 8 };

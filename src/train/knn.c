@@ -3,7 +3,6 @@
 
 #include <float.h>
 
-#include "base/err.h"
 #include "train/kd_tree.h"
 
 enum { NEIGHBOURS = 3, CHUNK = 1024 };

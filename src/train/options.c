@@ -2,8 +2,6 @@
 #include "train/options.h"
 
 #include <math.h>
-#include <stddef.h>
-#include <stdio.h>
 #include <string.h>
 
 #include "io/ranks.h"
@@ -74,7 +72,6 @@ struct row {
      {{network}, {refinement}}},
 
 static const struct row rows[] = {
-#include "spin_train.h"
 #include "train/options.def"
 };
 static const struct row *const end = rows + sizeof rows / sizeof *rows;

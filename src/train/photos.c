@@ -3,7 +3,6 @@
 
 #include <stdlib.h>
 
-#include "spin_train.h"
 #include "base/err.h"
 #include "base/mem.h"
 #include "base/number.h"

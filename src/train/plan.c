@@ -5,8 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "spin_train.h"
-#include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/pool.h"

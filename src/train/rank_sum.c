@@ -1,11 +1,9 @@
 /* From card to card, or by way of the host. */
 #include "train/rank_sum.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
 

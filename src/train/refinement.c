@@ -16,7 +16,6 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "base/number.h"
 #include "base/pool.h"
 #include "base/text.h"
 #include "io/ranks.h"

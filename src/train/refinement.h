@@ -2,7 +2,6 @@
 #ifndef SPIN_TRAIN_REFINEMENT_H
 #define SPIN_TRAIN_REFINEMENT_H
 
-#include "scene/bundle.h"
 #include "train/code_paths.h"
 #include "train/frame_cache.h"
 #include "train/key.h"

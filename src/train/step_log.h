@@ -3,7 +3,6 @@
 #define SPIN_TRAIN_STEP_LOG_H
 
 #include <pthread.h>
-#include <stdio.h>
 
 #include "spin.h"
 

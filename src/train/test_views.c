@@ -4,8 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "spin_train.h"
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/image.h"
 

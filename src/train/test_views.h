@@ -2,7 +2,6 @@
 #ifndef SPIN_TRAIN_TEST_VIEWS_H
 #define SPIN_TRAIN_TEST_VIEWS_H
 
-#include "spin_train.h"
 #include "eval/metrics.h"
 #include "train/photos.h"
 

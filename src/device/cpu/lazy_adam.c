@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "device/cpu/cpu.h"
 #include "device/cpu/denormals.h"
 #include "math/adam.h"

@@ -7,7 +7,6 @@
  * the pixels would skip it anyway. */
 #include <string.h>
 
-#include "base/err.h"
 #include "device/cpu/cpu.h"
 #include "device/pairs.h"
 #include "math/blend.h"
