@@ -61,42 +61,7 @@ size_t SPIN_CPU(active_of)(const struct spin_active *active,
                            const struct spin_frame_of_batch *frame, size_t *first);
 
 /* A verb of the device has the type that its place in spin_device_ops has. */
-#define SPIN_CPU_VERB(name) __typeof__(*((struct spin_device_ops *)0)->name) SPIN_CPU(name)
-SPIN_CPU_VERB(contract); /* contract.c */
-SPIN_CPU_VERB(contract_back);
-SPIN_CPU_VERB(grid); /* grid.c */
-SPIN_CPU_VERB(grid_back);
-SPIN_CPU_VERB(lazy_adam_grid);
-SPIN_CPU_VERB(mlp); /* mlp.c */
-SPIN_CPU_VERB(mlp_back);
-SPIN_CPU_VERB(tracks); /* tracks.c */
-SPIN_CPU_VERB(tracks_back);
-SPIN_CPU_VERB(residual); /* residual.c */
-SPIN_CPU_VERB(residual_set);
-SPIN_CPU_VERB(residual_back);
-SPIN_CPU_VERB(activate); /* activate.c */
-SPIN_CPU_VERB(activate_back);
-SPIN_CPU_VERB(regularise_back);
-SPIN_CPU_VERB(nonzero_grad);
-SPIN_CPU_VERB(project); /* project.c */
-SPIN_CPU_VERB(project_back);
-SPIN_CPU_VERB(not_finite);    /* adam.c */
-SPIN_CPU_VERB(densify_stats); /* densify_stats.c */
-SPIN_CPU_VERB(tile_count);    /* tile.c */
-SPIN_CPU_VERB(tile_fill);
-SPIN_CPU_VERB(blend); /* blend.c */
-SPIN_CPU_VERB(depth);
-SPIN_CPU_VERB(blend_back);
-SPIN_CPU_VERB(loss); /* loss.c */
-SPIN_CPU_VERB(measure);
-SPIN_CPU_VERB(exposure); /* exposure.c */
-SPIN_CPU_VERB(exposure_back);
-SPIN_CPU_VERB(exposure_centre);
-SPIN_CPU_VERB(adam);             /* adam.c */
-SPIN_CPU_VERB(lazy_adam_enable); /* lazy_adam.c */
-SPIN_CPU_VERB(lazy_adam_close);
-SPIN_CPU_VERB(lazy_adam_step);
-SPIN_CPU_VERB(lazy_adam_advance);
-SPIN_CPU_VERB(lazy_adam_flush);
+#define SPIN_CPU_VERB(name) __typeof__(*((struct spin_device_ops *)0)->name) SPIN_CPU(name);
+SPIN_DEVICE_VERBS(SPIN_CPU_VERB)
 
 #endif

@@ -316,6 +316,7 @@ bool cuda_sort(struct spin_device *d, const uint32_t *key, uint32_t *key_out, co
 
 /* ---- The table ------------------------------------------------------------------------------- */
 
+#define LISTED(verb) .verb = cuda_##verb,
 static const struct spin_device_ops ops = {
     .name = "cuda",
     .open = open_cuda,
@@ -338,42 +339,7 @@ static const struct spin_device_ops ops = {
 #endif
     .memory_available = memory_available,
     .clock = clock_of,
-    .tracks = cuda_tracks,
-    .tracks_back = cuda_tracks_back,
-    .contract = cuda_contract,
-    .contract_back = cuda_contract_back,
-    .grid = cuda_grid,
-    .grid_back = cuda_grid_back,
-    .mlp = cuda_mlp,
-    .mlp_back = cuda_mlp_back,
-    .residual = cuda_residual,
-    .residual_set = cuda_residual_set,
-    .residual_back = cuda_residual_back,
-    .activate = cuda_activate,
-    .activate_back = cuda_activate_back,
-    .regularise_back = cuda_regularise_back,
-    .nonzero_grad = cuda_nonzero_grad,
-    .project = cuda_project,
-    .project_back = cuda_project_back,
-    .densify_stats = cuda_densify_stats,
-    .tile_count = cuda_tile_count,
-    .tile_fill = cuda_tile_fill,
-    .blend = cuda_blend,
-    .depth = cuda_depth,
-    .blend_back = cuda_blend_back,
-    .loss = cuda_loss,
-    .measure = cuda_measure,
-    .exposure = cuda_exposure,
-    .exposure_back = cuda_exposure_back,
-    .exposure_centre = cuda_exposure_centre,
-    .adam = cuda_adam,
-    .not_finite = cuda_not_finite,
-    .lazy_adam_enable = cuda_lazy_adam_enable,
-    .lazy_adam_close = cuda_lazy_adam_close,
-    .lazy_adam_grid = cuda_lazy_adam_grid,
-    .lazy_adam_step = cuda_lazy_adam_step,
-    .lazy_adam_advance = cuda_lazy_adam_advance,
-    .lazy_adam_flush = cuda_lazy_adam_flush,
+    SPIN_DEVICE_VERBS(LISTED) /* each with its comma */
 };
 
 extern "C" {

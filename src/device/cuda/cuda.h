@@ -111,47 +111,12 @@ static inline __device__ double cuda_block_sum(double *sum, double value)
 }
 
 /* A verb has the type that its place in spin_device_ops has. */
-#define CUDA_VERB(name) __typeof__(*((struct spin_device_ops *)0)->name) cuda_##name
-CUDA_VERB(contract); /* contract.cu */
-CUDA_VERB(contract_back);
-CUDA_VERB(densify_stats);
-CUDA_VERB(grid); /* grid.cu */
-CUDA_VERB(grid_back);
-CUDA_VERB(mlp); /* mlp.cu */
-CUDA_VERB(mlp_back);
-CUDA_VERB(copy_rows);  /* rows.cu */
-CUDA_VERB(link_ready); /* nccl.cu */
-CUDA_VERB(link_name);
-CUDA_VERB(link);
-CUDA_VERB(sum);
-CUDA_VERB(tracks); /* rows.cu */
-CUDA_VERB(tracks_back);
-CUDA_VERB(residual);
-CUDA_VERB(residual_set);
-CUDA_VERB(residual_back);
-CUDA_VERB(activate); /* activate.cu */
-CUDA_VERB(activate_back);
-CUDA_VERB(regularise_back);
-CUDA_VERB(nonzero_grad);
-CUDA_VERB(project); /* project.cu */
-CUDA_VERB(project_back);
-CUDA_VERB(tile_count); /* tile.cu */
-CUDA_VERB(tile_fill);
-CUDA_VERB(blend); /* blend.cu */
-CUDA_VERB(depth);
-CUDA_VERB(blend_back);
-CUDA_VERB(loss); /* loss.cu */
-CUDA_VERB(measure);
-CUDA_VERB(exposure); /* exposure.cu */
-CUDA_VERB(exposure_back);
-CUDA_VERB(exposure_centre);
-CUDA_VERB(adam);             /* adam.cu */
-CUDA_VERB(not_finite);
-CUDA_VERB(lazy_adam_enable); /* lazy_adam.cu */
-CUDA_VERB(lazy_adam_close);
-CUDA_VERB(lazy_adam_grid);
-CUDA_VERB(lazy_adam_step);
-CUDA_VERB(lazy_adam_advance);
-CUDA_VERB(lazy_adam_flush);
+#define CUDA_VERB(name) __typeof__(*((struct spin_device_ops *)0)->name) cuda_##name;
+SPIN_DEVICE_VERBS(CUDA_VERB)
+CUDA_VERB(copy_rows)
+CUDA_VERB(link_ready) /* nccl.cu */
+CUDA_VERB(link_name)
+CUDA_VERB(link)
+CUDA_VERB(sum)
 
 #endif
