@@ -72,14 +72,14 @@ struct writing {
 };
 
 /* The rows of a block, taken apart; each fresh attribute goes to its place. */
-static void write_block(void *context, int number, int worker)
+static void write_block(void *context, int number)
 {
     struct writing *w = context;
     const struct export *x = w->x;
     const struct spin_splat_filter *rows = &x->frames.rows;
     const struct spin_glb_clip *clip = &x->clip;
     unsigned char *column[SPIN_GLB_MAX_ATTRIBUTES];
-    unsigned char *to = w->scratch + (size_t)worker * x->frames.scratch_bytes;
+    unsigned char *to = w->scratch + (size_t)spin_pool_worker() * x->frames.scratch_bytes;
     size_t b = (size_t)number, i = b * BLOCK, end = i + BLOCK, n = 0;
     float *bounds = w->bounds + 6 * b;
     int error = 0;

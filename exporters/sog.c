@@ -55,7 +55,7 @@ static spin_status make_room(struct export *x)
     return spin_grow(spin_sog_palette(n - 1), width * sizeof *x->palette, (void **)&x->palette);
 }
 
-static void gather_task(void *context, int task, int worker)
+static void gather_task(void *context, int task)
 {
     struct export *x = context;
     const struct spin_splat_filter *rows = &x->frames.rows;
@@ -63,7 +63,6 @@ static void gather_task(void *context, int task, int worker)
     size_t n_sh = 3 * (size_t)spin_splat_filter_n_sh(rows);
     float room[3 * SPIN_SH_MAX];
 
-    (void)worker;
     for (end = end < rows->n_kept ? end : rows->n_kept; i < end; i++) {
         size_t row = x->order.item[i].row;
         const float *sh = spin_splat_filter_sh(rows, row, room);
@@ -186,13 +185,12 @@ static void code_row(const struct export *x, size_t i, struct spin_quant_error *
     }
 }
 
-static void code_task(void *context, int task, int worker)
+static void code_task(void *context, int task)
 {
     struct export *x = context;
     size_t i = (size_t)task * SPIN_ROWS_BLOCK, end = i + SPIN_ROWS_BLOCK, width = n_rest(x);
     float lost[3 * SPIN_SH_MAX];
 
-    (void)worker;
     for (end = end < x->sog.n ? end : x->sog.n; i < end; i++) {
         code_row(x, i, &x->frames.block_quant[task]);
         if (x->sog.sh_degree == 0)

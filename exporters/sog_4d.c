@@ -443,12 +443,11 @@ static void code_row(struct export *x, size_t g, size_t j, struct spin_quant_err
     }
 }
 
-static void code_task(void *context, int task, int worker)
+static void code_task(void *context, int task)
 {
     struct export *x = context;
     size_t j = (size_t)task * SPIN_ROWS_BLOCK, end = j + SPIN_ROWS_BLOCK, g = 0;
 
-    (void)worker;
     for (end = end < x->order.n ? end : x->order.n; j < end; j++) {
         while (x->end[g] <= j)
             g++;

@@ -89,14 +89,13 @@ static void code_row(const struct export *x, size_t i, unsigned char *out,
 
 /* ---- One file -------------------------------------------------------------------------------- */
 
-static void code_block(void *context, int task, int worker)
+static void code_block(void *context, int task)
 {
     const struct export *x = context;
     const struct spin_splat_filter *rows = &x->frames.rows;
     size_t b = (size_t)task, i = b * SPIN_ROWS_BLOCK, end = i + SPIN_ROWS_BLOCK;
     unsigned char *out = x->to + spin_splat_filter_before(rows, b) * x->width;
 
-    (void)worker;
     for (end = end < rows->splats->n ? end : rows->splats->n; i < end; i++) {
         if (rows->keep[i]) {
             code_row(x, i, out, &x->frames.block_quant[b]);

@@ -249,7 +249,7 @@ static char *print_row(const struct export *x, size_t i, bool first, char *to,
     return to;
 }
 
-static void print_block(void *context, int task, int worker)
+static void print_block(void *context, int task)
 {
     struct export *x = context;
     const struct spin_splat_filter *rows = &x->frames.rows;
@@ -257,7 +257,6 @@ static void print_block(void *context, int task, int worker)
     char *begin = x->text + (size_t)task * x->stride, *to = begin;
     bool first = spin_splat_filter_before(rows, b) == 0;
 
-    (void)worker;
     for (end = end < rows->splats->n ? end : rows->splats->n; i < end; i++) {
         if (!rows->keep[i])
             continue;

@@ -343,11 +343,11 @@ struct writing {
     atomic_int error;
 };
 
-static void write_block(void *context, int b, int worker)
+static void write_block(void *context, int b)
 {
     struct writing *w = context;
     const struct spin_splat_filter *rows = &w->x->rows;
-    unsigned char *piece = w->scratch + (size_t)worker * w->stride, *to = piece;
+    unsigned char *piece = w->scratch + (size_t)spin_pool_worker() * w->stride, *to = piece;
     size_t first = (size_t)b * SPIN_ROWS_BLOCK, end = first + SPIN_ROWS_BLOCK;
     int error;
 

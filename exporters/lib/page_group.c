@@ -118,7 +118,7 @@ static unsigned bits_of(int32_t d)
     return d ? 32 - (unsigned)__builtin_clz((uint32_t)abs(d)) : 0;
 }
 
-static void number_task(void *context, int task, int worker)
+static void number_task(void *context, int task)
 {
     struct number *t = context;
     struct spin_page_group *g = t->g;
@@ -129,7 +129,6 @@ static void number_task(void *context, int task, int worker)
     const float *value[SPIN_PAGE_MOST_FRAMES];
     uint8_t present[SPIN_PAGE_MOST_FRAMES];
 
-    (void)worker;
     for (size_t k = from; k < to; k++) {
         size_t i = g->shared[k];
         uint64_t activity = 0, level = 0;
@@ -213,11 +212,10 @@ static spin_status column_bytes(struct blocks *b, size_t c)
     return SPIN_OK;
 }
 
-static void column_task(void *context, int c, int worker)
+static void column_task(void *context, int c)
 {
     struct blocks *b = context;
 
-    (void)worker;
     b->column[c].status = column_bytes(b, (size_t)c);
 }
 
@@ -254,11 +252,10 @@ static spin_status column_again(struct blocks *b, size_t c)
                  : SPIN_OK;
 }
 
-static void again_task(void *context, int c, int worker)
+static void again_task(void *context, int c)
 {
     struct blocks *b = context;
 
-    (void)worker;
     b->column[c].status = column_again(b, (size_t)c);
 }
 
@@ -278,14 +275,13 @@ struct errors {
 };
 
 /* Every value of some rows of a frame, as a reader of the numbers has it, against the source's. */
-static void error_task(void *context, int task, int worker)
+static void error_task(void *context, int task)
 {
     struct errors *e = context;
     const struct spin_page_group *g = e->b->g;
     size_t columns = columns_of(g), n = (size_t)g->n_frames, f = 0, from, to;
     const struct spin_page_frame *frame;
 
-    (void)worker;
     while ((size_t)task >= e->first_task[f + 1])
         f++;
     frame = &g->frame[f];

@@ -18,14 +18,13 @@ struct take {
     struct spin_page_frame *frame;
 };
 
-static void take_block(void *context, int task, int worker)
+static void take_block(void *context, int task)
 {
     struct take *t = context;
     size_t width = spin_page_width(t->g), from = (size_t)task * SPIN_ROWS_BLOCK;
     size_t to = from + SPIN_ROWS_BLOCK < t->frame->n ? from + SPIN_ROWS_BLOCK : t->frame->n;
     int n_sh = 3 * (spin_sh_count(t->rows->splats->sh_degree) - 1);
 
-    (void)worker;
     for (size_t i = from; i < to; i++) {
         float *v = t->frame->value + i * width, room[48];
         struct spin_gaussian is;
@@ -151,7 +150,8 @@ static spin_status match_places(const struct spin_page_group *g, struct spin_pag
 }
 
 /* Rows of `now`, which keeps those of `last`, that belong to rows of the group's first frame. */
-static spin_status follow(const struct spin_page_frame *last, struct spin_page_frame *now, size_t n_first)
+static spin_status follow(const struct spin_page_frame *last, struct spin_page_frame *now,
+                          size_t n_first)
 {
     if (!last->row)
         return SPIN_OK;

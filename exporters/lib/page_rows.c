@@ -556,13 +556,12 @@ static uint64_t class_of(const struct spin_page_rows *r, int32_t *key)
     return moves << 32 | (uint64_t)(behind(r, key)[FROM]);
 }
 
-static void number_task(void *context, int task, int worker)
+static void number_task(void *context, int task)
 {
     struct block *b = context;
     struct spin_page_rows *r = b->r;
     size_t from = (size_t)task * SPIN_ROWS_BLOCK, to = from + SPIN_ROWS_BLOCK;
 
-    (void)worker;
     for (size_t k = from; k < (to < b->n ? to : b->n); k++) {
         int32_t *key = b->key + k * (size_t)r->n_columns;
         float place[3];

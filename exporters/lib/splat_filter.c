@@ -71,13 +71,12 @@ void spin_splat_filter_rest(const struct spin_splat_filter *rows, size_t block, 
         spin_map_rest(s->sh + n_sh * first, n_sh * n * sizeof(float));
 }
 
-static void measure_block(void *context, int b, int worker)
+static void measure_block(void *context, int b)
 {
     struct spin_splat_filter *rows = ((struct choice *)context)->rows;
     struct spin_splat_filter_block *block = &rows->block[b];
     size_t end = end_of(rows, (size_t)b);
 
-    (void)worker;
     *block = (struct spin_splat_filter_block){.low = {INFINITY, INFINITY, INFINITY},
                                               .high = {-INFINITY, -INFINITY, -INFINITY}};
     for (size_t i = (size_t)b * SPIN_ROWS_BLOCK; i < end; i++)
@@ -101,7 +100,7 @@ static float limit_of(const struct spin_splat_filter *rows)
     return spin_log_scale_limit(low, high, n, rows->max_scale);
 }
 
-static void choose_block(void *context, int b, int worker)
+static void choose_block(void *context, int b)
 {
     const struct choice *choice = context;
     struct spin_splat_filter *rows = choice->rows;
@@ -109,7 +108,6 @@ static void choose_block(void *context, int b, int worker)
     const struct spin_splats *s = rows->splats;
     size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree), end = end_of(rows, (size_t)b);
 
-    (void)worker;
     for (size_t i = (size_t)b * SPIN_ROWS_BLOCK; i < end; i++) {
         enum spin_undrawable reason =
             spin_undrawable(s->means + 3 * i, s->quats + 4 * i, s->log_scales + 3 * i,

@@ -69,7 +69,7 @@ void spin_splat_filter_keep(struct spin_splat_filter *rows, const unsigned char 
 /* Kept rows before a block of the frame. */
 size_t spin_splat_filter_before(const struct spin_splat_filter *rows, size_t block);
 size_t spin_splat_filter_blocks(const struct spin_splat_filter *rows);
-/* All threads: fn(context, block, worker) for each block of the frame. */
+/* All threads: fn(context, block) for each block of the frame. */
 void spin_splat_filter_each(const struct spin_splat_filter *rows, spin_task_fn fn, void *context);
 /* The rows of a block will not be looked at again soon. */
 void spin_splat_filter_rest(const struct spin_splat_filter *rows, size_t block, unsigned columns);

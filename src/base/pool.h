@@ -15,9 +15,11 @@ spin_status spin_pool_create(int n_threads, struct spin_pool **out);
 void spin_pool_free(struct spin_pool *pool);
 int spin_pool_n_threads(const struct spin_pool *pool);
 
-/* Run fn(context, task, worker) for task 0..n_tasks-1; worker is 0..n_threads-1. Returns when all are
- * done. Not reentrant: fn may not call it on the same pool. pool NULL: run here, one by one. */
-typedef void (*spin_task_fn)(void *context, int task, int worker);
+/* Run fn(context, task) for task 0..n_tasks-1. Returns when all are done. Not reentrant: fn may not call it on
+ * the same pool. pool NULL: run here, one by one. */
+typedef void (*spin_task_fn)(void *context, int task);
 void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *context);
+/* For fn: which thread of the pool runs it, 0..n_threads-1. */
+int spin_pool_worker(void);
 
 #endif

@@ -305,10 +305,11 @@ static void take_patches(const struct convolution *c, size_t k, size_t first, si
     }
 }
 
-static void convolve_block(void *context, int task, int worker)
+static void convolve_block(void *context, int task)
 {
     const struct convolution *c = context;
-    float *patches = c->scratch + (size_t)worker * SCRATCH, *sums = patches + DEPTH * COLUMNS;
+    float *patches = c->scratch + (size_t)spin_pool_worker() * SCRATCH,
+          *sums = patches + DEPTH * COLUMNS;
     size_t first = (size_t)task * COLUMNS, rest = c->plane - first, n_out = (size_t)c->layer->n_out;
     size_t terms = (size_t)(c->layer->n_in * c->layer->kernel * c->layer->kernel);
     size_t n = rest < COLUMNS ? rest : COLUMNS;

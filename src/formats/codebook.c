@@ -271,11 +271,11 @@ static size_t cut(const struct cutting *c, const struct part *p, double *sum)
 }
 
 /* A part of the batch. It changes the order of no rows but its own. */
-static void divide_task(void *context, int task, int worker)
+static void divide_task(void *context, int task)
 {
     struct cutting *c = context;
     struct part *p = &c->batch[task];
-    double *sum = c->sums + SUMS * c->width * (size_t)worker;
+    double *sum = c->sums + SUMS * c->width * (size_t)spin_pool_worker();
     size_t widest;
 
     if (p->divided)
@@ -351,10 +351,10 @@ static void cut_all(struct cutting *c, size_t n_colours, struct spin_pool *pool)
 }
 
 /* The vectors of BATCH parts, and which rows have them. */
-static void finish_task(void *context, int task, int worker)
+static void finish_task(void *context, int task)
 {
     struct cutting *c = context;
-    double *sum = c->sums + SUMS * c->width * (size_t)worker;
+    double *sum = c->sums + SUMS * c->width * (size_t)spin_pool_worker();
     size_t i = (size_t)task * BATCH, end = i + BATCH < c->n_parts ? i + BATCH : c->n_parts, widest;
 
     for (; i < end; i++) {

@@ -38,7 +38,7 @@ static bool is_noise(const unsigned char *data, size_t n)
     return n >= LEAST_NOISE && bits > 7.9 * (double)n;
 }
 
-static void deflate_block(void *context, int task, int worker)
+static void deflate_block(void *context, int task)
 {
     struct deflated *g = context;
     const struct spin_deflate *job = g->job;
@@ -48,7 +48,6 @@ static void deflate_block(void *context, int task, int worker)
     int level = job->noise_as_is && is_noise(job->data + at, n) ? 0 : job->level;
     z_stream z = {0};
 
-    (void)worker;
     if (deflateInit2(&z, level, Z_DEFLATED, -MAX_WBITS, 8, job->rle ? Z_RLE : Z_DEFAULT_STRATEGY) !=
         Z_OK)
         return;

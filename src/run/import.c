@@ -527,14 +527,13 @@ static spin_status read_frame(struct import *im, int i, int rank, unsigned colum
 
 /* Task 0 reads frame im->step, task 1 writes the one before. What is the same in every frame is written with the first
  * one, and not read again. */
-static void store_task(void *context, int task, int worker)
+static void store_task(void *context, int task)
 {
     struct import *im = context;
     const struct spin_bundle_meta *meta = &im->meta;
     int i = im->step - task, rank = i % spin_n_ranks();
     spin_status status = SPIN_OK;
 
-    (void)worker;
     if (i < 0 || i == meta->n_frames)
         return;
     if (task == 1 && im->writing)

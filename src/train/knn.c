@@ -59,13 +59,12 @@ struct measured {
     float *mean_dist2;
 };
 
-static void measure(void *context, int task, int worker)
+static void measure(void *context, int task)
 {
     const struct measured *m = context;
     const struct spin_kd_tree *t = &m->tree;
     size_t first = (size_t)task * CHUNK, last = first + CHUNK < t->n ? first + CHUNK : t->n;
 
-    (void)worker;
     for (size_t i = first; i < last; i++) {
         float best[NEIGHBOURS] = {FLT_MAX, FLT_MAX, FLT_MAX}, sum = 0;
         uint32_t self = t->order[i];

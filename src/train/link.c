@@ -69,13 +69,12 @@ static void offer(void *context, uint32_t to)
         *s->wanted = link;
 }
 
-static void find_best(void *context, int task, int worker)
+static void find_best(void *context, int task)
 {
     const struct round *r = context;
     size_t first = (size_t)task * CHUNK,
            last = first + CHUNK < r->from->n ? first + CHUNK : r->from->n;
 
-    (void)worker;
     for (size_t i = first; i < last; i++) {
         r->wanted[i] = (struct link){INFINITY, 0};
         if (r->next[i] == SPIN_NO_LINK && r->reach[i] > 0)

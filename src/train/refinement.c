@@ -282,7 +282,7 @@ static spin_status refine(struct job *job, struct spin_device *device)
     return keep(job);
 }
 
-static void refine_task(void *context, int task, int hand)
+static void refine_task(void *context, int task)
 {
     struct stage *stage = context;
     struct job job = {.stage = stage, .frame = stage->todo[stage->first + task]};
@@ -293,7 +293,7 @@ static void refine_task(void *context, int task, int hand)
     pthread_mutex_unlock(&stage->lock);
     if (status != SPIN_OK)
         return;
-    status = refine(&job, &stage->hand[hand]);
+    status = refine(&job, &stage->hand[spin_pool_worker()]);
     if (status != SPIN_OK) {
         pthread_mutex_lock(&stage->lock);
         if (stage->status == SPIN_OK) {

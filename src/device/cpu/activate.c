@@ -19,13 +19,12 @@ struct job {
 
 static int n_chunks(size_t n) { return (int)((n + CHUNK - 1) / CHUNK); }
 
-static void activate_task(void *context, int task, int worker)
+static void activate_task(void *context, int task)
 {
     const struct job *job = context;
     size_t first = (size_t)task * CHUNK;
     size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
 
-    (void)worker;
     for (size_t i = first; i < end; i++) {
         const float *h = job->raw + i * SPIN_ATTR;
         float *a = job->out + i * SPIN_ATTR;
@@ -47,13 +46,12 @@ void SPIN_CPU(activate)(struct spin_device *d, size_t n, const float *raw, float
     spin_cpu_spent(d, SPIN_OP_ACTIVATE, start);
 }
 
-static void activate_back_task(void *context, int task, int worker)
+static void activate_back_task(void *context, int task)
 {
     const struct job *job = context;
     size_t first = (size_t)task * CHUNK;
     size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
 
-    (void)worker;
     for (size_t i = first; i < end; i++) {
         size_t row = job->rows[i];
         const float *h = job->raw + row * SPIN_ATTR, *g = job->d_attr + row * SPIN_ATTR;
@@ -89,14 +87,13 @@ static uint32_t any_set(const float *x, int n)
     return bits & 0x7fffffffu;
 }
 
-static void active_task(void *context, int task, int worker)
+static void active_task(void *context, int task)
 {
     const struct job *job = context;
     size_t first = (size_t)task * CHUNK;
     size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
     uint32_t *found = job->found + first, n = 0;
 
-    (void)worker;
     for (size_t i = first; i < end; i++)
         if (any_set(job->d_attr + i * SPIN_ATTR, SPIN_ATTR) ||
             (job->d_pos_w && any_set(job->d_pos_w + i * 3, 3)))
@@ -148,13 +145,12 @@ struct regularise_back {
     float *d_attr;
 };
 
-static void regularise_task(void *context, int task, int worker)
+static void regularise_task(void *context, int task)
 {
     const struct regularise_back *job = context;
     size_t first = (size_t)task * CHUNK;
     size_t end = first + CHUNK < job->n_rows ? first + CHUNK : job->n_rows;
 
-    (void)worker;
     for (size_t i = first; i < end; i++) {
         float *g = job->d_attr + (size_t)job->rows[i] * SPIN_ATTR;
 

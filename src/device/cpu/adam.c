@@ -22,14 +22,13 @@ static void step_range(struct spin_adam_step step, size_t n, float *restrict p, 
     }
 }
 
-static void adam_task(void *context, int task, int worker)
+static void adam_task(void *context, int task)
 {
     const struct job *job = context;
     size_t first = (size_t)task * CHUNK;
     size_t n = job->n - first < CHUNK ? job->n - first : CHUNK;
     unsigned before = spin_denormals_off();
 
-    (void)worker;
     step_range(job->step, n, job->p + first, job->g + first, job->m + first, job->v + first);
     spin_denormals_back(before);
 }
@@ -62,14 +61,13 @@ struct finite {
 };
 
 /* The exponent alone tells: compilers take such a loop many values at a time. */
-static void finite_task(void *context, int task, int worker)
+static void finite_task(void *context, int task)
 {
     const struct finite *job = context;
     size_t first = (size_t)task * FINITE_CHUNK;
     size_t end = first + FINITE_CHUNK < job->n ? first + FINITE_CHUNK : job->n;
     uint32_t bad = 0;
 
-    (void)worker;
     for (size_t i = first; i < end; i++)
         bad += (spin_bits_of_float(job->values[i]) & 0x7f800000u) == 0x7f800000u;
     if (bad)

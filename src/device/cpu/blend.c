@@ -273,7 +273,7 @@ static void front_end(const struct job *job, const struct front *f, const struct
     }
 }
 
-static void blend_task(void *context, int tile, int worker)
+static void blend_task(void *context, int tile)
 {
     const struct job *job = context;
     struct place p = place_of(job->cam, tile);
@@ -282,7 +282,6 @@ static void blend_task(void *context, int tile, int worker)
     struct ready ready;
     struct front f;
 
-    (void)worker;
     fetch_pixels(job, &p);
     front_begin(&f, &p);
     for (uint32_t first = 0; first < n && f.n_live; first += BATCH) {
@@ -321,14 +320,13 @@ void SPIN_CPU(blend)(struct spin_device *d, const struct spin_view_batch *views,
 /* ---- Depth ----------------------------------------------------------------------------------- */
 
 /* A pixel at a time: films are not trainings. */
-static void depth_task(void *context, int tile, int worker)
+static void depth_task(void *context, int tile)
 {
     const struct job *job = context;
     struct place p = place_of(job->cam, tile);
     size_t plane = (size_t)job->cam->width * (size_t)job->cam->height;
     struct spin_blend_pixel pixel[SIDE * SIDE] = {0};
 
-    (void)worker;
     for (int i = 0; i < SIDE * SIDE; i++)
         pixel[i].t = 1;
     for (uint32_t k = job->start[tile]; k < job->start[tile + 1]; k++) {
@@ -522,7 +520,7 @@ static struct spin_blend_sums *slot_of(const struct job *job, const struct place
     return job->slots + s->first_intersection + row * width + (p->tile_x - (size_t)r.x0);
 }
 
-static void back_task(void *context, int tile, int worker)
+static void back_task(void *context, int tile)
 {
     const struct job *job = context;
     struct place p = place_of(job->cam, tile);
@@ -531,7 +529,6 @@ static void back_task(void *context, int tile, int worker)
     struct ready ready;
     struct back b;
 
-    (void)worker;
     back_begin(job, &b, &p);
     end = (uint32_t)b.most < n ? (uint32_t)b.most : n;
     for (uint32_t i = end; i < n; i++)
@@ -551,13 +548,12 @@ static void back_task(void *context, int tile, int worker)
 }
 
 /* Add the slots of each splat, and finish. */
-static void reduce_task(void *context, int task, int worker)
+static void reduce_task(void *context, int task)
 {
     const struct job *job = context;
     size_t first = (size_t)task * REDUCE_CHUNK;
     size_t last = job->n - first < REDUCE_CHUNK ? job->n : first + REDUCE_CHUNK;
 
-    (void)worker;
     for (size_t i = first; i < last; i++) {
         const struct spin_splat2d *s = job->splat2d + i;
         struct spin_splat2d_grad *d = job->d_splat2d + i;

@@ -22,7 +22,7 @@ static inline spin_vec3 normalised(const struct spin_scene_transform *transform,
                    spin_contract_axis(p[2], transform->centre[2], transform->inv_radius));
 }
 
-static void contract_task(void *context, int task, int worker)
+static void contract_task(void *context, int task)
 {
     const struct job *job = context;
     size_t first = (size_t)task * CHUNK;
@@ -30,7 +30,6 @@ static void contract_task(void *context, int task, int worker)
     float t = spin_clamp_unit(job->t);
     bool raw = job->transform->raw;
 
-    (void)worker;
     for (size_t i = first; i < end; i++) {
         spin_vec3 p = normalised(job->transform, job->pos_w + i * 3);
         spin_vec3 u = raw ? p : spin_contract(p);
@@ -60,14 +59,13 @@ void SPIN_CPU(contract)(struct spin_device *d, const struct spin_scene_transform
     spin_cpu_spent(d, SPIN_OP_CONTRACT, start);
 }
 
-static void contract_back_task(void *context, int task, int worker)
+static void contract_back_task(void *context, int task)
 {
     const struct job *job = context;
     size_t first = (size_t)task * CHUNK;
     size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
     bool raw = job->transform->raw;
 
-    (void)worker;
     for (size_t i = first; i < end; i++) {
         size_t row = job->rows[i] - job->first_row;
         const float *d_u = job->d_x_u + i * 4;

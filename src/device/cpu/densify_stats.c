@@ -16,13 +16,12 @@ struct job {
 };
 
 /* A pixel coordinate u belongs to x in normalised device coordinates by u = ((x + 1) width - 1) / 2. */
-static void stats_task(void *context, int task, int worker)
+static void stats_task(void *context, int task)
 {
     const struct job *job = context;
     size_t first = (size_t)task * CHUNK;
     size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
 
-    (void)worker;
     for (size_t i = first; i < end; i++) {
         float x = job->half_width * job->d_splat2d[i].u_px;
         float y = job->half_height * job->d_splat2d[i].v_px;

@@ -35,13 +35,12 @@ static struct part part_of(const struct job *j, int task)
                          .c2 = j->lens[3 + channel]};
 }
 
-static void forward(void *context, int task, int worker)
+static void forward(void *context, int task)
 {
     const struct job *j = context;
     struct part p = part_of(j, task);
     float half = 0.5f * (float)j->width;
 
-    (void)worker;
     for (int y = p.first; y < p.last; y++) {
         const float *image = j->image + p.at + (size_t)y * (size_t)j->width;
         float *out = j->out + p.at + (size_t)y * (size_t)j->width;
@@ -54,14 +53,13 @@ static void forward(void *context, int task, int worker)
     }
 }
 
-static void backward(void *context, int task, int worker)
+static void backward(void *context, int task)
 {
     const struct job *j = context;
     struct part p = part_of(j, task);
     float half = 0.5f * (float)j->width;
     double sum[SUMS] = {0};
 
-    (void)worker;
     for (int y = p.first; y < p.last; y++) {
         const float *image = j->image + p.at + (size_t)y * (size_t)j->width;
         float *d = j->out + p.at + (size_t)y * (size_t)j->width;

@@ -260,7 +260,7 @@ static void gather_level(const struct grid_job *job, int level, const struct lev
     }
 }
 
-static void grid_task(void *context, int task, int worker)
+static void grid_task(void *context, int task)
 {
     const struct grid_job *job = context;
     size_t first = (size_t)task * BLOCK;
@@ -269,7 +269,6 @@ static void grid_task(void *context, int task, int worker)
     struct corners c[2];
     struct level at[2];
 
-    (void)worker;
     points_set(&p, job->x_u, NULL, first, m);
     level_set(&at[0], job->grid, 0);
     corners_set(&c[0], &p, &at[0]);
@@ -346,7 +345,7 @@ static void need(const struct grid_job *job, const struct corners *c, const stru
 }
 
 /* A level belongs to one task, so no line is brought twice. */
-static void grid_lazy_task(void *context, int task, int worker)
+static void grid_lazy_task(void *context, int task)
 {
     const struct grid_job *job = context;
     const struct spin_grid *grid = job->grid;
@@ -356,7 +355,6 @@ static void grid_lazy_task(void *context, int task, int worker)
     struct level at;
     struct block block[2];
 
-    (void)worker;
     level_set(&at, grid, level);
     block_set(&block[0], job, &at, 0);
     for (size_t first = 0, i = 0; first < job->n; first += BLOCK, i++) {
@@ -467,7 +465,7 @@ scatter(const float *table, float *d_table, const struct corners *c, const struc
     }
 }
 
-static void grid_back_task(void *context, int task, int worker)
+static void grid_back_task(void *context, int task)
 {
     const struct grid_job *job = context;
     const struct spin_grid *grid = job->grid;
@@ -479,7 +477,6 @@ static void grid_back_task(void *context, int task, int worker)
     struct level at;
     struct block block[2];
 
-    (void)worker;
     level_set(&at, grid, level);
     table += at.first_row * width;
     d_table += at.first_row * width;
@@ -515,7 +512,7 @@ static void grid_back_task(void *context, int task, int worker)
     }
 }
 
-static void sum_levels_task(void *context, int task, int worker)
+static void sum_levels_task(void *context, int task)
 {
     const struct grid_job *job = context;
     size_t first = (size_t)task * CHUNK;
@@ -523,7 +520,6 @@ static void sum_levels_task(void *context, int task, int worker)
     int n_levels = job->grid->n_levels;
     quad sum[SPIN_MAX_LEVELS];
 
-    (void)worker;
     for (size_t i = first; i < end; i++) {
         for (int level = 0; level < n_levels; level++)
             sum[level] = job->d_x[(size_t)level * job->n + i];

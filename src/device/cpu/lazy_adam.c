@@ -58,7 +58,7 @@ static size_t list_marked(const struct spin_cpu_lazy_adam *lazy, size_t first, s
     return n;
 }
 
-static void step_task(void *context, int task, int worker)
+static void step_task(void *context, int task)
 {
     const struct job *job = context;
     size_t first = (size_t)task * LINES;
@@ -67,7 +67,6 @@ static void step_task(void *context, int task, int worker)
     size_t n = list_marked(job->lazy, first, end, list);
     unsigned before = spin_denormals_off();
 
-    (void)worker;
     for (size_t i = 0; i < n; i++) {
         size_t at = (first + list[i]) * SPIN_LINE;
 
@@ -170,14 +169,13 @@ void SPIN_CPU(lazy_adam_step)(struct spin_device *d, struct spin_lazy_adam *lazy
     spin_cpu_spent(d, SPIN_OP_ADAM, start);
 }
 
-static void flush_task(void *context, int task, int worker)
+static void flush_task(void *context, int task)
 {
     const struct job *job = context;
     size_t first = (size_t)task * LINES;
     size_t end = first + LINES < job->n_lines ? first + LINES : job->n_lines;
     unsigned before = spin_denormals_off();
 
-    (void)worker;
     for (size_t line = first; line < end; line++) {
         const float *skipped_step =
             job->lazy->skipped_step + 2 * (size_t)job->lazy->public.last[line];

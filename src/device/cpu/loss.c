@@ -78,11 +78,11 @@ struct band {
     float *line, *zeros;       /* one row each */
 };
 
-static struct band band_of(const struct job *job, int task, int worker)
+static struct band band_of(const struct job *job, int task)
 {
     int channel = task / job->bands;
     size_t plane = (size_t)job->width * (size_t)job->height;
-    float *rows = job->rows + (size_t)worker * job->rows_floats;
+    float *rows = job->rows + (size_t)spin_pool_worker() * job->rows_floats;
     struct band b;
 
     b.first = task % job->bands * BAND;
@@ -154,10 +154,10 @@ static void times_row(int w, const float *SPIN_RESTRICT weight, float *SPIN_REST
         row[x] *= weight[x];
 }
 
-static void forward_task(void *context, int task, int worker)
+static void forward_task(void *context, int task)
 {
     const struct job *job = context;
-    struct band b = band_of(job, task, worker);
+    struct band b = band_of(job, task);
     float *line = b.line;
     double l1 = 0, ssim = 0, mass = 0;
 
@@ -211,10 +211,10 @@ static void backward_row(const struct job *job, const struct band *b, int row)
     }
 }
 
-static void backward_task(void *context, int task, int worker)
+static void backward_task(void *context, int task)
 {
     const struct job *job = context;
-    struct band b = band_of(job, task, worker);
+    struct band b = band_of(job, task);
 
     for (int row = b.first; row < b.last; row++) {
         for (int m = 0; m < 3; m++) {
@@ -244,13 +244,12 @@ struct photo {
 
 enum { PHOTO_CHUNK = 1 << 14 }; /* pixels */
 
-static void photo_task(void *context, int task, int worker)
+static void photo_task(void *context, int task)
 {
     const struct photo *p = context;
     size_t first = (size_t)task * PHOTO_CHUNK;
     size_t last = p->plane - first < PHOTO_CHUNK ? p->plane : first + PHOTO_CHUNK;
 
-    (void)worker;
     for (size_t c = 0; p->rgb8 && c < 3; c++)
         for (size_t i = first; i < last; i++)
             p->truth[c * p->plane + i] = (float)p->rgb8[3 * i + c] / 255.0f;

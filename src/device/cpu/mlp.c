@@ -271,13 +271,13 @@ ALWAYS_INLINE void fetch(const float *from, size_t n, int to_write)
     }
 }
 
-static void mlp_task(void *context, int task, int worker)
+static void mlp_task(void *context, int task)
 {
     const struct job *job = context;
     size_t first = (size_t)task * BLOCK, n_in = (size_t)job->heads->n_in;
     int m = job->n - first < BLOCK ? (int)(job->n - first) : BLOCK;
     size_t ld = padded(job->heads->hidden);
-    float *h1 = job->work + (size_t)worker * job->work_floats;
+    float *h1 = job->work + (size_t)spin_pool_worker() * job->work_floats;
     float *h2 = h1 + BLOCK * ld, *out = h2 + BLOCK * ld;
 
     fetch(job->raw + first * SPIN_ATTR, (size_t)m * SPIN_ATTR, 1);
@@ -478,10 +478,10 @@ static void block_back(const struct job *job, size_t first, const struct work *w
                n_in * sizeof *w->d_z);
 }
 
-static void mlp_back_task(void *context, int task, int worker)
+static void mlp_back_task(void *context, int task)
 {
     const struct job *job = context;
-    struct work w = work_at(job->heads, job->work + (size_t)worker * job->work_floats);
+    struct work w = work_at(job->heads, job->work + (size_t)spin_pool_worker() * job->work_floats);
     float *partial = job->partial + (size_t)task * job->plain.n_floats;
     size_t first = (size_t)task * job->blocks_each * BLOCK;
     size_t end = first + job->blocks_each * BLOCK;
@@ -492,12 +492,11 @@ static void mlp_back_task(void *context, int task, int worker)
 }
 
 /* One piece of one head: partial sums to the parameters, in task order. */
-static void sum_task(void *context, int task, int worker)
+static void sum_task(void *context, int task)
 {
     const struct job *job = context;
     const struct piece *piece = &job->plain.of[task / PIECES][task % PIECES];
 
-    (void)worker;
     for (int r = 0; r < piece->rows; r++) {
         float *restrict to = job->d_param + piece->param + (size_t)r * (size_t)piece->cols;
 

@@ -80,12 +80,11 @@ static inline void project_range(const struct job *job, int degree, size_t first
 
 static size_t chunk_end(size_t n, size_t first) { return n - first < CHUNK ? n : first + CHUNK; }
 
-static void project_task(void *context, int task, int worker)
+static void project_task(void *context, int task)
 {
     const struct job *job = context;
     size_t first = (size_t)task * CHUNK, last = chunk_end(job->n, first);
 
-    (void)worker;
     if (job->sh_degree == 3) /* a constant degree lets the compiler unroll */
         project_range(job, 3, first, last);
     else
@@ -166,12 +165,11 @@ static inline void project_back_range(const struct job *job, int degree, size_t 
         project_back_one(job, degree, i);
 }
 
-static void project_back_task(void *context, int task, int worker)
+static void project_back_task(void *context, int task)
 {
     const struct job *job = context;
     size_t first = (size_t)task * CHUNK, last = chunk_end(job->n, first);
 
-    (void)worker;
     if (job->sh_degree == 3)
         project_back_range(job, 3, first, last);
     else

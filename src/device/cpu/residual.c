@@ -46,17 +46,9 @@ static inline void to_rows(const struct job *job, int task, bool add)
         group_to_rows(job, task, group_of_sh(job->sh_width), job->sh, add);
 }
 
-static void add_task(void *context, int task, int worker)
-{
-    (void)worker;
-    to_rows(context, task, true);
-}
+static void add_task(void *context, int task) { to_rows(context, task, true); }
 
-static void set_task(void *context, int task, int worker)
-{
-    (void)worker;
-    to_rows(context, task, false);
-}
+static void set_task(void *context, int task) { to_rows(context, task, false); }
 
 static int n_chunks(size_t n) { return (int)((n + CHUNK - 1) / CHUNK); }
 
@@ -104,12 +96,11 @@ static void group_back(const struct job *job, int task, struct group group, floa
     }
 }
 
-static void back_task(void *context, int task, int worker)
+static void back_task(void *context, int task)
 {
     const struct job *job = context;
     float *to = job->to;
 
-    (void)worker;
     for (int k = 0; k < N_GROUPS; to += groups[k++].width * job->n)
         group_back(job, task, groups[k], to);
     if (job->d_sh)

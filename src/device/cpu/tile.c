@@ -143,13 +143,12 @@ static void trims_store(struct job *job, int part, const struct trims *t, size_t
     }
 }
 
-static void trim_task(void *context, int part, int worker)
+static void trim_task(void *context, int part)
 {
     struct job *job = context;
     size_t end = part_begin(job, job->n, part + 1);
     struct trims trims;
 
-    (void)worker;
     memset(&trims, 0, sizeof trims);
     job->intersections[part] = 0;
     job->drawn[part] = 0;
@@ -166,13 +165,12 @@ static void trim_task(void *context, int part, int worker)
 
 static bool is_empty(struct rect r) { return r.x0 >= r.x1 || r.y0 >= r.y1; }
 
-static void list_task(void *context, int part, int worker)
+static void list_task(void *context, int part)
 {
     struct job *job = context;
     struct entry *to = job->from + job->drawn[part];
     uint32_t before = (uint32_t)job->intersections[part];
 
-    (void)worker;
     for (size_t i = part_begin(job, job->n, part); i < part_begin(job, job->n, part + 1); i++) {
         job->splat2d[i].first_intersection += before;
         if (!is_empty(job->rect[i]))
@@ -186,14 +184,13 @@ static uint32_t digit_of(const struct job *job, struct entry e)
 }
 
 /* Neighbours are often equally deep: two sets of counts, so that one need not wait for the other. */
-static void digit_count_task(void *context, int part, int worker)
+static void digit_count_task(void *context, int part)
 {
     struct job *job = context;
     size_t buckets = (size_t)1 << job->digit, end = part_begin(job, job->n_sorted, part + 1);
     size_t i = part_begin(job, job->n_sorted, part);
     uint32_t *count = job->count + (size_t)part * buckets, other[MAX_BUCKETS];
 
-    (void)worker;
     memset(count, 0, buckets * sizeof *count);
     memset(other, 0, buckets * sizeof *other);
     for (; i + 2 <= end; i += 2) {
@@ -206,13 +203,12 @@ static void digit_count_task(void *context, int part, int worker)
         count[k] += other[k];
 }
 
-static void digit_move_task(void *context, int part, int worker)
+static void digit_move_task(void *context, int part)
 {
     struct job *job = context;
     uint32_t *place = job->count + ((size_t)part << job->digit);
     size_t end = part_begin(job, job->n_sorted, part + 1);
 
-    (void)worker;
     for (size_t i = part_begin(job, job->n_sorted, part); i < end; i++)
         job->to[place[digit_of(job, job->from[i])]++] = job->from[i];
 }
@@ -380,14 +376,13 @@ static size_t corners_of(const struct spin_camera_f32 *cam)
 /* How often each tile is covered: every rectangle leaves its four corners, and the sums over what is
  * left and above of a tile are counts. They go where the corners were, without those beyond the
  * tiles. */
-static void tile_count_task(void *context, int part, int worker)
+static void tile_count_task(void *context, int part)
 {
     struct job *job = context;
     size_t tiles_x = (size_t)job->cam->tiles_x, tiles_y = (size_t)job->cam->tiles_y;
     size_t wide = tiles_x + 1, end = part_begin(job, job->n_sorted, part + 1);
     uint32_t *count = job->count + (size_t)part * corners_of(job->cam);
 
-    (void)worker;
     memset(count, 0, corners_of(job->cam) * sizeof *count);
     for (size_t i = part_begin(job, job->n_sorted, part); i < end; i++) {
         struct rect r = job->rect[job->from[i].splat];
@@ -410,14 +405,13 @@ static void tile_count_task(void *context, int part, int worker)
     }
 }
 
-static void tile_move_task(void *context, int part, int worker)
+static void tile_move_task(void *context, int part)
 {
     struct job *job = context;
     size_t tiles_x = (size_t)job->cam->tiles_x;
     uint32_t *place = job->count + (size_t)part * corners_of(job->cam), *intersections = job->lists;
     size_t end = part_begin(job, job->n_sorted, part + 1);
 
-    (void)worker;
     for (size_t i = part_begin(job, job->n_sorted, part); i < end; i++) {
         uint32_t splat = job->from[i].splat;
         struct walk w = walk_begin(job->rect[splat], tiles_x);

@@ -34,13 +34,12 @@ static void move(const struct job *job, const float *motion, float *value)
             value[c] += d * motion[c];
 }
 
-static void sum_task(void *context, int task, int worker)
+static void sum_task(void *context, int task)
 {
     const struct job *job = context;
     size_t w = job->width, first = (size_t)task * CHUNK;
     size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
 
-    (void)worker;
     for (size_t i = first; i < end; i++) {
         const float *shared =
             job->track[i] < job->n_tracks ? job->shared + w * job->track[i] : NULL;
@@ -53,13 +52,12 @@ static void sum_task(void *context, int task, int worker)
     }
 }
 
-static void back_task(void *context, int task, int worker)
+static void back_task(void *context, int task)
 {
     const struct job *job = context;
     size_t w = job->width, first = (size_t)task * CHUNK;
     size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
 
-    (void)worker;
     for (size_t i = first; i < end; i++) {
         const float *m = job->motion ? job->motion + SPIN_MOTION * (size_t)job->track[i] : NULL;
         float slope = 1;
