@@ -237,10 +237,9 @@ static spin_status add_to_file(struct export *x, const struct spin_frame_info *i
     all = (double)x->clip.row *
           ((double)x->still.n + (double)rows->n_kept * (double)x->clip.n_frames);
     if (x->n_done == 0 && all > (double)UINT32_MAX) /* before the hours of writing, not after */
-        spin_warn(
-            "%d frames like the first may be %.1f GB, a .glb ends at 4.3 GB; see --range, --sh "
-            "and --min-opacity, or give a folder",
-            x->clip.n_frames, all / 1e9);
+        spin_warn("%d frames like the first may be %.1f GB, a .glb ends at 4.3 GB; see --range, "
+                  "--sh and --min-opacity, or give a folder",
+                  x->clip.n_frames, all / 1e9);
     SPIN_TRY(write_rows(x, info, &x->frame[x->n_done]));
     if (x->n_done == 0 && x->still.n > 0) {
         spin_still_rows_only(&x->still, rows);

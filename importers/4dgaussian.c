@@ -66,10 +66,9 @@ static spin_status fail_no_save(const char *path, const char *wanted)
                          "'%s' has no iteration_%s with point_cloud.ply and deformation.pth", path,
                          wanted);
     if (spin_model_search(path, "deformation_GAD.pth", &coarse))
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "'%s' holds 'deformation_GAD.pth': it is a run of MoDec-GS, use --from "
-                         "modecgs",
-                         path);
+        return spin_fail(
+            SPIN_E_UNSUPPORTED,
+            "'%s' holds 'deformation_GAD.pth': it is a run of MoDec-GS, use --from modecgs", path);
     if (coarse)
         return spin_fail(SPIN_E_UNSUPPORTED,
                          "'%s' has only the coarse stage, which has no motion yet: train on, or "
@@ -95,10 +94,10 @@ static spin_status parse_heads(const char *list, bool used[N_HEADS])
                 used[h] = found = true;
         }
         if (!found && !(n == 4 && strncmp(list, "none", 4) == 0))
-            return spin_fail(SPIN_E_USAGE,
-                             "--deform '%.*s': expected some of position,scale,rotation,opacity,sh "
-                             "or none",
-                             (int)n, list);
+            return spin_fail(
+                SPIN_E_USAGE,
+                "--deform '%.*s': expected some of position,scale,rotation,opacity,sh or none",
+                (int)n, list);
         list += n + (list[n] == ',');
     }
     return SPIN_OK;
@@ -173,9 +172,9 @@ static spin_status fail_other_network(const struct spin_value *root)
                 SPIN_E_UNSUPPORTED,
                 "tensor '%s' says that this is a network of E-D3DGS: use --from ed3dgs", theirs[i]);
     }
-    return spin_fail(SPIN_E_MALFORMED,
-                     "no tensor 'deformation_net.grid.grids.0.0': this is not a network of "
-                     "4DGaussians");
+    return spin_fail(
+        SPIN_E_MALFORMED,
+        "no tensor 'deformation_net.grid.grids.0.0': this is not a network of 4DGaussians");
 }
 
 static spin_status load_network(struct spin_model *m)
@@ -209,8 +208,8 @@ static void check_table(struct spin_model *m, const char *save)
         spin_torch_tensor(&torch, torch.root, "deformation_table", &table) == SPIN_OK &&
         table.count != n) {
         spin_note(m->sequence,
-                  "deformation_table.pth is for %llu Gaussians, but point_cloud.ply has "
-                  "%zu: are they from the same save?",
+                  "deformation_table.pth is for %llu Gaussians, but point_cloud.ply has %zu: are "
+                  "they from the same save?",
                   (unsigned long long)table.count, n);
         spin_warn("'%s' is for %llu Gaussians, but the cloud has %zu", path,
                   (unsigned long long)table.count, n);
@@ -253,8 +252,8 @@ static spin_status open_model(void *self, const char *path)
              "4DGaussians, %zu Gaussians, %d scales of planes, width %d", m->canonical.n,
              model->hex.n_scales, model->hex.width);
     spin_note(m->sequence,
-              "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) for "
-              "D-NeRF and HyperNeRF scenes, i/300 for DyNeRF, i/n for multi-view ones");
+              "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) for D-NeRF and "
+              "HyperNeRF scenes, i/300 for DyNeRF, i/n for multi-view ones");
     return spin_mlp_team_create(spin_hex_scratch(&model->hex) + 48 * MLP_BLOCK, &m->team);
 }
 

@@ -95,10 +95,10 @@ static spin_status load_time(struct model *m)
     int inputs = m->n_time = m->n_in - POSITION_INPUTS;
 
     if (m->n_time < 1)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "tensor 'linear.0.weight' has %d inputs, expected more than the %d of a "
-                         "position",
-                         m->n_in, POSITION_INPUTS);
+        return spin_fail(
+            SPIN_E_MALFORMED,
+            "tensor 'linear.0.weight' has %d inputs, expected more than the %d of a position",
+            m->n_in, POSITION_INPUTS);
     if (spin_model_get(&m->base, "timenet.0.weight") ||
         spin_model_get(&m->base, "timenet.2.weight")) {
         SPIN_TRY(spin_model_layer(&m->base, "timenet.0", -1, -1, MLP_RELU, &m->time));
@@ -108,10 +108,10 @@ static spin_status load_time(struct model *m)
     }
     m->frequencies = (inputs - 1) / 2;
     if (inputs % 2 == 0 || m->frequencies > MAX_TIME_FREQUENCIES)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "time has %d inputs, expected 1 and two for each of at most %d "
-                         "frequencies",
-                         inputs, MAX_TIME_FREQUENCIES);
+        return spin_fail(
+            SPIN_E_MALFORMED,
+            "time has %d inputs, expected 1 and two for each of at most %d frequencies", inputs,
+            MAX_TIME_FREQUENCIES);
     return SPIN_OK;
 }
 
@@ -136,9 +136,9 @@ static spin_status load_network(struct spin_model *base)
 
     if (root->kind == SPIN_VALUE_TUPLE && root->n == 2 && root->item[0]->kind == SPIN_VALUE_DICT &&
         root->item[1]->kind == SPIN_VALUE_DICT)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "a pair of dicts, as Grid4D and DASH save it: use --from grid4d or --from "
-                         "dash");
+        return spin_fail(
+            SPIN_E_UNSUPPORTED,
+            "a pair of dicts, as Grid4D and DASH save it: use --from grid4d or --from dash");
     SPIN_TRY(spin_model_dict(base));
     SPIN_TRY(spin_model_keys(base, known));
     SPIN_TRY(load_layers(m));
@@ -169,9 +169,8 @@ static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
         spin_cfg_get(cfg, "use_depth_and_flow").at || spin_cfg_get(cfg, "optimize_pose").at;
     SPIN_TRY(spin_cfg_read_bool(cfg, "optimize_pose", &moved));
     if (moved)
-        spin_note(sequence,
-                  "optimize_pose=True: training moved the cameras and did not save them, so what "
-                  "the data set's cameras see is shifted");
+        spin_note(sequence, "optimize_pose=True: training moved the cameras and did not save them, "
+                            "so what the data set's cameras see is shifted");
     if (m->motiongs && spin_cfg_is(format, "'plenopticVideo'")) {
         sequence->time_last = 10;
         sequence->half_open = true; /* 300 frames at i/30 */
@@ -180,8 +179,8 @@ static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
     } else if (m->motiongs && (spin_cfg_is(format, "''") || spin_cfg_is(format, "'blender'"))) {
         spin_note(
             sequence,
-            "scene_format=%.*s: times are those of the data set's transforms_train.json, which "
-            "may be seconds; without that file they run from 0 to 1, frame i of n at i/(n-1)",
+            "scene_format=%.*s: times are those of the data set's transforms_train.json, which may "
+            "be seconds; without that file they run from 0 to 1, frame i of n at i/(n-1)",
             (int)(format.end - format.at), format.at);
     } else {
         spin_note(sequence, "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1)");

@@ -86,8 +86,7 @@ static spin_status read_iteration(struct spin_model *m, const char *save, long l
     if (*out < 0)
         return spin_fail(
             SPIN_E_USAGE,
-            "'%s' is not called iteration_<N>, and the model depends on N: say it with "
-            "--iteration",
+            "'%s' is not called iteration_<N>, and the model depends on N: say it with --iteration",
             save);
     if (named >= 0 && said >= 0 && named != said)
         return spin_fail(SPIN_E_USAGE, "--iteration %s, but '%s' is of iteration %lld", wanted,
@@ -220,11 +219,10 @@ static spin_status load_stage(struct model *m, char letter, struct stage *s)
     snprintf(key, sizeof key, "%s.0", stem);
     SPIN_TRY(spin_model_layer(&m->base, key, -1, -1, MLP_RELU, &s->trunk));
     if (first->n_in != m->n_time + m->n_embedding)
-        return spin_fail(
-            SPIN_E_MALFORMED,
-            "tensor '%s%s.weight' takes %d inputs, but 'weight' has %d columns and the "
-            "cloud %d properties embedding_*",
-            m->base.prefix, key, first->n_in, m->n_time, m->n_embedding);
+        return spin_fail(SPIN_E_MALFORMED,
+                         "tensor '%s%s.weight' takes %d inputs, but 'weight' has %d columns and "
+                         "the cloud %d properties embedding_*",
+                         m->base.prefix, key, first->n_in, m->n_time, m->n_embedding);
     SPIN_TRY(spin_model_trunk(&m->base, stem, 2, first->n_out, &s->trunk));
     SPIN_TRY(check_trunk(&m->base, letter, s->trunk.n));
     for (int h = 0; h < N_HEADS; h++) {
@@ -286,12 +284,11 @@ static spin_status load_network(struct spin_model *base)
     SPIN_TRY(spin_model_floats(base, "weight", 2, shape, &info, &m->table));
     if (info.shape[0] != (uint64_t)m->settings.max_rows || info.shape[1] < 1 ||
         info.shape[1] > MLP_MAX_WIDTH)
-        return spin_fail(
-            SPIN_E_MALFORMED,
-            "tensor '%sweight' has shape [%llu, %llu], expected %g rows (max_embeddings) "
-            "of 1 to %d",
-            base->prefix, (unsigned long long)info.shape[0], (unsigned long long)info.shape[1],
-            m->settings.max_rows, MLP_MAX_WIDTH);
+        return spin_fail(SPIN_E_MALFORMED,
+                         "tensor '%sweight' has shape [%llu, %llu], expected %g rows "
+                         "(max_embeddings) of 1 to %d",
+                         base->prefix, (unsigned long long)info.shape[0],
+                         (unsigned long long)info.shape[1], m->settings.max_rows, MLP_MAX_WIDTH);
     m->n_rows = (int)info.shape[0];
     m->n_time = (int)info.shape[1];
     SPIN_TRY(load_shift(m));
@@ -346,8 +343,8 @@ static void describe(const struct model *m)
     if (s->n_frames > 0)
         spin_note(sequence, "frame i of the run's %g is at time i/%g", s->n_frames, s->n_frames);
     else
-        spin_note(sequence, "cfg_args does not say how many frames the run has: frame i of n is at "
-                            "time i/n");
+        spin_note(sequence,
+                  "cfg_args does not say how many frames the run has: frame i of n is at time i/n");
 }
 
 static spin_status open_model(void *self, const char *path)
@@ -503,8 +500,7 @@ static spin_status ed3dgs_frame(void *self, int frame, double time, unsigned col
 static const struct spin_plugin_option options[] = {
     {"iteration", "N",
      "which save to read, the last when not given; of a save by itself, its number when its "
-     "folder's "
-     "name does not say",
+     "folder's name does not say",
      NULL},
     {"cfg-args", "FILE", "the options of the run, where none lie beside the model", NULL},
     {NULL, NULL, NULL, NULL},

@@ -664,15 +664,13 @@ static spin_status open_model(void *self, const char *path)
     if (!m->is_chkpnt)
         spin_note(sequence,
                   "the PLYs of %s are read: the motion of static Gaussians is spread over %g "
-                  "frames, in the "
-                  "checkpoint over a few more",
+                  "frames, in the checkpoint over a few more",
                   spin_path_name(m->base.path), m->duration);
     if (m->moving.n > 0)
-        spin_note(
-            sequence,
-            "4D splats are pieces between key frames, whose rotations are within %g degrees of "
-            "the method's; what is fainter than 1/255 is left out of them",
-            NEAR);
+        spin_note(sequence,
+                  "4D splats are pieces between key frames, whose rotations are within %g degrees "
+                  "of the method's; what is fainter than 1/255 is left out of them",
+                  NEAR);
     spin_note(sequence, "trained with a filter of 0.1 square pixels that dims thin splats: drawn "
                         "antialiased, which is similar");
     return SPIN_OK;

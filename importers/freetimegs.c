@@ -356,11 +356,10 @@ static spin_status read_ply(struct model *m)
     }
     for (size_t t = 0; t < n; t++) {
         if (target[t].property < 0)
-            return spin_fail(
-                SPIN_E_MALFORMED,
-                "'%s': element 'vertex' lacks a property of a .ftgs.ply: x y z opacity "
-                "scale_0..2 rot_0..3 time log_duration velocity_0..2",
-                m->base.path);
+            return spin_fail(SPIN_E_MALFORMED,
+                             "'%s': element 'vertex' lacks a property of a .ftgs.ply: x y z "
+                             "opacity scale_0..2 rot_0..3 time log_duration velocity_0..2",
+                             m->base.path);
         if (e->property[target[t].property].type != SPIN_PLY_F32)
             return spin_fail(SPIN_E_MALFORMED, "'%s': property '%s' is no float", m->base.path,
                              e->property[target[t].property].name);

@@ -180,10 +180,10 @@ static spin_status hash_load_grid(struct hash_model *m, const char *name, int n_
         struct hash_level *level = &grid->level[l];
 
         if (!spin_grid_stored_level(l, n_dims, growth, base, level->scale, level->res))
-            return spin_fail(SPIN_E_MALFORMED,
-                             "tensors '%s.per_level_scale' and '.base_resolution' make no grid at "
-                             "level %d",
-                             name, l);
+            return spin_fail(
+                SPIN_E_MALFORMED,
+                "tensors '%s.per_level_scale' and '.base_resolution' make no grid at level %d",
+                name, l);
         level->rows = (uint32_t)(offset[l + 1] - offset[l]);
         level->hashed = spin_grid_is_hashed(level->res, level->rows);
         level->table = table + (size_t)offset[l] * (size_t)grid->n_features;
@@ -262,9 +262,8 @@ static spin_status hash_open(struct hash_model *m, const char *path,
     snprintf(base->sequence->variant, sizeof base->sequence->variant,
              "%s, %zu Gaussians, bound %g, width %d", method->name, base->canonical.n, m->bound,
              m->width);
-    spin_note(base->sequence,
-              "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) in "
-              "most data sets, at i/n in some");
+    spin_note(base->sequence, "times run from 0 to 1 and are not stored: frame i of n is at "
+                              "i/(n-1) in most data sets, at i/n in some");
     return spin_mlp_team_create(m->n_scratch, &base->team);
 }
 
@@ -586,8 +585,8 @@ static spin_status dash_open_save(void *self, const char *path)
     iteration = spin_model_iteration(m->save);
     if (iteration >= 0 && iteration <= 2000)
         spin_note(m->base.sequence,
-                  "%s looks like a save of the first training stage, which works "
-                  "otherwise: the result may be wrong",
+                  "%s looks like a save of the first training stage, which works otherwise: the "
+                  "result may be wrong",
                   m->save);
     return SPIN_OK;
 }

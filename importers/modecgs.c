@@ -340,9 +340,7 @@ static spin_status read_storage(struct model *model, const struct spin_zip *zip,
     }
     if (!m || m->size % 4 != 0 || m->size == 0 || (*count && m->size != 4 * (uint64_t)*count))
         return spin_fail(SPIN_E_MALFORMED,
-                         "member 'data/%d' is missing or not of the size of its "
-                         "layer",
-                         index);
+                         "member 'data/%d' is missing or not of the size of its layer", index);
     SPIN_TRY(spin_zip_read(zip, m, true, 1u << 24, &data, &owned));
     *count = (size_t)m->size / 4;
     status = alloc_floats(model, *count, 1, &values);

@@ -140,10 +140,10 @@ static spin_status huffman_build(const struct spin_value *table, struct huffman 
         if (!bits || !code || bits->kind != SPIN_VALUE_INT || code->kind != SPIN_VALUE_INT ||
             bits->integer < 1 || bits->integer > MAX_CODE_BITS || code->integer < 0 ||
             code->integer >> bits->integer != 0)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "a Huffman table has a code that is not (bits, value) of at most %d "
-                             "bits",
-                             MAX_CODE_BITS);
+            return spin_fail(
+                SPIN_E_MALFORMED,
+                "a Huffman table has a code that is not (bits, value) of at most %d bits",
+                MAX_CODE_BITS);
         SPIN_TRY(add_code(tree, (int)bits->integer, (uint64_t)code->integer, (int64_t)label));
     }
     return SPIN_OK;
@@ -266,10 +266,10 @@ static spin_status read_parts(struct model *m, const char *name, size_t width, f
         spin_status status;
 
         if (!book || book->n_dims != 2 || book->shape[1] == 0 || book->shape[1] > width - at)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "'%s_code' %zu is no codebook, or its width does not fit into the %zu "
-                             "columns",
-                             name, i, width);
+            return spin_fail(
+                SPIN_E_MALFORMED,
+                "'%s_code' %zu is no codebook, or its width does not fit into the %zu columns",
+                name, i, width);
         status = read_part(m, spin_value_at(codes, i), spin_value_at(indices, i),
                            spin_value_at(tables, i), at, width, out);
         if (status != SPIN_OK)
@@ -515,11 +515,10 @@ static spin_status find_times(struct model *m)
     SPIN_TRY(spin_run_config_times(&base->settings, asked, base->splats_4d.times, m->gaussians.n, 1,
                                    SPREAD, &m->times));
     if (m->times.guessed)
-        spin_note(
-            base->sequence,
-            "time_duration is not in the file: assumed %g,%g, as the Gaussians' own times run; "
-            "colours and opacities depend on it: --time-duration or --config sets it",
-            m->times.first, m->times.last);
+        spin_note(base->sequence,
+                  "time_duration is not in the file: assumed %g,%g, as the Gaussians' own times "
+                  "run; colours and opacities depend on it: --time-duration or --config sets it",
+                  m->times.first, m->times.last);
     return SPIN_OK;
 }
 

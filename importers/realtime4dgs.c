@@ -126,10 +126,10 @@ static spin_status take_tuple(const struct spin_value *m, struct rows *r)
         return SPIN_OK;
     }
     if (m->n != 12 && m->n != 13)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "the model has %zu items and Realtime-4DGS has 19 (or 12): it is one of "
-                         "%s",
-                         m->n, spin_chkpnt_maker(m->n));
+        return spin_fail(
+            SPIN_E_UNSUPPORTED,
+            "the model has %zu items and Realtime-4DGS has 19 (or 12): it is one of %s", m->n,
+            spin_chkpnt_maker(m->n));
     for (int p = 0; p < R4_N_PARTS; p++)
         r->part[p] = all[p].item3 < 0 ? NULL : spin_value_at(m, (size_t)all[p].item3);
     return SPIN_OK;
@@ -278,10 +278,10 @@ static spin_status find_degrees(struct rows *r, double told)
     int most = 0;
 
     if (!sh_to_degree(r->n_sh, told, &most, &in_time))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "features_dc and features_rest have %d rows of SH together, which no "
-                         "degree has",
-                         r->n_sh);
+        return spin_fail(
+            SPIN_E_MALFORMED,
+            "features_dc and features_rest have %d rows of SH together, which no degree has",
+            r->n_sh);
     if (r->swapped) {
         r->degree = most;
         r->degree_t = in_time && r->moving ? 2 : 0;
@@ -428,8 +428,8 @@ static void r4_note(const struct rows *r, const struct clip_times *times,
 
     if (times->guessed)
         spin_note(sequence,
-                  "time_duration is not in the run's folder: assumed %g,%g, as the Gaussians' "
-                  "own times run%s; --time-duration or --config sets it",
+                  "time_duration is not in the run's folder: assumed %g,%g, as the Gaussians' own "
+                  "times run%s; --time-duration or --config sets it",
                   times->first, times->last, r->degree_t > 0 ? ", and colours depend on it" : "");
     if (env && env->kind == SPIN_VALUE_TENSOR && !spin_chkpnt_is_empty(env))
         spin_note(sequence,
@@ -552,9 +552,8 @@ static void realtime_describe(const struct realtime_model *m)
     char iteration[48];
 
     if (m->stale)
-        spin_note(sequence,
-                  "a checkpoint of OMG4, whose colours and opacities live in networks that "
-                  "are not in it: geometry only; import comp.xz for the rest");
+        spin_note(sequence, "a checkpoint of OMG4, whose colours and opacities live in networks "
+                            "that are not in it: geometry only; import comp.xz for the rest");
     r4_note(r, &m->times, sequence);
     if (r->masked)
         spin_note(sequence, "the mask of a fork (its last item) is ignored");
@@ -735,14 +734,14 @@ static spin_status hybrid_read_rows(struct hybrid_model *m)
     if (moving->n == 0 || still->n == 0)
         return SPIN_OK;
     if (moving->n_sh != still->n_sh)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "dynamic Gaussians have %d rows of SH and static ones %d, expected the "
-                         "same",
-                         moving->n_sh, still->n_sh);
+        return spin_fail(
+            SPIN_E_MALFORMED,
+            "dynamic Gaussians have %d rows of SH and static ones %d, expected the same",
+            moving->n_sh, still->n_sh);
     if (!moving->rot_4d)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "there are static Gaussians, which are made of 4-D rotations, but rot_4d "
-                         "is false");
+        return spin_fail(
+            SPIN_E_MALFORMED,
+            "there are static Gaussians, which are made of 4-D rotations, but rot_4d is false");
     return SPIN_OK;
 }
 
@@ -763,11 +762,10 @@ static spin_status add_rows(struct hybrid_model *m)
         spin_note(sequence, "%zu of %zu dynamic Gaussians are dropped: values that are not finite",
                   n_dropped, n_moving);
     if (m->gaussians.n_dropped > n_dropped)
-        spin_note(
-            sequence,
-            "%zu of %zu static Gaussians are dropped: values that are not finite; the method's "
-            "own conversion makes such rotations, and its renderer skips them",
-            m->gaussians.n_dropped - n_dropped, n_still);
+        spin_note(sequence,
+                  "%zu of %zu static Gaussians are dropped: values that are not finite; the "
+                  "method's own conversion makes such rotations, and its renderer skips them",
+                  m->gaussians.n_dropped - n_dropped, n_still);
     return spin_gaussian4d_check(&m->gaussians, n_moving + n_still, n_faint, NULL, sequence);
 }
 
@@ -815,13 +813,11 @@ static spin_status hybrid_open_run(void *self, const char *path)
     m->base.splats_4d.least_weight = LEAST_WEIGHT;
     SPIN_TRY(spin_chkpnt_find(&m->base, path));
     if (!m->base.path)
-        return spin_fail(
-            SPIN_E_NOT_FOUND, "'%s' holds no chkpnt<N>.pth%s", path,
-            spin_model_holds(path, "point_cloud")
-                ? "; its point_cloud.ply cannot replace it: it has the dynamic half only, "
-                  "without times and "
-                  "turned wrong, and cannot stand for it"
-                : "");
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds no chkpnt<N>.pth%s", path,
+                         spin_model_holds(path, "point_cloud")
+                             ? "; its point_cloud.ply cannot replace it: it has the dynamic half "
+                               "only, without times and turned wrong, and cannot stand for it"
+                             : "");
     return spin_fail_reading(hybrid_open_checkpoint(m), m->base.path);
 }
 

@@ -251,9 +251,8 @@ static spin_status note_transform(struct spin_model *m)
     SPIN_TRY(spin_model_folder(m, &folder, m->path));
     SPIN_TRY(spin_model_find(m, &path, folder, "../dataparser_transforms.json"));
     if (path && spin_json_load(path, &json) == SPIN_OK && !is_identity(json))
-        spin_note(m->sequence,
-                  "dataparser_transforms.json moves and scales the scene: positions are in "
-                  "that space, not in the data set's");
+        spin_note(m->sequence, "dataparser_transforms.json moves and scales the scene: positions "
+                               "are in that space, not in the data set's");
     spin_json_free(json);
     return SPIN_OK;
 }
@@ -281,11 +280,10 @@ static void describe(const struct model *m)
     snprintf(sequence->variant, sizeof sequence->variant,
              "4D-Rotor-Gaussians%s, %zu Gaussians, SH degree %d", step, m->n, m->sh_degree);
     if (m->times.guessed)
-        spin_note(
-            sequence,
-            "the range of times is not in the checkpoint: assumed %g,%g, as the Gaussians' own "
-            "times run; --time-range sets it",
-            m->times.first, m->times.last);
+        spin_note(sequence,
+                  "the range of times is not in the checkpoint: assumed %g,%g, as the Gaussians' "
+                  "own times run; --time-range sets it",
+                  m->times.first, m->times.last);
 }
 
 static spin_status open_checkpoint(struct model *m)
@@ -299,8 +297,8 @@ static spin_status open_checkpoint(struct model *m)
     spin_value_number(spin_value_get(base->torch.root, "step"), &m->step);
     base->tensors = spin_value_get(base->torch.root, "pipeline");
     if (!base->tensors || base->tensors->kind != SPIN_VALUE_DICT)
-        return spin_fail(SPIN_E_MALFORMED, "the checkpoint has no dict 'pipeline', which "
-                                           "nerfstudio's have");
+        return spin_fail(SPIN_E_MALFORMED,
+                         "the checkpoint has no dict 'pipeline', which nerfstudio's have");
     SPIN_TRY(find_prefix(base));
     SPIN_TRY(count_rows(m));
     SPIN_TRY(bind_sh(m));

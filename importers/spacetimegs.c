@@ -97,14 +97,12 @@ static spin_status check_colours(const struct spin_ply *ply, const struct spin_p
     if (spin_model_count(e, "f_rest_") > 0)
         return spin_fail(
             SPIN_E_UNSUPPORTED,
-            "'%s': properties f_rest_*: a fork of SpacetimeGaussians with SH, which is "
-            "not read",
+            "'%s': properties f_rest_*: a fork of SpacetimeGaussians with SH, which is not read",
             ply->path);
     if (!(n_dc == 3 && n_t == 0) && !(n_dc == 6 && n_t == 3))
         return spin_fail(
             SPIN_E_MALFORMED,
-            "'%s': %d properties f_dc_* and %d f_t_*, expected 3 and 0 (lite) or 6 and 3 "
-            "(full)",
+            "'%s': %d properties f_dc_* and %d f_t_*, expected 3 and 0 (lite) or 6 and 3 (full)",
             ply->path, n_dc, n_t);
     return SPIN_OK;
 }
@@ -130,8 +128,8 @@ static void note_others(const struct spin_ply *ply, const struct spin_ply_elemen
     if (n == 0)
         return;
     spin_note(m->base.sequence,
-              "%zu properties that SpacetimeGaussians has not, the first is '%s': a fork of it "
-              "may mean something else",
+              "%zu properties that SpacetimeGaussians has not, the first is '%s': a fork of it may "
+              "mean something else",
               n, first);
     spin_warn("'%s': property '%s' is none of SpacetimeGaussians and is not read", ply->path,
               first);
@@ -217,12 +215,12 @@ static spin_status read_ending(struct model *m)
     m->ending = ending;
     if (ending >= 0)
         return SPIN_OK;
-    return spin_fail(
-        SPIN_E_UNSUPPORTED,
-        "'%s': a full model, and %s%s how its colours end: say --rgb-function sandwich "
-        "(sigmoid), sandwichnoact (0 to 1) or sandwichnoactss (none)",
-        m->base.path, cfg->path ? "no 'rgbfunction' that is known says in " : "no cfg_args says",
-        cfg->path ? cfg->path : "");
+    return spin_fail(SPIN_E_UNSUPPORTED,
+                     "'%s': a full model, and %s%s how its colours end: say --rgb-function "
+                     "sandwich (sigmoid), sandwichnoact (0 to 1) or sandwichnoactss (none)",
+                     m->base.path,
+                     cfg->path ? "no 'rgbfunction' that is known says in " : "no cfg_args says",
+                     cfg->path ? cfg->path : "");
 }
 
 /* ---- Colours of the full model --------------------------------------------------------------- */
@@ -425,15 +423,13 @@ static void describe(const struct model *m)
     if (first > 0)
         snprintf(from, sizeof from, ", the first is frame %ld of the video", first);
     if (m->duration > 0)
-        spin_note(
-            sequence,
-            "the run has %g frames%s; frame i of them is at time i/%g: with a data set of just "
-            "these frames say --frame-times unit",
-            m->duration, from, m->duration);
-    else
         spin_note(sequence,
-                  "no cfg_args says how many frames the run has, 50 are usual: frame i of n "
-                  "is at time i/n; --duration N");
+                  "the run has %g frames%s; frame i of them is at time i/%g: with a data set of "
+                  "just these frames say --frame-times unit",
+                  m->duration, from, m->duration);
+    else
+        spin_note(sequence, "no cfg_args says how many frames the run has, 50 are usual: frame i "
+                            "of n is at time i/n; --duration N");
     if (m->n_dropped > 0) {
         spin_note(sequence, "%zu of %zu Gaussians dropped: values that are not finite",
                   m->n_dropped, m->n + m->n_dropped);
@@ -441,9 +437,8 @@ static void describe(const struct model *m)
                   m->n_dropped, m->n + m->n_dropped);
     }
     if (spin_cfg_is(spin_cfg_get(cfg, "loader"), "'immersivess'"))
-        spin_note(sequence,
-                  "trained on fisheye images, which its renderer warps after drawing: these "
-                  "Gaussians are those of the pinhole image before that");
+        spin_note(sequence, "trained on fisheye images, which its renderer warps after drawing: "
+                            "these Gaussians are those of the pinhole image before that");
 }
 
 static spin_status open_model(void *self, const char *path)

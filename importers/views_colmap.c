@@ -804,9 +804,8 @@ static const struct spin_plugin_option options[] = {
 const struct spin_importer spin_importer_views_colmap = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "colmap",
-    .summary =
-        "views: COLMAP's sparse model and undistorted images; folders per frame, or per camera "
-        "(FreeTimeGS)",
+    .summary = "views: COLMAP's sparse model and undistorted images; folders per frame, or per "
+               "camera (FreeTimeGS)",
     .upstream = "hustvl/4DGaussians scene/colmap_loader.py, SJoJoK/3DGStream 747ddfe",
     .options = options,
     .probe = probe,

@@ -163,8 +163,7 @@ static spin_status add_video_frames(struct set *set, char **names)
     if (status != SPIN_OK)
         return spin_fail_context(
             status,
-            "there are %zu videos and no frames cam<NN>/images/<number>.png extracted "
-            "from them",
+            "there are %zu videos and no frames cam<NN>/images/<number>.png extracted from them",
             set->n_video);
     for (size_t i = 0; names[i]; i++) {
         int width, height, camera = camera_number(names[i]);
@@ -210,9 +209,9 @@ static spin_status find_images(struct set *set)
     if (set->n == 0 && set->n_video > 0)
         SPIN_TRY(add_video_frames(set, names));
     if (set->n == 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "there are no images cam<NN>/images/<number>.png, "
-                                           "images/cam<NN>_<number>.png or "
-                                           "frames/<number>/images/cam<NN>.png");
+        return spin_fail(SPIN_E_NOT_FOUND,
+                         "there are no images cam<NN>/images/<number>.png, "
+                         "images/cam<NN>_<number>.png or frames/<number>/images/cam<NN>.png");
     return SPIN_OK;
 }
 

@@ -338,8 +338,7 @@ static spin_status too_far(const struct spin_page_group *g)
 {
     return spin_fail(
         SPIN_E_UNSUPPORTED,
-        "a splat is too far from the others for steps of %g: --bound-place takes coarser "
-        "ones",
+        "a splat is too far from the others for steps of %g: --bound-place takes coarser ones",
         2 * g->space.bounds.place);
 }
 

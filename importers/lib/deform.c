@@ -91,10 +91,9 @@ spin_status spin_deform_find(struct spin_model *m, const char *path, bool togeth
         SPIN_TRY(spin_model_folder(m, &out->model, deforms));
         if (strcmp(spin_path_name(whole), "deform.pth") != 0 ||
             strncmp(spin_path_name(folder), "iteration_", 10) != 0)
-            return spin_fail(SPIN_E_USAGE,
-                             "'%s' is neither the model's folder nor its "
-                             "deform/iteration_<N>/deform.pth",
-                             path);
+            return spin_fail(
+                SPIN_E_USAGE,
+                "'%s' is neither the model's folder nor its deform/iteration_<N>/deform.pth", path);
         wanted = spin_path_name(folder) + 10;
     }
     SPIN_TRY(spin_model_join(m, &clouds, out->model, "point_cloud"));

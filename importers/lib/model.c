@@ -383,8 +383,7 @@ spin_status spin_model_save(struct spin_model *m, const char *path, const char *
     if (!spin_path_is_folder(path)) {
         if (strcmp(file, network) != 0 && strcmp(file, "point_cloud.ply") != 0)
             return spin_fail(SPIN_E_USAGE,
-                             "'%s' is neither the model's folder nor its "
-                             "point_cloud/iteration_<N>",
+                             "'%s' is neither the model's folder nor its point_cloud/iteration_<N>",
                              path);
         return spin_model_folder(m, out, path);
     }

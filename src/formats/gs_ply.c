@@ -176,12 +176,11 @@ spin_status spin_gs_ply_find(const struct spin_ply *ply, struct spin_gs_ply *out
             continue;
         out->colours = column[i].part == SPIN_COL_SH && spin_ply_has_colours(e);
         if (!out->colours)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "'%s': element 'vertex' has no property '%s', so these are not whole "
-                             "Gaussians%s",
-                             ply->path, column[i].name,
-                             column[i].part == SPIN_COL_SH ? "; 'red', 'green', 'blue' would do"
-                                                           : "");
+            return spin_fail(
+                SPIN_E_MALFORMED,
+                "'%s': element 'vertex' has no property '%s', so these are not whole Gaussians%s",
+                ply->path, column[i].name,
+                column[i].part == SPIN_COL_SH ? "; 'red', 'green', 'blue' would do" : "");
     }
     return spin_gs_ply_degree(ply, e, &out->sh_degree, &out->n_rest);
 }

@@ -128,9 +128,7 @@ static spin_status read_group(struct spin_sog_4d *r, const spin_json *range, con
         return SPIN_OK;
     if (!folder || !spin_sog_4d_name_is_plain(folder))
         return spin_fail(SPIN_E_MALFORMED,
-                         ".sogst whose 'streams' name no folder for splats %zu "
-                         "to %zu",
-                         at, *end);
+                         ".sogst whose 'streams' name no folder for splats %zu to %zu", at, *end);
     return spin_sog_4d_rows(r, folder, at, *end - at, splats);
 }
 

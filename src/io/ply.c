@@ -329,11 +329,10 @@ static spin_status walk_lists(const struct spin_ply *ply, const struct spin_ply_
 
             if (!property_bytes(ply, &e->property[p], ply->map.data + *at, ply->map.size - *at,
                                 &size))
-                return spin_fail(
-                    SPIN_E_MALFORMED,
-                    "'%s': cut short, or a list has a false count: element '%s' record "
-                    "%llu property '%s'",
-                    ply->path, e->name, (unsigned long long)i, e->property[p].name);
+                return spin_fail(SPIN_E_MALFORMED,
+                                 "'%s': cut short, or a list has a false count: element '%s' "
+                                 "record %llu property '%s'",
+                                 ply->path, e->name, (unsigned long long)i, e->property[p].name);
             *at += size;
         }
     }
@@ -352,12 +351,11 @@ static spin_status check_binary(struct spin_ply *ply, uint64_t at)
             continue;
         }
         if (e->stride > 0 && e->count > left / e->stride)
-            return spin_fail(
-                SPIN_E_MALFORMED,
-                "'%s': cut short: element '%s' has %llu records of %zu bytes, but only "
-                "%llu bytes are left",
-                ply->path, e->name, (unsigned long long)e->count, e->stride,
-                (unsigned long long)left);
+            return spin_fail(SPIN_E_MALFORMED,
+                             "'%s': cut short: element '%s' has %llu records of %zu bytes, but "
+                             "only %llu bytes are left",
+                             ply->path, e->name, (unsigned long long)e->count, e->stride,
+                             (unsigned long long)left);
         at += e->count * e->stride;
     }
     ply->extra_bytes = ply->map.size - at;
@@ -437,12 +435,11 @@ static spin_status read_text(struct spin_ply *ply, uint64_t first)
         /* A value takes a digit and what parts it from the next. */
         if (__builtin_mul_overflow(e->count, (uint64_t)e->n_properties, &n) ||
             __builtin_add_overflow(n_values, n, &n_values) || n_values > left / 2 + 1)
-            return spin_fail(
-                SPIN_E_MALFORMED,
-                "'%s': cut short: element '%s' has %llu records of %zu values, but only "
-                "%llu bytes follow the header",
-                ply->path, e->name, (unsigned long long)e->count, e->n_properties,
-                (unsigned long long)left);
+            return spin_fail(SPIN_E_MALFORMED,
+                             "'%s': cut short: element '%s' has %llu records of %zu values, but "
+                             "only %llu bytes follow the header",
+                             ply->path, e->name, (unsigned long long)e->count, e->n_properties,
+                             (unsigned long long)left);
     }
     SPIN_TRY(spin_alloc(n_values + 1, sizeof *value, (void **)&ply->ascii_values));
     value = ply->ascii_values;
@@ -453,8 +450,7 @@ static spin_status read_text(struct spin_ply *ply, uint64_t first)
             if (!read_text_record(&t, e, value))
                 return spin_fail(
                     SPIN_E_MALFORMED,
-                    "'%s': element '%s' record %llu is missing or is not a line of %zu "
-                    "numbers",
+                    "'%s': element '%s' record %llu is missing or is not a line of %zu numbers",
                     ply->path, e->name, (unsigned long long)record, e->n_properties);
         }
     }

@@ -95,10 +95,9 @@ static spin_status find_pickle(struct spin_torch_file *f, const struct spin_zip_
         f->n_top = (size_t)(slash - (*out)->name) + 1;
     }
     if (!*out)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "cannot read '%s': a zip file without 'data.pkl' is not a PyTorch "
-                         "checkpoint",
-                         f->path);
+        return spin_fail(
+            SPIN_E_UNSUPPORTED,
+            "cannot read '%s': a zip file without 'data.pkl' is not a PyTorch checkpoint", f->path);
     return SPIN_OK;
 }
 

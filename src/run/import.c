@@ -173,9 +173,8 @@ static void note_focal(struct import *im)
     if (data && strcmp(im->importer->name, "realtime4dgs") == 0 && spin_data_has_focal(data))
         spin_note(
             &im->sequence,
-            "'%s' tells focal lengths by fl_x: Realtime-4DGS takes a field of view of -1 "
-            "for such data, and splats grow too large in training and look blurred; spin-retrain "
-            "mends that",
+            "'%s' tells focal lengths by fl_x: Realtime-4DGS takes a field of view of -1 for such "
+            "data, and splats grow too large in training and look blurred; spin-retrain mends that",
             data);
     free(beside);
 }
@@ -225,11 +224,10 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
                          : *n > 0       ? "data"
                                         : "ends");
     if (*n <= 0 && o->output)
-        return spin_fail(
-            SPIN_E_USAGE,
-            "'%s' is continuous in time, from %g to %g, and nothing here says how many frames "
-            "it has: give them with --frames, --times or --data",
-            o->input, t->time_first, t->time_last);
+        return spin_fail(SPIN_E_USAGE,
+                         "'%s' is continuous in time, from %g to %g, and nothing here says how "
+                         "many frames it has: give them with --frames, --times or --data",
+                         o->input, t->time_first, t->time_last);
     if (*n <= 0) /* a look at both ends is enough to describe it */
         *n = 2;
     SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));
@@ -262,13 +260,12 @@ static spin_status stored_frames(struct import *im, struct spin_frame_info **out
     if (o->frame_times && strcmp(o->frame_times, "auto") != 0)
         return spin_fail(
             SPIN_E_USAGE,
-            "'%s' stores its %d frames: --frame-times is for methods that are continuous "
-            "in time",
+            "'%s' stores its %d frames: --frame-times is for methods that are continuous in time",
             o->input, t->n_frames);
     if (o->n_frames > 0 || o->n_times > 0)
         return spin_fail(SPIN_E_USAGE,
-                         "'%s' stores its %d frames: --frames and --times are "
-                         "for methods that are continuous in time; use --range",
+                         "'%s' stores its %d frames: --frames and --times are for methods that are "
+                         "continuous in time; use --range",
                          o->input, t->n_frames);
     *n = t->n_frames;
     SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));
@@ -367,15 +364,13 @@ static void judge_cameras(const spin_json *cameras)
         inside += of_camera(cameras, i, "inside") / (double)n;
     }
     if (in_front < 0.5)
-        spin_warn(
-            "only %.0f %% of the points are in front of the cameras: are the axes right, and is "
-            "this the data set of that run",
-            100 * in_front);
+        spin_warn("only %.0f %% of the points are in front of the cameras: are the axes right, and "
+                  "is this the data set of that run",
+                  100 * in_front);
     else if (inside < 0.1)
-        spin_warn(
-            "only %.0f %% of the points are inside the images: are the axes right, and is this "
-            "the data set of that run",
-            100 * inside);
+        spin_warn("only %.0f %% of the points are inside the images: are the axes right, and is "
+                  "this the data set of that run",
+                  100 * inside);
 }
 
 static spin_status read_points(struct import *im, int frame)
@@ -422,11 +417,11 @@ static spin_status report_shares(struct import *im, const struct spin_camera_sha
                                        c->inside, "apart", c->apart));
         if (!c->apart)
             continue;
-        spin_warn("camera %d has %.0f %% of the points in front and %.0f %% inside its image in "
-                  "frame %d, where half of the views have %.0f %% and %.0f %% or more: is its "
-                  "pose right",
-                  v->camera_id, 100 * c->in_front, 100 * c->inside, number, 100 * shares->in_front,
-                  100 * shares->inside);
+        spin_warn(
+            "camera %d has %.0f %% of the points in front and %.0f %% inside its image in frame "
+            "%d, where half of the views have %.0f %% and %.0f %% or more: is its pose right",
+            v->camera_id, 100 * c->in_front, 100 * c->inside, number, 100 * shares->in_front,
+            100 * shares->inside);
         if (n_apart++ >= CHECKED_APART ||
             is_drawn(spin_json_get(im->report, "cameras"), number, v->camera_id))
             continue;
@@ -786,9 +781,8 @@ static spin_status check_frame_times(const struct spin_import_options *o)
     if (!o->frame_times)
         return SPIN_OK;
     if (!o->data || o->n_frames > 0 || o->n_times > 0)
-        return spin_fail(SPIN_E_USAGE,
-                         "--frame-times says how --data gives the times: it goes with a data set, "
-                         "and without --frames and --times");
+        return spin_fail(SPIN_E_USAGE, "--frame-times says how --data gives the times: it goes "
+                                       "with a data set, and without --frames and --times");
     for (size_t i = 0; i < sizeof rules / sizeof *rules; i++) {
         if (strcmp(o->frame_times, rules[i]) == 0)
             return SPIN_OK;

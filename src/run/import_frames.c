@@ -55,11 +55,10 @@ static void compare_ranges(struct spin_sequence_info *t, const struct spin_frame
     }
     if (n > 1 && (last - first < 0.5 * span || last > t->time_last + 0.5 * span ||
                   first < t->time_first - 0.5 * span))
-        spin_note(
-            t,
-            "the data set's times are %g to %g and the method's %g to %g: do both use the same "
-            "unit? (--frame-times)",
-            first, last, t->time_first, t->time_last);
+        spin_note(t,
+                  "the data set's times are %g to %g and the method's %g to %g: do both use the "
+                  "same unit? (--frame-times)",
+                  first, last, t->time_first, t->time_last);
 }
 
 void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info *t,

@@ -76,10 +76,10 @@ static spin_status check_output(const struct run *r, bool *done)
         return spin_output_check_file(o->output, false); /* says what is there */
     }
     if ((part || parts) && !o->resume && !o->force)
-        return spin_fail(SPIN_E_IO,
-                         "an unfinished run is in '%s': use --resume to go on, or "
-                         "--force to start anew",
-                         part ? r->plan.part : r->plan.parts);
+        return spin_fail(
+            SPIN_E_IO,
+            "an unfinished run is in '%s': use --resume to go on, or --force to start anew",
+            part ? r->plan.part : r->plan.parts);
     if (o->resume && !part && !parts)
         spin_warn("nothing to resume: '%s' has no unfinished state, the run starts anew",
                   o->output);
@@ -253,11 +253,10 @@ static void say_exposure(const struct run *r)
         spin_log(1, "no point is seen by three training cameras to compare their colours: no "
                     "exposure is learned");
     else
-        spin_log(
-            1,
-            "cameras differ in colour by %.1f %%, their pictures have %.1f %% of the brightness in "
-            "the corners: no exposure is learned",
-            100 * r->colour_spread, 100 * corner_of(r));
+        spin_log(1,
+                 "cameras differ in colour by %.1f %%, their pictures have %.1f %% of the "
+                 "brightness in the corners: no exposure is learned",
+                 100 * r->colour_spread, 100 * corner_of(r));
 }
 
 /* What the run is made from. */

@@ -96,8 +96,7 @@ static spin_status parse_spec(const char *from, struct spec *spec)
         value = strchr(at, '=');
         if (!value)
             return spin_fail(SPIN_E_USAGE,
-                             "'%s': option '%s' has no value, expected NAME:KEY=VALUE,"
-                             "KEY=VALUE",
+                             "'%s': option '%s' has no value, expected NAME:KEY=VALUE,KEY=VALUE",
                              from, at);
         *value++ = '\0';
         spec->pairs[n] = at;
@@ -255,18 +254,17 @@ static spin_status pair_by_number(const struct spin_views *views,
                                   const struct spin_bundle_meta *meta, int *dataset_frame_of)
 {
     if (!views->numbered || !meta->numbered)
-        return spin_fail(
-            SPIN_E_USAGE,
-            "cannot pair frames by number: %s has no frame numbers; --pair order pairs "
-            "them by order",
-            meta->numbered ? "the data set" : "the clip");
+        return spin_fail(SPIN_E_USAGE,
+                         "cannot pair frames by number: %s has no frame numbers; --pair order "
+                         "pairs them by order",
+                         meta->numbered ? "the data set" : "the clip");
     for (int i = 0; i < meta->n_frames; i++) {
         dataset_frame_of[i] = row_of_number(views, meta->frame[i].number);
         if (dataset_frame_of[i] < 0)
             return spin_fail(
                 SPIN_E_USAGE,
-                "cannot pair frames by number: the clip has a frame %d, the data set has "
-                "%d to %d; --range leaves frames out, --pair order pairs them by order",
+                "cannot pair frames by number: the clip has a frame %d, the data set has %d to %d; "
+                "--range leaves frames out, --pair order pairs them by order",
                 meta->frame[i].number, views->view[0].number, views->view[views->n - 1].number);
     }
     return SPIN_OK;
@@ -277,11 +275,10 @@ static spin_status pair_by_order(const struct spin_views *views,
 {
     for (int i = 0; i < meta->n_frames; i++) {
         if (meta->source_index[i] >= views->n_dataset_frames)
-            return spin_fail(
-                SPIN_E_USAGE,
-                "cannot pair frames by order: the clip has a frame at place %d, the data "
-                "set has %d frames",
-                meta->source_index[i], views->n_dataset_frames);
+            return spin_fail(SPIN_E_USAGE,
+                             "cannot pair frames by order: the clip has a frame at place %d, the "
+                             "data set has %d frames",
+                             meta->source_index[i], views->n_dataset_frames);
         dataset_frame_of[i] = meta->source_index[i];
     }
     return SPIN_OK;
@@ -299,14 +296,13 @@ spin_status spin_views_pair(const struct spin_views *views, const struct spin_bu
     if (views->numbered && meta->numbered)
         return pair_by_number(views, meta, dataset_frame_of);
     if (meta->n_source_frames != views->n_dataset_frames)
-        return spin_fail(
-            SPIN_E_USAGE,
-            "cannot pair frames: the clip was made of %d frames, the data set has %d, and "
-            "%s frame numbers; --pair order pairs them from the first on",
-            meta->n_source_frames, views->n_dataset_frames,
-            views->numbered  ? "the clip has no"
-            : meta->numbered ? "the data set has no"
-                             : "neither has");
+        return spin_fail(SPIN_E_USAGE,
+                         "cannot pair frames: the clip was made of %d frames, the data set has %d, "
+                         "and %s frame numbers; --pair order pairs them from the first on",
+                         meta->n_source_frames, views->n_dataset_frames,
+                         views->numbered  ? "the clip has no"
+                         : meta->numbered ? "the data set has no"
+                                          : "neither has");
     return pair_by_order(views, meta, dataset_frame_of);
 }
 

@@ -242,17 +242,15 @@ static spin_status check_input(const struct cut *c)
     const struct spin_plan *plan = c->plan;
 
     if (!spin_bundle_is_trained_by_tracks(c->tracks.bundle))
-        return spin_fail(
-            SPIN_E_NOT_FOUND,
-            "--method 4d begins with a clip that --method tracks trained, and this one "
-            "is not: train it so first, and give the result");
+        return spin_fail(SPIN_E_NOT_FOUND,
+                         "--method 4d begins with a clip that --method tracks trained, and this "
+                         "one is not: train it so first, and give the result");
     for (int f = 1; f < plan->clip.n_frames; f++)
         if (spin_plan_info(plan, f)->time < spin_plan_info(plan, f - 1)->time)
-            return spin_fail(
-                SPIN_E_UNSUPPORTED,
-                "frame %d comes after frame %d and is earlier: --method 4d takes frames "
-                "in the order of their times",
-                spin_plan_info(plan, f)->number, spin_plan_info(plan, f - 1)->number);
+            return spin_fail(SPIN_E_UNSUPPORTED,
+                             "frame %d comes after frame %d and is earlier: --method 4d takes "
+                             "frames in the order of their times",
+                             spin_plan_info(plan, f)->number, spin_plan_info(plan, f - 1)->number);
     return SPIN_OK;
 }
 
