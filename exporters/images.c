@@ -82,21 +82,17 @@ static spin_status export_picture(struct export *x, char *name, int frame,
                                   const struct spin_splats *splats,
                                   const struct spin_camera *camera, const char *truth)
 {
-    char *path = NULL;
-    spin_status status;
+    SPIN_FREED char *path = NULL;
 
     if (x->film.exr)
         memcpy(strrchr(name, '.'), ".exr", 4);
     SPIN_TRY(spin_path_join(x->folder.path, name, &path));
-    SPIN_TRY_OUT(spin_camera_path_draw(&x->drawing, frame, splats, camera, truth));
-    SPIN_TRY_OUT(take_layers(x, camera));
+    SPIN_TRY(spin_camera_path_draw(&x->drawing, frame, splats, camera, truth));
+    SPIN_TRY(take_layers(x, camera));
     x->film.width = x->drawing.n_panels * camera->width;
     x->film.height = camera->height;
     x->film.image = x->drawing.wide;
-    status = spin_film_write(path, &x->film, x->job->sync);
-out:
-    free(path);
-    return status;
+    return spin_film_write(path, &x->film, x->job->sync);
 }
 
 static void finish(struct export *x)

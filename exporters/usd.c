@@ -557,14 +557,13 @@ static spin_status print_rig(const struct export *x, FILE *to)
 {
     const struct spin_views *views = x->frames.job->views;
     size_t n_views = views && x->frames.job->dataset_frame_of ? views->n : 0;
-    struct spin_camera *camera = NULL;
-    double *time = NULL;
-    bool *done = NULL;
-    spin_status status;
+    SPIN_FREED struct spin_camera *camera = NULL;
+    SPIN_FREED double *time = NULL;
+    SPIN_FREED bool *done = NULL;
 
-    SPIN_TRY_OUT(spin_alloc(n_views + 1, sizeof *camera, (void **)&camera));
-    SPIN_TRY_OUT(spin_alloc(n_views + 1, sizeof *time, (void **)&time));
-    SPIN_TRY_OUT(spin_alloc(n_views + 1, sizeof *done, (void **)&done));
+    SPIN_TRY(spin_alloc(n_views + 1, sizeof *camera, (void **)&camera));
+    SPIN_TRY(spin_alloc(n_views + 1, sizeof *time, (void **)&time));
+    SPIN_TRY(spin_alloc(n_views + 1, sizeof *done, (void **)&done));
     for (size_t v = 0; v < n_views; v++) {
         const struct spin_view *view = &views->view[v];
         size_t n = 0, frame;
@@ -586,11 +585,7 @@ static spin_status print_rig(const struct export *x, FILE *to)
         if (n > 0)
             print_camera(x, name, camera, time, n, to);
     }
-out:
-    free(camera);
-    free(time);
-    free(done);
-    return status;
+    return SPIN_OK;
 }
 
 /* The camera of --path: its pictures at even times, from the first frame to where the last one ends. */

@@ -547,14 +547,11 @@ static spin_status find_file(struct spin_model *m, const char *path)
 
 static spin_status parse(struct model *m)
 {
-    unsigned char *bytes = NULL;
+    SPIN_FREED unsigned char *bytes = NULL;
     size_t n = 0;
-    spin_status status;
 
     SPIN_TRY(spin_xz_load(m->base.path, UNPACKED_LIMIT, &bytes, &n));
-    status = spin_pickle_parse(m->base.path, bytes, n, &m->pickle);
-    free(bytes);
-    return status;
+    return spin_pickle_parse(m->base.path, bytes, n, &m->pickle);
 }
 
 static spin_status read_pickle(struct model *m)

@@ -220,28 +220,25 @@ static spin_status find_images(struct set *set)
 static spin_status read_poses(struct set *set)
 {
     struct spin_array array;
-    struct spin_map map;
+    SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
     const char *path;
     char shape[128];
-    spin_status status;
 
     SPIN_TRY(spin_model_join(&set->base, &path, set->base.path, "poses_bounds.npy"));
     SPIN_TRY(spin_map_open(path, &map));
-    SPIN_TRY_OUT(spin_npy_parse(path, map.data, map.size, &array));
+    SPIN_TRY(spin_npy_parse(path, map.data, map.size, &array));
     if (array.n_dims != 2 || array.shape[1] != COLUMNS || array.shape[0] == 0 ||
         array.shape[0] > 1 << 20 || array.kind != 'f') {
         spin_array_shape_text(array.n_dims, array.shape, shape, sizeof shape);
-        SPIN_TRY_OUT(spin_fail(
-            SPIN_E_MALFORMED, "'%s' has shape %s, expected [cameras, %d] of floating-point numbers",
-            path, shape, COLUMNS));
+        SPIN_TRY(spin_fail(SPIN_E_MALFORMED,
+                           "'%s' has shape %s, expected [cameras, %d] of floating-point numbers",
+                           path, shape, COLUMNS));
     }
     set->n_cameras = (size_t)array.shape[0];
-    SPIN_TRY_OUT(spin_model_alloc(&set->base, set->n_cameras, COLUMNS * sizeof *set->pose,
-                                  (void **)&set->pose));
+    SPIN_TRY(spin_model_alloc(&set->base, set->n_cameras, COLUMNS * sizeof *set->pose,
+                              (void **)&set->pose));
     spin_array_to_f64(&array, 0, array.count, set->pose);
-out:
-    spin_map_close(&map);
-    return status;
+    return SPIN_OK;
 }
 
 /* Distinct numbers of all images: of cameras, or of frames. */

@@ -184,13 +184,10 @@ static spin_status write_text(const char *path, const char *text, bool sync)
 
 spin_status spin_frames_write_text(struct spin_frames *x, const char *name, const char *text)
 {
-    char *path = NULL;
-    spin_status status;
+    SPIN_FREED char *path = NULL;
 
     SPIN_TRY(spin_path_join(x->folder.path, name, &path));
-    status = write_text(path, text, x->job->sync);
-    free(path);
-    return status;
+    return write_text(path, text, x->job->sync);
 }
 
 /* What belongs to the clip still: a data set, where the scene was not turned away from its cameras, and that rows are the
@@ -198,8 +195,7 @@ spin_status spin_frames_write_text(struct spin_frames *x, const char *name, cons
 static spin_status add_belongings(const struct spin_frames *x, spin_json *root)
 {
     bool turned = fabs(x->rows.turn_q[0]) < 1 - 1e-9, same = x->job->identity && !x->format->order;
-    char *folder = NULL, *path = NULL;
-    spin_status status = SPIN_OK;
+    SPIN_FREED char *folder = NULL, *path = NULL;
 
     for (size_t i = 1; i < x->n_entries; i++)
         same = same && x->entry[i].n == x->entry[0].n;
@@ -208,20 +204,17 @@ static spin_status add_belongings(const struct spin_frames *x, spin_json *root)
     spin_json_set_bool(root, "identity", same);
     if (!x->job->data || turned)
         return SPIN_OK;
-    SPIN_TRY_OUT(spin_path_absolute(x->folder.path, &folder));
-    SPIN_TRY_OUT(spin_path_relative(folder, x->job->data, &path));
+    SPIN_TRY(spin_path_absolute(x->folder.path, &folder));
+    SPIN_TRY(spin_path_relative(folder, x->job->data, &path));
     spin_json_set(root, "data", json_pack("{s:s, s:s}", "path", path, "from", x->job->data_from));
-out:
-    free(folder);
-    free(path);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status write_sequence(struct spin_frames *x)
 {
-    spin_json *root = spin_json_object(), *turn = spin_json_array(), *list = spin_json_array();
-    char *text = NULL;
-    spin_status status;
+    spin_json *turn = spin_json_array(), *list = spin_json_array();
+    SPIN_LEAVES(spin_json_freed) spin_json *root = spin_json_object();
+    SPIN_FREED char *text = NULL;
 
     spin_json_set_string(root, "generator", "spin4d " SPIN_VERSION);
     spin_json_set_string(root, "format", x->format->name);
@@ -237,15 +230,11 @@ static spin_status write_sequence(struct spin_frames *x)
     }
     if (x->job->pair && *x->job->pair)
         spin_json_set_string(root, "pair", x->job->pair);
-    SPIN_TRY_OUT(add_belongings(x, root));
+    SPIN_TRY(add_belongings(x, root));
     spin_json_set(root, "frames", list);
-    SPIN_TRY_OUT(entries_json(x, list));
+    SPIN_TRY(entries_json(x, list));
     text = spin_json_text(root, true);
-    status = spin_frames_write_text(x, "sequence.json", text);
-out:
-    free(text);
-    spin_json_free(root);
-    return status;
+    return spin_frames_write_text(x, "sequence.json", text);
 }
 
 /* ---- The plug-in's functions ----------------------------------------------------------------- */

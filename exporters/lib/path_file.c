@@ -155,13 +155,10 @@ static spin_status read_nerfstudio(const spin_json *root, struct spin_path_file 
 static spin_status read_json(const char *path, const struct spin_map *map,
                              struct spin_path_file *out)
 {
-    spin_json *root;
-    spin_status status;
+    SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
 
     SPIN_TRY(spin_json_parse(path, (const char *)map->data, map->size, &root));
-    status = spin_json_is_array(root) ? read_list(root, out) : read_nerfstudio(root, out);
-    spin_json_free(root);
-    return status;
+    return spin_json_is_array(root) ? read_list(root, out) : read_nerfstudio(root, out);
 }
 
 /* ---- Text ------------------------------------------------------------------------------------ */
@@ -198,8 +195,7 @@ static spin_status read_file(const char *path, const struct spin_map *map,
                              struct spin_path_file *out)
 {
     size_t first = 0;
-    char *text = NULL;
-    spin_status status;
+    SPIN_FREED char *text = NULL;
 
     while (first < map->size && memchr(" \t\r\n", map->data[first], 4))
         first++;
@@ -207,9 +203,7 @@ static spin_status read_file(const char *path, const struct spin_map *map,
         return read_json(path, map, out);
     SPIN_TRY(spin_alloc(map->size + 1, 1, (void **)&text));
     memcpy(text, map->data, map->size);
-    status = read_text(text, out);
-    free(text);
-    return status;
+    return read_text(text, out);
 }
 
 spin_status spin_path_file_open(const char *path, struct spin_path_file *out)

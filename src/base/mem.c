@@ -80,6 +80,8 @@ spin_status spin_room(size_t n, size_t *capacity, size_t size, void **inout)
     return SPIN_OK;
 }
 
+void spin_freed(void *pointer) { free(*(void **)pointer); }
+
 spin_status spin_strdup(const char *text, char **out)
 {
     *out = strdup(text);

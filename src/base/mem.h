@@ -15,6 +15,11 @@ spin_status spin_grow(size_t count, size_t size, void **inout); /* not zeroed */
 spin_status spin_room(size_t n, size_t *capacity, size_t size, void **inout);
 spin_status spin_strdup(const char *text, char **out);
 
+/* Of a local: fn(&it), or free(it), when its block is left, however that is. Give it a value where it is declared. */
+#define SPIN_LEAVES(fn) __attribute__((cleanup(fn)))
+#define SPIN_FREED SPIN_LEAVES(spin_freed)
+void spin_freed(void *pointer);
+
 /* Frees what aligned_alloc() gave. */
 #ifdef _WIN32
 #define SPIN_ALIGNED_FREE(block) _aligned_free(block)

@@ -77,18 +77,18 @@ static uint8_t median_of(uint8_t *value, size_t n)
 static spin_status make_median(struct spin_dynamic_mask *m, int camera_id, uint8_t **out)
 {
     size_t chosen[MOST_ROWS], n = spin_moving_views(m->views, camera_id, chosen), plane;
-    uint8_t *all = NULL, *median = NULL, value[MOST_ROWS];
-    spin_status status = SPIN_OK;
+    uint8_t value[MOST_ROWS];
+    SPIN_FREED uint8_t *all = NULL, *median = NULL;
 
     *out = NULL;
     if (n < FEWEST_ROWS)
         return SPIN_OK;
     plane = (size_t)m->views->view[chosen[0]].camera.width *
             (size_t)m->views->view[chosen[0]].camera.height;
-    SPIN_TRY_OUT(spin_alloc(n * plane, 3, (void **)&all));
-    SPIN_TRY_OUT(spin_alloc(plane, 3, (void **)&median));
+    SPIN_TRY(spin_alloc(n * plane, 3, (void **)&all));
+    SPIN_TRY(spin_alloc(plane, 3, (void **)&median));
     for (size_t k = 0; k < n; k++) {
-        SPIN_TRY_OUT(spin_image_cache_get(m->pixels, chosen[k], m->image));
+        SPIN_TRY(spin_image_cache_get(m->pixels, chosen[k], m->image));
         for (size_t i = 0; i < plane; i++)
             for (size_t c = 0; c < 3; c++)
                 all[(3 * i + c) * n + k] = (uint8_t)lrintf(255.0f * m->image[c * plane + i]);
@@ -99,10 +99,7 @@ static spin_status make_median(struct spin_dynamic_mask *m, int camera_id, uint8
     }
     *out = median;
     median = NULL;
-out:
-    free(all);
-    free(median);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status find_median(struct spin_dynamic_mask *m, int camera_id, const uint8_t **out)

@@ -99,13 +99,13 @@ static bool step(const float *sorted, const double *before, size_t n, double pla
 
 spin_status spin_codebook_make(const float *values, size_t n, float book[SPIN_CODEBOOK])
 {
-    double place[SPIN_CODEBOOK] = {0}, *before = NULL;
-    float *sorted = NULL;
+    double place[SPIN_CODEBOOK] = {0};
+    SPIN_FREED double *before = NULL;
+    SPIN_FREED float *sorted = NULL;
     char text[32];
-    spin_status status;
 
-    SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *sorted, (void **)&sorted));
-    SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *before, (void **)&before));
+    SPIN_TRY(spin_alloc(n + 1, sizeof *sorted, (void **)&sorted));
+    SPIN_TRY(spin_alloc(n + 1, sizeof *before, (void **)&before));
     if (n > 0) {
         memcpy(sorted, values, n * sizeof *sorted);
         sort(sorted, (float *)before, n);
@@ -120,11 +120,7 @@ spin_status spin_codebook_make(const float *values, size_t n, float book[SPIN_CO
         snprintf(text, sizeof text, "%.6g", place[k]);
         book[k] = strtof(text, NULL);
     }
-    status = SPIN_OK;
-out:
-    free(sorted);
-    free(before);
-    return status;
+    return SPIN_OK;
 }
 
 unsigned char spin_codebook_nearest(const float book[SPIN_CODEBOOK], float value)

@@ -153,8 +153,7 @@ static spin_status write_front(const struct spin_glb_clip *clip, const char *tex
     const char *path = clip->out->path;
     size_t n = strlen(text), room = clip->room;
     size_t n_front = HEADER + CHUNK_HEADER + room + (clip->n_bytes > 0 ? CHUNK_HEADER : 0);
-    unsigned char *front = NULL;
-    spin_status status;
+    SPIN_FREED unsigned char *front = NULL;
 
     if (n > room)
         return spin_fail(SPIN_E_UNSUPPORTED,
@@ -172,9 +171,7 @@ static spin_status write_front(const struct spin_glb_clip *clip, const char *tex
         put_u32(front + 20 + room, clip->n_bytes);
         memcpy(front + 24 + room, "BIN", 4);
     }
-    status = spin_out_write_at(clip->out, 0, front, n_front);
-    free(front);
-    return status;
+    return spin_out_write_at(clip->out, 0, front, n_front);
 }
 
 static const struct spin_glb_shim *shim;
@@ -194,8 +191,8 @@ spin_status spin_glb_can_write(void)
 spin_status spin_glb_end(struct spin_glb_clip *clip)
 {
     uint64_t keys = clip->n_bytes;
-    char why[256] = "", *text;
-    spin_status status;
+    char why[256] = "";
+    SPIN_FREED char *text = NULL;
 
     SPIN_TRY(spin_glb_can_write());
     if (clip->animated)
@@ -203,7 +200,5 @@ spin_status spin_glb_end(struct spin_glb_clip *clip)
     text = shim->text(clip, "spin4d " SPIN_VERSION, keys, why, sizeof why);
     if (!text)
         return spin_fail(SPIN_E_UNSUPPORTED, "cannot write '%s': %s", clip->out->path, why);
-    status = write_front(clip, text);
-    free(text);
-    return status;
+    return write_front(clip, text);
 }

@@ -518,27 +518,23 @@ static spin_status read_sh_n(const struct reading *r, uint8_t **a, uint8_t **b,
 
 static spin_status read_pixels(const struct reading *r, unsigned columns, struct spin_splats *out)
 {
-    uint8_t *a = NULL, *b = NULL;
-    spin_status status = SPIN_OK;
+    SPIN_FREED uint8_t *a = NULL, *b = NULL;
 
     if (columns & SPIN_COL_MEANS)
-        SPIN_TRY_OUT(read_means(r, &a, &b, out->means));
+        SPIN_TRY(read_means(r, &a, &b, out->means));
     if (columns & SPIN_COL_QUATS)
-        SPIN_TRY_OUT(read_quats(r, &a, out->quats));
+        SPIN_TRY(read_quats(r, &a, out->quats));
     if (columns & SPIN_COL_LOG_SCALES) {
-        SPIN_TRY_OUT(read_picture(r, SPIN_SOG_SCALES, &a));
+        SPIN_TRY(read_picture(r, SPIN_SOG_SCALES, &a));
         for (size_t i = 0; i < r->sog.n; i++)
             for (size_t c = 0; c < 3; c++)
                 out->log_scales[3 * i + c] = r->scale[c][a[4 * i + c]];
     }
     if (columns & (SPIN_COL_SH | SPIN_COL_LOGIT_OPACITIES))
-        SPIN_TRY_OUT(read_sh_0(r, &a, columns, out));
+        SPIN_TRY(read_sh_0(r, &a, columns, out));
     if ((columns & SPIN_COL_SH) && r->sog.sh_degree > 0)
-        SPIN_TRY_OUT(read_sh_n(r, &a, &b, out));
-out:
-    free(a);
-    free(b);
-    return status;
+        SPIN_TRY(read_sh_n(r, &a, &b, out));
+    return SPIN_OK;
 }
 
 spin_status spin_sog_read(const void *file, size_t size, const char *folder, unsigned columns,

@@ -175,8 +175,7 @@ spin_status spin_sog_4d_open(const char *what, const void *file, size_t size,
 {
     const struct spin_zip_member *member;
     const unsigned char *data;
-    void *owned;
-    spin_status status;
+    SPIN_FREED void *owned = NULL;
 
     *out = (struct spin_sog_4d){.what = what, .opacity.n = SPIN_CODEBOOK};
     for (int k = 0; k < SPIN_CODEBOOK; k++)
@@ -186,9 +185,7 @@ spin_status spin_sog_4d_open(const char *what, const void *file, size_t size,
     if (!member || member->size > MAX_META)
         return spin_fail(SPIN_E_MALFORMED, "no meta.json of %s", what);
     SPIN_TRY(spin_zip_read(&out->zip, member, true, MAX_META, &data, &owned));
-    status = spin_json_parse("meta.json", (const char *)data, (size_t)member->size, &out->meta);
-    free(owned);
-    return status;
+    return spin_json_parse("meta.json", (const char *)data, (size_t)member->size, &out->meta);
 }
 
 void spin_sog_4d_close(struct spin_sog_4d *r)

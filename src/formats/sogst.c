@@ -285,9 +285,8 @@ static spin_status read_vertices(const struct spin_ply *ply, struct spin_sogst *
     static const char *const names[] = {"t_center", "t_sigma", "vx", "vy", "vz", "ax", "ay", "az"};
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     struct spin_gs_ply cloud;
-    struct spin_splats still = {0};
+    SPIN_LEAVES(spin_splats_free) struct spin_splats still = {0};
     int degree;
-    spin_status status;
 
     SPIN_TRY(spin_gs_ply_find(ply, &cloud));
     degree = spin_ply_has(cloud.vertex, "ax") ? 2 : 1;
@@ -304,22 +303,17 @@ static spin_status read_vertices(const struct spin_ply *ply, struct spin_sogst *
             return spin_fail(SPIN_E_MALFORMED, "no property '%s'", names[k]);
         spin_ply_column(ply, cloud.vertex, property, to, k < 2 ? 1 : 3 * (size_t)degree);
     }
-    SPIN_TRY_OUT(spin_splats_reserve(&still, splats->n, columns, cloud.sh_degree));
-    SPIN_TRY_OUT(spin_gs_ply_read(&cloud, columns, 0, &still));
+    SPIN_TRY(spin_splats_reserve(&still, splats->n, columns, cloud.sh_degree));
+    SPIN_TRY(spin_gs_ply_read(&cloud, columns, 0, &still));
     move(&still, splats);
-out:
-    spin_splats_free(&still);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_sogst_read_ply(const char *path, struct spin_sogst *out,
                                 struct spin_splats_4d *splats)
 {
-    struct spin_ply ply;
-    spin_status status;
+    SPIN_LEAVES(spin_ply_close) struct spin_ply ply = {0};
 
     SPIN_TRY(spin_ply_open(path, &ply));
-    status = read_vertices(&ply, out, splats);
-    spin_ply_close(&ply);
-    return status;
+    return read_vertices(&ply, out, splats);
 }

@@ -454,24 +454,21 @@ spin_status spin_spz_read(const void *file, size_t size, unsigned columns, struc
 {
     struct spin_spz_header header;
     const unsigned char *streams = file;
-    unsigned char *bytes = NULL;
+    SPIN_FREED unsigned char *bytes = NULL;
     size_t n = 0;
-    spin_status status = SPIN_OK;
 
     SPIN_TRY(spin_spz_peek(file, size, &header));
     if (header.version == IN_STREAMS)
-        SPIN_TRY_OUT(inflate_streams(file, &header, &bytes));
+        SPIN_TRY(inflate_streams(file, &header, &bytes));
     else if (spin_u32_at(streams) != MAGIC)
-        SPIN_TRY_OUT(inflate_all(file, size, &header, &bytes, &n));
+        SPIN_TRY(inflate_all(file, size, &header, &bytes, &n));
     if (bytes)
         streams = bytes;
     if (header.version != IN_STREAMS)
         streams += SPIN_SPZ_HEADER;
-    SPIN_TRY_OUT(
+    SPIN_TRY(
         spin_splats_reserve(out, header.n, columns, header.sh_degree < 3 ? header.sh_degree : 3));
     out->antialias = header.antialias;
     read_streams(&header, streams, columns, out);
-out:
-    free(bytes);
-    return status;
+    return SPIN_OK;
 }

@@ -281,21 +281,17 @@ static spin_status relative(const char *from, const char *to, char **out)
 
 spin_status spin_path_relative(const char *from, const char *to, char **out)
 {
-    char *from_real = NULL, *to_real = NULL;
-    spin_status status;
+    SPIN_FREED char *from_real = NULL, *to_real = NULL;
 
     *out = NULL;
-    SPIN_TRY_OUT(spin_path_absolute(from, &from_real));
-    SPIN_TRY_OUT(spin_path_absolute(to, &to_real));
-    SPIN_TRY_OUT(relative(from_real, to_real, out));
+    SPIN_TRY(spin_path_absolute(from, &from_real));
+    SPIN_TRY(spin_path_absolute(to, &to_real));
+    SPIN_TRY(relative(from_real, to_real, out));
     if (!*out) {
         *out = to_real;
         to_real = NULL;
     }
-out:
-    free(from_real);
-    free(to_real);
-    return status;
+    return SPIN_OK;
 }
 
 long long spin_path_number(const char *path)

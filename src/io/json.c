@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/mem.h"
 #include "base/text.h"
 #include "io/file.h"
 
@@ -24,15 +25,14 @@ spin_status spin_json_parse(const char *what, const char *text, size_t n, spin_j
 
 spin_status spin_json_load(const char *path, spin_json **out)
 {
-    struct spin_map map;
-    spin_status status;
+    SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
 
     *out = NULL;
     SPIN_TRY(spin_map_open(path, &map));
-    status = spin_json_parse(path, (const char *)map.data, map.size, out);
-    spin_map_close(&map);
-    return status;
+    return spin_json_parse(path, (const char *)map.data, map.size, out);
 }
+
+void spin_json_freed(spin_json **j) { json_decref(*j); }
 
 bool spin_json_number(const spin_json *j, double *out)
 {

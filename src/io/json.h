@@ -45,6 +45,7 @@ spin_status spin_json_finish(spin_json *document, char **text);
 #define spin_json_object json_object
 #define spin_json_array json_array
 #define spin_json_free json_decref
+void spin_json_freed(spin_json **j); /* for SPIN_LEAVES() */
 #define spin_json_integer_value json_integer
 #define spin_json_set json_object_set_new
 #define spin_json_push json_array_append_new

@@ -511,11 +511,8 @@ spin_status spin_npz_write(struct spin_zip_writer *w, const char *name, const ch
 {
     unsigned char head[256];
     size_t n_head = 0, n_bytes = 0;
-    char *member = NULL;
-    spin_status status;
+    SPIN_FREED char *member = NULL;
 
     SPIN_TRY(describe_member(name, descr, n_dims, shape, head, &n_head, &n_bytes, &member));
-    status = spin_zip_member_whole(w, member, head, n_head, data, n_bytes);
-    free(member);
-    return status;
+    return spin_zip_member_whole(w, member, head, n_head, data, n_bytes);
 }

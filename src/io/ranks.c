@@ -73,35 +73,31 @@ static bool take_line(const char *line)
 /* Rank 0 says what the others had to say. */
 static spin_status say_lines(void)
 {
-    uint64_t *bytes = NULL;
+    SPIN_FREED uint64_t *bytes = NULL;
     void *block = NULL;
-    char *text = NULL;
-    spin_status status;
+    SPIN_FREED char *text = NULL;
 
-    SPIN_TRY_OUT(spin_alloc((size_t)n_ranks, sizeof *bytes, &block));
+    SPIN_TRY(spin_alloc((size_t)n_ranks, sizeof *bytes, &block));
     bytes = block;
     bytes[own_rank] = n_lines_bytes;
-    SPIN_TRY_OUT(spin_ranks_gather(bytes, sizeof *bytes));
+    SPIN_TRY(spin_ranks_gather(bytes, sizeof *bytes));
     for (int r = 1; r < n_ranks; r++) {
         struct spin_message m = {own_rank ? 0 : r, own_rank == 0, lines, bytes[r]};
 
         if ((own_rank != 0 && own_rank != r) || bytes[r] == 0)
             continue;
         if (own_rank == 0) {
-            SPIN_TRY_OUT(spin_alloc(bytes[r] + 1, 1, (void **)&text));
+            SPIN_TRY(spin_alloc(bytes[r] + 1, 1, (void **)&text));
             m.at = text;
         }
-        SPIN_TRY_OUT(spin_ranks_exchange(&m, 1));
+        SPIN_TRY(spin_ranks_exchange(&m, 1));
         for (size_t at = 0; text && at < bytes[r]; at += strlen(text + at) + 1)
             if (!is_said(text + at))
                 spin_warn("%s", text + at);
         free(text);
         text = NULL;
     }
-out:
-    free(bytes);
-    free(text);
-    return status;
+    return SPIN_OK;
 }
 
 /* ---- Begin -------------------------------------------------------------------------------------- */
@@ -221,9 +217,8 @@ spin_status spin_ranks_sum(void *at, size_t n, int kind)
 
 spin_status spin_ranks_gather(void *rows, size_t bytes)
 {
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     struct spin_message *m;
-    spin_status status;
     size_t n = 0;
 
     if (n_ranks == 1)
@@ -236,16 +231,13 @@ spin_status spin_ranks_gather(void *rows, size_t bytes)
         m[n++] = (struct spin_message){r, 1, (char *)rows + (size_t)r * bytes, bytes};
         m[n++] = (struct spin_message){r, 0, (char *)rows + (size_t)own_rank * bytes, bytes};
     }
-    status = spin_ranks_exchange(m, n);
-    free(block);
-    return status;
+    return spin_ranks_exchange(m, n);
 }
 
 spin_status spin_ranks_merge(void *rows, size_t n, size_t bytes, const int *owner)
 {
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     struct spin_message *m;
-    spin_status status;
     size_t k = 0;
 
     if (n_ranks == 1 || n == 0)
@@ -261,9 +253,7 @@ spin_status spin_ranks_merge(void *rows, size_t n, size_t bytes, const int *owne
             if (r != own_rank)
                 m[k++] = (struct spin_message){r, 0, at, bytes};
     }
-    status = spin_ranks_exchange(m, k);
-    free(block);
-    return status;
+    return spin_ranks_exchange(m, k);
 }
 
 spin_status spin_ranks_share(void *at, size_t bytes, int from)

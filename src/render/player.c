@@ -149,22 +149,16 @@ static spin_status load_array(struct spin_player *p, const char *name, int n_dim
                               const float SPIN_DEV **out)
 {
     const int64_t any[2] = {-1, -1};
-    struct spin_bundle_values v;
+    SPIN_LEAVES(spin_bundle_values_close) struct spin_bundle_values v = {0};
     float SPIN_DEV *to;
-    spin_status status;
 
     SPIN_TRY(spin_bundle_values_open(p->bundle, name, -1, 'f', n_dims, any, &v));
-    if (v.count != n) {
-        status = spin_fail(SPIN_E_MALFORMED, "array '%s' has %llu values, expected %zu", name,
-                           (unsigned long long)v.count, n);
-        goto out;
-    }
-    SPIN_TRY_OUT(p->device->op->reserve(p->device, n * sizeof(float), (void SPIN_DEV **)&to));
+    if (v.count != n)
+        return spin_fail(SPIN_E_MALFORMED, "array '%s' has %llu values, expected %zu", name,
+                         (unsigned long long)v.count, n);
+    SPIN_TRY(p->device->op->reserve(p->device, n * sizeof(float), (void SPIN_DEV **)&to));
     *out = to;
-    status = upload_values(p, name, &v, to);
-out:
-    spin_bundle_values_close(&v);
-    return status;
+    return upload_values(p, name, &v, to);
 }
 
 spin_status spin_player_open(struct spin_player *p, struct spin_device *device,
@@ -506,24 +500,20 @@ spin_status spin_player_weigh(struct spin_player *p, float *weights)
     struct spin_device *d = p->device;
     struct spin_raster *r = &p->raster;
     size_t n = p->now.n, n_values = 3 * p->drawn_pixels;
-    struct spin_splat2d_grad *slope = NULL;
-    float *ones = NULL;
-    spin_status status;
+    SPIN_FREED struct spin_splat2d_grad *slope = NULL;
+    SPIN_FREED float *ones = NULL;
 
-    SPIN_TRY_OUT(spin_alloc(n_values, sizeof *ones, (void **)&ones));
-    SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *slope, (void **)&slope));
+    SPIN_TRY(spin_alloc(n_values, sizeof *ones, (void **)&ones));
+    SPIN_TRY(spin_alloc(n + 1, sizeof *slope, (void **)&slope));
     for (size_t i = 0; i < n_values; i++)
         ones[i] = 1;
     d->op->upload(d, r->d_image, ones, n_values * sizeof *ones);
     d->op->blend_back(d, &p->drawn, r->splat2d, &r->tiles, r->final_transmittance,
                       r->last_contributor, r->d_image, r->d_splat2d);
-    SPIN_TRY_OUT(d->op->download(d, slope, r->d_splat2d, n * sizeof *slope));
+    SPIN_TRY(d->op->download(d, slope, r->d_splat2d, n * sizeof *slope));
     for (size_t i = 0; i < n; i++)
         weights[i] = slope[i].colour[0];
-out:
-    free(ones);
-    free(slope);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_player_layers(struct spin_player *p, float *alpha, float *depth)

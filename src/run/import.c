@@ -86,13 +86,10 @@ static void forget_data(struct import *im)
 /* The one that spin-export wrote down beside its frames. */
 static spin_status find_exported_data(struct import *im, char **from)
 {
-    char *path = NULL;
-    spin_status status;
+    SPIN_FREED char *path = NULL;
 
     SPIN_TRY(spin_exported_data(im->input, &path, from));
-    status = path ? spin_path_absolute(path, &im->data) : SPIN_OK;
-    free(path);
-    return status;
+    return path ? spin_path_absolute(path, &im->data) : SPIN_OK;
 }
 
 /* Read the data set first: its frames may be where a continuous method is sampled. */
@@ -280,28 +277,25 @@ static spin_status stored_frames(struct import *im, struct spin_frame_info **out
 /* All frames, less those outside the range. */
 static spin_status choose_frames(struct import *im)
 {
-    struct spin_frame_info *all = NULL;
-    int *place = NULL, n_all = 0, n = 0;
-    spin_status status;
+    SPIN_FREED struct spin_frame_info *all = NULL;
+    int n_all = 0, n = 0;
+    SPIN_FREED int *place = NULL;
 
-    SPIN_TRY_OUT(im->sequence.continuous ? sample_times(im, &all, &n_all)
-                                         : stored_frames(im, &all, &n_all));
+    SPIN_TRY(im->sequence.continuous ? sample_times(im, &all, &n_all)
+                                     : stored_frames(im, &all, &n_all));
     im->meta.n_source_frames = n_all;
-    SPIN_TRY_OUT(spin_alloc((size_t)n_all, sizeof *place, (void **)&place));
+    SPIN_TRY(spin_alloc((size_t)n_all, sizeof *place, (void **)&place));
     for (int i = 0; i < n_all; i++)
         place[i] = i;
     if (!im->sequence.continuous)
-        SPIN_TRY_OUT(spin_exported_frames(im->o->input, all, n_all, place, &im->meta));
-    SPIN_TRY_OUT(spin_range_select(&im->o->range, all, n_all, &im->index, &n));
-    SPIN_TRY_OUT(spin_bundle_meta_reserve(&im->meta, n));
+        SPIN_TRY(spin_exported_frames(im->o->input, all, n_all, place, &im->meta));
+    SPIN_TRY(spin_range_select(&im->o->range, all, n_all, &im->index, &n));
+    SPIN_TRY(spin_bundle_meta_reserve(&im->meta, n));
     for (int i = 0; i < n; i++) {
         im->meta.frame[i] = all[im->index[i]];
         im->meta.source_index[i] = place[im->index[i]];
     }
-out:
-    free(place);
-    free(all);
-    return status;
+    return SPIN_OK;
 }
 
 /* A description may have two frames of what does not move; a bundle may not. */
@@ -574,20 +568,16 @@ static spin_status store_frames(struct import *im, struct spin_progress *progres
 static spin_status store_rounded(struct import *im, struct spin_splats_4d *s)
 {
     enum spin_round_4d round = (enum spin_round_4d)im->o->precision;
-    unsigned char *all = NULL;
+    SPIN_FREED unsigned char *all = NULL;
     size_t n_dropped;
-    spin_status status;
 
     SPIN_TRY(spin_alloc(im->four_d->n + 1, 1, (void **)&all));
     memset(all, 1, im->four_d->n);
-    SPIN_TRY_OUT(spin_splats_4d_take(im->four_d, all, s));
+    SPIN_TRY(spin_splats_4d_take(im->four_d, all, s));
     spin_splats_4d_round(s, round);
     if (im->writing)
-        SPIN_TRY_OUT(spin_bundle_write_4d(&im->writer, s, round, &im->meta));
-    status = spin_splats_4d_settle(s, &n_dropped, NULL);
-out:
-    free(all);
-    return status;
+        SPIN_TRY(spin_bundle_write_4d(&im->writer, s, round, &im->meta));
+    return spin_splats_4d_settle(s, &n_dropped, NULL);
 }
 
 /* The 4D splats as they are. Frames are their slices: only how many splats each has is found out. */
@@ -595,22 +585,22 @@ static spin_status store_4d(struct import *im)
 {
     struct spin_bundle_meta *meta = &im->meta;
     const struct spin_splats_4d *s = im->four_d;
-    struct spin_splats_4d rounded = {0};
-    size_t n = (size_t)meta->n_frames, *counts = NULL;
-    double *times = NULL;
-    spin_status status;
+    SPIN_LEAVES(spin_splats_4d_free) struct spin_splats_4d rounded = {0};
+    size_t n = (size_t)meta->n_frames;
+    SPIN_FREED size_t *counts = NULL;
+    SPIN_FREED double *times = NULL;
 
     if (im->o->precision) {
-        SPIN_TRY_OUT(store_rounded(im, &rounded));
+        SPIN_TRY(store_rounded(im, &rounded));
         s = &rounded;
     } else if (im->writing) {
-        SPIN_TRY_OUT(spin_bundle_write_4d(&im->writer, s, SPIN_ROUND_NOTHING, meta));
+        SPIN_TRY(spin_bundle_write_4d(&im->writer, s, SPIN_ROUND_NOTHING, meta));
     }
-    SPIN_TRY_OUT(spin_alloc(n, sizeof *times, (void **)&times));
-    SPIN_TRY_OUT(spin_alloc(n, sizeof *counts, (void **)&counts));
+    SPIN_TRY(spin_alloc(n, sizeof *times, (void **)&times));
+    SPIN_TRY(spin_alloc(n, sizeof *counts, (void **)&counts));
     for (size_t i = 0; i < n; i++)
         times[i] = meta->frame[i].time;
-    SPIN_TRY_OUT(spin_splats_4d_counts(s, times, n, counts));
+    SPIN_TRY(spin_splats_4d_counts(s, times, n, counts));
     for (size_t i = 0; i < n; i++)
         meta->frame[i].n = counts[i];
     for (size_t i = 0; i < s->n;
@@ -619,11 +609,7 @@ static spin_status store_4d(struct import *im)
             im->low[c] = fminf(im->low[c], s->centres[3 * i + c]);
             im->high[c] = fmaxf(im->high[c], s->centres[3 * i + c]);
         }
-out:
-    spin_splats_4d_free(&rounded);
-    free(counts);
-    free(times);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status describe_frame(struct import *im, int i)

@@ -173,30 +173,26 @@ spin_status spin_exported_frames(const char *input, struct spin_frame_info *fram
 
 spin_status spin_exported_data(const char *input, char **data, char **from)
 {
-    spin_json *root;
+    SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
     const spin_json *json;
     const char *folder, *name;
-    char *path;
-    spin_status status;
+    SPIN_FREED char *path = NULL;
 
     *data = *from = NULL;
-    SPIN_TRY_OUT(open_sequence(input, &path, &root));
+    SPIN_TRY(open_sequence(input, &path, &root));
     json = spin_json_get(root, "data");
     folder = spin_json_string(spin_json_get(json, "path"));
     name = spin_json_string(spin_json_get(json, "from"));
     if (folder && *folder == '/')
-        SPIN_TRY_OUT(spin_strdup(folder, data));
+        SPIN_TRY(spin_strdup(folder, data));
     else if (folder)
-        SPIN_TRY_OUT(spin_path_join(input, folder, data));
+        SPIN_TRY(spin_path_join(input, folder, data));
     if (*data && name)
-        SPIN_TRY_OUT(spin_strdup(name, from));
+        SPIN_TRY(spin_strdup(name, from));
     if (*data && !spin_path_exists(*data)) {
         free(*data);
         free(*from);
         *data = *from = NULL;
     }
-out:
-    spin_json_free(root);
-    free(path);
-    return status;
+    return SPIN_OK;
 }

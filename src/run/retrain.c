@@ -329,13 +329,12 @@ static spin_status open_trainer(struct run *r, bool resume)
 {
     struct spin_plan *p = &r->plan;
     struct spin_trainer_size size = {.n_frames = p->clip.n_frames};
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     struct spin_frame_size *frame;
-    spin_status status;
 
     SPIN_TRY(spin_alloc((size_t)size.n_frames, sizeof *frame, &block));
     size.frame = frame = block;
-    SPIN_TRY_OUT(find_tracks(r));
+    SPIN_TRY(find_tracks(r));
     size.tracked = r->tracks.n > 0 || trains_4d(r) || spin_plan_densifies(p);
     size.n_tracks = trains_4d(r) ? r->rows.n : r->tracks.n;
     size.n_moving = r->tracks.n_moving;
@@ -348,14 +347,11 @@ static spin_status open_trainer(struct run *r, bool resume)
             frame[f] = spin_tracks_size(&r->tracks, f, n);
     }
     if (resume && size.tracked) {
-        SPIN_TRY_OUT(spin_checkpoint_sizes(&r->checkpoint, frame, &size));
+        SPIN_TRY(spin_checkpoint_sizes(&r->checkpoint, frame, &size));
         for (int f = 0; f < size.n_frames; f++)
             r->plan.counts[f] = frame[f].n;
     }
-    status = spin_plan_open_trainer(p, &r->device, &size, &r->trainer);
-out:
-    free(block);
-    return status;
+    return spin_plan_open_trainer(p, &r->device, &size, &r->trainer);
 }
 
 /* What the trainer begins with, but for a network. */

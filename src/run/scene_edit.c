@@ -150,21 +150,21 @@ static spin_status leave_out_unseen(struct spin_scene_edit *e, int frame, const 
  * reach as far itself. */
 static spin_status leave_out_floaters(struct spin_scene_edit *e, const struct rows *rows)
 {
-    size_t n = 0, *row = NULL;
-    float *place = NULL, *square = NULL, *sorted = NULL;
+    size_t n = 0;
+    SPIN_FREED size_t *row = NULL;
+    SPIN_FREED float *place = NULL, *square = NULL, *sorted = NULL;
     double limit = 0;
-    spin_status status;
 
-    SPIN_TRY_OUT(spin_alloc(rows->n + 1, sizeof *row, (void **)&row));
-    SPIN_TRY_OUT(spin_alloc(rows->n + 1, 3 * sizeof *place, (void **)&place));
-    SPIN_TRY_OUT(spin_alloc(rows->n + 1, sizeof *square, (void **)&square));
-    SPIN_TRY_OUT(spin_alloc(rows->n + 1, sizeof *sorted, (void **)&sorted));
+    SPIN_TRY(spin_alloc(rows->n + 1, sizeof *row, (void **)&row));
+    SPIN_TRY(spin_alloc(rows->n + 1, 3 * sizeof *place, (void **)&place));
+    SPIN_TRY(spin_alloc(rows->n + 1, sizeof *square, (void **)&square));
+    SPIN_TRY(spin_alloc(rows->n + 1, sizeof *sorted, (void **)&sorted));
     for (size_t i = 0; i < rows->n; i++)
         if (!rows->reason[i] && is_finite(rows->place + 3 * i)) {
             memcpy(place + 3 * n, rows->place + 3 * i, 3 * sizeof *place);
             row[n++] = i;
         }
-    SPIN_TRY_OUT(spin_knn_mean_dist2(e->pool, n, place, square));
+    SPIN_TRY(spin_knn_mean_dist2(e->pool, n, place, square));
     memcpy(sorted, square, n * sizeof *sorted);
     qsort(sorted, n, sizeof *sorted, spin_by_float);
     if (n > 0)
@@ -177,12 +177,7 @@ static spin_status leave_out_floaters(struct spin_scene_edit *e, const struct ro
         if ((double)square[k] > limit && !(reach * reach >= (double)square[k]))
             rows->reason[row[k]] = 1 + SPIN_EDIT_FLOATERS;
     }
-out:
-    free(row);
-    free(place);
-    free(square);
-    free(sorted);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status judge(struct spin_scene_edit *e, int frame, const struct rows *rows)
@@ -353,11 +348,10 @@ static spin_status judge_slice(struct spin_scene_edit *e, const struct spin_spla
 static spin_status judge_4d(struct spin_scene_edit *e, const struct spin_splats_4d *s,
                             unsigned char *reason)
 {
-    struct spin_splats slice = {0};
-    int *frame = NULL;
-    spin_status status;
+    SPIN_LEAVES(spin_splats_free) struct spin_splats slice = {0};
+    SPIN_FREED int *frame = NULL;
 
-    SPIN_TRY_OUT(spin_alloc(s->n + 1, sizeof *frame, (void **)&frame));
+    SPIN_TRY(spin_alloc(s->n + 1, sizeof *frame, (void **)&frame));
     find_frames(e, s, frame);
     for (size_t i = 0; i < s->n; i++)
         if (frame[i] < 0 && crops_away(e->o, s->centres + 3 * i))
@@ -368,12 +362,9 @@ static spin_status judge_4d(struct spin_scene_edit *e, const struct spin_splats_
         while (i < s->n && frame[i] != f)
             i++;
         if (i < s->n)
-            SPIN_TRY_OUT(judge_slice(e, s, f, frame, &slice, reason));
+            SPIN_TRY(judge_slice(e, s, f, frame, &slice, reason));
     }
-out:
-    free(frame);
-    spin_splats_free(&slice);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_scene_edit_judge_4d(struct spin_scene_edit *e, const struct spin_splats_4d *s)
@@ -392,10 +383,9 @@ spin_status spin_scene_edit_4d(struct spin_scene_edit *e, const struct spin_spla
 {
     struct spin_splats_4d from = *in, *to = &e->splats_4d;
     unsigned parts = spin_splats_4d_parts(in);
-    unsigned char *none = NULL;
+    SPIN_FREED unsigned char *none = NULL;
     const unsigned char *reason;
     size_t n_kept, n_dropped;
-    spin_status status;
 
     spin_splats_4d_free(to);
     if (e->chosen)
@@ -404,7 +394,7 @@ spin_status spin_scene_edit_4d(struct spin_scene_edit *e, const struct spin_spla
         SPIN_TRY(spin_scene_edit_judge_4d(e, in));
     reason = none ? none : e->reason_4d;
     n_kept = count(e, reason, in->n, false);
-    SPIN_TRY_OUT(spin_splats_4d_reserve(to, n_kept, in->degree, in->sh_degree, parts));
+    SPIN_TRY(spin_splats_4d_reserve(to, n_kept, in->degree, in->sh_degree, parts));
     to->antialias = in->antialias;
     to->least_weight = in->least_weight;
     to->least_opacity = in->least_opacity;
@@ -420,9 +410,7 @@ spin_status spin_scene_edit_4d(struct spin_scene_edit *e, const struct spin_spla
         for (size_t i = 0; i < 3 * n_kept * (size_t)in->degree; i++)
             to->paths[i] = (float)(scale_of(e) * (double)to->paths[i]);
     }
-    SPIN_TRY_OUT(spin_splats_4d_settle(to, &n_dropped, NULL));
+    SPIN_TRY(spin_splats_4d_settle(to, &n_dropped, NULL));
     *out = to;
-out:
-    free(none);
-    return status;
+    return SPIN_OK;
 }

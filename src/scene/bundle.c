@@ -309,8 +309,7 @@ void spin_bundle_close(struct spin_bundle *bundle)
 spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out)
 {
     const char *path = bundle->meta.data_path;
-    char *folder = NULL, *joined = NULL;
-    spin_status status;
+    SPIN_FREED char *folder = NULL, *joined = NULL;
 
     *out = NULL;
     if (!path)
@@ -318,17 +317,14 @@ spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out)
     if (path[0] == '/')
         return spin_strdup(path, out);
     SPIN_TRY(spin_path_folder(bundle->path, &folder));
-    SPIN_TRY_OUT(spin_path_join(folder, path, &joined));
+    SPIN_TRY(spin_path_join(folder, path, &joined));
     if (spin_path_exists(joined)) {
-        SPIN_TRY_OUT(spin_path_absolute(joined, out));
+        SPIN_TRY(spin_path_absolute(joined, out));
     } else { /* the caller says that it is missing, by this name */
         *out = joined;
         joined = NULL;
     }
-out:
-    free(joined);
-    free(folder);
-    return status;
+    return SPIN_OK;
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */
@@ -506,19 +502,16 @@ size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_
 
 static spin_status checksum_slice(struct spin_bundle *b, int frame, unsigned columns, uint32_t *out)
 {
-    struct spin_splats splats = {0};
+    SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
     uint64_t hash = SPIN_HASH_BEGIN;
-    spin_status status;
 
-    SPIN_TRY_OUT(slice(b, frame, columns, &splats));
+    SPIN_TRY(slice(b, frame, columns, &splats));
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1)
         if (columns & column)
             spin_hash(&hash, *spin_column_of(&splats, column),
                       splats.n * spin_column_width(column, splats.sh_degree) * sizeof(float));
     *out = (uint32_t)(hash ^ hash >> 32);
-out:
-    spin_splats_free(&splats);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_bundle_checksum(struct spin_bundle *bundle, int frame, unsigned columns,

@@ -97,10 +97,9 @@ static spin_status find_key(struct spin_bundle *b, const char *series, char kind
                             const struct spin_bundle_key **out)
 {
     int64_t any[SPIN_NPY_MAX_DIMS];
-    struct spin_bundle_values v;
+    SPIN_LEAVES(spin_bundle_values_close) struct spin_bundle_values v = {0};
     struct spin_bundle_key *key;
     struct spin_bundle_keys *keys = &b->keys;
-    spin_status status;
 
     for (size_t i = 0; i < keys->n; i++)
         if (strcmp(keys->key[i].series, series) == 0) {
@@ -113,16 +112,14 @@ static spin_status find_key(struct spin_bundle *b, const char *series, char kind
     for (int d = 0; d < n_dims; d++)
         any[d] = -1;
     SPIN_TRY(spin_bundle_values_open(b, series, 0, kind, n_dims, any, &v));
-    SPIN_TRY_OUT(spin_alloc((size_t)v.count + 1, sizeof *key->words, (void **)&key->words));
+    SPIN_TRY(spin_alloc((size_t)v.count + 1, sizeof *key->words, (void **)&key->words));
     get_words(&v, 0, (size_t)v.count, key->words);
     key->whole = v.whole;
     snprintf(key->series, sizeof key->series, "%s", series);
     memcpy(key->shape, v.shape, sizeof key->shape);
     keys->n++;
     *out = key;
-out:
-    spin_bundle_values_close(&v);
-    return status;
+    return SPIN_OK;
 }
 
 /* ---- Headers ------------------------------------------------------------------------------------ */

@@ -351,12 +351,12 @@ static size_t first_at(const double *sorted, size_t n, double t)
 spin_status spin_splats_4d_counts(const struct spin_splats_4d *s, const double *times, size_t n,
                                   size_t *counts)
 {
-    double *sorted = NULL;
-    int64_t *change = NULL, sum = 0;
-    spin_status status;
+    SPIN_FREED double *sorted = NULL;
+    int64_t sum = 0;
+    SPIN_FREED int64_t *change = NULL;
 
-    SPIN_TRY_OUT(spin_alloc(n, sizeof *sorted, (void **)&sorted));
-    SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *change, (void **)&change));
+    SPIN_TRY(spin_alloc(n, sizeof *sorted, (void **)&sorted));
+    SPIN_TRY(spin_alloc(n + 1, sizeof *change, (void **)&change));
     memcpy(sorted, times, n * sizeof *sorted);
     qsort(sorted, n, sizeof *sorted, spin_by_double);
     for (size_t i = 0; i < s->n; i++) {
@@ -369,8 +369,5 @@ spin_status spin_splats_4d_counts(const struct spin_splats_4d *s, const double *
         change[k] = sum += change[k];
     for (size_t k = 0; k < n; k++) /* times may be in any order */
         counts[k] = (size_t)change[first_at(sorted, n, times[k])];
-out:
-    free(change);
-    free(sorted);
-    return status;
+    return SPIN_OK;
 }

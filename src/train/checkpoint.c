@@ -218,21 +218,17 @@ spin_status spin_write_device_array(struct spin_trainer *t, struct spin_zip_writ
                                     const char *name, int n_dims, const uint64_t *shape,
                                     const float SPIN_DEV *at, size_t n)
 {
-    void *block = NULL;
-    spin_status status;
+    SPIN_FREED void *block = NULL;
 
     SPIN_TRY(spin_npz_write_begin(w, name, "<f4", n_dims, shape));
     SPIN_TRY(spin_alloc(PORTION, sizeof(float), &block));
     for (size_t first = 0; first < n; first += PORTION) {
         size_t floats = n - first < PORTION ? n - first : PORTION;
 
-        SPIN_TRY_OUT(spin_read_device_values(t, name, at, first, floats, block));
-        SPIN_TRY_OUT(spin_zip_member_write(w, block, floats * sizeof(float)));
+        SPIN_TRY(spin_read_device_values(t, name, at, first, floats, block));
+        SPIN_TRY(spin_zip_member_write(w, block, floats * sizeof(float)));
     }
-    status = spin_zip_member_end(w);
-out:
-    free(block);
-    return status;
+    return spin_zip_member_end(w);
 }
 
 /* Tracks that are there, in the order of the frame; places that are a permutation. */
@@ -278,37 +274,30 @@ static spin_status save_numbers(struct spin_trainer *t, struct spin_zip_writer *
 {
     struct spin_device *d = t->device;
     uint64_t shape[1] = {piece->n};
-    void *block = NULL;
-    spin_status status;
+    SPIN_FREED void *block = NULL;
 
     if (piece->host)
         return spin_npz_write(w, piece->name, "<u4", 1, shape, piece->host);
-    SPIN_TRY_OUT(spin_alloc(piece->n + 1, sizeof(uint32_t), &block));
-    SPIN_TRY_OUT(d->op->download(d, block, piece->at, piece->n * sizeof(uint32_t)));
-    status = spin_npz_write(w, piece->name, "<u4", 1, shape, block);
-out:
-    free(block);
-    return status;
+    SPIN_TRY(spin_alloc(piece->n + 1, sizeof(uint32_t), &block));
+    SPIN_TRY(d->op->download(d, block, piece->at, piece->n * sizeof(uint32_t)));
+    return spin_npz_write(w, piece->name, "<u4", 1, shape, block);
 }
 
 static spin_status save_pieces(const struct spin_checkpoint *c, struct spin_trainer *t,
                                struct spin_zip_writer *w)
 {
-    struct piece *piece = NULL;
+    SPIN_FREED struct piece *piece = NULL;
     size_t n = 0;
-    spin_status status;
 
-    SPIN_TRY_OUT(list_pieces(c, t, &piece, &n));
+    SPIN_TRY(list_pieces(c, t, &piece, &n));
     for (size_t i = 0; i < n; i++) {
         uint64_t shape[1] = {piece[i].n};
 
-        SPIN_TRY_OUT(piece[i].kind >= SEEN ? save_numbers(t, w, &piece[i])
-                                           : spin_write_device_array(t, w, piece[i].name, 1, shape,
-                                                                     piece[i].at, piece[i].n));
+        SPIN_TRY(piece[i].kind >= SEEN ? save_numbers(t, w, &piece[i])
+                                       : spin_write_device_array(t, w, piece[i].name, 1, shape,
+                                                                 piece[i].at, piece[i].n));
     }
-out:
-    free(piece);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status write_text(struct spin_zip_writer *w, const char *name, const char *text)
@@ -420,24 +409,20 @@ static spin_status load_piece(struct spin_trainer *t, const struct piece *piece,
 static spin_status load_pieces(const struct spin_checkpoint *c, struct spin_trainer *t,
                                struct spin_npz *npz)
 {
-    struct piece *piece = NULL;
+    SPIN_FREED struct piece *piece = NULL;
     size_t n = 0;
-    void *block = NULL;
-    spin_status status;
+    SPIN_FREED void *block = NULL;
 
-    SPIN_TRY_OUT(list_pieces(c, t, &piece, &n));
+    SPIN_TRY(list_pieces(c, t, &piece, &n));
     for (size_t i = 0; i < n; i++) {
         struct spin_array a;
         int64_t shape[1] = {(int64_t)piece[i].n};
 
-        SPIN_TRY_OUT(spin_npz_array_of(npz, piece[i].name, true, 1, shape, &a));
-        SPIN_TRY_OUT(spin_grow(piece[i].n + 1, sizeof(float), &block));
-        SPIN_TRY_OUT(load_piece(t, &piece[i], &a, block));
+        SPIN_TRY(spin_npz_array_of(npz, piece[i].name, true, 1, shape, &a));
+        SPIN_TRY(spin_grow(piece[i].n + 1, sizeof(float), &block));
+        SPIN_TRY(load_piece(t, &piece[i], &a, block));
     }
-out:
-    free(piece);
-    free(block);
-    return status;
+    return SPIN_OK;
 }
 
 /* state.json, to be freed, when it was made from this input and with these options. */
@@ -468,16 +453,13 @@ out:
 static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t,
                                struct spin_npz *npz)
 {
-    spin_json *j = NULL;
+    SPIN_LEAVES(spin_json_freed) spin_json *j = NULL;
     int64_t iteration, steps;
-    spin_status status;
 
-    SPIN_TRY_OUT(read_header(c, npz, &j));
+    SPIN_TRY(read_header(c, npz, &j));
     if (!spin_json_integer(spin_json_get(j, "iteration"), &iteration) || iteration < 0 ||
-        iteration > t->rates.iterations) {
-        status = spin_fail(SPIN_E_MALFORMED, "state.json: bad iteration");
-        goto out;
-    }
+        iteration > t->rates.iterations)
+        return spin_fail(SPIN_E_MALFORMED, "state.json: bad iteration");
     spin_json_number(spin_json_get(j, "seconds"), &c->before_s);
     spin_json_number(spin_json_get(j, "refine_seconds"), &c->refine_s);
     spin_json_number(spin_json_get(j, "loss"), &c->loss);
@@ -487,17 +469,12 @@ static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t
         const spin_json *step = spin_json_at(spin_json_get(j, "steps"), (size_t)f);
         double v = 0;
 
-        if (!spin_json_number(step, &v) || v < 0 || v > 1e15) {
-            status = spin_fail(SPIN_E_MALFORMED, "state.json: bad steps");
-            goto out;
-        }
+        if (!spin_json_number(step, &v) || v < 0 || v > 1e15)
+            return spin_fail(SPIN_E_MALFORMED, "state.json: bad steps");
         steps = (int64_t)v;
         t->frame[f].steps = steps;
     }
-    status = SPIN_OK;
-out:
-    spin_json_free(j);
-    return status;
+    return SPIN_OK;
 }
 
 /* A count of state.json, at most `most`. */

@@ -32,9 +32,8 @@ static spin_status carry_tracks(struct spin_device *d, const struct spin_param *
 {
     float SPIN_DEV *at[3] = {param->p, param->m, param->v};
     size_t n = cloud->n, stride = sizeof *cloud->point / sizeof(float);
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     float *host;
-    spin_status status = SPIN_OK;
 
     SPIN_TRY(spin_alloc(n + 1, SPIN_TRACK * sizeof *host, &block));
     host = block;
@@ -42,7 +41,7 @@ static spin_status carry_tracks(struct spin_device *d, const struct spin_param *
         struct spin_refine_row *first = part_of(cloud->point, part);
 
         if (!up)
-            SPIN_TRY_OUT(d->op->download(d, host, at[part], SPIN_TRACK * n * sizeof *host));
+            SPIN_TRY(d->op->download(d, host, at[part], SPIN_TRACK * n * sizeof *host));
         for (size_t i = 0; i < n; i++) {
             float *place = part_of(&cloud->point[i], part)->pos_w;
 
@@ -55,9 +54,7 @@ static spin_status carry_tracks(struct spin_device *d, const struct spin_param *
         if (up)
             d->op->upload(d, at[part], host, SPIN_TRACK * n * sizeof *host);
     }
-out:
-    free(block);
-    return status;
+    return SPIN_OK;
 }
 
 /* Statistics of a frame's splats, and their tracks. */

@@ -60,21 +60,17 @@ static double share_outside(const struct spin_point_sample *sample,
 spin_status spin_frames_look(struct spin_plan *plan)
 {
     struct spin_scene_transform transform = plan->field.transform;
-    struct spin_splats splats = {0};
-    struct spin_point_sample sample = {0};
-    spin_status status;
+    SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
+    SPIN_LEAVES(spin_point_sample_close) struct spin_point_sample sample = {0};
 
-    SPIN_TRY_OUT(spin_point_sample_open(&sample, plan->clip.n_frames));
+    SPIN_TRY(spin_point_sample_open(&sample, plan->clip.n_frames));
     for (int f = 0; f < plan->clip.n_frames; f++) {
-        SPIN_TRY_OUT(read_frame(plan, NULL, f, SPIN_COL_MEANS, &splats));
+        SPIN_TRY(read_frame(plan, NULL, f, SPIN_COL_MEANS, &splats));
         spin_point_sample_add(&sample, &splats);
     }
     fit_transform(plan->o, &sample, &transform);
     plan->report->outside_ball = share_outside(&sample, &transform);
-out:
-    spin_point_sample_close(&sample);
-    spin_splats_free(&splats);
-    return status;
+    return SPIN_OK;
 }
 
 /* ---- First values ------------------------------------------------------------------------------- */
@@ -177,15 +173,14 @@ static spin_status send_frame(const struct spin_plan *plan, const struct spin_sp
                               const uint32_t *permutation, struct first_tracks *first,
                               struct spin_device *device, struct spin_train_frame *frame)
 {
-    struct spin_refine_cloud cloud = {0};
+    SPIN_LEAVES(spin_refine_cloud_free) struct spin_refine_cloud cloud = {0};
     struct spin_frame_rows rows = {.pos = {s->means, 3}};
-    spin_status status;
 
     if (spin_plan_has_residual(plan)) {
         if (plan->o->residual == SPIN_RESIDUAL_SOURCE)
-            SPIN_TRY_OUT(spin_refine_init_from_splats(s, &cloud));
+            SPIN_TRY(spin_refine_init_from_splats(s, &cloud));
         else
-            SPIN_TRY_OUT(spin_refine_init_from_colours(s, &cloud));
+            SPIN_TRY(spin_refine_init_from_colours(s, &cloud));
         for (size_t i = 0; i < cloud.n; i++)
             make_finite(&cloud.point[i].p);
         if (first->tracks->n > 0) {
@@ -196,10 +191,7 @@ static spin_status send_frame(const struct spin_plan *plan, const struct spin_sp
             rows.residual =
                 (struct spin_rows){cloud.point[0].p.log_scale, sizeof *cloud.point / sizeof(float)};
     }
-    status = spin_train_frame_upload(frame, device, SPIN_TRAIN_VALUES, rows, permutation);
-out:
-    spin_refine_cloud_free(&cloud);
-    return status;
+    return spin_train_frame_upload(frame, device, SPIN_TRAIN_VALUES, rows, permutation);
 }
 
 /* The track of every splat, in our order. */

@@ -130,18 +130,16 @@ static spin_status write_frame(const struct spin_output *output, struct spin_bun
     uint64_t shape[2] = {n, width};
     struct spin_rows rows = {.stride = width};
     struct spin_frame_rows of = {0};
-    uint32_t *place = NULL;
+    SPIN_FREED uint32_t *place = NULL;
     float *packed;
-    void *block = NULL;
-    spin_status status;
+    SPIN_FREED void *block = NULL;
 
-    SPIN_TRY_OUT(invert(output->frames->permutation[frame], from->size.n, &place));
-    SPIN_TRY_OUT(spin_alloc(width * n + 1, 2 * sizeof(float), &block));
+    SPIN_TRY(invert(output->frames->permutation[frame], from->size.n, &place));
+    SPIN_TRY(spin_alloc(width * n + 1, 2 * sizeof(float), &block));
     rows.at = block;
     packed = rows.at + width * n;
     *(residual ? &of.residual : &of.pos) = rows;
-    SPIN_TRY_OUT(
-        spin_train_frame_download(from, output->trainer->device, SPIN_TRAIN_VALUES, of, NULL));
+    SPIN_TRY(spin_train_frame_download(from, output->trainer->device, SPIN_TRAIN_VALUES, of, NULL));
     for (size_t i = 0; i < from->size.n; i++)
         if (place[i] < n)
             memcpy(packed + width * to++, rows.at + width * place[i], width * sizeof *packed);
@@ -149,12 +147,8 @@ static spin_status write_frame(const struct spin_output *output, struct spin_bun
         round_rows(output, packed, n, width);
     else
         round_values(output, SPIN_COL_MEANS, packed, width * n);
-    status = spin_bundle_write_array(w, residual ? "trained/residual" : "trained/means", frame,
-                                     "<f4", 2, shape, packed);
-out:
-    free(place);
-    free(block);
-    return status;
+    return spin_bundle_write_array(w, residual ? "trained/residual" : "trained/means", frame, "<f4",
+                                   2, shape, packed);
 }
 
 /* ---- Tracks ------------------------------------------------------------------------------------- */
@@ -182,13 +176,12 @@ static spin_status write_numbers(const struct spin_output *output, struct spin_b
                                  bool *same_rows)
 {
     const struct spin_trainer *t = output->trainer;
-    uint32_t *first = NULL, *track = NULL;
-    spin_status status;
+    SPIN_FREED uint32_t *first = NULL, *track = NULL;
 
     *same_rows = true;
-    SPIN_TRY_OUT(read_numbers(output, 0, &first));
+    SPIN_TRY(read_numbers(output, 0, &first));
     for (int f = 1; *same_rows && f < t->n_frames; f++) {
-        SPIN_TRY_OUT(read_numbers(output, f, &track));
+        SPIN_TRY(read_numbers(output, f, &track));
         *same_rows = t->frame[f].size.n == t->frame[0].size.n &&
                      memcmp(first, track, t->frame[f].size.n * sizeof *track) == 0;
         free(track);
@@ -197,16 +190,12 @@ static spin_status write_numbers(const struct spin_output *output, struct spin_b
     for (int f = 0; f < (*same_rows ? 1 : t->n_frames); f++) {
         uint64_t shape[1] = {t->frame[f].size.n};
 
-        SPIN_TRY_OUT(read_numbers(output, f, &track));
-        SPIN_TRY_OUT(spin_bundle_write_array(w, "trained/track", f, "<u4", 1, shape, track));
+        SPIN_TRY(read_numbers(output, f, &track));
+        SPIN_TRY(spin_bundle_write_array(w, "trained/track", f, "<u4", 1, shape, track));
         free(track);
         track = NULL;
     }
-    status = SPIN_OK;
-out:
-    free(first);
-    free(track);
-    return status;
+    return SPIN_OK;
 }
 
 /* Values as rows, and which splats they belong to. */
@@ -217,13 +206,12 @@ static spin_status write_tracks(const struct spin_output *output, struct spin_bu
     size_t n = t->n_tracks;
     uint64_t shape[2] = {n, SPIN_TRACK};
     float *groups, *rows;
-    void *block = NULL;
-    spin_status status;
+    SPIN_FREED void *block = NULL;
 
-    SPIN_TRY_OUT(spin_alloc(n + 1, 2 * SPIN_TRACK * sizeof(float), &block));
+    SPIN_TRY(spin_alloc(n + 1, 2 * SPIN_TRACK * sizeof(float), &block));
     groups = block;
     rows = groups + SPIN_TRACK * n;
-    SPIN_TRY_OUT(
+    SPIN_TRY(
         t->device->op->download(t->device, groups, t->tracks.p, SPIN_TRACK * n * sizeof *groups));
     for (size_t i = 0; i < n; i++)
         memcpy(rows + SPIN_TRACK * i, groups + 3 * i, 3 * sizeof *rows);
@@ -231,11 +219,8 @@ static spin_status write_tracks(const struct spin_output *output, struct spin_bu
     for (size_t i = 0; i < n; i++)
         round_values(output, SPIN_COL_MEANS, rows + SPIN_TRACK * i, 3);
     round_rows(output, rows + 3, n, SPIN_TRACK);
-    SPIN_TRY_OUT(spin_bundle_write_array(w, "trained/tracks", -1, "<f4", 2, shape, rows));
-    status = write_numbers(output, w, same_rows);
-out:
-    free(block);
-    return status;
+    SPIN_TRY(spin_bundle_write_array(w, "trained/tracks", -1, "<f4", 2, shape, rows));
+    return write_numbers(output, w, same_rows);
 }
 
 /* An array of weights on the device. */
@@ -284,27 +269,23 @@ static spin_status write_rows(const struct spin_output *output, struct spin_bund
 {
     static const enum spin_round_4d round[] = {SPIN_ROUND_COMPACT, SPIN_ROUND_HALF,
                                                SPIN_ROUND_NOTHING};
-    struct spin_splats_4d rows = {0};
+    SPIN_LEAVES(spin_splats_4d_free) struct spin_splats_4d rows = {0};
     enum spin_round_4d rounded = round[output->plan->o->precision];
-    size_t n_frames = (size_t)meta->n_frames, *counts = NULL;
-    double *times = NULL;
-    spin_status status;
+    size_t n_frames = (size_t)meta->n_frames;
+    SPIN_FREED size_t *counts = NULL;
+    SPIN_FREED double *times = NULL;
 
-    SPIN_TRY_OUT(spin_rows_4d_read(output->plan, output->trainer, rounded, &rows));
-    SPIN_TRY_OUT(spin_bundle_write_4d(w, &rows, rounded, meta));
-    SPIN_TRY_OUT(spin_alloc(n_frames, sizeof *times, (void **)&times));
-    SPIN_TRY_OUT(spin_alloc(n_frames, sizeof *counts, (void **)&counts));
+    SPIN_TRY(spin_rows_4d_read(output->plan, output->trainer, rounded, &rows));
+    SPIN_TRY(spin_bundle_write_4d(w, &rows, rounded, meta));
+    SPIN_TRY(spin_alloc(n_frames, sizeof *times, (void **)&times));
+    SPIN_TRY(spin_alloc(n_frames, sizeof *counts, (void **)&counts));
     for (size_t f = 0; f < n_frames; f++)
         times[f] = meta->frame[f].time;
-    SPIN_TRY_OUT(spin_splats_4d_counts(&rows, times, n_frames, counts));
+    SPIN_TRY(spin_splats_4d_counts(&rows, times, n_frames, counts));
     for (size_t f = 0; f < n_frames; f++)
         meta->frame[f].n = counts[f];
     meta->identity = false;
-out:
-    spin_splats_4d_free(&rows);
-    free(times);
-    free(counts);
-    return status;
+    return SPIN_OK;
 }
 
 /* The source's columns, those kept of refined frames, the network; or all of it as 4D splats. */
@@ -355,8 +336,7 @@ static const char *precision_name(const struct spin_retrain_options *o)
 static spin_status fill_meta(const struct spin_output *output, struct spin_bundle_meta *meta)
 {
     const struct spin_bundle_meta *from = &output->plan->clip.bundle.meta;
-    char *folder = NULL;
-    spin_status status;
+    SPIN_FREED char *folder = NULL;
 
     SPIN_TRY(spin_bundle_meta_reserve(meta, output->plan->clip.n_frames));
     memcpy(meta->from, from->from, sizeof meta->from);
@@ -378,9 +358,7 @@ static spin_status fill_meta(const struct spin_output *output, struct spin_bundl
              output->plan->o->pair ? output->plan->o->pair : from->pair);
     memcpy(meta->data_from, output->plan->clip.data_from, sizeof meta->data_from);
     SPIN_TRY(spin_path_folder(output->plan->o->output, &folder));
-    status = spin_path_relative(folder, output->plan->clip.data_path, &meta->data_path);
-    free(folder);
-    return status;
+    return spin_path_relative(folder, output->plan->clip.data_path, &meta->data_path);
 }
 
 static void set_quality(spin_json *j, const char *key, const struct spin_quality *q)

@@ -165,25 +165,21 @@ static spin_status measure_one_place(struct spin_plan *plan, double *extent)
     struct spin_camera_f32 cam =
         spin_camera_f32_from(&plan->clip.views.view[plan->train[0].view].camera);
     int f = spin_plan_middle_frame(plan);
-    struct spin_splats splats = {0};
-    struct spin_point_sample sample = {0};
+    SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
+    SPIN_LEAVES(spin_point_sample_close) struct spin_point_sample sample = {0};
     double distance = 0;
     float centre[3], radius;
-    spin_status status;
 
-    SPIN_TRY_OUT(spin_point_sample_open(&sample, 1));
-    SPIN_TRY_OUT(
+    SPIN_TRY(spin_point_sample_open(&sample, 1));
+    SPIN_TRY(
         spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, f), SPIN_COL_MEANS, &splats));
-    SPIN_TRY_OUT(spin_plan_check_means(plan, f, false, &splats));
+    SPIN_TRY(spin_plan_check_means(plan, f, false, &splats));
     spin_point_sample_add(&sample, &splats);
     radius = spin_point_sample_enclose(&sample, centre);
     for (int c = 0; c < 3; c++)
         distance += pow((double)cam.centre[c] - (double)centre[c], 2);
     *extent = 1.1 * fmax(sqrt(distance), (double)radius);
-out:
-    spin_point_sample_close(&sample);
-    spin_splats_free(&splats);
-    return status;
+    return SPIN_OK;
 }
 
 /* The extent of the training cameras scales the position rate and 3DGS's thresholds. Cameras that all

@@ -213,9 +213,8 @@ static spin_status list_frames(struct cut *c)
 {
     struct spin_rows_4d *rows = c->rows;
     double reach = sqrt(-2 * log(spin_rows_4d_least_weight));
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     uint32_t *shown;
-    spin_status status = SPIN_OK;
 
     SPIN_TRY(spin_alloc(rows->n + 1, sizeof *shown, &block));
     shown = block;
@@ -228,13 +227,11 @@ static spin_status list_frames(struct cut *c)
             if (fabs((double)(c->time[f] - motion[3]) * (double)motion[4]) <= reach)
                 shown[n++] = (uint32_t)i;
         }
-        SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *shown, (void **)&rows->of[f]));
+        SPIN_TRY(spin_alloc(n + 1, sizeof *shown, (void **)&rows->of[f]));
         memcpy(rows->of[f], shown, n * sizeof *shown);
         rows->counts[f] = n;
     }
-out:
-    free(block);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status check_input(const struct cut *c)
@@ -408,23 +405,19 @@ spin_status spin_rows_4d_read(const struct spin_plan *plan, struct spin_trainer 
 {
     struct spin_device *d = t->device;
     size_t n = t->n_tracks, n_dropped;
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     float *groups, *motion;
-    spin_status status;
 
     SPIN_TRY(spin_splats_4d_reserve(out, n, 1, 0, 0));
-    SPIN_TRY_OUT(spin_alloc(n + 1, (SPIN_TRACK + SPIN_MOTION) * sizeof *groups, &block));
+    SPIN_TRY(spin_alloc(n + 1, (SPIN_TRACK + SPIN_MOTION) * sizeof *groups, &block));
     groups = block;
     motion = groups + SPIN_TRACK * n;
-    SPIN_TRY_OUT(d->op->download(d, groups, t->tracks.p, SPIN_TRACK * n * sizeof *groups));
-    SPIN_TRY_OUT(d->op->download(d, motion, t->motion, SPIN_MOTION * n * sizeof *motion));
+    SPIN_TRY(d->op->download(d, groups, t->tracks.p, SPIN_TRACK * n * sizeof *groups));
+    SPIN_TRY(d->op->download(d, motion, t->motion, SPIN_MOTION * n * sizeof *motion));
     for (size_t i = 0; i < n; i++)
         set_row(&t->field, n, i, groups, motion + SPIN_MOTION * i, out);
     out->antialias = plan->o->antialias;
     out->least_weight = spin_rows_4d_least_weight;
     spin_splats_4d_round(out, round);
-    status = spin_splats_4d_settle(out, &n_dropped, NULL);
-out:
-    free(block);
-    return status;
+    return spin_splats_4d_settle(out, &n_dropped, NULL);
 }

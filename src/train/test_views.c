@@ -67,31 +67,26 @@ static spin_status preview_view(struct spin_plan *plan, struct spin_photos *phot
     size_t pixels = 3 * (size_t)view->camera.width * (size_t)view->camera.height;
     const float *picture[3];
     char name[SPIN_PICTURE_NAME];
-    char *path = NULL;
-    void *block = NULL;
+    SPIN_FREED char *path = NULL;
+    SPIN_FREED void *block = NULL;
     float *values;
     int n = 0;
-    spin_status status;
 
     SPIN_TRY(spin_alloc(3 * pixels, sizeof(float), &block));
     values = block;
-    SPIN_TRY_OUT(spin_image_cache_get(&photos->cache, pair->view, values));
+    SPIN_TRY(spin_image_cache_get(&photos->cache, pair->view, values));
     picture[n++] = values;
     if (source) {
-        SPIN_TRY_OUT(spin_player_show(source, spin_plan_index(plan, pair->frame)));
-        SPIN_TRY_OUT(spin_player_draw(source, &view->camera, plan->o->background, values + pixels));
+        SPIN_TRY(spin_player_show(source, spin_plan_index(plan, pair->frame)));
+        SPIN_TRY(spin_player_draw(source, &view->camera, plan->o->background, values + pixels));
         picture[n++] = values + pixels;
     }
-    SPIN_TRY_OUT(spin_player_draw(shown, &view->camera, plan->o->background, values + 2 * pixels));
+    SPIN_TRY(spin_player_draw(shown, &view->camera, plan->o->background, values + 2 * pixels));
     picture[n++] = values + 2 * pixels;
     spin_picture_name(&plan->clip.views, pair->view, spin_plan_info(plan, pair->frame)->number,
                       label, name);
-    SPIN_TRY_OUT(spin_path_join(plan->o->preview, name, &path));
-    SPIN_TRY_OUT(spin_write_beside(path, view->camera.width, view->camera.height, picture, n));
-out:
-    free(block);
-    free(path);
-    return status;
+    SPIN_TRY(spin_path_join(plan->o->preview, name, &path));
+    return spin_write_beside(path, view->camera.width, view->camera.height, picture, n);
 }
 
 spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_photos *photos,

@@ -192,23 +192,20 @@ static bool rows_keep_identity(const struct spin_plan *plan)
 static spin_status look_at_frames(struct spin_tracks *tracks, struct spin_plan *plan,
                                   struct places *places)
 {
-    struct spin_splats splats = {0};
-    spin_status status = SPIN_OK;
+    SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
 
     for (int f = 0; f < tracks->n_frames; f++) {
         void *block = NULL;
 
-        SPIN_TRY_OUT(spin_alloc(plan->counts[f] + 1, sizeof(uint32_t), &block));
+        SPIN_TRY(spin_alloc(plan->counts[f] + 1, sizeof(uint32_t), &block));
         tracks->of[f] = block;
-        SPIN_TRY_OUT(spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, f), SPIN_COL_MEANS,
-                                       &splats));
-        SPIN_TRY_OUT(spin_plan_check_means(plan, f, false, &splats));
-        SPIN_TRY_OUT(tracks->identity ? add_rows(places, f, &splats, tracks->of[f])
-                                      : add_places(places, f, &splats, tracks->of[f]));
+        SPIN_TRY(spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, f), SPIN_COL_MEANS,
+                                   &splats));
+        SPIN_TRY(spin_plan_check_means(plan, f, false, &splats));
+        SPIN_TRY(tracks->identity ? add_rows(places, f, &splats, tracks->of[f])
+                                  : add_places(places, f, &splats, tracks->of[f]));
     }
-out:
-    spin_splats_free(&splats);
-    return status;
+    return SPIN_OK;
 }
 
 static bool is_track(const struct spin_tracks *tracks, const struct place *place)
@@ -295,17 +292,14 @@ static spin_status look_at_places(const struct spin_tracks *tracks, const struct
                                   struct spin_photos *photos, const struct places *p,
                                   const uint32_t *order, uint8_t *varies)
 {
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     float *at;
-    spin_status status;
 
     SPIN_TRY(spin_alloc(tracks->n + 1, 3 * sizeof *at, &block));
     at = block;
     for (size_t i = 0; i < tracks->n; i++)
         memcpy(at + 3 * i, p->place[order[i]].at, 3 * sizeof *at);
-    status = spin_appearance_varies(plan, photos, tracks->n, at, varies);
-    free(block);
-    return status;
+    return spin_appearance_varies(plan, photos, tracks->n, at, varies);
 }
 
 spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan,

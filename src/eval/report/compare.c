@@ -73,9 +73,8 @@ static spin_status draw_row(struct spin_compare_row *row, int n, const struct sp
                             struct spin_player *player, const float background[3])
 {
     size_t plane = (size_t)row->width * (size_t)row->height;
-    float *image = NULL;
+    SPIN_FREED float *image = NULL;
     uint8_t *out = NULL;
-    spin_status status;
 
     const struct spin_camera *camera = &clip->views.view[pair->view].camera;
 
@@ -88,14 +87,12 @@ static spin_status draw_row(struct spin_compare_row *row, int n, const struct sp
     }
     SPIN_TRY(add_picture(row, n + 1, &out));
     SPIN_TRY(spin_alloc(plane, 3 * sizeof(float), (void **)&image));
-    SPIN_TRY_OUT(spin_player_show(player, clip->frame[pair->frame]));
-    SPIN_TRY_OUT(spin_player_draw(player, camera, background, image));
+    SPIN_TRY(spin_player_show(player, clip->frame[pair->frame]));
+    SPIN_TRY(spin_player_draw(player, camera, background, image));
     for (size_t i = 0; i < plane; i++)
         for (size_t k = 0; k < 3; k++)
             out[3 * i + k] = (uint8_t)lrintf(255 * fminf(fmaxf(image[k * plane + i], 0), 1));
-out:
-    free(image);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_compare_draw(struct spin_compare *c, const struct spin_clip *clip,
