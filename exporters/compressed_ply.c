@@ -247,22 +247,14 @@ static const struct spin_frames_format format = {
     .end = end,
 };
 
-static spin_status compressed_begin(const struct spin_export_job *job, void **self)
-{
-    return spin_frames_begin(&format, job, self);
-}
+SPIN_FRAMES_BEGIN(compressed_begin, &format)
 
-extern const struct spin_exporter spin_exporter_compressed_ply;
 const struct spin_exporter spin_exporter_compressed_ply = {
-    .abi = SPIN_PLUGIN_ABI,
+    SPIN_FRAMES_PLUGIN,
     .name = "compressed-ply",
     .summary = "a folder with one compressed PLY per frame, for SuperSplat and PlayCanvas",
     .options = options,
     .checks = true,
     .antialias = true,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = compressed_begin,
-    .frame = spin_frames_frame,
-    .end = spin_frames_end,
-    .abort = spin_frames_abort,
 };

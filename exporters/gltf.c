@@ -262,7 +262,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     SPIN_TRY(spin_option_word(v, "axes", "gltf|source", &axes));
     x->frames.axes = axes == 0 ? half_about_z : NULL;
     if (spin_plugin_value(v, "still-apart", NULL) && !x->single)
-        return spin_fail(SPIN_E_USAGE, "--still-apart is for a clip in one file, OUT.glb");
+        return spin_misuse("--still-apart is for a clip in one file, OUT.glb");
     x->frames.fps = job->fps > 0 ? job->fps : DEFAULT_FPS;
     return spin_option_number(v, "fps", 0.001, 1e6, &x->frames.fps);
 }
@@ -401,7 +401,6 @@ static void gltf_abort(void *self)
         spin_frames_abort(self);
 }
 
-extern const struct spin_exporter spin_exporter_gltf;
 const struct spin_exporter spin_exporter_gltf = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "gltf",

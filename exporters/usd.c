@@ -378,13 +378,11 @@ static spin_status layer_head(const struct export *x, int number, size_t n, char
 static spin_status write_still(struct export *x)
 {
     struct spin_out out;
-    char *path = NULL;
+    SPIN_FREED char *path = NULL;
     spin_status status;
 
     SPIN_TRY(spin_path_join(x->frames.folder.path, STILL, &path));
-    status = spin_out_open(path, x->frames.job->force, &out);
-    free(path);
-    SPIN_TRY(status);
+    SPIN_TRY(spin_out_open(path, x->frames.job->force, &out));
     out.sync = x->frames.job->sync;
     SPIN_TRY_OUT(put(&out, "#usda 1.0\n\nover \"" PRIM "\"\n{\n"));
     for (int a = 0; a < ATTRIBUTES; a++)
@@ -430,17 +428,15 @@ static spin_status usd_write(void *self, const struct spin_frame_info *info, str
 {
     struct export *x = self;
     size_t n_head;
-    char *head = NULL, line[256];
+    char line[256];
+    SPIN_FREED char *head = NULL;
     float e[6];
-    spin_status status;
 
     find_extent(x, e);
     if (!x->text)
         SPIN_TRY(begin_frames(x, e));
     SPIN_TRY(layer_head(x, info->number, x->frames.rows.n_kept, &head, &n_head));
-    status = spin_out_write(out, head, n_head);
-    free(head);
-    SPIN_TRY(status);
+    SPIN_TRY(spin_out_write(out, head, n_head));
     snprintf(line, sizeof line,
              "    float3[] extent.timeSamples = {\n"
              "        %d: [(%.9g, %.9g, %.9g), (%.9g, %.9g, %.9g)],\n    }\n",
@@ -638,11 +634,10 @@ static spin_status print_clips(const struct export *x, FILE *to)
         fprintf(to, "%s(%d, %zu)", i ? ", " : "", f->entry[i].number, i);
     fprintf(to, "]\n            asset[] assetPaths = [");
     for (size_t i = 0; i < f->n_entries; i++) {
-        char *path = NULL;
+        SPIN_FREED char *path = NULL;
 
         SPIN_TRY(spin_pattern_path(&f->pattern, f->folder.path, f->entry[i].number, &path));
         fprintf(to, "%s@./%s@", i ? ", " : "", spin_path_name(path));
-        free(path);
     }
     fprintf(to, "]\n            asset manifestAssetPath = @./manifest.usda@\n"
                 "            string primPath = \"/" PRIM "\"\n            double2[] times = [");
@@ -701,7 +696,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
 
     SPIN_TRY(spin_option_word(v, "axes", "usd|source", &axes));
     if (strpbrk(spin_plugin_value(v, "pattern", ""), "@"))
-        return spin_fail(SPIN_E_USAGE, "--pattern: '@' ends the name of a file in USD");
+        return spin_misuse("--pattern: '@' ends the name of a file in USD");
     x->frames.axes = axes == 0 ? half_about_x : NULL;
     x->codes = job->stride > 0 ? job->stride : 1;
     x->frames.fps = job->fps > 0 ? job->fps : DEFAULT_FPS / x->codes;
@@ -715,8 +710,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
         return SPIN_OK;
     SPIN_TRY(spin_camera_path_begin(&x->path, job));
     if (x->path.path == SPIN_PATH_CAMERA)
-        return spin_fail(SPIN_E_USAGE,
-                         "--path camera: the data set's cameras are there without it");
+        return spin_misuse("--path camera: the data set's cameras are there without it");
     if (x->path.path != SPIN_PATH_FILE)
         x->path.n_pictures = job->n_frames;
     return SPIN_OK;
@@ -804,7 +798,6 @@ static spin_status usd_begin(const struct spin_export_job *job, void **self)
     return status;
 }
 
-extern const struct spin_exporter spin_exporter_usd;
 const struct spin_exporter spin_exporter_usd = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "usd",

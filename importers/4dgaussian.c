@@ -62,20 +62,17 @@ static spin_status fail_no_save(const char *path, const char *wanted)
     bool coarse;
 
     if (wanted)
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "'%s' has no iteration_%s with point_cloud.ply and deformation.pth", path,
-                         wanted);
+        return spin_not_found("'%s' has no iteration_%s with point_cloud.ply and deformation.pth",
+                              path, wanted);
     if (spin_model_search(path, "deformation_GAD.pth", &coarse))
-        return spin_fail(
-            SPIN_E_UNSUPPORTED,
+        return spin_unsupported(
             "'%s' holds 'deformation_GAD.pth': it is a run of MoDec-GS, use --from modecgs", path);
     if (coarse)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "'%s' has only the coarse stage, which has no motion yet: train on, or "
-                         "import its point_cloud.ply with --from ply",
-                         path);
-    return spin_fail(SPIN_E_NOT_FOUND,
-                     "'%s' has no iteration_<N> with point_cloud.ply and deformation.pth", path);
+        return spin_unsupported("'%s' has only the coarse stage, which has no motion yet: train "
+                                "on, or import its point_cloud.ply with --from ply",
+                                path);
+    return spin_not_found("'%s' has no iteration_<N> with point_cloud.ply and deformation.pth",
+                          path);
 }
 
 /* ---- Which heads count ----------------------------------------------------------------------- */
@@ -94,8 +91,7 @@ static spin_status parse_heads(const char *list, bool used[N_HEADS])
                 used[h] = found = true;
         }
         if (!found && !(n == 4 && strncmp(list, "none", 4) == 0))
-            return spin_fail(
-                SPIN_E_USAGE,
+            return spin_misuse(
                 "--deform '%.*s': expected some of position,scale,rotation,opacity,sh or none",
                 (int)n, list);
         list += n + (list[n] == ',');
@@ -168,12 +164,10 @@ static spin_status fail_other_network(const struct spin_value *root)
 
     for (size_t i = 0; i < sizeof theirs / sizeof *theirs; i++) {
         if (spin_value_get(root, theirs[i]))
-            return spin_fail(
-                SPIN_E_UNSUPPORTED,
+            return spin_unsupported(
                 "tensor '%s' says that this is a network of E-D3DGS: use --from ed3dgs", theirs[i]);
     }
-    return spin_fail(
-        SPIN_E_MALFORMED,
+    return spin_malformed(
         "no tensor 'deformation_net.grid.grids.0.0': this is not a network of 4DGaussians");
 }
 
@@ -242,9 +236,8 @@ static spin_status open_model(void *self, const char *path)
     SPIN_TRY(settle(model));
     SPIN_TRY(spin_model_torch(m, m->path, load_network));
     if (model->used[COLOUR] && m->canonical.sh_degree != 3)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "'%s': SH of degree %d, but the network deforms SH of degree 3", cloud,
-                         m->canonical.sh_degree);
+        return spin_unsupported("'%s': SH of degree %d, but the network deforms SH of degree 3",
+                                cloud, m->canonical.sh_degree);
     check_table(m, save);
     spin_model_describe(m, &m->canonical.n, m->canonical.sh_degree, moved(model));
     m->sequence->half_open = true; /* its reader of Panoptic takes t / T */

@@ -61,7 +61,7 @@ static spin_status load_layers(struct model *m)
         char name[32];
 
         if (i == MAX_LAYERS)
-            return spin_fail(SPIN_E_UNSUPPORTED, "more than %d layers 'linear'", MAX_LAYERS);
+            return spin_unsupported("more than %d layers 'linear'", MAX_LAYERS);
         snprintf(name, sizeof name, "linear.%d", i);
         SPIN_TRY(spin_model_layer(&m->base, name, -1, i ? m->width : -1, MLP_RELU, net));
         if (i == 0) {
@@ -70,22 +70,19 @@ static spin_status load_layers(struct model *m)
         } else if (l->n_in == m->n_in + m->width && net->again == 0) {
             net->again = i;
         } else if (l->n_in != m->width) {
-            return spin_fail(SPIN_E_MALFORMED,
-                             "tensor '%s.weight' has shape [%d, %d], expected [%d, %d]%s", name,
-                             l->n_out, l->n_in, m->width, m->width,
-                             net->again ? ", as an earlier layer takes the input again" : "");
+            return spin_malformed("tensor '%s.weight' has shape [%d, %d], expected [%d, %d]%s",
+                                  name, l->n_out, l->n_in, m->width, m->width,
+                                  net->again ? ", as an earlier layer takes the input again" : "");
         }
     }
     for (size_t i = 0; i < root->n; i++) {
         const char *key = spin_value_text(root->item[2 * i]);
 
         if (strncmp(key, "linear.", 7) == 0 && strtol(key + 7, NULL, 10) >= net->n)
-            return spin_fail(SPIN_E_MALFORMED, "tensor '%.80s' but no 'linear.%d.weight'", key,
-                             net->n);
+            return spin_malformed("tensor '%.80s' but no 'linear.%d.weight'", key, net->n);
     }
     if (net->again == 0)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "no layer 'linear' takes the input again: layers are missing");
+        return spin_malformed("no layer 'linear' takes the input again: layers are missing");
     return SPIN_OK;
 }
 
@@ -95,8 +92,7 @@ static spin_status load_time(struct model *m)
     int inputs = m->n_time = m->n_in - POSITION_INPUTS;
 
     if (m->n_time < 1)
-        return spin_fail(
-            SPIN_E_MALFORMED,
+        return spin_malformed(
             "tensor 'linear.0.weight' has %d inputs, expected more than the %d of a position",
             m->n_in, POSITION_INPUTS);
     if (spin_model_get(&m->base, "timenet.0.weight") ||
@@ -108,8 +104,7 @@ static spin_status load_time(struct model *m)
     }
     m->frequencies = (inputs - 1) / 2;
     if (inputs % 2 == 0 || m->frequencies > MAX_TIME_FREQUENCIES)
-        return spin_fail(
-            SPIN_E_MALFORMED,
+        return spin_malformed(
             "time has %d inputs, expected 1 and two for each of at most %d frequencies", inputs,
             MAX_TIME_FREQUENCIES);
     return SPIN_OK;
@@ -136,8 +131,7 @@ static spin_status load_network(struct spin_model *base)
 
     if (root->kind == SPIN_VALUE_TUPLE && root->n == 2 && root->item[0]->kind == SPIN_VALUE_DICT &&
         root->item[1]->kind == SPIN_VALUE_DICT)
-        return spin_fail(
-            SPIN_E_UNSUPPORTED,
+        return spin_unsupported(
             "a pair of dicts, as Grid4D and DASH save it: use --from grid4d or --from dash");
     SPIN_TRY(spin_model_dict(base));
     SPIN_TRY(spin_model_keys(base, known));
@@ -146,8 +140,8 @@ static spin_status load_network(struct spin_model *base)
     warp = spin_model_get(base, "gaussian_warp.weight") != NULL;
     m->screw = spin_model_get(base, "branch_w.weight") || spin_model_get(base, "branch_v.weight");
     if (m->screw == warp)
-        return spin_fail(SPIN_E_MALFORMED, "%s 'gaussian_warp' and 'branch_w'; expected one",
-                         warp ? "both tensors" : "neither tensor");
+        return spin_malformed("%s 'gaussian_warp' and 'branch_w'; expected one",
+                              warp ? "both tensors" : "neither tensor");
     for (int i = 0; i < 5; i++) {
         if (i > 2 || (i > 0) == m->screw)
             SPIN_TRY(spin_model_layer(base, heads[i].key, m->width, heads[i].n_out, MLP_PLAIN,

@@ -74,10 +74,9 @@ static spin_status choose_file(struct spin_frames *x, const struct spin_export_j
         spin_path_is_folder(job->output))
         return SPIN_OK;
     if (job->n_frames != 1)
-        return spin_fail(SPIN_E_USAGE,
-                         "'%s' is the name of one file, but there are %d frames: name a folder "
-                         "('%.*s/'), or choose one frame with --range",
-                         job->output, job->n_frames, (int)(n - n_ending), job->output);
+        return spin_misuse("'%s' is the name of one file, but there are %d frames: name a folder "
+                           "('%.*s/'), or choose one frame with --range",
+                           job->output, job->n_frames, (int)(n - n_ending), job->output);
     if (spin_path_is_taken(job->output) && !x->job->force)
         return spin_fail(SPIN_E_IO, "cannot write '%s': it exists; use --force to overwrite",
                          job->output);
@@ -257,16 +256,14 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
 {
     struct spin_frames *x = self;
     struct spin_out out;
-    char *path = NULL;
+    SPIN_FREED char *path = NULL;
     uint64_t length;
     spin_status status;
 
     (void)frame;
     SPIN_TRY(spin_splat_filter_choose(&x->rows, splats, info->number));
     SPIN_TRY(path_of(x, info->number, &path));
-    status = spin_out_open(path, x->job->force, &out);
-    free(path);
-    SPIN_TRY(status);
+    SPIN_TRY(spin_out_open(path, x->job->force, &out));
     out.sync = x->job->sync;
     SPIN_TRY_OUT(write_frame(x, info, &out));
     SPIN_TRY_OUT(spin_out_length(&out, &length));

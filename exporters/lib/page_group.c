@@ -118,13 +118,11 @@ static unsigned bits_of(int32_t d)
     return d ? 32 - (unsigned)__builtin_clz((uint32_t)abs(d)) : 0;
 }
 
-static void number_task(void *context, int task)
+static void number_task(void *context, size_t from, size_t to)
 {
     struct number *t = context;
     struct spin_page_group *g = t->g;
-    size_t columns = columns_of(g), from = (size_t)task * SPIN_ROWS_BLOCK;
-    size_t to = from + SPIN_ROWS_BLOCK < g->n_shared ? from + SPIN_ROWS_BLOCK : g->n_shared;
-    size_t n = (size_t)g->n_frames;
+    size_t columns = columns_of(g), n = (size_t)g->n_frames;
     int32_t number[SPIN_PAGE_COLUMNS * SPIN_PAGE_MOST_FRAMES];
     const float *value[SPIN_PAGE_MOST_FRAMES];
     uint8_t present[SPIN_PAGE_MOST_FRAMES];
@@ -248,8 +246,7 @@ static spin_status column_again(struct blocks *b, size_t c)
         for (size_t k = 0; k < frame->n_own; k++)
             wrong += col->row[k] != written(b->own[f] + k * columns, c);
     }
-    return wrong ? spin_fail(SPIN_E_MALFORMED, "a block of the page does not read back as written")
-                 : SPIN_OK;
+    return wrong ? spin_malformed("a block of the page does not read back as written") : SPIN_OK;
 }
 
 static void again_task(void *context, int c)
@@ -336,8 +333,7 @@ static spin_status check_values(struct blocks *b)
 
 static spin_status too_far(const struct spin_page_group *g)
 {
-    return spin_fail(
-        SPIN_E_UNSUPPORTED,
+    return spin_unsupported(
         "a splat is too far from the others for steps of %g: --bound-place takes coarser ones",
         2 * g->space.bounds.place);
 }
@@ -353,8 +349,7 @@ static spin_status number_shared(struct spin_page_group *g, struct spin_sort_row
     SPIN_TRY(spin_alloc(n * columns + 1, sizeof *g->key, (void **)&g->key));
     SPIN_TRY(
         spin_alloc(n * columns + 1, (size_t)g->n_frames * sizeof *g->number, (void **)&g->number));
-    spin_pool_run(g->pool, (int)((n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK), number_task,
-                  &number);
+    spin_pool_rows(g->pool, n, SPIN_ROWS_BLOCK, number_task, &number);
     if (number.failed)
         return too_far(g);
     order->n = n;
@@ -425,7 +420,7 @@ static spin_status write_block(struct blocks *b, spin_page_sink sink, void *cont
     if (status == SPIN_OK)
         status = spin_gzip_read(bytes, block.n_bytes, b->again, b->packed.n + 1, &n_again);
     if (status == SPIN_OK && n_again != b->packed.n)
-        status = spin_fail(SPIN_E_MALFORMED, "a block of the page does not read back as written");
+        status = spin_malformed("a block of the page does not read back as written");
     if (status == SPIN_OK)
         status = run_columns(b, again_task);
     if (status == SPIN_OK)

@@ -619,8 +619,7 @@ static spin_status pack(const struct block *b, spin_page_rows_sink sink, void *c
         SPIN_TRY(spin_page_get_column(back, n_back, &at, again,
                                       c ? column + (size_t)(~c & 1) * b->n : NULL, b->n));
         if (memcmp(now, again, b->n * sizeof *now) != 0)
-            SPIN_TRY(
-                spin_fail(SPIN_E_MALFORMED, "a block of the page does not read back as written"));
+            return spin_malformed("a block of the page does not read back as written");
     }
     out.data = packed;
     return sink(context, &out);
@@ -643,10 +642,9 @@ static spin_status write_block(struct spin_page_rows *r, const struct spin_splat
     b.order = order.item;
     spin_pool_run(r->pool, n_tasks, number_task, &b);
     if (b.failed)
-        SPIN_TRY_OUT(spin_fail(SPIN_E_UNSUPPORTED,
-                               "a splat is too far from the others, or seen for too short a time, "
-                               "for steps of %g: --bound-place takes coarser ones",
-                               2 * r->space.bounds.place));
+        SPIN_TRY_OUT(spin_unsupported("a splat is too far from the others, or seen for too short a "
+                                      "time, for steps of %g: --bound-place takes coarser ones",
+                                      2 * r->space.bounds.place));
     for (int t = 0; t < n_tasks; t++) {
         r->n_values += b.n_values[t];
         spin_quant_error_merge(&r->quant, &b.quant[t]);
@@ -731,7 +729,7 @@ spin_status spin_page_rows_write(struct spin_page_rows *r, const struct spin_spl
         if (rows->keep[i] && seen(r, i, &p))
             SPIN_TRY_OUT(add_piece(r, &pieces, p));
     if (pieces.n == 0)
-        SPIN_TRY_OUT(spin_fail(SPIN_E_UNSUPPORTED, "no splat is seen at any time of this clip"));
+        SPIN_TRY_OUT(spin_unsupported("no splat is seen at any time of this clip"));
     SPIN_TRY_OUT(by_time(r, &pieces));
     for (size_t k = 1; k <= pieces.n; k++) {
         if (k < pieces.n && block_of(r, &pieces.at[k]) == block_of(r, &pieces.at[from]))

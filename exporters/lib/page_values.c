@@ -134,9 +134,8 @@ spin_status spin_page_errors_judge(const struct spin_quant_error *q,
 
     for (int p = 0; p < SPIN_QUANT_PARTS; p++)
         if (!(q->part[p].largest <= bound[p]) || !isfinite(q->part[p].squares))
-            return spin_fail(SPIN_E_MALFORMED,
-                             "%s is off by %g, more than its bound of %g: a bug in spin4d", name[p],
-                             q->part[p].largest, bound[p]);
+            return spin_malformed("%s is off by %g, more than its bound of %g: a bug in spin4d",
+                                  name[p], q->part[p].largest, bound[p]);
     return SPIN_OK;
 }
 

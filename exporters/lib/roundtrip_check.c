@@ -294,12 +294,11 @@ spin_status spin_frames_check(struct spin_frames *x)
     x->rows.quiet = true;
     spin_place_error_begin(&check.place);
     for (size_t f = 0; f < x->n_entries && status == SPIN_OK; f++) {
-        char *path = NULL;
+        SPIN_FREED char *path = NULL;
 
         if (!x->file)
             SPIN_TRY_OUT(spin_pattern_path(&x->pattern, x->folder.path, x->entry[f].number, &path));
         status = check_frame(&check, (int)f, x->file ? x->file : path, x->file ? (int)f : 0);
-        free(path);
     }
     if (status == SPIN_OK && out) {
         *out = (struct spin_export_check){.frames = (int)x->n_entries,

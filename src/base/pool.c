@@ -174,8 +174,7 @@ spin_status spin_pool_create(int n_threads, struct spin_pool **out)
 
     *out = NULL;
     if (n_threads < 0 || n_threads > MAX_THREADS)
-        return spin_fail(SPIN_E_USAGE, "cannot use %d threads: not in 0..%d", n_threads,
-                         MAX_THREADS);
+        return spin_misuse("cannot use %d threads: not in 0..%d", n_threads, MAX_THREADS);
     if (n_threads == 0 || ALONE) {
         n_threads = cores();
         if (n_threads > MAX_THREADS)
@@ -268,4 +267,25 @@ void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *c
     }
     work_on(pool, 0);
     wait_for_end(pool);
+}
+
+struct pieces {
+    size_t n, piece;
+    spin_rows_fn fn;
+    void *context;
+};
+
+static void piece_task(void *context, int task)
+{
+    const struct pieces *p = context;
+    size_t first = (size_t)task * p->piece;
+
+    p->fn(p->context, first, p->n - first < p->piece ? p->n : first + p->piece);
+}
+
+void spin_pool_rows(struct spin_pool *pool, size_t n, size_t piece, spin_rows_fn fn, void *context)
+{
+    struct pieces p = {n, piece, fn, context};
+
+    spin_pool_run(pool, (int)((n + piece - 1) / piece), piece_task, &p);
 }

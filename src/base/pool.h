@@ -19,6 +19,9 @@ int spin_pool_n_threads(const struct spin_pool *pool);
  * the same pool. pool NULL: run here, one by one. */
 typedef void (*spin_task_fn)(void *context, int task);
 void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *context);
+/* The same of rows 0..n-1 in pieces: fn(context, first, end). Every piece but the last has so many. */
+typedef void (*spin_rows_fn)(void *context, size_t first, size_t end);
+void spin_pool_rows(struct spin_pool *pool, size_t n, size_t piece, spin_rows_fn fn, void *context);
 /* For fn: which thread of the pool runs it, 0..n_threads-1. */
 int spin_pool_worker(void);
 

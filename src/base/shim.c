@@ -168,9 +168,9 @@ spin_status spin_shim_need(struct spin_shim *shim, const void **table)
     pthread_mutex_unlock(&mutex);
     if (found)
         return SPIN_OK;
-    return spin_fail(SPIN_E_UNSUPPORTED,
-                     "%s '%s' is missing or does not load%s%s (" WHERE ": install %s, then make)",
-                     shim->lacking, shim->file, *shim->why ? ": " : "", shim->why, shim->debian);
+    return spin_unsupported(
+        "%s '%s' is missing or does not load%s%s (" WHERE ": install %s, then make)", shim->lacking,
+        shim->file, *shim->why ? ": " : "", shim->why, shim->debian);
 }
 
 static void load_library(struct spin_library *library)
@@ -196,6 +196,6 @@ spin_status spin_library_need(struct spin_library *library)
     pthread_mutex_unlock(&mutex);
     if (!*library->why)
         return SPIN_OK;
-    return spin_fail(SPIN_E_UNSUPPORTED, "%s needs the library '%s': %s", library->user,
-                     library->file, library->why);
+    return spin_unsupported("%s needs the library '%s': %s", library->user, library->file,
+                            library->why);
 }

@@ -191,7 +191,7 @@ static spin_status read_alpha(struct spin_dynamic_mask *m, const struct spin_vie
     static const float white[3] = {1, 1, 1};
     int width = view->camera.width, height = view->camera.height;
     size_t plane = (size_t)width * (size_t)height;
-    float *over_white;
+    SPIN_FREED float *over_white = NULL;
     spin_status status;
 
     SPIN_TRY(spin_alloc(plane, 3 * sizeof(float), (void **)&over_white));
@@ -200,7 +200,6 @@ static spin_status read_alpha(struct spin_dynamic_mask *m, const struct spin_vie
         status = spin_image_load(view->path, width, height, white, over_white);
     for (size_t i = 0; i < plane && status == SPIN_OK; i++)
         m->mask[i] = over_white[i] - m->image[i] < 0.5f;
-    free(over_white);
     return status;
 }
 
@@ -257,11 +256,11 @@ spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_i
     if (from == SPIN_DYNAMIC_AUTO)
         from = masks ? SPIN_DYNAMIC_MASKS : medians ? SPIN_DYNAMIC_IMAGES : SPIN_DYNAMIC_OFF;
     if (from == SPIN_DYNAMIC_MASKS && !masks)
-        return spin_fail(SPIN_E_NOT_FOUND, "the data set has no foreground mask for some of these "
-                                           "views: use --dynamic images");
+        return spin_not_found(
+            "the data set has no foreground mask for some of these views: use --dynamic images");
     if (from == SPIN_DYNAMIC_IMAGES && !medians)
-        return spin_fail(SPIN_E_UNSUPPORTED, "dynamic regions cannot be found in the images: no "
-                                             "camera stands still for three frames");
+        return spin_unsupported("dynamic regions cannot be found in the images: no camera stands "
+                                "still for three frames");
     m->from = from;
     return from == SPIN_DYNAMIC_OFF ? SPIN_OK : make_room(m);
 }
@@ -274,9 +273,8 @@ spin_status spin_subject_mask_open(const struct spin_views *views, struct spin_i
     m->from = SPIN_DYNAMIC_MASKS;
     m->alpha = !all_have_masks(views, pairs, n_pairs);
     if (m->alpha && !all_have_alpha(views, pairs, n_pairs))
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "--mask: the data set has no foreground mask for some of these views, and "
-                         "not all their images have alpha");
+        return spin_not_found("--mask: the data set has no foreground mask for some of these "
+                              "views, and not all their images have alpha");
     return make_room(m);
 }
 

@@ -347,11 +347,11 @@ static void cut_all(struct cutting *c, size_t n_colours, struct spin_pool *pool)
 }
 
 /* The vectors of BATCH parts, and which rows have them. */
-static void finish_task(void *context, int task)
+static void finish_task(void *context, size_t i, size_t end)
 {
     struct cutting *c = context;
     double *sum = c->sums + SUMS * c->width * (size_t)spin_pool_worker();
-    size_t i = (size_t)task * BATCH, end = i + BATCH < c->n_parts ? i + BATCH : c->n_parts, widest;
+    size_t widest;
 
     for (; i < end; i++) {
         const struct part *p = &c->part[i];
@@ -383,7 +383,7 @@ spin_status spin_palette_make(const float *rows, size_t n, size_t width, size_t 
         c.order[i] = (uint32_t)i;
     push(&c, (struct part){.n = n, .error = measure(&c, 0, n, c.sums, &widest)});
     cut_all(&c, n_colours, pool);
-    spin_pool_run(pool, (int)((c.n_parts + BATCH - 1) / BATCH), finish_task, &c);
+    spin_pool_rows(pool, c.n_parts, BATCH, finish_task, &c);
     *n_used = c.n_parts;
     status = SPIN_OK;
 out:

@@ -111,10 +111,9 @@ spin_status spin_glb_failed(const struct spin_glb_clip *clip, int error)
 {
     if (error != TOO_FAR)
         return spin_out_failed(clip->out, error);
-    return spin_fail(SPIN_E_UNSUPPORTED,
-                     "cannot write '%s': a .glb ends at 4 GiB; export fewer frames with "
-                     "--range, or give a folder for one .glb per frame",
-                     clip->out->path);
+    return spin_unsupported("cannot write '%s': a .glb ends at 4 GiB; export fewer frames with "
+                            "--range, or give a folder for one .glb per frame",
+                            clip->out->path);
 }
 
 /* Key i is at i / fps. Frame f is shown from its own key on; the last one also at a key behind it, which repeats its
@@ -122,7 +121,7 @@ spin_status spin_glb_failed(const struct spin_glb_clip *clip, int error)
 static spin_status write_keys(struct spin_glb_clip *clip)
 {
     size_t n_frames = (size_t)clip->n_frames, n = n_frames + 1;
-    float *key = NULL;
+    SPIN_FREED float *key = NULL;
     int error;
 
     SPIN_TRY(spin_alloc(n, 3 * sizeof *key, (void **)&key));
@@ -137,7 +136,6 @@ static spin_status write_keys(struct spin_glb_clip *clip)
         spin_little_endian(key, 3 * n);
         error = spin_glb_put(clip, clip->n_bytes, key, 3 * n * sizeof *key);
     }
-    free(key);
     return error ? spin_glb_failed(clip, error) : SPIN_OK;
 }
 
@@ -156,9 +154,8 @@ static spin_status write_front(const struct spin_glb_clip *clip, const char *tex
     SPIN_FREED unsigned char *front = NULL;
 
     if (n > room)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "cannot write '%s': its JSON takes %zu bytes, %zu were kept for it", path,
-                         n, room);
+        return spin_unsupported("cannot write '%s': its JSON takes %zu bytes, %zu were kept for it",
+                                path, n, room);
     SPIN_TRY(spin_alloc(n_front, 1, (void **)&front));
     memcpy(front, "glTF", 4);
     put_u32(front + 4, 2);
@@ -199,6 +196,6 @@ spin_status spin_glb_end(struct spin_glb_clip *clip)
         SPIN_TRY(write_keys(clip));
     text = shim->text(clip, "spin4d " SPIN_VERSION, keys, why, sizeof why);
     if (!text)
-        return spin_fail(SPIN_E_UNSUPPORTED, "cannot write '%s': %s", clip->out->path, why);
+        return spin_unsupported("cannot write '%s': %s", clip->out->path, why);
     return write_front(clip, text);
 }

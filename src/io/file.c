@@ -46,10 +46,9 @@ static spin_status check_pointer(const struct spin_map *map, const char *path)
 
     if (map->size < sizeof begin - 1 || memcmp(map->data, begin, sizeof begin - 1) != 0)
         return SPIN_OK;
-    return spin_fail(SPIN_E_UNSUPPORTED,
-                     "cannot read '%s': it is a Git LFS pointer; the file itself was never fetched "
-                     "(git lfs pull)",
-                     path);
+    return spin_unsupported("cannot read '%s': it is a Git LFS pointer; the file itself was never "
+                            "fetched (git lfs pull)",
+                            path);
 }
 
 /* An ordinary file, opened for reading. A fifo must not block us, hence O_NONBLOCK. */
@@ -345,7 +344,7 @@ uint64_t spin_path_free_bytes(const char *path)
 
 spin_status spin_folder_make(const char *path)
 {
-    char *partial;
+    SPIN_FREED char *partial = NULL;
     spin_status status = SPIN_OK;
 
     if (!*path)
@@ -360,7 +359,6 @@ spin_status spin_folder_make(const char *path)
     }
     if (status == SPIN_OK)
         status = make_one(partial);
-    free(partial);
     return status;
 }
 
@@ -635,11 +633,10 @@ static void sweep(const char *folder, const char *name, const char *ending)
 
 void spin_out_sweep(const char *path)
 {
-    char *folder = NULL;
+    SPIN_FREED char *folder = NULL;
 
     if (spin_path_folder(path, &folder) == SPIN_OK)
         sweep(folder, spin_path_name(path), "");
-    free(folder);
 }
 
 void spin_out_sweep_folder(const char *folder, const char *ending) { sweep(folder, NULL, ending); }

@@ -141,8 +141,7 @@ static spin_status inflate_all(int window_bits, const char *name, const void *da
     }
     inflateEnd(&z);
     if (result != Z_STREAM_END && *n < n_out)
-        return spin_fail(SPIN_E_MALFORMED, "the %s is damaged or cut short after %zu bytes", name,
-                         *n);
+        return spin_malformed("the %s is damaged or cut short after %zu bytes", name, *n);
     return SPIN_OK;
 }
 

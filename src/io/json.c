@@ -19,8 +19,8 @@ spin_status spin_json_parse(const char *what, const char *text, size_t n, spin_j
         return SPIN_OK;
     if (json_error_code(&error) == json_error_out_of_memory)
         return spin_fail(SPIN_E_MEMORY, "cannot parse '%s': not enough memory", what);
-    return spin_fail(SPIN_E_MALFORMED, "cannot parse '%s': line %d, column %d: %s", what,
-                     error.line, error.column, error.text);
+    return spin_malformed("cannot parse '%s': line %d, column %d: %s", what, error.line,
+                          error.column, error.text);
 }
 
 spin_status spin_json_load(const char *path, spin_json **out)

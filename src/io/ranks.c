@@ -136,11 +136,10 @@ spin_status spin_ranks_begin(void)
         return SPIN_OK;
     SPIN_TRY(spin_shim_need(&where, (const void **)&shim));
     if (!shim->start(&own_rank, &n_ranks, why, sizeof why))
-        return spin_fail(SPIN_E_UNSUPPORTED, "cannot join the other processes: %s", why);
+        return spin_unsupported("cannot join the other processes: %s", why);
     if (n_ranks == 1) /* each would do the whole work, over the others' files */
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "one of several processes, but MPI knows of one only: spin-mpi.so was "
-                         "built with another MPI than the one that started it");
+        return spin_unsupported("one of several processes, but MPI knows of one only: spin-mpi.so "
+                                "was built with another MPI than the one that started it");
     if (own_rank > 0)
         spin_log_set_level(-1);
     spin_log_set_sink(take_line);

@@ -40,11 +40,9 @@ spin_status spin_player_choose(const struct spin_bundle *bundle, bool source,
     else if (!(SPIN_COL_ATTRIBUTES & ~bundle->meta.columns))
         *out = SPIN_FROM_SOURCE;
     else if (source)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds positions only, no source attributes",
-                         bundle->path);
+        return spin_not_found("'%s' holds positions only, no source attributes", bundle->path);
     else
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds positions only: run spin-retrain first",
-                         bundle->path);
+        return spin_not_found("'%s' holds positions only: run spin-retrain first", bundle->path);
     return SPIN_OK;
 }
 
@@ -112,8 +110,7 @@ static spin_status check_weights(const char *name, const float *values, size_t n
     for (size_t i = 0; i < n; i++)
         n_bad += !isfinite(values[i]);
     if (n_bad > 0)
-        return spin_fail(SPIN_E_MALFORMED, "array '%s' has %zu values that are not finite", name,
-                         n_bad);
+        return spin_malformed("array '%s' has %zu values that are not finite", name, n_bad);
     return SPIN_OK;
 }
 
@@ -125,7 +122,7 @@ static spin_status upload_values(struct spin_player *p, const char *name,
                                  const struct spin_bundle_values *v, float SPIN_DEV *to)
 {
     struct spin_device *d = p->device;
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     spin_status status = SPIN_OK;
 
     if (v->floats) {
@@ -141,7 +138,6 @@ static spin_status upload_values(struct spin_player *p, const char *name,
         status = check_weights(name, block, n);
         d->op->upload(d, to + first, block, n * sizeof(float));
     }
-    free(block);
     return status;
 }
 
@@ -154,8 +150,8 @@ static spin_status load_array(struct spin_player *p, const char *name, int n_dim
 
     SPIN_TRY(spin_bundle_values_open(p->bundle, name, -1, 'f', n_dims, any, &v));
     if (v.count != n)
-        return spin_fail(SPIN_E_MALFORMED, "array '%s' has %llu values, expected %zu", name,
-                         (unsigned long long)v.count, n);
+        return spin_malformed("array '%s' has %llu values, expected %zu", name,
+                              (unsigned long long)v.count, n);
     SPIN_TRY(p->device->op->reserve(p->device, n * sizeof(float), (void SPIN_DEV **)&to));
     *out = to;
     return upload_values(p, name, &v, to);

@@ -13,7 +13,7 @@
 static spin_status set_name(spin_json *run, const char *const *input, int n, int i)
 {
     const char *name = spin_path_name(input[i]);
-    char *copy = NULL;
+    SPIN_FREED char *copy = NULL;
 
     for (int k = 0; k < n; k++)
         if (k != i && strcmp(spin_path_name(input[k]), name) == 0)
@@ -23,7 +23,6 @@ static spin_status set_name(spin_json *run, const char *const *input, int n, int
         copy[strlen(copy) - strlen(".spin")] = '\0';
     spin_json_set_string(run, "name", copy);
     spin_json_set_string(run, "input", input[i]);
-    free(copy);
     return SPIN_OK;
 }
 
@@ -39,11 +38,10 @@ static spin_status check_views(const spin_json *first, const spin_json *run)
                json_equal(spin_json_get(spin_json_at(a, i), "camera"),
                           spin_json_get(spin_json_at(b, i), "camera"));
     return same ? SPIN_OK
-                : spin_fail(SPIN_E_USAGE,
-                            "'%s' and '%s' have other views: give --range, --split or --test-cams "
-                            "that both have",
-                            spin_json_string(spin_json_get(first, "input")),
-                            spin_json_string(spin_json_get(run, "input")));
+                : spin_misuse("'%s' and '%s' have other views: give --range, --split or "
+                              "--test-cams that both have",
+                              spin_json_string(spin_json_get(first, "input")),
+                              spin_json_string(spin_json_get(run, "input")));
 }
 
 static spin_status measure(const struct spin_eval_options *all, const char *const *input, int n,

@@ -54,7 +54,7 @@ static size_t stem_length(const char *path, bool has_ending)
 static spin_status name_output(struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
-    char *absolute = NULL;
+    SPIN_FREED char *absolute = NULL;
     const char *name;
     spin_status status;
 
@@ -64,7 +64,6 @@ static spin_status name_output(struct convert *c)
     name = spin_path_name(absolute);
     status =
         put_together(name, stem_length(name, !spin_path_is_folder(absolute)), ".html", &c->output);
-    free(absolute);
     return status;
 }
 
@@ -87,8 +86,7 @@ static spin_status name_all(struct convert *c)
     ending = spin_exporter_for(c->output);
     c->to = o->to ? o->to : ending;
     if (!c->to)
-        return spin_fail(SPIN_E_USAGE, "the ending of '%s' names no exporter: say which with --to",
-                         c->output);
+        return spin_misuse("the ending of '%s' names no exporter: say which with --to", c->output);
     n = stem_length(c->output, ending != NULL);
     SPIN_TRY(put_together(c->output, n, ".spin", &c->bundle));
     if (holds_rows(c->to))
@@ -117,10 +115,9 @@ static spin_status check_preset(const struct convert *c)
 
     if (!c->tracks || !preset || strcmp(preset, "quick") == 0 || strcmp(preset, "best") == 0)
         return SPIN_OK;
-    return spin_fail(SPIN_E_USAGE,
-                     "'%s' holds 4D splats, which are trained with the presets quick and best, "
-                     "not %s",
-                     c->to, preset);
+    return spin_misuse(
+        "'%s' holds 4D splats, which are trained with the presets quick and best, not %s", c->to,
+        preset);
 }
 
 /* The retrained clip does not take the place of the bundle that it is made of. */
@@ -138,10 +135,9 @@ static spin_status check_bundle(const struct convert *c)
             continue;
         status = spin_path_absolute(written[i], &path);
         if (status == SPIN_OK && strcmp(input, path) == 0 && (i == 0 || !c->is_trained))
-            status = spin_fail(SPIN_E_USAGE,
-                               "the retrained clip would be '%s', which is the input: give another "
-                               "name with --output",
-                               written[i]);
+            status = spin_misuse("the retrained clip would be '%s', which is the input: give "
+                                 "another name with --output",
+                                 written[i]);
         free(path);
         path = NULL;
     }
@@ -330,7 +326,7 @@ static spin_status run(struct convert *c)
     if (c->imports && !o->no_retrain)
         SPIN_TRY(check_preset(c));
     if (!c->imports && o->n_frames > 0)
-        return spin_fail(SPIN_E_USAGE, "--frames is for a run, and '%s' is a bundle", o->input);
+        return spin_misuse("--frames is for a run, and '%s' is a bundle", o->input);
     if (c->imports)
         SPIN_TRY(import(c));
     SPIN_TRY(look(c));

@@ -103,15 +103,13 @@ bool spin_data_has_focal(const char *folder)
     bool found = false;
 
     for (int i = 0; i < 2 && !found; i++) {
-        spin_json *root = NULL;
-        char *path = NULL;
+        SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
+        SPIN_FREED char *path = NULL;
 
         if (spin_path_join(folder, names[i], &path) == SPIN_OK && spin_path_exists(path) &&
             spin_json_load(path, &root) == SPIN_OK)
             found = spin_json_get(root, "fl_x") ||
                     spin_json_get(spin_json_at(spin_json_get(root, "frames"), 0), "fl_x");
-        spin_json_free(root);
-        free(path);
     }
     return found;
 }

@@ -56,10 +56,9 @@ spin_status spin_decimate_parse(const char *text, struct spin_decimate_goal *out
             (out->unit != SPIN_DECIMATE_SPLATS || value == floor(value)))
             return SPIN_OK;
     }
-    return spin_fail(SPIN_E_USAGE,
-                     "--decimate '%s': expected a number of splats (5000), a share (50%%), a size "
-                     "in B, kB, MB or GB (2MB) or a loss (40dB)",
-                     text);
+    return spin_misuse("--decimate '%s': expected a number of splats (5000), a share (50%%), a "
+                       "size in B, kB, MB or GB (2MB) or a loss (40dB)",
+                       text);
 }
 
 /* ---- A frame --------------------------------------------------------------------------------- */
@@ -747,8 +746,7 @@ spin_status spin_decimation_choose_loss(struct spin_decimation *d, double decibe
         SPIN_TRY(spin_decimation_choose(d, SPIN_DECIMATE_SHARE, middle));
         SPIN_TRY(spin_decimation_measure(d, &found));
         if (found.n_pictures == 0)
-            return spin_fail(SPIN_E_UNSUPPORTED,
-                             "--decimate: no picture shows a splat, so no loss can be seen");
+            return spin_unsupported("--decimate: no picture shows a splat, so no loss can be seen");
         if (found.psnr >= decibels)
             high = middle;
         else
@@ -838,10 +836,9 @@ spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes
         SPIN_TRY(try_share(d, 1e-12, output, write, context, &n));
         ++*n_tries;
         if ((double)n > bytes)
-            return spin_fail(SPIN_E_UNSUPPORTED,
-                             "--decimate: %llu bytes is the least that can be written, more than "
-                             "%.0f",
-                             (unsigned long long)n, bytes);
+            return spin_unsupported(
+                "--decimate: %llu bytes is the least that can be written, more than %.0f",
+                (unsigned long long)n, bytes);
         low = 1e-12;
         n_low = (double)n;
     }

@@ -164,7 +164,7 @@ static void look_for_frames(struct import *im)
  * are of a wrong size in training, and splats grow too large. */
 static void note_focal(struct import *im)
 {
-    char *beside = im->data ? NULL : spin_data_beside(im->input);
+    SPIN_FREED char *beside = im->data ? NULL : spin_data_beside(im->input);
     const char *data = im->data ? im->data : beside;
 
     if (data && strcmp(im->importer->name, "realtime4dgs") == 0 && spin_data_has_focal(data))
@@ -173,7 +173,6 @@ static void note_focal(struct import *im)
             "'%s' tells focal lengths by fl_x: Realtime-4DGS takes a field of view of -1 for such "
             "data, and splats grow too large in training and look blurred; spin-retrain mends that",
             data);
-    free(beside);
 }
 
 /* See that the data set's frames can be paired with ours, and remember where it is. */
@@ -221,10 +220,9 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
                          : *n > 0       ? "data"
                                         : "ends");
     if (*n <= 0 && o->output)
-        return spin_fail(SPIN_E_USAGE,
-                         "'%s' is continuous in time, from %g to %g, and nothing here says how "
-                         "many frames it has: give them with --frames, --times or --data",
-                         o->input, t->time_first, t->time_last);
+        return spin_misuse("'%s' is continuous in time, from %g to %g, and nothing here says how "
+                           "many frames it has: give them with --frames, --times or --data",
+                           o->input, t->time_first, t->time_last);
     if (*n <= 0) /* a look at both ends is enough to describe it */
         *n = 2;
     SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));
@@ -255,15 +253,13 @@ static spin_status stored_frames(struct import *im, struct spin_frame_info **out
     const struct spin_sequence_info *t = &im->sequence;
 
     if (o->frame_times && strcmp(o->frame_times, "auto") != 0)
-        return spin_fail(
-            SPIN_E_USAGE,
+        return spin_misuse(
             "'%s' stores its %d frames: --frame-times is for methods that are continuous in time",
             o->input, t->n_frames);
     if (o->n_frames > 0 || o->n_times > 0)
-        return spin_fail(SPIN_E_USAGE,
-                         "'%s' stores its %d frames: --frames and --times are for methods that are "
-                         "continuous in time; use --range",
-                         o->input, t->n_frames);
+        return spin_misuse("'%s' stores its %d frames: --frames and --times are for methods that "
+                           "are continuous in time; use --range",
+                           o->input, t->n_frames);
     *n = t->n_frames;
     SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));
     for (int i = 0; i < *n; i++) {
@@ -477,13 +473,12 @@ static spin_status check_frame(const struct import *im, int i, unsigned wanted,
 
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
         if ((wanted & column) && (!*spin_column_of(&splats, column) || s->n > s->capacity))
-            return spin_fail(SPIN_E_UNSUPPORTED, "the importer '%s' gives no %s of frame %d",
-                             im->importer->name, spin_column_name(column), i);
+            return spin_unsupported("the importer '%s' gives no %s of frame %d", im->importer->name,
+                                    spin_column_name(column), i);
     }
     if ((wanted & SPIN_COL_SH) && s->sh_degree != im->sequence.sh_degree)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "the importer '%s' gives SH of degree %d in frame %d, %d before",
-                         im->importer->name, s->sh_degree, i, im->sequence.sh_degree);
+        return spin_unsupported("the importer '%s' gives SH of degree %d in frame %d, %d before",
+                                im->importer->name, s->sh_degree, i, im->sequence.sh_degree);
     return SPIN_OK;
 }
 
@@ -505,10 +500,9 @@ static spin_status read_frame(struct import *im, int i, int rank, unsigned colum
     SPIN_TRY(spin_share_splats(out, columns, rank));
     meta->frame[i].n = out->n;
     if (im->writing && meta->static_columns && out->n != meta->frame[0].n)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "the importer '%s' gives %zu splats in frame %d and %zu in frame 0, but "
-                         "says that columns are the same in both",
-                         im->importer->name, out->n, i, meta->frame[0].n);
+        return spin_malformed("the importer '%s' gives %zu splats in frame %d and %zu in frame 0, "
+                              "but says that columns are the same in both",
+                              im->importer->name, out->n, i, meta->frame[0].n);
     if (columns & SPIN_COL_MEANS)
         widen_bounds(im, out);
     return SPIN_OK;
@@ -767,14 +761,13 @@ static spin_status check_frame_times(const struct spin_import_options *o)
     if (!o->frame_times)
         return SPIN_OK;
     if (!o->data || o->n_frames > 0 || o->n_times > 0)
-        return spin_fail(SPIN_E_USAGE, "--frame-times says how --data gives the times: it goes "
-                                       "with a data set, and without --frames and --times");
+        return spin_misuse("--frame-times says how --data gives the times: it goes with a data "
+                           "set, and without --frames and --times");
     for (size_t i = 0; i < sizeof rules / sizeof *rules; i++) {
         if (strcmp(o->frame_times, rules[i]) == 0)
             return SPIN_OK;
     }
-    return spin_fail(SPIN_E_USAGE, "--frame-times is '%s', expected auto, data, unit or count",
-                     o->frame_times);
+    return spin_misuse("--frame-times is '%s', expected auto, data, unit or count", o->frame_times);
 }
 
 /* What open() promised, held to the rules: an importer may have been built elsewhere. */
@@ -784,12 +777,12 @@ static spin_status check_track(const struct import *im)
     const char *name = im->importer->name;
 
     if (!t->continuous && t->n_frames < 1)
-        return spin_fail(SPIN_E_MALFORMED, "the importer '%s' found no frames", name);
+        return spin_malformed("the importer '%s' found no frames", name);
     if (!(t->columns & SPIN_COL_MEANS))
-        return spin_fail(SPIN_E_UNSUPPORTED, "the importer '%s' gives no positions", name);
+        return spin_unsupported("the importer '%s' gives no positions", name);
     if ((t->columns & SPIN_COL_SH) && (t->sh_degree < 0 || t->sh_degree > 3))
-        return spin_fail(SPIN_E_UNSUPPORTED, "the importer '%s' gives SH of degree %d, not 0..3",
-                         name, t->sh_degree);
+        return spin_unsupported("the importer '%s' gives SH of degree %d, not 0..3", name,
+                                t->sh_degree);
     return SPIN_OK;
 }
 
@@ -802,13 +795,12 @@ static spin_status find_4d(struct import *im)
     if (im->importer->splats_4d)
         SPIN_TRY(im->importer->splats_4d(im->self, &im->four_d));
     if (im->four_d && !spin_splats_4d_is_settled(im->four_d))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "the importer '%s' gives 4D splats that it has not settled",
-                         im->importer->name);
+        return spin_malformed("the importer '%s' gives 4D splats that it has not settled",
+                              im->importer->name);
     im->keeps_4d = im->four_d && im->sequence.continuous && !sampled && !o->positions_only &&
                    (im->sequence.columns & SPIN_COL_ATTRIBUTES) == SPIN_COL_ATTRIBUTES;
     if (o->precision && !(im->keeps_4d && o->output))
-        return spin_fail(SPIN_E_USAGE, "--precision is for 4D splats that a bundle keeps as such");
+        return spin_misuse("--precision is for 4D splats that a bundle keeps as such");
     if (im->four_d && sampled && o->output)
         spin_note(&im->sequence,
                   "sampled, as --frames or --times ask for: the 4D splats themselves are not kept");
@@ -822,7 +814,7 @@ static spin_status run_import(struct import *im)
 
     SPIN_TRY(check_frame_times(o));
     if (o->check_cameras && !o->data)
-        return spin_fail(SPIN_E_USAGE, "--check-cameras draws over images: say where with --data");
+        return spin_misuse("--check-cameras draws over images: say where with --data");
     if (o->output && spin_rank() == 0)
         SPIN_TRY(spin_output_check_file(o->output, o->force));
     SPIN_TRY(spin_importer_find_run(o->input, o->from, &im->importer, &im->below));

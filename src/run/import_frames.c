@@ -158,16 +158,14 @@ static spin_status open_sequence(const char *input, char **path, spin_json **roo
 spin_status spin_exported_frames(const char *input, struct spin_frame_info *frame, int n,
                                  int *place, struct spin_bundle_meta *meta)
 {
-    spin_json *root;
-    char *path;
+    SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
+    SPIN_FREED char *path = NULL;
 
     SPIN_TRY(open_sequence(input, &path, &root));
     if (root && !take(root, frame, n, place, meta))
         spin_warn("'%s' does not fit the frames beside it: their times and places in the exported "
                   "clip are not used",
                   path);
-    spin_json_free(root);
-    free(path);
     return SPIN_OK;
 }
 

@@ -149,10 +149,9 @@ static spin_status check_paths(const struct run *r)
     status = spin_ranks_gather(path, sizeof *path);
     for (int i = 1; i < spin_n_ranks() && status == SPIN_OK; i++)
         if (strcmp(path[i], path[0]) != 0)
-            status = spin_fail(SPIN_E_USAGE,
-                               "rank %d computes with code path '%s' and rank 0 with '%s': give "
-                               "all the same one, with SPIN_CPU",
-                               i, path[i], path[0]);
+            status = spin_misuse("rank %d computes with code path '%s' and rank 0 with '%s': give "
+                                 "all the same one, with SPIN_CPU",
+                                 i, path[i], path[0]);
     free(path);
     return spin_ranks_agree(status);
 }

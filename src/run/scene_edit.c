@@ -32,13 +32,12 @@ spin_status spin_scene_edit_begin(struct spin_scene_edit *e, const struct spin_e
     e->moves = (o->scale > 0 && o->scale != 1) || by[0] != 0 || by[1] != 0 || by[2] != 0;
     for (int c = 0; c < 3 && o->n_crop == 6; c++)
         if (!(box[c] < box[3 + c]))
-            return spin_fail(SPIN_E_USAGE,
-                             "--crop: the box goes from %g to %g, expected from less to more",
-                             box[c], box[3 + c]);
+            return spin_misuse("--crop: the box goes from %g to %g, expected from less to more",
+                               box[c], box[3 + c]);
     if (o->n_crop == 4 && !(box[3] > 0))
-        return spin_fail(SPIN_E_USAGE, "--crop: a sphere of radius %g holds nothing", box[3]);
+        return spin_misuse("--crop: a sphere of radius %g holds nothing", box[3]);
     if (o->min_views > 0 && !clip->has_views)
-        return spin_fail(SPIN_E_USAGE, "--min-views: there is no data set, give --data DIR");
+        return spin_misuse("--min-views: there is no data set, give --data DIR");
     return o->floaters > 0 ? spin_pool_create(o->n_threads, &e->pool) : SPIN_OK;
 }
 
@@ -131,9 +130,9 @@ static spin_status leave_out_unseen(struct spin_scene_edit *e, int frame, const 
     for (size_t v = 0; v < views->n; v++)
         n_views += views->view[v].dataset_frame == row && !views->view[v].test;
     if (n_views < least)
-        return spin_fail(SPIN_E_USAGE, "--min-views %d: frame %d has %d training view%s", least,
-                         e->clip->bundle.meta.frame[e->clip->frame[frame]].number, n_views,
-                         n_views == 1 ? "" : "s");
+        return spin_misuse("--min-views %d: frame %d has %d training view%s", least,
+                           e->clip->bundle.meta.frame[e->clip->frame[frame]].number, n_views,
+                           n_views == 1 ? "" : "s");
     for (size_t i = 0; i < rows->n; i++) {
         int seen = 0;
 

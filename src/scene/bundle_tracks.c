@@ -25,7 +25,7 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
         !spin_json_integer(spin_json_get(json, "moving"), &moving) ||
         !spin_json_integer(spin_json_get(json, "varying"), &varying) || n < 0 || n > UINT32_MAX ||
         moving < 0 || moving > n || varying < 0 || varying > n)
-        return spin_fail(SPIN_E_MALFORMED, "meta.json: bad 'trained.tracks'");
+        return spin_malformed("meta.json: bad 'trained.tracks'");
     spin_json_bool(spin_json_get(json, "same_rows"), &out->same_rows);
     shape[0] = n;
     SPIN_TRY(spin_bundle_values_open(bundle, "trained/tracks", -1, 'f', 2, shape, &v));
@@ -37,8 +37,8 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
     spin_bundle_values_get(&v, 0, (size_t)v.count, out->values);
     for (size_t i = 0; i < v.count && status == SPIN_OK; i++)
         if (!isfinite(out->values[i]))
-            status = spin_fail(SPIN_E_MALFORMED, "array 'trained/tracks' is not finite in row %zu",
-                               i / SPIN_TRACK_WIDTH);
+            status = spin_malformed("array 'trained/tracks' is not finite in row %zu",
+                                    i / SPIN_TRACK_WIDTH);
 out:
     spin_bundle_values_close(&v);
     return status;
@@ -67,8 +67,8 @@ static spin_status read_own(struct spin_bundle_tracks *t, const char *what, int 
         return SPIN_OK;
     SPIN_TRY(spin_bundle_values_open(t->bundle, series, index, 'f', 2, shape, &v));
     if (v.count > (uint64_t)(room_end - out)) {
-        status = spin_fail(SPIN_E_MALFORMED, "array '%s' has %" PRIu64 " rows, more than the frame",
-                           name, v.shape[0]);
+        status = spin_malformed("array '%s' has %" PRIu64 " rows, more than the frame", name,
+                                v.shape[0]);
     } else {
         spin_bundle_values_get(&v, 0, (size_t)v.count, out);
         *n = (size_t)v.shape[0];
@@ -93,9 +93,8 @@ spin_status spin_bundle_tracks_numbers(struct spin_bundle_tracks *t, int index, 
     spin_bundle_values_close(&v);
     for (size_t i = 0; i < n; i++)
         if (track[i] != SPIN_NOT_TRACKED && track[i] >= t->n)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "array 'trained/track/%05d' names track %" PRIu32 " of %zu", index,
-                             track[i], t->n);
+            return spin_malformed("array 'trained/track/%05d' names track %" PRIu32 " of %zu",
+                                  index, track[i], t->n);
     return SPIN_OK;
 }
 
@@ -136,9 +135,9 @@ spin_status spin_bundle_tracks_frame(struct spin_bundle_tracks *t, int index, si
         need_residual += none || track[i] < t->n_varying;
     }
     if (n_pos != need_pos || n_residual != need_residual)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "frame %d has %zu positions and %zu residual values, expected %zu and %zu",
-                         index, n_pos, n_residual, need_pos, need_residual);
+        return spin_malformed(
+            "frame %d has %zu positions and %zu residual values, expected %zu and %zu", index,
+            n_pos, n_residual, need_pos, need_residual);
     for (size_t i = 0; i < n; i++) {
         bool none = track[i] == SPIN_NOT_TRACKED;
         const float *shared = none ? NULL : t->values + SPIN_TRACK_WIDTH * (size_t)track[i];

@@ -91,7 +91,7 @@ void spin_image_floats(const uint8_t *rgb, size_t n_pixels, float *out)
 static spin_status filter_image(const uint8_t *rgb, int from_width, int from_height, int width,
                                 int height, float *out)
 {
-    double *sum = NULL;
+    SPIN_FREED double *sum = NULL;
 
     if (from_width == width && from_height == height) {
         spin_image_floats(rgb, (size_t)width * (size_t)height, out);
@@ -99,7 +99,6 @@ static spin_status filter_image(const uint8_t *rgb, int from_width, int from_hei
     }
     SPIN_TRY(spin_alloc((size_t)width, 3 * sizeof *sum, (void **)&sum));
     filter(rgb, from_width, from_height, width, height, sum, out);
-    free(sum);
     return SPIN_OK;
 }
 
@@ -299,21 +298,19 @@ static spin_status find_bytes(struct spin_image_cache *pixels, size_t view, cons
 spin_status spin_image_cache_get(struct spin_image_cache *pixels, size_t view, float *out)
 {
     const uint8_t *rgb;
-    uint8_t *owned;
+    SPIN_FREED uint8_t *owned = NULL;
 
     SPIN_TRY(find_bytes(pixels, view, &rgb, &owned));
     spin_image_floats(rgb, bytes_of(&pixels->views->view[view]) / 3, out);
-    free(owned);
     return SPIN_OK;
 }
 
 spin_status spin_image_cache_get_rgb8(struct spin_image_cache *pixels, size_t view, uint8_t *out)
 {
     const uint8_t *rgb;
-    uint8_t *owned;
+    SPIN_FREED uint8_t *owned = NULL;
 
     SPIN_TRY(find_bytes(pixels, view, &rgb, &owned));
     memcpy(out, rgb, bytes_of(&pixels->views->view[view]));
-    free(owned);
     return SPIN_OK;
 }

@@ -72,7 +72,7 @@ static spin_status peek_inside(const char *folder, const char *name, struct spin
     static const char *const heads[] = {"cfg_args", "chkpnt", "deformation.pth", "point_cloud.ply"};
     enum { CHECKPOINT = 1 }; /* how its name begins */
     bool head = false;
-    char *path = NULL;
+    SPIN_FREED char *path = NULL;
     spin_status status = SPIN_OK;
 
     for (size_t i = 0; i < sizeof heads / sizeof *heads; i++)
@@ -85,7 +85,6 @@ static spin_status peek_inside(const char *folder, const char *name, struct spin
         status = peek_members(path, members);
     else
         (void)peek_head(path, out); /* what cannot be read has no head */
-    free(path);
     return status;
 }
 
@@ -177,10 +176,10 @@ static spin_status find_by_name(const char *from, bool want_views, const struct 
         }
     }
     if (spin_plugin_fault(from))
-        return spin_fail(SPIN_E_UNSUPPORTED, "%s", spin_plugin_fault(from));
+        return spin_unsupported("%s", spin_plugin_fault(from));
     list_names(want_views, names, sizeof names);
-    return spin_fail(SPIN_E_USAGE, "no importer of %s is called '%s'; there are %s",
-                     want_views ? "data sets" : "runs", from, names);
+    return spin_misuse("no importer of %s is called '%s'; there are %s",
+                       want_views ? "data sets" : "runs", from, names);
 }
 
 /* A file that no importer knows may tell itself what is wrong with it: it is empty, a web page or a
@@ -253,7 +252,7 @@ static spin_status look_below(const struct spin_peek *peek, bool want_views,
 
     for (size_t i = 0; peek->names[i] && n_looked_at < MAX_BELOW; i++) {
         const struct spin_importer *found = NULL;
-        char *path = NULL;
+        SPIN_FREED char *path = NULL;
 
         SPIN_TRY_OUT(spin_path_join(peek->path, peek->names[i], &path));
         if (spin_path_is_folder(path)) {
@@ -266,7 +265,6 @@ static spin_status look_below(const struct spin_peek *peek, bool want_views,
             below = path;
             path = NULL;
         }
-        free(path);
     }
     status = SPIN_OK;
     if (n == 0) {
@@ -362,7 +360,7 @@ spin_status spin_plugin_check(const char *plugin, const struct spin_plugin_optio
         while (o && o->key && strcmp(o->key, pairs[i]) != 0)
             o++;
         if (!o || !o->key)
-            return spin_fail(SPIN_E_USAGE, "'%s' has no option --%s", plugin, pairs[i]);
+            return spin_misuse("'%s' has no option --%s", plugin, pairs[i]);
     }
     return SPIN_OK;
 }

@@ -99,8 +99,8 @@ spin_status spin_splats_4d_reserve(struct spin_splats_4d *s, size_t n, int degre
                                    unsigned parts)
 {
     if (degree < 0 || degree > 3 || sh_degree < 0 || sh_degree > 3)
-        return spin_fail(SPIN_E_UNSUPPORTED, "paths of degree %d, SH of degree %d: expected 0..3",
-                         degree, sh_degree);
+        return spin_unsupported("paths of degree %d, SH of degree %d: expected 0..3", degree,
+                                sh_degree);
     s->n = n;
     s->degree = degree;
     s->sh_degree = sh_degree;
@@ -213,7 +213,7 @@ spin_status spin_splats_4d_settle(struct spin_splats_4d *s, size_t *n_dropped, s
     size_t kept = 0;
 
     if (s->sh_cos && !(s->period > 0 && isfinite(s->period)))
-        return spin_fail(SPIN_E_MALFORMED, "colours in time with a period of %g", s->period);
+        return spin_malformed("colours in time with a period of %g", s->period);
     for (size_t i = 0; i < s->n; i++) {
         if (!settle_row(s, i))
             continue;
@@ -328,7 +328,7 @@ spin_status spin_splats_4d_slice(const struct spin_splats_4d *s, double time, un
         if (spin_splats_4d_shows(s, i, time))
             fill_row(s, i, time, columns, out, k++);
     if (columns & SPIN_COL_MEANS && spin_finite_missing(out->means, 3 * n) > 0)
-        return spin_fail(SPIN_E_MALFORMED, "paths leave the range of numbers at time %g", time);
+        return spin_malformed("paths leave the range of numbers at time %g", time);
     return SPIN_OK;
 }
 

@@ -120,16 +120,15 @@ static spin_status check_values(const struct spin_trainer *t, const char *name, 
         return SPIN_OK;
     while (isfinite(v[i]))
         i++;
-    return spin_fail(SPIN_E_MALFORMED,
-                     "array '%s' is not finite at value %zu after iteration %lld: lower the "
-                     "learning rates, or look for bad points",
-                     name, first + i, (long long)t->iteration);
+    return spin_malformed("array '%s' is not finite at value %zu after iteration %lld: lower the "
+                          "learning rates, or look for bad points",
+                          name, first + i, (long long)t->iteration);
 }
 
 /* Ranks step all parameters alike. */
 static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
 {
-    uint64_t *all = NULL;
+    SPIN_FREED uint64_t *all = NULL;
     spin_status status;
 
     if (t->n_ranks == 1)
@@ -144,7 +143,6 @@ static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
                           "after iteration %lld rank %d has other parameters than rank 0: this "
                           "MPI or NCCL does not give all ranks the same sums",
                           (long long)t->iteration, r);
-    free(all);
     return status;
 }
 
@@ -255,8 +253,7 @@ static spin_status check_numbers(const struct spin_trainer *t, const struct piec
             taken[number[i]] = 1;
     }
     free(block);
-    return wrong ? spin_fail(SPIN_E_MALFORMED, "array '%s' does not fit the tracks", piece->name)
-                 : SPIN_OK;
+    return wrong ? spin_malformed("array '%s' does not fit the tracks", piece->name) : SPIN_OK;
 }
 
 static void to_numbers(const struct spin_array *a, size_t first, size_t n, uint32_t *number)
@@ -379,7 +376,7 @@ static spin_status check_last(const float *last, size_t n, int64_t iteration)
 {
     for (size_t i = 0; i < n; i++)
         if (!(last[i] >= 0 && last[i] <= (float)iteration))
-            return spin_fail(SPIN_E_MALFORMED, "array 'table/last': row %zu is no step done", i);
+            return spin_malformed("array 'table/last': row %zu is no step done", i);
     return SPIN_OK;
 }
 
@@ -437,14 +434,14 @@ static spin_status read_header(const struct spin_checkpoint *c, struct spin_npz 
 
     *out = NULL;
     if (!member)
-        return spin_fail(SPIN_E_MALFORMED, "no state.json");
+        return spin_malformed("no state.json");
     SPIN_TRY_OUT(spin_zip_read(&npz->zip, member, true, 1 << 26, &bytes, &owned));
     SPIN_TRY_OUT(spin_json_parse("state.json", (const char *)bytes, member->size, out));
     fingerprint = spin_json_string(spin_json_get(*out, "fingerprint"));
     if (!fingerprint || strcmp(fingerprint, c->fingerprint) != 0)
-        status = spin_fail(SPIN_E_USAGE, "it was made from another input or with other options "
-                                         "than these, or its images have changed; give the same "
-                                         "ones, or --force without --resume to start anew");
+        status = spin_misuse("it was made from another input or with other options "
+                             "than these, or its images have changed; give the same "
+                             "ones, or --force without --resume to start anew");
 out:
     free(owned);
     return status;
@@ -459,7 +456,7 @@ static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t
     SPIN_TRY(read_header(c, npz, &j));
     if (!spin_json_integer(spin_json_get(j, "iteration"), &iteration) || iteration < 0 ||
         iteration > t->rates.iterations)
-        return spin_fail(SPIN_E_MALFORMED, "state.json: bad iteration");
+        return spin_malformed("state.json: bad iteration");
     spin_json_number(spin_json_get(j, "seconds"), &c->before_s);
     spin_json_number(spin_json_get(j, "refine_seconds"), &c->refine_s);
     spin_json_number(spin_json_get(j, "loss"), &c->loss);
@@ -470,7 +467,7 @@ static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t
         double v = 0;
 
         if (!spin_json_number(step, &v) || v < 0 || v > 1e15)
-            return spin_fail(SPIN_E_MALFORMED, "state.json: bad steps");
+            return spin_malformed("state.json: bad steps");
         steps = (int64_t)v;
         t->frame[f].steps = steps;
     }
@@ -483,7 +480,7 @@ static spin_status get_count(const spin_json *value, int64_t most, size_t *out)
     int64_t n;
 
     if (!spin_json_integer(value, &n) || n < 0 || n > most)
-        return spin_fail(SPIN_E_MALFORMED, "state.json: bad sizes");
+        return spin_malformed("state.json: bad sizes");
     *out = (size_t)n;
     return SPIN_OK;
 }

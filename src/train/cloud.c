@@ -108,8 +108,7 @@ spin_status spin_refine_init_from_points(struct spin_pool *pool, size_t n, const
 
     for (size_t i = 0; i < n * 3; i++)
         if (!isfinite(pos_w[i]))
-            return spin_fail(SPIN_E_MALFORMED, "point %zu has a coordinate that is not finite",
-                             i / 3);
+            return spin_malformed("point %zu has a coordinate that is not finite", i / 3);
     SPIN_TRY(begin(out, n));
     SPIN_TRY(spin_alloc(n + 1, sizeof *dist2, &block));
     dist2 = block;
@@ -140,8 +139,8 @@ spin_status spin_refine_init_from_splats(const struct spin_splats *s, struct spi
     size_t sh_row = 3 * (size_t)(s->sh_degree + 1) * (size_t)(s->sh_degree + 1);
 
     if (s->n > 0 && !(s->means && s->quats && s->log_scales && s->logit_opacities && s->sh))
-        return spin_fail(SPIN_E_USAGE, "refining from the source's attributes needs all of them: "
-                                       "means, quats, log_scales, logit_opacities, sh");
+        return spin_misuse("refining from the source's attributes needs all of them: "
+                           "means, quats, log_scales, logit_opacities, sh");
     SPIN_TRY(begin(out, s->n));
     for (size_t i = 0; i < s->n; i++) {
         struct spin_refine_row *p = &out->point[i].p;

@@ -147,7 +147,7 @@ static spin_status send_first_tracks(const struct first_tracks *first, struct sp
 {
     struct spin_device *d = t->device;
     size_t n = first->tracks->n;
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
 
     if (n == 0)
         return SPIN_OK;
@@ -155,7 +155,6 @@ static spin_status send_first_tracks(const struct first_tracks *first, struct sp
     spin_residual_from_rows(n, first->residual, SPIN_RESIDUAL, NULL, block);
     d->op->upload(d, t->tracks.p, first->displacement, 3 * n * sizeof(float));
     d->op->upload(d, t->tracks.p + 3 * n, block, SPIN_RESIDUAL * n * sizeof(float));
-    free(block);
     return SPIN_OK;
 }
 

@@ -59,11 +59,10 @@ struct measured {
     float *mean_dist2;
 };
 
-static void measure(void *context, int task)
+static void measure(void *context, size_t first, size_t last)
 {
     const struct measured *m = context;
     const struct spin_kd_tree *t = &m->tree;
-    size_t first = (size_t)task * CHUNK, last = first + CHUNK < t->n ? first + CHUNK : t->n;
 
     for (size_t i = first; i < last; i++) {
         float best[NEIGHBOURS] = {FLT_MAX, FLT_MAX, FLT_MAX}, sum = 0;
@@ -84,7 +83,7 @@ spin_status spin_knn_mean_dist2(struct spin_pool *pool, size_t n, const float *p
     spin_status status = spin_kd_tree_open(&m.tree, n, points);
 
     if (status == SPIN_OK)
-        spin_pool_run(pool, (int)((n + CHUNK - 1) / CHUNK), measure, &m);
+        spin_pool_rows(pool, n, CHUNK, measure, &m);
     spin_kd_tree_close(&m.tree);
     return status;
 }

@@ -239,15 +239,14 @@ static spin_status check_input(const struct cut *c)
     const struct spin_plan *plan = c->plan;
 
     if (!spin_bundle_is_trained_by_tracks(c->tracks.bundle))
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "--method 4d begins with a clip that --method tracks trained, and this "
-                         "one is not: train it so first, and give the result");
+        return spin_not_found("--method 4d begins with a clip that --method tracks trained, and "
+                              "this one is not: train it so first, and give the result");
     for (int f = 1; f < plan->clip.n_frames; f++)
         if (spin_plan_info(plan, f)->time < spin_plan_info(plan, f - 1)->time)
-            return spin_fail(SPIN_E_UNSUPPORTED,
-                             "frame %d comes after frame %d and is earlier: --method 4d takes "
-                             "frames in the order of their times",
-                             spin_plan_info(plan, f)->number, spin_plan_info(plan, f - 1)->number);
+            return spin_unsupported("frame %d comes after frame %d and is earlier: --method 4d "
+                                    "takes frames in the order of their times",
+                                    spin_plan_info(plan, f)->number,
+                                    spin_plan_info(plan, f - 1)->number);
     return SPIN_OK;
 }
 
@@ -354,7 +353,7 @@ spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin
     struct spin_device *d = t->device;
     size_t n = rows->n;
     float *groups;
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
 
     SPIN_TRY(spin_alloc((size_t)rows->n_frames, sizeof *frames->permutation, &block));
     frames->permutation = block;
@@ -376,7 +375,6 @@ spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin
     spin_residual_from_rows(n, rows->values + 3, SPIN_TRACK, NULL, groups + 3 * n);
     d->op->upload(d, t->tracks.p, groups, SPIN_TRACK * n * sizeof *groups);
     d->op->upload(d, t->motion, rows->motion, SPIN_MOTION * n * sizeof *rows->motion);
-    free(block);
     return SPIN_OK;
 }
 

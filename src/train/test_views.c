@@ -92,21 +92,18 @@ static spin_status preview_view(struct spin_plan *plan, struct spin_photos *phot
 spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_photos *photos,
                                     struct spin_player *shown, const char *label)
 {
-    struct spin_player source = {0};
+    SPIN_LEAVES(spin_player_close) struct spin_player source = {0};
     bool with_source = spin_plan_has_source(plan);
     int middle = plan->clip.n_frames / 2;
-    spin_status status = SPIN_OK;
 
     if (!plan->o->preview || plan->n_test == 0)
         return SPIN_OK;
     if (with_source)
         SPIN_TRY(spin_player_open(&source, shown->device, &plan->clip.bundle, SPIN_FROM_SOURCE));
-    SPIN_TRY_OUT(spin_player_show_live(shown, middle, plan->counts[middle]));
+    SPIN_TRY(spin_player_show_live(shown, middle, plan->counts[middle]));
     for (size_t i = 0; i < plan->n_test; i++)
         if (plan->test[i].frame == middle)
-            SPIN_TRY_OUT(preview_view(plan, photos, shown, with_source ? &source : NULL,
-                                      &plan->test[i], label));
-out:
-    spin_player_close(&source);
-    return status;
+            SPIN_TRY(preview_view(plan, photos, shown, with_source ? &source : NULL, &plan->test[i],
+                                  label));
+    return SPIN_OK;
 }

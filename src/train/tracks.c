@@ -216,9 +216,8 @@ static bool is_track(const struct spin_tracks *tracks, const struct place *place
 /* What stands at no place for long may be part of a chain, which is a place that moves. */
 static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan, struct places *p)
 {
-    struct spin_chains chains = {0};
+    SPIN_LEAVES(spin_chains_close) struct spin_chains chains = {0};
     size_t first = p->n;
-    spin_status status;
 
     for (int f = 0; f < tracks->n_frames; f++)
         for (size_t i = 0; i < plan->counts[f]; i++) {
@@ -227,13 +226,11 @@ static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan
             if (*of != SPIN_NO_TRACK && !is_track(tracks, &p->place[*of]))
                 *of = SPIN_NO_TRACK;
         }
-    SPIN_TRY_OUT(spin_chains_find(&chains, plan, tracks->of, (uint32_t)first));
-    SPIN_TRY_OUT(reserve_places(p, chains.n));
+    SPIN_TRY(spin_chains_find(&chains, plan, tracks->of, (uint32_t)first));
+    SPIN_TRY(reserve_places(p, chains.n));
     for (size_t k = 0; k < chains.n; k++)
         p->place[add_place(p, chains.place + 3 * k)].moves = true;
-out:
-    spin_chains_close(&chains);
-    return status;
+    return SPIN_OK;
 }
 
 /* ---- Numbers ------------------------------------------------------------------------------------- */

@@ -79,7 +79,7 @@ spin_status spin_train_frame_upload(struct spin_train_frame *frame, struct spin_
 {
     size_t n = frame->size.n_residual;
     struct arrays to = arrays_of(frame, which);
-    float *host = NULL;
+    SPIN_FREED float *host = NULL;
 
     SPIN_TRY(reserve_host(frame, &host));
     upload_rows(d, rows.pos, frame->size.n_pos, 3, row_of, host, to.pos);
@@ -89,7 +89,6 @@ spin_status spin_train_frame_upload(struct spin_train_frame *frame, struct spin_
     }
     if (frame->sh)
         upload_rows(d, rows.sh, frame->size.n, frame->sh_width, row_of, host, to.sh);
-    free(host);
     return SPIN_OK;
 }
 

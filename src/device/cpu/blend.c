@@ -297,7 +297,7 @@ void SPIN_CPU(blend)(struct spin_device *d, const struct spin_view_batch *views,
                      const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,
                      float *image, float *final_transmittance, int32_t *last_contributor)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_BLEND);
 
     for (int k = 0; k < views->n_views; k++) {
         const struct spin_view_of_batch *view = &views->view[k];
@@ -314,7 +314,6 @@ void SPIN_CPU(blend)(struct spin_device *d, const struct spin_view_batch *views,
         spin_pool_run(spin_cpu_pool(d), view->camera.tiles_x * view->camera.tiles_y, blend_task,
                       &job);
     }
-    spin_cpu_spent(d, SPIN_OP_BLEND, start);
 }
 
 /* ---- Depth ----------------------------------------------------------------------------------- */
@@ -548,11 +547,9 @@ static void back_task(void *context, int tile)
 }
 
 /* Add the slots of each splat, and finish. */
-static void reduce_task(void *context, int task)
+static void reduce_task(void *context, size_t first, size_t last)
 {
     const struct job *job = context;
-    size_t first = (size_t)task * REDUCE_CHUNK;
-    size_t last = job->n - first < REDUCE_CHUNK ? job->n : first + REDUCE_CHUNK;
 
     for (size_t i = first; i < last; i++) {
         const struct spin_splat2d *s = job->splat2d + i;
@@ -591,8 +588,7 @@ static void blend_view_back(struct spin_device *d, const struct spin_view_of_bat
     if (!job->slots)
         return;
     spin_pool_run(spin_cpu_pool(d), n_tiles, back_task, job);
-    spin_pool_run(spin_cpu_pool(d), (int)((job->n + REDUCE_CHUNK - 1) / REDUCE_CHUNK), reduce_task,
-                  job);
+    spin_pool_rows(spin_cpu_pool(d), job->n, REDUCE_CHUNK, reduce_task, job);
 }
 
 void SPIN_CPU(blend_back)(struct spin_device *d, const struct spin_view_batch *views,
@@ -600,7 +596,7 @@ void SPIN_CPU(blend_back)(struct spin_device *d, const struct spin_view_batch *v
                           const float *final_transmittance, const int32_t *last_contributor,
                           const float *d_image, struct spin_splat2d_grad *d_splat2d)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_BLEND_BACK);
 
     for (int k = 0; k < views->n_views; k++) {
         const struct spin_view_of_batch *view = &views->view[k];
@@ -617,5 +613,4 @@ void SPIN_CPU(blend_back)(struct spin_device *d, const struct spin_view_batch *v
 
         blend_view_back(d, view, &job);
     }
-    spin_cpu_spent(d, SPIN_OP_BLEND_BACK, start);
 }

@@ -56,10 +56,9 @@ static void release(struct spin_device *d, void *block)
 
 static void zero(struct spin_device *d, void *block, size_t bytes)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_CLEAR);
 
     memset(block, 0, bytes);
-    spin_cpu_spent(d, SPIN_OP_CLEAR, start);
 }
 
 static void upload(struct spin_device *d, void *to, const void *host, size_t bytes)

@@ -44,11 +44,18 @@ static inline struct spin_pool *spin_cpu_pool(struct spin_device *d)
     return ((struct spin_cpu *)d->state)->pool;
 }
 
-/* The verb that began at start_s is over. */
-static inline void spin_cpu_spent(struct spin_device *d, int op, double start_s)
+/* The time from here to the end of the block is the operation's. */
+struct spin_cpu_clock {
+    struct spin_device *d;
+    int op;
+    double start_s;
+};
+static inline void spin_cpu_stop(struct spin_cpu_clock *c)
 {
-    ((struct spin_cpu *)d->state)->seconds[op] += spin_now_s() - start_s;
+    ((struct spin_cpu *)c->d->state)->seconds[c->op] += spin_now_s() - c->start_s;
 }
+#define SPIN_CPU_CLOCK(d, op)                                                                      \
+    SPIN_LEAVES(spin_cpu_stop) struct spin_cpu_clock clock_of_verb = {d, op, spin_now_s()}
 
 static inline float *spin_cpu_picture(const struct spin_view_batch *views, int view,
                                       float *pictures)

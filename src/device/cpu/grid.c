@@ -44,8 +44,6 @@ static inline __attribute__((always_inline)) void quad_store(float *p, quad v, i
             p[i] = v[i];
 }
 
-static int n_tasks_of(size_t n, size_t each) { return (int)((n + each - 1) / each); }
-
 static size_t row_of(const uint32_t *rows, size_t i) { return rows ? rows[i] : i; }
 
 /* ---- rows and weights of a block ------------------------------------------------------------- */
@@ -260,11 +258,10 @@ static void gather_level(const struct grid_job *job, int level, const struct lev
     }
 }
 
-static void grid_task(void *context, int task)
+static void grid_task(void *context, size_t first, size_t end)
 {
     const struct grid_job *job = context;
-    size_t first = (size_t)task * BLOCK;
-    int m = job->n - first < BLOCK ? (int)(job->n - first) : BLOCK;
+    int m = (int)(end - first);
     struct points p;
     struct corners c[2];
     struct level at[2];
@@ -290,10 +287,9 @@ void SPIN_CPU(grid)(struct spin_device *d, const struct spin_grid *grid, const f
                     size_t n, const float *x_u, float *z)
 {
     struct grid_job job = {.grid = grid, .table = table, .n = n, .x_u = x_u, .z = z};
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_GRID);
 
-    spin_pool_run(spin_cpu_pool(d), n_tasks_of(n, BLOCK), grid_task, &job);
-    spin_cpu_spent(d, SPIN_OP_GRID, start);
+    spin_pool_rows(spin_cpu_pool(d), n, BLOCK, grid_task, &job);
 }
 
 /* ---- forward, bringing lines of the table to the present step -------------------------------- */
@@ -387,10 +383,9 @@ void SPIN_CPU(lazy_adam_grid)(struct spin_device *d, struct spin_lazy_adam *lazy
                            .p = table->p,
                            .m = table->m,
                            .v = table->v};
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_GRID);
 
     spin_pool_run(spin_cpu_pool(d), own->grid.n_levels, grid_lazy_task, &job);
-    spin_cpu_spent(d, SPIN_OP_GRID, start);
 }
 
 /* ---- backward -------------------------------------------------------------------------------- */
@@ -512,11 +507,9 @@ static void grid_back_task(void *context, int task)
     }
 }
 
-static void sum_levels_task(void *context, int task)
+static void sum_levels_task(void *context, size_t first, size_t end)
 {
     const struct grid_job *job = context;
-    size_t first = (size_t)task * CHUNK;
-    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
     int n_levels = job->grid->n_levels;
     quad sum[SPIN_MAX_LEVELS];
 
@@ -543,7 +536,7 @@ void SPIN_CPU(grid_back)(struct spin_device *d, const struct spin_grid *grid, co
                            .d_z = d_z,
                            .d_table = d_table,
                            .d_x_u = d_x_u};
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_GRID_BACK);
 
     if (d_x_u) {
         job.d_x = spin_cpu_scratch_need(d, SPIN_SCRATCH_GRID,
@@ -553,6 +546,5 @@ void SPIN_CPU(grid_back)(struct spin_device *d, const struct spin_grid *grid, co
     }
     spin_pool_run(spin_cpu_pool(d), grid->n_levels, grid_back_task, &job);
     if (d_x_u)
-        spin_pool_run(spin_cpu_pool(d), n_tasks_of(job.n, CHUNK), sum_levels_task, &job);
-    spin_cpu_spent(d, SPIN_OP_GRID_BACK, start);
+        spin_pool_rows(spin_cpu_pool(d), job.n, CHUNK, sum_levels_task, &job);
 }

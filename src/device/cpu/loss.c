@@ -244,11 +244,9 @@ struct photo {
 
 enum { PHOTO_CHUNK = 1 << 14 }; /* pixels */
 
-static void photo_task(void *context, int task)
+static void photo_task(void *context, size_t first, size_t last)
 {
     const struct photo *p = context;
-    size_t first = (size_t)task * PHOTO_CHUNK;
-    size_t last = p->plane - first < PHOTO_CHUNK ? p->plane : first + PHOTO_CHUNK;
 
     for (size_t c = 0; p->rgb8 && c < 3; c++)
         for (size_t i = first; i < last; i++)
@@ -278,8 +276,7 @@ static bool load_photo(struct spin_device *d, const struct spin_view_of_batch *v
         p.pixel_weight = scratch + 3 * plane;
     }
     if (p.rgb8 || p.mask)
-        spin_pool_run(spin_cpu_pool(d), (int)((plane + PHOTO_CHUNK - 1) / PHOTO_CHUNK), photo_task,
-                      &p);
+        spin_pool_rows(spin_cpu_pool(d), plane, PHOTO_CHUNK, photo_task, &p);
     *truth = p.rgb8 ? p.truth : images->f32 + at;
     *pixel_weight = p.pixel_weight;
     return true;
@@ -340,7 +337,7 @@ void SPIN_CPU(loss)(struct spin_device *d, const struct spin_view_batch *views,
                     const struct spin_images *images, float lambda_dssim, const float *image,
                     double *values, float *d_image)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_LOSS);
 
     for (int k = 0; k < views->n_views; k++) {
         const struct spin_view_of_batch *view = &views->view[k];
@@ -352,7 +349,6 @@ void SPIN_CPU(loss)(struct spin_device *d, const struct spin_view_batch *views,
              truth, pixel_weight, lambda_dssim, view->weight,
              values + (size_t)view->value * SPIN_LOSS_VALUES, spin_cpu_picture(views, k, d_image));
     }
-    spin_cpu_spent(d, SPIN_OP_LOSS, start);
 }
 
 /* Sums of squares, apart for pixels whose bit is 0 and 1. */

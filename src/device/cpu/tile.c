@@ -323,7 +323,7 @@ static spin_status count_view(struct spin_device *d, const struct spin_view_of_b
 spin_status SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_view_batch *views,
                                  struct spin_splat2d *splat2d, struct spin_tiles *tiles)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_TILE);
     size_t bytes = 0;
     char *scratch;
 
@@ -340,7 +340,6 @@ spin_status SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_view_b
                             &tiles->n_intersections));
         scratch += sorted_bytes(view->n);
     }
-    spin_cpu_spent(d, SPIN_OP_TILE, start);
     return SPIN_OK;
 }
 
@@ -447,7 +446,7 @@ spin_status SPIN_CPU(tile_fill)(struct spin_device *d, const struct spin_view_ba
                                 const struct spin_splat2d *splat2d, const struct spin_tiles *tiles)
 {
     const char *scratch = spin_cpu_scratch_need(d, SPIN_SCRATCH_TILE, 0);
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_TILE);
 
     (void)splat2d;
     for (int k = 0; k < views->n_views; k++) {
@@ -455,6 +454,5 @@ spin_status SPIN_CPU(tile_fill)(struct spin_device *d, const struct spin_view_ba
                            tiles->start + (size_t)k * (views->max_tiles + 1)));
         scratch += sorted_bytes(views->view[k].n);
     }
-    spin_cpu_spent(d, SPIN_OP_TILE, start);
     return SPIN_OK;
 }

@@ -146,10 +146,9 @@ static void release(struct spin_device *d, void SPIN_DEV *block)
 
 static void zero(struct spin_device *d, void SPIN_DEV *block, size_t bytes)
 {
-    cuda_begin(d, SPIN_OP_CLEAR);
+    cuda_clocked clocked(d, SPIN_OP_CLEAR);
     if (bytes)
         gpu_zero(gpu_of(d), block, bytes);
-    cuda_end(d, SPIN_OP_CLEAR);
 }
 
 static void upload(struct spin_device *d, void SPIN_DEV *to, const void *host, size_t bytes)
@@ -242,14 +241,14 @@ static void mark(struct spin_device *d, int op, int end)
     gpu_mark(gpu_of(d), *at);
 }
 
-void cuda_begin(struct spin_device *d, int op)
+cuda_clocked::cuda_clocked(struct spin_device *device, int number) : d(device), op(number)
 {
     if (cuda_of(d)->clock[op].n == CUDA_MARKS)
         make_up(&cuda_of(d)->clock[op]);
     mark(d, op, 0);
 }
 
-void cuda_end(struct spin_device *d, int op)
+cuda_clocked::~cuda_clocked()
 {
     static const char *const name[] = SPIN_OP_NAMES;
     const char *failed;

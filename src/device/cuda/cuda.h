@@ -55,9 +55,13 @@ spin_status cuda_no_memory(void);
 spin_status cuda_fail(spin_status status, const char *what, const char *why);
 /* nccl.cu: give up the link, if there is one. */
 void cuda_unlink(struct spin_device *d);
-/* A verb begins; and ends, with a look for errors of its launches. */
-void cuda_begin(struct spin_device *d, int op);
-void cuda_end(struct spin_device *d, int op);
+/* A verb begins; and ends with its block, with a look for errors of its launches. */
+struct cuda_clocked {
+    struct spin_device *d;
+    int op;
+    cuda_clocked(struct spin_device *device, int number);
+    ~cuda_clocked();
+};
 /* Scan and sort of gpu.h with scratch of their own. False: there is no memory for it, as cuda_scratch(). */
 bool cuda_scan(struct spin_device *d, const uint64_t *in, uint64_t *out, size_t n);
 bool cuda_sort(struct spin_device *d, const uint32_t *key, uint32_t *key_out, const uint32_t *value,

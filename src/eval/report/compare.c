@@ -79,8 +79,7 @@ static spin_status draw_row(struct spin_compare_row *row, int n, const struct sp
     const struct spin_camera *camera = &clip->views.view[pair->view].camera;
 
     if (camera->width != row->width || camera->height != row->height)
-        return spin_fail(SPIN_E_USAGE, "the pictures of two runs are not of one size: camera %d",
-                         row->camera);
+        return spin_misuse("the pictures of two runs are not of one size: camera %d", row->camera);
     if (n == 0) {
         SPIN_TRY(add_picture(row, 0, &out));
         SPIN_TRY(spin_image_cache_get_rgb8(pixels, pair->view, out));
@@ -272,7 +271,7 @@ static spin_status draw_curves(const struct spin_compare *c, const char *key, co
 
 static spin_status add_curves(const struct spin_compare *c, spin_json *page)
 {
-    char *text = NULL;
+    SPIN_FREED char *text = NULL;
     size_t n;
     FILE *out = open_memstream(&text, &n);
     spin_status status = out ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for curves");
@@ -284,7 +283,6 @@ static spin_status add_curves(const struct spin_compare *c, spin_json *page)
     if (out)
         fclose(out);
     spin_json_set_string(page, "curves", text);
-    free(text);
     return status;
 }
 
@@ -337,13 +335,10 @@ spin_status spin_compare_page(const struct spin_compare *c, const char *path, bo
 /* A file of the folder: what `write` puts into it. */
 static spin_status open_figure(const char *folder, const char *name, struct spin_out *out)
 {
-    char *path = NULL;
-    spin_status status = spin_path_join(folder, name, &path);
+    SPIN_FREED char *path = NULL;
 
-    if (status == SPIN_OK)
-        status = spin_out_open(path, true, out);
-    free(path);
-    return status;
+    SPIN_TRY(spin_path_join(folder, name, &path));
+    return spin_out_open(path, true, out);
 }
 
 /* The sheet with the names of the runs above it. */

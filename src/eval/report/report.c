@@ -180,7 +180,8 @@ static spin_status add_curves(const struct spin_report *r, spin_json *page,
                               const spin_json *const report[2])
 {
     struct spin_train_log history = {0};
-    char *frames = NULL, *training = NULL;
+    SPIN_FREED char *frames = NULL;
+    SPIN_FREED char *training = NULL;
     size_t n;
     FILE *over_frames = open_memstream(&frames, &n), *over_training = open_memstream(&training, &n);
     spin_status status =
@@ -201,8 +202,6 @@ static spin_status add_curves(const struct spin_report *r, spin_json *page,
     if (history.total_seconds > 0)
         spin_json_set_number(page, "minutes", history.total_seconds / 60);
     spin_train_log_free(&history);
-    free(frames);
-    free(training);
     return status;
 }
 
@@ -220,7 +219,7 @@ static spin_status put_picture(struct pictures *p, const struct spin_camera *c, 
 {
     size_t plane = (size_t)c->width * (size_t)c->height, n = 0, k = 0;
     unsigned char *bytes = NULL;
-    char *text = NULL;
+    SPIN_FREED char *text = NULL;
     FILE *out;
 
     for (int v = crop->y; v < crop->y + crop->side_y; v++)
@@ -238,7 +237,6 @@ static spin_status put_picture(struct pictures *p, const struct spin_camera *c, 
     if (!out || fclose(out) != 0)
         return spin_fail(SPIN_E_MEMORY, "no memory for a picture");
     spin_json_push_string(to, text);
-    free(text);
     return SPIN_OK;
 }
 
