@@ -3,8 +3,7 @@
  * bytes are made. begin, frame, end and abort of the plug-in are those below.
  *
  * Beside the frames lies sequence.json: their names, numbers, times and counts, for players. */
-#ifndef SPIN_EXPORTERS_LIB_FRAMES_H
-#define SPIN_EXPORTERS_LIB_FRAMES_H
+#pragma once
 
 #include "exporters/lib/quant_error.h"
 #include "exporters/lib/sort_rows.h"
@@ -118,5 +117,3 @@ void spin_frames_comments(const struct spin_frames *frames, const struct spin_fr
 
 /* How much will be written where, said before it is; a warning when the disk has less. */
 void spin_frames_say_size(const char *output, int n_frames, uint64_t bytes, bool at_most);
-
-#endif

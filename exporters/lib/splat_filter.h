@@ -1,8 +1,7 @@
 /* What every exporter asks of a frame's rows: which can be drawn at all, and how each is written -
  * turned, its rotation of unit length, its logit finite. The options that go with it are common to
  * all formats; the rules stand in splat_filter.c. */
-#ifndef SPIN_EXPORTERS_LIB_SPLAT_FILTER_H
-#define SPIN_EXPORTERS_LIB_SPLAT_FILTER_H
+#pragma once
 
 #include "base/pool.h"
 #include "formats/gaussian.h"
@@ -102,5 +101,3 @@ static inline int spin_splat_filter_n_sh(const struct spin_splat_filter *rows)
 
 /* The first spin_splat_filter_n_sh() of them, [k][3]; in `room` [16][3] where they must be turned. */
 const float *spin_splat_filter_sh(const struct spin_splat_filter *rows, size_t i, float *room);
-
-#endif

@@ -1,6 +1,5 @@
 /* Checked sizes, aligned and huge-page memory, arenas. */
-#ifndef SPIN_BASE_MEM_H
-#define SPIN_BASE_MEM_H
+#pragma once
 
 #include "spin.h"
 
@@ -51,5 +50,3 @@ void spin_scratch_free(struct spin_scratch *scratch);
 size_t spin_memory_available(void);
 /* Peak resident bytes of this process. */
 size_t spin_memory_peak(void);
-
-#endif

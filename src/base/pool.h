@@ -3,8 +3,7 @@
  * Results never depend on the number of threads: the caller cuts the work into tasks whose number
  * depends only on the problem, every task writes its own place, and sums over tasks are taken in
  * task order. Tasks are handed out by a counter, in order. */
-#ifndef SPIN_BASE_POOL_H
-#define SPIN_BASE_POOL_H
+#pragma once
 
 #include "spin.h"
 
@@ -24,5 +23,3 @@ typedef void (*spin_rows_fn)(void *context, size_t first, size_t end);
 void spin_pool_rows(struct spin_pool *pool, size_t n, size_t piece, spin_rows_fn fn, void *context);
 /* For fn: which thread of the pool runs it, 0..n_threads-1. */
 int spin_pool_worker(void);
-
-#endif

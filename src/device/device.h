@@ -16,8 +16,7 @@
  * Arrays [n] hold the splats of all frames of a batch, one frame after the other. Backward verbs take
  * `active`, an ascending list of the rows that have any gradient; compact arrays (d_raw, d_z, d_x_u) have
  * one row for each of the list, in its order, full ones have n rows. */
-#ifndef SPIN_DEVICE_DEVICE_H
-#define SPIN_DEVICE_DEVICE_H
+#pragma once
 
 #include "spin.h"
 
@@ -524,5 +523,3 @@ struct spin_counting_device {
 };
 /* With frames and views at once, and what there is of lazy Adam, as the other. It needs no closing. */
 void spin_device_count(struct spin_counting_device *c, const struct spin_device *as);
-
-#endif

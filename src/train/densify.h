@@ -1,7 +1,6 @@
 /* How the number of a frame's points changes while it is refined: clone, split, prune (docs/method.md section 2;
  * the rules are those of 3DGS, Kerbl et al. 2023). Host memory only. */
-#ifndef SPIN_TRAIN_DENSIFY_H
-#define SPIN_TRAIN_DENSIFY_H
+#pragma once
 
 #include "train/cloud.h"
 
@@ -38,5 +37,3 @@ spin_status spin_densify(const struct spin_densify_options *o, int iteration,
 /* Drop points of opacity below prune_opacity, and those with a value that is not finite; returns
  * how many. */
 size_t spin_refine_prune(struct spin_refine_cloud *cloud, double prune_opacity);
-
-#endif

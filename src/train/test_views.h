@@ -1,6 +1,5 @@
 /* How good the result is by now: quality over the test views, and pictures of them (--preview). */
-#ifndef SPIN_TRAIN_TEST_VIEWS_H
-#define SPIN_TRAIN_TEST_VIEWS_H
+#pragma once
 
 #include "eval/metrics.h"
 #include "train/photos.h"
@@ -17,5 +16,3 @@ spin_status spin_test_views_measure_input(struct spin_plan *plan, struct spin_ph
  * names. Nothing without --preview. */
 spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_photos *photos,
                                     struct spin_player *shown, const char *label);
-
-#endif

@@ -1,8 +1,7 @@
 /* The CPU device. Every file of this folder is compiled once per code path (SPIN_CPU_PATH = base, v3,
  * v4 on x86-64; base alone elsewhere, where it is NEON on Arm), with the compiler's flags for it;
  * device.c picks one at run time. SPIN_CPU(name) is a name of this path. */
-#ifndef SPIN_DEVICE_CPU_CPU_H
-#define SPIN_DEVICE_CPU_CPU_H
+#pragma once
 
 #include "base/log.h"
 #include "base/mem.h"
@@ -70,5 +69,3 @@ size_t SPIN_CPU(active_of)(const struct spin_active *active,
 /* A verb of the device has the type that its place in spin_device_ops has. */
 #define SPIN_CPU_VERB(name) __typeof__(*((struct spin_device_ops *)0)->name) SPIN_CPU(name);
 SPIN_DEVICE_VERBS(SPIN_CPU_VERB)
-
-#endif

@@ -1,7 +1,6 @@
 /* The CUDA device. Files of this folder are compiled by nvcc, and by the host's compiler for the emulation. Work
  * goes into one queue, in order; the first error is kept until the next wait() or download() tells it. */
-#ifndef SPIN_DEVICE_CUDA_CUDA_H
-#define SPIN_DEVICE_CUDA_CUDA_H
+#pragma once
 
 #include <string.h>
 
@@ -122,5 +121,3 @@ CUDA_VERB(link_ready) /* nccl.cu */
 CUDA_VERB(link_name)
 CUDA_VERB(link)
 CUDA_VERB(sum)
-
-#endif
