@@ -377,22 +377,18 @@ static spin_status layer_head(const struct export *x, int number, size_t n, char
 /* What is the same in all frames, from the one at hand. */
 static spin_status write_still(struct export *x)
 {
-    struct spin_out out;
+    SPIN_LEAVES(spin_out_abandon) struct spin_out out = {0};
     SPIN_FREED char *path = NULL;
-    spin_status status;
 
     SPIN_TRY(spin_path_join(x->frames.folder.path, STILL, &path));
     SPIN_TRY(spin_out_open(path, x->frames.job->force, &out));
     out.sync = x->frames.job->sync;
-    SPIN_TRY_OUT(put(&out, "#usda 1.0\n\nover \"" PRIM "\"\n{\n"));
+    SPIN_TRY(put(&out, "#usda 1.0\n\nover \"" PRIM "\"\n{\n"));
     for (int a = 0; a < ATTRIBUTES; a++)
         if (x->still >> a & 1u)
-            SPIN_TRY_OUT(write_attribute(x, (enum attribute)a, 0, &out));
-    SPIN_TRY_OUT(put(&out, "}\n"));
+            SPIN_TRY(write_attribute(x, (enum attribute)a, 0, &out));
+    SPIN_TRY(put(&out, "}\n"));
     return spin_out_commit(&out);
-out:
-    spin_out_abandon(&out);
-    return status;
 }
 
 /* Places tell a millionth of the diagonal of this frame's box. */
@@ -651,7 +647,7 @@ static spin_status write_stage(struct export *x, bool manifest)
 {
     int first = x->frames.n_entries ? x->frames.entry[0].number : 0;
     int last = x->frames.n_entries ? x->frames.entry[x->frames.n_entries - 1].number : 0;
-    char *text = NULL;
+    SPIN_FREED char *text = NULL;
     size_t n;
     FILE *to = open_memstream(&text, &n);
     spin_status status = SPIN_OK;
@@ -673,10 +669,8 @@ static spin_status write_stage(struct export *x, bool manifest)
         status = print_cameras(x, to);
     if (fclose(to) != 0)
         status = spin_fail(SPIN_E_MEMORY, "no memory for a stage of USD");
-    if (status == SPIN_OK)
-        status = spin_frames_write_text(&x->frames, manifest ? "manifest.usda" : "clip.usda", text);
-    free(text);
-    return status;
+    SPIN_TRY(status);
+    return spin_frames_write_text(&x->frames, manifest ? "manifest.usda" : "clip.usda", text);
 }
 
 static spin_status usd_finish(void *self)

@@ -375,7 +375,7 @@ static spin_status read_layers(struct model *model, const struct spin_zip *zip)
 
 static spin_status read_opacity(struct model *model)
 {
-    struct spin_zip zip = {0};
+    SPIN_LEAVES(spin_zip_close) struct spin_zip zip = {0};
     const char *path;
     spin_status status;
 
@@ -383,7 +383,6 @@ static spin_status read_opacity(struct model *model)
     status = spin_zip_open(path, &zip);
     if (status == SPIN_OK)
         status = read_layers(model, &zip);
-    spin_zip_close(&zip);
     return spin_fail_reading(status, path);
 }
 

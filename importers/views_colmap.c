@@ -440,8 +440,8 @@ static spin_status read_records(struct colmap *m, const struct kind *kind, struc
 static spin_status read_file(struct colmap *m, const struct kind *kind)
 {
     struct source s = {.binary = m->binary};
-    struct spin_map map;
-    char *text = NULL; /* which is cut in place */
+    SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
+    SPIN_FREED char *text = NULL; /* which is cut in place */
     const char *path;
     spin_status status;
 
@@ -450,17 +450,12 @@ static spin_status read_file(struct colmap *m, const struct kind *kind)
     SPIN_TRY(spin_map_open(path, &map));
     s.at = (char *)map.data;
     if (!m->binary) {
-        SPIN_TRY_OUT(spin_alloc(map.size + 1, 1, (void **)&text));
+        SPIN_TRY(spin_alloc(map.size + 1, 1, (void **)&text));
         s.at = memcpy(text, map.data, map.size);
     }
     s.end = s.at + map.size;
     status = read_records(m, kind, &s);
-    if (status != SPIN_OK)
-        status = spin_fail_context(status, "cannot read '%s'", path);
-out:
-    free(text);
-    spin_map_close(&map);
-    return status;
+    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot read '%s'", path);
 }
 
 /* sparse/0, or sparse itself. */

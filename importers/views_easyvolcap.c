@@ -177,21 +177,16 @@ static spin_status load(struct spin_model *m, const char *folder, const char *na
                         struct file *out)
 {
     struct reader r = {.top = out->json = spin_json_object()};
-    struct spin_map map = {0};
-    char *text = NULL;
+    SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
+    SPIN_FREED char *text = NULL;
     spin_status status;
 
     SPIN_TRY(spin_model_join(m, &out->path, folder, "%s", name));
     SPIN_TRY(spin_map_open(out->path, &map));
-    SPIN_TRY_OUT(spin_alloc(map.size + 1, 1, (void **)&text));
+    SPIN_TRY(spin_alloc(map.size + 1, 1, (void **)&text));
     memcpy(text, map.data, map.size);
     status = memchr(text, '\0', map.size) ? spin_malformed("it is no text") : parse(&r, text);
-    if (status != SPIN_OK)
-        status = spin_fail_context(status, "cannot read '%s'", out->path);
-out:
-    free(text);
-    spin_map_close(&map);
-    return status;
+    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot read '%s'", out->path);
 }
 
 /* ---- Values ---------------------------------------------------------------------------------- */

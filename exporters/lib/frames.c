@@ -165,28 +165,14 @@ static spin_status entries_json(const struct spin_frames *x, spin_json *list)
     return SPIN_OK;
 }
 
-static spin_status write_text(const char *path, const char *text, bool sync)
-{
-    struct spin_out out;
-    spin_status status;
-
-    if (!text)
-        return spin_fail(SPIN_E_MEMORY, "no memory for '%s'", path);
-    SPIN_TRY(spin_out_open(path, true, &out));
-    out.sync = sync;
-    status = spin_out_write(&out, text, strlen(text));
-    if (status == SPIN_OK)
-        return spin_out_commit(&out);
-    spin_out_abandon(&out);
-    return status;
-}
-
 spin_status spin_frames_write_text(struct spin_frames *x, const char *name, const char *text)
 {
     SPIN_FREED char *path = NULL;
 
     SPIN_TRY(spin_path_join(x->folder.path, name, &path));
-    return write_text(path, text, x->job->sync);
+    if (!text)
+        return spin_fail(SPIN_E_MEMORY, "no memory for '%s'", path);
+    return spin_out_whole(path, text, strlen(text), x->job->sync);
 }
 
 /* What belongs to the clip still: a data set, where the scene was not turned away from its cameras, and that rows are the
@@ -255,25 +241,21 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
                               const struct spin_splats *splats)
 {
     struct spin_frames *x = self;
-    struct spin_out out;
+    SPIN_LEAVES(spin_out_abandon) struct spin_out out = {0};
     SPIN_FREED char *path = NULL;
     uint64_t length;
-    spin_status status;
 
     (void)frame;
     SPIN_TRY(spin_splat_filter_choose(&x->rows, splats, info->number));
     SPIN_TRY(path_of(x, info->number, &path));
     SPIN_TRY(spin_out_open(path, x->job->force, &out));
     out.sync = x->job->sync;
-    SPIN_TRY_OUT(write_frame(x, info, &out));
-    SPIN_TRY_OUT(spin_out_length(&out, &length));
-    SPIN_TRY_OUT(spin_frames_add(x, info, x->rows.n_kept));
+    SPIN_TRY(write_frame(x, info, &out));
+    SPIN_TRY(spin_out_length(&out, &length));
+    SPIN_TRY(spin_frames_add(x, info, x->rows.n_kept));
     if (x->rows.report)
         x->rows.report->bytes += length;
     return spin_out_commit(&out);
-out:
-    spin_out_abandon(&out);
-    return status;
 }
 
 spin_status spin_frames_end(void *self)

@@ -409,24 +409,18 @@ static spin_status write_block(struct blocks *b, spin_page_sink sink, void *cont
                                     .n_still = g->n_still,
                                     .n_own = g->frame[b->frame].n_own};
     size_t start[2 * SPIN_PAGE_COLUMNS], n_room = 0, n_again = 0;
-    unsigned char *bytes = NULL;
-    spin_status status;
+    SPIN_FREED unsigned char *bytes = NULL;
 
     SPIN_TRY(join(b, start));
     b->start = start;
-    status =
-        spin_gzip_write(g->pool, 6, b->packed.data, b->packed.n, &bytes, &n_room, &block.n_bytes);
+    SPIN_TRY(
+        spin_gzip_write(g->pool, 6, b->packed.data, b->packed.n, &bytes, &n_room, &block.n_bytes));
     block.data = bytes;
-    if (status == SPIN_OK)
-        status = spin_gzip_read(bytes, block.n_bytes, b->again, b->packed.n + 1, &n_again);
-    if (status == SPIN_OK && n_again != b->packed.n)
-        status = spin_malformed("a block of the page does not read back as written");
-    if (status == SPIN_OK)
-        status = run_columns(b, again_task);
-    if (status == SPIN_OK)
-        status = sink(context, &block);
-    free(bytes);
-    return status;
+    SPIN_TRY(spin_gzip_read(bytes, block.n_bytes, b->again, b->packed.n + 1, &n_again));
+    if (n_again != b->packed.n)
+        return spin_malformed("a block of the page does not read back as written");
+    SPIN_TRY(run_columns(b, again_task));
+    return sink(context, &block);
 }
 
 static spin_status make_columns(struct blocks *b)

@@ -125,27 +125,21 @@ static void ntc_strip_comments(char *text)
 
 spin_status spin_ntc_open_config(const char *path, struct ntc_shape *s)
 {
-    struct spin_map map = {0};
-    spin_json *root = NULL;
-    char *text = NULL;
+    SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
+    SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
+    SPIN_FREED char *text = NULL;
     spin_status status;
 
     memset(s, 0, sizeof *s);
     SPIN_TRY(spin_map_open(path, &map));
-    SPIN_TRY_OUT(spin_alloc(map.size + 1, 1, (void **)&text));
+    SPIN_TRY(spin_alloc(map.size + 1, 1, (void **)&text));
     memcpy(text, map.data, map.size);
     ntc_strip_comments(text);
-    SPIN_TRY_OUT(spin_json_parse(path, text, strlen(text), &root));
+    SPIN_TRY(spin_json_parse(path, text, strlen(text), &root));
     status = ntc_read_shape(root, s);
     if (status == SPIN_OK)
         status = spin_ntc_layout(s);
-    if (status != SPIN_OK)
-        status = spin_fail_context(status, "cannot read '%s'", path);
-out:
-    spin_json_free(root);
-    free(text);
-    spin_map_close(&map);
-    return status;
+    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot read '%s'", path);
 }
 
 /* ---- Parameters ------------------------------------------------------------------------------ */

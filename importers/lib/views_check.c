@@ -7,6 +7,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/mem.h"
 #include "io/file.h"
 
 #define VIEWS_MAX_SIZE 65536 /* pixels along a side */
@@ -79,28 +80,19 @@ spin_status spin_views_read_json(const char *folder, const char *name,
                                                      struct spin_views *out),
                                  void *context, struct spin_views *out, bool *found)
 {
-    char *path = NULL;
-    spin_json *root = NULL;
+    SPIN_FREED char *path = NULL;
+    SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
     spin_status status;
 
     SPIN_TRY(spin_path_join(folder, name, &path));
     if (found)
         *found = spin_path_exists(path);
-    if (found && !*found) {
-        free(path);
+    if (found && !*found)
         return SPIN_OK;
-    }
-    SPIN_TRY_OUT(spin_json_load(path, &root));
-    if (spin_json_is_object(root))
-        status = read(context, root, out);
-    else
-        status = spin_malformed("not a JSON object");
-    if (status != SPIN_OK)
-        status = spin_fail_context(status, "cannot read '%s'", path);
-out:
-    spin_json_free(root);
-    free(path);
-    return status;
+    SPIN_TRY(spin_json_load(path, &root));
+    status =
+        spin_json_is_object(root) ? read(context, root, out) : spin_malformed("not a JSON object");
+    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot read '%s'", path);
 }
 
 void spin_views_invert(const double c2w[12], double w2c[12])

@@ -290,32 +290,28 @@ int spin_metrics_rank(int frame) { return frame % spin_n_ranks(); }
 /* The views that each rank measured become everybody's, in *view [n_pairs], and the times are added up. */
 static spin_status merge_views(struct spin_metrics *m, struct measured *view)
 {
-    struct times {
+    SPIN_FREED struct times {
         double decode, draw;
         int n;
     } *times = NULL;
-    int *owner = NULL;
-    spin_status status;
+    SPIN_FREED int *owner = NULL;
 
     if (spin_n_ranks() == 1)
         return SPIN_OK;
-    SPIN_TRY_OUT(spin_alloc(m->n_pairs, sizeof *owner, (void **)&owner));
+    SPIN_TRY(spin_alloc(m->n_pairs, sizeof *owner, (void **)&owner));
     for (size_t i = 0; i < m->n_pairs; i++)
         owner[i] = spin_metrics_rank(m->pairs[i].frame);
-    SPIN_TRY_OUT(spin_ranks_merge(view, m->n_pairs, sizeof *view, owner));
-    SPIN_TRY_OUT(spin_alloc((size_t)spin_n_ranks(), sizeof *times, (void **)&times));
+    SPIN_TRY(spin_ranks_merge(view, m->n_pairs, sizeof *view, owner));
+    SPIN_TRY(spin_alloc((size_t)spin_n_ranks(), sizeof *times, (void **)&times));
     times[spin_rank()] = (struct times){m->seconds_decode, m->seconds_draw, m->n_decoded};
-    SPIN_TRY_OUT(spin_ranks_gather(times, sizeof *times));
+    SPIN_TRY(spin_ranks_gather(times, sizeof *times));
     m->seconds_decode = m->seconds_draw = m->n_decoded = 0;
     for (int r = 0; r < spin_n_ranks(); r++) {
         m->seconds_decode += times[r].decode;
         m->seconds_draw += times[r].draw;
         m->n_decoded += times[r].n;
     }
-out:
-    free(owner);
-    free(times);
-    return status;
+    return SPIN_OK;
 }
 
 /* Of a subject alone none is known: the background around it would be fitted too. */

@@ -536,14 +536,10 @@ static spin_status read_pixels(const struct reading *r, unsigned columns, struct
 spin_status spin_sog_read(const void *file, size_t size, const char *folder, unsigned columns,
                           struct spin_splats *out)
 {
-    struct reading r = {.folder = folder};
-    spin_status status;
+    SPIN_LEAVES(close_reading) struct reading r = {.folder = folder};
 
-    SPIN_TRY_OUT(open_reading(file, size, &r));
-    SPIN_TRY_OUT(spin_splats_reserve(out, r.sog.n, columns, r.sog.sh_degree));
+    SPIN_TRY(open_reading(file, size, &r));
+    SPIN_TRY(spin_splats_reserve(out, r.sog.n, columns, r.sog.sh_degree));
     out->antialias = r.sog.antialias;
-    status = read_pixels(&r, columns, out);
-out:
-    close_reading(&r);
-    return status;
+    return read_pixels(&r, columns, out);
 }

@@ -176,15 +176,11 @@ static spin_status read_all(struct spin_sog_4d *r, struct spin_sogst *out,
 spin_status spin_sogst_read(const void *file, size_t size, struct spin_sogst *out,
                             struct spin_splats_4d *splats)
 {
-    struct spin_sog_4d r;
-    spin_status status;
+    SPIN_LEAVES(spin_sog_4d_close) struct spin_sog_4d r = {0};
 
     *out = (struct spin_sogst){0};
-    status = spin_sog_4d_open(".sogst", file, size, &r);
-    if (status == SPIN_OK)
-        status = read_all(&r, out, splats);
-    spin_sog_4d_close(&r);
-    return status;
+    SPIN_TRY(spin_sog_4d_open(".sogst", file, size, &r));
+    return read_all(&r, out, splats);
 }
 
 /* ---- The PLY for exchange -------------------------------------------------------------------- */

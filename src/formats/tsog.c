@@ -4,6 +4,7 @@
 #include <string.h>
 #include <strings.h>
 
+#include "base/mem.h"
 #include "io/zip_format.h"
 
 enum { VERSION = 4, PROFILE = 1, MOST_MEMBERS = 1024, STEPS = 65536, FRAMES = 300 };
@@ -282,13 +283,9 @@ static spin_status read_all(struct spin_sog_4d *r, struct spin_tsog *out,
 spin_status spin_tsog_read(const void *file, size_t size, struct spin_tsog *out,
                            struct spin_splats_4d *splats)
 {
-    struct spin_sog_4d r;
-    spin_status status;
+    SPIN_LEAVES(spin_sog_4d_close) struct spin_sog_4d r = {0};
 
     *out = (struct spin_tsog){0};
-    status = spin_sog_4d_open("TSOG", file, size, &r);
-    if (status == SPIN_OK)
-        status = read_all(&r, out, splats);
-    spin_sog_4d_close(&r);
-    return status;
+    SPIN_TRY(spin_sog_4d_open("TSOG", file, size, &r));
+    return read_all(&r, out, splats);
 }

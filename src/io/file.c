@@ -587,6 +587,16 @@ void spin_out_abandon(struct spin_out *out)
     forget_out(out);
 }
 
+spin_status spin_out_whole(const char *path, const void *data, size_t bytes, bool sync)
+{
+    SPIN_LEAVES(spin_out_abandon) struct spin_out out = {0};
+
+    SPIN_TRY(spin_out_open(path, true, &out));
+    out.sync = sync;
+    SPIN_TRY(spin_out_write(&out, data, bytes));
+    return spin_out_commit(&out);
+}
+
 /* Where the end ".tmp.4711" of a name begins when its process is no more; NULL: there is none such. */
 static const char *dead_end(const char *entry)
 {

@@ -262,21 +262,6 @@ spin_status spin_image_encode(int width, int height, const uint8_t *rgb, unsigne
     return SPIN_OK;
 }
 
-static spin_status write_bytes(const char *path, const unsigned char *bytes, size_t n_bytes,
-                               bool sync)
-{
-    struct spin_out out;
-    spin_status status;
-
-    SPIN_TRY(spin_out_open(path, true, &out));
-    out.sync = sync;
-    status = spin_out_write(&out, bytes, n_bytes);
-    if (status == SPIN_OK)
-        return spin_out_commit(&out);
-    spin_out_abandon(&out);
-    return status;
-}
-
 spin_status spin_image_write(const char *path, int width, int height, const uint8_t *rgb, bool sync)
 {
     SPIN_FREED unsigned char *bytes = NULL;
@@ -285,8 +270,7 @@ spin_status spin_image_write(const char *path, int width, int height, const uint
 
     if (status != SPIN_OK)
         return spin_fail_context(status, "cannot write image '%s'", path);
-    status = write_bytes(path, bytes, n_bytes, sync);
-    return status;
+    return spin_out_whole(path, bytes, n_bytes, sync);
 }
 
 /* ---- Films -------------------------------------------------------------------------------------- */
@@ -347,7 +331,7 @@ spin_status spin_film_write(const char *path, const struct spin_film *film, bool
     if (shim->encode(&out, &bytes, &n_bytes, why, sizeof why) != SPIN_IMAGE_OK)
         status = spin_fail(SPIN_E_IO, "cannot encode a picture: %s", why);
     if (status == SPIN_OK)
-        status = write_bytes(path, bytes, n_bytes, sync);
+        status = spin_out_whole(path, bytes, n_bytes, sync);
 out:
     free(pixels);
     free(bytes);

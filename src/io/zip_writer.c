@@ -376,10 +376,8 @@ spin_status spin_zip_writer_commit(struct spin_zip_writer *w)
     if (status == SPIN_OK)
         status = write_directory(w);
     if (status == SPIN_OK)
-        status = spin_out_commit(&w->out);
-    else
-        spin_out_abandon(&w->out);
-    free_written(w);
+        status = spin_out_commit(&w->out); /* which leaves nothing to abandon */
+    spin_zip_writer_abandon(w);
     return status;
 }
 

@@ -75,20 +75,16 @@ spin_status spin_compare(const struct spin_eval_options *o, const char *const *i
                          const char *figures, char **report)
 {
     struct spin_eval_options all = *o;
-    struct spin_compare c = {.runs = spin_json_array()};
-    spin_status status;
+    SPIN_LEAVES(spin_compare_free) struct spin_compare c = {.runs = spin_json_array()};
 
     *report = NULL;
     all.images = figures;
-    SPIN_TRY_OUT(spin_ranks_agree(check_outputs(o, figures)));
+    SPIN_TRY(spin_ranks_agree(check_outputs(o, figures)));
     for (int i = 0; i < n; i++)
-        SPIN_TRY_OUT(measure(&all, input, n, i, &c));
+        SPIN_TRY(measure(&all, input, n, i, &c));
     if (spin_rank() == 0 && o->report)
-        SPIN_TRY_OUT(spin_compare_page(&c, o->report, o->force));
+        SPIN_TRY(spin_compare_page(&c, o->report, o->force));
     if (spin_rank() == 0 && figures)
-        SPIN_TRY_OUT(spin_compare_figures(&c, figures));
-    status = spin_json_finish(json_pack("{s:O}", "runs", c.runs), report);
-out:
-    spin_compare_free(&c);
-    return status;
+        SPIN_TRY(spin_compare_figures(&c, figures));
+    return spin_json_finish(json_pack("{s:O}", "runs", c.runs), report);
 }

@@ -124,25 +124,23 @@ static spin_status check_preset(const struct convert *c)
 static spin_status check_bundle(const struct convert *c)
 {
     const char *written[] = {c->bundle, c->tracks};
-    char *input = NULL, *path = NULL;
-    spin_status status = SPIN_OK;
+    SPIN_FREED char *input = NULL;
 
     if (c->imports)
         return SPIN_OK;
     SPIN_TRY(spin_path_absolute(c->import, &input));
-    for (int i = 0; i < 2 && status == SPIN_OK; i++) {
+    for (int i = 0; i < 2; i++) {
+        SPIN_FREED char *path = NULL;
+
         if (!written[i] || !spin_path_is_taken(written[i]))
             continue;
-        status = spin_path_absolute(written[i], &path);
-        if (status == SPIN_OK && strcmp(input, path) == 0 && (i == 0 || !c->is_trained))
-            status = spin_misuse("the retrained clip would be '%s', which is the input: give "
-                                 "another name with --output",
-                                 written[i]);
-        free(path);
-        path = NULL;
+        SPIN_TRY(spin_path_absolute(written[i], &path));
+        if (strcmp(input, path) == 0 && (i == 0 || !c->is_trained))
+            return spin_misuse("the retrained clip would be '%s', which is the input: give "
+                               "another name with --output",
+                               written[i]);
     }
-    free(input);
-    return status;
+    return SPIN_OK;
 }
 
 /* ---- The steps ------------------------------------------------------------------------------------- */
@@ -204,28 +202,24 @@ static bool retrains(const struct convert *c)
 /* What there is to work on, and whether that can be done. */
 static spin_status look(struct convert *c)
 {
-    struct spin_bundle bundle;
-    char *data = NULL, frames[48];
-    spin_status status;
+    SPIN_LEAVES(spin_bundle_close) struct spin_bundle bundle = {0};
+    SPIN_FREED char *data = NULL;
+    char frames[48];
 
-    memset(&bundle, 0, sizeof bundle);
-    SPIN_TRY_OUT(spin_bundle_open(c->import, &bundle));
-    SPIN_TRY_OUT(spin_bundle_data_path(&bundle, &data));
+    SPIN_TRY(spin_bundle_open(c->import, &bundle));
+    SPIN_TRY(spin_bundle_data_path(&bundle, &data));
     c->has_data = c->o->data || (data && spin_path_exists(data));
     c->is_tracks = spin_bundle_is_trained_by_tracks(&bundle);
     c->is_trained = spin_bundle_is_trained(&bundle) || spin_bundle_is_trained_4d(&bundle) ||
                     bundle.refined.columns;
     if (retrains(c)) {
-        SPIN_TRY_OUT(check_preset(c));
-        SPIN_TRY_OUT(check_bundle(c));
+        SPIN_TRY(check_preset(c));
+        SPIN_TRY(check_bundle(c));
     }
     spin_log(0, "%s '%s': %s of %s%s%s", c->imports ? "imported" : "opened", c->o->input,
              spin_text_count(bundle.meta.n_frames, "frame", frames), bundle.meta.from,
              *bundle.meta.variant ? ", " : "", bundle.meta.variant);
-out:
-    free(data);
-    spin_bundle_close(&bundle);
-    return status;
+    return SPIN_OK;
 }
 
 /* Here it goes on by itself. */
@@ -246,11 +240,12 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
     const struct spin_convert_options *o = c->o;
     struct spin_retrain_options retrain;
     bool own_data = !c->imports && input == c->import;
-    char *part = NULL, *text = NULL;
+    SPIN_FREED char *part = NULL;
+    char *text = NULL;
     spin_status status;
 
     SPIN_TRY(put_together(output, strlen(output), ".part", &part));
-    SPIN_TRY_OUT(spin_retrain_preset(o->preset ? o->preset : "quick", &retrain));
+    SPIN_TRY(spin_retrain_preset(o->preset ? o->preset : "quick", &retrain));
     retrain.method = rows ? SPIN_METHOD_4D : retrain.method;
     retrain.tracks |= retrain.method == SPIN_METHOD_TRACKS;
     retrain.antialias &= !c->tracks; /* 4D splats in files are drawn without */
@@ -268,11 +263,8 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
         retrain.resume = false;
         status = spin_retrain(&retrain, &text);
     }
-    status = status == SPIN_OK ? add_report(c, rows ? "rows" : "retrain", text)
-                               : say_how_to_go_on(status);
-out:
-    free(part);
-    return status;
+    return status == SPIN_OK ? add_report(c, rows ? "rows" : "retrain", text)
+                             : say_how_to_go_on(status);
 }
 
 /* What is exported is c->bundle then. */

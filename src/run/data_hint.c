@@ -53,7 +53,8 @@ static void look_beside(struct found *found, const char *input, const char *fold
 static struct found search(const char *input)
 {
     struct found found = {0};
-    char *absolute = NULL, *folder = NULL, *copy = NULL;
+    SPIN_FREED char *absolute = NULL, *folder = NULL;
+    char *copy = NULL;
 
     if (spin_path_absolute(input, &absolute) == SPIN_OK &&
         spin_path_folder(absolute, &folder) == SPIN_OK) {
@@ -65,8 +66,6 @@ static struct found search(const char *input)
         if (found.n == 0)
             look_beside(&found, absolute, folder);
     }
-    free(folder);
-    free(absolute);
     return found;
 }
 

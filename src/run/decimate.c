@@ -679,17 +679,16 @@ static spin_status add_picture(struct spin_decimation *d, int f, const struct sp
                                double *sum, double *n, int *n_pictures)
 {
     size_t pixels = (size_t)camera->width * (size_t)camera->height;
-    float *image = NULL;
+    SPIN_FREED float *image = NULL;
     bool blank = true;
-    spin_status status;
 
     SPIN_TRY(spin_alloc(6 * pixels, sizeof *image, (void **)&image));
-    SPIN_TRY_OUT(draw(d, f, false, camera, image));
+    SPIN_TRY(draw(d, f, false, camera, image));
     for (size_t i = 0; i < 3 * pixels && blank; i++)
         blank = image[i] == d->background[i / pixels];
     if (blank)
-        goto out;
-    SPIN_TRY_OUT(draw(d, f, true, camera, image + 3 * pixels));
+        return SPIN_OK;
+    SPIN_TRY(draw(d, f, true, camera, image + 3 * pixels));
     for (size_t i = 0; i < 3 * pixels; i++) {
         double off =
             fmin(fmax((double)image[i], 0), 1) - fmin(fmax((double)image[3 * pixels + i], 0), 1);
@@ -698,9 +697,7 @@ static spin_status add_picture(struct spin_decimation *d, int f, const struct sp
     }
     *n += 3.0 * (double)pixels;
     ++*n_pictures;
-out:
-    free(image);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decimated *out)
@@ -785,22 +782,19 @@ static spin_status try_share(struct spin_decimation *d, double share, const char
 {
     int level = spin_log_level();
     size_t room = strlen(output) + 64;
-    char *folder = NULL, *path = NULL;
+    SPIN_FREED char *folder = NULL, *path = NULL;
     spin_status status;
 
     SPIN_TRY(spin_decimation_choose(d, SPIN_DECIMATE_SHARE, share));
-    SPIN_TRY_OUT(spin_alloc(room, 1, (void **)&folder));
+    SPIN_TRY(spin_alloc(room, 1, (void **)&folder));
     snprintf(folder, room, "%.*s.tmp.%ld", (int)strlen(output) - spin_text_ends(output, "/"),
              output, (long)getpid());
-    SPIN_TRY_OUT(spin_path_join(folder, spin_path_name(output), &path));
-    SPIN_TRY_OUT(spin_folder_make(folder));
+    SPIN_TRY(spin_path_join(folder, spin_path_name(output), &path));
+    SPIN_TRY(spin_folder_make(folder));
     spin_log_set_level(-2); /* it is said when it is written for good */
     status = write(context, path);
     spin_log_set_level(level);
     *bytes = take_away(folder);
-out:
-    free(folder);
-    free(path);
     return status;
 }
 

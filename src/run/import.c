@@ -179,7 +179,7 @@ static void note_focal(struct import *im)
 static spin_status attach_data(struct import *im)
 {
     const struct spin_import_options *o = im->o;
-    char *folder = NULL;
+    SPIN_FREED char *folder = NULL;
     spin_status status;
 
     if (!im->data)
@@ -195,11 +195,8 @@ static spin_status attach_data(struct import *im)
     SPIN_TRY(status);
     if (!o->output)
         return SPIN_OK;
-    SPIN_TRY_OUT(spin_path_folder(o->output, &folder));
-    SPIN_TRY_OUT(spin_path_relative(folder, im->data, &im->meta.data_path));
-out:
-    free(folder);
-    return status;
+    SPIN_TRY(spin_path_folder(o->output, &folder));
+    return spin_path_relative(folder, im->data, &im->meta.data_path);
 }
 
 /* ---- Which frames ------------------------------------------------------------------------------ */

@@ -14,9 +14,8 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
 {
     const spin_json *json = spin_json_get(spin_json_get(bundle->json, "trained"), "tracks");
     int64_t n, moving, varying, shape[2] = {-1, SPIN_TRACK_WIDTH};
-    struct spin_bundle_values v;
+    SPIN_LEAVES(spin_bundle_values_close) struct spin_bundle_values v = {0};
     void *block = NULL;
-    spin_status status;
 
     out->bundle = bundle;
     if (!json)
@@ -29,19 +28,17 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
     spin_json_bool(spin_json_get(json, "same_rows"), &out->same_rows);
     shape[0] = n;
     SPIN_TRY(spin_bundle_values_open(bundle, "trained/tracks", -1, 'f', 2, shape, &v));
-    SPIN_TRY_OUT(spin_alloc((size_t)n + 1, SPIN_TRACK_WIDTH * sizeof *out->values, &block));
+    SPIN_TRY(spin_alloc((size_t)n + 1, SPIN_TRACK_WIDTH * sizeof *out->values, &block));
     out->values = block;
     out->n = (size_t)n;
     out->n_moving = (size_t)moving;
     out->n_varying = (size_t)varying;
     spin_bundle_values_get(&v, 0, (size_t)v.count, out->values);
-    for (size_t i = 0; i < v.count && status == SPIN_OK; i++)
+    for (size_t i = 0; i < v.count; i++)
         if (!isfinite(out->values[i]))
-            status = spin_malformed("array 'trained/tracks' is not finite in row %zu",
-                                    i / SPIN_TRACK_WIDTH);
-out:
-    spin_bundle_values_close(&v);
-    return status;
+            return spin_malformed("array 'trained/tracks' is not finite in row %zu",
+                                  i / SPIN_TRACK_WIDTH);
+    return SPIN_OK;
 }
 
 void spin_bundle_tracks_close(struct spin_bundle_tracks *t)
@@ -56,9 +53,8 @@ static spin_status read_own(struct spin_bundle_tracks *t, const char *what, int 
                             const float *room_end, float *out, size_t *n)
 {
     int64_t shape[2] = {-1, width};
-    struct spin_bundle_values v;
+    SPIN_LEAVES(spin_bundle_values_close) struct spin_bundle_values v = {0};
     char series[32], name[64];
-    spin_status status = SPIN_OK;
 
     *n = 0;
     snprintf(series, sizeof series, "trained/%s", what);
@@ -66,15 +62,12 @@ static spin_status read_own(struct spin_bundle_tracks *t, const char *what, int 
     if (!spin_npz_has(&t->bundle->npz, name))
         return SPIN_OK;
     SPIN_TRY(spin_bundle_values_open(t->bundle, series, index, 'f', 2, shape, &v));
-    if (v.count > (uint64_t)(room_end - out)) {
-        status = spin_malformed("array '%s' has %" PRIu64 " rows, more than the frame", name,
-                                v.shape[0]);
-    } else {
-        spin_bundle_values_get(&v, 0, (size_t)v.count, out);
-        *n = (size_t)v.shape[0];
-    }
-    spin_bundle_values_close(&v);
-    return status;
+    if (v.count > (uint64_t)(room_end - out))
+        return spin_malformed("array '%s' has %" PRIu64 " rows, more than the frame", name,
+                              v.shape[0]);
+    spin_bundle_values_get(&v, 0, (size_t)v.count, out);
+    *n = (size_t)v.shape[0];
+    return SPIN_OK;
 }
 
 spin_status spin_bundle_tracks_numbers(struct spin_bundle_tracks *t, int index, size_t n,

@@ -246,15 +246,14 @@ static spin_status look_below(const struct spin_peek *peek, bool want_views,
                               const struct spin_importer **out, char **in)
 {
     const struct spin_importer *first = NULL;
-    char *below = NULL;
+    SPIN_FREED char *below = NULL;
     int n = 0, n_looked_at = 0;
-    spin_status status;
 
     for (size_t i = 0; peek->names[i] && n_looked_at < MAX_BELOW; i++) {
         const struct spin_importer *found = NULL;
         SPIN_FREED char *path = NULL;
 
-        SPIN_TRY_OUT(spin_path_join(peek->path, peek->names[i], &path));
+        SPIN_TRY(spin_path_join(peek->path, peek->names[i], &path));
         if (spin_path_is_folder(path)) {
             found = spin_importer_guess(path, want_views);
             n_looked_at++;
@@ -266,25 +265,21 @@ static spin_status look_below(const struct spin_peek *peek, bool want_views,
             path = NULL;
         }
     }
-    status = SPIN_OK;
     if (n == 0) {
-        status = spin_fail(SPIN_E_NOT_RECOGNISED,
-                           "cannot recognise '%s': no importer knows it (see spin-import --list)",
-                           peek->path);
+        return spin_fail(SPIN_E_NOT_RECOGNISED,
+                         "cannot recognise '%s': no importer knows it (see spin-import --list)",
+                         peek->path);
     } else if (n == 1 && in) {
         *out = first;
         *in = below;
         below = NULL;
-    } else {
-        status = spin_fail(SPIN_E_NOT_RECOGNISED, "cannot recognise '%s': %s '%s' (%s)", peek->path,
-                           n > 1        ? "it holds several, such as"
-                           : want_views ? "the data set is in"
-                                        : "the run is in",
-                           below, first->name);
+        return SPIN_OK;
     }
-out:
-    free(below);
-    return status;
+    return spin_fail(SPIN_E_NOT_RECOGNISED, "cannot recognise '%s': %s '%s' (%s)", peek->path,
+                     n > 1        ? "it holds several, such as"
+                     : want_views ? "the data set is in"
+                                  : "the run is in",
+                     below, first->name);
 }
 
 static spin_status fail_unknown(const struct spin_peek *peek)
@@ -326,16 +321,13 @@ static spin_status find_by_probe(const struct spin_peek *peek, bool want_views,
 static spin_status find(const char *path, const char *from, bool want_views,
                         const struct spin_importer **out, char **in)
 {
-    struct spin_peek peek;
-    spin_status status;
+    SPIN_LEAVES(spin_peek_free) struct spin_peek peek = {0};
 
     *out = NULL;
     if (from)
         return find_by_name(from, want_views, out);
     SPIN_TRY(spin_peek_open(path, &peek));
-    status = find_by_probe(&peek, want_views, out, in);
-    spin_peek_free(&peek);
-    return status;
+    return find_by_probe(&peek, want_views, out, in);
 }
 
 spin_status spin_importer_find(const char *path, const char *from, bool want_views,

@@ -428,23 +428,20 @@ static spin_status read_header(const struct spin_checkpoint *c, struct spin_npz 
 {
     const struct spin_zip_member *member = spin_zip_find(&npz->zip, "state.json");
     const unsigned char *bytes;
-    void *owned = NULL;
+    SPIN_FREED void *owned = NULL;
     const char *fingerprint;
-    spin_status status;
 
     *out = NULL;
     if (!member)
         return spin_malformed("no state.json");
-    SPIN_TRY_OUT(spin_zip_read(&npz->zip, member, true, 1 << 26, &bytes, &owned));
-    SPIN_TRY_OUT(spin_json_parse("state.json", (const char *)bytes, member->size, out));
+    SPIN_TRY(spin_zip_read(&npz->zip, member, true, 1 << 26, &bytes, &owned));
+    SPIN_TRY(spin_json_parse("state.json", (const char *)bytes, member->size, out));
     fingerprint = spin_json_string(spin_json_get(*out, "fingerprint"));
     if (!fingerprint || strcmp(fingerprint, c->fingerprint) != 0)
-        status = spin_misuse("it was made from another input or with other options "
-                             "than these, or its images have changed; give the same "
-                             "ones, or --force without --resume to start anew");
-out:
-    free(owned);
-    return status;
+        return spin_misuse("it was made from another input or with other options "
+                           "than these, or its images have changed; give the same "
+                           "ones, or --force without --resume to start anew");
+    return SPIN_OK;
 }
 
 static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t,

@@ -262,35 +262,30 @@ spin_status spin_frames_load(struct spin_frames *frames, struct spin_plan *plan,
                              struct spin_refinement *refinement, const struct spin_tracks *tracks,
                              struct spin_trainer *trainer, bool first_values)
 {
-    struct first_tracks first = {0};
+    SPIN_LEAVES(close_first_tracks) struct first_tracks first = {0};
     struct spin_refinement *from = refinement->frame ? refinement : NULL;
     unsigned columns = first_values ? first_columns(plan, from != NULL) : SPIN_COL_MEANS;
     struct spin_scene_transform *transform = &trainer->field.transform;
-    struct spin_splats splats = {0};
-    struct spin_point_sample sample = {0};
+    SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
+    SPIN_LEAVES(spin_point_sample_close) struct spin_point_sample sample = {0};
     void *block = NULL;
-    spin_status status;
 
-    SPIN_TRY_OUT(spin_alloc((size_t)plan->clip.n_frames, sizeof *frames->permutation, &block));
+    SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *frames->permutation, &block));
     frames->permutation = block;
     frames->n = plan->clip.n_frames;
     frames->init_log_scale = plan->o->init_log_scale;
-    SPIN_TRY_OUT(open_first_tracks(&first, tracks));
-    SPIN_TRY_OUT(spin_point_sample_open(&sample, plan->clip.n_frames));
+    SPIN_TRY(open_first_tracks(&first, tracks));
+    SPIN_TRY(spin_point_sample_open(&sample, plan->clip.n_frames));
     for (int f = 0; f < frames->n; f++) {
-        SPIN_TRY_OUT(read_frame(plan, from, f, columns, &splats));
+        SPIN_TRY(read_frame(plan, from, f, columns, &splats));
         spin_point_sample_add(&sample, &splats);
-        SPIN_TRY_OUT(load_frame(frames, plan, &first, trainer, f, &splats, first_values));
+        SPIN_TRY(load_frame(frames, plan, &first, trainer, f, &splats, first_values));
     }
     if (first_values)
-        SPIN_TRY_OUT(send_first_tracks(&first, trainer));
+        SPIN_TRY(send_first_tracks(&first, trainer));
     fit_transform(plan->o, &sample, transform);
     plan->report->outside_ball = share_outside(&sample, transform);
-out:
-    close_first_tracks(&first);
-    spin_point_sample_close(&sample);
-    spin_splats_free(&splats);
-    return status;
+    return SPIN_OK;
 }
 
 void spin_frames_close(struct spin_frames *frames)

@@ -295,9 +295,8 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
 {
     struct spin_plan *plan = output->plan;
     unsigned kept = spin_refinement_columns(plan);
-    struct spin_splats splats = {0};
+    SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
     const struct spin_splats_4d *four_d;
-    spin_status status = SPIN_OK;
 
     if (plan->o->method == SPIN_METHOD_4D)
         return write_rows(output, w, meta);
@@ -305,23 +304,21 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
     if (four_d)
         SPIN_TRY(spin_bundle_write_4d(w, four_d, SPIN_ROUND_NOTHING, meta));
     for (int f = 0; !four_d && f < plan->clip.n_frames; f++) {
-        SPIN_TRY_OUT(spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, f), meta->columns,
-                                       &splats));
-        SPIN_TRY_OUT(spin_bundle_write_frame(w, f, meta->columns, meta->static_columns, &splats));
+        SPIN_TRY(spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, f), meta->columns,
+                                   &splats));
+        SPIN_TRY(spin_bundle_write_frame(w, f, meta->columns, meta->static_columns, &splats));
     }
     for (int f = 0; output->refinement->frame && f < plan->clip.n_frames; f++) {
-        SPIN_TRY_OUT(spin_refinement_read(output->refinement, plan, f, kept, &splats));
+        SPIN_TRY(spin_refinement_read(output->refinement, plan, f, kept, &splats));
         if (plan->o->method == SPIN_METHOD_FRAMES && f == 0)
-            SPIN_TRY_OUT(set_refined_units(output, &w->packer, kept, splats.sh_degree));
+            SPIN_TRY(set_refined_units(output, &w->packer, kept, splats.sh_degree));
         if (plan->o->method == SPIN_METHOD_FRAMES) /* else they are what a network began with */
             round_splats(output, kept, &splats);
-        SPIN_TRY_OUT(spin_bundle_write_refined(w, f, kept, &splats));
+        SPIN_TRY(spin_bundle_write_refined(w, f, kept, &splats));
     }
     if (plan->o->method != SPIN_METHOD_FRAMES)
-        status = write_network(output, w, whole, same_rows);
-out:
-    spin_splats_free(&splats);
-    return status;
+        return write_network(output, w, whole, same_rows);
+    return SPIN_OK;
 }
 
 /* ---- meta.json ---------------------------------------------------------------------------------- */
@@ -380,12 +377,11 @@ static spin_status cameras_to_json(const struct spin_output *output, spin_json *
 {
     const struct spin_param *exposure = &output->trainer->exposures.param;
     struct spin_device *d = output->trainer->device;
-    spin_json *all = NULL;
-    void *block = NULL;
-    spin_status status;
+    spin_json *all;
+    SPIN_FREED void *block = NULL;
 
-    SPIN_TRY_OUT(spin_alloc(exposure->n + 1, sizeof(float), &block));
-    SPIN_TRY_OUT(d->op->download(d, block, exposure->p, exposure->n * sizeof(float)));
+    SPIN_TRY(spin_alloc(exposure->n + 1, sizeof(float), &block));
+    SPIN_TRY(d->op->download(d, block, exposure->p, exposure->n * sizeof(float)));
     all = spin_json_array();
     for (size_t i = 0; i < output->trainer->exposures.n_cameras; i++) {
         spin_json *one = spin_json_object(), *gain = spin_json_array(), *offset = spin_json_array();
@@ -400,10 +396,8 @@ static spin_status cameras_to_json(const struct spin_output *output, spin_json *
         spin_json_set(one, "offset", offset);
         spin_json_push(all, one);
     }
-out:
-    free(block);
     *json = all;
-    return status;
+    return SPIN_OK;
 }
 
 static void tracks_to_json(const struct spin_trainer *t, bool same_rows, spin_json *network)
@@ -492,13 +486,11 @@ static spin_status write_whole(const struct spin_output *output, const float SPI
 {
     const struct spin_retrain_options *o = output->plan->o;
     struct spin_bundle_writer w;
-    struct spin_bundle_meta meta;
+    SPIN_LEAVES(spin_bundle_meta_free) struct spin_bundle_meta meta = {0};
     spin_json *extra = spin_json_object();
     bool same_rows = false;
-    spin_status status;
+    spin_status status = spin_bundle_writer_open(o->output, o->force, true, &w);
 
-    memset(&meta, 0, sizeof meta);
-    status = spin_bundle_writer_open(o->output, o->force, true, &w);
     w.zip.n_threads = o->n_threads;
     if (status != SPIN_OK) {
         spin_json_free(extra);
@@ -508,12 +500,9 @@ static spin_status write_whole(const struct spin_output *output, const float SPI
     SPIN_TRY_OUT(fill_meta(output, &meta));
     SPIN_TRY_OUT(write_splats(output, &w, &meta, whole, &same_rows));
     SPIN_TRY_OUT(describe(output, same_rows, extra));
-    status = spin_bundle_writer_finish(&w, &meta, extra);
-    spin_bundle_meta_free(&meta);
-    return status;
+    return spin_bundle_writer_finish(&w, &meta, extra);
 out:
     spin_json_free(extra);
-    spin_bundle_meta_free(&meta);
     spin_bundle_writer_abandon(&w);
     return status;
 }

@@ -39,23 +39,17 @@ spin_status spin_test_views_measure_input(struct spin_plan *plan, struct spin_ph
                                           struct spin_device *device, struct spin_quality *out)
 {
     bool trained = plan->o->method == SPIN_METHOD_4D;
-    struct spin_lenses lenses = {0};
-    struct spin_player input;
-    spin_status status;
+    SPIN_LEAVES(spin_lenses_free) struct spin_lenses lenses = {0};
+    SPIN_LEAVES(spin_player_close) struct spin_player input = {0};
 
     memset(out, 0, sizeof *out);
     if (!trained && !spin_plan_has_source(plan))
         return SPIN_OK;
     SPIN_TRY(spin_player_open(&input, device, &plan->clip.bundle,
                               trained ? SPIN_FROM_TRAINED : SPIN_FROM_SOURCE));
-    status = set_lenses(plan, &input, &lenses);
-    if (status == SPIN_OK)
-        status =
-            spin_test_views_measure(plan, photos, &input, NULL,
-                                    trained ? "evaluating the clip" : "evaluating the source", out);
-    spin_player_close(&input);
-    spin_lenses_free(&lenses);
-    return status;
+    SPIN_TRY(set_lenses(plan, &input, &lenses));
+    return spin_test_views_measure(plan, photos, &input, NULL,
+                                   trained ? "evaluating the clip" : "evaluating the source", out);
 }
 
 /* One of the preview's pictures. source may be NULL. */

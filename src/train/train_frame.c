@@ -111,20 +111,17 @@ spin_status spin_train_frame_download(const struct spin_train_frame *frame, stru
 {
     size_t n = frame->size.n_residual;
     struct arrays from = arrays_of(frame, which);
-    float *host = NULL;
-    spin_status status;
+    SPIN_FREED float *host = NULL;
 
-    SPIN_TRY_OUT(reserve_host(frame, &host));
-    SPIN_TRY_OUT(download_rows(d, from.pos, frame->size.n_pos, 3, row_of, host, rows.pos));
+    SPIN_TRY(reserve_host(frame, &host));
+    SPIN_TRY(download_rows(d, from.pos, frame->size.n_pos, 3, row_of, host, rows.pos));
     if (rows.residual.at && n > 0) {
-        SPIN_TRY_OUT(d->op->download(d, host, from.residual, SPIN_RESIDUAL * n * sizeof *host));
+        SPIN_TRY(d->op->download(d, host, from.residual, SPIN_RESIDUAL * n * sizeof *host));
         spin_residual_to_rows(n, host, row_of, rows.residual.at, rows.residual.stride);
     }
     if (frame->sh)
-        status = download_rows(d, from.sh, frame->size.n, frame->sh_width, row_of, host, rows.sh);
-out:
-    free(host);
-    return status;
+        return download_rows(d, from.sh, frame->size.n, frame->sh_width, row_of, host, rows.sh);
+    return SPIN_OK;
 }
 
 /* n rows of one width, of which the first n_free have the rate lr and the others `tracked` times that. */

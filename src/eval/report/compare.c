@@ -212,23 +212,20 @@ static spin_status make_sheet(const struct spin_compare *c, const struct spin_co
 static spin_status sheet_text(const struct spin_compare *c, const struct spin_compare_row *row,
                               char **text, struct sheet *s)
 {
-    unsigned char *bytes = NULL;
+    SPIN_FREED unsigned char *bytes = NULL;
     size_t n, n_text;
     FILE *out;
-    spin_status status;
 
     *text = NULL;
     *s = (struct sheet){0};
-    SPIN_TRY_OUT(make_sheet(c, row, s));
-    SPIN_TRY_OUT(spin_image_encode(s->width, s->height, s->rgb, &bytes, &n));
+    SPIN_TRY(make_sheet(c, row, s));
+    SPIN_TRY(spin_image_encode(s->width, s->height, s->rgb, &bytes, &n));
     out = open_memstream(text, &n_text);
     if (out)
         spin_text_base64(out, bytes, n);
     if (!out || fclose(out) != 0)
-        status = spin_fail(SPIN_E_MEMORY, "no memory for a picture");
-out:
-    free(bytes);
-    return status;
+        return spin_fail(SPIN_E_MEMORY, "no memory for a picture");
+    return SPIN_OK;
 }
 
 /* ---- Curves -------------------------------------------------------------------------------------- */

@@ -179,9 +179,8 @@ static void draw_history(const struct spin_train_log *h, FILE *to)
 static spin_status add_curves(const struct spin_report *r, spin_json *page,
                               const spin_json *const report[2])
 {
-    struct spin_train_log history = {0};
-    SPIN_FREED char *frames = NULL;
-    SPIN_FREED char *training = NULL;
+    SPIN_LEAVES(spin_train_log_free) struct spin_train_log history = {0};
+    SPIN_FREED char *frames = NULL, *training = NULL;
     size_t n;
     FILE *over_frames = open_memstream(&frames, &n), *over_training = open_memstream(&training, &n);
     spin_status status =
@@ -201,7 +200,6 @@ static spin_status add_curves(const struct spin_report *r, spin_json *page,
     spin_json_set_string(page, "over_training", training);
     if (history.total_seconds > 0)
         spin_json_set_number(page, "minutes", history.total_seconds / 60);
-    spin_train_log_free(&history);
     return status;
 }
 
