@@ -75,10 +75,11 @@ static void pack_chunk(const struct export *x, size_t first, size_t n, float *ra
     }
 }
 
-static void pack_task(void *context, int task, int worker)
+static void pack_task(void *context, int task)
 {
     struct export *x = context;
-    float *range = (float *)(void *)(x->scratch + (size_t)worker * x->frames.scratch_bytes);
+    float *range =
+        (float *)(void *)(x->scratch + (size_t)spin_pool_worker() * x->frames.scratch_bytes);
     uint32_t(*word)[4] = (uint32_t(*)[4])(void *)(range + CHUNKS_PER_TASK * RANGES);
     size_t first = (size_t)task * SPIN_ROWS_BLOCK, n = x->frames.rows.n_kept - first;
     size_t n_chunks;
@@ -102,7 +103,7 @@ static void pack_task(void *context, int task, int worker)
 /* ---- SH -------------------------------------------------------------------------------------- */
 
 /* Colours and SH of a block of the source to their places in the order of the file. */
-static void scatter_block(void *context, int b, int worker)
+static void scatter_block(void *context, int b)
 {
     struct export *x = context;
     const struct spin_splat_filter *rows = &x->frames.rows;
@@ -110,7 +111,6 @@ static void scatter_block(void *context, int b, int worker)
     size_t n_rest = spin_n_rest(degree_of(x));
     float room[3 * SPIN_SH_MAX], lost[3 * SPIN_SH_MAX];
 
-    (void)worker;
     for (end = end < rows->splats->n ? end : rows->splats->n; i < end; i++) {
         if (!rows->keep[i])
             continue;
@@ -247,22 +247,14 @@ static const struct spin_frames_format format = {
     .end = end,
 };
 
-static spin_status compressed_begin(const struct spin_export_job *job, void **self)
-{
-    return spin_frames_begin(&format, job, self);
-}
+SPIN_FRAMES_BEGIN(compressed_begin, &format)
 
-extern const struct spin_exporter spin_exporter_compressed_ply;
 const struct spin_exporter spin_exporter_compressed_ply = {
-    .abi = SPIN_PLUGIN_ABI,
+    SPIN_FRAMES_PLUGIN,
     .name = "compressed-ply",
     .summary = "a folder with one compressed PLY per frame, for SuperSplat and PlayCanvas",
     .options = options,
     .checks = true,
     .antialias = true,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = compressed_begin,
-    .frame = spin_frames_frame,
-    .end = spin_frames_end,
-    .abort = spin_frames_abort,
 };

@@ -72,14 +72,14 @@ struct writing {
 };
 
 /* The rows of a block, taken apart; each fresh attribute goes to its place. */
-static void write_block(void *context, int number, int worker)
+static void write_block(void *context, int number)
 {
     struct writing *w = context;
     const struct export *x = w->x;
     const struct spin_splat_filter *rows = &x->frames.rows;
     const struct spin_glb_clip *clip = &x->clip;
     unsigned char *column[SPIN_GLB_MAX_ATTRIBUTES];
-    unsigned char *to = w->scratch + (size_t)worker * x->frames.scratch_bytes;
+    unsigned char *to = w->scratch + (size_t)spin_pool_worker() * x->frames.scratch_bytes;
     size_t b = (size_t)number, i = b * BLOCK, end = i + BLOCK, n = 0;
     float *bounds = w->bounds + 6 * b;
     int error = 0;
@@ -237,10 +237,9 @@ static spin_status add_to_file(struct export *x, const struct spin_frame_info *i
     all = (double)x->clip.row *
           ((double)x->still.n + (double)rows->n_kept * (double)x->clip.n_frames);
     if (x->n_done == 0 && all > (double)UINT32_MAX) /* before the hours of writing, not after */
-        spin_warn(
-            "%d frames like the first may be %.1f GB, a .glb ends at 4.3 GB; see --range, --sh "
-            "and --min-opacity, or give a folder",
-            x->clip.n_frames, all / 1e9);
+        spin_warn("%d frames like the first may be %.1f GB, a .glb ends at 4.3 GB; see --range, "
+                  "--sh and --min-opacity, or give a folder",
+                  x->clip.n_frames, all / 1e9);
     SPIN_TRY(write_rows(x, info, &x->frame[x->n_done]));
     if (x->n_done == 0 && x->still.n > 0) {
         spin_still_rows_only(&x->still, rows);
@@ -263,7 +262,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     SPIN_TRY(spin_option_word(v, "axes", "gltf|source", &axes));
     x->frames.axes = axes == 0 ? half_about_z : NULL;
     if (spin_plugin_value(v, "still-apart", NULL) && !x->single)
-        return spin_fail(SPIN_E_USAGE, "--still-apart is for a clip in one file, OUT.glb");
+        return spin_misuse("--still-apart is for a clip in one file, OUT.glb");
     x->frames.fps = job->fps > 0 ? job->fps : DEFAULT_FPS;
     return spin_option_number(v, "fps", 0.001, 1e6, &x->frames.fps);
 }
@@ -402,7 +401,6 @@ static void gltf_abort(void *self)
         spin_frames_abort(self);
 }
 
-extern const struct spin_exporter spin_exporter_gltf;
 const struct spin_exporter spin_exporter_gltf = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "gltf",

@@ -11,11 +11,9 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "base/err.h"
 #include "base/log.h"
 #include "base/option.h"
 #include "base/mem.h"
-#include "base/text.h"
 #include "exporters/html/page.h"
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/page_draft.h"
@@ -338,8 +336,7 @@ static spin_status write_clip(struct export *x)
     const struct spin_page_space *space = &x->space;
     const char *file = spin_path_name(x->job->output);
     spin_json *j = spin_json_object(), *versions = spin_json_array();
-    char *text;
-    spin_status status;
+    SPIN_FREED char *text = NULL;
 
     set_name(j, "name", file, stem_of(file));
     if (x->title)
@@ -366,12 +363,11 @@ static spin_status write_clip(struct export *x)
     spin_json_set(j, "versions", versions);
     text = spin_json_text(j, false);
     spin_json_free(j);
-    status = text ? write_text(x, "<script type=\"application/json\" id=\"clip\">")
-                  : spin_fail(SPIN_E_MEMORY, "no memory for the page");
-    for (const char *c = text; c && *c && status == SPIN_OK; c++)
-        status = *c == '<' ? write_text(x, "\\u003c") : spin_out_write(&x->out, c, 1);
-    free(text);
-    return status == SPIN_OK ? write_text(x, "</script>\n") : status;
+    SPIN_TRY(text ? write_text(x, "<script type=\"application/json\" id=\"clip\">")
+                  : spin_fail(SPIN_E_MEMORY, "no memory for the page"));
+    for (const char *c = text; c && *c; c++)
+        SPIN_TRY(*c == '<' ? write_text(x, "\\u003c") : spin_out_write(&x->out, c, 1));
+    return write_text(x, "</script>\n");
 }
 
 static spin_status write_script(struct export *x, const char *how, const char *text)
@@ -703,7 +699,7 @@ static void say_errors(const struct export *x)
 /* The blocks first, so that no page is without them. */
 static spin_status commit(struct export *x)
 {
-    char *path = NULL;
+    SPIN_FREED char *path = NULL;
     spin_status status;
 
     if (!x->split)
@@ -722,7 +718,6 @@ static spin_status commit(struct export *x)
         if (status != SPIN_OK)
             unlink(path);
     }
-    free(path);
     return status;
 }
 
@@ -755,7 +750,6 @@ out:
 
 static void html_abort(void *self) { abandon(self); }
 
-extern const struct spin_exporter spin_exporter_html;
 const struct spin_exporter spin_exporter_html = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "html",

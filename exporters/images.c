@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "base/err.h"
-#include "base/log.h"
 #include "base/mem.h"
 #include "base/option.h"
 #include "exporters/lib/camera_path.h"
@@ -83,21 +82,17 @@ static spin_status export_picture(struct export *x, char *name, int frame,
                                   const struct spin_splats *splats,
                                   const struct spin_camera *camera, const char *truth)
 {
-    char *path = NULL;
-    spin_status status;
+    SPIN_FREED char *path = NULL;
 
     if (x->film.exr)
         memcpy(strrchr(name, '.'), ".exr", 4);
     SPIN_TRY(spin_path_join(x->folder.path, name, &path));
-    SPIN_TRY_OUT(spin_camera_path_draw(&x->drawing, frame, splats, camera, truth));
-    SPIN_TRY_OUT(take_layers(x, camera));
+    SPIN_TRY(spin_camera_path_draw(&x->drawing, frame, splats, camera, truth));
+    SPIN_TRY(take_layers(x, camera));
     x->film.width = x->drawing.n_panels * camera->width;
     x->film.height = camera->height;
     x->film.image = x->drawing.wide;
-    status = spin_film_write(path, &x->film, x->job->sync);
-out:
-    free(path);
-    return status;
+    return spin_film_write(path, &x->film, x->job->sync);
 }
 
 static void finish(struct export *x)
@@ -115,14 +110,14 @@ static spin_status check_options(const struct export *x)
 
     for (int i = 0; i < 2 && x->drawing.path == SPIN_PATH_CAMERA; i++)
         if (spin_plugin_value(v, moving[i], NULL))
-            return spin_fail(SPIN_E_USAGE, "--%s is for a camera that moves: see --path",
+            return spin_misuse("--%s is for a camera that moves: see --path",
                              moving[i]);
     if (spin_plugin_value(v, "fps", NULL) &&
         (x->drawing.path == SPIN_PATH_CAMERA || x->drawing.path == SPIN_PATH_FILE ||
          spin_plugin_value(v, "repeat", NULL)))
-        return spin_fail(SPIN_E_USAGE, "--fps needs --duration");
+        return spin_misuse("--fps needs --duration");
     if (spin_camera_path_is_own(&x->drawing) && spin_plugin_value(v, "views", NULL))
-        return spin_fail(SPIN_E_USAGE, "--views: %s",
+        return spin_misuse("--views: %s",
                          x->job->views ? "a camera that moves is none of the data set's"
                                        : "there is no data set, give --data DIR");
     return SPIN_OK;
@@ -139,18 +134,18 @@ static spin_status parse_film(struct export *x)
     bits = x->film.exr ? 16 : 8;
     SPIN_TRY(spin_option_count(v, "bits", 8, 32, &bits));
     if (bits != 16 && bits != (x->film.exr ? 32 : 8))
-        return spin_fail(SPIN_E_USAGE, "--bits %d: expected %s", bits,
+        return spin_misuse("--bits %d: expected %s", bits,
                          x->film.exr ? "16 or 32 in EXR" : "8 or 16 in PNG");
     x->film.bits = bits;
     SPIN_TRY(spin_option_word(v, "transfer", "linear|srgb", &word));
     x->film.linear = x->film.exr && word == 0;
     x->wants_depth = spin_plugin_value(v, "depth", NULL) != NULL;
     if (!x->film.exr && (x->wants_depth || spin_plugin_value(v, "transfer", NULL)))
-        return spin_fail(SPIN_E_USAGE, "--%s is for --format exr",
+        return spin_misuse("--%s is for --format exr",
                          x->wants_depth ? "depth" : "transfer");
     layers = layers || x->wants_depth;
     if (layers && (x->drawing.n_panels > 1 || x->drawing.panel[0] == SPIN_PANEL_TRUTH))
-        return spin_fail(SPIN_E_USAGE, "%s: only one panel, before or after, has that",
+        return spin_misuse("%s: only one panel, before or after, has that",
                          x->wants_depth ? "--depth" : "--background none");
     return SPIN_OK;
 }
@@ -169,7 +164,7 @@ static spin_status images_begin(const struct spin_export_job *job, void **self)
     SPIN_TRY_OUT(spin_option_word(job->values, "views", "test|train|all", &which));
     x->which = (enum which)which;
     if (!spin_camera_path_is_own(&x->drawing) && !any_chosen(x)) {
-        status = spin_fail(SPIN_E_NOT_FOUND, "the data set has no %s views; try --views all",
+        status = spin_not_found("the data set has no %s views; try --views all",
                            x->which == TEST ? "test" : "train");
         goto out;
     }
@@ -251,7 +246,6 @@ static void images_abort(void *self)
     finish(x);
 }
 
-extern const struct spin_exporter spin_exporter_images;
 const struct spin_exporter spin_exporter_images = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "images",

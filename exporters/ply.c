@@ -1,7 +1,6 @@
 /* One PLY per frame as 3D Gaussian Splatting writes it (formats/gs_ply.h). Rotations are written at unit
  * length with w >= 0, which some viewers assume. Axes are those of the training unless --up or --rotate
  * turn them. */
-#include <string.h>
 
 #include "exporters/lib/frames.h"
 #include "formats/gs_ply.h"
@@ -70,22 +69,14 @@ static const struct spin_frames_format format = {
     .write = ply_write,
 };
 
-static spin_status ply_begin(const struct spin_export_job *job, void **self)
-{
-    return spin_frames_begin(&format, job, self);
-}
+SPIN_FRAMES_BEGIN(ply_begin, &format)
 
-extern const struct spin_exporter spin_exporter_ply;
 const struct spin_exporter spin_exporter_ply = {
-    .abi = SPIN_PLUGIN_ABI,
+    SPIN_FRAMES_PLUGIN,
     .name = "ply",
     .summary = "a folder with one 3D Gaussian Splatting PLY per frame, for every viewer",
     .options = options,
     .checks = true,
     .antialias = true,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = ply_begin,
-    .frame = spin_frames_frame,
-    .end = spin_frames_end,
-    .abort = spin_frames_abort,
 };

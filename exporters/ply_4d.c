@@ -13,7 +13,6 @@
 #include <string.h>
 
 #include "base/err.h"
-#include "base/log.h"
 #include "base/mem.h"
 #include "base/option.h"
 #include "exporters/lib/bells_check.h"
@@ -181,7 +180,7 @@ static void fill_sogst(const struct export *x, size_t i, float *to)
 
 static spin_status write_rows(struct export *x)
 {
-    float *rows;
+    SPIN_FREED float *rows = NULL;
     spin_status status = SPIN_OK;
 
     SPIN_TRY(spin_alloc(BATCH, x->width * sizeof *rows, (void **)&rows));
@@ -194,7 +193,6 @@ static spin_status write_rows(struct export *x)
         status = spin_cancelled() ? spin_fail_cancelled()
                                   : spin_out_write(&x->out, rows, n * x->width * sizeof *rows);
     }
-    free(rows);
     return status;
 }
 
@@ -278,7 +276,7 @@ static spin_status write_file(struct export *x)
     SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->bells.view, 0));
     SPIN_TRY(spin_sort_rows_fill(&x->order, &x->rows));
     if (x->order.n == 0)
-        return spin_fail(SPIN_E_UNSUPPORTED, "no splat of the clip is left to write");
+        return spin_unsupported("no splat of the clip is left to write");
     print_header(x);
     SPIN_TRY(write_rows(x));
     if (job->report)
@@ -322,8 +320,6 @@ static const struct spin_plugin_option sogst_ply_options[] = {
     {"fps", "F", "frames per second of the clip; otherwise the bundle's", NULL},
     SPIN_ROWS_OPTION_SH,
     {0}};
-
-extern const struct spin_exporter spin_exporter_ftgs, spin_exporter_sogst_ply;
 
 const struct spin_exporter spin_exporter_ftgs = {
     .abi = SPIN_PLUGIN_ABI,

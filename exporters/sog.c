@@ -8,7 +8,6 @@
 
 #include "exporters/lib/frames.h"
 #include "exporters/lib/pictures.h"
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/option.h"
 #include "formats/sog.h"
@@ -56,16 +55,15 @@ static spin_status make_room(struct export *x)
     return spin_grow(spin_sog_palette(n - 1), width * sizeof *x->palette, (void **)&x->palette);
 }
 
-static void gather_task(void *context, int task, int worker)
+static void gather_task(void *context, size_t i, size_t end)
 {
     struct export *x = context;
     const struct spin_splat_filter *rows = &x->frames.rows;
-    size_t i = (size_t)task * SPIN_ROWS_BLOCK, end = i + SPIN_ROWS_BLOCK, width = n_rest(x);
+    size_t width = n_rest(x);
     size_t n_sh = 3 * (size_t)spin_splat_filter_n_sh(rows);
     float room[3 * SPIN_SH_MAX];
 
-    (void)worker;
-    for (end = end < rows->n_kept ? end : rows->n_kept; i < end; i++) {
+    for (; i < end; i++) {
         size_t row = x->order.item[i].row;
         const float *sh = spin_splat_filter_sh(rows, row, room);
 
@@ -123,7 +121,7 @@ static spin_status choose_coding(struct export *x)
     size_t n = rows->n_kept;
 
     SPIN_TRY(make_room(x));
-    spin_pool_run(rows->pool, (int)((n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK), gather_task, x);
+    spin_pool_rows(rows->pool, n, SPIN_ROWS_BLOCK, gather_task, x);
     x->sog.n = n;
     x->sog.sh_degree = rows->sh_degree;
     x->sog.antialias = x->frames.job->antialias;
@@ -187,15 +185,15 @@ static void code_row(const struct export *x, size_t i, struct spin_quant_error *
     }
 }
 
-static void code_task(void *context, int task, int worker)
+static void code_task(void *context, size_t i, size_t end)
 {
     struct export *x = context;
-    size_t i = (size_t)task * SPIN_ROWS_BLOCK, end = i + SPIN_ROWS_BLOCK, width = n_rest(x);
+    size_t width = n_rest(x);
+    struct spin_quant_error *quant = &x->frames.block_quant[i / SPIN_ROWS_BLOCK];
     float lost[3 * SPIN_SH_MAX];
 
-    (void)worker;
-    for (end = end < x->sog.n ? end : x->sog.n; i < end; i++) {
-        code_row(x, i, &x->frames.block_quant[task]);
+    for (; i < end; i++) {
+        code_row(x, i, quant);
         if (x->sog.sh_degree == 0)
             continue;
         for (size_t k = 0; k < width; k++) {
@@ -204,7 +202,7 @@ static void code_task(void *context, int task, int worker)
             lost[k] =
                 x->rest[width * i + k] - x->sog.sh_n[spin_codebook_nearest(x->sog.sh_n, shown)];
         }
-        spin_quant_error_add_all(&x->frames.block_quant[task], SPIN_QUANT_SH, lost, width);
+        spin_quant_error_add_all(quant, SPIN_QUANT_SH, lost, width);
     }
 }
 
@@ -222,14 +220,12 @@ static void code_palette(struct export *x)
 
 static spin_status write_members(struct export *x, struct spin_zip_writer *zip)
 {
-    char *meta = NULL;
+    SPIN_FREED char *meta = NULL;
     size_t n_meta;
-    spin_status status;
 
     SPIN_TRY(spin_sog_meta(&x->sog, &meta, &n_meta));
-    status = spin_zip_member_whole(zip, "meta.json", meta, n_meta, NULL, 0);
-    free(meta);
-    return status == SPIN_OK ? spin_pictures_write(x->picture, SPIN_SOG_PICTURES, zip) : status;
+    SPIN_TRY(spin_zip_member_whole(zip, "meta.json", meta, n_meta, NULL, 0));
+    return spin_pictures_write(x->picture, SPIN_SOG_PICTURES, zip);
 }
 
 static spin_status choose_order(struct export *x)
@@ -250,8 +246,7 @@ static spin_status sog_write(void *self, const struct spin_frame_info *info, str
     SPIN_TRY(choose_order(x));
     SPIN_TRY(choose_coding(x));
     SPIN_TRY(blank_pictures(x));
-    spin_pool_run(rows->pool, (int)((x->sog.n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK), code_task,
-                  x);
+    spin_pool_rows(rows->pool, x->sog.n, SPIN_ROWS_BLOCK, code_task, x);
     code_palette(x);
     spin_pictures_pack(x->picture, SPIN_SOG_PICTURES, x->level, rows->pool);
     for (size_t b = 0; b < spin_splat_filter_blocks(rows); b++)
@@ -316,22 +311,14 @@ static const struct spin_frames_format format = {
     .end = end,
 };
 
-static spin_status sog_begin(const struct spin_export_job *job, void **self)
-{
-    return spin_frames_begin(&format, job, self);
-}
+SPIN_FRAMES_BEGIN(sog_begin, &format)
 
-extern const struct spin_exporter spin_exporter_sog;
 const struct spin_exporter spin_exporter_sog = {
-    .abi = SPIN_PLUGIN_ABI,
+    SPIN_FRAMES_PLUGIN,
     .name = "sog",
     .summary = "a folder with one SOG per frame, for PlayCanvas and SuperSplat: small",
     .options = options,
     .checks = true,
     .antialias = true,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = sog_begin,
-    .frame = spin_frames_frame,
-    .end = spin_frames_end,
-    .abort = spin_frames_abort,
 };

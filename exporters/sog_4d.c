@@ -10,18 +10,14 @@
 #include <string.h>
 
 #include "base/err.h"
-#include "base/log.h"
 #include "base/mem.h"
 #include "base/option.h"
 #include "exporters/lib/bells_check.h"
 #include "exporters/lib/pictures.h"
 #include "exporters/lib/quant_error.h"
 #include "exporters/lib/sort_rows.h"
-#include "formats/sogst.h"
 #include "formats/tsog.h"
 #include "io/webp.h"
-#include "math/activate.h"
-#include "math/motion.h"
 #include "math/sh.h"
 
 #define MOST_SIGMA 8   /* clips */
@@ -447,12 +443,11 @@ static void code_row(struct export *x, size_t g, size_t j, struct spin_quant_err
     }
 }
 
-static void code_task(void *context, int task, int worker)
+static void code_task(void *context, int task)
 {
     struct export *x = context;
     size_t j = (size_t)task * SPIN_ROWS_BLOCK, end = j + SPIN_ROWS_BLOCK, g = 0;
 
-    (void)worker;
     for (end = end < x->order.n ? end : x->order.n; j < end; j++) {
         while (x->end[g] <= j)
             g++;
@@ -654,15 +649,13 @@ static spin_status make_meta(const struct export *x, char **text, size_t *n)
 
 static spin_status write_members(const struct export *x, struct spin_zip_writer *zip)
 {
-    char *meta = NULL;
+    SPIN_FREED char *meta = NULL;
     size_t n;
-    spin_status status = make_meta(x, &meta, &n);
 
+    SPIN_TRY(make_meta(x, &meta, &n));
     zip->plain = true;
-    if (status == SPIN_OK)
-        status = spin_zip_member_whole(zip, "meta.json", meta, n, NULL, 0);
-    free(meta);
-    return status == SPIN_OK ? spin_pictures_write(x->picture, n_pictures(x), zip) : status;
+    SPIN_TRY(spin_zip_member_whole(zip, "meta.json", meta, n, NULL, 0));
+    return spin_pictures_write(x->picture, n_pictures(x), zip);
 }
 
 static spin_status write_file(struct export *x)
@@ -739,8 +732,8 @@ static spin_status read_options(struct export *x)
     SPIN_TRY(spin_option_number(v, "segment", 0, 1e6, &segment));
     x->segment = segment;
     if (x->segment > 0 && x->bells.length / x->segment > 999)
-        return spin_fail(SPIN_E_USAGE, "option 'segment' is %g: a clip of %g s has more than 999",
-                         x->segment, x->bells.length);
+        return spin_misuse("option 'segment' is %g: a clip of %g s has more than 999", x->segment,
+                           x->bells.length);
     return spin_splat_filter_begin(&x->rows, x->job, NULL);
 }
 
@@ -750,8 +743,8 @@ static spin_status expect_frames(struct export *x)
     int n = x->job->n_frames;
 
     if (n > STEPS)
-        return spin_fail(SPIN_E_UNSUPPORTED, "%s holds %d frames at most, and these are %d",
-                         x->kind->name, STEPS, n);
+        return spin_unsupported("%s holds %d frames at most, and these are %d", x->kind->name,
+                                STEPS, n);
     x->frames = true;
     x->own = *x->job;
     x->own.splats_4d = &x->bells.clip;
@@ -874,7 +867,7 @@ static spin_status encode(struct export *x)
     SPIN_TRY(x->frames ? join_frames(x) : spin_bells_convert(&x->bells));
     SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->bells.view, 0));
     if (x->rows.n_kept == 0)
-        return spin_fail(SPIN_E_UNSUPPORTED, "no splat of the clip is left to write");
+        return spin_unsupported("no splat of the clip is left to write");
     SPIN_TRY(choose_coding(x));
     if (spin_cancelled())
         return spin_fail_cancelled();
@@ -930,8 +923,6 @@ static const struct spin_plugin_option sogst_options[] = {
     {"segment", "S", "seconds that a player loads at a time; 0: all at once; otherwise about 0.5",
      NULL},
     {0}};
-
-extern const struct spin_exporter spin_exporter_tsog, spin_exporter_sogst;
 
 const struct spin_exporter spin_exporter_tsog = {
     .abi = SPIN_PLUGIN_ABI,

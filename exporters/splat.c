@@ -5,7 +5,6 @@
 #include "exporters/lib/frames.h"
 #include "base/log.h"
 #include "base/option.h"
-#include "base/mem.h"
 #include "formats/splat.h"
 
 static const struct spin_plugin_option options[] = {
@@ -123,16 +122,11 @@ static spin_status splat_begin(const struct spin_export_job *job, void **self)
     return spin_frames_begin(&format, job, self);
 }
 
-extern const struct spin_exporter spin_exporter_splat;
 const struct spin_exporter spin_exporter_splat = {
-    .abi = SPIN_PLUGIN_ABI,
+    SPIN_FRAMES_PLUGIN,
     .name = "splat",
     .summary = "a folder with one .splat per frame: 32 bytes a Gaussian, no SH",
     .options = options,
     .checks = true,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = splat_begin,
-    .frame = spin_frames_frame,
-    .end = spin_frames_end,
-    .abort = spin_frames_abort,
 };

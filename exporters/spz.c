@@ -7,10 +7,8 @@
  * splat-transform does; --axes rub turns half about x, to the right, up and back that Niantic's
  * library stores. */
 #include <stdlib.h>
-#include <string.h>
 
 #include "exporters/lib/frames.h"
-#include "base/log.h"
 #include "base/option.h"
 #include "base/mem.h"
 #include "formats/spz.h"
@@ -91,14 +89,13 @@ static void code_row(const struct export *x, size_t i, unsigned char *out,
 
 /* ---- One file -------------------------------------------------------------------------------- */
 
-static void code_block(void *context, int task, int worker)
+static void code_block(void *context, int task)
 {
     const struct export *x = context;
     const struct spin_splat_filter *rows = &x->frames.rows;
     size_t b = (size_t)task, i = b * SPIN_ROWS_BLOCK, end = i + SPIN_ROWS_BLOCK;
     unsigned char *out = x->to + spin_splat_filter_before(rows, b) * x->width;
 
-    (void)worker;
     for (end = end < rows->splats->n ? end : rows->splats->n; i < end; i++) {
         if (rows->keep[i]) {
             code_row(x, i, out, &x->frames.block_quant[b]);
@@ -148,9 +145,8 @@ static spin_status choose_fraction(struct export *x, int number)
     }
     x->fraction = spin_spz_fraction(largest, before);
     if (x->fraction < 0)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "frame %d: a splat lies at %g, spz holds positions up to 8388606", number,
-                         (double)largest);
+        return spin_unsupported("frame %d: a splat lies at %g, spz holds positions up to 8388606",
+                                number, (double)largest);
     if (x->fraction < before)
         spin_warn(
             "frame %d: a splat lies at %g: positions are written in steps of 1/%d from here on",
@@ -242,8 +238,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     x->level = 1;
     SPIN_TRY(spin_option_count(v, "level", 1, 9, &x->level));
     if (axes == 1 && spin_plugin_value(v, "up", NULL))
-        return spin_fail(SPIN_E_USAGE,
-                         "--axes rub assumes that y points down: give it or --up, not both");
+        return spin_misuse("--axes rub assumes that y points down: give it or --up, not both");
     x->frames.axes = axes == 1 ? half_about_x : NULL;
     x->fraction = SPIN_SPZ_FRACTION;
     return x->version == 4 ? spin_zstd_need() : SPIN_OK;
@@ -269,22 +264,14 @@ static const struct spin_frames_format format = {
     .end = end,
 };
 
-static spin_status spz_begin(const struct spin_export_job *job, void **self)
-{
-    return spin_frames_begin(&format, job, self);
-}
+SPIN_FRAMES_BEGIN(spz_begin, &format)
 
-extern const struct spin_exporter spin_exporter_spz;
 const struct spin_exporter spin_exporter_spz = {
-    .abi = SPIN_PLUGIN_ABI,
+    SPIN_FRAMES_PLUGIN,
     .name = "spz",
     .summary = "a folder with one SPZ (version 3 or 4) per frame: a tenth to a quarter of a PLY",
     .options = options,
     .checks = true,
     .antialias = true,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = spz_begin,
-    .frame = spin_frames_frame,
-    .end = spin_frames_end,
-    .abort = spin_frames_abort,
 };

@@ -249,7 +249,7 @@ static char *print_row(const struct export *x, size_t i, bool first, char *to,
     return to;
 }
 
-static void print_block(void *context, int task, int worker)
+static void print_block(void *context, int task)
 {
     struct export *x = context;
     const struct spin_splat_filter *rows = &x->frames.rows;
@@ -257,7 +257,6 @@ static void print_block(void *context, int task, int worker)
     char *begin = x->text + (size_t)task * x->stride, *to = begin;
     bool first = spin_splat_filter_before(rows, b) == 0;
 
-    (void)worker;
     for (end = end < rows->splats->n ? end : rows->splats->n; i < end; i++) {
         if (!rows->keep[i])
             continue;
@@ -378,24 +377,18 @@ static spin_status layer_head(const struct export *x, int number, size_t n, char
 /* What is the same in all frames, from the one at hand. */
 static spin_status write_still(struct export *x)
 {
-    struct spin_out out;
-    char *path = NULL;
-    spin_status status;
+    SPIN_LEAVES(spin_out_abandon) struct spin_out out = {0};
+    SPIN_FREED char *path = NULL;
 
     SPIN_TRY(spin_path_join(x->frames.folder.path, STILL, &path));
-    status = spin_out_open(path, x->frames.job->force, &out);
-    free(path);
-    SPIN_TRY(status);
+    SPIN_TRY(spin_out_open(path, x->frames.job->force, &out));
     out.sync = x->frames.job->sync;
-    SPIN_TRY_OUT(put(&out, "#usda 1.0\n\nover \"" PRIM "\"\n{\n"));
+    SPIN_TRY(put(&out, "#usda 1.0\n\nover \"" PRIM "\"\n{\n"));
     for (int a = 0; a < ATTRIBUTES; a++)
         if (x->still >> a & 1u)
-            SPIN_TRY_OUT(write_attribute(x, (enum attribute)a, 0, &out));
-    SPIN_TRY_OUT(put(&out, "}\n"));
+            SPIN_TRY(write_attribute(x, (enum attribute)a, 0, &out));
+    SPIN_TRY(put(&out, "}\n"));
     return spin_out_commit(&out);
-out:
-    spin_out_abandon(&out);
-    return status;
 }
 
 /* Places tell a millionth of the diagonal of this frame's box. */
@@ -431,17 +424,15 @@ static spin_status usd_write(void *self, const struct spin_frame_info *info, str
 {
     struct export *x = self;
     size_t n_head;
-    char *head = NULL, line[256];
+    char line[256];
+    SPIN_FREED char *head = NULL;
     float e[6];
-    spin_status status;
 
     find_extent(x, e);
     if (!x->text)
         SPIN_TRY(begin_frames(x, e));
     SPIN_TRY(layer_head(x, info->number, x->frames.rows.n_kept, &head, &n_head));
-    status = spin_out_write(out, head, n_head);
-    free(head);
-    SPIN_TRY(status);
+    SPIN_TRY(spin_out_write(out, head, n_head));
     snprintf(line, sizeof line,
              "    float3[] extent.timeSamples = {\n"
              "        %d: [(%.9g, %.9g, %.9g), (%.9g, %.9g, %.9g)],\n    }\n",
@@ -558,14 +549,13 @@ static spin_status print_rig(const struct export *x, FILE *to)
 {
     const struct spin_views *views = x->frames.job->views;
     size_t n_views = views && x->frames.job->dataset_frame_of ? views->n : 0;
-    struct spin_camera *camera = NULL;
-    double *time = NULL;
-    bool *done = NULL;
-    spin_status status;
+    SPIN_FREED struct spin_camera *camera = NULL;
+    SPIN_FREED double *time = NULL;
+    SPIN_FREED bool *done = NULL;
 
-    SPIN_TRY_OUT(spin_alloc(n_views + 1, sizeof *camera, (void **)&camera));
-    SPIN_TRY_OUT(spin_alloc(n_views + 1, sizeof *time, (void **)&time));
-    SPIN_TRY_OUT(spin_alloc(n_views + 1, sizeof *done, (void **)&done));
+    SPIN_TRY(spin_alloc(n_views + 1, sizeof *camera, (void **)&camera));
+    SPIN_TRY(spin_alloc(n_views + 1, sizeof *time, (void **)&time));
+    SPIN_TRY(spin_alloc(n_views + 1, sizeof *done, (void **)&done));
     for (size_t v = 0; v < n_views; v++) {
         const struct spin_view *view = &views->view[v];
         size_t n = 0, frame;
@@ -587,11 +577,7 @@ static spin_status print_rig(const struct export *x, FILE *to)
         if (n > 0)
             print_camera(x, name, camera, time, n, to);
     }
-out:
-    free(camera);
-    free(time);
-    free(done);
-    return status;
+    return SPIN_OK;
 }
 
 /* The camera of --path: its pictures at even times, from the first frame to where the last one ends. */
@@ -644,11 +630,10 @@ static spin_status print_clips(const struct export *x, FILE *to)
         fprintf(to, "%s(%d, %zu)", i ? ", " : "", f->entry[i].number, i);
     fprintf(to, "]\n            asset[] assetPaths = [");
     for (size_t i = 0; i < f->n_entries; i++) {
-        char *path = NULL;
+        SPIN_FREED char *path = NULL;
 
         SPIN_TRY(spin_pattern_path(&f->pattern, f->folder.path, f->entry[i].number, &path));
         fprintf(to, "%s@./%s@", i ? ", " : "", spin_path_name(path));
-        free(path);
     }
     fprintf(to, "]\n            asset manifestAssetPath = @./manifest.usda@\n"
                 "            string primPath = \"/" PRIM "\"\n            double2[] times = [");
@@ -662,7 +647,7 @@ static spin_status write_stage(struct export *x, bool manifest)
 {
     int first = x->frames.n_entries ? x->frames.entry[0].number : 0;
     int last = x->frames.n_entries ? x->frames.entry[x->frames.n_entries - 1].number : 0;
-    char *text = NULL;
+    SPIN_FREED char *text = NULL;
     size_t n;
     FILE *to = open_memstream(&text, &n);
     spin_status status = SPIN_OK;
@@ -684,10 +669,8 @@ static spin_status write_stage(struct export *x, bool manifest)
         status = print_cameras(x, to);
     if (fclose(to) != 0)
         status = spin_fail(SPIN_E_MEMORY, "no memory for a stage of USD");
-    if (status == SPIN_OK)
-        status = spin_frames_write_text(&x->frames, manifest ? "manifest.usda" : "clip.usda", text);
-    free(text);
-    return status;
+    SPIN_TRY(status);
+    return spin_frames_write_text(&x->frames, manifest ? "manifest.usda" : "clip.usda", text);
 }
 
 static spin_status usd_finish(void *self)
@@ -707,7 +690,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
 
     SPIN_TRY(spin_option_word(v, "axes", "usd|source", &axes));
     if (strpbrk(spin_plugin_value(v, "pattern", ""), "@"))
-        return spin_fail(SPIN_E_USAGE, "--pattern: '@' ends the name of a file in USD");
+        return spin_misuse("--pattern: '@' ends the name of a file in USD");
     x->frames.axes = axes == 0 ? half_about_x : NULL;
     x->codes = job->stride > 0 ? job->stride : 1;
     x->frames.fps = job->fps > 0 ? job->fps : DEFAULT_FPS / x->codes;
@@ -721,8 +704,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
         return SPIN_OK;
     SPIN_TRY(spin_camera_path_begin(&x->path, job));
     if (x->path.path == SPIN_PATH_CAMERA)
-        return spin_fail(SPIN_E_USAGE,
-                         "--path camera: the data set's cameras are there without it");
+        return spin_misuse("--path camera: the data set's cameras are there without it");
     if (x->path.path != SPIN_PATH_FILE)
         x->path.n_pictures = job->n_frames;
     return SPIN_OK;
@@ -810,7 +792,6 @@ static spin_status usd_begin(const struct spin_export_job *job, void **self)
     return status;
 }
 
-extern const struct spin_exporter spin_exporter_usd;
 const struct spin_exporter spin_exporter_usd = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "usd",

@@ -1,7 +1,6 @@
 /* The clip as a video, MP4 or WebM by the output's name: from one camera of the data set, or from one
  * that goes around the scene while the clip plays; several versions side by side on demand. */
 #include <stdlib.h>
-#include <string.h>
 
 #include "base/err.h"
 #include "base/log.h"
@@ -52,9 +51,9 @@ static spin_status choose_camera(struct export *x)
     int id = 0;
 
     if (text && spin_camera_path_is_own(&x->drawing))
-        return spin_fail(SPIN_E_USAGE, "--camera: %s",
-                         job->views ? "the camera of --path is none of the data set's"
-                                    : "there is no data set, give --data DIR");
+        return spin_misuse("--camera: %s", job->views
+                                               ? "the camera of --path is none of the data set's"
+                                               : "there is no data set, give --data DIR");
     if (spin_camera_path_is_own(&x->drawing))
         return SPIN_OK;
     x->first = spin_initial_view_view(job->views, row, true);
@@ -65,8 +64,7 @@ static spin_status choose_camera(struct export *x)
     SPIN_TRY(spin_option_count(job->values, "camera", 0, 1000000000, &id));
     x->first = view_of(x, 0, id);
     if (!x->first)
-        return spin_fail(SPIN_E_NOT_FOUND, "the data set has no camera %s for the first frame",
-                         text);
+        return spin_not_found("the data set has no camera %s for the first frame", text);
     return SPIN_OK;
 }
 
@@ -125,17 +123,16 @@ static spin_status draw_one(struct export *x, int frame, int64_t picture,
     if (!x->first) {
         SPIN_TRY(spin_camera_path_camera(d, picture, splats, &camera));
     } else if (!view) {
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "the data set has no camera %d for frame %d: --path orbit needs none",
-                         x->first->camera_id, info->number);
+        return spin_not_found("the data set has no camera %d for frame %d: --path orbit needs none",
+                              x->first->camera_id, info->number);
     } else {
         camera = view->camera;
         spin_camera_path_resize(d, &camera);
     }
     if (camera.width != x->size[0] || camera.height != x->size[1])
-        return spin_fail(SPIN_E_UNSUPPORTED, "frame %d: camera %d is %dx%d there, %dx%d before",
-                         info->number, view ? view->camera_id : -1, camera.width, camera.height,
-                         x->size[0], x->size[1]);
+        return spin_unsupported("frame %d: camera %d is %dx%d there, %dx%d before", info->number,
+                                view ? view->camera_id : -1, camera.width, camera.height,
+                                x->size[0], x->size[1]);
     SPIN_TRY(spin_camera_path_draw(d, frame, splats, &camera, view ? view->path : NULL));
     return spin_video_put(x->video, d->wide);
 }
@@ -174,7 +171,6 @@ static void video_abort(void *self)
     finish(x);
 }
 
-extern const struct spin_exporter spin_exporter_video;
 const struct spin_exporter spin_exporter_video = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "video",

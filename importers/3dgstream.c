@@ -171,10 +171,9 @@ static spin_status find_init(struct clip *clip)
     if (given) {
         SPIN_TRY(find_first(clip, given, &cloud));
         if (!cloud)
-            return spin_fail(SPIN_E_NOT_FOUND,
-                             "option 'init': '%s' is neither a PLY nor has it "
-                             "point_cloud/iteration_*/point_cloud.ply",
-                             given);
+            return spin_not_found("option 'init': '%s' is neither a PLY nor has it "
+                                  "point_cloud/iteration_*/point_cloud.ply",
+                                  given);
     }
     SPIN_TRY(spin_model_names(&clip->base, clip->base.path, &names, &n));
     for (size_t i = 0; i < 3 + n && !cloud; i++) {
@@ -204,7 +203,7 @@ static void read_iteration(const spin_json *root, const char *key, int *out)
 /* cfg_args.json says which iterations were saved; it may be missing. */
 static spin_status read_settings(struct clip *clip)
 {
-    spin_json *root = NULL;
+    SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
     const char *path;
     int second = -1;
 
@@ -217,7 +216,6 @@ static spin_status read_settings(struct clip *clip)
     read_iteration(root, "first_load_iteration", &clip->first);
     if (clip->i1 >= 0 && second >= 0)
         clip->i2 = clip->i1 + second;
-    spin_json_free(root);
     return SPIN_OK;
 }
 
@@ -244,14 +242,14 @@ static spin_status find_files(struct clip *clip)
         SPIN_TRY(find_raw(clip, folder));
     }
     if (clip->n_steps == 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds neither frame folders nor 'NTCs'", folder);
+        return spin_not_found("'%s' holds neither frame folders nor 'NTCs'", folder);
     SPIN_TRY(find_init(clip));
     qsort(clip->step, clip->n_steps, sizeof *clip->step, by_number);
     for (size_t i = 1; i < clip->n_steps; i++) {
         if (clip->step[i].number != clip->step[i - 1].number + 1)
-            return spin_fail(SPIN_E_MALFORMED, "'%s' has frames %d and %d, but not %d between them",
-                             folder, clip->step[i - 1].number, clip->step[i].number,
-                             clip->step[i - 1].number + 1);
+            return spin_malformed("'%s' has frames %d and %d, but not %d between them", folder,
+                                  clip->step[i - 1].number, clip->step[i].number,
+                                  clip->step[i - 1].number + 1);
     }
     return SPIN_OK;
 }
@@ -312,21 +310,20 @@ static spin_status choose_way(struct clip *clip)
 
     SPIN_TRY(spin_option_word(clip->base.values, "way", "auto|clouds|networks", &way));
     if (clip->step[0].number == 0 && !clip->step[0].cloud)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s': frame 0 has no cloud", clip->base.path);
+        return spin_not_found("'%s': frame 0 has no cloud", clip->base.path);
     clip->evaluate = way == NETWORKS || (way == AUTO && no_cloud >= 0 && no_network < 0);
     if (!clip->evaluate && no_cloud >= 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s': frame %d has no moved cloud%s", clip->base.path,
-                         no_cloud, no_network >= 0 ? ", and not every frame has a network" : "");
+        return spin_not_found("'%s': frame %d has no moved cloud%s", clip->base.path, no_cloud,
+                              no_network >= 0 ? ", and not every frame has a network" : "");
     if (!clip->evaluate)
         return SPIN_OK;
     if (no_network >= 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s': frame %d has no network", clip->base.path,
-                         no_network);
+        return spin_not_found("'%s': frame %d has no network", clip->base.path, no_network);
     if (clip->step[0].number != 0)
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "'%s': the networks move the cloud of frame 0, which is not there: say "
-                         "where it is with --init",
-                         clip->base.path);
+        return spin_not_found(
+            "'%s': the networks move the cloud of frame 0, which is not there: say "
+            "where it is with --init",
+            clip->base.path);
     return clip->n_steps > 1 ? prepare_networks(clip) : SPIN_OK;
 }
 
@@ -343,13 +340,13 @@ static spin_status inspect_base(struct clip *clip, size_t i)
     SPIN_TRY(spin_model_cloud(&clip->base, step->cloud, &cloud));
     n = (size_t)cloud.vertex->count;
     if (i > 0 && n != clip->n)
-        return spin_fail(SPIN_E_MALFORMED, "'%s' has %zu Gaussians, but '%s' has %zu", step->cloud,
-                         n, clip->step[i - 1].cloud, clip->n);
+        return spin_malformed("'%s' has %zu Gaussians, but '%s' has %zu", step->cloud, n,
+                              clip->step[i - 1].cloud, clip->n);
     if (i > 0 && cloud.sh_degree != clip->sh_degree)
-        return spin_fail(SPIN_E_MALFORMED, "'%s' has SH degree %d, but '%s' has %d", step->cloud,
-                         cloud.sh_degree, clip->step[i - 1].cloud, clip->sh_degree);
+        return spin_malformed("'%s' has SH degree %d, but '%s' has %d", step->cloud,
+                              cloud.sh_degree, clip->step[i - 1].cloud, clip->sh_degree);
     if (n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': 0 vertices", step->cloud);
+        return spin_malformed("'%s': 0 vertices", step->cloud);
     clip->n = n;
     clip->sh_degree = cloud.sh_degree;
     return SPIN_OK;
@@ -365,8 +362,8 @@ static spin_status inspect_added(struct clip *clip, struct step *step)
     SPIN_TRY(spin_model_cloud(&clip->base, step->added, &cloud));
     step->n_added = (size_t)cloud.vertex->count;
     if (step->n_added > 0 && cloud.sh_degree != clip->sh_degree)
-        return spin_fail(SPIN_E_MALFORMED, "'%s' has SH degree %d, but the cloud it adds to has %d",
-                         step->added, cloud.sh_degree, clip->sh_degree);
+        return spin_malformed("'%s' has SH degree %d, but the cloud it adds to has %d", step->added,
+                              cloud.sh_degree, clip->sh_degree);
     return SPIN_OK;
 }
 
@@ -516,7 +513,7 @@ static spin_status stream_frame(void *self, int frame, double time, unsigned col
     const struct step *step;
 
     if (frame < 0 || (size_t)frame >= clip->n_steps)
-        return spin_fail(SPIN_E_NOT_FOUND, "there is no frame %d", frame);
+        return spin_not_found("there is no frame %d", frame);
     step = &clip->step[frame];
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     SPIN_TRY(spin_splats_reserve(out, clip->n + step->n_added, columns, clip->sh_degree));

@@ -6,7 +6,6 @@
 #include "importers/lib/deform.h"
 #include "importers/lib/hexplane.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 #include "math/quat.h"
@@ -63,21 +62,17 @@ static spin_status fail_no_save(const char *path, const char *wanted)
     bool coarse;
 
     if (wanted)
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "'%s' has no iteration_%s with point_cloud.ply and deformation.pth", path,
-                         wanted);
+        return spin_not_found("'%s' has no iteration_%s with point_cloud.ply and deformation.pth",
+                              path, wanted);
     if (spin_model_search(path, "deformation_GAD.pth", &coarse))
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "'%s' holds 'deformation_GAD.pth': it is a run of MoDec-GS, use --from "
-                         "modecgs",
-                         path);
+        return spin_unsupported(
+            "'%s' holds 'deformation_GAD.pth': it is a run of MoDec-GS, use --from modecgs", path);
     if (coarse)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "'%s' has only the coarse stage, which has no motion yet: train on, or "
-                         "import its point_cloud.ply with --from ply",
-                         path);
-    return spin_fail(SPIN_E_NOT_FOUND,
-                     "'%s' has no iteration_<N> with point_cloud.ply and deformation.pth", path);
+        return spin_unsupported("'%s' has only the coarse stage, which has no motion yet: train "
+                                "on, or import its point_cloud.ply with --from ply",
+                                path);
+    return spin_not_found("'%s' has no iteration_<N> with point_cloud.ply and deformation.pth",
+                          path);
 }
 
 /* ---- Which heads count ----------------------------------------------------------------------- */
@@ -96,10 +91,9 @@ static spin_status parse_heads(const char *list, bool used[N_HEADS])
                 used[h] = found = true;
         }
         if (!found && !(n == 4 && strncmp(list, "none", 4) == 0))
-            return spin_fail(SPIN_E_USAGE,
-                             "--deform '%.*s': expected some of position,scale,rotation,opacity,sh "
-                             "or none",
-                             (int)n, list);
+            return spin_misuse(
+                "--deform '%.*s': expected some of position,scale,rotation,opacity,sh or none",
+                (int)n, list);
         list += n + (list[n] == ',');
     }
     return SPIN_OK;
@@ -170,13 +164,11 @@ static spin_status fail_other_network(const struct spin_value *root)
 
     for (size_t i = 0; i < sizeof theirs / sizeof *theirs; i++) {
         if (spin_value_get(root, theirs[i]))
-            return spin_fail(
-                SPIN_E_UNSUPPORTED,
+            return spin_unsupported(
                 "tensor '%s' says that this is a network of E-D3DGS: use --from ed3dgs", theirs[i]);
     }
-    return spin_fail(SPIN_E_MALFORMED,
-                     "no tensor 'deformation_net.grid.grids.0.0': this is not a network of "
-                     "4DGaussians");
+    return spin_malformed(
+        "no tensor 'deformation_net.grid.grids.0.0': this is not a network of 4DGaussians");
 }
 
 static spin_status load_network(struct spin_model *m)
@@ -210,8 +202,8 @@ static void check_table(struct spin_model *m, const char *save)
         spin_torch_tensor(&torch, torch.root, "deformation_table", &table) == SPIN_OK &&
         table.count != n) {
         spin_note(m->sequence,
-                  "deformation_table.pth is for %llu Gaussians, but point_cloud.ply has "
-                  "%zu: are they from the same save?",
+                  "deformation_table.pth is for %llu Gaussians, but point_cloud.ply has %zu: are "
+                  "they from the same save?",
                   (unsigned long long)table.count, n);
         spin_warn("'%s' is for %llu Gaussians, but the cloud has %zu", path,
                   (unsigned long long)table.count, n);
@@ -244,9 +236,8 @@ static spin_status open_model(void *self, const char *path)
     SPIN_TRY(settle(model));
     SPIN_TRY(spin_model_torch(m, m->path, load_network));
     if (model->used[COLOUR] && m->canonical.sh_degree != 3)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "'%s': SH of degree %d, but the network deforms SH of degree 3", cloud,
-                         m->canonical.sh_degree);
+        return spin_unsupported("'%s': SH of degree %d, but the network deforms SH of degree 3",
+                                cloud, m->canonical.sh_degree);
     check_table(m, save);
     spin_model_describe(m, &m->canonical.n, m->canonical.sh_degree, moved(model));
     m->sequence->half_open = true; /* its reader of Panoptic takes t / T */
@@ -254,8 +245,8 @@ static spin_status open_model(void *self, const char *path)
              "4DGaussians, %zu Gaussians, %d scales of planes, width %d", m->canonical.n,
              model->hex.n_scales, model->hex.width);
     spin_note(m->sequence,
-              "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) for "
-              "D-NeRF and HyperNeRF scenes, i/300 for DyNeRF, i/n for multi-view ones");
+              "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) for D-NeRF and "
+              "HyperNeRF scenes, i/300 for DyNeRF, i/n for multi-view ones");
     return spin_mlp_team_create(spin_hex_scratch(&model->hex) + 48 * MLP_BLOCK, &m->team);
 }
 

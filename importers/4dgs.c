@@ -49,7 +49,7 @@ static spin_status open_4dgs(void *self, const char *path)
 {
     struct spin_model *m = self;
     struct spin_4dgs info;
-    struct spin_map map;
+    SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
     spin_status status;
 
     SPIN_TRY(spin_file_sequence_one(m, path, ".4dgs", &m->path));
@@ -57,7 +57,6 @@ static spin_status open_4dgs(void *self, const char *path)
     status = spin_4dgs_read(map.data, map.size, &info, &m->splats_4d);
     if (status == SPIN_OK)
         status = describe(m, &info, m->splats_4d.n);
-    spin_map_close(&map);
     return spin_fail_reading(status, m->path);
 }
 

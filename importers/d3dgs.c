@@ -73,8 +73,7 @@ static spin_status fail_shape(const struct spin_array *a, const char *key, const
     char shape[128];
 
     spin_array_shape_text(a->n_dims, a->shape, shape, sizeof shape);
-    return spin_fail(SPIN_E_MALFORMED, "array '%s' has shape %s, expected %s", key, shape,
-                     expected);
+    return spin_malformed("array '%s' has shape %s, expected %s", key, shape, expected);
 }
 
 static spin_status bind(struct run *run, const char *key, struct spin_array *out)
@@ -86,8 +85,7 @@ static spin_status bind(struct run *run, const char *key, struct spin_array *out
     m = spin_zip_find(&run->npz.zip, member);
     SPIN_TRY(spin_npz_array(&run->npz, key, m && m->size < CRC_LIMIT, out));
     if (out->kind != 'f')
-        return spin_fail(SPIN_E_UNSUPPORTED, "array '%s' does not hold floating-point numbers",
-                         key);
+        return spin_unsupported("array '%s' does not hold floating-point numbers", key);
     return SPIN_OK;
 }
 
@@ -102,10 +100,9 @@ static spin_status check_means(struct run *run)
     run->n_frames = a->shape[0];
     run->n = a->shape[1];
     if (run->n_frames == 0)
-        return spin_fail(SPIN_E_MALFORMED, "array 'means3D' has 0 frames");
+        return spin_malformed("array 'means3D' has 0 frames");
     if (run->n == 0)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "0 Gaussians: training collapsed, check the camera poses");
+        return spin_malformed("0 Gaussians: training collapsed, check the camera poses");
     if (run->n_frames > INT_MAX || run->n > UINT32_MAX)
         return fail_shape(a, key, "fewer than 2^31 frames and 2^32 Gaussians");
     return SPIN_OK;
@@ -179,9 +176,8 @@ static spin_status load_run(const char *path, struct run *run)
         SPIN_TRY(spin_model_text(base, &base->path, "%s", path));
     SPIN_TRY(spin_npz_open(base->path, &run->npz));
     if (spin_npz_has(&run->npz, "cam_unnorm_rots"))
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "array 'cam_unnorm_rots' says that this is a map of SplaTAM or one of its "
-                         "descendants, which has no frames");
+        return spin_unsupported("array 'cam_unnorm_rots' says that this is a map of SplaTAM or one "
+                                "of its descendants, which has no frames");
     SPIN_TRY(check_means(run));
     for (int k = MEANS + 1; k < N_KEYS; k++)
         SPIN_TRY(check_column(run, k));
@@ -216,10 +212,9 @@ static spin_status read_column(const struct run *run, int key, int frame, float 
         spin_npz_forget(&run->npz, a, first, count);
     bad = spin_finite_missing(out, (size_t)count);
     if (bad > 0)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "cannot read '%s': array '%s' has %llu values in frame %d that are not "
-                         "finite",
-                         run->base.path, keys[key].name, (unsigned long long)bad, frame);
+        return spin_malformed(
+            "cannot read '%s': array '%s' has %llu values in frame %d that are not finite",
+            run->base.path, keys[key].name, (unsigned long long)bad, frame);
     return SPIN_OK;
 }
 
@@ -230,7 +225,7 @@ static spin_status read_run(const struct run *run, int frame, unsigned columns,
     size_t n = (size_t)run->n;
 
     if (frame < 0 || (uint64_t)frame >= run->n_frames)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", run->base.path, frame);
+        return spin_not_found("'%s' has no frame %d", run->base.path, frame);
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     SPIN_TRY(spin_splats_reserve(out, n, columns, 0));
     for (int k = 0; k < N_KEYS; k++) {
@@ -373,8 +368,8 @@ static spin_status read_mask(struct tc_run *run, int frame)
     for (uint64_t i = 0; i < n; i++)
         bad += isnan(run->row[i]);
     if (bad > 0)
-        return spin_fail(SPIN_E_MALFORMED, "array 'mask' has %llu values in frame %d that are NaN",
-                         (unsigned long long)bad, frame);
+        return spin_malformed("array 'mask' has %llu values in frame %d that are NaN",
+                              (unsigned long long)bad, frame);
     return SPIN_OK;
 }
 
@@ -439,8 +434,7 @@ static spin_status open_mask(struct tc_run *run)
     size_t n = (size_t)run->base.n;
 
     if (!spin_npz_has(&run->base.npz, "mask"))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "no array 'mask', which TC3DGS has: import it with --from d3dgs");
+        return spin_malformed("no array 'mask', which TC3DGS has: import it with --from d3dgs");
     SPIN_TRY(load_mask(run));
     SPIN_TRY(spin_model_alloc(base, n, sizeof *run->row, (void **)&run->row));
     SPIN_TRY(spin_model_alloc(base, n, sizeof *run->sum, (void **)&run->sum));

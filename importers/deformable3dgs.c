@@ -61,7 +61,7 @@ static spin_status load_layers(struct model *m)
         char name[32];
 
         if (i == MAX_LAYERS)
-            return spin_fail(SPIN_E_UNSUPPORTED, "more than %d layers 'linear'", MAX_LAYERS);
+            return spin_unsupported("more than %d layers 'linear'", MAX_LAYERS);
         snprintf(name, sizeof name, "linear.%d", i);
         SPIN_TRY(spin_model_layer(&m->base, name, -1, i ? m->width : -1, MLP_RELU, net));
         if (i == 0) {
@@ -70,22 +70,19 @@ static spin_status load_layers(struct model *m)
         } else if (l->n_in == m->n_in + m->width && net->again == 0) {
             net->again = i;
         } else if (l->n_in != m->width) {
-            return spin_fail(SPIN_E_MALFORMED,
-                             "tensor '%s.weight' has shape [%d, %d], expected [%d, %d]%s", name,
-                             l->n_out, l->n_in, m->width, m->width,
-                             net->again ? ", as an earlier layer takes the input again" : "");
+            return spin_malformed("tensor '%s.weight' has shape [%d, %d], expected [%d, %d]%s",
+                                  name, l->n_out, l->n_in, m->width, m->width,
+                                  net->again ? ", as an earlier layer takes the input again" : "");
         }
     }
     for (size_t i = 0; i < root->n; i++) {
         const char *key = spin_value_text(root->item[2 * i]);
 
         if (strncmp(key, "linear.", 7) == 0 && strtol(key + 7, NULL, 10) >= net->n)
-            return spin_fail(SPIN_E_MALFORMED, "tensor '%.80s' but no 'linear.%d.weight'", key,
-                             net->n);
+            return spin_malformed("tensor '%.80s' but no 'linear.%d.weight'", key, net->n);
     }
     if (net->again == 0)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "no layer 'linear' takes the input again: layers are missing");
+        return spin_malformed("no layer 'linear' takes the input again: layers are missing");
     return SPIN_OK;
 }
 
@@ -95,10 +92,9 @@ static spin_status load_time(struct model *m)
     int inputs = m->n_time = m->n_in - POSITION_INPUTS;
 
     if (m->n_time < 1)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "tensor 'linear.0.weight' has %d inputs, expected more than the %d of a "
-                         "position",
-                         m->n_in, POSITION_INPUTS);
+        return spin_malformed(
+            "tensor 'linear.0.weight' has %d inputs, expected more than the %d of a position",
+            m->n_in, POSITION_INPUTS);
     if (spin_model_get(&m->base, "timenet.0.weight") ||
         spin_model_get(&m->base, "timenet.2.weight")) {
         SPIN_TRY(spin_model_layer(&m->base, "timenet.0", -1, -1, MLP_RELU, &m->time));
@@ -108,10 +104,9 @@ static spin_status load_time(struct model *m)
     }
     m->frequencies = (inputs - 1) / 2;
     if (inputs % 2 == 0 || m->frequencies > MAX_TIME_FREQUENCIES)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "time has %d inputs, expected 1 and two for each of at most %d "
-                         "frequencies",
-                         inputs, MAX_TIME_FREQUENCIES);
+        return spin_malformed(
+            "time has %d inputs, expected 1 and two for each of at most %d frequencies", inputs,
+            MAX_TIME_FREQUENCIES);
     return SPIN_OK;
 }
 
@@ -136,9 +131,8 @@ static spin_status load_network(struct spin_model *base)
 
     if (root->kind == SPIN_VALUE_TUPLE && root->n == 2 && root->item[0]->kind == SPIN_VALUE_DICT &&
         root->item[1]->kind == SPIN_VALUE_DICT)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "a pair of dicts, as Grid4D and DASH save it: use --from grid4d or --from "
-                         "dash");
+        return spin_unsupported(
+            "a pair of dicts, as Grid4D and DASH save it: use --from grid4d or --from dash");
     SPIN_TRY(spin_model_dict(base));
     SPIN_TRY(spin_model_keys(base, known));
     SPIN_TRY(load_layers(m));
@@ -146,8 +140,8 @@ static spin_status load_network(struct spin_model *base)
     warp = spin_model_get(base, "gaussian_warp.weight") != NULL;
     m->screw = spin_model_get(base, "branch_w.weight") || spin_model_get(base, "branch_v.weight");
     if (m->screw == warp)
-        return spin_fail(SPIN_E_MALFORMED, "%s 'gaussian_warp' and 'branch_w'; expected one",
-                         warp ? "both tensors" : "neither tensor");
+        return spin_malformed("%s 'gaussian_warp' and 'branch_w'; expected one",
+                              warp ? "both tensors" : "neither tensor");
     for (int i = 0; i < 5; i++) {
         if (i > 2 || (i > 0) == m->screw)
             SPIN_TRY(spin_model_layer(base, heads[i].key, m->width, heads[i].n_out, MLP_PLAIN,
@@ -169,9 +163,8 @@ static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
         spin_cfg_get(cfg, "use_depth_and_flow").at || spin_cfg_get(cfg, "optimize_pose").at;
     SPIN_TRY(spin_cfg_read_bool(cfg, "optimize_pose", &moved));
     if (moved)
-        spin_note(sequence,
-                  "optimize_pose=True: training moved the cameras and did not save them, so what "
-                  "the data set's cameras see is shifted");
+        spin_note(sequence, "optimize_pose=True: training moved the cameras and did not save them, "
+                            "so what the data set's cameras see is shifted");
     if (m->motiongs && spin_cfg_is(format, "'plenopticVideo'")) {
         sequence->time_last = 10;
         sequence->half_open = true; /* 300 frames at i/30 */
@@ -180,8 +173,8 @@ static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
     } else if (m->motiongs && (spin_cfg_is(format, "''") || spin_cfg_is(format, "'blender'"))) {
         spin_note(
             sequence,
-            "scene_format=%.*s: times are those of the data set's transforms_train.json, which "
-            "may be seconds; without that file they run from 0 to 1, frame i of n at i/(n-1)",
+            "scene_format=%.*s: times are those of the data set's transforms_train.json, which may "
+            "be seconds; without that file they run from 0 to 1, frame i of n at i/(n-1)",
             (int)(format.end - format.at), format.at);
     } else {
         spin_note(sequence, "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1)");

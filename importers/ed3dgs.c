@@ -84,14 +84,11 @@ static spin_status read_iteration(struct spin_model *m, const char *save, long l
     said = spin_model_iteration(asked);
     *out = named >= 0 ? named : said;
     if (*out < 0)
-        return spin_fail(
-            SPIN_E_USAGE,
-            "'%s' is not called iteration_<N>, and the model depends on N: say it with "
-            "--iteration",
+        return spin_misuse(
+            "'%s' is not called iteration_<N>, and the model depends on N: say it with --iteration",
             save);
     if (named >= 0 && said >= 0 && named != said)
-        return spin_fail(SPIN_E_USAGE, "--iteration %s, but '%s' is of iteration %lld", wanted,
-                         save, named);
+        return spin_misuse("--iteration %s, but '%s' is of iteration %lld", wanted, save, named);
     return SPIN_OK;
 }
 
@@ -127,8 +124,7 @@ static spin_status read_settings(struct model *m)
         const char *key = needed[i].key;
 
         if (!spin_cfg_get(cfg, key).at)
-            return spin_fail(SPIN_E_MALFORMED, "'%s' has no '%s', which changes the result",
-                             cfg->path, key);
+            return spin_malformed("'%s' has no '%s', which changes the result", cfg->path, key);
         SPIN_TRY(needed[i].flag ? spin_cfg_read_bool(cfg, key, needed[i].flag)
                                 : spin_cfg_read_number(cfg, key, needed[i].number));
     }
@@ -138,16 +134,14 @@ static spin_status read_settings(struct model *m)
     for (int i = 0; i < N_STAGES; i++)
         m->stage[i].used = !none[i];
     if (!is_count(s->min_rows) || !is_count(s->max_rows))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "'%s': min_embeddings %g and max_embeddings %g, expected 1 to %d",
-                         cfg->path, s->min_rows, s->max_rows, MAX_ROWS);
+        return spin_malformed("'%s': min_embeddings %g and max_embeddings %g, expected 1 to %d",
+                              cfg->path, s->min_rows, s->max_rows, MAX_ROWS);
     if (!s->whole_table && !(s->resized_until > 0))
-        return spin_fail(SPIN_E_MALFORMED, "'%s': c2f_temporal_iter is %g, expected above 0",
-                         cfg->path, s->resized_until);
+        return spin_malformed("'%s': c2f_temporal_iter is %g, expected above 0", cfg->path,
+                              s->resized_until);
     if (s->n_frames != 0 && !is_count(s->n_frames))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "'%s': total_num_frames is %g, expected a number of frames", cfg->path,
-                         s->n_frames);
+        return spin_malformed("'%s': total_num_frames is %g, expected a number of frames",
+                              cfg->path, s->n_frames);
     return SPIN_OK;
 }
 
@@ -185,10 +179,9 @@ static spin_status check_trunk(const struct spin_model *m, char letter, int dept
     }
     if (n == 2 * depth)
         return SPIN_OK;
-    return spin_fail(SPIN_E_MALFORMED,
-                     "%d tensors '%s*', of which 0, 2, 4, ... make %d layers: one is missing or "
-                     "there are unknown ones",
-                     n, stem, depth);
+    return spin_malformed("%d tensors '%s*', of which 0, 2, 4, ... make %d layers: one is missing "
+                          "or there are unknown ones",
+                          n, stem, depth);
 }
 
 /* The columns of the first layer that the embedding goes into. */
@@ -220,11 +213,9 @@ static spin_status load_stage(struct model *m, char letter, struct stage *s)
     snprintf(key, sizeof key, "%s.0", stem);
     SPIN_TRY(spin_model_layer(&m->base, key, -1, -1, MLP_RELU, &s->trunk));
     if (first->n_in != m->n_time + m->n_embedding)
-        return spin_fail(
-            SPIN_E_MALFORMED,
-            "tensor '%s%s.weight' takes %d inputs, but 'weight' has %d columns and the "
-            "cloud %d properties embedding_*",
-            m->base.prefix, key, first->n_in, m->n_time, m->n_embedding);
+        return spin_malformed("tensor '%s%s.weight' takes %d inputs, but 'weight' has %d columns "
+                              "and the cloud %d properties embedding_*",
+                              m->base.prefix, key, first->n_in, m->n_time, m->n_embedding);
     SPIN_TRY(spin_model_trunk(&m->base, stem, 2, first->n_out, &s->trunk));
     SPIN_TRY(check_trunk(&m->base, letter, s->trunk.n));
     for (int h = 0; h < N_HEADS; h++) {
@@ -281,17 +272,16 @@ static spin_status load_network(struct spin_model *base)
                 spin_model_get(base, "feature_out_f.0.weight");
     }
     if (!found)
-        return spin_fail(SPIN_E_MALFORMED, "no tensor 'feature_out_c.0.weight', which E-D3DGS has");
+        return spin_malformed("no tensor 'feature_out_c.0.weight', which E-D3DGS has");
     SPIN_TRY(spin_model_keys(base, known));
     SPIN_TRY(spin_model_floats(base, "weight", 2, shape, &info, &m->table));
     if (info.shape[0] != (uint64_t)m->settings.max_rows || info.shape[1] < 1 ||
         info.shape[1] > MLP_MAX_WIDTH)
-        return spin_fail(
-            SPIN_E_MALFORMED,
-            "tensor '%sweight' has shape [%llu, %llu], expected %g rows (max_embeddings) "
-            "of 1 to %d",
-            base->prefix, (unsigned long long)info.shape[0], (unsigned long long)info.shape[1],
-            m->settings.max_rows, MLP_MAX_WIDTH);
+        return spin_malformed("tensor '%sweight' has shape [%llu, %llu], expected %g rows "
+                              "(max_embeddings) of 1 to %d",
+                              base->prefix, (unsigned long long)info.shape[0],
+                              (unsigned long long)info.shape[1], m->settings.max_rows,
+                              MLP_MAX_WIDTH);
     m->n_rows = (int)info.shape[0];
     m->n_time = (int)info.shape[1];
     SPIN_TRY(load_shift(m));
@@ -313,12 +303,11 @@ static spin_status read_cloud(const char *path, struct model *m)
     n = (size_t)cloud.vertex->count;
     m->n_embedding = spin_model_count(cloud.vertex, "embedding_");
     if (n > 0 && (m->n_embedding == 0 || m->n_embedding > MLP_MAX_WIDTH))
-        return spin_fail(SPIN_E_MALFORMED, "'%s': %d properties embedding_*, expected 1 to %d",
-                         path, m->n_embedding, MLP_MAX_WIDTH);
+        return spin_malformed("'%s': %d properties embedding_*, expected 1 to %d", path,
+                              m->n_embedding, MLP_MAX_WIDTH);
     if (n > 0 && m->used[COLOUR] && cloud.sh_degree != 3)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "'%s': SH of degree %d, but the network deforms SH of degree 3", path,
-                         cloud.sh_degree);
+        return spin_unsupported("'%s': SH of degree %d, but the network deforms SH of degree 3",
+                                path, cloud.sh_degree);
     return spin_model_read(&m->base, path, "embedding_", m->n_embedding, &m->embedding);
 }
 
@@ -346,8 +335,8 @@ static void describe(const struct model *m)
     if (s->n_frames > 0)
         spin_note(sequence, "frame i of the run's %g is at time i/%g", s->n_frames, s->n_frames);
     else
-        spin_note(sequence, "cfg_args does not say how many frames the run has: frame i of n is at "
-                            "time i/n");
+        spin_note(sequence,
+                  "cfg_args does not say how many frames the run has: frame i of n is at time i/n");
 }
 
 static spin_status open_model(void *self, const char *path)
@@ -359,18 +348,16 @@ static spin_status open_model(void *self, const char *path)
 
     SPIN_TRY(spin_model_save(base, path, "deformation.pth", &save));
     if (!save)
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "'%s' has no iteration_%s with point_cloud.ply and deformation.pth", path,
-                         wanted ? wanted : "<N>");
+        return spin_not_found("'%s' has no iteration_%s with point_cloud.ply and deformation.pth",
+                              path, wanted ? wanted : "<N>");
     SPIN_TRY(spin_model_join(base, &base->path, save, "deformation.pth"));
     SPIN_TRY(spin_model_join(base, &cloud, save, "point_cloud.ply"));
     SPIN_TRY(read_iteration(base, save, &m->settings.iteration));
     SPIN_TRY(given ? spin_cfg_open(given, &base->settings.cfg) : spin_model_cfg(base, path, save));
     if (!base->settings.cfg.path)
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "'%s' has no cfg_args, without which the network cannot be evaluated: say "
-                         "where it is with --cfg-args",
-                         path);
+        return spin_not_found("'%s' has no cfg_args, without which the network cannot be "
+                              "evaluated: say where it is with --cfg-args",
+                              path);
     SPIN_TRY(read_settings(m));
     SPIN_TRY(read_cloud(cloud, m));
     m->layer = (size_t)48 * MLP_BLOCK;
@@ -503,8 +490,7 @@ static spin_status ed3dgs_frame(void *self, int frame, double time, unsigned col
 static const struct spin_plugin_option options[] = {
     {"iteration", "N",
      "which save to read, the last when not given; of a save by itself, its number when its "
-     "folder's "
-     "name does not say",
+     "folder's name does not say",
      NULL},
     {"cfg-args", "FILE", "the options of the run, where none lie beside the model", NULL},
     {NULL, NULL, NULL, NULL},

@@ -126,9 +126,8 @@ static spin_status find_files(const char *path, struct model *m)
         return spin_model_join(base, &base->path, path, "%s", chkpnt);
     if (save)
         return spin_model_join(base, &base->path, clouds, "%s", save);
-    return spin_fail(SPIN_E_NOT_FOUND,
-                     "'%s' holds neither chkpnt%s.pth nor point_cloud/iteration_%s", path,
-                     wanted ? wanted : "<N>", wanted ? wanted : "<N>");
+    return spin_not_found("'%s' holds neither chkpnt%s.pth nor point_cloud/iteration_%s", path,
+                          wanted ? wanted : "<N>", wanted ? wanted : "<N>");
 }
 
 /* ---- Settings -------------------------------------------------------------------------------- */
@@ -154,9 +153,8 @@ static spin_status read_kind(const struct spin_model *m, int *out)
 
     SPIN_TRY(spin_model_word(m, "interp", "interp_type", "linear|cube|pchip", out));
     if (*out < 0 && s.at)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "'%s': interp_type is %.*s, expected linear, cube or pchip", cfg->path,
-                         (int)(s.end - s.at), s.at);
+        return spin_unsupported("'%s': interp_type is %.*s, expected linear, cube or pchip",
+                                cfg->path, (int)(s.end - s.at), s.at);
     return SPIN_OK;
 }
 
@@ -167,8 +165,8 @@ static spin_status read_told(const struct spin_model *m, struct told *told)
 
     *told = (struct told){NAN, NAN, NAN, 3, 0, -1};
     if (turn.at && !spin_cfg_is(turn, "'slerp'"))
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s': rot_interp_type is %.*s, expected 'slerp'",
-                         cfg->path, (int)(turn.end - turn.at), turn.at);
+        return spin_unsupported("'%s': rot_interp_type is %.*s, expected 'slerp'", cfg->path,
+                                (int)(turn.end - turn.at), turn.at);
     SPIN_TRY(read_number(m, "interval", 1, "time_interval", &told->interval));
     SPIN_TRY(read_number(m, "time-pad", 0, "time_pad", &told->pad));
     SPIN_TRY(read_number(m, "duration", 1, "duration", &told->frames));
@@ -192,8 +190,8 @@ static spin_status check_told(const struct model *m, const struct told *told)
 
     for (int i = 0; i < 4; i++) {
         if (all[i].missing)
-            return spin_fail(SPIN_E_NOT_FOUND, "'%s': no cfg_args beside it says %s: use --%s",
-                             m->base.path, all[i].key, all[i].option);
+            return spin_not_found("'%s': no cfg_args beside it says %s: use --%s", m->base.path,
+                                  all[i].key, all[i].option);
     }
     return SPIN_OK;
 }
@@ -245,11 +243,10 @@ static spin_status settle(struct model *m, const struct told *told)
         !(m->duration >= 1 && m->duration <= MOST_FRAMES) ||
         !(m->frames >= 1 && m->frames <= MOST_FRAMES) ||
         !(m->least_width > 0 && m->least_width <= MOST_FRAMES))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "'%s': key frames %g frames apart from frame %g on, %g frames, a duration "
-                         "of %g, var_pad %g: these do not fit together",
-                         m->base.path, m->interval, -m->shift, m->frames, m->duration,
-                         told->var_pad);
+        return spin_malformed("'%s': key frames %g frames apart from frame %g on, %g frames, a "
+                              "duration of %g, var_pad %g: these do not fit together",
+                              m->base.path, m->interval, -m->shift, m->frames, m->duration,
+                              told->var_pad);
     if (m->is_chkpnt)
         note_differences(m, told->interval, shift);
     if (told->first > 0)
@@ -375,8 +372,8 @@ static spin_status take_sh(struct spin_model *m, const struct spin_value *model,
                               item_name(p, "features_rest", item + 1, name), 3, all, &rest));
     p->sh_degree = degree_of(rest.shape[1] + 1);
     if (p->sh_degree < 0)
-        return spin_fail(SPIN_E_MALFORMED, "%s has %llu rows of SH, expected 0, 3, 8 or 15", name,
-                         (unsigned long long)rest.shape[1]);
+        return spin_malformed("%s has %llu rows of SH, expected 0, 3, 8 or 15", name,
+                              (unsigned long long)rest.shape[1]);
     p->sh_degree = active < p->sh_degree ? active : p->sh_degree;
     SPIN_TRY(reserve(m, p));
     width = width_of(p, SH);
@@ -396,10 +393,9 @@ static spin_status check_empty(const struct spin_value *model, const struct part
         int item = item_of(p, c);
 
         if (item > 0 && !spin_chkpnt_is_empty(spin_value_at(model, (size_t)item)))
-            return spin_fail(SPIN_E_MALFORMED,
-                             "item %d (%s%s) is not empty, but item %d (%sxyz) is", item,
-                             p->moving ? "motion " : "", kinds[c].tensor, item_of(p, PLACE),
-                             p->moving ? "motion " : "");
+            return spin_malformed("item %d (%s%s) is not empty, but item %d (%sxyz) is", item,
+                                  p->moving ? "motion " : "", kinds[c].tensor, item_of(p, PLACE),
+                                  p->moving ? "motion " : "");
     }
     return SPIN_OK;
 }
@@ -421,8 +417,7 @@ static spin_status part_of_chkpnt(struct spin_model *m, const struct spin_value 
     SPIN_TRY(spin_chkpnt_bind(&m->torch, place, item_name(p, "xyz", item, name), p->moving ? 3 : 2,
                               p->moving ? keyed : plain, &t));
     if (p->moving && t.shape[1] > MOST_KEYS)
-        return spin_fail(SPIN_E_MALFORMED, "%s has %llu key frames", name,
-                         (unsigned long long)t.shape[1]);
+        return spin_malformed("%s has %llu key frames", name, (unsigned long long)t.shape[1]);
     p->n = (size_t)t.shape[0];
     p->n_keys = p->moving ? (int)t.shape[1] : 1;
     SPIN_TRY(take_sh(m, model, active, p));
@@ -467,14 +462,12 @@ static spin_status count_properties(const char *path, const struct spin_ply_elem
     p->n_keys = p->moving ? places / 3 : 1;
     p->sh_degree = rest % 3 == 0 ? degree_of((uint64_t)rest / 3 + 1) : -1;
     if (p->sh_degree < 0)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "'%s': %d properties %sf_rest_*, expected 0, 9, 24 or 45", path, rest,
-                         p->moving ? "motion_" : "");
+        return spin_malformed("'%s': %d properties %sf_rest_*, expected 0, 9, 24 or 45", path, rest,
+                              p->moving ? "motion_" : "");
     if (p->moving && (places % 3 != 0 || turns != 4 * p->n_keys))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "'%s': %d properties motion_xyz_* and %d motion_rot_*, expected 3 and 4 "
-                         "for every key frame",
-                         path, places, turns);
+        return spin_malformed("'%s': %d properties motion_xyz_* and %d motion_rot_*, expected 3 "
+                              "and 4 for every key frame",
+                              path, places, turns);
     return SPIN_OK;
 }
 
@@ -491,7 +484,7 @@ static spin_status part_of_ply(struct spin_model *m, struct part *p)
     SPIN_TRY(spin_model_ply(m, path));
     e = spin_ply_find_element(&m->ply, "vertex");
     if (!e)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': no element 'vertex'", path);
+        return spin_malformed("'%s': no element 'vertex'", path);
     SPIN_TRY(count_properties(path, e, p));
     for (int c = 0; c < N_COLUMNS; c++)
         n += width_of(p, c);
@@ -507,8 +500,7 @@ static spin_status part_of_ply(struct spin_model *m, struct part *p)
             target[n] =
                 (struct spin_ply_target){spin_ply_find(e, name), p->column[c] + at, width_of(p, c)};
             if (target[n].property < 0)
-                return spin_fail(SPIN_E_MALFORMED, "'%s': element 'vertex' has no property '%s'",
-                                 path, name);
+                return spin_malformed("'%s': element 'vertex' has no property '%s'", path, name);
         }
     }
     spin_ply_columns(&m->ply, e, target, n);
@@ -589,8 +581,8 @@ static spin_status take_number(const struct spin_value *model, size_t item, cons
     const struct spin_value *v = spin_value_at(model, item);
 
     if (!v || v->kind != SPIN_VALUE_INT || !spin_value_number(v, out))
-        return spin_fail(SPIN_E_MALFORMED, "item %zu (%s) is %s, expected an int", item, name,
-                         spin_chkpnt_kind(v));
+        return spin_malformed("item %zu (%s) is %s, expected an int", item, name,
+                              spin_chkpnt_kind(v));
     return SPIN_OK;
 }
 
@@ -606,7 +598,7 @@ static spin_status take_model(struct spin_model *base)
     SPIN_TRY(take_number(model, 20, "interval", &m->interval));
     SPIN_TRY(take_number(model, 21, "time_shift", &m->shift));
     if (active < 0 || active > 3)
-        return spin_fail(SPIN_E_MALFORMED, "the active SH degree is %g, expected 0 to 3", active);
+        return spin_malformed("the active SH degree is %g, expected 0 to 3", active);
     SPIN_TRY(part_of_chkpnt(base, model, (int)active, &m->still));
     return part_of_chkpnt(base, model, (int)active, &m->moving);
 }
@@ -622,16 +614,15 @@ static spin_status read_parts(struct model *m)
         SPIN_TRY(part_of_ply(&m->base, &m->moving));
     }
     if (m->still.n > 0 && m->moving.n > 0 && m->still.sh_degree != m->moving.sh_degree)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "'%s': the SH of static Gaussians have degree %d, of dynamic ones %d",
-                         m->base.path, m->still.sh_degree, m->moving.sh_degree);
+        return spin_malformed("'%s': the SH of static Gaussians have degree %d, of dynamic ones %d",
+                              m->base.path, m->still.sh_degree, m->moving.sh_degree);
     m->sh_degree = m->still.n > 0 ? m->still.sh_degree : m->moving.sh_degree;
     n_all = m->still.n + m->moving.n;
     n_dropped = clean(&m->still) + clean(&m->moving);
     m->n = n_all - n_dropped;
     if (m->n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': none of the %zu Gaussians has finite values",
-                         m->base.path, n_all);
+        return spin_malformed("'%s': none of the %zu Gaussians has finite values", m->base.path,
+                              n_all);
     if (n_dropped > 0)
         spin_note(m->base.sequence,
                   "%zu of %zu Gaussians are dropped: values that are not finite, or rotations of "
@@ -664,15 +655,13 @@ static spin_status open_model(void *self, const char *path)
     if (!m->is_chkpnt)
         spin_note(sequence,
                   "the PLYs of %s are read: the motion of static Gaussians is spread over %g "
-                  "frames, in the "
-                  "checkpoint over a few more",
+                  "frames, in the checkpoint over a few more",
                   spin_path_name(m->base.path), m->duration);
     if (m->moving.n > 0)
-        spin_note(
-            sequence,
-            "4D splats are pieces between key frames, whose rotations are within %g degrees of "
-            "the method's; what is fainter than 1/255 is left out of them",
-            NEAR);
+        spin_note(sequence,
+                  "4D splats are pieces between key frames, whose rotations are within %g degrees "
+                  "of the method's; what is fainter than 1/255 is left out of them",
+                  NEAR);
     spin_note(sequence, "trained with a filter of 0.1 square pixels that dims thin splats: drawn "
                         "antialiased, which is similar");
     return SPIN_OK;
@@ -688,12 +677,12 @@ static spin_status find_keys(const struct model *m, double time, struct keyframe
     int beside = m->kind == KEYFRAMES_LINEAR ? 0 : 1;
 
     if (!(time >= 0 && time <= m->frames - 1))
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no time %g: its frames count from 0 to %g",
-                         m->base.path, time, m->frames - 1);
+        return spin_not_found("'%s' has no time %g: its frames count from 0 to %g", m->base.path,
+                              time, m->frames - 1);
     if (m->moving.n > 0 && (key < beside || key + 1 + beside >= m->moving.n_keys))
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "'%s': time %g needs the key frames %g to %g, and there are %d",
-                         m->base.path, time, key - beside, key + 1 + beside, m->moving.n_keys);
+        return spin_unsupported("'%s': time %g needs the key frames %g to %g, and there are %d",
+                                m->base.path, time, key - beside, key + 1 + beside,
+                                m->moving.n_keys);
     *out = (struct keyframes){m->kind, (int)key, (at - key * m->interval) / m->interval,
                               at / m->interval};
     return SPIN_OK;

@@ -69,7 +69,7 @@ static spin_status find_file(struct spin_model *m, const char *path)
         if (step_of(names[i]) > (best ? step_of(best) : -1))
             best = names[i];
     return best ? spin_model_join(m, &m->path, folder, "%s", best)
-                : spin_fail(SPIN_E_NOT_FOUND, "'%s' holds no ckpt_<step>.pt", folder);
+                : spin_not_found("'%s' holds no ckpt_<step>.pt", folder);
 }
 
 /* ---- The splats ------------------------------------------------------------------------------ */
@@ -148,10 +148,10 @@ static spin_status check_said(const struct spin_value *root)
         const struct spin_value *on = spin_value_get(root, switches[i]);
 
         if (spin_value_get(root, words[i][0]) && (!text || strcmp(text, words[i][1]) != 0))
-            return spin_fail(SPIN_E_UNSUPPORTED, "'%s' is '%.40s', expected '%s'", words[i][0],
-                             text ? text : "no text", words[i][1]);
+            return spin_unsupported("'%s' is '%.40s', expected '%s'", words[i][0],
+                                    text ? text : "no text", words[i][1]);
         if (on && on->integer != 0)
-            return spin_fail(SPIN_E_UNSUPPORTED, "'%s' is on, which is another model", switches[i]);
+            return spin_unsupported("'%s' is on, which is another model", switches[i]);
     }
     return SPIN_OK;
 }
@@ -161,9 +161,8 @@ static spin_status check_names(const struct spin_value *splats)
 {
     if (!spin_value_get(splats, "times") || !spin_value_get(splats, "durations") ||
         !spin_value_get(splats, "velocities"))
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "'splats' lacks times, durations or velocities: a checkpoint of gsplat "
-                         "without time, or of another method");
+        return spin_unsupported("'splats' lacks times, durations or velocities: a checkpoint of "
+                                "gsplat without time, or of another method");
     for (size_t i = 0; i < splats->n; i++) {
         const char *key = spin_value_text(splats->item[2 * i]);
         bool known = key && (strcmp(key, "sh0") == 0 || strcmp(key, "shN") == 0);
@@ -171,9 +170,9 @@ static spin_status check_names(const struct spin_value *splats)
         for (int c = 0; c < N_COLUMNS && key; c++)
             known = known || strcmp(key, columns[c].key) == 0;
         if (!known)
-            return spin_fail(SPIN_E_UNSUPPORTED,
-                             "'splats' has '%.40s', which FreeTimeGS has not: it is another model",
-                             key ? key : "a key that is no text");
+            return spin_unsupported(
+                "'splats' has '%.40s', which FreeTimeGS has not: it is another model",
+                key ? key : "a key that is no text");
     }
     return SPIN_OK;
 }
@@ -185,7 +184,7 @@ static spin_status bind(struct model *m, const char *key, int n_dims, int64_t sh
     const struct spin_value *v = spin_value_get(m->base.tensors, key);
 
     if (!v || v->kind != SPIN_VALUE_TENSOR)
-        return spin_fail(SPIN_E_MALFORMED, "'splats' has no tensor '%s'", key);
+        return spin_malformed("'splats' has no tensor '%s'", key);
     if (shape[1] == 1 && v->tensor.n_dims == 1)
         n_dims = 1;
     return spin_chkpnt_bind(&m->base.torch, v, key, n_dims, shape, out);
@@ -214,7 +213,7 @@ static spin_status read_checkpoint(struct spin_model *base)
 
     base->tensors = spin_value_get(root, "splats");
     if (!base->tensors || base->tensors->kind != SPIN_VALUE_DICT)
-        return spin_fail(SPIN_E_MALFORMED, "the checkpoint has no dict 'splats'");
+        return spin_malformed("the checkpoint has no dict 'splats'");
     SPIN_TRY(check_names(base->tensors));
     SPIN_TRY(check_said(root));
     spin_value_number(spin_value_get(root, "step"), &m->step);
@@ -222,20 +221,19 @@ static spin_status read_checkpoint(struct spin_model *base)
     if (spin_value_get(root, "n_frames") &&
         (!spin_value_number(spin_value_get(root, "n_frames"), &m->n_frames) ||
          !(m->n_frames >= 1 && m->n_frames <= MOST_FRAMES)))
-        return spin_fail(SPIN_E_MALFORMED, "'n_frames' is %g, expected 1 to %d", m->n_frames,
-                         MOST_FRAMES);
+        return spin_malformed("'n_frames' is %g, expected 1 to %d", m->n_frames, MOST_FRAMES);
     m->moves = !moves || moves->integer != 0;
     SPIN_TRY(bind(m, "means", 2, places, &t));
     if (t.shape[0] == 0)
-        return spin_fail(SPIN_E_MALFORMED, "0 Gaussians");
+        return spin_malformed("0 Gaussians");
     dc[0] = rest[0] = (int64_t)t.shape[0];
     SPIN_TRY(bind(m, "sh0", 3, dc, &sh[0]));
     SPIN_TRY(bind(m, "shN", 3, rest, &sh[1]));
     while (degree < 3 && spin_sh_count(degree) < (int)sh[1].shape[1] + 1)
         degree++;
     if (spin_sh_count(degree) != (int)sh[1].shape[1] + 1)
-        return spin_fail(SPIN_E_MALFORMED, "shN has %llu rows, expected 0, 3, 8 or 15",
-                         (unsigned long long)sh[1].shape[1]);
+        return spin_malformed("shN has %llu rows, expected 0, 3, 8 or 15",
+                              (unsigned long long)sh[1].shape[1]);
     SPIN_TRY(reserve(m, (size_t)t.shape[0], degree));
     for (int c = 0; c < N_COLUMNS; c++) {
         int64_t shape[3] = {(int64_t)base->splats_4d.n, columns[c].width};
@@ -271,12 +269,11 @@ static spin_status read_comment(const struct spin_ply *ply, const char *key, dou
     char *end = NULL;
 
     if (!text)
-        return spin_fail(SPIN_E_MALFORMED, "no comment '%s', which a .ftgs.ply must have", key);
+        return spin_malformed("no comment '%s', which a .ftgs.ply must have", key);
     *out = strtod(text, &end);
     end += strspn(end, " \t\r");
     if (end == text || *end || !(*out >= least && *out <= most))
-        return spin_fail(SPIN_E_MALFORMED, "comment '%s' is '%.40s', expected %g to %g", key, text,
-                         least, most);
+        return spin_malformed("comment '%s' is '%.40s', expected %g to %g", key, text, least, most);
     return SPIN_OK;
 }
 
@@ -287,12 +284,10 @@ static spin_status check_header(const struct spin_ply *ply, struct model *m, int
 
     SPIN_TRY(read_comment(ply, "ftgs_version", 1, 1e9, &version));
     if (version != 1)
-        return spin_fail(SPIN_E_UNSUPPORTED, "it is of ftgs_version %g, this program reads 1",
-                         version);
+        return spin_unsupported("it is of ftgs_version %g, this program reads 1", version);
     if (!units || strncmp(units, "normalized", 10) != 0 || units[10 + strspn(units + 10, " \t\r")])
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "comment 'time_units' is '%.40s', expected 'normalized'",
-                         units ? units : "missing");
+        return spin_unsupported("comment 'time_units' is '%.40s', expected 'normalized'",
+                                units ? units : "missing");
     SPIN_TRY(read_comment(ply, "sh_degree", 0, 3, &degree));
     SPIN_TRY(read_comment(ply, "use_velocity", 0, 1, &moves));
     SPIN_TRY(read_comment(ply, "min_duration", 1e-30, 1e30, &m->least_sigma));
@@ -300,8 +295,7 @@ static spin_status check_header(const struct spin_ply *ply, struct model *m, int
     if (comment_of(ply, "n_frames"))
         SPIN_TRY(read_comment(ply, "n_frames", 1, MOST_FRAMES, &m->n_frames));
     if (degree != floor(degree) || moves != floor(moves) || m->n_frames != floor(m->n_frames))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "sh_degree, use_velocity and n_frames are not whole numbers");
+        return spin_malformed("sh_degree, use_velocity and n_frames are not whole numbers");
     if (floor_of >= 1 / 255.0)
         spin_note(m->base.sequence,
                   "its reader shows every Gaussian at an opacity of %g at all times, which is left "
@@ -334,8 +328,7 @@ static spin_status read_ply(struct model *m)
     SPIN_TRY(spin_model_vertices(&m->base, m->base.path, &e));
     SPIN_TRY(spin_fail_reading(check_header(ply, m, &sh_degree), m->base.path));
     if (ply->n_elements != 1 || e->has_list || ply->ascii || ply->big_endian)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': not one element of little-endian numbers",
-                         m->base.path);
+        return spin_malformed("'%s': not one element of little-endian numbers", m->base.path);
     SPIN_TRY(reserve(m, (size_t)e->count, sh_degree));
     n_sh = (size_t)spin_sh_count(sh_degree);
     for (int c = 0; c < N_COLUMNS; c++)
@@ -351,19 +344,17 @@ static spin_status read_ply(struct model *m)
         target[n++] = (struct spin_ply_target){spin_ply_find(e, name),
                                                m->base.splats_4d.sh + 3 * row + channel, 3 * n_sh};
         if (target[n - 1].property < 0)
-            return spin_fail(SPIN_E_MALFORMED, "'%s': element 'vertex' has no property '%s'",
-                             m->base.path, name);
+            return spin_malformed("'%s': element 'vertex' has no property '%s'", m->base.path,
+                                  name);
     }
     for (size_t t = 0; t < n; t++) {
         if (target[t].property < 0)
-            return spin_fail(
-                SPIN_E_MALFORMED,
-                "'%s': element 'vertex' lacks a property of a .ftgs.ply: x y z opacity "
-                "scale_0..2 rot_0..3 time log_duration velocity_0..2",
-                m->base.path);
+            return spin_malformed("'%s': element 'vertex' lacks a property of a .ftgs.ply: x y z "
+                                  "opacity scale_0..2 rot_0..3 time log_duration velocity_0..2",
+                                  m->base.path);
         if (e->property[target[t].property].type != SPIN_PLY_F32)
-            return spin_fail(SPIN_E_MALFORMED, "'%s': property '%s' is no float", m->base.path,
-                             e->property[target[t].property].name);
+            return spin_malformed("'%s': property '%s' is no float", m->base.path,
+                                  e->property[target[t].property].name);
     }
     spin_ply_columns(ply, e, target, n);
     return SPIN_OK;

@@ -85,16 +85,16 @@ static spin_status read_settings(struct hash_model *m)
 
     if (bound.at) {
         if (!spin_cfg_number(bound, &m->bound))
-            return spin_fail(SPIN_E_USAGE, "--bound '%s': expected a number", bound.at);
+            return spin_misuse("--bound '%s': expected a number", bound.at);
     } else if (!grid_args.at) {
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "%s%s%s does not say the bound of the scene, without which nothing can be "
-                         "read: give it with --bound",
-                         cfg->path ? "'" : "", cfg->path ? cfg->path : "no cfg_args, so the model",
-                         cfg->path ? "'" : "");
+        return spin_not_found("%s%s%s does not say the bound of the scene, without which nothing "
+                              "can be read: give it with --bound",
+                              cfg->path ? "'" : "",
+                              cfg->path ? cfg->path : "no cfg_args, so the model",
+                              cfg->path ? "'" : "");
     } else if ((s = spin_cfg_item(grid_args, "bound")).at) {
         if (!spin_cfg_number(s, &m->bound))
-            return spin_fail(SPIN_E_MALFORMED, "'%s': bound is not a number", cfg->path);
+            return spin_malformed("'%s': bound is not a number", cfg->path);
     } else {
         m->bound = 1.6;
         spin_note(m->base.sequence, "cfg_args names no bound: assumed 1.6 as the method does");
@@ -109,13 +109,12 @@ static spin_status read_settings(struct hash_model *m)
 
         snprintf(list, sizeof list, strchr(scale, ',') ? "[%.100s]" : "%.100s", scale);
         if (!spin_cfg_numbers((struct cfg_span){list, list + strlen(list)}, 3, m->scale_xyz))
-            return spin_fail(SPIN_E_USAGE, "--scale-xyz '%s': expected a number or three", scale);
+            return spin_misuse("--scale-xyz '%s': expected a number or three", scale);
         return SPIN_OK;
     }
     s = spin_cfg_get(cfg, "scale_xyz");
     if (s.at && !spin_cfg_numbers(s, 3, m->scale_xyz))
-        return spin_fail(SPIN_E_MALFORMED, "'%s': scale_xyz is neither a number nor three of them",
-                         cfg->path);
+        return spin_malformed("'%s': scale_xyz is neither a number nor three of them", cfg->path);
     return SPIN_OK;
 }
 
@@ -131,23 +130,21 @@ static spin_status load_offsets(struct hash_model *m, const char *name, uint64_t
 
     snprintf(what, sizeof what, "%s.offsets", name);
     if (!v)
-        return spin_fail(SPIN_E_MALFORMED, "no tensor '%s'", what);
+        return spin_malformed("no tensor '%s'", what);
     SPIN_TRY(spin_torch_tensor_of(&m->base.torch, v, what, 1, shape, &t));
     if (t.count < 2 || t.count > HASH_MAX_LEVELS + 1 || (t.kind != 'i' && t.kind != 'u'))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "tensor '%s' has %llu values, expected 2 to %d whole numbers", what,
-                         (unsigned long long)t.count, HASH_MAX_LEVELS + 1);
+        return spin_malformed("tensor '%s' has %llu values, expected 2 to %d whole numbers", what,
+                              (unsigned long long)t.count, HASH_MAX_LEVELS + 1);
     spin_array_to_i64(&t, 0, t.count, offset);
     *n_levels = (int)t.count - 1;
     if (offset[0] != 0)
-        return spin_fail(SPIN_E_MALFORMED, "tensor '%s' begins with %lld, expected 0", what,
-                         (long long)offset[0]);
+        return spin_malformed("tensor '%s' begins with %lld, expected 0", what,
+                              (long long)offset[0]);
     for (int l = 0; l < *n_levels; l++) {
         if (offset[l + 1] <= offset[l] || (uint64_t)offset[l + 1] > n_rows)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "tensor '%s': level %d has rows %lld to %lld of a table of %llu", what,
-                             l, (long long)offset[l], (long long)offset[l + 1],
-                             (unsigned long long)n_rows);
+            return spin_malformed("tensor '%s': level %d has rows %lld to %lld of a table of %llu",
+                                  what, l, (long long)offset[l], (long long)offset[l + 1],
+                                  (unsigned long long)n_rows);
     }
     return SPIN_OK;
 }
@@ -166,9 +163,8 @@ static spin_status hash_load_grid(struct hash_model *m, const char *name, int n_
     snprintf(key, sizeof key, "%s.embeddings", name);
     SPIN_TRY(spin_model_floats(&m->base, key, 2, any, &info, &table));
     if (info.shape[1] != 1 && info.shape[1] != 2 && info.shape[1] != 4 && info.shape[1] != 8)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "tensor '%s' has %llu features a row, expected 1, 2, 4 or 8", key,
-                         (unsigned long long)info.shape[1]);
+        return spin_malformed("tensor '%s' has %llu features a row, expected 1, 2, 4 or 8", key,
+                              (unsigned long long)info.shape[1]);
     grid->n_dims = n_dims;
     grid->n_features = (int)info.shape[1];
     SPIN_TRY(load_offsets(m, name, info.shape[0], offset, &grid->n_levels));
@@ -180,10 +176,9 @@ static spin_status hash_load_grid(struct hash_model *m, const char *name, int n_
         struct hash_level *level = &grid->level[l];
 
         if (!spin_grid_stored_level(l, n_dims, growth, base, level->scale, level->res))
-            return spin_fail(SPIN_E_MALFORMED,
-                             "tensors '%s.per_level_scale' and '.base_resolution' make no grid at "
-                             "level %d",
-                             name, l);
+            return spin_malformed(
+                "tensors '%s.per_level_scale' and '.base_resolution' make no grid at level %d",
+                name, l);
         level->rows = (uint32_t)(offset[l + 1] - offset[l]);
         level->hashed = spin_grid_is_hashed(level->res, level->rows);
         level->table = table + (size_t)offset[l] * (size_t)grid->n_features;
@@ -213,21 +208,18 @@ static spin_status split(struct hash_model *m)
     m->grid = spin_value_at(root, 0);
     m->network = spin_value_at(root, 1);
     if (root && root->kind == SPIN_VALUE_DICT)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "what was saved is one state dict, not a pair of a grid and a network: it "
-                         "looks like Deformable-3D-Gaussians");
+        return spin_unsupported("what was saved is one state dict, not a pair of a grid and a "
+                                "network: it looks like Deformable-3D-Gaussians");
     if (!root || root->kind != SPIN_VALUE_TUPLE || root->n != 2 ||
         m->grid->kind != SPIN_VALUE_DICT || m->network->kind != SPIN_VALUE_DICT)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "what was saved is not a pair of two state dicts, grid and network");
+        return spin_malformed("what was saved is not a pair of two state dicts, grid and network");
     if (spin_value_get(m->grid, method->other_key))
-        return spin_fail(SPIN_E_UNSUPPORTED, "tensor '%s' says that this is a run of %s",
-                         method->other_key, method->other);
+        return spin_unsupported("tensor '%s' says that this is a run of %s", method->other_key,
+                                method->other);
     if (spin_value_get(m->network, method->key))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "the pair is swapped: the network comes before the grid");
+        return spin_malformed("the pair is swapped: the network comes before the grid");
     if (!spin_value_get(m->grid, method->key))
-        return spin_fail(SPIN_E_MALFORMED, "no tensor '%s'", method->key);
+        return spin_malformed("no tensor '%s'", method->key);
     m->base.tensors = m->grid;
     return SPIN_OK;
 }
@@ -262,9 +254,8 @@ static spin_status hash_open(struct hash_model *m, const char *path,
     snprintf(base->sequence->variant, sizeof base->sequence->variant,
              "%s, %zu Gaussians, bound %g, width %d", method->name, base->canonical.n, m->bound,
              m->width);
-    spin_note(base->sequence,
-              "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) in "
-              "most data sets, at i/n in some");
+    spin_note(base->sequence, "times run from 0 to 1 and are not stored: frame i of n is at "
+                              "i/(n-1) in most data sets, at i/n in some");
     return spin_mlp_team_create(m->n_scratch, &base->team);
 }
 
@@ -381,11 +372,10 @@ static spin_status settle(struct hash_model *base)
     model->directional = true;
     if (given.at) {
         if (!spin_cfg_bool(given, &model->directional))
-            return spin_fail(SPIN_E_USAGE, "--directional '%s': expected true or false", given.at);
+            return spin_misuse("--directional '%s': expected true or false", given.at);
     } else if (s.at) {
         if (!spin_cfg_bool(s, &model->directional))
-            return spin_fail(SPIN_E_MALFORMED, "'%s': directional is neither True nor False",
-                             cfg->path);
+            return spin_malformed("'%s': directional is neither True nor False", cfg->path);
     } else {
         spin_note(base->base.sequence,
                   "no cfg_args says 'directional': assumed true as the method does");
@@ -586,8 +576,8 @@ static spin_status dash_open_save(void *self, const char *path)
     iteration = spin_model_iteration(m->save);
     if (iteration >= 0 && iteration <= 2000)
         spin_note(m->base.sequence,
-                  "%s looks like a save of the first training stage, which works "
-                  "otherwise: the result may be wrong",
+                  "%s looks like a save of the first training stage, which works otherwise: the "
+                  "result may be wrong",
                   m->save);
     return SPIN_OK;
 }

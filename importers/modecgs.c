@@ -63,7 +63,7 @@ static int probe(const struct spin_peek *peek)
 static spin_status need(const struct cfg_args *cfg, const char *key, bool *out)
 {
     if (!spin_cfg_get(cfg, key).at)
-        return spin_fail(SPIN_E_MALFORMED, "'%s' has no '%s'", cfg->path, key);
+        return spin_malformed("'%s' has no '%s'", cfg->path, key);
     return spin_cfg_read_bool(cfg, key, out);
 }
 
@@ -73,8 +73,8 @@ static spin_status refuse(const struct cfg_args *cfg, const char *key, bool want
 
     SPIN_TRY(spin_cfg_read_bool(cfg, key, &is));
     if (is != wanted)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s': a run with %s=%s is not read", cfg->path, key,
-                         is ? "True" : "False");
+        return spin_unsupported("'%s': a run with %s=%s is not read", cfg->path, key,
+                                is ? "True" : "False");
     return SPIN_OK;
 }
 
@@ -91,11 +91,10 @@ static spin_status read_dynamics(const struct spin_model *m, const char *key, st
 
     SPIN_TRY(spin_model_word(m, NULL, key, "mask|mul", &out->type));
     if (out->type < 0)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s': %s is neither 'mask' nor 'mul'", cfg->path,
-                         key);
+        return spin_unsupported("'%s': %s is neither 'mask' nor 'mul'", cfg->path, key);
     SPIN_TRY(spin_model_word(m, NULL, "dynamics_activation", "sigmoid|relu|tanh", &activation));
     if (activation < 0 && spin_cfg_get(cfg, "dynamics_activation").at)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s': dynamics_activation is not known", cfg->path);
+        return spin_unsupported("'%s': dynamics_activation is not known", cfg->path);
     out->activation = activation < 0 ? SIGMOID : activation;
     return SPIN_OK;
 }
@@ -117,14 +116,13 @@ static spin_status read_settings(struct model *model)
     bool any = false;
 
     if (!cfg->path)
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "no cfg_args for '%s', without which nothing can be read",
-                         model->base.path);
+        return spin_not_found("no cfg_args for '%s', without which nothing can be read",
+                              model->base.path);
     SPIN_TRY(refuse(cfg, "GLMD", true));
     SPIN_TRY(refuse(cfg, "TIA", true));
     if (spin_cfg_get(cfg, "LGD_method").at &&
         !spin_cfg_is(spin_cfg_get(cfg, "LGD_method"), "'explicit'"))
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s': only LGD_method='explicit' is read", cfg->path);
+        return spin_unsupported("'%s': only LGD_method='explicit' is read", cfg->path);
     if (model->cameras.n > 0)
         SPIN_TRY(refuse(cfg, "use_feat_bank", false));
     SPIN_TRY(need(cfg, "anchor_dynamics", &any));
@@ -155,15 +153,13 @@ static spin_status count_columns(const struct spin_ply *ply, const struct spin_p
         n_feature = spin_model_count(e, "f_anchor_feat_");
 
     if (n_offset == 0 || n_feature == 0)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "'%s': no properties 'f_offset_*' and 'f_anchor_feat_*', so these are not "
-                         "the anchors of MoDec-GS",
-                         ply->path);
+        return spin_malformed("'%s': no properties 'f_offset_*' and 'f_anchor_feat_*', so these "
+                              "are not the anchors of MoDec-GS",
+                              ply->path);
     if (n_offset % 3 != 0 || n_offset > 3 * MAX_OFFSETS || n_feature > MAX_FEATURES)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "'%s': %d properties f_offset_* and %d f_anchor_feat_*, expected a "
-                         "multiple of 3 up to %d and up to %d",
-                         ply->path, n_offset, n_feature, 3 * MAX_OFFSETS, MAX_FEATURES);
+        return spin_malformed("'%s': %d properties f_offset_* and %d f_anchor_feat_*, expected a "
+                              "multiple of 3 up to %d and up to %d",
+                              ply->path, n_offset, n_feature, 3 * MAX_OFFSETS, MAX_FEATURES);
     model->n = (size_t)e->count;
     model->n_offsets = n_offset / 3;
     model->n_features = n_feature;
@@ -219,13 +215,12 @@ static spin_status read_anchors(struct model *model)
 static spin_status use_times(const char *path, const struct spin_array *a, struct model *model)
 {
     if (a->n_dims != 1 || a->count == 0 || a->count > MAX_SEGMENTS || a->kind != 'f')
-        return spin_fail(SPIN_E_MALFORMED, "'%s' is not a list of 1 to %d times", path,
-                         MAX_SEGMENTS);
+        return spin_malformed("'%s' is not a list of 1 to %d times", path, MAX_SEGMENTS);
     model->n_segments = (int)a->count;
     spin_array_to_f32(a, 0, a->count, model->segment);
     for (int i = 0; i < model->n_segments; i++) {
         if (!isfinite(model->segment[i]))
-            return spin_fail(SPIN_E_MALFORMED, "'%s': time %d is not finite", path, i);
+            return spin_malformed("'%s': time %d is not finite", path, i);
     }
     return SPIN_OK;
 }
@@ -251,9 +246,9 @@ static spin_status read_times(struct model *model)
     }
     SPIN_TRY(spin_cfg_read_number(cfg, "TIA_num_segments", &count));
     if (!(count >= 1 && count <= MAX_SEGMENTS))
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "'%s' has no canonical_times.npy, and '%s' no usable TIA_num_segments",
-                         model->base.path, cfg->path);
+        return spin_not_found(
+            "'%s' has no canonical_times.npy, and '%s' no usable TIA_num_segments",
+            model->base.path, cfg->path);
     model->n_segments = (int)count;
     for (int i = 0; i < model->n_segments; i++)
         model->segment[i] = (float)i / (float)model->n_segments;
@@ -281,7 +276,7 @@ static spin_status load_planes(struct model *model, struct hexplane *hex)
 {
     SPIN_TRY(spin_model_dict(&model->base));
     if (!spin_hex_find(&model->base))
-        return spin_fail(SPIN_E_MALFORMED, "no tensor 'deformation_net.grid.grids.0.0'");
+        return spin_malformed("no tensor 'deformation_net.grid.grids.0.0'");
     return spin_hex_load(&model->base, model->grid_pe, hex);
 }
 
@@ -339,10 +334,7 @@ static spin_status read_storage(struct model *model, const struct spin_zip *zip,
             m = &zip->member[i];
     }
     if (!m || m->size % 4 != 0 || m->size == 0 || (*count && m->size != 4 * (uint64_t)*count))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "member 'data/%d' is missing or not of the size of its "
-                         "layer",
-                         index);
+        return spin_malformed("member 'data/%d' is missing or not of the size of its layer", index);
     SPIN_TRY(spin_zip_read(zip, m, true, 1u << 24, &data, &owned));
     *count = (size_t)m->size / 4;
     status = alloc_floats(model, *count, 1, &values);
@@ -352,8 +344,7 @@ static spin_status read_storage(struct model *model, const struct spin_zip *zip,
     SPIN_TRY(status);
     *out = values;
     if (spin_finite_missing(values, *count) > 0)
-        return spin_fail(SPIN_E_MALFORMED, "member 'data/%d' has values that are not finite",
-                         index);
+        return spin_malformed("member 'data/%d' has values that are not finite", index);
     return SPIN_OK;
 }
 
@@ -368,9 +359,9 @@ static spin_status read_layers(struct model *model, const struct spin_zip *zip)
 
     SPIN_TRY(read_storage(model, zip, 0, &n_in, &layer[0].weight));
     if (n_in != a * (a + 3) && n_in != a * (a + 4))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "member 'data/0' has %zu values, expected %zu or %zu for %zu features",
-                         n_in, a * (a + 3), a * (a + 4), a);
+        return spin_malformed(
+            "member 'data/0' has %zu values, expected %zu or %zu for %zu features", n_in,
+            a * (a + 3), a * (a + 4), a);
     SPIN_TRY(read_storage(model, zip, 1, &n_bias, &layer[0].bias));
     SPIN_TRY(read_storage(model, zip, 2, &n_out, &layer[1].weight));
     SPIN_TRY(read_storage(model, zip, 3, &n_last, &layer[1].bias));
@@ -384,7 +375,7 @@ static spin_status read_layers(struct model *model, const struct spin_zip *zip)
 
 static spin_status read_opacity(struct model *model)
 {
-    struct spin_zip zip = {0};
+    SPIN_LEAVES(spin_zip_close) struct spin_zip zip = {0};
     const char *path;
     spin_status status;
 
@@ -392,7 +383,6 @@ static spin_status read_opacity(struct model *model)
     status = spin_zip_open(path, &zip);
     if (status == SPIN_OK)
         status = read_layers(model, &zip);
-    spin_zip_close(&zip);
     return spin_fail_reading(status, path);
 }
 
@@ -436,13 +426,13 @@ static spin_status open_model(void *self, const char *path)
 
     SPIN_TRY(spin_model_save(base, path, "deformation_GAD.pth", &base->path));
     if (!base->path)
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "'%s' has no iteration_%s with point_cloud.ply and deformation_GAD.pth%s",
-                         path, wanted ? wanted : "<N>",
-                         spin_model_search(path, "deformation.pth", &coarse)
-                             ? "; what has 'deformation.pth' alone is a run of 4DGaussians, or of "
-                               "MoDec-GS without GLMD, which is not read"
-                             : "");
+        return spin_not_found(
+            "'%s' has no iteration_%s with point_cloud.ply and deformation_GAD.pth%s", path,
+            wanted ? wanted : "<N>",
+            spin_model_search(path, "deformation.pth", &coarse)
+                ? "; what has 'deformation.pth' alone is a run of 4DGaussians, or of MoDec-GS "
+                  "without GLMD, which is not read"
+                : "");
     SPIN_TRY(spin_model_cfg(base, path, base->path));
     SPIN_TRY(spin_camera_places_parse(spin_model_option(base, "camera"), &model->cameras));
     SPIN_TRY(read_anchors(model));
@@ -599,13 +589,13 @@ static spin_status modecgs_frame(void *self, int frame, double time, unsigned co
 
     (void)frame;
     if (!isfinite(time))
-        return spin_fail(SPIN_E_USAGE, "'%s' has no time %g", model->base.path, time);
+        return spin_misuse("'%s' has no time %g", model->base.path, time);
     spin_mlp_team_run(&model->base.team, model->n, evaluate, &job);
     for (size_t i = 0; i < model->most; i++)
         n += model->kept[i];
     if (n == 0)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s': no offset is opaque for --camera at time %g",
-                         model->base.path, time);
+        return spin_unsupported("'%s': no offset is opaque for --camera at time %g",
+                                model->base.path, time);
     columns &= SPIN_COL_MEANS;
     SPIN_TRY(spin_splats_reserve(out, n, columns, 0));
     n = 0;

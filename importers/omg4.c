@@ -91,7 +91,7 @@ enum { INNER = -1, END = -2 };
 static spin_status new_node(struct huffman *tree, uint32_t *out)
 {
     if (tree->n > UINT32_MAX / 2)
-        return spin_fail(SPIN_E_MALFORMED, "a Huffman table is too large");
+        return spin_malformed("a Huffman table is too large");
     SPIN_TRY(spin_room(tree->n, &tree->capacity, sizeof *tree->node, (void **)&tree->node));
     *out = (uint32_t)tree->n;
     tree->node[tree->n++] = (struct huffman_node){{0, 0}, INNER};
@@ -107,7 +107,7 @@ static spin_status add_code(struct huffman *tree, int bits, uint64_t code, int64
         uint32_t next = tree->node[at].child[side];
 
         if (tree->node[at].label != INNER)
-            return spin_fail(SPIN_E_MALFORMED, "one Huffman code is the beginning of another");
+            return spin_malformed("one Huffman code is the beginning of another");
         if (next == 0) {
             SPIN_TRY(new_node(tree, &next));
             tree->node[at].child[side] = next;
@@ -115,8 +115,7 @@ static spin_status add_code(struct huffman *tree, int bits, uint64_t code, int64
         at = next;
     }
     if (tree->node[at].label != INNER || tree->node[at].child[0] || tree->node[at].child[1])
-        return spin_fail(SPIN_E_MALFORMED,
-                         "two Huffman codes are equal, or one is the beginning of the other");
+        return spin_malformed("two Huffman codes are equal, or one is the beginning of the other");
     tree->node[at].label = label;
     return SPIN_OK;
 }
@@ -127,7 +126,7 @@ static spin_status huffman_build(const struct spin_value *table, struct huffman 
     uint32_t root;
 
     if (!table || table->kind != SPIN_VALUE_DICT || table->n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "a Huffman table is not a dict, or empty");
+        return spin_malformed("a Huffman table is not a dict, or empty");
     SPIN_TRY(new_node(tree, &root));
     for (size_t i = 0; i < table->n; i++) {
         const struct spin_value *key = table->item[2 * i], *entry = table->item[2 * i + 1];
@@ -136,14 +135,13 @@ static spin_status huffman_build(const struct spin_value *table, struct huffman 
 
         if (key->kind != SPIN_VALUE_OBJECT &&
             (!spin_value_number(key, &label) || !(label >= 0) || label > 1e9))
-            return spin_fail(SPIN_E_MALFORMED, "a Huffman table has a label that is no number");
+            return spin_malformed("a Huffman table has a label that is no number");
         if (!bits || !code || bits->kind != SPIN_VALUE_INT || code->kind != SPIN_VALUE_INT ||
             bits->integer < 1 || bits->integer > MAX_CODE_BITS || code->integer < 0 ||
             code->integer >> bits->integer != 0)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "a Huffman table has a code that is not (bits, value) of at most %d "
-                             "bits",
-                             MAX_CODE_BITS);
+            return spin_malformed(
+                "a Huffman table has a code that is not (bits, value) of at most %d bits",
+                MAX_CODE_BITS);
         SPIN_TRY(add_code(tree, (int)bits->integer, (uint64_t)code->integer, (int64_t)label));
     }
     return SPIN_OK;
@@ -164,8 +162,7 @@ static spin_status huffman_read(const struct huffman *tree, const struct spin_va
         if (at == 0) {
             if (found == n) /* padding behind the last label */
                 return SPIN_OK;
-            return spin_fail(SPIN_E_MALFORMED, "the bits after label %zu are no Huffman code",
-                             found);
+            return spin_malformed("the bits after label %zu are no Huffman code", found);
         }
         label = tree->node[at].label;
         if (label == INNER)
@@ -173,15 +170,15 @@ static spin_status huffman_read(const struct huffman *tree, const struct spin_va
         if (label == END)
             break;
         if ((uint64_t)label >= n_labels)
-            return spin_fail(SPIN_E_MALFORMED, "label %lld, but the codebook has %llu entries",
-                             (long long)label, (unsigned long long)n_labels);
+            return spin_malformed("label %lld, but the codebook has %llu entries", (long long)label,
+                                  (unsigned long long)n_labels);
         if (found == n)
-            return spin_fail(SPIN_E_MALFORMED, "more than %zu labels", n);
+            return spin_malformed("more than %zu labels", n);
         out[found++] = (uint32_t)label;
         at = 0;
     }
     if (found != n)
-        return spin_fail(SPIN_E_MALFORMED, "%zu labels, expected %zu", found, n);
+        return spin_malformed("%zu labels, expected %zu", found, n);
     return SPIN_OK;
 }
 
@@ -202,11 +199,10 @@ static spin_status load(struct model *m, const char *key, size_t width, float **
     const struct spin_array *t = as_array(spin_value_get(m->pickle.root, key));
 
     if (!t || t->n_dims != 2 || t->shape[1] != width || (m->n && t->shape[0] != m->n))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "'%s' is missing or no array [%s, %zu] of floating-point numbers", key,
-                         m->n ? "Gaussians" : "G", width);
+        return spin_malformed("'%s' is missing or no array [%s, %zu] of floating-point numbers",
+                              key, m->n ? "Gaussians" : "G", width);
     if (t->shape[0] == 0)
-        return spin_fail(SPIN_E_MALFORMED, "0 Gaussians");
+        return spin_malformed("0 Gaussians");
     m->n = (size_t)t->shape[0];
     SPIN_TRY(spin_model_scratch(&m->base, m->n, width * sizeof **out, (void **)out));
     spin_array_to_f32(t, 0, t->count, *out);
@@ -236,7 +232,7 @@ static spin_status read_part(struct model *m, const struct spin_value *code,
     spin_status status;
 
     if (!index || index->kind != SPIN_VALUE_BYTES)
-        return spin_fail(SPIN_E_MALFORMED, "an index is not bytes");
+        return spin_malformed("an index is not bytes");
     SPIN_TRY(spin_model_scratch(&m->base, m->n, sizeof *labels, (void **)&labels));
     status = huffman_build(table, &tree);
     if (status == SPIN_OK)
@@ -258,18 +254,17 @@ static spin_status read_parts(struct model *m, const char *name, size_t width, f
     size_t at = 0;
 
     if (!codes || !indices || !tables || indices->n != codes->n || tables->n != codes->n)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "'%s_code', '%s_index' and '%s_htable' are not three lists of one length",
-                         name, name, name);
+        return spin_malformed(
+            "'%s_code', '%s_index' and '%s_htable' are not three lists of one length", name, name,
+            name);
     for (size_t i = 0; i < codes->n; i++) {
         const struct spin_array *book = as_array(spin_value_at(codes, i));
         spin_status status;
 
         if (!book || book->n_dims != 2 || book->shape[1] == 0 || book->shape[1] > width - at)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "'%s_code' %zu is no codebook, or its width does not fit into the %zu "
-                             "columns",
-                             name, i, width);
+            return spin_malformed(
+                "'%s_code' %zu is no codebook, or its width does not fit into the %zu columns",
+                name, i, width);
         status = read_part(m, spin_value_at(codes, i), spin_value_at(indices, i),
                            spin_value_at(tables, i), at, width, out);
         if (status != SPIN_OK)
@@ -277,8 +272,7 @@ static spin_status read_parts(struct model *m, const char *name, size_t width, f
         at += (size_t)book->shape[1];
     }
     if (at != width)
-        return spin_fail(SPIN_E_MALFORMED, "'%s_code' has %zu columns, expected %zu", name, at,
-                         width);
+        return spin_malformed("'%s_code' has %zu columns, expected %zu", name, at, width);
     return SPIN_OK;
 }
 
@@ -300,12 +294,11 @@ static spin_status load_net(struct model *m, int net)
     float *weight;
 
     if (!t || t->n_dims != 1 || t->count != count)
-        return spin_fail(SPIN_E_MALFORMED, "'%s' is missing or no array [%zu]", nets[net].key,
-                         count);
+        return spin_malformed("'%s' is missing or no array [%zu]", nets[net].key, count);
     SPIN_TRY(spin_model_alloc(&m->base, count, sizeof *weight, (void **)&weight));
     spin_array_to_f32(t, 0, count, weight);
     if (spin_finite_missing(weight, count) > 0)
-        return spin_fail(SPIN_E_MALFORMED, "'%s' has a weight that is not finite", nets[net].key);
+        return spin_malformed("'%s' has a weight that is not finite", nets[net].key);
     m->net[net] = (struct mlp_net){
         .n = 2,
         .half = true,
@@ -515,11 +508,10 @@ static spin_status find_times(struct model *m)
     SPIN_TRY(spin_run_config_times(&base->settings, asked, base->splats_4d.times, m->gaussians.n, 1,
                                    SPREAD, &m->times));
     if (m->times.guessed)
-        spin_note(
-            base->sequence,
-            "time_duration is not in the file: assumed %g,%g, as the Gaussians' own times run; "
-            "colours and opacities depend on it: --time-duration or --config sets it",
-            m->times.first, m->times.last);
+        spin_note(base->sequence,
+                  "time_duration is not in the file: assumed %g,%g, as the Gaussians' own times "
+                  "run; colours and opacities depend on it: --time-duration or --config sets it",
+                  m->times.first, m->times.last);
     return SPIN_OK;
 }
 
@@ -542,20 +534,17 @@ static spin_status find_file(struct spin_model *m, const char *path)
     }
     if (n_xz == 1)
         return spin_model_join(m, &m->path, path, "%s", best);
-    return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds %s", path,
-                     n_xz ? "several *.xz, but no comp.xz: name one" : "no comp.xz");
+    return spin_not_found("'%s' holds %s", path,
+                          n_xz ? "several *.xz, but no comp.xz: name one" : "no comp.xz");
 }
 
 static spin_status parse(struct model *m)
 {
-    unsigned char *bytes = NULL;
+    SPIN_FREED unsigned char *bytes = NULL;
     size_t n = 0;
-    spin_status status;
 
     SPIN_TRY(spin_xz_load(m->base.path, UNPACKED_LIMIT, &bytes, &n));
-    status = spin_pickle_parse(m->base.path, bytes, n, &m->pickle);
-    free(bytes);
-    return status;
+    return spin_pickle_parse(m->base.path, bytes, n, &m->pickle);
 }
 
 static spin_status read_pickle(struct model *m)
@@ -564,7 +553,7 @@ static spin_status read_pickle(struct model *m)
 
     m->moving = spin_value_get(m->pickle.root, "means") != NULL;
     if (!m->moving && !spin_value_get(m->pickle.root, "xyz"))
-        return spin_fail(SPIN_E_MALFORMED, "the pickle is not a dict with 'xyz' or 'means'");
+        return spin_malformed("the pickle is not a dict with 'xyz' or 'means'");
     SPIN_TRY(load_columns(m, &c));
     for (int net = 0; net < N_NETS; net++)
         SPIN_TRY(load_net(m, net));

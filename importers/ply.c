@@ -107,10 +107,9 @@ static spin_status find_files(struct spin_model *m, const char *path,
             SPIN_TRY(spin_file_sequence_add(seq, cloud, spin_path_number(names[i])));
     }
     if (seq->n_frames == 0)
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "'%s' holds neither PLY files nor folders with "
-                         "point_cloud/iteration_*/point_cloud.ply",
-                         path);
+        return spin_not_found(
+            "'%s' holds neither PLY files nor folders with point_cloud/iteration_*/point_cloud.ply",
+            path);
     return SPIN_OK;
 }
 
@@ -147,10 +146,9 @@ static spin_status check_not_4d(const struct spin_ply *ply, const struct spin_pl
     }
     if (i == n || (i == n - 1 && !spin_gs_ply_any(e))) /* points may have a t */
         return SPIN_OK;
-    return spin_fail(SPIN_E_UNSUPPORTED,
-                     "'%s': property '%s' says that this is a 4D model, it looks like %s, and not "
-                     "the cloud of one frame%s",
-                     ply->path, signs[i].name, signs[i].method, signs[i].use);
+    return spin_unsupported("'%s': property '%s' says that this is a 4D model, it looks like %s, "
+                            "and not the cloud of one frame%s",
+                            ply->path, signs[i].name, signs[i].method, signs[i].use);
 }
 
 struct content {
@@ -167,9 +165,9 @@ static spin_status inspect(const struct spin_ply *ply, struct content *out)
 
     *out = (struct content){.vertex = e, .sh_degree = -1};
     if (!e)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': no element 'vertex'", ply->path);
+        return spin_malformed("'%s': no element 'vertex'", ply->path);
     if (e->count > UINT32_MAX)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s': more than 2^32 vertices", ply->path);
+        return spin_unsupported("'%s': more than 2^32 vertices", ply->path);
     if (spin_compressed_any(e)) {
         out->kind = COMPRESSED;
         SPIN_TRY(spin_compressed_find(ply, &out->packed));
@@ -189,8 +187,7 @@ static spin_status inspect(const struct spin_ply *ply, struct content *out)
         const char *name = i == 0 ? "x" : i == 1 ? "y" : "z";
 
         if (!spin_ply_has(e, name))
-            return spin_fail(SPIN_E_MALFORMED, "'%s': element 'vertex' has no property '%s'",
-                             ply->path, name);
+            return spin_malformed("'%s': element 'vertex' has no property '%s'", ply->path, name);
     }
     out->kind = spin_ply_has_colours(e) ? COLOURED : POINTS;
     return SPIN_OK;
@@ -210,9 +207,9 @@ static void note_writer(const struct spin_ply *ply, const struct content *c,
         }
     }
     if (spin_ply_has(c->vertex, "filter_3D")) {
-        spin_note(sequence,
-                  "property 'filter_3D' (Mip-Splatting) is ignored: small Gaussians come out "
-                  "too small");
+        spin_note(
+            sequence,
+            "property 'filter_3D' (Mip-Splatting) is ignored: small Gaussians come out too small");
         spin_warn("'%s': property 'filter_3D' (Mip-Splatting) is ignored", ply->path);
     }
     if (spin_ply_has(c->vertex, "embedding_0")) {
@@ -254,12 +251,12 @@ static spin_status compare_names(const struct clip *clip, const struct spin_ply 
         for (size_t k = 0; k < c->vertex->n_properties && !found; k++)
             found = strcmp(c->vertex->property[k].name, clip->names[i]) == 0;
         if (!found)
-            return spin_fail(SPIN_E_MALFORMED, "'%s' has no property '%s', but '%s' has", ply->path,
-                             clip->names[i], clip->files.frame[0].path);
+            return spin_malformed("'%s' has no property '%s', but '%s' has", ply->path,
+                                  clip->names[i], clip->files.frame[0].path);
     }
     if (n != clip->n_names || c->kind != clip->kind)
-        return spin_fail(SPIN_E_MALFORMED, "'%s' has other vertex properties than '%s'", ply->path,
-                         clip->files.frame[0].path);
+        return spin_malformed("'%s' has other vertex properties than '%s'", ply->path,
+                              clip->files.frame[0].path);
     return SPIN_OK;
 }
 
@@ -308,7 +305,7 @@ static spin_status describe(struct clip *clip)
         n_all += clip->files.frame[i].n;
     }
     if (n_all == 0)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': 0 vertices", clip->files.frame[0].path);
+        return spin_malformed("'%s': 0 vertices", clip->files.frame[0].path);
     sequence->n_frames = (int)clip->files.n_frames;
     sequence->numbers = clip->numbers[0] >= 0 ? clip->numbers : NULL;
     sequence->counts = clip->counts;
@@ -331,7 +328,7 @@ static spin_status open_clip(void *self, const char *path)
     clip->sh_degree = -1;
     SPIN_TRY(find_files(&clip->base, path, &clip->files));
     if (clip->files.n_frames > INT_MAX)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' holds too many files", path);
+        return spin_unsupported("'%s' holds too many files", path);
     SPIN_TRY(spin_file_sequence_sort(&clip->files, clip->base.sequence));
     for (size_t i = 0; i < clip->files.n_frames; i++)
         SPIN_TRY(open_frame(clip, i));
@@ -395,7 +392,7 @@ static spin_status ply_frame(void *self, int frame, double time, unsigned column
 
     (void)time;
     if (frame < 0 || (size_t)frame >= clip->files.n_frames)
-        return spin_fail(SPIN_E_NOT_FOUND, "there is no frame %d", frame);
+        return spin_not_found("there is no frame %d", frame);
     SPIN_TRY(spin_model_ply(&clip->base, clip->files.frame[frame].path));
     SPIN_TRY(inspect(ply, &c));
     if (c.kind != clip->kind || c.vertex->count != clip->files.frame[frame].n ||

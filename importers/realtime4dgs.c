@@ -126,10 +126,9 @@ static spin_status take_tuple(const struct spin_value *m, struct rows *r)
         return SPIN_OK;
     }
     if (m->n != 12 && m->n != 13)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "the model has %zu items and Realtime-4DGS has 19 (or 12): it is one of "
-                         "%s",
-                         m->n, spin_chkpnt_maker(m->n));
+        return spin_unsupported(
+            "the model has %zu items and Realtime-4DGS has 19 (or 12): it is one of %s", m->n,
+            spin_chkpnt_maker(m->n));
     for (int p = 0; p < R4_N_PARTS; p++)
         r->part[p] = all[p].item3 < 0 ? NULL : spin_value_at(m, (size_t)all[p].item3);
     return SPIN_OK;
@@ -169,24 +168,22 @@ static spin_status r4_find(const struct spin_value *root, struct rows *r)
     if (is_kind(root, SPIN_VALUE_DICT) && spin_value_get(root, "xyz") &&
         spin_value_get(root, "scaling_t")) {
         if (spin_value_get(root, "static_xyz"))
-            return spin_fail(SPIN_E_UNSUPPORTED, "a dict with static_xyz is one of %s",
-                             spin_chkpnt_maker(28));
+            return spin_unsupported("a dict with static_xyz is one of %s", spin_chkpnt_maker(28));
         r4_loaded(root, "", r);
         r->moving = true;
         return SPIN_OK;
     }
     if (!is_kind(root, SPIN_VALUE_TUPLE) || root->n != 2)
-        return spin_fail(SPIN_E_MALFORMED, "the checkpoint holds %s, expected (model, iteration)",
-                         spin_chkpnt_kind(root));
+        return spin_malformed("the checkpoint holds %s, expected (model, iteration)",
+                              spin_chkpnt_kind(root));
     spin_value_number(spin_value_at(root, 1), &r->iteration);
     if (is_kind(m, SPIN_VALUE_DICT) && spin_value_get(m, "_xyz")) {
         take_attributes(m, r);
         return SPIN_OK;
     }
     if (!is_kind(m, SPIN_VALUE_TUPLE) || !is_kind(spin_value_at(root, 1), SPIN_VALUE_INT))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "the checkpoint holds %s and %s, expected a tuple and an int",
-                         spin_chkpnt_kind(m), spin_chkpnt_kind(spin_value_at(root, 1)));
+        return spin_malformed("the checkpoint holds %s and %s, expected a tuple and an int",
+                              spin_chkpnt_kind(m), spin_chkpnt_kind(spin_value_at(root, 1)));
     return take_tuple(m, r);
 }
 
@@ -223,8 +220,8 @@ static spin_status bind_sh(struct spin_model *m, struct rows *r)
     for (int i = 0; i < 2 && r->swapped; i++)
         swap_axes(&r->sh[i]);
     if (r->sh[1].shape[1] > 47)
-        return spin_fail(SPIN_E_MALFORMED, "features_rest has %llu rows of SH, expected at most 47",
-                         (unsigned long long)r->sh[1].shape[1]);
+        return spin_malformed("features_rest has %llu rows of SH, expected at most 47",
+                              (unsigned long long)r->sh[1].shape[1]);
     r->n_sh = 1 + (int)r->sh[1].shape[1];
     return SPIN_OK;
 }
@@ -266,8 +263,8 @@ static spin_status read_degree(const struct spin_value *v, const char *what, int
     double value = -1;
 
     if (!spin_value_number(v, &value) || value != floor(value) || value < 0 || value > largest)
-        return spin_fail(SPIN_E_MALFORMED, "%s is %s %g, expected 0 to %d", what,
-                         spin_chkpnt_kind(v), value, largest);
+        return spin_malformed("%s is %s %g, expected 0 to %d", what, spin_chkpnt_kind(v), value,
+                              largest);
     *out = (int)value;
     return SPIN_OK;
 }
@@ -278,10 +275,9 @@ static spin_status find_degrees(struct rows *r, double told)
     int most = 0;
 
     if (!sh_to_degree(r->n_sh, told, &most, &in_time))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "features_dc and features_rest have %d rows of SH together, which no "
-                         "degree has",
-                         r->n_sh);
+        return spin_malformed(
+            "features_dc and features_rest have %d rows of SH together, which no degree has",
+            r->n_sh);
     if (r->swapped) {
         r->degree = most;
         r->degree_t = in_time && r->moving ? 2 : 0;
@@ -315,7 +311,7 @@ static spin_status r4_read(struct spin_model *m, bool with_sh, struct rows *r)
         return SPIN_OK;
     r->rot_4d = r->moving && (rot_4d ? rot_4d->integer != 0 : has_right);
     if (r->rot_4d && !has_right)
-        return spin_fail(SPIN_E_MALFORMED, "rot_4d is true, but the right quaternions are empty");
+        return spin_malformed("rot_4d is true, but the right quaternions are empty");
     SPIN_TRY(spin_cfg_read_number(&m->settings.cfg, "sh_degree", &told));
     if (with_sh) {
         SPIN_TRY(bind_sh(m, r));
@@ -428,8 +424,8 @@ static void r4_note(const struct rows *r, const struct clip_times *times,
 
     if (times->guessed)
         spin_note(sequence,
-                  "time_duration is not in the run's folder: assumed %g,%g, as the Gaussians' "
-                  "own times run%s; --time-duration or --config sets it",
+                  "time_duration is not in the run's folder: assumed %g,%g, as the Gaussians' own "
+                  "times run%s; --time-duration or --config sets it",
                   times->first, times->last, r->degree_t > 0 ? ", and colours depend on it" : "");
     if (env && env->kind == SPIN_VALUE_TENSOR && !spin_chkpnt_is_empty(env))
         spin_note(sequence,
@@ -552,9 +548,8 @@ static void realtime_describe(const struct realtime_model *m)
     char iteration[48];
 
     if (m->stale)
-        spin_note(sequence,
-                  "a checkpoint of OMG4, whose colours and opacities live in networks that "
-                  "are not in it: geometry only; import comp.xz for the rest");
+        spin_note(sequence, "a checkpoint of OMG4, whose colours and opacities live in networks "
+                            "that are not in it: geometry only; import comp.xz for the rest");
     r4_note(r, &m->times, sequence);
     if (r->masked)
         spin_note(sequence, "the mask of a fork (its last item) is ignored");
@@ -594,7 +589,7 @@ static spin_status realtime_open_checkpoint(struct realtime_model *m)
     m->stale = is_stale(&m->rows);
     SPIN_TRY(r4_read(base, !m->stale, &m->rows));
     if (m->rows.n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "0 Gaussians");
+        return spin_malformed("0 Gaussians");
     if (m->rows.rot_4d)
         SPIN_TRY(choose_convention(m));
     m->reading.transposed = !m->rows.rot_4d && m->rows.moving &&
@@ -623,7 +618,7 @@ static spin_status realtime_open_run(void *self, const char *path)
 
     SPIN_TRY(spin_chkpnt_find(&m->base, path));
     if (!m->base.path)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds no chkpnt<N>.pth", path);
+        return spin_not_found("'%s' holds no chkpnt<N>.pth", path);
     return spin_fail_reading(realtime_open_checkpoint(m), m->base.path);
 }
 
@@ -699,8 +694,7 @@ static spin_status take_parts(const struct spin_value *root, struct hybrid_model
     r4_items(model, moving);
     rot_4d = moving->part[R4_ROT_4D];
     if (!rot_4d || rot_4d->kind != SPIN_VALUE_BOOL)
-        return spin_fail(SPIN_E_MALFORMED, "item 16 (rot_4d) is %s, expected a bool",
-                         spin_chkpnt_kind(rot_4d));
+        return spin_malformed("item 16 (rot_4d) is %s, expected a bool", spin_chkpnt_kind(rot_4d));
     still->part[R4_ACTIVE] = moving->part[R4_ACTIVE];
     for (int p = R4_XYZ; p <= R4_OPACITY; p++)
         still->part[p] = spin_value_at(model, (size_t)(19 + p - R4_XYZ));
@@ -714,8 +708,7 @@ static spin_status check_nothing(const struct rows *r)
 
     for (int p = R4_DC; p <= R4_SCALING_T; p++) {
         if (!r4_lacks(r, p))
-            return spin_fail(SPIN_E_MALFORMED, "%s%s is not empty, but %sxyz is", who, all[p].name,
-                             who);
+            return spin_malformed("%s%s is not empty, but %sxyz is", who, all[p].name, who);
     }
     return SPIN_OK;
 }
@@ -731,18 +724,16 @@ static spin_status hybrid_read_rows(struct hybrid_model *m)
             SPIN_TRY(r4_read(&m->base, true, &m->half[h]));
     }
     if (moving->n == 0 && still->n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "0 Gaussians");
+        return spin_malformed("0 Gaussians");
     if (moving->n == 0 || still->n == 0)
         return SPIN_OK;
     if (moving->n_sh != still->n_sh)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "dynamic Gaussians have %d rows of SH and static ones %d, expected the "
-                         "same",
-                         moving->n_sh, still->n_sh);
+        return spin_malformed(
+            "dynamic Gaussians have %d rows of SH and static ones %d, expected the same",
+            moving->n_sh, still->n_sh);
     if (!moving->rot_4d)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "there are static Gaussians, which are made of 4-D rotations, but rot_4d "
-                         "is false");
+        return spin_malformed(
+            "there are static Gaussians, which are made of 4-D rotations, but rot_4d is false");
     return SPIN_OK;
 }
 
@@ -763,11 +754,10 @@ static spin_status add_rows(struct hybrid_model *m)
         spin_note(sequence, "%zu of %zu dynamic Gaussians are dropped: values that are not finite",
                   n_dropped, n_moving);
     if (m->gaussians.n_dropped > n_dropped)
-        spin_note(
-            sequence,
-            "%zu of %zu static Gaussians are dropped: values that are not finite; the method's "
-            "own conversion makes such rotations, and its renderer skips them",
-            m->gaussians.n_dropped - n_dropped, n_still);
+        spin_note(sequence,
+                  "%zu of %zu static Gaussians are dropped: values that are not finite; the "
+                  "method's own conversion makes such rotations, and its renderer skips them",
+                  m->gaussians.n_dropped - n_dropped, n_still);
     return spin_gaussian4d_check(&m->gaussians, n_moving + n_still, n_faint, NULL, sequence);
 }
 
@@ -815,12 +805,11 @@ static spin_status hybrid_open_run(void *self, const char *path)
     m->base.splats_4d.least_weight = LEAST_WEIGHT;
     SPIN_TRY(spin_chkpnt_find(&m->base, path));
     if (!m->base.path)
-        return spin_fail(
-            SPIN_E_NOT_FOUND, "'%s' holds no chkpnt<N>.pth%s", path,
+        return spin_not_found(
+            "'%s' holds no chkpnt<N>.pth%s", path,
             spin_model_holds(path, "point_cloud")
-                ? "; its point_cloud.ply cannot replace it: it has the dynamic half only, "
-                  "without times and "
-                  "turned wrong, and cannot stand for it"
+                ? "; its point_cloud.ply cannot replace it: it has the dynamic half "
+                  "only, without times and turned wrong, and cannot stand for it"
                 : "");
     return spin_fail_reading(hybrid_open_checkpoint(m), m->base.path);
 }

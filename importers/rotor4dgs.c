@@ -10,7 +10,6 @@
 #include "base/option.h"
 #include "base/text.h"
 #include "importers/lib/chkpnt.h"
-#include "importers/lib/file_sequence.h"
 #include "importers/lib/gaussian4d.h"
 #include "io/json.h"
 
@@ -77,8 +76,8 @@ static spin_status find_prefix(struct spin_model *m)
         if (spin_text_ends(key, "quats1") && strlen(key) < 256)
             return spin_model_text(m, &m->prefix, "%.*s", (int)strlen(key) - 6, key);
     }
-    return spin_fail(SPIN_E_UNSUPPORTED,
-                     splatfacto ? "'pipeline' holds an ordinary splatfacto model, which has no time"
+    return spin_unsupported(splatfacto
+                                ? "'pipeline' holds an ordinary splatfacto model, which has no time"
                                 : "'pipeline' has no tensor whose name ends in 'quats1'");
 }
 
@@ -91,7 +90,7 @@ static spin_status bind(struct model *m, const char *key, int n_dims, const int6
 
     snprintf(name, sizeof name, "%s%s", m->base.prefix, key);
     if (!v)
-        return spin_fail(SPIN_E_MALFORMED, "no tensor '%s'", name);
+        return spin_malformed("no tensor '%s'", name);
     return spin_chkpnt_bind(&m->base.torch, v, name, n_dims, shape, out);
 }
 
@@ -113,7 +112,7 @@ static spin_status count_rows(struct model *m)
 
     SPIN_TRY(bind(m, "xyz", 2, shape, &t));
     if (t.shape[0] == 0)
-        return spin_fail(SPIN_E_MALFORMED, "0 Gaussians");
+        return spin_malformed("0 Gaussians");
     m->n = (size_t)t.shape[0];
     return SPIN_OK;
 }
@@ -131,9 +130,8 @@ static spin_status bind_sh(struct model *m)
     while (degree < 4 && (size_t)((degree + 1) * (degree + 1)) != m->n_rest + 1)
         degree++;
     if (m->n_rest + 1 != (size_t)((degree + 1) * (degree + 1)))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "'%sfeatures_rest' has %zu rows of SH, expected 0, 3, 8, 15 or 24",
-                         m->base.prefix, m->n_rest);
+        return spin_malformed("'%sfeatures_rest' has %zu rows of SH, expected 0, 3, 8, 15 or 24",
+                              m->base.prefix, m->n_rest);
     if (degree == 4)
         spin_note(m->base.sequence, "SH of degree 4 are cut to degree 3");
     m->sh_degree = degree < 3 ? degree : 3;
@@ -222,7 +220,7 @@ static spin_status find_checkpoint(struct spin_model *m, const char *path)
             best = names[i];
     }
     return best ? spin_model_join(m, &m->path, folder, "%s", best)
-                : spin_fail(SPIN_E_NOT_FOUND, "'%s' holds no step-<N>.ckpt", folder);
+                : spin_not_found("'%s' holds no step-<N>.ckpt", folder);
 }
 
 static bool is_identity(const spin_json *json)
@@ -247,15 +245,13 @@ static bool is_identity(const spin_json *json)
 static spin_status note_transform(struct spin_model *m)
 {
     const char *folder, *path;
-    spin_json *json = NULL;
+    SPIN_LEAVES(spin_json_freed) spin_json *json = NULL;
 
     SPIN_TRY(spin_model_folder(m, &folder, m->path));
     SPIN_TRY(spin_model_find(m, &path, folder, "../dataparser_transforms.json"));
     if (path && spin_json_load(path, &json) == SPIN_OK && !is_identity(json))
-        spin_note(m->sequence,
-                  "dataparser_transforms.json moves and scales the scene: positions are in "
-                  "that space, not in the data set's");
-    spin_json_free(json);
+        spin_note(m->sequence, "dataparser_transforms.json moves and scales the scene: positions "
+                               "are in that space, not in the data set's");
     return SPIN_OK;
 }
 
@@ -282,11 +278,10 @@ static void describe(const struct model *m)
     snprintf(sequence->variant, sizeof sequence->variant,
              "4D-Rotor-Gaussians%s, %zu Gaussians, SH degree %d", step, m->n, m->sh_degree);
     if (m->times.guessed)
-        spin_note(
-            sequence,
-            "the range of times is not in the checkpoint: assumed %g,%g, as the Gaussians' own "
-            "times run; --time-range sets it",
-            m->times.first, m->times.last);
+        spin_note(sequence,
+                  "the range of times is not in the checkpoint: assumed %g,%g, as the Gaussians' "
+                  "own times run; --time-range sets it",
+                  m->times.first, m->times.last);
 }
 
 static spin_status open_checkpoint(struct model *m)
@@ -300,8 +295,7 @@ static spin_status open_checkpoint(struct model *m)
     spin_value_number(spin_value_get(base->torch.root, "step"), &m->step);
     base->tensors = spin_value_get(base->torch.root, "pipeline");
     if (!base->tensors || base->tensors->kind != SPIN_VALUE_DICT)
-        return spin_fail(SPIN_E_MALFORMED, "the checkpoint has no dict 'pipeline', which "
-                                           "nerfstudio's have");
+        return spin_malformed("the checkpoint has no dict 'pipeline', which nerfstudio's have");
     SPIN_TRY(find_prefix(base));
     SPIN_TRY(count_rows(m));
     SPIN_TRY(bind_sh(m));

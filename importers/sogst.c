@@ -30,16 +30,14 @@ static int probe(const struct spin_peek *peek)
 static spin_status read_file(struct spin_model *m, const char *path, struct spin_sogst *sogst,
                              bool *ply)
 {
-    struct spin_map map;
-    spin_status status;
+    SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
 
     SPIN_TRY(spin_map_open(path, &map));
     *ply = is_ply(map.data, map.size);
-    status = *ply ? spin_sogst_read_ply(path, sogst, &m->splats_4d)
-                  : spin_sogst_read(map.data, map.size, sogst, &m->splats_4d);
-    spin_map_close(&map);
+    SPIN_TRY(*ply ? spin_sogst_read_ply(path, sogst, &m->splats_4d)
+                  : spin_sogst_read(map.data, map.size, sogst, &m->splats_4d));
     m->splats_4d.least_opacity = LEAST_OPACITY;
-    return status == SPIN_OK ? spin_model_settle_4d(m) : status;
+    return spin_model_settle_4d(m);
 }
 
 static spin_status open_file(void *self, const char *path)

@@ -5,13 +5,11 @@
  * are RGB, not SH. The full model has no colours of Gaussians: its rasteriser blends nine features, and a
  * network makes the colour of a pixel from these and from the ray. Imported is the colour of a pixel that
  * one Gaussian covers alone, as SH of degree 1 fitted to the colours for given cameras. */
-#include <stdlib.h>
 #include <string.h>
 
 #include "base/option.h"
 #include "base/text.h"
 #include "importers/lib/camera_places.h"
-#include "importers/lib/file_sequence.h"
 #include "importers/lib/gaussian4d.h"
 #include "importers/lib/model.h"
 #include "math/motion.h"
@@ -97,16 +95,12 @@ static spin_status check_colours(const struct spin_ply *ply, const struct spin_p
     m->full = n_t > 0;
     m->width = m->full ? FULL_WIDTH : LITE_WIDTH;
     if (spin_model_count(e, "f_rest_") > 0)
-        return spin_fail(
-            SPIN_E_UNSUPPORTED,
-            "'%s': properties f_rest_*: a fork of SpacetimeGaussians with SH, which is "
-            "not read",
+        return spin_unsupported(
+            "'%s': properties f_rest_*: a fork of SpacetimeGaussians with SH, which is not read",
             ply->path);
     if (!(n_dc == 3 && n_t == 0) && !(n_dc == 6 && n_t == 3))
-        return spin_fail(
-            SPIN_E_MALFORMED,
-            "'%s': %d properties f_dc_* and %d f_t_*, expected 3 and 0 (lite) or 6 and 3 "
-            "(full)",
+        return spin_malformed(
+            "'%s': %d properties f_dc_* and %d f_t_*, expected 3 and 0 (lite) or 6 and 3 (full)",
             ply->path, n_dc, n_t);
     return SPIN_OK;
 }
@@ -132,8 +126,8 @@ static void note_others(const struct spin_ply *ply, const struct spin_ply_elemen
     if (n == 0)
         return;
     spin_note(m->base.sequence,
-              "%zu properties that SpacetimeGaussians has not, the first is '%s': a fork of it "
-              "may mean something else",
+              "%zu properties that SpacetimeGaussians has not, the first is '%s': a fork of it may "
+              "mean something else",
               n, first);
     spin_warn("'%s': property '%s' is none of SpacetimeGaussians and is not read", ply->path,
               first);
@@ -154,17 +148,15 @@ static spin_status read_cloud(struct model *m)
         int n = g->n[m->full], found = n > 0 ? spin_model_count(e, g->name) : 0;
 
         if (n > 0 && found != n)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "'%s': %d properties %s*, expected %d as SpacetimeGaussians has",
-                             ply->path, found, g->name, n);
+            return spin_malformed("'%s': %d properties %s*, expected %d as SpacetimeGaussians has",
+                                  ply->path, found, g->name, n);
         for (int i = 0; n >= 0 && i < (n > 0 ? n : 1); i++) {
             char name[32];
 
             snprintf(name, sizeof name, n > 0 ? "%s%d" : "%s", g->name, i);
             *t = (struct spin_ply_target){spin_ply_find(e, name), m->rows + g->at + i, m->width};
             if (t++->property < 0)
-                return spin_fail(
-                    SPIN_E_MALFORMED,
+                return spin_malformed(
                     "'%s': element 'vertex' has no property '%s', which SpacetimeGaussians has",
                     ply->path, name);
         }
@@ -204,9 +196,8 @@ static spin_status read_duration(struct model *m)
     if ((n >= 1 && n <= 1e6 && n == floor(n)) || (n == 0 && !given.at))
         return SPIN_OK;
     if (given.at)
-        return spin_fail(SPIN_E_USAGE, "--duration '%s': expected a number of frames", given.at);
-    return spin_fail(SPIN_E_MALFORMED, "'%s': 'duration' is %g, expected a number of frames",
-                     cfg->path, n);
+        return spin_misuse("--duration '%s': expected a number of frames", given.at);
+    return spin_malformed("'%s': 'duration' is %g, expected a number of frames", cfg->path, n);
 }
 
 static spin_status read_ending(struct model *m)
@@ -219,10 +210,9 @@ static spin_status read_ending(struct model *m)
     m->ending = ending;
     if (ending >= 0)
         return SPIN_OK;
-    return spin_fail(
-        SPIN_E_UNSUPPORTED,
-        "'%s': a full model, and %s%s how its colours end: say --rgb-function sandwich "
-        "(sigmoid), sandwichnoact (0 to 1) or sandwichnoactss (none)",
+    return spin_unsupported(
+        "'%s': a full model, and %s%s how its colours end: say --rgb-function "
+        "sandwich (sigmoid), sandwichnoact (0 to 1) or sandwichnoactss (none)",
         m->base.path, cfg->path ? "no 'rgbfunction' that is known says in " : "no cfg_args says",
         cfg->path ? cfg->path : "");
 }
@@ -249,9 +239,8 @@ static spin_status load_decoder(struct spin_model *base)
     SPIN_TRY(load_layer(m, "mlp1.weight", PIXEL_HIDDEN, PIXEL_INPUTS, MLP_RELU));
     SPIN_TRY(load_layer(m, "mlp2.weight", 3, PIXEL_HIDDEN, MLP_PLAIN));
     if (base->tensors->n != 2)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "%zu tensors, expected mlp1.weight and mlp2.weight alone",
-                         base->tensors->n);
+        return spin_unsupported("%zu tensors, expected mlp1.weight and mlp2.weight alone",
+                                base->tensors->n);
     return SPIN_OK;
 }
 
@@ -277,8 +266,7 @@ static spin_status settle_colours(const char *path, const char *save, struct mod
     base = rule == BASE;
     views = rule == VIEWS;
     if (!m->full)
-        return views ? spin_fail(SPIN_E_USAGE, "--colour views: '%s' is of a lite model", cloud)
-                     : SPIN_OK;
+        return views ? spin_misuse("--colour views: '%s' is of a lite model", cloud) : SPIN_OK;
     SPIN_TRY(read_ending(m));
     if (!base) {
         SPIN_TRY(find_cameras(path, save, m));
@@ -286,7 +274,7 @@ static spin_status settle_colours(const char *path, const char *save, struct mod
                            : "there is no cameras.json: --camera says where they stand";
         base = !m->decoder || m->cameras.n == 0;
         if (base && views)
-            return spin_fail(SPIN_E_NOT_FOUND, "--colour views: '%s': %s", cloud, lack);
+            return spin_not_found("--colour views: '%s': %s", cloud, lack);
         if (base)
             spin_warn("'%s': base colours only, as %s", cloud, lack);
     }
@@ -371,8 +359,8 @@ static spin_status fill_splats(struct model *m)
     SPIN_TRY(spin_splats_4d_settle(s, &m->n_dropped, from));
     m->n = s->n;
     if (m->n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': none of %zu Gaussians has finite values",
-                         m->base.path, m->n_dropped);
+        return spin_malformed("'%s': none of %zu Gaussians has finite values", m->base.path,
+                              m->n_dropped);
     for (size_t i = 0; i < m->n; i++)
         memmove(m->rows + m->width * i, m->rows + m->width * from[i], m->width * sizeof *m->rows);
     return SPIN_OK;
@@ -390,8 +378,7 @@ static spin_status find_files(const char *path, struct model *m, const char **sa
         bool network = spin_text_ends(path, ".pt");
 
         if (!network && !spin_text_ends(path, ".ply"))
-            return spin_fail(SPIN_E_USAGE, "'%s' is neither the model's folder nor a PLY of it",
-                             path);
+            return spin_misuse("'%s' is neither the model's folder nor a PLY of it", path);
         n -= network ? 3 : 4;
         SPIN_TRY(spin_model_text(&m->base, &m->base.path, "%.*s.ply", n, path));
         SPIN_TRY(spin_model_text(&m->base, &m->decoder, "%.*s.pt", n, path));
@@ -399,8 +386,8 @@ static spin_status find_files(const char *path, struct model *m, const char **sa
     } else {
         SPIN_TRY(spin_model_save(&m->base, path, "point_cloud.ply", save));
         if (!*save)
-            return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no iteration_%s with point_cloud.ply",
-                             path, wanted ? wanted : "<N>");
+            return spin_not_found("'%s' has no iteration_%s with point_cloud.ply", path,
+                                  wanted ? wanted : "<N>");
         SPIN_TRY(spin_model_join(&m->base, &m->base.path, *save, "point_cloud.ply"));
         SPIN_TRY(spin_model_join(&m->base, &m->decoder, *save, "point_cloud.pt"));
     }
@@ -427,15 +414,13 @@ static void describe(const struct model *m)
     if (first > 0)
         snprintf(from, sizeof from, ", the first is frame %ld of the video", first);
     if (m->duration > 0)
-        spin_note(
-            sequence,
-            "the run has %g frames%s; frame i of them is at time i/%g: with a data set of just "
-            "these frames say --frame-times unit",
-            m->duration, from, m->duration);
-    else
         spin_note(sequence,
-                  "no cfg_args says how many frames the run has, 50 are usual: frame i of n "
-                  "is at time i/n; --duration N");
+                  "the run has %g frames%s; frame i of them is at time i/%g: with a data set of "
+                  "just these frames say --frame-times unit",
+                  m->duration, from, m->duration);
+    else
+        spin_note(sequence, "no cfg_args says how many frames the run has, 50 are usual: frame i "
+                            "of n is at time i/n; --duration N");
     if (m->n_dropped > 0) {
         spin_note(sequence, "%zu of %zu Gaussians dropped: values that are not finite",
                   m->n_dropped, m->n + m->n_dropped);
@@ -443,9 +428,8 @@ static void describe(const struct model *m)
                   m->n_dropped, m->n + m->n_dropped);
     }
     if (spin_cfg_is(spin_cfg_get(cfg, "loader"), "'immersivess'"))
-        spin_note(sequence,
-                  "trained on fisheye images, which its renderer warps after drawing: these "
-                  "Gaussians are those of the pinhole image before that");
+        spin_note(sequence, "trained on fisheye images, which its renderer warps after drawing: "
+                            "these Gaussians are those of the pinhole image before that");
 }
 
 static spin_status open_model(void *self, const char *path)
@@ -606,7 +590,7 @@ static spin_status spacetimegs_frame(void *self, int frame, double time, unsigne
     struct job job = {m, out, time};
 
     if (!isfinite(time))
-        return spin_fail(SPIN_E_USAGE, "'%s' has no time %g", m->base.path, time);
+        return spin_misuse("'%s' has no time %g", m->base.path, time);
     if ((time < 0 || time > 1) && !m->warned_time) {
         m->warned_time = true;
         spin_warn("'%s': time %g is outside of 0 to 1, for which it was trained", m->base.path,

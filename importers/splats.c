@@ -118,7 +118,7 @@ static spin_status open_file(struct clip *clip, size_t file)
 static spin_status reserve_frames(struct clip *clip, size_t n)
 {
     if (n > INT_MAX)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s': too many frames", clip->files.frame[0].path);
+        return spin_unsupported("'%s': too many frames", clip->files.frame[0].path);
     clip->n_frames = (int)n;
     SPIN_TRY(spin_model_alloc(&clip->base, n, sizeof *clip->numbers, (void **)&clip->numbers));
     SPIN_TRY(spin_model_alloc(&clip->base, n, sizeof *clip->times, (void **)&clip->times));
@@ -176,8 +176,8 @@ static spin_status look_at_files(struct clip *clip, size_t *n_all)
         if (i == 0)
             SPIN_TRY(reserve_frames(clip, n_files > 1 ? n_files : clip->opened.n_frames));
         if (n_files > 1 && clip->opened.n_frames > 1)
-            return spin_fail(SPIN_E_MALFORMED, "'%s' holds a clip of %zu frames: give it alone",
-                             clip->files.frame[i].path, clip->opened.n_frames);
+            return spin_malformed("'%s' holds a clip of %zu frames: give it alone",
+                                  clip->files.frame[i].path, clip->opened.n_frames);
         for (size_t f = 0; f < clip->opened.n_frames; f++) {
             const struct spin_gs_glb_frame *of = clip->opened.scene.frame;
 
@@ -202,7 +202,7 @@ static spin_status open_clip(struct clip *clip, const struct format *format, con
     SPIN_TRY(spin_file_sequence_sort(&clip->files, sequence));
     SPIN_TRY(look_at_files(clip, &n_all));
     if (n_all == 0)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': 0 splats", clip->files.frame[0].path);
+        return spin_malformed("'%s': 0 splats", clip->files.frame[0].path);
     if (clip->files.n_frames == 1 && clip->n_frames > 1)
         describe_clip(clip, sequence);
     else
@@ -241,7 +241,7 @@ static spin_status clip_frame(void *self, int frame, double time, unsigned colum
 
     (void)time;
     if (frame < 0 || frame >= clip->n_frames)
-        return spin_fail(SPIN_E_NOT_FOUND, "there is no frame %d", frame);
+        return spin_not_found("there is no frame %d", frame);
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     SPIN_TRY(open_file(clip, file));
     status = within < clip->opened.n_frames ? clip->format->read(clip, within, columns, raw)
@@ -270,8 +270,7 @@ static spin_status open_splat(struct clip *clip, const char *path)
     clip->opened.note[0] = "the format holds no colour that depends on the direction";
     clip->opened.n = clip->map.size / SPIN_SPLAT_ROW;
     if (clip->map.size % SPIN_SPLAT_ROW != 0)
-        return spin_fail(SPIN_E_MALFORMED, "%zu bytes are not rows of %d", clip->map.size,
-                         SPIN_SPLAT_ROW);
+        return spin_malformed("%zu bytes are not rows of %d", clip->map.size, SPIN_SPLAT_ROW);
     return SPIN_OK;
 }
 

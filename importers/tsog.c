@@ -84,7 +84,7 @@ static spin_status frame(void *self, int frame, double time, unsigned columns,
     bool continuous = m->tsog.time == SPIN_TSOG_CONTINUOUS;
 
     if (!continuous && frame >= m->tsog.n_frames)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", m->base.path, frame);
+        return spin_not_found("'%s' has no frame %d", m->base.path, frame);
     return spin_model_slice(self, frame, continuous ? time : frame, columns, out);
 }
 

@@ -38,7 +38,7 @@ static spin_status read_size(const spin_json *json, struct spin_camera *out)
 
     if (!spin_json_number(spin_json_get(json, "image_width"), &width) ||
         !spin_json_number(spin_json_get(json, "image_height"), &height))
-        return spin_fail(SPIN_E_MALFORMED, "no numbers 'image_width' and 'image_height'");
+        return spin_malformed("no numbers 'image_width' and 'image_height'");
     SPIN_TRY(spin_views_check_size(width, height));
     out->width = (int)width;
     out->height = (int)height;
@@ -53,8 +53,7 @@ static spin_status read_camera(struct spin_model *m, const spin_json *json, int6
     int64_t id;
 
     if (!spin_json_integer(spin_json_get(json, "camera_id"), &id) || id != place)
-        return spin_fail(SPIN_E_MALFORMED, "its 'camera_id' is not %lld, its place",
-                         (long long)place);
+        return spin_malformed("its 'camera_id' is not %lld, its place", (long long)place);
     SPIN_TRY(read_size(json, &out->camera));
     SPIN_TRY(spin_views_matrix(spin_json_get(json, "K"), "K", 3, k));
     SPIN_TRY(spin_views_intrinsics(k, "K", &out->camera));
@@ -62,8 +61,8 @@ static spin_status read_camera(struct spin_model *m, const spin_json *json, int6
     SPIN_TRY(spin_views_check_pose(c2w, "'camera_to_world'"));
     spin_views_invert(c2w, out->camera.w2c);
     if (!video || !spin_views_is_safe_name(video) || !spin_video_is_name(video))
-        return spin_fail(SPIN_E_MALFORMED, "'video' is '%s', expected a film below the folder",
-                         video ? video : "");
+        return spin_malformed("'video' is '%s', expected a film below the folder",
+                              video ? video : "");
     name = spin_path_name(video);
     SPIN_TRY(spin_model_join(m, &film, m->path, "%s", video));
     SPIN_TRY(spin_model_join(m, &pictures, m->path, "images/%.*s", (int)(strrchr(name, '.') - name),
@@ -84,10 +83,9 @@ static spin_status read_cameras(void *model, const spin_json *root, struct spin_
     struct spin_rig_camera *camera;
 
     if (!kind || strcmp(kind, "OPENCV") != 0)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'camera_model' is '%s', expected OPENCV",
-                         kind ? kind : "");
+        return spin_unsupported("'camera_model' is '%s', expected OPENCV", kind ? kind : "");
     if (!spin_json_is_array(list) || n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "no list 'cameras', or an empty one");
+        return spin_malformed("no list 'cameras', or an empty one");
     SPIN_TRY(spin_model_alloc(m, n, sizeof *camera, (void **)&camera));
     for (size_t i = 0; i < n; i++) {
         spin_status status = read_camera(m, spin_json_at(list, i), (int64_t)i, &camera[i]);

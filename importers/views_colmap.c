@@ -105,7 +105,7 @@ struct source {
 static spin_status take(struct source *s, size_t n, const char **out)
 {
     if ((size_t)(s->end - s->at) < n)
-        return spin_fail(SPIN_E_MALFORMED, "the file is cut short");
+        return spin_malformed("the file is cut short");
     *out = s->at;
     s->at += n;
     return SPIN_OK;
@@ -128,9 +128,9 @@ static spin_status take_count(struct source *s, size_t smallest, const char *wha
 {
     SPIN_TRY(take_bits(s, 8, out));
     if (*out > (uint64_t)(s->end - s->at) / smallest)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "its header announces %llu %s, more than the remaining %zu bytes hold",
-                         (unsigned long long)*out, what, (size_t)(s->end - s->at));
+        return spin_malformed(
+            "its header announces %llu %s, more than the remaining %zu bytes hold",
+            (unsigned long long)*out, what, (size_t)(s->end - s->at));
     return SPIN_OK;
 }
 
@@ -173,7 +173,7 @@ static spin_status next_number(struct source *s, const char *what, double *out)
     const char *word = next_word(s);
 
     if (!spin_views_is_number(word, out))
-        return spin_fail(SPIN_E_MALFORMED, "%s is '%.40s', expected a number", what, word);
+        return spin_malformed("%s is '%.40s', expected a number", what, word);
     return SPIN_OK;
 }
 
@@ -200,7 +200,7 @@ static spin_status take_integer(struct source *s, const char *what, int *out)
     }
     SPIN_TRY(next_number(s, what, &value));
     if (value != floor(value) || fabs(value) > INT_MAX)
-        return spin_fail(SPIN_E_MALFORMED, "%s is %g, expected a whole number", what, value);
+        return spin_malformed("%s is %g, expected a whole number", what, value);
     *out = (int)value;
     return SPIN_OK;
 }
@@ -225,18 +225,16 @@ static spin_status fill_lens(struct colmap *m, int id, int kind, double width, d
 
     for (size_t i = 0; i < m->n_lenses; i++) {
         if (m->lens[i].id == id)
-            return spin_fail(SPIN_E_MALFORMED, "there are two cameras with id %d", id);
+            return spin_malformed("there are two cameras with id %d", id);
     }
     SPIN_TRY(spin_views_check_size(width, height));
     if (models[kind].distortion < 0)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "its model %s is not a pinhole camera: undistort the images",
-                         models[kind].name);
+        return spin_unsupported("its model %s is not a pinhole camera: undistort the images",
+                                models[kind].name);
     for (int i = models[kind].distortion; i < models[kind].n; i++) {
         if (p[i] != 0)
-            return spin_fail(SPIN_E_UNSUPPORTED,
-                             "its model %s has a distortion of %g: undistort the images",
-                             models[kind].name, p[i]);
+            return spin_unsupported("its model %s has a distortion of %g: undistort the images",
+                                    models[kind].name, p[i]);
     }
     c->width = (int)width;
     c->height = (int)height;
@@ -257,8 +255,7 @@ static spin_status take_kind(struct source *s, int *kind)
     if (s->binary) {
         SPIN_TRY(take_integer(s, "", kind));
         if (*kind < 0 || *kind >= N_MODELS)
-            return spin_fail(SPIN_E_UNSUPPORTED, "its model is number %d, which is not known",
-                             *kind);
+            return spin_unsupported("its model is number %d, which is not known", *kind);
         return SPIN_OK;
     }
     name = next_word(s);
@@ -266,7 +263,7 @@ static spin_status take_kind(struct source *s, int *kind)
         if (strcmp(models[*kind].name, name) == 0)
             return SPIN_OK;
     }
-    return spin_fail(SPIN_E_UNSUPPORTED, "its model is '%.40s', which is not known", name);
+    return spin_unsupported("its model is '%.40s', which is not known", name);
 }
 
 static spin_status read_lens(struct colmap *m, struct source *s, int *id)
@@ -302,8 +299,7 @@ static spin_status fill_pose(const double q[4], const double t[3], double m[12])
     double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), r[9];
 
     if (!(norm > 1e-12) || !isfinite(norm))
-        return spin_fail(SPIN_E_MALFORMED, "its quaternion %g %g %g %g is no rotation", q[0], q[1],
-                         q[2], q[3]);
+        return spin_malformed("its quaternion %g %g %g %g is no rotation", q[0], q[1], q[2], q[3]);
     spin_matrix_of_quat(q, r);
     for (int i = 0; i < 3; i++) {
         memcpy(m + 4 * i, r + 3 * i, 3 * sizeof *m);
@@ -324,7 +320,7 @@ static spin_status take_name(struct source *s, const char **name)
     }
     end = memchr(s->at, '\0', (size_t)(s->end - s->at));
     if (!end || end - s->at > MAX_NAME)
-        return spin_fail(SPIN_E_MALFORMED, "its name does not end");
+        return spin_malformed("its name does not end");
     SPIN_TRY(take(s, (size_t)(end - s->at) + 1, name));
     SPIN_TRY(take_count(s, 24, "points of the image", &n_points));
     s->at += 24 * n_points;
@@ -345,10 +341,9 @@ static spin_status read_image(struct colmap *m, struct source *s, int *id)
     SPIN_TRY(take_name(s, &name));
     lens = find_lens(m, image.lens_id);
     if (!lens)
-        return spin_fail(SPIN_E_MALFORMED, "there is no camera %d", image.lens_id);
+        return spin_malformed("there is no camera %d", image.lens_id);
     if (!spin_views_is_safe_name(name))
-        return spin_fail(SPIN_E_MALFORMED, "its name is '%.80s', expected one below the images",
-                         name);
+        return spin_malformed("its name is '%.80s', expected one below the images", name);
     image.camera = lens->camera;
     SPIN_TRY(fill_pose(image.q, image.t, image.camera.w2c));
     SPIN_TRY(spin_model_text(&m->base, &image.name, "%s", name));
@@ -445,8 +440,8 @@ static spin_status read_records(struct colmap *m, const struct kind *kind, struc
 static spin_status read_file(struct colmap *m, const struct kind *kind)
 {
     struct source s = {.binary = m->binary};
-    struct spin_map map;
-    char *text = NULL; /* which is cut in place */
+    SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
+    SPIN_FREED char *text = NULL; /* which is cut in place */
     const char *path;
     spin_status status;
 
@@ -455,17 +450,12 @@ static spin_status read_file(struct colmap *m, const struct kind *kind)
     SPIN_TRY(spin_map_open(path, &map));
     s.at = (char *)map.data;
     if (!m->binary) {
-        SPIN_TRY_OUT(spin_alloc(map.size + 1, 1, (void **)&text));
+        SPIN_TRY(spin_alloc(map.size + 1, 1, (void **)&text));
         s.at = memcpy(text, map.data, map.size);
     }
     s.end = s.at + map.size;
     status = read_records(m, kind, &s);
-    if (status != SPIN_OK)
-        status = spin_fail_context(status, "cannot read '%s'", path);
-out:
-    free(text);
-    spin_map_close(&map);
-    return status;
+    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot read '%s'", path);
 }
 
 /* sparse/0, or sparse itself. */
@@ -479,9 +469,8 @@ static spin_status find_sparse(struct colmap *m, const char *folder)
         if (m->binary || spin_model_holds(m->sparse, "images.txt"))
             return SPIN_OK;
     }
-    return spin_fail(SPIN_E_NOT_FOUND,
-                     "'%s' has neither images.bin nor images.txt in 'sparse/0' or 'sparse'",
-                     folder);
+    return spin_not_found("'%s' has neither images.bin nor images.txt in 'sparse/0' or 'sparse'",
+                          folder);
 }
 
 /* By name without its ending, which is what decides who is held out. */
@@ -505,17 +494,16 @@ static spin_status read_model(struct colmap *m, const char *folder)
     SPIN_TRY(read_file(m, &camera_file));
     SPIN_TRY(read_file(m, &image_file));
     if (m->n_images == 0)
-        return spin_fail(SPIN_E_MALFORMED, "'%s' has no images", m->sparse);
+        return spin_malformed("'%s' has no images", m->sparse);
     if (m->n_images > INT_MAX)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' has too many images", m->sparse);
+        return spin_unsupported("'%s' has too many images", m->sparse);
     if (spin_model_holds(m->sparse, m->binary ? "points3D.bin" : "points3D.txt"))
         SPIN_TRY(read_file(m, &point_file));
     warn_behind(m);
     qsort(m->image, m->n_images, sizeof *m->image, by_name);
     for (size_t i = 1; i < m->n_images; i++) {
         if (strcmp(m->image[i].name, m->image[i - 1].name) == 0)
-            return spin_fail(SPIN_E_MALFORMED, "'%s' has two images called '%s'", m->sparse,
-                             m->image[i].name);
+            return spin_malformed("'%s' has two images called '%s'", m->sparse, m->image[i].name);
     }
     return SPIN_OK;
 }
@@ -712,13 +700,13 @@ static spin_status read_frames(struct colmap *m, const char *path, struct spin_v
     qsort(names, kept, sizeof *names, by_frame_number);
     for (size_t i = 1; i < kept; i++) {
         if (spin_frame_number(names[i]) == spin_frame_number(names[i - 1]))
-            return spin_fail(SPIN_E_MALFORMED, "'%s' and '%s' are both frame %d", names[i - 1],
-                             names[i], spin_frame_number(names[i]));
+            return spin_malformed("'%s' and '%s' are both frame %d", names[i - 1], names[i],
+                                  spin_frame_number(names[i]));
     }
     if (spin_model_option(&m->base, "time"))
-        return spin_fail(SPIN_E_USAGE, "option 'time' is for one model, not for frame folders");
+        return spin_misuse("option 'time' is for one model, not for frame folders");
     if (kept == 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has neither 'sparse' nor frame folders", path);
+        return spin_not_found("'%s' has neither 'sparse' nor frame folders", path);
     for (size_t f = 0; f < kept; f++) {
         SPIN_TRY(spin_model_join(&m->base, &folder, path, "%s", names[f]));
         if (f == 0) {
@@ -756,8 +744,7 @@ static spin_status read_options(struct colmap *m)
 
     m->images = spin_plugin_value(values, "images", "images");
     if (!spin_views_is_safe_name(m->images))
-        return spin_fail(SPIN_E_USAGE, "option 'images' is '%s', expected a folder's name",
-                         m->images);
+        return spin_misuse("option 'images' is '%s', expected a folder's name", m->images);
     SPIN_TRY(spin_option_word(values, "principal", "file|centre", &rule));
     m->centre = rule == 1;
     m->hold = -1;
@@ -804,9 +791,8 @@ static const struct spin_plugin_option options[] = {
 const struct spin_importer spin_importer_views_colmap = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "colmap",
-    .summary =
-        "views: COLMAP's sparse model and undistorted images; folders per frame, or per camera "
-        "(FreeTimeGS)",
+    .summary = "views: COLMAP's sparse model and undistorted images; folders per frame, or per "
+               "camera (FreeTimeGS)",
     .upstream = "hustvl/4DGaussians scene/colmap_loader.py, SJoJoK/3DGStream 747ddfe",
     .options = options,
     .probe = probe,

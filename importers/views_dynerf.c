@@ -104,11 +104,10 @@ static spin_status add_folder(struct set *set, const char *folder, int camera, i
         if (!is_image(names[i]))
             continue;
         if (f < 0)
-            return spin_fail(SPIN_E_MALFORMED, "image '%s/%s' has no frame number in its name",
-                             folder, names[i]);
+            return spin_malformed("image '%s/%s' has no frame number in its name", folder,
+                                  names[i]);
         if (c < 0)
-            return spin_fail(SPIN_E_MALFORMED, "image '%s/%s' is not called cam<number>...", folder,
-                             names[i]);
+            return spin_malformed("image '%s/%s' is not called cam<number>...", folder, names[i]);
         SPIN_TRY(add_image(set, folder, names[i], c, f));
     }
     return SPIN_OK;
@@ -132,8 +131,8 @@ static spin_status add_camera_folder(struct set *set, const char *name)
     SPIN_TRY(images_folder(set, set->base.path, name, &folder));
     SPIN_TRY(add_folder(set, folder, camera_number(name), -1));
     if (spin_path_is_folder(folder) && set->n == before)
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "folder '%s' holds no images; was their extraction interrupted", folder);
+        return spin_not_found("folder '%s' holds no images; was their extraction interrupted",
+                              folder);
     return SPIN_OK;
 }
 
@@ -163,8 +162,7 @@ static spin_status add_video_frames(struct set *set, char **names)
     if (status != SPIN_OK)
         return spin_fail_context(
             status,
-            "there are %zu videos and no frames cam<NN>/images/<number>.png extracted "
-            "from them",
+            "there are %zu videos and no frames cam<NN>/images/<number>.png extracted from them",
             set->n_video);
     for (size_t i = 0; names[i]; i++) {
         int width, height, camera = camera_number(names[i]);
@@ -210,9 +208,8 @@ static spin_status find_images(struct set *set)
     if (set->n == 0 && set->n_video > 0)
         SPIN_TRY(add_video_frames(set, names));
     if (set->n == 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "there are no images cam<NN>/images/<number>.png, "
-                                           "images/cam<NN>_<number>.png or "
-                                           "frames/<number>/images/cam<NN>.png");
+        return spin_not_found("there are no images cam<NN>/images/<number>.png, "
+                              "images/cam<NN>_<number>.png or frames/<number>/images/cam<NN>.png");
     return SPIN_OK;
 }
 
@@ -221,28 +218,24 @@ static spin_status find_images(struct set *set)
 static spin_status read_poses(struct set *set)
 {
     struct spin_array array;
-    struct spin_map map;
+    SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
     const char *path;
     char shape[128];
-    spin_status status;
 
     SPIN_TRY(spin_model_join(&set->base, &path, set->base.path, "poses_bounds.npy"));
     SPIN_TRY(spin_map_open(path, &map));
-    SPIN_TRY_OUT(spin_npy_parse(path, map.data, map.size, &array));
+    SPIN_TRY(spin_npy_parse(path, map.data, map.size, &array));
     if (array.n_dims != 2 || array.shape[1] != COLUMNS || array.shape[0] == 0 ||
         array.shape[0] > 1 << 20 || array.kind != 'f') {
         spin_array_shape_text(array.n_dims, array.shape, shape, sizeof shape);
-        SPIN_TRY_OUT(spin_fail(
-            SPIN_E_MALFORMED, "'%s' has shape %s, expected [cameras, %d] of floating-point numbers",
-            path, shape, COLUMNS));
+        return spin_malformed("'%s' has shape %s, expected [cameras, %d] of floating-point numbers",
+                              path, shape, COLUMNS);
     }
     set->n_cameras = (size_t)array.shape[0];
-    SPIN_TRY_OUT(spin_model_alloc(&set->base, set->n_cameras, COLUMNS * sizeof *set->pose,
-                                  (void **)&set->pose));
+    SPIN_TRY(spin_model_alloc(&set->base, set->n_cameras, COLUMNS * sizeof *set->pose,
+                              (void **)&set->pose));
     spin_array_to_f64(&array, 0, array.count, set->pose);
-out:
-    spin_map_close(&map);
-    return status;
+    return SPIN_OK;
 }
 
 /* Distinct numbers of all images: of cameras, or of frames. */
@@ -265,8 +258,7 @@ static spin_status match_cameras(struct set *set)
     if (n != set->n_cameras && set->n_video == set->n_cameras) {
         for (size_t i = 0; i < n; i++) {
             if (spin_views_place(set->video, set->n_video, set->camera[i]) < 0)
-                return spin_fail(SPIN_E_MALFORMED, "camera %d has images but no video",
-                                 set->camera[i]);
+                return spin_malformed("camera %d has images but no video", set->camera[i]);
         }
         spin_warn("'%s': %zu of %zu cameras have no images", set->base.path, set->n_cameras - n,
                   set->n_cameras);
@@ -274,9 +266,8 @@ static spin_status match_cameras(struct set *set)
         return SPIN_OK;
     }
     if (n != set->n_cameras)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "poses_bounds.npy has %zu rows, but there are images of %zu cameras",
-                         set->n_cameras, n);
+        return spin_malformed("poses_bounds.npy has %zu rows, but there are images of %zu cameras",
+                              set->n_cameras, n);
     return SPIN_OK;
 }
 
@@ -287,7 +278,7 @@ static spin_status read_camera(const double row[COLUMNS], struct spin_camera *ou
 
     for (int i = 0; i < COLUMNS; i++) {
         if (!isfinite(row[i]))
-            return spin_fail(SPIN_E_MALFORMED, "column %d is not finite", i);
+            return spin_malformed("column %d is not finite", i);
     }
     /* [down, right, back] to OpenCV's [right, down, forward]. */
     for (int i = 0; i < 3; i++) {
@@ -350,15 +341,15 @@ static spin_status check_rows(struct set *set)
         bool *at = &seen[(size_t)c * set->n_rows + (size_t)row];
 
         if (*at)
-            return spin_fail(SPIN_E_MALFORMED, "there is a second frame %d of camera %d: '%s'",
-                             set->image[i].number, set->image[i].camera, set->image[i].path);
+            return spin_malformed("there is a second frame %d of camera %d: '%s'",
+                                  set->image[i].number, set->image[i].camera, set->image[i].path);
         *at = true;
     }
     for (size_t i = 1; i < n; i++) {
         if (i % set->n_rows != 0 && seen[i] && !seen[i - 1])
-            return spin_fail(SPIN_E_NOT_FOUND, "camera %d has frame %d, but frame %d is missing",
-                             set->camera[i / set->n_rows], set->number[i % set->n_rows],
-                             set->number[i % set->n_rows - 1]);
+            return spin_not_found("camera %d has frame %d, but frame %d is missing",
+                                  set->camera[i / set->n_rows], set->number[i % set->n_rows],
+                                  set->number[i % set->n_rows - 1]);
     }
     return SPIN_OK;
 }
@@ -370,8 +361,7 @@ static spin_status add_views(const struct set *set, const struct spin_plugin_val
 
     SPIN_TRY(spin_option_count(values, "test", -1, INT_MAX, &test));
     if (test >= (int)set->n_cameras)
-        return spin_fail(SPIN_E_USAGE, "option 'test' is %d, but there are %zu cameras", test,
-                         set->n_cameras);
+        return spin_misuse("option 'test' is %d, but there are %zu cameras", test, set->n_cameras);
     for (size_t i = 0; i < set->n; i++) {
         const struct frame_image *image = &set->image[i];
         int c = spin_views_place(set->camera, set->n_cameras, image->camera);

@@ -48,11 +48,10 @@ static spin_status set_value(spin_json *object, const char *key, spin_json *valu
 {
     if (spin_json_get(object, key)) {
         spin_json_free(value);
-        return spin_fail(SPIN_E_MALFORMED, "'%.40s' is there twice", key);
+        return spin_malformed("'%.40s' is there twice", key);
     }
-    return spin_json_set(object, key, value) == 0
-               ? SPIN_OK
-               : spin_fail(SPIN_E_MALFORMED, "'%.40s' cannot be taken", key);
+    return spin_json_set(object, key, value) == 0 ? SPIN_OK
+                                                  : spin_malformed("'%.40s' cannot be taken", key);
 }
 
 /* Without quotes; "" when they do not match. */
@@ -77,7 +76,7 @@ static spin_status take_numbers(struct reader *r, const char *at)
         double value = strtod(at, &end);
 
         if (end == at || !strchr(" ,]", *end) || !isfinite(value))
-            return spin_fail(SPIN_E_MALFORMED, "'%.40s' is not a number", at);
+            return spin_malformed("'%.40s' is not a number", at);
         if (spin_json_push_number(data, value) != 0)
             return spin_fail(SPIN_E_MEMORY, "no memory");
         at = end;
@@ -98,7 +97,7 @@ static spin_status take_below(struct reader *r, char *line)
                    : spin_fail(SPIN_E_MEMORY, "no memory");
     value = strchr(line, ':');
     if (!value || !spin_json_is_object(r->value))
-        return spin_fail(SPIN_E_MALFORMED, "'%.40s' belongs to no list and no matrix", line);
+        return spin_malformed("'%.40s' belongs to no list and no matrix", line);
     *value++ = '\0';
     value += strspn(value, " ");
     if (strcmp(line, "data") == 0 && *value == '[') {
@@ -109,8 +108,8 @@ static spin_status take_below(struct reader *r, char *line)
         return SPIN_OK;
     if ((strcmp(line, "rows") != 0 && strcmp(line, "cols") != 0) ||
         !spin_views_is_number(value, &number))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "'%.40s: %.40s' is none of rows, cols, dt d or f, and data", line, value);
+        return spin_malformed("'%.40s: %.40s' is none of rows, cols, dt d or f, and data", line,
+                              value);
     return set_value(r->value, line, spin_json_number_value(number));
 }
 
@@ -120,7 +119,7 @@ static spin_status take_key(struct reader *r, char *line)
     double number;
 
     if (!value)
-        return spin_fail(SPIN_E_MALFORMED, "'%.40s' is no key with a value", line);
+        return spin_malformed("'%.40s' is no key with a value", line);
     *value++ = '\0';
     value += strspn(value, " ");
     r->value = NULL;
@@ -129,8 +128,7 @@ static spin_status take_key(struct reader *r, char *line)
     if (*value == '"')
         return set_value(r->top, line, spin_json_text_value(plain_text(value)));
     if (*value && strcmp(value, "!!opencv-matrix") != 0)
-        return spin_fail(
-            SPIN_E_UNSUPPORTED,
+        return spin_unsupported(
             "'%.40s' is '%.40s', expected a number, a list of texts or !!opencv-matrix", line,
             value);
     SPIN_TRY(set_value(r->top, line, *value ? spin_json_object() : spin_json_array()));
@@ -161,13 +159,13 @@ static spin_status parse(struct reader *r, char *text)
         while (n > 0 && strchr(" \t\r", line[n - 1]))
             line[--n] = '\0';
         if (number == 1 && strcmp(line, "%YAML:1.0") != 0 && strcmp(line, "%YAML 1.0") != 0)
-            return spin_fail(SPIN_E_MALFORMED, "its first line is not '%%YAML:1.0'");
+            return spin_malformed("its first line is not '%%YAML:1.0'");
         if (number > 1 && strcmp(line, "---") != 0)
             status = take_line(r, line);
         if (status != SPIN_OK)
             return spin_fail_context(status, "line %d", number);
     }
-    return r->open ? spin_fail(SPIN_E_MALFORMED, "the file is cut short") : SPIN_OK;
+    return r->open ? spin_malformed("the file is cut short") : SPIN_OK;
 }
 
 struct file {
@@ -179,22 +177,16 @@ static spin_status load(struct spin_model *m, const char *folder, const char *na
                         struct file *out)
 {
     struct reader r = {.top = out->json = spin_json_object()};
-    struct spin_map map = {0};
-    char *text = NULL;
+    SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
+    SPIN_FREED char *text = NULL;
     spin_status status;
 
     SPIN_TRY(spin_model_join(m, &out->path, folder, "%s", name));
     SPIN_TRY(spin_map_open(out->path, &map));
-    SPIN_TRY_OUT(spin_alloc(map.size + 1, 1, (void **)&text));
+    SPIN_TRY(spin_alloc(map.size + 1, 1, (void **)&text));
     memcpy(text, map.data, map.size);
-    status = memchr(text, '\0', map.size) ? spin_fail(SPIN_E_MALFORMED, "it is no text")
-                                          : parse(&r, text);
-    if (status != SPIN_OK)
-        status = spin_fail_context(status, "cannot read '%s'", out->path);
-out:
-    free(text);
-    spin_map_close(&map);
-    return status;
+    status = memchr(text, '\0', map.size) ? spin_malformed("it is no text") : parse(&r, text);
+    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot read '%s'", out->path);
 }
 
 /* ---- Values ---------------------------------------------------------------------------------- */
@@ -216,13 +208,12 @@ static spin_status read_matrix(const spin_json *file, const char *key, const cha
     double has_rows = 0, has_cols = 0;
 
     if (!m)
-        return spin_fail(SPIN_E_MALFORMED, "no matrix '%s_%s'", key, name);
+        return spin_malformed("no matrix '%s_%s'", key, name);
     spin_json_number(spin_json_get(m, "rows"), &has_rows);
     spin_json_number(spin_json_get(m, "cols"), &has_cols);
     if (has_rows != rows || has_cols != cols || spin_json_length(data) != n)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "'%s_%s' is %g x %g with %zu numbers, expected %d x %d with %zu", key,
-                         name, has_rows, has_cols, spin_json_length(data), rows, cols, n);
+        return spin_malformed("'%s_%s' is %g x %g with %zu numbers, expected %d x %d with %zu", key,
+                              name, has_rows, has_cols, spin_json_length(data), rows, cols, n);
     for (size_t i = 0; i < n; i++)
         spin_json_number(spin_json_at(data, i), &out[i]);
     return SPIN_OK;
@@ -239,10 +230,9 @@ static spin_status check_distortion(const spin_json *intri, const char *name)
     SPIN_TRY(read_matrix(intri, key, name, 5, 1, lens));
     for (int i = 0; i < 5; i++) {
         if (lens[i] != 0)
-            return spin_fail(SPIN_E_UNSUPPORTED,
-                             "'%s_%s' has a distortion of %g: undistort the images, and take the "
-                             "matrices K that this gives",
-                             key, name, lens[i]);
+            return spin_unsupported("'%s_%s' has a distortion of %g: undistort the images, and "
+                                    "take the matrices K that this gives",
+                                    key, name, lens[i]);
     }
     return SPIN_OK;
 }
@@ -285,7 +275,7 @@ static spin_status read_size(const spin_json *intri, const char *name, const cha
     if (!h && !w)
         return spin_image_size(picture, &out->width, &out->height, &channels);
     if (!spin_json_number(h, &height) || !spin_json_number(w, &width))
-        return spin_fail(SPIN_E_MALFORMED, "no numbers 'H_%s' and 'W_%s'", name, name);
+        return spin_malformed("no numbers 'H_%s' and 'W_%s'", name, name);
     SPIN_TRY(spin_views_check_size(width, height));
     out->width = (int)width;
     out->height = (int)height;
@@ -338,8 +328,7 @@ static spin_status find_pictures(struct set *set, struct spin_rig_camera *c)
     const char *folder;
 
     if (!spin_views_is_safe_name(c->name))
-        return spin_fail(SPIN_E_MALFORMED, "a camera is called '%.80s', expected a folder's name",
-                         c->name);
+        return spin_malformed("a camera is called '%.80s', expected a folder's name", c->name);
     for (int i = 0; i < 3 && !c->masks; i++)
         SPIN_TRY(
             spin_model_find(&set->base, &c->masks, set->base.path, "%s/%s", masks[i], c->name));
@@ -354,11 +343,10 @@ static spin_status read_names(const struct pair *p, const spin_json **names, siz
     *names = spin_json_get(p->intri.json, "names");
     *n = spin_json_length(*names);
     if (!spin_json_is_array(*names) || *n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "'%s' has no list 'names', or an empty one",
-                         p->intri.path);
+        return spin_malformed("'%s' has no list 'names', or an empty one", p->intri.path);
     if (other && spin_json_length(other) != *n)
-        return spin_fail(SPIN_E_MALFORMED, "'%s' has %zu 'names', and '%s' %zu", p->intri.path, *n,
-                         p->extri.path, spin_json_length(other));
+        return spin_malformed("'%s' has %zu 'names', and '%s' %zu", p->intri.path, *n,
+                              p->extri.path, spin_json_length(other));
     return SPIN_OK;
 }
 
@@ -408,8 +396,7 @@ static spin_status read_moving(struct set *set, const struct pair *p, struct spi
         snprintf(key, sizeof key, "%d", frame->number);
         name = spin_json_string(spin_json_get(name_of, key));
         if (!name || frame->number < 0)
-            return spin_fail(SPIN_E_MALFORMED, "'%s' has no entry for picture '%s'", p->intri.path,
-                             frame->path);
+            return spin_malformed("'%s' has no entry for picture '%s'", p->intri.path, frame->path);
         SPIN_TRY(read_camera(p, name, frame->path, &c->moving[k]));
         set->coloured = set->coloured || find(p->intri.json, "ccm", name);
     }
@@ -451,7 +438,7 @@ static spin_status read_folders(struct set *set, const char *cameras)
         SPIN_TRY(spin_model_join(&set->base, &folder, cameras, "%s", names[i]));
         SPIN_TRY(read_files(set, folder, &set->camera[set->n++]));
     }
-    return set->n > 0 ? SPIN_OK : spin_fail(SPIN_E_NOT_FOUND, "folder '%s' is empty", cameras);
+    return set->n > 0 ? SPIN_OK : spin_not_found("folder '%s' is empty", cameras);
 }
 
 static spin_status read_set(struct set *set, struct spin_views *out)

@@ -35,7 +35,7 @@ static int probe(const struct spin_peek *peek)
 static spin_status read_side(const spin_json *root, const char *key, double *out)
 {
     if (!spin_json_number(spin_json_get(root, key), out))
-        return spin_fail(SPIN_E_MALFORMED, "no number '%s'", key);
+        return spin_malformed("no number '%s'", key);
     return SPIN_OK;
 }
 
@@ -59,25 +59,24 @@ static spin_status read_list(struct split *s, const spin_json *root, const char 
     size_t n_rows = spin_json_length(list);
 
     if (!list || !spin_json_is_array(list))
-        return spin_fail(SPIN_E_MALFORMED, "no list '%s'", key);
+        return spin_malformed("no list '%s'", key);
     if (n_rows == 0)
-        return spin_fail(SPIN_E_MALFORMED, "list '%s' has no frames", key);
+        return spin_malformed("list '%s' has no frames", key);
     if (s->n_rows == 0) {
         s->n_rows = n_rows;
         s->n_cameras = spin_json_length(spin_json_at(list, 0));
         if (s->n_cameras == 0)
-            return spin_fail(SPIN_E_MALFORMED, "list '%s' has no cameras in frame 0", key);
+            return spin_malformed("list '%s' has no cameras in frame 0", key);
     }
     if (n_rows != s->n_rows || n_rows > INT_MAX)
-        return spin_fail(SPIN_E_MALFORMED, "list '%s' has %zu frames, expected %zu as 'k' has", key,
-                         n_rows, s->n_rows);
+        return spin_malformed("list '%s' has %zu frames, expected %zu as 'k' has", key, n_rows,
+                              s->n_rows);
     for (size_t t = 0; t < n_rows; t++) {
         size_t n = spin_json_length(spin_json_at(list, t));
 
         if (n != s->n_cameras)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "list '%s' has %zu cameras in frame %zu, expected %zu", key, n, t,
-                             s->n_cameras);
+            return spin_malformed("list '%s' has %zu cameras in frame %zu, expected %zu", key, n, t,
+                                  s->n_cameras);
     }
     *out = list;
     return SPIN_OK;
@@ -117,7 +116,7 @@ static spin_status read_camera_id(const struct split *s, size_t row, size_t came
     if (s->cam_id) {
         if (!spin_json_number(at(s->cam_id, row, camera), &value) || value != floor(value) ||
             fabs(value) > INT_MAX)
-            return spin_fail(SPIN_E_MALFORMED, "'cam_id' is not a whole number");
+            return spin_malformed("'cam_id' is not a whole number");
         *out = (int)value;
         return SPIN_OK;
     }
@@ -136,8 +135,7 @@ static spin_status read_view(const struct split *s, size_t row, size_t camera,
     view.camera.width = s->width;
     view.camera.height = s->height;
     if (!fn || !spin_views_is_safe_name(fn))
-        return spin_fail(SPIN_E_MALFORMED, "'fn' is '%s', expected a path below 'ims'",
-                         fn ? fn : "");
+        return spin_malformed("'fn' is '%s', expected a path below 'ims'", fn ? fn : "");
     view.number = spin_views_number(fn);
     SPIN_TRY(read_intrinsics(at(s->k, row, camera), &view.camera));
     SPIN_TRY(read_pose(at(s->w2c, row, camera), &view.camera));
@@ -184,9 +182,8 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
     SPIN_TRY(spin_views_read_json(m->path, "train_meta.json", read_views, &train, out, NULL));
     SPIN_TRY(spin_views_read_json(m->path, "test_meta.json", read_views, &test, out, &found));
     if (found && test.n_rows != train.n_rows)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "'%s': train_meta.json has %zu frames and test_meta.json %zu", m->path,
-                         train.n_rows, test.n_rows);
+        return spin_malformed("'%s': train_meta.json has %zu frames and test_meta.json %zu",
+                              m->path, train.n_rows, test.n_rows);
     return spin_views_check_images(out, first);
 }
 

@@ -75,7 +75,7 @@ static spin_status read_number(const struct split *s, const spin_json *frame, co
         value = spin_json_get(s->root, key);
     *found = value != NULL;
     if (value && (!spin_json_number(value, out) || !isfinite(*out)))
-        return spin_fail(SPIN_E_MALFORMED, "'%s' is not a number", key);
+        return spin_malformed("'%s' is not a number", key);
     return SPIN_OK;
 }
 
@@ -90,17 +90,16 @@ static spin_status check_lens(const struct split *s, const spin_json *frame)
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         SPIN_TRY(read_number(s, frame, names[i], &value, &found));
         if (found && value != 0)
-            return spin_fail(SPIN_E_UNSUPPORTED,
-                             "'%s' is %g: images with lens distortion must be undistorted first",
-                             names[i], value);
+            return spin_unsupported(
+                "'%s' is %g: images with lens distortion must be undistorted first", names[i],
+                value);
     }
     if (!model)
         model = spin_json_string(spin_json_get(s->root, "camera_model"));
     if (model && strcmp(model, "OPENCV") != 0 && strcmp(model, "PINHOLE") != 0 &&
         strcmp(model, "SIMPLE_PINHOLE") != 0 && strcmp(model, "perspective") != 0)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "'camera_model' is '%s', expected a pinhole camera: undistort first",
-                         model);
+        return spin_unsupported(
+            "'camera_model' is '%s', expected a pinhole camera: undistort first", model);
     return SPIN_OK;
 }
 
@@ -116,7 +115,7 @@ static spin_status read_size(const struct split *s, const spin_json *frame, size
     SPIN_TRY(read_number(s, frame, "w", &w, &has_w));
     SPIN_TRY(read_number(s, frame, "h", &h, &has_h));
     if (has_w != has_h)
-        return spin_fail(SPIN_E_MALFORMED, "no number '%s'", has_w ? "h" : "w");
+        return spin_malformed("no number '%s'", has_w ? "h" : "w");
     if (has_w) {
         SPIN_TRY(spin_views_check_size(w, h));
         camera->width = (int)w;
@@ -126,9 +125,8 @@ static spin_status read_size(const struct split *s, const spin_json *frame, size
     }
     SPIN_TRY(spin_image_size(path, &width, &height, &channels));
     if (has_w && (width != camera->width || height != camera->height))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "image '%s' has %d x %d pixels, but 'w' and 'h' are %d and %d", path,
-                         width, height, camera->width, camera->height);
+        return spin_malformed("image '%s' has %d x %d pixels, but 'w' and 'h' are %d and %d", path,
+                              width, height, camera->width, camera->height);
     camera->width = width;
     camera->height = height;
     return SPIN_OK;
@@ -146,10 +144,10 @@ static spin_status read_intrinsics(const struct split *s, const spin_json *frame
         SPIN_TRY(read_number(s, frame, names[i], values[i], &found[i]));
     SPIN_TRY(read_number(s, frame, "camera_angle_x", &angle, &has_angle));
     if (!found[0] && !has_angle)
-        return spin_fail(SPIN_E_MALFORMED, "there is neither 'fl_x' nor 'camera_angle_x'");
+        return spin_malformed("there is neither 'fl_x' nor 'camera_angle_x'");
     if (!found[0]) {
         if (!(angle > 0 && angle < M_PI))
-            return spin_fail(SPIN_E_MALFORMED, "'camera_angle_x' is %g, expected 0 to pi", angle);
+            return spin_malformed("'camera_angle_x' is %g, expected 0 to pi", angle);
         camera->fx = camera->width / (2 * tan(angle / 2));
     }
     if (!found[1] || !found[0])
@@ -169,7 +167,7 @@ static spin_status read_pose(const struct split *s, const spin_json *frame,
     double c2w[16];
 
     if (!m)
-        return spin_fail(SPIN_E_MALFORMED, "no 'transform_matrix'");
+        return spin_malformed("no 'transform_matrix'");
     SPIN_TRY(spin_views_matrix(m, "transform_matrix", 4, c2w));
     for (int i = 0; i < 3; i++) {
         c2w[4 * i + 1] = -c2w[4 * i + 1];
@@ -238,12 +236,11 @@ static spin_status fill_view(struct split *s, const spin_json *frame, size_t ind
     const spin_json *time = spin_json_get(frame, "time");
 
     if (!name)
-        return spin_fail(SPIN_E_MALFORMED, "no text 'file_path'");
+        return spin_malformed("no text 'file_path'");
     if (!spin_views_is_safe_name(name))
-        return spin_fail(SPIN_E_MALFORMED, "'file_path' is '%s', expected a path below the folder",
-                         name);
+        return spin_malformed("'file_path' is '%s', expected a path below the folder", name);
     if (time && (!spin_json_number(time, &view->time) || !isfinite(view->time)))
-        return spin_fail(SPIN_E_MALFORMED, "'time' is not a number");
+        return spin_malformed("'time' is not a number");
     view->number = spin_views_number(name);
     s->timed = s->timed || time;
     if (s->all)
@@ -269,9 +266,9 @@ static spin_status read_frames(void *split, const spin_json *root, struct spin_v
 
     s->root = root;
     if (!frames || !spin_json_is_array(frames))
-        return spin_fail(SPIN_E_MALFORMED, "no list 'frames'");
+        return spin_malformed("no list 'frames'");
     if (n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "list 'frames' is empty");
+        return spin_malformed("list 'frames' is empty");
     for (size_t i = 0; i < n; i++) {
         struct spin_view view = {.number = -1};
         spin_status status = fill_view(s, spin_json_at(frames, i), i, &view);
@@ -368,8 +365,8 @@ static spin_status read_options(const struct spin_plugin_values *values, struct 
     out->test_file = spin_plugin_value(values, "test-file", "transforms_test.json");
     out->ending = spin_plugin_value(values, "ending", ".png");
     if (!spin_views_is_safe_name(out->test_file))
-        return spin_fail(SPIN_E_USAGE, "option 'test-file' is '%s', expected a name in the folder",
-                         out->test_file);
+        return spin_misuse("option 'test-file' is '%s', expected a name in the folder",
+                           out->test_file);
     SPIN_TRY(spin_option_word(values, "time", "file|max|unit", &time));
     out->time = (enum time_rule)time;
     SPIN_TRY(spin_option_word(values, "pose", "right|4dgaussians", &pose));
@@ -397,15 +394,15 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
 
     SPIN_TRY(read_options(m->values, &o));
     if (spin_model_option(m, one ? "test-file" : "hold"))
-        return spin_fail(SPIN_E_USAGE, "option '%s' is for '%s', and the data set has '%s'",
-                         one ? "test-file" : "hold", one ? TRAIN : ALL, one ? ALL : TRAIN);
+        return spin_misuse("option '%s' is for '%s', and the data set has '%s'",
+                           one ? "test-file" : "hold", one ? TRAIN : ALL, one ? ALL : TRAIN);
     if (one) {
         SPIN_TRY(all_views(&train, out));
     } else {
         SPIN_TRY(spin_views_read_json(m->path, TRAIN, read_frames, &train, out, NULL));
         SPIN_TRY(spin_views_read_json(m->path, o.test_file, read_frames, &test, out, &found));
         if (!found && spin_model_option(m, "test-file"))
-            return spin_fail(SPIN_E_NOT_FOUND, "there is no file '%s'", o.test_file);
+            return spin_not_found("there is no file '%s'", o.test_file);
     }
     SPIN_TRY(spin_views_check_images(out, first));
     return set_rows(m, out, first, o.time);

@@ -85,6 +85,11 @@ const char *spin_last_error(void);
 /* Start a new trail with this text and return code: lower case, no full stop, what failed, where (file,
  * array, line), why; names in 'quotes'. */
 spin_status spin_fail(spin_status code, const char *fmt, ...) SPIN_PRINTF(2, 3);
+/* With the codes that are said most. */
+#define spin_misuse(...) spin_fail(SPIN_E_USAGE, __VA_ARGS__)
+#define spin_not_found(...) spin_fail(SPIN_E_NOT_FOUND, __VA_ARGS__)
+#define spin_malformed(...) spin_fail(SPIN_E_MALFORMED, __VA_ARGS__)
+#define spin_unsupported(...) spin_fail(SPIN_E_UNSUPPORTED, __VA_ARGS__)
 
 /* Put "text: " in front of the trail and return code. */
 spin_status spin_fail_context(spin_status code, const char *fmt, ...) SPIN_PRINTF(2, 3);

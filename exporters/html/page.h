@@ -1,8 +1,5 @@
 /* The parts of the page, made into C strings by the Makefile from the files beside this one. */
-#ifndef SPIN_EXPORTERS_HTML_PAGE_H
-#define SPIN_EXPORTERS_HTML_PAGE_H
+#pragma once
 
 extern const char spin_html_head[], spin_html_css[], spin_html_body[], spin_html_project[],
     spin_html_vertex[], spin_html_fragment[], spin_html_worker[], spin_html_script[];
-
-#endif

@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "math/activate.h"
 #include "math/motion.h"
@@ -40,16 +39,15 @@ spin_status spin_bells_can(const struct spin_bells *b)
     bool cuts = has_cuts(b);
 
     if (s->plateaus || cuts || s->gates)
-        return spin_fail(
-            SPIN_E_UNSUPPORTED,
+        return spin_unsupported(
             "these 4D splats have %s, and %s holds bells in time: write another format",
             cuts          ? "a beginning and an end"
             : s->plateaus ? "times at which they do not fade"
                           : "opacities that do not fade to 0",
             b->name);
     if (!(last_time(b) > first_time(b)))
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "%s holds a clip, and this is one frame: give more with --range", b->name);
+        return spin_unsupported("%s holds a clip, and this is one frame: give more with --range",
+                                b->name);
     return SPIN_OK;
 }
 
@@ -282,7 +280,7 @@ spin_status spin_bells_convert(struct spin_bells *b)
         if (is_seen(b, i))
             convert_row(b, i, n++);
     if (n == 0)
-        return spin_fail(SPIN_E_UNSUPPORTED, "no splat is seen at any time of this clip");
+        return spin_unsupported("no splat is seen at any time of this clip");
     b->clip.n = n;
     spin_bells_look(b);
     return SPIN_OK;

@@ -1,7 +1,6 @@
 /* 4D splats as files take them whose windows are bells: in the file's unit of time, which is 0 at the first frame, on
  * paths of a degree that it has, without what it has not. What that loses is measured. */
-#ifndef SPIN_EXPORTERS_LIB_BELLS_H
-#define SPIN_EXPORTERS_LIB_BELLS_H
+#pragma once
 
 #include "spin.h"
 
@@ -33,5 +32,3 @@ double spin_bells_time(const struct spin_bells *b, double time);
 /* Row k of the clip belongs to another time from now on, and stays on its path. */
 void spin_bells_move(struct spin_splats_4d *s, size_t k, double time);
 void spin_bells_free(struct spin_bells *b);
-
-#endif

@@ -1,6 +1,5 @@
 /* A file of 4D splats against the clip that it was written from, through the importer that reads it. */
-#ifndef SPIN_EXPORTERS_LIB_BELLS_CHECK_H
-#define SPIN_EXPORTERS_LIB_BELLS_CHECK_H
+#pragma once
 
 #include "exporters/lib/bells.h"
 #include "exporters/lib/sort_rows.h"
@@ -17,5 +16,3 @@ struct spin_bells_check {
 /* Fills job->report->check with the most that any frame of the job is off by. SPIN_E_IO where the file is not what was to
  * be written. */
 spin_status spin_bells_check(const struct spin_bells_check *of);
-
-#endif

@@ -2,10 +2,7 @@
 
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
-#include "exporters/lib/initial_view.h"
-#include "exporters/lib/splat_filter.h"
 #include "base/log.h"
 #include "base/option.h"
 #include "io/file.h"
@@ -30,18 +27,17 @@ static spin_status parse_panels(struct spin_camera_path *d, const char *list)
         int word = word_of(at, n, panel_words, 3);
 
         if (word < 0 || d->n_panels == 3)
-            return spin_fail(SPIN_E_USAGE,
-                             "--panels '%s': expected up to three of truth, before and after with "
-                             "commas between",
-                             list);
+            return spin_misuse("--panels '%s': expected up to three of truth, before and after "
+                               "with commas between",
+                               list);
         d->panel[d->n_panels++] = (enum spin_camera_path_panel)word;
         if (word == SPIN_PANEL_TRUTH && d->path != SPIN_PATH_CAMERA)
-            return spin_fail(SPIN_E_USAGE, "--panels truth: a moving camera has no images");
+            return spin_misuse("--panels truth: a moving camera has no images");
         if (word == SPIN_PANEL_TRUTH && !d->job->views)
-            return spin_fail(SPIN_E_USAGE, "--panels truth: there is no data set, give --data DIR");
+            return spin_misuse("--panels truth: there is no data set, give --data DIR");
         if (word == SPIN_PANEL_BEFORE && !d->job->source_frame)
-            return spin_fail(SPIN_E_NOT_FOUND, "--panels before: the bundle does not hold imported "
-                                               "and retrained splats both");
+            return spin_not_found(
+                "--panels before: the bundle does not hold imported and retrained splats both");
         at += n;
         if (!*at)
             return SPIN_OK;
@@ -69,12 +65,12 @@ static spin_status parse_size(struct spin_camera_path *d)
     if (sscanf(text, "%5dx%5d%n", &d->size[0], &d->size[1], &end) != 2 || text[end] ||
         d->size[0] < LEAST_SIDE || d->size[1] < LEAST_SIDE || d->size[0] > MOST_SIDE ||
         d->size[1] > MOST_SIDE)
-        return spin_fail(SPIN_E_USAGE, "--size '%s': expected WxH, both from %d to %d", text,
-                         LEAST_SIDE, MOST_SIDE);
+        return spin_misuse("--size '%s': expected WxH, both from %d to %d", text, LEAST_SIDE,
+                           MOST_SIDE);
     for (int p = 0; p < d->n_panels; p++)
         if (d->panel[p] == SPIN_PANEL_TRUTH)
-            return spin_fail(SPIN_E_USAGE, "--size: the data set's images keep theirs, leave it "
-                                           "out or choose other --panels");
+            return spin_misuse(
+                "--size: the data set's images keep theirs, leave it out or choose other --panels");
     return SPIN_OK;
 }
 
@@ -89,9 +85,8 @@ static spin_status parse_path(struct spin_camera_path *d)
     if (word >= 0)
         return SPIN_OK;
     if (!spin_path_exists(text) || spin_path_is_folder(text))
-        return spin_fail(SPIN_E_USAGE,
-                         "--path '%s': expected camera, orbit, spiral, train or a file of cameras",
-                         text);
+        return spin_misuse(
+            "--path '%s': expected camera, orbit, spiral, train or a file of cameras", text);
     return spin_path_file_open(text, &d->file);
 }
 
@@ -110,8 +105,8 @@ static spin_status parse_pace(struct spin_camera_path *d)
     if (d->path == SPIN_PATH_FILE) {
         d->n_pictures = (int64_t)d->file.n;
         return seconds > 0 || spin_plugin_value(v, "repeat", NULL)
-                   ? spin_fail(SPIN_E_USAGE, "--duration, --repeat: the file of --path has as many "
-                                             "cameras as there will be pictures")
+                   ? spin_misuse("--duration, --repeat: the file of --path has as many "
+                                 "cameras as there will be pictures")
                    : SPIN_OK;
     }
     if (seconds <= 0 && d->path != SPIN_PATH_CAMERA && !spin_plugin_value(v, "repeat", NULL))
@@ -122,9 +117,9 @@ static spin_status parse_pace(struct spin_camera_path *d)
         return SPIN_OK;
     }
     if (spin_plugin_value(v, "repeat", NULL))
-        return spin_fail(SPIN_E_USAGE, "--duration and --repeat: give one of them");
+        return spin_misuse("--duration and --repeat: give one of them");
     if (seconds * d->fps > MOST_PICTURES)
-        return spin_fail(SPIN_E_USAGE, "--duration: more than %d pictures", MOST_PICTURES);
+        return spin_misuse("--duration: more than %d pictures", MOST_PICTURES);
     d->n_pictures = (int64_t)fmax(1, rint(seconds * d->fps));
     return SPIN_OK;
 }
@@ -202,7 +197,7 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
     SPIN_TRY(parse_panels(d, spin_plugin_value(job->values, "panels", "after")));
     SPIN_TRY(parse_size(d));
     if (d->path == SPIN_PATH_TRAIN && !job->views)
-        return spin_fail(SPIN_E_USAGE, "--path train: there is no data set, give --data DIR");
+        return spin_misuse("--path train: there is no data set, give --data DIR");
     if (d->path == SPIN_PATH_TRAIN)
         SPIN_TRY(spin_rig_path_open(job->views, d->row, &d->rig));
     set_lens(d);
@@ -330,10 +325,9 @@ spin_status spin_rig_path_open(const struct spin_views *views, int row, struct s
         int n = path->n;
 
         spin_rig_path_free(path);
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "--path train: %d training camera%s in the first frame, expected two or "
-                         "more",
-                         n, n == 1 ? "" : "s");
+        return spin_not_found(
+            "--path train: %d training camera%s in the first frame, expected two or more", n,
+            n == 1 ? "" : "s");
     }
     chain(path);
     uncross(path);

@@ -1,6 +1,5 @@
 /* What the exporters that draw share: a camera that stands still or moves, and pictures side by side. */
-#ifndef SPIN_EXPORTERS_LIB_CAMERA_PATH_H
-#define SPIN_EXPORTERS_LIB_CAMERA_PATH_H
+#pragma once
 
 #include <string.h>
 
@@ -140,5 +139,3 @@ spin_status spin_camera_path_frame(struct spin_camera_path *d, const struct spin
 spin_status spin_camera_path_draw(struct spin_camera_path *d, int frame,
                                   const struct spin_splats *splats,
                                   const struct spin_camera *camera, const char *truth);
-
-#endif

@@ -3,9 +3,7 @@
  * in memory a second time. */
 #include "exporters/lib/frames.h"
 
-#include <inttypes.h>
 #include <stdatomic.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -76,10 +74,9 @@ static spin_status choose_file(struct spin_frames *x, const struct spin_export_j
         spin_path_is_folder(job->output))
         return SPIN_OK;
     if (job->n_frames != 1)
-        return spin_fail(SPIN_E_USAGE,
-                         "'%s' is the name of one file, but there are %d frames: name a folder "
-                         "('%.*s/'), or choose one frame with --range",
-                         job->output, job->n_frames, (int)(n - n_ending), job->output);
+        return spin_misuse("'%s' is the name of one file, but there are %d frames: name a folder "
+                           "('%.*s/'), or choose one frame with --range",
+                           job->output, job->n_frames, (int)(n - n_ending), job->output);
     if (spin_path_is_taken(job->output) && !x->job->force)
         return spin_fail(SPIN_E_IO, "cannot write '%s': it exists; use --force to overwrite",
                          job->output);
@@ -168,31 +165,14 @@ static spin_status entries_json(const struct spin_frames *x, spin_json *list)
     return SPIN_OK;
 }
 
-static spin_status write_text(const char *path, const char *text, bool sync)
-{
-    struct spin_out out;
-    spin_status status;
-
-    if (!text)
-        return spin_fail(SPIN_E_MEMORY, "no memory for '%s'", path);
-    SPIN_TRY(spin_out_open(path, true, &out));
-    out.sync = sync;
-    status = spin_out_write(&out, text, strlen(text));
-    if (status == SPIN_OK)
-        return spin_out_commit(&out);
-    spin_out_abandon(&out);
-    return status;
-}
-
 spin_status spin_frames_write_text(struct spin_frames *x, const char *name, const char *text)
 {
-    char *path = NULL;
-    spin_status status;
+    SPIN_FREED char *path = NULL;
 
     SPIN_TRY(spin_path_join(x->folder.path, name, &path));
-    status = write_text(path, text, x->job->sync);
-    free(path);
-    return status;
+    if (!text)
+        return spin_fail(SPIN_E_MEMORY, "no memory for '%s'", path);
+    return spin_out_whole(path, text, strlen(text), x->job->sync);
 }
 
 /* What belongs to the clip still: a data set, where the scene was not turned away from its cameras, and that rows are the
@@ -200,8 +180,7 @@ spin_status spin_frames_write_text(struct spin_frames *x, const char *name, cons
 static spin_status add_belongings(const struct spin_frames *x, spin_json *root)
 {
     bool turned = fabs(x->rows.turn_q[0]) < 1 - 1e-9, same = x->job->identity && !x->format->order;
-    char *folder = NULL, *path = NULL;
-    spin_status status = SPIN_OK;
+    SPIN_FREED char *folder = NULL, *path = NULL;
 
     for (size_t i = 1; i < x->n_entries; i++)
         same = same && x->entry[i].n == x->entry[0].n;
@@ -210,20 +189,17 @@ static spin_status add_belongings(const struct spin_frames *x, spin_json *root)
     spin_json_set_bool(root, "identity", same);
     if (!x->job->data || turned)
         return SPIN_OK;
-    SPIN_TRY_OUT(spin_path_absolute(x->folder.path, &folder));
-    SPIN_TRY_OUT(spin_path_relative(folder, x->job->data, &path));
+    SPIN_TRY(spin_path_absolute(x->folder.path, &folder));
+    SPIN_TRY(spin_path_relative(folder, x->job->data, &path));
     spin_json_set(root, "data", json_pack("{s:s, s:s}", "path", path, "from", x->job->data_from));
-out:
-    free(folder);
-    free(path);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status write_sequence(struct spin_frames *x)
 {
-    spin_json *root = spin_json_object(), *turn = spin_json_array(), *list = spin_json_array();
-    char *text = NULL;
-    spin_status status;
+    spin_json *turn = spin_json_array(), *list = spin_json_array();
+    SPIN_LEAVES(spin_json_freed) spin_json *root = spin_json_object();
+    SPIN_FREED char *text = NULL;
 
     spin_json_set_string(root, "generator", "spin4d " SPIN_VERSION);
     spin_json_set_string(root, "format", x->format->name);
@@ -239,15 +215,11 @@ static spin_status write_sequence(struct spin_frames *x)
     }
     if (x->job->pair && *x->job->pair)
         spin_json_set_string(root, "pair", x->job->pair);
-    SPIN_TRY_OUT(add_belongings(x, root));
+    SPIN_TRY(add_belongings(x, root));
     spin_json_set(root, "frames", list);
-    SPIN_TRY_OUT(entries_json(x, list));
+    SPIN_TRY(entries_json(x, list));
     text = spin_json_text(root, true);
-    status = spin_frames_write_text(x, "sequence.json", text);
-out:
-    free(text);
-    spin_json_free(root);
-    return status;
+    return spin_frames_write_text(x, "sequence.json", text);
 }
 
 /* ---- The plug-in's functions ----------------------------------------------------------------- */
@@ -269,27 +241,21 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
                               const struct spin_splats *splats)
 {
     struct spin_frames *x = self;
-    struct spin_out out;
-    char *path = NULL;
+    SPIN_LEAVES(spin_out_abandon) struct spin_out out = {0};
+    SPIN_FREED char *path = NULL;
     uint64_t length;
-    spin_status status;
 
     (void)frame;
     SPIN_TRY(spin_splat_filter_choose(&x->rows, splats, info->number));
     SPIN_TRY(path_of(x, info->number, &path));
-    status = spin_out_open(path, x->job->force, &out);
-    free(path);
-    SPIN_TRY(status);
+    SPIN_TRY(spin_out_open(path, x->job->force, &out));
     out.sync = x->job->sync;
-    SPIN_TRY_OUT(write_frame(x, info, &out));
-    SPIN_TRY_OUT(spin_out_length(&out, &length));
-    SPIN_TRY_OUT(spin_frames_add(x, info, x->rows.n_kept));
+    SPIN_TRY(write_frame(x, info, &out));
+    SPIN_TRY(spin_out_length(&out, &length));
+    SPIN_TRY(spin_frames_add(x, info, x->rows.n_kept));
     if (x->rows.report)
         x->rows.report->bytes += length;
     return spin_out_commit(&out);
-out:
-    spin_out_abandon(&out);
-    return status;
 }
 
 spin_status spin_frames_end(void *self)
@@ -345,11 +311,11 @@ struct writing {
     atomic_int error;
 };
 
-static void write_block(void *context, int b, int worker)
+static void write_block(void *context, int b)
 {
     struct writing *w = context;
     const struct spin_splat_filter *rows = &w->x->rows;
-    unsigned char *piece = w->scratch + (size_t)worker * w->stride, *to = piece;
+    unsigned char *piece = w->scratch + (size_t)spin_pool_worker() * w->stride, *to = piece;
     size_t first = (size_t)b * SPIN_ROWS_BLOCK, end = first + SPIN_ROWS_BLOCK;
     int error;
 

@@ -3,8 +3,7 @@
  * bytes are made. begin, frame, end and abort of the plug-in are those below.
  *
  * Beside the frames lies sequence.json: their names, numbers, times and counts, for players. */
-#ifndef SPIN_EXPORTERS_LIB_FRAMES_H
-#define SPIN_EXPORTERS_LIB_FRAMES_H
+#pragma once
 
 #include "exporters/lib/quant_error.h"
 #include "exporters/lib/sort_rows.h"
@@ -78,6 +77,15 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
                               const struct spin_splats *splats);
 spin_status spin_frames_end(void *self);
 void spin_frames_abort(void *self);
+/* In the table of such a plug-in; and a definition of `name`, its begin(). */
+#define SPIN_FRAMES_PLUGIN                                                                         \
+    .abi = SPIN_PLUGIN_ABI, .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,                         \
+    .frame = spin_frames_frame, .end = spin_frames_end, .abort = spin_frames_abort
+#define SPIN_FRAMES_BEGIN(name, format)                                                            \
+    static spin_status name(const struct spin_export_job *job, void **self)                        \
+    {                                                                                              \
+        return spin_frames_begin(format, job, self);                                               \
+    }
 /* What end() and abort() do last: for an exporter that makes the struct itself. */
 void spin_frames_free(struct spin_frames *frames);
 
@@ -109,5 +117,3 @@ void spin_frames_comments(const struct spin_frames *frames, const struct spin_fr
 
 /* How much will be written where, said before it is; a warning when the disk has less. */
 void spin_frames_say_size(const char *output, int n_frames, uint64_t bytes, bool at_most);
-
-#endif

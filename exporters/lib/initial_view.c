@@ -1,11 +1,7 @@
 #include "exporters/lib/initial_view.h"
 
-#include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
-#include "base/mem.h"
 #include "base/number.h"
 #include "math/project.h"
 

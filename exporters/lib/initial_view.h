@@ -1,12 +1,10 @@
 /* Where the scene is first looked at: the middle and the reach of its splats, and the first view of
  * the data set when there is one. */
-#ifndef SPIN_EXPORTERS_LIB_INITIAL_VIEW_H
-#define SPIN_EXPORTERS_LIB_INITIAL_VIEW_H
+#pragma once
 
 #include <math.h>
 #include <stdlib.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 
 struct spin_initial_view {
@@ -40,5 +38,3 @@ bool spin_initial_view_is_blank(const float *image, size_t n, const float backgr
  * scene; else from the front. The default up is that of a camera's world, y down. */
 void spin_initial_view_first(const struct spin_views *views, int row, bool test,
                              const double middle[3], double size, struct spin_initial_view *out);
-
-#endif

@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 
 enum { PLANES = 7, FROM_OTHER = 16, FROM_COLUMN = 32 };
@@ -75,10 +74,7 @@ spin_status spin_page_put_whole(struct spin_page_bytes *b, const int32_t *x, siz
     return SPIN_OK;
 }
 
-static spin_status too_short(void)
-{
-    return spin_fail(SPIN_E_MALFORMED, "a block of the page ends early");
-}
+static spin_status too_short(void) { return spin_malformed("a block of the page ends early"); }
 
 /* allowed: bits beside those of the planes. */
 static spin_status get_head(const uint8_t *data, size_t size, size_t *at, int allowed, int *planes,
@@ -89,7 +85,7 @@ static spin_status get_head(const uint8_t *data, size_t size, size_t *at, int al
     *planes = data[*at] & PLANES;
     *from = data[*at] & allowed;
     if (*planes > 4 || data[(*at)++] & ~(PLANES | allowed))
-        return spin_fail(SPIN_E_MALFORMED, "a block of the page has a column of an unknown kind");
+        return spin_malformed("a block of the page has a column of an unknown kind");
     return SPIN_OK;
 }
 

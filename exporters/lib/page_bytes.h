@@ -3,8 +3,7 @@
  * A column begins with one byte: the planes in bits 0 to 2 (0: all numbers are zero), in bits 4 and
  * 5 what the numbers are told from. Numbers are written d < 0 ? -2 d - 1 : 2 d, low bytes first, then the
  * next higher: a plane of bytes each. */
-#ifndef SPIN_EXPORTERS_LIB_PAGE_BYTES_H
-#define SPIN_EXPORTERS_LIB_PAGE_BYTES_H
+#pragma once
 
 #include "spin.h"
 
@@ -40,5 +39,3 @@ spin_status spin_page_get_column(const uint8_t *data, size_t size, size_t *at, i
                                  const int32_t *other, size_t n);
 spin_status spin_page_get_changes(const uint8_t *data, size_t size, size_t *at, size_t n,
                                   struct spin_page_state *state);
-
-#endif

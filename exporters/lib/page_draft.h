@@ -1,7 +1,6 @@
 /* The draft of a served page: a coarse first frame, small enough to be shown while the rest is read. It has some of
  * the splats, the larger the likelier, and the small ones among them grow, so that about as much is covered. */
-#ifndef SPIN_EXPORTERS_LIB_PAGE_DRAFT_H
-#define SPIN_EXPORTERS_LIB_PAGE_DRAFT_H
+#pragma once
 
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/page_group.h"
@@ -26,5 +25,3 @@ spin_status spin_page_draft_take(struct spin_page_draft *d, const struct spin_sp
 spin_status spin_page_draft_write(struct spin_page_draft *d, uint64_t most_bytes,
                                   spin_page_sink sink, void *context);
 void spin_page_draft_free(struct spin_page_draft *d);
-
-#endif

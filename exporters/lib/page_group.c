@@ -3,7 +3,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/gzip.h"
 
@@ -119,18 +118,15 @@ static unsigned bits_of(int32_t d)
     return d ? 32 - (unsigned)__builtin_clz((uint32_t)abs(d)) : 0;
 }
 
-static void number_task(void *context, int task, int worker)
+static void number_task(void *context, size_t from, size_t to)
 {
     struct number *t = context;
     struct spin_page_group *g = t->g;
-    size_t columns = columns_of(g), from = (size_t)task * SPIN_ROWS_BLOCK;
-    size_t to = from + SPIN_ROWS_BLOCK < g->n_shared ? from + SPIN_ROWS_BLOCK : g->n_shared;
-    size_t n = (size_t)g->n_frames;
+    size_t columns = columns_of(g), n = (size_t)g->n_frames;
     int32_t number[SPIN_PAGE_COLUMNS * SPIN_PAGE_MOST_FRAMES];
     const float *value[SPIN_PAGE_MOST_FRAMES];
     uint8_t present[SPIN_PAGE_MOST_FRAMES];
 
-    (void)worker;
     for (size_t k = from; k < to; k++) {
         size_t i = g->shared[k];
         uint64_t activity = 0, level = 0;
@@ -214,11 +210,10 @@ static spin_status column_bytes(struct blocks *b, size_t c)
     return SPIN_OK;
 }
 
-static void column_task(void *context, int c, int worker)
+static void column_task(void *context, int c)
 {
     struct blocks *b = context;
 
-    (void)worker;
     b->column[c].status = column_bytes(b, (size_t)c);
 }
 
@@ -251,15 +246,13 @@ static spin_status column_again(struct blocks *b, size_t c)
         for (size_t k = 0; k < frame->n_own; k++)
             wrong += col->row[k] != written(b->own[f] + k * columns, c);
     }
-    return wrong ? spin_fail(SPIN_E_MALFORMED, "a block of the page does not read back as written")
-                 : SPIN_OK;
+    return wrong ? spin_malformed("a block of the page does not read back as written") : SPIN_OK;
 }
 
-static void again_task(void *context, int c, int worker)
+static void again_task(void *context, int c)
 {
     struct blocks *b = context;
 
-    (void)worker;
     b->column[c].status = column_again(b, (size_t)c);
 }
 
@@ -279,14 +272,13 @@ struct errors {
 };
 
 /* Every value of some rows of a frame, as a reader of the numbers has it, against the source's. */
-static void error_task(void *context, int task, int worker)
+static void error_task(void *context, int task)
 {
     struct errors *e = context;
     const struct spin_page_group *g = e->b->g;
     size_t columns = columns_of(g), n = (size_t)g->n_frames, f = 0, from, to;
     const struct spin_page_frame *frame;
 
-    (void)worker;
     while ((size_t)task >= e->first_task[f + 1])
         f++;
     frame = &g->frame[f];
@@ -341,10 +333,8 @@ static spin_status check_values(struct blocks *b)
 
 static spin_status too_far(const struct spin_page_group *g)
 {
-    return spin_fail(
-        SPIN_E_UNSUPPORTED,
-        "a splat is too far from the others for steps of %g: --bound-place takes coarser "
-        "ones",
+    return spin_unsupported(
+        "a splat is too far from the others for steps of %g: --bound-place takes coarser ones",
         2 * g->space.bounds.place);
 }
 
@@ -359,8 +349,7 @@ static spin_status number_shared(struct spin_page_group *g, struct spin_sort_row
     SPIN_TRY(spin_alloc(n * columns + 1, sizeof *g->key, (void **)&g->key));
     SPIN_TRY(
         spin_alloc(n * columns + 1, (size_t)g->n_frames * sizeof *g->number, (void **)&g->number));
-    spin_pool_run(g->pool, (int)((n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK), number_task,
-                  &number);
+    spin_pool_rows(g->pool, n, SPIN_ROWS_BLOCK, number_task, &number);
     if (number.failed)
         return too_far(g);
     order->n = n;
@@ -420,24 +409,18 @@ static spin_status write_block(struct blocks *b, spin_page_sink sink, void *cont
                                     .n_still = g->n_still,
                                     .n_own = g->frame[b->frame].n_own};
     size_t start[2 * SPIN_PAGE_COLUMNS], n_room = 0, n_again = 0;
-    unsigned char *bytes = NULL;
-    spin_status status;
+    SPIN_FREED unsigned char *bytes = NULL;
 
     SPIN_TRY(join(b, start));
     b->start = start;
-    status =
-        spin_gzip_write(g->pool, 6, b->packed.data, b->packed.n, &bytes, &n_room, &block.n_bytes);
+    SPIN_TRY(
+        spin_gzip_write(g->pool, 6, b->packed.data, b->packed.n, &bytes, &n_room, &block.n_bytes));
     block.data = bytes;
-    if (status == SPIN_OK)
-        status = spin_gzip_read(bytes, block.n_bytes, b->again, b->packed.n + 1, &n_again);
-    if (status == SPIN_OK && n_again != b->packed.n)
-        status = spin_fail(SPIN_E_MALFORMED, "a block of the page does not read back as written");
-    if (status == SPIN_OK)
-        status = run_columns(b, again_task);
-    if (status == SPIN_OK)
-        status = sink(context, &block);
-    free(bytes);
-    return status;
+    SPIN_TRY(spin_gzip_read(bytes, block.n_bytes, b->again, b->packed.n + 1, &n_again));
+    if (n_again != b->packed.n)
+        return spin_malformed("a block of the page does not read back as written");
+    SPIN_TRY(run_columns(b, again_task));
+    return sink(context, &block);
 }
 
 static spin_status make_columns(struct blocks *b)

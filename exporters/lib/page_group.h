@@ -2,8 +2,7 @@
  *
  * A group begins with a key. Rows that all of its frames have are shared: those that change nowhere come first,
  * then the others, the quiet before the restless, each by place. What a frame has beside them is its own. */
-#ifndef SPIN_EXPORTERS_LIB_PAGE_GROUP_H
-#define SPIN_EXPORTERS_LIB_PAGE_GROUP_H
+#pragma once
 
 #include "exporters/lib/page_bytes.h"
 #include "exporters/lib/page_values.h"
@@ -60,5 +59,3 @@ spin_status spin_page_group_add(struct spin_page_group *g, const struct spin_spl
  * An error says which value is not within them. */
 spin_status spin_page_group_write(struct spin_page_group *g, spin_page_sink sink, void *context);
 void spin_page_group_free(struct spin_page_group *g);
-
-#endif

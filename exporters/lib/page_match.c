@@ -18,14 +18,12 @@ struct take {
     struct spin_page_frame *frame;
 };
 
-static void take_block(void *context, int task, int worker)
+static void take_block(void *context, size_t from, size_t to)
 {
     struct take *t = context;
-    size_t width = spin_page_width(t->g), from = (size_t)task * SPIN_ROWS_BLOCK;
-    size_t to = from + SPIN_ROWS_BLOCK < t->frame->n ? from + SPIN_ROWS_BLOCK : t->frame->n;
+    size_t width = spin_page_width(t->g);
     int n_sh = 3 * (spin_sh_count(t->rows->splats->sh_degree) - 1);
 
-    (void)worker;
     for (size_t i = from; i < to; i++) {
         float *v = t->frame->value + i * width, room[48];
         struct spin_gaussian is;
@@ -49,7 +47,6 @@ static spin_status take_frame(const struct spin_page_group *g, const struct spin
                               size_t n, struct spin_page_frame *f)
 {
     struct take take = {.g = g, .rows = rows, .frame = f};
-    int n_tasks = (int)((n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK);
 
     f->n = n;
     f->n_own = 0;
@@ -59,7 +56,7 @@ static spin_status take_frame(const struct spin_page_group *g, const struct spin
         SPIN_TRY(spin_grow(n, 1, (void **)&f->present));
         f->room = n;
     }
-    spin_pool_run(g->pool, n_tasks, take_block, &take);
+    spin_pool_rows(g->pool, n, SPIN_ROWS_BLOCK, take_block, &take);
     return SPIN_OK;
 }
 
@@ -115,7 +112,7 @@ static spin_status match_places(const struct spin_page_group *g, struct spin_pag
 {
     const struct spin_page_frame *first = &g->frame[0];
     size_t width = spin_page_width(g), size = 16;
-    uint32_t *table = NULL;
+    SPIN_FREED uint32_t *table = NULL;
 
     while (size < 2 * now->n)
         size *= 2;
@@ -146,12 +143,12 @@ static spin_status match_places(const struct spin_page_group *g, struct spin_pag
         ++*n_matched;
         table[at] = TAKEN; /* two splats at one place are two */
     }
-    free(table);
     return SPIN_OK;
 }
 
 /* Rows of `now`, which keeps those of `last`, that belong to rows of the group's first frame. */
-static spin_status follow(const struct spin_page_frame *last, struct spin_page_frame *now, size_t n_first)
+static spin_status follow(const struct spin_page_frame *last, struct spin_page_frame *now,
+                          size_t n_first)
 {
     if (!last->row)
         return SPIN_OK;

@@ -3,7 +3,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/gzip.h"
 #include "math/activate.h"
@@ -557,13 +556,12 @@ static uint64_t class_of(const struct spin_page_rows *r, int32_t *key)
     return moves << 32 | (uint64_t)(behind(r, key)[FROM]);
 }
 
-static void number_task(void *context, int task, int worker)
+static void number_task(void *context, int task)
 {
     struct block *b = context;
     struct spin_page_rows *r = b->r;
     size_t from = (size_t)task * SPIN_ROWS_BLOCK, to = from + SPIN_ROWS_BLOCK;
 
-    (void)worker;
     for (size_t k = from; k < (to < b->n ? to : b->n); k++) {
         int32_t *key = b->key + k * (size_t)r->n_columns;
         float place[3];
@@ -592,47 +590,39 @@ static void column_of(const struct block *b, size_t c, int32_t *out)
 static spin_status pack(const struct block *b, spin_page_rows_sink sink, void *context)
 {
     struct spin_page_rows_block out = {.n = b->n, .from = b->piece[0].from, .end = b->piece[0].end};
-    struct spin_page_bytes bytes = {0};
-    int32_t *column = NULL, *again;
-    unsigned char *packed = NULL, *back = NULL;
+    SPIN_LEAVES(spin_page_bytes_free) struct spin_page_bytes bytes = {0};
+    int32_t *again;
+    SPIN_FREED int32_t *column = NULL;
+    SPIN_FREED unsigned char *packed = NULL, *back = NULL;
     size_t n_room = 0, n_back = 0, at = 0;
-    spin_status status;
 
     for (size_t k = 0; k < b->n; k++) {
         out.from = b->piece[k].from < out.from ? b->piece[k].from : out.from;
         out.end = b->piece[k].end > out.end ? b->piece[k].end : out.end;
     }
-    SPIN_TRY_OUT(spin_alloc(b->n, 3 * sizeof *column, (void **)&column));
+    SPIN_TRY(spin_alloc(b->n, 3 * sizeof *column, (void **)&column));
     for (int c = 0; c < b->r->n_columns; c++) {
         int32_t *now = column + (size_t)(c & 1) * b->n;
 
         column_of(b, (size_t)c, now);
-        SPIN_TRY_OUT(
+        SPIN_TRY(
             spin_page_put_column(&bytes, now, c ? column + (size_t)(~c & 1) * b->n : NULL, b->n));
     }
-    SPIN_TRY_OUT(
-        spin_gzip_write(b->r->pool, 6, bytes.data, bytes.n, &packed, &n_room, &out.n_bytes));
-    SPIN_TRY_OUT(spin_alloc(bytes.n + 1, 1, (void **)&back));
-    SPIN_TRY_OUT(spin_gzip_read(packed, out.n_bytes, back, bytes.n + 1, &n_back));
+    SPIN_TRY(spin_gzip_write(b->r->pool, 6, bytes.data, bytes.n, &packed, &n_room, &out.n_bytes));
+    SPIN_TRY(spin_alloc(bytes.n + 1, 1, (void **)&back));
+    SPIN_TRY(spin_gzip_read(packed, out.n_bytes, back, bytes.n + 1, &n_back));
     again = column + 2 * b->n;
     for (int c = 0; c < b->r->n_columns; c++) {
         int32_t *now = column + (size_t)(c & 1) * b->n;
 
         column_of(b, (size_t)c, now);
-        SPIN_TRY_OUT(spin_page_get_column(back, n_back, &at, again,
-                                          c ? column + (size_t)(~c & 1) * b->n : NULL, b->n));
+        SPIN_TRY(spin_page_get_column(back, n_back, &at, again,
+                                      c ? column + (size_t)(~c & 1) * b->n : NULL, b->n));
         if (memcmp(now, again, b->n * sizeof *now) != 0)
-            SPIN_TRY_OUT(
-                spin_fail(SPIN_E_MALFORMED, "a block of the page does not read back as written"));
+            return spin_malformed("a block of the page does not read back as written");
     }
     out.data = packed;
-    status = sink(context, &out);
-out:
-    spin_page_bytes_free(&bytes);
-    free(column);
-    free(packed);
-    free(back);
-    return status;
+    return sink(context, &out);
 }
 
 static spin_status write_block(struct spin_page_rows *r, const struct spin_splat_filter *rows,
@@ -652,10 +642,9 @@ static spin_status write_block(struct spin_page_rows *r, const struct spin_splat
     b.order = order.item;
     spin_pool_run(r->pool, n_tasks, number_task, &b);
     if (b.failed)
-        SPIN_TRY_OUT(spin_fail(SPIN_E_UNSUPPORTED,
-                               "a splat is too far from the others, or seen for too short a time, "
-                               "for steps of %g: --bound-place takes coarser ones",
-                               2 * r->space.bounds.place));
+        SPIN_TRY_OUT(spin_unsupported("a splat is too far from the others, or seen for too short a "
+                                      "time, for steps of %g: --bound-place takes coarser ones",
+                                      2 * r->space.bounds.place));
     for (int t = 0; t < n_tasks; t++) {
         r->n_values += b.n_values[t];
         spin_quant_error_merge(&r->quant, &b.quant[t]);
@@ -711,13 +700,12 @@ static int block_of(const struct spin_page_rows *r, const struct piece *p)
 
 static spin_status by_time(const struct spin_page_rows *r, struct pieces *p)
 {
-    struct spin_sort_rows order = {.n = p->n};
+    SPIN_LEAVES(spin_sort_rows_free) struct spin_sort_rows order = {.n = p->n};
     struct piece *sorted = NULL;
-    spin_status status;
 
-    SPIN_TRY_OUT(spin_alloc(p->n + 1, sizeof *order.item, (void **)&order.item));
-    SPIN_TRY_OUT(spin_alloc(p->n + 1, sizeof *order.spare, (void **)&order.spare));
-    SPIN_TRY_OUT(spin_alloc(p->n + 1, sizeof *sorted, (void **)&sorted));
+    SPIN_TRY(spin_alloc(p->n + 1, sizeof *order.item, (void **)&order.item));
+    SPIN_TRY(spin_alloc(p->n + 1, sizeof *order.spare, (void **)&order.spare));
+    SPIN_TRY(spin_alloc(p->n + 1, sizeof *sorted, (void **)&sorted));
     for (size_t k = 0; k < p->n; k++)
         order.item[k] =
             (struct spin_keyed){.key = (uint64_t)block_of(r, &p->at[k]), .row = (uint32_t)k};
@@ -726,9 +714,7 @@ static spin_status by_time(const struct spin_page_rows *r, struct pieces *p)
         sorted[k] = p->at[order.item[k].row];
     free(p->at);
     p->at = sorted;
-out:
-    spin_sort_rows_free(&order);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_page_rows_write(struct spin_page_rows *r, const struct spin_splat_filter *rows,
@@ -743,7 +729,7 @@ spin_status spin_page_rows_write(struct spin_page_rows *r, const struct spin_spl
         if (rows->keep[i] && seen(r, i, &p))
             SPIN_TRY_OUT(add_piece(r, &pieces, p));
     if (pieces.n == 0)
-        SPIN_TRY_OUT(spin_fail(SPIN_E_UNSUPPORTED, "no splat is seen at any time of this clip"));
+        SPIN_TRY_OUT(spin_unsupported("no splat is seen at any time of this clip"));
     SPIN_TRY_OUT(by_time(r, &pieces));
     for (size_t k = 1; k <= pieces.n; k++) {
         if (k < pieces.n && block_of(r, &pieces.at[k]) == block_of(r, &pieces.at[from]))

@@ -4,8 +4,7 @@
  * The page's time counts frames from the first, in ticks. At each tick of a row all its values are within the bounds:
  * a path by its places at even times, an opacity by its shares for height, middle and width of the window. A row that
  * turns far is written as several, one after the other. */
-#ifndef SPIN_EXPORTERS_LIB_PAGE_ROWS_H
-#define SPIN_EXPORTERS_LIB_PAGE_ROWS_H
+#pragma once
 
 #include "exporters/lib/page_group.h"
 #include "io/json.h"
@@ -51,5 +50,3 @@ spin_status spin_page_rows_write(struct spin_page_rows *r, const struct spin_spl
                                  spin_page_rows_sink sink, void *context);
 /* What the page must know to read them. */
 spin_json *spin_page_rows_json(const struct spin_page_rows *r);
-
-#endif

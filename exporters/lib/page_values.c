@@ -1,9 +1,7 @@
 #include "exporters/lib/page_values.h"
 
 #include <math.h>
-#include <string.h>
 
-#include "base/err.h"
 #include "base/option.h"
 #include "exporters/lib/page_bytes.h"
 #include "math/morton.h"
@@ -136,9 +134,8 @@ spin_status spin_page_errors_judge(const struct spin_quant_error *q,
 
     for (int p = 0; p < SPIN_QUANT_PARTS; p++)
         if (!(q->part[p].largest <= bound[p]) || !isfinite(q->part[p].squares))
-            return spin_fail(SPIN_E_MALFORMED,
-                             "%s is off by %g, more than its bound of %g: a bug in spin4d", name[p],
-                             q->part[p].largest, bound[p]);
+            return spin_malformed("%s is off by %g, more than its bound of %g: a bug in spin4d",
+                                  name[p], q->part[p].largest, bound[p]);
     return SPIN_OK;
 }
 

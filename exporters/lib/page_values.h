@@ -11,8 +11,7 @@
  *
  * A step is twice the bound, so the nearest number is within it; of a rotation's three numbers each has its
  * share, and turning in the curved space of rotations only shortens distances. */
-#ifndef SPIN_EXPORTERS_LIB_PAGE_VALUES_H
-#define SPIN_EXPORTERS_LIB_PAGE_VALUES_H
+#pragma once
 
 #include "exporters/lib/quant_error.h"
 
@@ -68,5 +67,3 @@ spin_status spin_page_errors_judge(const struct spin_quant_error *q,
 /* What a reader makes of them: value[14 + n_sh] as above. number NULL: the key. */
 void spin_page_value_of(const struct spin_page_space *space, const int32_t *key,
                         const int32_t *number, int n_sh, double *value);
-
-#endif

@@ -65,20 +65,18 @@ static spin_status add(struct spin_path_file *f, size_t *room, const double *m, 
     struct spin_path_pose pose = {.fovy_deg = fovy_deg};
 
     if (n != 12 && n != 16)
-        return spin_fail(SPIN_E_MALFORMED, "matrix %zu has %zu numbers, expected 12 or 16",
-                         f->n + 1, n);
+        return spin_malformed("matrix %zu has %zu numbers, expected 12 or 16", f->n + 1, n);
     for (size_t k = 0; k < n; k++)
         if (!(fabs(m[k]) <= 1e15))
-            return spin_fail(SPIN_E_MALFORMED, "matrix %zu has a value that is no place", f->n + 1);
+            return spin_malformed("matrix %zu has a value that is no place", f->n + 1);
     if (n == 16 && (m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1))
-        return spin_fail(SPIN_E_MALFORMED, "matrix %zu ends in %g %g %g %g, expected 0 0 0 1",
-                         f->n + 1, m[12], m[13], m[14], m[15]);
+        return spin_malformed("matrix %zu ends in %g %g %g %g, expected 0 0 0 1", f->n + 1, m[12],
+                              m[13], m[14], m[15]);
     if (!invert(m, sign, pose.w2c))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "matrix %zu is no rotation and place from a camera to the world",
-                         f->n + 1);
+        return spin_malformed("matrix %zu is no rotation and place from a camera to the world",
+                              f->n + 1);
     if (f->n == MOST_POSES)
-        return spin_fail(SPIN_E_UNSUPPORTED, "more than %d matrices", MOST_POSES);
+        return spin_unsupported("more than %d matrices", MOST_POSES);
     SPIN_TRY(spin_room(f->n, room, sizeof *f->pose, (void **)&f->pose));
     f->pose[f->n++] = pose;
     return SPIN_OK;
@@ -125,15 +123,14 @@ static spin_status read_nerfstudio(const spin_json *root, struct spin_path_file 
     size_t room = 0;
 
     if (!spin_json_is_array(list))
-        return spin_fail(SPIN_E_MALFORMED, "it has no list 'camera_path'");
+        return spin_malformed("it has no list 'camera_path'");
     if (type && strcmp(type, "perspective") != 0)
-        return spin_fail(SPIN_E_UNSUPPORTED, "its 'camera_type' is '%s': only perspective is drawn",
-                         type);
+        return spin_unsupported("its 'camera_type' is '%s': only perspective is drawn", type);
     if (spin_json_integer(spin_json_get(root, "render_width"), &size[0]) &&
         spin_json_integer(spin_json_get(root, "render_height"), &size[1]) &&
         (size[0] < 16 || size[1] < 16 || size[0] > MOST_SIDE || size[1] > MOST_SIDE))
-        return spin_fail(SPIN_E_UNSUPPORTED, "pictures of %lldx%lld, expected sides from 16 to %d",
-                         (long long)size[0], (long long)size[1], MOST_SIDE);
+        return spin_unsupported("pictures of %lldx%lld, expected sides from 16 to %d",
+                                (long long)size[0], (long long)size[1], MOST_SIDE);
     out->width = (int)size[0];
     out->height = (int)size[1];
     if (!spin_json_number(spin_json_get(root, "fps"), &out->fps) ||
@@ -144,8 +141,7 @@ static spin_status read_nerfstudio(const spin_json *root, struct spin_path_file 
         double fovy = 0;
 
         if (spin_json_number(spin_json_get(camera, "fov"), &fovy) && !(fovy > 0.1 && fovy < 179))
-            return spin_fail(SPIN_E_UNSUPPORTED, "camera %zu has a field of view of %g degrees",
-                             i + 1, fovy);
+            return spin_unsupported("camera %zu has a field of view of %g degrees", i + 1, fovy);
         SPIN_TRY(
             add(out, &room, m, numbers_of(spin_json_get(camera, "camera_to_world"), m), -1, fovy));
     }
@@ -155,13 +151,10 @@ static spin_status read_nerfstudio(const spin_json *root, struct spin_path_file 
 static spin_status read_json(const char *path, const struct spin_map *map,
                              struct spin_path_file *out)
 {
-    spin_json *root;
-    spin_status status;
+    SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
 
     SPIN_TRY(spin_json_parse(path, (const char *)map->data, map->size, &root));
-    status = spin_json_is_array(root) ? read_list(root, out) : read_nerfstudio(root, out);
-    spin_json_free(root);
-    return status;
+    return spin_json_is_array(root) ? read_list(root, out) : read_nerfstudio(root, out);
 }
 
 /* ---- Text ------------------------------------------------------------------------------------ */
@@ -187,7 +180,7 @@ static spin_status read_text(char *text, struct spin_path_file *out)
             n++;
         }
         if (at[strspn(at, " \t\r")] && n < 17)
-            return spin_fail(SPIN_E_MALFORMED, "'%.20s' is no number of a matrix", at);
+            return spin_malformed("'%.20s' is no number of a matrix", at);
         if (n > 0)
             SPIN_TRY(add(out, &room, m, n, 1, 0));
     }
@@ -198,8 +191,7 @@ static spin_status read_file(const char *path, const struct spin_map *map,
                              struct spin_path_file *out)
 {
     size_t first = 0;
-    char *text = NULL;
-    spin_status status;
+    SPIN_FREED char *text = NULL;
 
     while (first < map->size && memchr(" \t\r\n", map->data[first], 4))
         first++;
@@ -207,9 +199,7 @@ static spin_status read_file(const char *path, const struct spin_map *map,
         return read_json(path, map, out);
     SPIN_TRY(spin_alloc(map->size + 1, 1, (void **)&text));
     memcpy(text, map->data, map->size);
-    status = read_text(text, out);
-    free(text);
-    return status;
+    return read_text(text, out);
 }
 
 spin_status spin_path_file_open(const char *path, struct spin_path_file *out)
@@ -222,7 +212,7 @@ spin_status spin_path_file_open(const char *path, struct spin_path_file *out)
     status = read_file(path, &map, out);
     spin_map_close(&map);
     if (status == SPIN_OK && out->n == 0)
-        status = spin_fail(SPIN_E_MALFORMED, "it has no camera");
+        status = spin_malformed("it has no camera");
     if (status == SPIN_OK)
         return SPIN_OK;
     spin_path_file_close(out);

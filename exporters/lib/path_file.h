@@ -1,6 +1,5 @@
 /* A camera's path from a file: what nerfstudio's viewer saves, or a plain list of matrices. */
-#ifndef SPIN_EXPORTERS_LIB_PATH_FILE_H
-#define SPIN_EXPORTERS_LIB_PATH_FILE_H
+#pragma once
 
 #include "base/err.h"
 
@@ -21,5 +20,3 @@ struct spin_path_file {
  * to the world. SPIN_E_MALFORMED names the matrix. */
 spin_status spin_path_file_open(const char *path, struct spin_path_file *out);
 void spin_path_file_close(struct spin_path_file *file);
-
-#endif

@@ -3,7 +3,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/webp.h"
 
@@ -24,12 +23,11 @@ struct packing {
     int level;
 };
 
-static void pack_task(void *context, int task, int worker)
+static void pack_task(void *context, int task)
 {
     const struct packing *x = context;
     struct spin_picture *p = &x->picture[task];
 
-    (void)worker;
     if (p->width == 0)
         return;
     p->status = spin_webp_write(p->rgba, p->width, p->height, x->level, &p->file, &p->n_file);

@@ -1,6 +1,5 @@
 /* Pictures of numbers that become members of a zip: filled, packed side by side as lossless WebP, written. */
-#ifndef SPIN_EXPORTERS_LIB_PICTURES_H
-#define SPIN_EXPORTERS_LIB_PICTURES_H
+#pragma once
 
 #include "base/pool.h"
 #include "io/zip.h"
@@ -22,5 +21,3 @@ void spin_pictures_pack(struct spin_picture *p, int n, int level, struct spin_po
 spin_status spin_pictures_write(const struct spin_picture *p, int n, struct spin_zip_writer *zip);
 /* Frees the files, and with `all` the pictures too. */
 void spin_pictures_free(struct spin_picture *p, int n, bool all);
-
-#endif

@@ -1,6 +1,5 @@
 /* How far places are off, in the sizes of the splats and in pixels of the cameras that see them. */
-#ifndef SPIN_EXPORTERS_LIB_PLACE_ERROR_H
-#define SPIN_EXPORTERS_LIB_PLACE_ERROR_H
+#pragma once
 
 #include "spin.h"
 
@@ -21,5 +20,3 @@ void spin_place_error_add(struct spin_place_error *e, const float mean[3], const
                           double off);
 /* Sets both of *out. */
 void spin_place_error_say(const struct spin_place_error *e, struct spin_export_check *out);
-
-#endif

@@ -1,7 +1,5 @@
 #include "exporters/lib/quant_error.h"
 
-#include <math.h>
-
 #include "base/log.h"
 
 void spin_quant_error_add_all(struct spin_quant_error *q, enum spin_quant_error_part part,

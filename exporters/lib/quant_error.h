@@ -1,7 +1,6 @@
 /* How far what a reader will see lies from what the bundle holds, for formats of few bits: gathered
  * row by row, said once at the end. */
-#ifndef SPIN_EXPORTERS_LIB_QUANT_ERROR_H
-#define SPIN_EXPORTERS_LIB_QUANT_ERROR_H
+#pragma once
 
 #include <math.h>
 
@@ -59,5 +58,3 @@ double spin_quant_error_rms(const struct spin_quant_error *q, enum spin_quant_er
 
 /* One line, root mean square and largest of each part. */
 void spin_quant_error_say(const struct spin_quant_error *q, const char *format);
-
-#endif

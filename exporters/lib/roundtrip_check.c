@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/place_error.h"
@@ -170,30 +169,26 @@ static spin_status compare_pictures(struct check *check, int frame, int number)
     const struct spin_splats *is = check->x->rows.splats;
     const double *q = check->x->rows.turn_q;
     const struct spin_placement placement = {.q = {q[0], -q[1], -q[2], -q[3]}, .scale = 1};
-    struct spin_splats turned = {0};
+    SPIN_LEAVES(spin_splats_free) struct spin_splats turned = {0};
     struct spin_camera camera;
     size_t n;
-    float *image = NULL;
-    spin_status status;
+    SPIN_FREED float *image = NULL;
 
     SPIN_TRY(choose_camera(job, frame, is, &camera));
     n = 3 * (size_t)camera.width * (size_t)camera.height;
     SPIN_TRY(spin_splats_reserve(&turned, check->back.n, columns, check->back.sh_degree));
     spin_splats_place(&check->back, columns, &placement, 0, &turned);
     turned.antialias = is->antialias;
-    SPIN_TRY_OUT(spin_alloc(n, 2 * sizeof *image, (void **)&image));
-    SPIN_TRY_OUT(spin_render(job->renderer, is, &camera, job->background, image));
+    SPIN_TRY(spin_alloc(n, 2 * sizeof *image, (void **)&image));
+    SPIN_TRY(spin_render(job->renderer, is, &camera, job->background, image));
     if (spin_initial_view_is_blank(image, n / 3, job->background)) {
         spin_warn("check: the camera sees no splat of frame %d: no picture was compared", number);
-        goto out;
+        return SPIN_OK;
     }
-    SPIN_TRY_OUT(spin_render(job->renderer, &turned, &camera, job->background, image + n));
+    SPIN_TRY(spin_render(job->renderer, &turned, &camera, job->background, image + n));
     check->psnr = psnr_of(image, image + n, n);
     check->rendered = number;
-out:
-    free(image);
-    spin_splats_free(&turned);
-    return status;
+    return SPIN_OK;
 }
 
 /* ---- All frames ------------------------------------------------------------------------------ */
@@ -295,12 +290,11 @@ spin_status spin_frames_check(struct spin_frames *x)
     x->rows.quiet = true;
     spin_place_error_begin(&check.place);
     for (size_t f = 0; f < x->n_entries && status == SPIN_OK; f++) {
-        char *path = NULL;
+        SPIN_FREED char *path = NULL;
 
         if (!x->file)
             SPIN_TRY_OUT(spin_pattern_path(&x->pattern, x->folder.path, x->entry[f].number, &path));
         status = check_frame(&check, (int)f, x->file ? x->file : path, x->file ? (int)f : 0);
-        free(path);
     }
     if (status == SPIN_OK && out) {
         *out = (struct spin_export_check){.frames = (int)x->n_entries,

@@ -1,6 +1,5 @@
 /* The kept rows of a frame as a list, and a stable sort of it by a 64-bit key. */
-#ifndef SPIN_EXPORTERS_LIB_SORT_ROWS_H
-#define SPIN_EXPORTERS_LIB_SORT_ROWS_H
+#pragma once
 
 #include "exporters/lib/splat_filter.h"
 
@@ -26,5 +25,3 @@ void spin_sort_rows_by_size(struct spin_sort_rows *order, const struct spin_spla
 void spin_sort_rows_by_place(struct spin_sort_rows *order, const struct spin_splats *s);
 
 void spin_sort_rows_free(struct spin_sort_rows *order);
-
-#endif

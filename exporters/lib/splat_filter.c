@@ -71,13 +71,12 @@ void spin_splat_filter_rest(const struct spin_splat_filter *rows, size_t block, 
         spin_map_rest(s->sh + n_sh * first, n_sh * n * sizeof(float));
 }
 
-static void measure_block(void *context, int b, int worker)
+static void measure_block(void *context, int b)
 {
     struct spin_splat_filter *rows = ((struct choice *)context)->rows;
     struct spin_splat_filter_block *block = &rows->block[b];
     size_t end = end_of(rows, (size_t)b);
 
-    (void)worker;
     *block = (struct spin_splat_filter_block){.low = {INFINITY, INFINITY, INFINITY},
                                               .high = {-INFINITY, -INFINITY, -INFINITY}};
     for (size_t i = (size_t)b * SPIN_ROWS_BLOCK; i < end; i++)
@@ -101,7 +100,7 @@ static float limit_of(const struct spin_splat_filter *rows)
     return spin_log_scale_limit(low, high, n, rows->max_scale);
 }
 
-static void choose_block(void *context, int b, int worker)
+static void choose_block(void *context, int b)
 {
     const struct choice *choice = context;
     struct spin_splat_filter *rows = choice->rows;
@@ -109,7 +108,6 @@ static void choose_block(void *context, int b, int worker)
     const struct spin_splats *s = rows->splats;
     size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree), end = end_of(rows, (size_t)b);
 
-    (void)worker;
     for (size_t i = (size_t)b * SPIN_ROWS_BLOCK; i < end; i++) {
         enum spin_undrawable reason =
             spin_undrawable(s->means + 3 * i, s->quats + 4 * i, s->log_scales + 3 * i,
@@ -157,8 +155,8 @@ spin_status spin_splat_filter_choose(struct spin_splat_filter *rows, const struc
     size_t n_bad[SPIN_ROWS_REASONS] = {0};
 
     if (s->n > UINT32_MAX)
-        return spin_fail(SPIN_E_UNSUPPORTED, "frame %d: %zu splats, at most %u are supported",
-                         number, s->n, UINT32_MAX);
+        return spin_unsupported("frame %d: %zu splats, at most %u are supported", number, s->n,
+                                UINT32_MAX);
     rows->splats = s;
     SPIN_TRY(spin_grow(s->n + 1, 1, (void **)&rows->keep));
     SPIN_TRY(
@@ -265,7 +263,7 @@ spin_status spin_splat_filter_parse_sh(const char *text, int kept, int *out)
     if (strcmp(text, "keep") == 0)
         return SPIN_OK;
     if (text[0] < '0' || text[0] > '3' || text[1])
-        return spin_fail(SPIN_E_USAGE, "--sh '%s': expected 0, 1, 2, 3 or keep", text);
+        return spin_misuse("--sh '%s': expected 0, 1, 2, 3 or keep", text);
     *out = text[0] - '0';
     return SPIN_OK;
 }
@@ -276,8 +274,7 @@ static spin_status parse_min_opacity(const char *text, float *out)
     double value = strtod(text, &end);
 
     if (end == text || *end || !(value >= 0 && value < 1))
-        return spin_fail(SPIN_E_USAGE, "--min-opacity '%s': expected a number from 0 to below 1",
-                         text);
+        return spin_misuse("--min-opacity '%s': expected a number from 0 to below 1", text);
     *out = value > 0 ? (float)log(value / (1 - value)) : -INFINITY;
     return SPIN_OK;
 }
@@ -298,7 +295,7 @@ static spin_status parse_up(const char *text, double q[4])
             return SPIN_OK;
         }
     }
-    return spin_fail(SPIN_E_USAGE, "--up '%s': expected x, y, z, -x, -y or -z", text);
+    return spin_misuse("--up '%s': expected x, y, z, -x, -y or -z", text);
 }
 
 static spin_status parse_rotate(const char *text, double q[4])
@@ -312,8 +309,7 @@ static spin_status parse_rotate(const char *text, double q[4])
         double one[4] = {cos(half), 0, 0, 0};
 
         if (end == at || !isfinite(degrees) || *end != (axis < 2 ? ',' : '\0'))
-            return spin_fail(SPIN_E_USAGE, "--rotate '%s': expected three angles in degrees, X,Y,Z",
-                             text);
+            return spin_misuse("--rotate '%s': expected three angles in degrees, X,Y,Z", text);
         one[1 + axis] = sin(half);
         spin_scene_rotation_join(turned, one, turned);
         at = end + 1;

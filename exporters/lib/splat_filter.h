@@ -1,8 +1,7 @@
 /* What every exporter asks of a frame's rows: which can be drawn at all, and how each is written -
  * turned, its rotation of unit length, its logit finite. The options that go with it are common to
  * all formats; the rules stand in splat_filter.c. */
-#ifndef SPIN_EXPORTERS_LIB_SPLAT_FILTER_H
-#define SPIN_EXPORTERS_LIB_SPLAT_FILTER_H
+#pragma once
 
 #include "base/pool.h"
 #include "formats/gaussian.h"
@@ -69,7 +68,7 @@ void spin_splat_filter_keep(struct spin_splat_filter *rows, const unsigned char 
 /* Kept rows before a block of the frame. */
 size_t spin_splat_filter_before(const struct spin_splat_filter *rows, size_t block);
 size_t spin_splat_filter_blocks(const struct spin_splat_filter *rows);
-/* All threads: fn(context, block, worker) for each block of the frame. */
+/* All threads: fn(context, block) for each block of the frame. */
 void spin_splat_filter_each(const struct spin_splat_filter *rows, spin_task_fn fn, void *context);
 /* The rows of a block will not be looked at again soon. */
 void spin_splat_filter_rest(const struct spin_splat_filter *rows, size_t block, unsigned columns);
@@ -102,5 +101,3 @@ static inline int spin_splat_filter_n_sh(const struct spin_splat_filter *rows)
 
 /* The first spin_splat_filter_n_sh() of them, [k][3]; in `room` [16][3] where they must be turned. */
 const float *spin_splat_filter_sh(const struct spin_splat_filter *rows, size_t i, float *room);
-
-#endif

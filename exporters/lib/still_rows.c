@@ -1,9 +1,7 @@
 #include "exporters/lib/still_rows.h"
 
 #include <stdlib.h>
-#include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 
 #define NONE UINT32_MAX

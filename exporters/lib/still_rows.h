@@ -1,7 +1,6 @@
 /* Splats that are the same in all frames of a clip: to the bit, as they would be written. They are told by
  * what they hold, so the order of rows may differ from frame to frame. */
-#ifndef SPIN_EXPORTERS_LIB_STILL_ROWS_H
-#define SPIN_EXPORTERS_LIB_STILL_ROWS_H
+#pragma once
 
 #include <string.h>
 
@@ -52,5 +51,3 @@ spin_status spin_still_rows_order(struct spin_still_rows *still,
                                   const struct spin_splat_filter *rows, int number,
                                   const struct spin_keyed **order);
 void spin_still_rows_free(struct spin_still_rows *still);
-
-#endif

@@ -2,10 +2,8 @@
 #include "importers/lib/camera_places.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
-#include "base/mem.h"
 #include "importers/lib/run_config.h"
 #include "io/json.h"
 
@@ -23,9 +21,9 @@ spin_status spin_camera_places_parse(const char *text, struct camera_places *out
 
         snprintf(list, sizeof list, "[%.*s]", n < 100 ? (int)n : 100, at);
         if (n >= 100 || !spin_cfg_numbers((struct cfg_span){list, list + strlen(list)}, 3, xyz))
-            return spin_fail(SPIN_E_USAGE, "--camera '%.*s': expected X,Y,Z", (int)n, at);
+            return spin_misuse("--camera '%.*s': expected X,Y,Z", (int)n, at);
         if (out->n == CAMERA_PLACES_MOST)
-            return spin_fail(SPIN_E_USAGE, "--camera: more than %d places", CAMERA_PLACES_MOST);
+            return spin_misuse("--camera: more than %d places", CAMERA_PLACES_MOST);
         for (int d = 0; d < 3; d++)
             out->place[out->n][d] = (float)xyz[d];
         out->n++;
@@ -42,14 +40,13 @@ static spin_status add_entry(const char *path, const spin_json *list, size_t ent
     float xyz[3];
 
     if (spin_json_length(position) != 3)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': entry %zu has no 'position' of three numbers",
-                         path, entry);
+        return spin_malformed("'%s': entry %zu has no 'position' of three numbers", path, entry);
     for (size_t d = 0; d < 3; d++) {
         double value;
 
         if (!spin_json_number(spin_json_at(position, d), &value) || !(fabs(value) < 1e18))
-            return spin_fail(SPIN_E_MALFORMED, "'%s': 'position' of entry %zu is not three numbers",
-                             path, entry);
+            return spin_malformed("'%s': 'position' of entry %zu is not three numbers", path,
+                                  entry);
         xyz[d] = (float)value;
     }
     for (size_t i = 0; i < *n; i++) {
@@ -74,7 +71,7 @@ spin_status spin_camera_places_load(const char *path, struct camera_places *out)
     spin_json_free(list);
     SPIN_TRY(status);
     if (n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "'%s' is no list of cameras", path);
+        return spin_malformed("'%s' is no list of cameras", path);
     out->n = n < CAMERA_PLACES_MOST ? (int)n : CAMERA_PLACES_MOST;
     for (int i = 0; i < out->n; i++)
         memcpy(out->place[i], place[(size_t)i * n / (size_t)out->n], sizeof *place);

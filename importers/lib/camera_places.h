@@ -1,6 +1,5 @@
 /* Where cameras stand: as the user says it, or from the cameras.json that descendants of 3DGS write. */
-#ifndef SPIN_IMPORTERS_LIB_CAMERA_PLACES_H
-#define SPIN_IMPORTERS_LIB_CAMERA_PLACES_H
+#pragma once
 
 #include "spin.h"
 
@@ -17,5 +16,3 @@ spin_status spin_camera_places_parse(const char *text, struct camera_places *out
 /* The different "position"s in the list `path`, in its order; of more than CAMERA_PLACES_MOST that many, evenly
  * spread. At least one; SPIN_E_MALFORMED names the file and the entry. */
 spin_status spin_camera_places_load(const char *path, struct camera_places *out);
-
-#endif

@@ -1,7 +1,6 @@
 /* chkpnt<N>.pth, which 3DGS and what grew out of it save to go on from: (model, iteration), where the model
  * is a tuple of tensors, numbers and the optimiser. Its length tells the methods apart. */
-#ifndef SPIN_IMPORTERS_LIB_CHKPNT_H
-#define SPIN_IMPORTERS_LIB_CHKPNT_H
+#pragma once
 
 #include "importers/lib/model.h"
 
@@ -35,5 +34,3 @@ spin_status spin_chkpnt_bind(struct spin_torch *torch, const struct spin_value *
 
 /* A tensor without elements, of any shape: what is not there yet is saved so. */
 bool spin_chkpnt_is_empty(const struct spin_value *v);
-
-#endif

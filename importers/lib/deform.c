@@ -13,7 +13,7 @@ spin_status spin_deform_frame(struct spin_model *m, double time, unsigned column
     struct deform_job job = {m, from, out, columns, (float)time};
 
     if (!isfinite(time))
-        return spin_fail(SPIN_E_USAGE, "'%s' has no time %g", m->path, time);
+        return spin_misuse("'%s' has no time %g", m->path, time);
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     SPIN_TRY(spin_splats_reserve(out, from->n, columns, from->sh_degree));
     for (int c = 0; c < SPIN_MODEL_COLUMNS; c++) {
@@ -62,18 +62,16 @@ static spin_status check_newest(struct spin_model *m, const char *path, const ch
     SPIN_TRY(spin_model_choose(m, NULL, clouds, "point_cloud.ply", NULL, NULL, &cloud));
     SPIN_TRY(spin_model_choose(m, NULL, deforms, "deform.pth", NULL, NULL, &deform));
     if (!cloud)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no iteration_<N> with point_cloud.ply",
-                         clouds);
+        return spin_not_found("'%s' has no iteration_<N> with point_cloud.ply", clouds);
     if (!deform)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no iteration_<N> with deform.pth", deforms);
+        return spin_not_found("'%s' has no iteration_<N> with deform.pth", deforms);
     if (strcmp(cloud, deform) == 0)
         return SPIN_OK;
-    return spin_fail(SPIN_E_MALFORMED,
-                     "'%s': the last cloud is %s but the last network is %s; %s%s", path, cloud,
-                     deform,
-                     found ? "say which with --iteration; both have "
-                           : "the folders are of two runs or half copied",
-                     found ? found : "");
+    return spin_malformed("'%s': the last cloud is %s but the last network is %s; %s%s", path,
+                          cloud, deform,
+                          found ? "say which with --iteration; both have "
+                                : "the folders are of two runs or half copied",
+                          found ? found : "");
 }
 
 spin_status spin_deform_find(struct spin_model *m, const char *path, bool together,
@@ -91,25 +89,22 @@ spin_status spin_deform_find(struct spin_model *m, const char *path, bool togeth
         SPIN_TRY(spin_model_folder(m, &out->model, deforms));
         if (strcmp(spin_path_name(whole), "deform.pth") != 0 ||
             strncmp(spin_path_name(folder), "iteration_", 10) != 0)
-            return spin_fail(SPIN_E_USAGE,
-                             "'%s' is neither the model's folder nor its "
-                             "deform/iteration_<N>/deform.pth",
-                             path);
+            return spin_misuse(
+                "'%s' is neither the model's folder nor its deform/iteration_<N>/deform.pth", path);
         wanted = spin_path_name(folder) + 10;
     }
     SPIN_TRY(spin_model_join(m, &clouds, out->model, "point_cloud"));
     SPIN_TRY(spin_model_join(m, &deforms, out->model, "deform"));
     if (!spin_path_is_folder(clouds) || !spin_path_is_folder(deforms))
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no folder '%s'", out->model,
-                         spin_path_is_folder(clouds) ? "deform" : "point_cloud");
+        return spin_not_found("'%s' has no folder '%s'", out->model,
+                              spin_path_is_folder(clouds) ? "deform" : "point_cloud");
     SPIN_TRY(
         spin_model_choose(m, wanted, clouds, "point_cloud.ply", deforms, "deform.pth", &out->name));
     if (!wanted && together)
         SPIN_TRY(check_newest(m, out->model, clouds, deforms, out->name));
     if (!out->name)
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "'%s' has no iteration_%s with both a cloud and a network", out->model,
-                         wanted ? wanted : "<N>");
+        return spin_not_found("'%s' has no iteration_%s with both a cloud and a network",
+                              out->model, wanted ? wanted : "<N>");
     SPIN_TRY(spin_model_join(m, &out->cloud, clouds, "%s/point_cloud.ply", out->name));
     return spin_model_join(m, &out->network, deforms, "%s/deform.pth", out->name);
 }

@@ -1,7 +1,6 @@
 /* Clouds of canonical Gaussians that a network deforms: a frame, shapes whose residuals come after the
  * activation, and saves in two folders. */
-#ifndef SPIN_IMPORTERS_LIB_DEFORM_H
-#define SPIN_IMPORTERS_LIB_DEFORM_H
+#pragma once
 
 #include "importers/lib/model.h"
 
@@ -38,5 +37,3 @@ struct deform_save {
  * N or "best"; without, the last of which both halves are there; together: the last of either must be it. */
 spin_status spin_deform_find(struct spin_model *m, const char *path, bool together,
                              struct deform_save *out);
-
-#endif

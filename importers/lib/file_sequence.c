@@ -38,7 +38,7 @@ spin_status spin_file_sequence_add(struct spin_file_sequence *seq, const char *p
                                    long long number)
 {
     if (number > INT_MAX)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s': frame number %lld is too large", path, number);
+        return spin_unsupported("'%s': frame number %lld is too large", path, number);
     seq->frame[seq->n_frames++] = (struct spin_file_frame){.path = path, .number = (int)number};
     return SPIN_OK;
 }
@@ -72,7 +72,7 @@ spin_status spin_file_sequence_find(struct spin_model *m, const char *path, cons
     }
     SPIN_TRY(spin_file_sequence_list(m, path, suffix, seq));
     if (seq->n_frames == 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds no %s files", path, suffix);
+        return spin_not_found("'%s' holds no %s files", path, suffix);
     return SPIN_OK;
 }
 
@@ -83,8 +83,8 @@ spin_status spin_file_sequence_one(struct spin_model *m, const char *path, const
 
     SPIN_TRY(spin_file_sequence_find(m, path, suffix, &files));
     if (files.n_frames > 1)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' holds %zu clips: give one of the files", path,
-                         files.n_frames);
+        return spin_unsupported("'%s' holds %zu clips: give one of the files", path,
+                                files.n_frames);
     *out = files.frame[0].path;
     return SPIN_OK;
 }
@@ -115,14 +115,13 @@ spin_status spin_file_sequence_sort(struct spin_file_sequence *seq,
         return SPIN_OK;
     }
     if (n_numbered < seq->n_frames)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "'%s' has no frame number in its name, but '%s' has: a folder must hold "
-                         "the frames of one clip only",
-                         f[0].path, spin_path_name(f[seq->n_frames - 1].path));
+        return spin_malformed("'%s' has no frame number in its name, but '%s' has: a folder must "
+                              "hold the frames of one clip only",
+                              f[0].path, spin_path_name(f[seq->n_frames - 1].path));
     for (size_t i = 1; i < seq->n_frames; i++) {
         if (f[i].number == f[i - 1].number)
-            return spin_fail(SPIN_E_MALFORMED, "'%s' and '%s' are both frame %d", f[i - 1].path,
-                             f[i].path, f[i].number);
+            return spin_malformed("'%s' and '%s' are both frame %d", f[i - 1].path, f[i].path,
+                                  f[i].number);
     }
     missing = (long long)f[seq->n_frames - 1].number - f[0].number + 1 - (long long)seq->n_frames;
     for (size_t i = 1; missing > 0 && i < seq->n_frames; i++) {

@@ -1,7 +1,6 @@
 /* The files of a clip that has one for each frame, in one folder; or a single file. There is no standard
  * for these: frames go by the last number in the name. */
-#ifndef SPIN_IMPORTERS_LIB_FILE_SEQUENCE_H
-#define SPIN_IMPORTERS_LIB_FILE_SEQUENCE_H
+#pragma once
 
 #include "importers/lib/model.h"
 
@@ -39,5 +38,3 @@ spin_status spin_file_sequence_one(struct spin_model *m, const char *path, const
  * missing numbers. */
 spin_status spin_file_sequence_sort(struct spin_file_sequence *seq,
                                     struct spin_sequence_info *sequence);
-
-#endif

@@ -64,7 +64,7 @@ spin_status spin_gaussian4d_check(const struct gaussian4d *g, size_t n, size_t n
                                   const char *why, struct spin_sequence_info *sequence)
 {
     if (g->n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "none of the %zu Gaussians has finite values", n);
+        return spin_malformed("none of the %zu Gaussians has finite values", n);
     if (g->n_dropped > 0 && why)
         spin_note(sequence, "%zu of %zu Gaussians are dropped: %s", g->n_dropped, n, why);
     if (n_faint > 0.99 * (double)n)

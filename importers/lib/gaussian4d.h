@@ -1,11 +1,9 @@
 /* 4-D Gaussians, as 4D splats: ellipsoids of fixed shape on straight lines, whose opacity is a bell in time. */
-#ifndef SPIN_IMPORTERS_LIB_GAUSSIAN4D_H
-#define SPIN_IMPORTERS_LIB_GAUSSIAN4D_H
+#pragma once
 
 #include "importers/lib/model.h"
 #include "math/activate.h"
 #include "math/covariance.h"
-#include "math/quat.h"
 
 /* The splats of a model while they are added; when all are, they are the model's splats_4d. */
 struct gaussian4d {
@@ -44,5 +42,3 @@ void spin_gaussian4d_drop_zeros(struct spin_model *m);
  * and the sequence is any time in the clip. */
 spin_status spin_gaussian4d_finish(struct spin_model *m, const struct gaussian4d *g, double ratio,
                                    const struct clip_times *times);
-
-#endif

@@ -28,14 +28,13 @@ bool spin_hex_find(struct spin_model *m)
 /* [channels][n] to [n][channels]. */
 static spin_status channel_last(size_t channels, size_t n, float *values)
 {
-    float *copy = NULL;
+    SPIN_FREED float *copy = NULL;
 
     SPIN_TRY(spin_alloc(channels * n, sizeof *copy, (void **)&copy));
     memcpy(copy, values, channels * n * sizeof *copy);
     for (size_t c = 0; c < channels; c++)
         for (size_t i = 0; i < n; i++)
             values[i * channels + c] = copy[c * n + i];
-    free(copy);
     return SPIN_OK;
 }
 
@@ -48,18 +47,18 @@ static spin_status load_plane(struct spin_model *m, int scale, int p, struct hex
     snprintf(key, sizeof key, "grid.grids.%d.%d", scale, p);
     SPIN_TRY(spin_model_floats(m, key, 4, shape, &info, &hex->plane[scale][p]));
     if (info.shape[1] == 0 || info.shape[1] > HEX_MAX_CHANNELS)
-        return spin_fail(SPIN_E_MALFORMED, "tensor '%s%s' has %llu channels, expected 1 to %d",
-                         m->prefix, key, (unsigned long long)info.shape[1], HEX_MAX_CHANNELS);
+        return spin_malformed("tensor '%s%s' has %llu channels, expected 1 to %d", m->prefix, key,
+                              (unsigned long long)info.shape[1], HEX_MAX_CHANNELS);
     hex->channels = (int)info.shape[1];
     for (int i = 0; i < 2; i++) {
         uint64_t n = info.shape[3 - i];
         int *size = &hex->size[scale][hex_axes[p][i]];
 
         if (n == 0 || n > HEX_MAX_SIZE || (*size && (uint64_t)*size != n))
-            return spin_fail(
-                SPIN_E_MALFORMED, "tensor '%s%s' has %llu samples along %c, expected %s%d",
-                m->prefix, key, (unsigned long long)n, "xyzt"[hex_axes[p][i]],
-                *size ? "as the planes before it " : "1 to ", *size ? *size : HEX_MAX_SIZE);
+            return spin_malformed("tensor '%s%s' has %llu samples along %c, expected %s%d",
+                                  m->prefix, key, (unsigned long long)n, "xyzt"[hex_axes[p][i]],
+                                  *size ? "as the planes before it " : "1 to ",
+                                  *size ? *size : HEX_MAX_SIZE);
         *size = (int)n;
     }
     return channel_last((size_t)hex->channels, (size_t)(info.shape[2] * info.shape[3]),
@@ -76,10 +75,10 @@ static spin_status load_planes(struct spin_model *m, struct hexplane *hex)
         if (n == 0)
             return SPIN_OK;
         if (hex->n_scales == HEX_MAX_SCALES)
-            return spin_fail(SPIN_E_UNSUPPORTED, "more than %d scales of planes", HEX_MAX_SCALES);
+            return spin_unsupported("more than %d scales of planes", HEX_MAX_SCALES);
         if (n != 6)
-            return spin_fail(SPIN_E_MALFORMED, "'%sgrid.grids.%d' has %d planes, expected 6",
-                             m->prefix, hex->n_scales, n);
+            return spin_malformed("'%sgrid.grids.%d' has %d planes, expected 6", m->prefix,
+                                  hex->n_scales, n);
         for (int p = 0; p < 6; p++)
             SPIN_TRY(load_plane(m, hex->n_scales, p, hex));
     }
@@ -91,8 +90,8 @@ static spin_status check_box(const struct spin_model *m, const char *key, const 
 {
     for (int d = 0; d < 3; d++) {
         if (low[d] == high[d])
-            return spin_fail(SPIN_E_MALFORMED, "tensor '%s%s' is a box without extent along %c",
-                             m->prefix, key, "xyz"[d]);
+            return spin_malformed("tensor '%s%s' is a box without extent along %c", m->prefix, key,
+                                  "xyz"[d]);
     }
     return SPIN_OK;
 }
@@ -109,15 +108,13 @@ static spin_status load_feature(struct spin_model *m, double grid_pe, struct hex
     if (first->n_in == n_features)
         return SPIN_OK;
     if (first->n_in != 3 * n_features)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "tensor '%sfeature_out.0.weight' takes %d features, but the planes give "
-                         "%d",
-                         m->prefix, first->n_in, n_features);
+        return spin_malformed(
+            "tensor '%sfeature_out.0.weight' takes %d features, but the planes give %d", m->prefix,
+            first->n_in, n_features);
     if (!(grid_pe > 1))
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "tensor '%sfeature_out.0.weight' takes encoded features, "
-                         "and no cfg_args says how: give grid_pe with --grid-pe",
-                         m->prefix);
+        return spin_unsupported("tensor '%sfeature_out.0.weight' takes encoded features, and no "
+                                "cfg_args says how: give grid_pe with --grid-pe",
+                                m->prefix);
     hex->grid_pe = grid_pe;
     return SPIN_OK;
 }

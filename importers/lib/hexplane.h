@@ -1,7 +1,6 @@
 /* The network of 4DGaussians, which MoDec-GS has too: six feature planes per scale over pairs of
  * x, y, z, t (HexPlane), a small MLP behind them, and heads (hustvl/4DGaussians 843d5ac). */
-#ifndef SPIN_IMPORTERS_LIB_HEXPLANE_H
-#define SPIN_IMPORTERS_LIB_HEXPLANE_H
+#pragma once
 
 #include "importers/lib/model.h"
 
@@ -40,5 +39,3 @@ size_t spin_hex_scratch(const struct hexplane *hex);
  * values, 1 in most models. */
 float *spin_hex_hidden(const struct hexplane *hex, const float *xyz, int n, float time,
                        float *scratch, float **spare, float mask[MLP_BLOCK]);
-
-#endif

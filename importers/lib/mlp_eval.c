@@ -69,10 +69,10 @@ spin_status spin_mlp_team_create(size_t n_scratch, struct mlp_team *team)
 
 enum { MLP_BLOCKS_A_TASK = 8 };
 
-static void mlp_team_task(void *context, int task, int worker)
+static void mlp_team_task(void *context, int task)
 {
     const struct mlp_team *team = context;
-    float *scratch = team->scratch + (size_t)worker * team->each;
+    float *scratch = team->scratch + (size_t)spin_pool_worker() * team->each;
     size_t first = (size_t)task * MLP_BLOCKS_A_TASK * MLP_BLOCK;
 
     for (int i = 0; i < MLP_BLOCKS_A_TASK && first < team->n_points; i++, first += MLP_BLOCK) {

@@ -2,8 +2,7 @@
  *
  * The activations of a block are stored by channel, [channel][MLP_BLOCK]: the loops below go over
  * points, so a layer is a broadcast and a multiply-add whatever its width. */
-#ifndef SPIN_IMPORTERS_LIB_MLP_EVAL_H
-#define SPIN_IMPORTERS_LIB_MLP_EVAL_H
+#pragma once
 
 #include "spin.h"
 
@@ -61,5 +60,3 @@ spin_status spin_mlp_team_create(size_t n_scratch, struct mlp_team *team);
 
 /* fn for all points, at most 2^31 of them. */
 void spin_mlp_team_run(struct mlp_team *team, size_t n_points, mlp_block_fn fn, void *context);
-
-#endif

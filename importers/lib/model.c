@@ -76,7 +76,7 @@ spin_status spin_model_bool(const struct spin_model *m, const char *option, cons
         return spin_cfg_read_bool(&m->settings.cfg, key, out);
     return spin_cfg_bool(given, out)
                ? SPIN_OK
-               : spin_fail(SPIN_E_USAGE, "--%s '%s': expected true or false", option, given.at);
+               : spin_misuse("--%s '%s': expected true or false", option, given.at);
 }
 
 spin_status spin_model_number(const struct spin_model *m, const char *option, const char *key,
@@ -88,7 +88,7 @@ spin_status spin_model_number(const struct spin_model *m, const char *option, co
         return spin_cfg_read_number(&m->settings.cfg, key, out);
     return spin_cfg_number(given, out)
                ? SPIN_OK
-               : spin_fail(SPIN_E_USAGE, "--%s '%s': expected a number", option, given.at);
+               : spin_misuse("--%s '%s': expected a number", option, given.at);
 }
 
 spin_status spin_model_word(const struct spin_model *m, const char *option, const char *key,
@@ -252,7 +252,7 @@ spin_status spin_model_settle_4d(struct spin_model *m)
 
     SPIN_TRY(spin_splats_4d_settle(&m->splats_4d, &n_dropped, NULL));
     if (n_dropped == n)
-        return spin_fail(SPIN_E_MALFORMED, "none of the %zu Gaussians has finite values", n);
+        return spin_malformed("none of the %zu Gaussians has finite values", n);
     if (n_dropped > 0)
         spin_note(m->sequence, "%zu of %zu Gaussians are dropped: values that are not finite",
                   n_dropped, n);
@@ -267,7 +267,7 @@ spin_status spin_model_slice(void *self, int frame, double time, unsigned column
     struct spin_model *m = self;
 
     if (frame < 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", m->path, frame);
+        return spin_not_found("'%s' has no frame %d", m->path, frame);
     return spin_splats_4d_slice(&m->splats_4d, time, columns, out);
 }
 
@@ -317,9 +317,8 @@ spin_status spin_model_check(const char *path, double time, unsigned columns,
         if (columns & 1u << c)
             bad = spin_finite_missing(values, s->n * width);
         if (bad > 0)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "'%s': %zu values of the %s at time %g are not finite", path, bad,
-                             names[c], time);
+            return spin_malformed("'%s': %zu values of the %s at time %g are not finite", path, bad,
+                                  names[c], time);
     }
     return SPIN_OK;
 }
@@ -338,10 +337,9 @@ long long spin_model_iteration(const char *name)
 
 bool spin_model_holds(const char *folder, const char *file)
 {
-    char *path = NULL;
+    SPIN_FREED char *path = NULL;
     bool found = spin_path_join(folder, file, &path) == SPIN_OK && spin_path_exists(path);
 
-    free(path);
     return found;
 }
 
@@ -382,10 +380,8 @@ spin_status spin_model_save(struct spin_model *m, const char *path, const char *
     *out = NULL;
     if (!spin_path_is_folder(path)) {
         if (strcmp(file, network) != 0 && strcmp(file, "point_cloud.ply") != 0)
-            return spin_fail(SPIN_E_USAGE,
-                             "'%s' is neither the model's folder nor its "
-                             "point_cloud/iteration_<N>",
-                             path);
+            return spin_misuse(
+                "'%s' is neither the model's folder nor its point_cloud/iteration_<N>", path);
         return spin_model_folder(m, out, path);
     }
     if (spin_model_holds(path, network))
@@ -478,14 +474,13 @@ spin_status spin_model_column(const struct spin_ply *ply, const struct spin_ply_
     uint64_t bad = 0;
 
     if (p < 0)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': element 'vertex' has no property '%s'", ply->path,
-                         name);
+        return spin_malformed("'%s': element 'vertex' has no property '%s'", ply->path, name);
     spin_ply_column(ply, e, p, out, step);
     for (uint64_t i = 0; i < e->count; i++)
         bad += !isfinite(out[i * step]);
     if (bad > 0)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': %llu values of '%s' are not finite", ply->path,
-                         (unsigned long long)bad, name);
+        return spin_malformed("'%s': %llu values of '%s' are not finite", ply->path,
+                              (unsigned long long)bad, name);
     return SPIN_OK;
 }
 
@@ -522,11 +517,11 @@ spin_status spin_model_vertices(struct spin_model *m, const char *path,
     SPIN_TRY(spin_model_ply(m, path));
     *vertex = spin_ply_find_element(&m->ply, "vertex");
     if (!*vertex)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': no element 'vertex'", path);
+        return spin_malformed("'%s': no element 'vertex'", path);
     if ((*vertex)->count == 0)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': 0 vertices", path);
+        return spin_malformed("'%s': 0 vertices", path);
     if ((*vertex)->count > INT_MAX)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s': more than 2^31 vertices", path);
+        return spin_unsupported("'%s': more than 2^31 vertices", path);
     return SPIN_OK;
 }
 
@@ -535,11 +530,11 @@ spin_status spin_model_cloud(struct spin_model *m, const char *path, struct spin
     SPIN_TRY(spin_model_ply(m, path));
     SPIN_TRY(spin_gs_ply_find(&m->ply, cloud));
     if (cloud->vertex->count > INT_MAX)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s': more than 2^31 vertices", path);
+        return spin_unsupported("'%s': more than 2^31 vertices", path);
     if (cloud->n_rest > (int)spin_n_rest(3))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "'%s': %d properties f_rest_*, expected 0, 9, 24 or 45 (SH degree 0 to 3)",
-                         path, cloud->n_rest);
+        return spin_malformed(
+            "'%s': %d properties f_rest_*, expected 0, 9, 24 or 45 (SH degree 0 to 3)", path,
+            cloud->n_rest);
     return SPIN_OK;
 }
 
@@ -553,7 +548,7 @@ spin_status spin_model_read(struct spin_model *m, const char *path, const char *
 
     SPIN_TRY(spin_model_cloud(m, path, &cloud));
     if (cloud.vertex->count == 0)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': 0 vertices", path);
+        return spin_malformed("'%s': 0 vertices", path);
     SPIN_TRY(spin_splats_reserve(out, (size_t)cloud.vertex->count, columns, cloud.sh_degree));
     SPIN_TRY(spin_gs_ply_read(&cloud, columns, 0, out));
     if (!extra)
@@ -580,7 +575,7 @@ spin_status spin_model_dict(struct spin_model *m)
 {
     m->tensors = m->torch.root;
     if (!m->tensors || m->tensors->kind != SPIN_VALUE_DICT)
-        return spin_fail(SPIN_E_MALFORMED, "what was saved is not a state dict");
+        return spin_malformed("what was saved is not a state dict");
     return SPIN_OK;
 }
 
@@ -595,10 +590,9 @@ spin_status spin_model_keys(const struct spin_model *m, const char *const *stems
                           strncmp(key + n, *stem, strlen(*stem)) == 0))
             stem++;
         if (!*stem)
-            return spin_fail(SPIN_E_UNSUPPORTED,
-                             "tensor '%.80s' does not belong to this method: the run may be of one "
-                             "derived from it",
-                             key ? key : "");
+            return spin_unsupported("tensor '%.80s' does not belong to this method: the run may be "
+                                    "of one derived from it",
+                                    key ? key : "");
     }
     return SPIN_OK;
 }
@@ -626,7 +620,7 @@ spin_status spin_model_floats(struct spin_model *m, const char *key, int n_dims,
 
     snprintf(name, sizeof name, "%s%s", m->prefix, key);
     if (!v)
-        return spin_fail(SPIN_E_MALFORMED, "no tensor '%s'", name);
+        return spin_malformed("no tensor '%s'", name);
     SPIN_TRY(spin_torch_floats(&m->torch, v, name, n_dims, shape, info ? info : &unused, out));
     return keep(m, *out);
 }
@@ -641,15 +635,14 @@ spin_status spin_model_layer(struct spin_model *m, const char *key, int n_in, in
     char name[200];
 
     if (net->n == MLP_MAX_LAYERS)
-        return spin_fail(SPIN_E_UNSUPPORTED, "more than %d layers", MLP_MAX_LAYERS);
+        return spin_unsupported("more than %d layers", MLP_MAX_LAYERS);
     snprintf(name, sizeof name, "%s.weight", key);
     SPIN_TRY(spin_model_floats(m, name, 2, shape, &info, &weight));
     if (info.shape[0] == 0 || info.shape[1] == 0 || info.shape[0] > MLP_MAX_WIDTH ||
         info.shape[1] > MLP_MAX_WIDTH)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "tensor '%s%s' has shape [%llu, %llu], expected sizes 1 to %d", m->prefix,
-                         name, (unsigned long long)info.shape[0], (unsigned long long)info.shape[1],
-                         MLP_MAX_WIDTH);
+        return spin_malformed("tensor '%s%s' has shape [%llu, %llu], expected sizes 1 to %d",
+                              m->prefix, name, (unsigned long long)info.shape[0],
+                              (unsigned long long)info.shape[1], MLP_MAX_WIDTH);
     *l = (struct mlp_layer){(int)info.shape[1], (int)info.shape[0], ending, weight, NULL};
     shape[0] = l->n_out;
     snprintf(name, sizeof name, "%s.bias", key);

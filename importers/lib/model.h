@@ -1,7 +1,6 @@
 /* A model of a method from open() to close(): what it holds, how the files of a run are found and read, and how
  * tensors, layers and columns get out of them. An importer's own struct begins with a struct spin_model. */
-#ifndef SPIN_IMPORTERS_LIB_MODEL_H
-#define SPIN_IMPORTERS_LIB_MODEL_H
+#pragma once
 
 #include "base/err.h"
 #include "base/number.h"
@@ -177,5 +176,3 @@ spin_status spin_model_trunk(struct spin_model *m, const char *stem, int from, i
 /* Two layers, name.1 with a ReLU and name.3. */
 spin_status spin_model_head(struct spin_model *m, const char *name, int width, int n_out,
                             struct mlp_net *net);
-
-#endif

@@ -34,7 +34,7 @@ spin_status spin_ntc_layout(struct ntc_shape *s)
         width * (size_t)s->n_in + (size_t)(s->n_hidden - 1) * width * width + 16 * width;
     for (int l = 0; l < s->n_levels; l++) {
         if (!spin_ntc_level(l, s->base, s->growth, s->log2_entries, &s->level[l]))
-            return spin_fail(SPIN_E_UNSUPPORTED, "level %d of the grid has no usable size", l);
+            return spin_unsupported("level %d of the grid has no usable size", l);
         s->level_at[l] = s->n_parameters;
         s->n_parameters += (size_t)s->level[l].entries * (size_t)s->n_features;
     }
@@ -47,10 +47,9 @@ static spin_status ntc_count(const spin_json *object, const char *key, int least
     double value;
 
     if (!spin_json_number(spin_json_get(object, key), &value))
-        return spin_fail(SPIN_E_MALFORMED, "no number '%s'", key);
+        return spin_malformed("no number '%s'", key);
     if (!(value >= least && value <= most && value == floor(value)))
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' is %g, expected %d to %d", key, value, least,
-                         most);
+        return spin_unsupported("'%s' is %g, expected %d to %d", key, value, least, most);
     *out = (int)value;
     return SPIN_OK;
 }
@@ -64,9 +63,9 @@ static spin_status ntc_word(const spin_json *object, const char *key, const char
     if (!text && !needed)
         return SPIN_OK;
     if (!text)
-        return spin_fail(SPIN_E_MALFORMED, "no text '%s'", key);
+        return spin_malformed("no text '%s'", key);
     if (strcmp(text, word) != 0 && strcmp(text, other) != 0)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' is '%s', expected %s", key, text, word);
+        return spin_unsupported("'%s' is '%s', expected %s", key, text, word);
     return SPIN_OK;
 }
 
@@ -76,15 +75,14 @@ static spin_status ntc_read_shape(const spin_json *root, struct ntc_shape *s)
     double growth = 2;
 
     if (!net)
-        return spin_fail(SPIN_E_MALFORMED, "no object 'network'");
+        return spin_malformed("no object 'network'");
     SPIN_TRY(ntc_word(net, "otype", "FullyFusedMLP", "CutlassMLP", true));
     SPIN_TRY(ntc_word(net, "activation", "ReLU", "ReLU", true));
     SPIN_TRY(ntc_word(net, "output_activation", "None", "none", false));
     SPIN_TRY(ntc_count(net, "n_neurons", 16, NTC_MAX_WIDTH, &s->width));
     SPIN_TRY(ntc_count(net, "n_hidden_layers", 1, NTC_MAX_LAYERS, &s->n_hidden));
     if (s->width % 16 != 0)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'n_neurons' is %d, expected a multiple of 16",
-                         s->width);
+        return spin_unsupported("'n_neurons' is %d, expected a multiple of 16", s->width);
     if (!grid)
         return SPIN_OK;
     SPIN_TRY(ntc_word(grid, "otype", "HashGrid", "HashGrid", true));
@@ -95,9 +93,9 @@ static spin_status ntc_read_shape(const spin_json *root, struct ntc_shape *s)
     SPIN_TRY(ntc_count(grid, "base_resolution", 1, 65536, &s->base));
     if (spin_json_get(grid, "per_level_scale") &&
         !spin_json_number(spin_json_get(grid, "per_level_scale"), &growth))
-        return spin_fail(SPIN_E_MALFORMED, "'per_level_scale' is not a number");
+        return spin_malformed("'per_level_scale' is not a number");
     if (!(growth >= 1 && growth <= 64))
-        return spin_fail(SPIN_E_UNSUPPORTED, "'per_level_scale' is %g, expected 1 to 64", growth);
+        return spin_unsupported("'per_level_scale' is %g, expected 1 to 64", growth);
     s->growth = (float)growth;
     return SPIN_OK;
 }
@@ -127,27 +125,21 @@ static void ntc_strip_comments(char *text)
 
 spin_status spin_ntc_open_config(const char *path, struct ntc_shape *s)
 {
-    struct spin_map map = {0};
-    spin_json *root = NULL;
-    char *text = NULL;
+    SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
+    SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
+    SPIN_FREED char *text = NULL;
     spin_status status;
 
     memset(s, 0, sizeof *s);
     SPIN_TRY(spin_map_open(path, &map));
-    SPIN_TRY_OUT(spin_alloc(map.size + 1, 1, (void **)&text));
+    SPIN_TRY(spin_alloc(map.size + 1, 1, (void **)&text));
     memcpy(text, map.data, map.size);
     ntc_strip_comments(text);
-    SPIN_TRY_OUT(spin_json_parse(path, text, strlen(text), &root));
+    SPIN_TRY(spin_json_parse(path, text, strlen(text), &root));
     status = ntc_read_shape(root, s);
     if (status == SPIN_OK)
         status = spin_ntc_layout(s);
-    if (status != SPIN_OK)
-        status = spin_fail_context(status, "cannot read '%s'", path);
-out:
-    spin_json_free(root);
-    free(text);
-    spin_map_close(&map);
-    return status;
+    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot read '%s'", path);
 }
 
 /* ---- Parameters ------------------------------------------------------------------------------ */
@@ -183,7 +175,7 @@ static spin_status ntc_read_bounds(struct spin_torch *torch, const char *key, fl
     spin_array_to_f32(&t, 0, 3, out);
     for (int i = 0; i < 3; i++) {
         if (!isfinite(out[i]))
-            return spin_fail(SPIN_E_MALFORMED, "tensor '%s' has values that are not finite", key);
+            return spin_malformed("tensor '%s' has values that are not finite", key);
     }
     return SPIN_OK;
 }
@@ -196,23 +188,22 @@ static spin_status ntc_fill(const char *path, struct spin_torch *torch, struct n
 
     for (int i = 0; i < 3; i++) {
         if (!spin_value_get(torch->root, keys[i]))
-            return spin_fail(SPIN_E_MALFORMED, "no tensor '%s'", keys[i]);
+            return spin_malformed("no tensor '%s'", keys[i]);
     }
     SPIN_TRY(ntc_read_bounds(torch, keys[0], n->low));
     SPIN_TRY(ntc_read_bounds(torch, keys[1], n->high));
     for (int i = 0; i < 3; i++) {
         if (!(n->low[i] < n->high[i]))
-            return spin_fail(SPIN_E_MALFORMED, "the box is empty along axis %d: %g to %g", i,
-                             (double)n->low[i], (double)n->high[i]);
+            return spin_malformed("the box is empty along axis %d: %g to %g", i, (double)n->low[i],
+                                  (double)n->high[i]);
     }
     SPIN_TRY(spin_torch_floats(torch, spin_value_get(torch->root, keys[2]), keys[2], 1, any, &info,
                                &n->parameters));
     if (info.count != n->shape->n_parameters)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "tensor '%s' of '%s' has %llu numbers, but the configuration of the "
-                         "network implies %zu",
-                         keys[2], spin_path_name(path), (unsigned long long)info.count,
-                         n->shape->n_parameters);
+        return spin_malformed("tensor '%s' of '%s' has %llu numbers, but the configuration of the "
+                              "network implies %zu",
+                              keys[2], spin_path_name(path), (unsigned long long)info.count,
+                              n->shape->n_parameters);
     for (size_t i = 0; i < n->shape->n_parameters; i++)
         n->parameters[i] = spin_half(n->parameters[i]);
     ntc_layers(n);
@@ -230,8 +221,7 @@ spin_status spin_ntc_open(const char *path, const struct ntc_shape *shape, struc
     n->shape = shape;
     SPIN_TRY(spin_file_head(path, head, sizeof head, &n_head));
     if (!spin_zip_looks_like(head, n_head)) /* another program's */
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "'%s' is not a zip, as PyTorch writes it since version 1.6", path);
+        return spin_unsupported("'%s' is not a zip, as PyTorch writes it since version 1.6", path);
     SPIN_TRY(spin_torch_open(path, &torch));
     status = ntc_fill(path, &torch, n);
     spin_torch_close(&torch);

@@ -2,8 +2,7 @@
  *
  * Parameters, features and activations are rounded to half as tiny-cuda-nn has them; sums are taken
  * in floats, which is as close to a GPU's result as another GPU's (NVlabs/tiny-cuda-nn 6ee3546). */
-#ifndef SPIN_IMPORTERS_LIB_NTC_EVAL_H
-#define SPIN_IMPORTERS_LIB_NTC_EVAL_H
+#pragma once
 
 #include "importers/lib/mlp_eval.h"
 #include "math/ntc.h"
@@ -50,5 +49,3 @@ void spin_ntc_encode(const struct ntc *n, const float x[3], float *out);
  * Spherical harmonics are not turned: the upstream computes that and drops it. scratch: three times
  * spin_mlp_widest(). */
 void spin_ntc_apply(const struct ntc *n, int count, float *means, float *quats, float *scratch);
-
-#endif

@@ -200,8 +200,8 @@ spin_status spin_cfg_read_bool(const struct cfg_args *cfg, const char *key, bool
     struct cfg_span s = spin_cfg_get(cfg, key);
 
     if (s.at && !spin_cfg_bool(s, out))
-        return spin_fail(SPIN_E_MALFORMED, "'%s': '%s' is '%.*s', expected True or False",
-                         cfg->path, key, (int)(s.end - s.at < 40 ? s.end - s.at : 40), s.at);
+        return spin_malformed("'%s': '%s' is '%.*s', expected True or False", cfg->path, key,
+                              (int)(s.end - s.at < 40 ? s.end - s.at : 40), s.at);
     return SPIN_OK;
 }
 
@@ -210,8 +210,8 @@ spin_status spin_cfg_read_number(const struct cfg_args *cfg, const char *key, do
     struct cfg_span s = spin_cfg_get(cfg, key);
 
     if (s.at && !spin_cfg_number(s, out))
-        return spin_fail(SPIN_E_MALFORMED, "'%s': '%s' is '%.*s', expected a number", cfg->path,
-                         key, (int)(s.end - s.at < 40 ? s.end - s.at : 40), s.at);
+        return spin_malformed("'%s': '%s' is '%.*s', expected a number", cfg->path, key,
+                              (int)(s.end - s.at < 40 ? s.end - s.at : 40), s.at);
     return SPIN_OK;
 }
 
@@ -228,7 +228,7 @@ spin_status spin_cfg_open(const char *path, struct cfg_args *out)
                                   (const char *)out->map.data + out->map.size});
     if (out->map.size > CFG_MAX_BYTES || (size_t)(text.end - text.at) < sizeof head - 1 ||
         memcmp(text.at, head, sizeof head - 1) != 0)
-        return spin_fail(SPIN_E_MALFORMED, "'%s' does not begin with 'Namespace('", path);
+        return spin_malformed("'%s' does not begin with 'Namespace('", path);
     out->all = (struct cfg_span){text.at + sizeof head - 1, text.end};
     for (last = out->all.at; last < text.end && *last != ')';) {
         const char *next = cfg_skip(last, text.end, 0);
@@ -242,8 +242,8 @@ spin_status spin_cfg_open(const char *path, struct cfg_args *out)
             break;
     }
     if (last >= text.end || *last != ')')
-        return spin_fail(SPIN_E_MALFORMED,
-                         "'%s': brackets or quotes do not match, or the file is cut short", path);
+        return spin_malformed("'%s': brackets or quotes do not match, or the file is cut short",
+                              path);
     out->all.end = last;
     return SPIN_OK;
 }
@@ -327,7 +327,7 @@ spin_status spin_yaml_open(const char *path, struct run_config *s)
 {
     SPIN_TRY(spin_map_open(path, &s->yaml));
     if (s->yaml.size > CFG_MAX_BYTES)
-        return spin_fail(SPIN_E_MALFORMED, "'%s' is too large for a training configuration", path);
+        return spin_malformed("'%s' is too large for a training configuration", path);
     return spin_strdup(path, &s->yaml_path);
 }
 
@@ -341,7 +341,7 @@ spin_status spin_run_config_ratio(const struct run_config *s, double *out)
     spin_cfg_number(spin_yaml_find(s, "frame_ratio", &next), out);
     SPIN_TRY(spin_cfg_read_number(&s->cfg, "frame_ratio", out));
     if (!(*out > 0) || !isfinite(*out))
-        return spin_fail(SPIN_E_MALFORMED, "frame_ratio is %g", *out);
+        return spin_malformed("frame_ratio is %g", *out);
     return SPIN_OK;
 }
 
@@ -384,13 +384,11 @@ spin_status spin_run_config_times(const struct run_config *s, const char *asked,
         snprintf(list, sizeof list, "[%.100s]", asked);
         if (!spin_cfg_numbers((struct cfg_span){list, list + strlen(list)}, 2, pair) ||
             !isfinite(pair[0]) || !(pair[1] > pair[0]) || !isfinite(pair[1]))
-            return spin_fail(SPIN_E_USAGE, "the range of times is '%s', expected A,B with A < B",
-                             asked);
+            return spin_misuse("the range of times is '%s', expected A,B with A < B", asked);
     } else if (s && yaml_pair(s, "time_duration", pair)) {
         if (!isfinite(pair[0]) || !(pair[1] > pair[0]) || !isfinite(pair[1]))
-            return spin_fail(SPIN_E_MALFORMED,
-                             "'%s': time_duration is [%g, %g], expected [a, b] with a < b",
-                             s->yaml_path, pair[0], pair[1]);
+            return spin_malformed("'%s': time_duration is [%g, %g], expected [a, b] with a < b",
+                                  s->yaml_path, pair[0], pair[1]);
     } else {
         SPIN_TRY(guess_times(time, n, spread, out));
         out->first *= ratio;

@@ -1,7 +1,6 @@
 /* What a checkpoint does not say and the files around it may: cfg_args, the YAML that training was
  * given, the range of times; and lines for the notes of a track. */
-#ifndef SPIN_IMPORTERS_LIB_RUN_CONFIG_H
-#define SPIN_IMPORTERS_LIB_RUN_CONFIG_H
+#pragma once
 
 #include "io/file.h"
 
@@ -75,5 +74,3 @@ spin_status spin_run_config_ratio(const struct run_config *s, double *out);
  * Gaussians' own, in the file's unit, which is the data set's divided by `ratio`. */
 spin_status spin_run_config_times(const struct run_config *s, const char *asked, const float *time,
                                   size_t n, double ratio, double spread, struct clip_times *out);
-
-#endif

@@ -7,6 +7,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/mem.h"
 #include "io/file.h"
 
 #define VIEWS_MAX_SIZE 65536 /* pixels along a side */
@@ -20,7 +21,7 @@ spin_status spin_views_check_pose(const double m[12], const char *what)
 
     for (int i = 0; i < 12; i++) {
         if (!isfinite(m[i]))
-            return spin_fail(SPIN_E_MALFORMED, "%s has values that are not finite", what);
+            return spin_malformed("%s has values that are not finite", what);
     }
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++) {
@@ -31,22 +32,20 @@ spin_status spin_views_check_pose(const double m[12], const char *what)
         }
     }
     if (!(worst <= VIEWS_ROTATION_TOLERANCE))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "the rotation in %s is not orthonormal: off by %.2g, allowed %g", what,
-                         worst, VIEWS_ROTATION_TOLERANCE);
+        return spin_malformed("the rotation in %s is not orthonormal: off by %.2g, allowed %g",
+                              what, worst, VIEWS_ROTATION_TOLERANCE);
     determinant = m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
                   m[2] * (m[4] * m[9] - m[5] * m[8]);
     if (determinant < 0)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "the rotation in %s is a mirror, as its determinant is negative: turn two "
-                         "axes round or none (from OpenGL to OpenCV y and z)",
-                         what);
+        return spin_malformed("the rotation in %s is a mirror, as its determinant is negative: "
+                              "turn two axes round or none (from OpenGL to OpenCV y and z)",
+                              what);
     return SPIN_OK;
 }
 
 static spin_status fail_matrix(const char *key, size_t n)
 {
-    return spin_fail(SPIN_E_MALFORMED, "'%s' is not a %zu x %zu matrix", key, n, n);
+    return spin_malformed("'%s' is not a %zu x %zu matrix", key, n, n);
 }
 
 spin_status spin_views_matrix(const spin_json *m, const char *key, size_t n, double *out)
@@ -65,14 +64,13 @@ spin_status spin_views_matrix(const spin_json *m, const char *key, size_t n, dou
             return fail_matrix(key, n);
         for (size_t j = 0; j < n; j++) {
             if (!spin_json_number(spin_json_at(row, j), &out[i * n + j]))
-                return spin_fail(SPIN_E_MALFORMED, "'%s'[%zu][%zu] is not a number", key, i, j);
+                return spin_malformed("'%s'[%zu][%zu] is not a number", key, i, j);
         }
     }
     for (int j = 0; j < 4 && n == 4; j++) {
         if (!(fabs(out[12 + j] - last[j]) <= 1e-6))
-            return spin_fail(SPIN_E_MALFORMED,
-                             "the last row of '%s' is %g %g %g %g, expected 0 0 0 1", key, out[12],
-                             out[13], out[14], out[15]);
+            return spin_malformed("the last row of '%s' is %g %g %g %g, expected 0 0 0 1", key,
+                                  out[12], out[13], out[14], out[15]);
     }
     return SPIN_OK;
 }
@@ -82,28 +80,19 @@ spin_status spin_views_read_json(const char *folder, const char *name,
                                                      struct spin_views *out),
                                  void *context, struct spin_views *out, bool *found)
 {
-    char *path = NULL;
-    spin_json *root = NULL;
+    SPIN_FREED char *path = NULL;
+    SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
     spin_status status;
 
     SPIN_TRY(spin_path_join(folder, name, &path));
     if (found)
         *found = spin_path_exists(path);
-    if (found && !*found) {
-        free(path);
+    if (found && !*found)
         return SPIN_OK;
-    }
-    SPIN_TRY_OUT(spin_json_load(path, &root));
-    if (spin_json_is_object(root))
-        status = read(context, root, out);
-    else
-        status = spin_fail(SPIN_E_MALFORMED, "not a JSON object");
-    if (status != SPIN_OK)
-        status = spin_fail_context(status, "cannot read '%s'", path);
-out:
-    spin_json_free(root);
-    free(path);
-    return status;
+    SPIN_TRY(spin_json_load(path, &root));
+    status =
+        spin_json_is_object(root) ? read(context, root, out) : spin_malformed("not a JSON object");
+    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot read '%s'", path);
 }
 
 void spin_views_invert(const double c2w[12], double w2c[12])
@@ -119,29 +108,27 @@ spin_status spin_views_check_size(double width, double height)
 {
     if (!(width >= 1 && width <= VIEWS_MAX_SIZE && width == floor(width)) ||
         !(height >= 1 && height <= VIEWS_MAX_SIZE && height == floor(height)))
-        return spin_fail(SPIN_E_MALFORMED, "the image size is %g x %g, expected 1 to %d pixels",
-                         width, height, VIEWS_MAX_SIZE);
+        return spin_malformed("the image size is %g x %g, expected 1 to %d pixels", width, height,
+                              VIEWS_MAX_SIZE);
     return SPIN_OK;
 }
 
 spin_status spin_views_check_intrinsics(const struct spin_camera *c)
 {
     if (!(c->fx > 0 && c->fy > 0 && isfinite(c->fx) && isfinite(c->fy)))
-        return spin_fail(SPIN_E_MALFORMED, "the focal lengths are %g, %g, expected both above 0",
-                         c->fx, c->fy);
+        return spin_malformed("the focal lengths are %g, %g, expected both above 0", c->fx, c->fy);
     if (!(c->cx >= 0 && c->cx <= c->width && c->cy >= 0 && c->cy <= c->height))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "the principal point is %g, %g, outside the image of %d x %d", c->cx,
-                         c->cy, c->width, c->height);
+        return spin_malformed("the principal point is %g, %g, outside the image of %d x %d", c->cx,
+                              c->cy, c->width, c->height);
     return SPIN_OK;
 }
 
 spin_status spin_views_intrinsics(const double k[9], const char *key, struct spin_camera *out)
 {
     if (!(fabs(k[6]) <= 1e-6 && fabs(k[7]) <= 1e-6 && fabs(k[8] - 1) <= 1e-6 && fabs(k[3]) <= 1e-6))
-        return spin_fail(SPIN_E_MALFORMED, "'%s' is not [fx 0 cx; 0 fy cy; 0 0 1]", key);
+        return spin_malformed("'%s' is not [fx 0 cx; 0 fy cy; 0 0 1]", key);
     if (fabs(k[1]) > 1e-6 * fabs(k[0]))
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' has a skew of %g, expected 0", key, k[1]);
+        return spin_unsupported("'%s' has a skew of %g, expected 0", key, k[1]);
     out->fx = k[0];
     out->fy = k[4];
     out->cx = k[2];
@@ -158,8 +145,7 @@ static spin_status views_fit(struct spin_camera *c, const char *path, int width,
     double expected = (double)c->height * width / height;
 
     if (fabs(c->width - expected) > fmax(0.01 * c->width, 0.5 + 0.5 * c->width / c->height))
-        return spin_fail(
-            SPIN_E_MALFORMED,
+        return spin_malformed(
             "image '%s' has %d x %d pixels, which is another shape than the camera's %d x %d", path,
             width, height, c->width, c->height);
     c->width = width;
@@ -192,9 +178,8 @@ spin_status spin_views_time(const struct spin_plugin_values *values, const char 
     else if (strcmp(rule, "row") == 0)
         whole = 1;
     else if (!spin_views_is_number(rule, &whole) || !(whole > 0))
-        return spin_fail(SPIN_E_USAGE,
-                         "option 'time' is '%s', expected unit, count, row or a number above 0",
-                         rule);
+        return spin_misuse("option 'time' is '%s', expected unit, count, row or a number above 0",
+                           rule);
     *out = (double)row / whole;
     return SPIN_OK;
 }
@@ -223,8 +208,8 @@ spin_status spin_views_check_images(const struct spin_views *views, size_t first
             missing = views->view[i].path;
     }
     if (n > 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "%zu of %zu images are missing, the first is '%s'", n,
-                         views->n - first, missing);
+        return spin_not_found("%zu of %zu images are missing, the first is '%s'", n,
+                              views->n - first, missing);
     return SPIN_OK;
 }
 

@@ -1,7 +1,6 @@
 /* What the readers of data sets share: poses, intrinsics, image sizes, names, option values.
  * Messages say what is wrong; the reader that calls adds the file and the place in it. */
-#ifndef SPIN_IMPORTERS_LIB_VIEWS_CHECK_H
-#define SPIN_IMPORTERS_LIB_VIEWS_CHECK_H
+#pragma once
 
 #include "io/image.h"
 #include "io/json.h"
@@ -55,5 +54,3 @@ size_t spin_views_unique(int *list, size_t n);
 
 /* Place of a value in such a list, or -1. */
 int spin_views_place(const int *list, size_t n, int value);
-
-#endif

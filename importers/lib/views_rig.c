@@ -19,8 +19,7 @@ spin_status spin_rig_sort(const char *path, struct spin_rig_camera *c, size_t n)
     qsort(c, n, sizeof *c, by_name);
     for (size_t i = 1; i < n; i++) {
         if (strcmp(c[i].name, c[i - 1].name) == 0)
-            return spin_fail(SPIN_E_MALFORMED, "'%s': there are two cameras called '%s'", path,
-                             c[i].name);
+            return spin_malformed("'%s': there are two cameras called '%s'", path, c[i].name);
     }
     return SPIN_OK;
 }
@@ -33,11 +32,11 @@ spin_status spin_rig_pictures(struct spin_model *m, struct spin_rig_camera *c, c
 
     c->where = folder;
     if (!spin_path_is_folder(folder))
-        return spin_fail(SPIN_E_NOT_FOUND, "there is no folder '%s' of pictures of camera '%s'",
-                         folder, c->name);
+        return spin_not_found("there is no folder '%s' of pictures of camera '%s'", folder,
+                              c->name);
     SPIN_TRY(spin_file_sequence_list(m, folder, "", &c->frames));
     if (c->frames.n_frames == 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "folder '%s' holds no pictures", folder);
+        return spin_not_found("folder '%s' holds no pictures", folder);
     return spin_file_sequence_sort(&c->frames, &unused);
 }
 
@@ -52,8 +51,7 @@ spin_status spin_rig_film(struct spin_model *m, struct spin_rig_camera *c, const
 
     c->where = file;
     if (!spin_path_exists(file))
-        return spin_fail(SPIN_E_NOT_FOUND, "there is neither the film '%s' nor a folder '%s'", file,
-                         instead);
+        return spin_not_found("there is neither the film '%s' nor a folder '%s'", file, instead);
     status = spin_video_start();
     if (status != SPIN_OK)
         return spin_fail_context(status,
@@ -62,10 +60,10 @@ spin_status spin_rig_film(struct spin_model *m, struct spin_rig_camera *c, const
                                  instead, file, instead);
     SPIN_TRY(spin_video_info(file, &width, &height, &n, NULL));
     if (width != c->camera.width || height != c->camera.height)
-        return spin_fail(SPIN_E_MALFORMED, "film '%s' has %d x %d pixels, its camera %d x %d", file,
-                         width, height, c->camera.width, c->camera.height);
+        return spin_malformed("film '%s' has %d x %d pixels, its camera %d x %d", file, width,
+                              height, c->camera.width, c->camera.height);
     if (n < 1 || n > INT_MAX)
-        return spin_fail(SPIN_E_MALFORMED, "film '%s' has %lld frames", file, (long long)n);
+        return spin_malformed("film '%s' has %lld frames", file, (long long)n);
     SPIN_TRY(spin_file_sequence_reserve(m, &c->frames, (size_t)n));
     for (int64_t f = 0; f < n; f++) {
         SPIN_TRY(spin_model_text(m, &path, "%s#%lld", file, (long long)f));
@@ -92,9 +90,9 @@ static spin_status count_rows(const struct spin_rig_camera *c, size_t n, size_t 
             int number = c[i].frames.frame[k].number, expected = c[0].frames.frame[k].number;
 
             if (number != expected)
-                return spin_fail(SPIN_E_MALFORMED,
-                                 "'%s' has frame %d where '%s' has frame %d: a picture is missing",
-                                 c[i].where, number, c[0].where, expected);
+                return spin_malformed(
+                    "'%s' has frame %d where '%s' has frame %d: a picture is missing", c[i].where,
+                    number, c[0].where, expected);
         }
     }
     if (*n_rows < c[most].frames.n_frames)

@@ -1,6 +1,5 @@
 /* Data sets of a few cameras whose frames are folders of numbered pictures, or films. */
-#ifndef SPIN_IMPORTERS_LIB_VIEWS_RIG_H
-#define SPIN_IMPORTERS_LIB_VIEWS_RIG_H
+#pragma once
 
 #include "importers/lib/file_sequence.h"
 #include "importers/lib/views_check.h"
@@ -39,5 +38,3 @@ void spin_rig_note(struct spin_model *m, const spin_json *fps, struct spin_views
     {                                                                                              \
         "hold", "N", "hold out each N-th camera, the first included; 0: none", "8"                 \
     }
-
-#endif

@@ -1,6 +1,5 @@
 /* Words for the person at the terminal. All of it goes to stderr. */
-#ifndef SPIN_BASE_LOG_H
-#define SPIN_BASE_LOG_H
+#pragma once
 
 #include "base/err.h"
 
@@ -39,5 +38,3 @@ void spin_progress_end(struct spin_progress *p);
 
 /* Seconds on a clock that only goes forward. */
 double spin_now_s(void);
-
-#endif

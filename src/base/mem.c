@@ -5,14 +5,11 @@
  * the system has none, they are ordinary memory and nothing is said. */
 #include "base/mem.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
 #include <unistd.h>
-
-#include "base/err.h"
 
 #if defined(__SANITIZE_ADDRESS__)
 #include <sanitizer/asan_interface.h>
@@ -82,6 +79,8 @@ spin_status spin_room(size_t n, size_t *capacity, size_t size, void **inout)
     *capacity = larger;
     return SPIN_OK;
 }
+
+void spin_freed(void *pointer) { free(*(void **)pointer); }
 
 spin_status spin_strdup(const char *text, char **out)
 {

@@ -1,6 +1,5 @@
 /* Checked sizes, aligned and huge-page memory, arenas. */
-#ifndef SPIN_BASE_MEM_H
-#define SPIN_BASE_MEM_H
+#pragma once
 
 #include "spin.h"
 
@@ -14,6 +13,11 @@ spin_status spin_grow(size_t count, size_t size, void **inout); /* not zeroed */
 /* Room for one more behind n items of an array of *capacity, which doubles when it must. */
 spin_status spin_room(size_t n, size_t *capacity, size_t size, void **inout);
 spin_status spin_strdup(const char *text, char **out);
+
+/* Of a local: fn(&it), or free(it), when its block is left, however that is. Give it a value where it is declared. */
+#define SPIN_LEAVES(fn) __attribute__((cleanup(fn)))
+#define SPIN_FREED SPIN_LEAVES(spin_freed)
+void spin_freed(void *pointer);
 
 /* Frees what aligned_alloc() gave. */
 #ifdef _WIN32
@@ -46,5 +50,3 @@ void spin_scratch_free(struct spin_scratch *scratch);
 size_t spin_memory_available(void);
 /* Peak resident bytes of this process. */
 size_t spin_memory_peak(void);
-
-#endif

@@ -1,6 +1,5 @@
 /* Numbers that several rooms need in one way: their order, what bytes are told by, where a camera sees a point. */
-#ifndef SPIN_BASE_NUMBER_H
-#define SPIN_BASE_NUMBER_H
+#pragma once
 
 #include "spin.h"
 
@@ -18,5 +17,3 @@ void spin_hash(uint64_t *hash, const void *data, size_t n);
 
 /* Pixel and depth of a point; false when it does not lie in front. */
 bool spin_camera_project(const struct spin_camera *camera, const float point[3], double out[3]);
-
-#endif

@@ -51,7 +51,7 @@ spin_status spin_option_word(const struct spin_plugin_values *v, const char *key
         at += n + (at[n] == '|');
     }
     list_words(words, list, sizeof list);
-    return spin_fail(SPIN_E_USAGE, "option '%s' is '%s', expected %s", key, text, list);
+    return spin_misuse("option '%s' is '%s', expected %s", key, text, list);
 }
 
 static spin_status read_number(const struct spin_plugin_values *v, const char *key,
@@ -66,8 +66,8 @@ static spin_status read_number(const struct spin_plugin_values *v, const char *k
     value = strtod(text, &end);
     if (end == text || *end || !(value >= least && value <= most) ||
         (what[0] == 'w' && value != floor(value)))
-        return spin_fail(SPIN_E_USAGE, "option '%s' is '%s', expected a %s from %.10g to %.10g",
-                         key, text, what, least, most);
+        return spin_misuse("option '%s' is '%s', expected a %s from %.10g to %.10g", key, text,
+                           what, least, most);
     *out = value;
     return SPIN_OK;
 }

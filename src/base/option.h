@@ -1,7 +1,6 @@
 /* Values of plug-ins' options: words and numbers. A value that makes no sense is SPIN_E_USAGE: "option 'key' is
  * 'text', expected ...". */
-#ifndef SPIN_BASE_OPTION_H
-#define SPIN_BASE_OPTION_H
+#pragma once
 
 #include "spin.h"
 
@@ -14,5 +13,3 @@ spin_status spin_option_number(const struct spin_plugin_values *v, const char *k
 /* A whole one. */
 spin_status spin_option_count(const struct spin_plugin_values *v, const char *key, int least,
                               int most, int *out);
-
-#endif

@@ -20,7 +20,6 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
 
@@ -64,24 +63,30 @@ static void relax(void)
 
 static uint32_t tasks_left(struct spin_pool *pool) { return (uint32_t)atomic_load(&pool->word); }
 
-/* Take tasks and run them until none is left. */
+static _Thread_local int worker_number; /* of the task that runs in this thread */
+
+int spin_pool_worker(void) { return worker_number; }
+
+/* Take tasks and run them until none is left. A task of another pool may be what calls. */
 static void work_on(struct spin_pool *pool, int number)
 {
-    for (;;) {
-        uint64_t word = atomic_load(&pool->word);
+    int before = worker_number;
+    uint64_t word;
+
+    worker_number = number;
+    while ((uint32_t)(word = atomic_load(&pool->word)) > 0) {
         uint32_t left = (uint32_t)word;
 
-        if (left == 0)
-            return;
         if (!atomic_compare_exchange_weak(&pool->word, &word, word - 1))
             continue;
-        pool->fn(pool->context, pool->n_tasks - (int)left, number);
+        pool->fn(pool->context, pool->n_tasks - (int)left);
         if (atomic_fetch_sub(&pool->pending, 1) == 1 && atomic_load(&pool->caller_sleeps)) {
             pthread_mutex_lock(&pool->lock);
             pthread_cond_signal(&pool->done);
             pthread_mutex_unlock(&pool->lock);
         }
     }
+    worker_number = before;
 }
 
 /* Wait until there may be work; false when the pool is being freed. */
@@ -169,8 +174,7 @@ spin_status spin_pool_create(int n_threads, struct spin_pool **out)
 
     *out = NULL;
     if (n_threads < 0 || n_threads > MAX_THREADS)
-        return spin_fail(SPIN_E_USAGE, "cannot use %d threads: not in 0..%d", n_threads,
-                         MAX_THREADS);
+        return spin_misuse("cannot use %d threads: not in 0..%d", n_threads, MAX_THREADS);
     if (n_threads == 0 || ALONE) {
         n_threads = cores();
         if (n_threads > MAX_THREADS)
@@ -240,10 +244,13 @@ static void wait_for_end(struct spin_pool *pool)
 void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *context)
 {
     uint64_t job;
+    int before = worker_number;
 
     if (!pool || pool->n_threads == 1 || n_tasks <= 1) {
+        worker_number = 0;
         for (int task = 0; task < n_tasks; task++)
-            fn(context, task, 0);
+            fn(context, task);
+        worker_number = before;
         return;
     }
     assert(atomic_load(&pool->pending) == 0); /* promised: not reentrant */
@@ -260,4 +267,25 @@ void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *c
     }
     work_on(pool, 0);
     wait_for_end(pool);
+}
+
+struct pieces {
+    size_t n, piece;
+    spin_rows_fn fn;
+    void *context;
+};
+
+static void piece_task(void *context, int task)
+{
+    const struct pieces *p = context;
+    size_t first = (size_t)task * p->piece;
+
+    p->fn(p->context, first, p->n - first < p->piece ? p->n : first + p->piece);
+}
+
+void spin_pool_rows(struct spin_pool *pool, size_t n, size_t piece, spin_rows_fn fn, void *context)
+{
+    struct pieces p = {n, piece, fn, context};
+
+    spin_pool_run(pool, (int)((n + piece - 1) / piece), piece_task, &p);
 }

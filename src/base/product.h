@@ -1,6 +1,5 @@
 /* One matrix product, for networks that are evaluated and not trained. */
-#ifndef SPIN_BASE_PRODUCT_H
-#define SPIN_BASE_PRODUCT_H
+#pragma once
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -10,5 +9,3 @@
  * in order: the same bits for every size of the matrices. */
 void spin_multiply_add(int rows, int columns, int n, const float *left, size_t apart,
                        const float *right, const float *start, bool relu, float *sums);
-
-#endif

@@ -6,7 +6,6 @@
 #include <fcntl.h>
 #include <limits.h>
 #include <pthread.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
@@ -187,9 +186,9 @@ spin_status spin_shim_need(struct spin_shim *shim, const void **table)
     pthread_mutex_unlock(&mutex);
     if (found)
         return SPIN_OK;
-    return spin_fail(SPIN_E_UNSUPPORTED,
-                     "%s '%s' is missing or does not load%s%s (" WHERE ": install %s, then make)",
-                     shim->lacking, shim->file, *shim->why ? ": " : "", shim->why, shim->debian);
+    return spin_unsupported(
+        "%s '%s' is missing or does not load%s%s (" WHERE ": install %s, then make)", shim->lacking,
+        shim->file, *shim->why ? ": " : "", shim->why, shim->debian);
 }
 
 static void load_library(struct spin_library *library)
@@ -215,6 +214,6 @@ spin_status spin_library_need(struct spin_library *library)
     pthread_mutex_unlock(&mutex);
     if (!*library->why)
         return SPIN_OK;
-    return spin_fail(SPIN_E_UNSUPPORTED, "%s needs the library '%s': %s", library->user,
-                     library->file, library->why);
+    return spin_unsupported("%s needs the library '%s': %s", library->user, library->file,
+                            library->why);
 }

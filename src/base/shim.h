@@ -1,7 +1,6 @@
 /* Shared objects that are loaded when first needed. Those of ours stand before a C++ library: who does not need
  * them pays neither for their start-up nor for a C++ runtime. Those of the system may be missing. */
-#ifndef SPIN_BASE_SHIM_H
-#define SPIN_BASE_SHIM_H
+#pragma once
 
 #include "spin.h"
 
@@ -36,5 +35,3 @@ struct spin_library {
 
 /* Loads it once and fills in the functions; else SPIN_E_UNSUPPORTED. By any thread. */
 spin_status spin_library_need(struct spin_library *library);
-
-#endif

@@ -1,7 +1,6 @@
 /* Text for other programs and for people: base64, escapes, sizes, durations. What is written to a stream
  * leaves its errors there, for ferror(). */
-#ifndef SPIN_BASE_TEXT_H
-#define SPIN_BASE_TEXT_H
+#pragma once
 
 #include "spin.h"
 
@@ -33,5 +32,3 @@ const char *spin_text_count(long long n, const char *noun, char text[48]);
 void spin_note(struct spin_sequence_info *sequence, const char *fmt, ...) SPIN_PRINTF(2, 3);
 /* The same of a data set's. */
 void spin_views_note(struct spin_views *views, const char *fmt, ...) SPIN_PRINTF(2, 3);
-
-#endif

@@ -7,12 +7,10 @@
 #include <math.h>
 #include <signal.h>
 #include <stdarg.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "spin_run.h"
 #include "base/text.h"
 #include "io/template.h"
 

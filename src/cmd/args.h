@@ -8,8 +8,7 @@
  *         SPIN_ARG_END,
  *     };
  */
-#ifndef SPIN_CMD_ARGS_H
-#define SPIN_CMD_ARGS_H
+#pragma once
 
 #include "spin.h"
 
@@ -137,5 +136,3 @@ int spin_args_report(const struct spin_args_command *command, char *json, const 
 
 /* Flush stdout; returns code, or SPIN_EXIT_FAILED with a line when the output could not be written. */
 int spin_args_finish(const struct spin_args_command *command, int code);
-
-#endif

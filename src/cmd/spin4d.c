@@ -2,7 +2,6 @@
 #include "cmd/args.h"
 
 #include <errno.h>
-#include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 

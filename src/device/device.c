@@ -1,11 +1,9 @@
 /* The list of devices, and the choice among them. The only file that names devices. */
 #include "device/device.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/log.h"
 #include "base/shim.h"
 #include "device/cuda/shim.h"
@@ -68,8 +66,8 @@ static spin_status open_cpu(int n_threads, struct spin_device *out)
         snprintf(out->description, sizeof out->description, "cpu (%s", paths[i].title);
         return out->op->open(out, n_threads);
     }
-    return spin_fail(SPIN_E_USAGE, "cannot use SPIN_CPU='%s': it is not one of base, v3, v4",
-                     wanted ? wanted : "");
+    return spin_misuse("cannot use SPIN_CPU='%s': it is not one of base, v3, v4",
+                       wanted ? wanted : "");
 }
 
 /* Opened at run time: one build serves machines with and without a card. */

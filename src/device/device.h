@@ -16,8 +16,7 @@
  * Arrays [n] hold the splats of all frames of a batch, one frame after the other. Backward verbs take
  * `active`, an ascending list of the rows that have any gradient; compact arrays (d_raw, d_z, d_x_u) have
  * one row for each of the list, in its order, full ones have n rows. */
-#ifndef SPIN_DEVICE_DEVICE_H
-#define SPIN_DEVICE_DEVICE_H
+#pragma once
 
 #include "spin.h"
 
@@ -486,6 +485,19 @@ struct spin_device_ops {
                             float SPIN_DEV *out);
 };
 
+/* clang-format off */
+/* The verbs behind clock, in this order: every device declares and lists its own by these names. */
+#define SPIN_DEVICE_VERBS(verb)                                                                    \
+    verb(tracks) verb(tracks_back) verb(contract) verb(contract_back) verb(grid) verb(grid_back)   \
+    verb(mlp) verb(mlp_back) verb(residual) verb(residual_set) verb(residual_back)                 \
+    verb(activate) verb(activate_back) verb(regularise_back) verb(nonzero_grad) verb(project)      \
+    verb(project_back) verb(densify_stats) verb(tile_count) verb(tile_fill) verb(blend)            \
+    verb(depth) verb(blend_back) verb(loss) verb(measure) verb(exposure) verb(exposure_back)       \
+    verb(exposure_centre) verb(adam) verb(not_finite) verb(lazy_adam_enable)                       \
+    verb(lazy_adam_close) verb(lazy_adam_grid) verb(lazy_adam_step) verb(lazy_adam_advance)        \
+    verb(lazy_adam_flush)
+/* clang-format on */
+
 enum { SPIN_EXPOSURE = 6 }; /* floats of a row of exposures */
 
 struct spin_device {
@@ -515,5 +527,3 @@ struct spin_counting_device {
 };
 /* With frames and views at once, and what there is of lazy Adam, as the other. It needs no closing. */
 void spin_device_count(struct spin_counting_device *c, const struct spin_device *as);
-
-#endif

@@ -1,7 +1,6 @@
 /* The (splat, tile) pairs of one splat: a rectangle, row by row; pair k of it has slot first_intersection
  * + k. */
-#ifndef SPIN_DEVICE_PAIRS_H
-#define SPIN_DEVICE_PAIRS_H
+#pragma once
 
 #include "device/device.h"
 #include "math/portable.h"
@@ -27,5 +26,3 @@ SPIN_FN uint32_t spin_pair_count(struct spin_pair_rect r)
 {
     return (uint32_t)(r.x1 - r.x0) * (uint32_t)(r.y1 - r.y0);
 }
-
-#endif

@@ -1,7 +1,6 @@
 /* What is left of the error of a camera's pictures when one gain and one offset a channel are fitted to its photographs
  * afterwards. It tells how much of the error is the colour of a camera that nothing was learned of. */
-#ifndef SPIN_EVAL_COLOUR_FIT_H
-#define SPIN_EVAL_COLOUR_FIT_H
+#pragma once
 
 #include "spin.h"
 
@@ -19,5 +18,3 @@ void spin_colour_sums(int camera, size_t plane, const float *image, const float 
                       struct spin_colour_sums *out);
 /* The PSNR of each view [n_views], after the fit to all views of its camera. Fitted pictures are not clamped. */
 void spin_colour_fit(const struct spin_colour_sums *view, size_t n_views, double *psnr);
-
-#endif

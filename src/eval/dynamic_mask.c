@@ -5,8 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "spin.h"
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/image.h"
 
@@ -79,18 +77,18 @@ static uint8_t median_of(uint8_t *value, size_t n)
 static spin_status make_median(struct spin_dynamic_mask *m, int camera_id, uint8_t **out)
 {
     size_t chosen[MOST_ROWS], n = spin_moving_views(m->views, camera_id, chosen), plane;
-    uint8_t *all = NULL, *median = NULL, value[MOST_ROWS];
-    spin_status status = SPIN_OK;
+    uint8_t value[MOST_ROWS];
+    SPIN_FREED uint8_t *all = NULL, *median = NULL;
 
     *out = NULL;
     if (n < FEWEST_ROWS)
         return SPIN_OK;
     plane = (size_t)m->views->view[chosen[0]].camera.width *
             (size_t)m->views->view[chosen[0]].camera.height;
-    SPIN_TRY_OUT(spin_alloc(n * plane, 3, (void **)&all));
-    SPIN_TRY_OUT(spin_alloc(plane, 3, (void **)&median));
+    SPIN_TRY(spin_alloc(n * plane, 3, (void **)&all));
+    SPIN_TRY(spin_alloc(plane, 3, (void **)&median));
     for (size_t k = 0; k < n; k++) {
-        SPIN_TRY_OUT(spin_image_cache_get(m->pixels, chosen[k], m->image));
+        SPIN_TRY(spin_image_cache_get(m->pixels, chosen[k], m->image));
         for (size_t i = 0; i < plane; i++)
             for (size_t c = 0; c < 3; c++)
                 all[(3 * i + c) * n + k] = (uint8_t)lrintf(255.0f * m->image[c * plane + i]);
@@ -101,10 +99,7 @@ static spin_status make_median(struct spin_dynamic_mask *m, int camera_id, uint8
     }
     *out = median;
     median = NULL;
-out:
-    free(all);
-    free(median);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status find_median(struct spin_dynamic_mask *m, int camera_id, const uint8_t **out)
@@ -196,7 +191,7 @@ static spin_status read_alpha(struct spin_dynamic_mask *m, const struct spin_vie
     static const float white[3] = {1, 1, 1};
     int width = view->camera.width, height = view->camera.height;
     size_t plane = (size_t)width * (size_t)height;
-    float *over_white;
+    SPIN_FREED float *over_white = NULL;
     spin_status status;
 
     SPIN_TRY(spin_alloc(plane, 3 * sizeof(float), (void **)&over_white));
@@ -205,7 +200,6 @@ static spin_status read_alpha(struct spin_dynamic_mask *m, const struct spin_vie
         status = spin_image_load(view->path, width, height, white, over_white);
     for (size_t i = 0; i < plane && status == SPIN_OK; i++)
         m->mask[i] = over_white[i] - m->image[i] < 0.5f;
-    free(over_white);
     return status;
 }
 
@@ -262,11 +256,11 @@ spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_i
     if (from == SPIN_DYNAMIC_AUTO)
         from = masks ? SPIN_DYNAMIC_MASKS : medians ? SPIN_DYNAMIC_IMAGES : SPIN_DYNAMIC_OFF;
     if (from == SPIN_DYNAMIC_MASKS && !masks)
-        return spin_fail(SPIN_E_NOT_FOUND, "the data set has no foreground mask for some of these "
-                                           "views: use --dynamic images");
+        return spin_not_found(
+            "the data set has no foreground mask for some of these views: use --dynamic images");
     if (from == SPIN_DYNAMIC_IMAGES && !medians)
-        return spin_fail(SPIN_E_UNSUPPORTED, "dynamic regions cannot be found in the images: no "
-                                             "camera stands still for three frames");
+        return spin_unsupported("dynamic regions cannot be found in the images: no camera stands "
+                                "still for three frames");
     m->from = from;
     return from == SPIN_DYNAMIC_OFF ? SPIN_OK : make_room(m);
 }
@@ -279,9 +273,8 @@ spin_status spin_subject_mask_open(const struct spin_views *views, struct spin_i
     m->from = SPIN_DYNAMIC_MASKS;
     m->alpha = !all_have_masks(views, pairs, n_pairs);
     if (m->alpha && !all_have_alpha(views, pairs, n_pairs))
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "--mask: the data set has no foreground mask for some of these views, and "
-                         "not all their images have alpha");
+        return spin_not_found("--mask: the data set has no foreground mask for some of these "
+                              "views, and not all their images have alpha");
     return make_room(m);
 }
 

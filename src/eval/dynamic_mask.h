@@ -4,8 +4,7 @@
  * these pixels apart. They come from the data set's foreground masks, or from its images: a pixel
  * moves when it differs from the median of its camera over time. What stands still for more than
  * half of the clip is part of the median and counts as still, foreground or not. */
-#ifndef SPIN_EVAL_DYNAMIC_MASK_H
-#define SPIN_EVAL_DYNAMIC_MASK_H
+#pragma once
 
 #include "spin.h"
 #include "scene/clip.h"
@@ -52,5 +51,3 @@ void spin_dynamic_mask_bits(const struct spin_dynamic_mask *m, size_t n, uint8_t
  * specks, grown by one. scratch [h][w]. */
 void spin_dynamic_mask_rule(int width, int height, const float *truth, const uint8_t *median,
                             uint8_t *scratch, uint8_t *mask);
-
-#endif

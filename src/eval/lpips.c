@@ -9,8 +9,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "spin.h"
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/pool.h"
 #include "base/product.h"
@@ -118,7 +116,7 @@ static spin_status take(struct spin_torch *t, const char *key, int n_dims, const
     const struct spin_value *v = spin_value_get(t->root, key);
 
     if (!v)
-        return spin_fail(SPIN_E_MALFORMED, "there is no '%s'", key);
+        return spin_malformed("there is no '%s'", key);
     return spin_torch_floats(t, v, key, n_dims, shape, &info, out);
 }
 
@@ -154,8 +152,8 @@ static spin_status read_lin(struct spin_torch *t, struct spin_lpips *l)
                          "these are not linear heads of LPIPS for VGG or AlexNet (lin0.model.1."
                          "weight)");
     if (network != l->network)
-        return spin_fail(SPIN_E_USAGE, "these linear heads are for %s, the network is %s",
-                         networks[network].name, networks[l->network].name);
+        return spin_misuse("these linear heads are for %s, the network is %s",
+                           networks[network].name, networks[l->network].name);
     for (int s = 0; s < STAGES; s++) {
         int64_t shape[4] = {1, stage_channels(network, s), 1, 1};
 
@@ -229,7 +227,7 @@ static spin_status search(const char *folder, int depth, struct found *found)
     spin_status status = spin_folder_list(folder, &names, &n);
 
     for (size_t i = 0; status == SPIN_OK && i < n; i++) {
-        char *path = NULL;
+        SPIN_FREED char *path = NULL;
 
         status = spin_path_join(folder, names[i], &path);
         if (status == SPIN_OK && depth > 0 && spin_path_is_folder(path))
@@ -237,7 +235,6 @@ static spin_status search(const char *folder, int depth, struct found *found)
         else if (status == SPIN_OK &&
                  (spin_text_ends(names[i], ".pth") || spin_text_ends(names[i], ".pt")))
             status = look_at(path, found);
-        free(path);
     }
     spin_folder_list_free(names);
     return status;
@@ -259,8 +256,8 @@ spin_status spin_lpips_find(const char *folder, int n_threads, struct spin_lpips
         n++;
     }
     if (status == SPIN_OK && n == 0)
-        status = spin_fail(SPIN_E_NOT_FOUND,
-                           "'%s' holds no weights for LPIPS: it takes torchvision's vgg16 or "
+        status =
+            spin_not_found("'%s' holds no weights for LPIPS: it takes torchvision's vgg16 or "
                            "alexnet and the linear heads of the lpips package for the same network",
                            folder);
     for (int k = 0; k < SPIN_N_LPIPS; k++) {
@@ -307,13 +304,13 @@ static void take_patches(const struct convolution *c, size_t k, size_t first, si
     }
 }
 
-static void convolve_block(void *context, int task, int worker)
+static void convolve_block(void *context, size_t first, size_t end)
 {
     const struct convolution *c = context;
-    float *patches = c->scratch + (size_t)worker * SCRATCH, *sums = patches + DEPTH * COLUMNS;
-    size_t first = (size_t)task * COLUMNS, rest = c->plane - first, n_out = (size_t)c->layer->n_out;
+    float *patches = c->scratch + (size_t)spin_pool_worker() * SCRATCH,
+          *sums = patches + DEPTH * COLUMNS;
     size_t terms = (size_t)(c->layer->n_in * c->layer->kernel * c->layer->kernel);
-    size_t n = rest < COLUMNS ? rest : COLUMNS;
+    size_t n = end - first, n_out = (size_t)c->layer->n_out;
 
     for (size_t k = 0; k < terms; k += DEPTH) {
         size_t depth = terms - k < DEPTH ? terms - k : DEPTH;
@@ -348,7 +345,7 @@ static void convolve(struct spin_lpips *l, int i, int width, int height, const f
     for (size_t row = 0; row < (size_t)a->n_in * h; row++)
         memcpy(l->padded + (row / h * c.in_height + pad + row % h) * c.in_width + pad, in + row * w,
                w * sizeof *in);
-    spin_pool_run(l->pool, (int)((c.plane + COLUMNS - 1) / COLUMNS), convolve_block, &c);
+    spin_pool_rows(l->pool, c.plane, COLUMNS, convolve_block, &c);
 }
 
 /* ---- Room for pictures of one size ---------------------------------------------------------------- */
@@ -403,9 +400,8 @@ static spin_status plan_layers(struct spin_lpips *l, int width, int height)
 static spin_status plan(struct spin_lpips *l, int width, int height)
 {
     if (width < SPIN_LPIPS_SMALLEST || height < SPIN_LPIPS_SMALLEST)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "LPIPS needs pictures of %d x %d pixels at least, not %d x %d",
-                         SPIN_LPIPS_SMALLEST, SPIN_LPIPS_SMALLEST, width, height);
+        return spin_unsupported("LPIPS needs pictures of %d x %d pixels at least, not %d x %d",
+                                SPIN_LPIPS_SMALLEST, SPIN_LPIPS_SMALLEST, width, height);
     if (l->width == width && l->height == height)
         return SPIN_OK;
     drop_plan(l);

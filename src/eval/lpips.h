@@ -3,8 +3,7 @@
  *
  * The weights are the user's: the network's as torchvision publishes them (features.N.weight and
  * .bias) and the linear heads of the lpips package (lin0.model.1.weight ...), read as data. */
-#ifndef SPIN_EVAL_LPIPS_H
-#define SPIN_EVAL_LPIPS_H
+#pragma once
 
 #include "spin.h"
 
@@ -29,5 +28,3 @@ spin_status spin_lpips_find(const char *folder, int n_threads, struct spin_lpips
 spin_status spin_lpips_compare(struct spin_lpips *lpips, int width, int height, const float *image,
                                const float *truth, double *distance,
                                double stages[SPIN_LPIPS_STAGES]);
-
-#endif

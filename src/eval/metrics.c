@@ -19,8 +19,7 @@ spin_status spin_write_beside(const char *path, int width, int height, const flo
 {
     size_t w = (size_t)width, h = (size_t)height, gap = 4;
     size_t whole = w * (size_t)n + gap * (size_t)(n - 1);
-    float *sheet;
-    spin_status status;
+    SPIN_FREED float *sheet = NULL;
 
     SPIN_TRY(spin_alloc(3 * whole * h, sizeof(float), (void **)&sheet));
     for (size_t i = 0; i < 3 * whole * h; i++)
@@ -28,9 +27,7 @@ spin_status spin_write_beside(const char *path, int width, int height, const flo
     for (size_t k = 0; k < (size_t)n; k++)
         for (size_t row = 0; row < 3 * h; row++)
             memcpy(sheet + row * whole + k * (w + gap), picture[k] + row * w, w * sizeof(float));
-    status = spin_image_save(path, (int)whole, height, sheet, false);
-    free(sheet);
-    return status;
+    return spin_image_save(path, (int)whole, height, sheet, false);
 }
 
 /* The source's picture of the same view, when there is a source to show. */
@@ -52,23 +49,18 @@ static spin_status save_view(struct spin_metrics *m, const struct spin_pair *pai
     const struct spin_view *view = &m->clip->views.view[pair->view];
     const float *picture[3];
     char name[SPIN_PICTURE_NAME];
-    char *path = NULL;
-    float *source = NULL;
+    SPIN_FREED char *path = NULL;
+    SPIN_FREED float *source = NULL;
     int n = 0;
-    spin_status status;
 
     spin_picture_name(&m->clip->views, pair->view, number, NULL, name);
-    SPIN_TRY_OUT(draw_source(m, pair, &source));
-    SPIN_TRY_OUT(spin_path_join(m->images, name, &path));
+    SPIN_TRY(draw_source(m, pair, &source));
+    SPIN_TRY(spin_path_join(m->images, name, &path));
     picture[n++] = truth;
     if (source)
         picture[n++] = source;
     picture[n++] = image;
-    SPIN_TRY_OUT(spin_write_beside(path, view->camera.width, view->camera.height, picture, n));
-out:
-    free(source);
-    free(path);
-    return status;
+    return spin_write_beside(path, view->camera.width, view->camera.height, picture, n);
 }
 
 static spin_status show(struct spin_metrics *m, int frame)
@@ -298,52 +290,44 @@ int spin_metrics_rank(int frame) { return frame % spin_n_ranks(); }
 /* The views that each rank measured become everybody's, in *view [n_pairs], and the times are added up. */
 static spin_status merge_views(struct spin_metrics *m, struct measured *view)
 {
-    struct times {
+    SPIN_FREED struct times {
         double decode, draw;
         int n;
     } *times = NULL;
-    int *owner = NULL;
-    spin_status status;
+    SPIN_FREED int *owner = NULL;
 
     if (spin_n_ranks() == 1)
         return SPIN_OK;
-    SPIN_TRY_OUT(spin_alloc(m->n_pairs, sizeof *owner, (void **)&owner));
+    SPIN_TRY(spin_alloc(m->n_pairs, sizeof *owner, (void **)&owner));
     for (size_t i = 0; i < m->n_pairs; i++)
         owner[i] = spin_metrics_rank(m->pairs[i].frame);
-    SPIN_TRY_OUT(spin_ranks_merge(view, m->n_pairs, sizeof *view, owner));
-    SPIN_TRY_OUT(spin_alloc((size_t)spin_n_ranks(), sizeof *times, (void **)&times));
+    SPIN_TRY(spin_ranks_merge(view, m->n_pairs, sizeof *view, owner));
+    SPIN_TRY(spin_alloc((size_t)spin_n_ranks(), sizeof *times, (void **)&times));
     times[spin_rank()] = (struct times){m->seconds_decode, m->seconds_draw, m->n_decoded};
-    SPIN_TRY_OUT(spin_ranks_gather(times, sizeof *times));
+    SPIN_TRY(spin_ranks_gather(times, sizeof *times));
     m->seconds_decode = m->seconds_draw = m->n_decoded = 0;
     for (int r = 0; r < spin_n_ranks(); r++) {
         m->seconds_decode += times[r].decode;
         m->seconds_draw += times[r].draw;
         m->n_decoded += times[r].n;
     }
-out:
-    free(owner);
-    free(times);
-    return status;
+    return SPIN_OK;
 }
 
 /* Of a subject alone none is known: the background around it would be fitted too. */
 static spin_status add_fitted(struct measured *view, size_t n, bool subject)
 {
-    struct spin_colour_sums *sums = NULL;
-    double *psnr = NULL;
-    spin_status status;
+    SPIN_FREED struct spin_colour_sums *sums = NULL;
+    SPIN_FREED double *psnr = NULL;
 
-    SPIN_TRY_OUT(spin_alloc(n, sizeof *sums, (void **)&sums));
-    SPIN_TRY_OUT(spin_alloc(n, sizeof *psnr, (void **)&psnr));
+    SPIN_TRY(spin_alloc(n, sizeof *sums, (void **)&sums));
+    SPIN_TRY(spin_alloc(n, sizeof *psnr, (void **)&psnr));
     for (size_t i = 0; i < n; i++)
         sums[i] = view[i].sums;
     spin_colour_fit(sums, n, psnr);
     for (size_t i = 0; i < n; i++)
         view[i].view.q.psnr_colour_fitted = subject ? NAN : psnr[i];
-out:
-    free(sums);
-    free(psnr);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)

@@ -1,6 +1,5 @@
 /* How close drawn pictures come to the photographs, over views (docs/method.md section 9). */
-#ifndef SPIN_EVAL_METRICS_H
-#define SPIN_EVAL_METRICS_H
+#pragma once
 
 #include "eval/lpips.h"
 #include "eval/dynamic_mask.h"
@@ -82,5 +81,3 @@ struct spin_quality spin_quality_mean(const struct spin_quality_sum *sum);
 /* Pictures side by side into one PNG; every picture is [3][h][w]. */
 spin_status spin_write_beside(const char *path, int width, int height, const float *const *picture,
                               int n);
-
-#endif

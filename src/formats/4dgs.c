@@ -168,15 +168,14 @@ static spin_status read_header(struct reader *r, struct cursor *c)
     if (c->cut)
         return SPIN_OK;
     if (!says(&model, MODEL))
-        return spin_fail(SPIN_E_UNSUPPORTED, "temporal model '%.*s', expected '" MODEL "'",
-                         length_of(&model), (const char *)model.at);
+        return spin_unsupported("temporal model '%.*s', expected '" MODEL "'", length_of(&model),
+                                (const char *)model.at);
     if (!(r->info->duration > 0) || !isfinite(r->info->duration))
-        return spin_fail(SPIN_E_MALFORMED, "header: a duration of %g", r->info->duration);
+        return spin_malformed("header: a duration of %g", r->info->duration);
     if (!(r->info->cutoff > 0) || r->info->cutoff > 1)
-        return spin_fail(SPIN_E_MALFORMED, "header: a cutoff of %g, expected above 0 and to 1",
-                         r->info->cutoff);
+        return spin_malformed("header: a cutoff of %g, expected above 0 and to 1", r->info->cutoff);
     if (degree > 3)
-        return spin_fail(SPIN_E_UNSUPPORTED, "header: SH degree %u, expected 0 to 3", degree);
+        return spin_unsupported("header: SH degree %u, expected 0 to 3", degree);
     r->splats->sh_degree = (int)degree;
     return SPIN_OK;
 }
@@ -187,14 +186,13 @@ static spin_status read_quantization(struct reader *r, struct cursor *c)
     double sum = 0;
 
     if (!c->cut && !says(&scheme, SCHEME))
-        return spin_fail(SPIN_E_UNSUPPORTED, "quantization '%.*s', expected '" SCHEME "'",
-                         length_of(&scheme), (const char *)scheme.at);
+        return spin_unsupported("quantization '%.*s', expected '" SCHEME "'", length_of(&scheme),
+                                (const char *)scheme.at);
     for (int k = 0; k < 3; k++)
         sum += fabs(r->origin[k] = take_real(c));
     for (int k = 0; k < N_STEPS; k++)
         sum += fabs(r->step[k] = take_real(c));
-    return isfinite(sum) ? SPIN_OK
-                         : spin_fail(SPIN_E_MALFORMED, "quantization: steps that are not finite");
+    return isfinite(sum) ? SPIN_OK : spin_malformed("quantization: steps that are not finite");
 }
 
 static spin_status read_windows(struct reader *r, struct cursor *c)
@@ -202,16 +200,16 @@ static spin_status read_windows(struct reader *r, struct cursor *c)
     uint64_t n = take_number(c, 4);
 
     if (c->cut || n > c->left / 16)
-        return spin_fail(SPIN_E_MALFORMED, "window table: %llu windows in %zu bytes",
-                         (unsigned long long)n, c->left);
+        return spin_malformed("window table: %llu windows in %zu bytes", (unsigned long long)n,
+                              c->left);
     if (n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "window table: without a window no splat is ever seen");
+        return spin_malformed("window table: without a window no splat is ever seen");
     r->n_windows = (size_t)n;
     SPIN_TRY(spin_alloc(r->n_windows, 2 * sizeof *r->window, (void **)&r->window));
     for (size_t i = 0; i < 2 * r->n_windows; i++) {
         r->window[i] = take_real(c);
         if (isnan(r->window[i]))
-            return spin_fail(SPIN_E_MALFORMED, "window table: window %zu is not a number", i / 2);
+            return spin_malformed("window table: window %zu is not a number", i / 2);
     }
     return SPIN_OK;
 }
@@ -227,7 +225,7 @@ static spin_status read_footer(const struct reader *r, struct cursor *c, size_t 
     if (c->cut || start == 0 || crc == 0)
         return SPIN_OK;
     if (start > at || spin_crc32(0, r->file + start, at - (size_t)start) != crc)
-        return spin_fail(SPIN_E_MALFORMED, "footer: the checksum of the index is wrong");
+        return spin_malformed("footer: the checksum of the index is wrong");
     return SPIN_OK;
 }
 
@@ -243,9 +241,9 @@ static spin_status unpack(unsigned codec, const struct cursor *packed, uint64_t 
     if (codec == 1)
         return spin_zstd_read(packed->at, packed->left, *out, (size_t)n_out);
     SPIN_TRY(spin_zlib_read(packed->at, packed->left, *out, (size_t)n_out + 1, &n));
-    return n == n_out ? SPIN_OK
-                      : spin_fail(SPIN_E_MALFORMED, "zlib data of another length than %llu",
-                                  (unsigned long long)n_out);
+    return n == n_out
+               ? SPIN_OK
+               : spin_malformed("zlib data of another length than %llu", (unsigned long long)n_out);
 }
 
 enum { RAW, DIFFERENCE, CONSTANT, N_MODES };
@@ -282,8 +280,7 @@ static spin_status decode(const struct stream *s, const unsigned char *planes, s
 
         v += s->mode == DIFFERENCE && i >= width ? out[i - width] : 0;
         if (v < INT32_MIN || v > INT32_MAX)
-            return spin_fail(SPIN_E_MALFORMED, "a number that 32 bits do not hold in row %zu",
-                             i / width);
+            return spin_malformed("a number that 32 bits do not hold in row %zu", i / width);
         out[i] = (int32_t)v;
     }
     return SPIN_OK;
@@ -293,23 +290,18 @@ static spin_status decode(const struct stream *s, const unsigned char *planes, s
 static spin_status read_stream(const struct stream *s, size_t n, int channels, int32_t **out)
 {
     size_t n_symbols = (s->mode == CONSTANT ? 1 : n) * (size_t)channels;
-    unsigned char *planes = NULL;
-    spin_status status;
+    SPIN_FREED unsigned char *planes = NULL;
 
     if (s->codec > 1)
-        return spin_fail(SPIN_E_UNSUPPORTED, "packed by codec %u, expected 0 (deflate) or 1 (zstd)",
-                         s->codec);
+        return spin_unsupported("packed by codec %u, expected 0 (deflate) or 1 (zstd)", s->codec);
     if (s->n != n || s->channels != (unsigned)channels)
-        return spin_fail(SPIN_E_MALFORMED, "%llu x %u numbers, expected %zu x %d",
-                         (unsigned long long)s->n, s->channels, n, channels);
+        return spin_malformed("%llu x %u numbers, expected %zu x %d", (unsigned long long)s->n,
+                              s->channels, n, channels);
     if (s->mode >= N_MODES || (s->symbol != 1 && s->symbol != 2 && s->symbol != 4))
-        return spin_fail(SPIN_E_MALFORMED, "symbols of %u bytes in mode %u", s->symbol, s->mode);
+        return spin_malformed("symbols of %u bytes in mode %u", s->symbol, s->mode);
     SPIN_TRY(spin_alloc(n * (size_t)channels, sizeof **out, (void **)out));
-    status = unpack(s->codec, &s->packed, (uint64_t)n_symbols * s->symbol, &planes);
-    if (status == SPIN_OK)
-        status = decode(s, planes, n_symbols, *out);
-    free(planes);
-    return status;
+    SPIN_TRY(unpack(s->codec, &s->packed, (uint64_t)n_symbols * s->symbol, &planes));
+    return decode(s, planes, n_symbols, *out);
 }
 
 /* ---- Chunks ---------------------------------------------------------------------------------- */
@@ -396,11 +388,11 @@ static spin_status read_rows(struct reader *r, const double interval[2])
 {
     for (size_t k = 0; k < r->n_in_chunk; k++) {
         if (r->steps[WINDOW][k] < 0 || (size_t)r->steps[WINDOW][k] >= r->n_windows)
-            return spin_fail(SPIN_E_MALFORMED, "'window_index' %d in row %zu, of %zu windows",
-                             r->steps[WINDOW][k], k, r->n_windows);
+            return spin_malformed("'window_index' %d in row %zu, of %zu windows",
+                                  r->steps[WINDOW][k], k, r->n_windows);
         if (r->steps[LARGEST][k] < 0 || r->steps[LARGEST][k] > 3)
-            return spin_fail(SPIN_E_MALFORMED, "'rotation_index' %d in row %zu, expected 0 to 3",
-                             r->steps[LARGEST][k], k);
+            return spin_malformed("'rotation_index' %d in row %zu, expected 0 to 3",
+                                  r->steps[LARGEST][k], k);
         fill_row(r, k, interval);
     }
     return SPIN_OK;
@@ -422,11 +414,11 @@ static spin_status read_streams(struct reader *r, struct cursor *c, const double
         spin_status status;
 
         if (c->cut)
-            return spin_fail(SPIN_E_MALFORMED, "a stream ends behind it");
+            return spin_malformed("a stream ends behind it");
         if (s.attribute >= N_ATTRIBUTES)
             continue;
         if (r->steps[s.attribute])
-            return spin_fail(SPIN_E_MALFORMED, "it has '%s' twice", attributes[s.attribute].name);
+            return spin_malformed("it has '%s' twice", attributes[s.attribute].name);
         status = read_stream(&s, r->n_in_chunk, attributes[s.attribute].channels,
                              &r->steps[s.attribute]);
         if (status != SPIN_OK)
@@ -434,7 +426,7 @@ static spin_status read_streams(struct reader *r, struct cursor *c, const double
     }
     for (int a = 0; a < N_ATTRIBUTES; a++)
         if (!r->steps[a])
-            return spin_fail(SPIN_E_MALFORMED, "it has no '%s'", attributes[a].name);
+            return spin_malformed("it has no '%s'", attributes[a].name);
     return read_rows(r, interval);
 }
 
@@ -443,30 +435,25 @@ static spin_status read_chunk_block(struct reader *r, struct cursor *block,
                                     const struct cursor *codec, uint64_t bytes,
                                     const double interval[2])
 {
-    unsigned char *plain = NULL;
-    spin_status status;
+    SPIN_FREED unsigned char *plain = NULL;
 
     if (codec->left == 0 && bytes == block->left)
         return read_streams(r, block, interval);
     if (codec->left == 0 || bytes > SLACK + (uint64_t)RATIO * block->left)
-        return spin_fail(SPIN_E_MALFORMED, "%llu bytes in %zu", (unsigned long long)bytes,
-                         block->left);
+        return spin_malformed("%llu bytes in %zu", (unsigned long long)bytes, block->left);
     if (!says(codec, "deflate") && !says(codec, "zstd"))
-        return spin_fail(SPIN_E_UNSUPPORTED, "packed by '%.*s', expected 'deflate' or 'zstd'",
-                         length_of(codec), (const char *)codec->at);
-    status = unpack(says(codec, "zstd"), block, bytes, &plain);
-    if (status == SPIN_OK)
-        status = read_streams(r, &(struct cursor){plain, (size_t)bytes, false}, interval);
-    free(plain);
-    return status;
+        return spin_unsupported("packed by '%.*s', expected 'deflate' or 'zstd'", length_of(codec),
+                                (const char *)codec->at);
+    SPIN_TRY(unpack(says(codec, "zstd"), block, bytes, &plain));
+    return read_streams(r, &(struct cursor){plain, (size_t)bytes, false}, interval);
 }
 
 /* The chunk before the next, or before the end: its bands are those of the SH degree. */
 static spin_status end_chunk(const struct reader *r)
 {
     if (r->n_in_chunk > 0 && r->bands != (1u << r->splats->sh_degree) - 1)
-        return spin_fail(SPIN_E_MALFORMED, "chunk %zu: it lacks SH bands of degree %d",
-                         r->n_chunks - 1, r->splats->sh_degree);
+        return spin_malformed("chunk %zu: it lacks SH bands of degree %d", r->n_chunks - 1,
+                              r->splats->sh_degree);
     return SPIN_OK;
 }
 
@@ -498,7 +485,7 @@ static spin_status read_chunk(struct reader *r, struct cursor *c)
     if (n == 0)
         return SPIN_OK;
     if (isnan(interval[0]) || isnan(interval[1]))
-        status = spin_fail(SPIN_E_MALFORMED, "its interval is not a number");
+        status = spin_malformed("its interval is not a number");
     else
         status = read_chunk_block(r, &block, &codec, bytes, interval);
     forget_steps(r);
@@ -517,15 +504,15 @@ static spin_status read_band(struct reader *r, struct cursor *c)
     if (c->cut || !s->centres || (r->n_chunks > 0 && r->n_in_chunk == 0))
         return SPIN_OK;
     if (b < 1 || b > (size_t)s->sh_degree || r->n_chunks == 0 || r->bands & 1u << (b - 1))
-        return spin_fail(SPIN_E_MALFORMED, "SH band %zu of a scene of degree %d, or there twice", b,
-                         s->sh_degree);
+        return spin_malformed("SH band %zu of a scene of degree %d, or there twice", b,
+                              s->sh_degree);
     r->bands |= 1u << (b - 1);
     status = read_stream(&stream, r->n_in_chunk, (int)(3 * width), &codes);
     for (size_t k = 0; status == SPIN_OK && k < 3 * width * r->n_in_chunk; k++) {
         size_t row = k / (3 * width), channel = k / width % 3, m = k % width;
 
         if (codes[k] < 0 || codes[k] > 255)
-            status = spin_fail(SPIN_E_MALFORMED, "%d in row %zu, expected 0 to 255", codes[k], row);
+            status = spin_malformed("%d in row %zu, expected 0 to 255", codes[k], row);
         s->sh[n_sh * (r->first + row) + 3 * (b * b + m) + channel] =
             (float)(codes[k] * 8 / 255.0 - 4);
     }
@@ -540,9 +527,8 @@ static spin_status read_band(struct reader *r, struct cursor *c)
 static spin_status read_object_track(struct cursor *c)
 {
     take(c, 5);
-    return take_number(c, 4) == 0
-               ? SPIN_OK
-               : spin_fail(SPIN_E_UNSUPPORTED, "tracks of rigid objects are not read");
+    return take_number(c, 4) == 0 ? SPIN_OK
+                                  : spin_unsupported("tracks of rigid objects are not read");
 }
 
 /* One record, in either of two passes: what comes once and the number of splats; the splats. */
@@ -552,9 +538,9 @@ static spin_status read_record(struct reader *r, unsigned opcode, struct cursor 
 
     if (once && first_pass) {
         if (opcode < HEADER || r->seen & 1u << opcode)
-            return spin_fail(SPIN_E_MALFORMED, "a second record %02x, or one of opcode 0", opcode);
+            return spin_malformed("a second record %02x, or one of opcode 0", opcode);
         if (opcode != HEADER && !(r->seen & 1u << HEADER))
-            return spin_fail(SPIN_E_MALFORMED, "record %02x stands before the header", opcode);
+            return spin_malformed("record %02x stands before the header", opcode);
         r->seen |= 1u << opcode;
     }
     switch (opcode) {
@@ -571,8 +557,7 @@ static spin_status read_record(struct reader *r, unsigned opcode, struct cursor 
     case SH_BAND:
         return read_band(r, c);
     case DELTA_CHUNK:
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "delta chunks of the model 'keyframe-delta' are not read");
+        return spin_unsupported("delta chunks of the model 'keyframe-delta' are not read");
     case OBJECT_TRACK:
         return read_object_track(c);
     case CAMERA:
@@ -597,14 +582,13 @@ static spin_status read_records(struct reader *r)
         opcode = (unsigned)take_number(&file, 1);
         record = take_block(&file, 8);
         if (file.cut)
-            return spin_fail(SPIN_E_MALFORMED, "record %02x at byte %zu ends behind the file",
-                             opcode, at);
+            return spin_malformed("record %02x at byte %zu ends behind the file", opcode, at);
         SPIN_TRY(read_record(r, opcode, &record, at));
         if (record.cut)
-            return spin_fail(SPIN_E_MALFORMED, "record %02x at byte %zu is too short", opcode, at);
+            return spin_malformed("record %02x at byte %zu is too short", opcode, at);
     }
     if (opcode != FOOTER)
-        return spin_fail(SPIN_E_MALFORMED, "the last record is no footer");
+        return spin_malformed("the last record is no footer");
     return r->splats->centres ? end_chunk(r) : SPIN_OK;
 }
 
@@ -613,21 +597,20 @@ static spin_status read_all(struct reader *r)
     static const unsigned all = 1u << HEADER | 1u << QUANTIZATION | 1u << WINDOWS | 1u << FOOTER;
 
     if (r->size < 2 * MAGIC_BYTES || memcmp(r->file, MAGIC, MAGIC_BYTES) != 0)
-        return spin_fail(SPIN_E_MALFORMED, "it does not begin as a .4dgs of version 1");
+        return spin_malformed("it does not begin as a .4dgs of version 1");
     if (memcmp(r->file + r->size - MAGIC_BYTES, MAGIC, MAGIC_BYTES) != 0)
-        return spin_fail(SPIN_E_MALFORMED, "it is cut short: it does not end as a .4dgs");
+        return spin_malformed("it is cut short: it does not end as a .4dgs");
     SPIN_TRY(read_records(r));
     if (r->seen != all)
-        return spin_fail(SPIN_E_MALFORMED, "it has no %s",
-                         !(r->seen & 1u << QUANTIZATION) ? "quantization" : "window table");
+        return spin_malformed("it has no %s",
+                              !(r->seen & 1u << QUANTIZATION) ? "quantization" : "window table");
     if (r->n != r->n_said)
-        return spin_fail(SPIN_E_MALFORMED, "%llu splats in its chunks, but %llu in its header",
-                         (unsigned long long)r->n, (unsigned long long)r->n_said);
+        return spin_malformed("%llu splats in its chunks, but %llu in its header",
+                              (unsigned long long)r->n, (unsigned long long)r->n_said);
     if (r->n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "0 splats");
+        return spin_malformed("0 splats");
     if (r->n * ROW_BYTES > SLACK + (uint64_t)RATIO * r->size)
-        return spin_fail(SPIN_E_MALFORMED, "%llu splats in %zu bytes", (unsigned long long)r->n,
-                         r->size);
+        return spin_malformed("%llu splats in %zu bytes", (unsigned long long)r->n, r->size);
     SPIN_TRY(
         spin_splats_4d_reserve(r->splats, (size_t)r->n, 1, r->splats->sh_degree, SPIN_4D_CUTS));
     r->splats->least_weight = r->info->cutoff;

@@ -12,8 +12,7 @@
  * A stream is 17 bytes (attribute, bytes of a symbol, mode, codec, channels, 4 bytes of elements, 8 of length) and zlib
  * or zstd of byte planes (planes.h); text is 4 bytes of length and its bytes. A splat is seen where its window and its
  * chunk are, at weights of the cutoff and above. How fine the steps of velocity and own time are depends on its sigma. */
-#ifndef SPIN_FORMATS_4DGS_H
-#define SPIN_FORMATS_4DGS_H
+#pragma once
 
 #include "spin.h"
 
@@ -27,5 +26,3 @@ struct spin_4dgs {
  * below them. keyframe-delta models and tracks of objects are refused by name. Errors do not name the file. */
 spin_status spin_4dgs_read(const unsigned char *file, size_t size, struct spin_4dgs *out,
                            struct spin_splats_4d *splats);
-
-#endif

@@ -1,7 +1,6 @@
 #include "formats/codebook.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -100,13 +99,13 @@ static bool step(const float *sorted, const double *before, size_t n, double pla
 
 spin_status spin_codebook_make(const float *values, size_t n, float book[SPIN_CODEBOOK])
 {
-    double place[SPIN_CODEBOOK] = {0}, *before = NULL;
-    float *sorted = NULL;
+    double place[SPIN_CODEBOOK] = {0};
+    SPIN_FREED double *before = NULL;
+    SPIN_FREED float *sorted = NULL;
     char text[32];
-    spin_status status;
 
-    SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *sorted, (void **)&sorted));
-    SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *before, (void **)&before));
+    SPIN_TRY(spin_alloc(n + 1, sizeof *sorted, (void **)&sorted));
+    SPIN_TRY(spin_alloc(n + 1, sizeof *before, (void **)&before));
     if (n > 0) {
         memcpy(sorted, values, n * sizeof *sorted);
         sort(sorted, (float *)before, n);
@@ -121,11 +120,7 @@ spin_status spin_codebook_make(const float *values, size_t n, float book[SPIN_CO
         snprintf(text, sizeof text, "%.6g", place[k]);
         book[k] = strtof(text, NULL);
     }
-    status = SPIN_OK;
-out:
-    free(sorted);
-    free(before);
-    return status;
+    return SPIN_OK;
 }
 
 unsigned char spin_codebook_nearest(const float book[SPIN_CODEBOOK], float value)
@@ -272,11 +267,11 @@ static size_t cut(const struct cutting *c, const struct part *p, double *sum)
 }
 
 /* A part of the batch. It changes the order of no rows but its own. */
-static void divide_task(void *context, int task, int worker)
+static void divide_task(void *context, int task)
 {
     struct cutting *c = context;
     struct part *p = &c->batch[task];
-    double *sum = c->sums + SUMS * c->width * (size_t)worker;
+    double *sum = c->sums + SUMS * c->width * (size_t)spin_pool_worker();
     size_t widest;
 
     if (p->divided)
@@ -352,11 +347,11 @@ static void cut_all(struct cutting *c, size_t n_colours, struct spin_pool *pool)
 }
 
 /* The vectors of BATCH parts, and which rows have them. */
-static void finish_task(void *context, int task, int worker)
+static void finish_task(void *context, size_t i, size_t end)
 {
     struct cutting *c = context;
-    double *sum = c->sums + SUMS * c->width * (size_t)worker;
-    size_t i = (size_t)task * BATCH, end = i + BATCH < c->n_parts ? i + BATCH : c->n_parts, widest;
+    double *sum = c->sums + SUMS * c->width * (size_t)spin_pool_worker();
+    size_t widest;
 
     for (; i < end; i++) {
         const struct part *p = &c->part[i];
@@ -388,7 +383,7 @@ spin_status spin_palette_make(const float *rows, size_t n, size_t width, size_t 
         c.order[i] = (uint32_t)i;
     push(&c, (struct part){.n = n, .error = measure(&c, 0, n, c.sums, &widest)});
     cut_all(&c, n_colours, pool);
-    spin_pool_run(pool, (int)((c.n_parts + BATCH - 1) / BATCH), finish_task, &c);
+    spin_pool_rows(pool, c.n_parts, BATCH, finish_task, &c);
     *n_used = c.n_parts;
     status = SPIN_OK;
 out:

@@ -1,7 +1,6 @@
 /* Few values that stand for many: a book of 256 numbers, and a palette of vectors, both chosen so that the
  * sum of squared errors is small. The same input gives the same output on every machine and thread. */
-#ifndef SPIN_FORMATS_CODEBOOK_H
-#define SPIN_FORMATS_CODEBOOK_H
+#pragma once
 
 #include "base/pool.h"
 
@@ -20,5 +19,3 @@ unsigned char spin_codebook_nearest(const float book[SPIN_CODEBOOK], float value
 spin_status spin_palette_make(const float *rows, size_t n, size_t width, size_t n_colours,
                               struct spin_pool *pool, uint32_t *label, float *palette,
                               size_t *n_used);
-
-#endif

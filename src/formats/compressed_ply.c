@@ -199,15 +199,14 @@ static spin_status check_chunks(const struct spin_compressed_ply *f)
     uint64_t n = f->vertex->count;
 
     if (!f->chunk || f->chunk->count < spin_compressed_chunks(n))
-        return spin_fail(
-            SPIN_E_MALFORMED,
+        return spin_malformed(
             "'%s': compressed PLY with %llu chunks for %llu vertices, expected one for every %d",
             f->ply->path, (unsigned long long)(f->chunk ? f->chunk->count : 0),
             (unsigned long long)n, SPIN_COMPRESSED_CHUNK);
     for (int i = 0; i < N_RANGES_NEEDED; i++) {
         if (!spin_ply_has(f->chunk, range_names[i]))
-            return spin_fail(SPIN_E_MALFORMED, "'%s': element 'chunk' has no property '%s'",
-                             f->ply->path, range_names[i]);
+            return spin_malformed("'%s': element 'chunk' has no property '%s'", f->ply->path,
+                                  range_names[i]);
     }
     return SPIN_OK;
 }
@@ -215,13 +214,13 @@ static spin_status check_chunks(const struct spin_compressed_ply *f)
 static spin_status check_sh(const struct spin_compressed_ply *f)
 {
     if (f->sh && f->sh->count != f->vertex->count)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': element 'sh' has %llu records, 'vertex' has %llu",
-                         f->ply->path, (unsigned long long)f->sh->count,
-                         (unsigned long long)f->vertex->count);
+        return spin_malformed("'%s': element 'sh' has %llu records, 'vertex' has %llu",
+                              f->ply->path, (unsigned long long)f->sh->count,
+                              (unsigned long long)f->vertex->count);
     for (size_t i = 0; f->sh && i < f->sh->n_properties; i++) {
         if (f->sh->property[i].type != SPIN_PLY_U8)
-            return spin_fail(SPIN_E_MALFORMED, "'%s': property '%s' of element 'sh' is not uchar",
-                             f->ply->path, f->sh->property[i].name);
+            return spin_malformed("'%s': property '%s' of element 'sh' is not uchar", f->ply->path,
+                                  f->sh->property[i].name);
     }
     return SPIN_OK;
 }
@@ -235,19 +234,17 @@ spin_status spin_compressed_find(const struct spin_ply *ply, struct spin_compres
                                         .chunk = spin_ply_find_element(ply, "chunk"),
                                         .sh = spin_ply_find_element(ply, "sh")};
     if (!e)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': no element 'vertex'", ply->path);
+        return spin_malformed("'%s': no element 'vertex'", ply->path);
     if (e->count > UINT32_MAX)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s': more than 2^32 vertices", ply->path);
+        return spin_unsupported("'%s': more than 2^32 vertices", ply->path);
     if (ply->ascii || e->has_list)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s': a compressed PLY must be binary, without lists",
-                         ply->path);
+        return spin_unsupported("'%s': a compressed PLY must be binary, without lists", ply->path);
     for (int i = 0; i < 4; i++) {
         int p = out->packed[i] = spin_ply_find(e, packed_names[i]);
 
         if (p < 0 || e->property[p].type != SPIN_PLY_U32)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "'%s': compressed PLY without the uint property '%s'", ply->path,
-                             packed_names[i]);
+            return spin_malformed("'%s': compressed PLY without the uint property '%s'", ply->path,
+                                  packed_names[i]);
     }
     SPIN_TRY(check_chunks(out));
     SPIN_TRY(check_sh(out));
@@ -319,7 +316,7 @@ spin_status spin_compressed_read(const struct spin_compressed_ply *file, unsigne
                                  struct spin_splats *out)
 {
     size_t step = 3 * (size_t)spin_sh_count(out->sh_degree), n = (size_t)file->vertex->count;
-    float *range = NULL;
+    SPIN_FREED float *range = NULL;
     spin_status status = read_ranges(file, &range);
 
     if (status == SPIN_OK && n > 0 && (columns & SPIN_COL_SH)) {
@@ -329,6 +326,5 @@ spin_status spin_compressed_read(const struct spin_compressed_ply *file, unsigne
     }
     for (size_t i = 0; i < n && status == SPIN_OK; i++)
         read_row(file, range + i / SPIN_COMPRESSED_CHUNK * SPIN_COMPRESSED_RANGES, columns, i, out);
-    free(range);
     return status == SPIN_OK ? spin_ply_check(file->ply, columns, 0, n, out) : status;
 }

@@ -10,8 +10,7 @@
  *     packed_color                    r g b within the range and opacity, 8 bits each
  *
  * sh holds f_rest, channel-major, in 256 steps over [-4, 4]. */
-#ifndef SPIN_FORMATS_COMPRESSED_PLY_H
-#define SPIN_FORMATS_COMPRESSED_PLY_H
+#pragma once
 
 #include "formats/gs_ply.h"
 
@@ -61,5 +60,3 @@ spin_status spin_compressed_find(const struct spin_ply *ply, struct spin_compres
  * All that comes out is finite. Rotations are of unit length. */
 spin_status spin_compressed_read(const struct spin_compressed_ply *file, unsigned columns,
                                  struct spin_splats *out);
-
-#endif

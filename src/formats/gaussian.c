@@ -116,9 +116,8 @@ spin_status spin_check_finite(const char *what, const float *values, size_t n, s
         }
     }
     if (bad > 0)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "%zu values of '%s' are not finite, the first in row %zu", bad, what,
-                         first);
+        return spin_malformed("%zu values of '%s' are not finite, the first in row %zu", bad, what,
+                              first);
     return SPIN_OK;
 }
 

@@ -1,6 +1,5 @@
 /* One splat as splat files hold it, and what their readers and writers share. */
-#ifndef SPIN_FORMATS_GAUSSIAN_H
-#define SPIN_FORMATS_GAUSSIAN_H
+#pragma once
 
 #include <math.h>
 
@@ -73,5 +72,3 @@ spin_status spin_check_finite(const char *what, const float *values, size_t n, s
 /* The same for n rows of columns of s from `first` on; what[5] names them, in the order of enum spin_column. */
 spin_status spin_check_columns(const char *const what[5], unsigned columns, size_t first, size_t n,
                                const struct spin_splats *s);
-
-#endif

@@ -1,9 +1,6 @@
 #include "formats/glb.h"
 
-#include <stdio.h>
 #include <string.h>
-
-#include "base/err.h"
 
 enum { HEADER = 12, CHUNK_HEADER = 8, MAX_STRIDE = 252 };
 #define LINEAR "lin_rec709_display"
@@ -37,16 +34,16 @@ static spin_status find_chunks(const unsigned char *file, size_t size, uint64_t 
     *n_chunk = 0;
     if (size < json_at || memcmp(file, "glTF", 4) != 0 || spin_u32_at(file + 4) != 2 ||
         spin_u32_at(file + 8) != size || memcmp(file + 16, "JSON", 4) != 0)
-        return spin_fail(SPIN_E_MALFORMED, "not a GLB of its length");
+        return spin_malformed("not a GLB of its length");
     *n_json = spin_u32_at(file + 12);
     at = json_at + *n_json;
     if (at > size)
-        return spin_fail(SPIN_E_MALFORMED, "the JSON ends behind the file");
+        return spin_malformed("the JSON ends behind the file");
     if (at == size)
         return SPIN_OK;
     if (at + CHUNK_HEADER > size || memcmp(file + at + 4, "BIN", 4) != 0 ||
         at + CHUNK_HEADER + spin_u32_at(file + at) > size)
-        return spin_fail(SPIN_E_MALFORMED, "no binary chunk in the file");
+        return spin_malformed("no binary chunk in the file");
     *chunk = file + at + CHUNK_HEADER;
     *n_chunk = spin_u32_at(file + at);
     return SPIN_OK;
@@ -96,10 +93,10 @@ static spin_status find_view(const struct spin_glb_file *glb, const spin_json *v
     const spin_json *buffer = spin_glb_item(glb, "buffers", spin_json_get(view, "buffer"));
 
     if (!view || spin_glb_integer(view, "buffer", 0) != 0 || spin_json_get(buffer, "uri"))
-        return spin_fail(SPIN_E_MALFORMED, "it does not lie in the file");
+        return spin_malformed("it does not lie in the file");
     if (at < 0 || length < 0 || (uint64_t)at > glb->n_bytes ||
         (uint64_t)length > glb->n_bytes - (uint64_t)at)
-        return spin_fail(SPIN_E_MALFORMED, "it ends behind the file");
+        return spin_malformed("it ends behind the file");
     *bytes = glb->bytes + at;
     *n_bytes = (uint64_t)length;
     return SPIN_OK;
@@ -131,14 +128,14 @@ spin_status spin_glb_find(const struct spin_glb_file *glb, const spin_json *acce
     out->normalised = out->normalised && component != SPIN_GLB_F32;
     if (!type || strcmp(type, types[width]) != 0 || spin_json_get(accessor, "sparse") ||
         !((out->normalised ? SPIN_GLB_NORMALISED(kind) : kind) & allowed))
-        return spin_fail(SPIN_E_MALFORMED, "it is missing or of another kind");
+        return spin_malformed("it is missing or of another kind");
     SPIN_TRY(find_view(glb, view, &out->at, &length));
     row = (int64_t)(width * component_bytes(out->component));
     stride = spin_glb_integer(view, "byteStride", row);
     if (n < 0 || offset < 0 || stride < row || stride > MAX_STRIDE || offset > (int64_t)length ||
         (n > 0 &&
          ((int64_t)length - offset < row || ((int64_t)length - offset - row) / stride < n - 1)))
-        return spin_fail(SPIN_E_MALFORMED, "it ends behind the file");
+        return spin_malformed("it ends behind the file");
     out->at += offset;
     out->n = (size_t)n;
     out->stride = (size_t)stride;
@@ -194,8 +191,8 @@ static spin_status check_value(const spin_json *extension, const char *key, cons
     const char *value = spin_json_string(spin_json_get(extension, key));
 
     if (value && strcmp(value, known) != 0 && (!also || strcmp(value, also) != 0))
-        return spin_fail(SPIN_E_UNSUPPORTED, SPIN_GLB_SPLATS " with the %s '%.40s', expected '%s'",
-                         key, value, known);
+        return spin_unsupported(SPIN_GLB_SPLATS " with the %s '%.40s', expected '%s'", key, value,
+                                known);
     return SPIN_OK;
 }
 
@@ -214,7 +211,7 @@ static spin_status find_packed(const struct spin_glb_file *glb, const spin_json 
     out->n_packed = (size_t)n_bytes;
     SPIN_TRY(spin_spz_peek(out->packed, out->n_packed, &out->spz));
     if (out->spz.n != out->n)
-        return spin_fail(SPIN_E_MALFORMED, "%zu splats and SPZ of %zu", out->n, out->spz.n);
+        return spin_malformed("%zu splats and SPZ of %zu", out->n, out->spz.n);
     out->sh_degree = out->spz.sh_degree < 3 ? out->spz.sh_degree : 3;
     return SPIN_OK;
 }
@@ -232,20 +229,19 @@ spin_status spin_gs_glb_find(const struct spin_glb_file *glb, const spin_json *p
 
     *out = (struct spin_gs_glb_points){.glb = glb, .attributes = attributes};
     if (!extension || spin_glb_integer(primitive, "mode", SPIN_GLB_TRIANGLES) != SPIN_GLB_POINTS)
-        return spin_fail(SPIN_E_MALFORMED, "it shows no points with " SPIN_GLB_SPLATS);
+        return spin_malformed("it shows no points with " SPIN_GLB_SPLATS);
     SPIN_TRY(check_value(extension, "kernel", "ellipse", NULL));
     SPIN_TRY(check_value(extension, "projection", "perspective", NULL));
     SPIN_TRY(check_value(extension, "colorSpace", "srgb_rec709_display", LINEAR));
     out->linear = colours && strcmp(colours, LINEAR) == 0;
     if (n < 0 || n > UINT32_MAX)
-        return spin_fail(SPIN_E_MALFORMED, "it has no attribute 'POSITION' with a count");
+        return spin_malformed("it has no attribute 'POSITION' with a count");
     out->n = (size_t)n;
     SPIN_TRY(find_packed(glb, extension, out));
     if (out->packed)
         return SPIN_OK;
     if (out->n > glb->n_bytes / 3) /* of POSITION alone */
-        return spin_fail(SPIN_E_MALFORMED, "%zu splats in %llu bytes", out->n,
-                         (unsigned long long)glb->n_bytes);
+        return spin_malformed("%zu splats in %llu bytes", out->n, (unsigned long long)glb->n_bytes);
     for (; out->sh_degree < 3; out->sh_degree++) {
         spin_glb_attribute_name(SPIN_GLB_SH + spin_sh_count(out->sh_degree), name);
         if (!spin_json_get(attributes, name))
@@ -266,7 +262,7 @@ static spin_status find_attribute(const struct spin_gs_glb_points *p, int attrib
                            spin_glb_item(p->glb, "accessors", spin_json_get(p->attributes, name)),
                            width, allowed[kind], out);
     if (status == SPIN_OK && out->n != p->n)
-        status = spin_fail(SPIN_E_MALFORMED, "%zu rows, 'POSITION' has %zu", out->n, p->n);
+        status = spin_malformed("%zu rows, 'POSITION' has %zu", out->n, p->n);
     return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "attribute '%s'", name);
 }
 
@@ -295,8 +291,8 @@ static spin_status read_rows(const struct spin_gs_glb_points *p, unsigned column
         spin_glb_row(&scale, i, to);
         for (int c = 0; c < 3; c++) { /* NaN stays, to be found */
             if (to[c] < 0)
-                return spin_fail(SPIN_E_MALFORMED, "'SCALE' is %g in row %zu, expected 0 or more",
-                                 (double)to[c], i);
+                return spin_malformed("'SCALE' is %g in row %zu, expected 0 or more", (double)to[c],
+                                      i);
             to[c] = logf(to[c] < 1e-38f ? 1e-38f : to[c]);
         }
     }
@@ -305,8 +301,7 @@ static spin_status read_rows(const struct spin_gs_glb_points *p, unsigned column
 
         spin_glb_row(&opacity, i, &value);
         if (value < -OPACITY_SLACK || value > 1 + OPACITY_SLACK)
-            return spin_fail(SPIN_E_MALFORMED, "'OPACITY' is %g in row %zu, expected 0 to 1",
-                             (double)value, i);
+            return spin_malformed("'OPACITY' is %g in row %zu, expected 0 to 1", (double)value, i);
         out->logit_opacities[i] = spin_opacity_logit(value);
     }
     for (size_t k = 0; k < n_sh && (columns & SPIN_COL_SH); k++) {

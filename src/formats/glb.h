@@ -11,8 +11,7 @@
  *
  * Read are also the integers that the extension and KHR_mesh_quantization allow, and an SPZ in place of the attributes
  * (KHR_gaussian_splatting_compression_spz_2, a draft). formats/glb_scene.h reads a file, formats/glb_write.h writes one. */
-#ifndef SPIN_FORMATS_GLB_H
-#define SPIN_FORMATS_GLB_H
+#pragma once
 
 #include "formats/glb_shim.h"
 #include "formats/spz.h"
@@ -91,5 +90,3 @@ spin_status spin_gs_glb_find(const struct spin_glb_file *glb, const spin_json *p
  * their length. */
 spin_status spin_gs_glb_read(const struct spin_gs_glb_points *points, unsigned columns,
                              struct spin_splats *out);
-
-#endif

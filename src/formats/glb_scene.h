@@ -1,8 +1,7 @@
 /* What the scene of a GLB shows: splats of its meshes where its nodes put them; and at different times, when
  * an animation switches nodes on and off, which is how a clip lies in one file: by STEP keys on the scale
  * of nodes, or on KHR_node_visibility. */
-#ifndef SPIN_FORMATS_GLB_SCENE_H
-#define SPIN_FORMATS_GLB_SCENE_H
+#pragma once
 
 #include "formats/glb.h"
 
@@ -43,5 +42,3 @@ void spin_gs_glb_scene_close(struct spin_gs_glb_scene *scene);
  * are of unit length. */
 spin_status spin_gs_glb_scene_read(struct spin_gs_glb_scene *scene, size_t frame, unsigned columns,
                                    struct spin_splats *out);
-
-#endif

@@ -1,7 +1,6 @@
 /* A clip as glb_write.c hands it to the shared object that holds tinygltf (glb_tiny.cpp), in plain C, and one function
  * found by name. Nothing thrown on the far side crosses over. */
-#ifndef SPIN_FORMATS_GLB_SHIM_H
-#define SPIN_FORMATS_GLB_SHIM_H
+#pragma once
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -73,5 +72,4 @@ extern const struct spin_glb_shim spin_glb_shim_table;
 
 #ifdef __cplusplus
 }
-#endif
 #endif

@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/shim.h"
 #include "math/portable.h"
@@ -112,10 +111,9 @@ spin_status spin_glb_failed(const struct spin_glb_clip *clip, int error)
 {
     if (error != TOO_FAR)
         return spin_out_failed(clip->out, error);
-    return spin_fail(SPIN_E_UNSUPPORTED,
-                     "cannot write '%s': a .glb ends at 4 GiB; export fewer frames with "
-                     "--range, or give a folder for one .glb per frame",
-                     clip->out->path);
+    return spin_unsupported("cannot write '%s': a .glb ends at 4 GiB; export fewer frames with "
+                            "--range, or give a folder for one .glb per frame",
+                            clip->out->path);
 }
 
 /* Key i is at i / fps. Frame f is shown from its own key on; the last one also at a key behind it, which repeats its
@@ -123,7 +121,7 @@ spin_status spin_glb_failed(const struct spin_glb_clip *clip, int error)
 static spin_status write_keys(struct spin_glb_clip *clip)
 {
     size_t n_frames = (size_t)clip->n_frames, n = n_frames + 1;
-    float *key = NULL;
+    SPIN_FREED float *key = NULL;
     int error;
 
     SPIN_TRY(spin_alloc(n, 3 * sizeof *key, (void **)&key));
@@ -138,7 +136,6 @@ static spin_status write_keys(struct spin_glb_clip *clip)
         spin_little_endian(key, 3 * n);
         error = spin_glb_put(clip, clip->n_bytes, key, 3 * n * sizeof *key);
     }
-    free(key);
     return error ? spin_glb_failed(clip, error) : SPIN_OK;
 }
 
@@ -154,13 +151,11 @@ static spin_status write_front(const struct spin_glb_clip *clip, const char *tex
     const char *path = clip->out->path;
     size_t n = strlen(text), room = clip->room;
     size_t n_front = HEADER + CHUNK_HEADER + room + (clip->n_bytes > 0 ? CHUNK_HEADER : 0);
-    unsigned char *front = NULL;
-    spin_status status;
+    SPIN_FREED unsigned char *front = NULL;
 
     if (n > room)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "cannot write '%s': its JSON takes %zu bytes, %zu were kept for it", path,
-                         n, room);
+        return spin_unsupported("cannot write '%s': its JSON takes %zu bytes, %zu were kept for it",
+                                path, n, room);
     SPIN_TRY(spin_alloc(n_front, 1, (void **)&front));
     memcpy(front, "glTF", 4);
     put_u32(front + 4, 2);
@@ -173,9 +168,7 @@ static spin_status write_front(const struct spin_glb_clip *clip, const char *tex
         put_u32(front + 20 + room, clip->n_bytes);
         memcpy(front + 24 + room, "BIN", 4);
     }
-    status = spin_out_write_at(clip->out, 0, front, n_front);
-    free(front);
-    return status;
+    return spin_out_write_at(clip->out, 0, front, n_front);
 }
 
 static const struct spin_glb_shim *shim;
@@ -195,16 +188,14 @@ spin_status spin_glb_can_write(void)
 spin_status spin_glb_end(struct spin_glb_clip *clip)
 {
     uint64_t keys = clip->n_bytes;
-    char why[256] = "", *text;
-    spin_status status;
+    char why[256] = "";
+    SPIN_FREED char *text = NULL;
 
     SPIN_TRY(spin_glb_can_write());
     if (clip->animated)
         SPIN_TRY(write_keys(clip));
     text = shim->text(clip, "spin4d " SPIN_VERSION, keys, why, sizeof why);
     if (!text)
-        return spin_fail(SPIN_E_UNSUPPORTED, "cannot write '%s': %s", clip->out->path, why);
-    status = write_front(clip, text);
-    free(text);
-    return status;
+        return spin_unsupported("cannot write '%s': %s", clip->out->path, why);
+    return write_front(clip, text);
 }

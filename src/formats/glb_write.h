@@ -1,7 +1,6 @@
 /* A .glb of frames of splats (formats/glb.h), all floats, each attribute in one piece. Bytes are written in any order to
  * their places; the JSON, which comes first in the file but is known last, goes into room that was left for it. */
-#ifndef SPIN_FORMATS_GLB_WRITE_H
-#define SPIN_FORMATS_GLB_WRITE_H
+#pragma once
 
 #include "formats/gaussian.h"
 #include "formats/glb.h"
@@ -27,5 +26,3 @@ int spin_glb_put(const struct spin_glb_clip *clip, uint64_t at, const void *data
 spin_status spin_glb_failed(const struct spin_glb_clip *clip, int error);
 /* Everything in [0, n_bytes) has been written. Adds the keys of the animation, and what stands before the bytes. */
 spin_status spin_glb_end(struct spin_glb_clip *clip);
-
-#endif

@@ -1,6 +1,5 @@
 #include "formats/gs_ply.h"
 
-#include <stdio.h>
 #include <string.h>
 
 #include "math/sh.h"
@@ -143,8 +142,8 @@ spin_status spin_gs_ply_degree(const struct spin_ply *ply, const struct spin_ply
 
         snprintf(name, sizeof name, "f_rest_%d", i);
         if (!spin_ply_has(e, name))
-            return spin_fail(SPIN_E_MALFORMED, "'%s': %d properties f_rest_*, but no '%s'",
-                             ply->path, *n_rest, name);
+            return spin_malformed("'%s': %d properties f_rest_*, but no '%s'", ply->path, *n_rest,
+                                  name);
     }
     for (int d = 0; d <= 4; d++) {
         if (*n_rest == (int)spin_n_rest(d)) {
@@ -152,9 +151,9 @@ spin_status spin_gs_ply_degree(const struct spin_ply *ply, const struct spin_ply
             return SPIN_OK;
         }
     }
-    return spin_fail(SPIN_E_MALFORMED,
-                     "'%s': %d properties f_rest_*, expected 0, 9, 24, 45 or 72 (SH degree 0 to 4)",
-                     ply->path, *n_rest);
+    return spin_malformed(
+        "'%s': %d properties f_rest_*, expected 0, 9, 24, 45 or 72 (SH degree 0 to 4)", ply->path,
+        *n_rest);
 }
 
 spin_status spin_gs_ply_find(const struct spin_ply *ply, struct spin_gs_ply *out)
@@ -165,24 +164,21 @@ spin_status spin_gs_ply_find(const struct spin_ply *ply, struct spin_gs_ply *out
 
     *out = (struct spin_gs_ply){.ply = ply, .vertex = e};
     if (!e)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': no element 'vertex'", ply->path);
+        return spin_malformed("'%s': no element 'vertex'", ply->path);
     if (e->count > UINT32_MAX)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s': more than 2^32 vertices", ply->path);
+        return spin_unsupported("'%s': more than 2^32 vertices", ply->path);
     if (spin_ply_has(e, "scale_0") && spin_ply_has(e, "scale_1") && !spin_ply_has(e, "scale_2"))
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "'%s': no property 'scale_2': it looks like 2DGS, whose splats are flat",
-                         ply->path);
+        return spin_unsupported(
+            "'%s': no property 'scale_2': it looks like 2DGS, whose splats are flat", ply->path);
     for (size_t i = 0; i < n; i++) {
         if (column[i].part == 0 || spin_ply_has(e, column[i].name))
             continue;
         out->colours = column[i].part == SPIN_COL_SH && spin_ply_has_colours(e);
         if (!out->colours)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "'%s': element 'vertex' has no property '%s', so these are not whole "
-                             "Gaussians%s",
-                             ply->path, column[i].name,
-                             column[i].part == SPIN_COL_SH ? "; 'red', 'green', 'blue' would do"
-                                                           : "");
+            return spin_malformed(
+                "'%s': element 'vertex' has no property '%s', so these are not whole Gaussians%s",
+                ply->path, column[i].name,
+                column[i].part == SPIN_COL_SH ? "; 'red', 'green', 'blue' would do" : "");
     }
     return spin_gs_ply_degree(ply, e, &out->sh_degree, &out->n_rest);
 }

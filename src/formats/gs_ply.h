@@ -6,8 +6,7 @@
  * Normals are zero. opacity is a logit, scale_* are logarithms, rot_* is w x y z. f_rest_* is
  * channel-major: all coefficients of red above degree 0, then green, then blue; struct spin_splats holds
  * them coefficient by coefficient. A reader finds properties by name, in any order and type. */
-#ifndef SPIN_FORMATS_GS_PLY_H
-#define SPIN_FORMATS_GS_PLY_H
+#pragma once
 
 #include "formats/gaussian.h"
 #include "io/ply.h"
@@ -77,5 +76,3 @@ spin_status spin_gs_ply_degree(const struct spin_ply *ply, const struct spin_ply
 /* The f_rest_* of an element to sh[3..], every `step` floats, as they are. */
 void spin_gs_ply_rest(const struct spin_ply *ply, const struct spin_ply_element *e, int n_rest,
                       int sh_degree, float *sh, size_t step);
-
-#endif

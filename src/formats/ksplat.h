@@ -17,8 +17,7 @@
  *     level 2    the same, SH as bytes between least and largest
  *
  * Facts from the viewer's own reader and writer. The axes are the PLY's. */
-#ifndef SPIN_FORMATS_KSPLAT_H
-#define SPIN_FORMATS_KSPLAT_H
+#pragma once
 
 #include "formats/gaussian.h"
 
@@ -35,5 +34,3 @@ spin_status spin_ksplat_peek(const unsigned char *file, size_t size, struct spin
  * Coefficients that a section lacks are 0. */
 spin_status spin_ksplat_read(const unsigned char *file, size_t size, unsigned columns,
                              struct spin_splats *out);
-
-#endif

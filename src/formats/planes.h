@@ -1,7 +1,6 @@
 /* Whole numbers as compressed columns hold them: zigzag symbols of 1, 2 or 4 bytes in byte planes, all low bytes first,
  * then all second bytes, and so on. */
-#ifndef SPIN_FORMATS_PLANES_H
-#define SPIN_FORMATS_PLANES_H
+#pragma once
 
 #include <stddef.h>
 #include <stdint.h>
@@ -21,5 +20,3 @@ static inline int32_t spin_unzigzag(uint32_t symbol)
 {
     return (int32_t)(symbol >> 1 ^ -(symbol & 1));
 }
-
-#endif

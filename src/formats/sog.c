@@ -1,6 +1,5 @@
 #include "formats/sog.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -211,7 +210,7 @@ static spin_status read_numbers(const spin_json *object, const char *key, size_t
     for (size_t i = 0; i < n; i++)
         if (spin_json_length(list) != n || !spin_json_number(spin_json_at(list, i), &out[i]) ||
             fabs(out[i]) > 1e9)
-            return spin_fail(SPIN_E_MALFORMED, "SOG whose '%s' is not %zu numbers", key, n);
+            return spin_malformed("SOG whose '%s' is not %zu numbers", key, n);
     return SPIN_OK;
 }
 
@@ -228,7 +227,7 @@ static spin_status read_book(const spin_json *meta, const char *key, float book[
             value[0] = value[1] + (value[1] - value[SPIN_CODEBOOK - 1]) / (SPIN_CODEBOOK - 1);
         else if (spin_json_length(list) != SPIN_CODEBOOK || !spin_json_number(json, &value[k]) ||
                  fabs(value[k]) > 1e9)
-            return spin_fail(SPIN_E_MALFORMED, "SOG whose 'codebook' of '%s' is not %d numbers",
+            return spin_malformed("SOG whose 'codebook' of '%s' is not %d numbers",
                              key, SPIN_CODEBOOK);
         book[k] = (float)value[k];
     }
@@ -240,7 +239,7 @@ static spin_status check_count(const spin_json *json, const char *key, int64_t l
                                int64_t *out)
 {
     if (!spin_json_integer(json, out) || *out < least || *out > most)
-        return spin_fail(SPIN_E_MALFORMED, "SOG whose '%s' is not from %lld to %lld", key,
+        return spin_malformed("SOG whose '%s' is not from %lld to %lld", key,
                          (long long)least, (long long)most);
     return SPIN_OK;
 }
@@ -304,7 +303,7 @@ static spin_status parse_1_sh(struct reading *r, const spin_json *sh_n)
     if (r->sog.sh_degree == 0 || !spin_json_number(spin_json_get(sh_n, "mins"), &least) ||
         !spin_json_number(spin_json_get(sh_n, "maxs"), &largest) || fabs(least) > 1e9 ||
         fabs(largest) > 1e9)
-        return spin_fail(SPIN_E_MALFORMED, "SOG whose 'shN' has no sound shape, mins and maxs");
+        return spin_malformed("SOG whose 'shN' has no sound shape, mins and maxs");
     fill_range(least, largest, r->sog.sh_n);
     return SPIN_OK;
 }
@@ -318,8 +317,7 @@ static spin_status parse_1(struct reading *r, int64_t *count)
     float *const colour[4] = {r->dc[0], r->dc[1], r->dc[2], r->logit};
 
     if (!encoding || strcmp(encoding, "quaternion_packed") != 0)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "SOG of version 1 with rotations '%.60s', expected "
+        return spin_unsupported("SOG of version 1 with rotations '%.60s', expected "
                          "'quaternion_packed'",
                          encoding ? encoding : "");
     SPIN_TRY(check_count(spin_json_at(spin_json_get(spin_json_get(meta, "means"), "shape"), 0),
@@ -335,7 +333,7 @@ static spin_status parse_meta(struct reading *r)
     int64_t number = 1, count = 0;
 
     if (version && (!spin_json_integer(version, &number) || number < 1 || number > VERSION))
-        return spin_fail(SPIN_E_UNSUPPORTED, "SOG of version %lld, expected 1 or %d%s",
+        return spin_unsupported("SOG of version %lld, expected 1 or %d%s",
                          (long long)number, VERSION, number == 4 ? " (4 is TSOG: use --from tsog)" : "");
     r->sog.version = (int)number;
     SPIN_TRY(number == 1 ? parse_1(r, &count) : parse_2(r, &count));
@@ -350,8 +348,7 @@ static spin_status open_meta(struct reading *r, const void *file, size_t size)
 {
     const struct spin_zip_member *member;
     const unsigned char *data = file;
-    void *owned = NULL;
-    spin_status status;
+    SPIN_FREED void *owned = NULL;
 
     if (!r->folder) {
         SPIN_TRY(spin_zip_parse("SOG", file, size, &r->zip));
@@ -361,10 +358,8 @@ static spin_status open_meta(struct reading *r, const void *file, size_t size)
             SPIN_TRY(spin_zip_read(&r->zip, member, true, MAX_META, &data, &owned));
     }
     if (size > MAX_META)
-        return spin_fail(SPIN_E_MALFORMED, "no meta.json of SOG");
-    status = spin_json_parse("meta.json", (const char *)data, size, &r->meta);
-    free(owned);
-    SPIN_TRY(status);
+        return spin_malformed("no meta.json of SOG");
+    SPIN_TRY(spin_json_parse("meta.json", (const char *)data, size, &r->meta));
     return parse_meta(r);
 }
 
@@ -388,7 +383,7 @@ static spin_status find_picture(struct reading *r, enum spin_sog_picture p)
     if (!r->folder && name)
         member = spin_zip_find(&r->zip, name);
     if (!member)
-        return spin_fail(SPIN_E_MALFORMED, "SOG without its picture '%s'", pictures[p].name);
+        return spin_malformed("SOG without its picture '%s'", pictures[p].name);
     r->file[p].size = (size_t)member->size;
     return spin_zip_read(&r->zip, member, true, r->zip.map.size, &r->file[p].data,
                          &r->file[p].owned);
@@ -415,7 +410,7 @@ static spin_status open_picture(struct reading *r, enum spin_sog_picture p)
     pixels = (int64_t)width * height;
     if (pixels < least || pixels > 2 * least + SLACK ||
         (p == SPIN_SOG_CENTROIDS && width != least_width))
-        return spin_fail(SPIN_E_MALFORMED, "SOG with a picture '%s' of %dx%d pixels",
+        return spin_malformed("SOG with a picture '%s' of %dx%d pixels",
                          pictures[p].name, width, height);
     r->file[p].width = width;
     r->file[p].height = height;
@@ -432,7 +427,7 @@ static spin_status open_reading(const void *file, size_t size, struct reading *r
         n_bytes += r->file[p].size;
     }
     if (r->sog.n > n_bytes + MOST_SPLATS)
-        return spin_fail(SPIN_E_MALFORMED, "SOG with %zu splats in %llu bytes", r->sog.n,
+        return spin_malformed("SOG with %zu splats in %llu bytes", r->sog.n,
                          (unsigned long long)n_bytes);
     return SPIN_OK;
 }
@@ -476,7 +471,7 @@ static spin_status read_quats(const struct reading *r, uint8_t **a, float *quats
     SPIN_TRY(read_picture(r, SPIN_SOG_QUATS, a));
     for (size_t i = 0; i < r->sog.n; i++)
         if (!spin_sog_rotation(*a + 4 * i, quats + 4 * i))
-            return spin_fail(SPIN_E_MALFORMED, "SOG whose rotation %zu has the mark %d", i,
+            return spin_malformed("SOG whose rotation %zu has the mark %d", i,
                              (*a)[4 * i + 3]);
     return SPIN_OK;
 }
@@ -508,7 +503,7 @@ static spin_status read_sh_n(const struct reading *r, uint8_t **a, uint8_t **b,
         const uint8_t *pixel = *b + 4 * n_vec * label; /* 64 vectors fill a line */
 
         if (label >= r->sog.n_palette)
-            return spin_fail(SPIN_E_MALFORMED, "SOG with vector %zu of a palette of %zu", label,
+            return spin_malformed("SOG with vector %zu of a palette of %zu", label,
                              r->sog.n_palette);
         for (size_t k = 0; k < n_vec; k++)
             for (size_t c = 0; c < 3; c++)
@@ -519,40 +514,32 @@ static spin_status read_sh_n(const struct reading *r, uint8_t **a, uint8_t **b,
 
 static spin_status read_pixels(const struct reading *r, unsigned columns, struct spin_splats *out)
 {
-    uint8_t *a = NULL, *b = NULL;
-    spin_status status = SPIN_OK;
+    SPIN_FREED uint8_t *a = NULL, *b = NULL;
 
     if (columns & SPIN_COL_MEANS)
-        SPIN_TRY_OUT(read_means(r, &a, &b, out->means));
+        SPIN_TRY(read_means(r, &a, &b, out->means));
     if (columns & SPIN_COL_QUATS)
-        SPIN_TRY_OUT(read_quats(r, &a, out->quats));
+        SPIN_TRY(read_quats(r, &a, out->quats));
     if (columns & SPIN_COL_LOG_SCALES) {
-        SPIN_TRY_OUT(read_picture(r, SPIN_SOG_SCALES, &a));
+        SPIN_TRY(read_picture(r, SPIN_SOG_SCALES, &a));
         for (size_t i = 0; i < r->sog.n; i++)
             for (size_t c = 0; c < 3; c++)
                 out->log_scales[3 * i + c] = r->scale[c][a[4 * i + c]];
     }
     if (columns & (SPIN_COL_SH | SPIN_COL_LOGIT_OPACITIES))
-        SPIN_TRY_OUT(read_sh_0(r, &a, columns, out));
+        SPIN_TRY(read_sh_0(r, &a, columns, out));
     if ((columns & SPIN_COL_SH) && r->sog.sh_degree > 0)
-        SPIN_TRY_OUT(read_sh_n(r, &a, &b, out));
-out:
-    free(a);
-    free(b);
-    return status;
+        SPIN_TRY(read_sh_n(r, &a, &b, out));
+    return SPIN_OK;
 }
 
 spin_status spin_sog_read(const void *file, size_t size, const char *folder, unsigned columns,
                           struct spin_splats *out)
 {
-    struct reading r = {.folder = folder};
-    spin_status status;
+    SPIN_LEAVES(close_reading) struct reading r = {.folder = folder};
 
-    SPIN_TRY_OUT(open_reading(file, size, &r));
-    SPIN_TRY_OUT(spin_splats_reserve(out, r.sog.n, columns, r.sog.sh_degree));
+    SPIN_TRY(open_reading(file, size, &r));
+    SPIN_TRY(spin_splats_reserve(out, r.sog.n, columns, r.sog.sh_degree));
     out->antialias = r.sog.antialias;
-    status = read_pixels(&r, columns, out);
-out:
-    close_reading(&r);
-    return status;
+    return read_pixels(&r, columns, out);
 }

@@ -17,8 +17,7 @@
  * coefficients are shapes of arrays.
  *
  * Facts from PlayCanvas's specification of the format, of version 1 from its readers. The axes are the PLY's. */
-#ifndef SPIN_FORMATS_SOG_H
-#define SPIN_FORMATS_SOG_H
+#pragma once
 
 #include "formats/codebook.h"
 #include "formats/gaussian.h"
@@ -77,5 +76,3 @@ spin_status spin_sog_peek(const void *file, size_t size, const char *folder, str
  * much larger than what they hold. */
 spin_status spin_sog_read(const void *file, size_t size, const char *folder, unsigned columns,
                           struct spin_splats *out);
-
-#endif

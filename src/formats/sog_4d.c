@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/webp.h"
 
@@ -47,8 +46,8 @@ spin_status spin_sog_4d_integer(const struct spin_sog_4d *r, const spin_json *j,
                                 int64_t least, int64_t most, int64_t *out)
 {
     if (!spin_json_integer(j, out) || *out < least || *out > most)
-        return spin_fail(SPIN_E_MALFORMED, "%s whose '%s' is not a whole number from %lld to %lld",
-                         r->what, name, (long long)least, (long long)most);
+        return spin_malformed("%s whose '%s' is not a whole number from %lld to %lld", r->what,
+                              name, (long long)least, (long long)most);
     return SPIN_OK;
 }
 
@@ -56,8 +55,7 @@ spin_status spin_sog_4d_number(const struct spin_sog_4d *r, const spin_json *j, 
                                double *out)
 {
     if (!spin_json_number(j, out) || !(fabs(*out) <= (double)FLT_MAX))
-        return spin_fail(SPIN_E_MALFORMED, "%s whose '%s' is not a number that a float holds",
-                         r->what, name);
+        return spin_malformed("%s whose '%s' is not a number that a float holds", r->what, name);
     return SPIN_OK;
 }
 
@@ -65,7 +63,7 @@ static spin_status read_list(const struct spin_sog_4d *r, const spin_json *list,
                              size_t n, double *out)
 {
     if (spin_json_length(list) != n)
-        return spin_fail(SPIN_E_MALFORMED, "%s whose '%s' is not %zu numbers", r->what, name, n);
+        return spin_malformed("%s whose '%s' is not %zu numbers", r->what, name, n);
     for (size_t i = 0; i < n; i++)
         SPIN_TRY(spin_sog_4d_number(r, spin_json_at(list, i), name, &out[i]));
     return SPIN_OK;
@@ -79,8 +77,7 @@ spin_status spin_sog_4d_range(const struct spin_sog_4d *r, const spin_json *mins
     SPIN_TRY(read_list(r, maxs, name, n, out->maxs));
     for (size_t c = 0; c < n; c++)
         if (out->mins[c] > out->maxs[c])
-            return spin_fail(SPIN_E_MALFORMED, "%s whose '%s' has mins above its maxs", r->what,
-                             name);
+            return spin_malformed("%s whose '%s' has mins above its maxs", r->what, name);
     return SPIN_OK;
 }
 
@@ -91,8 +88,7 @@ spin_status spin_sog_4d_book(const struct spin_sog_4d *r, const spin_json *j, co
     double value[SPIN_CODEBOOK];
 
     if (n < least || n > SPIN_CODEBOOK)
-        return spin_fail(SPIN_E_MALFORMED, "%s whose code book of '%s' has %zu numbers", r->what,
-                         name, n);
+        return spin_malformed("%s whose code book of '%s' has %zu numbers", r->what, name, n);
     SPIN_TRY(read_list(r, j, name, n, value));
     out->n = n;
     for (size_t k = 0; k < n; k++)
@@ -124,15 +120,15 @@ spin_status spin_sog_4d_files(struct spin_sog_4d *r, const spin_json *object, co
     size_t n = spin_json_length(files);
 
     if (n < least || n > most)
-        return spin_fail(SPIN_E_MALFORMED, "%s whose '%s' names %zu files, expected %zu", r->what,
-                         name, n, most);
+        return spin_malformed("%s whose '%s' names %zu files, expected %zu", r->what, name, n,
+                              most);
     for (size_t i = 0; i < n; i++) {
         const char *file = spin_json_string(spin_json_at(files, i));
 
         if (!file || !spin_sog_4d_name_is_plain(file) || strcmp(file, "meta.json") == 0 ||
             (i > 0 && strcmp(file, r->name[first]) == 0))
-            return spin_fail(SPIN_E_MALFORMED, "%s whose '%s' names '%.60s', which is no picture",
-                             r->what, name, file ? file : "");
+            return spin_malformed("%s whose '%s' names '%.60s', which is no picture", r->what, name,
+                                  file ? file : "");
         r->name[first + i] = file;
     }
     return SPIN_OK;
@@ -147,8 +143,8 @@ spin_status spin_sog_4d_still(struct spin_sog_4d *r, size_t least)
 
     SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(r->meta, "count"), "count", 1, MAX_COUNT, &n));
     if ((uint64_t)n > r->zip.map.size + MOST_SPLATS)
-        return spin_fail(SPIN_E_MALFORMED, "%s with %lld splats in %zu bytes", r->what,
-                         (long long)n, r->zip.map.size);
+        return spin_malformed("%s with %lld splats in %zu bytes", r->what, (long long)n,
+                              r->zip.map.size);
     r->n = (size_t)n;
     SPIN_TRY(spin_sog_4d_range(r, spin_json_get(means, "mins"), spin_json_get(means, "maxs"),
                                "means", 3, &r->means));
@@ -176,8 +172,7 @@ spin_status spin_sog_4d_open(const char *what, const void *file, size_t size,
 {
     const struct spin_zip_member *member;
     const unsigned char *data;
-    void *owned;
-    spin_status status;
+    SPIN_FREED void *owned = NULL;
 
     *out = (struct spin_sog_4d){.what = what, .opacity.n = SPIN_CODEBOOK};
     for (int k = 0; k < SPIN_CODEBOOK; k++)
@@ -185,11 +180,9 @@ spin_status spin_sog_4d_open(const char *what, const void *file, size_t size,
     SPIN_TRY(spin_zip_parse(what, file, size, &out->zip));
     member = spin_zip_find(&out->zip, "meta.json");
     if (!member || member->size > MAX_META)
-        return spin_fail(SPIN_E_MALFORMED, "no meta.json of %s", what);
+        return spin_malformed("no meta.json of %s", what);
     SPIN_TRY(spin_zip_read(&out->zip, member, true, MAX_META, &data, &owned));
-    status = spin_json_parse("meta.json", (const char *)data, (size_t)member->size, &out->meta);
-    free(owned);
-    return status;
+    return spin_json_parse("meta.json", (const char *)data, (size_t)member->size, &out->meta);
 }
 
 void spin_sog_4d_close(struct spin_sog_4d *r)
@@ -222,7 +215,7 @@ static spin_status decode(const struct spin_sog_4d *r, const void *data, size_t 
     pixels = (size_t)width * (size_t)height;
     if (pixels < n || pixels > 2 * n + SLACK || (!set && (size_t)width != n_vec) ||
         (set && set->width > 0 && (set->width != width || set->height != height)))
-        return spin_fail(SPIN_E_MALFORMED, "it has %dx%d pixels", width, height);
+        return spin_malformed("it has %dx%d pixels", width, height);
     if (set) {
         set->width = width;
         set->height = height;
@@ -240,8 +233,8 @@ static spin_status open_picture(const struct spin_sog_4d *r, enum spin_sog_4d_pi
     const char *folder = set ? set->folder : NULL;
     const struct spin_zip_member *member;
     const unsigned char *data;
-    void *owned = NULL;
-    char *name = NULL;
+    SPIN_FREED void *owned = NULL;
+    SPIN_FREED char *name = NULL;
     spin_status status;
 
     if (folder)
@@ -250,13 +243,11 @@ static spin_status open_picture(const struct spin_sog_4d *r, enum spin_sog_4d_pi
         SPIN_TRY(spin_strdup(r->name[p], &name));
     member = spin_zip_find(&r->zip, name);
     status = member ? spin_zip_read(&r->zip, member, true, MAX_PICTURE, &data, &owned)
-                    : spin_fail(SPIN_E_MALFORMED, "it is not there");
+                    : spin_malformed("it is not there");
     if (status == SPIN_OK)
         status = decode(r, data, (size_t)member->size, set, out);
     if (status != SPIN_OK)
         status = spin_fail_context(status, "picture '%s' of %s", name, r->what);
-    free(owned);
-    free(name);
     return status;
 }
 
@@ -277,8 +268,8 @@ static spin_status read_numbers(struct set *set, enum spin_sog_4d_picture p,
 
             to[c][step * i] = number_of(range, linear, c, q, wide ? 65535 : 255);
             if (!isfinite(to[c][step * i]))
-                return spin_fail(SPIN_E_MALFORMED, "picture '%s' of %s: row %zu is not finite",
-                                 set->r->name[p], set->r->what, i);
+                return spin_malformed("picture '%s' of %s: row %zu is not finite", set->r->name[p],
+                                      set->r->what, i);
         }
     return SPIN_OK;
 }
@@ -294,9 +285,8 @@ static spin_status read_books(struct set *set, enum spin_sog_4d_picture p,
             uint8_t k = set->low[4 * i + c];
 
             if (k >= book[c]->n)
-                return spin_fail(SPIN_E_MALFORMED,
-                                 "picture '%s' of %s: row %zu has entry %d of a book of %zu",
-                                 set->r->name[p], set->r->what, i, k, book[c]->n);
+                return spin_malformed("picture '%s' of %s: row %zu has entry %d of a book of %zu",
+                                      set->r->name[p], set->r->what, i, k, book[c]->n);
             to[c][step[c] * i] = book[c]->value[k];
         }
     return SPIN_OK;
@@ -307,8 +297,9 @@ static spin_status read_quats(struct set *set, float *quats)
     SPIN_TRY(open_picture(set->r, SPIN_4D_QUATS, set, &set->low));
     for (size_t i = 0; i < set->n; i++)
         if (!spin_sog_rotation(set->low + 4 * i, quats + 4 * i))
-            return spin_fail(SPIN_E_MALFORMED, "picture '%s' of %s: row %zu has the mark %d",
-                             set->r->name[SPIN_4D_QUATS], set->r->what, i, set->low[4 * i + 3]);
+            return spin_malformed("picture '%s' of %s: row %zu has the mark %d",
+                                  set->r->name[SPIN_4D_QUATS], set->r->what, i,
+                                  set->low[4 * i + 3]);
     return SPIN_OK;
 }
 
@@ -325,14 +316,14 @@ static spin_status read_rest(struct set *set, float *sh, size_t width)
         const uint8_t *pixel = r->centroids + 4 * n_vec * label; /* 64 vectors fill a line */
 
         if (label >= r->n_palette)
-            return spin_fail(SPIN_E_MALFORMED, "%s with vector %zu of a palette of %zu", r->what,
-                             label, r->n_palette);
+            return spin_malformed("%s with vector %zu of a palette of %zu", r->what, label,
+                                  r->n_palette);
         for (size_t k = 0; k < 3 * n_vec; k++) {
             uint8_t entry = pixel[k / 3 * 4 + k % 3];
 
             if (entry >= r->sh_n.n)
-                return spin_fail(SPIN_E_MALFORMED, "%s with entry %d of a book of %zu for shN",
-                                 r->what, entry, r->sh_n.n);
+                return spin_malformed("%s with entry %d of a book of %zu for shN", r->what, entry,
+                                      r->sh_n.n);
             sh[width * i + 3 + k] = r->sh_n.value[entry];
         }
     }

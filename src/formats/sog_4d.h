@@ -6,8 +6,7 @@
  *   accel    the same for d^2
  *
  * Pictures have any names, and any sides that hold the splats; what is behind the last splat is not read. */
-#ifndef SPIN_FORMATS_SOG_4D_H
-#define SPIN_FORMATS_SOG_4D_H
+#pragma once
 
 #include "formats/sog.h"
 #include "io/json.h"
@@ -95,5 +94,3 @@ spin_status spin_sog_4d_still(struct spin_sog_4d *r, size_t least);
  * where there are no books; without pictures of time, times are 0 and sigmas are SPIN_FOREVER. */
 spin_status spin_sog_4d_rows(struct spin_sog_4d *r, const char *folder, size_t first, size_t n,
                              struct spin_splats_4d *out);
-
-#endif

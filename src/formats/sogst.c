@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "formats/gs_ply.h"
 
@@ -19,9 +18,9 @@ static spin_status check_version(const struct spin_sog_4d *r)
 
     if (!spin_json_integer(spin_json_get(r->meta, "version"), &version) || version != VERSION ||
         !format || strcmp(format, "sogst") != 0)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         ".sogst of version %lld and format '%.60s', expected %d and 'sogst'",
-                         (long long)version, format ? format : "", VERSION);
+        return spin_unsupported(
+            ".sogst of version %lld and format '%.60s', expected %d and 'sogst'",
+            (long long)version, format ? format : "", VERSION);
     return SPIN_OK;
 }
 
@@ -29,9 +28,8 @@ static spin_status check_version(const struct spin_sog_4d *r)
 static spin_status check_times(const struct spin_sogst *s)
 {
     if (!(s->last > s->first && s->last - s->first < 1e6 && s->fps > 0 && s->fps < 1e4))
-        return spin_fail(SPIN_E_MALFORMED,
-                         ".sogst with times from %g to %g s and %g frames a second", s->first,
-                         s->last, s->fps);
+        return spin_malformed(".sogst with times from %g to %g s and %g frames a second", s->first,
+                              s->last, s->fps);
     return SPIN_OK;
 }
 
@@ -63,8 +61,8 @@ static spin_status read_motion(struct spin_sog_4d *r)
     SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(spin_json_get(r->meta, "motion"), "degree"),
                                  "motion.degree", 1, 2, &degree));
     if ((accel != NULL) != (degree == 2))
-        return spin_fail(SPIN_E_MALFORMED, ".sogst of degree %d %s 'accel'", (int)degree,
-                         accel ? "with" : "without");
+        return spin_malformed(".sogst of degree %d %s 'accel'", (int)degree,
+                              accel ? "with" : "without");
     r->degree = (int)degree;
     SPIN_TRY(read_path(r, "motion", &r->motion, SPIN_4D_MOTION));
     return accel ? read_path(r, "accel", &r->accel, SPIN_4D_ACCEL) : SPIN_OK;
@@ -81,7 +79,7 @@ static spin_status read_trbf(struct spin_sog_4d *r)
                               &r->sigma));
     for (size_t k = 0; k < SPIN_CODEBOOK; k++)
         if (!(r->sigma.value[k] > 0))
-            return spin_fail(SPIN_E_MALFORMED, ".sogst whose 'trbf.sigma' is not above 0");
+            return spin_malformed(".sogst whose 'trbf.sigma' is not above 0");
     return spin_sog_4d_files(r, trbf, "trbf", 1, 1, SPIN_4D_TIME);
 }
 
@@ -94,7 +92,7 @@ static spin_status read_cov2d(const struct spin_sog_4d *r, double cov2d[2])
     for (size_t k = 0; k < 2; k++) {
         SPIN_TRY(spin_sog_4d_number(r, spin_json_at(scale, k), "cov2d_scale", &cov2d[k]));
         if (spin_json_length(scale) != 2 || !(cov2d[k] > 0))
-            return spin_fail(SPIN_E_MALFORMED, ".sogst whose 'cov2d_scale' is not two factors");
+            return spin_malformed(".sogst whose 'cov2d_scale' is not two factors");
     }
     return SPIN_OK;
 }
@@ -109,9 +107,9 @@ static spin_status next_range(const spin_json *range, size_t n, size_t *at, size
     if (spin_json_length(range) != 2 || !spin_json_integer(spin_json_at(range, 0), &first) ||
         !spin_json_integer(spin_json_at(range, 1), &last) || first != (int64_t)*end ||
         last < first || last > (int64_t)n)
-        return spin_fail(SPIN_E_MALFORMED,
-                         ".sogst whose 'segments' have a range %lld to %lld after splat %zu of %zu",
-                         (long long)first, (long long)last, *end, n);
+        return spin_malformed(
+            ".sogst whose 'segments' have a range %lld to %lld after splat %zu of %zu",
+            (long long)first, (long long)last, *end, n);
     *at = *end;
     *end = (size_t)last;
     return SPIN_OK;
@@ -128,10 +126,8 @@ static spin_status read_group(struct spin_sog_4d *r, const spin_json *range, con
     if (!splats || at == *end)
         return SPIN_OK;
     if (!folder || !spin_sog_4d_name_is_plain(folder))
-        return spin_fail(SPIN_E_MALFORMED,
-                         ".sogst whose 'streams' name no folder for splats %zu "
-                         "to %zu",
-                         at, *end);
+        return spin_malformed(".sogst whose 'streams' name no folder for splats %zu to %zu", at,
+                              *end);
     return spin_sog_4d_rows(r, folder, at, *end - at, splats);
 }
 
@@ -148,10 +144,10 @@ static spin_status read_segments(struct spin_sog_4d *r, struct spin_sogst *out,
 
     out->n_segments = spin_json_length(list);
     if (!segments && streams)
-        return spin_fail(SPIN_E_MALFORMED, ".sogst with 'streams' but no 'segments'");
+        return spin_malformed(".sogst with 'streams' but no 'segments'");
     if (out->n_segments > MOST_SEGMENTS || (streams && spin_json_length(names) != out->n_segments))
-        return spin_fail(SPIN_E_MALFORMED, ".sogst with %zu segments and %zu streams of them",
-                         out->n_segments, spin_json_length(names));
+        return spin_malformed(".sogst with %zu segments and %zu streams of them", out->n_segments,
+                              spin_json_length(names));
     if (!segments)
         return spin_sog_4d_rows(r, NULL, 0, r->n, splats);
     SPIN_TRY(read_group(r, spin_json_get(segments, "persistent"),
@@ -160,8 +156,7 @@ static spin_status read_segments(struct spin_sog_4d *r, struct spin_sogst *out,
         SPIN_TRY(read_group(r, spin_json_get(spin_json_at(list, k), "range"),
                             spin_json_at(names, k), &end, to));
     if (end != r->n)
-        return spin_fail(SPIN_E_MALFORMED, ".sogst whose 'segments' hold %zu of %zu splats", end,
-                         r->n);
+        return spin_malformed(".sogst whose 'segments' hold %zu of %zu splats", end, r->n);
     return streams ? SPIN_OK : spin_sog_4d_rows(r, NULL, 0, r->n, splats);
 }
 
@@ -181,15 +176,11 @@ static spin_status read_all(struct spin_sog_4d *r, struct spin_sogst *out,
 spin_status spin_sogst_read(const void *file, size_t size, struct spin_sogst *out,
                             struct spin_splats_4d *splats)
 {
-    struct spin_sog_4d r;
-    spin_status status;
+    SPIN_LEAVES(spin_sog_4d_close) struct spin_sog_4d r = {0};
 
     *out = (struct spin_sogst){0};
-    status = spin_sog_4d_open(".sogst", file, size, &r);
-    if (status == SPIN_OK)
-        status = read_all(&r, out, splats);
-    spin_sog_4d_close(&r);
-    return status;
+    SPIN_TRY(spin_sog_4d_open(".sogst", file, size, &r));
+    return read_all(&r, out, splats);
 }
 
 /* ---- The PLY for exchange -------------------------------------------------------------------- */
@@ -228,8 +219,8 @@ static spin_status read_sidecar(const char *path, struct scalars *out)
 {
     size_t n = strlen(path);
     const spin_json *scale;
-    spin_json *json = NULL;
-    char *name;
+    SPIN_LEAVES(spin_json_freed) spin_json *json = NULL;
+    SPIN_FREED char *name = NULL;
     spin_status status = SPIN_OK;
 
     SPIN_TRY(spin_alloc(n + 12, 1, (void **)&name));
@@ -244,8 +235,6 @@ static spin_status read_sidecar(const char *path, struct scalars *out)
     scale = spin_json_get(json, "cov2d_scale");
     for (size_t k = 0; k < 2; k++)
         spin_json_number(spin_json_at(scale, k), &out->cov2d[k]);
-    spin_json_free(json);
-    free(name);
     return status;
 }
 
@@ -257,15 +246,13 @@ static spin_status read_scalars(const struct spin_ply *ply, int degree, struct s
     read_comments(ply, &s);
     SPIN_TRY(read_sidecar(ply->path, &s));
     if (isnan(s.first) || isnan(s.last) || isnan(s.fps))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "no comments sogst.time_min, sogst.time_max and sogst.fps");
+        return spin_malformed("no comments sogst.time_min, sogst.time_max and sogst.fps");
     if (!isnan(s.degree) && s.degree != degree)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "it says motion of degree %g and has properties of degree %d", s.degree,
-                         degree);
+        return spin_malformed("it says motion of degree %g and has properties of degree %d",
+                              s.degree, degree);
     for (int k = 0; k < 2; k++)
         if (!(s.cov2d[k] >= 0 && (s.cov2d[k] > 0) == (s.cov2d[0] > 0) && s.cov2d[k] < 1e6))
-            return spin_fail(SPIN_E_MALFORMED, "sogst.cov2d_scale is not two factors");
+            return spin_malformed("sogst.cov2d_scale is not two factors");
     memcpy(cov2d, s.cov2d, sizeof s.cov2d);
     *out = (struct spin_sogst){s.first, s.last, s.fps, 0};
     return check_times(out);
@@ -288,14 +275,13 @@ static spin_status read_vertices(const struct spin_ply *ply, struct spin_sogst *
     static const char *const names[] = {"t_center", "t_sigma", "vx", "vy", "vz", "ax", "ay", "az"};
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     struct spin_gs_ply cloud;
-    struct spin_splats still = {0};
+    SPIN_LEAVES(spin_splats_free) struct spin_splats still = {0};
     int degree;
-    spin_status status;
 
     SPIN_TRY(spin_gs_ply_find(ply, &cloud));
     degree = spin_ply_has(cloud.vertex, "ax") ? 2 : 1;
     if (cloud.vertex->count == 0)
-        return spin_fail(SPIN_E_MALFORMED, "0 splats");
+        return spin_malformed("0 splats");
     SPIN_TRY(read_scalars(ply, degree, out, splats->cov2d));
     SPIN_TRY(
         spin_splats_4d_reserve(splats, (size_t)cloud.vertex->count, degree, cloud.sh_degree, 0));
@@ -304,25 +290,20 @@ static spin_status read_vertices(const struct spin_ply *ply, struct spin_sogst *
         float *to = k == 0 ? splats->times : k == 1 ? splats->sigmas : splats->paths + k - 2;
 
         if (property < 0)
-            return spin_fail(SPIN_E_MALFORMED, "no property '%s'", names[k]);
+            return spin_malformed("no property '%s'", names[k]);
         spin_ply_column(ply, cloud.vertex, property, to, k < 2 ? 1 : 3 * (size_t)degree);
     }
-    SPIN_TRY_OUT(spin_splats_reserve(&still, splats->n, columns, cloud.sh_degree));
-    SPIN_TRY_OUT(spin_gs_ply_read(&cloud, columns, 0, &still));
+    SPIN_TRY(spin_splats_reserve(&still, splats->n, columns, cloud.sh_degree));
+    SPIN_TRY(spin_gs_ply_read(&cloud, columns, 0, &still));
     move(&still, splats);
-out:
-    spin_splats_free(&still);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_sogst_read_ply(const char *path, struct spin_sogst *out,
                                 struct spin_splats_4d *splats)
 {
-    struct spin_ply ply;
-    spin_status status;
+    SPIN_LEAVES(spin_ply_close) struct spin_ply ply = {0};
 
     SPIN_TRY(spin_ply_open(path, &ply));
-    status = read_vertices(&ply, out, splats);
-    spin_ply_close(&ply);
-    return status;
+    return read_vertices(&ply, out, splats);
 }

@@ -9,8 +9,7 @@
  * sogst.time_min, .time_max and .fps must be there, or a file NAME.sogst.json that says the same and wins.
  *
  * Facts from the format's specification, docs/sogst-format.md of solipsist-studios/cumuli (CC-BY-4.0). */
-#ifndef SPIN_FORMATS_SOGST_H
-#define SPIN_FORMATS_SOGST_H
+#pragma once
 
 #include "formats/sog_4d.h"
 
@@ -25,5 +24,3 @@ spin_status spin_sogst_read(const void *file, size_t size, struct spin_sogst *ou
 /* The same of the PLY for exchange; its errors do. */
 spin_status spin_sogst_read_ply(const char *path, struct spin_sogst *out,
                                 struct spin_splats_4d *splats);
-
-#endif

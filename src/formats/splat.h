@@ -4,8 +4,7 @@
  *     0  place, 3 floats        24  colour, 3 bytes   clamp(0.5 + C0 dc) * 255
  *    12  scale, 3 floats        27  opacity, 1 byte
  *                               28  rotation w x y z, 4 bytes   q * 128 + 128 */
-#ifndef SPIN_FORMATS_SPLAT_H
-#define SPIN_FORMATS_SPLAT_H
+#pragma once
 
 #include "formats/gaussian.h"
 
@@ -20,5 +19,3 @@ void spin_splat_decode_bytes(const unsigned char in[SPIN_SPLAT_ROW], struct spin
  * float. Errors do not name the file. */
 spin_status spin_splat_read(const unsigned char *bytes, size_t n_bytes, unsigned columns,
                             struct spin_splats *out);
-
-#endif

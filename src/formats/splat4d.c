@@ -49,16 +49,14 @@ struct spin_splat4d_group {
 static spin_status check_start(const unsigned char *file, size_t size)
 {
     if (size >= 8 && memcmp(file, "SPL4DV02", 8) == 0)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "the .splat4d of gsplat-unity, version 2: that is another format");
+        return spin_unsupported("the .splat4d of gsplat-unity, version 2: that is another format");
     if (size < HEADER || memcmp(file, "SP4D", 4) != 0)
-        return spin_fail(SPIN_E_MALFORMED, "no header of .splat4d (that of gsplat-unity, version "
-                                           "1, has none: that is another format)");
+        return spin_malformed("no header of .splat4d (that of gsplat-unity, version "
+                              "1, has none: that is another format)");
     if (file[4] != 1 || file[5] != 0)
-        return spin_fail(SPIN_E_UNSUPPORTED, ".splat4d of version %d, expected 1",
-                         file[4] | file[5] << 8);
+        return spin_unsupported(".splat4d of version %d, expected 1", file[4] | file[5] << 8);
     if (spin_u32_at(file + 8) > size - HEADER)
-        return spin_fail(SPIN_E_MALFORMED, ".splat4d that ends in its header");
+        return spin_malformed(".splat4d that ends in its header");
     return SPIN_OK;
 }
 
@@ -66,15 +64,15 @@ static spin_status get_whole(const spin_json *object, const char *key, int64_t l
                              int64_t *out)
 {
     if (!spin_json_integer(spin_json_get(object, key), out) || *out < least || *out > most)
-        return spin_fail(SPIN_E_MALFORMED, "header: '%s' is no whole number from %lld to %lld", key,
-                         (long long)least, (long long)most);
+        return spin_malformed("header: '%s' is no whole number from %lld to %lld", key,
+                              (long long)least, (long long)most);
     return SPIN_OK;
 }
 
 static spin_status get_positive(const spin_json *object, const char *key, double *out)
 {
     if (!spin_json_number(spin_json_get(object, key), out) || !isfinite(*out) || *out <= 0)
-        return spin_fail(SPIN_E_MALFORMED, "header: '%s' is no positive number", key);
+        return spin_malformed("header: '%s' is no positive number", key);
     return SPIN_OK;
 }
 
@@ -109,8 +107,8 @@ static spin_status read_groups(const spin_json *json, struct spin_splat4d *out)
         group->last = (int)last;
     }
     if (next != out->n_frames)
-        return spin_fail(SPIN_E_MALFORMED, "header: %lld of %d frames are in 'gops'",
-                         (long long)next, out->n_frames);
+        return spin_malformed("header: %lld of %d frames are in 'gops'", (long long)next,
+                              out->n_frames);
     return SPIN_OK;
 }
 
@@ -135,8 +133,8 @@ static spin_status read_header(const spin_json *json, struct spin_splat4d *out)
     SPIN_TRY(
         get_bytes(out, spin_json_get(json, "static_section"), &out->static_at, &out->static_bytes));
     if ((uint64_t)out->n * ROW_BYTES > SLACK + (uint64_t)ROW_RATIO * out->static_bytes)
-        return spin_fail(SPIN_E_MALFORMED, "header: %zu splats in a static section of %zu bytes",
-                         out->n, out->static_bytes);
+        return spin_malformed("header: %zu splats in a static section of %zu bytes", out->n,
+                              out->static_bytes);
     return read_groups(json, out);
 }
 
@@ -161,16 +159,15 @@ static spin_status unpack(const struct stream *s, const unsigned char *packed, s
     spin_status status;
 
     if (s->bytes > room)
-        return spin_fail(SPIN_E_MALFORMED, "a stream of '%s' ends behind its section", name);
+        return spin_malformed("a stream of '%s' ends behind its section", name);
     if (s->n != n)
-        return spin_fail(SPIN_E_MALFORMED, "a stream of '%s' has %zu values, expected %llu", name,
-                         s->n, (unsigned long long)n);
+        return spin_malformed("a stream of '%s' has %zu values, expected %llu", name, s->n,
+                              (unsigned long long)n);
     if (s->symbol != 1 && s->symbol != 2 && s->symbol != 4)
-        return spin_fail(SPIN_E_MALFORMED, "a stream of '%s' has symbols of %d bytes", name,
-                         s->symbol);
+        return spin_malformed("a stream of '%s' has symbols of %d bytes", name, s->symbol);
     if (bytes > SLACK + (uint64_t)RATIO * s->bytes)
-        return spin_fail(SPIN_E_MALFORMED, "a stream of '%s' has %llu bytes in %zu", name,
-                         (unsigned long long)bytes, s->bytes);
+        return spin_malformed("a stream of '%s' has %llu bytes in %zu", name,
+                              (unsigned long long)bytes, s->bytes);
     SPIN_TRY(spin_alloc((size_t)bytes + 1, 1, (void **)out));
     status = spin_zstd_read(packed, s->bytes, *out, (size_t)bytes);
     return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "a stream of '%s'", name);
@@ -203,13 +200,12 @@ static spin_status static_stream(const struct spin_splat4d *clip, size_t *at, in
     const unsigned char *section = clip->file + clip->static_at;
 
     if (clip->static_bytes - *at < STREAM_HEAD)
-        return spin_fail(SPIN_E_MALFORMED, "the static section ends before '%s'",
-                         attributes[attribute].name);
+        return spin_malformed("the static section ends before '%s'", attributes[attribute].name);
     *s = stream_at(section + *at);
     *at += STREAM_HEAD;
     if (s->attribute != attribute || s->kind != STATIC)
-        return spin_fail(SPIN_E_MALFORMED, "the static section has something else than '%s'",
-                         attributes[attribute].name);
+        return spin_malformed("the static section has something else than '%s'",
+                              attributes[attribute].name);
     SPIN_TRY(unpack(s, section + *at, clip->static_bytes - *at, n, planes));
     *at += s->bytes;
     return SPIN_OK;
@@ -222,8 +218,7 @@ static spin_status take_mask(struct spin_splat4d *clip, int attribute, const str
     struct spin_splat4d_attribute *a = &clip->attribute[attribute];
 
     if (s->symbol != 1)
-        return spin_fail(SPIN_E_MALFORMED, "the bits of '%s' are not in bytes",
-                         attributes[attribute].name);
+        return spin_malformed("the bits of '%s' are not in bytes", attributes[attribute].name);
     for (int store = 0; store < 2; store++) {
         a->n_moving = 0;
         for (size_t i = 0; i < clip->n; i++) {
@@ -283,7 +278,7 @@ static spin_status read_static(struct spin_splat4d *clip)
         SPIN_TRY(status);
     }
     if (at != clip->static_bytes)
-        return spin_fail(SPIN_E_MALFORMED, "the static section has more than its streams");
+        return spin_malformed("the static section has more than its streams");
     return SPIN_OK;
 }
 
@@ -316,15 +311,15 @@ static spin_status unpack_group(struct spin_splat4d *clip, size_t group)
     size_t at = 2 + STREAM_HEAD * n;
 
     if (at > g->bytes)
-        return spin_fail(SPIN_E_MALFORMED, "it ends in its heads");
+        return spin_malformed("it ends in its heads");
     for (size_t i = 0; i < n; i++) {
         struct stream s = stream_at(section + 2 + STREAM_HEAD * i);
 
         if (s.attribute >= SPIN_SPLAT4D_ATTRIBUTES || s.kind > CHANGE ||
             clip->attribute[s.attribute].planes[s.kind])
-            return spin_fail(SPIN_E_MALFORMED,
-                             "stream %zu, of attribute %d and kind %d, is unknown, or there twice",
-                             i, s.attribute, s.kind);
+            return spin_malformed(
+                "stream %zu, of attribute %d and kind %d, is unknown, or there twice", i,
+                s.attribute, s.kind);
         SPIN_TRY(unpack(&s, section + at, g->bytes - at,
                         n_symbols(clip, group, s.attribute, s.kind),
                         &clip->attribute[s.attribute].planes[s.kind]));
@@ -334,10 +329,10 @@ static spin_status unpack_group(struct spin_splat4d *clip, size_t group)
     for (int a = 0; a < SPIN_SPLAT4D_ATTRIBUTES; a++)
         for (int kind = KEY; kind <= CHANGE; kind++)
             if (!clip->attribute[a].planes[kind] && n_symbols(clip, group, a, kind) > 0)
-                return spin_fail(SPIN_E_MALFORMED, "it has no %s of '%s'",
-                                 kind == KEY ? "key" : "changes", attributes[a].name);
+                return spin_malformed("it has no %s of '%s'", kind == KEY ? "key" : "changes",
+                                      attributes[a].name);
     if (at != g->bytes)
-        return spin_fail(SPIN_E_MALFORMED, "it has more than its streams");
+        return spin_malformed("it has more than its streams");
     return SPIN_OK;
 }
 
@@ -425,7 +420,7 @@ spin_status spin_splat4d_read(struct spin_splat4d *clip, int frame, unsigned col
     static const char *const what[5] = {"pos", "rot", "scale", "alpha", "rgb"};
 
     if (frame < 0 || frame >= clip->n_frames)
-        return spin_fail(SPIN_E_NOT_FOUND, "there is no frame %d", frame);
+        return spin_not_found("there is no frame %d", frame);
     SPIN_TRY(seek(clip, frame));
     SPIN_TRY(spin_splats_reserve(out, clip->n, columns, 0));
     for (int k = 0; k < SPIN_SPLAT4D_ATTRIBUTES; k++) {

@@ -11,8 +11,7 @@
  *                                 the steps of its first frame (key), the differences of each next frame (change)
  *
  * A stream is zstd of byte planes (planes.h). The Unity package gsplat-unity has another format of the same ending. */
-#ifndef SPIN_FORMATS_SPLAT4D_H
-#define SPIN_FORMATS_SPLAT4D_H
+#pragma once
 
 #include "spin.h"
 
@@ -52,5 +51,3 @@ void spin_splat4d_close(struct spin_splat4d *clip);
  * degree 0. */
 spin_status spin_splat4d_read(struct spin_splat4d *clip, int frame, unsigned columns,
                               struct spin_splats *out);
-
-#endif

@@ -187,11 +187,11 @@ static spin_status parse_header(const unsigned char *bytes, struct spin_spz_head
                                     .fraction = bytes[13],
                                     .antialias = bytes[14] & ANTIALIASED};
     if (out->version < OLDEST || out->version > IN_STREAMS)
-        return spin_fail(SPIN_E_UNSUPPORTED, "SPZ of version %u, expected %d to %d",
-                         spin_u32_at(bytes + 4), OLDEST, IN_STREAMS);
+        return spin_unsupported("SPZ of version %u, expected %d to %d", spin_u32_at(bytes + 4),
+                                OLDEST, IN_STREAMS);
     if (out->sh_degree > MAX_SH_DEGREE)
-        return spin_fail(SPIN_E_UNSUPPORTED, "SPZ with SH degree %d, expected 0 to %d",
-                         out->sh_degree, MAX_SH_DEGREE);
+        return spin_unsupported("SPZ with SH degree %d, expected 0 to %d", out->sh_degree,
+                                MAX_SH_DEGREE);
     return SPIN_OK;
 }
 
@@ -199,7 +199,7 @@ static spin_status parse_header(const unsigned char *bytes, struct spin_spz_head
 static spin_status check_count(const struct spin_spz_header *h, size_t size)
 {
     if (all_bytes(h) > RATIO_SLACK + (uint64_t)RATIO * size)
-        return spin_fail(SPIN_E_MALFORMED, "SPZ with %zu splats in %zu bytes", h->n, size);
+        return spin_malformed("SPZ with %zu splats in %zu bytes", h->n, size);
     return SPIN_OK;
 }
 
@@ -210,10 +210,10 @@ static spin_status read_extensions(const unsigned char *at, size_t n, struct spi
         uint32_t length = n >= 8 ? spin_u32_at(at + 4) : 0;
 
         if (n < 8 || length > n - 8)
-            return spin_fail(SPIN_E_MALFORMED, "SPZ with extensions that are cut short");
+            return spin_malformed("SPZ with extensions that are cut short");
         if (spin_u32_at(at) == AXES_RECORD) {
             if (length != 4 || spin_u32_at(at + 8) > MAX_AXES)
-                return spin_fail(SPIN_E_UNSUPPORTED, "SPZ with axes of an unknown kind");
+                return spin_unsupported("SPZ with axes of an unknown kind");
             out->axes = (int)spin_u32_at(at + 8);
         }
         at += 8 + length;
@@ -231,7 +231,7 @@ static spin_status check_streams(const unsigned char *file, size_t size, struct 
     int entry = 0;
 
     if (toc < SPIN_SPZ_HEADER_4 || at > size)
-        return spin_fail(SPIN_E_MALFORMED, "SPZ whose table of contents ends behind the file");
+        return spin_malformed("SPZ whose table of contents ends behind the file");
     for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++) {
         uint64_t bytes = stream_bytes(h, stream);
         const unsigned char *e = file + toc + SPIN_SPZ_TOC_ENTRY * entry;
@@ -239,14 +239,13 @@ static spin_status check_streams(const unsigned char *file, size_t size, struct 
         if (bytes == 0)
             continue;
         if (entry++ >= file[15] || u64_at(e + 8) != bytes)
-            return spin_fail(SPIN_E_MALFORMED, "SPZ whose stream %d is not of %zu splats", stream,
-                             h->n);
+            return spin_malformed("SPZ whose stream %d is not of %zu splats", stream, h->n);
         if (u64_at(e) > size - at)
-            return spin_fail(SPIN_E_MALFORMED, "SPZ whose stream %d ends behind the file", stream);
+            return spin_malformed("SPZ whose stream %d ends behind the file", stream);
         at += u64_at(e);
     }
     if (entry != file[15] || at != size)
-        return spin_fail(SPIN_E_MALFORMED, "SPZ with more than its streams");
+        return spin_malformed("SPZ with more than its streams");
     SPIN_TRY(check_count(h, size));
     return file[14] & EXTENDED
                ? read_extensions(file + SPIN_SPZ_HEADER_4, toc - SPIN_SPZ_HEADER_4, h)
@@ -269,37 +268,34 @@ static spin_status inflate_all(const void *file, size_t size, const struct spin_
     SPIN_TRY(spin_alloc(n_bytes + 1, 1, (void **)out));
     SPIN_TRY(spin_gzip_read(file, size, *out, n_bytes + 1, n_out));
     if (*n_out != n_bytes)
-        return spin_fail(SPIN_E_MALFORMED, "SPZ with %zu splats in %zu bytes, but %zu bytes", h->n,
-                         n_bytes, *n_out);
+        return spin_malformed("SPZ with %zu splats in %zu bytes, but %zu bytes", h->n, n_bytes,
+                              *n_out);
     return SPIN_OK;
 }
 
 static spin_status peek_gzip(const void *file, size_t size, struct spin_spz_header *out)
 {
-    unsigned char header[SPIN_SPZ_HEADER], *all = NULL;
+    unsigned char header[SPIN_SPZ_HEADER];
+    SPIN_FREED unsigned char *all = NULL;
     size_t n = 0, n_streams;
     uint32_t n_extensions;
-    spin_status status;
 
     SPIN_TRY(spin_gzip_read(file, size, header, sizeof header, &n));
     if (n < sizeof header || spin_u32_at(header) != MAGIC)
-        return spin_fail(SPIN_E_MALFORMED, "no header of SPZ");
+        return spin_malformed("no header of SPZ");
     SPIN_TRY(parse_header(header, out));
     if (out->version == IN_STREAMS)
-        return spin_fail(SPIN_E_MALFORMED, "SPZ of version %d in a gzip", IN_STREAMS);
+        return spin_malformed("SPZ of version %d in a gzip", IN_STREAMS);
     SPIN_TRY(check_count(out, size));
     n_streams = (size_t)all_bytes(out);
     n_extensions = extension_bytes(file, size, out);
     if (n_extensions > (header[14] & EXTENDED ? MAX_EXTENSIONS : 0))
-        return spin_fail(SPIN_E_MALFORMED, "SPZ with %zu splats in %zu bytes, but %u bytes", out->n,
-                         SPIN_SPZ_HEADER + n_streams, spin_gzip_length(file, size));
+        return spin_malformed("SPZ with %zu splats in %zu bytes, but %u bytes", out->n,
+                              SPIN_SPZ_HEADER + n_streams, spin_gzip_length(file, size));
     if (n_extensions == 0)
         return SPIN_OK;
-    status = inflate_all(file, size, out, &all, &n);
-    if (status == SPIN_OK)
-        status = read_extensions(all + n - n_extensions, n_extensions, out);
-    free(all);
-    return status;
+    SPIN_TRY(inflate_all(file, size, out, &all, &n));
+    return read_extensions(all + n - n_extensions, n_extensions, out);
 }
 
 /* Versions 2 and 3 as they are before the gzip. */
@@ -308,8 +304,8 @@ static spin_status check_plain(const unsigned char *file, size_t size, struct sp
     uint64_t n = SPIN_SPZ_HEADER + all_bytes(h);
 
     if (n > size || (n < size && !(file[14] & EXTENDED)))
-        return spin_fail(SPIN_E_MALFORMED, "SPZ with %zu splats in %llu bytes, but %zu bytes", h->n,
-                         (unsigned long long)n, size);
+        return spin_malformed("SPZ with %zu splats in %llu bytes, but %zu bytes", h->n,
+                              (unsigned long long)n, size);
     return read_extensions(file + n, size - (size_t)n, h);
 }
 
@@ -318,12 +314,12 @@ spin_status spin_spz_peek(const void *file, size_t size, struct spin_spz_header 
     if (size < 4 || spin_u32_at(file) != MAGIC)
         return peek_gzip(file, size, out);
     if (size < SPIN_SPZ_HEADER)
-        return spin_fail(SPIN_E_MALFORMED, "SPZ that ends in its header");
+        return spin_malformed("SPZ that ends in its header");
     SPIN_TRY(parse_header(file, out));
     if (out->version != IN_STREAMS)
         return check_plain(file, size, out);
     if (size < SPIN_SPZ_HEADER_4)
-        return spin_fail(SPIN_E_MALFORMED, "SPZ that ends in its header");
+        return spin_malformed("SPZ that ends in its header");
     return check_streams(file, size, out);
 }
 
@@ -347,8 +343,7 @@ spin_status spin_spz_axes(int axes, double q[4])
             q[k] = k == turns[i].about;
         return SPIN_OK;
     }
-    return spin_fail(SPIN_E_UNSUPPORTED, "SPZ in the axes %s, expected RDF, RUB, LUF or LDB",
-                     names[axes]);
+    return spin_unsupported("SPZ in the axes %s, expected RDF, RUB, LUF or LDB", names[axes]);
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */
@@ -454,24 +449,21 @@ spin_status spin_spz_read(const void *file, size_t size, unsigned columns, struc
 {
     struct spin_spz_header header;
     const unsigned char *streams = file;
-    unsigned char *bytes = NULL;
+    SPIN_FREED unsigned char *bytes = NULL;
     size_t n = 0;
-    spin_status status = SPIN_OK;
 
     SPIN_TRY(spin_spz_peek(file, size, &header));
     if (header.version == IN_STREAMS)
-        SPIN_TRY_OUT(inflate_streams(file, &header, &bytes));
+        SPIN_TRY(inflate_streams(file, &header, &bytes));
     else if (spin_u32_at(streams) != MAGIC)
-        SPIN_TRY_OUT(inflate_all(file, size, &header, &bytes, &n));
+        SPIN_TRY(inflate_all(file, size, &header, &bytes, &n));
     if (bytes)
         streams = bytes;
     if (header.version != IN_STREAMS)
         streams += SPIN_SPZ_HEADER;
-    SPIN_TRY_OUT(
+    SPIN_TRY(
         spin_splats_reserve(out, header.n, columns, header.sh_degree < 3 ? header.sh_degree : 3));
     out->antialias = header.antialias;
     read_streams(&header, streams, columns, out);
-out:
-    free(bytes);
-    return status;
+    return SPIN_OK;
 }

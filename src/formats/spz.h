@@ -18,8 +18,7 @@
  * empty, the word behind it says where the table of contents lies, 12 bytes of zero end the header.
  * Extensions follow, then the table (for each stream two numbers of 64 bits: its bytes here, and unpacked),
  * then the streams, each compressed by zstd. */
-#ifndef SPIN_FORMATS_SPZ_H
-#define SPIN_FORMATS_SPZ_H
+#pragma once
 
 #include "formats/gaussian.h"
 
@@ -90,5 +89,3 @@ spin_status spin_spz_axes(int axes, double q[4]);
 /* A whole file in memory, in the axes that it holds; SH of degree 4 are cut to 3. All that comes out is
  * finite, rotations are of unit length. */
 spin_status spin_spz_read(const void *file, size_t size, unsigned columns, struct spin_splats *out);
-
-#endif

@@ -4,7 +4,6 @@
 #include <string.h>
 #include <strings.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/zip_format.h"
 
@@ -54,26 +53,24 @@ static spin_status check_archive(const struct spin_zip *zip)
     size_t n_names = 0;
 
     if (zip->zip64)
-        return spin_fail(SPIN_E_UNSUPPORTED, "TSOG in a ZIP64 archive");
+        return spin_unsupported("TSOG in a ZIP64 archive");
     if (zip->n > MOST_MEMBERS)
-        return spin_fail(SPIN_E_MALFORMED, "TSOG of %zu members, expected at most %d", zip->n,
-                         MOST_MEMBERS);
+        return spin_malformed("TSOG of %zu members, expected at most %d", zip->n, MOST_MEMBERS);
     for (size_t i = 0; i < zip->n; i++) {
         const struct spin_zip_member *m = &zip->member[i];
 
         name[i] = m->name;
         n_names += strlen(m->name) + CENTRAL_BYTES;
         if ((m->method != METHOD_STORED && m->method != METHOD_DEFLATE) || !header_agrees(zip, m))
-            return spin_fail(SPIN_E_MALFORMED,
-                             "TSOG whose member '%.60s' has another header than its directory says",
-                             m->name);
+            return spin_malformed(
+                "TSOG whose member '%.60s' has another header than its directory says", m->name);
     }
     if (n_names > MAX_DIRECTORY)
-        return spin_fail(SPIN_E_MALFORMED, "TSOG with a directory of %zu bytes", n_names);
+        return spin_malformed("TSOG with a directory of %zu bytes", n_names);
     qsort(name, zip->n, sizeof *name, by_name);
     for (size_t i = 1; i < zip->n; i++)
         if (strcmp(name[i - 1], name[i]) == 0)
-            return spin_fail(SPIN_E_MALFORMED, "TSOG with two members '%.60s'", name[i]);
+            return spin_malformed("TSOG with two members '%.60s'", name[i]);
     return SPIN_OK;
 }
 
@@ -81,7 +78,7 @@ static spin_status check_archive(const struct spin_zip *zip)
 
 static spin_status fail_meta(const char *key, const char *expected)
 {
-    return spin_fail(SPIN_E_MALFORMED, "TSOG whose '%s' is not %s", key, expected);
+    return spin_malformed("TSOG whose '%s' is not %s", key, expected);
 }
 
 static spin_status check_version(const struct spin_sog_4d *r)
@@ -91,15 +88,13 @@ static spin_status check_version(const struct spin_sog_4d *r)
     int64_t version = -1;
 
     if (!spin_json_integer(spin_json_get(r->meta, "version"), &version) || version != VERSION)
-        return spin_fail(SPIN_E_UNSUPPORTED, "TSOG of version %lld, expected %d",
-                         (long long)version, VERSION);
+        return spin_unsupported("TSOG of version %lld, expected %d", (long long)version, VERSION);
     version = -1;
     if (profile &&
         (!id || strcmp(id, PROFILE_ID) != 0 ||
          !spin_json_integer(spin_json_get(profile, "version"), &version) || version != PROFILE))
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "TSOG of profile '%.60s' version %lld, expected '%s' version %d",
-                         id ? id : "", (long long)version, PROFILE_ID, PROFILE);
+        return spin_unsupported("TSOG of profile '%.60s' version %lld, expected '%s' version %d",
+                                id ? id : "", (long long)version, PROFILE_ID, PROFILE);
     return SPIN_OK;
 }
 
@@ -243,8 +238,7 @@ static spin_status read_sound(const struct spin_sog_4d *r, struct spin_tsog *out
         return fail_meta("playback.duration", "given, which a still with sound needs");
     member = spin_zip_find(&r->zip, file);
     if (!member || member->size > MAX_SOUND)
-        return spin_fail(SPIN_E_MALFORMED, "TSOG without its sound '%.60s', or one above 128 MiB",
-                         file);
+        return spin_malformed("TSOG without its sound '%.60s', or one above 128 MiB", file);
     out->sound = true;
     return SPIN_OK;
 }
@@ -289,13 +283,9 @@ static spin_status read_all(struct spin_sog_4d *r, struct spin_tsog *out,
 spin_status spin_tsog_read(const void *file, size_t size, struct spin_tsog *out,
                            struct spin_splats_4d *splats)
 {
-    struct spin_sog_4d r;
-    spin_status status;
+    SPIN_LEAVES(spin_sog_4d_close) struct spin_sog_4d r = {0};
 
     *out = (struct spin_tsog){0};
-    status = spin_sog_4d_open("TSOG", file, size, &r);
-    if (status == SPIN_OK)
-        status = read_all(&r, out, splats);
-    spin_sog_4d_close(&r);
-    return status;
+    SPIN_TRY(spin_sog_4d_open("TSOG", file, size, &r));
+    return read_all(&r, out, splats);
 }

@@ -6,8 +6,7 @@
  *   static       no time
  *
  * Facts from the profile's specification. Nothing says which axes a file has. */
-#ifndef SPIN_FORMATS_TSOG_H
-#define SPIN_FORMATS_TSOG_H
+#pragma once
 
 #include "formats/sog_4d.h"
 
@@ -25,5 +24,3 @@ struct spin_tsog {
  * discrete ones are frame numbers, with a cut for each. Errors do not name the file. */
 spin_status spin_tsog_read(const void *file, size_t size, struct spin_tsog *out,
                            struct spin_splats_4d *splats);
-
-#endif

@@ -1,6 +1,5 @@
 /* A typed, strided view of numbers: an array of an .npy file, a tensor of a checkpoint. */
-#ifndef SPIN_IO_ARRAY_H
-#define SPIN_IO_ARRAY_H
+#pragma once
 
 #include "spin.h"
 
@@ -42,5 +41,3 @@ bool spin_array_set_type(struct spin_array *a, const char *code);
 bool spin_array_has_shape(const struct spin_array *a, int n_dims, const int64_t *shape);
 /* "[3, 500, 4]" into text; a size of -1, which matches anything, is *. */
 void spin_array_shape_text(int n_dims, const uint64_t *shape, char *text, size_t n_text);
-
-#endif

@@ -9,13 +9,11 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
-#include <sys/stat.h>
 #include <sys/statvfs.h>
 #include <time.h>
 #include <unistd.h>
 #include <zlib.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 
 enum { OUT_BUFFER = 1 << 20 };
@@ -48,10 +46,9 @@ static spin_status check_pointer(const struct spin_map *map, const char *path)
 
     if (map->size < sizeof begin - 1 || memcmp(map->data, begin, sizeof begin - 1) != 0)
         return SPIN_OK;
-    return spin_fail(SPIN_E_UNSUPPORTED,
-                     "cannot read '%s': it is a Git LFS pointer; the file itself was never fetched "
-                     "(git lfs pull)",
-                     path);
+    return spin_unsupported("cannot read '%s': it is a Git LFS pointer; the file itself was never "
+                            "fetched (git lfs pull)",
+                            path);
 }
 
 /* An ordinary file, opened for reading. A fifo must not block us, hence O_NONBLOCK. */
@@ -283,21 +280,17 @@ static spin_status relative(const char *from, const char *to, char **out)
 
 spin_status spin_path_relative(const char *from, const char *to, char **out)
 {
-    char *from_real = NULL, *to_real = NULL;
-    spin_status status;
+    SPIN_FREED char *from_real = NULL, *to_real = NULL;
 
     *out = NULL;
-    SPIN_TRY_OUT(spin_path_absolute(from, &from_real));
-    SPIN_TRY_OUT(spin_path_absolute(to, &to_real));
-    SPIN_TRY_OUT(relative(from_real, to_real, out));
+    SPIN_TRY(spin_path_absolute(from, &from_real));
+    SPIN_TRY(spin_path_absolute(to, &to_real));
+    SPIN_TRY(relative(from_real, to_real, out));
     if (!*out) {
         *out = to_real;
         to_real = NULL;
     }
-out:
-    free(from_real);
-    free(to_real);
-    return status;
+    return SPIN_OK;
 }
 
 long long spin_path_number(const char *path)
@@ -351,7 +344,7 @@ uint64_t spin_path_free_bytes(const char *path)
 
 spin_status spin_folder_make(const char *path)
 {
-    char *partial;
+    SPIN_FREED char *partial = NULL;
     spin_status status = SPIN_OK;
 
     if (!*path)
@@ -366,7 +359,6 @@ spin_status spin_folder_make(const char *path)
     }
     if (status == SPIN_OK)
         status = make_one(partial);
-    free(partial);
     return status;
 }
 
@@ -595,6 +587,16 @@ void spin_out_abandon(struct spin_out *out)
     forget_out(out);
 }
 
+spin_status spin_out_whole(const char *path, const void *data, size_t bytes, bool sync)
+{
+    SPIN_LEAVES(spin_out_abandon) struct spin_out out = {0};
+
+    SPIN_TRY(spin_out_open(path, true, &out));
+    out.sync = sync;
+    SPIN_TRY(spin_out_write(&out, data, bytes));
+    return spin_out_commit(&out);
+}
+
 /* Where the end ".tmp.4711" of a name begins when its process is no more; NULL: there is none such. */
 static const char *dead_end(const char *entry)
 {
@@ -641,11 +643,10 @@ static void sweep(const char *folder, const char *name, const char *ending)
 
 void spin_out_sweep(const char *path)
 {
-    char *folder = NULL;
+    SPIN_FREED char *folder = NULL;
 
     if (spin_path_folder(path, &folder) == SPIN_OK)
         sweep(folder, spin_path_name(path), "");
-    free(folder);
 }
 
 void spin_out_sweep_folder(const char *folder, const char *ending) { sweep(folder, NULL, ending); }

@@ -1,7 +1,6 @@
 /* Files: map, list, path words. Writing (struct spin_out, spin_folder_make) is in spin.h, as plug-ins
  * write files too. */
-#ifndef SPIN_IO_FILE_H
-#define SPIN_IO_FILE_H
+#pragma once
 
 #include <sys/stat.h>
 
@@ -75,6 +74,8 @@ spin_status spin_out_failed(const struct spin_out *out, int error);
 spin_status spin_out_write_at(struct spin_out *out, uint64_t at, const void *data, size_t bytes);
 /* The file's length so far, buffer included. */
 spin_status spin_out_length(struct spin_out *out, uint64_t *bytes);
+/* These bytes as a whole file, in place of the one that may be there. sync: as in struct spin_out. */
+spin_status spin_out_whole(const char *path, const void *data, size_t bytes, bool sync);
 
 /* ---- watch.c: files that others cut short while they are mapped, and what must not be left behind then ---- */
 
@@ -89,5 +90,3 @@ spin_status spin_watch_check(const void *data);
  * pointer is kept. */
 void spin_watch_out(const char *path);
 void spin_unwatch_out(const char *path);
-
-#endif

@@ -10,7 +10,6 @@
 #include <string.h>
 #include <zlib.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/file.h"
 
@@ -39,7 +38,7 @@ static bool is_noise(const unsigned char *data, size_t n)
     return n >= LEAST_NOISE && bits > 7.9 * (double)n;
 }
 
-static void deflate_block(void *context, int task, int worker)
+static void deflate_block(void *context, int task)
 {
     struct deflated *g = context;
     const struct spin_deflate *job = g->job;
@@ -49,7 +48,6 @@ static void deflate_block(void *context, int task, int worker)
     int level = job->noise_as_is && is_noise(job->data + at, n) ? 0 : job->level;
     z_stream z = {0};
 
-    (void)worker;
     if (deflateInit2(&z, level, Z_DEFLATED, -MAX_WBITS, 8, job->rle ? Z_RLE : Z_DEFAULT_STRATEGY) !=
         Z_OK)
         return;
@@ -143,8 +141,7 @@ static spin_status inflate_all(int window_bits, const char *name, const void *da
     }
     inflateEnd(&z);
     if (result != Z_STREAM_END && *n < n_out)
-        return spin_fail(SPIN_E_MALFORMED, "the %s is damaged or cut short after %zu bytes", name,
-                         *n);
+        return spin_malformed("the %s is damaged or cut short after %zu bytes", name, *n);
     return SPIN_OK;
 }
 

@@ -1,6 +1,5 @@
 /* Deflate, gzip and zlib in memory. */
-#ifndef SPIN_IO_GZIP_H
-#define SPIN_IO_GZIP_H
+#pragma once
 
 #include <stdbool.h>
 
@@ -40,5 +39,3 @@ spin_status spin_gzip_read(const void *data, size_t size, void *out, size_t n_ou
 spin_status spin_zlib_read(const void *data, size_t size, void *out, size_t n_out, size_t *n);
 /* What the last bytes of a gzip say of its length, modulo 2^32; 0 when there are none. */
 uint32_t spin_gzip_length(const void *data, size_t size);
-
-#endif

@@ -5,11 +5,9 @@
 #include "io/image.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/image_shim.h"
 #include "base/shim.h"
@@ -140,7 +138,7 @@ static spin_status fail_image(enum spin_image_result result, const char *path, c
 static spin_status check_there(const char *path)
 {
     if (!spin_path_exists(path))
-        return spin_fail(SPIN_E_NOT_FOUND, "image '%s' does not exist", path);
+        return spin_not_found("image '%s' does not exist", path);
     if (spin_path_is_folder(path))
         return spin_fail(SPIN_E_IO, "image '%s' is a folder", path);
     return SPIN_OK;
@@ -164,7 +162,7 @@ static spin_status inspect(const char *path, bool whole, const char **format,
         *imprint = spin_map_imprint(&map);
     spin_map_close(&map);
     if (!ends)
-        return spin_fail(SPIN_E_MALFORMED, "cannot read image '%s': the file is cut short", path);
+        return spin_malformed("cannot read image '%s': the file is cut short", path);
     return SPIN_OK;
 }
 
@@ -196,8 +194,8 @@ static spin_status look_at_video(const char *file, int64_t frame, int *width, in
 
     SPIN_TRY(spin_video_info(file, width, height, &n_frames, imprint));
     if (frame >= n_frames)
-        return spin_fail(SPIN_E_NOT_FOUND, "video '%s' has no frame %lld, only 0 to %lld", file,
-                         (long long)frame, (long long)n_frames - 1);
+        return spin_not_found("video '%s' has no frame %lld, only 0 to %lld", file,
+                              (long long)frame, (long long)n_frames - 1);
     return SPIN_OK;
 }
 
@@ -222,9 +220,8 @@ spin_status spin_image_look(const char *path, int *width, int *height, struct sp
     if (result != SPIN_IMAGE_OK)
         return fail_image(result, path, why);
     if ((int64_t)*width > MAX_PIXELS / *height)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "cannot read image '%s': %d x %d pixels are more than are taken", path,
-                         *width, *height);
+        return spin_unsupported("cannot read image '%s': %d x %d pixels are more than are taken",
+                                path, *width, *height);
     return SPIN_OK;
 }
 
@@ -265,32 +262,15 @@ spin_status spin_image_encode(int width, int height, const uint8_t *rgb, unsigne
     return SPIN_OK;
 }
 
-static spin_status write_bytes(const char *path, const unsigned char *bytes, size_t n_bytes,
-                               bool sync)
-{
-    struct spin_out out;
-    spin_status status;
-
-    SPIN_TRY(spin_out_open(path, true, &out));
-    out.sync = sync;
-    status = spin_out_write(&out, bytes, n_bytes);
-    if (status == SPIN_OK)
-        return spin_out_commit(&out);
-    spin_out_abandon(&out);
-    return status;
-}
-
 spin_status spin_image_write(const char *path, int width, int height, const uint8_t *rgb, bool sync)
 {
-    unsigned char *bytes = NULL;
+    SPIN_FREED unsigned char *bytes = NULL;
     size_t n_bytes = 0;
     spin_status status = spin_image_encode(width, height, rgb, &bytes, &n_bytes);
 
     if (status != SPIN_OK)
         return spin_fail_context(status, "cannot write image '%s'", path);
-    status = write_bytes(path, bytes, n_bytes, sync);
-    free(bytes);
-    return status;
+    return spin_out_whole(path, bytes, n_bytes, sync);
 }
 
 /* ---- Films -------------------------------------------------------------------------------------- */
@@ -351,7 +331,7 @@ spin_status spin_film_write(const char *path, const struct spin_film *film, bool
     if (shim->encode(&out, &bytes, &n_bytes, why, sizeof why) != SPIN_IMAGE_OK)
         status = spin_fail(SPIN_E_IO, "cannot encode a picture: %s", why);
     if (status == SPIN_OK)
-        status = write_bytes(path, bytes, n_bytes, sync);
+        status = spin_out_whole(path, bytes, n_bytes, sync);
 out:
     free(pixels);
     free(bytes);

@@ -1,8 +1,7 @@
 /* Images through OpenImageIO, behind a C face. The shim is a shared object of its own that is loaded
  * on first use (spin-image.so beside the library or the commands), so that a command that touches no
  * pixel does not pay for OpenImageIO's start-up. Thread-safe after spin_image_start(). */
-#ifndef SPIN_IO_IMAGE_H
-#define SPIN_IO_IMAGE_H
+#pragma once
 
 #include "io/file.h"
 
@@ -55,5 +54,3 @@ void spin_picture_name(const struct spin_views *views, size_t view, int number, 
                        char name[SPIN_PICTURE_NAME]);
 /* The same of a camera that moves: the number is the picture's, "orbit_frame_00012.png". */
 void spin_picture_name_moving(const char *path, int number, char name[SPIN_PICTURE_NAME]);
-
-#endif

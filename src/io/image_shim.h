@@ -1,7 +1,6 @@
 /* What image.c and the shared object behind it agree on: one table of functions, found by name.
  * Plain C types only; nothing thrown on the far side crosses over. */
-#ifndef SPIN_IO_IMAGE_SHIM_H
-#define SPIN_IO_IMAGE_SHIM_H
+#pragma once
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -58,5 +57,4 @@ extern const struct spin_image_shim spin_image_shim_table;
 
 #ifdef __cplusplus
 }
-#endif
 #endif

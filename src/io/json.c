@@ -3,11 +3,10 @@
 #include "io/json.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
+#include "base/mem.h"
 #include "base/text.h"
 #include "io/file.h"
 
@@ -20,21 +19,20 @@ spin_status spin_json_parse(const char *what, const char *text, size_t n, spin_j
         return SPIN_OK;
     if (json_error_code(&error) == json_error_out_of_memory)
         return spin_fail(SPIN_E_MEMORY, "cannot parse '%s': not enough memory", what);
-    return spin_fail(SPIN_E_MALFORMED, "cannot parse '%s': line %d, column %d: %s", what,
-                     error.line, error.column, error.text);
+    return spin_malformed("cannot parse '%s': line %d, column %d: %s", what, error.line,
+                          error.column, error.text);
 }
 
 spin_status spin_json_load(const char *path, spin_json **out)
 {
-    struct spin_map map;
-    spin_status status;
+    SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
 
     *out = NULL;
     SPIN_TRY(spin_map_open(path, &map));
-    status = spin_json_parse(path, (const char *)map.data, map.size, out);
-    spin_map_close(&map);
-    return status;
+    return spin_json_parse(path, (const char *)map.data, map.size, out);
 }
+
+void spin_json_freed(spin_json **j) { json_decref(*j); }
 
 bool spin_json_number(const spin_json *j, double *out)
 {

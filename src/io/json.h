@@ -1,7 +1,6 @@
 /* JSON by Jansson: strict, small, depth-limited, in every Debian. Here is what it lacks, and our names for what it has.
  * Values are borrowed from the document and die with it. */
-#ifndef SPIN_IO_JSON_H
-#define SPIN_IO_JSON_H
+#pragma once
 
 #include <jansson.h>
 
@@ -45,6 +44,7 @@ spin_status spin_json_finish(spin_json *document, char **text);
 #define spin_json_object json_object
 #define spin_json_array json_array
 #define spin_json_free json_decref
+void spin_json_freed(spin_json **j); /* for SPIN_LEAVES() */
 #define spin_json_integer_value json_integer
 #define spin_json_set json_object_set_new
 #define spin_json_push json_array_append_new
@@ -59,5 +59,3 @@ spin_status spin_json_finish(spin_json *document, char **text);
 #define spin_json_push_string(array, v) json_array_append_new(array, spin_json_text_value(v))
 /* The values of `from`, which it keeps, become values of `to` as well. */
 #define spin_json_share(to, from) json_object_update(to, (json_t *)(uintptr_t)(from))
-
-#endif

@@ -9,7 +9,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/zip_format.h"
 
@@ -29,7 +28,7 @@ struct header {
 
 static spin_status fail_header(const struct text *t)
 {
-    return spin_fail(SPIN_E_MALFORMED, "array '%s' has a damaged header", t->what);
+    return spin_malformed("array '%s' has a damaged header", t->what);
 }
 
 static void skip_space(struct text *t)
@@ -110,8 +109,8 @@ static spin_status read_dtype(const struct text *t, const char *descr, struct sp
         out->big_endian = order == '>' && out->item_size > 1;
         return SPIN_OK;
     }
-    return spin_fail(SPIN_E_UNSUPPORTED, "array '%s' has dtype '%s', which is not a plain number",
-                     t->what, descr);
+    return spin_unsupported("array '%s' has dtype '%s', which is not a plain number", t->what,
+                            descr);
 }
 
 static spin_status read_descr(struct text *t, struct spin_array *out)
@@ -122,8 +121,8 @@ static spin_status read_descr(struct text *t, struct spin_array *out)
     if (t->p < t->end && (*t->p == '[' || *t->p == '(')) {
         size_t n = (size_t)(t->end - t->p);
 
-        return spin_fail(SPIN_E_UNSUPPORTED, "array '%s' has a structured dtype: %.*s", t->what,
-                         (int)(n < 60 ? n : 60), (const char *)t->p);
+        return spin_unsupported("array '%s' has a structured dtype: %.*s", t->what,
+                                (int)(n < 60 ? n : 60), (const char *)t->p);
     }
     if (!take_string(t, descr, sizeof descr))
         return fail_header(t);
@@ -142,11 +141,10 @@ static spin_status read_shape(struct text *t, struct spin_array *out)
         if (!comma)
             return fail_header(t);
         if (out->n_dims == SPIN_NPY_MAX_DIMS)
-            return spin_fail(SPIN_E_UNSUPPORTED, "array '%s' has more than %d dimensions", t->what,
-                             SPIN_NPY_MAX_DIMS);
+            return spin_unsupported("array '%s' has more than %d dimensions", t->what,
+                                    SPIN_NPY_MAX_DIMS);
         if (!take_number(t, &out->shape[out->n_dims]))
-            return spin_fail(SPIN_E_MALFORMED, "array '%s' has a shape that is not made of counts",
-                             t->what);
+            return spin_malformed("array '%s' has a shape that is not made of counts", t->what);
         out->n_dims++;
         comma = take(t, ',');
     }
@@ -215,9 +213,8 @@ static spin_status check_size(const char *what, struct spin_array *a, size_t n_p
     overflow = overflow || __builtin_mul_overflow(a->count, (uint64_t)a->item_size, &bytes);
     if (overflow || bytes > n_present) {
         spin_array_shape_text(a->n_dims, a->shape, shape, sizeof shape);
-        return spin_fail(SPIN_E_MALFORMED,
-                         "array '%s' is cut short: shape %s of %d-byte items, but %zu bytes", what,
-                         shape, a->item_size, n_present);
+        return spin_malformed("array '%s' is cut short: shape %s of %d-byte items, but %zu bytes",
+                              what, shape, a->item_size, n_present);
     }
     a->n_bytes = (size_t)bytes;
     return SPIN_OK;
@@ -232,10 +229,9 @@ static spin_status parse_head(const char *what, const unsigned char *bytes, size
 
     memset(out, 0, sizeof *out);
     if (n_readable < 10 || memcmp(bytes, "\x93NUMPY", 6) != 0)
-        return spin_fail(SPIN_E_MALFORMED, "array '%s' does not begin as .npy data does", what);
+        return spin_malformed("array '%s' does not begin as .npy data does", what);
     if (bytes[6] < 1 || bytes[6] > 3)
-        return spin_fail(SPIN_E_UNSUPPORTED, "array '%s' has .npy version %d, not 1 to 3", what,
-                         bytes[6]);
+        return spin_unsupported("array '%s' has .npy version %d, not 1 to 3", what, bytes[6]);
     prefix = bytes[6] == 1 ? 10 : 12;
     if (n_readable < prefix)
         return fail_header(&t);
@@ -243,8 +239,8 @@ static spin_status parse_head(const char *what, const unsigned char *bytes, size
     if (prefix == 12)
         n_header |= (size_t)bytes[10] << 16 | (size_t)bytes[11] << 24;
     if (n_header > n_readable - prefix)
-        return spin_fail(SPIN_E_MALFORMED, "array '%s' is cut short: a header of %zu bytes in %zu",
-                         what, n_header, n_readable);
+        return spin_malformed("array '%s' is cut short: a header of %zu bytes in %zu", what,
+                              n_header, n_readable);
     t.p = bytes + prefix;
     t.end = t.p + n_header;
     SPIN_TRY(read_dictionary(&t, out));
@@ -342,8 +338,8 @@ static spin_status read_head(const struct spin_npz *npz, const char *key,
     n_head = (size_t)(out->data - head);
     out->data = NULL;
     if (n_head + out->n_bytes != member->size)
-        return spin_fail(SPIN_E_MALFORMED, "array '%s' has %zu bytes more than its header says",
-                         key, (size_t)member->size - n_head - out->n_bytes);
+        return spin_malformed("array '%s' has %zu bytes more than its header says", key,
+                              (size_t)member->size - n_head - out->n_bytes);
     return SPIN_OK;
 }
 
@@ -352,7 +348,7 @@ static spin_status find(const struct spin_npz *npz, const char *key,
                         const struct spin_zip_member **out)
 {
     *out = find_array(npz, key);
-    return *out ? SPIN_OK : spin_fail(SPIN_E_NOT_FOUND, "no array '%s'", key);
+    return *out ? SPIN_OK : spin_not_found("no array '%s'", key);
 }
 
 spin_status spin_npz_head(const struct spin_npz *npz, const char *key, struct spin_array *out)
@@ -412,7 +408,7 @@ spin_status spin_array_check_shape(const char *key, const struct spin_array *a, 
         return SPIN_OK;
     spin_array_shape_text(a->n_dims, a->shape, got, sizeof got);
     spin_array_shape_text(n_dims, (const uint64_t *)shape, want, sizeof want);
-    return spin_fail(SPIN_E_MALFORMED, "array '%s' has shape %s, expected %s", key, got, want);
+    return spin_malformed("array '%s' has shape %s, expected %s", key, got, want);
 }
 
 spin_status spin_npz_array_of(struct spin_npz *npz, const char *key, bool check_crc, int n_dims,
@@ -445,7 +441,7 @@ static spin_status header_bytes(const char *name, const char *descr, int n_dims,
         n += snprintf(text + n, sizeof text - (size_t)n, "), }");
     total = (10 + (size_t)n + 1 + 63) / 64 * 64;
     if (n >= (int)sizeof text || total > 256)
-        return spin_fail(SPIN_E_USAGE, "cannot write array '%s': its header is too long", name);
+        return spin_misuse("cannot write array '%s': its header is too long", name);
     memset(head, ' ', total);
     memcpy(head, "\x93NUMPY\x01\x00", 8);
     head[8] = (unsigned char)(total - 10);
@@ -466,7 +462,7 @@ static spin_status describe_member(const char *name, const char *descr, int n_di
     size_t n_member = strlen(name) + 5;
 
     if (n_dims < 0 || n_dims > SPIN_NPY_MAX_DIMS)
-        return spin_fail(SPIN_E_USAGE, "cannot write array '%s': %d dimensions", name, n_dims);
+        return spin_misuse("cannot write array '%s': %d dimensions", name, n_dims);
     SPIN_TRY(read_dtype(&t, descr, &a));
     a.n_dims = n_dims;
     for (int i = 0; i < n_dims; i++)
@@ -486,13 +482,11 @@ static spin_status write_begin(struct spin_zip_writer *w, const char *name, cons
 {
     unsigned char head[256];
     size_t n_head = 0, n_bytes = 0;
-    char *member = NULL;
-    spin_status status;
+    SPIN_FREED char *member = NULL;
 
     SPIN_TRY(describe_member(name, descr, n_dims, shape, head, &n_head, &n_bytes, &member));
-    status = begin(w, member, n_head + n_bytes);
-    free(member);
-    return status == SPIN_OK ? spin_zip_member_write(w, head, n_head) : status;
+    SPIN_TRY(begin(w, member, n_head + n_bytes));
+    return spin_zip_member_write(w, head, n_head);
 }
 
 spin_status spin_npz_write_begin(struct spin_zip_writer *w, const char *name, const char *descr,
@@ -512,11 +506,8 @@ spin_status spin_npz_write(struct spin_zip_writer *w, const char *name, const ch
 {
     unsigned char head[256];
     size_t n_head = 0, n_bytes = 0;
-    char *member = NULL;
-    spin_status status;
+    SPIN_FREED char *member = NULL;
 
     SPIN_TRY(describe_member(name, descr, n_dims, shape, head, &n_head, &n_bytes, &member));
-    status = spin_zip_member_whole(w, member, head, n_head, data, n_bytes);
-    free(member);
-    return status;
+    return spin_zip_member_whole(w, member, head, n_head, data, n_bytes);
 }

@@ -1,6 +1,5 @@
 /* .npy arrays and .npz archives of them. */
-#ifndef SPIN_IO_NPY_H
-#define SPIN_IO_NPY_H
+#pragma once
 
 #include "io/array.h"
 #include "io/zip.h"
@@ -53,5 +52,3 @@ spin_status spin_npz_write_begin(struct spin_zip_writer *w, const char *name, co
 /* The same for a member that is deflated. */
 spin_status spin_npz_write_begin_deflated(struct spin_zip_writer *w, const char *name,
                                           const char *descr, int n_dims, const uint64_t *shape);
-
-#endif

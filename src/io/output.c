@@ -3,14 +3,12 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 
 spin_status spin_output_check_file(const char *path, bool force)
@@ -168,9 +166,8 @@ void spin_output_folder_abandon(struct spin_output_folder *folder)
 
 static spin_status fail_pattern(const char *text)
 {
-    return spin_fail(SPIN_E_USAGE,
-                     "--pattern '%s': expected a file name with exactly one %%d or %%0Nd, N 1 to 9",
-                     text);
+    return spin_misuse(
+        "--pattern '%s': expected a file name with exactly one %%d or %%0Nd, N 1 to 9", text);
 }
 
 spin_status spin_pattern_parse(const char *text, struct spin_pattern *out)
@@ -203,6 +200,6 @@ spin_status spin_pattern_path(const struct spin_pattern *p, const char *folder, 
 
     if (snprintf(name, sizeof name, p->zeros ? "%.*s%0*d%s" : "%.*s%*d%s", p->n_before, p->text,
                  p->width, number, p->after) >= (int)sizeof name)
-        return spin_fail(SPIN_E_USAGE, "--pattern makes too long a name: '%.40s...'", name);
+        return spin_misuse("--pattern makes too long a name: '%.40s...'", name);
     return spin_path_join(folder, name, out);
 }

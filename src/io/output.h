@@ -1,7 +1,6 @@
 /* Outputs: looked at and locked before long work, as what would fail at its end should fail at its begin; folders
  * that an export fills, and the names of the numbered files in them. */
-#ifndef SPIN_IO_OUTPUT_H
-#define SPIN_IO_OUTPUT_H
+#pragma once
 
 #include "io/file.h"
 
@@ -52,5 +51,3 @@ spin_status spin_pattern_parse(const char *text, struct spin_pattern *out);
 /* folder/name with the number filled in, allocated. */
 spin_status spin_pattern_path(const struct spin_pattern *pattern, const char *folder, int number,
                               char **out);
-
-#endif

@@ -12,8 +12,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
-
 /* Values may take this much beyond the bytes of the input. Real checkpoints need kilobytes. */
 #define BUDGET ((size_t)32 << 20)
 #define SLAB ((size_t)16 << 10)
@@ -431,9 +429,8 @@ static spin_status keep_storages(struct machine *m, struct spin_pickle *out)
             m->storage[n++] = *s;
         else if (s->kind != last->kind || s->item_size != last->item_size ||
                  s->count != last->count)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "cannot read '%s': storage '%s' has two types or counts", m->what,
-                             s->key);
+            return spin_malformed("cannot read '%s': storage '%s' has two types or counts", m->what,
+                                  s->key);
     }
     SPIN_TRY(take(m, n * sizeof *out->storage, &block));
     out->storage = memcpy(block, m->storage, n * sizeof *out->storage);
@@ -532,8 +529,8 @@ static spin_status refuse_global(const struct machine *m, const char *module, co
                       (module[n] == '\0' || module[n] == '.'))
             why = refused[i].why;
     }
-    return spin_fail(SPIN_E_UNSUPPORTED, "cannot read '%s': it refers to '%s.%s', which is %s",
-                     m->what, shown(module, strlen(module), a), shown(name, strlen(name), b), why);
+    return spin_unsupported("cannot read '%s': it refers to '%s.%s', which is %s", m->what,
+                            shown(module, strlen(module), a), shown(name, strlen(name), b), why);
 }
 
 static spin_status push_global(struct machine *m, const char *module, const char *name)
@@ -746,9 +743,8 @@ static spin_status make_dtype(struct machine *m, const struct spin_value *args)
     if (!code)
         return bad(m, "a numpy dtype without a name");
     if (!spin_array_set_type(&type, code))
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "cannot read '%s': numpy dtype '%s' is not a plain number", m->what,
-                         shown(code, strlen(code), name));
+        return spin_unsupported("cannot read '%s': numpy dtype '%s' is not a plain number", m->what,
+                                shown(code, strlen(code), name));
     SPIN_TRY(new_node(m, SPIN_VALUE_OBJECT, DTYPE, &node));
     node->v.text = "numpy.dtype";
     node->v.tensor = type;
@@ -1351,17 +1347,17 @@ static spin_status bind_storage(struct machine *m, const struct spin_pickle *pic
         return bad(m, "a storage whose key is not a number");
     s = (struct spin_storage *)(uintptr_t)spin_pickle_storage(pickle, key->text);
     if (!s)
-        return spin_fail(SPIN_E_MALFORMED, "cannot read '%s': storage '%s' is of unknown type",
-                         m->what, shown(key->text, key->n, name));
+        return spin_malformed("cannot read '%s': storage '%s' is of unknown type", m->what,
+                              shown(key->text, key->n, name));
     if (m->end - m->p < 8)
         return bad(m, "the storages are cut short");
     for (int i = 0; i < 8; i++)
         count |= (uint64_t)m->p[i] << 8 * (pickle->big_endian ? 7 - i : i);
     m->p += 8;
     if (count != s->count)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "cannot read '%s': storage '%s' has %llu elements, expected %llu", m->what,
-                         s->key, (unsigned long long)count, (unsigned long long)s->count);
+        return spin_malformed("cannot read '%s': storage '%s' has %llu elements, expected %llu",
+                              m->what, s->key, (unsigned long long)count,
+                              (unsigned long long)s->count);
     bytes = count * (uint64_t)s->item_size; /* checked at its persistent id */
     if (bytes > (uint64_t)(m->end - m->p))
         return bad(m, "the storages are cut short");
@@ -1376,7 +1372,7 @@ static spin_status run_legacy(struct machine *m, struct spin_pickle *out)
     const struct spin_value *version, *system, *keys, *little;
 
     if (!spin_pickle_is_legacy(m->p, (size_t)(m->end - m->p)))
-        return spin_fail(SPIN_E_MALFORMED, "cannot read '%s': no stream of torch.save", m->what);
+        return spin_malformed("cannot read '%s': no stream of torch.save", m->what);
     m->p += sizeof legacy_magic;
     SPIN_TRY(run(m, &version));
     if (version->kind != SPIN_VALUE_INT || version->integer != 1001)
@@ -1396,8 +1392,8 @@ static spin_status run_legacy(struct machine *m, struct spin_pickle *out)
         SPIN_TRY(bind_storage(m, out, keys->item[i]));
     for (size_t i = 0; i < out->n_storages; i++)
         if (!out->storage[i].data)
-            return spin_fail(SPIN_E_MALFORMED, "cannot read '%s': storage '%s' is missing", m->what,
-                             out->storage[i].key);
+            return spin_malformed("cannot read '%s': storage '%s' is missing", m->what,
+                                  out->storage[i].key);
     return SPIN_OK;
 }
 

@@ -7,8 +7,7 @@
  *
  * What comes out is a graph of values, for a list may hold itself, and sixty pairs of pairs are a tree of
  * 2^60. Look things up; never walk it all. */
-#ifndef SPIN_IO_PICKLE_H
-#define SPIN_IO_PICKLE_H
+#pragma once
 
 #include "base/mem.h"
 #include "io/array.h"
@@ -75,5 +74,3 @@ const struct spin_value *spin_value_at(const struct spin_value *list_or_tuple, s
 bool spin_value_number(const struct spin_value *v, double *out);
 const char *spin_value_text(const struct spin_value *v);
 bool spin_value_is_sequence(const struct spin_value *v); /* list or tuple */
-
-#endif

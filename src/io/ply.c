@@ -9,7 +9,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 
 #define MAX_HEADER (128u * 1024)
@@ -70,8 +69,8 @@ static spin_status fail_line(const struct header *h, const char *why, struct wor
 {
     char text[40];
 
-    return spin_fail(SPIN_E_MALFORMED, "'%s': header line %d: %s '%s'", h->what, h->line, why,
-                     word_text(w, text));
+    return spin_malformed("'%s': header line %d: %s '%s'", h->what, h->line, why,
+                          word_text(w, text));
 }
 
 static spin_status copy_name(const struct header *h, struct word w, char name[64])
@@ -178,9 +177,8 @@ static spin_status parse_property(struct header *h, const char *at, const char *
     SPIN_TRY(copy_name(h, next_word(&at, end), p.name));
     for (size_t i = 0; i < e->n_properties; i++) {
         if (strcmp(e->property[i].name, p.name) == 0)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "'%s': header line %d: element '%s' has property '%s' twice", h->what,
-                             h->line, e->name, p.name);
+            return spin_malformed("'%s': header line %d: element '%s' has property '%s' twice",
+                                  h->what, h->line, e->name, p.name);
     }
     p.offset = e->stride;
     e->has_list |= p.is_list;
@@ -239,21 +237,19 @@ static spin_status parse_header(struct spin_ply *ply, uint64_t *n_header)
     bool done = false;
 
     if (n_seen < 4 || memcmp(data, "ply", 3) != 0 || (data[3] != '\n' && !is_blank(data[3])))
-        return spin_fail(SPIN_E_MALFORMED, "'%s': not a PLY file: it does not begin with 'ply'",
-                         ply->path);
+        return spin_malformed("'%s': not a PLY file: it does not begin with 'ply'", ply->path);
     while (!done) {
         const char *line = h.at;
         const char *stop = memchr(line, '\n', (size_t)(h.end - line));
 
         if (!stop)
-            return spin_fail(SPIN_E_MALFORMED, "'%s': no end_header in the first %zu bytes",
-                             ply->path, n_seen);
+            return spin_malformed("'%s': no end_header in the first %zu bytes", ply->path, n_seen);
         h.at = stop + 1;
         if (h.line++ > 0)
             SPIN_TRY(parse_line(&h, line, stop, ply, &done));
     }
     if (!h.has_format)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': header has no format line", ply->path);
+        return spin_malformed("'%s': header has no format line", ply->path);
     *n_header = (uint64_t)(h.at - data);
     return SPIN_OK;
 }
@@ -330,11 +326,10 @@ static spin_status walk_lists(const struct spin_ply *ply, const struct spin_ply_
 
             if (!property_bytes(ply, &e->property[p], ply->map.data + *at, ply->map.size - *at,
                                 &size))
-                return spin_fail(
-                    SPIN_E_MALFORMED,
-                    "'%s': cut short, or a list has a false count: element '%s' record "
-                    "%llu property '%s'",
-                    ply->path, e->name, (unsigned long long)i, e->property[p].name);
+                return spin_malformed("'%s': cut short, or a list has a false count: element '%s' "
+                                      "record %llu property '%s'",
+                                      ply->path, e->name, (unsigned long long)i,
+                                      e->property[p].name);
             *at += size;
         }
     }
@@ -353,12 +348,10 @@ static spin_status check_binary(struct spin_ply *ply, uint64_t at)
             continue;
         }
         if (e->stride > 0 && e->count > left / e->stride)
-            return spin_fail(
-                SPIN_E_MALFORMED,
-                "'%s': cut short: element '%s' has %llu records of %zu bytes, but only "
-                "%llu bytes are left",
-                ply->path, e->name, (unsigned long long)e->count, e->stride,
-                (unsigned long long)left);
+            return spin_malformed("'%s': cut short: element '%s' has %llu records of %zu bytes, "
+                                  "but only %llu bytes are left",
+                                  ply->path, e->name, (unsigned long long)e->count, e->stride,
+                                  (unsigned long long)left);
         at += e->count * e->stride;
     }
     ply->extra_bytes = ply->map.size - at;
@@ -438,12 +431,10 @@ static spin_status read_text(struct spin_ply *ply, uint64_t first)
         /* A value takes a digit and what parts it from the next. */
         if (__builtin_mul_overflow(e->count, (uint64_t)e->n_properties, &n) ||
             __builtin_add_overflow(n_values, n, &n_values) || n_values > left / 2 + 1)
-            return spin_fail(
-                SPIN_E_MALFORMED,
-                "'%s': cut short: element '%s' has %llu records of %zu values, but only "
-                "%llu bytes follow the header",
-                ply->path, e->name, (unsigned long long)e->count, e->n_properties,
-                (unsigned long long)left);
+            return spin_malformed("'%s': cut short: element '%s' has %llu records of %zu values, "
+                                  "but only %llu bytes follow the header",
+                                  ply->path, e->name, (unsigned long long)e->count, e->n_properties,
+                                  (unsigned long long)left);
     }
     SPIN_TRY(spin_alloc(n_values + 1, sizeof *value, (void **)&ply->ascii_values));
     value = ply->ascii_values;
@@ -452,10 +443,8 @@ static spin_status read_text(struct spin_ply *ply, uint64_t first)
 
         for (uint64_t record = 0; record < e->count; record++, value += e->n_properties) {
             if (!read_text_record(&t, e, value))
-                return spin_fail(
-                    SPIN_E_MALFORMED,
-                    "'%s': element '%s' record %llu is missing or is not a line of %zu "
-                    "numbers",
+                return spin_malformed(
+                    "'%s': element '%s' record %llu is missing or is not a line of %zu numbers",
                     ply->path, e->name, (unsigned long long)record, e->n_properties);
         }
     }
@@ -473,8 +462,8 @@ static spin_status parse_file(struct spin_ply *ply)
     SPIN_TRY(parse_header(ply, &n_header));
     for (size_t i = 0; i < ply->n_elements; i++) {
         if (ply->element[i].n_properties == 0 && ply->element[i].count > 0)
-            return spin_fail(SPIN_E_MALFORMED, "'%s': element '%s' has records but no properties",
-                             ply->path, ply->element[i].name);
+            return spin_malformed("'%s': element '%s' has records but no properties", ply->path,
+                                  ply->element[i].name);
     }
     return ply->ascii ? read_text(ply, n_header) : check_binary(ply, n_header);
 }

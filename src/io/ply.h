@@ -1,6 +1,5 @@
 /* PLY files: header, elements, properties by name, all three encodings. */
-#ifndef SPIN_IO_PLY_H
-#define SPIN_IO_PLY_H
+#pragma once
 
 #include "io/file.h"
 
@@ -70,5 +69,3 @@ struct spin_ply_target {
 };
 void spin_ply_columns(const struct spin_ply *ply, const struct spin_ply_element *e,
                       const struct spin_ply_target *target, size_t n_targets);
-
-#endif

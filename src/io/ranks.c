@@ -1,13 +1,11 @@
 /* Loads the shim when there are others, and builds on its one exchange what the work needs. */
 #include "io/ranks.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
 
-#include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/shim.h"
@@ -75,35 +73,31 @@ static bool take_line(const char *line)
 /* Rank 0 says what the others had to say. */
 static spin_status say_lines(void)
 {
-    uint64_t *bytes = NULL;
+    SPIN_FREED uint64_t *bytes = NULL;
     void *block = NULL;
-    char *text = NULL;
-    spin_status status;
+    SPIN_FREED char *text = NULL;
 
-    SPIN_TRY_OUT(spin_alloc((size_t)n_ranks, sizeof *bytes, &block));
+    SPIN_TRY(spin_alloc((size_t)n_ranks, sizeof *bytes, &block));
     bytes = block;
     bytes[own_rank] = n_lines_bytes;
-    SPIN_TRY_OUT(spin_ranks_gather(bytes, sizeof *bytes));
+    SPIN_TRY(spin_ranks_gather(bytes, sizeof *bytes));
     for (int r = 1; r < n_ranks; r++) {
         struct spin_message m = {own_rank ? 0 : r, own_rank == 0, lines, bytes[r]};
 
         if ((own_rank != 0 && own_rank != r) || bytes[r] == 0)
             continue;
         if (own_rank == 0) {
-            SPIN_TRY_OUT(spin_alloc(bytes[r] + 1, 1, (void **)&text));
+            SPIN_TRY(spin_alloc(bytes[r] + 1, 1, (void **)&text));
             m.at = text;
         }
-        SPIN_TRY_OUT(spin_ranks_exchange(&m, 1));
+        SPIN_TRY(spin_ranks_exchange(&m, 1));
         for (size_t at = 0; text && at < bytes[r]; at += strlen(text + at) + 1)
             if (!is_said(text + at))
                 spin_warn("%s", text + at);
         free(text);
         text = NULL;
     }
-out:
-    free(bytes);
-    free(text);
-    return status;
+    return SPIN_OK;
 }
 
 /* ---- Begin -------------------------------------------------------------------------------------- */
@@ -142,11 +136,10 @@ spin_status spin_ranks_begin(void)
         return SPIN_OK;
     SPIN_TRY(spin_shim_need(&where, (const void **)&shim));
     if (!shim->start(&own_rank, &n_ranks, why, sizeof why))
-        return spin_fail(SPIN_E_UNSUPPORTED, "cannot join the other processes: %s", why);
+        return spin_unsupported("cannot join the other processes: %s", why);
     if (n_ranks == 1) /* each would do the whole work, over the others' files */
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "one of several processes, but MPI knows of one only: spin-mpi.so was "
-                         "built with another MPI than the one that started it");
+        return spin_unsupported("one of several processes, but MPI knows of one only: spin-mpi.so "
+                                "was built with another MPI than the one that started it");
     if (own_rank > 0)
         spin_log_set_level(-1);
     spin_log_set_sink(take_line);
@@ -223,9 +216,8 @@ spin_status spin_ranks_sum(void *at, size_t n, int kind)
 
 spin_status spin_ranks_gather(void *rows, size_t bytes)
 {
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     struct spin_message *m;
-    spin_status status;
     size_t n = 0;
 
     if (n_ranks == 1)
@@ -238,16 +230,13 @@ spin_status spin_ranks_gather(void *rows, size_t bytes)
         m[n++] = (struct spin_message){r, 1, (char *)rows + (size_t)r * bytes, bytes};
         m[n++] = (struct spin_message){r, 0, (char *)rows + (size_t)own_rank * bytes, bytes};
     }
-    status = spin_ranks_exchange(m, n);
-    free(block);
-    return status;
+    return spin_ranks_exchange(m, n);
 }
 
 spin_status spin_ranks_merge(void *rows, size_t n, size_t bytes, const int *owner)
 {
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     struct spin_message *m;
-    spin_status status;
     size_t k = 0;
 
     if (n_ranks == 1 || n == 0)
@@ -263,9 +252,7 @@ spin_status spin_ranks_merge(void *rows, size_t n, size_t bytes, const int *owne
             if (r != own_rank)
                 m[k++] = (struct spin_message){r, 0, at, bytes};
     }
-    status = spin_ranks_exchange(m, k);
-    free(block);
-    return status;
+    return spin_ranks_exchange(m, k);
 }
 
 spin_status spin_ranks_share(void *at, size_t bytes, int from)

@@ -4,8 +4,7 @@
  *
  * A rank that fails sends the others a notice when its work ends (spin_ranks_end, spin_run.h). Who waits for it in
  * a call below then fails too, so nobody waits for ever. Only the thread that began may call. */
-#ifndef SPIN_IO_RANKS_H
-#define SPIN_IO_RANKS_H
+#pragma once
 
 #include "spin.h"
 #include "io/ranks_shim.h"
@@ -36,5 +35,3 @@ spin_status spin_ranks_listen(void);
  * counts, too. */
 void spin_ranks_spent(uint64_t *bytes, double *seconds);
 void spin_ranks_spend(uint64_t bytes, double seconds);
-
-#endif

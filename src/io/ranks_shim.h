@@ -1,6 +1,5 @@
 /* What ranks.c and the shared object behind it, which is linked with MPI, agree on. Plain C types only. */
-#ifndef SPIN_IO_RANKS_SHIM_H
-#define SPIN_IO_RANKS_SHIM_H
+#pragma once
 
 #include <stddef.h>
 
@@ -39,5 +38,3 @@ struct spin_ranks_shim {
 };
 
 extern const struct spin_ranks_shim spin_ranks_shim_table;
-
-#endif

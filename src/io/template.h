@@ -15,12 +15,9 @@
  *     {{^data}}...{{/}}  {{^kind=ends}}   where {{# }} is not
  *     {{.}} {{@}}                         the element; its key, or its number from 1
  */
-#ifndef SPIN_IO_TEMPLATE_H
-#define SPIN_IO_TEMPLATE_H
+#pragma once
 
 #include "io/json.h"
 
 /* html: values are escaped; else control characters in them become '?', as a terminal takes them for commands. */
 void spin_template_write(FILE *to, const char *text, const spin_json *document, bool html);
-
-#endif

@@ -10,8 +10,6 @@
 #include <string.h>
 #include <strings.h>
 
-#include "base/err.h"
-#include "base/log.h"
 #include "io/xz.h"
 #include "io/zip.h"
 
@@ -72,7 +70,7 @@ static spin_status fail_foreign(const char *path, const struct spin_map *map)
         what = "it is a tar file, as PyTorch wrote them before 0.1.10";
     else if (is_safetensors(map))
         what = "it is a safetensors file, not a PyTorch checkpoint";
-    return spin_fail(SPIN_E_UNSUPPORTED, "cannot read '%s': %s", path, what);
+    return spin_unsupported("cannot read '%s': %s", path, what);
 }
 
 /* ---- The zip form ---------------------------------------------------------------------------- */
@@ -89,18 +87,15 @@ static spin_status find_pickle(struct spin_torch_file *f, const struct spin_zip_
         if (!slash || strcmp(slash, name) != 0)
             continue;
         if (*out && strcmp((*out)->name, f->zip.member[i].name) != 0)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "cannot read '%s': it holds two checkpoints, '%s' and '%s'", f->path,
-                             (*out)->name, f->zip.member[i].name);
+            return spin_malformed("cannot read '%s': it holds two checkpoints, '%s' and '%s'",
+                                  f->path, (*out)->name, f->zip.member[i].name);
         *out = &f->zip.member[i];
         f->top = (*out)->name;
         f->n_top = (size_t)(slash - (*out)->name) + 1;
     }
     if (!*out)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "cannot read '%s': a zip file without 'data.pkl' is not a PyTorch "
-                         "checkpoint",
-                         f->path);
+        return spin_unsupported(
+            "cannot read '%s': a zip file without 'data.pkl' is not a PyTorch checkpoint", f->path);
     return SPIN_OK;
 }
 
@@ -142,7 +137,7 @@ static spin_status read_word(struct spin_torch_file *f, const char *name, char o
 {
     const struct spin_zip_member *member = find_below(f, name);
     const unsigned char *data;
-    void *owned = NULL;
+    SPIN_FREED void *owned = NULL;
     size_t n;
 
     out[0] = '\0';
@@ -153,7 +148,6 @@ static spin_status read_word(struct spin_torch_file *f, const char *name, char o
     memcpy(out, data, n);
     out[n] = '\0';
     out[strcspn(out, "\r\n")] = '\0';
-    free(owned);
     return SPIN_OK;
 }
 
@@ -166,21 +160,19 @@ static spin_status check_container(struct spin_torch_file *f, bool *big_endian)
         const char *rest = below_top(f, f->zip.member[i].name);
 
         if (rest && (strcmp(rest, "constants.pkl") == 0 || strncmp(rest, "code/", 5) == 0))
-            return spin_fail(SPIN_E_UNSUPPORTED,
-                             "cannot read '%s': member '%s' says that this is a TorchScript "
-                             "program, not a checkpoint",
-                             f->path, f->zip.member[i].name);
+            return spin_unsupported("cannot read '%s': member '%s' says that this is a TorchScript "
+                                    "program, not a checkpoint",
+                                    f->path, f->zip.member[i].name);
     }
     SPIN_TRY(read_word(f, "version", word));
     version = strtol(word, &end, 10);
     if (word[0] && (end == word || *end || version < 1 || version > 10))
-        return spin_fail(SPIN_E_UNSUPPORTED, "cannot read '%s': its version is not one of 1 to 10",
-                         f->path);
+        return spin_unsupported("cannot read '%s': its version is not one of 1 to 10", f->path);
     SPIN_TRY(read_word(f, "byteorder", word));
     *big_endian = strcmp(word, "big") == 0;
     if (word[0] && !*big_endian && strcmp(word, "little") != 0)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "cannot read '%s': its byte order is neither little nor big", f->path);
+        return spin_unsupported("cannot read '%s': its byte order is neither little nor big",
+                                f->path);
     return SPIN_OK;
 }
 
@@ -200,19 +192,17 @@ static spin_status check_storage(const struct spin_torch_file *f, const struct s
     uint64_t bytes = s->count * (uint64_t)s->item_size; /* no overflow: checked by the pickle */
 
     if (!member)
-        return s->count == 0
-                   ? SPIN_OK
-                   : spin_fail(SPIN_E_MALFORMED, "cannot read '%s': storage 'data/%s' is missing",
-                               f->path, s->key);
+        return s->count == 0 ? SPIN_OK
+                             : spin_malformed("cannot read '%s': storage 'data/%s' is missing",
+                                              f->path, s->key);
     if (member->size < bytes)
-        return spin_fail(
-            SPIN_E_MALFORMED, "cannot read '%s': storage 'data/%s' has %llu bytes, expected %llu",
-            f->path, s->key, (unsigned long long)member->size, (unsigned long long)bytes);
+        return spin_malformed("cannot read '%s': storage 'data/%s' has %llu bytes, expected %llu",
+                              f->path, s->key, (unsigned long long)member->size,
+                              (unsigned long long)bytes);
     if (member->size > bytes && member->method != 0)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "cannot read '%s': storage 'data/%s' unpacks to %llu bytes, expected %llu",
-                         f->path, s->key, (unsigned long long)member->size,
-                         (unsigned long long)bytes);
+        return spin_malformed(
+            "cannot read '%s': storage 'data/%s' unpacks to %llu bytes, expected %llu", f->path,
+            s->key, (unsigned long long)member->size, (unsigned long long)bytes);
     if (member->size > bytes)
         spin_warn("'%s': storage 'data/%s' has %llu bytes more than its elements need", f->path,
                   s->key, (unsigned long long)(member->size - bytes));
@@ -222,7 +212,7 @@ static spin_status check_storage(const struct spin_torch_file *f, const struct s
 /* The member of every storage, by a merge of two sorted lists. */
 static spin_status find_storages(struct spin_torch_file *f, const struct spin_pickle *pickle)
 {
-    struct finder *list;
+    SPIN_FREED struct finder *list = NULL;
     size_t n = 0, at = 0;
     spin_status status = SPIN_OK;
 
@@ -241,7 +231,6 @@ static spin_status find_storages(struct spin_torch_file *f, const struct spin_pi
             f->bound[i].member = list[at].member;
         status = check_storage(f, &pickle->storage[i], f->bound[i].member);
     }
-    free(list);
     return status;
 }
 
@@ -249,17 +238,14 @@ static spin_status open_zip(struct spin_torch_file *f, struct spin_pickle *pickl
 {
     const struct spin_zip_member *member;
     const unsigned char *data;
-    void *owned = NULL;
+    SPIN_FREED void *owned = NULL;
     bool big_endian;
-    spin_status status;
 
     SPIN_TRY(spin_zip_open(f->path, &f->zip));
     SPIN_TRY(find_pickle(f, &member));
     SPIN_TRY(check_container(f, &big_endian));
     SPIN_TRY(read_member(f, member, PICKLE_LIMIT, &data, &owned));
-    status = spin_pickle_parse(f->path, data, (size_t)member->size, pickle);
-    free(owned);
-    SPIN_TRY(status);
+    SPIN_TRY(spin_pickle_parse(f->path, data, (size_t)member->size, pickle));
     pickle->big_endian = big_endian;
     SPIN_TRY(spin_alloc(pickle->n_storages, sizeof *f->bound, (void **)&f->bound));
     return find_storages(f, pickle);
@@ -320,7 +306,7 @@ static spin_status bind(struct spin_torch *torch, struct spin_array *t)
     struct bound *b;
 
     if (!s) /* cannot be: every key in a tensor has its row */
-        return spin_fail(SPIN_E_MALFORMED, "storage '%s' is missing", t->storage);
+        return spin_malformed("storage '%s' is missing", t->storage);
     t->big_endian = torch->pickle.big_endian && t->item_size > 1;
     if (!f->is_zip || s->count == 0) {
         t->data = f->is_zip ? (const unsigned char *)"" : s->data;
@@ -347,9 +333,9 @@ spin_status spin_torch_tensor(struct spin_torch *torch, const struct spin_value 
     const char *path = torch->file->path;
 
     if (!v)
-        return spin_fail(SPIN_E_NOT_FOUND, "cannot read '%s': no '%s' in it", path, what);
+        return spin_not_found("cannot read '%s': no '%s' in it", path, what);
     if (v->kind != SPIN_VALUE_TENSOR)
-        return spin_fail(SPIN_E_MALFORMED, "cannot read '%s': '%s' is not a tensor", path, what);
+        return spin_malformed("cannot read '%s': '%s' is not a tensor", path, what);
     *out = v->tensor;
     return out->storage ? bind(torch, out) : SPIN_OK;
 }
@@ -365,8 +351,8 @@ spin_status spin_torch_tensor_of(struct spin_torch *torch, const struct spin_val
         return SPIN_OK;
     spin_array_shape_text(out->n_dims, out->shape, got, sizeof got);
     spin_array_shape_text(n_dims, (const uint64_t *)shape, wanted, sizeof wanted);
-    return spin_fail(SPIN_E_MALFORMED, "cannot read '%s': tensor '%s' has shape %s, expected %s",
-                     torch->file->path, what, got, wanted);
+    return spin_malformed("cannot read '%s': tensor '%s' has shape %s, expected %s",
+                          torch->file->path, what, got, wanted);
 }
 
 spin_status spin_torch_floats(struct spin_torch *torch, const struct spin_value *v,
@@ -380,9 +366,9 @@ spin_status spin_torch_floats(struct spin_torch *torch, const struct spin_value 
     *out = NULL;
     SPIN_TRY(spin_torch_tensor_of(torch, v, what, n_dims, shape, t));
     if (t->kind != 'f' && t->kind != 'B')
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "cannot read '%s': tensor '%s' does not hold floating-point numbers",
-                         torch->file->path, what);
+        return spin_unsupported(
+            "cannot read '%s': tensor '%s' does not hold floating-point numbers", torch->file->path,
+            what);
     if (!spin_mul_size((size_t)t->count, sizeof **out, &bytes) ||
         !(*out = malloc(bytes ? bytes : 1)))
         return spin_fail(SPIN_E_MEMORY,
@@ -395,7 +381,6 @@ spin_status spin_torch_floats(struct spin_torch *torch, const struct spin_value 
         return SPIN_OK;
     free(*out);
     *out = NULL;
-    return spin_fail(SPIN_E_MALFORMED,
-                     "cannot read '%s': tensor '%s' has %llu values that are not finite",
-                     torch->file->path, what, (unsigned long long)bad);
+    return spin_malformed("cannot read '%s': tensor '%s' has %llu values that are not finite",
+                          torch->file->path, what, (unsigned long long)bad);
 }

@@ -1,6 +1,5 @@
 /* PyTorch checkpoints (.pth, .pt): zip and legacy streams, as data. Nothing in them is executed. */
-#ifndef SPIN_IO_TORCH_H
-#define SPIN_IO_TORCH_H
+#pragma once
 
 #include "io/pickle.h"
 
@@ -30,5 +29,3 @@ void spin_torch_forget(const struct spin_torch *torch, const struct spin_array *
 spin_status spin_torch_floats(struct spin_torch *torch, const struct spin_value *v,
                               const char *what, int n_dims, const int64_t *shape,
                               struct spin_array *info, float **out);
-
-#endif

@@ -3,13 +3,11 @@
 
 #include <ctype.h>
 #include <pthread.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 #include <sys/stat.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/shim.h"
 #include "io/video_shim.h"
@@ -296,8 +294,8 @@ static spin_status go_to(struct video *v, int64_t frame, const struct spin_video
         if (now == frame)
             return convert(v, rgb);
         if (now > frame)
-            return spin_fail(SPIN_E_MALFORMED, "cannot read video '%s': frame %lld is not decoded",
-                             v->file, (long long)frame);
+            return spin_malformed("cannot read video '%s': frame %lld is not decoded", v->file,
+                                  (long long)frame);
         if (passer && passer->wants(passer->context, now)) {
             SPIN_TRY(convert(v, rgb));
             passer->take(passer->context, now, v->index.width, v->index.height, rgb);
@@ -317,8 +315,8 @@ static spin_status read_frame(const char *file, int64_t frame,
 
     SPIN_TRY(find_video(file, &v));
     if (frame < 0 || frame >= v->index.n)
-        return spin_fail(SPIN_E_NOT_FOUND, "video '%s' has no frame %lld, only 0 to %lld", file,
-                         (long long)frame, (long long)v->index.n - 1);
+        return spin_not_found("video '%s' has no frame %lld, only 0 to %lld", file,
+                              (long long)frame, (long long)v->index.n - 1);
     SPIN_TRY(open_stream(v));
     pixels = (size_t)v->index.width * (size_t)v->index.height;
     SPIN_TRY(spin_alloc(pixels, 3, (void **)rgb));

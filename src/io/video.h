@@ -10,8 +10,7 @@
  * nobody asked for; instead the decoder stays where it is, and every frame that it passes is offered to
  * the caller, who keeps it while there is memory: so a video that fits is decoded about once in all, and
  * one that does not costs at most a key frame's distance each time. */
-#ifndef SPIN_IO_VIDEO_H
-#define SPIN_IO_VIDEO_H
+#pragma once
 
 #include "io/file.h"
 
@@ -58,5 +57,3 @@ spin_status spin_video_create(const char *path, bool force, bool sync, int width
 spin_status spin_video_put(struct spin_video_out *out, const float *image);
 spin_status spin_video_commit(struct spin_video_out *out);
 void spin_video_abandon(struct spin_video_out *out);
-
-#endif

@@ -5,7 +5,6 @@
 #include <string.h>
 #include <strings.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/video_shim.h"
 
@@ -45,8 +44,7 @@ spin_status spin_video_create(const char *path, bool force, bool sync, int width
 
     *out = NULL;
     if (!format)
-        return spin_fail(SPIN_E_USAGE, "video '%s': expected a name that ends in .mp4 or .webm",
-                         path);
+        return spin_misuse("video '%s': expected a name that ends in .mp4 or .webm", path);
     SPIN_TRY(spin_video_shim(&shim));
     SPIN_TRY(spin_alloc(1, sizeof *v, (void **)&v));
     v->width = width;

@@ -1,8 +1,6 @@
 /* What video.c and the shared object behind it agree on: one table of functions, found by name. */
-#ifndef SPIN_IO_VIDEO_SHIM_H
-#define SPIN_IO_VIDEO_SHIM_H
+#pragma once
 
-#include <stddef.h>
 #include <stdint.h>
 
 #define SPIN_VIDEO_SHIM_ABI 3
@@ -69,5 +67,3 @@ extern const struct spin_video_shim spin_video_shim_table;
 extern const struct spin_video_encoder spin_video_encoder_table;
 /* Text, with FFmpeg's error number when it is not 0, becomes why() of this thread. */
 void spin_video_because(int error, const char *what);
-
-#endif

@@ -5,7 +5,6 @@
 #include <webp/decode.h>
 #include <webp/encode.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/shim.h"
 
@@ -64,19 +63,17 @@ static spin_status check_written(const struct sink *sink, const uint8_t *rgba, i
                                  int height)
 {
     size_t n = (size_t)width * (size_t)height * 4;
-    uint8_t *again = NULL;
+    SPIN_FREED uint8_t *again = NULL;
     int w, h;
-    spin_status status;
 
     SPIN_TRY(spin_webp_size(sink->data, sink->n, &w, &h));
     SPIN_TRY(spin_alloc(n, 1, (void **)&again));
-    status = w == width && h == height
-                 ? spin_webp_read(sink->data, sink->n, width, height, again)
-                 : spin_fail(SPIN_E_IO, "libwebp wrote %dx%d pixels of %dx%d", w, h, width, height);
-    if (status == SPIN_OK && memcmp(rgba, again, n) != 0)
-        status = spin_fail(SPIN_E_IO, "libwebp wrote other values than it was given");
-    free(again);
-    return status;
+    SPIN_TRY(w == width && h == height ? spin_webp_read(sink->data, sink->n, width, height, again)
+                                       : spin_fail(SPIN_E_IO, "libwebp wrote %dx%d pixels of %dx%d",
+                                                   w, h, width, height));
+    if (memcmp(rgba, again, n) != 0)
+        return spin_fail(SPIN_E_IO, "libwebp wrote other values than it was given");
+    return SPIN_OK;
 }
 
 spin_status spin_webp_write(const uint8_t *rgba, int width, int height, int effort,
@@ -89,10 +86,10 @@ spin_status spin_webp_write(const uint8_t *rgba, int width, int height, int effo
 
     SPIN_TRY(spin_webp_need());
     if (width < 1 || height < 1 || width > SPIN_WEBP_MAX_SIDE || height > SPIN_WEBP_MAX_SIDE)
-        return spin_fail(SPIN_E_UNSUPPORTED, "a WebP of %dx%d pixels", width, height);
+        return spin_unsupported("a WebP of %dx%d pixels", width, height);
     if (!config_init(&config, WEBP_PRESET_DEFAULT, 75, WEBP_ENCODER_ABI_VERSION) ||
         !config_lossless(&config, effort) || !picture_init(&picture, WEBP_ENCODER_ABI_VERSION))
-        return spin_fail(SPIN_E_UNSUPPORTED, "libwebp is of another version than the build's");
+        return spin_unsupported("libwebp is of another version than the build's");
     config.exact = 1;
     picture.use_argb = 1;
     picture.width = width;
@@ -120,7 +117,7 @@ spin_status spin_webp_size(const void *data, size_t size, int *width, int *heigh
 {
     SPIN_TRY(spin_webp_need());
     if (!get_info(data, size, width, height))
-        return spin_fail(SPIN_E_MALFORMED, "no WebP picture");
+        return spin_malformed("no WebP picture");
     return SPIN_OK;
 }
 
@@ -136,16 +133,16 @@ spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *h
 
     *width = *height = 0;
     if (size < 12 || memcmp(file, "RIFF", 4) != 0 || memcmp(file + 8, "WEBP", 4) != 0)
-        return spin_fail(SPIN_E_MALFORMED, "no WebP picture");
+        return spin_malformed("no WebP picture");
     if ((uint64_t)word_at(file + 4) + 8 != size)
-        return spin_fail(SPIN_E_MALFORMED, "a WebP picture that says %llu bytes and has %zu",
-                         (unsigned long long)word_at(file + 4) + 8, size);
+        return spin_malformed("a WebP picture that says %llu bytes and has %zu",
+                              (unsigned long long)word_at(file + 4) + 8, size);
     for (size_t at = 12; at < size;) {
         const uint8_t *chunk = file + at;
         size_t left = size - at, n = left < 8 ? SIZE_MAX : word_at(chunk + 4);
 
         if (left < 8 || n > left - 8 || (n & 1 && n == left - 8))
-            return spin_fail(SPIN_E_MALFORMED, "a WebP picture that is cut short");
+            return spin_malformed("a WebP picture that is cut short");
         if (memcmp(chunk, "VP8X", 4) == 0 && at == 12 && n == 10) {
             wide = (word_at(chunk + 12) & 0xffffff) + 1;
             high = (word_at(chunk + 14) >> 8) + 1;
@@ -155,13 +152,13 @@ spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *h
             *height = (int)(word_at(chunk + 9) >> 14 & 0x3fff) + 1;
         } else if (memcmp(chunk, "VP8", 3) == 0 || memcmp(chunk, "AL", 2) == 0 ||
                    memcmp(chunk, "AN", 2) == 0) {
-            return spin_fail(SPIN_E_MALFORMED, "a WebP picture with '%.4s', expected VP8L alone",
-                             (const char *)chunk);
+            return spin_malformed("a WebP picture with '%.4s', expected VP8L alone",
+                                  (const char *)chunk);
         }
         at += 8 + n + (n & 1);
     }
     if (*width == 0 || (wide > 0 && ((int)wide != *width || (int)high != *height)))
-        return spin_fail(SPIN_E_MALFORMED, "a WebP picture that is not one lossless one");
+        return spin_malformed("a WebP picture that is not one lossless one");
     return SPIN_OK;
 }
 
@@ -169,6 +166,6 @@ spin_status spin_webp_read(const void *data, size_t size, int width, int height,
 {
     SPIN_TRY(spin_webp_need());
     if (!decode_into(data, size, rgba, (size_t)width * (size_t)height * 4, 4 * width))
-        return spin_fail(SPIN_E_MALFORMED, "a damaged WebP picture");
+        return spin_malformed("a damaged WebP picture");
     return SPIN_OK;
 }

@@ -1,8 +1,7 @@
 /* Lossless WebP pictures in memory, by the system's libwebp, which comes with OpenImageIO. It is loaded when first
  * needed, as a program that makes no SOG does without. SPIN_WEBP names another file than libwebp.so.7. OpenImageIO itself cannot do this: it changes the
  * colours of what is transparent, and SOG keeps numbers there. */
-#ifndef SPIN_IO_WEBP_H
-#define SPIN_IO_WEBP_H
+#pragma once
 
 #include "spin.h"
 
@@ -21,5 +20,3 @@ spin_status spin_webp_size(const void *data, size_t size, int *width, int *heigh
 spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *height);
 /* Into [height][width][4] of that size. */
 spin_status spin_webp_read(const void *data, size_t size, int width, int height, uint8_t *rgba);
-
-#endif

@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/file.h"
 
@@ -30,18 +29,17 @@ static spin_status fail_lzma(const char *path, lzma_ret code)
 {
     switch (code) {
     case LZMA_FORMAT_ERROR:
-        return spin_fail(SPIN_E_MALFORMED, "'%s' is not an xz file", path);
+        return spin_malformed("'%s' is not an xz file", path);
     case LZMA_BUF_ERROR:
-        return spin_fail(SPIN_E_MALFORMED, "'%s' is cut short", path);
+        return spin_malformed("'%s' is cut short", path);
     case LZMA_OPTIONS_ERROR:
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' uses xz options that are not known", path);
+        return spin_unsupported("'%s' uses xz options that are not known", path);
     case LZMA_MEMLIMIT_ERROR:
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' needs more than 268 MB to be unpacked", path);
+        return spin_unsupported("'%s' needs more than 268 MB to be unpacked", path);
     case LZMA_MEM_ERROR:
         return spin_fail(SPIN_E_MEMORY, "not enough memory to unpack '%s'", path);
     default:
-        return spin_fail(SPIN_E_MALFORMED, "'%s' is damaged: xz data that cannot be unpacked",
-                         path);
+        return spin_malformed("'%s' is damaged: xz data that cannot be unpacked", path);
     }
 }
 
@@ -68,8 +66,7 @@ static spin_status inflate_all(const char *path, lzma_stream *stream, size_t lim
     while (code == LZMA_OK) {
         if (stream->avail_out == 0) {
             if (size > limit)
-                return spin_fail(SPIN_E_UNSUPPORTED, "'%s' unpacks to more than %zu bytes", path,
-                                 limit);
+                return spin_unsupported("'%s' unpacks to more than %zu bytes", path, limit);
             SPIN_TRY(more_room(stream, limit, block, &size));
         }
         code = lzma_code(stream, LZMA_FINISH);
@@ -78,7 +75,7 @@ static spin_status inflate_all(const char *path, lzma_stream *stream, size_t lim
         return fail_lzma(path, code);
     *n = size - stream->avail_out;
     if (*n > limit)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' unpacks to more than %zu bytes", path, limit);
+        return spin_unsupported("'%s' unpacks to more than %zu bytes", path, limit);
     return SPIN_OK;
 }
 

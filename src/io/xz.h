@@ -1,6 +1,5 @@
 /* Files compressed with xz (LZMA2), inflated into memory within a bound. */
-#ifndef SPIN_IO_XZ_H
-#define SPIN_IO_XZ_H
+#pragma once
 
 #include "spin.h"
 
@@ -10,5 +9,3 @@ bool spin_xz_looks_like(const unsigned char *head, size_t n);
  * 8 MiB, is SPIN_E_UNSUPPORTED. What the decoder needs for itself is bounded too. Errors name the
  * path. */
 spin_status spin_xz_load(const char *path, size_t limit, unsigned char **out, size_t *n);
-
-#endif

@@ -12,7 +12,6 @@
 #include <string.h>
 #include <zlib.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/zip_format.h"
 
@@ -63,15 +62,12 @@ static spin_status read_end64(const char *path, const struct spin_map *map, uint
     const unsigned char *p;
 
     if (at > end - LOCATOR_BYTES || end - LOCATOR_BYTES - at < END64_BYTES)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "cannot read '%s': its zip64 end record lies outside the file", path);
+        return spin_malformed("cannot read '%s': its zip64 end record lies outside the file", path);
     p = map->data + at;
     if (u32(p) != SIG_END64)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "cannot read '%s': no zip64 end record where it should be", path);
+        return spin_malformed("cannot read '%s': no zip64 end record where it should be", path);
     if (u32(p + 16) != 0 || u32(p + 20) != 0 || u64(p + 24) != u64(p + 32))
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "cannot read '%s': the archive is split over several files", path);
+        return spin_unsupported("cannot read '%s': the archive is split over several files", path);
     dir->n = u64(p + 32);
     dir->size = u64(p + 40);
     dir->offset = u64(p + 48);
@@ -86,10 +82,9 @@ static spin_status find_directory(const char *path, const struct spin_map *map,
     const unsigned char *p;
 
     if (map->size == 0)
-        return spin_fail(SPIN_E_MALFORMED, "cannot read '%s': the file is empty", path);
+        return spin_malformed("cannot read '%s': the file is empty", path);
     if (!find_end(map, &end))
-        return spin_fail(
-            SPIN_E_MALFORMED,
+        return spin_malformed(
             "cannot read '%s': no zip directory at its end (cut short or not a zip file)", path);
     p = map->data + end;
     if (end >= LOCATOR_BYTES && u32(p - LOCATOR_BYTES) == SIG_LOCATOR) {
@@ -97,20 +92,19 @@ static spin_status find_directory(const char *path, const struct spin_map *map,
         dir->zip64 = true;
     } else {
         if (u16(p + 4) != 0 || u16(p + 6) != 0 || u16(p + 8) != u16(p + 10))
-            return spin_fail(SPIN_E_UNSUPPORTED,
-                             "cannot read '%s': the archive is split over several files", path);
+            return spin_unsupported("cannot read '%s': the archive is split over several files",
+                                    path);
         dir->n = u16(p + 10);
         dir->size = u32(p + 12);
         dir->offset = u32(p + 16);
         dir->limit = end;
     }
     if (dir->offset > dir->limit || dir->size > dir->limit - dir->offset)
-        return spin_fail(SPIN_E_MALFORMED, "cannot read '%s': its directory lies outside the file",
-                         path);
+        return spin_malformed("cannot read '%s': its directory lies outside the file", path);
     if (dir->n > dir->size / CENTRAL_BYTES)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "cannot read '%s': its directory of %llu bytes cannot hold %llu members",
-                         path, (unsigned long long)dir->size, (unsigned long long)dir->n);
+        return spin_malformed(
+            "cannot read '%s': its directory of %llu bytes cannot hold %llu members", path,
+            (unsigned long long)dir->size, (unsigned long long)dir->n);
     return SPIN_OK;
 }
 
@@ -165,12 +159,12 @@ static spin_status read_entry(const char *path, const struct directory *dir, con
     uint64_t room;
 
     if (left < CENTRAL_BYTES || u32(p) != SIG_CENTRAL)
-        return spin_fail(SPIN_E_MALFORMED, "cannot read '%s': its directory is damaged", path);
+        return spin_malformed("cannot read '%s': its directory is damaged", path);
     n_name = u16(p + 28);
     n_extra = u16(p + 30);
     *taken = (uint64_t)CENTRAL_BYTES + n_name + n_extra + u16(p + 32);
     if (*taken > left)
-        return spin_fail(SPIN_E_MALFORMED, "cannot read '%s': its directory is damaged", path);
+        return spin_malformed("cannot read '%s': its directory is damaged", path);
     memcpy(name, p + CENTRAL_BYTES, n_name);
     name[n_name] = '\0';
     m->name = name;
@@ -195,9 +189,9 @@ static spin_status read_entry(const char *path, const struct directory *dir, con
         return fail_member(SPIN_E_MALFORMED, path, name, "lies outside the file");
     room = dir->offset - m->header_offset - LOCAL_BYTES - n_name;
     if (m->packed_size > room)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "cannot read '%s': member '%s' claims %llu bytes where only %llu are",
-                         path, name, (unsigned long long)m->packed_size, (unsigned long long)room);
+        return spin_malformed("cannot read '%s': member '%s' claims %llu bytes where only %llu are",
+                              path, name, (unsigned long long)m->packed_size,
+                              (unsigned long long)room);
     return SPIN_OK;
 }
 
@@ -224,8 +218,8 @@ static spin_status check_overlap(const char *path, const struct spin_zip *zip)
         uint64_t end = m->header_offset + LOCAL_BYTES + strlen(m->name) + m->packed_size;
 
         if (end > order[i]->header_offset)
-            status = spin_fail(SPIN_E_MALFORMED, "cannot read '%s': members '%s' and '%s' overlap",
-                               path, m->name, order[i]->name);
+            status = spin_malformed("cannot read '%s': members '%s' and '%s' overlap", path,
+                                    m->name, order[i]->name);
     }
     free((void *)order);
     return status;
@@ -250,9 +244,8 @@ static spin_status read_directory(const char *path, const struct directory *dir,
         out->n++;
     }
     if (left > 0)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "cannot read '%s': %llu bytes of its directory are unused", path,
-                         (unsigned long long)left);
+        return spin_malformed("cannot read '%s': %llu bytes of its directory are unused", path,
+                              (unsigned long long)left);
     return check_overlap(path, out);
 }
 
@@ -384,13 +377,11 @@ static spin_status read_deflated(const struct spin_zip *zip, const struct spin_z
 {
     if (m->size > SIZE_MAX ||
         (m->size > deflate_slack && (m->size - deflate_slack) / deflate_ratio > m->packed_size))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "cannot read '%s': member '%s' claims %llu bytes out of %llu packed ones",
-                         zip->path, m->name, (unsigned long long)m->size,
-                         (unsigned long long)m->packed_size);
+        return spin_malformed(
+            "cannot read '%s': member '%s' claims %llu bytes out of %llu packed ones", zip->path,
+            m->name, (unsigned long long)m->size, (unsigned long long)m->packed_size);
     if (m->size > limit)
-        return spin_fail(
-            SPIN_E_UNSUPPORTED,
+        return spin_unsupported(
             "cannot read '%s': member '%s' unpacks to %llu bytes, more than the %llu allowed",
             zip->path, m->name, (unsigned long long)m->size, (unsigned long long)limit);
     *owned = malloc(m->size ? (size_t)m->size : 1);
@@ -408,9 +399,8 @@ static spin_status read_deflated(const struct spin_zip *zip, const struct spin_z
 
 static spin_status fail_method(const struct spin_zip *zip, const struct spin_zip_member *member)
 {
-    return spin_fail(SPIN_E_UNSUPPORTED,
-                     "cannot read '%s': member '%s' is packed with method %d, not 0 or 8",
-                     zip->path, member->name, member->method);
+    return spin_unsupported("cannot read '%s': member '%s' is packed with method %d, not 0 or 8",
+                            zip->path, member->name, member->method);
 }
 
 spin_status spin_zip_head(const struct spin_zip *zip, const struct spin_zip_member *member,

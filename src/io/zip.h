@@ -3,8 +3,7 @@
  *
  * Reading goes by the central directory. Member sizes, offsets and names are checked against the
  * file before anything is reserved; methods 0 and 8 only; never encrypted. */
-#ifndef SPIN_IO_ZIP_H
-#define SPIN_IO_ZIP_H
+#pragma once
 
 #include "io/file.h"
 
@@ -79,5 +78,3 @@ spin_status spin_zip_writer_end(struct spin_zip_writer *w, spin_status so_far,
                                 struct spin_out *out);
 spin_status spin_zip_writer_commit(struct spin_zip_writer *w);
 void spin_zip_writer_abandon(struct spin_zip_writer *w);
-
-#endif

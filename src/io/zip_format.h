@@ -1,6 +1,5 @@
 /* The numbers of the zip format (PKWARE's APPNOTE 6.3) that reader and writer share. */
-#ifndef SPIN_IO_ZIP_FORMAT_H
-#define SPIN_IO_ZIP_FORMAT_H
+#pragma once
 
 enum {
     SIG_LOCAL = 0x04034b50,
@@ -18,5 +17,3 @@ enum {
     METHOD_DEFLATE = 8
 };
 #define FULL32 0xffffffffu /* the value stands in the zip64 record */
-
-#endif

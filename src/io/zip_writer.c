@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/gzip.h"
 #include "io/zip_format.h"
@@ -119,8 +118,7 @@ static spin_status begin_member(struct spin_zip_writer *w, const char *name, uin
     struct spin_zip_written *e;
 
     if (n_name == 0 || n_name > UINT16_MAX)
-        return spin_fail(SPIN_E_USAGE, "cannot write '%s': a member's name has %zu bytes",
-                         w->out.path, n_name);
+        return spin_misuse("cannot write '%s': a member's name has %zu bytes", w->out.path, n_name);
     SPIN_TRY(add_written(w, name, size, method));
     e = &w->written[w->n - 1];
     size32 = e->zip64 ? FULL32 : (uint32_t)size;
@@ -238,8 +236,8 @@ spin_status spin_zip_member_whole(struct spin_zip_writer *w, const char *name, c
 spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, size_t bytes)
 {
     if (bytes > w->written[w->n - 1].size - w->member_size)
-        return spin_fail(SPIN_E_USAGE, "cannot write '%s': member '%s' is longer than announced",
-                         w->out.path, w->written[w->n - 1].name);
+        return spin_misuse("cannot write '%s': member '%s' is longer than announced", w->out.path,
+                           w->written[w->n - 1].name);
     w->crc = spin_crc32(w->crc, data, bytes);
     w->member_size += bytes;
     if (w->deflate)
@@ -263,8 +261,8 @@ spin_status spin_zip_member_end(struct spin_zip_writer *w)
 
     w->in_member = false;
     if (w->member_size != entry->size)
-        return spin_fail(SPIN_E_USAGE, "cannot write '%s': member '%s' is shorter than announced",
-                         w->out.path, entry->name);
+        return spin_misuse("cannot write '%s': member '%s' is shorter than announced", w->out.path,
+                           entry->name);
     entry->crc = w->crc;
     put(&b, entry->crc, 4);
     if (!w->deflate)
@@ -374,15 +372,12 @@ spin_status spin_zip_writer_commit(struct spin_zip_writer *w)
     spin_status status = SPIN_OK;
 
     if (w->in_member)
-        status = spin_fail(SPIN_E_USAGE, "cannot write '%s': its last member was not ended",
-                           w->out.path);
+        status = spin_misuse("cannot write '%s': its last member was not ended", w->out.path);
     if (status == SPIN_OK)
         status = write_directory(w);
     if (status == SPIN_OK)
-        status = spin_out_commit(&w->out);
-    else
-        spin_out_abandon(&w->out);
-    free_written(w);
+        status = spin_out_commit(&w->out); /* which leaves nothing to abandon */
+    spin_zip_writer_abandon(w);
     return status;
 }
 

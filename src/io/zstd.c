@@ -2,7 +2,6 @@
 
 #include <zstd.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/shim.h"
 
@@ -31,9 +30,9 @@ spin_status spin_zstd_read(const void *data, size_t size, void *out, size_t n_ou
     SPIN_TRY(spin_zstd_need());
     n = decompress(out, n_out, data, size);
     if (is_error(n))
-        return spin_fail(SPIN_E_MALFORMED, "damaged zstd data: %s", error_name(n));
+        return spin_malformed("damaged zstd data: %s", error_name(n));
     if (n != n_out)
-        return spin_fail(SPIN_E_MALFORMED, "zstd data of %zu bytes, expected %zu", n, n_out);
+        return spin_malformed("zstd data of %zu bytes, expected %zu", n, n_out);
     return SPIN_OK;
 }
 

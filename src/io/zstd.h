@@ -1,8 +1,7 @@
 /* Frames of Zstandard (RFC 8878) in memory, by the system's libzstd. It is loaded when first
  * needed, so that who reads or writes no such file does without; Debian and Ubuntu always have
  * it, as dpkg does not do without. SPIN_ZSTD names another file than libzstd.so.1. */
-#ifndef SPIN_IO_ZSTD_H
-#define SPIN_IO_ZSTD_H
+#pragma once
 
 #include "spin.h"
 
@@ -15,5 +14,3 @@ spin_status spin_zstd_read(const void *data, size_t size, void *out, size_t n_ou
  * not enough. The same data, level and library give the same bytes. */
 spin_status spin_zstd_write(const void *data, size_t size, int level, unsigned char **out,
                             size_t *n_room, size_t *n_out);
-
-#endif

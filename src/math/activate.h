@@ -1,7 +1,6 @@
 /* Raw head outputs to finished attributes and back (the table of docs/method.md 3.4). Colour is the
  * identity and needs no function. */
-#ifndef SPIN_MATH_ACTIVATE_H
-#define SPIN_MATH_ACTIVATE_H
+#pragma once
 
 #include "math/approx.h"
 #include "math/quat.h"
@@ -55,5 +54,3 @@ SPIN_FN float spin_logit_of(double opacity)
 
     return (float)log(o / (1 - o));
 }
-
-#endif

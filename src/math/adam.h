@@ -3,8 +3,7 @@
  *
  *     m = .9 m + .1 g;  v = .999 v + .001 g^2
  *     p -= lr/(1-.9^k) m / (sqrt(v)/sqrt(1-.999^k) + 1e-15) */
-#ifndef SPIN_MATH_ADAM_H
-#define SPIN_MATH_ADAM_H
+#pragma once
 
 #include "math/portable.h"
 
@@ -73,5 +72,3 @@ SPIN_FN double spin_lr_exp(double lr0, double lr_end, int64_t i, int64_t n)
     along = along < 0.0 ? 0.0 : along > 1.0 ? 1.0 : along;
     return exp(log(lr0) * (1.0 - along) + log(lr_end) * along);
 }
-
-#endif

@@ -3,8 +3,7 @@
  * tests/math/t-approx.c holds on a dense sweep.
  *
  * No special cases: arguments outside the range are clamped, NaN stays NaN. */
-#ifndef SPIN_MATH_APPROX_H
-#define SPIN_MATH_APPROX_H
+#pragma once
 
 #include "math/portable.h"
 
@@ -167,5 +166,3 @@ SPIN_FN float spin_gelu(float x)
     q = q * u - 9.999991891e-1f;
     return 0.5f * both - u * spin_exp2_within(q);
 }
-
-#endif

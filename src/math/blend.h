@@ -1,8 +1,7 @@
 /* One Gaussian at one pixel: alpha, one step front to back, one step back to front (docs/method.md 4.2,
  * 4.3; one sum S stands for the colour behind). Exponents are to the base 2 and contain the
  * opacity: alpha = exp2(-log2(e)/2 (a dx^2 + 2 b dx dy + c dy^2) + log2(opacity)). */
-#ifndef SPIN_MATH_BLEND_H
-#define SPIN_MATH_BLEND_H
+#pragma once
 
 #include "math/approx.h"
 #include "math/portable.h"
@@ -187,5 +186,3 @@ SPIN_FN void spin_blend_finish_adj(const float *conic, float opacity,
     d_conic[2] = -0.5f * sums->eyy;
     *d_opacity = opacity > 0 ? sums->e / opacity : 0;
 }
-
-#endif

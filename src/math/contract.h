@@ -6,8 +6,7 @@
  *                                      s = (2 - 1/r)/r  for r > 1
  * Both pieces have value 1 and radial slope 1 at r = 1, so the map has no crease and the adjoint
  * needs no special case on the sphere. */
-#ifndef SPIN_MATH_CONTRACT_H
-#define SPIN_MATH_CONTRACT_H
+#pragma once
 
 #include "math/portable.h"
 
@@ -54,5 +53,3 @@ SPIN_FN spin_vec3 spin_contract_adj(spin_vec3 p, spin_vec3 d_u)
     return spin_v3(0.25f * (s * d_u.x + k * inv_r * p.x), 0.25f * (s * d_u.y + k * inv_r * p.y),
                    0.25f * (s * d_u.z + k * inv_r * p.z));
 }
-
-#endif

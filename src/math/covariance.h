@@ -2,8 +2,7 @@
  *
  * A symmetric 3x3 matrix is six numbers, xx xy xz yy yz zz. All in double: the cut subtracts nearly
  * equal matrices where a Gaussian moves fast, and floats would lose half their digits there. */
-#ifndef SPIN_MATH_COVARIANCE_H
-#define SPIN_MATH_COVARIANCE_H
+#pragma once
 
 #include "math/portable.h"
 
@@ -282,5 +281,3 @@ SPIN_FN void spin_sh_fold(int degree_t, double dt, double length, const float *s
         out[i] = (float)sum;
     }
 }
-
-#endif

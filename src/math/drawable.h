@@ -2,8 +2,7 @@
  * to hang viewers, a rotation of length zero, a scale whose square leaves the range of float, or one larger than the
  * scene - its standard deviation beyond the diagonal of the box of all places of its frame, which would lay one colour
  * over everything. */
-#ifndef SPIN_MATH_DRAWABLE_H
-#define SPIN_MATH_DRAWABLE_H
+#pragma once
 
 #include <stddef.h>
 
@@ -74,5 +73,3 @@ SPIN_FN enum spin_undrawable spin_undrawable(const float place[3], const float q
         return SPIN_ROWS_TOO_LARGE;
     return SPIN_ROWS_REASONS;
 }
-
-#endif

@@ -3,8 +3,7 @@
  * that of the lens, shared by cameras of one kind; r is the distance from the principal point in halves of the
  * picture's width. White is the brightest that a photograph shows. So splats need not paint a camera's white balance
  * and its dark corners into the scene. Held-out views are drawn with the falloff, m = 0 and offset 0. */
-#ifndef SPIN_MATH_EXPOSURE_H
-#define SPIN_MATH_EXPOSURE_H
+#pragma once
 
 #include "math/portable.h"
 
@@ -43,5 +42,3 @@ SPIN_FN float spin_exposure_adj(float gain, float falloff, float offset, float r
     s->c2 = s->c1 * r2;
     return whole * seen;
 }
-
-#endif

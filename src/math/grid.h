@@ -3,8 +3,7 @@
  *
  * Vertex k of an axis sits at k / scale; corner number k of a cell has bit d set for the upper
  * vertex of axis d; its weight is the product of smoothstep weights. */
-#ifndef SPIN_MATH_GRID_H
-#define SPIN_MATH_GRID_H
+#pragma once
 
 #include "math/portable.h"
 
@@ -100,5 +99,3 @@ SPIN_FN int spin_grid_stored_level(int level, int n_dims, const float *growth, c
     }
     return 1;
 }
-
-#endif

@@ -1,7 +1,6 @@
 /* Values between key frames: positions, rotations, and an opacity that is on between two times (Ex4DGS, Lee
  * et al., NeurIPS 2024). */
-#ifndef SPIN_MATH_KEYFRAMES_H
-#define SPIN_MATH_KEYFRAMES_H
+#pragma once
 
 #include "math/quat.h"
 
@@ -84,5 +83,3 @@ SPIN_FN double spin_keyframes_visibility(const struct keyframes *at, const float
     x = (at->time - high) / (exp(log_width[at->time >= high]) + least_width);
     return exp(-x * x);
 }
-
-#endif

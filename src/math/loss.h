@@ -1,7 +1,6 @@
 /* L1, the SSIM window and one pixel of the SSIM map with its slopes (docs/method.md 5); PSNR (section
  * 8). */
-#ifndef SPIN_MATH_LOSS_H
-#define SPIN_MATH_LOSS_H
+#pragma once
 
 #include <stddef.h>
 
@@ -59,5 +58,3 @@ SPIN_FN double spin_squares(const float *image, const float *truth, size_t n)
     }
     return sum;
 }
-
-#endif

@@ -1,8 +1,7 @@
 /* A head: three Linear layers with an activation after the first and second (docs/method.md 3.4). The
  * matrix products are the devices' business; here are the layout of its parameters and the
  * activation. */
-#ifndef SPIN_MATH_MLP_H
-#define SPIN_MATH_MLP_H
+#pragma once
 
 #include <stddef.h>
 
@@ -30,5 +29,3 @@ SPIN_FN struct spin_head_layout spin_head_layout(int n_in, int hidden, int n_out
 
 SPIN_FN float spin_relu(float x) { return x < 0.0f ? 0.0f : x; }
 SPIN_FN float spin_relu_slope(float x) { return x > 0.0f ? 1.0f : 0.0f; }
-
-#endif

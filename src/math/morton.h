@@ -1,7 +1,6 @@
 /* Morton codes (Morton 1966): the bits of x, y and z by turns, so that what is near in space is
  * mostly near in order. */
-#ifndef SPIN_MATH_MORTON_H
-#define SPIN_MATH_MORTON_H
+#pragma once
 
 #include "math/portable.h"
 
@@ -17,5 +16,3 @@ SPIN_FN uint64_t spin_morton_spread(uint64_t x)
     x = (x | x << 4) & 0x10c30c30c30c30c3ULL;
     return (x | x << 2) & 0x1249249249249249ULL;
 }
-
-#endif

@@ -1,7 +1,6 @@
 /* A 4D splat in time: the path of its centre, and the window that says how much of its opacity it shows. Each formula
  * with its adjoint. */
-#ifndef SPIN_MATH_MOTION_H
-#define SPIN_MATH_MOTION_H
+#pragma once
 
 #include "math/portable.h"
 
@@ -104,5 +103,3 @@ SPIN_FN void spin_window_span(const struct spin_window *w, double least, double 
         span[1] = -HUGE_VAL;
     }
 }
-
-#endif

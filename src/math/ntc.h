@@ -3,8 +3,7 @@
  *
  * Not our own grid (grid.h): here the vertices are at (k - 0.5) / scale, weights are linear, and a
  * level's size is rounded up to a multiple of 8. */
-#ifndef SPIN_MATH_NTC_H
-#define SPIN_MATH_NTC_H
+#pragma once
 
 #include "math/approx.h"
 
@@ -84,5 +83,3 @@ SPIN_FN void spin_ntc_corners(const struct spin_ntc_level *l, const float x[3], 
         row[c] = spin_ntc_row(l, q);
     }
 }
-
-#endif

@@ -2,8 +2,7 @@
  *
  * Coordinates follow align_corners: -1 is the first sample and 1 the last. Outside, a plane repeats
  * its border: the position is clamped before it is split into cell and fraction. */
-#ifndef SPIN_MATH_PLANE_H
-#define SPIN_MATH_PLANE_H
+#pragma once
 
 #include <stddef.h>
 
@@ -79,5 +78,3 @@ SPIN_FN float spin_voxel_lookup(const float *grid, int n, const float u[3])
     }
     return sum;
 }
-
-#endif

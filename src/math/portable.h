@@ -1,6 +1,5 @@
 /* What C and nvcc both accept. Headers of this room include only each other. */
-#ifndef SPIN_MATH_PORTABLE_H
-#define SPIN_MATH_PORTABLE_H
+#pragma once
 
 #include <math.h>
 #include <stdint.h>
@@ -30,5 +29,3 @@ SPIN_FN float spin_dot3(spin_vec3 a, spin_vec3 b) { return a.x * b.x + a.y * b.y
 
 SPIN_FN float spin_minf(float a, float b) { return a < b ? a : b; }
 SPIN_FN float spin_maxf(float a, float b) { return a > b ? a : b; }
-
-#endif

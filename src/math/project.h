@@ -1,6 +1,5 @@
 /* From a Gaussian in space to an ellipse on the screen, and back (docs/method.md 4.1 and 4.3). */
-#ifndef SPIN_MATH_PROJECT_H
-#define SPIN_MATH_PROJECT_H
+#pragma once
 
 #include "math/portable.h"
 
@@ -254,5 +253,3 @@ SPIN_FN void spin_view_direction_adj(spin_vec3 d, float distance, spin_vec3 d_d,
     d_pos_w[1] += (d_d.y - along * d.y) * inv;
     d_pos_w[2] += (d_d.z - along * d.z) * inv;
 }
-
-#endif

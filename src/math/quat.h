@@ -1,6 +1,5 @@
 /* Quaternions w, x, y, z: length, unit length, product, rotation of a point. */
-#ifndef SPIN_MATH_QUAT_H
-#define SPIN_MATH_QUAT_H
+#pragma once
 
 #include "math/portable.h"
 
@@ -51,5 +50,3 @@ SPIN_FN void spin_quat_rotate(const float q[4], const float p[3], float out[3])
     out[2] =
         s * (x * z - y * w) * p[0] + s * (y * z + x * w) * p[1] + (1 - s * (x * x + y * y)) * p[2];
 }
-
-#endif

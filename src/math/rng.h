@@ -1,8 +1,7 @@
 /* Counter-based random numbers: a pure function of (seed, stream, counter), so any element can be
  * drawn by any thread or device in any order. The mixing is the finaliser of SplitMix64 (Steele,
  * Lea and Flood 2014), applied to the key and then to key + counter * golden ratio. */
-#ifndef SPIN_MATH_RNG_H
-#define SPIN_MATH_RNG_H
+#pragma once
 
 #include "math/portable.h"
 
@@ -46,5 +45,3 @@ SPIN_FN float spin_rng_normal(uint64_t seed, uint64_t stream, uint64_t counter)
 
     return (float)(sqrt(-2.0 * log(u)) * cos(6.283185307179586 * v));
 }
-
-#endif

@@ -5,8 +5,7 @@
  *     c'_m = sum_n c_n integral Y_m(R d) Y_n(d) dd,   within each degree.
  * The product of two functions of degree 3 is a polynomial of degree 6, so that the integral is exact
  * as a sum over 4 Gauss-Legendre nodes in z times 8 equal steps around it. */
-#ifndef SPIN_MATH_SCENE_ROTATION_H
-#define SPIN_MATH_SCENE_ROTATION_H
+#pragma once
 
 #include "math/quat.h"
 #include "math/sh.h"
@@ -136,5 +135,3 @@ SPIN_FN void spin_scene_rotation_sh(const struct spin_scene_rotation *t, int n, 
             out[3 * m + c] = sum[c];
     }
 }
-
-#endif

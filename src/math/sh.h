@@ -1,7 +1,6 @@
 /* Real spherical harmonics up to degree 3, in 3DGS's order and signs (docs/method.md 4.1). Coefficient
  * k of channel c is sh[3 k + c]. */
-#ifndef SPIN_MATH_SH_H
-#define SPIN_MATH_SH_H
+#pragma once
 
 #include "math/portable.h"
 
@@ -120,5 +119,3 @@ SPIN_FN spin_vec3 spin_sh_colour_adj(int degree, spin_vec3 d, const float *sh,
     }
     return spin_sh_slope(degree, d, weight);
 }
-
-#endif

@@ -1,6 +1,5 @@
 /* Which tiles an ellipse touches, and the key it is sorted by (docs/method.md 4.1, 4.2). */
-#ifndef SPIN_MATH_TILE_H
-#define SPIN_MATH_TILE_H
+#pragma once
 
 #include "math/approx.h"
 #include "math/portable.h"
@@ -41,5 +40,3 @@ SPIN_FN void spin_tile_narrow(float at, float reach, int *low, int *high)
 
 /* Positive floats order like their bits. */
 SPIN_FN uint32_t spin_depth_key(float depth) { return spin_bits_of_float(depth); }
-
-#endif

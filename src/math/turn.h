@@ -1,7 +1,6 @@
 /* What a splat has of its moving track where the surface has turned by the unit quaternion q since the track's own
  * frame: the displacement R(q) d and the rotation q r. Both are orthogonal maps, so the adjoint turns back. */
-#ifndef SPIN_MATH_TURN_H
-#define SPIN_MATH_TURN_H
+#pragma once
 
 #include "math/quat.h"
 
@@ -20,5 +19,3 @@ SPIN_FN void spin_turn_adj(const float q[4], int width, const float *in, float *
 
     spin_turn(back, width, in, out);
 }
-
-#endif

@@ -1,7 +1,6 @@
 /* The implicit network: layout of the hash-grid table and the four heads, their initial values.
  * (x, y, z, t) -> scale, rotation, SH colour, opacity of every splat (docs/method.md section 3). */
-#ifndef SPIN_MODEL_FIELD_H
-#define SPIN_MODEL_FIELD_H
+#pragma once
 
 #include "device/device.h"
 #include "io/json.h"
@@ -38,5 +37,3 @@ float spin_field_time(const struct spin_field *field, double time);
  * network, else "field" is null and sh_degree and antialias are all that is set. */
 spin_json *spin_field_to_json(const struct spin_field *field, bool there);
 spin_status spin_field_from_json(const spin_json *trained, struct spin_field *out, bool *there);
-
-#endif

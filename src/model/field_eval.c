@@ -4,8 +4,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "base/err.h"
-
 /* The arrays, once: floats (or rows) per splat. Walked to reserve and to release. Without a
  * network there is no encoder input and no encoding. */
 struct piece {

@@ -1,7 +1,6 @@
 /* Forward and backward pass of the network over the splats of frames, and the buffers that they need:
  * (x, y, z, t) -> scale, rotation, SH colour, opacity (docs/method.md section 3). */
-#ifndef SPIN_MODEL_FIELD_EVAL_H
-#define SPIN_MODEL_FIELD_EVAL_H
+#pragma once
 
 #include "model/field.h"
 
@@ -63,5 +62,3 @@ struct spin_frame_batch spin_one_frame(size_t n, const float SPIN_DEV *means, fl
  * (host memory; n and sh_degree of the splats count). */
 void spin_attr_to_splats(const float *raw, const float *attr, struct spin_splats *splats);
 void spin_attr_from_splats(const struct spin_splats *splats, float *attr);
-
-#endif

@@ -1,8 +1,7 @@
 /* Explicit values of splats in host memory. A row has SPIN_RESIDUAL floats: log scale 3, rotation 4, colour 3,
  * logit of opacity 1. The device holds the same as four groups one after the other, [n][3] [n][4] [n][3]
  * [n], since each has its own learning rate. */
-#ifndef SPIN_MODEL_RESIDUAL_H
-#define SPIN_MODEL_RESIDUAL_H
+#pragma once
 
 #include "device/device.h"
 
@@ -14,5 +13,3 @@ void spin_residual_from_rows(size_t n, const float *rows, size_t stride, const u
                              float *groups);
 void spin_residual_to_rows(size_t n, const float *groups, const uint32_t *row_of, float *rows,
                            size_t stride);
-
-#endif

@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 
 spin_status spin_image_store_open(struct spin_image_store *s, struct spin_device *device, size_t n,

@@ -1,6 +1,5 @@
 /* Photographs in device memory, by number. */
-#ifndef SPIN_RENDER_IMAGE_STORE_H
-#define SPIN_RENDER_IMAGE_STORE_H
+#pragma once
 
 #include "device/device.h"
 
@@ -32,5 +31,3 @@ void spin_image_store_turn(struct spin_image_store *s);
 /* The number where `key` lies. False: it is not there; the number is where the caller shall put it. A turn
  * must not ask for more than n. */
 bool spin_image_store_find(struct spin_image_store *s, size_t key, uint32_t *number);
-
-#endif

@@ -5,8 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
-#include "base/log.h"
 #include "base/mem.h"
 #include "math/drawable.h"
 #include "model/residual.h"
@@ -42,11 +40,9 @@ spin_status spin_player_choose(const struct spin_bundle *bundle, bool source,
     else if (!(SPIN_COL_ATTRIBUTES & ~bundle->meta.columns))
         *out = SPIN_FROM_SOURCE;
     else if (source)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds positions only, no source attributes",
-                         bundle->path);
+        return spin_not_found("'%s' holds positions only, no source attributes", bundle->path);
     else
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds positions only: run spin-retrain first",
-                         bundle->path);
+        return spin_not_found("'%s' holds positions only: run spin-retrain first", bundle->path);
     return SPIN_OK;
 }
 
@@ -114,8 +110,7 @@ static spin_status check_weights(const char *name, const float *values, size_t n
     for (size_t i = 0; i < n; i++)
         n_bad += !isfinite(values[i]);
     if (n_bad > 0)
-        return spin_fail(SPIN_E_MALFORMED, "array '%s' has %zu values that are not finite", name,
-                         n_bad);
+        return spin_malformed("array '%s' has %zu values that are not finite", name, n_bad);
     return SPIN_OK;
 }
 
@@ -127,7 +122,7 @@ static spin_status upload_values(struct spin_player *p, const char *name,
                                  const struct spin_bundle_values *v, float SPIN_DEV *to)
 {
     struct spin_device *d = p->device;
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     spin_status status = SPIN_OK;
 
     if (v->floats) {
@@ -143,7 +138,6 @@ static spin_status upload_values(struct spin_player *p, const char *name,
         status = check_weights(name, block, n);
         d->op->upload(d, to + first, block, n * sizeof(float));
     }
-    free(block);
     return status;
 }
 
@@ -151,22 +145,16 @@ static spin_status load_array(struct spin_player *p, const char *name, int n_dim
                               const float SPIN_DEV **out)
 {
     const int64_t any[2] = {-1, -1};
-    struct spin_bundle_values v;
+    SPIN_LEAVES(spin_bundle_values_close) struct spin_bundle_values v = {0};
     float SPIN_DEV *to;
-    spin_status status;
 
     SPIN_TRY(spin_bundle_values_open(p->bundle, name, -1, 'f', n_dims, any, &v));
-    if (v.count != n) {
-        status = spin_fail(SPIN_E_MALFORMED, "array '%s' has %llu values, expected %zu", name,
-                           (unsigned long long)v.count, n);
-        goto out;
-    }
-    SPIN_TRY_OUT(p->device->op->reserve(p->device, n * sizeof(float), (void SPIN_DEV **)&to));
+    if (v.count != n)
+        return spin_malformed("array '%s' has %llu values, expected %zu", name,
+                              (unsigned long long)v.count, n);
+    SPIN_TRY(p->device->op->reserve(p->device, n * sizeof(float), (void SPIN_DEV **)&to));
     *out = to;
-    status = upload_values(p, name, &v, to);
-out:
-    spin_bundle_values_close(&v);
-    return status;
+    return upload_values(p, name, &v, to);
 }
 
 spin_status spin_player_open(struct spin_player *p, struct spin_device *device,
@@ -508,24 +496,20 @@ spin_status spin_player_weigh(struct spin_player *p, float *weights)
     struct spin_device *d = p->device;
     struct spin_raster *r = &p->raster;
     size_t n = p->now.n, n_values = 3 * p->drawn_pixels;
-    struct spin_splat2d_grad *slope = NULL;
-    float *ones = NULL;
-    spin_status status;
+    SPIN_FREED struct spin_splat2d_grad *slope = NULL;
+    SPIN_FREED float *ones = NULL;
 
-    SPIN_TRY_OUT(spin_alloc(n_values, sizeof *ones, (void **)&ones));
-    SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *slope, (void **)&slope));
+    SPIN_TRY(spin_alloc(n_values, sizeof *ones, (void **)&ones));
+    SPIN_TRY(spin_alloc(n + 1, sizeof *slope, (void **)&slope));
     for (size_t i = 0; i < n_values; i++)
         ones[i] = 1;
     d->op->upload(d, r->d_image, ones, n_values * sizeof *ones);
     d->op->blend_back(d, &p->drawn, r->splat2d, &r->tiles, r->final_transmittance,
                       r->last_contributor, r->d_image, r->d_splat2d);
-    SPIN_TRY_OUT(d->op->download(d, slope, r->d_splat2d, n * sizeof *slope));
+    SPIN_TRY(d->op->download(d, slope, r->d_splat2d, n * sizeof *slope));
     for (size_t i = 0; i < n; i++)
         weights[i] = slope[i].colour[0];
-out:
-    free(ones);
-    free(slope);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_player_layers(struct spin_player *p, float *alpha, float *depth)

@@ -1,10 +1,8 @@
 /* Splats of a clip's frames - the source's, the network's, or those of a network in training - and pictures
  * of them. Evaluation, previews, export and spin_render() go this way. */
-#ifndef SPIN_RENDER_PLAYER_H
-#define SPIN_RENDER_PLAYER_H
+#pragma once
 
 #include "scene/bundle_tracks.h"
-#include "scene/clip.h"
 #include "scene/lens.h"
 #include "model/field_eval.h"
 #include "render/image_store.h"
@@ -116,5 +114,3 @@ spin_status spin_player_layers(struct spin_player *p, float *alpha, float *depth
  * source's. SPIN_E_NOT_FOUND when it has positions only. */
 spin_status spin_player_choose(const struct spin_bundle *bundle, bool source,
                                enum spin_splat_source *out);
-
-#endif

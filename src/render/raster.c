@@ -4,8 +4,6 @@
 
 #include <string.h>
 
-#include "base/err.h"
-
 /* The arrays, once. Walked to reserve and to release. */
 struct piece {
     void SPIN_DEV **at;
@@ -42,12 +40,11 @@ static spin_status check_pairs(const struct spin_raster *r)
 
     if (needed <= free_bytes)
         return SPIN_OK;
-    return spin_fail(
-        SPIN_E_MEMORY,
-        "cannot draw a view: its %llu pairs of splats and tiles need %.1f GB and %.1f GB "
-        "are free: the splats are too large, or the image is",
-        (unsigned long long)r->tiles.n_intersections, (double)needed / 1e9,
-        (double)free_bytes / 1e9);
+    return spin_fail(SPIN_E_MEMORY,
+                     "cannot draw a view: its %llu pairs of splats and tiles need %.1f GB and %.1f "
+                     "GB are free: the splats are too large, or the image is",
+                     (unsigned long long)r->tiles.n_intersections, (double)needed / 1e9,
+                     (double)free_bytes / 1e9);
 }
 
 size_t spin_raster_grows(size_t n, size_t pixels, bool training)

@@ -1,6 +1,5 @@
 /* Draw views and send gradients back: project, sort into tiles, blend, and the way back. */
-#ifndef SPIN_RENDER_RASTER_H
-#define SPIN_RENDER_RASTER_H
+#pragma once
 
 #include "device/device.h"
 
@@ -42,5 +41,3 @@ spin_status spin_raster_forward(struct spin_raster *r, const struct spin_view_ba
 void spin_raster_backward(struct spin_raster *r, const struct spin_view_batch *views,
                           const struct spin_frame_batch *frames, const float SPIN_DEV *attr,
                           int sh_degree, float SPIN_DEV *d_attr);
-
-#endif

@@ -7,7 +7,6 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/number.h"
 #include "math/sh.h"
@@ -209,18 +208,18 @@ static size_t look_at(const struct spin_views *views, const int *rows, int n_row
 spin_status spin_camera_shares(const struct spin_views *views, const int *rows, int n_rows,
                                const struct spin_splats *s, struct spin_camera_shares *out)
 {
-    double *values = NULL, limit[2];
-    struct look *look = NULL;
+    SPIN_FREED double *values = NULL;
+    double limit[2];
+    SPIN_FREED struct look *look = NULL;
     size_t n;
-    spin_status status;
 
     *out = (struct spin_camera_shares){0};
-    SPIN_TRY_OUT(spin_alloc(views->n, sizeof *look, (void **)&look));
-    SPIN_TRY_OUT(spin_alloc(views->n, sizeof *values, (void **)&values));
-    SPIN_TRY_OUT(spin_alloc(views->n, sizeof *out->camera, (void **)&out->camera));
+    SPIN_TRY(spin_alloc(views->n, sizeof *look, (void **)&look));
+    SPIN_TRY(spin_alloc(views->n, sizeof *values, (void **)&values));
+    SPIN_TRY(spin_alloc(views->n, sizeof *out->camera, (void **)&out->camera));
     n = look_at(views, rows, n_rows, s, look);
     if (n == 0)
-        goto out;
+        return SPIN_OK;
     judge(look, n, 0, values, &out->in_front, &limit[0]);
     judge(look, n, 1, values, &out->inside, &limit[1]);
     for (size_t i = 0; i < n; i++) {
@@ -229,8 +228,5 @@ spin_status spin_camera_shares(const struct spin_views *views, const int *rows, 
 
         put(views, &(struct spin_camera_share){look[i].view, share[0], share[1], apart}, out);
     }
-out:
-    free(look);
-    free(values);
-    return status;
+    return SPIN_OK;
 }

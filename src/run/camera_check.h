@@ -1,8 +1,7 @@
 /* A clip's points drawn over the images of its data set: a wrong axis or pairing is seen at once. And what share of a
  * frame's points each camera sees, and which camera sees far fewer than the others: its pose or size is probably
  * wrong, though the mean over many cameras hardly shows it. */
-#ifndef SPIN_RUN_CAMERA_CHECK_H
-#define SPIN_RUN_CAMERA_CHECK_H
+#pragma once
 
 #include "scene/dataset.h"
 
@@ -36,5 +35,3 @@ struct spin_camera_shares {
  * against a wrong pose. Free out->camera. */
 spin_status spin_camera_shares(const struct spin_views *views, const int *rows, int n_rows,
                                const struct spin_splats *s, struct spin_camera_shares *out);
-
-#endif

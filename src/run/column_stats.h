@@ -1,6 +1,5 @@
 /* What the attributes of a clip look like: ranges, medians, the share of values that are no numbers. */
-#ifndef SPIN_RUN_COLUMN_STATS_H
-#define SPIN_RUN_COLUMN_STATS_H
+#pragma once
 
 #include "io/json.h"
 
@@ -19,5 +18,3 @@ void spin_column_stats_frame(struct spin_column_stats *d, unsigned columns,
  * frames. "finite": no value is NaN or infinite. */
 void spin_column_stats_ranges(struct spin_column_stats *d, spin_json *report);
 void spin_column_stats_close(struct spin_column_stats *d);
-
-#endif

@@ -1,9 +1,7 @@
 /* spin_compare(): several bundles measured on the same views. */
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/text.h"
 #include "io/output.h"
@@ -15,7 +13,7 @@
 static spin_status set_name(spin_json *run, const char *const *input, int n, int i)
 {
     const char *name = spin_path_name(input[i]);
-    char *copy = NULL;
+    SPIN_FREED char *copy = NULL;
 
     for (int k = 0; k < n; k++)
         if (k != i && strcmp(spin_path_name(input[k]), name) == 0)
@@ -25,7 +23,6 @@ static spin_status set_name(spin_json *run, const char *const *input, int n, int
         copy[strlen(copy) - strlen(".spin")] = '\0';
     spin_json_set_string(run, "name", copy);
     spin_json_set_string(run, "input", input[i]);
-    free(copy);
     return SPIN_OK;
 }
 
@@ -41,11 +38,10 @@ static spin_status check_views(const spin_json *first, const spin_json *run)
                json_equal(spin_json_get(spin_json_at(a, i), "camera"),
                           spin_json_get(spin_json_at(b, i), "camera"));
     return same ? SPIN_OK
-                : spin_fail(SPIN_E_USAGE,
-                            "'%s' and '%s' have other views: give --range, --split or --test-cams "
-                            "that both have",
-                            spin_json_string(spin_json_get(first, "input")),
-                            spin_json_string(spin_json_get(run, "input")));
+                : spin_misuse("'%s' and '%s' have other views: give --range, --split or "
+                              "--test-cams that both have",
+                              spin_json_string(spin_json_get(first, "input")),
+                              spin_json_string(spin_json_get(run, "input")));
 }
 
 static spin_status measure(const struct spin_eval_options *all, const char *const *input, int n,
@@ -79,20 +75,16 @@ spin_status spin_compare(const struct spin_eval_options *o, const char *const *i
                          const char *figures, char **report)
 {
     struct spin_eval_options all = *o;
-    struct spin_compare c = {.runs = spin_json_array()};
-    spin_status status;
+    SPIN_LEAVES(spin_compare_free) struct spin_compare c = {.runs = spin_json_array()};
 
     *report = NULL;
     all.images = figures;
-    SPIN_TRY_OUT(spin_ranks_agree(check_outputs(o, figures)));
+    SPIN_TRY(spin_ranks_agree(check_outputs(o, figures)));
     for (int i = 0; i < n; i++)
-        SPIN_TRY_OUT(measure(&all, input, n, i, &c));
+        SPIN_TRY(measure(&all, input, n, i, &c));
     if (spin_rank() == 0 && o->report)
-        SPIN_TRY_OUT(spin_compare_page(&c, o->report, o->force));
+        SPIN_TRY(spin_compare_page(&c, o->report, o->force));
     if (spin_rank() == 0 && figures)
-        SPIN_TRY_OUT(spin_compare_figures(&c, figures));
-    status = spin_json_finish(json_pack("{s:O}", "runs", c.runs), report);
-out:
-    spin_compare_free(&c);
-    return status;
+        SPIN_TRY(spin_compare_figures(&c, figures));
+    return spin_json_finish(json_pack("{s:O}", "runs", c.runs), report);
 }

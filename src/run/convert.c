@@ -3,11 +3,9 @@
  * The work is beside the output, under its name: clip.import.spin until all is done, clip.spin.part while the training
  * is unfinished, and clip.spin, which stays. So the same call goes on after an interruption. What holds 4D splats is
  * trained twice: frames, as clip.tracks.spin, which stays too, and then the 4D splats that are cut from them. */
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "spin_run.h"
 #include "base/log.h"
 #include "base/mem.h"
@@ -56,7 +54,7 @@ static size_t stem_length(const char *path, bool has_ending)
 static spin_status name_output(struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
-    char *absolute = NULL;
+    SPIN_FREED char *absolute = NULL;
     const char *name;
     spin_status status;
 
@@ -66,7 +64,6 @@ static spin_status name_output(struct convert *c)
     name = spin_path_name(absolute);
     status =
         put_together(name, stem_length(name, !spin_path_is_folder(absolute)), ".html", &c->output);
-    free(absolute);
     return status;
 }
 
@@ -89,8 +86,7 @@ static spin_status name_all(struct convert *c)
     ending = spin_exporter_for(c->output);
     c->to = o->to ? o->to : ending;
     if (!c->to)
-        return spin_fail(SPIN_E_USAGE, "the ending of '%s' names no exporter: say which with --to",
-                         c->output);
+        return spin_misuse("the ending of '%s' names no exporter: say which with --to", c->output);
     n = stem_length(c->output, ending != NULL);
     SPIN_TRY(put_together(c->output, n, ".spin", &c->bundle));
     if (holds_rows(c->to))
@@ -119,36 +115,32 @@ static spin_status check_preset(const struct convert *c)
 
     if (!c->tracks || !preset || strcmp(preset, "quick") == 0 || strcmp(preset, "best") == 0)
         return SPIN_OK;
-    return spin_fail(SPIN_E_USAGE,
-                     "'%s' holds 4D splats, which are trained with the presets quick and best, "
-                     "not %s",
-                     c->to, preset);
+    return spin_misuse(
+        "'%s' holds 4D splats, which are trained with the presets quick and best, not %s", c->to,
+        preset);
 }
 
 /* The retrained clip does not take the place of the bundle that it is made of. */
 static spin_status check_bundle(const struct convert *c)
 {
     const char *written[] = {c->bundle, c->tracks};
-    char *input = NULL, *path = NULL;
-    spin_status status = SPIN_OK;
+    SPIN_FREED char *input = NULL;
 
     if (c->imports)
         return SPIN_OK;
     SPIN_TRY(spin_path_absolute(c->import, &input));
-    for (int i = 0; i < 2 && status == SPIN_OK; i++) {
+    for (int i = 0; i < 2; i++) {
+        SPIN_FREED char *path = NULL;
+
         if (!written[i] || !spin_path_is_taken(written[i]))
             continue;
-        status = spin_path_absolute(written[i], &path);
-        if (status == SPIN_OK && strcmp(input, path) == 0 && (i == 0 || !c->is_trained))
-            status = spin_fail(SPIN_E_USAGE,
-                               "the retrained clip would be '%s', which is the input: give another "
-                               "name with --output",
+        SPIN_TRY(spin_path_absolute(written[i], &path));
+        if (strcmp(input, path) == 0 && (i == 0 || !c->is_trained))
+            return spin_misuse("the retrained clip would be '%s', which is the input: give "
+                               "another name with --output",
                                written[i]);
-        free(path);
-        path = NULL;
     }
-    free(input);
-    return status;
+    return SPIN_OK;
 }
 
 /* ---- The steps ------------------------------------------------------------------------------------- */
@@ -210,28 +202,24 @@ static bool retrains(const struct convert *c)
 /* What there is to work on, and whether that can be done. */
 static spin_status look(struct convert *c)
 {
-    struct spin_bundle bundle;
-    char *data = NULL, frames[48];
-    spin_status status;
+    SPIN_LEAVES(spin_bundle_close) struct spin_bundle bundle = {0};
+    SPIN_FREED char *data = NULL;
+    char frames[48];
 
-    memset(&bundle, 0, sizeof bundle);
-    SPIN_TRY_OUT(spin_bundle_open(c->import, &bundle));
-    SPIN_TRY_OUT(spin_bundle_data_path(&bundle, &data));
+    SPIN_TRY(spin_bundle_open(c->import, &bundle));
+    SPIN_TRY(spin_bundle_data_path(&bundle, &data));
     c->has_data = c->o->data || (data && spin_path_exists(data));
     c->is_tracks = spin_bundle_is_trained_by_tracks(&bundle);
     c->is_trained = spin_bundle_is_trained(&bundle) || spin_bundle_is_trained_4d(&bundle) ||
                     bundle.refined.columns;
     if (retrains(c)) {
-        SPIN_TRY_OUT(check_preset(c));
-        SPIN_TRY_OUT(check_bundle(c));
+        SPIN_TRY(check_preset(c));
+        SPIN_TRY(check_bundle(c));
     }
     spin_log(0, "%s '%s': %s of %s%s%s", c->imports ? "imported" : "opened", c->o->input,
              spin_text_count(bundle.meta.n_frames, "frame", frames), bundle.meta.from,
              *bundle.meta.variant ? ", " : "", bundle.meta.variant);
-out:
-    free(data);
-    spin_bundle_close(&bundle);
-    return status;
+    return SPIN_OK;
 }
 
 /* Here it goes on by itself. */
@@ -252,11 +240,12 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
     const struct spin_convert_options *o = c->o;
     struct spin_retrain_options retrain;
     bool own_data = !c->imports && input == c->import;
-    char *part = NULL, *text = NULL;
+    SPIN_FREED char *part = NULL;
+    char *text = NULL;
     spin_status status;
 
     SPIN_TRY(put_together(output, strlen(output), ".part", &part));
-    SPIN_TRY_OUT(spin_retrain_preset(o->preset ? o->preset : "quick", &retrain));
+    SPIN_TRY(spin_retrain_preset(o->preset ? o->preset : "quick", &retrain));
     retrain.method = rows ? SPIN_METHOD_4D : retrain.method;
     retrain.tracks |= retrain.method == SPIN_METHOD_TRACKS;
     retrain.antialias &= !c->tracks; /* 4D splats in files are drawn without */
@@ -274,11 +263,8 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
         retrain.resume = false;
         status = spin_retrain(&retrain, &text);
     }
-    status = status == SPIN_OK ? add_report(c, rows ? "rows" : "retrain", text)
-                               : say_how_to_go_on(status);
-out:
-    free(part);
-    return status;
+    return status == SPIN_OK ? add_report(c, rows ? "rows" : "retrain", text)
+                             : say_how_to_go_on(status);
 }
 
 /* What is exported is c->bundle then. */
@@ -332,7 +318,7 @@ static spin_status run(struct convert *c)
     if (c->imports && !o->no_retrain)
         SPIN_TRY(check_preset(c));
     if (!c->imports && o->n_frames > 0)
-        return spin_fail(SPIN_E_USAGE, "--frames is for a run, and '%s' is a bundle", o->input);
+        return spin_misuse("--frames is for a run, and '%s' is a bundle", o->input);
     if (c->imports)
         SPIN_TRY(import(c));
     SPIN_TRY(look(c));

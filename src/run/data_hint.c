@@ -53,7 +53,8 @@ static void look_beside(struct found *found, const char *input, const char *fold
 static struct found search(const char *input)
 {
     struct found found = {0};
-    char *absolute = NULL, *folder = NULL, *copy = NULL;
+    SPIN_FREED char *absolute = NULL, *folder = NULL;
+    char *copy = NULL;
 
     if (spin_path_absolute(input, &absolute) == SPIN_OK &&
         spin_path_folder(absolute, &folder) == SPIN_OK) {
@@ -65,8 +66,6 @@ static struct found search(const char *input)
         if (found.n == 0)
             look_beside(&found, absolute, folder);
     }
-    free(folder);
-    free(absolute);
     return found;
 }
 
@@ -103,15 +102,13 @@ bool spin_data_has_focal(const char *folder)
     bool found = false;
 
     for (int i = 0; i < 2 && !found; i++) {
-        spin_json *root = NULL;
-        char *path = NULL;
+        SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
+        SPIN_FREED char *path = NULL;
 
         if (spin_path_join(folder, names[i], &path) == SPIN_OK && spin_path_exists(path) &&
             spin_json_load(path, &root) == SPIN_OK)
             found = spin_json_get(root, "fl_x") ||
                     spin_json_get(spin_json_at(spin_json_get(root, "frames"), 0), "fl_x");
-        spin_json_free(root);
-        free(path);
     }
     return found;
 }

@@ -1,6 +1,5 @@
 /* Data sets that lie beside a run. */
-#ifndef SPIN_RUN_DATA_HINT_H
-#define SPIN_RUN_DATA_HINT_H
+#pragma once
 
 #include "spin.h"
 
@@ -11,5 +10,3 @@ void spin_data_hint(const char *input, char *text, size_t n_text);
 char *spin_data_beside(const char *input);
 /* Its transforms_train.json, or transforms.json, tells focal lengths by fl_x, not by angles. */
 bool spin_data_has_focal(const char *folder);
-
-#endif

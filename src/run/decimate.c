@@ -56,10 +56,9 @@ spin_status spin_decimate_parse(const char *text, struct spin_decimate_goal *out
             (out->unit != SPIN_DECIMATE_SPLATS || value == floor(value)))
             return SPIN_OK;
     }
-    return spin_fail(SPIN_E_USAGE,
-                     "--decimate '%s': expected a number of splats (5000), a share (50%%), a size "
-                     "in B, kB, MB or GB (2MB) or a loss (40dB)",
-                     text);
+    return spin_misuse("--decimate '%s': expected a number of splats (5000), a share (50%%), a "
+                       "size in B, kB, MB or GB (2MB) or a loss (40dB)",
+                       text);
 }
 
 /* ---- A frame --------------------------------------------------------------------------------- */
@@ -221,8 +220,7 @@ static void find_views(const struct spin_decimation *d, int f, size_t *first, si
 static spin_status weigh(struct spin_decimation *d, int f, float *weight)
 {
     size_t first, n, wanted = (size_t)n_views(d);
-    float *seen = NULL;
-    spin_status status;
+    SPIN_FREED float *seen = NULL;
 
     find_views(d, f, &first, &n);
     for (size_t i = 0; i < d->part.n && d->n_pairs == 0; i++)
@@ -231,34 +229,31 @@ static spin_status weigh(struct spin_decimation *d, int f, float *weight)
         return SPIN_OK;
     wanted = wanted < n ? wanted : n;
     SPIN_TRY(spin_alloc(d->part.n, sizeof *seen, (void **)&seen));
-    SPIN_TRY_OUT(spin_player_show_splats(&d->drawing, &d->part));
+    SPIN_TRY(spin_player_show_splats(&d->drawing, &d->part));
     for (size_t k = 0; k < wanted; k++) { /* others from frame to frame */
         size_t at = first + (k * n / wanted + (size_t)f) % n;
 
-        SPIN_TRY_OUT(spin_player_draw(&d->drawing, &d->clip->views.view[d->pairs[at].view].camera,
-                                      d->background, NULL));
-        SPIN_TRY_OUT(spin_player_weigh(&d->drawing, seen));
+        SPIN_TRY(spin_player_draw(&d->drawing, &d->clip->views.view[d->pairs[at].view].camera,
+                                  d->background, NULL));
+        SPIN_TRY(spin_player_weigh(&d->drawing, seen));
         for (size_t i = 0; i < d->part.n; i++)
             weight[i] = spin_maxf(weight[i], seen[i]);
     }
-out:
-    free(seen);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status weigh_frame(struct spin_decimation *d, int f)
 {
     struct spin_decimate_set *set = set_of(d, f);
-    unsigned char *mark = NULL;
-    uint32_t *row = NULL;
-    float *weight = NULL;
+    SPIN_FREED unsigned char *mark = NULL;
+    SPIN_FREED uint32_t *row = NULL;
+    SPIN_FREED float *weight = NULL;
     size_t k = 0;
-    spin_status status;
 
-    SPIN_TRY_OUT(read_frame(d, f, false, &mark, &row));
-    SPIN_TRY_OUT(copy_rows(&d->splats, mark, &d->part));
-    SPIN_TRY_OUT(spin_alloc(d->part.n + 1, sizeof *weight, (void **)&weight));
-    SPIN_TRY_OUT(weigh(d, f, weight));
+    SPIN_TRY(read_frame(d, f, false, &mark, &row));
+    SPIN_TRY(copy_rows(&d->splats, mark, &d->part));
+    SPIN_TRY(spin_alloc(d->part.n + 1, sizeof *weight, (void **)&weight));
+    SPIN_TRY(weigh(d, f, weight));
     for (size_t i = 0; i < d->splats.n; i++) {
         float *sum = &set->weight[row ? row[i] : i];
 
@@ -266,11 +261,7 @@ static spin_status weigh_frame(struct spin_decimation *d, int f)
             *sum = spin_maxf(*sum, 0) + weight[k++];
     }
     spin_bundle_rest(&d->splats);
-out:
-    free(mark);
-    free(row);
-    free(weight);
-    return status;
+    return SPIN_OK;
 }
 
 /* Rows that the clip shows and an exporter does not leave out count, if only between frames. */
@@ -385,15 +376,14 @@ static size_t add_entries(const struct spin_decimation *d, int s, const uint32_t
 static spin_status take_means(struct entry *entry, size_t n)
 {
     uint32_t n_items = 0;
-    double *sum = NULL;
-    uint32_t *count = NULL;
-    spin_status status;
+    SPIN_FREED double *sum = NULL;
+    SPIN_FREED uint32_t *count = NULL;
 
     for (size_t i = 0; i < n; i++)
         if (entry[i].item != NONE && entry[i].item >= n_items)
             n_items = entry[i].item + 1;
-    SPIN_TRY_OUT(spin_alloc((size_t)n_items + 1, sizeof *sum, (void **)&sum));
-    SPIN_TRY_OUT(spin_alloc((size_t)n_items + 1, sizeof *count, (void **)&count));
+    SPIN_TRY(spin_alloc((size_t)n_items + 1, sizeof *sum, (void **)&sum));
+    SPIN_TRY(spin_alloc((size_t)n_items + 1, sizeof *count, (void **)&count));
     for (size_t i = 0; i < n; i++)
         if (entry[i].item != NONE) {
             sum[entry[i].item] += (double)entry[i].weight;
@@ -402,10 +392,7 @@ static spin_status take_means(struct entry *entry, size_t n)
     for (size_t i = 0; i < n; i++)
         if (entry[i].item != NONE)
             entry[i].weight = (float)(sum[entry[i].item] / count[entry[i].item]);
-out:
-    free(sum);
-    free(count);
-    return status;
+    return SPIN_OK;
 }
 
 static size_t most_of(const struct spin_decimate_set *set, enum spin_decimate_unit unit,
@@ -445,10 +432,9 @@ static spin_status choose_sets(struct spin_decimation *d, int first, int end,
                                enum spin_decimate_unit unit, double amount)
 {
     bool items = d->sharing == FOUR_D || d->sharing == TRACKS;
-    struct entry *entry = NULL;
-    uint32_t *item = NULL;
+    SPIN_FREED struct entry *entry = NULL;
+    SPIN_FREED uint32_t *item = NULL;
     size_t n = 0, most = 0, all = 0;
-    spin_status status;
 
     for (int s = first; s < end; s++) {
         memset(d->set[s].keep, 0, d->set[s].n);
@@ -456,20 +442,17 @@ static spin_status choose_sets(struct spin_decimation *d, int first, int end,
         all += d->set[s].n_counted;
         most = d->set[s].n > most ? d->set[s].n : most;
     }
-    SPIN_TRY_OUT(spin_alloc(all + 1, sizeof *entry, (void **)&entry));
-    SPIN_TRY_OUT(spin_alloc(most + 1, sizeof *item, (void **)&item));
+    SPIN_TRY(spin_alloc(all + 1, sizeof *entry, (void **)&entry));
+    SPIN_TRY(spin_alloc(most + 1, sizeof *item, (void **)&item));
     for (int s = first; s < end; s++) {
         if (items)
-            SPIN_TRY_OUT(read_items(d, s, d->set[s].n, item));
+            SPIN_TRY(read_items(d, s, d->set[s].n, item));
         n += add_entries(d, s, items ? item : NULL, entry + n);
     }
     if (items)
-        SPIN_TRY_OUT(take_means(entry, n));
+        SPIN_TRY(take_means(entry, n));
     keep_heaviest(d, entry, n, unit, amount);
-out:
-    free(entry);
-    free(item);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_decimation_choose(struct spin_decimation *d, enum spin_decimate_unit unit,
@@ -583,18 +566,17 @@ spin_status spin_decimation_frame(struct spin_decimation *d, int f, const struct
                                   bool counts, struct spin_splats *out)
 {
     const struct spin_decimate_set *set = set_of(d, f);
-    unsigned char *mark = NULL;
-    spin_status status;
+    SPIN_FREED unsigned char *mark = NULL;
 
     SPIN_TRY(filter_frame(d, f, all, counts));
-    SPIN_TRY_OUT(spin_alloc(all->n + 1, 1, (void **)&mark));
+    SPIN_TRY(spin_alloc(all->n + 1, 1, (void **)&mark));
     if (all->n == set->n)
         memcpy(mark, set->keep, all->n);
     else { /* other splats than the clip's: by their size */
         struct entry *entry = NULL;
         size_t n = 0, most = set->n_kept;
 
-        SPIN_TRY_OUT(spin_alloc(all->n + 1, sizeof *entry, (void **)&entry));
+        SPIN_TRY(spin_alloc(all->n + 1, sizeof *entry, (void **)&entry));
         for (size_t i = 0; i < all->n; i++)
             if (d->left_out[i] == COUNTS)
                 entry[n++] =
@@ -606,11 +588,9 @@ spin_status spin_decimation_frame(struct spin_decimation *d, int f, const struct
     }
     for (size_t i = 0; i < all->n; i++)
         mark[i] = d->left_out[i] == COUNTS ? mark[i] : d->filters && d->left_out[i] != IS_FILTERED;
-    SPIN_TRY_OUT(copy_rows(all, mark, out));
+    SPIN_TRY(copy_rows(all, mark, out));
     mark_too_large(mark, d->left_out, all->n, out->log_scales);
-out:
-    free(mark);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_decimation_4d(struct spin_decimation *d, const struct spin_splats_4d **out)
@@ -679,15 +659,11 @@ static spin_status orbit(const struct spin_splats *s, int k, struct spin_camera 
 /* What frame f draws, into d->part. */
 static spin_status read_part(struct spin_decimation *d, int f, bool kept)
 {
-    unsigned char *mark;
-    uint32_t *row;
-    spin_status status;
+    SPIN_FREED unsigned char *mark = NULL;
+    SPIN_FREED uint32_t *row = NULL;
 
     SPIN_TRY(read_frame(d, f, kept, &mark, &row));
-    status = copy_rows(&d->splats, mark, &d->part);
-    free(mark);
-    free(row);
-    return status;
+    return copy_rows(&d->splats, mark, &d->part);
 }
 
 static spin_status draw(struct spin_decimation *d, int f, bool kept,
@@ -703,17 +679,16 @@ static spin_status add_picture(struct spin_decimation *d, int f, const struct sp
                                double *sum, double *n, int *n_pictures)
 {
     size_t pixels = (size_t)camera->width * (size_t)camera->height;
-    float *image = NULL;
+    SPIN_FREED float *image = NULL;
     bool blank = true;
-    spin_status status;
 
     SPIN_TRY(spin_alloc(6 * pixels, sizeof *image, (void **)&image));
-    SPIN_TRY_OUT(draw(d, f, false, camera, image));
+    SPIN_TRY(draw(d, f, false, camera, image));
     for (size_t i = 0; i < 3 * pixels && blank; i++)
         blank = image[i] == d->background[i / pixels];
     if (blank)
-        goto out;
-    SPIN_TRY_OUT(draw(d, f, true, camera, image + 3 * pixels));
+        return SPIN_OK;
+    SPIN_TRY(draw(d, f, true, camera, image + 3 * pixels));
     for (size_t i = 0; i < 3 * pixels; i++) {
         double off =
             fmin(fmax((double)image[i], 0), 1) - fmin(fmax((double)image[3 * pixels + i], 0), 1);
@@ -722,9 +697,7 @@ static spin_status add_picture(struct spin_decimation *d, int f, const struct sp
     }
     *n += 3.0 * (double)pixels;
     ++*n_pictures;
-out:
-    free(image);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decimated *out)
@@ -770,8 +743,7 @@ spin_status spin_decimation_choose_loss(struct spin_decimation *d, double decibe
         SPIN_TRY(spin_decimation_choose(d, SPIN_DECIMATE_SHARE, middle));
         SPIN_TRY(spin_decimation_measure(d, &found));
         if (found.n_pictures == 0)
-            return spin_fail(SPIN_E_UNSUPPORTED,
-                             "--decimate: no picture shows a splat, so no loss can be seen");
+            return spin_unsupported("--decimate: no picture shows a splat, so no loss can be seen");
         if (found.psnr >= decibels)
             high = middle;
         else
@@ -810,22 +782,19 @@ static spin_status try_share(struct spin_decimation *d, double share, const char
 {
     int level = spin_log_level();
     size_t room = strlen(output) + 64;
-    char *folder = NULL, *path = NULL;
+    SPIN_FREED char *folder = NULL, *path = NULL;
     spin_status status;
 
     SPIN_TRY(spin_decimation_choose(d, SPIN_DECIMATE_SHARE, share));
-    SPIN_TRY_OUT(spin_alloc(room, 1, (void **)&folder));
+    SPIN_TRY(spin_alloc(room, 1, (void **)&folder));
     snprintf(folder, room, "%.*s.tmp.%ld", (int)strlen(output) - spin_text_ends(output, "/"),
              output, (long)getpid());
-    SPIN_TRY_OUT(spin_path_join(folder, spin_path_name(output), &path));
-    SPIN_TRY_OUT(spin_folder_make(folder));
+    SPIN_TRY(spin_path_join(folder, spin_path_name(output), &path));
+    SPIN_TRY(spin_folder_make(folder));
     spin_log_set_level(-2); /* it is said when it is written for good */
     status = write(context, path);
     spin_log_set_level(level);
     *bytes = take_away(folder);
-out:
-    free(folder);
-    free(path);
     return status;
 }
 
@@ -861,10 +830,9 @@ spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes
         SPIN_TRY(try_share(d, 1e-12, output, write, context, &n));
         ++*n_tries;
         if ((double)n > bytes)
-            return spin_fail(SPIN_E_UNSUPPORTED,
-                             "--decimate: %llu bytes is the least that can be written, more than "
-                             "%.0f",
-                             (unsigned long long)n, bytes);
+            return spin_unsupported(
+                "--decimate: %llu bytes is the least that can be written, more than %.0f",
+                (unsigned long long)n, bytes);
         low = 1e-12;
         n_low = (double)n;
     }

@@ -8,8 +8,7 @@
  *
  * Splats that --crop, --min-views or --floaters leave out do not count, and are left out. Those that an exporter leaves out anyway (--min-opacity, --max-scale, what cannot be drawn) do not count either, and are left
  * to it. */
-#ifndef SPIN_RUN_DECIMATE_H
-#define SPIN_RUN_DECIMATE_H
+#pragma once
 
 #include "render/player.h"
 #include "run/scene_edit.h"
@@ -85,5 +84,3 @@ spin_status spin_decimation_frame(struct spin_decimation *d, int f, const struct
 spin_status spin_decimation_4d(struct spin_decimation *d, const struct spin_splats_4d **out);
 /* How many of a frame, before the exporter leaves some out; there are no filters. */
 size_t spin_decimation_count(const struct spin_decimation *d, int f);
-
-#endif

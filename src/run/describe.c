@@ -2,8 +2,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "spin_run.h"
+#include "base/mem.h"
 #include "scene/bundle.h"
 #include "scene/clip.h"
 #include "scene/trained_options.h"
@@ -87,23 +87,19 @@ static void add_stage(spin_json *root, const struct spin_bundle *b, const char *
 
 spin_status spin_bundle_describe(const char *path, char **report)
 {
-    struct spin_bundle bundle;
+    SPIN_LEAVES(spin_bundle_close) struct spin_bundle bundle = {0};
     struct spin_bundle_bytes bytes, unpacked;
     const struct spin_bundle_meta *meta = &bundle.meta;
     const struct spin_frame_info *first, *last;
     const spin_json *trained;
-    spin_json *root = spin_json_object();
-    char *data = NULL;
-    spin_status status;
+    SPIN_LEAVES(spin_json_freed) spin_json *root = spin_json_object();
+    SPIN_FREED char *data = NULL;
 
     *report = NULL;
-    if (!spin_bundle_looks_like(path)) {
-        spin_json_free(root);
+    if (!spin_bundle_looks_like(path))
         return spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is no bundle", path);
-    }
-    memset(&bundle, 0, sizeof bundle);
-    SPIN_TRY_OUT(spin_bundle_open(path, &bundle));
-    SPIN_TRY_OUT(spin_bundle_data_path(&bundle, &data));
+    SPIN_TRY(spin_bundle_open(path, &bundle));
+    SPIN_TRY(spin_bundle_data_path(&bundle, &data));
     spin_bundle_weigh(&bundle, &bytes, &unpacked);
     first = meta->frame;
     last = first + meta->n_frames - 1;
@@ -134,12 +130,7 @@ spin_status spin_bundle_describe(const char *path, char **report)
                   integer_of(trained, "sh_degree"));
     spin_json_set(root, "bytes", spin_bundle_bytes_json(&bytes));
     spin_json_set(root, "bytes_unpacked", spin_bundle_bytes_json(&unpacked));
-    status = spin_json_finish(json_incref(root), report);
-out:
-    spin_json_free(root);
-    free(data);
-    spin_bundle_close(&bundle);
-    return status;
+    return spin_json_finish(json_incref(root), report);
 }
 
 static spin_json *view_json(const struct spin_clip *clip, const struct spin_pair *pair)
@@ -169,22 +160,15 @@ spin_status spin_bundle_views(const char *path, const char *data, const char *da
 {
     struct spin_clip_options o = {
         .input = path, .data = data, .data_from = data_from, .needs_views = true};
-    struct spin_clip clip;
-    struct spin_pair *pairs = NULL;
-    spin_json *list = spin_json_array();
+    SPIN_LEAVES(spin_clip_close) struct spin_clip clip = {0};
+    SPIN_FREED struct spin_pair *pairs = NULL;
+    SPIN_LEAVES(spin_json_freed) spin_json *list = spin_json_array();
     size_t n = 0;
-    spin_status status;
 
     *report = NULL;
-    memset(&clip, 0, sizeof clip);
-    SPIN_TRY_OUT(spin_clip_open(&o, &clip));
-    SPIN_TRY_OUT(spin_clip_pairs(&clip, SPIN_SPLIT_ALL, &pairs, &n));
+    SPIN_TRY(spin_clip_open(&o, &clip));
+    SPIN_TRY(spin_clip_pairs(&clip, SPIN_SPLIT_ALL, &pairs, &n));
     for (size_t i = 0; i < n; i++)
         spin_json_push(list, view_json(&clip, &pairs[i]));
-    status = spin_json_finish(json_incref(list), report);
-out:
-    spin_json_free(list);
-    free(pairs);
-    spin_clip_close(&clip);
-    return status;
+    return spin_json_finish(json_incref(list), report);
 }

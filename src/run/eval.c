@@ -3,9 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "spin_run.h"
-#include "base/log.h"
 #include "base/mem.h"
 #include "eval/metrics.h"
 #include "eval/report/report.h"
@@ -53,7 +51,7 @@ static spin_status open_clip(struct eval *e)
     e->report->refined = e->from == SPIN_FROM_REFINED;
     SPIN_TRY(spin_clip_pairs(&e->clip, o->split, &e->pairs, &e->n_pairs));
     if (e->n_pairs == 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "the data set has no view in this split");
+        return spin_not_found("the data set has no view in this split");
     SPIN_TRY(spin_image_cache_open(&e->clip.views, spin_memory_available() / 4, o->background,
                                    &e->pixels));
     if (o->mask)
@@ -119,8 +117,7 @@ static spin_status open_lpips(struct eval *e)
     if (!o->lpips_backbone && !o->lpips_lin)
         return SPIN_OK;
     if (!o->lpips_backbone || !o->lpips_lin)
-        return spin_fail(SPIN_E_USAGE,
-                         "LPIPS needs both files of a network: --lpips-backbone and --lpips-lin");
+        return spin_misuse("LPIPS needs both files of a network: --lpips-backbone and --lpips-lin");
     SPIN_TRY(spin_lpips_open(o->lpips_backbone, o->lpips_lin, o->n_threads, &one));
     network = spin_lpips_network(one);
     spin_lpips_close(e->lpips[network]);
@@ -134,9 +131,9 @@ static spin_status open_lpips(struct eval *e)
 static spin_status check_report(const struct spin_eval_options *o)
 {
     if (o->log && !o->report)
-        return spin_fail(SPIN_E_USAGE, "the log is for the report: say where with --report");
+        return spin_misuse("the log is for the report: say where with --report");
     if (o->log && !spin_path_exists(o->log))
-        return spin_fail(SPIN_E_NOT_FOUND, "the log '%s' does not exist", o->log);
+        return spin_not_found("the log '%s' does not exist", o->log);
     return o->report ? spin_output_check_file(o->report, o->force) : SPIN_OK;
 }
 
@@ -183,16 +180,14 @@ static spin_status write_report(struct eval *e, const struct spin_metrics *after
 /* Of the frames of all ranks. */
 static spin_status sum_left_out(struct eval *e)
 {
-    uint64_t *n;
-    spin_status status;
+    SPIN_FREED uint64_t *n = NULL;
 
     SPIN_TRY(spin_alloc((size_t)spin_n_ranks(), sizeof *n, (void **)&n));
     n[spin_rank()] = e->player.n_bad;
-    status = spin_ranks_gather(n, sizeof *n);
+    SPIN_TRY(spin_ranks_gather(n, sizeof *n));
     for (int r = 0; r < spin_n_ranks(); r++)
         e->report->left_out += n[r];
-    free(n);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status run_eval(struct eval *e)
@@ -210,7 +205,7 @@ static spin_status run_eval(struct eval *e)
 
     SPIN_TRY(check_report(o));
     if (o->mask && o->dynamic != SPIN_DYNAMIC_AUTO && o->dynamic != SPIN_DYNAMIC_OFF)
-        return spin_fail(SPIN_E_USAGE, "--mask scores one region alone: it goes without --dynamic");
+        return spin_misuse("--mask scores one region alone: it goes without --dynamic");
     SPIN_TRY(open_lpips(e));
     SPIN_TRY(open_clip(e));
     SPIN_TRY(open_players(e));
@@ -225,7 +220,7 @@ static spin_status run_eval(struct eval *e)
     memcpy(m.lpips, e->lpips, sizeof m.lpips);
     SPIN_TRY(spin_metrics_run(&m, &report->mean));
     if (!report->mean.valid)
-        return spin_fail(SPIN_E_NOT_FOUND, "--mask: no view of this split shows the subject");
+        return spin_not_found("--mask: no view of this split shows the subject");
     SPIN_TRY(sum_left_out(e));
     report->n_views = e->n_pairs;
     report->n_frames = e->clip.n_frames;

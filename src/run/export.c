@@ -1,5 +1,4 @@
 /* The calls of spin.h that wire the rooms together: open, read, export, render. */
-#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -11,7 +10,6 @@
 #include "run/scene_edit.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "base/text.h"
 #include "io/file.h"
 #include "io/output.h"
 #include "io/ranks.h"
@@ -84,8 +82,7 @@ spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_splat
     if (from == SPIN_FROM_REFINED)
         return spin_bundle_refined_frame(&scene->bundle, frame, columns, out);
     if (!scene->is_trained)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' was not trained: run spin-retrain",
-                         scene->bundle.path);
+        return spin_not_found("'%s' was not trained: run spin-retrain", scene->bundle.path);
     if (!scene->device_open) {
         SPIN_TRY(spin_device_open("auto", 0, &scene->device));
         scene->device_open = true;
@@ -160,8 +157,8 @@ static spin_status find_exporter(const char *name, const struct spin_exporter **
         snprintf(known + used, sizeof known - used, "%s%s", used ? ", " : "", (*i)->name);
     }
     if (spin_plugin_fault(name))
-        return spin_fail(SPIN_E_UNSUPPORTED, "%s", spin_plugin_fault(name));
-    return spin_fail(SPIN_E_USAGE, "no exporter '%s'; there are %s", name, known);
+        return spin_unsupported("%s", spin_plugin_fault(name));
+    return spin_misuse("no exporter '%s'; there are %s", name, known);
 }
 
 static double clip_stride(const struct spin_clip *clip)
@@ -316,16 +313,14 @@ static spin_status find_4d(struct export *x)
     if (x->splats_4d || x->exporter->frame)
         return SPIN_OK;
     if (bundle->meta.four_d.n > 0)
-        return spin_fail(
-            SPIN_E_UNSUPPORTED,
+        return spin_unsupported(
             "'%s' holds 4D splats, and what was trained is frames: 'spin-retrain --method 4d' "
             "makes 4D splats of them, and --source writes those of the source",
             x->o->to);
-    return spin_fail(SPIN_E_UNSUPPORTED,
-                     "this clip is frames, and '%s' holds 4D splats: make them by 'spin-retrain "
-                     "--method 4d', import a source that has them without --frames, or write "
-                     "another format",
-                     x->o->to);
+    return spin_unsupported(
+        "this clip is frames, and '%s' holds 4D splats: make them by 'spin-retrain --method 4d', "
+        "import a source that has them without --frames, or write another format",
+        x->o->to);
 }
 
 /* 4D splats as they are written, and how many of them each frame shows. */
@@ -403,8 +398,8 @@ static spin_status begin_export(struct export *x)
     SPIN_TRY(spin_scene_edit_views(&x->edit, &job.views));
     job.counts = x->edit.filters && !x->splats_4d ? NULL : x->counts;
     if (job.antialias && !x->exporter->antialias)
-        spin_warn("these splats are trained with antialiasing, which '%s' files cannot say: "
-                  "switch it on in the viewer",
+        spin_warn("these splats are trained with antialiasing, which '%s' files cannot say: switch "
+                  "it on in the viewer",
                   o->to);
     if (spin_rank() > 0)
         return x->splats_4d ? SPIN_OK : write_frames(x);
@@ -479,7 +474,7 @@ static spin_status decimate(struct export *x, const struct spin_decimate_goal *g
 
     SPIN_TRY(check_output(x->o));
     if (spin_n_ranks() > 1)
-        return spin_fail(SPIN_E_UNSUPPORTED, "--decimate works in one process, not under mpirun");
+        return spin_unsupported("--decimate works in one process, not under mpirun");
     d->clip = &x->clip;
     d->frames = &x->player;
     d->splats_4d = x->splats_4d;
@@ -538,10 +533,9 @@ static spin_status run_export(struct export *x)
     SPIN_TRY(find_exporter(o->to, &x->exporter));
     SPIN_TRY(spin_plugin_check(o->to, x->exporter->options, o->plugin_pairs));
     if (o->check && !x->exporter->checks)
-        return spin_fail(SPIN_E_USAGE, "--check: what '%s' writes cannot be read back", o->to);
+        return spin_misuse("--check: what '%s' writes cannot be read back", o->to);
     if (o->transparent && !x->exporter->alpha)
-        return spin_fail(SPIN_E_USAGE,
-                         "--background none: what '%s' writes has no alpha; images have", o->to);
+        return spin_misuse("--background none: what '%s' writes has no alpha; images have", o->to);
     c.wants_views = x->exporter->looks_at_views || o->check || o->decimate || o->min_views > 0;
     SPIN_TRY(spin_clip_open(&c, &x->clip));
     SPIN_TRY(spin_scene_edit_begin(&x->edit, o, &x->clip));

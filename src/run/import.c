@@ -2,7 +2,6 @@
 #include <float.h>
 #include <limits.h>
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -87,13 +86,10 @@ static void forget_data(struct import *im)
 /* The one that spin-export wrote down beside its frames. */
 static spin_status find_exported_data(struct import *im, char **from)
 {
-    char *path = NULL;
-    spin_status status;
+    SPIN_FREED char *path = NULL;
 
     SPIN_TRY(spin_exported_data(im->input, &path, from));
-    status = path ? spin_path_absolute(path, &im->data) : SPIN_OK;
-    free(path);
-    return status;
+    return path ? spin_path_absolute(path, &im->data) : SPIN_OK;
 }
 
 /* Read the data set first: its frames may be where a continuous method is sampled. */
@@ -168,24 +164,22 @@ static void look_for_frames(struct import *im)
  * are of a wrong size in training, and splats grow too large. */
 static void note_focal(struct import *im)
 {
-    char *beside = im->data ? NULL : spin_data_beside(im->input);
+    SPIN_FREED char *beside = im->data ? NULL : spin_data_beside(im->input);
     const char *data = im->data ? im->data : beside;
 
     if (data && strcmp(im->importer->name, "realtime4dgs") == 0 && spin_data_has_focal(data))
         spin_note(
             &im->sequence,
-            "'%s' tells focal lengths by fl_x: Realtime-4DGS takes a field of view of -1 "
-            "for such data, and splats grow too large in training and look blurred; spin-retrain "
-            "mends that",
+            "'%s' tells focal lengths by fl_x: Realtime-4DGS takes a field of view of -1 for such "
+            "data, and splats grow too large in training and look blurred; spin-retrain mends that",
             data);
-    free(beside);
 }
 
 /* See that the data set's frames can be paired with ours, and remember where it is. */
 static spin_status attach_data(struct import *im)
 {
     const struct spin_import_options *o = im->o;
-    char *folder = NULL;
+    SPIN_FREED char *folder = NULL;
     spin_status status;
 
     if (!im->data)
@@ -201,11 +195,8 @@ static spin_status attach_data(struct import *im)
     SPIN_TRY(status);
     if (!o->output)
         return SPIN_OK;
-    SPIN_TRY_OUT(spin_path_folder(o->output, &folder));
-    SPIN_TRY_OUT(spin_path_relative(folder, im->data, &im->meta.data_path));
-out:
-    free(folder);
-    return status;
+    SPIN_TRY(spin_path_folder(o->output, &folder));
+    return spin_path_relative(folder, im->data, &im->meta.data_path);
 }
 
 /* ---- Which frames ------------------------------------------------------------------------------ */
@@ -226,11 +217,9 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
                          : *n > 0       ? "data"
                                         : "ends");
     if (*n <= 0 && o->output)
-        return spin_fail(
-            SPIN_E_USAGE,
-            "'%s' is continuous in time, from %g to %g, and nothing here says how many frames "
-            "it has: give them with --frames, --times or --data",
-            o->input, t->time_first, t->time_last);
+        return spin_misuse("'%s' is continuous in time, from %g to %g, and nothing here says how "
+                           "many frames it has: give them with --frames, --times or --data",
+                           o->input, t->time_first, t->time_last);
     if (*n <= 0) /* a look at both ends is enough to describe it */
         *n = 2;
     SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));
@@ -261,16 +250,13 @@ static spin_status stored_frames(struct import *im, struct spin_frame_info **out
     const struct spin_sequence_info *t = &im->sequence;
 
     if (o->frame_times && strcmp(o->frame_times, "auto") != 0)
-        return spin_fail(
-            SPIN_E_USAGE,
-            "'%s' stores its %d frames: --frame-times is for methods that are continuous "
-            "in time",
+        return spin_misuse(
+            "'%s' stores its %d frames: --frame-times is for methods that are continuous in time",
             o->input, t->n_frames);
     if (o->n_frames > 0 || o->n_times > 0)
-        return spin_fail(SPIN_E_USAGE,
-                         "'%s' stores its %d frames: --frames and --times are "
-                         "for methods that are continuous in time; use --range",
-                         o->input, t->n_frames);
+        return spin_misuse("'%s' stores its %d frames: --frames and --times are for methods that "
+                           "are continuous in time; use --range",
+                           o->input, t->n_frames);
     *n = t->n_frames;
     SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));
     for (int i = 0; i < *n; i++) {
@@ -284,28 +270,25 @@ static spin_status stored_frames(struct import *im, struct spin_frame_info **out
 /* All frames, less those outside the range. */
 static spin_status choose_frames(struct import *im)
 {
-    struct spin_frame_info *all = NULL;
-    int *place = NULL, n_all = 0, n = 0;
-    spin_status status;
+    SPIN_FREED struct spin_frame_info *all = NULL;
+    int n_all = 0, n = 0;
+    SPIN_FREED int *place = NULL;
 
-    SPIN_TRY_OUT(im->sequence.continuous ? sample_times(im, &all, &n_all)
-                                         : stored_frames(im, &all, &n_all));
+    SPIN_TRY(im->sequence.continuous ? sample_times(im, &all, &n_all)
+                                     : stored_frames(im, &all, &n_all));
     im->meta.n_source_frames = n_all;
-    SPIN_TRY_OUT(spin_alloc((size_t)n_all, sizeof *place, (void **)&place));
+    SPIN_TRY(spin_alloc((size_t)n_all, sizeof *place, (void **)&place));
     for (int i = 0; i < n_all; i++)
         place[i] = i;
     if (!im->sequence.continuous)
-        SPIN_TRY_OUT(spin_exported_frames(im->o->input, all, n_all, place, &im->meta));
-    SPIN_TRY_OUT(spin_range_select(&im->o->range, all, n_all, &im->index, &n));
-    SPIN_TRY_OUT(spin_bundle_meta_reserve(&im->meta, n));
+        SPIN_TRY(spin_exported_frames(im->o->input, all, n_all, place, &im->meta));
+    SPIN_TRY(spin_range_select(&im->o->range, all, n_all, &im->index, &n));
+    SPIN_TRY(spin_bundle_meta_reserve(&im->meta, n));
     for (int i = 0; i < n; i++) {
         im->meta.frame[i] = all[im->index[i]];
         im->meta.source_index[i] = place[im->index[i]];
     }
-out:
-    free(place);
-    free(all);
-    return status;
+    return SPIN_OK;
 }
 
 /* A description may have two frames of what does not move; a bundle may not. */
@@ -368,15 +351,13 @@ static void judge_cameras(const spin_json *cameras)
         inside += of_camera(cameras, i, "inside") / (double)n;
     }
     if (in_front < 0.5)
-        spin_warn(
-            "only %.0f %% of the points are in front of the cameras: are the axes right, and is "
-            "this the data set of that run",
-            100 * in_front);
+        spin_warn("only %.0f %% of the points are in front of the cameras: are the axes right, and "
+                  "is this the data set of that run",
+                  100 * in_front);
     else if (inside < 0.1)
-        spin_warn(
-            "only %.0f %% of the points are inside the images: are the axes right, and is this "
-            "the data set of that run",
-            100 * inside);
+        spin_warn("only %.0f %% of the points are inside the images: are the axes right, and is "
+                  "this the data set of that run",
+                  100 * inside);
 }
 
 static spin_status read_points(struct import *im, int frame)
@@ -423,11 +404,11 @@ static spin_status report_shares(struct import *im, const struct spin_camera_sha
                                        c->inside, "apart", c->apart));
         if (!c->apart)
             continue;
-        spin_warn("camera %d has %.0f %% of the points in front and %.0f %% inside its image in "
-                  "frame %d, where half of the views have %.0f %% and %.0f %% or more: is its "
-                  "pose right",
-                  v->camera_id, 100 * c->in_front, 100 * c->inside, number, 100 * shares->in_front,
-                  100 * shares->inside);
+        spin_warn(
+            "camera %d has %.0f %% of the points in front and %.0f %% inside its image in frame "
+            "%d, where half of the views have %.0f %% and %.0f %% or more: is its pose right",
+            v->camera_id, 100 * c->in_front, 100 * c->inside, number, 100 * shares->in_front,
+            100 * shares->inside);
         if (n_apart++ >= CHECKED_APART ||
             is_drawn(spin_json_get(im->report, "cameras"), number, v->camera_id))
             continue;
@@ -489,13 +470,12 @@ static spin_status check_frame(const struct import *im, int i, unsigned wanted,
 
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
         if ((wanted & column) && (!*spin_column_of(&splats, column) || s->n > s->capacity))
-            return spin_fail(SPIN_E_UNSUPPORTED, "the importer '%s' gives no %s of frame %d",
-                             im->importer->name, spin_column_name(column), i);
+            return spin_unsupported("the importer '%s' gives no %s of frame %d", im->importer->name,
+                                    spin_column_name(column), i);
     }
     if ((wanted & SPIN_COL_SH) && s->sh_degree != im->sequence.sh_degree)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "the importer '%s' gives SH of degree %d in frame %d, %d before",
-                         im->importer->name, s->sh_degree, i, im->sequence.sh_degree);
+        return spin_unsupported("the importer '%s' gives SH of degree %d in frame %d, %d before",
+                                im->importer->name, s->sh_degree, i, im->sequence.sh_degree);
     return SPIN_OK;
 }
 
@@ -517,10 +497,9 @@ static spin_status read_frame(struct import *im, int i, int rank, unsigned colum
     SPIN_TRY(spin_share_splats(out, columns, rank));
     meta->frame[i].n = out->n;
     if (im->writing && meta->static_columns && out->n != meta->frame[0].n)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "the importer '%s' gives %zu splats in frame %d and %zu in frame 0, but "
-                         "says that columns are the same in both",
-                         im->importer->name, out->n, i, meta->frame[0].n);
+        return spin_malformed("the importer '%s' gives %zu splats in frame %d and %zu in frame 0, "
+                              "but says that columns are the same in both",
+                              im->importer->name, out->n, i, meta->frame[0].n);
     if (columns & SPIN_COL_MEANS)
         widen_bounds(im, out);
     return SPIN_OK;
@@ -528,14 +507,13 @@ static spin_status read_frame(struct import *im, int i, int rank, unsigned colum
 
 /* Task 0 reads frame im->step, task 1 writes the one before. What is the same in every frame is written with the first
  * one, and not read again. */
-static void store_task(void *context, int task, int worker)
+static void store_task(void *context, int task)
 {
     struct import *im = context;
     const struct spin_bundle_meta *meta = &im->meta;
     int i = im->step - task, rank = i % spin_n_ranks();
     spin_status status = SPIN_OK;
 
-    (void)worker;
     if (i < 0 || i == meta->n_frames)
         return;
     if (task == 1 && im->writing)
@@ -581,20 +559,16 @@ static spin_status store_frames(struct import *im, struct spin_progress *progres
 static spin_status store_rounded(struct import *im, struct spin_splats_4d *s)
 {
     enum spin_round_4d round = (enum spin_round_4d)im->o->precision;
-    unsigned char *all = NULL;
+    SPIN_FREED unsigned char *all = NULL;
     size_t n_dropped;
-    spin_status status;
 
     SPIN_TRY(spin_alloc(im->four_d->n + 1, 1, (void **)&all));
     memset(all, 1, im->four_d->n);
-    SPIN_TRY_OUT(spin_splats_4d_take(im->four_d, all, s));
+    SPIN_TRY(spin_splats_4d_take(im->four_d, all, s));
     spin_splats_4d_round(s, round);
     if (im->writing)
-        SPIN_TRY_OUT(spin_bundle_write_4d(&im->writer, s, round, &im->meta));
-    status = spin_splats_4d_settle(s, &n_dropped, NULL);
-out:
-    free(all);
-    return status;
+        SPIN_TRY(spin_bundle_write_4d(&im->writer, s, round, &im->meta));
+    return spin_splats_4d_settle(s, &n_dropped, NULL);
 }
 
 /* The 4D splats as they are. Frames are their slices: only how many splats each has is found out. */
@@ -602,22 +576,22 @@ static spin_status store_4d(struct import *im)
 {
     struct spin_bundle_meta *meta = &im->meta;
     const struct spin_splats_4d *s = im->four_d;
-    struct spin_splats_4d rounded = {0};
-    size_t n = (size_t)meta->n_frames, *counts = NULL;
-    double *times = NULL;
-    spin_status status;
+    SPIN_LEAVES(spin_splats_4d_free) struct spin_splats_4d rounded = {0};
+    size_t n = (size_t)meta->n_frames;
+    SPIN_FREED size_t *counts = NULL;
+    SPIN_FREED double *times = NULL;
 
     if (im->o->precision) {
-        SPIN_TRY_OUT(store_rounded(im, &rounded));
+        SPIN_TRY(store_rounded(im, &rounded));
         s = &rounded;
     } else if (im->writing) {
-        SPIN_TRY_OUT(spin_bundle_write_4d(&im->writer, s, SPIN_ROUND_NOTHING, meta));
+        SPIN_TRY(spin_bundle_write_4d(&im->writer, s, SPIN_ROUND_NOTHING, meta));
     }
-    SPIN_TRY_OUT(spin_alloc(n, sizeof *times, (void **)&times));
-    SPIN_TRY_OUT(spin_alloc(n, sizeof *counts, (void **)&counts));
+    SPIN_TRY(spin_alloc(n, sizeof *times, (void **)&times));
+    SPIN_TRY(spin_alloc(n, sizeof *counts, (void **)&counts));
     for (size_t i = 0; i < n; i++)
         times[i] = meta->frame[i].time;
-    SPIN_TRY_OUT(spin_splats_4d_counts(s, times, n, counts));
+    SPIN_TRY(spin_splats_4d_counts(s, times, n, counts));
     for (size_t i = 0; i < n; i++)
         meta->frame[i].n = counts[i];
     for (size_t i = 0; i < s->n;
@@ -626,11 +600,7 @@ static spin_status store_4d(struct import *im)
             im->low[c] = fminf(im->low[c], s->centres[3 * i + c]);
             im->high[c] = fmaxf(im->high[c], s->centres[3 * i + c]);
         }
-out:
-    spin_splats_4d_free(&rounded);
-    free(counts);
-    free(times);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status describe_frame(struct import *im, int i)
@@ -788,15 +758,13 @@ static spin_status check_frame_times(const struct spin_import_options *o)
     if (!o->frame_times)
         return SPIN_OK;
     if (!o->data || o->n_frames > 0 || o->n_times > 0)
-        return spin_fail(SPIN_E_USAGE,
-                         "--frame-times says how --data gives the times: it goes with a data set, "
-                         "and without --frames and --times");
+        return spin_misuse("--frame-times says how --data gives the times: it goes with a data "
+                           "set, and without --frames and --times");
     for (size_t i = 0; i < sizeof rules / sizeof *rules; i++) {
         if (strcmp(o->frame_times, rules[i]) == 0)
             return SPIN_OK;
     }
-    return spin_fail(SPIN_E_USAGE, "--frame-times is '%s', expected auto, data, unit or count",
-                     o->frame_times);
+    return spin_misuse("--frame-times is '%s', expected auto, data, unit or count", o->frame_times);
 }
 
 /* What open() promised, held to the rules: an importer may have been built elsewhere. */
@@ -806,12 +774,12 @@ static spin_status check_track(const struct import *im)
     const char *name = im->importer->name;
 
     if (!t->continuous && t->n_frames < 1)
-        return spin_fail(SPIN_E_MALFORMED, "the importer '%s' found no frames", name);
+        return spin_malformed("the importer '%s' found no frames", name);
     if (!(t->columns & SPIN_COL_MEANS))
-        return spin_fail(SPIN_E_UNSUPPORTED, "the importer '%s' gives no positions", name);
+        return spin_unsupported("the importer '%s' gives no positions", name);
     if ((t->columns & SPIN_COL_SH) && (t->sh_degree < 0 || t->sh_degree > 3))
-        return spin_fail(SPIN_E_UNSUPPORTED, "the importer '%s' gives SH of degree %d, not 0..3",
-                         name, t->sh_degree);
+        return spin_unsupported("the importer '%s' gives SH of degree %d, not 0..3", name,
+                                t->sh_degree);
     return SPIN_OK;
 }
 
@@ -824,13 +792,12 @@ static spin_status find_4d(struct import *im)
     if (im->importer->splats_4d)
         SPIN_TRY(im->importer->splats_4d(im->self, &im->four_d));
     if (im->four_d && !spin_splats_4d_is_settled(im->four_d))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "the importer '%s' gives 4D splats that it has not settled",
-                         im->importer->name);
+        return spin_malformed("the importer '%s' gives 4D splats that it has not settled",
+                              im->importer->name);
     im->keeps_4d = im->four_d && im->sequence.continuous && !sampled && !o->positions_only &&
                    (im->sequence.columns & SPIN_COL_ATTRIBUTES) == SPIN_COL_ATTRIBUTES;
     if (o->precision && !(im->keeps_4d && o->output))
-        return spin_fail(SPIN_E_USAGE, "--precision is for 4D splats that a bundle keeps as such");
+        return spin_misuse("--precision is for 4D splats that a bundle keeps as such");
     if (im->four_d && sampled && o->output)
         spin_note(&im->sequence,
                   "sampled, as --frames or --times ask for: the 4D splats themselves are not kept");
@@ -844,7 +811,7 @@ static spin_status run_import(struct import *im)
 
     SPIN_TRY(check_frame_times(o));
     if (o->check_cameras && !o->data)
-        return spin_fail(SPIN_E_USAGE, "--check-cameras draws over images: say where with --data");
+        return spin_misuse("--check-cameras draws over images: say where with --data");
     if (o->output && spin_rank() == 0)
         SPIN_TRY(spin_output_check_file(o->output, o->force));
     SPIN_TRY(spin_importer_find_run(o->input, o->from, &im->importer, &im->below));

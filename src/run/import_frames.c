@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/text.h"
 #include "io/file.h"
@@ -56,11 +55,10 @@ static void compare_ranges(struct spin_sequence_info *t, const struct spin_frame
     }
     if (n > 1 && (last - first < 0.5 * span || last > t->time_last + 0.5 * span ||
                   first < t->time_first - 0.5 * span))
-        spin_note(
-            t,
-            "the data set's times are %g to %g and the method's %g to %g: do both use the same "
-            "unit? (--frame-times)",
-            first, last, t->time_first, t->time_last);
+        spin_note(t,
+                  "the data set's times are %g to %g and the method's %g to %g: do both use the "
+                  "same unit? (--frame-times)",
+                  first, last, t->time_first, t->time_last);
 }
 
 void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info *t,
@@ -160,45 +158,39 @@ static spin_status open_sequence(const char *input, char **path, spin_json **roo
 spin_status spin_exported_frames(const char *input, struct spin_frame_info *frame, int n,
                                  int *place, struct spin_bundle_meta *meta)
 {
-    spin_json *root;
-    char *path;
+    SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
+    SPIN_FREED char *path = NULL;
 
     SPIN_TRY(open_sequence(input, &path, &root));
     if (root && !take(root, frame, n, place, meta))
         spin_warn("'%s' does not fit the frames beside it: their times and places in the exported "
                   "clip are not used",
                   path);
-    spin_json_free(root);
-    free(path);
     return SPIN_OK;
 }
 
 spin_status spin_exported_data(const char *input, char **data, char **from)
 {
-    spin_json *root;
+    SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
     const spin_json *json;
     const char *folder, *name;
-    char *path;
-    spin_status status;
+    SPIN_FREED char *path = NULL;
 
     *data = *from = NULL;
-    SPIN_TRY_OUT(open_sequence(input, &path, &root));
+    SPIN_TRY(open_sequence(input, &path, &root));
     json = spin_json_get(root, "data");
     folder = spin_json_string(spin_json_get(json, "path"));
     name = spin_json_string(spin_json_get(json, "from"));
     if (folder && *folder == '/')
-        SPIN_TRY_OUT(spin_strdup(folder, data));
+        SPIN_TRY(spin_strdup(folder, data));
     else if (folder)
-        SPIN_TRY_OUT(spin_path_join(input, folder, data));
+        SPIN_TRY(spin_path_join(input, folder, data));
     if (*data && name)
-        SPIN_TRY_OUT(spin_strdup(name, from));
+        SPIN_TRY(spin_strdup(name, from));
     if (*data && !spin_path_exists(*data)) {
         free(*data);
         free(*from);
         *data = *from = NULL;
     }
-out:
-    spin_json_free(root);
-    free(path);
-    return status;
+    return SPIN_OK;
 }

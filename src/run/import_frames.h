@@ -1,7 +1,6 @@
 /* The frames of an import: at which times of a continuous method those of a data set are, and what was written beside
  * frames that spin-export wrote. */
-#ifndef SPIN_RUN_IMPORT_FRAMES_H
-#define SPIN_RUN_IMPORT_FRAMES_H
+#pragma once
 
 #include "scene/bundle_meta.h"
 
@@ -21,5 +20,3 @@ spin_status spin_exported_frames(const char *input, struct spin_frame_info *fram
 /* The data set that sequence.json beside exported frames names, where it is there: *data (allocated) and *from
  * (allocated); else NULL. */
 spin_status spin_exported_data(const char *input, char **data, char **from);
-
-#endif

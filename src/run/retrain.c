@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "spin_run.h"
 #include "base/log.h"
 #include "base/mem.h"
@@ -77,10 +76,10 @@ static spin_status check_output(const struct run *r, bool *done)
         return spin_output_check_file(o->output, false); /* says what is there */
     }
     if ((part || parts) && !o->resume && !o->force)
-        return spin_fail(SPIN_E_IO,
-                         "an unfinished run is in '%s': use --resume to go on, or "
-                         "--force to start anew",
-                         part ? r->plan.part : r->plan.parts);
+        return spin_fail(
+            SPIN_E_IO,
+            "an unfinished run is in '%s': use --resume to go on, or --force to start anew",
+            part ? r->plan.part : r->plan.parts);
     if (o->resume && !part && !parts)
         spin_warn("nothing to resume: '%s' has no unfinished state, the run starts anew",
                   o->output);
@@ -150,10 +149,9 @@ static spin_status check_paths(const struct run *r)
     status = spin_ranks_gather(path, sizeof *path);
     for (int i = 1; i < spin_n_ranks() && status == SPIN_OK; i++)
         if (strcmp(path[i], path[0]) != 0)
-            status = spin_fail(SPIN_E_USAGE,
-                               "rank %d computes with code path '%s' and rank 0 with '%s': give "
-                               "all the same one, with SPIN_CPU",
-                               i, path[i], path[0]);
+            status = spin_misuse("rank %d computes with code path '%s' and rank 0 with '%s': give "
+                                 "all the same one, with SPIN_CPU",
+                                 i, path[i], path[0]);
     free(path);
     return spin_ranks_agree(status);
 }
@@ -254,11 +252,10 @@ static void say_exposure(const struct run *r)
         spin_log(1, "no point is seen by three training cameras to compare their colours: no "
                     "exposure is learned");
     else
-        spin_log(
-            1,
-            "cameras differ in colour by %.1f %%, their pictures have %.1f %% of the brightness in "
-            "the corners: no exposure is learned",
-            100 * r->colour_spread, 100 * corner_of(r));
+        spin_log(1,
+                 "cameras differ in colour by %.1f %%, their pictures have %.1f %% of the "
+                 "brightness in the corners: no exposure is learned",
+                 100 * r->colour_spread, 100 * corner_of(r));
 }
 
 /* What the run is made from. */
@@ -331,13 +328,12 @@ static spin_status open_trainer(struct run *r, bool resume)
 {
     struct spin_plan *p = &r->plan;
     struct spin_trainer_size size = {.n_frames = p->clip.n_frames};
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     struct spin_frame_size *frame;
-    spin_status status;
 
     SPIN_TRY(spin_alloc((size_t)size.n_frames, sizeof *frame, &block));
     size.frame = frame = block;
-    SPIN_TRY_OUT(find_tracks(r));
+    SPIN_TRY(find_tracks(r));
     size.tracked = r->tracks.n > 0 || trains_4d(r) || spin_plan_densifies(p);
     size.n_tracks = trains_4d(r) ? r->rows.n : r->tracks.n;
     size.n_moving = r->tracks.n_moving;
@@ -350,14 +346,11 @@ static spin_status open_trainer(struct run *r, bool resume)
             frame[f] = spin_tracks_size(&r->tracks, f, n);
     }
     if (resume && size.tracked) {
-        SPIN_TRY_OUT(spin_checkpoint_sizes(&r->checkpoint, frame, &size));
+        SPIN_TRY(spin_checkpoint_sizes(&r->checkpoint, frame, &size));
         for (int f = 0; f < size.n_frames; f++)
             r->plan.counts[f] = frame[f].n;
     }
-    status = spin_plan_open_trainer(p, &r->device, &size, &r->trainer);
-out:
-    free(block);
-    return status;
+    return spin_plan_open_trainer(p, &r->device, &size, &r->trainer);
 }
 
 /* What the trainer begins with, but for a network. */

@@ -1,6 +1,5 @@
 /* spin_retrain(), spin_eval() and spin_export(), with the findings as they are. */
-#ifndef SPIN_RUN_RUN_H
-#define SPIN_RUN_RUN_H
+#pragma once
 
 #include "spin_run.h"
 #include "eval/report/compare.h"
@@ -14,5 +13,3 @@ spin_status spin_evaluate(const struct spin_eval_options *o, struct spin_eval_re
 /* The same; pictures of what was measured are added to compare, by rank 0. */
 spin_status spin_evaluate_for(const struct spin_eval_options *o, struct spin_compare *compare,
                               struct spin_eval_report *report);
-
-#endif

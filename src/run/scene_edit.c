@@ -8,7 +8,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/number.h"
@@ -33,13 +32,12 @@ spin_status spin_scene_edit_begin(struct spin_scene_edit *e, const struct spin_e
     e->moves = (o->scale > 0 && o->scale != 1) || by[0] != 0 || by[1] != 0 || by[2] != 0;
     for (int c = 0; c < 3 && o->n_crop == 6; c++)
         if (!(box[c] < box[3 + c]))
-            return spin_fail(SPIN_E_USAGE,
-                             "--crop: the box goes from %g to %g, expected from less to more",
-                             box[c], box[3 + c]);
+            return spin_misuse("--crop: the box goes from %g to %g, expected from less to more",
+                               box[c], box[3 + c]);
     if (o->n_crop == 4 && !(box[3] > 0))
-        return spin_fail(SPIN_E_USAGE, "--crop: a sphere of radius %g holds nothing", box[3]);
+        return spin_misuse("--crop: a sphere of radius %g holds nothing", box[3]);
     if (o->min_views > 0 && !clip->has_views)
-        return spin_fail(SPIN_E_USAGE, "--min-views: there is no data set, give --data DIR");
+        return spin_misuse("--min-views: there is no data set, give --data DIR");
     return o->floaters > 0 ? spin_pool_create(o->n_threads, &e->pool) : SPIN_OK;
 }
 
@@ -132,9 +130,9 @@ static spin_status leave_out_unseen(struct spin_scene_edit *e, int frame, const 
     for (size_t v = 0; v < views->n; v++)
         n_views += views->view[v].dataset_frame == row && !views->view[v].test;
     if (n_views < least)
-        return spin_fail(SPIN_E_USAGE, "--min-views %d: frame %d has %d training view%s", least,
-                         e->clip->bundle.meta.frame[e->clip->frame[frame]].number, n_views,
-                         n_views == 1 ? "" : "s");
+        return spin_misuse("--min-views %d: frame %d has %d training view%s", least,
+                           e->clip->bundle.meta.frame[e->clip->frame[frame]].number, n_views,
+                           n_views == 1 ? "" : "s");
     for (size_t i = 0; i < rows->n; i++) {
         int seen = 0;
 
@@ -151,21 +149,21 @@ static spin_status leave_out_unseen(struct spin_scene_edit *e, int frame, const 
  * reach as far itself. */
 static spin_status leave_out_floaters(struct spin_scene_edit *e, const struct rows *rows)
 {
-    size_t n = 0, *row = NULL;
-    float *place = NULL, *square = NULL, *sorted = NULL;
+    size_t n = 0;
+    SPIN_FREED size_t *row = NULL;
+    SPIN_FREED float *place = NULL, *square = NULL, *sorted = NULL;
     double limit = 0;
-    spin_status status;
 
-    SPIN_TRY_OUT(spin_alloc(rows->n + 1, sizeof *row, (void **)&row));
-    SPIN_TRY_OUT(spin_alloc(rows->n + 1, 3 * sizeof *place, (void **)&place));
-    SPIN_TRY_OUT(spin_alloc(rows->n + 1, sizeof *square, (void **)&square));
-    SPIN_TRY_OUT(spin_alloc(rows->n + 1, sizeof *sorted, (void **)&sorted));
+    SPIN_TRY(spin_alloc(rows->n + 1, sizeof *row, (void **)&row));
+    SPIN_TRY(spin_alloc(rows->n + 1, 3 * sizeof *place, (void **)&place));
+    SPIN_TRY(spin_alloc(rows->n + 1, sizeof *square, (void **)&square));
+    SPIN_TRY(spin_alloc(rows->n + 1, sizeof *sorted, (void **)&sorted));
     for (size_t i = 0; i < rows->n; i++)
         if (!rows->reason[i] && is_finite(rows->place + 3 * i)) {
             memcpy(place + 3 * n, rows->place + 3 * i, 3 * sizeof *place);
             row[n++] = i;
         }
-    SPIN_TRY_OUT(spin_knn_mean_dist2(e->pool, n, place, square));
+    SPIN_TRY(spin_knn_mean_dist2(e->pool, n, place, square));
     memcpy(sorted, square, n * sizeof *sorted);
     qsort(sorted, n, sizeof *sorted, spin_by_float);
     if (n > 0)
@@ -178,12 +176,7 @@ static spin_status leave_out_floaters(struct spin_scene_edit *e, const struct ro
         if ((double)square[k] > limit && !(reach * reach >= (double)square[k]))
             rows->reason[row[k]] = 1 + SPIN_EDIT_FLOATERS;
     }
-out:
-    free(row);
-    free(place);
-    free(square);
-    free(sorted);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status judge(struct spin_scene_edit *e, int frame, const struct rows *rows)
@@ -354,11 +347,10 @@ static spin_status judge_slice(struct spin_scene_edit *e, const struct spin_spla
 static spin_status judge_4d(struct spin_scene_edit *e, const struct spin_splats_4d *s,
                             unsigned char *reason)
 {
-    struct spin_splats slice = {0};
-    int *frame = NULL;
-    spin_status status;
+    SPIN_LEAVES(spin_splats_free) struct spin_splats slice = {0};
+    SPIN_FREED int *frame = NULL;
 
-    SPIN_TRY_OUT(spin_alloc(s->n + 1, sizeof *frame, (void **)&frame));
+    SPIN_TRY(spin_alloc(s->n + 1, sizeof *frame, (void **)&frame));
     find_frames(e, s, frame);
     for (size_t i = 0; i < s->n; i++)
         if (frame[i] < 0 && crops_away(e->o, s->centres + 3 * i))
@@ -369,12 +361,9 @@ static spin_status judge_4d(struct spin_scene_edit *e, const struct spin_splats_
         while (i < s->n && frame[i] != f)
             i++;
         if (i < s->n)
-            SPIN_TRY_OUT(judge_slice(e, s, f, frame, &slice, reason));
+            SPIN_TRY(judge_slice(e, s, f, frame, &slice, reason));
     }
-out:
-    free(frame);
-    spin_splats_free(&slice);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_scene_edit_judge_4d(struct spin_scene_edit *e, const struct spin_splats_4d *s)
@@ -393,10 +382,9 @@ spin_status spin_scene_edit_4d(struct spin_scene_edit *e, const struct spin_spla
 {
     struct spin_splats_4d from = *in, *to = &e->splats_4d;
     unsigned parts = spin_splats_4d_parts(in);
-    unsigned char *none = NULL;
+    SPIN_FREED unsigned char *none = NULL;
     const unsigned char *reason;
     size_t n_kept, n_dropped;
-    spin_status status;
 
     spin_splats_4d_free(to);
     if (e->chosen)
@@ -405,7 +393,7 @@ spin_status spin_scene_edit_4d(struct spin_scene_edit *e, const struct spin_spla
         SPIN_TRY(spin_scene_edit_judge_4d(e, in));
     reason = none ? none : e->reason_4d;
     n_kept = count(e, reason, in->n, false);
-    SPIN_TRY_OUT(spin_splats_4d_reserve(to, n_kept, in->degree, in->sh_degree, parts));
+    SPIN_TRY(spin_splats_4d_reserve(to, n_kept, in->degree, in->sh_degree, parts));
     to->antialias = in->antialias;
     to->least_weight = in->least_weight;
     to->least_opacity = in->least_opacity;
@@ -421,9 +409,7 @@ spin_status spin_scene_edit_4d(struct spin_scene_edit *e, const struct spin_spla
         for (size_t i = 0; i < 3 * n_kept * (size_t)in->degree; i++)
             to->paths[i] = (float)(scale_of(e) * (double)to->paths[i]);
     }
-    SPIN_TRY_OUT(spin_splats_4d_settle(to, &n_dropped, NULL));
+    SPIN_TRY(spin_splats_4d_settle(to, &n_dropped, NULL));
     *out = to;
-out:
-    free(none);
-    return status;
+    return SPIN_OK;
 }

@@ -1,7 +1,6 @@
 /* What an export changes of a scene before its exporter sees it: splats that are left out, another size, another place.
  * A frame's splats and 4D splats go the same way; so do the data set's cameras. */
-#ifndef SPIN_RUN_SCENE_EDIT_H
-#define SPIN_RUN_SCENE_EDIT_H
+#pragma once
 
 #include "base/pool.h"
 #include "spin_run.h"
@@ -61,5 +60,3 @@ spin_status spin_scene_edit_views(struct spin_scene_edit *e, const struct spin_v
 
 /* What was left out, a line; a warning when nothing stayed. */
 void spin_scene_edit_say(const struct spin_scene_edit *e);
-
-#endif

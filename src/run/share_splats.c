@@ -1,6 +1,5 @@
 #include "run/share_splats.h"
 
-#include "base/err.h"
 #include "io/ranks.h"
 #include "scene/columns.h"
 

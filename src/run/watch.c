@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "eval/report/svg_chart.h"
@@ -74,26 +73,20 @@ static void draw_curves(const struct spin_train_log *h, FILE *to)
 
 static spin_status add_curves(const char *log, spin_json *now)
 {
-    struct spin_train_log history = {0};
-    char *text = NULL;
+    SPIN_LEAVES(spin_train_log_free) struct spin_train_log history = {0};
+    SPIN_FREED char *text = NULL;
     size_t n;
     FILE *to = NULL;
-    spin_status status;
 
-    SPIN_TRY_OUT(spin_train_log_read(log, LOSS_POINTS, &history));
+    SPIN_TRY(spin_train_log_read(log, LOSS_POINTS, &history));
     to = open_memstream(&text, &n);
-    if (!to) {
-        status = spin_fail(SPIN_E_MEMORY, "no memory for curves");
-        goto out;
-    }
+    if (!to)
+        return spin_fail(SPIN_E_MEMORY, "no memory for curves");
     draw_curves(&history, to);
     fclose(to);
     spin_json_set_string(now, "curves", text);
     spin_json_set_number(now, "seconds", history.total_seconds);
-out:
-    spin_train_log_free(&history);
-    free(text);
-    return status;
+    return SPIN_OK;
 }
 
 /* Names of the newest previews: those that end in this iteration. */

@@ -1,6 +1,5 @@
 /* A folder to look into while a training runs (--watch): a page that refreshes itself, and what it shows. */
-#ifndef SPIN_RUN_WATCH_H
-#define SPIN_RUN_WATCH_H
+#pragma once
 
 #include "train/output.h"
 
@@ -16,5 +15,3 @@ spin_status spin_watch_begin(const struct spin_watch *w);
  * written so far; done: nothing more comes. */
 spin_status spin_watch_update(const struct spin_watch *w, const struct spin_output *output,
                               const char *log, bool done);
-
-#endif

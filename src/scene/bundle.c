@@ -5,7 +5,6 @@
  * many gigabytes opens at once. The values stay in the map until a frame is asked for. */
 #include "scene/bundle.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -13,7 +12,6 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/number.h"
-#include "scene/splats_4d.h"
 
 #define META "meta.json"
 #define META_LIMIT (64u << 20) /* bytes */
@@ -110,11 +108,10 @@ static spin_status check_source(struct spin_bundle *b)
             if (f == 0 || !still)
                 SPIN_TRY(find_column(b, &source, column, f, NULL));
             else if (b->meta.frame[f].n != b->meta.frame[0].n)
-                return spin_fail(SPIN_E_MALFORMED,
-                                 "meta.json: frame %d has %zu splats and frame 0 %zu, but column "
-                                 "'%s' is the same in both",
-                                 f, b->meta.frame[f].n, b->meta.frame[0].n,
-                                 spin_column_name(column));
+                return spin_malformed(
+                    "meta.json: frame %d has %zu splats and frame 0 %zu, but column "
+                    "'%s' is the same in both",
+                    f, b->meta.frame[f].n, b->meta.frame[0].n, spin_column_name(column));
         }
     }
     return SPIN_OK;
@@ -234,15 +231,12 @@ static spin_status load_meta(struct spin_bundle *b)
 {
     const struct spin_zip_member *m = spin_zip_find(&b->npz.zip, META);
     const unsigned char *text = NULL;
-    void *owned = NULL;
-    spin_status status;
+    SPIN_FREED void *owned = NULL;
 
     if (!m)
-        return spin_fail(SPIN_E_MALFORMED, "no member 'meta.json': this is not a bundle");
+        return spin_malformed("no member 'meta.json': this is not a bundle");
     SPIN_TRY(spin_zip_read(&b->npz.zip, m, true, META_LIMIT, &text, &owned));
-    status = spin_json_parse(META, (const char *)text, (size_t)m->size, &b->json);
-    free(owned);
-    SPIN_TRY(status);
+    SPIN_TRY(spin_json_parse(META, (const char *)text, (size_t)m->size, &b->json));
     modernise(b);
     return spin_bundle_meta_read(&b->meta, b->json);
 }
@@ -251,7 +245,7 @@ static spin_status load_meta(struct spin_bundle *b)
 static spin_status open_clip_of_state(struct spin_bundle *b)
 {
     size_t n = strlen(b->path) + sizeof SPIN_CLIP_OF_STATE;
-    char *clip;
+    SPIN_FREED char *clip = NULL;
     void *block;
     spin_status status;
 
@@ -264,11 +258,9 @@ static spin_status open_clip_of_state(struct spin_bundle *b)
                  b->path, clip);
         status = spin_npz_open(clip, &b->npz);
     } else
-        status =
-            spin_fail(SPIN_E_UNSUPPORTED,
-                      "it is the state of an unfinished training: spin-retrain --resume goes on "
-                      "with it, and --watch DIR keeps such a state as a clip, DIR/state.spin");
-    free(clip);
+        status = spin_unsupported(
+            "it is the state of an unfinished training: spin-retrain --resume goes on "
+            "with it, and --watch DIR keeps such a state as a clip, DIR/state.spin");
     return status;
 }
 
@@ -311,8 +303,7 @@ void spin_bundle_close(struct spin_bundle *bundle)
 spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out)
 {
     const char *path = bundle->meta.data_path;
-    char *folder = NULL, *joined = NULL;
-    spin_status status;
+    SPIN_FREED char *folder = NULL, *joined = NULL;
 
     *out = NULL;
     if (!path)
@@ -320,17 +311,14 @@ spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out)
     if (path[0] == '/')
         return spin_strdup(path, out);
     SPIN_TRY(spin_path_folder(bundle->path, &folder));
-    SPIN_TRY_OUT(spin_path_join(folder, path, &joined));
+    SPIN_TRY(spin_path_join(folder, path, &joined));
     if (spin_path_exists(joined)) {
-        SPIN_TRY_OUT(spin_path_absolute(joined, out));
+        SPIN_TRY(spin_path_absolute(joined, out));
     } else { /* the caller says that it is missing, by this name */
         *out = joined;
         joined = NULL;
     }
-out:
-    free(joined);
-    free(folder);
-    return status;
+    return SPIN_OK;
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */
@@ -344,17 +332,15 @@ static spin_status find_group(const struct spin_bundle *b, int frame, enum spin_
     *out = group_of(b, from);
     missing = columns & ~out->columns;
     if (frame < 0 || frame >= b->meta.n_frames)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d, only 0 to %d", b->path, frame,
-                         b->meta.n_frames - 1);
+        return spin_not_found("'%s' has no frame %d, only 0 to %d", b->path, frame,
+                              b->meta.n_frames - 1);
     if (missing && from == SPIN_FROM_REFINED)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no refined splats with these columns",
-                         b->path);
+        return spin_not_found("'%s' has no refined splats with these columns", b->path);
     if (missing)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no '%s' of its source%s", b->path,
-                         spin_column_name(missing),
-                         (b->meta.columns & SPIN_COL_ATTRIBUTES) == 0
-                             ? ", only positions: run spin-retrain"
-                             : "");
+        return spin_not_found(
+            "'%s' has no '%s' of its source%s", b->path, spin_column_name(missing),
+            (b->meta.columns & SPIN_COL_ATTRIBUTES) == 0 ? ", only positions: run spin-retrain"
+                                                         : "");
     return spin_map_check(&b->npz.zip.map);
 }
 
@@ -400,11 +386,11 @@ static spin_status load_4d(struct spin_bundle *b, struct spin_splats_4d *s)
         spin_bundle_values_close(&v);
     }
     SPIN_TRY(spin_splats_4d_settle(s, &n_dropped, NULL));
-    return n_dropped ? spin_fail(SPIN_E_MALFORMED,
-                                 "source/4d: %zu of %zu rows have values that are not finite or no "
-                                 "rotation",
-                                 n_dropped, meta->n)
-                     : SPIN_OK;
+    return n_dropped
+               ? spin_malformed("source/4d: %zu of %zu rows have values that are not finite or no "
+                                "rotation",
+                                n_dropped, meta->n)
+               : SPIN_OK;
 }
 
 spin_status spin_bundle_splats_4d(struct spin_bundle *bundle, const struct spin_splats_4d **out)
@@ -425,11 +411,11 @@ static spin_status slice(struct spin_bundle *b, int frame, unsigned columns,
 
     SPIN_TRY(spin_bundle_splats_4d(b, &s));
     SPIN_TRY(spin_splats_4d_slice(s, info->time, columns, out));
-    return out->n == info->n ? SPIN_OK
-                             : spin_fail(SPIN_E_MALFORMED,
-                                         "'%s': meta.json says %zu splats of frame %d, its time "
-                                         "%g shows %zu",
-                                         b->path, info->n, frame, info->time, out->n);
+    return out->n == info->n
+               ? SPIN_OK
+               : spin_malformed("'%s': meta.json says %zu splats of frame %d, its time "
+                                "%g shows %zu",
+                                b->path, info->n, frame, info->time, out->n);
 }
 
 static spin_status read_frame(struct spin_bundle *bundle, int frame, enum spin_splat_source from,
@@ -508,19 +494,16 @@ size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_
 
 static spin_status checksum_slice(struct spin_bundle *b, int frame, unsigned columns, uint32_t *out)
 {
-    struct spin_splats splats = {0};
+    SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
     uint64_t hash = SPIN_HASH_BEGIN;
-    spin_status status;
 
-    SPIN_TRY_OUT(slice(b, frame, columns, &splats));
+    SPIN_TRY(slice(b, frame, columns, &splats));
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1)
         if (columns & column)
             spin_hash(&hash, *spin_column_of(&splats, column),
                       splats.n * spin_column_width(column, splats.sh_degree) * sizeof(float));
     *out = (uint32_t)(hash ^ hash >> 32);
-out:
-    spin_splats_free(&splats);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_bundle_checksum(struct spin_bundle *bundle, int frame, unsigned columns,

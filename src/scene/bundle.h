@@ -12,8 +12,7 @@
  * Columns: means [n,3], quats [n,4], log_scales [n,3], logit_opacities [n], sh [n,K,3], rgb [n,3];
  * all little-endian float32, or packed (scene/bundle_pack.h). <index> is the frame's place in meta.json's
  * list, not its number. */
-#ifndef SPIN_SCENE_BUNDLE_H
-#define SPIN_SCENE_BUNDLE_H
+#pragma once
 
 #include "spin.h"
 #include "io/npy.h"
@@ -155,5 +154,3 @@ spin_status spin_bundle_write_array(struct spin_bundle_writer *w, const char *se
 spin_status spin_bundle_writer_finish(struct spin_bundle_writer *w,
                                       const struct spin_bundle_meta *meta, spin_json *extra);
 void spin_bundle_writer_abandon(struct spin_bundle_writer *w);
-
-#endif

@@ -3,11 +3,9 @@
 
 #include <limits.h>
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/number.h"
 #include "scene/columns.h"
@@ -45,7 +43,7 @@ void spin_bundle_meta_free(struct spin_bundle_meta *meta)
 
 spin_status spin_meta_fail(const char *key, const char *expected)
 {
-    return spin_fail(SPIN_E_MALFORMED, "meta.json: '%s' is missing or is not %s", key, expected);
+    return spin_malformed("meta.json: '%s' is missing or is not %s", key, expected);
 }
 
 spin_status spin_meta_integer(const spin_json *object, const char *key, int64_t least, int64_t most,
@@ -54,8 +52,8 @@ spin_status spin_meta_integer(const spin_json *object, const char *key, int64_t 
     if (!spin_json_integer(spin_json_get(object, key), out))
         return spin_meta_fail(key, "a whole number");
     if (*out < least || *out > most)
-        return spin_fail(SPIN_E_MALFORMED, "meta.json: '%s' is %lld, expected %lld to %lld", key,
-                         (long long)*out, (long long)least, (long long)most);
+        return spin_malformed("meta.json: '%s' is %lld, expected %lld to %lld", key,
+                              (long long)*out, (long long)least, (long long)most);
     return SPIN_OK;
 }
 
@@ -80,10 +78,9 @@ static spin_status read_columns(const spin_json *root, const char *key, unsigned
         if (!name)
             return spin_meta_fail(key, "a list of names");
         if (!spin_column_named(name))
-            return spin_fail(SPIN_E_UNSUPPORTED,
-                             "meta.json: '%s' names a column '%.40s' that this "
-                             "version does not know",
-                             key, name);
+            return spin_unsupported("meta.json: '%s' names a column '%.40s' that this "
+                                    "version does not know",
+                                    key, name);
         *out |= spin_column_named(name);
     }
     return SPIN_OK;
@@ -96,10 +93,10 @@ spin_status spin_meta_columns(const spin_json *object, unsigned *columns, int *s
 
     SPIN_TRY(read_columns(object, "columns", columns));
     if (!(*columns & SPIN_COL_MEANS))
-        return spin_fail(SPIN_E_MALFORMED, "meta.json: 'columns' lacks 'means'");
+        return spin_malformed("meta.json: 'columns' lacks 'means'");
     SPIN_TRY(spin_meta_integer(object, "sh_degree", -1, 3, &degree));
     if ((*columns & SPIN_COL_SH) && degree < 0)
-        return spin_fail(SPIN_E_MALFORMED, "meta.json: column 'sh' with an 'sh_degree' of -1");
+        return spin_malformed("meta.json: column 'sh' with an 'sh_degree' of -1");
     *sh_degree = (int)degree;
     spin_json_bool(spin_json_get(object, "antialias"), antialias);
     return SPIN_OK;
@@ -124,7 +121,7 @@ static spin_status read_frame_entry(struct spin_bundle_meta *meta, int i, const 
 spin_status spin_frame_numbers_check(const struct spin_frame_info *frame, int n)
 {
     spin_status status = SPIN_OK;
-    int *number;
+    SPIN_FREED int *number = NULL;
 
     SPIN_TRY(spin_alloc((size_t)n, sizeof *number, (void **)&number));
     for (int i = 0; i < n; i++)
@@ -132,8 +129,7 @@ spin_status spin_frame_numbers_check(const struct spin_frame_info *frame, int n)
     qsort(number, (size_t)n, sizeof *number, spin_by_int);
     for (int i = 1; i < n && status == SPIN_OK; i++)
         if (number[i] == number[i - 1])
-            status = spin_fail(SPIN_E_MALFORMED, "two frames have the number %d", number[i]);
-    free(number);
+            status = spin_malformed("two frames have the number %d", number[i]);
     return status;
 }
 
@@ -195,8 +191,7 @@ static spin_status read_4d(struct spin_bundle_meta *meta, const spin_json *root)
     SPIN_TRY(spin_meta_integer(json, "n", 1, UINT32_MAX, &n));
     SPIN_TRY(spin_meta_integer(json, "degree", 0, 3, &degree));
     if (meta->columns != (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES) || meta->static_columns)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "meta.json: 'columns' of 4D splats are other than all attributes");
+        return spin_malformed("meta.json: 'columns' of 4D splats are other than all attributes");
     *s = (struct spin_splats_4d){.n = (size_t)n,
                                  .degree = (int)degree,
                                  .sh_degree = meta->sh_degree,
@@ -215,9 +210,9 @@ static spin_status read_4d(struct spin_bundle_meta *meta, const spin_json *root)
         unsigned part = name ? spin_array_4d_part(name) : 0;
 
         if (!part)
-            return spin_fail(SPIN_E_UNSUPPORTED,
-                             "meta.json: 'arrays' names '%.40s', which this version does not know",
-                             name ? name : "");
+            return spin_unsupported(
+                "meta.json: 'arrays' names '%.40s', which this version does not know",
+                name ? name : "");
         meta->parts |= part;
     }
     return SPIN_OK;
@@ -232,9 +227,8 @@ spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json
         return spin_meta_fail("format", "'" FORMAT "'");
     SPIN_TRY(spin_meta_integer(root, "version", 1, INT_MAX, &version));
     if (version > VERSION_4D)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "it is of version %lld, this program reads versions %d to %d",
-                         (long long)version, VERSION, VERSION_4D);
+        return spin_unsupported("it is of version %lld, this program reads versions %d to %d",
+                                (long long)version, VERSION, VERSION_4D);
     read_text(root, "from", meta->from, sizeof meta->from);
     read_text(root, "upstream", meta->upstream, sizeof meta->upstream);
     read_text(root, "variant", meta->variant, sizeof meta->variant);
@@ -244,8 +238,7 @@ spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json
     SPIN_TRY(read_columns(root, "static_columns", &meta->static_columns));
     spin_json_bool(spin_json_get(root, "identity"), &meta->identity);
     if (meta->static_columns & ~meta->columns)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "meta.json: 'static_columns' names columns that 'columns' does not");
+        return spin_malformed("meta.json: 'static_columns' names columns that 'columns' does not");
     SPIN_TRY(read_4d(meta, root));
     SPIN_TRY(read_number(root, "fps", &meta->fps));
     if (meta->fps < 0)

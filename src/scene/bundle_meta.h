@@ -1,6 +1,5 @@
 /* meta.json of a bundle: what the frames of a clip are and which columns they have. */
-#ifndef SPIN_SCENE_BUNDLE_META_H
-#define SPIN_SCENE_BUNDLE_META_H
+#pragma once
 
 #include "io/json.h"
 #include "scene/bundle_pack.h"
@@ -53,5 +52,3 @@ spin_status spin_meta_integer(const spin_json *object, const char *key, int64_t 
                               int64_t *out);
 spin_status spin_meta_columns(const spin_json *object, unsigned *columns, int *sh_degree,
                               bool *antialias);
-
-#endif

@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 
 enum { PORTION = 1 << 15, GROUP = 16 }; /* values at a time; columns */
@@ -73,7 +72,7 @@ static spin_status write_columns(struct spin_zip_writer *w, const char *name, in
 {
     uint64_t dims[SPIN_NPY_MAX_DIMS] = {1};
     uint32_t any = 0;
-    unsigned char *bytes = NULL;
+    SPIN_FREED unsigned char *bytes = NULL;
     spin_status status = SPIN_OK;
 
     for (uint64_t i = 0; i < words->n_rows * words->width; i++)
@@ -97,7 +96,6 @@ static spin_status write_columns(struct spin_zip_writer *w, const char *name, in
             for (uint64_t c = 0; c < n && status == SPIN_OK; c++)
                 status = write_bytes(w, bytes + c * words->n_rows, words->n_rows);
         }
-    free(bytes);
     return status == SPIN_OK ? spin_zip_member_end(w) : status;
 }
 

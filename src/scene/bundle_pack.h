@@ -8,8 +8,7 @@
  *     bytes     array               plane k has byte k of every word, the lowest first
  *     |i1       [1 to 4, ..., n]    column after column; planes that are all 0 are left out
  *     |u1       [4, n, ...]         row after row; always the bits of values */
-#ifndef SPIN_SCENE_BUNDLE_PACK_H
-#define SPIN_SCENE_BUNDLE_PACK_H
+#pragma once
 
 #include "io/json.h"
 #include "io/npy.h"
@@ -47,5 +46,3 @@ void spin_packer_free(struct spin_packer *packer);
 
 /* Round finite values to this many significant bits, and to multiples of step: a power of two, or 0. */
 void spin_round_values(float *values, size_t n, int bits, float step);
-
-#endif

@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 
 enum { ROW = SPIN_TRACK_WIDTH - 3 };
@@ -15,9 +14,8 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
 {
     const spin_json *json = spin_json_get(spin_json_get(bundle->json, "trained"), "tracks");
     int64_t n, moving, varying, shape[2] = {-1, SPIN_TRACK_WIDTH};
-    struct spin_bundle_values v;
+    SPIN_LEAVES(spin_bundle_values_close) struct spin_bundle_values v = {0};
     void *block = NULL;
-    spin_status status;
 
     out->bundle = bundle;
     if (!json)
@@ -26,23 +24,21 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
         !spin_json_integer(spin_json_get(json, "moving"), &moving) ||
         !spin_json_integer(spin_json_get(json, "varying"), &varying) || n < 0 || n > UINT32_MAX ||
         moving < 0 || moving > n || varying < 0 || varying > n)
-        return spin_fail(SPIN_E_MALFORMED, "meta.json: bad 'trained.tracks'");
+        return spin_malformed("meta.json: bad 'trained.tracks'");
     spin_json_bool(spin_json_get(json, "same_rows"), &out->same_rows);
     shape[0] = n;
     SPIN_TRY(spin_bundle_values_open(bundle, "trained/tracks", -1, 'f', 2, shape, &v));
-    SPIN_TRY_OUT(spin_alloc((size_t)n + 1, SPIN_TRACK_WIDTH * sizeof *out->values, &block));
+    SPIN_TRY(spin_alloc((size_t)n + 1, SPIN_TRACK_WIDTH * sizeof *out->values, &block));
     out->values = block;
     out->n = (size_t)n;
     out->n_moving = (size_t)moving;
     out->n_varying = (size_t)varying;
     spin_bundle_values_get(&v, 0, (size_t)v.count, out->values);
-    for (size_t i = 0; i < v.count && status == SPIN_OK; i++)
+    for (size_t i = 0; i < v.count; i++)
         if (!isfinite(out->values[i]))
-            status = spin_fail(SPIN_E_MALFORMED, "array 'trained/tracks' is not finite in row %zu",
-                               i / SPIN_TRACK_WIDTH);
-out:
-    spin_bundle_values_close(&v);
-    return status;
+            return spin_malformed("array 'trained/tracks' is not finite in row %zu",
+                                  i / SPIN_TRACK_WIDTH);
+    return SPIN_OK;
 }
 
 void spin_bundle_tracks_close(struct spin_bundle_tracks *t)
@@ -57,9 +53,8 @@ static spin_status read_own(struct spin_bundle_tracks *t, const char *what, int 
                             const float *room_end, float *out, size_t *n)
 {
     int64_t shape[2] = {-1, width};
-    struct spin_bundle_values v;
+    SPIN_LEAVES(spin_bundle_values_close) struct spin_bundle_values v = {0};
     char series[32], name[64];
-    spin_status status = SPIN_OK;
 
     *n = 0;
     snprintf(series, sizeof series, "trained/%s", what);
@@ -67,15 +62,12 @@ static spin_status read_own(struct spin_bundle_tracks *t, const char *what, int 
     if (!spin_npz_has(&t->bundle->npz, name))
         return SPIN_OK;
     SPIN_TRY(spin_bundle_values_open(t->bundle, series, index, 'f', 2, shape, &v));
-    if (v.count > (uint64_t)(room_end - out)) {
-        status = spin_fail(SPIN_E_MALFORMED, "array '%s' has %" PRIu64 " rows, more than the frame",
-                           name, v.shape[0]);
-    } else {
-        spin_bundle_values_get(&v, 0, (size_t)v.count, out);
-        *n = (size_t)v.shape[0];
-    }
-    spin_bundle_values_close(&v);
-    return status;
+    if (v.count > (uint64_t)(room_end - out))
+        return spin_malformed("array '%s' has %" PRIu64 " rows, more than the frame", name,
+                              v.shape[0]);
+    spin_bundle_values_get(&v, 0, (size_t)v.count, out);
+    *n = (size_t)v.shape[0];
+    return SPIN_OK;
 }
 
 spin_status spin_bundle_tracks_numbers(struct spin_bundle_tracks *t, int index, size_t n,
@@ -94,9 +86,8 @@ spin_status spin_bundle_tracks_numbers(struct spin_bundle_tracks *t, int index, 
     spin_bundle_values_close(&v);
     for (size_t i = 0; i < n; i++)
         if (track[i] != SPIN_NOT_TRACKED && track[i] >= t->n)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "array 'trained/track/%05d' names track %" PRIu32 " of %zu", index,
-                             track[i], t->n);
+            return spin_malformed("array 'trained/track/%05d' names track %" PRIu32 " of %zu",
+                                  index, track[i], t->n);
     return SPIN_OK;
 }
 
@@ -137,9 +128,9 @@ spin_status spin_bundle_tracks_frame(struct spin_bundle_tracks *t, int index, si
         need_residual += none || track[i] < t->n_varying;
     }
     if (n_pos != need_pos || n_residual != need_residual)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "frame %d has %zu positions and %zu residual values, expected %zu and %zu",
-                         index, n_pos, n_residual, need_pos, need_residual);
+        return spin_malformed(
+            "frame %d has %zu positions and %zu residual values, expected %zu and %zu", index,
+            n_pos, n_residual, need_pos, need_residual);
     for (size_t i = 0; i < n; i++) {
         bool none = track[i] == SPIN_NOT_TRACKED;
         const float *shared = none ? NULL : t->values + SPIN_TRACK_WIDTH * (size_t)track[i];

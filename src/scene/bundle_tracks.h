@@ -9,8 +9,7 @@
  * A splat has the sum of what it has of its own and of what its track has. The first "moving" tracks
  * move; of the others the displacement is the whole position. The first "varying" ones have values in every
  * frame. */
-#ifndef SPIN_SCENE_BUNDLE_TRACKS_H
-#define SPIN_SCENE_BUNDLE_TRACKS_H
+#pragma once
 
 #include "scene/bundle.h"
 
@@ -36,5 +35,3 @@ spin_status spin_bundle_tracks_numbers(struct spin_bundle_tracks *tracks, int in
 /* Of frame `index` with n splats: means [n][3] and the residual rows [n][11] = the sums. */
 spin_status spin_bundle_tracks_frame(struct spin_bundle_tracks *tracks, int index, size_t n,
                                      float *means, float *rows);
-
-#endif

@@ -4,7 +4,6 @@
 
 #include <float.h>
 #include <inttypes.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -86,9 +85,8 @@ static spin_status difference_rows(struct spin_bundle *b, const char *series, in
         return SPIN_OK;
     if (!spin_json_integer(spin_json_at(list, (size_t)frame), &value) || value < 0 ||
         (uint64_t)value > n_rows || (frame == 0 && value != 0))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "meta.json: 'xor_rows' of array '%s/%05d' is not 0 to %" PRIu64, series,
-                         frame, frame == 0 ? (uint64_t)0 : n_rows);
+        return spin_malformed("meta.json: 'xor_rows' of array '%s/%05d' is not 0 to %" PRIu64,
+                              series, frame, frame == 0 ? (uint64_t)0 : n_rows);
     *rows = (uint64_t)value;
     return SPIN_OK;
 }
@@ -98,10 +96,9 @@ static spin_status find_key(struct spin_bundle *b, const char *series, char kind
                             const struct spin_bundle_key **out)
 {
     int64_t any[SPIN_NPY_MAX_DIMS];
-    struct spin_bundle_values v;
+    SPIN_LEAVES(spin_bundle_values_close) struct spin_bundle_values v = {0};
     struct spin_bundle_key *key;
     struct spin_bundle_keys *keys = &b->keys;
-    spin_status status;
 
     for (size_t i = 0; i < keys->n; i++)
         if (strcmp(keys->key[i].series, series) == 0) {
@@ -114,16 +111,14 @@ static spin_status find_key(struct spin_bundle *b, const char *series, char kind
     for (int d = 0; d < n_dims; d++)
         any[d] = -1;
     SPIN_TRY(spin_bundle_values_open(b, series, 0, kind, n_dims, any, &v));
-    SPIN_TRY_OUT(spin_alloc((size_t)v.count + 1, sizeof *key->words, (void **)&key->words));
+    SPIN_TRY(spin_alloc((size_t)v.count + 1, sizeof *key->words, (void **)&key->words));
     get_words(&v, 0, (size_t)v.count, key->words);
     key->whole = v.whole;
     snprintf(key->series, sizeof key->series, "%s", series);
     memcpy(key->shape, v.shape, sizeof key->shape);
     keys->n++;
     *out = key;
-out:
-    spin_bundle_values_close(&v);
-    return status;
+    return SPIN_OK;
 }
 
 /* ---- Headers ------------------------------------------------------------------------------------ */
@@ -147,8 +142,7 @@ static spin_status find_units(struct spin_bundle *b, const char *series, char ki
         out->per_unit[c] = out->whole ? (float)value : 0;
     }
     if (!out->whole)
-        return spin_fail(
-            SPIN_E_MALFORMED,
+        return spin_malformed(
             "meta.json: 'per_unit' of '%s' is not a positive number for each of %" PRIu64
             " columns, %d at most",
             series, out->width, SPIN_UNITS);
@@ -174,10 +168,9 @@ static spin_status look_at(struct spin_bundle *b, const char *series, const char
     SPIN_TRY(spin_array_check_shape(name, &a, n_dims + packed, wanted));
     if ((!packed && (a.kind != kind || a.item_size != 4 || a.big_endian)) ||
         (packed && (a.shape[0] < 1 || a.shape[0] > 4)) || !spin_array_is_contiguous(&a))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "array '%s' is neither of little-endian %s nor of one to four planes of "
-                         "bytes, in row-major order",
-                         name, kind == 'f' ? "float32" : "uint32");
+        return spin_malformed("array '%s' is neither of little-endian %s nor of one to four planes "
+                              "of bytes, in row-major order",
+                              name, kind == 'f' ? "float32" : "uint32");
     out->n_planes = packed ? (int)a.shape[0] : 0;
     out->n_dims = n_dims;
     out->width = 1;
@@ -221,10 +214,10 @@ static spin_status take_key(struct spin_bundle *b, const char *series, const cha
     for (int d = 1; d < out->n_dims; d++)
         same = same && key->shape[d] == out->shape[d];
     if (!same)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "array '%s' has %" PRIu64 " rows of differences from frame 0, which has "
-                         "%" PRIu64 " rows, or whose words are of another kind or width",
-                         name, rows, key->shape[0]);
+        return spin_malformed("array '%s' has %" PRIu64
+                              " rows of differences from frame 0, which has %" PRIu64
+                              " rows, or whose words are of another kind or width",
+                              name, rows, key->shape[0]);
     out->key = key->words;
     out->n_key = rows * out->width;
     return SPIN_OK;
@@ -243,7 +236,7 @@ static spin_status open_values(struct spin_bundle *b, const char *series, int fr
     bytes = (uint64_t)(out->n_planes ? out->n_planes : 4) * out->count;
     SPIN_TRY(spin_npz_take(&b->npz, name, bytes < CRC_LIMIT, &a, &out->owned));
     if (a.n_bytes != bytes)
-        return spin_fail(SPIN_E_MALFORMED, "array '%s' has changed while it was read", name);
+        return spin_malformed("array '%s' has changed while it was read", name);
     out->bytes = a.data;
     if (out->n_planes == 0 && !out->owned && out->n_key == 0)
         out->floats = spin_array_f32(&a);

@@ -5,9 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "spin.h"
-#include "base/err.h"
-#include "base/log.h"
 #include "base/mem.h"
 #include "scene/probe.h"
 
@@ -26,9 +23,9 @@ spin_status spin_range_select(const struct spin_range *range, const struct spin_
     }
     if (count == 0) {
         free(list);
-        return spin_fail(
-            SPIN_E_NOT_FOUND, "no frame has a number in %d:%d (the clip's run from %d to %d)",
-            range->first, range->last, n ? info[0].number : 0, n ? info[n - 1].number : 0);
+        return spin_not_found("no frame has a number in %d:%d (the clip's run from %d to %d)",
+                              range->first, range->last, n ? info[0].number : 0,
+                              n ? info[n - 1].number : 0);
     }
     *index = list;
     *n_index = count;
@@ -46,25 +43,23 @@ static int by_time(const void *a, const void *b)
 
 spin_status spin_times_check(const struct spin_frame_info *info, const int *index, int n)
 {
-    struct spin_frame_info *sorted;
+    SPIN_FREED struct spin_frame_info *sorted = NULL;
     spin_status status = SPIN_OK;
 
     SPIN_TRY(spin_alloc((size_t)n, sizeof *sorted, (void **)&sorted));
     for (int i = 0; i < n && status == SPIN_OK; i++) {
         sorted[i] = info[index ? index[i] : i];
         if (!isfinite(sorted[i].time))
-            status = spin_fail(SPIN_E_MALFORMED, "the time of frame %d is not a finite number",
-                               sorted[i].number);
+            status =
+                spin_malformed("the time of frame %d is not a finite number", sorted[i].number);
     }
     if (status == SPIN_OK)
         qsort(sorted, (size_t)n, sizeof *sorted, by_time);
     for (int i = 1; i < n && status == SPIN_OK; i++)
         if (sorted[i].time == sorted[i - 1].time)
-            status = spin_fail(SPIN_E_MALFORMED,
-                               "frames %d and %d are both at time %g, expected another time for "
-                               "every frame",
-                               sorted[i - 1].number, sorted[i].number, sorted[i].time);
-    free(sorted);
+            status = spin_malformed(
+                "frames %d and %d are both at time %g, expected another time for every frame",
+                sorted[i - 1].number, sorted[i].number, sorted[i].time);
     return status;
 }
 
@@ -83,14 +78,13 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
     }
     if (!path) {
         if (o->needs_views || o->data_from)
-            return spin_fail(SPIN_E_USAGE,
-                             "'%s' names no data set: say where the images are with --data",
-                             o->input);
+            return spin_misuse("'%s' names no data set: say where the images are with --data",
+                               o->input);
         return SPIN_OK;
     }
     clip->data_path = path;
     if (!spin_path_exists(path) && !o->needs_views && !o->data)
-        return spin_fail(SPIN_E_NOT_FOUND, "the data set '%s' is not there", path);
+        return spin_not_found("the data set '%s' is not there", path);
     SPIN_TRY(spin_views_open(path, from, &clip->views, clip->data_from, sizeof clip->data_from));
     clip->has_views = true;
     if (o->needs_views || o->wants_views)
@@ -105,7 +99,7 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
 static spin_status pair_rows(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     const struct spin_bundle_meta *meta = &clip->bundle.meta;
-    int *row_of = NULL;
+    SPIN_FREED int *row_of = NULL;
     spin_status status;
 
     SPIN_TRY(spin_alloc((size_t)clip->n_frames, sizeof(int), (void **)&clip->dataset_frame));
@@ -117,7 +111,6 @@ static spin_status pair_rows(const struct spin_clip_options *o, struct spin_clip
     status = spin_views_pair(&clip->views, meta, o->pair ? o->pair : meta->pair, row_of);
     for (int i = 0; status == SPIN_OK && i < clip->n_frames; i++)
         clip->dataset_frame[i] = row_of[clip->frame[i]];
-    free(row_of);
     return status;
 }
 

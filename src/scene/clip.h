@@ -1,7 +1,6 @@
 /* A bundle opened for work: the frames that were asked for, the data set, and which row of it shows
  * which frame. Retraining, evaluation and export all begin here. */
-#ifndef SPIN_SCENE_CLIP_H
-#define SPIN_SCENE_CLIP_H
+#pragma once
 
 #include "spin.h"
 #include "scene/bundle.h"
@@ -53,5 +52,3 @@ struct spin_pair {
 };
 spin_status spin_clip_pairs(const struct spin_clip *clip, enum spin_split split,
                             struct spin_pair **pairs, size_t *n);
-
-#endif

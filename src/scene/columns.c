@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 
 static const struct {
@@ -72,7 +71,7 @@ static spin_status column_reserve(float **column, size_t *held, size_t n, size_t
 spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned columns, int sh_degree)
 {
     if ((columns & SPIN_COL_SH) && (sh_degree < 0 || sh_degree > 3))
-        return spin_fail(SPIN_E_UNSUPPORTED, "SH degree %d is not in 0..3", sh_degree);
+        return spin_unsupported("SH degree %d is not in 0..3", sh_degree);
     if (s->mapped)
         *s = (struct spin_splats){0};
     s->n = 0;

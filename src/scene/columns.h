@@ -1,6 +1,5 @@
 /* The columns of splats: their names, widths and places in struct spin_splats. */
-#ifndef SPIN_SCENE_COLUMNS_H
-#define SPIN_SCENE_COLUMNS_H
+#pragma once
 
 #include "spin.h"
 
@@ -16,5 +15,3 @@ size_t spin_column_width(unsigned column, int sh_degree);
 /* Dimensions of n rows, as arrays in files have them; returns how many. */
 int spin_column_shape(unsigned column, size_t n, int sh_degree, uint64_t shape[3]);
 float **spin_column_of(struct spin_splats *s, unsigned column);
-
-#endif

@@ -3,12 +3,9 @@
 
 #include <limits.h>
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
-#include "base/log.h"
 #include "base/mem.h"
 #include "io/image.h"
 #include "scene/probe.h"
@@ -59,7 +56,7 @@ static void warn_duplicates(const struct spin_views *views)
 static spin_status arrange(struct spin_views *views)
 {
     if (views->n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "it has no views");
+        return spin_malformed("it has no views");
     qsort(views->view, views->n, sizeof *views->view, by_row_and_camera);
     views->n_dataset_frames = views->view[views->n - 1].dataset_frame + 1;
     for (size_t i = 0; i < views->n; i++) {
@@ -67,7 +64,7 @@ static spin_status arrange(struct spin_views *views)
 
         if (views->view[i].dataset_frame < expected ||
             views->view[i].dataset_frame > expected + (i > 0))
-            return spin_fail(SPIN_E_MALFORMED, "it has no view of frame %d", expected + (i > 0));
+            return spin_malformed("it has no view of frame %d", expected + (i > 0));
     }
     views->numbered = are_numbered(views);
     warn_duplicates(views);
@@ -92,16 +89,13 @@ static spin_status parse_spec(const char *from, struct spec *spec)
         char *end = strchr(at, ','), *value;
 
         if (n == 2 * SPIN_VIEWS_MAX_OPTIONS)
-            return spin_fail(SPIN_E_USAGE, "'%s' has more than %d options", from,
-                             SPIN_VIEWS_MAX_OPTIONS);
+            return spin_misuse("'%s' has more than %d options", from, SPIN_VIEWS_MAX_OPTIONS);
         if (end)
             *end++ = '\0';
         value = strchr(at, '=');
         if (!value)
-            return spin_fail(SPIN_E_USAGE,
-                             "'%s': option '%s' has no value, expected NAME:KEY=VALUE,"
-                             "KEY=VALUE",
-                             from, at);
+            return spin_misuse("'%s': option '%s' has no value, expected NAME:KEY=VALUE,KEY=VALUE",
+                               from, at);
         *value++ = '\0';
         spec->pairs[n] = at;
         spec->pairs[n + 1] = value;
@@ -119,8 +113,7 @@ static spin_status check_spec(const struct spin_importer *importer, const struct
         while (o && o->key && strcmp(o->key, spec->pairs[i]) != 0)
             o++;
         if (!o || !o->key)
-            return spin_fail(SPIN_E_USAGE, "'%s' has no option '%s'", importer->name,
-                             spec->pairs[i]);
+            return spin_misuse("'%s' has no option '%s'", importer->name, spec->pairs[i]);
     }
     return SPIN_OK;
 }
@@ -132,8 +125,8 @@ static spin_status keep_spec(const char *from, const struct spin_importer *impor
     const char *text = from ? from : importer->name;
 
     if (used && strlen(text) >= n_used)
-        return spin_fail(SPIN_E_USAGE, "'%s' has %zu letters, expected less than %zu", text,
-                         strlen(text), n_used);
+        return spin_misuse("'%s' has %zu letters, expected less than %zu", text, strlen(text),
+                           n_used);
     if (used)
         snprintf(used, n_used, "%s", text);
     return SPIN_OK;
@@ -182,7 +175,7 @@ spin_status spin_views_split(struct spin_views *views, const int *test_cameras, 
         while (k < views->n && views->view[k].camera_id != test_cameras[i])
             k++;
         if (k == views->n)
-            return spin_fail(SPIN_E_USAGE, "the data set has no camera %d", test_cameras[i]);
+            return spin_misuse("the data set has no camera %d", test_cameras[i]);
     }
     for (size_t k = 0; k < views->n; k++)
         views->view[k].test = contains(test_cameras, n, views->view[k].camera_id);
@@ -197,8 +190,8 @@ static spin_status scale_camera(struct spin_camera *camera, double image_scale)
     double sx = width / camera->width, sy = height / camera->height;
 
     if (!(width >= 1 && height >= 1 && width <= INT_MAX && height <= INT_MAX))
-        return spin_fail(SPIN_E_USAGE, "scale %g leaves nothing of an image of %d x %d pixels",
-                         image_scale, camera->width, camera->height);
+        return spin_misuse("scale %g leaves nothing of an image of %d x %d pixels", image_scale,
+                           camera->width, camera->height);
     camera->width = (int)width;
     camera->height = (int)height;
     camera->fx *= sx;
@@ -211,8 +204,7 @@ static spin_status scale_camera(struct spin_camera *camera, double image_scale)
 spin_status spin_views_scale(struct spin_views *views, double image_scale)
 {
     if (!(image_scale > 0 && image_scale <= 16))
-        return spin_fail(SPIN_E_USAGE, "image scale is %g, expected above 0 and at most 16",
-                         image_scale);
+        return spin_misuse("image scale is %g, expected above 0 and at most 16", image_scale);
     for (size_t i = 0; i < views->n; i++)
         SPIN_TRY(scale_camera(&views->view[i].camera, image_scale));
     return SPIN_OK;
@@ -258,18 +250,15 @@ static spin_status pair_by_number(const struct spin_views *views,
                                   const struct spin_bundle_meta *meta, int *dataset_frame_of)
 {
     if (!views->numbered || !meta->numbered)
-        return spin_fail(
-            SPIN_E_USAGE,
-            "cannot pair frames by number: %s has no frame numbers; --pair order pairs "
-            "them by order",
-            meta->numbered ? "the data set" : "the clip");
+        return spin_misuse("cannot pair frames by number: %s has no frame numbers; --pair order "
+                           "pairs them by order",
+                           meta->numbered ? "the data set" : "the clip");
     for (int i = 0; i < meta->n_frames; i++) {
         dataset_frame_of[i] = row_of_number(views, meta->frame[i].number);
         if (dataset_frame_of[i] < 0)
-            return spin_fail(
-                SPIN_E_USAGE,
-                "cannot pair frames by number: the clip has a frame %d, the data set has "
-                "%d to %d; --range leaves frames out, --pair order pairs them by order",
+            return spin_misuse(
+                "cannot pair frames by number: the clip has a frame %d, the data set has %d to %d; "
+                "--range leaves frames out, --pair order pairs them by order",
                 meta->frame[i].number, views->view[0].number, views->view[views->n - 1].number);
     }
     return SPIN_OK;
@@ -280,11 +269,9 @@ static spin_status pair_by_order(const struct spin_views *views,
 {
     for (int i = 0; i < meta->n_frames; i++) {
         if (meta->source_index[i] >= views->n_dataset_frames)
-            return spin_fail(
-                SPIN_E_USAGE,
-                "cannot pair frames by order: the clip has a frame at place %d, the data "
-                "set has %d frames",
-                meta->source_index[i], views->n_dataset_frames);
+            return spin_misuse("cannot pair frames by order: the clip has a frame at place %d, the "
+                               "data set has %d frames",
+                               meta->source_index[i], views->n_dataset_frames);
         dataset_frame_of[i] = meta->source_index[i];
     }
     return SPIN_OK;
@@ -298,18 +285,16 @@ spin_status spin_views_pair(const struct spin_views *views, const struct spin_bu
     if (strcmp(pair, "order") == 0)
         return pair_by_order(views, meta, dataset_frame_of);
     if (*pair && strcmp(pair, "auto") != 0)
-        return spin_fail(SPIN_E_USAGE, "--pair is '%s', expected auto, number or order", pair);
+        return spin_misuse("--pair is '%s', expected auto, number or order", pair);
     if (views->numbered && meta->numbered)
         return pair_by_number(views, meta, dataset_frame_of);
     if (meta->n_source_frames != views->n_dataset_frames)
-        return spin_fail(
-            SPIN_E_USAGE,
-            "cannot pair frames: the clip was made of %d frames, the data set has %d, and "
-            "%s frame numbers; --pair order pairs them from the first on",
-            meta->n_source_frames, views->n_dataset_frames,
-            views->numbered  ? "the clip has no"
-            : meta->numbered ? "the data set has no"
-                             : "neither has");
+        return spin_misuse("cannot pair frames: the clip was made of %d frames, the data set has "
+                           "%d, and %s frame numbers; --pair order pairs them from the first on",
+                           meta->n_source_frames, views->n_dataset_frames,
+                           views->numbered  ? "the clip has no"
+                           : meta->numbered ? "the data set has no"
+                                            : "neither has");
     return pair_by_order(views, meta, dataset_frame_of);
 }
 
@@ -378,7 +363,7 @@ static size_t list_places(const struct spin_views *views, struct place *place)
 double spin_views_extent(const struct spin_views *views)
 {
     double mean[3] = {0}, largest = 0;
-    struct place *place;
+    SPIN_FREED struct place *place = NULL;
     size_t n;
 
     if (spin_alloc(views->n, sizeof *place, (void **)&place) != SPIN_OK)
@@ -396,7 +381,6 @@ double spin_views_extent(const struct spin_views *views)
             squared += (place[i].centre[c] - mean[c]) * (place[i].centre[c] - mean[c]);
         largest = fmax(largest, sqrt(squared));
     }
-    free(place);
     return 1.1 * largest;
 }
 
@@ -410,8 +394,7 @@ spin_status spin_view_check_size(const struct spin_view *view, int width, int he
 
     if (fabs(view->camera.width - expected) <= allowed)
         return SPIN_OK;
-    return spin_fail(
-        SPIN_E_MALFORMED,
+    return spin_malformed(
         "image '%s' has %d x %d pixels, which is another shape than the camera's %d x %d",
         view->path, width, height, view->camera.width, view->camera.height);
 }

@@ -1,6 +1,5 @@
 /* The views of a data set: which belong to which frame of the clip. */
-#ifndef SPIN_SCENE_DATASET_H
-#define SPIN_SCENE_DATASET_H
+#pragma once
 
 #include "scene/bundle.h"
 
@@ -42,5 +41,3 @@ spin_status spin_view_check_size(const struct spin_view *view, int width, int he
 size_t spin_views_pixels(const struct spin_views *views);
 /* The first view of a row of the data set, by which views are sorted, or where it would be. */
 const struct spin_view *spin_views_row(const struct spin_views *views, int row);
-
-#endif

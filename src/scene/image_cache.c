@@ -10,7 +10,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/file.h"
 #include "io/image.h"
@@ -92,7 +91,7 @@ void spin_image_floats(const uint8_t *rgb, size_t n_pixels, float *out)
 static spin_status filter_image(const uint8_t *rgb, int from_width, int from_height, int width,
                                 int height, float *out)
 {
-    double *sum = NULL;
+    SPIN_FREED double *sum = NULL;
 
     if (from_width == width && from_height == height) {
         spin_image_floats(rgb, (size_t)width * (size_t)height, out);
@@ -100,7 +99,6 @@ static spin_status filter_image(const uint8_t *rgb, int from_width, int from_hei
     }
     SPIN_TRY(spin_alloc((size_t)width, 3 * sizeof *sum, (void **)&sum));
     filter(rgb, from_width, from_height, width, height, sum, out);
-    free(sum);
     return SPIN_OK;
 }
 
@@ -108,14 +106,10 @@ spin_status spin_image_load(const char *path, int width, int height, const float
                             float *out)
 {
     int from_width, from_height;
-    uint8_t *rgb = NULL;
-    spin_status status;
+    SPIN_FREED uint8_t *rgb = NULL;
 
-    SPIN_TRY_OUT(spin_image_read(path, background, &from_width, &from_height, &rgb));
-    status = filter_image(rgb, from_width, from_height, width, height, out);
-out:
-    free(rgb);
-    return status;
+    SPIN_TRY(spin_image_read(path, background, &from_width, &from_height, &rgb));
+    return filter_image(rgb, from_width, from_height, width, height, out);
 }
 
 /* NaN counts as black. */
@@ -129,17 +123,14 @@ static uint8_t to_byte(float value)
 spin_status spin_image_save(const char *path, int width, int height, const float *image, bool sync)
 {
     size_t plane = (size_t)width * (size_t)height;
-    uint8_t *rgb = NULL;
-    spin_status status;
+    SPIN_FREED uint8_t *rgb = NULL;
 
     SPIN_TRY(spin_alloc(plane, 3, (void **)&rgb));
     for (size_t i = 0; i < plane; i++) {
         for (size_t c = 0; c < 3; c++)
             rgb[3 * i + c] = to_byte(image[c * plane + i]);
     }
-    status = spin_image_write(path, width, height, rgb, sync);
-    free(rgb);
-    return status;
+    return spin_image_write(path, width, height, rgb, sync);
 }
 
 /* ---- Pixels on demand ------------------------------------------------------------------------ */
@@ -267,16 +258,13 @@ static spin_status read_passing(struct spin_image_cache *pixels, const struct sp
 {
     struct passing p = {.pixels = pixels, .view = view};
     struct spin_video_passer passer = {&p, wants_passed, take_passed};
-    char *file = NULL;
-    spin_status status;
+    SPIN_FREED char *file = NULL;
 
     if (!spin_video_path(view->path, &p.n_file, &p.frame) || spin_path_exists(view->path))
         return spin_image_read(view->path, pixels->background, width, height, rgb);
     SPIN_TRY(spin_strdup(view->path, &file));
     file[p.n_file] = '\0';
-    status = spin_video_read(file, p.frame, &passer, width, height, rgb);
-    free(file);
-    return status;
+    return spin_video_read(file, p.frame, &passer, width, height, rgb);
 }
 
 /* 8-bit RGB at the camera's size. */
@@ -310,21 +298,19 @@ static spin_status find_bytes(struct spin_image_cache *pixels, size_t view, cons
 spin_status spin_image_cache_get(struct spin_image_cache *pixels, size_t view, float *out)
 {
     const uint8_t *rgb;
-    uint8_t *owned;
+    SPIN_FREED uint8_t *owned = NULL;
 
     SPIN_TRY(find_bytes(pixels, view, &rgb, &owned));
     spin_image_floats(rgb, bytes_of(&pixels->views->view[view]) / 3, out);
-    free(owned);
     return SPIN_OK;
 }
 
 spin_status spin_image_cache_get_rgb8(struct spin_image_cache *pixels, size_t view, uint8_t *out)
 {
     const uint8_t *rgb;
-    uint8_t *owned;
+    SPIN_FREED uint8_t *owned = NULL;
 
     SPIN_TRY(find_bytes(pixels, view, &rgb, &owned));
     memcpy(out, rgb, bytes_of(&pixels->views->view[view]));
-    free(owned);
     return SPIN_OK;
 }

@@ -1,6 +1,5 @@
 /* The pixels of a data set's views. */
-#ifndef SPIN_SCENE_IMAGE_CACHE_H
-#define SPIN_SCENE_IMAGE_CACHE_H
+#pragma once
 
 #include "spin.h"
 
@@ -25,5 +24,3 @@ spin_status spin_image_cache_get_rgb8(struct spin_image_cache *pixels, size_t vi
 
 /* Interleaved 8-bit RGB as planar floats 0..1. */
 void spin_image_floats(const uint8_t *rgb, size_t n_pixels, float *out);
-
-#endif

@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 
 /* Sizes are rounded when pictures are scaled; focal lengths of one make of camera differ a little. */
@@ -146,8 +145,7 @@ spin_status spin_lenses_from_json(const spin_json *json, double scale, struct sp
     for (int i = 0; i < (int)n; i++)
         if (!read_lens(spin_json_at(json, (size_t)i), &out->lens[i])) {
             spin_lenses_free(out);
-            return spin_fail(SPIN_E_MALFORMED,
-                             "meta.json: lens %d has no size, focal length or falloff that makes sense", i);
+            return spin_malformed("meta.json: lens %d has no size, focal length or falloff that makes sense", i);
         }
     out->n = (int)n;
     return SPIN_OK;

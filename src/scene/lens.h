@@ -1,7 +1,6 @@
 /* The lenses of a rig. Cameras of one kind (pictures of one size, about the same field of view) share a lens, and with
  * it how brightness falls off from the middle of their pictures to the corners (math/exposure.h). */
-#ifndef SPIN_SCENE_LENS_H
-#define SPIN_SCENE_LENS_H
+#pragma once
 
 #include "io/json.h"
 #include "scene/clip.h"
@@ -37,5 +36,3 @@ void spin_lenses_warn(const struct spin_lenses *lenses, const struct spin_views 
 /* Brightness at the corners of a picture whose middle has 1: mean of the channels. 1 without a lens. Of several lenses
  * the one whose value is farthest from 1. */
 double spin_lenses_corner(const struct spin_lenses *lenses);
-
-#endif

@@ -1,11 +1,9 @@
 /* Choosing an importer: by name, or by asking every one of them to look at the input's outside (the peek). */
 #include "scene/probe.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/file.h"
 #include "io/torch.h"
@@ -74,7 +72,7 @@ static spin_status peek_inside(const char *folder, const char *name, struct spin
     static const char *const heads[] = {"cfg_args", "chkpnt", "deformation.pth", "point_cloud.ply"};
     enum { CHECKPOINT = 1 }; /* how its name begins */
     bool head = false;
-    char *path = NULL;
+    SPIN_FREED char *path = NULL;
     spin_status status = SPIN_OK;
 
     for (size_t i = 0; i < sizeof heads / sizeof *heads; i++)
@@ -87,7 +85,6 @@ static spin_status peek_inside(const char *folder, const char *name, struct spin
         status = peek_members(path, members);
     else
         (void)peek_head(path, out); /* what cannot be read has no head */
-    free(path);
     return status;
 }
 
@@ -179,10 +176,10 @@ static spin_status find_by_name(const char *from, bool want_views, const struct 
         }
     }
     if (spin_plugin_fault(from))
-        return spin_fail(SPIN_E_UNSUPPORTED, "%s", spin_plugin_fault(from));
+        return spin_unsupported("%s", spin_plugin_fault(from));
     list_names(want_views, names, sizeof names);
-    return spin_fail(SPIN_E_USAGE, "no importer of %s is called '%s'; there are %s",
-                     want_views ? "data sets" : "runs", from, names);
+    return spin_misuse("no importer of %s is called '%s'; there are %s",
+                       want_views ? "data sets" : "runs", from, names);
 }
 
 /* A file that no importer knows may tell itself what is wrong with it: it is empty, a web page or a
@@ -249,15 +246,14 @@ static spin_status look_below(const struct spin_peek *peek, bool want_views,
                               const struct spin_importer **out, char **in)
 {
     const struct spin_importer *first = NULL;
-    char *below = NULL;
+    SPIN_FREED char *below = NULL;
     int n = 0, n_looked_at = 0;
-    spin_status status;
 
     for (size_t i = 0; peek->names[i] && n_looked_at < MAX_BELOW; i++) {
         const struct spin_importer *found = NULL;
-        char *path = NULL;
+        SPIN_FREED char *path = NULL;
 
-        SPIN_TRY_OUT(spin_path_join(peek->path, peek->names[i], &path));
+        SPIN_TRY(spin_path_join(peek->path, peek->names[i], &path));
         if (spin_path_is_folder(path)) {
             found = spin_importer_guess(path, want_views);
             n_looked_at++;
@@ -268,27 +264,22 @@ static spin_status look_below(const struct spin_peek *peek, bool want_views,
             below = path;
             path = NULL;
         }
-        free(path);
     }
-    status = SPIN_OK;
     if (n == 0) {
-        status = spin_fail(SPIN_E_NOT_RECOGNISED,
-                           "cannot recognise '%s': no importer knows it (see spin-import --list)",
-                           peek->path);
+        return spin_fail(SPIN_E_NOT_RECOGNISED,
+                         "cannot recognise '%s': no importer knows it (see spin-import --list)",
+                         peek->path);
     } else if (n == 1 && in) {
         *out = first;
         *in = below;
         below = NULL;
-    } else {
-        status = spin_fail(SPIN_E_NOT_RECOGNISED, "cannot recognise '%s': %s '%s' (%s)", peek->path,
-                           n > 1        ? "it holds several, such as"
-                           : want_views ? "the data set is in"
-                                        : "the run is in",
-                           below, first->name);
+        return SPIN_OK;
     }
-out:
-    free(below);
-    return status;
+    return spin_fail(SPIN_E_NOT_RECOGNISED, "cannot recognise '%s': %s '%s' (%s)", peek->path,
+                     n > 1        ? "it holds several, such as"
+                     : want_views ? "the data set is in"
+                                  : "the run is in",
+                     below, first->name);
 }
 
 static spin_status fail_unknown(const struct spin_peek *peek)
@@ -330,16 +321,13 @@ static spin_status find_by_probe(const struct spin_peek *peek, bool want_views,
 static spin_status find(const char *path, const char *from, bool want_views,
                         const struct spin_importer **out, char **in)
 {
-    struct spin_peek peek;
-    spin_status status;
+    SPIN_LEAVES(spin_peek_free) struct spin_peek peek = {0};
 
     *out = NULL;
     if (from)
         return find_by_name(from, want_views, out);
     SPIN_TRY(spin_peek_open(path, &peek));
-    status = find_by_probe(&peek, want_views, out, in);
-    spin_peek_free(&peek);
-    return status;
+    return find_by_probe(&peek, want_views, out, in);
 }
 
 spin_status spin_importer_find(const char *path, const char *from, bool want_views,
@@ -364,7 +352,7 @@ spin_status spin_plugin_check(const char *plugin, const struct spin_plugin_optio
         while (o && o->key && strcmp(o->key, pairs[i]) != 0)
             o++;
         if (!o || !o->key)
-            return spin_fail(SPIN_E_USAGE, "'%s' has no option --%s", plugin, pairs[i]);
+            return spin_misuse("'%s' has no option --%s", plugin, pairs[i]);
     }
     return SPIN_OK;
 }

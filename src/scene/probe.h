@@ -1,6 +1,5 @@
 /* Which importer reads this input. */
-#ifndef SPIN_SCENE_PROBE_H
-#define SPIN_SCENE_PROBE_H
+#pragma once
 
 #include "spin.h"
 
@@ -24,5 +23,3 @@ const struct spin_importer *spin_importer_guess(const char *path, bool want_view
 /* Every key of the pairs is an option of the plug-in: others are asked wrongly, not dropped. */
 spin_status spin_plugin_check(const char *plugin, const struct spin_plugin_option *options,
                               const char *const *pairs);
-
-#endif

@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/number.h"
 #include "math/activate.h"
@@ -100,8 +99,8 @@ spin_status spin_splats_4d_reserve(struct spin_splats_4d *s, size_t n, int degre
                                    unsigned parts)
 {
     if (degree < 0 || degree > 3 || sh_degree < 0 || sh_degree > 3)
-        return spin_fail(SPIN_E_UNSUPPORTED, "paths of degree %d, SH of degree %d: expected 0..3",
-                         degree, sh_degree);
+        return spin_unsupported("paths of degree %d, SH of degree %d: expected 0..3", degree,
+                                sh_degree);
     s->n = n;
     s->degree = degree;
     s->sh_degree = sh_degree;
@@ -214,7 +213,7 @@ spin_status spin_splats_4d_settle(struct spin_splats_4d *s, size_t *n_dropped, s
     size_t kept = 0;
 
     if (s->sh_cos && !(s->period > 0 && isfinite(s->period)))
-        return spin_fail(SPIN_E_MALFORMED, "colours in time with a period of %g", s->period);
+        return spin_malformed("colours in time with a period of %g", s->period);
     for (size_t i = 0; i < s->n; i++) {
         if (!settle_row(s, i))
             continue;
@@ -329,7 +328,7 @@ spin_status spin_splats_4d_slice(const struct spin_splats_4d *s, double time, un
         if (spin_splats_4d_shows(s, i, time))
             fill_row(s, i, time, columns, out, k++);
     if (columns & SPIN_COL_MEANS && spin_finite_missing(out->means, 3 * n) > 0)
-        return spin_fail(SPIN_E_MALFORMED, "paths leave the range of numbers at time %g", time);
+        return spin_malformed("paths leave the range of numbers at time %g", time);
     return SPIN_OK;
 }
 
@@ -352,12 +351,12 @@ static size_t first_at(const double *sorted, size_t n, double t)
 spin_status spin_splats_4d_counts(const struct spin_splats_4d *s, const double *times, size_t n,
                                   size_t *counts)
 {
-    double *sorted = NULL;
-    int64_t *change = NULL, sum = 0;
-    spin_status status;
+    SPIN_FREED double *sorted = NULL;
+    int64_t sum = 0;
+    SPIN_FREED int64_t *change = NULL;
 
-    SPIN_TRY_OUT(spin_alloc(n, sizeof *sorted, (void **)&sorted));
-    SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *change, (void **)&change));
+    SPIN_TRY(spin_alloc(n, sizeof *sorted, (void **)&sorted));
+    SPIN_TRY(spin_alloc(n + 1, sizeof *change, (void **)&change));
     memcpy(sorted, times, n * sizeof *sorted);
     qsort(sorted, n, sizeof *sorted, spin_by_double);
     for (size_t i = 0; i < s->n; i++) {
@@ -370,8 +369,5 @@ spin_status spin_splats_4d_counts(const struct spin_splats_4d *s, const double *
         change[k] = sum += change[k];
     for (size_t k = 0; k < n; k++) /* times may be in any order */
         counts[k] = (size_t)change[first_at(sorted, n, times[k])];
-out:
-    free(change);
-    free(sorted);
-    return status;
+    return SPIN_OK;
 }

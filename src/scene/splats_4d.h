@@ -1,6 +1,5 @@
 /* The arrays of 4D splats by name, for those who store them. */
-#ifndef SPIN_SCENE_SPLATS_4D_H
-#define SPIN_SCENE_SPLATS_4D_H
+#pragma once
 
 #include "spin.h"
 
@@ -28,5 +27,3 @@ unsigned spin_splats_4d_parts(const struct spin_splats_4d *s);
 /* The rows that are marked with 1 of settled ones, into *out, to be freed also after a failure. */
 spin_status spin_splats_4d_take(const struct spin_splats_4d *s, const unsigned char *mark,
                                 struct spin_splats_4d *out);
-
-#endif

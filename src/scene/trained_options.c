@@ -1,7 +1,5 @@
 #include "scene/trained_options.h"
 
-#include <stdint.h>
-
 spin_json *spin_trained_options(const spin_json *trained)
 {
     static const char *const of_network[] = {

@@ -116,9 +116,8 @@ spin_status spin_appearance_varies(const struct spin_plan *plan, struct spin_pho
                                    size_t n, const float *place, uint8_t *varies)
 {
     struct look l = {.plan = plan, .photos = photos, .n = n, .place = place};
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     size_t cells;
-    spin_status status;
 
     l.n_frames = plan->clip.n_frames < FRAMES ? plan->clip.n_frames : FRAMES;
     cells = n * (size_t)l.n_frames;
@@ -129,12 +128,9 @@ spin_status spin_appearance_varies(const struct spin_plan *plan, struct spin_pho
     l.changed = l.seen + cells;
     memset(l.seen, 0, 2 * cells);
     for (int c = 0; c < plan->n_cameras; c++)
-        SPIN_TRY_OUT(look_through(&l, plan->camera[c]));
+        SPIN_TRY(look_through(&l, plan->camera[c]));
     memset(varies, 0, n);
     for (size_t k = 0; k < cells; k++)
         varies[k / (size_t)l.n_frames] |= l.changed[k] >= CAMERAS && 2 * l.changed[k] > l.seen[k];
-    status = SPIN_OK;
-out:
-    free(block);
-    return status;
+    return SPIN_OK;
 }

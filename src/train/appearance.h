@@ -1,6 +1,5 @@
 /* Which places of a scene look different over time: in shadows that pass, or in reflections. */
-#ifndef SPIN_TRAIN_APPEARANCE_H
-#define SPIN_TRAIN_APPEARANCE_H
+#pragma once
 
 #include "train/photos.h"
 
@@ -10,5 +9,3 @@
  * most. A place that fewer than two cameras see in a frame does not vary there. */
 spin_status spin_appearance_varies(const struct spin_plan *plan, struct spin_photos *photos,
                                    size_t n, const float *place, uint8_t *varies);
-
-#endif

@@ -1,6 +1,5 @@
 /* How the training cameras show the same places: in different colours, and darker towards the corners. */
-#ifndef SPIN_TRAIN_CAMERA_COLOURS_H
-#define SPIN_TRAIN_CAMERA_COLOURS_H
+#pragma once
 
 #include "train/photos.h"
 
@@ -10,5 +9,3 @@
  * The points that four training cameras and more show also tell each camera's gain and each lens's falloff, which go
  * into plan->exposure and plan->lenses; they stay 0 where there are too few points. */
 spin_status spin_camera_colours(struct spin_plan *plan, struct spin_photos *photos, double *spread);
-
-#endif

@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "math/sh.h"
 #include "train/knn.h"
@@ -130,19 +129,15 @@ static spin_status add_link(struct spin_chains *chains, struct loose *from, size
 static spin_status link_frames(struct spin_pool *pool, struct spin_chains *chains,
                                struct loose *from, struct loose *to)
 {
-    uint32_t *next = NULL;
-    spin_status status;
+    SPIN_FREED uint32_t *next = NULL;
 
-    SPIN_TRY_OUT(spin_alloc(from->n + 1, sizeof *next, (void **)&next));
-    SPIN_TRY_OUT(spin_link(pool, &(struct spin_link_side){from->n, from->expected, from->colour},
-                           from->reach, &(struct spin_link_side){to->n, to->at, to->colour}, 3,
-                           next));
+    SPIN_TRY(spin_alloc(from->n + 1, sizeof *next, (void **)&next));
+    SPIN_TRY(spin_link(pool, &(struct spin_link_side){from->n, from->expected, from->colour},
+                       from->reach, &(struct spin_link_side){to->n, to->at, to->colour}, 3, next));
     for (size_t i = 0; i < from->n; i++)
         if (next[i] != SPIN_NO_LINK)
-            SPIN_TRY_OUT(add_link(chains, from, i, to, next[i]));
-out:
-    free(next);
-    return status;
+            SPIN_TRY(add_link(chains, from, i, to, next[i]));
+    return SPIN_OK;
 }
 
 static void number_splats(const struct loose *l, uint32_t *of, uint32_t first)

@@ -1,7 +1,6 @@
 /* Splats that go on from frame to frame though the source does not say so: each is linked to the splat of the next frame
  * that is most like it, and what is linked becomes a track. */
-#ifndef SPIN_TRAIN_CHAINS_H
-#define SPIN_TRAIN_CHAINS_H
+#pragma once
 
 #include "train/plan.h"
 
@@ -16,5 +15,3 @@ struct spin_chains {
 spin_status spin_chains_find(struct spin_chains *chains, struct spin_plan *plan, uint32_t **of,
                              uint32_t first);
 void spin_chains_close(struct spin_chains *chains);
-
-#endif

@@ -5,13 +5,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/number.h"
 #include "io/npy.h"
 #include "io/ranks.h"
-#include "train/lazy_adam.h"
 
 enum { PORTION = 1 << 20 }; /* floats that are carried to the host at a time */
 
@@ -124,16 +122,15 @@ static spin_status check_values(const struct spin_trainer *t, const char *name, 
         return SPIN_OK;
     while (isfinite(v[i]))
         i++;
-    return spin_fail(SPIN_E_MALFORMED,
-                     "array '%s' is not finite at value %zu after iteration %lld: lower the "
-                     "learning rates, or look for bad points",
-                     name, first + i, (long long)t->iteration);
+    return spin_malformed("array '%s' is not finite at value %zu after iteration %lld: lower the "
+                          "learning rates, or look for bad points",
+                          name, first + i, (long long)t->iteration);
 }
 
 /* Ranks step all parameters alike. */
 static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
 {
-    uint64_t *all = NULL;
+    SPIN_FREED uint64_t *all = NULL;
     spin_status status;
 
     if (t->n_ranks == 1)
@@ -148,7 +145,6 @@ static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
                           "after iteration %lld rank %d has other parameters than rank 0: this "
                           "MPI or NCCL does not give all ranks the same sums",
                           (long long)t->iteration, r);
-    free(all);
     return status;
 }
 
@@ -222,21 +218,17 @@ spin_status spin_write_device_array(struct spin_trainer *t, struct spin_zip_writ
                                     const char *name, int n_dims, const uint64_t *shape,
                                     const float SPIN_DEV *at, size_t n)
 {
-    void *block = NULL;
-    spin_status status;
+    SPIN_FREED void *block = NULL;
 
     SPIN_TRY(spin_npz_write_begin(w, name, "<f4", n_dims, shape));
     SPIN_TRY(spin_alloc(PORTION, sizeof(float), &block));
     for (size_t first = 0; first < n; first += PORTION) {
         size_t floats = n - first < PORTION ? n - first : PORTION;
 
-        SPIN_TRY_OUT(spin_read_device_values(t, name, at, first, floats, block));
-        SPIN_TRY_OUT(spin_zip_member_write(w, block, floats * sizeof(float)));
+        SPIN_TRY(spin_read_device_values(t, name, at, first, floats, block));
+        SPIN_TRY(spin_zip_member_write(w, block, floats * sizeof(float)));
     }
-    status = spin_zip_member_end(w);
-out:
-    free(block);
-    return status;
+    return spin_zip_member_end(w);
 }
 
 /* Tracks that are there, in the order of the frame; places that are a permutation. */
@@ -263,8 +255,7 @@ static spin_status check_numbers(const struct spin_trainer *t, const struct piec
             taken[number[i]] = 1;
     }
     free(block);
-    return wrong ? spin_fail(SPIN_E_MALFORMED, "array '%s' does not fit the tracks", piece->name)
-                 : SPIN_OK;
+    return wrong ? spin_malformed("array '%s' does not fit the tracks", piece->name) : SPIN_OK;
 }
 
 static void to_numbers(const struct spin_array *a, size_t first, size_t n, uint32_t *number)
@@ -282,37 +273,30 @@ static spin_status save_numbers(struct spin_trainer *t, struct spin_zip_writer *
 {
     struct spin_device *d = t->device;
     uint64_t shape[1] = {piece->n};
-    void *block = NULL;
-    spin_status status;
+    SPIN_FREED void *block = NULL;
 
     if (piece->host)
         return spin_npz_write(w, piece->name, "<u4", 1, shape, piece->host);
-    SPIN_TRY_OUT(spin_alloc(piece->n + 1, sizeof(uint32_t), &block));
-    SPIN_TRY_OUT(d->op->download(d, block, piece->at, piece->n * sizeof(uint32_t)));
-    status = spin_npz_write(w, piece->name, "<u4", 1, shape, block);
-out:
-    free(block);
-    return status;
+    SPIN_TRY(spin_alloc(piece->n + 1, sizeof(uint32_t), &block));
+    SPIN_TRY(d->op->download(d, block, piece->at, piece->n * sizeof(uint32_t)));
+    return spin_npz_write(w, piece->name, "<u4", 1, shape, block);
 }
 
 static spin_status save_pieces(const struct spin_checkpoint *c, struct spin_trainer *t,
                                struct spin_zip_writer *w)
 {
-    struct piece *piece = NULL;
+    SPIN_FREED struct piece *piece = NULL;
     size_t n = 0;
-    spin_status status;
 
-    SPIN_TRY_OUT(list_pieces(c, t, &piece, &n));
+    SPIN_TRY(list_pieces(c, t, &piece, &n));
     for (size_t i = 0; i < n; i++) {
         uint64_t shape[1] = {piece[i].n};
 
-        SPIN_TRY_OUT(piece[i].kind >= SEEN ? save_numbers(t, w, &piece[i])
-                                           : spin_write_device_array(t, w, piece[i].name, 1, shape,
-                                                                     piece[i].at, piece[i].n));
+        SPIN_TRY(piece[i].kind >= SEEN ? save_numbers(t, w, &piece[i])
+                                       : spin_write_device_array(t, w, piece[i].name, 1, shape,
+                                                                 piece[i].at, piece[i].n));
     }
-out:
-    free(piece);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status write_text(struct spin_zip_writer *w, const char *name, const char *text)
@@ -394,7 +378,7 @@ static spin_status check_last(const float *last, size_t n, int64_t iteration)
 {
     for (size_t i = 0; i < n; i++)
         if (!(last[i] >= 0 && last[i] <= (float)iteration))
-            return spin_fail(SPIN_E_MALFORMED, "array 'table/last': row %zu is no step done", i);
+            return spin_malformed("array 'table/last': row %zu is no step done", i);
     return SPIN_OK;
 }
 
@@ -424,24 +408,20 @@ static spin_status load_piece(struct spin_trainer *t, const struct piece *piece,
 static spin_status load_pieces(const struct spin_checkpoint *c, struct spin_trainer *t,
                                struct spin_npz *npz)
 {
-    struct piece *piece = NULL;
+    SPIN_FREED struct piece *piece = NULL;
     size_t n = 0;
-    void *block = NULL;
-    spin_status status;
+    SPIN_FREED void *block = NULL;
 
-    SPIN_TRY_OUT(list_pieces(c, t, &piece, &n));
+    SPIN_TRY(list_pieces(c, t, &piece, &n));
     for (size_t i = 0; i < n; i++) {
         struct spin_array a;
         int64_t shape[1] = {(int64_t)piece[i].n};
 
-        SPIN_TRY_OUT(spin_npz_array_of(npz, piece[i].name, true, 1, shape, &a));
-        SPIN_TRY_OUT(spin_grow(piece[i].n + 1, sizeof(float), &block));
-        SPIN_TRY_OUT(load_piece(t, &piece[i], &a, block));
+        SPIN_TRY(spin_npz_array_of(npz, piece[i].name, true, 1, shape, &a));
+        SPIN_TRY(spin_grow(piece[i].n + 1, sizeof(float), &block));
+        SPIN_TRY(load_piece(t, &piece[i], &a, block));
     }
-out:
-    free(piece);
-    free(block);
-    return status;
+    return SPIN_OK;
 }
 
 /* state.json, to be freed, when it was made from this input and with these options. */
@@ -450,38 +430,32 @@ static spin_status read_header(const struct spin_checkpoint *c, struct spin_npz 
 {
     const struct spin_zip_member *member = spin_zip_find(&npz->zip, "state.json");
     const unsigned char *bytes;
-    void *owned = NULL;
+    SPIN_FREED void *owned = NULL;
     const char *fingerprint;
-    spin_status status;
 
     *out = NULL;
     if (!member)
-        return spin_fail(SPIN_E_MALFORMED, "no state.json");
-    SPIN_TRY_OUT(spin_zip_read(&npz->zip, member, true, 1 << 26, &bytes, &owned));
-    SPIN_TRY_OUT(spin_json_parse("state.json", (const char *)bytes, member->size, out));
+        return spin_malformed("no state.json");
+    SPIN_TRY(spin_zip_read(&npz->zip, member, true, 1 << 26, &bytes, &owned));
+    SPIN_TRY(spin_json_parse("state.json", (const char *)bytes, member->size, out));
     fingerprint = spin_json_string(spin_json_get(*out, "fingerprint"));
     if (!fingerprint || strcmp(fingerprint, c->fingerprint) != 0)
-        status = spin_fail(SPIN_E_USAGE, "it was made from another input or with other options "
-                                         "than these, or its images have changed; give the same "
-                                         "ones, or --force without --resume to start anew");
-out:
-    free(owned);
-    return status;
+        return spin_misuse("it was made from another input or with other options "
+                           "than these, or its images have changed; give the same "
+                           "ones, or --force without --resume to start anew");
+    return SPIN_OK;
 }
 
 static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t,
                                struct spin_npz *npz)
 {
-    spin_json *j = NULL;
+    SPIN_LEAVES(spin_json_freed) spin_json *j = NULL;
     int64_t iteration, steps;
-    spin_status status;
 
-    SPIN_TRY_OUT(read_header(c, npz, &j));
+    SPIN_TRY(read_header(c, npz, &j));
     if (!spin_json_integer(spin_json_get(j, "iteration"), &iteration) || iteration < 0 ||
-        iteration > t->rates.iterations) {
-        status = spin_fail(SPIN_E_MALFORMED, "state.json: bad iteration");
-        goto out;
-    }
+        iteration > t->rates.iterations)
+        return spin_malformed("state.json: bad iteration");
     spin_json_number(spin_json_get(j, "seconds"), &c->before_s);
     spin_json_number(spin_json_get(j, "refine_seconds"), &c->refine_s);
     spin_json_number(spin_json_get(j, "loss"), &c->loss);
@@ -491,17 +465,12 @@ static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t
         const spin_json *step = spin_json_at(spin_json_get(j, "steps"), (size_t)f);
         double v = 0;
 
-        if (!spin_json_number(step, &v) || v < 0 || v > 1e15) {
-            status = spin_fail(SPIN_E_MALFORMED, "state.json: bad steps");
-            goto out;
-        }
+        if (!spin_json_number(step, &v) || v < 0 || v > 1e15)
+            return spin_malformed("state.json: bad steps");
         steps = (int64_t)v;
         t->frame[f].steps = steps;
     }
-    status = SPIN_OK;
-out:
-    spin_json_free(j);
-    return status;
+    return SPIN_OK;
 }
 
 /* A count of state.json, at most `most`. */
@@ -510,7 +479,7 @@ static spin_status get_count(const spin_json *value, int64_t most, size_t *out)
     int64_t n;
 
     if (!spin_json_integer(value, &n) || n < 0 || n > most)
-        return spin_fail(SPIN_E_MALFORMED, "state.json: bad sizes");
+        return spin_malformed("state.json: bad sizes");
     *out = (size_t)n;
     return SPIN_OK;
 }

@@ -1,7 +1,6 @@
 /* The unfinished state of a network training, beside the output: written whole or not at all, and read by
  * --resume. */
-#ifndef SPIN_TRAIN_CHECKPOINT_H
-#define SPIN_TRAIN_CHECKPOINT_H
+#pragma once
 
 #include "train/code_paths.h"
 #include "train/step.h"
@@ -36,5 +35,3 @@ spin_status spin_read_device_values(struct spin_trainer *trainer, const char *na
 spin_status spin_write_device_array(struct spin_trainer *trainer, struct spin_zip_writer *w,
                                     const char *name, int n_dims, const uint64_t *shape,
                                     const float SPIN_DEV *at, size_t n);
-
-#endif

@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "math/activate.h"
 #include "math/sh.h"
@@ -104,32 +103,27 @@ static void start_point(struct spin_refine_row *p, const float *pos_w, const flo
 spin_status spin_refine_init_from_points(struct spin_pool *pool, size_t n, const float *pos_w,
                                          const float *rgb, struct spin_refine_cloud *out)
 {
-    spin_status status;
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     float *dist2;
 
     for (size_t i = 0; i < n * 3; i++)
         if (!isfinite(pos_w[i]))
-            return spin_fail(SPIN_E_MALFORMED, "point %zu has a coordinate that is not finite",
-                             i / 3);
+            return spin_malformed("point %zu has a coordinate that is not finite", i / 3);
     SPIN_TRY(begin(out, n));
     SPIN_TRY(spin_alloc(n + 1, sizeof *dist2, &block));
     dist2 = block;
-    SPIN_TRY_OUT(spin_knn_mean_dist2(pool, n, pos_w, dist2));
+    SPIN_TRY(spin_knn_mean_dist2(pool, n, pos_w, dist2));
     for (size_t i = 0; i < n; i++)
         start_point(&out->point[i].p, pos_w + 3 * i, rgb ? rgb + 3 * i : NULL, dist2[i]);
-out:
-    free(block);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_refine_init_from_colours(const struct spin_splats *s,
                                           struct spin_refine_cloud *out)
 {
     size_t width = spin_column_width(SPIN_COL_SH, s->sh_degree);
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     float *rgb;
-    spin_status status;
 
     if (s->rgb || !s->sh)
         return spin_refine_init_from_points(NULL, s->n, s->means, s->rgb, out);
@@ -137,9 +131,7 @@ spin_status spin_refine_init_from_colours(const struct spin_splats *s,
     rgb = block;
     for (size_t i = 0; i < 3 * s->n; i++)
         rgb[i] = (float)(SPIN_SH_C0 * (double)s->sh[i / 3 * width + i % 3] + 0.5);
-    status = spin_refine_init_from_points(NULL, s->n, s->means, rgb, out);
-    free(block);
-    return status;
+    return spin_refine_init_from_points(NULL, s->n, s->means, rgb, out);
 }
 
 spin_status spin_refine_init_from_splats(const struct spin_splats *s, struct spin_refine_cloud *out)
@@ -147,8 +139,8 @@ spin_status spin_refine_init_from_splats(const struct spin_splats *s, struct spi
     size_t sh_row = 3 * (size_t)(s->sh_degree + 1) * (size_t)(s->sh_degree + 1);
 
     if (s->n > 0 && !(s->means && s->quats && s->log_scales && s->logit_opacities && s->sh))
-        return spin_fail(SPIN_E_USAGE, "refining from the source's attributes needs all of them: "
-                                       "means, quats, log_scales, logit_opacities, sh");
+        return spin_misuse("refining from the source's attributes needs all of them: "
+                           "means, quats, log_scales, logit_opacities, sh");
     SPIN_TRY(begin(out, s->n));
     for (size_t i = 0; i < s->n; i++) {
         struct spin_refine_row *p = &out->point[i].p;

@@ -1,6 +1,5 @@
 /* The points of one frame in host memory, where densification changes their number, and their first values. */
-#ifndef SPIN_TRAIN_CLOUD_H
-#define SPIN_TRAIN_CLOUD_H
+#pragma once
 
 #include "base/pool.h"
 #include "train/train_frame.h"
@@ -60,5 +59,3 @@ spin_status spin_refine_add_sh(int sh_degree, const struct spin_splats *splats,
 
 /* All attribute columns of the cloud, with its SH degree. */
 spin_status spin_refine_to_splats(const struct spin_refine_cloud *cloud, struct spin_splats *out);
-
-#endif

@@ -1,10 +1,7 @@
 /* Names of code paths, each once. */
 #include "train/code_paths.h"
 
-#include <stdio.h>
 #include <string.h>
-
-#include "base/log.h"
 
 void spin_code_paths_begin(struct spin_code_paths *paths, const char *now)
 {
@@ -29,8 +26,7 @@ void spin_code_paths_add(struct spin_code_paths *paths, const char *before)
         other = true;
     }
     if (other)
-        spin_warn(
-            "the processor's code path is %s now and was another before (%s): the two differ in "
-            "the last bits, so the result is not bit for bit that of an unbroken run",
-            paths->now, paths->all);
+        spin_warn("the processor's code path is %s now and was another before (%s): the two differ "
+                  "in the last bits, so the result is not bit for bit that of an unbroken run",
+                  paths->now, paths->all);
 }

@@ -7,7 +7,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "math/activate.h"
 #include "math/quat.h"
@@ -254,28 +253,25 @@ spin_status spin_densify(const struct spin_densify_options *o, int iteration,
                          struct spin_refine_cloud *cloud, struct spin_densify_change *change)
 {
     size_t n = cloud->n, marked;
-    spin_status status;
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     uint8_t *mark;
 
     memset(change, 0, sizeof *change);
     SPIN_TRY(spin_alloc(n + 1, 1, &block));
     mark = block;
     marked = mark_points(o, cloud, mark);
-    SPIN_TRY_OUT(respect_cap(o, cloud, marked, mark));
+    SPIN_TRY(respect_cap(o, cloud, marked, mark));
     for (size_t i = 0; i < n; i++) {
         cloud->point[i].origin = (uint32_t)i;
         cloud->point[i].is_new = false;
         change->clones += mark[i] == CLONE;
         change->splits += mark[i] == SPLIT;
     }
-    SPIN_TRY_OUT(spin_refine_cloud_reserve(cloud, n + change->clones + 2 * change->splits));
+    SPIN_TRY(spin_refine_cloud_reserve(cloud, n + change->clones + 2 * change->splits));
     for (size_t i = 0; i < n; i++)
         if (mark[i] == CLONE)
             add_point(cloud, i);
-    SPIN_TRY_OUT(add_children(o, iteration, cloud, mark, n, change->splits));
+    SPIN_TRY(add_children(o, iteration, cloud, mark, n, change->splits));
     change->pruned = compact(cloud, mark, n, o->prune_opacity);
-out:
-    free(block);
-    return status;
+    return SPIN_OK;
 }

@@ -1,8 +1,7 @@
 /* How the number of points changes while they are trained: clone, split, prune (docs/method.md section 2). The rules are
  * those of 3DGS, Kerbl et al. 2023, or with long_axis a split that changes the picture less, Deng et al. 2024,
  * "Efficient Density Control for 3D Gaussian Splatting". Host memory only. */
-#ifndef SPIN_TRAIN_DENSIFY_H
-#define SPIN_TRAIN_DENSIFY_H
+#pragma once
 
 #include "train/cloud.h"
 
@@ -42,5 +41,3 @@ spin_status spin_densify(const struct spin_densify_options *o, int iteration,
 /* Drop points of opacity below prune_opacity, and those with a value that is not finite; returns
  * how many. */
 size_t spin_refine_prune(struct spin_refine_cloud *cloud, double prune_opacity);
-
-#endif

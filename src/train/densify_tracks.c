@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "model/residual.h"
 
@@ -33,9 +32,8 @@ static spin_status carry_tracks(struct spin_device *d, const struct spin_param *
 {
     float SPIN_DEV *at[3] = {param->p, param->m, param->v};
     size_t n = cloud->n, stride = sizeof *cloud->point / sizeof(float);
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     float *host;
-    spin_status status = SPIN_OK;
 
     SPIN_TRY(spin_alloc(n + 1, SPIN_TRACK * sizeof *host, &block));
     host = block;
@@ -43,7 +41,7 @@ static spin_status carry_tracks(struct spin_device *d, const struct spin_param *
         struct spin_refine_row *first = part_of(cloud->point, part);
 
         if (!up)
-            SPIN_TRY_OUT(d->op->download(d, host, at[part], SPIN_TRACK * n * sizeof *host));
+            SPIN_TRY(d->op->download(d, host, at[part], SPIN_TRACK * n * sizeof *host));
         for (size_t i = 0; i < n; i++) {
             float *place = part_of(&cloud->point[i], part)->pos_w;
 
@@ -56,9 +54,7 @@ static spin_status carry_tracks(struct spin_device *d, const struct spin_param *
         if (up)
             d->op->upload(d, at[part], host, SPIN_TRACK * n * sizeof *host);
     }
-out:
-    free(block);
-    return status;
+    return SPIN_OK;
 }
 
 /* Statistics of a frame's splats, and their tracks. */
@@ -314,21 +310,17 @@ static spin_status replace_frame(struct change *c, int f, const struct rows *row
 {
     struct spin_device *d = c->t->device;
     struct spin_train_frame *frame = &c->t->frame[f], old = *frame;
-    float *turn = NULL;
-    spin_status status;
+    SPIN_FREED float *turn = NULL;
 
-    SPIN_TRY_OUT(inherit_turns(c, frame, rows, &turn));
+    SPIN_TRY(inherit_turns(c, frame, rows, &turn));
     spin_train_frame_close(frame, d);
-    SPIN_TRY_OUT(spin_train_frame_open(frame, d, rows->size, c->t->sh_width, true));
+    SPIN_TRY(spin_train_frame_open(frame, d, rows->size, c->t->sh_width, true));
     frame->time = old.time;
     frame->steps = old.steps;
     d->op->upload(d, frame->track, rows->track, rows->size.n * sizeof *rows->track);
     if (frame->turn)
         d->op->upload(d, frame->turn, turn, 4 * rows->size.n_pos * sizeof *turn);
-    status = spin_refine_cloud_send(rows->cloud, d, frame);
-out:
-    free(turn);
-    return status;
+    return spin_refine_cloud_send(rows->cloud, d, frame);
 }
 
 /* c->before = the frame's splats that have values of their own. */

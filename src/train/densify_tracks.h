@@ -1,7 +1,6 @@
 /* Densification of a clip with tracks: tracks, and splats without one, are cloned, split and pruned by what
  * their views showed since the last time. A new track has a splat in every frame in which its parent has one. */
-#ifndef SPIN_TRAIN_DENSIFY_TRACKS_H
-#define SPIN_TRAIN_DENSIFY_TRACKS_H
+#pragma once
 
 #include "train/densify.h"
 #include "train/step.h"
@@ -12,5 +11,3 @@
 spin_status spin_densify_tracks(struct spin_trainer *t, const struct spin_densify_options *o,
                                 int iteration, uint32_t **permutation, size_t *counts,
                                 struct spin_densify_change *change);
-
-#endif

@@ -3,8 +3,6 @@
 
 #include <string.h>
 
-#include "base/err.h"
-
 spin_status spin_exposures_open(struct spin_exposures *t, struct spin_device *d, int n_cameras,
                                 int n_lenses, const float *first, size_t pixels)
 {

@@ -1,7 +1,6 @@
 /* How each camera shows the scene (math/exposure.h): its gain and offset for each colour channel, and the falloff of
  * its lens, learned with the scene. */
-#ifndef SPIN_TRAIN_EXPOSURE_H
-#define SPIN_TRAIN_EXPOSURE_H
+#pragma once
 
 #include "scene/lens.h"
 #include "train/param.h"
@@ -26,5 +25,3 @@ spin_status spin_exposures_read_lenses(const struct spin_exposures *t, struct sp
 /* Gauge, after a step of Adam: the mean camera has gain 1 and offset 0, so held-out views are drawn in its
  * colours. The middle of a lens's picture has falloff 1 by its formula. */
 void spin_exposures_centre(struct spin_exposures *t, struct spin_device *d);
-
-#endif

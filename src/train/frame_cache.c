@@ -2,12 +2,11 @@
 #include "train/frame_cache.h"
 
 #include <ctype.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "base/err.h"
+#include "base/mem.h"
 #include "scene/bundle.h"
 
 static const unsigned held = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
@@ -24,9 +23,9 @@ spin_status spin_frame_cache_put(const char *folder, int index, const char *key,
                                  const char *code_path, const struct spin_splats *splats)
 {
     struct spin_bundle_writer w;
-    struct spin_bundle_meta meta = {0};
+    SPIN_LEAVES(spin_bundle_meta_free) struct spin_bundle_meta meta = {0};
     spin_json *extra;
-    char *path = NULL;
+    SPIN_FREED char *path = NULL;
     bool writing = false;
     spin_status status;
 
@@ -50,8 +49,6 @@ spin_status spin_frame_cache_put(const char *folder, int index, const char *key,
 out:
     if (writing)
         spin_bundle_writer_abandon(&w);
-    spin_bundle_meta_free(&meta);
-    free(path);
     return status;
 }
 
@@ -65,11 +62,10 @@ static spin_status open_frame(const char *path, const char *key, struct spin_bun
     if (text && strcmp(text, key) == 0 && out->meta.columns == held)
         return SPIN_OK;
     spin_bundle_close(out);
-    return spin_fail(SPIN_E_USAGE,
-                     "'%s' was made from another input or with other options than these, or from "
-                     "images that have changed; give the same ones, or --force without --resume to "
-                     "start anew",
-                     path);
+    return spin_misuse(
+        "'%s' was made from another input or with other options than these, or from images that "
+        "have changed; give the same ones, or --force without --resume to start anew",
+        path);
 }
 
 spin_status spin_frame_cache_find(const char *folder, int index, const char *key, bool *found,
@@ -77,40 +73,30 @@ spin_status spin_frame_cache_find(const char *folder, int index, const char *key
 {
     struct spin_bundle bundle;
     const char *text;
-    char *path = NULL;
-    spin_status status;
+    SPIN_FREED char *path = NULL;
 
     *found = false;
     SPIN_TRY(path_of(folder, index, &path));
-    if (!spin_path_exists(path)) {
-        free(path);
+    if (!spin_path_exists(path))
         return SPIN_OK;
-    }
-    SPIN_TRY_OUT(open_frame(path, key, &bundle));
+    SPIN_TRY(open_frame(path, key, &bundle));
     text = spin_json_string(spin_json_get(bundle.json, "path"));
     *found = true;
     out->n = bundle.meta.frame[0].n;
     snprintf(out->path, sizeof out->path, "%s", text ? text : "");
     spin_bundle_close(&bundle);
-out:
-    free(path);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_frame_cache_get(const char *folder, int index, const char *key, unsigned columns,
                                  struct spin_splats *out)
 {
-    struct spin_bundle bundle;
-    char *path = NULL;
-    spin_status status;
+    SPIN_LEAVES(spin_bundle_close) struct spin_bundle bundle = {0};
+    SPIN_FREED char *path = NULL;
 
     SPIN_TRY(path_of(folder, index, &path));
-    SPIN_TRY_OUT(open_frame(path, key, &bundle));
-    status = spin_bundle_frame(&bundle, 0, columns, out);
-    spin_bundle_close(&bundle);
-out:
-    free(path);
-    return status;
+    SPIN_TRY(open_frame(path, key, &bundle));
+    return spin_bundle_frame(&bundle, 0, columns, out);
 }
 
 /* "00012.spin", or what a killed writer left of it: "00012.spin.tmp.4711". */

@@ -1,8 +1,7 @@
 /* Finished frames of a run that is not finished: one small bundle each, in a folder beside the output.
  * A frame is written whole or not at all, under a key that says what it was made from. After a kill the
  * folder holds every frame that was done and nothing else. */
-#ifndef SPIN_TRAIN_FRAME_CACHE_H
-#define SPIN_TRAIN_FRAME_CACHE_H
+#pragma once
 
 #include "spin.h"
 
@@ -24,5 +23,3 @@ spin_status spin_frame_cache_get(const char *folder, int index, const char *key,
                                  struct spin_splats *out);
 /* Remove its frames, and the folder when nothing else is in it. */
 void spin_frame_cache_clear(const char *folder);
-
-#endif

@@ -6,7 +6,6 @@
 #include <string.h>
 
 #include "spin_train.h"
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/number.h"
 #include "base/pool.h"
@@ -62,21 +61,17 @@ static double share_outside(const struct spin_point_sample *sample,
 spin_status spin_frames_look(struct spin_plan *plan)
 {
     struct spin_scene_transform transform = plan->field.transform;
-    struct spin_splats splats = {0};
-    struct spin_point_sample sample = {0};
-    spin_status status;
+    SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
+    SPIN_LEAVES(spin_point_sample_close) struct spin_point_sample sample = {0};
 
-    SPIN_TRY_OUT(spin_point_sample_open(&sample, plan->clip.n_frames));
+    SPIN_TRY(spin_point_sample_open(&sample, plan->clip.n_frames));
     for (int f = 0; f < plan->clip.n_frames; f++) {
-        SPIN_TRY_OUT(read_frame(plan, NULL, f, SPIN_COL_MEANS, &splats));
+        SPIN_TRY(read_frame(plan, NULL, f, SPIN_COL_MEANS, &splats));
         spin_point_sample_add(&sample, &splats);
     }
     fit_transform(plan->o, &sample, &transform);
     plan->report->outside_ball = share_outside(&sample, &transform);
-out:
-    spin_point_sample_close(&sample);
-    spin_splats_free(&splats);
-    return status;
+    return SPIN_OK;
 }
 
 /* ---- First values ------------------------------------------------------------------------------- */
@@ -153,7 +148,7 @@ static spin_status send_first_tracks(const struct first_tracks *first, struct sp
 {
     struct spin_device *d = t->device;
     size_t n = first->tracks->n;
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
 
     if (n == 0)
         return SPIN_OK;
@@ -161,7 +156,6 @@ static spin_status send_first_tracks(const struct first_tracks *first, struct sp
     spin_residual_from_rows(n, first->residual, SPIN_RESIDUAL, NULL, block);
     d->op->upload(d, t->tracks.p, first->displacement, 3 * n * sizeof(float));
     d->op->upload(d, t->tracks.p + 3 * n, block, SPIN_RESIDUAL * n * sizeof(float));
-    free(block);
     return SPIN_OK;
 }
 
@@ -179,15 +173,14 @@ static spin_status send_frame(const struct spin_plan *plan, const struct spin_sp
                               const uint32_t *permutation, struct first_tracks *first,
                               struct spin_device *device, struct spin_train_frame *frame)
 {
-    struct spin_refine_cloud cloud = {0};
+    SPIN_LEAVES(spin_refine_cloud_free) struct spin_refine_cloud cloud = {0};
     struct spin_frame_rows rows = {.pos = {s->means, 3}};
-    spin_status status;
 
     if (spin_plan_has_residual(plan)) {
         if (plan->o->residual == SPIN_RESIDUAL_SOURCE)
-            SPIN_TRY_OUT(spin_refine_init_from_splats(s, &cloud));
+            SPIN_TRY(spin_refine_init_from_splats(s, &cloud));
         else
-            SPIN_TRY_OUT(spin_refine_init_from_colours(s, &cloud));
+            SPIN_TRY(spin_refine_init_from_colours(s, &cloud));
         for (size_t i = 0; i < cloud.n; i++)
             make_finite(&cloud.point[i].p);
         if (first->tracks->n > 0) {
@@ -198,10 +191,7 @@ static spin_status send_frame(const struct spin_plan *plan, const struct spin_sp
             rows.residual =
                 (struct spin_rows){cloud.point[0].p.log_scale, sizeof *cloud.point / sizeof(float)};
     }
-    status = spin_train_frame_upload(frame, device, SPIN_TRAIN_VALUES, rows, permutation);
-out:
-    spin_refine_cloud_free(&cloud);
-    return status;
+    return spin_train_frame_upload(frame, device, SPIN_TRAIN_VALUES, rows, permutation);
 }
 
 /* The track of every splat, in our order. */
@@ -264,19 +254,13 @@ out:
 static spin_status measure_spacing(int n_threads, const struct spin_splats *s, double *log_scale)
 {
     struct spin_pool *pool = NULL;
-    void *block = NULL;
-    float *d2;
-    spin_status status;
+    float square = 0;
+    spin_status status = spin_pool_create(n_threads, &pool);
 
-    SPIN_TRY_OUT(spin_pool_create(n_threads, &pool));
-    SPIN_TRY_OUT(spin_alloc(s->n, sizeof(float), &block));
-    d2 = block;
-    SPIN_TRY_OUT(spin_knn_mean_dist2(pool, s->n, s->means, d2));
-    qsort(d2, s->n, sizeof *d2, spin_by_float);
-    *log_scale = 0.5 * log(fmax((double)d2[s->n / 2], 1e-7));
-out:
+    if (status == SPIN_OK)
+        status = spin_knn_median_dist2(pool, s->n, s->means, &square);
+    *log_scale = 0.5 * log(fmax((double)square, 1e-7));
     spin_pool_free(pool);
-    free(block);
     return status;
 }
 
@@ -316,40 +300,34 @@ spin_status spin_frames_load(struct spin_frames *frames, struct spin_plan *plan,
                              struct spin_refinement *refinement, const struct spin_tracks *tracks,
                              struct spin_trainer *trainer, bool first_values)
 {
-    struct first_tracks first = {0};
+    SPIN_LEAVES(close_first_tracks) struct first_tracks first = {0};
     struct spin_refinement *from = refinement->frame ? refinement : NULL;
     unsigned columns = first_values ? first_columns(plan, from != NULL) : SPIN_COL_MEANS;
     struct spin_scene_transform *transform = &trainer->field.transform;
-    struct spin_splats splats = {0};
-    struct spin_point_sample sample = {0};
-    struct spin_turns turns = {0};
+    SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
+    SPIN_LEAVES(spin_point_sample_close) struct spin_point_sample sample = {0};
+    SPIN_LEAVES(spin_turns_close) struct spin_turns turns = {0};
     void *block = NULL;
-    spin_status status;
 
-    SPIN_TRY_OUT(spin_turns_open(&turns, plan->clip.n_frames));
-    SPIN_TRY_OUT(spin_alloc((size_t)plan->clip.n_frames, sizeof *frames->permutation, &block));
+    SPIN_TRY(spin_turns_open(&turns, plan->clip.n_frames));
+    SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *frames->permutation, &block));
     frames->permutation = block;
     frames->n = plan->clip.n_frames;
     frames->init_log_scale = plan->o->init_log_scale;
-    SPIN_TRY_OUT(open_first_tracks(&first, tracks));
-    SPIN_TRY_OUT(spin_point_sample_open(&sample, plan->clip.n_frames));
+    SPIN_TRY(open_first_tracks(&first, tracks));
+    SPIN_TRY(spin_point_sample_open(&sample, plan->clip.n_frames));
     for (int f = 0; f < frames->n; f++) {
-        SPIN_TRY_OUT(read_frame(plan, from, f, columns, &splats));
+        SPIN_TRY(read_frame(plan, from, f, columns, &splats));
         spin_point_sample_add(&sample, &splats);
-        SPIN_TRY_OUT(load_frame(frames, plan, &first, &turns, trainer, f, &splats, first_values));
+        SPIN_TRY(load_frame(frames, plan, &first, &turns, trainer, f, &splats, first_values));
     }
     if (first_values) {
-        SPIN_TRY_OUT(send_first_tracks(&first, trainer));
-        SPIN_TRY_OUT(send_turns(plan, &turns, tracks->n, trainer));
+        SPIN_TRY(send_first_tracks(&first, trainer));
+        SPIN_TRY(send_turns(plan, &turns, tracks->n, trainer));
     }
     fit_transform(plan->o, &sample, transform);
     plan->report->outside_ball = share_outside(&sample, transform);
-out:
-    close_first_tracks(&first);
-    spin_turns_close(&turns);
-    spin_point_sample_close(&sample);
-    spin_splats_free(&splats);
-    return status;
+    return SPIN_OK;
 }
 
 void spin_frames_close(struct spin_frames *frames)

@@ -1,10 +1,8 @@
 /* The pass over the bundle before training: every frame's splats are read once, checked, put in an order that
  * is good for the memory, and sent to the device. */
-#ifndef SPIN_TRAIN_FRAMES_H
-#define SPIN_TRAIN_FRAMES_H
+#pragma once
 
 #include "train/refinement.h"
-#include "train/step.h"
 #include "train/tracks.h"
 
 struct spin_frames {
@@ -23,5 +21,3 @@ spin_status spin_frames_load(struct spin_frames *frames, struct spin_plan *plan,
                              struct spin_refinement *refinement, const struct spin_tracks *tracks,
                              struct spin_trainer *trainer, bool first_values);
 void spin_frames_close(struct spin_frames *frames);
-
-#endif

@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 
 static float coordinate(const struct spin_kd_tree *t, size_t place, int axis)

@@ -1,9 +1,6 @@
 /* A k-d tree over points: split at the median of the widest axis, leaves of eight. It is left-balanced, so it is nothing
  * but an order of the points. */
-#ifndef SPIN_TRAIN_KD_TREE_H
-#define SPIN_TRAIN_KD_TREE_H
-
-#include <stdbool.h>
+#pragma once
 
 #include "spin.h"
 
@@ -30,5 +27,3 @@ static inline float spin_kd_gap(const struct spin_kd_tree *t, size_t place, cons
 {
     return at[t->axis[place]] - t->points[(size_t)t->order[place] * 3 + t->axis[place]];
 }
-
-#endif

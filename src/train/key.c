@@ -6,7 +6,6 @@
 #include <string.h>
 
 #include "spin_train.h"
-#include "base/err.h"
 #include "base/number.h"
 #include "train/settings.h"
 

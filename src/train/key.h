@@ -1,6 +1,5 @@
 /* What work was made from and how, as text: kept work is taken again only under the same. */
-#ifndef SPIN_TRAIN_KEY_H
-#define SPIN_TRAIN_KEY_H
+#pragma once
 
 #include "train/photos.h"
 
@@ -19,5 +18,3 @@ spin_status spin_frame_key(struct spin_plan *plan, const struct spin_photos *pho
 spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_refined *refined,
                              const struct spin_photos *photos, const struct spin_device *device,
                              char **out);
-
-#endif

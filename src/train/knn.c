@@ -2,8 +2,10 @@
 #include "train/knn.h"
 
 #include <float.h>
+#include <stdlib.h>
 
-#include "base/err.h"
+#include "base/mem.h"
+#include "base/number.h"
 #include "train/kd_tree.h"
 
 enum { NEIGHBOURS = 3, CHUNK = 1024 };
@@ -60,13 +62,11 @@ struct measured {
     float *mean_dist2;
 };
 
-static void measure(void *context, int task, int worker)
+static void measure(void *context, size_t first, size_t last)
 {
     const struct measured *m = context;
     const struct spin_kd_tree *t = &m->tree;
-    size_t first = (size_t)task * CHUNK, last = first + CHUNK < t->n ? first + CHUNK : t->n;
 
-    (void)worker;
     for (size_t i = first; i < last; i++) {
         float best[NEIGHBOURS] = {FLT_MAX, FLT_MAX, FLT_MAX}, sum = 0;
         uint32_t self = t->order[i];
@@ -86,7 +86,19 @@ spin_status spin_knn_mean_dist2(struct spin_pool *pool, size_t n, const float *p
     spin_status status = spin_kd_tree_open(&m.tree, n, points);
 
     if (status == SPIN_OK)
-        spin_pool_run(pool, (int)((n + CHUNK - 1) / CHUNK), measure, &m);
+        spin_pool_rows(pool, n, CHUNK, measure, &m);
     spin_kd_tree_close(&m.tree);
     return status;
+}
+
+spin_status spin_knn_median_dist2(struct spin_pool *pool, size_t n, const float *points,
+                                  float *median)
+{
+    SPIN_FREED float *square = NULL;
+
+    SPIN_TRY(spin_alloc(n, sizeof *square, (void **)&square));
+    SPIN_TRY(spin_knn_mean_dist2(pool, n, points, square));
+    qsort(square, n, sizeof *square, spin_by_float);
+    *median = square[n / 2];
+    return SPIN_OK;
 }

@@ -1,6 +1,5 @@
 /* When lazy Adam for the hash table pays (device.h, struct spin_lazy_adam), and the memory it takes. */
-#ifndef SPIN_TRAIN_LAZY_ADAM_H
-#define SPIN_TRAIN_LAZY_ADAM_H
+#pragma once
 
 #include "model/field.h"
 
@@ -11,5 +10,3 @@ size_t spin_lazy_lines(const struct spin_field *field);
 /* True when `splats` of a step need less than half of the lines of a hashed level, by chance; else
  * stepping all of them costs no more. */
 bool spin_lazy_pays(const struct spin_field *field, double splats, int64_t steps);
-
-#endif

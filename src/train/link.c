@@ -5,7 +5,6 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "train/kd_tree.h"
 
@@ -70,13 +69,10 @@ static void offer(void *context, uint32_t to)
         *s->wanted = link;
 }
 
-static void find_best(void *context, int task, int worker)
+static void find_best(void *context, size_t first, size_t last)
 {
     const struct round *r = context;
-    size_t first = (size_t)task * CHUNK,
-           last = first + CHUNK < r->from->n ? first + CHUNK : r->from->n;
 
-    (void)worker;
     for (size_t i = first; i < last; i++) {
         r->wanted[i] = (struct link){INFINITY, 0};
         if (r->next[i] == SPIN_NO_LINK && r->reach[i] > 0)
@@ -122,7 +118,7 @@ spin_status spin_link(struct spin_pool *pool, const struct spin_link_side *from,
     for (size_t i = 0; i < from->n; i++)
         next[i] = SPIN_NO_LINK;
     do
-        spin_pool_run(pool, (int)((from->n + CHUNK - 1) / CHUNK), find_best, &r);
+        spin_pool_rows(pool, from->n, CHUNK, find_best, &r);
     while (make_links(&r) && ++n_rounds < MOST_ROUNDS);
 out:
     spin_kd_tree_close(&r.tree);

@@ -1,6 +1,5 @@
 /* Which splat of one frame may be a splat of the frame before: the one that is most like it. */
-#ifndef SPIN_TRAIN_LINK_H
-#define SPIN_TRAIN_LINK_H
+#pragma once
 
 #include "base/pool.h"
 #include "spin.h"
@@ -20,5 +19,3 @@ struct spin_link_side {
  * smallest sum of squares is linked first; no splat is in two. Finite values. The same for any number of threads. */
 spin_status spin_link(struct spin_pool *pool, const struct spin_link_side *from, const float *reach,
                       const struct spin_link_side *to, size_t width, uint32_t *next);
-
-#endif

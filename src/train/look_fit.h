@@ -1,7 +1,6 @@
 /* How cameras show the scene, from points that several of them see: log value = log colour of the point + log gain of
  * the camera + log falloff of its lens (math/exposure.h). */
-#ifndef SPIN_TRAIN_LOOK_FIT_H
-#define SPIN_TRAIN_LOOK_FIT_H
+#pragma once
 
 #include "spin.h"
 
@@ -17,5 +16,3 @@ struct spin_look_sample {
  * lens. Least squares that few outliers do not bend. What no sample tells stays 0. */
 spin_status spin_look_fit(const struct spin_look_sample *sample, size_t n, int n_cameras,
                           int n_lenses, float *exposure);
-
-#endif

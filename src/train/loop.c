@@ -142,10 +142,9 @@ static spin_status take_step(const struct spin_loop *l, const struct spin_sample
     SPIN_TRY(spin_trainer_step(t, &sampler->images.images, sampler->items, l->plan->o->batch,
                                &steps->last));
     if (!isfinite(steps->last.loss))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "the loss is not finite at iteration %lld; lower the learning rates, or "
-                         "look for bad points",
-                         (long long)now);
+        return spin_malformed("the loss is not finite at iteration %lld; lower the learning rates, "
+                              "or look for bad points",
+                              (long long)now);
     if (due_now || now % CHECK_EVERY == 0 || now == l->plan->o->iterations)
         SPIN_TRY(spin_check_parameters(t));
     if (due_now)
@@ -298,18 +297,17 @@ static spin_status judge_blind(const struct spin_loop *l, const struct spin_step
     bool last = l->trainer->iteration == l->plan->o->iterations;
 
     if (n == l->trainer->iteration && (last || n == (epoch > 50 ? 2 * epoch : 100)))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "no splat is visible in any view of %lld iterations: do the cameras "
-                         "belong to these points",
-                         (long long)n);
+        return spin_malformed("no splat is visible in any view of %lld iterations: do the cameras "
+                              "belong to these points",
+                              (long long)n);
     return SPIN_OK;
 }
 
 static void warn_blind(const struct spin_steps *steps)
 {
     if (steps->blind > 0)
-        spin_warn("no splat was visible in any view of %lld of %lld iterations, first in "
-                  "iteration %lld: nothing was learned in them",
+        spin_warn("no splat was visible in any view of %lld of %lld iterations, first in iteration "
+                  "%lld: nothing was learned in them",
                   (long long)steps->blind, (long long)steps->done, (long long)steps->first_blind);
 }
 

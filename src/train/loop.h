@@ -1,6 +1,5 @@
 /* The iterations of a training: of a clip, or of a frame by itself, which is a clip of one frame. */
-#ifndef SPIN_TRAIN_LOOP_H
-#define SPIN_TRAIN_LOOP_H
+#pragma once
 
 #include "train/checkpoint.h"
 #include "train/densify.h"
@@ -39,5 +38,3 @@ spin_status spin_loop_step(const struct spin_loop *loop, struct spin_sampler *sa
                            struct spin_steps *steps);
 /* All iterations of a clip that are left, states saved on the way, then a last measurement. */
 spin_status spin_loop_run(const struct spin_loop *loop);
-
-#endif

@@ -2,8 +2,6 @@
 #include "train/options.h"
 
 #include <math.h>
-#include <stddef.h>
-#include <stdio.h>
 #include <string.h>
 
 #include "io/ranks.h"
@@ -74,7 +72,6 @@ struct row {
      {{network}, {refinement}}},
 
 static const struct row rows[] = {
-#include "spin_train.h"
 #include "train/options.def"
 };
 static const struct row *const end = rows + sizeof rows / sizeof *rows;
@@ -182,7 +179,7 @@ spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o
 
     start_from(preset < PRESETS ? (enum preset)preset : QUICK, o);
     if (preset == SIZE_MAX)
-        return spin_fail(SPIN_E_USAGE, "no preset '%s', only " SPIN_PRESETS, name);
+        return spin_misuse("no preset '%s', only " SPIN_PRESETS, name);
     return SPIN_OK;
 }
 
@@ -250,12 +247,12 @@ static spin_status check_number(const struct row *row, size_t i, double value)
     size_t length;
 
     if (row->type == ENUM && !name_at(row->argument, (size_t)value, &length))
-        return spin_fail(SPIN_E_USAGE, "%s %g is none of %s", row->field, value, row->argument);
+        return spin_misuse("%s %g is none of %s", row->field, value, row->argument);
     if (row->min >= row->max || (value >= row->min && value <= row->max) ||
         is_fallback(row, i, value) || (isnan(value) && place_of("auto", row->argument) != SIZE_MAX))
         return SPIN_OK;
-    return spin_fail(SPIN_E_USAGE, "%s %.*g is not from %.*g to %.*g", row->field, digits, value,
-                     digits, row->min, digits, row->max);
+    return spin_misuse("%s %.*g is not from %.*g to %.*g", row->field, digits, value, digits,
+                       row->min, digits, row->max);
 }
 
 spin_status spin_options_check(const struct spin_retrain_options *o)
@@ -268,11 +265,11 @@ spin_status spin_options_check(const struct spin_retrain_options *o)
     if (o->normalise == SPIN_NORMALISE_GIVEN &&
         !(isfinite(centre[0] + centre[1] + centre[2] + o->normalise_radius) &&
           o->normalise_radius > 0))
-        return spin_fail(SPIN_E_USAGE, "normalise_centre and normalise_radius are not finite, or "
-                                       "the radius is not above 0");
+        return spin_misuse("normalise_centre and normalise_radius are not finite, or "
+                           "the radius is not above 0");
     if (o->views_per_frame > batch_of(o))
-        return spin_fail(SPIN_E_USAGE, "views_per_frame %d is more than batch %d",
-                         o->views_per_frame, batch_of(o));
+        return spin_misuse("views_per_frame %d is more than batch %d", o->views_per_frame,
+                           batch_of(o));
     return SPIN_OK;
 }
 

@@ -1,6 +1,5 @@
 /* What the rows of options.def say of the options of a retraining. */
-#ifndef SPIN_TRAIN_OPTIONS_H
-#define SPIN_TRAIN_OPTIONS_H
+#pragma once
 
 #include "spin_train.h"
 #include "io/json.h"
@@ -14,5 +13,3 @@ void spin_options_resolve(struct spin_retrain_options *o, int n_frames);
 enum spin_options_of { SPIN_OPTIONS_OF_NETWORK, SPIN_OPTIONS_OF_REFINEMENT };
 /* Those that decide the result of the network's training, or of a frame's refinement. Allocated. */
 spin_json *spin_options_to_json(const struct spin_retrain_options *o, enum spin_options_of of);
-
-#endif

@@ -6,7 +6,6 @@
 #include <string.h>
 
 #include "spin_train.h"
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/ranks.h"
 #include "math/turn.h"
@@ -130,16 +129,15 @@ static spin_status fold_turns(const struct spin_trainer *t, const struct spin_tr
     struct spin_device *d = t->device;
     size_t n = frame->size.n_pos, width = residual ? 4 : 3;
     const float *shared = tracks + (residual ? (3 + 3) * t->n_tracks : 0);
-    float *turn = NULL;
+    SPIN_FREED float *turn = NULL;
     uint32_t *track;
-    spin_status status;
 
     if (!frame->turn)
         return SPIN_OK;
-    SPIN_TRY_OUT(spin_alloc(n + frame->size.n, 5 * sizeof *turn, (void **)&turn));
+    SPIN_TRY(spin_alloc(n + frame->size.n, 5 * sizeof *turn, (void **)&turn));
     track = (uint32_t *)(turn + 4 * n);
-    SPIN_TRY_OUT(d->op->download(d, turn, frame->turn, 4 * n * sizeof *turn));
-    SPIN_TRY_OUT(d->op->download(d, track, frame->track, frame->size.n * sizeof *track));
+    SPIN_TRY(d->op->download(d, turn, frame->turn, 4 * n * sizeof *turn));
+    SPIN_TRY(d->op->download(d, track, frame->track, frame->size.n * sizeof *track));
     for (size_t i = frame->size.n_free; i < n; i++) {
         const float *value = shared + width * track[i];
         float turned[4], *to = rows + (residual ? SPIN_RESIDUAL * i + 3 : 3 * i);
@@ -148,9 +146,7 @@ static spin_status fold_turns(const struct spin_trainer *t, const struct spin_tr
         for (size_t c = 0; c < width; c++)
             to[c] += turned[c] - value[c];
     }
-out:
-    free(turn);
-    return status;
+    return SPIN_OK;
 }
 
 /* A frame's own positions or residual values: of the splats that have some, in the order of the source. */
@@ -163,19 +159,17 @@ static spin_status write_frame(const struct spin_output *output, struct spin_bun
     uint64_t shape[2] = {n, width};
     struct spin_rows rows = {.stride = width};
     struct spin_frame_rows of = {0};
-    uint32_t *place = NULL;
+    SPIN_FREED uint32_t *place = NULL;
     float *packed;
-    void *block = NULL;
-    spin_status status;
+    SPIN_FREED void *block = NULL;
 
-    SPIN_TRY_OUT(invert(output->frames->permutation[frame], from->size.n, &place));
-    SPIN_TRY_OUT(spin_alloc(width * n + 1, 2 * sizeof(float), &block));
+    SPIN_TRY(invert(output->frames->permutation[frame], from->size.n, &place));
+    SPIN_TRY(spin_alloc(width * n + 1, 2 * sizeof(float), &block));
     rows.at = block;
     packed = rows.at + width * n;
     *(residual ? &of.residual : &of.pos) = rows;
-    SPIN_TRY_OUT(
-        spin_train_frame_download(from, output->trainer->device, SPIN_TRAIN_VALUES, of, NULL));
-    SPIN_TRY_OUT(fold_turns(output->trainer, from, tracks, residual, rows.at));
+    SPIN_TRY(spin_train_frame_download(from, output->trainer->device, SPIN_TRAIN_VALUES, of, NULL));
+    SPIN_TRY(fold_turns(output->trainer, from, tracks, residual, rows.at));
     for (size_t i = 0; i < from->size.n; i++)
         if (place[i] < n)
             memcpy(packed + width * to++, rows.at + width * place[i], width * sizeof *packed);
@@ -183,12 +177,8 @@ static spin_status write_frame(const struct spin_output *output, struct spin_bun
         round_rows(output, packed, n, width);
     else
         round_values(output, SPIN_COL_MEANS, packed, width * n);
-    status = spin_bundle_write_array(w, residual ? "trained/residual" : "trained/means", frame,
-                                     "<f4", 2, shape, packed);
-out:
-    free(place);
-    free(block);
-    return status;
+    return spin_bundle_write_array(w, residual ? "trained/residual" : "trained/means", frame, "<f4",
+                                   2, shape, packed);
 }
 
 /* ---- Tracks ------------------------------------------------------------------------------------- */
@@ -216,13 +206,12 @@ static spin_status write_numbers(const struct spin_output *output, struct spin_b
                                  bool *same_rows)
 {
     const struct spin_trainer *t = output->trainer;
-    uint32_t *first = NULL, *track = NULL;
-    spin_status status;
+    SPIN_FREED uint32_t *first = NULL, *track = NULL;
 
     *same_rows = true;
-    SPIN_TRY_OUT(read_numbers(output, 0, &first));
+    SPIN_TRY(read_numbers(output, 0, &first));
     for (int f = 1; *same_rows && f < t->n_frames; f++) {
-        SPIN_TRY_OUT(read_numbers(output, f, &track));
+        SPIN_TRY(read_numbers(output, f, &track));
         *same_rows = t->frame[f].size.n == t->frame[0].size.n &&
                      memcmp(first, track, t->frame[f].size.n * sizeof *track) == 0;
         free(track);
@@ -231,16 +220,12 @@ static spin_status write_numbers(const struct spin_output *output, struct spin_b
     for (int f = 0; f < (*same_rows ? 1 : t->n_frames); f++) {
         uint64_t shape[1] = {t->frame[f].size.n};
 
-        SPIN_TRY_OUT(read_numbers(output, f, &track));
-        SPIN_TRY_OUT(spin_bundle_write_array(w, "trained/track", f, "<u4", 1, shape, track));
+        SPIN_TRY(read_numbers(output, f, &track));
+        SPIN_TRY(spin_bundle_write_array(w, "trained/track", f, "<u4", 1, shape, track));
         free(track);
         track = NULL;
     }
-    status = SPIN_OK;
-out:
-    free(first);
-    free(track);
-    return status;
+    return SPIN_OK;
 }
 
 /* Values as rows, and which splats they belong to. */
@@ -249,21 +234,17 @@ static spin_status write_tracks(const struct spin_output *output, struct spin_bu
 {
     size_t n = output->trainer->n_tracks;
     uint64_t shape[2] = {n, SPIN_TRACK};
-    float *rows = NULL;
-    spin_status status;
+    SPIN_FREED float *rows = NULL;
 
-    SPIN_TRY_OUT(spin_alloc(n + 1, SPIN_TRACK * sizeof *rows, (void **)&rows));
+    SPIN_TRY(spin_alloc(n + 1, SPIN_TRACK * sizeof *rows, (void **)&rows));
     for (size_t i = 0; i < n; i++)
         memcpy(rows + SPIN_TRACK * i, groups + 3 * i, 3 * sizeof *rows);
     spin_residual_to_rows(n, groups + 3 * n, NULL, rows + 3, SPIN_TRACK);
     for (size_t i = 0; i < n; i++)
         round_values(output, SPIN_COL_MEANS, rows + SPIN_TRACK * i, 3);
     round_rows(output, rows + 3, n, SPIN_TRACK);
-    SPIN_TRY_OUT(spin_bundle_write_array(w, "trained/tracks", -1, "<f4", 2, shape, rows));
-    status = write_numbers(output, w, same_rows);
-out:
-    free(rows);
-    return status;
+    SPIN_TRY(spin_bundle_write_array(w, "trained/tracks", -1, "<f4", 2, shape, rows));
+    return write_numbers(output, w, same_rows);
 }
 
 /* An array of weights on the device. */
@@ -290,21 +271,16 @@ static spin_status write_values(const struct spin_output *output, struct spin_bu
 {
     struct spin_trainer *t = output->trainer;
     size_t floats = SPIN_TRACK * t->n_tracks;
-    float *tracks = NULL; /* in groups */
-    spin_status status;
+    SPIN_FREED float *tracks = NULL; /* in groups */
 
-    SPIN_TRY_OUT(spin_alloc(floats + 1, sizeof *tracks, (void **)&tracks));
+    SPIN_TRY(spin_alloc(floats + 1, sizeof *tracks, (void **)&tracks));
     if (floats > 0)
-        SPIN_TRY_OUT(
-            t->device->op->download(t->device, tracks, t->tracks.p, floats * sizeof *tracks));
+        SPIN_TRY(t->device->op->download(t->device, tracks, t->tracks.p, floats * sizeof *tracks));
     for (int f = 0; f < t->n_frames; f++)
-        SPIN_TRY_OUT(write_frame(output, w, f, tracks, false));
+        SPIN_TRY(write_frame(output, w, f, tracks, false));
     for (int f = 0; spin_plan_has_residual(output->plan) && f < t->n_frames; f++)
-        SPIN_TRY_OUT(write_frame(output, w, f, tracks, true));
-    status = floats > 0 ? write_tracks(output, w, tracks, same_rows) : SPIN_OK;
-out:
-    free(tracks);
-    return status;
+        SPIN_TRY(write_frame(output, w, f, tracks, true));
+    return floats > 0 ? write_tracks(output, w, tracks, same_rows) : SPIN_OK;
 }
 
 static spin_status write_network(const struct spin_output *output, struct spin_bundle_writer *w,
@@ -330,27 +306,23 @@ static spin_status write_rows(const struct spin_output *output, struct spin_bund
 {
     static const enum spin_round_4d round[] = {SPIN_ROUND_COMPACT, SPIN_ROUND_HALF,
                                                SPIN_ROUND_NOTHING};
-    struct spin_splats_4d rows = {0};
+    SPIN_LEAVES(spin_splats_4d_free) struct spin_splats_4d rows = {0};
     enum spin_round_4d rounded = round[output->plan->o->precision];
-    size_t n_frames = (size_t)meta->n_frames, *counts = NULL;
-    double *times = NULL;
-    spin_status status;
+    size_t n_frames = (size_t)meta->n_frames;
+    SPIN_FREED size_t *counts = NULL;
+    SPIN_FREED double *times = NULL;
 
-    SPIN_TRY_OUT(spin_rows_4d_read(output->plan, output->trainer, rounded, &rows));
-    SPIN_TRY_OUT(spin_bundle_write_4d(w, &rows, rounded, meta));
-    SPIN_TRY_OUT(spin_alloc(n_frames, sizeof *times, (void **)&times));
-    SPIN_TRY_OUT(spin_alloc(n_frames, sizeof *counts, (void **)&counts));
+    SPIN_TRY(spin_rows_4d_read(output->plan, output->trainer, rounded, &rows));
+    SPIN_TRY(spin_bundle_write_4d(w, &rows, rounded, meta));
+    SPIN_TRY(spin_alloc(n_frames, sizeof *times, (void **)&times));
+    SPIN_TRY(spin_alloc(n_frames, sizeof *counts, (void **)&counts));
     for (size_t f = 0; f < n_frames; f++)
         times[f] = meta->frame[f].time;
-    SPIN_TRY_OUT(spin_splats_4d_counts(&rows, times, n_frames, counts));
+    SPIN_TRY(spin_splats_4d_counts(&rows, times, n_frames, counts));
     for (size_t f = 0; f < n_frames; f++)
         meta->frame[f].n = counts[f];
     meta->identity = false;
-out:
-    spin_splats_4d_free(&rows);
-    free(times);
-    free(counts);
-    return status;
+    return SPIN_OK;
 }
 
 /* The source's columns, those kept of refined frames, the network; or all of it as 4D splats. */
@@ -360,9 +332,8 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
 {
     struct spin_plan *plan = output->plan;
     unsigned kept = spin_refinement_columns(plan);
-    struct spin_splats splats = {0};
+    SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
     const struct spin_splats_4d *four_d;
-    spin_status status = SPIN_OK;
 
     if (plan->o->method == SPIN_METHOD_4D)
         return write_rows(output, w, meta);
@@ -370,23 +341,21 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
     if (four_d)
         SPIN_TRY(spin_bundle_write_4d(w, four_d, SPIN_ROUND_NOTHING, meta));
     for (int f = 0; !four_d && f < plan->clip.n_frames; f++) {
-        SPIN_TRY_OUT(spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, f), meta->columns,
-                                       &splats));
-        SPIN_TRY_OUT(spin_bundle_write_frame(w, f, meta->columns, meta->static_columns, &splats));
+        SPIN_TRY(spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, f), meta->columns,
+                                   &splats));
+        SPIN_TRY(spin_bundle_write_frame(w, f, meta->columns, meta->static_columns, &splats));
     }
     for (int f = 0; output->refinement->frame && f < plan->clip.n_frames; f++) {
-        SPIN_TRY_OUT(spin_refinement_read(output->refinement, plan, f, kept, &splats));
+        SPIN_TRY(spin_refinement_read(output->refinement, plan, f, kept, &splats));
         if (plan->o->method == SPIN_METHOD_FRAMES && f == 0)
-            SPIN_TRY_OUT(set_refined_units(output, &w->packer, kept, splats.sh_degree));
+            SPIN_TRY(set_refined_units(output, &w->packer, kept, splats.sh_degree));
         if (plan->o->method == SPIN_METHOD_FRAMES) /* else they are what a network began with */
             round_splats(output, kept, &splats);
-        SPIN_TRY_OUT(spin_bundle_write_refined(w, f, kept, &splats));
+        SPIN_TRY(spin_bundle_write_refined(w, f, kept, &splats));
     }
     if (plan->o->method != SPIN_METHOD_FRAMES)
-        status = write_network(output, w, whole, same_rows);
-out:
-    spin_splats_free(&splats);
-    return status;
+        return write_network(output, w, whole, same_rows);
+    return SPIN_OK;
 }
 
 /* ---- meta.json ---------------------------------------------------------------------------------- */
@@ -401,8 +370,7 @@ static const char *precision_name(const struct spin_retrain_options *o)
 static spin_status fill_meta(const struct spin_output *output, struct spin_bundle_meta *meta)
 {
     const struct spin_bundle_meta *from = &output->plan->clip.bundle.meta;
-    char *folder = NULL;
-    spin_status status;
+    SPIN_FREED char *folder = NULL;
 
     SPIN_TRY(spin_bundle_meta_reserve(meta, output->plan->clip.n_frames));
     memcpy(meta->from, from->from, sizeof meta->from);
@@ -424,9 +392,7 @@ static spin_status fill_meta(const struct spin_output *output, struct spin_bundl
              output->plan->o->pair ? output->plan->o->pair : from->pair);
     memcpy(meta->data_from, output->plan->clip.data_from, sizeof meta->data_from);
     SPIN_TRY(spin_path_folder(output->plan->o->output, &folder));
-    status = spin_path_relative(folder, output->plan->clip.data_path, &meta->data_path);
-    free(folder);
-    return status;
+    return spin_path_relative(folder, output->plan->clip.data_path, &meta->data_path);
 }
 
 static void set_quality(spin_json *j, const char *key, const struct spin_quality *q)
@@ -448,12 +414,11 @@ static spin_status cameras_to_json(const struct spin_output *output, spin_json *
 {
     const struct spin_param *exposure = &output->trainer->exposures.param;
     struct spin_device *d = output->trainer->device;
-    spin_json *all = NULL;
-    void *block = NULL;
-    spin_status status;
+    spin_json *all;
+    SPIN_FREED void *block = NULL;
 
-    SPIN_TRY_OUT(spin_alloc(exposure->n + 1, sizeof(float), &block));
-    SPIN_TRY_OUT(d->op->download(d, block, exposure->p, exposure->n * sizeof(float)));
+    SPIN_TRY(spin_alloc(exposure->n + 1, sizeof(float), &block));
+    SPIN_TRY(d->op->download(d, block, exposure->p, exposure->n * sizeof(float)));
     all = spin_json_array();
     for (size_t i = 0; i < output->trainer->exposures.n_cameras; i++) {
         spin_json *one = spin_json_object(), *gain = spin_json_array(), *offset = spin_json_array();
@@ -468,10 +433,8 @@ static spin_status cameras_to_json(const struct spin_output *output, spin_json *
         spin_json_set(one, "offset", offset);
         spin_json_push(all, one);
     }
-out:
-    free(block);
     *json = all;
-    return status;
+    return SPIN_OK;
 }
 
 static void tracks_to_json(const struct spin_trainer *t, bool same_rows, spin_json *network)
@@ -560,13 +523,11 @@ static spin_status write_whole(const struct spin_output *output, const float SPI
 {
     const struct spin_retrain_options *o = output->plan->o;
     struct spin_bundle_writer w;
-    struct spin_bundle_meta meta;
+    SPIN_LEAVES(spin_bundle_meta_free) struct spin_bundle_meta meta = {0};
     spin_json *extra = spin_json_object();
     bool same_rows = false;
-    spin_status status;
+    spin_status status = spin_bundle_writer_open(o->output, o->force, true, &w);
 
-    memset(&meta, 0, sizeof meta);
-    status = spin_bundle_writer_open(o->output, o->force, true, &w);
     w.zip.n_threads = o->n_threads;
     if (status != SPIN_OK) {
         spin_json_free(extra);
@@ -576,12 +537,9 @@ static spin_status write_whole(const struct spin_output *output, const float SPI
     SPIN_TRY_OUT(fill_meta(output, &meta));
     SPIN_TRY_OUT(write_splats(output, &w, &meta, whole, &same_rows));
     SPIN_TRY_OUT(describe(output, same_rows, extra));
-    status = spin_bundle_writer_finish(&w, &meta, extra);
-    spin_bundle_meta_free(&meta);
-    return status;
+    return spin_bundle_writer_finish(&w, &meta, extra);
 out:
     spin_json_free(extra);
-    spin_bundle_meta_free(&meta);
     spin_bundle_writer_abandon(&w);
     return status;
 }

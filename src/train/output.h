@@ -1,6 +1,5 @@
 /* The bundle that a retraining leaves: the source, the refined frames, the network. */
-#ifndef SPIN_TRAIN_OUTPUT_H
-#define SPIN_TRAIN_OUTPUT_H
+#pragma once
 
 #include "train/checkpoint.h"
 #include "train/frames.h"
@@ -18,5 +17,3 @@ struct spin_output {
 spin_status spin_output_write(const struct spin_output *output);
 /* The output is there and was made this way. */
 bool spin_output_is_done(const struct spin_plan *plan, const char *fingerprint);
-
-#endif

@@ -3,8 +3,6 @@
 
 #include <string.h>
 
-#include "base/err.h"
-
 spin_status spin_param_open(struct spin_param *param, struct spin_device *d, size_t n, size_t pad)
 {
     float SPIN_DEV **at[4] = {&param->p, &param->g, &param->m, &param->v};

@@ -1,6 +1,5 @@
 /* Parameters with their gradient and Adam's moments, on the device. */
-#ifndef SPIN_TRAIN_PARAM_H
-#define SPIN_TRAIN_PARAM_H
+#pragma once
 
 #include "device/device.h"
 
@@ -15,5 +14,3 @@ void spin_param_close(struct spin_param *param, struct spin_device *d);
 /* Values [first, last) of them, for a step of Adam. */
 struct spin_param_group spin_param_group(const struct spin_param *param, size_t first, size_t last,
                                          double lr, int64_t step);
-
-#endif

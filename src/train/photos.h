@@ -1,7 +1,6 @@
 /* The images that a run learns from and is measured on: decoded once and kept as far as memory goes, with masks
  * of the pixels that count differently. Not for two threads at a time. */
-#ifndef SPIN_TRAIN_PHOTOS_H
-#define SPIN_TRAIN_PHOTOS_H
+#pragma once
 
 #include "eval/dynamic_mask.h"
 #include "render/image_store.h"
@@ -31,5 +30,3 @@ spin_status spin_photos_open_store(const struct spin_plan *plan, struct spin_dev
 /* Image `number` of a store = that of a view, with its mask. */
 spin_status spin_photos_put(struct spin_photos *photos, const struct spin_plan *plan, size_t view,
                             struct spin_image_store *store, uint32_t number);
-
-#endif

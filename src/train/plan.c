@@ -5,8 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "spin_train.h"
-#include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/pool.h"
@@ -25,18 +23,17 @@ static const size_t program_bytes = 150 << 20; /* the image library, mostly */
 static spin_status check_options(const struct spin_retrain_options *o)
 {
     if (!o->input || (!o->output && !o->dry_run))
-        return spin_fail(SPIN_E_USAGE, "retraining needs an input and an output");
+        return spin_misuse("retraining needs an input and an output");
     SPIN_TRY(spin_options_check(o));
     if (o->method == SPIN_METHOD_FRAMES && o->refine < 1)
-        return spin_fail(SPIN_E_USAGE, "the explicit method needs iterations for every frame: say "
-                                       "how many with --refine");
+        return spin_misuse(
+            "the explicit method needs iterations for every frame: say how many with --refine");
     if (o->method == SPIN_METHOD_TRACKS && !o->tracks)
-        return spin_fail(SPIN_E_USAGE, "--method tracks needs --tracks auto");
+        return spin_misuse("--method tracks needs --tracks auto");
     if ((o->method == SPIN_METHOD_TRACKS || o->method == SPIN_METHOD_4D) && o->refine > 0)
-        return spin_fail(SPIN_E_USAGE,
-                         "refined frames have no splats in common: --method %s goes without "
-                         "--refine",
-                         o->method == SPIN_METHOD_4D ? "4d" : "tracks");
+        return spin_misuse(
+            "refined frames have no splats in common: --method %s goes without --refine",
+            o->method == SPIN_METHOD_4D ? "4d" : "tracks");
     return SPIN_OK;
 }
 
@@ -63,8 +60,7 @@ spin_status spin_plan_check_means(const struct spin_plan *plan, int frame, bool 
 {
     for (size_t i = 0; i < s->n * 3; i++)
         if (!isfinite(s->means[i]))
-            return spin_fail(
-                SPIN_E_MALFORMED,
+            return spin_malformed(
                 "'%s': array '%s/means/%05d' has a value that is not finite in row %zu",
                 plan->o->input, refined ? "refined" : "source", spin_plan_index(plan, frame),
                 i / 3);
@@ -167,25 +163,21 @@ static spin_status measure_one_place(struct spin_plan *plan, double *extent)
     struct spin_camera_f32 cam =
         spin_camera_f32_from(&plan->clip.views.view[plan->train[0].view].camera);
     int f = spin_plan_middle_frame(plan);
-    struct spin_splats splats = {0};
-    struct spin_point_sample sample = {0};
+    SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
+    SPIN_LEAVES(spin_point_sample_close) struct spin_point_sample sample = {0};
     double distance = 0;
     float centre[3], radius;
-    spin_status status;
 
-    SPIN_TRY_OUT(spin_point_sample_open(&sample, 1));
-    SPIN_TRY_OUT(
+    SPIN_TRY(spin_point_sample_open(&sample, 1));
+    SPIN_TRY(
         spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, f), SPIN_COL_MEANS, &splats));
-    SPIN_TRY_OUT(spin_plan_check_means(plan, f, false, &splats));
+    SPIN_TRY(spin_plan_check_means(plan, f, false, &splats));
     spin_point_sample_add(&sample, &splats);
     radius = spin_point_sample_enclose(&sample, centre);
     for (int c = 0; c < 3; c++)
         distance += pow((double)cam.centre[c] - (double)centre[c], 2);
     *extent = 1.1 * fmax(sqrt(distance), (double)radius);
-out:
-    spin_point_sample_close(&sample);
-    spin_splats_free(&splats);
-    return status;
+    return SPIN_OK;
 }
 
 /* The extent of the training cameras scales the position rate and 3DGS's thresholds. Cameras that all
@@ -204,7 +196,7 @@ static spin_status plan_extent(struct spin_plan *plan)
                  plan->extent);
     }
     if (!isfinite(plan->extent))
-        return spin_fail(SPIN_E_MALFORMED, "the extent of the training cameras is not finite");
+        return spin_malformed("the extent of the training cameras is not finite");
     return SPIN_OK;
 }
 
@@ -718,21 +710,19 @@ static spin_status open_clip(struct spin_plan *plan)
 
     SPIN_TRY(spin_clip_open(&c, &plan->clip));
     if (o->residual == SPIN_RESIDUAL_SOURCE && o->refine == 0 && !spin_plan_has_source(plan))
-        return spin_fail(
-            SPIN_E_NOT_FOUND,
-            "'%s' has no attributes of its source: let the network add to its points, with "
-            "--residual points",
-            o->input);
+        return spin_not_found("'%s' has no attributes of its source: let the network add to its "
+                              "points, with --residual points",
+                              o->input);
     SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *plan->counts, &block));
     plan->counts = block;
     for (int f = 0; f < plan->clip.n_frames; f++)
         plan->counts[f] = spin_plan_info(plan, f)->n;
     if (plan->clip.n_max == 0)
-        return spin_fail(SPIN_E_MALFORMED, "'%s' has no splat in any frame", o->input);
+        return spin_malformed("'%s' has no splat in any frame", o->input);
     SPIN_TRY(spin_clip_pairs(&plan->clip, SPIN_SPLIT_TRAIN, &plan->train, &plan->n_train));
     SPIN_TRY(spin_clip_pairs(&plan->clip, SPIN_SPLIT_TEST, &plan->test, &plan->n_test));
     if (plan->n_train == 0)
-        return spin_fail(SPIN_E_USAGE, "no training camera is left: all are held out for testing");
+        return spin_misuse("no training camera is left: all are held out for testing");
     SPIN_TRY(list_cameras(plan));
     SPIN_TRY(spin_lenses_list(&plan->clip.views, plan->train, plan->n_train, o->image_scale,
                               &plan->lenses));
@@ -823,7 +813,7 @@ spin_status spin_plan_recount(struct spin_plan *plan, const size_t *counts, size
     }
     clip->n_mean /= clip->n_frames;
     if (clip->n_max == 0)
-        return spin_fail(SPIN_E_MALFORMED, "refining left no splat in any frame");
+        return spin_malformed("refining left no splat in any frame");
     plan->report->splats_mean = clip->n_mean;
     plan_memory(plan, held);
     look_for_fit(plan);

@@ -1,7 +1,6 @@
 /* A retraining before it begins: options checked, the clip with its views, shapes, memory and time. Every
  * later stage reads the plan; only refinement changes it, when it changes the number of splats. */
-#ifndef SPIN_TRAIN_PLAN_H
-#define SPIN_TRAIN_PLAN_H
+#pragma once
 
 #include "spin_train.h"
 #include "eval/metrics.h"
@@ -124,5 +123,3 @@ spin_status spin_plan_check_memory(const struct spin_plan *plan);
 /* Refinement is over: the clip's splats are these [frames], and the memory is planned anew. held: bytes of
  * decoded images that are kept by now. */
 spin_status spin_plan_recount(struct spin_plan *plan, const size_t *counts, size_t held);
-
-#endif

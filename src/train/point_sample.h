@@ -1,6 +1,5 @@
 /* A sample of a clip's points, and the ball that holds most of them. */
-#ifndef SPIN_TRAIN_POINT_SAMPLE_H
-#define SPIN_TRAIN_POINT_SAMPLE_H
+#pragma once
 
 #include "spin.h"
 
@@ -18,5 +17,3 @@ void spin_point_sample_add(struct spin_point_sample *sample, const struct spin_s
 float spin_point_sample_enclose(struct spin_point_sample *sample, float centre[3]);
 /* The square of a point's distance to a centre. */
 double spin_point_square_to(const float *point, const float centre[3]);
-
-#endif

@@ -1,11 +1,9 @@
 /* From card to card, or by way of the host. */
 #include "train/rank_sum.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
 
@@ -58,23 +56,20 @@ static spin_status link_cards(struct spin_rank_sum *s, char about[32], char why[
 {
     struct spin_device *d = s->device;
     struct spin_link_name name = {0};
-    struct offer *offer = NULL;
-    spin_status status;
+    SPIN_FREED struct offer *offer = NULL;
 
     SPIN_TRY(spin_alloc((size_t)spin_n_ranks(), sizeof *offer, (void **)&offer));
     make_offer(d, &offer[spin_rank()]);
-    SPIN_TRY_OUT(spin_ranks_gather(offer, sizeof *offer));
+    SPIN_TRY(spin_ranks_gather(offer, sizeof *offer));
     compare(offer, spin_n_ranks(), why);
     memcpy(about, offer[0].about, sizeof offer[0].about);
     if (*why)
-        goto out;
-    SPIN_TRY_OUT(spin_ranks_agree(spin_rank() == 0 ? d->op->link_name(d, &name) : SPIN_OK));
-    SPIN_TRY_OUT(spin_ranks_share(&name, sizeof name, 0));
-    SPIN_TRY_OUT(d->op->link(d, &name, spin_rank(), spin_n_ranks()));
+        return SPIN_OK;
+    SPIN_TRY(spin_ranks_agree(spin_rank() == 0 ? d->op->link_name(d, &name) : SPIN_OK));
+    SPIN_TRY(spin_ranks_share(&name, sizeof name, 0));
+    SPIN_TRY(d->op->link(d, &name, spin_rank(), spin_n_ranks()));
     s->linked = true;
-out:
-    free(offer);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_rank_sum_open(struct spin_rank_sum *s, struct spin_device *device)

@@ -2,8 +2,7 @@
  * are. Those of cards are summed from card to card by NCCL, when every rank has NCCL and a card of its own. Else they go
  * through the host: down, summed by MPI, and up again; the memory for it is page-locked where that is to be had
  * (host_reserve() of device.h), so that a copy takes one way only. */
-#ifndef SPIN_TRAIN_RANK_SUM_H
-#define SPIN_TRAIN_RANK_SUM_H
+#pragma once
 
 #include "device/device.h"
 #include "io/ranks.h"
@@ -23,5 +22,3 @@ void spin_rank_sum_close(struct spin_rank_sum *s);
  * bits on all ranks, and for the same number of ranks always. Without memory, with a device that fails, or when another
  * rank has failed, it fails. One rank: nothing is done. */
 spin_status spin_rank_sum(struct spin_rank_sum *s, const struct spin_device_sum *sum, size_t n);
-
-#endif

@@ -16,7 +16,6 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "base/number.h"
 #include "base/pool.h"
 #include "base/text.h"
 #include "io/ranks.h"
@@ -51,10 +50,9 @@ spin_status spin_refinement_open(struct spin_refinement *refinement, const struc
     void *block = NULL;
 
     if (spin_plan_starts_from_source(plan) && !spin_plan_has_source(plan))
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "'%s' has no attributes of its source: refine from its points, with "
-                         "--refine-start points",
-                         plan->o->input);
+        return spin_not_found("'%s' has no attributes of its source: refine from its points, with "
+                              "--refine-start points",
+                              plan->o->input);
     SPIN_TRY(spin_alloc(n, sizeof *refinement->frame, &block));
     refinement->frame = block;
     block = NULL;
@@ -283,7 +281,7 @@ static spin_status refine(struct job *job, struct spin_device *device)
     return keep(job);
 }
 
-static void refine_task(void *context, int task, int hand)
+static void refine_task(void *context, int task)
 {
     struct stage *stage = context;
     struct job job = {.stage = stage, .frame = stage->todo[stage->first + task]};
@@ -294,7 +292,7 @@ static void refine_task(void *context, int task, int hand)
     pthread_mutex_unlock(&stage->lock);
     if (status != SPIN_OK)
         return;
-    status = refine(&job, &stage->hand[hand]);
+    status = refine(&job, &stage->hand[spin_pool_worker()]);
     if (status != SPIN_OK) {
         pthread_mutex_lock(&stage->lock);
         if (stage->status == SPIN_OK) {
@@ -373,11 +371,10 @@ static spin_status join(struct stage *stage)
         if (i % spin_n_ranks() != spin_rank())
             status = find_cached(stage, stage->all[i], &found);
         if (!found)
-            status =
-                spin_fail(SPIN_E_NOT_FOUND,
-                          "frame %d, which another process refined, is not in '%s': processes "
-                          "on several machines need a folder that all of them see",
-                          spin_plan_info(stage->plan, stage->all[i])->number, stage->plan->parts);
+            status = spin_not_found(
+                "frame %d, which another process refined, is not in '%s': processes on several "
+                "machines need a folder that all of them see",
+                spin_plan_info(stage->plan, stage->all[i])->number, stage->plan->parts);
     }
     return spin_ranks_agree(status);
 }
@@ -508,12 +505,11 @@ static spin_status judge_blind(const struct stage *stage)
     if (stage->blind == 0)
         return SPIN_OK;
     if (stage->blind == stage->drawn && stage->n_all == stage->plan->clip.n_frames)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "no splat is visible in any view of any frame: do the cameras belong to "
-                         "these points");
-    spin_warn("no splat was visible in %lld of %lld iterations of refining: nothing was learned in "
-              "them",
-              (long long)stage->blind, (long long)stage->drawn);
+        return spin_malformed(
+            "no splat is visible in any view of any frame: do the cameras belong to these points");
+    spin_warn(
+        "no splat was visible in %lld of %lld iterations of refining: nothing was learned in them",
+        (long long)stage->blind, (long long)stage->drawn);
     return SPIN_OK;
 }
 

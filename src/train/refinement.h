@@ -1,8 +1,6 @@
 /* The frame-wise stage of a retraining (docs/method.md section 2): every frame is optimised on its own. */
-#ifndef SPIN_TRAIN_REFINEMENT_H
-#define SPIN_TRAIN_REFINEMENT_H
+#pragma once
 
-#include "scene/bundle.h"
 #include "train/code_paths.h"
 #include "train/frame_cache.h"
 #include "train/key.h"
@@ -31,5 +29,3 @@ spin_status spin_refinement_read(struct spin_refinement *refinement, struct spin
 unsigned spin_refinement_columns(const struct spin_plan *plan);
 spin_json *spin_refinement_to_json(const struct spin_refinement *refinement,
                                    const struct spin_plan *plan);
-
-#endif

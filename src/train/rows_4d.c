@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "model/residual.h"
 #include "render/player.h"
@@ -214,9 +213,8 @@ static spin_status list_frames(struct cut *c)
 {
     struct spin_rows_4d *rows = c->rows;
     double reach = sqrt(-2 * log(spin_rows_4d_least_weight));
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     uint32_t *shown;
-    spin_status status = SPIN_OK;
 
     SPIN_TRY(spin_alloc(rows->n + 1, sizeof *shown, &block));
     shown = block;
@@ -229,13 +227,11 @@ static spin_status list_frames(struct cut *c)
             if (fabs((double)(c->time[f] - motion[3]) * (double)motion[4]) <= reach)
                 shown[n++] = (uint32_t)i;
         }
-        SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *shown, (void **)&rows->of[f]));
+        SPIN_TRY(spin_alloc(n + 1, sizeof *shown, (void **)&rows->of[f]));
         memcpy(rows->of[f], shown, n * sizeof *shown);
         rows->counts[f] = n;
     }
-out:
-    free(block);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status check_input(const struct cut *c)
@@ -243,17 +239,14 @@ static spin_status check_input(const struct cut *c)
     const struct spin_plan *plan = c->plan;
 
     if (!spin_bundle_is_trained_by_tracks(c->tracks.bundle))
-        return spin_fail(
-            SPIN_E_NOT_FOUND,
-            "--method 4d begins with a clip that --method tracks trained, and this one "
-            "is not: train it so first, and give the result");
+        return spin_not_found("--method 4d begins with a clip that --method tracks trained, and "
+                              "this one is not: train it so first, and give the result");
     for (int f = 1; f < plan->clip.n_frames; f++)
         if (spin_plan_info(plan, f)->time < spin_plan_info(plan, f - 1)->time)
-            return spin_fail(
-                SPIN_E_UNSUPPORTED,
-                "frame %d comes after frame %d and is earlier: --method 4d takes frames "
-                "in the order of their times",
-                spin_plan_info(plan, f)->number, spin_plan_info(plan, f - 1)->number);
+            return spin_unsupported("frame %d comes after frame %d and is earlier: --method 4d "
+                                    "takes frames in the order of their times",
+                                    spin_plan_info(plan, f)->number,
+                                    spin_plan_info(plan, f - 1)->number);
     return SPIN_OK;
 }
 
@@ -360,7 +353,7 @@ spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin
     struct spin_device *d = t->device;
     size_t n = rows->n;
     float *groups;
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
 
     SPIN_TRY(spin_alloc((size_t)rows->n_frames, sizeof *frames->permutation, &block));
     frames->permutation = block;
@@ -382,7 +375,6 @@ spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin
     spin_residual_from_rows(n, rows->values + 3, SPIN_TRACK, NULL, groups + 3 * n);
     d->op->upload(d, t->tracks.p, groups, SPIN_TRACK * n * sizeof *groups);
     d->op->upload(d, t->motion, rows->motion, SPIN_MOTION * n * sizeof *rows->motion);
-    free(block);
     return SPIN_OK;
 }
 
@@ -411,23 +403,19 @@ spin_status spin_rows_4d_read(const struct spin_plan *plan, struct spin_trainer 
 {
     struct spin_device *d = t->device;
     size_t n = t->n_tracks, n_dropped;
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     float *groups, *motion;
-    spin_status status;
 
     SPIN_TRY(spin_splats_4d_reserve(out, n, 1, 0, 0));
-    SPIN_TRY_OUT(spin_alloc(n + 1, (SPIN_TRACK + SPIN_MOTION) * sizeof *groups, &block));
+    SPIN_TRY(spin_alloc(n + 1, (SPIN_TRACK + SPIN_MOTION) * sizeof *groups, &block));
     groups = block;
     motion = groups + SPIN_TRACK * n;
-    SPIN_TRY_OUT(d->op->download(d, groups, t->tracks.p, SPIN_TRACK * n * sizeof *groups));
-    SPIN_TRY_OUT(d->op->download(d, motion, t->motion, SPIN_MOTION * n * sizeof *motion));
+    SPIN_TRY(d->op->download(d, groups, t->tracks.p, SPIN_TRACK * n * sizeof *groups));
+    SPIN_TRY(d->op->download(d, motion, t->motion, SPIN_MOTION * n * sizeof *motion));
     for (size_t i = 0; i < n; i++)
         set_row(&t->field, n, i, groups, motion + SPIN_MOTION * i, out);
     out->antialias = plan->o->antialias;
     out->least_weight = spin_rows_4d_least_weight;
     spin_splats_4d_round(out, round);
-    status = spin_splats_4d_settle(out, &n_dropped, NULL);
-out:
-    free(block);
-    return status;
+    return spin_splats_4d_settle(out, &n_dropped, NULL);
 }

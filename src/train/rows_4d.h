@@ -1,8 +1,7 @@
 /* The splats of a trained clip as 4D splats (--method 4d): each of its tracks is cut into pieces along which it goes
  * straight and looks the same; a splat without a track is one by itself. A piece is a row: a splat with a
  * velocity, and a bell over the times in which it is seen. In training a row is a track with motion (device.h). */
-#ifndef SPIN_TRAIN_ROWS_4D_H
-#define SPIN_TRAIN_ROWS_4D_H
+#pragma once
 
 #include "train/frames.h"
 
@@ -31,5 +30,3 @@ spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin
 /* The rows as they are by now, settled; to be freed also after a failure. */
 spin_status spin_rows_4d_read(const struct spin_plan *plan, struct spin_trainer *trainer,
                               enum spin_round_4d round, struct spin_splats_4d *out);
-
-#endif

@@ -1,6 +1,5 @@
 /* Which views an iteration trains on, and their images. */
-#ifndef SPIN_TRAIN_SAMPLER_H
-#define SPIN_TRAIN_SAMPLER_H
+#pragma once
 
 #include "train/photos.h"
 #include "train/step.h"
@@ -25,5 +24,3 @@ void spin_sampler_close(struct spin_sampler *sampler);
 /* The batch of an iteration (from 0), a function of seed and iteration. An epoch's last incomplete batch is
  * dropped. */
 spin_status spin_sampler_batch(struct spin_sampler *sampler, int64_t iteration);
-
-#endif

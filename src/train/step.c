@@ -3,7 +3,6 @@
  * ranks when all have drawn: each draws its part of the items, and gradients are summed. */
 #include "train/step.h"
 
-#include "base/err.h"
 #include "io/ranks.h"
 #include "model/residual.h"
 
@@ -22,6 +21,22 @@ static int rank_of(const struct spin_trainer *t, const struct batch *b, int item
 
 /* ---- Drawing ---------------------------------------------------------------------------------- */
 
+/* The losses of the raster's pictures go to rows of t->values (as spin_device_ops.loss has them). Leaves in the raster the
+ * gradient, times each view's weight, with respect to the picture before the exposure; the exposure's own is gathered. */
+static void add_loss(struct spin_trainer *t, const struct spin_images *images,
+                     const struct spin_view_batch *views)
+{
+    struct spin_device *d = t->device;
+    struct spin_exposures *e = &t->exposures;
+    const float SPIN_DEV *drawn = t->raster.image, *image = e->param.n ? e->exposed : drawn;
+
+    if (e->param.n)
+        d->op->exposure(d, views, e->param.p, drawn, e->exposed);
+    d->op->loss(d, views, images, t->lambda_dssim, image, t->values, t->raster.d_image);
+    if (e->param.n)
+        d->op->exposure_back(d, views, e->param.p, drawn, t->raster.d_image, e->param.g);
+}
+
 /* Draw the views, add their gradients to d_attr and d_pos, and empty the batch of views. */
 static spin_status draw_views(struct spin_trainer *t, const struct batch *b,
                               const struct spin_frame_batch *frames, struct spin_view_batch *views)
@@ -33,7 +48,7 @@ static spin_status draw_views(struct spin_trainer *t, const struct batch *b,
         return SPIN_OK;
     SPIN_TRY(spin_raster_forward(&t->raster, views, frames, eval->attr, sh_degree));
     t->seen |= t->raster.tiles.n_intersections > 0;
-    spin_image_loss(&t->exposures, &t->raster, views, b->images, t->lambda_dssim, t->values);
+    add_loss(t, b->images, views);
     spin_raster_backward(&t->raster, views, frames, eval->attr, sh_degree, eval->d_attr);
     if (t->gather)
         t->device->op->densify_stats(t->device, views, frames, t->raster.splat2d,

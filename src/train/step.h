@@ -1,7 +1,6 @@
 /* One training step of the network (docs/method.md sections 3 to 7). The loop around it - data, schedule of views,
  * evaluation, checkpoints - is loop.c. */
-#ifndef SPIN_TRAIN_STEP_H
-#define SPIN_TRAIN_STEP_H
+#pragma once
 
 #include "train/trainer.h"
 
@@ -34,5 +33,3 @@ struct spin_frame_batch spin_trainer_frame(struct spin_trainer *t, int frame);
 spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_images *images,
                               const struct spin_train_item *items, int n,
                               struct spin_train_values *values);
-
-#endif

@@ -4,9 +4,6 @@
 #include <errno.h>
 #include <string.h>
 
-#include "base/err.h"
-#include "base/log.h"
-
 spin_status spin_step_log_open(struct spin_step_log *log, const char *path, bool append)
 {
     log->path = path;

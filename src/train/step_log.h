@@ -1,9 +1,7 @@
 /* The log of a training (--log): a JSON object a line. */
-#ifndef SPIN_TRAIN_STEP_LOG_H
-#define SPIN_TRAIN_STEP_LOG_H
+#pragma once
 
 #include <pthread.h>
-#include <stdio.h>
 
 #include "spin.h"
 
@@ -23,5 +21,3 @@ FILE *spin_step_log_begin(struct spin_step_log *log);
 void spin_step_log_end(struct spin_step_log *log, bool flush);
 /* log->error says what was not written; empty: all was. */
 void spin_step_log_close(struct spin_step_log *log);
-
-#endif

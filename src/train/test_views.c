@@ -4,8 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "spin_train.h"
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/image.h"
 
@@ -41,23 +39,17 @@ spin_status spin_test_views_measure_input(struct spin_plan *plan, struct spin_ph
                                           struct spin_device *device, struct spin_quality *out)
 {
     bool trained = plan->o->method == SPIN_METHOD_4D;
-    struct spin_lenses lenses = {0};
-    struct spin_player input;
-    spin_status status;
+    SPIN_LEAVES(spin_lenses_free) struct spin_lenses lenses = {0};
+    SPIN_LEAVES(spin_player_close) struct spin_player input = {0};
 
     memset(out, 0, sizeof *out);
     if (!trained && !spin_plan_has_source(plan))
         return SPIN_OK;
     SPIN_TRY(spin_player_open(&input, device, &plan->clip.bundle,
                               trained ? SPIN_FROM_TRAINED : SPIN_FROM_SOURCE));
-    status = set_lenses(plan, &input, &lenses);
-    if (status == SPIN_OK)
-        status =
-            spin_test_views_measure(plan, photos, &input, NULL,
-                                    trained ? "evaluating the clip" : "evaluating the source", out);
-    spin_player_close(&input);
-    spin_lenses_free(&lenses);
-    return status;
+    SPIN_TRY(set_lenses(plan, &input, &lenses));
+    return spin_test_views_measure(plan, photos, &input, NULL,
+                                   trained ? "evaluating the clip" : "evaluating the source", out);
 }
 
 /* One of the preview's pictures. source may be NULL. */
@@ -69,51 +61,43 @@ static spin_status preview_view(struct spin_plan *plan, struct spin_photos *phot
     size_t pixels = 3 * (size_t)view->camera.width * (size_t)view->camera.height;
     const float *picture[3];
     char name[SPIN_PICTURE_NAME];
-    char *path = NULL;
-    void *block = NULL;
+    SPIN_FREED char *path = NULL;
+    SPIN_FREED void *block = NULL;
     float *values;
     int n = 0;
-    spin_status status;
 
     SPIN_TRY(spin_alloc(3 * pixels, sizeof(float), &block));
     values = block;
-    SPIN_TRY_OUT(spin_image_cache_get(&photos->cache, pair->view, values));
+    SPIN_TRY(spin_image_cache_get(&photos->cache, pair->view, values));
     picture[n++] = values;
     if (source) {
-        SPIN_TRY_OUT(spin_player_show(source, spin_plan_index(plan, pair->frame)));
-        SPIN_TRY_OUT(spin_player_draw(source, &view->camera, plan->o->background, values + pixels));
+        SPIN_TRY(spin_player_show(source, spin_plan_index(plan, pair->frame)));
+        SPIN_TRY(spin_player_draw(source, &view->camera, plan->o->background, values + pixels));
         picture[n++] = values + pixels;
     }
-    SPIN_TRY_OUT(spin_player_draw(shown, &view->camera, plan->o->background, values + 2 * pixels));
+    SPIN_TRY(spin_player_draw(shown, &view->camera, plan->o->background, values + 2 * pixels));
     picture[n++] = values + 2 * pixels;
     spin_picture_name(&plan->clip.views, pair->view, spin_plan_info(plan, pair->frame)->number,
                       label, name);
-    SPIN_TRY_OUT(spin_path_join(plan->o->preview, name, &path));
-    SPIN_TRY_OUT(spin_write_beside(path, view->camera.width, view->camera.height, picture, n));
-out:
-    free(block);
-    free(path);
-    return status;
+    SPIN_TRY(spin_path_join(plan->o->preview, name, &path));
+    return spin_write_beside(path, view->camera.width, view->camera.height, picture, n);
 }
 
 spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_photos *photos,
                                     struct spin_player *shown, const char *label)
 {
-    struct spin_player source = {0};
+    SPIN_LEAVES(spin_player_close) struct spin_player source = {0};
     bool with_source = spin_plan_has_source(plan);
     int middle = plan->clip.n_frames / 2;
-    spin_status status = SPIN_OK;
 
     if (!plan->o->preview || plan->n_test == 0)
         return SPIN_OK;
     if (with_source)
         SPIN_TRY(spin_player_open(&source, shown->device, &plan->clip.bundle, SPIN_FROM_SOURCE));
-    SPIN_TRY_OUT(spin_player_show_live(shown, middle, plan->counts[middle]));
+    SPIN_TRY(spin_player_show_live(shown, middle, plan->counts[middle]));
     for (size_t i = 0; i < plan->n_test; i++)
         if (plan->test[i].frame == middle)
-            SPIN_TRY_OUT(preview_view(plan, photos, shown, with_source ? &source : NULL,
-                                      &plan->test[i], label));
-out:
-    spin_player_close(&source);
-    return status;
+            SPIN_TRY(preview_view(plan, photos, shown, with_source ? &source : NULL, &plan->test[i],
+                                  label));
+    return SPIN_OK;
 }

@@ -1,8 +1,6 @@
 /* How good the result is by now: quality over the test views, and pictures of them (--preview). */
-#ifndef SPIN_TRAIN_TEST_VIEWS_H
-#define SPIN_TRAIN_TEST_VIEWS_H
+#pragma once
 
-#include "spin_train.h"
 #include "eval/metrics.h"
 #include "train/photos.h"
 
@@ -13,10 +11,8 @@ spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_ph
 /* Of what training begins with: the trained clip with --method 4d, else the source, when the bundle has all of it; else
  * out is not valid. */
 spin_status spin_test_views_measure_input(struct spin_plan *plan, struct spin_photos *photos,
-                                           struct spin_device *device, struct spin_quality *out);
+                                          struct spin_device *device, struct spin_quality *out);
 /* Truth | source | shown of the clip's middle frame, one PNG a test camera, with this at the end of their
  * names. Nothing without --preview. */
 spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_photos *photos,
                                     struct spin_player *shown, const char *label);
-
-#endif

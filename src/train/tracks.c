@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "train/appearance.h"
 #include "train/chains.h"
@@ -193,23 +192,20 @@ static bool rows_keep_identity(const struct spin_plan *plan)
 static spin_status look_at_frames(struct spin_tracks *tracks, struct spin_plan *plan,
                                   struct places *places)
 {
-    struct spin_splats splats = {0};
-    spin_status status = SPIN_OK;
+    SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
 
     for (int f = 0; f < tracks->n_frames; f++) {
         void *block = NULL;
 
-        SPIN_TRY_OUT(spin_alloc(plan->counts[f] + 1, sizeof(uint32_t), &block));
+        SPIN_TRY(spin_alloc(plan->counts[f] + 1, sizeof(uint32_t), &block));
         tracks->of[f] = block;
-        SPIN_TRY_OUT(spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, f), SPIN_COL_MEANS,
-                                       &splats));
-        SPIN_TRY_OUT(spin_plan_check_means(plan, f, false, &splats));
-        SPIN_TRY_OUT(tracks->identity ? add_rows(places, f, &splats, tracks->of[f])
-                                      : add_places(places, f, &splats, tracks->of[f]));
+        SPIN_TRY(spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, f), SPIN_COL_MEANS,
+                                   &splats));
+        SPIN_TRY(spin_plan_check_means(plan, f, false, &splats));
+        SPIN_TRY(tracks->identity ? add_rows(places, f, &splats, tracks->of[f])
+                                  : add_places(places, f, &splats, tracks->of[f]));
     }
-out:
-    spin_splats_free(&splats);
-    return status;
+    return SPIN_OK;
 }
 
 static bool is_track(const struct spin_tracks *tracks, const struct place *place)
@@ -220,9 +216,8 @@ static bool is_track(const struct spin_tracks *tracks, const struct place *place
 /* What stands at no place for long may be part of a chain, which is a place that moves. */
 static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan, struct places *p)
 {
-    struct spin_chains chains = {0};
+    SPIN_LEAVES(spin_chains_close) struct spin_chains chains = {0};
     size_t first = p->n;
-    spin_status status;
 
     for (int f = 0; f < tracks->n_frames; f++)
         for (size_t i = 0; i < plan->counts[f]; i++) {
@@ -231,13 +226,11 @@ static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan
             if (*of != SPIN_NO_TRACK && !is_track(tracks, &p->place[*of]))
                 *of = SPIN_NO_TRACK;
         }
-    SPIN_TRY_OUT(spin_chains_find(&chains, plan, tracks->of, (uint32_t)first));
-    SPIN_TRY_OUT(reserve_places(p, chains.n));
+    SPIN_TRY(spin_chains_find(&chains, plan, tracks->of, (uint32_t)first));
+    SPIN_TRY(reserve_places(p, chains.n));
     for (size_t k = 0; k < chains.n; k++)
         p->place[add_place(p, chains.place + 3 * k)].moves = true;
-out:
-    spin_chains_close(&chains);
-    return status;
+    return SPIN_OK;
 }
 
 /* ---- Numbers ------------------------------------------------------------------------------------- */
@@ -246,21 +239,17 @@ out:
 static spin_status order_places(const struct spin_tracks *tracks, const struct places *p,
                                 uint32_t *order, size_t *n)
 {
-    float *at;
-    void *block = NULL;
-    spin_status status;
+    SPIN_FREED float *at = NULL;
 
     *n = 0;
-    SPIN_TRY(spin_alloc(p->n + 1, 3 * sizeof *at, &block));
-    at = block;
+    SPIN_TRY(spin_alloc(p->n + 1, 3 * sizeof *at, (void **)&at));
     for (size_t i = 0; i < p->n; i++)
         memcpy(at + 3 * i, p->place[i].at, 3 * sizeof *at);
-    status = spin_morton_order(p->n, at, order);
-    for (size_t i = 0; status == SPIN_OK && i < p->n; i++)
+    SPIN_TRY(spin_morton_order(p->n, at, order));
+    for (size_t i = 0; i < p->n; i++)
         if (is_track(tracks, &p->place[order[i]]))
             order[(*n)++] = order[i];
-    free(block);
-    return status;
+    return SPIN_OK;
 }
 
 /* Numbers for the tracks: first those that move, then those that vary, then the others. number [places] = the track,
@@ -296,56 +285,49 @@ static spin_status look_at_places(const struct spin_tracks *tracks, const struct
                                   struct spin_photos *photos, const struct places *p,
                                   const uint32_t *order, uint8_t *varies)
 {
-    void *block = NULL;
+    SPIN_FREED void *block = NULL;
     float *at;
-    spin_status status;
 
     SPIN_TRY(spin_alloc(tracks->n + 1, 3 * sizeof *at, &block));
     at = block;
     for (size_t i = 0; i < tracks->n; i++)
         memcpy(at + 3 * i, p->place[order[i]].at, 3 * sizeof *at);
-    status = spin_appearance_varies(plan, photos, tracks->n, at, varies);
-    free(block);
-    return status;
+    return spin_appearance_varies(plan, photos, tracks->n, at, varies);
 }
 
 spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan,
                              struct spin_photos *photos)
 {
-    struct places places = {0};
-    void *block = NULL;
+    SPIN_LEAVES(close_places) struct places places = {0};
+    SPIN_FREED void *block = NULL;
     uint32_t *number, *order;
     uint8_t *varies;
-    spin_status status;
 
     tracks->identity = rows_keep_identity(plan);
-    SPIN_TRY_OUT(spin_alloc((size_t)plan->clip.n_frames, sizeof *tracks->of, &block));
+    SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *tracks->of, &block));
     tracks->of = block;
     tracks->n_frames = plan->clip.n_frames;
     block = NULL;
-    SPIN_TRY_OUT(look_at_frames(tracks, plan, &places));
+    SPIN_TRY(look_at_frames(tracks, plan, &places));
     settle(&places, tracks->n_frames, plan->extent);
     if (!tracks->identity)
-        SPIN_TRY_OUT(add_chains(tracks, plan, &places));
-    SPIN_TRY_OUT(spin_alloc(places.n + 1, 2 * sizeof *number + 1, &block));
+        SPIN_TRY(add_chains(tracks, plan, &places));
+    SPIN_TRY(spin_alloc(places.n + 1, 2 * sizeof *number + 1, &block));
     number = block;
     order = number + places.n;
     varies = (uint8_t *)(order + places.n);
     memset(varies, 0, places.n);
-    SPIN_TRY_OUT(order_places(tracks, &places, order, &tracks->n));
+    SPIN_TRY(order_places(tracks, &places, order, &tracks->n));
     if (photos)
-        SPIN_TRY_OUT(look_at_places(tracks, plan, photos, &places, order, varies));
-    SPIN_TRY_OUT(number_tracks(tracks, &places, order, varies, number));
+        SPIN_TRY(look_at_places(tracks, plan, photos, &places, order, varies));
+    SPIN_TRY(number_tracks(tracks, &places, order, varies, number));
     for (int f = 0; f < tracks->n_frames; f++)
         for (size_t i = 0; i < plan->counts[f]; i++)
             if (tracks->of[f][i] != SPIN_NO_TRACK)
                 tracks->of[f][i] = number[tracks->of[f][i]];
     if (!photos)
         tracks->n_varying = 0;
-out:
-    close_places(&places);
-    free(block);
-    return status;
+    return SPIN_OK;
 }
 
 void spin_tracks_close(struct spin_tracks *tracks)

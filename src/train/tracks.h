@@ -1,8 +1,7 @@
 /* Which splats of a clip's frames are one and the same Gaussian (a track). Either the source says that its rows
  * keep their identity; or rows are found that stand at the same place, to the bit, in more than half of the frames, and
  * the others are linked from frame to frame (chains.h). */
-#ifndef SPIN_TRAIN_TRACKS_H
-#define SPIN_TRAIN_TRACKS_H
+#pragma once
 
 #include "train/plan.h"
 #include "train/train_frame.h"
@@ -32,5 +31,3 @@ struct spin_frame_size spin_tracks_size(const struct spin_tracks *tracks, int fr
  * others in the order of their tracks. */
 spin_status spin_tracks_sort(const struct spin_tracks *tracks, int frame, size_t n,
                              uint32_t *permutation);
-
-#endif

@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "model/residual.h"
 
@@ -17,7 +16,7 @@ static spin_status reserve(struct spin_device *d, size_t floats, float SPIN_DEV 
 static spin_status reserve_turns(struct spin_train_frame *f, struct spin_device *d)
 {
     size_t n = f->size.n_pos;
-    float *identity = NULL;
+    SPIN_FREED float *identity = NULL;
 
     if (n == f->size.n_free || n > f->size.n_residual)
         return SPIN_OK;
@@ -26,7 +25,6 @@ static spin_status reserve_turns(struct spin_train_frame *f, struct spin_device 
     for (size_t i = 0; i < n; i++)
         identity[4 * i] = 1;
     d->op->upload(d, f->turn, identity, 4 * n * sizeof *identity);
-    free(identity);
     return SPIN_OK;
 }
 
@@ -98,7 +96,7 @@ spin_status spin_train_frame_upload(struct spin_train_frame *frame, struct spin_
 {
     size_t n = frame->size.n_residual;
     struct arrays to = arrays_of(frame, which);
-    float *host = NULL;
+    SPIN_FREED float *host = NULL;
 
     SPIN_TRY(reserve_host(frame, &host));
     upload_rows(d, rows.pos, frame->size.n_pos, 3, row_of, host, to.pos);
@@ -108,7 +106,6 @@ spin_status spin_train_frame_upload(struct spin_train_frame *frame, struct spin_
     }
     if (frame->sh)
         upload_rows(d, rows.sh, frame->size.n, frame->sh_width, row_of, host, to.sh);
-    free(host);
     return SPIN_OK;
 }
 
@@ -131,20 +128,17 @@ spin_status spin_train_frame_download(const struct spin_train_frame *frame, stru
 {
     size_t n = frame->size.n_residual;
     struct arrays from = arrays_of(frame, which);
-    float *host = NULL;
-    spin_status status;
+    SPIN_FREED float *host = NULL;
 
-    SPIN_TRY_OUT(reserve_host(frame, &host));
-    SPIN_TRY_OUT(download_rows(d, from.pos, frame->size.n_pos, 3, row_of, host, rows.pos));
+    SPIN_TRY(reserve_host(frame, &host));
+    SPIN_TRY(download_rows(d, from.pos, frame->size.n_pos, 3, row_of, host, rows.pos));
     if (rows.residual.at && n > 0) {
-        SPIN_TRY_OUT(d->op->download(d, host, from.residual, SPIN_RESIDUAL * n * sizeof *host));
+        SPIN_TRY(d->op->download(d, host, from.residual, SPIN_RESIDUAL * n * sizeof *host));
         spin_residual_to_rows(n, host, row_of, rows.residual.at, rows.residual.stride);
     }
     if (frame->sh)
-        status = download_rows(d, from.sh, frame->size.n, frame->sh_width, row_of, host, rows.sh);
-out:
-    free(host);
-    return status;
+        return download_rows(d, from.sh, frame->size.n, frame->sh_width, row_of, host, rows.sh);
+    return SPIN_OK;
 }
 
 /* n rows of one width, of which the first n_free have the rate lr and the others `tracked` times that. */

@@ -1,8 +1,7 @@
 /* One frame while it is trained: the explicit parameters of its splats on the device, which are positions
  * and, where there are some, residual values (log scale, rotation, colour, opacity) and SH. With a network the
  * residual values are added to its outputs; a frame by itself has nothing else. */
-#ifndef SPIN_TRAIN_TRAIN_FRAME_H
-#define SPIN_TRAIN_TRAIN_FRAME_H
+#pragma once
 
 #include "device/device.h"
 
@@ -66,5 +65,3 @@ enum { SPIN_TRAIN_FRAME_GROUPS = 2 * (SPIN_HEADS + 2) };
 int spin_train_frame_step(struct spin_train_frame *frame, const struct spin_frame_rates *rates,
                           const struct spin_frame_of_batch *of,
                           struct spin_param_group group[SPIN_TRAIN_FRAME_GROUPS]);
-
-#endif

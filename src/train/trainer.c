@@ -4,8 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
-#include "base/log.h"
 #include "base/mem.h"
 #include "io/ranks.h"
 #include "math/adam.h"
@@ -176,9 +174,8 @@ spin_status spin_trainer_resize(struct spin_trainer *t)
 
 spin_status spin_trainer_join_seen(struct spin_trainer *t)
 {
-    struct spin_device_sum *sum = NULL;
+    SPIN_FREED struct spin_device_sum *sum = NULL;
     size_t n = 0;
-    spin_status status;
 
     if (t->n_ranks == 1 || !t->tracked)
         return SPIN_OK;
@@ -191,9 +188,7 @@ spin_status spin_trainer_join_seen(struct spin_trainer *t)
         sum[n++] = (struct spin_device_sum){frame->gradient, frame->size.n, false};
         sum[n++] = (struct spin_device_sum){frame->seen, frame->size.n, true};
     }
-    status = spin_rank_sum(&t->rank_sum, sum, n);
-    free(sum);
-    return status;
+    return spin_rank_sum(&t->rank_sum, sum, n);
 }
 
 void spin_trainer_part_seen(struct spin_trainer *t)

@@ -1,11 +1,10 @@
 /* What a training keeps between steps, and where it lies (docs/method.md sections 3 to 7). A step is
  * in step.h. */
-#ifndef SPIN_TRAIN_TRAINER_H
-#define SPIN_TRAIN_TRAINER_H
+#pragma once
 
 #include "model/field_eval.h"
 #include "render/raster.h"
-#include "train/image_loss.h"
+#include "train/exposure.h"
 #include "train/rank_sum.h"
 #include "train/train_frame.h"
 
@@ -127,5 +126,3 @@ double spin_trainer_network_rate(const struct spin_trainer *t, double lr0, int64
 int64_t spin_trainer_network_steps(const struct spin_trainer *t);
 /* After a resume the rates of the steps before it are noted again, for lazy Adam. */
 void spin_trainer_catch_up(struct spin_trainer *t, int64_t done);
-
-#endif

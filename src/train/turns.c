@@ -5,9 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
-#include "base/number.h"
 #include "math/quat.h"
 #include "train/kd_tree.h"
 #include "train/knn.h"
@@ -271,32 +269,32 @@ static void follow(const struct origin *origin, size_t i)
     }
 }
 
-static void follow_task(void *context, int task, int worker)
+static void follow_rows(void *context, size_t first, size_t end)
 {
     const struct origin *origin = context;
     const struct spin_turns_frame *from = &origin->turns->frame[origin->frame];
-    size_t first = (size_t)task * CHUNK;
 
-    (void)worker;
-    for (size_t i = first; i < first + CHUNK && i < from->n; i++)
+    for (size_t i = first; i < end; i++)
         if (origin->frame_of[from->track[i]] == origin->frame)
             follow(origin, i);
 }
 
-static spin_status measure_reach(struct origin *origin, struct spin_pool *pool)
+/* The tracks of this frame. */
+static spin_status follow_frame(struct origin *origin, struct spin_pool *pool)
 {
     const struct spin_turns_frame *from = &origin->turns->frame[origin->frame];
-    float *square = NULL;
+    float square;
+    spin_status status;
 
-    SPIN_TRY(spin_alloc(from->n + 1, sizeof *square, (void **)&square));
-    if (spin_knn_mean_dist2(pool, from->n, from->at, square) != SPIN_OK) {
-        free(square);
-        return SPIN_E_MEMORY;
-    }
-    qsort(square, from->n, sizeof *square, spin_by_float);
-    origin->reach = reach_of_spacing * sqrtf(square[from->n / 2]);
-    free(square);
-    return SPIN_OK;
+    if (from->n < FEWEST)
+        return SPIN_OK;
+    SPIN_TRY(spin_knn_median_dist2(pool, from->n, from->at, &square));
+    origin->reach = reach_of_spacing * sqrtf(square);
+    status = spin_kd_tree_open(&origin->tree, from->n, from->at);
+    if (status == SPIN_OK)
+        spin_pool_rows(pool, from->n, CHUNK, follow_rows, origin);
+    spin_kd_tree_close(&origin->tree);
+    return status;
 }
 
 /* A track has its own orientation in the frame that is nearest to the middle of those that it is in. */
@@ -319,24 +317,11 @@ static spin_status choose_frames(const struct spin_turns *turns, size_t n_tracks
 
 spin_status spin_turns_find(struct spin_turns *turns, size_t n_tracks, struct spin_pool *pool)
 {
-    int *frame_of = NULL;
-    spin_status status;
+    SPIN_FREED int *frame_of = NULL;
 
     SPIN_TRY(choose_frames(turns, n_tracks, &frame_of));
-    status = SPIN_OK;
-    for (int f = 0; status == SPIN_OK && f < turns->n_frames; f++) {
-        struct origin origin = {.turns = turns, .frame = f, .frame_of = frame_of};
-        size_t n = turns->frame[f].n;
-
-        if (n < FEWEST)
-            continue;
-        status = spin_kd_tree_open(&origin.tree, n, turns->frame[f].at);
-        if (status == SPIN_OK)
-            status = measure_reach(&origin, pool);
-        if (status == SPIN_OK)
-            spin_pool_run(pool, (int)((n + CHUNK - 1) / CHUNK), follow_task, &origin);
-        spin_kd_tree_close(&origin.tree);
-    }
-    free(frame_of);
-    return status;
+    for (int f = 0; f < turns->n_frames; f++)
+        SPIN_TRY(
+            follow_frame(&(struct origin){.turns = turns, .frame = f, .frame_of = frame_of}, pool));
+    return SPIN_OK;
 }

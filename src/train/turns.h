@@ -2,8 +2,7 @@
  * takes the offsets of its neighbours from the track's own frame to each other one (Horn 1987). With it, what a track
  * learns in one frame holds in all: which way it is long, and where it is split. Without it, each frame has to learn
  * both anew. */
-#ifndef SPIN_TRAIN_TURNS_H
-#define SPIN_TRAIN_TURNS_H
+#pragma once
 
 #include "base/pool.h"
 #include "spin.h"
@@ -26,5 +25,3 @@ spin_status spin_turns_reserve(struct spin_turns *turns, int frame, size_t n);
 /* The turns of all frames; those of tracks without enough neighbours are the identity. n_tracks: of all numbers. The same
  * for any number of threads. */
 spin_status spin_turns_find(struct spin_turns *turns, size_t n_tracks, struct spin_pool *pool);
-
-#endif

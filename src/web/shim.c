@@ -34,7 +34,7 @@ spin_status spin_shim_need(struct spin_shim *shim, const void **table)
         *table = &spin_glb_shim_table;
     if (*table)
         return SPIN_OK;
-    return spin_fail(SPIN_E_UNSUPPORTED, "%s is not part of spin4d in the browser", shim->lacking);
+    return spin_unsupported("%s is not part of spin4d in the browser", shim->lacking);
 }
 
 spin_status spin_library_need(struct spin_library *library)
@@ -45,8 +45,8 @@ spin_status spin_library_need(struct spin_library *library)
         while (i < n && strcmp(linked[i].name, f->name) != 0)
             i++;
         if (i == n)
-            return spin_fail(SPIN_E_UNSUPPORTED, "%s needs %s, which spin4d in the browser lacks",
-                             library->user, f->name);
+            return spin_unsupported("%s needs %s, which spin4d in the browser lacks", library->user,
+                                    f->name);
         *(void **)f->into = linked[i].function;
     }
     return SPIN_OK;

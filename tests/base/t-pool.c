@@ -17,10 +17,11 @@ struct tally {
     atomic_int last, wrong;        /* last: highest task handed out, loosely */
 };
 
-static void task(void *context, int number, int worker)
+static void task(void *context, int number)
 {
     struct tally *t = context;
     volatile double x = number;
+    int worker = spin_pool_worker();
 
     if (worker < 0 || worker >= t->n_workers || atomic_fetch_add(&t->busy[worker], 1) != 0)
         atomic_fetch_add(&t->wrong, 1);
@@ -47,11 +48,10 @@ static int run(struct spin_pool *pool, int n_tasks, int uneven)
     return good;
 }
 
-static void in_order(void *context, int number, int worker)
+static void in_order(void *context, int number)
 {
     int *next = context;
 
-    (void)worker;
     if (*next == number)
         ++*next;
 }
@@ -72,11 +72,7 @@ static void many(int n_threads)
     spin_pool_free(pool);
 }
 
-static void tiny(void *context, int number, int worker)
-{
-    (void)worker;
-    ((int *)context)[number]++;
-}
+static void tiny(void *context, int number) { ((int *)context)[number]++; }
 
 /* Thousands of jobs of a few tasks, some after a pause long enough for workers to fall asleep. */
 static void bursts(int n_threads)
@@ -108,12 +104,12 @@ struct masks {
     sigset_t of[2];
 };
 
-static void look_at_mask(void *context, int number, int worker)
+static void look_at_mask(void *context, int number)
 {
     struct masks *m = context;
 
     (void)number;
-    pthread_sigmask(SIG_BLOCK, NULL, &m->of[worker]);
+    pthread_sigmask(SIG_BLOCK, NULL, &m->of[spin_pool_worker()]);
     atomic_fetch_add(&m->at_once, 1);
     while (atomic_load(&m->at_once) < 2) /* so each thread takes one */
         sched_yield();

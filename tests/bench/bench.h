@@ -2,6 +2,7 @@
 #ifndef SPIN_TESTS_BENCH_BENCH_H
 #define SPIN_TESTS_BENCH_BENCH_H
 
+#include "render/image_store.h"
 #include "train/step.h"
 
 /* ---- ceilings.c: measured on the spot, so that a share of them holds on any machine ---------- */

@@ -36,11 +36,10 @@ double bench_cpu_s(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-static void run_task(void *context, int task, int worker)
+static void run_task(void *context, int task)
 {
     const struct job *job = context;
 
-    (void)worker;
     job->work(job, (size_t)task * job->each, job->each);
 }
 

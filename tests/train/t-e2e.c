@@ -4,6 +4,7 @@
  * K: golden threads e2e */
 #include "train/step.h"
 #include "base/number.h"
+#include "render/image_store.h"
 #include "tests/check.h"
 #include "tests/device/strict.h"
 #include "tests/tap.h"

@@ -17,15 +17,10 @@ struct job {
     uint32_t *count;    /* [chunks] */
 };
 
-static int n_chunks(size_t n) { return (int)((n + CHUNK - 1) / CHUNK); }
-
-static void activate_task(void *context, int task, int worker)
+static void activate_task(void *context, size_t first, size_t end)
 {
     const struct job *job = context;
-    size_t first = (size_t)task * CHUNK;
-    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
 
-    (void)worker;
     for (size_t i = first; i < end; i++) {
         const float *h = job->raw + i * SPIN_ATTR;
         float *a = job->out + i * SPIN_ATTR;
@@ -41,19 +36,15 @@ static void activate_task(void *context, int task, int worker)
 void SPIN_CPU(activate)(struct spin_device *d, size_t n, const float *raw, float *attr)
 {
     struct job job = {.n = n, .raw = raw, .out = attr};
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_ACTIVATE);
 
-    spin_pool_run(spin_cpu_pool(d), n_chunks(n), activate_task, &job);
-    spin_cpu_spent(d, SPIN_OP_ACTIVATE, start);
+    spin_pool_rows(spin_cpu_pool(d), n, CHUNK, activate_task, &job);
 }
 
-static void activate_back_task(void *context, int task, int worker)
+static void activate_back_task(void *context, size_t first, size_t end)
 {
     const struct job *job = context;
-    size_t first = (size_t)task * CHUNK;
-    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
 
-    (void)worker;
     for (size_t i = first; i < end; i++) {
         size_t row = job->rows[i];
         const float *h = job->raw + row * SPIN_ATTR, *g = job->d_attr + row * SPIN_ATTR;
@@ -73,10 +64,9 @@ void SPIN_CPU(activate_back)(struct spin_device *d, const struct spin_active *ac
 {
     struct job job = {
         .n = *active->n, .rows = active->row, .raw = raw, .d_attr = d_attr, .out = d_raw};
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_ACTIVATE_BACK);
 
-    spin_pool_run(spin_cpu_pool(d), n_chunks(job.n), activate_back_task, &job);
-    spin_cpu_spent(d, SPIN_OP_ACTIVATE_BACK, start);
+    spin_pool_rows(spin_cpu_pool(d), job.n, CHUNK, activate_back_task, &job);
 }
 
 /* All bits but the signs, or-ed: not zero when any value is (NaN counts, -0 does not). */
@@ -89,28 +79,25 @@ static uint32_t any_set(const float *x, int n)
     return bits & 0x7fffffffu;
 }
 
-static void active_task(void *context, int task, int worker)
+static void active_task(void *context, size_t first, size_t end)
 {
     const struct job *job = context;
-    size_t first = (size_t)task * CHUNK;
-    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
     uint32_t *found = job->found + first, n = 0;
 
-    (void)worker;
     for (size_t i = first; i < end; i++)
         if (any_set(job->d_attr + i * SPIN_ATTR, SPIN_ATTR) ||
             (job->d_pos_w && any_set(job->d_pos_w + i * 3, 3)))
             found[n++] = job->first_row + (uint32_t)i;
-    job->count[task] = n;
+    job->count[first / CHUNK] = n;
 }
 
 /* Every chunk lists its own, then the lists are put together in order. Returns how many there are. */
 static uint32_t list_active(struct spin_device *d, const struct spin_frame_of_batch *frame,
                             const float *d_attr, uint32_t *rows)
 {
-    int chunks = n_chunks(frame->n);
-    uint32_t *scratch = spin_cpu_scratch_need(d, SPIN_SCRATCH_ACTIVE,
-                                              (frame->n + (size_t)chunks + 1) * sizeof *scratch);
+    size_t chunks = (frame->n + CHUNK - 1) / CHUNK;
+    uint32_t *scratch =
+        spin_cpu_scratch_need(d, SPIN_SCRATCH_ACTIVE, (frame->n + chunks + 1) * sizeof *scratch);
     struct job job = {.n = frame->n,
                       .d_attr = d_attr + frame->first * SPIN_ATTR,
                       .d_pos_w = frame->d_means,
@@ -121,9 +108,9 @@ static uint32_t list_active(struct spin_device *d, const struct spin_frame_of_ba
     if (!scratch)
         return 0;
     job.count = scratch + frame->n;
-    spin_pool_run(spin_cpu_pool(d), chunks, active_task, &job);
-    for (int c = 0; c < chunks; c++) {
-        memcpy(rows + total, job.found + (size_t)c * CHUNK, job.count[c] * sizeof *rows);
+    spin_pool_rows(spin_cpu_pool(d), frame->n, CHUNK, active_task, &job);
+    for (size_t c = 0; c < chunks; c++) {
+        memcpy(rows + total, job.found + c * CHUNK, job.count[c] * sizeof *rows);
         total += job.count[c];
     }
     return total;
@@ -132,13 +119,12 @@ static uint32_t list_active(struct spin_device *d, const struct spin_frame_of_ba
 void SPIN_CPU(nonzero_grad)(struct spin_device *d, const struct spin_frame_batch *frames,
                             const float *d_attr, const struct spin_active *active)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_NONZERO_GRAD);
     uint32_t n = 0;
 
     for (int f = 0; f < frames->n_frames; f++)
         n += list_active(d, &frames->frame[f], d_attr, active->row + n);
     *active->n = n;
-    spin_cpu_spent(d, SPIN_OP_NONZERO_GRAD, start);
 }
 
 struct regularise_back {
@@ -148,13 +134,10 @@ struct regularise_back {
     float *d_attr;
 };
 
-static void regularise_task(void *context, int task, int worker)
+static void regularise_task(void *context, size_t first, size_t end)
 {
     const struct regularise_back *job = context;
-    size_t first = (size_t)task * CHUNK;
-    size_t end = first + CHUNK < job->n_rows ? first + CHUNK : job->n_rows;
 
-    (void)worker;
     for (size_t i = first; i < end; i++) {
         float *g = job->d_attr + (size_t)job->rows[i] * SPIN_ATTR;
 
@@ -167,7 +150,7 @@ static void regularise_task(void *context, int task, int worker)
 void SPIN_CPU(regularise_back)(struct spin_device *d, const struct spin_frame_batch *frames,
                                const struct spin_active *active, float *d_attr)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_ACTIVATE_BACK);
 
     for (int f = 0; f < frames->n_frames; f++) {
         const struct spin_frame_of_batch *frame = &frames->frame[f];
@@ -176,7 +159,6 @@ void SPIN_CPU(regularise_back)(struct spin_device *d, const struct spin_frame_ba
                                       d_attr};
 
         if (frame->d_scale != 0 || frame->d_opacity != 0)
-            spin_pool_run(spin_cpu_pool(d), n_chunks(n), regularise_task, &job);
+            spin_pool_rows(spin_cpu_pool(d), n, CHUNK, regularise_task, &job);
     }
-    spin_cpu_spent(d, SPIN_OP_ACTIVATE_BACK, start);
 }

@@ -22,21 +22,19 @@ static void step_range(struct spin_adam_step step, size_t n, float *restrict p, 
     }
 }
 
-static void adam_task(void *context, int task, int worker)
+static void adam_task(void *context, size_t first, size_t end)
 {
     const struct job *job = context;
-    size_t first = (size_t)task * CHUNK;
-    size_t n = job->n - first < CHUNK ? job->n - first : CHUNK;
     unsigned before = spin_denormals_off();
 
-    (void)worker;
-    step_range(job->step, n, job->p + first, job->g + first, job->m + first, job->v + first);
+    step_range(job->step, end - first, job->p + first, job->g + first, job->m + first,
+               job->v + first);
     spin_denormals_back(before);
 }
 
 void SPIN_CPU(adam)(struct spin_device *d, int n_groups, const struct spin_param_group *group)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_ADAM);
 
     for (int k = 0; k < n_groups; k++) {
         const struct spin_param_group *one = &group[k];
@@ -47,9 +45,8 @@ void SPIN_CPU(adam)(struct spin_device *d, int n_groups, const struct spin_param
                           .m = one->m,
                           .v = one->v};
 
-        spin_pool_run(spin_cpu_pool(d), (int)((one->n + CHUNK - 1) / CHUNK), adam_task, &job);
+        spin_pool_rows(spin_cpu_pool(d), one->n, CHUNK, adam_task, &job);
     }
-    spin_cpu_spent(d, SPIN_OP_ADAM, start);
 }
 
 /* ---- Whether they are still numbers ----------------------------------------------------------- */
@@ -62,14 +59,11 @@ struct finite {
 };
 
 /* The exponent alone tells: compilers take such a loop many values at a time. */
-static void finite_task(void *context, int task, int worker)
+static void finite_task(void *context, size_t first, size_t end)
 {
     const struct finite *job = context;
-    size_t first = (size_t)task * FINITE_CHUNK;
-    size_t end = first + FINITE_CHUNK < job->n ? first + FINITE_CHUNK : job->n;
     uint32_t bad = 0;
 
-    (void)worker;
     for (size_t i = first; i < end; i++)
         bad += (spin_bits_of_float(job->values[i]) & 0x7f800000u) == 0x7f800000u;
     if (bad)
@@ -78,10 +72,8 @@ static void finite_task(void *context, int task, int worker)
 
 void SPIN_CPU(not_finite)(struct spin_device *d, size_t n, const float *values, uint32_t *count)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_ADAM);
     struct finite job = {n, values, count};
 
-    spin_pool_run(spin_cpu_pool(d), (int)((n + FINITE_CHUNK - 1) / FINITE_CHUNK), finite_task,
-                  &job);
-    spin_cpu_spent(d, SPIN_OP_ADAM, start);
+    spin_pool_rows(spin_cpu_pool(d), n, FINITE_CHUNK, finite_task, &job);
 }

@@ -273,7 +273,7 @@ static void front_end(const struct job *job, const struct front *f, const struct
     }
 }
 
-static void blend_task(void *context, int tile, int worker)
+static void blend_task(void *context, int tile)
 {
     const struct job *job = context;
     struct place p = place_of(job->cam, tile);
@@ -282,7 +282,6 @@ static void blend_task(void *context, int tile, int worker)
     struct ready ready;
     struct front f;
 
-    (void)worker;
     fetch_pixels(job, &p);
     front_begin(&f, &p);
     for (uint32_t first = 0; first < n && f.n_live; first += BATCH) {
@@ -298,7 +297,7 @@ void SPIN_CPU(blend)(struct spin_device *d, const struct spin_view_batch *views,
                      const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,
                      float *image, float *final_transmittance, int32_t *last_contributor)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_BLEND);
 
     for (int k = 0; k < views->n_views; k++) {
         const struct spin_view_of_batch *view = &views->view[k];
@@ -315,20 +314,18 @@ void SPIN_CPU(blend)(struct spin_device *d, const struct spin_view_batch *views,
         spin_pool_run(spin_cpu_pool(d), view->camera.tiles_x * view->camera.tiles_y, blend_task,
                       &job);
     }
-    spin_cpu_spent(d, SPIN_OP_BLEND, start);
 }
 
 /* ---- Depth ----------------------------------------------------------------------------------- */
 
 /* A pixel at a time: films are not trainings. */
-static void depth_task(void *context, int tile, int worker)
+static void depth_task(void *context, int tile)
 {
     const struct job *job = context;
     struct place p = place_of(job->cam, tile);
     size_t plane = (size_t)job->cam->width * (size_t)job->cam->height;
     struct spin_blend_pixel pixel[SIDE * SIDE] = {0};
 
-    (void)worker;
     for (int i = 0; i < SIDE * SIDE; i++)
         pixel[i].t = 1;
     for (uint32_t k = job->start[tile]; k < job->start[tile + 1]; k++) {
@@ -522,7 +519,7 @@ static struct spin_blend_sums *slot_of(const struct job *job, const struct place
     return job->slots + s->first_intersection + row * width + (p->tile_x - (size_t)r.x0);
 }
 
-static void back_task(void *context, int tile, int worker)
+static void back_task(void *context, int tile)
 {
     const struct job *job = context;
     struct place p = place_of(job->cam, tile);
@@ -531,7 +528,6 @@ static void back_task(void *context, int tile, int worker)
     struct ready ready;
     struct back b;
 
-    (void)worker;
     back_begin(job, &b, &p);
     end = (uint32_t)b.most < n ? (uint32_t)b.most : n;
     for (uint32_t i = end; i < n; i++)
@@ -551,13 +547,10 @@ static void back_task(void *context, int tile, int worker)
 }
 
 /* Add the slots of each splat, and finish. */
-static void reduce_task(void *context, int task, int worker)
+static void reduce_task(void *context, size_t first, size_t last)
 {
     const struct job *job = context;
-    size_t first = (size_t)task * REDUCE_CHUNK;
-    size_t last = job->n - first < REDUCE_CHUNK ? job->n : first + REDUCE_CHUNK;
 
-    (void)worker;
     for (size_t i = first; i < last; i++) {
         const struct spin_splat2d *s = job->splat2d + i;
         struct spin_splat2d_grad *d = job->d_splat2d + i;
@@ -595,8 +588,7 @@ static void blend_view_back(struct spin_device *d, const struct spin_view_of_bat
     if (!job->slots)
         return;
     spin_pool_run(spin_cpu_pool(d), n_tiles, back_task, job);
-    spin_pool_run(spin_cpu_pool(d), (int)((job->n + REDUCE_CHUNK - 1) / REDUCE_CHUNK), reduce_task,
-                  job);
+    spin_pool_rows(spin_cpu_pool(d), job->n, REDUCE_CHUNK, reduce_task, job);
 }
 
 void SPIN_CPU(blend_back)(struct spin_device *d, const struct spin_view_batch *views,
@@ -604,7 +596,7 @@ void SPIN_CPU(blend_back)(struct spin_device *d, const struct spin_view_batch *v
                           const float *final_transmittance, const int32_t *last_contributor,
                           const float *d_image, struct spin_splat2d_grad *d_splat2d)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_BLEND_BACK);
 
     for (int k = 0; k < views->n_views; k++) {
         const struct spin_view_of_batch *view = &views->view[k];
@@ -621,5 +613,4 @@ void SPIN_CPU(blend_back)(struct spin_device *d, const struct spin_view_batch *v
 
         blend_view_back(d, view, &job);
     }
-    spin_cpu_spent(d, SPIN_OP_BLEND_BACK, start);
 }

@@ -5,8 +5,6 @@
 
 enum { CHUNK = 4096 };
 
-static int n_tasks_of(size_t n) { return (int)((n + CHUNK - 1) / CHUNK); }
-
 struct job {
     const struct spin_scene_transform *transform;
     size_t n, first_row; /* first_row: of the frame */
@@ -22,15 +20,12 @@ static inline spin_vec3 normalised(const struct spin_scene_transform *transform,
                    spin_contract_axis(p[2], transform->centre[2], transform->inv_radius));
 }
 
-static void contract_task(void *context, int task, int worker)
+static void contract_task(void *context, size_t first, size_t end)
 {
     const struct job *job = context;
-    size_t first = (size_t)task * CHUNK;
-    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
     float t = spin_clamp_unit(job->t);
     bool raw = job->transform->raw;
 
-    (void)worker;
     for (size_t i = first; i < end; i++) {
         spin_vec3 p = normalised(job->transform, job->pos_w + i * 3);
         spin_vec3 u = raw ? p : spin_contract(p);
@@ -45,7 +40,7 @@ static void contract_task(void *context, int task, int worker)
 void SPIN_CPU(contract)(struct spin_device *d, const struct spin_scene_transform *transform,
                         const struct spin_frame_batch *frames, float *x_u)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_CONTRACT);
 
     for (int f = 0; f < frames->n_frames; f++) {
         const struct spin_frame_of_batch *frame = &frames->frame[f];
@@ -55,19 +50,15 @@ void SPIN_CPU(contract)(struct spin_device *d, const struct spin_scene_transform
                           .t = frame->t,
                           .x_u = x_u + 4 * frame->first};
 
-        spin_pool_run(spin_cpu_pool(d), n_tasks_of(frame->n), contract_task, &job);
+        spin_pool_rows(spin_cpu_pool(d), frame->n, CHUNK, contract_task, &job);
     }
-    spin_cpu_spent(d, SPIN_OP_CONTRACT, start);
 }
 
-static void contract_back_task(void *context, int task, int worker)
+static void contract_back_task(void *context, size_t first, size_t end)
 {
     const struct job *job = context;
-    size_t first = (size_t)task * CHUNK;
-    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
     bool raw = job->transform->raw;
 
-    (void)worker;
     for (size_t i = first; i < end; i++) {
         size_t row = job->rows[i] - job->first_row;
         const float *d_u = job->d_x_u + i * 4;
@@ -87,7 +78,7 @@ void SPIN_CPU(contract_back)(struct spin_device *d, const struct spin_scene_tran
                              const struct spin_frame_batch *frames,
                              const struct spin_active *active, const float *d_x_u)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_CONTRACT);
 
     for (int f = 0; f < frames->n_frames; f++) {
         const struct spin_frame_of_batch *frame = &frames->frame[f];
@@ -100,7 +91,6 @@ void SPIN_CPU(contract_back)(struct spin_device *d, const struct spin_scene_tran
                           .d_x_u = d_x_u + 4 * first,
                           .d_pos_w = frame->d_means};
 
-        spin_pool_run(spin_cpu_pool(d), n_tasks_of(n), contract_back_task, &job);
+        spin_pool_rows(spin_cpu_pool(d), n, CHUNK, contract_back_task, &job);
     }
-    spin_cpu_spent(d, SPIN_OP_CONTRACT, start);
 }

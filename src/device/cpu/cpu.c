@@ -2,11 +2,8 @@
  * work is done. A frame and a view at a time fit its caches best. */
 #include "device/cpu/cpu.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-#include "base/err.h"
 
 static spin_status open_cpu(struct spin_device *d, int n_threads)
 {
@@ -59,10 +56,9 @@ static void release(struct spin_device *d, void *block)
 
 static void zero(struct spin_device *d, void *block, size_t bytes)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_CLEAR);
 
     memset(block, 0, bytes);
-    spin_cpu_spent(d, SPIN_OP_CLEAR, start);
 }
 
 static void upload(struct spin_device *d, void *to, const void *host, size_t bytes)
@@ -138,6 +134,7 @@ static double clock_of(struct spin_device *d, int op)
     return spent;
 }
 
+#define LISTED(verb) .verb = SPIN_CPU(verb),
 extern const struct spin_device_ops SPIN_CPU(ops);
 const struct spin_device_ops SPIN_CPU(ops) = {
     .name = "cpu",
@@ -155,40 +152,5 @@ const struct spin_device_ops SPIN_CPU(ops) = {
     .copy_rows = copy_rows,
     .memory_available = memory_available,
     .clock = clock_of,
-    .tracks = SPIN_CPU(tracks),
-    .tracks_back = SPIN_CPU(tracks_back),
-    .contract = SPIN_CPU(contract),
-    .contract_back = SPIN_CPU(contract_back),
-    .grid = SPIN_CPU(grid),
-    .grid_back = SPIN_CPU(grid_back),
-    .mlp = SPIN_CPU(mlp),
-    .mlp_back = SPIN_CPU(mlp_back),
-    .residual = SPIN_CPU(residual),
-    .residual_set = SPIN_CPU(residual_set),
-    .residual_back = SPIN_CPU(residual_back),
-    .activate = SPIN_CPU(activate),
-    .activate_back = SPIN_CPU(activate_back),
-    .regularise_back = SPIN_CPU(regularise_back),
-    .nonzero_grad = SPIN_CPU(nonzero_grad),
-    .project = SPIN_CPU(project),
-    .project_back = SPIN_CPU(project_back),
-    .not_finite = SPIN_CPU(not_finite),
-    .densify_stats = SPIN_CPU(densify_stats),
-    .tile_count = SPIN_CPU(tile_count),
-    .tile_fill = SPIN_CPU(tile_fill),
-    .blend = SPIN_CPU(blend),
-    .depth = SPIN_CPU(depth),
-    .blend_back = SPIN_CPU(blend_back),
-    .loss = SPIN_CPU(loss),
-    .measure = SPIN_CPU(measure),
-    .exposure = SPIN_CPU(exposure),
-    .exposure_back = SPIN_CPU(exposure_back),
-    .exposure_centre = SPIN_CPU(exposure_centre),
-    .adam = SPIN_CPU(adam),
-    .lazy_adam_enable = SPIN_CPU(lazy_adam_enable),
-    .lazy_adam_close = SPIN_CPU(lazy_adam_close),
-    .lazy_adam_grid = SPIN_CPU(lazy_adam_grid),
-    .lazy_adam_step = SPIN_CPU(lazy_adam_step),
-    .lazy_adam_advance = SPIN_CPU(lazy_adam_advance),
-    .lazy_adam_flush = SPIN_CPU(lazy_adam_flush),
+    SPIN_DEVICE_VERBS(LISTED) /* each with its comma */
 };

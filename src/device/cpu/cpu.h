@@ -1,8 +1,7 @@
 /* The CPU device. Every file of this folder is compiled once per code path (SPIN_CPU_PATH = base, v3,
  * v4 on x86-64; base alone elsewhere, where it is NEON on Arm), with the compiler's flags for it;
  * device.c picks one at run time. SPIN_CPU(name) is a name of this path. */
-#ifndef SPIN_DEVICE_CPU_CPU_H
-#define SPIN_DEVICE_CPU_CPU_H
+#pragma once
 
 #include "base/log.h"
 #include "base/mem.h"
@@ -44,11 +43,18 @@ static inline struct spin_pool *spin_cpu_pool(struct spin_device *d)
     return ((struct spin_cpu *)d->state)->pool;
 }
 
-/* The verb that began at start_s is over. */
-static inline void spin_cpu_spent(struct spin_device *d, int op, double start_s)
+/* The time from here to the end of the block is the operation's. */
+struct spin_cpu_clock {
+    struct spin_device *d;
+    int op;
+    double start_s;
+};
+static inline void spin_cpu_stop(struct spin_cpu_clock *c)
 {
-    ((struct spin_cpu *)d->state)->seconds[op] += spin_now_s() - start_s;
+    ((struct spin_cpu *)c->d->state)->seconds[c->op] += spin_now_s() - c->start_s;
 }
+#define SPIN_CPU_CLOCK(d, op)                                                                      \
+    SPIN_LEAVES(spin_cpu_stop) struct spin_cpu_clock clock_of_verb = {d, op, spin_now_s()}
 
 static inline float *spin_cpu_picture(const struct spin_view_batch *views, int view,
                                       float *pictures)
@@ -61,42 +67,5 @@ size_t SPIN_CPU(active_of)(const struct spin_active *active,
                            const struct spin_frame_of_batch *frame, size_t *first);
 
 /* A verb of the device has the type that its place in spin_device_ops has. */
-#define SPIN_CPU_VERB(name) __typeof__(*((struct spin_device_ops *)0)->name) SPIN_CPU(name)
-SPIN_CPU_VERB(contract); /* contract.c */
-SPIN_CPU_VERB(contract_back);
-SPIN_CPU_VERB(grid); /* grid.c */
-SPIN_CPU_VERB(grid_back);
-SPIN_CPU_VERB(lazy_adam_grid);
-SPIN_CPU_VERB(mlp); /* mlp.c */
-SPIN_CPU_VERB(mlp_back);
-SPIN_CPU_VERB(tracks); /* tracks.c */
-SPIN_CPU_VERB(tracks_back);
-SPIN_CPU_VERB(residual); /* residual.c */
-SPIN_CPU_VERB(residual_set);
-SPIN_CPU_VERB(residual_back);
-SPIN_CPU_VERB(activate); /* activate.c */
-SPIN_CPU_VERB(activate_back);
-SPIN_CPU_VERB(regularise_back);
-SPIN_CPU_VERB(nonzero_grad);
-SPIN_CPU_VERB(project); /* project.c */
-SPIN_CPU_VERB(project_back);
-SPIN_CPU_VERB(not_finite);    /* adam.c */
-SPIN_CPU_VERB(densify_stats); /* densify_stats.c */
-SPIN_CPU_VERB(tile_count);    /* tile.c */
-SPIN_CPU_VERB(tile_fill);
-SPIN_CPU_VERB(blend); /* blend.c */
-SPIN_CPU_VERB(depth);
-SPIN_CPU_VERB(blend_back);
-SPIN_CPU_VERB(loss); /* loss.c */
-SPIN_CPU_VERB(measure);
-SPIN_CPU_VERB(exposure); /* exposure.c */
-SPIN_CPU_VERB(exposure_back);
-SPIN_CPU_VERB(exposure_centre);
-SPIN_CPU_VERB(adam);             /* adam.c */
-SPIN_CPU_VERB(lazy_adam_enable); /* lazy_adam.c */
-SPIN_CPU_VERB(lazy_adam_close);
-SPIN_CPU_VERB(lazy_adam_step);
-SPIN_CPU_VERB(lazy_adam_advance);
-SPIN_CPU_VERB(lazy_adam_flush);
-
-#endif
+#define SPIN_CPU_VERB(name) __typeof__(*((struct spin_device_ops *)0)->name) SPIN_CPU(name);
+SPIN_DEVICE_VERBS(SPIN_CPU_VERB)

@@ -1,8 +1,7 @@
 /* Moments of entries that are no longer touched fade into denormal numbers, and stay there: 0.9
  * times the smallest one rounds back to it. Arithmetic on them is a hundred times slower, so they
  * count as zero between these two calls. On machines without the switch nothing but speed changes. */
-#ifndef SPIN_DEVICE_CPU_DENORMALS_H
-#define SPIN_DEVICE_CPU_DENORMALS_H
+#pragma once
 
 #if defined(__SSE__)
 #include <xmmintrin.h>
@@ -28,5 +27,3 @@ static inline void spin_denormals_back(unsigned before)
     (void)before;
 #endif
 }
-
-#endif

@@ -16,13 +16,10 @@ struct job {
 };
 
 /* A pixel coordinate u belongs to x in normalised device coordinates by u = ((x + 1) width - 1) / 2. */
-static void stats_task(void *context, int task, int worker)
+static void stats_task(void *context, size_t first, size_t end)
 {
     const struct job *job = context;
-    size_t first = (size_t)task * CHUNK;
-    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
 
-    (void)worker;
     for (size_t i = first; i < end; i++) {
         float x = job->half_width * job->d_splat2d[i].u_px;
         float y = job->half_height * job->d_splat2d[i].v_px;
@@ -39,7 +36,7 @@ void SPIN_CPU(densify_stats)(struct spin_device *d, const struct spin_view_batch
                              const struct spin_splat2d *splat2d,
                              const struct spin_splat2d_grad *d_splat2d)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_PROJECT_BACK);
 
     for (int k = 0; k < views->n_views; k++) {
         const struct spin_view_of_batch *view = &views->view[k];
@@ -53,7 +50,6 @@ void SPIN_CPU(densify_stats)(struct spin_device *d, const struct spin_view_batch
                           .seen = frame->seen};
 
         if (frame->gradient)
-            spin_pool_run(spin_cpu_pool(d), (int)((job.n + CHUNK - 1) / CHUNK), stats_task, &job);
+            spin_pool_rows(spin_cpu_pool(d), job.n, CHUNK, stats_task, &job);
     }
-    spin_cpu_spent(d, SPIN_OP_PROJECT_BACK, start);
 }

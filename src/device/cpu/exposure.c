@@ -35,13 +35,12 @@ static struct part part_of(const struct job *j, int task)
                          .c2 = j->lens[3 + channel]};
 }
 
-static void forward(void *context, int task, int worker)
+static void forward(void *context, int task)
 {
     const struct job *j = context;
     struct part p = part_of(j, task);
     float half = 0.5f * (float)j->width;
 
-    (void)worker;
     for (int y = p.first; y < p.last; y++) {
         const float *image = j->image + p.at + (size_t)y * (size_t)j->width;
         float *out = j->out + p.at + (size_t)y * (size_t)j->width;
@@ -54,14 +53,13 @@ static void forward(void *context, int task, int worker)
     }
 }
 
-static void backward(void *context, int task, int worker)
+static void backward(void *context, int task)
 {
     const struct job *j = context;
     struct part p = part_of(j, task);
     float half = 0.5f * (float)j->width;
     double sum[SUMS] = {0};
 
-    (void)worker;
     for (int y = p.first; y < p.last; y++) {
         const float *image = j->image + p.at + (size_t)y * (size_t)j->width;
         float *d = j->out + p.at + (size_t)y * (size_t)j->width;
@@ -102,14 +100,13 @@ static struct job job_of(const struct spin_view_batch *views, int k, const float
 void SPIN_CPU(exposure)(struct spin_device *d, const struct spin_view_batch *views,
                         const float *exposure, const float *image, float *out)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_LOSS);
 
     for (int k = 0; k < views->n_views; k++) {
         struct job j = job_of(views, k, exposure, image, out);
 
         spin_pool_run(spin_cpu_pool(d), 3 * j.n_chunks, forward, &j);
     }
-    spin_cpu_spent(d, SPIN_OP_LOSS, start);
 }
 
 /* The sums of the chunks, in order. */
@@ -131,7 +128,7 @@ void SPIN_CPU(exposure_back)(struct spin_device *d, const struct spin_view_batch
                              const float *exposure, const float *image, float *d_image,
                              float *d_exposure)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_LOSS);
 
     for (int k = 0; k < views->n_views; k++) {
         const struct spin_view_of_batch *view = &views->view[k];
@@ -145,12 +142,11 @@ void SPIN_CPU(exposure_back)(struct spin_device *d, const struct spin_view_batch
         add_sums(&j, d_exposure + (size_t)view->exposure * SPIN_EXPOSURE,
                  d_exposure + (size_t)view->lens * SPIN_EXPOSURE);
     }
-    spin_cpu_spent(d, SPIN_OP_LOSS, start);
 }
 
 void SPIN_CPU(exposure_centre)(struct spin_device *d, size_t n, float *exposure)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_ADAM);
 
     for (size_t k = 0; k < SPIN_EXPOSURE; k++) {
         double mean = 0;
@@ -160,5 +156,4 @@ void SPIN_CPU(exposure_centre)(struct spin_device *d, size_t n, float *exposure)
         for (size_t i = 0; i < n; i++)
             exposure[SPIN_EXPOSURE * i + k] -= (float)mean;
     }
-    spin_cpu_spent(d, SPIN_OP_ADAM, start);
 }

@@ -44,8 +44,6 @@ static inline __attribute__((always_inline)) void quad_store(float *p, quad v, i
             p[i] = v[i];
 }
 
-static int n_tasks_of(size_t n, size_t each) { return (int)((n + each - 1) / each); }
-
 static size_t row_of(const uint32_t *rows, size_t i) { return rows ? rows[i] : i; }
 
 /* ---- rows and weights of a block ------------------------------------------------------------- */
@@ -260,16 +258,14 @@ static void gather_level(const struct grid_job *job, int level, const struct lev
     }
 }
 
-static void grid_task(void *context, int task, int worker)
+static void grid_task(void *context, size_t first, size_t end)
 {
     const struct grid_job *job = context;
-    size_t first = (size_t)task * BLOCK;
-    int m = job->n - first < BLOCK ? (int)(job->n - first) : BLOCK;
+    int m = (int)(end - first);
     struct points p;
     struct corners c[2];
     struct level at[2];
 
-    (void)worker;
     points_set(&p, job->x_u, NULL, first, m);
     level_set(&at[0], job->grid, 0);
     corners_set(&c[0], &p, &at[0]);
@@ -291,10 +287,9 @@ void SPIN_CPU(grid)(struct spin_device *d, const struct spin_grid *grid, const f
                     size_t n, const float *x_u, float *z)
 {
     struct grid_job job = {.grid = grid, .table = table, .n = n, .x_u = x_u, .z = z};
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_GRID);
 
-    spin_pool_run(spin_cpu_pool(d), n_tasks_of(n, BLOCK), grid_task, &job);
-    spin_cpu_spent(d, SPIN_OP_GRID, start);
+    spin_pool_rows(spin_cpu_pool(d), n, BLOCK, grid_task, &job);
 }
 
 /* ---- forward, bringing lines of the table to the present step -------------------------------- */
@@ -346,7 +341,7 @@ static void need(const struct grid_job *job, const struct corners *c, const stru
 }
 
 /* A level belongs to one task, so no line is brought twice. */
-static void grid_lazy_task(void *context, int task, int worker)
+static void grid_lazy_task(void *context, int task)
 {
     const struct grid_job *job = context;
     const struct spin_grid *grid = job->grid;
@@ -356,7 +351,6 @@ static void grid_lazy_task(void *context, int task, int worker)
     struct level at;
     struct block block[2];
 
-    (void)worker;
     level_set(&at, grid, level);
     block_set(&block[0], job, &at, 0);
     for (size_t first = 0, i = 0; first < job->n; first += BLOCK, i++) {
@@ -389,10 +383,9 @@ void SPIN_CPU(lazy_adam_grid)(struct spin_device *d, struct spin_lazy_adam *lazy
                            .p = table->p,
                            .m = table->m,
                            .v = table->v};
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_GRID);
 
     spin_pool_run(spin_cpu_pool(d), own->grid.n_levels, grid_lazy_task, &job);
-    spin_cpu_spent(d, SPIN_OP_GRID, start);
 }
 
 /* ---- backward -------------------------------------------------------------------------------- */
@@ -467,7 +460,7 @@ scatter(const float *table, float *d_table, const struct corners *c, const struc
     }
 }
 
-static void grid_back_task(void *context, int task, int worker)
+static void grid_back_task(void *context, int task)
 {
     const struct grid_job *job = context;
     const struct spin_grid *grid = job->grid;
@@ -479,7 +472,6 @@ static void grid_back_task(void *context, int task, int worker)
     struct level at;
     struct block block[2];
 
-    (void)worker;
     level_set(&at, grid, level);
     table += at.first_row * width;
     d_table += at.first_row * width;
@@ -515,15 +507,12 @@ static void grid_back_task(void *context, int task, int worker)
     }
 }
 
-static void sum_levels_task(void *context, int task, int worker)
+static void sum_levels_task(void *context, size_t first, size_t end)
 {
     const struct grid_job *job = context;
-    size_t first = (size_t)task * CHUNK;
-    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
     int n_levels = job->grid->n_levels;
     quad sum[SPIN_MAX_LEVELS];
 
-    (void)worker;
     for (size_t i = first; i < end; i++) {
         for (int level = 0; level < n_levels; level++)
             sum[level] = job->d_x[(size_t)level * job->n + i];
@@ -547,7 +536,7 @@ void SPIN_CPU(grid_back)(struct spin_device *d, const struct spin_grid *grid, co
                            .d_z = d_z,
                            .d_table = d_table,
                            .d_x_u = d_x_u};
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_GRID_BACK);
 
     if (d_x_u) {
         job.d_x = spin_cpu_scratch_need(d, SPIN_SCRATCH_GRID,
@@ -557,6 +546,5 @@ void SPIN_CPU(grid_back)(struct spin_device *d, const struct spin_grid *grid, co
     }
     spin_pool_run(spin_cpu_pool(d), grid->n_levels, grid_back_task, &job);
     if (d_x_u)
-        spin_pool_run(spin_cpu_pool(d), n_tasks_of(job.n, CHUNK), sum_levels_task, &job);
-    spin_cpu_spent(d, SPIN_OP_GRID_BACK, start);
+        spin_pool_rows(spin_cpu_pool(d), job.n, CHUNK, sum_levels_task, &job);
 }

@@ -1,7 +1,6 @@
 /* A register of floats, as wide as this code path has them, with masks. The plain forms use only
  * the compiler's vector types; AVX-512 has masks of its own. */
-#ifndef SPIN_DEVICE_CPU_LANES_H
-#define SPIN_DEVICE_CPU_LANES_H
+#pragma once
 
 #include <stdint.h>
 #include <string.h>
@@ -226,5 +225,3 @@ SPIN_FN void spin_lanes_sum8(const spin_lanes *v, float *sum)
         sum[i] = spin_lanes_sum(v[i]);
 #endif
 }
-
-#endif

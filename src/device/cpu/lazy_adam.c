@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "device/cpu/cpu.h"
 #include "device/cpu/denormals.h"
 #include "math/adam.h"
@@ -59,16 +58,13 @@ static size_t list_marked(const struct spin_cpu_lazy_adam *lazy, size_t first, s
     return n;
 }
 
-static void step_task(void *context, int task, int worker)
+static void step_task(void *context, size_t first, size_t end)
 {
     const struct job *job = context;
-    size_t first = (size_t)task * LINES;
-    size_t end = first + LINES < job->n_lines ? first + LINES : job->n_lines;
     uint32_t list[LINES];
     size_t n = list_marked(job->lazy, first, end, list);
     unsigned before = spin_denormals_off();
 
-    (void)worker;
     for (size_t i = 0; i < n; i++) {
         size_t at = (first + list[i]) * SPIN_LINE;
 
@@ -159,26 +155,21 @@ void SPIN_CPU(lazy_adam_step)(struct spin_device *d, struct spin_lazy_adam *lazy
                       .v = own->table.v + before,
                       .lazy = own,
                       .n_lines = lazy->n_lines};
-    double start;
 
     first.n = before;
     first.lr = lr;
     first.step = lazy->done + 1;
     SPIN_CPU(adam)(d, 1, &first);
-    start = spin_now_s();
-    spin_pool_run(spin_cpu_pool(d), (int)((job.n_lines + LINES - 1) / LINES), step_task, &job);
+    SPIN_CPU_CLOCK(d, SPIN_OP_ADAM);
+    spin_pool_rows(spin_cpu_pool(d), job.n_lines, LINES, step_task, &job);
     SPIN_CPU(lazy_adam_advance)(d, lazy, lr);
-    spin_cpu_spent(d, SPIN_OP_ADAM, start);
 }
 
-static void flush_task(void *context, int task, int worker)
+static void flush_task(void *context, size_t first, size_t end)
 {
     const struct job *job = context;
-    size_t first = (size_t)task * LINES;
-    size_t end = first + LINES < job->n_lines ? first + LINES : job->n_lines;
     unsigned before = spin_denormals_off();
 
-    (void)worker;
     for (size_t line = first; line < end; line++) {
         const float *skipped_step =
             job->lazy->skipped_step + 2 * (size_t)job->lazy->public.last[line];
@@ -205,5 +196,5 @@ void SPIN_CPU(lazy_adam_flush)(struct spin_device *d, struct spin_lazy_adam *laz
                       .out = out + before};
 
     memcpy(out, own->table.p, before * sizeof *out);
-    spin_pool_run(spin_cpu_pool(d), (int)((job.n_lines + LINES - 1) / LINES), flush_task, &job);
+    spin_pool_rows(spin_cpu_pool(d), job.n_lines, LINES, flush_task, &job);
 }

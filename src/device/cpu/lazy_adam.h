@@ -1,6 +1,5 @@
 /* What the CPU keeps for a table with lazy Adam. */
-#ifndef SPIN_DEVICE_CPU_LAZY_ADAM_H
-#define SPIN_DEVICE_CPU_LAZY_ADAM_H
+#pragma once
 
 #include "device/device.h"
 
@@ -14,5 +13,3 @@ struct spin_cpu_lazy_adam {
     float *moment_decay; /* [steps + 1][2] by the steps missed: .9^t, .999^t */
     double *sum;         /* [steps + 1][2] the two sums of spin_adam_skip, unrounded */
 };
-
-#endif

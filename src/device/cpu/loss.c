@@ -78,11 +78,11 @@ struct band {
     float *line, *zeros;       /* one row each */
 };
 
-static struct band band_of(const struct job *job, int task, int worker)
+static struct band band_of(const struct job *job, int task)
 {
     int channel = task / job->bands;
     size_t plane = (size_t)job->width * (size_t)job->height;
-    float *rows = job->rows + (size_t)worker * job->rows_floats;
+    float *rows = job->rows + (size_t)spin_pool_worker() * job->rows_floats;
     struct band b;
 
     b.first = task % job->bands * BAND;
@@ -154,10 +154,10 @@ static void times_row(int w, const float *SPIN_RESTRICT weight, float *SPIN_REST
         row[x] *= weight[x];
 }
 
-static void forward_task(void *context, int task, int worker)
+static void forward_task(void *context, int task)
 {
     const struct job *job = context;
-    struct band b = band_of(job, task, worker);
+    struct band b = band_of(job, task);
     float *line = b.line;
     double l1 = 0, ssim = 0, mass = 0;
 
@@ -211,10 +211,10 @@ static void backward_row(const struct job *job, const struct band *b, int row)
     }
 }
 
-static void backward_task(void *context, int task, int worker)
+static void backward_task(void *context, int task)
 {
     const struct job *job = context;
-    struct band b = band_of(job, task, worker);
+    struct band b = band_of(job, task);
 
     for (int row = b.first; row < b.last; row++) {
         for (int m = 0; m < 3; m++) {
@@ -244,13 +244,10 @@ struct photo {
 
 enum { PHOTO_CHUNK = 1 << 14 }; /* pixels */
 
-static void photo_task(void *context, int task, int worker)
+static void photo_task(void *context, size_t first, size_t last)
 {
     const struct photo *p = context;
-    size_t first = (size_t)task * PHOTO_CHUNK;
-    size_t last = p->plane - first < PHOTO_CHUNK ? p->plane : first + PHOTO_CHUNK;
 
-    (void)worker;
     for (size_t c = 0; p->rgb8 && c < 3; c++)
         for (size_t i = first; i < last; i++)
             p->truth[c * p->plane + i] = (float)p->rgb8[3 * i + c] / 255.0f;
@@ -279,8 +276,7 @@ static bool load_photo(struct spin_device *d, const struct spin_view_of_batch *v
         p.pixel_weight = scratch + 3 * plane;
     }
     if (p.rgb8 || p.mask)
-        spin_pool_run(spin_cpu_pool(d), (int)((plane + PHOTO_CHUNK - 1) / PHOTO_CHUNK), photo_task,
-                      &p);
+        spin_pool_rows(spin_cpu_pool(d), plane, PHOTO_CHUNK, photo_task, &p);
     *truth = p.rgb8 ? p.truth : images->f32 + at;
     *pixel_weight = p.pixel_weight;
     return true;
@@ -341,7 +337,7 @@ void SPIN_CPU(loss)(struct spin_device *d, const struct spin_view_batch *views,
                     const struct spin_images *images, float lambda_dssim, const float *image,
                     double *values, float *d_image)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_LOSS);
 
     for (int k = 0; k < views->n_views; k++) {
         const struct spin_view_of_batch *view = &views->view[k];
@@ -353,7 +349,6 @@ void SPIN_CPU(loss)(struct spin_device *d, const struct spin_view_batch *views,
              truth, pixel_weight, lambda_dssim, view->weight,
              values + (size_t)view->value * SPIN_LOSS_VALUES, spin_cpu_picture(views, k, d_image));
     }
-    spin_cpu_spent(d, SPIN_OP_LOSS, start);
 }
 
 /* Sums of squares, apart for pixels whose bit is 0 and 1. */

@@ -271,13 +271,12 @@ ALWAYS_INLINE void fetch(const float *from, size_t n, int to_write)
     }
 }
 
-static void mlp_task(void *context, int task, int worker)
+static void mlp_task(void *context, size_t first, size_t end)
 {
     const struct job *job = context;
-    size_t first = (size_t)task * BLOCK, n_in = (size_t)job->heads->n_in;
-    int m = job->n - first < BLOCK ? (int)(job->n - first) : BLOCK;
-    size_t ld = padded(job->heads->hidden);
-    float *h1 = job->work + (size_t)worker * job->work_floats;
+    int m = (int)(end - first);
+    size_t n_in = (size_t)job->heads->n_in, ld = padded(job->heads->hidden);
+    float *h1 = job->work + (size_t)spin_pool_worker() * job->work_floats;
     float *h2 = h1 + BLOCK * ld, *out = h2 + BLOCK * ld;
 
     fetch(job->raw + first * SPIN_ATTR, (size_t)m * SPIN_ATTR, 1);
@@ -317,7 +316,7 @@ void SPIN_CPU(mlp)(struct spin_device *d, const struct spin_heads *heads, const 
 {
     size_t n_workers = (size_t)spin_pool_n_threads(spin_cpu_pool(d));
     struct job job = {.heads = heads, .n = n, .z = z, .raw = raw};
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_MLP);
     float *scratch;
 
     job.turned = pieces_of(heads, true);
@@ -329,8 +328,7 @@ void SPIN_CPU(mlp)(struct spin_device *d, const struct spin_heads *heads, const 
     pack(&job.turned, param, scratch);
     job.turned_w = scratch;
     job.work = scratch + job.turned.n_floats;
-    spin_pool_run(spin_cpu_pool(d), (int)((n + BLOCK - 1) / BLOCK), mlp_task, &job);
-    spin_cpu_spent(d, SPIN_OP_MLP, start);
+    spin_pool_rows(spin_cpu_pool(d), n, BLOCK, mlp_task, &job);
 }
 
 /* ---- backward -------------------------------------------------------------------------------- */
@@ -478,10 +476,10 @@ static void block_back(const struct job *job, size_t first, const struct work *w
                n_in * sizeof *w->d_z);
 }
 
-static void mlp_back_task(void *context, int task, int worker)
+static void mlp_back_task(void *context, int task)
 {
     const struct job *job = context;
-    struct work w = work_at(job->heads, job->work + (size_t)worker * job->work_floats);
+    struct work w = work_at(job->heads, job->work + (size_t)spin_pool_worker() * job->work_floats);
     float *partial = job->partial + (size_t)task * job->plain.n_floats;
     size_t first = (size_t)task * job->blocks_each * BLOCK;
     size_t end = first + job->blocks_each * BLOCK;
@@ -492,12 +490,11 @@ static void mlp_back_task(void *context, int task, int worker)
 }
 
 /* One piece of one head: partial sums to the parameters, in task order. */
-static void sum_task(void *context, int task, int worker)
+static void sum_task(void *context, int task)
 {
     const struct job *job = context;
     const struct piece *piece = &job->plain.of[task / PIECES][task % PIECES];
 
-    (void)worker;
     for (int r = 0; r < piece->rows; r++) {
         float *restrict to = job->d_param + piece->param + (size_t)r * (size_t)piece->cols;
 
@@ -524,7 +521,7 @@ void SPIN_CPU(mlp_back)(struct spin_device *d, const struct spin_heads *heads, c
                       .d_raw = d_raw,
                       .d_param = d_param,
                       .d_z = d_z};
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_MLP_BACK);
     float *scratch;
 
     if (n_rows == 0)
@@ -548,5 +545,4 @@ void SPIN_CPU(mlp_back)(struct spin_device *d, const struct spin_heads *heads, c
     job.work = job.partial + (size_t)job.n_tasks * job.plain.n_floats;
     spin_pool_run(spin_cpu_pool(d), job.n_tasks, mlp_back_task, &job);
     spin_pool_run(spin_cpu_pool(d), SPIN_HEADS * PIECES, sum_task, &job);
-    spin_cpu_spent(d, SPIN_OP_MLP_BACK, start);
 }

@@ -78,14 +78,10 @@ static inline void project_range(const struct job *job, int degree, size_t first
         project_one(job, degree, job->pos_w + 3 * i, job->attr + SPIN_ATTR * i, job->splat2d + i);
 }
 
-static size_t chunk_end(size_t n, size_t first) { return n - first < CHUNK ? n : first + CHUNK; }
-
-static void project_task(void *context, int task, int worker)
+static void project_task(void *context, size_t first, size_t last)
 {
     const struct job *job = context;
-    size_t first = (size_t)task * CHUNK, last = chunk_end(job->n, first);
 
-    (void)worker;
     if (job->sh_degree == 3) /* a constant degree lets the compiler unroll */
         project_range(job, 3, first, last);
     else
@@ -111,15 +107,14 @@ void SPIN_CPU(project)(struct spin_device *d, const struct spin_view_batch *view
                        const struct spin_frame_batch *frames, const float *attr, int sh_degree,
                        struct spin_splat2d *splat2d)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_PROJECT);
 
     for (int k = 0; k < views->n_views; k++) {
         struct job job = job_of(views, k, frames, attr, sh_degree);
 
         job.splat2d = splat2d + views->view[k].first;
-        spin_pool_run(spin_cpu_pool(d), (int)((job.n + CHUNK - 1) / CHUNK), project_task, &job);
+        spin_pool_rows(spin_cpu_pool(d), job.n, CHUNK, project_task, &job);
     }
-    spin_cpu_spent(d, SPIN_OP_PROJECT, start);
 }
 
 static int all_zero(const struct spin_splat2d_grad *g)
@@ -166,12 +161,10 @@ static inline void project_back_range(const struct job *job, int degree, size_t 
         project_back_one(job, degree, i);
 }
 
-static void project_back_task(void *context, int task, int worker)
+static void project_back_task(void *context, size_t first, size_t last)
 {
     const struct job *job = context;
-    size_t first = (size_t)task * CHUNK, last = chunk_end(job->n, first);
 
-    (void)worker;
     if (job->sh_degree == 3)
         project_back_range(job, 3, first, last);
     else
@@ -183,7 +176,7 @@ void SPIN_CPU(project_back)(struct spin_device *d, const struct spin_view_batch 
                             const struct spin_splat2d *splat2d,
                             const struct spin_splat2d_grad *d_splat2d, float *d_attr)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_PROJECT_BACK);
 
     for (int k = 0; k < views->n_views; k++) {
         const struct spin_view_of_batch *view = &views->view[k];
@@ -194,8 +187,6 @@ void SPIN_CPU(project_back)(struct spin_device *d, const struct spin_view_batch 
         job.d_splat2d = d_splat2d + view->first;
         job.d_attr = d_attr + frame->first * SPIN_ATTR;
         job.d_pos_w = frame->d_means;
-        spin_pool_run(spin_cpu_pool(d), (int)((job.n + CHUNK - 1) / CHUNK), project_back_task,
-                      &job);
+        spin_pool_rows(spin_cpu_pool(d), job.n, CHUNK, project_back_task, &job);
     }
-    spin_cpu_spent(d, SPIN_OP_PROJECT_BACK, start);
 }

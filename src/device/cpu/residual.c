@@ -21,12 +21,9 @@ static const struct group {
 /* SH beyond the first coefficient: a group with a place of its own. */
 static struct group group_of_sh(size_t width) { return (struct group){width, SPIN_ATTR_SH + 3}; }
 
-static inline void group_to_rows(const struct job *job, int task, struct group group,
-                                 const float *from, bool add)
+static inline void group_to_rows(const struct job *job, size_t first, size_t end,
+                                 struct group group, const float *from, bool add)
 {
-    size_t first = (size_t)task * CHUNK;
-    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
-
     for (size_t i = first; i < end; i++) {
         float *restrict to = job->to + i * SPIN_ATTR + group.column;
         const float *restrict own = from + i * group.width;
@@ -36,34 +33,30 @@ static inline void group_to_rows(const struct job *job, int task, struct group g
     }
 }
 
-static inline void to_rows(const struct job *job, int task, bool add)
+static inline void to_rows(const struct job *job, size_t first, size_t end, bool add)
 {
     const float *from = job->from;
 
     for (int k = 0; k < N_GROUPS; from += groups[k++].width * job->n)
-        group_to_rows(job, task, groups[k], from, add);
+        group_to_rows(job, first, end, groups[k], from, add);
     if (job->sh)
-        group_to_rows(job, task, group_of_sh(job->sh_width), job->sh, add);
+        group_to_rows(job, first, end, group_of_sh(job->sh_width), job->sh, add);
 }
 
-static void add_task(void *context, int task, int worker)
+static void add_rows(void *context, size_t first, size_t end)
 {
-    (void)worker;
-    to_rows(context, task, true);
+    to_rows(context, first, end, true);
 }
 
-static void set_task(void *context, int task, int worker)
+static void set_rows(void *context, size_t first, size_t end)
 {
-    (void)worker;
-    to_rows(context, task, false);
+    to_rows(context, first, end, false);
 }
-
-static int n_chunks(size_t n) { return (int)((n + CHUNK - 1) / CHUNK); }
 
 static void all_to_rows(struct spin_device *d, const struct spin_frame_batch *frames, float *raw,
-                        spin_task_fn task)
+                        spin_rows_fn fn)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_ACTIVATE);
 
     for (int f = 0; f < frames->n_frames; f++) {
         const struct spin_frame_of_batch *frame = &frames->frame[f];
@@ -74,27 +67,24 @@ static void all_to_rows(struct spin_device *d, const struct spin_frame_batch *fr
                           .to = raw + frame->first * SPIN_ATTR};
 
         if (frame->residual)
-            spin_pool_run(spin_cpu_pool(d), n_chunks(job.n), task, &job);
+            spin_pool_rows(spin_cpu_pool(d), job.n, CHUNK, fn, &job);
     }
-    spin_cpu_spent(d, SPIN_OP_ACTIVATE, start);
 }
 
 void SPIN_CPU(residual)(struct spin_device *d, const struct spin_frame_batch *frames, float *raw)
 {
-    all_to_rows(d, frames, raw, add_task);
+    all_to_rows(d, frames, raw, add_rows);
 }
 
 void SPIN_CPU(residual_set)(struct spin_device *d, const struct spin_frame_batch *frames,
                             float *raw)
 {
-    all_to_rows(d, frames, raw, set_task);
+    all_to_rows(d, frames, raw, set_rows);
 }
 
-static void group_back(const struct job *job, int task, struct group group, float *to)
+static void group_back(const struct job *job, size_t first, size_t end, struct group group,
+                       float *to)
 {
-    size_t first = (size_t)task * CHUNK;
-    size_t end = first + CHUNK < job->n_rows ? first + CHUNK : job->n_rows;
-
     for (size_t i = first; i < end; i++) {
         float *restrict own = to + (job->rows[i] - job->first_row) * group.width;
         const float *restrict from = job->from + i * SPIN_ATTR + group.column;
@@ -104,22 +94,21 @@ static void group_back(const struct job *job, int task, struct group group, floa
     }
 }
 
-static void back_task(void *context, int task, int worker)
+static void back_rows(void *context, size_t first, size_t end)
 {
     const struct job *job = context;
     float *to = job->to;
 
-    (void)worker;
     for (int k = 0; k < N_GROUPS; to += groups[k++].width * job->n)
-        group_back(job, task, groups[k], to);
+        group_back(job, first, end, groups[k], to);
     if (job->d_sh)
-        group_back(job, task, group_of_sh(job->sh_width), job->d_sh);
+        group_back(job, first, end, group_of_sh(job->sh_width), job->d_sh);
 }
 
 void SPIN_CPU(residual_back)(struct spin_device *d, const struct spin_frame_batch *frames,
                              const struct spin_active *active, const float *d_raw)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_ACTIVATE_BACK);
 
     for (int f = 0; f < frames->n_frames; f++) {
         const struct spin_frame_of_batch *frame = &frames->frame[f];
@@ -134,7 +123,6 @@ void SPIN_CPU(residual_back)(struct spin_device *d, const struct spin_frame_batc
                           .d_sh = frame->d_sh};
 
         if (frame->d_residual)
-            spin_pool_run(spin_cpu_pool(d), n_chunks(n_rows), back_task, &job);
+            spin_pool_rows(spin_cpu_pool(d), n_rows, CHUNK, back_rows, &job);
     }
-    spin_cpu_spent(d, SPIN_OP_ACTIVATE_BACK, start);
 }

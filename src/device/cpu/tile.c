@@ -7,7 +7,6 @@
  * the pixels would skip it anyway. */
 #include <string.h>
 
-#include "base/err.h"
 #include "device/cpu/cpu.h"
 #include "device/pairs.h"
 #include "math/blend.h"
@@ -144,13 +143,12 @@ static void trims_store(struct job *job, int part, const struct trims *t, size_t
     }
 }
 
-static void trim_task(void *context, int part, int worker)
+static void trim_task(void *context, int part)
 {
     struct job *job = context;
     size_t end = part_begin(job, job->n, part + 1);
     struct trims trims;
 
-    (void)worker;
     memset(&trims, 0, sizeof trims);
     job->intersections[part] = 0;
     job->drawn[part] = 0;
@@ -167,13 +165,12 @@ static void trim_task(void *context, int part, int worker)
 
 static bool is_empty(struct rect r) { return r.x0 >= r.x1 || r.y0 >= r.y1; }
 
-static void list_task(void *context, int part, int worker)
+static void list_task(void *context, int part)
 {
     struct job *job = context;
     struct entry *to = job->from + job->drawn[part];
     uint32_t before = (uint32_t)job->intersections[part];
 
-    (void)worker;
     for (size_t i = part_begin(job, job->n, part); i < part_begin(job, job->n, part + 1); i++) {
         job->splat2d[i].first_intersection += before;
         if (!is_empty(job->rect[i]))
@@ -187,14 +184,13 @@ static uint32_t digit_of(const struct job *job, struct entry e)
 }
 
 /* Neighbours are often equally deep: two sets of counts, so that one need not wait for the other. */
-static void digit_count_task(void *context, int part, int worker)
+static void digit_count_task(void *context, int part)
 {
     struct job *job = context;
     size_t buckets = (size_t)1 << job->digit, end = part_begin(job, job->n_sorted, part + 1);
     size_t i = part_begin(job, job->n_sorted, part);
     uint32_t *count = job->count + (size_t)part * buckets, other[MAX_BUCKETS];
 
-    (void)worker;
     memset(count, 0, buckets * sizeof *count);
     memset(other, 0, buckets * sizeof *other);
     for (; i + 2 <= end; i += 2) {
@@ -207,13 +203,12 @@ static void digit_count_task(void *context, int part, int worker)
         count[k] += other[k];
 }
 
-static void digit_move_task(void *context, int part, int worker)
+static void digit_move_task(void *context, int part)
 {
     struct job *job = context;
     uint32_t *place = job->count + ((size_t)part << job->digit);
     size_t end = part_begin(job, job->n_sorted, part + 1);
 
-    (void)worker;
     for (size_t i = part_begin(job, job->n_sorted, part); i < end; i++)
         job->to[place[digit_of(job, job->from[i])]++] = job->from[i];
 }
@@ -328,7 +323,7 @@ static spin_status count_view(struct spin_device *d, const struct spin_view_of_b
 spin_status SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_view_batch *views,
                                  struct spin_splat2d *splat2d, struct spin_tiles *tiles)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_TILE);
     size_t bytes = 0;
     char *scratch;
 
@@ -345,7 +340,6 @@ spin_status SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_view_b
                             &tiles->n_intersections));
         scratch += sorted_bytes(view->n);
     }
-    spin_cpu_spent(d, SPIN_OP_TILE, start);
     return SPIN_OK;
 }
 
@@ -381,14 +375,13 @@ static size_t corners_of(const struct spin_camera_f32 *cam)
 /* How often each tile is covered: every rectangle leaves its four corners, and the sums over what is
  * left and above of a tile are counts. They go where the corners were, without those beyond the
  * tiles. */
-static void tile_count_task(void *context, int part, int worker)
+static void tile_count_task(void *context, int part)
 {
     struct job *job = context;
     size_t tiles_x = (size_t)job->cam->tiles_x, tiles_y = (size_t)job->cam->tiles_y;
     size_t wide = tiles_x + 1, end = part_begin(job, job->n_sorted, part + 1);
     uint32_t *count = job->count + (size_t)part * corners_of(job->cam);
 
-    (void)worker;
     memset(count, 0, corners_of(job->cam) * sizeof *count);
     for (size_t i = part_begin(job, job->n_sorted, part); i < end; i++) {
         struct rect r = job->rect[job->from[i].splat];
@@ -411,14 +404,13 @@ static void tile_count_task(void *context, int part, int worker)
     }
 }
 
-static void tile_move_task(void *context, int part, int worker)
+static void tile_move_task(void *context, int part)
 {
     struct job *job = context;
     size_t tiles_x = (size_t)job->cam->tiles_x;
     uint32_t *place = job->count + (size_t)part * corners_of(job->cam), *intersections = job->lists;
     size_t end = part_begin(job, job->n_sorted, part + 1);
 
-    (void)worker;
     for (size_t i = part_begin(job, job->n_sorted, part); i < end; i++) {
         uint32_t splat = job->from[i].splat;
         struct walk w = walk_begin(job->rect[splat], tiles_x);
@@ -454,7 +446,7 @@ spin_status SPIN_CPU(tile_fill)(struct spin_device *d, const struct spin_view_ba
                                 const struct spin_splat2d *splat2d, const struct spin_tiles *tiles)
 {
     const char *scratch = spin_cpu_scratch_need(d, SPIN_SCRATCH_TILE, 0);
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_TILE);
 
     (void)splat2d;
     for (int k = 0; k < views->n_views; k++) {
@@ -462,6 +454,5 @@ spin_status SPIN_CPU(tile_fill)(struct spin_device *d, const struct spin_view_ba
                            tiles->start + (size_t)k * (views->max_tiles + 1)));
         scratch += sorted_bytes(views->view[k].n);
     }
-    spin_cpu_spent(d, SPIN_OP_TILE, start);
     return SPIN_OK;
 }

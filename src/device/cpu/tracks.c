@@ -55,13 +55,11 @@ static void move(const struct job *job, const float *motion, float *value)
             value[c] += d * motion[c];
 }
 
-static void sum_task(void *context, int task, int worker)
+static void sum_task(void *context, size_t first, size_t end)
 {
     const struct job *job = context;
-    size_t w = job->width, first = (size_t)task * CHUNK;
-    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
+    size_t w = job->width;
 
-    (void)worker;
     for (size_t i = first; i < end; i++) {
         const float *shared =
             job->track[i] < job->n_tracks ? job->shared + w * job->track[i] : NULL;
@@ -79,13 +77,11 @@ static void sum_task(void *context, int task, int worker)
     }
 }
 
-static void back_task(void *context, int task, int worker)
+static void back_task(void *context, size_t first, size_t end)
 {
     const struct job *job = context;
-    size_t w = job->width, first = (size_t)task * CHUNK;
-    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
+    size_t w = job->width;
 
-    (void)worker;
     for (size_t i = first; i < end; i++) {
         const float *m = job->motion ? job->motion + SPIN_MOTION * (size_t)job->track[i] : NULL;
         const float *from = job->from + w * i;
@@ -105,12 +101,10 @@ static void back_task(void *context, int task, int worker)
     }
 }
 
-static int n_chunks(size_t n) { return (int)((n + CHUNK - 1) / CHUNK); }
-
 void SPIN_CPU(tracks)(struct spin_device *d, const struct spin_frame_batch *frames,
                       const struct spin_tracks_f32 *tracks, float *means, float *residual)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_ACTIVATE);
 
     for (int f = 0; f < frames->n_frames; f++) {
         const struct spin_frame_of_batch *frame = &frames->frame[f];
@@ -123,7 +117,7 @@ void SPIN_CPU(tracks)(struct spin_device *d, const struct spin_frame_batch *fram
             job.n_own = k == PLACE ? frame->n_own_means : frame->n_own_residual;
             job.own = k == PLACE ? frame->own_means : own;
             job.to = k == PLACE ? means + 3 * frame->first : to;
-            spin_pool_run(spin_cpu_pool(d), n_chunks(job.n), sum_task, &job);
+            spin_pool_rows(spin_cpu_pool(d), job.n, CHUNK, sum_task, &job);
             shared += group_width[k] * tracks->n;
             if (k == PLACE)
                 continue;
@@ -131,13 +125,12 @@ void SPIN_CPU(tracks)(struct spin_device *d, const struct spin_frame_batch *fram
             to += group_width[k] * frame->n;
         }
     }
-    spin_cpu_spent(d, SPIN_OP_ACTIVATE, start);
 }
 
 void SPIN_CPU(tracks_back)(struct spin_device *d, const struct spin_frame_batch *frames,
                            const struct spin_tracks_f32 *tracks)
 {
-    double start = spin_now_s();
+    SPIN_CPU_CLOCK(d, SPIN_OP_ACTIVATE_BACK);
 
     for (int f = 0; f < frames->n_frames; f++) {
         const struct spin_frame_of_batch *frame = &frames->frame[f];
@@ -149,10 +142,9 @@ void SPIN_CPU(tracks_back)(struct spin_device *d, const struct spin_frame_batch 
 
             job.from = k == PLACE ? frame->d_means : from;
             job.to = to;
-            spin_pool_run(spin_cpu_pool(d), n_chunks(job.n), back_task, &job);
+            spin_pool_rows(spin_cpu_pool(d), job.n, CHUNK, back_task, &job);
             to += group_width[k] * tracks->n;
             from += k == PLACE ? 0 : group_width[k] * frame->n;
         }
     }
-    spin_cpu_spent(d, SPIN_OP_ACTIVATE_BACK, start);
 }

@@ -1,8 +1,6 @@
 /* What the verbs share: scratch memory, and where the active rows of a frame are. */
 #include "device/cpu/cpu.h"
 
-#include <stdio.h>
-
 void *SPIN_CPU(scratch_need)(struct spin_device *d, enum spin_cpu_scratch which, size_t bytes)
 {
     struct spin_cpu *cpu = d->state;

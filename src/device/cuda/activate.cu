@@ -41,9 +41,8 @@ static __global__ void activate_kernel(size_t n, const float4 *raw, float4 *attr
 
 void cuda_activate(struct spin_device *d, size_t n, const float *raw, float *attr)
 {
-    cuda_begin(d, SPIN_OP_ACTIVATE);
+    cuda_clocked clocked(d, SPIN_OP_ACTIVATE);
     GPU_EACH(gpu_of(d), n * FOURS, activate_kernel, n, (const float4 *)raw, (float4 *)attr);
-    cuda_end(d, SPIN_OP_ACTIVATE);
 }
 
 static __global__ void activate_back_kernel(struct cuda_rows rows, const float4 *raw,
@@ -75,11 +74,10 @@ static __global__ void activate_back_kernel(struct cuda_rows rows, const float4 
 void cuda_activate_back(struct spin_device *d, const struct spin_active *active, const float *raw,
                         const float *d_attr, float *d_raw)
 {
-    cuda_begin(d, SPIN_OP_ACTIVATE_BACK);
+    cuda_clocked clocked(d, SPIN_OP_ACTIVATE_BACK);
     GPU_EACH(gpu_of(d), active->most * FOURS, activate_back_kernel,
              cuda_rows_of(active, 0, SIZE_MAX), (const float4 *)raw, (const float4 *)d_attr,
              (float4 *)d_raw);
-    cuda_end(d, SPIN_OP_ACTIVATE_BACK);
 }
 
 static __global__ void regularise_kernel(struct cuda_rows rows, float d_scale, float d_opacity,
@@ -97,7 +95,7 @@ static __global__ void regularise_kernel(struct cuda_rows rows, float d_scale, f
 void cuda_regularise_back(struct spin_device *d, const struct spin_frame_batch *frames,
                           const struct spin_active *active, float *d_attr)
 {
-    cuda_begin(d, SPIN_OP_ACTIVATE_BACK);
+    cuda_clocked clocked(d, SPIN_OP_ACTIVATE_BACK);
     for (int f = 0; f < frames->n_frames; f++) {
         const auto *frame = &frames->frame[f];
 
@@ -106,7 +104,6 @@ void cuda_regularise_back(struct spin_device *d, const struct spin_frame_batch *
                      cuda_rows_of(active, frame->first, frame->n), frame->d_scale, frame->d_opacity,
                      d_attr + frame->first * SPIN_ATTR);
     }
-    cuda_end(d, SPIN_OP_ACTIVATE_BACK);
 }
 
 /* ---- The list -------------------------------------------------------------------------------- */
@@ -153,7 +150,7 @@ void cuda_nonzero_grad(struct spin_device *d, const struct spin_frame_batch *fra
         gpu_zero(gpu_of(d), active->n, sizeof *active->n);
         return;
     }
-    cuda_begin(d, SPIN_OP_NONZERO_GRAD);
+    cuda_clocked clocked(d, SPIN_OP_NONZERO_GRAD);
     gpu_zero(gpu_of(d), flag, (n + 1) * sizeof *flag);
     for (int f = 0; f < frames->n_frames; f++) {
         const auto *frame = &frames->frame[f];
@@ -165,5 +162,4 @@ void cuda_nonzero_grad(struct spin_device *d, const struct spin_frame_batch *fra
         GPU_EACH(gpu_of(d), n + 1, list_kernel, n, flag, flag + n + 1, active->row, active->n);
     else
         gpu_zero(gpu_of(d), active->n, sizeof *active->n);
-    cuda_end(d, SPIN_OP_NONZERO_GRAD);
 }

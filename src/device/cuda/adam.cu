@@ -44,7 +44,7 @@ void cuda_adam(struct spin_device *d, int n_groups, const struct spin_param_grou
 {
     struct groups groups = {};
 
-    cuda_begin(d, SPIN_OP_ADAM);
+    cuda_clocked clocked(d, SPIN_OP_ADAM);
     for (int k = 0; k < n_groups; k++) {
         unsigned first = groups.n > 0 ? groups.group[groups.n - 1].end : 0;
 
@@ -61,7 +61,6 @@ void cuda_adam(struct spin_device *d, int n_groups, const struct spin_param_grou
             launch(d, &groups);
     }
     launch(d, &groups);
-    cuda_end(d, SPIN_OP_ADAM);
 }
 
 /* ---- Whether they are still numbers ----------------------------------------------------------- */
@@ -82,8 +81,7 @@ void cuda_not_finite(struct spin_device *d, size_t n, const float *values, uint3
     enum { MOST = 1024 };
     unsigned blocks = n > 0 ? gpu_blocks(n) : 1;
 
-    cuda_begin(d, SPIN_OP_ADAM);
+    cuda_clocked clocked(d, SPIN_OP_ADAM);
     GPU_LAUNCH(gpu_of(d), not_finite_kernel, blocks < MOST ? blocks : (unsigned)MOST, GPU_BLOCK, n,
                values, count);
-    cuda_end(d, SPIN_OP_ADAM);
 }

@@ -133,7 +133,7 @@ void cuda_blend(struct spin_device *d, const struct spin_view_batch *views,
                 const struct spin_splat2d *splat2d, const struct spin_tiles *tiles, float *image,
                 float *final_transmittance, int32_t *last_contributor)
 {
-    cuda_begin(d, SPIN_OP_BLEND);
+    cuda_clocked clocked(d, SPIN_OP_BLEND);
     for (int k = 0; k < views->n_views; k++) {
         struct picture p = picture_of(views, k, splat2d, tiles);
         size_t at = (size_t)k * views->max_pixels;
@@ -141,7 +141,6 @@ void cuda_blend(struct spin_device *d, const struct spin_view_batch *views,
         GPU_LAUNCH(gpu_of(d), blend_kernel, (unsigned)(p.cam.tiles_x * p.cam.tiles_y), PIXELS, p,
                    image + 3 * at, final_transmittance + at, last_contributor + at);
     }
-    cuda_end(d, SPIN_OP_BLEND);
 }
 
 /* A pixel a thread, without a look at what comes near: films are not trainings. */
@@ -170,14 +169,13 @@ static __global__ void depth_kernel(struct picture p, float *depth)
 void cuda_depth(struct spin_device *d, const struct spin_view_batch *views,
                 const struct spin_splat2d *splat2d, const struct spin_tiles *tiles, float *depth)
 {
-    cuda_begin(d, SPIN_OP_BLEND);
+    cuda_clocked clocked(d, SPIN_OP_BLEND);
     for (int k = 0; k < views->n_views; k++) {
         struct picture p = picture_of(views, k, splat2d, tiles);
 
         GPU_LAUNCH(gpu_of(d), depth_kernel, (unsigned)(p.cam.tiles_x * p.cam.tiles_y), PIXELS, p,
                    depth + 2 * (size_t)k * views->max_pixels);
     }
-    cuda_end(d, SPIN_OP_BLEND);
 }
 
 /* ---- Backward -------------------------------------------------------------------------------- */
@@ -453,7 +451,7 @@ void cuda_blend_back(struct spin_device *d, const struct spin_view_batch *views,
 
     if (!slots)
         return;
-    cuda_begin(d, SPIN_OP_BLEND_BACK);
+    cuda_clocked clocked(d, SPIN_OP_BLEND_BACK);
     for (int k = 0; k < views->n_views; k++) {
         const auto *view = &views->view[k];
         struct picture p = picture_of(views, k, splat2d, tiles);
@@ -464,5 +462,4 @@ void cuda_blend_back(struct spin_device *d, const struct spin_view_batch *views,
         GPU_EACH(gpu_of(d), view->n, reduce_kernel, view->n, splat2d + view->first, slots,
                  d_splat2d + view->first);
     }
-    cuda_end(d, SPIN_OP_BLEND_BACK);
 }

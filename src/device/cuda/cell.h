@@ -1,6 +1,5 @@
 /* A cell of the hash grid, for kernels. Who includes it is compiled without contraction of products and sums. */
-#ifndef SPIN_DEVICE_CUDA_CELL_H
-#define SPIN_DEVICE_CUDA_CELL_H
+#pragma once
 
 #include "device/cuda/cuda.h"
 #include "math/grid.h"
@@ -56,5 +55,3 @@ static inline __device__ size_t cuda_corner_row(const struct cuda_cell &cell, in
     x ^= y ^ z ^ t;
     return cell.first_row + (cell.mask ? x & cell.mask : x % cell.n_rows);
 }
-
-#endif

@@ -30,14 +30,13 @@ static __global__ void contract_kernel(struct spin_scene_transform transform, si
 void cuda_contract(struct spin_device *d, const struct spin_scene_transform *transform,
                    const struct spin_frame_batch *frames, float *x_u)
 {
-    cuda_begin(d, SPIN_OP_CONTRACT);
+    cuda_clocked clocked(d, SPIN_OP_CONTRACT);
     for (int f = 0; f < frames->n_frames; f++) {
         const auto *frame = &frames->frame[f];
 
         GPU_EACH(gpu_of(d), frame->n, contract_kernel, *transform, frame->n, frame->means, frame->t,
                  x_u + 4 * frame->first);
     }
-    cuda_end(d, SPIN_OP_CONTRACT);
 }
 
 static __global__ void contract_back_kernel(struct spin_scene_transform transform,
@@ -61,14 +60,13 @@ void cuda_contract_back(struct spin_device *d, const struct spin_scene_transform
                         const struct spin_frame_batch *frames, const struct spin_active *active,
                         const float *d_x_u)
 {
-    cuda_begin(d, SPIN_OP_CONTRACT);
+    cuda_clocked clocked(d, SPIN_OP_CONTRACT);
     for (int f = 0; f < frames->n_frames; f++) {
         const auto *frame = &frames->frame[f];
 
         GPU_EACH(gpu_of(d), active->most, contract_back_kernel, *transform,
                  cuda_rows_of(active, frame->first, frame->n), frame->means, d_x_u, frame->d_means);
     }
-    cuda_end(d, SPIN_OP_CONTRACT);
 }
 
 /* A pixel coordinate u belongs to x in normalised device coordinates by u = ((x + 1) width - 1) / 2. */
@@ -92,7 +90,7 @@ void cuda_densify_stats(struct spin_device *d, const struct spin_view_batch *vie
                         const struct spin_frame_batch *frames, const struct spin_splat2d *splat2d,
                         const struct spin_splat2d_grad *d_splat2d)
 {
-    cuda_begin(d, SPIN_OP_PROJECT_BACK);
+    cuda_clocked clocked(d, SPIN_OP_PROJECT_BACK);
     for (int k = 0; k < views->n_views; k++) {
         const auto *view = &views->view[k];
         const auto *frame = &frames->frame[view->frame];
@@ -102,5 +100,4 @@ void cuda_densify_stats(struct spin_device *d, const struct spin_view_batch *vie
                      0.5f * (float)view->camera.width, 0.5f * (float)view->camera.height,
                      splat2d + view->first, d_splat2d + view->first, frame->gradient, frame->seen);
     }
-    cuda_end(d, SPIN_OP_PROJECT_BACK);
 }

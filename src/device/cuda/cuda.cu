@@ -146,10 +146,9 @@ static void release(struct spin_device *d, void SPIN_DEV *block)
 
 static void zero(struct spin_device *d, void SPIN_DEV *block, size_t bytes)
 {
-    cuda_begin(d, SPIN_OP_CLEAR);
+    cuda_clocked clocked(d, SPIN_OP_CLEAR);
     if (bytes)
         gpu_zero(gpu_of(d), block, bytes);
-    cuda_end(d, SPIN_OP_CLEAR);
 }
 
 static void upload(struct spin_device *d, void SPIN_DEV *to, const void *host, size_t bytes)
@@ -242,14 +241,14 @@ static void mark(struct spin_device *d, int op, int end)
     gpu_mark(gpu_of(d), *at);
 }
 
-void cuda_begin(struct spin_device *d, int op)
+cuda_clocked::cuda_clocked(struct spin_device *device, int number) : d(device), op(number)
 {
     if (cuda_of(d)->clock[op].n == CUDA_MARKS)
         make_up(&cuda_of(d)->clock[op]);
     mark(d, op, 0);
 }
 
-void cuda_end(struct spin_device *d, int op)
+cuda_clocked::~cuda_clocked()
 {
     static const char *const name[] = SPIN_OP_NAMES;
     const char *failed;
@@ -316,6 +315,7 @@ bool cuda_sort(struct spin_device *d, const uint32_t *key, uint32_t *key_out, co
 
 /* ---- The table ------------------------------------------------------------------------------- */
 
+#define LISTED(verb) .verb = cuda_##verb,
 static const struct spin_device_ops ops = {
     .name = "cuda",
     .open = open_cuda,
@@ -338,42 +338,7 @@ static const struct spin_device_ops ops = {
 #endif
     .memory_available = memory_available,
     .clock = clock_of,
-    .tracks = cuda_tracks,
-    .tracks_back = cuda_tracks_back,
-    .contract = cuda_contract,
-    .contract_back = cuda_contract_back,
-    .grid = cuda_grid,
-    .grid_back = cuda_grid_back,
-    .mlp = cuda_mlp,
-    .mlp_back = cuda_mlp_back,
-    .residual = cuda_residual,
-    .residual_set = cuda_residual_set,
-    .residual_back = cuda_residual_back,
-    .activate = cuda_activate,
-    .activate_back = cuda_activate_back,
-    .regularise_back = cuda_regularise_back,
-    .nonzero_grad = cuda_nonzero_grad,
-    .project = cuda_project,
-    .project_back = cuda_project_back,
-    .densify_stats = cuda_densify_stats,
-    .tile_count = cuda_tile_count,
-    .tile_fill = cuda_tile_fill,
-    .blend = cuda_blend,
-    .depth = cuda_depth,
-    .blend_back = cuda_blend_back,
-    .loss = cuda_loss,
-    .measure = cuda_measure,
-    .exposure = cuda_exposure,
-    .exposure_back = cuda_exposure_back,
-    .exposure_centre = cuda_exposure_centre,
-    .adam = cuda_adam,
-    .not_finite = cuda_not_finite,
-    .lazy_adam_enable = cuda_lazy_adam_enable,
-    .lazy_adam_close = cuda_lazy_adam_close,
-    .lazy_adam_grid = cuda_lazy_adam_grid,
-    .lazy_adam_step = cuda_lazy_adam_step,
-    .lazy_adam_advance = cuda_lazy_adam_advance,
-    .lazy_adam_flush = cuda_lazy_adam_flush,
+    SPIN_DEVICE_VERBS(LISTED) /* each with its comma */
 };
 
 extern "C" {

@@ -1,7 +1,6 @@
 /* The CUDA device. Files of this folder are compiled by nvcc, and by the host's compiler for the emulation. Work
  * goes into one queue, in order; the first error is kept until the next wait() or download() tells it. */
-#ifndef SPIN_DEVICE_CUDA_CUDA_H
-#define SPIN_DEVICE_CUDA_CUDA_H
+#pragma once
 
 #include <string.h>
 
@@ -55,9 +54,13 @@ spin_status cuda_no_memory(void);
 spin_status cuda_fail(spin_status status, const char *what, const char *why);
 /* nccl.cu: give up the link, if there is one. */
 void cuda_unlink(struct spin_device *d);
-/* A verb begins; and ends, with a look for errors of its launches. */
-void cuda_begin(struct spin_device *d, int op);
-void cuda_end(struct spin_device *d, int op);
+/* A verb begins; and ends with its block, with a look for errors of its launches. */
+struct cuda_clocked {
+    struct spin_device *d;
+    int op;
+    cuda_clocked(struct spin_device *device, int number);
+    ~cuda_clocked();
+};
 /* Scan and sort of gpu.h with scratch of their own. False: there is no memory for it, as cuda_scratch(). */
 bool cuda_scan(struct spin_device *d, const uint64_t *in, uint64_t *out, size_t n);
 bool cuda_sort(struct spin_device *d, const uint32_t *key, uint32_t *key_out, const uint32_t *value,
@@ -111,47 +114,10 @@ static inline __device__ double cuda_block_sum(double *sum, double value)
 }
 
 /* A verb has the type that its place in spin_device_ops has. */
-#define CUDA_VERB(name) __typeof__(*((struct spin_device_ops *)0)->name) cuda_##name
-CUDA_VERB(contract); /* contract.cu */
-CUDA_VERB(contract_back);
-CUDA_VERB(densify_stats);
-CUDA_VERB(grid); /* grid.cu */
-CUDA_VERB(grid_back);
-CUDA_VERB(mlp); /* mlp.cu */
-CUDA_VERB(mlp_back);
-CUDA_VERB(copy_rows);  /* rows.cu */
-CUDA_VERB(link_ready); /* nccl.cu */
-CUDA_VERB(link_name);
-CUDA_VERB(link);
-CUDA_VERB(sum);
-CUDA_VERB(tracks); /* rows.cu */
-CUDA_VERB(tracks_back);
-CUDA_VERB(residual);
-CUDA_VERB(residual_set);
-CUDA_VERB(residual_back);
-CUDA_VERB(activate); /* activate.cu */
-CUDA_VERB(activate_back);
-CUDA_VERB(regularise_back);
-CUDA_VERB(nonzero_grad);
-CUDA_VERB(project); /* project.cu */
-CUDA_VERB(project_back);
-CUDA_VERB(tile_count); /* tile.cu */
-CUDA_VERB(tile_fill);
-CUDA_VERB(blend); /* blend.cu */
-CUDA_VERB(depth);
-CUDA_VERB(blend_back);
-CUDA_VERB(loss); /* loss.cu */
-CUDA_VERB(measure);
-CUDA_VERB(exposure); /* exposure.cu */
-CUDA_VERB(exposure_back);
-CUDA_VERB(exposure_centre);
-CUDA_VERB(adam);             /* adam.cu */
-CUDA_VERB(not_finite);
-CUDA_VERB(lazy_adam_enable); /* lazy_adam.cu */
-CUDA_VERB(lazy_adam_close);
-CUDA_VERB(lazy_adam_grid);
-CUDA_VERB(lazy_adam_step);
-CUDA_VERB(lazy_adam_advance);
-CUDA_VERB(lazy_adam_flush);
-
-#endif
+#define CUDA_VERB(name) __typeof__(*((struct spin_device_ops *)0)->name) cuda_##name;
+SPIN_DEVICE_VERBS(CUDA_VERB)
+CUDA_VERB(copy_rows)
+CUDA_VERB(link_ready) /* nccl.cu */
+CUDA_VERB(link_name)
+CUDA_VERB(link)
+CUDA_VERB(sum)

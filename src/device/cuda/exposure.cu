@@ -44,14 +44,13 @@ static __global__ void exposure_kernel(struct look l, const float *image, float 
 void cuda_exposure(struct spin_device *d, const struct spin_view_batch *views,
                    const float *exposure, const float *image, float *out)
 {
-    cuda_begin(d, SPIN_OP_LOSS);
+    cuda_clocked clocked(d, SPIN_OP_LOSS);
     for (int k = 0; k < views->n_views; k++) {
         struct look l = look_of(views, k, exposure);
         size_t at = cuda_picture(views, k);
 
         GPU_EACH(gpu_of(d), 3 * l.plane, exposure_kernel, l, image + at, out + at);
     }
-    cuda_end(d, SPIN_OP_LOSS);
 }
 
 /* A block has pixels of channel blockIdx.y; sums [3][blocks][SUMS]. */
@@ -100,7 +99,7 @@ void cuda_exposure_back(struct spin_device *d, const struct spin_view_batch *vie
                         const float *exposure, const float *image, float *d_image,
                         float *d_exposure)
 {
-    cuda_begin(d, SPIN_OP_LOSS);
+    cuda_clocked clocked(d, SPIN_OP_LOSS);
     for (int k = 0; k < views->n_views; k++) {
         const auto *view = &views->view[k];
         struct look l = look_of(views, k, exposure);
@@ -117,7 +116,6 @@ void cuda_exposure_back(struct spin_device *d, const struct spin_view_batch *vie
                    d_exposure + (size_t)view->exposure * SPIN_EXPOSURE,
                    d_exposure + (size_t)view->lens * SPIN_EXPOSURE);
     }
-    cuda_end(d, SPIN_OP_LOSS);
 }
 
 /* A thread has one of a row's values. */
@@ -134,7 +132,6 @@ static __global__ void centre_kernel(size_t n, float *exposure)
 
 void cuda_exposure_centre(struct spin_device *d, size_t n, float *exposure)
 {
-    cuda_begin(d, SPIN_OP_ADAM);
+    cuda_clocked clocked(d, SPIN_OP_ADAM);
     GPU_LAUNCH(gpu_of(d), centre_kernel, 1, SPIN_EXPOSURE, n, exposure);
-    cuda_end(d, SPIN_OP_ADAM);
 }

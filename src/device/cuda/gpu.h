@@ -1,8 +1,7 @@
 /* What the CUDA device needs of CUDA, under names of ours. gpu.cu has them by the CUDA runtime and CUB; in the
  * host emulation (SPIN_EMU) tests/emu has them, and the compiler is told to include tests/emu/emu.h first, which
  * has the words of CUDA C++ that kernels use: __global__, threadIdx, __syncthreads() and so on. */
-#ifndef SPIN_DEVICE_CUDA_GPU_H
-#define SPIN_DEVICE_CUDA_GPU_H
+#pragma once
 
 #include <stddef.h>
 #include <stdint.h>
@@ -92,5 +91,3 @@ void gpu_scan(struct gpu *gpu, void *temp, size_t temp_bytes, const uint64_t *in
 size_t gpu_sort_bytes(size_t n);
 void gpu_sort(struct gpu *gpu, void *temp, size_t temp_bytes, const uint32_t *key,
               uint32_t *key_out, const uint32_t *value, uint32_t *value_out, size_t n, int bits);
-
-#endif

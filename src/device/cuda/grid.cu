@@ -73,7 +73,7 @@ void cuda_grid(struct spin_device *d, const struct spin_grid *grid, const float 
 
     if (n == 0)
         return;
-    cuda_begin(d, SPIN_OP_GRID);
+    cuda_clocked clocked(d, SPIN_OP_GRID);
     switch (grid->n_features) {
     case 1:
         GPU_LAUNCH(gpu_of(d), grid_kernel<1>, blocks, GPU_BLOCK, g, table, n, x_u, z);
@@ -87,7 +87,6 @@ void cuda_grid(struct spin_device *d, const struct spin_grid *grid, const float 
     default:
         GPU_LAUNCH(gpu_of(d), grid_kernel<8>, blocks, GPU_BLOCK, g, table, n, x_u, z);
     }
-    cuda_end(d, SPIN_OP_GRID);
 }
 
 /* ---- Backward -------------------------------------------------------------------------------- */
@@ -362,11 +361,9 @@ void cuda_grid_back(struct spin_device *d, const struct spin_grid *grid, const f
     }
     if (most == 0)
         return;
-    cuda_begin(d, SPIN_OP_GRID_BACK);
-    if (d->deterministic && !begin_fixed(d, grid, rows, most, d_z, &fixed)) {
-        cuda_end(d, SPIN_OP_GRID_BACK);
+    cuda_clocked clocked(d, SPIN_OP_GRID_BACK);
+    if (d->deterministic && !begin_fixed(d, grid, rows, most, d_z, &fixed))
         return;
-    }
     switch (grid->n_features) {
     case 1:
         GPU_LAUNCH(gpu_of(d), grid_back_kernel<1>, blocks, GPU_BLOCK, g, table, rows, most, x_u,
@@ -388,5 +385,4 @@ void cuda_grid_back(struct spin_device *d, const struct spin_grid *grid, const f
         end_fixed(d, g, fixed, d_table);
     if (d_x)
         GPU_EACH(gpu_of(d), most, sum_levels_kernel, grid->n_levels, rows, most, d_x, d_x_u);
-    cuda_end(d, SPIN_OP_GRID_BACK);
 }

@@ -1,6 +1,5 @@
 /* Heads in one kernel, for mlp.cu: neither encoding nor hidden layers may be wider than this. */
-#ifndef SPIN_DEVICE_CUDA_HEADS_H
-#define SPIN_DEVICE_CUDA_HEADS_H
+#pragma once
 
 #include "device/cuda/cuda.h"
 
@@ -29,5 +28,3 @@ static inline __device__ int cuda_heads_column(int head)
 
     return first[head];
 }
-
-#endif

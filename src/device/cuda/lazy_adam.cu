@@ -133,11 +133,11 @@ void cuda_lazy_adam_grid(struct spin_device *d, struct spin_lazy_adam *lazy, siz
     const struct cuda_lazy_adam *own = (const struct cuda_lazy_adam *)lazy;
     int first = spin_lazy_level(&own->grid), levels = own->grid.n_levels - first;
 
-    cuda_begin(d, SPIN_OP_GRID);
-    if (n > 0 && levels > 0)
+    if (n > 0 && levels > 0) {
+        cuda_clocked clocked(d, SPIN_OP_GRID);
         GPU_LAUNCH(gpu_of(d), need_kernel, dim3(gpu_blocks(n), (unsigned)levels), GPU_BLOCK,
                    own->grid, first, lines_of(own), n, x_u);
-    cuda_end(d, SPIN_OP_GRID);
+    }
     cuda_grid(d, &own->grid, own->table.p, n, x_u, z);
 }
 
@@ -162,10 +162,9 @@ void cuda_lazy_adam_step(struct spin_device *d, struct spin_lazy_adam *lazy, dou
     first.lr = lr;
     first.step = lazy->done + 1;
     cuda_adam(d, 1, &first);
-    cuda_begin(d, SPIN_OP_ADAM);
+    cuda_clocked clocked(d, SPIN_OP_ADAM);
     GPU_EACH(gpu_of(d), lazy->n_lines * SPIN_LINE, step_kernel, lines_of(own),
              spin_adam_step_of(lr, first.step));
-    cuda_end(d, SPIN_OP_ADAM);
     cuda_lazy_adam_advance(d, lazy, lr);
 }
 
@@ -212,8 +211,7 @@ void cuda_lazy_adam_flush(struct spin_device *d, struct spin_lazy_adam *lazy, fl
 {
     const struct cuda_lazy_adam *own = (const struct cuda_lazy_adam *)lazy;
 
-    cuda_begin(d, SPIN_OP_ADAM);
+    cuda_clocked clocked(d, SPIN_OP_ADAM);
     GPU_EACH(gpu_of(d), own->before + lazy->n_lines * SPIN_LINE, flush_kernel, lines_of(own),
              own->table.p, out);
-    cuda_end(d, SPIN_OP_ADAM);
 }

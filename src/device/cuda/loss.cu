@@ -286,7 +286,7 @@ void cuda_loss(struct spin_device *d, const struct spin_view_batch *views,
                const struct spin_images *images, float lambda_dssim, const float *image,
                double *values, float *d_image)
 {
-    cuda_begin(d, SPIN_OP_LOSS);
+    cuda_clocked clocked(d, SPIN_OP_LOSS);
     for (int k = 0; k < views->n_views; k++) {
         const auto *view = &views->view[k];
         struct photo p = photo_of(views, k, images, image);
@@ -304,7 +304,6 @@ void cuda_loss(struct spin_device *d, const struct spin_view_batch *views,
         GPU_LAUNCH(gpu_of(d), d_image_kernel, blocks_of(p.plane), GPU_BLOCK, p, lambda_dssim,
                    view->weight, w.sums, w.maps, d_image + cuda_picture(views, k));
     }
-    cuda_end(d, SPIN_OP_LOSS);
 }
 
 /* ---- Measuring ------------------------------------------------------------------------------- */
@@ -359,7 +358,7 @@ static __global__ void measure_kernel(const double *squares, const double *ssim,
 void cuda_measure(struct spin_device *d, const struct spin_view_batch *views,
                   const struct spin_images *images, float *image, double *values)
 {
-    cuda_begin(d, SPIN_OP_LOSS);
+    cuda_clocked clocked(d, SPIN_OP_LOSS);
     for (int k = 0; k < views->n_views; k++) {
         struct photo p = photo_of(views, k, images, image);
         double *v = values + (size_t)views->view[k].value * SPIN_MEASURE_VALUES;
@@ -375,5 +374,4 @@ void cuda_measure(struct spin_device *d, const struct spin_view_batch *views,
         lose(d, p, false, w);
         GPU_LAUNCH(gpu_of(d), measure_kernel, 1, 1, w.sums, w.sums, v);
     }
-    cuda_end(d, SPIN_OP_LOSS);
 }

@@ -278,17 +278,15 @@ void cuda_mlp(struct spin_device *d, const struct spin_heads *heads, const float
 {
     size_t ld = (size_t)heads->hidden, room = n < CHUNK ? n : (size_t)CHUNK;
     float *scratch;
+    cuda_clocked clocked(d, SPIN_OP_MLP);
 
     if (is_narrow(heads)) {
-        cuda_begin(d, SPIN_OP_MLP);
         cuda_heads(d, heads, param, n, z, raw);
-        cuda_end(d, SPIN_OP_MLP);
         return;
     }
     scratch = (float *)cuda_scratch(d, CUDA_SCRATCH_MLP, 2 * room * ld * sizeof *scratch);
     if (!scratch)
         return;
-    cuda_begin(d, SPIN_OP_MLP);
     for (size_t first = 0; first < n; first += CHUNK) {
         struct chunk chunk = {};
 
@@ -307,7 +305,6 @@ void cuda_mlp(struct spin_device *d, const struct spin_heads *heads, const float
                               chunk.a2, ld, raw + first * SPIN_ATTR + column_of[h], SPIN_ATTR));
         }
     }
-    cuda_end(d, SPIN_OP_MLP);
 }
 
 /* ---- Backward -------------------------------------------------------------------------------- */
@@ -435,18 +432,16 @@ void cuda_mlp_back(struct spin_device *d, const struct spin_heads *heads, const 
     size_t partials = (size_t)slices_of((int)room) * (widest > 48 ? widest : 48) * widest;
     size_t floats = room * (6 * ld + in_ld) + partials;
     float *at, *rows_of_z;
+    cuda_clocked clocked(d, SPIN_OP_MLP_BACK);
 
     if (is_narrow(heads)) {
-        cuda_begin(d, SPIN_OP_MLP_BACK);
         cuda_heads_back(d, heads, param, active, z, d_raw, d_param, d_z);
-        cuda_end(d, SPIN_OP_MLP_BACK);
         return;
     }
     at = (float *)cuda_scratch(d, CUDA_SCRATCH_MLP, floats * sizeof *at);
     if (!at || n == 0)
         return;
     rows_of_z = at + 6 * room * ld;
-    cuda_begin(d, SPIN_OP_MLP_BACK);
     for (size_t first = 0; first < n; first += CHUNK) {
         struct chunk chunk = {};
 
@@ -466,5 +461,4 @@ void cuda_mlp_back(struct spin_device *d, const struct spin_heads *heads, const 
             head_back(d, &chunk, h, d_raw + first * SPIN_ATTR, at + 4 * room * ld,
                       at + 5 * room * ld, rows_of_z + room * in_ld, d_param, d_z + first * in_ld);
     }
-    cuda_end(d, SPIN_OP_MLP_BACK);
 }

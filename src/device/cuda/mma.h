@@ -5,8 +5,7 @@
  *     a[0..3] = A(g, t), A(g + 8, t), A(g, t + 4), A(g + 8, t + 4)         of A [16][8]
  *     b[0..1] = B(t, g), B(t + 4, g)                                       of B [8][8]
  *     c[0..3] = C(g, 2 t), C(g, 2 t + 1), C(g + 8, 2 t), C(g + 8, 2 t + 1) of C [16][8] */
-#ifndef SPIN_DEVICE_CUDA_MMA_H
-#define SPIN_DEVICE_CUDA_MMA_H
+#pragma once
 
 #include <stdint.h>
 
@@ -82,6 +81,4 @@ static inline __device__ void cuda_mma(float *c, const cuda_split<4> &a, const c
 }
 #else
 #define CUDA_HAS_MMA 0
-#endif
-
 #endif

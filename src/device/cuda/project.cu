@@ -196,7 +196,7 @@ void cuda_project(struct spin_device *d, const struct spin_view_batch *views,
                   const struct spin_frame_batch *frames, const float *attr, int sh_degree,
                   struct spin_splat2d *splat2d)
 {
-    cuda_begin(d, SPIN_OP_PROJECT);
+    cuda_clocked clocked(d, SPIN_OP_PROJECT);
     for (int k = 0; k < views->n_views; k++) {
         const auto *view = &views->view[k];
         const auto *frame = &frames->frame[view->frame];
@@ -206,7 +206,6 @@ void cuda_project(struct spin_device *d, const struct spin_view_batch *views,
                        sh_degree, view->n, frame->means, attr + frame->first * SPIN_ATTR,
                        splat2d + view->first);
     }
-    cuda_end(d, SPIN_OP_PROJECT);
 }
 
 static __device__ bool all_zero(const struct spin_splat2d_grad &g)
@@ -282,7 +281,7 @@ void cuda_project_back(struct spin_device *d, const struct spin_view_batch *view
                        const struct spin_splat2d *splat2d,
                        const struct spin_splat2d_grad *d_splat2d, float *d_attr)
 {
-    cuda_begin(d, SPIN_OP_PROJECT_BACK);
+    cuda_clocked clocked(d, SPIN_OP_PROJECT_BACK);
     for (int k = 0; k < views->n_views; k++) { /* views of one frame add up one after the other */
         const auto *view = &views->view[k];
         const auto *frame = &frames->frame[view->frame];
@@ -293,5 +292,4 @@ void cuda_project_back(struct spin_device *d, const struct spin_view_batch *view
                        splat2d + view->first, d_splat2d + view->first,
                        d_attr + frame->first * SPIN_ATTR, frame->d_means);
     }
-    cuda_end(d, SPIN_OP_PROJECT_BACK);
 }

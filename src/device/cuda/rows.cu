@@ -30,7 +30,7 @@ static __global__ void to_rows_kernel(struct group group, size_t n, bool add, co
 static void to_rows(struct spin_device *d, const struct spin_frame_batch *frames, bool add,
                     float *raw)
 {
-    cuda_begin(d, SPIN_OP_ACTIVATE);
+    cuda_clocked clocked(d, SPIN_OP_ACTIVATE);
     for (int f = 0; f < frames->n_frames; f++) {
         const auto *frame = &frames->frame[f];
         const float *from = frame->residual;
@@ -43,7 +43,6 @@ static void to_rows(struct spin_device *d, const struct spin_frame_batch *frames
                      group_of_sh(frame->sh_width), frame->n, add, frame->sh,
                      raw + frame->first * SPIN_ATTR);
     }
-    cuda_end(d, SPIN_OP_ACTIVATE);
 }
 
 void cuda_residual(struct spin_device *d, const struct spin_frame_batch *frames, float *raw)
@@ -70,7 +69,7 @@ static __global__ void from_rows_kernel(struct group group, struct cuda_rows row
 void cuda_residual_back(struct spin_device *d, const struct spin_frame_batch *frames,
                         const struct spin_active *active, const float *d_raw)
 {
-    cuda_begin(d, SPIN_OP_ACTIVATE_BACK);
+    cuda_clocked clocked(d, SPIN_OP_ACTIVATE_BACK);
     for (int f = 0; f < frames->n_frames; f++) {
         const auto *frame = &frames->frame[f];
         float *to = frame->d_residual;
@@ -82,7 +81,6 @@ void cuda_residual_back(struct spin_device *d, const struct spin_frame_batch *fr
             GPU_EACH(gpu_of(d), active->most, from_rows_kernel, group_of_sh(frame->sh_width),
                      cuda_rows_of(active, frame->first, frame->n), d_raw, frame->d_sh);
     }
-    cuda_end(d, SPIN_OP_ACTIVATE_BACK);
 }
 
 /* ---- Tracks ---------------------------------------------------------------------------------- */
@@ -154,7 +152,7 @@ static struct track_job job_of(const struct spin_frame_batch::spin_frame_of_batc
 void cuda_tracks(struct spin_device *d, const struct spin_frame_batch *frames,
                  const struct spin_tracks_f32 *tracks, float *means, float *residual)
 {
-    cuda_begin(d, SPIN_OP_ACTIVATE);
+    cuda_clocked clocked(d, SPIN_OP_ACTIVATE);
     for (int f = 0; f < frames->n_frames; f++) {
         const auto *frame = &frames->frame[f];
         const float *own = frame->own_residual, *shared = tracks->values;
@@ -175,7 +173,6 @@ void cuda_tracks(struct spin_device *d, const struct spin_frame_batch *frames,
             to += width * frame->n;
         }
     }
-    cuda_end(d, SPIN_OP_ACTIVATE);
 }
 
 static __global__ void tracks_back_kernel(struct track_job job, const float *from, float *d_shared)
@@ -200,7 +197,7 @@ static __global__ void tracks_back_kernel(struct track_job job, const float *fro
 void cuda_tracks_back(struct spin_device *d, const struct spin_frame_batch *frames,
                       const struct spin_tracks_f32 *tracks)
 {
-    cuda_begin(d, SPIN_OP_ACTIVATE_BACK);
+    cuda_clocked clocked(d, SPIN_OP_ACTIVATE_BACK);
     for (int f = 0; f < frames->n_frames; f++) {
         const auto *frame = &frames->frame[f];
         const float *from = frame->d_residual;
@@ -217,7 +214,6 @@ void cuda_tracks_back(struct spin_device *d, const struct spin_frame_batch *fram
             from += k == track_place ? 0 : width * frame->n;
         }
     }
-    cuda_end(d, SPIN_OP_ACTIVATE_BACK);
 }
 
 /* ---- Rows as they are ------------------------------------------------------------------------- */
@@ -234,7 +230,6 @@ static __global__ void copy_rows_kernel(size_t n, size_t width, const float *fro
 void cuda_copy_rows(struct spin_device *d, size_t n, size_t width, const float *from,
                     size_t from_stride, float *to, size_t to_stride)
 {
-    cuda_begin(d, SPIN_OP_CLEAR);
+    cuda_clocked clocked(d, SPIN_OP_CLEAR);
     GPU_EACH(gpu_of(d), n * width, copy_rows_kernel, n, width, from, from_stride, to, to_stride);
-    cuda_end(d, SPIN_OP_CLEAR);
 }

@@ -1,6 +1,5 @@
 /* What device.c and spin-cuda.so agree on. */
-#ifndef SPIN_DEVICE_CUDA_SHIM_H
-#define SPIN_DEVICE_CUDA_SHIM_H
+#pragma once
 
 #include "spin.h"
 
@@ -20,5 +19,3 @@ struct spin_cuda_shim {
     const struct spin_device_ops *op;
     void (*use)(spin_fail_fn *fail); /* before anything else: how failures are told */
 };
-
-#endif

@@ -111,19 +111,16 @@ spin_status cuda_tile_count(struct spin_device *d, const struct spin_view_batch 
                             struct spin_splat2d *splat2d, struct spin_tiles *tiles)
 {
     uint64_t sum = 0, *pairs = cuda_of(d)->view_pairs;
-    spin_status status;
+    cuda_clocked clocked(d, SPIN_OP_TILE);
 
     tiles->n_intersections = 0;
-    cuda_begin(d, SPIN_OP_TILE);
-    status = count_pairs(d, views, splat2d, pairs);
-    for (int k = 0; k < views->n_views && status == SPIN_OK; k++) {
-        status = cuda_pairs_fit(pairs[k], sum);
+    SPIN_TRY(count_pairs(d, views, splat2d, pairs));
+    for (int k = 0; k < views->n_views; k++) {
+        SPIN_TRY(cuda_pairs_fit(pairs[k], sum));
         sum += pairs[k];
     }
-    cuda_end(d, SPIN_OP_TILE);
-    if (status == SPIN_OK)
-        tiles->n_intersections = sum;
-    return status;
+    tiles->n_intersections = sum;
+    return SPIN_OK;
 }
 
 /* ---- Filling --------------------------------------------------------------------------------- */
@@ -235,7 +232,7 @@ spin_status cuda_tile_fill(struct spin_device *d, const struct spin_view_batch *
     uint32_t first = 0;
     spin_status status = SPIN_OK;
 
-    cuda_begin(d, SPIN_OP_TILE);
+    cuda_clocked clocked(d, SPIN_OP_TILE);
     for (int k = 0; k < views->n_views && status == SPIN_OK; k++) {
         const auto *view = &views->view[k];
         uint64_t pairs = cuda_of(d)->view_pairs[k];
@@ -244,6 +241,5 @@ spin_status cuda_tile_fill(struct spin_device *d, const struct spin_view_batch *
                            tiles->start + (size_t)k * (views->max_tiles + 1));
         first += (uint32_t)pairs;
     }
-    cuda_end(d, SPIN_OP_TILE);
     return status;
 }

@@ -73,29 +73,25 @@ static spin_status draw_row(struct spin_compare_row *row, int n, const struct sp
                             struct spin_player *player, const float background[3])
 {
     size_t plane = (size_t)row->width * (size_t)row->height;
-    float *image = NULL;
+    SPIN_FREED float *image = NULL;
     uint8_t *out = NULL;
-    spin_status status;
 
     const struct spin_camera *camera = &clip->views.view[pair->view].camera;
 
     if (camera->width != row->width || camera->height != row->height)
-        return spin_fail(SPIN_E_USAGE, "the pictures of two runs are not of one size: camera %d",
-                         row->camera);
+        return spin_misuse("the pictures of two runs are not of one size: camera %d", row->camera);
     if (n == 0) {
         SPIN_TRY(add_picture(row, 0, &out));
         SPIN_TRY(spin_image_cache_get_rgb8(pixels, pair->view, out));
     }
     SPIN_TRY(add_picture(row, n + 1, &out));
     SPIN_TRY(spin_alloc(plane, 3 * sizeof(float), (void **)&image));
-    SPIN_TRY_OUT(spin_player_show(player, clip->frame[pair->frame]));
-    SPIN_TRY_OUT(spin_player_draw(player, camera, background, image));
+    SPIN_TRY(spin_player_show(player, clip->frame[pair->frame]));
+    SPIN_TRY(spin_player_draw(player, camera, background, image));
     for (size_t i = 0; i < plane; i++)
         for (size_t k = 0; k < 3; k++)
             out[3 * i + k] = (uint8_t)lrintf(255 * fminf(fmaxf(image[k * plane + i], 0), 1));
-out:
-    free(image);
-    return status;
+    return SPIN_OK;
 }
 
 spin_status spin_compare_draw(struct spin_compare *c, const struct spin_clip *clip,
@@ -216,23 +212,20 @@ static spin_status make_sheet(const struct spin_compare *c, const struct spin_co
 static spin_status sheet_text(const struct spin_compare *c, const struct spin_compare_row *row,
                               char **text, struct sheet *s)
 {
-    unsigned char *bytes = NULL;
+    SPIN_FREED unsigned char *bytes = NULL;
     size_t n, n_text;
     FILE *out;
-    spin_status status;
 
     *text = NULL;
     *s = (struct sheet){0};
-    SPIN_TRY_OUT(make_sheet(c, row, s));
-    SPIN_TRY_OUT(spin_image_encode(s->width, s->height, s->rgb, &bytes, &n));
+    SPIN_TRY(make_sheet(c, row, s));
+    SPIN_TRY(spin_image_encode(s->width, s->height, s->rgb, &bytes, &n));
     out = open_memstream(text, &n_text);
     if (out)
         spin_text_base64(out, bytes, n);
     if (!out || fclose(out) != 0)
-        status = spin_fail(SPIN_E_MEMORY, "no memory for a picture");
-out:
-    free(bytes);
-    return status;
+        return spin_fail(SPIN_E_MEMORY, "no memory for a picture");
+    return SPIN_OK;
 }
 
 /* ---- Curves -------------------------------------------------------------------------------------- */
@@ -275,7 +268,7 @@ static spin_status draw_curves(const struct spin_compare *c, const char *key, co
 
 static spin_status add_curves(const struct spin_compare *c, spin_json *page)
 {
-    char *text = NULL;
+    SPIN_FREED char *text = NULL;
     size_t n;
     FILE *out = open_memstream(&text, &n);
     spin_status status = out ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for curves");
@@ -287,7 +280,6 @@ static spin_status add_curves(const struct spin_compare *c, spin_json *page)
     if (out)
         fclose(out);
     spin_json_set_string(page, "curves", text);
-    free(text);
     return status;
 }
 
@@ -340,13 +332,10 @@ spin_status spin_compare_page(const struct spin_compare *c, const char *path, bo
 /* A file of the folder: what `write` puts into it. */
 static spin_status open_figure(const char *folder, const char *name, struct spin_out *out)
 {
-    char *path = NULL;
-    spin_status status = spin_path_join(folder, name, &path);
+    SPIN_FREED char *path = NULL;
 
-    if (status == SPIN_OK)
-        status = spin_out_open(path, true, out);
-    free(path);
-    return status;
+    SPIN_TRY(spin_path_join(folder, name, &path));
+    return spin_out_open(path, true, out);
 }
 
 /* The sheet with the names of the runs above it. */

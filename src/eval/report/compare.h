@@ -1,6 +1,5 @@
 /* Several bundles measured on the same views: one page that holds them against each other, and figures of it. */
-#ifndef SPIN_EVAL_REPORT_COMPARE_H
-#define SPIN_EVAL_REPORT_COMPARE_H
+#pragma once
 
 #include "eval/metrics.h"
 #include "eval/report/motion_crops.h"
@@ -30,5 +29,3 @@ spin_status spin_compare_draw(struct spin_compare *c, const struct spin_clip *cl
 spin_status spin_compare_page(const struct spin_compare *c, const char *path, bool force);
 spin_status spin_compare_figures(const struct spin_compare *c, const char *folder);
 void spin_compare_free(struct spin_compare *c);
-
-#endif

@@ -154,7 +154,7 @@ spin_status spin_motion_crops_fast(const struct spin_clip *clip, struct spin_ima
                                    struct spin_crop *out, size_t *n)
 {
     struct search s = {.clip = clip, .pixels = pixels};
-    struct spin_crop *all = NULL;
+    SPIN_FREED struct spin_crop *all = NULL;
     bool found;
     spin_status status;
 
@@ -184,7 +184,6 @@ spin_status spin_motion_crops_fast(const struct spin_clip *clip, struct spin_ima
         all[best].score = 0;
     }
 out:
-    free(all);
     free(s.now);
     free(s.before);
     free(s.after);

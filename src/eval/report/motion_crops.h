@@ -1,6 +1,5 @@
 /* Where to look: the part of a view in which something moves fastest, and the worst views. */
-#ifndef SPIN_EVAL_REPORT_MOTION_CROPS_H
-#define SPIN_EVAL_REPORT_MOTION_CROPS_H
+#pragma once
 
 #include "eval/metrics.h"
 
@@ -20,5 +19,3 @@ spin_status spin_motion_crops_fast(const struct spin_clip *clip, struct spin_ima
 /* The `most` views with the lowest PSNR, one a camera as long as there are cameras. */
 size_t spin_motion_crops_worst(const struct spin_eval_view *view, size_t n_views, size_t most,
                                size_t *out);
-
-#endif

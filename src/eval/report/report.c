@@ -4,9 +4,7 @@
 
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "base/text.h"
 #include "eval/report/svg_chart.h"
@@ -181,8 +179,8 @@ static void draw_history(const struct spin_train_log *h, FILE *to)
 static spin_status add_curves(const struct spin_report *r, spin_json *page,
                               const spin_json *const report[2])
 {
-    struct spin_train_log history = {0};
-    char *frames = NULL, *training = NULL;
+    SPIN_LEAVES(spin_train_log_free) struct spin_train_log history = {0};
+    SPIN_FREED char *frames = NULL, *training = NULL;
     size_t n;
     FILE *over_frames = open_memstream(&frames, &n), *over_training = open_memstream(&training, &n);
     spin_status status =
@@ -202,9 +200,6 @@ static spin_status add_curves(const struct spin_report *r, spin_json *page,
     spin_json_set_string(page, "over_training", training);
     if (history.total_seconds > 0)
         spin_json_set_number(page, "minutes", history.total_seconds / 60);
-    spin_train_log_free(&history);
-    free(frames);
-    free(training);
     return status;
 }
 
@@ -222,7 +217,7 @@ static spin_status put_picture(struct pictures *p, const struct spin_camera *c, 
 {
     size_t plane = (size_t)c->width * (size_t)c->height, n = 0, k = 0;
     unsigned char *bytes = NULL;
-    char *text = NULL;
+    SPIN_FREED char *text = NULL;
     FILE *out;
 
     for (int v = crop->y; v < crop->y + crop->side_y; v++)
@@ -240,7 +235,6 @@ static spin_status put_picture(struct pictures *p, const struct spin_camera *c, 
     if (!out || fclose(out) != 0)
         return spin_fail(SPIN_E_MEMORY, "no memory for a picture");
     spin_json_push_string(to, text);
-    free(text);
     return SPIN_OK;
 }
 

@@ -1,6 +1,5 @@
 /* An evaluation as a document, and as one page of HTML that needs nothing beside it: curves, tables, pictures. */
-#ifndef SPIN_EVAL_REPORT_REPORT_H
-#define SPIN_EVAL_REPORT_REPORT_H
+#pragma once
 
 #include "eval/metrics.h"
 #include "io/json.h"
@@ -24,5 +23,3 @@ struct spin_report {
 spin_json *spin_eval_json(const struct spin_eval_report *report, enum spin_split split);
 
 spin_status spin_report_write(const struct spin_report *report);
-
-#endif

@@ -1,6 +1,5 @@
 /* A line chart as inline SVG. Colours are the page's: classes line-0, line-1, ... */
-#ifndef SPIN_EVAL_REPORT_SVG_CHART_H
-#define SPIN_EVAL_REPORT_SVG_CHART_H
+#pragma once
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -30,5 +29,3 @@ void spin_svg_chart_file(FILE *to, const struct spin_svg_chart *chart);
 
 /* A step of 1, 2 or 5 times a power of ten that cuts `span` into `most` pieces or fewer. */
 double spin_svg_chart_step(double span, int most);
-
-#endif

@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/mem.h"
 #include "io/file.h"
 #include "io/json.h"
@@ -29,7 +28,7 @@ static spin_status add_line(struct spin_train_log *h, const spin_json *j)
     double iteration, value, seconds = 0, ssim = 0;
 
     if (!spin_json_number(spin_json_get(j, "iteration"), &iteration))
-        return spin_fail(SPIN_E_MALFORMED, "no 'iteration'");
+        return spin_malformed("no 'iteration'");
     if (spin_json_number(spin_json_get(j, "seconds"), &seconds))
         h->total_seconds = seconds;
     if (spin_json_number(spin_json_get(j, "loss"), &value)) {

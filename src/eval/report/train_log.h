@@ -1,6 +1,5 @@
 /* What spin-retrain --log wrote: one JSON object a line. */
-#ifndef SPIN_EVAL_REPORT_TRAIN_LOG_H
-#define SPIN_EVAL_REPORT_TRAIN_LOG_H
+#pragma once
 
 #include "spin.h"
 
@@ -16,5 +15,3 @@ struct spin_train_log {
  * that makes no sense is an error with its number. */
 spin_status spin_train_log_read(const char *path, size_t most, struct spin_train_log *out);
 void spin_train_log_free(struct spin_train_log *history);
-
-#endif
