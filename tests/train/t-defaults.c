@@ -61,7 +61,7 @@ static const struct spin_retrain_options paper = {
     -1,     /* track_iterations */
     true,   /* dynamic_residual */
     0,      /* densify_every */
-    6e-4,
+    5e-4,
     0.6,                /* densify_threshold, densify_until */
     0,                  /* network_start */
     SPIN_RESIDUAL_OFF,  /* residual */
@@ -138,7 +138,7 @@ static const struct spin_retrain_options shorter = {
     -1,     /* track_iterations */
     true,   /* dynamic_residual */
     0,      /* densify_every */
-    6e-4,
+    5e-4,
     0.6,                  /* densify_threshold, densify_until */
     0,                    /* network_start */
     SPIN_RESIDUAL_POINTS, /* residual */
@@ -178,6 +178,7 @@ static const struct spin_retrain_options *quick(void)
     q.batch = -1;
     q.views_per_frame = 1;
     q.lr_position = 5e-4;
+    q.lr_track = 3;
     q.lr_tracked = 0.3;
     q.densify_every = -1;
     return &q;
@@ -189,6 +190,7 @@ static const struct spin_retrain_options *best(void)
 
     b = *quick();
     b.preset = "best";
+    b.lr_track = 2;
     b.lr_tracked = 0.15;
     b.iterations = -3;
     return &b;
@@ -410,7 +412,7 @@ static void test_json(void)
             "'lr_head_factor':1,'sh_increase_every':5,'learn_exposure':'on',"
             "'lr_exposure':0.001,'max_points':7,'tracks':true,'lr_track':2,"
             "'lr_tracked':1,'lr_displacement':0.00025,'track_iterations':-1,'dynamic_residual':true,'densify_every':0,"
-            "'densify_threshold':0.0006,'densify_until':0.6,'network_start':0.25,"
+            "'densify_threshold':0.0005,'densify_until':0.6,'network_start':0.25,"
             "'hash_log2':21,'base_resolution':[8,8,8,8],"
             "'finest_resolution':[2048,2048,2048,0],'hash_init_range':0.5,"
             "'init_log_scale':'auto','residual':'source','lr_residual':1}");
