@@ -95,6 +95,33 @@ static void check_slots(const struct view *v)
     free(count);
 }
 
+/* The same view twice in a batch: slots count from the first of each. */
+static void check_two_views(struct spin_device *d, const struct view *v)
+{
+    struct loans l = {.d = d};
+    size_t n = (size_t)v->n;
+    struct spin_view_batch views = view_of_camera(&v->cam, n);
+    struct spin_splat2d *twice = take(2 * n, sizeof *twice);
+    uint32_t *start = take(2 * (views.max_tiles + 1), sizeof *start);
+    struct spin_tiles tiles = {0};
+    spin_status status;
+    int wrong = 0;
+
+    views.n_views = 2;
+    views.view[1] = views.view[0];
+    views.view[1].first = n;
+    memcpy(twice, v->splat2d, n * sizeof *twice);
+    memcpy(twice + n, v->splat2d, n * sizeof *twice);
+    tiles.start = lend_both(&l, start, 2 * (views.max_tiles + 1) * sizeof *start);
+    status = d->op->tile_count(d, &views, lend_both(&l, twice, 2 * n * sizeof *twice), &tiles);
+    settle(&l);
+    for (size_t i = 0; i < 2 * n; i++)
+        wrong += twice[i].first_intersection != v->splat2d[i % n].first_intersection;
+    ok(status == SPIN_OK && wrong == 0, "%s: twice in a batch, its slots are the same", v->name);
+    free(twice);
+    free(start);
+}
+
 static void golden(struct spin_device *d, const char *name)
 {
     struct view v;
@@ -115,6 +142,7 @@ static void golden(struct spin_device *d, const char *name)
     ok(n == info.count && wrong == 0, "%s: depth order", name);
     check_lists(&v);
     check_slots(&v);
+    check_two_views(d, &v);
     free(want);
     free(order);
     view_free(&v);
