@@ -41,21 +41,16 @@ static float largest_scale(const struct spin_refine_point *p)
     return spin_scale_of(spin_maxf(s[0], spin_maxf(s[1], s[2])));
 }
 
-/* What moves is shown by fewer pixels, and is what a viewer looks at. */
-static double threshold_of(const struct spin_densify_options *o, size_t point)
-{
-    return (point < o->n_moving ? 0.5 : 1) * o->gradient_threshold;
-}
-
 static size_t mark_points(const struct spin_densify_options *o, const struct spin_refine_cloud *c,
                           uint8_t *mark)
 {
+    float threshold = (float)o->gradient_threshold;
     float small = (float)(o->percent_dense * o->extent);
     size_t marked = 0;
 
     for (size_t i = 0; i < c->n; i++) {
         mark[i] = KEEP;
-        if (!(mean_gradient(&c->point[i]) >= (float)threshold_of(o, i)))
+        if (!(mean_gradient(&c->point[i]) >= threshold))
             continue;
         mark[i] = !o->long_axis && largest_scale(&c->point[i]) <= small ? CLONE : SPLIT;
         marked++;

@@ -13,7 +13,6 @@ struct spin_densify_options {
     double gradient_threshold; /* of the mean gradient; 2e-4 */
     bool
         long_axis; /* no clones and no random numbers: two halves, one behind the other along the longest axis */
-    size_t n_moving;      /* the first points, whose threshold is half of that; 0 */
     double percent_dense; /* of the extent: largest scale that is cloned, not split; 0.01 */
     double prune_opacity; /* spin_prune_opacity */
     size_t max_points;    /* 0: no limit */

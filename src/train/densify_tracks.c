@@ -151,7 +151,6 @@ static spin_status change_tracks(struct change *c, struct spin_densify_change *s
     SPIN_TRY(carry_tracks(t->device, &t->tracks, &c->tracks, false));
     SPIN_TRY(add_statistics(c));
     o.frame = -1;
-    o.n_moving = t->n_moving;
     SPIN_TRY(spin_densify(&o, c->iteration, &c->tracks, sum));
     SPIN_TRY(sort_tracks(c));
     spin_param_close(&t->tracks, t->device);

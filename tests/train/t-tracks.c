@@ -413,29 +413,6 @@ static void check_carried(struct spin_device *d)
     spin_trainer_close(&t);
 }
 
-/* Half of the threshold is enough for a track that moves: of 0 and 1 that have it, 1 to the bit. */
-static void check_moving(struct spin_device *d)
-{
-    static const float gradient[2][5] = {{0, 0, 0.1874f, 0.25f, 0.25f}, {0, 0.1875f, 0.25f, 0.25f}};
-    static const uint32_t seen[2][5] = {{1, 1, 1, 1, 1}, {1, 1, 1, 1}};
-    struct spin_trainer t;
-    struct spin_densify_options o;
-    struct spin_densify_change change = {0};
-    size_t n[2];
-
-    tracked_open(d, tracked_size, TRACKED, 2, 3, NULL, &t);
-    tracked_fill(d, &t, 0);
-    tracked_see(d, &t, gradient, seen);
-    spin_densify_defaults(&o);
-    o.extent = 1000;
-    o.gradient_threshold = 0.375;
-    if (spin_densify_tracks(&t, &o, 1, NULL, n, &change) != SPIN_OK)
-        exit(1);
-    ok(change.clones == 1 && t.n_tracks == 5 && t.n_moving == 3,
-       "half of the threshold is enough for a track that moves: %zu clones", change.clones);
-    spin_trainer_close(&t);
-}
-
 /* Everything is large and split: where the children are, of tracks and of the splats without one of frame 0. */
 static void split_all(struct spin_device *d, uint64_t seed, int iteration, float *of_tracks,
                       float *of_free)
@@ -632,7 +609,6 @@ TAP_MAIN
     d = check_device(2);
     check_densify(d);
     check_carried(d);
-    check_moving(d);
     check_numbers_drawn(d);
     check_most(d);
     check_last(d);
@@ -641,7 +617,6 @@ TAP_MAIN
     d = strict_open(check_device(1), 1, 1);
     check_densify(d);
     check_carried(d);
-    check_moving(d);
     ok(strict_complaints() == 0, "no complaint of the strict device");
     strict_close(d);
 }
