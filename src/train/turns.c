@@ -204,7 +204,8 @@ static int by_track(const void *key, const void *track)
 /* The row of a track in a frame, or the frame's n. */
 static size_t row_of(const struct spin_turns_frame *frame, uint32_t track)
 {
-    const uint32_t *found = bsearch(&track, frame->track, frame->n, sizeof track, by_track);
+    const uint32_t *found =
+        frame->n == 0 ? NULL : bsearch(&track, frame->track, frame->n, sizeof track, by_track);
 
     return found ? (size_t)(found - frame->track) : frame->n;
 }
