@@ -108,6 +108,12 @@ static __device__ float seen_of(const struct track_job *job, const float *motion
     return -0.5f * x * x;
 }
 
+/* turned[c], without an array that needs an address. */
+static __device__ float pick(const float turned[4], size_t c)
+{
+    return c == 0 ? turned[0] : c == 1 ? turned[1] : c == 2 ? turned[2] : turned[3];
+}
+
 static __global__ void tracks_kernel(struct track_job job, float *to)
 {
     size_t at = GPU_INDEX(), i = at / job.width, c = at % job.width, track;
@@ -124,9 +130,10 @@ static __global__ void tracks_kernel(struct track_job job, float *to)
 
         if (i < job.n_turns) {
             spin_turn(job.turn + 4 * i, (int)job.width, shared, turned);
-            shared = turned;
+            value += pick(turned, c);
+        } else {
+            value += shared[c];
         }
-        value += shared[c];
         if (m)
             value = job.width == 1 ? spin_seen_logit(value, seen_of(&job, m))
                                    : value + (job.t - m[3]) * m[c];
@@ -185,7 +192,7 @@ static __global__ void tracks_back_kernel(struct track_job job, const float *fro
     g = from[at];
     if (i < job.n_turns) {
         spin_turn_adj(job.turn + 4 * i, (int)job.width, from + job.width * i, turned);
-        g = turned[c];
+        g = pick(turned, c);
     }
     track = job.track[i];
     if (job.motion && job.width == 1)
