@@ -126,7 +126,7 @@ static __global__ void tracks_kernel(struct track_job job, float *to)
     if (track < job.n_tracks) {
         const float *m = job.motion ? job.motion + SPIN_MOTION * track : NULL;
         const float *shared = job.shared + job.width * track;
-        float turned[4];
+        float turned[4] = {0};
 
         if (i < job.n_turns) {
             spin_turn(job.turn + 4 * i, (int)job.width, shared, turned);
@@ -185,7 +185,7 @@ void cuda_tracks(struct spin_device *d, const struct spin_frame_batch *frames,
 static __global__ void tracks_back_kernel(struct track_job job, const float *from, float *d_shared)
 {
     size_t at = GPU_INDEX(), i = at / job.width, c = at % job.width, track;
-    float slope = 1, turned[4], g;
+    float slope = 1, turned[4] = {0}, g;
 
     if (i >= job.n || job.track[i] >= job.n_tracks)
         return;
