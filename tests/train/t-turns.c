@@ -41,7 +41,7 @@ static void place_of(int frame, uint32_t track, float at[3])
         spin_quat_rotate(q, flat, at);
     else
         memcpy(at, flat, sizeof flat);
-    at[0] += track < GOES ? (float)frame : track < ALONE ? -9 : 1000 * (float)(1 + i);
+    at[0] += track < GOES ? (float)frame : track < ALONE ? MIDDLE - 11 : 1000 * (float)(1 + i);
     if (track >= ROD) {
         at[0] = -5000 + (float)(cos(angle_of_rod) * (track - ROD));
         at[1] = (float)(sin(angle_of_rod) * (track - ROD));
