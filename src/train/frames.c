@@ -9,6 +9,7 @@
 #include "base/mem.h"
 #include "base/number.h"
 #include "base/pool.h"
+#include "math/turn.h"
 #include "model/residual.h"
 #include "train/cloud.h"
 #include "train/knn.h"
@@ -250,6 +251,24 @@ out:
     return status;
 }
 
+/* The first splat's rotation, turned to the track's own frame, so that it comes out again where it was read. Points have
+ * none, and are round. */
+static void turn_first_tracks(struct first_tracks *first, const struct spin_turns *turns)
+{
+    memset(first->seen, 0, first->tracks->n);
+    for (int f = 0; f < turns->n_frames; f++)
+        for (size_t i = 0; i < turns->frame[f].n; i++) {
+            uint32_t track = turns->frame[f].track[i];
+            float *rotation = first->residual + SPIN_RESIDUAL * track + 3, back[4];
+
+            if (first->seen[track])
+                continue;
+            first->seen[track] = 1;
+            spin_turn_adj(turns->frame[f].turn + 4 * i, 4, rotation, back);
+            memcpy(rotation, back, sizeof back);
+        }
+}
+
 /* The log of the median distance to the three nearest points. */
 static spin_status measure_spacing(int n_threads, const struct spin_splats *s, double *log_scale)
 {
@@ -322,8 +341,10 @@ spin_status spin_frames_load(struct spin_frames *frames, struct spin_plan *plan,
         SPIN_TRY(load_frame(frames, plan, &first, &turns, trainer, f, &splats, first_values));
     }
     if (first_values) {
-        SPIN_TRY(send_first_tracks(&first, trainer));
         SPIN_TRY(send_turns(plan, &turns, tracks->n, trainer));
+        if (plan->o->residual == SPIN_RESIDUAL_SOURCE)
+            turn_first_tracks(&first, &turns);
+        SPIN_TRY(send_first_tracks(&first, trainer));
     }
     fit_transform(plan->o, &sample, transform);
     plan->report->outside_ball = share_outside(&sample, transform);

@@ -129,6 +129,29 @@ else
 fi
 awk -v a="$before" -v b="$after" 'BEGIN { d = a - b; exit !(a > 1 && d < 0.01 && d > -0.01) }'
 ok $? "and look the same: $before dB before and $after dB after"
+# Tracks that move have one rotation, in a frame of their own: where the first splat was read it is that splat's.
+run "$bin/spin-import" fixtures/court-mini --data fixtures/court-mini -o "$work/mini.spin"
+run "$bin/spin-retrain" "$work/mini.spin" -o "$work/turned.spin" --residual source --iterations 1 --lr-track 0 \
+    --lr-displacement 0 --lr-residual 0 --lr-position 0 --densify-every 0 --precision full
+is "$code" 0 "retrains tracks from the source's values"
+"$bin/spin-export" "$work/mini.spin" --to ply --range 0:1 -o "$work/first" -q 2>"$work/err"
+"$bin/spin-export" "$work/turned.spin" --to ply --range 0:1 -o "$work/turned" -q 2>"$work/err"
+if command -v python3 >/dev/null 2>&1 && python3 -c 'import numpy' 2>/dev/null; then
+    python3 -c 'import glob, sys
+import numpy as np
+def rotations(folder):
+    raw = open(glob.glob(folder + "/*.ply")[0], "rb").read()
+    end = raw.index(b"end_header\n") + 11
+    names = [l.split()[2] for l in raw[:end].decode().splitlines() if l.startswith("property")]
+    a = np.frombuffer(raw, "<f4", -1, end).reshape(-1, len(names))
+    q = np.stack([a[:, names.index("rot_%d" % i)] for i in range(4)])
+    return q / np.linalg.norm(q, axis=0)
+assert np.abs((rotations(sys.argv[1]) * rotations(sys.argv[2])).sum(0)).min() > 1 - 1e-5
+' "$work/first" "$work/turned" 2>"$work/err"
+    ok $? "their rotations come out where they were read"
+else
+    skip "their rotations" "no python3 with numpy"
+fi
 for precision in 'half 1e-3' 'compact 0.02'; do
     run "$bin/spin-retrain" "$in" -o "$work/own.spin" $small --iterations 6 --residual points --force --json \
         --threads 1 --precision ${precision% *}
