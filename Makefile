@@ -89,7 +89,7 @@ COMMANDS := spin4d spin-import spin-retrain spin-export spin-eval
 BINS     := $(COMMANDS:%=$(B)/bin/%)
 LIB      := $(B)/libspin.a
 LIB_SO   := $(B)/libspin.so.$(VERSION)
-SHIMS    := $(B)/lib/spin-image.so $(B)/lib/spin-gltf.so
+SHIMS    := $(B)/lib/spin-image.so $(B)/lib/spin-image-plain.so $(B)/lib/spin-gltf.so
 
 # Several machines are for who has MPI: MPICC= does without.
 MPICC    ?= $(shell command -v mpicc)
@@ -98,13 +98,6 @@ SHIMS    += $(B)/lib/spin-mpi.so
 endif
 
 TOOLS    := $(B)/tests/tools/compare-images
-
-# Pictures without OpenImageIO, for machines that have little (tests/card): for who has libjpeg-turbo and libpng.
-PLAIN    := $(shell printf '\043if __has_include(<jpeglib.h>) && __has_include(<png.h>)\nyes\n\043endif\n' | \
-            $(CC) $(SPIN_CPPFLAGS) $(CPPFLAGS) -E -P -x c - 2>/dev/null)
-ifneq ($(filter yes,$(PLAIN)),)
-TOOLS    += $(B)/lib/spin-image-plain.so
-endif
 
 # Videos are for who has FFmpeg: `make setup-video` installs it, VIDEO=no does without.
 VIDEO    ?= $(shell printf '\043if __has_include(<libavformat/avformat.h>) && __has_include(<libavcodec/avcodec.h>)\nyes\n\043endif\n' | \
@@ -536,7 +529,7 @@ uninstall: ## take away what install put there, with the same PREFIX, LIBDIR, PY
 	-rmdir $(DEST)/$(EXAMPLE) $(DEST)/share/doc/spin4d $(DEST)/include/spin4d $(DESTLIB)/spin4d
 
 # Built in a Debian of its own, whose C library is older, it runs on more machines.
-portable: $(if $(DEBIAN),dist,$(BINS) $(BINS:$(B)/%=$(B)/portable/%) $(filter %-gltf.so %-cuda.so %-plain.so,$(SHIMS) $(TOOLS))) ## BUILD/spin4d-VERSION-linux-*.tar.gz, which needs nothing installed; DEBIAN=bullseye (where to build it) ARCH=arm64 (by QEMU)
+portable: $(if $(DEBIAN),dist,$(BINS) $(BINS:$(B)/%=$(B)/portable/%) $(filter %-gltf.so %-cuda.so %-plain.so,$(SHIMS))) ## BUILD/spin4d-VERSION-linux-*.tar.gz, which needs nothing installed; DEBIAN=bullseye (where to build it) ARCH=arm64 (by QEMU)
 	@$(if $(DEBIAN),sh src/packaging/chroot.sh $(DEBIAN) $(VERSION),sh src/packaging/portable.sh $(VERSION) $(B)) $(BUILD) $(if $(DEBIAN),$(ARCH))
 
 windows: ## BUILD/windows/spin4d-VERSION-windows-x86_64.zip, by MinGW
