@@ -41,13 +41,13 @@ SOVERSION := 0
 
 OPT.release := -O3 -DNDEBUG
 OPT.debug   := -O1
-OPT.asan    := -Og -Wno-maybe-uninitialized -Wno-format-truncation -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
+OPT.asan    := -Og -Wno-format-truncation -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 OPT.ubsan   := -O1 -fsanitize=undefined -fno-sanitize-recover=undefined
 OPT.tsan    := -O1 -fsanitize=thread
 OPT.cov     := -O0 --coverage
 OPT         := $(OPT.$(CONFIG))
 # -g1: lines without variables, which take gcc up to six times as long under a sanitiser. -Og takes half of -O1's time,
-# and warns of what is not so.
+# and warns of a text that is cut short where it cannot be.
 LINES       := $(if $(filter asan,$(CONFIG)),-g1,-g)
 ifeq ($(OPT),)
 $(error CONFIG=$(CONFIG) is not one of release debug asan ubsan tsan cov)
