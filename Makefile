@@ -39,14 +39,16 @@ VERSION := $(shell sed -n 's/^\#define SPIN_VERSION "\(.*\)"/\1/p' src/spin.h)
 # Goes up when a program that was linked with the shared library would not run with the new one.
 SOVERSION := 0
 
-# -g1: lines without variables, which take gcc up to six times as long under a sanitiser.
 OPT.release := -O3 -DNDEBUG
 OPT.debug   := -O1
-OPT.asan    := -O1 -g1 -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
+OPT.asan    := -Og -Wno-format-truncation -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 OPT.ubsan   := -O1 -fsanitize=undefined -fno-sanitize-recover=undefined
 OPT.tsan    := -O1 -fsanitize=thread
 OPT.cov     := -O0 --coverage
 OPT         := $(OPT.$(CONFIG))
+# -g1: lines without variables, which take gcc up to six times as long under a sanitiser. -Og takes half of -O1's time,
+# and warns of a text that is cut short where it cannot be.
+LINES       := $(if $(filter asan,$(CONFIG)),-g1,-g)
 ifeq ($(OPT),)
 $(error CONFIG=$(CONFIG) is not one of release debug asan ubsan tsan cov)
 endif
@@ -57,7 +59,7 @@ PREFIX_MAP    := -ffile-prefix-map=$(CURDIR)=. $(if $(filter /%,$(BUILD)),-ffile
 SPIN_CPPFLAGS := -Isrc -I. -D_GNU_SOURCE
 MACHINE       := $(shell $(CC) -dumpmachine)
 WASM          := $(filter wasm%,$(MACHINE))
-SPIN_CFLAGS   := -std=gnu11 $(OPT) $(WARN) -fno-trapping-math -fno-math-errno $(if $(WASM),,-g -fPIC -pthread) $(PREFIX_MAP)
+SPIN_CFLAGS   := -std=gnu11 $(OPT) $(WARN) -fno-trapping-math -fno-math-errno $(if $(WASM),,$(LINES) -fPIC -pthread) $(PREFIX_MAP)
 SPIN_CXXFLAGS := -std=c++17 -O2 $(if $(WASM),,-g -fPIC) -Wall -Wextra $(PREFIX_MAP)
 SPIN_LDFLAGS  := $(filter -fsanitize%,$(OPT)) $(filter --coverage,$(OPT)) -pthread
 SPIN_LDLIBS   := -lz -llzma -ljansson -ldl -lm
@@ -89,7 +91,7 @@ COMMANDS := spin4d spin-import spin-retrain spin-export spin-eval
 BINS     := $(COMMANDS:%=$(B)/bin/%)
 LIB      := $(B)/libspin.a
 LIB_SO   := $(B)/libspin.so.$(VERSION)
-SHIMS    := $(B)/lib/spin-image.so $(B)/lib/spin-gltf.so
+SHIMS    := $(B)/lib/spin-image.so $(B)/lib/spin-image-plain.so $(B)/lib/spin-gltf.so
 
 # Several machines are for who has MPI: MPICC= does without.
 MPICC    ?= $(shell command -v mpicc)
@@ -98,13 +100,6 @@ SHIMS    += $(B)/lib/spin-mpi.so
 endif
 
 TOOLS    := $(B)/tests/tools/compare-images
-
-# Pictures without OpenImageIO, for machines that have little (tests/card): for who has libjpeg-turbo and libpng.
-PLAIN    := $(shell printf '\043if __has_include(<jpeglib.h>) && __has_include(<png.h>)\nyes\n\043endif\n' | \
-            $(CC) $(SPIN_CPPFLAGS) $(CPPFLAGS) -E -P -x c - 2>/dev/null)
-ifneq ($(filter yes,$(PLAIN)),)
-TOOLS    += $(B)/lib/spin-image-plain.so
-endif
 
 # Videos are for who has FFmpeg: `make setup-video` installs it, VIDEO=no does without.
 VIDEO    ?= $(shell printf '\043if __has_include(<libavformat/avformat.h>) && __has_include(<libavcodec/avcodec.h>)\nyes\n\043endif\n' | \
@@ -154,7 +149,7 @@ BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
 BENCH    := $(B)/tests/bench/bench
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
-.PHONY: all help config setup setup-video setup-lint demo quick test test-bins test-tools test-builds test-card card-kit test-ranks check lint mutants test-viewers bench-viewers results hero valgrind tsan fuzz fuzz-replay bench install uninstall wheel portable web windows dist deb clean format
+.PHONY: all help config setup setup-video setup-lint demo quick test test-bins room-bins test-tools test-builds test-card card-kit test-ranks check lint mutants test-viewers bench-viewers results hero valgrind tsan fuzz fuzz-replay bench install uninstall wheel portable web windows dist deb clean format
 .SECONDARY:
 .DELETE_ON_ERROR:
 
@@ -192,7 +187,9 @@ test: ## all tests but test-card and test-ranks, JOBS at a time; K='words' selec
 	@$(MAKE) --no-print-directory -j$(JOBS) all $(if $(filter quick,$(K)),$(UNIT_BIN),test-bins)
 	@JOBS=$(JOBS) sh tests/run.sh $(B) "$(K)"
 
-test-bins: $(TEST_BIN) $(EMU) $(BENCH) $(B)/tests/bench/clip test-tools fuzz-bins
+test-bins: room-bins $(TEST_BIN) $(BENCH) $(B)/tests/bench/clip
+# All but those of tests/cmd and tests/bench: what .ci/run runs under sanitisers.
+room-bins: $(UNIT_BIN) $(filter $(B)/tests/emu/%,$(TEST_BIN)) $(EMU) test-tools fuzz-bins
 test-tools: $(TOOLS)
 
 test-card: ## trainings on the emulated card, which `make test` leaves out
@@ -374,12 +371,13 @@ $(B)/lib/spin-cuda.so: $(CUDA_CU:%=$(B)/%.o)
 
 # The same kernels for the host, in tests/emu's emulation: with array bounds checked, and once more with the race
 # detector's calls.
-EMU_BASE  := -std=c++20 -g -O2 -Wall -Wextra -fPIC -fvisibility=hidden -ffp-contract=off -DSPIN_EMU -DSPIN_NCCL -Itests/emu -include tests/emu/emu.h
+EMU_BASE  := -std=c++20 -g1 -O2 -Wall -Wextra -fPIC -fvisibility=hidden -ffp-contract=off -DSPIN_EMU -DSPIN_NCCL -Itests/emu -include tests/emu/emu.h
 EMU_BOUND := -fsanitize=bounds -fno-sanitize-recover=bounds
 EMU_FLAGS := $(EMU_BASE) $(if $(filter asan,$(CONFIG)),$(filter -f%,$(OPT)) -fsanitize-sections=emu_shared,$(EMU_BOUND))
 EMU_CU    := $(filter-out src/device/cuda/gpu.cu,$(sort $(wildcard src/device/cuda/*.cu)))
 EMU_O     := $(B)/tests/emu/emu.o $(B)/tests/emu/gpu.o $(B)/tests/emu/norace.o
 RACE_O    := $(B)/tests/emu/emu.o $(B)/tests/emu/gpu.o $(B)/tests/emu/race.o
+RACE      := $(BUILD)/race
 $(B)/tests/emu/%.o: tests/emu/%.cpp
 	@mkdir -p $(@D)
 	$(SAY) CXX $<
@@ -388,15 +386,16 @@ $(B)/%.emu.o: %.cu tests/emu/emu.h
 	@mkdir -p $(@D)
 	$(SAY) EMU $<
 	$(Q)$(CXX) $(SPIN_CPPFLAGS) -x c++ $(EMU_FLAGS) -MMD -MP -c -o $@ $<
-$(B)/%.race.o: %.cu tests/emu/emu.h
+# The same in every CONFIG.
+$(RACE)/%.race.o: %.cu tests/emu/emu.h
 	@mkdir -p $(@D)
 	$(SAY) RACE $<
 	$(Q)$(CXX) $(SPIN_CPPFLAGS) -x c++ $(EMU_BASE) $(EMU_BOUND) -fsanitize=thread -MMD -MP -c -o $@ $<
 $(B)/tests/emu/t-emu: | $(EMU)
 $(B)/tests/emu/spin-cuda.so: $(EMU_CU:%.cu=$(B)/%.emu.o) $(EMU_O)
-$(B)/tests/emu/spin-cuda-race.so: $(EMU_CU:%.cu=$(B)/%.race.o) $(RACE_O)
+$(B)/tests/emu/spin-cuda-race.so: $(EMU_CU:%.cu=$(RACE)/%.race.o) $(RACE_O)
 $(B)/tests/emu/faults.so: $(B)/tests/emu/faults.emu.o $(EMU_O)
-$(B)/tests/emu/faults-race.so: $(B)/tests/emu/faults.race.o $(RACE_O)
+$(B)/tests/emu/faults-race.so: $(RACE)/tests/emu/faults.race.o $(RACE_O)
 $(B)/tests/emu/nccl.so: $(B)/tests/emu/nccl.o
 $(EMU):
 	$(SAY) LINK $@
@@ -407,11 +406,12 @@ $(EMU):
 $(B)/src/device/cpu/contract.%.o $(B)/src/device/cpu/grid.%.o \
 $(B)/src/device/cpu/densify_stats.%.o: CONTRACT := -ffp-contract=off
 
+HOT := $(if $(filter asan,$(CONFIG)),-O1)
 define CPU_RULE
 $(B)/%.$(1).o: %.c
 	@mkdir -p $$(@D)
 	$$(SAY) CC "$$< ($(1))"
-	$$(Q)$$(COMPILE_C) -DSPIN_CPU_PATH=$(1) $$(FLAGS.$(1)) $$(CONTRACT) -MMD -MP -c -o $$@ $$<
+	$$(Q)$$(COMPILE_C) -DSPIN_CPU_PATH=$(1) $$(FLAGS.$(1)) $$(CONTRACT) $$(HOT) -MMD -MP -c -o $$@ $$<
 endef
 $(foreach p,$(PATHS),$(eval $(call CPU_RULE,$(p))))
 
@@ -536,7 +536,7 @@ uninstall: ## take away what install put there, with the same PREFIX, LIBDIR, PY
 	-rmdir $(DEST)/$(EXAMPLE) $(DEST)/share/doc/spin4d $(DEST)/include/spin4d $(DESTLIB)/spin4d
 
 # Built in a Debian of its own, whose C library is older, it runs on more machines.
-portable: $(if $(DEBIAN),dist,$(BINS) $(BINS:$(B)/%=$(B)/portable/%) $(filter %-gltf.so %-cuda.so %-plain.so,$(SHIMS) $(TOOLS))) ## BUILD/spin4d-VERSION-linux-*.tar.gz, which needs nothing installed; DEBIAN=bullseye (where to build it) ARCH=arm64 (by QEMU)
+portable: $(if $(DEBIAN),dist,$(BINS) $(BINS:$(B)/%=$(B)/portable/%) $(filter %-gltf.so %-cuda.so %-plain.so,$(SHIMS))) ## BUILD/spin4d-VERSION-linux-*.tar.gz, which needs nothing installed; DEBIAN=bullseye (where to build it) ARCH=arm64 (by QEMU)
 	@$(if $(DEBIAN),sh src/packaging/chroot.sh $(DEBIAN) $(VERSION),sh src/packaging/portable.sh $(VERSION) $(B)) $(BUILD) $(if $(DEBIAN),$(ARCH))
 
 windows: ## BUILD/windows/spin4d-VERSION-windows-x86_64.zip, by MinGW
@@ -557,8 +557,8 @@ format: ## rewrite all sources with clang-format
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cpp' '*.cu')
 
 clean: ## remove what was built, in BUILD, and bin
-	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov mutants fuzz web windows deb gcc clang arm64 bytes stderr test-needs debian-* *.tar.gz *.whl) bin
+	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov race mutants fuzz web windows deb gcc clang arm64 bytes stderr test-needs debian-* *.tar.gz *.whl) bin
 	-@rmdir $(BUILD) 2>/dev/null
 
--include $(shell find $(B) -name '*.d' 2>/dev/null)
+-include $(shell find $(B) $(RACE) -name '*.d' 2>/dev/null)
 endif

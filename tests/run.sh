@@ -9,9 +9,6 @@
 # and tests/emu. Those with the key long begin first. A crash, a non-zero exit, more than ten minutes and a test without
 # an end are failures.
 #
-# OpenImageIO takes a fifth of a second to load. Tests with the key libpng, which give many commands a tiny clip, have
-# pictures by libjpeg and libpng alone, where that is built: t3016 looks whether it reads and writes the same.
-#
 # SPIN_RUN runs the programs of another machine (qemu-aarch64).
 # SPIN_FIXTURES says where the large fixtures are; SPIN_BIN and SPIN_BUILD are set for the scripts.
 B=${1:?usage: run.sh BUILD_DIR [WORDS]}
@@ -72,11 +69,6 @@ has_key() {
 if [ "$B" = --one ]; then
     B=$2 source=$3
     program=$B/${source%.c}
-    plain=$(cd "$B" && pwd)/lib/spin-image-plain.so
-    if has_key "$source" libpng && [ -f "$plain" ]; then
-        : "${SPIN_IMAGE_SHIM:=$plain}"
-        export SPIN_IMAGE_SHIM
-    fi
     # shellcheck disable=SC2086
     case $source in
     *.sh)

@@ -31,6 +31,8 @@ missing_headers() {
     printf '%s\n' '#if !__has_include(<zlib.h>)' zlib1g-dev '#endif' \
         '#if !__has_include(<lzma.h>)' liblzma-dev '#endif' \
         '#if !__has_include(<jansson.h>)' libjansson-dev '#endif' \
+        '#if !__has_include(<jpeglib.h>)' libjpeg-dev '#endif' \
+        '#if !__has_include(<png.h>)' libpng-dev '#endif' \
         '#if !__has_include(<webp/encode.h>)' libwebp-dev '#endif' \
         '#if !__has_include(<zstd.h>)' libzstd-dev '#endif' \
         '#if !__has_include(<OpenImageIO/imageio.h>)' libopenimageio-dev '#endif' \
@@ -47,8 +49,8 @@ missing_packages() {
     elif have "$CXX"; then
         echo "build-essential $(missing_headers)"
     else
-        echo build-essential zlib1g-dev liblzma-dev libjansson-dev libopenimageio-dev libtinygltf-dev \
-            libwebp-dev libzstd-dev "$video"
+        echo build-essential zlib1g-dev liblzma-dev libjansson-dev libjpeg-dev libpng-dev libopenimageio-dev \
+            libtinygltf-dev libwebp-dev libzstd-dev "$video"
     fi
 }
 
@@ -95,6 +97,8 @@ report() {
 zlib zlib1g-dev zlib.h ZLIB_VERSION
 liblzma liblzma-dev lzma.h LZMA_VERSION_STRING
 jansson libjansson-dev jansson.h JANSSON_VERSION
+libjpeg libjpeg-dev jpeglib.h LIBJPEG_TURBO_VERSION
+libpng libpng-dev png.h PNG_LIBPNG_VER_STRING
 OpenImageIO libopenimageio-dev OpenImageIO/oiioversion.h OIIO_VERSION_STRING
 tinygltf libtinygltf-dev tiny_gltf.h found
 libwebp libwebp-dev webp/encode.h found

@@ -2,7 +2,7 @@
 # windows.sh ZIP BUILD: what `make windows` wrote does under Wine what the commands of BUILD do here (build/release, with
 # its test-tools): the same bytes, the same lines, the same exit codes. The C library of Windows rounds exp(), log() and
 # their like from 80 bits, ours does not, and a last bit of a float differs now and then: the commands here run with
-# functions that round like that one's. Images are read and written by the plain shim on both sides.
+# functions that round like that one's.
 zip=$(realpath "${1:?usage: windows.sh ZIP BUILD}")
 here=$(realpath "${2:?usage: windows.sh ZIP BUILD}")
 root=$PWD
@@ -43,8 +43,7 @@ both() {
     shift
     n=$((n + 1))
     rm -rf here there out* && mkdir here there || exit 1
-    LD_PRELOAD=$work/round.so SPIN_IMAGE_SHIM=$here/lib/spin-image-plain.so \
-        "$here/bin/$command" "$@" >here.1 2>here.2 </dev/null
+    LD_PRELOAD=$work/round.so "$here/bin/$command" "$@" >here.1 2>here.2 </dev/null
     code=$?
     for file in out*; do [ ! -e "$file" ] || mv "$file" here/; done
     wine "$there/$command.exe" "$@" >there.1 2>there.2 </dev/null

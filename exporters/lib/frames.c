@@ -261,7 +261,7 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
 spin_status spin_frames_end(void *self)
 {
     struct spin_frames *x = self;
-    spin_status status;
+    spin_status status = SPIN_OK;
 
     if (x->format->finish && !x->file)
         SPIN_TRY_OUT(x->format->finish(x));

@@ -1,4 +1,4 @@
-/* Loads the shim, looks whether a file is all there, and gives failures our words.
+/* Picks the shim, looks whether a file is all there, and gives failures our words.
  *
  * The looking is ours because the decoders' is not enough: libjpeg paints what is missing grey and
  * calls that success, and libpng talks to the terminal. */
@@ -14,19 +14,38 @@
 #include "io/video.h"
 
 #define MAX_PIXELS ((int64_t)64 << 20)
-static const struct spin_image_shim *shim;
+static const struct spin_image_shim *plain, *oiio;
+
+static spin_status need_plain(void)
+{
+    static struct spin_shim where = {.file = "spin-image-plain.so",
+                                     .override = "SPIN_IMAGE_PLAIN_SHIM",
+                                     .symbol = SPIN_IMAGE_SHIM_SYMBOL,
+                                     .abi = SPIN_IMAGE_SHIM_ABI,
+                                     .lacking = "images cannot be read or written: the libpng shim",
+                                     .debian = "libjpeg-dev and libpng-dev"};
+
+    return spin_shim_need(&where, (const void **)&plain);
+}
+
+/* After the other: libpng must find its own functions before those that image_oiio.cpp has for OpenImageIO. */
+static spin_status need_oiio(void)
+{
+    static struct spin_shim where = {
+        .file = "spin-image.so",
+        .override = "SPIN_IMAGE_SHIM",
+        .symbol = SPIN_IMAGE_SHIM_SYMBOL,
+        .abi = SPIN_IMAGE_SHIM_ABI,
+        .lacking = "only PNG and JPEG can be read and written: the OpenImageIO shim",
+        .debian = "libopenimageio-dev"};
+
+    (void)need_plain();
+    return spin_shim_need(&where, (const void **)&oiio);
+}
 
 spin_status spin_image_start(void)
 {
-    static struct spin_shim where = {.file = "spin-image.so",
-                                     .override = "SPIN_IMAGE_SHIM",
-                                     .symbol = SPIN_IMAGE_SHIM_SYMBOL,
-                                     .abi = SPIN_IMAGE_SHIM_ABI,
-                                     .lacking =
-                                         "images cannot be read or written: the OpenImageIO shim",
-                                     .debian = "libopenimageio-dev"};
-
-    return spin_shim_need(&where, (const void **)&shim);
+    return need_plain() == SPIN_OK || need_oiio() == SPIN_OK ? SPIN_OK : need_plain();
 }
 
 /* ---- Is it all there ------------------------------------------------------------------------- */
@@ -166,11 +185,43 @@ static spin_status inspect(const char *path, bool whole, const char **format,
     return SPIN_OK;
 }
 
+/* What a shim is asked: the size, and the pixels where rgb is not NULL. */
+struct question {
+    const char *path, *format;
+    const float *background;
+    int *width, *height, *channels;
+    uint8_t **rgb;
+    char why[256];
+};
+
+static enum spin_image_result ask(const struct spin_image_shim *shim, struct question *q)
+{
+    return q->rgb ? shim->read(q->path, q->format, MAX_PIXELS, q->background, q->width, q->height,
+                               q->rgb, q->why, sizeof q->why)
+                  : shim->size(q->path, q->format, q->width, q->height, q->channels, q->why,
+                               sizeof q->why);
+}
+
+/* PNG and JPEG by libpng and libjpeg. What these refuse, and every other file, goes to OpenImageIO, which takes long
+ * to load. */
+static spin_status answer(struct question *q)
+{
+    enum spin_image_result result = SPIN_IMAGE_UNREADABLE;
+    spin_status status = *q->format ? spin_image_start() : need_oiio();
+
+    if (status != SPIN_OK)
+        return spin_fail_context(status, "cannot read image '%s'", q->path);
+    if (*q->format && plain)
+        result = ask(plain, q);
+    if (result == SPIN_IMAGE_UNREADABLE && need_oiio() == SPIN_OK)
+        result = ask(oiio, q);
+    return result == SPIN_IMAGE_OK ? SPIN_OK : fail_image(result, q->path, q->why);
+}
+
 spin_status spin_image_size(const char *path, int *width, int *height, int *channels)
 {
-    char why[256] = "", *file;
-    const char *format;
-    enum spin_image_result result;
+    struct question q = {.path = path, .width = width, .height = height, .channels = channels};
+    char *file;
     int64_t frame;
 
     SPIN_TRY(find_video(path, &file, &frame));
@@ -181,10 +232,8 @@ spin_status spin_image_size(const char *path, int *width, int *height, int *chan
         *channels = 3;
         return status;
     }
-    SPIN_TRY(spin_image_start());
-    SPIN_TRY(inspect(path, false, &format, NULL));
-    result = shim->size(path, format, width, height, channels, why, sizeof why);
-    return result == SPIN_IMAGE_OK ? SPIN_OK : fail_image(result, path, why);
+    SPIN_TRY(inspect(path, false, &q.format, NULL));
+    return answer(&q);
 }
 
 static spin_status look_at_video(const char *file, int64_t frame, int *width, int *height,
@@ -201,10 +250,9 @@ static spin_status look_at_video(const char *file, int64_t frame, int *width, in
 
 spin_status spin_image_look(const char *path, int *width, int *height, struct spin_imprint *imprint)
 {
-    char why[256] = "", *file;
-    const char *format;
-    enum spin_image_result result;
     int channels;
+    struct question q = {.path = path, .width = width, .height = height, .channels = &channels};
+    char *file;
     int64_t frame;
 
     SPIN_TRY(find_video(path, &file, &frame));
@@ -214,11 +262,8 @@ spin_status spin_image_look(const char *path, int *width, int *height, struct sp
         free(file);
         return status;
     }
-    SPIN_TRY(spin_image_start());
-    SPIN_TRY(inspect(path, true, &format, imprint));
-    result = shim->size(path, format, width, height, &channels, why, sizeof why);
-    if (result != SPIN_IMAGE_OK)
-        return fail_image(result, path, why);
+    SPIN_TRY(inspect(path, true, &q.format, imprint));
+    SPIN_TRY(answer(&q));
     if ((int64_t)*width > MAX_PIXELS / *height)
         return spin_unsupported("cannot read image '%s': %d x %d pixels are more than are taken",
                                 path, *width, *height);
@@ -229,9 +274,12 @@ spin_status spin_image_read(const char *path, const float background[3], int *wi
                             uint8_t **rgb)
 {
     static const float black[3];
-    char why[256] = "", *file;
-    const char *format;
-    enum spin_image_result result;
+    struct question q = {.path = path,
+                         .background = background ? background : black,
+                         .width = width,
+                         .height = height,
+                         .rgb = rgb};
+    char *file;
     int64_t frame;
 
     *rgb = NULL;
@@ -242,11 +290,8 @@ spin_status spin_image_read(const char *path, const float background[3], int *wi
         free(file);
         return status;
     }
-    SPIN_TRY(spin_image_start());
-    SPIN_TRY(inspect(path, true, &format, NULL));
-    result = shim->read(path, format, MAX_PIXELS, background ? background : black, width, height,
-                        rgb, why, sizeof why);
-    return result == SPIN_IMAGE_OK ? SPIN_OK : fail_image(result, path, why);
+    SPIN_TRY(inspect(path, true, &q.format, NULL));
+    return answer(&q);
 }
 
 spin_status spin_image_encode(int width, int height, const uint8_t *rgb, unsigned char **bytes,
@@ -257,7 +302,8 @@ spin_status spin_image_encode(int width, int height, const uint8_t *rgb, unsigne
     *bytes = NULL;
     *n_bytes = 0;
     SPIN_TRY(spin_image_start());
-    if (shim->encode_png(width, height, rgb, bytes, n_bytes, why, sizeof why) != SPIN_IMAGE_OK)
+    if ((plain ? plain : oiio)->encode_png(width, height, rgb, bytes, n_bytes, why, sizeof why) !=
+        SPIN_IMAGE_OK)
         return spin_fail(SPIN_E_IO, "cannot encode a picture: %s", why);
     return SPIN_OK;
 }
@@ -327,8 +373,9 @@ spin_status spin_film_write(const char *path, const struct spin_film *film, bool
             pixels[n * i + (size_t)out.n_colours + k] = film->depth[k * plane + i];
     }
     out.pixels = pixels;
-    SPIN_TRY_OUT(spin_image_start());
-    if (shim->encode(&out, &bytes, &n_bytes, why, sizeof why) != SPIN_IMAGE_OK)
+    SPIN_TRY_OUT(film->exr ? need_oiio() : spin_image_start());
+    if ((film->exr || !plain ? oiio : plain)->encode(&out, &bytes, &n_bytes, why, sizeof why) !=
+        SPIN_IMAGE_OK)
         status = spin_fail(SPIN_E_IO, "cannot encode a picture: %s", why);
     if (status == SPIN_OK)
         status = spin_out_whole(path, bytes, n_bytes, sync);

@@ -1,13 +1,12 @@
-/* Images through OpenImageIO, behind a C face. The shim is a shared object of its own that is loaded
- * on first use (spin-image.so beside the library or the commands), so that a command that touches no
- * pixel does not pay for OpenImageIO's start-up. Thread-safe after spin_image_start(). */
+/* Images, behind a C face: PNG and JPEG by libpng and libjpeg (spin-image-plain.so), other files by OpenImageIO
+ * (spin-image.so). Each is loaded on first use, as OpenImageIO takes a fifth of a second to start. Thread-safe. */
 #pragma once
 
 #include "io/file.h"
 
 /* Wherever a path is taken, it may also name a frame of a video, as io/video.h has it. */
 
-/* Load the shim now. Errors say what to install. */
+/* Load what reads and writes PNG and JPEG now. Errors say what to install. */
 spin_status spin_image_start(void);
 
 /* Size and channels without decoding. */

@@ -1,5 +1,6 @@
-/* The far side of image.c without OpenImageIO: JPEG by libjpeg-turbo and PNG by libpng alone, for machines that have
- * little else (make portable, tests/card). The same pixels as OpenImageIO gives for what cameras write; other formats are refused. */
+/* The far side of image.c for JPEG by libjpeg-turbo and PNG by libpng, without the time that OpenImageIO takes to load;
+ * the only one on machines that have little (make portable, make windows, tests/card). What it reads has the same pixels
+ * by OpenImageIO. */
 #include <setjmp.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -94,15 +95,16 @@ static void read_jpeg(struct picture *p)
         p->channels = jpeg.num_components;
         if (jpeg.num_components > 3)
             fail(p, SPIN_IMAGE_UNREADABLE, "a JPEG with four colours, which needs OpenImageIO");
-        else if (wants_pixels(p)) {
+        else if (wants_pixels(p) || p->sizes) { /* the start looks at the tables */
             jpeg.out_color_space = JCS_RGB;
             jpeg_start_decompress(&jpeg);
-            while (jpeg.output_scanline < jpeg.output_height) {
+            while (p->rgb && jpeg.output_scanline < jpeg.output_height) {
                 JSAMPROW row = p->rgb + 3 * (size_t)p->width * jpeg.output_scanline;
 
                 jpeg_read_scanlines(&jpeg, &row, 1);
             }
-            jpeg_finish_decompress(&jpeg);
+            if (p->rgb)
+                jpeg_finish_decompress(&jpeg);
         }
     }
     jpeg_destroy_decompress(&jpeg);
@@ -176,22 +178,16 @@ static void read_png(struct picture *p)
 
 /* ---- Both ------------------------------------------------------------------------------------ */
 
-static enum spin_image_result open_picture(struct picture *p)
+static enum spin_image_result open_picture(struct picture *p, const char *format)
 {
-    unsigned char head[8] = {0};
-
     p->result = SPIN_IMAGE_OK;
     p->file = fopen(p->path, "rb");
     if (!p->file)
         return fail(p, SPIN_IMAGE_UNREADABLE, "it cannot be opened");
-    if (fread(head, 1, sizeof head, p->file) < 3 || fseek(p->file, 0, SEEK_SET) != 0)
-        fail(p, SPIN_IMAGE_UNREADABLE, "it is empty");
-    else if (head[0] == 0xff && head[1] == 0xd8)
-        read_jpeg(p);
-    else if (png_sig_cmp(head, 0, sizeof head) == 0)
+    if (strcmp(format, "png") == 0)
         read_png(p);
     else
-        fail(p, SPIN_IMAGE_UNREADABLE, "neither JPEG nor PNG: other formats need OpenImageIO");
+        read_jpeg(p);
     fclose(p->file);
     if (p->result != SPIN_IMAGE_OK) {
         free(p->rgb);
@@ -205,8 +201,7 @@ static enum spin_image_result image_size(const char *path, const char *format, i
 {
     struct picture p = {.path = path, .sizes = true, .why = why, .n_why = n_why};
 
-    (void)format;
-    open_picture(&p);
+    open_picture(&p, format);
     *width = p.width;
     *height = p.height;
     *channels = p.channels;
@@ -220,34 +215,11 @@ static enum spin_image_result image_read(const char *path, const char *format, i
     struct picture p = {
         .path = path, .most = max_pixels, .background = background, .why = why, .n_why = n_why};
 
-    (void)format;
-    open_picture(&p);
+    open_picture(&p, format);
     *width = p.width;
     *height = p.height;
     *rgb = p.rgb;
     return p.result;
-}
-
-static enum spin_image_result image_encode_png(int width, int height, const uint8_t *rgb,
-                                               unsigned char **bytes, size_t *n_bytes, char *why,
-                                               size_t n_why)
-{
-    png_image image = {.version = PNG_IMAGE_VERSION,
-                       .width = (png_uint_32)width,
-                       .height = (png_uint_32)height,
-                       .format = PNG_FORMAT_RGB};
-    png_alloc_size_t size = 0;
-    unsigned char *file = NULL;
-
-    if (png_image_write_to_memory(&image, NULL, &size, 0, rgb, 0, NULL) && (file = malloc(size)) &&
-        png_image_write_to_memory(&image, file, &size, 0, rgb, 0, NULL)) {
-        *bytes = file;
-        *n_bytes = size;
-        return SPIN_IMAGE_OK;
-    }
-    snprintf(why, n_why, "%s", image.message[0] ? image.message : "not enough memory");
-    free(file);
-    return image.message[0] ? SPIN_IMAGE_UNREADABLE : SPIN_IMAGE_NO_MEMORY;
 }
 
 /* Bytes that grow. */
@@ -294,7 +266,8 @@ static void quantise(const struct spin_image_out *image, int y, unsigned char *r
     }
 }
 
-static void write_png(struct sink *sink, const struct spin_image_out *image)
+/* rgb: what is written instead of the image's floats, or NULL. */
+static void write_png(struct sink *sink, const struct spin_image_out *image, const uint8_t *rgb)
 {
     png_structp png =
         png_create_write_struct(PNG_LIBPNG_VER_STRING, &sink->base, png_fails, png_warns);
@@ -315,8 +288,9 @@ static void write_png(struct sink *sink, const struct spin_image_out *image)
             png_set_sRGB(png, info, PNG_sRGB_INTENT_ABSOLUTE);
         png_write_info(png, info);
         for (int y = 0; y < image->height; y++) {
-            quantise(image, y, row);
-            png_write_row(png, row);
+            if (!rgb)
+                quantise(image, y, row);
+            png_write_row(png, rgb ? rgb + 3 * (size_t)image->width * (size_t)y : row);
         }
         png_write_end(png, info);
     }
@@ -324,16 +298,13 @@ static void write_png(struct sink *sink, const struct spin_image_out *image)
     free(row);
 }
 
-static enum spin_image_result image_encode(const struct spin_image_out *image,
-                                           unsigned char **bytes, size_t *n_bytes, char *why,
-                                           size_t n_why)
+static enum spin_image_result encode(const struct spin_image_out *image, const uint8_t *rgb,
+                                     unsigned char **bytes, size_t *n_bytes, char *why,
+                                     size_t n_why)
 {
     struct sink sink = {.base = {.result = SPIN_IMAGE_OK, .why = why, .n_why = n_why}};
 
-    if (strcmp(image->format, "png") != 0)
-        return fail(&sink.base, SPIN_IMAGE_UNREADABLE,
-                    "this build writes PNG only: it has no OpenImageIO");
-    write_png(&sink, image);
+    write_png(&sink, image, rgb);
     if (sink.base.result != SPIN_IMAGE_OK) {
         free(sink.bytes);
         return sink.base.result;
@@ -341,6 +312,23 @@ static enum spin_image_result image_encode(const struct spin_image_out *image,
     *bytes = sink.bytes;
     *n_bytes = sink.n;
     return SPIN_IMAGE_OK;
+}
+
+static enum spin_image_result image_encode(const struct spin_image_out *image,
+                                           unsigned char **bytes, size_t *n_bytes, char *why,
+                                           size_t n_why)
+{
+    return encode(image, NULL, bytes, n_bytes, why, n_why);
+}
+
+static enum spin_image_result image_encode_png(int width, int height, const uint8_t *rgb,
+                                               unsigned char **bytes, size_t *n_bytes, char *why,
+                                               size_t n_why)
+{
+    const struct spin_image_out image = {
+        .format = "png", .width = width, .height = height, .n_channels = 3, .bits = 8};
+
+    return encode(&image, rgb, bytes, n_bytes, why, n_why);
 }
 
 extern const struct spin_image_shim spin_image_shim_table;

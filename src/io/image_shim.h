@@ -1,4 +1,4 @@
-/* What image.c and the shared object behind it agree on: one table of functions, found by name.
+/* What image.c and the shared objects behind it agree on: one table of functions, found by name.
  * Plain C types only; nothing thrown on the far side crosses over. */
 #pragma once
 
@@ -33,11 +33,11 @@ struct spin_image_out {
         *pixels; /* [h][w][n_channels]; PNG: colours are not multiplied by alpha, EXR: they are */
 };
 
-/* format: "jpeg" or "png" when the caller knows, "" to let OpenImageIO guess.
+/* format: "jpeg" or "png", which are all that image_plain.c is asked for; "" to let OpenImageIO guess.
  * Every call fills why (n_why bytes) when it fails. Blocks are malloc'ed. */
 struct spin_image_shim {
     int abi;
-    const char *version; /* of OpenImageIO */
+    const char *version; /* of the library */
     enum spin_image_result (*size)(const char *path, const char *format, int *width, int *height,
                                    int *channels, char *why, size_t n_why);
     /* Refuses more than max_pixels before reserving. Alpha goes over the background, 0..1. */

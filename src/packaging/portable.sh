@@ -25,9 +25,9 @@ take() {
 command -v dpkg >/dev/null || fail "dpkg is not here, which knows the licences of the libraries"
 rm -rf "$tree"
 mkdir -p "$tree/bin" "$tree/lib/spin4d" "$tree/share/doc/spin4d" "$tree/python" "$tree/share/spin4d" || exit 1
-strip -o "$tree/lib/spin4d/spin-image.so" "$B/lib/spin-image-plain.so" ||
-    fail "'$B/lib/spin-image-plain.so' is not there: apt-get install libjpeg-dev libpng-dev"
-strip -o "$tree/lib/spin4d/spin-gltf.so" "$B/lib/spin-gltf.so" || fail "'$B/lib/spin-gltf.so' is not there"
+for shim in image-plain gltf; do
+    strip -o "$tree/lib/spin4d/spin-$shim.so" "$B/lib/spin-$shim.so" || fail "'$B/lib/spin-$shim.so' is not there"
+done
 [ ! -f "$B/lib/spin-cuda.so" ] || strip -o "$tree/lib/spin4d/spin-cuda.so" "$B/lib/spin-cuda.so" || exit 1
 for program in "$B"/portable/bin/spin*; do
     command=$(basename "$program")

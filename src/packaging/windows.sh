@@ -71,7 +71,7 @@ done
 # formats for those of Microsoft's printf, which %zu is not; the build for Linux checks them.
 windows_make() {
     make --no-print-directory -j"$jobs" BUILD="$W" CC=$host-gcc-posix CXX=$host-g++-posix AR=$host-ar MPICC= VIDEO= CUDA=0 \
-        PLAIN= CPPFLAGS="$posix" CFLAGS='-Wa,-muse-unaligned-vector-move -Wno-format -Wno-format-extra-args' PLUGIN_LD= \
+        CPPFLAGS="$posix" CFLAGS='-Wa,-muse-unaligned-vector-move -Wno-format -Wno-format-extra-args' PLUGIN_LD= \
         SPIN_LDLIBS='-lz -llzma -ljansson -lm' \
         LDFLAGS="-static -s -Wl,--no-insert-timestamp -Wl,--stack,8388608 -L$deps/lib" LDLIBS="$own" "$@" ||
         fail "does not build"
@@ -98,7 +98,7 @@ shared() { # OUT SOURCE OPTION...: beside BUILD/windows/release/bin
 for library in zstd webp; do
     shared bin/lib$library.dll -Wl,--whole-archive "$deps/lib/lib$library.a" -Wl,--no-whole-archive
 done
-shared lib/spin-image.so "$image" "$W/release/src/base/windows/posix.o" "$deps/lib/libjpeg.a" "$deps/lib/libpng.a" -lz
+shared lib/spin-image-plain.so "$image" "$W/release/src/base/windows/posix.o" "$deps/lib/libjpeg.a" "$deps/lib/libpng.a" -lz
 (source_of tinygltf) && (source_of nlohmann-json3) || exit 1
 shared lib/spin-gltf.so -std=c++17 -DTINYGLTF_NO_STB_IMAGE -DTINYGLTF_NO_STB_IMAGE_WRITE -I"$deps/src/tinygltf" \
     -I"$deps/src/nlohmann-json3/include" src/formats/glb_tiny.cpp "$deps/src/tinygltf/tiny_gltf.cc"

@@ -17,7 +17,7 @@ if [ -z "$CARD_CLEAN" ]; then
     exec env -i CARD_CLEAN=1 CARD_SHORT="$CARD_SHORT" CARD_SHIM="$CARD_SHIM" HOME="${HOME:-/tmp}" \
         PATH="$PATH:/usr/local/cuda/bin:/usr/bin:/bin" LD_LIBRARY_PATH="$here/lib" SPIN_FIXTURES="$here/fixtures" \
         SPIN_BUILD="$here" SPIN_TEST_DEVICE=cuda SPIN_CUDA_SHIM="${CARD_SHIM:-$here/lib/spin-cuda.so}" \
-        SPIN_IMAGE_SHIM="$here/lib/spin-image.so" SPIN_PROGRESS=0 /bin/sh "$0" "$@"
+        SPIN_IMAGE_PLAIN_SHIM="$here/lib/spin-image-plain.so" SPIN_PROGRESS=0 /bin/sh "$0" "$@"
 fi
 mkdir -p "$out" && cd "$here" || exit 1
 passed=0 failed=0 left=0

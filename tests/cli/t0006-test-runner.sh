@@ -15,7 +15,7 @@ program() { # PATH LINES
     chmod +x "build/tests/$1"
     printf '/* K: %s */\n' "$2" >"tests/$1.c"
 }
-tests() { run env -u SPIN_IMAGE_SHIM JOBS="$jobs" sh "$runner" build "$1"; }
+tests() { run env JOBS="$jobs" sh "$runner" build "$1"; }
 
 script t1-good 'echo ok 1 - a; echo "ok 2 - b # SKIP no door"'
 script t2-also 'echo ok 1 - a'
@@ -42,15 +42,6 @@ for word in test-card test-ranks ranks; do
     is "$code $(tail -n 1 "$work/out")" "0 1 passed, 0 failed, 0 skipped" "but not by name: $word"
 done
 rm tests/cli/t2-card.sh tests/cli/t2-ranks.sh tests/cli/t2-text.sh
-mkdir build/lib
-touch build/lib/spin-image-plain.so
-# shellcheck disable=SC2016
-printf '#!/bin/sh\n# K: libpng\n[ "$SPIN_IMAGE_SHIM" = "$PWD/build/lib/spin-image-plain.so" ] && echo ok 1 - a\n' >tests/cli/t2-png.sh
-# shellcheck disable=SC2016
-printf '#!/bin/sh\n# K: png\n[ -z "$SPIN_IMAGE_SHIM" ] && echo ok 1 - a\n' >tests/cli/t2-all.sh
-tests 't2-png t2-all'
-is "$code $(tail -n 1 "$work/out")" "0 2 passed, 0 failed, 0 skipped" "those with the key libpng load no OpenImageIO"
-rm -r build/lib tests/cli/t2-png.sh tests/cli/t2-all.sh
 tests no-such
 is "$code $(tail -n 1 "$work/out")" "1 0 passed, 0 failed, 0 skipped" "no test is a failure"
 

@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: 4dgaussian deformable3dgs motiongs ex4dgs ed3dgs spacetimegs datasets libpng
+# K: 4dgaussian deformable3dgs motiongs ex4dgs ed3dgs spacetimegs datasets
 # At which times a continuous method is sampled when a data set only counts its frames.
 . tests/cli/lib.sh
 

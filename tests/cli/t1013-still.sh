@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: still libpng
+# K: still
 # A clip in which nothing moves may hold every column once: it is what the same clip with a copy for
 # every frame is, to all commands.
 . tests/cli/lib.sh

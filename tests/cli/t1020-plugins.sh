@@ -16,7 +16,7 @@ is "$code" 0 "make install with DESTDIR and PREFIX"
 [ ! -e "$prefix" ]
 ok $? "writes below DESTDIR only"
 mv "$stage$prefix" "$prefix"
-for file in bin/spin-import lib/libspin.a lib/libspin.so.0 lib/spin4d/spin-image.so include/spin4d/spin.h \
+for file in bin/spin-import lib/libspin.a lib/libspin.so.0 lib/spin4d/spin-image.so lib/spin4d/spin-image-plain.so include/spin4d/spin.h \
     share/bash-completion/completions/spin-import share/zsh/site-functions/_spin-export \
     share/man/man1/spin-import.1 share/man/man5/spin-bundle.5 share/man/man7/spin-plugin.7 \
     lib/python3/dist-packages/spin4d.py lib/pkgconfig/spin4d.pc share/doc/spin4d/example-plugin/Makefile; do

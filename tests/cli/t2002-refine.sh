@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: long retrain refine threads libpng
+# K: long retrain refine threads
 # spin-retrain frame by frame: --refine before the network, --method frames instead of it; threads,
 # a kill and --resume, what is kept and taken again, counts of splats that change.
 . tests/cli/lib.sh

@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: long retrain outputs resume libpng
+# K: long retrain outputs resume
 # Outputs and images are looked at before the first step; what fails after training loses nothing; what has
 # changed is not used again; one run at a time writes an output.
 . tests/cli/lib.sh

@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: retrain refine sound memory libpng
+# K: retrain refine sound memory
 # What went wrong without a word: one camera a time or one camera in all, nothing in view, a cache planned
 # whole, too many pairs of splats and tiles, nothing to resume, a result worse than the source.
 . tests/cli/lib.sh

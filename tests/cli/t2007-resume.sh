@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: long retrain resume libpng
+# K: long retrain resume
 # A training run that is killed or interrupted goes on to the bits of one that never was.
 . tests/cli/lib.sh
 

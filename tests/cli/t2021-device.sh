@@ -1,6 +1,6 @@
 #!/bin/sh
 # --device: what auto takes and why, cards that cannot be used, the card's memory and what would fit in it. Runs are in
-# t2024. K: cuda emu device retrain libpng
+# t2024. K: cuda emu device retrain
 . tests/cli/lib.sh
 
 run_of=$fixtures/d3dgs/trained

@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: long retrain resume emu device 4d libpng
+# K: long retrain resume emu device 4d
 # A trained clip as 4D splats, trained again: what is read, refused, kept and written.
 . tests/cli/lib.sh
 

@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: compare table figures mask libpng
+# K: compare table figures mask
 # spin-eval of several bundles: tables, the page that compares them, figures; and of a subject alone.
 . tests/cli/lib.sh
 

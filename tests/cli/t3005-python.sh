@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: python bundle numpy libpng
+# K: python bundle numpy
 # exporters/python/spin4d.py and the manual's own decoder read what spin-retrain writes as spin-export does:
 # networks, tracks and frames of their own, at every precision.
 . tests/cli/lib.sh

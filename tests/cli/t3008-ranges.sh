@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: long range export ply gltf glb splat compressed-ply spz sog usd html images video eval retrain refine libpng
+# K: long range export ply gltf glb splat compressed-ply spz sog usd html images video eval retrain refine
 # --range, through every command: of a clip of five frames with other counts, places, colours and pictures, frames 2 to 4
 # and frames 1 and 3 give what a clip gives that has no others.
 . tests/cli/lib.sh

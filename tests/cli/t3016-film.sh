@@ -1,8 +1,18 @@
 #!/bin/sh
-# K: export images film exr depth path
+# K: export images image film exr depth path
 # spin-export --to images as films want it: EXR with alpha that composites right, depth, 16 bits, cameras from a file.
 . tests/cli/lib.sh
 
+# OpenImageIO takes a fifth of a second to load: only for what is neither PNG nor JPEG, or a kind that libjpeg refuses.
+shims_of() { # COMMAND...: what it loads for pictures
+    rm -f "$work"/loads.*
+    run env LD_DEBUG=libs LD_DEBUG_OUTPUT="$work/loads" "$@"
+    sed -n 's|.*calling init: .*/\(spin-image.*\)\.so$|\1|p' "$work"/loads.* | sort -u | tr '\n' ' '
+}
+is "$(shims_of "$bin/spin-import" "$clip" --data "$clip" -o "$work/court.spin")" "spin-image-plain " "JPEG is read without OpenImageIO"
+is "$(shims_of "$bin/spin-export" "$work/court.spin" --range 2:3 --to images -o "$work/some")" "spin-image-plain " "PNG is written without it"
+is "$(shims_of "$bin/spin-export" "$work/court.spin" --range 2:3 --to images --format exr -o "$work/film")" \
+    "spin-image spin-image-plain " "EXR is written by it"
 if ! python3 -c 'import numpy' 2>/dev/null; then
     skip "films" "no python3 with numpy"
     done_testing
@@ -20,7 +30,6 @@ P
     ok $? "$name"
 }
 
-run "$bin/spin-import" "$clip" --data "$clip" -o "$work/court.spin"
 draw() { # OUT OPTION...
     out=$work/$1
     shift
@@ -69,27 +78,23 @@ holds "16 bits are finer than 8, and the same picture" '
 a, b = png(sys.argv[1]), png(sys.argv[2])
 assert a.shape == b.shape and np.abs(a - b).max() < .51 / 255 and len(np.unique(b)) > 2 * len(np.unique(a))' "$work/eight/$of.png" "$work/black/$of.png"
 
-# Without OpenImageIO, as in what `make portable` writes: the same pixels in PNG, and no EXR.
-SPIN_IMAGE_SHIM=$(cd "${SPIN_BUILD:-build/release}" && pwd)/lib/spin-image-plain.so
-if [ -f "$SPIN_IMAGE_SHIM" ]; then
-    export SPIN_IMAGE_SHIM
-    run "${SPIN_BUILD:-build/release}/tests/io/t-image"
-    is "$code" 0 "what is tested of pictures, by libjpeg and libpng alone: $(grep -c '^ok' "$work/out") tests"
-    draw plain-black --bits 16
-    draw plain-png --background none
-    draw plain-eight
-    run "$bin/spin-export" "$work/court.spin" --range 2:3 --to images -o "$work/no" --format exr
-    fails 1 spin-export "an EXR without OpenImageIO"
-    unset SPIN_IMAGE_SHIM
-    for kind in black png eight; do
-        holds "by libpng alone, $kind: the same pixels" '
+# Without OpenImageIO, as in what `make portable` writes: no EXR. By OpenImageIO alone: the same pixels in PNG.
+for without in IMAGE IMAGE_PLAIN; do
+    run env SPIN_${without}_SHIM=/none "${SPIN_BUILD:-build/release}/tests/io/t-image"
+    is "$code" 0 "what is tested of pictures, without SPIN_${without}_SHIM: $(grep -c '^ok' "$work/out") tests"
+done
+run env SPIN_IMAGE_SHIM=/none "$bin/spin-export" "$work/court.spin" --range 2:3 --to images -o "$work/no" --format exr
+fails 1 spin-export "an EXR without OpenImageIO"
+export SPIN_IMAGE_PLAIN_SHIM=/none
+draw oiio-black --bits 16
+draw oiio-png --background none
+draw oiio-eight
+unset SPIN_IMAGE_PLAIN_SHIM
+for kind in black png eight; do
+    holds "by OpenImageIO, $kind: the same pixels" '
 a, b = png(sys.argv[1]), png(sys.argv[2])
-assert np.array_equal(a, b), np.abs(a - b).max()' "$work/$kind/$of.png" "$work/plain-$kind/$of.png"
-    done
-else
-    unset SPIN_IMAGE_SHIM
-    skip "by libpng alone" "no jpeglib.h or png.h"
-fi
+assert np.array_equal(a, b), np.abs(a - b).max()' "$work/$kind/$of.png" "$work/oiio-$kind/$of.png"
+done
 
 # Our own reader takes an EXR as the picture on the screen that it is.
 compare=${SPIN_BUILD:-build/release}/tests/tools/compare-images

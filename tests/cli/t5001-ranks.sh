@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: ranks mpi libpng
+# K: ranks mpi
 # Several processes share the work of one command, and their outputs are those of one.
 . tests/cli/lib.sh
 

@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: long import export ply realtime4dgs 4dgaussian ed3dgs spacetimegs hybrid4dgs ex4dgs freetimegs retrain libpng
+# K: long import export ply realtime4dgs 4dgaussian ed3dgs spacetimegs hybrid4dgs ex4dgs freetimegs retrain
 # K: spz splat ksplat splat4d 4dgs sog tsog sogst gltf
 # A run of every importer in the list goes out as PLY; some that are defined at any time and three of splat
 # files are retrained too.

@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: long documents libpng
+# K: long documents
 # Every example of README, docs and the manual pages: run on small fixtures, or named in examples.list with the reason
 # why not. Of all of them the options are compared with those that the commands have.
 . tests/cli/lib.sh

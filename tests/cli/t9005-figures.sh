@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: long figures info report eval retrain export sequence libpng
+# K: long figures info report eval retrain export sequence
 # Every figure that the commands and the report page show to people, against --json; and --json against sums
 # that figures.py makes apart, from the bundle, the images and the files.
 # $TAP_PART runs one alone: PART(imports) PART(plans) PART(retrains) PART(pages) PART(exports).

@@ -1,5 +1,5 @@
 /* Options of spin-export and spin-import change what is written: rates of frames, colours, axes, bytes.
- * K: export import options fps libpng */
+ * K: export import options fps */
 #include "scene/bundle.h"
 #include "tests/cmd/command.h"
 

@@ -1,6 +1,6 @@
 /* Every option of spin-retrain changes what it says it changes: views, losses, first values, steps of the
  * rates, shapes, files. Runs the command and reads its log and its bundle.
- * K: long retrain options libpng */
+ * K: long retrain options */
 #include <signal.h>
 #include <unistd.h>
 
