@@ -17,14 +17,10 @@
  * Attributes lie one after the other in the file, splats in memory; blocks of rows are taken apart
  * and each piece is written to its place, so that a frame is never held twice. */
 #include <stdatomic.h>
-#include <stdlib.h>
-#include <string.h>
 
+#include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "exporters/lib/still_rows.h"
-#include "base/log.h"
-#include "base/option.h"
-#include "base/mem.h"
 #include "formats/glb_write.h"
 
 #define DEFAULT_FPS 30

@@ -5,15 +5,10 @@
  * The player is exporters/html/, our own in WebGL 2; exporters/html/format.md says how frames are written, and
  * lib/page_group.h does it. What the page must know of the whole clip comes at the end. */
 #include <ctype.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 #include <time.h>
 #include <unistd.h>
 
-#include "base/log.h"
-#include "base/option.h"
-#include "base/mem.h"
+#include "base/base.h"
 #include "exporters/html/page.h"
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/page_draft.h"

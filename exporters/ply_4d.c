@@ -8,13 +8,7 @@
  * .sogst.ply, which encoders of .sogst take (formats/sogst.h). Paths of degree 1 or 2. Times are seconds from the first
  * frame, and sigma is stored as it is. SH has degree 3 or 0: the reference encoder takes no other, so missing rows
  * are 0. */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/err.h"
-#include "base/mem.h"
-#include "base/option.h"
+#include "base/base.h"
 #include "exporters/lib/bells_check.h"
 #include "math/sh.h"
 

@@ -3,13 +3,9 @@
  *
  * The box of the places only grows from frame to frame, and a book of a frame before is kept while it serves nearly
  * as well as an own one would: what stands still then mostly keeps its bits. The palette of SH is each frame's own. */
-#include <stdlib.h>
-#include <string.h>
-
+#include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "exporters/lib/pictures.h"
-#include "base/mem.h"
-#include "base/option.h"
 #include "formats/sog.h"
 #include "io/webp.h"
 #include "math/sh.h"

@@ -6,12 +6,7 @@
  * middle of the clip, where its opacity keeps its value and its slope.
  *
  * TSOG also holds a clip of frames: each splat with the number of the frame that alone shows it. */
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/err.h"
-#include "base/mem.h"
-#include "base/option.h"
+#include "base/base.h"
 #include "exporters/lib/bells_check.h"
 #include "exporters/lib/pictures.h"
 #include "exporters/lib/quant_error.h"

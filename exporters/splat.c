@@ -1,10 +1,7 @@
 /* One .splat per frame (formats/splat.h), in the axes of the training. The order is the source's;
  * --order size puts the largest and least transparent first, so that a part of the file shows the scene. */
-#include <stdlib.h>
-
+#include "base/base.h"
 #include "exporters/lib/frames.h"
-#include "base/log.h"
-#include "base/option.h"
 #include "formats/splat.h"
 
 static const struct spin_plugin_option options[] = {

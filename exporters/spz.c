@@ -6,11 +6,8 @@
  * Axes: the format does not say which it holds. --axes source writes those of the training, as
  * splat-transform does; --axes rub turns half about x, to the right, up and back that Niantic's
  * library stores. */
-#include <stdlib.h>
-
+#include "base/base.h"
 #include "exporters/lib/frames.h"
-#include "base/option.h"
-#include "base/mem.h"
 #include "formats/spz.h"
 #include "io/gzip.h"
 #include "io/zstd.h"

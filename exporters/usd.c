@@ -13,14 +13,9 @@
  * halves by default, with as few digits as read back as the same half; places have as many as tell a millionth of the
  * first frame's diagonal. Cameras are UsdGeomCamera, those of the data set and one that moves; only the ratio of focal
  * length and aperture counts. */
-#include <stdlib.h>
-#include <string.h>
-
+#include "base/base.h"
 #include "exporters/lib/camera_path.h"
 #include "exporters/lib/frames.h"
-#include "base/mem.h"
-#include "base/number.h"
-#include "base/option.h"
 #include "math/ntc.h"
 #include "math/project.h"
 #include "math/sh.h"

@@ -1,11 +1,6 @@
 /* The clip as a video, MP4 or WebM by the output's name: from one camera of the data set, or from one
  * that goes around the scene while the clip plays; several versions side by side on demand. */
-#include <stdlib.h>
-
-#include "base/err.h"
-#include "base/log.h"
-#include "base/option.h"
-#include "base/mem.h"
+#include "base/base.h"
 #include "exporters/lib/camera_path.h"
 #include "io/video.h"
 

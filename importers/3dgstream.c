@@ -11,11 +11,6 @@
  * The moved clouds are exact and are read when all are there. Else the networks are evaluated one
  * frame after the other, which adds up the errors of half precision. Rows of the base come first
  * and keep their order from frame to frame; rows of the added ones follow. */
-#include <limits.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/option.h"
 #include "importers/lib/model.h"
 #include "importers/lib/ntc_eval.h"
 #include "importers/lib/views_check.h"

@@ -8,11 +8,6 @@
  * mask [T, N, 1], the logit of "this Gaussian is present in this frame". The published code reads the mask in several
  * ways. Training renders with a hard mask per frame at 0.1, so that is what we do unless told otherwise. What the mask
  * hides is left out, not shrunk: a scale of 0 has no logarithm. */
-#include <limits.h>
-#include <math.h>
-#include <string.h>
-
-#include "base/option.h"
 #include "importers/lib/model.h"
 #include "io/npy.h"
 #include "math/quat.h"

@@ -8,9 +8,6 @@
  * must be of the same iteration. */
 #include "importers/lib/deform.h"
 
-#include <stdlib.h>
-#include <string.h>
-
 enum {
     MAX_LAYERS = 32,
     POSITION_FREQUENCIES = 10, /* not stored; 63 inputs */

@@ -5,11 +5,6 @@
  * length of the clip, which the checkpoint has, while for the PLYs it is that of cfg_args. The method's
  * renderer takes the checkpoint when it is there, and so does this importer. Key frames' distance and
  * shift are in the checkpoint too, but how to go between them is in cfg_args only. */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/option.h"
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 #include "math/keyframes.h"

@@ -3,11 +3,6 @@
  *
  * Times run from 0 to 1 over the clip, frame i of F at i/(F-1), and velocities count in clips. The renderer keeps every
  * splat at an opacity of 1e-4 at least, which no rasteriser draws; here what is below 1/255 is not shown. */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/option.h"
 #include "importers/lib/chkpnt.h"
 #include "math/sh.h"
 

@@ -6,10 +6,6 @@
  * taken, or with --camera those that are alive for one of the given places. */
 #include "importers/lib/camera_places.h"
 #include "importers/lib/hexplane.h"
-
-#include <stdlib.h>
-#include <string.h>
-
 #include "io/npy.h"
 #include "io/zip.h"
 

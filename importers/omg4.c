@@ -4,9 +4,6 @@
  * Shapes lie in codebooks behind Huffman codes. Opacity and colour come from four small networks
  * fed with place, time and six numbers per Gaussian, so that each time asked for is a pass of
  * networks over those Gaussians that it sees. 4D splats have those of their own times. */
-#include <stdlib.h>
-#include <string.h>
-
 #include "importers/lib/file_sequence.h"
 #include "importers/lib/gaussian4d.h"
 #include "math/motion.h"

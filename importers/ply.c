@@ -3,8 +3,6 @@
  * Properties are looked up by name, so any writer's order will do. Besides Gaussians three other kinds are
  * known: plain points, with colours or without, which give positions only, and SuperSplat's compressed
  * layout. */
-#include <limits.h>
-#include <string.h>
 #include <strings.h>
 
 #include "formats/compressed_ply.h"

@@ -9,11 +9,6 @@
  *
  * The PLY that a run leaves as well looks like a cloud of 3DGS and is none: it has the dynamic half only,
  * every Gaussian at its own time. */
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/option.h"
-#include "base/number.h"
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 

@@ -4,11 +4,7 @@
  * not change in time. The renderer culls next to nothing, so that every slow Gaussian is in every
  * frame with an opacity of nearly 0; here those that no 8-bit image could show are left out. */
 #include <ctype.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/option.h"
-#include "base/text.h"
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 #include "io/json.h"

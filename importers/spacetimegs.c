@@ -5,10 +5,6 @@
  * are RGB, not SH. The full model has no colours of Gaussians: its rasteriser blends nine features, and a
  * network makes the colour of a pixel from these and from the ray. Imported is the colour of a pixel that
  * one Gaussian covers alone, as SH of degree 1 fitted to the colours for given cameras. */
-#include <string.h>
-
-#include "base/option.h"
-#include "base/text.h"
 #include "importers/lib/camera_places.h"
 #include "importers/lib/gaussian4d.h"
 #include "importers/lib/model.h"

@@ -6,10 +6,6 @@
  *
  * GLB (KHR_gaussian_splatting): glTF's axes are x left, y up, z forward, those of a run mostly x right, y down, z
  * forward: --axes gltf takes the half turn about z back that exporters make. */
-#include <limits.h>
-#include <string.h>
-
-#include "base/option.h"
 #include "formats/glb_scene.h"
 #include "formats/ksplat.h"
 #include "formats/sog.h"

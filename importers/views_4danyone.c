@@ -7,9 +7,6 @@
  *     images/00/000000.png ...        pictures of them, taken in their place when they are there
  *
  * World: y up, as it stands. videos/sparse and skeletons are no views. No camera is held out by the files. */
-#include <stdlib.h>
-#include <string.h>
-
 #include "importers/lib/views_rig.h"
 #include "io/video.h"
 

@@ -17,12 +17,6 @@
  * (4DGaussians, which takes it for a video of one camera), and each eighth image by name is held
  * out (3DGS's --eval). In the layout of FreeTimeGS times are k/(n-1), and each eighth camera is held out. With a folder per frame each image is a camera of every frame, times are
  * 0, 1, 2, ..., and the first camera is held out (3DGStream). */
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/option.h"
 #include "importers/lib/model.h"
 #include "importers/lib/views_rig.h"
 #include "math/covariance.h"

@@ -11,13 +11,8 @@
  * height, width, focal length of the full-size video. World: LLFF's, unchanged, as 4DGaussians and
  * Deformable-3DGS keep it. */
 #include <ctype.h>
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 #include <strings.h>
 
-#include "base/option.h"
 #include "importers/lib/model.h"
 #include "importers/lib/views_check.h"
 #include "io/npy.h"

@@ -10,10 +10,6 @@
  * which is not in the files. No camera is held out by the files.
  *
  * Times are k/(n-1), as FreeTimeGS takes them on these sets. EasyVolcap itself takes k/n. */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "importers/lib/views_rig.h"
 #include "math/covariance.h"
 

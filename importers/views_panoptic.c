@@ -8,10 +8,6 @@
  * Cameras are OpenCV's already. Row t of the lists is frame t of the data set, whatever number the
  * file names carry. Without test_meta.json every camera trains. */
 #include <ctype.h>
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "importers/lib/model.h"
 #include "importers/lib/views_check.h"

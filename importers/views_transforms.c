@@ -18,14 +18,8 @@
  * wrong sign unless the camera's right axis is perpendicular to its place; pose=4dgaussians does as
  * it does, for models that were trained on such cameras. */
 #include <ctype.h>
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 #include <unistd.h>
 
-#include "base/option.h"
-#include "base/number.h"
 #include "importers/lib/model.h"
 #include "importers/lib/views_check.h"
 

@@ -1,10 +1,6 @@
 #include "exporters/lib/bells.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "math/activate.h"
 #include "math/motion.h"
 #include "math/sh.h"

@@ -1,11 +1,6 @@
 #include "exporters/lib/bells_check.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/err.h"
-#include "base/mem.h"
+#include "base/base.h"
 #include "exporters/lib/place_error.h"
 #include "exporters/lib/quant_error.h"
 #include "math/activate.h"

@@ -1,10 +1,6 @@
 #include "exporters/lib/camera_path.h"
 
-#include <math.h>
-#include <stdlib.h>
-
-#include "base/log.h"
-#include "base/option.h"
+#include "base/base.h"
 #include "io/file.h"
 #include "math/covariance.h"
 

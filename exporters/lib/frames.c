@@ -4,13 +4,8 @@
 #include "exporters/lib/frames.h"
 
 #include <stdatomic.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/option.h"
-#include "base/text.h"
+#include "base/base.h"
 #include "io/json.h"
 
 /* ---- Sizes ----------------------------------------------------------------------------------- */

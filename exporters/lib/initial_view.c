@@ -1,8 +1,6 @@
 #include "exporters/lib/initial_view.h"
 
-#include <string.h>
-
-#include "base/number.h"
+#include "base/base.h"
 #include "math/project.h"
 
 #define FRONT_FOVY_DEG 50.0

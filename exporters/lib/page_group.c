@@ -1,9 +1,6 @@
 #include "exporters/lib/page_group.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/gzip.h"
 
 #define NONE UINT32_MAX

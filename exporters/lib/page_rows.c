@@ -1,9 +1,6 @@
 #include "exporters/lib/page_rows.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/gzip.h"
 #include "math/activate.h"
 #include "math/motion.h"

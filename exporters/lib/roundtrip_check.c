@@ -1,11 +1,7 @@
 /* --check: what was written is read back by its importer and held to the bundle - counts, the box around the places,
  * how far each value is off, and a picture of one frame. */
+#include "base/base.h"
 #include "exporters/lib/frames.h"
-
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/place_error.h"
 

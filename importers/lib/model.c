@@ -1,12 +1,7 @@
 /* Models of importers: memory, files, clouds, tensors. */
 #include "importers/lib/model.h"
 
-#include <limits.h>
 #include <stdarg.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/option.h"
 
 struct spin_model_block {
     struct spin_model_block *next;

@@ -2,9 +2,7 @@
  * tensors, layers and columns get out of them. An importer's own struct begins with a struct spin_model. */
 #pragma once
 
-#include "base/err.h"
-#include "base/number.h"
-#include "base/text.h"
+#include "base/base.h"
 #include "formats/gs_ply.h"
 #include "importers/lib/mlp_eval.h"
 #include "importers/lib/run_config.h"

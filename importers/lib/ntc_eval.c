@@ -1,10 +1,7 @@
 /* Loading and evaluating the networks of 3DGStream. */
 #include "importers/lib/ntc_eval.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/err.h"
+#include "base/base.h"
 #include "io/json.h"
 #include "io/torch.h"
 #include "io/zip.h"

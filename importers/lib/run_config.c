@@ -2,12 +2,8 @@
 #include "importers/lib/run_config.h"
 
 #include <ctype.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 
 /* ---- cfg_args -------------------------------------------------------------------------------- */
 

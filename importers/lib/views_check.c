@@ -1,13 +1,9 @@
 /* Checks that the readers of data sets share. */
 #include "importers/lib/views_check.h"
 
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 #include <unistd.h>
 
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/file.h"
 
 #define VIEWS_MAX_SIZE 65536 /* pixels along a side */

@@ -1,11 +1,5 @@
 #include "importers/lib/views_rig.h"
 
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/option.h"
 #include "io/video.h"
 
 static int by_name(const void *a, const void *b)

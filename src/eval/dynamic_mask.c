@@ -1,11 +1,7 @@
 /* Moving regions, from masks or from the images themselves. */
 #include "eval/dynamic_mask.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/image.h"
 
 enum {

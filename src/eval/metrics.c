@@ -1,14 +1,7 @@
 /* Evaluation: draw every view, compare, average. */
 #include "eval/metrics.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "spin.h"
-#include "base/err.h"
-#include "base/log.h"
-#include "base/mem.h"
+#include "base/base.h"
 #include "eval/colour_fit.h"
 #include "io/image.h"
 #include "io/ranks.h"

@@ -1,10 +1,6 @@
 #include "formats/4dgs.h"
 
-#include <limits.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "formats/gaussian.h"
 #include "formats/planes.h"
 #include "io/file.h"

@@ -1,9 +1,6 @@
 #include "formats/compressed_ply.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "math/portable.h"
 #include "math/quat.h"
 #include "math/sh.h"

@@ -1,9 +1,6 @@
 #include "formats/glb_scene.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "math/covariance.h"
 #include "math/quat.h"
 #include "math/scene_rotation.h"

@@ -1,10 +1,7 @@
 /* The binary container of glTF 2.0 (its section 4): a header, the JSON padded with spaces, the bytes. */
 #include "formats/glb_write.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "base/shim.h"
 #include "math/portable.h"
 

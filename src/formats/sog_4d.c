@@ -1,10 +1,8 @@
 #include "formats/sog_4d.h"
 
 #include <float.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/webp.h"
 
 #define MAX_META (4u << 20)

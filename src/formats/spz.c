@@ -1,9 +1,6 @@
 #include "formats/spz.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/gzip.h"
 #include "io/zstd.h"
 #include "math/portable.h"

@@ -1,15 +1,12 @@
 /* One rule for everything that fills a folder: what was there is not touched unasked. */
 #include "io/output.h"
 
-#include <errno.h>
 #include <fcntl.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "base/mem.h"
+#include "base/base.h"
 
 spin_status spin_output_check_file(const char *path, bool force)
 {

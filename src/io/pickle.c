@@ -8,9 +8,7 @@
  * pickle (torch.storage._load_from_bytes), once. */
 #include "io/pickle.h"
 
-#include <limits.h>
-#include <stdlib.h>
-#include <string.h>
+#include "base/base.h"
 
 /* Values may take this much beyond the bytes of the input. Real checkpoints need kilobytes. */
 #define BUDGET ((size_t)32 << 20)

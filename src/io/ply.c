@@ -6,10 +6,8 @@
 #include "io/ply.h"
 
 #include <assert.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/mem.h"
+#include "base/base.h"
 
 #define MAX_HEADER (128u * 1024)
 /* Records per pass of spin_ply_columns(): 16 KB at 62 floats each, which the nearest cache holds. */

@@ -1,13 +1,10 @@
 /* Loads the shim when there are others, and builds on its one exchange what the work needs. */
 #include "io/ranks.h"
 
-#include <stdlib.h>
-#include <string.h>
 #include <time.h>
 #include <unistd.h>
 
-#include "base/log.h"
-#include "base/mem.h"
+#include "base/base.h"
 #include "base/shim.h"
 
 enum { TEXT = 1000 };

@@ -2,12 +2,8 @@
 #include "run/column_stats.h"
 
 #include <float.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 #include "scene/columns.h"
 
 /* Values kept of one series, for its median. */

@@ -3,13 +3,8 @@
  * The work is beside the output, under its name: clip.import.spin until all is done, clip.spin.part while the training
  * is unfinished, and clip.spin, which stays. So the same call goes on after an interruption. What holds 4D splats is
  * trained twice: frames, as clip.tracks.spin, which stays too, and then the 4D splats that are cut from them. */
-#include <stdlib.h>
-#include <string.h>
-
+#include "base/base.h"
 #include "spin_run.h"
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/text.h"
 #include "io/output.h"
 #include "io/ranks.h"
 #include "render/player.h"

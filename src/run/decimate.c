@@ -1,17 +1,9 @@
 #include "run/decimate.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "base/err.h"
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/number.h"
-#include "base/option.h"
-#include "base/text.h"
+#include "base/base.h"
 #include "math/activate.h"
 #include "math/drawable.h"
 #include "scene/splats_4d.h"

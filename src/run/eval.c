@@ -1,10 +1,6 @@
 /* spin_eval(): a bundle's pictures held to its data set. */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
+#include "base/base.h"
 #include "spin_run.h"
-#include "base/mem.h"
 #include "eval/metrics.h"
 #include "eval/report/report.h"
 #include "io/output.h"

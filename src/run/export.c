@@ -1,15 +1,9 @@
 /* The calls of spin.h that wire the rooms together: open, read, export, render. */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/err.h"
+#include "base/base.h"
 #include "spin_run.h"
 #include "run/decimate.h"
 #include "run/run.h"
 #include "run/scene_edit.h"
-#include "base/log.h"
-#include "base/mem.h"
 #include "io/file.h"
 #include "io/output.h"
 #include "io/ranks.h"

@@ -1,16 +1,8 @@
 /* spin_import(): another method's run to a bundle, or a description of it. */
 #include <float.h>
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/err.h"
+#include "base/base.h"
 #include "spin_run.h"
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/pool.h"
-#include "base/text.h"
 #include "run/camera_check.h"
 #include "scene/clip.h"
 #include "run/column_stats.h"

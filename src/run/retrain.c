@@ -2,14 +2,8 @@
  *
  * Everything that follows from an iteration depends on the options, the seed and the state alone, so
  * a resumed run ends in the same bits as one that was never stopped, on any number of threads. */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
+#include "base/base.h"
 #include "spin_run.h"
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/text.h"
 #include "io/output.h"
 #include "io/json.h"
 #include "io/ranks.h"

@@ -1,11 +1,7 @@
 /* The page of --watch asks for now.js every few seconds, as a script: that works without a server. */
 #include "run/watch.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/log.h"
-#include "base/mem.h"
+#include "base/base.h"
 #include "eval/report/svg_chart.h"
 #include "eval/report/train_log.h"
 #include "io/file.h"

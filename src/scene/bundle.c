@@ -5,13 +5,7 @@
  * many gigabytes opens at once. The values stay in the map until a frame is asked for. */
 #include "scene/bundle.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/err.h"
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 
 #define META "meta.json"
 #define META_LIMIT (64u << 20) /* bytes */

@@ -1,13 +1,7 @@
 /* meta.json of a bundle, read and written. */
 #include "scene/bundle_meta.h"
 
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 #include "scene/columns.h"
 #include "scene/splats_4d.h"
 

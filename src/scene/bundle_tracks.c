@@ -2,11 +2,8 @@
 #include "scene/bundle_tracks.h"
 
 #include <inttypes.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/mem.h"
+#include "base/base.h"
 
 enum { ROW = SPIN_TRACK_WIDTH - 3 };
 

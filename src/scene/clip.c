@@ -1,11 +1,7 @@
 /* Opening a bundle together with its data set. */
 #include "scene/clip.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "scene/probe.h"
 
 spin_status spin_range_select(const struct spin_range *range, const struct spin_frame_info *info,

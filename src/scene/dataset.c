@@ -1,12 +1,7 @@
 /* The views of a data set: sorted, split, scaled, paired with a clip. */
 #include "scene/dataset.h"
 
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/image.h"
 #include "scene/probe.h"
 

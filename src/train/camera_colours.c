@@ -2,12 +2,7 @@
  * far as a coarse map of the nearest points tells; what that misses, medians bear. */
 #include "train/camera_colours.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 #include "math/exposure.h"
 #include "train/look_fit.h"
 

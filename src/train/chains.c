@@ -1,11 +1,7 @@
 /* Frames go by once; two of them are held. */
 #include "train/chains.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "math/sh.h"
 #include "train/knn.h"
 #include "train/link.h"

@@ -1,13 +1,7 @@
 /* The state of a training as an archive of arrays. */
 #include "train/checkpoint.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 #include "io/npy.h"
 #include "io/ranks.h"
 

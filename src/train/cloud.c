@@ -1,11 +1,7 @@
 /* The points of one frame and their first values: from coloured points as 3DGS begins, or from splats. */
 #include "train/cloud.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "math/activate.h"
 #include "math/sh.h"
 #include "scene/bundle.h"

@@ -1,10 +1,7 @@
 /* Host memory only; one frame after the other comes down, changes and goes up again. All ranks do the same. */
 #include "train/densify_tracks.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "model/residual.h"
 
 /* Old and new tracks. */

@@ -2,11 +2,9 @@
 #include "train/frame_cache.h"
 
 #include <ctype.h>
-#include <stdlib.h>
-#include <string.h>
 #include <unistd.h>
 
-#include "base/mem.h"
+#include "base/base.h"
 #include "scene/bundle.h"
 
 static const unsigned held = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;

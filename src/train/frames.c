@@ -1,14 +1,8 @@
 /* One pass over the clip's splats. */
 #include "train/frames.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
+#include "base/base.h"
 #include "spin_train.h"
-#include "base/mem.h"
-#include "base/number.h"
-#include "base/pool.h"
 #include "math/turn.h"
 #include "model/residual.h"
 #include "train/cloud.h"

@@ -2,11 +2,9 @@
 #include "train/key.h"
 
 #include <inttypes.h>
-#include <stdlib.h>
-#include <string.h>
 
+#include "base/base.h"
 #include "spin_train.h"
-#include "base/number.h"
 #include "train/settings.h"
 
 static void add_images(spin_json *j, const struct spin_plan *plan, const struct spin_photos *photos,

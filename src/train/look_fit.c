@@ -3,11 +3,7 @@
  * gradients solve it; a few rounds weigh samples anew by how well they fit. */
 #include "train/look_fit.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 
 enum { ROUNDS = 6, STEPS = 100 };
 static const double outlier = 0.05; /* a sample that is so far off, as a logarithm, counts half */

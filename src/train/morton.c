@@ -1,10 +1,7 @@
 /* Morton codes and a sort of them. */
 #include "train/morton.h"
 
-#include <math.h>
-#include <stdlib.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "math/morton.h"
 
 struct keyed {

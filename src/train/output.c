@@ -1,12 +1,8 @@
 /* Writing the output's arrays and its meta.json. */
 #include "train/output.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
+#include "base/base.h"
 #include "spin_train.h"
-#include "base/mem.h"
 #include "io/ranks.h"
 #include "math/turn.h"
 #include "model/residual.h"

@@ -1,11 +1,7 @@
 /* Images, and masks of pixels that count differently. */
 #include "train/photos.h"
 
-#include <stdlib.h>
-
-#include "base/err.h"
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 #include "io/image.h"
 
 spin_status spin_photos_open(struct spin_photos *photos, const struct spin_plan *plan)

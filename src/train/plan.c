@@ -1,14 +1,7 @@
 /* Options to shapes, the clip, memory and time (--dry-run). */
 #include "train/plan.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/pool.h"
-#include "base/text.h"
+#include "base/base.h"
 #include "io/ranks.h"
 #include "render/image_store.h"
 #include "train/lazy_adam.h"

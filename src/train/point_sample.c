@@ -1,12 +1,7 @@
 /* Medians and percentiles of a sample of points. */
 #include "train/point_sample.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 
 enum { SAMPLE = 20000 }; /* points of a frame, at most */
 

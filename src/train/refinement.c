@@ -7,17 +7,10 @@
  * same key is taken as it is. */
 #include "train/refinement.h"
 
-#include <math.h>
 #include <pthread.h>
-#include <stdlib.h>
-#include <string.h>
 
+#include "base/base.h"
 #include "spin_train.h"
-#include "base/err.h"
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/pool.h"
-#include "base/text.h"
 #include "io/ranks.h"
 #include "math/sh.h"
 #include "train/cloud.h"

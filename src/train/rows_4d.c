@@ -2,11 +2,7 @@
  * track is a piece of one frame. */
 #include "train/rows_4d.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "model/residual.h"
 #include "render/player.h"
 #include "scene/bundle_tracks.h"

@@ -1,10 +1,7 @@
 /* The schedule of views. */
 #include "train/sampler.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/ranks.h"
 #include "math/rng.h"
 

@@ -1,10 +1,7 @@
 /* Measuring and drawing the test views. */
 #include "train/test_views.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/image.h"
 
 spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_photos *photos,

@@ -1,11 +1,7 @@
 /* Finding tracks, and numbering them so that neighbours share cache lines. */
 #include "train/tracks.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "train/appearance.h"
 #include "train/chains.h"
 #include "train/morton.h"

@@ -1,10 +1,7 @@
 /* What a training keeps between steps: its memory, its rates, and the table as it is now. */
 #include "train/trainer.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/ranks.h"
 #include "math/adam.h"
 #include "train/lazy_adam.h"

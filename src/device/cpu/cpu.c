@@ -2,8 +2,7 @@
  * work is done. A frame and a view at a time fit its caches best. */
 #include "device/cpu/cpu.h"
 
-#include <stdlib.h>
-#include <string.h>
+#include "base/base.h"
 
 static spin_status open_cpu(struct spin_device *d, int n_threads)
 {

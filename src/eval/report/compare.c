@@ -1,12 +1,7 @@
 /* A page of several runs: their curves, and the same views of all with an inset and their differences. */
 #include "eval/report/compare.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
-#include "base/text.h"
+#include "base/base.h"
 #include "eval/report/svg_chart.h"
 #include "io/file.h"
 #include "io/image.h"

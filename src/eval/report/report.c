@@ -2,11 +2,7 @@
  * views and the options of the run, in the template page.html. Equal runs give equal pages, but for speed. */
 #include "eval/report/report.h"
 
-#include <math.h>
-#include <stdlib.h>
-
-#include "base/mem.h"
-#include "base/text.h"
+#include "base/base.h"
 #include "eval/report/svg_chart.h"
 #include "eval/report/motion_crops.h"
 #include "eval/report/train_log.h"

@@ -2,10 +2,7 @@
  * counts as it was done last. */
 #include "eval/report/train_log.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/file.h"
 #include "io/json.h"
 
