@@ -256,16 +256,14 @@ static spin_status read_parts(struct model *m, const char *name, size_t width, f
             name);
     for (size_t i = 0; i < codes->n; i++) {
         const struct spin_array *book = as_array(spin_value_at(codes, i));
-        spin_status status;
 
         if (!book || book->n_dims != 2 || book->shape[1] == 0 || book->shape[1] > width - at)
             return spin_malformed(
                 "'%s_code' %zu is no codebook, or its width does not fit into the %zu columns",
                 name, i, width);
-        status = read_part(m, spin_value_at(codes, i), spin_value_at(indices, i),
-                           spin_value_at(tables, i), at, width, out);
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "'%s' part %zu", name, i);
+        SPIN_TRY_IN(read_part(m, spin_value_at(codes, i), spin_value_at(indices, i),
+                              spin_value_at(tables, i), at, width, out),
+                    "'%s' part %zu", name, i);
         at += (size_t)book->shape[1];
     }
     if (at != width)

@@ -378,7 +378,7 @@ static spin_status read_points(const struct content *c, const struct spin_ply *p
         spin_ply_colours(ply, c->vertex, out->rgb, 3);
         status = spin_check_finite("red, green, blue", out->rgb, out->n, 3);
     }
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "'%s'", ply->path);
+    return spin_fail_context(status, "'%s'", ply->path);
 }
 
 static spin_status ply_frame(void *self, int frame, double time, unsigned columns,

@@ -42,13 +42,10 @@ static spin_status open_file(void *self, const char *path)
     struct spin_sequence_info *sequence = m->sequence;
     struct spin_sogst sogst;
     bool ply;
-    spin_status status;
 
     SPIN_TRY(spin_file_sequence_one(m, path, ".sogst", &m->path));
     path = m->path;
-    status = read_file(m, path, &sogst, &ply);
-    if (status != SPIN_OK)
-        return spin_fail_context(status, "cannot read '%s'", path);
+    SPIN_TRY_IN(read_file(m, path, &sogst, &ply), "cannot read '%s'", path);
     sequence->time_first = sogst.first;
     sequence->time_last = sogst.last;
     sequence->fps = sogst.fps;

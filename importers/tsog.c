@@ -64,8 +64,7 @@ static spin_status open_file(void *self, const char *path)
         m->base.splats_4d.least_opacity = LEAST_OPACITY;
     if (status == SPIN_OK)
         status = spin_model_settle_4d(&m->base);
-    if (status != SPIN_OK)
-        return spin_fail_context(status, "cannot read '%s'", path);
+    SPIN_TRY_IN(status, "cannot read '%s'", path);
     snprintf(sequence->variant, sizeof sequence->variant, "TSOG, %s, %zu splats",
              kinds[m->tsog.time], m->base.splats_4d.n);
     sequence->fps = m->tsog.fps;

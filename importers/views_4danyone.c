@@ -85,10 +85,7 @@ static spin_status read_cameras(void *model, const spin_json *root, struct spin_
         return spin_malformed("no list 'cameras', or an empty one");
     SPIN_TRY(spin_model_alloc(m, n, sizeof *camera, (void **)&camera));
     for (size_t i = 0; i < n; i++) {
-        spin_status status = read_camera(m, spin_json_at(list, i), (int64_t)i, &camera[i]);
-
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "camera %zu", i);
+        SPIN_TRY_IN(read_camera(m, spin_json_at(list, i), (int64_t)i, &camera[i]), "camera %zu", i);
     }
     return spin_rig_views(m, camera, n, out);
 }

@@ -152,13 +152,10 @@ static spin_status add_frame_folders(struct set *set, const char *frames)
 /* Every frame of every video as an image "cam00.mp4#<frame>", decoded when it is asked for. */
 static spin_status add_video_frames(struct set *set, char **names)
 {
-    spin_status status = spin_video_start();
-
-    if (status != SPIN_OK)
-        return spin_fail_context(
-            status,
-            "there are %zu videos and no frames cam<NN>/images/<number>.png extracted from them",
-            set->n_video);
+    SPIN_TRY_IN(
+        spin_video_start(),
+        "there are %zu videos and no frames cam<NN>/images/<number>.png extracted from them",
+        set->n_video);
     for (size_t i = 0; names[i]; i++) {
         int width, height, camera = camera_number(names[i]);
         char name[300];
@@ -301,10 +298,8 @@ static spin_status read_cameras(struct set *set)
     SPIN_TRY(spin_model_alloc(&set->base, set->n_cameras, sizeof *set->intrinsics,
                               (void **)&set->intrinsics));
     for (size_t c = 0; c < set->n_cameras; c++) {
-        spin_status status = read_camera(set->pose + COLUMNS * c, &set->intrinsics[c]);
-
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "poses_bounds.npy: row %zu", c);
+        SPIN_TRY_IN(read_camera(set->pose + COLUMNS * c, &set->intrinsics[c]),
+                    "poses_bounds.npy: row %zu", c);
         differs = differs || set->pose[COLUMNS * c + 14] != set->pose[14];
         for (size_t i = 0; i < set->n; i++) {
             if (set->image[i].camera == set->camera[c]) {

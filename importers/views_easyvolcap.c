@@ -150,16 +150,13 @@ static spin_status parse(struct reader *r, char *text)
 
     for (int number = 1; (line = strsep(&text, "\n")); number++) {
         size_t n = strlen(line);
-        spin_status status = SPIN_OK;
 
         while (n > 0 && strchr(" \t\r", line[n - 1]))
             line[--n] = '\0';
         if (number == 1 && strcmp(line, "%YAML:1.0") != 0 && strcmp(line, "%YAML 1.0") != 0)
             return spin_malformed("its first line is not '%%YAML:1.0'");
         if (number > 1 && strcmp(line, "---") != 0)
-            status = take_line(r, line);
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "line %d", number);
+            SPIN_TRY_IN(take_line(r, line), "line %d", number);
     }
     return r->open ? spin_malformed("the file is cut short") : SPIN_OK;
 }
@@ -182,7 +179,7 @@ static spin_status load(struct spin_model *m, const char *folder, const char *na
     SPIN_TRY(spin_alloc(map.size + 1, 1, (void **)&text));
     memcpy(text, map.data, map.size);
     status = memchr(text, '\0', map.size) ? spin_malformed("it is no text") : parse(&r, text);
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot read '%s'", out->path);
+    return spin_fail_context(status, "cannot read '%s'", out->path);
 }
 
 /* ---- Values ---------------------------------------------------------------------------------- */
@@ -304,8 +301,7 @@ static spin_status read_camera(const struct pair *p, const char *name, const cha
         path = p->extri.path;
         status = read_pose(p->extri.json, name, out->w2c);
     }
-    return status == SPIN_OK ? SPIN_OK
-                             : spin_fail_context(status, "cannot read '%s': '%s'", path, name);
+    return spin_fail_context(status, "cannot read '%s': '%s'", path, name);
 }
 
 /* ---- Cameras --------------------------------------------------------------------------------- */

@@ -159,10 +159,7 @@ static spin_status read_views(void *split, const spin_json *root, struct spin_vi
         SPIN_TRY(read_list(s, root, "cam_id", &s->cam_id));
     for (size_t t = 0; t < s->n_rows; t++) {
         for (size_t c = 0; c < s->n_cameras; c++) {
-            spin_status status = read_view(s, t, c, out);
-
-            if (status != SPIN_OK)
-                return spin_fail_context(status, "frame %zu, camera %zu", t, c);
+            SPIN_TRY_IN(read_view(s, t, c, out), "frame %zu, camera %zu", t, c);
         }
     }
     return SPIN_OK;

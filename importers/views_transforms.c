@@ -265,10 +265,8 @@ static spin_status read_frames(void *split, const spin_json *root, struct spin_v
         return spin_malformed("list 'frames' is empty");
     for (size_t i = 0; i < n; i++) {
         struct spin_view view = {.number = -1};
-        spin_status status = fill_view(s, spin_json_at(frames, i), i, &view);
 
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "frame %zu", i);
+        SPIN_TRY_IN(fill_view(s, spin_json_at(frames, i), i, &view), "frame %zu", i);
         SPIN_TRY(spin_views_add(out, &view));
     }
     return SPIN_OK;

@@ -267,8 +267,7 @@ static spin_status check_frame(struct check *check, int f, const char *path, int
         return SPIN_OK;
     if (status == SPIN_OK)
         status = check->importer->frame(check->self, within, 0, columns, &check->back);
-    if (status != SPIN_OK)
-        return spin_fail_context(status, "check: '%s'", path);
+    SPIN_TRY_IN(status, "check: '%s'", path);
     if (x->format->order)
         SPIN_TRY(x->format->order(x, &row));
     SPIN_TRY(compare(check, path, row));

@@ -136,7 +136,7 @@ spin_status spin_ntc_open_config(const char *path, struct ntc_shape *s)
     status = ntc_read_shape(root, s);
     if (status == SPIN_OK)
         status = spin_ntc_layout(s);
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot read '%s'", path);
+    return spin_fail_context(status, "cannot read '%s'", path);
 }
 
 /* ---- Parameters ------------------------------------------------------------------------------ */

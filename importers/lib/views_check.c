@@ -88,7 +88,7 @@ spin_status spin_views_read_json(const char *folder, const char *name,
     SPIN_TRY(spin_json_load(path, &root));
     status =
         spin_json_is_object(root) ? read(context, root, out) : spin_malformed("not a JSON object");
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot read '%s'", path);
+    return spin_fail_context(status, "cannot read '%s'", path);
 }
 
 void spin_views_invert(const double c2w[12], double w2c[12])

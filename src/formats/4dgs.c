@@ -407,7 +407,6 @@ static spin_status read_streams(struct reader *r, struct cursor *c, const double
 {
     while (c->left > 0) {
         struct stream s = take_stream(c);
-        spin_status status;
 
         if (c->cut)
             return spin_malformed("a stream ends behind it");
@@ -415,10 +414,9 @@ static spin_status read_streams(struct reader *r, struct cursor *c, const double
             continue;
         if (r->steps[s.attribute])
             return spin_malformed("it has '%s' twice", attributes[s.attribute].name);
-        status = read_stream(&s, r->n_in_chunk, attributes[s.attribute].channels,
-                             &r->steps[s.attribute]);
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "'%s'", attributes[s.attribute].name);
+        SPIN_TRY_IN(read_stream(&s, r->n_in_chunk, attributes[s.attribute].channels,
+                                &r->steps[s.attribute]),
+                    "'%s'", attributes[s.attribute].name);
     }
     for (int a = 0; a < N_ATTRIBUTES; a++)
         if (!r->steps[a])
@@ -485,7 +483,7 @@ static spin_status read_chunk(struct reader *r, struct cursor *c)
     else
         status = read_chunk_block(r, &block, &codec, bytes, interval);
     forget_steps(r);
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "chunk %zu", r->n_chunks - 1);
+    return spin_fail_context(status, "chunk %zu", r->n_chunks - 1);
 }
 
 /* Red's coefficients of the band, then green's, then blue's; from -4 to 4. */
@@ -513,9 +511,7 @@ static spin_status read_band(struct reader *r, struct cursor *c)
             (float)(codes[k] * 8 / 255.0 - 4);
     }
     free(codes);
-    return status == SPIN_OK
-               ? SPIN_OK
-               : spin_fail_context(status, "chunk %zu: SH band %zu", r->n_chunks - 1, b);
+    return spin_fail_context(status, "chunk %zu: SH band %zu", r->n_chunks - 1, b);
 }
 
 /* ---- The file -------------------------------------------------------------------------------- */

@@ -208,11 +208,10 @@ spin_status spin_ply_places(const struct spin_ply *ply, const struct spin_ply_el
     float *const part_row[5] = {out};
     static const size_t step[5] = {3};
     struct column column[MAX_COLUMNS];
-    spin_status status;
 
     read_columns(ply, e, column, list_columns(0, 0, column), part_row, step);
-    status = spin_check_finite("x, y, z", out, (size_t)e->count, 3);
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "'%s'", ply->path);
+    return spin_fail_context(spin_check_finite("x, y, z", out, (size_t)e->count, 3), "'%s'",
+                             ply->path);
 }
 
 void spin_ply_colours(const struct spin_ply *ply, const struct spin_ply_element *e, float *out,
@@ -256,9 +255,8 @@ spin_status spin_ply_check(const struct spin_ply *ply, unsigned columns, size_t 
 {
     static const char *const what[5] = {"x, y, z", "rot_*", "scale_*", "opacity",
                                         "f_dc_*, f_rest_*"};
-    spin_status status = spin_check_columns(what, columns, first, n, s);
 
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "'%s'", ply->path);
+    return spin_fail_context(spin_check_columns(what, columns, first, n, s), "'%s'", ply->path);
 }
 
 spin_status spin_gs_ply_read(const struct spin_gs_ply *file, unsigned columns, size_t first,

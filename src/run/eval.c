@@ -254,9 +254,7 @@ spin_status spin_evaluate_for(const struct spin_eval_options *o, struct spin_com
     free(e.pairs);
     if (status != SPIN_OK)
         spin_eval_report_free(report);
-    if (status != SPIN_OK && status != SPIN_E_CANCELLED)
-        return spin_fail_context(status, "cannot evaluate '%s'", o->input);
-    return status;
+    return spin_fail_context(status, "cannot evaluate '%s'", o->input);
 }
 
 spin_status spin_evaluate(const struct spin_eval_options *o, struct spin_eval_report *report)

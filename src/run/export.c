@@ -579,9 +579,7 @@ spin_status spin_export_clip(const struct spin_export_options *o, struct spin_ex
     free(x.source_index);
     free(x.numbers);
     free(x.times);
-    if (status != SPIN_OK && status != SPIN_E_CANCELLED)
-        return spin_fail_context(status, "cannot export '%s'", o->input);
-    return status;
+    return spin_fail_context(status, "cannot export '%s'", o->input);
 }
 
 static spin_json *check_json(const struct spin_export_check *c)

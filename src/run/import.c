@@ -875,7 +875,5 @@ spin_status spin_import(const struct spin_import_options *o, char **report)
     if (status == SPIN_OK && report)
         return spin_json_finish(im.report, report);
     spin_json_free(im.report);
-    if (status != SPIN_OK && status != SPIN_E_CANCELLED)
-        return spin_fail_context(status, "cannot import '%s'", o->input);
-    return status;
+    return spin_fail_context(status, "cannot import '%s'", o->input);
 }

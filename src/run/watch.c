@@ -153,5 +153,5 @@ spin_status spin_watch_update(const struct spin_watch *w, const struct spin_outp
 out:
     free(text);
     spin_json_free(now);
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "--watch");
+    return spin_fail_context(status, "--watch");
 }

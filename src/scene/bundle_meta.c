@@ -139,10 +139,7 @@ static spin_status read_frames(struct spin_bundle_meta *meta, const spin_json *r
     meta->n_source_frames = (int)n_source;
     SPIN_TRY(spin_bundle_meta_reserve(meta, (int)n));
     for (size_t i = 0; i < n; i++) {
-        spin_status status = read_frame_entry(meta, (int)i, spin_json_at(list, i));
-
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "frame %zu", i);
+        SPIN_TRY_IN(read_frame_entry(meta, (int)i, spin_json_at(list, i)), "frame %zu", i);
     }
     return spin_frame_numbers_check(meta->frame, meta->n_frames);
 }

@@ -401,7 +401,7 @@ spin_status spin_view_check_image(const struct spin_view *view)
 
     if (status == SPIN_OK)
         status = spin_view_check_size(view, width, height);
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "camera %d", view->camera_id);
+    return spin_fail_context(status, "camera %d", view->camera_id);
 }
 
 spin_status spin_views_check_cameras(const struct spin_views *views)

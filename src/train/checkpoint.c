@@ -513,8 +513,7 @@ spin_status spin_checkpoint_sizes(const struct spin_checkpoint *c, struct spin_f
         spin_json_free(j);
         spin_npz_close(&npz);
     }
-    return status == SPIN_OK ? SPIN_OK
-                             : spin_fail_context(status, "cannot resume from '%s'", c->path);
+    return spin_fail_context(status, "cannot resume from '%s'", c->path);
 }
 
 spin_status spin_checkpoint_load(struct spin_checkpoint *c, struct spin_trainer *t)

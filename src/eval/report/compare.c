@@ -320,8 +320,7 @@ spin_status spin_compare_page(const struct spin_compare *c, const char *path, bo
         status = spin_out_commit(&out);
     }
     spin_json_free(page);
-    return status == SPIN_OK ? SPIN_OK
-                             : spin_fail_context(status, "cannot write the report '%s'", path);
+    return spin_fail_context(status, "cannot write the report '%s'", path);
 }
 
 /* A file of the folder: what `write` puts into it. */

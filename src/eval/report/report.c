@@ -404,7 +404,5 @@ spin_status spin_report_write(const struct spin_report *report)
         status = spin_out_commit(&out);
     }
     spin_json_free(page);
-    if (status != SPIN_OK && status != SPIN_E_CANCELLED)
-        return spin_fail_context(status, "cannot write the report '%s'", report->path);
-    return status;
+    return spin_fail_context(status, "cannot write the report '%s'", report->path);
 }
