@@ -244,14 +244,7 @@ static const struct spin_frames_format format = {
     .end = end,
 };
 
-SPIN_FRAMES_BEGIN(compressed_begin, &format)
-
-const struct spin_exporter spin_exporter_compressed_ply = {
-    SPIN_FRAMES_PLUGIN,
-    .name = "compressed-ply",
+SPIN_FRAMES_EXPORTER(
+    compressed_ply, "compressed-ply",
     .summary = "a folder with one compressed PLY per frame, for SuperSplat and PlayCanvas",
-    .options = options,
-    .checks = true,
-    .antialias = true,
-    .begin = compressed_begin,
-};
+    .options = options, .checks = true, .antialias = true);

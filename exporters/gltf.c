@@ -397,15 +397,8 @@ static void gltf_abort(void *self)
         spin_frames_abort(self);
 }
 
-const struct spin_exporter spin_exporter_gltf = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "gltf",
+SPIN_EXPORTER(
+    gltf, "gltf",
     .summary = "GLB with KHR_gaussian_splatting: one per frame, or one with the clip (OUT.glb)",
-    .options = options,
-    .checks = true,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-    .begin = gltf_begin,
-    .frame = gltf_frame,
-    .end = gltf_end,
-    .abort = gltf_abort,
-};
+    .options = options, .checks = true, .begin = gltf_begin, .frame = gltf_frame, .end = gltf_end,
+    .abort = gltf_abort);

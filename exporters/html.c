@@ -745,18 +745,9 @@ out:
 
 static void html_abort(void *self) { abandon(self); }
 
-const struct spin_exporter spin_exporter_html = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "html",
+SPIN_EXPORTER(
+    html, "html",
     .summary = "one page that plays the clip in a browser, before and after, with no server",
-    .options = options,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-    .checks = true,
-    .antialias = true,
-    .splats_4d = true,
-    .looks_at_views = true,
-    .begin = html_begin,
-    .frame = html_frame,
-    .end = html_end,
-    .abort = html_abort,
-};
+    .options = options, .checks = true, .antialias = true, .splats_4d = true,
+    .looks_at_views = true, .begin = html_begin, .frame = html_frame, .end = html_end,
+    .abort = html_abort);

@@ -21,7 +21,8 @@ static const struct spin_plugin_option options[] = {
     SPIN_DRAWING_OPTION_DURATION,
     {"fps", "F", "frames per second of --duration; otherwise the bundle's, else 30", NULL},
     {"format", "png|exr", "of the files", "png"},
-    {"bits", "N", "of a colour: 8 or 16 in PNG, 16 (half floats) or 32 in EXR; otherwise the first", NULL},
+    {"bits", "N", "of a colour: 8 or 16 in PNG, 16 (half floats) or 32 in EXR; otherwise the first",
+     NULL},
     {"transfer", "linear|srgb",
      "what EXR holds: light, as film programs expect, or the values that splats blend", "linear"},
     {"depth", NULL, "EXR: channels Z and ZMedian, the expected and the median depth", NULL},
@@ -110,16 +111,15 @@ static spin_status check_options(const struct export *x)
 
     for (int i = 0; i < 2 && x->drawing.path == SPIN_PATH_CAMERA; i++)
         if (spin_plugin_value(v, moving[i], NULL))
-            return spin_misuse("--%s is for a camera that moves: see --path",
-                             moving[i]);
+            return spin_misuse("--%s is for a camera that moves: see --path", moving[i]);
     if (spin_plugin_value(v, "fps", NULL) &&
         (x->drawing.path == SPIN_PATH_CAMERA || x->drawing.path == SPIN_PATH_FILE ||
          spin_plugin_value(v, "repeat", NULL)))
         return spin_misuse("--fps needs --duration");
     if (spin_camera_path_is_own(&x->drawing) && spin_plugin_value(v, "views", NULL))
-        return spin_misuse("--views: %s",
-                         x->job->views ? "a camera that moves is none of the data set's"
-                                       : "there is no data set, give --data DIR");
+        return spin_misuse("--views: %s", x->job->views
+                                              ? "a camera that moves is none of the data set's"
+                                              : "there is no data set, give --data DIR");
     return SPIN_OK;
 }
 
@@ -135,18 +135,17 @@ static spin_status parse_film(struct export *x)
     SPIN_TRY(spin_option_count(v, "bits", 8, 32, &bits));
     if (bits != 16 && bits != (x->film.exr ? 32 : 8))
         return spin_misuse("--bits %d: expected %s", bits,
-                         x->film.exr ? "16 or 32 in EXR" : "8 or 16 in PNG");
+                           x->film.exr ? "16 or 32 in EXR" : "8 or 16 in PNG");
     x->film.bits = bits;
     SPIN_TRY(spin_option_word(v, "transfer", "linear|srgb", &word));
     x->film.linear = x->film.exr && word == 0;
     x->wants_depth = spin_plugin_value(v, "depth", NULL) != NULL;
     if (!x->film.exr && (x->wants_depth || spin_plugin_value(v, "transfer", NULL)))
-        return spin_misuse("--%s is for --format exr",
-                         x->wants_depth ? "depth" : "transfer");
+        return spin_misuse("--%s is for --format exr", x->wants_depth ? "depth" : "transfer");
     layers = layers || x->wants_depth;
     if (layers && (x->drawing.n_panels > 1 || x->drawing.panel[0] == SPIN_PANEL_TRUTH))
         return spin_misuse("%s: only one panel, before or after, has that",
-                         x->wants_depth ? "--depth" : "--background none");
+                           x->wants_depth ? "--depth" : "--background none");
     return SPIN_OK;
 }
 
@@ -165,7 +164,7 @@ static spin_status images_begin(const struct spin_export_job *job, void **self)
     x->which = (enum which)which;
     if (!spin_camera_path_is_own(&x->drawing) && !any_chosen(x)) {
         status = spin_not_found("the data set has no %s views; try --views all",
-                           x->which == TEST ? "test" : "train");
+                                x->which == TEST ? "test" : "train");
         goto out;
     }
     SPIN_TRY_OUT(spin_output_folder_begin(job->output, job->force, x->film.exr ? ".exr" : ".png",
@@ -246,18 +245,8 @@ static void images_abort(void *self)
     finish(x);
 }
 
-const struct spin_exporter spin_exporter_images = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "images",
-    .summary = "PNG or EXR renders from the data set's cameras or one that moves",
-    .options = options,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-    .antialias = true,
-    .alpha = true,
-    .looks_at_views = true,
-    .needs_renderer = true,
-    .begin = images_begin,
-    .frame = images_frame,
-    .end = images_end,
-    .abort = images_abort,
-};
+SPIN_EXPORTER(images, "images",
+              .summary = "PNG or EXR renders from the data set's cameras or one that moves",
+              .options = options, .antialias = true, .alpha = true, .looks_at_views = true,
+              .needs_renderer = true, .begin = images_begin, .frame = images_frame,
+              .end = images_end, .abort = images_abort);

@@ -315,30 +315,11 @@ static const struct spin_plugin_option sogst_ply_options[] = {
     SPIN_ROWS_OPTION_SH,
     {0}};
 
-const struct spin_exporter spin_exporter_ftgs = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "ftgs",
-    .summary = "4D splats as one .ftgs.ply of FreeTimeGS, without loss",
-    .options = ftgs_options,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-    .checks = true,
-    .antialias = false,
-    .splats_4d = true,
-    .begin = ftgs_begin,
-    .end = end,
-    .abort = end_export,
-};
+SPIN_EXPORTER(ftgs, "ftgs", .summary = "4D splats as one .ftgs.ply of FreeTimeGS, without loss",
+              .options = ftgs_options, .checks = true, .splats_4d = true, .begin = ftgs_begin,
+              .end = end, .abort = end_export);
 
-const struct spin_exporter spin_exporter_sogst_ply = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "sogst-ply",
-    .summary = "4D splats as the PLY that encoders of .sogst take, without loss",
-    .options = sogst_ply_options,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-    .checks = true,
-    .antialias = false,
-    .splats_4d = true,
-    .begin = sogst_ply_begin,
-    .end = end,
-    .abort = end_export,
-};
+SPIN_EXPORTER(sogst_ply, "sogst-ply",
+              .summary = "4D splats as the PLY that encoders of .sogst take, without loss",
+              .options = sogst_ply_options, .checks = true, .splats_4d = true,
+              .begin = sogst_ply_begin, .end = end, .abort = end_export);

@@ -307,14 +307,6 @@ static const struct spin_frames_format format = {
     .end = end,
 };
 
-SPIN_FRAMES_BEGIN(sog_begin, &format)
-
-const struct spin_exporter spin_exporter_sog = {
-    SPIN_FRAMES_PLUGIN,
-    .name = "sog",
-    .summary = "a folder with one SOG per frame, for PlayCanvas and SuperSplat: small",
-    .options = options,
-    .checks = true,
-    .antialias = true,
-    .begin = sog_begin,
-};
+SPIN_FRAMES_EXPORTER(
+    sog, "sog", .summary = "a folder with one SOG per frame, for PlayCanvas and SuperSplat: small",
+    .options = options, .checks = true, .antialias = true);

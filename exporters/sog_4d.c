@@ -919,29 +919,12 @@ static const struct spin_plugin_option sogst_options[] = {
      NULL},
     {0}};
 
-const struct spin_exporter spin_exporter_tsog = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "tsog",
-    .summary = "4D splats, or frames, as one TSOG, which plays in browsers: small",
-    .options = tsog_options,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-    .checks = true,
-    .splats_4d = true,
-    .begin = tsog_begin,
-    .frame = take_frame,
-    .end = end,
-    .abort = end_export,
-};
+SPIN_EXPORTER(tsog, "tsog",
+              .summary = "4D splats, or frames, as one TSOG, which plays in browsers: small",
+              .options = tsog_options, .checks = true, .splats_4d = true, .begin = tsog_begin,
+              .frame = take_frame, .end = end, .abort = end_export);
 
-const struct spin_exporter spin_exporter_sogst = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "sogst",
-    .summary = "4D splats as one .sogst, which players load in segments: small",
-    .options = sogst_options,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-    .checks = true,
-    .splats_4d = true,
-    .begin = sogst_begin,
-    .end = end,
-    .abort = end_export,
-};
+SPIN_EXPORTER(sogst, "sogst",
+              .summary = "4D splats as one .sogst, which players load in segments: small",
+              .options = sogst_options, .checks = true, .splats_4d = true, .begin = sogst_begin,
+              .end = end, .abort = end_export);

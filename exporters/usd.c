@@ -787,15 +787,7 @@ static spin_status usd_begin(const struct spin_export_job *job, void **self)
     return status;
 }
 
-const struct spin_exporter spin_exporter_usd = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "usd",
-    .summary = "a stage of USD (26.03) in a folder, one layer per frame, with cameras",
-    .options = options,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-    .looks_at_views = true,
-    .begin = usd_begin,
-    .frame = spin_frames_frame,
-    .end = usd_end,
-    .abort = spin_frames_abort,
-};
+SPIN_EXPORTER(usd, "usd",
+              .summary = "a stage of USD (26.03) in a folder, one layer per frame, with cameras",
+              .options = options, .looks_at_views = true, .begin = usd_begin,
+              .frame = spin_frames_frame, .end = usd_end, .abort = spin_frames_abort);

@@ -166,17 +166,7 @@ static void video_abort(void *self)
     finish(x);
 }
 
-const struct spin_exporter spin_exporter_video = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "video",
-    .summary = "MP4 or WebM, from a camera of the data set or around the scene (FFmpeg)",
-    .options = options,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-    .antialias = true,
-    .looks_at_views = true,
-    .needs_renderer = true,
-    .begin = video_begin,
-    .frame = video_frame,
-    .end = video_end,
-    .abort = video_abort,
-};
+SPIN_EXPORTER(video, "video",
+              .summary = "MP4 or WebM, from a camera of the data set or around the scene (FFmpeg)",
+              .options = options, .antialias = true, .looks_at_views = true, .needs_renderer = true,
+              .begin = video_begin, .frame = video_frame, .end = video_end, .abort = video_abort);

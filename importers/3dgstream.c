@@ -436,8 +436,6 @@ static spin_status open_clip(void *self, const char *path)
     return describe(clip);
 }
 
-SPIN_MODEL_OPEN(stream_open, struct clip, open_clip)
-
 static void stream_close(void *self)
 {
     if (self)
@@ -530,14 +528,7 @@ static const struct spin_plugin_option options[] = {
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_3dgstream = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "3dgstream",
-    .summary = "3DGStream: the output folder, or one packed for its viewer",
-    .upstream = "SJoJoK/3DGStream 747ddfe",
-    .options = options,
-    .probe = probe,
-    .open = stream_open,
-    .frame = stream_frame,
-    .close = stream_close,
-};
+SPIN_MODEL_IMPORTER(3dgstream, struct clip, open_clip, stream_close,
+                    .summary = "3DGStream: the output folder, or one packed for its viewer",
+                    .upstream = "SJoJoK/3DGStream 747ddfe", .options = options, .probe = probe,
+                    .frame = stream_frame)

@@ -662,8 +662,6 @@ static spin_status open_model(void *self, const char *path)
     return SPIN_OK;
 }
 
-SPIN_MODEL_OPEN(ex4dgs_open, struct model, open_model)
-
 /* ---- One time -------------------------------------------------------------------------------- */
 
 static spin_status find_keys(const struct model *m, double time, struct keyframes *out)
@@ -1026,15 +1024,8 @@ static const struct spin_plugin_option options[] = {
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_ex4dgs = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "ex4dgs",
+SPIN_MODEL_IMPORTER(
+    ex4dgs, struct model, open_model, spin_model_close,
     .summary = "Ex4DGS: the model's folder, with cfg_args and chkpnt<N>.pth or both PLYs",
-    .upstream = "juno181/Ex4DGS 7fac649",
-    .options = options,
-    .probe = probe,
-    .open = ex4dgs_open,
-    .frame = ex4dgs_frame,
-    .close = spin_model_close,
-    .splats_4d = ex4dgs_splats_4d,
-};
+    .upstream = "juno181/Ex4DGS 7fac649", .options = options, .probe = probe, .frame = ex4dgs_frame,
+    .splats_4d = ex4dgs_splats_4d)

@@ -375,22 +375,14 @@ static spin_status open_model(void *self, const char *path)
     return spin_fail_reading(finish(m), base->path);
 }
 
-SPIN_MODEL_OPEN(freetimegs_open, struct model, open_model)
-
 static const struct spin_plugin_option options[] = {
     {"n-frames", "N", "frames of the clip, where the file does not say", NULL},
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_freetimegs = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "freetimegs",
+SPIN_MODEL_IMPORTER(
+    freetimegs, struct model, open_model, spin_model_close,
     .summary = "FreeTimeGS: ckpt_<step>.pt, the folder of the run, or .ftgs.ply",
     .upstream = "raiscui/FreeTimeGsVanilla ff48035, OpsiClear-4DGS/FreeTimeGsVanilla 662a832",
-    .options = options,
-    .probe = probe,
-    .open = freetimegs_open,
-    .frame = spin_model_slice,
-    .close = spin_model_close,
-    .splats_4d = spin_model_splats_4d,
-};
+    .options = options, .probe = probe, .frame = spin_model_slice,
+    .splats_4d = spin_model_splats_4d)

@@ -456,8 +456,6 @@ static spin_status open_model(void *self, const char *path)
     return spin_mlp_team_create(split(model, NULL, NULL), &base->team);
 }
 
-SPIN_MODEL_OPEN(modecgs_open, struct model, open_model)
-
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
 struct job {
@@ -608,14 +606,8 @@ static const struct spin_plugin_option options[] = {
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_modecgs = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "modecgs",
+SPIN_MODEL_IMPORTER(
+    modecgs, struct model, open_model, spin_model_close,
     .summary = "MoDec-GS, positions only: the model's folder, with cfg_args and point_cloud",
     .upstream = "skwak-kaist/MoDec-GS, read from single files of its public repository",
-    .options = options,
-    .probe = probe,
-    .open = modecgs_open,
-    .frame = modecgs_frame,
-    .close = spin_model_close,
-};
+    .options = options, .probe = probe, .frame = modecgs_frame)

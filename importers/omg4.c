@@ -582,8 +582,6 @@ static spin_status open_model(void *self, const char *path)
     return SPIN_OK;
 }
 
-SPIN_MODEL_OPEN(omg4_open, struct model, open_model)
-
 /* ---- One time -------------------------------------------------------------------------------- */
 
 static spin_status run_networks(struct pass *p)
@@ -645,15 +643,7 @@ static const struct spin_plugin_option options[] = {
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_omg4 = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "omg4",
-    .summary = "OMG4 and OMG4-FTGS: comp.xz, or the folder it lies in",
-    .upstream = "MinShirley/OMG4 58bd7ed",
-    .options = options,
-    .probe = probe,
-    .open = omg4_open,
-    .frame = omg4_frame,
-    .close = spin_model_close,
-    .splats_4d = omg4_splats_4d,
-};
+SPIN_MODEL_IMPORTER(omg4, struct model, open_model, spin_model_close,
+                    .summary = "OMG4 and OMG4-FTGS: comp.xz, or the folder it lies in",
+                    .upstream = "MinShirley/OMG4 58bd7ed", .options = options, .probe = probe,
+                    .frame = omg4_frame, .splats_4d = omg4_splats_4d)

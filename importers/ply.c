@@ -333,8 +333,6 @@ static spin_status open_clip(void *self, const char *path)
     return describe(clip);
 }
 
-SPIN_MODEL_OPEN(ply_open, struct clip, open_clip)
-
 /* ---- One frame ------------------------------------------------------------------------------- */
 
 /* Values that look as if exp or the sigmoid had been applied already: a guess, so it warns. */
@@ -412,13 +410,7 @@ static spin_status ply_frame(void *self, int frame, double time, unsigned column
     return SPIN_OK;
 }
 
-const struct spin_importer spin_importer_ply = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "ply",
+SPIN_MODEL_IMPORTER(
+    ply, struct clip, open_clip, spin_model_close,
     .summary = "PLY files: one cloud, or a folder with one per frame (3DGS, or plain points)",
-    .upstream = "graphdeco-inria/gaussian-splatting 1152adc",
-    .probe = probe,
-    .open = ply_open,
-    .frame = ply_frame,
-    .close = spin_model_close,
-};
+    .upstream = "graphdeco-inria/gaussian-splatting 1152adc", .probe = probe, .frame = ply_frame)

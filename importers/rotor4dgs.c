@@ -315,8 +315,6 @@ static spin_status open_model(void *self, const char *path)
     return spin_fail_reading(open_checkpoint(m), m->base.path);
 }
 
-SPIN_MODEL_OPEN(rotor4dgs_open, struct model, open_model)
-
 static const struct spin_plugin_option options[] = {
     {"time-range", "A,B", "first and last time of the clip, as in the data set's file", NULL},
     {"cull", "RULE",
@@ -325,15 +323,7 @@ static const struct spin_plugin_option options[] = {
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_rotor4dgs = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "rotor4dgs",
-    .summary = "4D-Rotor-Gaussians: step-<N>.ckpt, or the folder of the run",
-    .upstream = "weify627/4D-Rotor-Gaussians 1ea2ff9",
-    .options = options,
-    .probe = probe,
-    .open = rotor4dgs_open,
-    .frame = spin_model_slice,
-    .close = spin_model_close,
-    .splats_4d = spin_model_splats_4d,
-};
+SPIN_MODEL_IMPORTER(rotor4dgs, struct model, open_model, spin_model_close,
+                    .summary = "4D-Rotor-Gaussians: step-<N>.ckpt, or the folder of the run",
+                    .upstream = "weify627/4D-Rotor-Gaussians 1ea2ff9", .options = options,
+                    .probe = probe, .frame = spin_model_slice, .splats_4d = spin_model_splats_4d)

@@ -61,16 +61,8 @@ static spin_status open_file(void *self, const char *path)
     return SPIN_OK;
 }
 
-SPIN_MODEL_OPEN(sogst_open, struct spin_model, open_file)
-
-const struct spin_importer spin_importer_sogst = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "sogst",
+SPIN_MODEL_IMPORTER(
+    sogst, struct spin_model, open_file, spin_model_close,
     .summary = ".sogst: 4D splats of a clip, or the PLY for exchange that its encoders take",
-    .upstream = "solipsist-studios/cumuli 07d2d04 (revision 14)",
-    .probe = probe,
-    .open = sogst_open,
-    .frame = spin_model_slice,
-    .close = spin_model_close,
-    .splats_4d = spin_model_splats_4d,
-};
+    .upstream = "solipsist-studios/cumuli 07d2d04 (revision 14)", .probe = probe,
+    .frame = spin_model_slice, .splats_4d = spin_model_splats_4d)

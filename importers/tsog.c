@@ -87,16 +87,7 @@ static spin_status frame(void *self, int frame, double time, unsigned columns,
     return spin_model_slice(self, frame, continuous ? time : frame, columns, out);
 }
 
-SPIN_MODEL_OPEN(tsog_open, struct tsog_model, open_file)
-
-const struct spin_importer spin_importer_tsog = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "tsog",
-    .summary = "TSOG (.tsog): 4D splats of a clip, its frames, or a still",
-    .upstream = "OpsiClear-4DGS/ftgs-player 64dfa9e (TSOG Playback Profile 1.0.1)",
-    .probe = probe,
-    .open = tsog_open,
-    .frame = frame,
-    .close = spin_model_close,
-    .splats_4d = spin_model_splats_4d,
-};
+SPIN_MODEL_IMPORTER(tsog, struct tsog_model, open_file, spin_model_close,
+                    .summary = "TSOG (.tsog): 4D splats of a clip, its frames, or a still",
+                    .upstream = "OpsiClear-4DGS/ftgs-player 64dfa9e (TSOG Playback Profile 1.0.1)",
+                    .probe = probe, .frame = frame, .splats_4d = spin_model_splats_4d)

@@ -108,24 +108,8 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
     return SPIN_OK;
 }
 
-static spin_status anyone_views(const char *path, const struct spin_plugin_values *values,
-                                struct spin_views *out)
-{
-    struct spin_model m = {.path = path, .values = values};
-    spin_status status = read_set(&m, out);
-
-    spin_model_clear(&m);
-    return status;
-}
-
 static const struct spin_plugin_option options[] = {SPIN_RIG_OPTIONS, {NULL, NULL, NULL, NULL}};
 
-const struct spin_importer spin_importer_views_4danyone = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "4danyone",
-    .summary = "views: films of 4DAnyone, or pictures of them, and cameras.json",
-    .upstream = "ant-research/4DAnyone f7da3ae",
-    .options = options,
-    .probe = probe,
-    .views = anyone_views,
-};
+SPIN_VIEWS_IMPORTER(views_4danyone, "4danyone", struct spin_model, read_set,
+                    .summary = "views: films of 4DAnyone, or pictures of them, and cameras.json",
+                    .upstream = "ant-research/4DAnyone f7da3ae", .options = options, .probe = probe)

@@ -450,24 +450,9 @@ static spin_status read_set(struct set *set, struct spin_views *out)
     return SPIN_OK;
 }
 
-static spin_status easyvolcap_views(const char *path, const struct spin_plugin_values *values,
-                                    struct spin_views *out)
-{
-    struct set set = {.base = {.path = path, .values = values}};
-    spin_status status = read_set(&set, out);
-
-    spin_model_clear(&set.base);
-    return status;
-}
-
 static const struct spin_plugin_option options[] = {SPIN_RIG_OPTIONS, {NULL, NULL, NULL, NULL}};
 
-const struct spin_importer spin_importer_views_easyvolcap = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "easyvolcap",
+SPIN_VIEWS_IMPORTER(
+    views_easyvolcap, "easyvolcap", struct set, read_set,
     .summary = "views: cameras and pictures of EasyVolcap and its kin (intri.yml, extri.yml)",
-    .upstream = "zju3dv/EasyVolcap 4cb3c00",
-    .options = options,
-    .probe = probe,
-    .views = easyvolcap_views,
-};
+    .upstream = "zju3dv/EasyVolcap 4cb3c00", .options = options, .probe = probe)

@@ -180,21 +180,7 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
     return spin_views_check_images(out, first);
 }
 
-static spin_status panoptic_views(const char *path, const struct spin_plugin_values *values,
-                                  struct spin_views *out)
-{
-    struct spin_model m = {.path = path, .values = values};
-    spin_status status = read_set(&m, out);
-
-    spin_model_clear(&m);
-    return status;
-}
-
-const struct spin_importer spin_importer_views_panoptic = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "panoptic",
+SPIN_VIEWS_IMPORTER(
+    views_panoptic, "panoptic", struct spin_model, read_set,
     .summary = "views: CMU Panoptic Sports as Dynamic 3D Gaussians reads it (train_meta.json)",
-    .upstream = "JonathonLuiten/Dynamic3DGaussians 7dbbd4d",
-    .probe = probe,
-    .views = panoptic_views,
-};
+    .upstream = "JonathonLuiten/Dynamic3DGaussians 7dbbd4d", .probe = probe)

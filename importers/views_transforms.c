@@ -400,16 +400,6 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
     return set_rows(m, out, first, o.time);
 }
 
-static spin_status transforms_views(const char *path, const struct spin_plugin_values *values,
-                                    struct spin_views *out)
-{
-    struct spin_model m = {.path = path, .values = values};
-    spin_status status = read_set(&m, out);
-
-    spin_model_clear(&m);
-    return status;
-}
-
 static const struct spin_plugin_option options[] = {
     {"time", "RULE", "file: as it stands there; max: over the largest; unit: first 0, last 1",
      "file"},
@@ -425,13 +415,9 @@ static const struct spin_plugin_option options[] = {
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_views_transforms = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "transforms",
-    .summary = "views: JSON of D-NeRF, n3v2blender and nerfstudio (transforms_train.json, "
-               "transforms.json)",
-    .upstream = "fudan-zvg/4d-gaussian-splatting scene/dataset_readers.py",
-    .options = options,
-    .probe = probe,
-    .views = transforms_views,
-};
+SPIN_VIEWS_IMPORTER(views_transforms, "transforms", struct spin_model, read_set,
+                    .summary =
+                        "views: JSON of D-NeRF, n3v2blender and nerfstudio (transforms_train.json, "
+                        "transforms.json)",
+                    .upstream = "fudan-zvg/4d-gaussian-splatting scene/dataset_readers.py",
+                    .options = options, .probe = probe)

@@ -28,13 +28,38 @@ struct spin_model {
     struct spin_sequence_info *sequence;
 };
 
-/* Defines `name`, the open() of an importer whose model is a `type`: a new one is given to fn(model, path). */
-#define SPIN_MODEL_OPEN(name, type, fn)                                                            \
-    static spin_status name(const char *path, const struct spin_plugin_values *values,             \
-                            void **self, struct spin_sequence_info *sequence)                      \
+/* Defines the importer `id`, whose model is a `type`: a new one is given to fn(model, path), and to closes(model) at last.
+ * What else its table has follows, `.summary = "..."` and so on. */
+#define SPIN_MODEL_IMPORTER(id, type, fn, closes, ...)                                             \
+    static spin_status spin_open_##id(const char *path, const struct spin_plugin_values *values,   \
+                                      void **self, struct spin_sequence_info *sequence)            \
     {                                                                                              \
         return spin_model_open(path, values, self, sequence, sizeof(type), fn);                    \
-    }
+    }                                                                                              \
+                                                                                                   \
+    const struct spin_importer spin_importer_##id = {.abi = SPIN_PLUGIN_ABI,                       \
+                                                     .name = #id,                                  \
+                                                     .open = spin_open_##id,                       \
+                                                     .close = closes,                              \
+                                                     __VA_ARGS__};
+/* The same of a reader of data sets, whose struct lives while fn(it, views) runs: `label` is the plug-in's. */
+#define SPIN_VIEWS_IMPORTER(id, label, type, fn, ...)                                              \
+    static spin_status spin_views_##id(const char *path, const struct spin_plugin_values *values,  \
+                                       struct spin_views *out)                                     \
+    {                                                                                              \
+        type set = {0};                                                                            \
+        struct spin_model *m = (struct spin_model *)&set;                                          \
+        spin_status status;                                                                        \
+                                                                                                   \
+        m->path = path;                                                                            \
+        m->values = values;                                                                        \
+        status = fn(&set, out);                                                                    \
+        spin_model_clear(m);                                                                       \
+        return status;                                                                             \
+    }                                                                                              \
+                                                                                                   \
+    const struct spin_importer spin_importer_##id = {                                              \
+        .abi = SPIN_PLUGIN_ABI, .name = label, .views = spin_views_##id, __VA_ARGS__};
 spin_status spin_model_open(const char *path, const struct spin_plugin_values *values, void **self,
                             struct spin_sequence_info *sequence, size_t bytes,
                             spin_status (*fn)(void *self, const char *path));

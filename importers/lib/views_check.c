@@ -232,19 +232,12 @@ bool spin_views_is_number(const char *text, double *out)
     return end != text && *end == '\0' && isfinite(*out);
 }
 
-static int views_by_int(const void *a, const void *b)
-{
-    int x = *(const int *)a, y = *(const int *)b;
-
-    return x < y ? -1 : x > y;
-}
-
 size_t spin_views_unique(int *list, size_t n)
 {
     size_t kept = 0;
 
     if (n > 0)
-        qsort(list, n, sizeof *list, views_by_int);
+        qsort(list, n, sizeof *list, spin_by_int);
     for (size_t i = 0; i < n; i++) {
         if (kept == 0 || list[kept - 1] != list[i])
             list[kept++] = list[i];
@@ -254,7 +247,7 @@ size_t spin_views_unique(int *list, size_t n)
 
 int spin_views_place(const int *list, size_t n, int value)
 {
-    const int *found = n ? bsearch(&value, list, n, sizeof *list, views_by_int) : NULL;
+    const int *found = n ? bsearch(&value, list, n, sizeof *list, spin_by_int) : NULL;
 
     return found ? (int)(found - list) : -1;
 }
