@@ -10,6 +10,7 @@
 
 #include "base/base.h"
 #include "exporters/html/page.h"
+#include "exporters/lib/bells.h"
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/page_draft.h"
 #include "exporters/lib/page_group.h"
@@ -233,15 +234,6 @@ static spin_status add_frame(struct export *x, struct version *v, const struct s
 
 /* ---- What the page must know ------------------------------------------------------------------------ */
 
-static spin_json *list_of(const double *value, int n)
-{
-    spin_json *list = spin_json_array();
-
-    for (int i = 0; i < n; i++)
-        spin_json_push_number(list, value[i]);
-    return list;
-}
-
 static spin_json *list_of_ints(const int *value, int n)
 {
     spin_json *list = spin_json_array();
@@ -342,13 +334,14 @@ static spin_status write_clip(struct export *x)
     spin_json_set_number(j, "fovy", x->view.fovy_deg);
     spin_json_set_number(j, "aspect", x->view.aspect);
     spin_json_set_number(j, "near", NEAR_W);
-    spin_json_set(j, "background",
-                  list_of((const double[3]){(double)b[0], (double)b[1], (double)b[2]}, 3));
-    spin_json_set(j, "centre", list_of(space->centre, 3));
-    spin_json_set(j, "eye", list_of(x->view.eye, 3));
-    spin_json_set(j, "target", list_of(x->view.target, 3));
-    spin_json_set(j, "up", list_of(x->view.up, 3));
-    spin_json_set(j, "reach", list_of(x->view.reach, 2));
+    spin_json_set(
+        j, "background",
+        spin_json_numbers((const double[3]){(double)b[0], (double)b[1], (double)b[2]}, 3));
+    spin_json_set(j, "centre", spin_json_numbers(space->centre, 3));
+    spin_json_set(j, "eye", spin_json_numbers(x->view.eye, 3));
+    spin_json_set(j, "target", spin_json_numbers(x->view.target, 3));
+    spin_json_set(j, "up", spin_json_numbers(x->view.up, 3));
+    spin_json_set(j, "reach", spin_json_numbers(x->view.reach, 2));
     spin_json_set(j, "numbers", list_of_ints(x->number, x->n_written));
     spin_json_set(j, "steps", steps_json(x->version[0].rows ? &x->four_d.inner : space));
     if (x->split)
@@ -566,14 +559,7 @@ static spin_status write_rows(struct export *x, const double *times)
 {
     struct version *v = &x->version[0];
     const struct spin_splats_4d *s = x->job->splats_4d;
-    struct spin_splats view = {.n = s->n,
-                               .capacity = s->n,
-                               .sh_degree = s->sh_degree,
-                               .means = s->centres,
-                               .quats = s->quats,
-                               .log_scales = s->log_scales,
-                               .logit_opacities = s->logit_opacities,
-                               .sh = s->sh};
+    struct spin_splats view = spin_splats_of_4d(s);
     struct sink sink = {x, v};
     int n_blocks = 2 + x->n_written / x->key_every;
 

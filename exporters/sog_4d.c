@@ -853,7 +853,7 @@ static spin_status join_frames(struct export *x)
     SPIN_TRY(spin_alloc(b->clip.n + 1, sizeof *b->from, (void **)&b->from));
     for (size_t k = 0; k < b->clip.n; k++)
         b->from[k] = k;
-    spin_bells_look(b);
+    b->view = spin_splats_of_4d(&b->clip);
     return SPIN_OK;
 }
 

@@ -104,7 +104,7 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
     SPIN_TRY(spin_views_read_json(m->path, "metadata.json", read_metadata, m, out, &found));
     if (!found)
         spin_rig_note(m, NULL, out);
-    spin_views_note(out, "the world of the data set has y up (spin-export --up y)");
+    spin_note(out, "the world of the data set has y up (spin-export --up y)");
     return SPIN_OK;
 }
 

@@ -443,10 +443,10 @@ static spin_status read_set(struct set *set, struct spin_views *out)
                  : read_folders(set, cameras));
     SPIN_TRY(spin_rig_views(&set->base, set->camera, set->n, out));
     spin_rig_note(&set->base, NULL, out);
-    spin_views_note(out, "FreeTimeGS takes the time i/(n-1) on such sets, EasyVolcap itself i/n "
+    spin_note(out, "FreeTimeGS takes the time i/(n-1) on such sets, EasyVolcap itself i/n "
                          "(--data-from easyvolcap:time=count)");
     if (set->coloured)
-        spin_views_note(out, "the colour matrices 'ccm' of the cameras are not applied");
+        spin_note(out, "the colour matrices 'ccm' of the cameras are not applied");
     return SPIN_OK;
 }
 

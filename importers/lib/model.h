@@ -79,18 +79,16 @@ spin_status spin_model_number(const struct spin_model *m, const char *option, co
 /* Which of words "a|b|c" the option (or NULL) says, else `key` of cfg_args in its quotes; -1: neither, or another. */
 spin_status spin_model_word(const struct spin_model *m, const char *option, const char *key,
                             const char *words, int *out);
-/* Zeroed, as long as the model lives. */
-spin_status spin_model_alloc(struct spin_model *m, size_t count, size_t size, void **out);
-/* Until open() is over. */
-spin_status spin_model_scratch(struct spin_model *m, size_t count, size_t size, void **out);
-/* Text, and a path: `fmt` below a folder. */
-spin_status spin_model_text(struct spin_model *m, const char **out, const char *fmt, ...)
-    SPIN_PRINTF(3, 4);
+/* (m, count, size, out): zeroed, as long as the model lives; until open() is over. */
+#define spin_model_alloc(m, ...) spin_arena_take(&(m)->arena, __VA_ARGS__)
+#define spin_model_scratch(m, ...) spin_arena_take(&(m)->scratch, __VA_ARGS__)
+/* A path: `fmt` below a folder; (m, out, fmt, ...): text alone. */
+#define spin_model_text(m, out, ...) spin_model_join(m, out, "", __VA_ARGS__)
 spin_status spin_model_join(struct spin_model *m, const char **out, const char *folder,
                             const char *fmt, ...) SPIN_PRINTF(4, 5);
 /* The same where there is such a file (or folder), else NULL. */
-spin_status spin_model_find(struct spin_model *m, const char **out, const char *folder,
-                            const char *fmt, ...) SPIN_PRINTF(4, 5);
+#define spin_model_find(m, out, ...) spin_model_there(spin_model_join(m, out, __VA_ARGS__), out)
+spin_status spin_model_there(spin_status status, const char **out);
 /* The folder that a path lies in. */
 spin_status spin_model_folder(struct spin_model *m, const char **out, const char *path);
 spin_status spin_model_absolute(struct spin_model *m, const char **out, const char *path);

@@ -166,12 +166,12 @@ void spin_rig_note(struct spin_model *m, const spin_json *fps, struct spin_views
     double rate = rate_of(fps);
 
     if (rate > 0)
-        spin_views_note(out,
+        spin_note(out,
                         "times of the data set are by the rule '%s'; it has %.6g frames a "
                         "second (spin-export --fps %.6g)",
                         rule, rate, rate);
     else
-        spin_views_note(out,
+        spin_note(out,
                         "times of the data set are by the rule '%s'; it does not say its frames a "
                         "second (spin-export --fps)",
                         rule);
