@@ -477,9 +477,7 @@ static spin_status part_of_ply(struct spin_model *m, struct part *p)
     SPIN_TRY(spin_model_join(m, &path, m->path, "%s",
                              p->moving ? "dynamic_point_cloud.ply" : "point_cloud.ply"));
     SPIN_TRY(spin_model_ply(m, path));
-    e = spin_ply_find_element(&m->ply, "vertex");
-    if (!e)
-        return spin_malformed("'%s': no element 'vertex'", path);
+    SPIN_TRY(spin_ply_vertices(&m->ply, &e));
     SPIN_TRY(count_properties(path, e, p));
     for (int c = 0; c < N_COLUMNS; c++)
         n += width_of(p, c);

@@ -48,25 +48,6 @@ static int probe(const struct spin_peek *peek)
                                                                                    : 0;
 }
 
-/* The checkpoint of the greatest step in a folder, or in the ckpts in it. */
-static spin_status find_file(struct spin_model *m, const char *path)
-{
-    const char *folder, *best = NULL;
-    char **names;
-    size_t n;
-
-    if (!spin_path_is_folder(path))
-        return spin_model_text(m, &m->path, "%s", path);
-    SPIN_TRY(spin_model_find(m, &folder, path, "ckpts"));
-    folder = folder ? folder : path;
-    SPIN_TRY(spin_model_names(m, folder, &names, &n));
-    for (size_t i = 0; i < n; i++)
-        if (step_of(names[i]) > (best ? step_of(best) : -1))
-            best = names[i];
-    return best ? spin_model_join(m, &m->path, folder, "%s", best)
-                : spin_not_found("'%s' holds no ckpt_<step>.pt", folder);
-}
-
 /* ---- The splats ------------------------------------------------------------------------------ */
 
 static const struct {
@@ -365,7 +346,7 @@ static spin_status open_model(void *self, const char *path)
     m->moves = true;
     m->least_sigma = LEAST_SIGMA;
     m->step = -1;
-    SPIN_TRY(find_file(base, path));
+    SPIN_TRY(spin_model_newest(base, path, "ckpts", step_of, "ckpt_<step>.pt"));
     if (spin_text_ends(base->path, ".ply"))
         SPIN_TRY(read_ply(m));
     else

@@ -159,13 +159,10 @@ struct content {
 
 static spin_status inspect(const struct spin_ply *ply, struct content *out)
 {
-    const struct spin_ply_element *e = spin_ply_find_element(ply, "vertex");
+    const struct spin_ply_element *e;
 
+    SPIN_TRY(spin_ply_vertices(ply, &e));
     *out = (struct content){.vertex = e, .sh_degree = -1};
-    if (!e)
-        return spin_malformed("'%s': no element 'vertex'", ply->path);
-    if (e->count > UINT32_MAX)
-        return spin_unsupported("'%s': more than 2^32 vertices", ply->path);
     if (spin_compressed_any(e)) {
         out->kind = COMPRESSED;
         SPIN_TRY(spin_compressed_find(ply, &out->packed));

@@ -198,27 +198,6 @@ static spin_status add_rows(struct model *m, float *const c[N_COLUMNS])
 
 /* ---- Files ----------------------------------------------------------------------------------- */
 
-/* The newest step-*.ckpt of a folder, or of the nerfstudio_models in it. */
-static spin_status find_checkpoint(struct spin_model *m, const char *path)
-{
-    const char *folder, *best = NULL;
-    char **names;
-    size_t n;
-
-    if (!spin_path_is_folder(path))
-        return spin_model_text(m, &m->path, "%s", path);
-    SPIN_TRY(spin_model_join(m, &folder, path, "nerfstudio_models"));
-    if (!spin_path_is_folder(folder))
-        folder = path;
-    SPIN_TRY(spin_model_names(m, folder, &names, &n));
-    for (size_t i = 0; i < n; i++) {
-        if (step_of_name(names[i]) >= 0 && (!best || step_of_name(names[i]) > step_of_name(best)))
-            best = names[i];
-    }
-    return best ? spin_model_join(m, &m->path, folder, "%s", best)
-                : spin_not_found("'%s' holds no step-<N>.ckpt", folder);
-}
-
 static bool is_identity(const spin_json *json)
 {
     const spin_json *rows = spin_json_get(json, "transform");
@@ -311,7 +290,7 @@ static spin_status open_model(void *self, const char *path)
 {
     struct model *m = self;
 
-    SPIN_TRY(find_checkpoint(&m->base, path));
+    SPIN_TRY(spin_model_newest(&m->base, path, "nerfstudio_models", step_of_name, "step-<N>.ckpt"));
     return spin_fail_reading(open_checkpoint(m), m->base.path);
 }
 

@@ -36,10 +36,7 @@ static spin_status read_size(const spin_json *json, struct spin_camera *out)
     if (!spin_json_number(spin_json_get(json, "image_width"), &width) ||
         !spin_json_number(spin_json_get(json, "image_height"), &height))
         return spin_malformed("no numbers 'image_width' and 'image_height'");
-    SPIN_TRY(spin_views_check_size(width, height));
-    out->width = (int)width;
-    out->height = (int)height;
-    return SPIN_OK;
+    return spin_views_size(width, height, out);
 }
 
 static spin_status read_camera(struct spin_model *m, const spin_json *json, int64_t place,

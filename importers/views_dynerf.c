@@ -281,9 +281,7 @@ static spin_status read_camera(const double row[COLUMNS], struct spin_camera *ou
     }
     SPIN_TRY(spin_views_check_pose(c2w, "the pose"));
     spin_views_invert(c2w, out->w2c);
-    SPIN_TRY(spin_views_check_size(row[9], row[4]));
-    out->width = (int)row[9];
-    out->height = (int)row[4];
+    SPIN_TRY(spin_views_size(row[9], row[4], out));
     out->fx = out->fy = row[14];
     out->cx = out->width / 2.0;
     out->cy = out->height / 2.0;

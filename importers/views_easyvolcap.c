@@ -269,10 +269,7 @@ static spin_status read_size(const spin_json *intri, const char *name, const cha
         return spin_image_size(picture, &out->width, &out->height, &channels);
     if (!spin_json_number(h, &height) || !spin_json_number(w, &width))
         return spin_malformed("no numbers 'H_%s' and 'W_%s'", name, name);
-    SPIN_TRY(spin_views_check_size(width, height));
-    out->width = (int)width;
-    out->height = (int)height;
-    return SPIN_OK;
+    return spin_views_size(width, height, out);
 }
 
 static spin_status read_lens(const spin_json *intri, const char *name, const char *picture,
@@ -444,7 +441,7 @@ static spin_status read_set(struct set *set, struct spin_views *out)
     SPIN_TRY(spin_rig_views(&set->base, set->camera, set->n, out));
     spin_rig_note(&set->base, NULL, out);
     spin_note(out, "FreeTimeGS takes the time i/(n-1) on such sets, EasyVolcap itself i/n "
-                         "(--data-from easyvolcap:time=count)");
+                   "(--data-from easyvolcap:time=count)");
     if (set->coloured)
         spin_note(out, "the colour matrices 'ccm' of the cameras are not applied");
     return SPIN_OK;

@@ -111,9 +111,7 @@ static spin_status read_size(const struct split *s, const spin_json *frame, size
     if (has_w != has_h)
         return spin_malformed("no number '%s'", has_w ? "h" : "w");
     if (has_w) {
-        SPIN_TRY(spin_views_check_size(w, h));
-        camera->width = (int)w;
-        camera->height = (int)h;
+        SPIN_TRY(spin_views_size(w, h, camera));
         if (index > 0 && !spin_json_get(frame, "w") && !spin_json_get(frame, "h"))
             return SPIN_OK;
     }

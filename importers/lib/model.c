@@ -324,6 +324,26 @@ spin_status spin_model_choose(struct spin_model *m, const char *wanted, const ch
     return SPIN_OK;
 }
 
+spin_status spin_model_newest(struct spin_model *m, const char *path, const char *inner,
+                              long long (*step_of)(const char *name), const char *called)
+{
+    const char *folder, *best = NULL;
+    char **names;
+    size_t n;
+
+    if (!spin_path_is_folder(path))
+        return spin_model_text(m, &m->path, "%s", path);
+    SPIN_TRY(spin_model_join(m, &folder, path, "%s", inner));
+    if (!spin_path_is_folder(folder))
+        folder = path;
+    SPIN_TRY(spin_model_names(m, folder, &names, &n));
+    for (size_t i = 0; i < n; i++)
+        if (step_of(names[i]) > (best ? step_of(best) : -1))
+            best = names[i];
+    return best ? spin_model_join(m, &m->path, folder, "%s", best)
+                : spin_not_found("'%s' holds no %s", folder, called);
+}
+
 spin_status spin_model_save(struct spin_model *m, const char *path, const char *network,
                             const char **out)
 {
@@ -467,9 +487,7 @@ spin_status spin_model_vertices(struct spin_model *m, const char *path,
                                 const struct spin_ply_element **vertex)
 {
     SPIN_TRY(spin_model_ply(m, path));
-    *vertex = spin_ply_find_element(&m->ply, "vertex");
-    if (!*vertex)
-        return spin_malformed("'%s': no element 'vertex'", path);
+    SPIN_TRY(spin_ply_vertices(&m->ply, vertex));
     if ((*vertex)->count == 0)
         return spin_malformed("'%s': 0 vertices", path);
     if ((*vertex)->count > INT_MAX)

@@ -133,6 +133,10 @@ bool spin_model_holds(const char *folder, const char *file);
 spin_status spin_model_choose(struct spin_model *m, const char *wanted, const char *folder,
                               const char *file, const char *folder2, const char *file2,
                               const char **out);
+/* The model's path: `path` itself, or of the files of this folder, or of `inner` in it, the one of the greatest step, by
+ * step_of(name), -1: none. `called` says in messages what such files are called. */
+spin_status spin_model_newest(struct spin_model *m, const char *path, const char *inner,
+                              long long (*step_of)(const char *name), const char *called);
 /* The folder of the save to read, as option `iteration` says, for models whose network `network` lies beside the
  * cloud: `path` is the model's folder, the point_cloud in it, a save, or one of the two files. NULL when there is
  * none. */

@@ -109,6 +109,14 @@ spin_status spin_views_check_size(double width, double height)
     return SPIN_OK;
 }
 
+spin_status spin_views_size(double width, double height, struct spin_camera *out)
+{
+    SPIN_TRY(spin_views_check_size(width, height));
+    out->width = (int)width;
+    out->height = (int)height;
+    return SPIN_OK;
+}
+
 spin_status spin_views_check_intrinsics(const struct spin_camera *c)
 {
     if (!(c->fx > 0 && c->fy > 0 && isfinite(c->fx) && isfinite(c->fy)))

@@ -158,15 +158,12 @@ spin_status spin_gs_ply_degree(const struct spin_ply *ply, const struct spin_ply
 
 spin_status spin_gs_ply_find(const struct spin_ply *ply, struct spin_gs_ply *out)
 {
-    const struct spin_ply_element *e = spin_ply_find_element(ply, "vertex");
+    const struct spin_ply_element *e;
     struct column column[MAX_COLUMNS];
     size_t n = list_columns(0, 0, column);
 
+    SPIN_TRY(spin_ply_vertices(ply, &e));
     *out = (struct spin_gs_ply){.ply = ply, .vertex = e};
-    if (!e)
-        return spin_malformed("'%s': no element 'vertex'", ply->path);
-    if (e->count > UINT32_MAX)
-        return spin_unsupported("'%s': more than 2^32 vertices", ply->path);
     if (spin_ply_has(e, "scale_0") && spin_ply_has(e, "scale_1") && !spin_ply_has(e, "scale_2"))
         return spin_unsupported(
             "'%s': no property 'scale_2': it looks like 2DGS, whose splats are flat", ply->path);

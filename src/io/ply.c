@@ -521,6 +521,16 @@ const struct spin_ply_element *spin_ply_find_element(const struct spin_ply *ply,
     return NULL;
 }
 
+spin_status spin_ply_vertices(const struct spin_ply *ply, const struct spin_ply_element **out)
+{
+    *out = spin_ply_find_element(ply, "vertex");
+    if (!*out)
+        return spin_malformed("'%s': no element 'vertex'", ply->path);
+    return (*out)->count <= UINT32_MAX
+               ? SPIN_OK
+               : spin_unsupported("'%s': more than 2^32 vertices", ply->path);
+}
+
 int spin_ply_find(const struct spin_ply_element *e, const char *name)
 {
     for (size_t i = 0; i < e->n_properties; i++) {
