@@ -5,7 +5,6 @@
 #include "exporters/lib/quant_error.h"
 #include "math/activate.h"
 #include "math/motion.h"
-#include "math/sh.h"
 
 struct check {
     const struct spin_bells_check *of;

@@ -4,7 +4,6 @@
 #include <unistd.h>
 
 #include "base/base.h"
-#include "io/file.h"
 
 #define VIEWS_MAX_SIZE 65536 /* pixels along a side */
 

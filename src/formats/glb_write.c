@@ -3,7 +3,6 @@
 
 #include "base/base.h"
 #include "base/shim.h"
-#include "math/portable.h"
 
 enum { HEADER = 12, CHUNK_HEADER = 8, TOO_FAR = -1 /* no errno */ };
 _Static_assert(SPIN_GLB_MAX_ATTRIBUTES == SPIN_GLB_SH + SPIN_SH_MAX + 1, "all have their place");

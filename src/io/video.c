@@ -4,7 +4,6 @@
 #include <ctype.h>
 #include <pthread.h>
 #include <strings.h>
-#include <sys/stat.h>
 
 #include "base/base.h"
 #include "base/shim.h"

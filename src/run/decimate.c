@@ -1,12 +1,10 @@
 #include "run/decimate.h"
 
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include "base/base.h"
 #include "math/activate.h"
 #include "math/drawable.h"
-#include "scene/splats_4d.h"
 
 #define COLUMNS (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
 enum {

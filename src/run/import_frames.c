@@ -1,8 +1,6 @@
 #include "run/import_frames.h"
 
 #include "base/base.h"
-#include "io/file.h"
-#include "io/json.h"
 
 /* ---- At which times a data set's frames are ---------------------------------------------------- */
 

@@ -6,8 +6,6 @@
 
 #include "base/base.h"
 #include "math/project.h"
-#include "scene/columns.h"
-#include "scene/splats_4d.h"
 #include "train/knn.h"
 
 /* A splat that reaches its neighbours is none that floats alone. */

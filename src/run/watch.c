@@ -4,8 +4,6 @@
 #include "base/base.h"
 #include "eval/report/svg_chart.h"
 #include "eval/report/train_log.h"
-#include "io/file.h"
-#include "io/json.h"
 #include "run/run.h"
 
 enum { LOSS_POINTS = 300 };

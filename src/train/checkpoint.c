@@ -2,8 +2,6 @@
 #include "train/checkpoint.h"
 
 #include "base/base.h"
-#include "io/npy.h"
-#include "io/ranks.h"
 
 enum { PORTION = 1 << 20 }; /* floats that are carried to the host at a time */
 

@@ -2,7 +2,6 @@
 #include "train/frames.h"
 
 #include "base/base.h"
-#include "spin_train.h"
 #include "math/turn.h"
 #include "model/residual.h"
 #include "train/cloud.h"

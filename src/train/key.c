@@ -4,7 +4,6 @@
 #include <inttypes.h>
 
 #include "base/base.h"
-#include "spin_train.h"
 #include "train/settings.h"
 
 static void add_images(spin_json *j, const struct spin_plan *plan, const struct spin_photos *photos,

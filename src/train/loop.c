@@ -2,8 +2,6 @@
 #include "train/loop.h"
 
 #include "base/base.h"
-#include "spin_train.h"
-#include "io/ranks.h"
 #include "train/densify_tracks.h"
 #include "train/test_views.h"
 

@@ -2,8 +2,6 @@
 #include "train/output.h"
 
 #include "base/base.h"
-#include "spin_train.h"
-#include "io/ranks.h"
 #include "math/turn.h"
 #include "model/residual.h"
 #include "train/rows_4d.h"

@@ -2,8 +2,6 @@
 #include "train/plan.h"
 
 #include "base/base.h"
-#include "io/ranks.h"
-#include "render/image_store.h"
 #include "train/lazy_adam.h"
 #include "train/options.h"
 #include "train/point_sample.h"

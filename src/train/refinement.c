@@ -7,11 +7,7 @@
  * same key is taken as it is. */
 #include "train/refinement.h"
 
-#include <pthread.h>
-
 #include "base/base.h"
-#include "spin_train.h"
-#include "io/ranks.h"
 #include "math/sh.h"
 #include "train/cloud.h"
 #include "train/loop.h"

@@ -4,8 +4,6 @@
 
 #include "base/base.h"
 #include "model/residual.h"
-#include "render/player.h"
-#include "scene/bundle_tracks.h"
 
 const double spin_rows_4d_least_weight = 0.01;
 

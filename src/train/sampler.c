@@ -2,7 +2,6 @@
 #include "train/sampler.h"
 
 #include "base/base.h"
-#include "io/ranks.h"
 #include "math/rng.h"
 
 enum { STREAM_SHUFFLE = 16, STREAM_FRAME = 33 }; /* of the random numbers, see math/rng.h */

@@ -2,7 +2,6 @@
 #include "train/trainer.h"
 
 #include "base/base.h"
-#include "io/ranks.h"
 #include "math/adam.h"
 #include "train/lazy_adam.h"
 

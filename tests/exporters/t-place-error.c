@@ -3,8 +3,6 @@
 #include "exporters/lib/place_error.h"
 #include "tests/tap.h"
 
-#include <math.h>
-
 static struct spin_view view_at(int frame, double focal)
 {
     return (struct spin_view){.dataset_frame = frame,

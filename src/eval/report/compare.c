@@ -3,7 +3,6 @@
 
 #include "base/base.h"
 #include "eval/report/svg_chart.h"
-#include "io/file.h"
 #include "io/image.h"
 #include "io/template.h"
 

@@ -6,7 +6,6 @@
 #include "eval/report/svg_chart.h"
 #include "eval/report/motion_crops.h"
 #include "eval/report/train_log.h"
-#include "io/file.h"
 #include "io/image.h"
 #include "io/template.h"
 #include "scene/trained_options.h"
