@@ -361,13 +361,11 @@ static spin_status begin_network(struct run *r)
     const struct spin_retrain_options *o = r->plan.o;
     struct spin_trainer *t = &r->trainer;
     struct spin_device *d = &r->device;
-    void *block = NULL;
     float *table, *heads;
 
     if (!t->network)
         return SPIN_OK;
-    SPIN_TRY(spin_alloc(t->field.n_table + t->heads.n, sizeof(float), &block));
-    table = block;
+    SPIN_TRY(spin_alloc(t->field.n_table + t->heads.n, sizeof(float), (void **)&table));
     heads = table + t->field.n_table;
     spin_field_init(&t->field, o->seed, o->hash_init_range, r->frames.init_log_scale, table, heads);
     if (o->sh_increase_every > 0)
@@ -376,7 +374,7 @@ static spin_status begin_network(struct run *r)
         spin_field_clear_heads(&t->field, heads);
     d->op->upload(d, t->table.p, table, t->table.n * sizeof(float));
     d->op->upload(d, t->heads.p, heads, t->heads.n * sizeof(float));
-    free(block);
+    free(table);
     return SPIN_OK;
 }
 

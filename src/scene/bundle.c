@@ -143,12 +143,10 @@ static spin_status check_refined(struct spin_bundle *b)
 static spin_status read_trained_counts(struct spin_bundle *b, const spin_json *trained)
 {
     const spin_json *list = spin_json_get(trained, "splats");
-    void *block = NULL;
 
     if (!list)
         return SPIN_OK;
-    SPIN_TRY(spin_alloc((size_t)b->meta.n_frames, sizeof *b->trained_n, &block));
-    b->trained_n = block;
+    SPIN_TRY(spin_alloc((size_t)b->meta.n_frames, sizeof *b->trained_n, (void **)&b->trained_n));
     for (int f = 0; f < b->meta.n_frames; f++) {
         int64_t n;
 
@@ -240,11 +238,9 @@ static spin_status open_clip_of_state(struct spin_bundle *b)
 {
     size_t n = strlen(b->path) + sizeof SPIN_CLIP_OF_STATE;
     SPIN_FREED char *clip = NULL;
-    void *block;
     spin_status status;
 
-    SPIN_TRY(spin_alloc(n, 1, &block));
-    clip = block;
+    SPIN_TRY(spin_alloc(n, 1, (void **)&clip));
     snprintf(clip, n, "%s" SPIN_CLIP_OF_STATE, b->path);
     if (spin_path_exists(clip)) {
         spin_npz_close(&b->npz);

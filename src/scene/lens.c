@@ -32,12 +32,10 @@ spin_status spin_lenses_list(const struct spin_views *views, const struct spin_p
     *out = (struct spin_lenses){.scale = scale};
     for (size_t i = 0; i < n_pairs; i++) {
         const struct spin_camera *camera = &views->view[pairs[i].view].camera;
-        void *block = out->lens;
 
         if (spin_lenses_find(out, camera) >= 0)
             continue;
-        SPIN_TRY(spin_grow((size_t)out->n + 1, sizeof *out->lens, &block));
-        out->lens = block;
+        SPIN_TRY(spin_grow((size_t)out->n + 1, sizeof *out->lens, (void **)&out->lens));
         out->lens[out->n++] = (struct spin_lens){.width = camera->width / scale,
                                                  .height = camera->height / scale,
                                                  .focal = camera->fx / camera->width};
@@ -132,13 +130,11 @@ static bool read_lens(const spin_json *json, struct spin_lens *lens)
 spin_status spin_lenses_from_json(const spin_json *json, double scale, struct spin_lenses *out)
 {
     size_t n = spin_json_length(json);
-    void *block = NULL;
 
     *out = (struct spin_lenses){.scale = scale};
     if (n == 0)
         return SPIN_OK;
-    SPIN_TRY(spin_alloc(n, sizeof *out->lens, &block));
-    out->lens = block;
+    SPIN_TRY(spin_alloc(n, sizeof *out->lens, (void **)&out->lens));
     for (int i = 0; i < (int)n; i++)
         if (!read_lens(spin_json_at(json, (size_t)i), &out->lens[i])) {
             spin_lenses_free(out);

@@ -43,12 +43,11 @@ static spin_status list_pieces(const struct spin_checkpoint *c, struct spin_trai
     struct spin_param *param[N_PARAMS] = {&t->table, &t->heads, &t->tracks, &t->exposures.param};
     const char *param_name[N_PARAMS] = {"table", "heads", "tracks", "exposure"};
     const char *part_name[3] = {"p", "m", "v"};
-    void *block = NULL;
     struct piece *piece;
     size_t k = 0;
 
-    SPIN_TRY(spin_alloc(3 * N_PARAMS + 1 + 14 * (size_t)t->n_frames, sizeof *piece, &block));
-    piece = block;
+    SPIN_TRY(
+        spin_alloc(3 * N_PARAMS + 1 + 14 * (size_t)t->n_frames, sizeof *piece, (void **)&piece));
     for (int i = 0; i < N_PARAMS; i++) {
         float SPIN_DEV *at[3] = {param[i]->p, param[i]->m, param[i]->v};
 
@@ -230,12 +229,10 @@ static spin_status check_numbers(const struct spin_trainer *t, const struct piec
     const struct spin_frame_size *size = &t->frame[piece->frame].size;
     bool track = piece->kind == TRACK;
     size_t most = track ? t->n_tracks : size->n;
-    void *block = NULL;
     uint8_t *taken;
     bool wrong = false;
 
-    SPIN_TRY(spin_alloc(most + 1, 1, &block));
-    taken = block;
+    SPIN_TRY(spin_alloc(most + 1, 1, (void **)&taken));
     for (size_t i = 0; i < size->n && !wrong; i++) {
         bool none = track && number[i] == SPIN_NO_TRACK;
 
@@ -246,7 +243,7 @@ static spin_status check_numbers(const struct spin_trainer *t, const struct piec
         if (!wrong && !none)
             taken[number[i]] = 1;
     }
-    free(block);
+    free(taken);
     return wrong ? spin_malformed("array '%s' does not fit the tracks", piece->name) : SPIN_OK;
 }
 

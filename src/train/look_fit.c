@@ -147,11 +147,9 @@ spin_status spin_look_fit(const struct spin_look_sample *sample, size_t n, int n
                     .n = n,
                     .n_unknown = (size_t)(n_cameras + 2 * n_lenses),
                     .n_cameras = n_cameras};
-    void *block = NULL;
 
     memset(exposure, 0, (size_t)(n_cameras + n_lenses) * 6 * sizeof *exposure);
-    SPIN_TRY(spin_alloc(3 * n + 4 * f.n_unknown, sizeof(double), &block));
-    f.y = block;
+    SPIN_TRY(spin_alloc(3 * n + 4 * f.n_unknown, sizeof(double), (void **)&f.y));
     f.weight = f.y + n;
     f.residual = f.weight + n;
     f.x = f.residual + n;
@@ -169,6 +167,6 @@ spin_status spin_look_fit(const struct spin_look_sample *sample, size_t n, int n
         }
         put(&f, n_lenses, rgb, exposure);
     }
-    free(block);
+    free(f.y);
     return SPIN_OK;
 }

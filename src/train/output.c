@@ -104,11 +104,9 @@ static void round_splats(const struct spin_output *output, unsigned columns, str
 /* Where the trainer has the splat of each row of the output. */
 static spin_status invert(const uint32_t *permutation, size_t n, uint32_t **out)
 {
-    void *block = NULL;
     uint32_t *place;
 
-    SPIN_TRY(spin_alloc(n + 1, sizeof *place, &block));
-    place = block;
+    SPIN_TRY(spin_alloc(n + 1, sizeof *place, (void **)&place));
     for (size_t i = 0; i < n; i++)
         place[permutation[i]] = (uint32_t)i;
     *out = place;
@@ -183,11 +181,9 @@ static spin_status read_numbers(const struct spin_output *output, int frame, uin
     const struct spin_train_frame *from = &output->trainer->frame[frame];
     struct spin_device *d = output->trainer->device;
     size_t n = from->size.n;
-    void *block = NULL;
     uint32_t *track;
 
-    SPIN_TRY(spin_alloc(n + 1, 2 * sizeof *track, &block));
-    track = block;
+    SPIN_TRY(spin_alloc(n + 1, 2 * sizeof *track, (void **)&track));
     SPIN_TRY(d->op->download(d, track + n, from->track, n * sizeof *track));
     for (size_t i = 0; i < n; i++)
         track[output->frames->permutation[frame][i]] = track[n + i];

@@ -59,12 +59,10 @@ static spin_status preview_view(struct spin_plan *plan, struct spin_photos *phot
     const float *picture[3];
     char name[SPIN_PICTURE_NAME];
     SPIN_FREED char *path = NULL;
-    SPIN_FREED void *block = NULL;
-    float *values;
+    SPIN_FREED float *values = NULL;
     int n = 0;
 
-    SPIN_TRY(spin_alloc(3 * pixels, sizeof(float), &block));
-    values = block;
+    SPIN_TRY(spin_alloc(3 * pixels, sizeof(float), (void **)&values));
     SPIN_TRY(spin_image_cache_get(&photos->cache, pair->view, values));
     picture[n++] = values;
     if (source) {

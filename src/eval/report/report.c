@@ -123,11 +123,9 @@ static spin_status draw_frames(const spin_json *const report[2], FILE *to)
                                    .line = line,
                                    .whole = true};
     size_t n = spin_json_length(spin_json_get(report[0], "frames"));
-    void *block = NULL;
     double *x, *y;
 
-    SPIN_TRY(spin_alloc(n, 5 * sizeof(double), &block));
-    x = block;
+    SPIN_TRY(spin_alloc(n, 5 * sizeof(double), (void **)&x));
     y = x + n;
     take_numbers(spin_json_get(report[0], "frames"), "frame", x);
     for (int k = 0; k < 2; k++)
@@ -141,7 +139,7 @@ static spin_status draw_frames(const spin_json *const report[2], FILE *to)
             y += n;
         }
     spin_svg_chart_write(to, &chart);
-    free(block);
+    free(x);
     return SPIN_OK;
 }
 
