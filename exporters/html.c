@@ -589,20 +589,15 @@ static spin_status write_4d(struct export *x)
 {
     const struct spin_export_job *job = x->job;
     const struct spin_splats *frame;
-    double *times;
-    spin_status status;
+    SPIN_FREED double *times = NULL;
 
     SPIN_TRY(spin_alloc((size_t)job->n_frames, sizeof *times, (void **)&times));
     for (int f = 0; f < job->n_frames; f += x->every) {
         times[x->n_written] = job->times[f];
         x->number[x->n_written++] = job->numbers[f];
     }
-    if (x->max_splats == 0 && spin_page_rows_can(times, x->n_written, &x->four_d.step)) {
-        status = write_rows(x, times);
-        free(times);
-        return status;
-    }
-    free(times);
+    if (x->max_splats == 0 && spin_page_rows_can(times, x->n_written, &x->four_d.step))
+        return write_rows(x, times);
     x->n_written = 0;
     for (int f = 0; f < job->n_frames; f++) {
         struct spin_frame_info info = {.number = job->numbers[f], .time = job->times[f]};

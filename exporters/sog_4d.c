@@ -150,18 +150,17 @@ static double worst_shift(const struct export *x, const float book[SPIN_CODEBOOK
 static spin_status choose_centres(struct export *x)
 {
     struct spin_sog_book *book = &x->coding.centre;
-    float own[SPIN_CODEBOOK], *times;
-    spin_status status;
+    float own[SPIN_CODEBOOK];
+    SPIN_FREED float *times = NULL;
 
     fill_book(book, x->coding.time.mins[0], x->coding.time.maxs[0], false);
     SPIN_TRY(spin_alloc(x->order.n, sizeof *times, (void **)&times));
     for (size_t j = 0; j < x->order.n; j++)
         times[j] = clip_of(x)->times[x->order.item[j].row];
-    status = spin_codebook_make(times, x->order.n, own);
-    free(times);
-    if (status == SPIN_OK && worst_shift(x, own) < worst_shift(x, book->value))
+    SPIN_TRY(spin_codebook_make(times, x->order.n, own));
+    if (worst_shift(x, own) < worst_shift(x, book->value))
         memcpy(book->value, own, sizeof own);
-    return status;
+    return SPIN_OK;
 }
 
 /* Times are rounded, and places follow. */

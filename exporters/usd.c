@@ -579,14 +579,14 @@ static spin_status print_rig(const struct export *x, FILE *to)
 static spin_status print_path(const struct export *x, FILE *to)
 {
     size_t n = (size_t)x->path.n_pictures;
-    double first = x->frames.entry[0].number, *time = NULL;
+    double first = x->frames.entry[0].number;
+    SPIN_FREED double *time = NULL;
     double span = x->frames.entry[x->frames.n_entries - 1].number + x->codes - first;
 
     SPIN_TRY(spin_alloc(n, sizeof *time, (void **)&time));
     for (size_t p = 0; p < n; p++)
         time[p] = first + span * (double)p / (double)n;
     print_camera(x, spin_camera_path_name(&x->path), x->camera, time, n, to);
-    free(time);
     return SPIN_OK;
 }
 

@@ -14,7 +14,8 @@ enum { HEAD = 4096 };
 
 static int probe(const struct spin_peek *peek)
 {
-    char head[HEAD], *path = NULL;
+    char head[HEAD];
+    SPIN_FREED char *path = NULL;
     size_t n = 0;
     bool says;
 
@@ -23,7 +24,6 @@ static int probe(const struct spin_peek *peek)
         return 0;
     says = spin_file_head(path, head, sizeof head, &n) == SPIN_OK &&
            memmem(head, n, "\"camera_model\"", 14);
-    free(path);
     return says ? 75 : 0;
 }
 

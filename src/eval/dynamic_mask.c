@@ -164,7 +164,8 @@ static const float black[3];
 static spin_status read_mask(struct spin_dynamic_mask *m, const struct spin_view *view)
 {
     int width = view->camera.width, height = view->camera.height, w, h;
-    uint8_t *rgb = NULL, most = 0;
+    uint8_t most = 0;
+    SPIN_FREED uint8_t *rgb = NULL;
 
     SPIN_TRY(spin_image_read(view->mask, black, &w, &h, &rgb));
     for (size_t i = 0; i < 3 * (size_t)w * (size_t)h; i++)
@@ -177,7 +178,6 @@ static spin_status read_mask(struct spin_dynamic_mask *m, const struct spin_view
 
             m->mask[(size_t)y * (size_t)width + (size_t)x] = most > 1 ? v >= 128 : v;
         }
-    free(rgb);
     return SPIN_OK;
 }
 

@@ -492,7 +492,7 @@ static spin_status read_band(struct reader *r, struct cursor *c)
     const struct spin_splats_4d *s = r->splats;
     size_t n_sh = 3 + spin_n_rest(s->sh_degree), b = (size_t)take_number(c, 1), width = 2 * b + 1;
     struct stream stream = take_stream(c);
-    int32_t *codes = NULL;
+    SPIN_FREED int32_t *codes = NULL;
     spin_status status;
 
     if (c->cut || !s->centres || (r->n_chunks > 0 && r->n_in_chunk == 0))
@@ -510,7 +510,6 @@ static spin_status read_band(struct reader *r, struct cursor *c)
         s->sh[n_sh * (r->first + row) + 3 * (b * b + m) + channel] =
             (float)(codes[k] * 8 / 255.0 - 4);
     }
-    free(codes);
     return spin_fail_context(status, "chunk %zu: SH band %zu", r->n_chunks - 1, b);
 }
 

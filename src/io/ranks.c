@@ -253,7 +253,7 @@ spin_status spin_ranks_share(void *at, size_t bytes, int from)
 
 spin_status spin_ranks_agree(spin_status status)
 {
-    struct notice *all;
+    SPIN_FREED struct notice *all = NULL;
     spin_status end;
 
     if (n_ranks == 1 || heard)
@@ -269,7 +269,6 @@ spin_status spin_ranks_agree(spin_status status)
             end = spin_fail((spin_status)all[r].status, "%s", all[r].text);
             agreed = true;
         }
-    free(all);
     return end;
 }
 

@@ -51,15 +51,13 @@ static spin_status name_output(struct convert *c)
     const struct spin_convert_options *o = c->o;
     SPIN_FREED char *absolute = NULL;
     const char *name;
-    spin_status status;
 
     if (o->output)
         return spin_strdup(o->output, &c->output);
     SPIN_TRY(spin_path_absolute(o->input, &absolute));
     name = spin_path_name(absolute);
-    status =
-        put_together(name, stem_length(name, !spin_path_is_folder(absolute)), ".html", &c->output);
-    return status;
+    return put_together(name, stem_length(name, !spin_path_is_folder(absolute)), ".html",
+                        &c->output);
 }
 
 /* Whether an exporter is for 4D splats. TSOG can hold frames too, each splat once for every frame. */

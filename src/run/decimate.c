@@ -618,7 +618,7 @@ static spin_status orbit(const struct spin_splats *s, int k, struct spin_camera 
 {
     double angle = 6.283185307179586 * k / AROUND, c = cos(angle), sn = sin(angle);
     double middle[3] = {0}, reach = 0, eye[3];
-    float *at = NULL;
+    SPIN_FREED float *at = NULL;
 
     SPIN_TRY(spin_alloc(s->n + 1, sizeof *at, (void **)&at));
     for (size_t axis = 0; axis < 3 && s->n > 0; axis++) {
@@ -628,7 +628,6 @@ static spin_status orbit(const struct spin_splats *s, int k, struct spin_camera 
         middle[axis] = (double)at[s->n / 2];
         reach = fmax(reach, ((double)at[s->n - 1 - s->n / 20] - (double)at[s->n / 20]) / 2);
     }
-    free(at);
     reach = reach > 0 ? reach : 1;
     eye[0] = middle[0] - 2.5 * reach * sn;
     eye[1] = middle[1];

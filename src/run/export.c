@@ -242,10 +242,9 @@ static spin_status write_frames(struct export *x)
         spin_progress_set(&progress, f + n, "%zu splats", x->splats.n);
     }
     spin_progress_end(&progress);
-    if (status != SPIN_OK)
-        return status;
-    spin_scene_edit_say(&x->edit);
-    return SPIN_OK;
+    if (status == SPIN_OK)
+        spin_scene_edit_say(&x->edit);
+    return status;
 }
 
 static spin_status source_frame(void *source_of, int frame, struct spin_splats *out)

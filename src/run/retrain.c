@@ -86,7 +86,8 @@ static spin_status check_disk(const struct run *r)
 {
     const struct spin_plan *p = &r->plan;
     size_t all = 0, most = 0, floats;
-    char *folder = NULL, need[32], left[32];
+    char need[32], left[32];
+    SPIN_FREED char *folder = NULL;
     uint64_t bytes, room;
 
     if (!trains_clip(r))
@@ -104,7 +105,6 @@ static spin_status check_disk(const struct run *r)
     bytes = 4 * floats * sizeof(float); /* the values and their two moments, and the values */
     SPIN_TRY(spin_path_folder(p->o->output, &folder));
     room = spin_path_free_bytes(folder);
-    free(folder);
     if (room < bytes)
         return spin_fail(
             SPIN_E_IO,
@@ -361,7 +361,8 @@ static spin_status begin_network(struct run *r)
     const struct spin_retrain_options *o = r->plan.o;
     struct spin_trainer *t = &r->trainer;
     struct spin_device *d = &r->device;
-    float *table, *heads;
+    float *heads;
+    SPIN_FREED float *table = NULL;
 
     if (!t->network)
         return SPIN_OK;
@@ -374,7 +375,6 @@ static spin_status begin_network(struct run *r)
         spin_field_clear_heads(&t->field, heads);
     d->op->upload(d, t->table.p, table, t->table.n * sizeof(float));
     d->op->upload(d, t->heads.p, heads, t->heads.n * sizeof(float));
-    free(table);
     return SPIN_OK;
 }
 

@@ -133,7 +133,7 @@ spin_status spin_watch_update(const struct spin_watch *w, const struct spin_outp
 {
     const struct spin_plan *plan = output->plan;
     spin_json *now = spin_json_object();
-    char *text = NULL;
+    SPIN_FREED char *text = NULL;
     spin_status status;
 
     SPIN_TRY_OUT(write_clip(w, output));
@@ -149,7 +149,6 @@ spin_status spin_watch_update(const struct spin_watch *w, const struct spin_outp
     status = text ? write_text(w->now, "show(", text, ")\n")
                   : spin_fail(SPIN_E_MEMORY, "no memory for the page");
 out:
-    free(text);
     spin_json_free(now);
     return spin_fail_context(status, "--watch");
 }

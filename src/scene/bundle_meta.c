@@ -138,9 +138,8 @@ static spin_status read_frames(struct spin_bundle_meta *meta, const spin_json *r
     SPIN_TRY(spin_meta_integer(root, "source_frames", 1, INT_MAX, &n_source));
     meta->n_source_frames = (int)n_source;
     SPIN_TRY(spin_bundle_meta_reserve(meta, (int)n));
-    for (size_t i = 0; i < n; i++) {
+    for (size_t i = 0; i < n; i++)
         SPIN_TRY_IN(read_frame_entry(meta, (int)i, spin_json_at(list, i)), "frame %zu", i);
-    }
     return spin_frame_numbers_check(meta->frame, meta->n_frames);
 }
 

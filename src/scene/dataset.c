@@ -407,7 +407,8 @@ spin_status spin_view_check_image(const struct spin_view *view)
 spin_status spin_views_check_cameras(const struct spin_views *views)
 {
     spin_status status = SPIN_OK;
-    int *seen, n = 0;
+    int n = 0;
+    SPIN_FREED int *seen = NULL;
 
     SPIN_TRY(spin_alloc(views->n + 1, sizeof *seen, (void **)&seen));
     for (size_t i = 0; i < views->n && status == SPIN_OK; i++) {
@@ -419,7 +420,6 @@ spin_status spin_views_check_cameras(const struct spin_views *views)
         if (status == SPIN_E_NOT_FOUND || status == SPIN_E_UNSUPPORTED)
             status = SPIN_OK;
     }
-    free(seen);
     return status;
 }
 

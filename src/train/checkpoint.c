@@ -169,7 +169,7 @@ spin_status spin_check_parameters(struct spin_trainer *t)
     uint64_t hash = SPIN_HASH_BEGIN;
     struct spin_device *d = t->device;
     size_t n_pieces = 0;
-    struct piece *piece = NULL;
+    SPIN_FREED struct piece *piece = NULL;
     void *block = NULL;
     bool bad = false;
     spin_status status;
@@ -193,7 +193,6 @@ spin_status spin_check_parameters(struct spin_trainer *t)
     }
     status = compare_ranks(t, hash);
 out:
-    free(piece);
     free(block);
     return t->n_ranks > 1 ? spin_ranks_agree(status) : status;
 }
@@ -229,7 +228,7 @@ static spin_status check_numbers(const struct spin_trainer *t, const struct piec
     const struct spin_frame_size *size = &t->frame[piece->frame].size;
     bool track = piece->kind == TRACK;
     size_t most = track ? t->n_tracks : size->n;
-    uint8_t *taken;
+    SPIN_FREED uint8_t *taken = NULL;
     bool wrong = false;
 
     SPIN_TRY(spin_alloc(most + 1, 1, (void **)&taken));
@@ -243,7 +242,6 @@ static spin_status check_numbers(const struct spin_trainer *t, const struct piec
         if (!wrong && !none)
             taken[number[i]] = 1;
     }
-    free(taken);
     return wrong ? spin_malformed("array '%s' does not fit the tracks", piece->name) : SPIN_OK;
 }
 
@@ -316,17 +314,13 @@ static void sizes_to_json(const struct spin_trainer *t, spin_json *j)
 static spin_status write_state(struct spin_checkpoint *c, struct spin_trainer *t,
                                const char *header)
 {
-    struct spin_zip_writer w;
-    spin_status status;
+    SPIN_LEAVES(spin_zip_writer_abandon) struct spin_zip_writer w = {0};
 
     SPIN_TRY(spin_zip_writer_open(c->path, true, &w));
     w.out.sync = true; /* it stands for hours of work */
-    SPIN_TRY_OUT(write_text(&w, "state.json", header));
-    SPIN_TRY_OUT(save_pieces(c, t, &w));
+    SPIN_TRY(write_text(&w, "state.json", header));
+    SPIN_TRY(save_pieces(c, t, &w));
     return spin_zip_writer_commit(&w);
-out:
-    spin_zip_writer_abandon(&w);
-    return status;
 }
 
 spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer *t)

@@ -192,13 +192,12 @@ static spin_status send_track_numbers(const struct spin_tracks *tracks, int f, s
                                       const uint32_t *permutation, struct spin_device *device,
                                       struct spin_train_frame *frame)
 {
-    uint32_t *track;
+    SPIN_FREED uint32_t *track = NULL;
 
     SPIN_TRY(spin_alloc(n + 1, sizeof *track, (void **)&track));
     for (size_t i = 0; i < n; i++)
         track[i] = tracks->of[f][permutation[i]];
     device->op->upload(device, frame->track, track, n * sizeof *track);
-    free(track);
     return SPIN_OK;
 }
 

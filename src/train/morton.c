@@ -21,7 +21,7 @@ static int compare(const void *a, const void *b)
 spin_status spin_morton_order(size_t n, const float *points, uint32_t *order)
 {
     float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
-    struct keyed *keyed;
+    SPIN_FREED struct keyed *keyed = NULL;
 
     SPIN_TRY(spin_alloc(n + 1, sizeof *keyed, (void **)&keyed));
     for (size_t i = 0; i < 3 * n; i++) {
@@ -40,6 +40,5 @@ spin_status spin_morton_order(size_t n, const float *points, uint32_t *order)
     qsort(keyed, n, sizeof *keyed, compare);
     for (size_t i = 0; i < n; i++)
         order[i] = keyed[i].index;
-    free(keyed);
     return SPIN_OK;
 }

@@ -512,26 +512,18 @@ static spin_status describe(const struct spin_output *output, bool same_rows, sp
 static spin_status write_whole(const struct spin_output *output, const float SPIN_DEV *whole)
 {
     const struct spin_retrain_options *o = output->plan->o;
-    struct spin_bundle_writer w;
+    SPIN_LEAVES(spin_bundle_writer_abandon) struct spin_bundle_writer w = {0};
     SPIN_LEAVES(spin_bundle_meta_free) struct spin_bundle_meta meta = {0};
-    spin_json *extra = spin_json_object();
+    SPIN_LEAVES(spin_json_freed) spin_json *extra = spin_json_object();
     bool same_rows = false;
-    spin_status status = spin_bundle_writer_open(o->output, o->force, true, &w);
 
+    SPIN_TRY(spin_bundle_writer_open(o->output, o->force, true, &w));
     w.zip.n_threads = o->n_threads;
-    if (status != SPIN_OK) {
-        spin_json_free(extra);
-        return status;
-    }
     w.packs = true;
-    SPIN_TRY_OUT(fill_meta(output, &meta));
-    SPIN_TRY_OUT(write_splats(output, &w, &meta, whole, &same_rows));
-    SPIN_TRY_OUT(describe(output, same_rows, extra));
-    return spin_bundle_writer_finish(&w, &meta, extra);
-out:
-    spin_json_free(extra);
-    spin_bundle_writer_abandon(&w);
-    return status;
+    SPIN_TRY(fill_meta(output, &meta));
+    SPIN_TRY(write_splats(output, &w, &meta, whole, &same_rows));
+    SPIN_TRY(describe(output, same_rows, extra));
+    return spin_bundle_writer_finish(&w, &meta, json_incref(extra));
 }
 
 spin_status spin_output_write(const struct spin_output *output)

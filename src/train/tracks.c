@@ -349,7 +349,7 @@ static int compare_rows(const void *a, const void *b)
 spin_status spin_tracks_sort(const struct spin_tracks *tracks, int frame, size_t n,
                              uint32_t *permutation)
 {
-    struct row *row;
+    SPIN_FREED struct row *row = NULL;
     size_t n_rows = 0, to = 0;
 
     SPIN_TRY(spin_alloc(n + 1, sizeof *row, (void **)&row));
@@ -364,6 +364,5 @@ spin_status spin_tracks_sort(const struct spin_tracks *tracks, int frame, size_t
     qsort(row, n_rows, sizeof *row, compare_rows);
     for (size_t i = 0; i < n_rows; i++)
         permutation[to++] = row[i].row;
-    free(row);
     return SPIN_OK;
 }

@@ -231,7 +231,8 @@ static spin_status draw_curves(const struct spin_compare *c, const char *key, co
     struct spin_svg_chart_line line[SPIN_SVG_CHART_LINES];
     struct spin_svg_chart chart = {
         .title = title, .x_name = "frame", .y_name = unit, .line = line, .whole = true};
-    double *values = NULL, *next;
+    double *next;
+    SPIN_FREED double *values = NULL;
     size_t all = 0;
 
     for (int i = 0; i < c->n; i++)
@@ -256,7 +257,6 @@ static spin_status draw_curves(const struct spin_compare *c, const char *key, co
         spin_svg_chart_file(to, &chart);
     else
         spin_svg_chart_write(to, &chart);
-    free(values);
     return SPIN_OK;
 }
 
@@ -358,7 +358,8 @@ static spin_status write_row(const struct spin_compare *c, const struct spin_com
 {
     struct spin_out out;
     struct sheet s;
-    char name[96], *text = NULL, *path = NULL;
+    char name[96];
+    SPIN_FREED char *text = NULL, *path = NULL;
     spin_status status;
 
     SPIN_TRY_OUT(sheet_text(c, row, &text, &s));
@@ -370,8 +371,6 @@ static spin_status write_row(const struct spin_compare *c, const struct spin_com
     write_svg(c, row, &s, text, out.file);
     status = spin_out_commit(&out);
 out:
-    free(path);
-    free(text);
     free(s.rgb);
     return status;
 }

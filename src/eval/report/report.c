@@ -123,7 +123,8 @@ static spin_status draw_frames(const spin_json *const report[2], FILE *to)
                                    .line = line,
                                    .whole = true};
     size_t n = spin_json_length(spin_json_get(report[0], "frames"));
-    double *x, *y;
+    double *y;
+    SPIN_FREED double *x = NULL;
 
     SPIN_TRY(spin_alloc(n, 5 * sizeof(double), (void **)&x));
     y = x + n;
@@ -139,7 +140,6 @@ static spin_status draw_frames(const spin_json *const report[2], FILE *to)
             y += n;
         }
     spin_svg_chart_write(to, &chart);
-    free(x);
     return SPIN_OK;
 }
 
