@@ -369,8 +369,12 @@ static spin_status write_script(struct export *x, const char *how, const char *t
 
 /* ---- The plug-in ------------------------------------------------------------------------------------ */
 
-static void finish(struct export *x)
+static void discard(void *self)
 {
+    struct export *x = self;
+
+    spin_out_abandon(&x->out);
+    spin_out_abandon(&x->data);
     for (int i = 0; i < 2; i++) {
         spin_page_group_free(&x->version[i].group);
         free(x->version[i].frame);
@@ -381,14 +385,6 @@ static void finish(struct export *x)
     spin_splats_free(&x->source);
     free(x->number);
     free(x);
-}
-
-static void abandon(struct export *x)
-{
-    spin_out_abandon(&x->out);
-    if (x->split)
-        spin_out_abandon(&x->data);
-    finish(x);
 }
 
 static spin_status parse_options(struct export *x)
@@ -455,7 +451,6 @@ static spin_status open_files(struct export *x)
 {
     const struct spin_export_job *job = x->job;
     char path[4096];
-    spin_status status;
 
     SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
     x->out.sync = job->sync;
@@ -464,11 +459,9 @@ static spin_status open_files(struct export *x)
     snprintf(path, sizeof path, "%.*s.bin", (int)fmin((double)stem_of(job->output), 4000),
              job->output);
     spin_out_sweep(path);
-    status = spin_out_open(path, job->force, &x->data);
+    SPIN_TRY(spin_out_open(path, job->force, &x->data));
     x->data.sync = job->sync;
-    if (status != SPIN_OK)
-        spin_out_abandon(&x->out);
-    return status;
+    return SPIN_OK;
 }
 
 /* For tabs and search engines; the page itself has it in the JSON. */
@@ -485,33 +478,17 @@ static spin_status write_title(struct export *x)
     return write_text(x, "</title>\n<style>\n");
 }
 
-static spin_status html_begin(const struct spin_export_job *job, void **self)
+static spin_status prepare(struct export *x, const struct spin_export_job *job)
 {
-    struct export *x = NULL;
-    spin_status status;
-
-    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
     x->job = job;
-    SPIN_TRY_OUT(parse_options(x));
-    SPIN_TRY_OUT(add_versions(x));
-    SPIN_TRY_OUT(spin_alloc((size_t)job->n_frames, sizeof *x->number, (void **)&x->number));
-    SPIN_TRY_OUT(open_files(x));
-    status = write_text(x, spin_html_head);
-    if (status == SPIN_OK)
-        status = write_title(x);
-    if (status == SPIN_OK)
-        status = write_text(x, spin_html_css);
-    if (status == SPIN_OK)
-        status = write_text(x, spin_html_body);
-    if (status != SPIN_OK) {
-        abandon(x);
-        return status;
-    }
-    *self = x;
-    return SPIN_OK;
-out:
-    finish(x);
-    return status;
+    SPIN_TRY(parse_options(x));
+    SPIN_TRY(add_versions(x));
+    SPIN_TRY(spin_alloc((size_t)job->n_frames, sizeof *x->number, (void **)&x->number));
+    SPIN_TRY(open_files(x));
+    SPIN_TRY(write_text(x, spin_html_head));
+    SPIN_TRY(write_title(x));
+    SPIN_TRY(write_text(x, spin_html_css));
+    return write_text(x, spin_html_body);
 }
 
 /* Where the scene lies and whence it is looked at, from the first frame and the data set. */
@@ -680,55 +657,35 @@ static spin_status commit(struct export *x)
 
     if (!x->split)
         return spin_out_commit(&x->out);
-    status = spin_strdup(x->data.path, &path);
-    if (status != SPIN_OK) {
-        spin_out_abandon(&x->data);
-        spin_out_abandon(&x->out);
-        return status;
-    }
-    status = spin_out_commit(&x->data);
+    SPIN_TRY(spin_strdup(x->data.path, &path));
+    SPIN_TRY(spin_out_commit(&x->data));
+    status = spin_out_commit(&x->out);
     if (status != SPIN_OK)
-        spin_out_abandon(&x->out);
-    else {
-        status = spin_out_commit(&x->out);
-        if (status != SPIN_OK)
-            unlink(path);
-    }
+        unlink(path);
     return status;
 }
 
-static spin_status html_end(void *self)
+static spin_status finish(struct export *x)
 {
-    struct export *x = self;
-    spin_status status;
-
     if (x->job->splats_4d)
-        SPIN_TRY_OUT(write_4d(x));
+        SPIN_TRY(write_4d(x));
     for (int i = 0; i < x->n_versions; i++)
-        SPIN_TRY_OUT(write_group(x, &x->version[i]));
-    SPIN_TRY_OUT(write_draft(x));
-    SPIN_TRY_OUT(write_clip(x));
-    SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"worker\"", spin_html_worker));
-    SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"project\"", spin_html_project));
-    SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"vertex\"", spin_html_vertex));
-    SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"fragment\"", spin_html_fragment));
-    SPIN_TRY_OUT(write_script(x, "", spin_html_script));
-    SPIN_TRY_OUT(write_text(x, "</body>\n</html>\n"));
-    SPIN_TRY_OUT(fill_report(x));
+        SPIN_TRY(write_group(x, &x->version[i]));
+    SPIN_TRY(write_draft(x));
+    SPIN_TRY(write_clip(x));
+    SPIN_TRY(write_script(x, " type=\"text/plain\" id=\"worker\"", spin_html_worker));
+    SPIN_TRY(write_script(x, " type=\"text/plain\" id=\"project\"", spin_html_project));
+    SPIN_TRY(write_script(x, " type=\"text/plain\" id=\"vertex\"", spin_html_vertex));
+    SPIN_TRY(write_script(x, " type=\"text/plain\" id=\"fragment\"", spin_html_fragment));
+    SPIN_TRY(write_script(x, "", spin_html_script));
+    SPIN_TRY(write_text(x, "</body>\n</html>\n"));
+    SPIN_TRY(fill_report(x));
     say_errors(x);
-    status = commit(x);
-    finish(x);
-    return status;
-out:
-    abandon(x);
-    return status;
+    return commit(x);
 }
 
-static void html_abort(void *self) { abandon(self); }
-
-SPIN_EXPORTER(
-    html, "html",
+SPIN_OWN_EXPORTER(
+    html, "html", prepare, finish, discard,
     .summary = "one page that plays the clip in a browser, before and after, with no server",
     .options = options, .checks = true, .antialias = true, .splats_4d = true,
-    .looks_at_views = true, .begin = html_begin, .frame = html_frame, .end = html_end,
-    .abort = html_abort);
+    .looks_at_views = true, .frame = html_frame);

@@ -96,8 +96,11 @@ static spin_status export_picture(struct export *x, char *name, int frame,
     return spin_film_write(path, &x->film, x->job->sync);
 }
 
-static void finish(struct export *x)
+static void discard(void *self)
 {
+    struct export *x = self;
+
+    spin_output_folder_abandon(&x->folder);
     spin_camera_path_free(&x->drawing);
     free(x->layers);
     free(x);
@@ -149,31 +152,21 @@ static spin_status parse_film(struct export *x)
     return SPIN_OK;
 }
 
-static spin_status images_begin(const struct spin_export_job *job, void **self)
+static spin_status prepare(struct export *x, const struct spin_export_job *job)
 {
-    struct export *x = NULL;
     int which;
-    spin_status status;
 
-    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
     x->job = job;
-    SPIN_TRY_OUT(spin_camera_path_begin(&x->drawing, job));
-    SPIN_TRY_OUT(check_options(x));
-    SPIN_TRY_OUT(parse_film(x));
-    SPIN_TRY_OUT(spin_option_word(job->values, "views", "test|train|all", &which));
+    SPIN_TRY(spin_camera_path_begin(&x->drawing, job));
+    SPIN_TRY(check_options(x));
+    SPIN_TRY(parse_film(x));
+    SPIN_TRY(spin_option_word(job->values, "views", "test|train|all", &which));
     x->which = (enum which)which;
-    if (!spin_camera_path_is_own(&x->drawing) && !any_chosen(x)) {
-        status = spin_not_found("the data set has no %s views; try --views all",
-                                x->which == TEST ? "test" : "train");
-        goto out;
-    }
-    SPIN_TRY_OUT(spin_output_folder_begin(job->output, job->force, x->film.exr ? ".exr" : ".png",
-                                          &x->folder));
-    *self = x;
-    return SPIN_OK;
-out:
-    finish(x);
-    return status;
+    if (!spin_camera_path_is_own(&x->drawing) && !any_chosen(x))
+        return spin_not_found("the data set has no %s views; try --views all",
+                              x->which == TEST ? "test" : "train");
+    return spin_output_folder_begin(job->output, job->force, x->film.exr ? ".exr" : ".png",
+                                    &x->folder);
 }
 
 /* The pictures of a camera that is none of the data set's are numbered by themselves. */
@@ -224,29 +217,17 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
     return SPIN_OK;
 }
 
-static spin_status images_end(void *self)
+static spin_status finish(struct export *x)
 {
-    struct export *x = self;
-
     if (x->n_unseen > 0)
         spin_warn("%d of %d frames have no such view in the data set and were not rendered",
                   x->n_unseen, x->job->n_frames);
     spin_camera_path_say_blank(&x->drawing);
     spin_output_folder_end(&x->folder);
-    finish(x);
     return SPIN_OK;
 }
 
-static void images_abort(void *self)
-{
-    struct export *x = self;
-
-    spin_output_folder_abandon(&x->folder);
-    finish(x);
-}
-
-SPIN_EXPORTER(images, "images",
-              .summary = "PNG or EXR renders from the data set's cameras or one that moves",
-              .options = options, .antialias = true, .alpha = true, .looks_at_views = true,
-              .needs_renderer = true, .begin = images_begin, .frame = images_frame,
-              .end = images_end, .abort = images_abort);
+SPIN_OWN_EXPORTER(images, "images", prepare, finish, discard,
+                  .summary = "PNG or EXR renders from the data set's cameras or one that moves",
+                  .options = options, .antialias = true, .alpha = true, .looks_at_views = true,
+                  .needs_renderer = true, .frame = images_frame);

@@ -38,7 +38,6 @@ struct export
     int sh_degree; /* of the file */
     size_t width;  /* floats of a row */
     struct spin_out out;
-    bool open;
 };
 
 static size_t n_rest(const struct export *x) { return spin_n_rest(x->sh_degree); }
@@ -192,12 +191,11 @@ static spin_status write_rows(struct export *x)
 
 /* ---- The plug-ins ---------------------------------------------------------------------------- */
 
-static void end_export(void *self)
+static void discard(void *self)
 {
     struct export *x = self;
 
-    if (x->open)
-        spin_out_abandon(&x->out);
+    spin_out_abandon(&x->out);
     spin_splat_filter_end(&x->rows);
     spin_sort_rows_free(&x->order);
     spin_bells_free(&x->bells);
@@ -223,27 +221,9 @@ static spin_status choose_length(struct export *x)
     return SPIN_OK;
 }
 
-static spin_status prepare(struct export *x)
+static spin_status prepare(struct export *x, const struct spin_export_job *job,
+                           const struct layout *layout)
 {
-    const struct spin_export_job *job = x->bells.job;
-
-    SPIN_TRY(spin_bells_can(&x->bells));
-    SPIN_TRY(choose_length(x));
-    SPIN_TRY(spin_splat_filter_begin(&x->rows, job, NULL));
-    x->sh_degree = x->layout->seconds && x->rows.sh_degree > 0 ? 3 : x->rows.sh_degree;
-    SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
-    x->open = true;
-    x->out.sync = job->sync;
-    return SPIN_OK;
-}
-
-static spin_status begin(const struct spin_export_job *job, const struct layout *layout,
-                         void **self)
-{
-    struct export *x;
-    spin_status status;
-
-    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
     x->layout = layout;
     x->bells = (struct spin_bells){.job = job,
                                    .name = layout->name,
@@ -251,12 +231,12 @@ static spin_status begin(const struct spin_export_job *job, const struct layout 
                                    .says_cov2d = layout->seconds,
                                    .least_degree = layout->seconds ? 1 : 0,
                                    .degree = layout->degree};
-    status = prepare(x);
-    if (status != SPIN_OK) {
-        end_export(x);
-        return status;
-    }
-    *self = x;
+    SPIN_TRY(spin_bells_can(&x->bells));
+    SPIN_TRY(choose_length(x));
+    SPIN_TRY(spin_splat_filter_begin(&x->rows, job, NULL));
+    x->sh_degree = x->layout->seconds && x->rows.sh_degree > 0 ? 3 : x->rows.sh_degree;
+    SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
+    x->out.sync = job->sync;
     return SPIN_OK;
 }
 
@@ -275,7 +255,6 @@ static spin_status write_file(struct export *x)
     SPIN_TRY(write_rows(x));
     if (job->report)
         job->report->bytes = (uint64_t)ftell(x->out.file);
-    x->open = false;
     SPIN_TRY(spin_out_commit(&x->out));
     spin_bells_warn(&x->bells);
     of.order = x->order.item;
@@ -283,27 +262,19 @@ static spin_status write_file(struct export *x)
     return job->check ? spin_bells_check(&of) : SPIN_OK;
 }
 
-static spin_status end(void *self)
-{
-    spin_status status = write_file(self);
-
-    end_export(self);
-    return status;
-}
-
-static spin_status ftgs_begin(const struct spin_export_job *job, void **self)
+static spin_status prepare_ftgs(struct export *x, const struct spin_export_job *job)
 {
     static const struct layout ftgs = {"a .ftgs.ply", "freetimegs", 1,
                                        false,         print_ftgs,   fill_ftgs};
 
-    return begin(job, &ftgs, self);
+    return prepare(x, job, &ftgs);
 }
 
-static spin_status sogst_ply_begin(const struct spin_export_job *job, void **self)
+static spin_status prepare_sogst(struct export *x, const struct spin_export_job *job)
 {
     static const struct layout sogst = {"a .sogst.ply", "sogst", 2, true, print_sogst, fill_sogst};
 
-    return begin(job, &sogst, self);
+    return prepare(x, job, &sogst);
 }
 
 static const struct spin_plugin_option ftgs_options[] = {
@@ -315,11 +286,10 @@ static const struct spin_plugin_option sogst_ply_options[] = {
     SPIN_ROWS_OPTION_SH,
     {0}};
 
-SPIN_EXPORTER(ftgs, "ftgs", .summary = "4D splats as one .ftgs.ply of FreeTimeGS, without loss",
-              .options = ftgs_options, .checks = true, .splats_4d = true, .begin = ftgs_begin,
-              .end = end, .abort = end_export);
+SPIN_OWN_EXPORTER(ftgs, "ftgs", prepare_ftgs, write_file, discard,
+                  .summary = "4D splats as one .ftgs.ply of FreeTimeGS, without loss",
+                  .options = ftgs_options, .checks = true, .splats_4d = true);
 
-SPIN_EXPORTER(sogst_ply, "sogst-ply",
-              .summary = "4D splats as the PLY that encoders of .sogst take, without loss",
-              .options = sogst_ply_options, .checks = true, .splats_4d = true,
-              .begin = sogst_ply_begin, .end = end, .abort = end_export);
+SPIN_OWN_EXPORTER(sogst_ply, "sogst-ply", prepare_sogst, write_file, discard,
+                  .summary = "4D splats as the PLY that encoders of .sogst take, without loss",
+                  .options = sogst_ply_options, .checks = true, .splats_4d = true);

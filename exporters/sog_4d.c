@@ -52,7 +52,6 @@ struct export
     struct spin_sog_4d coding;
     struct spin_quant_error quant;
     struct spin_out out;
-    bool open; /* out */
 
     /* In the order of the file. */
     float *rest, *palette;        /* [n][n_rest], [n_palette][n_rest] */
@@ -660,7 +659,6 @@ static spin_status write_file(struct export *x)
     SPIN_TRY(spin_zip_writer_end(&zip, write_members(x, &zip), &x->out));
     if (x->job->report)
         x->job->report->bytes += x->out.bytes;
-    x->open = false;
     return spin_out_commit(&x->out);
 }
 
@@ -682,12 +680,11 @@ static spin_status check_file(const struct export *x)
 
 /* ---- The plug-ins ---------------------------------------------------------------------------- */
 
-static void end_export(void *self)
+static void discard(void *self)
 {
     struct export *x = self;
 
-    if (x->open)
-        spin_out_abandon(&x->out);
+    spin_out_abandon(&x->out);
     if (x->picture)
         spin_pictures_free(x->picture, n_pictures(x), true);
     free(x->picture);
@@ -751,26 +748,9 @@ static spin_status expect_frames(struct export *x)
     return spin_splats_4d_reserve(&x->bells.clip, 0, 0, x->job->sh_degree, SPIN_4D_CUTS);
 }
 
-static spin_status prepare(struct export *x)
+static spin_status prepare(struct export *x, const struct spin_export_job *job,
+                           const struct container *kind)
 {
-    if (!x->job->splats_4d)
-        SPIN_TRY(expect_frames(x));
-    SPIN_TRY(spin_bells_can(&x->bells));
-    SPIN_TRY(spin_webp_need());
-    SPIN_TRY(read_options(x));
-    SPIN_TRY(spin_out_open(x->job->output, x->job->force, &x->out));
-    x->open = true;
-    x->out.sync = x->job->sync;
-    return SPIN_OK;
-}
-
-static spin_status begin(const struct spin_export_job *job, const struct container *kind,
-                         void **self)
-{
-    struct export *x;
-    spin_status status;
-
-    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
     x->job = job;
     x->kind = kind;
     x->bells = (struct spin_bells){.job = job,
@@ -779,12 +759,13 @@ static spin_status begin(const struct spin_export_job *job, const struct contain
                                    .most_sigma = MOST_SIGMA,
                                    .least_degree = kind->sogst ? 1 : 0,
                                    .degree = kind->degree};
-    status = prepare(x);
-    if (status != SPIN_OK) {
-        end_export(x);
-        return status;
-    }
-    *self = x;
+    if (!x->job->splats_4d)
+        SPIN_TRY(expect_frames(x));
+    SPIN_TRY(spin_bells_can(&x->bells));
+    SPIN_TRY(spin_webp_need());
+    SPIN_TRY(read_options(x));
+    SPIN_TRY(spin_out_open(x->job->output, x->job->force, &x->out));
+    x->out.sync = x->job->sync;
     return SPIN_OK;
 }
 
@@ -879,22 +860,14 @@ static spin_status write_all(struct export *x)
     return x->job->check ? check_file(x) : SPIN_OK;
 }
 
-static spin_status end(void *self)
+static spin_status prepare_tsog(struct export *x, const struct spin_export_job *job)
 {
-    spin_status status = write_all(self);
-
-    end_export(self);
-    return status;
+    return prepare(x, job, &tsog);
 }
 
-static spin_status tsog_begin(const struct spin_export_job *job, void **self)
+static spin_status prepare_sogst(struct export *x, const struct spin_export_job *job)
 {
-    return begin(job, &tsog, self);
-}
-
-static spin_status sogst_begin(const struct spin_export_job *job, void **self)
-{
-    return begin(job, &sogst, self);
+    return prepare(x, job, &sogst);
 }
 
 #define OPTION_FPS                                                                                 \
@@ -918,12 +891,10 @@ static const struct spin_plugin_option sogst_options[] = {
      NULL},
     {0}};
 
-SPIN_EXPORTER(tsog, "tsog",
-              .summary = "4D splats, or frames, as one TSOG, which plays in browsers: small",
-              .options = tsog_options, .checks = true, .splats_4d = true, .begin = tsog_begin,
-              .frame = take_frame, .end = end, .abort = end_export);
+SPIN_OWN_EXPORTER(tsog, "tsog", prepare_tsog, write_all, discard,
+                  .summary = "4D splats, or frames, as one TSOG, which plays in browsers: small",
+                  .options = tsog_options, .checks = true, .splats_4d = true, .frame = take_frame);
 
-SPIN_EXPORTER(sogst, "sogst",
-              .summary = "4D splats as one .sogst, which players load in segments: small",
-              .options = sogst_options, .checks = true, .splats_4d = true, .begin = sogst_begin,
-              .end = end, .abort = end_export);
+SPIN_OWN_EXPORTER(sogst, "sogst", prepare_sogst, write_all, discard,
+                  .summary = "4D splats as one .sogst, which players load in segments: small",
+                  .options = sogst_options, .checks = true, .splats_4d = true);
