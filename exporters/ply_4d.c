@@ -14,7 +14,6 @@
 
 /* Clips that a splat which never fades lasts for, as sigma: its weight is 0.9998 at the ends of the clip. */
 #define MOST_SIGMA 50
-#define FPS 30         /* where nothing says another */
 enum { BATCH = 4096 }; /* rows written at a time */
 
 struct export;
@@ -209,14 +208,7 @@ static spin_status choose_length(struct export *x)
     x->bells.length = 1;
     if (!x->layout->seconds)
         return SPIN_OK;
-    x->fps = job->fps;
-    SPIN_TRY(spin_option_number(job->values, "fps", 0.001, 1e6, &x->fps));
-    if (!(x->fps > 0)) {
-        x->fps = FPS;
-        spin_warn("nothing says how many frames a second the clip has: %d are assumed; --fps "
-                  "sets them",
-                  FPS);
-    }
+    SPIN_TRY(spin_bells_fps(&x->bells, &x->fps));
     x->bells.length = (job->n_frames - 1) / x->fps;
     return SPIN_OK;
 }

@@ -16,7 +16,6 @@
 #include "math/sh.h"
 
 #define MOST_SIGMA 8   /* clips */
-#define FPS 30         /* where nothing says another */
 #define K_SIGMA 3.8    /* of .sogst: a splat is drawn so many sigmas long */
 #define PERSISTENT 3.0 /* and lasts when that is more than so many segments */
 #define PLAYED 1000000 /* splats that TSOG's player draws at most */
@@ -707,15 +706,8 @@ static spin_status read_options(struct export *x)
     double segment;
 
     x->level = 3;
-    x->fps = x->job->fps;
     SPIN_TRY(spin_option_count(v, "level", 0, 9, &x->level));
-    SPIN_TRY(spin_option_number(v, "fps", 0.001, 1e6, &x->fps));
-    if (!(x->fps > 0)) {
-        x->fps = FPS;
-        spin_warn("nothing says how many frames a second the clip has: %d are assumed; --fps "
-                  "sets them",
-                  FPS);
-    }
+    SPIN_TRY(spin_bells_fps(&x->bells, &x->fps));
     x->bells.length = x->kind->sogst ? (x->job->n_frames - 1) / x->fps : 1;
     if (x->frames)
         x->bells.length = x->job->n_frames - 1;

@@ -263,6 +263,18 @@ static void convert_row(struct spin_bells *b, size_t i, size_t k)
     b->from[k] = i;
 }
 
+spin_status spin_bells_fps(const struct spin_bells *b, double *out)
+{
+    *out = b->job->fps;
+    SPIN_TRY(spin_option_number(b->job->values, "fps", 0.001, 1e6, out));
+    if (*out > 0)
+        return SPIN_OK;
+    *out = 30;
+    spin_warn("nothing says how many frames a second the clip has: 30 are assumed; --fps sets "
+              "them");
+    return SPIN_OK;
+}
+
 spin_status spin_bells_convert(struct spin_bells *b)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;

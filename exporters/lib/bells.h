@@ -21,6 +21,8 @@ struct spin_bells {
 
 /* Whether windows are bells while the clip lasts, and it has more than one frame. */
 spin_status spin_bells_can(const struct spin_bells *b);
+/* Frames per second: the option's, the bundle's, or 30 with a warning. */
+spin_status spin_bells_fps(const struct spin_bells *b, double *out);
 /* Fills the last six. */
 spin_status spin_bells_convert(struct spin_bells *b);
 /* The arrays of 4D splats, as those of a frame with each in its own place. */
