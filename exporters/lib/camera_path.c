@@ -301,7 +301,6 @@ static bool is_new(const struct spin_rig_path *path, const struct spin_rig_stop 
 
 spin_status spin_rig_path_open(const struct spin_views *views, int row, struct spin_rig_path *path)
 {
-
     *path = (struct spin_rig_path){0};
     SPIN_TRY(spin_alloc(views->n + 1, sizeof *path->stop, (void **)&path->stop));
     for (size_t i = 0; i < views->n; i++) {

@@ -8,8 +8,8 @@
 #include "math/drawable.h"
 #include "math/scene_rotation.h"
 
-/* Defines the exporter `id`, the plug-in `label`, of all columns; what else its table has follows, `.summary = "..."` and
- * so on. */
+/* Defines the exporter `id`, the plug-in `label`, of all columns; what else its table has follows,
+ * `.summary = "..."` and so on. */
 #define SPIN_EXPORTER(id, label, ...)                                                              \
     const struct spin_exporter spin_exporter_##id = {.abi = SPIN_PLUGIN_ABI,                       \
                                                      .name = label,                                \

@@ -28,8 +28,8 @@ struct spin_model {
     struct spin_sequence_info *sequence;
 };
 
-/* Defines the importer `id`, whose model is a `type`: a new one is given to fn(model, path), and to closes(model) at last.
- * What else its table has follows, `.summary = "..."` and so on. */
+/* Defines the importer `id`, whose model is a `type`: a new one is given to fn(model, path), and to closes(model) at
+ * last. What else its table has follows, `.summary = "..."` and so on. */
 #define SPIN_MODEL_IMPORTER(id, type, fn, closes, ...)                                             \
     static spin_status spin_open_##id(const char *path, const struct spin_plugin_values *values,   \
                                       void **self, struct spin_sequence_info *sequence)            \
@@ -133,8 +133,8 @@ bool spin_model_holds(const char *folder, const char *file);
 spin_status spin_model_choose(struct spin_model *m, const char *wanted, const char *folder,
                               const char *file, const char *folder2, const char *file2,
                               const char **out);
-/* The model's path: `path` itself, or of the files of this folder, or of `inner` in it, the one of the greatest step, by
- * step_of(name), -1: none. `called` says in messages what such files are called. */
+/* The model's path: `path` itself, or of the files of this folder, or of `inner` in it, the one of the greatest step,
+ * by step_of(name), -1: none. `called` says in messages what such files are called. */
 spin_status spin_model_newest(struct spin_model *m, const char *path, const char *inner,
                               long long (*step_of)(const char *name), const char *called);
 /* The folder of the save to read, as option `iteration` says, for models whose network `network` lies beside the

@@ -289,7 +289,6 @@ void spin_dynamic_mask_close(struct spin_dynamic_mask *m)
 
 spin_status spin_dynamic_mask_keep(struct spin_dynamic_mask *m)
 {
-
     SPIN_TRY(spin_alloc(m->views->n, sizeof *m->kept, (void **)&m->kept));
     return SPIN_OK;
 }

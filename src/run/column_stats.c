@@ -38,7 +38,6 @@ struct spin_series {
 
 spin_status spin_column_stats_open(struct spin_column_stats *d, int n_frames)
 {
-
     d->n_frames = n_frames > 0 ? n_frames : 1;
     SPIN_TRY(spin_alloc(N_KINDS, sizeof *d->series, (void **)&d->series));
     for (int k = 0; k < N_KINDS; k++) {

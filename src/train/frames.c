@@ -107,7 +107,6 @@ struct first_tracks {
 
 static spin_status open_first_tracks(struct first_tracks *first, const struct spin_tracks *tracks)
 {
-
     SPIN_TRY(
         spin_alloc(tracks->n + 1, SPIN_TRACK * sizeof(float) + 1, (void **)&first->displacement));
     first->tracks = tracks;

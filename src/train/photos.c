@@ -6,7 +6,6 @@
 
 spin_status spin_photos_open(struct spin_photos *photos, const struct spin_plan *plan)
 {
-
     SPIN_TRY(spin_image_cache_open(&plan->clip.views, plan->pixels_budget, plan->o->background,
                                    &photos->cache));
     SPIN_TRY(spin_alloc(plan->max_pixels, 4, (void **)&photos->image));

@@ -61,7 +61,6 @@ spin_status spin_plan_check_means(const struct spin_plan *plan, int frame, bool 
 /* The training cameras' ids, each once. */
 static spin_status list_cameras(struct spin_plan *plan)
 {
-
     SPIN_TRY(spin_alloc(plan->n_train + 1, sizeof *plan->camera, (void **)&plan->camera));
     for (size_t i = 0; i < plan->n_train; i++) {
         int id = plan->clip.views.view[plan->train[i].view].camera_id, k = 0;

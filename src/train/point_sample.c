@@ -7,7 +7,6 @@ enum { SAMPLE = 20000 }; /* points of a frame, at most */
 
 spin_status spin_point_sample_open(struct spin_point_sample *sample, int n_frames)
 {
-
     SPIN_TRY(
         spin_alloc((size_t)SAMPLE * (size_t)n_frames * 4, sizeof(float), (void **)&sample->point));
     sample->n = 0;

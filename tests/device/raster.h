@@ -3,7 +3,6 @@
 #ifndef SPIN_TESTS_DEVICE_RASTER_H
 #define SPIN_TESTS_DEVICE_RASTER_H
 
-
 #include "tests/device/verbs.h"
 
 struct view {

@@ -3,7 +3,6 @@
 #ifndef SPIN_TESTS_DEVICE_VERBS_H
 #define SPIN_TESTS_DEVICE_VERBS_H
 
-
 #include "tests/check.h"
 #include "tests/tap.h"
 

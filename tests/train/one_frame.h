@@ -2,7 +2,6 @@
 #ifndef SPIN_TESTS_TRAIN_ONE_FRAME_H
 #define SPIN_TESTS_TRAIN_ONE_FRAME_H
 
-
 #include "base/err.h"
 #include "math/rng.h"
 #include "tests/check.h"

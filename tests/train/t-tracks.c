@@ -1,7 +1,6 @@
 /* Which splats are one Gaussian, how frames are put in order, and what a densification makes of them.
  * K: tracks densify */
 
-
 #include "tests/device/strict.h"
 #include "tests/train/tracked.h"
 #include "train/tracks.h"

@@ -2,7 +2,6 @@
 #ifndef SPIN_TESTS_TRAIN_TRACKED_H
 #define SPIN_TESTS_TRAIN_TRACKED_H
 
-
 #include "tests/check.h"
 #include "tests/tap.h"
 #include "train/checkpoint.h"
