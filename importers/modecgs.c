@@ -225,20 +225,16 @@ static spin_status use_times(const char *path, const struct spin_array *a, struc
 static spin_status read_times(struct model *model)
 {
     const struct cfg_args *cfg = &model->base.settings.cfg;
-    struct spin_map map;
+    SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
     struct spin_array a;
     double count = 0;
     const char *path;
-    spin_status status;
 
     SPIN_TRY(spin_model_find(&model->base, &path, model->base.path, "canonical_times.npy"));
     if (path) {
         SPIN_TRY(spin_map_open(path, &map));
-        status = spin_npy_parse(path, map.data, map.size, &a);
-        if (status == SPIN_OK)
-            status = use_times(path, &a, model);
-        spin_map_close(&map);
-        return status;
+        SPIN_TRY(spin_npy_parse(path, map.data, map.size, &a));
+        return use_times(path, &a, model);
     }
     SPIN_TRY(spin_cfg_read_number(cfg, "TIA_num_segments", &count));
     if (!(count >= 1 && count <= MAX_SEGMENTS))

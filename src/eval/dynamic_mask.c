@@ -188,15 +188,13 @@ static spin_status read_alpha(struct spin_dynamic_mask *m, const struct spin_vie
     int width = view->camera.width, height = view->camera.height;
     size_t plane = (size_t)width * (size_t)height;
     SPIN_FREED float *over_white = NULL;
-    spin_status status;
 
     SPIN_TRY(spin_alloc(plane, 3 * sizeof(float), (void **)&over_white));
-    status = spin_image_load(view->path, width, height, black, m->image);
-    if (status == SPIN_OK)
-        status = spin_image_load(view->path, width, height, white, over_white);
-    for (size_t i = 0; i < plane && status == SPIN_OK; i++)
+    SPIN_TRY(spin_image_load(view->path, width, height, black, m->image));
+    SPIN_TRY(spin_image_load(view->path, width, height, white, over_white));
+    for (size_t i = 0; i < plane; i++)
         m->mask[i] = over_white[i] - m->image[i] < 0.5f;
-    return status;
+    return SPIN_OK;
 }
 
 static bool all_have_alpha(const struct spin_views *views, const struct spin_pair *pairs, size_t n)

@@ -309,15 +309,12 @@ static spin_status check_view(struct import *im, int frame, size_t view)
     struct spin_camera_overlay_share share = {0};
     char file[128];
     SPIN_FREED char *path = NULL;
-    spin_status status;
 
     spin_picture_name(&im->views, view, number, NULL, file);
     SPIN_TRY(spin_path_join(im->o->check_cameras, file, &path));
     if (!im->o->force && spin_path_is_taken(path))
-        status = spin_fail(SPIN_E_IO, "'%s' exists; use --force to overwrite", path);
-    else
-        status = spin_camera_overlay_draw(v, &im->splats, path, &share);
-    SPIN_TRY(status);
+        return spin_fail(SPIN_E_IO, "'%s' exists; use --force to overwrite", path);
+    SPIN_TRY(spin_camera_overlay_draw(v, &im->splats, path, &share));
     spin_json_push(spin_json_get(im->report, "cameras"),
                    json_pack("{s:i, s:i, s:f, s:f, s:o}", "frame", number, "camera", v->camera_id,
                              "in_front", share.in_front, "inside", share.inside, "file",

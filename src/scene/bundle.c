@@ -238,20 +238,17 @@ static spin_status open_clip_of_state(struct spin_bundle *b)
 {
     size_t n = strlen(b->path) + sizeof SPIN_CLIP_OF_STATE;
     SPIN_FREED char *clip = NULL;
-    spin_status status;
 
     SPIN_TRY(spin_alloc(n, 1, (void **)&clip));
     snprintf(clip, n, "%s" SPIN_CLIP_OF_STATE, b->path);
-    if (spin_path_exists(clip)) {
-        spin_npz_close(&b->npz);
-        spin_log(0, "'%s' is the state of an unfinished training: the clip as it was is in '%s'",
-                 b->path, clip);
-        status = spin_npz_open(clip, &b->npz);
-    } else
-        status = spin_unsupported(
+    if (!spin_path_exists(clip))
+        return spin_unsupported(
             "it is the state of an unfinished training: spin-retrain --resume goes on "
             "with it, and --watch DIR keeps such a state as a clip, DIR/state.spin");
-    return status;
+    spin_npz_close(&b->npz);
+    spin_log(0, "'%s' is the state of an unfinished training: the clip as it was is in '%s'",
+             b->path, clip);
+    return spin_npz_open(clip, &b->npz);
 }
 
 spin_status spin_bundle_open(const char *path, struct spin_bundle *out)

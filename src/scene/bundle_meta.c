@@ -114,17 +114,16 @@ static spin_status read_frame_entry(struct spin_bundle_meta *meta, int i, const 
 
 spin_status spin_frame_numbers_check(const struct spin_frame_info *frame, int n)
 {
-    spin_status status = SPIN_OK;
     SPIN_FREED int *number = NULL;
 
     SPIN_TRY(spin_alloc((size_t)n, sizeof *number, (void **)&number));
     for (int i = 0; i < n; i++)
         number[i] = frame[i].number;
     qsort(number, (size_t)n, sizeof *number, spin_by_int);
-    for (int i = 1; i < n && status == SPIN_OK; i++)
+    for (int i = 1; i < n; i++)
         if (number[i] == number[i - 1])
-            status = spin_malformed("two frames have the number %d", number[i]);
-    return status;
+            return spin_malformed("two frames have the number %d", number[i]);
+    return SPIN_OK;
 }
 
 static spin_status read_frames(struct spin_bundle_meta *meta, const spin_json *root)

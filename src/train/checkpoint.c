@@ -491,33 +491,27 @@ static spin_status read_sizes(const spin_json *j, struct spin_frame_size *frame,
 spin_status spin_checkpoint_sizes(const struct spin_checkpoint *c, struct spin_frame_size *frame,
                                   struct spin_trainer_size *size)
 {
-    struct spin_npz npz;
-    spin_json *j = NULL;
+    SPIN_LEAVES(spin_npz_close) struct spin_npz npz = {0};
+    SPIN_LEAVES(spin_json_freed) spin_json *j = NULL;
     spin_status status = spin_npz_open(c->path, &npz);
 
-    if (status == SPIN_OK) {
+    if (status == SPIN_OK)
         status = read_header(c, &npz, &j);
-        if (status == SPIN_OK)
-            status = read_sizes(j, frame, size);
-        spin_json_free(j);
-        spin_npz_close(&npz);
-    }
+    if (status == SPIN_OK)
+        status = read_sizes(j, frame, size);
     return spin_fail_context(status, "cannot resume from '%s'", c->path);
 }
 
 spin_status spin_checkpoint_load(struct spin_checkpoint *c, struct spin_trainer *t)
 {
-    struct spin_npz npz;
+    SPIN_LEAVES(spin_npz_close) struct spin_npz npz = {0};
     spin_status status = spin_npz_open(c->path, &npz);
 
-    if (status == SPIN_OK) {
+    if (status == SPIN_OK)
         status = load_header(c, t, &npz);
-        if (status == SPIN_OK)
-            status = load_pieces(c, t, &npz);
-        spin_npz_close(&npz);
-    }
-    if (status != SPIN_OK)
-        return spin_fail_context(status, "cannot resume from '%s'", c->path);
+    if (status == SPIN_OK)
+        status = load_pieces(c, t, &npz);
+    SPIN_TRY_IN(status, "cannot resume from '%s'", c->path);
     c->saved = t->iteration;
     spin_log(0, "resuming at iteration %lld of %lld", (long long)t->iteration,
              (long long)t->rates.iterations);
