@@ -7,12 +7,9 @@
  * In the order of Morton neighbours in the file lie far apart in the bundle, and its SH, the bulk of
  * it, is not to be held: it is read once from end to end, packed, and each row put to its place. */
 #include <stdatomic.h>
-#include <stdlib.h>
-#include <string.h>
 
+#include "base/base.h"
 #include "exporters/lib/frames.h"
-#include "base/mem.h"
-#include "base/option.h"
 #include "formats/compressed_ply.h"
 
 #define CHUNK SPIN_COMPRESSED_CHUNK
@@ -247,14 +244,7 @@ static const struct spin_frames_format format = {
     .end = end,
 };
 
-SPIN_FRAMES_BEGIN(compressed_begin, &format)
-
-const struct spin_exporter spin_exporter_compressed_ply = {
-    SPIN_FRAMES_PLUGIN,
-    .name = "compressed-ply",
+SPIN_FRAMES_EXPORTER(
+    compressed_ply, "compressed-ply",
     .summary = "a folder with one compressed PLY per frame, for SuperSplat and PlayCanvas",
-    .options = options,
-    .checks = true,
-    .antialias = true,
-    .begin = compressed_begin,
-};
+    .options = options, .checks = true, .antialias = true);

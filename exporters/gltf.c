@@ -17,14 +17,10 @@
  * Attributes lie one after the other in the file, splats in memory; blocks of rows are taken apart
  * and each piece is written to its place, so that a frame is never held twice. */
 #include <stdatomic.h>
-#include <stdlib.h>
-#include <string.h>
 
+#include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "exporters/lib/still_rows.h"
-#include "base/log.h"
-#include "base/option.h"
-#include "base/mem.h"
 #include "formats/glb_write.h"
 
 #define DEFAULT_FPS 30
@@ -401,15 +397,8 @@ static void gltf_abort(void *self)
         spin_frames_abort(self);
 }
 
-const struct spin_exporter spin_exporter_gltf = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "gltf",
+SPIN_EXPORTER(
+    gltf, "gltf",
     .summary = "GLB with KHR_gaussian_splatting: one per frame, or one with the clip (OUT.glb)",
-    .options = options,
-    .checks = true,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-    .begin = gltf_begin,
-    .frame = gltf_frame,
-    .end = gltf_end,
-    .abort = gltf_abort,
-};
+    .options = options, .checks = true, .begin = gltf_begin, .frame = gltf_frame, .end = gltf_end,
+    .abort = gltf_abort);

@@ -5,16 +5,12 @@
  * The player is exporters/html/, our own in WebGL 2; exporters/html/format.md says how frames are written, and
  * lib/page_group.h does it. What the page must know of the whole clip comes at the end. */
 #include <ctype.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 #include <time.h>
 #include <unistd.h>
 
-#include "base/log.h"
-#include "base/option.h"
-#include "base/mem.h"
+#include "base/base.h"
 #include "exporters/html/page.h"
+#include "exporters/lib/bells.h"
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/page_draft.h"
 #include "exporters/lib/page_group.h"
@@ -238,15 +234,6 @@ static spin_status add_frame(struct export *x, struct version *v, const struct s
 
 /* ---- What the page must know ------------------------------------------------------------------------ */
 
-static spin_json *list_of(const double *value, int n)
-{
-    spin_json *list = spin_json_array();
-
-    for (int i = 0; i < n; i++)
-        spin_json_push_number(list, value[i]);
-    return list;
-}
-
 static spin_json *list_of_ints(const int *value, int n)
 {
     spin_json *list = spin_json_array();
@@ -347,13 +334,14 @@ static spin_status write_clip(struct export *x)
     spin_json_set_number(j, "fovy", x->view.fovy_deg);
     spin_json_set_number(j, "aspect", x->view.aspect);
     spin_json_set_number(j, "near", NEAR_W);
-    spin_json_set(j, "background",
-                  list_of((const double[3]){(double)b[0], (double)b[1], (double)b[2]}, 3));
-    spin_json_set(j, "centre", list_of(space->centre, 3));
-    spin_json_set(j, "eye", list_of(x->view.eye, 3));
-    spin_json_set(j, "target", list_of(x->view.target, 3));
-    spin_json_set(j, "up", list_of(x->view.up, 3));
-    spin_json_set(j, "reach", list_of(x->view.reach, 2));
+    spin_json_set(
+        j, "background",
+        spin_json_numbers((const double[3]){(double)b[0], (double)b[1], (double)b[2]}, 3));
+    spin_json_set(j, "centre", spin_json_numbers(space->centre, 3));
+    spin_json_set(j, "eye", spin_json_numbers(x->view.eye, 3));
+    spin_json_set(j, "target", spin_json_numbers(x->view.target, 3));
+    spin_json_set(j, "up", spin_json_numbers(x->view.up, 3));
+    spin_json_set(j, "reach", spin_json_numbers(x->view.reach, 2));
     spin_json_set(j, "numbers", list_of_ints(x->number, x->n_written));
     spin_json_set(j, "steps", steps_json(x->version[0].rows ? &x->four_d.inner : space));
     if (x->split)
@@ -381,8 +369,12 @@ static spin_status write_script(struct export *x, const char *how, const char *t
 
 /* ---- The plug-in ------------------------------------------------------------------------------------ */
 
-static void finish(struct export *x)
+static void discard(void *self)
 {
+    struct export *x = self;
+
+    spin_out_abandon(&x->out);
+    spin_out_abandon(&x->data);
     for (int i = 0; i < 2; i++) {
         spin_page_group_free(&x->version[i].group);
         free(x->version[i].frame);
@@ -393,14 +385,6 @@ static void finish(struct export *x)
     spin_splats_free(&x->source);
     free(x->number);
     free(x);
-}
-
-static void abandon(struct export *x)
-{
-    spin_out_abandon(&x->out);
-    if (x->split)
-        spin_out_abandon(&x->data);
-    finish(x);
 }
 
 static spin_status parse_options(struct export *x)
@@ -467,7 +451,6 @@ static spin_status open_files(struct export *x)
 {
     const struct spin_export_job *job = x->job;
     char path[4096];
-    spin_status status;
 
     SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
     x->out.sync = job->sync;
@@ -476,11 +459,9 @@ static spin_status open_files(struct export *x)
     snprintf(path, sizeof path, "%.*s.bin", (int)fmin((double)stem_of(job->output), 4000),
              job->output);
     spin_out_sweep(path);
-    status = spin_out_open(path, job->force, &x->data);
+    SPIN_TRY(spin_out_open(path, job->force, &x->data));
     x->data.sync = job->sync;
-    if (status != SPIN_OK)
-        spin_out_abandon(&x->out);
-    return status;
+    return SPIN_OK;
 }
 
 /* For tabs and search engines; the page itself has it in the JSON. */
@@ -497,33 +478,17 @@ static spin_status write_title(struct export *x)
     return write_text(x, "</title>\n<style>\n");
 }
 
-static spin_status html_begin(const struct spin_export_job *job, void **self)
+static spin_status prepare(struct export *x, const struct spin_export_job *job)
 {
-    struct export *x = NULL;
-    spin_status status;
-
-    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
     x->job = job;
-    SPIN_TRY_OUT(parse_options(x));
-    SPIN_TRY_OUT(add_versions(x));
-    SPIN_TRY_OUT(spin_alloc((size_t)job->n_frames, sizeof *x->number, (void **)&x->number));
-    SPIN_TRY_OUT(open_files(x));
-    status = write_text(x, spin_html_head);
-    if (status == SPIN_OK)
-        status = write_title(x);
-    if (status == SPIN_OK)
-        status = write_text(x, spin_html_css);
-    if (status == SPIN_OK)
-        status = write_text(x, spin_html_body);
-    if (status != SPIN_OK) {
-        abandon(x);
-        return status;
-    }
-    *self = x;
-    return SPIN_OK;
-out:
-    finish(x);
-    return status;
+    SPIN_TRY(parse_options(x));
+    SPIN_TRY(add_versions(x));
+    SPIN_TRY(spin_alloc((size_t)job->n_frames, sizeof *x->number, (void **)&x->number));
+    SPIN_TRY(open_files(x));
+    SPIN_TRY(write_text(x, spin_html_head));
+    SPIN_TRY(write_title(x));
+    SPIN_TRY(write_text(x, spin_html_css));
+    return write_text(x, spin_html_body);
 }
 
 /* Where the scene lies and whence it is looked at, from the first frame and the data set. */
@@ -571,14 +536,7 @@ static spin_status write_rows(struct export *x, const double *times)
 {
     struct version *v = &x->version[0];
     const struct spin_splats_4d *s = x->job->splats_4d;
-    struct spin_splats view = {.n = s->n,
-                               .capacity = s->n,
-                               .sh_degree = s->sh_degree,
-                               .means = s->centres,
-                               .quats = s->quats,
-                               .log_scales = s->log_scales,
-                               .logit_opacities = s->logit_opacities,
-                               .sh = s->sh};
+    struct spin_splats view = spin_splats_of_4d(s);
     struct sink sink = {x, v};
     int n_blocks = 2 + x->n_written / x->key_every;
 
@@ -608,20 +566,15 @@ static spin_status write_4d(struct export *x)
 {
     const struct spin_export_job *job = x->job;
     const struct spin_splats *frame;
-    double *times;
-    spin_status status;
+    SPIN_FREED double *times = NULL;
 
     SPIN_TRY(spin_alloc((size_t)job->n_frames, sizeof *times, (void **)&times));
     for (int f = 0; f < job->n_frames; f += x->every) {
         times[x->n_written] = job->times[f];
         x->number[x->n_written++] = job->numbers[f];
     }
-    if (x->max_splats == 0 && spin_page_rows_can(times, x->n_written, &x->four_d.step)) {
-        status = write_rows(x, times);
-        free(times);
-        return status;
-    }
-    free(times);
+    if (x->max_splats == 0 && spin_page_rows_can(times, x->n_written, &x->four_d.step))
+        return write_rows(x, times);
     x->n_written = 0;
     for (int f = 0; f < job->n_frames; f++) {
         struct spin_frame_info info = {.number = job->numbers[f], .time = job->times[f]};
@@ -704,64 +657,35 @@ static spin_status commit(struct export *x)
 
     if (!x->split)
         return spin_out_commit(&x->out);
-    status = spin_strdup(x->data.path, &path);
-    if (status != SPIN_OK) {
-        spin_out_abandon(&x->data);
-        spin_out_abandon(&x->out);
-        return status;
-    }
-    status = spin_out_commit(&x->data);
+    SPIN_TRY(spin_strdup(x->data.path, &path));
+    SPIN_TRY(spin_out_commit(&x->data));
+    status = spin_out_commit(&x->out);
     if (status != SPIN_OK)
-        spin_out_abandon(&x->out);
-    else {
-        status = spin_out_commit(&x->out);
-        if (status != SPIN_OK)
-            unlink(path);
-    }
+        unlink(path);
     return status;
 }
 
-static spin_status html_end(void *self)
+static spin_status finish(struct export *x)
 {
-    struct export *x = self;
-    spin_status status;
-
     if (x->job->splats_4d)
-        SPIN_TRY_OUT(write_4d(x));
+        SPIN_TRY(write_4d(x));
     for (int i = 0; i < x->n_versions; i++)
-        SPIN_TRY_OUT(write_group(x, &x->version[i]));
-    SPIN_TRY_OUT(write_draft(x));
-    SPIN_TRY_OUT(write_clip(x));
-    SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"worker\"", spin_html_worker));
-    SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"project\"", spin_html_project));
-    SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"vertex\"", spin_html_vertex));
-    SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"fragment\"", spin_html_fragment));
-    SPIN_TRY_OUT(write_script(x, "", spin_html_script));
-    SPIN_TRY_OUT(write_text(x, "</body>\n</html>\n"));
-    SPIN_TRY_OUT(fill_report(x));
+        SPIN_TRY(write_group(x, &x->version[i]));
+    SPIN_TRY(write_draft(x));
+    SPIN_TRY(write_clip(x));
+    SPIN_TRY(write_script(x, " type=\"text/plain\" id=\"worker\"", spin_html_worker));
+    SPIN_TRY(write_script(x, " type=\"text/plain\" id=\"project\"", spin_html_project));
+    SPIN_TRY(write_script(x, " type=\"text/plain\" id=\"vertex\"", spin_html_vertex));
+    SPIN_TRY(write_script(x, " type=\"text/plain\" id=\"fragment\"", spin_html_fragment));
+    SPIN_TRY(write_script(x, "", spin_html_script));
+    SPIN_TRY(write_text(x, "</body>\n</html>\n"));
+    SPIN_TRY(fill_report(x));
     say_errors(x);
-    status = commit(x);
-    finish(x);
-    return status;
-out:
-    abandon(x);
-    return status;
+    return commit(x);
 }
 
-static void html_abort(void *self) { abandon(self); }
-
-const struct spin_exporter spin_exporter_html = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "html",
+SPIN_OWN_EXPORTER(
+    html, "html", prepare, finish, discard,
     .summary = "one page that plays the clip in a browser, before and after, with no server",
-    .options = options,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-    .checks = true,
-    .antialias = true,
-    .splats_4d = true,
-    .looks_at_views = true,
-    .begin = html_begin,
-    .frame = html_frame,
-    .end = html_end,
-    .abort = html_abort,
-};
+    .options = options, .checks = true, .antialias = true, .splats_4d = true,
+    .looks_at_views = true, .frame = html_frame);

@@ -21,7 +21,8 @@ static const struct spin_plugin_option options[] = {
     SPIN_DRAWING_OPTION_DURATION,
     {"fps", "F", "frames per second of --duration; otherwise the bundle's, else 30", NULL},
     {"format", "png|exr", "of the files", "png"},
-    {"bits", "N", "of a colour: 8 or 16 in PNG, 16 (half floats) or 32 in EXR; otherwise the first", NULL},
+    {"bits", "N", "of a colour: 8 or 16 in PNG, 16 (half floats) or 32 in EXR; otherwise the first",
+     NULL},
     {"transfer", "linear|srgb",
      "what EXR holds: light, as film programs expect, or the values that splats blend", "linear"},
     {"depth", NULL, "EXR: channels Z and ZMedian, the expected and the median depth", NULL},
@@ -95,8 +96,11 @@ static spin_status export_picture(struct export *x, char *name, int frame,
     return spin_film_write(path, &x->film, x->job->sync);
 }
 
-static void finish(struct export *x)
+static void discard(void *self)
 {
+    struct export *x = self;
+
+    spin_output_folder_abandon(&x->folder);
     spin_camera_path_free(&x->drawing);
     free(x->layers);
     free(x);
@@ -110,16 +114,15 @@ static spin_status check_options(const struct export *x)
 
     for (int i = 0; i < 2 && x->drawing.path == SPIN_PATH_CAMERA; i++)
         if (spin_plugin_value(v, moving[i], NULL))
-            return spin_misuse("--%s is for a camera that moves: see --path",
-                             moving[i]);
+            return spin_misuse("--%s is for a camera that moves: see --path", moving[i]);
     if (spin_plugin_value(v, "fps", NULL) &&
         (x->drawing.path == SPIN_PATH_CAMERA || x->drawing.path == SPIN_PATH_FILE ||
          spin_plugin_value(v, "repeat", NULL)))
         return spin_misuse("--fps needs --duration");
     if (spin_camera_path_is_own(&x->drawing) && spin_plugin_value(v, "views", NULL))
-        return spin_misuse("--views: %s",
-                         x->job->views ? "a camera that moves is none of the data set's"
-                                       : "there is no data set, give --data DIR");
+        return spin_misuse("--views: %s", x->job->views
+                                              ? "a camera that moves is none of the data set's"
+                                              : "there is no data set, give --data DIR");
     return SPIN_OK;
 }
 
@@ -135,46 +138,35 @@ static spin_status parse_film(struct export *x)
     SPIN_TRY(spin_option_count(v, "bits", 8, 32, &bits));
     if (bits != 16 && bits != (x->film.exr ? 32 : 8))
         return spin_misuse("--bits %d: expected %s", bits,
-                         x->film.exr ? "16 or 32 in EXR" : "8 or 16 in PNG");
+                           x->film.exr ? "16 or 32 in EXR" : "8 or 16 in PNG");
     x->film.bits = bits;
     SPIN_TRY(spin_option_word(v, "transfer", "linear|srgb", &word));
     x->film.linear = x->film.exr && word == 0;
     x->wants_depth = spin_plugin_value(v, "depth", NULL) != NULL;
     if (!x->film.exr && (x->wants_depth || spin_plugin_value(v, "transfer", NULL)))
-        return spin_misuse("--%s is for --format exr",
-                         x->wants_depth ? "depth" : "transfer");
+        return spin_misuse("--%s is for --format exr", x->wants_depth ? "depth" : "transfer");
     layers = layers || x->wants_depth;
     if (layers && (x->drawing.n_panels > 1 || x->drawing.panel[0] == SPIN_PANEL_TRUTH))
         return spin_misuse("%s: only one panel, before or after, has that",
-                         x->wants_depth ? "--depth" : "--background none");
+                           x->wants_depth ? "--depth" : "--background none");
     return SPIN_OK;
 }
 
-static spin_status images_begin(const struct spin_export_job *job, void **self)
+static spin_status prepare(struct export *x, const struct spin_export_job *job)
 {
-    struct export *x = NULL;
     int which;
-    spin_status status;
 
-    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
     x->job = job;
-    SPIN_TRY_OUT(spin_camera_path_begin(&x->drawing, job));
-    SPIN_TRY_OUT(check_options(x));
-    SPIN_TRY_OUT(parse_film(x));
-    SPIN_TRY_OUT(spin_option_word(job->values, "views", "test|train|all", &which));
+    SPIN_TRY(spin_camera_path_begin(&x->drawing, job));
+    SPIN_TRY(check_options(x));
+    SPIN_TRY(parse_film(x));
+    SPIN_TRY(spin_option_word(job->values, "views", "test|train|all", &which));
     x->which = (enum which)which;
-    if (!spin_camera_path_is_own(&x->drawing) && !any_chosen(x)) {
-        status = spin_not_found("the data set has no %s views; try --views all",
-                           x->which == TEST ? "test" : "train");
-        goto out;
-    }
-    SPIN_TRY_OUT(spin_output_folder_begin(job->output, job->force, x->film.exr ? ".exr" : ".png",
-                                          &x->folder));
-    *self = x;
-    return SPIN_OK;
-out:
-    finish(x);
-    return status;
+    if (!spin_camera_path_is_own(&x->drawing) && !any_chosen(x))
+        return spin_not_found("the data set has no %s views; try --views all",
+                              x->which == TEST ? "test" : "train");
+    return spin_output_folder_begin(job->output, job->force, x->film.exr ? ".exr" : ".png",
+                                    &x->folder);
 }
 
 /* The pictures of a camera that is none of the data set's are numbered by themselves. */
@@ -225,39 +217,17 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
     return SPIN_OK;
 }
 
-static spin_status images_end(void *self)
+static spin_status finish(struct export *x)
 {
-    struct export *x = self;
-
     if (x->n_unseen > 0)
         spin_warn("%d of %d frames have no such view in the data set and were not rendered",
                   x->n_unseen, x->job->n_frames);
     spin_camera_path_say_blank(&x->drawing);
     spin_output_folder_end(&x->folder);
-    finish(x);
     return SPIN_OK;
 }
 
-static void images_abort(void *self)
-{
-    struct export *x = self;
-
-    spin_output_folder_abandon(&x->folder);
-    finish(x);
-}
-
-const struct spin_exporter spin_exporter_images = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "images",
-    .summary = "PNG or EXR renders from the data set's cameras or one that moves",
-    .options = options,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-    .antialias = true,
-    .alpha = true,
-    .looks_at_views = true,
-    .needs_renderer = true,
-    .begin = images_begin,
-    .frame = images_frame,
-    .end = images_end,
-    .abort = images_abort,
-};
+SPIN_OWN_EXPORTER(images, "images", prepare, finish, discard,
+                  .summary = "PNG or EXR renders from the data set's cameras or one that moves",
+                  .options = options, .antialias = true, .alpha = true, .looks_at_views = true,
+                  .needs_renderer = true, .frame = images_frame);

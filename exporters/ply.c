@@ -69,14 +69,7 @@ static const struct spin_frames_format format = {
     .write = ply_write,
 };
 
-SPIN_FRAMES_BEGIN(ply_begin, &format)
-
-const struct spin_exporter spin_exporter_ply = {
-    SPIN_FRAMES_PLUGIN,
-    .name = "ply",
+SPIN_FRAMES_EXPORTER(
+    ply, "ply",
     .summary = "a folder with one 3D Gaussian Splatting PLY per frame, for every viewer",
-    .options = options,
-    .checks = true,
-    .antialias = true,
-    .begin = ply_begin,
-};
+    .options = options, .checks = true, .antialias = true);

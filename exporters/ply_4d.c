@@ -8,19 +8,12 @@
  * .sogst.ply, which encoders of .sogst take (formats/sogst.h). Paths of degree 1 or 2. Times are seconds from the first
  * frame, and sigma is stored as it is. SH has degree 3 or 0: the reference encoder takes no other, so missing rows
  * are 0. */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/err.h"
-#include "base/mem.h"
-#include "base/option.h"
+#include "base/base.h"
 #include "exporters/lib/bells_check.h"
 #include "math/sh.h"
 
 /* Clips that a splat which never fades lasts for, as sigma: its weight is 0.9998 at the ends of the clip. */
 #define MOST_SIGMA 50
-#define FPS 30         /* where nothing says another */
 enum { BATCH = 4096 }; /* rows written at a time */
 
 struct export;
@@ -44,7 +37,6 @@ struct export
     int sh_degree; /* of the file */
     size_t width;  /* floats of a row */
     struct spin_out out;
-    bool open;
 };
 
 static size_t n_rest(const struct export *x) { return spin_n_rest(x->sh_degree); }
@@ -198,12 +190,11 @@ static spin_status write_rows(struct export *x)
 
 /* ---- The plug-ins ---------------------------------------------------------------------------- */
 
-static void end_export(void *self)
+static void discard(void *self)
 {
     struct export *x = self;
 
-    if (x->open)
-        spin_out_abandon(&x->out);
+    spin_out_abandon(&x->out);
     spin_splat_filter_end(&x->rows);
     spin_sort_rows_free(&x->order);
     spin_bells_free(&x->bells);
@@ -217,39 +208,14 @@ static spin_status choose_length(struct export *x)
     x->bells.length = 1;
     if (!x->layout->seconds)
         return SPIN_OK;
-    x->fps = job->fps;
-    SPIN_TRY(spin_option_number(job->values, "fps", 0.001, 1e6, &x->fps));
-    if (!(x->fps > 0)) {
-        x->fps = FPS;
-        spin_warn("nothing says how many frames a second the clip has: %d are assumed; --fps "
-                  "sets them",
-                  FPS);
-    }
+    SPIN_TRY(spin_bells_fps(&x->bells, &x->fps));
     x->bells.length = (job->n_frames - 1) / x->fps;
     return SPIN_OK;
 }
 
-static spin_status prepare(struct export *x)
+static spin_status prepare(struct export *x, const struct spin_export_job *job,
+                           const struct layout *layout)
 {
-    const struct spin_export_job *job = x->bells.job;
-
-    SPIN_TRY(spin_bells_can(&x->bells));
-    SPIN_TRY(choose_length(x));
-    SPIN_TRY(spin_splat_filter_begin(&x->rows, job, NULL));
-    x->sh_degree = x->layout->seconds && x->rows.sh_degree > 0 ? 3 : x->rows.sh_degree;
-    SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
-    x->open = true;
-    x->out.sync = job->sync;
-    return SPIN_OK;
-}
-
-static spin_status begin(const struct spin_export_job *job, const struct layout *layout,
-                         void **self)
-{
-    struct export *x;
-    spin_status status;
-
-    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
     x->layout = layout;
     x->bells = (struct spin_bells){.job = job,
                                    .name = layout->name,
@@ -257,12 +223,12 @@ static spin_status begin(const struct spin_export_job *job, const struct layout 
                                    .says_cov2d = layout->seconds,
                                    .least_degree = layout->seconds ? 1 : 0,
                                    .degree = layout->degree};
-    status = prepare(x);
-    if (status != SPIN_OK) {
-        end_export(x);
-        return status;
-    }
-    *self = x;
+    SPIN_TRY(spin_bells_can(&x->bells));
+    SPIN_TRY(choose_length(x));
+    SPIN_TRY(spin_splat_filter_begin(&x->rows, job, NULL));
+    x->sh_degree = x->layout->seconds && x->rows.sh_degree > 0 ? 3 : x->rows.sh_degree;
+    SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
+    x->out.sync = job->sync;
     return SPIN_OK;
 }
 
@@ -281,7 +247,6 @@ static spin_status write_file(struct export *x)
     SPIN_TRY(write_rows(x));
     if (job->report)
         job->report->bytes = (uint64_t)ftell(x->out.file);
-    x->open = false;
     SPIN_TRY(spin_out_commit(&x->out));
     spin_bells_warn(&x->bells);
     of.order = x->order.item;
@@ -289,27 +254,19 @@ static spin_status write_file(struct export *x)
     return job->check ? spin_bells_check(&of) : SPIN_OK;
 }
 
-static spin_status end(void *self)
-{
-    spin_status status = write_file(self);
-
-    end_export(self);
-    return status;
-}
-
-static spin_status ftgs_begin(const struct spin_export_job *job, void **self)
+static spin_status prepare_ftgs(struct export *x, const struct spin_export_job *job)
 {
     static const struct layout ftgs = {"a .ftgs.ply", "freetimegs", 1,
                                        false,         print_ftgs,   fill_ftgs};
 
-    return begin(job, &ftgs, self);
+    return prepare(x, job, &ftgs);
 }
 
-static spin_status sogst_ply_begin(const struct spin_export_job *job, void **self)
+static spin_status prepare_sogst(struct export *x, const struct spin_export_job *job)
 {
     static const struct layout sogst = {"a .sogst.ply", "sogst", 2, true, print_sogst, fill_sogst};
 
-    return begin(job, &sogst, self);
+    return prepare(x, job, &sogst);
 }
 
 static const struct spin_plugin_option ftgs_options[] = {
@@ -321,30 +278,10 @@ static const struct spin_plugin_option sogst_ply_options[] = {
     SPIN_ROWS_OPTION_SH,
     {0}};
 
-const struct spin_exporter spin_exporter_ftgs = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "ftgs",
-    .summary = "4D splats as one .ftgs.ply of FreeTimeGS, without loss",
-    .options = ftgs_options,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-    .checks = true,
-    .antialias = false,
-    .splats_4d = true,
-    .begin = ftgs_begin,
-    .end = end,
-    .abort = end_export,
-};
+SPIN_OWN_EXPORTER(ftgs, "ftgs", prepare_ftgs, write_file, discard,
+                  .summary = "4D splats as one .ftgs.ply of FreeTimeGS, without loss",
+                  .options = ftgs_options, .checks = true, .splats_4d = true);
 
-const struct spin_exporter spin_exporter_sogst_ply = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "sogst-ply",
-    .summary = "4D splats as the PLY that encoders of .sogst take, without loss",
-    .options = sogst_ply_options,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-    .checks = true,
-    .antialias = false,
-    .splats_4d = true,
-    .begin = sogst_ply_begin,
-    .end = end,
-    .abort = end_export,
-};
+SPIN_OWN_EXPORTER(sogst_ply, "sogst-ply", prepare_sogst, write_file, discard,
+                  .summary = "4D splats as the PLY that encoders of .sogst take, without loss",
+                  .options = sogst_ply_options, .checks = true, .splats_4d = true);

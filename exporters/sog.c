@@ -3,13 +3,9 @@
  *
  * The box of the places only grows from frame to frame, and a book of a frame before is kept while it serves nearly
  * as well as an own one would: what stands still then mostly keeps its bits. The palette of SH is each frame's own. */
-#include <stdlib.h>
-#include <string.h>
-
+#include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "exporters/lib/pictures.h"
-#include "base/mem.h"
-#include "base/option.h"
 #include "formats/sog.h"
 #include "io/webp.h"
 #include "math/sh.h"
@@ -311,14 +307,6 @@ static const struct spin_frames_format format = {
     .end = end,
 };
 
-SPIN_FRAMES_BEGIN(sog_begin, &format)
-
-const struct spin_exporter spin_exporter_sog = {
-    SPIN_FRAMES_PLUGIN,
-    .name = "sog",
-    .summary = "a folder with one SOG per frame, for PlayCanvas and SuperSplat: small",
-    .options = options,
-    .checks = true,
-    .antialias = true,
-    .begin = sog_begin,
-};
+SPIN_FRAMES_EXPORTER(
+    sog, "sog", .summary = "a folder with one SOG per frame, for PlayCanvas and SuperSplat: small",
+    .options = options, .checks = true, .antialias = true);

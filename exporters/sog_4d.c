@@ -6,12 +6,7 @@
  * middle of the clip, where its opacity keeps its value and its slope.
  *
  * TSOG also holds a clip of frames: each splat with the number of the frame that alone shows it. */
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/err.h"
-#include "base/mem.h"
-#include "base/option.h"
+#include "base/base.h"
 #include "exporters/lib/bells_check.h"
 #include "exporters/lib/pictures.h"
 #include "exporters/lib/quant_error.h"
@@ -21,7 +16,6 @@
 #include "math/sh.h"
 
 #define MOST_SIGMA 8   /* clips */
-#define FPS 30         /* where nothing says another */
 #define K_SIGMA 3.8    /* of .sogst: a splat is drawn so many sigmas long */
 #define PERSISTENT 3.0 /* and lasts when that is more than so many segments */
 #define PLAYED 1000000 /* splats that TSOG's player draws at most */
@@ -57,7 +51,6 @@ struct export
     struct spin_sog_4d coding;
     struct spin_quant_error quant;
     struct spin_out out;
-    bool open; /* out */
 
     /* In the order of the file. */
     float *rest, *palette;        /* [n][n_rest], [n_palette][n_rest] */
@@ -155,18 +148,17 @@ static double worst_shift(const struct export *x, const float book[SPIN_CODEBOOK
 static spin_status choose_centres(struct export *x)
 {
     struct spin_sog_book *book = &x->coding.centre;
-    float own[SPIN_CODEBOOK], *times;
-    spin_status status;
+    float own[SPIN_CODEBOOK];
+    SPIN_FREED float *times = NULL;
 
     fill_book(book, x->coding.time.mins[0], x->coding.time.maxs[0], false);
     SPIN_TRY(spin_alloc(x->order.n, sizeof *times, (void **)&times));
     for (size_t j = 0; j < x->order.n; j++)
         times[j] = clip_of(x)->times[x->order.item[j].row];
-    status = spin_codebook_make(times, x->order.n, own);
-    free(times);
-    if (status == SPIN_OK && worst_shift(x, own) < worst_shift(x, book->value))
+    SPIN_TRY(spin_codebook_make(times, x->order.n, own));
+    if (worst_shift(x, own) < worst_shift(x, book->value))
         memcpy(book->value, own, sizeof own);
-    return status;
+    return SPIN_OK;
 }
 
 /* Times are rounded, and places follow. */
@@ -666,7 +658,6 @@ static spin_status write_file(struct export *x)
     SPIN_TRY(spin_zip_writer_end(&zip, write_members(x, &zip), &x->out));
     if (x->job->report)
         x->job->report->bytes += x->out.bytes;
-    x->open = false;
     return spin_out_commit(&x->out);
 }
 
@@ -688,12 +679,11 @@ static spin_status check_file(const struct export *x)
 
 /* ---- The plug-ins ---------------------------------------------------------------------------- */
 
-static void end_export(void *self)
+static void discard(void *self)
 {
     struct export *x = self;
 
-    if (x->open)
-        spin_out_abandon(&x->out);
+    spin_out_abandon(&x->out);
     if (x->picture)
         spin_pictures_free(x->picture, n_pictures(x), true);
     free(x->picture);
@@ -716,15 +706,8 @@ static spin_status read_options(struct export *x)
     double segment;
 
     x->level = 3;
-    x->fps = x->job->fps;
     SPIN_TRY(spin_option_count(v, "level", 0, 9, &x->level));
-    SPIN_TRY(spin_option_number(v, "fps", 0.001, 1e6, &x->fps));
-    if (!(x->fps > 0)) {
-        x->fps = FPS;
-        spin_warn("nothing says how many frames a second the clip has: %d are assumed; --fps "
-                  "sets them",
-                  FPS);
-    }
+    SPIN_TRY(spin_bells_fps(&x->bells, &x->fps));
     x->bells.length = x->kind->sogst ? (x->job->n_frames - 1) / x->fps : 1;
     if (x->frames)
         x->bells.length = x->job->n_frames - 1;
@@ -757,26 +740,9 @@ static spin_status expect_frames(struct export *x)
     return spin_splats_4d_reserve(&x->bells.clip, 0, 0, x->job->sh_degree, SPIN_4D_CUTS);
 }
 
-static spin_status prepare(struct export *x)
+static spin_status prepare(struct export *x, const struct spin_export_job *job,
+                           const struct container *kind)
 {
-    if (!x->job->splats_4d)
-        SPIN_TRY(expect_frames(x));
-    SPIN_TRY(spin_bells_can(&x->bells));
-    SPIN_TRY(spin_webp_need());
-    SPIN_TRY(read_options(x));
-    SPIN_TRY(spin_out_open(x->job->output, x->job->force, &x->out));
-    x->open = true;
-    x->out.sync = x->job->sync;
-    return SPIN_OK;
-}
-
-static spin_status begin(const struct spin_export_job *job, const struct container *kind,
-                         void **self)
-{
-    struct export *x;
-    spin_status status;
-
-    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
     x->job = job;
     x->kind = kind;
     x->bells = (struct spin_bells){.job = job,
@@ -785,12 +751,13 @@ static spin_status begin(const struct spin_export_job *job, const struct contain
                                    .most_sigma = MOST_SIGMA,
                                    .least_degree = kind->sogst ? 1 : 0,
                                    .degree = kind->degree};
-    status = prepare(x);
-    if (status != SPIN_OK) {
-        end_export(x);
-        return status;
-    }
-    *self = x;
+    if (!x->job->splats_4d)
+        SPIN_TRY(expect_frames(x));
+    SPIN_TRY(spin_bells_can(&x->bells));
+    SPIN_TRY(spin_webp_need());
+    SPIN_TRY(read_options(x));
+    SPIN_TRY(spin_out_open(x->job->output, x->job->force, &x->out));
+    x->out.sync = x->job->sync;
     return SPIN_OK;
 }
 
@@ -858,7 +825,7 @@ static spin_status join_frames(struct export *x)
     SPIN_TRY(spin_alloc(b->clip.n + 1, sizeof *b->from, (void **)&b->from));
     for (size_t k = 0; k < b->clip.n; k++)
         b->from[k] = k;
-    spin_bells_look(b);
+    b->view = spin_splats_of_4d(&b->clip);
     return SPIN_OK;
 }
 
@@ -885,22 +852,14 @@ static spin_status write_all(struct export *x)
     return x->job->check ? check_file(x) : SPIN_OK;
 }
 
-static spin_status end(void *self)
+static spin_status prepare_tsog(struct export *x, const struct spin_export_job *job)
 {
-    spin_status status = write_all(self);
-
-    end_export(self);
-    return status;
+    return prepare(x, job, &tsog);
 }
 
-static spin_status tsog_begin(const struct spin_export_job *job, void **self)
+static spin_status prepare_sogst(struct export *x, const struct spin_export_job *job)
 {
-    return begin(job, &tsog, self);
-}
-
-static spin_status sogst_begin(const struct spin_export_job *job, void **self)
-{
-    return begin(job, &sogst, self);
+    return prepare(x, job, &sogst);
 }
 
 #define OPTION_FPS                                                                                 \
@@ -924,29 +883,10 @@ static const struct spin_plugin_option sogst_options[] = {
      NULL},
     {0}};
 
-const struct spin_exporter spin_exporter_tsog = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "tsog",
-    .summary = "4D splats, or frames, as one TSOG, which plays in browsers: small",
-    .options = tsog_options,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-    .checks = true,
-    .splats_4d = true,
-    .begin = tsog_begin,
-    .frame = take_frame,
-    .end = end,
-    .abort = end_export,
-};
+SPIN_OWN_EXPORTER(tsog, "tsog", prepare_tsog, write_all, discard,
+                  .summary = "4D splats, or frames, as one TSOG, which plays in browsers: small",
+                  .options = tsog_options, .checks = true, .splats_4d = true, .frame = take_frame);
 
-const struct spin_exporter spin_exporter_sogst = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "sogst",
-    .summary = "4D splats as one .sogst, which players load in segments: small",
-    .options = sogst_options,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-    .checks = true,
-    .splats_4d = true,
-    .begin = sogst_begin,
-    .end = end,
-    .abort = end_export,
-};
+SPIN_OWN_EXPORTER(sogst, "sogst", prepare_sogst, write_all, discard,
+                  .summary = "4D splats as one .sogst, which players load in segments: small",
+                  .options = sogst_options, .checks = true, .splats_4d = true);

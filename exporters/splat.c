@@ -1,10 +1,7 @@
 /* One .splat per frame (formats/splat.h), in the axes of the training. The order is the source's;
  * --order size puts the largest and least transparent first, so that a part of the file shows the scene. */
-#include <stdlib.h>
-
+#include "base/base.h"
 #include "exporters/lib/frames.h"
-#include "base/log.h"
-#include "base/option.h"
 #include "formats/splat.h"
 
 static const struct spin_plugin_option options[] = {
@@ -122,11 +119,6 @@ static spin_status splat_begin(const struct spin_export_job *job, void **self)
     return spin_frames_begin(&format, job, self);
 }
 
-const struct spin_exporter spin_exporter_splat = {
-    SPIN_FRAMES_PLUGIN,
-    .name = "splat",
-    .summary = "a folder with one .splat per frame: 32 bytes a Gaussian, no SH",
-    .options = options,
-    .checks = true,
-    .begin = splat_begin,
-};
+SPIN_EXPORTER(splat, "splat", SPIN_FRAMES_FUNCTIONS,
+              .summary = "a folder with one .splat per frame: 32 bytes a Gaussian, no SH",
+              .options = options, .checks = true, .begin = splat_begin);

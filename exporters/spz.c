@@ -6,11 +6,8 @@
  * Axes: the format does not say which it holds. --axes source writes those of the training, as
  * splat-transform does; --axes rub turns half about x, to the right, up and back that Niantic's
  * library stores. */
-#include <stdlib.h>
-
+#include "base/base.h"
 #include "exporters/lib/frames.h"
-#include "base/option.h"
-#include "base/mem.h"
 #include "formats/spz.h"
 #include "io/gzip.h"
 #include "io/zstd.h"
@@ -264,14 +261,7 @@ static const struct spin_frames_format format = {
     .end = end,
 };
 
-SPIN_FRAMES_BEGIN(spz_begin, &format)
-
-const struct spin_exporter spin_exporter_spz = {
-    SPIN_FRAMES_PLUGIN,
-    .name = "spz",
+SPIN_FRAMES_EXPORTER(
+    spz, "spz",
     .summary = "a folder with one SPZ (version 3 or 4) per frame: a tenth to a quarter of a PLY",
-    .options = options,
-    .checks = true,
-    .antialias = true,
-    .begin = spz_begin,
-};
+    .options = options, .checks = true, .antialias = true);

@@ -13,14 +13,9 @@
  * halves by default, with as few digits as read back as the same half; places have as many as tell a millionth of the
  * first frame's diagonal. Cameras are UsdGeomCamera, those of the data set and one that moves; only the ratio of focal
  * length and aperture counts. */
-#include <stdlib.h>
-#include <string.h>
-
+#include "base/base.h"
 #include "exporters/lib/camera_path.h"
 #include "exporters/lib/frames.h"
-#include "base/mem.h"
-#include "base/number.h"
-#include "base/option.h"
 #include "math/ntc.h"
 #include "math/project.h"
 #include "math/sh.h"
@@ -584,14 +579,14 @@ static spin_status print_rig(const struct export *x, FILE *to)
 static spin_status print_path(const struct export *x, FILE *to)
 {
     size_t n = (size_t)x->path.n_pictures;
-    double first = x->frames.entry[0].number, *time = NULL;
+    double first = x->frames.entry[0].number;
+    SPIN_FREED double *time = NULL;
     double span = x->frames.entry[x->frames.n_entries - 1].number + x->codes - first;
 
     SPIN_TRY(spin_alloc(n, sizeof *time, (void **)&time));
     for (size_t p = 0; p < n; p++)
         time[p] = first + span * (double)p / (double)n;
     print_camera(x, spin_camera_path_name(&x->path), x->camera, time, n, to);
-    free(time);
     return SPIN_OK;
 }
 
@@ -792,15 +787,7 @@ static spin_status usd_begin(const struct spin_export_job *job, void **self)
     return status;
 }
 
-const struct spin_exporter spin_exporter_usd = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "usd",
-    .summary = "a stage of USD (26.03) in a folder, one layer per frame, with cameras",
-    .options = options,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-    .looks_at_views = true,
-    .begin = usd_begin,
-    .frame = spin_frames_frame,
-    .end = usd_end,
-    .abort = spin_frames_abort,
-};
+SPIN_EXPORTER(usd, "usd",
+              .summary = "a stage of USD (26.03) in a folder, one layer per frame, with cameras",
+              .options = options, .looks_at_views = true, .begin = usd_begin,
+              .frame = spin_frames_frame, .end = usd_end, .abort = spin_frames_abort);

@@ -1,11 +1,6 @@
 /* The clip as a video, MP4 or WebM by the output's name: from one camera of the data set, or from one
  * that goes around the scene while the clip plays; several versions side by side on demand. */
-#include <stdlib.h>
-
-#include "base/err.h"
-#include "base/log.h"
-#include "base/option.h"
-#include "base/mem.h"
+#include "base/base.h"
 #include "exporters/lib/camera_path.h"
 #include "io/video.h"
 
@@ -91,26 +86,20 @@ static spin_status open_video(struct export *x)
     return SPIN_OK;
 }
 
-static void finish(struct export *x)
+static void discard(void *self)
 {
+    struct export *x = self;
+
+    spin_video_abandon(x->video);
     spin_camera_path_free(&x->drawing);
     free(x);
 }
 
-static spin_status video_begin(const struct spin_export_job *job, void **self)
+static spin_status prepare(struct export *x, const struct spin_export_job *job)
 {
-    struct export *x = NULL;
-    spin_status status;
-
-    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
-    SPIN_TRY_OUT(spin_camera_path_begin(&x->drawing, job));
-    SPIN_TRY_OUT(choose_camera(x));
-    SPIN_TRY_OUT(open_video(x));
-    *self = x;
-    return SPIN_OK;
-out:
-    finish(x);
-    return status;
+    SPIN_TRY(spin_camera_path_begin(&x->drawing, job));
+    SPIN_TRY(choose_camera(x));
+    return open_video(x);
 }
 
 static spin_status draw_one(struct export *x, int frame, int64_t picture,
@@ -152,36 +141,18 @@ static spin_status video_frame(void *self, int frame, const struct spin_frame_in
     return SPIN_OK;
 }
 
-static spin_status video_end(void *self)
+static spin_status finish(struct export *x)
 {
-    struct export *x = self;
     spin_status status = spin_video_commit(x->video);
 
+    x->video = NULL;
     if (status == SPIN_OK)
         spin_camera_path_say_blank(&x->drawing);
-    finish(x);
     return status;
 }
 
-static void video_abort(void *self)
-{
-    struct export *x = self;
-
-    spin_video_abandon(x->video);
-    finish(x);
-}
-
-const struct spin_exporter spin_exporter_video = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "video",
+SPIN_OWN_EXPORTER(
+    video, "video", prepare, finish, discard,
     .summary = "MP4 or WebM, from a camera of the data set or around the scene (FFmpeg)",
-    .options = options,
-    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-    .antialias = true,
-    .looks_at_views = true,
-    .needs_renderer = true,
-    .begin = video_begin,
-    .frame = video_frame,
-    .end = video_end,
-    .abort = video_abort,
-};
+    .options = options, .antialias = true, .looks_at_views = true, .needs_renderer = true,
+    .frame = video_frame);

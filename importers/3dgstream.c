@@ -11,11 +11,6 @@
  * The moved clouds are exact and are read when all are there. Else the networks are evaluated one
  * frame after the other, which adds up the errors of half precision. Rows of the base come first
  * and keep their order from frame to frame; rows of the added ones follow. */
-#include <limits.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/option.h"
 #include "importers/lib/model.h"
 #include "importers/lib/ntc_eval.h"
 #include "importers/lib/views_check.h"
@@ -441,8 +436,6 @@ static spin_status open_clip(void *self, const char *path)
     return describe(clip);
 }
 
-SPIN_MODEL_OPEN(stream_open, struct clip, open_clip)
-
 static void stream_close(void *self)
 {
     if (self)
@@ -535,14 +528,7 @@ static const struct spin_plugin_option options[] = {
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_3dgstream = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "3dgstream",
-    .summary = "3DGStream: the output folder, or one packed for its viewer",
-    .upstream = "SJoJoK/3DGStream 747ddfe",
-    .options = options,
-    .probe = probe,
-    .open = stream_open,
-    .frame = stream_frame,
-    .close = stream_close,
-};
+SPIN_MODEL_IMPORTER(3dgstream, struct clip, open_clip, stream_close,
+                    .summary = "3DGStream: the output folder, or one packed for its viewer",
+                    .upstream = "SJoJoK/3DGStream 747ddfe", .options = options, .probe = probe,
+                    .frame = stream_frame)

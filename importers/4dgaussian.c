@@ -250,8 +250,6 @@ static spin_status open_model(void *self, const char *path)
     return spin_mlp_team_create(spin_hex_scratch(&model->hex) + 48 * MLP_BLOCK, &m->team);
 }
 
-SPIN_MODEL_OPEN(gaussian_open, struct model, open_model)
-
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
 /* Rotations are added, or multiplied; the mask leaves them alone. */
@@ -313,14 +311,8 @@ static const struct spin_plugin_option options[] = {
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_4dgaussian = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "4dgaussian",
+SPIN_MODEL_IMPORTER(
+    4dgaussian, struct model, open_model, spin_model_close,
     .summary = "4DGaussians: the model's folder, with cfg_args and point_cloud/iteration_<N>",
-    .upstream = "hustvl/4DGaussians 843d5ac",
-    .options = options,
-    .probe = probe,
-    .open = gaussian_open,
-    .frame = gaussian_frame,
-    .close = spin_model_close,
-};
+    .upstream = "hustvl/4DGaussians 843d5ac", .options = options, .probe = probe,
+    .frame = gaussian_frame)

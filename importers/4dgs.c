@@ -60,16 +60,7 @@ static spin_status open_4dgs(void *self, const char *path)
     return spin_fail_reading(status, m->path);
 }
 
-SPIN_MODEL_OPEN(fourdgs_open, struct spin_model, open_4dgs)
-
-const struct spin_importer spin_importer_4dgs = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "4dgs",
-    .summary = ".4dgs files, version 1, whose splats are born once: 4D splats",
-    .upstream = "avala-ai/4dgs 30f5d0f",
-    .probe = fourdgs_probe,
-    .open = fourdgs_open,
-    .frame = spin_model_slice,
-    .close = spin_model_close,
-    .splats_4d = spin_model_splats_4d,
-};
+SPIN_MODEL_IMPORTER(4dgs, struct spin_model, open_4dgs, spin_model_close,
+                    .summary = ".4dgs files, version 1, whose splats are born once: 4D splats",
+                    .upstream = "avala-ai/4dgs 30f5d0f", .probe = fourdgs_probe,
+                    .frame = spin_model_slice, .splats_4d = spin_model_splats_4d)

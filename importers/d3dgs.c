@@ -8,11 +8,6 @@
  * mask [T, N, 1], the logit of "this Gaussian is present in this frame". The published code reads the mask in several
  * ways. Training renders with a hard mask per frame at 0.1, so that is what we do unless told otherwise. What the mask
  * hides is left out, not shrunk: a scale of 0 has no logarithm. */
-#include <limits.h>
-#include <math.h>
-#include <string.h>
-
-#include "base/option.h"
 #include "importers/lib/model.h"
 #include "io/npy.h"
 #include "math/quat.h"
@@ -285,8 +280,6 @@ static spin_status open_run(void *self, const char *path)
     return SPIN_OK;
 }
 
-SPIN_MODEL_OPEN(d3dgs_open, struct run, open_run)
-
 static spin_status d3dgs_frame(void *self, int frame, double time, unsigned columns,
                                struct spin_splats *out)
 {
@@ -294,16 +287,10 @@ static spin_status d3dgs_frame(void *self, int frame, double time, unsigned colu
     return read_run(self, frame, columns, out);
 }
 
-const struct spin_importer spin_importer_d3dgs = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "d3dgs",
-    .summary = "Dynamic 3D Gaussians: params.npz, or the folder it lies in",
-    .upstream = "JonathonLuiten/Dynamic3DGaussians 7dbbd4d",
-    .probe = d3dgs_probe,
-    .open = d3dgs_open,
-    .frame = d3dgs_frame,
-    .close = close_run,
-};
+SPIN_MODEL_IMPORTER(d3dgs, struct run, open_run, close_run,
+                    .summary = "Dynamic 3D Gaussians: params.npz, or the folder it lies in",
+                    .upstream = "JonathonLuiten/Dynamic3DGaussians 7dbbd4d", .probe = d3dgs_probe,
+                    .frame = d3dgs_frame)
 
 /* ---- TC3DGS ---------------------------------------------------------------------------------- */
 
@@ -462,8 +449,6 @@ static spin_status open_tc_run(void *self, const char *path)
     return spin_fail_reading(status, run->base.base.path);
 }
 
-SPIN_MODEL_OPEN(tc3dgs_open, struct tc_run, open_tc_run)
-
 /* ---- Reading --------------------------------------------------------------------------------- */
 
 static spin_status tc3dgs_frame(void *self, int frame, double time, unsigned columns,
@@ -494,14 +479,8 @@ static spin_status tc3dgs_frame(void *self, int frame, double time, unsigned col
     return SPIN_OK;
 }
 
-const struct spin_importer spin_importer_tc3dgs = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "tc3dgs",
+SPIN_MODEL_IMPORTER(
+    tc3dgs, struct tc_run, open_tc_run, close_run,
     .summary = "TC3DGS: the params.npz of Dynamic 3D Gaussians with a mask per frame",
-    .upstream = "saqibjaved1/Dynamic3DGaussians a8082da",
-    .options = tc3dgs_options,
-    .probe = tc3dgs_probe,
-    .open = tc3dgs_open,
-    .frame = tc3dgs_frame,
-    .close = close_run,
-};
+    .upstream = "saqibjaved1/Dynamic3DGaussians a8082da", .options = tc3dgs_options,
+    .probe = tc3dgs_probe, .frame = tc3dgs_frame)

@@ -8,9 +8,6 @@
  * must be of the same iteration. */
 #include "importers/lib/deform.h"
 
-#include <stdlib.h>
-#include <string.h>
-
 enum {
     MAX_LAYERS = 32,
     POSITION_FREQUENCIES = 10, /* not stored; 63 inputs */
@@ -238,8 +235,6 @@ static spin_status open_model(void *self, const char *path)
                                 &base->team);
 }
 
-SPIN_MODEL_OPEN(deformable_open, struct model, open_model)
-
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
 /* v, then sin(2^k v) and cos(2^k v) for each frequency: one value of `width`, every `step` floats. */
@@ -362,14 +357,8 @@ static const struct spin_plugin_option options[] = {
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_deformable3dgs = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "deformable3dgs",
+SPIN_MODEL_IMPORTER(
+    deformable3dgs, struct model, open_model, spin_model_close,
     .summary = "Deformable 3D Gaussians, MotionGS: the model's folder, with point_cloud and deform",
     .upstream = "ingra14m/Deformable-3D-Gaussians ac42372, RuijieZhu94/MotionGS 8eab187",
-    .options = options,
-    .probe = probe,
-    .open = deformable_open,
-    .frame = deformable_frame,
-    .close = spin_model_close,
-};
+    .options = options, .probe = probe, .frame = deformable_frame)

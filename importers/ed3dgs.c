@@ -367,8 +367,6 @@ static spin_status open_model(void *self, const char *path)
     return spin_mlp_team_create(4 * m->layer, &base->team);
 }
 
-SPIN_MODEL_OPEN(ed3dgs_open, struct model, open_model)
-
 /* ---- The vector of a time -------------------------------------------------------------------- */
 
 /* Between which two of n rows a place lies, and the second one's share. */
@@ -496,14 +494,8 @@ static const struct spin_plugin_option options[] = {
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_ed3dgs = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "ed3dgs",
+SPIN_MODEL_IMPORTER(
+    ed3dgs, struct model, open_model, spin_model_close,
     .summary = "E-D3DGS: the model's folder, with cfg_args and point_cloud/iteration_<N>",
-    .upstream = "JeongminB/E-D3DGS a68543e",
-    .options = options,
-    .probe = probe,
-    .open = ed3dgs_open,
-    .frame = ed3dgs_frame,
-    .close = spin_model_close,
-};
+    .upstream = "JeongminB/E-D3DGS a68543e", .options = options, .probe = probe,
+    .frame = ed3dgs_frame)

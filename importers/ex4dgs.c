@@ -5,11 +5,6 @@
  * length of the clip, which the checkpoint has, while for the PLYs it is that of cfg_args. The method's
  * renderer takes the checkpoint when it is there, and so does this importer. Key frames' distance and
  * shift are in the checkpoint too, but how to go between them is in cfg_args only. */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/option.h"
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 #include "math/keyframes.h"
@@ -482,9 +477,7 @@ static spin_status part_of_ply(struct spin_model *m, struct part *p)
     SPIN_TRY(spin_model_join(m, &path, m->path, "%s",
                              p->moving ? "dynamic_point_cloud.ply" : "point_cloud.ply"));
     SPIN_TRY(spin_model_ply(m, path));
-    e = spin_ply_find_element(&m->ply, "vertex");
-    if (!e)
-        return spin_malformed("'%s': no element 'vertex'", path);
+    SPIN_TRY(spin_ply_vertices(&m->ply, &e));
     SPIN_TRY(count_properties(path, e, p));
     for (int c = 0; c < N_COLUMNS; c++)
         n += width_of(p, c);
@@ -666,8 +659,6 @@ static spin_status open_model(void *self, const char *path)
                         "antialiased, which is similar");
     return SPIN_OK;
 }
-
-SPIN_MODEL_OPEN(ex4dgs_open, struct model, open_model)
 
 /* ---- One time -------------------------------------------------------------------------------- */
 
@@ -1031,15 +1022,8 @@ static const struct spin_plugin_option options[] = {
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_ex4dgs = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "ex4dgs",
+SPIN_MODEL_IMPORTER(
+    ex4dgs, struct model, open_model, spin_model_close,
     .summary = "Ex4DGS: the model's folder, with cfg_args and chkpnt<N>.pth or both PLYs",
-    .upstream = "juno181/Ex4DGS 7fac649",
-    .options = options,
-    .probe = probe,
-    .open = ex4dgs_open,
-    .frame = ex4dgs_frame,
-    .close = spin_model_close,
-    .splats_4d = ex4dgs_splats_4d,
-};
+    .upstream = "juno181/Ex4DGS 7fac649", .options = options, .probe = probe, .frame = ex4dgs_frame,
+    .splats_4d = ex4dgs_splats_4d)

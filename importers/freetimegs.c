@@ -3,11 +3,6 @@
  *
  * Times run from 0 to 1 over the clip, frame i of F at i/(F-1), and velocities count in clips. The renderer keeps every
  * splat at an opacity of 1e-4 at least, which no rasteriser draws; here what is below 1/255 is not shown. */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/option.h"
 #include "importers/lib/chkpnt.h"
 #include "math/sh.h"
 
@@ -51,25 +46,6 @@ static int probe(const struct spin_peek *peek)
     return spin_peek_says(peek, "durations") && spin_peek_says(peek, "velocities") ? 95
            : step_of(spin_path_name(peek->path)) >= 0                              ? 40
                                                                                    : 0;
-}
-
-/* The checkpoint of the greatest step in a folder, or in the ckpts in it. */
-static spin_status find_file(struct spin_model *m, const char *path)
-{
-    const char *folder, *best = NULL;
-    char **names;
-    size_t n;
-
-    if (!spin_path_is_folder(path))
-        return spin_model_text(m, &m->path, "%s", path);
-    SPIN_TRY(spin_model_find(m, &folder, path, "ckpts"));
-    folder = folder ? folder : path;
-    SPIN_TRY(spin_model_names(m, folder, &names, &n));
-    for (size_t i = 0; i < n; i++)
-        if (step_of(names[i]) > (best ? step_of(best) : -1))
-            best = names[i];
-    return best ? spin_model_join(m, &m->path, folder, "%s", best)
-                : spin_not_found("'%s' holds no ckpt_<step>.pt", folder);
 }
 
 /* ---- The splats ------------------------------------------------------------------------------ */
@@ -370,7 +346,7 @@ static spin_status open_model(void *self, const char *path)
     m->moves = true;
     m->least_sigma = LEAST_SIGMA;
     m->step = -1;
-    SPIN_TRY(find_file(base, path));
+    SPIN_TRY(spin_model_newest(base, path, "ckpts", step_of, "ckpt_<step>.pt"));
     if (spin_text_ends(base->path, ".ply"))
         SPIN_TRY(read_ply(m));
     else
@@ -380,22 +356,14 @@ static spin_status open_model(void *self, const char *path)
     return spin_fail_reading(finish(m), base->path);
 }
 
-SPIN_MODEL_OPEN(freetimegs_open, struct model, open_model)
-
 static const struct spin_plugin_option options[] = {
     {"n-frames", "N", "frames of the clip, where the file does not say", NULL},
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_freetimegs = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "freetimegs",
+SPIN_MODEL_IMPORTER(
+    freetimegs, struct model, open_model, spin_model_close,
     .summary = "FreeTimeGS: ckpt_<step>.pt, the folder of the run, or .ftgs.ply",
     .upstream = "raiscui/FreeTimeGsVanilla ff48035, OpsiClear-4DGS/FreeTimeGsVanilla 662a832",
-    .options = options,
-    .probe = probe,
-    .open = freetimegs_open,
-    .frame = spin_model_slice,
-    .close = spin_model_close,
-    .splats_4d = spin_model_splats_4d,
-};
+    .options = options, .probe = probe, .frame = spin_model_slice,
+    .splats_4d = spin_model_splats_4d)

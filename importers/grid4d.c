@@ -417,8 +417,6 @@ static spin_status grid4d_open_save(void *self, const char *path)
     return hash_open(self, path, &method);
 }
 
-SPIN_MODEL_OPEN(grid4d_open, struct grid4d_model, grid4d_open_save)
-
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
 /* The features of a block: space into `space`, the three with time, one behind the other, into
@@ -516,17 +514,10 @@ static const struct spin_plugin_option options[] = {
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_grid4d = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "grid4d",
-    .summary = "Grid4D: the model's folder, with cfg_args, point_cloud and deform",
-    .upstream = "JiaweiXu8/Grid4D c9a93fb",
-    .options = options,
-    .probe = grid4d_probe,
-    .open = grid4d_open,
-    .frame = grid4d_frame,
-    .close = spin_model_close,
-};
+SPIN_MODEL_IMPORTER(grid4d, struct grid4d_model, grid4d_open_save, spin_model_close,
+                    .summary = "Grid4D: the model's folder, with cfg_args, point_cloud and deform",
+                    .upstream = "JiaweiXu8/Grid4D c9a93fb", .options = options,
+                    .probe = grid4d_probe, .frame = grid4d_frame)
 
 /* ---- DASH ------------------------------------------------------------------------------------ */
 
@@ -581,8 +572,6 @@ static spin_status dash_open_save(void *self, const char *path)
                   m->save);
     return SPIN_OK;
 }
-
-SPIN_MODEL_OPEN(dash_open, struct dash_model, dash_open_save)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
@@ -646,14 +635,7 @@ static spin_status dash_frame(void *self, int frame, double time, unsigned colum
     return spin_deform_frame(self, time, columns, DEFORM_MOVED, dash_evaluate, out);
 }
 
-const struct spin_importer spin_importer_dash = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "dash",
-    .summary = "DASH: the model's folder, with cfg_args, point_cloud and deform",
-    .upstream = "chenj02/DASH 0898b2d",
-    .options = options + 1,
-    .probe = dash_probe,
-    .open = dash_open,
-    .frame = dash_frame,
-    .close = spin_model_close,
-};
+SPIN_MODEL_IMPORTER(dash, struct dash_model, dash_open_save, spin_model_close,
+                    .summary = "DASH: the model's folder, with cfg_args, point_cloud and deform",
+                    .upstream = "chenj02/DASH 0898b2d", .options = options + 1, .probe = dash_probe,
+                    .frame = dash_frame)

@@ -6,10 +6,6 @@
  * taken, or with --camera those that are alive for one of the given places. */
 #include "importers/lib/camera_places.h"
 #include "importers/lib/hexplane.h"
-
-#include <stdlib.h>
-#include <string.h>
-
 #include "io/npy.h"
 #include "io/zip.h"
 
@@ -229,20 +225,16 @@ static spin_status use_times(const char *path, const struct spin_array *a, struc
 static spin_status read_times(struct model *model)
 {
     const struct cfg_args *cfg = &model->base.settings.cfg;
-    struct spin_map map;
+    SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
     struct spin_array a;
     double count = 0;
     const char *path;
-    spin_status status;
 
     SPIN_TRY(spin_model_find(&model->base, &path, model->base.path, "canonical_times.npy"));
     if (path) {
         SPIN_TRY(spin_map_open(path, &map));
-        status = spin_npy_parse(path, map.data, map.size, &a);
-        if (status == SPIN_OK)
-            status = use_times(path, &a, model);
-        spin_map_close(&map);
-        return status;
+        SPIN_TRY(spin_npy_parse(path, map.data, map.size, &a));
+        return use_times(path, &a, model);
     }
     SPIN_TRY(spin_cfg_read_number(cfg, "TIA_num_segments", &count));
     if (!(count >= 1 && count <= MAX_SEGMENTS))
@@ -460,8 +452,6 @@ static spin_status open_model(void *self, const char *path)
     return spin_mlp_team_create(split(model, NULL, NULL), &base->team);
 }
 
-SPIN_MODEL_OPEN(modecgs_open, struct model, open_model)
-
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
 struct job {
@@ -612,14 +602,8 @@ static const struct spin_plugin_option options[] = {
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_modecgs = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "modecgs",
+SPIN_MODEL_IMPORTER(
+    modecgs, struct model, open_model, spin_model_close,
     .summary = "MoDec-GS, positions only: the model's folder, with cfg_args and point_cloud",
     .upstream = "skwak-kaist/MoDec-GS, read from single files of its public repository",
-    .options = options,
-    .probe = probe,
-    .open = modecgs_open,
-    .frame = modecgs_frame,
-    .close = spin_model_close,
-};
+    .options = options, .probe = probe, .frame = modecgs_frame)

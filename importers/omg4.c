@@ -4,9 +4,6 @@
  * Shapes lie in codebooks behind Huffman codes. Opacity and colour come from four small networks
  * fed with place, time and six numbers per Gaussian, so that each time asked for is a pass of
  * networks over those Gaussians that it sees. 4D splats have those of their own times. */
-#include <stdlib.h>
-#include <string.h>
-
 #include "importers/lib/file_sequence.h"
 #include "importers/lib/gaussian4d.h"
 #include "math/motion.h"
@@ -259,16 +256,14 @@ static spin_status read_parts(struct model *m, const char *name, size_t width, f
             name);
     for (size_t i = 0; i < codes->n; i++) {
         const struct spin_array *book = as_array(spin_value_at(codes, i));
-        spin_status status;
 
         if (!book || book->n_dims != 2 || book->shape[1] == 0 || book->shape[1] > width - at)
             return spin_malformed(
                 "'%s_code' %zu is no codebook, or its width does not fit into the %zu columns",
                 name, i, width);
-        status = read_part(m, spin_value_at(codes, i), spin_value_at(indices, i),
-                           spin_value_at(tables, i), at, width, out);
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "'%s' part %zu", name, i);
+        SPIN_TRY_IN(read_part(m, spin_value_at(codes, i), spin_value_at(indices, i),
+                              spin_value_at(tables, i), at, width, out),
+                    "'%s' part %zu", name, i);
         at += (size_t)book->shape[1];
     }
     if (at != width)
@@ -587,8 +582,6 @@ static spin_status open_model(void *self, const char *path)
     return SPIN_OK;
 }
 
-SPIN_MODEL_OPEN(omg4_open, struct model, open_model)
-
 /* ---- One time -------------------------------------------------------------------------------- */
 
 static spin_status run_networks(struct pass *p)
@@ -650,15 +643,7 @@ static const struct spin_plugin_option options[] = {
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_omg4 = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "omg4",
-    .summary = "OMG4 and OMG4-FTGS: comp.xz, or the folder it lies in",
-    .upstream = "MinShirley/OMG4 58bd7ed",
-    .options = options,
-    .probe = probe,
-    .open = omg4_open,
-    .frame = omg4_frame,
-    .close = spin_model_close,
-    .splats_4d = omg4_splats_4d,
-};
+SPIN_MODEL_IMPORTER(omg4, struct model, open_model, spin_model_close,
+                    .summary = "OMG4 and OMG4-FTGS: comp.xz, or the folder it lies in",
+                    .upstream = "MinShirley/OMG4 58bd7ed", .options = options, .probe = probe,
+                    .frame = omg4_frame, .splats_4d = omg4_splats_4d)

@@ -3,8 +3,6 @@
  * Properties are looked up by name, so any writer's order will do. Besides Gaussians three other kinds are
  * known: plain points, with colours or without, which give positions only, and SuperSplat's compressed
  * layout. */
-#include <limits.h>
-#include <string.h>
 #include <strings.h>
 
 #include "formats/compressed_ply.h"
@@ -161,13 +159,10 @@ struct content {
 
 static spin_status inspect(const struct spin_ply *ply, struct content *out)
 {
-    const struct spin_ply_element *e = spin_ply_find_element(ply, "vertex");
+    const struct spin_ply_element *e;
 
+    SPIN_TRY(spin_ply_vertices(ply, &e));
     *out = (struct content){.vertex = e, .sh_degree = -1};
-    if (!e)
-        return spin_malformed("'%s': no element 'vertex'", ply->path);
-    if (e->count > UINT32_MAX)
-        return spin_unsupported("'%s': more than 2^32 vertices", ply->path);
     if (spin_compressed_any(e)) {
         out->kind = COMPRESSED;
         SPIN_TRY(spin_compressed_find(ply, &out->packed));
@@ -335,8 +330,6 @@ static spin_status open_clip(void *self, const char *path)
     return describe(clip);
 }
 
-SPIN_MODEL_OPEN(ply_open, struct clip, open_clip)
-
 /* ---- One frame ------------------------------------------------------------------------------- */
 
 /* Values that look as if exp or the sigmoid had been applied already: a guess, so it warns. */
@@ -380,7 +373,7 @@ static spin_status read_points(const struct content *c, const struct spin_ply *p
         spin_ply_colours(ply, c->vertex, out->rgb, 3);
         status = spin_check_finite("red, green, blue", out->rgb, out->n, 3);
     }
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "'%s'", ply->path);
+    return spin_fail_context(status, "'%s'", ply->path);
 }
 
 static spin_status ply_frame(void *self, int frame, double time, unsigned columns,
@@ -414,13 +407,7 @@ static spin_status ply_frame(void *self, int frame, double time, unsigned column
     return SPIN_OK;
 }
 
-const struct spin_importer spin_importer_ply = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "ply",
+SPIN_MODEL_IMPORTER(
+    ply, struct clip, open_clip, spin_model_close,
     .summary = "PLY files: one cloud, or a folder with one per frame (3DGS, or plain points)",
-    .upstream = "graphdeco-inria/gaussian-splatting 1152adc",
-    .probe = probe,
-    .open = ply_open,
-    .frame = ply_frame,
-    .close = spin_model_close,
-};
+    .upstream = "graphdeco-inria/gaussian-splatting 1152adc", .probe = probe, .frame = ply_frame)

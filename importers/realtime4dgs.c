@@ -9,11 +9,6 @@
  *
  * The PLY that a run leaves as well looks like a cloud of 3DGS and is none: it has the dynamic half only,
  * every Gaussian at its own time. */
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/option.h"
-#include "base/number.h"
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 
@@ -622,8 +617,6 @@ static spin_status realtime_open_run(void *self, const char *path)
     return spin_fail_reading(realtime_open_checkpoint(m), m->base.path);
 }
 
-SPIN_MODEL_OPEN(realtime4dgs_open, struct realtime_model, realtime_open_run)
-
 static const struct spin_plugin_option realtime_options[] = {
     {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
     {"config", "FILE", "the training YAML (the one beside the checkpoint)", NULL},
@@ -633,18 +626,11 @@ static const struct spin_plugin_option realtime_options[] = {
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_realtime4dgs = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "realtime4dgs",
-    .summary = "Realtime-4DGS: chkpnt<N>.pth, or the folder it lies in",
-    .upstream = "fudan-zvg/4d-gaussian-splatting 63725f2",
-    .options = realtime_options,
-    .probe = realtime_probe,
-    .open = realtime4dgs_open,
-    .frame = spin_model_slice,
-    .close = spin_model_close,
-    .splats_4d = spin_model_splats_4d,
-};
+SPIN_MODEL_IMPORTER(realtime4dgs, struct realtime_model, realtime_open_run, spin_model_close,
+                    .summary = "Realtime-4DGS: chkpnt<N>.pth, or the folder it lies in",
+                    .upstream = "fudan-zvg/4d-gaussian-splatting 63725f2",
+                    .options = realtime_options, .probe = realtime_probe, .frame = spin_model_slice,
+                    .splats_4d = spin_model_splats_4d)
 
 /* ---- Hybrid 3D-4DGS -------------------------------------------------------------------------- */
 
@@ -814,23 +800,14 @@ static spin_status hybrid_open_run(void *self, const char *path)
     return spin_fail_reading(hybrid_open_checkpoint(m), m->base.path);
 }
 
-SPIN_MODEL_OPEN(hybrid4dgs_open, struct hybrid_model, hybrid_open_run)
-
 static const struct spin_plugin_option hybrid_options[] = {
     {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
     {"config", "FILE", "the training YAML (the one beside the checkpoint)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_hybrid4dgs = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "hybrid4dgs",
-    .summary = "Hybrid 3D-4DGS: chkpnt<N>.pth, or the folder it lies in",
-    .upstream = "ohsngjun/3D-4DGS 9528828",
-    .options = hybrid_options,
-    .probe = hybrid_probe,
-    .open = hybrid4dgs_open,
-    .frame = spin_model_slice,
-    .close = spin_model_close,
-    .splats_4d = spin_model_splats_4d,
-};
+SPIN_MODEL_IMPORTER(hybrid4dgs, struct hybrid_model, hybrid_open_run, spin_model_close,
+                    .summary = "Hybrid 3D-4DGS: chkpnt<N>.pth, or the folder it lies in",
+                    .upstream = "ohsngjun/3D-4DGS 9528828", .options = hybrid_options,
+                    .probe = hybrid_probe, .frame = spin_model_slice,
+                    .splats_4d = spin_model_splats_4d)

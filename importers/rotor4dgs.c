@@ -4,11 +4,7 @@
  * not change in time. The renderer culls next to nothing, so that every slow Gaussian is in every
  * frame with an opacity of nearly 0; here those that no 8-bit image could show are left out. */
 #include <ctype.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/option.h"
-#include "base/text.h"
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 #include "io/json.h"
@@ -202,27 +198,6 @@ static spin_status add_rows(struct model *m, float *const c[N_COLUMNS])
 
 /* ---- Files ----------------------------------------------------------------------------------- */
 
-/* The newest step-*.ckpt of a folder, or of the nerfstudio_models in it. */
-static spin_status find_checkpoint(struct spin_model *m, const char *path)
-{
-    const char *folder, *best = NULL;
-    char **names;
-    size_t n;
-
-    if (!spin_path_is_folder(path))
-        return spin_model_text(m, &m->path, "%s", path);
-    SPIN_TRY(spin_model_join(m, &folder, path, "nerfstudio_models"));
-    if (!spin_path_is_folder(folder))
-        folder = path;
-    SPIN_TRY(spin_model_names(m, folder, &names, &n));
-    for (size_t i = 0; i < n; i++) {
-        if (step_of_name(names[i]) >= 0 && (!best || step_of_name(names[i]) > step_of_name(best)))
-            best = names[i];
-    }
-    return best ? spin_model_join(m, &m->path, folder, "%s", best)
-                : spin_not_found("'%s' holds no step-<N>.ckpt", folder);
-}
-
 static bool is_identity(const spin_json *json)
 {
     const spin_json *rows = spin_json_get(json, "transform");
@@ -315,11 +290,9 @@ static spin_status open_model(void *self, const char *path)
 {
     struct model *m = self;
 
-    SPIN_TRY(find_checkpoint(&m->base, path));
+    SPIN_TRY(spin_model_newest(&m->base, path, "nerfstudio_models", step_of_name, "step-<N>.ckpt"));
     return spin_fail_reading(open_checkpoint(m), m->base.path);
 }
-
-SPIN_MODEL_OPEN(rotor4dgs_open, struct model, open_model)
 
 static const struct spin_plugin_option options[] = {
     {"time-range", "A,B", "first and last time of the clip, as in the data set's file", NULL},
@@ -329,15 +302,7 @@ static const struct spin_plugin_option options[] = {
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_rotor4dgs = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "rotor4dgs",
-    .summary = "4D-Rotor-Gaussians: step-<N>.ckpt, or the folder of the run",
-    .upstream = "weify627/4D-Rotor-Gaussians 1ea2ff9",
-    .options = options,
-    .probe = probe,
-    .open = rotor4dgs_open,
-    .frame = spin_model_slice,
-    .close = spin_model_close,
-    .splats_4d = spin_model_splats_4d,
-};
+SPIN_MODEL_IMPORTER(rotor4dgs, struct model, open_model, spin_model_close,
+                    .summary = "4D-Rotor-Gaussians: step-<N>.ckpt, or the folder of the run",
+                    .upstream = "weify627/4D-Rotor-Gaussians 1ea2ff9", .options = options,
+                    .probe = probe, .frame = spin_model_slice, .splats_4d = spin_model_splats_4d)

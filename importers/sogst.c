@@ -1,10 +1,5 @@
 /* .sogst: one file with a clip, or the PLY that its encoders take. What src/formats/sogst.h says of them. */
 #include "formats/sogst.h"
-
-#include <limits.h>
-#include <math.h>
-#include <string.h>
-
 #include "importers/lib/file_sequence.h"
 
 /* Players draw nothing fainter. */
@@ -47,13 +42,10 @@ static spin_status open_file(void *self, const char *path)
     struct spin_sequence_info *sequence = m->sequence;
     struct spin_sogst sogst;
     bool ply;
-    spin_status status;
 
     SPIN_TRY(spin_file_sequence_one(m, path, ".sogst", &m->path));
     path = m->path;
-    status = read_file(m, path, &sogst, &ply);
-    if (status != SPIN_OK)
-        return spin_fail_context(status, "cannot read '%s'", path);
+    SPIN_TRY_IN(read_file(m, path, &sogst, &ply), "cannot read '%s'", path);
     sequence->time_first = sogst.first;
     sequence->time_last = sogst.last;
     sequence->fps = sogst.fps;
@@ -69,16 +61,8 @@ static spin_status open_file(void *self, const char *path)
     return SPIN_OK;
 }
 
-SPIN_MODEL_OPEN(sogst_open, struct spin_model, open_file)
-
-const struct spin_importer spin_importer_sogst = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "sogst",
+SPIN_MODEL_IMPORTER(
+    sogst, struct spin_model, open_file, spin_model_close,
     .summary = ".sogst: 4D splats of a clip, or the PLY for exchange that its encoders take",
-    .upstream = "solipsist-studios/cumuli 07d2d04 (revision 14)",
-    .probe = probe,
-    .open = sogst_open,
-    .frame = spin_model_slice,
-    .close = spin_model_close,
-    .splats_4d = spin_model_splats_4d,
-};
+    .upstream = "solipsist-studios/cumuli 07d2d04 (revision 14)", .probe = probe,
+    .frame = spin_model_slice, .splats_4d = spin_model_splats_4d)

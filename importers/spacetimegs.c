@@ -5,10 +5,6 @@
  * are RGB, not SH. The full model has no colours of Gaussians: its rasteriser blends nine features, and a
  * network makes the colour of a pixel from these and from the ray. Imported is the colour of a pixel that
  * one Gaussian covers alone, as SH of degree 1 fitted to the colours for given cameras. */
-#include <string.h>
-
-#include "base/option.h"
-#include "base/text.h"
 #include "importers/lib/camera_places.h"
 #include "importers/lib/gaussian4d.h"
 #include "importers/lib/model.h"
@@ -450,8 +446,6 @@ static spin_status open_model(void *self, const char *path)
                                 &m->base.team);
 }
 
-SPIN_MODEL_OPEN(spacetimegs_open, struct model, open_model)
-
 /* ---- One time -------------------------------------------------------------------------------- */
 
 struct job {
@@ -624,15 +618,8 @@ static const struct spin_plugin_option options[] = {
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_spacetimegs = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "spacetimegs",
+SPIN_MODEL_IMPORTER(
+    spacetimegs, struct model, open_model, spin_model_close,
     .summary = "SpacetimeGaussians, lite and full: the model's folder, or its point_cloud.ply",
-    .upstream = "oppo-us-research/SpacetimeGaussians 427abfc",
-    .options = options,
-    .probe = probe,
-    .open = spacetimegs_open,
-    .frame = spacetimegs_frame,
-    .close = spin_model_close,
-    .splats_4d = spacetimegs_splats_4d,
-};
+    .upstream = "oppo-us-research/SpacetimeGaussians 427abfc", .options = options, .probe = probe,
+    .frame = spacetimegs_frame, .splats_4d = spacetimegs_splats_4d)

@@ -80,15 +80,7 @@ static void splat4d_close(void *self)
     spin_model_close(s);
 }
 
-SPIN_MODEL_OPEN(splat4d_open, struct splat4d, open_splat4d)
-
-const struct spin_importer spin_importer_splat4d = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "splat4d",
-    .summary = ".splat4d files, version 1: a clip of the same splats; no SH",
-    .upstream = "adamraudonis/splats4D bf7c41a",
-    .probe = splat4d_probe,
-    .open = splat4d_open,
-    .frame = splat4d_frame,
-    .close = splat4d_close,
-};
+SPIN_MODEL_IMPORTER(splat4d, struct splat4d, open_splat4d, splat4d_close,
+                    .summary = ".splat4d files, version 1: a clip of the same splats; no SH",
+                    .upstream = "adamraudonis/splats4D bf7c41a", .probe = splat4d_probe,
+                    .frame = splat4d_frame)

@@ -6,10 +6,6 @@
  *
  * GLB (KHR_gaussian_splatting): glTF's axes are x left, y up, z forward, those of a run mostly x right, y down, z
  * forward: --axes gltf takes the half turn about z back that exporters make. */
-#include <limits.h>
-#include <string.h>
-
-#include "base/option.h"
 #include "formats/glb_scene.h"
 #include "formats/ksplat.h"
 #include "formats/sog.h"
@@ -290,18 +286,9 @@ static spin_status open_splat_clip(void *self, const char *path)
     return open_clip(self, &format, path);
 }
 
-SPIN_MODEL_OPEN(splat_open, struct clip, open_splat_clip)
-
-const struct spin_importer spin_importer_splat = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "splat",
-    .summary = ".splat files: one, or a folder with one per frame; no SH",
-    .upstream = "antimatter15/splat",
-    .probe = splat_probe,
-    .open = splat_open,
-    .frame = clip_frame,
-    .close = close_clip,
-};
+SPIN_MODEL_IMPORTER(splat, struct clip, open_splat_clip, close_clip,
+                    .summary = ".splat files: one, or a folder with one per frame; no SH",
+                    .upstream = "antimatter15/splat", .probe = splat_probe, .frame = clip_frame)
 
 /* ---- .ksplat --------------------------------------------------------------------------------- */
 
@@ -333,18 +320,10 @@ static spin_status open_ksplat_clip(void *self, const char *path)
     return open_clip(self, &format, path);
 }
 
-SPIN_MODEL_OPEN(ksplat_open, struct clip, open_ksplat_clip)
-
-const struct spin_importer spin_importer_ksplat = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "ksplat",
-    .summary = ".ksplat files, levels 0 to 2: one, or a folder with one per frame",
-    .upstream = "mkkellogg/GaussianSplats3D",
-    .probe = ksplat_probe,
-    .open = ksplat_open,
-    .frame = clip_frame,
-    .close = close_clip,
-};
+SPIN_MODEL_IMPORTER(ksplat, struct clip, open_ksplat_clip, close_clip,
+                    .summary = ".ksplat files, levels 0 to 2: one, or a folder with one per frame",
+                    .upstream = "mkkellogg/GaussianSplats3D", .probe = ksplat_probe,
+                    .frame = clip_frame)
 
 /* ---- SPZ ------------------------------------------------------------------------------------- */
 
@@ -402,19 +381,10 @@ static spin_status open_spz_clip(void *self, const char *path)
     return open_clip(clip, &format, path);
 }
 
-SPIN_MODEL_OPEN(spz_open, struct clip, open_spz_clip)
-
-const struct spin_importer spin_importer_spz = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "spz",
-    .summary = "SPZ files, versions 2 to 4: one, or a folder with one per frame",
-    .upstream = "nianticlabs/spz 21715c3",
-    .options = spz_options,
-    .probe = spz_probe,
-    .open = spz_open,
-    .frame = clip_frame,
-    .close = close_clip,
-};
+SPIN_MODEL_IMPORTER(spz, struct clip, open_spz_clip, close_clip,
+                    .summary = "SPZ files, versions 2 to 4: one, or a folder with one per frame",
+                    .upstream = "nianticlabs/spz 21715c3", .options = spz_options,
+                    .probe = spz_probe, .frame = clip_frame)
 
 /* ---- SOG ------------------------------------------------------------------------------------- */
 
@@ -465,18 +435,10 @@ static spin_status open_sog_clip(void *self, const char *path)
     return open_clip(clip, &format, meta ? meta : path);
 }
 
-SPIN_MODEL_OPEN(sog_open, struct clip, open_sog_clip)
-
-const struct spin_importer spin_importer_sog = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "sog",
+SPIN_MODEL_IMPORTER(
+    sog, struct clip, open_sog_clip, close_clip,
     .summary = "SOG, versions 1 and 2: one file or meta.json, or a folder with one per frame",
-    .upstream = "playcanvas/splat-transform 0f60b17",
-    .probe = sog_probe,
-    .open = sog_open,
-    .frame = clip_frame,
-    .close = close_clip,
-};
+    .upstream = "playcanvas/splat-transform 0f60b17", .probe = sog_probe, .frame = clip_frame)
 
 /* ---- GLB ------------------------------------------------------------------------------------- */
 
@@ -528,16 +490,8 @@ static spin_status open_glb_clip(void *self, const char *path)
     return open_clip(clip, &format, path);
 }
 
-SPIN_MODEL_OPEN(gltf_open, struct clip, open_glb_clip)
-
-const struct spin_importer spin_importer_gltf = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "gltf",
+SPIN_MODEL_IMPORTER(
+    gltf, struct clip, open_glb_clip, close_clip,
     .summary = "GLB with KHR_gaussian_splatting: a scene, a clip, or a folder with one per frame",
-    .upstream = "KhronosGroup/glTF 77b44be",
-    .options = gltf_options,
-    .probe = gltf_probe,
-    .open = gltf_open,
-    .frame = clip_frame,
-    .close = close_clip,
-};
+    .upstream = "KhronosGroup/glTF 77b44be", .options = gltf_options, .probe = gltf_probe,
+    .frame = clip_frame)

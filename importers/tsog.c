@@ -64,8 +64,7 @@ static spin_status open_file(void *self, const char *path)
         m->base.splats_4d.least_opacity = LEAST_OPACITY;
     if (status == SPIN_OK)
         status = spin_model_settle_4d(&m->base);
-    if (status != SPIN_OK)
-        return spin_fail_context(status, "cannot read '%s'", path);
+    SPIN_TRY_IN(status, "cannot read '%s'", path);
     snprintf(sequence->variant, sizeof sequence->variant, "TSOG, %s, %zu splats",
              kinds[m->tsog.time], m->base.splats_4d.n);
     sequence->fps = m->tsog.fps;
@@ -88,16 +87,7 @@ static spin_status frame(void *self, int frame, double time, unsigned columns,
     return spin_model_slice(self, frame, continuous ? time : frame, columns, out);
 }
 
-SPIN_MODEL_OPEN(tsog_open, struct tsog_model, open_file)
-
-const struct spin_importer spin_importer_tsog = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "tsog",
-    .summary = "TSOG (.tsog): 4D splats of a clip, its frames, or a still",
-    .upstream = "OpsiClear-4DGS/ftgs-player 64dfa9e (TSOG Playback Profile 1.0.1)",
-    .probe = probe,
-    .open = tsog_open,
-    .frame = frame,
-    .close = spin_model_close,
-    .splats_4d = spin_model_splats_4d,
-};
+SPIN_MODEL_IMPORTER(tsog, struct tsog_model, open_file, spin_model_close,
+                    .summary = "TSOG (.tsog): 4D splats of a clip, its frames, or a still",
+                    .upstream = "OpsiClear-4DGS/ftgs-player 64dfa9e (TSOG Playback Profile 1.0.1)",
+                    .probe = probe, .frame = frame, .splats_4d = spin_model_splats_4d)

@@ -7,9 +7,6 @@
  *     images/00/000000.png ...        pictures of them, taken in their place when they are there
  *
  * World: y up, as it stands. videos/sparse and skeletons are no views. No camera is held out by the files. */
-#include <stdlib.h>
-#include <string.h>
-
 #include "importers/lib/views_rig.h"
 #include "io/video.h"
 
@@ -17,7 +14,8 @@ enum { HEAD = 4096 };
 
 static int probe(const struct spin_peek *peek)
 {
-    char head[HEAD], *path = NULL;
+    char head[HEAD];
+    SPIN_FREED char *path = NULL;
     size_t n = 0;
     bool says;
 
@@ -26,7 +24,6 @@ static int probe(const struct spin_peek *peek)
         return 0;
     says = spin_file_head(path, head, sizeof head, &n) == SPIN_OK &&
            memmem(head, n, "\"camera_model\"", 14);
-    free(path);
     return says ? 75 : 0;
 }
 
@@ -39,10 +36,7 @@ static spin_status read_size(const spin_json *json, struct spin_camera *out)
     if (!spin_json_number(spin_json_get(json, "image_width"), &width) ||
         !spin_json_number(spin_json_get(json, "image_height"), &height))
         return spin_malformed("no numbers 'image_width' and 'image_height'");
-    SPIN_TRY(spin_views_check_size(width, height));
-    out->width = (int)width;
-    out->height = (int)height;
-    return SPIN_OK;
+    return spin_views_size(width, height, out);
 }
 
 static spin_status read_camera(struct spin_model *m, const spin_json *json, int64_t place,
@@ -88,10 +82,7 @@ static spin_status read_cameras(void *model, const spin_json *root, struct spin_
         return spin_malformed("no list 'cameras', or an empty one");
     SPIN_TRY(spin_model_alloc(m, n, sizeof *camera, (void **)&camera));
     for (size_t i = 0; i < n; i++) {
-        spin_status status = read_camera(m, spin_json_at(list, i), (int64_t)i, &camera[i]);
-
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "camera %zu", i);
+        SPIN_TRY_IN(read_camera(m, spin_json_at(list, i), (int64_t)i, &camera[i]), "camera %zu", i);
     }
     return spin_rig_views(m, camera, n, out);
 }
@@ -110,28 +101,12 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
     SPIN_TRY(spin_views_read_json(m->path, "metadata.json", read_metadata, m, out, &found));
     if (!found)
         spin_rig_note(m, NULL, out);
-    spin_views_note(out, "the world of the data set has y up (spin-export --up y)");
+    spin_note(out, "the world of the data set has y up (spin-export --up y)");
     return SPIN_OK;
-}
-
-static spin_status anyone_views(const char *path, const struct spin_plugin_values *values,
-                                struct spin_views *out)
-{
-    struct spin_model m = {.path = path, .values = values};
-    spin_status status = read_set(&m, out);
-
-    spin_model_clear(&m);
-    return status;
 }
 
 static const struct spin_plugin_option options[] = {SPIN_RIG_OPTIONS, {NULL, NULL, NULL, NULL}};
 
-const struct spin_importer spin_importer_views_4danyone = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "4danyone",
-    .summary = "views: films of 4DAnyone, or pictures of them, and cameras.json",
-    .upstream = "ant-research/4DAnyone f7da3ae",
-    .options = options,
-    .probe = probe,
-    .views = anyone_views,
-};
+SPIN_VIEWS_IMPORTER(views_4danyone, "4danyone", struct spin_model, read_set,
+                    .summary = "views: films of 4DAnyone, or pictures of them, and cameras.json",
+                    .upstream = "ant-research/4DAnyone f7da3ae", .options = options, .probe = probe)

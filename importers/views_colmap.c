@@ -17,12 +17,6 @@
  * (4DGaussians, which takes it for a video of one camera), and each eighth image by name is held
  * out (3DGS's --eval). In the layout of FreeTimeGS times are k/(n-1), and each eighth camera is held out. With a folder per frame each image is a camera of every frame, times are
  * 0, 1, 2, ..., and the first camera is held out (3DGStream). */
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/option.h"
 #include "importers/lib/model.h"
 #include "importers/lib/views_rig.h"
 #include "math/covariance.h"
@@ -422,14 +416,11 @@ static spin_status read_records(struct colmap *m, const struct kind *kind, struc
         SPIN_TRY(take_count(s, kind->smallest, kind->many, &n));
     m->point_step = n / MAX_POINTS + 1;
     for (uint64_t i = 0; s->binary ? i < n : next_line(s); i++) {
-        spin_status status;
         int id = -1;
 
         if (!s->binary && !is_record(s->word))
             continue;
-        status = kind->read(m, s, &id);
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "%s %d", kind->what, id);
+        SPIN_TRY_IN(kind->read(m, s, &id), "%s %d", kind->what, id);
         if (!s->binary && kind->lines == 2)
             next_line(s);
     }
@@ -443,7 +434,6 @@ static spin_status read_file(struct colmap *m, const struct kind *kind)
     SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
     SPIN_FREED char *text = NULL; /* which is cut in place */
     const char *path;
-    spin_status status;
 
     SPIN_TRY(spin_model_join(&m->base, &path, m->sparse, "%s.%s", kind->name,
                              m->binary ? "bin" : "txt"));
@@ -454,8 +444,7 @@ static spin_status read_file(struct colmap *m, const struct kind *kind)
         s.at = memcpy(text, map.data, map.size);
     }
     s.end = s.at + map.size;
-    status = read_records(m, kind, &s);
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot read '%s'", path);
+    return spin_fail_context(read_records(m, kind, &s), "cannot read '%s'", path);
 }
 
 /* sparse/0, or sparse itself. */

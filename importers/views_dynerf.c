@@ -11,13 +11,8 @@
  * height, width, focal length of the full-size video. World: LLFF's, unchanged, as 4DGaussians and
  * Deformable-3DGS keep it. */
 #include <ctype.h>
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 #include <strings.h>
 
-#include "base/option.h"
 #include "importers/lib/model.h"
 #include "importers/lib/views_check.h"
 #include "io/npy.h"
@@ -157,13 +152,10 @@ static spin_status add_frame_folders(struct set *set, const char *frames)
 /* Every frame of every video as an image "cam00.mp4#<frame>", decoded when it is asked for. */
 static spin_status add_video_frames(struct set *set, char **names)
 {
-    spin_status status = spin_video_start();
-
-    if (status != SPIN_OK)
-        return spin_fail_context(
-            status,
-            "there are %zu videos and no frames cam<NN>/images/<number>.png extracted from them",
-            set->n_video);
+    SPIN_TRY_IN(
+        spin_video_start(),
+        "there are %zu videos and no frames cam<NN>/images/<number>.png extracted from them",
+        set->n_video);
     for (size_t i = 0; names[i]; i++) {
         int width, height, camera = camera_number(names[i]);
         char name[300];
@@ -289,9 +281,7 @@ static spin_status read_camera(const double row[COLUMNS], struct spin_camera *ou
     }
     SPIN_TRY(spin_views_check_pose(c2w, "the pose"));
     spin_views_invert(c2w, out->w2c);
-    SPIN_TRY(spin_views_check_size(row[9], row[4]));
-    out->width = (int)row[9];
-    out->height = (int)row[4];
+    SPIN_TRY(spin_views_size(row[9], row[4], out));
     out->fx = out->fy = row[14];
     out->cx = out->width / 2.0;
     out->cy = out->height / 2.0;
@@ -306,10 +296,8 @@ static spin_status read_cameras(struct set *set)
     SPIN_TRY(spin_model_alloc(&set->base, set->n_cameras, sizeof *set->intrinsics,
                               (void **)&set->intrinsics));
     for (size_t c = 0; c < set->n_cameras; c++) {
-        spin_status status = read_camera(set->pose + COLUMNS * c, &set->intrinsics[c]);
-
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "poses_bounds.npy: row %zu", c);
+        SPIN_TRY_IN(read_camera(set->pose + COLUMNS * c, &set->intrinsics[c]),
+                    "poses_bounds.npy: row %zu", c);
         differs = differs || set->pose[COLUMNS * c + 14] != set->pose[14];
         for (size_t i = 0; i < set->n; i++) {
             if (set->image[i].camera == set->camera[c]) {

@@ -10,10 +10,6 @@
  * which is not in the files. No camera is held out by the files.
  *
  * Times are k/(n-1), as FreeTimeGS takes them on these sets. EasyVolcap itself takes k/n. */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "importers/lib/views_rig.h"
 #include "math/covariance.h"
 
@@ -154,16 +150,13 @@ static spin_status parse(struct reader *r, char *text)
 
     for (int number = 1; (line = strsep(&text, "\n")); number++) {
         size_t n = strlen(line);
-        spin_status status = SPIN_OK;
 
         while (n > 0 && strchr(" \t\r", line[n - 1]))
             line[--n] = '\0';
         if (number == 1 && strcmp(line, "%YAML:1.0") != 0 && strcmp(line, "%YAML 1.0") != 0)
             return spin_malformed("its first line is not '%%YAML:1.0'");
         if (number > 1 && strcmp(line, "---") != 0)
-            status = take_line(r, line);
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "line %d", number);
+            SPIN_TRY_IN(take_line(r, line), "line %d", number);
     }
     return r->open ? spin_malformed("the file is cut short") : SPIN_OK;
 }
@@ -186,7 +179,7 @@ static spin_status load(struct spin_model *m, const char *folder, const char *na
     SPIN_TRY(spin_alloc(map.size + 1, 1, (void **)&text));
     memcpy(text, map.data, map.size);
     status = memchr(text, '\0', map.size) ? spin_malformed("it is no text") : parse(&r, text);
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot read '%s'", out->path);
+    return spin_fail_context(status, "cannot read '%s'", out->path);
 }
 
 /* ---- Values ---------------------------------------------------------------------------------- */
@@ -276,10 +269,7 @@ static spin_status read_size(const spin_json *intri, const char *name, const cha
         return spin_image_size(picture, &out->width, &out->height, &channels);
     if (!spin_json_number(h, &height) || !spin_json_number(w, &width))
         return spin_malformed("no numbers 'H_%s' and 'W_%s'", name, name);
-    SPIN_TRY(spin_views_check_size(width, height));
-    out->width = (int)width;
-    out->height = (int)height;
-    return SPIN_OK;
+    return spin_views_size(width, height, out);
 }
 
 static spin_status read_lens(const spin_json *intri, const char *name, const char *picture,
@@ -308,8 +298,7 @@ static spin_status read_camera(const struct pair *p, const char *name, const cha
         path = p->extri.path;
         status = read_pose(p->extri.json, name, out->w2c);
     }
-    return status == SPIN_OK ? SPIN_OK
-                             : spin_fail_context(status, "cannot read '%s': '%s'", path, name);
+    return spin_fail_context(status, "cannot read '%s': '%s'", path, name);
 }
 
 /* ---- Cameras --------------------------------------------------------------------------------- */
@@ -451,31 +440,16 @@ static spin_status read_set(struct set *set, struct spin_views *out)
                  : read_folders(set, cameras));
     SPIN_TRY(spin_rig_views(&set->base, set->camera, set->n, out));
     spin_rig_note(&set->base, NULL, out);
-    spin_views_note(out, "FreeTimeGS takes the time i/(n-1) on such sets, EasyVolcap itself i/n "
-                         "(--data-from easyvolcap:time=count)");
+    spin_note(out, "FreeTimeGS takes the time i/(n-1) on such sets, EasyVolcap itself i/n "
+                   "(--data-from easyvolcap:time=count)");
     if (set->coloured)
-        spin_views_note(out, "the colour matrices 'ccm' of the cameras are not applied");
+        spin_note(out, "the colour matrices 'ccm' of the cameras are not applied");
     return SPIN_OK;
-}
-
-static spin_status easyvolcap_views(const char *path, const struct spin_plugin_values *values,
-                                    struct spin_views *out)
-{
-    struct set set = {.base = {.path = path, .values = values}};
-    spin_status status = read_set(&set, out);
-
-    spin_model_clear(&set.base);
-    return status;
 }
 
 static const struct spin_plugin_option options[] = {SPIN_RIG_OPTIONS, {NULL, NULL, NULL, NULL}};
 
-const struct spin_importer spin_importer_views_easyvolcap = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "easyvolcap",
+SPIN_VIEWS_IMPORTER(
+    views_easyvolcap, "easyvolcap", struct set, read_set,
     .summary = "views: cameras and pictures of EasyVolcap and its kin (intri.yml, extri.yml)",
-    .upstream = "zju3dv/EasyVolcap 4cb3c00",
-    .options = options,
-    .probe = probe,
-    .views = easyvolcap_views,
-};
+    .upstream = "zju3dv/EasyVolcap 4cb3c00", .options = options, .probe = probe)

@@ -8,10 +8,6 @@
  * Cameras are OpenCV's already. Row t of the lists is frame t of the data set, whatever number the
  * file names carry. Without test_meta.json every camera trains. */
 #include <ctype.h>
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "importers/lib/model.h"
 #include "importers/lib/views_check.h"
@@ -163,10 +159,7 @@ static spin_status read_views(void *split, const spin_json *root, struct spin_vi
         SPIN_TRY(read_list(s, root, "cam_id", &s->cam_id));
     for (size_t t = 0; t < s->n_rows; t++) {
         for (size_t c = 0; c < s->n_cameras; c++) {
-            spin_status status = read_view(s, t, c, out);
-
-            if (status != SPIN_OK)
-                return spin_fail_context(status, "frame %zu, camera %zu", t, c);
+            SPIN_TRY_IN(read_view(s, t, c, out), "frame %zu, camera %zu", t, c);
         }
     }
     return SPIN_OK;
@@ -187,21 +180,7 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
     return spin_views_check_images(out, first);
 }
 
-static spin_status panoptic_views(const char *path, const struct spin_plugin_values *values,
-                                  struct spin_views *out)
-{
-    struct spin_model m = {.path = path, .values = values};
-    spin_status status = read_set(&m, out);
-
-    spin_model_clear(&m);
-    return status;
-}
-
-const struct spin_importer spin_importer_views_panoptic = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "panoptic",
+SPIN_VIEWS_IMPORTER(
+    views_panoptic, "panoptic", struct spin_model, read_set,
     .summary = "views: CMU Panoptic Sports as Dynamic 3D Gaussians reads it (train_meta.json)",
-    .upstream = "JonathonLuiten/Dynamic3DGaussians 7dbbd4d",
-    .probe = probe,
-    .views = panoptic_views,
-};
+    .upstream = "JonathonLuiten/Dynamic3DGaussians 7dbbd4d", .probe = probe)

@@ -18,14 +18,8 @@
  * wrong sign unless the camera's right axis is perpendicular to its place; pose=4dgaussians does as
  * it does, for models that were trained on such cameras. */
 #include <ctype.h>
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 #include <unistd.h>
 
-#include "base/option.h"
-#include "base/number.h"
 #include "importers/lib/model.h"
 #include "importers/lib/views_check.h"
 
@@ -117,9 +111,7 @@ static spin_status read_size(const struct split *s, const spin_json *frame, size
     if (has_w != has_h)
         return spin_malformed("no number '%s'", has_w ? "h" : "w");
     if (has_w) {
-        SPIN_TRY(spin_views_check_size(w, h));
-        camera->width = (int)w;
-        camera->height = (int)h;
+        SPIN_TRY(spin_views_size(w, h, camera));
         if (index > 0 && !spin_json_get(frame, "w") && !spin_json_get(frame, "h"))
             return SPIN_OK;
     }
@@ -271,10 +263,8 @@ static spin_status read_frames(void *split, const spin_json *root, struct spin_v
         return spin_malformed("list 'frames' is empty");
     for (size_t i = 0; i < n; i++) {
         struct spin_view view = {.number = -1};
-        spin_status status = fill_view(s, spin_json_at(frames, i), i, &view);
 
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "frame %zu", i);
+        SPIN_TRY_IN(fill_view(s, spin_json_at(frames, i), i, &view), "frame %zu", i);
         SPIN_TRY(spin_views_add(out, &view));
     }
     return SPIN_OK;
@@ -408,16 +398,6 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
     return set_rows(m, out, first, o.time);
 }
 
-static spin_status transforms_views(const char *path, const struct spin_plugin_values *values,
-                                    struct spin_views *out)
-{
-    struct spin_model m = {.path = path, .values = values};
-    spin_status status = read_set(&m, out);
-
-    spin_model_clear(&m);
-    return status;
-}
-
 static const struct spin_plugin_option options[] = {
     {"time", "RULE", "file: as it stands there; max: over the largest; unit: first 0, last 1",
      "file"},
@@ -433,13 +413,9 @@ static const struct spin_plugin_option options[] = {
     {NULL, NULL, NULL, NULL},
 };
 
-const struct spin_importer spin_importer_views_transforms = {
-    .abi = SPIN_PLUGIN_ABI,
-    .name = "transforms",
-    .summary = "views: JSON of D-NeRF, n3v2blender and nerfstudio (transforms_train.json, "
-               "transforms.json)",
-    .upstream = "fudan-zvg/4d-gaussian-splatting scene/dataset_readers.py",
-    .options = options,
-    .probe = probe,
-    .views = transforms_views,
-};
+SPIN_VIEWS_IMPORTER(views_transforms, "transforms", struct spin_model, read_set,
+                    .summary =
+                        "views: JSON of D-NeRF, n3v2blender and nerfstudio (transforms_train.json, "
+                        "transforms.json)",
+                    .upstream = "fudan-zvg/4d-gaussian-splatting scene/dataset_readers.py",
+                    .options = options, .probe = probe)

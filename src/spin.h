@@ -91,7 +91,7 @@ spin_status spin_fail(spin_status code, const char *fmt, ...) SPIN_PRINTF(2, 3);
 #define spin_malformed(...) spin_fail(SPIN_E_MALFORMED, __VA_ARGS__)
 #define spin_unsupported(...) spin_fail(SPIN_E_UNSUPPORTED, __VA_ARGS__)
 
-/* Put "text: " in front of the trail and return code. */
+/* Put "text: " in front of the trail and return code. SPIN_OK and SPIN_E_CANCELLED are returned as they are. */
 spin_status spin_fail_context(spin_status code, const char *fmt, ...) SPIN_PRINTF(2, 3);
 
 /* Return from this function when expr fails. */
@@ -100,6 +100,14 @@ spin_status spin_fail_context(spin_status code, const char *fmt, ...) SPIN_PRINT
         spin_status spin_try_ = (expr);                                                            \
         if (spin_try_ != SPIN_OK)                                                                  \
             return spin_try_;                                                                      \
+    } while (0)
+
+/* The same with "text: " in front of the trail. */
+#define SPIN_TRY_IN(expr, ...)                                                                     \
+    do {                                                                                           \
+        spin_status spin_try_ = (expr);                                                            \
+        if (spin_try_ != SPIN_OK)                                                                  \
+            return spin_fail_context(spin_try_, __VA_ARGS__);                                      \
     } while (0)
 
 /* Jump to out: with status set when expr fails. Needs a local `spin_status status`. */
@@ -349,8 +357,8 @@ struct spin_export_check {
     uint64_t sh_lost;          /* splats with SH of a degree that the format does not hold */
     double place_sizes;        /* the most that a place is off by, of the splat's largest standard
                                 * deviation; NaN: unknown */
-    double place_pixels;       /* in pictures of the data set; NaN: no camera sees a splat, or unknown */
-    int rendered;              /* number of the frame that was rendered from its file; -1: none */
+    double place_pixels; /* in pictures of the data set; NaN: no camera sees a splat, or unknown */
+    int rendered;        /* number of the frame that was rendered from its file; -1: none */
     double psnr; /* dB against the bundle's own render; infinite: the same picture; NaN: none */
 };
 
@@ -372,7 +380,8 @@ struct spin_export_report {
     double splats_mean;
     uint64_t bytes;    /* 0: unknown */
     uint64_t left_out; /* splats that no viewer could draw, over all frames */
-    uint64_t filtered; /* left out by --crop, --min-views and --floaters before; not an exporter's to set */
+    uint64_t
+        filtered; /* left out by --crop, --min-views and --floaters; not an exporter's to set */
     struct spin_export_check check;
     struct spin_decimated decimated;
 };
@@ -393,7 +402,7 @@ struct spin_export_job {
     struct spin_renderer *renderer; /* set when the exporter has needs_renderer */
     const float *background;        /* [3] */
     bool transparent; /* --background none: what is drawn has alpha; else it is refused */
-    int n_threads;                  /* 0: all */
+    int n_threads;    /* 0: all */
     /* The same frame as it was imported, when the bundle holds that beside the network whose splats
      * come; NULL: there is nothing to compare with. */
     spin_status (*source_frame)(void *source_of, int frame, struct spin_splats *out);

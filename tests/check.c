@@ -3,15 +3,9 @@
 
 #include <errno.h>
 #include <ftw.h>
-#include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include "base/err.h"
-#include "io/json.h"
 #include "scene/bundle.h"
 #include "tests/tap.h"
 

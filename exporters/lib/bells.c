@@ -1,10 +1,6 @@
 #include "exporters/lib/bells.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "math/activate.h"
 #include "math/motion.h"
 #include "math/sh.h"
@@ -267,6 +263,18 @@ static void convert_row(struct spin_bells *b, size_t i, size_t k)
     b->from[k] = i;
 }
 
+spin_status spin_bells_fps(const struct spin_bells *b, double *out)
+{
+    *out = b->job->fps;
+    SPIN_TRY(spin_option_number(b->job->values, "fps", 0.001, 1e6, out));
+    if (*out > 0)
+        return SPIN_OK;
+    *out = 30;
+    spin_warn("nothing says how many frames a second the clip has: 30 are assumed; --fps sets "
+              "them");
+    return SPIN_OK;
+}
+
 spin_status spin_bells_convert(struct spin_bells *b)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
@@ -282,20 +290,20 @@ spin_status spin_bells_convert(struct spin_bells *b)
     if (n == 0)
         return spin_unsupported("no splat is seen at any time of this clip");
     b->clip.n = n;
-    spin_bells_look(b);
+    b->view = spin_splats_of_4d(&b->clip);
     return SPIN_OK;
 }
 
-void spin_bells_look(struct spin_bells *b)
+struct spin_splats spin_splats_of_4d(const struct spin_splats_4d *s)
 {
-    b->view = (struct spin_splats){.n = b->clip.n,
-                                   .capacity = b->clip.n,
-                                   .sh_degree = b->clip.sh_degree,
-                                   .means = b->clip.centres,
-                                   .quats = b->clip.quats,
-                                   .log_scales = b->clip.log_scales,
-                                   .logit_opacities = b->clip.logit_opacities,
-                                   .sh = b->clip.sh};
+    return (struct spin_splats){.n = s->n,
+                                .capacity = s->n,
+                                .sh_degree = s->sh_degree,
+                                .means = s->centres,
+                                .quats = s->quats,
+                                .log_scales = s->log_scales,
+                                .logit_opacities = s->logit_opacities,
+                                .sh = s->sh};
 }
 
 void spin_bells_free(struct spin_bells *b)

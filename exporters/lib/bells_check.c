@@ -1,16 +1,9 @@
 #include "exporters/lib/bells_check.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/err.h"
-#include "base/mem.h"
-#include "exporters/lib/place_error.h"
-#include "exporters/lib/quant_error.h"
+#include "base/base.h"
+#include "exporters/lib/readback.h"
 #include "math/activate.h"
 #include "math/motion.h"
-#include "math/sh.h"
 
 struct check {
     const struct spin_bells_check *of;
@@ -19,10 +12,7 @@ struct check {
     const struct spin_splats_4d *back;
     struct spin_splats frame;
     uint32_t *row_of; /* [source rows] of the file; UINT32_MAX: none */
-    struct spin_quant_error quant;
-    struct spin_place_error place;
-    uint64_t n;
-    double bounds;
+    struct spin_readback values;
 };
 
 static spin_status read_back(struct check *check)
@@ -78,66 +68,34 @@ static void take_back(const struct spin_splats_4d *s, size_t j, double time,
     memcpy(out->rotation, s->quats + 4 * j, sizeof out->rotation);
 }
 
-static void widen(double box[6], const float place[3])
-{
-    for (int c = 0; c < 3; c++) {
-        box[c] = fmin(box[c], (double)place[c]);
-        box[3 + c] = fmax(box[3 + c], (double)place[c]);
-    }
-}
-
-/* Row `row` of the frame against row j of the file. */
-static void compare(struct check *check, const struct spin_splat_filter *rows, size_t row, size_t j,
-                    double time, double box[2][6])
-{
-    const struct spin_splats_4d *back = check->back;
-    size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree), n_there;
-    struct spin_gaussian is, shown;
-    float room[3 * SPIN_SH_MAX], off[3 * SPIN_SH_MAX];
-    const float *sh;
-
-    spin_splat_filter_take(rows, row, &is);
-    take_back(back, j, time, &shown);
-    spin_quant_error_row(&check->quant, &is, &shown);
-    spin_place_error_add(&check->place, rows->splats->means + 3 * row,
-                         rows->splats->log_scales + 3 * row,
-                         spin_quant_error_distance(is.place, shown.place));
-    sh = spin_splat_filter_sh(rows, row, room);
-    n_there = 3 * (size_t)spin_splat_filter_n_sh(rows);
-    for (size_t c = 3; c < n_sh; c++)
-        off[c - 3] = (c < n_there ? sh[c] : 0) - back->sh[n_sh * j + c];
-    spin_quant_error_add_all(&check->quant, SPIN_QUANT_SH, off, n_sh - 3);
-    widen(box[0], is.place);
-    widen(box[1], shown.place);
-    check->n++;
-}
-
 /* A frame of the source against the file at the same time. */
 static spin_status check_frame(struct check *check, int f)
 {
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     const struct spin_export_job *job = check->of->bells->job;
-    const struct spin_splats_4d *s = job->splats_4d;
-    double t = job->times[f], box[2][6];
+    const struct spin_splats_4d *s = job->splats_4d, *back = check->back;
+    size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree), row = 0;
+    double t = job->times[f];
     struct spin_splat_filter rows = *check->of->rows;
-    size_t row = 0;
+    struct spin_gaussian there;
 
-    spin_place_error_frame(&check->place, job, f);
-    for (int c = 0; c < 12; c++)
-        box[c / 6][c % 6] = c % 6 < 3 ? HUGE_VAL : -HUGE_VAL;
+    spin_readback_frame(&check->values, job, f);
     if (spin_cancelled())
         return spin_fail_cancelled();
     SPIN_TRY(spin_splats_4d_slice(s, t, columns, &check->frame));
     rows.splats = &check->frame;
     for (size_t i = 0; i < s->n; i++)
         if (spin_splats_4d_shows(s, i, t)) {
-            if (check->row_of[i] != UINT32_MAX)
-                compare(check, &rows, row, check->row_of[i], spin_bells_time(check->of->bells, t),
-                        box);
+            size_t j = check->row_of[i];
+
+            if (j != UINT32_MAX) {
+                take_back(back, j, spin_bells_time(check->of->bells, t), &there);
+                spin_readback_row(&check->values, &rows, row, &there, back->sh + n_sh * j,
+                                  back->sh_degree);
+            }
             row++;
         }
-    for (int c = 0; c < 6 && box[0][0] < HUGE_VAL; c++)
-        check->bounds = fmax(check->bounds, fabs(box[0][c] - box[1][c]));
+    spin_readback_end(&check->values);
     return SPIN_OK;
 }
 
@@ -163,29 +121,15 @@ spin_status spin_bells_check(const struct spin_bells_check *of)
 {
     const struct spin_export_job *job = of->bells->job;
     struct check check = {.of = of};
-    struct spin_export_check *out = job->report ? &job->report->check : NULL;
     spin_status status;
 
-    spin_place_error_begin(&check.place);
+    spin_readback_begin(&check.values);
     status = check_all(&check);
-
-    if (status == SPIN_OK && out) {
-        *out = (struct spin_export_check){.frames = job->n_frames,
-                                          .splats = check.n,
-                                          .bounds = check.bounds,
-                                          .rendered = -1,
-                                          .psnr = (double)NAN};
-        for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
-            out->rms[p] = spin_quant_error_rms(&check.quant, (enum spin_quant_error_part)p);
-            out->largest[p] = check.quant.part[p].largest;
-        }
-        spin_place_error_say(&check.place, out);
-    }
+    if (status == SPIN_OK && job->report)
+        spin_readback_say(&check.values, job->n_frames, &job->report->check);
     if (check.self)
         check.importer->close(check.self);
     spin_splats_free(&check.frame);
     free(check.row_of);
-    return status == SPIN_OK || status == SPIN_E_CANCELLED
-               ? status
-               : spin_fail_context(status, "check: '%s'", job->output);
+    return spin_fail_context(status, "check: '%s'", job->output);
 }

@@ -1,10 +1,6 @@
 #include "exporters/lib/camera_path.h"
 
-#include <math.h>
-#include <stdlib.h>
-
-#include "base/log.h"
-#include "base/option.h"
+#include "base/base.h"
 #include "io/file.h"
 #include "math/covariance.h"
 
@@ -305,11 +301,8 @@ static bool is_new(const struct spin_rig_path *path, const struct spin_rig_stop 
 
 spin_status spin_rig_path_open(const struct spin_views *views, int row, struct spin_rig_path *path)
 {
-    void *stops = NULL;
-
     *path = (struct spin_rig_path){0};
-    SPIN_TRY(spin_alloc(views->n + 1, sizeof *path->stop, &stops));
-    path->stop = stops;
+    SPIN_TRY(spin_alloc(views->n + 1, sizeof *path->stop, (void **)&path->stop));
     for (size_t i = 0; i < views->n; i++) {
         struct spin_rig_stop *s = &path->stop[path->n];
         const double *m = views->view[i].camera.w2c;

@@ -4,26 +4,21 @@
 #include "exporters/lib/frames.h"
 
 #include <stdatomic.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/option.h"
-#include "base/text.h"
+#include "base/base.h"
 #include "io/json.h"
 
 /* ---- Sizes ----------------------------------------------------------------------------------- */
 
 void spin_frames_say_size(const char *output, int n_frames, uint64_t bytes, bool at_most)
 {
-    char size[32], left[32], *folder = NULL;
+    char size[32], left[32];
+    SPIN_FREED char *folder = NULL;
     uint64_t room;
 
     if (spin_path_folder(output, &folder) != SPIN_OK)
         return;
     room = spin_path_free_bytes(spin_path_is_folder(output) ? output : folder);
-    free(folder);
     spin_log(0, "writing %d %s to '%s': %s%s", n_frames, n_frames == 1 ? "frame" : "frames", output,
              at_most ? "at most " : "", spin_text_bytes(bytes, size));
     if (bytes > room && !at_most)

@@ -77,15 +77,16 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
                               const struct spin_splats *splats);
 spin_status spin_frames_end(void *self);
 void spin_frames_abort(void *self);
-/* In the table of such a plug-in; and a definition of `name`, its begin(). */
-#define SPIN_FRAMES_PLUGIN                                                                         \
-    .abi = SPIN_PLUGIN_ABI, .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,                         \
-    .frame = spin_frames_frame, .end = spin_frames_end, .abort = spin_frames_abort
-#define SPIN_FRAMES_BEGIN(name, format)                                                            \
-    static spin_status name(const struct spin_export_job *job, void **self)                        \
+/* Defines such an exporter, of the format that is called `format`; see SPIN_EXPORTER(). */
+#define SPIN_FRAMES_EXPORTER(id, label, ...)                                                       \
+    static spin_status spin_begin_##id(const struct spin_export_job *job, void **self)             \
     {                                                                                              \
-        return spin_frames_begin(format, job, self);                                               \
-    }
+        return spin_frames_begin(&format, job, self);                                              \
+    }                                                                                              \
+                                                                                                   \
+    SPIN_EXPORTER(id, label, SPIN_FRAMES_FUNCTIONS, .begin = spin_begin_##id, __VA_ARGS__)
+#define SPIN_FRAMES_FUNCTIONS                                                                      \
+    .frame = spin_frames_frame, .end = spin_frames_end, .abort = spin_frames_abort
 /* What end() and abort() do last: for an exporter that makes the struct itself. */
 void spin_frames_free(struct spin_frames *frames);
 

@@ -1,8 +1,6 @@
 #include "exporters/lib/initial_view.h"
 
-#include <string.h>
-
-#include "base/number.h"
+#include "base/base.h"
 #include "math/project.h"
 
 #define FRONT_FOVY_DEG 50.0
@@ -12,7 +10,7 @@
 
 spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[3], double *size)
 {
-    float *value = NULL;
+    SPIN_FREED float *value = NULL;
 
     SPIN_TRY(spin_alloc(s->n + 1, sizeof *value, (void **)&value));
     *size = 0;
@@ -27,7 +25,6 @@ spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[
         if (n)
             *size = fmax(*size, 0.5 * ((double)value[n - 1 - n / 20] - (double)value[n / 20]));
     }
-    free(value);
     if (!(*size > 1e-12) || !isfinite(*size))
         *size = 1;
     return SPIN_OK;
@@ -120,7 +117,8 @@ static int sum_axes(const struct spin_views *views, int row, double a[3][3], dou
 bool spin_initial_view_pivot(const struct spin_views *views, int row, double pivot[3],
                              double *median)
 {
-    double a[3][3] = {{0}}, b[3] = {0}, det, at[3], *away = NULL;
+    double a[3][3] = {{0}}, b[3] = {0}, det, at[3];
+    SPIN_FREED double *away = NULL;
     int n = views ? sum_axes(views, row, a, b) : 0, n_away = 0, n_behind = 0;
 
     det = det3(a[0], a[1], a[2]);
@@ -149,7 +147,6 @@ bool spin_initial_view_pivot(const struct spin_views *views, int row, double piv
         memcpy(pivot, at, sizeof at);
         *median = away[n / 2];
     }
-    free(away);
     return 2 * n_behind < n;
 }
 

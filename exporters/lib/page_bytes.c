@@ -1,10 +1,6 @@
 #include "exporters/lib/page_bytes.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 
 enum { PLANES = 7, FROM_OTHER = 16, FROM_COLUMN = 32 };
 

@@ -1,10 +1,6 @@
 #include "exporters/lib/page_draft.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 
 /* Fewer show nothing. */
 #define FEWEST 32

@@ -1,9 +1,6 @@
 #include "exporters/lib/page_group.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/gzip.h"
 
 #define NONE UINT32_MAX
@@ -44,7 +41,7 @@ static spin_status split_rows(struct spin_page_group *g, struct spin_sort_rows *
 {
     const struct spin_page_frame *first = &g->frame[0];
     size_t most = first->n;
-    uint8_t *used;
+    SPIN_FREED uint8_t *used = NULL;
 
     SPIN_TRY(spin_grow(first->n + 1, sizeof *g->shared, (void **)&g->shared));
     g->n_shared = 0;
@@ -65,7 +62,6 @@ static spin_status split_rows(struct spin_page_group *g, struct spin_sort_rows *
     SPIN_TRY(spin_alloc(most + 1, 1, (void **)&used));
     for (int f = 0; f < g->n_frames; f++) {
         struct spin_page_frame *at = &g->frame[f];
-        spin_status status;
 
         memset(used, 0, at->n);
         for (size_t k = 0; k < g->n_shared; k++)
@@ -77,16 +73,11 @@ static spin_status split_rows(struct spin_page_group *g, struct spin_sort_rows *
                     .key = spin_page_place_key(&g->space, at->value + i * spin_page_width(g)),
                     .row = (uint32_t)i};
         spin_sort_rows_sort(order);
-        status = spin_grow(order->n + 1, sizeof *at->own, (void **)&at->own);
-        if (status != SPIN_OK) {
-            free(used);
-            return status;
-        }
+        SPIN_TRY(spin_grow(order->n + 1, sizeof *at->own, (void **)&at->own));
         at->n_own = order->n;
         for (size_t i = 0; i < order->n; i++)
             at->own[i] = order->item[i].row;
     }
-    free(used);
     return SPIN_OK;
 }
 

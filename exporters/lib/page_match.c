@@ -1,8 +1,5 @@
 /* Frames into a group: their values, and which row of one is which of another. */
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "exporters/lib/page_group.h"
 
 #define NONE UINT32_MAX

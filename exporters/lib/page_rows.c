@@ -1,14 +1,9 @@
 #include "exporters/lib/page_rows.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/gzip.h"
 #include "math/activate.h"
 #include "math/motion.h"
-#include "math/scene_rotation.h"
-#include "math/sh.h"
 
 #define LN2 0.693147180559945309
 #define TURN 6.283185307179586 /* once round */

@@ -1,8 +1,6 @@
 #include "exporters/lib/page_values.h"
 
-#include <math.h>
-
-#include "base/option.h"
+#include "base/base.h"
 #include "exporters/lib/page_bytes.h"
 #include "math/morton.h"
 #include "math/scene_rotation.h"

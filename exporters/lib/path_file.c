@@ -1,10 +1,6 @@
 #include "exporters/lib/path_file.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/file.h"
 #include "io/json.h"
 

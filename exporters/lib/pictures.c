@@ -1,9 +1,6 @@
 #include "exporters/lib/pictures.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/webp.h"
 
 spin_status spin_picture_blank(struct spin_picture *p, int width, int height)

@@ -1,13 +1,9 @@
 /* --check: what was written is read back by its importer and held to the bundle - counts, the box around the places,
  * how far each value is off, and a picture of one frame. */
+#include "base/base.h"
 #include "exporters/lib/frames.h"
-
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
 #include "exporters/lib/initial_view.h"
-#include "exporters/lib/place_error.h"
+#include "exporters/lib/readback.h"
 
 /* What is left of a value after float arithmetic there and back: of positions as a share of the farthest coordinate. */
 static const double SLACK[SPIN_QUANT_PARTS] = {1e-6, 1e-5, 1e-2, 1e-6, 1e-5, 1e-5};
@@ -17,30 +13,12 @@ struct check {
     const struct spin_importer *importer;
     void *self; /* what the importer has opened; NULL: nothing */
     struct spin_splats back;
-    struct spin_quant_error quant;
-    struct spin_place_error place;
-    uint64_t sh_lost; /* splats with SH of a degree that the file does not hold */
-    double bounds;    /* the most that a side of a frame's box is off by */
-    double reach;     /* the farthest coordinate */
-    int rendered;     /* number of the frame that was rendered */
-    double psnr;      /* 0: none was */
+    struct spin_readback values;
+    int rendered; /* number of the frame that was rendered */
+    double psnr;  /* 0: none was */
 };
 
 /* ---- Values ---------------------------------------------------------------------------------- */
-
-static void widen(double box[6], const float *place)
-{
-    for (int c = 0; c < 3; c++) {
-        box[c] = fmin(box[c], (double)place[c]);
-        box[3 + c] = fmax(box[3 + c], (double)place[c]);
-    }
-}
-
-static void empty_box(double box[6])
-{
-    for (int c = 0; c < 6; c++)
-        box[c] = c < 3 ? HUGE_VAL : -HUGE_VAL;
-}
 
 /* Row j of the file, as spin_splat_filter_take() gives those of the bundle. */
 static void take_back(const struct spin_splats *back, size_t j, struct spin_gaussian *out)
@@ -64,39 +42,19 @@ static bool is_finite(const struct spin_splats *s, size_t j)
     return sum + s->logit_opacities[j] * 0 == 0;
 }
 
-/* Coefficients above degree 0; what the bundle does not have should read as zero. */
-static void compare_sh(struct check *check, const struct spin_splat_filter *rows, size_t i,
-                       const struct spin_splats *back, size_t j)
-{
-    int n = 3 * spin_sh_count(back->sh_degree), n_there = 3 * spin_splat_filter_n_sh(rows);
-    float room[3 * SPIN_SH_MAX], error[3 * SPIN_SH_MAX];
-    const float *is = spin_splat_filter_sh(rows, i, room), *shown = back->sh + (size_t)n * j;
-    bool lost = false;
-
-    for (int k = 3; k < n; k++)
-        error[k - 3] = (k < n_there ? is[k] : 0) - shown[k];
-    spin_quant_error_add_all(&check->quant, SPIN_QUANT_SH, error, (size_t)n - 3);
-    for (int k = n; k < n_there; k++)
-        lost = lost || is[k] != 0;
-    check->sh_lost += lost;
-}
-
 /* A frame as its file has it, in the file's axes and order, against the chosen rows of the bundle's: row[j] is the one
  * that the file's row j came from, NULL: those kept, in the source's order. */
 static spin_status compare(struct check *check, const char *path, const struct spin_keyed *row)
 {
     const struct spin_splat_filter *rows = &check->x->rows;
     const struct spin_splats *back = &check->back;
-    double is_box[6], back_box[6];
-    size_t next = 0;
+    size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree), next = 0;
 
     if (back->n != rows->n_kept)
         return spin_fail(SPIN_E_IO, "check: '%s' holds %zu splats, expected %zu", path, back->n,
                          rows->n_kept);
-    empty_box(is_box);
-    empty_box(back_box);
     for (size_t j = 0; j < back->n; j++) {
-        struct spin_gaussian is, shown;
+        struct spin_gaussian there;
         size_t i;
 
         while (!row && !rows->keep[next])
@@ -104,20 +62,10 @@ static spin_status compare(struct check *check, const char *path, const struct s
         i = row ? row[j].row : next++;
         if (!is_finite(back, j))
             return spin_fail(SPIN_E_IO, "check: '%s' holds NaN or infinity in splat %zu", path, j);
-        spin_splat_filter_take(rows, i, &is);
-        take_back(back, j, &shown);
-        spin_quant_error_row(&check->quant, &is, &shown);
-        spin_place_error_add(&check->place, rows->splats->means + 3 * i,
-                             rows->splats->log_scales + 3 * i,
-                             spin_quant_error_distance(is.place, shown.place));
-        compare_sh(check, rows, i, back, j);
-        widen(is_box, is.place);
-        widen(back_box, shown.place);
-        for (int c = 0; c < 3; c++)
-            check->reach = fmax(check->reach, fabs((double)is.place[c]));
+        take_back(back, j, &there);
+        spin_readback_row(&check->values, rows, i, &there, back->sh + n_sh * j, back->sh_degree);
     }
-    for (int c = 0; c < 6 && back->n > 0; c++)
-        check->bounds = fmax(check->bounds, fabs(is_box[c] - back_box[c]));
+    spin_readback_end(&check->values);
     return SPIN_OK;
 }
 
@@ -202,9 +150,10 @@ static spin_status judge(const struct check *check, const struct spin_quant_erro
 
     for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
         enum spin_quant_error_part part = (enum spin_quant_error_part)p;
-        double slack = SLACK[p] * (p == SPIN_QUANT_PLACE ? check->reach : 1);
-        double largest = check->quant.part[p].largest, most = written->part[p].largest + slack;
-        double rms = spin_quant_error_rms(&check->quant, part);
+        double slack = SLACK[p] * (p == SPIN_QUANT_PLACE ? check->values.reach : 1);
+        double largest = check->values.quant.part[p].largest,
+               most = written->part[p].largest + slack;
+        double rms = spin_quant_error_rms(&check->values.quant, part);
         double most_rms = spin_quant_error_rms(written, part) * 1.001 + slack;
 
         if (!(largest <= most) || !(rms <= most_rms))
@@ -262,7 +211,7 @@ static spin_status check_frame(struct check *check, int f, const char *path, int
     const struct spin_keyed *row = NULL;
     spin_status status = SPIN_OK;
 
-    spin_place_error_frame(&check->place, x->job, f);
+    spin_readback_frame(&check->values, x->job, f);
     SPIN_TRY(x->job->again(x->job->context, f, &splats));
     SPIN_TRY(spin_splat_filter_choose(&x->rows, splats, x->entry[f].number));
     if (!check->self || within == 0)
@@ -271,8 +220,7 @@ static spin_status check_frame(struct check *check, int f, const char *path, int
         return SPIN_OK;
     if (status == SPIN_OK)
         status = check->importer->frame(check->self, within, 0, columns, &check->back);
-    if (status != SPIN_OK)
-        return spin_fail_context(status, "check: '%s'", path);
+    SPIN_TRY_IN(status, "check: '%s'", path);
     if (x->format->order)
         SPIN_TRY(x->format->order(x, &row));
     SPIN_TRY(compare(check, path, row));
@@ -288,7 +236,7 @@ spin_status spin_frames_check(struct spin_frames *x)
     spin_status status = SPIN_OK;
 
     x->rows.quiet = true;
-    spin_place_error_begin(&check.place);
+    spin_readback_begin(&check.values);
     for (size_t f = 0; f < x->n_entries && status == SPIN_OK; f++) {
         SPIN_FREED char *path = NULL;
 
@@ -297,17 +245,9 @@ spin_status spin_frames_check(struct spin_frames *x)
         status = check_frame(&check, (int)f, x->file ? x->file : path, x->file ? (int)f : 0);
     }
     if (status == SPIN_OK && out) {
-        *out = (struct spin_export_check){.frames = (int)x->n_entries,
-                                          .splats = x->n_splats,
-                                          .bounds = check.bounds,
-                                          .sh_lost = check.sh_lost,
-                                          .rendered = check.psnr > 0 ? check.rendered : -1,
-                                          .psnr = check.psnr > 0 ? check.psnr : (double)NAN};
-        for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
-            out->rms[p] = spin_quant_error_rms(&check.quant, (enum spin_quant_error_part)p);
-            out->largest[p] = check.quant.part[p].largest;
-        }
-        spin_place_error_say(&check.place, out);
+        spin_readback_say(&check.values, (int)x->n_entries, out);
+        out->rendered = check.psnr > 0 ? check.rendered : -1;
+        out->psnr = check.psnr > 0 ? check.psnr : (double)NAN;
     }
     if (status == SPIN_OK)
         status = judge(&check, &x->quant);

@@ -1,9 +1,6 @@
 #include "exporters/lib/sort_rows.h"
 
-#include <math.h>
-#include <stdlib.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "math/approx.h"
 #include "math/morton.h"
 

@@ -4,11 +4,7 @@
  * An infinite logit is a saturated opacity and is written as a finite one. */
 #include "exporters/lib/splat_filter.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
-#include "base/option.h"
+#include "base/base.h"
 #include "io/file.h"
 #include "math/approx.h"
 

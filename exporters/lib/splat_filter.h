@@ -8,6 +8,43 @@
 #include "math/drawable.h"
 #include "math/scene_rotation.h"
 
+/* Defines the exporter `id`, the plug-in `label`, of all columns; what else its table has follows,
+ * `.summary = "..."` and so on. */
+#define SPIN_EXPORTER(id, label, ...)                                                              \
+    const struct spin_exporter spin_exporter_##id = {.abi = SPIN_PLUGIN_ABI,                       \
+                                                     .name = label,                                \
+                                                     .wants =                                      \
+                                                         SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,     \
+                                                     __VA_ARGS__}
+/* Defines an exporter whose begin() makes a `struct export` of zeros, which prepare(it, job) fills, and whose end()
+ * does finish(it). discard(void *it) is its abort(), and comes after a failure of prepare() and after finish() too: it
+ * frees all, and removes what was not committed. */
+#define SPIN_OWN_EXPORTER(id, label, prepare, finish, discard, ...)                                \
+    static spin_status spin_begin_##id(const struct spin_export_job *job, void **self)             \
+    {                                                                                              \
+        void *x;                                                                                   \
+        spin_status status;                                                                        \
+                                                                                                   \
+        SPIN_TRY(spin_alloc(1, sizeof(struct export), &x));                                        \
+        status = prepare(x, job);                                                                  \
+        if (status == SPIN_OK)                                                                     \
+            *self = x;                                                                             \
+        else                                                                                       \
+            discard(x);                                                                            \
+        return status;                                                                             \
+    }                                                                                              \
+                                                                                                   \
+    static spin_status spin_end_##id(void *self)                                                   \
+    {                                                                                              \
+        spin_status status = finish(self);                                                         \
+                                                                                                   \
+        discard(self);                                                                             \
+        return status;                                                                             \
+    }                                                                                              \
+                                                                                                   \
+    SPIN_EXPORTER(id, label, .begin = spin_begin_##id, .end = spin_end_##id, .abort = discard,     \
+                  __VA_ARGS__)
+
 #define SPIN_ROWS_OPTION_SH                                                                        \
     {                                                                                              \
         "sh", "DEGREE",                                                                            \

@@ -1,8 +1,6 @@
 #include "exporters/lib/still_rows.h"
 
-#include <stdlib.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 
 #define NONE UINT32_MAX
 

@@ -1,9 +1,7 @@
 /* Places of cameras from an option and from cameras.json. */
 #include "importers/lib/camera_places.h"
 
-#include <math.h>
-#include <string.h>
-
+#include "base/base.h"
 #include "importers/lib/run_config.h"
 #include "io/json.h"
 

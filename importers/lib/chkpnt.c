@@ -2,8 +2,6 @@
 #include "importers/lib/chkpnt.h"
 
 #include <ctype.h>
-#include <stdlib.h>
-#include <string.h>
 
 long long spin_chkpnt_iteration(const char *name)
 {

@@ -1,8 +1,6 @@
 /* Frames and saves of deformed clouds. */
 #include "importers/lib/deform.h"
 
-#include <string.h>
-
 #include "math/covariance.h"
 #include "math/quat.h"
 

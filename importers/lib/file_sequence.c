@@ -1,8 +1,5 @@
 #include "importers/lib/file_sequence.h"
 
-#include <limits.h>
-#include <stdlib.h>
-#include <string.h>
 #include <strings.h>
 
 bool spin_file_has_suffix(const char *name, const char *suffix)

@@ -1,9 +1,6 @@
 /* Gaussians of four dimensions become 4D splats. */
 #include "importers/lib/gaussian4d.h"
 
-#include <stdlib.h>
-#include <string.h>
-
 spin_status spin_gaussian4d_reserve(struct spin_model *m, struct gaussian4d *g, size_t n,
                                     int sh_degree, unsigned parts)
 {

@@ -1,9 +1,6 @@
 /* Loading and evaluating HexPlane networks. */
 #include "importers/lib/hexplane.h"
 
-#include <stdlib.h>
-#include <string.h>
-
 #include "math/plane.h"
 
 /* Which axes a plane spans, 3 being time: its columns, its rows. */

@@ -1,11 +1,7 @@
 /* Layers for blocks of points, and threads over blocks. */
 #include "importers/lib/mlp_eval.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
-#include "base/pool.h"
+#include "base/base.h"
 #include "base/product.h"
 #include "math/ntc.h"
 

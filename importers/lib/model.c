@@ -1,12 +1,7 @@
 /* Models of importers: memory, files, clouds, tensors. */
 #include "importers/lib/model.h"
 
-#include <limits.h>
 #include <stdarg.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/option.h"
 
 struct spin_model_block {
     struct spin_model_block *next;
@@ -108,74 +103,31 @@ spin_status spin_model_word(const struct spin_model *m, const char *option, cons
     return SPIN_OK;
 }
 
-spin_status spin_model_alloc(struct spin_model *m, size_t count, size_t size, void **out)
-{
-    return spin_arena_take(&m->arena, count, size, out);
-}
-
-spin_status spin_model_scratch(struct spin_model *m, size_t count, size_t size, void **out)
-{
-    return spin_arena_take(&m->scratch, count, size, out);
-}
-
-/* `front`, `between` and the text. */
-static spin_status print(struct spin_model *m, const char **out, const char *front,
-                         const char *between, const char *fmt, va_list args)
-{
-    size_t n_front = strlen(front) + strlen(between);
-    va_list again;
-    char *text;
-    int n;
-
-    va_copy(again, args);
-    n = vsnprintf(NULL, 0, fmt, again);
-    va_end(again);
-    SPIN_TRY(spin_model_alloc(m, n_front + (size_t)n + 1, 1, (void **)&text));
-    snprintf(text, n_front + 1, "%s%s", front, between);
-    vsnprintf(text + n_front, (size_t)n + 1, fmt, args);
-    *out = text;
-    return SPIN_OK;
-}
-
-spin_status spin_model_text(struct spin_model *m, const char **out, const char *fmt, ...)
-{
-    va_list args;
-    spin_status status;
-
-    va_start(args, fmt);
-    status = print(m, out, "", "", fmt, args);
-    va_end(args);
-    return status;
-}
-
-static const char *slash_behind(const char *folder)
-{
-    size_t n = strlen(folder);
-
-    return n > 0 && folder[n - 1] != '/' ? "/" : "";
-}
-
 spin_status spin_model_join(struct spin_model *m, const char **out, const char *folder,
                             const char *fmt, ...)
 {
-    va_list args;
+    size_t n_folder = strlen(folder), n;
+    const char *between = n_folder > 0 && folder[n_folder - 1] != '/' ? "/" : "";
+    va_list args, again;
     spin_status status;
+    char *text;
 
     va_start(args, fmt);
-    status = print(m, out, folder, slash_behind(folder), fmt, args);
+    va_copy(again, args);
+    n = n_folder + 2 + (size_t)vsnprintf(NULL, 0, fmt, again);
+    va_end(again);
+    status = spin_model_alloc(m, n, 1, (void **)&text);
+    if (status == SPIN_OK) {
+        n_folder = (size_t)snprintf(text, n, "%s%s", folder, between);
+        vsnprintf(text + n_folder, n - n_folder, fmt, args);
+        *out = text;
+    }
     va_end(args);
     return status;
 }
 
-spin_status spin_model_find(struct spin_model *m, const char **out, const char *folder,
-                            const char *fmt, ...)
+spin_status spin_model_there(spin_status status, const char **out)
 {
-    va_list args;
-    spin_status status;
-
-    va_start(args, fmt);
-    status = print(m, out, folder, slash_behind(folder), fmt, args);
-    va_end(args);
     if (status == SPIN_OK && !spin_path_exists(*out))
         *out = NULL;
     return status;
@@ -372,6 +324,26 @@ spin_status spin_model_choose(struct spin_model *m, const char *wanted, const ch
     return SPIN_OK;
 }
 
+spin_status spin_model_newest(struct spin_model *m, const char *path, const char *inner,
+                              long long (*step_of)(const char *name), const char *called)
+{
+    const char *folder, *best = NULL;
+    char **names;
+    size_t n;
+
+    if (!spin_path_is_folder(path))
+        return spin_model_text(m, &m->path, "%s", path);
+    SPIN_TRY(spin_model_join(m, &folder, path, "%s", inner));
+    if (!spin_path_is_folder(folder))
+        folder = path;
+    SPIN_TRY(spin_model_names(m, folder, &names, &n));
+    for (size_t i = 0; i < n; i++)
+        if (step_of(names[i]) > (best ? step_of(best) : -1))
+            best = names[i];
+    return best ? spin_model_join(m, &m->path, folder, "%s", best)
+                : spin_not_found("'%s' holds no %s", folder, called);
+}
+
 spin_status spin_model_save(struct spin_model *m, const char *path, const char *network,
                             const char **out)
 {
@@ -515,9 +487,7 @@ spin_status spin_model_vertices(struct spin_model *m, const char *path,
                                 const struct spin_ply_element **vertex)
 {
     SPIN_TRY(spin_model_ply(m, path));
-    *vertex = spin_ply_find_element(&m->ply, "vertex");
-    if (!*vertex)
-        return spin_malformed("'%s': no element 'vertex'", path);
+    SPIN_TRY(spin_ply_vertices(&m->ply, vertex));
     if ((*vertex)->count == 0)
         return spin_malformed("'%s': 0 vertices", path);
     if ((*vertex)->count > INT_MAX)

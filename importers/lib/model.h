@@ -2,9 +2,7 @@
  * tensors, layers and columns get out of them. An importer's own struct begins with a struct spin_model. */
 #pragma once
 
-#include "base/err.h"
-#include "base/number.h"
-#include "base/text.h"
+#include "base/base.h"
 #include "formats/gs_ply.h"
 #include "importers/lib/mlp_eval.h"
 #include "importers/lib/run_config.h"
@@ -30,13 +28,38 @@ struct spin_model {
     struct spin_sequence_info *sequence;
 };
 
-/* Defines `name`, the open() of an importer whose model is a `type`: a new one is given to fn(model, path). */
-#define SPIN_MODEL_OPEN(name, type, fn)                                                            \
-    static spin_status name(const char *path, const struct spin_plugin_values *values,             \
-                            void **self, struct spin_sequence_info *sequence)                      \
+/* Defines the importer `id`, whose model is a `type`: a new one is given to fn(model, path), and to closes(model) at
+ * last. What else its table has follows, `.summary = "..."` and so on. */
+#define SPIN_MODEL_IMPORTER(id, type, fn, closes, ...)                                             \
+    static spin_status spin_open_##id(const char *path, const struct spin_plugin_values *values,   \
+                                      void **self, struct spin_sequence_info *sequence)            \
     {                                                                                              \
         return spin_model_open(path, values, self, sequence, sizeof(type), fn);                    \
-    }
+    }                                                                                              \
+                                                                                                   \
+    const struct spin_importer spin_importer_##id = {.abi = SPIN_PLUGIN_ABI,                       \
+                                                     .name = #id,                                  \
+                                                     .open = spin_open_##id,                       \
+                                                     .close = closes,                              \
+                                                     __VA_ARGS__};
+/* The same of a reader of data sets, whose struct lives while fn(it, views) runs: `label` is the plug-in's. */
+#define SPIN_VIEWS_IMPORTER(id, label, type, fn, ...)                                              \
+    static spin_status spin_views_##id(const char *path, const struct spin_plugin_values *values,  \
+                                       struct spin_views *out)                                     \
+    {                                                                                              \
+        type set = {0};                                                                            \
+        struct spin_model *m = (struct spin_model *)&set;                                          \
+        spin_status status;                                                                        \
+                                                                                                   \
+        m->path = path;                                                                            \
+        m->values = values;                                                                        \
+        status = fn(&set, out);                                                                    \
+        spin_model_clear(m);                                                                       \
+        return status;                                                                             \
+    }                                                                                              \
+                                                                                                   \
+    const struct spin_importer spin_importer_##id = {                                              \
+        .abi = SPIN_PLUGIN_ABI, .name = label, .views = spin_views_##id, __VA_ARGS__};
 spin_status spin_model_open(const char *path, const struct spin_plugin_values *values, void **self,
                             struct spin_sequence_info *sequence, size_t bytes,
                             spin_status (*fn)(void *self, const char *path));
@@ -56,18 +79,16 @@ spin_status spin_model_number(const struct spin_model *m, const char *option, co
 /* Which of words "a|b|c" the option (or NULL) says, else `key` of cfg_args in its quotes; -1: neither, or another. */
 spin_status spin_model_word(const struct spin_model *m, const char *option, const char *key,
                             const char *words, int *out);
-/* Zeroed, as long as the model lives. */
-spin_status spin_model_alloc(struct spin_model *m, size_t count, size_t size, void **out);
-/* Until open() is over. */
-spin_status spin_model_scratch(struct spin_model *m, size_t count, size_t size, void **out);
-/* Text, and a path: `fmt` below a folder. */
-spin_status spin_model_text(struct spin_model *m, const char **out, const char *fmt, ...)
-    SPIN_PRINTF(3, 4);
+/* (m, count, size, out): zeroed, as long as the model lives; until open() is over. */
+#define spin_model_alloc(m, ...) spin_arena_take(&(m)->arena, __VA_ARGS__)
+#define spin_model_scratch(m, ...) spin_arena_take(&(m)->scratch, __VA_ARGS__)
+/* A path: `fmt` below a folder; (m, out, fmt, ...): text alone. */
+#define spin_model_text(m, out, ...) spin_model_join(m, out, "", __VA_ARGS__)
 spin_status spin_model_join(struct spin_model *m, const char **out, const char *folder,
                             const char *fmt, ...) SPIN_PRINTF(4, 5);
 /* The same where there is such a file (or folder), else NULL. */
-spin_status spin_model_find(struct spin_model *m, const char **out, const char *folder,
-                            const char *fmt, ...) SPIN_PRINTF(4, 5);
+#define spin_model_find(m, out, ...) spin_model_there(spin_model_join(m, out, __VA_ARGS__), out)
+spin_status spin_model_there(spin_status status, const char **out);
 /* The folder that a path lies in. */
 spin_status spin_model_folder(struct spin_model *m, const char **out, const char *path);
 spin_status spin_model_absolute(struct spin_model *m, const char **out, const char *path);
@@ -112,6 +133,10 @@ bool spin_model_holds(const char *folder, const char *file);
 spin_status spin_model_choose(struct spin_model *m, const char *wanted, const char *folder,
                               const char *file, const char *folder2, const char *file2,
                               const char **out);
+/* The model's path: `path` itself, or of the files of this folder, or of `inner` in it, the one of the greatest step,
+ * by step_of(name), -1: none. `called` says in messages what such files are called. */
+spin_status spin_model_newest(struct spin_model *m, const char *path, const char *inner,
+                              long long (*step_of)(const char *name), const char *called);
 /* The folder of the save to read, as option `iteration` says, for models whose network `network` lies beside the
  * cloud: `path` is the model's folder, the point_cloud in it, a save, or one of the two files. NULL when there is
  * none. */

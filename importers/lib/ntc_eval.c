@@ -1,10 +1,7 @@
 /* Loading and evaluating the networks of 3DGStream. */
 #include "importers/lib/ntc_eval.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/err.h"
+#include "base/base.h"
 #include "io/json.h"
 #include "io/torch.h"
 #include "io/zip.h"
@@ -139,7 +136,7 @@ spin_status spin_ntc_open_config(const char *path, struct ntc_shape *s)
     status = ntc_read_shape(root, s);
     if (status == SPIN_OK)
         status = spin_ntc_layout(s);
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot read '%s'", path);
+    return spin_fail_context(status, "cannot read '%s'", path);
 }
 
 /* ---- Parameters ------------------------------------------------------------------------------ */

@@ -2,12 +2,8 @@
 #include "importers/lib/run_config.h"
 
 #include <ctype.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 
 /* ---- cfg_args -------------------------------------------------------------------------------- */
 
@@ -350,14 +346,13 @@ spin_status spin_run_config_ratio(const struct run_config *s, double *out)
 static spin_status guess_times(const float *time, size_t n, double spread, struct clip_times *out)
 {
     double low, high, half, step;
-    float *sorted;
+    SPIN_FREED float *sorted = NULL;
 
     SPIN_TRY(spin_alloc(n, sizeof *sorted, (void **)&sorted));
     memcpy(sorted, time, n * sizeof *sorted);
     qsort(sorted, n, sizeof *sorted, spin_by_float);
     low = (double)sorted[(size_t)(0.01 * (double)(n - 1))];
     high = (double)sorted[(size_t)(0.99 * (double)(n - 1) + 0.5)];
-    free(sorted);
     half = 0.5 * (high - low) / (spread > 1 ? 0.98 * spread : 1);
     step = half > 0 ? pow(10, floor(log10(2 * half))) / 2 : 0;
     out->first = 0.5 * (low + high) - half;

@@ -1,14 +1,9 @@
 /* Checks that the readers of data sets share. */
 #include "importers/lib/views_check.h"
 
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 #include <unistd.h>
 
-#include "base/mem.h"
-#include "io/file.h"
+#include "base/base.h"
 
 #define VIEWS_MAX_SIZE 65536 /* pixels along a side */
 
@@ -92,7 +87,7 @@ spin_status spin_views_read_json(const char *folder, const char *name,
     SPIN_TRY(spin_json_load(path, &root));
     status =
         spin_json_is_object(root) ? read(context, root, out) : spin_malformed("not a JSON object");
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot read '%s'", path);
+    return spin_fail_context(status, "cannot read '%s'", path);
 }
 
 void spin_views_invert(const double c2w[12], double w2c[12])
@@ -110,6 +105,14 @@ spin_status spin_views_check_size(double width, double height)
         !(height >= 1 && height <= VIEWS_MAX_SIZE && height == floor(height)))
         return spin_malformed("the image size is %g x %g, expected 1 to %d pixels", width, height,
                               VIEWS_MAX_SIZE);
+    return SPIN_OK;
+}
+
+spin_status spin_views_size(double width, double height, struct spin_camera *out)
+{
+    SPIN_TRY(spin_views_check_size(width, height));
+    out->width = (int)width;
+    out->height = (int)height;
     return SPIN_OK;
 }
 
@@ -236,19 +239,12 @@ bool spin_views_is_number(const char *text, double *out)
     return end != text && *end == '\0' && isfinite(*out);
 }
 
-static int views_by_int(const void *a, const void *b)
-{
-    int x = *(const int *)a, y = *(const int *)b;
-
-    return x < y ? -1 : x > y;
-}
-
 size_t spin_views_unique(int *list, size_t n)
 {
     size_t kept = 0;
 
     if (n > 0)
-        qsort(list, n, sizeof *list, views_by_int);
+        qsort(list, n, sizeof *list, spin_by_int);
     for (size_t i = 0; i < n; i++) {
         if (kept == 0 || list[kept - 1] != list[i])
             list[kept++] = list[i];
@@ -258,7 +254,7 @@ size_t spin_views_unique(int *list, size_t n)
 
 int spin_views_place(const int *list, size_t n, int value)
 {
-    const int *found = n ? bsearch(&value, list, n, sizeof *list, views_by_int) : NULL;
+    const int *found = n ? bsearch(&value, list, n, sizeof *list, spin_by_int) : NULL;
 
     return found ? (int)(found - list) : -1;
 }

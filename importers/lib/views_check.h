@@ -22,6 +22,8 @@ spin_status spin_views_read_json(const char *folder, const char *name,
 void spin_views_invert(const double c2w[12], double w2c[12]);
 
 spin_status spin_views_check_size(double width, double height);
+/* The same, and the camera gets it. */
+spin_status spin_views_size(double width, double height, struct spin_camera *out);
 
 spin_status spin_views_check_intrinsics(const struct spin_camera *c);
 

@@ -1,11 +1,5 @@
 #include "importers/lib/views_rig.h"
 
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/option.h"
 #include "io/video.h"
 
 static int by_name(const void *a, const void *b)
@@ -46,18 +40,15 @@ spin_status spin_rig_film(struct spin_model *m, struct spin_rig_camera *c, const
 {
     int width, height;
     const char *path;
-    spin_status status;
     int64_t n = 0;
 
     c->where = file;
     if (!spin_path_exists(file))
         return spin_not_found("there is neither the film '%s' nor a folder '%s'", file, instead);
-    status = spin_video_start();
-    if (status != SPIN_OK)
-        return spin_fail_context(status,
-                                 "make pictures of the films (mkdir -p '%s'; ffmpeg -i '%s' "
-                                 "-start_number 0 '%s/%%06d.png', and so on)",
-                                 instead, file, instead);
+    SPIN_TRY_IN(spin_video_start(),
+                "make pictures of the films (mkdir -p '%s'; ffmpeg -i '%s' "
+                "-start_number 0 '%s/%%06d.png', and so on)",
+                instead, file, instead);
     SPIN_TRY(spin_video_info(file, &width, &height, &n, NULL));
     if (width != c->camera.width || height != c->camera.height)
         return spin_malformed("film '%s' has %d x %d pixels, its camera %d x %d", file, width,
@@ -175,12 +166,12 @@ void spin_rig_note(struct spin_model *m, const spin_json *fps, struct spin_views
     double rate = rate_of(fps);
 
     if (rate > 0)
-        spin_views_note(out,
+        spin_note(out,
                         "times of the data set are by the rule '%s'; it has %.6g frames a "
                         "second (spin-export --fps %.6g)",
                         rule, rate, rate);
     else
-        spin_views_note(out,
+        spin_note(out,
                         "times of the data set are by the rule '%s'; it does not say its frames a "
                         "second (spin-export --fps)",
                         rule);

@@ -35,6 +35,8 @@ spin_status spin_fail_context(spin_status code, const char *fmt, ...)
     va_list args;
     size_t n;
 
+    if (code == SPIN_OK || code == SPIN_E_CANCELLED)
+        return code;
     va_start(args, fmt);
     vsnprintf(text, TRAIL, fmt, args);
     va_end(args);
@@ -49,7 +51,7 @@ spin_status spin_fail_context(spin_status code, const char *fmt, ...)
 
 spin_status spin_fail_reading(spin_status status, const char *path)
 {
-    if (status == SPIN_OK || status == SPIN_E_USAGE || strstr(trail, path))
+    if (status == SPIN_E_USAGE || strstr(trail, path))
         return status;
     return spin_fail_context(status, "cannot read '%s'", path);
 }

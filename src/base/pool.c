@@ -169,7 +169,6 @@ static spin_status start_workers(struct spin_pool *pool)
 spin_status spin_pool_create(int n_threads, struct spin_pool **out)
 {
     struct spin_pool *pool;
-    void *worker;
     spin_status status;
 
     *out = NULL;
@@ -189,8 +188,7 @@ spin_status spin_pool_create(int n_threads, struct spin_pool **out)
     pthread_mutex_init(&pool->lock, NULL);
     pthread_cond_init(&pool->work, NULL);
     pthread_cond_init(&pool->done, NULL);
-    status = spin_alloc((size_t)n_threads, sizeof *pool->worker, &worker);
-    pool->worker = worker;
+    status = spin_alloc((size_t)n_threads, sizeof *pool->worker, (void **)&pool->worker);
     if (status == SPIN_OK)
         status = start_workers(pool);
     if (status != SPIN_OK) {

@@ -138,33 +138,19 @@ const char *spin_text_count(long long n, const char *noun, char text[48])
     return text;
 }
 
-static void note(char *notes, size_t size, const char *fmt, va_list args)
+void spin_text_note(char *notes, size_t size, const char *fmt, ...)
 {
     size_t used = strlen(notes), room = size - used;
-    int n = vsnprintf(notes + used, room, fmt, args);
+    va_list args;
+    int n;
 
+    va_start(args, fmt);
+    n = vsnprintf(notes + used, room, fmt, args);
+    va_end(args);
     if (n < 0 || (size_t)n + 1 >= room)
         notes[used] = '\0';
     else
         memcpy(notes + used + n, "\n", 2);
-}
-
-void spin_note(struct spin_sequence_info *sequence, const char *fmt, ...)
-{
-    va_list args;
-
-    va_start(args, fmt);
-    note(sequence->notes, sizeof sequence->notes, fmt, args);
-    va_end(args);
-}
-
-void spin_views_note(struct spin_views *views, const char *fmt, ...)
-{
-    va_list args;
-
-    va_start(args, fmt);
-    note(views->notes, sizeof views->notes, fmt, args);
-    va_end(args);
 }
 
 int spin_text_distance(const char *a, size_t n_a, const char *b)

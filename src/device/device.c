@@ -1,10 +1,7 @@
 /* The list of devices, and the choice among them. The only file that names devices. */
 #include "device/device.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/log.h"
+#include "base/base.h"
 #include "base/shim.h"
 #include "device/cuda/shim.h"
 

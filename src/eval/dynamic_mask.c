@@ -1,11 +1,7 @@
 /* Moving regions, from masks or from the images themselves. */
 #include "eval/dynamic_mask.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/image.h"
 
 enum {
@@ -168,7 +164,8 @@ static const float black[3];
 static spin_status read_mask(struct spin_dynamic_mask *m, const struct spin_view *view)
 {
     int width = view->camera.width, height = view->camera.height, w, h;
-    uint8_t *rgb = NULL, most = 0;
+    uint8_t most = 0;
+    SPIN_FREED uint8_t *rgb = NULL;
 
     SPIN_TRY(spin_image_read(view->mask, black, &w, &h, &rgb));
     for (size_t i = 0; i < 3 * (size_t)w * (size_t)h; i++)
@@ -181,7 +178,6 @@ static spin_status read_mask(struct spin_dynamic_mask *m, const struct spin_view
 
             m->mask[(size_t)y * (size_t)width + (size_t)x] = most > 1 ? v >= 128 : v;
         }
-    free(rgb);
     return SPIN_OK;
 }
 
@@ -192,15 +188,13 @@ static spin_status read_alpha(struct spin_dynamic_mask *m, const struct spin_vie
     int width = view->camera.width, height = view->camera.height;
     size_t plane = (size_t)width * (size_t)height;
     SPIN_FREED float *over_white = NULL;
-    spin_status status;
 
     SPIN_TRY(spin_alloc(plane, 3 * sizeof(float), (void **)&over_white));
-    status = spin_image_load(view->path, width, height, black, m->image);
-    if (status == SPIN_OK)
-        status = spin_image_load(view->path, width, height, white, over_white);
-    for (size_t i = 0; i < plane && status == SPIN_OK; i++)
+    SPIN_TRY(spin_image_load(view->path, width, height, black, m->image));
+    SPIN_TRY(spin_image_load(view->path, width, height, white, over_white));
+    for (size_t i = 0; i < plane; i++)
         m->mask[i] = over_white[i] - m->image[i] < 0.5f;
-    return status;
+    return SPIN_OK;
 }
 
 static bool all_have_alpha(const struct spin_views *views, const struct spin_pair *pairs, size_t n)
@@ -293,7 +287,6 @@ void spin_dynamic_mask_close(struct spin_dynamic_mask *m)
 
 spin_status spin_dynamic_mask_keep(struct spin_dynamic_mask *m)
 {
-
     SPIN_TRY(spin_alloc(m->views->n, sizeof *m->kept, (void **)&m->kept));
     return SPIN_OK;
 }

@@ -5,14 +5,8 @@
  *     distance = sum over s of the mean over pixels of  sum_c lin_s[c] (f_s[c] - g_s[c])^2  */
 #include "eval/lpips.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
-#include "base/pool.h"
+#include "base/base.h"
 #include "base/product.h"
-#include "base/text.h"
 #include "io/file.h"
 #include "io/torch.h"
 

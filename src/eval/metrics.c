@@ -1,14 +1,7 @@
 /* Evaluation: draw every view, compare, average. */
 #include "eval/metrics.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "spin.h"
-#include "base/err.h"
-#include "base/log.h"
-#include "base/mem.h"
+#include "base/base.h"
 #include "eval/colour_fit.h"
 #include "io/image.h"
 #include "io/ranks.h"
@@ -336,7 +329,7 @@ spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)
     struct spin_progress progress;
     spin_status status;
     size_t pixels = spin_views_pixels(&m->clip->views);
-    struct measured *view = NULL;
+    SPIN_FREED struct measured *view = NULL;
     struct pictures p = {0};
     long long done = 0, n_own = 0;
 
@@ -370,7 +363,6 @@ spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)
     status = SPIN_OK;
 out:
     spin_progress_end(&progress);
-    free(view);
     free(p.image);
     return status;
 }

@@ -1,10 +1,6 @@
 #include "formats/4dgs.h"
 
-#include <limits.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "formats/gaussian.h"
 #include "formats/planes.h"
 #include "io/file.h"
@@ -411,7 +407,6 @@ static spin_status read_streams(struct reader *r, struct cursor *c, const double
 {
     while (c->left > 0) {
         struct stream s = take_stream(c);
-        spin_status status;
 
         if (c->cut)
             return spin_malformed("a stream ends behind it");
@@ -419,10 +414,9 @@ static spin_status read_streams(struct reader *r, struct cursor *c, const double
             continue;
         if (r->steps[s.attribute])
             return spin_malformed("it has '%s' twice", attributes[s.attribute].name);
-        status = read_stream(&s, r->n_in_chunk, attributes[s.attribute].channels,
-                             &r->steps[s.attribute]);
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "'%s'", attributes[s.attribute].name);
+        SPIN_TRY_IN(read_stream(&s, r->n_in_chunk, attributes[s.attribute].channels,
+                                &r->steps[s.attribute]),
+                    "'%s'", attributes[s.attribute].name);
     }
     for (int a = 0; a < N_ATTRIBUTES; a++)
         if (!r->steps[a])
@@ -489,7 +483,7 @@ static spin_status read_chunk(struct reader *r, struct cursor *c)
     else
         status = read_chunk_block(r, &block, &codec, bytes, interval);
     forget_steps(r);
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "chunk %zu", r->n_chunks - 1);
+    return spin_fail_context(status, "chunk %zu", r->n_chunks - 1);
 }
 
 /* Red's coefficients of the band, then green's, then blue's; from -4 to 4. */
@@ -498,7 +492,7 @@ static spin_status read_band(struct reader *r, struct cursor *c)
     const struct spin_splats_4d *s = r->splats;
     size_t n_sh = 3 + spin_n_rest(s->sh_degree), b = (size_t)take_number(c, 1), width = 2 * b + 1;
     struct stream stream = take_stream(c);
-    int32_t *codes = NULL;
+    SPIN_FREED int32_t *codes = NULL;
     spin_status status;
 
     if (c->cut || !s->centres || (r->n_chunks > 0 && r->n_in_chunk == 0))
@@ -516,10 +510,7 @@ static spin_status read_band(struct reader *r, struct cursor *c)
         s->sh[n_sh * (r->first + row) + 3 * (b * b + m) + channel] =
             (float)(codes[k] * 8 / 255.0 - 4);
     }
-    free(codes);
-    return status == SPIN_OK
-               ? SPIN_OK
-               : spin_fail_context(status, "chunk %zu: SH band %zu", r->n_chunks - 1, b);
+    return spin_fail_context(status, "chunk %zu: SH band %zu", r->n_chunks - 1, b);
 }
 
 /* ---- The file -------------------------------------------------------------------------------- */

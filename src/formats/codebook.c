@@ -1,10 +1,6 @@
 #include "formats/codebook.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 
 #define BINS 4096     /* of the histogram that the first places come from */
 #define MOST_STEPS 60 /* of Lloyd's algorithm */

@@ -1,9 +1,6 @@
 #include "formats/compressed_ply.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "math/portable.h"
 #include "math/quat.h"
 #include "math/sh.h"
@@ -227,16 +224,13 @@ static spin_status check_sh(const struct spin_compressed_ply *f)
 
 spin_status spin_compressed_find(const struct spin_ply *ply, struct spin_compressed_ply *out)
 {
-    const struct spin_ply_element *e = spin_ply_find_element(ply, "vertex");
+    const struct spin_ply_element *e;
 
+    SPIN_TRY(spin_ply_vertices(ply, &e));
     *out = (struct spin_compressed_ply){.ply = ply,
                                         .vertex = e,
                                         .chunk = spin_ply_find_element(ply, "chunk"),
                                         .sh = spin_ply_find_element(ply, "sh")};
-    if (!e)
-        return spin_malformed("'%s': no element 'vertex'", ply->path);
-    if (e->count > UINT32_MAX)
-        return spin_unsupported("'%s': more than 2^32 vertices", ply->path);
     if (ply->ascii || e->has_list)
         return spin_unsupported("'%s': a compressed PLY must be binary, without lists", ply->path);
     for (int i = 0; i < 4; i++) {

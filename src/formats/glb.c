@@ -263,7 +263,7 @@ static spin_status find_attribute(const struct spin_gs_glb_points *p, int attrib
                            width, allowed[kind], out);
     if (status == SPIN_OK && out->n != p->n)
         status = spin_malformed("%zu rows, 'POSITION' has %zu", out->n, p->n);
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "attribute '%s'", name);
+    return spin_fail_context(status, "attribute '%s'", name);
 }
 
 static spin_status read_rows(const struct spin_gs_glb_points *p, unsigned columns,

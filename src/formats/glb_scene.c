@@ -1,9 +1,6 @@
 #include "formats/glb_scene.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "math/covariance.h"
 #include "math/quat.h"
 #include "math/scene_rotation.h"
@@ -165,12 +162,9 @@ static spin_status read_nodes(const spin_json *json, struct nodes *out)
         out->node[i].parent = out->node[i].key = -1;
     for (size_t i = 0; i < out->n; i++) {
         const spin_json *object = spin_json_at(list, i);
-        spin_status status = read_node(object, &out->node[i]);
 
-        if (status == SPIN_OK)
-            status = join_children(out, i, spin_json_get(object, "children"));
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "node %zu", i);
+        SPIN_TRY_IN(read_node(object, &out->node[i]), "node %zu", i);
+        SPIN_TRY_IN(join_children(out, i, spin_json_get(object, "children")), "node %zu", i);
     }
     return mark_scene(json, out);
 }
@@ -280,12 +274,8 @@ static spin_status add_mesh(struct build *b, size_t node)
 
 static spin_status find_pieces(struct build *b)
 {
-    for (size_t i = 0; i < b->nodes.n; i++) {
-        spin_status status = add_mesh(b, i);
-
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "node %zu", i);
-    }
+    for (size_t i = 0; i < b->nodes.n; i++)
+        SPIN_TRY_IN(add_mesh(b, i), "node %zu", i);
     if (b->scene->n_pieces == 0 && spin_json_get(b->scene->file.json, "meshes"))
         return spin_malformed("its scene shows no splats (" SPIN_GLB_SPLATS ")");
     return SPIN_OK;
@@ -353,12 +343,9 @@ static spin_status find_keys(struct build *b)
 
     b->scene->moves = spin_json_length(list) > 1;
     SPIN_TRY(spin_alloc(spin_json_length(channels) + 1, sizeof *b->key, (void **)&b->key));
-    for (size_t i = 0; i < spin_json_length(channels); i++) {
-        spin_status status = add_channel(b, animation, spin_json_at(channels, i));
-
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "channel %zu of the animation", i);
-    }
+    for (size_t i = 0; i < spin_json_length(channels); i++)
+        SPIN_TRY_IN(add_channel(b, animation, spin_json_at(channels, i)),
+                    "channel %zu of the animation", i);
     return SPIN_OK;
 }
 
@@ -613,10 +600,8 @@ spin_status spin_gs_glb_scene_read(struct spin_gs_glb_scene *s, size_t frame, un
     SPIN_TRY(spin_splats_reserve(out, f->n, columns, s->sh_degree));
     for (size_t k = 0; k < f->n_shown; k++) {
         const struct spin_gs_glb_piece *piece = &s->piece[s->shown[f->first + k]];
-        spin_status status = spin_gs_glb_read(&piece->points, columns, &s->raw);
 
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "node %zu", piece->node);
+        SPIN_TRY_IN(spin_gs_glb_read(&piece->points, columns, &s->raw), "node %zu", piece->node);
         for (size_t i = 0; i < s->raw.n && (columns & SPIN_COL_QUATS); i++)
             spin_quat_normalise(s->raw.quats + 4 * i);
         spin_splats_place(&s->raw, columns, &piece->placement, first, out);

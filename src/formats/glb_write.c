@@ -1,12 +1,8 @@
 /* The binary container of glTF 2.0 (its section 4): a header, the JSON padded with spaces, the bytes. */
 #include "formats/glb_write.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "base/shim.h"
-#include "math/portable.h"
 
 enum { HEADER = 12, CHUNK_HEADER = 8, TOO_FAR = -1 /* no errno */ };
 _Static_assert(SPIN_GLB_MAX_ATTRIBUTES == SPIN_GLB_SH + SPIN_SH_MAX + 1, "all have their place");

@@ -158,15 +158,12 @@ spin_status spin_gs_ply_degree(const struct spin_ply *ply, const struct spin_ply
 
 spin_status spin_gs_ply_find(const struct spin_ply *ply, struct spin_gs_ply *out)
 {
-    const struct spin_ply_element *e = spin_ply_find_element(ply, "vertex");
+    const struct spin_ply_element *e;
     struct column column[MAX_COLUMNS];
     size_t n = list_columns(0, 0, column);
 
+    SPIN_TRY(spin_ply_vertices(ply, &e));
     *out = (struct spin_gs_ply){.ply = ply, .vertex = e};
-    if (!e)
-        return spin_malformed("'%s': no element 'vertex'", ply->path);
-    if (e->count > UINT32_MAX)
-        return spin_unsupported("'%s': more than 2^32 vertices", ply->path);
     if (spin_ply_has(e, "scale_0") && spin_ply_has(e, "scale_1") && !spin_ply_has(e, "scale_2"))
         return spin_unsupported(
             "'%s': no property 'scale_2': it looks like 2DGS, whose splats are flat", ply->path);
@@ -208,11 +205,10 @@ spin_status spin_ply_places(const struct spin_ply *ply, const struct spin_ply_el
     float *const part_row[5] = {out};
     static const size_t step[5] = {3};
     struct column column[MAX_COLUMNS];
-    spin_status status;
 
     read_columns(ply, e, column, list_columns(0, 0, column), part_row, step);
-    status = spin_check_finite("x, y, z", out, (size_t)e->count, 3);
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "'%s'", ply->path);
+    return spin_fail_context(spin_check_finite("x, y, z", out, (size_t)e->count, 3), "'%s'",
+                             ply->path);
 }
 
 void spin_ply_colours(const struct spin_ply *ply, const struct spin_ply_element *e, float *out,
@@ -256,9 +252,8 @@ spin_status spin_ply_check(const struct spin_ply *ply, unsigned columns, size_t 
 {
     static const char *const what[5] = {"x, y, z", "rot_*", "scale_*", "opacity",
                                         "f_dc_*, f_rest_*"};
-    spin_status status = spin_check_columns(what, columns, first, n, s);
 
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "'%s'", ply->path);
+    return spin_fail_context(spin_check_columns(what, columns, first, n, s), "'%s'", ply->path);
 }
 
 spin_status spin_gs_ply_read(const struct spin_gs_ply *file, unsigned columns, size_t first,

@@ -1,9 +1,6 @@
 #include "formats/sog.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/json.h"
 #include "io/webp.h"
 #include "io/zip.h"
@@ -227,8 +224,8 @@ static spin_status read_book(const spin_json *meta, const char *key, float book[
             value[0] = value[1] + (value[1] - value[SPIN_CODEBOOK - 1]) / (SPIN_CODEBOOK - 1);
         else if (spin_json_length(list) != SPIN_CODEBOOK || !spin_json_number(json, &value[k]) ||
                  fabs(value[k]) > 1e9)
-            return spin_malformed("SOG whose 'codebook' of '%s' is not %d numbers",
-                             key, SPIN_CODEBOOK);
+            return spin_malformed("SOG whose 'codebook' of '%s' is not %d numbers", key,
+                                  SPIN_CODEBOOK);
         book[k] = (float)value[k];
     }
     return SPIN_OK;
@@ -239,8 +236,8 @@ static spin_status check_count(const spin_json *json, const char *key, int64_t l
                                int64_t *out)
 {
     if (!spin_json_integer(json, out) || *out < least || *out > most)
-        return spin_malformed("SOG whose '%s' is not from %lld to %lld", key,
-                         (long long)least, (long long)most);
+        return spin_malformed("SOG whose '%s' is not from %lld to %lld", key, (long long)least,
+                              (long long)most);
     return SPIN_OK;
 }
 
@@ -318,8 +315,8 @@ static spin_status parse_1(struct reading *r, int64_t *count)
 
     if (!encoding || strcmp(encoding, "quaternion_packed") != 0)
         return spin_unsupported("SOG of version 1 with rotations '%.60s', expected "
-                         "'quaternion_packed'",
-                         encoding ? encoding : "");
+                                "'quaternion_packed'",
+                                encoding ? encoding : "");
     SPIN_TRY(check_count(spin_json_at(spin_json_get(spin_json_get(meta, "means"), "shape"), 0),
                          "shape", 0, MAX_COUNT, count));
     SPIN_TRY(read_ranges(meta, "scales", 3, scale));
@@ -333,8 +330,8 @@ static spin_status parse_meta(struct reading *r)
     int64_t number = 1, count = 0;
 
     if (version && (!spin_json_integer(version, &number) || number < 1 || number > VERSION))
-        return spin_unsupported("SOG of version %lld, expected 1 or %d%s",
-                         (long long)number, VERSION, number == 4 ? " (4 is TSOG: use --from tsog)" : "");
+        return spin_unsupported("SOG of version %lld, expected 1 or %d%s", (long long)number,
+                                VERSION, number == 4 ? " (4 is TSOG: use --from tsog)" : "");
     r->sog.version = (int)number;
     SPIN_TRY(number == 1 ? parse_1(r, &count) : parse_2(r, &count));
     r->sog.n = (size_t)count;
@@ -410,8 +407,8 @@ static spin_status open_picture(struct reading *r, enum spin_sog_picture p)
     pixels = (int64_t)width * height;
     if (pixels < least || pixels > 2 * least + SLACK ||
         (p == SPIN_SOG_CENTROIDS && width != least_width))
-        return spin_malformed("SOG with a picture '%s' of %dx%d pixels",
-                         pictures[p].name, width, height);
+        return spin_malformed("SOG with a picture '%s' of %dx%d pixels", pictures[p].name, width,
+                              height);
     r->file[p].width = width;
     r->file[p].height = height;
     return SPIN_OK;
@@ -428,7 +425,7 @@ static spin_status open_reading(const void *file, size_t size, struct reading *r
     }
     if (r->sog.n > n_bytes + MOST_SPLATS)
         return spin_malformed("SOG with %zu splats in %llu bytes", r->sog.n,
-                         (unsigned long long)n_bytes);
+                              (unsigned long long)n_bytes);
     return SPIN_OK;
 }
 
@@ -471,8 +468,7 @@ static spin_status read_quats(const struct reading *r, uint8_t **a, float *quats
     SPIN_TRY(read_picture(r, SPIN_SOG_QUATS, a));
     for (size_t i = 0; i < r->sog.n; i++)
         if (!spin_sog_rotation(*a + 4 * i, quats + 4 * i))
-            return spin_malformed("SOG whose rotation %zu has the mark %d", i,
-                             (*a)[4 * i + 3]);
+            return spin_malformed("SOG whose rotation %zu has the mark %d", i, (*a)[4 * i + 3]);
     return SPIN_OK;
 }
 
@@ -504,7 +500,7 @@ static spin_status read_sh_n(const struct reading *r, uint8_t **a, uint8_t **b,
 
         if (label >= r->sog.n_palette)
             return spin_malformed("SOG with vector %zu of a palette of %zu", label,
-                             r->sog.n_palette);
+                                  r->sog.n_palette);
         for (size_t k = 0; k < n_vec; k++)
             for (size_t c = 0; c < 3; c++)
                 out->sh[(3 + 3 * n_vec) * i + 3 + 3 * k + c] = r->sog.sh_n[pixel[4 * k + c]];

@@ -1,10 +1,8 @@
 #include "formats/sog_4d.h"
 
 #include <float.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/webp.h"
 
 #define MAX_META (4u << 20)
@@ -246,9 +244,7 @@ static spin_status open_picture(const struct spin_sog_4d *r, enum spin_sog_4d_pi
                     : spin_malformed("it is not there");
     if (status == SPIN_OK)
         status = decode(r, data, (size_t)member->size, set, out);
-    if (status != SPIN_OK)
-        status = spin_fail_context(status, "picture '%s' of %s", name, r->what);
-    return status;
+    return spin_fail_context(status, "picture '%s' of %s", name, r->what);
 }
 
 /* The first channels of picture p and, where there is one, that of its high bytes, as numbers of a range: channel c goes

@@ -1,10 +1,6 @@
 #include "formats/sogst.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "formats/gs_ply.h"
 
 enum { VERSION = 1, MOST_SEGMENTS = 65536 };

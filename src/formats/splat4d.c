@@ -1,10 +1,6 @@
 #include "formats/splat4d.h"
 
-#include <limits.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "formats/gaussian.h"
 #include "formats/planes.h"
 #include "io/json.h"
@@ -156,7 +152,6 @@ static spin_status unpack(const struct stream *s, const unsigned char *packed, s
 {
     const char *name = attributes[s->attribute].name;
     uint64_t bytes = (uint64_t)s->n * (unsigned)s->symbol;
-    spin_status status;
 
     if (s->bytes > room)
         return spin_malformed("a stream of '%s' ends behind its section", name);
@@ -169,8 +164,8 @@ static spin_status unpack(const struct stream *s, const unsigned char *packed, s
         return spin_malformed("a stream of '%s' has %llu bytes in %zu", name,
                               (unsigned long long)bytes, s->bytes);
     SPIN_TRY(spin_alloc((size_t)bytes + 1, 1, (void **)out));
-    status = spin_zstd_read(packed, s->bytes, *out, (size_t)bytes);
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "a stream of '%s'", name);
+    return spin_fail_context(spin_zstd_read(packed, s->bytes, *out, (size_t)bytes),
+                             "a stream of '%s'", name);
 }
 
 /* ---- Values ---------------------------------------------------------------------------------- */

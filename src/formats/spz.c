@@ -1,9 +1,6 @@
 #include "formats/spz.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/gzip.h"
 #include "io/zstd.h"
 #include "math/portable.h"
@@ -431,13 +428,11 @@ static spin_status inflate_streams(const unsigned char *file, const struct spin_
     to = *out;
     for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++) {
         size_t n_bytes = (size_t)stream_bytes(h, stream);
-        spin_status status;
 
         if (n_bytes == 0)
             continue;
-        status = spin_zstd_read(at, (size_t)u64_at(entry), to, n_bytes);
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "SPZ stream %d", stream);
+        SPIN_TRY_IN(spin_zstd_read(at, (size_t)u64_at(entry), to, n_bytes), "SPZ stream %d",
+                    stream);
         to += n_bytes;
         at += u64_at(entry);
         entry += SPIN_SPZ_TOC_ENTRY;

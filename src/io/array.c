@@ -1,8 +1,7 @@
 /* Elements of typed, strided views, converted. */
 #include "io/array.h"
 
-#include <math.h>
-#include <string.h>
+#include "base/base.h"
 
 void spin_array_set_strides(struct spin_array *a, bool fortran)
 {

@@ -2,19 +2,15 @@
 #include "io/file.h"
 
 #include <dirent.h>
-#include <errno.h>
 #include <fcntl.h>
-#include <limits.h>
 #include <signal.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/mman.h>
 #include <sys/statvfs.h>
 #include <time.h>
 #include <unistd.h>
 #include <zlib.h>
 
-#include "base/mem.h"
+#include "base/base.h"
 
 enum { OUT_BUFFER = 1 << 20 };
 

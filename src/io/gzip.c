@@ -5,12 +5,9 @@
  * 0.1 % longer than if deflated in one go. */
 #include "io/gzip.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 #include <zlib.h>
 
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/file.h"
 
 #define BLOCK ((size_t)256 << 10)

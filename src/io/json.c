@@ -2,12 +2,7 @@
  * what a terminal takes for commands; ours does not. */
 #include "io/json.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
-#include "base/text.h"
+#include "base/base.h"
 #include "io/file.h"
 
 spin_status spin_json_parse(const char *what, const char *text, size_t n, spin_json **out)

@@ -5,11 +5,7 @@
  * that a pickle inside an object array is never looked at. */
 #include "io/npy.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/zip_format.h"
 
 /* No header of a numeric array is longer; numpy too stops at 10000. */

@@ -1,15 +1,11 @@
 /* One rule for everything that fills a folder: what was there is not touched unasked. */
 #include "io/output.h"
 
-#include <errno.h>
 #include <fcntl.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/file.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
-#include "base/mem.h"
+#include "base/base.h"
 
 spin_status spin_output_check_file(const char *path, bool force)
 {
@@ -87,12 +83,10 @@ static enum lock try_lock(const char *path, int *fd)
 spin_status spin_output_lock_take(const char *output, struct spin_output_lock *out)
 {
     size_t n = strlen(output) + sizeof ".lock";
-    void *block = NULL;
     enum lock got;
 
     *out = (struct spin_output_lock){.fd = -1};
-    SPIN_TRY(spin_alloc(n, 1, &block));
-    out->path = block;
+    SPIN_TRY(spin_alloc(n, 1, (void **)&out->path));
     snprintf(out->path, n, "%s.lock", output);
     do
         got = try_lock(out->path, &out->fd);
@@ -102,14 +96,14 @@ spin_status spin_output_lock_take(const char *output, struct spin_output_lock *o
                   output);
     if (got == HELD || got == NO_LOCKS)
         return SPIN_OK;
-    out->path = NULL;
     if (got == TAKEN)
         (void)spin_fail(SPIN_E_IO, "'%s' is being written by another run, which holds '%s.lock'",
                         output, output);
     else
         (void)spin_fail(SPIN_E_IO, "cannot write '%s': %s", output,
                         errno == ENOENT ? "no such file or folder" : strerror(errno));
-    free(block);
+    free(out->path);
+    out->path = NULL;
     return SPIN_E_IO;
 }
 

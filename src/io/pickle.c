@@ -8,9 +8,7 @@
  * pickle (torch.storage._load_from_bytes), once. */
 #include "io/pickle.h"
 
-#include <limits.h>
-#include <stdlib.h>
-#include <string.h>
+#include "base/base.h"
 
 /* Values may take this much beyond the bytes of the input. Real checkpoints need kilobytes. */
 #define BUDGET ((size_t)32 << 20)
@@ -1138,25 +1136,6 @@ static spin_status op_tuple(struct machine *m, size_t n)
     return make_tuple(m, m->n_stack - n);
 }
 
-static spin_status op_from_mark(struct machine *m, enum opcode op)
-{
-    size_t at = 0;
-
-    SPIN_TRY(pop_mark(m, &at));
-    switch (op) {
-    case TUPLE:
-    case FROZENSET:
-        return make_tuple(m, at);
-    case SETITEMS:
-        return set_items(m, at);
-    case POP_MARK:
-        m->n_stack = at;
-        return SPIN_OK;
-    default:
-        return append_items(m, at);
-    }
-}
-
 static spin_status op_pop(struct machine *m)
 {
     size_t at = 0;
@@ -1197,6 +1176,7 @@ static spin_status op_frame(struct machine *m)
 
 static spin_status step(struct machine *m, unsigned char op)
 {
+    size_t at = 0;
     char why[80];
 
     switch ((enum opcode)op) {
@@ -1259,11 +1239,17 @@ static spin_status step(struct machine *m, unsigned char op)
         return push_empty(m, SPIN_VALUE_DICT);
     case TUPLE:
     case FROZENSET:
+        SPIN_TRY(pop_mark(m, &at));
+        return make_tuple(m, at);
     case SETITEMS:
+        SPIN_TRY(pop_mark(m, &at));
+        return set_items(m, at);
     case APPENDS:
     case ADDITEMS:
+        SPIN_TRY(pop_mark(m, &at));
+        return append_items(m, at);
     case POP_MARK:
-        return op_from_mark(m, (enum opcode)op);
+        return pop_mark(m, &m->n_stack);
     case APPEND:
         SPIN_TRY(need(m, 2));
         return append_items(m, m->n_stack - 1);

@@ -6,10 +6,8 @@
 #include "io/ply.h"
 
 #include <assert.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/mem.h"
+#include "base/base.h"
 
 #define MAX_HEADER (128u * 1024)
 /* Records per pass of spin_ply_columns(): 16 KB at 62 floats each, which the nearest cache holds. */
@@ -521,6 +519,16 @@ const struct spin_ply_element *spin_ply_find_element(const struct spin_ply *ply,
             return &ply->element[i];
     }
     return NULL;
+}
+
+spin_status spin_ply_vertices(const struct spin_ply *ply, const struct spin_ply_element **out)
+{
+    *out = spin_ply_find_element(ply, "vertex");
+    if (!*out)
+        return spin_malformed("'%s': no element 'vertex'", ply->path);
+    return (*out)->count <= UINT32_MAX
+               ? SPIN_OK
+               : spin_unsupported("'%s': more than 2^32 vertices", ply->path);
 }
 
 int spin_ply_find(const struct spin_ply_element *e, const char *name)

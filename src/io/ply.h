@@ -53,6 +53,8 @@ spin_status spin_ply_parse(const char *what, const unsigned char *bytes, size_t 
 void spin_ply_close(struct spin_ply *ply);
 /* NULL when there is none. */
 const struct spin_ply_element *spin_ply_find_element(const struct spin_ply *ply, const char *name);
+/* The element 'vertex', of less than 2^32 rows. */
+spin_status spin_ply_vertices(const struct spin_ply *ply, const struct spin_ply_element **out);
 /* Index of the property, or -1. Exact names; lists are never found. */
 int spin_ply_find(const struct spin_ply_element *e, const char *name);
 /* One column, converted to float, written to out[0], out[step], ... `step` in floats. Lists are not

@@ -1,13 +1,10 @@
 /* Loads the shim when there are others, and builds on its one exchange what the work needs. */
 #include "io/ranks.h"
 
-#include <stdlib.h>
-#include <string.h>
 #include <time.h>
 #include <unistd.h>
 
-#include "base/log.h"
-#include "base/mem.h"
+#include "base/base.h"
 #include "base/shim.h"
 
 enum { TEXT = 1000 };
@@ -74,11 +71,9 @@ static bool take_line(const char *line)
 static spin_status say_lines(void)
 {
     SPIN_FREED uint64_t *bytes = NULL;
-    void *block = NULL;
     SPIN_FREED char *text = NULL;
 
-    SPIN_TRY(spin_alloc((size_t)n_ranks, sizeof *bytes, &block));
-    bytes = block;
+    SPIN_TRY(spin_alloc((size_t)n_ranks, sizeof *bytes, (void **)&bytes));
     bytes[own_rank] = n_lines_bytes;
     SPIN_TRY(spin_ranks_gather(bytes, sizeof *bytes));
     for (int r = 1; r < n_ranks; r++) {
@@ -216,14 +211,12 @@ spin_status spin_ranks_sum(void *at, size_t n, int kind)
 
 spin_status spin_ranks_gather(void *rows, size_t bytes)
 {
-    SPIN_FREED void *block = NULL;
-    struct spin_message *m;
+    SPIN_FREED struct spin_message *m = NULL;
     size_t n = 0;
 
     if (n_ranks == 1)
         return SPIN_OK;
-    SPIN_TRY(spin_alloc(2 * (size_t)n_ranks, sizeof *m, &block));
-    m = block;
+    SPIN_TRY(spin_alloc(2 * (size_t)n_ranks, sizeof *m, (void **)&m));
     for (int r = 0; r < n_ranks; r++) {
         if (r == own_rank)
             continue;
@@ -235,14 +228,12 @@ spin_status spin_ranks_gather(void *rows, size_t bytes)
 
 spin_status spin_ranks_merge(void *rows, size_t n, size_t bytes, const int *owner)
 {
-    SPIN_FREED void *block = NULL;
-    struct spin_message *m;
+    SPIN_FREED struct spin_message *m = NULL;
     size_t k = 0;
 
     if (n_ranks == 1 || n == 0)
         return SPIN_OK;
-    SPIN_TRY(spin_alloc(n * (size_t)n_ranks, sizeof *m, &block));
-    m = block;
+    SPIN_TRY(spin_alloc(n * (size_t)n_ranks, sizeof *m, (void **)&m));
     for (size_t i = 0; i < n; i++) {
         char *at = (char *)rows + i * bytes;
 
@@ -262,14 +253,12 @@ spin_status spin_ranks_share(void *at, size_t bytes, int from)
 
 spin_status spin_ranks_agree(spin_status status)
 {
-    void *block = NULL;
-    struct notice *all;
+    SPIN_FREED struct notice *all = NULL;
     spin_status end;
 
     if (n_ranks == 1 || heard)
         return status;
-    SPIN_TRY(spin_alloc((size_t)n_ranks, sizeof *all, &block));
-    all = block;
+    SPIN_TRY(spin_alloc((size_t)n_ranks, sizeof *all, (void **)&all));
     all[own_rank].status = (int)status;
     if (status != SPIN_OK)
         snprintf(all[own_rank].text, TEXT, "%s", spin_last_error());
@@ -280,7 +269,6 @@ spin_status spin_ranks_agree(spin_status status)
             end = spin_fail((spin_status)all[r].status, "%s", all[r].text);
             agreed = true;
         }
-    free(block);
     return end;
 }
 

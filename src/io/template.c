@@ -1,11 +1,7 @@
 /* Templates, after Mustache. */
 #include "io/template.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/text.h"
+#include "base/base.h"
 
 /* Where names are looked for: the element of a loop, then what is around it. */
 struct scope {

@@ -5,11 +5,9 @@
  * optimiser, two thirds of a checkpoint, are never touched. Stored members are used from the map. */
 #include "io/torch.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 #include <strings.h>
 
+#include "base/base.h"
 #include "io/xz.h"
 #include "io/zip.h"
 

@@ -3,12 +3,9 @@
 
 #include <ctype.h>
 #include <pthread.h>
-#include <stdlib.h>
-#include <string.h>
 #include <strings.h>
-#include <sys/stat.h>
 
-#include "base/mem.h"
+#include "base/base.h"
 #include "base/shim.h"
 #include "io/video_shim.h"
 

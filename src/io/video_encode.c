@@ -1,11 +1,8 @@
 /* Loads the shim, turns planes into pixels, and gives failures our words. */
-#include "io/video.h"
-
-#include <stdlib.h>
-#include <string.h>
 #include <strings.h>
 
-#include "base/mem.h"
+#include "base/base.h"
+#include "io/video.h"
 #include "io/video_shim.h"
 
 struct spin_video_out {

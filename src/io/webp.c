@@ -1,11 +1,9 @@
 #include "io/webp.h"
 
-#include <stdlib.h>
-#include <string.h>
 #include <webp/decode.h>
 #include <webp/encode.h>
 
-#include "base/mem.h"
+#include "base/base.h"
 #include "base/shim.h"
 
 static __typeof__(WebPConfigInitInternal) *config_init;

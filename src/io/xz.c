@@ -3,10 +3,8 @@
 #include "io/xz.h"
 
 #include <lzma.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/file.h"
 
 /* Networks, codebooks and indices pack to a half or so. What packs to less than a 32nd, beyond some

@@ -7,12 +7,9 @@
  * used: they may be zero (data descriptor) or saturated (numpy asks for zip64 headers always). */
 #include "io/zip.h"
 
-#include <limits.h>
-#include <stdlib.h>
-#include <string.h>
 #include <zlib.h>
 
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/zip_format.h"
 
 enum { ENCRYPTED = 1 << 0 }; /* flag of a member */

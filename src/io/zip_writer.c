@@ -1,11 +1,6 @@
 /* Zip archives. Headers of stored members are padded so that the data lie aligned. */
+#include "base/base.h"
 #include "io/zip.h"
-
-#include <errno.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
 #include "io/gzip.h"
 #include "io/zip_format.h"
 

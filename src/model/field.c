@@ -1,9 +1,7 @@
 /* Layout and initial values of the implicit network (docs/method.md section 3), and its JSON. */
 #include "model/field.h"
 
-#include <math.h>
-#include <string.h>
-
+#include "base/base.h"
 #include "math/grid.h"
 #include "math/rng.h"
 

@@ -1,8 +1,7 @@
 /* The network's forward and backward pass over the splats of frames (docs/method.md section 3). */
 #include "model/field_eval.h"
 
-#include <math.h>
-#include <string.h>
+#include "base/base.h"
 
 /* The arrays, once: floats (or rows) per splat. Walked to reserve and to release. Without a
  * network there is no encoder input and no encoding. */

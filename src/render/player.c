@@ -1,11 +1,7 @@
 /* Frames to pictures. */
 #include "render/player.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "math/drawable.h"
 #include "model/residual.h"
 

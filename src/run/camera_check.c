@@ -4,11 +4,8 @@
 #include "run/camera_check.h"
 
 #include <float.h>
-#include <math.h>
-#include <stdlib.h>
 
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 #include "math/sh.h"
 
 #define DARKEN 0.45f

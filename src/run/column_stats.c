@@ -2,12 +2,8 @@
 #include "run/column_stats.h"
 
 #include <float.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 #include "scene/columns.h"
 
 /* Values kept of one series, for its median. */
@@ -42,7 +38,6 @@ struct spin_series {
 
 spin_status spin_column_stats_open(struct spin_column_stats *d, int n_frames)
 {
-
     d->n_frames = n_frames > 0 ? n_frames : 1;
     SPIN_TRY(spin_alloc(N_KINDS, sizeof *d->series, (void **)&d->series));
     for (int k = 0; k < N_KINDS; k++) {

@@ -1,9 +1,5 @@
 /* spin_compare(): several bundles measured on the same views. */
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
-#include "base/text.h"
+#include "base/base.h"
 #include "io/output.h"
 #include "io/ranks.h"
 #include "eval/report/report.h"

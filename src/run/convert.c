@@ -3,13 +3,8 @@
  * The work is beside the output, under its name: clip.import.spin until all is done, clip.spin.part while the training
  * is unfinished, and clip.spin, which stays. So the same call goes on after an interruption. What holds 4D splats is
  * trained twice: frames, as clip.tracks.spin, which stays too, and then the 4D splats that are cut from them. */
-#include <stdlib.h>
-#include <string.h>
-
+#include "base/base.h"
 #include "spin_run.h"
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/text.h"
 #include "io/output.h"
 #include "io/ranks.h"
 #include "render/player.h"
@@ -56,15 +51,13 @@ static spin_status name_output(struct convert *c)
     const struct spin_convert_options *o = c->o;
     SPIN_FREED char *absolute = NULL;
     const char *name;
-    spin_status status;
 
     if (o->output)
         return spin_strdup(o->output, &c->output);
     SPIN_TRY(spin_path_absolute(o->input, &absolute));
     name = spin_path_name(absolute);
-    status =
-        put_together(name, stem_length(name, !spin_path_is_folder(absolute)), ".html", &c->output);
-    return status;
+    return put_together(name, stem_length(name, !spin_path_is_folder(absolute)), ".html",
+                        &c->output);
 }
 
 /* Whether an exporter is for 4D splats. TSOG can hold frames too, each splat once for every frame. */

@@ -1,9 +1,6 @@
 #include "run/data_hint.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/file.h"
 #include "io/json.h"
 #include "scene/probe.h"

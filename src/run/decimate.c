@@ -1,20 +1,10 @@
 #include "run/decimate.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
-#include "base/err.h"
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/number.h"
-#include "base/option.h"
-#include "base/text.h"
+#include "base/base.h"
 #include "math/activate.h"
 #include "math/drawable.h"
-#include "scene/splats_4d.h"
 
 #define COLUMNS (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
 enum {
@@ -628,7 +618,7 @@ static spin_status orbit(const struct spin_splats *s, int k, struct spin_camera 
 {
     double angle = 6.283185307179586 * k / AROUND, c = cos(angle), sn = sin(angle);
     double middle[3] = {0}, reach = 0, eye[3];
-    float *at = NULL;
+    SPIN_FREED float *at = NULL;
 
     SPIN_TRY(spin_alloc(s->n + 1, sizeof *at, (void **)&at));
     for (size_t axis = 0; axis < 3 && s->n > 0; axis++) {
@@ -638,7 +628,6 @@ static spin_status orbit(const struct spin_splats *s, int k, struct spin_camera 
         middle[axis] = (double)at[s->n / 2];
         reach = fmax(reach, ((double)at[s->n - 1 - s->n / 20] - (double)at[s->n / 20]) / 2);
     }
-    free(at);
     reach = reach > 0 ? reach : 1;
     eye[0] = middle[0] - 2.5 * reach * sn;
     eye[1] = middle[1];

@@ -1,9 +1,6 @@
 /* spin_bundle_describe(): what meta.json and the names of the members say. */
-#include <stdlib.h>
-#include <string.h>
-
+#include "base/base.h"
 #include "spin_run.h"
-#include "base/mem.h"
 #include "scene/bundle.h"
 #include "scene/clip.h"
 #include "scene/trained_options.h"

@@ -1,7 +1,5 @@
 /* Which exporter writes a file, by the ending of its name. */
-#include <string.h>
-
-#include "base/text.h"
+#include "base/base.h"
 #include "spin_run.h"
 
 static const char *const endings[][2] = {{".compressed.ply", "compressed-ply"},

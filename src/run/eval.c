@@ -1,10 +1,6 @@
 /* spin_eval(): a bundle's pictures held to its data set. */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
+#include "base/base.h"
 #include "spin_run.h"
-#include "base/mem.h"
 #include "eval/metrics.h"
 #include "eval/report/report.h"
 #include "io/output.h"
@@ -258,9 +254,7 @@ spin_status spin_evaluate_for(const struct spin_eval_options *o, struct spin_com
     free(e.pairs);
     if (status != SPIN_OK)
         spin_eval_report_free(report);
-    if (status != SPIN_OK && status != SPIN_E_CANCELLED)
-        return spin_fail_context(status, "cannot evaluate '%s'", o->input);
-    return status;
+    return spin_fail_context(status, "cannot evaluate '%s'", o->input);
 }
 
 spin_status spin_evaluate(const struct spin_eval_options *o, struct spin_eval_report *report)

@@ -1,15 +1,9 @@
 /* The calls of spin.h that wire the rooms together: open, read, export, render. */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/err.h"
+#include "base/base.h"
 #include "spin_run.h"
 #include "run/decimate.h"
 #include "run/run.h"
 #include "run/scene_edit.h"
-#include "base/log.h"
-#include "base/mem.h"
 #include "io/file.h"
 #include "io/output.h"
 #include "io/ranks.h"
@@ -248,10 +242,9 @@ static spin_status write_frames(struct export *x)
         spin_progress_set(&progress, f + n, "%zu splats", x->splats.n);
     }
     spin_progress_end(&progress);
-    if (status != SPIN_OK)
-        return status;
-    spin_scene_edit_say(&x->edit);
-    return SPIN_OK;
+    if (status == SPIN_OK)
+        spin_scene_edit_say(&x->edit);
+    return status;
 }
 
 static spin_status source_frame(void *source_of, int frame, struct spin_splats *out)
@@ -585,9 +578,7 @@ spin_status spin_export_clip(const struct spin_export_options *o, struct spin_ex
     free(x.source_index);
     free(x.numbers);
     free(x.times);
-    if (status != SPIN_OK && status != SPIN_E_CANCELLED)
-        return spin_fail_context(status, "cannot export '%s'", o->input);
-    return status;
+    return spin_fail_context(status, "cannot export '%s'", o->input);
 }
 
 static spin_json *check_json(const struct spin_export_check *c)

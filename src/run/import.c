@@ -1,16 +1,8 @@
 /* spin_import(): another method's run to a bundle, or a description of it. */
 #include <float.h>
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/err.h"
+#include "base/base.h"
 #include "spin_run.h"
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/pool.h"
-#include "base/text.h"
 #include "run/camera_check.h"
 #include "scene/clip.h"
 #include "run/column_stats.h"
@@ -96,7 +88,7 @@ static spin_status find_exported_data(struct import *im, char **from)
 static spin_status open_data(struct import *im)
 {
     const struct spin_import_options *o = im->o;
-    char *from = NULL;
+    SPIN_FREED char *from = NULL;
     spin_status status = SPIN_OK;
 
     if (o->data)
@@ -106,7 +98,6 @@ static spin_status open_data(struct import *im)
     if (im->data)
         status = spin_views_open(im->data, o->data ? o->data_from : from, &im->views,
                                  im->meta.data_from, sizeof im->meta.data_from);
-    free(from);
     if (im->data && status == SPIN_OK)
         status = spin_views_check_cameras(&im->views);
     if (status != SPIN_OK && !o->data && status != SPIN_E_MEMORY) {
@@ -126,7 +117,8 @@ static void look_for_frames(struct import *im)
 {
     const struct spin_import_options *o = im->o;
     struct spin_sequence_info *t = &im->sequence;
-    char from[sizeof im->meta.data_from], *beside = NULL;
+    char from[sizeof im->meta.data_from];
+    SPIN_FREED char *beside = NULL;
 
     if (!t->continuous || o->data || o->n_frames > 0 || o->n_times > 0)
         return;
@@ -147,7 +139,6 @@ static void look_for_frames(struct import *im)
     if (beside && spin_views_open(beside, NULL, &im->views, from, sizeof from) == SPIN_OK)
         spin_note(t, "sampled at the times of the %d frames of the data set '%s'",
                   im->views.n_dataset_frames, beside);
-    free(beside);
     if (im->four_d && im->views.n == 0) {
         double span = t->time_last - t->time_first;
 
@@ -316,17 +307,14 @@ static spin_status check_view(struct import *im, int frame, size_t view)
     const struct spin_view *v = &im->views.view[view];
     int number = im->meta.frame[frame].number;
     struct spin_camera_overlay_share share = {0};
-    char *path = NULL, file[128];
-    spin_status status;
+    char file[128];
+    SPIN_FREED char *path = NULL;
 
     spin_picture_name(&im->views, view, number, NULL, file);
     SPIN_TRY(spin_path_join(im->o->check_cameras, file, &path));
     if (!im->o->force && spin_path_is_taken(path))
-        status = spin_fail(SPIN_E_IO, "'%s' exists; use --force to overwrite", path);
-    else
-        status = spin_camera_overlay_draw(v, &im->splats, path, &share);
-    free(path);
-    SPIN_TRY(status);
+        return spin_fail(SPIN_E_IO, "'%s' exists; use --force to overwrite", path);
+    SPIN_TRY(spin_camera_overlay_draw(v, &im->splats, path, &share));
     spin_json_push(spin_json_get(im->report, "cameras"),
                    json_pack("{s:i, s:i, s:f, s:f, s:o}", "frame", number, "camera", v->camera_id,
                              "in_front", share.in_front, "inside", share.inside, "file",
@@ -638,7 +626,8 @@ static void count_splats(struct import *im, const int *read, int n_read)
 /* An import reads every frame; a description some, as a clip may be many gigabytes. */
 static spin_status read_frames(struct import *im)
 {
-    int n_all = im->meta.n_frames, n = n_all, *read = NULL;
+    int n_all = im->meta.n_frames, n = n_all;
+    SPIN_FREED int *read = NULL;
     struct spin_progress progress;
     spin_status status = SPIN_OK;
 
@@ -672,7 +661,6 @@ static spin_status read_frames(struct import *im)
         spin_column_stats_ranges(&im->describe, im->report);
 out:
     spin_progress_end(&progress);
-    free(read);
     return status;
 }
 
@@ -883,7 +871,5 @@ spin_status spin_import(const struct spin_import_options *o, char **report)
     if (status == SPIN_OK && report)
         return spin_json_finish(im.report, report);
     spin_json_free(im.report);
-    if (status != SPIN_OK && status != SPIN_E_CANCELLED)
-        return spin_fail_context(status, "cannot import '%s'", o->input);
-    return status;
+    return spin_fail_context(status, "cannot import '%s'", o->input);
 }

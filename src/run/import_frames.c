@@ -1,14 +1,6 @@
 #include "run/import_frames.h"
 
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
-#include "base/text.h"
-#include "io/file.h"
-#include "io/json.h"
+#include "base/base.h"
 
 /* ---- At which times a data set's frames are ---------------------------------------------------- */
 

@@ -2,14 +2,8 @@
  *
  * Everything that follows from an iteration depends on the options, the seed and the state alone, so
  * a resumed run ends in the same bits as one that was never stopped, on any number of threads. */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
+#include "base/base.h"
 #include "spin_run.h"
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/text.h"
 #include "io/output.h"
 #include "io/json.h"
 #include "io/ranks.h"
@@ -92,7 +86,8 @@ static spin_status check_disk(const struct run *r)
 {
     const struct spin_plan *p = &r->plan;
     size_t all = 0, most = 0, floats;
-    char *folder = NULL, need[32], left[32];
+    char need[32], left[32];
+    SPIN_FREED char *folder = NULL;
     uint64_t bytes, room;
 
     if (!trains_clip(r))
@@ -110,7 +105,6 @@ static spin_status check_disk(const struct run *r)
     bytes = 4 * floats * sizeof(float); /* the values and their two moments, and the values */
     SPIN_TRY(spin_path_folder(p->o->output, &folder));
     room = spin_path_free_bytes(folder);
-    free(folder);
     if (room < bytes)
         return spin_fail(
             SPIN_E_IO,
@@ -367,13 +361,12 @@ static spin_status begin_network(struct run *r)
     const struct spin_retrain_options *o = r->plan.o;
     struct spin_trainer *t = &r->trainer;
     struct spin_device *d = &r->device;
-    void *block = NULL;
-    float *table, *heads;
+    float *heads;
+    SPIN_FREED float *table = NULL;
 
     if (!t->network)
         return SPIN_OK;
-    SPIN_TRY(spin_alloc(t->field.n_table + t->heads.n, sizeof(float), &block));
-    table = block;
+    SPIN_TRY(spin_alloc(t->field.n_table + t->heads.n, sizeof(float), (void **)&table));
     heads = table + t->field.n_table;
     spin_field_init(&t->field, o->seed, o->hash_init_range, r->frames.init_log_scale, table, heads);
     if (o->sh_increase_every > 0)
@@ -382,7 +375,6 @@ static spin_status begin_network(struct run *r)
         spin_field_clear_heads(&t->field, heads);
     d->op->upload(d, t->table.p, table, t->table.n * sizeof(float));
     d->op->upload(d, t->heads.p, heads, t->heads.n * sizeof(float));
-    free(block);
     return SPIN_OK;
 }
 

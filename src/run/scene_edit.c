@@ -4,16 +4,8 @@
  * that are not finite stay: exporters leave them out and say so. */
 #include "run/scene_edit.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 #include "math/project.h"
-#include "scene/columns.h"
-#include "scene/splats_4d.h"
 #include "train/knn.h"
 
 /* A splat that reaches its neighbours is none that floats alone. */

@@ -1,15 +1,9 @@
 /* The page of --watch asks for now.js every few seconds, as a script: that works without a server. */
 #include "run/watch.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/log.h"
-#include "base/mem.h"
+#include "base/base.h"
 #include "eval/report/svg_chart.h"
 #include "eval/report/train_log.h"
-#include "io/file.h"
-#include "io/json.h"
 #include "run/run.h"
 
 enum { LOSS_POINTS = 300 };
@@ -139,7 +133,7 @@ spin_status spin_watch_update(const struct spin_watch *w, const struct spin_outp
 {
     const struct spin_plan *plan = output->plan;
     spin_json *now = spin_json_object();
-    char *text = NULL;
+    SPIN_FREED char *text = NULL;
     spin_status status;
 
     SPIN_TRY_OUT(write_clip(w, output));
@@ -155,7 +149,6 @@ spin_status spin_watch_update(const struct spin_watch *w, const struct spin_outp
     status = text ? write_text(w->now, "show(", text, ")\n")
                   : spin_fail(SPIN_E_MEMORY, "no memory for the page");
 out:
-    free(text);
     spin_json_free(now);
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "--watch");
+    return spin_fail_context(status, "--watch");
 }

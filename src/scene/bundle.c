@@ -5,13 +5,7 @@
  * many gigabytes opens at once. The values stay in the map until a frame is asked for. */
 #include "scene/bundle.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/err.h"
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 
 #define META "meta.json"
 #define META_LIMIT (64u << 20) /* bytes */
@@ -149,12 +143,10 @@ static spin_status check_refined(struct spin_bundle *b)
 static spin_status read_trained_counts(struct spin_bundle *b, const spin_json *trained)
 {
     const spin_json *list = spin_json_get(trained, "splats");
-    void *block = NULL;
 
     if (!list)
         return SPIN_OK;
-    SPIN_TRY(spin_alloc((size_t)b->meta.n_frames, sizeof *b->trained_n, &block));
-    b->trained_n = block;
+    SPIN_TRY(spin_alloc((size_t)b->meta.n_frames, sizeof *b->trained_n, (void **)&b->trained_n));
     for (int f = 0; f < b->meta.n_frames; f++) {
         int64_t n;
 
@@ -246,22 +238,17 @@ static spin_status open_clip_of_state(struct spin_bundle *b)
 {
     size_t n = strlen(b->path) + sizeof SPIN_CLIP_OF_STATE;
     SPIN_FREED char *clip = NULL;
-    void *block;
-    spin_status status;
 
-    SPIN_TRY(spin_alloc(n, 1, &block));
-    clip = block;
+    SPIN_TRY(spin_alloc(n, 1, (void **)&clip));
     snprintf(clip, n, "%s" SPIN_CLIP_OF_STATE, b->path);
-    if (spin_path_exists(clip)) {
-        spin_npz_close(&b->npz);
-        spin_log(0, "'%s' is the state of an unfinished training: the clip as it was is in '%s'",
-                 b->path, clip);
-        status = spin_npz_open(clip, &b->npz);
-    } else
-        status = spin_unsupported(
+    if (!spin_path_exists(clip))
+        return spin_unsupported(
             "it is the state of an unfinished training: spin-retrain --resume goes on "
             "with it, and --watch DIR keeps such a state as a clip, DIR/state.spin");
-    return status;
+    spin_npz_close(&b->npz);
+    spin_log(0, "'%s' is the state of an unfinished training: the clip as it was is in '%s'",
+             b->path, clip);
+    return spin_npz_open(clip, &b->npz);
 }
 
 spin_status spin_bundle_open(const char *path, struct spin_bundle *out)

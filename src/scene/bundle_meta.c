@@ -1,13 +1,7 @@
 /* meta.json of a bundle, read and written. */
 #include "scene/bundle_meta.h"
 
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 #include "scene/columns.h"
 #include "scene/splats_4d.h"
 
@@ -120,17 +114,16 @@ static spin_status read_frame_entry(struct spin_bundle_meta *meta, int i, const 
 
 spin_status spin_frame_numbers_check(const struct spin_frame_info *frame, int n)
 {
-    spin_status status = SPIN_OK;
     SPIN_FREED int *number = NULL;
 
     SPIN_TRY(spin_alloc((size_t)n, sizeof *number, (void **)&number));
     for (int i = 0; i < n; i++)
         number[i] = frame[i].number;
     qsort(number, (size_t)n, sizeof *number, spin_by_int);
-    for (int i = 1; i < n && status == SPIN_OK; i++)
+    for (int i = 1; i < n; i++)
         if (number[i] == number[i - 1])
-            status = spin_malformed("two frames have the number %d", number[i]);
-    return status;
+            return spin_malformed("two frames have the number %d", number[i]);
+    return SPIN_OK;
 }
 
 static spin_status read_frames(struct spin_bundle_meta *meta, const spin_json *root)
@@ -144,12 +137,8 @@ static spin_status read_frames(struct spin_bundle_meta *meta, const spin_json *r
     SPIN_TRY(spin_meta_integer(root, "source_frames", 1, INT_MAX, &n_source));
     meta->n_source_frames = (int)n_source;
     SPIN_TRY(spin_bundle_meta_reserve(meta, (int)n));
-    for (size_t i = 0; i < n; i++) {
-        spin_status status = read_frame_entry(meta, (int)i, spin_json_at(list, i));
-
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "frame %zu", i);
-    }
+    for (size_t i = 0; i < n; i++)
+        SPIN_TRY_IN(read_frame_entry(meta, (int)i, spin_json_at(list, i)), "frame %zu", i);
     return spin_frame_numbers_check(meta->frame, meta->n_frames);
 }
 

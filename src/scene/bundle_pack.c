@@ -2,11 +2,7 @@
  * bytes) lies together, where deflate finds it. */
 #include "scene/bundle_pack.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 
 enum { PORTION = 1 << 15, GROUP = 16 }; /* values at a time; columns */
 

@@ -2,11 +2,8 @@
 #include "scene/bundle_tracks.h"
 
 #include <inttypes.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/mem.h"
+#include "base/base.h"
 
 enum { ROW = SPIN_TRACK_WIDTH - 3 };
 
@@ -15,7 +12,6 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
     const spin_json *json = spin_json_get(spin_json_get(bundle->json, "trained"), "tracks");
     int64_t n, moving, varying, shape[2] = {-1, SPIN_TRACK_WIDTH};
     SPIN_LEAVES(spin_bundle_values_close) struct spin_bundle_values v = {0};
-    void *block = NULL;
 
     out->bundle = bundle;
     if (!json)
@@ -28,8 +24,8 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
     spin_json_bool(spin_json_get(json, "same_rows"), &out->same_rows);
     shape[0] = n;
     SPIN_TRY(spin_bundle_values_open(bundle, "trained/tracks", -1, 'f', 2, shape, &v));
-    SPIN_TRY(spin_alloc((size_t)n + 1, SPIN_TRACK_WIDTH * sizeof *out->values, &block));
-    out->values = block;
+    SPIN_TRY(
+        spin_alloc((size_t)n + 1, SPIN_TRACK_WIDTH * sizeof *out->values, (void **)&out->values));
     out->n = (size_t)n;
     out->n_moving = (size_t)moving;
     out->n_varying = (size_t)varying;

@@ -1,14 +1,10 @@
 /* Reading arrays of a bundle. Nothing of a header is believed before it is held against what meta.json says
  * and against the bytes that are there. */
-#include "scene/bundle.h"
-
 #include <float.h>
 #include <inttypes.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/err.h"
-#include "base/mem.h"
+#include "base/base.h"
+#include "scene/bundle.h"
 
 /* Checking a CRC reads every byte; larger members that are stored are only checked for being there. */
 #define CRC_LIMIT (64u << 20)

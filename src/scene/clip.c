@@ -1,11 +1,7 @@
 /* Opening a bundle together with its data set. */
 #include "scene/clip.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "scene/probe.h"
 
 spin_status spin_range_select(const struct spin_range *range, const struct spin_frame_info *info,
@@ -44,23 +40,20 @@ static int by_time(const void *a, const void *b)
 spin_status spin_times_check(const struct spin_frame_info *info, const int *index, int n)
 {
     SPIN_FREED struct spin_frame_info *sorted = NULL;
-    spin_status status = SPIN_OK;
 
     SPIN_TRY(spin_alloc((size_t)n, sizeof *sorted, (void **)&sorted));
-    for (int i = 0; i < n && status == SPIN_OK; i++) {
+    for (int i = 0; i < n; i++) {
         sorted[i] = info[index ? index[i] : i];
         if (!isfinite(sorted[i].time))
-            status =
-                spin_malformed("the time of frame %d is not a finite number", sorted[i].number);
+            return spin_malformed("the time of frame %d is not a finite number", sorted[i].number);
     }
-    if (status == SPIN_OK)
-        qsort(sorted, (size_t)n, sizeof *sorted, by_time);
-    for (int i = 1; i < n && status == SPIN_OK; i++)
+    qsort(sorted, (size_t)n, sizeof *sorted, by_time);
+    for (int i = 1; i < n; i++)
         if (sorted[i].time == sorted[i - 1].time)
-            status = spin_malformed(
+            return spin_malformed(
                 "frames %d and %d are both at time %g, expected another time for every frame",
                 sorted[i - 1].number, sorted[i].number, sorted[i].time);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status open_views(const struct spin_clip_options *o, struct spin_clip *clip)

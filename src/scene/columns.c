@@ -1,10 +1,7 @@
 /* The plain data of spin.h, parts 2 to 4: columns that grow, lists of views. */
 #include "scene/columns.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 
 static const struct {
     const char *name;

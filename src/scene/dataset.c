@@ -1,12 +1,7 @@
 /* The views of a data set: sorted, split, scaled, paired with a clip. */
 #include "scene/dataset.h"
 
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/image.h"
 #include "scene/probe.h"
 
@@ -406,13 +401,14 @@ spin_status spin_view_check_image(const struct spin_view *view)
 
     if (status == SPIN_OK)
         status = spin_view_check_size(view, width, height);
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "camera %d", view->camera_id);
+    return spin_fail_context(status, "camera %d", view->camera_id);
 }
 
 spin_status spin_views_check_cameras(const struct spin_views *views)
 {
     spin_status status = SPIN_OK;
-    int *seen, n = 0;
+    int n = 0;
+    SPIN_FREED int *seen = NULL;
 
     SPIN_TRY(spin_alloc(views->n + 1, sizeof *seen, (void **)&seen));
     for (size_t i = 0; i < views->n && status == SPIN_OK; i++) {
@@ -424,7 +420,6 @@ spin_status spin_views_check_cameras(const struct spin_views *views)
         if (status == SPIN_E_NOT_FOUND || status == SPIN_E_UNSUPPORTED)
             status = SPIN_OK;
     }
-    free(seen);
     return status;
 }
 

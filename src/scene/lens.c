@@ -1,11 +1,7 @@
 /* Lenses: listed, found again, and kept as JSON. */
 #include "scene/lens.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 
 /* Sizes are rounded when pictures are scaled; focal lengths of one make of camera differ a little. */
 static const double size_tolerance = 0.02, focal_tolerance = 1.2;
@@ -36,12 +32,10 @@ spin_status spin_lenses_list(const struct spin_views *views, const struct spin_p
     *out = (struct spin_lenses){.scale = scale};
     for (size_t i = 0; i < n_pairs; i++) {
         const struct spin_camera *camera = &views->view[pairs[i].view].camera;
-        void *block = out->lens;
 
         if (spin_lenses_find(out, camera) >= 0)
             continue;
-        SPIN_TRY(spin_grow((size_t)out->n + 1, sizeof *out->lens, &block));
-        out->lens = block;
+        SPIN_TRY(spin_grow((size_t)out->n + 1, sizeof *out->lens, (void **)&out->lens));
         out->lens[out->n++] = (struct spin_lens){.width = camera->width / scale,
                                                  .height = camera->height / scale,
                                                  .focal = camera->fx / camera->width};
@@ -56,7 +50,8 @@ void spin_lenses_warn(const struct spin_lenses *lenses, const struct spin_views 
         const struct spin_view *view = &views->view[pairs[i].view];
 
         if (spin_lenses_find(lenses, &view->camera) < 0) {
-            spin_warn("camera %d has another lens than all that were learned: its pictures are drawn without a "
+            spin_warn("camera %d has another lens than all that were learned: its pictures are "
+                      "drawn without a "
                       "falloff",
                       view->camera_id);
             return;
@@ -123,8 +118,8 @@ static bool read_lens(const spin_json *json, struct spin_lens *lens)
     for (int k = 0; k < 6 && good; k++) {
         double value;
 
-        good = spin_json_number(spin_json_at(spin_json_get(json, coefficient[k / 3]), (size_t)k % 3),
-                                &value) &&
+        good = spin_json_number(
+                   spin_json_at(spin_json_get(json, coefficient[k / 3]), (size_t)k % 3), &value) &&
                fabs(value) <= 100;
         if (good)
             lens->falloff[k] = (float)value;
@@ -135,17 +130,16 @@ static bool read_lens(const spin_json *json, struct spin_lens *lens)
 spin_status spin_lenses_from_json(const spin_json *json, double scale, struct spin_lenses *out)
 {
     size_t n = spin_json_length(json);
-    void *block = NULL;
 
     *out = (struct spin_lenses){.scale = scale};
     if (n == 0)
         return SPIN_OK;
-    SPIN_TRY(spin_alloc(n, sizeof *out->lens, &block));
-    out->lens = block;
+    SPIN_TRY(spin_alloc(n, sizeof *out->lens, (void **)&out->lens));
     for (int i = 0; i < (int)n; i++)
         if (!read_lens(spin_json_at(json, (size_t)i), &out->lens[i])) {
             spin_lenses_free(out);
-            return spin_malformed("meta.json: lens %d has no size, focal length or falloff that makes sense", i);
+            return spin_malformed(
+                "meta.json: lens %d has no size, focal length or falloff that makes sense", i);
         }
     out->n = (int)n;
     return SPIN_OK;

@@ -7,10 +7,8 @@
 #include <dlfcn.h>
 #include <pthread.h>
 #include <stdarg.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/text.h"
+#include "base/base.h"
 #include "io/file.h"
 
 enum {

@@ -1,10 +1,7 @@
 /* Choosing an importer: by name, or by asking every one of them to look at the input's outside (the peek). */
 #include "scene/probe.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/file.h"
 #include "io/torch.h"
 #include "io/zip.h"

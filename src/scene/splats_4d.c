@@ -1,11 +1,7 @@
 /* 4D splats: made, settled, and cut at a time. */
 #include "scene/splats_4d.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 #include "math/activate.h"
 #include "math/motion.h"
 #include "scene/bundle_pack.h"

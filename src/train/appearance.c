@@ -1,13 +1,7 @@
 /* Brightness at places, camera by camera. */
 #include "train/appearance.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/err.h"
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 
 enum {
     FRAMES = 32,      /* of the clip, evenly */

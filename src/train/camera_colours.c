@@ -2,12 +2,7 @@
  * far as a coarse map of the nearest points tells; what that misses, medians bear. */
 #include "train/camera_colours.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 #include "math/exposure.h"
 #include "train/look_fit.h"
 
@@ -146,15 +141,13 @@ static spin_status take_samples(struct colours *c)
 
     for (size_t i = 0; i < c->n_points; i++) {
         const float(*seen)[4] = (const float(*)[4])c->seen + i * n;
-        void *block = c->sample;
         size_t cameras = 0;
 
         for (size_t k = 0; k < n; k++)
             cameras += tells_gain(seen[k]);
         if (cameras < FIT_CAMERAS)
             continue;
-        SPIN_TRY(spin_grow(c->n_samples + cameras, sizeof *c->sample, &block));
-        c->sample = block;
+        SPIN_TRY(spin_grow(c->n_samples + cameras, sizeof *c->sample, (void **)&c->sample));
         for (size_t k = 0; k < n; k++)
             if (tells_gain(seen[k])) {
                 struct spin_look_sample *s = &c->sample[c->n_samples++];

@@ -1,15 +1,10 @@
 /* Frames go by once; two of them are held. */
 #include "train/chains.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "math/sh.h"
 #include "train/knn.h"
 #include "train/link.h"
-#include "train/train_frame.h"
 
 /* A splat may be so many times the distance to its neighbours from where it is expected, and differ so much in a colour of
  * 0..1. It is expected as far on as this share of its last step. Tried on basketball. */

@@ -1,15 +1,7 @@
 /* The state of a training as an archive of arrays. */
 #include "train/checkpoint.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/number.h"
-#include "io/npy.h"
-#include "io/ranks.h"
+#include "base/base.h"
 
 enum { PORTION = 1 << 20 }; /* floats that are carried to the host at a time */
 
@@ -51,12 +43,11 @@ static spin_status list_pieces(const struct spin_checkpoint *c, struct spin_trai
     struct spin_param *param[N_PARAMS] = {&t->table, &t->heads, &t->tracks, &t->exposures.param};
     const char *param_name[N_PARAMS] = {"table", "heads", "tracks", "exposure"};
     const char *part_name[3] = {"p", "m", "v"};
-    void *block = NULL;
     struct piece *piece;
     size_t k = 0;
 
-    SPIN_TRY(spin_alloc(3 * N_PARAMS + 1 + 14 * (size_t)t->n_frames, sizeof *piece, &block));
-    piece = block;
+    SPIN_TRY(
+        spin_alloc(3 * N_PARAMS + 1 + 14 * (size_t)t->n_frames, sizeof *piece, (void **)&piece));
     for (int i = 0; i < N_PARAMS; i++) {
         float SPIN_DEV *at[3] = {param[i]->p, param[i]->m, param[i]->v};
 
@@ -178,7 +169,7 @@ spin_status spin_check_parameters(struct spin_trainer *t)
     uint64_t hash = SPIN_HASH_BEGIN;
     struct spin_device *d = t->device;
     size_t n_pieces = 0;
-    struct piece *piece = NULL;
+    SPIN_FREED struct piece *piece = NULL;
     void *block = NULL;
     bool bad = false;
     spin_status status;
@@ -202,7 +193,6 @@ spin_status spin_check_parameters(struct spin_trainer *t)
     }
     status = compare_ranks(t, hash);
 out:
-    free(piece);
     free(block);
     return t->n_ranks > 1 ? spin_ranks_agree(status) : status;
 }
@@ -238,12 +228,10 @@ static spin_status check_numbers(const struct spin_trainer *t, const struct piec
     const struct spin_frame_size *size = &t->frame[piece->frame].size;
     bool track = piece->kind == TRACK;
     size_t most = track ? t->n_tracks : size->n;
-    void *block = NULL;
-    uint8_t *taken;
+    SPIN_FREED uint8_t *taken = NULL;
     bool wrong = false;
 
-    SPIN_TRY(spin_alloc(most + 1, 1, &block));
-    taken = block;
+    SPIN_TRY(spin_alloc(most + 1, 1, (void **)&taken));
     for (size_t i = 0; i < size->n && !wrong; i++) {
         bool none = track && number[i] == SPIN_NO_TRACK;
 
@@ -254,7 +242,6 @@ static spin_status check_numbers(const struct spin_trainer *t, const struct piec
         if (!wrong && !none)
             taken[number[i]] = 1;
     }
-    free(block);
     return wrong ? spin_malformed("array '%s' does not fit the tracks", piece->name) : SPIN_OK;
 }
 
@@ -327,17 +314,13 @@ static void sizes_to_json(const struct spin_trainer *t, spin_json *j)
 static spin_status write_state(struct spin_checkpoint *c, struct spin_trainer *t,
                                const char *header)
 {
-    struct spin_zip_writer w;
-    spin_status status;
+    SPIN_LEAVES(spin_zip_writer_abandon) struct spin_zip_writer w = {0};
 
     SPIN_TRY(spin_zip_writer_open(c->path, true, &w));
     w.out.sync = true; /* it stands for hours of work */
-    SPIN_TRY_OUT(write_text(&w, "state.json", header));
-    SPIN_TRY_OUT(save_pieces(c, t, &w));
+    SPIN_TRY(write_text(&w, "state.json", header));
+    SPIN_TRY(save_pieces(c, t, &w));
     return spin_zip_writer_commit(&w);
-out:
-    spin_zip_writer_abandon(&w);
-    return status;
 }
 
 spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer *t)
@@ -508,34 +491,27 @@ static spin_status read_sizes(const spin_json *j, struct spin_frame_size *frame,
 spin_status spin_checkpoint_sizes(const struct spin_checkpoint *c, struct spin_frame_size *frame,
                                   struct spin_trainer_size *size)
 {
-    struct spin_npz npz;
-    spin_json *j = NULL;
+    SPIN_LEAVES(spin_npz_close) struct spin_npz npz = {0};
+    SPIN_LEAVES(spin_json_freed) spin_json *j = NULL;
     spin_status status = spin_npz_open(c->path, &npz);
 
-    if (status == SPIN_OK) {
+    if (status == SPIN_OK)
         status = read_header(c, &npz, &j);
-        if (status == SPIN_OK)
-            status = read_sizes(j, frame, size);
-        spin_json_free(j);
-        spin_npz_close(&npz);
-    }
-    return status == SPIN_OK ? SPIN_OK
-                             : spin_fail_context(status, "cannot resume from '%s'", c->path);
+    if (status == SPIN_OK)
+        status = read_sizes(j, frame, size);
+    return spin_fail_context(status, "cannot resume from '%s'", c->path);
 }
 
 spin_status spin_checkpoint_load(struct spin_checkpoint *c, struct spin_trainer *t)
 {
-    struct spin_npz npz;
+    SPIN_LEAVES(spin_npz_close) struct spin_npz npz = {0};
     spin_status status = spin_npz_open(c->path, &npz);
 
-    if (status == SPIN_OK) {
+    if (status == SPIN_OK)
         status = load_header(c, t, &npz);
-        if (status == SPIN_OK)
-            status = load_pieces(c, t, &npz);
-        spin_npz_close(&npz);
-    }
-    if (status != SPIN_OK)
-        return spin_fail_context(status, "cannot resume from '%s'", c->path);
+    if (status == SPIN_OK)
+        status = load_pieces(c, t, &npz);
+    SPIN_TRY_IN(status, "cannot resume from '%s'", c->path);
     c->saved = t->iteration;
     spin_log(0, "resuming at iteration %lld of %lld", (long long)t->iteration,
              (long long)t->rates.iterations);

@@ -1,11 +1,7 @@
 /* The points of one frame and their first values: from coloured points as 3DGS begins, or from splats. */
 #include "train/cloud.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "math/activate.h"
 #include "math/sh.h"
 #include "scene/bundle.h"
@@ -19,18 +15,14 @@ _Static_assert(sizeof(struct spin_refine_row) == SPIN_REFINE_WIDTH * sizeof(floa
 spin_status spin_refine_cloud_reserve(struct spin_refine_cloud *cloud, size_t n)
 {
     size_t capacity = n + n / 2;
-    void *block = cloud->point;
 
     if (n > INT32_MAX) /* the rasteriser's lists hold 32-bit indices */
         return spin_fail(SPIN_E_MEMORY, "%zu points in one frame are more than %d", n, INT32_MAX);
     if (n <= cloud->capacity)
         return SPIN_OK;
-    SPIN_TRY(spin_grow(capacity, sizeof *cloud->point, &block));
-    cloud->point = block;
+    SPIN_TRY(spin_grow(capacity, sizeof *cloud->point, (void **)&cloud->point));
     if (cloud->sh) {
-        block = cloud->sh;
-        SPIN_TRY(spin_grow(capacity, 3 * SPIN_REFINE_SH * sizeof(float), &block));
-        cloud->sh = block;
+        SPIN_TRY(spin_grow(capacity, 3 * SPIN_REFINE_SH * sizeof(float), (void **)&cloud->sh));
     }
     cloud->capacity = capacity;
     return SPIN_OK;
@@ -103,15 +95,13 @@ static void start_point(struct spin_refine_row *p, const float *pos_w, const flo
 spin_status spin_refine_init_from_points(struct spin_pool *pool, size_t n, const float *pos_w,
                                          const float *rgb, struct spin_refine_cloud *out)
 {
-    SPIN_FREED void *block = NULL;
-    float *dist2;
+    SPIN_FREED float *dist2 = NULL;
 
     for (size_t i = 0; i < n * 3; i++)
         if (!isfinite(pos_w[i]))
             return spin_malformed("point %zu has a coordinate that is not finite", i / 3);
     SPIN_TRY(begin(out, n));
-    SPIN_TRY(spin_alloc(n + 1, sizeof *dist2, &block));
-    dist2 = block;
+    SPIN_TRY(spin_alloc(n + 1, sizeof *dist2, (void **)&dist2));
     SPIN_TRY(spin_knn_mean_dist2(pool, n, pos_w, dist2));
     for (size_t i = 0; i < n; i++)
         start_point(&out->point[i].p, pos_w + 3 * i, rgb ? rgb + 3 * i : NULL, dist2[i]);
@@ -122,13 +112,11 @@ spin_status spin_refine_init_from_colours(const struct spin_splats *s,
                                           struct spin_refine_cloud *out)
 {
     size_t width = spin_column_width(SPIN_COL_SH, s->sh_degree);
-    SPIN_FREED void *block = NULL;
-    float *rgb;
+    SPIN_FREED float *rgb = NULL;
 
     if (s->rgb || !s->sh)
         return spin_refine_init_from_points(NULL, s->n, s->means, s->rgb, out);
-    SPIN_TRY(spin_alloc(3 * s->n + 1, sizeof(float), &block));
-    rgb = block;
+    SPIN_TRY(spin_alloc(3 * s->n + 1, sizeof(float), (void **)&rgb));
     for (size_t i = 0; i < 3 * s->n; i++)
         rgb[i] = (float)(SPIN_SH_C0 * (double)s->sh[i / 3 * width + i % 3] + 0.5);
     return spin_refine_init_from_points(NULL, s->n, s->means, rgb, out);
@@ -160,10 +148,9 @@ spin_status spin_refine_add_sh(int sh_degree, const struct spin_splats *s,
     size_t width = spin_column_width(SPIN_COL_SH, sh_degree);
     size_t from = s ? spin_column_width(SPIN_COL_SH, s->sh_degree) : 3;
     size_t kept = (from < width ? from : width) - 3;
-    void *block = NULL;
 
-    SPIN_TRY(spin_alloc(cloud->capacity + 1, 3 * SPIN_REFINE_SH * sizeof(float), &block));
-    cloud->sh = block;
+    SPIN_TRY(
+        spin_alloc(cloud->capacity + 1, 3 * SPIN_REFINE_SH * sizeof(float), (void **)&cloud->sh));
     cloud->sh_degree = sh_degree;
     for (size_t i = 0; i < cloud->n && kept > 0; i++)
         memcpy(cloud->sh + 3 * SPIN_REFINE_SH * i, s->sh + from * i + 3, kept * sizeof(float));

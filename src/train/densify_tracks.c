@@ -1,10 +1,7 @@
 /* Host memory only; one frame after the other comes down, changes and goes up again. All ranks do the same. */
 #include "train/densify_tracks.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "model/residual.h"
 
 /* Old and new tracks. */
@@ -32,11 +29,9 @@ static spin_status carry_tracks(struct spin_device *d, const struct spin_param *
 {
     float SPIN_DEV *at[3] = {param->p, param->m, param->v};
     size_t n = cloud->n, stride = sizeof *cloud->point / sizeof(float);
-    SPIN_FREED void *block = NULL;
-    float *host;
+    SPIN_FREED float *host = NULL;
 
-    SPIN_TRY(spin_alloc(n + 1, SPIN_TRACK * sizeof *host, &block));
-    host = block;
+    SPIN_TRY(spin_alloc(n + 1, SPIN_TRACK * sizeof *host, (void **)&host));
     for (int part = 0; n > 0 && part < 3; part++) {
         struct spin_refine_row *first = part_of(cloud->point, part);
 
@@ -68,10 +63,8 @@ static spin_status fetch_seen(struct spin_trainer *t, int f, struct seen_frame *
     const struct spin_train_frame *frame = &t->frame[f];
     struct spin_device *d = t->device;
     size_t n = frame->size.n;
-    void *block = NULL;
 
-    SPIN_TRY(spin_alloc(n + 1, 3 * sizeof(float), &block));
-    out->gradient = block;
+    SPIN_TRY(spin_alloc(n + 1, 3 * sizeof(float), (void **)&out->gradient));
     out->seen = (uint32_t *)(out->gradient + n);
     out->track = out->seen + n;
     SPIN_TRY(d->op->download(d, out->gradient, frame->gradient, n * sizeof *out->gradient));
@@ -228,11 +221,9 @@ static spin_status add_tracked(const struct change *c, struct rows *rows)
 {
     size_t n_free = rows->cloud->n, most = n_free + c->tracks.n, n = n_free;
     size_t n_own = c->n_moving > c->n_varying ? c->n_moving : c->n_varying;
-    void *block = NULL;
 
     SPIN_TRY(spin_refine_cloud_reserve(rows->cloud, n_free + n_own));
-    SPIN_TRY(spin_alloc(2 * most + 1, sizeof *rows->track, &block));
-    rows->track = block;
+    SPIN_TRY(spin_alloc(2 * most + 1, sizeof *rows->track, (void **)&rows->track));
     rows->origin = rows->track + most;
     for (size_t i = 0; i < n_free; i++) {
         const struct spin_refine_point *p = &rows->cloud->point[i];
@@ -260,10 +251,8 @@ static spin_status permute(const struct rows *rows, size_t n_before, uint32_t **
 {
     size_t n = rows->size.n, n_kept = 0;
     uint32_t *to, *row_at; /* [n_before] the row that is now at a place of the output before */
-    void *block = NULL;
 
-    SPIN_TRY(spin_alloc(n + n_before + 1, sizeof *to, &block));
-    to = block;
+    SPIN_TRY(spin_alloc(n + n_before + 1, sizeof *to, (void **)&to));
     row_at = to + n;
     memset(row_at, 0xff, n_before * sizeof *row_at);
     for (size_t i = 0; i < n; i++)
@@ -365,11 +354,9 @@ spin_status spin_densify_tracks(struct spin_trainer *t, const struct spin_densif
                                 struct spin_densify_change *change)
 {
     struct change c = {.t = t, .o = o, .iteration = iteration, .n_before = t->n_tracks};
-    void *block = NULL;
     spin_status status;
 
-    SPIN_TRY(spin_alloc(t->n_tracks + 1, sizeof *c.row, &block));
-    c.row = block;
+    SPIN_TRY(spin_alloc(t->n_tracks + 1, sizeof *c.row, (void **)&c.row));
     SPIN_TRY_OUT(spin_trainer_join_seen(t));
     if (t->sh_degree > 0) {
         SPIN_TRY_OUT(spin_refine_add_sh(t->sh_degree, NULL, &c.before));
@@ -388,6 +375,6 @@ out:
     spin_refine_cloud_free(&c.before);
     spin_refine_cloud_free(&c.after);
     spin_refine_cloud_free(&c.tracks);
-    free(block);
+    free(c.row);
     return status;
 }

@@ -2,11 +2,9 @@
 #include "train/frame_cache.h"
 
 #include <ctype.h>
-#include <stdlib.h>
-#include <string.h>
 #include <unistd.h>
 
-#include "base/mem.h"
+#include "base/base.h"
 #include "scene/bundle.h"
 
 static const unsigned held = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
@@ -22,34 +20,26 @@ static spin_status path_of(const char *folder, int index, char **out)
 spin_status spin_frame_cache_put(const char *folder, int index, const char *key,
                                  const char *code_path, const struct spin_splats *splats)
 {
-    struct spin_bundle_writer w;
+    SPIN_LEAVES(spin_bundle_writer_abandon) struct spin_bundle_writer w = {0};
     SPIN_LEAVES(spin_bundle_meta_free) struct spin_bundle_meta meta = {0};
     spin_json *extra;
     SPIN_FREED char *path = NULL;
-    bool writing = false;
-    spin_status status;
 
-    SPIN_TRY_OUT(spin_folder_make(folder));
-    SPIN_TRY_OUT(path_of(folder, index, &path));
-    SPIN_TRY_OUT(spin_bundle_meta_reserve(&meta, 1));
+    SPIN_TRY(spin_folder_make(folder));
+    SPIN_TRY(path_of(folder, index, &path));
+    SPIN_TRY(spin_bundle_meta_reserve(&meta, 1));
     meta.frame[0].number = index;
     meta.frame[0].n = splats->n;
     meta.n_source_frames = 1;
     meta.columns = held;
     meta.sh_degree = splats->sh_degree;
-    SPIN_TRY_OUT(spin_bundle_writer_open(path, true, true, &w));
+    SPIN_TRY(spin_bundle_writer_open(path, true, true, &w));
     w.zip.n_threads = 1; /* others write theirs */
-    writing = true;
-    SPIN_TRY_OUT(spin_bundle_write_frame(&w, 0, held, 0, splats));
+    SPIN_TRY(spin_bundle_write_frame(&w, 0, held, 0, splats));
     extra = spin_json_object();
     spin_json_set_string(extra, "key", key);
     spin_json_set_string(extra, "path", code_path);
-    writing = false;
-    SPIN_TRY_OUT(spin_bundle_writer_finish(&w, &meta, extra));
-out:
-    if (writing)
-        spin_bundle_writer_abandon(&w);
-    return status;
+    return spin_bundle_writer_finish(&w, &meta, extra);
 }
 
 /* The frame, open; another than the key names is an error. */

@@ -1,14 +1,7 @@
 /* One pass over the clip's splats. */
 #include "train/frames.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "spin_train.h"
-#include "base/mem.h"
-#include "base/number.h"
-#include "base/pool.h"
+#include "base/base.h"
 #include "math/turn.h"
 #include "model/residual.h"
 #include "train/cloud.h"
@@ -114,11 +107,9 @@ struct first_tracks {
 
 static spin_status open_first_tracks(struct first_tracks *first, const struct spin_tracks *tracks)
 {
-    void *block = NULL;
-
-    SPIN_TRY(spin_alloc(tracks->n + 1, SPIN_TRACK * sizeof(float) + 1, &block));
+    SPIN_TRY(
+        spin_alloc(tracks->n + 1, SPIN_TRACK * sizeof(float) + 1, (void **)&first->displacement));
     first->tracks = tracks;
-    first->displacement = block;
     first->residual = first->displacement + 3 * tracks->n;
     first->seen = (uint8_t *)(first->residual + SPIN_RESIDUAL * tracks->n);
     return SPIN_OK;
@@ -200,15 +191,12 @@ static spin_status send_track_numbers(const struct spin_tracks *tracks, int f, s
                                       const uint32_t *permutation, struct spin_device *device,
                                       struct spin_train_frame *frame)
 {
-    void *block = NULL;
-    uint32_t *track;
+    SPIN_FREED uint32_t *track = NULL;
 
-    SPIN_TRY(spin_alloc(n + 1, sizeof *track, &block));
-    track = block;
+    SPIN_TRY(spin_alloc(n + 1, sizeof *track, (void **)&track));
     for (size_t i = 0; i < n; i++)
         track[i] = tracks->of[f][permutation[i]];
     device->op->upload(device, frame->track, track, n * sizeof *track);
-    free(block);
     return SPIN_OK;
 }
 
@@ -292,10 +280,9 @@ static spin_status load_frame(struct spin_frames *frames, struct spin_plan *plan
 {
     const struct spin_tracks *tracks = first->tracks;
     size_t n = trainer->frame[f].size.n; /* more or less than the bundle's after a densification */
-    void *block = NULL;
 
-    SPIN_TRY(spin_alloc((n > s->n ? n : s->n) + 1, sizeof(uint32_t), &block));
-    frames->permutation[f] = block;
+    SPIN_TRY(
+        spin_alloc((n > s->n ? n : s->n) + 1, sizeof(uint32_t), (void **)&frames->permutation[f]));
     /* along a space-filling curve, so that neighbours share cache lines */
     SPIN_TRY(spin_morton_order(s->n, s->means, frames->permutation[f]));
     if (trainer->tracked && first_values) {
@@ -326,11 +313,10 @@ spin_status spin_frames_load(struct spin_frames *frames, struct spin_plan *plan,
     SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
     SPIN_LEAVES(spin_point_sample_close) struct spin_point_sample sample = {0};
     SPIN_LEAVES(spin_turns_close) struct spin_turns turns = {0};
-    void *block = NULL;
 
     SPIN_TRY(spin_turns_open(&turns, plan->clip.n_frames));
-    SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *frames->permutation, &block));
-    frames->permutation = block;
+    SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *frames->permutation,
+                        (void **)&frames->permutation));
     frames->n = plan->clip.n_frames;
     frames->init_log_scale = plan->o->init_log_scale;
     SPIN_TRY(open_first_tracks(&first, tracks));

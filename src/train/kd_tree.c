@@ -2,10 +2,8 @@
 #include "train/kd_tree.h"
 
 #include <float.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/mem.h"
+#include "base/base.h"
 
 static float coordinate(const struct spin_kd_tree *t, size_t place, int axis)
 {

@@ -2,11 +2,8 @@
 #include "train/key.h"
 
 #include <inttypes.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "spin_train.h"
-#include "base/number.h"
+#include "base/base.h"
 #include "train/settings.h"
 
 static void add_images(spin_json *j, const struct spin_plan *plan, const struct spin_photos *photos,
@@ -21,7 +18,7 @@ static void add_images(spin_json *j, const struct spin_plan *plan, const struct 
 spin_status spin_frame_key(struct spin_plan *plan, const struct spin_photos *photos, int f,
                            char key[SPIN_FRAME_KEY])
 {
-    char *text;
+    SPIN_FREED char *text = NULL;
     uint64_t hash = SPIN_HASH_BEGIN;
     uint32_t input;
     spin_json *j;
@@ -40,7 +37,6 @@ spin_status spin_frame_key(struct spin_plan *plan, const struct spin_photos *pho
         return spin_fail(SPIN_E_MEMORY, "out of memory");
     spin_hash(&hash, text, strlen(text));
     snprintf(key, SPIN_FRAME_KEY, "%016" PRIx64, hash);
-    free(text);
     return SPIN_OK;
 }
 

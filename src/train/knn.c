@@ -2,10 +2,8 @@
 #include "train/knn.h"
 
 #include <float.h>
-#include <stdlib.h>
 
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 #include "train/kd_tree.h"
 
 enum { NEIGHBOURS = 3, CHUNK = 1024 };

@@ -2,10 +2,7 @@
  * higher cost; a link gives way to a cheaper one. In the end no two splats would rather be linked to each other. */
 #include "train/link.h"
 
-#include <math.h>
-#include <stdlib.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "train/kd_tree.h"
 
 enum { CHUNK = 256, MOST_ROUNDS = 100 };

@@ -3,11 +3,7 @@
  * gradients solve it; a few rounds weigh samples anew by how well they fit. */
 #include "train/look_fit.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 
 enum { ROUNDS = 6, STEPS = 100 };
 static const double outlier = 0.05; /* a sample that is so far off, as a logarithm, counts half */
@@ -151,11 +147,9 @@ spin_status spin_look_fit(const struct spin_look_sample *sample, size_t n, int n
                     .n = n,
                     .n_unknown = (size_t)(n_cameras + 2 * n_lenses),
                     .n_cameras = n_cameras};
-    void *block = NULL;
 
     memset(exposure, 0, (size_t)(n_cameras + n_lenses) * 6 * sizeof *exposure);
-    SPIN_TRY(spin_alloc(3 * n + 4 * f.n_unknown, sizeof(double), &block));
-    f.y = block;
+    SPIN_TRY(spin_alloc(3 * n + 4 * f.n_unknown, sizeof(double), (void **)&f.y));
     f.weight = f.y + n;
     f.residual = f.weight + n;
     f.x = f.residual + n;
@@ -173,6 +167,6 @@ spin_status spin_look_fit(const struct spin_look_sample *sample, size_t n, int n
         }
         put(&f, n_lenses, rgb, exposure);
     }
-    free(block);
+    free(f.y);
     return SPIN_OK;
 }

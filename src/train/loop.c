@@ -1,16 +1,7 @@
 /* One step after the other, and how good it is by now. */
 #include "train/loop.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "spin_train.h"
-#include "base/err.h"
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/text.h"
-#include "io/ranks.h"
+#include "base/base.h"
 #include "train/densify_tracks.h"
 #include "train/test_views.h"
 

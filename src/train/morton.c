@@ -1,10 +1,7 @@
 /* Morton codes and a sort of them. */
 #include "train/morton.h"
 
-#include <math.h>
-#include <stdlib.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "math/morton.h"
 
 struct keyed {
@@ -24,11 +21,9 @@ static int compare(const void *a, const void *b)
 spin_status spin_morton_order(size_t n, const float *points, uint32_t *order)
 {
     float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
-    struct keyed *keyed;
-    void *block = NULL;
+    SPIN_FREED struct keyed *keyed = NULL;
 
-    SPIN_TRY(spin_alloc(n + 1, sizeof *keyed, &block));
-    keyed = block;
+    SPIN_TRY(spin_alloc(n + 1, sizeof *keyed, (void **)&keyed));
     for (size_t i = 0; i < 3 * n; i++) {
         low[i % 3] = fminf(low[i % 3], points[i]);
         high[i % 3] = fmaxf(high[i % 3], points[i]);
@@ -45,6 +40,5 @@ spin_status spin_morton_order(size_t n, const float *points, uint32_t *order)
     qsort(keyed, n, sizeof *keyed, compare);
     for (size_t i = 0; i < n; i++)
         order[i] = keyed[i].index;
-    free(block);
     return SPIN_OK;
 }

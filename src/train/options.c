@@ -1,9 +1,7 @@
 /* The table of the training options: defaults, presets, the range check, JSON. */
 #include "train/options.h"
 
-#include <math.h>
-#include <string.h>
-
+#include "base/base.h"
 #include "io/ranks.h"
 
 enum type { BOOL, INT, ENUM, UINT64, FLOAT, DOUBLE };

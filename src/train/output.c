@@ -1,13 +1,7 @@
 /* Writing the output's arrays and its meta.json. */
 #include "train/output.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "spin_train.h"
-#include "base/mem.h"
-#include "io/ranks.h"
+#include "base/base.h"
 #include "math/turn.h"
 #include "model/residual.h"
 #include "train/rows_4d.h"
@@ -110,11 +104,9 @@ static void round_splats(const struct spin_output *output, unsigned columns, str
 /* Where the trainer has the splat of each row of the output. */
 static spin_status invert(const uint32_t *permutation, size_t n, uint32_t **out)
 {
-    void *block = NULL;
     uint32_t *place;
 
-    SPIN_TRY(spin_alloc(n + 1, sizeof *place, &block));
-    place = block;
+    SPIN_TRY(spin_alloc(n + 1, sizeof *place, (void **)&place));
     for (size_t i = 0; i < n; i++)
         place[permutation[i]] = (uint32_t)i;
     *out = place;
@@ -189,11 +181,9 @@ static spin_status read_numbers(const struct spin_output *output, int frame, uin
     const struct spin_train_frame *from = &output->trainer->frame[frame];
     struct spin_device *d = output->trainer->device;
     size_t n = from->size.n;
-    void *block = NULL;
     uint32_t *track;
 
-    SPIN_TRY(spin_alloc(n + 1, 2 * sizeof *track, &block));
-    track = block;
+    SPIN_TRY(spin_alloc(n + 1, 2 * sizeof *track, (void **)&track));
     SPIN_TRY(d->op->download(d, track + n, from->track, n * sizeof *track));
     for (size_t i = 0; i < n; i++)
         track[output->frames->permutation[frame][i]] = track[n + i];
@@ -522,26 +512,18 @@ static spin_status describe(const struct spin_output *output, bool same_rows, sp
 static spin_status write_whole(const struct spin_output *output, const float SPIN_DEV *whole)
 {
     const struct spin_retrain_options *o = output->plan->o;
-    struct spin_bundle_writer w;
+    SPIN_LEAVES(spin_bundle_writer_abandon) struct spin_bundle_writer w = {0};
     SPIN_LEAVES(spin_bundle_meta_free) struct spin_bundle_meta meta = {0};
-    spin_json *extra = spin_json_object();
+    SPIN_LEAVES(spin_json_freed) spin_json *extra = spin_json_object();
     bool same_rows = false;
-    spin_status status = spin_bundle_writer_open(o->output, o->force, true, &w);
 
+    SPIN_TRY(spin_bundle_writer_open(o->output, o->force, true, &w));
     w.zip.n_threads = o->n_threads;
-    if (status != SPIN_OK) {
-        spin_json_free(extra);
-        return status;
-    }
     w.packs = true;
-    SPIN_TRY_OUT(fill_meta(output, &meta));
-    SPIN_TRY_OUT(write_splats(output, &w, &meta, whole, &same_rows));
-    SPIN_TRY_OUT(describe(output, same_rows, extra));
-    return spin_bundle_writer_finish(&w, &meta, extra);
-out:
-    spin_json_free(extra);
-    spin_bundle_writer_abandon(&w);
-    return status;
+    SPIN_TRY(fill_meta(output, &meta));
+    SPIN_TRY(write_splats(output, &w, &meta, whole, &same_rows));
+    SPIN_TRY(describe(output, same_rows, extra));
+    return spin_bundle_writer_finish(&w, &meta, json_incref(extra));
 }
 
 spin_status spin_output_write(const struct spin_output *output)

@@ -1,21 +1,14 @@
 /* Images, and masks of pixels that count differently. */
 #include "train/photos.h"
 
-#include <stdlib.h>
-
-#include "base/err.h"
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 #include "io/image.h"
 
 spin_status spin_photos_open(struct spin_photos *photos, const struct spin_plan *plan)
 {
-    void *block = NULL;
-
     SPIN_TRY(spin_image_cache_open(&plan->clip.views, plan->pixels_budget, plan->o->background,
                                    &photos->cache));
-    SPIN_TRY(spin_alloc(plan->max_pixels, 4, &block));
-    photos->image = block;
+    SPIN_TRY(spin_alloc(plan->max_pixels, 4, (void **)&photos->image));
     if (!spin_plan_is_weighted(plan))
         return SPIN_OK;
     SPIN_TRY(spin_dynamic_mask_open(&plan->clip.views, &photos->cache, SPIN_DYNAMIC_AUTO,
@@ -119,10 +112,8 @@ static size_t median_views(const struct spin_photos *photos, const struct spin_p
 spin_status spin_photos_look(struct spin_photos *photos, const struct spin_plan *plan)
 {
     size_t median[SPIN_MOVING_ROWS];
-    void *block = NULL;
 
-    SPIN_TRY(spin_alloc(plan->clip.views.n, sizeof *photos->imprint, &block));
-    photos->imprint = block;
+    SPIN_TRY(spin_alloc(plan->clip.views.n, sizeof *photos->imprint, (void **)&photos->imprint));
     for (size_t i = 0; i < plan->n_train; i++)
         SPIN_TRY(look_at(photos, plan, plan->train[i].view, &photos->imprint[plan->train[i].view]));
     for (int k = 0; k < plan->n_cameras; k++) {

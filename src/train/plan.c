@@ -1,16 +1,7 @@
 /* Options to shapes, the clip, memory and time (--dry-run). */
 #include "train/plan.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/pool.h"
-#include "base/text.h"
-#include "io/ranks.h"
-#include "render/image_store.h"
+#include "base/base.h"
 #include "train/lazy_adam.h"
 #include "train/options.h"
 #include "train/point_sample.h"
@@ -70,10 +61,7 @@ spin_status spin_plan_check_means(const struct spin_plan *plan, int frame, bool 
 /* The training cameras' ids, each once. */
 static spin_status list_cameras(struct spin_plan *plan)
 {
-    void *block = NULL;
-
-    SPIN_TRY(spin_alloc(plan->n_train + 1, sizeof *plan->camera, &block));
-    plan->camera = block;
+    SPIN_TRY(spin_alloc(plan->n_train + 1, sizeof *plan->camera, (void **)&plan->camera));
     for (size_t i = 0; i < plan->n_train; i++) {
         int id = plan->clip.views.view[plan->train[i].view].camera_id, k = 0;
 
@@ -706,15 +694,13 @@ static spin_status open_clip(struct spin_plan *plan)
         .image_scale = o->image_scale,
         .needs_views = true,
     };
-    void *block = NULL;
 
     SPIN_TRY(spin_clip_open(&c, &plan->clip));
     if (o->residual == SPIN_RESIDUAL_SOURCE && o->refine == 0 && !spin_plan_has_source(plan))
         return spin_not_found("'%s' has no attributes of its source: let the network add to its "
                               "points, with --residual points",
                               o->input);
-    SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *plan->counts, &block));
-    plan->counts = block;
+    SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *plan->counts, (void **)&plan->counts));
     for (int f = 0; f < plan->clip.n_frames; f++)
         plan->counts[f] = spin_plan_info(plan, f)->n;
     if (plan->clip.n_max == 0)
@@ -738,18 +724,12 @@ static spin_status name_parts(struct spin_plan *plan)
     const char *output = plan->o->output ? plan->o->output : "";
     const char *cache = plan->o->cache;
     size_t n = strlen(output) + sizeof ".part" SPIN_CLIP_OF_STATE + (cache ? strlen(cache) : 0);
-    void *block = NULL;
 
-    SPIN_TRY(spin_alloc(n, 1, &block));
-    plan->part = block;
+    SPIN_TRY(spin_alloc(n, 1, (void **)&plan->part));
     snprintf(plan->part, n, "%s.part", output);
-    block = NULL;
-    SPIN_TRY(spin_alloc(n, 1, &block));
-    plan->clip_of_state = block;
+    SPIN_TRY(spin_alloc(n, 1, (void **)&plan->clip_of_state));
     snprintf(plan->clip_of_state, n, "%s" SPIN_CLIP_OF_STATE, plan->part);
-    block = NULL;
-    SPIN_TRY(spin_alloc(n, 1, &block));
-    plan->parts = block;
+    SPIN_TRY(spin_alloc(n, 1, (void **)&plan->parts));
     if (cache)
         snprintf(plan->parts, n, "%s", cache);
     else

@@ -1,21 +1,14 @@
 /* Medians and percentiles of a sample of points. */
 #include "train/point_sample.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
-#include "base/number.h"
+#include "base/base.h"
 
 enum { SAMPLE = 20000 }; /* points of a frame, at most */
 
 spin_status spin_point_sample_open(struct spin_point_sample *sample, int n_frames)
 {
-    void *block = NULL;
-
-    SPIN_TRY(spin_alloc((size_t)SAMPLE * (size_t)n_frames * 4, sizeof(float), &block));
-    sample->point = block;
+    SPIN_TRY(
+        spin_alloc((size_t)SAMPLE * (size_t)n_frames * 4, sizeof(float), (void **)&sample->point));
     sample->n = 0;
     return SPIN_OK;
 }

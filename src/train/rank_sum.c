@@ -1,11 +1,7 @@
 /* From card to card, or by way of the host. */
 #include "train/rank_sum.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/log.h"
-#include "base/mem.h"
+#include "base/base.h"
 
 enum { FIRST_BYTES = 1 << 16 };
 

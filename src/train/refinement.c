@@ -7,18 +7,7 @@
  * same key is taken as it is. */
 #include "train/refinement.h"
 
-#include <math.h>
-#include <pthread.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "spin_train.h"
-#include "base/err.h"
-#include "base/log.h"
-#include "base/mem.h"
-#include "base/pool.h"
-#include "base/text.h"
-#include "io/ranks.h"
+#include "base/base.h"
 #include "math/sh.h"
 #include "train/cloud.h"
 #include "train/loop.h"
@@ -47,17 +36,13 @@ unsigned spin_refinement_columns(const struct spin_plan *plan)
 spin_status spin_refinement_open(struct spin_refinement *refinement, const struct spin_plan *plan)
 {
     size_t n = (size_t)plan->clip.n_frames;
-    void *block = NULL;
 
     if (spin_plan_starts_from_source(plan) && !spin_plan_has_source(plan))
         return spin_not_found("'%s' has no attributes of its source: refine from its points, with "
                               "--refine-start points",
                               plan->o->input);
-    SPIN_TRY(spin_alloc(n, sizeof *refinement->frame, &block));
-    refinement->frame = block;
-    block = NULL;
-    SPIN_TRY(spin_alloc(n, sizeof *refinement->counts, &block));
-    refinement->counts = block;
+    SPIN_TRY(spin_alloc(n, sizeof *refinement->frame, (void **)&refinement->frame));
+    SPIN_TRY(spin_alloc(n, sizeof *refinement->counts, (void **)&refinement->counts));
     return SPIN_OK;
 }
 
@@ -326,10 +311,9 @@ static spin_status find_cached(struct stage *stage, int f, bool *found)
 static spin_status list_todo(struct stage *stage)
 {
     struct spin_plan *plan = stage->plan;
-    void *block = NULL;
 
-    SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, 2 * sizeof *stage->todo, &block));
-    stage->todo = block;
+    SPIN_TRY(
+        spin_alloc((size_t)plan->clip.n_frames, 2 * sizeof *stage->todo, (void **)&stage->todo));
     stage->all = stage->todo + plan->clip.n_frames;
     for (int f = 0; f < plan->clip.n_frames; f++) {
         bool found = input_has(stage->refinement, plan, f);
@@ -383,15 +367,13 @@ static spin_status join(struct stage *stage)
 static spin_status take_hands(struct stage *stage, int n, int n_threads)
 {
     struct spin_plan *plan = stage->plan;
-    void *block = NULL;
 
     n = n < n_threads ? n : n_threads;
     if (strcmp(stage->device->op->name, "cpu") != 0)
         n = 1;
     while (n > 1 && (size_t)n * spin_plan_refine_bytes(plan) > plan->report->bytes_available / 2)
         n--;
-    SPIN_TRY(spin_alloc((size_t)n, sizeof *stage->hand, &block));
-    stage->hand = block;
+    SPIN_TRY(spin_alloc((size_t)n, sizeof *stage->hand, (void **)&stage->hand));
     for (int i = 0; i < n; i++) {
         SPIN_TRY(spin_device_open(plan->o->device, n_threads / n, &stage->hand[i]));
         stage->n_hands++;

@@ -2,14 +2,8 @@
  * track is a piece of one frame. */
 #include "train/rows_4d.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "model/residual.h"
-#include "render/player.h"
-#include "scene/bundle_tracks.h"
 
 const double spin_rows_4d_least_weight = 0.01;
 
@@ -213,11 +207,9 @@ static spin_status list_frames(struct cut *c)
 {
     struct spin_rows_4d *rows = c->rows;
     double reach = sqrt(-2 * log(spin_rows_4d_least_weight));
-    SPIN_FREED void *block = NULL;
-    uint32_t *shown;
+    SPIN_FREED uint32_t *shown = NULL;
 
-    SPIN_TRY(spin_alloc(rows->n + 1, sizeof *shown, &block));
-    shown = block;
+    SPIN_TRY(spin_alloc(rows->n + 1, sizeof *shown, (void **)&shown));
     for (int f = 0; f < rows->n_frames; f++) {
         size_t n = 0;
 
@@ -352,24 +344,20 @@ spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin
 {
     struct spin_device *d = t->device;
     size_t n = rows->n;
-    float *groups;
-    SPIN_FREED void *block = NULL;
+    SPIN_FREED float *groups = NULL;
 
-    SPIN_TRY(spin_alloc((size_t)rows->n_frames, sizeof *frames->permutation, &block));
-    frames->permutation = block;
+    SPIN_TRY(spin_alloc((size_t)rows->n_frames, sizeof *frames->permutation,
+                        (void **)&frames->permutation));
     frames->n = rows->n_frames;
     for (int f = 0; f < frames->n; f++) {
-        block = NULL;
-        SPIN_TRY(spin_alloc(rows->counts[f] + 1, sizeof **frames->permutation, &block));
-        frames->permutation[f] = block;
+        SPIN_TRY(spin_alloc(rows->counts[f] + 1, sizeof **frames->permutation,
+                            (void **)&frames->permutation[f]));
         for (size_t i = 0; i < rows->counts[f]; i++)
             frames->permutation[f][i] = (uint32_t)i;
         t->frame[f].time = spin_plan_info(plan, f)->time;
         d->op->upload(d, t->frame[f].track, rows->of[f], rows->counts[f] * sizeof **rows->of);
     }
-    block = NULL;
-    SPIN_TRY(spin_alloc(n + 1, SPIN_TRACK * sizeof *groups, &block));
-    groups = block;
+    SPIN_TRY(spin_alloc(n + 1, SPIN_TRACK * sizeof *groups, (void **)&groups));
     for (size_t i = 0; i < n; i++)
         memcpy(groups + 3 * i, rows->values + SPIN_TRACK * i, 3 * sizeof *groups);
     spin_residual_from_rows(n, rows->values + 3, SPIN_TRACK, NULL, groups + 3 * n);
@@ -403,12 +391,11 @@ spin_status spin_rows_4d_read(const struct spin_plan *plan, struct spin_trainer 
 {
     struct spin_device *d = t->device;
     size_t n = t->n_tracks, n_dropped;
-    SPIN_FREED void *block = NULL;
-    float *groups, *motion;
+    SPIN_FREED float *groups = NULL;
+    float *motion;
 
     SPIN_TRY(spin_splats_4d_reserve(out, n, 1, 0, 0));
-    SPIN_TRY(spin_alloc(n + 1, (SPIN_TRACK + SPIN_MOTION) * sizeof *groups, &block));
-    groups = block;
+    SPIN_TRY(spin_alloc(n + 1, (SPIN_TRACK + SPIN_MOTION) * sizeof *groups, (void **)&groups));
     motion = groups + SPIN_TRACK * n;
     SPIN_TRY(d->op->download(d, groups, t->tracks.p, SPIN_TRACK * n * sizeof *groups));
     SPIN_TRY(d->op->download(d, motion, t->motion, SPIN_MOTION * n * sizeof *motion));

@@ -1,11 +1,7 @@
 /* The schedule of views. */
 #include "train/sampler.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
-#include "io/ranks.h"
+#include "base/base.h"
 #include "math/rng.h"
 
 enum { STREAM_SHUFFLE = 16, STREAM_FRAME = 33 }; /* of the random numbers, see math/rng.h */
@@ -116,7 +112,6 @@ spin_status spin_sampler_open(struct spin_sampler *s, const struct spin_plan *pl
                               struct spin_photos *photos)
 {
     size_t batch = (size_t)plan->o->batch;
-    void *block = NULL;
 
     s->plan = plan;
     s->photos = photos;
@@ -124,13 +119,10 @@ spin_status spin_sampler_open(struct spin_sampler *s, const struct spin_plan *pl
     s->seed = plan->o->seed;
     if (is_alone(plan))
         s->seed = spin_rng_u64(s->seed, STREAM_FRAME, (uint64_t)spin_plan_info(plan, 0)->number);
-    SPIN_TRY(spin_alloc(3 * plan->n_train, sizeof *s->sequence, &block));
-    s->sequence = block;
+    SPIN_TRY(spin_alloc(3 * plan->n_train, sizeof *s->sequence, (void **)&s->sequence));
     SPIN_TRY(spin_photos_open_store(plan, plan->device, images_kept(plan), &s->images));
-    SPIN_TRY(spin_alloc(batch, sizeof *s->items, &block));
-    s->items = block;
-    SPIN_TRY(spin_alloc(batch, sizeof *s->pairs, &block));
-    s->pairs = block;
+    SPIN_TRY(spin_alloc(batch, sizeof *s->items, (void **)&s->items));
+    SPIN_TRY(spin_alloc(batch, sizeof *s->pairs, (void **)&s->pairs));
     for (size_t i = 0; is_alone(plan) && i < plan->n_train; i++) {
         uint32_t image;
 

@@ -1,7 +1,6 @@
 /* Settings as JSON: what the options say, and what a plan adds. */
 #include "train/settings.h"
 
-#include "spin_train.h"
 #include "train/options.h"
 
 spin_json *spin_settings_refine(const struct spin_plan *plan)

@@ -3,7 +3,6 @@
  * ranks when all have drawn: each draws its part of the items, and gradients are summed. */
 #include "train/step.h"
 
-#include "io/ranks.h"
 #include "model/residual.h"
 
 struct batch {

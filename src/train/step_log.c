@@ -1,8 +1,7 @@
 /* Lines to a file, and what becomes of the file. */
 #include "train/step_log.h"
 
-#include <errno.h>
-#include <string.h>
+#include "base/base.h"
 
 spin_status spin_step_log_open(struct spin_step_log *log, const char *path, bool append)
 {

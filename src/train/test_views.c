@@ -1,10 +1,7 @@
 /* Measuring and drawing the test views. */
 #include "train/test_views.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/image.h"
 
 spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_photos *photos,
@@ -62,12 +59,10 @@ static spin_status preview_view(struct spin_plan *plan, struct spin_photos *phot
     const float *picture[3];
     char name[SPIN_PICTURE_NAME];
     SPIN_FREED char *path = NULL;
-    SPIN_FREED void *block = NULL;
-    float *values;
+    SPIN_FREED float *values = NULL;
     int n = 0;
 
-    SPIN_TRY(spin_alloc(3 * pixels, sizeof(float), &block));
-    values = block;
+    SPIN_TRY(spin_alloc(3 * pixels, sizeof(float), (void **)&values));
     SPIN_TRY(spin_image_cache_get(&photos->cache, pair->view, values));
     picture[n++] = values;
     if (source) {

@@ -1,11 +1,7 @@
 /* Finding tracks, and numbering them so that neighbours share cache lines. */
 #include "train/tracks.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "train/appearance.h"
 #include "train/chains.h"
 #include "train/morton.h"
@@ -71,21 +67,16 @@ static size_t slot_of(const struct places *p, const float at[3])
 static spin_status reserve_places(struct places *p, size_t n)
 {
     size_t room = 2 * (p->n + n), n_slots = 1024;
-    void *block = p->place;
 
     if (p->n + n > p->room) {
-        SPIN_TRY(spin_grow(room, sizeof *p->place, &block));
-        p->place = block;
+        SPIN_TRY(spin_grow(room, sizeof *p->place, (void **)&p->place));
         p->room = room;
     }
     while (n_slots < 2 * (p->n + n))
         n_slots *= 2;
     if (n_slots <= p->n_slots)
         return SPIN_OK;
-    block = NULL;
-    SPIN_TRY(spin_alloc(n_slots, sizeof *p->slot, &block));
-    free(p->slot);
-    p->slot = block;
+    SPIN_TRY(spin_grow(n_slots, sizeof *p->slot, (void **)&p->slot));
     p->n_slots = n_slots;
     memset(p->slot, 0xff, n_slots * sizeof *p->slot);
     for (size_t i = 0; i < p->n; i++)
@@ -119,13 +110,11 @@ static void add_motion(struct motion *m, const float first[3], const float at[3]
 static spin_status add_rows(struct places *p, int frame, const struct spin_splats *s, uint32_t *of)
 {
     if (frame == 0) {
-        void *block = NULL;
 
         SPIN_TRY(reserve_places(p, s->n));
         for (size_t i = 0; i < s->n; i++)
             add_place(p, s->means + 3 * i);
-        SPIN_TRY(spin_alloc(s->n + 1, sizeof *p->motion, &block));
-        p->motion = block;
+        SPIN_TRY(spin_alloc(s->n + 1, sizeof *p->motion, (void **)&p->motion));
     }
     for (size_t i = 0; i < s->n; i++) {
         p->place[i].n_frames++;
@@ -195,10 +184,8 @@ static spin_status look_at_frames(struct spin_tracks *tracks, struct spin_plan *
     SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
 
     for (int f = 0; f < tracks->n_frames; f++) {
-        void *block = NULL;
 
-        SPIN_TRY(spin_alloc(plan->counts[f] + 1, sizeof(uint32_t), &block));
-        tracks->of[f] = block;
+        SPIN_TRY(spin_alloc(plan->counts[f] + 1, sizeof(uint32_t), (void **)&tracks->of[f]));
         SPIN_TRY(spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, f), SPIN_COL_MEANS,
                                    &splats));
         SPIN_TRY(spin_plan_check_means(plan, f, false, &splats));
@@ -258,10 +245,8 @@ static spin_status number_tracks(struct spin_tracks *tracks, const struct places
                                  const uint32_t *order, const uint8_t *varies, uint32_t *number)
 {
     uint32_t n = 0;
-    void *block = NULL;
 
-    SPIN_TRY(spin_alloc(tracks->n + 1, 3 * sizeof *tracks->place, &block));
-    tracks->place = block;
+    SPIN_TRY(spin_alloc(tracks->n + 1, 3 * sizeof *tracks->place, (void **)&tracks->place));
     memset(number, 0xff, p->n * sizeof *number);
     for (int kind = 0; kind < 3; kind++) {
         for (size_t i = 0; i < tracks->n; i++) {
@@ -285,11 +270,9 @@ static spin_status look_at_places(const struct spin_tracks *tracks, const struct
                                   struct spin_photos *photos, const struct places *p,
                                   const uint32_t *order, uint8_t *varies)
 {
-    SPIN_FREED void *block = NULL;
-    float *at;
+    SPIN_FREED float *at = NULL;
 
-    SPIN_TRY(spin_alloc(tracks->n + 1, 3 * sizeof *at, &block));
-    at = block;
+    SPIN_TRY(spin_alloc(tracks->n + 1, 3 * sizeof *at, (void **)&at));
     for (size_t i = 0; i < tracks->n; i++)
         memcpy(at + 3 * i, p->place[order[i]].at, 3 * sizeof *at);
     return spin_appearance_varies(plan, photos, tracks->n, at, varies);
@@ -299,21 +282,18 @@ spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan,
                              struct spin_photos *photos)
 {
     SPIN_LEAVES(close_places) struct places places = {0};
-    SPIN_FREED void *block = NULL;
-    uint32_t *number, *order;
+    SPIN_FREED uint32_t *number = NULL;
+    uint32_t *order;
     uint8_t *varies;
 
     tracks->identity = rows_keep_identity(plan);
-    SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *tracks->of, &block));
-    tracks->of = block;
+    SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *tracks->of, (void **)&tracks->of));
     tracks->n_frames = plan->clip.n_frames;
-    block = NULL;
     SPIN_TRY(look_at_frames(tracks, plan, &places));
     settle(&places, tracks->n_frames, plan->extent);
     if (!tracks->identity)
         SPIN_TRY(add_chains(tracks, plan, &places));
-    SPIN_TRY(spin_alloc(places.n + 1, 2 * sizeof *number + 1, &block));
-    number = block;
+    SPIN_TRY(spin_alloc(places.n + 1, 2 * sizeof *number + 1, (void **)&number));
     order = number + places.n;
     varies = (uint8_t *)(order + places.n);
     memset(varies, 0, places.n);
@@ -369,12 +349,10 @@ static int compare_rows(const void *a, const void *b)
 spin_status spin_tracks_sort(const struct spin_tracks *tracks, int frame, size_t n,
                              uint32_t *permutation)
 {
-    struct row *row;
+    SPIN_FREED struct row *row = NULL;
     size_t n_rows = 0, to = 0;
-    void *block = NULL;
 
-    SPIN_TRY(spin_alloc(n + 1, sizeof *row, &block));
-    row = block;
+    SPIN_TRY(spin_alloc(n + 1, sizeof *row, (void **)&row));
     for (size_t i = 0; i < n; i++) {
         uint32_t track = tracks->of[frame][permutation[i]];
 
@@ -386,6 +364,5 @@ spin_status spin_tracks_sort(const struct spin_tracks *tracks, int frame, size_t
     qsort(row, n_rows, sizeof *row, compare_rows);
     for (size_t i = 0; i < n_rows; i++)
         permutation[to++] = row[i].row;
-    free(block);
     return SPIN_OK;
 }

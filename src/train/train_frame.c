@@ -1,10 +1,7 @@
 /* Memory of a frame's parameters, their way to and from the host, and their step. */
 #include "train/train_frame.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "model/residual.h"
 
 /* NULL where there are none. */

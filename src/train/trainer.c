@@ -1,11 +1,7 @@
 /* What a training keeps between steps: its memory, its rates, and the table as it is now. */
 #include "train/trainer.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
-#include "io/ranks.h"
+#include "base/base.h"
 #include "math/adam.h"
 #include "train/lazy_adam.h"
 
@@ -55,14 +51,10 @@ static size_t splats_at_once(const struct spin_trainer *t)
 static spin_status open_values(struct spin_trainer *t, int max_items)
 {
     size_t n = (size_t)max_items;
-    void *block = NULL;
 
     t->max_items = max_items;
-    SPIN_TRY(spin_alloc(n, SPIN_LOSS_VALUES * sizeof *t->host_values, &block));
-    t->host_values = block;
-    block = NULL;
-    SPIN_TRY(spin_alloc(n, sizeof *t->drawn, &block));
-    t->drawn = block;
+    SPIN_TRY(spin_alloc(n, SPIN_LOSS_VALUES * sizeof *t->host_values, (void **)&t->host_values));
+    SPIN_TRY(spin_alloc(n, sizeof *t->drawn, (void **)&t->drawn));
     return t->device->op->reserve(t->device, n * SPIN_LOSS_VALUES * sizeof *t->values,
                                   (void SPIN_DEV **)&t->values);
 }
@@ -108,7 +100,6 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
                               const struct spin_field *field, const struct spin_trainer_size *size)
 {
     spin_status status;
-    void *block = NULL;
 
     memset(t, 0, sizeof *t);
     t->device = device;
@@ -126,8 +117,7 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
     t->rank = size->alone ? 0 : spin_rank();
     t->n_ranks = size->alone ? 1 : spin_n_ranks();
     t->n_max = most_splats(size);
-    SPIN_TRY_OUT(spin_alloc((size_t)size->n_frames, sizeof *t->frame, &block));
-    t->frame = block;
+    SPIN_TRY_OUT(spin_alloc((size_t)size->n_frames, sizeof *t->frame, (void **)&t->frame));
     t->n_frames = size->n_frames;
     SPIN_TRY_OUT(open_values(t, size->max_items));
     SPIN_TRY_OUT(

@@ -5,7 +5,6 @@
  * and gradients as they are in training. Processor time is what counts on a shared machine; with
  * more threads than one, time on the wall stands beside it. */
 #include <getopt.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -13,7 +12,6 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/number.h"
-#include "io/json.h"
 #include "math/adam.h"
 #include "tests/bench/bench.h"
 

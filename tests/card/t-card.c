@@ -9,9 +9,6 @@
  *         tests/card/t-card.c src/base/{err,log,mem,pool,shim,text}.c src/device/device.c \
  *         $(find src/device/cpu -name '[a-z]*.c') -pthread -ldl -lm
  *     SPIN_CUDA_SHIM=$PWD/spin-cuda.so ./t-card 450000 */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/log.h"
 #include "device/device.h"

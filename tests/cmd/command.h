@@ -4,9 +4,6 @@
 
 #include <sys/wait.h>
 
-#include "io/file.h"
-#include "io/json.h"
-#include "io/npy.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

@@ -1,7 +1,6 @@
 /* Options of spin-eval change what is measured and how, and its figures are those of its views and of the
  * file.
  * K: eval options storage fps */
-#include <sys/stat.h>
 
 #include "base/log.h"
 #include "tests/cmd/command.h"

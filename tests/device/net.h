@@ -3,7 +3,6 @@
 #ifndef SPIN_TESTS_DEVICE_NET_H
 #define SPIN_TESTS_DEVICE_NET_H
 
-#include "device/device.h"
 #include "math/rng.h"
 #include "tests/device/verbs.h"
 

@@ -3,9 +3,6 @@
 #ifndef SPIN_TESTS_DEVICE_RASTER_H
 #define SPIN_TESTS_DEVICE_RASTER_H
 
-#include <stdint.h>
-
-#include "device/device.h"
 #include "tests/device/verbs.h"
 
 struct view {

@@ -3,9 +3,6 @@
  * that the host cannot touch anyway: there the blocks are the card's own, kept until the end. */
 #include "tests/device/strict.h"
 
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/mman.h>
 
 #include "base/err.h"

@@ -1,8 +1,6 @@
 /* The statistics of densification: the formula of 3DGS, what is not seen is left alone, two views add up,
  * the same bits on every code path and for any number of threads.
  * K: threads refine */
-#include <math.h>
-#include <stdlib.h>
 
 #include "tests/device/strict.h"
 #include "tests/device/verbs.h"

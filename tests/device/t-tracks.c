@@ -1,9 +1,6 @@
 /* What splats have from their tracks, and gradients back, against the sums written out; the same bits for any
  * number of threads; on a strict device.
  * K: threads tracks */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "math/quat.h"
 #include "tests/device/strict.h"

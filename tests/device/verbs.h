@@ -3,10 +3,6 @@
 #ifndef SPIN_TESTS_DEVICE_VERBS_H
 #define SPIN_TESTS_DEVICE_VERBS_H
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "device/device.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

@@ -2,9 +2,6 @@
  * K: lens colour */
 #include "eval/colour_fit.h"
 
-#include <math.h>
-#include <string.h>
-
 #include "tests/tap.h"
 
 enum { PLANE = 400, VIEWS = 4 };

@@ -3,8 +3,6 @@
  * K: eval moving */
 #include "eval/metrics.h"
 
-#include <math.h>
-
 #include "spin_run.h"
 #include "base/mem.h"
 #include "io/image.h"

@@ -4,10 +4,7 @@
 #include "eval/lpips.h"
 
 #include "spin_run.h"
-#include "io/json.h"
-#include "tests/check.h"
 #include "tests/importers/models.h"
-#include "tests/tap.h"
 
 /* As in the script. */
 static void noise(uint32_t stream, size_t n, float *out)

@@ -2,7 +2,6 @@
  * regions, which views, storage, speed, pictures.
  * K: long eval measure */
 #include <pthread.h>
-#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 

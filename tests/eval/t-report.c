@@ -5,7 +5,6 @@
 #include "spin_run.h"
 #include "eval/report/motion_crops.h"
 #include "eval/report/train_log.h"
-#include "io/file.h"
 #include "scene/dataset.h"
 #include "scene/image_cache.h"
 #include "tests/check.h"

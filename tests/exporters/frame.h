@@ -2,7 +2,6 @@
 #ifndef SPIN_TESTS_EXPORTERS_FRAME_H
 #define SPIN_TESTS_EXPORTERS_FRAME_H
 
-#include "io/file.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

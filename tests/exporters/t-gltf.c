@@ -2,7 +2,6 @@
 #include "base/log.h"
 #include "exporters/lib/frames.h"
 #include "formats/glb_write.h"
-#include "io/json.h"
 #include "tests/exporters/frame.h"
 
 #define E "KHR_gaussian_splatting"

@@ -3,7 +3,6 @@
 
 #include "base/log.h"
 #include "exporters/lib/page_bytes.h"
-#include "io/json.h"
 #include "math/sh.h"
 #include "tests/exporters/frame.h"
 

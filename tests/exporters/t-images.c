@@ -1,7 +1,6 @@
 /* K: image export */
 #include "base/err.h"
 #include "base/log.h"
-#include "io/file.h"
 #include "io/image.h"
 #include "tests/exporters/frame.h"
 

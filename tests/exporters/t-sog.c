@@ -3,9 +3,7 @@
 #include <unistd.h>
 
 #include "base/log.h"
-#include "io/json.h"
 #include "io/webp.h"
-#include "io/zip.h"
 #include "formats/sog.h"
 #include "tests/exporters/frame.h"
 

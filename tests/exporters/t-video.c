@@ -3,7 +3,6 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "exporters/lib/camera_path.h"
-#include "io/file.h"
 #include "io/image.h"
 #include "io/video.h"
 #include "tests/exporters/frame.h"

@@ -3,10 +3,6 @@
 #include "formats/codebook.h"
 #include "tests/tap.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
 static float draw(uint32_t *seed)
 {
     *seed = *seed * 1664525u + 1013904223u;

@@ -1,6 +1,5 @@
 /* Scenes of GLB: component types, nodes, clips that an animation switches, SPZ inside, documents that lie.
  * K: gltf glb formats */
-#include "formats/glb_scene.h"
 #include "tests/formats/glb_files.h"
 #include "tests/formats/spz_files.h"
 

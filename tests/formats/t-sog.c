@@ -1,12 +1,9 @@
 /* K: sog formats import
  * SOG by the words of its description, apart from its reader and writer: five Gaussians in all the forms that it has. */
-#include <stdlib.h>
 #include <unistd.h>
 
 #include "formats/sog.h"
-#include "io/file.h"
 #include "io/webp.h"
-#include "io/zip.h"
 #include "tests/check.h"
 #include "tests/formats/splats.h"
 

@@ -1,6 +1,4 @@
 /* K: spz formats export */
-#include "formats/spz.h"
-#include "io/gzip.h"
 #include "tests/formats/spz_files.h"
 
 static spin_status read_spz(const unsigned char *bytes, size_t n_bytes, struct spin_splats *out)

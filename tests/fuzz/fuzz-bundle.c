@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-
 enum { MOST = 1000 }; /* splats of a frame that the network is asked for */
 
 static size_t number(const uint8_t *p, int bytes)

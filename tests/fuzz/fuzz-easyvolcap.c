@@ -7,7 +7,6 @@
 #include <math.h>
 #include <stdlib.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 static char folder[64];
 /* The first is a picture, which is none: reading ends when that is noticed. */

@@ -7,7 +7,6 @@
 
 #include "base/log.h"
 #include "base/mem.h"
-#include "io/json.h"
 #include "scene/probe.h"
 #include "tests/check.h"
 #include "tests/tap.h"

@@ -1,6 +1,5 @@
 /* ex4dgs: what is told by cfg_args and by options, rows and files that lie.
  * K: ex4dgs import */
-#include "io/ply.h"
 #include "tests/importers/edits.h"
 #include "tests/importers/streams.h"
 

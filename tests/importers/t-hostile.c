@@ -13,7 +13,6 @@
 #include <fnmatch.h>
 #include <ftw.h>
 #include <sys/resource.h>
-#include <sys/stat.h>
 #include <sys/wait.h>
 
 #include "tests/importers/runs.h"

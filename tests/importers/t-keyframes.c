@@ -2,8 +2,6 @@
  * K: keyframes ex4dgs import */
 #include "math/keyframes.h"
 
-#include <math.h>
-
 #include "tests/tap.h"
 
 /* Two columns of keys: 0, 1, 3, 2 and ten times that. */

@@ -2,8 +2,6 @@
  * K: ply import */
 #include "tests/importers/expected_clouds.h"
 
-#include <sys/stat.h>
-
 /* ---- Fixtures -------------------------------------------------------------------------------- */
 
 static void test_files(const char *folder, const char *name, const spin_json *manifest)

@@ -6,7 +6,6 @@
 #include "run/run.h"
 #include "formats/splat.h"
 #include "io/webp.h"
-#include "io/zip.h"
 #include "tests/formats/spz_files.h"
 #include "scene/bundle.h"
 

@@ -2,7 +2,6 @@
  * archives, pictures and ranges that lie.
  * K: tsog sogst import */
 #include "io/webp.h"
-#include "io/zip.h"
 #include "tests/importers/slices.h"
 
 /* ---- Fixtures: what their manifests allow ------------------------------------------------------ */

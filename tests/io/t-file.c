@@ -1,11 +1,9 @@
 /* Maps, paths, folders, write-then-rename.  K: io file */
 #include <errno.h>
-#include <sys/stat.h>
 #include <sys/time.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "io/file.h"
 #include "spin_run.h"
 #include "io/output.h"
 #include "tests/check.h"

@@ -4,7 +4,6 @@
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "io/file.h"
 #include "io/image.h"
 #include "tests/check.h"
 #include "tests/tap.h"

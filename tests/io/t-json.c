@@ -1,5 +1,4 @@
 /* JSON, read and written.  K: io json hostile */
-#include "io/json.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

@@ -1,5 +1,4 @@
 /* .npy arrays and .npz archives.  K: io npy hostile golden */
-#include "io/npy.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

@@ -1,7 +1,6 @@
 /* Outputs looked at and locked before long work: what can be written, and who holds the lock.  K: io file lock */
 #include <fcntl.h>
 #include <signal.h>
-#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 

@@ -2,7 +2,6 @@
  * K: io torch hostile */
 #include "base/err.h"
 #include "base/log.h"
-#include "io/json.h"
 #include "io/torch.h"
 #include "tests/check.h"
 #include "tests/tap.h"

@@ -2,7 +2,6 @@
  * K: video dynerf datasets */
 #include <unistd.h>
 
-#include "io/file.h"
 #include "io/image.h"
 #include "io/video.h"
 #include "tests/check.h"

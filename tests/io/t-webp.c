@@ -3,7 +3,6 @@
 #include "io/webp.h"
 #include "tests/tap.h"
 
-#include <stdlib.h>
 #include <sys/wait.h>
 #include <unistd.h>
 

@@ -1,7 +1,6 @@
 /* xz: what comes out, bounds, and files that lie. */
 #include <lzma.h>
 
-#include "io/file.h"
 #include "io/xz.h"
 #include "tests/check.h"
 #include "tests/tap.h"

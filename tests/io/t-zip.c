@@ -3,7 +3,6 @@
  * The lying ones are put together here byte by byte, independently of the writer under test. */
 #include <unistd.h>
 
-#include "io/zip.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

@@ -3,7 +3,6 @@
 #include "io/zstd.h"
 #include "tests/tap.h"
 
-#include <stdlib.h>
 #include <sys/wait.h>
 #include <unistd.h>
 

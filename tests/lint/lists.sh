@@ -11,12 +11,13 @@ complain() {
 for list in importers exporters; do
     kind=${list%s}
     listed=$(sed -n "s/^ *&spin_${kind}_\([a-z0-9_]*\),\$/\1/p" $list/$list.c)
-    defined=$(sed -n "s/^const struct spin_$kind spin_${kind}_\([a-z0-9_]*\) = {\$/\1/p" $list/*.c)
+    define="^\(const struct spin_$kind spin_${kind}_\|SPIN_[A-Z_]*PORTER(\)\([a-z0-9_]*\)\( = {\|,.*\)\$"
+    defined=$(sed -n "/^SPIN_[A-Z_]*PORTER(\$/{N;s/\n *//};s/$define/\2/p" $list/*.c)
     for file in $list/*.c; do
         name=$(basename "$file" .c)
         [ "$name" = $list ] && continue
         [ -f "$list/$name.h" ] && continue # a helper that the room shares
-        grep -q "^const struct spin_$kind spin_${kind}_[a-z0-9_]* = {" "$file" ||
+        grep -Eq "^(const struct spin_$kind spin_${kind}_[a-z0-9_]* = \{|SPIN_[A-Z_]*PORTER\()" "$file" ||
             complain "$file defines no spin_${kind}_NAME"
     done
     for name in $defined; do

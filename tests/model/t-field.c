@@ -1,7 +1,5 @@
 /* The network's layout, first values and meta.json; the order of points.
  * K: core */
-#include <math.h>
-#include <stdlib.h>
 
 #include "model/field.h"
 #include "train/morton.h"

@@ -1,7 +1,6 @@
 /* --decimate: what a splat counts for, which are kept, and how much that loses. Bundles of which it is known.
  * K: export decimate */
 #include <glob.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include "io/ply.h"

@@ -1,7 +1,6 @@
 /* What spin_export_clip() hands to an exporter, of a clip whose numbers and times are known: names, sequence.json,
  * frames a second, the splats of each frame; and that --check sees what few bits lose.
  * K: export sequence */
-#include "io/json.h"
 #include "spin_run.h"
 #include "run/run.h"
 #include "io/ply.h"

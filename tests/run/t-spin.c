@@ -1,9 +1,6 @@
 /* The library as a program uses it: import, open, read, evaluate, export, and what it says when asked
  * wrongly. Retraining is covered by tests/cli/t2*.
  * K: api d3dgs */
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "spin_run.h"
 #include "run/run.h"

@@ -1,5 +1,4 @@
 /* bundle: what was written comes back bit for bit; files that lie are refused.  K: bundle */
-#include <stdlib.h>
 
 #include "base/err.h"
 #include "base/log.h"

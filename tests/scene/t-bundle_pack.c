@@ -1,8 +1,6 @@
 /* bundle_pack: packed arrays come back bit for bit, rounded ones within bounds; files that lie are refused, in
  * one line that names file and array.  K: bundle pack */
 #include <float.h>
-#include <math.h>
-#include <stdlib.h>
 
 #include "base/err.h"
 #include "base/log.h"

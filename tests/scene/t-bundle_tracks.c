@@ -2,10 +2,6 @@
  * K: bundle tracks */
 #include "scene/bundle_tracks.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "tests/check.h"
 #include "tests/tap.h"
 

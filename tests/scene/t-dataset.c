@@ -1,5 +1,4 @@
 /* views: order, split, size, pairing with a clip, pixels; choosing an importer.  K: views */
-#include <stdlib.h>
 
 #include "base/err.h"
 #include "base/log.h"

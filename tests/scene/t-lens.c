@@ -2,9 +2,6 @@
  * K: lens falloff */
 #include "scene/lens.h"
 
-#include <math.h>
-#include <string.h>
-
 #include "tests/tap.h"
 
 static struct spin_view view_of(int width, int height, double fx)

@@ -1,7 +1,5 @@
 /* What the probes of importers are shown of an input.  K: scene probe */
-#include <sys/stat.h>
 
-#include "io/zip.h"
 #include "scene/probe.h"
 #include "tests/check.h"
 #include "tests/tap.h"

@@ -1,9 +1,6 @@
 /* splats_4d: slices of 4D splats against the formula in spin.h, which rows a time shows, rows that are no use, and the
  * way through a bundle.
  * K: splats_4d 4d bundle */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/log.h"
 #include "scene/bundle.h"

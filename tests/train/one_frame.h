@@ -2,9 +2,6 @@
 #ifndef SPIN_TESTS_TRAIN_ONE_FRAME_H
 #define SPIN_TESTS_TRAIN_ONE_FRAME_H
 
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/err.h"
 #include "math/rng.h"
 #include "tests/check.h"

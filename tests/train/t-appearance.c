@@ -2,9 +2,6 @@
  * K: tracks appearance */
 #include "train/appearance.h"
 
-#include <stdlib.h>
-#include <string.h>
-
 #include "tests/check.h"
 #include "tests/tap.h"
 

@@ -5,9 +5,6 @@
 #include "spin_run.h"
 #include "train/camera_colours.h"
 
-#include <math.h>
-#include <sys/stat.h>
-
 #include "base/log.h"
 #include "io/image.h"
 #include "tests/check.h"

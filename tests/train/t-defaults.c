@@ -1,7 +1,6 @@
 /* Where every option of a retraining starts, by preset, and its limits. The values stand here a second time, so
  * that no change to one goes unnoticed.
  * K: retrain defaults presets limits */
-#include <math.h>
 
 #include "train/options.h"
 #include "spin_run.h"

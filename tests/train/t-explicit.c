@@ -1,11 +1,8 @@
 /* Frames refined by spin-retrain are what the loop makes of the frame's splats and its training
  * views with the options that were given: the same bits. So no option is lost or changed on the way.
  * K: long refine explicit retrain options */
-#include "scene/lens.h"
 #include "spin_run.h"
 #include "run/run.h"
-#include "eval/dynamic_mask.h"
-#include "render/image_store.h"
 #include "tests/train/one_frame.h"
 
 #include "base/log.h"

@@ -1,9 +1,7 @@
 /* Refined frames on a shelf: found and read under their key only.  K: retrain refine */
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include "train/frame_cache.h"
-#include "io/file.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

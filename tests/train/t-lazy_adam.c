@@ -2,7 +2,6 @@
  * step, but for rounding; looking at it between steps changes nothing; the same bits for any number
  * of threads.
  * K: adam network threads lazy */
-#include <math.h>
 
 #include "train/lazy_adam.h"
 #include "math/adam.h"

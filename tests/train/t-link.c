@@ -2,10 +2,6 @@
  * K: tracks threads */
 #include "train/link.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "math/rng.h"
 #include "tests/tap.h"
 #include "train/kd_tree.h"

@@ -2,9 +2,6 @@
  * K: lens falloff exposure */
 #include "train/look_fit.h"
 
-#include <math.h>
-#include <stdlib.h>
-
 #include "tests/tap.h"
 
 enum { CAMERAS = 9, LENSES = 2, POINTS = 900, SEEN = 5 };

@@ -3,7 +3,6 @@
  * K: golden threads refine */
 #include "tests/train/one_frame.h"
 #include "base/number.h"
-#include "render/image_store.h"
 #include "tests/device/strict.h"
 
 /* STEPS: of the runs that no reference is for. */

@@ -1,7 +1,6 @@
 /* A disk that is too small is told before the first step.  K: retrain outputs */
 #include <sys/statvfs.h>
 
-#include "io/file.h"
 #include "spin_run.h"
 #include "run/run.h"
 #include "tests/check.h"

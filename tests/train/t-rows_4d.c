@@ -2,10 +2,6 @@
  * K: retrain 4d tracks */
 #include "train/rows_4d.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "scene/bundle.h"
 #include "tests/check.h"
 #include "tests/tap.h"

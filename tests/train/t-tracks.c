@@ -1,15 +1,7 @@
 /* Which splats are one Gaussian, how frames are put in order, and what a densification makes of them.
  * K: tracks densify */
-#include "train/densify_tracks.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "scene/bundle.h"
-#include "tests/check.h"
 #include "tests/device/strict.h"
-#include "tests/tap.h"
 #include "tests/train/tracked.h"
 #include "train/tracks.h"
 

@@ -2,10 +2,6 @@
  * K: tracks adam */
 #include "train/train_frame.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "tests/device/strict.h"
 #include "tests/tap.h"
 

@@ -1,9 +1,6 @@
 /* Turns of splats from the places of their neighbours: bodies that rotate, noise, neighbours that do something else, and
  * frames that lack some of them; the same bits for any number of threads.
  * K: tracks threads */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "math/quat.h"
 #include "math/rng.h"

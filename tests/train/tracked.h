@@ -2,10 +2,6 @@
 #ifndef SPIN_TESTS_TRAIN_TRACKED_H
 #define SPIN_TESTS_TRAIN_TRACKED_H
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "tests/check.h"
 #include "tests/tap.h"
 #include "train/checkpoint.h"

@@ -2,22 +2,19 @@
  * work is done. A frame and a view at a time fit its caches best. */
 #include "device/cpu/cpu.h"
 
-#include <stdlib.h>
-#include <string.h>
+#include "base/base.h"
 
 static spin_status open_cpu(struct spin_device *d, int n_threads)
 {
     spin_status status;
-    void *block = NULL;
     size_t used = strlen(d->description);
 
-    SPIN_TRY(spin_alloc(1, sizeof(struct spin_cpu), &block));
-    d->state = block;
+    SPIN_TRY(spin_alloc(1, sizeof(struct spin_cpu), &d->state));
     d->frames_at_once = d->views_at_once = 1;
     d->is_host = true;
-    status = spin_pool_create(n_threads, &((struct spin_cpu *)block)->pool);
+    status = spin_pool_create(n_threads, &((struct spin_cpu *)d->state)->pool);
     if (status != SPIN_OK) {
-        free(block);
+        free(d->state);
         d->state = NULL;
         return status;
     }

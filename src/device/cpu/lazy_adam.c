@@ -1,10 +1,7 @@
 /* Adam for a table of which a step touches little (device.h, struct spin_lazy_adam). */
 #include "device/cpu/lazy_adam.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
+#include "base/base.h"
 #include "device/cpu/cpu.h"
 #include "device/cpu/denormals.h"
 #include "math/adam.h"

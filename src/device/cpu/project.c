@@ -1,8 +1,6 @@
 /* Gaussians to screen ellipses and their gradients: who does which splats. The formulas are in
  * math/project.h, math/sh.h and math/tile.h. */
-#include <math.h>
-#include <string.h>
-
+#include "base/base.h"
 #include "device/cpu/cpu.h"
 #include "math/project.h"
 #include "math/sh.h"

@@ -1,14 +1,8 @@
 /* A page of several runs: their curves, and the same views of all with an inset and their differences. */
 #include "eval/report/compare.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
-#include "base/text.h"
+#include "base/base.h"
 #include "eval/report/svg_chart.h"
-#include "io/file.h"
 #include "io/image.h"
 #include "io/template.h"
 
@@ -237,7 +231,8 @@ static spin_status draw_curves(const struct spin_compare *c, const char *key, co
     struct spin_svg_chart_line line[SPIN_SVG_CHART_LINES];
     struct spin_svg_chart chart = {
         .title = title, .x_name = "frame", .y_name = unit, .line = line, .whole = true};
-    double *values = NULL, *next;
+    double *next;
+    SPIN_FREED double *values = NULL;
     size_t all = 0;
 
     for (int i = 0; i < c->n; i++)
@@ -262,7 +257,6 @@ static spin_status draw_curves(const struct spin_compare *c, const char *key, co
         spin_svg_chart_file(to, &chart);
     else
         spin_svg_chart_write(to, &chart);
-    free(values);
     return SPIN_OK;
 }
 
@@ -325,8 +319,7 @@ spin_status spin_compare_page(const struct spin_compare *c, const char *path, bo
         status = spin_out_commit(&out);
     }
     spin_json_free(page);
-    return status == SPIN_OK ? SPIN_OK
-                             : spin_fail_context(status, "cannot write the report '%s'", path);
+    return spin_fail_context(status, "cannot write the report '%s'", path);
 }
 
 /* A file of the folder: what `write` puts into it. */
@@ -365,7 +358,8 @@ static spin_status write_row(const struct spin_compare *c, const struct spin_com
 {
     struct spin_out out;
     struct sheet s;
-    char name[96], *text = NULL, *path = NULL;
+    char name[96];
+    SPIN_FREED char *text = NULL, *path = NULL;
     spin_status status;
 
     SPIN_TRY_OUT(sheet_text(c, row, &text, &s));
@@ -377,8 +371,6 @@ static spin_status write_row(const struct spin_compare *c, const struct spin_com
     write_svg(c, row, &s, text, out.file);
     status = spin_out_commit(&out);
 out:
-    free(path);
-    free(text);
     free(s.rgb);
     return status;
 }

@@ -1,13 +1,7 @@
 /* Fast windows by differences of three frames and summed areas. */
 #include "eval/report/motion_crops.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "spin.h"
-#include "base/err.h"
-#include "base/mem.h"
+#include "base/base.h"
 
 static const float threshold = 20.0f / 255.0f; /* as in moving.c: above noise */
 

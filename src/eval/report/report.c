@@ -2,15 +2,10 @@
  * views and the options of the run, in the template page.html. Equal runs give equal pages, but for speed. */
 #include "eval/report/report.h"
 
-#include <math.h>
-#include <stdlib.h>
-
-#include "base/mem.h"
-#include "base/text.h"
+#include "base/base.h"
 #include "eval/report/svg_chart.h"
 #include "eval/report/motion_crops.h"
 #include "eval/report/train_log.h"
-#include "io/file.h"
 #include "io/image.h"
 #include "io/template.h"
 #include "scene/trained_options.h"
@@ -128,11 +123,10 @@ static spin_status draw_frames(const spin_json *const report[2], FILE *to)
                                    .line = line,
                                    .whole = true};
     size_t n = spin_json_length(spin_json_get(report[0], "frames"));
-    void *block = NULL;
-    double *x, *y;
+    double *y;
+    SPIN_FREED double *x = NULL;
 
-    SPIN_TRY(spin_alloc(n, 5 * sizeof(double), &block));
-    x = block;
+    SPIN_TRY(spin_alloc(n, 5 * sizeof(double), (void **)&x));
     y = x + n;
     take_numbers(spin_json_get(report[0], "frames"), "frame", x);
     for (int k = 0; k < 2; k++)
@@ -146,7 +140,6 @@ static spin_status draw_frames(const spin_json *const report[2], FILE *to)
             y += n;
         }
     spin_svg_chart_write(to, &chart);
-    free(block);
     return SPIN_OK;
 }
 
@@ -408,7 +401,5 @@ spin_status spin_report_write(const struct spin_report *report)
         status = spin_out_commit(&out);
     }
     spin_json_free(page);
-    if (status != SPIN_OK && status != SPIN_E_CANCELLED)
-        return spin_fail_context(status, "cannot write the report '%s'", report->path);
-    return status;
+    return spin_fail_context(status, "cannot write the report '%s'", report->path);
 }

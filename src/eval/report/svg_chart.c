@@ -2,9 +2,8 @@
 #include "eval/report/svg_chart.h"
 
 #include <float.h>
-#include <math.h>
 
-#include "base/text.h"
+#include "base/base.h"
 
 enum { WIDTH = 720, HEIGHT = 260, LEFT = 56, RIGHT = 26, TOP = 10, BOTTOM = 42, MOST_POINTS = 160 };
 

@@ -2,10 +2,7 @@
  * counts as it was done last. */
 #include "eval/report/train_log.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/mem.h"
+#include "base/base.h"
 #include "io/file.h"
 #include "io/json.h"
 
@@ -59,7 +56,7 @@ static spin_status read_lines(const char *path, const struct spin_map *map,
 
     for (int number = 1; at < end; number++) {
         const char *stop = memchr(at, '\n', (size_t)(end - at));
-        spin_json *j = NULL;
+        SPIN_LEAVES(spin_json_freed) spin_json *j = NULL;
         spin_status status;
 
         if (!stop)
@@ -68,9 +65,7 @@ static spin_status read_lines(const char *path, const struct spin_map *map,
         status = spin_json_parse(name, at, (size_t)(stop - at), &j);
         if (status == SPIN_OK)
             status = add_line(h, j);
-        spin_json_free(j);
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "cannot read the log '%s', line %d", path, number);
+        SPIN_TRY_IN(status, "cannot read the log '%s', line %d", path, number);
         at = stop + 1;
     }
     return SPIN_OK;

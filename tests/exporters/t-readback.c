@@ -1,9 +1,7 @@
 /* How far places are off, in sizes of splats and in pixels.
  * K: export check */
-#include "exporters/lib/place_error.h"
+#include "exporters/lib/readback.h"
 #include "tests/tap.h"
-
-#include <math.h>
 
 static struct spin_view view_at(int frame, double focal)
 {
@@ -32,27 +30,27 @@ TAP_MAIN
     const struct spin_export_job job = {.views = &views, .dataset_frame_of = rows};
     const float sizes[3] = {logf(0.1f), logf(0.5f), logf(0.2f)};
     struct spin_export_check check;
-    struct spin_place_error e;
+    struct spin_readback e;
 
-    spin_place_error_begin(&e);
-    spin_place_error_frame(&e, &job, 0);
+    spin_readback_begin(&e);
+    spin_readback_frame(&e, &job, 0);
     for (size_t i = 0; i < sizeof unseen / sizeof *unseen; i++) {
-        spin_place_error_add(&e, unseen[i].mean, sizes, 0.001);
-        spin_place_error_say(&e, &check);
+        spin_readback_add(&e, unseen[i].mean, sizes, 0.001);
+        spin_readback_say(&e, 1, &check);
         ok(isnan(check.place_pixels), "%s no pixel is off", unseen[i].what);
     }
     near(check.place_sizes, 0.002, 1e-9, "of the largest size");
-    spin_place_error_add(&e, (const float[]){0.05f, 0.02f, 2}, sizes, 0.01);
-    spin_place_error_say(&e, &check);
+    spin_readback_add(&e, (const float[]){0.05f, 0.02f, 2}, sizes, 0.01);
+    spin_readback_say(&e, 1, &check);
     near(check.place_sizes, 0.02, 1e-8, "the most of them");
     near(check.place_pixels, 0.6, 1e-9, "pixels of the camera with the longest focal length");
-    spin_place_error_frame(&e, &job, 2);
-    spin_place_error_add(&e, (const float[]){0, 0, 2}, sizes, 1);
-    spin_place_error_say(&e, &check);
+    spin_readback_frame(&e, &job, 2);
+    spin_readback_add(&e, (const float[]){0, 0, 2}, sizes, 1);
+    spin_readback_say(&e, 1, &check);
     near(check.place_pixels, 0.6, 1e-9, "a frame without cameras adds none");
-    spin_place_error_begin(&e);
-    spin_place_error_frame(&e, &(const struct spin_export_job){.views = NULL}, 0);
-    spin_place_error_add(&e, (const float[]){0, 0, 2}, sizes, 1);
-    spin_place_error_say(&e, &check);
+    spin_readback_begin(&e);
+    spin_readback_frame(&e, &(const struct spin_export_job){.views = NULL}, 0);
+    spin_readback_add(&e, (const float[]){0, 0, 2}, sizes, 1);
+    spin_readback_say(&e, 1, &check);
     ok(isnan(check.place_pixels), "no data set, no pixels");
 }

@@ -1,0 +1,112 @@
+#include "exporters/lib/readback.h"
+
+#include "math/project.h"
+
+void spin_readback_begin(struct spin_readback *e) { *e = (struct spin_readback){.pixels = -1}; }
+
+void spin_readback_frame(struct spin_readback *e, const struct spin_export_job *job, int frame)
+{
+    const struct spin_views *views = job->views;
+    int row = job->dataset_frame_of ? job->dataset_frame_of[frame] : -1;
+
+    e->view = NULL;
+    e->n_views = 0;
+    for (int c = 0; c < 6; c++)
+        e->is_box[c] = e->there_box[c] = c < 3 ? HUGE_VAL : -HUGE_VAL;
+    for (size_t i = 0; views && row >= 0 && i < views->n; i++)
+        if (views->view[i].dataset_frame == row) { /* they stand side by side */
+            e->view = e->view ? e->view : &views->view[i];
+            e->n_views++;
+        }
+}
+
+/* Pixels that a step of length `off` across the line of sight is at most; -1: the picture does not show the place. */
+static double pixels_of(const struct spin_camera *c, const float mean[3], double off)
+{
+    double p[3], x, y;
+
+    for (int k = 0; k < 3; k++)
+        p[k] = c->w2c[4 * k] * (double)mean[0] + c->w2c[4 * k + 1] * (double)mean[1] +
+               c->w2c[4 * k + 2] * (double)mean[2] + c->w2c[4 * k + 3];
+    if (p[2] < (double)SPIN_PROJECT_NEAR)
+        return -1;
+    x = c->fx * p[0] / p[2] + c->cx;
+    y = c->fy * p[1] / p[2] + c->cy;
+    if (x < 0 || y < 0 || x > c->width || y > c->height)
+        return -1;
+    return fmax(c->fx, c->fy) * off / p[2];
+}
+
+void spin_readback_add(struct spin_readback *e, const float mean[3], const float log_scale[3],
+                       double off)
+{
+    double largest = fmax(fmax((double)log_scale[0], (double)log_scale[1]), (double)log_scale[2]);
+
+    e->sizes = fmax(e->sizes, off / exp(largest));
+    for (size_t i = 0; i < e->n_views; i++)
+        e->pixels = fmax(e->pixels, pixels_of(&e->view[i].camera, mean, off));
+}
+
+static void widen(double box[6], const float place[3])
+{
+    for (int c = 0; c < 3; c++) {
+        box[c] = fmin(box[c], (double)place[c]);
+        box[3 + c] = fmax(box[3 + c], (double)place[c]);
+    }
+}
+
+/* Coefficients above degree 0. */
+static void compare_sh(struct spin_readback *e, const struct spin_splat_filter *rows, size_t i,
+                       const float *sh, int degree)
+{
+    int n = 3 * spin_sh_count(degree), n_is = 3 * spin_splat_filter_n_sh(rows);
+    float room[3 * SPIN_SH_MAX], error[3 * SPIN_SH_MAX];
+    const float *is = spin_splat_filter_sh(rows, i, room);
+    bool lost = false;
+
+    for (int k = 3; k < n; k++)
+        error[k - 3] = (k < n_is ? is[k] : 0) - sh[k];
+    spin_quant_error_add_all(&e->quant, SPIN_QUANT_SH, error, (size_t)n - 3);
+    for (int k = n; k < n_is; k++)
+        lost = lost || is[k] != 0;
+    e->sh_lost += lost;
+}
+
+void spin_readback_row(struct spin_readback *e, const struct spin_splat_filter *rows, size_t i,
+                       const struct spin_gaussian *there, const float *sh, int degree)
+{
+    struct spin_gaussian is;
+
+    spin_splat_filter_take(rows, i, &is);
+    spin_quant_error_row(&e->quant, &is, there);
+    spin_readback_add(e, rows->splats->means + 3 * i, rows->splats->log_scales + 3 * i,
+                      spin_quant_error_distance(is.place, there->place));
+    compare_sh(e, rows, i, sh, degree);
+    widen(e->is_box, is.place);
+    widen(e->there_box, there->place);
+    for (int c = 0; c < 3; c++)
+        e->reach = fmax(e->reach, fabs((double)is.place[c]));
+    e->n++;
+}
+
+void spin_readback_end(struct spin_readback *e)
+{
+    for (int c = 0; c < 6 && e->is_box[0] < HUGE_VAL; c++)
+        e->bounds = fmax(e->bounds, fabs(e->is_box[c] - e->there_box[c]));
+}
+
+void spin_readback_say(const struct spin_readback *e, int n_frames, struct spin_export_check *out)
+{
+    *out = (struct spin_export_check){.frames = n_frames,
+                                      .splats = e->n,
+                                      .bounds = e->bounds,
+                                      .place_sizes = e->sizes,
+                                      .place_pixels = e->pixels < 0 ? (double)NAN : e->pixels,
+                                      .sh_lost = e->sh_lost,
+                                      .rendered = -1,
+                                      .psnr = (double)NAN};
+    for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
+        out->rms[p] = spin_quant_error_rms(&e->quant, (enum spin_quant_error_part)p);
+        out->largest[p] = e->quant.part[p].largest;
+    }
+}
