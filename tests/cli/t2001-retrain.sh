@@ -152,6 +152,36 @@ assert np.abs((rotations(sys.argv[1]) * rotations(sys.argv[2])).sum(0)).min() > 
 else
     skip "their rotations" "no python3 with numpy"
 fi
+# Points that no training camera sees learn nothing: they are nearly opaque from the start, as others become.
+if command -v python3 >/dev/null 2>&1 && python3 -c 'import numpy' 2>/dev/null; then
+    python3 -c 'import os, sys
+import numpy as np
+p = np.load(sys.argv[1])
+os.mkdir(sys.argv[2])
+for f, means in enumerate(p["means3D"]):
+    with open("%s/frame_%05d.ply" % (sys.argv[2], 8 + f), "w") as ply:
+        ply.write("ply\nformat ascii 1.0\nelement vertex %d\n" % len(means))
+        ply.write("".join("property float %s\n" % c for c in "xyz") + "end_header\n")
+        np.savetxt(ply, means)
+' fixtures/court-mini/params.npz "$work/points"
+    run "$bin/spin-import" "$work/points" --data fixtures/court-mini -o "$work/points.spin"
+    run "$bin/spin-retrain" "$work/points.spin" -o "$work/unseen.spin" --iterations 1 --lr-track 0 --lr-residual 0 \
+        --densify-every 0 --precision full --test-cams 0,3,7,12,15,19
+    is "$code" 0 "retrains points for two cameras"
+    "$bin/spin-export" "$work/unseen.spin" --to ply --range 8:9 -o "$work/unseen" -q 2>"$work/err"
+    python3 -c 'import glob, sys
+import numpy as np
+raw = open(glob.glob(sys.argv[1] + "/*.ply")[0], "rb").read()
+end = raw.index(b"end_header\n") + 11
+names = [l.split()[2] for l in raw[:end].decode().splitlines() if l.startswith("property")]
+logit = np.frombuffer(raw, "<f4", -1, end).reshape(-1, len(names))[:, names.index("opacity")]
+faint, strong = (np.abs(logit - x) < 1e-3 for x in (-2.1972, 1.5))
+assert strong.sum() > 100 and faint.sum() > 1000 and (faint | strong).all(), np.unique(logit)
+' "$work/unseen" 2>"$work/err"
+    ok $? "those that neither sees are nearly opaque, all others faint"
+else
+    skip "points that no camera sees" "no python3 with numpy"
+fi
 for precision in 'half 1e-3' 'compact 0.02'; do
     run "$bin/spin-retrain" "$in" -o "$work/own.spin" $small --iterations 6 --residual points --force --json \
         --threads 1 --precision ${precision% *}

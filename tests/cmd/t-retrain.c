@@ -452,6 +452,50 @@ static void test_defaults(void)
 
 /* ---- Values of every splat's own ---------------------------------------------------------------- */
 
+/* With --residual points a splat begins faint, but as the source has it where no training camera sees it: it would stay
+ * faint for ever. */
+static void test_unseen(void)
+{
+    char more[300];
+    struct spin_views views = {0};
+    struct spin_splats source = {0};
+    size_t n, unseen = 0, wrong = 0;
+    struct run *r;
+    float *values;
+
+    snprintf(more, sizeof more,
+             "%s --residual points --range 1:2 --lr-residual 0 --test-cams 0,3,7,12,15,19", still);
+    r = retrain(more);
+    values = array_of(r, "trained/residual/00000", &n);
+    if (!ok(spin_views_open(r->bundle.meta.data_path, NULL, &views, NULL, 0) == SPIN_OK &&
+                spin_bundle_frame(&r->bundle, 0, SPIN_COL_MEANS | SPIN_COL_LOGIT_OPACITIES,
+                                  &source) == SPIN_OK &&
+                n == 11 * source.n,
+            "views and source"))
+        source.n = 0;
+    for (size_t i = 0; i < source.n; i++) {
+        bool seen = false;
+
+        for (const struct spin_view *v = spin_views_row(&views, 1);
+             v < views.view + views.n && v->dataset_frame == 1; v++) {
+            double at[3];
+
+            seen |= (v->camera_id == 23 || v->camera_id == 27) &&
+                    spin_camera_project(&v->camera, source.means + 3 * i, at) && at[0] >= 0 &&
+                    at[1] >= 0 && at[0] < v->camera.width && at[1] < v->camera.height;
+        }
+        unseen += !seen;
+        wrong += !(fabsf(values[11 * i + 10] - (seen ? -2.1972246f : source.logit_opacities[i])) <
+                   1e-5f);
+    }
+    ok(unseen > 10 && unseen < source.n, "%zu splats are in no training picture", unseen);
+    ok(wrong == 0, "they begin with the source's opacity, all others faint (%zu do not)", wrong);
+    free(values);
+    spin_splats_free(&source);
+    spin_views_free(&views);
+    drop(r);
+}
+
 static void test_own(void)
 {
     static const char *const word[] = {"points", "source"};
@@ -1465,6 +1509,7 @@ TAP_MAIN
     PART(test_rates);
     PART(test_defaults);
     PART(test_own);
+    PART(test_unseen);
     PART(test_cameras);
     PART(test_auto_exposure);
     PART(test_falloff);
