@@ -30,7 +30,7 @@ source_of() {
     [ ! -d "$tree" ] || return 0
     apt-get source --download-only "$1" >"$1.log" 2>&1 ||
         apt-get source --download-only "$1/$(sed -n 's/^VERSION_CODENAME=//p' /etc/os-release)" >>"$1.log" 2>&1 ||
-        fail "no source of '$1' (are there lines deb-src in /etc/apt/sources.list?): $(tail -n 1 "$1.log")"
+        fail "no source of '$1' (are there lines deb-src in apt's sources?): $(tail -n 1 "$1.log")"
     dpkg-source --no-check -x "$1"_*.dsc "$1" >>"$1.log" 2>&1 || fail "'$1' does not unpack, see $deps/src/$1.log"
 }
 
