@@ -131,7 +131,8 @@ static bool is_seen(const struct spin_camera *const *camera, size_t n, const flo
 }
 
 /* Splats begin faint, in order to learn. Those that no training camera sees learn nothing, and would stay faint: holes for
- * who looks from elsewhere. They begin as the source has them, or, where it is points, nearly opaque. */
+ * who looks from elsewhere. They begin as the source has them, or, where it is points, nearly opaque. All others are
+ * marked as seen. */
 static spin_status show_unseen(const struct spin_plan *plan, const struct spin_splats *s, int f,
                                struct spin_refine_cloud *cloud)
 {
@@ -144,20 +145,21 @@ static spin_status show_unseen(const struct spin_plan *plan, const struct spin_s
     if (s->logit_opacities)
         SPIN_TRY(spin_refine_init_from_splats(s, &source));
     for (size_t i = 0; i < cloud->n; i++)
-        if (!is_seen(camera, n, s->means + 3 * i)) {
-            if (source.n > 0)
-                cloud->point[i].p = source.point[i].p;
-            else
-                cloud->point[i].p.logit_opacity = unseen_logit;
-        }
+        if (is_seen(camera, n, s->means + 3 * i))
+            cloud->point[i].seen = 1;
+        else if (source.n > 0)
+            cloud->point[i].p = source.point[i].p;
+        else
+            cloud->point[i].p.logit_opacity = unseen_logit;
     return SPIN_OK;
 }
 
-/* First values of the tracks, in the host's memory: those of the first splat that is seen of each. */
+/* First values of the tracks, in the host's memory: those of the first splat of each that a training camera sees, or of the
+ * first at all. */
 struct first_tracks {
     const struct spin_tracks *tracks;
     float *displacement, *residual; /* [n][3], [n][SPIN_RESIDUAL] */
-    uint8_t *seen;                  /* [n] */
+    uint8_t *seen; /* [n] 0: no splat yet; 1: one that no camera sees; 2: one that a camera sees */
 };
 
 static spin_status open_first_tracks(struct first_tracks *first, const struct spin_tracks *tracks)
@@ -178,10 +180,11 @@ static void look_for_first(struct first_tracks *first, int frame,
 {
     for (size_t i = 0; i < cloud->n; i++) {
         uint32_t track = first->tracks->of[frame][i];
+        uint8_t seen = cloud->point[i].seen ? 2 : 1;
 
-        if (track == SPIN_NO_TRACK || first->seen[track])
+        if (track == SPIN_NO_TRACK || first->seen[track] >= seen)
             continue;
-        first->seen[track] = 1;
+        first->seen[track] = seen;
         memcpy(first->residual + SPIN_RESIDUAL * track, cloud->point[i].p.log_scale,
                SPIN_RESIDUAL * sizeof(float));
         if (track >= first->tracks->n_moving)

@@ -179,6 +179,31 @@ faint, strong = (np.abs(logit - x) < 1e-3 for x in (-2.1972, 1.5))
 assert strong.sum() > 100 and faint.sum() > 1000 and (faint | strong).all(), np.unique(logit)
 ' "$work/unseen" 2>"$work/err"
     ok $? "those that neither sees are nearly opaque, all others faint"
+    # Cameras that move: what a track begins with is of a frame in which it is seen.
+    mkdir "$work/moving"
+    python3 -c 'import json, os, sys
+source = os.path.abspath("fixtures/court-mini")
+os.symlink(source + "/ims", sys.argv[1] + "/ims")
+for name in "train_meta.json", "test_meta.json":
+    m = json.load(open(source + "/" + name))
+    for key in "k", "w2c":
+        if name[1] == "r":
+            m[key][0] = len(m[key][0]) * [m[key][0][m["cam_id"][0].index(23)]]
+    json.dump(m, open(sys.argv[1] + "/" + name, "w"))
+' "$work/moving"
+    run "$bin/spin-retrain" "$work/points.spin" -o "$work/unseen.spin" --iterations 1 --lr-track 0 --lr-residual 0 \
+        --densify-every 0 --precision full --data "$work/moving" --force
+    is "$code" 0 "retrains points whose first frame is seen from one place"
+    "$bin/spin-export" "$work/unseen.spin" --to ply --range 8:9 -o "$work/unseen" -q --force 2>"$work/err"
+    python3 -c 'import glob, sys
+import numpy as np
+raw = open(glob.glob(sys.argv[1] + "/*.ply")[0], "rb").read()
+end = raw.index(b"end_header\n") + 11
+names = [l.split()[2] for l in raw[:end].decode().splitlines() if l.startswith("property")]
+logit = np.frombuffer(raw, "<f4", -1, end).reshape(-1, len(names))[:, names.index("opacity")]
+assert (np.abs(logit - 1.5) < 1e-3).sum() < 30, np.unique(logit, return_counts=True)
+' "$work/unseen" 2>"$work/err"
+    ok $? "tracks that cameras of other frames see are faint too, only splats of one frame are not"
 else
     skip "points that no camera sees" "no python3 with numpy"
 fi
