@@ -10,7 +10,6 @@
 
 #include "base/base.h"
 #include "exporters/html/page.h"
-#include "exporters/lib/bells.h"
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/page_draft.h"
 #include "exporters/lib/page_group.h"

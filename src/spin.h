@@ -215,6 +215,8 @@ enum spin_splats_4d_part { /* those that may be left out, but paths */
 spin_status spin_splats_4d_reserve(struct spin_splats_4d *s, size_t n, int degree, int sh_degree,
                                    unsigned parts);
 void spin_splats_4d_free(struct spin_splats_4d *s);
+/* The arrays of 4D splats, as those of a frame with each in its own place: nothing to free. */
+struct spin_splats spin_splats_of_4d(const struct spin_splats_4d *s);
 /* When all rows are filled: rows with values that are not finite or far out of range, without a rotation or a sigma go,
  * the others keep their order and get quats of unit length. from: NULL, or [n], gets the place each had. */
 spin_status spin_splats_4d_settle(struct spin_splats_4d *s, size_t *n_dropped, size_t *from);

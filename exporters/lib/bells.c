@@ -294,18 +294,6 @@ spin_status spin_bells_convert(struct spin_bells *b)
     return SPIN_OK;
 }
 
-struct spin_splats spin_splats_of_4d(const struct spin_splats_4d *s)
-{
-    return (struct spin_splats){.n = s->n,
-                                .capacity = s->n,
-                                .sh_degree = s->sh_degree,
-                                .means = s->centres,
-                                .quats = s->quats,
-                                .log_scales = s->log_scales,
-                                .logit_opacities = s->logit_opacities,
-                                .sh = s->sh};
-}
-
 void spin_bells_free(struct spin_bells *b)
 {
     spin_splats_4d_free(&b->clip);

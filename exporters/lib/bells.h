@@ -25,8 +25,6 @@ spin_status spin_bells_can(const struct spin_bells *b);
 spin_status spin_bells_fps(const struct spin_bells *b, double *out);
 /* Fills the last six. */
 spin_status spin_bells_convert(struct spin_bells *b);
-/* The arrays of 4D splats, as those of a frame with each in its own place. */
-struct spin_splats spin_splats_of_4d(const struct spin_splats_4d *s);
 /* One warning for each thing that is lost. */
 void spin_bells_warn(const struct spin_bells *b);
 /* The file's time of a source's. */

@@ -17,3 +17,5 @@ void spin_hash(uint64_t *hash, const void *data, size_t n);
 
 /* Pixel and depth of a point; false when it does not lie in front. */
 bool spin_camera_project(const struct spin_camera *camera, const float point[3], double out[3]);
+/* The same; false also when the point lies beside the picture. */
+bool spin_camera_sees(const struct spin_camera *camera, const float point[3], double out[3]);

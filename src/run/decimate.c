@@ -258,13 +258,7 @@ static spin_status weigh_frame(struct spin_decimation *d, int f)
 static spin_status begin_4d(struct spin_decimation *d)
 {
     const struct spin_splats_4d *s = d->splats_4d;
-    const struct spin_splats view = {.n = s->n,
-                                     .sh_degree = s->sh_degree,
-                                     .means = s->centres,
-                                     .quats = s->quats,
-                                     .log_scales = s->log_scales,
-                                     .logit_opacities = s->logit_opacities,
-                                     .sh = s->sh};
+    const struct spin_splats view = spin_splats_of_4d(s);
     double first = time_of(d, 0), last = time_of(d, d->clip->n_frames - 1);
     unsigned char *keep = d->set[0].keep;
 

@@ -115,6 +115,18 @@ void spin_splats_4d_free(struct spin_splats_4d *s)
     *s = (struct spin_splats_4d){0};
 }
 
+struct spin_splats spin_splats_of_4d(const struct spin_splats_4d *s)
+{
+    return (struct spin_splats){.n = s->n,
+                                .capacity = s->n,
+                                .sh_degree = s->sh_degree,
+                                .means = s->centres,
+                                .quats = s->quats,
+                                .log_scales = s->log_scales,
+                                .logit_opacities = s->logit_opacities,
+                                .sh = s->sh};
+}
+
 /* ---- Settling ---------------------------------------------------------------------------------- */
 
 static struct spin_window window_of(const struct spin_splats_4d *s, size_t i)

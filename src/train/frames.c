@@ -85,9 +85,10 @@ static unsigned first_columns(const struct spin_plan *plan, bool refined)
 
     if (!spin_plan_has_residual(plan))
         return SPIN_COL_MEANS;
-    if (plan->o->residual == SPIN_RESIDUAL_SOURCE || has_attributes(plan, refined))
+    if (plan->o->residual == SPIN_RESIDUAL_SOURCE)
         return SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    return SPIN_COL_MEANS | (refined || there & SPIN_COL_RGB ? SPIN_COL_RGB : there & SPIN_COL_SH);
+    return SPIN_COL_MEANS | (has_attributes(plan, refined) ? SPIN_COL_ATTRIBUTES : 0) |
+           (refined || there & SPIN_COL_RGB ? SPIN_COL_RGB : there & SPIN_COL_SH);
 }
 
 static const float unseen_logit = 1.5f; /* opacity 0.8 */
@@ -124,8 +125,7 @@ static bool is_seen(const struct spin_camera *const *camera, size_t n, const flo
     double p[3];
 
     for (size_t i = 0; i < n; i++)
-        if (spin_camera_project(camera[i], place, p) && p[0] >= 0 && p[1] >= 0 &&
-            p[0] < camera[i]->width && p[1] < camera[i]->height)
+        if (spin_camera_sees(camera[i], place, p))
             return true;
     return false;
 }
