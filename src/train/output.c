@@ -11,22 +11,26 @@
 
 /* Values are multiples of 1 / per_unit. Half: what a half float holds of a number, and for numbers near 0 no more than
  * of one near 1. Compact: steps that a picture of 8 bits hardly shows. Positions have more bits, as they are large
- * beside the splats: a step of 2^-16 of the camera extent. */
-enum { BITS = 11, POSITION_BITS = 16 };
+ * beside the splats: a step of 2^-16 or 2^-14 of the camera extent. */
+enum { BITS = 11, POSITION_BITS = 16, COMPACT_POSITION_BITS = 14 };
 
 /* 0: not rounded. */
 static float per_unit(const struct spin_output *output, unsigned column)
 {
     enum spin_precision precision = output->plan->o->precision;
+    bool compact = precision == SPIN_PRECISION_COMPACT;
     double extent = output->plan->extent;
 
-    if (precision == SPIN_PRECISION_FULL)
+    if (precision == SPIN_PRECISION_FULL ||
+        column == SPIN_COL_RGB) /* of points: bytes, most often */
         return 0;
     if (column == SPIN_COL_MEANS)
-        return extent > 1e-30 ? (float)exp2(POSITION_BITS - floor(log2(extent))) : 0;
-    if (precision == SPIN_PRECISION_HALF)
+        return extent > 1e-30 ? (float)exp2((compact ? COMPACT_POSITION_BITS : POSITION_BITS) -
+                                            floor(log2(extent)))
+                              : 0;
+    if (!compact)
         return 0x1p11f;
-    return column == SPIN_COL_QUATS ? 256 : column == SPIN_COL_SH ? 128 : 32;
+    return column == SPIN_COL_QUATS ? 64 : column == SPIN_COL_SH ? 128 : 32;
 }
 
 static void round_values(const struct spin_output *output, unsigned column, float *values, size_t n)
@@ -54,9 +58,9 @@ static void round_rows(const struct spin_output *output, float *rows, size_t n, 
             round_values(output, part[k].column, rows + stride * i + part[k].first, part[k].width);
 }
 
-/* Of all values of a column alike. */
-static spin_status set_refined_units(const struct spin_output *output, struct spin_packer *packer,
-                                     unsigned columns, int sh_degree)
+/* Of the source or of refined frames: of all values of a column alike. */
+static spin_status set_column_units(const struct spin_output *output, struct spin_packer *packer,
+                                    const char *group, unsigned columns, int sh_degree)
 {
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
         size_t width = spin_column_width(column, sh_degree);
@@ -67,7 +71,7 @@ static spin_status set_refined_units(const struct spin_output *output, struct sp
             continue;
         for (size_t i = 0; i < width; i++)
             unit[i] = per_unit(output, column);
-        snprintf(series, sizeof series, "refined/%s", spin_column_name(column));
+        snprintf(series, sizeof series, "%s/%s", group, spin_column_name(column));
         SPIN_TRY(spin_packer_units(packer, series, width, unit));
     }
     return SPIN_OK;
@@ -141,7 +145,7 @@ static spin_status fold_turns(const struct spin_trainer *t, const struct spin_tr
     return SPIN_OK;
 }
 
-/* A frame's own positions or residual values: of the splats that have some, in the order of the source. */
+/* A frame's own positions or residual values: of the splats that have some, in the order of the rows. */
 static spin_status write_frame(const struct spin_output *output, struct spin_bundle_writer *w,
                                int frame, const float *tracks, bool residual)
 {
@@ -175,7 +179,7 @@ static spin_status write_frame(const struct spin_output *output, struct spin_bun
 
 /* ---- Tracks ------------------------------------------------------------------------------------- */
 
-/* The track of every splat, in the order of the source. */
+/* The track of every splat, in the order of the rows. */
 static spin_status read_numbers(const struct spin_output *output, int frame, uint32_t **out)
 {
     const struct spin_train_frame *from = &output->trainer->frame[frame];
@@ -191,36 +195,71 @@ static spin_status read_numbers(const struct spin_output *output, int frame, uin
     return SPIN_OK;
 }
 
-/* Once where all frames have the same. */
-static spin_status write_numbers(const struct spin_output *output, struct spin_bundle_writer *w,
-                                 bool *same_rows)
+static spin_status look_for_other_rows(const struct spin_output *output, bool *same_rows)
 {
     const struct spin_trainer *t = output->trainer;
-    SPIN_FREED uint32_t *first = NULL, *track = NULL;
+    SPIN_FREED uint32_t *first = NULL;
 
     *same_rows = true;
     SPIN_TRY(read_numbers(output, 0, &first));
     for (int f = 1; *same_rows && f < t->n_frames; f++) {
+        SPIN_FREED uint32_t *track = NULL;
+
         SPIN_TRY(read_numbers(output, f, &track));
         *same_rows = t->frame[f].size.n == t->frame[0].size.n &&
                      memcmp(first, track, t->frame[f].size.n * sizeof *track) == 0;
-        free(track);
-        track = NULL;
     }
+    return SPIN_OK;
+}
+
+static int by_key(const void *a, const void *b)
+{
+    uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
+
+    return (x > y) - (x < y);
+}
+
+/* A frame's rows in the order of their tracks, whose numbers take little room then. */
+static spin_status sort_rows(const struct spin_output *output, int frame)
+{
+    size_t n = output->trainer->frame[frame].size.n;
+    uint32_t *permutation = output->frames->permutation[frame];
+    SPIN_FREED uint32_t *track = NULL, *place = NULL;
+    SPIN_FREED uint64_t *key = NULL;
+
+    SPIN_TRY(read_numbers(output, frame, &track));
+    SPIN_TRY(invert(permutation, n, &place));
+    SPIN_TRY(spin_alloc(n + 1, sizeof *key, (void **)&key));
+    for (size_t row = 0; row < n; row++)
+        key[row] = (uint64_t)track[row] << 32 | row;
+    qsort(key, n, sizeof *key, by_key);
+    for (size_t row = 0; row < n; row++)
+        permutation[place[(uint32_t)key[row]]] = (uint32_t)row;
+    return SPIN_OK;
+}
+
+/* Where all frames have the same, once; otherwise in another order of the rows. */
+static spin_status write_numbers(const struct spin_output *output, struct spin_bundle_writer *w,
+                                 bool *same_rows)
+{
+    const struct spin_trainer *t = output->trainer;
+
+    SPIN_TRY(look_for_other_rows(output, same_rows));
     for (int f = 0; f < (*same_rows ? 1 : t->n_frames); f++) {
         uint64_t shape[1] = {t->frame[f].size.n};
+        SPIN_FREED uint32_t *track = NULL;
 
+        if (!*same_rows)
+            SPIN_TRY(sort_rows(output, f));
         SPIN_TRY(read_numbers(output, f, &track));
         SPIN_TRY(spin_bundle_write_array(w, "trained/track", f, "<u4", 1, shape, track));
-        free(track);
-        track = NULL;
     }
     return SPIN_OK;
 }
 
 /* Values as rows, and which splats they belong to. */
 static spin_status write_tracks(const struct spin_output *output, struct spin_bundle_writer *w,
-                                const float *groups, bool *same_rows)
+                                const float *groups)
 {
     size_t n = output->trainer->n_tracks;
     uint64_t shape[2] = {n, SPIN_TRACK};
@@ -233,8 +272,7 @@ static spin_status write_tracks(const struct spin_output *output, struct spin_bu
     for (size_t i = 0; i < n; i++)
         round_values(output, SPIN_COL_MEANS, rows + SPIN_TRACK * i, 3);
     round_rows(output, rows + 3, n, SPIN_TRACK);
-    SPIN_TRY(spin_bundle_write_array(w, "trained/tracks", -1, "<f4", 2, shape, rows));
-    return write_numbers(output, w, same_rows);
+    return spin_bundle_write_array(w, "trained/tracks", -1, "<f4", 2, shape, rows);
 }
 
 /* An array of weights on the device. */
@@ -264,13 +302,16 @@ static spin_status write_values(const struct spin_output *output, struct spin_bu
     SPIN_FREED float *tracks = NULL; /* in groups */
 
     SPIN_TRY(spin_alloc(floats + 1, sizeof *tracks, (void **)&tracks));
-    if (floats > 0)
+    if (floats > 0) {
         SPIN_TRY(t->device->op->download(t->device, tracks, t->tracks.p, floats * sizeof *tracks));
+        SPIN_TRY(write_tracks(output, w, tracks));
+        SPIN_TRY(write_numbers(output, w, same_rows));
+    }
     for (int f = 0; f < t->n_frames; f++)
         SPIN_TRY(write_frame(output, w, f, tracks, false));
     for (int f = 0; spin_plan_has_residual(output->plan) && f < t->n_frames; f++)
         SPIN_TRY(write_frame(output, w, f, tracks, true));
-    return floats > 0 ? write_tracks(output, w, tracks, same_rows) : SPIN_OK;
+    return SPIN_OK;
 }
 
 static spin_status write_network(const struct spin_output *output, struct spin_bundle_writer *w,
@@ -330,15 +371,18 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
     SPIN_TRY(spin_bundle_splats_4d(&plan->clip.bundle, &four_d));
     if (four_d)
         SPIN_TRY(spin_bundle_write_4d(w, four_d, SPIN_ROUND_NOTHING, meta));
+    else
+        SPIN_TRY(set_column_units(output, &w->packer, "source", meta->columns, meta->sh_degree));
     for (int f = 0; !four_d && f < plan->clip.n_frames; f++) {
         SPIN_TRY(spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, f), meta->columns,
                                    &splats));
+        round_splats(output, meta->columns, &splats);
         SPIN_TRY(spin_bundle_write_frame(w, f, meta->columns, meta->static_columns, &splats));
     }
     for (int f = 0; output->refinement->frame && f < plan->clip.n_frames; f++) {
         SPIN_TRY(spin_refinement_read(output->refinement, plan, f, kept, &splats));
         if (plan->o->method == SPIN_METHOD_FRAMES && f == 0)
-            SPIN_TRY(set_refined_units(output, &w->packer, kept, splats.sh_degree));
+            SPIN_TRY(set_column_units(output, &w->packer, "refined", kept, splats.sh_degree));
         if (plan->o->method == SPIN_METHOD_FRAMES) /* else they are what a network began with */
             round_splats(output, kept, &splats);
         SPIN_TRY(spin_bundle_write_refined(w, f, kept, &splats));

@@ -78,6 +78,46 @@ for precision in compact half full; do
 done
 same "$work/half-tracks.spin" source "the source beside it" --source
 
+# Frames that share no place: each has tracks of its own, and its splats go in their order.
+mkdir "$work/apart"
+for f in 0 1 2; do
+    rm -rf "$work/one"
+    "$bin/spin-export" "$in" --to ply -o "$work/one" --range $f:$((f + 1)) --translate 0.00$((f * 2)),0,0 -q &&
+        cp "$work"/one/*.ply "$work/apart/"
+done
+"$bin/spin-import" "$work/apart" --from ply --data fixtures/court-mini --pair order -o "$work/apart.spin" -q 2>"$work/err"
+# shellcheck disable=SC2086
+run "$bin/spin-retrain" "$work/apart.spin" -o "$work/own-tracks.spin" $small --iterations 40 --densify-every 10
+is "$code" 0 "frames that share no place: retrains"
+same "$work/own-tracks.spin" retrained "their tracks"
+python3 -c '
+import sys, spin4d
+clip = spin4d.load(sys.argv[1])
+rows = [clip.values("trained/track/%05d" % f).astype("i8") for f in range(3)]
+assert all((r[1:] >= r[:-1]).all() and len(set(r)) > 2000 for r in rows)
+assert rows[0].tobytes() != rows[1].tobytes()' "$work/own-tracks.spin" 2>"$work/err"
+ok $? "in the order of the tracks"
+
+# Colours of points stay as they are.
+mkdir "$work/points"
+python3 -c '
+import sys, numpy, spin4d
+clip = spin4d.load(sys.argv[1])
+for f in range(3):
+    rows = "".join("%.6f %.6f %.6f %d %d %d\n" % (*p, f, i % 256, 77) for i, p in enumerate(clip.frame(f).means))
+    head = "".join("property float %s\n" % c for c in "xyz") + "".join("property uchar %s\n" % c for c in ("red", "green", "blue"))
+    open("%s/%d.ply" % (sys.argv[2], f), "w").write(
+        "ply\nformat ascii 1.0\nelement vertex %d\n%send_header\n%s" % (rows.count("\n"), head, rows))' "$in" "$work/points"
+"$bin/spin-import" "$work/points" --from ply --data fixtures/court-mini --pair order -o "$work/points.spin" -q 2>"$work/err"
+# shellcheck disable=SC2086
+run "$bin/spin-retrain" "$work/points.spin" -o "$work/coloured.spin" $small --iterations 5
+is "$code" 0 "points: retrains"
+python3 -c '
+import sys, spin4d
+a, b = (spin4d.load(path).values("source/rgb/00002") for path in sys.argv[1:])
+assert len(a) > 2000 and a.tobytes() == b.tobytes()' "$work/points.spin" "$work/coloured.spin" 2>"$work/err"
+ok $? "their colours are still those of the source"
+
 # 4D splats: slices are those of spin-export, at frames of the bundle and between them.
 for kind in rot4d_noshfs rot4d_sht; do
     [ -d "$fixtures/realtime4dgs/$kind" ] || continue
@@ -142,13 +182,15 @@ for path in sys.argv[5], sys.argv[1], sys.argv[3]:
     for name in set(zipped.files) - {"meta.json"}:
         a, b = scope["values"](zipped, meta, name), clip.values(name)
         assert a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes(), name
-assert list(meta["per_unit"]) == ["trained/means", "trained/residual", "trained/tracks"], meta
-for name in "means/00000", "residual/00000", "tracks":
-    assert zipped["trained/" + name].dtype == numpy.int8, name
+units = meta["per_unit"]
+assert sorted(units) == ["source/" + column for column in sorted(meta["columns"])] + [
+    "trained/means", "trained/residual", "trained/tracks"], units
+for name in "source/means/00000", "trained/means/00000", "trained/residual/00000", "trained/tracks":
+    assert zipped[name].dtype == numpy.int8, name
 frames = spin4d.load(sys.argv[6])
 for name in "means", "quats", "log_scales", "logit_opacities", "sh":
     assert frames.meta["per_unit"]["refined/" + name][0] >= 32, name
-for name, step in ("quats", 1 / 256), ("log_scales", 1 / 32), ("logit_opacities", 1 / 32), ("sh", 1 / 128):
+for name, step in ("quats", 1 / 64), ("log_scales", 1 / 32), ("logit_opacities", 1 / 32), ("sh", 1 / 128):
     assert numpy.load(sys.argv[6])["refined/" + name + "/00001"].dtype == numpy.int8, name
     assert numpy.all(frames.values("refined/" + name + "/00001") % step == 0), name
 zipped = numpy.load(sys.argv[1])
@@ -159,23 +201,23 @@ for name in zipped.files:
         continue
     b, small = full.values(name), compact.values(name)
     rounded = half.values(name)
-    if name.startswith("source/") or name.startswith("trained/track/"):
-        assert rounded.tobytes() == b.tobytes(), name
+    if name.startswith("trained/track/"):
+        assert rounded.tobytes() == b.tobytes() == small.tobytes(), name
         continue
-    bound = numpy.maximum(numpy.abs(b) * 2.0**-11, 2.0**-11)
     if "means" in name:
-        bound = numpy.maximum(numpy.abs(b) * 2.0**-16, 2.0**-13)
-    assert numpy.all(numpy.abs(b - rounded) <= bound), name
-    if "means" in name:
-        assert small.tobytes() == rounded.tobytes(), name
+        bound, step = numpy.maximum(numpy.abs(b) * 2.0**-16, 2.0**-14), numpy.full(3, 2.0**-13)
     else:
-        step = numpy.array([1 / 32] * 3 + [1 / 256] * 4 + [1 / 128] * 3 + [1 / 32])
-        assert numpy.all(small[:, -11:] % step == 0), name
-        bound = bound[:, -11:] + 0.5 * step
-        assert numpy.all(numpy.abs(b - small)[:, -11:] <= bound), name
+        bound = numpy.maximum(numpy.abs(b) * 2.0**-11, 2.0**-11)
+        step = numpy.array(units[name if name in units else name.rpartition("/")[0]][-11:], float) ** -1
+        want = [1 / 32] * 3 + [1 / 64] * 4 + [1 / 128] * 3 + [1 / 32]
+        assert name.startswith("source/") or step.tolist() == want, name
+    assert numpy.all(numpy.abs(b - rounded) <= bound), name
+    b, small, bound = (a.reshape(a.shape[0], -1)[:, -len(step):] for a in (b, small, bound))
+    assert numpy.all(small % step == 0) and numpy.all(numpy.abs(b - small) <= bound + 0.5 * step), name
+    b, rounded = (a.reshape(a.shape[0], -1) for a in (full.values(name), rounded))
     assert b.size == 0 or rounded.tobytes() != b.tobytes(), name
 E
-ok $? "the manual's decoder; half precision within its bounds, the source to the bit"
+ok $? "the manual's decoder; half and compact within their bounds, the source as well"
 
 # ---- What the class refuses
 
