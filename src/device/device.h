@@ -34,6 +34,8 @@ enum {
     SPIN_ATTR_SH = 7,
     SPIN_ATTR_OPACITY = 55,
     SPIN_ATTR = 56,
+    SPIN_ATTR_NARROW =
+        12, /* without SH beyond the first coefficient: see struct spin_frame_batch */
     SPIN_RESIDUAL =
         11, /* own values of a splat: log scale [3], rotation [4], colour [3], opacity [1] */
     SPIN_TRACK = 3 + SPIN_RESIDUAL, /* values of a track: displacement [3], then as a residual */
@@ -151,7 +153,9 @@ struct spin_tracks_f32 {
 enum { SPIN_MAX_FRAMES = 8, SPIN_MAX_VIEWS = 32 };
 struct spin_frame_batch {
     int n_frames;
-    size_t n; /* splats of all frames */
+    bool
+        narrow; /* rows of attributes have SPIN_ATTR_NARROW floats, the opacity last; without a network, SH and CUDA */
+    size_t n;   /* splats of all frames */
     struct spin_frame_of_batch {
         size_t first, n;                /* its rows */
         float t;                        /* time, 0..1 */
@@ -180,6 +184,11 @@ struct spin_frame_batch {
         uint32_t SPIN_DEV *seen;  /* [n] */
     } frame[SPIN_MAX_FRAMES];
 };
+/* Floats of a row of attributes. */
+static inline size_t spin_attr_width(const struct spin_frame_batch *frames)
+{
+    return frames->narrow ? SPIN_ATTR_NARROW : SPIN_ATTR;
+}
 
 /* Rows of a frame batch that have a gradient. */
 struct spin_active {
@@ -376,12 +385,12 @@ struct spin_device_ops {
                           const struct spin_active *active, const float SPIN_DEV *d_raw);
 
     /* attr [n][SPIN_ATTR] = finish(raw) */
-    void (*activate)(struct spin_device *d, size_t n, const float SPIN_DEV *raw,
-                     float SPIN_DEV *attr);
+    void (*activate)(struct spin_device *d, const struct spin_frame_batch *frames,
+                     const float SPIN_DEV *raw, float SPIN_DEV *attr);
     /* d_raw [active][SPIN_ATTR] = from d_attr [n][SPIN_ATTR] */
-    void (*activate_back)(struct spin_device *d, const struct spin_active *active,
-                          const float SPIN_DEV *raw, const float SPIN_DEV *d_attr,
-                          float SPIN_DEV *d_raw);
+    void (*activate_back)(struct spin_device *d, const struct spin_frame_batch *frames,
+                          const struct spin_active *active, const float SPIN_DEV *raw,
+                          const float SPIN_DEV *d_attr, float SPIN_DEV *d_raw);
 
     /* d_attr of active rows += the frame's d_scale (each of the three scales), d_opacity. */
     void (*regularise_back)(struct spin_device *d, const struct spin_frame_batch *frames,

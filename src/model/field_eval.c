@@ -16,15 +16,12 @@ static void list_pieces(struct spin_field_eval *w, const struct spin_field *fiel
                         struct piece piece[N_PIECES])
 {
     size_t n_in = field ? (size_t)field->heads.n_in : 0, x_u = field ? 4 : 0;
+    size_t row = w->narrow ? SPIN_ATTR_NARROW : SPIN_ATTR;
     const struct piece all[N_PIECES] = {
-        {(void SPIN_DEV **)&w->x_u, x_u, false},
-        {(void SPIN_DEV **)&w->z, n_in, false},
-        {(void SPIN_DEV **)&w->raw, SPIN_ATTR, false},
-        {(void SPIN_DEV **)&w->attr, SPIN_ATTR, false},
-        {(void SPIN_DEV **)&w->d_attr, SPIN_ATTR, true},
-        {(void SPIN_DEV **)&w->d_raw, SPIN_ATTR, true},
-        {(void SPIN_DEV **)&w->d_z, n_in, true},
-        {(void SPIN_DEV **)&w->d_x_u, x_u, true},
+        {(void SPIN_DEV **)&w->x_u, x_u, false},     {(void SPIN_DEV **)&w->z, n_in, false},
+        {(void SPIN_DEV **)&w->raw, row, false},     {(void SPIN_DEV **)&w->attr, row, false},
+        {(void SPIN_DEV **)&w->d_attr, row, true},   {(void SPIN_DEV **)&w->d_raw, row, true},
+        {(void SPIN_DEV **)&w->d_z, n_in, true},     {(void SPIN_DEV **)&w->d_x_u, x_u, true},
         {(void SPIN_DEV **)&w->active.row, 1, true},
     };
 
@@ -32,7 +29,8 @@ static void list_pieces(struct spin_field_eval *w, const struct spin_field *fiel
 }
 
 spin_status spin_field_eval_open(struct spin_field_eval *w, struct spin_device *device,
-                                 const struct spin_field *field, size_t capacity, bool training)
+                                 const struct spin_field *field, bool sh, size_t capacity,
+                                 bool training)
 {
     struct piece piece[N_PIECES];
     spin_status status = SPIN_OK;
@@ -41,6 +39,7 @@ spin_status spin_field_eval_open(struct spin_field_eval *w, struct spin_device *
     w->device = device;
     w->capacity = capacity;
     w->training = training;
+    w->narrow = !field && !sh && device->is_host;
     w->active.most = capacity;
     list_pieces(w, field, piece);
     for (int i = 0; i < N_PIECES; i++)
@@ -107,7 +106,7 @@ void spin_field_decode(struct spin_field_eval *w, const struct spin_field *field
         d->op->residual(d, frames, w->raw);
     else if (residual)
         d->op->residual_set(d, frames, w->raw);
-    d->op->activate(d, frames->n, w->raw, w->attr);
+    d->op->activate(d, frames, w->raw, w->attr);
 }
 
 void spin_field_forward(struct spin_field_eval *w, const struct spin_field *field,
@@ -133,7 +132,7 @@ void spin_field_decode_back(struct spin_field_eval *w, const struct spin_field *
     d->op->nonzero_grad(d, frames, w->d_attr, &w->active);
     if (regularise)
         d->op->regularise_back(d, frames, &w->active, w->d_attr);
-    d->op->activate_back(d, &w->active, w->raw, w->d_attr, w->d_raw);
+    d->op->activate_back(d, frames, &w->active, w->raw, w->d_attr, w->d_raw);
     if (residual)
         d->op->residual_back(d, frames, &w->active, w->d_raw);
     if (field)
@@ -165,12 +164,12 @@ void spin_field_backward(struct spin_field_eval *w, const struct spin_field *fie
 /* ---- Rows and columns ------------------------------------------------------------------------ */
 
 /* Log scale and logit opacity are what the heads put out, so nothing is lost to exp and back. */
-void spin_attr_to_splats(const float *raw, const float *attr, struct spin_splats *s)
+void spin_attr_to_splats(const float *raw, const float *attr, size_t width, struct spin_splats *s)
 {
     size_t k = (size_t)(s->sh_degree + 1) * (size_t)(s->sh_degree + 1) * 3;
 
     for (size_t i = 0; i < s->n; i++) {
-        const float *r = raw + i * SPIN_ATTR, *a = attr + i * SPIN_ATTR;
+        const float *r = raw + i * width, *a = attr + i * width;
 
         if (s->log_scales)
             for (int c = 0; c < 3; c++)
@@ -180,7 +179,7 @@ void spin_attr_to_splats(const float *raw, const float *attr, struct spin_splats
         if (s->sh)
             memcpy(s->sh + i * k, a + SPIN_ATTR_SH, k * sizeof(float));
         if (s->logit_opacities)
-            s->logit_opacities[i] = r[SPIN_ATTR_OPACITY];
+            s->logit_opacities[i] = r[width - 1];
     }
 }
 

@@ -12,10 +12,11 @@ struct spin_field_eval {
     bool training;
     float SPIN_DEV *x_u;       /* [n][4] */
     float SPIN_DEV *z;         /* [n][n_in] */
-    float SPIN_DEV *raw;       /* [n][SPIN_ATTR] */
-    float SPIN_DEV *attr;      /* [n][SPIN_ATTR] */
-    float SPIN_DEV *d_attr;    /* [n][SPIN_ATTR]   (training) */
-    float SPIN_DEV *d_raw;     /* [active][SPIN_ATTR] */
+    bool narrow;               /* as the frames must be */
+    float SPIN_DEV *raw;       /* [n][SPIN_ATTR, or narrow] */
+    float SPIN_DEV *attr;      /* as raw */
+    float SPIN_DEV *d_attr;    /* as raw   (training) */
+    float SPIN_DEV *d_raw;     /* [active], as raw */
     float SPIN_DEV *d_z;       /* [active][n_in] */
     float SPIN_DEV *d_x_u;     /* [active][4] */
     struct spin_active active; /* rows that have a gradient, of the last backward pass */
@@ -23,8 +24,10 @@ struct spin_field_eval {
     struct spin_lazy_adam *lazy; /* of the table, or NULL */
     bool still; /* positions are not trained: d_means gets nothing from the encoder */
 };
+/* sh: frames may have SH beyond the first coefficient, without a network. */
 spin_status spin_field_eval_open(struct spin_field_eval *eval, struct spin_device *device,
-                                 const struct spin_field *field, size_t capacity, bool training);
+                                 const struct spin_field *field, bool sh, size_t capacity,
+                                 bool training);
 void spin_field_eval_close(struct spin_field_eval *eval, const struct spin_field *field);
 
 /* attr = network(means, t) + residual, of all frames. field NULL: there is no network and attr is the residual
@@ -60,5 +63,6 @@ struct spin_frame_batch spin_one_frame(size_t n, const float SPIN_DEV *means, fl
 
 /* Rows of raw and finished attributes -> columns of a struct spin_splats, and columns -> finished rows
  * (host memory; n and sh_degree of the splats count). */
-void spin_attr_to_splats(const float *raw, const float *attr, struct spin_splats *splats);
+void spin_attr_to_splats(const float *raw, const float *attr, size_t width,
+                         struct spin_splats *splats);
 void spin_attr_from_splats(const struct spin_splats *splats, float *attr);

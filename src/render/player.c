@@ -270,13 +270,15 @@ static spin_status need(struct spin_player *p, size_t n)
     SPIN_TRY(d->op->reserve(d, capacity * 3 * sizeof(float), (void SPIN_DEV **)&p->pos));
     SPIN_TRY(spin_alloc(capacity * SPIN_ATTR, 2 * sizeof(float), (void **)&p->staging));
     if (p->from == SPIN_FROM_TRAINED)
-        return spin_field_eval_open(&p->field_eval, d, p->network, capacity, false);
+        return spin_field_eval_open(&p->field_eval, d, p->network, p->live != NULL, capacity,
+                                    false);
     return d->op->reserve(d, capacity * SPIN_ATTR * sizeof(float), (void SPIN_DEV **)&p->attr);
 }
 
 static void decode(struct spin_player *p, const struct spin_frame_batch *frame)
 {
     p->now = *frame;
+    p->now.narrow = p->field_eval.narrow;
     spin_field_forward(&p->field_eval, p->network, p->table, p->heads, &p->now);
     p->now_attr = p->field_eval.attr;
     p->now_sh_degree = p->network ? p->field.sh_degree : 0;
@@ -416,10 +418,10 @@ spin_status spin_player_splats(struct spin_player *p, int index, unsigned column
                                          p->now.n * 3 * sizeof(float)));
     raw = p->staging;
     attr = p->staging + p->capacity * SPIN_ATTR;
-    bytes = p->now.n * SPIN_ATTR * sizeof(float);
+    bytes = p->now.n * spin_attr_width(&p->now) * sizeof(float);
     SPIN_TRY(p->device->op->download(p->device, raw, p->field_eval.raw, bytes));
     SPIN_TRY(p->device->op->download(p->device, attr, p->field_eval.attr, bytes));
-    spin_attr_to_splats(raw, attr, out);
+    spin_attr_to_splats(raw, attr, spin_attr_width(&p->now), out);
     return SPIN_OK;
 }
 

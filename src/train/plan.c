@@ -437,7 +437,7 @@ static spin_status open_training(const struct spin_plan *plan, struct spin_devic
         frame[f] = spin_plan_frame_size(plan, plan->counts[f]);
     size.frame = frame;
     SPIN_TRY_OUT(spin_plan_open_trainer(plan, device, &size, &t));
-    SPIN_TRY_OUT(spin_field_eval_open(&evaluation, device, t.network, most, false));
+    SPIN_TRY_OUT(spin_field_eval_open(&evaluation, device, t.network, false, most, false));
     status = spin_image_store_open(&images, device, (size_t)o->batch, plan->max_pixels,
                                    SPIN_IMAGE_RGB8, spin_plan_is_weighted(plan));
 out:

@@ -271,8 +271,9 @@ static spin_status do_frames(struct spin_trainer *t, const struct batch *b, cons
     for (int i = 0; i < n; i++)
         add_frame(t, b->items[first[i]].frame, &frames);
     add_tracks(t, &frames);
+    frames.narrow = t->field_eval.narrow;
     spin_field_forward(&t->field_eval, network, t->table.p, t->heads.p, &frames);
-    d->op->zero(d, t->field_eval.d_attr, frames.n * SPIN_ATTR * sizeof(float));
+    d->op->zero(d, t->field_eval.d_attr, frames.n * spin_attr_width(&frames) * sizeof(float));
     d->op->zero(d, t->d_pos, frames.n * 3 * sizeof(float));
     if (t->n_tracks > 0 || (t->n_ranks > 1 && t->residuals)) /* no Adam, which would leave zeros */
         d->op->zero(d, t->d_residual, frames.n * SPIN_RESIDUAL * sizeof(float));

@@ -91,7 +91,7 @@ static spin_status open_buffers(struct spin_trainer *t)
     }
     if (t->n_ranks > 1)
         SPIN_TRY(reserve(d, own_floats(t), &t->own_grad));
-    SPIN_TRY(spin_field_eval_open(&t->field_eval, d, t->network, n, true));
+    SPIN_TRY(spin_field_eval_open(&t->field_eval, d, t->network, t->sh_width > 0, n, true));
     return spin_raster_open(&t->raster, d, t->n_max, t->max_pixels, t->max_tiles,
                             (int)smaller(d->views_at_once, t->max_items), true);
 }

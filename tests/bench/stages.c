@@ -35,8 +35,9 @@ static void run_mlp(struct bench_scene *s)
 static void run_activate(struct bench_scene *s)
 {
     struct spin_field_eval *w = &s->trainer.field_eval;
+    struct spin_frame_batch frames = bench_frames(s);
 
-    s->device.op->activate(&s->device, s->n, w->raw, w->attr);
+    s->device.op->activate(&s->device, &frames, w->raw, w->attr);
 }
 
 static void run_project(struct bench_scene *s)
@@ -100,8 +101,9 @@ static void run_project_back(struct bench_scene *s)
 static void run_activate_back(struct bench_scene *s)
 {
     struct spin_field_eval *w = &s->trainer.field_eval;
+    struct spin_frame_batch frames = bench_frames(s);
 
-    s->device.op->activate_back(&s->device, &w->active, w->raw, w->d_attr, w->d_raw);
+    s->device.op->activate_back(&s->device, &frames, &w->active, w->raw, w->d_attr, w->d_raw);
 }
 
 static void run_mlp_back(struct bench_scene *s)

@@ -354,7 +354,12 @@ VERB(residual_set)
 
     return OP(residual_set, &b, s->at[D_RAW]);
 }
-VERB(activate) { return OP(activate, FRAMES * n, s->at[RAW], s->at[ATTR]); }
+VERB(activate)
+{
+    struct spin_frame_batch b = frames_of(s, false);
+
+    return OP(activate, &b, s->at[RAW], s->at[ATTR]);
+}
 VERB(project)
 {
     struct spin_frame_batch b = frames_of(s, false);
@@ -424,9 +429,10 @@ VERB(regularise_back)
 }
 VERB(activate_back)
 {
+    struct spin_frame_batch b = frames_of(s, false);
     struct spin_active active = active_of(s);
 
-    return OP(activate_back, &active, s->at[RAW], s->at[D_ATTR], s->at[D_RAW]);
+    return OP(activate_back, &b, &active, s->at[RAW], s->at[D_ATTR], s->at[D_RAW]);
 }
 VERB(residual_back)
 {

@@ -82,7 +82,7 @@ static spin_status open_step(struct step *s, struct spin_device *d, size_t n)
         photos[i] = (uint8_t)(7 * i);
     memset(mask, 0x5a, sizeof mask);
     SPIN_TRY(spin_field_plan(&s->field, LEVELS, 4, 8, 8, 3, base, finest));
-    SPIN_TRY(spin_field_eval_open(&s->eval, d, &s->field, FRAMES * n, true));
+    SPIN_TRY(spin_field_eval_open(&s->eval, d, &s->field, false, FRAMES * n, true));
     SPIN_TRY(spin_raster_open(&s->raster, d, n, PIXELS, (size_t)cam.tiles_x * (size_t)cam.tiles_y,
                               FRAMES, true));
     SPIN_TRY(take_group(s, random_floats(s->field.n_table, -1, 1), s->field.n_table, &s->table));

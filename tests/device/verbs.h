@@ -238,9 +238,10 @@ VERB void on_residual_back(struct spin_device *d, size_t n, size_t n_rows, const
 
 VERB void on_activate(struct spin_device *d, size_t n, const float *raw, float *attr)
 {
+    struct spin_frame_batch frames = {.n = n};
     struct loans l = {.d = d};
 
-    d->op->activate(d, n, lend(&l, raw, n * ATTR_BYTES), lend_both(&l, attr, n * ATTR_BYTES));
+    d->op->activate(d, &frames, lend(&l, raw, n * ATTR_BYTES), lend_both(&l, attr, n * ATTR_BYTES));
     settle(&l);
 }
 
@@ -249,9 +250,10 @@ VERB void on_activate_back(struct spin_device *d, size_t n_rows, const uint32_t 
 {
     struct loans l = {.d = d};
     struct spin_active active = lend_active(&l, rows, n_rows);
+    struct spin_frame_batch frames = {0};
     size_t n = rows_reach(rows, n_rows);
 
-    d->op->activate_back(d, &active, lend(&l, raw, n * ATTR_BYTES),
+    d->op->activate_back(d, &frames, &active, lend(&l, raw, n * ATTR_BYTES),
                          lend(&l, d_attr, n * ATTR_BYTES),
                          lend_both(&l, d_raw, n_rows * ATTR_BYTES));
     settle(&l);

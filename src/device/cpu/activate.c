@@ -8,7 +8,7 @@
 enum { CHUNK = 1024 };
 
 struct job {
-    size_t n;
+    size_t n, width; /* of a row of attributes */
     const uint32_t *rows;
     const float *raw, *d_attr, *d_pos_w;
     float *out;
@@ -17,28 +17,37 @@ struct job {
     uint32_t *count;    /* [chunks] */
 };
 
+static inline void copy_sh(size_t width, const float *from, float *to)
+{
+    if (width == SPIN_ATTR)
+        memcpy(to + SPIN_ATTR_SH, from + SPIN_ATTR_SH, 48 * sizeof *to);
+    else
+        memcpy(to + SPIN_ATTR_SH, from + SPIN_ATTR_SH, 4 * sizeof *to);
+}
+
 static void activate_task(void *context, size_t first, size_t end)
 {
     const struct job *job = context;
 
     for (size_t i = first; i < end; i++) {
-        const float *h = job->raw + i * SPIN_ATTR;
-        float *a = job->out + i * SPIN_ATTR;
+        const float *h = job->raw + i * job->width;
+        float *a = job->out + i * job->width;
 
         for (int k = 0; k < 3; k++)
             a[SPIN_ATTR_SCALE + k] = spin_scale_of(h[SPIN_ATTR_SCALE + k]);
         spin_rotation_of(h + SPIN_ATTR_ROTATION, a + SPIN_ATTR_ROTATION);
-        memcpy(a + SPIN_ATTR_SH, h + SPIN_ATTR_SH, 48 * sizeof *a);
-        a[SPIN_ATTR_OPACITY] = spin_opacity_of(h[SPIN_ATTR_OPACITY]);
+        copy_sh(job->width, h, a);
+        a[job->width - 1] = spin_opacity_of(h[job->width - 1]);
     }
 }
 
-void SPIN_CPU(activate)(struct spin_device *d, size_t n, const float *raw, float *attr)
+void SPIN_CPU(activate)(struct spin_device *d, const struct spin_frame_batch *frames,
+                        const float *raw, float *attr)
 {
-    struct job job = {.n = n, .raw = raw, .out = attr};
+    struct job job = {.n = frames->n, .width = spin_attr_width(frames), .raw = raw, .out = attr};
     SPIN_CPU_CLOCK(d, SPIN_OP_ACTIVATE);
 
-    spin_pool_rows(spin_cpu_pool(d), n, CHUNK, activate_task, &job);
+    spin_pool_rows(spin_cpu_pool(d), job.n, CHUNK, activate_task, &job);
 }
 
 static void activate_back_task(void *context, size_t first, size_t end)
@@ -47,34 +56,39 @@ static void activate_back_task(void *context, size_t first, size_t end)
 
     for (size_t i = first; i < end; i++) {
         size_t row = job->rows[i];
-        const float *h = job->raw + row * SPIN_ATTR, *g = job->d_attr + row * SPIN_ATTR;
-        float *d_h = job->out + i * SPIN_ATTR;
+        const float *h = job->raw + row * job->width, *g = job->d_attr + row * job->width;
+        float *d_h = job->out + i * job->width;
 
         for (int k = 0; k < 3; k++)
             d_h[SPIN_ATTR_SCALE + k] =
                 spin_scale_adj(h[SPIN_ATTR_SCALE + k], g[SPIN_ATTR_SCALE + k]);
         spin_rotation_adj(h + SPIN_ATTR_ROTATION, g + SPIN_ATTR_ROTATION, d_h + SPIN_ATTR_ROTATION);
-        memcpy(d_h + SPIN_ATTR_SH, g + SPIN_ATTR_SH, 48 * sizeof *d_h);
-        d_h[SPIN_ATTR_OPACITY] = spin_opacity_adj(h[SPIN_ATTR_OPACITY], g[SPIN_ATTR_OPACITY]);
+        copy_sh(job->width, g, d_h);
+        d_h[job->width - 1] = spin_opacity_adj(h[job->width - 1], g[job->width - 1]);
     }
 }
 
-void SPIN_CPU(activate_back)(struct spin_device *d, const struct spin_active *active,
-                             const float *raw, const float *d_attr, float *d_raw)
+void SPIN_CPU(activate_back)(struct spin_device *d, const struct spin_frame_batch *frames,
+                             const struct spin_active *active, const float *raw,
+                             const float *d_attr, float *d_raw)
 {
-    struct job job = {
-        .n = *active->n, .rows = active->row, .raw = raw, .d_attr = d_attr, .out = d_raw};
+    struct job job = {.n = *active->n,
+                      .width = spin_attr_width(frames),
+                      .rows = active->row,
+                      .raw = raw,
+                      .d_attr = d_attr,
+                      .out = d_raw};
     SPIN_CPU_CLOCK(d, SPIN_OP_ACTIVATE_BACK);
 
     spin_pool_rows(spin_cpu_pool(d), job.n, CHUNK, activate_back_task, &job);
 }
 
 /* All bits but the signs, or-ed: not zero when any value is (NaN counts, -0 does not). */
-static uint32_t any_set(const float *x, int n)
+static uint32_t any_set(const float *x, size_t n)
 {
     uint32_t bits = 0;
 
-    for (int i = 0; i < n; i++)
+    for (size_t i = 0; i < n; i++)
         bits |= spin_bits_of_float(x[i]);
     return bits & 0x7fffffffu;
 }
@@ -85,7 +99,7 @@ static void active_task(void *context, size_t first, size_t end)
     uint32_t *found = job->found + first, n = 0;
 
     for (size_t i = first; i < end; i++)
-        if (any_set(job->d_attr + i * SPIN_ATTR, SPIN_ATTR) ||
+        if (any_set(job->d_attr + i * job->width, job->width) ||
             (job->d_pos_w && any_set(job->d_pos_w + i * 3, 3)))
             found[n++] = job->first_row + (uint32_t)i;
     job->count[first / CHUNK] = n;
@@ -93,13 +107,14 @@ static void active_task(void *context, size_t first, size_t end)
 
 /* Every chunk lists its own, then the lists are put together in order. Returns how many there are. */
 static uint32_t list_active(struct spin_device *d, const struct spin_frame_of_batch *frame,
-                            const float *d_attr, uint32_t *rows)
+                            size_t width, const float *d_attr, uint32_t *rows)
 {
     size_t chunks = (frame->n + CHUNK - 1) / CHUNK;
     uint32_t *scratch =
         spin_cpu_scratch_need(d, SPIN_SCRATCH_ACTIVE, (frame->n + chunks + 1) * sizeof *scratch);
     struct job job = {.n = frame->n,
-                      .d_attr = d_attr + frame->first * SPIN_ATTR,
+                      .width = width,
+                      .d_attr = d_attr + frame->first * width,
                       .d_pos_w = frame->d_means,
                       .first_row = (uint32_t)frame->first,
                       .found = scratch};
@@ -123,13 +138,13 @@ void SPIN_CPU(nonzero_grad)(struct spin_device *d, const struct spin_frame_batch
     uint32_t n = 0;
 
     for (int f = 0; f < frames->n_frames; f++)
-        n += list_active(d, &frames->frame[f], d_attr, active->row + n);
+        n += list_active(d, &frames->frame[f], spin_attr_width(frames), d_attr, active->row + n);
     *active->n = n;
 }
 
 struct regularise_back {
     const uint32_t *rows;
-    size_t n_rows;
+    size_t n_rows, width;
     float d_scale, d_opacity;
     float *d_attr;
 };
@@ -139,11 +154,11 @@ static void regularise_task(void *context, size_t first, size_t end)
     const struct regularise_back *job = context;
 
     for (size_t i = first; i < end; i++) {
-        float *g = job->d_attr + (size_t)job->rows[i] * SPIN_ATTR;
+        float *g = job->d_attr + (size_t)job->rows[i] * job->width;
 
         for (int k = 0; k < 3; k++)
             g[SPIN_ATTR_SCALE + k] += job->d_scale;
-        g[SPIN_ATTR_OPACITY] += job->d_opacity;
+        g[job->width - 1] += job->d_opacity;
     }
 }
 
@@ -155,8 +170,9 @@ void SPIN_CPU(regularise_back)(struct spin_device *d, const struct spin_frame_ba
     for (int f = 0; f < frames->n_frames; f++) {
         const struct spin_frame_of_batch *frame = &frames->frame[f];
         size_t first, n = SPIN_CPU(active_of)(active, frame, &first);
-        struct regularise_back job = {active->row + first, n, frame->d_scale, frame->d_opacity,
-                                      d_attr};
+        struct regularise_back job = {active->row + first,     n,
+                                      spin_attr_width(frames), frame->d_scale,
+                                      frame->d_opacity,        d_attr};
 
         if (frame->d_scale != 0 || frame->d_opacity != 0)
             spin_pool_rows(spin_cpu_pool(d), n, CHUNK, regularise_task, &job);

@@ -11,7 +11,7 @@ enum { CHUNK = 256, CLAMPED_X = 8, CLAMPED_Y = 16 };
 struct job {
     const struct spin_camera_f32 *cam;
     struct spin_projection projection;
-    size_t n;
+    size_t n, width; /* of a row of attributes */
     const float *pos_w, *attr;
     int sh_degree;
     struct spin_splat2d *splat2d;
@@ -59,7 +59,7 @@ static inline void project_one(const struct job *job, int degree, const float *p
     s->u_px = e.u_px;
     s->v_px = e.v_px;
     memcpy(s->conic, e.conic, sizeof s->conic);
-    s->opacity = attr[SPIN_ATTR_OPACITY];
+    s->opacity = attr[job->width - 1];
     if (cam->antialias)
         s->opacity *= spin_aa_compensation(&f);
     s->depth = p.z;
@@ -73,7 +73,7 @@ static inline void project_one(const struct job *job, int degree, const float *p
 static inline void project_range(const struct job *job, int degree, size_t first, size_t last)
 {
     for (size_t i = first; i < last; i++)
-        project_one(job, degree, job->pos_w + 3 * i, job->attr + SPIN_ATTR * i, job->splat2d + i);
+        project_one(job, degree, job->pos_w + 3 * i, job->attr + job->width * i, job->splat2d + i);
 }
 
 static void project_task(void *context, size_t first, size_t last)
@@ -96,8 +96,9 @@ static struct job job_of(const struct spin_view_batch *views, int k,
     return (struct job){.cam = &view->camera,
                         .projection = lens_of(&view->camera),
                         .n = view->n,
+                        .width = spin_attr_width(frames),
                         .pos_w = frame->means,
-                        .attr = attr + frame->first * SPIN_ATTR,
+                        .attr = attr + frame->first * spin_attr_width(frames),
                         .sh_degree = sh_degree};
 }
 
@@ -127,9 +128,9 @@ static inline void project_back_one(const struct job *job, int degree, size_t i)
     const struct spin_camera_f32 *cam = job->cam;
     const struct spin_splat2d *s = job->splat2d_in + i;
     const struct spin_splat2d_grad *g = job->d_splat2d + i;
-    const float *pos_w = job->pos_w + 3 * i, *attr = job->attr + SPIN_ATTR * i;
+    const float *pos_w = job->pos_w + 3 * i, *attr = job->attr + job->width * i;
     const float *scale = attr + SPIN_ATTR_SCALE, *q = attr + SPIN_ATTR_ROTATION;
-    float *d_attr = job->d_attr + SPIN_ATTR * i, *d_pos_w = job->d_pos_w + 3 * i;
+    float *d_attr = job->d_attr + job->width * i, *d_pos_w = job->d_pos_w + 3 * i;
     float d_colour[3], distance, aa_compensation = 1, d_fade = 0;
     struct spin_projected_cov f;
     spin_vec3 view, d_view;
@@ -141,7 +142,7 @@ static inline void project_back_one(const struct job *job, int degree, size_t i)
                             scale, q, &f);
     if (cam->antialias) {
         aa_compensation = spin_aa_compensation(&f);
-        d_fade = g->opacity * attr[SPIN_ATTR_OPACITY];
+        d_fade = g->opacity * attr[job->width - 1];
     }
     spin_ellipse_adj(&job->projection, &f, scale, q, g->u_px, g->v_px, g->conic, d_fade,
                      d_attr + SPIN_ATTR_SCALE, d_attr + SPIN_ATTR_ROTATION, d_pos_w);
@@ -150,7 +151,7 @@ static inline void project_back_one(const struct job *job, int degree, size_t i)
     view = spin_view_direction(cam->centre, pos_w, &distance);
     d_view = spin_sh_colour_adj(degree, view, attr + SPIN_ATTR_SH, d_colour, d_attr + SPIN_ATTR_SH);
     spin_view_direction_adj(view, distance, d_view, d_pos_w);
-    d_attr[SPIN_ATTR_OPACITY] += g->opacity * aa_compensation;
+    d_attr[job->width - 1] += g->opacity * aa_compensation;
 }
 
 static inline void project_back_range(const struct job *job, int degree, size_t first, size_t last)
@@ -183,7 +184,7 @@ void SPIN_CPU(project_back)(struct spin_device *d, const struct spin_view_batch 
 
         job.splat2d_in = splat2d + view->first;
         job.d_splat2d = d_splat2d + view->first;
-        job.d_attr = d_attr + frame->first * SPIN_ATTR;
+        job.d_attr = d_attr + frame->first * job.width;
         job.d_pos_w = frame->d_means;
         spin_pool_rows(spin_cpu_pool(d), job.n, CHUNK, project_back_task, &job);
     }

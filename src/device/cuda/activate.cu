@@ -39,10 +39,12 @@ static __global__ void activate_kernel(size_t n, const float4 *raw, float4 *attr
     attr[at] = v;
 }
 
-void cuda_activate(struct spin_device *d, size_t n, const float *raw, float *attr)
+void cuda_activate(struct spin_device *d, const struct spin_frame_batch *frames, const float *raw,
+                   float *attr)
 {
     cuda_clocked clocked(d, SPIN_OP_ACTIVATE);
-    GPU_EACH(gpu_of(d), n * FOURS, activate_kernel, n, (const float4 *)raw, (float4 *)attr);
+    GPU_EACH(gpu_of(d), frames->n * FOURS, activate_kernel, frames->n, (const float4 *)raw,
+             (float4 *)attr);
 }
 
 static __global__ void activate_back_kernel(struct cuda_rows rows, const float4 *raw,
@@ -71,8 +73,9 @@ static __global__ void activate_back_kernel(struct cuda_rows rows, const float4 
     d_raw[at] = d;
 }
 
-void cuda_activate_back(struct spin_device *d, const struct spin_active *active, const float *raw,
-                        const float *d_attr, float *d_raw)
+void cuda_activate_back(struct spin_device *d, const struct spin_frame_batch *,
+                        const struct spin_active *active, const float *raw, const float *d_attr,
+                        float *d_raw)
 {
     cuda_clocked clocked(d, SPIN_OP_ACTIVATE_BACK);
     GPU_EACH(gpu_of(d), active->most * FOURS, activate_back_kernel,
