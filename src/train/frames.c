@@ -4,7 +4,6 @@
 #include "base/base.h"
 #include "math/turn.h"
 #include "model/residual.h"
-#include "train/cloud.h"
 #include "train/knn.h"
 #include "train/morton.h"
 #include "train/point_sample.h"
@@ -70,25 +69,15 @@ spin_status spin_frames_look(struct spin_plan *plan)
 
 /* ---- First values ------------------------------------------------------------------------------- */
 
-/* Whether splats that no camera sees can be as the source has them. */
-static bool has_attributes(const struct spin_plan *plan, bool refined)
-{
-    return !refined &&
-           (plan->clip.bundle.meta.columns & SPIN_COL_ATTRIBUTES) == SPIN_COL_ATTRIBUTES;
-}
-
 /* The columns that a frame's first values are made from: residual values begin as the source (or the refined
  * frame) has them, or as 3DGS would begin from coloured points. */
 static unsigned first_columns(const struct spin_plan *plan, bool refined)
 {
-    unsigned there = plan->clip.bundle.meta.columns;
-
     if (!spin_plan_has_residual(plan))
         return SPIN_COL_MEANS;
     if (plan->o->residual == SPIN_RESIDUAL_SOURCE)
         return SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    return SPIN_COL_MEANS | (has_attributes(plan, refined) ? SPIN_COL_ATTRIBUTES : 0) |
-           (refined || there & SPIN_COL_RGB ? SPIN_COL_RGB : there & SPIN_COL_SH);
+    return refined ? SPIN_COL_MEANS | SPIN_COL_RGB : spin_plan_point_columns(plan);
 }
 
 static const float unseen_logit = 1.5f; /* opacity 0.8 */
@@ -130,11 +119,8 @@ static bool is_seen(const struct spin_camera *const *camera, size_t n, const flo
     return false;
 }
 
-/* Splats begin faint, in order to learn. Those that no training camera sees learn nothing, and would stay faint: holes for
- * who looks from elsewhere. They begin as the source has them, or, where it is points, nearly opaque. All others are
- * marked as seen. */
-static spin_status show_unseen(const struct spin_plan *plan, const struct spin_splats *s, int f,
-                               struct spin_refine_cloud *cloud)
+spin_status spin_frames_show_unseen(const struct spin_plan *plan, const struct spin_splats *s,
+                                    int f, struct spin_refine_cloud *cloud)
 {
     SPIN_LEAVES(spin_refine_cloud_free) struct spin_refine_cloud source = {0};
     SPIN_FREED const struct spin_camera **camera = NULL;
@@ -231,7 +217,7 @@ static spin_status send_frame(const struct spin_plan *plan, const struct spin_sp
             SPIN_TRY(spin_refine_init_from_splats(s, &cloud));
         else {
             SPIN_TRY(spin_refine_init_from_colours(s, &cloud));
-            SPIN_TRY(show_unseen(plan, s, f, &cloud));
+            SPIN_TRY(spin_frames_show_unseen(plan, s, f, &cloud));
         }
         for (size_t i = 0; i < cloud.n; i++)
             make_finite(&cloud.point[i].p);
