@@ -74,6 +74,32 @@ static bool agree(const struct eval *a, const struct eval *b)
     return both > 0;
 }
 
+/* What the training was told to hold out are the test views; another training of the same splats holds out the data set's. */
+static void test_held_out(void)
+{
+    static const int held[] = {3, 19}, own[] = {0, 15}, other[] = {7};
+    static const char *const more[] = {"--iterations 1 --learn-exposure off",
+                                       "--method frames --refine 1 --learn-exposure off"};
+
+    for (int k = 0; k < 2; k++) {
+        struct eval first, named, second;
+
+        ok(shell(
+               "%s/spin-retrain %s/in.spin -o %s/held.spin %s --test-cams 3,19 --range 1:2 --force",
+               bin, folder, folder, more[k]) == 0 &&
+               shell("%s/spin-retrain %s/held.spin -o %s/again.spin %s --force", bin, folder,
+                     folder, more[k]) == 0,
+           "two trainings, %s", more[k]);
+        first = measure("held.spin", "");
+        named = measure("held.spin", "--test-cams 7");
+        second = measure("again.spin", "");
+        ok(shows(&first, 1, 2, 1, held, 2), "the cameras that it held out");
+        ok(shows(&named, 1, 2, 1, other, 1), "--test-cams: exactly those");
+        ok(shows(&second, 1, 2, 1, own, 2), "the data set's, where the last training took those");
+        spin_json_free(first.json), spin_json_free(named.json), spin_json_free(second.json);
+    }
+}
+
 static void test_views(void)
 {
     static const int test[] = {0, 15}, train[] = {3, 7, 12, 19, 23, 27}, residual[] = {3, 19},
@@ -285,9 +311,10 @@ TAP_MAIN
              folder, folder, folder, small) == 0 &&
            shell("%s/spin-retrain %s/in.spin -o %s/own.spin --residual points %s", bin, folder,
                  folder, small) == 0 &&
-           shell("%s/spin-retrain %s/in.spin -o %s/refined.spin --method frames --refine 2 %s",
-                 bin, folder, folder, small) == 0,
+           shell("%s/spin-retrain %s/in.spin -o %s/refined.spin --method frames --refine 2 %s", bin,
+                 folder, folder, small) == 0,
        "three bundles: %s", said);
+    test_held_out();
     test_views();
     test_pictures();
     test_moving();
