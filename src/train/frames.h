@@ -2,7 +2,6 @@
  * is good for the memory, and sent to the device. */
 #pragma once
 
-#include "train/cloud.h"
 #include "train/refinement.h"
 #include "train/tracks.h"
 
@@ -21,9 +20,4 @@ spin_status spin_frames_look(struct spin_plan *plan);
 spin_status spin_frames_load(struct spin_frames *frames, struct spin_plan *plan,
                              struct spin_refinement *refinement, const struct spin_tracks *tracks,
                              struct spin_trainer *trainer, bool first_values);
-/* Splats begin faint, in order to learn. Those that no training camera sees learn nothing, and would stay faint: holes for
- * who looks from elsewhere. They begin as the source has them, or, where it is points, nearly opaque. All others are
- * marked as seen. The cloud is what frame f begins with, made from these splats. */
-spin_status spin_frames_show_unseen(const struct spin_plan *plan, const struct spin_splats *s,
-                                    int f, struct spin_refine_cloud *cloud);
 void spin_frames_close(struct spin_frames *frames);

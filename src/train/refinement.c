@@ -10,10 +10,10 @@
 #include "base/base.h"
 #include "math/sh.h"
 #include "train/cloud.h"
-#include "train/frames.h"
 #include "train/loop.h"
 #include "train/settings.h"
 #include "train/test_views.h"
+#include "train/unseen.h"
 
 static const unsigned whole = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
 static bool is_explicit(const struct spin_plan *plan)
@@ -172,7 +172,7 @@ static spin_status load_start(struct job *job)
         SPIN_TRY(spin_refine_init_from_splats(s, &job->cloud));
     else {
         SPIN_TRY(spin_refine_init_from_colours(s, &job->cloud));
-        SPIN_TRY(spin_frames_show_unseen(&job->plan, s, 0, &job->cloud));
+        SPIN_TRY(spin_show_unseen(&job->plan, s, 0, &job->cloud));
     }
     if (degree > 0)
         SPIN_TRY(
