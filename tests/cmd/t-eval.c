@@ -21,9 +21,11 @@ static struct eval measure(const char *bundle, const char *more)
 {
     struct eval e = {0};
     const spin_json *views;
+    const char *json;
 
     if (!ok(shell("%s/spin-eval %s/%s --scale 0.25 --json -q %s", bin, folder, bundle, more) == 0 &&
-                spin_json_parse("stdout", said, strlen(said), &e.json) == SPIN_OK,
+                (json = strstr(said, "{\n")) &&
+                spin_json_parse("stdout", json, strlen(json), &e.json) == SPIN_OK,
             "spin-eval %s %s", bundle, more)) {
         printf("#   %s\n", said);
         exit(tap_done());
@@ -136,6 +138,15 @@ static void test_pictures(void)
                 source = measure("net.spin", "--source"), in = measure("in.spin", ""), half;
 
     ok(fabs(black.mean - white.mean) > 0.1, "--background shows behind the splats");
+    ok(shell("%s/spin-eval %s/net.spin --scale 0.25 --background white -q", bin, folder) == 0 &&
+           strstr(said, "another background: --background 0,0,0 "),
+       "that training was over another is said");
+    ok(shell("%s/spin-eval %s/net.spin --scale 0.25 -q; %s/spin-eval %s/net.spin --scale 0.25 "
+             "--source "
+             "--background white -q",
+             bin, folder, bin, folder) == 0 &&
+           !strstr(said, "warning"),
+       "not over the same, nor of the source");
     is_text(spin_json_string(spin_json_get(black.json, "attributes")), "retrained",
             "the network's splats");
     is_text(spin_json_string(spin_json_get(source.json, "attributes")), "source", "--source");
