@@ -26,27 +26,6 @@ struct eval {
 
 /* ---- Opening ------------------------------------------------------------------------------------ */
 
-/* Those of its own are not the data set's, where the training was told which. */
-static spin_status hold_out(struct eval *e)
-{
-    const spin_json *list = spin_json_get(e->clip.bundle.json, "held_out");
-    size_t n = spin_json_length(list);
-    SPIN_FREED int *camera = NULL;
-
-    if (e->o->n_test_cameras > 0 || n == 0)
-        return SPIN_OK;
-    SPIN_TRY(spin_alloc(n, sizeof *camera, (void **)&camera));
-    for (size_t i = 0; i < n; i++) {
-        int64_t id = -1;
-
-        spin_json_integer(spin_json_at(list, i), &id);
-        camera[i] = (int)id;
-    }
-    SPIN_TRY_IN(spin_views_split(&e->clip.views, camera, (int)n),
-                "the cameras that training held out");
-    return SPIN_OK;
-}
-
 static spin_status open_clip(struct eval *e)
 {
     const struct spin_eval_options *o = e->o;
@@ -58,10 +37,10 @@ static spin_status open_clip(struct eval *e)
                                   .test_cameras = o->test_cameras,
                                   .n_test_cameras = o->n_test_cameras,
                                   .image_scale = o->image_scale,
-                                  .needs_views = true};
+                                  .needs_views = true,
+                                  .as_trained = true};
 
     SPIN_TRY(spin_clip_open(&c, &e->clip));
-    SPIN_TRY(hold_out(e));
     SPIN_TRY(spin_player_choose(&e->clip.bundle, o->source, &e->from));
     SPIN_TRY(spin_lenses_from_json(spin_json_get(e->clip.bundle.json, "lenses"), o->image_scale,
                                    &e->lenses));

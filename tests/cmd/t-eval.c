@@ -99,6 +99,10 @@ static void test_held_out(void)
         ok(shows(&named, 1, 2, 1, other, 1), "--test-cams: exactly those");
         ok(shows(&second, 1, 2, 1, own, 2), "the data set's, where the last training took those");
         spin_json_free(first.json), spin_json_free(named.json), spin_json_free(second.json);
+        ok(shell("%s/spin-export %s/held.spin --to images -o %s/held%d && ls %s/held%d", bin,
+                 folder, folder, k, folder, k) == 0 &&
+               strstr(said, "cam_03_") && strstr(said, "cam_19_") && !strstr(said, "cam_15_"),
+           "spin-export draws those too");
     }
 }
 
