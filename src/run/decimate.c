@@ -13,7 +13,7 @@ enum {
     PICTURES = 16, /* that show the loss */
     AROUND = 8,    /* of them where there are no cameras */
     SIDE = 400,    /* of one of those, pixels */
-    TRIES = 8,     /* at a size */
+    TRIES = 9,     /* at a size */
     HALVINGS = 8,  /* at a loss */
 };
 /* What is one splat in several frames. */
@@ -821,39 +821,41 @@ spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes
                                          const char *output, spin_decimation_write_fn write,
                                          void *context, int *n_tries, uint64_t *reached)
 {
-    double low = 0, high = 1, n_low = 0, n_high;
+    double low = 1e-12, high = 1, n_low, under, over; /* low: one splat a frame */
+    bool was_under = false, was_over = false;
     uint64_t n;
 
-    SPIN_TRY(try_share(d, 1, output, write, context, &n));
-    n_high = (double)n;
+    SPIN_TRY(try_share(d, high, output, write, context, reached));
     *n_tries = 1;
-    if (n_high <= bytes) {
-        *reached = n;
+    if ((double)*reached <= bytes)
         return SPIN_OK;
-    }
-    while (*n_tries < TRIES && n_low < 0.98 * bytes) {
-        double part = (0.995 * bytes - n_low) / (n_high - n_low);
-        double share = low + (high - low) * fmin(fmax(part, 0.02), 0.98);
+    SPIN_TRY(try_share(d, low, output, write, context, &n));
+    ++*n_tries;
+    if ((double)n > bytes)
+        return spin_unsupported(
+            "--decimate: %llu bytes is the least that can be written, more than %.0f",
+            (unsigned long long)n, bytes);
+    n_low = (double)n;
+    under = 0.995 * bytes - n_low;
+    over = (double)*reached - 0.995 * bytes;
+    while (*n_tries < TRIES &&
+           n_low < 0.98 * bytes) { /* by the line between both; an end that stays weighs half */
+        double share = low + (high - low) * fmin(fmax(under / (under + over), 0.02), 0.98);
 
         SPIN_TRY(try_share(d, share, output, write, context, &n));
         ++*n_tries;
         if ((double)n <= bytes) {
             low = share;
             n_low = (double)n;
+            under = 0.995 * bytes - n_low;
+            over /= was_under ? 2 : 1;
         } else {
             high = share;
-            n_high = (double)n;
+            over = (double)n - 0.995 * bytes;
+            under /= was_over ? 2 : 1;
         }
-    }
-    if (low == 0) { /* one splat a frame */
-        SPIN_TRY(try_share(d, 1e-12, output, write, context, &n));
-        ++*n_tries;
-        if ((double)n > bytes)
-            return spin_unsupported(
-                "--decimate: %llu bytes is the least that can be written, more than %.0f",
-                (unsigned long long)n, bytes);
-        low = 1e-12;
-        n_low = (double)n;
+        was_under = (double)n <= bytes;
+        was_over = !was_under;
     }
     *reached = (uint64_t)n_low;
     return spin_decimation_choose(d, SPIN_DECIMATE_SHARE, low);
