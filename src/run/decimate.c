@@ -821,41 +821,34 @@ spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes
                                          const char *output, spin_decimation_write_fn write,
                                          void *context, int *n_tries, uint64_t *reached)
 {
-    double low = 1e-12, high = 1, n_low, under, over; /* low: one splat a frame */
-    bool was_under = false, was_over = false;
+    double low = 1e-12, high = 1, n_low, n_high; /* low: one splat a frame */
     uint64_t n;
 
     SPIN_TRY(try_share(d, high, output, write, context, reached));
     *n_tries = 1;
-    if ((double)*reached <= bytes)
+    n_high = (double)*reached;
+    if (n_high <= bytes)
         return SPIN_OK;
     SPIN_TRY(try_share(d, low, output, write, context, &n));
     ++*n_tries;
-    if ((double)n > bytes)
+    n_low = (double)n;
+    if (n_low > bytes)
         return spin_unsupported(
             "--decimate: %llu bytes is the least that can be written, more than %.0f",
             (unsigned long long)n, bytes);
-    n_low = (double)n;
-    under = 0.995 * bytes - n_low;
-    over = (double)*reached - 0.995 * bytes;
-    while (*n_tries < TRIES &&
-           n_low < 0.98 * bytes) { /* by the line between both; an end that stays weighs half */
-        double share = low + (high - low) * fmin(fmax(under / (under + over), 0.02), 0.98);
+    while (*n_tries < TRIES && n_low < 0.98 * bytes) {
+        double part = (0.995 * bytes - n_low) / (n_high - n_low);
+        double share = low + (high - low) * fmin(fmax(part, 0.02), 0.98);
 
         SPIN_TRY(try_share(d, share, output, write, context, &n));
         ++*n_tries;
         if ((double)n <= bytes) {
             low = share;
             n_low = (double)n;
-            under = 0.995 * bytes - n_low;
-            over /= was_under ? 2 : 1;
         } else {
             high = share;
-            over = (double)n - 0.995 * bytes;
-            under /= was_over ? 2 : 1;
+            n_high = (double)n;
         }
-        was_under = (double)n <= bytes;
-        was_over = !was_under;
     }
     *reached = (uint64_t)n_low;
     return spin_decimation_choose(d, SPIN_DECIMATE_SHARE, low);
