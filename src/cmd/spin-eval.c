@@ -18,7 +18,8 @@ static const struct spin_args_row rows[] = {
              "measure the imported attributes instead of the retrained ones"),
     SPIN_ARG("split", 0, "test|train|all", ENUM, options.split, "the cameras (test)"),
     SPIN_ARG("test-cams", 0, "LIST", INTS, test_cameras,
-             "camera numbers held out (the data set's own)", .min = 0, .max = 1e9),
+             "camera numbers held out (as in training, or the data set's own)", .min = 0,
+             .max = 1e9),
     SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range, "frame numbers A to B-1"),
     SPIN_ARG("scale", 0, "S", DOUBLE, options.image_scale, "image scale, 0.5 halves both sides (1)",
              .min = 0.01, .max = 1),
@@ -126,16 +127,14 @@ static const char csv_text[] = "run,psnr,ssim" IF_DYNAMIC(",psnr_dynamic") IF_VG
         "{{escaped}},{{psnr %.6f}},{{ssim %.6f}}" IF_DYNAMIC(",{{psnr_dynamic %.6f}}")
             IF_VGG(",{{lpips_vgg %.6f}}") IF_ALEX(",{{lpips_alex %.6f}}") ",{{megabytes %.6f}}\n");
 
-static const char latex_text[] =
-    "\\begin{tabular}{lrr" IF_DYNAMIC("r") IF_VGG("r")
-        IF_ALEX("r") "r}\n"
-                     "run & PSNR & SSIM" IF_DYNAMIC(" & PSNR, dynamic")
-                         IF_VGG(" & LPIPS VGG")
-                             IF_ALEX(" & LPIPS Alex") " & MB \\\\\n\\hline\n" EACH(
-                                 "{{escaped}} & {{psnr %.2f}} & {{ssim %.4f}}" IF_DYNAMIC(
-                                     " & {{psnr_dynamic %.2f}}") IF_VGG(" & {{lpips_vgg %.4f}}")
-                                     IF_ALEX(" & {{lpips_alex %.4f}}") " & {{megabytes %.2f}} "
-                                                                       "\\\\\n") "\\end{tabular}\n";
+static const char latex_text[] = "\\begin{tabular}{lrr" IF_DYNAMIC("r") IF_VGG("r")
+    IF_ALEX("r") "r}\n"
+                 "run & PSNR & SSIM" IF_DYNAMIC(" & PSNR, dynamic") IF_VGG(" & LPIPS VGG")
+                     IF_ALEX(" & LPIPS Alex") " & MB \\\\\n\\hline\n" EACH(
+                         "{{escaped}} & {{psnr %.2f}} & {{ssim %.4f}}" IF_DYNAMIC(
+                             " & {{psnr_dynamic %.2f}}") IF_VGG(" & {{lpips_vgg %.4f}}")
+                             IF_ALEX(" & {{lpips_alex %.4f}}") " & {{megabytes %.2f}} "
+                                                               "\\\\\n") "\\end{tabular}\n";
 
 /* A name as such a table takes it. */
 static void escape(const char *name, FILE *to)

@@ -8,12 +8,12 @@
 
 #define COLUMNS (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
 enum {
-    VIEWS = 8,     /* of a frame that is weighed by itself */
+    VIEWS = 32,    /* of a frame that is weighed by itself */
     LOOKS = 400,   /* pictures by which splats of several frames are weighed, about */
     PICTURES = 16, /* that show the loss */
     AROUND = 8,    /* of them where there are no cameras */
     SIDE = 400,    /* of one of those, pixels */
-    TRIES = 8,     /* at a size */
+    TRIES = 9,     /* at a size */
     HALVINGS = 8,  /* at a loss */
 };
 /* What is one splat in several frames. */
@@ -205,6 +205,39 @@ static void find_views(const struct spin_decimation *d, int f, size_t *first, si
         ++*n;
 }
 
+/* What the camera would show of a splat, were it turned to it. */
+static float shown_by(const struct spin_camera *camera, const struct spin_splats *s, size_t i)
+{
+    const float *p = s->means + 3 * i;
+    double square = 0;
+
+    for (int k = 0; k < 3; k++) {
+        const double *row = camera->w2c + 4 * k;
+
+        square +=
+            pow(row[0] * (double)p[0] + row[1] * (double)p[1] + row[2] * (double)p[2] + row[3], 2);
+    }
+    return (float)fmin((double)camera->width * camera->height,
+                       2 * M_PI * camera->fx * camera->fy / square * (double)size_of(s, i));
+}
+
+/* The most that one of these views would show of a splat that none of them has in its picture; 0: one has. */
+static float unseen_weight(const struct spin_decimation *d, const struct spin_pair *pair, size_t n,
+                           size_t i)
+{
+    float most = 0;
+    double at[3];
+
+    for (size_t k = 0; k < n; k++) {
+        const struct spin_camera *camera = &d->clip->views.view[pair[k].view].camera;
+
+        if (spin_camera_sees(camera, d->part.means + 3 * i, at))
+            return 0;
+        most = spin_maxf(most, shown_by(camera, &d->part, i));
+    }
+    return most;
+}
+
 /* What the splats in d->part count for: the most that one view shows of them. On court the mean of the views loses 0.5 to
  * 1.8 dB more at half and at 70 % of the splats (tests/bench/formats.md). */
 static spin_status weigh(struct spin_decimation *d, int f, float *weight)
@@ -229,6 +262,9 @@ static spin_status weigh(struct spin_decimation *d, int f, float *weight)
         for (size_t i = 0; i < d->part.n; i++)
             weight[i] = spin_maxf(weight[i], seen[i]);
     }
+    for (size_t i = 0; i < d->part.n; i++)
+        if (weight[i] == 0)
+            weight[i] = unseen_weight(d, d->pairs + first, n, i);
     return SPIN_OK;
 }
 
@@ -785,16 +821,21 @@ spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes
                                          const char *output, spin_decimation_write_fn write,
                                          void *context, int *n_tries, uint64_t *reached)
 {
-    double low = 0, high = 1, n_low = 0, n_high;
+    double low = 1e-12, high = 1, n_low, n_high; /* low: one splat a frame */
     uint64_t n;
 
-    SPIN_TRY(try_share(d, 1, output, write, context, &n));
-    n_high = (double)n;
+    SPIN_TRY(try_share(d, high, output, write, context, reached));
     *n_tries = 1;
-    if (n_high <= bytes) {
-        *reached = n;
+    n_high = (double)*reached;
+    if (n_high <= bytes)
         return SPIN_OK;
-    }
+    SPIN_TRY(try_share(d, low, output, write, context, &n));
+    ++*n_tries;
+    n_low = (double)n;
+    if (n_low > bytes)
+        return spin_unsupported(
+            "--decimate: %llu bytes is the least that can be written, more than %.0f",
+            (unsigned long long)n, bytes);
     while (*n_tries < TRIES && n_low < 0.98 * bytes) {
         double part = (0.995 * bytes - n_low) / (n_high - n_low);
         double share = low + (high - low) * fmin(fmax(part, 0.02), 0.98);
@@ -808,16 +849,6 @@ spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes
             high = share;
             n_high = (double)n;
         }
-    }
-    if (low == 0) { /* one splat a frame */
-        SPIN_TRY(try_share(d, 1e-12, output, write, context, &n));
-        ++*n_tries;
-        if ((double)n > bytes)
-            return spin_unsupported(
-                "--decimate: %llu bytes is the least that can be written, more than %.0f",
-                (unsigned long long)n, bytes);
-        low = 1e-12;
-        n_low = (double)n;
     }
     *reached = (uint64_t)n_low;
     return spin_decimation_choose(d, SPIN_DECIMATE_SHARE, low);

@@ -155,8 +155,11 @@ static spin_json *view_json(const struct spin_clip *clip, const struct spin_pair
 spin_status spin_bundle_views(const char *path, const char *data, const char *data_from,
                               char **report)
 {
-    struct spin_clip_options o = {
-        .input = path, .data = data, .data_from = data_from, .needs_views = true};
+    struct spin_clip_options o = {.input = path,
+                                  .data = data,
+                                  .data_from = data_from,
+                                  .needs_views = true,
+                                  .as_trained = true};
     SPIN_LEAVES(spin_clip_close) struct spin_clip clip = {0};
     SPIN_FREED struct spin_pair *pairs = NULL;
     SPIN_LEAVES(spin_json_freed) spin_json *list = spin_json_array();

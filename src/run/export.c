@@ -517,8 +517,8 @@ static spin_status run_export(struct export *x)
                                   .data = o->data,
                                   .data_from = o->data_from,
                                   .pair = o->pair,
-                                  .range = o->range};
-
+                                  .range = o->range,
+                                  .as_trained = true};
     struct spin_decimate_goal goal;
 
     if (o->decimate)

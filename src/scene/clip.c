@@ -56,6 +56,25 @@ spin_status spin_times_check(const struct spin_frame_info *info, const int *inde
     return SPIN_OK;
 }
 
+/* A data set without these cameras is another, with test views of its own. */
+static spin_status hold_out(struct spin_clip *clip)
+{
+    const spin_json *list = spin_json_get(clip->bundle.json, "held_out");
+    size_t n = spin_json_length(list);
+    SPIN_FREED int *camera = NULL;
+
+    SPIN_TRY(spin_alloc(n + 1, sizeof *camera, (void **)&camera));
+    for (size_t i = 0; i < n; i++) {
+        int64_t id = -1;
+
+        spin_json_integer(spin_json_at(list, i), &id);
+        camera[i] = (int)id;
+    }
+    if (n > 0)
+        spin_views_split(&clip->views, camera, (int)n);
+    return SPIN_OK;
+}
+
 static spin_status open_views(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     char *path = NULL;
@@ -84,6 +103,8 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
         SPIN_TRY(spin_views_check_cameras(&clip->views));
     if (o->n_test_cameras > 0)
         SPIN_TRY(spin_views_split(&clip->views, o->test_cameras, o->n_test_cameras));
+    else if (o->as_trained)
+        SPIN_TRY(hold_out(clip));
     if (o->image_scale > 0 && o->image_scale != 1.0)
         SPIN_TRY(spin_views_scale(&clip->views, o->image_scale));
     return status;

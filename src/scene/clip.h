@@ -13,6 +13,8 @@ struct spin_clip_options {
     struct spin_range range;
     const int *test_cameras;
     int n_test_cameras;
+    bool
+        as_trained; /* without these: what retraining was told to hold out, not what the data set says */
     double image_scale; /* 0 or 1: as stored */
     bool needs_views;   /* a missing data set is an error */
     /* One that the bundle names and that cannot be read is a warning. Neither of both: it is not opened. What `data`

@@ -9,6 +9,7 @@
 #include "train/morton.h"
 #include "train/point_sample.h"
 #include "train/turns.h"
+#include "train/unseen.h"
 
 /* A frame's splats with finite means; refinement NULL: the source's. */
 static spin_status read_frame(struct spin_plan *plan, struct spin_refinement *refinement, int frame,
@@ -70,28 +71,16 @@ spin_status spin_frames_look(struct spin_plan *plan)
 
 /* ---- First values ------------------------------------------------------------------------------- */
 
-/* Whether splats that no camera sees can be as the source has them. */
-static bool has_attributes(const struct spin_plan *plan, bool refined)
-{
-    return !refined &&
-           (plan->clip.bundle.meta.columns & SPIN_COL_ATTRIBUTES) == SPIN_COL_ATTRIBUTES;
-}
-
 /* The columns that a frame's first values are made from: residual values begin as the source (or the refined
  * frame) has them, or as 3DGS would begin from coloured points. */
 static unsigned first_columns(const struct spin_plan *plan, bool refined)
 {
-    unsigned there = plan->clip.bundle.meta.columns;
-
     if (!spin_plan_has_residual(plan))
         return SPIN_COL_MEANS;
     if (plan->o->residual == SPIN_RESIDUAL_SOURCE)
         return SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    return SPIN_COL_MEANS | (has_attributes(plan, refined) ? SPIN_COL_ATTRIBUTES : 0) |
-           (refined || there & SPIN_COL_RGB ? SPIN_COL_RGB : there & SPIN_COL_SH);
+    return refined ? SPIN_COL_MEANS | SPIN_COL_RGB : spin_plan_point_columns(plan);
 }
-
-static const float unseen_logit = 1.5f; /* opacity 0.8 */
 
 /* What stands for a splat whose values are not all finite: small, grey and faint. */
 static void make_finite(struct spin_refine_row *p)
@@ -106,52 +95,6 @@ static void make_finite(struct spin_refine_row *p)
         sum += p->rotation[k];
     if (!isfinite(sum))
         *p = none;
-}
-
-/* Training cameras of a frame: how many, out [n_train]. */
-static size_t cameras_of(const struct spin_plan *plan, int f, const struct spin_camera **out)
-{
-    size_t n = 0;
-
-    for (size_t i = 0; i < plan->n_train; i++)
-        if (plan->train[i].frame == f)
-            out[n++] = &plan->clip.views.view[plan->train[i].view].camera;
-    return n;
-}
-
-/* Whether the place is in a picture of one of them. */
-static bool is_seen(const struct spin_camera *const *camera, size_t n, const float place[3])
-{
-    double p[3];
-
-    for (size_t i = 0; i < n; i++)
-        if (spin_camera_sees(camera[i], place, p))
-            return true;
-    return false;
-}
-
-/* Splats begin faint, in order to learn. Those that no training camera sees learn nothing, and would stay faint: holes for
- * who looks from elsewhere. They begin as the source has them, or, where it is points, nearly opaque. All others are
- * marked as seen. */
-static spin_status show_unseen(const struct spin_plan *plan, const struct spin_splats *s, int f,
-                               struct spin_refine_cloud *cloud)
-{
-    SPIN_LEAVES(spin_refine_cloud_free) struct spin_refine_cloud source = {0};
-    SPIN_FREED const struct spin_camera **camera = NULL;
-    size_t n;
-
-    SPIN_TRY(spin_alloc(plan->n_train + 1, sizeof *camera, (void **)&camera));
-    n = cameras_of(plan, f, camera);
-    if (s->logit_opacities)
-        SPIN_TRY(spin_refine_init_from_splats(s, &source));
-    for (size_t i = 0; i < cloud->n; i++)
-        if (is_seen(camera, n, s->means + 3 * i))
-            cloud->point[i].seen = 1;
-        else if (source.n > 0)
-            cloud->point[i].p = source.point[i].p;
-        else
-            cloud->point[i].p.logit_opacity = unseen_logit;
-    return SPIN_OK;
 }
 
 /* First values of the tracks, in the host's memory: those of the first splat of each that a training camera sees, or of the
@@ -231,7 +174,7 @@ static spin_status send_frame(const struct spin_plan *plan, const struct spin_sp
             SPIN_TRY(spin_refine_init_from_splats(s, &cloud));
         else {
             SPIN_TRY(spin_refine_init_from_colours(s, &cloud));
-            SPIN_TRY(show_unseen(plan, s, f, &cloud));
+            SPIN_TRY(spin_show_unseen(plan, s, f, &cloud));
         }
         for (size_t i = 0; i < cloud.n; i++)
             make_finite(&cloud.point[i].p);

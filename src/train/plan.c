@@ -253,13 +253,18 @@ bool spin_plan_starts_from_source(const struct spin_plan *plan)
     return plan->o->refine_start == SPIN_REFINE_FROM_SOURCE;
 }
 
-unsigned spin_plan_start_columns(const struct spin_plan *plan)
+unsigned spin_plan_point_columns(const struct spin_plan *plan)
 {
     unsigned columns = plan->clip.bundle.meta.columns;
 
-    if (spin_plan_starts_from_source(plan))
-        return SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    return SPIN_COL_MEANS | (columns & SPIN_COL_RGB ? SPIN_COL_RGB : columns & SPIN_COL_SH);
+    return SPIN_COL_MEANS | (columns & SPIN_COL_RGB ? SPIN_COL_RGB : columns & SPIN_COL_SH) |
+           (spin_plan_has_source(plan) ? SPIN_COL_ATTRIBUTES : 0);
+}
+
+unsigned spin_plan_start_columns(const struct spin_plan *plan)
+{
+    return spin_plan_starts_from_source(plan) ? SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES
+                                              : spin_plan_point_columns(plan);
 }
 
 int spin_plan_sh_increase_every(const struct spin_plan *plan)

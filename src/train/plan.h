@@ -104,8 +104,9 @@ int spin_plan_frame_sh_degree(const struct spin_plan *plan);
 int spin_plan_sh_increase_every(const struct spin_plan *plan);
 /* Frames by themselves start from the source's attributes; else from coloured points. */
 bool spin_plan_starts_from_source(const struct spin_plan *plan);
-/* The source's columns that they start from. */
+/* The source's columns that they start from; those that coloured points are made of, and what no camera sees. */
 unsigned spin_plan_start_columns(const struct spin_plan *plan);
+unsigned spin_plan_point_columns(const struct spin_plan *plan);
 /* The plan of a frame by itself, on its own device: a clip of one frame, with its training views. It holds on to the
  * clip's plan, and must not be moved. Zero it first; close it also after a failure. */
 spin_status spin_plan_of_frame(const struct spin_plan *clip, int frame, struct spin_device *device,

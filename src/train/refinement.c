@@ -13,6 +13,7 @@
 #include "train/loop.h"
 #include "train/settings.h"
 #include "train/test_views.h"
+#include "train/unseen.h"
 
 static const unsigned whole = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
 static bool is_explicit(const struct spin_plan *plan)
@@ -169,13 +170,14 @@ static spin_status load_start(struct job *job)
                                spin_plan_start_columns(plan), s));
     if (spin_plan_starts_from_source(plan))
         SPIN_TRY(spin_refine_init_from_splats(s, &job->cloud));
-    else
+    else {
         SPIN_TRY(spin_refine_init_from_colours(s, &job->cloud));
+        SPIN_TRY(spin_show_unseen(&job->plan, s, 0, &job->cloud));
+    }
     if (degree > 0)
         SPIN_TRY(
             spin_refine_add_sh(degree, spin_plan_starts_from_source(plan) ? s : NULL, &job->cloud));
-    if (spin_plan_starts_from_source(plan))
-        spin_refine_prune(&job->cloud, 0); /* values that are not finite */
+    spin_refine_prune(&job->cloud, 0); /* values that are not finite */
     return SPIN_OK;
 }
 

@@ -30,6 +30,8 @@ run "$bin/spin-export" "$work/c.spin" -o "$work/page.html" --decimate 80kB --jso
 is "$code $(of 'd["reached"] <= 80000 and d["tries"] > 1')" "0 True" "a page of 80 kB"
 [ "$(wc -c <"$work/page.html")" -le 80000 ] && [ "$(wc -c <"$work/page.html")" -gt 74000 ]
 ok $? "is at most that large, and nearly"
+run "$bin/spin-export" "$work/c.spin" -o "$work/small.html" --decimate 65kB --json
+is "$code $(of 'd["reached"] > 62000 and d["after"] > 500')" "0 True" "so is one of 65 kB, most of which is no splats"
 run "$bin/spin-export" "$work/c.spin" --to sog -o "$work/sog" --decimate 100kB
 [ "$code" = 0 ] && [ "$(all_bytes "$work/sog")" -le 100000 ] && [ "$(all_bytes "$work/sog")" -gt 90000 ]
 ok $? "a folder counts with all its files"
@@ -59,6 +61,53 @@ done
 # shellcheck disable=SC2154
 awk "BEGIN { exit !($q > $b + 0.1) }"
 ok $? "500 that cameras see show the pictures better: $q, $b dB"
+
+# All training cameras of a frame are asked, and what none of them has in its picture counts too: it would be missing for who
+# looks from elsewhere. Camera 7 is one of twelve, or the only one.
+for n in 12 1; do
+    mkdir "$work/rig$n"
+    python3 - "$clip" "$work/rig$n" $n 2>"$work/err" <<'P'
+import json, os, sys
+source, to, n = os.path.abspath(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+os.symlink(source + '/ims', to + '/ims')
+for name in 'train_meta.json', 'test_meta.json':
+    m = json.load(open(source + '/' + name))
+    if name[1] == 'r':
+        at = [m['cam_id'][0].index(7 if i == 2 or n == 1 else 23) for i in range(n)]
+        for key in 'fn', 'k', 'w2c', 'cam_id':
+            m[key] = [[row[i] for i in at] for row in m[key]]
+        m['cam_id'] = [[100 + i for i in range(n)] for row in m['cam_id']]
+    json.dump(m, open(to + '/' + name, 'w'))
+P
+    run "$bin/spin-export" "$work/c.spin" --data "$work/rig$n" --to ply -o "$work/rig$n/ply" --range 0:1 --decimate 50%
+    is "$code" 0 "half, by $n cameras"
+done
+run "$bin/spin-export" "$work/c.spin" --to ply -o "$work/whole" --range 0:1
+python3 - "$clip/train_meta.json" "$work" 2>"$work/err" <<'P'
+import glob, json, sys
+import numpy as np
+
+def means(folder):
+    head, data = open(glob.glob(folder + '/*.ply')[0], 'rb').read().split(b'end_header\n', 1)
+    n = int(head.split(b'element vertex ')[1].split()[0])
+    return np.frombuffer(data, '<f4').reshape(n, -1)[:, :3]
+
+def seen(camera, p):
+    m = json.load(open(sys.argv[1]))
+    i = m['cam_id'][0].index(camera)
+    q = p @ np.array(m['w2c'][0][i])[:3, :3].T + np.array(m['w2c'][0][i])[:3, 3]
+    u = q @ np.array(m['k'][0][i]).T
+    u = u[:, :2] / u[:, 2:]
+    return (q[:, 2] > 0) & (u >= 0).all(1) & (u[:, 0] < m['w']) & (u[:, 1] < m['h'])
+
+whole = means(sys.argv[2] + '/whole')
+for name, rows in ('rig12', seen(7, whole) & ~seen(23, whole)), ('rig1', ~seen(7, whole)):
+    kept = {r.tobytes() for r in means(sys.argv[2] + '/' + name + '/ply')}
+    share = np.mean([r.tobytes() in kept for r in whole[rows]])
+    print(name, rows.sum(), share, file=sys.stderr)
+    assert rows.sum() > 100 and share > 0.4
+P
+ok $? "splats that one of twelve sees are kept, and so are those that the only one does not"
 
 # 4D splats: rows of the file, and frames that keep theirs.
 run "$bin/spin-import" fixtures/realtime4dgs/rot4d_noshfs --time-duration -0.5,4.5 -o "$work/r.spin"

@@ -21,9 +21,11 @@ static struct eval measure(const char *bundle, const char *more)
 {
     struct eval e = {0};
     const spin_json *views;
+    const char *json;
 
     if (!ok(shell("%s/spin-eval %s/%s --scale 0.25 --json -q %s", bin, folder, bundle, more) == 0 &&
-                spin_json_parse("stdout", said, strlen(said), &e.json) == SPIN_OK,
+                (json = strstr(said, "{\n")) &&
+                spin_json_parse("stdout", json, strlen(json), &e.json) == SPIN_OK,
             "spin-eval %s %s", bundle, more)) {
         printf("#   %s\n", said);
         exit(tap_done());
@@ -74,6 +76,36 @@ static bool agree(const struct eval *a, const struct eval *b)
     return both > 0;
 }
 
+/* What the training was told to hold out are the test views; another training of the same splats holds out the data set's. */
+static void test_held_out(void)
+{
+    static const int held[] = {3, 19}, own[] = {0, 15}, other[] = {7};
+    static const char *const more[] = {"--iterations 1 --learn-exposure off",
+                                       "--method frames --refine 1 --learn-exposure off"};
+
+    for (int k = 0; k < 2; k++) {
+        struct eval first, named, second;
+
+        ok(shell(
+               "%s/spin-retrain %s/in.spin -o %s/held.spin %s --test-cams 3,19 --range 1:2 --force",
+               bin, folder, folder, more[k]) == 0 &&
+               shell("%s/spin-retrain %s/held.spin -o %s/again.spin %s --force", bin, folder,
+                     folder, more[k]) == 0,
+           "two trainings, %s", more[k]);
+        first = measure("held.spin", "");
+        named = measure("held.spin", "--test-cams 7");
+        second = measure("again.spin", "");
+        ok(shows(&first, 1, 2, 1, held, 2), "the cameras that it held out");
+        ok(shows(&named, 1, 2, 1, other, 1), "--test-cams: exactly those");
+        ok(shows(&second, 1, 2, 1, own, 2), "the data set's, where the last training took those");
+        spin_json_free(first.json), spin_json_free(named.json), spin_json_free(second.json);
+        ok(shell("%s/spin-export %s/held.spin --to images -o %s/held%d && ls %s/held%d", bin,
+                 folder, folder, k, folder, k) == 0 &&
+               strstr(said, "cam_03_") && strstr(said, "cam_19_") && !strstr(said, "cam_15_"),
+           "spin-export draws those too");
+    }
+}
+
 static void test_views(void)
 {
     static const int test[] = {0, 15}, train[] = {3, 7, 12, 19, 23, 27}, residual[] = {3, 19},
@@ -110,6 +142,15 @@ static void test_pictures(void)
                 source = measure("net.spin", "--source"), in = measure("in.spin", ""), half;
 
     ok(fabs(black.mean - white.mean) > 0.1, "--background shows behind the splats");
+    ok(shell("%s/spin-eval %s/net.spin --scale 0.25 --background white -q", bin, folder) == 0 &&
+           strstr(said, "another background: --background 0,0,0 "),
+       "that training was over another is said");
+    ok(shell("%s/spin-eval %s/net.spin --scale 0.25 -q; %s/spin-eval %s/net.spin --scale 0.25 "
+             "--source "
+             "--background white -q",
+             bin, folder, bin, folder) == 0 &&
+           !strstr(said, "warning"),
+       "not over the same, nor of the source");
     is_text(spin_json_string(spin_json_get(black.json, "attributes")), "retrained",
             "the network's splats");
     is_text(spin_json_string(spin_json_get(source.json, "attributes")), "source", "--source");
@@ -285,9 +326,10 @@ TAP_MAIN
              folder, folder, folder, small) == 0 &&
            shell("%s/spin-retrain %s/in.spin -o %s/own.spin --residual points %s", bin, folder,
                  folder, small) == 0 &&
-           shell("%s/spin-retrain %s/in.spin -o %s/refined.spin --method frames --refine 2 %s",
-                 bin, folder, folder, small) == 0,
+           shell("%s/spin-retrain %s/in.spin -o %s/refined.spin --method frames --refine 2 %s", bin,
+                 folder, folder, small) == 0,
        "three bundles: %s", said);
+    test_held_out();
     test_views();
     test_pictures();
     test_moving();

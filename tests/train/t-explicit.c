@@ -6,6 +6,7 @@
 #include "tests/train/one_frame.h"
 
 #include "base/log.h"
+#include "base/number.h"
 
 enum { FRAMES = 2, MOST_VIEWS = 8 };
 static const char clip_path[] = "fixtures/court-mini";
@@ -128,6 +129,29 @@ static void take_falloff(float falloff[SPIN_EXPOSURE])
     spin_bundle_close(&bundle);
 }
 
+/* What none of the views sees begins as the source has it. */
+static void take_unseen(const struct spin_splats *s, const struct spin_camera *view, int n,
+                        struct spin_refine_cloud *cloud)
+{
+    struct spin_refine_cloud source = {0};
+    size_t unseen = 0;
+
+    if (spin_refine_init_from_splats(s, &source) != SPIN_OK)
+        exit(1);
+    for (size_t i = 0; i < s->n; i++) {
+        bool seen = false;
+        double at[3];
+
+        for (int k = 0; k < n; k++)
+            seen |= spin_camera_sees(&view[k], s->means + 3 * i, at);
+        if (!seen)
+            cloud->point[i].p = source.point[i].p;
+        unseen += !seen;
+    }
+    ok(unseen > 0 && unseen < s->n, "%zu splats are in no training picture", unseen);
+    spin_refine_cloud_free(&source);
+}
+
 /* Frame `frame` of the clip, refined here. */
 static void refine_here(const struct spin_retrain_options *from, struct spin_clip *clip, int frame,
                         struct spin_splats *result)
@@ -154,6 +178,8 @@ static void refine_here(const struct spin_retrain_options *from, struct spin_cli
              ? spin_refine_init_from_splats(&s, &cloud)
              : spin_refine_init_from_colours(&s, &cloud)) != SPIN_OK)
         exit(1);
+    if (from->refine_start == SPIN_REFINE_FROM_POINTS)
+        take_unseen(&s, view, n, &cloud);
     if (spin_sh_degree_reached(from->sh_degree, o.sh_increase_every, o.iterations) > 0 &&
         spin_refine_add_sh(
             spin_sh_degree_reached(from->sh_degree, o.sh_increase_every, o.iterations), NULL,
