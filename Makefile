@@ -484,7 +484,7 @@ bench-viewers: ## pictures a second of the page beside SuperSplat's viewer (Chro
 	@sh tests/viewers/run.sh $(B)/bin speed $(SPEED)
 
 lint: ## includes, circles, headers, lists, manual, device pointers, plug-ins
-	@for s in tests/lint/*.sh; do B=$(BUILD)/release sh $$s "$(CC)" "$(CXX)" || exit 1; done
+	@printf '%s\n' tests/lint/*.sh | B=$(BUILD)/release xargs -P $(JOBS) -I LINT sh LINT "$(CC)" "$(CXX)"
 
 $(BENCH): $(BENCH_O) $(LIB)
 	$(SAY) LINK $@
