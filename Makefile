@@ -187,9 +187,9 @@ test: ## all tests but test-card and test-ranks, JOBS at a time; K='words' selec
 	@$(MAKE) --no-print-directory -j$(JOBS) all $(if $(filter quick,$(K)),$(UNIT_BIN),test-bins)
 	@JOBS=$(JOBS) sh tests/run.sh $(B) "$(K)"
 
-test-bins: room-bins $(TEST_BIN) $(BENCH) $(B)/tests/bench/clip
-# All but those of tests/cmd and tests/bench: what .ci/run runs under sanitisers.
-room-bins: $(UNIT_BIN) $(filter $(B)/tests/emu/%,$(TEST_BIN)) $(EMU) test-tools fuzz-bins
+test-bins: room-bins $(EMU) $(TEST_BIN) $(BENCH) $(B)/tests/bench/clip
+# All but the emulated card and those of tests/cmd and tests/bench: what .ci/run runs under sanitisers.
+room-bins: $(UNIT_BIN) $(filter $(B)/tests/emu/%,$(TEST_BIN)) test-tools fuzz-bins
 test-tools: $(TOOLS)
 
 test-card: ## trainings on the emulated card, which `make test` leaves out
@@ -395,7 +395,7 @@ $(RACE)/%.race.o: %.cu tests/emu/emu.h
 	@mkdir -p $(@D)
 	$(SAY) RACE $<
 	$(Q)$(CXX) $(CU_STD) $(SPIN_CPPFLAGS) -x c++ $(EMU_BASE) $(EMU_BOUND) -fsanitize=thread -MMD -MP -c -o $@ $<
-$(B)/tests/emu/t-emu: | $(EMU)
+$(B)/tests/emu/t-emu: | $(B)/tests/emu/faults.so $(B)/tests/emu/faults-race.so
 $(B)/tests/emu/spin-cuda.so: $(EMU_CU:%.cu=$(B)/%.emu.o) $(EMU_O)
 $(B)/tests/emu/spin-cuda-race.so: $(EMU_CU:%.cu=$(RACE)/%.race.o) $(RACE_O)
 $(B)/tests/emu/faults.so: $(B)/tests/emu/faults.emu.o $(EMU_O)
