@@ -61,11 +61,6 @@ run_one() { # NAME COMMAND...
     printf '%s\n' "$text"
 }
 
-# has_key SOURCE KEY: in the line of keys, which is among the first twelve.
-has_key() {
-    head -n 12 "$1" 2>/dev/null | grep -E "(^|[^A-Za-z0-9])K:" | sed 's/.*K://; s/[^A-Za-z0-9_.-]/ /g' | tr ' ' '\n' | grep -Fqx -e "$2"
-}
-
 if [ "$B" = --one ]; then
     B=$2 source=$3
     program=$B/${source%.c}
@@ -98,7 +93,13 @@ SPIN_BUILD=$B
 : "${TSAN_OPTIONS:=halt_on_error=0:exitcode=66}"
 # Tests look at what stands on stderr, and a slow machine may take a minute for them.
 : "${SPIN_PROGRESS:=0}"
-export SPIN_PROGRESS SPIN_FIXTURES SPIN_BIN SPIN_BUILD ASAN_OPTIONS UBSAN_OPTIONS TSAN_OPTIONS
+# The Python of the scripts. The system's may have NumPy where the first one in PATH has not; one behind a script of pyenv
+# is called without it.
+[ -n "${SPIN_PYTHON:-}" ] || for python in python3 /usr/bin/python3; do
+    SPIN_PYTHON=$($python -c 'import sys, numpy; print(sys.executable)' 2>/dev/null) && break
+done
+: "${SPIN_PYTHON:=$(command -v python3)}"
+export SPIN_PYTHON SPIN_PROGRESS SPIN_FIXTURES SPIN_BIN SPIN_BUILD ASAN_OPTIONS UBSAN_OPTIONS TSAN_OPTIONS
 
 SPIN_SKIPS=$(mktemp) || exit 1
 listed=$(mktemp) || exit 1
@@ -108,34 +109,35 @@ trap 'rm -f "$SPIN_SKIPS" "$listed" "$told" "$left_out"' EXIT
 trap 'exit 130' INT TERM
 export SPIN_SKIPS
 
-# matches SOURCE
-matches() {
-    if [ -z "$WORDS" ]; then
-        has_key "$1" test-card || has_key "$1" test-ranks || return 0
-        echo "$1" >>"$left_out"
-        return 1
-    fi
-    if [ "$WORDS" = quick ]; then
-        case $1 in
-        tests/cli/* | tests/cmd/* | tests/emu/* | tests/fuzz/*) return 1 ;;
-        *) return 0 ;;
-        esac
-    fi
-    for word in $WORDS; do
-        case $1 in
-        *"$word"*) return 0 ;;
-        esac
-        has_key "$1" "$word" && return 0
-    done
-    return 1
-}
-
+# Of the built tests those that are asked for, the long ones first.
 for source in tests/*/t-*.c tests/cli/t*.sh tests/fuzz/fuzz-*.c; do
     case $source in
     *.sh) [ -f "$source" ] ;;
     *) [ -x "$B/${source%.c}" ] ;;
-    esac && matches "$source" && { has_key "$source" long && echo "0 $source" || echo "1 $source"; }
-done | sort -s -n -k 1,1 | cut -d ' ' -f 2 >"$listed"
+    esac && echo "$source"
+done | WORDS=$WORDS xargs -r awk -v left_out="$left_out" '
+    FNR <= 12 && /(^|[^A-Za-z0-9])K:/ { sub(/.*K:/, ""); gsub(/[^A-Za-z0-9_.-]/, " "); keys[FILENAME] = keys[FILENAME] " " $0 " " }
+    function has_key(key) { return index(keys[source], " " key " ") }
+    function wanted(i) {
+        if (n == 0 && (has_key("test-card") || has_key("test-ranks"))) {
+            print source >left_out
+            return 0
+        }
+        if (n == 0 || ENVIRON["WORDS"] == "quick")
+            return n == 0 || source !~ /^tests\/(cli|cmd|emu|fuzz)\//
+        for (i = 1; i <= n; i++)
+            if (index(source, word[i]) || has_key(word[i]))
+                return 1
+        return 0
+    }
+    END {
+        n = split(ENVIRON["WORDS"], word)
+        for (i = 1; i < ARGC; i++) {
+            source = ARGV[i]
+            if (wanted())
+                print !has_key("long"), source
+        }
+    }' | sort -s -n -k 1,1 | cut -d ' ' -f 2 >"$listed"
 xargs -r -P "${JOBS:-1}" -n 1 sh "$0" --one "$B" <"$listed" | tee "$told"
 
 sed 's/$/: left out, see make test-card and make test-ranks/' "$left_out"

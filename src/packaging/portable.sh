@@ -14,16 +14,14 @@ fail() {
     exit 1
 }
 
-# take FILE NAME: a library, and the licence of its package
+# take FILE NAME: a library
 take() {
     cp -L "$1" "$tree/lib/spin4d/$2" && chmod 644 "$tree/lib/spin4d/$2" || fail "'$1' cannot be copied"
-    package=$(dpkg -S "*$(realpath "$1" | sed 's|^/usr||')" 2>/dev/null | sed -n '1s/[:,].*//p')
-    [ -f "/usr/share/doc/$package/copyright" ] || fail "no licence of '$1' is here: it comes from no Debian package"
-    cp -L "/usr/share/doc/$package/copyright" "$tree/share/doc/spin4d/$package.copyright" || exit 1
+    realpath "$1" | sed 's|^/usr||' >>"$out/taken"
 }
 
 command -v dpkg >/dev/null || fail "dpkg is not here, which knows the licences of the libraries"
-rm -rf "$tree"
+rm -rf "$tree" "$out/taken"
 mkdir -p "$tree/bin" "$tree/lib/spin4d" "$tree/share/doc/spin4d" "$tree/python" "$tree/share/spin4d" || exit 1
 for shim in image-plain gltf; do
     strip -o "$tree/lib/spin4d/spin-$shim.so" "$B/lib/spin-$shim.so" || fail "'$B/lib/spin-$shim.so' is not there"
@@ -47,7 +45,14 @@ ldd "$tree"/bin/* "$tree"/lib/spin4d/*.so* | awk '$2 == "=>" && $3 ~ /^\// { pri
 while read -r library; do
     take "$library" "$(basename "$library")"
 done <"$out/libraries"
-rm "$out/libraries"
+# The licence of each one's package
+sed 's/^/*/' "$out/taken" | xargs dpkg -S >"$out/owners" 2>/dev/null
+while read -r library; do
+    package=$(sed -n "s|[:,].*$library\$||p" "$out/owners" | head -n 1)
+    [ -f "/usr/share/doc/$package/copyright" ] || fail "no licence of '$library' is here: it comes from no Debian package"
+    cp -L "/usr/share/doc/$package/copyright" "$tree/share/doc/spin4d/$package.copyright" || exit 1
+done <"$out/taken"
+rm "$out/libraries" "$out/taken" "$out/owners"
 
 needs=$(objdump -T "$tree"/bin/* "$tree"/lib/spin4d/* | grep -o 'GLIBC_[0-9.]*' | sort -uV | sed -n '$s/GLIBC_//p')
 

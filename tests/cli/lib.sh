@@ -20,10 +20,8 @@ trap 'exit 130' INT TERM
 count=0
 failed=0
 
-# The system's python3 may have NumPy where the first one in PATH has not.
-if ! python3 -c 'import numpy' 2>/dev/null && /usr/bin/python3 -c 'import numpy' 2>/dev/null; then
-    python3() { /usr/bin/python3 "$@"; }
-fi
+# tests/run.sh looks for one that has NumPy.
+[ -z "${SPIN_PYTHON:-}" ] || python3() { "$SPIN_PYTHON" "$@"; }
 
 # Run a command; leaves $code, $work/out and $work/err.
 run() {

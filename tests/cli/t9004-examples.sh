@@ -45,21 +45,34 @@ done | sed -n 's/^ *\(--[a-z0-9-]*\).*/\1/p' | sort -u >>"$work/spin-export.opti
 commands() {
     sed -e ':a' -e '/\\$/{N;s/ *\\\n */ /;ba' -e '}' "$1" | sed -e '/^#/d' -e 's/  *# .*//' -e 's/ *$//' -e '/^$/d'
 }
-# wrong COMMAND-LINE: the options in it that its command does not have.
+# Of lines "PLACE<tab>COMMAND-LINE" the options that their commands do not have.
 wrong() {
-    echo "$1" | sed -e 's/&&\|[|;]/\n/g' -e 's/spin4d \(import\|retrain\|eval\|export\) /spin-\1 /g' | while read -r line; do
-        name=$(echo "$line" | grep -oE 'spin4d |spin-(import|retrain|eval|export)' | head -n 1 | tr -d ' ')
-        [ -n "$name" ] || continue
-        echo "${line#*"$name"}" | tr ' ' '\n' | grep '^--[a-z]' | sed 's/=.*//' |
-            grep -vxF -f "$work/$name.options" | sed "s/^/$name /"
-    done
+    awk -F '\t' '
+        FILENAME != "-" { command = FILENAME; gsub(/.*\/|\.options$/, "", command); has[command, $0]; next }
+        {
+            n = split("import retrain eval export", name, " ")
+            for (i = 1; i <= n; i++)
+                gsub("spin4d " name[i] " ", "spin-" name[i] " ", $2)
+            n = split($2, part, /&&|[|;]/)
+            for (i = 1; i <= n; i++) {
+                if (!match(part[i], /spin4d |spin-(import|retrain|eval|export)/))
+                    continue
+                command = substr(part[i], RSTART, RLENGTH)
+                sub(/ /, "", command)
+                m = split(substr(part[i], index(part[i], command) + length(command)), word, " ")
+                for (k = 1; k <= m; k++) {
+                    sub(/=.*/, "", word[k])
+                    if (word[k] ~ /^--[a-z]/ && !((command, word[k]) in has))
+                        print $1 command, word[k]
+                }
+            }
+        }' "$work"/spin*.options -
 }
 while read -r number kind place; do
     [ "$kind" = sh ] || continue
-    commands "$blocks/$number.sh" >"$work/lines"
+    commands "$blocks/$number.sh" >"$blocks/$number.lines"
     while IFS= read -r line; do
-        bad=$(wrong "$line")
-        [ -z "$bad" ] || is "$bad" "" "$place: options that are there"
+        printf '%s: \t%s\n' "$place" "$line" >>"$work/lines"
         case $line in
         make*)
             target=$(echo "$line" | awk '$2 ~ /^[a-z]/ { print $2 }')
@@ -70,15 +83,16 @@ while read -r number kind place; do
             [ -f "$file" ] || is "$file" "" "$place: a file that is there"
             ;;
         esac
-    done <"$work/lines"
+    done <"$blocks/$number.lines"
 done <"$work/index"
+is "$(wrong <"$work/lines")" "" "examples have options that are there"
 [ "$failed" = 0 ]
 ok $? "the options, targets and scripts in examples are there"
 
 # Of commands inside a sentence too.
 # shellcheck disable=SC2086
 grep -ohE '`(spin4d|spin-(import|retrain|eval|export)) [^`]*`' README.md CONTRIBUTING.md $(ls docs/*.md docs/*/*.md) | tr -d '`' | sort -u |
-    while IFS= read -r line; do wrong "$line"; done >"$work/strangers"
+    sed 's/^/\t/' | wrong >"$work/strangers"
 is "$(cat "$work/strangers")" "" "commands in the text of documents have the options that they name"
 
 # And those named in the text, each in some command: `--word`, or Fl Fl word.
@@ -198,19 +212,14 @@ while read -r number kind place; do
     [ "$kind" = stray ] && continue
     file=$blocks/$number.$kind
     if [ "$kind" = sh ]; then
-        commands "$file" >"$work/lines"
         {
             echo set -e
             while IFS= read -r line; do
-                begin=$(while IFS= read -r begin; do
-                    case $line in "$begin"*) echo "$begin" && break ;; esac
-                done <"$work/listed")
-                if [ -n "$begin" ]; then
-                    echo "$begin" >>"$work/met"
-                else
-                    printf '%s\n' "$line"
-                fi
-            done <"$work/lines"
+                while IFS= read -r begin; do
+                    case $line in "$begin"*) echo "$begin" >>"$work/met" && continue 2 ;; esac
+                done <"$work/listed"
+                printf '%s\n' "$line"
+            done <"$blocks/$number.lines"
         } | sed -f tests/cli/examples.sed >"$work/script"
         [ "$(wc -l <"$work/script")" -gt 1 ] || continue
     else

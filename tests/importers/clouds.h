@@ -114,7 +114,7 @@ static inline void replace_text(const char *path, const char *word, const char *
     write_text(path, changed);
 }
 
-/* Every length from the whole less one byte down: in steps of one near both ends and at most 1000 of them in between.
+/* Every length from the whole less one byte down: in steps of one near both ends and at most 300 of them in between.
  * Reading the model at `path` fails each time, and the message has the file's name. Puts the file back. */
 static inline void cut_everywhere(const char *from, const char *path, const char *const *pairs,
                                   const char *folder, const char *name)
@@ -128,11 +128,11 @@ static inline void cut_everywhere(const char *from, const char *path, const char
         exit(1);
     size = map.size;
     spin_map_close(&map);
-    step = size / 1000 + 1;
+    step = size / 300 + 1;
     for (size_t to = size; to-- > 0; n++) {
         struct run run;
 
-        if (to > 1000 && to + 200 < size)
+        if (to > 300 && to + 200 < size)
             to -= to % step;
         if (truncate(file, (off_t)to) != 0)
             exit(1);

@@ -225,7 +225,7 @@ static inline void compare_quats(const struct expected *e, const char *key, uint
     free(want);
 }
 
-/* Cut the file `copy`, which the run at `path` holds, at up to 2000 lengths, longest first; reading must
+/* Cut the file `copy`, which the run at `path` holds, at up to 800 lengths, longest first; reading must
  * fail or succeed, not crash. Returns how many of them could still be read. */
 static inline int read_cuts(const char *from, const char *path, const char *copy)
 {
@@ -237,10 +237,10 @@ static inline int read_cuts(const char *from, const char *path, const char *copy
         return -1;
     size = map.size;
     spin_map_close(&map);
-    step = size > 2000 ? size / 1000 : 1;
-    while (size > 0 && n++ < 2000) {
+    step = size > 800 ? size / 400 : 1;
+    while (size > 0 && n++ < 800) {
         /* One by one near both ends, in steps between them. */
-        size -= n < 500 || size < 500 || size < step ? 1 : step;
+        size -= n < 200 || size < 200 || size < step ? 1 : step;
         if (truncate(copy, (off_t)size) != 0)
             break;
         n_good += read_all(from, path) == SPIN_OK;

@@ -7,23 +7,29 @@ build=${B:-build/release}
 
 # "file needed-file", less .c and .h
 includes() {
-    find src importers exporters -name '*.[ch]' -o -name '*.cpp' | while read -r file; do
-        sed -n 's/^ *# *include *"\([^"]*\)\.h".*/\1/p' "$file" | while read -r header; do
-            [ -f "src/$header.h" ] && header=src/$header
-            echo "${file%.*} $header"
-        done
-    done
+    find src importers exporters -name '*.[ch]' -o -name '*.cpp' | xargs awk '
+        BEGIN { for (i = 1; i < ARGC; i++) here[ARGV[i]] }
+        /^ *# *include *"[^"]*\.h"/ {
+            split($0, part, "\"")
+            header = ("src/" part[2] in here ? "src/" : "") part[2]
+            file = FILENAME
+            sub(/\.[a-z]*$/, "", header)
+            sub(/\.[a-z]*$/, "", file)
+            print file, header
+        }'
 }
 
 # An object of src/device/cpu has its code path in its name; one without a source is left over.
 calls() {
-    find "$build/src" "$build/importers" "$build/exporters" -name '*.o' 2>/dev/null | while read -r object; do
-        file=${object#"$build/"}
-        file=${file%.o}
-        [ -f "$file.c" ] || file=${file%.*}
-        [ -f "$file.c" ] && nm -g "$object" | sed "s|^|$file |"
-    done | awk '
+    {
+        find src importers exporters -name '*.c'
+        find "$build/src" "$build/importers" "$build/exporters" -name '*.o' 2>/dev/null | xargs -r nm -gA |
+            sed "s|^$build/\(.*\)\.o:|\1 |"
+    } | awk '
         FILENAME != "-" { if ($1 ~ /^spin_/) open[substr($1, 1, length($1) - 1)]; next }
+        NF == 1 { source[substr($1, 1, length($1) - 2)]; next }
+        !($1 in source) { sub(/\.[^.\/]*$/, "", $1) }
+        !($1 in source) { next }
         NF == 3 { if ($1 ~ /^src/ || !($3 in open)) needs[++n] = $1 " " $3; next }
         $4 !~ /^spin_(im|ex)porters?(_|$)/ { home[$4] = $1 }
         END {

@@ -27,7 +27,7 @@ for path in $(find src importers exporters -name '*.h' | sort); do
     case $header in
     device/cuda/shim.h) ;;
     device/cuda/*)
-        try "$CXX -std=c++20 -x c++ -DSPIN_EMU -include tests/emu/emu.h -Wno-unused-function"
+        try "$CXX -std=c++14 -x c++ -DSPIN_EMU -include tests/emu/emu.h -Wno-unused-function"
         continue
         ;;
     esac

@@ -71,48 +71,52 @@ libc='^(assert|ctype|dirent|dlfcn|errno|fcntl|fenv|float|glob|inttypes|limits|lo
 libc=$libc'sched|setjmp|signal|stdarg|stdatomic|stdbool|stddef|stdint|stdio|stdlib|string|strings|'
 libc=$libc'time|unistd|sys/[a-z]+|cstdint|cstdio|cstdlib|cstring|cmath)(\.h)?$'
 
-failed=0
-arrows=0
-complain() {
-    echo "includes: $*"
-    failed=1
-}
-
-for file in $(find src importers exporters -name '*.[ch]' -o -name '*.cpp' -o -name '*.cu' \
-    -o -name '*.cuh' | sort); do
-    may=$(ours "$file")
-    outside=$(foreign "$file")
-    for header in $(sed -n 's/^ *# *include *"\([^"]*\)".*/\1/p' "$file"); do
-        arrows=$((arrows + 1))
-        echo "$header" | grep -Eq "$may" || complain "$file may not include \"$header\""
-        [ -f "src/$header" ] || [ -f "$header" ] || complain "$file: no such file \"$header\""
-    done
-    for header in $(sed -n 's/^ *# *include *<\([^>]*\)>.*/\1/p' "$file"); do
-        arrows=$((arrows + 1))
-        echo "$header" | grep -Eq "$libc" || echo "$header" | grep -Eq "$outside" ||
-            complain "$file may not include <$header>"
-    done
-done
+files=$(find src importers exporters -name '*.[ch]' -o -name '*.cpp' -o -name '*.cu' -o -name '*.cuh' | sort)
+said=$(for file in $files; do
+    echo "$file"
+    ours "$file"
+    foreign "$file"
+done | LIBC=$libc awk '
+    function there(path, line, found) { found = (getline line <path) >= 0; close(path); return found }
+    NR % 3 == 1 { file = $0 }
+    NR % 3 == 2 { may = $0 }
+    NR % 3 { next }
+    {
+        while ((getline line <file) > 0) {
+            if (line !~ /^ *# *include *("[^"]*"|<[^>]*>)/)
+                continue
+            n++
+            split(line, part, /["<>]/)
+            header = part[2]
+            if (line ~ /include *</) {
+                if (header !~ ENVIRON["LIBC"] && header !~ $0)
+                    print "includes: " file " may not include <" header ">"
+                continue
+            }
+            if (header !~ may)
+                print "includes: " file " may not include \"" header "\""
+            if (!there("src/" header) && !there(header))
+                print "includes: " file ": no such file \"" header "\""
+        }
+        close(file)
+    }
+    END { print n }')
+arrows=$(echo "$said" | tail -n 1)
 
 # Names that belong to one list: each plug-in is named by itself and by the list only, a device by
 # src/device only.
-for list in importers exporters; do
-    for path in $list/*.c; do
-        plugin=$(basename "$path" .c)
-        for file in $(grep -rlw "spin_${list%s}_$plugin" src importers exporters); do
-            case $file in
-            "$list/$list.c" | "$path") ;;
-            *) complain "$file names the plug-in '$plugin'" ;;
-            esac
-        done
+said=$(echo "$said" | sed '$d'
+    grep -rowE 'spin_(im|ex)porter_[a-z0-9_]+' src importers exporters | sort -u | while IFS=: read -r file name; do
+        plugin=${name#spin_*porter_}
+        list=${name#spin_}
+        list=${list%%_*}s
+        case $file in
+        "$list/$list.c" | "$list/$plugin.c") ;;
+        *) [ ! -f "$list/$plugin.c" ] || echo "includes: $file names the plug-in '$plugin'" ;;
+        esac
     done
-done
-for file in $(grep -rlE '\<spin_(cpu|cuda)_' src importers exporters); do
-    case $file in
-    src/device/*) ;;
-    *) complain "$file names a device" ;;
-    esac
-done
+    grep -rlE '\<spin_(cpu|cuda)_' src importers exporters | grep -v '^src/device/' | sed 's/.*/includes: & names a device/')
 
-[ $failed = 0 ] && echo "includes: $arrows arrows, all in the drawing"
-exit $failed
+[ -z "$said" ] && echo "includes: $arrows arrows, all in the drawing" && exit
+echo "$said"
+exit 1

@@ -74,7 +74,7 @@ echo "$out" | grep -v '^n '
 ptx=$(mktemp) || exit 1
 trap 'rm -f "$ptx"' EXIT
 for file in grid contract; do
-    "$nvcc" -Isrc -I. -D_GNU_SOURCE -std=c++20 -O3 -fmad=false -arch=compute_75 -ptx -o "$ptx" \
+    "$nvcc" -Isrc -I. -D_GNU_SOURCE -std=c++14 -O3 -fmad=false -arch=compute_75 -ptx -o "$ptx" \
         src/device/cuda/$file.cu || failed=1
     if grep -q 'fma\.rn\.f32' "$ptx"; then
         echo "kernels: the PTX of $file.cu fuses products and sums"
@@ -85,7 +85,7 @@ for file in grid contract; do
         failed=1
     fi
 done
-"$nvcc" -Isrc -I. -D_GNU_SOURCE -std=c++20 -O3 -fmad=false -arch=compute_90 -ptx -o "$ptx" src/device/cuda/grid.cu ||
+"$nvcc" -Isrc -I. -D_GNU_SOURCE -std=c++14 -O3 -fmad=false -arch=compute_90 -ptx -o "$ptx" src/device/cuda/grid.cu ||
     failed=1
 if ! grep -Eq 'ld\.global(\.nc)?\.v4\.f32' "$ptx"; then
     echo "kernels: the PTX of grid.cu does not load rows of the table by 16 bytes"
@@ -95,12 +95,12 @@ if ! grep -Eq '(red|atom)\.global\.add\.v4\.f32' "$ptx"; then
     echo "kernels: the PTX of grid.cu for sm_90 does not add 16 bytes at once"
     failed=1
 fi
-"$nvcc" -Isrc -I. -D_GNU_SOURCE -std=c++20 -O3 -arch=compute_80 -ptx -o "$ptx" src/device/cuda/mlp.cu || failed=1
+"$nvcc" -Isrc -I. -D_GNU_SOURCE -std=c++14 -O3 -arch=compute_80 -ptx -o "$ptx" src/device/cuda/mlp.cu || failed=1
 if ! grep -q 'mma\.sync.*\.tf32\.tf32\.f32' "$ptx" || grep -q '\.local' "$ptx"; then
     echo "kernels: the PTX of mlp.cu for sm_80 does not use tensor cores, or keeps their registers in memory"
     failed=1
 fi
-"$nvcc" -Isrc -I. -D_GNU_SOURCE -std=c++20 -O3 -arch=compute_80 -ptx -o "$ptx" src/device/cuda/heads_tensor.cu ||
+"$nvcc" -Isrc -I. -D_GNU_SOURCE -std=c++14 -O3 -arch=compute_80 -ptx -o "$ptx" src/device/cuda/heads_tensor.cu ||
     failed=1
 if ! grep -q 'mma\.sync.*\.tf32\.tf32\.f32' "$ptx"; then
     echo "kernels: the PTX of heads_tensor.cu for sm_80 does not use tensor cores"

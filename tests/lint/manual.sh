@@ -114,12 +114,12 @@ for page in man/spin*.1; do
     fi
     help=$("$bin/$name" --help all | sed -n 's/^  \(-., \|    \)--\([a-z0-9-]*\).*/\2/p' | sort)
     manual=$(sed -n 's/^\.It .*Fl Fl \([a-z0-9-]*\).*/\1/p' "$page" | sort)
-    for option in $help; do
-        echo "$manual" | grep -qx -e "$option" || complain "$page lacks --$option"
-        checked=$((checked + 1))
+    checked=$((checked + $(echo "$help" | grep -c .)))
+    for option in $(echo "$help" | grep -vxF -e "$manual"); do
+        complain "$page lacks --$option"
     done
-    for option in $manual; do
-        echo "$help" | grep -qx -e "$option" || complain "$page has --$option, which $name --help lacks"
+    for option in $(echo "$manual" | grep -vxF -e "$help"); do
+        complain "$page has --$option, which $name --help lacks"
     done
     case $name in
     spin-retrain)

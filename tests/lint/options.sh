@@ -27,9 +27,10 @@ for name in spin4d spin-import spin-retrain spin-eval spin-export; do
         echo "options: $name is not built in $bin, its options are not compared"
         continue
     fi
+    tests=$(grep -l -e "$name" tests/cli/t*.sh tests/cmd/t-*.c)
     for option in $("$bin/$name" --help all | options); do
-        # shellcheck disable=SC2046
-        if ! used "$option" $(grep -l -e "$name" tests/cli/t*.sh tests/cmd/t-*.c); then
+        # shellcheck disable=SC2086
+        if ! used "$option" $tests; then
             echo "options: no test uses $name --$option"
             failed=1
         fi

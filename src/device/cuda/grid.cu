@@ -17,13 +17,13 @@ static __device__ float corner_weight(const struct cuda_cell &cell, int k)
 /* WIDTH values that lie side by side, by loads and stores of up to 16 bytes: rows begin at a multiple of their size. */
 template <int WIDTH> static __device__ void load_row(const float *from, float *to)
 {
-    if constexpr (WIDTH % 4 == 0) {
+    if (WIDTH % 4 == 0) {
         for (int f = 0; f < WIDTH; f += 4) {
             float4 v = *(const float4 *)(from + f);
 
             to[f] = v.x, to[f + 1] = v.y, to[f + 2] = v.z, to[f + 3] = v.w;
         }
-    } else if constexpr (WIDTH == 2) {
+    } else if (WIDTH == 2) {
         float2 v = *(const float2 *)from;
 
         to[0] = v.x, to[1] = v.y;
@@ -34,7 +34,7 @@ template <int WIDTH> static __device__ void load_row(const float *from, float *t
 
 template <int WIDTH> static __device__ void store_row(const float *from, float *to)
 {
-    if constexpr (WIDTH % 4 == 0) {
+    if (WIDTH % 4 == 0) {
         for (int f = 0; f < WIDTH; f += 4)
             *(float4 *)(to + f) = make_float4(from[f], from[f + 1], from[f + 2], from[f + 3]);
     } else {
@@ -127,7 +127,7 @@ struct fixed {
 template <int WIDTH> static __device__ void add_floats(float *to, const float *value)
 {
 #if defined(SPIN_EMU) || (defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900)
-    if constexpr (WIDTH % 4 == 0)
+    if (WIDTH % 4 == 0)
         for (int f = 0; f < WIDTH; f += 4)
             atomicAdd((float4 *)(to + f),
                       make_float4(value[f], value[f + 1], value[f + 2], value[f + 3]));
