@@ -363,6 +363,9 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
 {
     struct spin_plan *plan = output->plan;
     unsigned kept = spin_refinement_columns(plan);
+    /* Of the source: of what nothing but the positions is looked at, and no key is made any more. */
+    bool points = !(meta->columns & SPIN_COL_ATTRIBUTES) && !output->refinement->frame;
+    unsigned rounded = points ? SPIN_COL_MEANS : 0;
     SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
     const struct spin_splats_4d *four_d;
 
@@ -372,11 +375,11 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
     if (four_d)
         SPIN_TRY(spin_bundle_write_4d(w, four_d, SPIN_ROUND_NOTHING, meta));
     else
-        SPIN_TRY(set_column_units(output, &w->packer, "source", meta->columns, meta->sh_degree));
+        SPIN_TRY(set_column_units(output, &w->packer, "source", rounded, meta->sh_degree));
     for (int f = 0; !four_d && f < plan->clip.n_frames; f++) {
         SPIN_TRY(spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, f), meta->columns,
                                    &splats));
-        round_splats(output, meta->columns, &splats);
+        round_splats(output, rounded, &splats);
         SPIN_TRY(spin_bundle_write_frame(w, f, meta->columns, meta->static_columns, &splats));
     }
     for (int f = 0; output->refinement->frame && f < plan->clip.n_frames; f++) {
