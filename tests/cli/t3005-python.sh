@@ -123,11 +123,11 @@ assert (places[1] % 2.0**-13 == 0).all() and 0 < off.max() <= 2.0**-14 + 2.0**-1
     "$work/points.spin" "$work/coloured.spin" 2>"$work/err"
 ok $? "their colours are those of the source, their positions nearly"
 # shellcheck disable=SC2086
-run "$bin/spin-retrain" "$work/points.spin" -o "$work/refined.spin" $small $net --iterations 1 --refine 2
+run "$bin/spin-retrain" "$work/points.spin" -o "$work/refined-points.spin" $small $net --iterations 1 --refine 2
 python3 -c '
 import sys, spin4d
 a, b = (spin4d.load(path).values("source/means/00002") for path in sys.argv[1:])
-assert a.tobytes() == b.tobytes()' "$work/points.spin" "$work/refined.spin" 2>"$work/err"
+assert a.tobytes() == b.tobytes()' "$work/points.spin" "$work/refined-points.spin" 2>"$work/err"
 ok $? "which refined frames can be found again by"
 
 # 4D splats: slices are those of spin-export, at frames of the bundle and between them.
