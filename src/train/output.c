@@ -536,9 +536,13 @@ static spin_status describe(const struct spin_output *output, bool same_rows, sp
     spin_json *refined = NULL, *trained = NULL, *held_out;
 
     if (plan->o->n_test_cameras > 0)
-        spin_json_set(extra, "held_out", held_out = spin_json_array());
+        held_out = spin_json_array();
+    else
+        held_out = json_incref(spin_json_get(plan->clip.bundle.json, "held_out"));
     for (int i = 0; i < plan->o->n_test_cameras; i++)
         spin_json_push_number(held_out, plan->o->test_cameras[i]);
+    if (held_out)
+        spin_json_set(extra, "held_out", held_out);
     spin_json_set_string(extra, "precision", precision_name(plan->o));
     if (plan->o->learn_exposure == SPIN_EXPOSURE_ON)
         spin_json_set(extra, "lenses", spin_lenses_to_json(&plan->lenses));

@@ -699,6 +699,7 @@ static spin_status open_clip(struct spin_plan *plan)
         .n_test_cameras = o->n_test_cameras,
         .image_scale = o->image_scale,
         .needs_views = true,
+        .as_trained = true,
     };
 
     SPIN_TRY(spin_clip_open(&c, &plan->clip));
