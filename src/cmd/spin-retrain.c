@@ -118,7 +118,8 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range,
              "use frame numbers A to B-1 only (all)"),
     SPIN_ARG("test-cams", 0, "LIST", INTS, test_cameras,
-             "numbers of the cameras held out (as in the input's training, or the data set's own)",
+             "numbers of the cameras held out (those that the input was trained without, or the "
+             "data set's own)",
              .min = 0, .max = 1e9),
 #include "train/options.def"
     SPIN_ARG_HEADING("Machine"),
