@@ -153,9 +153,10 @@ struct spin_tracks_f32 {
 enum { SPIN_MAX_FRAMES = 8, SPIN_MAX_VIEWS = 32 };
 struct spin_frame_batch {
     int n_frames;
-    bool
-        narrow; /* rows of attributes have SPIN_ATTR_NARROW floats, the opacity last; without a network, SH and CUDA */
-    size_t n;   /* splats of all frames */
+    /* Rows of attributes have SPIN_ATTR_NARROW floats, the opacity last: on the CPU, without a network, for one SH
+     * coefficient. */
+    bool narrow;
+    size_t n; /* splats of all frames */
     struct spin_frame_of_batch {
         size_t first, n;                /* its rows */
         float t;                        /* time, 0..1 */

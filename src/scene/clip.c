@@ -56,7 +56,7 @@ spin_status spin_times_check(const struct spin_frame_info *info, const int *inde
     return SPIN_OK;
 }
 
-/* A data set without these cameras is another, with test views of its own. */
+/* A data set that lacks one of these cameras is another, and has test views of its own. */
 static spin_status hold_out(struct spin_clip *clip)
 {
     const spin_json *list = spin_json_get(clip->bundle.json, "held_out");
@@ -68,10 +68,11 @@ static spin_status hold_out(struct spin_clip *clip)
         int64_t id = -1;
 
         spin_json_integer(spin_json_at(list, i), &id);
-        camera[i] = (int)id;
+        camera[i] = id > INT_MAX ? -1 : (int)id;
     }
-    if (n > 0)
-        spin_views_split(&clip->views, camera, (int)n);
+    if (n > 0 && spin_views_split(&clip->views, camera, (int)n) != SPIN_OK)
+        spin_warn("'%s' lacks cameras that the training held out: its own test views are taken",
+                  clip->data_path);
     return SPIN_OK;
 }
 

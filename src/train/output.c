@@ -21,8 +21,7 @@ static float per_unit(const struct spin_output *output, unsigned column)
     bool compact = precision == SPIN_PRECISION_COMPACT;
     double extent = output->plan->extent;
 
-    if (precision == SPIN_PRECISION_FULL ||
-        column == SPIN_COL_RGB) /* of points: bytes, most often */
+    if (precision == SPIN_PRECISION_FULL)
         return 0;
     if (column == SPIN_COL_MEANS)
         return extent > 1e-30 ? (float)exp2((compact ? COMPACT_POSITION_BITS : POSITION_BITS) -
@@ -238,7 +237,7 @@ static spin_status sort_rows(const struct spin_output *output, int frame)
     return SPIN_OK;
 }
 
-/* Where all frames have the same, once; otherwise in another order of the rows. */
+/* Once, where all frames have the same; otherwise of each frame, whose rows are sorted by them first. */
 static spin_status write_numbers(const struct spin_output *output, struct spin_bundle_writer *w,
                                  bool *same_rows)
 {
@@ -363,7 +362,8 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
 {
     struct spin_plan *plan = output->plan;
     unsigned kept = spin_refinement_columns(plan);
-    /* Of the source: of what nothing but the positions is looked at, and no key is made any more. */
+    /* A source of points has its positions rounded, too. Refined frames are found again by a key that is made of them:
+     * beside those they stay as they are. */
     bool points = !(meta->columns & SPIN_COL_ATTRIBUTES) && !output->refinement->frame;
     unsigned rounded = points ? SPIN_COL_MEANS : 0;
     SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};

@@ -226,6 +226,19 @@ for name in zipped.files:
 E
 ok $? "the manual's decoder; half and compact within their bounds, the source to the bit"
 
+# Test views of a data set that has not the cameras that were held out.
+python3 - "$work/compact-tracks.spin" "$work/other-rig.spin" <<'E'
+import json, sys, zipfile
+
+with zipfile.ZipFile(sys.argv[1]) as now, zipfile.ZipFile(sys.argv[2], "w") as then:
+    for name in now.namelist():
+        text = now.read(name)
+        then.writestr(name, json.dumps({**json.loads(text), "held_out": [0, 99]}) if name == "meta.json" else text)
+E
+run "$bin/spin-eval" "$work/other-rig.spin" --device cpu
+is "$code" 0 "held-out cameras that the data set lacks: measures"
+err_has "lacks cameras that the training held out: its own test views are taken" "and says on which views"
+
 # ---- What the class refuses
 
 python3 - "$work/half-tracks.spin" "$in" "$clip/params.npz" "$work" \
