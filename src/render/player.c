@@ -270,8 +270,7 @@ static spin_status need(struct spin_player *p, size_t n)
     SPIN_TRY(d->op->reserve(d, capacity * 3 * sizeof(float), (void SPIN_DEV **)&p->pos));
     SPIN_TRY(spin_alloc(capacity * SPIN_ATTR, 2 * sizeof(float), (void **)&p->staging));
     if (p->from == SPIN_FROM_TRAINED)
-        return spin_field_eval_open(&p->field_eval, d, p->network, p->live != NULL, capacity,
-                                    false);
+        return spin_field_eval_open(&p->field_eval, d, p->network, false, capacity, false);
     return d->op->reserve(d, capacity * SPIN_ATTR * sizeof(float), (void SPIN_DEV **)&p->attr);
 }
 
