@@ -400,6 +400,10 @@ const char *check_device_name(void)
     return name && *name ? name : "cpu";
 }
 
+const int check_thread_counts[4] = {1, 2, 3, 8};
+
+int check_n_threads(void) { return check_device_is_cpu() ? 4 : 2; }
+
 bool check_device_is_emulated(void)
 {
     struct spin_device *d = check_device(1);

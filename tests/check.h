@@ -50,6 +50,10 @@ const char **check_cases(const char *folder, const char *file);
  * had. */
 struct spin_device *check_device(int n_threads);
 const char *check_device_name(void);
+/* How many of check_thread_counts, numbers of threads whose results are to be alike, a test compares: all on the CPU, two of
+ * a device without threads, which shows that it gives the same again. */
+extern const int check_thread_counts[4];
+int check_n_threads(void);
 bool check_device_is_cpu(void);
 bool check_device_is_emulated(void); /* its errors can be ordered (tests/emu/gpu.cpp) */
 /* A card, or an emulated one under a name of its own: its memory is not the host's. */

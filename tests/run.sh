@@ -88,7 +88,7 @@ if [ -z "${SPIN_FIXTURES:-}" ]; then
 fi
 SPIN_BIN=$B/bin
 SPIN_BUILD=$B
-: "${ASAN_OPTIONS:=detect_leaks=1:abort_on_error=0:allocator_may_return_null=1:exitcode=99}"
+: "${ASAN_OPTIONS:=detect_leaks=1:abort_on_error=0:allocator_may_return_null=1:exitcode=99:handle_sigill=1}"
 : "${UBSAN_OPTIONS:=print_stacktrace=1}"
 : "${TSAN_OPTIONS:=halt_on_error=0:exitcode=66}"
 # Tests look at what stands on stderr, and a slow machine may take a minute for them.

@@ -20,7 +20,7 @@ enum { GAP = 64 }; /* between pieces of an arena, so that overruns are seen */
 enum { GAP = 0 };
 #endif
 
-enum { LINE = 64, ARENA_BLOCK = 1 << 20 };
+enum { LINE = 64, FIRST_BLOCK = 1 << 16, ARENA_BLOCK = 1 << 20 };
 static const size_t huge_page = (size_t)2 << 20;
 
 bool spin_mul_size(size_t a, size_t b, size_t *out) { return !__builtin_mul_overflow(a, b, out); }
@@ -153,14 +153,16 @@ struct spin_arena_block {
 
 static spin_status arena_block(struct spin_arena *arena, size_t piece)
 {
-    size_t bytes;
+    size_t bytes, least = arena->first ? 2 * arena->first->bytes : FIRST_BLOCK;
     struct spin_arena_block *block;
 
     if (!round_up(piece, LINE, &bytes) || bytes > SIZE_MAX - LINE - GAP)
         return fail_memory(piece);
     bytes += LINE + GAP;
-    if (bytes < ARENA_BLOCK)
-        bytes = ARENA_BLOCK;
+    if (least > ARENA_BLOCK)
+        least = ARENA_BLOCK;
+    if (bytes < least)
+        bytes = least;
     block = aligned_alloc(LINE, bytes);
     if (!block)
         return fail_memory(bytes);

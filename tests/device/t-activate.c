@@ -119,7 +119,7 @@ static void rows_and_threads(void)
     uint32_t *rows, *found = net_take(n, sizeof *found);
     float *raw = net_random(n * SPIN_ATTR, 5, -3, 3), *g = net_random(n * SPIN_ATTR, 6, -1, 1);
     float *attr[2], *d_raw[2], *full = net_floats(n * SPIN_ATTR), *d_pos = net_floats(n * 3);
-    int threads[] = {1, 2, 3, 8}, good = 1;
+    int good = 1;
 
     n_rows = net_rows(n, &rows);
     for (int k = 0; k < 2; k++) {
@@ -130,12 +130,12 @@ static void rows_and_threads(void)
         if (i % 3 != 1)
             memset(g + i * SPIN_ATTR, 0, SPIN_ATTR * sizeof *g);
     g[2 * SPIN_ATTR + 5] = -0.0f; /* still nothing */
-    for (int k = 0; k < 4; k++) {
-        struct spin_device *d = check_device(threads[k]);
+    for (int k = 0; k < check_n_threads(); k++) {
+        struct spin_device *d = check_device(check_thread_counts[k]);
         size_t n_found = on_nonzero_grad(d, n, g, d_pos, found);
 
         ok(n_found == n_rows && memcmp(found, rows, n_rows * sizeof *rows) == 0,
-           "active lists the rows with a gradient, %d threads", threads[k]);
+           "active lists the rows with a gradient, %d threads", check_thread_counts[k]);
         on_activate(d, n, raw, attr[k > 0]);
         on_activate_back(d, n_rows, rows, raw, g, d_raw[k > 0]);
         on_activate_back(d, n, NULL, raw, g, full);
@@ -173,7 +173,6 @@ static void active_edges(void)
 
 static void shrinks(void)
 {
-    const int n_threads[4] = {1, 2, 3, 8};
     enum { N = 5000, ROWS = 2500 };
     float *g[4];
     uint32_t *rows = net_take(ROWS, sizeof *rows);
@@ -181,8 +180,8 @@ static void shrinks(void)
 
     for (uint32_t i = 0; i < ROWS; i++)
         rows[i] = 2 * i + 1;
-    for (int k = 0; k < 4; k++) {
-        struct spin_device *d = check_device(n_threads[k]);
+    for (int k = 0; k < check_n_threads(); k++) {
+        struct spin_device *d = check_device(check_thread_counts[k]);
 
         g[k] = net_random((size_t)N * SPIN_ATTR, 8, -1, 1);
         on_regularise_back(d, ROWS, rows, 0.5f, 0.25f, g[k]);
@@ -198,7 +197,7 @@ static void shrinks(void)
             wrong += g[0][i * SPIN_ATTR + k] != want;
         }
     ok(wrong == 0, "shrink adds to scales and opacity of the rows listed, and to nothing else");
-    for (int k = 0; k < 4; k++)
+    for (int k = 0; k < check_n_threads(); k++)
         free(g[k]);
     free(rows);
 }

@@ -175,10 +175,9 @@ static void threads_and_paths(void)
     size_t n = 100003;
     float *p0 = net_random(n, 1, -1, 1), *g0 = net_random(n, 2, -1e-3f, 1e-3f);
     float *m0 = net_random(n, 3, -1e-3f, 1e-3f), *v0 = net_random(n, 4, 0, 1e-6f), *first = NULL;
-    int threads[] = {1, 2, 3, 8};
 
-    for (int k = 0; k < 4; k++) {
-        struct spin_device *d = check_device(threads[k]);
+    for (int k = 0; k < check_n_threads(); k++) {
+        struct spin_device *d = check_device(check_thread_counts[k]);
         float *p = net_copy(p0, n), *g = net_copy(g0, n), *m = net_copy(m0, n),
               *v = net_copy(v0, n);
 

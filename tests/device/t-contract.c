@@ -110,11 +110,11 @@ static void rows_and_threads(void)
     uint32_t *rows;
     float *pos = net_random(n * 3, 3, -4.0f, 4.0f), *d_x = net_random(n * 4, 4, -1.0f, 1.0f);
     float *x1 = net_floats(n * 4), *x = net_floats(n * 4), *d1 = net_floats(n * 3), *d2;
-    int threads[] = {1, 2, 3, 8}, good = 1;
+    int good = 1;
 
     n_rows = net_rows(n, &rows);
-    for (int k = 0; k < 4; k++) {
-        struct spin_device *d = check_device(threads[k]);
+    for (int k = 0; k < check_n_threads(); k++) {
+        struct spin_device *d = check_device(check_thread_counts[k]);
 
         d2 = net_floats(n * 3);
         on_contract(d, &identity, n, pos, 0.5f, k ? x : x1);

@@ -341,12 +341,10 @@ static void threads_and_paths(void)
 
     n_rows = net_rows(n, &rows);
     for (int p = 0; p < N_NET_PATHS; p++) {
-        int threads[] = {1, 2, 3, 8};
-
         if (!net_path(net_paths[p]))
             continue;
-        for (int k = 0; k < 4; k++) {
-            struct spin_device *d = check_device(threads[k]);
+        for (int k = 0; k < check_n_threads(); k++) {
+            struct spin_device *d = check_device(check_thread_counts[k]);
 
             run.z = net_floats(n * width);
             run.d_table = net_floats(n_table);
@@ -356,13 +354,14 @@ static void threads_and_paths(void)
             on_grid_back(d, &grid, table, n_rows, rows, x, g, run.d_table, run.d_x);
             on_grid_back(d, &grid, table, n_rows, rows, x, g, run.d_table_only, NULL);
             snprintf(what, sizeof what, "without the position gradient: same table (%s, %d)",
-                     net_paths[p], threads[k]);
+                     net_paths[p], check_thread_counts[k]);
             check_same_sums(run.d_table_only, run.d_table, n_table, what);
             free(run.d_table_only);
             if (!first.z) {
                 first = run;
             } else {
-                snprintf(what, sizeof what, "same bits: %s, %d threads", net_paths[p], threads[k]);
+                snprintf(what, sizeof what, "same bits: %s, %d threads", net_paths[p],
+                         check_thread_counts[k]);
                 check_same_bits(run.z, first.z, n * width * 4, what);
                 check_same_sums(run.d_table, first.d_table, n_table, what);
                 check_same_bits(run.d_x, first.d_x, n * 16, what);
@@ -418,7 +417,8 @@ static void crowds(int n_features)
         for (size_t k = 0; k < 4; k++) {
             size_t first = i < 96 ? 0 : i - i % (i / 32); /* of its crowd */
 
-            x[i * 4 + k] = i % 37 == 5 ? 1.5f : x[first * 4 + k] * 0.97f + 0.0001f * (float)(i - first);
+            x[i * 4 + k] =
+                i % 37 == 5 ? 1.5f : x[first * 4 + k] * 0.97f + 0.0001f * (float)(i - first);
         }
     on_grid_back(d, &grid, table, n, NULL, x, g, d_table, NULL);
     for (size_t i = 0; i < n; i++) {

@@ -298,11 +298,10 @@ static void threads_same(size_t n)
     uint32_t *rows;
     float *param = net_random(n_param, 11, -0.2f, 0.2f), *z = net_random(n * 64, 12, -1, 1);
     float *d_raw = net_random(n * SPIN_ATTR, 13, -1, 1), *first[3] = {NULL, NULL, NULL};
-    int threads[] = {1, 2, 3, 8};
 
     n_rows = net_rows(n, &rows);
-    for (int k = 0; k < 4; k++) {
-        struct spin_device *d = check_device(threads[k]);
+    for (int k = 0; k < check_n_threads(); k++) {
+        struct spin_device *d = check_device(check_thread_counts[k]);
         float *raw = net_floats(n * SPIN_ATTR), *d_param = net_floats(n_param);
         float *d_z = net_floats(n * 64);
 

@@ -173,22 +173,15 @@ static void need_stacks(int n)
     }
 }
 
-bool emu_on_stack(const void *at)
-{
-    size_t offset = now < 0 ? SIZE_MAX : (size_t)((const char *)at - fibers[now].stack);
-
-    return offset < stack_bytes;
-}
-
 bool emu_is_shared(const void *at)
 {
     return (at >= __start_emu_shared && at < __stop_emu_shared) ||
            (size_t)((const char *)at - dynamic) < dynamic_size;
 }
 
-struct emu_epoch *emu_now(void)
+struct emu_epoch *emu_now(const void *at)
 {
-    if (now < 0)
+    if (now < 0 || (size_t)((const char *)at - fibers[now].stack) < stack_bytes)
         return NULL;
     epoch.thread = (uint32_t)now;
     return &epoch;

@@ -9,12 +9,11 @@
 
 #include <stdio.h>
 
-enum { LOG2_PLACES = 18, PLACES = 1 << LOG2_PLACES, NOBODY = -1, SEVERAL = -2 };
+enum { LOG2_PLACES = 17, PLACES = 1 << LOG2_PLACES, NOBODY = -1, SEVERAL = -2 };
 
-struct access {
-    uint64_t launch, block;
-    int thread;
-    uint32_t barriers, warp_barriers;
+struct access { /* small, for a kernel touches many places */
+    uint32_t launch, block, barriers, warp_barriers;
+    int16_t thread;
     bool atomic;
 };
 struct place {
@@ -37,8 +36,8 @@ static bool ordered(const struct access *a, const struct emu_epoch *e)
 
 static struct access access_of(const struct emu_epoch *e, bool atomic)
 {
-    return {e->launch, e->block, (int)e->thread, e->barriers, e->warp_barriers[e->thread / 32],
-            atomic};
+    return {e->launch,          e->block, e->barriers, e->warp_barriers[e->thread / 32],
+            (int16_t)e->thread, atomic};
 }
 
 static void die(const char *what, uintptr_t at, const struct access *other)
@@ -48,25 +47,35 @@ static void die(const char *what, uintptr_t at, const struct access *other)
     snprintf(text, sizeof text,
              "a race: %s at %p, %s thread %d of %s block, and nothing between them", what,
              (void *)at, other->atomic ? "atomically by" : "by", other->thread,
-             other->block == emu_now()->block ? "the same" : "another");
+             other->block == emu_now(NULL)->block ? "the same" : "another");
     emu_die(text);
+}
+
+/* Of a place; neighbours are neighbours, for the cache's sake. */
+static struct place *place_of(uintptr_t at)
+{
+    enum { LOG2_NEAR = 6 };
+    uint64_t word = at >> 2, far = (word >> LOG2_NEAR) * 0x9e3779b97f4a7c15u;
+
+    return &places[far >> (64 - LOG2_PLACES + LOG2_NEAR) << LOG2_NEAR |
+                   (word & ((1 << LOG2_NEAR) - 1))];
 }
 
 static void touch(uintptr_t at, bool write, bool atomic)
 {
-    struct emu_epoch *e = emu_now();
-    struct place *p = &places[(at >> 2) * 0x9e3779b97f4a7c15u >> (64 - LOG2_PLACES)];
+    struct emu_epoch *e = emu_now((const void *)at);
+    struct place *p = place_of(at);
 
-    if (!e || emu_on_stack((const void *)at))
+    if (!e)
         return;
     at &= ~(uintptr_t)3;
     if (p->at != at || (p->write.launch != e->launch && p->read.launch != e->launch)) {
         p->at = at;
         p->write.thread = p->read.thread = NOBODY;
     }
-    if (emu_is_shared((const void *)at) && p->write.block != e->block)
+    if (p->write.block != e->block && emu_is_shared((const void *)at))
         p->write.thread = NOBODY;
-    if (emu_is_shared((const void *)at) && p->read.block != e->block)
+    if (p->read.block != e->block && emu_is_shared((const void *)at))
         p->read.thread = NOBODY;
     if (!ordered(&p->write, e) && !(atomic && p->write.atomic))
         die(write ? "written twice" : "read while it is written", at, &p->write);

@@ -376,7 +376,8 @@ static void write_part(const char *path, const struct spin_map *whole, size_t n)
         exit(1);
 }
 
-/* A file that is not read, or whose absence is borne, may be cut without harm. */
+/* A file that is not read, or whose absence is borne, may be cut without harm. Under a sanitiser, where a command takes
+ * long to start, each file is cut at one of the places; the importers' own tests cut it at many. */
 static void cut_file(const struct run_files *r, const char *run, const char *copy, const char *file)
 {
     const char *place = path_in(copy, file), *source = path_in(run, file);
@@ -389,7 +390,9 @@ static void cut_file(const struct run_files *r, const char *run, const char *cop
     const size_t sizes[] = {whole.size / 2, 0, 1, whole.size / 4, whole.size - 1};
 
     printf("# %s/%s\n", r->run, file);
-    for (int i = 0; i < (needed ? 5 : 1) && whole.size > 4; i++) {
+    for (size_t i = 0; i < (needed ? 5 : 1) && whole.size > 4; i++) {
+        if (!MEASURED && needed && i != whole.size % 5)
+            continue;
         write_part(place, &whole, sizes[i]);
         import(NULL, copy, needed ? spin_path_name(file) : copy, needed ? REFUSED : ANY, &o);
     }
