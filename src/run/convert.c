@@ -215,16 +215,19 @@ static spin_status look(struct convert *c)
     return SPIN_OK;
 }
 
-/* Here it goes on by itself. */
+/* Here it goes on by itself, and --force alone begins anew. */
 static spin_status say_how_to_go_on(spin_status failed)
 {
-    static const char ending[] = "go on with --resume";
+    static const char *const said[][2] = {
+        {"go on with --resume", "the same command goes on"},
+        {"--force without --resume to start anew", "--force to start anew"}};
     char why[2048];
     int n = snprintf(why, sizeof why, "%s", spin_last_error());
 
-    if (!spin_text_ends(why, ending))
-        return failed;
-    return spin_fail(failed, "%.*sthe same command goes on", n - (int)sizeof ending + 1, why);
+    for (int i = 0; i < 2; i++)
+        if (spin_text_ends(why, said[i][0]))
+            return spin_fail(failed, "%.*s%s", n - (int)strlen(said[i][0]), why, said[i][1]);
+    return failed;
 }
 
 /* An unfinished retraining goes on; with --force one that was made otherwise is replaced. rows: of 4D splats. */

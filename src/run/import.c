@@ -117,7 +117,7 @@ static void look_for_frames(struct import *im)
 {
     const struct spin_import_options *o = im->o;
     struct spin_sequence_info *t = &im->sequence;
-    char from[sizeof im->meta.data_from];
+    char from[sizeof im->meta.data_from], frames[48];
     SPIN_FREED char *beside = NULL;
 
     if (!t->continuous || o->data || o->n_frames > 0 || o->n_times > 0)
@@ -132,13 +132,14 @@ static void look_for_frames(struct import *im)
         return;
     if (t->counts_frames && t->time_last - t->time_first < INT_MAX) {
         im->n_own = (int)(t->time_last - t->time_first) + 1;
-        spin_note(t, "sampled at the %d frames that the run says it has", im->n_own);
+        spin_note(t, "sampled at the %s that the run says it has",
+                  spin_text_count(im->n_own, "frame", frames));
         return;
     }
     beside = spin_data_beside(im->input);
     if (beside && spin_views_open(beside, NULL, &im->views, from, sizeof from) == SPIN_OK)
-        spin_note(t, "sampled at the times of the %d frames of the data set '%s'",
-                  im->views.n_dataset_frames, beside);
+        spin_note(t, "sampled at the times of the %s of the data set '%s'",
+                  spin_text_count(im->views.n_dataset_frames, "frame", frames), beside);
     if (im->four_d && im->views.n == 0) {
         double span = t->time_last - t->time_first;
 
@@ -239,15 +240,16 @@ static spin_status stored_frames(struct import *im, struct spin_frame_info **out
 {
     const struct spin_import_options *o = im->o;
     const struct spin_sequence_info *t = &im->sequence;
+    char frames[48];
 
     if (o->frame_times && strcmp(o->frame_times, "auto") != 0)
         return spin_misuse(
-            "'%s' stores its %d frames: --frame-times is for methods that are continuous in time",
-            o->input, t->n_frames);
+            "'%s' stores its %s: --frame-times is for methods that are continuous in time",
+            o->input, spin_text_count(t->n_frames, "frame", frames));
     if (o->n_frames > 0 || o->n_times > 0)
-        return spin_misuse("'%s' stores its %d frames: --frames and --times are for methods that "
+        return spin_misuse("'%s' stores its %s: --frames and --times are for methods that "
                            "are continuous in time; use --range",
-                           o->input, t->n_frames);
+                           o->input, spin_text_count(t->n_frames, "frame", frames));
     *n = t->n_frames;
     SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));
     for (int i = 0; i < *n; i++) {

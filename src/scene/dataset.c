@@ -262,11 +262,14 @@ static spin_status pair_by_number(const struct spin_views *views,
 static spin_status pair_by_order(const struct spin_views *views,
                                  const struct spin_bundle_meta *meta, int *dataset_frame_of)
 {
+    char frames[48];
+
     for (int i = 0; i < meta->n_frames; i++) {
         if (meta->source_index[i] >= views->n_dataset_frames)
             return spin_misuse("cannot pair frames by order: the clip has a frame at place %d, the "
-                               "data set has %d frames",
-                               meta->source_index[i], views->n_dataset_frames);
+                               "data set has %s",
+                               meta->source_index[i],
+                               spin_text_count(views->n_dataset_frames, "frame", frames));
         dataset_frame_of[i] = meta->source_index[i];
     }
     return SPIN_OK;
@@ -275,6 +278,8 @@ static spin_status pair_by_order(const struct spin_views *views,
 spin_status spin_views_pair(const struct spin_views *views, const struct spin_bundle_meta *meta,
                             const char *pair, int *dataset_frame_of)
 {
+    char frames[48];
+
     if (strcmp(pair, "number") == 0)
         return pair_by_number(views, meta, dataset_frame_of);
     if (strcmp(pair, "order") == 0)
@@ -284,9 +289,10 @@ spin_status spin_views_pair(const struct spin_views *views, const struct spin_bu
     if (views->numbered && meta->numbered)
         return pair_by_number(views, meta, dataset_frame_of);
     if (meta->n_source_frames != views->n_dataset_frames)
-        return spin_misuse("cannot pair frames: the clip was made of %d frames, the data set has "
+        return spin_misuse("cannot pair frames: the clip was made of %s, the data set has "
                            "%d, and %s frame numbers; --pair order pairs them from the first on",
-                           meta->n_source_frames, views->n_dataset_frames,
+                           spin_text_count(meta->n_source_frames, "frame", frames),
+                           views->n_dataset_frames,
                            views->numbered  ? "the clip has no"
                            : meta->numbered ? "the data set has no"
                                             : "neither has");

@@ -150,6 +150,7 @@ ok $? "says what is kept and how to go on: $(tail -n 1 err)"
 is "$(ls -d cut.*)" "$(printf 'cut.import.spin\ncut.spin.part\ncut.spin.part.spin')" "the work is kept, and the clip as it was"
 run "$bin/spin4d" run -o cut.html --iterations 40
 is "$code" 2 "other options do not go on with it"
+err_has "; give the same ones, or --force to start anew\$" "and what to type is an option that there is"
 run "$bin/spin4d" run -o cut.html --iterations 40 --force
 is "$code $(ls -d cut.*)" "0 $(printf 'cut.html\ncut.spin')" "--force starts anew"
 

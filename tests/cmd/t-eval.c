@@ -98,6 +98,9 @@ static void test_held_out(void)
         second = measure("again.spin", "");
         ok(shows(&first, 1, 2, 1, held, 3), "the cameras that it held out");
         ok(shows(&named, 1, 2, 1, other, 1), "--test-cams: exactly those");
+        ok(shell("%s/spin-eval %s/held.spin --test-cams 3 --scale 0.25", bin, folder) == 0 &&
+               strstr(said, "   1 view, "),
+           "one view is none of several");
         ok(shell("%s/spin-eval %s/held.spin --test-cams 7,19 --scale 0.25 -q", bin, folder) == 0 &&
                strstr(said, "warning: 1 of 2 cameras of --test-cams are among those that trained "),
            "which the training had, and that is said");
