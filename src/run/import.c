@@ -99,7 +99,7 @@ static spin_status open_data(struct import *im)
         status = spin_views_open(im->data, o->data ? o->data_from : from, &im->views,
                                  im->meta.data_from, sizeof im->meta.data_from);
     if (im->data && status == SPIN_OK)
-        status = spin_views_check_cameras(&im->views);
+        status = spin_views_check_cameras(&im->views, false);
     if (status != SPIN_OK && !o->data && status != SPIN_E_MEMORY) {
         forget_data(im);
         status = SPIN_OK;

@@ -120,8 +120,6 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
         return spin_not_found("the data set '%s' is not there", path);
     SPIN_TRY(spin_views_open(path, from, &clip->views, clip->data_from, sizeof clip->data_from));
     clip->has_views = true;
-    if (o->needs_views || o->wants_views)
-        SPIN_TRY(spin_views_check_cameras(&clip->views));
     if (o->n_test_cameras > 0)
         SPIN_TRY(count_taught(o, clip));
     if (o->n_test_cameras > 0)
@@ -130,6 +128,8 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
         SPIN_TRY(hold_out(clip));
     if (o->image_scale > 0 && o->image_scale != 1.0)
         SPIN_TRY(spin_views_scale(&clip->views, o->image_scale));
+    if (o->needs_views || o->wants_views)
+        SPIN_TRY(spin_views_check_cameras(&clip->views, o->needs_views));
     return status;
 }
 

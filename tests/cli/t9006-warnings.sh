@@ -321,6 +321,18 @@ SPIN_PROGRESS=soon retrain --iterations 3 --eval-every 1
 is "$(grep -c "^warning: SPIN_PROGRESS is 'soon', not a number of seconds; it is taken as 60$" "$work/err")" 1 \
     "SPIN_PROGRESS, once"
 
+# ---- Pictures of half the size of one camera ----------------------------------------------------------
+
+cp -R "$work/data" "$work/small"
+run "$bin/spin-export" "$in" --to images --size 80x45 --range 0:1 -o "$work/eighty"
+first=$(find "$work/small/ims/0" -type f | sort | head -n 1)
+cp "$work/eighty/cam_00_frame_00000.png" "$first"
+run "$bin/spin-eval" "$in" --data "$work/small" --range 0:1 -q
+warns "a picture that is smaller than its camera" "the images of 1 of 8 cameras are smaller than their cameras and are enlarged, \
+such as 80 x 45 for 160 x 90 pixels of camera 0: a smaller --scale takes them as they are"
+run "$bin/spin-eval" "$in" --data "$work/small" --range 0:1 -q --scale 0.5
+warns "at the size that it has"
+
 # ---- Exports ---------------------------------------------------------------------------------------
 
 export_to() { run "$bin/spin-export" "$1" --to "$2" -o "$work/$2" --force --device cpu; }
