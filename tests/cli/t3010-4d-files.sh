@@ -55,6 +55,13 @@ is "$code" 0 "goes out"
 run "$bin/spin-import" "$work/part.ftgs.ply" -o "$work/part-back.spin" --json
 is "$code $(member frames)" "0 61" "and comes back as a clip of its own"
 same_frames "$work/part.spin" "$work/part-back.spin" "of the same frames at other times"
+run "$bin/spin-export" "$work/a.spin" --range 0:60:3 -o "$work/third.ftgs.ply"
+run "$bin/spin-import" "$work/third.ftgs.ply" -o "$work/third.spin"
+! grep -q "frame rate" "$work/out"
+ok $? "a frame rate that was written is not guessed"
+run "$bin/spin-export" "$work/third.spin" -o "$work/third.sogst.ply"
+grep -aq '^comment sogst.fps 10$' "$work/third.sogst.ply"
+ok $? "every third of 30 frames a second are 10, there and back"
 run "$bin/spin-export" "$work/a.spin" -o "$work/a.ftgs.ply"
 fails 1 spin-export "a file that is there"
 
