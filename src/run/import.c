@@ -193,6 +193,21 @@ static spin_status attach_data(struct import *im)
 
 /* ---- Which frames ------------------------------------------------------------------------------ */
 
+/* A method that is asked for other times than it learned answers all the same. The next frame or two may be meant. */
+static void warn_outside(const struct spin_sequence_info *t, const struct spin_frame_info *frame,
+                         int n)
+{
+    double room = 0.1 * (t->time_last - t->time_first), odd = 0;
+    int n_outside = 0;
+
+    for (int i = 0; i < n; i++)
+        if (frame[i].time < t->time_first - room || frame[i].time > t->time_last + room)
+            odd = n_outside++ ? odd : frame[i].time;
+    if (n_outside > 0)
+        spin_warn("%d of %d times are outside of the run, which is from %g to %g, such as %g",
+                  n_outside, n, t->time_first, t->time_last, odd);
+}
+
 /* Where a continuous method is sampled: at the times asked for, evenly, or as the data set is. */
 static spin_status sample_times(struct import *im, struct spin_frame_info **out, int *n)
 {
@@ -231,6 +246,7 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
     }
     if (rows)
         spin_frame_times(o->frame_times, im->views.numbered, &im->sequence, all, *n);
+    warn_outside(t, all, *n);
     im->meta.numbered = rows && im->views.numbered;
     return SPIN_OK;
 }

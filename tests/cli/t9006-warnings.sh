@@ -231,7 +231,7 @@ warns "a fork's columns" "'$work/fork/$cloud': property 'mine_0' is none of Spac
 of nan --times 0.5,1,1.5,2
 warns "values that are not finite, times outside" "'$work/nan/$cloud': $base" \
     "'$work/nan/$cloud': 3 of $n_stg Gaussians dropped: values that are not finite" \
-    "'$work/nan/$cloud': time 1.5 is outside of 0 to 1, for which it was trained"
+    "2 of 4 times are outside of the run, which is from 0 to 0.95, such as 1.5"
 of bare --times 0,1 --colour auto
 warns "no network" \
     "'$work/bare/$cloud': base colours only, as there is no point_cloud.pt beside the cloud"
