@@ -282,6 +282,8 @@ static spin_status export(struct convert *c, const char *bundle)
     struct spin_export_options export = {.input = bundle,
                                          .output = c->output,
                                          .to = c->to,
+                                         .data = c->imports ? NULL : o->data,
+                                         .data_from = c->imports ? NULL : o->data_from,
                                          .device = o->device,
                                          .n_threads = o->n_threads,
                                          .force = o->force};
@@ -313,8 +315,9 @@ static spin_status run(struct convert *c)
     SPIN_TRY(check_output(c));
     if (c->imports && !o->no_retrain)
         SPIN_TRY(check_preset(c));
-    if (!c->imports && o->n_frames > 0)
-        return spin_misuse("--frames is for a run, and '%s' is a bundle", o->input);
+    if (!c->imports && (o->n_frames > 0 || o->from))
+        return spin_misuse("%s is for a run, and '%s' is a bundle", o->from ? "--from" : "--frames",
+                           o->input);
     if (c->imports)
         SPIN_TRY(import(c));
     SPIN_TRY(look(c));
@@ -322,7 +325,15 @@ static spin_status run(struct convert *c)
     if (trains)
         spin_log(0, "retraining on its images; --no-retrain leaves that out, and Ctrl-C keeps what "
                     "is done");
-    else if (!o->no_retrain && !c->is_trained)
+    else if (o->preset || o->iterations > 0)
+        spin_warn("nothing is retrained, so %s has no effect: %s",
+                  o->preset ? "--preset" : "--iterations",
+                  o->no_retrain   ? "--no-retrain is given"
+                  : c->is_trained ? "the clip is trained already, and spin-retrain trains it anew"
+                                  : "no data set is known, and --data names one");
+    else if (!o->no_retrain && c->is_trained)
+        spin_log(0, "it is trained already, so nothing is retrained; spin-retrain trains it anew");
+    else if (!o->no_retrain)
         spin_log(0, "no data set is known, so nothing is retrained; --data names one");
     if (trains)
         SPIN_TRY(retrain(c));

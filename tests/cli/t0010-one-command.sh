@@ -78,9 +78,15 @@ run "$bin/spin4d" alone --frames 3 -o other2.html
 fails 2 spin4d "--frames of a run that stores its frames"
 run "$bin/spin4d" given.spin --frames 3 -o other2.html
 fails 2 spin4d "--frames of a bundle"
+run "$bin/spin4d" given.spin --from ply -o other2.html
+fails 2 spin4d "--from of a bundle"
+run "$bin/spin4d" given.spin --data not-there -o other2.html
+is "$code" 1 "a data set for a bundle that is trained is that of its pictures"
+err_has "it is trained already, so nothing is retrained" "which are all that is made"
 run "$bin/spin4d" given.spin -o page.html --preset best -q
 is "$(wc -c <"$work/out")" 0 "-q says nothing"
 is "$code $(ls -d page.*)" "0 page.html" "a bundle that is trained is exported"
+err_has "warning: nothing is retrained, so --preset has no effect: the clip is trained already, " "which no preset changes"
 run "$bin/spin4d" clip.spin --to ply -o frames/
 is "$code $(find frames -name '*.ply' | wc -l)" "0 6" "another format"
 cp clip.spin own.spin
