@@ -80,8 +80,11 @@ static void print_ftgs(struct export *x)
     fprintf(x->out.file,
             "comment ftgs_version 1\ncomment time_units normalized\ncomment sh_degree %d\n"
             "comment use_velocity %d\ncomment min_duration %.9g\ncomment opacity_floor 0\n"
-            "comment n_frames %d\nelement vertex %zu\n",
-            x->sh_degree, s->degree > 0, least * (1 - 1e-6), x->bells.job->n_frames, x->order.n);
+            "comment n_frames %d\n",
+            x->sh_degree, s->degree > 0, least * (1 - 1e-6), x->bells.job->n_frames);
+    if (x->bells.job->fps > 0) /* only our importer looks for it */
+        fprintf(x->out.file, "comment fps %.9g\n", x->bells.job->fps);
+    fprintf(x->out.file, "element vertex %zu\n", x->order.n);
     print_properties(x, "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2");
     print_rest(x);
     print_properties(x, "opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 time log_duration "

@@ -13,6 +13,7 @@
 #include "exporters/lib/sort_rows.h"
 #include "formats/tsog.h"
 #include "io/webp.h"
+#include "math/activate.h"
 #include "math/sh.h"
 
 #define MOST_SIGMA 8   /* clips */
@@ -50,6 +51,7 @@ struct export
     int level;
     struct spin_sog_4d coding;
     struct spin_quant_error quant;
+    double fade_lost; /* opacity by which rounded times make a splat that fades wrong, at most */
     struct spin_out out;
 
     /* In the order of the file. */
@@ -161,6 +163,20 @@ static spin_status choose_centres(struct export *x)
     return SPIN_OK;
 }
 
+/* By how much the opacity is off at its own time and a sigma before and after. */
+static double fade_lost(float logit, const float time[2], const float shown[2])
+{
+    double most = 0;
+
+    for (int step = -1; step <= 1; step++) {
+        double seen =
+            ((double)time[0] + step * (double)time[1] - (double)shown[0]) / (double)shown[1];
+
+        most = fmax(most, fabs(exp(-0.5 * step * step) - exp(-0.5 * seen * seen)));
+    }
+    return spin_sigmoid_of((double)logit) * most;
+}
+
 /* Times are rounded, and places follow. */
 static spin_status round_times(struct export *x)
 {
@@ -184,6 +200,9 @@ static spin_status round_times(struct export *x)
         uint8_t low[2], high[2];
 
         code_time(&x->coding, (const float[2]){s->times[k], s->sigmas[k]}, low, high, shown);
+        x->fade_lost =
+            fmax(x->fade_lost, fade_lost(s->logit_opacities[k],
+                                         (const float[2]){s->times[k], s->sigmas[k]}, shown));
         spin_bells_move(s, k, (double)shown[0]);
         s->sigmas[k] = shown[1];
     }
@@ -849,6 +868,9 @@ static spin_status write_all(struct export *x)
     spin_bells_warn(&x->bells);
     warn_of_kind(x);
     spin_quant_error_say(&x->quant, x->kind->name);
+    if (x->fade_lost > 2 / 255.0)
+        spin_log(0, "%s rounds times: where a splat fades, its opacity is off by %.2g at most",
+                 x->kind->name, x->fade_lost);
     return x->job->check ? check_file(x) : SPIN_OK;
 }
 

@@ -68,6 +68,7 @@ static spin_status open_video(struct export *x)
     const struct spin_export_job *job = x->drawing.job;
     struct spin_camera camera = x->drawing.lens;
     const char *codec = "";
+    char frames[48];
     double fps = x->drawing.fps, quality = 18;
     int width;
 
@@ -79,7 +80,8 @@ static spin_status open_video(struct export *x)
     SPIN_TRY(spin_option_number(job->values, "quality", 0, 51, &quality));
     SPIN_TRY(spin_video_create(job->output, job->force, job->sync, width, camera.height, fps,
                                (int)quality, &x->video, &codec));
-    spin_log(0, "video: %d frames of %dx%d, %.4g per second, %s", (int)x->drawing.n_pictures, width,
+    spin_log(0, "video: %s of %dx%d, %.4g per second, %s",
+             spin_text_count((long long)x->drawing.n_pictures, "frame", frames), width,
              camera.height, fps, codec);
     x->size[0] = camera.width;
     x->size[1] = camera.height;

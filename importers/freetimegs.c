@@ -14,6 +14,7 @@ struct model {
     struct spin_model base;
     double step;     /* -1: a PLY */
     double n_frames; /* 0: not told */
+    double fps;      /* 0: not told */
     bool moves;      /* use_velocity */
     double least_sigma;
 };
@@ -88,7 +89,7 @@ static spin_status finish(struct model *m)
         s->sigmas[i] = (float)(sigma < m->least_sigma ? m->least_sigma : sigma);
     }
     SPIN_TRY(spin_model_settle_4d(&m->base));
-    sequence->fps = 30;
+    sequence->fps = m->fps > 0 ? m->fps : 30;
     sequence->n_clip_frames = (int)(m->n_frames > 0 ? m->n_frames : USUAL_FRAMES);
     sequence->time_first = 0;
     sequence->time_last = 1;
@@ -101,7 +102,8 @@ static spin_status finish(struct model *m)
         spin_note(sequence,
                   "the file does not say how many frames the clip has: %d, as is usual; --n-frames",
                   USUAL_FRAMES);
-    spin_note(sequence, "the file does not say its frame rate: 30 a second");
+    if (m->fps == 0)
+        spin_note(sequence, "the file does not say its frame rate: 30 a second");
     if (n_short > 0)
         spin_note(sequence,
                   "%zu of %zu Gaussians last for less than %g of the clip, and are held there as "
@@ -270,6 +272,8 @@ static spin_status check_header(const struct spin_ply *ply, struct model *m, int
     SPIN_TRY(read_comment(ply, "opacity_floor", 0, 0.999999, &floor_of));
     if (comment_of(ply, "n_frames"))
         SPIN_TRY(read_comment(ply, "n_frames", 1, MOST_FRAMES, &m->n_frames));
+    if (comment_of(ply, "fps"))
+        SPIN_TRY(read_comment(ply, "fps", 0.001, 1e6, &m->fps));
     if (degree != floor(degree) || moves != floor(moves) || m->n_frames != floor(m->n_frames))
         return spin_malformed("sh_degree, use_velocity and n_frames are not whole numbers");
     if (floor_of >= 1 / 255.0)

@@ -61,7 +61,6 @@ struct model {
     struct mlp_net colour; /* full; without this network there are base colours only */
     struct camera_places cameras;
     double duration; /* frames that the run was trained on; 0: not known */
-    bool warned_time;
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
@@ -585,11 +584,6 @@ static spin_status spacetimegs_frame(void *self, int frame, double time, unsigne
 
     if (!isfinite(time))
         return spin_misuse("'%s' has no time %g", m->base.path, time);
-    if ((time < 0 || time > 1) && !m->warned_time) {
-        m->warned_time = true;
-        spin_warn("'%s': time %g is outside of 0 to 1, for which it was trained", m->base.path,
-                  time);
-    }
     SPIN_TRY(spin_fail_reading(spin_model_slice(m, frame, time, columns, out), m->base.path));
     if (!(columns & SPIN_COL_SH) || m->colour.n == 0)
         return SPIN_OK;

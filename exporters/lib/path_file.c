@@ -60,6 +60,8 @@ static spin_status add(struct spin_path_file *f, size_t *room, const double *m, 
 {
     struct spin_path_pose pose = {.fovy_deg = fovy_deg};
 
+    if (n == 0)
+        return spin_malformed("matrix %zu is not made of numbers", f->n + 1);
     if (n != 12 && n != 16)
         return spin_malformed("matrix %zu has %zu numbers, expected 12 or 16", f->n + 1, n);
     for (size_t k = 0; k < n; k++)

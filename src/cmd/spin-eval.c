@@ -93,7 +93,7 @@ static const struct spin_args_command command = {
 #define MEANS                                                                                      \
     "{{#frames}}{{frame %6d}}     all" MEASURES "\n{{/}}"                                          \
     "{{#cameras}}   all{{id %8d}}" MEASURES "\n{{/}}"
-#define ALL "   all     all" MEASURES "   {{views}} views, {{attributes}} attributes\n"
+#define ALL "   all     all" MEASURES "   {{views %N view}}, {{attributes}} attributes\n"
 #define FOOT                                                                                       \
     "{{#mask}}mask     the subject alone, by {{mask}} of the data set\n{{/}}"                      \
     "{{^dynamic_from=off}}dynamic  {{dynamic %.2p}} % of the pixels, from "                        \

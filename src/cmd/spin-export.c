@@ -135,7 +135,7 @@ static const char text[] =
     "{{#decimated}}decimated: {{after %M}} of {{before %M}} splats {{unit}}, by {{by}}; "
     "{{#pictures}}{{#psnr}}{{psnr %.2f}} dB{{/}}{{^psnr}}no difference{{/}} against all of them in "
     "{{pictures %N picture}} from {{cameras}}{{/}}{{^pictures}}no picture shows one{{/}}\n"
-    "{{#tries}}          {{reached %B}} in all, found by writing {{tries}} times\n{{/}}{{/}}"
+    "{{#tries}}          {{reached %B}} in all, found by writing {{tries %N time}}\n{{/}}{{/}}"
     "{{#check}}read back: {{frames %N frame}}, {{splats}} splats; "
     "boxes differ by {{bounds %.3g}} at most\n"
     "  place                error {{place.rms %.3g}} rms, {{place.largest %.3g}} at most\n"

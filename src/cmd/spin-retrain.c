@@ -196,15 +196,17 @@ static const char *const of_network[] = {"levels",          "features",        "
                                          "lr-scale",        "lr-rotation",     "lr-opacity",
                                          "head-lr-factor",  "network-start",   NULL};
 static const char *const of_sh[] = {"sh-degree", "sh-increase-every", NULL};
-static const char *const of_clip[] = {
-    "iterations", "batch",       "views-per-frame", "warmup",      "eval-every", "save-every",
-    "watch",      "lr-position", "residual",        "lr-residual", NULL};
+static const char *const of_clip[] = {"tracks",      "iterations", "batch",       "views-per-frame",
+                                      "warmup",      "eval-every", "save-every",  "watch",
+                                      "lr-position", "residual",   "lr-residual", NULL};
 static const char *const of_tracks[] = {"lr-track",          "lr-displacement",  "lr-tracked",
                                         "track-iterations",  "dynamic-residual", "densify-every",
                                         "densify-threshold", "densify-until",    NULL};
-enum { CLIP_OF_4D = 7, TRACKS_OF_4D = 2 }; /* the first of these lists --method 4d has too */
+enum { CLIP_OF_4D = 8, TRACKS_OF_4D = 2 }; /* the first of these lists --method 4d has too */
 static const char *const of_refinement[] = {"refine-start", "densify", "cache", NULL};
 static const char *const of_densification[] = {"max-points", NULL};
+static const char *const of_residual[] = {"residual", NULL};
+static const char *const of_heads_alone[] = {"init-log-scale", NULL};
 static const char *const of_exposure[] = {"lr-exposure", NULL};
 
 /* One warning with all names that were given, unless they have an effect. */
@@ -226,6 +228,7 @@ static void warn_without_effect(int argc, char **argv)
     bool clip = options.method != SPIN_METHOD_FRAMES;
     bool of_4d = options.method == SPIN_METHOD_4D;
     bool points = !clip && options.refine_start == SPIN_REFINE_FROM_POINTS;
+    bool tracks = clip && !of_4d && options.tracks, own = options.residual != SPIN_RESIDUAL_OFF;
     int pace = options.sh_increase_every > 0 ? options.sh_increase_every : SPIN_SH_INCREASE_EVERY;
 
     warn_idle(argc, argv, of_network, options.method == SPIN_METHOD_NETWORK, "without a network");
@@ -238,11 +241,15 @@ static void warn_without_effect(int argc, char **argv)
     warn_idle(argc, argv, of_tracks + TRACKS_OF_4D, !of_4d, "with --method 4d");
     warn_idle(argc, argv, of_tracks, of_4d || (clip && options.tracks), "without tracks");
     warn_idle(argc, argv, of_refinement, options.refine > 0, "without --refine");
-    warn_idle(
-        argc, argv, of_densification,
-        (options.refine > 0 && options.densify) ||
-            (clip && !of_4d && options.tracks && options.refine == 0 && options.densify_every != 0),
-        "without densification");
+    warn_idle(argc, argv, of_densification,
+              (options.refine > 0 && options.densify) ||
+                  (tracks && options.refine == 0 && options.densify_every != 0),
+              "without densification");
+    warn_idle(argc, argv, of_residual, !tracks || own,
+              "with tracks, which have values of their own");
+    warn_idle(argc, argv, of_heads_alone,
+              options.method != SPIN_METHOD_NETWORK || (!tracks && !own),
+              "where splats have values of their own");
     warn_idle(argc, argv, of_exposure, options.learn_exposure != SPIN_EXPOSURE_OFF,
               "without --learn-exposure");
 }

@@ -58,6 +58,25 @@ static spin_status measure(const struct spin_eval_options *all, const char *cons
     return check_views(spin_json_at(c->runs, 0), run);
 }
 
+/* Pictures of other data sets would be no comparison either, but they may be copies. What cannot be read is said when
+ * it is measured. */
+static void warn_data(const char *const *input, int n)
+{
+    SPIN_FREED char *first = NULL;
+
+    for (int i = 0; i < n; i++) {
+        SPIN_LEAVES(spin_bundle_close) struct spin_bundle bundle = {0};
+        SPIN_FREED char *path = NULL;
+
+        if (spin_bundle_open(input[i], &bundle) == SPIN_OK &&
+            spin_bundle_data_path(&bundle, i == 0 ? &first : &path) == SPIN_OK && path && first &&
+            strcmp(path, first) != 0)
+            spin_warn("'%s' is measured against '%s', and '%s' against '%s': --data names one "
+                      "data set for all",
+                      input[0], first, input[i], path);
+    }
+}
+
 static spin_status check_outputs(const struct spin_eval_options *o, const char *figures)
 {
     if (spin_rank() > 0)
@@ -76,6 +95,8 @@ spin_status spin_compare(const struct spin_eval_options *o, const char *const *i
     *report = NULL;
     all.images = figures;
     SPIN_TRY(spin_ranks_agree(check_outputs(o, figures)));
+    if (spin_rank() == 0 && !o->data)
+        warn_data(input, n);
     for (int i = 0; i < n; i++)
         SPIN_TRY(measure(&all, input, n, i, &c));
     if (spin_rank() == 0 && o->report)

@@ -215,16 +215,19 @@ static spin_status look(struct convert *c)
     return SPIN_OK;
 }
 
-/* Here it goes on by itself. */
+/* Here it goes on by itself, and --force alone begins anew. */
 static spin_status say_how_to_go_on(spin_status failed)
 {
-    static const char ending[] = "go on with --resume";
+    static const char *const said[][2] = {
+        {"go on with --resume", "the same command goes on"},
+        {"--force without --resume to start anew", "--force to start anew"}};
     char why[2048];
     int n = snprintf(why, sizeof why, "%s", spin_last_error());
 
-    if (!spin_text_ends(why, ending))
-        return failed;
-    return spin_fail(failed, "%.*sthe same command goes on", n - (int)sizeof ending + 1, why);
+    for (int i = 0; i < 2; i++)
+        if (spin_text_ends(why, said[i][0]))
+            return spin_fail(failed, "%.*s%s", n - (int)strlen(said[i][0]), why, said[i][1]);
+    return failed;
 }
 
 /* An unfinished retraining goes on; with --force one that was made otherwise is replaced. rows: of 4D splats. */
@@ -279,6 +282,8 @@ static spin_status export(struct convert *c, const char *bundle)
     struct spin_export_options export = {.input = bundle,
                                          .output = c->output,
                                          .to = c->to,
+                                         .data = c->imports ? NULL : o->data,
+                                         .data_from = c->imports ? NULL : o->data_from,
                                          .device = o->device,
                                          .n_threads = o->n_threads,
                                          .force = o->force};
@@ -310,8 +315,9 @@ static spin_status run(struct convert *c)
     SPIN_TRY(check_output(c));
     if (c->imports && !o->no_retrain)
         SPIN_TRY(check_preset(c));
-    if (!c->imports && o->n_frames > 0)
-        return spin_misuse("--frames is for a run, and '%s' is a bundle", o->input);
+    if (!c->imports && (o->n_frames > 0 || o->from))
+        return spin_misuse("%s is for a run, and '%s' is a bundle", o->from ? "--from" : "--frames",
+                           o->input);
     if (c->imports)
         SPIN_TRY(import(c));
     SPIN_TRY(look(c));
@@ -319,7 +325,15 @@ static spin_status run(struct convert *c)
     if (trains)
         spin_log(0, "retraining on its images; --no-retrain leaves that out, and Ctrl-C keeps what "
                     "is done");
-    else if (!o->no_retrain && !c->is_trained)
+    else if (o->preset || o->iterations > 0)
+        spin_warn("nothing is retrained, so %s has no effect: %s",
+                  o->preset ? "--preset" : "--iterations",
+                  o->no_retrain   ? "--no-retrain is given"
+                  : c->is_trained ? "the clip is trained already, and spin-retrain trains it anew"
+                                  : "no data set is known, and --data names one");
+    else if (!o->no_retrain && c->is_trained)
+        spin_log(0, "it is trained already, so nothing is retrained; spin-retrain trains it anew");
+    else if (!o->no_retrain)
         spin_log(0, "no data set is known, so nothing is retrained; --data names one");
     if (trains)
         SPIN_TRY(retrain(c));

@@ -6,6 +6,7 @@
 #include "io/output.h"
 #include "io/ranks.h"
 #include "run/run.h"
+#include "run/training.h"
 
 struct eval {
     const struct spin_eval_options *o;
@@ -60,34 +61,10 @@ static spin_status open_clip(struct eval *e)
                                   &e->dynamic);
 }
 
-/* What meta.json says of the training of what is measured; NULL: the source of others. */
-static const spin_json *training_of(const struct eval *e)
-{
-    return spin_json_get(e->clip.bundle.json, e->from == SPIN_FROM_TRAINED   ? "trained"
-                                              : e->from == SPIN_FROM_REFINED ? "refined"
-                                                                             : "trained_4d");
-}
-
-/* Where nothing covers them, pictures over another colour than the training had are wrong by it. */
-static void warn_background(const struct eval *e)
-{
-    const spin_json *taught = spin_json_get(spin_json_get(training_of(e), "options"), "background");
-    double value[3] = {0};
-    bool differs = false;
-
-    for (size_t c = 0; c < spin_json_length(taught) && c < 3; c++)
-        differs |= spin_json_number(spin_json_at(taught, c), &value[c]) &&
-                   fabs(value[c] - (double)e->o->background[c]) > 1e-6;
-    if (differs)
-        spin_warn(
-            "it was trained over another background: --background %g,%g,%g measures over that",
-            value[0], value[1], value[2]);
-}
-
 /* Views of training cameras are drawn as those of test cameras, of which no exposure is known. */
 static void warn_exposures(const struct eval *e)
 {
-    const spin_json *cameras = spin_json_get(training_of(e), "cameras");
+    const spin_json *cameras = spin_json_get(spin_training_of(&e->clip.bundle, e->from), "cameras");
     size_t n = 0;
 
     for (size_t i = 0; i < e->n_pairs; i++)
@@ -108,7 +85,10 @@ static spin_status open_players(struct eval *e)
     const struct spin_eval_options *o = e->o;
 
     if (spin_rank() == 0)
-        warn_background(e);
+        spin_training_warn_background(&e->clip.bundle, e->from, o->background, "measures");
+    if (spin_rank() == 0 && spin_training_of(&e->clip.bundle, e->from) &&
+        o->split == SPIN_SPLIT_TEST)
+        spin_training_warn_taught(&e->clip, o->n_test_cameras);
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &e->device));
     SPIN_TRY(spin_player_open(&e->player, &e->device, &e->clip.bundle, e->from));
     if (spin_bundle_has_lenses(&e->clip.bundle, e->from)) {

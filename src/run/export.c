@@ -9,6 +9,7 @@
 #include "io/ranks.h"
 #include "render/player.h"
 #include "run/share_splats.h"
+#include "run/training.h"
 #include "scene/lens.h"
 #include "scene/probe.h"
 
@@ -510,6 +511,13 @@ static spin_status say_lens(const struct export *x)
     return SPIN_OK;
 }
 
+/* Pictures do, and a page. */
+static bool shows_background(const struct export *x)
+{
+    return !x->o->transparent &&
+           (x->exporter->needs_renderer || strcmp(x->exporter->name, "html") == 0);
+}
+
 static spin_status run_export(struct export *x)
 {
     const struct spin_export_options *o = x->o;
@@ -540,6 +548,8 @@ static spin_status run_export(struct export *x)
         SPIN_TRY(spin_alloc(1, sizeof *x->renderer, (void **)&x->renderer));
         SPIN_TRY(spin_player_open(&x->renderer->player, &x->device, NULL, SPIN_FROM_SOURCE));
     }
+    if (shows_background(x) && spin_rank() == 0)
+        spin_training_warn_background(&x->clip.bundle, x->from, o->background, "draws");
     SPIN_TRY(say_lens(x));
     SPIN_TRY(find_4d(x));
     SPIN_TRY(spin_bundle_data_path(&x->clip.bundle, &x->data));

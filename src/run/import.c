@@ -99,7 +99,7 @@ static spin_status open_data(struct import *im)
         status = spin_views_open(im->data, o->data ? o->data_from : from, &im->views,
                                  im->meta.data_from, sizeof im->meta.data_from);
     if (im->data && status == SPIN_OK)
-        status = spin_views_check_cameras(&im->views);
+        status = spin_views_check_cameras(&im->views, false);
     if (status != SPIN_OK && !o->data && status != SPIN_E_MEMORY) {
         forget_data(im);
         status = SPIN_OK;
@@ -117,7 +117,7 @@ static void look_for_frames(struct import *im)
 {
     const struct spin_import_options *o = im->o;
     struct spin_sequence_info *t = &im->sequence;
-    char from[sizeof im->meta.data_from];
+    char from[sizeof im->meta.data_from], frames[48];
     SPIN_FREED char *beside = NULL;
 
     if (!t->continuous || o->data || o->n_frames > 0 || o->n_times > 0)
@@ -132,13 +132,14 @@ static void look_for_frames(struct import *im)
         return;
     if (t->counts_frames && t->time_last - t->time_first < INT_MAX) {
         im->n_own = (int)(t->time_last - t->time_first) + 1;
-        spin_note(t, "sampled at the %d frames that the run says it has", im->n_own);
+        spin_note(t, "sampled at the %s that the run says it has",
+                  spin_text_count(im->n_own, "frame", frames));
         return;
     }
     beside = spin_data_beside(im->input);
     if (beside && spin_views_open(beside, NULL, &im->views, from, sizeof from) == SPIN_OK)
-        spin_note(t, "sampled at the times of the %d frames of the data set '%s'",
-                  im->views.n_dataset_frames, beside);
+        spin_note(t, "sampled at the times of the %s of the data set '%s'",
+                  spin_text_count(im->views.n_dataset_frames, "frame", frames), beside);
     if (im->four_d && im->views.n == 0) {
         double span = t->time_last - t->time_first;
 
@@ -192,6 +193,21 @@ static spin_status attach_data(struct import *im)
 
 /* ---- Which frames ------------------------------------------------------------------------------ */
 
+/* A method that is asked for other times than it learned answers all the same. The next frame or two may be meant. */
+static void warn_outside(const struct spin_sequence_info *t, const struct spin_frame_info *frame,
+                         int n)
+{
+    double room = 0.1 * (t->time_last - t->time_first), odd = 0;
+    int n_outside = 0;
+
+    for (int i = 0; i < n; i++)
+        if (frame[i].time < t->time_first - room || frame[i].time > t->time_last + room)
+            odd = n_outside++ ? odd : frame[i].time;
+    if (n_outside > 0)
+        spin_warn("%d of %d times are outside of the run, which is from %g to %g, such as %g",
+                  n_outside, n, t->time_first, t->time_last, odd);
+}
+
 /* Where a continuous method is sampled: at the times asked for, evenly, or as the data set is. */
 static spin_status sample_times(struct import *im, struct spin_frame_info **out, int *n)
 {
@@ -230,6 +246,7 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
     }
     if (rows)
         spin_frame_times(o->frame_times, im->views.numbered, &im->sequence, all, *n);
+    warn_outside(t, all, *n);
     im->meta.numbered = rows && im->views.numbered;
     return SPIN_OK;
 }
@@ -239,15 +256,16 @@ static spin_status stored_frames(struct import *im, struct spin_frame_info **out
 {
     const struct spin_import_options *o = im->o;
     const struct spin_sequence_info *t = &im->sequence;
+    char frames[48];
 
     if (o->frame_times && strcmp(o->frame_times, "auto") != 0)
         return spin_misuse(
-            "'%s' stores its %d frames: --frame-times is for methods that are continuous in time",
-            o->input, t->n_frames);
+            "'%s' stores its %s: --frame-times is for methods that are continuous in time",
+            o->input, spin_text_count(t->n_frames, "frame", frames));
     if (o->n_frames > 0 || o->n_times > 0)
-        return spin_misuse("'%s' stores its %d frames: --frames and --times are for methods that "
+        return spin_misuse("'%s' stores its %s: --frames and --times are for methods that "
                            "are continuous in time; use --range",
-                           o->input, t->n_frames);
+                           o->input, spin_text_count(t->n_frames, "frame", frames));
     *n = t->n_frames;
     SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));
     for (int i = 0; i < *n; i++) {

@@ -8,6 +8,7 @@
 #include "io/json.h"
 #include "io/ranks.h"
 #include "run/run.h"
+#include "run/training.h"
 #include "run/watch.h"
 #include "train/camera_colours.h"
 #include "train/loop.h"
@@ -190,8 +191,11 @@ static spin_status plan(struct run *r, const struct spin_retrain_options *o,
                         struct spin_retrain_report *report)
 {
     SPIN_TRY(spin_plan_open(&r->plan, o, report));
-    if (trains_4d(r))
+    if (trains_4d(r)) {
+        if (spin_rank() == 0)
+            spin_training_warn_taught(&r->plan.clip, o->n_test_cameras);
         SPIN_TRY(spin_rows_4d_cut(&r->rows, &r->plan));
+    }
     if (o->refine > 0)
         SPIN_TRY(spin_refinement_open(&r->refinement, &r->plan));
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &r->device));

@@ -76,6 +76,26 @@ static spin_status hold_out(struct spin_clip *clip)
     return SPIN_OK;
 }
 
+/* Of another data set nobody knows which cameras are the same. */
+static spin_status count_taught(const struct spin_clip_options *o, struct spin_clip *clip)
+{
+    SPIN_FREED char *own = NULL;
+
+    SPIN_TRY(spin_bundle_data_path(&clip->bundle, &own));
+    if (!o->as_trained || !own || strcmp(own, clip->data_path) != 0)
+        return SPIN_OK;
+    SPIN_TRY(hold_out(clip));
+    for (int i = 0; i < o->n_test_cameras; i++) {
+        bool taught = false;
+
+        for (size_t v = 0; v < clip->views.n; v++)
+            taught |=
+                clip->views.view[v].camera_id == o->test_cameras[i] && !clip->views.view[v].test;
+        clip->n_taught += taught;
+    }
+    return SPIN_OK;
+}
+
 static spin_status open_views(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     char *path = NULL;
@@ -100,14 +120,16 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
         return spin_not_found("the data set '%s' is not there", path);
     SPIN_TRY(spin_views_open(path, from, &clip->views, clip->data_from, sizeof clip->data_from));
     clip->has_views = true;
-    if (o->needs_views || o->wants_views)
-        SPIN_TRY(spin_views_check_cameras(&clip->views));
+    if (o->n_test_cameras > 0)
+        SPIN_TRY(count_taught(o, clip));
     if (o->n_test_cameras > 0)
         SPIN_TRY(spin_views_split(&clip->views, o->test_cameras, o->n_test_cameras));
     else if (o->as_trained)
         SPIN_TRY(hold_out(clip));
     if (o->image_scale > 0 && o->image_scale != 1.0)
         SPIN_TRY(spin_views_scale(&clip->views, o->image_scale));
+    if (o->needs_views || o->wants_views)
+        SPIN_TRY(spin_views_check_cameras(&clip->views, o->needs_views));
     return status;
 }
 

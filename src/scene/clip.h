@@ -28,6 +28,7 @@ struct spin_clip {
     int *frame;         /* [n_frames] index into bundle.meta.frame */
     int *dataset_frame; /* [n_frames] row of the data set, or -1 */
     bool has_views;
+    int n_taught; /* of test_cameras: those that a training of this bundle does not hold out */
     struct spin_views views;
     char *data_path; /* absolute; NULL without a data set */
     char data_from[128];

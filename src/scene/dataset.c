@@ -262,11 +262,14 @@ static spin_status pair_by_number(const struct spin_views *views,
 static spin_status pair_by_order(const struct spin_views *views,
                                  const struct spin_bundle_meta *meta, int *dataset_frame_of)
 {
+    char frames[48];
+
     for (int i = 0; i < meta->n_frames; i++) {
         if (meta->source_index[i] >= views->n_dataset_frames)
             return spin_misuse("cannot pair frames by order: the clip has a frame at place %d, the "
-                               "data set has %d frames",
-                               meta->source_index[i], views->n_dataset_frames);
+                               "data set has %s",
+                               meta->source_index[i],
+                               spin_text_count(views->n_dataset_frames, "frame", frames));
         dataset_frame_of[i] = meta->source_index[i];
     }
     return SPIN_OK;
@@ -275,6 +278,8 @@ static spin_status pair_by_order(const struct spin_views *views,
 spin_status spin_views_pair(const struct spin_views *views, const struct spin_bundle_meta *meta,
                             const char *pair, int *dataset_frame_of)
 {
+    char frames[48];
+
     if (strcmp(pair, "number") == 0)
         return pair_by_number(views, meta, dataset_frame_of);
     if (strcmp(pair, "order") == 0)
@@ -284,9 +289,10 @@ spin_status spin_views_pair(const struct spin_views *views, const struct spin_bu
     if (views->numbered && meta->numbered)
         return pair_by_number(views, meta, dataset_frame_of);
     if (meta->n_source_frames != views->n_dataset_frames)
-        return spin_misuse("cannot pair frames: the clip was made of %d frames, the data set has "
+        return spin_misuse("cannot pair frames: the clip was made of %s, the data set has "
                            "%d, and %s frame numbers; --pair order pairs them from the first on",
-                           meta->n_source_frames, views->n_dataset_frames,
+                           spin_text_count(meta->n_source_frames, "frame", frames),
+                           views->n_dataset_frames,
                            views->numbered  ? "the clip has no"
                            : meta->numbered ? "the data set has no"
                                             : "neither has");
@@ -394,32 +400,49 @@ spin_status spin_view_check_size(const struct spin_view *view, int width, int he
         view->path, width, height, view->camera.width, view->camera.height);
 }
 
-spin_status spin_view_check_image(const struct spin_view *view)
+static spin_status check_image(const struct spin_view *view, int *width, int *height)
 {
-    int width, height, channels;
-    spin_status status = spin_image_size(view->path, &width, &height, &channels);
+    int channels;
+    spin_status status = spin_image_size(view->path, width, height, &channels);
 
     if (status == SPIN_OK)
-        status = spin_view_check_size(view, width, height);
+        status = spin_view_check_size(view, *width, *height);
     return spin_fail_context(status, "camera %d", view->camera_id);
 }
 
-spin_status spin_views_check_cameras(const struct spin_views *views)
+spin_status spin_view_check_image(const struct spin_view *view)
+{
+    int width, height;
+
+    return check_image(view, &width, &height);
+}
+
+spin_status spin_views_check_cameras(const struct spin_views *views, bool warns)
 {
     spin_status status = SPIN_OK;
-    int n = 0;
+    int n = 0, n_small = 0, width = 0, height = 0;
     SPIN_FREED int *seen = NULL;
+    char first[100] = "";
 
     SPIN_TRY(spin_alloc(views->n + 1, sizeof *seen, (void **)&seen));
     for (size_t i = 0; i < views->n && status == SPIN_OK; i++) {
+        const struct spin_camera *camera = &views->view[i].camera;
+
         if (contains(seen, n, views->view[i].camera_id))
             continue;
-        status = spin_view_check_image(&views->view[i]);
+        status = check_image(&views->view[i], &width, &height);
+        if (status == SPIN_OK && width + 1 < camera->width && n_small++ == 0)
+            snprintf(first, sizeof first, "%d x %d for %d x %d pixels of camera %d", width, height,
+                     camera->width, camera->height, views->view[i].camera_id);
         if (status == SPIN_OK || status == SPIN_E_UNSUPPORTED)
             seen[n++] = views->view[i].camera_id;
         if (status == SPIN_E_NOT_FOUND || status == SPIN_E_UNSUPPORTED)
             status = SPIN_OK;
     }
+    if (status == SPIN_OK && warns && n_small > 0)
+        spin_warn("the images of %d of %d cameras are smaller than their cameras and are enlarged, "
+                  "such as %s: a smaller --scale takes them as they are",
+                  n_small, n, first);
     return status;
 }
 

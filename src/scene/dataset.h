@@ -31,8 +31,9 @@ double spin_views_extent(const struct spin_views *views);
  * both. */
 spin_status spin_view_check_image(const struct spin_view *view);
 /* The same of one image of every camera, the first that is there. Cameras without one, and images that
- * only a library which is not installed could read, are left to who needs them. */
-spin_status spin_views_check_cameras(const struct spin_views *views);
+ * only a library which is not installed could read, are left to who needs them. warns: of those that are smaller than
+ * their cameras. */
+spin_status spin_views_check_cameras(const struct spin_views *views, bool warns);
 
 /* Whether an image of this size can be that of the view: the shape of its camera. */
 spin_status spin_view_check_size(const struct spin_view *view, int width, int height);

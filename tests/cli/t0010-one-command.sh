@@ -78,9 +78,15 @@ run "$bin/spin4d" alone --frames 3 -o other2.html
 fails 2 spin4d "--frames of a run that stores its frames"
 run "$bin/spin4d" given.spin --frames 3 -o other2.html
 fails 2 spin4d "--frames of a bundle"
+run "$bin/spin4d" given.spin --from ply -o other2.html
+fails 2 spin4d "--from of a bundle"
+run "$bin/spin4d" given.spin --data not-there -o other2.html
+is "$code" 1 "a data set for a bundle that is trained is that of its pictures"
+err_has "it is trained already, so nothing is retrained" "which are all that is made"
 run "$bin/spin4d" given.spin -o page.html --preset best -q
 is "$(wc -c <"$work/out")" 0 "-q says nothing"
 is "$code $(ls -d page.*)" "0 page.html" "a bundle that is trained is exported"
+err_has "warning: nothing is retrained, so --preset has no effect: the clip is trained already, " "which no preset changes"
 run "$bin/spin4d" clip.spin --to ply -o frames/
 is "$code $(find frames -name '*.ply' | wc -l)" "0 6" "another format"
 cp clip.spin own.spin
@@ -150,6 +156,7 @@ ok $? "says what is kept and how to go on: $(tail -n 1 err)"
 is "$(ls -d cut.*)" "$(printf 'cut.import.spin\ncut.spin.part\ncut.spin.part.spin')" "the work is kept, and the clip as it was"
 run "$bin/spin4d" run -o cut.html --iterations 40
 is "$code" 2 "other options do not go on with it"
+err_has "; give the same ones, or --force to start anew\$" "and what to type is an option that there is"
 run "$bin/spin4d" run -o cut.html --iterations 40 --force
 is "$code $(ls -d cut.*)" "0 $(printf 'cut.html\ncut.spin')" "--force starts anew"
 

@@ -40,6 +40,21 @@ run "$bin/spin-eval" "$work/a_b.spin" $views --table latex
 is "$(head -n 1 "$work/out") $(tail -n 1 "$work/out")" '\begin{tabular}{lrrr} \end{tabular}' "--table latex of one"
 out_has '^a\\_b & [0-9.]* & 0.[0-9]* & [0-9.]* \\\\$' "with a name that LaTeX takes"
 
+# ---- Another data set --------------------------------------------------------------------------------
+
+cp -R "$clip" "$work/copy"
+"$bin/spin-import" "$work/copy" --data "$work/copy" -o "$work/copied.spin" -q >/dev/null
+# shellcheck disable=SC2086
+run "$bin/spin-eval" "$work/a_b.spin" "$work/copied.spin" $views
+err_has "^warning: '.*a_b.spin' is measured against '.*court-mini', and '.*copied.spin' against '.*copy': --data " \
+    "measured against two data sets"
+# shellcheck disable=SC2086
+run "$bin/spin-eval" "$work/a_b.spin" "$work/copied.spin" $views --data "$clip"
+is "$code $(wc -c <"$work/err")" "0 0" "against one that is named"
+# shellcheck disable=SC2086
+run "$bin/spin-eval" "$work/a_b.spin" "$work/a_b.spin" $views
+is "$code $(wc -c <"$work/err")" "0 0" "or that both name"
+
 # ---- The page and the figures ---------------------------------------------------------------------------
 
 # shellcheck disable=SC2086

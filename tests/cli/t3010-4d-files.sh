@@ -55,6 +55,23 @@ is "$code" 0 "goes out"
 run "$bin/spin-import" "$work/part.ftgs.ply" -o "$work/part-back.spin" --json
 is "$code $(member frames)" "0 61" "and comes back as a clip of its own"
 same_frames "$work/part.spin" "$work/part-back.spin" "of the same frames at other times"
+run "$bin/spin-export" "$work/a.spin" --range 0:60:3 -o "$work/third.ftgs.ply"
+run "$bin/spin-import" "$work/third.ftgs.ply" -o "$work/third.spin"
+! grep -q "frame rate" "$work/out"
+ok $? "a frame rate that was written is not guessed"
+run "$bin/spin-export" "$work/third.spin" -o "$work/third.sogst.ply"
+grep -aq '^comment sogst.fps 10$' "$work/third.sogst.ply"
+ok $? "every third of 30 frames a second are 10, there and back"
+# Times are rounded to one of 256: what that does to opacities is said, and is what is read back.
+run "$bin/spin-export" "$work/a.spin" -o "$work/a.sogst" --check --json
+said=$(sed -n 's/.*rounds times: .* its opacity is off by \(.*\) at most$/\1/p' "$work/err")
+python3 -c 'import json, sys
+found = json.load(sys.stdin)["check"]["opacity"]["largest"]
+sys.exit(not (0.01 < found and 0.8 < float(sys.argv[1] or 0) / found < 1.4))' "$said" <"$work/out"
+ok $? "what rounded times cost is said: ${said:-nothing}"
+run "$bin/spin-export" "$work/a.spin" -o "$work/a.tsog"
+! grep -q "rounds times" "$work/err"
+ok $? "16 bits of a time cost nothing"
 run "$bin/spin-export" "$work/a.spin" -o "$work/a.ftgs.ply"
 fails 1 spin-export "a file that is there"
 

@@ -166,7 +166,7 @@ bad '# nothing' 'it has no camera'
 bad '{"camera_path": []}' 'it has no camera'
 bad '{"frames": []}' "no list 'camera_path'"
 bad '{"camera_type": "fisheye", "camera_path": []}' "'camera_type' is 'fisheye'"
-bad '[[1,0,0,0,0,1,0,0,0,0,1,"a"]]' 'matrix 1 has 0 numbers'
+bad '[[1,0,0,0,0,1,0,0,0,0,1,null]]' 'matrix 1 is not made of numbers'
 bad '{"camera_path": [{"camera_to_world": [1,0,0,0,0,1,0,0,0,0,1,0], "fov": 0}]}' 'camera 1 has a field of view of 0'
 run "$bin/spin-export" "$work/walls.spin" --to images --path circle -o "$work/never"
 fails 2 spin-export "a path that is none"

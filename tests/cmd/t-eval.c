@@ -98,6 +98,18 @@ static void test_held_out(void)
         second = measure("again.spin", "");
         ok(shows(&first, 1, 2, 1, held, 3), "the cameras that it held out");
         ok(shows(&named, 1, 2, 1, other, 1), "--test-cams: exactly those");
+        ok(shell("%s/spin-eval %s/held.spin --test-cams 3 --scale 0.25", bin, folder) == 0 &&
+               strstr(said, "   1 view, "),
+           "one view is none of several");
+        ok(shell("%s/spin-eval %s/held.spin --test-cams 7,19 --scale 0.25 -q", bin, folder) == 0 &&
+               strstr(said, "warning: 1 of 2 cameras of --test-cams are among those that trained "),
+           "which the training had, and that is said");
+        ok(shell("%s/spin-eval %s/held.spin --test-cams 3 --scale 0.25 -q && %s/spin-eval "
+                 "%s/held.spin --test-cams 7 --source --scale 0.25 -q && %s/spin-eval %s/held.spin "
+                 "--test-cams 7 --split train --scale 0.25 -q",
+                 bin, folder, bin, folder, bin, folder) == 0 &&
+               !strstr(said, "warning"),
+           "not where it is so, nor of the source, nor of others");
         ok(shows(&second, 1, 2, 1, held, 3),
            "and so do a training of its output and what measures that");
         spin_json_free(first.json), spin_json_free(named.json), spin_json_free(second.json);
@@ -153,6 +165,16 @@ static void test_pictures(void)
              bin, folder, bin, folder) == 0 &&
            !strstr(said, "warning"),
        "not over the same, nor of the source");
+    ok(shell("%s/spin-export %s/net.spin -o %s/bg.html --background white", bin, folder, folder) ==
+               0 &&
+           strstr(said, "another background: --background 0,0,0 draws over that"),
+       "spin-export says it, too");
+    ok(shell("for of in '--to images -o %s/bg1 --background none' '--to images -o %s/bg2' '--to "
+             "ply -o %s/bg3 --background white' '--to images -o %s/bg4 --source --background "
+             "white'; do %s/spin-export %s/net.spin $of --range 0:1 || exit 1; done",
+             folder, folder, folder, folder, bin, folder) == 0 &&
+           !strstr(said, "background"),
+       "but not of alpha, of the same, of splats or of the source");
     is_text(spin_json_string(spin_json_get(black.json, "attributes")), "retrained",
             "the network's splats");
     is_text(spin_json_string(spin_json_get(source.json, "attributes")), "source", "--source");

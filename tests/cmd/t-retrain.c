@@ -1141,6 +1141,13 @@ static void test_idle(void)
     warns("--learn-exposure off --lr-exposure 0.1",
           "warning: no effect without --learn-exposure: --lr-exposure\n");
     warns("--lr-exposure 0.1", "");
+    warns("--residual off",
+          "warning: no effect with tracks, which have values of their own: --residual\n");
+    warns("--residual source", "");
+    warns("--preset short --residual off --init-log-scale -4", "");
+    warns("--preset short --init-log-scale -4",
+          "warning: no effect where splats have values of their own: --init-log-scale\n");
+    warns("--method frames --tracks auto", "warning: no effect with --method frames: --tracks\n");
 }
 
 static void test_data(void)

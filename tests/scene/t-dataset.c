@@ -252,12 +252,12 @@ static void test_pixels(void)
        "its header has the camera's shape, at any size");
     error_is(spin_view_check_image(&views.view[3]), SPIN_E_MALFORMED, "camera 3: image",
              "another shape names the camera");
-    error_is(spin_views_check_cameras(&views), SPIN_E_MALFORMED, "8 x 4 pixels",
+    error_is(spin_views_check_cameras(&views, false), SPIN_E_MALFORMED, "8 x 4 pixels",
              "it is found among all cameras");
     views.view[3].camera_id = 0;
-    ok(spin_views_check_cameras(&views) == SPIN_OK, "one image of a camera is looked at");
+    ok(spin_views_check_cameras(&views, false) == SPIN_OK, "one image of a camera is looked at");
     views.view[0].path[0] = '?';
-    error_is(spin_views_check_cameras(&views), SPIN_E_MALFORMED, "11 x 4",
+    error_is(spin_views_check_cameras(&views, false), SPIN_E_MALFORMED, "11 x 4",
              "the first that is there");
     error_is(spin_view_check_image(&views.view[0]), SPIN_E_NOT_FOUND, "camera 0: image '?",
              "one that is not there");

@@ -1,0 +1,12 @@
+/* What meta.json says of the training of what is measured or drawn. */
+#pragma once
+
+#include "scene/clip.h"
+
+/* NULL: the source of others. */
+const spin_json *spin_training_of(const struct spin_bundle *bundle, enum spin_splat_source from);
+/* Where nothing covers them, pictures over another colour than the training had are wrong by it. what: is done over it. */
+void spin_training_warn_background(const struct spin_bundle *bundle, enum spin_splat_source from,
+                                   const float background[3], const char *what);
+/* Cameras that are measured as held out, and are not. */
+void spin_training_warn_taught(const struct spin_clip *clip, int n_test_cameras);
