@@ -196,16 +196,16 @@ SPIN_FN void spin_conic_adj(const struct spin_projected_cov *f, const float *d_c
     }
 }
 
-/* From the gradient of u, v, the conic and the fade (0: not antialiased): d_scale [3] +=, d_q [4] +=, d_pos_w [3] +=. Where x or
- * y was clamped in the Jacobian it counts as a constant, as in 3DGS: no gradient through p.x or
- * p.y there. */
+/* From the gradient of u, v, the conic and the fade (0: not antialiased): d_scale [3] +=, d_pos_w [3] +=, and d_rot [3][3] =,
+ * for spin_matrix_quat_adj. Where x or y was clamped in the Jacobian it counts as a constant, as in 3DGS: no gradient
+ * through p.x or p.y there. */
 SPIN_FN void spin_ellipse_adj(const struct spin_projection *lens,
-                              const struct spin_projected_cov *f, const float *scale,
-                              const float *q, float d_u, float d_v, const float *d_conic,
-                              float d_fade, float *d_scale, float *d_q, float *d_pos_w)
+                              const struct spin_projected_cov *f, const float *scale, float d_u,
+                              float d_v, const float *d_conic, float d_fade, float *d_scale,
+                              float d_rot[3][3], float *d_pos_w)
 {
     const float *r = lens->r;
-    float d_k[2][3], d_a[2][3], d_j[2][3], d_m[3][3], d_rot[3][3];
+    float d_k[2][3], d_a[2][3], d_j[2][3], d_m[3][3];
     float inv_z = 1 / f->p.z, inv_z2 = inv_z * inv_z, fx2 = lens->fx * inv_z2,
           fy2 = lens->fy * inv_z2;
     float dp[3];
@@ -219,7 +219,6 @@ SPIN_FN void spin_ellipse_adj(const struct spin_projection *lens,
             d_rot[i][j] = d_m[i][j] * scale[j];
             d_scale[j] += d_m[i][j] * f->rot[i][j];
         }
-    spin_matrix_quat_adj(q, d_rot, d_q);
     for (int i = 0; i < 2; i++)
         for (int j = 0; j < 3; j++)
             d_a[i][j] = d_k[i][0] * f->m[j][0] + d_k[i][1] * f->m[j][1] + d_k[i][2] * f->m[j][2];

@@ -271,6 +271,34 @@ static void weights(struct spin_device *d)
     free(x), free(y), free(g), free(other), free(one), free(some);
 }
 
+/* Columns in the middle of a wide picture have the gradient that they have in a narrow one. */
+static void wide(struct spin_device *d)
+{
+    enum { W = 600, CUT = 200, H = 30, FAR = 10, ALL = 3 * W * H, PART = 3 * CUT * H };
+    float *x = take(ALL, 4), *y = take(ALL, 4), *g = take(ALL, 4);
+    float *cut_x = take(PART, 4), *cut_y = take(PART, 4), *cut_g = take(PART, 4);
+    double values[3], worst = 0, most = 0;
+    uint64_t state = 12;
+
+    for (int i = 0; i < ALL; i++) {
+        x[i] = random_f(&state);
+        y[i] = random_f(&state);
+    }
+    for (int i = 0; i < PART; i++) {
+        cut_x[i] = x[i / CUT * W + CUT + i % CUT];
+        cut_y[i] = y[i / CUT * W + CUT + i % CUT];
+    }
+    on_loss(d, W, H, x, y, NULL, 0.2f, (float)W / CUT, values, g);
+    on_loss(d, CUT, H, cut_x, cut_y, NULL, 0.2f, 1, values, cut_g);
+    for (int i = 0; i < PART; i++)
+        if (i % CUT >= FAR && i % CUT < CUT - FAR) {
+            most = larger(most, fabs((double)cut_g[i]));
+            worst = larger(worst, fabs((double)g[i / CUT * W + CUT + i % CUT] - (double)cut_g[i]));
+        }
+    near(worst / most, 0, 1e-5, "the middle of a wide picture");
+    free(x), free(y), free(g), free(cut_x), free(cut_y), free(cut_g);
+}
+
 static void same_bits(const char *path)
 {
     enum { W = 131, H = 97, N = 3 * W * H };
@@ -336,6 +364,7 @@ TAP_MAIN
         differences(d, false);
         differences(d, true);
         weights(d);
+        wide(d);
         extremes(d);
         check_device_free(d);
         same_bits(cpu_paths[i]);

@@ -271,6 +271,43 @@ static void fades(struct spin_device *d)
     view_free(&faint);
 }
 
+/* Splats go in blocks: each is what it is alone, and gradients are added to what is there. */
+static void alone(struct spin_device *d)
+{
+    enum { N = 70 };
+    struct spin_camera camera = camera_of(96, 80, 90);
+    struct view all, one;
+    double worst = 0;
+    int same = 1;
+
+    view_random(&all, &camera, N, 5, 4);
+    view_random(&one, &camera, N, 5, 4);
+    all.cam.antialias = one.cam.antialias = true;
+    on_project(d, &all.cam, N, all.pos_w, all.attr, 3, all.splat2d);
+    weighted(&all, all.d_splat2d);
+    for (int twice = 0; twice < 2; twice++)
+        on_project_back(d, &all.cam, N, all.pos_w, all.attr, 3, all.splat2d, all.d_splat2d,
+                        all.d_attr, all.d_pos_w);
+    for (int i = 0; i < N; i++) {
+        float *attr = one.attr + SPIN_ATTR * i, *d_attr = one.d_attr + SPIN_ATTR * i;
+
+        on_project(d, &one.cam, 1, one.pos_w + 3 * i, attr, 3, one.splat2d + i);
+        on_project_back(d, &one.cam, 1, one.pos_w + 3 * i, attr, 3, one.splat2d + i,
+                        all.d_splat2d + i, d_attr, one.d_pos_w + 3 * i);
+        for (int k = 0; k < SPIN_ATTR; k++)
+            worst = fmax(worst, fabs(all.d_attr[SPIN_ATTR * i + k] - 2.0 * d_attr[k]) /
+                                    (fabs(d_attr[k]) + 1));
+        for (int k = 0; k < 3; k++)
+            worst = fmax(worst, fabs(all.d_pos_w[3 * i + k] - 2.0 * one.d_pos_w[3 * i + k]) /
+                                    (fabs(one.d_pos_w[3 * i + k]) + 1));
+        same &= memcmp(&one.splat2d[i], &all.splat2d[i], sizeof *one.splat2d) == 0;
+    }
+    ok(same, "a splat among others is what it is alone");
+    near(worst, 0, 1e-5, "gradients of two views are added");
+    view_free(&all);
+    view_free(&one);
+}
+
 static void same_bits(const char *path)
 {
     struct spin_camera camera = camera_of(200, 120, 150);
@@ -350,6 +387,7 @@ TAP_MAIN
         differences(d, true);
         fades(d);
         bad_numbers(d);
+        alone(d);
         check_device_free(d);
         same_bits(cpu_paths[i]);
     }

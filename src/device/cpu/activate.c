@@ -5,7 +5,7 @@
 
 #include "math/activate.h"
 
-enum { CHUNK = 1024 };
+enum { CHUNK = 1024, BLOCK = 32 };
 
 struct job {
     size_t n, width; /* of a row of attributes */
@@ -25,19 +25,62 @@ static inline void copy_sh(size_t width, const float *from, float *to)
         memcpy(to + SPIN_ATTR_SH, from + SPIN_ATTR_SH, 4 * sizeof *to);
 }
 
+/* Rows side by side, so that the compiler makes vectors of the loops over them. */
+struct block {
+    float scale[3][BLOCK], rotation[4][BLOCK], opacity[BLOCK];
+};
+
+static inline void block_put(struct block *b, int i, const float *row, size_t width)
+{
+    for (int k = 0; k < 3; k++)
+        b->scale[k][i] = row[SPIN_ATTR_SCALE + k];
+    for (int k = 0; k < 4; k++)
+        b->rotation[k][i] = row[SPIN_ATTR_ROTATION + k];
+    b->opacity[i] = row[width - 1];
+}
+
+static inline void block_take(const struct block *b, int i, float *row, size_t width)
+{
+    for (int k = 0; k < 3; k++)
+        row[SPIN_ATTR_SCALE + k] = b->scale[k][i];
+    for (int k = 0; k < 4; k++)
+        row[SPIN_ATTR_ROTATION + k] = b->rotation[k][i];
+    row[width - 1] = b->opacity[i];
+}
+
+static __attribute__((noinline)) void block_activate(const struct block *h,
+                                                     struct block *SPIN_RESTRICT a)
+{
+    for (int i = 0; i < BLOCK; i++) {
+        float r[4] = {h->rotation[0][i], h->rotation[1][i], h->rotation[2][i], h->rotation[3][i]};
+        float q[4];
+
+        spin_rotation_of(r, q);
+        for (int k = 0; k < 4; k++)
+            a->rotation[k][i] = q[k];
+        for (int k = 0; k < 3; k++)
+            a->scale[k][i] = spin_scale_of(h->scale[k][i]);
+        a->opacity[i] = spin_opacity_of(h->opacity[i]);
+    }
+}
+
 static void activate_task(void *context, size_t first, size_t end)
 {
     const struct job *job = context;
+    struct block h = {0}, a;
 
-    for (size_t i = first; i < end; i++) {
-        const float *h = job->raw + i * job->width;
-        float *a = job->out + i * job->width;
+    for (; first < end; first += BLOCK) {
+        int n = end - first < BLOCK ? (int)(end - first) : BLOCK;
+        const float *raw = job->raw + first * job->width;
+        float *attr = job->out + first * job->width;
 
-        for (int k = 0; k < 3; k++)
-            a[SPIN_ATTR_SCALE + k] = spin_scale_of(h[SPIN_ATTR_SCALE + k]);
-        spin_rotation_of(h + SPIN_ATTR_ROTATION, a + SPIN_ATTR_ROTATION);
-        copy_sh(job->width, h, a);
-        a[job->width - 1] = spin_opacity_of(h[job->width - 1]);
+        for (int i = 0; i < n; i++)
+            block_put(&h, i, raw + (size_t)i * job->width, job->width);
+        block_activate(&h, &a);
+        for (int i = 0; i < n; i++) {
+            block_take(&a, i, attr + (size_t)i * job->width, job->width);
+            copy_sh(job->width, raw + (size_t)i * job->width, attr + (size_t)i * job->width);
+        }
     }
 }
 
@@ -50,21 +93,42 @@ void SPIN_CPU(activate)(struct spin_device *d, const struct spin_frame_batch *fr
     spin_pool_rows(spin_cpu_pool(d), job.n, CHUNK, activate_task, &job);
 }
 
+static __attribute__((noinline)) void
+block_activate_back(const struct block *h, const struct block *g, struct block *SPIN_RESTRICT d_h)
+{
+    for (int i = 0; i < BLOCK; i++) {
+        float r[4] = {h->rotation[0][i], h->rotation[1][i], h->rotation[2][i], h->rotation[3][i]};
+        float d_q[4] = {g->rotation[0][i], g->rotation[1][i], g->rotation[2][i], g->rotation[3][i]};
+        float d_r[4];
+
+        spin_rotation_adj(r, d_q, d_r);
+        for (int k = 0; k < 4; k++)
+            d_h->rotation[k][i] = d_r[k];
+        for (int k = 0; k < 3; k++)
+            d_h->scale[k][i] = spin_scale_adj(h->scale[k][i], g->scale[k][i]);
+        d_h->opacity[i] = spin_opacity_adj(h->opacity[i], g->opacity[i]);
+    }
+}
+
 static void activate_back_task(void *context, size_t first, size_t end)
 {
     const struct job *job = context;
+    struct block h = {0}, g = {0}, d_h;
 
-    for (size_t i = first; i < end; i++) {
-        size_t row = job->rows[i];
-        const float *h = job->raw + row * job->width, *g = job->d_attr + row * job->width;
-        float *d_h = job->out + i * job->width;
+    for (; first < end; first += BLOCK) {
+        int n = end - first < BLOCK ? (int)(end - first) : BLOCK;
+        float *d_raw = job->out + first * job->width;
 
-        for (int k = 0; k < 3; k++)
-            d_h[SPIN_ATTR_SCALE + k] =
-                spin_scale_adj(h[SPIN_ATTR_SCALE + k], g[SPIN_ATTR_SCALE + k]);
-        spin_rotation_adj(h + SPIN_ATTR_ROTATION, g + SPIN_ATTR_ROTATION, d_h + SPIN_ATTR_ROTATION);
-        copy_sh(job->width, g, d_h);
-        d_h[job->width - 1] = spin_opacity_adj(h[job->width - 1], g[job->width - 1]);
+        for (int i = 0; i < n; i++) {
+            size_t row = job->rows[first + (size_t)i];
+
+            block_put(&h, i, job->raw + row * job->width, job->width);
+            block_put(&g, i, job->d_attr + row * job->width, job->width);
+            copy_sh(job->width, job->d_attr + row * job->width, d_raw + (size_t)i * job->width);
+        }
+        block_activate_back(&h, &g, &d_h);
+        for (int i = 0; i < n; i++)
+            block_take(&d_h, i, d_raw + (size_t)i * job->width, job->width);
     }
 }
 

@@ -90,9 +90,13 @@ static void reach_of(struct ready *r)
     }
 }
 
+/* `next`: n_next pairs that will be made ready after these, brought near meanwhile. */
 static void make_ready(const struct spin_splat2d *splat2d, const struct place *p,
-                       const uint32_t *intersections, uint32_t n, struct ready *r)
+                       const uint32_t *intersections, uint32_t n, const uint32_t *next,
+                       uint32_t n_next, struct ready *r)
 {
+    for (uint32_t i = 0; i < n_next; i++)
+        __builtin_prefetch(splat2d + next[i]);
     for (uint32_t i = 0; i < BATCH; i++) {
         const struct spin_splat2d *s = splat2d + intersections[i < n ? i : 0];
         r->u[i] = s->u_px - (float)p->x0;
@@ -285,8 +289,9 @@ static void blend_task(void *context, int tile)
     fetch_pixels(job, &p);
     front_begin(&f, &p);
     for (uint32_t first = 0; first < n && f.n_live; first += BATCH) {
-        uint32_t count = n - first < BATCH ? n - first : BATCH;
-        make_ready(job->splat2d, &p, intersections + first, count, &ready);
+        uint32_t count = n - first < BATCH ? n - first : BATCH, left = n - first - count;
+        make_ready(job->splat2d, &p, intersections + first, count, intersections + first + count,
+                   left < BATCH ? left : BATCH, &ready);
         for (uint32_t i = 0; i < count && f.n_live; i++)
             front_splat(&f, &ready, i, p.height, (int32_t)(first + i));
     }
@@ -492,15 +497,15 @@ static struct spin_blend_sums back_splat(struct back *b, const struct ready *r, 
 {
     struct spin_blend_splat s = splat_of(r, i);
     struct spin_blend_sums out = {{0}, 0, 0, 0, 0, 0, 0};
+    const spin_lanes none = {0};
     struct rows rows;
 
     rows_set(&rows, r, i, height);
     for (int k = r->vec0[i]; k < r->vec1[i]; k++) {
         spin_lanes dx = s.u_px - (float)(k * LANES) - spin_lanes_count();
         spin_lanes a = s.a * dx * dx, slope = s.b * dx;
-        struct sums sums;
+        struct sums sums = {{none, none, none}, none, none, none}; /* in registers */
 
-        memset(&sums, 0, sizeof sums);
         for (int row = rows.begin; row < rows.end; row++)
             if (b->vec_used[row * VECS + k] > place)
                 back_step(b, &s, row * VECS + k, a + slope * rows.dy[row] + rows.c[row],
@@ -535,7 +540,8 @@ static void back_task(void *context, int tile)
     while (end > 0) {
         uint32_t first = (end - 1) / BATCH * BATCH, n_batch = end - first;
         struct spin_blend_sums *slot[BATCH];
-        make_ready(job->splat2d, &p, intersections + first, n_batch, &ready);
+        make_ready(job->splat2d, &p, intersections + first, n_batch,
+                   intersections + first - (first ? BATCH : 0), first ? BATCH : 0, &ready);
         for (uint32_t i = 0; i < n_batch; i++) {
             slot[i] = slot_of(job, &p, intersections[first + i]);
             __builtin_prefetch(slot[i], 1);

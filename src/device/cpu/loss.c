@@ -8,11 +8,14 @@
 
 enum {
     BAND = 24,
+    PART = 8, /* rows of a band at a time */
     HALF = SPIN_SSIM_HALF,
     TAPS = 2 * HALF + 1,
-    MAPS = 4, /* forward; backward has 3 */
-    PAD = 16, /* zeros on both sides of a row, so that it stays aligned */
-    SUMS = 16 /* partial sums of a row */
+    RING = PART + 2 * HALF,
+    STRIP = 256, /* columns at a time, so that what their windows share stays near */
+    MAPS = 4,    /* forward; backward has 3 */
+    PAD = 16,    /* zeros on both sides of a row, so that it stays aligned */
+    SUMS = 16    /* partial sums of a row */
 };
 
 static const float window[HALF + 1] = SPIN_SSIM_WINDOW;
@@ -73,8 +76,8 @@ struct band {
     int first, last;           /* rows */
     const float *x, *y;        /* planes of the channel */
     size_t at;                 /* of the plane in [3][h][w] */
-    float *padded[MAPS];       /* rows with zeros around them */
-    float *squares, *products; /* rings of TAPS rows */
+    float *padded[MAPS];       /* PART rows with zeros around them */
+    float *squares, *products; /* rings of RING rows */
     float *line, *zeros;       /* one row each */
 };
 
@@ -91,12 +94,12 @@ static struct band band_of(const struct job *job, int task)
     b.x = job->image + b.at;
     b.y = job->truth + b.at;
     for (int m = 0; m < MAPS; m++)
-        b.padded[m] = rows + (size_t)m * job->stride + PAD;
-    b.squares = rows + MAPS * job->stride;
-    b.products = b.squares + TAPS * job->stride;
-    b.line = b.products + TAPS * job->stride;
+        b.padded[m] = rows + (size_t)m * PART * job->stride + PAD;
+    b.squares = rows + MAPS * PART * job->stride;
+    b.products = b.squares + RING * job->stride;
+    b.line = b.products + RING * job->stride;
     b.zeros = b.line + job->stride;
-    memset(rows, 0, MAPS * job->stride * sizeof *rows);
+    memset(rows, 0, MAPS * PART * job->stride * sizeof *rows);
     memset(b.zeros, 0, job->stride * sizeof *b.zeros);
     return b;
 }
@@ -106,8 +109,8 @@ static void multiply_row(const struct job *job, const struct band *b, int row)
 {
     const float *SPIN_RESTRICT x = b->x + (size_t)row * (size_t)job->width;
     const float *SPIN_RESTRICT y = b->y + (size_t)row * (size_t)job->width;
-    float *SPIN_RESTRICT squares = b->squares + (size_t)(row % TAPS) * job->stride;
-    float *SPIN_RESTRICT products = b->products + (size_t)(row % TAPS) * job->stride;
+    float *SPIN_RESTRICT squares = b->squares + (size_t)(row % RING) * job->stride;
+    float *SPIN_RESTRICT products = b->products + (size_t)(row % RING) * job->stride;
 
     for (int i = 0; i < job->width; i++) {
         squares[i] = x[i] * x[i] + y[i] * y[i];
@@ -115,20 +118,41 @@ static void multiply_row(const struct job *job, const struct band *b, int row)
     }
 }
 
-static void window_rows_down(const struct job *job, const struct band *b, int row)
+static float *padded(const struct job *job, const struct band *b, int m, int in_part)
 {
-    const float *from[MAPS][TAPS];
+    return b->padded[m] + (size_t)in_part * job->stride;
+}
 
-    for (int k = 0; k < TAPS; k++) {
-        int r = row + k - HALF;
-        int inside = r >= 0 && r < job->height;
-        from[0][k] = inside ? b->x + (size_t)r * (size_t)job->width : b->zeros;
-        from[1][k] = inside ? b->y + (size_t)r * (size_t)job->width : b->zeros;
-        from[2][k] = inside ? b->squares + (size_t)(r % TAPS) * job->stride : b->zeros;
-        from[3][k] = inside ? b->products + (size_t)(r % TAPS) * job->stride : b->zeros;
-    }
-    for (int m = 0; m < MAPS; m++)
-        window_down(from[m], job->width, b->padded[m]);
+/* The vertical windows of map m at the part of the band that begins with this row. Row r of the map is at
+ * from + r % n_rows * stride. */
+static void window_part_down(const struct job *job, const struct band *b, int first, int m,
+                             const float *from, int n_rows, size_t stride)
+{
+    int last = first + PART < b->last ? first + PART : b->last;
+
+    for (int x = 0; x < job->width; x += STRIP)
+        for (int row = first; row < last; row++) {
+            const float *tap[TAPS];
+
+            for (int k = 0; k < TAPS; k++) {
+                int r = row + k - HALF;
+                bool inside = r >= 0 && r < job->height;
+                tap[k] = inside ? from + (size_t)(r % n_rows) * stride + x : b->zeros;
+            }
+            window_down(tap, job->width - x < STRIP ? job->width - x : STRIP,
+                        padded(job, b, m, row - first) + x);
+        }
+}
+
+static void window_forward(const struct job *job, const struct band *b, int first)
+{
+    for (int r = first == b->first ? first - HALF : first + HALF; r < first + PART + HALF; r++)
+        if (r >= 0 && r < job->height)
+            multiply_row(job, b, r);
+    window_part_down(job, b, first, 0, b->x, job->height, (size_t)job->width);
+    window_part_down(job, b, first, 1, b->y, job->height, (size_t)job->width);
+    window_part_down(job, b, first, 2, b->squares, RING, job->stride);
+    window_part_down(job, b, first, 3, b->products, RING, job->stride);
 }
 
 /* map [w] = SSIM of rows p0..p3, and its slopes. Apart from its caller so that the compiler sees
@@ -161,20 +185,19 @@ static void forward_task(void *context, int task)
     float *line = b.line;
     double l1 = 0, ssim = 0, mass = 0;
 
-    for (int r = b.first - HALF; r < b.first + HALF; r++)
-        if (r >= 0 && r < job->height)
-            multiply_row(job, &b, r);
     for (int row = b.first; row < b.last; row++) {
+        int in_part = (row - b.first) % PART;
         const float *x = b.x + (size_t)row * (size_t)job->width;
         const float *y = b.y + (size_t)row * (size_t)job->width;
         size_t at = b.at + (size_t)row * (size_t)job->width;
         const float *weight =
             job->pixel_weight ? job->pixel_weight + (size_t)row * (size_t)job->width : NULL;
-        if (row + HALF < job->height)
-            multiply_row(job, &b, row + HALF);
-        window_rows_down(job, &b, row);
-        ssim_row(job->width, b.padded[0], b.padded[1], b.padded[2], b.padded[3], line,
-                 job->slope[0] + at, job->slope[1] + at, job->slope[2] + at);
+
+        if (in_part == 0)
+            window_forward(job, &b, row);
+        ssim_row(job->width, padded(job, &b, 0, in_part), padded(job, &b, 1, in_part),
+                 padded(job, &b, 2, in_part), padded(job, &b, 3, in_part), line, job->slope[0] + at,
+                 job->slope[1] + at, job->slope[2] + at);
         for (int m = 0; weight && m < 3; m++)
             times_row(job->width, weight, job->slope[m] + at);
         if (weight)
@@ -194,7 +217,9 @@ static void forward_task(void *context, int task)
 
 static void backward_row(const struct job *job, const struct band *b, int row)
 {
-    const float *p0 = b->padded[0], *p1 = b->padded[1], *p2 = b->padded[2];
+    int in_part = (row - b->first) % PART;
+    const float *p0 = padded(job, b, 0, in_part), *p1 = padded(job, b, 1, in_part);
+    const float *p2 = padded(job, b, 2, in_part);
     size_t in_plane = (size_t)row * (size_t)job->width;
     const float *SPIN_RESTRICT x = b->x + in_plane, *SPIN_RESTRICT y = b->y + in_plane;
     float *SPIN_RESTRICT d = job->d_image + b->at + in_plane;
@@ -217,16 +242,9 @@ static void backward_task(void *context, int task)
     struct band b = band_of(job, task);
 
     for (int row = b.first; row < b.last; row++) {
-        for (int m = 0; m < 3; m++) {
-            const float *from[TAPS];
-            for (int k = 0; k < TAPS; k++) {
-                int r = row + k - HALF;
-                from[k] = r >= 0 && r < job->height
-                              ? job->slope[m] + b.at + (size_t)r * (size_t)job->width
-                              : b.zeros;
-            }
-            window_down(from, job->width, b.padded[m]);
-        }
+        for (int m = 0; m < 3 && (row - b.first) % PART == 0; m++)
+            window_part_down(job, &b, row, m, job->slope[m] + b.at, job->height,
+                             (size_t)job->width);
         backward_row(job, &b, row);
     }
 }
@@ -300,7 +318,7 @@ static void lose(struct spin_device *d, int width, int height, const float *imag
 
     job.bands = (height + BAND - 1) / BAND;
     job.stride = round_up((size_t)width) + 2 * PAD;
-    job.rows_floats = (MAPS + 2 * TAPS + 2) * job.stride;
+    job.rows_floats = (MAPS * PART + 2 * RING + 2) * job.stride;
     job.d_image = d_image;
     sums = round_up(3 * (size_t)job.bands);
     scratch = spin_cpu_scratch_need(d, SPIN_SCRATCH_LOSS,

@@ -11,42 +11,26 @@ struct job {
     float *to, *d_sh;
 };
 
-/* A group is a matrix [n][width]; in a row of attributes it begins at this column. */
-enum { N_GROUPS = 4 };
-static const struct group {
-    size_t width, column;
-} groups[N_GROUPS] = {
-    {3, SPIN_ATTR_SCALE}, {4, SPIN_ATTR_ROTATION}, {3, SPIN_ATTR_SH}, {1, SPIN_ATTR_OPACITY}};
-
-/* The opacity stands last. */
-static struct group group_of(const struct job *job, int k)
+static inline void copy(float *to, const float *from, size_t n, bool add)
 {
-    return k < N_GROUPS - 1 ? groups[k] : (struct group){1, job->width - 1};
+    for (size_t c = 0; c < n; c++)
+        to[c] = add ? to[c] + from[c] : from[c];
 }
 
-/* SH beyond the first coefficient: a group with a place of its own. */
-static struct group group_of_sh(size_t width) { return (struct group){width, SPIN_ATTR_SH + 3}; }
-
-static inline void group_to_rows(const struct job *job, size_t first, size_t end,
-                                 struct group group, const float *from, bool add)
-{
-    for (size_t i = first; i < end; i++) {
-        float *restrict to = job->to + i * job->width + group.column;
-        const float *restrict own = from + i * group.width;
-
-        for (size_t c = 0; c < group.width; c++)
-            to[c] = add ? to[c] + own[c] : own[c];
-    }
-}
-
+/* A row of attributes, and where a splat's values are: groups [n][3], [n][4], [n][3], [n][1], then SH beyond the first
+ * coefficient, which has a place of its own. The opacity stands last. */
 static inline void to_rows(const struct job *job, size_t first, size_t end, bool add)
 {
-    const float *from = job->from;
+    for (size_t i = first; i < end; i++) {
+        float *to = job->to + i * job->width;
 
-    for (int k = 0; k < N_GROUPS; from += groups[k++].width * job->n)
-        group_to_rows(job, first, end, group_of(job, k), from, add);
-    if (job->sh)
-        group_to_rows(job, first, end, group_of_sh(job->sh_width), job->sh, add);
+        copy(to + SPIN_ATTR_SCALE, job->from + 3 * i, 3, add);
+        copy(to + SPIN_ATTR_ROTATION, job->from + 3 * job->n + 4 * i, 4, add);
+        copy(to + SPIN_ATTR_SH, job->from + 7 * job->n + 3 * i, 3, add);
+        copy(to + job->width - 1, job->from + 10 * job->n + i, 1, add);
+        if (job->sh)
+            copy(to + SPIN_ATTR_SH + 3, job->sh + i * job->sh_width, job->sh_width, add);
+    }
 }
 
 static void add_rows(void *context, size_t first, size_t end)
@@ -89,27 +73,21 @@ void SPIN_CPU(residual_set)(struct spin_device *d, const struct spin_frame_batch
     all_to_rows(d, frames, raw, set_rows);
 }
 
-static void group_back(const struct job *job, size_t first, size_t end, struct group group,
-                       float *to)
-{
-    for (size_t i = first; i < end; i++) {
-        float *restrict own = to + (job->rows[i] - job->first_row) * group.width;
-        const float *restrict from = job->from + i * job->width + group.column;
-
-        for (size_t c = 0; c < group.width; c++)
-            own[c] += from[c];
-    }
-}
-
 static void back_rows(void *context, size_t first, size_t end)
 {
     const struct job *job = context;
-    float *to = job->to;
 
-    for (int k = 0; k < N_GROUPS; to += groups[k++].width * job->n)
-        group_back(job, first, end, group_of(job, k), to);
-    if (job->d_sh)
-        group_back(job, first, end, group_of_sh(job->sh_width), job->d_sh);
+    for (size_t i = first; i < end; i++) {
+        const float *from = job->from + i * job->width;
+        size_t row = job->rows[i] - job->first_row;
+
+        copy(job->to + 3 * row, from + SPIN_ATTR_SCALE, 3, true);
+        copy(job->to + 3 * job->n + 4 * row, from + SPIN_ATTR_ROTATION, 4, true);
+        copy(job->to + 7 * job->n + 3 * row, from + SPIN_ATTR_SH, 3, true);
+        copy(job->to + 10 * job->n + row, from + job->width - 1, 1, true);
+        if (job->d_sh)
+            copy(job->d_sh + row * job->sh_width, from + SPIN_ATTR_SH + 3, job->sh_width, true);
+    }
 }
 
 void SPIN_CPU(residual_back)(struct spin_device *d, const struct spin_frame_batch *frames,

@@ -222,7 +222,7 @@ static __device__ void project_one_back(const struct spin_camera_f32 &cam, int d
 {
     struct spin_projection lens = lens_of(cam);
     float *scale = attr + SPIN_ATTR_SCALE, *q = attr + SPIN_ATTR_ROTATION;
-    float d_scale[3] = {}, d_q[4] = {}, d_pos[3] = {}, d_colour[3];
+    float d_scale[3] = {}, d_q[4] = {}, d_pos[3] = {}, d_colour[3], d_rot[3][3];
     float distance, aa_compensation = 1, d_fade = 0;
     struct spin_projected_cov f;
     spin_vec3 view, d_view;
@@ -233,7 +233,8 @@ static __device__ void project_one_back(const struct spin_camera_f32 &cam, int d
         aa_compensation = spin_aa_compensation(&f);
         d_fade = g.opacity * attr[SPIN_ATTR_OPACITY];
     }
-    spin_ellipse_adj(&lens, &f, scale, q, g.u_px, g.v_px, g.conic, d_fade, d_scale, d_q, d_pos);
+    spin_ellipse_adj(&lens, &f, scale, g.u_px, g.v_px, g.conic, d_fade, d_scale, d_rot, d_pos);
+    spin_matrix_quat_adj(q, d_rot, d_q);
     for (int c = 0; c < 3; c++)
         d_colour[c] = flags >> c & 1 ? 0 : g.colour[c];
     view = spin_view_direction(cam.centre, pos_w, &distance);
