@@ -518,6 +518,18 @@ static bool shows_background(const struct export *x)
            (x->exporter->needs_renderer || strcmp(x->exporter->name, "html") == 0);
 }
 
+static void warn_of_background(const struct export *x)
+{
+    const struct spin_export_options *o = x->o;
+    const float *rgb = o->background;
+
+    if (shows_background(x))
+        spin_training_warn_background(&x->clip.bundle, x->from, rgb, "draws");
+    else if (!o->transparent && !o->check && !o->decimate &&
+             (rgb[0] != 0 || rgb[1] != 0 || rgb[2] != 0))
+        spin_warn("no effect without pictures: --background");
+}
+
 static spin_status run_export(struct export *x)
 {
     const struct spin_export_options *o = x->o;
@@ -548,8 +560,8 @@ static spin_status run_export(struct export *x)
         SPIN_TRY(spin_alloc(1, sizeof *x->renderer, (void **)&x->renderer));
         SPIN_TRY(spin_player_open(&x->renderer->player, &x->device, NULL, SPIN_FROM_SOURCE));
     }
-    if (shows_background(x) && spin_rank() == 0)
-        spin_training_warn_background(&x->clip.bundle, x->from, o->background, "draws");
+    if (spin_rank() == 0)
+        warn_of_background(x);
     SPIN_TRY(say_lens(x));
     SPIN_TRY(find_4d(x));
     SPIN_TRY(spin_bundle_data_path(&x->clip.bundle, &x->data));

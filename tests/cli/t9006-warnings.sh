@@ -367,6 +367,8 @@ warns "a data set that is gone" \
     "'$in': the data set '$work/data' is not there: its cameras are not used; --data says where the data set is"
 run "$bin/spin-export" "$in" --to ply -o "$work/ply2"
 warns "which only pictures need"
+run "$bin/spin-export" "$in" --to ply --background white -o "$work/ply3"
+warns "a background of no picture" "no effect without pictures: --background"
 
 # ---- Plug-ins --------------------------------------------------------------------------------------
 
