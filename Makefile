@@ -65,6 +65,8 @@ SPIN_CFLAGS   := -std=gnu11 $(OPT) $(WARN) -fno-trapping-math -fno-math-errno $(
 SPIN_CXXFLAGS := -std=c++17 -O2 $(if $(WASM),,-g1 -fPIC) -Wall -Wextra $(PREFIX_MAP)
 SPIN_LDFLAGS  := $(filter -fsanitize%,$(OPT)) $(filter --coverage,$(OPT)) -pthread
 SPIN_LDLIBS   := -lz -llzma -ljansson -ldl -lm
+# AddressSanitizer sees what a shim throws only if the library of C++ is there from the start.
+SPIN_LDLIBS   += $(if $(filter asan,$(CONFIG)),-Wl$(comma)--no-as-needed -lstdc++)
 SPIN_DEFINES  :=
 COMPILE_C      = $(CC) $(SPIN_CPPFLAGS) $(CPPFLAGS) $(SPIN_DEFINES) $(SPIN_CFLAGS) $(QUICK) $(CFLAGS)
 # FFmpeg's and MPI's objects are loaded by programs with and without sanitisers.
