@@ -469,7 +469,7 @@ check: ## test + lint under asan and ubsan: what a commit should pass
 	@$(MAKE) --no-print-directory CONFIG=asan test
 	@$(MAKE) --no-print-directory lint
 
-mutants: ## put faults into a copy, one by one, and see that tests fail: [M=word] [JOBS=n] [DRY=1]
+mutants: ## put faults into a copy, one by one, and see that tests fail: [M=word] [JOBS=n] [PART=1/9] [DRY=1]
 	@command -v python3 >/dev/null || { echo "make mutants: python3 is not here: apt-get install python3" >&2; exit 1; }
 	@JOBS=$(JOBS) python3 tests/mutants/run.py "$(M)"
 
