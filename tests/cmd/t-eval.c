@@ -103,13 +103,13 @@ static void test_held_out(void)
            "one view is none of several");
         ok(shell("%s/spin-eval %s/held.spin --test-cams 7,19 --scale 0.25 -q", bin, folder) == 0 &&
                strstr(said, "warning: 1 of 2 cameras of --test-cams are among those that trained "),
-           "which the training had, and that is said");
+           "cameras that trained it are no held-out ones, and that is said");
         ok(shell("%s/spin-eval %s/held.spin --test-cams 3 --scale 0.25 -q && %s/spin-eval "
                  "%s/held.spin --test-cams 7 --source --scale 0.25 -q && %s/spin-eval %s/held.spin "
                  "--test-cams 7 --split train --scale 0.25 -q",
                  bin, folder, bin, folder, bin, folder) == 0 &&
                !strstr(said, "warning"),
-           "not where it is so, nor of the source, nor of others");
+           "nothing is said of a held-out camera, of the source, of training views");
         ok(shows(&second, 1, 2, 1, held, 3),
            "and so do a training of its output and what measures that");
         spin_json_free(first.json), spin_json_free(named.json), spin_json_free(second.json);

@@ -62,8 +62,8 @@ struct one {
     float scale[3], q[4];
 };
 
-/* An axis of spin_to_camera. What comes first of x and y is fused with the rest: as it is here, the published results
- * come out to the last bit. */
+/* An axis of spin_to_camera. `first` of x and y is the product that the compiler fuses last where it sees one splat alone,
+ * forward and backward: in this order a block gives the same bits as that, and so as the published results. */
 SPIN_FN float to_camera(const struct spin_projection *lens, int axis, int first,
                         const struct block *b, int i)
 {
