@@ -84,8 +84,10 @@ static spin_status open_players(struct eval *e)
 {
     const struct spin_eval_options *o = e->o;
 
-    if (spin_rank() == 0)
+    if (spin_rank() == 0) {
         spin_training_warn_background(&e->clip.bundle, e->from, o->background, "measures");
+        spin_training_warn_scale(&e->clip.bundle, e->from, o->image_scale);
+    }
     if (spin_rank() == 0 && spin_training_of(&e->clip.bundle, e->from) &&
         o->split == SPIN_SPLIT_TEST)
         spin_training_warn_taught(&e->clip, o->n_test_cameras);

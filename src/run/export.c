@@ -492,12 +492,17 @@ static spin_status decimate(struct export *x, const struct spin_decimate_goal *g
     return SPIN_OK;
 }
 
-/* What the cameras' lens darkens is not the scene's, so it is in no export. */
+/* What the cameras' lens darkens, and each camera's own colours, are not the scene's, so they are in no export. */
 static spin_status say_lens(const struct export *x)
 {
+    size_t n_cameras =
+        spin_json_length(spin_json_get(spin_training_of(&x->clip.bundle, x->from), "cameras"));
     struct spin_lenses lenses;
     double corner;
 
+    if (n_cameras > 0)
+        spin_log(0, "in the colours of the mean camera: the training gave each of its %zu its own",
+                 n_cameras);
     if (!spin_bundle_has_lenses(&x->clip.bundle, x->from))
         return SPIN_OK;
     SPIN_TRY(spin_lenses_from_json(spin_json_get(x->clip.bundle.json, "lenses"), 1, &lenses));

@@ -25,6 +25,19 @@ void spin_training_warn_background(const struct spin_bundle *bundle, enum spin_s
                   value[0], value[1], value[2], what);
 }
 
+void spin_training_warn_scale(const struct spin_bundle *bundle, enum spin_splat_source from,
+                              double image_scale)
+{
+    double taught = image_scale;
+
+    spin_json_number(
+        spin_json_get(spin_json_get(spin_training_of(bundle, from), "options"), "image_scale"),
+        &taught);
+    if (taught != image_scale)
+        spin_warn("it was trained on pictures of another size: --scale %g measures at that size",
+                  taught);
+}
+
 void spin_training_warn_taught(const struct spin_clip *clip, int n_test_cameras)
 {
     if (clip->n_taught > 0)

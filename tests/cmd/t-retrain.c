@@ -694,12 +694,15 @@ static void test_falloff(void)
     ok(fabs(drawn - psnr) < 1e-3, "spin-eval draws through the lens as well: %.4f dB, %.4f", drawn,
        psnr);
     ok(shell("%s/spin-export %s/lens.spin --to ply -o %s/lens-ply", bin, folder, folder) == 0 &&
-           strstr(said, "without the falloff of the cameras' lens"),
-       "an export says that it has no falloff");
+           strstr(said, "without the falloff of the cameras' lens") &&
+           strstr(said, "in the colours of the mean camera: "),
+       "an export says that it has no falloff, and no camera's own colours");
     ok(shell("%s/spin-eval %s/lens.spin --data %s/lens --device cpu --threads 1 --scale 0.5", bin,
              folder, folder) == 0 &&
            !strstr(said, "another lens"),
        "and those of full size in scaled pictures");
+    ok(strstr(said, "pictures of another size: --scale 1 measures at that size") != NULL,
+       "which the training has not seen, as is said");
     ok(!strstr(said, "exposure was learned"), "of test cameras no exposure was learned");
     ok(shell("%s/spin-eval %s/lens.spin --data %s/lens --device cpu --threads 1 --split all", bin,
              folder, folder) == 0 &&
