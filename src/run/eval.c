@@ -149,6 +149,7 @@ static spin_status write_report(struct eval *e, const struct spin_metrics *after
                                       .subject = e->report->subject};
     struct spin_report r = {.path = e->o->report,
                             .log = e->o->log,
+                            .trained_psnr = NAN,
                             .force = e->o->force,
                             .input = e->o->input,
                             .split = e->o->split,
@@ -161,6 +162,9 @@ static spin_status write_report(struct eval *e, const struct spin_metrics *after
     struct spin_metrics m = *after;
     spin_status status = SPIN_OK;
 
+    spin_json_number(
+        spin_json_get(spin_json_get(spin_training_of(&e->clip.bundle, e->from), "test"), "psnr"),
+        &r.trained_psnr);
     if (e->has_source) {
         SPIN_TRY(spin_alloc(e->n_pairs, sizeof *before.view, (void **)&before.view));
         m.player = &e->source;

@@ -329,8 +329,14 @@ static void test_report(void)
        "--report");
     ok(count("<svg") == 1, "has a curve");
     ok(shell("%s/spin-eval %s/net.spin --scale 0.25 --report %s/with.html --log %s/log -q", bin,
-             folder, folder, folder) == 0,
+             folder, folder, folder) == 0 &&
+           !strstr(said, "of another run"),
        "--report with --log");
+    ok(shell("sed 's/\"test_psnr\": /&1/' %s/log >%s/other; %s/spin-eval %s/net.spin --scale 0.25 "
+             "--report %s/other.html --log %s/other -q",
+             folder, folder, bin, folder, folder, folder) == 0 &&
+           strstr(said, "/other' seems to be of another run: its test views end at 1"),
+       "a log of another run is seen");
     ok(shell("test $(grep -c '<svg class=.chart' %s/with.html) -gt $(grep -c '<svg class=.chart' "
              "%s/without.html)",
              folder, folder) == 0,

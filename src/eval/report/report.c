@@ -169,6 +169,16 @@ static void draw_history(const struct spin_train_log *h, FILE *to)
     spin_svg_chart_write(to, &chart);
 }
 
+static void warn_other_run(const struct spin_report *r, const struct spin_train_log *h)
+{
+    double last = h->n_tests > 0 ? h->psnr[h->n_tests - 1] : (double)NAN;
+
+    if (fabs(last - r->trained_psnr) > 1e-4)
+        spin_warn("the log '%s' seems to be of another run: its test views end at %.3f dB, those "
+                  "of '%s' at %.3f dB",
+                  r->log, last, r->input, r->trained_psnr);
+}
+
 static spin_status add_curves(const struct spin_report *r, spin_json *page,
                               const spin_json *const report[2])
 {
@@ -181,6 +191,8 @@ static spin_status add_curves(const struct spin_report *r, spin_json *page,
 
     if (status == SPIN_OK && r->log)
         status = spin_train_log_read(r->log, LOSS_POINTS, &history);
+    if (status == SPIN_OK && r->log)
+        warn_other_run(r, &history);
     if (status == SPIN_OK)
         status = draw_frames(report, over_frames);
     if (status == SPIN_OK && (history.n_tests > 1 || history.n_steps > 1))

@@ -6,6 +6,7 @@
 
 struct spin_report {
     const char *path, *log; /* the page; what spin-retrain --log wrote, or NULL */
+    double trained_psnr;    /* of the test views after the training; NaN: not known */
     bool force;
     const char *input; /* the bundle, as it was given */
     enum spin_split split;
