@@ -61,6 +61,7 @@ struct spin_retrain_options {
     double hash_init_range;              /* first values of the table lie within */
     uint64_t seed;
     int warmup; /* iterations; -1: iterations / 40 */
+    double average; /* share of the iterations, the last ones, whose values are averaged; 0: none */
     double lr_table, lr_sh, lr_scale, lr_rotation, lr_opacity, lr_position;
     int sh_increase_every; /* iterations until the next degree of SH joins; 0: all from the start, explicit: 1000 */
     enum spin_exposure learn_exposure; /* learn a gain and offset of every training camera */

@@ -207,6 +207,7 @@ static const char *const of_refinement[] = {"refine-start", "densify", "cache", 
 static const char *const of_densification[] = {"max-points", NULL};
 static const char *const of_residual[] = {"residual", NULL};
 static const char *const of_heads_alone[] = {"init-log-scale", NULL};
+static const char *const of_average[] = {"average", NULL};
 static const char *const of_exposure[] = {"lr-exposure", NULL};
 
 /* One warning with all names that were given, unless they have an effect. */
@@ -240,6 +241,8 @@ static void warn_without_effect(int argc, char **argv)
     warn_idle(argc, argv, of_clip + CLIP_OF_4D, !of_4d, "with --method 4d");
     warn_idle(argc, argv, of_tracks + TRACKS_OF_4D, !of_4d, "with --method 4d");
     warn_idle(argc, argv, of_tracks, of_4d || (clip && options.tracks), "without tracks");
+    warn_idle(argc, argv, of_average, options.method == SPIN_METHOD_TRACKS || of_4d,
+              "without --method tracks or 4d");
     warn_idle(argc, argv, of_refinement, options.refine > 0, "without --refine");
     warn_idle(argc, argv, of_densification,
               (options.refine > 0 && options.densify) ||

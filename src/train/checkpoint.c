@@ -2,102 +2,14 @@
 #include "train/checkpoint.h"
 
 #include "base/base.h"
+#include "train/average.h"
+#include "train/state_arrays.h"
 
 enum { PORTION = 1 << 20 }; /* floats that are carried to the host at a time */
 
 double spin_checkpoint_seconds(const struct spin_checkpoint *c)
 {
     return c->before_s + spin_now_s() - c->start_s;
-}
-
-/* Everything the state holds, in one list: walked to save and to load. Floats, and from SEEN on numbers. */
-struct piece {
-    char name[48];
-    enum {
-        VALUES,
-        STEPS, /* of lazy Adam */
-        GRADIENT,
-        SEEN, /* this and the gradient are parts of sums over ranks: rank 0 has all, the others zeros */
-        TRACK, /* of a frame's splats */
-        PLACE  /* of them in the output */
-    } kind;
-    float SPIN_DEV *at;
-    uint32_t *host; /* or there */
-    size_t n;
-    int frame;
-};
-
-static struct piece of_frame(int f, const char *what, const char *array, float SPIN_DEV *at,
-                             size_t n)
-{
-    struct piece piece = {.at = at, .n = n, .frame = f};
-
-    snprintf(piece.name, sizeof piece.name, "%s/%05d/%s", what, f, array);
-    return piece;
-}
-
-static spin_status list_pieces(const struct spin_checkpoint *c, struct spin_trainer *t,
-                               struct piece **out, size_t *n)
-{
-    enum { N_PARAMS = 4 };
-    struct spin_param *param[N_PARAMS] = {&t->table, &t->heads, &t->tracks, &t->exposures.param};
-    const char *param_name[N_PARAMS] = {"table", "heads", "tracks", "exposure"};
-    const char *part_name[3] = {"p", "m", "v"};
-    struct piece *piece;
-    size_t k = 0;
-
-    SPIN_TRY(
-        spin_alloc(3 * N_PARAMS + 1 + 14 * (size_t)t->n_frames, sizeof *piece, (void **)&piece));
-    for (int i = 0; i < N_PARAMS; i++) {
-        float SPIN_DEV *at[3] = {param[i]->p, param[i]->m, param[i]->v};
-
-        for (int j = 0; j < 3; j++, k++) {
-            snprintf(piece[k].name, sizeof piece[k].name, "%s/%s", param_name[i], part_name[j]);
-            piece[k].at = at[j];
-            piece[k].n = param[i]->n;
-        }
-    }
-    if (t->lazy)
-        piece[k++] = (struct piece){
-            .name = "table/last", .kind = STEPS, .at = t->lazy->last, .n = t->lazy->n_lines};
-    for (int f = 0; f < t->n_frames; f++) {
-        float SPIN_DEV *at[3] = {t->frame[f].pos, t->frame[f].m, t->frame[f].v};
-
-        for (int j = 0; j < 3; j++, k++)
-            piece[k] = of_frame(f, "frames", part_name[j], at[j], 3 * t->frame[f].size.n_pos);
-    }
-    for (int f = 0; f < t->n_frames && t->d_residual; f++) {
-        float SPIN_DEV *at[3] = {t->frame[f].residual, t->frame[f].residual_m,
-                                 t->frame[f].residual_v};
-
-        for (int j = 0; j < 3; j++, k++)
-            piece[k] = of_frame(f, "residual", part_name[j], at[j],
-                                SPIN_RESIDUAL * t->frame[f].size.n_residual);
-    }
-    for (int f = 0; f < t->n_frames && t->d_sh; f++) {
-        float SPIN_DEV *at[3] = {t->frame[f].sh, t->frame[f].sh_m, t->frame[f].sh_v};
-
-        for (int j = 0; j < 3; j++, k++)
-            piece[k] =
-                of_frame(f, "sh", part_name[j], at[j], t->frame[f].sh_width * t->frame[f].size.n);
-    }
-    for (int f = 0; f < t->n_frames && t->tracked; f++) {
-        const struct spin_train_frame *frame = &t->frame[f];
-        static const char *const name[] = {"gradient", "seen", "track", "place"};
-        float SPIN_DEV *at[] = {frame->gradient, (float SPIN_DEV *)(void SPIN_DEV *)frame->seen,
-                                (float SPIN_DEV *)(void SPIN_DEV *)frame->track, NULL};
-
-        for (int j = 0; j < 4; j++, k++) {
-            piece[k] = of_frame(f, "frames", name[j], at[j], frame->size.n);
-            piece[k].kind = GRADIENT + j;
-        }
-        piece[k - 1].host = c ? c->permutation[f] : NULL;
-        if (frame->turn)
-            piece[k++] = of_frame(f, "frames", "turn", frame->turn, 4 * frame->size.n_pos);
-    }
-    *out = piece;
-    *n = k;
-    return SPIN_OK;
 }
 
 /* Values [first, first + n) of an array of the state. */
@@ -139,14 +51,8 @@ static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
     return status;
 }
 
-/* Moments go into parameters with the next step. */
-static bool is_parameter(const struct piece *piece)
-{
-    return piece->name[strlen(piece->name) - 1] == 'p';
-}
-
 /* *bad: some parameter is not finite. The device looks. */
-static spin_status look_for_bad(const struct spin_trainer *t, const struct piece *piece,
+static spin_status look_for_bad(const struct spin_trainer *t, const struct spin_state_array *piece,
                                 size_t n_pieces, bool *bad)
 {
     struct spin_device *d = t->device;
@@ -156,7 +62,7 @@ static spin_status look_for_bad(const struct spin_trainer *t, const struct piece
 
     SPIN_TRY(d->op->reserve(d, sizeof found, &count));
     for (size_t i = 0; i < n_pieces; i++)
-        if (is_parameter(&piece[i]) && piece[i].n > 0)
+        if (spin_state_is_parameter(&piece[i]) && piece[i].n > 0)
             d->op->not_finite(d, piece[i].n, piece[i].at, count);
     status = d->op->download(d, &found, count, sizeof found);
     d->op->release(d, count);
@@ -169,18 +75,18 @@ spin_status spin_check_parameters(struct spin_trainer *t)
     uint64_t hash = SPIN_HASH_BEGIN;
     struct spin_device *d = t->device;
     size_t n_pieces = 0;
-    SPIN_FREED struct piece *piece = NULL;
+    SPIN_FREED struct spin_state_array *piece = NULL;
     void *block = NULL;
     bool bad = false;
     spin_status status;
 
-    SPIN_TRY_OUT(list_pieces(NULL, t, &piece, &n_pieces));
+    SPIN_TRY_OUT(spin_state_arrays(t, NULL, &piece, &n_pieces));
     SPIN_TRY_OUT(look_for_bad(t, piece, n_pieces, &bad));
     if (!bad && spin_n_ranks() == 1)
         goto out;
     SPIN_TRY_OUT(spin_alloc(PORTION, sizeof(float), &block)); /* where, and whether ranks agree */
     for (size_t i = 0; i < n_pieces; i++) {
-        if (!is_parameter(&piece[i]))
+        if (!spin_state_is_parameter(&piece[i]))
             continue;
         for (size_t first = 0; first < piece[i].n; first += PORTION) {
             size_t n = piece[i].n - first < PORTION ? piece[i].n - first : PORTION;
@@ -222,11 +128,11 @@ spin_status spin_write_device_array(struct spin_trainer *t, struct spin_zip_writ
 }
 
 /* Tracks that are there, in the order of the frame; places that are a permutation. */
-static spin_status check_numbers(const struct spin_trainer *t, const struct piece *piece,
+static spin_status check_numbers(const struct spin_trainer *t, const struct spin_state_array *piece,
                                  const uint32_t *number)
 {
     const struct spin_frame_size *size = &t->frame[piece->frame].size;
-    bool track = piece->kind == TRACK;
+    bool track = piece->kind == SPIN_STATE_TRACK;
     size_t most = track ? t->n_tracks : size->n;
     SPIN_FREED uint8_t *taken = NULL;
     bool wrong = false;
@@ -256,7 +162,7 @@ static void to_numbers(const struct spin_array *a, size_t first, size_t n, uint3
 }
 
 static spin_status save_numbers(struct spin_trainer *t, struct spin_zip_writer *w,
-                                const struct piece *piece)
+                                const struct spin_state_array *piece)
 {
     struct spin_device *d = t->device;
     uint64_t shape[1] = {piece->n};
@@ -272,16 +178,20 @@ static spin_status save_numbers(struct spin_trainer *t, struct spin_zip_writer *
 static spin_status save_pieces(const struct spin_checkpoint *c, struct spin_trainer *t,
                                struct spin_zip_writer *w)
 {
-    SPIN_FREED struct piece *piece = NULL;
+    SPIN_FREED struct spin_state_array *piece = NULL;
     size_t n = 0;
 
-    SPIN_TRY(list_pieces(c, t, &piece, &n));
+    SPIN_TRY(spin_state_arrays(t, c->permutation, &piece, &n));
     for (size_t i = 0; i < n; i++) {
         uint64_t shape[1] = {piece[i].n};
 
-        SPIN_TRY(piece[i].kind >= SEEN ? save_numbers(t, w, &piece[i])
-                                       : spin_write_device_array(t, w, piece[i].name, 1, shape,
-                                                                 piece[i].at, piece[i].n));
+        if (piece[i].host && piece[i].kind == SPIN_STATE_VALUES)
+            SPIN_TRY(spin_npz_write(w, piece[i].name, "<f4", 1, shape, piece[i].host));
+        else
+            SPIN_TRY(piece[i].kind >= SPIN_STATE_SEEN
+                         ? save_numbers(t, w, &piece[i])
+                         : spin_write_device_array(t, w, piece[i].name, 1, shape, piece[i].at,
+                                                   piece[i].n));
     }
     return SPIN_OK;
 }
@@ -366,24 +276,25 @@ static spin_status check_last(const float *last, size_t n, int64_t iteration)
 }
 
 /* To where the piece is; floats and numbers have the same size. */
-static spin_status load_piece(struct spin_trainer *t, const struct piece *piece,
+static spin_status load_piece(struct spin_trainer *t, const struct spin_state_array *piece,
                               const struct spin_array *a, void *values)
 {
     size_t n = piece->n;
 
-    if (piece->kind >= SEEN) {
+    if (piece->kind >= SPIN_STATE_SEEN) {
         to_numbers(a, 0, n, values);
     } else {
         spin_array_to_f32(a, 0, n, values);
         SPIN_TRY(check_values(t, piece->name, 0, values, n));
     }
-    if (piece->kind == STEPS)
+    if (piece->kind == SPIN_STATE_STEPS)
         SPIN_TRY(check_last(values, n, t->iteration));
-    if (piece->kind >= TRACK)
+    if (piece->kind >= SPIN_STATE_TRACK)
         SPIN_TRY(check_numbers(t, piece, values));
     if (piece->host)
         memcpy(piece->host, values, n * sizeof *piece->host);
-    else if ((piece->kind != GRADIENT && piece->kind != SEEN) || spin_rank() == 0)
+    else if ((piece->kind != SPIN_STATE_GRADIENT && piece->kind != SPIN_STATE_SEEN) ||
+             spin_rank() == 0)
         t->device->op->upload(t->device, piece->at, values, n * sizeof(float));
     return SPIN_OK;
 }
@@ -391,11 +302,11 @@ static spin_status load_piece(struct spin_trainer *t, const struct piece *piece,
 static spin_status load_pieces(const struct spin_checkpoint *c, struct spin_trainer *t,
                                struct spin_npz *npz)
 {
-    SPIN_FREED struct piece *piece = NULL;
+    SPIN_FREED struct spin_state_array *piece = NULL;
     size_t n = 0;
     SPIN_FREED void *block = NULL;
 
-    SPIN_TRY(list_pieces(c, t, &piece, &n));
+    SPIN_TRY(spin_state_arrays(t, c->permutation, &piece, &n));
     for (size_t i = 0; i < n; i++) {
         struct spin_array a;
         int64_t shape[1] = {(int64_t)piece[i].n};
@@ -509,6 +420,8 @@ spin_status spin_checkpoint_load(struct spin_checkpoint *c, struct spin_trainer 
 
     if (status == SPIN_OK)
         status = load_header(c, t, &npz);
+    if (status == SPIN_OK)
+        status = spin_average_resume(t);
     if (status == SPIN_OK)
         status = load_pieces(c, t, &npz);
     SPIN_TRY_IN(status, "cannot resume from '%s'", c->path);

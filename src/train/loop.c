@@ -140,6 +140,7 @@ static spin_status take_step(const struct spin_loop *l, const struct spin_sample
         SPIN_TRY(spin_check_parameters(t));
     if (due_now)
         SPIN_TRY(densify(l, &steps->change));
+    SPIN_TRY(spin_average_step(t));
     l->checkpoint->sound = true;
     return SPIN_OK;
 }

@@ -339,6 +339,15 @@ void spin_plan_close_frame(struct spin_plan *plan)
     free(plan->exposure);
 }
 
+/* The last steps are averaged, and rates end at a share of the first ones. Both were tried on court and basketball. */
+static const double averaged_floor = 0.2;
+
+static bool averages(const struct spin_plan *plan)
+{
+    return plan->o->average > 0 && plan->o->method != SPIN_METHOD_FRAMES &&
+           plan->o->method != SPIN_METHOD_NETWORK;
+}
+
 static struct spin_train_rates clip_rates(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -353,6 +362,7 @@ static struct spin_train_rates clip_rates(const struct spin_plan *plan)
         .displacement = o->lr_displacement * plan->extent,
         .exposure = o->lr_exposure,
         .end = 1e-7,
+        .floor = averages(plan) ? averaged_floor : 0,
         .warmup = o->warmup >= 0 ? o->warmup : o->iterations / 40,
         .iterations = o->iterations,
         .track_iterations = o->track_iterations,
@@ -391,6 +401,8 @@ spin_status spin_plan_open_trainer(const struct spin_plan *plan, struct spin_dev
     t->lambda_opacity = (float)o->lambda_opacity;
     t->sh_increase_every = o->sh_increase_every;
     memcpy(t->background, o->background, sizeof t->background);
+    if (averages(plan))
+        t->average = spin_average_of(o->average, spin_plan_schedule(plan).until, o->iterations);
     return t->network && spin_plan_is_lazy(plan) ? spin_trainer_enable_lazy_adam(t) : SPIN_OK;
 }
 
@@ -424,7 +436,8 @@ out:
 
 /* All that a training opens. As if nothing were shared, and as many tracks as splats: what tracks save is not known before
  * the points were looked at. */
-static spin_status open_training(const struct spin_plan *plan, struct spin_device *device)
+static spin_status open_training(const struct spin_plan *plan, struct spin_device *device,
+                                 size_t *n_averaged)
 {
     const struct spin_retrain_options *o = plan->o;
     size_t n_frames = (size_t)plan->clip.n_frames, most = plan->clip.n_max;
@@ -443,6 +456,8 @@ static spin_status open_training(const struct spin_plan *plan, struct spin_devic
     size.frame = frame;
     SPIN_TRY_OUT(spin_plan_open_trainer(plan, device, &size, &t));
     SPIN_TRY_OUT(spin_field_eval_open(&evaluation, device, t.network, false, most, false));
+    if (averages(plan))
+        SPIN_TRY_OUT(spin_average_values(&t, n_averaged));
     status = spin_image_store_open(&images, device, (size_t)o->batch, plan->max_pixels,
                                    SPIN_IMAGE_RGB8, spin_plan_is_weighted(plan));
 out:
@@ -480,12 +495,14 @@ static void training_bytes(const struct spin_plan *plan, size_t *of_device, size
     size_t image = 3 * plan->max_pixels * sizeof(float);
     int views = d->views_at_once < plan->o->batch ? d->views_at_once : plan->o->batch;
     struct spin_counting_device c;
+    size_t n_averaged = 0;
 
     spin_device_count(&c, d);
     *of_host = 3 * plan->clip.n_max * SPIN_ATTR * sizeof(float) + 12 * image;
     *of_device = SIZE_MAX / 4; /* more than there is */
-    if (open_training(plan, &c.device) != SPIN_OK)
+    if (open_training(plan, &c.device, &n_averaged) != SPIN_OK)
         return;
+    *of_host += n_averaged * sizeof(float);
     *of_device = c.bytes + scratch_bytes(plan) +
                  (size_t)views * spin_raster_grows(plan->clip.n_max, plan->max_pixels, true);
 }

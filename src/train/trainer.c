@@ -216,6 +216,7 @@ void spin_trainer_close(struct spin_trainer *t)
     spin_param_close(&t->tracks, d);
     d->op->release(d, t->motion);
     spin_exposures_close(&t->exposures, d);
+    free(t->average.mean);
     for (int f = 0; f < t->n_frames; f++)
         spin_train_frame_close(&t->frame[f], d);
     free(t->frame);
@@ -246,7 +247,7 @@ double spin_trainer_rate(const struct spin_trainer *t, double lr0, int64_t itera
 
     if (r->position_end > 0)
         return lr0;
-    return spin_lr(lr0, r->end, iteration, r->warmup, r->iterations);
+    return spin_lr(lr0, fmax(r->end, r->floor * lr0), iteration, r->warmup, r->iterations);
 }
 
 double spin_trainer_position_rate(const struct spin_trainer *t)
@@ -264,6 +265,8 @@ double spin_trainer_track_rate(const struct spin_trainer *t, double lr0)
 {
     const struct spin_train_rates *r = &t->rates;
 
+    if (r->track_iterations == r->iterations)
+        return spin_trainer_rate(t, lr0, t->iteration);
     if (t->iteration >= r->track_iterations)
         return r->end;
     return spin_lr(lr0, r->end, t->iteration, r->warmup, r->track_iterations);

@@ -4,6 +4,7 @@
 
 #include "model/field_eval.h"
 #include "render/raster.h"
+#include "train/average.h"
 #include "train/exposure.h"
 #include "train/rank_sum.h"
 #include "train/train_frame.h"
@@ -14,6 +15,7 @@ struct spin_train_rates {
     double sh;                   /* of splats' own SH beyond the first coefficient */
     double
         position_end; /* as in 3DGS: positions' rate comes log-linearly to this one, all others stay; 0: no */
+    double floor;   /* share of the first rates at which those of tracks and frames end */
     double tracked; /* on position and residual, for splats with a track */
     double track[SPIN_HEADS], displacement;
     int64_t warmup, iterations;
@@ -71,6 +73,7 @@ struct spin_trainer {
     float lambda_scale, lambda_opacity; /* on the mean scale and opacity of what a step sees */
     int sh_increase_every; /* steps until the next degree of SH joins; 0: all from the start */
     int64_t iteration;     /* steps done */
+    struct spin_average average;
     struct spin_field_eval field_eval;
     struct spin_raster raster;
     float SPIN_DEV *d_pos;      /* [frames at once][n_max][3] */

@@ -43,6 +43,7 @@ static const struct spin_retrain_options paper = {
     1e-4,  /* hash_init_range */
     0,     /* seed */
     -1,    /* warmup */
+    0,     /* average */
     8e-3,
     1e-3,
     3e-4, /* lr_table, lr_sh, lr_scale */
@@ -120,6 +121,7 @@ static const struct spin_retrain_options shorter = {
     1e-4,  /* hash_init_range */
     0,     /* seed */
     -1,    /* warmup */
+    0,     /* average */
     4e-2,
     1e-3,
     3e-4, /* lr_table, lr_sh, lr_scale */
@@ -177,6 +179,7 @@ static const struct spin_retrain_options *quick(void)
     q.batch = -1;
     q.views_per_frame = 1;
     q.lr_position = 5e-4;
+    q.average = 0.3;
     q.lr_track = 3;
     q.lr_tracked = 0.3;
     q.densify_every = -1;
@@ -281,6 +284,7 @@ static void test_limits(void)
     LIMIT(save_every, 0, -1);
     LIMIT(method, SPIN_METHOD_NETWORK, SPIN_METHOD_4D + 1);
     LIMIT(lr_track, 0, -1);
+    LIMIT(average, 1, 2);
     LIMIT(lr_tracked, 1000, 1001);
     LIMIT(lr_displacement, 1, 2);
     LIMIT(densify_threshold, 1, 2);

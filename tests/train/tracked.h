@@ -103,8 +103,9 @@ static void tracked_fill(struct spin_device *d, struct spin_trainer *t, float se
 }
 
 /* Statistics of the splats. */
-static void tracked_see(struct spin_device *d, struct spin_trainer *t, const float gradient[2][5],
-                        const uint32_t seen[2][5])
+__attribute__((unused)) static void tracked_see(struct spin_device *d, struct spin_trainer *t,
+                                                const float gradient[2][5],
+                                                const uint32_t seen[2][5])
 {
     for (int f = 0; f < TRACKED_FRAMES; f++) {
         d->op->upload(d, t->frame[f].gradient, gradient[f], tracked_size[f].n * sizeof **gradient);
@@ -112,7 +113,7 @@ static void tracked_see(struct spin_device *d, struct spin_trainer *t, const flo
     }
 }
 
-static void tracked_places(uint32_t *permutation[2])
+__attribute__((unused)) static void tracked_places(uint32_t *permutation[2])
 {
     for (int f = 0; f < TRACKED_FRAMES; f++) {
         permutation[f] = malloc(TRACKED_MOST * sizeof **permutation);
