@@ -299,6 +299,7 @@ static const struct spin_frames_format format = {
     .name = "gltf",
     .pattern = "frame_%05d.glb",
     .self_bytes = sizeof(struct export),
+    .reorders = true,
     .begin = begin,
     .ready = ready,
     .bytes = gltf_bytes,

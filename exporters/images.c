@@ -14,11 +14,7 @@
 static const struct spin_plugin_option options[] = {
     {"views", "WHICH", "cameras to render: test, train or all", "test"},
     SPIN_DRAWING_OPTION_PATH,
-    SPIN_DRAWING_OPTION_PANELS,
-    SPIN_DRAWING_OPTION_REPEAT,
-    SPIN_DRAWING_OPTION_NO_LABELS,
-    SPIN_DRAWING_OPTION_SIZE,
-    SPIN_DRAWING_OPTION_DURATION,
+    SPIN_DRAWING_OPTIONS,
     {"fps", "F", "frames per second of --duration; otherwise the bundle's, else 30", NULL},
     {"format", "png|exr", "of the files", "png"},
     {"bits", "N", "of a colour: 8 or 16 in PNG, 16 (half floats) or 32 in EXR; otherwise the first",

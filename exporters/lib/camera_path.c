@@ -509,36 +509,17 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
 
-static void copy_kept(const struct spin_splat_filter *rows, size_t width, const float *from,
-                      float *to)
-{
-    for (size_t i = 0; i < rows->splats->n; i++) {
-        if (!rows->keep[i])
-            continue;
-        memcpy(to, from + i * width, width * sizeof *to);
-        to += width;
-    }
-}
-
 /* Those of a frame's splats that can be drawn, borrowed or in `room`; how many cannot, and why, is said
  * and counted as all exporters do it. */
 static spin_status choose(struct spin_camera_path *d, const struct spin_splats **splats,
                           struct spin_splats *room)
 {
     const struct spin_splats *s = *splats;
-    size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
 
     SPIN_TRY(spin_splat_filter_choose(&d->rows, s, d->number));
     if (d->rows.n_kept == s->n)
         return SPIN_OK;
-    SPIN_TRY(spin_splats_reserve(room, d->rows.n_kept, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-                                 s->sh_degree));
-    room->antialias = s->antialias;
-    copy_kept(&d->rows, 3, s->means, room->means);
-    copy_kept(&d->rows, 4, s->quats, room->quats);
-    copy_kept(&d->rows, 3, s->log_scales, room->log_scales);
-    copy_kept(&d->rows, 1, s->logit_opacities, room->logit_opacities);
-    copy_kept(&d->rows, n_sh, s->sh, room->sh);
+    SPIN_TRY(spin_splats_take(s, d->rows.keep, room));
     *splats = room;
     return SPIN_OK;
 }

@@ -44,6 +44,7 @@ void spin_frames_free(struct spin_frames *x)
         x->format->end(x);
     spin_output_folder_end(&x->folder);
     spin_splat_filter_end(&x->rows);
+    spin_sort_rows_free(&x->order);
     free(x->entry);
     free(x->scratch);
     free(x->block_quant);
@@ -174,7 +175,8 @@ spin_status spin_frames_write_text(struct spin_frames *x, const char *name, cons
  * same splats. */
 static spin_status add_belongings(const struct spin_frames *x, spin_json *root)
 {
-    bool turned = fabs(x->rows.turn_q[0]) < 1 - 1e-9, same = x->job->identity && !x->format->order;
+    bool turned = fabs(x->rows.turn_q[0]) < 1 - 1e-9;
+    bool same = x->job->identity && !x->format->reorders;
     SPIN_FREED char *folder = NULL, *path = NULL;
 
     for (size_t i = 1; i < x->n_entries; i++)

@@ -27,6 +27,7 @@ struct spin_frames_format {
     size_t self_bytes;    /* of the struct that begins with a struct spin_frames */
     bool lossy;           /* says its error at the end */
     bool packed;          /* bytes() is an upper bound */
+    bool reorders;        /* rows may stand in another order than the source's */
 
     /* Own options. May change frames->axes before the common ones are read. NULL: none. */
     spin_status (*begin)(void *self, const struct spin_export_job *job);
@@ -36,7 +37,7 @@ struct spin_frames_format {
     uint64_t (*bytes)(const void *self, size_t n);
     /* Write the chosen rows. */
     spin_status (*write)(void *self, const struct spin_frame_info *info, struct spin_out *out);
-    /* The chosen rows in the order of the file. NULL: the source's. */
+    /* The chosen rows in the order of the file. NULL: that of frames->sort. */
     spin_status (*order)(void *self, const struct spin_keyed **row);
     /* What else lies beside the frames, of which all are whole now. NULL: nothing. */
     spin_status (*finish)(void *self);
@@ -58,7 +59,10 @@ struct spin_frames {
     struct spin_output_folder folder;
     struct spin_pattern pattern;
     struct spin_splat_filter rows;
-    struct spin_quant_error quant; /* of the clip */
+    struct spin_sort_rows order; /* see spin_frames_order() */
+    void (*sort)(struct spin_sort_rows *,
+                 const struct spin_splats *); /* NULL: the source's order */
+    struct spin_quant_error quant;            /* of the clip */
     const struct spin_export_job *job;
     double fps;
     struct spin_frames_entry *entry; /* [room] */
@@ -100,6 +104,15 @@ spin_status spin_frames_check(struct spin_frames *frames);
 spin_status spin_frames_write_text(struct spin_frames *frames, const char *name, const char *text);
 
 /* ---- For write() ------------------------------------------------------------------------------ */
+
+/* The chosen rows in frames->order, sorted by frames->sort. */
+static inline spin_status spin_frames_order(struct spin_frames *frames)
+{
+    SPIN_TRY(spin_sort_rows_fill(&frames->order, &frames->rows));
+    if (frames->sort)
+        frames->sort(&frames->order, frames->rows.splats);
+    return SPIN_OK;
+}
 
 /* bytes for each worker, one after the other; contents are not kept. */
 spin_status spin_frames_scratch(struct spin_frames *frames, size_t bytes, unsigned char **out);

@@ -223,6 +223,10 @@ static spin_status check_frame(struct check *check, int f, const char *path, int
     SPIN_TRY_IN(status, "check: '%s'", path);
     if (x->format->order)
         SPIN_TRY(x->format->order(x, &row));
+    else if (x->sort) {
+        SPIN_TRY(spin_frames_order(x));
+        row = x->order.item;
+    }
     SPIN_TRY(compare(check, path, row));
     return f == rendered_frame(x) && x->job->renderer
                ? compare_pictures(check, f, x->entry[f].number)

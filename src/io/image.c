@@ -221,16 +221,13 @@ static spin_status answer(struct question *q)
 spin_status spin_image_size(const char *path, int *width, int *height, int *channels)
 {
     struct question q = {.path = path, .width = width, .height = height, .channels = channels};
-    char *file;
+    SPIN_FREED char *file = NULL;
     int64_t frame;
 
     SPIN_TRY(find_video(path, &file, &frame));
     if (file) {
-        spin_status status = spin_video_info(file, width, height, &frame, NULL);
-
-        free(file);
         *channels = 3;
-        return status;
+        return spin_video_info(file, width, height, &frame, NULL);
     }
     SPIN_TRY(inspect(path, false, &q.format, NULL));
     return answer(&q);
@@ -252,16 +249,12 @@ spin_status spin_image_look(const char *path, int *width, int *height, struct sp
 {
     int channels;
     struct question q = {.path = path, .width = width, .height = height, .channels = &channels};
-    char *file;
+    SPIN_FREED char *file = NULL;
     int64_t frame;
 
     SPIN_TRY(find_video(path, &file, &frame));
-    if (file) {
-        spin_status status = look_at_video(file, frame, width, height, imprint);
-
-        free(file);
-        return status;
-    }
+    if (file)
+        return look_at_video(file, frame, width, height, imprint);
     SPIN_TRY(inspect(path, true, &q.format, imprint));
     SPIN_TRY(answer(&q));
     if ((int64_t)*width > MAX_PIXELS / *height)
@@ -279,17 +272,13 @@ spin_status spin_image_read(const char *path, const float background[3], int *wi
                          .width = width,
                          .height = height,
                          .rgb = rgb};
-    char *file;
+    SPIN_FREED char *file = NULL;
     int64_t frame;
 
     *rgb = NULL;
     SPIN_TRY(find_video(path, &file, &frame));
-    if (file) {
-        spin_status status = spin_video_read(file, frame, NULL, width, height, rgb);
-
-        free(file);
-        return status;
-    }
+    if (file)
+        return spin_video_read(file, frame, NULL, width, height, rgb);
     SPIN_TRY(inspect(path, true, &q.format, NULL));
     return answer(&q);
 }
