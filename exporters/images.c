@@ -37,8 +37,7 @@ struct export
     int n_unseen; /* frames without any view */
     struct spin_film film;
     bool wants_depth;
-    float *layers;  /* [3][h][w] alpha, depths */
-    size_t n_layer; /* pixels of a layer there is room for */
+    float *layers; /* [3][h][w] alpha, depths */
     struct spin_camera_path drawing;
 };
 
@@ -63,9 +62,7 @@ static spin_status take_layers(struct export *x, const struct spin_camera *camer
 
     if (!x->job->transparent && !x->wants_depth)
         return SPIN_OK;
-    if (n > x->n_layer)
-        SPIN_TRY(spin_grow(3 * n, sizeof *x->layers, (void **)&x->layers));
-    x->n_layer = n > x->n_layer ? n : x->n_layer;
+    SPIN_TRY(spin_grow(3 * n, sizeof *x->layers, (void **)&x->layers));
     x->film.alpha = x->job->transparent ? x->layers : NULL;
     x->film.depth = x->wants_depth ? x->layers + n : NULL;
     SPIN_TRY(spin_render_layers(x->job->renderer, x->job->transparent ? x->layers : NULL,

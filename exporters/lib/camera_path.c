@@ -585,17 +585,6 @@ static void put_label(const char *word, int width, int height, float *image)
 
 /* ---- Pictures -------------------------------------------------------------------------------- */
 
-static spin_status reserve(struct spin_camera_path *d, size_t n)
-{
-    if (n <= d->n_pixels)
-        return SPIN_OK;
-    d->n_pixels = 0;
-    SPIN_TRY(spin_grow(n, 3 * sizeof(float), (void **)&d->image));
-    SPIN_TRY(spin_grow(n, 3 * sizeof(float) * (size_t)d->n_panels, (void **)&d->wide));
-    d->n_pixels = n;
-    return SPIN_OK;
-}
-
 static spin_status draw_panel(struct spin_camera_path *d, enum spin_camera_path_panel panel,
                               int frame, const struct spin_splats *splats,
                               const struct spin_camera *camera, const char *truth)
@@ -620,7 +609,8 @@ spin_status spin_camera_path_draw(struct spin_camera_path *d, int frame,
 {
     size_t w = (size_t)camera->width, h = (size_t)camera->height, n = (size_t)d->n_panels;
 
-    SPIN_TRY(reserve(d, w * h));
+    SPIN_TRY(spin_grow(w * h, 3 * sizeof *d->image, (void **)&d->image));
+    SPIN_TRY(spin_grow(w * h, 3 * n * sizeof *d->wide, (void **)&d->wide));
     for (size_t p = 0; p < n; p++) {
         SPIN_TRY(draw_panel(d, d->panel[p], frame, splats, camera, truth));
         if (n > 1 && d->labels)

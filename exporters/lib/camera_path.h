@@ -78,7 +78,6 @@ struct spin_camera_path {
     struct spin_initial_view look; /* such a camera begins here */
     float *image;                  /* [3][h][w] of a panel */
     float *wide;                   /* [3][h][n_panels w] */
-    size_t n_pixels;               /* of a panel, there is room for */
     int number;                    /* of the frame at hand, as the source counts */
     int n_drawn, n_blank;          /* renders; those that show nothing but the background */
     struct spin_splat_filter rows; /* which splats can be drawn */

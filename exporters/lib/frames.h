@@ -25,14 +25,20 @@ struct spin_frames_format {
     const char *importer; /* that reads the files; NULL: that of the same name */
     const char *pattern;  /* of file names */
     size_t self_bytes;    /* of the struct that begins with a struct spin_frames */
-    bool lossy;           /* says its error at the end */
+    bool lossy;           /* says its error at the end, unless frames->exact */
     bool packed;          /* bytes() is an upper bound */
     bool reorders;        /* rows may stand in another order than the source's */
 
     /* Own options. May change frames->axes before the common ones are read. NULL: none. */
     spin_status (*begin)(void *self, const struct spin_export_job *job);
     /* The common options are read too. NULL: nothing to do. */
-    void (*ready)(void *self, const struct spin_export_job *job);
+    spin_status (*ready)(void *self, const struct spin_export_job *job);
+    /* One file takes all frames, where the output is named so: it is opened and closed by these, and add() gets what
+     * frame() gets. NULL: a file holds one frame. */
+    spin_status (*open)(void *self, const struct spin_export_job *job);
+    spin_status (*add)(void *self, const struct spin_frame_info *info,
+                       const struct spin_splats *splats);
+    spin_status (*close)(void *self);
     /* Bytes of a file of n splats: exact, or at most that where it is packed. */
     uint64_t (*bytes)(const void *self, size_t n);
     /* Write the chosen rows. */
@@ -56,6 +62,7 @@ struct spin_frames {
     const struct spin_frames_format *format;
     const double *axes; /* w x y z, see spin_splat_filter_begin(); NULL: the source's */
     const char *file;   /* the output is this file, of one frame or of all; NULL: a folder */
+    bool exact;         /* nothing is rounded */
     struct spin_output_folder folder;
     struct spin_pattern pattern;
     struct spin_splat_filter rows;
@@ -91,9 +98,6 @@ void spin_frames_abort(void *self);
     SPIN_EXPORTER(id, label, SPIN_FRAMES_FUNCTIONS, .begin = spin_begin_##id, __VA_ARGS__)
 #define SPIN_FRAMES_FUNCTIONS                                                                      \
     .frame = spin_frames_frame, .end = spin_frames_end, .abort = spin_frames_abort
-/* What end() and abort() do last: for an exporter that makes the struct itself. */
-void spin_frames_free(struct spin_frames *frames);
-
 /* What sequence.json and the check know of a frame. */
 spin_status spin_frames_add(struct spin_frames *frames, const struct spin_frame_info *info,
                             size_t n);

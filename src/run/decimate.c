@@ -67,11 +67,7 @@ static spin_status filter(struct spin_decimation *d, const struct spin_splats *s
     size_t n_sh = 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1)), n_finite = 0;
     float limit;
 
-    if (s->n > d->room) {
-        d->room = 0;
-        SPIN_TRY(spin_grow(s->n, 1, (void **)&d->left_out));
-        d->room = s->n;
-    }
+    SPIN_TRY(spin_grow(s->n + 1, 1, (void **)&d->left_out));
     for (size_t i = 0; i < s->n; i++)
         if (!(reason && reason[i]) && (!shown || shown[i]))
             n_finite += (size_t)spin_box_add(s->means + 3 * i, low, high);
