@@ -112,7 +112,7 @@ static void scatter_block(void *context, int b)
         spin_splat_filter_colour(rows, i, x->colour + 3 * (size_t)x->place[i]);
         spin_compressed_pack_sh(spin_splat_filter_sh(rows, i, room), spin_splat_filter_n_sh(rows),
                                 degree_of(x), x->rest + n_rest * x->place[i], lost);
-        spin_quant_error_add_all(&x->frames.block_quant[b], SPIN_QUANT_SH, lost, n_rest);
+        spin_quant_error_add_sh(&x->frames.block_quant[b], lost, n_rest);
     }
     spin_splat_filter_rest(rows, (size_t)b, SPIN_COL_SH);
 }

@@ -197,7 +197,7 @@ static void code_task(void *context, size_t i, size_t end)
             lost[k] =
                 x->rest[width * i + k] - x->sog.sh_n[spin_codebook_nearest(x->sog.sh_n, shown)];
         }
-        spin_quant_error_add_all(quant, SPIN_QUANT_SH, lost, width);
+        spin_quant_error_add_sh(quant, lost, width);
     }
 }
 

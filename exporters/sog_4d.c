@@ -450,7 +450,7 @@ static void code_row(struct export *x, size_t g, size_t j, struct spin_quant_err
     if (width > 0) {
         at[SPIN_4D_LABELS][0] = (uint8_t)x->label[j];
         at[SPIN_4D_LABELS][1] = (uint8_t)(x->label[j] >> 8);
-        spin_quant_error_add_all(quant, SPIN_QUANT_SH, room, width);
+        spin_quant_error_add_sh(quant, room, width);
     }
 }
 

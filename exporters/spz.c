@@ -79,7 +79,7 @@ static void code_row(const struct export *x, size_t i, unsigned char *out,
     default:
         spin_spz_code_sh(spin_splat_filter_sh(rows, i, room), spin_splat_filter_n_sh(rows),
                          rows->sh_degree, out, lost);
-        spin_quant_error_add_all(quant, SPIN_QUANT_SH, lost, x->width);
+        spin_quant_error_add_sh(quant, lost, x->width);
     }
 }
 

@@ -218,7 +218,7 @@ static size_t take_row(const struct export *x, size_t i, float out[MAX_FLOATS], 
             out[k] = is_half(x) ? as_half(v, -MOST_HALF) : v;
             lost[k] = v - out[k];
         }
-        spin_quant_error_add_all(quant, SPIN_QUANT_SH, lost + 3, n - 3);
+        spin_quant_error_add_sh(quant, lost + 3, n - 3);
         for (size_t c = 0; c < 3; c++)
             spin_quant_error_add(quant, SPIN_QUANT_COLOUR, SPIN_SH_C0 * (double)lost[c]);
         return n;

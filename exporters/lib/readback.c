@@ -61,7 +61,7 @@ static void compare_sh(struct spin_readback *e, const struct spin_splat_filter *
 
     for (int k = 3; k < n; k++)
         error[k - 3] = (k < n_is ? is[k] : 0) - sh[k];
-    spin_quant_error_add_all(&e->quant, SPIN_QUANT_SH, error, (size_t)n - 3);
+    spin_quant_error_add_sh(&e->quant, error, (size_t)n - 3);
     for (int k = n; k < n_is; k++)
         lost = lost || is[k] != 0;
     e->sh_lost += lost;

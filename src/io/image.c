@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "base/mem.h"
+#include "base/number.h"
 #include "io/image_shim.h"
 #include "base/shim.h"
 #include "io/video.h"
@@ -312,12 +313,6 @@ spin_status spin_image_write(const char *path, int width, int height, const uint
 
 static float finite_or_0(float v) { return isfinite(v) ? v : 0; }
 
-/* What the screen makes light of: the curve of sRGB, which goes on above 1. */
-static float light_of(float v)
-{
-    return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
-}
-
 /* Colour of a pixel by itself, and as the file has it: PNG's is not multiplied by alpha. */
 static void colour_of(const struct spin_film *film, size_t i, float out[3])
 {
@@ -328,7 +323,7 @@ static void colour_of(const struct spin_film *film, size_t i, float out[3])
         float v = finite_or_0(film->image[c * plane + i]);
 
         v = alpha > 0 ? v / alpha : 0;
-        out[c] = (film->linear ? light_of(v) : v) * back;
+        out[c] = (film->linear ? spin_light_of(v) : v) * back;
     }
     if (film->alpha)
         out[3] = alpha;
