@@ -28,8 +28,6 @@ static const struct spin_plugin_option options[] = {
 struct export
 {
     struct spin_frames frames;
-    struct spin_sort_rows order;
-    bool by_source;
 
     /* One frame. */
     uint32_t *row;       /* [n] rows in the order of the file */
@@ -114,36 +112,29 @@ static void scatter_block(void *context, int b)
         spin_splat_filter_colour(rows, i, x->colour + 3 * (size_t)x->place[i]);
         spin_compressed_pack_sh(spin_splat_filter_sh(rows, i, room), spin_splat_filter_n_sh(rows),
                                 degree_of(x), x->rest + n_rest * x->place[i], lost);
-        spin_quant_error_add_all(&x->frames.block_quant[b], SPIN_QUANT_SH, lost, n_rest);
+        spin_quant_error_add_sh(&x->frames.block_quant[b], lost, n_rest);
     }
     spin_splat_filter_rest(rows, (size_t)b, SPIN_COL_SH);
 }
 
 /* ---- Order ----------------------------------------------------------------------------------- */
 
-static spin_status sort_rows(struct export *x)
-{
-    SPIN_TRY(spin_sort_rows_fill(&x->order, &x->frames.rows));
-    if (!x->by_source)
-        spin_sort_rows_by_place(&x->order, x->frames.rows.splats);
-    return SPIN_OK;
-}
-
 /* What sorts is four times as large as the order itself, and goes before the rest comes. */
 static spin_status choose_order(struct export *x)
 {
+    struct spin_sort_rows *order = &x->frames.order;
     size_t n = x->frames.rows.n_kept + 1;
 
-    SPIN_TRY(sort_rows(x));
+    SPIN_TRY(spin_frames_order(&x->frames));
     SPIN_TRY(spin_grow(n, sizeof *x->row, (void **)&x->row));
     SPIN_TRY(spin_grow(n, 3 * sizeof *x->colour, (void **)&x->colour));
     SPIN_TRY(spin_grow(n, spin_n_rest(degree_of(x)) + 1, (void **)&x->rest));
     SPIN_TRY(spin_grow(x->frames.rows.splats->n + 1, sizeof *x->place, (void **)&x->place));
-    for (size_t i = 0; i < x->order.n; i++) {
-        x->row[i] = x->order.item[i].row;
+    for (size_t i = 0; i < order->n; i++) {
+        x->row[i] = order->item[i].row;
         x->place[x->row[i]] = (uint32_t)i;
     }
-    spin_sort_rows_free(&x->order);
+    spin_sort_rows_free(order);
     return SPIN_OK;
 }
 
@@ -199,15 +190,6 @@ static spin_status compressed_write(void *self, const struct spin_frame_info *in
                              n * spin_n_rest(degree_of(x)));
 }
 
-static spin_status compressed_order(void *self, const struct spin_keyed **row)
-{
-    struct export *x = self;
-
-    SPIN_TRY(sort_rows(x));
-    *row = x->order.item;
-    return SPIN_OK;
-}
-
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
 static spin_status begin(void *self, const struct spin_export_job *job)
@@ -216,7 +198,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     int order;
 
     SPIN_TRY(spin_option_word(job->values, "order", "morton|source", &order));
-    x->by_source = order == 1;
+    x->frames.sort = order == 0 ? spin_sort_rows_by_place : NULL;
     return SPIN_OK;
 }
 
@@ -224,7 +206,6 @@ static void end(void *self)
 {
     struct export *x = self;
 
-    spin_sort_rows_free(&x->order);
     free(x->row);
     free(x->place);
     free(x->colour);
@@ -237,10 +218,10 @@ static const struct spin_frames_format format = {
     .pattern = "frame_%05d.compressed.ply",
     .self_bytes = sizeof(struct export),
     .lossy = true,
+    .reorders = true,
     .begin = begin,
     .bytes = compressed_bytes,
     .write = compressed_write,
-    .order = compressed_order,
     .end = end,
 };
 

@@ -42,7 +42,6 @@ static const struct spin_plugin_option options[] = {
 struct export
 {
     struct spin_frames frames;      /* of one per file; its rows and options serve both */
-    bool single;                    /* all in one file */
     struct spin_glb_clip clip;      /* the file at hand */
     struct spin_glb_column *column; /* [clip.n_columns] in the file so far */
     size_t column_room;
@@ -219,9 +218,10 @@ static spin_status gltf_order(void *self, const struct spin_keyed **row)
 }
 
 /* The rows that this frame alone has; what all frames share goes with the first. */
-static spin_status add_to_file(struct export *x, const struct spin_frame_info *info,
+static spin_status add_to_file(void *self, const struct spin_frame_info *info,
                                const struct spin_splats *s)
 {
+    struct export *x = self;
     struct spin_splat_filter *rows = &x->frames.rows;
     double all;
     size_t n;
@@ -257,17 +257,19 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     SPIN_TRY(spin_glb_can_write());
     SPIN_TRY(spin_option_word(v, "axes", "gltf|source", &axes));
     x->frames.axes = axes == 0 ? half_about_z : NULL;
-    if (spin_plugin_value(v, "still-apart", NULL) && !x->single)
-        return spin_misuse("--still-apart is for a clip in one file, OUT.glb");
     x->frames.fps = job->fps > 0 ? job->fps : DEFAULT_FPS;
-    return spin_option_number(v, "fps", 0.001, 1e6, &x->frames.fps);
+    return SPIN_OK;
 }
 
 /* With the options read. */
-static void ready(void *self, const struct spin_export_job *job)
+static spin_status ready(void *self, const struct spin_export_job *job)
 {
     struct export *x = self;
     const struct spin_splat_filter *rows = &x->frames.rows;
+    bool single = x->frames.file != NULL;
+
+    if (spin_plugin_value(job->values, "still-apart", NULL) && !single)
+        return spin_misuse("--still-apart is for a clip in one file, OUT.glb");
 
     x->clip = (struct spin_glb_clip){
         .out = &x->out,
@@ -279,10 +281,11 @@ static void ready(void *self, const struct spin_export_job *job)
                     : "turned by --rotate",
         .source = job->source,
         .fps = x->frames.fps,
-        .n_frames = x->single ? job->n_frames : 1,
-        .animated = x->single && job->n_frames > 1,
+        .n_frames = single ? job->n_frames : 1,
+        .animated = single && job->n_frames > 1,
     };
     spin_glb_begin(&x->clip);
+    return SPIN_OK;
 }
 
 static void end(void *self)
@@ -295,25 +298,11 @@ static void end(void *self)
     spin_still_rows_free(&x->still);
 }
 
-static const struct spin_frames_format format = {
-    .name = "gltf",
-    .pattern = "frame_%05d.glb",
-    .self_bytes = sizeof(struct export),
-    .begin = begin,
-    .ready = ready,
-    .bytes = gltf_bytes,
-    .write = gltf_write,
-    .order = gltf_order,
-    .end = end,
-};
-
-static spin_status open_single(struct export *x, const struct spin_export_job *job)
+static spin_status open_single(void *self, const struct spin_export_job *job)
 {
+    struct export *x = self;
     size_t n;
 
-    SPIN_TRY(begin(x, job));
-    SPIN_TRY(spin_splat_filter_begin(&x->frames.rows, job, x->frames.axes));
-    ready(x, job);
     SPIN_TRY(spin_alloc((size_t)job->n_frames + 1, sizeof *x->frame, (void **)&x->frame));
     if (job->n_frames > 1 && spin_plugin_value(job->values, "still-apart", NULL)) {
         SPIN_TRY(spin_still_rows_find(&x->still, &x->frames.rows, job));
@@ -330,37 +319,9 @@ static spin_status open_single(struct export *x, const struct spin_export_job *j
     return SPIN_OK;
 }
 
-static spin_status gltf_begin(const struct spin_export_job *job, void **self)
-{
-    size_t n = strlen(job->output);
-    struct export *x = NULL;
-    spin_status status;
-
-    if (n <= 4 || strcmp(job->output + n - 4, ".glb") != 0)
-        return spin_frames_begin(&format, job, self);
-    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
-    x->frames.format = &format;
-    x->frames.job = job;
-    x->frames.file = job->output;
-    x->single = true;
-    status = open_single(x, job);
-    if (status == SPIN_OK)
-        *self = x;
-    else
-        spin_frames_free(&x->frames);
-    return status;
-}
-
-static spin_status gltf_frame(void *self, int frame, const struct spin_frame_info *info,
-                              const struct spin_splats *splats)
+static spin_status close_single(void *self)
 {
     struct export *x = self;
-
-    return x->single ? add_to_file(x, info, splats) : spin_frames_frame(self, frame, info, splats);
-}
-
-static spin_status end_single(struct export *x)
-{
     uint64_t length;
 
     x->clip.n_frames = x->n_done;
@@ -371,34 +332,26 @@ static spin_status end_single(struct export *x)
     SPIN_TRY(spin_out_length(&x->out, &length));
     if (x->frames.rows.report)
         x->frames.rows.report->bytes = length;
-    SPIN_TRY(spin_out_commit(&x->out));
-    return x->frames.job->check ? spin_frames_check(&x->frames) : SPIN_OK;
+    return spin_out_commit(&x->out);
 }
 
-static spin_status gltf_end(void *self)
-{
-    struct export *x = self;
-    spin_status status;
+static const struct spin_frames_format format = {
+    .name = "gltf",
+    .pattern = "frame_%05d.glb",
+    .self_bytes = sizeof(struct export),
+    .reorders = true,
+    .begin = begin,
+    .ready = ready,
+    .open = open_single,
+    .add = add_to_file,
+    .close = close_single,
+    .bytes = gltf_bytes,
+    .write = gltf_write,
+    .order = gltf_order,
+    .end = end,
+};
 
-    if (!x->single)
-        return spin_frames_end(self);
-    status = end_single(x);
-    spin_frames_free(&x->frames);
-    return status;
-}
-
-static void gltf_abort(void *self)
-{
-    struct export *x = self;
-
-    if (x->single)
-        spin_frames_free(&x->frames);
-    else
-        spin_frames_abort(self);
-}
-
-SPIN_EXPORTER(
+SPIN_FRAMES_EXPORTER(
     gltf, "gltf",
     .summary = "GLB with KHR_gaussian_splatting: one per frame, or one with the clip (OUT.glb)",
-    .options = options, .checks = true, .begin = gltf_begin, .frame = gltf_frame, .end = gltf_end,
-    .abort = gltf_abort);
+    .options = options, .checks = true);

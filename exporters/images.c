@@ -14,11 +14,7 @@
 static const struct spin_plugin_option options[] = {
     {"views", "WHICH", "cameras to render: test, train or all", "test"},
     SPIN_DRAWING_OPTION_PATH,
-    SPIN_DRAWING_OPTION_PANELS,
-    SPIN_DRAWING_OPTION_REPEAT,
-    SPIN_DRAWING_OPTION_NO_LABELS,
-    SPIN_DRAWING_OPTION_SIZE,
-    SPIN_DRAWING_OPTION_DURATION,
+    SPIN_DRAWING_OPTIONS,
     {"fps", "F", "frames per second of --duration; otherwise the bundle's, else 30", NULL},
     {"format", "png|exr", "of the files", "png"},
     {"bits", "N", "of a colour: 8 or 16 in PNG, 16 (half floats) or 32 in EXR; otherwise the first",
@@ -41,8 +37,7 @@ struct export
     int n_unseen; /* frames without any view */
     struct spin_film film;
     bool wants_depth;
-    float *layers;  /* [3][h][w] alpha, depths */
-    size_t n_layer; /* pixels of a layer there is room for */
+    float *layers; /* [3][h][w] alpha, depths */
     struct spin_camera_path drawing;
 };
 
@@ -67,9 +62,7 @@ static spin_status take_layers(struct export *x, const struct spin_camera *camer
 
     if (!x->job->transparent && !x->wants_depth)
         return SPIN_OK;
-    if (n > x->n_layer)
-        SPIN_TRY(spin_grow(3 * n, sizeof *x->layers, (void **)&x->layers));
-    x->n_layer = n > x->n_layer ? n : x->n_layer;
+    SPIN_TRY(spin_grow(3 * n, sizeof *x->layers, (void **)&x->layers));
     x->film.alpha = x->job->transparent ? x->layers : NULL;
     x->film.depth = x->wants_depth ? x->layers + n : NULL;
     SPIN_TRY(spin_render_layers(x->job->renderer, x->job->transparent ? x->layers : NULL,

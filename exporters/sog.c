@@ -23,7 +23,6 @@ static const struct spin_plugin_option options[] = {
 struct export
 {
     struct spin_frames frames;
-    struct spin_sort_rows order; /* item[i].row: row i of the file */
     struct spin_sog sog;
     struct spin_picture picture[SPIN_SOG_PICTURES];
     int level;
@@ -60,7 +59,7 @@ static void gather_task(void *context, size_t i, size_t end)
     float room[3 * SPIN_SH_MAX];
 
     for (; i < end; i++) {
-        size_t row = x->order.item[i].row;
+        size_t row = x->frames.order.item[i].row;
         const float *sh = spin_splat_filter_sh(rows, row, room);
 
         memcpy(x->scales + 3 * i, rows->splats->log_scales + 3 * row, 3 * sizeof *x->scales);
@@ -76,14 +75,14 @@ static void grow_box(struct export *x)
     float place[3];
 
     for (size_t i = 0; i < rows->n_kept; i++) {
-        spin_splat_filter_place(rows, x->order.item[i].row, place);
+        spin_splat_filter_place(rows, x->frames.order.item[i].row, place);
         for (int c = 0; c < 3; c++) {
             double v = spin_sog_log((double)place[c]);
 
             if (!x->begun && i == 0)
-                x->sog.mins[c] = x->sog.maxs[c] = v;
-            x->sog.mins[c] = fmin(x->sog.mins[c], v);
-            x->sog.maxs[c] = fmax(x->sog.maxs[c], v);
+                x->sog.means.mins[c] = x->sog.means.maxs[c] = v;
+            x->sog.means.mins[c] = fmin(x->sog.means.mins[c], v);
+            x->sog.means.maxs[c] = fmax(x->sog.means.maxs[c], v);
         }
     }
 }
@@ -159,9 +158,9 @@ static void code_row(const struct export *x, size_t i, struct spin_quant_error *
 
     for (int p = 0; p < SPIN_SOG_CENTROIDS; p++)
         at[p] = x->picture[p].rgba + 4 * i;
-    spin_splat_filter_take(rows, x->order.item[i].row, &is);
-    spin_sog_code_place(sog, is.place, at[SPIN_SOG_MEANS_LOW], at[SPIN_SOG_MEANS_HIGH],
-                        shown.place);
+    spin_splat_filter_take(rows, x->frames.order.item[i].row, &is);
+    spin_sog_code(&sog->means, false, 3, is.place, at[SPIN_SOG_MEANS_LOW], at[SPIN_SOG_MEANS_HIGH],
+                  shown.place);
     spin_sog_code_rotation(is.rotation, at[SPIN_SOG_QUATS], shown.rotation);
     for (size_t c = 0; c < 3; c++) {
         uint8_t scale = spin_codebook_nearest(sog->scales, is.log_scale[c]);
@@ -198,7 +197,7 @@ static void code_task(void *context, size_t i, size_t end)
             lost[k] =
                 x->rest[width * i + k] - x->sog.sh_n[spin_codebook_nearest(x->sog.sh_n, shown)];
         }
-        spin_quant_error_add_all(quant, SPIN_QUANT_SH, lost, width);
+        spin_quant_error_add_sh(quant, lost, width);
     }
 }
 
@@ -224,13 +223,6 @@ static spin_status write_members(struct export *x, struct spin_zip_writer *zip)
     return spin_pictures_write(x->picture, SPIN_SOG_PICTURES, zip);
 }
 
-static spin_status choose_order(struct export *x)
-{
-    SPIN_TRY(spin_sort_rows_fill(&x->order, &x->frames.rows));
-    spin_sort_rows_by_place(&x->order, x->frames.rows.splats);
-    return SPIN_OK;
-}
-
 static spin_status sog_write(void *self, const struct spin_frame_info *info, struct spin_out *out)
 {
     struct export *x = self;
@@ -239,7 +231,7 @@ static spin_status sog_write(void *self, const struct spin_frame_info *info, str
     spin_status status;
 
     (void)info;
-    SPIN_TRY(choose_order(x));
+    SPIN_TRY(spin_frames_order(&x->frames));
     SPIN_TRY(choose_coding(x));
     SPIN_TRY(blank_pictures(x));
     spin_pool_rows(rows->pool, x->sog.n, SPIN_ROWS_BLOCK, code_task, x);
@@ -261,21 +253,13 @@ static uint64_t sog_bytes(const void *self, size_t n)
     return 16384 + 20 * (uint64_t)n + (n_rest(x) > 0 ? of_sh : 0);
 }
 
-static spin_status sog_order(void *self, const struct spin_keyed **row)
-{
-    struct export *x = self;
-
-    SPIN_TRY(choose_order(x));
-    *row = x->order.item;
-    return SPIN_OK;
-}
-
 /* ---- The plug-in ------------------------------------------------------------------------------- */
 
 static spin_status begin(void *self, const struct spin_export_job *job)
 {
     struct export *x = self;
 
+    x->frames.sort = spin_sort_rows_by_place;
     x->level = 3;
     SPIN_TRY(spin_option_count(job->values, "level", 0, 9, &x->level));
     return spin_webp_need();
@@ -286,7 +270,6 @@ static void end(void *self)
     struct export *x = self;
 
     spin_pictures_free(x->picture, SPIN_SOG_PICTURES, true);
-    spin_sort_rows_free(&x->order);
     free(x->scales);
     free(x->dc);
     free(x->rest);
@@ -300,10 +283,10 @@ static const struct spin_frames_format format = {
     .self_bytes = sizeof(struct export),
     .lossy = true,
     .packed = true,
+    .reorders = true,
     .begin = begin,
     .bytes = sog_bytes,
     .write = sog_write,
-    .order = sog_order,
     .end = end,
 };
 

@@ -123,7 +123,7 @@ static void code_time(const struct spin_sog_4d *coding, const float time[2], uin
         return;
     }
     if (coding->centre.n == 0) {
-        spin_sog_4d_code(&coding->time, true, 2, time, low, high, shown);
+        spin_sog_code(&coding->time, true, 2, time, low, high, shown);
         return;
     }
     low[0] = spin_codebook_nearest(coding->centre.value, time[0]);
@@ -419,15 +419,15 @@ static void code_row(struct export *x, size_t g, size_t j, struct spin_quant_err
         at[p] = rgba && p != SPIN_4D_CENTROIDS ? rgba + 4 * (j - first_of(x, g)) : NULL;
     }
     spin_splat_filter_take(&x->rows, k, &is);
-    spin_sog_4d_code(&to->means, false, 3, is.place, at[SPIN_4D_MEANS], at[SPIN_4D_MEANS_HIGH],
-                     shown.place);
+    spin_sog_code(&to->means, false, 3, is.place, at[SPIN_4D_MEANS], at[SPIN_4D_MEANS_HIGH],
+                  shown.place);
     spin_sog_code_rotation(is.rotation, at[SPIN_4D_QUATS], shown.rotation);
     code_time(to, (const float[2]){clip_of(x)->times[k], clip_of(x)->sigmas[k]}, at[SPIN_4D_TIME],
               at[SPIN_4D_TIME_HIGH], seen);
     for (int p = 0; p < to->degree; p++) {
         turned_path(x, k, p, v);
-        spin_sog_4d_code(p == 0 ? &to->motion : &to->accel, to->linear, 3, v,
-                         at[SPIN_4D_MOTION + 2 * p], at[SPIN_4D_MOTION_HIGH + 2 * p], seen);
+        spin_sog_code(p == 0 ? &to->motion : &to->accel, to->linear, 3, v,
+                      at[SPIN_4D_MOTION + 2 * p], at[SPIN_4D_MOTION_HIGH + 2 * p], seen);
     }
     for (size_t c = 0; c < 3; c++) {
         uint8_t scale = spin_codebook_nearest(to->scales.value, is.log_scale[c]);
@@ -450,7 +450,7 @@ static void code_row(struct export *x, size_t g, size_t j, struct spin_quant_err
     if (width > 0) {
         at[SPIN_4D_LABELS][0] = (uint8_t)x->label[j];
         at[SPIN_4D_LABELS][1] = (uint8_t)(x->label[j] >> 8);
-        spin_quant_error_add_all(quant, SPIN_QUANT_SH, room, width);
+        spin_quant_error_add_sh(quant, room, width);
     }
 }
 

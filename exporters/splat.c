@@ -11,21 +11,14 @@ static const struct spin_plugin_option options[] = {
     {0},
 };
 
-struct export
-{
-    struct spin_frames frames;
-    struct spin_sort_rows order;
-    bool by_size;
-};
-
 /* ---- One file -------------------------------------------------------------------------------- */
 
 static void code_row(void *self, size_t i, unsigned char *out, struct spin_quant_error *quant)
 {
-    const struct export *x = self;
+    const struct spin_frames *x = self;
     struct spin_gaussian is, shown;
 
-    spin_splat_filter_take(&x->frames.rows, i, &is);
+    spin_splat_filter_take(&x->rows, i, &is);
     spin_splat_code(&is, out);
     shown = is; /* place and scale are floats in the file */
     spin_splat_decode_bytes(out, &shown);
@@ -33,16 +26,15 @@ static void code_row(void *self, size_t i, unsigned char *out, struct spin_quant
 }
 
 /* Rows in the order of x->order, in pieces. */
-static spin_status write_ordered(struct export *x, struct spin_out *out)
+static spin_status write_ordered(struct spin_frames *x, struct spin_out *out)
 {
     unsigned char *block;
 
-    SPIN_TRY(spin_frames_scratch(&x->frames, SPIN_ROWS_BLOCK * SPIN_SPLAT_ROW, &block));
+    SPIN_TRY(spin_frames_scratch(x, SPIN_ROWS_BLOCK * SPIN_SPLAT_ROW, &block));
     for (size_t i = 0, n = 0; i < x->order.n; i++) {
         size_t row = x->order.item[i].row;
 
-        code_row(x, row, block + SPIN_SPLAT_ROW * n++,
-                 &x->frames.block_quant[row / SPIN_ROWS_BLOCK]);
+        code_row(x, row, block + SPIN_SPLAT_ROW * n++, &x->block_quant[row / SPIN_ROWS_BLOCK]);
         if (n == SPIN_ROWS_BLOCK || i + 1 == x->order.n) {
             SPIN_TRY(spin_out_write(out, block, n * SPIN_SPLAT_ROW));
             n = 0;
@@ -51,21 +43,14 @@ static spin_status write_ordered(struct export *x, struct spin_out *out)
     return SPIN_OK;
 }
 
-static spin_status order_rows(struct export *x)
-{
-    SPIN_TRY(spin_sort_rows_fill(&x->order, &x->frames.rows));
-    spin_sort_rows_by_size(&x->order, x->frames.rows.splats);
-    return SPIN_OK;
-}
-
 static spin_status splat_write(void *self, const struct spin_frame_info *info, struct spin_out *out)
 {
-    struct export *x = self;
+    struct spin_frames *x = self;
 
     (void)info;
-    if (!x->by_size)
+    if (!x->sort)
         return spin_frames_write_rows(x, out, 0, SPIN_SPLAT_ROW, code_row);
-    SPIN_TRY(order_rows(x));
+    SPIN_TRY(spin_frames_order(x));
     return write_ordered(x, out);
 }
 
@@ -75,41 +60,27 @@ static uint64_t splat_bytes(const void *self, size_t n)
     return (uint64_t)n * SPIN_SPLAT_ROW;
 }
 
-static spin_status splat_order(void *self, const struct spin_keyed **row)
-{
-    struct export *x = self;
-
-    if (!x->by_size)
-        return SPIN_OK;
-    SPIN_TRY(order_rows(x));
-    *row = x->order.item;
-    return SPIN_OK;
-}
-
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
 static spin_status begin(void *self, const struct spin_export_job *job)
 {
-    struct export *x = self;
+    struct spin_frames *x = self;
     int order;
 
     SPIN_TRY(spin_option_word(job->values, "order", "source|size", &order));
-    x->by_size = order == 1;
+    x->sort = order == 1 ? spin_sort_rows_by_size : NULL;
     return SPIN_OK;
 }
-
-static void end(void *self) { spin_sort_rows_free(&((struct export *)self)->order); }
 
 static const struct spin_frames_format format = {
     .name = "splat",
     .pattern = "frame_%05d.splat",
-    .self_bytes = sizeof(struct export),
+    .self_bytes = sizeof(struct spin_frames),
     .lossy = true,
+    .reorders = true,
     .begin = begin,
     .bytes = splat_bytes,
     .write = splat_write,
-    .order = splat_order,
-    .end = end,
 };
 
 static spin_status splat_begin(const struct spin_export_job *job, void **self)

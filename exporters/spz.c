@@ -33,8 +33,7 @@ struct export
     unsigned char *packed; /* [n_packed_room] a stream of version 4, or all */
     size_t n_packed_room;
     unsigned char toc[SPIN_SPZ_STREAMS * SPIN_SPZ_TOC_ENTRY]; /* of version 4 */
-    unsigned char *bytes; /* [n_bytes_room] what is packed in one go */
-    size_t n_bytes_room;
+    unsigned char *bytes;                                     /* what is packed in one go */
 
     /* The stream at hand. */
     int stream;
@@ -80,7 +79,7 @@ static void code_row(const struct export *x, size_t i, unsigned char *out,
     default:
         spin_spz_code_sh(spin_splat_filter_sh(rows, i, room), spin_splat_filter_n_sh(rows),
                          rows->sh_degree, out, lost);
-        spin_quant_error_add_all(quant, SPIN_QUANT_SH, lost, x->width);
+        spin_quant_error_add_sh(quant, lost, x->width);
     }
 }
 
@@ -199,11 +198,7 @@ static spin_status reserve(struct export *x)
 
         n = x->version == 3 ? n + bytes : bytes > n ? bytes : n;
     }
-    if (n > x->n_bytes_room) {
-        SPIN_TRY(spin_grow(n, 1, (void **)&x->bytes));
-        x->n_bytes_room = n;
-    }
-    return SPIN_OK;
+    return spin_grow(n, 1, (void **)&x->bytes);
 }
 
 static spin_status spz_write(void *self, const struct spin_frame_info *info, struct spin_out *out)

@@ -218,7 +218,7 @@ static size_t take_row(const struct export *x, size_t i, float out[MAX_FLOATS], 
             out[k] = is_half(x) ? as_half(v, -MOST_HALF) : v;
             lost[k] = v - out[k];
         }
-        spin_quant_error_add_all(quant, SPIN_QUANT_SH, lost + 3, n - 3);
+        spin_quant_error_add_sh(quant, lost + 3, n - 3);
         for (size_t c = 0; c < 3; c++)
             spin_quant_error_add(quant, SPIN_QUANT_COLOUR, SPIN_SH_C0 * (double)lost[c]);
         return n;
@@ -690,6 +690,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     x->codes = job->stride > 0 ? job->stride : 1;
     x->frames.fps = job->fps > 0 ? job->fps : DEFAULT_FPS / x->codes;
     x->half = spin_plugin_value(v, "float", NULL) == NULL;
+    x->frames.exact = !x->half;
     x->meters = 1;
     SPIN_TRY(spin_option_number(v, "meters-per-unit", 1e-9, 1e9, &x->meters));
     if (x->half)
@@ -719,8 +720,9 @@ static uint64_t imprint(const struct export *x, enum attribute a)
 }
 
 /* Which attributes stay the same: frames are read until there is none. */
-static spin_status find_still(struct export *x, const struct spin_export_job *job)
+static spin_status find_still(void *self, const struct spin_export_job *job)
 {
+    struct export *x = self;
     const struct spin_splats *splats;
     uint64_t first[ATTRIBUTES];
     unsigned still = (1u << ATTRIBUTES) - 1;
@@ -743,15 +745,6 @@ static spin_status find_still(struct export *x, const struct spin_export_job *jo
     return SPIN_OK;
 }
 
-static spin_status usd_end(void *self)
-{
-    struct export *x = self;
-
-    if (x->half)
-        spin_quant_error_say(&x->frames.quant, "usd");
-    return spin_frames_end(x);
-}
-
 static void end(void *self)
 {
     struct export *x = self;
@@ -766,28 +759,16 @@ static const struct spin_frames_format format = {
     .name = "usd",
     .pattern = "frame_%05d.usda",
     .self_bytes = sizeof(struct export),
+    .lossy = true,
     .packed = true,
     .begin = begin,
+    .ready = find_still,
     .bytes = usd_bytes,
     .write = usd_write,
     .finish = usd_finish,
     .end = end,
 };
 
-static spin_status usd_begin(const struct spin_export_job *job, void **self)
-{
-    spin_status status;
-
-    SPIN_TRY(spin_frames_begin(&format, job, self));
-    status = find_still(*self, job);
-    if (status != SPIN_OK) {
-        spin_frames_abort(*self);
-        *self = NULL;
-    }
-    return status;
-}
-
-SPIN_EXPORTER(usd, "usd",
-              .summary = "a stage of USD (26.03) in a folder, one layer per frame, with cameras",
-              .options = options, .looks_at_views = true, .begin = usd_begin,
-              .frame = spin_frames_frame, .end = usd_end, .abort = spin_frames_abort);
+SPIN_FRAMES_EXPORTER(
+    usd, "usd", .summary = "a stage of USD (26.03) in a folder, one layer per frame, with cameras",
+    .options = options, .looks_at_views = true);

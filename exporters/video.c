@@ -7,11 +7,7 @@
 static const struct spin_plugin_option options[] = {
     SPIN_DRAWING_OPTION_PATH,
     {"camera", "ID", "the data set's camera to look from; otherwise the first held-out one", NULL},
-    SPIN_DRAWING_OPTION_PANELS,
-    SPIN_DRAWING_OPTION_REPEAT,
-    SPIN_DRAWING_OPTION_NO_LABELS,
-    SPIN_DRAWING_OPTION_SIZE,
-    SPIN_DRAWING_OPTION_DURATION,
+    SPIN_DRAWING_OPTIONS,
     {"fps", "F",
      "frames per second of the video; otherwise the bundle's, else 30, in two seconds or more",
      NULL},

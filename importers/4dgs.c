@@ -6,14 +6,7 @@
 
 static int fourdgs_probe(const struct spin_peek *peek)
 {
-    static const char magic[] = "\x89"
-                                "4DGS";
-
-    if (peek->is_folder)
-        return spin_file_sequence_count(peek, ".4dgs") > 0 ? 70 : 0;
-    if (peek->n_head >= 5 && memcmp(peek->head, magic, 5) == 0)
-        return 90;
-    return spin_file_has_suffix(peek->path, ".4dgs") ? 70 : 0;
+    return spin_file_begins(peek, "\2114DGS") ? 90 : spin_file_named(peek, ".4dgs");
 }
 
 /* Playback covers [0, duration): the last time is the float before the last end of a window. */

@@ -1,48 +1,18 @@
-/* The importers, alphabetical. A new one is a file here and a line below. */
+/* The importers, alphabetical. A new one is a file here and a word below. */
 #include "spin.h"
 
-extern const struct spin_importer spin_importer_3dgstream, spin_importer_4dgaussian,
-    spin_importer_4dgs, spin_importer_d3dgs, spin_importer_dash, spin_importer_deformable3dgs,
-    spin_importer_ed3dgs, spin_importer_ex4dgs, spin_importer_freetimegs, spin_importer_gltf,
-    spin_importer_grid4d, spin_importer_hybrid4dgs, spin_importer_ksplat, spin_importer_modecgs,
-    spin_importer_omg4, spin_importer_ply, spin_importer_realtime4dgs, spin_importer_rotor4dgs,
-    spin_importer_sog, spin_importer_sogst, spin_importer_spacetimegs, spin_importer_splat,
-    spin_importer_splat4d, spin_importer_spz, spin_importer_tc3dgs, spin_importer_tsog,
-    spin_importer_views_4danyone, spin_importer_views_colmap, spin_importer_views_dynerf,
-    spin_importer_views_easyvolcap, spin_importer_views_panoptic, spin_importer_views_transforms;
+#define ALL(ONE)                                                                                   \
+    ONE(3dgstream)                                                                                 \
+    ONE(4dgaussian) ONE(4dgs) ONE(d3dgs) ONE(dash) ONE(deformable3dgs) ONE(ed3dgs) ONE(ex4dgs)     \
+        ONE(freetimegs) ONE(gltf) ONE(grid4d) ONE(hybrid4dgs) ONE(ksplat) ONE(modecgs) ONE(omg4)   \
+            ONE(ply) ONE(realtime4dgs) ONE(rotor4dgs) ONE(sog) ONE(sogst) ONE(spacetimegs)         \
+                ONE(splat) ONE(splat4d) ONE(spz) ONE(tc3dgs) ONE(tsog) ONE(views_4danyone)         \
+                    ONE(views_colmap) ONE(views_dynerf) ONE(views_easyvolcap) ONE(views_panoptic)  \
+                        ONE(views_transforms)
 
-const struct spin_importer *const spin_importers[] = {
-    &spin_importer_3dgstream,
-    &spin_importer_4dgaussian,
-    &spin_importer_4dgs,
-    &spin_importer_d3dgs,
-    &spin_importer_dash,
-    &spin_importer_deformable3dgs,
-    &spin_importer_ed3dgs,
-    &spin_importer_ex4dgs,
-    &spin_importer_freetimegs,
-    &spin_importer_gltf,
-    &spin_importer_grid4d,
-    &spin_importer_hybrid4dgs,
-    &spin_importer_ksplat,
-    &spin_importer_modecgs,
-    &spin_importer_omg4,
-    &spin_importer_ply,
-    &spin_importer_realtime4dgs,
-    &spin_importer_rotor4dgs,
-    &spin_importer_sog,
-    &spin_importer_sogst,
-    &spin_importer_spacetimegs,
-    &spin_importer_splat,
-    &spin_importer_splat4d,
-    &spin_importer_spz,
-    &spin_importer_tc3dgs,
-    &spin_importer_tsog,
-    &spin_importer_views_4danyone,
-    &spin_importer_views_colmap,
-    &spin_importer_views_dynerf,
-    &spin_importer_views_easyvolcap,
-    &spin_importer_views_panoptic,
-    &spin_importer_views_transforms,
-    NULL,
-};
+#define DECLARE(id) extern const struct spin_importer spin_importer_##id;
+#define LIST(id) &spin_importer_##id,
+
+ALL(DECLARE)
+
+const struct spin_importer *const spin_importers[] = {ALL(LIST) NULL};

@@ -13,7 +13,7 @@ static bool is_ply(const unsigned char *head, size_t n)
 static int probe(const struct spin_peek *peek)
 {
     if (peek->is_folder)
-        return spin_file_sequence_count(peek, ".sogst") > 0 ? 70 : 0;
+        return spin_file_named(peek, ".sogst");
     if (is_ply(peek->head, peek->n_head))
         return spin_peek_says(peek, " t_center") && spin_peek_says(peek, " t_sigma") ? 100 : 0;
     if (!spin_zip_looks_like(peek->head, peek->n_head) || !strstr(peek->tail_names, "meta.json"))

@@ -13,11 +13,7 @@ struct splat4d {
 
 static int splat4d_probe(const struct spin_peek *peek)
 {
-    if (peek->is_folder)
-        return spin_file_sequence_count(peek, ".splat4d") > 0 ? 70 : 0;
-    if (peek->n_head >= 4 && memcmp(peek->head, "SP4D", 4) == 0)
-        return 90;
-    return spin_file_has_suffix(peek->path, ".splat4d") ? 70 : 0;
+    return spin_file_begins(peek, "SP4D") ? 90 : spin_file_named(peek, ".splat4d");
 }
 
 static spin_status describe(struct splat4d *s)

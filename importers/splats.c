@@ -39,7 +39,7 @@ struct clip {
     size_t *counts; /* [n_frames] */
 
     /* The file at hand. */
-    size_t file; /* SIZE_MAX: none */
+    size_t file, within; /* SIZE_MAX: none; its frame to read */
     struct spin_map map;
     struct opened opened;
 };
@@ -47,31 +47,23 @@ struct clip {
 struct format {
     const char *suffix; /* ".spz" */
     const char *name;   /* "SPZ", for messages */
-    /* The file in clip->map, into clip->opened. Errors do not name it. */
-    spin_status (*open)(struct clip *clip, const char *path);
-    spin_status (*read)(struct clip *clip, size_t frame, unsigned columns, struct spin_splats *out);
+    /* The file in clip->map, into clip->opened; frame `within` of it. Errors do not name it. */
+    spin_status (*open)(struct clip *clip);
+    spin_status (*read)(struct clip *clip, unsigned columns, struct spin_splats *out);
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* How sure, by names alone: a file that ends so, or a folder with such files. In the folder of a run, which has
- * clouds of its own, they were laid beside it. */
+/* In the folder of a run, which has clouds of its own, such files were laid beside it. */
 static int probe_names(const struct spin_peek *peek, const char *suffix)
 {
-    bool run = false;
+    int named = spin_file_named(peek, suffix);
 
-    if (!peek->is_folder)
-        return spin_file_has_suffix(peek->path, suffix) ? 70 : 0;
     for (size_t i = 0; peek->names && peek->names[i]; i++)
-        run = run || strncmp(peek->names[i], "point_cloud", 11) == 0 ||
-              strncmp(peek->names[i], "iteration_", 10) == 0;
-    return spin_file_sequence_count(peek, suffix) == 0 ? 0 : run ? 20 : 70;
-}
-
-static bool begins(const struct spin_peek *peek, const char *magic)
-{
-    return !peek->is_folder && peek->n_head >= strlen(magic) &&
-           memcmp(peek->head, magic, strlen(magic)) == 0;
+        if (named && (strncmp(peek->names[i], "point_cloud", 11) == 0 ||
+                      strncmp(peek->names[i], "iteration_", 10) == 0))
+            return 20;
+    return named;
 }
 
 /* ---- Files ----------------------------------------------------------------------------------- */
@@ -93,16 +85,15 @@ static spin_status fail_file(const struct clip *clip, size_t file, spin_status s
 /* Files of a clip are read one after the other: the last one stays open. */
 static spin_status open_file(struct clip *clip, size_t file)
 {
-    const char *path = clip->files.frame[file].path;
     spin_status status;
 
     if (clip->file == file)
         return SPIN_OK;
     close_file(clip);
-    SPIN_TRY(spin_map_open(path, &clip->map));
+    SPIN_TRY(spin_map_open(clip->files.frame[file].path, &clip->map));
     clip->file = file;
     clip->opened = (struct opened){.n_frames = 1};
-    status = clip->format->open(clip, path);
+    status = clip->format->open(clip);
     if (status == SPIN_OK)
         return SPIN_OK;
     close_file(clip);
@@ -232,7 +223,7 @@ static spin_status clip_frame(void *self, int frame, double time, unsigned colum
     struct clip *clip = self;
     struct spin_splats *raw = &clip->base.canonical;
     struct spin_placement placement = {.q = {1}, .scale = 1};
-    size_t file = clip->files.n_frames > 1 ? (size_t)frame : 0, within = (size_t)frame - file;
+    size_t file = clip->files.n_frames > 1 ? (size_t)frame : 0;
     spin_status status;
 
     (void)time;
@@ -240,8 +231,9 @@ static spin_status clip_frame(void *self, int frame, double time, unsigned colum
         return spin_not_found("there is no frame %d", frame);
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     SPIN_TRY(open_file(clip, file));
-    status = within < clip->opened.n_frames ? clip->format->read(clip, within, columns, raw)
-                                            : spin_fail(SPIN_E_IO, "it changed");
+    clip->within = (size_t)frame - file;
+    status = clip->within < clip->opened.n_frames ? clip->format->read(clip, columns, raw)
+                                                  : spin_fail(SPIN_E_IO, "it changed");
     if (status != SPIN_OK)
         return fail_file(clip, file, status);
     if (raw->n != clip->counts[frame] || raw->sh_degree > clip->sh_degree)
@@ -260,9 +252,8 @@ static spin_status clip_frame(void *self, int frame, double time, unsigned colum
 /* ---- .splat ---------------------------------------------------------------------------------- */
 
 /* The format has no header, so only its name tells it. */
-static spin_status open_splat(struct clip *clip, const char *path)
+static spin_status open_splat(struct clip *clip)
 {
-    (void)path;
     clip->opened.note[0] = "the format holds no colour that depends on the direction";
     clip->opened.n = clip->map.size / SPIN_SPLAT_ROW;
     if (clip->map.size % SPIN_SPLAT_ROW != 0)
@@ -270,10 +261,8 @@ static spin_status open_splat(struct clip *clip, const char *path)
     return SPIN_OK;
 }
 
-static spin_status read_splat(struct clip *clip, size_t frame, unsigned columns,
-                              struct spin_splats *out)
+static spin_status read_splat(struct clip *clip, unsigned columns, struct spin_splats *out)
 {
-    (void)frame;
     return spin_splat_read(clip->map.data, clip->map.size, columns, out);
 }
 
@@ -293,21 +282,18 @@ SPIN_MODEL_IMPORTER(splat, struct clip, open_splat_clip, close_clip,
 /* ---- .ksplat --------------------------------------------------------------------------------- */
 
 /* The format has no magic, so only its name tells it. */
-static spin_status open_ksplat(struct clip *clip, const char *path)
+static spin_status open_ksplat(struct clip *clip)
 {
     struct spin_ksplat header;
 
-    (void)path;
     SPIN_TRY(spin_ksplat_peek(clip->map.data, clip->map.size, &header));
     clip->opened.sh_degree = header.sh_degree;
     clip->opened.n = header.n;
     return SPIN_OK;
 }
 
-static spin_status read_ksplat(struct clip *clip, size_t frame, unsigned columns,
-                               struct spin_splats *out)
+static spin_status read_ksplat(struct clip *clip, unsigned columns, struct spin_splats *out)
 {
-    (void)frame;
     return spin_ksplat_read(clip->map.data, clip->map.size, columns, out);
 }
 
@@ -333,12 +319,11 @@ static const struct spin_plugin_option spz_options[] = {
     {0},
 };
 
-static spin_status open_spz(struct clip *clip, const char *path)
+static spin_status open_spz(struct clip *clip)
 {
     struct opened *out = &clip->opened;
     struct spin_spz_header header;
 
-    (void)path;
     SPIN_TRY(spin_spz_peek(clip->map.data, clip->map.size, &header));
     out->n = header.n;
     out->sh_degree = header.sh_degree < 3 ? header.sh_degree : 3;
@@ -351,10 +336,8 @@ static spin_status open_spz(struct clip *clip, const char *path)
     return out->has_axes ? spin_spz_axes(header.axes, out->axes) : SPIN_OK;
 }
 
-static spin_status read_spz(struct clip *clip, size_t frame, unsigned columns,
-                            struct spin_splats *out)
+static spin_status read_spz(struct clip *clip, unsigned columns, struct spin_splats *out)
 {
-    (void)frame;
     return spin_spz_read(clip->map.data, clip->map.size, columns, out);
 }
 
@@ -366,7 +349,7 @@ static int spz_probe(const struct spin_peek *peek)
 
     if (peek->is_folder)
         return named;
-    return begins(peek, "NGSP") || (named && begins(peek, "\x1f\x8b")) ? 90 : 0;
+    return spin_file_begins(peek, "NGSP") || (named && spin_file_begins(peek, "\x1f\x8b")) ? 90 : 0;
 }
 
 static spin_status open_spz_clip(void *self, const char *path)
@@ -389,9 +372,10 @@ SPIN_MODEL_IMPORTER(spz, struct clip, open_spz_clip, close_clip,
 /* ---- SOG ------------------------------------------------------------------------------------- */
 
 /* One file, a folder with one per frame, or the loose files of one, by their folder or their meta.json. */
-static spin_status open_sog(struct clip *clip, const char *path)
+static spin_status open_sog(struct clip *clip)
 {
     struct opened *out = &clip->opened;
+    const char *path = clip->files.frame[clip->file].path;
     struct spin_sog sog;
 
     if (spin_file_has_suffix(path, ".json"))
@@ -403,10 +387,8 @@ static spin_status open_sog(struct clip *clip, const char *path)
     return SPIN_OK;
 }
 
-static spin_status read_sog(struct clip *clip, size_t frame, unsigned columns,
-                            struct spin_splats *out)
+static spin_status read_sog(struct clip *clip, unsigned columns, struct spin_splats *out)
 {
-    (void)frame;
     return spin_sog_read(clip->map.data, clip->map.size, clip->opened.folder, columns, out);
 }
 
@@ -450,11 +432,10 @@ static const struct spin_plugin_option gltf_options[] = {
 };
 
 /* A scene, or a clip whose frames an animation switches on and off. */
-static spin_status open_glb(struct clip *clip, const char *path)
+static spin_status open_glb(struct clip *clip)
 {
     struct opened *out = &clip->opened;
 
-    (void)path;
     SPIN_TRY(spin_gs_glb_scene_open(clip->map.data, clip->map.size, &out->scene));
     out->n_frames = out->scene.n_frames;
     out->sh_degree = out->scene.sh_degree;
@@ -467,15 +448,14 @@ static spin_status open_glb(struct clip *clip, const char *path)
     return SPIN_OK;
 }
 
-static spin_status read_glb(struct clip *clip, size_t frame, unsigned columns,
-                            struct spin_splats *out)
+static spin_status read_glb(struct clip *clip, unsigned columns, struct spin_splats *out)
 {
-    return spin_gs_glb_scene_read(&clip->opened.scene, frame, columns, out);
+    return spin_gs_glb_scene_read(&clip->opened.scene, clip->within, columns, out);
 }
 
 static int gltf_probe(const struct spin_peek *peek)
 {
-    return peek->is_folder ? probe_names(peek, ".glb") : begins(peek, "glTF") ? 90 : 0;
+    return peek->is_folder ? probe_names(peek, ".glb") : spin_file_begins(peek, "glTF") ? 90 : 0;
 }
 
 static spin_status open_glb_clip(void *self, const char *path)

@@ -20,7 +20,7 @@ static int probe(const struct spin_peek *peek)
     bool zip = spin_zip_looks_like(peek->head, peek->n_head);
 
     if (peek->is_folder)
-        return spin_file_sequence_count(peek, ".tsog") > 0 ? 70 : 0;
+        return spin_file_named(peek, ".tsog");
     if (!zip || !strstr(peek->tail_names, "meta.json"))
         return 0;
     if (spin_file_has_suffix(peek->path, ".tsog"))

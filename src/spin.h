@@ -161,6 +161,9 @@ struct spin_splats {
  * only if they were never asked for. Contents are not kept. SPIN_E_MEMORY. */
 spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned columns, int sh_degree);
 void spin_splats_free(struct spin_splats *s);
+/* The rows of s that are marked with 1, with all columns but rgb, into *out. */
+spin_status spin_splats_take(const struct spin_splats *s, const unsigned char *mark,
+                             struct spin_splats *out);
 
 /* Splats that have a path and a window in time instead of a row in every frame. At time t, with d = t - times[i], row i
  * is a splat with

@@ -509,36 +509,17 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
 
-static void copy_kept(const struct spin_splat_filter *rows, size_t width, const float *from,
-                      float *to)
-{
-    for (size_t i = 0; i < rows->splats->n; i++) {
-        if (!rows->keep[i])
-            continue;
-        memcpy(to, from + i * width, width * sizeof *to);
-        to += width;
-    }
-}
-
 /* Those of a frame's splats that can be drawn, borrowed or in `room`; how many cannot, and why, is said
  * and counted as all exporters do it. */
 static spin_status choose(struct spin_camera_path *d, const struct spin_splats **splats,
                           struct spin_splats *room)
 {
     const struct spin_splats *s = *splats;
-    size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
 
     SPIN_TRY(spin_splat_filter_choose(&d->rows, s, d->number));
     if (d->rows.n_kept == s->n)
         return SPIN_OK;
-    SPIN_TRY(spin_splats_reserve(room, d->rows.n_kept, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-                                 s->sh_degree));
-    room->antialias = s->antialias;
-    copy_kept(&d->rows, 3, s->means, room->means);
-    copy_kept(&d->rows, 4, s->quats, room->quats);
-    copy_kept(&d->rows, 3, s->log_scales, room->log_scales);
-    copy_kept(&d->rows, 1, s->logit_opacities, room->logit_opacities);
-    copy_kept(&d->rows, n_sh, s->sh, room->sh);
+    SPIN_TRY(spin_splats_take(s, d->rows.keep, room));
     *splats = room;
     return SPIN_OK;
 }
@@ -604,17 +585,6 @@ static void put_label(const char *word, int width, int height, float *image)
 
 /* ---- Pictures -------------------------------------------------------------------------------- */
 
-static spin_status reserve(struct spin_camera_path *d, size_t n)
-{
-    if (n <= d->n_pixels)
-        return SPIN_OK;
-    d->n_pixels = 0;
-    SPIN_TRY(spin_grow(n, 3 * sizeof(float), (void **)&d->image));
-    SPIN_TRY(spin_grow(n, 3 * sizeof(float) * (size_t)d->n_panels, (void **)&d->wide));
-    d->n_pixels = n;
-    return SPIN_OK;
-}
-
 static spin_status draw_panel(struct spin_camera_path *d, enum spin_camera_path_panel panel,
                               int frame, const struct spin_splats *splats,
                               const struct spin_camera *camera, const char *truth)
@@ -639,7 +609,8 @@ spin_status spin_camera_path_draw(struct spin_camera_path *d, int frame,
 {
     size_t w = (size_t)camera->width, h = (size_t)camera->height, n = (size_t)d->n_panels;
 
-    SPIN_TRY(reserve(d, w * h));
+    SPIN_TRY(spin_grow(w * h, 3 * sizeof *d->image, (void **)&d->image));
+    SPIN_TRY(spin_grow(w * h, 3 * n * sizeof *d->wide, (void **)&d->wide));
     for (size_t p = 0; p < n; p++) {
         SPIN_TRY(draw_panel(d, d->panel[p], frame, splats, camera, truth));
         if (n > 1 && d->labels)

@@ -10,37 +10,23 @@
 #define SPIN_DRAWING_OPTION_PATH                                                                   \
     {                                                                                              \
         "path", "camera|orbit|spiral|train|FILE",                                                  \
-            "where to look from: cameras of the data set, or a moving one; FILE: a camera path of "       \
+            "where to look from: cameras of the data set, or a moving one; FILE: a camera path "   \
+            "of "                                                                                  \
             "nerfstudio, or matrices",                                                             \
             "camera"                                                                               \
     }
 
-#define SPIN_DRAWING_OPTION_PANELS                                                                 \
-    {                                                                                              \
-        "panels", "LIST", "side by side: truth (the data set's image), before, after", "after"     \
-    }
-
-#define SPIN_DRAWING_OPTION_REPEAT                                                                 \
-    {                                                                                              \
-        "repeat", "N", "draw each frame N times while the camera moves on", "1"                    \
-    }
-
-#define SPIN_DRAWING_OPTION_NO_LABELS                                                              \
-    {                                                                                              \
-        "no-labels", NULL, "do not write the name of each of several panels into it", NULL         \
-    }
-
-#define SPIN_DRAWING_OPTION_SIZE                                                                   \
-    {                                                                                              \
-        "size", "WxH", "pixels of an image; the vertical field of view stays; otherwise the camera's",   \
-            NULL                                                                                   \
-    }
-
-#define SPIN_DRAWING_OPTION_DURATION                                                               \
+/* Those of a moving camera and of panels. */
+#define SPIN_DRAWING_OPTIONS                                                                       \
+    {"panels", "LIST", "side by side: truth (the data set's image), before, after", "after"},      \
+        {"repeat", "N", "draw each frame N times while the camera moves on", "1"},                 \
+        {"no-labels", NULL, "do not write the name of each of several panels into it", NULL},      \
+        {"size", "WxH",                                                                            \
+         "pixels of an image; the vertical field of view stays; otherwise the camera's", NULL},    \
     {                                                                                              \
         "duration", "S",                                                                           \
-            "seconds that the clip lasts, instead of --repeat: frames are repeated or left " \
-            "out to fit; otherwise 8 for a camera that moves, unless the clip is longer",                                                                  \
+            "seconds that the clip lasts, instead of --repeat: frames are repeated or left out "   \
+            "to fit; otherwise 8 for a camera that moves, unless the clip is longer",              \
             NULL                                                                                   \
     }
 
@@ -92,7 +78,6 @@ struct spin_camera_path {
     struct spin_initial_view look; /* such a camera begins here */
     float *image;                  /* [3][h][w] of a panel */
     float *wide;                   /* [3][h][n_panels w] */
-    size_t n_pixels;               /* of a panel, there is room for */
     int number;                    /* of the frame at hand, as the source counts */
     int n_drawn, n_blank;          /* renders; those that show nothing but the background */
     struct spin_splat_filter rows; /* which splats can be drawn */

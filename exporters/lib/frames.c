@@ -38,12 +38,13 @@ static void say_size(const struct spin_frames *x, const struct spin_export_job *
 
 /* ---- Begin and end --------------------------------------------------------------------------- */
 
-void spin_frames_free(struct spin_frames *x)
+static void free_frames(struct spin_frames *x)
 {
     if (x->format->end)
         x->format->end(x);
     spin_output_folder_end(&x->folder);
     spin_splat_filter_end(&x->rows);
+    spin_sort_rows_free(&x->order);
     free(x->entry);
     free(x->scratch);
     free(x->block_quant);
@@ -68,6 +69,9 @@ static spin_status choose_file(struct spin_frames *x, const struct spin_export_j
     if (n <= n_ending || strcmp(job->output + n - n_ending, ending) != 0 ||
         spin_path_is_folder(job->output))
         return SPIN_OK;
+    x->file = job->output;
+    if (x->format->open)
+        return SPIN_OK;
     if (job->n_frames != 1)
         return spin_misuse("'%s' is the name of one file, but there are %d frames: name a folder "
                            "('%.*s/'), or choose one frame with --range",
@@ -75,7 +79,6 @@ static spin_status choose_file(struct spin_frames *x, const struct spin_export_j
     if (spin_path_is_taken(job->output) && !x->job->force)
         return spin_fail(SPIN_E_IO, "cannot write '%s': it exists; use --force to overwrite",
                          job->output);
-    x->file = job->output;
     return SPIN_OK;
 }
 
@@ -99,7 +102,9 @@ static spin_status begin(struct spin_frames *x, const struct spin_export_job *jo
     SPIN_TRY(spin_pattern_parse(spin_plugin_value(v, "pattern", x->format->pattern), &x->pattern));
     SPIN_TRY(spin_splat_filter_begin(&x->rows, job, x->axes));
     if (x->format->ready)
-        x->format->ready(x, job);
+        SPIN_TRY(x->format->ready(x, job));
+    if (x->file && x->format->open)
+        return x->format->open(x, job);
     if (!x->file)
         SPIN_TRY(open_folder(x, job));
     say_size(x, job);
@@ -116,7 +121,7 @@ spin_status spin_frames_begin(const struct spin_frames_format *format,
     x->format = format;
     status = begin(x, job);
     if (status != SPIN_OK) {
-        spin_frames_free(x);
+        free_frames(x);
         return status;
     }
     *self = x;
@@ -174,7 +179,8 @@ spin_status spin_frames_write_text(struct spin_frames *x, const char *name, cons
  * same splats. */
 static spin_status add_belongings(const struct spin_frames *x, spin_json *root)
 {
-    bool turned = fabs(x->rows.turn_q[0]) < 1 - 1e-9, same = x->job->identity && !x->format->order;
+    bool turned = fabs(x->rows.turn_q[0]) < 1 - 1e-9;
+    bool same = x->job->identity && !x->format->reorders;
     SPIN_FREED char *folder = NULL, *path = NULL;
 
     for (size_t i = 1; i < x->n_entries; i++)
@@ -241,6 +247,8 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
     uint64_t length;
 
     (void)frame;
+    if (x->file && x->format->add)
+        return x->format->add(x, info, splats);
     SPIN_TRY(spin_splat_filter_choose(&x->rows, splats, info->number));
     SPIN_TRY(path_of(x, info->number, &path));
     SPIN_TRY(spin_out_open(path, x->job->force, &out));
@@ -262,14 +270,16 @@ spin_status spin_frames_end(void *self)
         SPIN_TRY_OUT(x->format->finish(x));
     if (!x->file)
         SPIN_TRY_OUT(write_sequence(x));
-    if (x->format->lossy)
+    else if (x->format->close)
+        SPIN_TRY_OUT(x->format->close(x));
+    if (x->format->lossy && !x->exact)
         spin_quant_error_say(&x->quant, x->format->name);
     if (x->job->check)
         SPIN_TRY_OUT(spin_frames_check(x));
 out:
     if (status != SPIN_OK)
         spin_output_folder_abandon(&x->folder);
-    spin_frames_free(x);
+    free_frames(x);
     return status;
 }
 
@@ -279,7 +289,7 @@ void spin_frames_abort(void *self)
     struct spin_frames *x = self;
 
     spin_output_folder_abandon(&x->folder);
-    spin_frames_free(x);
+    free_frames(x);
 }
 
 /* ---- For write() ------------------------------------------------------------------------------ */

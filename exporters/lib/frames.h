@@ -25,18 +25,25 @@ struct spin_frames_format {
     const char *importer; /* that reads the files; NULL: that of the same name */
     const char *pattern;  /* of file names */
     size_t self_bytes;    /* of the struct that begins with a struct spin_frames */
-    bool lossy;           /* says its error at the end */
+    bool lossy;           /* says its error at the end, unless frames->exact */
     bool packed;          /* bytes() is an upper bound */
+    bool reorders;        /* rows may stand in another order than the source's */
 
     /* Own options. May change frames->axes before the common ones are read. NULL: none. */
     spin_status (*begin)(void *self, const struct spin_export_job *job);
     /* The common options are read too. NULL: nothing to do. */
-    void (*ready)(void *self, const struct spin_export_job *job);
+    spin_status (*ready)(void *self, const struct spin_export_job *job);
+    /* One file takes all frames, where the output is named so: it is opened and closed by these, and add() gets what
+     * frame() gets. NULL: a file holds one frame. */
+    spin_status (*open)(void *self, const struct spin_export_job *job);
+    spin_status (*add)(void *self, const struct spin_frame_info *info,
+                       const struct spin_splats *splats);
+    spin_status (*close)(void *self);
     /* Bytes of a file of n splats: exact, or at most that where it is packed. */
     uint64_t (*bytes)(const void *self, size_t n);
     /* Write the chosen rows. */
     spin_status (*write)(void *self, const struct spin_frame_info *info, struct spin_out *out);
-    /* The chosen rows in the order of the file. NULL: the source's. */
+    /* The chosen rows in the order of the file. NULL: that of frames->sort. */
     spin_status (*order)(void *self, const struct spin_keyed **row);
     /* What else lies beside the frames, of which all are whole now. NULL: nothing. */
     spin_status (*finish)(void *self);
@@ -55,10 +62,14 @@ struct spin_frames {
     const struct spin_frames_format *format;
     const double *axes; /* w x y z, see spin_splat_filter_begin(); NULL: the source's */
     const char *file;   /* the output is this file, of one frame or of all; NULL: a folder */
+    bool exact;         /* nothing is rounded */
     struct spin_output_folder folder;
     struct spin_pattern pattern;
     struct spin_splat_filter rows;
-    struct spin_quant_error quant; /* of the clip */
+    struct spin_sort_rows order; /* see spin_frames_order() */
+    void (*sort)(struct spin_sort_rows *,
+                 const struct spin_splats *); /* NULL: the source's order */
+    struct spin_quant_error quant;            /* of the clip */
     const struct spin_export_job *job;
     double fps;
     struct spin_frames_entry *entry; /* [room] */
@@ -87,9 +98,6 @@ void spin_frames_abort(void *self);
     SPIN_EXPORTER(id, label, SPIN_FRAMES_FUNCTIONS, .begin = spin_begin_##id, __VA_ARGS__)
 #define SPIN_FRAMES_FUNCTIONS                                                                      \
     .frame = spin_frames_frame, .end = spin_frames_end, .abort = spin_frames_abort
-/* What end() and abort() do last: for an exporter that makes the struct itself. */
-void spin_frames_free(struct spin_frames *frames);
-
 /* What sequence.json and the check know of a frame. */
 spin_status spin_frames_add(struct spin_frames *frames, const struct spin_frame_info *info,
                             size_t n);
@@ -100,6 +108,15 @@ spin_status spin_frames_check(struct spin_frames *frames);
 spin_status spin_frames_write_text(struct spin_frames *frames, const char *name, const char *text);
 
 /* ---- For write() ------------------------------------------------------------------------------ */
+
+/* The chosen rows in frames->order, sorted by frames->sort. */
+static inline spin_status spin_frames_order(struct spin_frames *frames)
+{
+    SPIN_TRY(spin_sort_rows_fill(&frames->order, &frames->rows));
+    if (frames->sort)
+        frames->sort(&frames->order, frames->rows.splats);
+    return SPIN_OK;
+}
 
 /* bytes for each worker, one after the other; contents are not kept. */
 spin_status spin_frames_scratch(struct spin_frames *frames, size_t bytes, unsigned char **out);

@@ -106,18 +106,13 @@ static void choose(struct spin_page_draft *d, size_t n)
 struct kept {
     struct spin_page_block block;
     uint8_t *data;
-    size_t room;
 };
 
 static spin_status keep(void *context, const struct spin_page_block *block)
 {
     struct kept *k = context;
 
-    if (block->n_bytes > k->room) {
-        k->room = 0;
-        SPIN_TRY(spin_grow(block->n_bytes, 1, (void **)&k->data));
-        k->room = block->n_bytes;
-    }
+    SPIN_TRY(spin_grow(block->n_bytes, 1, (void **)&k->data));
     memcpy(k->data, block->data, block->n_bytes);
     k->block = *block;
     k->block.data = k->data;

@@ -11,7 +11,7 @@
 enum { SPIN_PAGE_MOST_FRAMES = 256 };
 
 struct spin_page_frame {
-    size_t n, room;   /* rows of the source */
+    size_t n;         /* rows of the source */
     float *value;     /* [n][width] */
     uint8_t *present; /* [n] */
     uint32_t *row;    /* [n of the first] of this frame, UINT32_MAX: it has none; NULL: the same */

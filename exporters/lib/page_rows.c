@@ -27,7 +27,6 @@ enum { CHECKED = 33 };         /* ticks of a row, evenly; and four of its window
 #define PHASE 0.2
 
 enum { FROM, LENGTH, SIGMA, MIDDLE, N_ALWAYS };
-enum { MOST_COLUMNS = SPIN_PAGE_COLUMNS + N_ALWAYS + 2 + 9 + 1 + 4 + 1 + 2 * 48 };
 
 /* A row of the splats from one tick until before another. */
 struct piece {

@@ -20,7 +20,7 @@ static double dot(const double *a, const double *b)
  * then the second. False: it is no rotation. */
 static bool invert(const double m[12], double sign, double w2c[12])
 {
-    double axis[3][3], length[3], det;
+    double axis[3][3], length[3], across[3], det;
 
     for (int c = 0; c < 3; c++)
         for (int r = 0; r < 3; r++)
@@ -41,12 +41,11 @@ static bool invert(const double m[12], double sign, double w2c[12])
     length[1] = sqrt(dot(axis[1], axis[1]));
     for (int r = 0; r < 3; r++)
         axis[1][r] /= length[1];
-    det = dot(axis[0], (double[3]){axis[1][1] * axis[2][2] - axis[1][2] * axis[2][1],
-                                   axis[1][2] * axis[2][0] - axis[1][0] * axis[2][2],
-                                   axis[1][0] * axis[2][1] - axis[1][1] * axis[2][0]});
     for (int r = 0; r < 3; r++)
-        axis[0][r] = axis[1][(r + 1) % 3] * axis[2][(r + 2) % 3] -
-                     axis[1][(r + 2) % 3] * axis[2][(r + 1) % 3];
+        across[r] = axis[1][(r + 1) % 3] * axis[2][(r + 2) % 3] -
+                    axis[1][(r + 2) % 3] * axis[2][(r + 1) % 3];
+    det = dot(axis[0], across);
+    memcpy(axis[0], across, sizeof across);
     for (int c = 0; c < 3; c++) {
         memcpy(w2c + 4 * c, axis[c], sizeof axis[c]);
         w2c[4 * c + 3] = -(axis[c][0] * m[3] + axis[c][1] * m[7] + axis[c][2] * m[11]);

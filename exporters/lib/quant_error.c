@@ -2,8 +2,7 @@
 
 #include "base/log.h"
 
-void spin_quant_error_add_all(struct spin_quant_error *q, enum spin_quant_error_part part,
-                              const float *error, size_t n)
+void spin_quant_error_add_sh(struct spin_quant_error *q, const float *error, size_t n)
 {
     float squares = 0, largest = 0;
 
@@ -11,9 +10,9 @@ void spin_quant_error_add_all(struct spin_quant_error *q, enum spin_quant_error_
         squares += error[i] * error[i];
         largest = fabsf(error[i]) > largest ? fabsf(error[i]) : largest;
     }
-    q->part[part].squares += (double)squares;
-    q->part[part].n += n;
-    q->part[part].largest = fmax(q->part[part].largest, (double)largest);
+    q->part[SPIN_QUANT_SH].squares += (double)squares;
+    q->part[SPIN_QUANT_SH].n += n;
+    q->part[SPIN_QUANT_SH].largest = fmax(q->part[SPIN_QUANT_SH].largest, (double)largest);
 }
 
 static double distance(const float *a, const float *b, int n)

@@ -33,9 +33,8 @@ static inline void spin_quant_error_add(struct spin_quant_error *q, enum spin_qu
         q->part[part].largest = error;
 }
 
-/* n values at once: fast where there are many. */
-void spin_quant_error_add_all(struct spin_quant_error *q, enum spin_quant_error_part part,
-                              const float *error, size_t n);
+/* n at once, which is fast. */
+void spin_quant_error_add_sh(struct spin_quant_error *q, const float *error, size_t n);
 
 double spin_quant_error_distance(const float is[3], const float shown[3]);
 

@@ -1,5 +1,6 @@
 #include "exporters/lib/readback.h"
 
+#include "base/number.h"
 #include "math/project.h"
 
 void spin_readback_begin(struct spin_readback *e) { *e = (struct spin_readback){.pixels = -1}; }
@@ -23,16 +24,10 @@ void spin_readback_frame(struct spin_readback *e, const struct spin_export_job *
 /* Pixels that a step of length `off` across the line of sight is at most; -1: the picture does not show the place. */
 static double pixels_of(const struct spin_camera *c, const float mean[3], double off)
 {
-    double p[3], x, y;
+    double p[3];
 
-    for (int k = 0; k < 3; k++)
-        p[k] = c->w2c[4 * k] * (double)mean[0] + c->w2c[4 * k + 1] * (double)mean[1] +
-               c->w2c[4 * k + 2] * (double)mean[2] + c->w2c[4 * k + 3];
-    if (p[2] < (double)SPIN_PROJECT_NEAR)
-        return -1;
-    x = c->fx * p[0] / p[2] + c->cx;
-    y = c->fy * p[1] / p[2] + c->cy;
-    if (x < 0 || y < 0 || x > c->width || y > c->height)
+    if (!spin_camera_project(c, mean, p) || p[2] < (double)SPIN_PROJECT_NEAR || p[0] < 0 ||
+        p[1] < 0 || p[0] > c->width || p[1] > c->height)
         return -1;
     return fmax(c->fx, c->fy) * off / p[2];
 }
@@ -66,7 +61,7 @@ static void compare_sh(struct spin_readback *e, const struct spin_splat_filter *
 
     for (int k = 3; k < n; k++)
         error[k - 3] = (k < n_is ? is[k] : 0) - sh[k];
-    spin_quant_error_add_all(&e->quant, SPIN_QUANT_SH, error, (size_t)n - 3);
+    spin_quant_error_add_sh(&e->quant, error, (size_t)n - 3);
     for (int k = n; k < n_is; k++)
         lost = lost || is[k] != 0;
     e->sh_lost += lost;

@@ -20,14 +20,6 @@ struct check {
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-/* Row j of the file, as spin_splat_filter_take() gives those of the bundle. */
-static void take_back(const struct spin_splats *back, size_t j, struct spin_gaussian *out)
-{
-    struct spin_splat_filter plain = {.splats = back};
-
-    spin_splat_filter_take(&plain, j, out);
-}
-
 static bool is_finite(const struct spin_splats *s, size_t j)
 {
     size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
@@ -48,6 +40,7 @@ static spin_status compare(struct check *check, const char *path, const struct s
 {
     const struct spin_splat_filter *rows = &check->x->rows;
     const struct spin_splats *back = &check->back;
+    const struct spin_splat_filter plain = {.splats = back}; /* takes rows as they are */
     size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree), next = 0;
 
     if (back->n != rows->n_kept)
@@ -62,7 +55,7 @@ static spin_status compare(struct check *check, const char *path, const struct s
         i = row ? row[j].row : next++;
         if (!is_finite(back, j))
             return spin_fail(SPIN_E_IO, "check: '%s' holds NaN or infinity in splat %zu", path, j);
-        take_back(back, j, &there);
+        spin_splat_filter_take(&plain, j, &there);
         spin_readback_row(&check->values, rows, i, &there, back->sh + n_sh * j, back->sh_degree);
     }
     spin_readback_end(&check->values);
@@ -223,6 +216,10 @@ static spin_status check_frame(struct check *check, int f, const char *path, int
     SPIN_TRY_IN(status, "check: '%s'", path);
     if (x->format->order)
         SPIN_TRY(x->format->order(x, &row));
+    else if (x->sort) {
+        SPIN_TRY(spin_frames_order(x));
+        row = x->order.item;
+    }
     SPIN_TRY(compare(check, path, row));
     return f == rendered_frame(x) && x->job->renderer
                ? compare_pictures(check, f, x->entry[f].number)

@@ -24,6 +24,20 @@ int spin_file_sequence_count(const struct spin_peek *peek, const char *suffix)
     return n;
 }
 
+int spin_file_named(const struct spin_peek *peek, const char *suffix)
+{
+    return (peek->is_folder ? spin_file_sequence_count(peek, suffix) > 0
+                            : spin_file_has_suffix(peek->path, suffix))
+               ? 70
+               : 0;
+}
+
+bool spin_file_begins(const struct spin_peek *peek, const char *magic)
+{
+    return !peek->is_folder && peek->n_head >= strlen(magic) &&
+           memcmp(peek->head, magic, strlen(magic)) == 0;
+}
+
 spin_status spin_file_sequence_reserve(struct spin_model *m, struct spin_file_sequence *seq,
                                        size_t n)
 {

@@ -20,6 +20,9 @@ struct spin_file_sequence {
 bool spin_file_has_suffix(const char *name, const char *suffix);
 /* How many of the folder's names do, hidden ones left out. */
 int spin_file_sequence_count(const struct spin_peek *peek, const char *suffix);
+/* How sure these names make that a file, or the folder of some, is of the format. */
+int spin_file_named(const struct spin_peek *peek, const char *suffix);
+bool spin_file_begins(const struct spin_peek *peek, const char *magic);
 /* Room for n files; and one more, whose path is the model's. */
 spin_status spin_file_sequence_reserve(struct spin_model *m, struct spin_file_sequence *seq,
                                        size_t n);

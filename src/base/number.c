@@ -1,5 +1,6 @@
 #include "base/number.h"
 
+#include <math.h>
 #include <string.h>
 
 #define BY(name, type)                                                                             \
@@ -20,6 +21,11 @@ void spin_hash(uint64_t *hash, const void *data, size_t n)
 
     for (size_t i = 0; i < n; i++)
         *hash = (*hash ^ byte[i]) * 0x100000001b3u;
+}
+
+float spin_light_of(float v)
+{
+    return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
 }
 
 bool spin_camera_project(const struct spin_camera *camera, const float point[3], double out[3])

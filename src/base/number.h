@@ -15,6 +15,9 @@ size_t spin_finite_missing(const float *values, size_t n);
 #define SPIN_HASH_BEGIN 0xcbf29ce484222325u
 void spin_hash(uint64_t *hash, const void *data, size_t n);
 
+/* The curve of sRGB (IEC 61966-2-1), undone; it goes on above 1. */
+float spin_light_of(float v);
+
 /* Pixel and depth of a point; false when it does not lie in front. */
 bool spin_camera_project(const struct spin_camera *camera, const float point[3], double out[3]);
 /* The same; false also when the point lies beside the picture. */

@@ -515,13 +515,6 @@ static spin_status read_band(struct reader *r, struct cursor *c)
 
 /* ---- The file -------------------------------------------------------------------------------- */
 
-static spin_status read_object_track(struct cursor *c)
-{
-    take(c, 5);
-    return take_number(c, 4) == 0 ? SPIN_OK
-                                  : spin_unsupported("tracks of rigid objects are not read");
-}
-
 /* One record, in either of two passes: what comes once and the number of splats; the splats. */
 static spin_status read_record(struct reader *r, unsigned opcode, struct cursor *c, size_t at)
 {
@@ -550,7 +543,9 @@ static spin_status read_record(struct reader *r, unsigned opcode, struct cursor 
     case DELTA_CHUNK:
         return spin_unsupported("delta chunks of the model 'keyframe-delta' are not read");
     case OBJECT_TRACK:
-        return read_object_track(c);
+        take(c, 5);
+        return take_number(c, 4) == 0 ? SPIN_OK
+                                      : spin_unsupported("tracks of rigid objects are not read");
     case CAMERA:
         r->info->camera = true;
         return SPIN_OK;

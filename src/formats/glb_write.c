@@ -14,12 +14,6 @@ static float clamp(float x) { return spin_minf(spin_maxf(x, 0), 1); }
 
 static uint16_t u16_of(float x) { return (uint16_t)(clamp(x) * 65535 + 0.5f); }
 
-/* The curve of sRGB (IEC 61966-2-1), undone. */
-static float linear_of(float x)
-{
-    return x <= 0.04045f ? x / 12.92f : powf((x + 0.055f) / 1.055f, 2.4f);
-}
-
 void spin_glb_code(const struct spin_glb_clip *clip, const struct spin_gaussian *row,
                    const float *sh, int n_sh, unsigned char *const column[], size_t at)
 {
@@ -40,7 +34,7 @@ void spin_glb_code(const struct spin_glb_clip *clip, const struct spin_gaussian 
             out[c] = k < n_sh ? sh[3 * k + c] : 0;
     }
     for (int c = 0; c < 3; c++)
-        colour[c] = u16_of(linear_of(clamp(row->colour[c])));
+        colour[c] = u16_of(spin_light_of(clamp(row->colour[c])));
     colour[3] = u16_of(row->opacity);
 }
 

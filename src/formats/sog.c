@@ -63,24 +63,29 @@ double spin_sog_log(double v) { return copysign(log1p(fabs(v)), v); }
 
 double spin_sog_unlog(double v) { return copysign(expm1(fabs(v)), v); }
 
-static float place_of(const struct spin_sog *sog, int c, unsigned steps)
+float spin_sog_number(const struct spin_sog_range *range, bool linear, size_t c, unsigned q,
+                      double steps)
 {
-    return (float)spin_sog_unlog(sog->mins[c] + (sog->maxs[c] - sog->mins[c]) * steps / STEPS);
+    double v = range->mins[c] + (range->maxs[c] - range->mins[c]) * q / steps;
+
+    return (float)(linear ? v : spin_sog_unlog(v));
 }
 
-void spin_sog_code_place(const struct spin_sog *sog, const float place[3], uint8_t low[4],
-                         uint8_t high[4], float shown[3])
+void spin_sog_code(const struct spin_sog_range *range, bool linear, size_t n, const float *v,
+                   uint8_t *low, uint8_t *high, float *shown)
 {
-    for (int c = 0; c < 3; c++) {
-        double width = sog->maxs[c] - sog->mins[c];
-        double u = width > 0 ? (spin_sog_log((double)place[c]) - sog->mins[c]) / width : 0;
-        unsigned steps = (unsigned)lrint(fmin(fmax(u, 0), 1) * STEPS);
+    double steps = high ? STEPS : 255;
 
-        low[c] = (uint8_t)steps;
-        high[c] = (uint8_t)(steps >> 8);
-        shown[c] = place_of(sog, c, steps);
+    for (size_t c = 0; c < n; c++) {
+        double width = range->maxs[c] - range->mins[c];
+        double at = (linear ? (double)v[c] : spin_sog_log((double)v[c])) - range->mins[c];
+        unsigned q = width > 0 ? (unsigned)lrint(fmin(fmax(at / width, 0), 1) * steps) : 0;
+
+        low[c] = (uint8_t)q;
+        if (high)
+            high[c] = (uint8_t)(q >> 8);
+        shown[c] = spin_sog_number(range, linear, c, q, steps);
     }
-    low[3] = high[3] = 255;
 }
 
 bool spin_sog_rotation(const uint8_t pixel[4], float q[4])
@@ -135,12 +140,14 @@ static void print_files(FILE *to, const char *object)
 
 static void print_meta(FILE *to, const struct spin_sog *sog)
 {
+    const struct spin_sog_range *m = &sog->means;
+
     fprintf(to, "{\"version\":%d,\"asset\":{\"generator\":\"spin4d %s\"},\"count\":%zu,", VERSION,
             SPIN_VERSION, sog->n);
     if (sog->antialias)
         fprintf(to, "\"model\":\"antialiased\",");
-    fprintf(to, "\"means\":{\"mins\":[%.17g,%.17g,%.17g],\"maxs\":[%.17g,%.17g,%.17g],",
-            sog->mins[0], sog->mins[1], sog->mins[2], sog->maxs[0], sog->maxs[1], sog->maxs[2]);
+    fprintf(to, "\"means\":{\"mins\":[%.17g,%.17g,%.17g],\"maxs\":[%.17g,%.17g,%.17g],", m->mins[0],
+            m->mins[1], m->mins[2], m->maxs[0], m->maxs[1], m->maxs[2]);
     print_files(to, "means");
     fprintf(to, ",\"scales\":{");
     print_book(to, sog->scales);
@@ -335,8 +342,8 @@ static spin_status parse_meta(struct reading *r)
     r->sog.version = (int)number;
     SPIN_TRY(number == 1 ? parse_1(r, &count) : parse_2(r, &count));
     r->sog.n = (size_t)count;
-    SPIN_TRY(read_numbers(spin_json_get(r->meta, "means"), "mins", 3, r->sog.mins));
-    return read_numbers(spin_json_get(r->meta, "means"), "maxs", 3, r->sog.maxs);
+    SPIN_TRY(read_numbers(spin_json_get(r->meta, "means"), "mins", 3, r->sog.means.mins));
+    return read_numbers(spin_json_get(r->meta, "means"), "maxs", 3, r->sog.means.maxs);
 }
 
 /* ---- The files ---------------------------------------------------------------------------------- */
@@ -457,9 +464,9 @@ static spin_status read_means(const struct reading *r, uint8_t **a, uint8_t **b,
     SPIN_TRY(read_picture(r, SPIN_SOG_MEANS_LOW, a));
     SPIN_TRY(read_picture(r, SPIN_SOG_MEANS_HIGH, b));
     for (size_t i = 0; i < r->sog.n; i++)
-        for (int c = 0; c < 3; c++)
-            means[3 * i + (size_t)c] = place_of(
-                &r->sog, c, (*a)[4 * i + (size_t)c] | (unsigned)(*b)[4 * i + (size_t)c] << 8);
+        for (size_t c = 0; c < 3; c++)
+            means[3 * i + c] = spin_sog_number(
+                &r->sog.means, false, c, (*a)[4 * i + c] | (unsigned)(*b)[4 * i + c] << 8, STEPS);
     return spin_check_finite("means", means, r->sog.n, 3);
 }
 

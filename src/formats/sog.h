@@ -35,11 +35,15 @@ enum spin_sog_picture {
 
 enum { SPIN_SOG_PALETTE_LINE = 64, SPIN_SOG_MAX_PALETTE = 65536 };
 
+struct spin_sog_range {
+    double mins[3], maxs[3];
+};
+
 struct spin_sog {
     size_t n;
     int sh_degree; /* 0 to 3 */
     bool antialias;
-    double mins[3], maxs[3]; /* of spin_sog_log() of the places */
+    struct spin_sog_range means; /* of spin_sog_log() of the places */
     float scales[SPIN_CODEBOOK], sh0[SPIN_CODEBOOK], sh_n[SPIN_CODEBOOK];
     size_t n_palette;
     int version; /* 1 or 2, of a file that is read */
@@ -58,9 +62,13 @@ size_t spin_sog_palette(size_t n);
 
 double spin_sog_log(double v);
 double spin_sog_unlog(double v);
-/* A row's pixels; shown: what a reader sees. */
-void spin_sog_code_place(const struct spin_sog *sog, const float place[3], uint8_t low[4],
-                         uint8_t high[4], float shown[3]);
+/* n numbers of a range (of their spin_sog_log(), unless it is linear) as its nearest steps: 16 bits, or 8 where high is
+ * NULL. shown: what a reader sees, here and below. */
+void spin_sog_code(const struct spin_sog_range *range, bool linear, size_t n, const float *v,
+                   uint8_t *low, uint8_t *high, float *shown);
+/* Number c at step q of so many. */
+float spin_sog_number(const struct spin_sog_range *range, bool linear, size_t c, unsigned q,
+                      double steps);
 void spin_sog_code_rotation(const float q[4], uint8_t out[4], float shown[4]);
 /* Of such a pixel; false when its mark is none. */
 bool spin_sog_rotation(const uint8_t pixel[4], float q[4]);

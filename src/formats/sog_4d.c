@@ -11,33 +11,6 @@
 #define SLACK 4096             /* pixels that hold nothing, beyond as many as do */
 #define MOST_SPLATS (1u << 20) /* that a file may hold without as many bytes */
 
-/* ---- Numbers --------------------------------------------------------------------------------- */
-
-static float number_of(const struct spin_sog_range *range, bool linear, size_t c, unsigned q,
-                       double steps)
-{
-    double v = range->mins[c] + (range->maxs[c] - range->mins[c]) * q / steps;
-
-    return (float)(linear ? v : spin_sog_unlog(v));
-}
-
-void spin_sog_4d_code(const struct spin_sog_range *range, bool linear, size_t n, const float *v,
-                      uint8_t *low, uint8_t *high, float *shown)
-{
-    double steps = high ? 65535 : 255;
-
-    for (size_t c = 0; c < n; c++) {
-        double width = range->maxs[c] - range->mins[c];
-        double at = (linear ? (double)v[c] : spin_sog_log((double)v[c])) - range->mins[c];
-        unsigned q = width > 0 ? (unsigned)lrint(fmin(fmax(at / width, 0), 1) * steps) : 0;
-
-        low[c] = (uint8_t)q;
-        if (high)
-            high[c] = (uint8_t)(q >> 8);
-        shown[c] = number_of(range, linear, c, q, steps);
-    }
-}
-
 /* ---- meta.json ------------------------------------------------------------------------------- */
 
 spin_status spin_sog_4d_integer(const struct spin_sog_4d *r, const spin_json *j, const char *name,
@@ -262,7 +235,7 @@ static spin_status read_numbers(struct set *set, enum spin_sog_4d_picture p,
         for (size_t i = 0; i < set->n; i++) {
             unsigned q = set->low[4 * i + c] | (wide ? (unsigned)set->high[4 * i + c] << 8 : 0);
 
-            to[c][step * i] = number_of(range, linear, c, q, wide ? 65535 : 255);
+            to[c][step * i] = spin_sog_number(range, linear, c, q, wide ? 65535 : 255);
             if (!isfinite(to[c][step * i]))
                 return spin_malformed("picture '%s' of %s: row %zu is not finite", set->r->name[p],
                                       set->r->what, i);

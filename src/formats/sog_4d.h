@@ -29,10 +29,6 @@ enum spin_sog_4d_picture {
     SPIN_4D_PICTURES
 };
 
-struct spin_sog_range {
-    double mins[3], maxs[3];
-};
-
 struct spin_sog_book {
     size_t n; /* values it has */
     float value[SPIN_CODEBOOK];
@@ -55,12 +51,6 @@ struct spin_sog_4d {
     struct spin_sog_book opacity; /* logits */
     uint8_t *centroids;           /* pixels, once they are needed */
 };
-
-/* ---- Writing --------------------------------------------------------------------------------- */
-
-/* n numbers of a range to its nearest steps; shown: what a reader sees. high NULL: 8 bits. */
-void spin_sog_4d_code(const struct spin_sog_range *range, bool linear, size_t n, const float *v,
-                      uint8_t *low, uint8_t *high, float *shown);
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 

@@ -254,24 +254,13 @@ static spin_status read_scalars(const struct spin_ply *ply, int degree, struct s
     return check_times(out);
 }
 
-static void move(const struct spin_splats *from, struct spin_splats_4d *to)
-{
-    size_t n = from->n * sizeof(float), n_sh = 3 + spin_n_rest(to->sh_degree);
-
-    memcpy(to->centres, from->means, 3 * n);
-    memcpy(to->quats, from->quats, 4 * n);
-    memcpy(to->log_scales, from->log_scales, 3 * n);
-    memcpy(to->logit_opacities, from->logit_opacities, n);
-    memcpy(to->sh, from->sh, n_sh * n);
-}
-
 static spin_status read_vertices(const struct spin_ply *ply, struct spin_sogst *out,
                                  struct spin_splats_4d *splats)
 {
     static const char *const names[] = {"t_center", "t_sigma", "vx", "vy", "vz", "ax", "ay", "az"};
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     struct spin_gs_ply cloud;
-    SPIN_LEAVES(spin_splats_free) struct spin_splats still = {0};
+    struct spin_splats still;
     int degree;
 
     SPIN_TRY(spin_gs_ply_find(ply, &cloud));
@@ -289,10 +278,8 @@ static spin_status read_vertices(const struct spin_ply *ply, struct spin_sogst *
             return spin_malformed("no property '%s'", names[k]);
         spin_ply_column(ply, cloud.vertex, property, to, k < 2 ? 1 : 3 * (size_t)degree);
     }
-    SPIN_TRY(spin_splats_reserve(&still, splats->n, columns, cloud.sh_degree));
-    SPIN_TRY(spin_gs_ply_read(&cloud, columns, 0, &still));
-    move(&still, splats);
-    return SPIN_OK;
+    still = spin_splats_of_4d(splats);
+    return spin_gs_ply_read(&cloud, columns, 0, &still);
 }
 
 spin_status spin_sogst_read_ply(const char *path, struct spin_sogst *out,

@@ -393,7 +393,7 @@ void spin_splat4d_close(struct spin_splat4d *clip)
 
 spin_status spin_splat4d_open(const unsigned char *file, size_t size, struct spin_splat4d *out)
 {
-    spin_json *json = NULL;
+    SPIN_LEAVES(spin_json_freed) spin_json *json = NULL;
     spin_status status;
 
     *out = (struct spin_splat4d){.file = file, .size = size, .group = SIZE_MAX};
@@ -401,7 +401,6 @@ spin_status spin_splat4d_open(const unsigned char *file, size_t size, struct spi
     out->smoothed = file[6] & SMOOTHED;
     SPIN_TRY(spin_json_parse("header", (const char *)file + HEADER, spin_u32_at(file + 8), &json));
     status = read_header(json, out);
-    spin_json_free(json);
     if (status == SPIN_OK)
         status = read_static(out);
     if (status != SPIN_OK)

@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "base/mem.h"
+#include "base/number.h"
 #include "io/image_shim.h"
 #include "base/shim.h"
 #include "io/video.h"
@@ -221,16 +222,13 @@ static spin_status answer(struct question *q)
 spin_status spin_image_size(const char *path, int *width, int *height, int *channels)
 {
     struct question q = {.path = path, .width = width, .height = height, .channels = channels};
-    char *file;
+    SPIN_FREED char *file = NULL;
     int64_t frame;
 
     SPIN_TRY(find_video(path, &file, &frame));
     if (file) {
-        spin_status status = spin_video_info(file, width, height, &frame, NULL);
-
-        free(file);
         *channels = 3;
-        return status;
+        return spin_video_info(file, width, height, &frame, NULL);
     }
     SPIN_TRY(inspect(path, false, &q.format, NULL));
     return answer(&q);
@@ -252,16 +250,12 @@ spin_status spin_image_look(const char *path, int *width, int *height, struct sp
 {
     int channels;
     struct question q = {.path = path, .width = width, .height = height, .channels = &channels};
-    char *file;
+    SPIN_FREED char *file = NULL;
     int64_t frame;
 
     SPIN_TRY(find_video(path, &file, &frame));
-    if (file) {
-        spin_status status = look_at_video(file, frame, width, height, imprint);
-
-        free(file);
-        return status;
-    }
+    if (file)
+        return look_at_video(file, frame, width, height, imprint);
     SPIN_TRY(inspect(path, true, &q.format, imprint));
     SPIN_TRY(answer(&q));
     if ((int64_t)*width > MAX_PIXELS / *height)
@@ -279,17 +273,13 @@ spin_status spin_image_read(const char *path, const float background[3], int *wi
                          .width = width,
                          .height = height,
                          .rgb = rgb};
-    char *file;
+    SPIN_FREED char *file = NULL;
     int64_t frame;
 
     *rgb = NULL;
     SPIN_TRY(find_video(path, &file, &frame));
-    if (file) {
-        spin_status status = spin_video_read(file, frame, NULL, width, height, rgb);
-
-        free(file);
-        return status;
-    }
+    if (file)
+        return spin_video_read(file, frame, NULL, width, height, rgb);
     SPIN_TRY(inspect(path, true, &q.format, NULL));
     return answer(&q);
 }
@@ -323,12 +313,6 @@ spin_status spin_image_write(const char *path, int width, int height, const uint
 
 static float finite_or_0(float v) { return isfinite(v) ? v : 0; }
 
-/* What the screen makes light of: the curve of sRGB, which goes on above 1. */
-static float light_of(float v)
-{
-    return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
-}
-
 /* Colour of a pixel by itself, and as the file has it: PNG's is not multiplied by alpha. */
 static void colour_of(const struct spin_film *film, size_t i, float out[3])
 {
@@ -339,7 +323,7 @@ static void colour_of(const struct spin_film *film, size_t i, float out[3])
         float v = finite_or_0(film->image[c * plane + i]);
 
         v = alpha > 0 ? v / alpha : 0;
-        out[c] = (film->linear ? light_of(v) : v) * back;
+        out[c] = (film->linear ? spin_light_of(v) : v) * back;
     }
     if (film->alpha)
         out[3] = alpha;

@@ -80,32 +80,22 @@ static void draw_points(struct canvas *canvas, const struct spin_camera *camera,
     out->inside = n ? (double)inside / (double)n : 0;
 }
 
-static void measure(const struct spin_camera *camera, const struct spin_splats *s, size_t most,
-                    struct spin_camera_overlay_share *out)
-{
-    draw_points(NULL, camera, s, s->n / most + 1, out);
-}
-
 spin_status spin_camera_overlay_draw(const struct spin_view *view, const struct spin_splats *s,
                                      const char *path, struct spin_camera_overlay_share *out)
 {
-    struct canvas canvas = {.width = view->camera.width, .height = view->camera.height};
-    size_t plane = (size_t)canvas.width * (size_t)canvas.height;
-    spin_status status;
+    int width = view->camera.width, height = view->camera.height;
+    size_t plane = (size_t)width * (size_t)height;
+    SPIN_FREED float *image = NULL, *depth = NULL;
 
-    SPIN_TRY_OUT(spin_alloc(plane, 3 * sizeof(float), (void **)&canvas.image));
-    SPIN_TRY_OUT(spin_alloc(plane, sizeof(float), (void **)&canvas.depth));
-    SPIN_TRY_OUT(spin_image_load(view->path, canvas.width, canvas.height, NULL, canvas.image));
+    SPIN_TRY(spin_alloc(plane, 3 * sizeof *image, (void **)&image));
+    SPIN_TRY(spin_alloc(plane, sizeof *depth, (void **)&depth));
+    SPIN_TRY(spin_image_load(view->path, width, height, NULL, image));
     for (size_t i = 0; i < 3 * plane; i++)
-        canvas.image[i] *= DARKEN;
+        image[i] *= DARKEN;
     for (size_t i = 0; i < plane; i++)
-        canvas.depth[i] = FLT_MAX;
-    draw_points(&canvas, &view->camera, s, 1, out);
-    SPIN_TRY_OUT(spin_image_save(path, canvas.width, canvas.height, canvas.image, false));
-out:
-    free(canvas.image);
-    free(canvas.depth);
-    return status;
+        depth[i] = FLT_MAX;
+    draw_points(&(struct canvas){width, height, image, depth}, &view->camera, s, 1, out);
+    return spin_image_save(path, width, height, image, false);
 }
 
 static size_t row_of(const struct spin_views *views, int row, size_t *first)
@@ -195,7 +185,7 @@ static size_t look_at(const struct spin_views *views, const int *rows, int n_row
         for (size_t v = first; v < first + n_views && n < views->n; v++) {
             struct spin_camera_overlay_share share;
 
-            measure(&views->view[v].camera, s, POINTS, &share);
+            draw_points(NULL, &views->view[v].camera, s, s->n / POINTS + 1, &share);
             look[n++] = (struct look){v, {share.in_front, share.inside}};
         }
     }

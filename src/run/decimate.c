@@ -67,11 +67,7 @@ static spin_status filter(struct spin_decimation *d, const struct spin_splats *s
     size_t n_sh = 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1)), n_finite = 0;
     float limit;
 
-    if (s->n > d->room) {
-        d->room = 0;
-        SPIN_TRY(spin_grow(s->n, 1, (void **)&d->left_out));
-        d->room = s->n;
-    }
+    SPIN_TRY(spin_grow(s->n + 1, 1, (void **)&d->left_out));
     for (size_t i = 0; i < s->n; i++)
         if (!(reason && reason[i]) && (!shown || shown[i]))
             n_finite += (size_t)spin_box_add(s->means + 3 * i, low, high);
@@ -97,34 +93,6 @@ static spin_status filter_frame(struct spin_decimation *d, int f, const struct s
         return filter(d, s, NULL, NULL);
     SPIN_TRY(spin_scene_edit_judge(d->edit, f, s, counts));
     return filter(d, s, d->edit->reason, NULL);
-}
-
-/* The marked rows of s. */
-static spin_status copy_rows(const struct spin_splats *s, const unsigned char *mark,
-                             struct spin_splats *out)
-{
-    struct spin_splats from = *s;
-    size_t n = 0;
-
-    for (size_t i = 0; i < s->n; i++)
-        n += mark[i];
-    SPIN_TRY(spin_splats_reserve(out, n, COLUMNS, s->sh_degree));
-    out->antialias = s->antialias;
-    for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
-        size_t width = spin_column_width(column, s->sh_degree);
-        float *to, *at;
-
-        if (!(COLUMNS & column))
-            continue;
-        to = *spin_column_of(out, column);
-        at = *spin_column_of(&from, column);
-        for (size_t i = 0; i < s->n; i++, at += width)
-            if (mark[i]) {
-                memcpy(to, at, width * sizeof *to);
-                to += width;
-            }
-    }
-    return SPIN_OK;
 }
 
 static double time_of(const struct spin_decimation *d, int f)
@@ -277,7 +245,7 @@ static spin_status weigh_frame(struct spin_decimation *d, int f)
     size_t k = 0;
 
     SPIN_TRY(read_frame(d, f, false, &mark, &row));
-    SPIN_TRY(copy_rows(&d->splats, mark, &d->part));
+    SPIN_TRY(spin_splats_take(&d->splats, mark, &d->part));
     SPIN_TRY(spin_alloc(d->part.n + 1, sizeof *weight, (void **)&weight));
     SPIN_TRY(weigh(d, f, weight));
     for (size_t i = 0; i < d->splats.n; i++) {
@@ -593,7 +561,7 @@ spin_status spin_decimation_frame(struct spin_decimation *d, int f, const struct
     if (all->n == set->n)
         memcpy(mark, set->keep, all->n);
     else { /* other splats than the clip's: by their size */
-        struct entry *entry = NULL;
+        SPIN_FREED struct entry *entry = NULL;
         size_t n = 0, most = set->n_kept;
 
         SPIN_TRY(spin_alloc(all->n + 1, sizeof *entry, (void **)&entry));
@@ -604,11 +572,10 @@ spin_status spin_decimation_frame(struct spin_decimation *d, int f, const struct
         qsort(entry, n, sizeof *entry, by_weight);
         for (size_t i = 0; i < n && i < most; i++)
             mark[entry[i].row] = 1;
-        free(entry);
     }
     for (size_t i = 0; i < all->n; i++)
         mark[i] = d->left_out[i] == COUNTS ? mark[i] : d->filters && d->left_out[i] != IS_FILTERED;
-    SPIN_TRY(copy_rows(all, mark, out));
+    SPIN_TRY(spin_splats_take(all, mark, out));
     mark_too_large(mark, d->left_out, all->n, out->log_scales);
     return SPIN_OK;
 }
@@ -617,8 +584,7 @@ spin_status spin_decimation_4d(struct spin_decimation *d, const struct spin_spla
 {
     const struct spin_splats_4d *s = d->splats_4d;
     double first = time_of(d, 0), last = time_of(d, d->clip->n_frames - 1);
-    unsigned char *mark = NULL;
-    spin_status status;
+    SPIN_FREED unsigned char *mark = NULL;
 
     spin_splats_4d_free(&d->kept_4d);
     SPIN_TRY(spin_alloc(s->n + 1, 1, (void **)&mark));
@@ -626,12 +592,10 @@ spin_status spin_decimation_4d(struct spin_decimation *d, const struct spin_spla
         mark[i] = d->set[0].keep[i] ||
                   (d->filters && d->left_out[i] != COUNTS && d->left_out[i] != IS_FILTERED &&
                    s->spans[2 * i] <= last && s->spans[2 * i + 1] >= first);
-    status = spin_splats_4d_take(s, mark, &d->kept_4d);
-    if (status == SPIN_OK)
-        mark_too_large(mark, d->left_out, s->n, d->kept_4d.log_scales);
-    free(mark);
+    SPIN_TRY(spin_splats_4d_take(s, mark, &d->kept_4d));
+    mark_too_large(mark, d->left_out, s->n, d->kept_4d.log_scales);
     *out = &d->kept_4d;
-    return status;
+    return SPIN_OK;
 }
 
 size_t spin_decimation_count(const struct spin_decimation *d, int f)
@@ -682,7 +646,7 @@ static spin_status read_part(struct spin_decimation *d, int f, bool kept)
     SPIN_FREED uint32_t *row = NULL;
 
     SPIN_TRY(read_frame(d, f, kept, &mark, &row));
-    return copy_rows(&d->splats, mark, &d->part);
+    return spin_splats_take(&d->splats, mark, &d->part);
 }
 
 static spin_status draw(struct spin_decimation *d, int f, bool kept,

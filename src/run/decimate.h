@@ -56,7 +56,6 @@ struct spin_decimation {
     size_t n_pairs;
     struct spin_splats splats, part;
     unsigned char *left_out; /* of a frame: why; see decimate.c */
-    size_t room;
     struct spin_splats_4d kept_4d;
 };
 

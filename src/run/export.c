@@ -265,21 +265,6 @@ static spin_status source_frame(void *source_of, int frame, struct spin_splats *
     return spin_scene_edit_frame(&x->edit, frame, splats, false, out);
 }
 
-static bool is_antialiased(const struct export *x)
-{
-    return x->from == SPIN_FROM_TRAINED   ? x->player.field.antialias
-           : x->from == SPIN_FROM_REFINED ? x->clip.bundle.refined.antialias
-                                          : x->clip.bundle.meta.antialias;
-}
-
-static int sh_degree_of(const struct export *x)
-{
-    if (x->from == SPIN_FROM_TRAINED)
-        return x->player.field.sh_degree;
-    return x->from == SPIN_FROM_REFINED ? x->clip.bundle.refined.sh_degree
-                                        : x->clip.bundle.meta.sh_degree;
-}
-
 static spin_status read_again(void *context, int frame, const struct spin_splats **out)
 {
     struct export *x = context;
@@ -349,8 +334,8 @@ static spin_status begin_export(struct export *x)
         .data_from = x->clip.bundle.meta.data_from,
         .identity = x->from == SPIN_FROM_SOURCE && x->clip.bundle.meta.identity && !x->edit.filters,
         .source = x->clip.bundle.meta.from,
-        .sh_degree = sh_degree_of(x),
-        .antialias = is_antialiased(x),
+        .sh_degree = x->clip.bundle.meta.sh_degree,
+        .antialias = x->clip.bundle.meta.antialias,
         .values = &values,
         .dataset_frame_of = x->clip.dataset_frame,
         .renderer = x->renderer,
@@ -370,6 +355,13 @@ static spin_status begin_export(struct export *x)
     double sum = 0;
     spin_status status;
 
+    if (x->from == SPIN_FROM_TRAINED) {
+        job.sh_degree = x->player.field.sh_degree;
+        job.antialias = x->player.field.antialias;
+    } else if (x->from == SPIN_FROM_REFINED) {
+        job.sh_degree = x->clip.bundle.refined.sh_degree;
+        job.antialias = x->clip.bundle.refined.antialias;
+    }
     if (x->from != SPIN_FROM_SOURCE && !(SPIN_COL_ATTRIBUTES & ~x->clip.bundle.meta.columns))
         job.source_frame = source_frame;
     for (int f = 0; f < x->clip.n_frames; f++) {
@@ -516,19 +508,13 @@ static spin_status say_lens(const struct export *x)
     return SPIN_OK;
 }
 
-/* Pictures do, and a page. */
-static bool shows_background(const struct export *x)
-{
-    return !x->o->transparent &&
-           (x->exporter->needs_renderer || strcmp(x->exporter->name, "html") == 0);
-}
-
 static void warn_of_background(const struct export *x)
 {
     const struct spin_export_options *o = x->o;
     const float *rgb = o->background;
+    bool draws = x->exporter->needs_renderer || strcmp(x->exporter->name, "html") == 0;
 
-    if (shows_background(x))
+    if (draws && !o->transparent)
         spin_training_warn_background(&x->clip.bundle, x->from, rgb, "draws");
     else if (!o->transparent && !o->check && !o->decimate &&
              (rgb[0] != 0 || rgb[1] != 0 || rgb[2] != 0))

@@ -75,26 +75,17 @@ static void forget_data(struct import *im)
     im->meta.data_from[0] = '\0';
 }
 
-/* The one that spin-export wrote down beside its frames. */
-static spin_status find_exported_data(struct import *im, char **from)
-{
-    SPIN_FREED char *path = NULL;
-
-    SPIN_TRY(spin_exported_data(im->input, &path, from));
-    return path ? spin_path_absolute(path, &im->data) : SPIN_OK;
-}
-
 /* Read the data set first: its frames may be where a continuous method is sampled. */
 static spin_status open_data(struct import *im)
 {
     const struct spin_import_options *o = im->o;
-    SPIN_FREED char *from = NULL;
+    SPIN_FREED char *from = NULL, *path = NULL;
     spin_status status = SPIN_OK;
 
-    if (o->data)
-        SPIN_TRY(spin_path_absolute(o->data, &im->data));
-    else if (!im->sequence.continuous)
-        SPIN_TRY(find_exported_data(im, &from));
+    if (!o->data && !im->sequence.continuous) /* the one that spin-export wrote down */
+        SPIN_TRY(spin_exported_data(im->input, &path, &from));
+    if (o->data || path)
+        SPIN_TRY(spin_path_absolute(o->data ? o->data : path, &im->data));
     if (im->data)
         status = spin_views_open(im->data, o->data ? o->data_from : from, &im->views,
                                  im->meta.data_from, sizeof im->meta.data_from);
@@ -373,16 +364,6 @@ static spin_status read_points(struct import *im, int frame)
     return source_frame(im, frame, columns, &im->splats);
 }
 
-/* The frame that a row of the data set shows. */
-static int frame_of_row(const struct import *im, int row)
-{
-    int frame = 0;
-
-    while (im->rows[frame] != row)
-        frame++;
-    return frame;
-}
-
 static bool is_drawn(const spin_json *cameras, int number, int camera)
 {
     for (size_t i = 0; i < spin_json_length(cameras); i++)
@@ -403,8 +384,11 @@ static spin_status report_shares(struct import *im, const struct spin_camera_sha
     for (size_t k = 0; k < shares->n; k++) {
         const struct spin_camera_share *c = &shares->camera[k];
         const struct spin_view *v = &im->views.view[c->view];
-        int frame = frame_of_row(im, v->dataset_frame), number = im->meta.frame[frame].number;
+        int frame = 0, number;
 
+        while (im->rows[frame] != v->dataset_frame)
+            frame++;
+        number = im->meta.frame[frame].number;
         spin_json_push(list, json_pack("{s:i, s:i, s:f, s:f, s:b}", "camera", v->camera_id, "frame",
                                        number, "least_in_front", c->in_front, "least_inside",
                                        c->inside, "apart", c->apart));
@@ -609,13 +593,6 @@ static spin_status store_4d(struct import *im)
     return SPIN_OK;
 }
 
-static spin_status describe_frame(struct import *im, int i)
-{
-    SPIN_TRY(read_frame(im, i, spin_rank(), im->sequence.columns, &im->splats));
-    spin_column_stats_frame(&im->describe, im->sequence.columns, &im->splats);
-    return SPIN_OK;
-}
-
 /* Rows of every frame: as the importer knows them, else of the frames that were read. */
 static void count_splats(struct import *im, const int *read, int n_read)
 {
@@ -666,11 +643,10 @@ static spin_status read_frames(struct import *im)
     else
         SPIN_TRY_OUT(spin_column_stats_open(&im->describe, n));
     for (int k = 0; k < n && !im->stores; k++) {
-        if (spin_cancelled()) {
-            status = spin_fail_cancelled();
-            goto out;
-        }
-        SPIN_TRY_OUT(describe_frame(im, read[k]));
+        if (spin_cancelled())
+            SPIN_TRY_OUT(spin_fail_cancelled());
+        SPIN_TRY_OUT(read_frame(im, read[k], spin_rank(), im->sequence.columns, &im->splats));
+        spin_column_stats_frame(&im->describe, im->sequence.columns, &im->splats);
         spin_progress_set(&progress, k + 1, "%zu splats", im->meta.frame[read[k]].n);
     }
     spin_json_set_integer(im->report, "frames_read", n);

@@ -351,14 +351,6 @@ static spin_status open_trainer(struct run *r, bool resume)
     return spin_plan_open_trainer(p, &r->device, &size, &r->trainer);
 }
 
-/* What the trainer begins with, but for a network. */
-static spin_status load_splats(struct run *r, bool resume)
-{
-    if (trains_4d(r))
-        return spin_rows_4d_load(&r->rows, &r->plan, &r->trainer, &r->frames);
-    return spin_frames_load(&r->frames, &r->plan, &r->refinement, &r->tracks, &r->trainer, !resume);
-}
-
 /* First values of table and heads. */
 static spin_status begin_network(struct run *r)
 {
@@ -436,7 +428,9 @@ static spin_status train_network(struct run *r)
     c->code_paths = &r->code_paths;
 
     SPIN_TRY(open_trainer(r, resume));
-    SPIN_TRY(load_splats(r, resume));
+    SPIN_TRY(trains_4d(r) ? spin_rows_4d_load(&r->rows, &r->plan, &r->trainer, &r->frames)
+                          : spin_frames_load(&r->frames, &r->plan, &r->refinement, &r->tracks,
+                                             &r->trainer, !resume));
     c->permutation = r->frames.permutation;
     SPIN_TRY(resume ? spin_checkpoint_load(c, &r->trainer) : begin_network(r));
     c->sound = true;
@@ -536,13 +530,6 @@ static spin_status keep(struct run *r, spin_status failed)
     return spin_fail(failed, "%s%s", why, kept);
 }
 
-/* Files are rank 0's: one lock, one log, one state. */
-static spin_status take_lock(struct run *r)
-{
-    return spin_ranks_agree(spin_rank() == 0 ? spin_output_lock_take(r->plan.o->output, &r->lock)
-                                             : SPIN_OK);
-}
-
 static spin_status begin(struct run *r, bool *done)
 {
     bool found[2] = {false, r->plan.o->resume && spin_path_exists(r->plan.part)};
@@ -565,7 +552,9 @@ static spin_status work(struct run *r)
     bool done = false;
     spin_status status;
 
-    SPIN_TRY(take_lock(r));
+    /* Files are rank 0's: one lock, one log, one state. */
+    SPIN_TRY(spin_ranks_agree(spin_rank() == 0 ? spin_output_lock_take(p->o->output, &r->lock)
+                                               : SPIN_OK));
     SPIN_TRY(look_at_input(r));
     SPIN_TRY(begin(r, &done));
     if (done) {

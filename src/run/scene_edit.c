@@ -93,18 +93,10 @@ static bool crops_away(const struct spin_export_options *o, const float place[3]
 /* Whether the camera has the place in its picture. */
 static bool sees(const struct spin_camera *camera, const float place[3])
 {
-    double p[3], u, v;
+    double p[3];
 
-    for (int r = 0; r < 3; r++) {
-        const double *m = camera->w2c + 4 * r;
-
-        p[r] = m[0] * (double)place[0] + m[1] * (double)place[1] + m[2] * (double)place[2] + m[3];
-    }
-    if (!(p[2] > (double)SPIN_PROJECT_NEAR))
-        return false;
-    u = camera->fx * p[0] / p[2] + camera->cx;
-    v = camera->fy * p[1] / p[2] + camera->cy;
-    return u >= 0 && v >= 0 && u <= camera->width && v <= camera->height;
+    return spin_camera_project(camera, place, p) && p[2] > (double)SPIN_PROJECT_NEAR && p[0] >= 0 &&
+           p[1] >= 0 && p[0] <= camera->width && p[1] <= camera->height;
 }
 
 /* The rows at hand: where they are, and why each goes: 0, or 1 + the filter. */
@@ -182,30 +174,25 @@ static spin_status judge(struct spin_scene_edit *e, int frame, const struct rows
     return e->o->floaters > 0 ? leave_out_floaters(e, rows) : SPIN_OK;
 }
 
-/* Count what stays of n rows, and with counts why the others go. */
-static size_t count(struct spin_scene_edit *e, const unsigned char *reason, size_t n, bool counts)
+/* Count what stays of n rows, and why the others go. */
+static void count(struct spin_scene_edit *e, const unsigned char *reason, size_t n)
 {
-    size_t n_kept = 0;
-
+    e->n_seen += n;
     for (size_t i = 0; i < n; i++) {
-        n_kept += !reason[i];
-        if (reason[i] && counts)
+        e->n_kept += !reason[i];
+        if (reason[i])
             e->n_left_out[reason[i] - 1]++;
     }
-    e->n_seen += counts ? n : 0;
-    e->n_kept += counts ? n_kept : 0;
-    return n_kept;
 }
 
-/* Rows of `width` floats that stay. */
-static void copy_kept(const float *from, size_t n, size_t width, const unsigned char *reason,
-                      float *to)
+/* Which of n rows stay: those without a reason; all, where they were chosen before. */
+static spin_status mark_rows(const struct spin_scene_edit *e, const unsigned char *reason, size_t n,
+                             unsigned char **mark)
 {
+    SPIN_TRY(spin_alloc(n + 1, 1, (void **)mark));
     for (size_t i = 0; i < n; i++)
-        if (!reason[i]) {
-            memcpy(to, from + i * width, width * sizeof *to);
-            to += width;
-        }
+        (*mark)[i] = e->chosen || !reason[i];
+    return SPIN_OK;
 }
 
 /* ---- Size and place ---------------------------------------------------------------------------- */
@@ -262,7 +249,8 @@ spin_status spin_scene_edit_judge(struct spin_scene_edit *e, int frame, const st
     SPIN_TRY(spin_grow(s->n + 1, 1, (void **)&e->reason));
     rows.reason = e->reason;
     SPIN_TRY(judge(e, frame, &rows));
-    count(e, e->reason, s->n, counts);
+    if (counts)
+        count(e, e->reason, s->n);
     return SPIN_OK;
 }
 
@@ -270,26 +258,15 @@ spin_status spin_scene_edit_frame(struct spin_scene_edit *e, int frame,
                                   const struct spin_splats *in, bool counts,
                                   struct spin_splats *out)
 {
-    const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    struct spin_splats from = *in;
-    size_t n_kept = in->n;
+    SPIN_FREED unsigned char *mark = NULL;
 
-    if (e->chosen) {
-        SPIN_TRY(spin_grow(in->n + 1, 1, (void **)&e->reason));
-        memset(e->reason, 0, in->n);
-    } else {
+    if (!e->chosen)
         SPIN_TRY(spin_scene_edit_judge(e, frame, in, counts));
-        n_kept = count(e, e->reason, in->n, false);
-    }
-    SPIN_TRY(spin_splats_reserve(out, n_kept, columns, in->sh_degree));
-    out->antialias = in->antialias;
-    for (unsigned c = 1; c < SPIN_COLUMNS_END; c <<= 1)
-        if (columns & c)
-            copy_kept(*spin_column_of(&from, c), in->n, spin_column_width(c, in->sh_degree),
-                      e->reason, *spin_column_of(out, c));
+    SPIN_TRY(mark_rows(e, e->reason, in->n, &mark));
+    SPIN_TRY(spin_splats_take(in, mark, out));
     if (e->moves) {
-        move_places(e, out->means, n_kept);
-        move_scales(e, out->log_scales, n_kept);
+        move_places(e, out->means, out->n);
+        move_scales(e, out->log_scales, out->n);
     }
     return SPIN_OK;
 }
@@ -365,40 +342,26 @@ spin_status spin_scene_edit_judge_4d(struct spin_scene_edit *e, const struct spi
     SPIN_TRY(spin_alloc(s->n + 1, 1, (void **)&e->reason_4d));
     if (e->filters)
         SPIN_TRY(judge_4d(e, s, e->reason_4d));
-    count(e, e->reason_4d, s->n, true);
+    count(e, e->reason_4d, s->n);
     return SPIN_OK;
 }
 
 spin_status spin_scene_edit_4d(struct spin_scene_edit *e, const struct spin_splats_4d *in,
                                const struct spin_splats_4d **out)
 {
-    struct spin_splats_4d from = *in, *to = &e->splats_4d;
-    unsigned parts = spin_splats_4d_parts(in);
-    SPIN_FREED unsigned char *none = NULL;
-    const unsigned char *reason;
-    size_t n_kept, n_dropped;
+    struct spin_splats_4d *to = &e->splats_4d;
+    SPIN_FREED unsigned char *mark = NULL;
+    size_t n_dropped;
 
     spin_splats_4d_free(to);
-    if (e->chosen)
-        SPIN_TRY(spin_alloc(in->n + 1, 1, (void **)&none));
-    else
+    if (!e->chosen)
         SPIN_TRY(spin_scene_edit_judge_4d(e, in));
-    reason = none ? none : e->reason_4d;
-    n_kept = count(e, reason, in->n, false);
-    SPIN_TRY(spin_splats_4d_reserve(to, n_kept, in->degree, in->sh_degree, parts));
-    to->antialias = in->antialias;
-    to->least_weight = in->least_weight;
-    to->least_opacity = in->least_opacity;
-    to->period = in->period;
-    memcpy(to->cov2d, in->cov2d, sizeof to->cov2d);
-    for (int k = 0; k < SPIN_N_ARRAYS_4D; k++)
-        if (spin_array_4d_in(in, k, parts))
-            copy_kept(*spin_array_4d_of(&from, k), in->n, spin_array_4d_width(in, k), reason,
-                      *spin_array_4d_of(to, k));
+    SPIN_TRY(mark_rows(e, e->reason_4d, in->n, &mark));
+    SPIN_TRY(spin_splats_4d_take(in, mark, to));
     if (e->moves) {
-        move_places(e, to->centres, n_kept);
-        move_scales(e, to->log_scales, n_kept);
-        for (size_t i = 0; i < 3 * n_kept * (size_t)in->degree; i++)
+        move_places(e, to->centres, to->n);
+        move_scales(e, to->log_scales, to->n);
+        for (size_t i = 0; i < 3 * to->n * (size_t)in->degree; i++)
             to->paths[i] = (float)(scale_of(e) * (double)to->paths[i]);
     }
     SPIN_TRY(spin_splats_4d_settle(to, &n_dropped, NULL));

@@ -99,6 +99,31 @@ void spin_splats_free(struct spin_splats *s)
     *s = (struct spin_splats){0};
 }
 
+void spin_rows_take(const float *from, size_t n, size_t width, const unsigned char *mark, float *to)
+{
+    for (size_t i = 0; i < n; i++)
+        if (mark[i]) {
+            memcpy(to, from + width * i, width * sizeof *to);
+            to += width;
+        }
+}
+
+spin_status spin_splats_take(const struct spin_splats *s, const unsigned char *mark,
+                             struct spin_splats *out)
+{
+    struct spin_splats from = *s;
+    size_t n = 0;
+
+    for (size_t i = 0; i < s->n; i++)
+        n += mark[i];
+    SPIN_TRY(spin_splats_reserve(out, n, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, s->sh_degree));
+    out->antialias = s->antialias;
+    for (unsigned c = SPIN_COL_MEANS; c <= SPIN_COL_SH; c <<= 1)
+        spin_rows_take(*spin_column_of(&from, c), s->n, spin_column_width(c, s->sh_degree), mark,
+                       *spin_column_of(out, c));
+    return SPIN_OK;
+}
+
 spin_status spin_views_add(struct spin_views *views, const struct spin_view *v)
 {
     char *path = NULL, *mask = NULL;

@@ -15,3 +15,6 @@ size_t spin_column_width(unsigned column, int sh_degree);
 /* Dimensions of n rows, as arrays in files have them; returns how many. */
 int spin_column_shape(unsigned column, size_t n, int sh_degree, uint64_t shape[3]);
 float **spin_column_of(struct spin_splats *s, unsigned column);
+/* Of n rows of `width` floats those that are marked with 1, to `to`. */
+void spin_rows_take(const float *from, size_t n, size_t width, const unsigned char *mark,
+                    float *to);

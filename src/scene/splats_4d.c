@@ -5,6 +5,7 @@
 #include "math/activate.h"
 #include "math/motion.h"
 #include "scene/bundle_pack.h"
+#include "scene/columns.h"
 
 /* Far below the largest float: places move, and others square them. */
 #define SANE 1e18
@@ -250,15 +251,10 @@ spin_status spin_splats_4d_take(const struct spin_splats_4d *s, const unsigned c
         *spin_array_4d_of(out, k) = NULL;
     SPIN_TRY(spin_splats_4d_reserve(out, n, s->degree, s->sh_degree, spin_splats_4d_parts(s)));
     for (int k = 0; k < SPIN_N_ARRAYS_4D; k++) {
-        size_t width = spin_array_4d_width(s, k);
         const float *at = *spin_array_4d_of(&from, k);
-        float *to = *spin_array_4d_of(out, k);
 
-        for (size_t i = 0; i < s->n && at; i++)
-            if (mark[i]) {
-                memcpy(to, at + width * i, width * sizeof *to);
-                to += width;
-            }
+        if (at)
+            spin_rows_take(at, s->n, spin_array_4d_width(s, k), mark, *spin_array_4d_of(out, k));
     }
     n = 0;
     for (size_t i = 0; i < s->n; i++)

@@ -10,7 +10,7 @@ complain() {
 
 for list in importers exporters; do
     kind=${list%s}
-    listed=$(sed -n "s/^ *&spin_${kind}_\([a-z0-9_]*\),\$/\1/p" $list/$list.c)
+    listed=$(grep -o 'ONE([a-z0-9_]*)' $list/$list.c | sed 's/ONE(\(.*\))/\1/' | grep -vx ONE)
     define="^\(const struct spin_$kind spin_${kind}_\|SPIN_[A-Z_]*PORTER(\)\([a-z0-9_]*\)\( = {\|,.*\)\$"
     defined=$(sed -n "/^SPIN_[A-Z_]*PORTER(\$/{N;s/\n *//};s/$define/\2/p" $list/*.c)
     for file in $list/*.c; do
@@ -29,7 +29,7 @@ for list in importers exporters; do
     done
     [ "$listed" = "$(echo "$listed" | LC_ALL=C sort)" ] ||
         complain "$list/$list.c is not alphabetical"
-    grep -q '^ *NULL,$' $list/$list.c || complain "$list/$list.c does not end with NULL"
+    grep -q 'ALL(LIST) NULL};$' $list/$list.c || complain "$list/$list.c does not end with NULL"
 done
 [ $failed = 0 ] && echo "lists: $n plug-ins, all listed"
 exit $failed
