@@ -68,7 +68,7 @@ SPIN_LDLIBS   := -lz -llzma -ljansson -ldl -lm
 # AddressSanitizer sees what a shim throws only if the library of C++ is there from the start.
 SPIN_LDLIBS   += $(if $(filter asan,$(CONFIG)),-Wl$(comma)--no-as-needed -lstdc++)
 SPIN_DEFINES  :=
-COMPILE_C      = $(CC) $(SPIN_CPPFLAGS) $(CPPFLAGS) $(SPIN_DEFINES) $(SPIN_CFLAGS) $(QUICK) $(CFLAGS)
+COMPILE_C      = $(CC) $(SPIN_CPPFLAGS) $(CPPFLAGS) $(SPIN_DEFINES) $(SPIN_CFLAGS) $(QUICK) $(HOT) $(CFLAGS)
 # FFmpeg's and MPI's objects are loaded by programs with and without sanitisers.
 COMPILE_SHIM   = $(SPIN_CPPFLAGS) $(CPPFLAGS) $(filter-out -fsanitize%,$(SPIN_CFLAGS)) $(CFLAGS) $(LDFLAGS)
 COMPILE_CXX    = $(CXX) $(SPIN_CPPFLAGS) $(CPPFLAGS) $(SPIN_CXXFLAGS) $(CXXFLAGS) $(LDFLAGS)
@@ -414,12 +414,16 @@ $(EMU):
 $(B)/src/device/cpu/contract.%.o $(B)/src/device/cpu/grid.%.o \
 $(B)/src/device/cpu/densify_stats.%.o: CONTRACT := -ffp-contract=off
 
-HOT := $(if $(filter asan,$(CONFIG)),-O1)
+# Where the sanitised tests spend their time.
+ifeq ($(CONFIG),asan)
+$(B)/src/device/cpu/%.o: HOT := -O1
+$(B)/src/device/cpu/mlp.%.o $(B)/src/base/product.o: HOT := -O2
+endif
 define CPU_RULE
 $(B)/%.$(1).o: %.c
 	@mkdir -p $$(@D)
 	$$(SAY) CC "$$< ($(1))"
-	$$(Q)$$(COMPILE_C) -DSPIN_CPU_PATH=$(1) $$(FLAGS.$(1)) $$(CONTRACT) $$(HOT) -MMD -MP -c -o $$@ $$<
+	$$(Q)$$(COMPILE_C) -DSPIN_CPU_PATH=$(1) $$(FLAGS.$(1)) $$(CONTRACT) -MMD -MP -c -o $$@ $$<
 endef
 $(foreach p,$(PATHS),$(eval $(call CPU_RULE,$(p))))
 

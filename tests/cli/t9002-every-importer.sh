@@ -15,30 +15,34 @@ place_of() { # PATH
     fi
 }
 
-# The file is as long as its header says, and its rows are floats that are numbers.
-ply_is_whole() { # FILE SPLATS NAME
-    LC_ALL=C awk '/^element vertex / { n = $3 } /^property / { p++; if ($2 != "float") bad = 1 }
-        { bytes += length($0) + 1 } /^end_header$/ { exit }
-        END { print n, n * p * 4 + bytes, bad + 0, p }' "$1" >"$work/header"
-    read -r rows bytes bad columns <"$work/header"
-    is "$rows $bad" "$2 0" "$3: $2 rows of floats"
-    is "$(wc -c <"$1")" "$bytes" "$3: and as many bytes"
+# Each file is as long as its header says, and its rows are floats that are numbers: of all, in `headers`, their rows, the
+# bytes of those, and the bytes that the file should have.
+plys_are_whole() { # NAME FILE...
+    of=$1
+    shift
+    LC_ALL=C awk 'FNR == 1 { p = bytes = 0 } /^element vertex / { n = $3 } /^property / { p++; if ($2 != "float") exit 1 }
+        { bytes += length($0) + 1 } /^end_header$/ { print n, n * p * 4, n * p * 4 + bytes; nextfile }' "$@" >"$work/headers"
+    ok $? "$of: rows of floats"
+    is "$(stat -L -c %s "$@")" "$(cut -d ' ' -f 3 "$work/headers")" "$of: and as many bytes"
     # In hexadecimal, which od writes in a tenth of the time: an exponent of ones.
-    is "$(tail -c $((rows * columns * 4)) "$1" | od -An -v -t x4 | grep -c ' [7f]f[89a-f]')" 0 \
-        "$3: all of them numbers"
+    is "$(while read -r rows bytes all; do
+        tail -c "$bytes" "$1"
+        shift
+    done <"$work/headers" | od -An -v -t x4 | grep -c ' [7f]f[89a-f]')" 0 "$of: all of them numbers"
 }
 
 # As many splats as the bundle had, frame by frame, by way of the PLY reader.
 goes_out() { # BUNDLE FRAMES NAME
     run "$bin/spin-export" "$1" --to ply -o "$work/$3" --json
     is "$code" 0 "$3: goes out as PLY"
-    is "$(ls "$work/$3"/frame_*.ply | wc -l)" "$2" "$3: $2 files"
-    for file in "$work/$3"/*.ply; do
-        run "$bin/spin-import" --info --json --from ply "$file"
-        ply_is_whole "$file" "$(sed -n 's/^    "max": \([0-9]*\)$/\1/p' "$work/out")" "$3 $(basename "$file")"
-    done
+    plys_are_whole "$3" "$work/$3"/frame_*.ply
+    is "$(wc -l <"$work/headers")" "$2" "$3: $2 files"
     run "$bin/spin-import" --json "$work/$3" -o "$work/$3-back.spin"
     is "$code $(member from) $(member frames)" "0 ply $2" "$3: comes back"
+    sed -n '/"splats": {/,/}/s/.*"m[axein]*": \([0-9.]*\).*/\1/p' "$work/out" | cat - "$work/headers" | awk 'NF == 1 { said[++m] = $1; next }
+        { n++; sum += $1; if (n == 1 || $1 < least) least = $1; if ($1 > most) most = $1 }
+        END { exit !(m == 3 && said[1] == least && said[3] == most && (said[2] - sum / n) ^ 2 < 1e-6) }'
+    ok $? "$3: with as many splats"
 }
 
 importers_of_runs "$bin" >"$work/names"

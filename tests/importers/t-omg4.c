@@ -132,8 +132,13 @@ static void test_xz(const char *file)
     free(zeros);
     fails(FROM, folder, path, "a folder with that file");
     fails(FROM, new_folder(), "holds no comp.xz", "an empty folder");
-    ok(read_truncations(FROM, file) == 0, "no truncation of the file can be read");
-    survive_flips(FROM, file);
+    /* Packed anew: the dictionary of the file is many times its size, and each reading makes one. */
+    if (spin_xz_load(file, 1u << 30, &bytes, &n) != SPIN_OK)
+        exit(1);
+    write_xz(path, bytes, n);
+    free(bytes);
+    ok(read_truncations(FROM, path) == 0, "no truncation of the file can be read");
+    survive_flips(FROM, path);
 }
 
 TAP_MAIN

@@ -52,7 +52,11 @@ static double cost(size_t i, size_t k)
 static void slow_link(uint32_t *next)
 {
     static uint8_t taken[M];
+    static double costs[N][M];
 
+    for (size_t i = 0; i < N; i++)
+        for (size_t k = 0; k < M; k++)
+            costs[i][k] = cost(i, k);
     memset(next, 0xff, N * sizeof *next);
     for (;;) {
         double best = INFINITY;
@@ -60,8 +64,8 @@ static void slow_link(uint32_t *next)
 
         for (size_t i = 0; i < N; i++)
             for (size_t k = 0; next[i] == SPIN_NO_LINK && k < M; k++)
-                if (!taken[k] && cost(i, k) < best) {
-                    best = cost(i, k);
+                if (!taken[k] && costs[i][k] < best) {
+                    best = costs[i][k];
                     from = i;
                     to = k;
                 }
