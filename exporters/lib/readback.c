@@ -1,7 +1,6 @@
 #include "exporters/lib/readback.h"
 
 #include "base/number.h"
-#include "math/project.h"
 
 void spin_readback_begin(struct spin_readback *e) { *e = (struct spin_readback){.pixels = -1}; }
 
@@ -26,8 +25,7 @@ static double pixels_of(const struct spin_camera *c, const float mean[3], double
 {
     double p[3];
 
-    if (!spin_camera_project(c, mean, p) || p[2] < (double)SPIN_PROJECT_NEAR || p[0] < 0 ||
-        p[1] < 0 || p[0] > c->width || p[1] > c->height)
+    if (!spin_camera_sees(c, mean, p))
         return -1;
     return fmax(c->fx, c->fy) * off / p[2];
 }

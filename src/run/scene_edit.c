@@ -5,7 +5,6 @@
 #include "run/scene_edit.h"
 
 #include "base/base.h"
-#include "math/project.h"
 #include "train/knn.h"
 
 /* A splat that reaches its neighbours is none that floats alone. */
@@ -90,15 +89,6 @@ static bool crops_away(const struct spin_export_options *o, const float place[3]
     return o->n_crop == 4 ? square > box[3] * box[3] : o->n_crop == 6 && outside;
 }
 
-/* Whether the camera has the place in its picture. */
-static bool sees(const struct spin_camera *camera, const float place[3])
-{
-    double p[3];
-
-    return spin_camera_project(camera, place, p) && p[2] > (double)SPIN_PROJECT_NEAR && p[0] >= 0 &&
-           p[1] >= 0 && p[0] <= camera->width && p[1] <= camera->height;
-}
-
 /* The rows at hand: where they are, and why each goes: 0, or 1 + the filter. */
 struct rows {
     size_t n;
@@ -119,10 +109,11 @@ static spin_status leave_out_unseen(struct spin_scene_edit *e, int frame, const 
                            n_views == 1 ? "" : "s");
     for (size_t i = 0; i < rows->n; i++) {
         int seen = 0;
+        double p[3];
 
         for (size_t v = 0; v < views->n && seen < least && !rows->reason[i]; v++)
             seen += views->view[v].dataset_frame == row && !views->view[v].test &&
-                    sees(&views->view[v].camera, rows->place + 3 * i);
+                    spin_camera_sees(&views->view[v].camera, rows->place + 3 * i, p);
         if (!rows->reason[i] && is_finite(rows->place + 3 * i) && seen < least)
             rows->reason[i] = 1 + SPIN_EDIT_MIN_VIEWS;
     }
