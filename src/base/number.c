@@ -3,8 +3,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "math/project.h"
-
 #define BY(name, type)                                                                             \
     int name(const void *a, const void *b)                                                         \
     {                                                                                              \
@@ -47,8 +45,8 @@ bool spin_camera_project(const struct spin_camera *camera, const float point[3],
 
 bool spin_camera_sees(const struct spin_camera *camera, const float point[3], double out[3])
 {
-    return spin_camera_project(camera, point, out) && out[2] > (double)SPIN_PROJECT_NEAR &&
-           out[0] >= 0 && out[1] >= 0 && out[0] < camera->width && out[1] < camera->height;
+    return spin_camera_project(camera, point, out) && out[0] >= 0 && out[1] >= 0 &&
+           out[0] < camera->width && out[1] < camera->height;
 }
 
 /* By the bits, whose exponent is all ones; in 32-bit sums, which the compiler turns into vectors. */

@@ -20,5 +20,5 @@ float spin_light_of(float v);
 
 /* Pixel and depth of a point; false when it does not lie in front. */
 bool spin_camera_project(const struct spin_camera *camera, const float point[3], double out[3]);
-/* The same; false also when the point lies beside the picture, or nearer than what is drawn. */
+/* The same; false also when the point lies beside the picture. */
 bool spin_camera_sees(const struct spin_camera *camera, const float point[3], double out[3]);

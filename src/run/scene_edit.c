@@ -5,6 +5,7 @@
 #include "run/scene_edit.h"
 
 #include "base/base.h"
+#include "math/project.h"
 #include "train/knn.h"
 
 /* A splat that reaches its neighbours is none that floats alone. */
@@ -113,7 +114,8 @@ static spin_status leave_out_unseen(struct spin_scene_edit *e, int frame, const 
 
         for (size_t v = 0; v < views->n && seen < least && !rows->reason[i]; v++)
             seen += views->view[v].dataset_frame == row && !views->view[v].test &&
-                    spin_camera_sees(&views->view[v].camera, rows->place + 3 * i, p);
+                    spin_camera_sees(&views->view[v].camera, rows->place + 3 * i, p) &&
+                    p[2] > (double)SPIN_PROJECT_NEAR;
         if (!rows->reason[i] && is_finite(rows->place + 3 * i) && seen < least)
             rows->reason[i] = 1 + SPIN_EDIT_MIN_VIEWS;
     }

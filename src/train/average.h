@@ -3,18 +3,7 @@
  * their own, not of a network. */
 #pragma once
 
-#include "spin.h"
-
-struct spin_trainer;
-
-struct spin_average {
-    int64_t first,
-        every; /* iterations that count: after the first, each so many before the last; every 0: none */
-    int n;     /* that have counted */
-    size_t n_values;
-    float *
-        mean; /* [n_values] in the host's memory: the parameters of state_arrays.h, one after the other */
-};
+#include "train/trainer.h"
 
 /* Over a share of the iterations, 0..1, none before `until`. */
 struct spin_average spin_average_of(double share, int64_t until, int64_t iterations);

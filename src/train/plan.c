@@ -2,6 +2,7 @@
 #include "train/plan.h"
 
 #include "base/base.h"
+#include "train/average.h"
 #include "train/lazy_adam.h"
 #include "train/options.h"
 #include "train/point_sample.h"

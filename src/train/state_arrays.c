@@ -34,9 +34,9 @@ spin_status spin_state_arrays(struct spin_trainer *t, uint32_t **permutation,
     }
     if (t->lazy)
         piece[k++] = (struct spin_state_array){.name = "table/last",
-                                    .kind = SPIN_STATE_STEPS,
-                                    .at = t->lazy->last,
-                                    .n = t->lazy->n_lines};
+                                               .kind = SPIN_STATE_STEPS,
+                                               .at = t->lazy->last,
+                                               .n = t->lazy->n_lines};
     for (int f = 0; f < t->n_frames; f++) {
         float SPIN_DEV *at[3] = {t->frame[f].pos, t->frame[f].m, t->frame[f].v};
 

@@ -4,7 +4,6 @@
 
 #include "model/field_eval.h"
 #include "render/raster.h"
-#include "train/average.h"
 #include "train/exposure.h"
 #include "train/rank_sum.h"
 #include "train/train_frame.h"
@@ -43,6 +42,13 @@ struct spin_trainer_size {
     size_t max_pixels, max_tiles;
     int n_cameras, n_lenses; /* whose exposure and falloff are learned */
     const float *exposure;   /* [n_cameras + n_lenses][SPIN_EXPOSURE] what they begin with */
+};
+
+struct spin_average {     /* see average.h */
+    int64_t first, every; /* iterations that count: after the first, in steps of this; 0: none */
+    int n;                /* that have counted */
+    size_t n_values;
+    float *mean; /* [n_values] in the host's memory: the parameters of state_arrays.h in turn */
 };
 
 struct spin_trainer {

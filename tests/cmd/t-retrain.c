@@ -1115,7 +1115,9 @@ static void test_idle(void)
     warns("--preset short --hash-log2 19 --lr-table 0.01 --iterations 3 --lr-residual 2", "");
     warns("--preset short --lr-track 1 --densify-every 5",
           "warning: no effect without tracks: --lr-track, --densify-every\n");
-    warns("--lr-track 1 --densify-every 5", "");
+    warns("--lr-track 1 --densify-every 5 --average 0.5", "");
+    warns("--preset short --average 0.5",
+          "warning: no effect without --method tracks or 4d: --average\n");
     warns("--refine-start source --densify off",
           "warning: no effect without --refine: --refine-start, --densify\n");
     warns("--refine 5 --refine-start source --densify off --sh-degree 1", "");

@@ -2,6 +2,8 @@
  * K: retrain */
 #include "tests/train/tracked.h"
 
+#include "train/average.h"
+
 /* The iterations that count, and the mean of their numbers. */
 static int counts(double share, int64_t until, int64_t iterations, int64_t *first, double *mean)
 {

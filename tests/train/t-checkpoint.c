@@ -4,6 +4,7 @@
 #include "tests/train/tracked.h"
 
 #include "base/log.h"
+#include "train/average.h"
 #include "train/key.h"
 #include "train/lazy_adam.h"
 
