@@ -60,7 +60,7 @@ run "$bin/spin-retrain" "$work/holes.spin" -o "$work/net.spin" --preset paper --
     --levels 2 --hash-log2 8 --hidden 16 --scale 0.5 --device cpu --preview "$work/preview"
 is "$code" 0 "it is retrained"
 is "$(grep -c "$said\|in [12] of its frames have values" "$work/err")" 1 "with one line about its source"
-run "$bin/spin-eval" "$work/net.spin" --json
+run "$bin/spin-eval" "$work/net.spin" --scale 0.5 --json
 is "$code, $(wc -l <"$work/err"), $(member left_out)" "0, 0, 0" "the network has no holes"
 
 # Its table gets one: the four bytes of a NaN as the first of the four planes.
@@ -80,7 +80,7 @@ members["trained/table.npy"] = bytes(table)
 with zipfile.ZipFile(sys.argv[1], "w", zipfile.ZIP_DEFLATED) as z:
     for name in members:
         z.writestr(name, members[name])' "$work/net.spin"
-for command in "spin-eval $work/net.spin" "spin-export $work/net.spin --to ply -o $work/bad"; do
+for command in "spin-eval $work/net.spin --scale 0.5" "spin-export $work/net.spin --to ply -o $work/bad"; do
     # shellcheck disable=SC2086
     run "$bin/"$command
     fails 1 "${command%% *}" "${command%% *} of a table with a NaN"
