@@ -244,6 +244,8 @@ static void check_left_out(void)
        "half of the others is kept in frame 0");
     ok(rows_in(1, kept) == 100, "and half of all in frame 1");
     ok(decimate("50%", NULL, "splat", &r) == SPIN_OK && r.left_out == 2, "so it is in any format");
+    ok(decimate("50%", NULL, "images", &r) == SPIN_OK && fabs(r.splats_mean - 299 / 3.0) < 1e-9,
+       "and in pictures, which leave out nothing by themselves");
 }
 
 static double bytes_in(const char *path)
