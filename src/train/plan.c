@@ -402,8 +402,11 @@ spin_status spin_plan_open_trainer(const struct spin_plan *plan, struct spin_dev
     t->lambda_opacity = (float)o->lambda_opacity;
     t->sh_increase_every = o->sh_increase_every;
     memcpy(t->background, o->background, sizeof t->background);
-    if (averages(plan))
-        t->average = spin_average_of(o->average, spin_plan_schedule(plan).until, o->iterations);
+    if (averages(plan)) {
+        struct spin_schedule split = spin_plan_schedule(plan);
+
+        t->average = spin_average_of(o->average, split.every > 0 ? split.until : 0, o->iterations);
+    }
     return t->network && spin_plan_is_lazy(plan) ? spin_trainer_enable_lazy_adam(t) : SPIN_OK;
 }
 

@@ -1394,6 +1394,10 @@ static void test_tracks(void)
                    retrain("--method tracks --warmup 0 --track-iterations 2 --densify-every 2 "
                            "--densify-threshold 1e-9 --densify-until 1"),
                *two = retrain("--method tracks --warmup 0 --iterations 2"),
+               *last = retrain("--method tracks --warmup 0 --iterations 1 --average 0.3"),
+               *none = retrain("--method tracks --warmup 0 --iterations 1 --average 0"),
+               *mean = retrain("--method tracks --warmup 0 --average 1 --densify-every 0"),
+               *ends = retrain("--method tracks --warmup 0 --average 0.01 --densify-every 0"),
                *late = retrain("--tracks auto --warmup 0 --network-start 0.5"),
                *never = retrain("--tracks auto --warmup 0 --network-start 1"),
                *never_two = retrain("--tracks auto --warmup 0 --network-start 1 --iterations 2");
@@ -1432,6 +1436,9 @@ static void test_tracks(void)
        splats_of(only));
     ok(splats_of(capped) <= splats_of(only), "--max-points");
     ok(splats_of(early) == splats_of(only), "--densify-until");
+    ok(farthest_tracks(last, fixed, 3, 14) > 1e-3 && farthest_tracks(none, fixed, 3, 14) < 1e-5,
+       "rates end at zero with --average 0 alone");
+    ok(farthest_tracks(mean, ends, 3, 14) > 1e-3, "--average: a mean of more steps is another");
     ok(farthest_tracks(soon, fixed, 3, 14) > 1e-3 &&
            farthest_rows(soon, two, moving, SIZE_MAX, 0, 14) < 1e-5 &&
            farthest_rows(soon, two, 0, moving, 3, 14) > 1e-3 &&
@@ -1447,6 +1454,7 @@ static void test_tracks(void)
        "then it is trained; with 1 never");
     drop(off), drop(all), drop(only), drop(fixed), drop(values), drop(places), drop(shared),
         drop(zero), drop(slow);
+    drop(last), drop(none), drop(mean), drop(ends);
     drop(grown), drop(capped), drop(early), drop(calm), drop(late), drop(never), drop(never_two);
 }
 
