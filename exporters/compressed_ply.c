@@ -218,7 +218,6 @@ static const struct spin_frames_format format = {
     .pattern = "frame_%05d.compressed.ply",
     .self_bytes = sizeof(struct export),
     .lossy = true,
-    .reorders = true,
     .begin = begin,
     .bytes = compressed_bytes,
     .write = compressed_write,

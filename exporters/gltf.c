@@ -339,7 +339,6 @@ static const struct spin_frames_format format = {
     .name = "gltf",
     .pattern = "frame_%05d.glb",
     .self_bytes = sizeof(struct export),
-    .reorders = true,
     .begin = begin,
     .ready = ready,
     .open = open_single,

@@ -283,7 +283,6 @@ static const struct spin_frames_format format = {
     .self_bytes = sizeof(struct export),
     .lossy = true,
     .packed = true,
-    .reorders = true,
     .begin = begin,
     .bytes = sog_bytes,
     .write = sog_write,

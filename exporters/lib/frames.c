@@ -180,7 +180,7 @@ spin_status spin_frames_write_text(struct spin_frames *x, const char *name, cons
 static spin_status add_belongings(const struct spin_frames *x, spin_json *root)
 {
     bool turned = fabs(x->rows.turn_q[0]) < 1 - 1e-9;
-    bool same = x->job->identity && !x->format->reorders;
+    bool same = x->job->identity && !x->sort && !x->format->order;
     SPIN_FREED char *folder = NULL, *path = NULL;
 
     for (size_t i = 1; i < x->n_entries; i++)

@@ -27,7 +27,6 @@ struct spin_frames_format {
     size_t self_bytes;    /* of the struct that begins with a struct spin_frames */
     bool lossy;           /* says its error at the end, unless frames->exact */
     bool packed;          /* bytes() is an upper bound */
-    bool reorders;        /* rows may stand in another order than the source's */
 
     /* Own options. May change frames->axes before the common ones are read. NULL: none. */
     spin_status (*begin)(void *self, const struct spin_export_job *job);

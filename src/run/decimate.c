@@ -689,7 +689,9 @@ spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decim
     double sum = 0, n = 0;
     size_t n_pictures = d->n_pairs == 0 ? AROUND : d->n_pairs < PICTURES ? d->n_pairs : PICTURES;
 
-    *out = (struct spin_decimated){.four_d = d->splats_4d != NULL, .by_views = d->n_pairs > 0};
+    *out = (struct spin_decimated){.by_views = d->n_pairs > 0};
+    /* Rows that frames share may be left out in some. */
+    out->in_all = d->splats_4d || (d->n_sets == 1 && d->edit->filters);
     for (int s = 0; s < d->n_sets; s++) {
         out->before += (double)d->set[s].n_counted;
         out->after += (double)d->set[s].n_kept;

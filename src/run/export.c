@@ -623,7 +623,7 @@ static spin_json *decimated_json(const struct spin_decimated *d)
     if (d->before == 0)
         return json_null();
     j = json_pack("{s:f, s:f, s:s, s:s, s:s, s:i}", "before", d->before, "after", d->after, "unit",
-                  d->four_d ? "in all" : "a frame", "by",
+                  d->in_all ? "in all" : "a frame", "by",
                   d->by_views ? "their share of the pictures" : "opacity and size", "cameras",
                   d->by_views ? "training cameras" : "all around", "pictures", d->n_pictures);
     spin_json_set_number(j, "psnr", d->n_pictures > 0 ? d->psnr : (double)NAN);

@@ -86,9 +86,13 @@ ok $? "rows are the same splats"
 run "$bin/spin-export" "$work/d.spin" --to ply -o "$work/turned" --up -y
 run "$bin/spin-import" "$work/turned" -o "$work/turned.spin" --json
 is "$code $(grep -c "of the exported clip" "$work/out")" "0 0" "a scene that was turned has lost its cameras"
-run "$bin/spin-export" "$work/d.spin" --to sog -o "$work/d-sog"
-grep -q '"identity": false' "$work/d-sog/sequence.json"
-ok $? "in another order rows are not"
+for how in 'false sog' 'true splat' 'false splat --order size' 'false compressed-ply' \
+    'true compressed-ply --order source' 'false gltf'; do
+    # shellcheck disable=SC2086
+    run "$bin/spin-export" "$work/d.spin" -o "$work/order" --force --to ${how#* }
+    grep -q "\"identity\": ${how%% *}" "$work/order/sequence.json"
+    ok $? "rows are the same splats where their order is the source's: $how"
+done
 cp -r "$work/d-out" "$work/gone"
 sed -i 's/"path": "[^"]*"/"path": "nowhere"/' "$work/gone/sequence.json"
 run "$bin/spin-import" "$work/gone" -o "$work/gone.spin" --json

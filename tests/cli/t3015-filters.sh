@@ -103,6 +103,7 @@ holds "is what is largest of that, moved" 'p = ply(sys.argv[1])
 assert len(p["x"]) == 20 and p["x"].max() < 1 and p["y"].max() == 8, p' "$work/twenty/frame_00000.ply"
 run "$bin/spin-export" "$work/court.spin" --to ply -o "$work/few" --min-views 6 --decimate 50% --json
 is "$code" 0 "--decimate of what six cameras see"
+out_has "\"unit\": \"in all\"" "counts rows of the clip, not of a frame"
 holds "leaves half of it, and nothing else" 'a, b = ply(sys.argv[1]), ply(sys.argv[2])
 rows = lambda p: {r.tobytes() for r in np.stack([p[k] for k in p], 1)}
 assert rows(b) < rows(a) and .3 * len(a["x"]) < len(b["x"]) <= .55 * len(a["x"]), (len(a["x"]), len(b["x"]))' \

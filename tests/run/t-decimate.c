@@ -343,7 +343,7 @@ static void check_4d(void)
     if (spin_bundle_write_4d(&w, &s, SPIN_ROUND_NOTHING, &meta) != SPIN_OK ||
         spin_bundle_writer_finish(&w, &meta, NULL) != SPIN_OK)
         exit(1);
-    ok(decimate("5", NULL, "ftgs", &r) == SPIN_OK && r.decimated.four_d &&
+    ok(decimate("5", NULL, "ftgs", &r) == SPIN_OK && r.decimated.in_all &&
            r.decimated.before == ROWS - 1 && r.decimated.after == 5,
        "5 of the 19 4D splats that are not too large");
     if (spin_ply_open(folder, &ply) == SPIN_OK) {
