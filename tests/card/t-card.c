@@ -643,7 +643,7 @@ static bool compare(int verb)
         !run(&cpu, verb, &cpu_ms) || !download(&cpu, verb, true))
         return ok(0, "%s: %s", verbs[verb].name, spin_last_error());
     for (const int *a = verbs[verb].out; *a >= 0; a++)
-        worst = fmax(worst, apart(*a));
+        worst = larger(worst, apart(*a));
     return ok(worst <= verbs[verb].tolerance,
               "%s: %.1e apart, at most %.0e; %.3f ms, on the CPU %.1f", verbs[verb].name, worst,
               verbs[verb].tolerance, ms, cpu_ms);

@@ -326,7 +326,7 @@ static void check_picture(const uint8_t *rgb, int whole, int x, int f, const str
                             255 * image[3 * i + k]);
 
             sum += d / (3 * c->width * c->height);
-            most = fmax(most, d);
+            most = larger(most, d);
         }
     ok(most < 2 && sum < 0.3, "%s: what is seen, within %.2f of 255, %.3f on average", what, most,
        sum);
@@ -511,7 +511,7 @@ static void test_page(void)
             value[i] = scene[1][i].place[c];
         qsort(value, SPLATS, sizeof *value, ascending);
         middle[c] = value[SPLATS / 2];
-        extent = fmax(extent, (value[SPLATS - 1] - value[0]) / 2);
+        extent = larger(extent, (value[SPLATS - 1] - value[0]) / 2);
         for (int k = 0; k < CAMERAS; k++)
             up[c] -= pose[1][k].down[c];
         away[c] = middle[c] - p->eye[c];
@@ -524,7 +524,7 @@ static void test_page(void)
         for (int c = 0; c < 3; c++)
             away[c] = pose[1][k].eye[c] - target[c];
         least = fmin(least, sqrt(dot(away, away)));
-        most = fmax(most, sqrt(dot(away, away)));
+        most = larger(most, sqrt(dot(away, away)));
     }
     near3(j, "centre", middle);
     near(number(j, "size"), extent, 1e-5, "its size");

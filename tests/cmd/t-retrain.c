@@ -138,7 +138,7 @@ static double farthest(const float *a, const float *b, size_t first, size_t end)
     double most = 0;
 
     for (size_t i = first; i < end; i++)
-        most = fmax(most, fabs((double)a[i] - (double)b[i]));
+        most = larger(most, fabs((double)a[i] - (double)b[i]));
     return most;
 }
 
@@ -521,7 +521,7 @@ static void test_own(void)
             double most = 0;
 
             for (size_t i = 0; i < n / 11; i++)
-                most = fmax(most, farthest(a + 11 * i, b + 11 * i, first[g], first[g + 1]));
+                most = larger(most, farthest(a + 11 * i, b + 11 * i, first[g], first[g + 1]));
             near(most, 0.5 * rate[g], 2e-3 * rate[g], "--lr-residual is on 3DGS's rates");
         }
         is_text(spin_json_string(spin_json_get(go->options, "residual")), word[k], "--residual");
@@ -761,10 +761,10 @@ static void test_rows_4d(void)
     ok(spin_json_length(after) == TRAINING, "which know the training cameras");
     for (size_t i = 0; i < TRAINING; i++)
         for (size_t c = 0; c < 3; c++)
-            most = fmax(most, fabs(number_at(spin_json_at(before, i), "log_gain", c) -
-                                   number_at(spin_json_at(after, i), "log_gain", c)));
+            most = larger(most, fabs(number_at(spin_json_at(before, i), "log_gain", c) -
+                                     number_at(spin_json_at(after, i), "log_gain", c)));
     for (size_t c = 0; c < 3; c++)
-        falloff = fmax(falloff, fabs(lens_value(&tracks, 0, c) - lens_value(&rows, 0, c)));
+        falloff = larger(falloff, fabs(lens_value(&tracks, 0, c) - lens_value(&rows, 0, c)));
     ok(most < 1e-6 && falloff < 1e-6, "as the tracks left them: gains to %.2g, falloff to %.2g",
        most, falloff);
     psnr = number(spin_json_get(spin_json_get(rows.bundle.json, "trained_4d"), "test"), "psnr");
@@ -806,8 +806,8 @@ static void test_cameras(void)
             double most = 0;
 
             for (size_t c = 0; c < 3; c++)
-                most = fmax(most, fabs(number_at(camera, "log_gain", c) -
-                                       number_at(spin_json_at(cameras, j), "log_gain", c)));
+                most = larger(most, fabs(number_at(camera, "log_gain", c) -
+                                         number_at(spin_json_at(cameras, j), "log_gain", c)));
             ok(most > 1e-4, "cameras %d and %d have different colours", training[j], training[i]);
         }
     }
@@ -860,7 +860,7 @@ static float most_of(const float *p, size_t n)
     float most = 0;
 
     for (size_t i = 0; i < n; i++)
-        most = fmaxf(most, fabsf(p[i]));
+        most = larger(most, fabsf(p[i]));
     return most;
 }
 
@@ -1333,7 +1333,7 @@ static double farthest_rows(struct run *a, struct run *b, size_t row, size_t las
 
     for (size_t i = 0; i < n; i++)
         if (i / 14 >= row && i / 14 < last && i % 14 >= first && i % 14 < end)
-            most = fmax(most, fabs((double)of_a[i] - (of_b ? (double)of_b[i] : 0)));
+            most = larger(most, fabs((double)of_a[i] - (of_b ? (double)of_b[i] : 0)));
     free(of_a);
     free(of_b);
     return most;
@@ -1353,7 +1353,7 @@ static double largest(struct run *r, const char *key)
 
     for (size_t i = 0; i < n; i++)
         if (i % SPIN_RESIDUAL < 3 || i % SPIN_RESIDUAL >= 7)
-            most = fmax(most, fabs((double)values[i]));
+            most = larger(most, fabs((double)values[i]));
     free(values);
     return most;
 }
@@ -1514,7 +1514,7 @@ static void test_densify(void)
     ok(most.tracks == 3000 && before < 3000, "--max-points: %d of %d tracks", most.tracks,
        three.tracks);
     for (int i = 0; i < 14 * again.tracks; i++)
-        far = fmax(far, fabs((double)again.values[i] - (double)other.values[i]));
+        far = larger(far, fabs((double)again.values[i] - (double)other.values[i]));
     ok(again.tracks == other.tracks && far == 0, "the seed does not choose what is split, and how");
     ok(one.clones + three.clones + low.clones == 0 && none.splits == 0, "tracks are not cloned");
     free(none.values), free(one.values), free(three.values), free(six.values), free(low.values);

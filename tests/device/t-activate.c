@@ -105,7 +105,7 @@ static void differences(void)
             row[k] = keep - h;
             down = dotted(row, g + i * SPIN_ATTR);
             row[k] = keep;
-            worst = fmax(worst, fabs((up - down) / (2 * h) - d_raw[i * SPIN_ATTR + (size_t)k]));
+            worst = larger(worst, fabs((up - down) / (2 * h) - d_raw[i * SPIN_ATTR + (size_t)k]));
         }
     }
     near(worst, 0, 3e-6, "slopes are central differences");

@@ -64,7 +64,7 @@ static double first_move(const float *p0, const double *p, const double *visited
 
     for (size_t i = 0; i < n_frames * n; i++)
         if (visited[i / n] != 0)
-            most = fmax(most, fabs(p[i] - p0[i]));
+            most = larger(most, fabs(p[i] - p0[i]));
     return most;
 }
 

@@ -79,8 +79,8 @@ static void differences(void)
 
         a[i % 3] -= h;
         b[i % 3] += h;
-        worst = fmax(worst, fabs((dotted(&transform, b, g) - dotted(&transform, a, g)) / (2 * h) -
-                                 d_pos[i]));
+        worst = larger(worst, fabs((dotted(&transform, b, g) - dotted(&transform, a, g)) / (2 * h) -
+                                   d_pos[i]));
     }
     near(worst, 0, 2e-7, "slopes are central differences, with centre and radius");
     free(pos), free(d_x), free(d_pos);

@@ -47,7 +47,7 @@ static void check_gradient(struct spin_device *d, const char *path, const float 
         up[i] += step;
         down[i] -= step;
         numeric = (value(d, up) - value(d, down)) / ((double)up[i] - (double)down[i]);
-        worst = fmax(worst, fabs(numeric - (double)gradient[i]) / (fabs(numeric) + 1));
+        worst = larger(worst, fabs(numeric - (double)gradient[i]) / (fabs(numeric) + 1));
     }
     ok(worst < 2e-3, "%s: gradient against central differences (worst %.2g)", path, worst);
 }
@@ -61,9 +61,9 @@ static void check_formula(struct spin_device *d, const char *path)
         int c = i / PIXELS, x = i % WIDTH, y = i % PIXELS / WIDTH;
         double gain = exp((double)exposure[c]) * falloff(c, x, y);
 
-        worst = fmax(worst, fabs(gain * (double)image[i] + (double)exposure[3 + c] -
-                                 (double)out[i]));
-        slope = fmax(slope, fabs(gain * (double)weight[i] - (double)back[i]));
+        worst =
+            larger(worst, fabs(gain * (double)image[i] + (double)exposure[3 + c] - (double)out[i]));
+        slope = larger(slope, fabs(gain * (double)weight[i] - (double)back[i]));
     }
     ok(worst < 1e-6, "%s: gain, offset and falloff of each channel (worst %.2g)", path, worst);
     ok(slope < 1e-6, "%s: the picture's gradient is scaled by gain and falloff (worst %.2g)", path,

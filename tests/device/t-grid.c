@@ -171,7 +171,7 @@ static void golden_hash4d(const char *name, const char *path)
     on_grid_back(d, &grid, table, n, NULL, x, g, d_table, d_x);
     check_corner_rows(&npz, &grid, x, name);
     for (size_t i = 0; i < n * 4; i++)
-        largest = fmax(largest, fabs(grad_x[i]));
+        largest = larger(largest, fabs(grad_x[i]));
     snprintf(what, sizeof what, "golden %s outputs (%s)", name, path);
     check_close(z, y, n * width, hash4d_tolerance(name, "outputs"), 0, what);
     snprintf(what, sizeof what, "golden %s grad_table (%s)", name, path);
@@ -307,7 +307,7 @@ static void against_plain(int n_features, int odd_rows)
             at[k] = keep - h;
             down = plain_dot(&grid, table, at, g + i * width);
             at[k] = keep;
-            worst = fmax(worst, fabs((up - down) / (2 * h) - d_x[i * 4 + (size_t)k]));
+            worst = larger(worst, fabs((up - down) / (2 * h) - d_x[i * 4 + (size_t)k]));
         }
     }
     snprintf(what, sizeof what, "%d features, %s: equals a plain version", n_features,

@@ -12,9 +12,6 @@ static double value_tolerance(bool flat, double want)
     return flat ? fmax(tolerance, 3e-4 * fabs(want)) : tolerance;
 }
 
-/* fmax() in a loop is what gcc 12 for arm64 breaks down on. */
-static double larger(double a, double b) { return b > a ? b : a; }
-
 /* Every channel of one value. */
 static bool is_flat(const float *image, size_t pixels)
 {

@@ -272,7 +272,7 @@ static void against_plain(int n_in, int hidden, int relu, size_t n)
         slope = (plain_dot(&heads, param, only, z, NULL, n, d_raw, h) -
                  plain_dot(&heads, param, only, z, NULL, n, d_raw, -h)) /
                 (2 * h);
-        if (fabs(got - slope) / (1 + fabs(slope)) > worst) {
+        if (!(fabs(got - slope) / (1 + fabs(slope)) <= worst)) {
             worst = fabs(got - slope) / (1 + fabs(slope));
             worst_head = (size_t)k;
         }

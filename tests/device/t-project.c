@@ -48,9 +48,9 @@ static void check_conic(struct spin_npz *npz, const struct view *v, const char *
         if (visible[i] == 0)
             continue;
         for (int c = 0; c < 3; c++)
-            size = fmax(size, fabs(want[3 * i + c]));
+            size = larger(size, fabs(want[3 * i + c]));
         for (int c = 0; c < 3; c++)
-            worst = fmax(worst, fabs(get_conic(v->splat2d + i, c) - want[3 * i + c]) / size);
+            worst = larger(worst, fabs(get_conic(v->splat2d + i, c) - want[3 * i + c]) / size);
     }
     snprintf(what, sizeof what, "%s: conic", v->name);
     near(worst, 0, tolerance, what);
@@ -202,7 +202,7 @@ static void differences_of(struct spin_device *d, struct view *v, const struct g
         }
         memcpy(p, old, (size_t)group->columns * sizeof *p);
         numeric = (high - low) / (2 * group->step);
-        worst = fmax(worst, fabs(numeric - along) / (fabs(along) + 1));
+        worst = larger(worst, fabs(numeric - along) / (fabs(along) + 1));
     }
     near(worst, 0, 1e-2, group->name);
 }
@@ -260,8 +260,8 @@ static void fades(struct spin_device *d)
     for (int i = 0; i < 30; i++) {
         double s = 0.02 * (i + 1) * (i + 1), want = s * s / (s * s + 0.3);
 
-        want = fmax(want, 0.005) * (double)plain.splat2d[i].opacity;
-        worst = fmax(worst, fabs((double)faint.splat2d[i].opacity - want));
+        want = larger(want, 0.005) * (double)plain.splat2d[i].opacity;
+        worst = larger(worst, fabs((double)faint.splat2d[i].opacity - want));
         faint.splat2d[i].opacity = plain.splat2d[i].opacity;
         same &= memcmp(&faint.splat2d[i], &plain.splat2d[i], sizeof *plain.splat2d) == 0;
     }
@@ -295,11 +295,11 @@ static void alone(struct spin_device *d)
         on_project_back(d, &one.cam, 1, one.pos_w + 3 * i, attr, 3, one.splat2d + i,
                         all.d_splat2d + i, d_attr, one.d_pos_w + 3 * i);
         for (int k = 0; k < SPIN_ATTR; k++)
-            worst = fmax(worst, fabs(all.d_attr[SPIN_ATTR * i + k] - 2.0 * d_attr[k]) /
-                                    (fabs(d_attr[k]) + 1));
+            worst = larger(worst, fabs(all.d_attr[SPIN_ATTR * i + k] - 2.0 * d_attr[k]) /
+                                      (fabs(d_attr[k]) + 1));
         for (int k = 0; k < 3; k++)
-            worst = fmax(worst, fabs(all.d_pos_w[3 * i + k] - 2.0 * one.d_pos_w[3 * i + k]) /
-                                    (fabs(one.d_pos_w[3 * i + k]) + 1));
+            worst = larger(worst, fabs(all.d_pos_w[3 * i + k] - 2.0 * one.d_pos_w[3 * i + k]) /
+                                      (fabs(one.d_pos_w[3 * i + k]) + 1));
         same &= memcmp(&one.splat2d[i], &all.splat2d[i], sizeof *one.splat2d) == 0;
     }
     ok(same, "a splat among others is what it is alone");

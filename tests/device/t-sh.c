@@ -71,7 +71,7 @@ static void slopes(void)
             spin_sh_basis(3, spin_v3(low[0], low[1], low[2]), a);
             spin_sh_basis(3, spin_v3(high[0], high[1], high[2]), b);
             slope = ((double)b[k] - a[k]) / (2 * step);
-            worst = fmax(worst, fabs(slope - got[axis]));
+            worst = larger(worst, fabs(slope - got[axis]));
         }
     }
     near(worst, 0, 1e-3, "slopes of the basis are its differences");

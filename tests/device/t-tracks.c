@@ -144,14 +144,14 @@ static double worst_motion(void)
                 continue;
             d -= (double)m[3];
             for (size_t c = 0; c < 3; c++)
-                worst = fmax(worst, fabs((double)means[3 * (first + i) + c] - d * (double)m[c] -
-                                         (double)values[3 * k + c] -
-                                         (double)(i < n_means[f] ? own_means[f][3 * i + c] : 0)));
+                worst = larger(worst, fabs((double)means[3 * (first + i) + c] - d * (double)m[c] -
+                                           (double)values[3 * k + c] -
+                                           (double)(i < n_means[f] ? own_means[f][3 * i + c] : 0)));
             o = 1 / (1 + exp(-(double)values[13 * TRACKS + k]));
             seen = 1 / (1 + exp(-(double)to[10 * n_of[f] + i]));
-            worst = fmax(worst, fabs(seen - o * exp(-0.5 * pow(d * (double)m[4], 2))));
+            worst = larger(worst, fabs(seen - o * exp(-0.5 * pow(d * (double)m[4], 2))));
             worst =
-                fmax(worst, fabs((double)(to[3 * n_of[f] + 4 * i] - values[6 * TRACKS + 4 * k])));
+                larger(worst, fabs((double)(to[3 * n_of[f] + 4 * i] - values[6 * TRACKS + 4 * k])));
         }
     return worst;
 }
@@ -174,7 +174,7 @@ static double worst_motion_slope(void)
                     want += (double)d_residual[f][10 * n_of[f] + i] /
                             (1 + exp((double)values[13 * TRACKS + k]) * (1 - w));
             }
-        worst = fmax(worst, fabs((double)d_values[13 * TRACKS + k] - want));
+        worst = larger(worst, fabs((double)d_values[13 * TRACKS + k] - want));
     }
     return worst;
 }
@@ -209,11 +209,11 @@ static double worst_turn(void)
             if (k >= TRACKS)
                 continue;
             for (size_t c = 0; c < 3; c++)
-                worst = fmax(worst, fabs((double)means[3 * (first + i) + c] -
-                                         (turns ? turned(q, 3, place, c) : (double)place[c]) -
-                                         (double)(turns ? own_means[f][3 * i + c] : 0)));
+                worst = larger(worst, fabs((double)means[3 * (first + i) + c] -
+                                           (turns ? turned(q, 3, place, c) : (double)place[c]) -
+                                           (double)(turns ? own_means[f][3 * i + c] : 0)));
             for (size_t c = 0; c < 4; c++)
-                worst = fmax(
+                worst = larger(
                     worst,
                     fabs((double)residual[SPIN_RESIDUAL * first + 3 * n_of[f] + 4 * i + c] -
                          (turns ? turned(q, 4, rotation, c) : (double)rotation[c]) -
@@ -253,7 +253,7 @@ static double worst_adjoint(void)
         for (size_t c = 0; c < 4; c++)
             of_tracks[k] += (double)values[6 * TRACKS + 4 * k + c] *
                             ((double)d_values[6 * TRACKS + 4 * k + c] - 1);
-        worst = fmax(worst, fabs(of_splats[k] - of_tracks[k]));
+        worst = larger(worst, fabs(of_splats[k] - of_tracks[k]));
     }
     return worst;
 }

@@ -42,6 +42,19 @@ static void SPIN_DEV *lend(struct loans *l, const void *host, size_t bytes)
     return host ? lend_to(l, host, NULL, bytes) : NULL;
 }
 
+/* With room for more, which is not numbers. */
+static void SPIN_DEV *lend_and_more(struct loans *l, const void *host, size_t bytes, size_t more)
+{
+    char *all = malloc(bytes + more);
+    void SPIN_DEV *at;
+
+    memcpy(all, host, bytes);
+    memset(all + bytes, 0xff, more);
+    at = lend_to(l, all, NULL, bytes + more);
+    free(all);
+    return at;
+}
+
 /* What the verb writes or adds to. */
 static void SPIN_DEV *lend_both(struct loans *l, void *host, size_t bytes)
 {
@@ -184,15 +197,17 @@ VERB void on_mlp_back(struct spin_device *d, const struct spin_heads *heads, con
                       size_t n_rows, const uint32_t *rows, const float *z, const float *d_raw,
                       float *d_param, float *d_z)
 {
+    enum { MORE = 3 }; /* rows there is room for */
     struct loans l = {.d = d};
     struct spin_active active = lend_active(&l, rows, n_rows);
     size_t params = heads->offset[SPIN_HEADS] * sizeof(float);
     size_t row = (size_t)heads->n_in * sizeof(float);
 
+    active.most += MORE;
     d->op->mlp_back(d, heads, lend(&l, param, params), &active,
                     lend(&l, z, rows_reach(rows, n_rows) * row),
-                    lend(&l, d_raw, n_rows * ATTR_BYTES), lend_both(&l, d_param, params),
-                    lend_both(&l, d_z, n_rows * row));
+                    lend_and_more(&l, d_raw, n_rows * ATTR_BYTES, MORE * ATTR_BYTES),
+                    lend_both(&l, d_param, params), lend_both(&l, d_z, n_rows * row));
     settle(&l);
 }
 

@@ -395,7 +395,7 @@ static double largest_of(const float *exposure, size_t first)
 
     for (size_t i = 0; i < 12; i++)
         if (i % 6 / 3 == first / 3)
-            most = fmax(most, fabs((double)exposure[i]));
+            most = larger(most, fabs((double)exposure[i]));
     return most;
 }
 

@@ -55,8 +55,8 @@ static void test_convert(const struct spin_export_job *job)
     for (int k = 0; k < 9; k++) {
         double d = (end - 12) * (k - 4) / 4, turn = 0.7853981633974483 * d;
 
-        off = fmax(off, 0.28209479177387814 *
-                            fabs(0.25 * (cos(turn) - 1) - 0.125 * (cos(2 * turn) - 1)));
+        off = larger(off, 0.28209479177387814 *
+                              fabs(0.25 * (cos(turn) - 1) - 0.125 * (cos(2 * turn) - 1)));
     }
     near(b.lost_colour, off, 1e-6, "what they lose");
     near(b.lost_turn, 360 / 3.141592653589793 * atan(0.5 * (end - 12)), 1e-3, "and a rotation");
@@ -132,7 +132,7 @@ static void test_cuts(struct spin_export_job *job)
     static const struct {
         float first, end;
         bool can;
-    } row[] = {{10, 15, true}, {0, 14.5f, true},   {10.5f, 15, false}, {0, 14, false},
+    } row[] = {{10, 15, true}, {0, 14.5f, true},  {10.5f, 15, false}, {0, 14, false},
                {0, 9, true},   {14.5f, 20, true}, {11, 12, false}};
     struct spin_splats_4d s = {0};
     size_t n_dropped;

@@ -113,7 +113,7 @@ static void test_orbit(void)
         for (int c = 0; c < 3; c++)
             eye[c] = pivot[1][c] + dot(away, up) * up[c] + cos(a) * level[c] + sin(a) * side[c];
         want = look(eye, pivot[1], up, 0);
-        worst = fmax(worst, pose_error(&got[i], &want));
+        worst = larger(worst, pose_error(&got[i], &want));
     }
     ok(worst < 1e-9, "an orbit at one height about the place all look at: %g off", worst);
     ok(got[5].width == 1600 && got[5].height == 720 && got[5].fx == 20 * 50 &&
@@ -143,7 +143,7 @@ static void test_spiral(void)
                      0.5 * (sin(3 * a) * first.right[c] + (0.5 - 0.5 * cos(3 * a)) * first.down[c] +
                             sin(a) * first.ahead[c]);
         want = look(eye, pivot[1], up, 0);
-        worst = fmax(worst, pose_error(&got[i], &want));
+        worst = larger(worst, pose_error(&got[i], &want));
     }
     ok(worst < 1e-9, "three turns beside the first view, once nearer and farther: %g off", worst);
 }
@@ -251,7 +251,7 @@ static void test_file(void)
     if (!ok(good, "a camera path of nerfstudio: %s", good ? "" : spin_last_error()))
         return;
     for (int k = 0; k < 24; k++)
-        worst = fmax(worst, fabs(got[k / 12].w2c[k % 12] - want[k / 12][k % 12]));
+        worst = larger(worst, fabs(got[k / 12].w2c[k % 12] - want[k / 12][k % 12]));
     ok(worst < 1e-12, "its matrices, of cameras that look back along z: %g off", worst);
     ok(got[0].width == 300 && got[0].height == 200 && fabs(got[0].fx - 100) < 1e-9 &&
            fabs(got[0].fy - 100) < 1e-9 && got[0].cx == 150 && got[0].cy == 100,
@@ -351,9 +351,9 @@ static void test_turns(void)
             struct spin_rig_path path;
 
             open_path(pose, 2, &path);
-            worst = fmax(worst, at_share(&path, 0, &pose[0]));
-            worst = fmax(worst, at_share(&path, 1, &pose[1]));
-            worst = fmax(worst, at_share(&path, 0.5, &middle));
+            worst = larger(worst, at_share(&path, 0, &pose[0]));
+            worst = larger(worst, at_share(&path, 1, &pose[1]));
+            worst = larger(worst, at_share(&path, 0.5, &middle));
             near(path.stop[1].at, 7, 1e-12, "7 units of way");
             spin_rig_path_free(&path);
         }
@@ -423,7 +423,7 @@ static void test_curve(void)
                 p0 + u * (m0 + u * ((3 * q - 2 * m0 - m1) / h + u * (m0 + m1 - 2 * q) / (h * h)));
         }
         middle = turned(want, 3, 1, -2, 0.7);
-        worst = fmax(worst, at_share(&path, at / 13, &middle));
+        worst = larger(worst, at_share(&path, at / 13, &middle));
     }
     ok(worst < 1e-9, "along a curve without a kink, at even speed: %g off", worst);
     spin_rig_path_free(&path);
@@ -449,7 +449,7 @@ static void check_first(int row, bool test, const double middle[3], double size,
         for (int c = 0; c < 3; c++)
             away[c] = rig[row][k].eye[c] - target[c];
         least = fmin(least, sqrt(dot(away, away)));
-        most = fmax(most, sqrt(dot(away, away)));
+        most = larger(most, sqrt(dot(away, away)));
     }
     mean_up(row, up);
     spin_initial_view_first(&views, row, test, middle, size, &got);

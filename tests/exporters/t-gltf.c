@@ -119,7 +119,7 @@ static int bounds_are_right(const struct glb *g, const float *place, size_t n)
 
         for (size_t i = 0; i < n; i++) {
             low = fmin(low, place[3 * i + c]);
-            high = fmax(high, place[3 * i + c]);
+            high = larger(high, place[3 * i + c]);
         }
         spin_json_number(spin_json_at(spin_json_get(a, "min"), c), &value);
         good &= (float)value == (float)low;
@@ -369,8 +369,7 @@ static void test_shared_attributes(void)
                                        "KHR_gaussian_splatting:OPACITY",
                                        "KHR_gaussian_splatting:SH_DEGREE_0_COEF_0",
                                        "COLOR_0"};
-    static const bool own[3][6] = {
-        {1, 1, 1, 1, 1, 1}, {1, 0, 0, 0, 0, 0}, {0, 0, 0, 1, 0, 1}};
+    static const bool own[3][6] = {{1, 1, 1, 1, 1, 1}, {1, 0, 0, 0, 0, 0}, {0, 0, 0, 1, 0, 1}};
     struct spin_export_job job = {.output = in_folder("shared.glb"), .n_frames = 3};
     struct spin_splats s = {0};
     struct glb g;
@@ -497,14 +496,15 @@ static void test_room(void)
     static struct spin_glb_column column[(FRAMES + 1) * SPIN_GLB_MAX_ATTRIBUTES];
     static struct spin_glb_frame frame[FRAMES];
     struct spin_out out;
-    struct spin_glb_clip clip = {.out = &out,
-                                 .axes = "glTF, from x right, y down, z forward",
-                                 .source = "\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1",
-                                 .fps = 1.0 / 3,
-                                 .n_frames = FRAMES,
-                                 .frame = frame,
-                                 .still = frame,
-                                 .animated = true};
+    struct spin_glb_clip clip = {
+        .out = &out,
+        .axes = "glTF, from x right, y down, z forward",
+        .source = "\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1\1",
+        .fps = 1.0 / 3,
+        .n_frames = FRAMES,
+        .frame = frame,
+        .still = frame,
+        .animated = true};
     size_t n;
     int good = 1;
 

@@ -251,20 +251,20 @@ static void check_rows(const struct columns *c, const struct spin_splats *s, con
 
             shown(c, clip, j, n_sh, v);
             for (int k = 0; k < 3; k++)
-                apart = fmax(apart, fabs(v[k] - w.place[k]));
+                apart = larger(apart, fabs(v[k] - w.place[k]));
             if (apart < best)
                 memcpy(found, v, sizeof found);
             best = fmin(best, apart);
         }
-        worst[0] = fmax(worst[0], best);
+        worst[0] = larger(worst[0], best);
         for (size_t k = 0; k < 3; k++) {
-            worst[1] = fmax(worst[1], fabs(found[3 + k] - 0.5 - 0.28209479177387814 * w.dc[k]));
-            worst[2] = fmax(worst[2], fabs(found[7 + k] - w.log_scale[k]));
+            worst[1] = larger(worst[1], fabs(found[3 + k] - 0.5 - 0.28209479177387814 * w.dc[k]));
+            worst[2] = larger(worst[2], fabs(found[7 + k] - w.log_scale[k]));
         }
-        worst[1] = fmax(worst[1], fabs(found[6] - w.opacity));
-        worst[3] = fmax(worst[3], degrees_between(found + 10, w.q));
+        worst[1] = larger(worst[1], fabs(found[6] - w.opacity));
+        worst[3] = larger(worst[3], degrees_between(found + 10, w.q));
         for (size_t k = 0; k < (size_t)n_sh; k++)
-            worst[4] = fmax(worst[4], fabs(found[14 + k] - (double)s->sh[width * i + 3 + k]));
+            worst[4] = larger(worst[4], fabs(found[14 + k] - (double)s->sh[width * i + 3 + k]));
     }
     ok(c->shared + c->n_own == s->n, "all %zu splats are there", s->n);
     for (int k = 0; k < (n_sh ? 5 : 4); k++)
@@ -447,16 +447,16 @@ static void test_draft(void)
                 double middle = 0;
 
                 spin_json_number(spin_json_at(spin_json_get(doc, "centre"), k), &middle);
-                apart = fmax(apart, fabs(0.5 * (double)x[k][i] * step_of(doc, k) + middle -
-                                         (double)w.place[k]));
+                apart = larger(apart, fabs(0.5 * (double)x[k][i] * step_of(doc, k) + middle -
+                                           (double)w.place[k]));
             }
             is = apart < best ? w : is;
             best = fmin(best, apart);
         }
         for (size_t k = 0; k < 3; k++) {
             scale[k] = 0.5 * (double)x[7 + k][i] * step_of(doc, 7);
-            grown = fmax(grown, fabs(scale[k] - (double)is.log_scale[k] -
-                                     (scale[0] - (double)is.log_scale[0])));
+            grown = larger(grown, fabs(scale[k] - (double)is.log_scale[k] -
+                                       (scale[0] - (double)is.log_scale[0])));
         }
         strange += best > 0.01 || grown > 0.05 || scale[0] < (double)is.log_scale[0] - 0.05 ||
                    scale[0] > (double)is.log_scale[0] + 2.2;
@@ -928,7 +928,7 @@ static void check_slice(const struct rows *r, const spin_json *clip, const struc
             if (!shown_4d(r, clip, j, n_sh, tick, v))
                 continue;
             for (int k = 0; k < 3; k++)
-                apart = fmax(apart, fabs(v[k] - w.place[k]));
+                apart = larger(apart, fabs(v[k] - w.place[k]));
             if (apart < best)
                 memcpy(found, v, sizeof found);
             best = fmin(best, apart);
@@ -936,15 +936,15 @@ static void check_slice(const struct rows *r, const spin_json *clip, const struc
         if (best > 0.01 && w.opacity < 0.51 / 255)
             continue;
         counts[1] += w.opacity >= 1 / 255.0;
-        worst[0] = fmax(worst[0], best);
+        worst[0] = larger(worst[0], best);
         for (size_t k = 0; k < 3; k++) {
-            worst[1] = fmax(worst[1], fabs(found[3 + k] - 0.5 - 0.28209479177387814 * w.dc[k]));
-            worst[2] = fmax(worst[2], fabs(found[7 + k] - w.log_scale[k]));
+            worst[1] = larger(worst[1], fabs(found[3 + k] - 0.5 - 0.28209479177387814 * w.dc[k]));
+            worst[2] = larger(worst[2], fabs(found[7 + k] - w.log_scale[k]));
         }
-        worst[1] = fmax(worst[1], fabs(found[6] - w.opacity));
-        worst[3] = fmax(worst[3], degrees_between(found + 10, w.q));
+        worst[1] = larger(worst[1], fabs(found[6] - w.opacity));
+        worst[3] = larger(worst[3], degrees_between(found + 10, w.q));
         for (size_t k = 0; k < (size_t)n_sh; k++)
-            worst[4] = fmax(worst[4], fabs(found[14 + k] - (double)slice.sh[width * i + 3 + k]));
+            worst[4] = larger(worst[4], fabs(found[14 + k] - (double)slice.sh[width * i + 3 + k]));
     }
     for (size_t j = 0; j < r->n; j++) {
         double v[COLUMNS + 1];

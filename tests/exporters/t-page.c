@@ -179,7 +179,7 @@ static void test_row(void)
         spin_page_value_of(&space, key, f ? one : NULL, 0, shown);
         for (int c = 0; c < 4; c++)
             q[c] = (double)value[f][SPIN_PAGE_ROTATION + c];
-        largest = fmax(largest, degrees_between(shown + SPIN_PAGE_ROTATION, q));
+        largest = larger(largest, degrees_between(shown + SPIN_PAGE_ROTATION, q));
         ok(fabs(shown[0] - 1e3 * f) <= 0.001, "frame %d is where it is", f);
     }
     ok(largest <= 1 &&

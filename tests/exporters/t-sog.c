@@ -160,12 +160,12 @@ static void check_read(const struct sog *f, const char *path)
         struct want is = want_of(&back, i), want = decode(f, i);
 
         for (int c = 0; c < 3; c++) {
-            worst = fmax(worst, fabs(is.place[c] - want.place[c]));
-            worst = fmax(worst, fabs(is.log_scale[c] - want.log_scale[c]));
-            worst = fmax(worst, fabs(is.dc[c] - want.dc[c]));
+            worst = larger(worst, fabs(is.place[c] - want.place[c]));
+            worst = larger(worst, fabs(is.log_scale[c] - want.log_scale[c]));
+            worst = larger(worst, fabs(is.dc[c] - want.dc[c]));
         }
-        worst = fmax(worst, fabs(is.opacity - want.opacity));
-        turned = fmax(turned, degrees_between(is.q, want.q));
+        worst = larger(worst, fabs(is.opacity - want.opacity));
+        turned = larger(turned, degrees_between(is.q, want.q));
     }
     ok(worst < 2e-6 && turned < 0.01, "as its specification reads (%.2g, %.2g degrees)", worst,
        turned);
@@ -199,12 +199,12 @@ static void test_values(int degree, const char *sh, int bands, size_t n)
         struct want got = decode(&f, i), want = want_of(&s, find(&s, got.place));
 
         for (int c = 0; c < 3; c++) {
-            worst[0] = fmax(worst[0], fabs(got.place[c] - want.place[c]));
-            worst[1] = fmax(worst[1], fabs(got.log_scale[c] - want.log_scale[c]));
-            worst[2] = fmax(worst[2], fabs(got.dc[c] - want.dc[c]));
+            worst[0] = larger(worst[0], fabs(got.place[c] - want.place[c]));
+            worst[1] = larger(worst[1], fabs(got.log_scale[c] - want.log_scale[c]));
+            worst[2] = larger(worst[2], fabs(got.dc[c] - want.dc[c]));
         }
-        worst[3] = fmax(worst[3], fabs(got.opacity - want.opacity));
-        worst[4] = fmax(worst[4], degrees_between(got.q, want.q));
+        worst[3] = larger(worst[3], fabs(got.opacity - want.opacity));
+        worst[4] = larger(worst[4], degrees_between(got.q, want.q));
     }
     /* 65535 steps over 2 ln 5, times the 1 + |v| of the logarithm's slope, half of one */
     ok(worst[0] < 0.51 * 2 * log(5) / 65535 * 5, "places are within half a step (%.2g)", worst[0]);

@@ -167,7 +167,7 @@ static void test_values(int degree, const char *sh, int to, int half, const char
             good[5] &= extent[c] <= place[3 * i + c] - reach + 1e-4 &&
                        extent[3 + c] >= place[3 * i + c] + reach - 1e-4;
             box[c] = fmin(box[c], place[3 * i + c] - reach);
-            box[3 + c] = fmax(box[3 + c], place[3 * i + c] + reach);
+            box[3 + c] = larger(box[3 + c], place[3 * i + c] + reach);
             for (size_t k = 0; k < n_sh; k++) {
                 double w = k < n_from ? (double)s.sh[(n_from * i + k) * 3 + c] : 0;
 

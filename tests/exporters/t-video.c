@@ -214,7 +214,8 @@ static void test_speed_and_quality(struct spin_export_job job)
         ok(export_clip(&spin_exporter_video, &job) == SPIN_OK, "writes with %s %s",
            options[i][0] ? options[i][0] : "neither", options[i][0] ? options[i][1] : "");
         bytes[i] = measure(job.output, &seconds);
-        near(seconds, lasts[i], 0.02, "it lasts as long as its frames at that speed, or two seconds");
+        near(seconds, lasts[i], 0.02,
+             "it lasts as long as its frames at that speed, or two seconds");
         for (int f = 0; f < FRAMES; f++)
             db[i] += quality(job.output, f, f, 9, 0, 1) / FRAMES;
     }
@@ -277,7 +278,7 @@ static double worst_of(const double a[12], const double b[12])
     double worst = 0;
 
     for (int k = 0; k < 12; k++)
-        worst = fmax(worst, fabs(a[k] - b[k]));
+        worst = larger(worst, fabs(a[k] - b[k]));
     return worst;
 }
 
@@ -320,8 +321,8 @@ static void test_rig(struct spin_export_job job)
         spin_initial_view_eye(&seen[i], eye);
         for (int c = 0; c < 3; c++)
             away += (eye[c] - (1 + c)) * (eye[c] - (1 + c));
-        worst = fmax(worst, fabs(sqrt(away) - 2));
-        near_by = fmax(near_by, fabs(m[0] * 1 + m[1] * 2 + m[2] * 3 + m[3]));
+        worst = larger(worst, fabs(sqrt(away) - 2));
+        near_by = larger(near_by, fabs(m[0] * 1 + m[1] * 2 + m[2] * 3 + m[3]));
     }
     ok(worst < 1e-9 && near_by < 1e-9, "about that place, and not from beyond the other cameras");
     job.n_frames = FRAMES;
@@ -335,14 +336,14 @@ static void test_rig(struct spin_export_job job)
         double eye[3];
 
         spin_initial_view_eye(&seen[i], eye);
-        beyond = fmax(beyond, hypot(eye[0] - 1, eye[2] - 3));
-        off = fmax(off, fabs(m[0] + 2 * m[1] + 3 * m[2] + m[3]));
+        beyond = larger(beyond, hypot(eye[0] - 1, eye[2] - 3));
+        off = larger(off, fabs(m[0] + 2 * m[1] + 3 * m[2] + m[3]));
         if (i > 0) {
             double was[3];
 
             spin_initial_view_eye(&seen[i - 1], was);
             step[0] = fmin(step[0], hypot(eye[0] - was[0], eye[2] - was[2]));
-            step[1] = fmax(step[1], hypot(eye[0] - was[0], eye[2] - was[2]));
+            step[1] = larger(step[1], hypot(eye[0] - was[0], eye[2] - was[2]));
         }
     }
     ok(worst_of(seen[0].w2c, views.view[1].camera.w2c) < 1e-9, "from the first of them");

@@ -285,26 +285,27 @@ static bool compare_row(const struct spin_splats_4d *s, int i, double *worst)
         length += q[c] * q[c];
         dot += q[c] * s->quats[4 * i + (c + 1) % 4];
     }
-    worst[0] = fmax(worst[0], fabs(dot / sqrt(length) - 1));
+    worst[0] = larger(worst[0], fabs(dot / sqrt(length) - 1));
     for (int c = 0; c < 3; c++) {
         double colour = green + (c == 1 ? 0 : step_of(COLOUR, i, c == 0 ? 1 : 2));
         const float *sh = s->sh + 27 * i;
 
-        worst[1] = fmax(worst[1], fabs(s->centres[3 * i + c] - origin[c] -
-                                       step_of(POSITION, i, c) * steps[S_POSITION]));
-        worst[2] =
-            fmax(worst[2], fabs(s->log_scales[3 * i + c] - step_of(SCALE, i, c) * steps[S_SCALE]));
-        worst[3] = fmax(worst[3], fabs(0.5 + 0.28209479177387814 * sh[c] -
-                                       bounded(colour * steps[S_COLOUR], 0, 1)));
-        worst[4] = fmax(worst[4], fabs(s->paths[3 * i + c] - step_of(MOTION, i, c) * velocity));
+        worst[1] = larger(worst[1], fabs(s->centres[3 * i + c] - origin[c] -
+                                         step_of(POSITION, i, c) * steps[S_POSITION]));
+        worst[2] = larger(worst[2],
+                          fabs(s->log_scales[3 * i + c] - step_of(SCALE, i, c) * steps[S_SCALE]));
+        worst[3] = larger(worst[3], fabs(0.5 + 0.28209479177387814 * sh[c] -
+                                         bounded(colour * steps[S_COLOUR], 0, 1)));
+        worst[4] = larger(worst[4], fabs(s->paths[3 * i + c] - step_of(MOTION, i, c) * velocity));
         for (int band = 1; band <= 2; band++)
             for (int m = 0; m <= 2 * band; m++)
-                worst[5] = fmax(worst[5], fabs(sh[3 * (band * band + m) + c] + 4 -
-                                               8 * code_of(i, band, m, c) / 255.0));
+                worst[5] = larger(worst[5], fabs(sh[3 * (band * band + m) + c] + 4 -
+                                                 8 * code_of(i, band, m, c) / 255.0));
     }
-    worst[6] = fmax(worst[6], fabs(1 / (1 + exp(-(double)s->logit_opacities[i])) -
-                                   bounded(step_of(OPACITY, i, 0) * steps[S_OPACITY], 0, 1)));
-    worst[7] = fmax(worst[7], fabs(s->times[i] - step_of(MU, i, 0) * steps[S_TIME] * pow(2, fine)));
+    worst[6] = larger(worst[6], fabs(1 / (1 + exp(-(double)s->logit_opacities[i])) -
+                                     bounded(step_of(OPACITY, i, 0) * steps[S_OPACITY], 0, 1)));
+    worst[7] =
+        larger(worst[7], fabs(s->times[i] - step_of(MU, i, 0) * steps[S_TIME] * pow(2, fine)));
     return (never ? s->sigmas[i] == SPIN_FOREVER : fabs(s->sigmas[i] / sigma - 1) < 1e-6) &&
            (double)s->cuts[2 * i] <= first && first - (double)s->cuts[2 * i] < 1e-6 &&
            (double)s->cuts[2 * i + 1] <= end && end - (double)s->cuts[2 * i + 1] < 1e-6;

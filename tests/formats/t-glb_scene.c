@@ -222,7 +222,7 @@ static void test_types(void)
                              : scale ? exp((double)s.log_scales[3 * row + k])
                                      : 1 / (1 + exp(-(double)s.logit_opacities[row]));
 
-                worst = fmax(worst, fabs(got - want) / fmax(fabs(want), 1));
+                worst = larger(worst, fabs(got - want) / fmax(fabs(want), 1));
             }
         }
         ok(worst < 1e-6, "is what the specification says, to %g", worst);
@@ -266,16 +266,16 @@ static void check_turned(const char *rest, const char *what)
                              half * (r[2] + r[3])};
 
         for (size_t k = 0; k < 3; k++) {
-            worst = fmax(worst, fabs(s.means[3 * i + k] - place[k]));
-            worst = fmax(worst, fabs(s.log_scales[3 * i + k] - log(2 * c[k])));
-            worst = fmax(worst, fabs(s.sh[12 * i + k] - numbers[4].row[i][k]));
+            worst = larger(worst, fabs(s.means[3 * i + k] - place[k]));
+            worst = larger(worst, fabs(s.log_scales[3 * i + k] - log(2 * c[k])));
+            worst = larger(worst, fabs(s.sh[12 * i + k] - numbers[4].row[i][k]));
             /* what was seen along x is seen along y, and what was along y along -x */
-            worst = fmax(worst, fabs(s.sh[12 * i + 3 + k] - numbers[7].row[i][k]));
-            worst = fmax(worst, fabs(s.sh[12 * i + 6 + k] - numbers[6].row[i][k]));
-            worst = fmax(worst, fabs(s.sh[12 * i + 9 + k] + numbers[5].row[i][k]));
+            worst = larger(worst, fabs(s.sh[12 * i + 3 + k] - numbers[7].row[i][k]));
+            worst = larger(worst, fabs(s.sh[12 * i + 6 + k] - numbers[6].row[i][k]));
+            worst = larger(worst, fabs(s.sh[12 * i + 9 + k] + numbers[5].row[i][k]));
         }
         for (size_t k = 0; k < 4; k++)
-            worst = fmax(worst, fabs(s.quats[4 * i + k] - q[k]));
+            worst = larger(worst, fabs(s.quats[4 * i + k] - q[k]));
     }
     ok(worst < 1e-5, "places, rotations, scales and SH are those of the scene, to %g", worst);
     spin_gs_glb_scene_close(&scene);

@@ -167,15 +167,16 @@ static void check_decoded(const struct spin_splats *s, int version, bool sh, boo
                 version == 2 ? book_of(0, k) : between(-7 + (double)c, -1 + (double)c, k);
             double dc = version == 2 ? book_of(1, d) : between(-1 - (double)c, 1 + (double)c, d);
 
-            worst[0] = fmax(worst[0], fabs(place - (double)s->means[3 * i + c]));
-            worst[1] = fmax(worst[1], fabs(scale - (double)s->log_scales[3 * i + c]));
-            worst[2] = fmax(worst[2], fabs(dc - (double)s->sh[(sh ? 12 : 3) * i + c]));
+            worst[0] = larger(worst[0], fabs(place - (double)s->means[3 * i + c]));
+            worst[1] = larger(worst[1], fabs(scale - (double)s->log_scales[3 * i + c]));
+            worst[2] = larger(worst[2], fabs(dc - (double)s->sh[(sh ? 12 : 3) * i + c]));
             for (size_t k1 = 0; k1 < 3 && sh; k1++) {
                 int b =
                     pixels[SPIN_SOG_CENTROIDS][4 * (label / 64 * WIDE + label % 64 * 3 + k1) + c];
 
-                worst[2] = fmax(worst[2], fabs((version == 2 ? book_of(2, b) : between(-2, 3, b)) -
-                                               (double)s->sh[12 * i + 3 + 3 * k1 + c]));
+                worst[2] =
+                    larger(worst[2], fabs((version == 2 ? book_of(2, b) : between(-2, 3, b)) -
+                                          (double)s->sh[12 * i + 3 + 3 * k1 + c]));
             }
         }
         for (int k = 0; k < 4; k++) {
@@ -184,11 +185,11 @@ static void check_decoded(const struct spin_splats *s, int version, bool sh, boo
         }
         want[q[3] - 252] = sqrt(fmax(rest, 0));
         for (int k = 0; k < 4; k++) /* those that are too long are shortened */
-            worst[3] = fmax(worst[3], fabs(want[k] / sqrt(fmax(1, 1 - rest)) -
-                                           (double)s->quats[4 * i + (size_t)k]));
-        worst[4] = fmax(worst[4],
-                        version == 1 ? fabs(logit - (double)s->logit_opacities[i])
-                                     : fabs(1 / (1 + exp(-(double)s->logit_opacities[i])) - alpha));
+            worst[3] = larger(worst[3], fabs(want[k] / sqrt(fmax(1, 1 - rest)) -
+                                             (double)s->quats[4 * i + (size_t)k]));
+        worst[4] = larger(
+            worst[4], version == 1 ? fabs(logit - (double)s->logit_opacities[i])
+                                   : fabs(1 / (1 + exp(-(double)s->logit_opacities[i])) - alpha));
     }
     ok(worst[0] < 2e-6 && worst[1] < 1e-6 && worst[2] < 1e-6 && worst[3] < 1e-6 && worst[4] < 1e-6,
        "version %d%s%s: places %.2g, scales %.2g, colours %.2g, rotations %.2g, opacities %.2g",

@@ -193,15 +193,15 @@ static void compare(const struct spin_splats *s, int frame, double worst[3])
                 norm += a == ROT ? v * v : 0;
             }
         for (int c = 0; c < 3; c++) {
-            worst[0] = fmax(worst[0], fabs(s->means[3 * i + c] - value[POS][c]));
-            worst[0] = fmax(worst[0], fabs(s->log_scales[3 * i + c] - value[SCALE][c]));
-            worst[2] =
-                fmax(worst[2], fabs(0.5 + 0.28209479177387814 * s->sh[3 * i + c] - value[RGB][c]));
+            worst[0] = larger(worst[0], fabs(s->means[3 * i + c] - value[POS][c]));
+            worst[0] = larger(worst[0], fabs(s->log_scales[3 * i + c] - value[SCALE][c]));
+            worst[2] = larger(worst[2],
+                              fabs(0.5 + 0.28209479177387814 * s->sh[3 * i + c] - value[RGB][c]));
         }
         for (int c = 0; c < 4; c++)
-            worst[1] = fmax(worst[1], fabs(s->quats[4 * i + c] - value[ROT][c] / sqrt(norm)));
+            worst[1] = larger(worst[1], fabs(s->quats[4 * i + c] - value[ROT][c] / sqrt(norm)));
         worst[2] =
-            fmax(worst[2], fabs(1 / (1 + exp(-(double)s->logit_opacities[i])) - value[ALPHA][0]));
+            larger(worst[2], fabs(1 / (1 + exp(-(double)s->logit_opacities[i])) - value[ALPHA][0]));
     }
 }
 

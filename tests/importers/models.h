@@ -43,7 +43,7 @@ static inline double largest(const double *values, size_t n)
     double most = 0;
 
     for (size_t i = 0; i < n; i++)
-        most = fmax(most, fabs(values[i]));
+        most = larger(most, fabs(values[i]));
     return most;
 }
 

@@ -216,10 +216,10 @@ static inline void check_rig(const struct spin_views *views, struct spin_npz *np
         n_right += v->camera_id == (int)camera && v->dataset_frame == (int)row &&
                    c->width == (int)size[2 * camera] && c->height == (int)size[2 * camera + 1];
         for (int j = 0; j < 12; j++)
-            far_pose = fmax(far_pose, fabs(c->w2c[j] - m[j]));
+            far_pose = larger(far_pose, fabs(c->w2c[j] - m[j]));
         for (int j = 0; j < 9; j++)
-            far_k = fmax(far_k, fabs(ours[j] - k[9 * camera + (size_t)j]));
-        far_time = fmax(far_time, fabs(v->time - time[row]));
+            far_k = larger(far_k, fabs(ours[j] - k[9 * camera + (size_t)j]));
+        far_time = larger(far_time, fabs(v->time - time[row]));
     }
     ok(n_right == views->n, "%s: cameras are in the order of their names, and have their sizes",
        name);
@@ -251,7 +251,7 @@ static inline void check_rig_colours(const struct spin_views *views, struct spin
         for (size_t p = 0; p < 3 * (size_t)width * (size_t)height; p++)
             sum[p % 3] += rgb[p] / 255.0;
         for (int c = 0; c < 3; c++)
-            far = fmax(far, fabs(sum[c] / (width * height) - mean[3 * i + (size_t)c]));
+            far = larger(far, fabs(sum[c] / (width * height) - mean[3 * i + (size_t)c]));
         free(rgb);
     }
     near(far, 0, rig_tolerance(manifest, "mean_rgb"), "mean colours of the pictures");

@@ -132,7 +132,8 @@ static inline void check_sane(const struct spin_splats *s, unsigned columns, con
         const float *q = s->quats + 4 * i;
 
         if (columns & SPIN_COL_QUATS)
-            bad += fabs((double)q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1) > 1e-5;
+            bad +=
+                !(fabs((double)q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1) <= 1e-5);
         for (size_t c = 0; c < 3; c++)
             bad += !isfinite(s->means[3 * i + c]) ||
                    ((columns & SPIN_COL_LOG_SCALES) && !isfinite(s->log_scales[3 * i + c]));

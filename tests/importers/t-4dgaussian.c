@@ -23,13 +23,13 @@ static void test_official(const char *root)
         double worst = 0, moved = 0;
 
         for (size_t i = 0; i < 3 * ours.n; i++) {
-            worst = fmax(worst, fabs(ours.means[i] - theirs.means[i]));
-            worst = fmax(worst, fabs(ours.log_scales[i] - theirs.log_scales[i]));
+            worst = larger(worst, fabs(ours.means[i] - theirs.means[i]));
+            worst = larger(worst, fabs(ours.log_scales[i] - theirs.log_scales[i]));
         }
         for (size_t i = 0; i < 48 * ours.n; i++)
-            worst = fmax(worst, fabs(ours.sh[i] - theirs.sh[i]));
+            worst = larger(worst, fabs(ours.sh[i] - theirs.sh[i]));
         for (size_t i = 0; i < ours.n; i++)
-            moved = fmax(moved, fabs(ours.logit_opacities[i] - theirs.logit_opacities[i]));
+            moved = larger(moved, fabs(ours.logit_opacities[i] - theirs.logit_opacities[i]));
         near(worst, 0, 2e-4, "positions, scales and colours are those of the method's own export");
         ok(moved > 1e-3, "opacities are not: it writes the canonical ones");
     }
@@ -136,7 +136,7 @@ static void test_voxels(const char *root)
             double keep = inside ? p[0] + 0.5 : 0;
             double want = p[d] * keep + (plain.means[3 * i + (size_t)d] - p[d]);
 
-            worst = fmax(worst, fabs(want - masked.means[3 * i + (size_t)d]));
+            worst = larger(worst, fabs(want - masked.means[3 * i + (size_t)d]));
         }
     }
     near(worst, 0, 1e-5, "the mask is the grid inside its box and 0 outside");

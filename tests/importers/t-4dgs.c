@@ -95,7 +95,7 @@ static void compare_slice(const struct expected *e, struct run *run, double time
             continue;
         for (size_t c = 0; c < 3 && k < s.n; c++)
             worst =
-                fmax(worst, fabs((double)s.means[3 * k + c] - want[c]) - e->rel * fabs(want[c]));
+                larger(worst, fabs((double)s.means[3 * k + c] - want[c]) - e->rel * fabs(want[c]));
         n_good += k < s.n && worst <= e->abs &&
                   fabs(sigmoid((double)s.logit_opacities[k]) - o) <= e->abs + e->rel * o;
         k++;

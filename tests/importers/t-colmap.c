@@ -451,7 +451,7 @@ static void test_freetimegs(const char *folder, const char *name, const spin_jso
             exit(1);
         for (int p = 0; p < 3 * w * h; p++)
             sum += (on_white[p] - on_black[p]) / 255.0;
-        far = fmax(far, fabs(1 - sum / (3 * w * h) - alpha[i]));
+        far = larger(far, fabs(1 - sum / (3 * w * h) - alpha[i]));
         free(on_black);
         free(on_white);
     }

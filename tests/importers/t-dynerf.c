@@ -35,7 +35,7 @@ static void compare_split(const struct spin_views *views, struct spin_npz *npz, 
             if (v->test != test || v->camera_id != camera)
                 continue;
             pose_of(v, got + 16 * n);
-            worst = fmax(worst, fabs(v->time - time[n]));
+            worst = larger(worst, fabs(v->time - time[n]));
             focal_got = (float)(v->camera.fx * REFERENCE_FOCAL);
             n++;
         }
@@ -341,7 +341,7 @@ static double read_all_views(struct spin_image_cache *pixels, const struct spin_
             worst = INFINITY;
         }
         for (size_t k = 0; rgb && k < 3 * plane; k++)
-            worst = fmax(worst, fabs(image[k] - rgb[3 * (k % plane) + k / plane] / 255.0));
+            worst = larger(worst, fabs(image[k] - rgb[3 * (k % plane) + k / plane] / 255.0));
         free(rgb);
     }
     free(image);

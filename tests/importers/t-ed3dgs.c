@@ -88,8 +88,8 @@ static void test_iteration(const char *fixture)
     scale = cloud_find(&cloud, "scale_1");
     x = cloud_find(&cloud, "x");
     for (size_t i = 0; i < a.n; i++) {
-        worst = fmax(worst, fabs((double)a.log_scales[3 * i + 1] - scale[i]));
-        moved = fmax(moved, fabs((double)a.means[3 * i] - x[i]));
+        worst = larger(worst, fabs((double)a.log_scales[3 * i + 1] - scale[i]));
+        moved = larger(moved, fabs((double)a.means[3 * i] - x[i]));
     }
     ok(worst == 0 && moved > 0.01, "before deform_from_iter only positions and rotations move");
     spin_splats_free(&a);
@@ -215,7 +215,7 @@ static void test_switches(const char *model)
     ok(still == (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES), "without stages everything is still");
     for (size_t i = 0; i < 3 * a.n; i++)
         worst =
-            fmax(worst, fabs((double)c.means[i] + f.means[i] - canonical.means[i] - a.means[i]));
+            larger(worst, fabs((double)c.means[i] + f.means[i] - canonical.means[i] - a.means[i]));
     near(worst, 0, 1e-5, "the stages' residuals add up");
     for (size_t h = 0; h < 4; h++) {
         char word[32], by[32];
@@ -226,15 +226,15 @@ static void test_switches(const char *model)
         ok(still == heads[h].column, "%s: that is still", by);
         worst = 0;
         for (size_t i = 0; i < a.n; i++) {
-            worst = fmax(worst, fabs((double)f.means[3 * i] - a.means[3 * i]));
+            worst = larger(worst, fabs((double)f.means[3 * i] - a.means[3 * i]));
             if (heads[h].column == SPIN_COL_LOG_SCALES)
-                worst = fmax(worst, fabs(f.log_scales[3 * i] - canonical.log_scales[3 * i]));
+                worst = larger(worst, fabs(f.log_scales[3 * i] - canonical.log_scales[3 * i]));
             else if (heads[h].column == SPIN_COL_QUATS)
-                worst = fmax(worst, fabs(f.quats[4 * i] - canonical.quats[4 * i]));
+                worst = larger(worst, fabs(f.quats[4 * i] - canonical.quats[4 * i]));
             else if (heads[h].column == SPIN_COL_SH)
-                worst = fmax(worst, fabs(f.sh[48 * i + 5] - canonical.sh[48 * i + 5]));
+                worst = larger(worst, fabs(f.sh[48 * i + 5] - canonical.sh[48 * i + 5]));
             else
-                worst = fmax(worst, fabs(f.logit_opacities[i] - canonical.logit_opacities[i]));
+                worst = larger(worst, fabs(f.logit_opacities[i] - canonical.logit_opacities[i]));
         }
         near(worst, 0, 0, "it is the canonical one, and places are as they were");
     }

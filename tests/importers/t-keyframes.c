@@ -39,7 +39,7 @@ static void turned(const float quats[8], double part, const float want[4], const
 
     spin_keyframes_turn(&k, quats, got);
     for (int c = 0; c < 4; c++)
-        worst = fmax(worst, fabs(got[c] - want[c]));
+        worst = larger(worst, fabs(got[c] - want[c]));
     near(worst, 0, 1e-6, what);
 }
 

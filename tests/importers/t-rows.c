@@ -46,7 +46,7 @@ static struct errors errors_of(const struct spin_splats *frame, size_t i,
     for (size_t c = 0; c < 3; c++) {
         double x = (double)frame->means[3 * i + c];
 
-        e.place = fmax(e.place, fabs(x - (double)slice->means[3 * k + c]) / (1 + fabs(x)));
+        e.place = larger(e.place, fabs(x - (double)slice->means[3 * k + c]) / (1 + fabs(x)));
     }
     for (size_t c = 0; c < 4; c++) {
         double a = (double)frame->quats[4 * i + c], b = (double)slice->quats[4 * k + c];
@@ -56,16 +56,16 @@ static struct errors errors_of(const struct spin_splats *frame, size_t i,
     }
     e.rotation = 4 * asin(fmin(sqrt(fmin(apart[0], apart[1])) / 2, 1)) * 180 / 3.141592653589793;
     for (size_t c = 0; c < width; c++)
-        e.sh = fmax(e.sh, fabs((double)frame->sh[width * i + c] - slice->sh[width * k + c]));
+        e.sh = larger(e.sh, fabs((double)frame->sh[width * i + c] - slice->sh[width * k + c]));
     return e;
 }
 
 static void widen(struct errors *to, const struct errors *e)
 {
-    to->place = fmax(to->place, e->place);
-    to->rotation = fmax(to->rotation, e->rotation);
-    to->opacity = fmax(to->opacity, e->opacity);
-    to->sh = fmax(to->sh, e->sh);
+    to->place = larger(to->place, e->place);
+    to->rotation = larger(to->rotation, e->rotation);
+    to->opacity = larger(to->opacity, e->opacity);
+    to->sh = larger(to->sh, e->sh);
 }
 
 static bool within(const struct errors *e, const struct errors *bound)

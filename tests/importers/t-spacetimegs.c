@@ -171,7 +171,8 @@ static void test_lite(const char *model)
     cloud_load(golden_path(lite, CLOUD), &c);
     ok(read_at(lite, NULL, 0.3, &s, &info) && strstr(info.variant, "lite"), "a lite model");
     for (size_t i = 0; i < s.n; i++)
-        worst = fmax(worst, fabs(0.5 + SPIN_SH_C0 * s.sh[3 * i + 1] - cloud_find(&c, "f_dc_1")[i]));
+        worst =
+            larger(worst, fabs(0.5 + SPIN_SH_C0 * s.sh[3 * i + 1] - cloud_find(&c, "f_dc_1")[i]));
     near(worst, 0, 1e-6, "its colours are RGB as stored, also below 0");
     model_fails(FROM, lite, views, "point_cloud.ply", "lite",
                 "a lite model has no colours of views");

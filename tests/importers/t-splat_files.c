@@ -148,19 +148,19 @@ static void compare_with(struct spin_bundle *in, const char *path, const char *c
 
             for (size_t c = 0; c < 3; c++) {
                 worst[0] =
-                    fmax(worst[0], fabs((double)is.means[3 * i + c] - back.means[3 * i + c]));
-                worst[2] = fmax(
+                    larger(worst[0], fabs((double)is.means[3 * i + c] - back.means[3 * i + c]));
+                worst[2] = larger(
                     worst[2], fabs((double)is.log_scales[3 * i + c] - back.log_scales[3 * i + c]));
             }
             for (size_t k = 0; k < 4; k++) {
                 same += pow((double)is.quats[4 * i + k] - back.quats[4 * i + k], 2);
                 other += pow((double)is.quats[4 * i + k] + back.quats[4 * i + k], 2);
             }
-            worst[1] = fmax(worst[1], 4 * asin(sqrt(fmin(same, other)) / 2) * 180 / M_PI);
-            worst[3] = fmax(
+            worst[1] = larger(worst[1], 4 * asin(sqrt(fmin(same, other)) / 2) * 180 / M_PI);
+            worst[3] = larger(
                 worst[3], fabs(sigmoid(is.logit_opacities[i]) - sigmoid(back.logit_opacities[i])));
             for (size_t k = 0; k < n_sh; k++)
-                worst[4] = fmax(
+                worst[4] = larger(
                     worst[4],
                     fabs((double)
                              is.sh[3 * (size_t)((is.sh_degree + 1) * (is.sh_degree + 1)) * i + k] -
@@ -391,9 +391,9 @@ static void test_axes(void)
         double worst = 0;
 
         for (size_t i = 0; i < 3 * is.n; i++)
-            worst = fmax(worst, fabs((double)is.means[i] - said.means[i]));
+            worst = larger(worst, fabs((double)is.means[i] - said.means[i]));
         for (size_t i = 0; i < 12 * is.n; i++)
-            worst = fmax(worst, fabs((double)is.sh[i] - said.sh[i]) - 1.0 / 16);
+            worst = larger(worst, fabs((double)is.sh[i] - said.sh[i]) - 1.0 / 16);
         ok(worst <= 1.0 / 4096, "places and SH are turned back: %g", worst);
     }
     spin_map_close(&map);

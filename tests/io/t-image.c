@@ -349,7 +349,7 @@ static void test_means(void)
             for (int i = 0; i < 3 * w * h; i++)
                 sum[i % 3] += rgb[i] / 255.0;
             for (int c = 0; c < 3; c++)
-                worst = fmax(worst, fabs(sum[c] / (w * h) - want[(t * 2 + cam) * 3 + (size_t)c]));
+                worst = larger(worst, fabs(sum[c] / (w * h) - want[(t * 2 + cam) * 3 + (size_t)c]));
             free(rgb);
         }
     }

@@ -146,7 +146,7 @@ static void test_variants(void)
     other = load_all("ply/variants/ascii.ply", &m);
     ok(other && n == m, "reads ascii");
     for (size_t i = 0; other && i < n; i++)
-        worst = fmaxf(worst, fabsf(other[i] - base[i]));
+        worst = larger(worst, fabsf(other[i] - base[i]));
     near(worst, 0, 1e-5, "ascii is the same");
     free(other);
     free(base);

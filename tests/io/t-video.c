@@ -45,7 +45,7 @@ static double off_by(const uint8_t *rgb, int f)
 
     colour_of(f, want);
     for (int c = 0; c < 3; c++)
-        worst = fmax(worst, fabs(pixel[c] - want[c]));
+        worst = larger(worst, fabs(pixel[c] - want[c]));
     return worst;
 }
 
@@ -69,7 +69,7 @@ static void take(void *context, int64_t frame, int width, int height, const uint
 
     if (width == W && height == H && frame >= 0 && frame < FRAMES) {
         p->seen[frame]++;
-        p->worst = fmax(p->worst, off_by(rgb, (int)frame));
+        p->worst = larger(p->worst, off_by(rgb, (int)frame));
     }
 }
 
@@ -85,7 +85,7 @@ static void test_order(const char *path)
 
         if (spin_video_read(path, order[i], NULL, &w, &h, &rgb) == SPIN_OK && w == W && h == H) {
             n_good++;
-            worst = fmax(worst, off_by(rgb, order[i]));
+            worst = larger(worst, off_by(rgb, order[i]));
         } else {
             printf("# %s\n", spin_last_error());
         }

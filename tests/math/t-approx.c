@@ -17,7 +17,7 @@ static double worst(float (*f)(float), double (*want)(double), double low, doubl
 
         if (relative)
             e /= fabs(w);
-        most = e > most ? e : most;
+        most = larger(most, e);
     }
     return most;
 }

@@ -20,7 +20,7 @@ static double error_of(const double got[6], const double want[6])
     double trace = fabs(want[0]) + fabs(want[3]) + fabs(want[5]) + 1e-300, worst = 0;
 
     for (int i = 0; i < 6; i++)
-        worst = fmax(worst, fabs(got[i] - want[i]) / trace);
+        worst = larger(worst, fabs(got[i] - want[i]) / trace);
     return worst;
 }
 
@@ -76,7 +76,7 @@ static void test_split(void)
         if (i % 5 == 0)
             scale[1] = scale[0];
         spin_covariance_of(scale, q, cov6);
-        worst = fmax(worst, round_trip(cov6));
+        worst = larger(worst, round_trip(cov6));
     }
     ok(spin_covariance_split(nothing, log_scale, quat) && log_scale[0] < -40 &&
            isfinite(log_scale[2]) && unit_error(quat) < 1e-15,
@@ -103,7 +103,7 @@ static void test_quats(void)
             dot += q[k] * back[k];
             norm += q[k] * q[k];
         }
-        worst = fmax(worst, fabs(fabs(dot) / sqrt(norm) - 1));
+        worst = larger(worst, fabs(fabs(dot) / sqrt(norm) - 1));
     }
     near(worst, 0, 1e-14, "quaternions come back from matrices");
 }
@@ -121,7 +121,7 @@ static double off_rotation(const double a[16])
 
             for (int k = 0; k < 4; k++)
                 sum += a[4 * i + k] * a[4 * j + k];
-            worst = fmax(worst, fabs(sum));
+            worst = larger(worst, fabs(sum));
         }
     }
     return worst;
@@ -183,16 +183,16 @@ static double precision_error(const double a[16], const double scale[4])
 
             for (int k = 0; k < 3; k++) {
                 sum += c[3 * i + k] * inverse[4 * k + j];
-                size = fmax(size, fabs(c[3 * i + k] * inverse[4 * k + j]));
+                size = larger(size, fabs(c[3 * i + k] * inverse[4 * k + j]));
             }
-            worst = fmax(worst, fabs(sum));
+            worst = larger(worst, fabs(sum));
         }
         /* and the line: inverse[i][3] = -(C^-1 v)[i] */
         double lost = inverse[4 * i + 3];
 
         for (int k = 0; k < 3; k++)
             lost += inverse[4 * i + k] * s.velocity[k];
-        worst = fmax(worst, fabs(lost) / (fabs(inverse[4 * i + 3]) + inverse[15] + 1));
+        worst = larger(worst, fabs(lost) / (fabs(inverse[4 * i + 3]) + inverse[15] + 1));
     }
     return worst / (1 + size);
 }
@@ -216,9 +216,9 @@ static void test_rotations(void)
         spin_rotation4_of_pair(l, r, 0, a);
         spin_rotation4_of_pair(l, r, 1, b);
         for (int k = 0; k < 16; k++)
-            reversed = fmax(reversed, fabs(a[k] - b[15 - k]));
-        worst = fmax(worst, off_rotation(a));
-        worst_slice = fmax(worst_slice, precision_error(a, scale));
+            reversed = larger(reversed, fabs(a[k] - b[15 - k]));
+        worst = larger(worst, off_rotation(a));
+        worst_slice = larger(worst_slice, precision_error(a, scale));
         /* A quaternion w, x, y, z is the rotor w, -z, y, -x of space alone. */
         double norm = sqrt(l[0] * l[0] + l[1] * l[1] + l[2] * l[2] + l[3] * l[3]);
         double space[8] = {l[0] / norm, -l[3] / norm, l[2] / norm, -l[1] / norm, 0, 0, 0, 0};
@@ -226,12 +226,12 @@ static void test_rotations(void)
         spin_matrix4_of_rotor(space, a);
         spin_matrix_of_quat(l, m);
         for (int k = 0; k < 9; k++)
-            rotor3 = fmax(rotor3, fabs(a[k / 3 * 4 + k % 3] - m[k]));
+            rotor3 = larger(rotor3, fabs(a[k / 3 * 4 + k % 3] - m[k]));
         /* (1 + e B) with a simple plane B through time is a rotation as well. */
         double tilt[8] = {cos(l[0]), 0, 0, 0, sin(l[0]), 0, 0, 0};
 
         spin_matrix4_of_rotor(tilt, a);
-        worst_rotor = fmax(worst_rotor, off_rotation(a));
+        worst_rotor = larger(worst_rotor, off_rotation(a));
     }
     near(worst, 0, 1e-14, "a pair of quaternions is a rotation");
     near(reversed, 0, 0, "the older convention has its axes reversed");

@@ -42,7 +42,7 @@ static void test_path(void)
             }
             for (int c = 0; c < 3; c++)
                 slope += g[c] * (at[1][c] - at[0][c]) / (2 * h);
-            worst = fmax(worst, fabs(slope - (i == 9 ? g_time : g_path[i])));
+            worst = larger(worst, fabs(slope - (i == 9 ? g_time : g_path[i])));
         }
     }
     ok(worst < 2e-3, "slopes of a path are those of finite differences, to %.2g", worst);
@@ -106,7 +106,7 @@ static void test_window_slopes(void)
                 w = (struct spin_window){q[0], q[1], q[2], q[3], q[4], -3, 3};
                 at[side] = spin_window_at(&w, t);
             }
-            worst = fmax(worst, fabs(0.7 * (at[1] - at[0]) / (2 * h) - got[i]));
+            worst = larger(worst, fabs(0.7 * (at[1] - at[0]) / (2 * h) - got[i]));
         }
     }
     ok(worst < 1e-6, "slopes of a window are those of finite differences, to %.2g", worst);
@@ -125,8 +125,8 @@ static void test_seen(void)
         double down = log(exp((double)ln_w) / (1 + exp(-(l - h)) - exp((double)ln_w)));
         double slope = (double)spin_seen_logit_adj(l, ln_w);
 
-        worst = fmax(worst, fabs(got - seen));
-        worst_slope = fmax(worst_slope, fabs((up - down) / (2 * h) - slope));
+        worst = larger(worst, fabs(got - seen));
+        worst_slope = larger(worst_slope, fabs((up - down) / (2 * h) - slope));
     }
     ok(worst < 1e-6, "what a window leaves of an opacity, to %.2g", worst);
     ok(worst_slope < 1e-4, "its slope is that of finite differences, to %.2g", worst_slope);

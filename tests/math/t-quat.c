@@ -16,7 +16,7 @@ static double rotation_error(const float q[4], const float p[3])
     spin_quat_product(half, back, full);
     spin_quat_rotate(q, p, out);
     for (int d = 0; d < 3; d++)
-        worst = fmax(worst, fabs(full[1 + d] / norm - out[d]));
+        worst = larger(worst, fabs(full[1 + d] / norm - out[d]));
     return worst;
 }
 
@@ -35,14 +35,14 @@ TAP_MAIN
 
         for (int c = 0; c < 7; c++)
             v[c] = (float)sin(1.7 * n + 2.3 * c + 0.1);
-        worst = fmax(worst, rotation_error(v, v + 4));
+        worst = larger(worst, rotation_error(v, v + 4));
     }
     near(worst, 0, 2e-6, "rotating is q p q* for any length of q");
     spin_covariance_unnormalised(scale, unit, got);
     spin_covariance_of(scale, unit, want);
     worst = 0;
     for (int c = 0; c < 6; c++)
-        worst = fmax(worst, fabs(got[c] - want[c]));
+        worst = larger(worst, fabs(got[c] - want[c]));
     near(worst, 0, 1e-12, "a unit quaternion gives the usual covariance");
     /* R of (1, 0, 0, 1) without normalising: -1 -2 0 / 2 -1 0 / 0 0 1 */
     spin_covariance_unnormalised(scale, twice, got);

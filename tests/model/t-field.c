@@ -42,7 +42,7 @@ static void check_first_values(void)
     spin_field_init(&m, 8, 1e-4, -5, table + m.n_table, again);
     ok(memcmp(table, table + m.n_table, m.n_table * sizeof *table) != 0, "another seed differs");
     for (size_t i = 0; i < m.n_table; i++)
-        worst = fmaxf(worst, fabsf(table[i]));
+        worst = larger(worst, fabsf(table[i]));
     ok(worst <= 1e-4f && worst > 0.99e-4f, "the table fills +-1e-4");
     near(heads[m.heads.offset[1] - 1], -5, 0, "bias of the scale");
     near(heads[m.heads.offset[2] - 4], 1, 0, "bias of the rotation, w");
@@ -67,9 +67,9 @@ static void check_bounds(void)
     n_first = 64 * 17;
     n_second = 64 * 65;
     for (size_t i = 0; i < n_first; i++)
-        first = fmaxf(first, fabsf(heads[i]));
+        first = larger(first, fabsf(heads[i]));
     for (size_t i = n_first; i < n_first + n_second; i++)
-        second = fmaxf(second, fabsf(heads[i]));
+        second = larger(second, fabsf(heads[i]));
     ok(first <= 0.25f && first > 0.245f, "first layer: within 1 / sqrt(16)");
     ok(second <= 0.125f && second > 0.1225f, "second layer: within 1 / sqrt(64)");
     free(table);
@@ -113,7 +113,8 @@ static void check_json(void)
        "the same sizes");
     spin_json_free(parsed);
     spin_json_set_integer(net, "hidden", 1 << 20);
-    ok(spin_field_from_json(j, &back, &there) == SPIN_E_MALFORMED, "a huge hidden width is malformed");
+    ok(spin_field_from_json(j, &back, &there) == SPIN_E_MALFORMED,
+       "a huge hidden width is malformed");
     spin_json_set_integer(net, "hidden", 32);
     spin_json_set_string(net, "activation", "tanh");
     ok(spin_field_from_json(j, &back, &there) == SPIN_E_UNSUPPORTED, "another activation: %s",

@@ -226,7 +226,7 @@ static void check_identity(void)
         if (kept[0][i])
             least = fmin(least, size[i]);
         else
-            most = fmax(most, size[i]);
+            most = larger(most, size[i]);
     }
     ok(least >= most - 1e-6, "those that are largest over all frames");
 }

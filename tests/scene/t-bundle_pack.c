@@ -278,7 +278,7 @@ static void test_rounding(void)
 
         memcpy(&u, &r[i], sizeof u);
         bits_ok = bits_ok && !(u & 0x1fff);
-        worst = fmax(worst, fabs((double)r[i] - (double)v[i]) / fabs((double)v[i]));
+        worst = larger(worst, fabs((double)r[i] - (double)v[i]) / fabs((double)v[i]));
         r[i] = v[i];
     }
     ok(bits_ok && worst <= 0x1p-11 && worst > 0x1p-12, "11 bits: an error of %.3g of a value",
@@ -287,7 +287,7 @@ static void test_rounding(void)
     for (int i = 0; i < 1000; i++) {
         step_ok = step_ok && fmod((double)r[i], 0x1p-11) == 0;
         if (fabsf(v[i]) < 1)
-            worst_small = fmax(worst_small, fabs((double)r[i] - (double)v[i]));
+            worst_small = larger(worst_small, fabs((double)r[i] - (double)v[i]));
     }
     ok(step_ok && worst_small <= 0x1p-11, "and a step: %.3g of small values", worst_small);
     spin_round_values(odd, 9, 11, 0);

@@ -35,8 +35,8 @@ static void test_size(const char *path, int width, int height)
     for (int c = 0; c < 3; c++) {
         for (int y = 0; y < height; y++) {
             for (int x = 0; x < width; x++)
-                worst = fmax(worst, fabs(out[(c * height + y) * width + x] -
-                                         area_average(x, y, width, height, c)));
+                worst = larger(worst, fabs(out[(c * height + y) * width + x] -
+                                           area_average(x, y, width, height, c)));
         }
     }
     near(worst, 0, 1e-6, what);

@@ -110,8 +110,8 @@ static void check(const struct spin_plan *plan, double spread)
     near(spread, 0.17, 0.02, "the camera that is dark in red is farthest from the others");
     for (int k = 1; k < EDGE; k++)
         for (int rgb = 0; rgb < 3; rgb++)
-            gain = fmax(gain, fabs((double)(plan->exposure[6 * k + rgb] - plan->exposure[rgb]) -
-                                   log(gain_of(k, rgb))));
+            gain = larger(gain, fabs((double)(plan->exposure[6 * k + rgb] - plan->exposure[rgb]) -
+                                     log(gain_of(k, rgb))));
     ok(gain < 0.01, "gains of the cameras: %.4f", gain);
     if (!ok(plan->lenses.n == 2, "two lenses"))
         return;

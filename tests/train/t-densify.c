@@ -34,7 +34,7 @@ static double between(const struct fixture *f)
 
     for (size_t i = 0; i < f->n_after; i++) {
         if (f->pruned[i])
-            below = fmax(below, f->opacity_after[i]);
+            below = larger(below, f->opacity_after[i]);
         else
             above = fmin(above, f->opacity_after[i]);
     }
@@ -157,10 +157,11 @@ static void compare(struct fixture *f, const struct spin_refine_cloud *c, const 
         if (k++ >= c->n)
             break;
         for (size_t j = 0; j < 3; j++) {
-            worst = fmax(worst, fabs(p->p.pos_w[j] - f->xyz_after[3 * i + j]));
-            worst = fmax(worst, fabs(exp((double)p->p.log_scale[j]) - f->scale_after[3 * i + j]));
+            worst = larger(worst, fabs(p->p.pos_w[j] - f->xyz_after[3 * i + j]));
+            worst = larger(worst, fabs(exp((double)p->p.log_scale[j]) - f->scale_after[3 * i + j]));
         }
-        worst = fmax(worst, fabs(1 / (1 + exp(-(double)p->p.logit_opacity)) - f->opacity_after[i]));
+        worst =
+            larger(worst, fabs(1 / (1 + exp(-(double)p->p.logit_opacity)) - f->opacity_after[i]));
         origin &= p->p.dc[2] == (float)source;
         moments &= p->m.pos_w[0] == (kept ? (float)source + 1 : 0);
         moments &= p->v.dc[0] == (kept ? (float)source + 1 : 0);
@@ -384,12 +385,12 @@ static void check_long_axis(void)
         const struct spin_refine_row *p = &cloud.point[i].p;
 
         for (int c = 0; c < 3; c++)
-            off = fmax(off, fabs((double)(p->pos_w[c] - want[i][c])));
-        off = fmax(off, fabs((double)(p->log_scale[0] - logf(0.25f * 0.85f))));
-        off = fmax(off, fabs((double)(p->log_scale[1] - logf(0.5f))));
-        off = fmax(off, fabs((double)(p->log_scale[2] - logf(0.5f * 0.85f))));
-        off = fmax(off, fabs((double)p->logit_opacity - log(0.3 / 0.7)));
-        off = fmax(off, fabs((double)(p->dc[0] - 4)));
+            off = larger(off, fabs((double)(p->pos_w[c] - want[i][c])));
+        off = larger(off, fabs((double)(p->log_scale[0] - logf(0.25f * 0.85f))));
+        off = larger(off, fabs((double)(p->log_scale[1] - logf(0.5f))));
+        off = larger(off, fabs((double)(p->log_scale[2] - logf(0.5f * 0.85f))));
+        off = larger(off, fabs((double)p->logit_opacity - log(0.3 / 0.7)));
+        off = larger(off, fabs((double)(p->dc[0] - 4)));
     }
     ok(off < 1e-6, "where they stand, how large and how opaque they are, to %.2g", off);
     spin_refine_cloud_free(&cloud);

@@ -344,8 +344,8 @@ static void check_head(struct fixture *f, const struct result *r, int head)
 
     for (int part = 0; part < 6; part++) {
         snprintf(key, sizeof key, "final_%s_%s", head_name[head], part_name[part]);
-        median = fmax(median, five_times(key, "median"));
-        p95 = fmax(p95, five_times(key, "p95"));
+        median = larger(median, five_times(key, "median"));
+        p95 = larger(p95, five_times(key, "p95"));
     }
     for (int part = 0; part < 6; part++) {
         size_t n, at = part_at(&r->field, head, part, &n);
@@ -394,7 +394,7 @@ static void check_golden(struct fixture *f, struct result *r, const char *what)
     char key[48];
 
     for (int i = 0; i < f->steps; i++)
-        worst = fmax(worst, fabs(r->loss[i] - loss[i]));
+        worst = larger(worst, fabs(r->loss[i] - loss[i]));
     ok(worst <= tolerance, "%s: %d losses follow PyTorch's (worst %.2g, tolerance %.2g)", what,
        f->steps, worst, tolerance);
     check_first(f, r);

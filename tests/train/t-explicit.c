@@ -272,7 +272,7 @@ static void compare_colours(void)
             for (size_t i = 0; i < 3 * got.n; i++) {
                 double c = 0.5 + 0.28209479177387814 * (double)want.sh[i];
 
-                worst = fmax(worst, fabs(fmin(fmax(c, 0), 1) - (double)got.rgb[i]));
+                worst = larger(worst, fabs(fmin(fmax(c, 0), 1) - (double)got.rgb[i]));
             }
         ok(worst < 1e-6, "the colours of the refined frame (off by %.2g)", worst);
         spin_splats_free(&got);

@@ -125,7 +125,7 @@ static double worst(const float *a, const float *b, size_t n)
     double most = 0;
 
     for (size_t i = 0; i < n; i++)
-        most = fmax(most, isfinite(a[i]) ? fabs((double)a[i] - (double)b[i]) : 1e30);
+        most = larger(most, isfinite(a[i]) ? fabs((double)a[i] - (double)b[i]) : 1e30);
     return most;
 }
 
@@ -140,7 +140,7 @@ static void equals_dense(const char *path)
     for (int k = 1; k <= STEPS; k++) {
         step(&dense, k);
         step(&lazy, k);
-        read = fmax(read, worst(lazy.host_z, dense.host_z, (size_t)POINTS * LEVELS * 4));
+        read = larger(read, worst(lazy.host_z, dense.host_z, (size_t)POINTS * LEVELS * 4));
     }
     last = fetch(&lazy, lazy.lazy->last, lazy.lazy->n_lines);
     for (size_t i = 0; i < lazy.lazy->n_lines; i++)

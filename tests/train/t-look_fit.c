@@ -55,14 +55,14 @@ static void check(const char *what, double most_gain, double most_falloff)
         for (int k = 0; k < CAMERAS; k++)
             mean += gain(k, rgb) / CAMERAS;
         for (int k = 0; k < CAMERAS; k++) {
-            worst = fmax(worst, fabs((double)exposure[k][rgb] - (gain(k, rgb) - mean)));
-            zero = fmax(zero, fabs((double)exposure[k][3 + rgb]));
+            worst = larger(worst, fabs((double)exposure[k][rgb] - (gain(k, rgb) - mean)));
+            zero = larger(zero, fabs((double)exposure[k][3 + rgb]));
         }
         for (int k = 0; k < LENSES; k++)
             for (double r2 = 0.1; r2 < 1.35; r2 += 0.1)
-                corner =
-                    fmax(corner, fabs(r2 * ((double)exposure[CAMERAS + k][rgb] - c1[k]) +
-                                      r2 * r2 * ((double)exposure[CAMERAS + k][3 + rgb] - c2[k])));
+                corner = larger(corner,
+                                fabs(r2 * ((double)exposure[CAMERAS + k][rgb] - c1[k]) +
+                                     r2 * r2 * ((double)exposure[CAMERAS + k][3 + rgb] - c2[k])));
     }
     ok(worst < most_gain, "%s: log gains, less their mean (worst %.2g)", what, worst);
     ok(corner < most_falloff, "%s: falloff of both lenses (worst %.2g)", what, corner);

@@ -275,7 +275,7 @@ static void check_losses(struct fixture *f, const struct log *log)
     int counts = 1, views = 1;
 
     for (int i = 0; i < f->steps; i++) {
-        worst = fmax(worst, fabs(log->step[i].loss - loss[i]));
+        worst = larger(worst, fabs(log->step[i].loss - loss[i]));
         counts &= log->step[i].n == (size_t)count[i];
         views &= log->step[i].view == f->order[i];
     }
@@ -415,7 +415,7 @@ static double moved(const struct spin_refine_cloud *c, int degree)
 
     for (size_t i = 0; i < c->n; i++)
         for (size_t k = first; k < last; k++)
-            largest = fmax(largest, fabs((double)c->sh[3 * SPIN_REFINE_SH * i + k]));
+            largest = larger(largest, fabs((double)c->sh[3 * SPIN_REFINE_SH * i + k]));
     return largest;
 }
 
@@ -603,14 +603,14 @@ static void weights_are_means(struct fixture *f)
         double opacity = 1 / (1 + exp(-(double)first->logit_opacity)),
                slope = opacity * (1 - opacity) / n;
 
-        worst[0] = fmax(
+        worst[0] = larger(
             worst[0],
             fabs((double)c[0].point[i].m.logit_opacity - (double)m->logit_opacity - slope) / slope);
         for (int k = 0; k < 3; k++) {
             slope = exp((double)first->log_scale[k]) / (3 * o.densify.extent * n);
-            worst[1] = fmax(worst[1], fabs((double)c[1].point[i].m.log_scale[k] -
-                                           (double)m->log_scale[k] - slope) /
-                                          slope);
+            worst[1] = larger(worst[1], fabs((double)c[1].point[i].m.log_scale[k] -
+                                             (double)m->log_scale[k] - slope) /
+                                            slope);
         }
     }
     ok(worst[0] < 0.01, "lambda_opacity is of the mean opacity (%.2g off)", worst[0]);

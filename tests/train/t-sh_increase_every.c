@@ -25,7 +25,7 @@ static float largest(int first, int last)
             for (size_t c = 0; c < 3; c++) {
                 size_t row = (size_t)(s.sh_degree + 1) * (size_t)(s.sh_degree + 1);
 
-                most = fmaxf(most, fabsf(s.sh[(i * row + (size_t)k) * 3 + c]));
+                most = larger(most, fabsf(s.sh[(i * row + (size_t)k) * 3 + c]));
             }
     spin_splats_free(&s);
     spin_scene_close(scene);

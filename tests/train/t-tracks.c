@@ -446,7 +446,7 @@ static double farthest(const float *a, const float *b, int n)
     double most = 0;
 
     for (int i = 0; i < n; i++)
-        most = fmax(most, fabs((double)a[i] - (double)b[i]));
+        most = larger(most, fabs((double)a[i] - (double)b[i]));
     return most;
 }
 

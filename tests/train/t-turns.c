@@ -112,7 +112,7 @@ static double off(const struct spin_turns *turns, uint32_t first, uint32_t end, 
             if (turns_too)
                 turn_of(f, q);
             is = angle(turns->frame[f].turn + 4 * i, q);
-            worst = fmax(worst, is);
+            worst = larger(worst, is);
             *mean += is;
             n++;
         }
@@ -131,7 +131,7 @@ static double off_rod(const struct spin_turns *turns)
             float q[4] = {(float)cos(half), 0, 0, (float)sin(half)};
 
             if (turns->frame[f].track[i] >= ROD)
-                worst = fmax(worst, angle(turns->frame[f].turn + 4 * i, q));
+                worst = larger(worst, angle(turns->frame[f].turn + 4 * i, q));
         }
     return worst;
 }
@@ -152,7 +152,7 @@ static void check_own_frame(const struct spin_turns *turns)
             for (int c = 1; c < 4; c++)
                 from[c] = -from[c];
             spin_quat_product(to, from, q);
-            worst = fmax(worst, angle(turns->frame[f].turn + 4 * i, q));
+            worst = larger(worst, angle(turns->frame[f].turn + 4 * i, q));
         }
     ok(worst < 0.02, "a track that the middle frame lacks turns from the nearest, to %.2g", worst);
 }
@@ -175,7 +175,7 @@ TAP_MAIN
     check_own_frame(&turns);
     for (int f = 0; f < FRAMES; f++)
         for (size_t i = 0; i < turns.frame[f].n; i++)
-            size = fmax(size, fabs(spin_quat_norm(turns.frame[f].turn + 4 * i) - 1));
+            size = larger(size, fabs(spin_quat_norm(turns.frame[f].turn + 4 * i) - 1));
     ok(size < 1e-6, "turns have length 1, to %.2g", size);
     spin_turns_close(&turns);
 
