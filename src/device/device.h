@@ -330,8 +330,8 @@ struct spin_device_ops {
                         int n_ranks);
     spin_status (*sum)(struct spin_device *d, const struct spin_device_sum *sum, size_t n,
                        spin_status (*listen)(void));
-    size_t (*memory_available)(
-        struct spin_device *d); /* bytes that could still be reserved (now) */
+    /* Bytes that could still be reserved (now). A card's 0: it does not say. */
+    size_t (*memory_available)(struct spin_device *d);
     /* Seconds that the verbs of one op (SPIN_OP_...) took since the last call for it. */
     double (*clock)(struct spin_device *d, int op);
 

@@ -4,6 +4,8 @@
 
 #include <string.h>
 
+#include "base/text.h"
+
 /* The arrays, once. Walked to reserve and to release. */
 struct piece {
     void SPIN_DEV **at;
@@ -36,15 +38,16 @@ static spin_status check_pairs(const struct spin_raster *r)
 {
     size_t pair = sizeof *r->tiles.intersections + (r->training ? pair_gradient : 0);
     size_t needed = r->tiles.n_intersections * pair;
-    size_t free_bytes = r->device->op->memory_available(r->device);
+    size_t available = r->device->op->memory_available(r->device);
+    char needs[32], has[32];
 
-    if (needed <= free_bytes)
+    if (needed <= available || (available == 0 && !r->device->is_host))
         return SPIN_OK;
     return spin_fail(SPIN_E_MEMORY,
-                     "cannot draw a view: its %llu pairs of splats and tiles need %.1f GB and %.1f "
-                     "GB are free: the splats are too large, or the image is",
-                     (unsigned long long)r->tiles.n_intersections, (double)needed / 1e9,
-                     (double)free_bytes / 1e9);
+                     "cannot draw a view: its %llu pairs of splats and tiles need %s and %s are "
+                     "free: the splats are too large, or the image is",
+                     (unsigned long long)r->tiles.n_intersections, spin_text_bytes(needed, needs),
+                     spin_text_bytes(available, has));
 }
 
 size_t spin_raster_grows(size_t n, size_t pixels, bool training)

@@ -54,6 +54,12 @@ SPIN_EMU_MEMORY=1000 run "$bin/spin-retrain" "$in" --dry-run $larger
 out_has "it does not fit: nothing smaller was found that does" "next to nothing: no options are named"
 SPIN_EMU_MEMORY=0 run "$bin/spin-retrain" "$in" --dry-run --json $larger
 is "$(member fits)" true "an amount that is not known is no reason to refuse"
+SPIN_EMU_MEMORY=0 run "$bin/spin-retrain" "$in" -o "$work/any.spin" $small --iterations 1 -q
+is "$code" 0 "by a run either"
+run "$bin/spin-retrain" "$in" --dry-run --json $small # here pictures and splats of many frames are most of it
+SPIN_EMU_MEMORY=$(($(member bytes_needed) * 16 / 15 + 16))
+run "$bin/spin-retrain" "$in" -o "$work/just.spin" $small --iterations 1 -q
+is "$code" 0 "a run has enough with what --dry-run wants"
 unset SPIN_EMU_MEMORY
 run "$bin/spin-retrain" "$in" --dry-run --json --preset paper --device cpu --features 8 --hash-log2 26
 if greater "$(member bytes_needed)" "$(member bytes_available)"; then

@@ -240,6 +240,49 @@ static void no_memory(void)
        "where an operation does not get an eighth more, what it needs will do (%d times)", saved);
 }
 
+/* A step whose card is lost at the n-th piece of work says so. True: it ended before. */
+static bool lost_after(int n, const struct outcome *whole, int *bad)
+{
+    static struct outcome out;
+    struct spin_device *d;
+    char number[16];
+    spin_status status;
+
+    snprintf(number, sizeof number, "%d", n);
+    setenv("SPIN_EMU_LOST", number, 1);
+    memset(&out, 0xff, sizeof out);
+    d = check_device(1);
+    d->deterministic = true;
+    status = step(d, &out);
+    *bad += status == SPIN_OK ? memcmp(&out, whole, sizeof out) != 0
+                              : !strstr(spin_last_error(), "the card is lost");
+    check_device_free(d);
+    unsetenv("SPIN_EMU_LOST");
+    return status == SPIN_OK;
+}
+
+/* The last pieces are copies to the host, which only the wait behind them tells of. */
+static void lost_card(void)
+{
+    enum { STRIDE = 16 };
+    static struct outcome whole;
+    struct spin_device *d;
+    int bad = 0, n = 1;
+
+    if (!check_device_is_emulated())
+        return;
+    d = check_device(1);
+    d->deterministic = true;
+    ok(step(d, &whole) == SPIN_OK, "takes a step");
+    check_device_free(d);
+    while (n < 4 * MOST && !lost_after(n, &whole, &bad))
+        n += STRIDE;
+    for (int k = n - STRIDE + 1; k < n; k++)
+        lost_after(k, &whole, &bad);
+    ok(n > 4 * STRIDE && n < 4 * MOST && bad == 0,
+       "a card that is lost at the first, the last or any other of %d pieces of work", n);
+}
+
 /* Launches and waits of so many steps with n splats a frame. */
 static void cost(int steps, size_t n, long *launches, long *waits)
 {
@@ -281,5 +324,6 @@ static void few_launches(void)
 TAP_MAIN
 {
     no_memory();
+    lost_card();
     few_launches();
 }
