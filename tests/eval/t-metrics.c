@@ -399,26 +399,35 @@ static double largest_of(const float *exposure, size_t first)
     return most;
 }
 
+/* One step of a small network, by one thread. */
+static struct spin_retrain_options small_network(const char *input, const char *output)
+{
+    struct spin_retrain_options o;
+
+    spin_retrain_preset("paper", &o);
+    o.input = input;
+    o.output = output;
+    o.device = "cpu";
+    o.n_threads = 1;
+    o.precision = SPIN_PRECISION_FULL;
+    o.levels = 4;
+    o.hash_log2 = 8;
+    o.hidden = 16;
+    o.iterations = o.warmup = o.batch = 1;
+    return o;
+}
+
 /* Where nothing is drawn there is nothing to brighten: cameras learn offsets and no gains. A run that sees
  * nothing ends with an error, and its state is kept. */
 static void check_tints(void)
 {
-    struct spin_retrain_options o;
+    struct spin_retrain_options o = small_network(bundle, in("tinted.spin", 0, 0));
     struct spin_retrain_report r;
     struct spin_npz state;
     char part[700];
     float *exposure;
 
-    spin_retrain_preset("paper", &o);
-    o.precision = SPIN_PRECISION_FULL;
-    o.input = bundle;
-    o.output = in("tinted.spin", 0, 0);
     snprintf(part, sizeof part, "%s.part", o.output);
-    o.device = "cpu";
-    o.n_threads = 1;
-    o.hash_log2 = 8;
-    o.iterations = o.warmup = 1;
-    o.batch = 1;
     o.learn_exposure = SPIN_EXPOSURE_ON;
     o.lr_exposure = 0.01;
     if (!ok(spin_train(&o, &r) == SPIN_E_MALFORMED &&
@@ -445,15 +454,8 @@ static void check_black(void)
 
     import.input = in("black", 0, 0);
     import.output = in("black.spin", 0, 0);
-    spin_retrain_preset("paper", &o);
-    o.precision = SPIN_PRECISION_FULL;
-    o.input = import.output;
-    o.output = in("brighter.spin", 0, 0);
-    o.device = "cpu";
-    o.n_threads = 1;
-    o.hash_log2 = 8;
+    o = small_network(import.output, in("brighter.spin", 0, 0));
     o.residual = SPIN_RESIDUAL_SOURCE;
-    o.iterations = o.warmup = o.batch = 1;
     o.learn_exposure = SPIN_EXPOSURE_ON;
     o.lr_exposure = 0.01;
     if (!ok(spin_import(&import, NULL) == SPIN_OK && spin_train(&o, &r) == SPIN_OK &&
@@ -479,7 +481,7 @@ static void check_black(void)
 static void check_first_loss(void)
 {
     static const int held_out_too[] = {0, 5};
-    struct spin_retrain_options o;
+    struct spin_retrain_options o = small_network(bundle, in("first.spin", 0, 0));
     struct spin_retrain_report r;
     char log[600], line[2000] = "";
     const char *l1, *views;
@@ -488,15 +490,7 @@ static void check_first_loss(void)
     FILE *f;
 
     snprintf(log, sizeof log, "%s/first.log", folder);
-    spin_retrain_preset("paper", &o);
-    o.precision = SPIN_PRECISION_FULL;
-    o.input = bundle;
-    o.output = in("first.spin", 0, 0);
     o.log = log;
-    o.device = "cpu";
-    o.n_threads = 1;
-    o.hash_log2 = 8;
-    o.iterations = o.batch = 1;
     o.test_cameras = held_out_too;
     o.n_test_cameras = 2;
     o.background[0] = 0.9f;
@@ -539,15 +533,9 @@ static void train(void)
     i.output = source;
     if (spin_import(&i, NULL) != SPIN_OK)
         exit(1);
-    spin_retrain_preset("paper", &o);
-    o.precision = SPIN_PRECISION_FULL;
-    o.input = source;
-    o.output = trained;
-    o.device = "cpu";
-    o.n_threads = 1;
+    o = small_network(source, trained);
     o.image_scale = 0.1;
     o.iterations = 2;
-    o.hash_log2 = 12;
     o.refine = 2;
     o.residual = SPIN_RESIDUAL_SOURCE;
     o.hash_init_range = 0.3; /* places and times differ */
@@ -576,17 +564,10 @@ static void check_log(void)
     snprintf(source, sizeof source, "%s/court.spin", folder);
     snprintf(output, sizeof output, "%s/still.spin", folder);
     snprintf(path, sizeof path, "%s/still.log", folder);
-    spin_retrain_preset("paper", &o);
-    o.precision = SPIN_PRECISION_FULL;
-    o.input = source;
-    o.output = output;
+    o = small_network(source, output);
     o.log = path;
-    o.device = "cpu";
-    o.n_threads = 1;
     o.image_scale = 0.25;
     o.iterations = 12;
-    o.batch = 1;
-    o.hash_log2 = 12;
     o.hash_init_range = 0.3;
     o.lr_table = o.lr_position = o.lr_head_factor = 0;
     e.input = output;
