@@ -183,6 +183,9 @@ for how in full half compact; do
     is "$code" 0 "4D splats, --precision $how"
     run "$bin/spin-export" "$work/$how.spin" --to splat -o "$work/$how"
     is "$code" 0 "every frame has as many as were counted"
+    run "$bin/spin-import" fixtures/ftgs_ply/sh1_clamped/scene.ftgs.ply --precision $how -o "$work/clamped-$how.spin"
+    run "$bin/spin-export" "$work/clamped-$how.spin" --to splat -o "$work/clamped-$how"
+    is "$code" 0 "also where rounding makes some invisible"
 done
 full=$(wc -c <"$work/full.spin") half=$(wc -c <"$work/half.spin") compact=$(wc -c <"$work/compact.spin")
 [ "$half" -lt $((full * 3 / 4)) ] && [ "$compact" -lt "$half" ]

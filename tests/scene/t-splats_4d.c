@@ -210,6 +210,18 @@ static bool same_arrays(struct spin_splats_4d *is, struct spin_splats_4d *back)
 /* To 11 significant bits, and to steps: of what may be, and no more than half a step. */
 static void test_round(void)
 {
+    static const struct {
+        const char *name;
+        float per_unit;
+    } compact[] = {{"quats", 256}, {"log_scales", 32}, {"logit_opacities", 32},
+                   {"sh", 128},    {"sh_cos", 128},    {"centres", 0},
+                   {"sigmas", 0}};
+
+    for (size_t i = 0; i < sizeof compact / sizeof *compact; i++)
+        for (int k = 0; k < SPIN_N_ARRAYS_4D; k++)
+            if (strcmp(spin_array_4d_name(k), compact[i].name) == 0)
+                ok(spin_array_4d_per_unit(k, SPIN_ROUND_COMPACT) == compact[i].per_unit,
+                   "compact: %s in steps of 1/%g", compact[i].name, compact[i].per_unit);
     for (int r = SPIN_ROUND_NOTHING; r <= SPIN_ROUND_COMPACT; r++) {
         enum spin_round_4d round = (enum spin_round_4d)r;
         struct spin_splats_4d was, is;
