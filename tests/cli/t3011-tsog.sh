@@ -53,6 +53,7 @@ for to in tsog sogst; do
     is "$code $(member to) $(member bytes)" "0 $to $(wc -c <"$work/r.$to")" "goes out as $to by its ending"
     within "$to: as near as its steps" \
         'place < 1.5e-3 and log_scale < 0.02 and rotation_deg < 1 and opacity < 0.06 and colour < 0.01 and check["frames"] > 100'
+    within "$to: and not nearer" 'min(place, log_scale, rotation_deg, opacity, colour) > 1e-6'
     laid_out "$work/r.$to" "$to: laid out as its players ask"
     run "$bin/spin-import" "$work/r.$to" -o "$work/$to.spin" --json
     is "$code $(member from) $(member frames)" "0 $to 151" "and comes back"
