@@ -440,6 +440,7 @@ def check_bundle(name, source, stages):
         ok(j[stage]["splats"] == {"min": min(n), "mean": np.mean(n), "max": max(n)}, "%s: splats of %s" % (name, stage),
            j[stage]["splats"], n)
     same(text, "\n".join(text_bundle(j, has_table)), "--info of %s: the text has the figures of --json" % name)
+    ok(j["numbers"] == [FRAMES[-len(source)], FRAMES[-1]], "%s: numbers of the frames" % name, j["numbers"])
     counts_are(j, source, "%s: splats of the source" % name)
     packed, unpacked = weigh(bundle)
     if has_table:
@@ -1080,8 +1081,8 @@ def main():
         run("retrain", path("all.spin"), "-o", net, "--device", "cpu", "--preset", "paper", "--iterations", "1",
             *"--levels 2 --hash-log2 8 --hidden 16 --finest-resolution 16 --scale 0.5".split())
         j = json.loads(run("eval", net, "--report", page, "--json"))
-        ok(j["storage"]["heads"] > j["storage"]["measured"] / 200 and storage_tile(j) in open(page).read(),
-           "small.spin: the tile of a network's storage")
+        ok(j["storage"]["heads"] > j["storage"]["measured"] / 200 and storage_tile(j) in open(page).read() and
+           j["storage"]["measured"] == parts_of(j, "retrained"), "small.spin: the tile of a network's storage")
     if only in (None, "exports"):
         check_export(frames, kept)
     print("1..%d" % count)
