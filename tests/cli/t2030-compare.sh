@@ -134,20 +134,31 @@ PY
     run "$bin/spin-eval" "$work/masked.spin" --mask --dynamic masks
     fails 2 spin-eval "--mask with --dynamic"
 
-    # Alpha, of a data set without masks: the PSNR of the pixels whose alpha is half or more, by pictures of 16 bits.
+    # Alpha, of a data set without masks: the PSNR of the pixels whose alpha is half or more, by pictures of 16 bits; and
+    # the SSIM of the windows that reach one of them.
     "$bin/spin-import" fixtures/4dgaussian/coarse_and_fine --data fixtures/datasets/blender_mini -o "$work/alpha.spin" -q
     run "$bin/spin-export" "$work/alpha.spin" --to images --bits 16 -o "$work/drawn"
     for background in black white; do
         run "$bin/spin-eval" "$work/alpha.spin" --mask --background $background --json
         is "$code $(member mask)" "0 alpha" "--mask by alpha, $background"
-        got=$(member psnr)
+        got=$(member psnr) got_ssim=$(member ssim)
         [ $background = white ] && run "$bin/spin-export" "$work/alpha.spin" --to images --bits 16 --background white \
             -o "$work/drawn" --force
         want=$(PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=tests/tools python3 - "$work/drawn" $background <<'PY'
 import glob, sys
 import numpy as np
 from pictures import png
-psnr = []
+kernel = np.exp(-np.arange(-5, 6) ** 2 / 4.5)
+kernel /= kernel.sum()
+def blur(x): # with zeros around
+    for axis in 0, 1:
+        x = np.apply_along_axis(np.convolve, axis, x, kernel, "same")
+    return x
+def ssim(a, b):
+    ma, mb = blur(a), blur(b)
+    va, vb, both = blur(a * a) - ma * ma, blur(b * b) - mb * mb, blur(a * b) - ma * mb
+    return (2 * ma * mb + 1e-4) * (2 * both + 9e-4) / ((ma * ma + mb * mb + 1e-4) * (va + vb + 9e-4))
+psnr, seen = [], []
 drawn, truth = sorted(glob.glob(sys.argv[1] + "/*.png")), sorted(glob.glob("fixtures/datasets/blender_mini/test/*.png"))
 assert len(drawn) == len(truth) == 3
 for a, b in zip(drawn, truth):
@@ -157,11 +168,17 @@ for a, b in zip(drawn, truth):
     subject = alpha[..., 0] >= 0.5
     assert 50 < subject.sum() < .9 * subject.size
     psnr.append(-10 * np.log10(((a - b)[subject] ** 2).mean()))
-print(np.mean(psnr))
+    a, b = (np.where(subject[..., None], x, sys.argv[2] == "white") for x in (a, b))
+    reached = blur(subject.astype(float)) > 1e-9
+    seen.append(ssim(a, b)[reached].mean())
+print(np.mean(psnr), np.mean(seen))
 PY
         )
+        want_ssim=${want#* } want=${want% *}
         awk -v a="$got" -v b="$want" 'BEGIN { d = a - b; exit !(a > 0 && d < 0.02 && d > -0.02) }'
         ok $? "PSNR is that of what is opaque by half, $background: $got, $want"
+        awk -v a="$got_ssim" -v b="$want_ssim" 'BEGIN { d = a - b; exit !(a > 0 && d < 1e-3 && d > -1e-3) }'
+        ok $? "and its SSIM: $got_ssim, $want_ssim"
     done
 else
     skip "--mask" "no python3 with NumPy"
