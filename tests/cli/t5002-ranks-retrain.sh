@@ -36,6 +36,8 @@ alike "residual values, exposures and more views of a frame" 4 1e-3 $small --ite
     --residual source --learn-exposure on --batch 6 --views-per-frame 2
 alike "more ranks than images of a step, with values of their own" 6 1e-3 $small --iterations 6 \
     --residual points --lr-residual 2 --batch 4 --preview "$work/preview"
+alike "several frames of a process, with values of their own" 2 1e-3 $small --iterations 6 \
+    --residual points --lr-residual 2 --batch 4
 alike "tracks that are densified, before and with a network" 2 0.01 $small --iterations 12 --tracks auto \
     --densify-every 3 --densify-threshold 1e-6 --densify-until 0.4 --network-start 0.5 --batch 5 --eval-every 5
 tracks='--device cpu --scale 0.5 --densify-every 3 --densify-threshold 1e-6 --lr-tracked 1'
