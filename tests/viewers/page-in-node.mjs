@@ -388,7 +388,7 @@ for (const [k, what] of [[0, 'wide'], [1, 'high']]) {
     is([both.root.dataset.shown.split(' ')[0], both.replies.at(-1).parts[0].order.length > 2048, both.gl.textures - held], ['many', true, 2], 'which is made once, and what was too small is given back');
 }
 // Other windows: the whole picture of the first camera is in view.
-for (const [width, height, ratio, fovy = clip.fovy] of [[30, 50, 1], [30, 50, 1, clip.fovy / 4], [20, 12, 3], [70, 20, 1]]) {
+for (const [width, height, ratio, fovy = clip.fovy] of [[30, 50, 1], [30, 50, 1, clip.fovy / 4], [30, 50, 1, clip.fovy / 2], [20, 80, 1, clip.fovy / 4], [10, 80, 1, clip.fovy / 8], [20, 12, 3], [70, 20, 1]]) {
     const p = await opened({ width, height, ratio, clip: (of) => ({ ...of, fovy }) }), c = p.camera(), k = Math.min(ratio, 2), fovx = 2 * Math.atan(c.width / 2 / c.focal), wide = 2 * Math.atan(Math.tan(fovy * Math.PI / 360) * clip.aspect);
     is([c.width, c.height], [k * width, k * height], `${width} x ${height}, ${ratio} pixels each`);
     // Of a high window as much as leaves a tenth of what is before its middle above and below.
@@ -677,6 +677,10 @@ page.key('r');
     near(there(), start, 1e-6, 'the first view may be reached again from outside');
     inside.$('view').fire('wheel', { deltaY: 1e5 });
     near(there(), Math.max(3 * start, whole), 1e-6, 'and left');
+    const narrow = await opened({ clip: (c) => ({ ...c, reach: [start, start], fovy: c.fovy / 8 }) }), back = narrow.camera(), enough = 1.5 * clip.size / Math.tan(clip.fovy / 8 * Math.PI / 360);
+    narrow.$('view').fire('wheel', { deltaY: 1e5 });
+    near([size(sub(narrow.camera().eye, clip.target)), size(sub(back.eye, clip.target))], [enough, start], 1e-6, 'by a narrow lens from farther than the cameras stood');
+    ok(enough > start, 'which is farther');
 
     // Two fingers: twice as far apart is half the distance, and their middle moves the target.
     canvas.fire('pointerdown', { pointerId: 101, clientX: 20, clientY: 20 });
