@@ -108,9 +108,12 @@ ok $? "a killed one ends all, within seconds ($took)"
 is "$(grep -c '^spin-retrain' "$work/err")" 0 "mpirun says so, and nobody else"
 go_on 2 "$work/kill.spin" "killed"
 
-own='--tracks auto --densify-every 20 --densify-threshold 1e-6 --densify-until 0.7 --batch 2 --iterations 60'
+own='--tracks auto --densify-every 20 --densify-threshold 5e-4 --densify-until 0.7 --batch 2 --iterations 60'
 ranks 3 "$bin/spin-retrain" "$in" -o "$work/whole.spin" --force -q --threads 1 $small $own
 is "$code" 0 "with tracks, three processes without a stop"
+ranks 3 "$bin/spin-retrain" "$in" -o "$work/saved.spin" -q --threads 1 $small $own --save-every 5
+cmp -s "$work/whole.spin" "$work/saved.spin"
+ok $? "that keep states on their way learn the same"
 begin 3 "$work/tracks.spin" INT 0
 is "$code" 130 "SIGINT to the first of three ends all"
 go_on 3 "$work/tracks.spin" "tracks"
