@@ -30,7 +30,7 @@ alike() {
     ok $? "$name: the same bundle again"
 }
 alike "network" 2 1e-4 $small --iterations 12
-alike "network without lazy Adam" 3 1e-4 --preset paper --device cpu --levels 7 --hash-log2 17 \
+alike "network without lazy Adam" 3 1e-4 --preset paper --device cpu --levels 7 --hash-log2 19 \
     --finest-resolution 512 --hidden 16 --iterations 8 --batch 3
 alike "residual values, exposures and more views of a frame" 4 1e-3 $small --iterations 8 \
     --residual source --learn-exposure on --batch 6 --views-per-frame 2
