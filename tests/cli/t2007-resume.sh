@@ -93,6 +93,9 @@ run "$bin/spin-retrain" "$work/lone.spin" -o "$work/again.spin" $small --iterati
 err_has "no tracks, each frame's splats are densified alone" "the run says"
 awk -v n="$(member splats_mean)" 'BEGIN { exit !(n > 1) }'
 ok $? "and they are: $(member splats_mean) for one"
+told=$(member splats_mean)
+run "$bin/spin-export" "$work/again.spin" --to ply -o "$work/again" --force --json
+is "$told" "$(member splats_mean)" "as the bundle has them"
 in=$still
 small=$plain
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
