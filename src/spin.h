@@ -369,11 +369,10 @@ struct spin_export_check {
 
 /* What spin-export --decimate left out, and what that loses. */
 struct spin_decimated {
-    double before,
-        after; /* splats of a frame in the mean, or of the clip: without what is left out in any case; before is 0:
-                           * it was not asked for */
-    bool
-        in_all; /* they are those of the clip: 4D splats, or rows that filters leave out in some frames */
+    /* Splats of a frame in the mean, or of the clip: without what is left out in any case. before is 0: it was not
+     * asked for. */
+    double before, after;
+    bool in_all;      /* of the clip: 4D splats, or rows that filters leave out in some frames */
     bool by_views;    /* cameras of the data set saw what counts; else opacities and sizes do */
     int n_pictures;   /* 0: no splat is in any picture */
     double psnr;      /* dB of all pictures together, against all splats; infinite: the same */

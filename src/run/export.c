@@ -332,7 +332,8 @@ static spin_status begin_export(struct export *x)
         .numbered = x->clip.bundle.meta.numbered,
         .pair = x->o->pair ? x->o->pair : x->clip.bundle.meta.pair,
         .data_from = x->clip.bundle.meta.data_from,
-        .identity = x->from == SPIN_FROM_SOURCE && x->clip.bundle.meta.identity && !x->edit.filters,
+        .identity = x->from == SPIN_FROM_SOURCE && x->clip.bundle.meta.identity &&
+                    !x->edit.filters && !(x->decimates && x->decimation.n_sets > 1),
         .source = x->clip.bundle.meta.from,
         .sh_degree = x->clip.bundle.meta.sh_degree,
         .antialias = x->clip.bundle.meta.antialias,

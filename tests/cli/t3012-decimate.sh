@@ -18,6 +18,12 @@ is "$code $(of 'r["splats_mean"], d["after"], d["unit"], d["by"], d["cameras"]')
     "0 (1000, 1000, 'a frame', 'their share of the pictures', 'training cameras')" "1000 splats a frame"
 is "$(grep -ac 'element vertex 1000$' "$work"/p/frame_*.ply | grep -vc ':0$')" 6 "in each of six files"
 many=$(of 'd["psnr"]')
+grep -q '"identity": true' "$work/p/sequence.json"
+ok $? "the same ones in each"
+"$bin/spin-retrain" "$work/c.spin" -o "$work/refined.spin" --method frames --refine 1 --scale 0.25 -q 2>"$work/err"
+run "$bin/spin-export" "$work/refined.spin" --source --to ply -o "$work/r-p" --decimate 1000
+grep -q '"identity": false' "$work/r-p/sequence.json"
+ok $? "beside refined frames others in each, and sequence.json says so"
 run "$bin/spin-import" "$work/p" --info
 out_has "1000 a frame" "which come in again"
 run "$bin/spin-export" "$work/c.spin" --to spz -o "$work/s" --decimate 25%

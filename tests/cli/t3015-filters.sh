@@ -104,6 +104,11 @@ assert len(p["x"]) == 20 and p["x"].max() < 1 and p["y"].max() == 8, p' "$work/t
 run "$bin/spin-export" "$work/court.spin" --to ply -o "$work/few" --min-views 6 --decimate 50% --json
 is "$code" 0 "--decimate of what six cameras see"
 out_has "\"unit\": \"in all\"" "counts rows of the clip, not of a frame"
+mkdir "$work/apart" && cp "$work/grid.ply" "$work/apart/0.ply"
+sed 's/vertex 66/vertex 65/; $ d' "$work/grid.ply" >"$work/apart/1.ply"
+run "$bin/spin-import" "$work/apart" -o "$work/apart.spin"
+run "$bin/spin-export" "$work/apart.spin" --to ply -o "$work/apart-few" --crop 0,0,0,1 --decimate 20 --json
+out_has "\"unit\": \"a frame\"" "or of a frame, where frames share none"
 holds "leaves half of it, and nothing else" 'a, b = ply(sys.argv[1]), ply(sys.argv[2])
 rows = lambda p: {r.tobytes() for r in np.stack([p[k] for k in p], 1)}
 assert rows(b) < rows(a) and .3 * len(a["x"]) < len(b["x"]) <= .55 * len(a["x"]), (len(a["x"]), len(b["x"]))' \
