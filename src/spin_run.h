@@ -72,6 +72,9 @@ spin_status spin_eval(const struct spin_eval_options *o, char **report);
 spin_status spin_compare(const struct spin_eval_options *o, const char *const *input, int n,
                          const char *figures, char **report);
 
+/* AUTO: as trained. OFF: without the backdrop of a training, for a subject alone. */
+enum spin_export_backdrop { SPIN_EXPORT_BACKDROP_AUTO, SPIN_EXPORT_BACKDROP_OFF };
+
 struct spin_export_options {
     const char *input, *output, *to;
     struct spin_range range;
@@ -91,6 +94,7 @@ struct spin_export_options {
     int n_crop;          /* 6: a box; 4: a sphere; 0: none */
     int min_views;       /* training views of its frame that a splat is in; 0: any */
     double floaters;     /* largest distance to the nearest, as a multiple of the median; 0: any */
+    enum spin_export_backdrop backdrop;
     double scale;        /* above 0; 0: 1 */
     double translate[3]; /* after the scale */
 };

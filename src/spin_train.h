@@ -21,6 +21,9 @@ enum spin_refine_start { SPIN_REFINE_FROM_POINTS, SPIN_REFINE_FROM_SOURCE };
 /* AUTO: where cameras show the same points in different colours. */
 enum spin_exposure { SPIN_EXPOSURE_OFF, SPIN_EXPOSURE_ON, SPIN_EXPOSURE_AUTO };
 
+/* AUTO: where the borders of the training images do not show one flat colour. */
+enum spin_backdrop_choice { SPIN_BACKDROP_OFF, SPIN_BACKDROP_ON, SPIN_BACKDROP_AUTO };
+
 /* Centre and radius of the scene at the network's input. AUTO: median of the positions, and the distance that
  * holds 90% of them. NONE: as OFF, without the contraction; splats outside the unit cube share one set of
  * attributes. GIVEN: normalise_centre, normalise_radius. */
@@ -72,6 +75,7 @@ struct spin_retrain_options {
     double lr_tracked;      /* on lr_position and lr_residual, for splats that share something */
     double lr_displacement; /* of a shared displacement, times the extent */
     int track_iterations; /* the first ones, in which tracks that stand still learn; -1: all, at most 5000 */
+    enum spin_backdrop_choice backdrop; /* close the scene from behind; with tracks only */
     bool dynamic_residual; /* splats that move have residual values of every frame as well */
     int densify_every; /* iterations between densifications; 0: none; -1: track_iterations / 20 */
     double densify_threshold, densify_until; /* of the mean gradient; share of track_iterations */

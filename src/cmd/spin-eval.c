@@ -99,6 +99,8 @@ static const struct spin_args_command command = {
     "{{^dynamic_from=off}}dynamic  {{dynamic %.2p}} % of the pixels, from "                        \
     "{{#dynamic_from=masks}}foreground masks{{/}}{{#dynamic_from=images}}the images{{/}}: "        \
     "PSNR {{psnr_dynamic %.3f}} there, {{psnr_static %.3f}} elsewhere\n{{/}}"                      \
+    "{{#background_shows}}holes    PSNR {{psnr_opposite %.3f}} over the opposite background: the " \
+    "splats are transparent in places\n{{/}}"                                                      \
     "speed    {{fps %.2f}} frames per second with decoding, {{fps_draw %.2f}} without\n"           \
     "storage  {{storage.measured %B}} for these attributes, {{storage.measured_per_frame %B}} "    \
     "a frame; the file has {{storage.file %B}}, unpacked {{storage_unpacked.file %B}}\n"

@@ -65,6 +65,9 @@ static const struct spin_args_row rows[] = {
              "leave out splats whose three nearest are F times as far as the median, beyond "
              "their own reach",
              .min = 1, .max = 1e6),
+    SPIN_ARG(
+        "backdrop", 0, "auto|off", ENUM, options.backdrop,
+        "off: leave out the splats with which spin-retrain closed the scene from behind (auto)"),
     SPIN_ARG("scale", 0, "S", DOUBLE, options.scale, "then make the scene S times as large (1)",
              .min = 1e-6, .max = 1e6),
     SPIN_ARG("translate", 0, "X,Y,Z", CUSTOM, options.translate,

@@ -72,8 +72,11 @@ static void set_quality(const double v[SPIN_MEASURE_VALUES], double plane, bool 
 {
     enum { FEWEST_PIXELS = 16 };
 
-    *q = (struct spin_quality){
-        .psnr_dynamic = NAN, .psnr_static = NAN, .dynamic = NAN, .lpips = {NAN, NAN}};
+    *q = (struct spin_quality){.psnr_dynamic = NAN,
+                               .psnr_static = NAN,
+                               .dynamic = NAN,
+                               .psnr_opposite = NAN,
+                               .lpips = {NAN, NAN}};
     q->valid = true;
     q->psnr = spin_psnr(v[SPIN_MEASURE_SQUARES] / (3 * plane));
     for (int c = 0; c < 3; c++)
@@ -173,6 +176,7 @@ static spin_status measure_subject(struct spin_metrics *m, const struct spin_cam
                                .psnr_dynamic = NAN,
                                .psnr_static = NAN,
                                .dynamic = NAN,
+                               .psnr_opposite = NAN,
                                .lpips = {NAN, NAN}};
     if (n == 0)
         return SPIN_OK;
@@ -187,6 +191,21 @@ struct measured {
     struct spin_eval_view view;
     struct spin_colour_sums sums;
 };
+
+/* The same view over one minus the background, against the same photograph. */
+static spin_status measure_opposite(struct spin_metrics *m, const struct spin_camera *c,
+                                    const uint8_t *rgb8, double *psnr)
+{
+    float background[3];
+    double v[SPIN_MEASURE_VALUES];
+
+    for (int k = 0; k < 3; k++)
+        background[k] = 1 - m->background[k];
+    SPIN_TRY(spin_player_draw(m->player, c, background, NULL));
+    SPIN_TRY(spin_player_measure(m->player, rgb8, NULL, v));
+    *psnr = spin_psnr(v[SPIN_MEASURE_SQUARES] / (3 * (double)c->width * (double)c->height));
+    return SPIN_OK;
+}
 
 static spin_status measure_one(struct spin_metrics *m, size_t i, struct pictures *p,
                                struct measured *one)
@@ -216,6 +235,8 @@ static spin_status measure_one(struct spin_metrics *m, size_t i, struct pictures
                                         p->image, p->truth, &out->q.lpips[k], NULL));
     if (m->images)
         SPIN_TRY(save_view(m, pair, out->frame, p->truth, p->image));
+    if (m->opposite)
+        SPIN_TRY(measure_opposite(m, &view->camera, p->rgb8, &out->q.psnr_opposite));
     return SPIN_OK;
 }
 
@@ -241,6 +262,7 @@ void spin_quality_add(struct spin_quality_sum *s, const struct spin_quality *q)
     add_one(q->psnr_dynamic, &s->sum.psnr_dynamic, &s->n_dynamic);
     add_one(q->psnr_static, &s->sum.psnr_static, &s->n_still);
     add_one(q->dynamic, &s->sum.dynamic, &s->n_share);
+    add_one(q->psnr_opposite, &s->sum.psnr_opposite, &s->n_opposite);
     for (int i = 0; i < SPIN_N_LPIPS; i++)
         add_one(q->lpips[i], &s->sum.lpips[i], &s->n_lpips[i]);
 }
@@ -258,6 +280,7 @@ struct spin_quality spin_quality_mean(const struct spin_quality_sum *s)
         .psnr_dynamic = mean_of(s->sum.psnr_dynamic, s->n_dynamic),
         .psnr_static = mean_of(s->sum.psnr_static, s->n_still),
         .dynamic = mean_of(s->sum.dynamic, s->n_share),
+        .psnr_opposite = mean_of(s->sum.psnr_opposite, s->n_opposite),
     };
 
     for (int i = 0; i < SPIN_N_LPIPS; i++)

@@ -14,6 +14,7 @@ struct spin_quality {
     double psnr_dynamic,
         psnr_static; /* in and outside the dynamic regions, of views that have both */
     double dynamic;  /* share of the pixels */
+    double psnr_opposite; /* drawn over one minus the background: lower where splats leave holes */
     double lpips[SPIN_N_LPIPS];
 };
 
@@ -50,6 +51,7 @@ struct spin_metrics {
     const struct spin_pair *pairs; /* sorted by frame */
     size_t n_pairs;
     const float *background;
+    bool opposite; /* draw each view over one minus the background as well */
     const size_t *live_counts;         /* network in training: splats of each frame; else NULL */
     struct spin_dynamic_mask *dynamic; /* moving regions apart, or NULL */
     struct spin_dynamic_mask
@@ -73,7 +75,7 @@ int spin_metrics_rank(int frame);
 /* Means of qualities; NaN counts as not measured. Zero it to begin. */
 struct spin_quality_sum {
     struct spin_quality sum;
-    size_t n, n_dynamic, n_still, n_share, n_lpips[SPIN_N_LPIPS];
+    size_t n, n_dynamic, n_still, n_share, n_opposite, n_lpips[SPIN_N_LPIPS];
 };
 void spin_quality_add(struct spin_quality_sum *sum, const struct spin_quality *q);
 struct spin_quality spin_quality_mean(const struct spin_quality_sum *sum);

@@ -1,6 +1,7 @@
 /* spin_eval(): a bundle's pictures held to its data set. */
 #include "base/base.h"
 #include "spin_run.h"
+#include "eval/borders.h"
 #include "eval/metrics.h"
 #include "eval/report/report.h"
 #include "io/output.h"
@@ -170,6 +171,7 @@ static spin_status write_report(struct eval *e, const struct spin_metrics *after
         m.player = &e->source;
         m.source = NULL;
         m.images = NULL;
+        m.opposite = false;
         m.view = before.view;
         m.what = "evaluating the source";
         status = spin_metrics_run(&m, &before.mean);
@@ -225,6 +227,12 @@ static spin_status run_eval(struct eval *e)
     m.n_pairs = e->n_pairs;
     m.view = report->view;
     memcpy(m.lpips, e->lpips, sizeof m.lpips);
+    if (!e->compare && !o->mask) {
+        bool flat;
+
+        SPIN_TRY(spin_borders_are_flat(&e->clip.views, &e->pixels, e->pairs, e->n_pairs, &flat));
+        m.opposite = !flat; /* before a flat colour, another one is seen beside the subject */
+    }
     SPIN_TRY(spin_metrics_run(&m, &report->mean));
     if (!report->mean.valid)
         return spin_not_found("--mask: no view of this split shows the subject");

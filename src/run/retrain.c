@@ -10,6 +10,7 @@
 #include "run/run.h"
 #include "run/training.h"
 #include "run/watch.h"
+#include "train/backdrop.h"
 #include "train/camera_colours.h"
 #include "train/loop.h"
 #include "train/output.h"
@@ -262,6 +263,7 @@ static spin_status look_at_input(struct run *r)
     SPIN_TRY(spin_photos_open(&r->photos, &r->plan));
     SPIN_TRY(spin_photos_look(&r->photos, &r->plan));
     SPIN_TRY(choose_exposure(r));
+    SPIN_TRY(spin_backdrop_choose(&r->plan, &r->photos));
     if (r->plan.o->refine > 0)
         SPIN_TRY(spin_refinement_keys(&r->refinement, &r->plan, &r->photos));
     return spin_fingerprint(&r->plan, r->refinement.frame, &r->photos, &r->device, &r->fingerprint);
@@ -311,6 +313,9 @@ static spin_status find_tracks(struct run *r)
         return SPIN_OK;
     }
     SPIN_TRY(spin_tracks_find(t, &r->plan, p->o->dynamic_residual ? &r->photos : NULL));
+    SPIN_TRY(spin_backdrop_add(&r->plan, t));
+    if (t->n_backdrop > 0)
+        spin_log(0, "a backdrop of %zu splats closes the scene behind its surfaces", t->n_backdrop);
     if (t->n == 0)
         spin_log(0, "no splat is found again in other frames: no tracks%s",
                  spin_plan_densifies(p) ? ", each frame's splats are densified alone" : "");
@@ -336,6 +341,7 @@ static spin_status open_trainer(struct run *r, bool resume)
     size.n_tracks = trains_4d(r) ? r->rows.n : r->tracks.n;
     size.n_moving = r->tracks.n_moving;
     size.n_varying = r->tracks.n_varying;
+    size.n_backdrop = r->tracks.n_backdrop;
     for (int f = 0; f < size.n_frames; f++) {
         size_t n = p->counts[f];
 

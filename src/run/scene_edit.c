@@ -20,7 +20,11 @@ spin_status spin_scene_edit_begin(struct spin_scene_edit *e, const struct spin_e
 
     e->o = o;
     e->clip = clip;
-    e->filters = o->n_crop > 0 || o->min_views > 0 || o->floaters > 0;
+    if (o->backdrop == SPIN_EXPORT_BACKDROP_OFF && !o->source)
+        SPIN_TRY(spin_bundle_tracks_open((struct spin_bundle *)&clip->bundle, &e->tracks));
+    if (o->backdrop == SPIN_EXPORT_BACKDROP_OFF && e->tracks.n_backdrop == 0)
+        spin_warn("--backdrop off: these splats have no backdrop");
+    e->filters = o->n_crop > 0 || o->min_views > 0 || o->floaters > 0 || e->tracks.n_backdrop > 0;
     e->moves = (o->scale > 0 && o->scale != 1) || by[0] != 0 || by[1] != 0 || by[2] != 0;
     for (int c = 0; c < 3 && o->n_crop == 6; c++)
         if (!(box[c] < box[3 + c]))
@@ -37,6 +41,8 @@ void spin_scene_edit_end(struct spin_scene_edit *e)
 {
     if (e->pool)
         spin_pool_free(e->pool);
+    spin_bundle_tracks_close(&e->tracks);
+    free(e->track);
     free(e->reason);
     free(e->reason_4d);
     spin_splats_4d_free(&e->splats_4d);
@@ -53,7 +59,7 @@ void spin_scene_edit_again(struct spin_scene_edit *e)
 
 void spin_scene_edit_say(const struct spin_scene_edit *e)
 {
-    static const char *const names[] = {"crop", "min-views", "floaters"};
+    static const char *const names[] = {"crop", "min-views", "floaters", "backdrop off"};
     char text[160] = "";
     size_t at = 0;
 
@@ -156,6 +162,21 @@ static spin_status leave_out_floaters(struct spin_scene_edit *e, const struct ro
     return SPIN_OK;
 }
 
+/* The backdrop's tracks are the last ones. */
+static spin_status leave_out_backdrop(struct spin_scene_edit *e, int frame, const struct rows *rows)
+{
+    size_t first = e->tracks.n - e->tracks.n_backdrop;
+
+    if (e->tracks.n_backdrop == 0)
+        return SPIN_OK;
+    SPIN_TRY(spin_grow(rows->n + 1, sizeof *e->track, (void **)&e->track));
+    SPIN_TRY(spin_bundle_tracks_numbers(&e->tracks, e->clip->frame[frame], rows->n, e->track));
+    for (size_t i = 0; i < rows->n; i++)
+        if (!rows->reason[i] && e->track[i] != SPIN_NOT_TRACKED && e->track[i] >= first)
+            rows->reason[i] = 1 + SPIN_EDIT_BACKDROP;
+    return SPIN_OK;
+}
+
 static spin_status judge(struct spin_scene_edit *e, int frame, const struct rows *rows)
 {
     memset(rows->reason, 0, rows->n);
@@ -242,6 +263,7 @@ spin_status spin_scene_edit_judge(struct spin_scene_edit *e, int frame, const st
     SPIN_TRY(spin_grow(s->n + 1, 1, (void **)&e->reason));
     rows.reason = e->reason;
     SPIN_TRY(judge(e, frame, &rows));
+    SPIN_TRY(leave_out_backdrop(e, frame, &rows));
     if (counts)
         count(e, e->reason, s->n);
     return SPIN_OK;

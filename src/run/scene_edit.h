@@ -4,12 +4,14 @@
 
 #include "base/pool.h"
 #include "spin_run.h"
+#include "scene/bundle_tracks.h"
 #include "scene/clip.h"
 
 enum spin_scene_edit_filter {
     SPIN_EDIT_CROP,
     SPIN_EDIT_MIN_VIEWS,
     SPIN_EDIT_FLOATERS,
+    SPIN_EDIT_BACKDROP,
     SPIN_EDIT_FILTERS
 };
 
@@ -17,7 +19,9 @@ struct spin_scene_edit {
     const struct spin_export_options *o;
     const struct spin_clip *clip;
     struct spin_pool *pool;
-    bool filters, moves; /* there is something to leave out; to scale or move */
+    struct spin_bundle_tracks tracks; /* with --backdrop off */
+    uint32_t *track;                  /* of the rows at hand */
+    bool filters, moves;              /* there is something to leave out; to scale or move */
     bool
         chosen; /* what spin_scene_edit_frame() and _4d() get has been judged before: they move it */
     uint64_t n_seen, n_kept; /* rows so far: of all frames, or of 4D splats */

@@ -10,7 +10,7 @@ enum { ROW = SPIN_TRACK_WIDTH - 3 };
 spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bundle_tracks *out)
 {
     const spin_json *json = spin_json_get(spin_json_get(bundle->json, "trained"), "tracks");
-    int64_t n, moving, varying, shape[2] = {-1, SPIN_TRACK_WIDTH};
+    int64_t n, moving, varying, backdrop = 0, shape[2] = {-1, SPIN_TRACK_WIDTH};
     SPIN_LEAVES(spin_bundle_values_close) struct spin_bundle_values v = {0};
 
     out->bundle = bundle;
@@ -21,6 +21,10 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
         !spin_json_integer(spin_json_get(json, "varying"), &varying) || n < 0 || n > UINT32_MAX ||
         moving < 0 || moving > n || varying < 0 || varying > n)
         return spin_malformed("meta.json: bad 'trained.tracks'");
+    if (spin_json_get(json, "backdrop") &&
+        (!spin_json_integer(spin_json_get(json, "backdrop"), &backdrop) || backdrop < 0 ||
+         backdrop > n))
+        return spin_malformed("meta.json: bad 'trained.tracks.backdrop'");
     spin_json_bool(spin_json_get(json, "same_rows"), &out->same_rows);
     shape[0] = n;
     SPIN_TRY(spin_bundle_values_open(bundle, "trained/tracks", -1, 'f', 2, shape, &v));
@@ -29,6 +33,7 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
     out->n = (size_t)n;
     out->n_moving = (size_t)moving;
     out->n_varying = (size_t)varying;
+    out->n_backdrop = (size_t)backdrop;
     spin_bundle_values_get(&v, 0, (size_t)v.count, out->values);
     for (size_t i = 0; i < v.count; i++)
         if (!isfinite(out->values[i]))

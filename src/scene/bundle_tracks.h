@@ -19,6 +19,7 @@ enum { SPIN_TRACK_WIDTH = 14 };
 struct spin_bundle_tracks {
     struct spin_bundle *bundle;
     size_t n, n_moving, n_varying;
+    size_t n_backdrop; /* the last ones close the scene from behind */
     bool same_rows;
     float *values; /* [n][SPIN_TRACK_WIDTH]; NULL: the bundle has none */
     /* Scratch of the frame read last. */

@@ -219,6 +219,7 @@ static void sizes_to_json(const struct spin_trainer *t, spin_json *j)
     spin_json_set_integer(j, "tracks", (int64_t)t->n_tracks);
     spin_json_set_integer(j, "moving_tracks", (int64_t)t->n_moving);
     spin_json_set_integer(j, "varying_tracks", (int64_t)t->n_varying);
+    spin_json_set_integer(j, "backdrop_tracks", (int64_t)t->n_backdrop);
 }
 
 static spin_status write_state(struct spin_checkpoint *c, struct spin_trainer *t,
@@ -388,6 +389,7 @@ static spin_status read_sizes(const spin_json *j, struct spin_frame_size *frame,
     n = (int64_t)size->n_tracks;
     SPIN_TRY(get_count(spin_json_get(j, "moving_tracks"), n, &size->n_moving));
     SPIN_TRY(get_count(spin_json_get(j, "varying_tracks"), n, &size->n_varying));
+    SPIN_TRY(get_count(spin_json_get(j, "backdrop_tracks"), n, &size->n_backdrop));
     for (int f = 0; f < size->n_frames; f++) {
         size_t at = 4 * (size_t)f;
 

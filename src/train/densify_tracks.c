@@ -97,7 +97,10 @@ static spin_status add_statistics(struct change *c)
 /* A new track is of its parent's kind. */
 static int kind_of(const struct spin_trainer *t, uint32_t origin)
 {
-    return origin < t->n_moving ? 0 : origin < t->n_varying ? 1 : 2;
+    return origin < t->n_moving                   ? 0
+           : origin < t->n_varying                ? 1
+           : origin < t->n_tracks - t->n_backdrop ? 2
+                                                  : 3;
 }
 
 static spin_status sort_tracks(struct change *c)
@@ -105,7 +108,7 @@ static spin_status sort_tracks(struct change *c)
     struct spin_refine_cloud sorted = {0};
 
     SPIN_TRY(spin_refine_cloud_reserve(&sorted, c->tracks.n));
-    for (int kind = 0; kind < 3; kind++) {
+    for (int kind = 0; kind < 4; kind++) {
         for (size_t i = 0; i < c->tracks.n; i++)
             if (kind_of(c->t, c->tracks.point[i].origin) == kind)
                 sorted.point[sorted.n++] = c->tracks.point[i];
@@ -143,6 +146,8 @@ static spin_status change_tracks(struct change *c, struct spin_densify_change *s
     c->tracks.n = n;
     SPIN_TRY(carry_tracks(t->device, &t->tracks, &c->tracks, false));
     SPIN_TRY(add_statistics(c));
+    for (size_t k = n - t->n_backdrop; k < n; k++)
+        c->tracks.point[k].gradient = 0;
     o.frame = -1;
     SPIN_TRY(spin_densify(&o, c->iteration, &c->tracks, sum));
     SPIN_TRY(sort_tracks(c));

@@ -4,6 +4,7 @@
 #include "base/base.h"
 #include "math/turn.h"
 #include "model/residual.h"
+#include "train/backdrop.h"
 #include "train/cloud.h"
 #include "train/knn.h"
 #include "train/morton.h"
@@ -21,7 +22,8 @@ static spin_status read_frame(struct spin_plan *plan, struct spin_refinement *re
         SPIN_TRY(spin_refinement_read(refinement, plan, frame, columns, out));
     else
         SPIN_TRY(spin_bundle_frame(&plan->clip.bundle, index, columns, out));
-    return spin_plan_check_means(plan, frame, refinement != NULL, out);
+    SPIN_TRY(spin_plan_check_means(plan, frame, refinement != NULL, out));
+    return refinement ? SPIN_OK : spin_backdrop_append(&plan->backdrop, out);
 }
 
 /* ---- The scene transform ------------------------------------------------------------------------ */
@@ -178,6 +180,7 @@ static spin_status send_frame(const struct spin_plan *plan, const struct spin_sp
         }
         for (size_t i = 0; i < cloud.n; i++)
             make_finite(&cloud.point[i].p);
+        spin_backdrop_first_values(&plan->backdrop, &cloud);
         if (first->tracks->n > 0) {
             look_for_first(first, f, &cloud);
             clear_tracked(first->tracks, f, &cloud);

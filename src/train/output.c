@@ -481,6 +481,8 @@ static void tracks_to_json(const struct spin_trainer *t, bool same_rows, spin_js
     spin_json_set_integer(j, "n", (int64_t)t->n_tracks);
     spin_json_set_integer(j, "moving", (int64_t)t->n_moving);
     spin_json_set_integer(j, "varying", (int64_t)t->n_varying);
+    if (t->n_backdrop > 0)
+        spin_json_set_integer(j, "backdrop", (int64_t)t->n_backdrop);
     spin_json_set_bool(j, "same_rows", same_rows);
     spin_json_set(network, "tracks", j);
 }

@@ -1,6 +1,8 @@
 /* Options to shapes, the clip, memory and time (--dry-run). */
 #include "train/plan.h"
 
+#include "train/backdrop.h"
+
 #include "base/base.h"
 #include "train/average.h"
 #include "train/lazy_adam.h"
@@ -797,6 +799,7 @@ void spin_plan_set_device(struct spin_plan *plan, struct spin_device *device)
 void spin_plan_close(struct spin_plan *plan)
 {
     free(plan->counts);
+    spin_backdrop_free(&plan->backdrop);
     free(plan->camera);
     spin_lenses_free(&plan->lenses);
     free(plan->exposure);

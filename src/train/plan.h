@@ -7,6 +7,7 @@
 #include "device/device.h"
 #include "model/field.h"
 #include "scene/lens.h"
+#include "train/cloud.h"
 #include "train/trainer.h"
 
 struct spin_retrain_report {
@@ -31,6 +32,12 @@ struct spin_retrain_report {
     double loss_last; /* smoothed; of frames refined now, their mean, or NAN: there were none */
 };
 
+/* See backdrop.h. */
+struct spin_backdrop {
+    size_t n;                    /* splats; 0: there is none */
+    struct spin_refine_row *row; /* [n] first values */
+};
+
 struct spin_plan {
     struct spin_retrain_options options;  /* of a frame by itself */
     const struct spin_retrain_options *o; /* as the report has them */
@@ -49,6 +56,7 @@ struct spin_plan {
     struct spin_pair *train, *test; /* pairs (frame, view) */
     size_t n_train, n_test;
     size_t max_pixels, max_tiles; /* of the largest view */
+    struct spin_backdrop backdrop;
     double extent;                /* of the training cameras, in world units */
     size_t pixels_budget;         /* bytes of decoded images that are kept */
     char *part;                   /* path of the unfinished state */

@@ -341,10 +341,10 @@ static int step_part(const struct spin_trainer *t, size_t first, size_t end, dou
     return rate > 0;
 }
 
-/* The tracks' values from `first` on, so many of each; lr0: 0, or the first rate, `share` of it for tracks that move.
+/* The tracks' values from `first` on, so many of each, but for those of the last `frozen` tracks; lr0: 0, or the first rate, `share` of it for tracks that move.
  * These learn in all steps, as frames do: they are shown by fewer pictures than those that stand still. */
 static int step_values(const struct spin_trainer *t, size_t first, size_t width, double lr0,
-                       double share, struct spin_param_group *group)
+                       double share, size_t frozen, struct spin_param_group *group)
 {
     double moving = lr0 > 0 ? spin_trainer_rate(t, share * lr0, t->iteration) : 0;
     double still = lr0 > 0 ? spin_trainer_track_rate(t, lr0) : 0;
@@ -353,18 +353,23 @@ static int step_values(const struct spin_trainer *t, size_t first, size_t width,
 
     if (split > first)
         n += step_part(t, first, split, moving, group);
-    return n + step_part(t, split > first ? split : first, first + width * t->n_tracks, still,
-                         group + n);
+    n += step_part(t, split > first ? split : first, first + width * (t->n_tracks - frozen), still,
+                   group + n);
+    if (frozen)
+        n += step_part(t, first + width * (t->n_tracks - frozen), first + width * t->n_tracks, 0,
+                       group + n);
+    return n;
 }
 
 static int step_tracks(const struct spin_trainer *t, struct spin_param_group *group)
 {
     /* Where a track moves, each of its places has a rate of its own too. */
-    int n = step_values(t, 0, 3, t->rates.displacement, 0.5, group);
+    int n = step_values(t, 0, 3, t->rates.displacement, 0.5, 0, group);
     size_t first = 3 * t->n_tracks;
 
     for (int k = 0; k < SPIN_HEADS; k++) {
-        n += step_values(t, first, spin_residual_width[k], t->rates.track[k], 1, group + n);
+        n += step_values(t, first, spin_residual_width[k], t->rates.track[k], 1,
+                         k == SPIN_HEAD_OPACITY ? t->n_backdrop : 0, group + n);
         first += spin_residual_width[k] * t->n_tracks;
     }
     return n;

@@ -13,6 +13,7 @@ struct spin_tracks {
     size_t
         n_varying; /* the first of them have residual values in every frame: those that move, and those that
                          stand still and look different over time; or 0: none are wanted */
+    size_t n_backdrop; /* the last of them are the backdrop (backdrop.h) */
     float *place;  /* [n][3] where those that stand still are: the mean over the frames */
     uint32_t **of; /* [frames][splats, in the bundle's order] a splat's track, or SPIN_NO_TRACK */
     int n_frames;

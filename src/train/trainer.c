@@ -111,6 +111,7 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
     t->n_tracks = size->n_tracks;
     t->n_moving = size->n_moving;
     t->n_varying = size->n_varying;
+    t->n_backdrop = size->n_backdrop;
     t->residuals = has_residual(size);
     t->sh_degree = size->sh_degree;
     t->sh_width = spin_column_width(SPIN_COL_SH, size->sh_degree) - 3;

@@ -33,7 +33,7 @@ struct spin_trainer_size {
     int n_frames;
     const struct spin_frame_size *frame; /* [n_frames] */
     bool tracked; /* splats may have tracks, and are densified; n_tracks may still be 0 */
-    size_t n_tracks, n_moving, n_varying;
+    size_t n_tracks, n_moving, n_varying, n_backdrop;
     bool motion; /* tracks are 4D splats */
     bool network;
     bool alone;    /* the work is this rank's, and shares nothing with others */
@@ -63,6 +63,7 @@ struct spin_trainer {
         motion; /* [n_tracks][SPIN_MOTION] of tracks that are 4D splats, or NULL; it stays as it is */
     size_t n_moving,
         n_varying; /* the first of them: their splats have positions, residual values, of their own */
+    size_t n_backdrop; /* the last tracks: opaque, never split or pruned */
     bool gather;   /* what densification goes by */
     bool hold;     /* a step draws and gathers, and leaves the splats' values as they are */
     struct spin_exposures exposures;

@@ -655,7 +655,8 @@ static bool zoom(const char *data, int place, double factor)
 static void test_falloff(void)
 {
     static const char one[] =
-        "--device cpu --threads 1 --iterations 1 --force --lr-exposure 0 --precision full";
+        "--device cpu --threads 1 --iterations 1 --force --lr-exposure 0 --precision full "
+        "--backdrop off";
     struct run r = {0};
     char path[600];
     double corner, psnr, drawn = 0, plain;
@@ -1521,9 +1522,71 @@ static void test_densify(void)
     free(most.values), free(again.values), free(other.values);
 }
 
+/* Logits of the backdrop's tracks, which are the last ones: whether all are as they began, and the sum of their colours. */
+static bool stays_opaque(struct run *r, size_t backdrop, double *colour)
+{
+    size_t length;
+    float *rows = check_values(&r->bundle, "trained/tracks", &length);
+    bool all = length >= 14 * backdrop && backdrop > 0;
+
+    *colour = 0;
+    for (size_t i = length - 14 * backdrop; all && i < length; i += 14) {
+        all = rows[i + 13] == 5;
+        *colour += (double)rows[i + 10];
+    }
+    free(rows);
+    return all;
+}
+
+/* The splats that spin-export leaves out of one frame, or -1. */
+static double left_out(const char *options)
+{
+    return shell("rm -rf %s/plys; %s/spin-export %s/run.spin --to ply -o %s/plys --range 1:2 -q "
+                 "--json %s",
+                 folder, bin, folder, folder, options) == 0
+               ? said_number("filtered")
+               : -1;
+}
+
+static void test_backdrop(void)
+{
+    static const char tracks[] = "--method tracks --warmup 0 --densify-every 0 --backdrop";
+    static const char grown[] = "--method tracks --warmup 0 --densify-every 2 --densify-threshold "
+                                "1e-9 --densify-until 1 --backdrop on";
+    char options[300];
+    struct run *off, *on, *found, *more, *paper = retrain("--tracks auto");
+    size_t n, n_more;
+    double before, after;
+
+    snprintf(options, sizeof options, "%s off", tracks);
+    off = retrain(options);
+    snprintf(options, sizeof options, "%s auto", tracks);
+    found = retrain(options);
+    more = retrain(grown);
+    snprintf(options, sizeof options, "%s on --lr-track 0", tracks);
+    on = retrain(options);
+    n = (size_t)number(spin_json_get(on->network, "tracks"), "backdrop");
+    n_more = (size_t)number(spin_json_get(more->network, "tracks"), "backdrop");
+    ok(!spin_json_get(spin_json_get(paper->network, "tracks"), "backdrop"),
+       "the paper's recipe has no backdrop");
+    ok(n > 200 && splats_of(on) - splats_of(off) == (double)n,
+       "--backdrop on adds %zu splats to a frame", n);
+    ok((size_t)number(spin_json_get(found->network, "tracks"), "backdrop") == n,
+       "auto: so does an image whose border shows a room");
+    ok(stays_opaque(on, n, &before) && stays_opaque(found, n, &after) && before != after,
+       "they keep their opacity and learn a colour");
+    ok(n_more == n && splats_of(more) > splats_of(on) && stays_opaque(more, n, &after),
+       "they are not split where others are");
+    ok(left_out("--backdrop auto") == 0 && left_out("--backdrop off") == (double)n,
+       "spin-export --backdrop off leaves them out");
+    free_run(off), free_run(on), free_run(found), free_run(more), free_run(paper);
+    free(off), free(on), free(found), free(more), free(paper);
+}
+
 TAP_MAIN
 {
     begin_commands();
+    PART(test_backdrop);
     PART(test_views);
     PART(test_loss);
     PART(test_rates);

@@ -59,6 +59,7 @@ static const struct spin_retrain_options paper = {
     1,
     2.5e-4, /* lr_track, lr_tracked, lr_displacement */
     -1,     /* track_iterations */
+    SPIN_BACKDROP_OFF,
     true,   /* dynamic_residual */
     0,      /* densify_every */
     5e-4,
@@ -137,6 +138,7 @@ static const struct spin_retrain_options shorter = {
     1,
     2.5e-4, /* lr_track, lr_tracked, lr_displacement */
     -1,     /* track_iterations */
+    SPIN_BACKDROP_OFF,
     true,   /* dynamic_residual */
     0,      /* densify_every */
     5e-4,
@@ -173,6 +175,7 @@ static const struct spin_retrain_options *quick(void)
 
     q = shorter;
     q.preset = "quick";
+    q.backdrop = SPIN_BACKDROP_AUTO;
     q.method = SPIN_METHOD_TRACKS;
     q.tracks = q.antialias = true;
     q.iterations = -1;
@@ -279,6 +282,7 @@ static void test_limits(void)
     LIMIT(lr_head_factor, 1000, 1001);
     LIMIT(sh_increase_every, 0, -1);
     LIMIT(learn_exposure, SPIN_EXPOSURE_AUTO, SPIN_EXPOSURE_AUTO + 1);
+    LIMIT(backdrop, SPIN_BACKDROP_AUTO, SPIN_BACKDROP_AUTO + 1);
     LIMIT(lr_exposure, 1, 2);
     LIMIT(eval_every, 0, -1);
     LIMIT(save_every, 0, -1);
@@ -398,6 +402,7 @@ static void test_json(void)
     o.learn_exposure = SPIN_EXPOSURE_ON;
     o.sh_increase_every = 5;
     o.tracks = true;
+    o.backdrop = SPIN_BACKDROP_ON;
     o.network_start = 0.25;
     o.max_points = 7;
     o.refine_start = SPIN_REFINE_FROM_SOURCE;
@@ -414,7 +419,7 @@ static void test_json(void)
             "'lr_rotation':3e-05,'lr_opacity':0.0008,'lr_position':0.00016,"
             "'lr_head_factor':1,'sh_increase_every':5,'learn_exposure':'on',"
             "'lr_exposure':0.001,'max_points':7,'tracks':true,'lr_track':2,"
-            "'lr_tracked':1,'lr_displacement':0.00025,'track_iterations':-1,'dynamic_residual':true,'densify_every':0,"
+            "'lr_tracked':1,'lr_displacement':0.00025,'track_iterations':-1,'backdrop':'on','dynamic_residual':true,'densify_every':0,"
             "'densify_threshold':0.0005,'densify_until':0.6,'network_start':0.25,"
             "'hash_log2':21,'base_resolution':[8,8,8,8],"
             "'finest_resolution':[2048,2048,2048,0],'hash_init_range':0.5,"

@@ -12,6 +12,9 @@
 
 enum { CROPS = 6, WORST = 4, LOSS_POINTS = 300, PICTURES = 4, GAIN = 4 /* of the difference */ };
 
+static const double BACKGROUND_SHOWS =
+    0.3; /* dB between opposite backgrounds, from which it is said */
+
 extern const char spin_report_page[]; /* page.html */
 
 /* ---- What was found ------------------------------------------------------------------------------ */
@@ -30,6 +33,8 @@ static spin_json *quality_json(const struct spin_eval_report *r, const struct sp
         spin_json_set_number(j, "psnr_static", q->psnr_static);
         spin_json_set_number(j, "dynamic", q->dynamic);
     }
+    if (!isnan(r->mean.psnr_opposite))
+        spin_json_set_number(j, "psnr_opposite", q->psnr_opposite);
     for (int i = 0; i < SPIN_N_LPIPS; i++)
         if (!isnan(r->mean.lpips[i]))
             spin_json_set_number(j, lpips[i], q->lpips[i]);
@@ -77,6 +82,8 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
         spin_json_set_integer(one, "frame", v->frame);
         spin_json_set_integer(one, "camera", v->camera);
     }
+    spin_json_set_bool(j, "background_shows",
+                       fabs(r->mean.psnr - r->mean.psnr_opposite) >= BACKGROUND_SHOWS);
     spin_json_set_string(j, "attributes",
                          r->trained   ? "retrained"
                          : r->refined ? "frames"

@@ -1,0 +1,77 @@
+/* The colour that most pixels at image borders share. */
+#include "eval/borders.h"
+
+#include "base/base.h"
+
+enum {
+    MOST_VIEWS = 24,
+    LEVELS = 64, /* of a channel: with its neighbours 12 of 256, which holds JPEG noise */
+    COLOURS = LEVELS * LEVELS * LEVELS
+};
+
+static void count_pixel(const uint8_t *rgb, uint32_t *count)
+{
+    count[(rgb[0] / 4 * LEVELS + rgb[1] / 4) * LEVELS + rgb[2] / 4]++;
+}
+
+/* Returns how many pixels the border of an image has. */
+static uint64_t count_border(const struct spin_camera *camera, const uint8_t *rgb8, uint32_t *count)
+{
+    size_t w = (size_t)camera->width, h = (size_t)camera->height;
+
+    for (size_t x = 0; x < w; x++) {
+        count_pixel(rgb8 + 3 * x, count);
+        count_pixel(rgb8 + 3 * ((h - 1) * w + x), count);
+    }
+    for (size_t y = 0; y < h; y++) {
+        count_pixel(rgb8 + 3 * y * w, count);
+        count_pixel(rgb8 + 3 * (y * w + w - 1), count);
+    }
+    return 2 * (uint64_t)(w + h);
+}
+
+/* Pixels of the most frequent colour and of its neighbours, since a flat colour may lie between two levels. */
+static uint64_t largest_group(const uint32_t *count)
+{
+    int best = 0, at[3];
+    uint64_t sum = 0;
+
+    for (int i = 1; i < COLOURS; i++)
+        best = count[i] > count[best] ? i : best;
+    at[0] = best / LEVELS / LEVELS;
+    at[1] = best / LEVELS % LEVELS;
+    at[2] = best % LEVELS;
+    for (int i = 0; i < COLOURS; i++)
+        if (abs(i / LEVELS / LEVELS - at[0]) <= 1 && abs(i / LEVELS % LEVELS - at[1]) <= 1 &&
+            abs(i % LEVELS - at[2]) <= 1)
+            sum += count[i];
+    return sum;
+}
+
+spin_status spin_borders_are_flat(const struct spin_views *views, struct spin_image_cache *images,
+                                  const struct spin_pair *pairs, size_t n, bool *flat)
+{
+    SPIN_FREED uint32_t *count = NULL;
+    SPIN_FREED uint8_t *rgb8 = NULL;
+    uint64_t all = 0;
+    size_t used = n < MOST_VIEWS ? n : MOST_VIEWS, pixels = 0;
+
+    *flat = false;
+    for (size_t i = 0; i < used; i++) {
+        const struct spin_camera *c = &views->view[pairs[i * n / used].view].camera;
+
+        pixels = (size_t)c->width * (size_t)c->height > pixels
+                     ? (size_t)c->width * (size_t)c->height
+                     : pixels;
+    }
+    SPIN_TRY(spin_alloc(COLOURS, sizeof *count, (void **)&count));
+    SPIN_TRY(spin_alloc(pixels + 1, 3, (void **)&rgb8));
+    for (size_t i = 0; i < used; i++) {
+        size_t view = pairs[i * n / used].view;
+
+        SPIN_TRY(spin_image_cache_get_rgb8(images, view, rgb8));
+        all += count_border(&views->view[view].camera, rgb8, count);
+    }
+    *flat = all > 0 && 2 * largest_group(count) >= all;
+    return SPIN_OK;
+}

@@ -1,0 +1,502 @@
+/* Where the backdrop lies: behind the farthest points along the rays of the training cameras.
+ *
+ * Each view is divided into cells. The farthest points of a cell are its outermost surface, and a flat splat of about the
+ * cell's size goes behind it, at a distance that keeps it behind the surface's own splats when all are sorted by depth. It
+ * moves on while any other view would see it in front of that view's outermost surface, and it is left out where an
+ * earlier view has one already. */
+#include "train/backdrop.h"
+
+#include "base/base.h"
+#include "eval/borders.h"
+#include "math/covariance.h"
+#include "math/sh.h"
+#include "scene/columns.h"
+
+enum {
+    MOST_FRAMES = 16,    /* that points are sampled from */
+    MOST_POINTS = 20000, /* of a frame */
+    MOST_VIEWS = 64,     /* that it is laid out for */
+    COLUMNS = 40,        /* cells along the width of an image */
+    MOST_ROWS = 64,
+    N_BINS = 96,    /* of the logarithm of depth */
+    DEPTH_BINS = 3, /* that a surface spans */
+    MOST_SPLATS = 20000
+};
+static const double far_share =
+    0.005;                          /* of a cell's points may lie behind its surface, as outliers */
+static const double behind = 2;     /* distance behind the surface, in cells */
+static const double scale = 1;      /* standard deviation along the surface, in cells ... */
+static const double most_scale = 2; /* ... which a slanted surface makes larger, up to this */
+static const double thickness = 0.1;  /* across it */
+static const double reach = 2;        /* standard deviations of a splat that must stay hidden */
+static const double tolerance = 0.03; /* of the logarithm of depth */
+static const double covered = 0.7;    /* spacings to the next splat, below which one is enough */
+static const double darkest = 0.02;   /* colours of 0 have no gradient */
+static const float logit_opacity = 5; /* opacity 0.993 */
+
+struct cell {
+    bool known;
+    double log_depth, colour[3];
+    double at[3]; /* of its centre, on the surface */
+};
+
+struct view {
+    const struct spin_camera *camera;
+    int columns, rows;
+    struct cell *cell;
+};
+
+struct layout {
+    float *point, *colour; /* [n][3] */
+    size_t n;
+    struct view view[MOST_VIEWS];
+    int n_views;
+    struct spin_backdrop *out;
+    float *spacing; /* [MOST_SPLATS] */
+};
+
+static void close_layout(struct layout *l)
+{
+    free(l->point);
+    free(l->spacing);
+    for (int i = 0; i < l->n_views; i++)
+        free(l->view[i].cell);
+}
+
+/* ---- Points ------------------------------------------------------------------------------------- */
+
+static void add_point(struct layout *l, const struct spin_splats *s, size_t i)
+{
+    size_t width = spin_column_width(SPIN_COL_SH, s->sh_degree);
+
+    for (size_t c = 0; c < 3; c++) {
+        l->point[3 * l->n + c] = s->means[3 * i + c];
+        l->colour[3 * l->n + c] = s->rgb  ? s->rgb[3 * i + c]
+                                  : s->sh ? (float)SPIN_SH_C0 * s->sh[i * width + c] + 0.5f
+                                          : 0.5f;
+    }
+    l->n++;
+}
+
+static spin_status sample_points(struct layout *l, struct spin_plan *plan)
+{
+    int n_frames = plan->clip.n_frames, used = n_frames < MOST_FRAMES ? n_frames : MOST_FRAMES;
+    size_t most = (size_t)used * MOST_POINTS;
+    unsigned colours = plan->clip.bundle.meta.columns & (SPIN_COL_RGB | SPIN_COL_SH);
+    SPIN_LEAVES(spin_splats_free) struct spin_splats s = {0};
+
+    SPIN_TRY(spin_alloc(most, 6 * sizeof *l->point, (void **)&l->point));
+    l->colour = l->point + 3 * most;
+    for (int k = 0; k < used; k++) {
+        int frame = (int)((int64_t)k * n_frames / used);
+        size_t step;
+
+        SPIN_TRY(spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, frame),
+                                   SPIN_COL_MEANS | colours, &s));
+        SPIN_TRY(spin_plan_check_means(plan, frame, false, &s));
+        step = s.n / MOST_POINTS + 1;
+        for (size_t i = (size_t)k % step; i < s.n; i += step)
+            add_point(l, &s, i);
+    }
+    return SPIN_OK;
+}
+
+/* ---- Surfaces ----------------------------------------------------------------------------------- */
+
+/* The cell that shows a point, or NULL. */
+static struct cell *cell_of(const struct view *v, const float point[3], double *depth)
+{
+    double p[3], x, y;
+
+    if (!spin_camera_project(v->camera, point, p))
+        return NULL;
+    x = floor(p[0] / v->camera->width * v->columns);
+    y = floor(p[1] / v->camera->height * v->rows);
+    *depth = p[2];
+    return x >= 0 && y >= 0 && x < v->columns && y < v->rows
+               ? &v->cell[(size_t)y * (size_t)v->columns + (size_t)x]
+               : NULL;
+}
+
+struct bin {
+    double n, log_depth, colour[3];
+};
+
+/* The outermost of a cell's bins that is no outlier, with those in front of it that belong to the same surface. */
+static void find_surface(const struct bin *bin, struct cell *cell)
+{
+    double all = 0, behind_it = 0;
+    struct bin sum = {0};
+    int k = N_BINS - 1;
+
+    for (int i = 0; i < N_BINS; i++)
+        all += bin[i].n;
+    cell->known = all > 0;
+    if (!cell->known)
+        return;
+    while (k > 0 && behind_it + bin[k].n < fmin(all, fmax(2, far_share * all)))
+        behind_it += bin[k--].n;
+    for (int i = k; i >= 0 && i > k - DEPTH_BINS; i--) {
+        sum.n += bin[i].n;
+        sum.log_depth += bin[i].log_depth;
+        for (int c = 0; c < 3; c++)
+            sum.colour[c] += bin[i].colour[c];
+    }
+    cell->log_depth = sum.log_depth / sum.n;
+    for (int c = 0; c < 3; c++)
+        cell->colour[c] = sum.colour[c] / sum.n;
+}
+
+static spin_status find_surfaces(const struct layout *l, struct view *v)
+{
+    int n = v->columns * v->rows;
+    double near = INFINITY, far = 0, depth;
+    SPIN_FREED struct bin *bin = NULL;
+
+    SPIN_TRY(spin_alloc((size_t)n, N_BINS * sizeof *bin, (void **)&bin));
+    for (size_t i = 0; i < l->n; i++)
+        if (cell_of(v, l->point + 3 * i, &depth)) {
+            near = fmin(near, depth);
+            far = fmax(far, depth);
+        }
+    for (size_t i = 0; i < l->n; i++) {
+        const struct cell *cell = cell_of(v, l->point + 3 * i, &depth);
+        struct bin *to;
+
+        if (!cell)
+            continue;
+        to = bin + (cell - v->cell) * N_BINS +
+             (int)fmin(N_BINS - 1, log(depth / near) / log(far / near + 1e-9) * N_BINS);
+        to->n++;
+        to->log_depth += log(depth);
+        for (int c = 0; c < 3; c++)
+            to->colour[c] += (double)l->colour[3 * i + (size_t)c];
+    }
+    for (int i = 0; i < n; i++)
+        find_surface(bin + i * N_BINS, &v->cell[i]);
+    return SPIN_OK;
+}
+
+static const struct cell *neighbour(const struct view *v, int i, int dx, int dy)
+{
+    int x = i % v->columns + dx, y = i / v->columns + dy;
+
+    return x >= 0 && y >= 0 && x < v->columns && y < v->rows ? &v->cell[y * v->columns + x] : NULL;
+}
+
+/* Cells without points get the mean of their neighbours, ring after ring. */
+static spin_status fill_cells(struct view *v)
+{
+    int n = v->columns * v->rows;
+    bool changed = true;
+    SPIN_FREED struct cell *next = NULL;
+
+    SPIN_TRY(spin_alloc((size_t)n, sizeof *next, (void **)&next));
+    while (changed) {
+        changed = false;
+        memcpy(next, v->cell, (size_t)n * sizeof *next);
+        for (int i = 0; i < n; i++) {
+            double count = 0;
+            struct cell mean = {0};
+
+            for (int k = 0; k < 9 && !v->cell[i].known; k++) {
+                const struct cell *from = neighbour(v, i, k % 3 - 1, k / 3 - 1);
+
+                if (!from || !from->known)
+                    continue;
+                count++;
+                mean.log_depth += from->log_depth;
+                for (int c = 0; c < 3; c++)
+                    mean.colour[c] += from->colour[c];
+            }
+            if (count == 0)
+                continue;
+            changed = next[i].known = true;
+            next[i].log_depth = mean.log_depth / count;
+            for (int c = 0; c < 3; c++)
+                next[i].colour[c] = mean.colour[c] / count;
+        }
+        memcpy(v->cell, next, (size_t)n * sizeof *next);
+    }
+    return SPIN_OK;
+}
+
+/* The surface in the middle of a cell, in the world. */
+static void place_cell(const struct view *v, int i)
+{
+    const struct spin_camera *c = v->camera;
+    const double *m = c->w2c;
+    double z = exp(v->cell[i].log_depth), p[3];
+
+    p[0] = ((i % v->columns + 0.5) / v->columns * c->width - c->cx) / c->fx * z - m[3];
+    p[1] = ((i / v->columns + 0.5) / v->rows * c->height - c->cy) / c->fy * z - m[7];
+    p[2] = z - m[11];
+    for (int k = 0; k < 3; k++)
+        v->cell[i].at[k] = m[k] * p[0] + m[4 + k] * p[1] + m[8 + k] * p[2];
+}
+
+static spin_status open_view(struct layout *l, const struct spin_camera *camera)
+{
+    struct view *v = &l->view[l->n_views];
+    double rows = round((double)COLUMNS * camera->height / camera->width);
+
+    v->camera = camera;
+    v->columns = COLUMNS;
+    v->rows = rows < 1 ? 1 : rows > MOST_ROWS ? MOST_ROWS : (int)rows;
+    SPIN_TRY(spin_alloc((size_t)(v->columns * v->rows), sizeof *v->cell, (void **)&v->cell));
+    l->n_views++;
+    SPIN_TRY(find_surfaces(l, v));
+    SPIN_TRY(fill_cells(v));
+    for (int i = 0; i < v->columns * v->rows; i++)
+        place_cell(v, i);
+    return SPIN_OK;
+}
+
+/* ---- Splats ------------------------------------------------------------------------------------- */
+
+static double dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* Returns the length it had. */
+static double normalise(double v[3])
+{
+    double length = sqrt(dot(v, v));
+
+    for (int c = 0; c < 3; c++)
+        v[c] /= length > 0 ? length : 1;
+    return length;
+}
+
+static void cross(const double a[3], const double b[3], double out[3])
+{
+    for (int c = 0; c < 3; c++)
+        out[c] = a[(c + 1) % 3] * b[(c + 2) % 3] - a[(c + 2) % 3] * b[(c + 1) % 3];
+}
+
+/* A flat splat in the making. */
+struct patch {
+    double at[3], axis[3][3]; /* two along the surface, and the one away from the camera */
+    double size[2];           /* spacing along the first two */
+};
+
+/* Along the surface from one neighbour of a cell to the other. */
+static void slope(const struct view *v, int i, int dx, int dy, double out[3])
+{
+    const struct cell *from = neighbour(v, i, -dx, -dy), *to = neighbour(v, i, dx, dy);
+    double cells = from && to ? 2 : 1;
+
+    from = from ? from : &v->cell[i];
+    to = to ? to : &v->cell[i];
+    for (int c = 0; c < 3; c++)
+        out[c] = (to->at[c] - from->at[c]) / cells;
+}
+
+static void lay_patch(const struct view *v, int i, struct patch *p)
+{
+    double cell = exp(v->cell[i].log_depth) * v->camera->width / v->camera->fx / v->columns, ray[3];
+    struct spin_camera_f32 camera = spin_camera_f32_from(v->camera);
+
+    for (int c = 0; c < 3; c++)
+        ray[c] = v->cell[i].at[c] - (double)camera.centre[c];
+    slope(v, i, 1, 0, p->axis[0]);
+    slope(v, i, 0, 1, p->axis[1]);
+    p->size[0] = normalise(p->axis[0]);
+    cross(p->axis[0], p->axis[1], p->axis[2]);
+    normalise(p->axis[2]);
+    for (int c = 0; c < 3 && dot(p->axis[2], ray) < 0; c++)
+        p->axis[2][c] = -p->axis[2][c];
+    p->size[1] = sqrt(dot(p->axis[1], p->axis[1]));
+    cross(p->axis[2], p->axis[0], p->axis[1]);
+    for (int k = 0; k < 2; k++)
+        p->size[k] = fmin(p->size[k], most_scale * cell);
+    for (int c = 0; c < 3; c++)
+        p->at[c] = v->cell[i].at[c] + behind * cell * p->axis[2][c];
+}
+
+static bool is_in_front(const struct layout *l, const struct patch *p, double x, double y)
+{
+    float at[3];
+
+    for (int c = 0; c < 3; c++)
+        at[c] = (float)(p->at[c] + x * scale * p->size[0] * p->axis[0][c] +
+                        y * scale * p->size[1] * p->axis[1][c]);
+    for (int k = 0; k < l->n_views; k++) {
+        double depth;
+        const struct cell *cell = cell_of(&l->view[k], at, &depth);
+
+        if (cell && cell->known && log(depth) < cell->log_depth - tolerance)
+            return true;
+    }
+    return false;
+}
+
+/* Whether some view would see the splat's middle or rim in front of its outermost surface. */
+static bool sticks_out(const struct layout *l, const struct patch *p)
+{
+    return is_in_front(l, p, 0, 0) || is_in_front(l, p, reach, 0) || is_in_front(l, p, -reach, 0) ||
+           is_in_front(l, p, 0, reach) || is_in_front(l, p, 0, -reach);
+}
+
+static double spacing_of(const struct patch *p) { return sqrt(p->size[0] * p->size[1]); }
+
+static bool is_covered(const struct layout *l, const struct patch *p)
+{
+    for (size_t i = 0; i < l->out->n; i++) {
+        double d2 = 0, least = covered * fmax(spacing_of(p), (double)l->spacing[i]);
+
+        for (int c = 0; c < 3; c++)
+            d2 += pow(p->at[c] - (double)l->out->row[i].pos_w[c], 2);
+        if (d2 < least * least)
+            return true;
+    }
+    return false;
+}
+
+static void push_back(const struct view *v, struct patch *p)
+{
+    const double step = 1.05;
+    struct spin_camera_f32 camera = spin_camera_f32_from(v->camera);
+
+    for (int c = 0; c < 3; c++)
+        p->at[c] = (double)camera.centre[c] + step * (p->at[c] - (double)camera.centre[c]);
+    for (int k = 0; k < 2; k++)
+        p->size[k] *= step;
+}
+
+static void add_splat(struct layout *l, const struct patch *p, const double colour[3])
+{
+    const double sigma[3] = {scale * p->size[0], scale * p->size[1], thickness * spacing_of(p)};
+    double r[9], q[4];
+    struct spin_refine_row *row = &l->out->row[l->out->n];
+
+    for (int k = 0; k < 9; k++)
+        r[k] = p->axis[k % 3][k / 3];
+    spin_quat_of_matrix(r, q);
+    for (int k = 0; k < 4; k++)
+        row->rotation[k] = (float)q[k];
+    for (int c = 0; c < 3; c++) {
+        row->pos_w[c] = (float)p->at[c];
+        row->log_scale[c] = (float)log(fmax(sigma[c], 1e-12));
+        row->dc[c] = (float)((fmax(colour[c], darkest) - 0.5) / SPIN_SH_C0);
+    }
+    row->logit_opacity = logit_opacity;
+    l->spacing[l->out->n++] = (float)spacing_of(p);
+}
+
+static void add_view(struct layout *l, const struct view *v)
+{
+    const int most_steps = 40; /* 7 times as far */
+
+    for (int i = 0; i < v->columns * v->rows && l->out->n < MOST_SPLATS; i++) {
+        struct patch p;
+        int steps = 0;
+
+        if (!v->cell[i].known)
+            continue;
+        lay_patch(v, i, &p);
+        while (!is_covered(l, &p) && sticks_out(l, &p) && steps++ < most_steps)
+            push_back(v, &p);
+        if (steps <= most_steps && !is_covered(l, &p))
+            add_splat(l, &p, v->cell[i].colour);
+    }
+}
+
+static spin_status lay_out(struct spin_plan *plan)
+{
+    size_t n = plan->n_train < MOST_VIEWS ? plan->n_train : MOST_VIEWS;
+    SPIN_LEAVES(close_layout) struct layout l = {.out = &plan->backdrop};
+
+    SPIN_TRY(sample_points(&l, plan));
+    SPIN_TRY(spin_alloc(MOST_SPLATS, sizeof *l.spacing, (void **)&l.spacing));
+    SPIN_TRY(spin_alloc(MOST_SPLATS, sizeof *l.out->row, (void **)&l.out->row));
+    for (size_t i = 0; i < n; i++) {
+        /* One more than an even stride: all cameras, also where their number divides it. */
+        size_t pair = (i * (plan->n_train / n) + i) % plan->n_train;
+
+        SPIN_TRY(open_view(&l, &plan->clip.views.view[plan->train[pair].view].camera));
+    }
+    for (int i = 0; i < l.n_views; i++)
+        add_view(&l, &l.view[i]);
+    return SPIN_OK;
+}
+
+/* ---- Tracks ------------------------------------------------------------------------------------- */
+
+spin_status spin_backdrop_choose(struct spin_plan *plan, struct spin_photos *photos)
+{
+    enum spin_backdrop_choice *choice = &plan->report->options.backdrop;
+    bool flat;
+
+    if (!plan->o->tracks || plan->o->refine > 0 || plan->o->method == SPIN_METHOD_4D)
+        *choice = SPIN_BACKDROP_OFF;
+    if (*choice != SPIN_BACKDROP_AUTO)
+        return SPIN_OK;
+    SPIN_TRY(spin_borders_are_flat(&plan->clip.views, &photos->cache, plan->train, plan->n_train,
+                                   &flat));
+    *choice = flat ? SPIN_BACKDROP_OFF : SPIN_BACKDROP_ON;
+    return SPIN_OK;
+}
+
+spin_status spin_backdrop_add(struct spin_plan *plan, struct spin_tracks *t)
+{
+    const struct spin_backdrop *b = &plan->backdrop;
+
+    if (plan->o->backdrop != SPIN_BACKDROP_ON)
+        return SPIN_OK;
+    SPIN_TRY(lay_out(plan));
+    SPIN_TRY(spin_grow((t->n + b->n + 1), 3 * sizeof *t->place, (void **)&t->place));
+    for (size_t i = 0; i < b->n; i++)
+        memcpy(t->place + 3 * (t->n + i), b->row[i].pos_w, 3 * sizeof *t->place);
+    for (int f = 0; f < t->n_frames; f++) {
+        size_t n = plan->counts[f];
+
+        SPIN_TRY(spin_grow(n + b->n + 1, sizeof **t->of, (void **)&t->of[f]));
+        for (size_t i = 0; i < b->n; i++)
+            t->of[f][n + i] = (uint32_t)(t->n + i);
+        plan->counts[f] += b->n;
+    }
+    t->n += b->n;
+    t->n_backdrop = b->n;
+    return SPIN_OK;
+}
+
+spin_status spin_backdrop_append(const struct spin_backdrop *b, struct spin_splats *s)
+{
+    struct spin_splats all = {0};
+    unsigned columns = 0;
+
+    if (b->n == 0)
+        return SPIN_OK;
+    for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1)
+        columns |= *spin_column_of(s, column) ? column : 0;
+    SPIN_TRY(spin_splats_reserve(&all, s->n + b->n, columns, s->sh_degree));
+    all.antialias = s->antialias;
+    for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
+        size_t width = spin_column_width(column, s->sh_degree);
+        float *to = *spin_column_of(&all, column);
+
+        if (!(columns & column))
+            continue;
+        memcpy(to, *spin_column_of(s, column), s->n * width * sizeof *to);
+        memset(to + s->n * width, 0, b->n * width * sizeof *to);
+    }
+    for (size_t i = 0; i < b->n; i++)
+        memcpy(all.means + 3 * (s->n + i), b->row[i].pos_w, 3 * sizeof *all.means);
+    spin_splats_free(s);
+    *s = all;
+    return SPIN_OK;
+}
+
+void spin_backdrop_first_values(const struct spin_backdrop *b, struct spin_refine_cloud *cloud)
+{
+    for (size_t i = 0; i < b->n; i++) {
+        struct spin_refine_point *to = &cloud->point[cloud->n - b->n + i];
+
+        to->p = b->row[i];
+        to->seen = 1;
+    }
+}
+
+void spin_backdrop_free(struct spin_backdrop *b) { free(b->row); }
