@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""draw.py [--seed N] [--room PATH]... (comments | messages | help | manual) COUNT ...: draws so many of each by lot, for
-somebody who did not write them to judge, and prints each with its place and the lines around it.
+"""draw.py [--seed N] [--room PATH]... (comments | messages | help | manual) COUNT ...: prints random
+samples of the prose, with file, line and context, for a reader who did not write it to judge.
 
     tests/tools/draw.py --seed 7 comments 40 messages 20 manual 20
 
-Comments are those of src, importers and exporters; messages are their errors, warnings, notes and log; help is every other
-string of theirs that is prose. The same seed draws the same from the same tree. --room limits it to paths that begin so."""
+Comments are those of src, importers and exporters; messages are their errors, warnings, notes and
+log lines; help is all other prose in their strings. The same seed gives the same sample of the same
+tree. --room limits the sample to paths with this prefix."""
 import argparse
 import os
 import random
@@ -25,13 +26,13 @@ def candidates(kind, rooms):
     for path in prose.files():
         if path.startswith(start) and path.startswith(rooms or ("",)):
             found += [(path, *piece) for piece in KINDS[kind](path)]
-    # A comment of one word or two is a label or a unit.
+    # Comments of one or two words are labels and units.
     return [f for f in found if kind != "comments" or len(f[3].split()) > 2]
 
 
 def show(number, kind, path, first, last, words):
     lines = prose.read(path).split("\n")
-    # A comment explains what comes after it, a message what comes before.
+    # Comments need the code after them as context, messages the code before.
     before, after = (2, 6) if kind == "comments" else (6, 2) if kind == "messages" else (2, 1)
     print("---- %d. %s:%d" % (number, path, first))
     if kind in ("messages", "manual"):

@@ -1,5 +1,6 @@
-"""The prose in sources: comments, messages, help texts and sentences of the manual, each with its file and line.
+"""Extracts the prose of the sources: comments, messages, help texts and sentences of the manual.
 Shared by draw.py, same_objects.py and tests/lint/language.py."""
+import functools
 import os
 import re
 import subprocess
@@ -8,7 +9,7 @@ C_LIKE = (".c", ".h", ".cpp", ".cu", ".cuh", ".def")
 HASH = (".sh", ".py", ".awk", ".budget")
 SLASH = (".js", ".mjs", ".ts", ".frag", ".vert", ".css")
 PRODUCT = ("src/", "importers/", "exporters/")
-# Functions whose strings the user reads.
+# Names of functions whose string arguments are messages.
 MESSAGE = re.compile(r"fail|misuse|not_found|malformed|unsupported|warn|log\b|note|fault|TRY_IN|refuse|complain|"
                      r"progress|usage|lacks|\bbad|wrong|reject")
 TOKEN = re.compile(r"""
@@ -25,7 +26,7 @@ TOKEN = re.compile(r"""
 
 
 def files(root="."):
-    """Paths of all sources: those that git lists, in a tarball those on the disk that are not built."""
+    """Paths of all sources: from git, or in a tarball from the disk without build outputs."""
     git = subprocess.run(["git", "-C", root, "ls-files", "-co", "--exclude-standard"], capture_output=True, text=True)
     if git.returncode == 0 and os.path.exists(os.path.join(root, ".git")):
         return sorted(p for p in git.stdout.split("\n") if p and os.path.isfile(os.path.join(root, p)))
@@ -41,22 +42,24 @@ def read(path):
         return f.read()
 
 
+@functools.lru_cache(2)
 def tokens(text):
     """(kind, text, line) of C, C++ or CUDA, with spaces and newlines."""
-    line = 1
+    line, found = 1, []
     for m in TOKEN.finditer(text):
-        yield m.lastgroup if m.lastgroup != "raw" else "string", m.group(), line
+        found.append((m.lastgroup if m.lastgroup != "raw" else "string", m.group(), line))
         line += m.group().count("\n")
+    return found
 
 
 def plain(comment):
-    """The words of a comment without its stars and slashes; its lines stay."""
+    """The text of a comment without its markers; line breaks are kept."""
     lines = re.sub(r"^/\*+|\*/$", "", comment).split("\n")
     return "\n".join(re.sub(r"^\s*(\*|//+|#+)? ?", "", line).rstrip() for line in lines).strip()
 
 
 def comments(path, text=None):
-    """(first line, last line, words) of each comment; lines of // or # that follow each other are one."""
+    """(first line, last line, text) of each comment; consecutive // or # lines are one comment."""
     text = read(path) if text is None else text
     found, last = [], None
     if path.endswith(C_LIKE):
@@ -87,7 +90,7 @@ def comments(path, text=None):
 
 
 def strings(text):
-    """(line, words, names of the calls around it) of each string of C; neighbours are one string."""
+    """(line, text, names of the enclosing calls) of each C string; adjacent strings are joined."""
     calls, word, found, open_string = [], "", [], None
     for kind, t, n in tokens(text):
         if kind in ("space", "newline", "comment", "continued"):
@@ -114,7 +117,7 @@ def is_prose(words):
 
 
 def messages(path, text=None):
-    """(line, line, words) of errors, warnings, notes and lines of the log."""
+    """(line, line, text) of errors, warnings, notes and log lines."""
     if not path.endswith(C_LIKE) or not path.startswith(PRODUCT):
         return []
     return [(n, n + t.count("\\n"), t) for n, t, calls in strings(read(path) if text is None else text)
@@ -122,7 +125,7 @@ def messages(path, text=None):
 
 
 def help_texts(path, text=None):
-    """(line, line, words) of all other strings that are prose: options, summaries, templates."""
+    """(line, line, text) of all other strings that are prose: options, summaries, templates."""
     if not path.endswith(C_LIKE) or not path.startswith(PRODUCT):
         return []
     return [(n, n, t) for n, t, calls in strings(read(path) if text is None else text)
@@ -134,7 +137,7 @@ def is_manual(path):
 
 
 def manual(path, text=None):
-    """(first line, last line, words) of each sentence of a manual page, macros' arguments included."""
+    """(first line, last line, text) of each sentence of a manual page, with macro arguments."""
     if not is_manual(path):
         return []
     found, words, first = [], "", 0

@@ -1,21 +1,24 @@
 #!/usr/bin/env python3
-"""same_objects.py [OPTIONS] [BEFORE [AFTER]] [-- FILE...]: proves that a change is one of comments only.
+"""same_objects.py [OPTIONS] [BEFORE [AFTER]] [-- FILE...]: proves that only comments changed.
 
-    tests/tools/same_objects.py --quick                 # HEAD and the working tree, in a second
-    tests/tools/same_objects.py                         # the same by objects, before the commit
-    tests/tools/same_objects.py HEAD~3 HEAD             # commits
-    tests/tools/same_objects.py HEAD~1 HEAD -- src/run  # these files only
+    tests/tools/same_objects.py --quick                 # HEAD against the working tree, seconds
+    tests/tools/same_objects.py                         # the same, by object code
+    tests/tools/same_objects.py HEAD~3 HEAD             # two commits
+    tests/tools/same_objects.py HEAD~1 HEAD -- src/run  # only these files
 
-By objects: both trees are laid out in build/same_objects, and every object that a changed file goes into (by its
-#includes; also those of tests, of the kernels in their emulation, and shared objects that are linked at once) is compiled
-as `make CONFIG=release CUDA=0` does, and compared after `objcopy --strip-debug`. Lines of the source are no part of the
-comparison: __LINE__ is 0, which asserts and the emulation would store, the emulation is compiled without
--fsanitize=bounds, whose tables have lines, and -g0 replaces -g1. Objects that differ are printed; the exit code is then 1.
-ccache is used where it is found. --cflags=-O0 takes a third of the time; equal code is equal at any level.
+Object mode lays both trees out in build/same_objects and compiles every object that a changed file
+contributes to, directly or through headers, as `make CONFIG=release CUDA=0` does: product, tests,
+CUDA kernels in their emulation, and shared objects that are linked in one go. It compares the
+bytes after `objcopy --strip-debug`, lists the objects that differ, and exits with 1 if any does.
+Line numbers are kept out of the objects: __LINE__ is defined as 0, since asserts would store it,
+and the emulation is built without -fsanitize=bounds, whose tables contain source locations.
+ccache is used if installed. --cflags=-O0 is several times faster and proves the same.
 
---quick compares the files themselves: of C, C++ and CUDA the tokens without comments, neighbouring strings joined; of Python
-the syntax tree without docstrings; of others all lines that are not blank or a comment. It prints the first place that
-differs. Equal tokens give equal objects, but for __LINE__ and for # of a macro's argument that a comment stood in."""
+Quick mode compares the changed files themselves: for C, C++ and CUDA the tokens without comments,
+with adjacent strings joined; for Python the syntax tree without docstrings; for shell, JavaScript
+and others all lines that are neither blank nor a comment. It prints the first difference of each
+file. Equal tokens imply equal objects, except for __LINE__ and for macro arguments that are turned
+into strings (#) and contain a comment."""
 import argparse
 import ast
 import os
@@ -30,15 +33,15 @@ import prose  # noqa: E402
 
 ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 WORK = "build/same_objects"
-# Pages become strings of an object: the Makefile's rules.
+# The Makefile turns these pages into C strings.
 PAGES = {"exporters/html/": "exporters/html_page", "src/eval/report/page.html": "src/eval/report/page",
          "src/eval/report/compare.html": "src/eval/report/compare_html", "src/run/watch.html": "src/run/watch_html"}
-# Sources that are compiled and linked at once.
+# Sources that are compiled and linked in one go.
 LINKED = {"src/io/image_oiio.cpp": "lib/spin-image.so", "src/formats/glb_tiny.cpp": "lib/spin-gltf.so",
           "src/io/image_plain.c": "lib/spin-image-plain.so", "src/io/ranks_mpi.c": "lib/spin-mpi.so",
           "src/io/video_ffmpeg.c": "lib/spin-video.so", "src/io/video_encode_ffmpeg.c": "lib/spin-video.so",
           "tests/tools/make-video.c": "tests/tools/make-video"}
-# Only other compilers build these: emscripten, MinGW, nvcc, a user's, libFuzzer.
+# Built by other compilers only (emscripten, MinGW, nvcc) or outside this Makefile.
 ELSEWHERE = re.compile(r"src/web/|src/base/windows/|src/device/cuda/gpu\.cu|man/|tests/card/")
 
 
@@ -47,7 +50,7 @@ def git(*args):
 
 
 def changed_files(before, after):
-    """Paths that differ; those of the working tree with files that are not yet added."""
+    """Paths that differ; for the working tree this includes untracked files."""
     found = git("diff", "--name-only", "--no-renames", before, *([after] if after else []), "--").split("\n")
     if not after:
         found += git("ls-files", "-o", "--exclude-standard").split("\n")
@@ -61,11 +64,11 @@ def text_of(revision, path):
     return shown.stdout.decode("utf-8", "replace") if shown.returncode == 0 else None
 
 
-# ---- Tokens ---------------------------------------------------------------------------------------
+# ---- Tokens
 
 
 def c_tokens(text):
-    """(token, line): comments go, a directive ends with a newline, neighbouring strings become one."""
+    """(token, line) without comments; directives end with a newline, adjacent strings join."""
     found, directive, begins, spaced = [], False, True, False
     for kind, token, line in prose.tokens(text):
         if kind == "newline":
@@ -78,7 +81,7 @@ def c_tokens(text):
         else:
             if begins and token == "#":
                 directive = True
-            # #define F (x) is another macro than #define F(x).
+            # "#define F (x)" and "#define F(x)" are different macros.
             if token == "(" and spaced and len(found) > 1 and found[-2][0] == "define":
                 token = " ("
             last = found[-1][0] if found else ""
@@ -92,7 +95,7 @@ def c_tokens(text):
 
 
 def bare(path, text):
-    """What of a file is not a comment, as (piece, line)."""
+    """(piece, line) of everything in a file except comments."""
     if path.endswith(prose.C_LIKE):
         return c_tokens(text)
     if path.endswith(".py"):
@@ -126,7 +129,7 @@ def quick(before, after, paths):
     return differ == 0
 
 
-# ---- Objects --------------------------------------------------------------------------------------
+# ---- Objects
 
 
 def lay_out(revision, folder):
@@ -144,7 +147,7 @@ def lay_out(revision, folder):
 
 
 def included_by(folder):
-    """For each file the set of files that include it, however deep."""
+    """For each file the set of files that include it, directly or indirectly."""
     direct = {}
     sources = [p for p in prose.files(folder) if p.endswith(prose.C_LIKE)]
     for path in sources:
@@ -167,7 +170,7 @@ def included_by(folder):
 
 
 def objects_of(path, paths_of_cpu):
-    """What make calls the objects of a source, below build/release."""
+    """The make targets of a source, relative to build/release."""
     if path in LINKED:
         return [LINKED[path]]
     for page, stem in PAGES.items():
