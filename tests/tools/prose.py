@@ -42,6 +42,12 @@ def read(path):
         return f.read()
 
 
+def is_hash(path):
+    """Scripts and makefiles, whose comments begin with #."""
+    name = os.path.basename(path)
+    return path.endswith(HASH) or name == "Makefile" or "." not in name and os.path.isfile(path) and read(path)[:2] == "#!"
+
+
 @functools.lru_cache(2)
 def tokens(text):
     """(kind, text, line) of C, C++ or CUDA, with spaces and newlines."""
@@ -67,7 +73,7 @@ def comments(path, text=None):
         alone = {n for n, t in enumerate(text.split("\n"), 1) if t.lstrip().startswith("//")}
     else:
         slash = path.endswith(SLASH)
-        if not slash and not path.endswith(HASH) and os.path.basename(path) not in ("Makefile", "run"):
+        if not slash and not is_hash(path):
             return []
         line_of = re.compile(r"^\s*//" if slash else r"^\s*#(?!!)")
         pieces = [(n, t) for n, t in enumerate(text.split("\n"), 1) if line_of.match(t)]

@@ -267,14 +267,16 @@ def main():
     paths = changed_files(before, after)
     if only:
         paths = [p for p in paths if any(p == o or p.startswith(o.rstrip("/") + "/") for o in only)]
+    def has_comments(path):
+        return path.endswith(prose.C_LIKE + prose.SLASH) or prose.is_hash(path)
     known = tuple(p for p in paths if p.endswith(prose.C_LIKE) or any(p.startswith(page) for page in PAGES))
     if a.quick:
-        same = quick(before, after, [p for p in paths if p.endswith(prose.C_LIKE + prose.SLASH + prose.HASH)])
+        same = quick(before, after, [p for p in paths if has_comments(p)])
     else:
-        others = [p for p in paths if p not in known and p.endswith(prose.SLASH + prose.HASH)]
+        others = [p for p in paths if p not in known and has_comments(p)]
         same = by_objects(before, after, list(known), a)
         same = (quick(before, after, others) if others else True) and same
-    left = [p for p in paths if not p.endswith(prose.C_LIKE + prose.SLASH + prose.HASH) and p not in known]
+    left = [p for p in paths if not has_comments(p) and p not in known]
     if left:
         print("not looked at: " + " ".join(left))
     sys.exit(0 if same else 1)
