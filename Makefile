@@ -491,7 +491,7 @@ bench-viewers: ## pictures a second of the page beside SuperSplat's viewer (Chro
 	@$(MAKE) --no-print-directory -j$(JOBS) all
 	@sh tests/viewers/run.sh $(B)/bin speed $(SPEED)
 
-lint: ## includes, circles, headers, lists, manual, device pointers, plug-ins
+lint: ## includes, circles, headers, lists, manual, device pointers, plug-ins, language
 	@printf '%s\n' tests/lint/*.sh | B=$(BUILD)/release xargs -P $(JOBS) -I LINT sh LINT "$(CC)" "$(CXX)"
 
 $(BENCH): $(BENCH_O) $(LIB)

@@ -1,5 +1,5 @@
 #!/bin/sh
-# long-clip.sh [FRAMES [SPLATS]]: what a long clip takes, as tables for tests/bench/formats.md.
+# long-clip.sh [FRAMES [SPLATS]]: what a long clip takes, as tables for tests/bench/README.md.
 #
 # A made clip (900 frames of 100,000 splats whose places differ in all of them: 6.1 GB of PLY) is imported and exported
 # as a page and as one GLB, first a ninth of its frames, then all; then a made run of Realtime-4DGS (200,000 rows) is

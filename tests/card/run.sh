@@ -87,7 +87,7 @@ part_1() {
     done <"$here/programs"
     # shellcheck disable=SC2086
     [ -n "$CARD_SHORT" ] || program t-card $large
-    check bench "bench at $sizes splats: wall ms of each stage, beside tests/bench/accelerator.md" \
+    check bench "bench at $sizes splats: wall ms of each stage, beside tests/bench/README.md" \
         "$here/bin/bench" --device cuda --gaussians $sizes --table $tables --rounds $((CARD_SHORT ? 1 : 7))
 }
 
