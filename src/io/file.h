@@ -86,7 +86,7 @@ void spin_unwatch_map(const void *data);
  * removed or replaced is still whole in the map. */
 spin_status spin_watch_check(const void *data);
 
-/* A temporary file, or a new folder, to be removed when the process ends because of a cut file. The
- * pointer is kept. */
+/* A temporary file, or a new folder, to be removed when the process ends because of a cut file, until the same
+ * pointer is given to spin_unwatch_out(). */
 void spin_watch_out(const char *path);
 void spin_unwatch_out(const char *path);
