@@ -791,12 +791,14 @@ static spin_status make_room(struct export *x, size_t n)
                  {&s->log_scales, 3},      {&s->sh, 3 * (size_t)spin_sh_count(s->sh_degree)},
                  {&s->logit_opacities, 1}, {&s->times, 1},
                  {&s->sigmas, 1},          {&s->cuts, 2}};
+    size_t capacity;
 
     if (x->n_cut + n <= x->capacity)
         return SPIN_OK;
-    x->capacity = 2 * x->capacity > x->n_cut + n ? 2 * x->capacity : x->n_cut + n;
+    capacity = 2 * x->capacity > x->n_cut + n ? 2 * x->capacity : x->n_cut + n;
     for (size_t k = 0; k < sizeof array / sizeof *array; k++)
-        SPIN_TRY(spin_grow(x->capacity, array[k].width * sizeof(float), (void **)array[k].values));
+        SPIN_TRY(spin_grow(capacity, array[k].width * sizeof(float), (void **)array[k].values));
+    x->capacity = capacity;
     return SPIN_OK;
 }
 

@@ -472,7 +472,7 @@ struct spin_exporter {
     void (*abort)(void *self);
 };
 
-/* A file that appears under its name only when whole: written as path.tmp.<pid> and renamed by commit
+/* A file that appears under its name only when whole: written under a name of its own beside it, path.tmp.*, and renamed by commit
  * when all writing and closing has succeeded. Write with spin_out_write() or with stdio on `file`;
  * commit sees errors of both. Either commit or abandon must follow; both free it.
  *

@@ -45,10 +45,10 @@ static spin_status take_frame(const struct spin_page_group *g, const struct spin
 {
     struct take take = {.g = g, .rows = rows, .frame = f};
 
-    f->n = n;
-    f->n_own = 0;
+    f->n = f->n_own = 0;
     SPIN_TRY(spin_grow(n + 1, spin_page_width(g) * sizeof *f->value, (void **)&f->value));
     SPIN_TRY(spin_grow(n + 1, 1, (void **)&f->present));
+    f->n = n;
     spin_pool_rows(g->pool, n, SPIN_ROWS_BLOCK, take_block, &take);
     return SPIN_OK;
 }

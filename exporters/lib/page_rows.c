@@ -676,10 +676,7 @@ static spin_status add_piece(const struct spin_page_rows *r, struct pieces *to, 
         SPIN_TRY(add_piece(r, to, (struct piece){p.row, p.from, middle}));
         return add_piece(r, to, (struct piece){p.row, middle, p.end});
     }
-    if (to->n == to->room) {
-        to->room = 2 * to->room + 1024;
-        SPIN_TRY(spin_grow(to->room, sizeof *to->at, (void **)&to->at));
-    }
+    SPIN_TRY(spin_room(to->n, &to->room, sizeof *to->at, (void **)&to->at));
     to->at[to->n++] = p;
     return SPIN_OK;
 }

@@ -7,9 +7,9 @@ spin_status spin_picture_blank(struct spin_picture *p, int width, int height)
 {
     size_t n = (size_t)width * (size_t)height;
 
+    SPIN_TRY(spin_grow(n + 1, 4, (void **)&p->rgba));
     p->width = width;
     p->height = height;
-    SPIN_TRY(spin_grow(n + 1, 4, (void **)&p->rgba));
     for (size_t i = 0; i < n; i++)
         memcpy(p->rgba + 4 * i, "\0\0\0\377", 4);
     return SPIN_OK;

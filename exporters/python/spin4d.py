@@ -18,6 +18,7 @@ tensors. What lies in the file: man spin-bundle(5).
 import collections
 import json
 import os
+import secrets
 import shutil
 import subprocess
 import sys
@@ -141,7 +142,7 @@ def write_ply(path, frame):
         raise ValueError(f"{path}: a splat has a value that is not finite")
     head = "".join(["ply\nformat binary_little_endian 1.0\n", f"element vertex {n}\n",
                     *(f"property float {name}\n" for name in names), "end_header\n"])
-    part = f"{os.fspath(path)}.part"
+    part = f"{os.fspath(path)}.tmp.{os.getpid()}.{secrets.token_hex(8)}"
     with open(part, "wb") as out:
         out.write(head.encode() + rows.tobytes())
     os.replace(part, path)

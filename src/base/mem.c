@@ -251,32 +251,83 @@ static bool system_number(const char *path, const char *key, uint64_t unit, uint
     return found;
 }
 
-/* What a control group would still give: its limit less what is used, where cached files count as
- * free. Version 2, then version 1; both are seen at these places from inside a container. */
-static bool group_available(uint64_t *out)
+enum { GROUP_PATH = 4096 };
+
+/* What the groups from `folder` up to its first n_top bytes would still give, the least of them: a group's limit less
+ * what it uses, where cached files count as free. A group that is not seen from here, as in a container, is skipped. */
+static uint64_t groups_available(char *folder, size_t n_top, const char *const names[4])
+{
+    uint64_t least = UINT64_MAX;
+
+    for (size_t n = strlen(folder);; folder[n] = '\0') {
+        uint64_t limit, used, cached = 0;
+        char path[3][GROUP_PATH + 64];
+
+        for (int i = 0; i < 3; i++)
+            snprintf(path[i], sizeof path[i], "%s/%s", folder, names[i]);
+        if (system_number(path[0], "", 1, &limit) && system_number(path[1], "", 1, &used)) {
+            (void)system_number(path[2], names[3], 1, &cached);
+            used = used > cached ? used - cached : 0;
+            used = limit > used ? limit - used : 0;
+            least = used < least ? used : least;
+        }
+        if (n <= n_top)
+            return least;
+        while (n > n_top && folder[--n] != '/')
+            ;
+    }
+}
+
+/* The path of a line of /proc/self/cgroup, "number:controllers:path", if the controller is among those; "" is
+ * version 2, which lists none. */
+static const char *group_of_line(char *line, const char *controller)
+{
+    char *list = strchr(line, ':'), *path = list ? strchr(list + 1, ':') : NULL, *word, *rest;
+
+    if (!path)
+        return NULL;
+    *path++ = '\0';
+    path[strcspn(path, "\n")] = '\0';
+    if (!*controller)
+        return list[1] == '\0' ? path : NULL;
+    for (rest = list + 1; (word = strsep(&rest, ",")) != NULL;)
+        if (strcmp(word, controller) == 0)
+            return path;
+    return NULL;
+}
+
+uint64_t spin_memory_group_available(const char *root)
 {
     static const struct {
-        const char *limit, *used, *stat, *cached;
+        const char *controller, *mount, *names[4];
     } version[] = {
-        {"/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current", "/sys/fs/cgroup/memory.stat",
-         "inactive_file "},
-        {"/sys/fs/cgroup/memory/memory.limit_in_bytes",
-         "/sys/fs/cgroup/memory/memory.usage_in_bytes", "/sys/fs/cgroup/memory/memory.stat",
-         "total_inactive_file "},
+        {"", "sys/fs/cgroup", {"memory.max", "memory.current", "memory.stat", "inactive_file "}},
+        {"memory",
+         "sys/fs/cgroup/memory",
+         {"memory.limit_in_bytes", "memory.usage_in_bytes", "memory.stat", "total_inactive_file "}},
     };
+    uint64_t least = UINT64_MAX;
 
     for (size_t i = 0; i < sizeof version / sizeof version[0]; i++) {
-        uint64_t limit, used, cached = 0;
+        char line[GROUP_PATH], folder[GROUP_PATH];
+        size_t n_top = (size_t)snprintf(folder, sizeof folder, "%s/%s", root, version[i].mount);
+        FILE *file;
+        uint64_t found;
 
-        if (!system_number(version[i].limit, "", 1, &limit) ||
-            !system_number(version[i].used, "", 1, &used))
-            continue;
-        (void)system_number(version[i].stat, version[i].cached, 1, &cached);
-        used = used > cached ? used - cached : 0;
-        *out = limit > used ? limit - used : 0;
-        return true;
+        snprintf(line, sizeof line, "%s/proc/self/cgroup", root);
+        file = fopen(line, "re");
+        while (file && fgets(line, sizeof line, file)) {
+            const char *group = group_of_line(line, version[i].controller);
+
+            if (group)
+                snprintf(folder + n_top, sizeof folder - n_top, "%s", group);
+        }
+        if (file)
+            fclose(file);
+        found = groups_available(folder, n_top, version[i].names);
+        least = found < least ? found : least;
     }
-    return false;
+    return least;
 }
 
 /* What is left of the address space, where `ulimit -v` bounds it. */
@@ -298,7 +349,8 @@ size_t spin_memory_available(void)
 
     if (!system_number("/proc/meminfo", "MemAvailable:", 1024, &bytes))
         bytes = (uint64_t)sysconf(_SC_AVPHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE);
-    if (group_available(&bound) && bound < bytes)
+    bound = spin_memory_group_available("");
+    if (bound < bytes)
         bytes = bound;
     if (limit_available(&bound) && bound < bytes)
         bytes = bound;

@@ -48,5 +48,8 @@ void spin_scratch_free(struct spin_scratch *scratch);
 
 /* Bytes of memory that the machine, a control group and `ulimit -v` would still give us. */
 size_t spin_memory_available(void);
+/* The control groups' part of it: of the process's own group and of all above it, version 2 and 1. UINT64_MAX: no limit.
+ * root "" is the machine's; tests name a folder with files of their own. */
+uint64_t spin_memory_group_available(const char *root);
 /* Peak resident bytes of this process. */
 size_t spin_memory_peak(void);

@@ -11,7 +11,6 @@
  * once. */
 #include "base/pool.h"
 
-#include <assert.h>
 #include <pthread.h>
 #include <sched.h>
 #include <signal.h>
@@ -243,15 +242,15 @@ void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *c
 {
     uint64_t job;
     int before = worker_number;
+    bool busy = pool && atomic_load(&pool->pending) > 0; /* one of its tasks calls */
 
-    if (!pool || pool->n_threads == 1 || n_tasks <= 1) {
-        worker_number = 0;
+    if (!pool || pool->n_threads == 1 || n_tasks <= 1 || busy) {
+        worker_number = busy ? before : 0;
         for (int task = 0; task < n_tasks; task++)
             fn(context, task);
         worker_number = before;
         return;
     }
-    assert(atomic_load(&pool->pending) == 0); /* promised: not reentrant */
     pool->fn = fn;
     pool->context = context;
     pool->n_tasks = n_tasks;

@@ -66,6 +66,13 @@ static void put_line(const char *name, const char *text, const char *tail)
     fprintf(stderr, "%s: %s%s\n", name, line, tail);
 }
 
+/* The user typed nothing wrong. */
+static int fail_memory(const struct spin_args_command *command)
+{
+    put_line(command->name, "out of memory", "");
+    return SPIN_EXIT_FAILED;
+}
+
 int spin_args_misuse(const struct spin_args_command *command, const char *fmt, ...)
 {
     char text[1024], tail[96];
@@ -188,6 +195,8 @@ int spin_args_numbers(const struct spin_args_row *row, const char *text, double 
     return 0;
 }
 
+static bool no_memory; /* for the value that was parsed last */
+
 static bool parse_list(const struct spin_args_row *row, const char *text)
 {
     struct spin_args_list *list = row->into;
@@ -199,7 +208,8 @@ static bool parse_list(const struct spin_args_row *row, const char *text)
     free(list->doubles);
     list->ints = calloc((size_t)room, sizeof *list->ints);
     list->doubles = calloc((size_t)room, sizeof *list->doubles);
-    list->n = list->ints && list->doubles ? spin_args_numbers(row, text, list->doubles, room) : 0;
+    no_memory = !list->ints || !list->doubles;
+    list->n = no_memory ? 0 : spin_args_numbers(row, text, list->doubles, room);
     for (int i = 0; i < list->n && row->kind == SPIN_ARG_INTS; i++)
         list->ints[i] = (int)list->doubles[i];
     return list->n > 0;
@@ -332,6 +342,8 @@ static int misuse_value(const struct parser *p, const struct spin_args_row *row,
                                         [SPIN_ARG_PLUGIN] = NULL};
     const char *what = names[row->kind] ? names[row->kind] : row->arg;
 
+    if (no_memory)
+        return fail_memory(p->command);
     if (row->min >= row->max)
         return spin_args_misuse(p->command, "'--%s' takes %s, not '%s'", row->name, what, text);
     return spin_args_misuse(p->command, "'--%s' takes %s from %.16g to %.16g, not '%s'", row->name,
@@ -701,7 +713,7 @@ static int keep_pair(struct parser *p, const struct spin_args_row *row, const ch
                 p->command, "'--%s' means different things; say which %s with --%s", row->name,
                 p->command->plugin_kind, p->command->plugin_selector);
     if (!pairs)
-        return spin_args_misuse(p->command, "out of memory");
+        return fail_memory(p->command);
     spin_args.plugin_pairs = pairs;
     pairs[p->n_pairs++] = row->name;
     pairs[p->n_pairs++] = value;
@@ -763,7 +775,7 @@ static int keep_word(struct parser *p, const char *text)
         realloc(spin_args.all_words, ((size_t)spin_args.n_words + 1) * sizeof *words);
 
     if (!words)
-        return spin_args_misuse(p->command, "out of memory");
+        return fail_memory(p->command);
     spin_args.all_words = words;
     words[spin_args.n_words++] = text;
     spin_args.word = words[0];
@@ -812,7 +824,7 @@ static bool answer(struct parser *p, int *code)
     bool completes = p->argc > 1 && !strcmp(p->argv[1], "--complete");
 
     if (!list_rows(p)) {
-        *code = spin_args_misuse(p->command, "out of memory");
+        *code = fail_memory(p->command);
         return false;
     }
     wants_help = asks_for_help(p->argc, p->argv);

@@ -232,9 +232,12 @@ static bool some_have_medians(const struct spin_views *views, const struct spin_
 
 static spin_status make_room(struct spin_dynamic_mask *m)
 {
-    m->room = spin_views_pixels(m->views);
-    SPIN_TRY(spin_alloc(m->room, 3 * sizeof(float), (void **)&m->image));
-    return spin_alloc(m->room, 2, (void **)&m->mask);
+    size_t n = spin_views_pixels(m->views);
+
+    SPIN_TRY(spin_alloc(n, 3 * sizeof(float), (void **)&m->image));
+    SPIN_TRY(spin_alloc(n, 2, (void **)&m->mask));
+    m->room = n;
+    return SPIN_OK;
 }
 
 spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_image_cache *pixels,

@@ -62,7 +62,7 @@ struct spin_glb_clip {
 
 struct spin_glb_shim {
     int abi;
-    /* The JSON text, malloc'ed; NULL and a reason in why when it cannot be had. keys: where those of the animation begin:
+    /* The JSON text, malloc'ed; NULL and a reason in why when it cannot be had; none for a lack of memory. keys: where those of the animation begin:
      * n_frames + 1 times, then for each frame as many scales. */
     char *(*text)(const struct spin_glb_clip *clip, const char *generator, uint64_t keys, char *why,
                   size_t n_why);

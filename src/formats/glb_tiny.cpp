@@ -4,6 +4,7 @@
 
 #include <cstdio>
 #include <cstring>
+#include <new>
 #include <sstream>
 #include <string>
 
@@ -171,11 +172,9 @@ char *text(const spin_glb_clip *clip, const char *generator, uint64_t keys, char
            size_t n_why) noexcept
 {
     try {
-        char *out = strdup(text_of(*clip, generator, keys).c_str());
-
-        if (!out)
-            std::snprintf(why, n_why, "not enough memory");
-        return out;
+        return strdup(text_of(*clip, generator, keys).c_str());
+    } catch (const std::bad_alloc &) {
+        *why = '\0';
     } catch (const std::exception &e) {
         std::snprintf(why, n_why, "%s", e.what());
     } catch (...) {

@@ -178,13 +178,15 @@ spin_status spin_glb_can_write(void)
 spin_status spin_glb_end(struct spin_glb_clip *clip)
 {
     uint64_t keys = clip->n_bytes;
-    char why[256] = "";
+    char why[256] = ""; /* stays empty where memory is what is missing */
     SPIN_FREED char *text = NULL;
 
     SPIN_TRY(spin_glb_can_write());
     if (clip->animated)
         SPIN_TRY(write_keys(clip));
     text = shim->text(clip, "spin4d " SPIN_VERSION, keys, why, sizeof why);
+    if (!text && !*why)
+        return spin_fail(SPIN_E_MEMORY, "cannot write '%s': not enough memory", clip->out->path);
     if (!text)
         return spin_unsupported("cannot write '%s': %s", clip->out->path, why);
     return write_front(clip, text);

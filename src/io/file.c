@@ -3,7 +3,9 @@
 
 #include <dirent.h>
 #include <fcntl.h>
+#include <pthread.h>
 #include <signal.h>
+#include <stdatomic.h>
 #include <sys/mman.h>
 #include <sys/statvfs.h>
 #include <time.h>
@@ -432,10 +434,66 @@ static spin_status check_target(const char *path, bool force)
     return force || !spin_path_is_taken(path) ? SPIN_OK : fail_exists(path);
 }
 
-spin_status spin_out_open(const char *path, bool force, struct spin_out *out)
+static uint32_t hash_text(uint32_t hash, const char *text)
+{
+    return spin_crc32(hash, text, strlen(text));
+}
+
+static pthread_once_t place_once = PTHREAD_ONCE_INIT;
+static uint32_t
+    place; /* where this process's number is its own: a boot of a host, a namespace of processes */
+
+static void find_place(void)
+{
+    char text[64] = "";
+    struct stat st;
+    FILE *file = fopen("/proc/sys/kernel/random/boot_id", "re");
+
+    if (file && fgets(text, sizeof text, file))
+        place = hash_text(place, text);
+    if (file)
+        fclose(file);
+    if (stat("/proc/self/ns/pid", &st) == 0) {
+        snprintf(text, sizeof text, "%llu", (unsigned long long)st.st_ino);
+        place = hash_text(place, text);
+    }
+#ifndef _WIN32
+    if (gethostname(text, sizeof text - 1) == 0)
+        place = hash_text(place, text);
+#endif
+}
+
+void spin_out_suffix(char suffix[SPIN_OUT_SUFFIX])
+{
+    static atomic_uint n;
+    struct timespec now = {0};
+    char text[96];
+
+    pthread_once(&place_once, find_place);
+    clock_gettime(CLOCK_REALTIME, &now);
+    snprintf(text, sizeof text, "%ld %lld %ld %u", (long)getpid(), (long long)now.tv_sec,
+             (long)now.tv_nsec, atomic_fetch_add(&n, 1));
+    snprintf(suffix, SPIN_OUT_SUFFIX, ".tmp.%ld.%08x%08x", (long)getpid(), (unsigned)place,
+             (unsigned)hash_text(place, text));
+}
+
+/* A new file beside the path; -1: errno says why. */
+static int open_temporary(const char *path, char *name, size_t n_name)
 {
     const int flags = O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW;
-    char suffix[32];
+    char suffix[SPIN_OUT_SUFFIX];
+    int fd = -1;
+
+    for (int try = 0; try < 100 && fd < 0 && (try == 0 || errno == EEXIST); try++) {
+        spin_out_suffix(suffix);
+        snprintf(name, n_name, "%s%s", path, suffix);
+        fd = open(name, flags, 0666);
+    }
+    return fd;
+}
+
+spin_status spin_out_open(const char *path, bool force, struct spin_out *out)
+{
     size_t n;
     void *name;
     spin_status status;
@@ -444,17 +502,13 @@ spin_status spin_out_open(const char *path, bool force, struct spin_out *out)
     memset(out, 0, sizeof *out);
     SPIN_TRY(check_target(path, force));
     out->force = force;
-    snprintf(suffix, sizeof suffix, ".tmp.%ld", (long)getpid());
-    n = strlen(path) + strlen(suffix) + 1;
+    n = strlen(path) + SPIN_OUT_SUFFIX;
 
     /* stdio's buffer lies behind the temporary name: both live exactly as long as the stream. */
     SPIN_TRY(spin_alloc(n + OUT_BUFFER, 1, &name));
     out->temporary = name;
-    snprintf(out->temporary, n, "%s%s", path, suffix);
     SPIN_TRY_OUT(spin_strdup(path, &out->path));
-    fd = open(out->temporary, flags, 0666);
-    if (fd < 0 && errno == EEXIST && unlink(out->temporary) == 0) /* a process had our number */
-        fd = open(out->temporary, flags, 0666);
+    fd = open_temporary(path, out->temporary, n);
     if (fd >= 0)
         out->file = fdopen(fd, "w+b");
     if (!out->file) {
@@ -593,28 +647,83 @@ spin_status spin_out_whole(const char *path, const void *data, size_t bytes, boo
     return spin_out_commit(&out);
 }
 
-/* Where the end ".tmp.4711" of a name begins when its process is no more; NULL: there is none such. */
-static const char *dead_end(const char *entry)
-{
-    const char *dot = strrchr(entry, '.');
-    char *end;
+/* What a name ends with that a writer gave it. */
+struct ending {
+    const char *at; /* NULL: nothing */
     long pid;
+    uint32_t place;
+    bool has_place; /* names of earlier versions have none: ".tmp.4711" */
+};
 
-    if (!dot || dot - entry < 4 || strncmp(dot - 4, ".tmp", 4) != 0)
-        return NULL;
-    pid = strtol(dot + 1, &end, 10);
-    return pid > 0 && *end == '\0' && kill((pid_t)pid, 0) != 0 && errno == ESRCH ? dot - 4 : NULL;
+static struct ending find_ending(const char *entry)
+{
+    struct ending e = {0};
+    char *end;
+
+    for (const char *p = entry; (p = strstr(p, ".tmp.")) != NULL; p++) {
+        const char *digits = p + strlen(".tmp.");
+        unsigned long long rest;
+
+        e.pid = strtol(digits, &end, 10);
+        if (*digits < '1' || *digits > '9')
+            continue;
+        if (*end == '\0')
+            e.at = p;
+        if (*end != '.' || strspn(end + 1, "0123456789abcdef") != 16 || end[17] != '\0')
+            continue;
+        rest = strtoull(end + 1, NULL, 16);
+        e.at = p;
+        e.place = (uint32_t)(rest >> 32);
+        e.has_place = true;
+        return e;
+    }
+    return e;
 }
 
-/* Its process may live on another machine, but then it writes. */
-static bool is_idle(const char *path)
+static bool is_idle(const char *path, time_t seconds)
 {
     struct stat st;
 
-    return lstat(path, &st) == 0 && st.st_mtime + 60 < time(NULL);
+    return lstat(path, &st) == 0 && st.st_mtime + seconds < time(NULL);
 }
 
-/* Remove what killed writers have left of `name`, or, NULL, of all names with this ending. */
+/* Whether the writer is no more. Of one on another host or in another container only its last write is known: an export
+ * may compute for many minutes before it writes again. */
+static bool is_left(const struct ending *e, const char *path)
+{
+    bool is_dead = kill((pid_t)e->pid, 0) != 0 && errno == ESRCH;
+
+    pthread_once(&place_once, find_place);
+    return !e->has_place       ? is_dead && is_idle(path, 60)
+           : e->place == place ? is_dead
+                               : is_idle(path, 3600);
+}
+
+uint64_t spin_out_remove(const char *path)
+{
+    char **names = NULL, *entry = NULL;
+    size_t n = 0;
+    uint64_t bytes = 0;
+    struct stat st;
+
+    if (lstat(path, &st) != 0)
+        return 0;
+    if (!S_ISDIR(st.st_mode)) {
+        unlink(path);
+        return (uint64_t)st.st_size;
+    }
+    if (spin_folder_list(path, &names, &n) == SPIN_OK)
+        for (size_t i = 0; i < n; i++)
+            if (spin_path_join(path, names[i], &entry) == SPIN_OK) {
+                bytes += spin_out_remove(entry);
+                free(entry);
+            }
+    spin_folder_list_free(names);
+    rmdir(path);
+    return bytes;
+}
+
+/* Remove what killed writers have left of `name`, a tried folder included, or, NULL, of all names with this ending. */
 static void sweep(const char *folder, const char *name, const char *ending)
 {
     char *entry = NULL, **names = NULL;
@@ -623,15 +732,16 @@ static void sweep(const char *folder, const char *name, const char *ending)
     if (spin_folder_list(folder, &names, &n) != SPIN_OK)
         return;
     for (size_t i = 0; i < n; i++) {
-        const char *end = dead_end(names[i]);
-        size_t n_before = end ? (size_t)(end - names[i]) : 0;
+        const struct ending e = find_ending(names[i]);
+        size_t n_before = e.at ? (size_t)(e.at - names[i]) : 0;
 
-        if (!end || spin_path_join(folder, names[i], &entry) != SPIN_OK)
+        if (!e.at || spin_path_join(folder, names[i], &entry) != SPIN_OK)
             continue;
         if (name ? strlen(name) == n_before && memcmp(names[i], name, n_before) == 0
                  : n_ending > 0 && n_before > n_ending &&
-                       memcmp(end - n_ending, ending, n_ending) == 0 && is_idle(entry))
-            unlink(entry);
+                       memcmp(e.at - n_ending, ending, n_ending) == 0)
+            if (is_left(&e, entry))
+                spin_out_remove(entry);
         free(entry);
     }
     spin_folder_list_free(names);
@@ -639,10 +749,13 @@ static void sweep(const char *folder, const char *name, const char *ending)
 
 void spin_out_sweep(const char *path)
 {
-    SPIN_FREED char *folder = NULL;
+    SPIN_FREED char *folder = NULL, *file = NULL;
 
-    if (spin_path_folder(path, &folder) == SPIN_OK)
-        sweep(folder, spin_path_name(path), "");
+    if (spin_path_folder(path, &folder) != SPIN_OK || spin_strdup(path, &file) != SPIN_OK)
+        return;
+    for (size_t n = strlen(file); n > 1 && file[n - 1] == '/'; n--)
+        file[n - 1] = '\0';
+    sweep(folder, spin_path_name(file), "");
 }
 
 void spin_out_sweep_folder(const char *folder, const char *ending) { sweep(folder, NULL, ending); }

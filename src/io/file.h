@@ -61,10 +61,16 @@ void spin_folder_list_free(char **names);
 /* The last run of digits in a file's stem as a number, or -1 ("frame_10.ply" -> 10). */
 long long spin_path_number(const char *path);
 
-/* Remove what writers of `path` that were killed have left beside it. */
+/* What the name of a half-written file or folder ends with: ".tmp.", the process, then 16 digits that tell the place
+ * where that number counts and are else random. No two are equal. */
+enum { SPIN_OUT_SUFFIX = 48 };
+void spin_out_suffix(char suffix[SPIN_OUT_SUFFIX]);
+/* Remove what writers of `path` that were killed have left beside it. What a process elsewhere writes, on another host
+ * or in another container, is left for an hour after its last write. */
 void spin_out_sweep(const char *path);
-/* The same of all files in a folder whose names have this ending, such as ".ply", when they were not
- * written to for a minute. */
+/* Remove a file, or a folder with all in it: the bytes of its files. Links are not followed. */
+uint64_t spin_out_remove(const char *path);
+/* spin_out_sweep() of all files in a folder whose names have this ending, such as ".ply". */
 void spin_out_sweep_folder(const char *folder, const char *ending);
 /* Of an output file (spin.h): bytes to a place in it, past the buffer of spin_out_write(), by any
  * thread, where pieces are made side by side. 0, or the errno, of which spin_out_failed() makes the
@@ -86,7 +92,7 @@ void spin_unwatch_map(const void *data);
  * removed or replaced is still whole in the map. */
 spin_status spin_watch_check(const void *data);
 
-/* A temporary file, or a new folder, to be removed when the process ends because of a cut file. The
- * pointer is kept. */
+/* A temporary file, or a new folder, to be removed when the process ends because of a cut file, until the same
+ * pointer is given to spin_unwatch_out(). */
 void spin_watch_out(const char *path);
 void spin_unwatch_out(const char *path);

@@ -137,6 +137,8 @@ static spin_status inflate_all(int window_bits, const char *name, const void *da
         *n += n_room - z.avail_out;
     }
     inflateEnd(&z);
+    if (result == Z_MEM_ERROR)
+        return spin_fail(SPIN_E_MEMORY, "not enough memory to inflate");
     if (result != Z_STREAM_END && *n < n_out)
         return spin_malformed("the %s is damaged or cut short after %zu bytes", name, *n);
     return SPIN_OK;

@@ -284,6 +284,14 @@ spin_status spin_image_read(const char *path, const float background[3], int *wi
     return answer(&q);
 }
 
+static spin_status fail_encoding(enum spin_image_result result, const char *why)
+{
+    return result == SPIN_IMAGE_OK
+               ? SPIN_OK
+               : spin_fail(result == SPIN_IMAGE_NO_MEMORY ? SPIN_E_MEMORY : SPIN_E_IO,
+                           "cannot encode a picture: %s", why);
+}
+
 spin_status spin_image_encode(int width, int height, const uint8_t *rgb, unsigned char **bytes,
                               size_t *n_bytes)
 {
@@ -292,10 +300,9 @@ spin_status spin_image_encode(int width, int height, const uint8_t *rgb, unsigne
     *bytes = NULL;
     *n_bytes = 0;
     SPIN_TRY(spin_image_start());
-    if ((plain ? plain : oiio)->encode_png(width, height, rgb, bytes, n_bytes, why, sizeof why) !=
-        SPIN_IMAGE_OK)
-        return spin_fail(SPIN_E_IO, "cannot encode a picture: %s", why);
-    return SPIN_OK;
+    return fail_encoding(
+        (plain ? plain : oiio)->encode_png(width, height, rgb, bytes, n_bytes, why, sizeof why),
+        why);
 }
 
 spin_status spin_image_write(const char *path, int width, int height, const uint8_t *rgb, bool sync)
@@ -358,11 +365,10 @@ spin_status spin_film_write(const char *path, const struct spin_film *film, bool
     }
     out.pixels = pixels;
     SPIN_TRY_OUT(film->exr ? need_oiio() : spin_image_start());
-    if ((film->exr || !plain ? oiio : plain)->encode(&out, &bytes, &n_bytes, why, sizeof why) !=
-        SPIN_IMAGE_OK)
-        status = spin_fail(SPIN_E_IO, "cannot encode a picture: %s", why);
-    if (status == SPIN_OK)
-        status = spin_out_whole(path, bytes, n_bytes, sync);
+    SPIN_TRY_OUT(fail_encoding(
+        (film->exr || !plain ? oiio : plain)->encode(&out, &bytes, &n_bytes, why, sizeof why),
+        why));
+    status = spin_out_whole(path, bytes, n_bytes, sync);
 out:
     free(pixels);
     free(bytes);

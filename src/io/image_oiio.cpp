@@ -64,8 +64,11 @@ template <typename Work> enum spin_image_result guarded(char *why, size_t n_why,
     return result;
 }
 
+/* OpenImageIO hands on the words of each format's library, and no code. */
 [[noreturn]] void fail(const std::string &why)
 {
+    if (why.find(" memory") != std::string::npos || why.find("bad_alloc") != std::string::npos)
+        throw failure{SPIN_IMAGE_NO_MEMORY, "not enough memory"};
     throw failure{SPIN_IMAGE_UNREADABLE, why.empty() ? "not an image that can be read" : why};
 }
 

@@ -1,6 +1,7 @@
 /* The far side of image.c for JPEG by libjpeg-turbo and PNG by libpng, without the time that OpenImageIO takes to load;
  * the only one on machines that have little (make portable, make windows, tests/card). What it reads has the same pixels
  * by OpenImageIO. */
+#include <errno.h>
 #include <setjmp.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -8,6 +9,7 @@
 #include <string.h>
 
 #include <jpeglib.h>
+#include <jerror.h>
 #include <png.h>
 
 #include "io/image_shim.h"
@@ -21,6 +23,7 @@ struct picture {
     FILE *file;
     int width, height, channels;
     uint8_t *rgb;
+    bool no_memory; /* for libpng */
     enum spin_image_result result;
     char *why;
     size_t n_why;
@@ -67,7 +70,10 @@ static void jpeg_fails(j_common_ptr info)
     char text[JMSG_LENGTH_MAX];
 
     info->err->format_message(info, text);
-    fail(end->picture, SPIN_IMAGE_UNREADABLE, text);
+    if (info->err->msg_code == JERR_OUT_OF_MEMORY)
+        fail(end->picture, SPIN_IMAGE_NO_MEMORY, "not enough memory");
+    else
+        fail(end->picture, SPIN_IMAGE_UNREADABLE, text);
     longjmp(end->jump, 1);
 }
 
@@ -80,14 +86,15 @@ static void jpeg_warns(j_common_ptr info, int level)
 
 static void read_jpeg(struct picture *p)
 {
-    struct jpeg_decompress_struct jpeg;
+    struct jpeg_decompress_struct jpeg = {0}; /* as it may be destroyed before it was created */
     struct jpeg_end end = {.picture = p};
 
     jpeg.err = jpeg_std_error(&end.base);
     end.base.error_exit = jpeg_fails;
     end.base.emit_message = jpeg_warns;
-    jpeg_create_decompress(&jpeg);
     if (setjmp(end.jump) == 0) {
+        jpeg_create_decompress(
+            &jpeg); /* fails without memory, and with a library of another version */
         jpeg_stdio_src(&jpeg, p->file);
         jpeg_read_header(&jpeg, TRUE);
         p->width = (int)jpeg.image_width;
@@ -114,8 +121,36 @@ static void read_jpeg(struct picture *p)
 
 static void png_fails(png_structp png, png_const_charp text)
 {
-    fail(png_get_error_ptr(png), SPIN_IMAGE_UNREADABLE, text);
+    struct picture *p = png_get_error_ptr(png);
+
+    fail(p, p->no_memory ? SPIN_IMAGE_NO_MEMORY : SPIN_IMAGE_UNREADABLE,
+         p->no_memory ? "not enough memory" : text);
     png_longjmp(png, 1);
+}
+
+/* libpng's words for a lack of memory are many. */
+static png_voidp png_allocate(png_structp png, png_alloc_size_t n)
+{
+    struct picture *p = png_get_mem_ptr(png);
+    void *block = malloc(n);
+
+    p->no_memory = p->no_memory || !block;
+    return block;
+}
+
+static void png_release(png_structp png, png_voidp block)
+{
+    (void)png;
+    free(block);
+}
+
+/* libpng gave no structures. */
+static void png_none(struct picture *p)
+{
+    if (p->no_memory)
+        fail(p, SPIN_IMAGE_NO_MEMORY, "not enough memory");
+    else
+        fail(p, SPIN_IMAGE_UNREADABLE, "libpng is of another version than the build's");
 }
 
 static void png_warns(png_structp png, png_const_charp text) { (void)png, (void)text; }
@@ -138,13 +173,14 @@ static void compose(struct picture *p, const uint8_t *pixels, int n)
 
 static void read_png(struct picture *p)
 {
-    png_structp png = png_create_read_struct(PNG_LIBPNG_VER_STRING, p, png_fails, png_warns);
+    png_structp png = png_create_read_struct_2(PNG_LIBPNG_VER_STRING, p, png_fails, png_warns, p,
+                                               png_allocate, png_release);
     png_infop info = png ? png_create_info_struct(png) : NULL;
     uint8_t *volatile pixels = NULL;
     png_bytep *volatile row = NULL;
 
     if (!info) {
-        fail(p, SPIN_IMAGE_NO_MEMORY, "not enough memory");
+        png_none(p);
     } else if (setjmp(png_jmpbuf(png)) == 0) {
         png_init_io(png, p->file);
         png_read_info(png, info);
@@ -182,6 +218,8 @@ static enum spin_image_result open_picture(struct picture *p, const char *format
 {
     p->result = SPIN_IMAGE_OK;
     p->file = fopen(p->path, "rb");
+    if (!p->file && errno == ENOMEM)
+        return fail(p, SPIN_IMAGE_NO_MEMORY, "not enough memory");
     if (!p->file)
         return fail(p, SPIN_IMAGE_UNREADABLE, "it cannot be opened");
     if (strcmp(format, "png") == 0)
@@ -269,14 +307,16 @@ static void quantise(const struct spin_image_out *image, int y, unsigned char *r
 /* rgb: what is written instead of the image's floats, or NULL. */
 static void write_png(struct sink *sink, const struct spin_image_out *image, const uint8_t *rgb)
 {
-    png_structp png =
-        png_create_write_struct(PNG_LIBPNG_VER_STRING, &sink->base, png_fails, png_warns);
+    png_structp png = png_create_write_struct_2(PNG_LIBPNG_VER_STRING, &sink->base, png_fails,
+                                                png_warns, &sink->base, png_allocate, png_release);
     png_infop info = png ? png_create_info_struct(png) : NULL;
     unsigned char *row =
         malloc((size_t)image->width * (size_t)image->n_channels * (size_t)(image->bits / 8));
 
-    if (!info || !row) {
+    if (!row) {
         fail(&sink->base, SPIN_IMAGE_NO_MEMORY, "not enough memory");
+    } else if (!info) {
+        png_none(&sink->base);
     } else if (setjmp(png_jmpbuf(png)) == 0) {
         png_set_write_fn(png, sink, take, flush);
         png_set_IHDR(png, info, (png_uint_32)image->width, (png_uint_32)image->height, image->bits,

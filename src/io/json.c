@@ -2,18 +2,57 @@
  * what a terminal takes for commands; ours does not. */
 #include "io/json.h"
 
+#include <setjmp.h>
+
 #include "base/base.h"
 #include "io/file.h"
+
+/* ---- Memory ---------------------------------------------------------------------------------- */
+
+/* Jansson's parser drops characters that it has no memory for, and then reads other values, blames the text or aborts;
+ * its setters drop values, and nobody looks at what they return. So the allocator remembers: a parser that runs out is
+ * left at once, whose few values are lost, and a document that lacks something has no text. */
+static json_malloc_t allocate;
+static _Thread_local jmp_buf *parser; /* of the text that this thread parses; NULL: none */
+static _Thread_local bool ran_out;    /* since the last text was made */
+
+static void *remembering_allocate(size_t n)
+{
+    void *block = allocate(n);
+
+    if (block)
+        return block;
+    if (parser)
+        longjmp(*parser, 1);
+    ran_out = true;
+    return NULL;
+}
+
+__attribute__((constructor)) static void set_allocator(void)
+{
+    json_free_t release;
+
+    json_get_alloc_funcs(&allocate, &release);
+    json_set_alloc_funcs(remembering_allocate, release);
+}
+
+/* ---- Reading --------------------------------------------------------------------------------- */
 
 spin_status spin_json_parse(const char *what, const char *text, size_t n, spin_json **out)
 {
     json_error_t error;
+    jmp_buf jump;
 
+    *out = NULL;
+    if (setjmp(jump) != 0) {
+        parser = NULL;
+        return spin_fail(SPIN_E_MEMORY, "cannot parse '%s': not enough memory", what);
+    }
+    parser = &jump;
     *out = json_loadb(text, n, 0, &error);
+    parser = NULL;
     if (*out)
         return SPIN_OK;
-    if (json_error_code(&error) == json_error_out_of_memory)
-        return spin_fail(SPIN_E_MEMORY, "cannot parse '%s': not enough memory", what);
     return spin_malformed("cannot parse '%s': line %d, column %d: %s", what, error.line,
                           error.column, error.text);
 }
@@ -181,13 +220,16 @@ char *spin_json_text(const spin_json *j, bool indent)
     size_t n = 0;
     FILE *out = j ? open_memstream(&text, &n) : NULL;
 
-    if (!out)
-        return NULL;
-    write_value(out, j, indent ? 0 : -1);
-    if (fclose(out) != 0) {
-        free(text);
+    if (!out) {
+        ran_out = false;
         return NULL;
     }
+    write_value(out, j, indent ? 0 : -1);
+    if (fclose(out) != 0 || ran_out) {
+        free(text);
+        text = NULL;
+    }
+    ran_out = false;
     return text;
 }
 
@@ -195,5 +237,5 @@ spin_status spin_json_finish(spin_json *document, char **text)
 {
     *text = spin_json_text(document, true);
     spin_json_free(document);
-    return *text ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for the report");
+    return *text ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "not enough memory for the report");
 }

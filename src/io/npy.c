@@ -278,23 +278,14 @@ void spin_npz_close(struct spin_npz *npz)
 
 static const struct spin_zip_member *find_array(const struct spin_npz *npz, const char *key)
 {
-    size_t n_prefix = npz->prefix ? strlen(npz->prefix) : 0, n_there, n;
+    size_t n_prefix = npz->prefix ? strlen(npz->prefix) : 0;
     const char *there = "";
 
     if (n_prefix > 0 && strncmp(key, npz->prefix, n_prefix) == 0) {
         there = npz->prefix_there;
         key += n_prefix;
     }
-    n_there = strlen(there);
-    n = strlen(key);
-    for (size_t i = npz->zip.n; i-- > 0;) {
-        const char *name = npz->zip.member[i].name;
-
-        if (strncmp(name, there, n_there) == 0 && strncmp(name + n_there, key, n) == 0 &&
-            strcmp(name + n_there + n, ".npy") == 0)
-            return &npz->zip.member[i];
-    }
-    return NULL;
+    return spin_zip_find_parts(&npz->zip, (const char *const[]){there, key, ".npy", NULL});
 }
 
 bool spin_npz_has(const struct spin_npz *npz, const char *key)
@@ -368,12 +359,13 @@ spin_status spin_npz_take(const struct spin_npz *npz, const char *key, bool chec
 {
     const struct spin_zip_member *member;
     const unsigned char *bytes = NULL;
+    uint64_t limit;
 
     *owned = NULL;
     SPIN_TRY(find(npz, key, &member));
-    /* Half, as what is made of an unpacked array must find room as well. */
-    SPIN_TRY(
-        spin_zip_read(&npz->zip, member, check_crc, spin_memory_available() / 2, &bytes, owned));
+    /* Half, as what is made of an unpacked array must find room as well. Asking takes a dozen system calls. */
+    limit = member->method == METHOD_STORED ? 0 : spin_memory_available() / 2;
+    SPIN_TRY(spin_zip_read(&npz->zip, member, check_crc, limit, &bytes, owned));
     return spin_npy_parse(key, bytes, (size_t)member->size, out);
 }
 

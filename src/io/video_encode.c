@@ -31,12 +31,19 @@ static void release(struct spin_video_out *v)
     free(v);
 }
 
+static spin_status fail_video(enum spin_video_result result, const char *path)
+{
+    return spin_fail(result == SPIN_VIDEO_NO_MEMORY ? SPIN_E_MEMORY : SPIN_E_IO,
+                     "cannot write video '%s': %s", path, shim->why());
+}
+
 spin_status spin_video_create(const char *path, bool force, bool sync, int width, int height,
                               double fps, int quality, struct spin_video_out **out,
                               const char **codec)
 {
     const char *format = format_of(path);
     struct spin_video_out *v = NULL;
+    enum spin_video_result result;
     spin_status status;
 
     *out = NULL;
@@ -50,9 +57,10 @@ spin_status spin_video_create(const char *path, bool force, bool sync, int width
     SPIN_TRY_OUT(spin_alloc((size_t)width * (size_t)height + 16, 3, (void **)&v->rgb));
     SPIN_TRY_OUT(spin_out_open(path, force, &v->out));
     v->out.sync = sync;
-    if (shim->encoder->open(v->out.temporary, format, width, height, fps, quality, &v->writer,
-                            codec) != 0) {
-        status = spin_fail(SPIN_E_IO, "cannot write video '%s': %s", path, shim->why());
+    result = shim->encoder->open(v->out.temporary, format, width, height, fps, quality, &v->writer,
+                                 codec);
+    if (result != SPIN_VIDEO_OK) {
+        status = fail_video(result, path);
         spin_out_abandon(&v->out);
         goto out;
     }
@@ -66,6 +74,7 @@ out:
 spin_status spin_video_put(struct spin_video_out *v, const float *image)
 {
     size_t n = (size_t)v->width * (size_t)v->height;
+    enum spin_video_result result;
 
     for (size_t c = 0; c < 3; c++)
         for (size_t i = 0; i < n; i++) {
@@ -73,17 +82,17 @@ spin_status spin_video_put(struct spin_video_out *v, const float *image)
 
             v->rgb[3 * i + c] = (uint8_t)(x > 0 ? (x < 1 ? x : 1) * 255.0f + 0.5f : 0);
         }
-    if (shim->encoder->put(v->writer, v->rgb) != 0)
-        return spin_fail(SPIN_E_IO, "cannot write video '%s': %s", v->out.path, shim->why());
-    return SPIN_OK;
+    result = shim->encoder->put(v->writer, v->rgb);
+    return result == SPIN_VIDEO_OK ? SPIN_OK : fail_video(result, v->out.path);
 }
 
 spin_status spin_video_commit(struct spin_video_out *v)
 {
+    enum spin_video_result result = shim->encoder->end(v->writer);
     spin_status status;
 
-    if (shim->encoder->end(v->writer) != 0) {
-        status = spin_fail(SPIN_E_IO, "cannot write video '%s': %s", v->out.path, shim->why());
+    if (result != SPIN_VIDEO_OK) {
+        status = fail_video(result, v->out.path);
         spin_out_abandon(&v->out);
     } else {
         status = spin_out_commit(&v->out);

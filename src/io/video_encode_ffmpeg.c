@@ -23,10 +23,9 @@ struct spin_video_writer {
     int64_t next;
 };
 
-static int fail(int error, const char *what)
+static enum spin_video_result fail(int error, const char *what)
 {
-    spin_video_because(error, what);
-    return -1;
+    return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, what);
 }
 
 static const AVCodec *choose(const char *format)
@@ -124,15 +123,16 @@ static int open_frame(struct spin_video_writer *w)
     }
     w->scale = sws_getContext(c->width, c->height, AV_PIX_FMT_RGB24, c->width, c->height,
                               c->pix_fmt, SWS_BICUBIC | SWS_ACCURATE_RND, NULL, NULL, NULL);
-    if (!w->scale)
-        return AVERROR(EINVAL);
+    if (!w->scale) /* both formats are supported */
+        return AVERROR(ENOMEM);
     sws_setColorspaceDetails(w->scale, sws_getCoefficients(SWS_CS_ITU709), 1,
                              sws_getCoefficients(SWS_CS_ITU709), 0, 0, 1 << 16, 1 << 16);
     return av_frame_get_buffer(w->frame, 0);
 }
 
-static int video_open(const char *path, const char *format, int width, int height, double fps,
-                      int quality, struct spin_video_writer **out, const char **name)
+static enum spin_video_result video_open(const char *path, const char *format, int width,
+                                         int height, double fps, int quality,
+                                         struct spin_video_writer **out, const char **name)
 {
     struct spin_video_writer *w = calloc(1, sizeof *w);
     const AVCodec *codec = choose(format);
@@ -142,7 +142,8 @@ static int video_open(const char *path, const char *format, int width, int heigh
     av_log_set_level(AV_LOG_QUIET);
     if (!w || !codec) {
         free(w);
-        return fail(0, w ? "this FFmpeg has no encoder for it" : "not enough memory");
+        return fail(w ? 0 : AVERROR(ENOMEM),
+                    w ? "this FFmpeg has no encoder for it" : "cannot begin");
     }
     w->width = width;
     w->height = height;
@@ -164,7 +165,7 @@ static int video_open(const char *path, const char *format, int width, int heigh
     }
     *name = codec->name;
     *out = w;
-    return 0;
+    return SPIN_VIDEO_OK;
 }
 
 /* Everything that the encoder has ready goes into the file. */
@@ -204,7 +205,7 @@ static const uint8_t *make_even(struct spin_video_writer *w, const uint8_t *rgb)
     return w->even;
 }
 
-static int video_put(struct spin_video_writer *w, const uint8_t *rgb)
+static enum spin_video_result video_put(struct spin_video_writer *w, const uint8_t *rgb)
 {
     const uint8_t *planes[4] = {make_even(w, rgb), NULL, NULL, NULL};
     int lines[4] = {3 * w->codec->width, 0, 0, 0};
@@ -220,10 +221,10 @@ static int video_put(struct spin_video_writer *w, const uint8_t *rgb)
         error = avcodec_send_frame(w->codec, w->frame);
     if (error >= 0)
         error = drain(w);
-    return error < 0 ? fail(error, "a frame cannot be written") : 0;
+    return error < 0 ? fail(error, "a frame cannot be written") : SPIN_VIDEO_OK;
 }
 
-static int video_end(struct spin_video_writer *w)
+static enum spin_video_result video_end(struct spin_video_writer *w)
 {
     int error = avcodec_send_frame(w->codec, NULL);
 
@@ -233,7 +234,7 @@ static int video_end(struct spin_video_writer *w)
         error = av_write_trailer(w->file);
     if (error >= 0)
         error = avio_closep(&w->file->pb);
-    return error < 0 ? fail(error, "its end cannot be written") : 0;
+    return error < 0 ? fail(error, "its end cannot be written") : SPIN_VIDEO_OK;
 }
 
 const struct spin_video_encoder spin_video_encoder_table = {video_open, video_put, video_end,

@@ -26,7 +26,7 @@ struct spin_video_stream {
 
 static _Thread_local char why[256]; /* the last call failed */
 
-void spin_video_because(int error, const char *what)
+static void because(int error, const char *what)
 {
     char text[AV_ERROR_MAX_STRING_SIZE] = "";
 
@@ -35,9 +35,9 @@ void spin_video_because(int error, const char *what)
     snprintf(why, sizeof why, "%s%s%s", what, error ? ": " : "", text);
 }
 
-static enum spin_video_result fail(enum spin_video_result result, int error, const char *what)
+enum spin_video_result spin_video_fail(enum spin_video_result result, int error, const char *what)
 {
-    spin_video_because(error, what);
+    because(error, what);
     return error == AVERROR(ENOMEM) ? SPIN_VIDEO_NO_MEMORY : result;
 }
 
@@ -52,7 +52,7 @@ static enum spin_video_result open_file(const char *path, AVFormatContext **out,
 
     av_log_set_level(AV_LOG_QUIET);
     if (!url)
-        return fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
+        return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
     snprintf(url, n, "file:%s", path); /* a name with a colon is still a name */
     av_dict_set(&options, "protocol_whitelist", "file", 0);
     av_dict_set(&options, "format_whitelist", "mov,mp4,matroska,webm", 0);
@@ -60,14 +60,14 @@ static enum spin_video_result open_file(const char *path, AVFormatContext **out,
     av_dict_free(&options);
     free(url);
     if (error < 0)
-        return fail(SPIN_VIDEO_UNREADABLE, error,
-                    "not an MP4, QuickTime, Matroska or WebM file that can be read");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, error,
+                               "not an MP4, QuickTime, Matroska or WebM file that can be read");
     error = avformat_find_stream_info(*out, NULL);
     if (error >= 0)
         error = *place = av_find_best_stream(*out, AVMEDIA_TYPE_VIDEO, -1, -1, NULL, 0);
     if (error < 0) {
         avformat_close_input(out);
-        return fail(SPIN_VIDEO_UNREADABLE, error, "no video stream");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "no video stream");
     }
     for (unsigned i = 0; i < (*out)->nb_streams; i++) {
         if ((int)i != *place)
@@ -89,15 +89,15 @@ static enum spin_video_result add_entry(struct spin_video_index *index, int64_t 
     if (packet->flags & AV_PKT_FLAG_DISCARD) /* cut away by the file's edit list */
         return SPIN_VIDEO_OK;
     if (packet->pts == AV_NOPTS_VALUE)
-        return fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no times");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no times");
     if (index->n == MAX_FRAMES)
-        return fail(SPIN_VIDEO_TOO_LARGE, 0, "more than four million frames");
+        return spin_video_fail(SPIN_VIDEO_TOO_LARGE, 0, "more than four million frames");
     if (index->n == *room) {
         int64_t larger = *room ? 2 * *room : 512;
         void *block = realloc(index->entry, (size_t)larger * sizeof *index->entry);
 
         if (!block)
-            return fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
+            return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
         index->entry = block;
         *room = larger;
     }
@@ -115,21 +115,24 @@ static enum spin_video_result list_frames(AVFormatContext *file, int place,
     AVPacket *packet = av_packet_alloc();
     enum spin_video_result result = SPIN_VIDEO_OK;
     int64_t room = 0;
+    int error = 0;
 
     if (!packet)
-        return fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
-    while (result == SPIN_VIDEO_OK && av_read_frame(file, packet) >= 0) {
+        return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
+    while (result == SPIN_VIDEO_OK && (error = av_read_frame(file, packet)) >= 0) {
         if (packet->stream_index == place)
             result = add_entry(out, &room, packet);
         av_packet_unref(packet);
     }
     av_packet_free(&packet);
+    if (error == AVERROR(ENOMEM))
+        return spin_video_fail(SPIN_VIDEO_NO_MEMORY, error, "its frames cannot be listed");
     if (result == SPIN_VIDEO_OK && out->n == 0)
-        return fail(SPIN_VIDEO_UNREADABLE, 0, "it has no frames");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "it has no frames");
     if (out->n > 0)
         qsort(out->entry, (size_t)out->n, sizeof *out->entry, by_pts);
     if (result == SPIN_VIDEO_OK && !out->entry[0].key)
-        return fail(SPIN_VIDEO_UNREADABLE, 0, "it does not begin with a key frame");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "it does not begin with a key frame");
     return result;
 }
 
@@ -147,9 +150,10 @@ static enum spin_video_result video_index(const char *path, int64_t max_pixels,
     out->width = file->streams[place]->codecpar->width;
     out->height = file->streams[place]->codecpar->height;
     if (out->width < 1 || out->height < 1)
-        result = fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no size");
+        result = spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no size");
     else if (out->width > max_pixels / out->height)
-        result = fail(SPIN_VIDEO_TOO_LARGE, 0, "its frames have more pixels than are taken");
+        result =
+            spin_video_fail(SPIN_VIDEO_TOO_LARGE, 0, "its frames have more pixels than are taken");
     else
         result = list_frames(file, place, out);
     avformat_close_input(&file);
@@ -179,18 +183,19 @@ static enum spin_video_result open_codec(struct spin_video_stream *s)
     int error;
 
     if (!codec)
-        return fail(SPIN_VIDEO_UNREADABLE, 0, "this FFmpeg has no decoder for it");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "this FFmpeg has no decoder for it");
     s->codec = avcodec_alloc_context3(codec);
     s->packet = av_packet_alloc();
     s->frame = av_frame_alloc();
     if (!s->codec || !s->packet || !s->frame)
-        return fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
+        return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
     error = avcodec_parameters_to_context(s->codec, parameters);
     s->codec->thread_count = 1; /* more would decode ahead of what is asked for */
     s->codec->max_pixels = (int64_t)s->index->width * s->index->height * 2;
     if (error >= 0)
         error = avcodec_open2(s->codec, codec, NULL);
-    return error < 0 ? fail(SPIN_VIDEO_UNREADABLE, error, "cannot be decoded") : SPIN_VIDEO_OK;
+    return error < 0 ? spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "cannot be decoded")
+                     : SPIN_VIDEO_OK;
 }
 
 static enum spin_video_result video_open(const char *path, const struct spin_video_index *index,
@@ -201,7 +206,7 @@ static enum spin_video_result video_open(const char *path, const struct spin_vid
 
     *out = NULL;
     if (!s)
-        return fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
+        return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
     s->index = index;
     result = open_file(path, &s->file, &s->place);
     if (result == SPIN_VIDEO_OK)
@@ -221,7 +226,7 @@ static enum spin_video_result video_seek(struct spin_video_stream *s, int64_t ke
     int error = av_seek_frame(s->file, s->place, s->index->entry[key].dts, AVSEEK_FLAG_BACKWARD);
 
     if (error < 0)
-        return fail(SPIN_VIDEO_UNREADABLE, error, "cannot go to a key frame");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "cannot go to a key frame");
     avcodec_flush_buffers(s->codec);
     s->draining = 0;
     return SPIN_VIDEO_OK;
@@ -273,17 +278,17 @@ static enum spin_video_result video_next(struct spin_video_stream *s, int64_t *f
         int error = avcodec_receive_frame(s->codec, s->frame);
 
         if (error == AVERROR_EOF)
-            return fail(SPIN_VIDEO_END, 0, "it ends before that frame");
+            return spin_video_fail(SPIN_VIDEO_END, 0, "it ends before that frame");
         if (error == AVERROR(EAGAIN)) {
             error = s->draining ? AVERROR_EOF : feed(s);
             if (error < 0)
-                return fail(SPIN_VIDEO_UNREADABLE, error, "damaged or cut short");
+                return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "damaged or cut short");
             continue;
         }
         if (error < 0)
-            return fail(SPIN_VIDEO_UNREADABLE, error, "damaged or cut short");
+            return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "damaged or cut short");
         if (s->frame->width != s->index->width || s->frame->height != s->index->height)
-            return fail(SPIN_VIDEO_UNREADABLE, 0, "its frames change their size");
+            return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames change their size");
         *frame = number_of(s->index, s->frame->best_effort_timestamp);
         if (*frame >= 0)
             return SPIN_VIDEO_OK;
@@ -320,13 +325,16 @@ static enum spin_video_result video_rgb(struct spin_video_stream *s, uint8_t *ou
         s->scale, frame->width, frame->height, (enum AVPixelFormat)frame->format, frame->width,
         frame->height, AV_PIX_FMT_RGB24, SWS_BICUBIC | SWS_ACCURATE_RND | SWS_FULL_CHR_H_INT, NULL,
         NULL, NULL);
+    if (!s->scale && sws_isSupportedInput((enum AVPixelFormat)frame->format))
+        return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
     if (!s->scale)
-        return fail(SPIN_VIDEO_UNREADABLE, 0, "pixels of a kind that cannot be converted");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0,
+                               "pixels of a kind that cannot be converted");
     sws_setColorspaceDetails(s->scale, sws_getCoefficients(colour_matrix(frame)), full,
                              sws_getCoefficients(SWS_CS_ITU709), 1, 0, 1 << 16, 1 << 16);
     if (sws_scale(s->scale, (const uint8_t *const *)frame->data, frame->linesize, 0, frame->height,
                   planes, lines) != frame->height)
-        return fail(SPIN_VIDEO_UNREADABLE, 0, "pixels that cannot be converted");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "pixels that cannot be converted");
     return SPIN_VIDEO_OK;
 }
 

@@ -3,13 +3,13 @@
 
 #include <stdint.h>
 
-#define SPIN_VIDEO_SHIM_ABI 3
+#define SPIN_VIDEO_SHIM_ABI 4
 #define SPIN_VIDEO_SHIM_SYMBOL "spin_video_shim_table"
 
 enum spin_video_result {
     SPIN_VIDEO_OK,
     SPIN_VIDEO_END,        /* no more frames */
-    SPIN_VIDEO_UNREADABLE, /* no such format, damaged, cut short */
+    SPIN_VIDEO_UNREADABLE, /* no such format, damaged, cut short; or cannot be written */
     SPIN_VIDEO_TOO_LARGE,
     SPIN_VIDEO_NO_MEMORY
 };
@@ -28,15 +28,16 @@ struct spin_video_index {
 
 struct spin_video_writer;
 
-/* format: "mp4" or "webm". quality: 0 (best) to 51 (least), as x264 counts. Calls return 0, or -1. */
+/* format: "mp4" or "webm". quality: 0 (best) to 51 (least), as x264 counts. */
 struct spin_video_encoder {
     /* codec: what was taken, static. */
-    int (*open)(const char *path, const char *format, int width, int height, double fps,
-                int quality, struct spin_video_writer **out, const char **codec);
+    enum spin_video_result (*open)(const char *path, const char *format, int width, int height,
+                                   double fps, int quality, struct spin_video_writer **out,
+                                   const char **codec);
     /* One frame more, interleaved 8-bit RGB [height][width][3]. */
-    int (*put)(struct spin_video_writer *writer, const uint8_t *rgb);
+    enum spin_video_result (*put)(struct spin_video_writer *writer, const uint8_t *rgb);
     /* Write what is still to come. */
-    int (*end)(struct spin_video_writer *writer);
+    enum spin_video_result (*end)(struct spin_video_writer *writer);
     void (*close)(struct spin_video_writer *writer);
 };
 
@@ -65,5 +66,6 @@ struct spin_video_shim {
 
 extern const struct spin_video_shim spin_video_shim_table;
 extern const struct spin_video_encoder spin_video_encoder_table;
-/* Text, with FFmpeg's error number when it is not 0, becomes why() of this thread. */
-void spin_video_because(int error, const char *what);
+/* Text, with FFmpeg's error number when it is not 0, becomes why() of this thread. The result, or
+ * SPIN_VIDEO_NO_MEMORY where that is the error. */
+enum spin_video_result spin_video_fail(enum spin_video_result result, int error, const char *what);

@@ -12,26 +12,39 @@
 /* What finds no place is not watched. */
 enum { MAPS = 256, OUTS = 64 };
 
+/* The handler may read a path while another thread gives its place back: paths are never freed. */
 static struct {
     _Atomic(const unsigned char *) data; /* NULL: free. Set last */
-    char *path;
+    char path[PATH_MAX];
     struct stat st;
 } maps[MAPS];
-static _Atomic(const char *) outs[OUTS];
-static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* of who writes to maps */
-static atomic_flag dying = ATOMIC_FLAG_INIT;
+static struct {
+    _Atomic(const char *) given; /* the caller's path; NULL: free. Set last */
+    char path[PATH_MAX];
+} outs[OUTS];
+static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* of who writes to maps and outs */
+static atomic_bool dying;
 static char name[64]; /* of the command */
+
+/* Of a place, before its path is written: the handler may be about to remove what it names. */
+static void lock(void)
+{
+    pthread_mutex_lock(&mutex);
+    while (atomic_load(&dying))
+        pause();
+}
 
 void spin_watch_map(const void *data, const char *path, const struct stat *st)
 {
-    pthread_mutex_lock(&mutex);
+    if (strlen(path) >= PATH_MAX)
+        return;
+    lock();
     for (int i = 0; i < MAPS; i++) {
         if (atomic_load(&maps[i].data))
             continue;
-        maps[i].path = strdup(path);
+        strcpy(maps[i].path, path);
         maps[i].st = *st;
-        if (maps[i].path)
-            atomic_store(&maps[i].data, data);
+        atomic_store(&maps[i].data, data);
         break;
     }
     pthread_mutex_unlock(&mutex);
@@ -52,10 +65,8 @@ void spin_unwatch_map(const void *data)
 
     pthread_mutex_lock(&mutex);
     i = find_map(data);
-    if (i >= 0) {
+    if (i >= 0)
         atomic_store(&maps[i].data, NULL);
-        free(maps[i].path);
-    }
     pthread_mutex_unlock(&mutex);
 }
 
@@ -85,12 +96,17 @@ spin_status spin_watch_check(const void *data)
 
 void spin_watch_out(const char *path)
 {
+    if (strlen(path) >= PATH_MAX)
+        return;
+    lock();
     for (int i = 0; i < OUTS; i++) {
-        const char *none = NULL;
-
-        if (atomic_compare_exchange_strong(&outs[i], &none, path))
-            return;
+        if (atomic_load(&outs[i].given))
+            continue;
+        strcpy(outs[i].path, path);
+        atomic_store(&outs[i].given, path);
+        break;
     }
+    pthread_mutex_unlock(&mutex);
 }
 
 void spin_unwatch_out(const char *path)
@@ -98,7 +114,7 @@ void spin_unwatch_out(const char *path)
     for (int i = 0; i < OUTS; i++) {
         const char *same = path;
 
-        if (atomic_compare_exchange_strong(&outs[i], &same, NULL))
+        if (atomic_compare_exchange_strong(&outs[i].given, &same, NULL))
             return;
     }
 }
@@ -136,10 +152,8 @@ static void remove_outs(void)
 {
     for (int pass = 0; pass < 2; pass++) { /* files, then the folders that are empty by then */
         for (int i = 0; i < OUTS; i++) {
-            const char *path = atomic_load(&outs[i]);
-
-            if (path)
-                (void)(pass ? rmdir(path) : unlink(path));
+            if (atomic_load(&outs[i].given))
+                (void)(pass ? rmdir(outs[i].path) : unlink(outs[i].path));
         }
     }
 }
@@ -154,7 +168,7 @@ static void on_bus(int number, siginfo_t *info, void *context)
 
         if (!first || at < first || at - first >= (uintptr_t)maps[i].st.st_size)
             continue;
-        while (atomic_flag_test_and_set(&dying)) /* another thread has fallen, too */
+        while (atomic_exchange(&dying, true)) /* another thread has fallen, too */
             pause();
         say(maps[i].path);
         remove_outs();

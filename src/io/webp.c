@@ -13,7 +13,8 @@ static __typeof__(WebPPictureImportRGBA) *picture_import;
 static __typeof__(WebPPictureFree) *picture_free;
 static __typeof__(WebPEncode) *encode;
 static __typeof__(WebPGetInfo) *get_info;
-static __typeof__(WebPDecodeRGBAInto) *decode_into;
+static __typeof__(WebPInitDecoderConfigInternal) *decoder_init;
+static __typeof__(WebPDecode) *decode;
 
 spin_status spin_webp_need(void)
 {
@@ -25,7 +26,8 @@ spin_status spin_webp_need(void)
         {"WebPPictureFree", &picture_free},
         {"WebPEncode", &encode},
         {"WebPGetInfo", &get_info},
-        {"WebPDecodeRGBAInto", &decode_into},
+        {"WebPInitDecoderConfigInternal", &decoder_init},
+        {"WebPDecode", &decode},
         {0}};
     static struct spin_library library = {"libwebp.so.7", "SPIN_WEBP", "WebP",
                                           functions,      false,       ""};
@@ -54,6 +56,13 @@ static int take(const uint8_t *data, size_t size, const WebPPicture *picture)
     memcpy(sink->data + sink->n, data, size);
     sink->n += size;
     return 1;
+}
+
+/* Bytes that cannot be written are those that take() has no memory for. */
+static bool is_memory(WebPEncodingError error)
+{
+    return error == VP8_ENC_ERROR_OUT_OF_MEMORY || error == VP8_ENC_ERROR_BITSTREAM_OUT_OF_MEMORY ||
+           error == VP8_ENC_ERROR_BAD_WRITE;
 }
 
 /* The library may be another than that of the header: what it made must be the picture. */
@@ -95,8 +104,11 @@ spin_status spin_webp_write(const uint8_t *rgba, int width, int height, int effo
     picture.writer = take;
     picture.custom_ptr = &sink;
     if (!picture_import(&picture, rgba, 4 * width) || !encode(&config, &picture))
-        status = spin_fail(SPIN_E_MEMORY, "libwebp cannot write %dx%d pixels (its error %d)", width,
-                           height, picture.error_code);
+        status = is_memory(picture.error_code)
+                     ? spin_fail(SPIN_E_MEMORY, "not enough memory for a WebP of %dx%d pixels",
+                                 width, height)
+                     : spin_fail(SPIN_E_IO, "libwebp cannot write %dx%d pixels (its error %d)",
+                                 width, height, picture.error_code);
     picture_free(&picture);
     if (status == SPIN_OK)
         status = check_written(&sink, rgba, width, height);
@@ -160,10 +172,33 @@ spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *h
     return SPIN_OK;
 }
 
+/* libwebp 1.2 takes some of its missing allocations for damage, and others end the process: ask for what it needs
+ * beforehand, which is a copy of the pixels, what transforms them and the tables of its codes. */
+static spin_status check_memory(int width, int height)
+{
+    SPIN_FREED void *block = malloc(2 * 4 * (size_t)width * (size_t)height + (1 << 20));
+
+    return block ? SPIN_OK
+                 : spin_fail(SPIN_E_MEMORY, "not enough memory for a WebP of %dx%d pixels", width,
+                             height);
+}
+
 spin_status spin_webp_read(const void *data, size_t size, int width, int height, uint8_t *rgba)
 {
+    WebPDecoderConfig config;
+    VP8StatusCode code;
+
     SPIN_TRY(spin_webp_need());
-    if (!decode_into(data, size, rgba, (size_t)width * (size_t)height * 4, 4 * width))
-        return spin_malformed("a damaged WebP picture");
-    return SPIN_OK;
+    SPIN_TRY(check_memory(width, height));
+    if (!decoder_init(&config, WEBP_DECODER_ABI_VERSION))
+        return spin_unsupported("libwebp is of another version than the build's");
+    config.output.colorspace = MODE_RGBA;
+    config.output.is_external_memory = 1;
+    config.output.u.RGBA = (WebPRGBABuffer){
+        .rgba = rgba, .stride = 4 * width, .size = (size_t)width * (size_t)height * 4};
+    code = decode(data, size, &config);
+    if (code == VP8_STATUS_OUT_OF_MEMORY)
+        return spin_fail(SPIN_E_MEMORY, "not enough memory for a WebP of %dx%d pixels", width,
+                         height);
+    return code == VP8_STATUS_OK ? SPIN_OK : spin_malformed("a damaged WebP picture");
 }

@@ -200,26 +200,30 @@ static int by_offset(const void *a, const void *b)
     return x->header_offset < y->header_offset ? -1 : x->header_offset > y->header_offset;
 }
 
-/* No byte may belong to two members. */
-static spin_status check_overlap(const char *path, const struct spin_zip *zip)
+/* By name; of those with one name, in directory order. */
+static int by_name(const void *a, const void *b)
 {
-    const struct spin_zip_member **order;
-    spin_status status = SPIN_OK;
+    const struct spin_zip_member *x = *(const struct spin_zip_member *const *)a;
+    const struct spin_zip_member *y = *(const struct spin_zip_member *const *)b;
+    int order = strcmp(x->name, y->name);
 
-    SPIN_TRY(spin_alloc(zip->n, sizeof *order, (void **)&order));
-    for (size_t i = 0; i < zip->n; i++)
-        order[i] = &zip->member[i];
+    return order ? order : x < y ? -1 : x > y;
+}
+
+/* No byte may belong to two members. */
+static spin_status check_overlap(const char *path, const struct spin_zip *zip,
+                                 const struct spin_zip_member **order)
+{
     qsort(order, zip->n, sizeof *order, by_offset);
-    for (size_t i = 1; i < zip->n && status == SPIN_OK; i++) {
+    for (size_t i = 1; i < zip->n; i++) {
         const struct spin_zip_member *m = order[i - 1];
         uint64_t end = m->header_offset + LOCAL_BYTES + strlen(m->name) + m->packed_size;
 
         if (end > order[i]->header_offset)
-            status = spin_malformed("cannot read '%s': members '%s' and '%s' overlap", path,
-                                    m->name, order[i]->name);
+            return spin_malformed("cannot read '%s': members '%s' and '%s' overlap", path, m->name,
+                                  order[i]->name);
     }
-    free((void *)order);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status read_directory(const char *path, const struct directory *dir,
@@ -243,7 +247,12 @@ static spin_status read_directory(const char *path, const struct directory *dir,
     if (left > 0)
         return spin_malformed("cannot read '%s': %llu bytes of its directory are unused", path,
                               (unsigned long long)left);
-    return check_overlap(path, out);
+    SPIN_TRY(spin_alloc(out->n, sizeof *out->by_name, (void **)&out->by_name));
+    for (size_t i = 0; i < out->n; i++)
+        out->by_name[i] = &out->member[i];
+    SPIN_TRY(check_overlap(path, out, out->by_name));
+    qsort(out->by_name, out->n, sizeof *out->by_name, by_name);
+    return SPIN_OK;
 }
 
 static spin_status read_archive(const char *path, struct spin_zip *out)
@@ -281,15 +290,46 @@ void spin_zip_close(struct spin_zip *zip)
     free(zip->path);
     free(zip->member);
     free(zip->names);
+    free((void *)zip->by_name);
     memset(zip, 0, sizeof *zip);
+}
+
+/* As strcmp() of name and the parts in a row. */
+static int compare_parts(const char *name, const char *const *part)
+{
+    for (; *part; part++) {
+        size_t n = strlen(*part);
+        int order = strncmp(name, *part, n);
+
+        if (order)
+            return order;
+        name += n;
+    }
+    return *name != '\0';
+}
+
+const struct spin_zip_member *spin_zip_find_parts(const struct spin_zip *zip,
+                                                  const char *const *part)
+{
+    size_t low = 0, high = zip->n; /* of the members behind the last that has the name */
+
+    while (low < high) {
+        size_t middle = low + (high - low) / 2;
+
+        if (compare_parts(zip->by_name[middle]->name, part) <= 0)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low > 0 && compare_parts(zip->by_name[low - 1]->name, part) == 0 ? zip->by_name[low - 1]
+                                                                            : NULL;
 }
 
 const struct spin_zip_member *spin_zip_find(const struct spin_zip *zip, const char *name)
 {
-    for (size_t i = zip->n; i-- > 0;)
-        if (strcmp(zip->member[i].name, name) == 0)
-            return &zip->member[i];
-    return NULL;
+    const char *const part[] = {name, NULL};
+
+    return spin_zip_find_parts(zip, part);
 }
 
 /* ---- A member's bytes ---------------------------------------------------------------------- */
@@ -316,18 +356,25 @@ static spin_status find_data(const struct spin_zip *zip, const struct spin_zip_m
     return SPIN_OK;
 }
 
-/* Raw deflate of n bytes into exactly `size` bytes; false when it is damaged or yields another
- * size. zlib counts in unsigned int, so both sides are fed in pieces. */
-static bool inflate_exactly(const unsigned char *packed, uint64_t n, unsigned char *out,
-                            uint64_t size)
+static spin_status fail_memory(const struct spin_zip *zip, const struct spin_zip_member *m)
 {
+    return spin_fail(SPIN_E_MEMORY,
+                     "cannot read '%s': not enough memory for the %llu bytes of member '%s'",
+                     zip->path, (unsigned long long)m->size, m->name);
+}
+
+/* Raw deflate of a member into exactly its size. zlib counts in unsigned int, so both sides are fed in pieces. */
+static spin_status inflate_exactly(const struct spin_zip *zip, const struct spin_zip_member *m,
+                                   const unsigned char *packed, unsigned char *out)
+{
+    uint64_t n = m->packed_size, size = m->size;
     const uint64_t piece = 1u << 30;
     unsigned char beyond; /* takes the byte too many, if there is one */
     z_stream z = {0};
     int result = Z_OK;
 
     if (inflateInit2(&z, -MAX_WBITS) != Z_OK)
-        return false;
+        return fail_memory(zip, m);
     while (result == Z_OK) {
         uInt in = (uInt)(n < piece ? n : piece);
         uInt room = (uInt)(size < piece ? size : piece);
@@ -347,31 +394,40 @@ static bool inflate_exactly(const unsigned char *packed, uint64_t n, unsigned ch
         }
     }
     inflateEnd(&z);
-    return result == Z_STREAM_END && n == 0 && size == 0;
+    if (result == Z_MEM_ERROR)
+        return fail_memory(zip, m);
+    return result == Z_STREAM_END && n == 0 && size == 0
+               ? SPIN_OK
+               : fail_member(SPIN_E_MALFORMED, zip->path, m->name,
+                             "is damaged (it does not unpack)");
 }
 
 /* Raw deflate of the first bytes: how many came out, at most n. */
-static size_t inflate_head(const unsigned char *packed, uint64_t n_packed, void *out, size_t n)
+static spin_status inflate_head(const struct spin_zip *zip, const struct spin_zip_member *m,
+                                const unsigned char *packed, void *out, size_t n, size_t *n_out)
 {
     const uint64_t piece = 1u << 30;
+    uint64_t n_packed = m->packed_size;
     z_stream z = {0};
-    size_t n_out;
+    int result;
 
     if (inflateInit2(&z, -MAX_WBITS) != Z_OK)
-        return 0;
+        return fail_memory(zip, m);
     z.next_in = (Bytef *)(uintptr_t)packed;
     z.avail_in = (uInt)(n_packed < piece ? n_packed : piece);
     z.next_out = out;
     z.avail_out = (uInt)(n < piece ? n : piece);
-    inflate(&z, Z_SYNC_FLUSH); /* damage is found when the whole is read */
-    n_out = (size_t)z.total_out;
+    result = inflate(&z, Z_SYNC_FLUSH); /* damage is found when the whole is read */
+    *n_out = (size_t)z.total_out;
     inflateEnd(&z);
-    return n_out;
+    return result == Z_MEM_ERROR ? fail_memory(zip, m) : SPIN_OK;
 }
 
 static spin_status read_deflated(const struct spin_zip *zip, const struct spin_zip_member *m,
                                  const unsigned char *packed, uint64_t limit, void **owned)
 {
+    spin_status status;
+
     if (m->size > SIZE_MAX ||
         (m->size > deflate_slack && (m->size - deflate_slack) / deflate_ratio > m->packed_size))
         return spin_malformed(
@@ -383,15 +439,13 @@ static spin_status read_deflated(const struct spin_zip *zip, const struct spin_z
             zip->path, m->name, (unsigned long long)m->size, (unsigned long long)limit);
     *owned = malloc(m->size ? (size_t)m->size : 1);
     if (!*owned)
-        return spin_fail(SPIN_E_MEMORY,
-                         "cannot read '%s': not enough memory for the %llu bytes of member '%s'",
-                         zip->path, (unsigned long long)m->size, m->name);
-    if (!inflate_exactly(packed, m->packed_size, *owned, m->size)) {
+        return fail_memory(zip, m);
+    status = inflate_exactly(zip, m, packed, *owned);
+    if (status != SPIN_OK) {
         free(*owned);
         *owned = NULL;
-        return fail_member(SPIN_E_MALFORMED, zip->path, m->name, "is damaged (it does not unpack)");
     }
-    return SPIN_OK;
+    return status;
 }
 
 static spin_status fail_method(const struct spin_zip *zip, const struct spin_zip_member *member)
@@ -411,7 +465,7 @@ spin_status spin_zip_head(const struct spin_zip *zip, const struct spin_zip_memb
         *n_out = member->size < n ? (size_t)member->size : n;
         memcpy(out, packed, *n_out);
     } else if (member->method == METHOD_DEFLATE) {
-        *n_out = inflate_head(packed, member->packed_size, out, n);
+        return inflate_head(zip, member, packed, out, n, n_out);
     } else {
         return fail_method(zip, member);
     }

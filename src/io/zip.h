@@ -20,9 +20,10 @@ struct spin_zip {
     char *path;                     /* for messages */
     struct spin_zip_member *member; /* [n], in directory order */
     size_t n;
-    char *names;   /* private */
-    bool borrowed; /* the map is another's */
-    bool zip64;    /* its directory was found by a zip64 record */
+    const struct spin_zip_member **by_name; /* private: [n] */
+    char *names;                            /* private */
+    bool borrowed;                          /* the map is another's */
+    bool zip64;                             /* its directory was found by a zip64 record */
 };
 
 bool spin_zip_looks_like(const unsigned char *head, size_t n_head);
@@ -32,6 +33,10 @@ spin_status spin_zip_parse(const char *what, const void *data, size_t size, stru
 void spin_zip_close(struct spin_zip *zip);
 /* NULL when there is none. With duplicates the last one counts, as in Python. */
 const struct spin_zip_member *spin_zip_find(const struct spin_zip *zip, const char *name);
+
+/* The same of a name in parts that stand in a row; NULL-terminated. */
+const struct spin_zip_member *spin_zip_find_parts(const struct spin_zip *zip,
+                                                  const char *const *part);
 
 /* The bytes of a member. Stored: *data points into the map and *owned is NULL. Deflated: *owned is a
  * new block, to be freed with free(). The CRC is checked when check_crc. `limit` bounds the size of

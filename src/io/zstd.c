@@ -1,6 +1,7 @@
 #include "io/zstd.h"
 
 #include <zstd.h>
+#include <zstd_errors.h>
 
 #include "base/mem.h"
 #include "base/shim.h"
@@ -10,13 +11,18 @@ static __typeof__(ZSTD_compress) *compress;
 static __typeof__(ZSTD_compressBound) *compress_bound;
 static __typeof__(ZSTD_isError) *is_error;
 static __typeof__(ZSTD_getErrorName) *error_name;
+static __typeof__(ZSTD_getErrorCode) *error_code;
 
 spin_status spin_zstd_need(void)
 {
     static const struct spin_library_function functions[] = {
-        {"ZSTD_decompress", &decompress},        {"ZSTD_compress", &compress},
-        {"ZSTD_compressBound", &compress_bound}, {"ZSTD_isError", &is_error},
-        {"ZSTD_getErrorName", &error_name},      {0}};
+        {"ZSTD_decompress", &decompress},
+        {"ZSTD_compress", &compress},
+        {"ZSTD_compressBound", &compress_bound},
+        {"ZSTD_isError", &is_error},
+        {"ZSTD_getErrorName", &error_name},
+        {"ZSTD_getErrorCode", &error_code},
+        {0}};
     static struct spin_library library = {"libzstd.so.1", "SPIN_ZSTD", "zstd",
                                           functions,      false,       ""};
 
@@ -29,6 +35,8 @@ spin_status spin_zstd_read(const void *data, size_t size, void *out, size_t n_ou
 
     SPIN_TRY(spin_zstd_need());
     n = decompress(out, n_out, data, size);
+    if (is_error(n) && error_code(n) == ZSTD_error_memory_allocation)
+        return spin_fail(SPIN_E_MEMORY, "not enough memory to unpack zstd data");
     if (is_error(n))
         return spin_malformed("damaged zstd data: %s", error_name(n));
     if (n != n_out)
@@ -49,6 +57,7 @@ spin_status spin_zstd_write(const void *data, size_t size, int level, unsigned c
     }
     *n_out = compress(*out, *n_room, data, size, level);
     if (is_error(*n_out))
-        return spin_fail(SPIN_E_MEMORY, "zstd of %zu bytes: %s", size, error_name(*n_out));
+        return spin_fail(SPIN_E_MEMORY, "not enough memory for zstd of %zu bytes: %s", size,
+                         error_name(*n_out));
     return SPIN_OK;
 }

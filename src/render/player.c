@@ -262,16 +262,23 @@ static spin_status need(struct spin_player *p, size_t n)
 {
     struct spin_device *d = p->device;
     size_t capacity = n + n / 8 + 64;
+    spin_status status;
 
     if (n <= p->capacity)
         return SPIN_OK;
     release_frame(p);
+    p->now_frame = -1;
+    SPIN_TRY_OUT(d->op->reserve(d, capacity * 3 * sizeof(float), (void SPIN_DEV **)&p->pos));
+    SPIN_TRY_OUT(spin_alloc(capacity * SPIN_ATTR, 2 * sizeof(float), (void **)&p->staging));
+    SPIN_TRY_OUT(
+        p->from == SPIN_FROM_TRAINED
+            ? spin_field_eval_open(&p->field_eval, d, p->network, false, capacity, false)
+            : d->op->reserve(d, capacity * SPIN_ATTR * sizeof(float), (void SPIN_DEV **)&p->attr));
     p->capacity = capacity;
-    SPIN_TRY(d->op->reserve(d, capacity * 3 * sizeof(float), (void SPIN_DEV **)&p->pos));
-    SPIN_TRY(spin_alloc(capacity * SPIN_ATTR, 2 * sizeof(float), (void **)&p->staging));
-    if (p->from == SPIN_FROM_TRAINED)
-        return spin_field_eval_open(&p->field_eval, d, p->network, false, capacity, false);
-    return d->op->reserve(d, capacity * SPIN_ATTR * sizeof(float), (void SPIN_DEV **)&p->attr);
+    return SPIN_OK;
+out:
+    release_frame(p);
+    return status;
 }
 
 static void decode(struct spin_player *p, const struct spin_frame_batch *frame)

@@ -1,7 +1,5 @@
 #include "run/decimate.h"
 
-#include <unistd.h>
-
 #include "base/base.h"
 #include "math/activate.h"
 #include "math/drawable.h"
@@ -737,49 +735,26 @@ spin_status spin_decimation_choose_loss(struct spin_decimation *d, double decibe
     return spin_decimation_choose(d, SPIN_DECIMATE_SHARE, high);
 }
 
-/* Bytes of the files at `path`, which are removed. */
-static uint64_t take_away(const char *path)
-{
-    char **names = NULL, *entry = NULL;
-    size_t n = 0;
-    uint64_t bytes = 0;
-    struct stat st;
-
-    if (!spin_path_is_folder(path)) {
-        bytes = stat(path, &st) == 0 ? (uint64_t)st.st_size : 0;
-        unlink(path);
-        return bytes;
-    }
-    if (spin_folder_list(path, &names, &n) == SPIN_OK)
-        for (size_t i = 0; i < n; i++)
-            if (spin_path_join(path, names[i], &entry) == SPIN_OK) {
-                bytes += take_away(entry);
-                free(entry);
-            }
-    spin_folder_list_free(names);
-    rmdir(path);
-    return bytes;
-}
-
 /* Writes with this share, in a folder of its own beside the output, and says how many bytes that are. */
 static spin_status try_share(struct spin_decimation *d, double share, const char *output,
                              spin_decimation_write_fn write, void *context, uint64_t *bytes)
 {
     int level = spin_log_level();
-    size_t room = strlen(output) + 64;
+    size_t n = strlen(output) - spin_text_ends(output, "/");
+    char suffix[SPIN_OUT_SUFFIX];
     SPIN_FREED char *folder = NULL, *path = NULL;
     spin_status status;
 
     SPIN_TRY(spin_decimation_choose(d, SPIN_DECIMATE_SHARE, share));
-    SPIN_TRY(spin_alloc(room, 1, (void **)&folder));
-    snprintf(folder, room, "%.*s.tmp.%ld", (int)strlen(output) - spin_text_ends(output, "/"),
-             output, (long)getpid());
+    spin_out_suffix(suffix);
+    SPIN_TRY(spin_alloc(n + sizeof suffix, 1, (void **)&folder));
+    snprintf(folder, n + sizeof suffix, "%.*s%s", (int)n, output, suffix);
     SPIN_TRY(spin_path_join(folder, spin_path_name(output), &path));
     SPIN_TRY(spin_folder_make(folder));
     spin_log_set_level(-2); /* it is said when it is written for good */
     status = write(context, path);
     spin_log_set_level(level);
-    *bytes = take_away(folder);
+    *bytes = spin_out_remove(folder);
     return status;
 }
 

@@ -67,14 +67,15 @@ static spin_status column_reserve(float **column, size_t *held, size_t n, size_t
 
 spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned columns, int sh_degree)
 {
+    size_t capacity = SIZE_MAX;
+
     if ((columns & SPIN_COL_SH) && (sh_degree < 0 || sh_degree > 3))
         return spin_unsupported("SH degree %d is not in 0..3", sh_degree);
     if (s->mapped)
         *s = (struct spin_splats){0};
-    s->n = 0;
+    s->n = s->capacity = 0;
     s->sh_degree = sh_degree;
     s->antialias = false;
-    s->capacity = SIZE_MAX;
     for (int i = 0; i < SPIN_N_COLUMNS; i++) {
         float **column = spin_column_of(s, 1u << i);
         size_t row_bytes = spin_column_width(1u << i, sh_degree) * sizeof(float);
@@ -83,11 +84,10 @@ spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned column
         if (!*column && !(columns & 1u << i))
             continue;
         SPIN_TRY(column_reserve(column, &s->held[i], n, row_bytes));
-        if (s->held[i] / row_bytes < s->capacity)
-            s->capacity = s->held[i] / row_bytes;
+        if (s->held[i] / row_bytes < capacity)
+            capacity = s->held[i] / row_bytes;
     }
-    if (s->capacity == SIZE_MAX)
-        s->capacity = 0;
+    s->capacity = capacity == SIZE_MAX ? 0 : capacity;
     s->n = n;
     return SPIN_OK;
 }

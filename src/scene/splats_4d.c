@@ -98,14 +98,16 @@ spin_status spin_splats_4d_reserve(struct spin_splats_4d *s, size_t n, int degre
     if (degree < 0 || degree > 3 || sh_degree < 0 || sh_degree > 3)
         return spin_unsupported("paths of degree %d, SH of degree %d: expected 0..3", degree,
                                 sh_degree);
-    s->n = n;
+    s->n = 0;
     s->degree = degree;
     s->sh_degree = sh_degree;
     for (int k = 0; k < SPIN_N_ARRAYS_4D; k++)
         if (spin_array_4d_in(s, k, parts))
             SPIN_TRY(spin_alloc(n ? n : 1, spin_array_4d_width(s, k) * sizeof(float),
                                 (void **)spin_array_4d_of(s, k)));
-    return spin_alloc(n ? n : 1, 2 * sizeof *s->spans, (void **)&s->spans);
+    SPIN_TRY(spin_alloc(n ? n : 1, 2 * sizeof *s->spans, (void **)&s->spans));
+    s->n = n;
+    return SPIN_OK;
 }
 
 void spin_splats_4d_free(struct spin_splats_4d *s)

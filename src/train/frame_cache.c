@@ -89,7 +89,7 @@ spin_status spin_frame_cache_get(const char *folder, int index, const char *key,
     return spin_bundle_frame(&bundle, 0, columns, out);
 }
 
-/* "00012.spin", or what a killed writer left of it: "00012.spin.tmp.4711". */
+/* "00012.spin", or what a killed writer left of it: "00012.spin.tmp.*". */
 static bool is_ours(const char *name)
 {
     size_t digits = 0;

@@ -6,6 +6,7 @@
 #include <webp/decode.h>
 #include <webp/encode.h>
 #include <zstd.h>
+#include <zstd_errors.h>
 
 #include "formats/glb_shim.h"
 
@@ -20,12 +21,14 @@ static const struct {
     {"WebPPictureFree", WebPPictureFree},
     {"WebPEncode", WebPEncode},
     {"WebPGetInfo", WebPGetInfo},
-    {"WebPDecodeRGBAInto", WebPDecodeRGBAInto},
+    {"WebPInitDecoderConfigInternal", WebPInitDecoderConfigInternal},
+    {"WebPDecode", WebPDecode},
     {"ZSTD_decompress", ZSTD_decompress},
     {"ZSTD_compress", ZSTD_compress},
     {"ZSTD_compressBound", ZSTD_compressBound},
     {"ZSTD_isError", ZSTD_isError},
     {"ZSTD_getErrorName", ZSTD_getErrorName},
+    {"ZSTD_getErrorCode", ZSTD_getErrorCode},
 };
 
 spin_status spin_shim_need(struct spin_shim *shim, const void **table)

@@ -1,5 +1,6 @@
 /* Checked sizes, huge-page blocks, arenas, scratch.  K: base */
 #include <stdint.h>
+#include <sys/stat.h>
 
 #include "base/mem.h"
 #include "tests/tap.h"
@@ -124,6 +125,67 @@ static void scratch(void)
     spin_scratch_free(&s);
 }
 
+/* A file below a folder, whose folders are made. */
+static void put(const char *root, const char *name, const char *text)
+{
+    char path[512];
+    FILE *file;
+
+    snprintf(path, sizeof path, "%s/%s", root, name);
+    for (char *p = path + strlen(root) + 1; (p = strchr(p, '/')) != NULL; *p++ = '/') {
+        *p = '\0';
+        mkdir(path, 0777);
+    }
+    file = fopen(path, "w");
+    if (file) {
+        fputs(text, file);
+        fclose(file);
+    }
+}
+
+static void put_group(const char *root, const char *group, const char *limit, const char *used)
+{
+    char name[256];
+
+    snprintf(name, sizeof name, "sys/fs/cgroup/%s/memory.max", group);
+    put(root, name, limit);
+    snprintf(name, sizeof name, "sys/fs/cgroup/%s/memory.current", group);
+    put(root, name, used);
+    snprintf(name, sizeof name, "sys/fs/cgroup/%s/memory.stat", group);
+    put(root, name, "anon 1\ninactive_file 20\n");
+}
+
+static void groups(void)
+{
+    char root[] = "/tmp/spin-mem-XXXXXX", command[64];
+
+    if (!mkdtemp(root)) {
+        ok(0, "a folder of control groups");
+        return;
+    }
+    ok(spin_memory_group_available(root) == UINT64_MAX, "no control groups: no limit");
+    put(root, "proc/self/cgroup", "0::/slice/job\n");
+    put_group(root, "slice", "max\n", "700\n");
+    put_group(root, "slice/job", "1000\n", "300\n");
+    ok(spin_memory_group_available(root) == 720,
+       "the limit of the process's own group, of which cached files are free");
+    put_group(root, "slice", "750\n", "700\n");
+    ok(spin_memory_group_available(root) == 70, "a group above it has less left");
+    put_group(root, "", "60\n", "30\n");
+    ok(spin_memory_group_available(root) == 50, "and so has the topmost, as in a container");
+    put(root, "proc/self/cgroup", "0::/not/seen\n");
+    ok(spin_memory_group_available(root) == 50, "a group that is not seen is skipped");
+    put(root, "proc/self/cgroup", "3:cpuset:/x\n4:cpu,memory:/old\n0::/not/seen\n");
+    put(root, "sys/fs/cgroup/memory/old/memory.limit_in_bytes", "90\n");
+    put(root, "sys/fs/cgroup/memory/old/memory.usage_in_bytes", "80\n");
+    put(root, "sys/fs/cgroup/memory/old/memory.stat", "total_inactive_file 5\n");
+    ok(spin_memory_group_available(root) == 15, "a group of version 1");
+    put(root, "sys/fs/cgroup/memory/old/memory.usage_in_bytes", "200\n");
+    ok(spin_memory_group_available(root) == 0, "a group that is over its limit gives nothing");
+    snprintf(command, sizeof command, "rm -r %s", root);
+    ok(system(command) == 0, "removes the folder");
+}
+
 TAP_MAIN
 {
     size_t before;
@@ -133,6 +195,7 @@ TAP_MAIN
     pages();
     arenas();
     scratch();
+    groups();
     ok(spin_memory_available() > 1 << 20 && spin_memory_available() < (size_t)1 << 50,
        "knows what memory is available");
     before = spin_memory_peak();

@@ -132,6 +132,37 @@ static void signals(void)
     spin_pool_free(pool);
 }
 
+struct nest {
+    struct spin_pool *pool;
+    atomic_int n, wrong;
+};
+
+static void inner(void *context, int number)
+{
+    (void)number;
+    atomic_fetch_add(&((struct nest *)context)->n, 1);
+}
+
+static void outer(void *context, int number)
+{
+    struct nest *nest = context;
+    int worker = spin_pool_worker();
+
+    spin_pool_run(nest->pool, 1 + number % 7, inner, nest);
+    if (spin_pool_worker() != worker)
+        atomic_fetch_add(&nest->wrong, 1);
+}
+
+static void nested(void)
+{
+    static struct nest nest;
+
+    spin_pool_create(3, &nest.pool);
+    spin_pool_run(nest.pool, 700, outer, &nest);
+    ok(nest.n == 100 * 28 && nest.wrong == 0, "a task runs tasks of its own on the same pool");
+    spin_pool_free(nest.pool);
+}
+
 TAP_MAIN
 {
     struct spin_pool *pool;
@@ -145,6 +176,7 @@ TAP_MAIN
     many(16);
     bursts(2);
     bursts(8);
+    nested();
     ok(run(NULL, 100, 0), "without a pool the caller does it all");
     spin_pool_run(NULL, 100, in_order, &next);
     ok(next == 100, "in order");

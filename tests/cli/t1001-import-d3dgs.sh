@@ -72,7 +72,7 @@ done
 run "$bin/spin-import" --from d3dgs "$runs/variants/missing_log_scales.npz" --info
 err_has log_scales "a missing array is named"
 
-touch "$work/swept.spin.tmp.999999999"
+touch -d '2 minutes ago' "$work/swept.spin.tmp.999999999"
 run "$bin/spin-import" "$runs/trained" -o "$work/swept.spin"
 is "$(ls "$work" | grep -c swept)" 1 "an import removes what a killed one has left"
 

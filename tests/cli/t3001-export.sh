@@ -35,7 +35,7 @@ touch -d '2 minutes ago' "$work/ply/frame_00000.ply.tmp.999999999"
 run "$bin/spin-export" "$in" --to ply -o "$work/ply" --force
 is "$code" 0 "overwrites with --force"
 is "$(find "$work/ply" -name '*.tmp.*' | wc -l)" 0 "and removes what a killed export has left"
-touch "$work/swept.glb.tmp.999999999" "$work/swept.html.tmp.999999999" "$work/swept.bin.tmp.999999999"
+touch -d '2 minutes ago' "$work/swept.glb.tmp.999999999" "$work/swept.html.tmp.999999999" "$work/swept.bin.tmp.999999999"
 run "$bin/spin-export" "$in" --to gltf -o "$work/swept.glb"
 run "$bin/spin-export" "$in" --to html --split -o "$work/swept.html"
 is "$code $(find "$work" -name '*.tmp.*' | wc -l)" "0 0" "so do those of one file"

@@ -1,6 +1,7 @@
 /* Maps, paths, folders, write-then-rename.  K: io file */
 #include <errno.h>
 #include <sys/time.h>
+#include <time.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -205,6 +206,59 @@ static void syncs(void)
     sync_fails = false;
 }
 
+/* A name as spin_out_open() gives, of a process that is no more. elsewhere: of another place. */
+static const char *left_name(const char *path, bool elsewhere)
+{
+    static char name[300];
+    char suffix[SPIN_OUT_SUFFIX];
+    char *place;
+
+    spin_out_suffix(suffix);
+    place = strrchr(suffix, '.');
+    if (elsewhere)
+        place[1] = place[1] == '0' ? '1' : '0';
+    snprintf(name, sizeof name, "%s.tmp.999999999%s", path, place);
+    return name;
+}
+
+static void sweeps_file(void)
+{
+    /* Names of earlier versions; process 1 lives, no system has so many. */
+    static const char *const before[] = {"out/f.tmp.999999999", "out/f.tmp.1",
+                                         "out/g.tmp.999999999"};
+    const struct timeval minutes = {time(NULL) - 120, 0}, hours = {time(NULL) - 7200, 0};
+    char live[300], elsewhere[300], folder[310], suffix[SPIN_OUT_SUFFIX];
+
+    for (int i = 0; i < 3; i++) {
+        put_file(in_root(before[i]), "x");
+        utimes(in_root(before[i]), (struct timeval[]){minutes, minutes});
+    }
+    spin_out_suffix(suffix);
+    snprintf(live, sizeof live, "out/f%s", suffix);
+    put_file(in_root(live), "x");
+    utimes(in_root(live), (struct timeval[]){hours, hours});
+    put_file(in_root(left_name("out/f", false)), "x");
+    snprintf(elsewhere, sizeof elsewhere, "%s", left_name("out/f", true));
+    put_file(in_root(elsewhere), "x");
+    utimes(in_root(elsewhere), (struct timeval[]){minutes, minutes});
+    snprintf(folder, sizeof folder, "%s", left_name("out/f", false));
+    mkdir(in_root(folder), 0777);
+    strcat(folder, "/try");
+    put_file(in_root(folder), "x");
+    spin_out_sweep(in_root("out/f/"));
+    ok(!spin_path_exists(in_root("out/f.tmp.999999999")) && spin_path_exists(in_root(before[1])) &&
+           spin_path_exists(in_root(before[2])) && spin_path_exists(in_root(live)),
+       "what a killed writer left is swept, and nothing else");
+    ok(spin_path_exists(in_root(elsewhere)), "another host may still write what is minutes old");
+    utimes(in_root(elsewhere), (struct timeval[]){hours, hours});
+    spin_out_sweep(in_root("out/f"));
+    ok(!spin_path_exists(in_root(elsewhere)), "but not what is hours old");
+    unlink(in_root(live));
+    unlink(in_root(before[1]));
+    unlink(in_root(before[2]));
+    ok(n_entries(in_root("out")) == 1, "a folder goes with what is in it");
+}
+
 static void outputs(void)
 {
     struct spin_out out;
@@ -229,17 +283,7 @@ static void outputs(void)
     spin_map_close(&map);
     ok(n_entries(in_root("out")) == 1, "and no temporary file");
     spin_out_abandon(&out);
-    for (int i = 0; i < 3; i++) { /* process 1 lives; no system has so many */
-        static const char *const left[3] = {"out/f.tmp.999999999", "out/f.tmp.1",
-                                            "out/g.tmp.999999999"};
-
-        fclose(fopen(in_root(left[i]), "w"));
-    }
-    spin_out_sweep(in_root("out/f"));
-    ok(n_entries(in_root("out")) == 3 && !spin_path_exists(in_root("out/f.tmp.999999999")),
-       "what a killed writer left is swept, and nothing else");
-    unlink(in_root("out/f.tmp.1"));
-    unlink(in_root("out/g.tmp.999999999"));
+    sweeps_file();
     error_is(spin_out_open(in_root("none/f"), false, &out), SPIN_E_NOT_FOUND, "none/f",
              "no folder to write into");
     error_is(spin_out_open(in_root("out"), true, &out), SPIN_E_IO, "it is a folder",
@@ -274,25 +318,22 @@ static void sweeps_folder(void)
     spin_output_folder_end(&folder);
 }
 
-/* The temporary name can be foreseen; where others may write, it may be theirs. */
-static void planted(void)
+/* Two writers of one name, be they processes of one number in two containers, do not touch each other's bytes. */
+static void two_writers(void)
 {
-    char name[64];
-    struct spin_out out;
+    struct spin_out a, b;
     struct spin_map map;
-    struct stat st;
 
-    put_file(in_root("theirs"), "theirs");
-    snprintf(name, sizeof name, "planted.tmp.%ld", (long)getpid());
-    if (link(in_root("theirs"), in_root(name)) != 0)
-        exit(1);
-    ok(spin_out_open(in_root("planted"), false, &out) == SPIN_OK &&
-           spin_out_write(&out, "ours", 4) == SPIN_OK && spin_out_commit(&out) == SPIN_OK &&
-           stat(in_root("planted"), &st) == 0 && st.st_size == 4,
-       "what lies under the temporary name is replaced");
-    ok(spin_map_open(in_root("theirs"), &map) == SPIN_OK && map.size == 6 &&
-           memcmp(map.data, "theirs", 6) == 0,
-       "and not written to");
+    ok(spin_out_open(in_root("both"), true, &a) == SPIN_OK &&
+           spin_out_open(in_root("both"), true, &b) == SPIN_OK &&
+           strcmp(a.temporary, b.temporary) != 0,
+       "one process writes a name twice, under two temporary names");
+    ok(spin_out_write(&a, "first", 5) == SPIN_OK && spin_out_write(&b, "second", 6) == SPIN_OK &&
+           spin_out_commit(&b) == SPIN_OK && spin_out_commit(&a) == SPIN_OK,
+       "both are whole");
+    ok(spin_map_open(in_root("both"), &map) == SPIN_OK && map.size == 5 &&
+           memcmp(map.data, "first", 5) == 0,
+       "and the last one stays");
     spin_map_close(&map);
 }
 
@@ -491,7 +532,7 @@ TAP_MAIN
     folders();
     outputs();
     sweeps_folder();
-    planted();
+    two_writers();
     made_meanwhile();
     syncs();
     full_disk();

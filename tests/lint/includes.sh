@@ -51,12 +51,12 @@ foreign() {
     src/io/file.c | src/io/zip.c | src/io/zip_writer.c | src/io/gzip.c) echo '^zlib\.h$' ;;
     src/base/windows/*) echo '^[a-z]+\.h$' ;;
     src/io/xz.c) echo '^lzma\.h$' ;;
-    src/web/shim.c) echo '^(webp/(de|en)code|zstd)\.h$' ;;
+    src/web/shim.c) echo '^(webp/(de|en)code|zstd|zstd_errors)\.h$' ;;
     src/io/webp.c) echo '^webp/(de|en)code\.h$' ;;
-    src/io/zstd.c) echo '^zstd\.h$' ;;
+    src/io/zstd.c) echo '^zstd(_errors)?\.h$' ;;
     src/io/json.[ch]) echo '^jansson\.h$' ;;
     src/io/image_oiio.cpp) echo '^(OpenImageIO/.*|[a-z_]+)$' ;;
-    src/io/image_plain.c) echo '^(jpeglib|png)\.h$' ;;
+    src/io/image_plain.c) echo '^(jpeglib|jerror|png)\.h$' ;;
     src/formats/glb_tiny.cpp) echo '^(tiny_gltf\.h|[a-z_]+)$' ;;
     src/io/video_ffmpeg.c | src/io/video_encode_ffmpeg.c) echo '^lib(avcodec|avformat|avutil|swscale)/.*\.h$' ;;
     src/io/ranks_mpi.c) echo '^mpi\.h$' ;;

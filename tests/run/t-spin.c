@@ -2,9 +2,12 @@
  * wrongly. Retraining is covered by tests/cli/t2*.
  * K: api d3dgs */
 
+#include <limits.h>
+
 #include "spin_run.h"
 #include "run/run.h"
 #include "tests/check.h"
+#include "tests/no_memory.h"
 #include "tests/tap.h"
 
 static char bundle[512], folder[600];
@@ -56,8 +59,7 @@ static void check_use(void)
     struct spin_eval_report er;
     struct spin_export_report xr;
 
-    ok(spin_evaluate(&e, &er) == SPIN_OK && er.n_views == 12 && er.mean.valid &&
-           er.mean.psnr > 5,
+    ok(spin_evaluate(&e, &er) == SPIN_OK && er.n_views == 12 && er.mean.valid && er.mean.psnr > 5,
        "evaluates 12 test views");
     spin_eval_report_free(&er);
     e.split = SPIN_SPLIT_ALL;
@@ -77,6 +79,47 @@ static void check_use(void)
     ok(spin_export_clip(&x, &xr) == SPIN_E_USAGE, "unknown exporter: %s", spin_last_error());
 }
 
+/* Opens and reads; a failure is followed by another read of the same scene. */
+static spin_status read_twice(void *path)
+{
+    struct spin_scene *scene = NULL;
+    struct spin_splats s = {0};
+    spin_status status;
+
+    SPIN_TRY(spin_scene_open(path, &scene));
+    status = spin_scene_read(scene, 0, SPIN_FROM_TRAINED, SPIN_COL_MEANS | SPIN_COL_SH, &s);
+    if (status == SPIN_E_MEMORY && (spin_scene_read(scene, 0, SPIN_FROM_TRAINED,
+                                                    SPIN_COL_MEANS | SPIN_COL_SH, &s) != SPIN_OK ||
+                                    s.n == 0))
+        status = SPIN_E_MALFORMED;
+    else if (status == SPIN_E_MEMORY)
+        spin_fail(SPIN_E_MEMORY, "not enough memory");
+    spin_splats_free(&s);
+    spin_scene_close(scene);
+    return status;
+}
+
+static void check_no_memory(void)
+{
+    struct spin_retrain_options o;
+    char out[560], *r = NULL;
+
+    snprintf(out, sizeof out, "%s.trained.spin", bundle);
+    spin_retrain_preset("paper", &o);
+    o.input = bundle;
+    o.output = out;
+    o.device = "cpu";
+    o.iterations = 1;
+    o.warmup = 0;
+    o.levels = 4;
+    o.hash_log2 = 10;
+    o.hidden = 16;
+    ok(spin_retrain(&o, &r) == SPIN_OK, "trains one step: %s", spin_last_error());
+    free(r);
+    without_memory(read_twice, out, "reading a scene", LONG_MAX);
+    remove(out);
+}
+
 TAP_MAIN
 {
     const char *run = check_fixture("d3dgs/trained"),
@@ -92,4 +135,5 @@ TAP_MAIN
     check_import(run, data);
     check_read();
     check_use();
+    check_no_memory();
 }
