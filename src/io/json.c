@@ -5,6 +5,27 @@
 #include "base/base.h"
 #include "io/file.h"
 
+/* Jansson's callers here ignore what it returns, so a value that found no memory would be missing without a word: its
+ * allocations pass through here, and spin_json_text() refuses to print after a failure. */
+static _Thread_local bool is_incomplete;
+static json_malloc_t allocate;
+
+static void *allocate_noted(size_t bytes)
+{
+    void *block = allocate(bytes);
+
+    is_incomplete |= !block;
+    return block;
+}
+
+__attribute__((constructor)) static void note_allocations(void)
+{
+    json_free_t release;
+
+    json_get_alloc_funcs(&allocate, &release);
+    json_set_alloc_funcs(allocate_noted, release);
+}
+
 spin_status spin_json_parse(const char *what, const char *text, size_t n, spin_json **out)
 {
     json_error_t error;
@@ -12,6 +33,7 @@ spin_status spin_json_parse(const char *what, const char *text, size_t n, spin_j
     *out = json_loadb(text, n, 0, &error);
     if (*out)
         return SPIN_OK;
+    is_incomplete = false;
     if (json_error_code(&error) == json_error_out_of_memory)
         return spin_fail(SPIN_E_MEMORY, "cannot parse '%s': not enough memory", what);
     return spin_malformed("cannot parse '%s': line %d, column %d: %s", what, error.line,
@@ -82,6 +104,7 @@ spin_json *spin_json_text_value(const char *text)
         to += one ? n : 3;
         text += one ? n : 1;
     }
+    is_incomplete |= !copy;
     value = copy ? json_stringn(copy, (size_t)(to - copy)) : json_null();
     free(copy);
     return value;
@@ -179,16 +202,17 @@ char *spin_json_text(const spin_json *j, bool indent)
 {
     char *text = NULL;
     size_t n = 0;
-    FILE *out = j ? open_memstream(&text, &n) : NULL;
+    FILE *out = j ? spin_text_open(&text, &n) : NULL;
+    bool whole;
 
-    if (!out)
-        return NULL;
-    write_value(out, j, indent ? 0 : -1);
-    if (fclose(out) != 0) {
-        free(text);
-        return NULL;
-    }
-    return text;
+    if (out)
+        write_value(out, j, indent ? 0 : -1); /* which allocates as well */
+    whole = out && fclose(out) == 0 && !is_incomplete;
+    is_incomplete = false;
+    if (whole)
+        return text;
+    free(text);
+    return NULL;
 }
 
 spin_status spin_json_finish(spin_json *document, char **text)

@@ -255,7 +255,8 @@ spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer 
     status = spin_trainer_join_seen(t);
     spin_trainer_part_seen(t);
     if (status == SPIN_OK && spin_rank() == 0)
-        status = write_state(c, t, text ? text : "");
+        status =
+            text ? write_state(c, t, text) : spin_fail(SPIN_E_MEMORY, "no memory for state.json");
     free(text);
     status = spin_ranks_agree(status);
     c->saved_s = spin_now_s();
