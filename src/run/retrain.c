@@ -400,19 +400,14 @@ static spin_status show_state(void *context)
 {
     struct run *r = context;
     struct spin_output output = output_of(r);
-    spin_status status;
+    bool done = r->trainer.iteration == r->plan.o->iterations;
 
     if (spin_rank() > 0)
         return SPIN_OK;
     if (spin_step_log_begin(&r->step_log)) /* the page reads it */
         spin_step_log_end(&r->step_log, true);
-    status = spin_watch_update(&r->watch, &output, r->plan.o->log,
-                               r->trainer.iteration == r->plan.o->iterations);
-    if (status == SPIN_E_CANCELLED)
-        return SPIN_OK; /* the loop sees that too, and keeps the state */
-    if (status != SPIN_OK)
-        spin_warn("%s", spin_last_error());
-    return SPIN_OK;
+    (void)spin_plan_beside(&r->plan, spin_watch_update(&r->watch, &output, r->plan.o->log, done));
+    return SPIN_OK; /* the loop sees an interrupt too, and keeps the state */
 }
 
 static spin_status train_network(struct run *r)
@@ -572,14 +567,18 @@ static spin_status work(struct run *r)
     return SPIN_OK;
 }
 
-/* The work is done and kept, but who asked for a log does not have it. */
+/* The work is done and kept, but who asked for a log or pictures does not have them. */
 static spin_status close_log(struct run *r)
 {
+    const char *output = r->plan.o->output, *incomplete = r->plan.report->incomplete;
+
     spin_step_log_close(&r->step_log);
-    if (!*r->step_log.error)
-        return SPIN_OK;
-    return spin_fail(SPIN_E_IO, "'%s' is written, but the log '%s' is incomplete: %s",
-                     r->plan.o->output, r->step_log.path, r->step_log.error);
+    if (*r->step_log.error)
+        return spin_fail(SPIN_E_IO, "'%s' is written, but the log '%s' is incomplete: %s", output,
+                         r->step_log.path, r->step_log.error);
+    return *incomplete ? spin_fail(SPIN_E_IO, "'%s' is written, but not all beside it: %s", output,
+                                   incomplete)
+                       : SPIN_OK;
 }
 
 static void close_all(struct run *r)
