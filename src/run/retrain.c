@@ -64,6 +64,7 @@ static spin_status check_output(const struct run *r, bool *done)
     *done = false;
     if (spin_path_is_taken(o->output) && !o->force) {
         *done = o->resume && spin_output_is_done(&r->plan, r->fingerprint);
+        spin_inputs_own(o->output);
         if (*done) {
             tidy_up(r);
             return SPIN_OK;
@@ -118,9 +119,14 @@ static spin_status check_disk(const struct run *r)
 static spin_status check_outputs(struct run *r)
 {
     const struct spin_retrain_options *o = r->plan.o;
+    const struct spin_watch *w = &r->watch;
+    const char *all[] = {o->output, r->plan.part, r->plan.clip_of_state, o->log, w->page, w->now,
+                         w->state,  w->clip};
 
+    SPIN_TRY(spin_output_check_distinct(all, sizeof all / sizeof *all));
     SPIN_TRY(spin_output_check_file(o->output, o->force));
     SPIN_TRY(spin_output_check_file(r->plan.part, true));
+    SPIN_TRY(spin_out_check(r->plan.clip_of_state, true));
     if (o->refine > 0 && (o->cache || spin_path_is_taken(r->plan.parts)))
         SPIN_TRY(spin_output_check_folder(r->plan.parts));
     SPIN_TRY(check_disk(r));
@@ -128,9 +134,8 @@ static spin_status check_outputs(struct run *r)
         SPIN_TRY(spin_output_check_empty_folder(o->watch, o->force || o->resume));
     if (o->preview)
         SPIN_TRY(spin_output_check_empty_folder(o->preview, o->force || o->resume));
-    if (o->watch)
-        SPIN_TRY(spin_watch_begin(&r->watch));
-    return spin_step_log_open(&r->step_log, o->log, o->resume);
+    SPIN_TRY(spin_step_log_open(&r->step_log, o->log, o->resume, o->force));
+    return o->watch ? spin_watch_begin(&r->watch) : SPIN_OK;
 }
 
 /* Ranks of unlike processors would part in the last bits. */
@@ -479,6 +484,7 @@ static spin_status run(struct run *r)
             SPIN_TRY(spin_plan_check_memory(p));
     }
     SPIN_TRY(trains_clip(r) ? train_network(r) : keep_frames(r));
+    spin_reserve_set(&r->checkpoint.reserve, NULL, 0);
     SPIN_TRY(spin_output_write(&output));
     warn_worse(r);
     return SPIN_OK;
@@ -584,6 +590,7 @@ static spin_status close_log(struct run *r)
 static void close_all(struct run *r)
 {
     spin_output_lock_drop(&r->lock);
+    spin_reserve_set(&r->checkpoint.reserve, NULL, 0);
     spin_trainer_close(&r->trainer);
     spin_frames_close(&r->frames);
     spin_tracks_close(&r->tracks);
@@ -598,9 +605,11 @@ static void close_all(struct run *r)
 
 spin_status spin_train(const struct spin_retrain_options *o, struct spin_retrain_report *report)
 {
+    SPIN_LEAVES(spin_inputs_end) int inputs = spin_inputs_begin();
     struct run r;
     spin_status status;
 
+    (void)inputs;
     memset(&r, 0, sizeof r);
     memset(report, 0, sizeof *report);
     r.checkpoint.saved = -1;

@@ -28,7 +28,8 @@ struct spin_retrain_report {
     double seconds_estimated; /* dry run */
     int ranks;                /* processes that share the work */
     double bytes_sent;        /* dry run: by all of them in a step, at most */
-    char incomplete[512]; /* why something beside the output was not written, at first; empty: all was */
+    char incomplete
+        [512]; /* why something beside the output was not written, at first; empty: all was */
     double loss_last; /* smoothed; of frames refined now, their mean, or NAN: there were none */
 };
 
