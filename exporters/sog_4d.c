@@ -642,7 +642,7 @@ static spin_status make_meta(const struct export *x, char **text, size_t *n)
         before = *n;
         free(*text);
         *text = NULL;
-        to = open_memstream(text, n);
+        to = spin_text_open(text, n);
         if (to && x->kind->sogst)
             print_sogst(to, x,
                         header + before +

@@ -356,7 +356,7 @@ static void print_degree(const struct export *x, FILE *to)
 static spin_status layer_head(const struct export *x, int number, size_t n, char **text,
                               size_t *n_text)
 {
-    FILE *to = open_memstream(text, n_text);
+    FILE *to = spin_text_open(text, n_text);
 
     if (!to)
         return spin_fail(SPIN_E_MEMORY, "no memory for a layer of USD");
@@ -644,7 +644,7 @@ static spin_status write_stage(struct export *x, bool manifest)
     int last = x->frames.n_entries ? x->frames.entry[x->frames.n_entries - 1].number : 0;
     SPIN_FREED char *text = NULL;
     size_t n;
-    FILE *to = open_memstream(&text, &n);
+    FILE *to = spin_text_open(&text, &n);
     spin_status status = SPIN_OK;
 
     if (!to)

@@ -487,7 +487,7 @@ struct spin_out {
     bool force; /* as it was opened */
 };
 /* !force: SPIN_E_IO when path exists ("... exists; use --force to overwrite"), a link to nothing as well.
- * Commit looks once more: what somebody else made meanwhile stays. */
+ * Commit looks once more: what somebody else made meanwhile stays. An input is never replaced. */
 spin_status spin_out_open(const char *path, bool force, struct spin_out *out);
 spin_status spin_out_write(struct spin_out *out, const void *data, size_t bytes);
 spin_status spin_out_commit(struct spin_out *out);

@@ -1,7 +1,72 @@
 #include "base/text.h"
 
 #include <stdarg.h>
+#include <stdlib.h>
 #include <string.h>
+
+#ifdef _WIN32
+FILE *spin_text_open(char **text, size_t *n) { return open_memstream(text, n); }
+#else
+struct memory {
+    char **text, *bytes;
+    size_t *n, used, capacity;
+    bool failed;
+};
+
+static ssize_t add_bytes(void *cookie, const char *bytes, size_t n)
+{
+    struct memory *m = cookie;
+
+    if (m->capacity - m->used <= n) { /* one more for the end of the text */
+        size_t larger = 2 * m->capacity + n + 1;
+        char *grown = m->failed ? NULL : realloc(m->bytes, larger);
+
+        m->failed = !grown;
+        if (m->failed)
+            return 0;
+        m->bytes = grown;
+        m->capacity = larger;
+    }
+    memcpy(m->bytes + m->used, bytes, n);
+    m->used += n;
+    return (ssize_t)n;
+}
+
+/* The text belongs to the caller, whole or not. */
+static int close_memory(void *cookie)
+{
+    struct memory *m = cookie;
+    bool failed = m->failed || !m->bytes;
+
+    if (m->bytes)
+        m->bytes[m->used] = '\0';
+    *m->text = m->bytes;
+    *m->n = m->used;
+    free(m);
+    return failed ? EOF : 0;
+}
+
+FILE *spin_text_open(char **text, size_t *n)
+{
+    struct memory *m = calloc(1, sizeof *m);
+    FILE *file;
+
+    *text = NULL;
+    *n = 0;
+    if (!m)
+        return NULL;
+    m->text = text;
+    m->n = n;
+    m->bytes = calloc(1, 1); /* of nothing the text is "" */
+    m->capacity = m->bytes ? 1 : 0;
+    file = fopencookie(m, "w", (cookie_io_functions_t){.write = add_bytes, .close = close_memory});
+    if (!file) {
+        free(m->bytes);
+        free(m);
+    }
+    return file;
+}
+#endif
 
 void spin_text_base64(FILE *to, const unsigned char *bytes, size_t n)
 {

@@ -4,6 +4,10 @@
 
 #include "spin.h"
 
+/* open_memstream() whose fclose() fails when memory ran out. That of glibc drops what it has no memory for, and neither
+ * ferror() nor fclose() tell. */
+FILE *spin_text_open(char **text, size_t *n);
+
 /* n bytes as base64, without line ends. */
 void spin_text_base64(FILE *to, const unsigned char *bytes, size_t n);
 /* As text or the value of an attribute of HTML; control characters but line feeds are left out. */

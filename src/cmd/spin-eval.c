@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "spin_run.h"
+#include "base/text.h"
 #include "io/json.h"
 
 static struct spin_eval_options options = {.image_scale = 1, .device = "auto"};
@@ -175,7 +176,7 @@ static char *for_tables(char *report)
         double bytes = NAN;
         char *name = NULL;
         size_t n;
-        FILE *to = open_memstream(&name, &n);
+        FILE *to = spin_text_open(&name, &n);
 
         spin_json_number(spin_json_get(spin_json_get(run, "storage"), "measured"), &bytes);
         spin_json_set_number(run, "megabytes", bytes / 1e6);

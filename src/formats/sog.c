@@ -167,7 +167,7 @@ static void print_meta(FILE *to, const struct spin_sog *sog)
 
 spin_status spin_sog_meta(const struct spin_sog *sog, char **text, size_t *n)
 {
-    FILE *to = open_memstream(text, n);
+    FILE *to = spin_text_open(text, n);
 
     if (!to)
         return spin_fail(SPIN_E_MEMORY, "no memory for meta.json");

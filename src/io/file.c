@@ -79,6 +79,10 @@ spin_status spin_map_open(const char *path, struct spin_map *out)
     out->data = (const unsigned char *)"";
     out->size = 0;
     SPIN_TRY(open_file(path, &fd, &st));
+    if (spin_inputs_add(&st) != SPIN_OK) {
+        close(fd);
+        return SPIN_E_MEMORY;
+    }
     if (st.st_size > 0) {
         data = mmap(NULL, (size_t)st.st_size, PROT_READ, MAP_PRIVATE, fd, 0);
         if (data == MAP_FAILED) {
@@ -420,8 +424,7 @@ static spin_status fail_exists(const char *path)
     return spin_fail(SPIN_E_IO, "cannot write '%s': it exists; use --force to overwrite", path);
 }
 
-/* May a file of this name appear? */
-static spin_status check_target(const char *path, bool force)
+spin_status spin_out_check(const char *path, bool force)
 {
     struct stat st;
 
@@ -430,6 +433,9 @@ static spin_status check_target(const char *path, bool force)
             return spin_fail(SPIN_E_IO, "cannot write '%s': it is a folder", path);
         if (!S_ISREG(st.st_mode))
             return spin_fail(SPIN_E_IO, "cannot write '%s': it is not an ordinary file", path);
+        if (spin_inputs_have(&st))
+            return spin_fail(SPIN_E_IO, "cannot write '%s': it is an input; give another name",
+                             path);
     }
     return force || !spin_path_is_taken(path) ? SPIN_OK : fail_exists(path);
 }
@@ -500,7 +506,7 @@ spin_status spin_out_open(const char *path, bool force, struct spin_out *out)
     int fd;
 
     memset(out, 0, sizeof *out);
-    SPIN_TRY(check_target(path, force));
+    SPIN_TRY(spin_out_check(path, force));
     out->force = force;
     n = strlen(path) + SPIN_OUT_SUFFIX;
 
@@ -622,7 +628,9 @@ spin_status spin_out_commit(struct spin_out *out)
     out->file = NULL;
     if (status == SPIN_OK)
         status = take_name(out);
-    if (status != SPIN_OK)
+    if (status == SPIN_OK)
+        spin_inputs_own(out->path);
+    else
         unlink(out->temporary);
     forget_out(out);
     return status;

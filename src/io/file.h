@@ -83,6 +83,24 @@ spin_status spin_out_length(struct spin_out *out, uint64_t *bytes);
 /* These bytes as a whole file, in place of the one that may be there. sync: as in struct spin_out. */
 spin_status spin_out_whole(const char *path, const void *data, size_t bytes, bool sync);
 
+/* May a file of this name be written? SPIN_E_IO when it is there and not ordinary, was read by this call (force or not),
+ * or is there at all without force. Everything that writes comes through here, most of it by spin_out_open(). */
+spin_status spin_out_check(const char *path, bool force);
+
+/* ---- inputs.c: what the calls of src/run have read, which they must not replace ---- */
+
+/* Around a call: SPIN_LEAVES(spin_inputs_end) int inputs = spin_inputs_begin(). Calls within calls share what was read.
+ * Thread-safe. */
+int spin_inputs_begin(void);
+void spin_inputs_end(const int *begun);
+/* spin_map_open() and the readers of images and videos do this; other code for a file that is read later. NULL and what
+ * is no file are left out. */
+spin_status spin_inputs_add(const struct stat *st);
+spin_status spin_inputs_add_path(const char *path);
+/* This file is the call's own, to be replaced though it was read. */
+void spin_inputs_own(const char *path);
+bool spin_inputs_have(const struct stat *st);
+
 /* ---- watch.c: files that others cut short while they are mapped, and what must not be left behind then ---- */
 
 /* What spin_map_open() and spin_map_close() tell. */

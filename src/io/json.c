@@ -121,6 +121,7 @@ spin_json *spin_json_text_value(const char *text)
         to += one ? n : 3;
         text += one ? n : 1;
     }
+    is_incomplete |= !copy;
     value = copy ? json_stringn(copy, (size_t)(to - copy)) : json_null();
     free(copy);
     return value;
@@ -218,7 +219,7 @@ char *spin_json_text(const spin_json *j, bool indent)
 {
     char *text = NULL;
     size_t n = 0;
-    FILE *out = j ? open_memstream(&text, &n) : NULL;
+    FILE *out = j ? spin_text_open(&text, &n) : NULL;
 
     if (!out) {
         ran_out = false;

@@ -25,7 +25,7 @@ spin_json *spin_json_numbers(const double *v, size_t n);
 void spin_json_rename(spin_json *object, const char *from, const char *to);
 
 /* The text, allocated; keys in the order they were set; numbers read back to the same double. indent: in lines, but
- * arrays of plain values on one. */
+ * arrays of plain values on one. NULL: without memory, also when a value that was set before in this thread found none. */
 char *spin_json_text(const spin_json *j, bool indent);
 
 /* A report that is done: its text, indented and allocated; the document is freed. */

@@ -49,6 +49,81 @@ spin_status spin_output_check_empty_folder(const char *path, bool force)
     return spin_output_check_folder(path);
 }
 
+/* Folder and name, so that equal files have equal texts; as it was given where there is no such folder. */
+static spin_status place_of(const char *path, char **out)
+{
+    SPIN_FREED char *folder = NULL, *absolute = NULL;
+
+    SPIN_TRY(spin_path_folder(path, &folder));
+    absolute = realpath(folder, NULL);
+    return absolute ? spin_path_join(absolute, spin_path_name(path), out) : spin_strdup(path, out);
+}
+
+spin_status spin_output_check_distinct(const char *const *path, int n)
+{
+    for (int i = 0; i < n; i++)
+        for (int k = 0; k < i; k++) {
+            SPIN_FREED char *a = NULL, *b = NULL;
+
+            if (!path[i] || !path[k])
+                continue;
+            SPIN_TRY(place_of(path[i], &a));
+            SPIN_TRY(place_of(path[k], &b));
+            if (strcmp(a, b) == 0)
+                return spin_misuse("two outputs would be '%s': give them different names", path[i]);
+        }
+    return SPIN_OK;
+}
+
+/* ---- Space that is kept ---------------------------------------------------------------------- */
+
+enum space { KEPT, TOO_MUCH, CANNOT };
+
+static enum space allocate(struct spin_reserve *r, const char *folder, uint64_t bytes)
+{
+#ifdef O_TMPFILE
+    if (r->bytes == 0)
+        r->fd = open(folder, O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
+    if (r->fd < 0)
+        return CANNOT;
+    if (fallocate(r->fd, 0, 0, (off_t)bytes) == 0) {
+        r->bytes = bytes;
+        return KEPT;
+    }
+    if (errno == ENOSPC || errno == EDQUOT) {
+        if (r->bytes > 0 && ftruncate(r->fd, (off_t)r->bytes) == 0)
+            return TOO_MUCH;
+        close(r->fd);
+        r->bytes = 0;
+        return TOO_MUCH;
+    }
+    close(r->fd);
+    r->bytes = 0;
+#else
+    (void)r, (void)folder, (void)bytes;
+#endif
+    return CANNOT;
+}
+
+bool spin_reserve_set(struct spin_reserve *r, const char *path, uint64_t bytes)
+{
+    SPIN_FREED char *folder = NULL;
+    enum space got;
+
+    if (bytes <= r->bytes && bytes > 0) /* the rest is freed with the whole */
+        return true;
+    if (bytes == 0) {
+        if (r->bytes > 0)
+            close(r->fd);
+        r->bytes = 0;
+        return true;
+    }
+    if (spin_path_folder(path, &folder) != SPIN_OK)
+        return true;
+    got = allocate(r, folder, bytes);
+    return got == KEPT || (got == CANNOT && spin_path_free_bytes(folder) >= bytes);
+}
+
 /* ---- The lock ------------------------------------------------------------------------------ */
 
 /* The file that is open still has this name: its holder has not removed it meanwhile. */

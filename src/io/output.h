@@ -10,6 +10,18 @@ spin_status spin_output_check_file(const char *path, bool force);
 spin_status spin_output_check_folder(const char *path);
 /* The same, and unless force nothing may be in it. */
 spin_status spin_output_check_empty_folder(const char *path, bool force);
+/* No two of the n outputs have one name; NULL is none. SPIN_E_USAGE names it. */
+spin_status spin_output_check_distinct(const char *const *path, int n);
+
+/* Space on the disk that is kept for what is still to be written: a file without a name, which the system frees when the
+ * process ends, however it ends. */
+struct spin_reserve {
+    int fd; /* where bytes > 0 */
+    uint64_t bytes;
+};
+/* Keep this much where `path` lies; 0: free it. False: so much is not there, and what was kept stays. Where file systems
+ * cannot reserve, the free space is compared instead, and nothing is kept. */
+bool spin_reserve_set(struct spin_reserve *reserve, const char *path, uint64_t bytes);
 
 /* One process at a time works on an output: a lock on output.lock, which the system gives up when the
  * process ends, however it ends. A file that a killed process left behind is no lock. */

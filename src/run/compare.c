@@ -77,10 +77,14 @@ static void warn_data(const char *const *input, int n)
     }
 }
 
-static spin_status check_outputs(const struct spin_eval_options *o, const char *figures)
+static spin_status check_outputs(const struct spin_eval_options *o, const char *figures,
+                                 const char *const *input, int n)
 {
     if (spin_rank() > 0)
         return SPIN_OK;
+    for (int i = 0; i < n; i++)
+        SPIN_TRY(spin_inputs_add_path(input[i]));
+    SPIN_TRY(spin_output_check_distinct((const char *[]){o->report, figures}, 2));
     if (o->report)
         SPIN_TRY(spin_output_check_file(o->report, o->force));
     return figures ? spin_output_check_empty_folder(figures, o->force) : SPIN_OK;
@@ -89,12 +93,14 @@ static spin_status check_outputs(const struct spin_eval_options *o, const char *
 spin_status spin_compare(const struct spin_eval_options *o, const char *const *input, int n,
                          const char *figures, char **report)
 {
+    SPIN_LEAVES(spin_inputs_end) int inputs = spin_inputs_begin();
     struct spin_eval_options all = *o;
     SPIN_LEAVES(spin_compare_free) struct spin_compare c = {.runs = spin_json_array()};
 
+    (void)inputs;
     *report = NULL;
     all.images = figures;
-    SPIN_TRY(spin_ranks_agree(check_outputs(o, figures)));
+    SPIN_TRY(spin_ranks_agree(check_outputs(o, figures, input, n)));
     if (spin_rank() == 0 && !o->data)
         warn_data(input, n);
     for (int i = 0; i < n; i++)

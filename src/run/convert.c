@@ -312,6 +312,7 @@ static spin_status run(struct convert *c)
     spin_status status;
 
     SPIN_TRY(name_all(c));
+    SPIN_TRY(spin_inputs_add_path(o->input));
     SPIN_TRY(check_output(c));
     if (c->imports && !o->no_retrain)
         SPIN_TRY(check_preset(c));
@@ -352,9 +353,11 @@ static spin_status run(struct convert *c)
 
 spin_status spin_convert(const struct spin_convert_options *o, char **report)
 {
+    SPIN_LEAVES(spin_inputs_end) int inputs = spin_inputs_begin();
     struct convert c = {.o = o, .report = spin_json_object()};
     spin_status status;
 
+    (void)inputs;
     *report = NULL;
     spin_json_set_null(c.report, "import");
     spin_json_set_null(c.report, "retrain");

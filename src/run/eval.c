@@ -138,6 +138,9 @@ static spin_status check_report(const struct spin_eval_options *o)
         return spin_misuse("the log is for the report: say where with --report");
     if (o->log && !spin_path_exists(o->log))
         return spin_not_found("the log '%s' does not exist", o->log);
+    SPIN_TRY(spin_output_check_distinct((const char *[]){o->report, o->images}, 2));
+    SPIN_TRY(spin_inputs_add_path(o->input));
+    SPIN_TRY(spin_inputs_add_path(o->log));
     return o->report ? spin_output_check_file(o->report, o->force) : SPIN_OK;
 }
 
@@ -255,9 +258,11 @@ static spin_status run_eval(struct eval *e)
 spin_status spin_evaluate_for(const struct spin_eval_options *o, struct spin_compare *compare,
                               struct spin_eval_report *report)
 {
+    SPIN_LEAVES(spin_inputs_end) int inputs = spin_inputs_begin();
     struct eval e = {.o = o, .compare = compare, .report = report};
     spin_status status;
 
+    (void)inputs;
     memset(report, 0, sizeof *report);
     status = run_eval(&e);
     spin_player_close(&e.player);

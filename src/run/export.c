@@ -432,10 +432,7 @@ static spin_status check_output(const struct spin_export_options *o)
 {
     if (spin_path_is_folder(o->output))
         return spin_output_check_empty_folder(o->output, o->force);
-    return o->force || !spin_path_is_taken(o->output)
-               ? SPIN_OK
-               : spin_fail(SPIN_E_IO, "cannot write '%s': it exists; use --force to overwrite",
-                           o->output);
+    return spin_out_check(o->output, o->force);
 }
 
 static spin_status write_try(void *context, const char *output)
@@ -568,9 +565,11 @@ static spin_status run_export(struct export *x)
 
 spin_status spin_export_clip(const struct spin_export_options *o, struct spin_export_report *report)
 {
+    SPIN_LEAVES(spin_inputs_end) int inputs = spin_inputs_begin();
     struct export x = {.o = o, .report = report, .output = o->output, .checks = o->check};
     spin_status status;
 
+    (void)inputs;
     memset(report, 0, sizeof *report);
     status = run_export(&x);
     if (x.renderer)

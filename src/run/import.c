@@ -794,6 +794,8 @@ static spin_status run_import(struct import *im)
     SPIN_TRY(check_frame_times(o));
     if (o->check_cameras && !o->data)
         return spin_misuse("--check-cameras draws over images: say where with --data");
+    SPIN_TRY(spin_inputs_add_path(o->input));
+    SPIN_TRY(spin_output_check_distinct((const char *[]){o->output, o->check_cameras}, 2));
     if (o->output && spin_rank() == 0)
         SPIN_TRY(spin_output_check_file(o->output, o->force));
     SPIN_TRY(spin_importer_find_run(o->input, o->from, &im->importer, &im->below));
@@ -843,9 +845,11 @@ static spin_status run_import(struct import *im)
 
 spin_status spin_import(const struct spin_import_options *o, char **report)
 {
+    SPIN_LEAVES(spin_inputs_end) int inputs = spin_inputs_begin();
     struct import im = {.o = o, .report = spin_json_object()};
     spin_status status = run_import(&im);
 
+    (void)inputs;
     if (im.writing)
         spin_bundle_writer_abandon(&im.writer);
     if (im.importer && im.importer->close && im.self)

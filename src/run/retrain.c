@@ -65,6 +65,7 @@ static spin_status check_output(const struct run *r, bool *done)
     *done = false;
     if (spin_path_is_taken(o->output) && !o->force) {
         *done = o->resume && spin_output_is_done(&r->plan, r->fingerprint);
+        spin_inputs_own(o->output);
         if (*done) {
             tidy_up(r);
             return SPIN_OK;
@@ -119,9 +120,14 @@ static spin_status check_disk(const struct run *r)
 static spin_status check_outputs(struct run *r)
 {
     const struct spin_retrain_options *o = r->plan.o;
+    const struct spin_watch *w = &r->watch;
+    const char *all[] = {o->output, r->plan.part, r->plan.clip_of_state, o->log, w->page, w->now,
+                         w->state,  w->clip};
 
+    SPIN_TRY(spin_output_check_distinct(all, sizeof all / sizeof *all));
     SPIN_TRY(spin_output_check_file(o->output, o->force));
     SPIN_TRY(spin_output_check_file(r->plan.part, true));
+    SPIN_TRY(spin_out_check(r->plan.clip_of_state, true));
     if (o->refine > 0 && (o->cache || spin_path_is_taken(r->plan.parts)))
         SPIN_TRY(spin_output_check_folder(r->plan.parts));
     SPIN_TRY(check_disk(r));
@@ -129,9 +135,8 @@ static spin_status check_outputs(struct run *r)
         SPIN_TRY(spin_output_check_empty_folder(o->watch, o->force || o->resume));
     if (o->preview)
         SPIN_TRY(spin_output_check_empty_folder(o->preview, o->force || o->resume));
-    if (o->watch)
-        SPIN_TRY(spin_watch_begin(&r->watch));
-    return spin_step_log_open(&r->step_log, o->log, o->resume);
+    SPIN_TRY(spin_step_log_open(&r->step_log, o->log, o->resume, o->force));
+    return o->watch ? spin_watch_begin(&r->watch) : SPIN_OK;
 }
 
 /* Ranks of unlike processors would part in the last bits. */
@@ -406,19 +411,14 @@ static spin_status show_state(void *context)
 {
     struct run *r = context;
     struct spin_output output = output_of(r);
-    spin_status status;
+    bool done = r->trainer.iteration == r->plan.o->iterations;
 
     if (spin_rank() > 0)
         return SPIN_OK;
     if (spin_step_log_begin(&r->step_log)) /* the page reads it */
         spin_step_log_end(&r->step_log, true);
-    status = spin_watch_update(&r->watch, &output, r->plan.o->log,
-                               r->trainer.iteration == r->plan.o->iterations);
-    if (status == SPIN_E_CANCELLED)
-        return SPIN_OK; /* the loop sees that too, and keeps the state */
-    if (status != SPIN_OK)
-        spin_warn("%s", spin_last_error());
-    return SPIN_OK;
+    (void)spin_plan_beside(&r->plan, spin_watch_update(&r->watch, &output, r->plan.o->log, done));
+    return SPIN_OK; /* the loop sees an interrupt too, and keeps the state */
 }
 
 static spin_status train_network(struct run *r)
@@ -490,6 +490,7 @@ static spin_status run(struct run *r)
             SPIN_TRY(spin_plan_check_memory(p));
     }
     SPIN_TRY(trains_clip(r) ? train_network(r) : keep_frames(r));
+    spin_reserve_set(&r->checkpoint.reserve, NULL, 0);
     SPIN_TRY(spin_output_write(&output));
     warn_worse(r);
     return SPIN_OK;
@@ -578,19 +579,24 @@ static spin_status work(struct run *r)
     return SPIN_OK;
 }
 
-/* The work is done and kept, but who asked for a log does not have it. */
+/* The work is done and kept, but who asked for a log or pictures does not have them. */
 static spin_status close_log(struct run *r)
 {
+    const char *output = r->plan.o->output, *incomplete = r->plan.report->incomplete;
+
     spin_step_log_close(&r->step_log);
-    if (!*r->step_log.error)
-        return SPIN_OK;
-    return spin_fail(SPIN_E_IO, "'%s' is written, but the log '%s' is incomplete: %s",
-                     r->plan.o->output, r->step_log.path, r->step_log.error);
+    if (*r->step_log.error)
+        return spin_fail(SPIN_E_IO, "'%s' is written, but the log '%s' is incomplete: %s", output,
+                         r->step_log.path, r->step_log.error);
+    return *incomplete ? spin_fail(SPIN_E_IO, "'%s' is written, but not all beside it: %s", output,
+                                   incomplete)
+                       : SPIN_OK;
 }
 
 static void close_all(struct run *r)
 {
     spin_output_lock_drop(&r->lock);
+    spin_reserve_set(&r->checkpoint.reserve, NULL, 0);
     spin_trainer_close(&r->trainer);
     spin_frames_close(&r->frames);
     spin_tracks_close(&r->tracks);
@@ -605,9 +611,11 @@ static void close_all(struct run *r)
 
 spin_status spin_train(const struct spin_retrain_options *o, struct spin_retrain_report *report)
 {
+    SPIN_LEAVES(spin_inputs_end) int inputs = spin_inputs_begin();
     struct run r;
     spin_status status;
 
+    (void)inputs;
     memset(&r, 0, sizeof r);
     memset(report, 0, sizeof *report);
     r.checkpoint.saved = -1;

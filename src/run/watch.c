@@ -73,11 +73,12 @@ static spin_status add_curves(const char *log, spin_json *now)
     FILE *to = NULL;
 
     SPIN_TRY(spin_train_log_read(log, LOSS_POINTS, &history));
-    to = open_memstream(&text, &n);
+    to = spin_text_open(&text, &n);
     if (!to)
         return spin_fail(SPIN_E_MEMORY, "no memory for curves");
     draw_curves(&history, to);
-    fclose(to);
+    if (fclose(to) != 0)
+        return spin_fail(SPIN_E_MEMORY, "no memory for curves");
     spin_json_set_string(now, "curves", text);
     spin_json_set_number(now, "seconds", history.total_seconds);
     return SPIN_OK;

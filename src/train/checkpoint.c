@@ -6,6 +6,8 @@
 #include "train/state_arrays.h"
 
 enum { PORTION = 1 << 20 }; /* floats that are carried to the host at a time */
+/* At most, of state.json, of an array's headers, and of what state.json says of a frame. */
+enum { HEADER_BYTES = 4096, PIECE_BYTES = 512, FRAME_BYTES = 128 };
 
 double spin_checkpoint_seconds(const struct spin_checkpoint *c)
 {
@@ -227,6 +229,8 @@ static spin_status write_state(struct spin_checkpoint *c, struct spin_trainer *t
 {
     SPIN_LEAVES(spin_zip_writer_abandon) struct spin_zip_writer w = {0};
 
+    spin_inputs_own(c->path); /* a resume has read it */
+    spin_reserve_set(&c->reserve, c->path, 0);
     SPIN_TRY(spin_zip_writer_open(c->path, true, &w));
     w.out.sync = true; /* it stands for hours of work */
     SPIN_TRY(write_text(&w, "state.json", header));
@@ -256,7 +260,8 @@ spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer 
     status = spin_trainer_join_seen(t);
     spin_trainer_part_seen(t);
     if (status == SPIN_OK && spin_rank() == 0)
-        status = write_state(c, t, text ? text : "");
+        status =
+            text ? write_state(c, t, text) : spin_fail(SPIN_E_MEMORY, "no memory for state.json");
     free(text);
     status = spin_ranks_agree(status);
     c->saved_s = spin_now_s();
@@ -264,6 +269,23 @@ spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer 
         return spin_fail_context(status, "cannot save the unfinished state");
     c->saved = t->iteration;
     spin_log(1, "saved the state of iteration %lld to '%s'", (long long)t->iteration, c->path);
+    return SPIN_OK;
+}
+
+spin_status spin_checkpoint_bytes(const struct spin_checkpoint *c, struct spin_trainer *t,
+                                  uint64_t *state, uint64_t *values)
+{
+    SPIN_FREED struct spin_state_array *piece = NULL;
+    size_t n = 0;
+
+    SPIN_TRY(spin_state_arrays(t, c->permutation, &piece, &n));
+    *state = HEADER_BYTES + n * PIECE_BYTES + (uint64_t)t->n_frames * FRAME_BYTES;
+    *values = 0;
+    for (size_t i = 0; i < n; i++) {
+        *state += piece[i].n * sizeof(float);
+        if (spin_state_is_parameter(&piece[i]) || piece[i].kind >= SPIN_STATE_TRACK)
+            *values += piece[i].n * sizeof(float);
+    }
     return SPIN_OK;
 }
 

@@ -2,6 +2,7 @@
  * --resume. */
 #pragma once
 
+#include "io/output.h"
 #include "train/code_paths.h"
 #include "train/step.h"
 
@@ -14,13 +15,20 @@ struct spin_checkpoint {
     double loss;             /* of the last steps, smoothed; 0: of none */
     struct spin_code_paths *code_paths;
     bool sound; /* the trainer stands between two steps, all finite: its state can be saved */
-    uint32_t **permutation; /* [frames][splats] kept in the state when there are tracks */
-    int64_t saved;          /* iteration of the state that is kept; -1: none is */
+    uint32_t **permutation;      /* [frames][splats] kept in the state when there are tracks */
+    int64_t saved;               /* iteration of the state that is kept; -1: none is */
+    struct spin_reserve reserve; /* of the disk, for the next state or the output */
+    uint64_t bytes,
+        growth;  /* of the state when that was last reserved; by the last densification */
+    bool warned; /* that a state cannot be saved */
 };
 
 /* Seconds of work so far, those before a resume too. */
 double spin_checkpoint_seconds(const struct spin_checkpoint *checkpoint);
 spin_status spin_checkpoint_save(struct spin_checkpoint *checkpoint, struct spin_trainer *trainer);
+/* About the bytes of a state saved now, and at most those of the values that the output keeps of it. */
+spin_status spin_checkpoint_bytes(const struct spin_checkpoint *checkpoint,
+                                  struct spin_trainer *trainer, uint64_t *state, uint64_t *values);
 spin_status spin_checkpoint_load(struct spin_checkpoint *checkpoint, struct spin_trainer *trainer);
 /* Sizes of a trainer with tracks as the state has them: its tracks, and its frames [size->n_frames]. */
 spin_status spin_checkpoint_sizes(const struct spin_checkpoint *checkpoint,

@@ -267,10 +267,26 @@ static spin_status stop_and_save(const struct spin_loop *l, bool *stop, bool *sa
     return status;
 }
 
-static spin_status stop_or_save(const struct spin_loop *l)
+/* Without a state the training can still come to its end, so that a full disk is only a warning. */
+static spin_status save_on_the_way(const struct spin_loop *l)
+{
+    struct spin_checkpoint *c = l->checkpoint;
+    spin_status status = spin_checkpoint_save(c, l->trainer);
+
+    if (status != SPIN_E_IO && status != SPIN_E_NOT_FOUND && status != SPIN_E_MEMORY)
+        return status;
+    if (!c->warned && spin_rank() == 0)
+        spin_warn("%s; the training goes on", spin_last_error());
+    c->warned = true;
+    return SPIN_OK;
+}
+
+/* *tried: to save. */
+static spin_status stop_or_save(const struct spin_loop *l, bool *tried)
 {
     bool last = l->trainer->iteration == l->plan->o->iterations, stop, save;
 
+    *tried = false;
     SPIN_TRY(stop_and_save(l, &stop, &save));
     if (stop) {
         SPIN_TRY(spin_checkpoint_save(l->checkpoint, l->trainer));
@@ -278,9 +294,66 @@ static spin_status stop_or_save(const struct spin_loop *l)
     }
     if (last)
         return SPIN_OK;
-    if (l->plan->o->save_every > 0 ? due(l->trainer->iteration, l->plan->o->save_every) : save)
-        return spin_checkpoint_save(l->checkpoint, l->trainer);
+    *tried = l->plan->o->save_every > 0 ? due(l->trainer->iteration, l->plan->o->save_every) : save;
+    return *tried ? save_on_the_way(l) : SPIN_OK;
+}
+
+/* ---- Space on the disk -------------------------------------------------------------------------- */
+
+/* What the next densification may add: twice what the last one did. */
+static uint64_t growth_ahead(struct spin_checkpoint *c, uint64_t state)
+{
+    bool first = c->bytes == 0;
+
+    if (first || state > c->bytes)
+        c->growth = first ? state / 4 : state - c->bytes;
+    c->bytes = state;
+    return 2 * c->growth > state / 8 ? 2 * c->growth : state / 8;
+}
+
+static spin_status fail_space(const struct spin_loop *l, uint64_t bytes, bool grows)
+{
+    const struct spin_checkpoint *c = l->checkpoint;
+    SPIN_FREED char *folder = NULL;
+    char need[32], left[32];
+
+    SPIN_TRY(spin_path_folder(c->path, &folder));
+    return spin_fail(
+        SPIN_E_IO, "the disk of '%s' has %s left, and the unfinished state needs %s%s: make room",
+        c->path, spin_text_bytes(spin_path_free_bytes(folder) + c->reserve.bytes, left),
+        spin_text_bytes(bytes, need), grows ? " when it grows" : "");
+}
+
+/* The state must fit on the disk at any time, whatever else is written there: a training that is about to outgrow the disk
+ * stops while it fits. Once the splats no longer grow and their state is saved, space for the output is enough. */
+static spin_status reserve_space(const struct spin_loop *l)
+{
+    struct spin_checkpoint *c = l->checkpoint;
+    int64_t now = l->trainer->iteration;
+    bool grows = gathers(l, now + 1), saved = now == 0 || c->saved == now;
+    uint64_t state, values, ahead;
+    struct stat input;
+
+    SPIN_TRY(spin_checkpoint_bytes(c, l->trainer, &state, &values));
+    ahead = growth_ahead(c, state);
+    ahead = grows ? state + ahead : state;
+    if (spin_reserve_set(&c->reserve, c->path, ahead))
+        return SPIN_OK;
+    if (saved && now > 0 && !grows && stat(l->plan->o->input, &input) == 0 &&
+        spin_reserve_set(&c->reserve, c->path, values + (uint64_t)input.st_size))
+        return SPIN_OK;
+    if (saved || spin_reserve_set(&c->reserve, c->path, state))
+        return fail_space(l, ahead, grows);
+    if (!c->warned)
+        spin_warn("the disk of '%s' has no room for the unfinished state; the training goes on",
+                  c->path);
+    c->warned = true;
     return SPIN_OK;
+}
+
+static spin_status keep_space(const struct spin_loop *l)
+{
+    return spin_ranks_agree(spin_rank() == 0 ? reserve_space(l) : SPIN_OK);
 }
 
 /* Steps that showed nothing: all their views look past the splats, and nothing was learned. */
@@ -311,8 +384,10 @@ static spin_status iterate_all(const struct spin_loop *l, struct spin_sampler *s
     const struct spin_train_values *v = &steps->last;
     struct spin_progress progress;
     double *smooth = &l->checkpoint->loss;
-    spin_status status = SPIN_OK;
+    bool tried;
+    spin_status status;
 
+    SPIN_TRY(keep_space(l));
     spin_progress_begin(&progress, "retraining", "it", l->trainer->iteration, o->iterations);
     while (l->trainer->iteration < o->iterations) {
         SPIN_TRY_OUT(spin_loop_step(l, sampler, steps));
@@ -323,7 +398,9 @@ static spin_status iterate_all(const struct spin_loop *l, struct spin_sampler *s
                               *smooth, l->plan->report->test.psnr);
         else
             spin_progress_set(&progress, l->trainer->iteration, "loss %.4f", *smooth);
-        SPIN_TRY_OUT(stop_or_save(l));
+        SPIN_TRY_OUT(stop_or_save(l, &tried));
+        if (tried || densifies(l, l->trainer->iteration))
+            SPIN_TRY_OUT(keep_space(l));
         if (due(l->trainer->iteration, o->eval_every) && l->trainer->iteration < o->iterations)
             SPIN_TRY_OUT(look(l));
     }

@@ -787,6 +787,19 @@ spin_status spin_plan_open(struct spin_plan *plan, const struct spin_retrain_opt
     return SPIN_OK;
 }
 
+spin_status spin_plan_beside(const struct spin_plan *plan, spin_status status)
+{
+    char *incomplete = plan->report->incomplete;
+
+    if (status == SPIN_OK || status == SPIN_E_CANCELLED)
+        return status;
+    if (!*incomplete)
+        spin_warn("%s; the training goes on", spin_last_error());
+    if (!*incomplete)
+        snprintf(incomplete, sizeof plan->report->incomplete, "%s", spin_last_error());
+    return SPIN_OK;
+}
+
 void spin_plan_set_device(struct spin_plan *plan, struct spin_device *device)
 {
     plan->device = device;

@@ -29,6 +29,8 @@ struct spin_retrain_report {
     double seconds_estimated; /* dry run */
     int ranks;                /* processes that share the work */
     double bytes_sent;        /* dry run: by all of them in a step, at most */
+    char incomplete
+        [512]; /* why something beside the output was not written, at first; empty: all was */
     double loss_last; /* smoothed; of frames refined now, their mean, or NAN: there were none */
 };
 
@@ -68,6 +70,9 @@ struct spin_plan {
 spin_status spin_plan_open(struct spin_plan *plan, const struct spin_retrain_options *o,
                            struct spin_retrain_report *report);
 void spin_plan_close(struct spin_plan *plan);
+/* What is written beside the output ends no training: a failure is a warning, once, and stays in report->incomplete.
+ * Returns the status only of an interrupt. */
+spin_status spin_plan_beside(const struct spin_plan *plan, spin_status status);
 /* Where the run works: its memory and seconds go into the report. */
 void spin_plan_set_device(struct spin_plan *plan, struct spin_device *device);
 

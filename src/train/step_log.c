@@ -1,18 +1,58 @@
 /* Lines to a file, and what becomes of the file. */
 #include "train/step_log.h"
 
-#include "base/base.h"
+#include <fcntl.h>
+#include <unistd.h>
 
-spin_status spin_step_log_open(struct spin_step_log *log, const char *path, bool append)
+#include "base/base.h"
+#include "io/file.h"
+
+/* A device, such as a terminal, loses nothing when it is written to. A fifo could make the training wait. */
+static bool is_device(const char *path)
 {
+    struct stat st;
+
+    return stat(path, &st) == 0 && S_ISCHR(st.st_mode);
+}
+
+/* Empty, or begun by log_step() or look() of loop.c. */
+static bool is_log(const char *path)
+{
+    static const char *const begin[] = {"{\"iteration\":", "{\"refine\":"};
+    char head[16] = "";
+    size_t n;
+
+    if (spin_file_head(path, head, sizeof head - 1, &n) != SPIN_OK)
+        return false;
+    return n == 0 || strncmp(head, begin[0], strlen(begin[0])) == 0 ||
+           strncmp(head, begin[1], strlen(begin[1])) == 0;
+}
+
+spin_status spin_step_log_open(struct spin_step_log *log, const char *path, bool append, bool force)
+{
+    int fd, flags = O_WRONLY | O_CREAT | O_CLOEXEC;
+
     log->path = path;
     if (!path)
         return SPIN_OK;
+    append = append && spin_path_is_taken(path) && (!force || is_log(path));
+    if (!is_device(path))
+        SPIN_TRY(spin_out_check(path, append || force));
+    if (append && !is_device(path) && !is_log(path))
+        return spin_fail(SPIN_E_IO,
+                         "cannot append to '%s': it is no log of spin-retrain; give another name, "
+                         "or --force to overwrite",
+                         path);
     pthread_mutex_init(&log->lock, NULL);
-    log->file = fopen(path, append ? "a" : "w");
-    if (!log->file)
-        return spin_fail(SPIN_E_IO, "cannot write the log '%s': %s", path, strerror(errno));
-    return SPIN_OK;
+    flags |= append ? O_APPEND : force || is_device(path) ? O_TRUNC : O_EXCL;
+    fd = open(path, flags, 0666);
+    log->file = fd >= 0 ? fdopen(fd, append ? "a" : "w") : NULL;
+    if (log->file)
+        return SPIN_OK;
+    (void)spin_fail(SPIN_E_IO, "cannot write the log '%s': %s", path, strerror(errno));
+    if (fd >= 0)
+        close(fd);
+    return SPIN_E_IO;
 }
 
 static void check(struct spin_step_log *log, bool flush)

@@ -12,8 +12,10 @@ struct spin_step_log {
     pthread_mutex_t lock;
 };
 
-/* path NULL: none is written. */
-spin_status spin_step_log_open(struct spin_step_log *log, const char *path, bool append);
+/* path NULL: none is written. append: to a log that is there, as a resume does; another file is replaced only with force,
+ * an input never. */
+spin_status spin_step_log_open(struct spin_step_log *log, const char *path, bool append,
+                               bool force);
 /* The file for a line of this thread, which must end it; or NULL: none is written. */
 FILE *spin_step_log_begin(struct spin_step_log *log);
 /* After the line, and with flush at once. A log that cannot be written ends here, with a warning: the

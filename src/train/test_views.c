@@ -78,8 +78,8 @@ static spin_status preview_view(struct spin_plan *plan, struct spin_photos *phot
     return spin_write_beside(path, view->camera.width, view->camera.height, picture, n);
 }
 
-spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_photos *photos,
-                                    struct spin_player *shown, const char *label)
+static spin_status preview(struct spin_plan *plan, struct spin_photos *photos,
+                           struct spin_player *shown, const char *label)
 {
     SPIN_LEAVES(spin_player_close) struct spin_player source = {0};
     bool with_source = spin_plan_has_source(plan);
@@ -95,4 +95,10 @@ spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_photos *
             SPIN_TRY(preview_view(plan, photos, shown, with_source ? &source : NULL, &plan->test[i],
                                   label));
     return SPIN_OK;
+}
+
+spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_photos *photos,
+                                    struct spin_player *shown, const char *label)
+{
+    return spin_plan_beside(plan, preview(plan, photos, shown, label));
 }

@@ -13,6 +13,6 @@ spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_ph
 spin_status spin_test_views_measure_input(struct spin_plan *plan, struct spin_photos *photos,
                                           struct spin_device *device, struct spin_quality *out);
 /* Truth | source | shown of the clip's middle frame, one PNG a test camera, with this at the end of their
- * names. Nothing without --preview. */
+ * names. Nothing without --preview. See spin_plan_beside() for failures. */
 spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_photos *photos,
                                     struct spin_player *shown, const char *label);

@@ -2,13 +2,24 @@
 #include "base/text.h"
 #include "tests/tap.h"
 
+/* In place of the C library's: memory that ends. */
+#if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+void *__libc_realloc(void *block, size_t bytes);
+static size_t most = SIZE_MAX;
+
+void *realloc(void *block, size_t bytes)
+{
+    return bytes > most ? NULL : __libc_realloc(block, bytes);
+}
+#endif
+
 static char *got;
 static size_t n_got;
 
 static FILE *begin(void)
 {
     free(got);
-    return open_memstream(&got, &n_got);
+    return spin_text_open(&got, &n_got);
 }
 
 static void base64(const char *in, const char *want)
@@ -68,5 +79,17 @@ TAP_MAIN
     is_text(spin_text_count(0, "frame", text), "0 frames", "no frames");
     is_text(spin_text_count(1, "frame", text), "1 frame", "one frame");
     is_text(spin_text_count(2, "frame", text), "2 frames", "two frames");
+
+    f = begin();
+    ok(fclose(f) == 0 && got && !*got && n_got == 0, "no text is empty");
+#if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+    f = begin();
+    most = 100000;
+    for (int i = 0; i < 100; i++)
+        fwrite(block, 1, sizeof block, f);
+    fputs("the end", f);
+    ok(fclose(f) != 0, "a text that memory was too small for is not whole");
+    most = SIZE_MAX;
+#endif
     free(got);
 }

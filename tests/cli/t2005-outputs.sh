@@ -190,14 +190,16 @@ retrain
 same "$out" "$work/long.spin" "the bytes of a run that did not fail"
 rm "$out"
 
-start --iterations 150 --preview "$work/preview"
+start --iterations 150 --eval-every 60 --preview "$work/preview"
 rm -r "$work/preview"
 touch "$work/preview"
 finish
 is "$code" 1 "the preview folder went away meanwhile"
-err_has "iteration 150 is kept in '$out.part'" "the training is kept"
-retrain --resume --log "$work/log2"
-same "$out" "$work/long.spin" "and --resume gives the same bytes"
+is "$(grep -c "^warning: .*$work/preview/.*; the training goes on" "$work/err")" 1 "is said once"
+tail -n 1 "$work/err" | grep -q "'$out' is written, but not all beside it: .*$work/preview/"
+ok $? "and at the end"
+same "$out" "$work/long.spin" "the training does not suffer"
+nothing_at "$out." "and is finished"
 rm "$out"
 
 # A full disk, as a limit on the size of files that the state keeps and the output does not: its source has
@@ -243,6 +245,100 @@ rm "$out"
 run "$bin/spin-retrain" "$in" -o "$out" $small --refine 150 --method frames --resume
 is "$code" 0 "--resume writes the output"
 err_has "refining 0 of 2 frames" "without a step"
+rm "$out"
+
+# ---- Space on the disk ----
+
+# With less than state and output take at the end nothing is lost: what fits decides when the training stops.
+grows="--device cpu --threads 1 --scale 0.25 --iterations 80 --densify-every 10"
+mkdir "$work/small" "$work/large"
+if [ "$(id -u)" = 0 ] && mount -t tmpfs -o size=7m tmpfs "$work/small" 2>/dev/null; then
+    trap 'umount "$work/small"; rm -rf "$work"' EXIT
+    # shellcheck disable=SC2086
+    run "$bin/spin-retrain" "$in" -o "$work/large/grown.spin" $grows
+    # shellcheck disable=SC2086
+    run "$bin/spin-retrain" "$in" -o "$work/small/grown.spin" $grows
+    is "$code" 1 "splats outgrow the disk"
+    err_has "grown.spin.part' has .* left, .*when it grows: make room; the state of iteration [0-9]* is kept in" \
+        "it stops while the state fits"
+    mount -o remount,size=40m "$work/small"
+    # shellcheck disable=SC2086
+    run "$bin/spin-retrain" "$in" -o "$work/small/grown.spin" $grows --resume
+    same "$work/small/grown.spin" "$work/large/grown.spin" "with more room --resume gives the same bytes"
+    umount "$work/small"
+    trap 'rm -rf "$work"' EXIT
+else
+    skip "splats that outgrow the disk" "not root, or no tmpfs can be mounted"
+fi
+
+# ---- What is read, and what is there ----
+
+# kept FILE NAME COMMAND...: it fails, and the file stays as it was.
+kept() {
+    file=$1
+    name=$2
+    shift 2
+    cp "$file" "$work/kept"
+    run timeout 60 "$@"
+    is "$code" 1 "$name: is refused"
+    same "$file" "$work/kept" "$name: stays"
+}
+try="$bin/spin-retrain $in -o $out $small --iterations 1"
+echo "mine" >"$work/mine.txt"
+# shellcheck disable=SC2086
+kept "$work/mine.txt" "a file as the log" $try --log "$work/mine.txt"
+err_has "mine.txt': it exists; use --force" "and names --force"
+# shellcheck disable=SC2086
+kept "$work/mine.txt" "a file as the log of a resume" $try --log "$work/mine.txt" --resume
+err_has "no log of spin-retrain" "and says why"
+for force in "" --force "--force --resume"; do
+    # shellcheck disable=SC2086
+    kept "$in" "the input as the log $force" $try --log "$in" $force
+    err_has "'$in': it is an input" "and says so"
+done
+# shellcheck disable=SC2086
+kept "$image" "an image as the log" $try --log "$image" --force
+# shellcheck disable=SC2086
+kept "$in" "the input as the output" "$bin/spin-retrain" "$in" -o "$in" $small --iterations 1 --force
+ln "$in" "$work/link.spin"
+# shellcheck disable=SC2086
+kept "$in" "under another name" "$bin/spin-retrain" "$in" -o "$work/link.spin" $small --iterations 1 --force
+rm "$work/link.spin"
+cp "$in" "$out.part.spin"
+kept "$out.part.spin" "what an interrupt left, as the input" "$bin/spin-retrain" "$out.part.spin" -o "$out" $small \
+    --iterations 1 --pair order
+rm "$out.part.spin"
+kept "$in" "the input as the report" "$bin/spin-eval" "$in" --report "$in" --force
+kept "$in" "the second input as the report" "$bin/spin-eval" "$work/whole.spin" "$in" --report "$in" --force
+for to in html gltf ply usd tsog spz; do
+    kept "$in" "the input as $to" "$bin/spin-export" "$in" --to $to -o "$in" --force
+done
+kept "$in" "the input as the page" "$bin/spin4d" "$in" --no-retrain --to html -o "$in" --force
+kept "$in" "the input as the bundle" "$bin/spin-import" "$in" -o "$in" --force
+"$bin/spin-export" "$in" --to ply --range 0:1 -o "$work/one" -q
+for ply in "$work/one"/*.ply; do
+    kept "$ply" "the PLY that is read" "$bin/spin4d" "$work/one" --to ply -o "$work/one" --force
+done
+mkfifo "$work/fifo"
+# shellcheck disable=SC2086
+run timeout 60 $try --log "$work/fifo" --force
+fails 1 spin-retrain "a fifo as the log"
+err_has "fifo': it is not an ordinary file" "and says so"
+# shellcheck disable=SC2086
+run $try --log "$out"
+fails 2 spin-retrain "the output as the log"
+err_has "two outputs would be '$out'" "and says so"
+# shellcheck disable=SC2086
+run $try --watch "$work/page" --log "$work/page/now.js"
+is "$code" 2 "the page as the log"
+run "$bin/spin-eval" "$in" --report "$work/both" --images "$work/both"
+fails 2 spin-eval "one name for report and pictures"
+nothing_at "$out" "nothing is written"
+retrain --iterations 2 --log "$work/log4"
+is "$(steps_of "$work/log4")" 2 "a log"
+rm "$out"
+retrain --iterations 2 --log "$work/log4" --force
+is "$(steps_of "$work/log4")" 2 "replaced with --force"
 rm "$out"
 
 # ---- The log ----

@@ -32,6 +32,23 @@ same_frames "$work/b.spin" "$work/page/state.spin" "state.spin is the last state
 run "$bin/spin-retrain" "$work/a.spin" -o "$work/c.spin" $short --watch "$work/page"
 fails 1 spin-retrain "a folder with a page in it"
 
+# ---- A page that cannot be written ----------------------------------------------------------------------
+
+# shellcheck disable=SC2086
+"$bin/spin-retrain" "$work/a.spin" -o "$work/d.spin" $short --iterations 40 --eval-every 10 --watch "$work/gone" \
+    >"$work/out" 2>"$work/err" &
+pid=$!
+for _ in $(seq 600); do
+    [ -e "$work/gone/log.jsonl" ] && break
+    sleep 0.01
+done
+rm -r "$work/gone" && touch "$work/gone"
+wait $pid
+is "$?" 1 "the page's folder went away meanwhile"
+is "$(grep -c '^warning: .*; the training goes on' "$work/err")" 1 "is said once"
+cmp -s "$work/plain.spin" "$work/d.spin"
+ok $? "the training does not suffer"
+
 # ---- Stopped on the way ----------------------------------------------------------------------------------
 
 "$bin/spin-retrain" "$work/a.spin" -o "$work/cut.spin" --iterations 100000 --scale 0.5 --eval-every 20 --watch "$work/cut" >"$work/out" 2>"$work/err" &

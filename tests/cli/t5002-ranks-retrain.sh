@@ -130,7 +130,7 @@ full() {
         "$rank" "$blocks" "$@"
     took=$(($(date +%s) - began))
 }
-full 0 40 "$bin/spin-retrain" "$in" -o "$work/full.spin" -q --threads 1 $small --iterations 120 --save-every 20
+full 0 8 "$bin/spin-retrain" "$in" -o "$work/full.spin" -q --threads 1 $small --iterations 120 --save-every 20
 is "$code" 1 "no room for the state: exit code 1"
 is "$(grep -c '^spin-retrain: .*full.spin.*' "$work/err")" 1 "one message says which file"
 [ "$took" -lt 20 ] && [ ! -e "$work/full.spin" ]

@@ -1,7 +1,10 @@
 /* A disk that is too small is told before the first step.  K: retrain outputs */
+#include <errno.h>
+#include <fcntl.h>
 #include <sys/statvfs.h>
 
 #include "spin_run.h"
+#include "io/file.h"
 #include "run/run.h"
 #include "tests/check.h"
 #include "tests/tap.h"
@@ -14,6 +17,57 @@ int statvfs(const char *restrict path, struct statvfs *restrict fs)
     (void)path;
     *fs = (struct statvfs){.f_bavail = n_free, .f_frsize = 1};
     return 0;
+}
+
+static uint64_t n_reserve = UINT64_MAX;
+
+int fallocate(int fd, int mode, off_t first, off_t n)
+{
+    (void)fd, (void)mode, (void)first;
+    errno = ENOSPC;
+    return (uint64_t)n <= n_reserve ? 0 : -1;
+}
+
+static struct spin_imprint imprint_of(const char *path)
+{
+    struct spin_map map;
+    struct spin_imprint imprint = {0};
+
+    if (spin_map_open(path, &map) != SPIN_OK)
+        return imprint;
+    imprint = spin_map_imprint(&map);
+    spin_map_close(&map);
+    return imprint;
+}
+
+/* Splats that grow beyond the disk: the training stops while its state fits, and goes on where there is more. */
+static void test_growth(struct spin_retrain_options o, const char *folder)
+{
+    struct spin_retrain_report report;
+    struct spin_imprint want, got;
+    char whole[320], out[320], part[330];
+
+    snprintf(whole, sizeof whole, "%s/whole.spin", folder);
+    snprintf(out, sizeof out, "%s/grown.spin", folder);
+    snprintf(part, sizeof part, "%s.part", out);
+    o.iterations = 60;
+    o.densify_every = 10;
+    o.output = whole;
+    ok(spin_train(&o, &report) == SPIN_OK, "an unbroken training");
+    o.output = out;
+    n_reserve = 6000000;
+    ok(spin_train(&o, &report) == SPIN_E_IO &&
+           strstr(spin_last_error(), "when it grows: make room") &&
+           strstr(spin_last_error(), part) && strstr(spin_last_error(), "go on with --resume"),
+       "stops before the splats outgrow the disk");
+    ok(spin_path_exists(part), "and keeps its state");
+    o.resume = true;
+    ok(spin_train(&o, &report) == SPIN_E_IO && spin_path_exists(part), "which stays");
+    n_reserve = UINT64_MAX;
+    ok(spin_train(&o, &report) == SPIN_OK, "with more room it goes on: %s", spin_last_error());
+    want = imprint_of(whole);
+    got = imprint_of(out);
+    ok(want.size > 0 && got.size == want.size && got.crc == want.crc, "to the same bytes");
 }
 
 TAP_MAIN
@@ -61,4 +115,6 @@ TAP_MAIN
     ok(spin_train(&o, &report) == SPIN_OK, "without a network one frame's values are enough");
     n_free--;
     ok(spin_train(&o, &report) == SPIN_E_IO, "and less is not");
+    n_free = (uint64_t)1 << 40;
+    test_growth(o, folder);
 }

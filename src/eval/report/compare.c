@@ -214,7 +214,7 @@ static spin_status sheet_text(const struct spin_compare *c, const struct spin_co
     *s = (struct sheet){0};
     SPIN_TRY(make_sheet(c, row, s));
     SPIN_TRY(spin_image_encode(s->width, s->height, s->rgb, &bytes, &n));
-    out = open_memstream(text, &n_text);
+    out = spin_text_open(text, &n_text);
     if (out)
         spin_text_base64(out, bytes, n);
     if (!out || fclose(out) != 0)
@@ -264,15 +264,15 @@ static spin_status add_curves(const struct spin_compare *c, spin_json *page)
 {
     SPIN_FREED char *text = NULL;
     size_t n;
-    FILE *out = open_memstream(&text, &n);
+    FILE *out = spin_text_open(&text, &n);
     spin_status status = out ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for curves");
 
     if (status == SPIN_OK)
         status = draw_curves(c, "psnr", "PSNR over the frames", "PSNR, dB", false, out);
     if (status == SPIN_OK)
         status = draw_curves(c, "ssim", "SSIM over the frames", "SSIM", false, out);
-    if (out)
-        fclose(out);
+    if (out && fclose(out) != 0)
+        status = spin_fail(SPIN_E_MEMORY, "no memory for curves");
     spin_json_set_string(page, "curves", text);
     return status;
 }

@@ -192,7 +192,7 @@ static spin_status add_curves(const struct spin_report *r, spin_json *page,
     SPIN_LEAVES(spin_train_log_free) struct spin_train_log history = {0};
     SPIN_FREED char *frames = NULL, *training = NULL;
     size_t n;
-    FILE *over_frames = open_memstream(&frames, &n), *over_training = open_memstream(&training, &n);
+    FILE *over_frames = spin_text_open(&frames, &n), *over_training = spin_text_open(&training, &n);
     spin_status status =
         over_frames && over_training ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for curves");
 
@@ -204,10 +204,8 @@ static spin_status add_curves(const struct spin_report *r, spin_json *page,
         status = draw_frames(report, over_frames);
     if (status == SPIN_OK && (history.n_tests > 1 || history.n_steps > 1))
         draw_history(&history, over_training);
-    if (over_frames)
-        fclose(over_frames);
-    if (over_training)
-        fclose(over_training);
+    if ((over_frames && fclose(over_frames) != 0) | (over_training && fclose(over_training) != 0))
+        status = spin_fail(SPIN_E_MEMORY, "no memory for curves");
     spin_json_set_string(page, "over_frames", frames);
     spin_json_set_string(page, "over_training", training);
     if (history.total_seconds > 0)
@@ -240,7 +238,7 @@ static spin_status put_picture(struct pictures *p, const struct spin_camera *c, 
                 p->rgb[k++] = (uint8_t)lrintf(255 * fminf(fmaxf(value, 0), 1));
             }
     SPIN_TRY(spin_image_encode(crop->side_x, crop->side_y, p->rgb, &bytes, &n));
-    out = open_memstream(&text, &k);
+    out = spin_text_open(&text, &k);
     if (out)
         spin_text_base64(out, bytes, n);
     free(bytes);
