@@ -252,17 +252,16 @@ static spin_status source_frame(void *source_of, int frame, struct spin_splats *
 {
     struct export *x = source_of;
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    struct spin_splats *splats = &x->received;
-    bool plain = !x->decimates && spin_scene_edit_is_none(&x->edit);
+    struct spin_splats *splats = &x->received, *thinned = &x->thinned;
+    bool edits = !spin_scene_edit_is_none(&x->edit), plain = !x->decimates && !edits;
 
     SPIN_TRY(
         spin_bundle_frame(&x->clip.bundle, x->clip.frame[frame], columns, plain ? out : splats));
-    if (plain)
-        return SPIN_OK;
-    if (spin_scene_edit_is_none(&x->edit))
-        return spin_decimation_frame(&x->decimation, frame, splats, false, out);
-    SPIN_TRY(thin(x, frame, false, &splats));
-    return spin_scene_edit_frame(&x->edit, frame, splats, false, out);
+    if (x->decimates)
+        SPIN_TRY(spin_decimation_source(&x->decimation, frame, splats, edits ? thinned : out));
+    return edits
+               ? spin_scene_edit_frame(&x->edit, frame, x->decimates ? thinned : splats, false, out)
+               : SPIN_OK;
 }
 
 static spin_status read_again(void *context, int frame, const struct spin_splats **out)
