@@ -60,6 +60,34 @@ ok $? "a sequence.json of others: times are counted"
 ! grep -q 'sequence.json' "$work/err"
 ok $? "a sequence.json of others: nothing is said"
 
+# --force removes what a longer export has left, and nothing that only a sequence.json of others names.
+files() { ls "$1" | tr '\n' ' '; }
+run "$bin/spin-export" "$work/named.spin" --to ply -o "$work/long"
+cp -r "$work/long" "$work/failed"
+cp -r "$work/long" "$work/hostile"
+run "$bin/spin-export" "$work/named.spin" --to ply --range 1:3 -o "$work/long" --force
+is "$code $(files "$work/long")" "0 frame_00001.ply frame_00002.ply sequence.json " "the frames of a longer export go"
+err_has "removed 4 files of the former export from '$work/long'" "and are counted"
+! grep -q warning "$work/err"
+ok $? "without a warning"
+run "$bin/spin-export" "$work/named.spin" --to spz --range 1:3 -o "$work/long" --force
+is "$code $(files "$work/long")" "0 frame_00001.spz frame_00002.spz sequence.json " "so do those of another format"
+rm "$work/failed/frame_00002.ply"
+mkdir "$work/failed/frame_00002.ply"
+run "$bin/spin-export" "$work/named.spin" --to ply --range 1:3 -o "$work/failed" --force
+is "$code $(ls "$work/failed" | wc -l)" "1 7" "an export that fails removes nothing"
+mkdir "$work/hostile/sub0"
+for name in up_0 hostile/sub0/0 hostile/mine; do echo mine >"$work/$name.ply"; done
+ln -s ../up_0.ply "$work/hostile/link_0.ply"
+for name in "../up_0.ply" "sub0/0.ply" "$work/up_0.ply" mine.ply link_0.ply sub0 FRAME_00001.ply; do
+    sed -i "s|\"frames\": \[|&{\"file\": \"$name\", \"frame\": 0},|" "$work/hostile/sequence.json"
+done
+run "$bin/spin-export" "$work/named.spin" --to ply --range 1:3 -o "$work/hostile" --force
+is "$code $(files "$work/hostile")" "0 frame_00001.ply frame_00002.ply link_0.ply mine.ply sequence.json sub0 " \
+    "files that no export has written stay"
+[ -s "$work/up_0.ply" ] && [ -s "$work/hostile/sub0/0.ply" ]
+ok $? "and those of other folders"
+
 # Some of the frames that were exported.
 run "$bin/spin-eval" "$work/named.spin" --split all --range 3:5 --json
 sed -n '/"views"/,$ p' "$work/out" >"$work/wanted"
