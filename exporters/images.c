@@ -86,7 +86,10 @@ static spin_status export_picture(struct export *x, char *name, int frame,
     x->film.width = x->drawing.n_panels * camera->width;
     x->film.height = camera->height;
     x->film.image = x->drawing.wide;
-    return spin_film_write(path, &x->film, x->job->sync);
+    SPIN_TRY(spin_film_write(path, &x->film, x->job->sync));
+    if (x->job->report)
+        x->job->report->images++;
+    return SPIN_OK;
 }
 
 static void discard(void *self)

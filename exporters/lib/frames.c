@@ -283,6 +283,8 @@ spin_status spin_frames_write_text(struct spin_frames *x, const char *name, cons
     if (!text)
         return spin_fail(SPIN_E_MEMORY, "no memory for '%s'", path);
     mark_written(x, path);
+    if (x->rows.report)
+        x->rows.report->bytes += strlen(text);
     return spin_out_whole(path, text, strlen(text), x->job->sync);
 }
 
@@ -376,6 +378,7 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
 spin_status spin_frames_end(void *self)
 {
     struct spin_frames *x = self;
+    size_t n_empty = 0;
     spin_status status = SPIN_OK;
 
     if (x->format->finish && !x->file)
@@ -384,6 +387,9 @@ spin_status spin_frames_end(void *self)
         SPIN_TRY_OUT(write_sequence(x));
     else if (x->format->close)
         SPIN_TRY_OUT(x->format->close(x));
+    for (size_t i = 0; i < x->n_entries; i++)
+        n_empty += x->entry[i].n == 0;
+    spin_splat_filter_warn_empty(n_empty, x->n_entries);
     if (x->format->lossy && !x->exact)
         spin_quant_error_say(&x->quant, x->format->name);
     if (x->job->check)

@@ -562,7 +562,10 @@ static spin_status run_export(struct export *x)
     SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof *x->times, (void **)&x->times));
     if (o->decimate)
         SPIN_TRY(decimate(x, &goal));
-    return begin_export(x);
+    SPIN_TRY(begin_export(x));
+    if (x->report->decimated.n_tries > 0 && x->report->bytes > 0) /* of a path, not of the try's */
+        x->report->decimated.reached = x->report->bytes;
+    return SPIN_OK;
 }
 
 spin_status spin_export_clip(const struct spin_export_options *o, struct spin_export_report *report)
@@ -640,9 +643,10 @@ spin_status spin_export(const struct spin_export_options *o, char **report)
     *report = NULL;
     SPIN_TRY(spin_export_clip(o, &r));
     return spin_json_finish(
-        json_pack("{s:o, s:o, s:i, s:f, s:o, s:I, s:I, s:o, s:o}", "to",
+        json_pack("{s:o, s:o, s:i, s:o, s:f, s:o, s:I, s:I, s:o, s:o}", "to",
                   spin_json_text_value(o->to), "output", spin_json_text_value(o->output), "frames",
-                  r.frames, "splats_mean", r.splats_mean, "bytes",
+                  r.frames, "images", r.images ? json_integer((json_int_t)r.images) : json_null(),
+                  "splats_mean", r.splats_mean, "bytes",
                   r.bytes ? json_integer((json_int_t)r.bytes) : json_null(), "left_out",
                   (json_int_t)r.left_out, "filtered", (json_int_t)r.filtered, "check",
                   check_json(&r.check), "decimated", decimated_json(&r.decimated)),
