@@ -335,9 +335,8 @@ static void make_input(struct input *in)
         in->view[i].test = i == 2;
     }
     for (int i = 0; i < 2; i++) {
-        in->member[i] = (struct spin_zip_member){.name = i == 0 ? "first.npy" : "second.npy",
-                                                 .size = 100,
-                                                 .crc = 77 + (uint32_t)i};
+        in->member[i] = (struct spin_zip_member){
+            .name = i == 0 ? "first.npy" : "second.npy", .size = 100, .crc = 77 + (uint32_t)i};
         in->frame[i] = 1 + i;
         in->counts[i] = 500 + (size_t)i;
         in->train[i] = (struct spin_pair){i, (size_t)i};
