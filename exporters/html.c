@@ -66,7 +66,8 @@ struct version {
     struct page_frame *frame; /* [frames of the job] */
     int n_written;
     double n_kept;
-    bool rows; /* blocks are 4D splats; then page_frame.first is not used */
+    size_t n_empty; /* frames */
+    bool rows;      /* blocks are 4D splats; then page_frame.first is not used */
 };
 
 struct export
@@ -222,6 +223,7 @@ static spin_status add_frame(struct export *x, struct version *v, const struct s
 
     SPIN_TRY(choose(x, s, number, &n));
     v->n_kept += (double)n;
+    v->n_empty += n == 0;
     SPIN_TRY(spin_page_group_add(&v->group, &x->rows, s, &full));
     if (x->split && v == &x->version[0] && x->n_written == 0)
         SPIN_TRY(spin_page_draft_take(&x->draft, &x->rows, s, &x->view, &x->order));
@@ -557,6 +559,7 @@ static spin_status write_rows(struct export *x, const double *times)
     }
     SPIN_TRY(spin_grow((size_t)n_blocks, sizeof *v->frame, (void **)&v->frame));
     SPIN_TRY(spin_splat_filter_choose(&x->rows, &view, x->number[0]));
+    SPIN_TRY(spin_splat_filter_report_4d(&x->rows, x->job, NULL, times, x->n_written));
     return spin_page_rows_write(&x->four_d, &x->rows, take_rows, &sink);
 }
 
@@ -598,6 +601,7 @@ static spin_status fill_report(struct export *x)
              (unsigned long long)x->n_splats, x->n_written, x->n_written == 1 ? "" : "s",
              x->n_versions, x->n_versions == 1 ? "" : "s",
              (double)x->data_bytes / fmax((double)x->n_splats, 1));
+    spin_splat_filter_warn_empty(x->version[0].n_empty, (size_t)x->n_written);
     if (!report)
         return SPIN_OK;
     report->frames = x->n_written;

@@ -86,7 +86,10 @@ static spin_status export_picture(struct export *x, char *name, int frame,
     x->film.width = x->drawing.n_panels * camera->width;
     x->film.height = camera->height;
     x->film.image = x->drawing.wide;
-    return spin_film_write(path, &x->film, x->job->sync);
+    SPIN_TRY(spin_film_write(path, &x->film, x->job->sync));
+    if (x->job->report)
+        x->job->report->images++;
+    return SPIN_OK;
 }
 
 static void discard(void *self)
@@ -158,8 +161,11 @@ static spin_status prepare(struct export *x, const struct spin_export_job *job)
     if (!spin_camera_path_is_own(&x->drawing) && !any_chosen(x))
         return spin_not_found("the data set has no %s views; try --views all",
                               x->which == TEST ? "test" : "train");
-    return spin_output_folder_begin(job->output, job->force, x->film.exr ? ".exr" : ".png",
-                                    &x->folder);
+    SPIN_TRY(spin_output_folder_begin(job->output, job->force, x->film.exr ? ".exr" : ".png",
+                                      &x->folder));
+    if (x->folder.n_before > 0)
+        spin_output_folder_warn(&x->folder);
+    return SPIN_OK;
 }
 
 /* The pictures of a camera that is none of the data set's are numbered by themselves. */

@@ -856,6 +856,8 @@ static spin_status encode(struct export *x)
     SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->bells.view, 0));
     if (x->rows.n_kept == 0)
         return spin_unsupported("no splat of the clip is left to write");
+    SPIN_TRY(spin_splat_filter_report_4d(&x->rows, x->job, x->bells.from, x->job->times,
+                                         x->job->n_frames));
     SPIN_TRY(choose_coding(x));
     if (spin_cancelled())
         return spin_fail_cancelled();

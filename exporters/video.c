@@ -121,7 +121,10 @@ static spin_status draw_one(struct export *x, int frame, int64_t picture,
                                 view ? view->camera_id : -1, camera.width, camera.height,
                                 x->size[0], x->size[1]);
     SPIN_TRY(spin_camera_path_draw(d, frame, splats, &camera, view ? view->path : NULL));
-    return spin_video_put(x->video, d->wide);
+    SPIN_TRY(spin_video_put(x->video, d->wide));
+    if (d->job->report)
+        d->job->report->images++;
+    return SPIN_OK;
 }
 
 static spin_status video_frame(void *self, int frame, const struct spin_frame_info *info,

@@ -114,24 +114,56 @@ static spin_status finish(struct model *m)
 
 /* ---- Out of a checkpoint --------------------------------------------------------------------- */
 
-/* What some writer may say, and only one value of which is read. */
+/* What some writer may say, at the top or in 'model_spec', and only one value of which is read. */
+static const struct {
+    const char *key, *value; /* NULL: a switch that is off */
+} said[] = {{"time_units", "normalized"},
+            {"duration_activation", "exp"},
+            {"use_marginal_gating", NULL},
+            {"use_color_velocity", NULL}};
+enum { N_SAID = sizeof said / sizeof *said };
+
+static bool is_off(const struct spin_value *v)
+{
+    return v->kind == SPIN_VALUE_NONE ||
+           ((v->kind == SPIN_VALUE_BOOL || v->kind == SPIN_VALUE_INT) && v->integer == 0);
+}
+
 static spin_status check_said(const struct spin_value *root)
 {
-    static const char *const words[][2] = {{"time_units", "normalized"},
-                                           {"duration_activation", "exp"}};
-    static const char *const switches[] = {"use_marginal_gating", "use_color_velocity"};
+    for (int i = 0; i < N_SAID; i++) {
+        const struct spin_value *v = spin_value_get(root, said[i].key);
+        const char *text = spin_value_text(v);
 
-    for (int i = 0; i < 2; i++) {
-        const char *text = spin_value_text(spin_value_get(root, words[i][0]));
-        const struct spin_value *on = spin_value_get(root, switches[i]);
-
-        if (spin_value_get(root, words[i][0]) && (!text || strcmp(text, words[i][1]) != 0))
-            return spin_unsupported("'%s' is '%.40s', expected '%s'", words[i][0],
-                                    text ? text : "no text", words[i][1]);
-        if (on && on->integer != 0)
-            return spin_unsupported("'%s' is on, which is another model", switches[i]);
+        if (v && said[i].value && (!text || strcmp(text, said[i].value) != 0))
+            return spin_unsupported("'%s' is '%.40s', expected '%s'", said[i].key,
+                                    text ? text : "no text", said[i].value);
+        if (v && !said[i].value && !is_off(v))
+            return spin_unsupported("'%s' is on, which is another model", said[i].key);
     }
     return SPIN_OK;
+}
+
+static spin_status check_spec(const struct spin_value *spec)
+{
+    const char *text = spin_value_text(spec);
+
+    if (!spec || spec->kind == SPIN_VALUE_NONE)
+        return SPIN_OK;
+    if (spec->kind != SPIN_VALUE_DICT)
+        return spin_unsupported("'model_spec' is '%.40s', which may be another model",
+                                text ? text : "no text");
+    for (size_t i = 0; i < spec->n; i++) {
+        const char *key = spin_value_text(spec->item[2 * i]);
+        bool ours = false;
+
+        for (int k = 0; k < N_SAID && key; k++)
+            ours = ours || strcmp(key, said[k].key) == 0;
+        if (!ours)
+            return spin_unsupported("'model_spec' has '%.40s', which may be another model",
+                                    key ? key : "a key that is no text");
+    }
+    return check_said(spec);
 }
 
 /* Exactly the nine names: one more is another model. */
@@ -194,6 +226,7 @@ static spin_status read_checkpoint(struct spin_model *base)
         return spin_malformed("the checkpoint has no dict 'splats'");
     SPIN_TRY(check_names(base->tensors));
     SPIN_TRY(check_said(root));
+    SPIN_TRY(check_spec(spin_value_get(root, "model_spec")));
     spin_value_number(spin_value_get(root, "step"), &m->step);
     m->step = m->step > 0 ? m->step : 0;
     if (spin_value_get(root, "n_frames") &&
@@ -258,6 +291,7 @@ static spin_status read_comment(const struct spin_ply *ply, const char *key, dou
 static spin_status check_header(const struct spin_ply *ply, struct model *m, int *sh_degree)
 {
     const char *units = comment_of(ply, "time_units");
+    const char *durations = comment_of(ply, "duration_activation");
     double version, degree, moves, floor_of;
 
     SPIN_TRY(read_comment(ply, "ftgs_version", 1, 1e9, &version));
@@ -266,6 +300,13 @@ static spin_status check_header(const struct spin_ply *ply, struct model *m, int
     if (!units || strncmp(units, "normalized", 10) != 0 || units[10 + strspn(units + 10, " \t\r")])
         return spin_unsupported("comment 'time_units' is '%.40s', expected 'normalized'",
                                 units ? units : "missing");
+    if (durations &&
+        (strncmp(durations, "exp", 3) != 0 || durations[3 + strspn(durations + 3, " \t\r")]))
+        return spin_unsupported("comment 'duration_activation' is '%.40s', expected 'exp'",
+                                durations);
+    if (comment_of(ply, "model_spec"))
+        return spin_unsupported("comment 'model_spec' is '%.40s', which may be another model",
+                                comment_of(ply, "model_spec"));
     SPIN_TRY(read_comment(ply, "sh_degree", 0, 3, &degree));
     SPIN_TRY(read_comment(ply, "use_velocity", 0, 1, &moves));
     SPIN_TRY(read_comment(ply, "min_duration", 1e-30, 1e30, &m->least_sigma));

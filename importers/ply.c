@@ -195,8 +195,8 @@ static void note_writer(const struct spin_ply *ply, const struct content *c,
                         struct spin_sequence_info *sequence)
 {
     for (size_t i = 0; i < ply->n_comments; i++) {
-        if (strcasecmp(ply->comment[i], "SplatRenderMode: mip") == 0 ||
-            strcmp(ply->comment[i], "antialiased 1") == 0) {
+        if (!sequence->antialias && (strcasecmp(ply->comment[i], "SplatRenderMode: mip") == 0 ||
+                                     strcmp(ply->comment[i], "antialiased 1") == 0)) {
             spin_note(sequence, "trained with an anti-aliasing rasteriser, and drawn so here");
             sequence->antialias = true;
         }

@@ -389,6 +389,7 @@ struct spin_export_report {
         filtered; /* left out by --crop, --min-views and --floaters; not an exporter's to set */
     struct spin_export_check check;
     struct spin_decimated decimated;
+    uint64_t images; /* drawn and written, by an exporter that draws; else 0 */
 };
 
 /* What an exporter is told before the first frame. Everything is borrowed until end() or abort(). */
@@ -416,7 +417,7 @@ struct spin_export_job {
     bool source_antialias;
     bool retrained;                    /* the attributes are the network's */
     const size_t *counts;              /* [n_frames] splats of each frame, or NULL */
-    struct spin_export_report *report; /* an exporter adds to bytes and left_out, and
+    struct spin_export_report *report; /* an exporter adds to bytes, left_out and images, and
                                         * says how many frames when it takes some only; or NULL */
 
     /* Read back what was written, in end(), and say in report->check what was found; only asked of an

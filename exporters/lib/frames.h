@@ -2,7 +2,8 @@
  * files: what all such exporters do, so that a format says only how its
  * bytes are made. begin, frame, end and abort of the plug-in are those below.
  *
- * Beside the frames lies sequence.json: their names, numbers, times and counts, for players. */
+ * Beside the frames lies sequence.json: their names, numbers, times and counts, for players. An export that replaces
+ * another one removes the frames of that which it does not write, so that players do not show both. */
 #pragma once
 
 #include "exporters/lib/quant_error.h"
@@ -57,12 +58,20 @@ struct spin_frames_entry {
     size_t n;
 };
 
+/* A file of the export that was in the folder before. */
+struct spin_frames_former {
+    char *name;
+    bool written; /* by this export too */
+};
+
 struct spin_frames {
     const struct spin_frames_format *format;
     const double *axes; /* w x y z, see spin_splat_filter_begin(); NULL: the source's */
     const char *file;   /* the output is this file, of one frame or of all; NULL: a folder */
     bool exact;         /* nothing is rounded */
     struct spin_output_folder folder;
+    struct spin_frames_former *former; /* [n_former] by name */
+    size_t n_former;
     struct spin_pattern pattern;
     struct spin_splat_filter rows;
     struct spin_sort_rows order; /* see spin_frames_order() */

@@ -348,6 +348,40 @@ spin_status spin_splat_filter_begin(struct spin_splat_filter *rows,
     return spin_pool_create(job->n_threads, &rows->pool);
 }
 
+void spin_splat_filter_warn_empty(size_t n_empty, size_t n_frames)
+{
+    if (n_empty > 0)
+        spin_warn("%zu of %zu frames are written without any splat", n_empty, n_frames);
+}
+
+spin_status spin_splat_filter_report_4d(const struct spin_splat_filter *rows,
+                                        const struct spin_export_job *job, const size_t *from,
+                                        const double *times, int n_frames)
+{
+    const double *spans = job->splats_4d->spans;
+    struct spin_splats_4d kept = {0}; /* counting looks at spans alone */
+    SPIN_FREED double *kept_spans = NULL;
+    SPIN_FREED size_t *counts = NULL;
+    size_t n_empty = 0;
+    double sum = 0;
+
+    SPIN_TRY(spin_alloc(rows->n_kept + 1, 2 * sizeof *kept_spans, (void **)&kept_spans));
+    SPIN_TRY(spin_alloc((size_t)n_frames, sizeof *counts, (void **)&counts));
+    for (size_t k = 0; k < rows->splats->n; k++)
+        if (rows->keep[k])
+            memcpy(kept_spans + 2 * kept.n++, spans + 2 * (from ? from[k] : k), 2 * sizeof *spans);
+    kept.spans = kept_spans;
+    SPIN_TRY(spin_splats_4d_counts(&kept, times, (size_t)n_frames, counts));
+    for (int f = 0; f < n_frames; f++) {
+        sum += (double)counts[f];
+        n_empty += counts[f] == 0;
+    }
+    if (job->report)
+        job->report->splats_mean = sum / n_frames;
+    spin_splat_filter_warn_empty(n_empty, (size_t)n_frames);
+    return SPIN_OK;
+}
+
 void spin_splat_filter_end(struct spin_splat_filter *rows)
 {
     for (int r = 0; r < SPIN_ROWS_REASONS && rows->report; r++)

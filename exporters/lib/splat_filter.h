@@ -94,6 +94,13 @@ spin_status spin_splat_filter_begin(struct spin_splat_filter *rows,
                                     const struct spin_export_job *job, const double *axes);
 /* An --sh of the user's, of splats of degree `kept` (-1: none). */
 spin_status spin_splat_filter_parse_sh(const char *text, int kept, int *out);
+/* 4D splats: the mean number of splats that the kept rows show in each frame becomes the job's report's. from: the row
+ * of job->splats_4d that each row is; NULL: the same. times: those of the n_frames frames that are written. */
+spin_status spin_splat_filter_report_4d(const struct spin_splat_filter *rows,
+                                        const struct spin_export_job *job, const size_t *from,
+                                        const double *times, int n_frames);
+/* A warning when some frames are written without a splat. */
+void spin_splat_filter_warn_empty(size_t n_empty, size_t n_frames);
 /* Tell the job's report what was left out, and free. */
 void spin_splat_filter_end(struct spin_splat_filter *rows);
 

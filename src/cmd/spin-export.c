@@ -132,7 +132,8 @@ static const char list_text[] = "{{#.}}{{name %-16s}} {{summary}}\n"
                                 "{{#plugin}}                 plug-in {{plugin}}\n{{/}}{{/}}";
 
 static const char text[] =
-    "{{output}}: {{frames %N frame}} as {{to}}, {{splats_mean %M}} splats each"
+    "{{output}}: {{frames %N frame}} as {{to}}{{#images}} ({{images %N image}}){{/}}, "
+    "{{splats_mean %M}} splats each"
     "{{#bytes}}, {{bytes %B}}{{/}}{{#filtered}}, {{filtered}} splats filtered out{{/}}"
     "{{#left_out}}, {{left_out}} splats left out{{/}}\n"
     "{{#decimated}}decimated: {{after %M}} of {{before %M}} splats {{unit}}, by {{by}}; "

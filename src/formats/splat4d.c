@@ -84,11 +84,12 @@ static spin_status get_bytes(const struct spin_splat4d *clip, const spin_json *o
     return SPIN_OK;
 }
 
-/* Groups hold all frames, each once. */
+/* Groups hold all frames, each once, and lie one behind the other: no two are of the same bytes. */
 static spin_status read_groups(const spin_json *json, struct spin_splat4d *out)
 {
     const spin_json *groups = spin_json_get(json, "gops");
     int64_t first, next = 0, last;
+    size_t end = 0;
 
     out->n_groups = spin_json_length(groups);
     SPIN_TRY(spin_alloc(out->n_groups, sizeof *out->groups, (void **)&out->groups));
@@ -97,6 +98,9 @@ static spin_status read_groups(const spin_json *json, struct spin_splat4d *out)
         const spin_json *object = spin_json_at(groups, g);
 
         SPIN_TRY(get_bytes(out, object, &group->at, &group->bytes));
+        if (group->at < end)
+            return spin_malformed("header: group %zu shares bytes with the one before", g);
+        end = group->at + group->bytes;
         SPIN_TRY(get_whole(object, "f0", next, next, &first));
         SPIN_TRY(get_whole(object, "f1", first, out->n_frames - 1, &last));
         group->first = (int)first;

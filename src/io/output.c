@@ -216,6 +216,11 @@ spin_status spin_output_folder_begin(const char *path, bool force, const char *e
     return SPIN_OK;
 }
 
+void spin_output_folder_warn(const struct spin_output_folder *folder)
+{
+    spin_warn("folder '%s' was not empty: files that are not overwritten stay in it", folder->path);
+}
+
 void spin_output_folder_end(struct spin_output_folder *folder)
 {
     if (folder->path)

@@ -45,6 +45,8 @@ struct spin_output_folder {
  * with this ending have left in it is removed. */
 spin_status spin_output_folder_begin(const char *path, bool force, const char *ending,
                                      struct spin_output_folder *out);
+/* A warning that what is in it and not overwritten stays. */
+void spin_output_folder_warn(const struct spin_output_folder *folder);
 void spin_output_folder_end(struct spin_output_folder *folder);
 /* Also removes it when it was made by begin and is still empty. */
 void spin_output_folder_abandon(struct spin_output_folder *folder);

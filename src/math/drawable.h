@@ -10,6 +10,8 @@
 
 /* exp(2 * 44) is the last whole power that float holds: renderers square the scale. */
 #define SPIN_LOG_SCALE_LIMIT 44.0f
+/* exp() of more is no float. */
+#define SPIN_LOG_SCALE_MOST 88.72283f
 /* The box of fewer places than this says nothing about the size of a scene. */
 #define SPIN_LEAST_FOR_BOX 8
 

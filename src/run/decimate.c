@@ -548,34 +548,58 @@ static void mark_too_large(const unsigned char *mark, const unsigned char *left_
         }
 }
 
-spin_status spin_decimation_frame(struct spin_decimation *d, int f, const struct spin_splats *all,
-                                  bool counts, struct spin_splats *out)
+/* Rows of other splats than the clip's, the largest, as many as the clip keeps in that frame. */
+static spin_status mark_largest(const struct spin_decimation *d, const struct spin_splats *all,
+                                size_t most, unsigned char *mark)
+{
+    SPIN_FREED struct entry *entry = NULL;
+    size_t n = 0;
+
+    SPIN_TRY(spin_alloc(all->n + 1, sizeof *entry, (void **)&entry));
+    for (size_t i = 0; i < all->n; i++)
+        if (d->left_out[i] == COUNTS)
+            entry[n++] =
+                (struct entry){.weight = size_of(all, i), .item = NONE, .row = (uint32_t)i};
+    qsort(entry, n, sizeof *entry, by_weight);
+    for (size_t i = 0; i < n && i < most; i++)
+        mark[entry[i].row] = 1;
+    return SPIN_OK;
+}
+
+static spin_status take_frame(struct spin_decimation *d, int f, const struct spin_splats *all,
+                              bool same, bool counts, struct spin_splats *out)
 {
     const struct spin_decimate_set *set = set_of(d, f);
     SPIN_FREED unsigned char *mark = NULL;
 
     SPIN_TRY(filter_frame(d, f, all, counts));
     SPIN_TRY(spin_alloc(all->n + 1, 1, (void **)&mark));
-    if (all->n == set->n)
+    if (same && all->n == set->n)
         memcpy(mark, set->keep, all->n);
-    else { /* other splats than the clip's: by their size */
-        SPIN_FREED struct entry *entry = NULL;
-        size_t n = 0, most = set->n_kept;
-
-        SPIN_TRY(spin_alloc(all->n + 1, sizeof *entry, (void **)&entry));
-        for (size_t i = 0; i < all->n; i++)
-            if (d->left_out[i] == COUNTS)
-                entry[n++] =
-                    (struct entry){.weight = size_of(all, i), .item = NONE, .row = (uint32_t)i};
-        qsort(entry, n, sizeof *entry, by_weight);
-        for (size_t i = 0; i < n && i < most; i++)
-            mark[entry[i].row] = 1;
-    }
+    else
+        SPIN_TRY(mark_largest(d, all, set->n_kept, mark));
     for (size_t i = 0; i < all->n; i++)
         mark[i] = d->left_out[i] == COUNTS ? mark[i] : d->filters && d->left_out[i] != IS_FILTERED;
     SPIN_TRY(spin_splats_take(all, mark, out));
     mark_too_large(mark, d->left_out, all->n, out->log_scales);
     return SPIN_OK;
+}
+
+spin_status spin_decimation_frame(struct spin_decimation *d, int f, const struct spin_splats *all,
+                                  bool counts, struct spin_splats *out)
+{
+    return take_frame(d, f, all, true, counts, out);
+}
+
+/* A refinement has rows of its own, and a training that counts its splats anew adds and sorts rows:
+ * an equal number of them says nothing. */
+spin_status spin_decimation_source(struct spin_decimation *d, int f, const struct spin_splats *all,
+                                   struct spin_splats *out)
+{
+    const struct spin_bundle *b = &d->clip->bundle;
+    bool same = d->frames->from == SPIN_FROM_TRAINED && !b->trained_n && b->refined.columns == 0;
+
+    return take_frame(d, f, all, same, false, out);
 }
 
 spin_status spin_decimation_4d(struct spin_decimation *d, const struct spin_splats_4d **out)

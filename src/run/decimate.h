@@ -75,10 +75,13 @@ spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes
                                          void *context, int *n_tries, uint64_t *reached);
 spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decimated *out);
 
-/* Splats of frame f of the clip, or others of that time, without what is left out. counts: what the filters leave out is
- * added up. */
+/* Splats of frame f of the clip, without what is left out. counts: what the filters leave out is added up. */
 spin_status spin_decimation_frame(struct spin_decimation *d, int f, const struct spin_splats *all,
                                   bool counts, struct spin_splats *out);
+/* Those that the bundle imported in frame f, of a clip that is a training's: the same rows where the training kept the
+ * source's rows, otherwise as many of the largest. */
+spin_status spin_decimation_source(struct spin_decimation *d, int f, const struct spin_splats *all,
+                                   struct spin_splats *out);
 /* Of the 4D splats; until the next choice. */
 spin_status spin_decimation_4d(struct spin_decimation *d, const struct spin_splats_4d **out);
 /* How many of a frame, before the exporter leaves some out; there are no filters. */

@@ -252,17 +252,16 @@ static spin_status source_frame(void *source_of, int frame, struct spin_splats *
 {
     struct export *x = source_of;
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    struct spin_splats *splats = &x->received;
-    bool plain = !x->decimates && spin_scene_edit_is_none(&x->edit);
+    struct spin_splats *splats = &x->received, *thinned = &x->thinned;
+    bool edits = !spin_scene_edit_is_none(&x->edit), plain = !x->decimates && !edits;
 
     SPIN_TRY(
         spin_bundle_frame(&x->clip.bundle, x->clip.frame[frame], columns, plain ? out : splats));
-    if (plain)
-        return SPIN_OK;
-    if (spin_scene_edit_is_none(&x->edit))
-        return spin_decimation_frame(&x->decimation, frame, splats, false, out);
-    SPIN_TRY(thin(x, frame, false, &splats));
-    return spin_scene_edit_frame(&x->edit, frame, splats, false, out);
+    if (x->decimates)
+        SPIN_TRY(spin_decimation_source(&x->decimation, frame, splats, edits ? thinned : out));
+    return edits
+               ? spin_scene_edit_frame(&x->edit, frame, x->decimates ? thinned : splats, false, out)
+               : SPIN_OK;
 }
 
 static spin_status read_again(void *context, int frame, const struct spin_splats **out)
@@ -560,7 +559,10 @@ static spin_status run_export(struct export *x)
     SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof *x->times, (void **)&x->times));
     if (o->decimate)
         SPIN_TRY(decimate(x, &goal));
-    return begin_export(x);
+    SPIN_TRY(begin_export(x));
+    if (x->report->decimated.n_tries > 0 && x->report->bytes > 0) /* of a path, not of the try's */
+        x->report->decimated.reached = x->report->bytes;
+    return SPIN_OK;
 }
 
 spin_status spin_export_clip(const struct spin_export_options *o, struct spin_export_report *report)
@@ -640,9 +642,10 @@ spin_status spin_export(const struct spin_export_options *o, char **report)
     *report = NULL;
     SPIN_TRY(spin_export_clip(o, &r));
     return spin_json_finish(
-        json_pack("{s:o, s:o, s:i, s:f, s:o, s:I, s:I, s:o, s:o}", "to",
+        json_pack("{s:o, s:o, s:i, s:o, s:f, s:o, s:I, s:I, s:o, s:o}", "to",
                   spin_json_text_value(o->to), "output", spin_json_text_value(o->output), "frames",
-                  r.frames, "splats_mean", r.splats_mean, "bytes",
+                  r.frames, "images", r.images ? json_integer((json_int_t)r.images) : json_null(),
+                  "splats_mean", r.splats_mean, "bytes",
                   r.bytes ? json_integer((json_int_t)r.bytes) : json_null(), "left_out",
                   (json_int_t)r.left_out, "filtered", (json_int_t)r.filtered, "check",
                   check_json(&r.check), "decimated", decimated_json(&r.decimated)),

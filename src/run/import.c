@@ -2,6 +2,7 @@
 #include <float.h>
 
 #include "base/base.h"
+#include "math/drawable.h"
 #include "spin_run.h"
 #include "run/camera_check.h"
 #include "scene/clip.h"
@@ -469,6 +470,24 @@ static spin_status check_frame(const struct import *im, int i, unsigned wanted,
     return SPIN_OK;
 }
 
+/* Codebooks and steps of files hold logarithms, which are finite where the scale itself is not. */
+static spin_status check_scales(const struct import *im, int i, const struct spin_splats *s)
+{
+    size_t n = 0, first = 0;
+
+    for (size_t k = 3 * s->n; k-- > 0;)
+        if (s->log_scales[k] > SPIN_LOG_SCALE_MOST) {
+            n++;
+            first = k;
+        }
+    if (n == 0)
+        return SPIN_OK;
+    return spin_malformed("cannot read '%s': frame %d: the scale of row %zu, exp(%g), is beyond "
+                          "floats, as %zu are in all: remove these splats from the file",
+                          im->input, im->meta.frame[i].number, first / 3,
+                          (double)s->log_scales[first], n);
+}
+
 /* One frame, in place i of the bundle: `columns` of it, the others are those of frame 0. Rank `rank` reads it, for
  * rank 0. */
 static spin_status read_frame(struct import *im, int i, int rank, unsigned columns,
@@ -483,6 +502,8 @@ static spin_status read_frame(struct import *im, int i, int rank, unsigned colum
     if (rank == spin_rank()) {
         SPIN_TRY(source_frame(im, i, columns, out));
         SPIN_TRY(check_frame(im, i, columns, out));
+        if (columns & SPIN_COL_LOG_SCALES)
+            SPIN_TRY(check_scales(im, i, out));
     }
     SPIN_TRY(spin_share_splats(out, columns, rank));
     meta->frame[i].n = out->n;

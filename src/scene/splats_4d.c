@@ -3,6 +3,7 @@
 
 #include "base/base.h"
 #include "math/activate.h"
+#include "math/drawable.h"
 #include "math/motion.h"
 #include "scene/bundle_pack.h"
 #include "scene/columns.h"
@@ -148,7 +149,7 @@ static struct spin_window window_of(const struct spin_splats_4d *s, size_t i)
     return w;
 }
 
-/* All values finite; a rotation and a window. Makes quats of unit length, and their spin with them. */
+/* All values finite, scales too; a rotation and a window. Makes quats of unit length, and their spin with them. */
 static bool settle_row(struct spin_splats_4d *s, size_t i)
 {
     double length = 0;
@@ -161,6 +162,9 @@ static bool settle_row(struct spin_splats_4d *s, size_t i)
             if (!(fabs((double)values[width * i + c]) <= arrays[k].most))
                 return false;
     }
+    for (size_t c = 0; c < 3; c++)
+        if (s->log_scales[3 * i + c] > SPIN_LOG_SCALE_MOST)
+            return false;
     for (size_t c = 0; c < 4; c++)
         length += (double)s->quats[4 * i + c] * (double)s->quats[4 * i + c];
     if (!(length > 0) || !(s->sigmas[i] > 0) ||

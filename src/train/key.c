@@ -15,6 +15,23 @@ static void add_images(spin_json *j, const struct spin_plan *plan, const struct 
     spin_json_set_string(j, "images", text);
 }
 
+/* Which arrays the input holds: exchanged or renamed ones are another input. */
+static void add_members(spin_json *j, const struct spin_zip *zip)
+{
+    uint64_t hash = SPIN_HASH_BEGIN;
+    char text[20];
+
+    for (size_t i = 0; i < zip->n; i++) {
+        const struct spin_zip_member *m = &zip->member[i];
+
+        spin_hash(&hash, m->name, strlen(m->name) + 1);
+        spin_hash(&hash, &m->size, sizeof m->size);
+        spin_hash(&hash, &m->crc, sizeof m->crc);
+    }
+    snprintf(text, sizeof text, "%016" PRIx64, hash);
+    spin_json_set_string(j, "input", text);
+}
+
 spin_status spin_frame_key(struct spin_plan *plan, const struct spin_photos *photos, int f,
                            char key[SPIN_FRAME_KEY])
 {
@@ -48,9 +65,6 @@ spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_ref
     bool network = o->method != SPIN_METHOD_FRAMES;
     spin_json *j = network ? spin_field_to_json(&plan->field, true) : spin_json_object();
     spin_json *frames = spin_json_array(), *centre = spin_json_array();
-    const struct spin_zip *zip = &plan->clip.bundle.npz.zip;
-    char text[64];
-    double sum = 0;
 
     for (int c = 0; c < 3; c++)
         spin_json_push_number(centre, o->normalise_centre[c]);
@@ -63,8 +77,6 @@ spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_ref
     } else {
         spin_json_free(centre);
     }
-    for (size_t i = 0; i < zip->n; i++)
-        sum += (double)zip->member[i].crc;
     for (int f = 0; f < plan->clip.n_frames; f++) {
         spin_json_push_number(frames, spin_plan_info(plan, f)->number);
         spin_json_push_number(frames, (double)plan->counts[f]);
@@ -73,8 +85,7 @@ spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_ref
     }
     spin_json_set(j, "frames", frames);
     add_images(j, plan, photos, -1);
-    snprintf(text, sizeof text, "%.0f", sum);
-    spin_json_set_string(j, "input", text);
+    add_members(j, &plan->clip.bundle.npz.zip);
     *out = spin_json_text(j, false);
     spin_json_free(j);
     return *out ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "out of memory");

@@ -44,6 +44,15 @@ is "$code" 0 "imports positions only"
 unzip -Z1 "$work/point.spin" | grep -q rgb
 ok $? "of points, with their colours"
 
+{
+    printf 'ply\nformat ascii 1.0\nelement vertex 1\n'
+    printf 'property float %s\n' x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3
+    printf 'end_header\n0 0 0 0 0 0 0 -1 200 -1 1 0 0 0\n'
+} >"$work/beyond.ply"
+run "$bin/spin-import" "$work/beyond.ply" -o "$work/bad.spin" -q
+is "$code" 1 "a scale that no float holds"
+err_has "frame 0: the scale of row 0, exp(200), is beyond floats" "is refused by its row"
+
 run "$bin/spin-import" --from ply "$files/variants/truncated.ply" -o "$work/bad.spin"
 fails 1 spin-import "a truncated PLY"
 err_has truncated.ply "a truncated PLY is named"

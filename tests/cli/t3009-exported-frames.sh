@@ -60,6 +60,67 @@ ok $? "a sequence.json of others: times are counted"
 ! grep -q 'sequence.json' "$work/err"
 ok $? "a sequence.json of others: nothing is said"
 
+# --force removes what a longer export has left, and nothing that only a sequence.json of others names.
+files() { ls "$1" | tr '\n' ' '; }
+run "$bin/spin-export" "$work/named.spin" --to ply -o "$work/long"
+cp -r "$work/long" "$work/failed"
+cp -r "$work/long" "$work/hostile"
+run "$bin/spin-export" "$work/named.spin" --to ply --range 1:3 -o "$work/long" --force
+is "$code $(files "$work/long")" "0 frame_00001.ply frame_00002.ply sequence.json " "the frames of a longer export go"
+err_has "removed 4 files of the former export from '$work/long'" "and are counted"
+! grep -q warning "$work/err"
+ok $? "without a warning"
+run "$bin/spin-export" "$work/named.spin" --to spz --range 1:3 -o "$work/long" --force
+is "$code $(files "$work/long")" "0 frame_00001.spz frame_00002.spz sequence.json " "so do those of another format"
+rm "$work/failed/frame_00002.ply"
+mkdir "$work/failed/frame_00002.ply"
+run "$bin/spin-export" "$work/named.spin" --to ply --range 1:3 -o "$work/failed" --force
+is "$code $(ls "$work/failed" | wc -l)" "1 7" "an export that fails removes nothing"
+mkdir "$work/hostile/sub0"
+for name in up_0 hostile/sub0/0 hostile/mine; do echo mine >"$work/$name.ply"; done
+ln -s ../up_0.ply "$work/hostile/link_0.ply"
+for name in "../up_0.ply" "sub0/0.ply" "$work/up_0.ply" mine.ply link_0.ply sub0 FRAME_00001.ply; do
+    sed -i "s|\"frames\": \[|&{\"file\": \"$name\", \"frame\": 0},|" "$work/hostile/sequence.json"
+done
+run "$bin/spin-export" "$work/named.spin" --to ply --range 1:3 -o "$work/hostile" --force
+is "$code $(files "$work/hostile")" "0 frame_00001.ply frame_00002.ply link_0.ply mine.ply sequence.json sub0 " \
+    "files that no export has written stay"
+[ -s "$work/up_0.ply" ] && [ -s "$work/hostile/sub0/0.ply" ]
+ok $? "and those of other folders"
+
+# Frames without a splat are counted, and imported again.
+for to in ply splat spz; do
+    run "$bin/spin-export" "$work/named.spin" --to $to --crop 0,0,-1,99,0.105,1 -o "$work/empty" --force --json
+    is "$code $(member frames)" "0 6" "$to: an export of frames without splats"
+    err_has "warning: 5 of 6 frames are written without any splat" "$to: says how many"
+    run "$bin/spin-import" "$work/empty" -o "$work/empty.spin" --force --json
+    is "$code $(member frames) $(grep -c '"min": 0,' "$work/out")" "0 6 1" "$to: and they import again"
+done
+
+# 4D splats: what --min-opacity leaves is counted, as the file has it.
+if [ -d "$fixtures/freetimegs/newer_sh1_clamped" ]; then
+    run "$bin/spin-import" "$fixtures/freetimegs/newer_sh1_clamped" -o "$work/4d.spin"
+    for to in .ftgs.ply .tsog .html; do
+        run "$bin/spin-export" "$work/4d.spin" -o "$work/4d$to" --json --min-opacity 0.9
+        case $(member splats_mean) in 49.5*) true ;; *) false ;; esac
+        ok $? "$to: the mean of what is written: $(member splats_mean)"
+    done
+    run "$bin/spin-import" "$work/4d.ftgs.ply" -o "$work/4d-again.spin" --json
+    grep -q '"mean": 49.51' "$work/out"
+    ok $? "and of what is read again"
+fi
+
+# Two comments that say one thing are one note; drawn images are counted.
+cp -r "$work/named" "$work/mip"
+sed -i 's/^format.*/&\ncomment antialiased 1\ncomment SplatRenderMode: mip/' "$work"/mip/*.ply
+run "$bin/spin-import" "$work/mip" -o "$work/mip.spin"
+is "$(grep -c 'anti-aliasing' "$work/out")" 1 "antialiasing is noted once"
+run "$bin/spin-export" "$work/mip.spin" --to images --path orbit --size 20x20 --duration 1 -o "$work/images" --json
+is "$(member frames) $(member images) $(ls "$work/images" | wc -l)" "6 30 30" "images that are drawn are counted"
+run "$bin/spin-export" "$work/mip.spin" --to images --path orbit --size 20x20 --duration 1 -o "$work/images" --force
+err_has "warning: folder '$work/images' was not empty" "and a folder that has some is warned of"
+out_has "6 frames as images (30 images)" "in words too"
+
 # Some of the frames that were exported.
 run "$bin/spin-eval" "$work/named.spin" --split all --range 3:5 --json
 sed -n '/"views"/,$ p' "$work/out" >"$work/wanted"

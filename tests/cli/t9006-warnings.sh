@@ -344,9 +344,13 @@ done
 export_to "$work/out.spin" ply
 warns "antialiased splats as ply"
 export_to "$in" splat
+warns "a folder that has the frames of a former export"
+echo mine >"$work/splat/notes"
+export_to "$in" splat
 warns "a folder that has files" "folder '$work/splat' was not empty: files that are not overwritten stay in it"
 of odd
 warns "an import of odd splats"
+echo mine >"$work/gltf/notes"
 export_to "$work/x.spin" gltf
 warns "splats that are left out, of a folder that has files" \
     "folder '$work/gltf' was not empty: files that are not overwritten stay in it" \

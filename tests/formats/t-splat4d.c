@@ -93,7 +93,7 @@ static void put_static(struct bytes *b)
     }
 }
 
-/* One of the streams of a group, and bytes that the first group is said to have besides. */
+/* One of the streams of a group, and bytes that the first group has besides. */
 static int left_out = -1, surplus;
 
 static void put_group(struct bytes *b, int first, int last)
@@ -150,10 +150,10 @@ static struct bytes *make(const char *find, const char *by)
 
         group_at[f / GROUP] = b.n;
         put_group(&b, f, last);
+        put_number(&b, 0, f ? 0 : surplus);
         n += snprintf(text + n, sizeof text - (size_t)n,
                       "%s{\"offset\": %zu, \"len\": %zu, \"f0\": %d, \"f1\": %d}", f ? ", " : "",
-                      group_at[f / GROUP], b.n - group_at[f / GROUP] + (size_t)(f ? 0 : surplus), f,
-                      last);
+                      group_at[f / GROUP], b.n - group_at[f / GROUP], f, last);
     }
     n += snprintf(text + n, sizeof text - (size_t)n, "]}");
     if (find) {
@@ -245,6 +245,19 @@ static void refused(struct bytes *b, const char *word, const char *what)
             "%s", what))
         printf("#   %s\n", spin_last_error());
     spin_splats_free(&s);
+}
+
+/* The second group claims the bytes of the first. */
+static void test_shared_bytes(void)
+{
+    char find[80], by[80];
+
+    make(NULL, NULL);
+    snprintf(find, sizeof find, "{\"offset\": %zu, \"len\": %zu", group_at[1],
+             group_at[2] - group_at[1]);
+    snprintf(by, sizeof by, "{\"offset\": %zu, \"len\": %zu", group_at[0],
+             group_at[1] - group_at[0]);
+    refused(make(find, by), "shares bytes", "two groups of the same bytes");
 }
 
 static void test_header(void)
@@ -346,6 +359,7 @@ TAP_MAIN
     }
     test_order();
     test_header();
+    test_shared_bytes();
     test_streams();
     b = make(NULL, NULL);
     check_hostile(read_all, b->at, b->n, 0);

@@ -103,6 +103,11 @@ static void test_dropped(void)
     s.plateaus[0] = 6;
     ok(spin_splats_4d_settle(&s, &n_dropped, NULL) == SPIN_OK && n_dropped == 3,
        "so do a sigma of 0, a gate above 1 and a plateau that ends before it begins");
+    spin_splats_4d_free(&s);
+    fill(&s);
+    s.log_scales[4] = 400;
+    ok(spin_splats_4d_settle(&s, &n_dropped, NULL) == SPIN_OK && n_dropped == 1,
+       "and a scale of exp(400), which is no float");
     s.period = 0;
     ok(spin_splats_4d_settle(&s, &n_dropped, NULL) == SPIN_E_MALFORMED, "cosines need a period");
     spin_splats_4d_free(&s);

@@ -376,7 +376,8 @@ static void make_input(struct input *in)
         in->view[i].test = i == 2;
     }
     for (int i = 0; i < 2; i++) {
-        in->member[i].crc = 77 + (uint32_t)i;
+        in->member[i] = (struct spin_zip_member){
+            .name = i == 0 ? "first.npy" : "second.npy", .size = 100, .crc = 77 + (uint32_t)i};
         in->frame[i] = 1 + i;
         in->counts[i] = 500 + (size_t)i;
         in->train[i] = (struct spin_pair){i, (size_t)i};
@@ -404,6 +405,8 @@ static void by_key(struct input *in) { in->refined[1].key[0] = 'K'; }
 static void by_image(struct input *in) { in->imprint[1]++; }
 static void by_view(struct input *in) { in->train[1].view = 0; }
 static void by_bytes(struct input *in) { in->member[1].crc++; }
+static void by_exchange(struct input *in) { in->member[0].crc = 78, in->member[1].crc = 77; }
+static void by_name(struct input *in) { in->member[1].name = "other.npy"; }
 static void by_test_view(struct input *in) { in->view[1].test = true; }
 static void by_extent(struct input *in) { in->plan.extent = 4; }
 static void by_seed(struct input *in) { in->o.seed++; }
@@ -427,6 +430,8 @@ static void check_fingerprint(void)
               {"an image", by_image, true},
               {"which views are learned from", by_view, true},
               {"an array of the input", by_bytes, true},
+              {"two arrays that were exchanged", by_exchange, true},
+              {"the name of an array", by_name, true},
               {"which views are held out", by_test_view, false},
               {"the extent of the cameras", by_extent, false},
               {"the seed", by_seed, false},
