@@ -153,7 +153,7 @@ BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
 BENCH    := $(B)/tests/bench/bench
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
-.PHONY: all help config setup setup-video setup-lint demo quick test test-bins room-bins test-tools test-builds test-card card-kit test-ranks check lint mutants test-viewers bench-viewers results hero valgrind tsan fuzz fuzz-replay bench install uninstall wheel portable web windows dist deb clean format
+.PHONY: all help config setup setup-video setup-lint demo quick test test-bins room-bins test-tools test-builds test-card card-kit test-ranks check lint mutants test-viewers bench-viewers results pictures hero valgrind tsan fuzz fuzz-replay bench install uninstall wheel portable web windows dist deb clean format
 .SECONDARY:
 .DELETE_ON_ERROR:
 
@@ -503,6 +503,9 @@ bench: $(BENCH) ## time every stage of a step: make bench [A="--gaussians 50000 
 
 results: all ## the rows of docs/results.md that the bundled clip repeats, two minutes
 	@RESULTS=all SPIN_BUILD=$(B) SPIN_BIN=$(B)/bin sh tests/cli/t9007-results.sh
+
+pictures: all ## the pictures of docs/ and their figures, from this build (Chromium, Node): [COURT=folder of that clip]
+	@sh src/packaging/pictures.sh $(B)/bin docs $(COURT)
 
 hero: all ## docs/hero.webp of README, from a retrained bundle: IN=better.spin [CAMERA=0]
 	@sh src/packaging/hero.sh $(B)/bin $(or $(IN),$(error IN=better.spin says of which bundle)) docs/hero.webp $(CAMERA)

@@ -13,11 +13,16 @@ if (!gl) return say('This page needs WebGL 2, which this browser does not offer.
 if (clip.data && location.href.startsWith('file:')) return say(`This page reads ${clip.data} beside it, which browsers do not allow from the disk. Put both on a web server ("python3 -m http.server" in their folder is one), or export the clip without --split.`);
 if (typeof DecompressionStream === 'undefined') return say('This browser is too old: it has no DecompressionStream.');
 
+// An address of the web, of a blob or a file, or one relative to the page; null for others, such as javascript: and data:.
+function safeAddress(address) {
+    try { return /^(https?|blob|file):$/.test(new URL(address, location.href).protocol) ? address : null; } catch { return null; }
+}
+
 // What the address asks for: ?frame=7&autoplay=0&noui&poster=first.jpg&version=before&fps=12&background=ffffff
 function readParameters(given) {
     const has = (name) => given.has(name) && given.get(name) !== '0' && given.get(name) !== 'false', number = (name, least, most) => (given.get(name) && Number(given.get(name)) >= least && Number(given.get(name)) <= most ? Number(given.get(name)) : undefined);
     const hex = given.get('background')?.match(/^#?(?:([0-9a-f])([0-9a-f])([0-9a-f])|([0-9a-f]{2})([0-9a-f]{2})([0-9a-f]{2}))$/i)?.slice(1).filter(Boolean).map((h) => parseInt(h.repeat(3 - h.length), 16) / 255);
-    return { frame: number('frame', 1, clip.numbers.length), autoplay: given.has('autoplay') ? has('autoplay') : undefined, noui: has('noui'), poster: given.get('poster'), version: given.get('version'), fps: number('fps', 0.001, 1000), background: hex };
+    return { frame: number('frame', 1, clip.numbers.length), autoplay: given.has('autoplay') ? has('autoplay') : undefined, noui: has('noui'), poster: given.has('poster') ? safeAddress(given.get('poster')) : null, version: given.get('version'), fps: number('fps', 0.001, 1000), background: hex };
 }
 
 // ---- Vectors and the camera, in the page's units: (world - centre) / size ------------------------

@@ -40,6 +40,7 @@ export declare class Player extends EventTarget {
     destroy(): void;
 }
 
-/** url: a page of spin-export, the .bin of --split beside its page, or a .sogst file. */
+/** url: a page of spin-export, the .bin of --split beside its page, or a .sogst file. Throws a TypeError unless it and the
+ * poster are relative or of http, https, blob or file. */
 export declare function createPlayer(element: Element, url: string, options?: Options): Player;
 export declare function addressOf(url: string, options?: Options): string;

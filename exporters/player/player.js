@@ -4,15 +4,23 @@
 const PATIENCE = 5000; // milliseconds from when a page is there to when it must have said so
 const WISHES = ['frame', 'autoplay', 'noui', 'poster', 'version', 'fps', 'background'];
 
-// The page's address with what is wished for; a name with true or '' is a switch.
+// A URL of the web, of a blob or a file: any other scheme throws, as javascript: would run in the page around.
+function safeUrl(url) {
+    const made = new URL(url, document.baseURI);
+    if (!/^(https?|blob|file):$/.test(made.protocol)) throw new TypeError(`spin4d: the address '${String(url).slice(0, 60)}' is not one of http, https, blob or file`);
+    return made;
+}
+
+// The page's address with what is wished for; a name with true or '' is a switch. TypeError: the address of the clip or of the
+// poster is none, or of a scheme that is not allowed.
 export function addressOf(url, options = {}) {
-    const source = new URL(url, document.baseURI), address = source.pathname.endsWith('.sogst') ? new URL('view.html', import.meta.url) : source;
+    const source = safeUrl(url), address = source.pathname.endsWith('.sogst') ? new URL('view.html', import.meta.url) : source;
     if (address !== source) address.searchParams.set('src', source.href);
     address.pathname = address.pathname.replace(/\.bin$/, '.html');
     for (const name of WISHES) {
         const v = options[name];
         if (v === undefined || v === null) continue;
-        const picture = name === 'poster' ? new URL(v, document.baseURI).href : v;
+        const picture = name === 'poster' ? safeUrl(v).href : v;
         address.searchParams.set(name, v === true || v === '' ? '1' : v === false ? '0' : picture);
     }
     return address.href;
@@ -27,8 +35,8 @@ export class Player extends EventTarget {
 
     constructor(element, url, options = {}) {
         super();
-        const frame = document.createElement('iframe');
-        frame.src = addressOf(url, options);
+        const address = addressOf(url, options), frame = document.createElement('iframe');
+        frame.src = address;
         frame.title = options.title ?? 'A clip of 3-D splats';
         frame.allow = 'fullscreen';
         frame.style.cssText = 'display: block; width: 100%; height: 100%; border: 0';
@@ -86,7 +94,12 @@ if (globalThis.customElements && !customElements.get('spin-clip')) {
             if (!this.hasAttribute('src')) return;
             if (!this.style.display) Object.assign(this.style, { display: 'block', aspectRatio: this.style.aspectRatio || '16 / 9' });
             const options = Object.fromEntries([...WISHES, 'title'].filter((name) => this.hasAttribute(name)).map((name) => [name, this.getAttribute(name)]));
-            this.player = createPlayer(this, this.getAttribute('src'), options);
+            try {
+                this.player = createPlayer(this, this.getAttribute('src'), options);
+            } catch (e) {
+                this.dispatchEvent(Object.assign(new Event('error'), { message: e.message }));
+                return;
+            }
             for (const type of ['ready', 'change', 'error']) this.player.addEventListener(type, (e) => this.dispatchEvent(Object.assign(new Event(type), { message: e.message })));
         }
     });

@@ -14,20 +14,31 @@ is --force), return what --json prints, and raise spin4d.Error with the command'
 A frame is what gsplat's rasterization() takes: means [n,3]; quats [n,4], unit, w x y z; scales [n,3],
 standard deviations; opacities [n], 0 to 1; sh [n,k,3], k = (degree + 1)^2. frame(i, torch=True) gives
 tensors. What lies in the file: man spin-bundle(5).
+
+A file that cannot be opened raises OSError; one that is not a bundle, is damaged, or does not have what is asked for
+ValueError, whose text begins with its path; a frame beyond the clip IndexError.
 """
 import collections
+import contextlib
 import json
+import operator
 import os
 import secrets
 import shutil
+import struct
 import subprocess
 import sys
+import zipfile
+import zlib
 
 import numpy as np
 
 Frame = collections.namedtuple("Frame", "means quats scales opacities sh")
 NO_TRACK = 0xFFFFFFFF
 PRIMES = np.array([1, 2654435761, 805459861, 3674653429], np.uint32)
+# What NumPy, zipfile and json raise on damaged files.
+DAMAGE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, EOFError, RuntimeError, zipfile.BadZipFile,
+          zlib.error, struct.error)
 
 
 def load(path):
@@ -132,12 +143,17 @@ def picture(view):
 def write_ply(path, frame):
     """A frame as the PLY of 3DGS, which viewers of splats open."""
     n, k = len(frame.means), frame.sh.shape[1]
-    logits = np.log(frame.opacities / np.maximum(1 - frame.opacities, 1e-12))
+    opacities, scales = np.asarray(frame.opacities), np.asarray(frame.scales)
+    if np.any(opacities < 0) or np.any(scales < 0):
+        raise ValueError(f"{path}: a splat has an opacity or a scale below 0")
+    # Those of splats that cannot be seen may be 0, whose logit and logarithm are infinite.
+    logits = np.log(np.maximum(opacities, 1e-12) / np.maximum(1 - opacities, 1e-12))
+    log_scales = np.log(np.maximum(scales, np.finfo(np.float32).tiny))
     rest = np.moveaxis(np.asarray(frame.sh)[:, 1:], 1, 2).reshape(n, -1)
     names = ["x", "y", "z", *(f"f_dc_{i}" for i in range(3)), *(f"f_rest_{i}" for i in range(3 * (k - 1))),
              "opacity", *(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4))]
     rows = np.concatenate([frame.means, np.asarray(frame.sh)[:, 0], rest, np.asarray(logits)[:, None],
-                           np.log(frame.scales), frame.quats], axis=1).astype("<f4")
+                           log_scales, frame.quats], axis=1).astype("<f4")
     if not np.all(np.isfinite(rows)):
         raise ValueError(f"{path}: a splat has a value that is not finite")
     head = "".join(["ply\nformat binary_little_endian 1.0\n", f"element vertex {n}\n",
@@ -163,13 +179,16 @@ class Clip:
 
     def __init__(self, path):
         self._path = os.fspath(path)
-        try:
+        with self._reading("not a bundle of spin4d"):
             self._zip = np.load(self._path, allow_pickle=False)
             self.meta = json.loads(bytes(self._zip["meta.json"]))
-        except (ValueError, KeyError, IndexError, AttributeError) as e:
-            raise ValueError(f"{self._path}: not a bundle of spin4d ({e})") from e
-        if self.meta.get("format") != "spin bundle" or self.meta.get("version") not in (1, 2, 3, 4, 5):
+            known = self.meta.get("format") == "spin bundle" and self.meta.get("version") in (1, 2, 3, 4, 5)
+        if not known:
             raise ValueError(f"{self._path}: not a bundle of version 1 to 5")
+        with self._reading():
+            self._read_meta()
+
+    def _read_meta(self):
         self._was = "trained/"
         if "network" in self.meta:
             self._modernise()
@@ -185,9 +204,22 @@ class Clip:
             ("source", whole <= set(self.meta["columns"]))) if there]
         self.times = np.array([f["time"] for f in self.meta["frames"]], np.float64)
         self.numbers = [f["number"] for f in self.meta["frames"]]
+        if not self.numbers:
+            raise ValueError("no frames")
         self.cameras = (self._trained or {}).get("cameras", [])
         data = self.meta.get("data")
         self.data = data and os.path.join(os.path.dirname(self._path), data["path"])
+
+    @contextlib.contextmanager
+    def _reading(self, what="damaged bundle"):
+        """What damaged files raise becomes a ValueError with the path; one that has it already is kept."""
+        try:
+            yield
+        except DAMAGE as e:
+            if isinstance(e, ValueError) and str(e).startswith(f"{self._path}: "):
+                raise
+            text = " ".join(f"{type(e).__name__} {e}".split())
+            raise ValueError(f"{self._path}: {what} ({text})") from e
 
     def __len__(self):
         return len(self.meta["frames"])
@@ -212,35 +244,43 @@ class Clip:
 
     def antialias(self, version=None):
         """Whether these splats are meant to be drawn antialiased."""
-        part = {"retrained": self._trained, "frames": self._refined}
-        return bool(part.get(self._version(version), self.meta).get("antialias", False))
+        version = self._version(version)
+        with self._reading():
+            part = {"retrained": self._trained, "frames": self._refined}
+            return bool(part.get(version, self.meta).get("antialias", False))
 
     def frame(self, index, version=None, torch=False):
         """Frame `index` of range(len(self)), or from the end where it is negative."""
-        version = self._version(version)
+        version, index = self._version(version), operator.index(index)
         if not -len(self) <= index < len(self):
             raise IndexError(f"{self._path}: no frame {index}, only {len(self)}")
         index %= len(self)
-        if version == "source" and self.splats_4d:
-            return self.slice(self.times[index], torch)
-        if version == "retrained":
-            means, log_scales, quats, sh, logits = self._retrained(index)
-        else:
-            group = "source" if version == "source" else "refined"
-            means, log_scales, quats, sh, logits = (
-                self._column(group, name, index)
-                for name in ("means", "log_scales", "quats", "sh", "logit_opacities"))
-        return self._finished(means, quats, log_scales, logits, sh, torch)
+        with self._reading():
+            if version == "source" and self.splats_4d:
+                return self._slice(self.times[index], torch)
+            if version == "retrained":
+                means, log_scales, quats, sh, logits = self._retrained(index)
+            else:
+                group = "source" if version == "source" else "refined"
+                means, log_scales, quats, sh, logits = (
+                    self._column(group, name, index)
+                    for name in ("means", "log_scales", "quats", "sh", "logit_opacities"))
+            return self._finished(means, quats, log_scales, logits, sh, torch)
 
     def slice(self, time, torch=False):
         """The source's 4D splats at any time, in the unit of `times`; see spin-bundle(5)."""
         if not self.splats_4d:
             raise ValueError(f"{self._path}: the source is frames, not 4D splats")
+        time = float(time)
+        with self._reading():
+            return self._slice(time, torch)
+
+    def _slice(self, time, torch):
         s = {name: self._once(f"source/4d/{name}").astype(np.float64) for name in
              ["centres", "times", "quats", "log_scales", "logit_opacities", "sigmas", "sh"]
              + ["paths"] * (self.splats_4d["degree"] > 0) + self.splats_4d["arrays"]}
         n = len(s["times"])
-        d = float(time) - s["times"][:, 0]
+        d = time - s["times"][:, 0]
         sigma = s["sigmas"][:, 0]
         lo, hi, after = s["plateaus"].T if "plateaus" in s else (s["times"][:, 0],) * 2 + (sigma,)
         x = np.where(time < lo, (time - lo) / sigma, np.where(time > hi, (time - hi) / after, 0))
@@ -280,6 +320,11 @@ class Clip:
 
     def values(self, name):
         """Array `name`, such as "source/means/00003", unpacked."""
+        name = os.fspath(name)
+        with self._reading():
+            return self._values(name)
+
+    def _values(self, name):
         if self._there(name) not in self._zip:
             raise ValueError(f"{self._path}: no array '{name}'")
         a = self._zip[self._there(name)]
@@ -350,13 +395,13 @@ class Clip:
 
     def _once(self, name):
         if name not in self._kept:
-            self._kept[name] = self.values(name)
+            self._kept[name] = self._values(name)
         return self._kept[name]
 
     def _column(self, group, name, index):
         if group == "source" and name in self.meta["static_columns"]:
             return self._once(f"source/{name}").copy()
-        return self.values(f"{group}/{name}/{index:05d}")
+        return self._values(f"{group}/{name}/{index:05d}")
 
     def _retrained(self, index):
         """means, and log scales, rotations, SH and logits before they are activated."""
@@ -376,12 +421,12 @@ class Clip:
         tracks = self._trained.get("tracks")
         means, residual = (f"trained/{name}/{index:05d}" for name in ("means", "residual"))
         if not tracks:
-            return self.values(means), self.values(residual) if self._there(residual) in self._zip else None
+            return self._values(means), self._values(residual) if self._there(residual) in self._zip else None
         of = self._once("trained/tracks")
         if tracks["same_rows"]:
             track = self._once("trained/track/00000")
         else:
-            track = self.values(f"trained/track/{index:05d}")
+            track = self._values(f"trained/track/{index:05d}")
         free = track == NO_TRACK
         if np.any(track[~free] >= len(of)):
             raise ValueError(f"{self._path}: frame {index} has tracks that are not there")
@@ -389,7 +434,7 @@ class Clip:
         for name, first, end, some in ((means, 0, 3, "moving"), (residual, 3, 14, "varying")):
             own = free | (track < tracks[some])
             own_values = self._there(name) in self._zip
-            values = self.values(name) if own_values else np.zeros((0, end - first), "<f4")
+            values = self._values(name) if own_values else np.zeros((0, end - first), "<f4")
             if values.shape != (own.sum(), end - first):
                 raise ValueError(f"{self._path}: array '{name}' has shape {values.shape}, expected "
                                  f"{(int(own.sum()), end - first)}")

@@ -1,7 +1,7 @@
 /* The error trail: one line of text per thread, built from the inside out.
  *
  * Text is formatted into a second buffer first, so that a caller may hand spin_last_error() back
- * in as an argument. Names come from foreign files: control characters in them become '?', which
+ * in as an argument. Names come from foreign files: control and invisible characters in them become '?', which
  * keeps the trail one line and the terminal unharmed. */
 #include "base/err.h"
 
@@ -40,11 +40,11 @@ spin_status spin_fail_context(spin_status code, const char *fmt, ...)
     va_start(args, fmt);
     vsnprintf(text, TRAIL, fmt, args);
     va_end(args);
-    spin_text_tidy(text, false);
     n = strlen(text);
     if (trail[0])
         snprintf(text + n, sizeof text - n, ": %s", trail);
     text[TRAIL - 1] = '\0'; /* an overlong trail loses its inner end */
+    spin_text_tidy(text, false);
     memcpy(trail, text, strlen(text) + 1);
     return code;
 }

@@ -112,42 +112,68 @@ void spin_text_html(FILE *to, const char *text)
     }
 }
 
-/* C1, which UTF-8 has in two bytes: terminals obey U+009B as they do ESC [. */
-static bool is_c1(const char *text)
+/* Bytes of the character of UTF-8 at `text`, and its code; 0 where there is none. Not past the terminating 0. */
+static int read_utf8(const char *text, uint32_t *code)
 {
+    static const uint32_t least[] = {0, 0, 0x80, 0x800, 0x10000};
     const unsigned char *c = (const unsigned char *)text;
+    int n = c[0] < 0x80 ? 1 : c[0] >> 5 == 6 ? 2 : c[0] >> 4 == 14 ? 3 : c[0] >> 3 == 30 ? 4 : 0;
 
-    return c[0] == 0xc2 && c[1] >= 0x80 && c[1] < 0xa0;
+    *code = n > 1 ? c[0] & (0x7fu >> n) : c[0];
+    for (int i = 1; i < n; i++) {
+        if (c[i] >> 6 != 2)
+            return 0;
+        *code = *code << 6 | (c[i] & 0x3f);
+    }
+    return *code >= least[n] && *code < 0x110000 && *code >> 11 != 0xd800 >> 11 ? n : 0;
+}
+
+/* Whether a terminal obeys the character (C0, DEL, C1), or shows other text than it is given because of it: controls of
+ * writing direction, zero-width characters and tags. */
+static bool is_control(uint32_t code)
+{
+    static const struct {
+        uint32_t first, last;
+    } range[] = {{0, 0x1f},        {0x7f, 0x9f},     {0xad, 0xad},      {0x61c, 0x61c},
+                 {0x180e, 0x180e}, {0x200b, 0x200f}, {0x2028, 0x202e},  {0x2060, 0x206f},
+                 {0xfeff, 0xfeff}, {0xfff9, 0xfffb}, {0xe0000, 0xe0fff}};
+
+    for (size_t i = 0; i < sizeof range / sizeof *range; i++)
+        if (code >= range[i].first && code <= range[i].last)
+            return true;
+    return false;
 }
 
 void spin_text_tidy(char *text, bool lines)
 {
-    for (; *text; text++) {
-        unsigned char c = (unsigned char)*text;
+    uint32_t code;
 
-        if (is_c1(text))
-            text[0] = text[1] = '?';
-        else if ((c < 0x20 || c == 0x7f) && !(lines && c == '\n'))
-            *text = '?';
+    for (int n; *text; text += n) {
+        n = read_utf8(text, &code);
+        if (n == 0 || (is_control(code) && !(lines && code == '\n')))
+            memset(text, '?', (size_t)(n = n ? n : 1));
     }
 }
 
 void spin_text_json(FILE *to, const char *text)
 {
-    fputc('"', to);
-    for (; *text; text++) {
-        unsigned char c = (unsigned char)*text;
+    uint32_t code;
 
-        if (c == '"' || c == '\\')
-            fprintf(to, "\\%c", c);
-        else if (c == '\n')
+    fputc('"', to);
+    for (int n; *text; text += n) {
+        n = read_utf8(text, &code);
+        if (n == 0)
+            fputs("\\ufffd", to), n = 1;
+        else if (code == '"' || code == '\\')
+            fprintf(to, "\\%c", (int)code);
+        else if (code == '\n')
             fputs("\\n", to);
-        else if (c < 0x20 || c == 0x7f)
-            fprintf(to, "\\u%04x", c);
-        else if (is_c1(text))
-            fprintf(to, "\\u%04x", (unsigned char)*++text);
+        else if (!is_control(code))
+            fwrite(text, 1, (size_t)n, to);
+        else if (code < 0x10000)
+            fprintf(to, "\\u%04x", code);
         else
-            fputc(c, to);
+            fprintf(to, "\\u%04x\\u%04x", 0xd7c0 + (code >> 10), 0xdc00 + (code & 0x3ff));
     }
     fputc('"', to);
 }

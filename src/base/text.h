@@ -12,10 +12,12 @@ FILE *spin_text_open(char **text, size_t *n);
 void spin_text_base64(FILE *to, const unsigned char *bytes, size_t n);
 /* As text or the value of an attribute of HTML; control characters but line feeds are left out. */
 void spin_text_html(FILE *to, const char *text);
-/* UTF-8 as a string of JSON, in its quotes; control characters are escaped. */
+/* UTF-8 as a string of JSON, in its quotes. Control and invisible characters, as of spin_text_tidy(), are escaped; bytes that
+ * are not UTF-8 become U+FFFD. */
 void spin_text_json(FILE *to, const char *text);
-/* For a terminal: control characters become '?' in place, as text from files may hold its commands. With `lines`
- * line feeds stay. */
+/* For a terminal, as text from files may hold its commands or change how the rest is read: every byte of a control character,
+ * of a control of writing direction, of a zero-width character and of what is not UTF-8 becomes '?', in place. With
+ * `lines` line feeds stay. */
 void spin_text_tidy(char *text, bool lines);
 
 bool spin_text_ends(const char *text, const char *with);

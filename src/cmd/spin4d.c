@@ -5,6 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/text.h"
 #include "spin_run.h"
 
 static struct spin_convert_options options = {.device = "auto"};
@@ -85,6 +86,7 @@ static int become(const char *name, char **argv)
     slash = strrchr(own, '/');
     snprintf(path, sizeof path, "%.*sspin-%s", slash ? (int)(slash - own) + 1 : 0, own, name);
     execvp(path, argv);
+    spin_text_tidy(path, false);
     fprintf(stderr, "spin4d: cannot run '%s': %s\n", path, strerror(errno));
     return SPIN_EXIT_FAILED;
 }

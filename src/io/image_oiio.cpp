@@ -249,7 +249,9 @@ enum spin_image_result image_encode(const struct spin_image_out *image, unsigned
             if (std::strcmp(image->names[c], "A") == 0)
                 spec.alpha_channel = c;
         spec.attribute("oiio:ColorSpace", image->linear ? "Linear" : "sRGB");
-        if (!exr)
+        if (exr) /* instead of the time of day, so that the same picture is the same bytes */
+            spec.attribute("DateTime", "1980:01:01 00:00:00");
+        else
             spec.attribute("oiio:UnassociatedAlpha", 1);
         encode(spec, image->format, OIIO::TypeDesc::FLOAT, image->pixels, bytes, n_bytes);
     });

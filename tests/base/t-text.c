@@ -33,6 +33,14 @@ static void base64(const char *in, const char *want)
 
 TAP_MAIN
 {
+    /* Right to left, its kin, zero width, a tag; C1 as a byte and as UTF-8; bytes that are no UTF-8: alone, too long, surrogates,
+     * beyond the last character. */
+    static const char *const hidden[] = {
+        "\xe2\x80\xae",     "\xe2\x80\xaa", "\xe2\x81\xa6", "\xd8\x9c",         "\xe2\x80\x8b",
+        "\xe2\x80\x8f",     "\xe2\x81\xa0", "\xef\xbb\xbf", "\xf3\xa0\x80\xa1", "\x9b",
+        "\xc2\x9b",         "\x80",         "\xc0\x9b",     "\xe0\x82\x9b",     "\xed\xa0\x80",
+        "\xf4\x90\x80\x80", "\xff",         "\xe2\x80"};
+    static const char shown[] = "\xc3\xa9\xd7\x90\xe2\x82\xac\xe4\xb8\xad\xf0\x9f\x98\x80\xc2\xa0";
     unsigned char block[6000];
     char text[48];
     FILE *f;
@@ -60,11 +68,26 @@ TAP_MAIN
     spin_text_json(f, "\xc2\x9b\xc2\xa0");
     fclose(f);
     is_text(got, "\"\\u009b\xc2\xa0\"", "JSON: a control character of two bytes");
+    f = begin();
+    spin_text_json(f, "\xe2\x80\xae\xf3\xa0\x80\xa1\x9b\xf0\x9f\x98\x80");
+    fclose(f);
+    is_text(got, "\"\\u202e\\udb40\\udc21\\ufffd\xf0\x9f\x98\x80\"",
+            "JSON: invisible characters, and no UTF-8");
     snprintf(text, sizeof text, "%s", "a\nb\x1b[31m\x7f\xc3\xa9\xc2\x9b\xc2");
     spin_text_tidy(text, true);
-    is_text(text, "a\nb?[31m?\xc3\xa9?\?\xc2", "what a terminal would obey");
+    is_text(text, "a\nb?[31m?\xc3\xa9?\?\?", "what a terminal would obey");
     spin_text_tidy(text, false);
-    is_text(text, "a?b?[31m?\xc3\xa9?\?\xc2", "and line feeds");
+    is_text(text, "a?b?[31m?\xc3\xa9?\?\?", "and line feeds");
+    for (size_t i = 0; i < sizeof hidden / sizeof *hidden; i++) {
+        snprintf(text, sizeof text, "a%sb", hidden[i]);
+        spin_text_tidy(text, false);
+        ok(strlen(text) == strlen(hidden[i]) + 2 && text[0] == 'a' &&
+               strspn(text + 1, "?") == strlen(hidden[i]),
+           "not for a terminal: %s", text);
+    }
+    snprintf(text, sizeof text, "%s", shown);
+    spin_text_tidy(text, false);
+    is_text(text, shown, "other characters stay");
     is_text(spin_text_bytes(999, text), "999 bytes", "bytes");
     is_text(spin_text_bytes(1234567, text), "1.23 MB", "megabytes");
     is_text(spin_text_duration(245, text), "4:05", "minutes");

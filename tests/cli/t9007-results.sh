@@ -36,7 +36,7 @@ for seed in 0 ${RESULTS:+1 2}; do
     is "$code" 0 "seed $seed"
     same=$(grep -c 'cpu (avx-512' "$work/err")
     [ "$same" = 0 ] && same=
-    [ $seed = 0 ] && path=$(grep -o 'cpu ([a-z0-9-]*' "$work/err" | sed 's/.*(//')
+    [ $seed = 0 ] && cp "$work/err" "$work/retrained" && path=$(grep -o 'cpu ([a-z0-9-]*' "$work/err" | sed 's/.*(//')
     run "$bin/spin-eval" "$work/better.spin" --dynamic images --json
     [ $seed = 0 ] && row='court-mini | ' || row=" | \`--seed $seed\`"
     set -- $(sed -n "s/^|* *$row *| [^ ]* | \([^ ]*\) MB | \([^ ]*\) | \([^ ]*\) | \([^ ]*\) |$/\1 \2 \3 \4/p" docs/results.md | tr -d '*')
@@ -54,5 +54,28 @@ for seed in 0 ${RESULTS:+1 2}; do
     is "$#" 2 "the tutorial has two figures"
     [ "$path" = avx2 ] && same=1 && want=$2 || want=$1
     like "$(figure 'j["psnr"]')" "$want" 1.5 "the tutorial's ($path)"
+
+    # What the pictures of the documents show, by `make pictures`, and the text beside them.
+    shown() { sed -n "s/^$1 //p" docs/pictures.txt; }
+    [ "$path" = "$(shown path)" ] && same=1 || same=
+    like "$(figure 'j["psnr"]')" "$(shown psnr)" 1.5 "the report's picture: PSNR"
+    like "$(figure 'j["ssim"]')" "$(shown ssim)" 0.06 "SSIM"
+    like "$(figure 'j["psnr_dynamic"]')" "$(shown psnr-dynamic)" 1.5 "in dynamic regions"
+    like "$(figure '[c["psnr"] for c in j["cameras"] if c["id"] == 0][0]')" "$(shown psnr-camera-0)" 1.5 "of camera 0"
+    like "$(figure 'j["storage"]["file"] / 1e6')" "$(shown megabytes)" 0.3 "storage"
+    grep -q "^preset quick: $(shown iterations) iterations, 6 frames" "$work/retrained"
+    ok $? "as many iterations"
+    echo "$tutorial" | grep -q "reach $(shown psnr-before) dB .*Camera 0 is worse, with $(shown psnr-camera-0) dB"
+    ok $? "the tutorial has the same of the import and of camera 0"
+    [ "$(shown path)" = avx2 ] && want=$2 || want=$1
+    same=1
+    like "$(shown psnr)" "$want" 0 "and of the retrained clip"
+    for when in psnr_before psnr_after; do
+        got=$(sed -n "s/^$when *//p" tests/clean-debian.md)
+        [ $when = psnr_after ] && want=$(shown psnr) || want=$(shown psnr-before)
+        like "$got" "$want" 0 "so has the transcript: $when"
+    done
+    grep -q "^preset quick: $(shown iterations) iterations, 6 frames" tests/clean-debian.md
+    ok $? "and the iterations"
 done
 done_testing

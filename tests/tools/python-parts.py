@@ -372,5 +372,98 @@ for name, more, means in (
             same(got.sh, sh.reshape(-1, 16, 3)[:, :k], "colours", 1e-4)
             same(got.opacities, 1 / (1 + np.exp(-logit)), "opacities", 1e-5)
 ok(clip.antialias() is False and clip.antialias("retrained") is False, "plain when nothing is said")
+
+
+# ---- Damaged bundles: what the module documents, and nothing from inside --------------------------
+
+
+def read_all(path):
+    """What went wrong; None: nothing."""
+    try:
+        clip = spin4d.load(path)
+        repr(clip)
+        for version in clip.versions:
+            clip.antialias(version)
+            clip.frame(0, version)
+            clip.frame(-1, version)
+    except (ValueError, OSError) as e:
+        good = str(e).startswith(path + ": ") and "\n" not in str(e) and not isinstance(e, UnicodeError)
+        return "refused" if good or isinstance(e, OSError) else repr(e)
+    except Exception as e:  # noqa: BLE001
+        return repr(e)
+    return None
+
+
+def damaged(path):
+    """The bundle cut short, with bytes changed, and with each value of meta.json exchanged or left out."""
+    whole = open(path, "rb").read()
+    for k in range(60):
+        yield f"cut at {k} of 60", whole[:len(whole) * k // 60]
+        at = (len(whole) * k // 60 + 7 * k) % len(whole)
+        yield f"byte {at}", whole[:at] + bytes([whole[at] ^ 1 << k % 8]) + whole[at + 1:]
+    with zipfile.ZipFile(path) as z:
+        members = {n: z.read(n) for n in z.namelist()}
+    meta = json.loads(members.pop("meta.json"))
+    for lost in members:
+        yield f"without {lost}", zipped({n: m for n, m in members.items() if n != lost}, meta)
+    for where in walk(meta):
+        for value in (None, "x", -1, 10**30, [], {}, [[7]], {"path": 3}):
+            copy = json.loads(json.dumps(meta))
+            part = copy
+            for key in where[:-1]:
+                part = part[key]
+            if value is None:
+                del part[where[-1]]
+            else:
+                part[where[-1]] = value
+            yield f"{where} as {value}", zipped(members, copy)
+
+
+def walk(value, at=()):
+    for key in value if isinstance(value, dict) else range(min(len(value), 2)) if isinstance(value, list) else ():
+        yield (*at, key)
+        yield from walk(value[key], (*at, key))
+
+
+def zipped(members, meta):
+    to = io.BytesIO()
+    with zipfile.ZipFile(to, "w") as z:
+        z.writestr("meta.json", json.dumps(meta))
+        for name, data in members.items():
+            z.writestr(name, data)
+    return to.getvalue()
+
+
+bad = os.path.join(work, "damaged.spin")
+for name in "network", "both":
+    wrong, refused = [], 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for what, data in damaged(os.path.join(work, name + ".spin")):
+            with open(bad, "wb") as f:
+                f.write(data)
+            why = read_all(bad)
+            refused += why == "refused"
+            wrong += [f"{what}: {why}"] if why not in (None, "refused") else []
+    ok(not wrong and refused > 200, f"{name}.spin damaged: a ValueError that names it", f"{refused} refused; " + "\n#   ".join(wrong[:5]))
+for call in (lambda: clip.frame("0"), lambda: clip.slice(None), lambda: clip.values(3)):
+    try:
+        call()
+    except (TypeError, ValueError) as e:
+        ok("damaged" not in str(e), "an argument that is wrong is no damage", str(e))
+
+# ---- write_ply ------------------------------------------------------------------------------------
+
+n = 3
+frame = spin4d.Frame(random(n, 3), np.eye(4, dtype=np.float32)[:n], np.array([[1, 1, 1], [1, 0, 1], [2, 1, 1]], np.float32),
+                     np.array([0, 0.5, 1], np.float32), random(n, 4, 3))
+spin4d.write_ply(os.path.join(work, "hidden.ply"), frame)
+with open(os.path.join(work, "hidden.ply"), "rb") as f:
+    rows = np.frombuffer(f.read().split(b"end_header\n")[1], "<f4").reshape(n, -1)
+same(1 / (1 + np.exp(-rows[:, 15].astype(float))), [0, 0.5, 1], "splats that are hidden and solid are written", 1e-9)
+same(np.exp(rows[:, 16:19]), frame.scales, "flat ones as well", 1e-6)
+for name, more in (("NaN", {"opacities": np.array([0, np.nan, 1])}), ("an opacity below 0", {"opacities": np.array([0, -0.5, 1])}),
+                   ("an infinite place", {"means": np.full((n, 3), np.inf)})):
+    fails(["hidden.ply"], f"{name} is refused", spin4d.write_ply, os.path.join(work, "hidden.ply"), frame._replace(**more))
 print(f"1..{count}")
 sys.exit(1 if failed else 0)

@@ -13,7 +13,7 @@ import { render } from './lib/reference.mjs';
 import { readPly } from './lib/splat.mjs';
 import { writePly } from './lib/write.mjs';
 
-const [bin, work] = process.argv.slice(2), BANDS = [3, 1], SPLATS = 300, FRAMES = 7, C0 = 0.28209479177387814;
+const [bin, work] = process.argv.slice(2), BANDS = [3, 1], SPLATS = 300, FRAMES = 7, SCHEMES = ['javascript:alert(1)', ' JaVa\nScript:alert(1)//.sogst', 'data:text/html,x', 'vbscript:x'], C0 = 0.28209479177387814;
 let tests = 0, failed = 0;
 function ok(good, what, why = '') {
     tests++;
@@ -748,6 +748,10 @@ page.key('r');
     is([waits.$('poster').hidden, waits.root.classList.contains('bare'), waits.root.classList.contains('loading')], [false, false, true], 'a poster until the first picture is there');
     await waits.settle();
     is([waits.$('poster').hidden, waits.root.classList.contains('loading'), page.$('poster').hidden], [true, false, true], 'and no longer');
+    for (const bad of [...SCHEMES, 'http://']) {
+        const q = openPage(two, { address: `${here}?poster=${encodeURIComponent(bad)}` });
+        is([q.$('poster').hidden, q.$('poster').src], [true, undefined], `a poster of ${JSON.stringify(bad)} is left out`);
+    }
     is([(await in16({ address: `${here}?frame=2`, media: [] })).$('play').textContent, openPage(fourD.lines, { address: `${here}?frame=2.5` }).$('label').title], ['Play', 'Number 1.5'], 'a frame that is asked for stays; of 4D splats also one between two');
     ok(openPage(served, { address: 'file:///home/x/served.html' }).$('message').textContent.startsWith('This page reads served.bin beside it'), 'from the disk a page of two files says what to do');
     const rests = await in16({ media: [], height: 250 });
@@ -831,6 +835,77 @@ for (const [what, does] of [['another frame', (p) => p.key('ArrowRight')], ['bot
     is(p.gl.textures, 5, 'which are used again');
 }
 
+// ---- .sogst files that lie: exporters/player/sogst.js -----------------------------------------------------
+
+{
+    const code3 = fs.readFileSync(new URL('../../exporters/player/sogst.js', import.meta.url), 'utf8'), fixture = (name) => new URL(`../../fixtures/sogst/${name}/scene.sogst`, import.meta.url);
+    // Members of a ZIP whose entries are stored, and such a ZIP.
+    const membersOf = (file) => {
+        const bytes = fs.readFileSync(file), members = new Map();
+        for (let at = bytes.readUInt32LE(bytes.length - 6), n = bytes.readUInt16LE(bytes.length - 12); n > 0; n--) {
+            const [size3, name, extra, note] = [24, 28, 30, 32].map((o) => (o === 24 ? bytes.readUInt32LE(at + o) : bytes.readUInt16LE(at + o))), local = bytes.readUInt32LE(at + 42);
+            const from = local + 30 + bytes.readUInt16LE(local + 26) + bytes.readUInt16LE(local + 28);
+            members.set(bytes.toString('utf8', at + 46, at + 46 + name), bytes.subarray(from, from + size3));
+            at += 46 + name + extra + note;
+        }
+        return members;
+    };
+    const zipOf = (members) => {
+        const parts = [], directory = [];
+        let at = 0;
+        for (const [name, data] of members) {
+            const local = Buffer.alloc(30), head = Buffer.alloc(46), label = Buffer.from(name);
+            local.writeUInt32LE(0x04034b50, 0);
+            local.writeUInt16LE(label.length, 26);
+            head.writeUInt32LE(0x02014b50, 0);
+            [20, 24].forEach((o) => head.writeUInt32LE(data.length, o));
+            head.writeUInt16LE(label.length, 28);
+            head.writeUInt32LE(at, 42);
+            parts.push(local, label, data);
+            directory.push(head, label);
+            at += 30 + label.length + data.length;
+        }
+        const end = Buffer.alloc(22);
+        end.writeUInt32LE(0x06054b50, 0);
+        end.writeUInt16LE(members.size, 10);
+        end.writeUInt32LE(at, 16);
+        return new Uint8Array(Buffer.concat([...parts, ...directory, end]));
+    };
+    const sizesOf = (webp) => { const v = webp.readUInt32LE(21); return { width: 1 + (v & 0x3fff), height: 1 + (v >>> 14 & 0x3fff) }; };
+    // Says { error } or { frames, n, decoded }, of pictures whose bytes all are 252.
+    const read = async (name, change = () => {}, address = 'http://there/view.html?src=c.sogst') => {
+        const members = membersOf(fixture(name)), meta = JSON.parse(members.get('meta.json'));
+        delete meta.shN;
+        change(meta, members);
+        members.set('meta.json', Buffer.from(JSON.stringify(meta)));
+        const elements = { clip: {}, page: { textContent: '' }, message: {} }, state = { decoded: 0 }, gl = new Proxy({ readPixels: (x, y, w, h, f, t, out) => out.fill(252) }, { get: (o, key) => o[key] ?? (() => {}) });
+        await new Promise((end) => {
+            const window = { parent: { postMessage: (m) => { state.error = m.spin4d.error; end(); } } };
+            const document = { getElementById: (id) => elements[id], createElement: (tag) => (tag === 'canvas' ? { getContext: () => gl } : {}), body: { append: () => { state.n = window.spinMoving.n; state.frames = JSON.parse(elements.clip.textContent).numbers.length; end(); } } };
+            const given = { document, window, location: { href: address }, fetch: async () => new Response(zipOf(members)), createImageBitmap: async (blob) => { state.decoded++; return sizesOf(Buffer.from(await blob.arrayBuffer())); } };
+            new Function(...Object.keys(given), code3)(...Object.values(given));
+        });
+        return state;
+    };
+    is(await read('no_segments'), { decoded: 8, n: 300, frames: 61 }, 'a .sogst file is read');
+    is(await read('sh1_by_splat_transform'), { decoded: 88, n: 420, frames: 61 }, 'and one of segments');
+    const header = (webp, size3) => { const copy = Buffer.from(webp); copy.writeUInt32LE(size3 - 1 | size3 - 1 << 14, 21); return copy; };
+    for (const [what, words, change, name = 'no_segments'] of [
+        ['ten years long', 'number of frames', (m) => { m.time.max = 3e8; }], ['of a billion frames a second', 'frames a second', (m) => { m.time.fps = 1e9; }], ['of no frame rate', 'frames a second', (m) => { delete m.time.fps; }], ['that ends before it begins', 'number of frames', (m) => { m.time.max = -1; }],
+        ['of a billion splats', 'count', (m) => { m.count = 1e9; }], ['of two million splats in 30 kB', 'count', (m) => { m.count = 2e6; }], ['of half a splat', 'count', (m) => { m.count = 0.5; }], ['of more splats than pixels', 'pixels for 9000 values', (m) => { m.count = 9000; }],
+        ['with SH of degree 40', 'bands of shN', (m) => { m.shN = { bands: 40 }; }], ['with a palette of a million', 'count of shN', (m) => { m.shN = { bands: 1, count: 1e6 }; }],
+        ['with a picture of 16384 pixels a side', '16384x16384 pixels', (m, f) => f.set('means_l.webp', header(f.get('means_l.webp'), 16384))], ['with a picture of no WebP', 'not a WebP', (m, f) => f.set('means_l.webp', Buffer.alloc(40))],
+        ['with an animation', 'not a lossless WebP', (m, f) => f.set('means_l.webp', Buffer.concat([f.get('means_l.webp').subarray(0, 12), Buffer.from('ANIM'), Buffer.alloc(30)]))],
+        ['with a chunk that never ends', 'not a lossless WebP', (m, f) => f.set('means_l.webp', Buffer.concat([f.get('means_l.webp').subarray(0, 12), Buffer.from('EXIF'), Buffer.alloc(30, 255)]))],
+        ['with a short codebook', 'codebook', (m) => { m.scales.codebook.length = 3; }], ['with a codebook of words', 'codebook', (m) => { m.scales.codebook[9] = 'x'; }], ['beyond what a float holds', 'place', (m) => { m.means.maxs[0] = 1e3; }],
+        ['whose segments overlap', 'segments', (m) => { m.segments.list.forEach((s) => { s.range = [0, m.count]; }); }, 'sh1_by_splat_transform'], ['whose segments end early', 'segments', (m) => { m.segments.list.length = m.streams.segments.length = 2; }, 'sh1_by_splat_transform'], ['with streams alone', 'segments', (m) => { delete m.segments; }, 'sh1_by_splat_transform']
+    ]) {
+        const { error, decoded } = await read(name, change);
+        ok(error?.includes(words) && (decoded === 0 || ['place', 'codebook'].includes(words)), `a clip ${what} is refused, unread`, `${error}, ${decoded} pictures decoded`);
+    }
+    for (const bad of SCHEMES) ok((await read('no_segments', () => {}, `http://there/view.html?src=${encodeURIComponent(bad)}`)).error, `a clip at ${JSON.stringify(bad)} is refused`);
+}
+
 // ---- The player of other pages: exporters/player --------------------------------------------------------
 
 {
@@ -885,8 +960,18 @@ for (const [what, does] of [['another frame', (p) => p.key('ArrowRight')], ['bot
     parts.destroy();
     made.pop();
     is(addressOf('c.sogst', { noui: true }), `${new URL('view.html', folder)}?src=${encodeURIComponent('https://site/blog/c.sogst')}&noui=1`, 'a .sogst file is shown by the page that comes with the player');
+    for (const bad of SCHEMES) {
+        await fails(`a clip of ${JSON.stringify(bad)} is refused`, 'not one of http, https, blob or file', () => createPlayer(element, bad));
+        await fails('and so is a poster', 'not one of http, https, blob or file', () => addressOf('a.html', { poster: bad }));
+    }
+    is(['http://a/b.html', 'blob:https://site/1', 'file:///b.html', '../b.html', '//c/b.html'].map((url) => addressOf(url)), ['http://a/b.html', 'blob:https://site/1', 'file:///b.html', 'https://site/b.html', 'https://c/b.html'], 'the web, blobs, files and relative addresses are not');
     player.destroy();
     is([frame.removed, listeners.size], [true, 0], 'nothing is left of it');
+    const hostile = new kinds['spin-clip'](), refused = [];
+    hostile.addEventListener('error', (e) => refused.push(e.message));
+    hostile.attributes = { src: 'javascript:alert(1)' };
+    hostile.connectedCallback();
+    is([made.length, hostile.children.length, hostile.player, refused.length], [1, 0, null, 1], '<spin-clip> of a script is an error, and no frame');
     const clip3 = new kinds['spin-clip']();
     clip3.connectedCallback();
     is(made.length, 1, '<spin-clip> without a clip is empty');
