@@ -90,6 +90,7 @@ struct spin_retrain_options {
     bool deterministic;            /* sums on a card repeat bit for bit; the CPU's always do */
     int eval_every, save_every;    /* iterations; 0: at the end; every 5 minutes */
     bool resume, force, dry_run;
+    bool auto_resume; /* the caller resumes by itself, as spin_convert() does: errors name no --resume */
     const char *preview, *log; /* folder, file; or NULL */
     const char *watch;         /* folder for a page that shows the state; or NULL */
     const char

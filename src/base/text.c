@@ -138,6 +138,17 @@ const char *spin_text_count(long long n, const char *noun, char text[48])
     return text;
 }
 
+/* Whether the notes up to n have this line. */
+static bool has_line(const char *notes, size_t n, const char *line)
+{
+    for (size_t length, at = 0; at < n; at += length + 1) {
+        length = strcspn(notes + at, "\n");
+        if (length == strlen(line) && memcmp(notes + at, line, length) == 0)
+            return true;
+    }
+    return false;
+}
+
 void spin_text_note(char *notes, size_t size, const char *fmt, ...)
 {
     size_t used = strlen(notes), room = size - used;
@@ -147,7 +158,7 @@ void spin_text_note(char *notes, size_t size, const char *fmt, ...)
     va_start(args, fmt);
     n = vsnprintf(notes + used, room, fmt, args);
     va_end(args);
-    if (n < 0 || (size_t)n + 1 >= room)
+    if (n < 0 || (size_t)n + 1 >= room || has_line(notes, used, notes + used))
         notes[used] = '\0';
     else
         memcpy(notes + used + n, "\n", 2);

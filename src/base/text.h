@@ -28,7 +28,7 @@ const char *spin_text_about(double seconds, char text[32]);
 /* "1 frame", "2 frames": a noun with an s. Returns text. */
 const char *spin_text_count(long long n, const char *noun, char text[48]);
 
-/* A line of an importer's notes, or a data set's, as printf; no newline at the end of fmt. One that does not fit is
- * dropped. */
+/* A line of an importer's notes, or a data set's, as printf; no newline at the end of fmt. One that does not fit, or
+ * is there already, is dropped. */
 #define spin_note(of, ...) spin_text_note((of)->notes, sizeof(of)->notes, __VA_ARGS__)
 void spin_text_note(char *notes, size_t size, const char *fmt, ...) SPIN_PRINTF(3, 4);

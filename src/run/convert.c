@@ -215,21 +215,6 @@ static spin_status look(struct convert *c)
     return SPIN_OK;
 }
 
-/* Here it goes on by itself, and --force alone begins anew. */
-static spin_status say_how_to_go_on(spin_status failed)
-{
-    static const char *const said[][2] = {
-        {"go on with --resume", "the same command goes on"},
-        {"--force without --resume to start anew", "--force to start anew"}};
-    char why[2048];
-    int n = snprintf(why, sizeof why, "%s", spin_last_error());
-
-    for (int i = 0; i < 2; i++)
-        if (spin_text_ends(why, said[i][0]))
-            return spin_fail(failed, "%.*s%s", n - (int)strlen(said[i][0]), why, said[i][1]);
-    return failed;
-}
-
 /* An unfinished retraining goes on; with --force one that was made otherwise is replaced. rows: of 4D splats. */
 static spin_status retrain_as(struct convert *c, const char *input, const char *output, bool rows)
 {
@@ -253,14 +238,14 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
     retrain.device = o->device;
     retrain.n_threads = o->n_threads;
     retrain.force = o->force;
+    retrain.auto_resume = true;
     retrain.resume = spin_path_is_taken(part) || (!o->force && spin_path_is_taken(output));
     status = spin_retrain(&retrain, &text);
     if (status == SPIN_E_USAGE && retrain.resume && o->force) {
         retrain.resume = false;
         status = spin_retrain(&retrain, &text);
     }
-    return status == SPIN_OK ? add_report(c, rows ? "rows" : "retrain", text)
-                             : say_how_to_go_on(status);
+    return status == SPIN_OK ? add_report(c, rows ? "rows" : "retrain", text) : status;
 }
 
 /* What is exported is c->bundle then. */

@@ -8,6 +8,7 @@
 struct spin_checkpoint {
     const char *path;        /* of the state */
     const char *fingerprint; /* what must be equal for a resume */
+    const char *restart;     /* the options that discard the state, for errors */
     double start_s, saved_s; /* when this run began to work, when it last saved: spin_now_s() */
     double before_s;         /* seconds worked before the state was saved that was resumed */
     double refine_s;         /* of all seconds, those of the refinement */
@@ -16,6 +17,7 @@ struct spin_checkpoint {
     bool sound; /* the trainer stands between two steps, all finite: its state can be saved */
     uint32_t **permutation; /* [frames][splats] kept in the state when there are tracks */
     int64_t saved;          /* iteration of the state that is kept; -1: none is */
+    bool failed;            /* the last attempt to save did */
 };
 
 /* Seconds of work so far, those before a resume too. */

@@ -68,5 +68,11 @@ TAP_MAIN
     is_text(spin_text_count(0, "frame", text), "0 frames", "no frames");
     is_text(spin_text_count(1, "frame", text), "1 frame", "one frame");
     is_text(spin_text_count(2, "frame", text), "2 frames", "two frames");
+    *text = '\0';
+    spin_text_note(text, sizeof text, "frame %d is empty", 12);
+    spin_text_note(text, sizeof text, "frame %d is empty", 1);
+    spin_text_note(text, sizeof text, "frame %d", 1);
+    spin_text_note(text, sizeof text, "frame %d", 1);
+    is_text(text, "frame 12 is empty\nframe 1 is empty\nframe 1\n", "the same note once");
     free(got);
 }
