@@ -184,7 +184,7 @@ class Clip:
             ("source", whole <= set(self.meta["columns"]))) if there]
         self.times = np.array([f["time"] for f in self.meta["frames"]], np.float64)
         self.numbers = [f["number"] for f in self.meta["frames"]]
-        self.cameras = (self._trained or {}).get("cameras", [])
+        self.cameras = (self._trained or self.meta.get("trained_4d") or {}).get("cameras", [])
         data = self.meta.get("data")
         self.data = data and os.path.join(os.path.dirname(self._path), data["path"])
 

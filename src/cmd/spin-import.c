@@ -170,6 +170,7 @@ static const char bundle_text[] =
     ", {{options.iterations}} iterations on {{device}}"
     "{{^field}}, no network{{/}}{{#field}}; {{levels}} levels of {{features}} features, "
     "{{rows}} rows, hidden width {{hidden}}{{/}}\n" STAGE
+    "{{#trained_4d}}trained     4D splats, {{options.iterations}} iterations on {{device}}\n" STAGE
     "size        {{bytes.file %B}}{{#bytes.source}}, source {{bytes.source %B}}{{/}}"
     "{{#bytes.refined}}, refined {{bytes.refined %B}}{{/}}"
     "{{#bytes.positions}}, values of frames {{bytes.positions %B}}{{/}}"
