@@ -187,6 +187,8 @@ class Clip:
         self.cameras = (self._trained or self.meta.get("trained_4d") or {}).get("cameras", [])
         data = self.meta.get("data")
         self.data = data and os.path.join(os.path.dirname(self._path), data["path"])
+        if data and "absolute" in data and not os.path.exists(self.data):
+            self.data = data["absolute"]
 
     def __len__(self):
         return len(self.meta["frames"])

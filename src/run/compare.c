@@ -4,6 +4,7 @@
 #include "io/ranks.h"
 #include "eval/report/report.h"
 #include "run/run.h"
+#include "scene/data_path.h"
 
 /* What a run is called: its file's name, or the whole path where another has that name too. */
 static spin_status set_name(spin_json *run, const char *const *input, int n, int i)

@@ -9,6 +9,7 @@
 #include "io/ranks.h"
 #include "render/player.h"
 #include "run/data_hint.h"
+#include "scene/data_path.h"
 
 struct convert {
     const struct spin_convert_options *o;
@@ -175,12 +176,12 @@ static spin_status import(struct convert *c)
         c->beside = spin_data_beside(o->input);
     if (!c->beside)
         return import_from(c, o->data);
-    spin_log(0, "the data set '%s' lies beside the run and is taken; --data names another",
-             c->beside);
     status = import_from(c, c->beside);
+    if (status == SPIN_OK)
+        spin_log(0, "uses the data set '%s' beside the run; --data names another", c->beside);
     if (status == SPIN_OK || status == SPIN_E_CANCELLED || status == SPIN_E_MEMORY)
         return status;
-    spin_warn("the data set '%s' is not taken: %s", c->beside, spin_last_error());
+    spin_warn("the data set '%s' beside the run is not used: %s", c->beside, spin_last_error());
     free(c->beside);
     c->beside = NULL;
     return import_from(c, NULL);

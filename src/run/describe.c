@@ -1,8 +1,8 @@
 /* spin_bundle_describe(): what meta.json and the names of the members say. */
 #include "base/base.h"
 #include "spin_run.h"
-#include "scene/bundle.h"
 #include "scene/clip.h"
+#include "scene/data_path.h"
 #include "scene/trained_options.h"
 
 static int64_t integer_of(const spin_json *object, const char *key)

@@ -10,6 +10,7 @@
 #include "render/player.h"
 #include "run/share_splats.h"
 #include "run/training.h"
+#include "scene/data_path.h"
 #include "scene/lens.h"
 #include "scene/probe.h"
 

@@ -12,6 +12,7 @@
 #include "io/output.h"
 #include "io/image.h"
 #include "io/ranks.h"
+#include "scene/data_path.h"
 #include "scene/probe.h"
 #include "scene/splats_4d.h"
 
@@ -179,7 +180,7 @@ static spin_status attach_data(struct import *im)
     if (!o->output)
         return SPIN_OK;
     SPIN_TRY(spin_path_folder(o->output, &folder));
-    return spin_path_relative(folder, im->data, &im->meta.data_path);
+    return spin_bundle_set_data_path(&im->meta, folder, im->data);
 }
 
 /* ---- Which frames ------------------------------------------------------------------------------ */

@@ -2,6 +2,7 @@
 #include "scene/clip.h"
 
 #include "base/base.h"
+#include "scene/data_path.h"
 #include "scene/probe.h"
 
 spin_status spin_range_select(const struct spin_range *range, const struct spin_frame_info *info,

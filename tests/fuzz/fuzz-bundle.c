@@ -1,6 +1,7 @@
 /* Any bytes as a bundle: open, read every frame, and the splats that its network makes of each.  K: fuzz bundle */
 #include "io/file.h"
 #include "render/player.h"
+#include "scene/data_path.h"
 #include "tests/fuzz/input.h"
 
 #include <stdlib.h>

@@ -143,6 +143,9 @@ os.makedirs(os.path.join(work, "below"), exist_ok=True)
 for given, want in ("../data/court", os.path.join(work, "below", "../data/court")), ("/data/court", "/data/court"):
     path = write("data", {"data": {"path": given, "from": "d3dgs"}}, {}, "below")
     ok(spin4d.load(path).data == want, f"the data set at {given} is beside the bundle", spin4d.load(path).data)
+path = write("data", {"data": {"path": "../no/court", "absolute": work, "from": "d3dgs"}}, {}, "below")
+ok(spin4d.load(path).data == work, "the data set of a bundle that was moved alone", spin4d.load(path).data)
+path = write("data", {"data": {"path": "/data/court", "from": "d3dgs"}}, {}, "below")
 os.chdir(os.path.join(work, "below"))
 ok(spin4d.load("data.spin").data == "/data/court", "a bundle in the working folder")
 
