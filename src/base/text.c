@@ -2,6 +2,7 @@
 
 #include <stdarg.h>
 #include <string.h>
+#include <strings.h>
 
 void spin_text_base64(FILE *to, const unsigned char *bytes, size_t n)
 {
@@ -92,6 +93,13 @@ bool spin_text_ends(const char *text, const char *with)
     size_t n = strlen(text), n_with = strlen(with);
 
     return n >= n_with && strcmp(text + n - n_with, with) == 0;
+}
+
+bool spin_text_ends_any_case(const char *text, const char *with)
+{
+    size_t n = strlen(text), n_with = strlen(with);
+
+    return n >= n_with && strcasecmp(text + n - n_with, with) == 0;
 }
 
 const char *spin_text_bytes(uint64_t bytes, char text[32])

@@ -15,6 +15,7 @@ void spin_text_json(FILE *to, const char *text);
 void spin_text_tidy(char *text, bool lines);
 
 bool spin_text_ends(const char *text, const char *with);
+bool spin_text_ends_any_case(const char *text, const char *with);
 /* How many characters must be put in, taken out or changed between the first n_a of a and b; 99 where one is longer than
  * 31. */
 int spin_text_distance(const char *a, size_t n_a, const char *b);

@@ -3,6 +3,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "spin_run.h"
 #include "io/json.h"
@@ -79,6 +80,7 @@ static const struct spin_args_command command = {
     .examples = examples,
     .main = main_options,
     .rows = rows,
+    .several = "the files of a clip are given as the folder that holds them",
     .plugin_kind = "importer",
     .plugin_selector = "from",
 };
@@ -187,7 +189,7 @@ static const struct spin_importer *find_importer(const char *name)
     if (!name)
         return NULL;
     for (const struct spin_importer *const *i = spin_importer_list(); *i; i++)
-        if (strlen((*i)->name) == length && !strncmp((*i)->name, name, length))
+        if (strlen((*i)->name) == length && !strncasecmp((*i)->name, name, length))
             return *i;
     return NULL;
 }

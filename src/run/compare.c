@@ -83,6 +83,8 @@ static spin_status check_outputs(const struct spin_eval_options *o, const char *
     if (spin_rank() > 0)
         return SPIN_OK;
     if (o->report)
+        SPIN_TRY(spin_report_check_name(o->report));
+    if (o->report)
         SPIN_TRY(spin_output_check_file(o->report, o->force));
     return figures ? spin_output_check_empty_folder(figures, o->force) : SPIN_OK;
 }

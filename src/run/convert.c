@@ -10,6 +10,7 @@
 #include "render/player.h"
 #include "run/data_hint.h"
 #include "scene/data_path.h"
+#include "scene/foreign.h"
 
 struct convert {
     const struct spin_convert_options *o;
@@ -55,6 +56,7 @@ static spin_status name_output(struct convert *c)
 
     if (o->output)
         return spin_strdup(o->output, &c->output);
+    SPIN_TRY(spin_foreign_missing(o->input));
     SPIN_TRY(spin_path_absolute(o->input, &absolute));
     name = spin_path_name(absolute);
     return put_together(name, stem_length(name, !spin_path_is_folder(absolute)), ".html",
@@ -73,14 +75,22 @@ static bool holds_rows(const char *name)
 static spin_status name_all(struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
-    const char *ending;
+    const struct spin_exporter *named = o->to ? spin_exporter_named(o->to) : NULL;
+    const char *ending, *dot, *nearest;
     size_t n;
 
     SPIN_TRY(name_output(c));
     ending = spin_exporter_for(c->output);
-    c->to = o->to ? o->to : ending;
-    if (!c->to)
-        return spin_misuse("the ending of '%s' names no exporter: say which with --to", c->output);
+    c->to = named ? named->name : o->to ? o->to : ending;
+    if (!c->to) {
+        dot = strrchr(spin_path_name(c->output), '.');
+        nearest = dot && dot[1] ? spin_exporter_nearest(dot) : NULL;
+        return spin_misuse("the ending of '%s' names no exporter: %s%s", c->output,
+                           nearest ? "the nearest is " : "say which with --to",
+                           nearest ? nearest : "");
+    }
+    if (named)
+        SPIN_TRY(spin_exporter_check_name(named, c->output));
     n = stem_length(c->output, ending != NULL);
     SPIN_TRY(put_together(c->output, n, ".spin", &c->bundle));
     if (holds_rows(c->to))

@@ -135,6 +135,8 @@ static spin_status check_report(const struct spin_eval_options *o)
 {
     if (o->log && !o->report)
         return spin_misuse("the log is for the report: say where with --report");
+    if (o->report)
+        SPIN_TRY(spin_report_check_name(o->report));
     if (o->log && !spin_path_exists(o->log))
         return spin_not_found("the log '%s' does not exist", o->log);
     return o->report ? spin_output_check_file(o->report, o->force) : SPIN_OK;

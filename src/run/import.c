@@ -13,6 +13,7 @@
 #include "io/image.h"
 #include "io/ranks.h"
 #include "scene/data_path.h"
+#include "scene/foreign.h"
 #include "scene/probe.h"
 #include "scene/splats_4d.h"
 
@@ -85,6 +86,8 @@ static spin_status open_data(struct import *im)
 
     if (!o->data && !im->sequence.continuous) /* the one that spin-export wrote down */
         SPIN_TRY(spin_exported_data(im->input, &path, &from));
+    if (o->data)
+        SPIN_TRY(spin_foreign_missing(o->data));
     if (o->data || path)
         SPIN_TRY(spin_path_absolute(o->data ? o->data : path, &im->data));
     if (im->data)
@@ -795,6 +798,8 @@ static spin_status run_import(struct import *im)
     SPIN_TRY(check_frame_times(o));
     if (o->check_cameras && !o->data)
         return spin_misuse("--check-cameras draws over images: say where with --data");
+    if (o->output)
+        SPIN_TRY(spin_bundle_check_name(o->output));
     if (o->output && spin_rank() == 0)
         SPIN_TRY(spin_output_check_file(o->output, o->force));
     SPIN_TRY(spin_importer_find_run(o->input, o->from, &im->importer, &im->below));

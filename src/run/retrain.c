@@ -609,7 +609,9 @@ spin_status spin_train(const struct spin_retrain_options *o, struct spin_retrain
     memset(&r, 0, sizeof r);
     memset(report, 0, sizeof *report);
     r.checkpoint.saved = -1;
-    status = plan(&r, o, report);
+    status = o->output ? spin_bundle_check_name(o->output) : SPIN_OK;
+    if (status == SPIN_OK)
+        status = plan(&r, o, report);
     if (status == SPIN_OK && !o->dry_run)
         status = work(&r);
     if (status == SPIN_OK) {
