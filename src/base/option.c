@@ -54,8 +54,8 @@ spin_status spin_option_word(const struct spin_plugin_values *v, const char *key
     return spin_misuse("option '%s' is '%s', expected %s", key, text, list);
 }
 
-static spin_status read_number(const struct spin_plugin_values *v, const char *key,
-                               bool whole, double least, double most, double *out)
+static spin_status read_number(const struct spin_plugin_values *v, const char *key, bool whole,
+                               double least, double most, double *out)
 {
     const char *text = spin_plugin_value(v, key, NULL);
     char *end;
@@ -66,8 +66,8 @@ static spin_status read_number(const struct spin_plugin_values *v, const char *k
     value = strtod(text, &end);
     if (end == text || *end || !(value >= least && value <= most) ||
         (whole && value != floor(value)))
-        return spin_misuse("option '%s' is '%s', expected a %snumber from %.10g to %.10g", key, text,
-                           whole ? "whole " : "", least, most);
+        return spin_misuse("option '%s' is '%s', expected a %snumber from %.10g to %.10g", key,
+                           text, whole ? "whole " : "", least, most);
     *out = value;
     return SPIN_OK;
 }

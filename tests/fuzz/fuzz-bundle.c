@@ -55,8 +55,8 @@ static void evaluate(struct spin_bundle *bundle)
         size_t n = spin_bundle_count(bundle, f, SPIN_FROM_TRAINED);
 
         if (n <= MOST &&
-            spin_player_splats(&renderer, f, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-                                       &splats) == SPIN_OK &&
+            spin_player_splats(&renderer, f, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &splats) ==
+                SPIN_OK &&
             splats.n != n)
             abort();
     }

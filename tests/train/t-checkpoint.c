@@ -253,8 +253,7 @@ static void check_refused(struct spin_device *d)
         {"table/m", 1, 0xff800000u, "not finite"},
     };
     struct run r;
-    struct spin_checkpoint c = {
-        .path = path, .fingerprint = "another input", .restart = "--force"};
+    struct spin_checkpoint c = {.path = path, .fingerprint = "another input", .restart = "--force"};
     struct spin_frame_size frame[TRACKED_FRAMES];
     struct spin_trainer_size size = {.n_frames = TRACKED_FRAMES};
 
