@@ -5,6 +5,7 @@
  * The player is exporters/html/, our own in WebGL 2; exporters/html/format.md says how frames are written, and
  * lib/page_group.h does it. What the page must know of the whole clip comes at the end. */
 #include <ctype.h>
+#include <strings.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -301,8 +302,9 @@ static size_t stem_of(const char *path)
 {
     const char *dot = strrchr(path, '.');
 
-    return dot && (strcmp(dot, ".html") == 0 || strcmp(dot, ".htm") == 0) ? (size_t)(dot - path)
-                                                                          : strlen(path);
+    return dot && (strcasecmp(dot, ".html") == 0 || strcasecmp(dot, ".htm") == 0)
+               ? (size_t)(dot - path)
+               : strlen(path);
 }
 
 static spin_json *steps_json(const struct spin_page_space *space)

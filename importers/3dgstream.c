@@ -278,11 +278,11 @@ static spin_status prepare_networks(struct clip *clip)
         SPIN_TRY(spin_ntc_layout(&clip->shape));
     }
     status = spin_ntc_open(clip->step[1].network, &clip->shape, &clip->network);
+    if (status != SPIN_OK && clip->config)
+        return spin_fail_context(status, "with the configuration '%s'", clip->config);
     if (status != SPIN_OK)
-        return clip->config
-                   ? status
-                   : spin_fail_context(status, "there is no config.json (give it with --config), "
-                                               "and with the usual configuration");
+        return spin_fail_context(status, "there is no config.json (give it with --config), and "
+                                         "with the usual configuration");
     status = spin_mlp_team_create(3 * spin_mlp_widest(&clip->network.net), &clip->base.team);
     spin_ntc_free(&clip->network);
     return status;

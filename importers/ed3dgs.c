@@ -345,6 +345,7 @@ static spin_status open_model(void *self, const char *path)
     struct spin_model *base = self;
     const char *wanted = spin_model_option(base, "iteration"), *save, *cloud;
     const char *given = spin_model_option(base, "cfg-args");
+    spin_status status;
 
     SPIN_TRY(spin_model_save(base, path, "deformation.pth", &save));
     if (!save)
@@ -361,7 +362,8 @@ static spin_status open_model(void *self, const char *path)
     SPIN_TRY(read_settings(m));
     SPIN_TRY(read_cloud(cloud, m));
     m->layer = (size_t)48 * MLP_BLOCK;
-    SPIN_TRY(spin_model_torch(base, base->path, load_network));
+    status = spin_model_torch(base, base->path, load_network);
+    SPIN_TRY(given ? spin_fail_context(status, "with --cfg-args '%s'", given) : status);
     settle(m);
     describe(m);
     return spin_mlp_team_create(4 * m->layer, &base->team);

@@ -557,7 +557,7 @@ static spin_status read_pickle(struct model *m)
         add_row(m, &c, i);
     SPIN_TRY(spin_gaussian4d_check(&m->gaussians, m->n, 0, "values that are not finite",
                                    m->base.sequence));
-    return find_times(m);
+    return SPIN_OK;
 }
 
 static spin_status open_model(void *self, const char *path)
@@ -572,6 +572,7 @@ static spin_status open_model(void *self, const char *path)
         spin_pickle_free(&m->pickle);
     }
     SPIN_TRY(spin_fail_reading(status, m->base.path));
+    SPIN_TRY(find_times(m));
     m->base.splats_4d.least_weight = m->moving ? LEAST_WEIGHT_FTGS : LEAST_WEIGHT;
     SPIN_TRY(spin_gaussian4d_finish(&m->base, &m->gaussians, 1, &m->times));
     SPIN_TRY(spin_model_alloc(&m->base, m->gaussians.n, sizeof *m->kept, (void **)&m->kept));

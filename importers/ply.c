@@ -270,7 +270,7 @@ static spin_status open_frame(struct clip *clip, size_t i)
         note_writer(ply, &c, sequence);
     } else {
         SPIN_TRY(compare_names(clip, ply, &c));
-        if (c.sh_degree != clip->sh_degree && !strstr(sequence->notes, "padded"))
+        if (c.sh_degree != clip->sh_degree)
             spin_note(sequence, "the SH degree differs between frames: padded with zeros");
     }
     if (i == 0 || c.sh_degree > clip->sh_degree)

@@ -569,18 +569,12 @@ static spin_status realtime_open_checkpoint(struct realtime_model *m)
 {
     struct spin_model *base = &m->base;
     const struct run_config *settings = &base->settings;
-    double extra = 0;
     size_t n_faint;
     int rule;
 
     SPIN_TRY(spin_option_word(base->values, "cull", "time|none", &rule));
     base->splats_4d.least_weight = rule == 1 ? -1 : LEAST_WEIGHT;
-    SPIN_TRY(spin_torch_open(base->path, &base->torch));
     SPIN_TRY(r4_find(base->torch.root, &m->rows));
-    SPIN_TRY(spin_model_config(base));
-    SPIN_TRY(spin_run_config_ratio(settings, &m->ratio));
-    SPIN_TRY(spin_cfg_read_number(&settings->cfg, "prefilter_var", &extra));
-    m->reading.extra = extra > 0 && isfinite(extra) ? extra : 0;
     m->stale = is_stale(&m->rows);
     SPIN_TRY(r4_read(base, !m->stale, &m->rows));
     if (m->rows.n == 0)
@@ -597,6 +591,25 @@ static spin_status realtime_open_checkpoint(struct realtime_model *m)
     if (m->reading.transposed)
         spin_note(base->sequence, "'%s' has compute_cov3D_python, so rotations are transposed",
                   settings->yaml_path);
+    return SPIN_OK;
+}
+
+static spin_status realtime_open_run(void *self, const char *path)
+{
+    struct realtime_model *m = self;
+    struct spin_model *base = &m->base;
+    const struct run_config *settings = &base->settings;
+    double extra = 0;
+
+    SPIN_TRY(spin_chkpnt_find(base, path));
+    if (!base->path)
+        return spin_not_found("'%s' holds no chkpnt<N>.pth", path);
+    SPIN_TRY(spin_fail_reading(spin_torch_open(base->path, &base->torch), base->path));
+    SPIN_TRY(spin_model_config(base)); /* whose errors are not the checkpoint's */
+    SPIN_TRY(spin_run_config_ratio(settings, &m->ratio));
+    SPIN_TRY(spin_cfg_read_number(&settings->cfg, "prefilter_var", &extra));
+    m->reading.extra = extra > 0 && isfinite(extra) ? extra : 0;
+    SPIN_TRY(spin_fail_reading(realtime_open_checkpoint(m), base->path));
     if (m->rows.moving)
         SPIN_TRY(spin_run_config_times(settings, spin_model_option(base, "time-duration"),
                                        base->splats_4d.times, m->gaussians.n, m->ratio, SPREAD,
@@ -605,16 +618,6 @@ static spin_status realtime_open_checkpoint(struct realtime_model *m)
     SPIN_TRY(spin_gaussian4d_finish(base, &m->gaussians, m->ratio, &m->times));
     realtime_describe(m);
     return SPIN_OK;
-}
-
-static spin_status realtime_open_run(void *self, const char *path)
-{
-    struct realtime_model *m = self;
-
-    SPIN_TRY(spin_chkpnt_find(&m->base, path));
-    if (!m->base.path)
-        return spin_not_found("'%s' holds no chkpnt<N>.pth", path);
-    return spin_fail_reading(realtime_open_checkpoint(m), m->base.path);
 }
 
 static const struct spin_plugin_option realtime_options[] = {
@@ -768,12 +771,29 @@ static spin_status hybrid_open_checkpoint(struct hybrid_model *m)
 {
     struct spin_model *base = &m->base;
 
-    SPIN_TRY(spin_torch_open(base->path, &base->torch));
     SPIN_TRY(take_parts(base->torch.root, m));
+    SPIN_TRY(hybrid_read_rows(m));
+    return add_rows(m);
+}
+
+static spin_status hybrid_open_run(void *self, const char *path)
+{
+    struct hybrid_model *m = self;
+    struct spin_model *base = &m->base;
+
+    base->splats_4d.least_weight = LEAST_WEIGHT;
+    SPIN_TRY(spin_chkpnt_find(base, path));
+    if (!base->path)
+        return spin_not_found(
+            "'%s' holds no chkpnt<N>.pth%s", path,
+            spin_model_holds(path, "point_cloud")
+                ? "; its point_cloud.ply cannot replace it: it has the dynamic half "
+                  "only, without times and turned wrong, and cannot stand for it"
+                : "");
+    SPIN_TRY(spin_fail_reading(spin_torch_open(base->path, &base->torch), base->path));
     SPIN_TRY(spin_model_config(base));
     SPIN_TRY(spin_run_config_ratio(&base->settings, &m->ratio));
-    SPIN_TRY(hybrid_read_rows(m));
-    SPIN_TRY(add_rows(m));
+    SPIN_TRY(spin_fail_reading(hybrid_open_checkpoint(m), base->path));
     if (m->n_moving > 0)
         SPIN_TRY(spin_run_config_times(&base->settings, spin_model_option(base, "time-duration"),
                                        base->splats_4d.times, m->n_moving, m->ratio, SPREAD,
@@ -782,22 +802,6 @@ static spin_status hybrid_open_checkpoint(struct hybrid_model *m)
     SPIN_TRY(spin_gaussian4d_finish(base, &m->gaussians, m->ratio, &m->times));
     hybrid_describe(m);
     return SPIN_OK;
-}
-
-static spin_status hybrid_open_run(void *self, const char *path)
-{
-    struct hybrid_model *m = self;
-
-    m->base.splats_4d.least_weight = LEAST_WEIGHT;
-    SPIN_TRY(spin_chkpnt_find(&m->base, path));
-    if (!m->base.path)
-        return spin_not_found(
-            "'%s' holds no chkpnt<N>.pth%s", path,
-            spin_model_holds(path, "point_cloud")
-                ? "; its point_cloud.ply cannot replace it: it has the dynamic half "
-                  "only, without times and turned wrong, and cannot stand for it"
-                : "");
-    return spin_fail_reading(hybrid_open_checkpoint(m), m->base.path);
 }
 
 static const struct spin_plugin_option hybrid_options[] = {

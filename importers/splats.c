@@ -142,10 +142,10 @@ static void note_file(struct clip *clip, size_t file)
     struct spin_sequence_info *sequence = clip->base.sequence;
     const struct opened *f = &clip->opened;
 
-    if (file > 0 && f->sh_degree != clip->sh_degree && !strstr(sequence->notes, "padded"))
+    if (file > 0 && f->sh_degree != clip->sh_degree)
         spin_note(sequence, "the SH degree differs between frames: padded with zeros");
     for (size_t i = 0; i < sizeof f->note / sizeof *f->note; i++)
-        if (f->note[i] && !strstr(sequence->notes, f->note[i]))
+        if (f->note[i])
             spin_note(sequence, "%s", f->note[i]);
     if (f->antialias && !sequence->antialias)
         spin_note(sequence, "trained with an anti-aliasing rasteriser, and drawn so here");

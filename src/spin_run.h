@@ -20,7 +20,8 @@ struct spin_import_options {
     int n_times;
     struct spin_range range;
     bool positions_only, force;
-    unsigned precision; /* of the values of 4D splats: 0 to the bit, 1 half, 2 compact, as of spin_precision */
+    unsigned
+        precision; /* of the values of 4D splats: 0 to the bit, 1 half, 2 compact, as of spin_precision */
     bool sync;                       /* write the bundle to the disk (fsync) before it is renamed */
     bool full;                       /* describe: read every frame, not up to 16 of them */
     const char *check_cameras;       /* folder for PNGs of the points over data's images, or NULL */
@@ -81,7 +82,8 @@ struct spin_export_options {
     bool source, force;
     bool sync;  /* files are on the disk before they have their names */
     bool check; /* read back what was written */
-    const char *decimate; /* "5000" splats, "50%" of them, "2MB" in all or a loss of "40dB"; NULL: all are written */
+    const char *
+        decimate; /* "5000" splats, "50%" of them, "2MB" in all or a loss of "40dB"; NULL: all are written */
     const char *data, *data_from, *pair;
     float background[3];
     bool transparent; /* pictures have alpha instead of a background */
@@ -101,11 +103,21 @@ struct spin_export_options {
 
 spin_status spin_export(const struct spin_export_options *o, char **report);
 
-/* The exporter that writes files with this ending, such as "html" for "clip.html"; or NULL. */
+/* The exporter that writes files with this ending, such as "html" for "clip.html"; or NULL. Names of formats and endings
+ * have no case. */
 const char *spin_exporter_for(const char *output);
 /* What is written of the same kind as files with an ending that nothing writes; else the ending that is spelled most like
  * it, or NULL. */
 const char *spin_exporter_nearest(const char *ending);
+/* The exporter that writes a format or its nearest, such as "video" for "mp4" and "mov"; or NULL. */
+const char *spin_exporter_of_format(const char *format);
+const struct spin_exporter *spin_exporter_named(const char *name); /* or NULL */
+/* SPIN_E_USAGE where the name of the output is that of files of another exporter. */
+spin_status spin_exporter_check_name(const struct spin_exporter *e, const char *output);
+/* SPIN_E_USAGE where a bundle would be named as another format. */
+spin_status spin_bundle_check_name(const char *output);
+/* The same of a page of HTML. */
+spin_status spin_report_check_name(const char *path);
 
 /* A run into what viewers play, by the calls above. Beside the output lies its bundle, OUTPUT's name with .spin. */
 struct spin_convert_options {

@@ -63,7 +63,7 @@ struct spin_retrain_options {
     bool antialias;                      /* draw antialiased, and so train */
     double hash_init_range;              /* first values of the table lie within */
     uint64_t seed;
-    int warmup; /* iterations; -1: iterations / 40 */
+    int warmup;     /* iterations; -1: iterations / 40 */
     double average; /* share of the iterations, the last ones, whose values are averaged; 0: none */
     double lr_table, lr_sh, lr_scale, lr_rotation, lr_opacity, lr_position;
     int sh_increase_every; /* iterations until the next degree of SH joins; 0: all from the start, explicit: 1000 */
@@ -94,6 +94,8 @@ struct spin_retrain_options {
     bool deterministic;            /* sums on a card repeat bit for bit; the CPU's always do */
     int eval_every, save_every;    /* iterations; 0: at the end; every 5 minutes */
     bool resume, force, dry_run;
+    bool
+        auto_resume; /* the caller resumes by itself, as spin_convert() does: errors name no --resume */
     const char *preview, *log; /* folder, file; or NULL */
     const char *watch;         /* folder for a page that shows the state; or NULL */
     const char

@@ -176,7 +176,7 @@ static spin_status choose_file(struct spin_frames *x, const struct spin_export_j
     const char *ending = strchr(x->format->pattern, '.');
     size_t n = strlen(job->output), n_ending = strlen(ending);
 
-    if (n <= n_ending || strcmp(job->output + n - n_ending, ending) != 0 ||
+    if (n <= n_ending || !spin_text_ends_any_case(job->output, ending) ||
         spin_path_is_folder(job->output))
         return SPIN_OK;
     x->file = job->output;

@@ -206,9 +206,11 @@ class Clip:
         self.numbers = [f["number"] for f in self.meta["frames"]]
         if not self.numbers:
             raise ValueError("no frames")
-        self.cameras = (self._trained or {}).get("cameras", [])
+        self.cameras = (self._trained or self.meta.get("trained_4d") or {}).get("cameras", [])
         data = self.meta.get("data")
         self.data = data and os.path.join(os.path.dirname(self._path), data["path"])
+        if data and "absolute" in data and not os.path.exists(self.data):
+            self.data = data["absolute"]
 
     @contextlib.contextmanager
     def _reading(self, what="damaged bundle"):

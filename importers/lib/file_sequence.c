@@ -4,9 +4,7 @@
 
 bool spin_file_has_suffix(const char *name, const char *suffix)
 {
-    size_t n = strlen(name), n_suffix = strlen(suffix);
-
-    return n >= n_suffix && strcasecmp(name + n - n_suffix, suffix) == 0;
+    return spin_text_ends_any_case(name, suffix);
 }
 
 /* "input.ply" is the point cloud that training began with. */

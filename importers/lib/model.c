@@ -410,6 +410,21 @@ spin_status spin_model_cfg(struct spin_model *m, const char *path, const char *s
     return file ? spin_cfg_open(file, &m->settings.cfg) : SPIN_OK;
 }
 
+/* What --config names; a file in which nothing is found would be ignored. */
+static spin_status open_config(struct spin_model *m, const char *path)
+{
+    static const char *const keys[] = {"time_duration", "frame_ratio", "compute_cov3D_python"};
+    const char *next;
+
+    SPIN_TRY_IN(spin_yaml_open(path, &m->settings), "--config");
+    for (int i = 0; i < 3; i++)
+        if (spin_yaml_find(&m->settings, keys[i], &next).at)
+            return SPIN_OK;
+    return spin_malformed("--config: '%s' has none of %s, %s and %s: give the YAML that training "
+                          "was given",
+                          path, keys[0], keys[1], keys[2]);
+}
+
 spin_status spin_model_config(struct spin_model *m)
 {
     const char *config = spin_model_option(m, "config"), *folder, *next, *path;
@@ -419,7 +434,7 @@ spin_status spin_model_config(struct spin_model *m)
     SPIN_TRY(spin_model_folder(m, &folder, m->path));
     SPIN_TRY(spin_model_cfg(m, folder, NULL));
     if (config)
-        return spin_yaml_open(config, &m->settings);
+        return open_config(m, config);
     SPIN_TRY(spin_model_names(m, folder, &names, &n));
     for (size_t i = 0; i < n; i++) { /* training leaves none there; users put a copy */
         const char *dot = strrchr(names[i], '.');

@@ -332,12 +332,14 @@ spin_status spin_yaml_open(const char *path, struct run_config *s)
 spin_status spin_run_config_ratio(const struct run_config *s, double *out)
 {
     const char *next;
+    bool of_cfg = spin_cfg_get(&s->cfg, "frame_ratio").at != NULL;
 
     *out = 1;
     spin_cfg_number(spin_yaml_find(s, "frame_ratio", &next), out);
     SPIN_TRY(spin_cfg_read_number(&s->cfg, "frame_ratio", out));
     if (!(*out > 0) || !isfinite(*out))
-        return spin_malformed("frame_ratio is %g", *out);
+        return spin_malformed("'%s': frame_ratio is %g, expected a number above 0",
+                              of_cfg ? s->cfg.path : s->yaml_path, *out);
     return SPIN_OK;
 }
 

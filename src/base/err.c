@@ -51,7 +51,13 @@ spin_status spin_fail_context(spin_status code, const char *fmt, ...)
 
 spin_status spin_fail_reading(spin_status status, const char *path)
 {
-    if (status == SPIN_E_USAGE || strstr(trail, path))
+    char quoted[TRAIL];
+
+    if (status == SPIN_OK || status == SPIN_E_USAGE)
+        return status;
+    snprintf(quoted, sizeof quoted, "'%s'", path); /* as every message names files */
+    spin_text_tidy(quoted, false);
+    if (strstr(trail, quoted))
         return status;
     return spin_fail_context(status, "cannot read '%s'", path);
 }

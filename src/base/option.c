@@ -54,8 +54,8 @@ spin_status spin_option_word(const struct spin_plugin_values *v, const char *key
     return spin_misuse("option '%s' is '%s', expected %s", key, text, list);
 }
 
-static spin_status read_number(const struct spin_plugin_values *v, const char *key,
-                               const char *what, double least, double most, double *out)
+static spin_status read_number(const struct spin_plugin_values *v, const char *key, bool whole,
+                               double least, double most, double *out)
 {
     const char *text = spin_plugin_value(v, key, NULL);
     char *end;
@@ -65,9 +65,9 @@ static spin_status read_number(const struct spin_plugin_values *v, const char *k
         return SPIN_OK;
     value = strtod(text, &end);
     if (end == text || *end || !(value >= least && value <= most) ||
-        (what[0] == 'w' && value != floor(value)))
-        return spin_misuse("option '%s' is '%s', expected a %s from %.10g to %.10g", key, text,
-                           what, least, most);
+        (whole && value != floor(value)))
+        return spin_misuse("option '%s' is '%s', expected a %snumber from %.10g to %.10g", key,
+                           text, whole ? "whole " : "", least, most);
     *out = value;
     return SPIN_OK;
 }
@@ -75,7 +75,7 @@ static spin_status read_number(const struct spin_plugin_values *v, const char *k
 spin_status spin_option_number(const struct spin_plugin_values *v, const char *key, double least,
                                double most, double *out)
 {
-    return read_number(v, key, "number", least, most, out);
+    return read_number(v, key, false, least, most, out);
 }
 
 spin_status spin_option_count(const struct spin_plugin_values *v, const char *key, int least,
@@ -83,7 +83,7 @@ spin_status spin_option_count(const struct spin_plugin_values *v, const char *ke
 {
     double value = *out;
 
-    SPIN_TRY(read_number(v, key, "whole number", least, most, &value));
+    SPIN_TRY(read_number(v, key, true, least, most, &value));
     *out = (int)value;
     return SPIN_OK;
 }

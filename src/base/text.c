@@ -3,6 +3,7 @@
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #ifdef _WIN32
 FILE *spin_text_open(char **text, size_t *n) { return open_memstream(text, n); }
@@ -185,6 +186,13 @@ bool spin_text_ends(const char *text, const char *with)
     return n >= n_with && strcmp(text + n - n_with, with) == 0;
 }
 
+bool spin_text_ends_any_case(const char *text, const char *with)
+{
+    size_t n = strlen(text), n_with = strlen(with);
+
+    return n >= n_with && strcasecmp(text + n - n_with, with) == 0;
+}
+
 const char *spin_text_bytes(uint64_t bytes, char text[32])
 {
     static const char *const unit[] = {"bytes", "kB", "MB", "GB", "TB"};
@@ -229,6 +237,17 @@ const char *spin_text_count(long long n, const char *noun, char text[48])
     return text;
 }
 
+/* Whether the notes up to n have this line. */
+static bool has_line(const char *notes, size_t n, const char *line)
+{
+    for (size_t length, at = 0; at < n; at += length + 1) {
+        length = strcspn(notes + at, "\n");
+        if (length == strlen(line) && memcmp(notes + at, line, length) == 0)
+            return true;
+    }
+    return false;
+}
+
 void spin_text_note(char *notes, size_t size, const char *fmt, ...)
 {
     size_t used = strlen(notes), room = size - used;
@@ -238,7 +257,7 @@ void spin_text_note(char *notes, size_t size, const char *fmt, ...)
     va_start(args, fmt);
     n = vsnprintf(notes + used, room, fmt, args);
     va_end(args);
-    if (n < 0 || (size_t)n + 1 >= room)
+    if (n < 0 || (size_t)n + 1 >= room || has_line(notes, used, notes + used))
         notes[used] = '\0';
     else
         memcpy(notes + used + n, "\n", 2);

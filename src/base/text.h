@@ -21,6 +21,7 @@ void spin_text_json(FILE *to, const char *text);
 void spin_text_tidy(char *text, bool lines);
 
 bool spin_text_ends(const char *text, const char *with);
+bool spin_text_ends_any_case(const char *text, const char *with);
 /* How many characters must be put in, taken out or changed between the first n_a of a and b; 99 where one is longer than
  * 31. */
 int spin_text_distance(const char *a, size_t n_a, const char *b);
@@ -34,7 +35,7 @@ const char *spin_text_about(double seconds, char text[32]);
 /* "1 frame", "2 frames": a noun with an s. Returns text. */
 const char *spin_text_count(long long n, const char *noun, char text[48]);
 
-/* A line of an importer's notes, or a data set's, as printf; no newline at the end of fmt. One that does not fit is
- * dropped. */
+/* A line of an importer's notes, or a data set's, as printf; no newline at the end of fmt. One that does not fit, or
+ * is there already, is dropped. */
 #define spin_note(of, ...) spin_text_note((of)->notes, sizeof(of)->notes, __VA_ARGS__)
 void spin_text_note(char *notes, size_t size, const char *fmt, ...) SPIN_PRINTF(3, 4);

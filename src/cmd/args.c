@@ -9,10 +9,12 @@
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <unistd.h>
 
 #include "base/text.h"
 #include "io/template.h"
+#include "spin_run.h"
 
 enum { HELP_COLUMN = 28, HELP_WIDTH = 100 };
 enum help { NO_HELP, SHORT_HELP, WHOLE_HELP };
@@ -401,10 +403,12 @@ static int check_chosen(const struct parser *p)
 
     if (!p->chosen)
         return SPIN_EXIT_OK;
+    if (strlen(p->chosen) < 5)
+        best_distance = 2;
     for (size_t i = 0; (name = plugin_name(p, i, &options)); i++) {
         int d = spin_text_distance(p->chosen, strlen(p->chosen), name);
 
-        if (d == 0)
+        if (!strcasecmp(p->chosen, name))
             return SPIN_EXIT_OK;
         if (d < best_distance) {
             best = name;
@@ -415,6 +419,8 @@ static int check_chosen(const struct parser *p)
         put_line(p->command->name, spin_plugin_fault(p->chosen), "");
         return SPIN_EXIT_FAILED;
     }
+    if (p->command->lists_exporters && spin_exporter_of_format(p->chosen))
+        best = spin_exporter_of_format(p->chosen);
     if (best)
         return spin_args_misuse(p->command, "no %s is called '%s', did you mean '%s'?",
                                 p->command->plugin_kind, p->chosen, best);
@@ -448,7 +454,7 @@ static bool list_rows(struct parser *p)
             return false;
     p->n_shown = p->n_rows;
     for (size_t i = 0; (name = plugin_name(p, i, &o)); i++)
-        for (; o && o->key && (!p->chosen || !strcmp(p->chosen, name)); o++)
+        for (; o && o->key && (!p->chosen || !strcasecmp(p->chosen, name)); o++)
             if (!add_row(p, (struct spin_args_row){.name = o->key,
                                                    .arg = o->arg,
                                                    .kind = SPIN_ARG_PLUGIN,
@@ -797,7 +803,9 @@ static int read_all(struct parser *p)
         else if (!only_words && text[0] == '-' && text[1])
             code = take_brief(p, text + 1);
         else if (spin_args.word && !p->command->takes_many)
-            return spin_args_misuse(p->command, "unexpected argument '%s'", text);
+            return spin_args_misuse(p->command, "unexpected argument '%s'%s%s", text,
+                                    p->command->several ? ": " : "",
+                                    p->command->several ? p->command->several : "");
         else
             code = keep_word(p, text);
     }

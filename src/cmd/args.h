@@ -100,6 +100,7 @@ struct spin_args_command {
     const char *plugin_selector; /* the option that names one: "from" */
     bool lists_exporters;        /* --help all has their names and summaries */
     bool takes_many;             /* words, else one */
+    const char *several;         /* what to do with more than one; or NULL */
     const char *const *words; /* what shells offer for the first word; NULL-terminated, or NULL */
 };
 

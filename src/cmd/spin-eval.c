@@ -103,8 +103,8 @@ static const struct spin_args_command command = {
     "{{#background_shows}}holes    PSNR {{psnr_opposite %.3f}} over the opposite background: the " \
     "splats are transparent in places\n{{/}}"                                                      \
     "speed    {{fps %.2f}} frames per second with decoding, {{fps_draw %.2f}} without\n"           \
-    "storage  {{storage.measured %B}} for these attributes, {{storage.measured_per_frame %B}} "    \
-    "a frame; the file has {{storage.file %B}}, unpacked {{storage_unpacked.file %B}}\n"
+    "size     {{storage.file %B}} the file, unpacked {{storage_unpacked.file %B}}; "               \
+    "{{storage.measured %B}} the measured attributes, {{storage.measured_per_frame %B}} a frame\n"
 
 /* Of several: a row each. What the first one has, all have. */
 #define EACH(text) "{{#runs}}" text "{{/}}"
@@ -113,30 +113,34 @@ static const struct spin_args_command command = {
 #define IF_ALEX(text) "{{#runs.0.lpips_alex}}" text "{{/}}"
 
 static const char plain_text[] = "      PSNR     SSIM" IF_DYNAMIC("   dynamic")
-    IF_VGG("   LPIPS VGG") IF_ALEX("  LPIPS Alex") "     storage  run\n" EACH(
+    IF_VGG("   LPIPS VGG") IF_ALEX("  LPIPS Alex") "        file  attributes  run\n" EACH(
         "{{psnr %10.3f}}{{ssim %9.4f}}" IF_DYNAMIC("{{psnr_dynamic %10.3f}}")
             IF_VGG("{{lpips_vgg %12.4f}}")
-                IF_ALEX("{{lpips_alex %12.4f}}") "{{megabytes %9.2f}} MB  {{name}}\n");
+                IF_ALEX("{{lpips_alex %12.4f}}") "{{file_megabytes %9.2f}} MB{{megabytes %9.2f}} "
+                                                 "MB  {{name}}\n");
 
-static const char md_text[] = "| run | PSNR | SSIM |" IF_DYNAMIC(" PSNR, dynamic |")
-    IF_VGG(" LPIPS VGG |") IF_ALEX(" LPIPS Alex |") " MB |\n|---|---:|---:|" IF_DYNAMIC("---:|")
-        IF_VGG("---:|") IF_ALEX("---:|") "---:|\n" EACH(
+static const char md_text[] =
+    "| run | PSNR | SSIM |" IF_DYNAMIC(" PSNR, dynamic |") IF_VGG(" LPIPS VGG |") IF_ALEX(
+        " LPIPS Alex |") " file, MB | attributes, MB |\n|---|---:|---:|" IF_DYNAMIC("---:|")
+        IF_VGG("---:|") IF_ALEX("---:|") "---:|---:|\n" EACH(
             "| {{escaped}} | {{psnr %.2f}} | {{ssim %.4f}} |" IF_DYNAMIC(" {{psnr_dynamic %.2f}} |")
-                IF_VGG(" {{lpips_vgg %.4f}} |")
-                    IF_ALEX(" {{lpips_alex %.4f}} |") " {{megabytes %.2f}} |\n");
+                IF_VGG(" {{lpips_vgg %.4f}} |") IF_ALEX(
+                    " {{lpips_alex %.4f}} |") " {{file_megabytes %.2f}} | {{megabytes %.2f}} |\n");
 
 static const char csv_text[] = "run,psnr,ssim" IF_DYNAMIC(",psnr_dynamic") IF_VGG(",lpips_vgg")
-    IF_ALEX(",lpips_alex") ",megabytes\n" EACH(
+    IF_ALEX(",lpips_alex") ",megabytes,file_megabytes\n" EACH(
         "{{escaped}},{{psnr %.6f}},{{ssim %.6f}}" IF_DYNAMIC(",{{psnr_dynamic %.6f}}")
-            IF_VGG(",{{lpips_vgg %.6f}}") IF_ALEX(",{{lpips_alex %.6f}}") ",{{megabytes %.6f}}\n");
+            IF_VGG(",{{lpips_vgg %.6f}}")
+                IF_ALEX(",{{lpips_alex %.6f}}") ",{{megabytes %.6f}},{{file_megabytes %.6f}}\n");
 
 static const char latex_text[] = "\\begin{tabular}{lrr" IF_DYNAMIC("r") IF_VGG("r")
-    IF_ALEX("r") "r}\n"
+    IF_ALEX("r") "rr}\n"
                  "run & PSNR & SSIM" IF_DYNAMIC(" & PSNR, dynamic") IF_VGG(" & LPIPS VGG")
-                     IF_ALEX(" & LPIPS Alex") " & MB \\\\\n\\hline\n" EACH(
+                     IF_ALEX(" & LPIPS Alex") " & file, MB & attributes, MB \\\\\n\\hline\n" EACH(
                          "{{escaped}} & {{psnr %.2f}} & {{ssim %.4f}}" IF_DYNAMIC(
                              " & {{psnr_dynamic %.2f}}") IF_VGG(" & {{lpips_vgg %.4f}}")
-                             IF_ALEX(" & {{lpips_alex %.4f}}") " & {{megabytes %.2f}} "
+                             IF_ALEX(" & {{lpips_alex %.4f}}") " & {{file_megabytes %.2f}} & "
+                                                               "{{megabytes %.2f}} "
                                                                "\\\\\n") "\\end{tabular}\n";
 
 /* A name as such a table takes it. */
@@ -180,6 +184,8 @@ static char *for_tables(char *report)
 
         spin_json_number(spin_json_get(spin_json_get(run, "storage"), "measured"), &bytes);
         spin_json_set_number(run, "megabytes", bytes / 1e6);
+        spin_json_number(spin_json_get(spin_json_get(run, "storage"), "file"), &bytes);
+        spin_json_set_number(run, "file_megabytes", bytes / 1e6);
         if (to) {
             escape(spin_json_string(spin_json_get(run, "name")), to);
             fclose(to);

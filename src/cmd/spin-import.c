@@ -3,6 +3,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "spin_run.h"
 #include "io/json.h"
@@ -79,6 +80,7 @@ static const struct spin_args_command command = {
     .examples = examples,
     .main = main_options,
     .rows = rows,
+    .several = "the files of a clip are given as the folder that holds them",
     .plugin_kind = "importer",
     .plugin_selector = "from",
 };
@@ -170,6 +172,7 @@ static const char bundle_text[] =
     ", {{options.iterations}} iterations on {{device}}"
     "{{^field}}, no network{{/}}{{#field}}; {{levels}} levels of {{features}} features, "
     "{{rows}} rows, hidden width {{hidden}}{{/}}\n" STAGE
+    "{{#trained_4d}}trained     4D splats, {{options.iterations}} iterations on {{device}}\n" STAGE
     "size        {{bytes.file %B}}{{#bytes.source}}, source {{bytes.source %B}}{{/}}"
     "{{#bytes.refined}}, refined {{bytes.refined %B}}{{/}}"
     "{{#bytes.positions}}, values of frames {{bytes.positions %B}}{{/}}"
@@ -186,7 +189,7 @@ static const struct spin_importer *find_importer(const char *name)
     if (!name)
         return NULL;
     for (const struct spin_importer *const *i = spin_importer_list(); *i; i++)
-        if (strlen((*i)->name) == length && !strncmp((*i)->name, name, length))
+        if (strlen((*i)->name) == length && !strncasecmp((*i)->name, name, length))
             return *i;
     return NULL;
 }

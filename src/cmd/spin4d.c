@@ -62,6 +62,7 @@ static const struct spin_args_command command = {
     .examples = examples,
     .main = main_options,
     .rows = rows,
+    .several = "the files of a clip are given as the folder that holds them",
     .words = commands,
 };
 
@@ -91,17 +92,53 @@ static int become(const char *name, char **argv)
     return SPIN_EXIT_FAILED;
 }
 
+/* The command that a word is nearly, where no path has that name; NULL. */
+static const char *nearest_command(const char *word)
+{
+    const char *best = NULL;
+    int least = 3;
+
+    for (const char *const *name = commands; *name && access(word, F_OK) != 0; name++) {
+        int d = spin_text_distance(word, strlen(word), *name);
+
+        best = d < least ? *name : best;
+        least = d < least ? d : least;
+    }
+    return best;
+}
+
+/* `spin4d help`, `spin4d help import` and `spin4d version`, as people type who come from git. */
+static void read_help(int *argc, char **argv)
+{
+    static char help[] = "--help", version[] = "--version";
+    bool asks = *argc > 1 && strcmp(argv[1], "help") == 0;
+
+    if (*argc < 2 || access(argv[1], F_OK) == 0)
+        return;
+    if (asks && *argc == 3) {
+        argv[1] = argv[2];
+        argv[2] = help;
+    } else if (asks || strcmp(argv[1], "version") == 0) {
+        argv[1] = asks ? help : version;
+        *argc = 2;
+    }
+}
+
 int main(int argc, char **argv)
 {
     int at = argc > 3 && strcmp(argv[1], "--complete") == 0 ? 2 : 1; /* of the command's name */
     char *report;
     int code;
 
+    read_help(&argc, argv);
     for (const char *const *name = commands; *name && at < argc; name++)
         if (strcmp(argv[at], *name) == 0) {
             argv[at] = argv[at - 1]; /* our name, or --complete */
             return become(*name, argv + 1);
         }
+    if (argc > 1 && nearest_command(argv[1]))
+        return spin_args_misuse(&command, "'%s' is neither a run nor a command, did you mean '%s'?",
+                                argv[1], nearest_command(argv[1]));
     if (!spin_args_parse(&command, argc, argv, &code))
         return code;
     if (!spin_args.word)

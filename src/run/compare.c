@@ -4,6 +4,7 @@
 #include "io/ranks.h"
 #include "eval/report/report.h"
 #include "run/run.h"
+#include "scene/data_path.h"
 
 /* What a run is called: its file's name, or the whole path where another has that name too. */
 static spin_status set_name(spin_json *run, const char *const *input, int n, int i)
@@ -85,6 +86,8 @@ static spin_status check_outputs(const struct spin_eval_options *o, const char *
     for (int i = 0; i < n; i++)
         SPIN_TRY(spin_inputs_add_path(input[i]));
     SPIN_TRY(spin_output_check_distinct((const char *[]){o->report, figures}, 2));
+    if (o->report)
+        SPIN_TRY(spin_report_check_name(o->report));
     if (o->report)
         SPIN_TRY(spin_output_check_file(o->report, o->force));
     return figures ? spin_output_check_empty_folder(figures, o->force) : SPIN_OK;

@@ -9,6 +9,8 @@
 #include "io/ranks.h"
 #include "render/player.h"
 #include "run/data_hint.h"
+#include "scene/data_path.h"
+#include "scene/foreign.h"
 
 struct convert {
     const struct spin_convert_options *o;
@@ -54,6 +56,7 @@ static spin_status name_output(struct convert *c)
 
     if (o->output)
         return spin_strdup(o->output, &c->output);
+    SPIN_TRY(spin_foreign_missing(o->input));
     SPIN_TRY(spin_path_absolute(o->input, &absolute));
     name = spin_path_name(absolute);
     return put_together(name, stem_length(name, !spin_path_is_folder(absolute)), ".html",
@@ -72,14 +75,22 @@ static bool holds_rows(const char *name)
 static spin_status name_all(struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
-    const char *ending;
+    const struct spin_exporter *named = o->to ? spin_exporter_named(o->to) : NULL;
+    const char *ending, *dot, *nearest;
     size_t n;
 
     SPIN_TRY(name_output(c));
     ending = spin_exporter_for(c->output);
-    c->to = o->to ? o->to : ending;
-    if (!c->to)
-        return spin_misuse("the ending of '%s' names no exporter: say which with --to", c->output);
+    c->to = named ? named->name : o->to ? o->to : ending;
+    if (!c->to) {
+        dot = strrchr(spin_path_name(c->output), '.');
+        nearest = dot && dot[1] ? spin_exporter_nearest(dot) : NULL;
+        return spin_misuse("the ending of '%s' names no exporter: %s%s", c->output,
+                           nearest ? "the nearest is " : "say which with --to",
+                           nearest ? nearest : "");
+    }
+    if (named)
+        SPIN_TRY(spin_exporter_check_name(named, c->output));
     n = stem_length(c->output, ending != NULL);
     SPIN_TRY(put_together(c->output, n, ".spin", &c->bundle));
     if (holds_rows(c->to))
@@ -175,12 +186,12 @@ static spin_status import(struct convert *c)
         c->beside = spin_data_beside(o->input);
     if (!c->beside)
         return import_from(c, o->data);
-    spin_log(0, "the data set '%s' lies beside the run and is taken; --data names another",
-             c->beside);
     status = import_from(c, c->beside);
+    if (status == SPIN_OK)
+        spin_log(0, "uses the data set '%s' beside the run; --data names another", c->beside);
     if (status == SPIN_OK || status == SPIN_E_CANCELLED || status == SPIN_E_MEMORY)
         return status;
-    spin_warn("the data set '%s' is not taken: %s", c->beside, spin_last_error());
+    spin_warn("the data set '%s' beside the run is not used: %s", c->beside, spin_last_error());
     free(c->beside);
     c->beside = NULL;
     return import_from(c, NULL);
@@ -215,21 +226,6 @@ static spin_status look(struct convert *c)
     return SPIN_OK;
 }
 
-/* Here it goes on by itself, and --force alone begins anew. */
-static spin_status say_how_to_go_on(spin_status failed)
-{
-    static const char *const said[][2] = {
-        {"go on with --resume", "the same command goes on"},
-        {"--force without --resume to start anew", "--force to start anew"}};
-    char why[2048];
-    int n = snprintf(why, sizeof why, "%s", spin_last_error());
-
-    for (int i = 0; i < 2; i++)
-        if (spin_text_ends(why, said[i][0]))
-            return spin_fail(failed, "%.*s%s", n - (int)strlen(said[i][0]), why, said[i][1]);
-    return failed;
-}
-
 /* An unfinished retraining goes on; with --force one that was made otherwise is replaced. rows: of 4D splats. */
 static spin_status retrain_as(struct convert *c, const char *input, const char *output, bool rows)
 {
@@ -253,14 +249,14 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
     retrain.device = o->device;
     retrain.n_threads = o->n_threads;
     retrain.force = o->force;
+    retrain.auto_resume = true;
     retrain.resume = spin_path_is_taken(part) || (!o->force && spin_path_is_taken(output));
     status = spin_retrain(&retrain, &text);
     if (status == SPIN_E_USAGE && retrain.resume && o->force) {
         retrain.resume = false;
         status = spin_retrain(&retrain, &text);
     }
-    return status == SPIN_OK ? add_report(c, rows ? "rows" : "retrain", text)
-                             : say_how_to_go_on(status);
+    return status == SPIN_OK ? add_report(c, rows ? "rows" : "retrain", text) : status;
 }
 
 /* What is exported is c->bundle then. */

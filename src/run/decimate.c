@@ -205,7 +205,7 @@ static float unseen_weight(const struct spin_decimation *d, const struct spin_pa
 }
 
 /* What the splats in d->part count for: the most that one view shows of them. On court the mean of the views loses 0.5 to
- * 1.8 dB more at half and at 70 % of the splats (tests/bench/formats.md). */
+ * 1.8 dB more at half and at 70 % of the splats (tests/bench/README.md). */
 static spin_status weigh(struct spin_decimation *d, int f, float *weight)
 {
     size_t first, n, wanted = (size_t)n_views(d);

@@ -1,8 +1,8 @@
 /* spin_bundle_describe(): what meta.json and the names of the members say. */
 #include "base/base.h"
 #include "spin_run.h"
-#include "scene/bundle.h"
 #include "scene/clip.h"
+#include "scene/data_path.h"
 #include "scene/trained_options.h"
 
 static int64_t integer_of(const spin_json *object, const char *key)
@@ -57,7 +57,7 @@ static spin_json *field_json(const spin_json *field)
                      (json_int_t)integer_of(field, "hidden"), "rows", (json_int_t)rows);
 }
 
-/* A refining or the training of a clip, as meta.json tells it. */
+/* A refining or a training, as meta.json tells it. */
 static void add_stage(spin_json *root, const struct spin_bundle *b, const char *name,
                       enum spin_splat_source from, unsigned columns, int64_t sh_degree)
 {
@@ -68,7 +68,7 @@ static void add_stage(spin_json *root, const struct spin_bundle *b, const char *
 
     spin_json_bool(spin_json_get(json, "antialias"), &antialias);
     add_splats(to, b, from, columns, sh_degree, antialias);
-    if (from == SPIN_FROM_TRAINED) {
+    if (from != SPIN_FROM_REFINED) {
         spin_json_set(to, "field", field_json(spin_json_get(json, "field")));
         spin_json_set(to, "device", text_of(json, "device"));
     }
@@ -77,7 +77,7 @@ static void add_stage(spin_json *root, const struct spin_bundle *b, const char *
 
         spin_json_set(to, copied[i], value ? json_incref(value) : json_null());
     }
-    if (from == SPIN_FROM_TRAINED && spin_json_get(json, "options"))
+    if (from != SPIN_FROM_REFINED && spin_json_get(json, "options"))
         spin_json_set(to, "options", spin_trained_options(json));
     spin_json_set(root, name, to);
 }
@@ -125,6 +125,8 @@ spin_status spin_bundle_describe(const char *path, char **report)
     if (trained)
         add_stage(root, &bundle, "trained", SPIN_FROM_TRAINED, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
                   integer_of(trained, "sh_degree"));
+    if (spin_json_get(bundle.json, "trained_4d")) /* its splats are the source */
+        add_stage(root, &bundle, "trained_4d", SPIN_FROM_SOURCE, meta->columns, meta->sh_degree);
     spin_json_set(root, "bytes", spin_bundle_bytes_json(&bytes));
     spin_json_set(root, "bytes_unpacked", spin_bundle_bytes_json(&unpacked));
     return spin_json_finish(json_incref(root), report);

@@ -1,5 +1,8 @@
-/* Which exporter writes a file, by the ending of its name. */
+/* Which exporter writes a file, by the ending of its name; and what writes the files that none does. */
+#include <strings.h>
+
 #include "base/base.h"
+#include "io/file.h"
 #include "spin_run.h"
 
 static const char *const endings[][2] = {{".compressed.ply", "compressed-ply"},
@@ -18,40 +21,136 @@ static const char *const endings[][2] = {{".compressed.ply", "compressed-ply"},
                                          {".webm", "video"}};
 enum { N_ENDINGS = sizeof endings / sizeof *endings };
 
+/* Of files that nothing writes: the nearest that is written, and by which exporter. */
+static const char *const kin[][3] = {
+    {"gif mov avi mkv m4v ogv mpg mpeg apng", ".mp4", "video"},
+    {"exr", "a folder with --to images --format exr", "images"},
+    {"png jpg jpeg tif tiff bmp webp", "a folder with --to images", "images"},
+    {"gltf obj fbx stl dae", ".glb", "gltf"},
+    {"usd usdc usdz", ".usda", "usd"},
+    {"ksplat splatv", ".splat", "splat"},
+    {"splat4d 4dgs", ".sogst", "sogst"},
+    {"spin", "what spin-import and spin-retrain write", NULL}};
+enum { N_KIN = sizeof kin / sizeof *kin };
+
+static bool is_ending(const char *output, const char *ending)
+{
+    return strlen(output) > strlen(ending) && spin_text_ends_any_case(output, ending);
+}
+
 const char *spin_exporter_for(const char *output)
 {
     for (size_t i = 0; i < N_ENDINGS; i++)
-        if (!spin_text_ends(endings[i][0], output) && spin_text_ends(output, endings[i][0]))
+        if (is_ending(output, endings[i][0]))
             return endings[i][1];
     return NULL;
 }
 
-const char *spin_exporter_nearest(const char *ending)
+/* The row of kin for an ending, without its dot; -1. */
+static int find_kin(const char *ending)
 {
-    static const char *const kin[][2] = {
-        {"gif mov avi mkv m4v ogv mpg mpeg apng", ".mp4"},
-        {"png jpg jpeg exr tif tiff bmp webp", "a folder with --to images"},
-        {"gltf obj fbx stl dae", ".glb"},
-        {"usd usdc usdz", ".usda"},
-        {"ksplat splatv", ".splat"},
-        {"splat4d 4dgs", ".sogst"}};
-    size_t length = strlen(ending + 1);
-    const char *best = NULL;
-    int least = 3;
-
-    for (size_t k = 0; k < sizeof kin / sizeof *kin; k++)
+    for (int k = 0; k < N_KIN; k++)
         for (const char *word = kin[k][0]; *word; word += strspn(word, " ")) {
             size_t n = strcspn(word, " ");
 
-            if (n == length && strncmp(word, ending + 1, n) == 0)
-                return kin[k][1];
+            if (n == strlen(ending) && strncasecmp(word, ending, n) == 0)
+                return k;
             word += n;
         }
+    return -1;
+}
+
+const char *spin_exporter_nearest(const char *ending)
+{
+    size_t length = strlen(ending);
+    const char *best = NULL;
+    int least = length < 6 ? 2 : 3, k = find_kin(ending + 1); /* of ".abcd" one letter */
+
+    if (k >= 0)
+        return kin[k][1];
     for (size_t i = 0; i < N_ENDINGS; i++) {
-        int d = spin_text_distance(ending, length + 1, endings[i][0]);
+        int d = spin_text_distance(ending, length, endings[i][0]);
 
         best = d < least ? endings[i][0] : best;
         least = d < least ? d : least;
     }
     return best;
+}
+
+const char *spin_exporter_of_format(const char *format)
+{
+    int k = find_kin(format);
+
+    for (size_t i = 0; i < N_ENDINGS && k < 0; i++)
+        if (strcasecmp(endings[i][0] + 1, format) == 0)
+            return endings[i][1];
+    return k < 0 ? NULL : kin[k][2];
+}
+
+const struct spin_exporter *spin_exporter_named(const char *name)
+{
+    const struct spin_exporter *found = NULL;
+
+    for (const struct spin_exporter *const *i = spin_exporter_list(); *i; i++) {
+        if (strcmp((*i)->name, name) == 0)
+            return *i;
+        found = !found && strcasecmp((*i)->name, name) == 0 ? *i : found;
+    }
+    return found;
+}
+
+/* The longest ending of `output` that somebody's files have, with its dot; NULL. */
+static const char *known_ending(const char *output)
+{
+    const char *dot = strrchr(spin_path_name(output), '.');
+
+    for (size_t i = 0; i < N_ENDINGS; i++)
+        if (is_ending(output, endings[i][0]))
+            return output + strlen(output) - strlen(endings[i][0]);
+    return dot && find_kin(dot + 1) >= 0 ? dot : NULL;
+}
+
+spin_status spin_exporter_check_name(const struct spin_exporter *e, const char *output)
+{
+    const char *by = spin_exporter_for(output), *ending = known_ending(output);
+
+    if (!by || strcmp(by, e->name) == 0 || spin_plugin_origin(e) || spin_path_is_folder(output))
+        return SPIN_OK;
+    for (size_t i = 0; i < N_ENDINGS; i++) /* 4D splats as x.ply */
+        if (!e->frame && strcmp(endings[i][1], e->name) == 0 &&
+            spin_text_ends_any_case(endings[i][0], ending))
+            return SPIN_OK;
+    return spin_misuse("'%s' is named as what '%s' writes, but --to is '%s': leave out --to or "
+                       "the ending",
+                       output, by, e->name);
+}
+
+spin_status spin_bundle_check_name(const char *output)
+{
+    const char *ending = known_ending(output);
+
+    if (!ending || strcasecmp(ending, ".spin") == 0)
+        return SPIN_OK;
+    return spin_misuse("'%s' would be a bundle, which is named *.spin; spin-export writes %s of it",
+                       output, spin_exporter_for(output) ? ending : spin_exporter_nearest(ending));
+}
+
+spin_status spin_report_check_name(const char *path)
+{
+    static const char *const others[][2] = {{".pdf", "a browser prints the page as PDF"},
+                                            {".md", "--table md prints Markdown"},
+                                            {".csv", "--table csv prints CSV"},
+                                            {".tex", "--table latex prints LaTeX"},
+                                            {".json", "--json prints JSON"},
+                                            {".svg", "--figures DIR writes SVG"},
+                                            {".png", "--figures DIR writes PNG"}};
+    const char *ending = known_ending(path);
+
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        if (is_ending(path, others[i][0]))
+            return spin_misuse("--report '%s': the report is a page of HTML, *.html; %s", path,
+                               others[i][1]);
+    if (ending && strcasecmp(ending, ".html") != 0)
+        return spin_misuse("--report '%s': the report is a page of HTML, *.html", path);
+    return SPIN_OK;
 }

@@ -136,6 +136,8 @@ static spin_status check_report(const struct spin_eval_options *o)
 {
     if (o->log && !o->report)
         return spin_misuse("the log is for the report: say where with --report");
+    if (o->report)
+        SPIN_TRY(spin_report_check_name(o->report));
     if (o->log && !spin_path_exists(o->log))
         return spin_not_found("the log '%s' does not exist", o->log);
     SPIN_TRY(spin_output_check_distinct((const char *[]){o->report, o->images}, 2));

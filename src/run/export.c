@@ -10,6 +10,7 @@
 #include "render/player.h"
 #include "run/share_splats.h"
 #include "run/training.h"
+#include "scene/data_path.h"
 #include "scene/lens.h"
 #include "scene/probe.h"
 
@@ -142,13 +143,12 @@ static spin_status find_exporter(const char *name, const struct spin_exporter **
 {
     char known[256] = "";
 
+    *out = spin_exporter_named(name);
+    if (*out)
+        return SPIN_OK;
     for (const struct spin_exporter *const *i = spin_exporter_list(); *i; i++) {
         size_t used = strlen(known);
 
-        if (strcmp((*i)->name, name) == 0) {
-            *out = *i;
-            return SPIN_OK;
-        }
         snprintf(known + used, sizeof known - used, "%s%s", used ? ", " : "", (*i)->name);
     }
     if (spin_plugin_fault(name))
@@ -532,6 +532,7 @@ static spin_status run_export(struct export *x)
     if (o->decimate)
         SPIN_TRY(spin_decimate_parse(o->decimate, &goal));
     SPIN_TRY(find_exporter(o->to, &x->exporter));
+    SPIN_TRY(spin_exporter_check_name(x->exporter, o->output));
     SPIN_TRY(spin_plugin_check(o->to, x->exporter->options, o->plugin_pairs));
     if (o->check && !x->exporter->checks)
         return spin_misuse("--check: what '%s' writes cannot be read back", o->to);
@@ -637,9 +638,13 @@ static spin_json *decimated_json(const struct spin_decimated *d)
 
 spin_status spin_export(const struct spin_export_options *o, char **report)
 {
+    const struct spin_exporter *exporter = spin_exporter_named(o->to);
+    struct spin_export_options as_spelled = *o;
     struct spin_export_report r;
 
     *report = NULL;
+    as_spelled.to = exporter ? exporter->name : o->to;
+    o = &as_spelled;
     SPIN_TRY(spin_export_clip(o, &r));
     return spin_json_finish(
         json_pack("{s:o, s:o, s:i, s:o, s:f, s:o, s:I, s:I, s:o, s:o}", "to",

@@ -13,6 +13,8 @@
 #include "io/output.h"
 #include "io/image.h"
 #include "io/ranks.h"
+#include "scene/data_path.h"
+#include "scene/foreign.h"
 #include "scene/probe.h"
 #include "scene/splats_4d.h"
 
@@ -85,6 +87,8 @@ static spin_status open_data(struct import *im)
 
     if (!o->data && !im->sequence.continuous) /* the one that spin-export wrote down */
         SPIN_TRY(spin_exported_data(im->input, &path, &from));
+    if (o->data)
+        SPIN_TRY(spin_foreign_missing(o->data));
     if (o->data || path)
         SPIN_TRY(spin_path_absolute(o->data ? o->data : path, &im->data));
     if (im->data)
@@ -180,7 +184,7 @@ static spin_status attach_data(struct import *im)
     if (!o->output)
         return SPIN_OK;
     SPIN_TRY(spin_path_folder(o->output, &folder));
-    return spin_path_relative(folder, im->data, &im->meta.data_path);
+    return spin_bundle_set_data_path(&im->meta, folder, im->data);
 }
 
 /* ---- Which frames ------------------------------------------------------------------------------ */
@@ -815,6 +819,8 @@ static spin_status run_import(struct import *im)
     SPIN_TRY(check_frame_times(o));
     if (o->check_cameras && !o->data)
         return spin_misuse("--check-cameras draws over images: say where with --data");
+    if (o->output)
+        SPIN_TRY(spin_bundle_check_name(o->output));
     SPIN_TRY(spin_inputs_add_path(o->input));
     SPIN_TRY(spin_output_check_distinct((const char *[]){o->output, o->check_cameras}, 2));
     if (o->output && spin_rank() == 0)

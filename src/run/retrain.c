@@ -13,6 +13,7 @@
 #include "train/backdrop.h"
 #include "train/camera_colours.h"
 #include "train/loop.h"
+#include "train/options.h"
 #include "train/output.h"
 #include "train/rows_4d.h"
 #include "train/test_views.h"
@@ -431,6 +432,7 @@ static spin_status train_network(struct run *r)
     loop.context = r;
     c->path = r->plan.part;
     c->fingerprint = r->fingerprint;
+    c->restart = spin_options_restart(r->plan.o);
     c->code_paths = &r->code_paths;
 
     SPIN_TRY(open_trainer(r, resume));
@@ -515,25 +517,27 @@ static void keep_clip(struct run *r)
 static spin_status keep(struct run *r, spin_status failed)
 {
     struct spin_checkpoint *c = &r->checkpoint;
-    const char *go_on = r->plan.o->resume ? ": the same command goes on" : ": go on with --resume";
-    bool lost = false;
+    const char *go_on = spin_options_continue(r->plan.o);
+    bool shared = r->plan.o->cache && !r->plan.o->resume;
+    bool lost = false, said = c->failed; /* the failure is that of saving */
     char why[1024], kept[1024] = "";
 
     snprintf(why, sizeof why, "%s", spin_last_error());
     if (spin_ranks_agreed() && c->sound && r->trainer.iteration > 0 &&
         r->trainer.iteration != c->saved)
         lost = spin_checkpoint_save(c, &r->trainer) != SPIN_OK;
-    if (lost && strcmp(why, spin_last_error()) != 0)
+    if (lost && !said)
         snprintf(kept, sizeof kept, "; %s", spin_last_error());
     if (failed == SPIN_E_CANCELLED && spin_ranks_agreed() && c->sound &&
         c->saved == r->trainer.iteration)
         keep_clip(r);
     if (c->saved >= 0)
-        return spin_fail(failed, "%s%s; the state of iteration %lld is kept in '%s'%s", why, kept,
-                         (long long)c->saved, r->plan.part, c->sound ? go_on : "");
+        return spin_fail(failed, "%s%s; the state of iteration %lld is kept in '%s'%s%s", why, kept,
+                         (long long)c->saved, r->plan.part, c->sound ? ": " : "",
+                         c->sound ? go_on : "");
     if (!lost && r->refinement.frame && spin_path_is_folder(r->plan.parts))
-        return spin_fail(failed, "%s; the frames refined so far are kept in '%s'%s", why,
-                         r->plan.parts, r->plan.o->cache && !r->plan.o->resume ? "" : go_on);
+        return spin_fail(failed, "%s; the frames refined so far are kept in '%s'%s%s", why,
+                         r->plan.parts, shared ? "" : ": ", shared ? "" : go_on);
     return spin_fail(failed, "%s%s", why, kept);
 }
 
@@ -619,7 +623,9 @@ spin_status spin_train(const struct spin_retrain_options *o, struct spin_retrain
     memset(&r, 0, sizeof r);
     memset(report, 0, sizeof *report);
     r.checkpoint.saved = -1;
-    status = plan(&r, o, report);
+    status = o->output ? spin_bundle_check_name(o->output) : SPIN_OK;
+    if (status == SPIN_OK)
+        status = plan(&r, o, report);
     if (status == SPIN_OK && !o->dry_run)
         status = work(&r);
     if (status == SPIN_OK) {

@@ -287,27 +287,6 @@ void spin_bundle_close(struct spin_bundle *bundle)
     memset(bundle, 0, sizeof *bundle);
 }
 
-spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out)
-{
-    const char *path = bundle->meta.data_path;
-    SPIN_FREED char *folder = NULL, *joined = NULL;
-
-    *out = NULL;
-    if (!path)
-        return SPIN_OK;
-    if (path[0] == '/')
-        return spin_strdup(path, out);
-    SPIN_TRY(spin_path_folder(bundle->path, &folder));
-    SPIN_TRY(spin_path_join(folder, path, &joined));
-    if (spin_path_exists(joined)) {
-        SPIN_TRY(spin_path_absolute(joined, out));
-    } else { /* the caller says that it is missing, by this name */
-        *out = joined;
-        joined = NULL;
-    }
-    return SPIN_OK;
-}
-
 /* ---- Reading --------------------------------------------------------------------------------- */
 
 /* The group, if it has the frame and these columns. */

@@ -89,8 +89,6 @@ void spin_bundle_close(struct spin_bundle *bundle);
 void spin_bundle_weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *packed,
                        struct spin_bundle_bytes *unpacked);
 spin_json *spin_bundle_bytes_json(const struct spin_bundle_bytes *bytes);
-/* The data set's folder, made absolute against the bundle's place; NULL when there is none. Allocated. */
-spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out);
 /* Array `series`/`frame`, or `series` itself with a frame of -1: its header alone is looked at. kind: 'f'
  * float32, 'u' uint32; a -1 in shape matches anything. Errors name the array. */
 spin_status spin_bundle_values_check(struct spin_bundle *bundle, const char *series, int frame,

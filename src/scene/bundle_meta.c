@@ -32,6 +32,7 @@ void spin_bundle_meta_free(struct spin_bundle_meta *meta)
     free(meta->frame);
     free(meta->source_index);
     free(meta->data_path);
+    free(meta->data_absolute);
     memset(meta, 0, sizeof *meta);
 }
 
@@ -145,7 +146,7 @@ static spin_status read_frames(struct spin_bundle_meta *meta, const spin_json *r
 static spin_status read_data(struct spin_bundle_meta *meta, const spin_json *root)
 {
     const spin_json *data = spin_json_get(root, "data");
-    const char *path;
+    const char *path, *absolute;
 
     read_text(root, "pair", meta->pair, sizeof meta->pair);
     if (!data || !spin_json_is_object(data))
@@ -154,6 +155,9 @@ static spin_status read_data(struct spin_bundle_meta *meta, const spin_json *roo
     if (!path || path[0] == '\0')
         return spin_meta_fail("data.path", "a path");
     read_text(data, "from", meta->data_from, sizeof meta->data_from);
+    absolute = spin_json_string(spin_json_get(data, "absolute"));
+    if (absolute && *absolute)
+        SPIN_TRY(spin_strdup(absolute, &meta->data_absolute));
     return spin_strdup(path, &meta->data_path);
 }
 
@@ -311,6 +315,8 @@ spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json 
         spin_json *data = spin_json_object();
 
         spin_json_set_string(data, "path", meta->data_path);
+        if (meta->data_absolute && strcmp(meta->data_absolute, meta->data_path) != 0)
+            spin_json_set_string(data, "absolute", meta->data_absolute);
         spin_json_set_string(data, "from", meta->data_from);
         spin_json_set(root, "data", data);
     } else {

@@ -24,6 +24,7 @@ struct spin_bundle_meta {
     int sh_degree;       /* -1: none */
     bool antialias;      /* meant to be drawn antialiased */
     char *data_path;     /* as stored: relative to the bundle's folder, or absolute; NULL */
+    char *data_absolute; /* the same, absolute; NULL: of an older bundle */
     char data_from[128]; /* as spin_views_open() takes it */
     char pair[8];        /* of frames and a data set, as spin_views_pair() takes it */
 };

@@ -2,6 +2,8 @@
 #include "scene/clip.h"
 
 #include "base/base.h"
+#include "scene/data_path.h"
+#include "scene/foreign.h"
 #include "scene/probe.h"
 
 spin_status spin_range_select(const struct spin_range *range, const struct spin_frame_info *info,
@@ -103,6 +105,7 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
     spin_status status = SPIN_OK;
 
     if (o->data) {
+        SPIN_TRY(spin_foreign_missing(o->data));
         SPIN_TRY(spin_path_absolute(o->data, &path));
     } else {
         SPIN_TRY(spin_bundle_data_path(&clip->bundle, &path));
@@ -156,16 +159,21 @@ static spin_status open_bundle(const char *path, struct spin_bundle *out)
 {
     const struct spin_importer *importer;
     unsigned char head[4];
-    char why[4096];
+    char why[4096], what[400];
     size_t n = 0;
     spin_status status = spin_bundle_open(path, out);
 
-    if (status == SPIN_OK || !spin_path_exists(path))
+    if (status == SPIN_OK)
+        return status;
+    SPIN_TRY(spin_foreign_missing(path));
+    if (!spin_path_exists(path))
         return status;
     snprintf(why, sizeof why, "%s", spin_last_error());
     if (spin_importer_find(path, NULL, false, &importer) == SPIN_OK)
         return spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is not a bundle: spin-import reads it (%s)",
                          path, importer->name);
+    if (!spin_bundle_looks_like(path) && spin_foreign_input(path, false, what, sizeof what))
+        return spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is not a bundle: %s", path, what);
     if (!spin_path_is_folder(path) && spin_file_head(path, head, sizeof head, &n) == SPIN_OK &&
         n > 0 && !spin_zip_looks_like(head, n))
         return spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is not a bundle", path);

@@ -117,13 +117,14 @@ static spin_status check_spec(const struct spin_importer *importer, const struct
 static spin_status keep_spec(const char *from, const struct spin_importer *importer, char *used,
                              size_t n_used)
 {
-    const char *text = from ? from : importer->name;
+    const char *options = from ? from + strcspn(from, ":") : "";
+    size_t n = strlen(importer->name) + strlen(options);
 
-    if (used && strlen(text) >= n_used)
-        return spin_misuse("'%s' has %zu letters, expected less than %zu", text, strlen(text),
-                           n_used);
+    if (used && n >= n_used)
+        return spin_misuse("'%s%s' has %zu letters, expected less than %zu", importer->name,
+                           options, n, n_used);
     if (used)
-        snprintf(used, n_used, "%s", text);
+        snprintf(used, n_used, "%s%s", importer->name, options);
     return SPIN_OK;
 }
 

@@ -1,11 +1,14 @@
 /* Choosing an importer: by name, or by asking every one of them to look at the input's outside (the peek). */
 #include "scene/probe.h"
 
+#include <strings.h>
+
 #include "base/base.h"
 #include "io/file.h"
 #include "io/torch.h"
 #include "io/zip.h"
 #include "scene/bundle.h"
+#include "scene/foreign.h"
 
 /* Two probes this close are a tie: the numbers are guesses. */
 #define TIE 10
@@ -167,7 +170,7 @@ static spin_status find_by_name(const char *from, bool want_views, const struct 
     char names[512];
 
     for (const struct spin_importer *const *i = spin_importer_list(); *i; i++) {
-        if (strcmp((*i)->name, from) == 0 && is_candidate(*i, want_views)) {
+        if (strcasecmp((*i)->name, from) == 0 && is_candidate(*i, want_views)) {
             *out = *i;
             return SPIN_OK;
         }
@@ -237,6 +240,16 @@ const struct spin_importer *spin_importer_guess(const char *path, bool want_view
     return c.score >= SURE && c.score - c.second_score >= TIE ? c.best : NULL;
 }
 
+static spin_status fail_foreign(const char *path, bool want_views)
+{
+    char what[400];
+
+    if (spin_foreign_input(path, want_views, what, sizeof what))
+        return spin_fail(SPIN_E_NOT_RECOGNISED, "cannot recognise '%s': %s", path, what);
+    return spin_fail(SPIN_E_NOT_RECOGNISED,
+                     "cannot recognise '%s': no importer knows it (see spin-import --list)", path);
+}
+
 /* A folder that no importer knows may have what is meant one level down. The only run there is taken, when
  * `in` is not NULL: *in is its folder, allocated. */
 static spin_status look_below(const struct spin_peek *peek, bool want_views,
@@ -263,9 +276,7 @@ static spin_status look_below(const struct spin_peek *peek, bool want_views,
         }
     }
     if (n == 0) {
-        return spin_fail(SPIN_E_NOT_RECOGNISED,
-                         "cannot recognise '%s': no importer knows it (see spin-import --list)",
-                         peek->path);
+        return fail_foreign(peek->path, want_views);
     } else if (n == 1 && in) {
         *out = first;
         *in = below;
@@ -279,7 +290,7 @@ static spin_status look_below(const struct spin_peek *peek, bool want_views,
                      below, first->name);
 }
 
-static spin_status fail_unknown(const struct spin_peek *peek)
+static spin_status fail_unknown(const struct spin_peek *peek, bool want_views)
 {
     struct spin_torch torch;
 
@@ -288,9 +299,7 @@ static spin_status fail_unknown(const struct spin_peek *peek)
                          "'%s' is a bundle already: see --info, spin-retrain, spin-export",
                          peek->path);
     if (!may_tell(peek))
-        return spin_fail(SPIN_E_NOT_RECOGNISED,
-                         "cannot recognise '%s': no importer knows it (see spin-import --list)",
-                         peek->path);
+        return fail_foreign(peek->path, want_views);
     SPIN_TRY(spin_torch_open(peek->path, &torch));
     spin_torch_close(&torch);
     return spin_fail(SPIN_E_NOT_RECOGNISED,
@@ -305,7 +314,8 @@ static spin_status find_by_probe(const struct spin_peek *peek, bool want_views,
     struct choice c = choose(peek, want_views);
 
     if (!c.best)
-        return peek->is_folder ? look_below(peek, want_views, out, in) : fail_unknown(peek);
+        return peek->is_folder ? look_below(peek, want_views, out, in)
+                               : fail_unknown(peek, want_views);
     if (c.second && c.score - c.second_score < TIE)
         return spin_fail(SPIN_E_NOT_RECOGNISED,
                          "cannot recognise '%s': it may be '%s' or '%s'; say which with %s",
@@ -322,7 +332,11 @@ static spin_status find(const char *path, const char *from, bool want_views,
 
     *out = NULL;
     if (from)
-        return find_by_name(from, want_views, out);
+        SPIN_TRY(find_by_name(from, want_views, out));
+    if (!from || !spin_plugin_origin(*out))
+        SPIN_TRY(spin_foreign_missing(path));
+    if (from)
+        return SPIN_OK;
     SPIN_TRY(spin_peek_open(path, &peek));
     return find_by_probe(&peek, want_views, out, in);
 }

@@ -265,7 +265,8 @@ spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer 
     free(text);
     status = spin_ranks_agree(status);
     c->saved_s = spin_now_s();
-    if (status != SPIN_OK)
+    c->failed = status != SPIN_OK;
+    if (c->failed)
         return spin_fail_context(status, "cannot save the unfinished state");
     c->saved = t->iteration;
     spin_log(1, "saved the state of iteration %lld to '%s'", (long long)t->iteration, c->path);
@@ -359,7 +360,8 @@ static spin_status read_header(const struct spin_checkpoint *c, struct spin_npz 
     if (!fingerprint || strcmp(fingerprint, c->fingerprint) != 0)
         return spin_misuse("it was made from another input or with other options "
                            "than these, or its images have changed; give the same "
-                           "ones, or --force without --resume to start anew");
+                           "ones, or %s to start anew",
+                           c->restart);
     return SPIN_OK;
 }
 

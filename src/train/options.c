@@ -311,6 +311,16 @@ static void add_to_json(const struct row *row, const struct spin_retrain_options
     }
 }
 
+const char *spin_options_continue(const struct spin_retrain_options *o)
+{
+    return o->resume || o->auto_resume ? "the same command goes on" : "go on with --resume";
+}
+
+const char *spin_options_restart(const struct spin_retrain_options *o)
+{
+    return o->auto_resume ? "--force" : "--force without --resume";
+}
+
 spin_json *spin_options_to_json(const struct spin_retrain_options *o, enum spin_options_of of)
 {
     spin_json *j = spin_json_object();

@@ -4,6 +4,7 @@
 #include "base/base.h"
 #include "math/turn.h"
 #include "model/residual.h"
+#include "scene/data_path.h"
 #include "train/rows_4d.h"
 #include "train/settings.h"
 
@@ -429,7 +430,7 @@ static spin_status fill_meta(const struct spin_output *output, struct spin_bundl
              output->plan->o->pair ? output->plan->o->pair : from->pair);
     memcpy(meta->data_from, output->plan->clip.data_from, sizeof meta->data_from);
     SPIN_TRY(spin_path_folder(output->plan->o->output, &folder));
-    return spin_path_relative(folder, output->plan->clip.data_path, &meta->data_path);
+    return spin_bundle_set_data_path(meta, folder, output->plan->clip.data_path);
 }
 
 static void set_quality(spin_json *j, const char *key, const struct spin_quality *q)

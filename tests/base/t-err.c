@@ -52,6 +52,9 @@ TAP_MAIN
     is_text(spin_last_error(), "cannot read 'a.npz': no array", "the file is named");
     spin_fail_reading(SPIN_E_MALFORMED, "a.npz");
     is_text(spin_last_error(), "cannot read 'a.npz': no array", "once");
+    spin_fail(SPIN_E_MALFORMED, "no array");
+    spin_fail_reading(SPIN_E_MALFORMED, "arr");
+    is_text(spin_last_error(), "cannot read 'arr': no array", "a name that is part of a word too");
     spin_fail(SPIN_E_USAGE, "--cull");
     spin_fail_reading(SPIN_E_USAGE, "a.npz");
     is_text(spin_last_error(), "--cull", "but not for a wrong option");

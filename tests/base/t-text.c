@@ -114,5 +114,11 @@ TAP_MAIN
     ok(fclose(f) != 0, "a text that memory was too small for is not whole");
     most = SIZE_MAX;
 #endif
+    *text = '\0';
+    spin_text_note(text, sizeof text, "frame %d is empty", 12);
+    spin_text_note(text, sizeof text, "frame %d is empty", 1);
+    spin_text_note(text, sizeof text, "frame %d", 1);
+    spin_text_note(text, sizeof text, "frame %d", 1);
+    is_text(text, "frame 12 is empty\nframe 1 is empty\nframe 1\n", "the same note once");
     free(got);
 }

@@ -653,9 +653,9 @@ def text_eval(j, verbose, quiet, fps):
             100 * j["dynamic"], {"masks": "foreground masks", "images": "the images"}[j["dynamic_from"]],
             j["psnr_dynamic"], j["psnr_static"])]
     t += ["speed    %s frames per second with decoding, %s without" % fps]
-    return "\n".join(t + ["storage  %s for these attributes, %s a frame; the file has %s, unpacked %s" % (
-        size(j["storage"]["measured"]), size(j["storage"]["measured_per_frame"]), size(j["storage"]["file"]),
-        size(j["storage_unpacked"]["file"]))])
+    return "\n".join(t + ["size     %s the file, unpacked %s; %s the measured attributes, %s a frame" % (
+        size(j["storage"]["file"]), size(j["storage_unpacked"]["file"]), size(j["storage"]["measured"]),
+        size(j["storage"]["measured_per_frame"]))])
 
 
 def check_means(j, name, n_frames):
@@ -794,7 +794,7 @@ def table_of(page, title):
 
 
 def storage_tile(j):
-    return "<div><b>%s</b>storage per frame</div>" % size(j["storage"]["measured_per_frame"])
+    return "<div><b>%s</b>attributes per frame</div>" % size(j["storage"]["measured_per_frame"])
 
 
 def check_page(name, j, before, seen, log, split="test"):
@@ -879,7 +879,7 @@ def check_page(name, j, before, seen, log, split="test"):
         [label, "%.2f" % (packed[k] / 1e6), "%.2f" % (unpacked[k] / 1e6)] for label, k in (
             ("source", "source"), ("refined frames", "refined"), ("values of frames", "positions"), ("tracks", "tracks"),
             ("table", "table"), ("heads", "heads"), ("the file", "file")) if unpacked[k]]
-    ok(table_of(text, "Storage") == want, name + ": the table of storage", table_of(text, "Storage"), want)
+    ok(table_of(text, "Size") == want, name + ": the table of storage", table_of(text, "Storage"), want)
 
 
 # ---- spin-export ----------------------------------------------------------------------------------

@@ -65,5 +65,60 @@ misuse "no exporter writes '.sogs'; the nearest is .sog" spin-export a -o clip.s
 misuse "with --to" spin-export a -o a.d/clip
 misuse "with --output" spin-export a --to ply
 misuse "no exporter is called" spin-export a --to nonsense -o b
+misuse "the nearest is a folder with --to images --format exr" spin-export a -o a.exr
+misuse "the nearest is what spin-import and spin-retrain write" spin-export a -o a.spin
+misuse "did you mean 'video'" spin-export a --to mp4 -o b
+misuse "did you mean 'video'" spin-export a --to MOV -o b
+misuse "did you mean 'images'" spin-export a --to png -o b
+misuse "did you mean 'ply'" spin-export a --to pli -o b
+misuse "no importer is called 'mp4'; --list" spin-import --from mp4 a --info
+misuse "given as the folder that holds them" spin-import a.ply b.ply -o c.spin
+misuse "'retain' is neither a run nor a command, did you mean 'retrain'" spin4d retain a.spin -o b.spin
+misuse "did you mean 'import'" spin4d imprt a
+run "$bin/spin4d" help
+is "$code $(head -n 1 "$work/out" | cut -c1-7)" "0 spin4d:" "spin4d help"
+run "$bin/spin4d" help import
+is "$code $(head -n 1 "$work/out" | cut -c1-12)" "0 spin-import:" "spin4d help import"
+run "$bin/spin4d" version
+is "$code $(cut -c1-7 "$work/out")" "0 spin4d " "spin4d version"
+
+# A name that is that of another format.
+misnamed() {
+    expected=$1
+    shift
+    # shellcheck disable=SC2086,SC2048
+    run "$bin/"$*
+    is "$code" 2 "$*: exit code 2"
+    err_has "$expected" "$*: says '$expected'"
+    nothing_at "$work/new" "$*: nothing is written"
+}
+run "$bin/spin-import" -q "$clip" --data "$clip" --range 0:1 -o "$work/One.SPIN"
+is "$code" 0 "*.SPIN is a bundle"
+misnamed "named \*.spin; spin-export writes .ply of it" "spin-import $clip -o $work/new.ply"
+misnamed "named \*.spin; spin-export writes a folder with --to images of it" "spin-import $clip -o $work/new.png"
+misnamed "named \*.spin; spin-export writes .HTML of it" "spin-retrain $work/One.SPIN -o $work/new.HTML"
+misnamed "a browser prints the page as PDF" "spin-eval $work/One.SPIN --report $work/new.pdf"
+misnamed "a browser prints the page as PDF" "spin-eval $work/One.SPIN $work/One.SPIN --report $work/new.pdf"
+misnamed "is named as what 'html' writes, but --to is 'ply'" "spin-export $work/One.SPIN --to ply -o $work/new.html"
+misnamed "is named as what 'ply' writes, but --to is 'html'" "spin4d $work/One.SPIN --no-retrain --to html -o $work/new.ply"
+misnamed "names no exporter: the nearest is .mp4" "spin4d $work/One.SPIN --no-retrain -o $work/new.mov"
+
+# Names of formats and endings have no case.
+run "$bin/spin-export" "$work/One.SPIN" -o "$work/A.PLY" --json
+is "$code $(member to)" "0 ply" "-o A.PLY"
+run "$bin/spin-export" "$work/One.SPIN" --to FTGS-or-PLY -o "$work/a"
+is "$code" 2 "a name that is none"
+run "$bin/spin-export" "$work/One.SPIN" --to Compressed-PLY -o "$work/A.compressed.Ply" --json
+is "$code $(member to)" "0 compressed-ply" "--to Compressed-PLY -o A.compressed.Ply"
+[ -f "$work/A.compressed.Ply" ]
+ok $? "which is a file"
+misnamed "is named as what 'ply' writes, but --to is 'compressed-ply'" "spin-export $work/One.SPIN --to compressed-ply -o $work/new.ply"
+run "$bin/spin4d" "$work/One.SPIN" --no-retrain -o "$work/T.HTML" --json
+is "$code $(member to)" "0 html" "spin4d -o T.HTML"
+run "$bin/spin-import" --from PLY "$work/A.PLY" --info --json
+is "$code $(member from)" "0 ply" "--from PLY"
+run "$bin/spin-import" -q "$clip" --data "$clip" --data-from PANOPTIC --range 0:1 -o "$work/two.spin"
+run "$bin/spin-import" --info "$work/two.spin" --json
+is "$code $(member data_from)" "0 panoptic" "--data-from PANOPTIC"
 
 done_testing

@@ -39,6 +39,42 @@ nothing_at "$work/new" "what is not a bundle: nothing was written"
 run "$bin/spin-export" "$work/text.spin" -o "$work/new.glb"
 err_has "'$work/text.spin' is not a bundle\$" "text is not a bundle"
 
+# What nothing here reads is named, with what to do.
+mkdir -p "$work/in/out" "$work/empty" "$work/pictures" "$work/films" "$work/packed"
+cp fixtures/ply/brush_sh1/00001.ply "$work/in/out/p.ply"
+cp $clip/ims/0/*.jpg "$work/pictures"
+printf '\0\0\0\040ftypisom' >"$work/film.mp4"
+cp "$work/film.mp4" "$work/films"
+tar -C "$work/in" -czf "$work/a.tar.gz" out
+python3 -c 'import sys, zipfile
+zipfile.ZipFile(sys.argv[1], "w").write(sys.argv[2], "out/p.ply")' "$work/a.zip" "$work/in/out/p.ply"
+cp "$work/a.zip" "$work/packed"
+foreign() { # INPUT EXPECTED
+    for command in "spin-import --info" "spin-import -o $work/new.spin" "spin4d --no-retrain -o $work/new.html" spin-eval \
+        "spin-export -o $work/new.glb" "spin-retrain -o $work/new.spin"; do
+        # shellcheck disable=SC2086
+        run "$bin/"$command "$1"
+        fails 1 "${command%% *}" "$command ${1##*/}"
+        err_has "'$(echo "$1" | sed 's/[*]/[*]/')'.*: it $2" "$command ${1##*/}: it $2"
+        nothing_at "$work/new" "$command ${1##*/}: nothing was written"
+    done
+}
+foreign "$work/a.zip" "is a ZIP archive with 'out/p.ply' inside: unpack it"
+foreign "$work/a.tar.gz" "is packed by gzip: unpack it"
+foreign "$work/packed" "holds an archive, 'a.zip': unpack it"
+foreign "$work/film.mp4" "is a video, not splats: train"
+foreign "$work/films" "is a folder of videos, not of splats: .* with --data"
+foreign "$work/pictures" "is a folder of images, not of splats: .* with --data"
+foreign "$work/empty" "is an empty folder: give the one that a method wrote"
+foreign "https://example.org/a.ply" "is a URL: download it first"
+foreign "$work/in/out/x*.ply" "is a pattern: give the folder, '$work/in/out'"
+for pair in "$work/a.zip=is a ZIP" "$work/film.mp4=is a video: give the folder" "$work/empty=is an empty folder: give the one with" \
+    "$work/pictures=is a folder of images without cameras" "https://example.org/a=is a URL" "$work/no*=is a pattern"; do
+    run "$bin/spin-import" "$clip" --data "${pair%%=*}" -o "$work/new.spin"
+    fails 1 spin-import "--data ${pair##*/}"
+    err_has "'$(echo "${pair%%=*}" | sed 's/[*]/[*]/')': it ${pair#*=}" "--data: it ${pair#*=}"
+done
+
 # A line is one write, so that no text of another process stands within it.
 if strace -f -o "$work/strace" true 2>/dev/null; then
     for command in spin-import spin-eval spin-export spin-retrain; do

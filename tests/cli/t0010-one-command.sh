@@ -32,7 +32,7 @@ rmdir empty
 
 run "$bin/spin4d" run --iterations 40
 is "$code" 0 "a run"
-err_has "the data set '.*run' lies beside the run and is taken" "says which data set it takes"
+err_has "the data set '.*run' beside the run; --data names another" "says which data set it takes"
 err_has "^preset quick: 40 iterations, 6 frames; about .* here" "says what is trained and how long"
 err_has "of 6 frames and 2 versions" "the page has both versions"
 out_has "^held-out views: 16.10 dB before, [0-9.]* dB after" "how good it became"
@@ -71,7 +71,9 @@ err_has "cpu (.*, 1 thread)" "--device and --threads"
 ok $? "with it a run alone is retrained"
 run "$bin/spin4d" run --data-from colmap -o wrong.html
 is "$code" 0 "a wrong --data-from, of a data set that is not named"
-err_has "warning: the data set '.*run' is not taken" "is said"
+err_has "warning: the data set '.*run' beside the run is not used" "is said"
+! grep -q "^uses the data set" "$work/err"
+ok $? "and not that it is used"
 run "$bin/spin4d" alone --from dash -o other2.html
 fails 1 spin4d "a wrong --from"
 run "$bin/spin4d" alone --frames 3 -o other2.html
@@ -134,7 +136,7 @@ PY
 cp run/params.npz other
 run "$bin/spin4d" other --iterations 40
 is "$code" 0 "a data set beside it that does not fit"
-err_has "warning: the data set '.*other' is not taken: " "a warning says why"
+err_has "warning: the data set '.*other' beside the run is not used: " "a warning says why"
 run "$bin/spin4d" other --data other --iterations 40 --force
 is "$code" 2 "the same, named, is an error"
 err_has "^spin4d: .*cannot pair frames" "which says why"

@@ -34,6 +34,19 @@ is "$code" 0 "options of an import change nothing"
 
 mv "$work/in.spin" "$work/moved.spin"
 mkdir "$work/deep"
+
+# Moved alone, moved with the data set, and the data set gone: the path is absolute each time.
+mkdir -p "$work/one/a" "$work/two/x/y"
+cp -r "$clip" "$work/one/set"
+run "$bin/spin-import" -q "$clip" --data "$work/one/set" -o "$work/one/a/b.spin"
+cp "$work/one/a/b.spin" "$work/two/x/y/b.spin"
+run "$bin/spin-eval" "$work/two/x/y/b.spin" --range 0:1 --scale 0.1 --dynamic off
+is "$code" 0 "a bundle copied to another depth keeps its data set"
+mv "$work/one" "$work/three"
+run "$bin/spin-import" --info "$work/three/a/b.spin"
+out_has "^data  *$work/three/set, panoptic\$" "so does one that was moved with it"
+run "$bin/spin-eval" "$work/two/x/y/b.spin"
+err_has "'$work/one/set'" "a data set that is gone: the path that was recorded"
 run "$bin/spin-import" -q "$clip" -o "$work/alone.spin"
 run "$bin/spin-import" --info --json "$work/alone.spin"
 is "$(member data)" null "a bundle without a data set"

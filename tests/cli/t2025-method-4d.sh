@@ -43,6 +43,14 @@ awk -v a="$before" -v b="$cut" 'BEGIN { exit !(b > a - 0.1) }'
 ok $? "cutting alone loses less than 0.1 dB ($before, $cut)"
 run "$bin/spin-import" --info "$work/4d.spin"
 out_has "4D splats" "--info tells of 4D splats"
+out_has "^trained     4D splats, 120 iterations on cpu\$" "and how they were trained"
+out_has "held-out views after: [0-9.]* dB" "and how good they are"
+run "$bin/spin-import" --info "$work/4d.spin" --json
+tr -d ' \n' <"$work/out" | grep -q '"trained_4d":{.*"before":{"psnr":.*"test":{"psnr":.*"iterations":120'
+ok $? "also as JSON"
+run "$bin/spin-eval" "$work/4d.spin" --report "$work/4d.html"
+grep -q 'Trained by spin-retrain --iterations 120 --method 4d on cpu' "$work/4d.html"
+ok $? "and the page of spin-eval"
 
 # It is a source of 4D splats to everything else.
 run "$bin/spin4d" "$work/4d.spin" -o "$work/page.html"

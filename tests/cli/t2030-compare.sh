@@ -28,17 +28,18 @@ is "$(awk '{ print $NF }' "$work/out" | tr '\n' ' ')" "run a_b better " "a row a
 # shellcheck disable=SC2086
 run "$bin/spin-eval" "$work/a_b.spin" "$work/better.spin" --range 1:4 --table md
 psnr=$(member psnr "$work/a_b.json" | awk '{ printf "%.2f", $1 }')
-out_has "^| run | PSNR | SSIM | PSNR, dynamic | MB |\$" "--table md"
+out_has "^| run | PSNR | SSIM | PSNR, dynamic | file, MB | attributes, MB |\$" "--table md"
 out_has "^| a_b | $psnr | " "with the figures"
 # shellcheck disable=SC2086
 run "$bin/spin-eval" "$work/a_b.spin" "$work/better.spin" $views --table csv
-is "$(sed -n 1p "$work/out")" "run,psnr,ssim,megabytes" "--table csv"
-is "$(awk -F, '{ print NF }' "$work/out" | sort -u)" 4 "with as many columns in every row"
+is "$(sed -n 1p "$work/out")" "run,psnr,ssim,megabytes,file_megabytes" "--table csv"
+is "$(awk -F, 'END { print $5 * 1e6 }' "$work/out")" "$(wc -c <"$work/better.spin")" "and the size of the file"
+is "$(awk -F, '{ print NF }' "$work/out" | sort -u)" 5 "with as many columns in every row"
 out_has '^"a_b",' "and names in quotes"
 # shellcheck disable=SC2086
 run "$bin/spin-eval" "$work/a_b.spin" $views --table latex
-is "$(head -n 1 "$work/out") $(tail -n 1 "$work/out")" '\begin{tabular}{lrrr} \end{tabular}' "--table latex of one"
-out_has '^a\\_b & [0-9.]* & 0.[0-9]* & [0-9.]* \\\\$' "with a name that LaTeX takes"
+is "$(head -n 1 "$work/out") $(tail -n 1 "$work/out")" '\begin{tabular}{lrrrr} \end{tabular}' "--table latex of one"
+out_has '^a\\_b & [0-9.]* & 0.[0-9]* & [0-9.]* & [0-9.]* \\\\$' "with a name that LaTeX takes"
 
 # ---- Another data set --------------------------------------------------------------------------------
 

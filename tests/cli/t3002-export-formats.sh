@@ -57,7 +57,7 @@ nothing_at "$work/many.spz" "and writes nothing"
 run "$bin/spin-export" "$in" -o "$work/many"
 fails 2 spin-export "no ending and no --to"
 run "$bin/spin-export" "$in" -o "$work/one.sog" --to spz --range 1:2 --force
-fails 1 spin-export "--to counts, and a file is no folder"
+fails 2 spin-export "--to is not overruled by the name of another format"
 run "$bin/spin-export" "$in" -o "$work/checked.spz" --range 1:2 --check --json
 is "$code" 0 "one file is checked"
 run "$bin/spin-export" "$in" --to usd -o "$work/half" --range 0:1

@@ -7,7 +7,7 @@
 #include "io/image.h"
 #include "base/number.h"
 #include "model/field.h"
-#include "scene/bundle.h"
+#include "scene/data_path.h"
 #include "scene/dataset.h"
 #include "tests/cmd/command.h"
 
@@ -462,12 +462,14 @@ static void test_unseen(void)
     size_t n, unseen = 0, wrong = 0;
     struct run *r;
     float *values;
+    char *data = NULL;
 
     snprintf(more, sizeof more,
              "%s --residual points --range 1:2 --lr-residual 0 --test-cams 0,3,7,12,15,19", still);
     r = retrain(more);
     values = array_of(r, "trained/residual/00000", &n);
-    if (!ok(spin_views_open(r->bundle.meta.data_path, NULL, &views, NULL, 0) == SPIN_OK &&
+    if (!ok(spin_bundle_data_path(&r->bundle, &data) == SPIN_OK &&
+                spin_views_open(data, NULL, &views, NULL, 0) == SPIN_OK &&
                 spin_bundle_frame(&r->bundle, 0, SPIN_COL_MEANS | SPIN_COL_LOGIT_OPACITIES,
                                   &source) == SPIN_OK &&
                 n == 11 * source.n,
@@ -493,6 +495,7 @@ static void test_unseen(void)
     free(values);
     spin_splats_free(&source);
     spin_views_free(&views);
+    free(data);
     drop(r);
 }
 

@@ -1,6 +1,7 @@
 /* Any bytes as a bundle: open, read every frame, and the splats that its network makes of each.  K: fuzz bundle */
 #include "io/file.h"
 #include "render/player.h"
+#include "scene/data_path.h"
 #include "tests/fuzz/input.h"
 
 #include <stdlib.h>
@@ -54,8 +55,8 @@ static void evaluate(struct spin_bundle *bundle)
         size_t n = spin_bundle_count(bundle, f, SPIN_FROM_TRAINED);
 
         if (n <= MOST &&
-            spin_player_splats(&renderer, f, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-                                       &splats) == SPIN_OK &&
+            spin_player_splats(&renderer, f, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &splats) ==
+                SPIN_OK &&
             splats.n != n)
             abort();
     }

@@ -336,6 +336,7 @@ static void test_networks(const char *root)
         remove(config);
         make_text(folder, "NTCs/config.json", bad[i][0]);
         fails("3dgstream", folder, bad[i][1], bad[i][2]);
+        ok(strstr(spin_last_error(), "config.json'") != NULL, "which names the configuration");
     }
     make_text(folder, "NTCs/config.json", "// the file's own\n{ # one\n");
     fails("3dgstream", folder, "config.json", "half a configuration");

@@ -11,6 +11,7 @@
 static void test_times(const char *folder)
 {
     const char *odd[] = {"time-duration", "10", NULL};
+    const char *absent[] = {"config", "no.yaml", NULL};
     struct spin_splats a = {0}, b = {0};
     struct run run;
 
@@ -29,6 +30,8 @@ static void test_times(const char *folder)
        "positions alone are the same positions");
     run_close(&run);
     fails_with(FROM, folder, odd, "expected A,B", "half a range");
+    fails_with(FROM, folder, absent, "--config: cannot open '", "a YAML that is not there");
+    ok(!strstr(spin_last_error(), "comp.xz"), "is not the checkpoint's fault");
     spin_splats_free(&a);
     spin_splats_free(&b);
 }

@@ -48,6 +48,13 @@ static void test_times(const char *root)
     write_text(yaml, "time_duration: [1, 1]\n");
     write_text(path_in(folder, "cfg_args"), "Namespace(frame_ratio=1)");
     fails_with(FROM, file, config, "time_duration is [1, 1]", "an empty time_duration");
+    ok(!strstr(spin_last_error(), file), "which is not the checkpoint's: %s", spin_last_error());
+    write_text(yaml, "other: 1\n");
+    fails_with(FROM, file, config, "none of time_duration, frame_ratio",
+               "a YAML of something else");
+    remove(yaml);
+    fails_with(FROM, file, config, "--config: cannot open '", "a YAML that is not there");
+    ok(!strstr(spin_last_error(), file), "is not the checkpoint's fault: %s", spin_last_error());
     spin_splats_free(&a);
     spin_splats_free(&b);
 }

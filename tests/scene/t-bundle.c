@@ -2,7 +2,7 @@
 
 #include "base/err.h"
 #include "base/log.h"
-#include "scene/bundle.h"
+#include "scene/data_path.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 
@@ -238,6 +238,46 @@ static void with_absolute_data(struct spin_bundle_meta *meta)
     meta->data_path = strdup("/no/such/data");
 }
 
+static const char *moved_from; /* where the data set was, absolute */
+
+static void with_moved_data(struct spin_bundle_meta *meta)
+{
+    meta->data_path = strdup(".//..");
+    meta->data_absolute = strdup(moved_from);
+}
+
+/* The data set of a bundle that was moved to where its relative path leads elsewhere. */
+static char *data_of_moved(const char *absolute)
+{
+    struct spin_bundle b;
+    char *data = NULL;
+
+    moved_from = absolute;
+    ok(spin_bundle_open(write_clip(SPIN_COL_MEANS, 0, with_moved_data, NULL), &b) == SPIN_OK &&
+           spin_bundle_data_path(&b, &data) == SPIN_OK,
+       "a bundle that was moved");
+    spin_bundle_close(&b);
+    return data;
+}
+
+static void test_moved_data(void)
+{
+    char *data, *above = NULL, *folder = NULL, *set = NULL;
+
+    spin_path_folder(check_folder(), &folder);
+    spin_path_absolute(folder, &above);
+    spin_path_absolute("fixtures/court-mini", &set);
+    is_text(data = data_of_moved(set), set, "the absolute path leads to a data set");
+    free(data);
+    is_text(data = data_of_moved("/no/such"), above, "else the relative one is good enough");
+    free(data);
+    is_text(data = data_of_moved("/usr"), above, "as it is where neither is a data set");
+    free(data);
+    free(above);
+    free(folder);
+    free(set);
+}
+
 static void test_data_path(void)
 {
     const char *path = write_clip(SPIN_COL_MEANS, 0, with_relative_data, NULL);
@@ -435,6 +475,7 @@ TAP_MAIN
     test_round_trip();
     test_refined();
     test_data_path();
+    test_moved_data();
     test_extra();
     test_overwrite();
     test_lies();

@@ -86,6 +86,8 @@ for column in FULL:
 clip = spin4d.load(write("source", {"columns": FULL, "sh_degree": 1}, arrays))
 same(clip.times, [0.5, 0.75, 1.0], "times are those of the frames")
 ok((len(clip), clip.numbers, clip.versions, clip.data, clip.cameras) == (3, [8, 10, 12], ["source"], None, []), "numbers, versions, no data set")
+rows = spin4d.load(write("rows", {"columns": FULL, "sh_degree": 1, "trained_4d": {"cameras": [{"camera": 3}]}}, arrays))
+ok((rows.versions, rows.cameras) == (["source"], [{"camera": 3}]), "colours of cameras that 4D splats were trained with")
 for i, f in enumerate(frames):
     got = clip.frame(i)
     same(got.means, f["means"], f"frame {i}: positions")
@@ -141,6 +143,9 @@ os.makedirs(os.path.join(work, "below"), exist_ok=True)
 for given, want in ("../data/court", os.path.join(work, "below", "../data/court")), ("/data/court", "/data/court"):
     path = write("data", {"data": {"path": given, "from": "d3dgs"}}, {}, "below")
     ok(spin4d.load(path).data == want, f"the data set at {given} is beside the bundle", spin4d.load(path).data)
+path = write("data", {"data": {"path": "../no/court", "absolute": work, "from": "d3dgs"}}, {}, "below")
+ok(spin4d.load(path).data == work, "the data set of a bundle that was moved alone", spin4d.load(path).data)
+path = write("data", {"data": {"path": "/data/court", "from": "d3dgs"}}, {}, "below")
 os.chdir(os.path.join(work, "below"))
 ok(spin4d.load("data.spin").data == "/data/court", "a bundle in the working folder")
 

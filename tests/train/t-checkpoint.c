@@ -49,6 +49,7 @@ static void begin(struct run *r, struct spin_device *d, const struct spin_frame_
     tracked_places(r->place);
     r->c = (struct spin_checkpoint){.path = path,
                                     .fingerprint = "this input",
+                                    .restart = "",
                                     .start_s = spin_now_s(),
                                     .code_paths = &r->code_paths,
                                     .permutation = r->place};
@@ -293,7 +294,7 @@ static void check_refused(struct spin_device *d)
         {"table/m", 1, 0xff800000u, "not finite"},
     };
     struct run r;
-    struct spin_checkpoint c = {.path = path, .fingerprint = "another input"};
+    struct spin_checkpoint c = {.path = path, .fingerprint = "another input", .restart = "--force"};
     struct spin_frame_size frame[TRACKED_FRAMES];
     struct spin_trainer_size size = {.n_frames = TRACKED_FRAMES};
 
@@ -311,7 +312,8 @@ static void check_refused(struct spin_device *d)
            strstr(spin_last_error(), "row 1 is no step done"),
        "not one that took a step more: %s", spin_last_error());
     ok(spin_checkpoint_sizes(&c, frame, &size) == SPIN_E_USAGE &&
-           strstr(spin_last_error(), "another input"),
+           strstr(spin_last_error(), "another input") &&
+           strstr(spin_last_error(), "ones, or --force to start anew"),
        "of another input: %s", spin_last_error());
     begin(&r, d, tracked_size, TRACKED, 2, 3);
     r.c.fingerprint = "another input";

@@ -382,7 +382,8 @@ static spin_status fill_page(const struct spin_report *r, spin_json *page)
     static const char *const split[] = {"test ", "training ", " "};
     const spin_json *report[2] = {spin_eval_json(r->after, r->split),
                                   r->before ? spin_eval_json(r->before, r->split) : NULL};
-    spin_json *trained = spin_json_get(r->clip->bundle.json, "trained");
+    bool source = !r->after->trained && !r->after->refined; /* 4D splats are trained as a source */
+    spin_json *trained = spin_json_get(r->clip->bundle.json, source ? "trained_4d" : "trained");
     spin_json *options = spin_trained_options(trained);
     char *settings = options ? spin_json_text(options, true) : NULL;
 
@@ -393,7 +394,7 @@ static spin_status fill_page(const struct spin_report *r, spin_json *page)
     spin_json_set_string(page, "name", spin_path_name(r->input));
     spin_json_set_string(page, "variant", r->clip->bundle.meta.variant);
     spin_json_set_string(page, "split", split[r->split]);
-    if (r->after->trained && settings) {
+    if (!r->after->refined && settings) {
         json_object_set(page, "trained", trained);
         spin_json_set_string(page, "settings", settings);
     }
