@@ -37,8 +37,8 @@ struct run {
     struct spin_step_log step_log;
     struct spin_output_lock lock; /* on the output */
     struct spin_watch watch;
-    double colour_spread; /* of the cameras, 0..1; -1: nothing to compare; NaN: not asked for */
-    bool resume;          /* there is a state to go on from */
+    struct spin_look look; /* how cameras show the scene; spread NaN: not asked for */
+    bool resume;           /* there is a state to go on from */
 };
 
 static bool trains_4d(const struct run *r) { return r->plan.o->method == SPIN_METHOD_4D; }
@@ -218,49 +218,88 @@ static spin_status plan(struct run *r, const struct spin_retrain_options *o,
 /* Brightness at the corners of the pictures. */
 static double corner_of(const struct run *r) { return spin_lenses_corner(&r->plan.lenses); }
 
-/* auto becomes on or off: the difference is in colour_spread, where it was measured. */
+static bool has_falloff(const struct spin_lens *lens)
+{
+    static const float none[6];
+
+    return memcmp(lens->falloff, none, sizeof none) != 0;
+}
+
+/* auto becomes on or off. Where a falloff cannot be seen, training would find one all the same: it takes whatever of the
+ * scene looks like it. So lenses learn only what auto has seen. */
 static spin_status choose_exposure(struct run *r)
 {
     enum spin_exposure *choice = &r->plan.report->options.learn_exposure;
+    const struct spin_lenses *lenses = &r->plan.lenses;
 
-    r->colour_spread = NAN;
+    r->look.spread = NAN;
     if (*choice == SPIN_EXPOSURE_OFF)
         return SPIN_OK;
-    SPIN_TRY(spin_camera_colours(&r->plan, &r->photos, &r->colour_spread));
+    SPIN_TRY(spin_camera_colours(&r->plan, &r->photos, &r->look));
     if (trains_4d(r))
         SPIN_TRY(spin_rows_4d_looks(&r->plan));
-    if (*choice == SPIN_EXPOSURE_AUTO)
-        *choice = r->colour_spread > least_spread || fabs(corner_of(r) - 1) > least_falloff
-                      ? SPIN_EXPOSURE_ON
-                      : SPIN_EXPOSURE_OFF;
+    if (*choice == SPIN_EXPOSURE_ON)
+        return SPIN_OK;
+    *choice = (r->look.spread > least_spread && r->look.gains == SPIN_LOOK_SEEN) ||
+                      fabs(corner_of(r) - 1) > least_falloff
+                  ? SPIN_EXPOSURE_ON
+                  : SPIN_EXPOSURE_OFF;
+    for (int i = 0; i < lenses->n; i++)
+        r->plan.lenses_stay |= !has_falloff(&lenses->lens[i]);
     return SPIN_OK;
+}
+
+static const char *why_not(enum spin_look_why why)
+{
+    static const char *const text[] = {
+        [SPIN_LOOK_SEEN] = "",
+        [SPIN_LOOK_FEW] = "too few points are seen by three training cameras",
+        [SPIN_LOOK_SAME_RADII] = "each point is about as far from the middle in all pictures",
+        [SPIN_LOOK_ODD] = "what points show is no lens's",
+        [SPIN_LOOK_NOT_HELD_OUT] = "held-out points hardly show it",
+    };
+
+    return text[why];
+}
+
+/* What was seen, or why it is not believed. */
+static void describe_look(const struct run *r, bool on, char text[400])
+{
+    const struct spin_look *look = &r->look;
+    bool refused = !on && look->spread > least_spread;
+    char falloff[160];
+
+    if (corner_of(r) != 1)
+        snprintf(falloff, sizeof falloff,
+                 "their pictures have %.1f %% of the brightness in the corners",
+                 100 * corner_of(r));
+    else
+        snprintf(falloff, sizeof falloff, "no falloff is seen (%s)", why_not(look->falloff));
+    snprintf(text, 400, "cameras differ in colour by %.1f %%%s%s%s, %s", 100 * look->spread,
+             refused ? " (" : "", refused ? why_not(look->gains) : "", refused ? ")" : "", falloff);
 }
 
 static void say_exposure(const struct run *r)
 {
     bool on = r->plan.o->learn_exposure == SPIN_EXPOSURE_ON;
+    char text[400];
 
-    if (isnan(r->colour_spread))
+    if (isnan(r->look.spread))
         return;
     if (on && spin_rank() == 0)
         spin_lenses_warn(&r->plan.lenses, &r->plan.clip.views, r->plan.test, r->plan.n_test);
-    if (on && r->colour_spread < 0)
+    describe_look(r, on, text);
+    if (on && r->look.spread < 0)
         spin_log(0, "no point is seen by three training cameras to compare their colours: "
                     "exposures and falloff begin at none");
     else if (on)
-        spin_log(
-            0,
-            "cameras differ in colour by %.0f %%, their pictures have %.0f %% of the brightness in "
-            "the corners: learning an exposure for each camera, and the falloff of their lens",
-            100 * r->colour_spread, 100 * corner_of(r));
-    else if (r->colour_spread < 0)
+        spin_log(0, "%s: learning an exposure for each camera%s", text,
+                 r->plan.lenses_stay ? "" : ", and the falloff of their lens");
+    else if (r->look.spread < 0)
         spin_log(1, "no point is seen by three training cameras to compare their colours: no "
                     "exposure is learned");
     else
-        spin_log(1,
-                 "cameras differ in colour by %.1f %%, their pictures have %.1f %% of the "
-                 "brightness in the corners: no exposure is learned",
-                 100 * r->colour_spread, 100 * corner_of(r));
+        spin_log(r->look.spread > least_spread ? 0 : 1, "%s: no exposure is learned", text);
 }
 
 /* What the run is made from. */

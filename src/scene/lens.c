@@ -65,13 +65,20 @@ void spin_lenses_free(struct spin_lenses *lenses)
     memset(lenses, 0, sizeof *lenses);
 }
 
+double spin_lens_corner_r2(const struct spin_lens *lens)
+{
+    double aspect = lens->height / lens->width;
+
+    return 1 + aspect * aspect;
+}
+
 double spin_lenses_corner(const struct spin_lenses *lenses)
 {
     double farthest = 1;
 
     for (int i = 0; i < lenses->n; i++) {
         const struct spin_lens *l = &lenses->lens[i];
-        double aspect = l->height / l->width, r2 = 1 + aspect * aspect, corner = 1;
+        double r2 = spin_lens_corner_r2(l), corner = 1;
 
         for (int c = 0; c < 3; c++)
             corner += r2 * ((double)l->falloff[c] + r2 * (double)l->falloff[3 + c]) / 3;

@@ -33,6 +33,8 @@ int spin_lenses_find(const struct spin_lenses *lenses, const struct spin_camera 
  * falloff. */
 void spin_lenses_warn(const struct spin_lenses *lenses, const struct spin_views *views,
                       const struct spin_pair *pairs, size_t n_pairs);
+/* r^2 at the corners of its pictures, as spin_lens_r2() has it. */
+double spin_lens_corner_r2(const struct spin_lens *lens);
 /* Brightness at the corners of a picture whose middle has 1: mean of the channels. 1 without a lens. Of several lenses
  * the one whose value is farthest from 1. */
 double spin_lenses_corner(const struct spin_lenses *lenses);

@@ -4,7 +4,7 @@
 
 #include "base/base.h"
 #include "math/exposure.h"
-#include "train/look_fit.h"
+#include "train/point_sample.h"
 
 enum {
     FRAMES = 3,
@@ -12,11 +12,13 @@ enum {
     CELLS = 64,        /* of the map of the nearest points, along each axis */
     LEAST_CAMERAS = 3, /* that show a point */
     LEAST_POINTS = 32, /* that a camera shows */
-    FIT_CAMERAS = 4,   /* that show a point which tells gains and falloff ... */
-    FIT_POINTS = 500   /* ... of so many */
+    FIT_CAMERAS = 3,   /* that show a point which tells gains and falloff ... */
+    FIT_POINTS = 200   /* ... of so many */
 };
 /* Values that tell a gain: noise and white do not. */
 static const float darkest = 0.1f, brightest = 0.95f;
+/* Regions of the scene that are held out in turn, in radii of the ball that holds most points. */
+static const double region = 0.5;
 /* A point is hidden at so many times the depth of the nearest of its cell. */
 static const double behind = 1.05;
 
@@ -30,6 +32,8 @@ struct colours {
     int *lens;                 /* [cameras] */
     float *difference[3];      /* [cameras][all points]: to the mean, from 0 to 1 */
     size_t *n;                 /* [cameras] of them */
+    float ball[3];             /* centre of most points */
+    double radius;
     struct spin_look_sample *sample;
     size_t n_samples, n_points_seen;
     double nearest[CELLS][CELLS];
@@ -133,6 +137,20 @@ static bool tells_gain(const float seen[4])
     return tells;
 }
 
+/* Of the regions, every other one, as on a chessboard. */
+static int half_of(const struct colours *c, size_t splat)
+{
+    const float *mean = c->splats.means + 3 * splat;
+    int64_t sum = 0;
+
+    for (int k = 0; k < 3; k++) {
+        double cell = floor(((double)mean[k] - (double)c->ball[k]) / (region * c->radius));
+
+        sum += fabs(cell) < 1e15 ? (int64_t)cell : 0;
+    }
+    return (int)(sum & 1);
+}
+
 /* The frame's points that enough cameras show. */
 static spin_status take_samples(struct colours *c)
 {
@@ -154,6 +172,7 @@ static spin_status take_samples(struct colours *c)
                 *s = (struct spin_look_sample){.point = (uint32_t)c->n_points_seen,
                                                .camera = (int)k,
                                                .lens = c->lens[k],
+                                               .half = half_of(c, i * c->step),
                                                .r2 = seen[k][3]};
                 memcpy(s->value, seen[k], sizeof s->value);
             }
@@ -162,18 +181,35 @@ static spin_status take_samples(struct colours *c)
     return SPIN_OK;
 }
 
-static spin_status fit_samples(struct colours *c)
+static spin_status fit_samples(struct colours *c, struct spin_look *look)
 {
     struct spin_plan *plan = c->plan;
     const float *lens = plan->exposure + SPIN_EXPOSURE * (size_t)plan->n_cameras;
+    SPIN_FREED double *corner = NULL;
 
     if (c->n_points_seen < FIT_POINTS)
         return SPIN_OK;
-    SPIN_TRY(
-        spin_look_fit(c->sample, c->n_samples, plan->n_cameras, plan->lenses.n, plan->exposure));
+    SPIN_TRY(spin_alloc((size_t)plan->lenses.n + 1, sizeof *corner, (void **)&corner));
+    for (int k = 0; k < plan->lenses.n; k++)
+        corner[k] = spin_lens_corner_r2(&plan->lenses.lens[k]);
+    SPIN_TRY(spin_look_choose(c->sample, c->n_samples, plan->n_cameras, plan->lenses.n, corner,
+                              plan->exposure, look));
     for (int k = 0; k < plan->lenses.n; k++)
         memcpy(plan->lenses.lens[k].falloff, lens + SPIN_EXPOSURE * k,
                sizeof plan->lenses.lens[k].falloff);
+    return SPIN_OK;
+}
+
+static spin_status measure_scene(struct colours *c)
+{
+    SPIN_LEAVES(spin_point_sample_close) struct spin_point_sample sample = {0};
+    int frame = spin_plan_middle_frame(c->plan);
+
+    SPIN_TRY(spin_point_sample_open(&sample, 1));
+    SPIN_TRY(spin_bundle_frame(&c->plan->clip.bundle, spin_plan_index(c->plan, frame),
+                               SPIN_COL_MEANS, &c->splats));
+    spin_point_sample_add(&sample, &c->splats);
+    c->radius = (double)spin_point_sample_enclose(&sample, c->ball);
     return SPIN_OK;
 }
 
@@ -210,14 +246,15 @@ static double spread_of(struct colours *c, int rgb)
     return most;
 }
 
-spin_status spin_camera_colours(struct spin_plan *plan, struct spin_photos *photos, double *spread)
+spin_status spin_camera_colours(struct spin_plan *plan, struct spin_photos *photos,
+                                struct spin_look *look)
 {
     struct colours *c = NULL;
     size_t n = (size_t)plan->n_cameras;
     int frames = plan->clip.n_frames < FRAMES ? plan->clip.n_frames : FRAMES;
     spin_status status;
 
-    *spread = -1;
+    *look = (struct spin_look){.spread = -1, .gains = SPIN_LOOK_FEW, .falloff = SPIN_LOOK_FEW};
     SPIN_TRY(spin_alloc(1, sizeof *c, (void **)&c));
     c->plan = plan;
     c->photos = photos;
@@ -227,12 +264,13 @@ spin_status spin_camera_colours(struct spin_plan *plan, struct spin_photos *phot
     SPIN_TRY_OUT(spin_alloc(n, sizeof *c->lens, (void **)&c->lens));
     for (int rgb = 0; rgb < 3; rgb++)
         SPIN_TRY_OUT(spin_alloc(n * FRAMES * POINTS, sizeof(float), (void **)&c->difference[rgb]));
+    SPIN_TRY_OUT(measure_scene(c));
     for (int i = 0; i < frames; i++)
         SPIN_TRY_OUT(
             look_at_frame(c, frames > 1 ? i * (plan->clip.n_frames - 1) / (frames - 1) : 0));
     for (int rgb = 0; rgb < 3; rgb++)
-        *spread = fmax(*spread, spread_of(c, rgb));
-    status = fit_samples(c);
+        look->spread = fmax(look->spread, spread_of(c, rgb));
+    status = fit_samples(c, look);
 out:
     for (int rgb = 0; rgb < 3; rgb++)
         free(c->difference[rgb]);

@@ -1,17 +1,31 @@
 /* Least squares in logarithms: unknown are a number for each point, which is taken out by subtracting the point's
  * weighted mean, one for each camera, and two for each lens, a r^2 + b r^4 = log(1 + c1 r^2 + c2 r^4). Conjugate
- * gradients solve it; a few rounds weigh samples anew by how well they fit. */
+ * gradients solve it; a few rounds weigh samples anew by how well they fit.
+ *
+ * Whatever differs between views ends up in some gain and some falloff: light that depends on the direction, smoke,
+ * points at the wrong depth. So the samples of one half of the scene must tell what those of the other half show. */
 #include "train/look_fit.h"
 
 #include "base/base.h"
 
-enum { ROUNDS = 6, STEPS = 100 };
+enum { ROUNDS = 6, STEPS = 100, GRID = 64 };
 static const double outlier = 0.05; /* a sample that is so far off, as a logarithm, counts half */
+
+/* A falloff is believed when r^2 of the samples varies by so much beside what their point and their camera explain. */
+static const double least_deviation = 0.1;
+/* ... when it stays within these, and nowhere rises by more than that above its least value nearer to the middle. */
+static const double darkest = 0.3, brightest = 1.05, most_rise = 0.02;
+/* ... and when held-out points fit better with it, by so many standard errors of the mean. */
+static const double least_errors = 3;
+/* Gains must also explain so much of what points differ by: where views disagree for other reasons, as of smoke, some
+ * gain always fits a little better. */
+static const double least_explained = 0.05;
 
 struct fit {
     const struct spin_look_sample *sample;
     size_t n, n_unknown;
-    int n_cameras;
+    int n_cameras, n_lenses;
+    const bool *falls;             /* [lenses] it has a falloff */
     double *y, *weight, *residual; /* [n] */
     double *x, *r, *p, *q;         /* [n_unknown] */
 };
@@ -21,10 +35,17 @@ static double *lens_of(const struct fit *f, double *x, size_t i)
     return x + f->n_cameras + 2 * f->sample[i].lens;
 }
 
+static void close_fit(struct fit *f) { free(f->y); }
+
+static double r2_of(const struct fit *f, size_t i)
+{
+    return f->falls[f->sample[i].lens] ? (double)f->sample[i].r2 : 0;
+}
+
 /* What the unknowns say of a sample, without its point. */
 static double value_of(const struct fit *f, double *x, size_t i)
 {
-    double r2 = (double)f->sample[i].r2, *lens = lens_of(f, x, i);
+    double r2 = r2_of(f, i), *lens = lens_of(f, x, i);
 
     return x[f->sample[i].camera] + r2 * (lens[0] + r2 * lens[1]);
 }
@@ -59,7 +80,7 @@ static void gather(const struct fit *f, const double *v, double *out)
 {
     memset(out, 0, f->n_unknown * sizeof *out);
     for (size_t i = 0; i < f->n; i++) {
-        double r2 = (double)f->sample[i].r2, d = f->weight[i] * v[i], *lens = lens_of(f, out, i);
+        double r2 = r2_of(f, i), d = f->weight[i] * v[i], *lens = lens_of(f, out, i);
 
         out[f->sample[i].camera] += d;
         lens[0] += d * r2;
@@ -123,7 +144,36 @@ static void weigh(struct fit *f)
     }
 }
 
-static void put(const struct fit *f, int n_lenses, int rgb, float *exposure)
+/* 1 + c1 r^2 + c2 r^4 that is nearest to exp(a r^2 + b r^4) where r^2 goes to `most`. */
+static void put_falloff(const double ab[2], double most, float *c1, float *c2)
+{
+    double xx = 0, xxx = 0, xxxx = 0, xy = 0, xxy = 0, det;
+
+    for (int i = 1; i <= GRID; i++) {
+        double x = most * i / GRID, y = exp(x * (ab[0] + x * ab[1])) - 1;
+
+        xx += x * x;
+        xxx += x * x * x;
+        xxxx += x * x * x * x;
+        xy += x * y;
+        xxy += x * x * y;
+    }
+    det = xx * xxxx - xxx * xxx;
+    *c1 = det > 0 ? (float)((xy * xxxx - xxy * xxx) / det) : 0;
+    *c2 = det > 0 ? (float)((xxy * xx - xy * xxx) / det) : 0;
+}
+
+static double most_r2(const struct fit *f, int lens)
+{
+    double most = 0;
+
+    for (size_t i = 0; i < f->n; i++)
+        if (f->sample[i].lens == lens)
+            most = fmax(most, (double)f->sample[i].r2);
+    return most;
+}
+
+static void put(const struct fit *f, int rgb, float *exposure)
 {
     double mean = 0;
 
@@ -132,41 +182,251 @@ static void put(const struct fit *f, int n_lenses, int rgb, float *exposure)
     for (int k = 0; k < f->n_cameras; k++)
         exposure[6 * k + rgb] = f->x[k] != 0 ? (float)(f->x[k] - mean) : 0;
     exposure += 6 * f->n_cameras;
-    for (int k = 0; k < n_lenses; k++) {
-        const double *ab = f->x + f->n_cameras + 2 * k;
+    for (int k = 0; k < f->n_lenses; k++)
+        put_falloff(f->x + f->n_cameras + 2 * k, most_r2(f, k), &exposure[6 * k + rgb],
+                    &exposure[6 * k + 3 + rgb]);
+}
 
-        exposure[6 * k + rgb] = (float)ab[0];
-        exposure[6 * k + 3 + rgb] = (float)(ab[1] + ab[0] * ab[0] / 2);
+/* Free f->y. */
+static spin_status open_fit(struct fit *f, const struct spin_look_sample *sample, size_t n,
+                            int n_cameras, int n_lenses, const bool *falls)
+{
+    *f = (struct fit){.sample = sample,
+                      .n = n,
+                      .n_unknown = (size_t)(n_cameras + 2 * n_lenses),
+                      .n_cameras = n_cameras,
+                      .n_lenses = n_lenses,
+                      .falls = falls};
+    SPIN_TRY(spin_alloc(3 * n + 4 * f->n_unknown + 1, sizeof(double), (void **)&f->y));
+    f->weight = f->y + n;
+    f->residual = f->weight + n;
+    f->x = f->residual + n;
+    f->r = f->x + f->n_unknown;
+    f->p = f->r + f->n_unknown;
+    f->q = f->p + f->n_unknown;
+    return SPIN_OK;
+}
+
+static void begin(struct fit *f, int rgb)
+{
+    for (size_t i = 0; i < f->n; i++) {
+        f->y[i] = log((double)f->sample[i].value[rgb]);
+        f->weight[i] = 1;
     }
 }
 
-spin_status spin_look_fit(const struct spin_look_sample *sample, size_t n, int n_cameras,
-                          int n_lenses, float *exposure)
+static void fit_channel(struct fit *f, int rgb)
 {
-    struct fit f = {.sample = sample,
-                    .n = n,
-                    .n_unknown = (size_t)(n_cameras + 2 * n_lenses),
-                    .n_cameras = n_cameras};
+    begin(f, rgb);
+    for (int round = 0; round < ROUNDS; round++) {
+        solve(f);
+        weigh(f);
+    }
+}
+
+static spin_status fit_looks(const struct spin_look_sample *sample, size_t n, int n_cameras,
+                             int n_lenses, const bool *falls, float *exposure)
+{
+    SPIN_LEAVES(close_fit) struct fit f = {0};
 
     memset(exposure, 0, (size_t)(n_cameras + n_lenses) * 6 * sizeof *exposure);
-    SPIN_TRY(spin_alloc(3 * n + 4 * f.n_unknown, sizeof(double), (void **)&f.y));
-    f.weight = f.y + n;
-    f.residual = f.weight + n;
-    f.x = f.residual + n;
-    f.r = f.x + f.n_unknown;
-    f.p = f.r + f.n_unknown;
-    f.q = f.p + f.n_unknown;
+    SPIN_TRY(open_fit(&f, sample, n, n_cameras, n_lenses, falls));
     for (int rgb = 0; rgb < 3; rgb++) {
-        for (size_t i = 0; i < n; i++) {
-            f.y[i] = log((double)sample[i].value[rgb]);
-            f.weight[i] = 1;
-        }
-        for (int round = 0; round < ROUNDS; round++) {
-            solve(&f);
-            weigh(&f);
-        }
-        put(&f, n_lenses, rgb, exposure);
+        fit_channel(&f, rgb);
+        put(&f, rgb, exposure);
     }
-    free(f.y);
+    return SPIN_OK;
+}
+
+/* ---- What to believe --------------------------------------------------------------------------------- */
+
+/* What r^2 of a lens's samples varies beside what their point and their camera explain. */
+static double deviation_of(struct fit *f, int lens, double *camera)
+{
+    double *v = f->residual, squares = 0;
+    size_t n = 0;
+
+    for (size_t i = 0; i < f->n; i++) {
+        v[i] = f->sample[i].lens == lens ? (double)f->sample[i].r2 : 0;
+        f->weight[i] = 1;
+    }
+    for (int round = 0; round < ROUNDS; round++) {
+        centre(f, v);
+        memset(camera, 0, 2 * (size_t)f->n_cameras * sizeof *camera);
+        for (size_t i = 0; i < f->n; i++) {
+            camera[2 * f->sample[i].camera] += v[i];
+            camera[2 * f->sample[i].camera + 1]++;
+        }
+        for (size_t i = 0; i < f->n; i++)
+            v[i] -= camera[2 * f->sample[i].camera] / camera[2 * f->sample[i].camera + 1];
+    }
+    for (size_t i = 0; i < f->n; i++)
+        if (f->sample[i].lens == lens) {
+            squares += v[i] * v[i];
+            n++;
+        }
+    return n ? sqrt(squares / (double)n) : 0;
+}
+
+/* A lens's falloff never brightens and never goes dark, out to the corner. */
+static bool makes_sense(const float *falloff, double corner)
+{
+    for (int rgb = 0; rgb < 3; rgb++) {
+        double least = 1;
+
+        for (int i = 0; i <= GRID; i++) {
+            double r2 = corner * i / GRID,
+                   v = 1 + r2 * ((double)falloff[rgb] + r2 * (double)falloff[3 + rgb]);
+
+            if (!(v >= darkest && v <= brightest && v <= least + most_rise))
+                return false;
+            least = fmin(least, v);
+        }
+    }
+    return true;
+}
+
+/* loss [n] += of each sample of h in the light of what was fitted to others; NULL: of nothing. */
+static void add_loss(struct fit *h, const double *x, int rgb, double *loss)
+{
+    begin(h, rgb);
+    if (x)
+        memcpy(h->x, x, h->n_unknown * sizeof *x);
+    else
+        memset(h->x, 0, h->n_unknown * sizeof *h->x);
+    weigh(h);
+    weigh(h); /* with means of the points that outliers do not bend */
+    for (size_t i = 0; i < h->n; i++)
+        loss[i] -= log(h->weight[i]);
+}
+
+/* loss[n]: what is left of the samples after a fit to the other half. fits: false: nothing is fitted. */
+static spin_status hold_out(const struct spin_look_sample *sample, size_t n, size_t first,
+                            int n_cameras, int n_lenses, const bool *falls, bool fits, double *loss)
+{
+    for (int half = 0; half < 2; half++) {
+        SPIN_LEAVES(close_fit) struct fit f = {0};
+        SPIN_LEAVES(close_fit) struct fit h = {0};
+        size_t at = half ? 0 : first, held = half ? first : 0;
+        size_t n_fit = half ? first : n - first;
+
+        SPIN_TRY(open_fit(&f, sample + at, n_fit, n_cameras, n_lenses, falls));
+        SPIN_TRY(open_fit(&h, sample + held, n - n_fit, n_cameras, n_lenses, falls));
+        for (int rgb = 0; rgb < 3; rgb++) {
+            if (fits)
+                fit_channel(&f, rgb);
+            add_loss(&h, fits ? f.x : NULL, rgb, loss + held);
+        }
+    }
+    return SPIN_OK;
+}
+
+static double sum_of(const double *v, size_t n)
+{
+    double sum = 0;
+
+    for (size_t i = 0; i < n; i++)
+        sum += v[i];
+    return sum;
+}
+
+/* By how many standard errors of the mean over points the one loss is below the other. */
+static double errors_below(const struct spin_look_sample *sample, size_t n, const double *loss,
+                           const double *other)
+{
+    double sum = 0, squares = 0, points = 0, mean;
+
+    for (size_t i = 0, end; i < n; i = end) {
+        double less = 0;
+
+        for (end = i; end < n && sample[end].point == sample[i].point; end++)
+            less += other[end] - loss[end];
+        sum += less;
+        squares += less * less;
+        points++;
+    }
+    mean = sum / points;
+    return mean / sqrt((squares / points - mean * mean) / points);
+}
+
+/* The samples of the first half, then those of the other; n of the first. */
+static size_t part(const struct spin_look_sample *sample, size_t n, struct spin_look_sample *out)
+{
+    size_t k = 0, first = 0;
+
+    for (int half = 0; half < 2; half++) {
+        for (size_t i = 0; i < n; i++)
+            if (sample[i].half == half)
+                out[k++] = sample[i];
+        first = half ? first : k;
+    }
+    return first;
+}
+
+/* Refuses lenses until what is left makes sense. */
+static spin_status fit_sane(const struct spin_look_sample *sample, size_t n, int n_cameras,
+                            int n_lenses, const double *corner, bool *falls, float *exposure,
+                            enum spin_look_why *why)
+{
+    SPIN_LEAVES(close_fit) struct fit f = {0};
+    SPIN_FREED double *camera = NULL;
+    int left = 0;
+
+    SPIN_TRY(open_fit(&f, sample, n, n_cameras, n_lenses, falls));
+    SPIN_TRY(spin_alloc((size_t)n_cameras, 2 * sizeof *camera, (void **)&camera));
+    for (int k = 0; k < n_lenses; k++) {
+        falls[k] = deviation_of(&f, k, camera) >= least_deviation;
+        left += falls[k];
+    }
+    *why = left ? SPIN_LOOK_SEEN : SPIN_LOOK_SAME_RADII;
+    for (int before = left + 1; left > 0 && left < before;) {
+        SPIN_TRY(fit_looks(sample, n, n_cameras, n_lenses, falls, exposure));
+        before = left;
+        for (int k = 0; k < n_lenses; k++)
+            if (falls[k] && !makes_sense(exposure + 6 * (n_cameras + k), corner[k])) {
+                falls[k] = false;
+                left--;
+                *why = left ? SPIN_LOOK_SEEN : SPIN_LOOK_ODD;
+            }
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_look_choose(const struct spin_look_sample *sample, size_t n, int n_cameras,
+                             int n_lenses, const double *corner, float *exposure,
+                             struct spin_look *look)
+{
+    SPIN_FREED struct spin_look_sample *parted = NULL;
+    SPIN_FREED double *nothing = NULL;
+    SPIN_FREED bool *falls = NULL; /* [lenses], then as many that do not */
+    const bool *none;
+    double *gains, *falloff;
+    size_t first;
+
+    SPIN_TRY(spin_alloc(n + 1, sizeof *parted, (void **)&parted));
+    SPIN_TRY(spin_alloc(3 * n + 1, sizeof *nothing, (void **)&nothing));
+    SPIN_TRY(spin_alloc(2 * (size_t)n_lenses + 1, sizeof *falls, (void **)&falls));
+    none = falls + n_lenses;
+    gains = nothing + n;
+    falloff = gains + n;
+    first = part(sample, n, parted);
+    SPIN_TRY(hold_out(parted, n, first, n_cameras, n_lenses, none, false, nothing));
+    SPIN_TRY(hold_out(parted, n, first, n_cameras, n_lenses, none, true, gains));
+    look->gains = errors_below(parted, n, gains, nothing) > least_errors &&
+                          sum_of(gains, n) < (1 - least_explained) * sum_of(nothing, n)
+                      ? SPIN_LOOK_SEEN
+                      : SPIN_LOOK_NOT_HELD_OUT;
+    SPIN_TRY(fit_sane(sample, n, n_cameras, n_lenses, corner, falls, exposure, &look->falloff));
+    if (look->falloff == SPIN_LOOK_SEEN) {
+        SPIN_TRY(hold_out(parted, n, first, n_cameras, n_lenses, falls, true, falloff));
+        if (!(errors_below(parted, n, falloff, gains) > least_errors &&
+              errors_below(parted, n, falloff, nothing) > 0))
+            look->falloff = SPIN_LOOK_NOT_HELD_OUT;
+    }
+    if (look->falloff == SPIN_LOOK_SEEN)
+        return SPIN_OK;
+    if (look->gains == SPIN_LOOK_SEEN)
+        return fit_looks(sample, n, n_cameras, n_lenses, none, exposure);
+    memset(exposure, 0, (size_t)(n_cameras + n_lenses) * 6 * sizeof *exposure);
     return SPIN_OK;
 }

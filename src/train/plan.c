@@ -364,6 +364,7 @@ static struct spin_train_rates clip_rates(const struct spin_plan *plan)
         .tracked = o->lr_tracked,
         .displacement = o->lr_displacement * plan->extent,
         .exposure = o->lr_exposure,
+        .lenses_stay = plan->lenses_stay,
         .end = 1e-7,
         .floor = averages(plan) ? averaged_floor : 0,
         .warmup = o->warmup >= 0 ? o->warmup : o->iterations / 40,

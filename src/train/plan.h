@@ -53,6 +53,7 @@ struct spin_plan {
     int *camera;             /* [n_cameras] ids of the training cameras, ascending */
     int n_cameras;
     struct spin_lenses lenses; /* of the training cameras */
+    bool lenses_stay;          /* as they begin: only gains and offsets learn */
     float *
         exposure; /* [n_cameras + lenses.n][SPIN_EXPOSURE] what training begins with: of cameras, then of lenses */
     struct spin_pair *train, *test; /* pairs (frame, view) */

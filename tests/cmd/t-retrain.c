@@ -579,6 +579,12 @@ static bool darken(const char *data, int camera, bool corners, bool red)
     return true;
 }
 
+/* c1 (k 0) or c2 of the only lens. */
+static double lens_value(const struct run *r, size_t k, size_t c)
+{
+    return number_at(spin_json_at(spin_json_get(r->bundle.json, "lenses"), 0), k ? "c2" : "c1", c);
+}
+
 static void test_auto_exposure(void)
 {
     static const char one[] = "--device cpu --threads 1 --scale 0.5 --iterations 1 -v --force";
@@ -598,14 +604,15 @@ static void test_auto_exposure(void)
        "a clip with a darker camera");
     ok(shell("%s/spin-retrain %s/in.spin --data %s/tinted -o %s/tinted.spin %s", bin, folder,
              folder, folder, one) == 0 &&
-           strstr(said, "cameras differ in colour by ") &&
-           strstr(said, "in the corners: learning an exposure for each camera"),
-       "a darker camera is seen: %s", said);
+           strstr(said, "cameras differ in colour by ") && strstr(said, "no falloff is seen (") &&
+           strstr(said, "): learning an exposure for each camera\n"),
+       "a darker camera is seen, and no falloff: %s", said);
     snprintf(path, sizeof path, "%s/tinted.spin", folder);
     read_bundle(&r, path);
     ok(!strcmp(spin_json_string(spin_json_get(r.options, "learn_exposure")), "on") &&
            spin_json_length(spin_json_get(r.network, "cameras")) == TRAINING,
        "and learned");
+    ok(lens_value(&r, 0, 0) == 0 && lens_value(&r, 1, 0) == 0, "without a falloff");
     free_run(&r);
     ok(shell("cp -r %s %s/red && chmod -R u+w %s/red", clip, folder, folder) == 0 &&
            darken("red", 7, false, true) &&
@@ -633,12 +640,6 @@ static void test_auto_exposure(void)
              folder) == 0 &&
            !strstr(said, "another lens"),
        "lenses of scaled pictures are found in those of full size: %s", said);
-}
-
-/* c1 (k 0) or c2 of the only lens. */
-static double lens_value(const struct run *r, size_t k, size_t c)
-{
-    return number_at(spin_json_at(spin_json_get(r->bundle.json, "lenses"), 0), k ? "c2" : "c1", c);
 }
 
 /* The focal lengths of the test camera at a place, times factor. */
