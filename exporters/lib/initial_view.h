@@ -12,6 +12,7 @@ struct spin_initial_view {
     double fovy_deg, aspect;
     double
         reach[2]; /* how near to and how far from the target one may go, without walls in between */
+    double z_near; /* as in struct spin_camera, but never 0 */
 };
 
 /* The median place, and half of the extent that holds 90 % of the splats along the longest axis. */

@@ -11,8 +11,8 @@ enum { ROWS = 3, CAMERAS = 5, PICTURES = 24 };
 static const double pi = 3.14159265358979323846;
 
 /* The lens of the training cameras, and that of the others. */
-static const struct spin_camera train_lens = {64, 48, 70, 55, 20, 33, {0}},
-                                test_lens = {80, 36, 50, 90, 47, 11, {0}};
+static const struct spin_camera train_lens = {64, 48, 70, 55, 20, 33, {0}, 0},
+                                test_lens = {80, 36, 50, 90, 47, 11, {0}, 0};
 
 static double pose_error(const struct spin_camera *got, const struct pose *want)
 {
@@ -493,6 +493,7 @@ static void test_first(void)
         wide[k] = tan(got.fovy_deg * pi / 360) * (middle[2] - got.eye[2]) / (k ? 0.002 : 2);
     }
     near(wide[1], wide[0], 1e-9, "a small scene fills as much of its picture as a large one");
+    ok(got.z_near < got.reach[0] && got.z_near > 0, "and one may go as near to it");
 }
 
 /* Medians, and the half extent of nine splats in ten, without those that are nowhere. */
