@@ -197,6 +197,7 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
     if (d->path == SPIN_PATH_TRAIN)
         SPIN_TRY(spin_rig_path_open(job->views, d->row, &d->rig));
     set_lens(d);
+    SPIN_TRY(spin_initial_view_later_middle(job, d->middle, &d->reach));
     if (!job->views && d->path != SPIN_PATH_FILE)
         spin_log(0, "no data set: looking from the front, as a page does");
     d->labels = spin_plugin_value(job->values, "no-labels", NULL) == NULL;

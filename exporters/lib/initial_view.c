@@ -29,6 +29,19 @@ spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[
     return SPIN_OK;
 }
 
+spin_status spin_initial_view_later_middle(const struct spin_export_job *job, double middle[3],
+                                           double *size)
+{
+    const struct spin_splats *s = NULL;
+    int f = 0;
+
+    *size = 0;
+    for (; job->again && f < job->n_frames && (!s || s->n == 0); f++)
+        if (!job->counts || job->counts[f] > 0)
+            SPIN_TRY(job->again(job->context, f, &s));
+    return s && s->n > 0 && f > 1 ? spin_initial_view_middle(s, middle, size) : SPIN_OK;
+}
+
 void spin_initial_view_eye(const struct spin_camera *camera, double eye[3])
 {
     const double *m = camera->w2c;
