@@ -281,6 +281,7 @@ static spin_status ready(void *self, const struct spin_export_job *job)
                     : "turned by --rotate",
         .source = job->source,
         .fps = x->frames.fps,
+        .antialias = job->antialias,
         .n_frames = single ? job->n_frames : 1,
         .animated = single && job->n_frames > 1,
     };
@@ -302,11 +303,13 @@ static spin_status open_single(void *self, const struct spin_export_job *job)
 {
     struct export *x = self;
     size_t n;
+    char count[48];
 
     SPIN_TRY(spin_alloc((size_t)job->n_frames + 1, sizeof *x->frame, (void **)&x->frame));
     if (job->n_frames > 1 && spin_plugin_value(job->values, "still-apart", NULL)) {
         SPIN_TRY(spin_still_rows_find(&x->still, &x->frames.rows, job));
-        spin_log(0, "%zu splats are the same in all frames", x->still.n);
+        spin_log(0, "the same in all frames: %s",
+                 spin_text_count((long long)x->still.n, "splat", count));
     }
     SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
     x->out.sync = job->sync;

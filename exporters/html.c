@@ -23,7 +23,6 @@
 #define DEFAULT_FPS 30
 #define LEAST_SECONDS 2.0 /* that a clip lasts unless --fps is given */
 #define DEFAULT_KEY_EVERY 30
-#define NEAR_W 0.2 /* where the training cut splats off */
 
 static const struct spin_plugin_option options[] = {
     {"sh", "DEGREE", "highest SH degree to write, 0 to 3; keep: as it is", "1"},
@@ -336,7 +335,7 @@ static spin_status write_clip(struct export *x)
     spin_json_set_number(j, "size", x->size);
     spin_json_set_number(j, "fovy", x->view.fovy_deg);
     spin_json_set_number(j, "aspect", x->view.aspect);
-    spin_json_set_number(j, "near", NEAR_W);
+    spin_json_set_number(j, "near", x->view.z_near);
     spin_json_set(
         j, "background",
         spin_json_numbers((const double[3]){(double)b[0], (double)b[1], (double)b[2]}, 3));
@@ -487,6 +486,7 @@ static spin_status prepare(struct export *x, const struct spin_export_job *job)
     SPIN_TRY(parse_options(x));
     SPIN_TRY(add_versions(x));
     SPIN_TRY(spin_alloc((size_t)job->n_frames, sizeof *x->number, (void **)&x->number));
+    SPIN_TRY(spin_initial_view_later_middle(job, x->space.centre, &x->size));
     SPIN_TRY(open_files(x));
     SPIN_TRY(write_text(x, spin_html_head));
     SPIN_TRY(write_title(x));
@@ -499,7 +499,8 @@ static spin_status set_space(struct export *x, const struct spin_splats *s, int 
 {
     int row = x->job->dataset_frame_of ? x->job->dataset_frame_of[frame] : -1;
 
-    SPIN_TRY(spin_initial_view_middle(s, x->space.centre, &x->size));
+    if (x->size == 0)
+        SPIN_TRY(spin_initial_view_middle(s, x->space.centre, &x->size));
     spin_initial_view_first(x->job->views, row, false, x->space.centre, x->size, &x->view);
     SPIN_TRY(spin_page_bounds_from(x->job->values, x->size, &x->space.bounds));
     for (int i = 0; i < x->n_versions; i++)
@@ -596,12 +597,14 @@ static spin_status fill_report(struct export *x)
 {
     struct spin_export_report *report = x->job->report;
     uint64_t page = 0;
+    char text[3][48];
 
     SPIN_TRY(spin_out_length(&x->out, &page));
     page += x->split ? x->data_bytes + x->draft_bytes : 0;
-    spin_log(0, "html: %llu splats of %d frame%s and %d version%s, %.2f bytes each",
-             (unsigned long long)x->n_splats, x->n_written, x->n_written == 1 ? "" : "s",
-             x->n_versions, x->n_versions == 1 ? "" : "s",
+    spin_log(0, "html: %s of %s and %s, %.2f bytes each",
+             spin_text_count((long long)x->n_splats, "splat", text[0]),
+             spin_text_count(x->n_written, "frame", text[1]),
+             spin_text_count(x->n_versions, "version", text[2]),
              (double)x->data_bytes / fmax((double)x->n_splats, 1));
     spin_splat_filter_warn_empty(x->version[0].n_empty, (size_t)x->n_written);
     if (!report)

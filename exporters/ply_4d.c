@@ -10,6 +10,7 @@
  * are 0. */
 #include "base/base.h"
 #include "exporters/lib/bells_check.h"
+#include "io/ply.h"
 #include "math/sh.h"
 
 /* Clips that a splat which never fades lasts for, as sigma: its weight is 0.9998 at the ends of the clip. */
@@ -113,7 +114,8 @@ static void print_sogst(struct export *x)
 static void print_header(struct export *x)
 {
     fprintf(x->out.file,
-            "ply\nformat binary_little_endian 1.0\ncomment generator spin4d " SPIN_VERSION "\n");
+            "ply\nformat binary_little_endian 1.0\ncomment generator spin4d " SPIN_VERSION "\n%s",
+            x->bells.job->antialias ? SPIN_PLY_ANTIALIASED : "");
     x->width = 0;
     x->layout->print_header(x);
     fprintf(x->out.file, "end_header\n");

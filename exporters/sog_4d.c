@@ -518,8 +518,8 @@ static void print_still(FILE *to, const struct export *x)
 {
     const struct spin_sog_4d *c = &x->coding;
 
-    fprintf(to, "\"asset\":{\"generator\":\"spin4d " SPIN_VERSION "\"},\"count\":%zu,\"means\":{",
-            c->n);
+    fprintf(to, "\"asset\":{\"generator\":\"spin4d " SPIN_VERSION "\"},%s\"count\":%zu,\"means\":{",
+            x->job->antialias ? "\"model\":\"" SPIN_SOG_ANTIALIASED "\"," : "", c->n);
     print_range(to, &c->means, 3, "[", "]");
     print_files(to, x, SPIN_4D_MEANS, 2);
     fprintf(to, ",\"scales\":{");

@@ -77,6 +77,7 @@ static const struct spin_frames_format format = {
     .pattern = "frame_%05d.splat",
     .self_bytes = sizeof(struct spin_frames),
     .lossy = true,
+    .clips_colours = true,
     .begin = begin,
     .bytes = splat_bytes,
     .write = splat_write,

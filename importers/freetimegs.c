@@ -351,6 +351,7 @@ static spin_status read_ply(struct model *m)
     if (ply->n_elements != 1 || e->has_list || ply->ascii || ply->big_endian)
         return spin_malformed("'%s': not one element of little-endian numbers", m->base.path);
     SPIN_TRY(reserve(m, (size_t)e->count, sh_degree));
+    m->base.splats_4d.antialias = spin_ply_is_antialiased(ply);
     n_sh = (size_t)spin_sh_count(sh_degree);
     for (int c = 0; c < N_COLUMNS; c++)
         for (int k = 0; k < columns[c].width && column_of(m, c); k++)

@@ -194,12 +194,9 @@ static spin_status inspect(const struct spin_ply *ply, struct content *out)
 static void note_writer(const struct spin_ply *ply, const struct content *c,
                         struct spin_sequence_info *sequence)
 {
-    for (size_t i = 0; i < ply->n_comments; i++) {
-        if (!sequence->antialias && (strcasecmp(ply->comment[i], "SplatRenderMode: mip") == 0 ||
-                                     strcmp(ply->comment[i], "antialiased 1") == 0)) {
-            spin_note(sequence, "trained with an anti-aliasing rasteriser, and drawn so here");
-            sequence->antialias = true;
-        }
+    if (spin_ply_is_antialiased(ply)) {
+        spin_note(sequence, "trained with an anti-aliasing rasteriser, and drawn so here");
+        sequence->antialias = true;
     }
     if (spin_ply_has(c->vertex, "filter_3D")) {
         spin_note(

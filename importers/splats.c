@@ -439,6 +439,7 @@ static spin_status open_glb(struct clip *clip)
     SPIN_TRY(spin_gs_glb_scene_open(clip->map.data, clip->map.size, &out->scene));
     out->n_frames = out->scene.n_frames;
     out->sh_degree = out->scene.sh_degree;
+    out->antialias = out->scene.antialias;
     if (out->scene.linear)
         out->note[0] = "colours are of linear light: they are taken as they are";
     if (out->scene.moves)

@@ -235,10 +235,14 @@ spin_status spin_splats_4d_counts(const struct spin_splats_4d *s, const double *
 
 /* ---- 3. Cameras and views -------------------------------------------------------------------- */
 
+/* The near plane of 3DGS, world units. */
+#define SPIN_NEAR 0.2
+
 struct spin_camera {
     int width, height;     /* pixels */
     double fx, fy, cx, cy; /* pixels; centre of the top-left pixel is 0.5, 0.5 */
     double w2c[12];        /* [3][4], p_c = R p_w + t; R orthonormal, det +1 */
+    double z_near;         /* splats at this depth or nearer are not drawn; 0: SPIN_NEAR */
 };
 
 /* One image of a data set. */
@@ -270,7 +274,7 @@ void spin_views_free(struct spin_views *views);
 
 /* A plug-in may call the functions of parts 1 to 4 and of part 6; src/plugin.sym lists them. */
 
-#define SPIN_PLUGIN_ABI 6
+#define SPIN_PLUGIN_ABI 7
 
 /* One row of a plug-in's own options: `--key value`. The table ends with key == NULL. */
 struct spin_plugin_option {

@@ -197,6 +197,7 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
     if (d->path == SPIN_PATH_TRAIN)
         SPIN_TRY(spin_rig_path_open(job->views, d->row, &d->rig));
     set_lens(d);
+    SPIN_TRY(spin_initial_view_later_middle(job, d->middle, &d->reach));
     if (!job->views && d->path != SPIN_PATH_FILE)
         spin_log(0, "no data set: looking from the front, as a page does");
     d->labels = spin_plugin_value(job->values, "no-labels", NULL) == NULL;
@@ -461,13 +462,28 @@ static void move_into_rig(struct spin_camera_path *d, int row)
     }
 }
 
+/* Where a moving camera begins; and where there is no data set, its lens for a scene of this size. */
+static spin_status look(struct spin_camera_path *d, const struct spin_splats *splats)
+{
+    const struct spin_views *views = d->job->views;
+
+    if (d->reach == 0)
+        SPIN_TRY(spin_initial_view_middle(splats, d->middle, &d->reach));
+    spin_initial_view_first(views, d->row, true, d->middle, d->reach, &d->look);
+    move_into_rig(d, d->row);
+    d->lens.z_near = d->look.z_near;
+    d->looked = true;
+    return SPIN_OK;
+}
+
 spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
                                     const struct spin_splats *splats, struct spin_camera *out)
 {
-    double middle[3], size, eye[3], axis[3][3];
+    double eye[3], axis[3][3];
     double turn = (double)picture / (double)d->n_pictures;
-    const struct spin_views *views = d->job->views;
 
+    if (!d->looked)
+        SPIN_TRY(look(d, splats));
     *out = d->lens;
     if (d->path == SPIN_PATH_FILE) {
         const struct spin_path_pose *pose = &d->file.pose[picture];
@@ -485,15 +501,6 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
 
         spin_rig_path_camera(&d->rig, (double)picture / last, out->w2c);
         return SPIN_OK;
-    }
-    if (!d->looked) {
-        SPIN_TRY(spin_initial_view_middle(splats, middle, &size));
-        spin_initial_view_first(views, d->row, true, middle, size, &d->look);
-        move_into_rig(d, d->row);
-        if (!views || views->n == 0)
-            d->lens.fx = d->lens.fy = spin_initial_view_focal(&d->look, d->lens.height);
-        d->looked = true;
-        *out = d->lens;
     }
     eye_of(d, turn, eye);
     aim(eye, d->look.target, d->look.up, axis);

@@ -74,6 +74,7 @@ struct spin_camera_path {
     struct spin_rig_path rig;      /* of SPIN_PATH_TRAIN */
     struct spin_path_file file;    /* of SPIN_PATH_FILE: a camera a picture */
     struct spin_camera lens;       /* all but the pose of a camera that is not a view's */
+    double middle[3], reach;       /* of the scene; reach 0: not known yet */
     bool looked;                   /* the next is set */
     struct spin_initial_view look; /* such a camera begins here */
     float *image;                  /* [3][h][w] of a panel */

@@ -28,6 +28,7 @@ struct spin_frames_format {
     size_t self_bytes;    /* of the struct that begins with a struct spin_frames */
     bool lossy;           /* says its error at the end, unless frames->exact */
     bool packed;          /* bytes() is an upper bound */
+    bool clips_colours;   /* colours outside of a range are cut off */
 
     /* Own options. May change frames->axes before the common ones are read. NULL: none. */
     spin_status (*begin)(void *self, const struct spin_export_job *job);

@@ -1,7 +1,6 @@
 #include "exporters/lib/initial_view.h"
 
 #include "base/base.h"
-#include "math/project.h"
 
 #define FRONT_FOVY_DEG 50.0
 
@@ -28,6 +27,19 @@ spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[
     if (!(*size > 1e-12) || !isfinite(*size))
         *size = 1;
     return SPIN_OK;
+}
+
+spin_status spin_initial_view_later_middle(const struct spin_export_job *job, double middle[3],
+                                           double *size)
+{
+    const struct spin_splats *s = NULL;
+    int f = 0;
+
+    *size = 0;
+    for (; job->again && f < job->n_frames && (!s || s->n == 0); f++)
+        if (!job->counts || job->counts[f] > 0)
+            SPIN_TRY(job->again(job->context, f, &s));
+    return s && s->n > 0 && f > 1 ? spin_initial_view_middle(s, middle, size) : SPIN_OK;
 }
 
 void spin_initial_view_eye(const struct spin_camera *camera, double eye[3])
@@ -178,22 +190,21 @@ void spin_initial_view_first(const struct spin_views *views, int row, bool test,
 
     *out = (struct spin_initial_view){.up = {0, -1, 0}, .fovy_deg = FRONT_FOVY_DEG, .aspect = 1.5};
     if (!first) {
-        /* Nothing is drawn before the near plane: of a small scene the camera stands farther off, with a longer lens. */
-        double away = fmax(3 * size, 3 * (double)SPIN_PROJECT_NEAR);
+        double away = 3 * size;
 
         for (int c = 0; c < 3; c++)
             out->eye[c] = out->target[c] = middle[c];
         out->eye[2] -= away;
-        out->fovy_deg = 2 * atan(tan(FRONT_FOVY_DEG / 114.59155902616465) * 3 * size / away) *
-                        57.29577951308232;
         out->reach[0] = away / 10;
         out->reach[1] = 3 * away;
+        out->z_near = SPIN_NEAR * fmin(size, 1); /* less than reach[0] */
         return;
     }
     if (!mean_up(views, row, out->up)) {
         for (int c = 0; c < 3; c++)
             out->up[c] = -first->camera.w2c[4 + c];
     }
+    out->z_near = spin_camera_near(&first->camera);
     spin_initial_view_eye(&first->camera, out->eye);
     for (int c = 0; c < 3; c++)
         along += first->camera.w2c[8 + c] * (middle[c] - out->eye[c]);

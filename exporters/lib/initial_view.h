@@ -12,10 +12,16 @@ struct spin_initial_view {
     double fovy_deg, aspect;
     double
         reach[2]; /* how near to and how far from the target one may go, without walls in between */
+    double z_near; /* as in struct spin_camera, but never 0 */
 };
 
 /* The median place, and half of the extent that holds 90 % of the splats along the longest axis. */
 spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[3], double *size);
+
+/* Before the first frame, for a clip that begins with frames without splats: the same of the first frame that has some.
+ * size 0: the clip begins with splats, or has none. */
+spin_status spin_initial_view_later_middle(const struct spin_export_job *job, double middle[3],
+                                           double *size);
 
 /* Centre of a camera: -R^T t. */
 void spin_initial_view_eye(const struct spin_camera *camera, double eye[3]);

@@ -111,11 +111,29 @@ static spin_status read_list(const spin_json *list, struct spin_path_file *out)
     return SPIN_OK;
 }
 
+static spin_status read_size(const spin_json *root, struct spin_path_file *out)
+{
+    const spin_json *width = spin_json_get(root, "render_width");
+    const spin_json *height = spin_json_get(root, "render_height");
+    int64_t size[2] = {0, 0};
+
+    if (!width && !height)
+        return SPIN_OK;
+    if (!spin_json_integer(width, &size[0]) || !spin_json_integer(height, &size[1]))
+        return spin_malformed("'render_width' and 'render_height': expected two whole numbers, or "
+                              "neither");
+    if (size[0] < 16 || size[1] < 16 || size[0] > MOST_SIDE || size[1] > MOST_SIDE)
+        return spin_unsupported("pictures of %lldx%lld, expected sides from 16 to %d",
+                                (long long)size[0], (long long)size[1], MOST_SIDE);
+    out->width = (int)size[0];
+    out->height = (int)size[1];
+    return SPIN_OK;
+}
+
 static spin_status read_nerfstudio(const spin_json *root, struct spin_path_file *out)
 {
     const spin_json *list = spin_json_get(root, "camera_path");
     const char *type = spin_json_string(spin_json_get(root, "camera_type"));
-    int64_t size[2] = {0, 0};
     double m[17];
     size_t room = 0;
 
@@ -123,13 +141,7 @@ static spin_status read_nerfstudio(const spin_json *root, struct spin_path_file 
         return spin_malformed("it has no list 'camera_path'");
     if (type && strcmp(type, "perspective") != 0)
         return spin_unsupported("its 'camera_type' is '%s': only perspective is drawn", type);
-    if (spin_json_integer(spin_json_get(root, "render_width"), &size[0]) &&
-        spin_json_integer(spin_json_get(root, "render_height"), &size[1]) &&
-        (size[0] < 16 || size[1] < 16 || size[0] > MOST_SIDE || size[1] > MOST_SIDE))
-        return spin_unsupported("pictures of %lldx%lld, expected sides from 16 to %d",
-                                (long long)size[0], (long long)size[1], MOST_SIDE);
-    out->width = (int)size[0];
-    out->height = (int)size[1];
+    SPIN_TRY(read_size(root, out));
     if (!spin_json_number(spin_json_get(root, "fps"), &out->fps) ||
         !(out->fps >= 0.01 && out->fps <= 1000))
         out->fps = 0;

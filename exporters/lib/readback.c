@@ -1,7 +1,6 @@
 #include "exporters/lib/readback.h"
 
 #include "base/number.h"
-#include "math/project.h"
 
 void spin_readback_begin(struct spin_readback *e) { *e = (struct spin_readback){.pixels = -1}; }
 
@@ -26,7 +25,7 @@ static double pixels_of(const struct spin_camera *c, const float mean[3], double
 {
     double p[3];
 
-    if (!spin_camera_sees(c, mean, p) || p[2] < (double)SPIN_PROJECT_NEAR)
+    if (!spin_camera_sees(c, mean, p) || p[2] < spin_camera_near(c))
         return -1;
     return fmax(c->fx, c->fy) * off / p[2];
 }

@@ -86,7 +86,8 @@ static spin_status choose_camera(const struct spin_export_job *job, int frame,
         .fy = spin_initial_view_focal(&front, 400),
         .cx = 200,
         .cy = 200,
-        .w2c = {1, 0, 0, -front.eye[0], 0, 1, 0, -front.eye[1], 0, 0, 1, -front.eye[2]}};
+        .w2c = {1, 0, 0, -front.eye[0], 0, 1, 0, -front.eye[1], 0, 0, 1, -front.eye[2]},
+        .z_near = front.z_near};
     return SPIN_OK;
 }
 

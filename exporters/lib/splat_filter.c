@@ -122,7 +122,7 @@ static void say(const size_t n_bad[SPIN_ROWS_REASONS], size_t n, int number)
     static const char *const words[SPIN_ROWS_REASONS] = {
         "with NaN or infinity", "with a rotation of length zero", "larger than the scene"};
     size_t sum = 0, at = 0;
-    char text[256] = "";
+    char text[256] = "", count[48];
 
     for (int r = 0; r < SPIN_ROWS_REASONS; r++) {
         if (n_bad[r] > 0)
@@ -131,7 +131,8 @@ static void say(const size_t n_bad[SPIN_ROWS_REASONS], size_t n, int number)
         sum += n_bad[r];
     }
     if (sum > 0)
-        spin_warn("frame %d: %zu of %zu splats left out: %s", number, sum, n, text);
+        spin_warn("frame %d: %zu of %s left out: %s", number, sum,
+                  spin_text_count((long long)n, "splat", count), text);
 }
 
 /* Kept rows of the frame, and before each block, from those of the blocks. */

@@ -150,7 +150,7 @@ function clipOf(name, { s, meta, bands }) {
     }), centre = sides.map(([a, b]) => (a + b) / 2), size = Math.max(1e-6, ...sides.map(([a, b]) => (b - a) / 2));
     return {
         name, fps, size, centre, fovy: 50, aspect: 16 / 9, near: 0.01 * size, background: [0, 0, 0], up: [0, -1, 0], target: centre, eye: [centre[0], centre[1] - 0.5 * size, centre[2] - 3 * size], reach: [0.2 * size, 6 * size],
-        numbers: Array.from({ length: Math.round((max - min) * fps) + 1 }, (_, i) => i), versions: [{ name: 'clip', label: 'As it is', degree: bands, sh: 3 * s.coefficients, antialias: false, splats: [], moves: true }]
+        numbers: Array.from({ length: Math.round((max - min) * fps) + 1 }, (_, i) => i), versions: [{ name: 'clip', label: 'As it is', degree: bands, sh: 3 * s.coefficients, antialias: meta.model === 'antialiased', splats: [], moves: true }]
     };
 }
 

@@ -209,6 +209,7 @@ spin_status spin_model_settle_4d(struct spin_model *m)
         spin_note(m->sequence, "%zu of %zu Gaussians are dropped: values that are not finite",
                   n_dropped, n);
     spin_model_describe(m, NULL, m->splats_4d.sh_degree, ~0u);
+    m->sequence->antialias = m->splats_4d.antialias;
     m->sequence->identity = false;
     return SPIN_OK;
 }

@@ -49,6 +49,11 @@ bool spin_camera_sees(const struct spin_camera *camera, const float point[3], do
            out[0] < camera->width && out[1] < camera->height;
 }
 
+double spin_camera_near(const struct spin_camera *camera)
+{
+    return camera->z_near > 0 ? camera->z_near : SPIN_NEAR;
+}
+
 /* By the bits, whose exponent is all ones; in 32-bit sums, which the compiler turns into vectors. */
 size_t spin_finite_missing(const float *values, size_t n)
 {

@@ -22,3 +22,5 @@ float spin_light_of(float v);
 bool spin_camera_project(const struct spin_camera *camera, const float point[3], double out[3]);
 /* The same; false also when the point lies beside the picture. */
 bool spin_camera_sees(const struct spin_camera *camera, const float point[3], double out[3]);
+/* The depth of its near plane, world units. */
+double spin_camera_near(const struct spin_camera *camera);

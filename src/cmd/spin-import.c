@@ -135,7 +135,7 @@ static const char list_text[] =
     "[{{bounds.max.0 %g}}, {{bounds.max.1 %g}}, {{bounds.max.2 %g}}]\n"                            \
     "{{#ranges}}read        "                                                                      \
     "{{#sampled=ends}}at {{times.0 %.10g}} and {{times.1 %.10g}}{{/}}"                             \
-    "{{^sampled=ends}}{{frames_read}} of {{frames}} frames"                                        \
+    "{{^sampled=ends}}{{frames_read}} of {{frames %N frame}}"                                      \
     "{{^frames_read=@frames}}, evenly (--full reads all){{/}}{{/}}\n"                              \
     "            attribute               least       median      largest\n{{/}}"                   \
     "{{*ranges}}            {{@ %-16s}} {{min %12.5g}} {{median %12.5g}} {{max %12.5g}}"           \

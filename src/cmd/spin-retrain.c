@@ -163,7 +163,7 @@ static const struct spin_args_command command = {
 static const char plan_text[] =
     "device      {{device}}\npreset      {{preset}}\n"
     "work        {{iterations %N iteration}}{{#method=frames}} on each frame{{/}}, "
-    "{{frames %N frame}}, {{splats_mean %M}} splats each\n"
+    "{{frames %N frame}}, {{splats_mean %N splat}} each\n"
     "{{#densify_every}}densify     every {{densify_every}} iterations"
     "{{#full}}, only to prune: --max-points leaves no room{{/}}\n{{/}}"
     "memory      {{bytes_needed %B}} needed, {{#bytes_available}}{{bytes_available %B}}{{/}}"
@@ -179,7 +179,7 @@ static const char text[] =
     "{{output}}: {{iterations %N iteration}} in {{#seconds}}{{seconds %T}}{{/}}"
     "{{^seconds}}unknown{{/}}{{#seconds_per_iteration}} ({{seconds_per_iteration %.3g}} s "
     "each){{/}} "
-    "on {{device}}, {{frames %N frame}}, {{splats_mean %M}} splats each\n"
+    "on {{device}}, {{frames %N frame}}, {{splats_mean %N splat}} each\n"
     "test views      PSNR     SSIM\n"
     "before    {{before.psnr %10.3f}}{{before.ssim %9.4f}}\n"
     "{{#method=network}}{{#refine}}"

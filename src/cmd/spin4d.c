@@ -70,7 +70,7 @@ static const char text[] =
     "{{#retrain}}{{#test}}held-out views: {{before.psnr %.2f}} dB before, {{psnr %.2f}} dB "
     "after\n{{/}}{{/}}"
     "{{#rows}}{{#test}}as 4D splats: {{psnr %.2f}} dB\n{{/}}{{/}}"
-    "{{output}}: {{export.frames %N frame}} as {{to}}, {{export.splats_mean %M}} splats each"
+    "{{output}}: {{export.frames %N frame}} as {{to}}, {{export.splats_mean %N splat}} each"
     "{{#export.bytes}}, {{export.bytes %B}}{{/}}\n"
     "{{bundle}}: the clip itself, for spin4d eval and spin4d export\n"
     "{{#to=html}}Open {{output}} in a browser.\n{{/}}";

@@ -202,5 +202,6 @@ struct spin_camera_f32 spin_camera_f32_from(const struct spin_camera *camera)
     }
     cam.limit_x = (float)(1.3 * camera->width / (2 * camera->fx));
     cam.limit_y = (float)(1.3 * camera->height / (2 * camera->fy));
+    cam.z_near = (float)spin_camera_near(camera);
     return cam;
 }

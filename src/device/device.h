@@ -99,6 +99,7 @@ struct spin_camera_f32 {
     float r[9], t[3];       /* w2c */
     float centre[3];        /* in the world */
     float limit_x, limit_y; /* 1.3 tan of the half field of view */
+    float z_near;           /* splats at this depth or nearer are culled */
     bool
         antialias; /* splats smaller than a pixel are drawn fainter, not only wider; spin_camera_f32_from: no */
 };

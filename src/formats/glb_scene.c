@@ -557,6 +557,16 @@ static spin_status check_required(const struct spin_gs_glb_scene *s)
     return SPIN_OK;
 }
 
+/* KHR_gaussian_splatting has no mark of antialiasing: our exporter puts one into the extras of the asset. */
+static void find_antialias(struct spin_gs_glb_scene *s)
+{
+    const spin_json *asset = spin_json_get(s->file.json, "asset");
+
+    spin_json_bool(spin_json_get(spin_json_get(asset, "extras"), "antialias"), &s->antialias);
+    for (size_t i = 0; i < s->n_pieces; i++)
+        s->antialias = s->antialias || s->piece[i].points.spz.antialias;
+}
+
 spin_status spin_gs_glb_scene_open(const unsigned char *file, size_t size,
                                    struct spin_gs_glb_scene *out)
 {
@@ -571,6 +581,7 @@ spin_status spin_gs_glb_scene_open(const unsigned char *file, size_t size,
     SPIN_TRY_OUT(run_keys(&b));
     SPIN_TRY_OUT(find_pieces(&b));
     SPIN_TRY_OUT(find_frames(&b));
+    find_antialias(out);
 out:
     free(b.nodes.node);
     free(b.key);

@@ -26,10 +26,11 @@ struct spin_gs_glb_scene {
     struct spin_gs_glb_frame *frame; /* [n_frames] at least one */
     size_t *shown;                   /* the pieces that frames show, one frame after the other */
     size_t n_pieces, n_frames;
-    int sh_degree; /* the largest */
-    bool linear;   /* colours of some are of linear light */
-    bool moves;    /* there is an animation that is more than a switch: it is not followed */
-    bool others;   /* meshes that are no splats, which are left out */
+    int sh_degree;  /* the largest */
+    bool linear;    /* colours of some are of linear light */
+    bool antialias; /* meant to be drawn antialiased, as extras of our exporter or an SPZ say */
+    bool moves;     /* there is an animation that is more than a switch: it is not followed */
+    bool others;    /* meshes that are no splats, which are left out */
     struct spin_splats raw; /* private */
 };
 

@@ -10,7 +10,7 @@
 extern "C" {
 #endif
 
-#define SPIN_GLB_SHIM_ABI 5
+#define SPIN_GLB_SHIM_ABI 6
 #define SPIN_GLB_SHIM_SYMBOL "spin_glb_shim_table"
 
 /* POSITION, ROTATION, SCALE, OPACITY, the SH coefficients, COLOR_0. */
@@ -39,6 +39,7 @@ struct spin_glb_clip {
     int sh_degree;
     const char *axes, *source; /* for extras; source NULL: unknown */
     double fps;                /* 0: unknown */
+    bool antialias;            /* for extras: the splats are meant to be drawn antialiased */
     int n_frames;
     bool animated; /* frames take turns, by STEP keys on the scale of their nodes */
 

@@ -150,6 +150,8 @@ std::string text_of(const spin_glb_clip &clip, const char *generator, uint64_t k
         extras["source"] = Value(plain(clip.source));
     if (clip.fps > 0)
         extras["fps"] = Value(clip.fps);
+    if (clip.antialias)
+        extras["antialias"] = Value(true);
     model.asset.version = "2.0";
     model.asset.generator = generator;
     model.asset.extras = Value(extras);

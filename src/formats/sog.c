@@ -145,7 +145,7 @@ static void print_meta(FILE *to, const struct spin_sog *sog)
     fprintf(to, "{\"version\":%d,\"asset\":{\"generator\":\"spin4d %s\"},\"count\":%zu,", VERSION,
             SPIN_VERSION, sog->n);
     if (sog->antialias)
-        fprintf(to, "\"model\":\"antialiased\",");
+        fprintf(to, "\"model\":\"" SPIN_SOG_ANTIALIASED "\",");
     fprintf(to, "\"means\":{\"mins\":[%.17g,%.17g,%.17g],\"maxs\":[%.17g,%.17g,%.17g],", m->mins[0],
             m->mins[1], m->mins[2], m->maxs[0], m->maxs[1], m->maxs[2]);
     print_files(to, "means");
@@ -255,7 +255,7 @@ static spin_status parse_2(struct reading *r, int64_t *count)
     int64_t bands = 0, n_palette = 0;
 
     SPIN_TRY(check_count(spin_json_get(meta, "count"), "count", 0, MAX_COUNT, count));
-    r->sog.antialias = model && strcmp(model, "antialiased") == 0;
+    r->sog.antialias = model && strcmp(model, SPIN_SOG_ANTIALIASED) == 0;
     SPIN_TRY(read_book(meta, "scales", r->sog.scales));
     SPIN_TRY(read_book(meta, "sh0", r->sog.sh0));
     for (int c = 0; c < 3; c++) {

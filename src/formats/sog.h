@@ -35,6 +35,9 @@ enum spin_sog_picture {
 
 enum { SPIN_SOG_PALETTE_LINE = 64, SPIN_SOG_MAX_PALETTE = 65536 };
 
+/* The "model" in meta.json of splats that are meant to be drawn antialiased. */
+#define SPIN_SOG_ANTIALIASED "antialiased"
+
 struct spin_sog_range {
     double mins[3], maxs[3];
 };

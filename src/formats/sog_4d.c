@@ -110,6 +110,7 @@ spin_status spin_sog_4d_still(struct spin_sog_4d *r, size_t least)
     const spin_json *means = spin_json_get(r->meta, "means");
     const spin_json *scales = spin_json_get(r->meta, "scales");
     const spin_json *sh0 = spin_json_get(r->meta, "sh0"), *sh_n = spin_json_get(r->meta, "shN");
+    const char *model = spin_json_string(spin_json_get(r->meta, "model"));
     int64_t n = 0, bands = 0, n_palette = 0;
 
     SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(r->meta, "count"), "count", 1, MAX_COUNT, &n));
@@ -117,6 +118,7 @@ spin_status spin_sog_4d_still(struct spin_sog_4d *r, size_t least)
         return spin_malformed("%s with %lld splats in %zu bytes", r->what, (long long)n,
                               r->zip.map.size);
     r->n = (size_t)n;
+    r->antialias = model && strcmp(model, SPIN_SOG_ANTIALIASED) == 0;
     SPIN_TRY(spin_sog_4d_range(r, spin_json_get(means, "mins"), spin_json_get(means, "maxs"),
                                "means", 3, &r->means));
     SPIN_TRY(spin_sog_4d_files(r, means, "means", 2, 2, SPIN_4D_MEANS));

@@ -38,8 +38,9 @@ struct spin_sog_4d {
     const char *what; /* the format, for messages */
     size_t n;
     int degree, sh_degree; /* of paths 0 to 2, of SH 0 to 3 */
-    int n_frames; /* written with the number of their frame instead of a time and a sigma; 0 */
-    bool linear;  /* motion is not spin_sog_log() of itself */
+    int n_frames;   /* written with the number of their frame instead of a time and a sigma; 0 */
+    bool antialias; /* meant to be drawn antialiased */
+    bool linear;    /* motion is not spin_sog_log() of itself */
     struct spin_sog_range means, motion, accel, time; /* time: its own, sigma */
     struct spin_sog_book scales, sh0, sh_n, centre, sigma;
     size_t n_palette;

@@ -166,6 +166,7 @@ static spin_status read_all(struct spin_sog_4d *r, struct spin_sogst *out,
     SPIN_TRY(read_trbf(r));
     SPIN_TRY(read_cov2d(r, splats->cov2d));
     SPIN_TRY(spin_splats_4d_reserve(splats, r->n, r->degree, r->sh_degree, 0));
+    splats->antialias = r->antialias;
     return read_segments(r, out, splats);
 }
 
@@ -270,6 +271,7 @@ static spin_status read_vertices(const struct spin_ply *ply, struct spin_sogst *
     SPIN_TRY(read_scalars(ply, degree, out, splats->cov2d));
     SPIN_TRY(
         spin_splats_4d_reserve(splats, (size_t)cloud.vertex->count, degree, cloud.sh_degree, 0));
+    splats->antialias = spin_ply_is_antialiased(ply);
     for (size_t k = 0; k < 2 + 3 * (size_t)degree; k++) {
         int property = spin_ply_find(cloud.vertex, names[k]);
         float *to = k == 0 ? splats->times : k == 1 ? splats->sigmas : splats->paths + k - 2;

@@ -272,6 +272,7 @@ static spin_status read_all(struct spin_sog_4d *r, struct spin_tsog *out,
     discrete = out->time == SPIN_TSOG_DISCRETE;
     SPIN_TRY(
         spin_splats_4d_reserve(splats, r->n, r->degree, r->sh_degree, discrete ? SPIN_4D_CUTS : 0));
+    splats->antialias = r->antialias;
     SPIN_TRY(spin_sog_4d_rows(r, NULL, 0, r->n, splats));
     if (discrete)
         cut_frames(splats, out->n_frames);

@@ -495,6 +495,15 @@ spin_status spin_ply_open(const char *path, struct spin_ply *out)
     return status;
 }
 
+bool spin_ply_is_antialiased(const struct spin_ply *ply)
+{
+    for (size_t i = 0; i < ply->n_comments; i++)
+        if (strcasecmp(ply->comment[i], "SplatRenderMode: mip") == 0 ||
+            strcmp(ply->comment[i], "antialiased 1") == 0)
+            return true;
+    return false;
+}
+
 void spin_ply_close(struct spin_ply *ply)
 {
     for (size_t i = 0; i < ply->n_elements; i++)

@@ -91,7 +91,7 @@ static void write_number(FILE *to, const char *format, double v)
         fprintf(to, v == floor(v) ? "%.0f" : "%.1f", v);
         break;
     case 'N':
-        fprintf(to, "%.0f%s%s", v, format + 2, v == 1 ? "" : "s");
+        fprintf(to, v == floor(v) ? "%.0f%s%s" : "%.1f%s%s", v, format + 2, v == 1 ? "" : "s");
         break;
     case 'p':
     case 'P':

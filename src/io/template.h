@@ -5,7 +5,7 @@
  *     {{psnr %8.3f}} {{name %-8s}}        by printf's d, f, g or s; a dash in its width where there is none
  *     {{share %.1p}} {{share %.3P}}       a number times 100, as f or g
  *     {{size %B}} {{seconds %T}}          12.3 MB; 2 h 36 min
- *     {{mean %M}} {{frames %N frame}}     2940, or 2940.5 when it is not whole; 1 frame, 2 frames
+ *     {{mean %M}} {{frames %N frame}}     2940, or 2940.5 when it is not whole; 1 frame, 2 frames, 2.5 frames
  *     {{psnr %+.2f before}}               a number less another
  *     {{options}}                         an object: its members in lines
  *     {{#data}}...{{/}}                   where it is neither absent, null, false, the integer 0 nor empty; of an

@@ -4,7 +4,6 @@
 #include "math/portable.h"
 
 /* As in the 3DGS rasteriser; part of the result. */
-#define SPIN_PROJECT_NEAR 0.2f
 #define SPIN_PROJECT_DILATION 0.3f
 
 struct spin_projection {

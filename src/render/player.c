@@ -91,12 +91,14 @@ static void count_network(struct spin_player *p, int index, size_t n, const floa
 
 static void warn_bad(const struct spin_player *p)
 {
+    char count[48];
+
     if (p->n_bad == 0 || p->bundle->told_not_finite)
         return;
     p->bundle->told_not_finite = true;
-    spin_warn("'%s': %llu splats in %d of its frames have values that are not finite, and are not "
-              "drawn",
-              p->bundle->path, (unsigned long long)p->n_bad, p->n_bad_frames);
+    spin_warn("'%s': %s in %d of its frames %s values that are not finite, and %s not drawn",
+              p->bundle->path, spin_text_count((long long)p->n_bad, "splat", count),
+              p->n_bad_frames, p->n_bad == 1 ? "has" : "have", p->n_bad == 1 ? "is" : "are");
 }
 
 static spin_status check_weights(const char *name, const float *values, size_t n)

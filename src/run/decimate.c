@@ -654,7 +654,8 @@ static spin_status orbit(const struct spin_splats *s, int k, struct spin_camera 
                                 .fy = SIDE,
                                 .cx = SIDE / 2.0,
                                 .cy = SIDE / 2.0,
-                                .w2c = {c, 0, -sn, 0, 0, 1, 0, 0, sn, 0, c, 0}};
+                                .w2c = {c, 0, -sn, 0, 0, 1, 0, 0, sn, 0, c, 0},
+                                .z_near = SPIN_NEAR * fmin(reach, 1)};
     for (size_t r = 0; r < 3; r++)
         for (size_t a = 0; a < 3; a++)
             out->w2c[4 * r + 3] -= out->w2c[4 * r + a] * eye[a];

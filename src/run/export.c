@@ -384,8 +384,8 @@ static spin_status begin_export(struct export *x)
     SPIN_TRY(spin_scene_edit_views(&x->edit, &job.views));
     job.counts = x->edit.filters && !x->splats_4d ? NULL : x->counts;
     if (job.antialias && !x->exporter->antialias)
-        spin_warn("these splats are trained with antialiasing, which '%s' files cannot say: switch "
-                  "it on in the viewer",
+        spin_warn("these splats are trained with antialiasing, which '%s' files do not tell "
+                  "viewers: switch it on there",
                   o->to);
     if (spin_rank() > 0)
         return x->splats_4d ? SPIN_OK : write_frames(x);

@@ -5,7 +5,6 @@
 #include "run/scene_edit.h"
 
 #include "base/base.h"
-#include "math/project.h"
 #include "train/knn.h"
 
 /* A splat that reaches its neighbours is none that floats alone. */
@@ -60,7 +59,7 @@ void spin_scene_edit_again(struct spin_scene_edit *e)
 void spin_scene_edit_say(const struct spin_scene_edit *e)
 {
     static const char *const names[] = {"crop", "min-views", "floaters", "backdrop off"};
-    char text[160] = "";
+    char text[160] = "", count[48];
     size_t at = 0;
 
     for (int k = 0; k < SPIN_EDIT_FILTERS; k++)
@@ -70,8 +69,8 @@ void spin_scene_edit_say(const struct spin_scene_edit *e)
     if (e->filters && e->n_kept == 0 && e->n_seen > 0)
         spin_warn("no splat is left: %s", text);
     else if (e->filters)
-        spin_log(0, "%llu of %llu splats left out%s%s", (unsigned long long)(e->n_seen - e->n_kept),
-                 (unsigned long long)e->n_seen, at ? ": " : "", text);
+        spin_log(0, "%llu of %s left out%s%s", (unsigned long long)(e->n_seen - e->n_kept),
+                 spin_text_count((long long)e->n_seen, "splat", count), at ? ": " : "", text);
 }
 
 /* ---- Filters ----------------------------------------------------------------------------------- */
@@ -121,7 +120,7 @@ static spin_status leave_out_unseen(struct spin_scene_edit *e, int frame, const 
         for (size_t v = 0; v < views->n && seen < least && !rows->reason[i]; v++)
             seen += views->view[v].dataset_frame == row && !views->view[v].test &&
                     spin_camera_sees(&views->view[v].camera, rows->place + 3 * i, p) &&
-                    p[2] > (double)SPIN_PROJECT_NEAR;
+                    p[2] > spin_camera_near(&views->view[v].camera);
         if (!rows->reason[i] && is_finite(rows->place + 3 * i) && seen < least)
             rows->reason[i] = 1 + SPIN_EDIT_MIN_VIEWS;
     }
@@ -245,6 +244,7 @@ spin_status spin_scene_edit_views(struct spin_scene_edit *e, const struct spin_v
         for (int r = 0; r < 3; r++) /* R (s p + t) + w = s (R p + before) */
             m[4 * r + 3] = scale_of(e) * m[4 * r + 3] - m[4 * r] * e->o->translate[0] -
                            m[4 * r + 1] * e->o->translate[1] - m[4 * r + 2] * e->o->translate[2];
+        view.camera.z_near = scale_of(e) * spin_camera_near(&view.camera);
         SPIN_TRY(spin_views_add(&e->views, &view));
     }
     e->views.n_dataset_frames = from->n_dataset_frames;

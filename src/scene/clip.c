@@ -2,6 +2,7 @@
 #include "scene/clip.h"
 
 #include "base/base.h"
+#include "io/ranks.h"
 #include "scene/data_path.h"
 #include "scene/foreign.h"
 #include "scene/probe.h"
@@ -201,6 +202,25 @@ static spin_status open_data(const struct spin_clip_options *o, struct spin_clip
     return pair_rows(o, clip);
 }
 
+/* The cameras' near plane, by the first frame of the bundle that has splats, whatever frames were asked for: what a
+ * camera draws must not depend on --range. A frame that cannot be read is left to who needs it. */
+static spin_status set_near(struct spin_clip *clip)
+{
+    const struct spin_bundle_meta *meta = &clip->bundle.meta;
+    SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
+    spin_status status;
+    int f = 0;
+
+    while (f < meta->n_frames && meta->frame[f].n == 0)
+        f++;
+    if (f == meta->n_frames)
+        return SPIN_OK;
+    status = spin_bundle_frame(&clip->bundle, f, SPIN_COL_MEANS, &splats);
+    if (status != SPIN_OK)
+        return status == SPIN_E_MEMORY ? status : SPIN_OK;
+    return spin_views_set_near(&clip->views, splats.means, splats.n, spin_rank() == 0);
+}
+
 spin_status spin_clip_open(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     spin_status status;
@@ -217,6 +237,8 @@ spin_status spin_clip_open(const struct spin_clip_options *o, struct spin_clip *
     }
     clip->n_mean /= clip->n_frames;
     SPIN_TRY_OUT(open_data(o, clip));
+    if (clip->has_views && (o->needs_views || o->wants_views))
+        SPIN_TRY_OUT(set_near(clip));
     return SPIN_OK;
 out:
     spin_clip_close(clip);

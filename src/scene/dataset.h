@@ -27,6 +27,12 @@ spin_status spin_views_pair(const struct spin_views *views, const struct spin_bu
  * memory. */
 double spin_views_extent(const struct spin_views *views);
 
+/* Set the near plane of all views by the points of one frame: SPIN_NEAR, or less where a typical view shows points so
+ * near that it would cut into them, as in scenes of small units. Warns of a view that still cuts off what is in its
+ * image. */
+spin_status spin_views_set_near(struct spin_views *views, const float *points, size_t n,
+                                bool warns);
+
 /* See that the image is there, has a header that can be read, and the shape of its camera. Errors name
  * both. */
 spin_status spin_view_check_image(const struct spin_view *view);

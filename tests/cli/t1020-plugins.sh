@@ -122,7 +122,7 @@ refused() {
 variant future 's/SPIN_PLUGIN_ABI/(SPIN_PLUGIN_ABI + 1)/'
 abi=$(sed -n 's/^#define SPIN_PLUGIN_ABI //p' src/spin.h)
 refused future "built for version $((abi + 1)) of spin.h, this is $abi"
-variant mixed '/const struct spin_importer points_csv/,/^};/ s/SPIN_PLUGIN_ABI/7/'
+variant mixed '/const struct spin_importer points_csv/,/^};/ s/SPIN_PLUGIN_ABI/(SPIN_PLUGIN_ABI - 1)/'
 refused mixed "an importer in it is of another version"
 variant nameless 's/^const struct spin_plugin spin_plugin/static const struct spin_plugin hidden/; s/-csv"/-x"/'
 refused nameless "defines no 'spin_plugin'"

@@ -116,5 +116,32 @@ run "$bin/spin-import" --from ply "$work/anti-ply" --data $clip --pair order -o 
 is "$code" 0 "antialiased: the PLY comes back"
 run "$bin/spin-eval" "$work/back.spin" --pair order --scale 0.25 --json
 is "$(member psnr)" "$first" "antialiased: and looks the same"
+run "$bin/spin-import" --from gltf "$work/anti-gltf" --data $clip --pair order -o "$work/back-gltf.spin"
+run "$bin/spin-eval" "$work/back-gltf.spin" --pair order --scale 0.25 --json
+is "$(member psnr | cut -c1-5)" "$(echo "$first" | cut -c1-5)" "antialiased: a GLB comes back so, too"
+run "$bin/spin-export" "$work/anti.spin" --to usd -o "$work/anti-usd"
+grep -q '^        bool antialias = true$' "$work/anti-usd/clip.usda"
+ok $? "antialiased: USD says so"
+
+# One splat in one frame: nothing is said in the plural, and "at most" is true of small files.
+printf 'ply\nformat ascii 1.0\nelement vertex 1\n' >"$work/one.ply"
+printf 'property float %s\n' x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 >>"$work/one.ply"
+printf 'end_header\n1 2 3 4 5 6 2 -5 -5 -5 1 0 0 0\n' >>"$work/one.ply"
+run "$bin/spin-import" "$work/one.ply" -o "$work/one.spin"
+for to in ply compressed-ply spz "spz --spz-version 4" sog splat gltf usd html; do
+    # shellcheck disable=SC2086
+    run "$bin/spin-export" "$work/one.spin" --to $to -o "$work/one-out" --force
+    is "$code" 0 "one splat as $to"
+    ! grep -q '\b1 \(splat\|frame\|version\)s' "$work/out" "$work/err"
+    ok $? "$to: one splat, one frame"
+    awk '/^writing .* at most/ { most = $NF == "kB" ? 1000 * $(NF - 1) : $(NF - 1) }
+        / as .* each, / { is = $NF == "kB" ? 1000 * $(NF - 1) : $(NF - 1) } END { exit most != "" && is > most }' \
+        FS=' ' "$work/err" "$work/out"
+    ok $? "$to: at most as many bytes as it said: $(grep -h 'at most\|each' "$work/err" "$work/out" | tr '\n' ' ')"
+    rm -rf "$work/one-out"
+done
+run "$bin/spin-export" "$work/one.spin" --to splat -o "$work/one-splat"
+err_has "holds colours of a limited range: brighter and darker ones are cut off, the largest by 1.2 of 1" \
+    "a colour that .splat cuts off is warned of"
 
 done_testing

@@ -48,6 +48,20 @@ c = json.load(sys.stdin)["check"]
 print(c["frames"], all(c[k]["largest"] < 2e-4 for k in c if isinstance(c[k], dict)))' <"$work/out")" "0 181 True" \
         "turned by $turn it is read back as it is"
 done
+# That they are meant to be drawn antialiased.
+is_antialiased() {
+    python3 -c 'import json, sys, zipfile
+print(json.load(zipfile.ZipFile(sys.argv[1]).open("meta.json")).get("antialias", False))' "$1"
+}
+LC_ALL=C sed '0,/^comment ftgs_version/s//comment antialiased 1\n&/' "$ftgs" >"$work/anti.ftgs.ply"
+run "$bin/spin-import" "$work/anti.ftgs.ply" -o "$work/anti.spin"
+is "$(is_antialiased "$work/a.spin") $(is_antialiased "$work/anti.spin")" "False True" "antialiased, as a comment says"
+for ending in ftgs.ply sogst.ply tsog sogst; do
+    run "$bin/spin-export" "$work/anti.spin" -o "$work/anti-out.$ending" --force --fps 30
+    [ $ending != ftgs.ply ] || run "$bin/spin-export" "$work/anti.spin" -o "$work/anti-out.$ending" --force
+    run "$bin/spin-import" "$work/anti-out.$ending" -o "$work/anti-back.spin" --force
+    is "$(is_antialiased "$work/anti-back.spin")" True "antialiased: .$ending says so"
+done
 run "$bin/spin-import" "$ftgs" -o "$work/part.spin" --range 60:121
 is "$code" 0 "a part of the clip comes in"
 run "$bin/spin-export" "$work/part.spin" -o "$work/part.ftgs.ply"

@@ -101,6 +101,17 @@ export_grid twenty --floaters 5 --decimate 20 --scale 2 --json
 is "$code $(member filtered) $(member splats_mean)" "0 1 20" "--decimate of what --floaters leaves"
 holds "is what is largest of that, moved" 'p = ply(sys.argv[1])
 assert len(p["x"]) == 20 and p["x"].max() < 1 and p["y"].max() == 8, p' "$work/twenty/frame_00000.ply"
+# A clip that begins without splats, far from the origin: page and images look where its splats will be.
+mkdir "$work/late"
+sed 's/vertex 66/vertex 1/; /end_header/q' "$work/grid.ply" >"$work/late/0.ply"
+echo "-9 -9 -9 1 1 1 2 -5 -5 -5 1 0 0 0" >>"$work/late/0.ply"
+sed '/end_header/,$s/^\(0\.[0-9]\|4\|0\) /50\1 /' "$work/grid.ply" >"$work/late/1.ply"
+run "$bin/spin-import" "$work/late" -o "$work/late.spin"
+run "$bin/spin-export" "$work/late.spin" --to images -o "$work/late-images" --size 64x48 --crop 400,-9,-9,600,9,9
+err_has "^warning: 1 of 2 renders show nothing" "the frame that has splats shows them"
+run "$bin/spin-export" "$work/late.spin" -o "$work/late.html" --crop 400,-9,-9,600,9,9
+grep -q '"centre": *\[50' "$work/late.html"
+ok $? "the page is about the middle of them"
 run "$bin/spin-export" "$work/court.spin" --to ply -o "$work/few" --min-views 6 --decimate 50% --json
 is "$code" 0 "--decimate of what six cameras see"
 out_has "\"unit\": \"in all\"" "counts rows of the clip, not of a frame"
@@ -126,9 +137,34 @@ if [ -x "$compare" ]; then
     run "$compare" "$work/pictures0/cam_00_frame_00002.png" "$work/pictures4/cam_00_frame_00002.png"
     [ "$code" = 0 ] && [ "$(cut -d' ' -f1 "$work/out")" -le 2 ]
     ok $? "a scene that is scaled and moved, from its cameras"
+    # The near plane is scaled, too; of data sets in small units it follows from what the cameras see.
+    run "$bin/spin-export" "$work/court.spin" --to images -o "$work/tiny" --range 2:3 --scale 0.01
+    run "$compare" "$work/pictures0/cam_00_frame_00002.png" "$work/tiny/cam_00_frame_00002.png"
+    [ "$code" = 0 ] && [ "$(cut -d' ' -f1 "$work/out")" -le 2 ]
+    ok $? "a hundredth of the size, from its cameras"
 else
     skip "pictures of a moved scene" "$compare is not built"
 fi
+holds "the clip in centimetres" 'import json, os
+src, to, s = sys.argv[1], sys.argv[2], 0.01
+os.mkdir(to)
+os.symlink(os.path.abspath(src) + "/ims", to + "/ims")
+for name in ("train_meta.json", "test_meta.json"):
+    meta = json.load(open(f"{src}/{name}"))
+    for row in (row for frame in meta["w2c"] for w2c in frame for row in w2c[:3]):
+        row[3] *= s
+    json.dump(meta, open(f"{to}/{name}", "w"))
+run = dict(np.load(src + "/params.npz"))
+run["means3D"] = (s * run["means3D"]).astype("f4")
+run["log_scales"] = (np.log(s) + run["log_scales"]).astype("f4")
+np.savez(to + "/params.npz", **run)' "$clip" "$work/centimetres"
+run "$bin/spin-import" "$work/centimetres" --data "$work/centimetres" -o "$work/centimetres.spin"
+run "$bin/spin-eval" "$work/court.spin" --source --range 2:3 --json
+psnr=$(member psnr)
+run "$bin/spin-eval" "$work/centimetres.spin" --source --range 2:3 --json
+is "$(member psnr | cut -c1-5)" "$(echo "$psnr" | cut -c1-5)" "units do not change what is measured"
+run "$bin/spin-retrain" "$work/centimetres.spin" -o "$work/taught.spin" --range 2:3 --scale 0.25 --iterations 20 --device cpu
+is "$code" 0 "nor that it can be trained"
 run "$bin/spin-export" "$work/court.spin" --to ply -o "$work/far" --translate 1,0,0
 ! grep -q '"data"' "$work/far/sequence.json" && grep -q '"data"' "$work/court/sequence.json"
 ok $? "a moved scene does not name its data set"

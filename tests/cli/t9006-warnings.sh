@@ -339,7 +339,7 @@ export_to() { run "$bin/spin-export" "$1" --to "$2" -o "$work/$2" --force --devi
 for to in splat gltf usd; do
     export_to "$work/out.spin" $to
     warns "antialiased splats as $to" \
-        "these splats are trained with antialiasing, which '$to' files cannot say: switch it on in the viewer"
+        "these splats are trained with antialiasing, which '$to' files do not tell viewers: switch it on there"
 done
 export_to "$work/out.spin" ply
 warns "antialiased splats as ply"

@@ -9,11 +9,11 @@
 
 enum { FRAMES = 3, FIRST = 3, TRAIN = 3, CAMERAS = 5, SPLATS = 6, MOST = 80 * 60 };
 static const int id[CAMERAS] = {4, 7, 9, 2, 11}; /* the last two are test views */
-static const struct spin_camera lens[CAMERAS] = {{64, 48, 90, 45, 20, 33, {0}},
-                                                 {64, 48, 80, 50, 44, 20, {0}},
-                                                 {64, 48, 60, 85, 30, 12, {0}},
-                                                 {80, 36, 60, 100, 47, 11, {0}},
-                                                 {80, 36, 110, 70, 21, 25, {0}}};
+static const struct spin_camera lens[CAMERAS] = {{64, 48, 90, 45, 20, 33, {0}, 0},
+                                                 {64, 48, 80, 50, 44, 20, {0}, 0},
+                                                 {64, 48, 60, 85, 30, 12, {0}, 0},
+                                                 {80, 36, 60, 100, 47, 11, {0}, 0},
+                                                 {80, 36, 110, 70, 21, 25, {0}, 0}};
 static struct pose pose[FRAMES][CAMERAS];
 static struct spin_camera camera[FRAMES][CAMERAS];
 
@@ -369,7 +369,8 @@ static void test_images(void)
                                     lens[k].fy * s,
                                     35 + (lens[k].cx - lens[k].width / 2.0) * s,
                                     lens[k].cy * s,
-                                    {0}};
+                                    {0},
+                                    0};
 
             snprintf(name, sizeof name, "all/cam_%02d_frame_%05d.png", id[k], FIRST + f);
             check_file(name, 1, 0, 0, f, &camera[f][k], &pose[f][k]);

@@ -271,6 +271,31 @@ static void fades(struct spin_device *d)
     view_free(&faint);
 }
 
+/* A splat is drawn behind the near plane of its camera. */
+static void near_planes(struct spin_device *d)
+{
+    static const double z_near[3] = {0, 0.05, 2};
+    static const float depth[4] = {0.04f, 0.1f, 1, 3};
+
+    for (int k = 0; k < 3; k++) {
+        struct spin_camera camera = camera_of(96, 80, 90);
+        struct view v;
+
+        camera.z_near = z_near[k];
+        view_random(&v, &camera, 4, 5, 4);
+        for (int i = 0; i < 4; i++) {
+            v.pos_w[3 * i] = v.pos_w[3 * i + 1] = 0;
+            v.pos_w[3 * i + 2] = depth[i];
+        }
+        on_project(d, &v.cam, 4, v.pos_w, v.attr, 3, v.splat2d);
+        for (int i = 0; i < 4; i++)
+            ok((v.splat2d[i].radius_px > 0) ==
+                   ((double)depth[i] > (z_near[k] > 0 ? z_near[k] : SPIN_NEAR)),
+               "depth %g, near plane %g", (double)depth[i], z_near[k]);
+        view_free(&v);
+    }
+}
+
 /* Splats go in blocks: each is what it is alone, and gradients are added to what is there. */
 static void alone(struct spin_device *d)
 {
@@ -387,6 +412,7 @@ TAP_MAIN
         differences(d, true);
         fades(d);
         bad_numbers(d);
+        near_planes(d);
         alone(d);
         check_device_free(d);
         same_bits(cpu_paths[i]);

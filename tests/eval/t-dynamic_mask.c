@@ -293,7 +293,7 @@ static size_t chosen_of(int n, void (*change)(struct spin_camera *), size_t *cho
             struct spin_view v = {.dataset_frame = f, .camera_id = camera, .path = (char *)"none"};
 
             v.camera =
-                (struct spin_camera){64, 48, 70, 55, 20, 33, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}};
+                (struct spin_camera){64, 48, 70, 55, 20, 33, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}, 0};
             if (change && camera == 1 && f == n / 2)
                 change(&v.camera);
             if (spin_views_add(&clip, &v) != SPIN_OK)
@@ -348,7 +348,7 @@ static void check_few_frames(void)
     for (int f = 0; f < 4; f++) {
         struct spin_view v = {.dataset_frame = f, .path = path, .mask = f < 3 ? mask : NULL};
 
-        v.camera = (struct spin_camera){W, H, 30, 30, 20, 15, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}};
+        v.camera = (struct spin_camera){W, H, 30, 30, 20, 15, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}, 0};
         snprintf(path, sizeof path, "%s/grey_%d.png", folder, f);
         for (size_t i = 0; i < 3 * PLANE; i++)
             image[i] = grey[f];

@@ -11,8 +11,8 @@ enum { ROWS = 3, CAMERAS = 5, PICTURES = 24 };
 static const double pi = 3.14159265358979323846;
 
 /* The lens of the training cameras, and that of the others. */
-static const struct spin_camera train_lens = {64, 48, 70, 55, 20, 33, {0}},
-                                test_lens = {80, 36, 50, 90, 47, 11, {0}};
+static const struct spin_camera train_lens = {64, 48, 70, 55, 20, 33, {0}, 0},
+                                test_lens = {80, 36, 50, 90, 47, 11, {0}, 0};
 
 static double pose_error(const struct spin_camera *got, const struct pose *want)
 {
@@ -261,6 +261,68 @@ static void test_file(void)
     spin_camera_path_free(&d);
 }
 
+/* One side alone, and what is no number. */
+static void test_file_size(void)
+{
+    static const char *const bad[] = {"\"render_width\": 300", "\"render_height\": 200",
+                                      "\"render_width\": 300.5, \"render_height\": 200",
+                                      "\"render_width\": 300, \"render_height\": null",
+                                      "\"render_width\": 300, \"render_height\": 8"};
+    const char *path = in_folder("size.json");
+
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        struct spin_path_file f = {0};
+        FILE *file = fopen(path, "w");
+
+        ok(file &&
+               fprintf(file,
+                       "{%s, \"camera_path\": [{\"camera_to_world\": [1,0,0,1,0,1,0,2,0,0,1,3]}]}",
+                       bad[i]) > 0 &&
+               fclose(file) == 0,
+           "a file");
+        ok(spin_path_file_open(path, &f) != SPIN_OK && strstr(spin_last_error(), "expected"),
+           "%s: %s", bad[i], spin_last_error());
+    }
+}
+
+/* The context says which frame is the first that has splats. */
+static spin_status frame_again(void *context, int frame, const struct spin_splats **out)
+{
+    static struct spin_splats s;
+
+    make_frame(&s, frame < *(int *)context ? 0 : 40, 0, 5);
+    for (size_t i = 0; i < 3 * s.n; i++)
+        s.means[i] += 500;
+    *out = &s;
+    return SPIN_OK;
+}
+
+/* A clip that begins with empty frames, without a data set: the camera looks where its splats will be. */
+static void test_late_splats(void)
+{
+    static const size_t counts[2][3] = {{0, 0, 40}, {40, 40, 40}};
+    struct spin_splats none = {0};
+
+    for (int k = 0; k < 3; k++) { /* counts are known, are not, and the first frame has splats */
+        int first = k == 2 ? 0 : 2;
+        struct spin_plugin_values values = {NULL};
+        struct spin_export_job job = {.n_frames = 3,
+                                      .values = &values,
+                                      .counts = k == 1 ? NULL : counts[k / 2],
+                                      .again = frame_again,
+                                      .context = &first};
+        struct spin_camera_path d = {0};
+        struct spin_camera camera;
+
+        ok(spin_camera_path_begin(&d, &job) == SPIN_OK &&
+               spin_camera_path_camera(&d, 0, &none, &camera) == SPIN_OK,
+           "a path");
+        ok(k == 2 ? fabs(d.look.target[0]) < 1 : fabs(d.look.target[0] - 500) < 5, "looks at %g",
+           d.look.target[0]);
+        spin_camera_path_free(&d);
+    }
+}
+
 /* The same height of view; the middle of the picture stays where it was. */
 static void test_resize(void)
 {
@@ -493,6 +555,7 @@ static void test_first(void)
         wide[k] = tan(got.fovy_deg * pi / 360) * (middle[2] - got.eye[2]) / (k ? 0.002 : 2);
     }
     near(wide[1], wide[0], 1e-9, "a small scene fills as much of its picture as a large one");
+    ok(got.z_near < got.reach[0] && got.z_near > 0, "and one may go as near to it");
 }
 
 /* Medians, and the half extent of nine splats in ten, without those that are nowhere. */
@@ -562,6 +625,8 @@ TAP_MAIN
     test_pace();
     test_length();
     test_file();
+    test_file_size();
+    test_late_splats();
     test_resize();
     test_turns();
     test_order();

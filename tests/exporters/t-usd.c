@@ -362,7 +362,7 @@ static void test_cameras(void)
             struct spin_view v = {.dataset_frame = f, .camera_id = 7 * k, .path = path};
             double m[12] = {0, 1, 0, -2, 0, 0, 1, -3, 1, 0, 0, -1 - (k ? f : 0)};
 
-            v.camera = (struct spin_camera){400, 200, 500, 250, 190, 120, {0}};
+            v.camera = (struct spin_camera){400, 200, 500, 250, 190, 120, {0}, 0};
             memcpy(v.camera.w2c, m, sizeof m);
             if (spin_views_add(&views, &v) != SPIN_OK)
                 exit(1);

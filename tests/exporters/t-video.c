@@ -74,7 +74,7 @@ static void make_views(struct spin_views *views, const char *image)
             .dataset_frame = row,
             .camera_id = 2,
             .path = (char *)image,
-            .camera = {W, H, 40, 40, W / 2.0, H / 2.0, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 6}}};
+            .camera = {W, H, 40, 40, W / 2.0, H / 2.0, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 6}, 0}};
 
         if (spin_views_add(views, &v) != SPIN_OK)
             exit(1);
@@ -298,7 +298,7 @@ static void test_rig(struct spin_export_job job)
         struct spin_view v = {.camera_id = k, .test = k == 0, .path = (char *)"none"};
         double m[12] = {z, 0, -x, -z + 3 * x, 0, 1, 0, -2, x, 0, z, -x - 3 * z + away};
 
-        v.camera = (struct spin_camera){W, H, 40, 40, W / 2.0, H / 2.0, {0}};
+        v.camera = (struct spin_camera){W, H, 40, 40, W / 2.0, H / 2.0, {0}, 0};
         memcpy(v.camera.w2c, m, sizeof m);
         if (spin_views_add(&views, &v) != SPIN_OK)
             exit(1);

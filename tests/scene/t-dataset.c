@@ -2,6 +2,7 @@
 
 #include "base/err.h"
 #include "base/log.h"
+#include "base/number.h"
 #include "io/image.h"
 #include "scene/probe.h"
 #include "scene/dataset.h"
@@ -117,7 +118,7 @@ static void test_scale(void)
        "sizes are rounded");
     near(views.view[0].camera.fx, 10 * 5.0 / 9, 1e-12, "fx follows the real ratio");
     near(views.view[0].camera.cy, 2 * 3.0 / 5, 1e-12, "cy too");
-    views.view[2].camera = (struct spin_camera){64, 48, 90, 45, 20, 33, {0}};
+    views.view[2].camera = (struct spin_camera){64, 48, 90, 45, 20, 33, {0}, 0};
     ok(spin_views_scale(&views, 0.3) == SPIN_OK && views.view[2].camera.width == 19 &&
            views.view[2].camera.height == 14,
        "64 x 48 pixels at 0.3: 19 x 14");
@@ -173,6 +174,55 @@ static void test_extent(void)
     }
     near(spin_views_extent(&views), 1.1, 1e-12, "without training cameras it is that of all");
     spin_views_free(&views);
+}
+
+static char warned[512];
+static bool keep_line(const char *line)
+{
+    snprintf(warned, sizeof warned, "%s", line);
+    return true;
+}
+
+/* A wall before the cameras, in these units, with one splat of so many close to them. */
+static double near_of(float unit, size_t close_one_in, float close)
+{
+    enum { N = 4000 };
+    static float points[3 * N];
+    struct spin_views views;
+    double z_near;
+
+    make_views(&views, 30, 0);
+    for (size_t i = 0; i < views.n; i++)
+        views.view[i].camera.w2c[3] = 0;
+    for (size_t i = 0; i < N; i++) {
+        points[3 * i] = points[3 * i + 1] = 0;
+        points[3 * i + 2] = unit * (i % close_one_in == 0 ? close : 4);
+    }
+    ok(spin_views_set_near(&views, points, N, true) == SPIN_OK, "is set");
+    z_near = spin_camera_near(&views.view[0].camera);
+    for (size_t i = 0; i < views.n; i++)
+        ok(spin_camera_near(&views.view[i].camera) == z_near, "one near plane for all cameras");
+    spin_views_free(&views);
+    return z_near;
+}
+
+/* docs/method.md 4.1 */
+static void test_near(void)
+{
+    near(near_of(1, SIZE_MAX, 0), SPIN_NEAR, 0, "a scene of usual units: that of 3DGS");
+    near(near_of(1000, SIZE_MAX, 0), SPIN_NEAR, 0, "and of large units");
+    near(near_of(0.01f, SIZE_MAX, 0), 0.01, 1e-6, "of small units: a quarter of the depth");
+    near(near_of(1, 200, 0.1f), SPIN_NEAR, 0, "a few floaters before the cameras change nothing");
+    near(near_of(1, 10, 0.1f), 0.025, 1e-6, "a subject close to them does");
+    spin_log_set_level(0);
+    spin_log_set_sink(keep_line);
+    near_of(1, 200, 0.1f);
+    ok(warned[0] == '\0', "one splat in 200 is not worth a warning: %s", warned);
+    near_of(1, 30, 0.1f);
+    ok(strstr(warned, "camera 0 does not draw 3 % of the splats in its image") != NULL,
+       "one in 30 is: %s", warned);
+    spin_log_set_sink(NULL);
+    spin_log_set_level(-1);
 }
 
 static void test_find(void)
@@ -284,6 +334,7 @@ TAP_MAIN
     test_split();
     test_scale();
     test_extent();
+    test_near();
     test_find();
     test_pixels();
 }

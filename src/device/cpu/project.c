@@ -88,6 +88,7 @@ static __attribute__((noinline)) void block_project(const struct job *job,
 {
     const struct spin_projection lens = job->projection;
     int tiles_x = job->cam->tiles_x, tiles_y = job->cam->tiles_y;
+    float z_near = job->cam->z_near;
 
     for (int i = 0; i < BLOCK; i++) {
         struct one s = one_of(&lens, b, i, 1);
@@ -98,8 +99,8 @@ static __attribute__((noinline)) void block_project(const struct job *job,
         spin_projected_cov_from(&lens, s.p, s.scale, s.q, &f);
         e = spin_ellipse_from(&lens, &f);
         spin_tile_rect(e.u_px, e.v_px, e.radius_px, tiles_x, tiles_y, &x0, &y0, &x1, &y1);
-        b->drawn[i] = (s.p.z > SPIN_PROJECT_NEAR) & (e.radius_px > 0) & (e.radius_px < 1e9f) &
-                      (x0 < x1) & (y0 < y1);
+        b->drawn[i] =
+            (s.p.z > z_near) & (e.radius_px > 0) & (e.radius_px < 1e9f) & (x0 < x1) & (y0 < y1);
         b->flags[i] = (f.x_clamped ? CLAMPED_X : 0) | (f.y_clamped ? CLAMPED_Y : 0);
         b->fade[i] = spin_aa_compensation(&f);
         b->u[i] = e.u_px;

@@ -180,7 +180,7 @@ static __global__ void project_kernel(struct spin_camera_f32 cam, int degree, si
     for (int k = 0; k < 3 && i < n; k++)
         pos_w[k] = means[3 * i + k];
     p = spin_to_camera(cam.r, cam.t, spin_v3(pos_w[0], pos_w[1], pos_w[2]));
-    before = i < n && p.z > SPIN_PROJECT_NEAR;
+    before = i < n && p.z > cam.z_near;
     mask = __ballot_sync(all_lanes, before);
     if (mask)
         load_rows(mine, attr + SPIN_ATTR * (i - lane), mask, degree);
