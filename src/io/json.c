@@ -121,7 +121,7 @@ spin_json *spin_json_text_value(const char *text)
         to += one ? n : 3;
         text += one ? n : 1;
     }
-    is_incomplete |= !copy;
+    ran_out |= !copy;
     value = copy ? json_stringn(copy, (size_t)(to - copy)) : json_null();
     free(copy);
     return value;
