@@ -82,7 +82,8 @@ static const struct spin_retrain_options paper = {
     0, /* eval_every, save_every */
     false,
     false,
-    false, /* resume, force, dry_run */
+    false,
+    false, /* resume, force, dry_run, auto_resume */
     NULL,
     NULL,
     NULL,
@@ -161,7 +162,8 @@ static const struct spin_retrain_options shorter = {
     0, /* eval_every, save_every */
     false,
     false,
-    false, /* resume, force, dry_run */
+    false,
+    false, /* resume, force, dry_run, auto_resume */
     NULL,
     NULL,
     NULL,
