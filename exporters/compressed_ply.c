@@ -1,11 +1,12 @@
-/* One compressed PLY per frame, PlayCanvas's layout (formats/compressed_ply.h). Axes stay those of the
- * training.
+/* One compressed PLY per frame, PlayCanvas's layout (formats/compressed_ply.h). Axes stay those of
+ * the training.
  *
- * The ranges of a chunk are small only if neighbours share it, so the order is Morton's; --order source
- * keeps the source's and costs precision.
+ * The ranges of a chunk are small only if neighbours share it, so the order is Morton's; --order
+ * source keeps the source's and costs precision.
  *
- * In the order of Morton neighbours in the file lie far apart in the bundle, and its SH, the bulk of
- * it, is not to be held: it is read once from end to end, packed, and each row put to its place. */
+ * In the order of Morton neighbours in the file lie far apart in the bundle, and its SH, the bulk
+ * of it, is not to be held: it is read once from end to end, packed, and each row put to its place.
+ */
 #include <stdatomic.h>
 
 #include "base/base.h"

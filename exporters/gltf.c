@@ -1,18 +1,18 @@
-/* glTF 2.0 with KHR_gaussian_splatting (formats/glb.h): one .glb per frame in a folder, or, when the
- * output's name ends in .glb, one file with the whole clip.
+/* glTF 2.0 with KHR_gaussian_splatting (formats/glb.h): one .glb per frame in a folder, or, when
+ * the output's name ends in .glb, one file with the whole clip.
  *
  * glTF has no vertex data that changes with time, so the clip is a node per frame, and an animation
- * that switches them: STEP keys on their scale, 1 while a frame is shown and else 0. A key after the
- * last frame repeats its value, or players would cut it.
- * An attribute that is the same in two frames, in all rows, lies in the file once: their meshes share it.
- * With --still-apart the splats that are the same in all frames (lib/still_rows.h) are in one node more,
- * which nothing switches; it comes first in the scene, for players that draw mesh after mesh.
+ * that switches them: STEP keys on their scale, 1 while a frame is shown and else 0. A key after
+ * the last frame repeats its value, or players would cut it. An attribute that is the same in two
+ * frames, in all rows, lies in the file once: their meshes share it. With --still-apart the splats
+ * that are the same in all frames (lib/still_rows.h) are in one node more, which nothing switches;
+ * it comes first in the scene, for players that draw mesh after mesh.
  *
  * Against 3D Gaussian Splatting: quaternions are x y z w, scales and opacities are finished (after
  * exp and sigmoid), one accessor holds one SH coefficient. glTF's axes are x left, y up, z forward;
- * those of a camera's world x right, y down, z forward. Half a turn about z brings one to the other:
- * x and y change sign, the quaternion is multiplied by (0, 0, 0, 1) on the left, SH coefficients of
- * odd order change sign.
+ * those of a camera's world x right, y down, z forward. Half a turn about z brings one to the
+ * other: x and y change sign, the quaternion is multiplied by (0, 0, 0, 1) on the left, SH
+ * coefficients of odd order change sign.
  *
  * Attributes lie one after the other in the file, splats in memory; blocks of rows are taken apart
  * and each piece is written to its place, so that a frame is never held twice. */
@@ -114,8 +114,8 @@ static void write_block(void *context, int number)
         atomic_store(&w->error, error);
 }
 
-/* A column of the file for each attribute of the frame: one that is there already and the same, or a new one. Without
- * hashes all are new. */
+/* A column of the file for each attribute of the frame: one that is there already and the same, or
+ * a new one. Without hashes all are new. */
 static spin_status find_columns(struct writing *w, struct spin_glb_frame *frame)
 {
     struct export *x = w->x;
@@ -148,7 +148,8 @@ static spin_status find_columns(struct writing *w, struct spin_glb_frame *frame)
     return SPIN_OK;
 }
 
-/* The chosen rows, behind what is in the file. In a clip they are looked at first, for what is there already. */
+/* The chosen rows, behind what is in the file. In a clip they are looked at first, for what is
+ * there already. */
 static spin_status write_rows(struct export *x, const struct spin_frame_info *info,
                               struct spin_glb_frame *frame)
 {

@@ -1,9 +1,11 @@
 /* One page that plays the clip: splats, player and all in a single .html file that needs no server
- * and no network, or, with --split, a page and a file of blocks of which it reads what it shows. Where the
- * bundle has both the imported and the retrained attributes the page switches between them.
+ * and no network, or, with --split, a page and a file of blocks of which it reads what it shows.
+ * Where the bundle has both the imported and the retrained attributes the page switches between
+ * them.
  *
- * The player is exporters/html/, our own in WebGL 2; exporters/html/format.md says how frames are written, and
- * lib/page_group.h does it. What the page must know of the whole clip comes at the end. */
+ * The player is exporters/html/, our own in WebGL 2; exporters/html/format.md says how frames are
+ * written, and lib/page_group.h does it. What the page must know of the whole clip comes at the
+ * end. */
 #include <ctype.h>
 #include <strings.h>
 #include <time.h>
@@ -45,7 +47,8 @@ static const struct spin_plugin_option options[] = {
     {0},
 };
 
-/* The most that a draft takes of the file of --split: the first picture is to come before a tenth is read. */
+/* The most that a draft takes of the file of --split: the first picture is to come before a tenth
+ * is read. */
 #define DRAFT_SHARE 0.05
 
 /* A frame of a version, as written. */
@@ -96,7 +99,8 @@ struct export
     uint64_t data_bytes, n_splats;
 };
 
-/* ---- Which splats ------------------------------------------------------------------------------ */
+/* ---- Which splats ------------------------------------------------------------------------------
+ */
 
 static spin_status choose(struct export *x, const struct spin_splats *s, int number, size_t *n)
 {
@@ -113,7 +117,8 @@ static spin_status choose(struct export *x, const struct spin_splats *s, int num
     return SPIN_OK;
 }
 
-/* ---- A block ------------------------------------------------------------------------------------- */
+/* ---- A block
+ * ------------------------------------------------------------------------------------- */
 
 static spin_status write_text(struct export *x, const char *text)
 {
@@ -130,7 +135,8 @@ static void write_seven(FILE *to, unsigned seven)
     putc(at ? '0' + (int)(at - special) : (int)seven, to);
 }
 
-/* Seven bits a character. What HTML reads as something else, or an editor changes, is an escape and a digit. */
+/* Seven bits a character. What HTML reads as something else, or an editor changes, is an escape and
+ * a digit. */
 static void write_sevens(FILE *to, const uint8_t *bytes, size_t n)
 {
     unsigned held = 0;
@@ -233,7 +239,8 @@ static spin_status add_frame(struct export *x, struct version *v, const struct s
     return spin_page_group_add(&v->group, &x->rows, s, &full);
 }
 
-/* ---- What the page must know ------------------------------------------------------------------------ */
+/* ---- What the page must know
+ * ------------------------------------------------------------------------ */
 
 static spin_json *list_of_ints(const int *value, int n)
 {
@@ -369,7 +376,8 @@ static spin_status write_script(struct export *x, const char *how, const char *t
     return write_text(x, "</script>\n");
 }
 
-/* ---- The plug-in ------------------------------------------------------------------------------------ */
+/* ---- The plug-in
+ * ------------------------------------------------------------------------------------ */
 
 static void discard(void *self)
 {
@@ -533,7 +541,8 @@ static spin_status html_frame(void *self, int frame, const struct spin_frame_inf
     return SPIN_OK;
 }
 
-/* ---- 4D splats ------------------------------------------------------------------------------------- */
+/* ---- 4D splats
+ * ------------------------------------------------------------------------------------- */
 
 /* Each splat once; the first frame is looked at for the view and the draft alone. */
 static spin_status write_rows(struct export *x, const double *times)
@@ -566,7 +575,8 @@ static spin_status write_rows(struct export *x, const double *times)
     return spin_page_rows_write(&x->four_d, &x->rows, take_rows, &sink);
 }
 
-/* As rows where their times are even; else, and where only some splats of each frame are wanted, as frames. */
+/* As rows where their times are even; else, and where only some splats of each frame are wanted, as
+ * frames. */
 static spin_status write_4d(struct export *x)
 {
     const struct spin_export_job *job = x->job;

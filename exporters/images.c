@@ -1,6 +1,6 @@
-/* Renders of every frame as PNG or EXR, for looking, for films and for measuring with other programs: from the data set's
- * cameras or from one that moves, with the names of spin_picture_name(); several versions side by side on
- * demand. */
+/* Renders of every frame as PNG or EXR, for looking, for films and for measuring with other
+ * programs: from the data set's cameras or from one that moves, with the names of
+ * spin_picture_name(); several versions side by side on demand. */
 #include <stdlib.h>
 #include <string.h>
 

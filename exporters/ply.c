@@ -1,6 +1,6 @@
-/* One PLY per frame as 3D Gaussian Splatting writes it (formats/gs_ply.h). Rotations are written at unit
- * length with w >= 0, which some viewers assume. Axes are those of the training unless --up or --rotate
- * turn them. */
+/* One PLY per frame as 3D Gaussian Splatting writes it (formats/gs_ply.h). Rotations are written at
+ * unit length with w >= 0, which some viewers assume. Axes are those of the training unless --up or
+ * --rotate turn them. */
 
 #include "exporters/lib/frames.h"
 #include "formats/gs_ply.h"

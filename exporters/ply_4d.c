@@ -1,19 +1,20 @@
-/* 4D splats with a bell in time as one PLY of floats. Nothing is rounded but to float, so these are the forms in which
- * such models are exchanged.
+/* 4D splats with a bell in time as one PLY of floats. Nothing is rounded but to float, so these are
+ * the forms in which such models are exchanged.
  *
- * .ftgs.ply of FreeTimeGS, version 1. Straight paths. Times run from 0 to 1 over the clip, frame i of F at i/(F-1), and
- * velocities count in clips; sigma and opacity are stored as their logarithm and logit. A reader holds sigma at
- * min_duration, so that is the least there is.
+ * .ftgs.ply of FreeTimeGS, version 1. Straight paths. Times run from 0 to 1 over the clip, frame i
+ * of F at i/(F-1), and velocities count in clips; sigma and opacity are stored as their logarithm
+ * and logit. A reader holds sigma at min_duration, so that is the least there is.
  *
- * .sogst.ply, which encoders of .sogst take (formats/sogst.h). Paths of degree 1 or 2. Times are seconds from the first
- * frame, and sigma is stored as it is. SH has degree 3 or 0: the reference encoder takes no other, so missing rows
- * are 0. */
+ * .sogst.ply, which encoders of .sogst take (formats/sogst.h). Paths of degree 1 or 2. Times are
+ * seconds from the first frame, and sigma is stored as it is. SH has degree 3 or 0: the reference
+ * encoder takes no other, so missing rows are 0. */
 #include "base/base.h"
 #include "exporters/lib/bells_check.h"
 #include "io/ply.h"
 #include "math/sh.h"
 
-/* Clips that a splat which never fades lasts for, as sigma: its weight is 0.9998 at the ends of the clip. */
+/* Clips that a splat which never fades lasts for, as sigma: its weight is 0.9998 at the ends of the
+ * clip. */
 #define MOST_SIGMA 50
 enum { BATCH = 4096 }; /* rows written at a time */
 

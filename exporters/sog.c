@@ -1,8 +1,10 @@
-/* One SOG per frame, PlayCanvas's small format (formats/sog.h). Axes stay those of the training, the order is
- * Morton's: in a picture neighbours then stand together, and WebP finds what they share.
+/* One SOG per frame, PlayCanvas's small format (formats/sog.h). Axes stay those of the training,
+ * the order is Morton's: in a picture neighbours then stand together, and WebP finds what they
+ * share.
  *
- * The box of the places only grows from frame to frame, and a book of a frame before is kept while it serves nearly
- * as well as an own one would: what stands still then mostly keeps its bits. The palette of SH is each frame's own. */
+ * The box of the places only grows from frame to frame, and a book of a frame before is kept while
+ * it serves nearly as well as an own one would: what stands still then mostly keeps its bits. The
+ * palette of SH is each frame's own. */
 #include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "exporters/lib/pictures.h"
@@ -37,7 +39,8 @@ struct export
 
 static size_t n_rest(const struct export *x) { return spin_n_rest(x->frames.rows.sh_degree); }
 
-/* ---- What a frame is coded with ---------------------------------------------------------------- */
+/* ---- What a frame is coded with ----------------------------------------------------------------
+ */
 
 static spin_status make_room(struct export *x)
 {
@@ -134,7 +137,8 @@ static spin_status choose_coding(struct export *x)
     return SPIN_OK;
 }
 
-/* ---- Pictures ---------------------------------------------------------------------------------- */
+/* ---- Pictures ----------------------------------------------------------------------------------
+ */
 
 static spin_status blank_pictures(struct export *x)
 {
@@ -211,7 +215,8 @@ static void code_palette(struct export *x)
         to[i / 3 * 4 + i % 3] = spin_codebook_nearest(x->sog.sh_n, x->palette[i]);
 }
 
-/* ---- One file ---------------------------------------------------------------------------------- */
+/* ---- One file ----------------------------------------------------------------------------------
+ */
 
 static spin_status write_members(struct export *x, struct spin_zip_writer *zip)
 {
@@ -253,7 +258,8 @@ static uint64_t sog_bytes(const void *self, size_t n)
     return 16384 + 20 * (uint64_t)n + (n_rest(x) > 0 ? of_sh : 0);
 }
 
-/* ---- The plug-in ------------------------------------------------------------------------------- */
+/* ---- The plug-in -------------------------------------------------------------------------------
+ */
 
 static spin_status begin(void *self, const struct spin_export_job *job)
 {

@@ -1,9 +1,10 @@
 /* TSOG and .sogst: a clip of 4D splats as one file (formats/tsog.h, formats/sogst.h).
  *
- * Both round a splat's own time, so its place goes first to where the splat is at the rounded one: what is left is a
- * fade that begins a little early or late. Books are uniform, and with the ranges they bound how far each value is off.
- * A sigma of more than a few clips would take the steps from short ones: it is cut, and such a splat is moved to the
- * middle of the clip, where its opacity keeps its value and its slope.
+ * Both round a splat's own time, so its place goes first to where the splat is at the rounded one:
+ * what is left is a fade that begins a little early or late. Books are uniform, and with the ranges
+ * they bound how far each value is off. A sigma of more than a few clips would take the steps from
+ * short ones: it is cut, and such a splat is moved to the middle of the clip, where its opacity
+ * keeps its value and its slope.
  *
  * TSOG also holds a clip of frames: each splat with the number of the frame that alone shows it. */
 #include "base/base.h"
@@ -739,7 +740,8 @@ static spin_status read_options(struct export *x)
     return spin_splat_filter_begin(&x->rows, x->job, NULL);
 }
 
-/* Frames as 4D splats: each splat is there in its own frame, whose place in the clip is its time. */
+/* Frames as 4D splats: each splat is there in its own frame, whose place in the clip is its time.
+ */
 static spin_status expect_frames(struct export *x)
 {
     int n = x->job->n_frames;

@@ -1,5 +1,6 @@
 /* One .splat per frame (formats/splat.h), in the axes of the training. The order is the source's;
- * --order size puts the largest and least transparent first, so that a part of the file shows the scene. */
+ * --order size puts the largest and least transparent first, so that a part of the file shows the
+ * scene. */
 #include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "formats/splat.h"

@@ -1,7 +1,8 @@
 /* One SPZ per frame (formats/spz.h).
  *
- * Twelve fractional bits of the places, as the reference has it, reach to 2048 units. A frame that lies
- * farther out gets fewer, and so do those after it: what stands still should be the same in every frame.
+ * Twelve fractional bits of the places, as the reference has it, reach to 2048 units. A frame that
+ * lies farther out gets fewer, and so do those after it: what stands still should be the same in
+ * every frame.
  *
  * Axes: the format does not say which it holds. --axes source writes those of the training, as
  * splat-transform does; --axes rub turns half about x, to the right, up and back that Niantic's

@@ -1,18 +1,19 @@
-/* One USD stage of ParticleField3DGaussianSplat (the schema of OpenUSD 26.03): OUT/clip.usda, which plays one
- * layer per frame by value clips. Text, so that no library is needed.
+/* One USD stage of ParticleField3DGaussianSplat (the schema of OpenUSD 26.03): OUT/clip.usda, which
+ * plays one layer per frame by value clips. Text, so that no library is needed.
  *
- * Value clips and not time samples in one file: a reader opens the layer of the frame that it shows, while a text
- * of all frames would have to be parsed as a whole, gigabytes for a minute. Each layer holds the time samples of its
- * frame under the prim's own path, so that it also opens alone.
+ * Value clips and not time samples in one file: a reader opens the layer of the frame that it
+ * shows, while a text of all frames would have to be parsed as a whole, gigabytes for a minute.
+ * Each layer holds the time samples of its frame under the prim's own path, so that it also opens
+ * alone.
  *
- * Facts from OpenUSD's schema and its guide to value clips: scales are standard deviations, opacities 0 to 1,
- * orientations w x y z, SH one float3 a coefficient, splat by splat. The axes are x right, y up, z back: half a turn
- * about x from those of the training.
+ * Facts from OpenUSD's schema and its guide to value clips: scales are standard deviations,
+ * opacities 0 to 1, orientations w x y z, SH one float3 a coefficient, splat by splat. The axes are
+ * x right, y up, z back: half a turn about x from those of the training.
  *
- * What is the same in all frames stands once, in still.usda, which the stage and each layer have below them. Numbers are
- * halves by default, with as few digits as read back as the same half; places have as many as tell a millionth of the
- * first frame's diagonal. Cameras are UsdGeomCamera, those of the data set and one that moves; only the ratio of focal
- * length and aperture counts. */
+ * What is the same in all frames stands once, in still.usda, which the stage and each layer have
+ * below them. Numbers are halves by default, with as few digits as read back as the same half;
+ * places have as many as tell a millionth of the first frame's diagonal. Cameras are UsdGeomCamera,
+ * those of the data set and one that moves; only the ratio of focal length and aperture counts. */
 #include "base/base.h"
 #include "exporters/lib/camera_path.h"
 #include "exporters/lib/frames.h"
@@ -453,7 +454,8 @@ static uint64_t usd_bytes(const void *self, size_t n)
 
 /* ---- Cameras --------------------------------------------------------------------------------- */
 
-/* Camera to world in the axes of the file, of a camera with x right, y up, z back: rows are its axes and its place. */
+/* Camera to world in the axes of the file, of a camera with x right, y up, z back: rows are its
+ * axes and its place. */
 static void print_matrix(const struct export *x, const struct spin_camera *camera, FILE *to)
 {
     const double *m = camera->w2c, *q = x->frames.rows.turn_q;
@@ -484,7 +486,8 @@ static double focal_of(const struct spin_camera *camera)
     return camera->fx * APERTURE / camera->width;
 }
 
-/* A camera that is at camera[k] at time[k]. Its lens is that of the first but for the focal length. */
+/* A camera that is at camera[k] at time[k]. Its lens is that of the first but for the focal length.
+ */
 static void print_camera(const struct export *x, const char *name, const struct spin_camera *camera,
                          const double *time, size_t n, FILE *to)
 {
@@ -578,7 +581,8 @@ static spin_status print_rig(const struct export *x, FILE *to)
     return SPIN_OK;
 }
 
-/* The camera of --path: its pictures at even times, from the first frame to where the last one ends. */
+/* The camera of --path: its pictures at even times, from the first frame to where the last one
+ * ends. */
 static spin_status print_path(const struct export *x, FILE *to)
 {
     size_t n = (size_t)x->path.n_pictures;

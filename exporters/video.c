@@ -1,5 +1,5 @@
-/* The clip as a video, MP4 or WebM by the output's name: from one camera of the data set, or from one
- * that goes around the scene while the clip plays; several versions side by side on demand. */
+/* The clip as a video, MP4 or WebM by the output's name: from one camera of the data set, or from
+ * one that goes around the scene while the clip plays; several versions side by side on demand. */
 #include "base/base.h"
 #include "exporters/lib/camera_path.h"
 #include "io/video.h"

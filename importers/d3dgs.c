@@ -4,10 +4,11 @@
  * them per frame too: the number of dimensions tells). Colours are plain RGB, not SH, and may leave
  * 0..1: they become degree-0 SH unclamped.
  *
- * TC3DGS (Javed et al., "Temporally Compressed 3D Gaussian Splatting"): the same params.npz with one more array,
- * mask [T, N, 1], the logit of "this Gaussian is present in this frame". The published code reads the mask in several
- * ways. Training renders with a hard mask per frame at 0.1, so that is what we do unless told otherwise. What the mask
- * hides is left out, not shrunk: a scale of 0 has no logarithm. */
+ * TC3DGS (Javed et al., "Temporally Compressed 3D Gaussian Splatting"): the same params.npz with
+ * one more array, mask [T, N, 1], the logit of "this Gaussian is present in this frame". The
+ * published code reads the mask in several ways. Training renders with a hard mask per frame at
+ * 0.1, so that is what we do unless told otherwise. What the mask hides is left out, not shrunk: a
+ * scale of 0 has no logarithm. */
 #include "importers/lib/model.h"
 #include "io/npy.h"
 #include "math/quat.h"
@@ -122,8 +123,8 @@ static spin_status check_column(struct run *run, int key)
     return fail_shape(a, keys[key].name, expected);
 }
 
-/* What the arrays unpack to and a frame made of them, held against the memory that is there, before any
- * is unpacked: deflate yields a thousand times what went in. */
+/* What the arrays unpack to and a frame made of them, held against the memory that is there, before
+ * any is unpacked: deflate yields a thousand times what went in. */
 static spin_status check_room(const struct run *run)
 {
     uint64_t unpacked = 0, width = 0, frame, available = spin_memory_available();
@@ -160,7 +161,8 @@ static void describe(const struct run *run)
     }
 }
 
-/* Opens params.npz, or that of a folder, and binds the arrays: a track of n_frames frames of n Gaussians. */
+/* Opens params.npz, or that of a folder, and binds the arrays: a track of n_frames frames of n
+ * Gaussians. */
 static spin_status load_run(const char *path, struct run *run)
 {
     struct spin_model *base = &run->base;
@@ -229,7 +231,8 @@ static spin_status read_run(const struct run *run, int frame, unsigned columns,
         if (columns & 1u << keys[k].column)
             SPIN_TRY(read_column(run, k, frame, spin_model_values(out, keys[k].column, &width)));
     }
-    /* The zero quaternion, which the method would turn into no rotation matrix at all, is identity. */
+    /* The zero quaternion, which the method would turn into no rotation matrix at all, is identity.
+     */
     for (size_t i = 0; columns & SPIN_COL_QUATS && i < n; i++)
         spin_quat_normalise(out->quats + 4 * i);
     for (size_t i = 0; columns & SPIN_COL_SH && i < 3 * n; i++)
@@ -363,7 +366,8 @@ static spin_status read_mask(struct tc_run *run, int frame)
 /* m > threshold, m being the sigmoid of the mask. */
 static double presence(float mask) { return 1 / (1 + exp(-(double)mask)); }
 
-/* What each frame has, in one pass over the mask; for the modes that look at all frames, who stays. */
+/* What each frame has, in one pass over the mask; for the modes that look at all frames, who stays.
+ */
 static spin_status count(struct tc_run *run)
 {
     struct run *base = &run->base;

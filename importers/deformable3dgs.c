@@ -1,9 +1,9 @@
 /* Deformable 3D Gaussians (Yang et al., CVPR 2024, ingra14m): a cloud of canonical Gaussians and a
- * network of position and time that adds to their finished attributes. MotionGS (Zhu et al., NeurIPS 2024)
- * trains this model with other losses and saves it in the same files.
+ * network of position and time that adds to their finished attributes. MotionGS (Zhu et al.,
+ * NeurIPS 2024) trains this model with other losses and saves it in the same files.
  *
- * Two traps. The sums are taken after activation, and the sum of quaternions goes to the rasteriser as
- * it is: what is drawn is not the ellipsoid of its direction. So the covariance is formed as the
+ * Two traps. The sums are taken after activation, and the sum of quaternions goes to the rasteriser
+ * as it is: what is drawn is not the ellipsoid of its direction. So the covariance is formed as the
  * rasteriser does and taken apart again. And the two halves of a save lie in separate folders: they
  * must be of the same iteration. */
 #include "importers/lib/deform.h"
@@ -149,7 +149,8 @@ static spin_status load_network(struct spin_model *base)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* MotionGS differs by its options, and by its times: those of the data set, which may be seconds. */
+/* MotionGS differs by its options, and by its times: those of the data set, which may be seconds.
+ */
 static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
 {
     struct cfg_span format = spin_cfg_get(cfg, "scene_format");
@@ -237,7 +238,8 @@ static spin_status open_model(void *self, const char *path)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* v, then sin(2^k v) and cos(2^k v) for each frequency: one value of `width`, every `step` floats. */
+/* v, then sin(2^k v) and cos(2^k v) for each frequency: one value of `width`, every `step` floats.
+ */
 static void encode(float v, int frequencies, int width, size_t step, float *out)
 {
     out[0] = v;

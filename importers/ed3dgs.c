@@ -1,10 +1,10 @@
-/* E-D3DGS (Bae et al., ECCV 2024, "Per-Gaussian Embedding-Based Deformation"): a cloud of canonical Gaussians,
- * each with a learnt vector. Two networks, coarse and fine, turn that vector and one of the time into
- * residuals of the raw attributes; positions are no input.
+/* E-D3DGS (Bae et al., ECCV 2024, "Per-Gaussian Embedding-Based Deformation"): a cloud of canonical
+ * Gaussians, each with a learnt vector. Two networks, coarse and fine, turn that vector and one of
+ * the time into residuals of the raw attributes; positions are no input.
  *
- * The vector of a time is looked up in a table that training resizes and residuals are weighed in, both by the
- * iteration: the number in the name of a save is part of the model. So are some options of the run, which
- * only cfg_args tells. */
+ * The vector of a time is looked up in a table that training resizes and residuals are weighed in,
+ * both by the iteration: the number in the name of a save is part of the model. So are some options
+ * of the run, which only cfg_args tells. */
 #include "importers/lib/deform.h"
 
 #include <string.h>
@@ -29,7 +29,8 @@ static const char letters[N_STAGES] = {'c', 'f'}; /* in the names of a stage's t
 struct stage {
     bool used;
     int rows; /* of the table when it is resized for this stage */
-    /* The trunk; its first layer is that of the embedding, with what it makes of a time in the bias. */
+    /* The trunk; its first layer is that of the embedding, with what it makes of a time in the
+     * bias. */
     struct mlp_net trunk;
     struct mlp_layer both; /* the first layer as it is stored, of [time, embedding] */
     float *bias;           /* of a time */
@@ -229,8 +230,8 @@ static spin_status load_stage(struct model *m, char letter, struct stage *s)
     return SPIN_OK;
 }
 
-/* The mean of those time offsets of training cameras that are not 0: what the method adds to the time of every
- * view that it draws. */
+/* The mean of those time offsets of training cameras that are not 0: what the method adds to the
+ * time of every view that it draws. */
 static spin_status load_shift(struct model *m)
 {
     static const int64_t shape[2] = {-1, 1};

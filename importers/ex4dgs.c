@@ -1,10 +1,11 @@
-/* Ex4DGS (Lee et al., NeurIPS 2024): static Gaussians that drift along lines, and dynamic ones whose
- * positions and rotations are interpolated between key frames and whose opacity is on between two times.
+/* Ex4DGS (Lee et al., NeurIPS 2024): static Gaussians that drift along lines, and dynamic ones
+ * whose positions and rotations are interpolated between key frames and whose opacity is on between
+ * two times.
  *
- * A run leaves a checkpoint and two PLYs, which agree but for one number: the drift is divided by the
- * length of the clip, which the checkpoint has, while for the PLYs it is that of cfg_args. The method's
- * renderer takes the checkpoint when it is there, and so does this importer. Key frames' distance and
- * shift are in the checkpoint too, but how to go between them is in cfg_args only. */
+ * A run leaves a checkpoint and two PLYs, which agree but for one number: the drift is divided by
+ * the length of the clip, which the checkpoint has, while for the PLYs it is that of cfg_args. The
+ * method's renderer takes the checkpoint when it is there, and so does this importer. Key frames'
+ * distance and shift are in the checkpoint too, but how to go between them is in cfg_args only. */
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 #include "math/keyframes.h"
@@ -16,8 +17,8 @@ enum { N_ITEMS = 40, MOST_FRAMES = 1000000, MOST_KEYS = 1000000 };
 /* What can be drawn is far smaller, and sums of a few such values stay in the range of floats. */
 #define LARGEST 1e18f
 
-/* Rows turn evenly along a chord, not along the arc: a piece is halved until that is so near, in degrees, at most so
- * often. What is never as opaque as this is left out: nobody draws it. */
+/* Rows turn evenly along a chord, not along the arc: a piece is halved until that is so near, in
+ * degrees, at most so often. What is never as opaque as this is left out: nobody draws it. */
 #define NEAR 0.1
 enum { HALVINGS = 3 };
 #define LEAST_OPACITY (1.0 / 255)
@@ -94,8 +95,8 @@ static spin_status newest_save(struct spin_model *m, const char *clouds, const c
     return SPIN_OK;
 }
 
-/* `path` is the model's folder, a checkpoint, a folder with the PLYs, or one of them. In the model's folder it is
- * the newest save, and of its two forms the checkpoint. */
+/* `path` is the model's folder, a checkpoint, a folder with the PLYs, or one of them. In the
+ * model's folder it is the newest save, and of its two forms the checkpoint. */
 static spin_status find_files(const char *path, struct model *m)
 {
     struct spin_model *base = &m->base;
@@ -265,8 +266,8 @@ static spin_status read_settings(struct model *m)
 
 /* ---- Columns --------------------------------------------------------------------------------- */
 
-/* Numbers of an item of the checkpoint's tuple, 0: none, and of a property of the PLYs. SH are an item for
- * degree 0 and the next for all others. */
+/* Numbers of an item of the checkpoint's tuple, 0: none, and of a property of the PLYs. SH are an
+ * item for degree 0 and the next for all others. */
 static const struct {
     size_t width;
     bool keyed;
@@ -395,8 +396,8 @@ static spin_status check_empty(const struct spin_value *model, const struct part
     return SPIN_OK;
 }
 
-/* From the tuple of a checkpoint, with SH up to the degree `active`. A part that training has not made yet
- * is n = 0. */
+/* From the tuple of a checkpoint, with SH up to the degree `active`. A part that training has not
+ * made yet is n = 0. */
 static spin_status part_of_chkpnt(struct spin_model *m, const struct spin_value *model, int active,
                                   struct part *p)
 {
@@ -425,8 +426,8 @@ static spin_status part_of_chkpnt(struct spin_model *m, const struct spin_value 
 
 /* ---- Out of the PLYs ------------------------------------------------------------------------- */
 
-/* Of one float of a row of a column: "x", "rot_0", "motion_xyz_12_0". f_rest_* are one channel after the
- * other. */
+/* Of one float of a row of a column: "x", "rot_0", "motion_xyz_12_0". f_rest_* are one channel
+ * after the other. */
 static void name_property(const struct part *p, int column, int at, char text[64])
 {
     const char *who = p->moving ? "motion_" : "", *stem = kinds[column].stem;
@@ -466,7 +467,8 @@ static spin_status count_properties(const char *path, const struct spin_ply_elem
     return SPIN_OK;
 }
 
-/* From point_cloud.ply or dynamic_point_cloud.ply of a folder, all columns in one pass over the file. */
+/* From point_cloud.ply or dynamic_point_cloud.ply of a folder, all columns in one pass over the
+ * file. */
 static spin_status part_of_ply(struct spin_model *m, struct part *p)
 {
     const struct spin_ply_element *e;
@@ -502,7 +504,8 @@ static spin_status part_of_ply(struct spin_model *m, struct part *p)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-/* The rasteriser makes a matrix of a static quaternion as it is. Off unit length that is no rotation. */
+/* The rasteriser makes a matrix of a static quaternion as it is. Off unit length that is no
+ * rotation. */
 static bool settle_shape(float log_scale[3], float quat[4])
 {
     double scale[3], raw[4], cov6[6], split[3], unit[4];
@@ -544,8 +547,8 @@ static bool settle_row(const struct part *p, size_t row)
     return p->moving || settle_shape(p->column[SCALE] + 3 * row, p->column[ROTATION] + 4 * row);
 }
 
-/* Makes the rotations of static Gaussians unit quaternions, with scales that give the ellipsoids of the
- * method's rasteriser. Removes rows that cannot be drawn, and returns how many. */
+/* Makes the rotations of static Gaussians unit quaternions, with scales that give the ellipsoids of
+ * the method's rasteriser. Removes rows that cannot be drawn, and returns how many. */
 static size_t clean(struct part *p)
 {
     size_t n_all = p->n;

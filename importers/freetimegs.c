@@ -1,8 +1,10 @@
-/* FreeTimeGS (Wang et al., CVPR 2025) as FreeTimeGsVanilla and its kin train it: ckpts/ckpt_<step>.pt, and the same
- * model as one .ftgs.ply. Splats on straight lines with a bell of opacity in time, so they are 4D splats exactly.
+/* FreeTimeGS (Wang et al., CVPR 2025) as FreeTimeGsVanilla and its kin train it:
+ * ckpts/ckpt_<step>.pt, and the same model as one .ftgs.ply. Splats on straight lines with a bell
+ * of opacity in time, so they are 4D splats exactly.
  *
- * Times run from 0 to 1 over the clip, frame i of F at i/(F-1), and velocities count in clips. The renderer keeps every
- * splat at an opacity of 1e-4 at least, which no rasteriser draws; here what is below 1/255 is not shown. */
+ * Times run from 0 to 1 over the clip, frame i of F at i/(F-1), and velocities count in clips. The
+ * renderer keeps every splat at an opacity of 1e-4 at least, which no rasteriser draws; here what
+ * is below 1/255 is not shown. */
 #include "importers/lib/chkpnt.h"
 #include "math/sh.h"
 
@@ -74,7 +76,8 @@ static float *column_of(struct model *m, int column)
                                 s->paths,   s->times,      s->sigmas}[column];
 }
 
-/* Durations are logarithms of sigma, below which it is never; no file says it for less than none. */
+/* Durations are logarithms of sigma, below which it is never; no file says it for less than none.
+ */
 static spin_status finish(struct model *m)
 {
     struct spin_splats_4d *s = &m->base.splats_4d;

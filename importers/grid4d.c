@@ -186,8 +186,8 @@ static spin_status hash_load_grid(struct hash_model *m, const char *name, int n_
     return SPIN_OK;
 }
 
-/* The layers behind the encoder, grid_mlp.0, .2, ... of `width` and the heads; later tensors are those of the
- * network. */
+/* The layers behind the encoder, grid_mlp.0, .2, ... of `width` and the heads; later tensors are
+ * those of the network. */
 static spin_status hash_load_heads(struct hash_model *m, int width, int n_warp)
 {
     m->width = width;
@@ -232,8 +232,8 @@ static spin_status load(struct spin_model *base)
     return m->method->load(m);
 }
 
-/* Opens the model's folder, or one of its deform.pth. bound and scale_xyz, of which the tensors say nothing, come
- * from options or cfg_args. */
+/* Opens the model's folder, or one of its deform.pth. bound and scale_xyz, of which the tensors say
+ * nothing, come from options or cfg_args. */
 static spin_status hash_open(struct hash_model *m, const char *path,
                              const struct hash_method *method)
 {

@@ -306,8 +306,9 @@ static spin_status open_network(struct model *model, const char *name,
 
 /* ---- opacity_mlp.pt -------------------------------------------------------------------------- */
 
-/* Storage number `index`: finite floats, *count of them or, where it is 0, as many as there are. TorchScript
- * numbers storages as it meets them: weight and bias of the first layer, of the second. */
+/* Storage number `index`: finite floats, *count of them or, where it is 0, as many as there are.
+ * TorchScript numbers storages as it meets them: weight and bias of the first layer, of the second.
+ */
 static spin_status read_storage(struct model *model, const struct spin_zip *zip, int index,
                                 size_t *count, const float **out)
 {
@@ -340,9 +341,9 @@ static spin_status read_storage(struct model *model, const struct spin_zip *zip,
     return SPIN_OK;
 }
 
-/* Linear(A + 3 or A + 4, A) and Linear(A, offsets) of A features and the view, as torch.jit.trace() saves them: a
- * zip whose program is not read. Only the sign of what comes out is of interest, so the tanh behind it is left
- * out. */
+/* Linear(A + 3 or A + 4, A) and Linear(A, offsets) of A features and the view, as torch.jit.trace()
+ * saves them: a zip whose program is not read. Only the sign of what comes out is of interest, so
+ * the tanh behind it is left out. */
 static spin_status read_layers(struct model *model, const struct spin_zip *zip)
 {
     struct mlp_layer *layer = model->alive.layer;
@@ -382,9 +383,9 @@ static spin_status read_opacity(struct model *model)
 
 /* The parts of a worker's scratch for a block of anchors. */
 enum {
-    NETWORK =
-        N_HEADS, /* both networks, one after the other; before it N_HEADS anchors and what they have, deformed */
-    INPUT, /* of the opacities, with the next two */
+    NETWORK = N_HEADS, /* both networks, one after the other; before it N_HEADS anchors and what
+                          they have, deformed */
+    INPUT,             /* of the opacities, with the next two */
     LAYER,
     ALIVE,
     CENTRE,   /* [MLP_BLOCK * n_offsets][3] */

@@ -69,7 +69,8 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Huffman codes --------------------------------------------------------------------------- */
 
-/* As the Python package dahuffman pickles them: the table is the code, as it need not be canonical. */
+/* As the Python package dahuffman pickles them: the table is the code, as it need not be canonical.
+ */
 struct huffman_node {
     uint32_t child[2]; /* 0: none */
     int64_t label;
@@ -280,7 +281,8 @@ static spin_status load_coded(struct model *m, const char *name, size_t width, f
 
 /* ---- Networks -------------------------------------------------------------------------------- */
 
-/* Two matrices in one row of numbers: [64][in], then [out][64]; no biases, and all of it in half precision. */
+/* Two matrices in one row of numbers: [64][in], then [out][64]; no biases, and all of it in half
+ * precision. */
 static spin_status load_net(struct model *m, int net)
 {
     const struct spin_array *t = as_array(spin_value_get(m->pickle.root, nets[net].key));

@@ -1,8 +1,8 @@
 /* PLY: one 3DGS cloud, or a folder with one cloud per frame.
  *
- * Properties are looked up by name, so any writer's order will do. Besides Gaussians three other kinds are
- * known: plain points, with colours or without, which give positions only, and SuperSplat's compressed
- * layout. */
+ * Properties are looked up by name, so any writer's order will do. Besides Gaussians three other
+ * kinds are known: plain points, with colours or without, which give positions only, and
+ * SuperSplat's compressed layout. */
 #include <strings.h>
 
 #include "formats/compressed_ply.h"
@@ -25,8 +25,8 @@ struct clip {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* How sure a folder's names make us that it is a sequence of clouds: a folder of numbered files, a folder of per-frame
- * folders with the INRIA tree inside, one model's tree. */
+/* How sure a folder's names make us that it is a sequence of clouds: a folder of numbered files, a
+ * folder of per-frame folders with the INRIA tree inside, one model's tree. */
 static int probe_folder(const struct spin_peek *peek)
 {
     int n_folders = 0;
@@ -58,8 +58,8 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Finding the files ----------------------------------------------------------------------- */
 
-/* The cloud of a model folder: point_cloud/iteration_<n>/point_cloud.ply or point_cloud.ply; NULL when there is
- * none. */
+/* The cloud of a model folder: point_cloud/iteration_<n>/point_cloud.ply or point_cloud.ply; NULL
+ * when there is none. */
 static spin_status find_model(struct spin_model *m, const char *folder, const char **out)
 {
     const char *clouds, *name = NULL;
@@ -72,8 +72,8 @@ static spin_status find_model(struct spin_model *m, const char *folder, const ch
     return spin_model_find(m, out, folder, "point_cloud.ply");
 }
 
-/* At least one frame, in any order: of a folder its files, else its model or save, else the models of the numbered
- * folders in it. */
+/* At least one frame, in any order: of a folder its files, else its model or save, else the models
+ * of the numbered folders in it. */
 static spin_status find_files(struct spin_model *m, const char *path,
                               struct spin_file_sequence *seq)
 {

@@ -2,13 +2,15 @@
  *
  * Gaussians are 4-D: at a time each is an ellipsoid of fixed shape on a straight line, with a bell
  * of opacity in time and cosines in its colour. The file tells neither the range of times nor which
- * of two conventions its rotations follow: both may be given; otherwise a note says which was assumed.
+ * of two conventions its rotations follow: both may be given; otherwise a note says which was
+ * assumed.
  *
- * Hybrid 3D-4DGS (Oh et al., 2025): a fork of Realtime-4DGS whose Gaussians of long life become static ones
- * in training. A checkpoint holds both: those of Realtime-4DGS, and 3-D ones that are there at all times.
+ * Hybrid 3D-4DGS (Oh et al., 2025): a fork of Realtime-4DGS whose Gaussians of long life become
+ * static ones in training. A checkpoint holds both: those of Realtime-4DGS, and 3-D ones that are
+ * there at all times.
  *
- * The PLY that a run leaves as well looks like a cloud of 3DGS and is none: it has the dynamic half only,
- * every Gaussian at its own time. */
+ * The PLY that a run leaves as well looks like a cloud of 3DGS and is none: it has the dynamic half
+ * only, every Gaussian at its own time. */
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 
@@ -54,8 +56,8 @@ struct rows {
     int n_sh;                /* of a row in the file; 0: SH are not read */
     int degree, degree_t;    /* of SH that are drawn, in space and in time */
     struct spin_array sh[2]; /* dc, rest; in the checkpoint, with which they die */
-    /* While open() runs: xyz, scaling [n][3]; rotation, rotation_r [n][4] of any length; opacity [n] logits; t,
-     * scaling_t [n] */
+    /* While open() runs: xyz, scaling [n][3]; rotation, rotation_r [n][4] of any length; opacity
+     * [n] logits; t, scaling_t [n] */
     float *column[R4_N_PARTS];
 };
 
@@ -68,8 +70,9 @@ struct reading {
 
 /* ---- Parts ----------------------------------------------------------------------------------- */
 
-/* Where a part is: its item in the tuples of a 4-D and of a 3-D model (-1: none), its name in a fork's dict, which
- * is that of the attribute of the class, and in loaded_pth. width: floats of a row; 0: not read so. */
+/* Where a part is: its item in the tuples of a 4-D and of a 3-D model (-1: none), its name in a
+ * fork's dict, which is that of the attribute of the class, and in loaded_pth. width: floats of a
+ * row; 0: not read so. */
 static const struct {
     const char *name;
     int item, item3;
@@ -140,8 +143,8 @@ static void take_attributes(const struct spin_value *m, struct rows *r)
         r->part[p] = all[p].attribute ? spin_value_get(m, all[p].attribute) : NULL;
 }
 
-/* And the dict that training takes as loaded_pth, whose keys begin with `prefix`: features have their last
- * two axes swapped, and there are no degrees. */
+/* And the dict that training takes as loaded_pth, whose keys begin with `prefix`: features have
+ * their last two axes swapped, and there are no degrees. */
 static void r4_loaded(const struct spin_value *dict, const char *prefix, struct rows *r)
 {
     r->swapped = true;
@@ -154,7 +157,8 @@ static void r4_loaded(const struct spin_value *dict, const char *prefix, struct 
     }
 }
 
-/* Finds the parts; *r is zero before. Other methods' checkpoints are refused, with their name where it shows. */
+/* Finds the parts; *r is zero before. Other methods' checkpoints are refused, with their name where
+ * it shows. */
 static spin_status r4_find(const struct spin_value *root, struct rows *r)
 {
     const struct spin_value *m = spin_value_at(root, 0);
@@ -233,8 +237,8 @@ static void r4_sh(const struct rows *r, size_t i, float out[MAX_SH])
 
 /* ---- Degrees --------------------------------------------------------------------------------- */
 
-/* Degree of the spatial part for a number of SH and whether some for the cosines follow; false for a
- * number that no setting gives. */
+/* Degree of the spatial part for a number of SH and whether some for the cosines follow; false for
+ * a number that no setting gives. */
 static bool sh_to_degree(int n_sh, double told, int *degree, bool *in_time)
 {
     for (int d = 0; d <= 3; d++) {
@@ -291,7 +295,8 @@ static spin_status find_degrees(struct rows *r, double told)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Reads all tensors, SH on demand, with the SH degree that cfg_args tells. No rows at all are no error. */
+/* Reads all tensors, SH on demand, with the SH degree that cfg_args tells. No rows at all are no
+ * error. */
 static spin_status r4_read(struct spin_model *m, bool with_sh, struct rows *r)
 {
     static const int64_t places[2] = {-1, 3};
@@ -366,8 +371,8 @@ static float *add_row(struct spin_model *m, const struct rows *r, size_t i, size
         quat);
 }
 
-/* Adds all rows, the first as `row`; what is not finite is counted as dropped. Those that do not move are
- * there at all times. Returns how many are nearly transparent. */
+/* Adds all rows, the first as `row`; what is not finite is counted as dropped. Those that do not
+ * move are there at all times. Returns how many are nearly transparent. */
 static size_t r4_add(struct spin_model *m, const struct rows *r, size_t row,
                      const struct reading *reading, struct gaussian4d *gaussians)
 {
@@ -655,7 +660,8 @@ struct hybrid_model {
 
 static int hybrid_probe(const struct spin_peek *peek)
 {
-    /* A group of a checkpoint's optimiser; two options of cfg_args, of which one is the method's own. */
+    /* A group of a checkpoint's optimiser; two options of cfg_args, of which one is the method's
+     * own. */
     if (spin_peek_says(peek, "static_xyz") && spin_peek_says(peek, "scaling_t"))
         return 95;
     return peek->is_folder && spin_peek_says(peek, "from3dgs=") &&

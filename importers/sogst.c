@@ -1,4 +1,5 @@
-/* .sogst: one file with a clip, or the PLY that its encoders take. What src/formats/sogst.h says of them. */
+/* .sogst: one file with a clip, or the PLY that its encoders take. What src/formats/sogst.h says of
+ * them. */
 #include "formats/sogst.h"
 #include "importers/lib/file_sequence.h"
 

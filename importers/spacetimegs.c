@@ -1,10 +1,12 @@
-/* SpacetimeGaussians (Li et al., CVPR 2024), lite and full: Gaussians on cubic paths, whose quaternions
- * change linearly and whose opacity is a bell in time, all of them there at every time: 4D splats.
+/* SpacetimeGaussians (Li et al., CVPR 2024), lite and full: Gaussians on cubic paths, whose
+ * quaternions change linearly and whose opacity is a bell in time, all of them there at every time:
+ * 4D splats.
  *
- * The bell is exp(-x^2), without a half, and its width is stored as a logarithm. Colours of the lite model
- * are RGB, not SH. The full model has no colours of Gaussians: its rasteriser blends nine features, and a
- * network makes the colour of a pixel from these and from the ray. Imported is the colour of a pixel that
- * one Gaussian covers alone, as SH of degree 1 fitted to the colours for given cameras. */
+ * The bell is exp(-x^2), without a half, and its width is stored as a logarithm. Colours of the
+ * lite model are RGB, not SH. The full model has no colours of Gaussians: its rasteriser blends
+ * nine features, and a network makes the colour of a pixel from these and from the ray. Imported is
+ * the colour of a pixel that one Gaussian covers alone, as SH of degree 1 fitted to the colours for
+ * given cameras. */
 #include "importers/lib/camera_places.h"
 #include "importers/lib/gaussian4d.h"
 #include "importers/lib/model.h"
@@ -45,8 +47,9 @@ enum { N_GROUPS = sizeof groups / sizeof *groups, LITE_WIDTH = 29, FULL_WIDTH = 
  *
  *     ending(base + W2 relu(W1 [view, time, origin of the ray, direction of the ray]))
  *
- * base, view and time, three numbers each, are blended from the Gaussians over black; the ray is in world
- * coordinates, its direction of unit length. The option rgbfunction of the method says the ending. */
+ * base, view and time, three numbers each, are blended from the Gaussians over black; the ray is in
+ * world coordinates, its direction of unit length. The option rgbfunction of the method says the
+ * ending. */
 enum { PIXEL_INPUTS = 12, PIXEL_HIDDEN = 6 };
 enum ending { SIGMOID, CLAMP, AS_IS }; /* sandwich, sandwichnoact, sandwichnoactss */
 
@@ -480,10 +483,10 @@ static void solve3(double a[3][3], double b[3][3])
     }
 }
 
-/* SH of degree 1 by least squares: colour = mean colour + slope (d - mean d), with two things besides the
- * cameras' colours. Without its slope, which is how some viewers show it, the colour is to be the mean one:
- * (slope mean d)^2 counts as much as the cameras do. And slopes are small along which rays differ by less
- * than about `least` (radians), as they would be noise there. */
+/* SH of degree 1 by least squares: colour = mean colour + slope (d - mean d), with two things
+ * besides the cameras' colours. Without its slope, which is how some viewers show it, the colour is
+ * to be the mean one: (slope mean d)^2 counts as much as the cameras do. And slopes are small along
+ * which rays differ by less than about `least` (radians), as they would be noise there. */
 static void fit(const struct means *m, float sh[12])
 {
     const double least = 1e-2;
@@ -521,8 +524,8 @@ static void set_ray(const float camera[3], const double place[3], float *in)
     }
 }
 
-/* One camera of n: what a Gaussian adds to a pixel there, by its base colour and by the inputs and outputs of the
- * network. */
+/* One camera of n: what a Gaussian adds to a pixel there, by its base colour and by the inputs and
+ * outputs of the network. */
 static void add_camera(const struct model *m, const float base[3], const float *in,
                        const float *rgb, struct means *means)
 {

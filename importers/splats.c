@@ -1,11 +1,12 @@
-/* Clips of splat files: a folder with a file for each frame, or one file with one frame or many. Of each format here
- * is how a file is opened and read; src/formats has the rest.
+/* Clips of splat files: a folder with a file for each frame, or one file with one frame or many. Of
+ * each format here is how a file is opened and read; src/formats has the rest.
  *
- * SPZ: most files do not say which axes they hold: splat-transform and our exporter write those of the training,
- * Niantic's library right, up and back when it is told what it is given. --axes decides where the file does not.
+ * SPZ: most files do not say which axes they hold: splat-transform and our exporter write those of
+ * the training, Niantic's library right, up and back when it is told what it is given. --axes
+ * decides where the file does not.
  *
- * GLB (KHR_gaussian_splatting): glTF's axes are x left, y up, z forward, those of a run mostly x right, y down, z
- * forward: --axes gltf takes the half turn about z back that exporters make. */
+ * GLB (KHR_gaussian_splatting): glTF's axes are x left, y up, z forward, those of a run mostly x
+ * right, y down, z forward: --axes gltf takes the half turn about z back that exporters make. */
 #include "formats/glb_scene.h"
 #include "formats/ksplat.h"
 #include "formats/sog.h"
@@ -341,8 +342,8 @@ static spin_status read_spz(struct clip *clip, unsigned columns, struct spin_spl
     return spin_spz_read(clip->map.data, clip->map.size, columns, out);
 }
 
-/* Folders of the format's files, such a file of versions 2 and 3, and version 4 of any name: a gzip may hold
- * anything. */
+/* Folders of the format's files, such a file of versions 2 and 3, and version 4 of any name: a gzip
+ * may hold anything. */
 static int spz_probe(const struct spin_peek *peek)
 {
     int named = probe_names(peek, ".spz");
@@ -371,7 +372,8 @@ SPIN_MODEL_IMPORTER(spz, struct clip, open_spz_clip, close_clip,
 
 /* ---- SOG ------------------------------------------------------------------------------------- */
 
-/* One file, a folder with one per frame, or the loose files of one, by their folder or their meta.json. */
+/* One file, a folder with one per frame, or the loose files of one, by their folder or their
+ * meta.json. */
 static spin_status open_sog(struct clip *clip)
 {
     struct opened *out = &clip->opened;
@@ -392,7 +394,8 @@ static spin_status read_sog(struct clip *clip, unsigned columns, struct spin_spl
     return spin_sog_read(clip->map.data, clip->map.size, clip->opened.folder, columns, out);
 }
 
-/* A zip with pictures and a meta.json, the folder of both, or a meta.json that says where places lie. */
+/* A zip with pictures and a meta.json, the folder of both, or a meta.json that says where places
+ * lie. */
 static int sog_probe(const struct spin_peek *peek)
 {
     bool meta = spin_peek_has(peek, "meta.json"), picture = spin_peek_has(peek, "means_l.webp");

@@ -6,7 +6,8 @@
  *     videos/dense/00.mp4 ...         the films, as `video` names them
  *     images/00/000000.png ...        pictures of them, taken in their place when they are there
  *
- * World: y up, as it stands. videos/sparse and skeletons are no views. No camera is held out by the files. */
+ * World: y up, as it stands. videos/sparse and skeletons are no views. No camera is held out by the
+ * files. */
 #include "importers/lib/views_rig.h"
 #include "io/video.h"
 

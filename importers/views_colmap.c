@@ -6,17 +6,18 @@
  *     frame000001/{sparse/0, images}, frame000002/...       3DGStream: one folder per frame, the
  *                                                           model of the first one counts for all
  *
- * Binary files are little-endian and packed; of text and binary the binary is taken, as the methods do. A pose is w2c
- * in OpenCV's axes already: R(q) p + t.
+ * Binary files are little-endian and packed; of text and binary the binary is taken, as the methods
+ * do. A pose is w2c in OpenCV's axes already: R(q) p + t.
  *
  * The principal point of the file is kept; the methods' own readers put it in the centre, which
- * principal=centre does too. Only pinhole cameras can be rendered: a model with distortion that is not
- * zero must be undistorted first.
+ * principal=centre does too. Only pinhole cameras can be rendered: a model with distortion that is
+ * not zero must be undistorted first.
  *
  * With one model the time of an image is its place in the file over the number of images
  * (4DGaussians, which takes it for a video of one camera), and each eighth image by name is held
- * out (3DGS's --eval). In the layout of FreeTimeGS times are k/(n-1), and each eighth camera is held out. With a folder per frame each image is a camera of every frame, times are
- * 0, 1, 2, ..., and the first camera is held out (3DGStream). */
+ * out (3DGS's --eval). In the layout of FreeTimeGS times are k/(n-1), and each eighth camera is
+ * held out. With a folder per frame each image is a camera of every frame, times are 0, 1, 2, ...,
+ * and the first camera is held out (3DGStream). */
 #include "importers/lib/model.h"
 #include "importers/lib/views_rig.h"
 #include "math/covariance.h"
@@ -302,7 +303,8 @@ static spin_status fill_pose(const double q[4], const double t[3], double m[12])
     return spin_views_check_pose(m, "the pose");
 }
 
-/* Its name, as far as it is: the rest of the line, or what a 0 ends, with points of the image behind it. */
+/* Its name, as far as it is: the rest of the line, or what a 0 ends, with points of the image
+ * behind it. */
 static spin_status take_name(struct source *s, const char **name)
 {
     const char *end;
@@ -476,7 +478,8 @@ static int by_name(const void *a, const void *b)
     return order ? order : strcmp(x, y);
 }
 
-/* The model in a folder with sparse/0 or sparse in it. Warns when all points are behind a camera. */
+/* The model in a folder with sparse/0 or sparse in it. Warns when all points are behind a camera.
+ */
 static spin_status read_model(struct colmap *m, const char *folder)
 {
     SPIN_TRY(find_sparse(m, folder));
@@ -497,7 +500,8 @@ static spin_status read_model(struct colmap *m, const char *folder)
     return SPIN_OK;
 }
 
-/* ---- Folders of frames ------------------------------------------------------------------------ */
+/* ---- Folders of frames ------------------------------------------------------------------------
+ */
 
 /* Length of what names the camera of an image: its folder, else its name without the ending. */
 static size_t camera_part(const char *name)
@@ -525,8 +529,8 @@ static spin_status has_frames(const char *folder, bool *out)
     return SPIN_OK;
 }
 
-/* In a data set of FreeTimeGS each image of the model stands for a camera, and the folder that it lies in, or that
- * has its name, holds the frames. */
+/* In a data set of FreeTimeGS each image of the model stands for a camera, and the folder that it
+ * lies in, or that has its name, holds the frames. */
 static spin_status find_folders(struct colmap *m, const char *images, struct spin_rig_camera *c,
                                 bool *found)
 {

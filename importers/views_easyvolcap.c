@@ -1,4 +1,5 @@
-/* EasyVolcap, and what writes its layout (EasyMocap, SelfCap, Mobile-Stage): cameras in OpenCV's YAML and pictures.
+/* EasyVolcap, and what writes its layout (EasyMocap, SelfCap, Mobile-Stage): cameras in OpenCV's
+ * YAML and pictures.
  *
  *     intri.yml                       names; of each camera NN: K_NN, H_NN, W_NN, D_NN or dist_NN, ccm_NN
  *     extri.yml                       R_NN (rotation vector) or Rot_NN, T_NN
@@ -6,8 +7,8 @@
  *     masks/<camera>/ ...             foreground (or mask, msk; may be missing)
  *     cameras/<camera>/{intri,extri}.yml   instead of the first two: cameras that move, an entry a frame
  *
- * A pose is w2c = [R | T] in OpenCV's axes already. Distortion is refused: EasyVolcap undistorts and takes another K,
- * which is not in the files. No camera is held out by the files.
+ * A pose is w2c = [R | T] in OpenCV's axes already. Distortion is refused: EasyVolcap undistorts
+ * and takes another K, which is not in the files. No camera is held out by the files.
  *
  * Times are k/(n-1), as FreeTimeGS takes them on these sets. EasyVolcap itself takes k/n. */
 #include "importers/lib/views_rig.h"
@@ -33,8 +34,8 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- YAML ------------------------------------------------------------------------------------ */
 
-/* As much of it as OpenCV's FileStorage writes for cameras. A file becomes an object: of a number the number, of a
- * list of texts an array, of a matrix an object with its rows, cols and data. */
+/* As much of it as OpenCV's FileStorage writes for cameras. A file becomes an object: of a number
+ * the number, of a list of texts an array, of a matrix an object with its rows, cols and data. */
 struct reader {
     spin_json *top, *value; /* value: what the lines below a key belong to */
     bool open;              /* the data of a matrix go on in the next line */

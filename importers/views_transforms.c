@@ -6,13 +6,13 @@
  *
  * What a frame says itself wins over what the file says, and focal lengths over camera_angle_x.
  * The rows of the data set are the distinct times of both files. One file is one moving camera
- * unless its images are called cam<NN>. Images with alpha are composited where they are read, over the
- * colour of --background; D-NeRF's own training takes white.
+ * unless its images are called cam<NN>. Images with alpha are composited where they are read, over
+ * the colour of --background; D-NeRF's own training takes white.
  *
- * transforms.json holds all images: those are held out that its lists test_filenames and val_filenames name,
- * else the first of several cameras, or where there is one or no time each 8th. Without times every image is a
- * camera of its own. Poses are taken as they stand: applied_transform says what was done to them before, and
- * nerfstudio's own centring is not done.
+ * transforms.json holds all images: those are held out that its lists test_filenames and
+ * val_filenames name, else the first of several cameras, or where there is one or no time each 8th.
+ * Without times every image is a camera of its own. Poses are taken as they stand:
+ * applied_transform says what was done to them before, and nerfstudio's own centring is not done.
  *
  * Differs: 4DGaussians negates the translation of the inverse OpenGL matrix, which gives its x the
  * wrong sign unless the camera's right axis is perpendicular to its place; pose=4dgaussians does as

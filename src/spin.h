@@ -82,8 +82,8 @@ typedef enum spin_status {
 /* The trail of this thread's last failure, one line, no full stop; "" when there was none. */
 const char *spin_last_error(void);
 
-/* Start a new trail with this text and return code: lower case, no full stop, what failed, where (file,
- * array, line), why; names in 'quotes'. */
+/* Start a new trail with this text and return code: lower case, no full stop, what failed, where
+ * (file, array, line), why; names in 'quotes'. */
 spin_status spin_fail(spin_status code, const char *fmt, ...) SPIN_PRINTF(2, 3);
 /* With the codes that are said most. */
 #define spin_misuse(...) spin_fail(SPIN_E_USAGE, __VA_ARGS__)
@@ -91,7 +91,8 @@ spin_status spin_fail(spin_status code, const char *fmt, ...) SPIN_PRINTF(2, 3);
 #define spin_malformed(...) spin_fail(SPIN_E_MALFORMED, __VA_ARGS__)
 #define spin_unsupported(...) spin_fail(SPIN_E_UNSUPPORTED, __VA_ARGS__)
 
-/* Put "text: " in front of the trail and return code. SPIN_OK and SPIN_E_CANCELLED are returned as they are. */
+/* Put "text: " in front of the trail and return code. SPIN_OK and SPIN_E_CANCELLED are returned as
+ * they are. */
 spin_status spin_fail_context(spin_status code, const char *fmt, ...) SPIN_PRINTF(2, 3);
 
 /* Return from this function when expr fails. */
@@ -157,16 +158,16 @@ struct spin_splats {
     size_t held[6];         /* private: bytes behind each column */
 };
 
-/* Set n and sh_degree, antialias to false, and make the wanted columns at least that large; others become NULL-valued
- * only if they were never asked for. Contents are not kept. SPIN_E_MEMORY. */
+/* Set n and sh_degree, antialias to false, and make the wanted columns at least that large; others
+ * become NULL-valued only if they were never asked for. Contents are not kept. SPIN_E_MEMORY. */
 spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned columns, int sh_degree);
 void spin_splats_free(struct spin_splats *s);
 /* The rows of s that are marked with 1, with all columns but rgb, into *out. */
 spin_status spin_splats_take(const struct spin_splats *s, const unsigned char *mark,
                              struct spin_splats *out);
 
-/* Splats that have a path and a window in time instead of a row in every frame. At time t, with d = t - times[i], row i
- * is a splat with
+/* Splats that have a path and a window in time instead of a row in every frame. At time t, with d =
+ * t - times[i], row i is a splat with
  *
  *     place      centres + paths[0] d + paths[1] d^2 + paths[2] d^3
  *     rotation   quats + d spins, of unit length
@@ -174,12 +175,13 @@ spin_status spin_splats_take(const struct spin_splats *s, const unsigned char *m
  *     opacity    sigmoid(logit_opacities) w(t)
  *     colour     sh + cos(2 pi d / period) sh_cos[0] + cos(4 pi d / period) sh_cos[1]
  *
- * where w is exp(-0.5 (d / sigmas)^2), a bell. With a plateau lo, hi, sigma2 it is 1 from lo to hi, half a bell of sigmas
- * before lo and one of sigma2 after hi; with a gate g it is g + (1 - g) w; with cuts first, end it is 0 outside
- * [first, end). Times are in the unit of the clip's frames (struct spin_frame_info).
+ * where w is exp(-0.5 (d / sigmas)^2), a bell. With a plateau lo, hi, sigma2 it is 1 from lo to hi,
+ * half a bell of sigmas before lo and one of sigma2 after hi; with a gate g it is g + (1 - g) w;
+ * with cuts first, end it is 0 outside [first, end). Times are in the unit of the clip's frames
+ * (struct spin_frame_info).
  *
- * What is NULL is left out. A frame is a slice: the rows that its time shows, in their order. The struct owns its
- * memory: zero it, reserve once, settle when filled, free. */
+ * What is NULL is left out. A frame is a slice: the rows that its time shows, in their order. The
+ * struct owns its memory: zero it, reserve once, settle when filled, free. */
 struct spin_splats_4d {
     size_t n;
     int degree;           /* of the paths, 0..3 */
@@ -220,8 +222,9 @@ spin_status spin_splats_4d_reserve(struct spin_splats_4d *s, size_t n, int degre
 void spin_splats_4d_free(struct spin_splats_4d *s);
 /* The arrays of 4D splats, as those of a frame with each in its own place: nothing to free. */
 struct spin_splats spin_splats_of_4d(const struct spin_splats_4d *s);
-/* When all rows are filled: rows with values that are not finite or far out of range, without a rotation or a sigma go,
- * the others keep their order and get quats of unit length. from: NULL, or [n], gets the place each had. */
+/* When all rows are filled: rows with values that are not finite or far out of range, without a
+ * rotation or a sigma go, the others keep their order and get quats of unit length. from: NULL, or
+ * [n], gets the place each had. */
 spin_status spin_splats_4d_settle(struct spin_splats_4d *s, size_t *n_dropped, size_t *from);
 /* Fills the columns with the rows that `time` shows. */
 spin_status spin_splats_4d_slice(const struct spin_splats_4d *s, double time, unsigned columns,
@@ -296,8 +299,8 @@ const char *spin_plugin_value(const struct spin_plugin_values *v, const char *ke
 struct spin_peek {
     const char *path;
     bool is_folder;
-    /* First bytes, at most 16384, of a file, or of the first of cfg_args, chkpnt*, deformation.pth and
-     * point_cloud.ply that a folder has. */
+    /* First bytes, at most 16384, of a file, or of the first of cfg_args, chkpnt*, deformation.pth
+     * and point_cloud.ply that a folder has. */
     const unsigned char *head;
     size_t n_head;
     const char *tail_names;   /* zip archives, and params.npz of a folder: member names, one per
@@ -338,16 +341,16 @@ struct spin_importer {
 
     /* Tracks. open() reads what is cheap; frame() fills the wanted columns of one frame, calling
      * spin_splats_reserve(); `time` counts only when the track is continuous. frame() may be called
-     * in any order, as often as asked, by one thread at a time. close() also follows a failed open()
-     * that had set *self. NULL open: no tracks. */
+     * in any order, as often as asked, by one thread at a time. close() also follows a failed
+     * open() that had set *self. NULL open: no tracks. */
     spin_status (*open)(const char *path, const struct spin_plugin_values *values, void **self,
                         struct spin_sequence_info *sequence);
     spin_status (*frame)(void *self, int frame, double time, unsigned columns,
                          struct spin_splats *out);
     void (*close)(void *self);
 
-    /* The same as 4D splats, where that is what it has: settled, and the importer's until close(). *out is NULL when this
-     * input has none. */
+    /* The same as 4D splats, where that is what it has: settled, and the importer's until close().
+     * *out is NULL when this input has none. */
     spin_status (*splats_4d)(void *self, const struct spin_splats_4d **out);
 
     /* Views: append every view of the data set in folder `path`. NULL: no views. */
@@ -373,8 +376,8 @@ struct spin_export_check {
 
 /* What spin-export --decimate left out, and what that loses. */
 struct spin_decimated {
-    /* Splats of a frame in the mean, or of the clip: without what is left out in any case. before is 0: it was not
-     * asked for. */
+    /* Splats of a frame in the mean, or of the clip: without what is left out in any case. before
+     * is 0: it was not asked for. */
     double before, after;
     bool in_all;      /* of the clip: 4D splats, or rows that filters leave out in some frames */
     bool by_views;    /* cameras of the data set saw what counts; else opacities and sizes do */
@@ -396,7 +399,8 @@ struct spin_export_report {
     uint64_t images; /* drawn and written, by an exporter that draws; else 0 */
 };
 
-/* What an exporter is told before the first frame. Everything is borrowed until end() or abort(). */
+/* What an exporter is told before the first frame. Everything is borrowed until end() or abort().
+ */
 struct spin_export_job {
     const char *output; /* as the user gave it */
     bool force;         /* may overwrite */
@@ -424,9 +428,10 @@ struct spin_export_job {
     struct spin_export_report *report; /* an exporter adds to bytes, left_out and images, and
                                         * says how many frames when it takes some only; or NULL */
 
-    /* Read back what was written, in end(), and say in report->check what was found; only asked of an
-     * exporter that `checks`. again() gives a frame, 0..n_frames-1, until its next call or that of frame():
-     * once more for a check, or in begin() for an exporter that looks at all frames first. */
+    /* Read back what was written, in end(), and say in report->check what was found; only asked of
+     * an exporter that `checks`. again() gives a frame, 0..n_frames-1, until its next call or that
+     * of frame(): once more for a check, or in begin() for an exporter that looks at all frames
+     * first. */
     bool check;
     spin_status (*again)(void *context, int frame, const struct spin_splats **out);
     void *context;
@@ -460,8 +465,8 @@ struct spin_exporter {
     const struct spin_plugin_option *options;
     unsigned wants; /* columns it cannot do without */
     bool checks;    /* can read back what it wrote */
-    bool
-        antialias; /* what it writes says, or shows, when splats are meant to be drawn antialiased */
+    bool antialias; /* what it writes says, or shows, when splats are meant to be drawn antialiased
+                     */
     bool splats_4d; /* where the clip is 4D splats they are used, and no frame comes; without
                      * `frame` it takes nothing else */
     bool needs_renderer;
@@ -477,13 +482,14 @@ struct spin_exporter {
     void (*abort)(void *self);
 };
 
-/* A file that appears under its name only when whole: written under a name of its own beside it, path.tmp.*, and renamed by commit
- * when all writing and closing has succeeded. Write with spin_out_write() or with stdio on `file`;
- * commit sees errors of both. Either commit or abandon must follow; both free it.
+/* A file that appears under its name only when whole: written under a name of its own beside it,
+ * path.tmp.*, and renamed by commit when all writing and closing has succeeded. Write with
+ * spin_out_write() or with stdio on `file`; commit sees errors of both. Either commit or abandon
+ * must follow; both free it.
  *
- * What could not be made again soon sets `sync` after opening: commit then waits for the disk before it
- * renames. Without, a file is whole after a kill or on a full disk as well, but not surely after the
- * power failed. */
+ * What could not be made again soon sets `sync` after opening: commit then waits for the disk
+ * before it renames. Without, a file is whole after a kill or on a full disk as well, but not
+ * surely after the power failed. */
 struct spin_out {
     FILE *file;
     char *path, *temporary;
@@ -491,8 +497,9 @@ struct spin_out {
     bool sync;
     bool force; /* as it was opened */
 };
-/* !force: SPIN_E_IO when path exists ("... exists; use --force to overwrite"), a link to nothing as well.
- * Commit looks once more: what somebody else made meanwhile stays. An input is never replaced. */
+/* !force: SPIN_E_IO when path exists ("... exists; use --force to overwrite"), a link to nothing as
+ * well. Commit looks once more: what somebody else made meanwhile stays. An input is never
+ * replaced. */
 spin_status spin_out_open(const char *path, bool force, struct spin_out *out);
 spin_status spin_out_write(struct spin_out *out, const void *data, size_t bytes);
 spin_status spin_out_commit(struct spin_out *out);
@@ -501,8 +508,8 @@ void spin_out_abandon(struct spin_out *out);
 /* mkdir -p */
 spin_status spin_folder_make(const char *path);
 
-/* What a shared object built outside the tree defines under the name spin_plugin; spin-plugin(7) is the
- * guide. The abi stays the first member in every version. */
+/* What a shared object built outside the tree defines under the name spin_plugin; spin-plugin(7) is
+ * the guide. The abi stays the first member in every version. */
 struct spin_plugin {
     int abi;                                      /* SPIN_PLUGIN_ABI */
     const struct spin_importer *const *importers; /* NULL-terminated; or NULL */
@@ -514,9 +521,10 @@ extern SPIN_VISIBLE const struct spin_plugin spin_plugin;
 extern const struct spin_importer *const spin_importers[];
 extern const struct spin_exporter *const spin_exporters[];
 
-/* Load what SPIN_PLUGIN_PATH names: shared objects and folders of them, with colons between. Done once,
- * by the first of these three; nothing is loaded from anywhere else. What cannot be taken is left out
- * with a warning, but for a plug-in that is called `chosen` (or NULL): the caller reports that one. */
+/* Load what SPIN_PLUGIN_PATH names: shared objects and folders of them, with colons between. Done
+ * once, by the first of these three; nothing is loaded from anywhere else. What cannot be taken is
+ * left out with a warning, but for a plug-in that is called `chosen` (or NULL): the caller reports
+ * that one. */
 void spin_plugins_load(const char *chosen);
 /* Those built in, then those loaded, NULL-terminated. */
 const struct spin_importer *const *spin_importer_list(void);
@@ -539,9 +547,9 @@ int spin_scene_n_frames(const struct spin_scene *scene);
 const struct spin_frame_info *spin_scene_frame(const struct spin_scene *scene, int frame);
 bool spin_scene_is_trained(const struct spin_scene *scene);
 unsigned spin_scene_columns(const struct spin_scene *scene); /* of the source */
-/* Fill the columns of a frame. BEST: from the network when there is one, else from refined splats that
- * have all attributes, else from the source. A frame may have another number of splats in each.
- * SPIN_E_NOT_FOUND when the columns are not there (positions only: run spin-retrain). */
+/* Fill the columns of a frame. BEST: from the network when there is one, else from refined splats
+ * that have all attributes, else from the source. A frame may have another number of splats in
+ * each. SPIN_E_NOT_FOUND when the columns are not there (positions only: run spin-retrain). */
 spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_splat_source from,
                             unsigned columns, struct spin_splats *out);
 
@@ -551,9 +559,10 @@ spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_splat
 spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splats,
                         const struct spin_camera *camera, const float background[3], float *image);
 
-/* Of the picture drawn last: what the splats hide of the background, [h][w], 0..1; and their depth along the camera's
- * axis in world units, [2][h][w]: the expected one, which is the mean by what each adds to the picture, and the median,
- * at which half of the light is held up. 0: there is none. Either may be NULL. */
+/* Of the picture drawn last: what the splats hide of the background, [h][w], 0..1; and their depth
+ * along the camera's axis in world units, [2][h][w]: the expected one, which is the mean by what
+ * each adds to the picture, and the median, at which half of the light is held up. 0: there is
+ * none. Either may be NULL. */
 spin_status spin_render_layers(struct spin_renderer *r, float *alpha, float *depth);
 
 /* Read an image, box-filtered to camera size when they differ, as planar [3][h][w] float 0..1
@@ -581,21 +590,23 @@ enum spin_dynamic_from {
     SPIN_DYNAMIC_OFF
 };
 
-/* For programs: catch SIGBUS, which reading from a mapped file raises when somebody cuts it short. One
- * line that begins with `command` then names the file on stderr, what is half-written is removed, and
- * the process ends with exit code 1. Without this call the signal ends it. */
+/* For programs: catch SIGBUS, which reading from a mapped file raises when somebody cuts it short.
+ * One line that begins with `command` then names the file on stderr, what is half-written is
+ * removed, and the process ends with exit code 1. Without this call the signal ends it. */
 void spin_catch_cut_files(const char *command);
 
-/* For programs that MPI's mpirun starts as several processes, which share the work of one call of spin_run.h (rank 0 has
- * the report). A process that was started alone is rank 0 of 1, and loads nothing. */
+/* For programs that MPI's mpirun starts as several processes, which share the work of one call of
+ * spin_run.h (rank 0 has the report). A process that was started alone is rank 0 of 1, and loads
+ * nothing. */
 /* This process's rank, as its environment says; -1: it was started alone. Good before the begin. */
 int spin_ranks_place(void);
 /* Before the call, in the thread that will make it: join the others. */
 spin_status spin_ranks_begin(void);
-/* After the call: with its status, or the failure of another rank. speaks: this process prints the report, or the
- * error. */
+/* After the call: with its status, or the failure of another rank. speaks: this process prints the
+ * report, or the error. */
 spin_status spin_ranks_end(spin_status status, bool *speaks);
-/* When all is printed. With a code that is not 0 the other processes are ended, if they do not end by themselves. */
+/* When all is printed. With a code that is not 0 the other processes are ended, if they do not end
+ * by themselves. */
 void spin_ranks_exit(int code);
 
 #ifdef __cplusplus

@@ -8,11 +8,13 @@
 extern "C" {
 #endif
 
-/* NETWORK: the method of the paper. EXPLICIT: every frame on its own, as 3DGS does it. TRACKS: as NETWORK, but
- * splats and tracks have explicit values only. 4D: 4D splats, made of a clip that TRACKS trained. */
+/* NETWORK: the method of the paper. EXPLICIT: every frame on its own, as 3DGS does it. TRACKS: as
+ * NETWORK, but splats and tracks have explicit values only. 4D: 4D splats, made of a clip that
+ * TRACKS trained. */
 enum spin_method { SPIN_METHOD_NETWORK, SPIN_METHOD_FRAMES, SPIN_METHOD_TRACKS, SPIN_METHOD_4D };
-/* What a splat has of its own, to which the network adds: nothing; scale from its neighbours and colour
- * of its source; all of its source's (or its refined frame's) attributes, SH up to degree 0. */
+/* What a splat has of its own, to which the network adds: nothing; scale from its neighbours and
+ * colour of its source; all of its source's (or its refined frame's) attributes, SH up to degree 0.
+ */
 enum spin_residual { SPIN_RESIDUAL_OFF, SPIN_RESIDUAL_POINTS, SPIN_RESIDUAL_SOURCE };
 /* Iterations that 0 in sh_increase_every means to the explicit method. */
 enum { SPIN_SH_INCREASE_EVERY = 1000 };
@@ -24,9 +26,9 @@ enum spin_exposure { SPIN_EXPOSURE_OFF, SPIN_EXPOSURE_ON, SPIN_EXPOSURE_AUTO };
 /* AUTO: where the borders of the training images do not show one flat colour. */
 enum spin_backdrop_choice { SPIN_BACKDROP_OFF, SPIN_BACKDROP_ON, SPIN_BACKDROP_AUTO };
 
-/* Centre and radius of the scene at the network's input. AUTO: median of the positions, and the distance that
- * holds 90% of them. NONE: as OFF, without the contraction; splats outside the unit cube share one set of
- * attributes. GIVEN: normalise_centre, normalise_radius. */
+/* Centre and radius of the scene at the network's input. AUTO: median of the positions, and the
+ * distance that holds 90% of them. NONE: as OFF, without the contraction; splats outside the unit
+ * cube share one set of attributes. GIVEN: normalise_centre, normalise_radius. */
 enum spin_normalise {
     SPIN_NORMALISE_OFF,
     SPIN_NORMALISE_AUTO,
@@ -34,8 +36,8 @@ enum spin_normalise {
     SPIN_NORMALISE_GIVEN
 };
 
-/* Of the values that a retraining writes. COMPACT: steps that pictures hardly show. HALF: about that of half floats.
- * FULL: to the bit. */
+/* Of the values that a retraining writes. COMPACT: steps that pictures hardly show. HALF: about
+ * that of half floats. FULL: to the bit. */
 enum spin_precision { SPIN_PRECISION_COMPACT, SPIN_PRECISION_HALF, SPIN_PRECISION_FULL };
 
 /* Defaults and limits of all numbers: spin-retrain(1). */
@@ -66,7 +68,8 @@ struct spin_retrain_options {
     int warmup;     /* iterations; -1: iterations / 40 */
     double average; /* share of the iterations, the last ones, whose values are averaged; 0: none */
     double lr_table, lr_sh, lr_scale, lr_rotation, lr_opacity, lr_position;
-    int sh_increase_every; /* iterations until the next degree of SH joins; 0: all from the start, explicit: 1000 */
+    int sh_increase_every; /* iterations until the next degree of SH joins; 0: all from the start,
+                              explicit: 1000 */
     enum spin_exposure learn_exposure; /* learn a gain and offset of every training camera */
     double lr_exposure;                /* their rate */
     double lr_head_factor;             /* on the four head rates */
@@ -74,7 +77,8 @@ struct spin_retrain_options {
     double lr_track;        /* on 3DGS's rates for what they share */
     double lr_tracked;      /* on lr_position and lr_residual, for splats that share something */
     double lr_displacement; /* of a shared displacement, times the extent */
-    int track_iterations; /* the first ones, in which tracks that stand still learn; -1: all, at most 5000 */
+    int track_iterations;   /* the first ones, in which tracks that stand still learn; -1: all, at
+                               most 5000 */
     enum spin_backdrop_choice backdrop; /* close the scene from behind; with tracks only */
     bool dynamic_residual; /* splats that move have residual values of every frame as well */
     int densify_every; /* iterations between densifications; 0: none; -1: track_iterations / 20 */
@@ -94,8 +98,8 @@ struct spin_retrain_options {
     bool deterministic;            /* sums on a card repeat bit for bit; the CPU's always do */
     int eval_every, save_every;    /* iterations; 0: at the end; every 5 minutes */
     bool resume, force, dry_run;
-    bool
-        auto_resume; /* the caller resumes by itself, as spin_convert() does: errors name no --resume */
+    bool auto_resume; /* the caller resumes by itself, as spin_convert() does: errors name no
+                         --resume */
     const char *preview, *log; /* folder, file; or NULL */
     const char *watch;         /* folder for a page that shows the state; or NULL */
     const char
@@ -105,11 +109,12 @@ struct spin_retrain_options {
 /* Those of the first preset. */
 void spin_retrain_defaults(struct spin_retrain_options *o);
 #define SPIN_PRESETS "quick|best|paper|short"
-/* "quick": no network, but attributes that frames share, one image a step, densified, antialiased; as many iterations
- * as the clip's frames ask for. "best": the same with three times as many. "paper": the paper's settings, for hours on
- * an accelerator. "short": the paper's method for minutes of training on a CPU; frames are visited a hundred times
- * instead of thousands, so rates are higher, the views of a step share one evaluation of the network, and splats start
- * from known values. SPIN_E_USAGE when there is no such preset; then the options are those of "quick". */
+/* "quick": no network, but attributes that frames share, one image a step, densified, antialiased;
+ * as many iterations as the clip's frames ask for. "best": the same with three times as many.
+ * "paper": the paper's settings, for hours on an accelerator. "short": the paper's method for
+ * minutes of training on a CPU; frames are visited a hundred times instead of thousands, so rates
+ * are higher, the views of a step share one evaluation of the network, and splats start from known
+ * values. SPIN_E_USAGE when there is no such preset; then the options are those of "quick". */
 spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o);
 
 #ifdef __cplusplus

@@ -270,8 +270,8 @@ double check_setting(const char *file, const char *path)
 
 enum { MOST_NAMES = 64, NAME_BYTES = 64 };
 
-/* Entries of a folder of fixtures: those that hold `file`, or with an ending those of this prefix. One
- * block, texts behind the pointers. */
+/* Entries of a folder of fixtures: those that hold `file`, or with an ending those of this prefix.
+ * One block, texts behind the pointers. */
 static const char **entries_of(const char *folder, const char *prefix, const char *ending,
                                const char *file)
 {

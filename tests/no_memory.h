@@ -1,5 +1,6 @@
-/* Memory that runs out when a test says so: this program's malloc() and its kin, which shared objects call as well.
- * Where a sanitiser has an allocator of its own, or the C library is not glibc, WITHOUT_MEMORY() runs nothing. */
+/* Memory that runs out when a test says so: this program's malloc() and its kin, which shared
+ * objects call as well. Where a sanitiser has an allocator of its own, or the C library is not
+ * glibc, WITHOUT_MEMORY() runs nothing. */
 #ifndef SPIN_TESTS_NO_MEMORY_H
 #define SPIN_TESTS_NO_MEMORY_H
 
@@ -36,8 +37,9 @@ void *aligned_alloc(size_t to, size_t n) { return runs_out() ? NULL : __libc_mem
 enum { CAN_RUN_OUT = 0 };
 #endif
 
-/* call(context) with each of its allocations missing once, until none is, or the first `most` of them. Each failure must be of memory and say so;
- * a call may also do without. All calls must do the same. */
+/* call(context) with each of its allocations missing once, until none is, or the first `most` of
+ * them. Each failure must be of memory and say so; a call may also do without. All calls must do
+ * the same. */
 __attribute__((unused)) static void without_memory(spin_status (*call)(void *context),
                                                    void *context, const char *what, long most)
 {

@@ -1,5 +1,5 @@
-/* Cameras by where they stand and what lies to their right, below and ahead, for tests that work out by themselves what
- * is seen. */
+/* Cameras by where they stand and what lies to their right, below and ahead, for tests that work
+ * out by themselves what is seen. */
 #ifndef SPIN_TESTS_RIG_H
 #define SPIN_TESTS_RIG_H
 

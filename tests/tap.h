@@ -29,7 +29,8 @@ __attribute__((unused, format(printf, 2, 3))) static int ok(int good, const char
     return good;
 }
 
-/* The larger one; NaN where one is, which fmax() leaves out, so that the worst of many errors shows it. */
+/* The larger one; NaN where one is, which fmax() leaves out, so that the worst of many errors shows
+ * it. */
 __attribute__((unused)) static double larger(double a, double b)
 {
     return a >= b ? a : b > a ? b : (double)NAN;

@@ -155,8 +155,9 @@ static void solve(double a[3][3], double y[3][3], int n)
             y[p][c] /= a[p][p];
 }
 
-/* The path of the file's degree that is nearest to that of row i where it is seen: least squares, weighted as it is
- * seen; in the source's time. A row that is seen at one time keeps the first terms of its own. */
+/* The path of the file's degree that is nearest to that of row i where it is seen: least squares,
+ * weighted as it is seen; in the source's time. A row that is seen at one time keeps the first
+ * terms of its own. */
 static void fit_path(const struct spin_bells *b, size_t i, const double d[SAMPLES], float centre[3],
                      float *path)
 {
@@ -201,7 +202,8 @@ void spin_bells_move(struct spin_splats_4d *s, size_t k, double time)
     s->times[k] = (float)time;
 }
 
-/* A sigma of more than `most` becomes that, with the same opacity and slope of it in the middle of the clip. */
+/* A sigma of more than `most` becomes that, with the same opacity and slope of it in the middle of
+ * the clip. */
 static void shorten(struct spin_bells *b, size_t k, double sigma, double most)
 {
     struct spin_splats_4d *s = &b->clip;

@@ -1,5 +1,6 @@
-/* 4D splats as files take them whose windows are bells: in the file's unit of time, which is 0 at the first frame, on
- * paths of a degree that it has, without what it has not. What that loses is measured. */
+/* 4D splats as files take them whose windows are bells: in the file's unit of time, which is 0 at
+ * the first frame, on paths of a degree that it has, without what it has not. What that loses is
+ * measured. */
 #pragma once
 
 #include "spin.h"

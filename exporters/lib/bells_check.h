@@ -1,4 +1,5 @@
-/* A file of 4D splats against the clip that it was written from, through the importer that reads it. */
+/* A file of 4D splats against the clip that it was written from, through the importer that reads
+ * it. */
 #pragma once
 
 #include "exporters/lib/bells.h"
@@ -13,6 +14,6 @@ struct spin_bells_check {
     double half[3]; /* what log(1 + |x|) of a place may be off by */
 };
 
-/* Fills job->report->check with the most that any frame of the job is off by. SPIN_E_IO where the file is not what was to
- * be written. */
+/* Fills job->report->check with the most that any frame of the job is off by. SPIN_E_IO where the
+ * file is not what was to be written. */
 spin_status spin_bells_check(const struct spin_bells_check *of);

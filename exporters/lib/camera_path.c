@@ -416,8 +416,8 @@ static void turn_about(const double v[3], const double axis[3], double angle, do
         out[c] = v[c] * cos(angle) + across[c] * sin(angle) + axis[c] * along * (1 - cos(angle));
 }
 
-/* Once around the scene; or three turns of a tenth of the distance beside the first view, forward and
- * back once. */
+/* Once around the scene; or three turns of a tenth of the distance beside the first view, forward
+ * and back once. */
 static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
 {
     const double *from = d->look.eye, *to = d->look.target;
@@ -462,7 +462,8 @@ static void move_into_rig(struct spin_camera_path *d, int row)
     }
 }
 
-/* Where a moving camera begins; and where there is no data set, its lens for a scene of this size. */
+/* Where a moving camera begins; and where there is no data set, its lens for a scene of this size.
+ */
 static spin_status look(struct spin_camera_path *d, const struct spin_splats *splats)
 {
     const struct spin_views *views = d->job->views;
@@ -516,8 +517,8 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
 
-/* Those of a frame's splats that can be drawn, borrowed or in `room`; how many cannot, and why, is said
- * and counted as all exporters do it. */
+/* Those of a frame's splats that can be drawn, borrowed or in `room`; how many cannot, and why, is
+ * said and counted as all exporters do it. */
 static spin_status choose(struct spin_camera_path *d, const struct spin_splats **splats,
                           struct spin_splats *room)
 {
@@ -553,7 +554,8 @@ static spin_status read_source(struct spin_camera_path *d, int frame)
 
 /* ---- The name of a panel --------------------------------------------------------------------- */
 
-/* The letters of the words of the panels, 5 x 7: a byte a row, the leftmost pixel is its highest of 5 bits. */
+/* The letters of the words of the panels, 5 x 7: a byte a row, the leftmost pixel is its highest of
+ * 5 bits. */
 static const struct {
     char letter;
     unsigned char row[7];
@@ -574,8 +576,8 @@ static bool is_ink(const char *word, int x, int y)
     return false;
 }
 
-/* word into the upper left corner of image [3][height][width], white on black; not into a picture that is too small
- * for it. */
+/* word into the upper left corner of image [3][height][width], white on black; not into a picture
+ * that is too small for it. */
 static void put_label(const char *word, int width, int height, float *image)
 {
     int dot = height / 180 > 1 ? height / 180 : 1, n = (int)strlen(word);

@@ -1,4 +1,5 @@
-/* What the exporters that draw share: a camera that stands still or moves, and pictures side by side. */
+/* What the exporters that draw share: a camera that stands still or moves, and pictures side by
+ * side. */
 #pragma once
 
 #include <string.h>
@@ -54,8 +55,8 @@ struct spin_rig_path {
     int n;
 };
 
-/* Through the training cameras of this row, each once: from the first of them always to a near one, then without
- * crossings. SPIN_E_NOT_FOUND: it has fewer than two places. */
+/* Through the training cameras of this row, each once: from the first of them always to a near one,
+ * then without crossings. SPIN_E_NOT_FOUND: it has fewer than two places. */
 spin_status spin_rig_path_open(const struct spin_views *views, int row, struct spin_rig_path *path);
 /* At share 0..1 of the way, at about even speed, without a kink. */
 void spin_rig_path_camera(const struct spin_rig_path *path, double share, double w2c[12]);
@@ -100,10 +101,12 @@ void spin_camera_path_say_blank(const struct spin_camera_path *d);
 /* Pictures of frame f are those from this one up to that of frame f + 1. */
 int64_t spin_camera_path_first(const struct spin_camera_path *d, int frame);
 
-/* --size, and what a moving camera has without it: the same height of view, square pixels stay square; the sides show more or less. */
+/* --size, and what a moving camera has without it: the same height of view, square pixels stay
+ * square; the sides show more or less. */
 void spin_camera_path_resize(const struct spin_camera_path *d, struct spin_camera *camera);
 
-/* Whether the pictures come from another camera than the data set's: it moves, or there are none. */
+/* Whether the pictures come from another camera than the data set's: it moves, or there are none.
+ */
 static inline bool spin_camera_path_is_own(const struct spin_camera_path *d)
 {
     return d->path != SPIN_PATH_CAMERA || !d->job->views || d->job->views->n == 0;
@@ -111,9 +114,9 @@ static inline bool spin_camera_path_is_own(const struct spin_camera_path *d)
 /* What such pictures are called by. */
 const char *spin_camera_path_name(const struct spin_camera_path *d);
 
-/* Such a camera at a picture. It turns about the place that is nearest to the axes of all cameras, no farther
- * away than half of them are; where these are parallel, the first view's target. Without a data set it begins at the
- * front, as a page does. */
+/* Such a camera at a picture. It turns about the place that is nearest to the axes of all cameras,
+ * no farther away than half of them are; where these are parallel, the first view's target. Without
+ * a data set it begins at the front, as a page does. */
 spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
                                     const struct spin_splats *splats, struct spin_camera *out);
 

@@ -1,6 +1,6 @@
-/* One rule for all folders of frames; see frames.h. Within a frame the rows are cut into blocks that all
- * threads code side by side, each going straight to its place in the file, so that no frame is held
- * in memory a second time. */
+/* One rule for all folders of frames; see frames.h. Within a frame the rows are cut into blocks
+ * that all threads code side by side, each going straight to its place in the file, so that no
+ * frame is held in memory a second time. */
 #include "exporters/lib/frames.h"
 
 #include <stdatomic.h>
@@ -41,7 +41,8 @@ static void say_size(const struct spin_frames *x, const struct spin_export_job *
         spin_frames_say_size(job->output, job->n_frames, bytes, at_most);
 }
 
-/* ---- The export that was in the folder before ------------------------------------------------- */
+/* ---- The export that was in the folder before -------------------------------------------------
+ */
 
 /* Some file systems ignore case. */
 static int by_name(const void *a, const void *b)
@@ -58,8 +59,8 @@ static bool is_regular(const char *path)
     return lstat(path, &st) == 0 && S_ISREG(st.st_mode);
 }
 
-/* The file of an entry of sequence.json, which anybody may have written: only a regular file of the folder itself, whose
- * name has the number of its frame. NULL: none. */
+/* The file of an entry of sequence.json, which anybody may have written: only a regular file of the
+ * folder itself, whose name has the number of its frame. NULL: none. */
 static spin_status find_former(const struct spin_frames *x, const spin_json *entry,
                                const char **out)
 {
@@ -171,7 +172,8 @@ static spin_status open_folder(struct spin_frames *x, const struct spin_export_j
     return SPIN_OK;
 }
 
-/* Whether the output is named as the format's files are: "clip.spz", where no folder has that name. */
+/* Whether the output is named as the format's files are: "clip.spz", where no folder has that name.
+ */
 static spin_status choose_file(struct spin_frames *x, const struct spin_export_job *job)
 {
     const char *ending = strchr(x->format->pattern, '.');
@@ -289,8 +291,8 @@ spin_status spin_frames_write_text(struct spin_frames *x, const char *name, cons
     return spin_out_whole(path, text, strlen(text), x->job->sync);
 }
 
-/* What belongs to the clip still: a data set, where the scene was not turned away from its cameras, and that rows are the
- * same splats. */
+/* What belongs to the clip still: a data set, where the scene was not turned away from its cameras,
+ * and that rows are the same splats. */
 static spin_status add_belongings(const struct spin_frames *x, spin_json *root)
 {
     bool turned = fabs(x->rows.turn_q[0]) < 1 - 1e-9;
@@ -424,7 +426,8 @@ void spin_frames_abort(void *self)
     free_frames(x);
 }
 
-/* ---- For write() ------------------------------------------------------------------------------ */
+/* ---- For write() ------------------------------------------------------------------------------
+ */
 
 spin_status spin_frames_scratch(struct spin_frames *x, size_t bytes, unsigned char **out)
 {

@@ -1,9 +1,10 @@
-/* A folder of one file per frame, or one file for one frame when the output's name has the ending of the format's
- * files: what all such exporters do, so that a format says only how its
- * bytes are made. begin, frame, end and abort of the plug-in are those below.
+/* A folder of one file per frame, or one file for one frame when the output's name has the ending
+ * of the format's files: what all such exporters do, so that a format says only how its bytes are
+ * made. begin, frame, end and abort of the plug-in are those below.
  *
- * Beside the frames lies sequence.json: their names, numbers, times and counts, for players. An export that replaces
- * another one removes the frames of that which it does not write, so that players do not show both. */
+ * Beside the frames lies sequence.json: their names, numbers, times and counts, for players. An
+ * export that replaces another one removes the frames of that which it does not write, so that
+ * players do not show both. */
 #pragma once
 
 #include "exporters/lib/quant_error.h"
@@ -34,8 +35,8 @@ struct spin_frames_format {
     spin_status (*begin)(void *self, const struct spin_export_job *job);
     /* The common options are read too. NULL: nothing to do. */
     spin_status (*ready)(void *self, const struct spin_export_job *job);
-    /* One file takes all frames, where the output is named so: it is opened and closed by these, and add() gets what
-     * frame() gets. NULL: a file holds one frame. */
+    /* One file takes all frames, where the output is named so: it is opened and closed by these,
+     * and add() gets what frame() gets. NULL: a file holds one frame. */
     spin_status (*open)(void *self, const struct spin_export_job *job);
     spin_status (*add)(void *self, const struct spin_frame_info *info,
                        const struct spin_splats *splats);
@@ -116,7 +117,8 @@ spin_status spin_frames_check(struct spin_frames *frames);
 /* For finish(): a file of this name in the folder. */
 spin_status spin_frames_write_text(struct spin_frames *frames, const char *name, const char *text);
 
-/* ---- For write() ------------------------------------------------------------------------------ */
+/* ---- For write() ------------------------------------------------------------------------------
+ */
 
 /* The chosen rows in frames->order, sorted by frames->sort. */
 static inline spin_status spin_frames_order(struct spin_frames *frames)
@@ -130,8 +132,8 @@ static inline spin_status spin_frames_order(struct spin_frames *frames)
 /* bytes for each worker, one after the other; contents are not kept. */
 spin_status spin_frames_scratch(struct spin_frames *frames, size_t bytes, unsigned char **out);
 
-/* The kept rows in the source's order, `width` bytes each, from byte `at` of the file on: blocks are
- * coded side by side and go straight to their places. */
+/* The kept rows in the source's order, `width` bytes each, from byte `at` of the file on: blocks
+ * are coded side by side and go straight to their places. */
 typedef void (*spin_frames_code)(void *self, size_t row, unsigned char *out,
                                  struct spin_quant_error *quant);
 spin_status spin_frames_write_rows(void *self, struct spin_out *out, uint64_t at, size_t width,

@@ -4,7 +4,8 @@
 
 #define FRONT_FOVY_DEG 50.0
 
-/* Of the determinant of the mean of I - d d^T, which is 0 where all axes are parallel: some 3 degrees of spread. */
+/* Of the determinant of the mean of I - d d^T, which is 0 where all axes are parallel: some 3
+ * degrees of spread. */
 #define LEAST_SPREAD 2e-3
 
 spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[3], double *size)

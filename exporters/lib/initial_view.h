@@ -18,16 +18,17 @@ struct spin_initial_view {
 /* The median place, and half of the extent that holds 90 % of the splats along the longest axis. */
 spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[3], double *size);
 
-/* Before the first frame, for a clip that begins with frames without splats: the same of the first frame that has some.
- * size 0: the clip begins with splats, or has none. */
+/* Before the first frame, for a clip that begins with frames without splats: the same of the first
+ * frame that has some. size 0: the clip begins with splats, or has none. */
 spin_status spin_initial_view_later_middle(const struct spin_export_job *job, double middle[3],
                                            double *size);
 
 /* Centre of a camera: -R^T t. */
 void spin_initial_view_eye(const struct spin_camera *camera, double eye[3]);
 
-/* The place nearest to the axes of all cameras of this row (all rows: -1), least squares, and the median distance
- * of these cameras from it. False, and nothing is set: the axes are about parallel, or it lies behind most of them. */
+/* The place nearest to the axes of all cameras of this row (all rows: -1), least squares, and the
+ * median distance of these cameras from it. False, and nothing is set: the axes are about parallel,
+ * or it lies behind most of them. */
 bool spin_initial_view_pivot(const struct spin_views *views, int row, double pivot[3],
                              double *median);
 

@@ -40,7 +40,8 @@ static int planes_of(uint32_t all)
     return all >> 24 ? 4 : all >> 16 ? 3 : all >> 8 ? 2 : all != 0;
 }
 
-/* ---- Keys ------------------------------------------------------------------------------------- */
+/* ---- Keys -------------------------------------------------------------------------------------
+ */
 
 spin_status spin_page_put_whole(struct spin_page_bytes *b, const int32_t *x, size_t n)
 {
@@ -122,7 +123,8 @@ spin_status spin_page_get_column(const uint8_t *data, size_t size, size_t *at, i
     return get_column(data, size, at, FROM_OTHER | (other ? FROM_COLUMN : 0), x, other, n);
 }
 
-/* ---- Columns of rows ---------------------------------------------------------------------------- */
+/* ---- Columns of rows ----------------------------------------------------------------------------
+ */
 
 /* x, or against the other column; then by steps. */
 static inline uint32_t column_number(const int32_t *x, const int32_t *other, int from, size_t i)
@@ -185,7 +187,8 @@ spin_status spin_page_put_column(struct spin_page_bytes *b, const int32_t *x, co
     return SPIN_OK;
 }
 
-/* ---- Differences -------------------------------------------------------------------------------- */
+/* ---- Differences --------------------------------------------------------------------------------
+ */
 
 static inline int32_t told(const struct spin_page_state *s, size_t i, bool by_mean)
 {

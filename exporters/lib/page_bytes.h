@@ -1,13 +1,15 @@
-/* Whole numbers of one column as bytes, for a page's blocks; exporters/html/format.md has the layout.
+/* Whole numbers of one column as bytes, for a page's blocks; exporters/html/format.md has the
+ * layout.
  *
  * A column begins with one byte: the planes in bits 0 to 2 (0: all numbers are zero), in bits 4 and
- * 5 what the numbers are told from. Numbers are written d < 0 ? -2 d - 1 : 2 d, low bytes first, then the
- * next higher: a plane of bytes each. */
+ * 5 what the numbers are told from. Numbers are written d < 0 ? -2 d - 1 : 2 d, low bytes first,
+ * then the next higher: a plane of bytes each. */
 #pragma once
 
 #include "spin.h"
 
-#define SPIN_PAGE_MOST (1 << 26) /* no number may be larger: sums and products of the decoder fit */
+#define SPIN_PAGE_MOST (1 << 26) /* no number may be larger: sums and products of the decoder fit  \
+                                  */
 
 struct spin_page_bytes {
     uint8_t *data;
@@ -18,7 +20,8 @@ void spin_page_bytes_free(struct spin_page_bytes *b);
 /* A key: each of n numbers as it is, or against the one before it, whichever is less. */
 spin_status spin_page_put_whole(struct spin_page_bytes *b, const int32_t *x, size_t n);
 
-/* A column of rows: the same, but also against the column before, `other` (NULL: there is none), or against both. */
+/* A column of rows: the same, but also against the column before, `other` (NULL: there is none), or
+ * against both. */
 spin_status spin_page_put_column(struct spin_page_bytes *b, const int32_t *x, const int32_t *other,
                                  size_t n);
 

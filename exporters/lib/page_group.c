@@ -81,7 +81,8 @@ static spin_status split_rows(struct spin_page_group *g, struct spin_sort_rows *
     return SPIN_OK;
 }
 
-/* ---- Numbers ------------------------------------------------------------------------------------------ */
+/* ---- Numbers
+ * ------------------------------------------------------------------------------------------ */
 
 struct number {
     struct spin_page_group *g;
@@ -142,7 +143,9 @@ static void number_task(void *context, size_t from, size_t to)
     }
 }
 
-/* ---- Blocks ----------------------------------------------------------------------------------------------- */
+/* ---- Blocks
+ * -----------------------------------------------------------------------------------------------
+ */
 
 struct column {
     struct spin_page_bytes *bytes; /* [n_frames] */
@@ -208,7 +211,8 @@ static void column_task(void *context, int c)
     b->column[c].status = column_bytes(b, (size_t)c);
 }
 
-/* ---- What was written, read again ----------------------------------------------------------------------------- */
+/* ---- What was written, read again
+ * ----------------------------------------------------------------------------- */
 
 /* A column of the block that was read back must have the numbers that were meant. */
 static spin_status column_again(struct blocks *b, size_t c)
@@ -320,7 +324,9 @@ static spin_status check_values(struct blocks *b)
     return spin_page_errors_judge(&g->quant, &g->space.bounds);
 }
 
-/* ---- All of it ---------------------------------------------------------------------------------------------------- */
+/* ---- All of it
+ * ----------------------------------------------------------------------------------------------------
+ */
 
 static spin_status too_far(const struct spin_page_group *g)
 {

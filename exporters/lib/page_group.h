@@ -1,7 +1,9 @@
-/* Frames of one version of a page's clip, from a key on: which rows they share, and the blocks they become.
+/* Frames of one version of a page's clip, from a key on: which rows they share, and the blocks they
+ * become.
  *
- * A group begins with a key. Rows that all of its frames have are shared: those that change nowhere come first,
- * then the others, the quiet before the restless, each by place. What a frame has beside them is its own. */
+ * A group begins with a key. Rows that all of its frames have are shared: those that change nowhere
+ * come first, then the others, the quiet before the restless, each by place. What a frame has
+ * beside them is its own. */
 #pragma once
 
 #include "exporters/lib/page_bytes.h"
@@ -51,11 +53,12 @@ struct spin_page_block {
 };
 typedef spin_status (*spin_page_sink)(void *context, const struct spin_page_block *block);
 
-/* Add a frame: the rows that are kept of splats, in the filter's axes. *full: it does not belong to this group
- * (too many frames, too much memory, too few rows in common), which must be written first. */
+/* Add a frame: the rows that are kept of splats, in the filter's axes. *full: it does not belong to
+ * this group (too many frames, too much memory, too few rows in common), which must be written
+ * first. */
 spin_status spin_page_group_add(struct spin_page_group *g, const struct spin_splat_filter *rows,
                                 const struct spin_splats *splats, bool *full);
-/* Blocks of all frames to the sink, each read back and held to the bounds before; the group is empty then.
- * An error says which value is not within them. */
+/* Blocks of all frames to the sink, each read back and held to the bounds before; the group is
+ * empty then. An error says which value is not within them. */
 spin_status spin_page_group_write(struct spin_page_group *g, spin_page_sink sink, void *context);
 void spin_page_group_free(struct spin_page_group *g);

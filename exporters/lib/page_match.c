@@ -7,7 +7,8 @@
 #define MOST_BYTES ((size_t)512 << 20) /* of a group's values */
 #define LEAST_SHARED 0.25              /* of a frame's rows, to go on without a key */
 
-/* ---- A frame ------------------------------------------------------------------------------------ */
+/* ---- A frame ------------------------------------------------------------------------------------
+ */
 
 struct take {
     const struct spin_page_group *g;
@@ -53,7 +54,8 @@ static spin_status take_frame(const struct spin_page_group *g, const struct spin
     return SPIN_OK;
 }
 
-/* ---- Which row is which ---------------------------------------------------------------------------- */
+/* ---- Which row is which
+ * ---------------------------------------------------------------------------- */
 
 static double apart(const struct spin_page_group *g, const struct spin_page_frame *a, size_t i,
                     const struct spin_page_frame *b, size_t j)

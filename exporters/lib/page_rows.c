@@ -13,12 +13,13 @@
 #define LEAST_DOT 0.707        /* of the rotations at both ends of a row: turned by 90 degrees */
 enum { CHECKED = 33 };         /* ticks of a row, evenly; and four of its window */
 
-/* Shares of a bound. The errors of a bell are at most w (height + z middle + z^2 width) with w = exp(-z^2/2), and a
- * gate adds 1 - w: at all z less than 1. */
+/* Shares of a bound. The errors of a bell are at most w (height + z middle + z^2 width) with w =
+ * exp(-z^2/2), and a gate adds 1 - w: at all z less than 1. */
 #define HEIGHT 0.5
 #define WIDTH 0.45
 #define GATE 0.3
-/* Rotations at both ends, and how much more the second counts; together less than 1 when between them are 90 degrees. */
+/* Rotations at both ends, and how much more the second counts; together less than 1 when between
+ * them are 90 degrees. */
 #define ENDS 0.78
 #define RATIO 0.1
 /* A colour that changes: its mean, two cosines, their phase. */
@@ -34,7 +35,8 @@ struct piece {
     int32_t from, end;
 };
 
-/* ---- Steps ------------------------------------------------------------------------------------- */
+/* ---- Steps -------------------------------------------------------------------------------------
+ */
 
 bool spin_page_rows_can(const double *times, int n_frames, double *step)
 {
@@ -50,7 +52,8 @@ static const float *cosines_of(const struct spin_page_rows *r, size_t i)
     return r->splats->sh_cos + 6 * (size_t)spin_sh_count(r->splats->sh_degree) * i;
 }
 
-/* Of cosine k, 0 or 1, the value of column c: three colours, then the coefficients that are written. */
+/* Of cosine k, 0 or 1, the value of column c: three colours, then the coefficients that are
+ * written. */
 static double cosine_at(const struct spin_page_rows *r, size_t i, int k, int c)
 {
     size_t width = 3 * (size_t)spin_sh_count(r->splats->sh_degree);
@@ -133,7 +136,8 @@ spin_json *spin_page_rows_json(const struct spin_page_rows *r)
     return j;
 }
 
-/* ---- Time --------------------------------------------------------------------------------------- */
+/* ---- Time ---------------------------------------------------------------------------------------
+ */
 
 static double time_of(const struct spin_page_rows *r, double tick)
 {
@@ -201,7 +205,8 @@ static bool seen(const struct spin_page_rows *r, size_t i, struct piece *p)
     return p->from < p->end;
 }
 
-/* ---- Rotations ------------------------------------------------------------------------------------ */
+/* ---- Rotations
+ * ------------------------------------------------------------------------------------ */
 
 /* Not of unit length. */
 static void turned_at(const struct spin_page_rows *r, size_t i, double t, double q[4])
@@ -227,7 +232,8 @@ static bool unit_of(const double q[4], double out[4])
     return length > 0;
 }
 
-/* Rotations of a piece at both ends. Those of a single tick are the same where they are far apart. */
+/* Rotations of a piece at both ends. Those of a single tick are the same where they are far apart.
+ */
 static double ends_of(const struct spin_page_rows *r, const struct piece *p, double a[4],
                       double b[4])
 {
@@ -243,7 +249,8 @@ static double ends_of(const struct spin_page_rows *r, const struct piece *p, dou
     return dot;
 }
 
-/* ---- Numbers --------------------------------------------------------------------------------------- */
+/* ---- Numbers
+ * --------------------------------------------------------------------------------------- */
 
 static bool put(int32_t *key, double x)
 {
@@ -416,7 +423,8 @@ static bool number_piece(const struct spin_page_rows *r, const struct spin_splat
            (!r->cosines || number_cosines(r, p->row, key));
 }
 
-/* ---- What a reader makes of them ------------------------------------------------------------------- */
+/* ---- What a reader makes of them
+ * ------------------------------------------------------------------- */
 
 static double side_at(const struct spin_page_rows *r, const int32_t *extra, int32_t sigma,
                       int32_t middle, double frames, bool before)
@@ -506,7 +514,8 @@ static void true_piece(const struct spin_page_rows *r, const struct spin_splat_f
     unit_of(q, value + SPIN_PAGE_ROTATION);
 }
 
-/* ---- A block ------------------------------------------------------------------------------------------ */
+/* ---- A block
+ * ------------------------------------------------------------------------------------------ */
 
 struct block {
     struct spin_page_rows *r;
@@ -659,7 +668,8 @@ out:
     return status;
 }
 
-/* ---- All of it ---------------------------------------------------------------------------------------- */
+/* ---- All of it
+ * ---------------------------------------------------------------------------------------- */
 
 struct pieces {
     struct piece *at;

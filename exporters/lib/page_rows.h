@@ -1,9 +1,11 @@
-/* 4D splats as blocks of a page: a row once, with its path, its window and the time that it is seen, for a clip whose
- * frames are evenly spaced. exporters/html/format.md says what its columns are.
+/* 4D splats as blocks of a page: a row once, with its path, its window and the time that it is
+ * seen, for a clip whose frames are evenly spaced. exporters/html/format.md says what its columns
+ * are.
  *
- * The page's time counts frames from the first, in ticks. At each tick of a row all its values are within the bounds:
- * a path by its places at even times, an opacity by its shares for height, middle and width of the window. A row that
- * turns far is written as several, one after the other. */
+ * The page's time counts frames from the first, in ticks. At each tick of a row all its values are
+ * within the bounds: a path by its places at even times, an opacity by its shares for height,
+ * middle and width of the window. A row that turns far is written as several, one after the other.
+ */
 #pragma once
 
 #include "exporters/lib/page_group.h"
@@ -44,8 +46,9 @@ typedef spin_status (*spin_page_rows_sink)(void *context, const struct spin_page
 bool spin_page_rows_can(const double *times, int n_frames, double *step);
 /* Chooses steps and columns. */
 void spin_page_rows_begin(struct spin_page_rows *r);
-/* The rows that the filter keeps, whose frame is `view`: the arrays of the splats as those of one. Blocks come by time,
- * first that of rows which last; each is read back and held to the bounds before. */
+/* The rows that the filter keeps, whose frame is `view`: the arrays of the splats as those of one.
+ * Blocks come by time, first that of rows which last; each is read back and held to the bounds
+ * before. */
 spin_status spin_page_rows_write(struct spin_page_rows *r, const struct spin_splat_filter *rows,
                                  spin_page_rows_sink sink, void *context);
 /* What the page must know to read them. */

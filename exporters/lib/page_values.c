@@ -9,7 +9,8 @@
 /* Steps are this much narrower than bounds allow: floats round. */
 #define NARROWER 0.999
 
-/* ---- Bounds ----------------------------------------------------------------------------------- */
+/* ---- Bounds -----------------------------------------------------------------------------------
+ */
 
 spin_status spin_page_bounds_from(const struct spin_plugin_values *v, double size,
                                   struct spin_page_bounds *out)
@@ -53,7 +54,8 @@ double spin_page_step(const struct spin_page_space *space, int column)
     return 2 * NARROWER * bound;
 }
 
-/* ---- Rotations ---------------------------------------------------------------------------------- */
+/* ---- Rotations ----------------------------------------------------------------------------------
+ */
 
 static double length_of(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
@@ -75,7 +77,8 @@ void spin_page_vector_of(const double q[4], double v[3])
         v[c] = k * q[c + 1];
 }
 
-/* From the turn `from` to the value's; of the two ways round, the one that ends nearer to `last`. */
+/* From the turn `from` to the value's; of the two ways round, the one that ends nearer to `last`.
+ */
 static void vector_from(const double from[4], const float *value, const double *last, double v[3])
 {
     double back[4] = {from[0], -from[1], -from[2], -from[3]}, to[4], q[4], angle, other, near = 0,
@@ -97,7 +100,8 @@ static void vector_from(const double from[4], const float *value, const double *
         v[c] *= other;
 }
 
-/* ---- Errors --------------------------------------------------------------------------------------- */
+/* ---- Errors
+ * --------------------------------------------------------------------------------------- */
 
 void spin_page_errors_add(struct spin_quant_error *q, const double *is, const double *want,
                           bool present, int n_sh)
@@ -137,7 +141,8 @@ spin_status spin_page_errors_judge(const struct spin_quant_error *q,
     return SPIN_OK;
 }
 
-/* ---- Places --------------------------------------------------------------------------------------- */
+/* ---- Places
+ * --------------------------------------------------------------------------------------- */
 
 uint64_t spin_page_place_key(const struct spin_page_space *space, const float place[3])
 {
@@ -152,7 +157,8 @@ uint64_t spin_page_place_key(const struct spin_page_space *space, const float pl
     return key;
 }
 
-/* ---- Numbers -------------------------------------------------------------------------------------- */
+/* ---- Numbers
+ * -------------------------------------------------------------------------------------- */
 
 static bool in_range(double x) { return fabs(x) < SPIN_PAGE_MOST - 1; }
 
@@ -165,8 +171,8 @@ static inline unsigned cost_of(int32_t d)
     return u ? 35 - (unsigned)__builtin_clz(u) : 0;
 }
 
-/* The key, in half steps, that is within half a step of x[0] and from which the others change least. False:
- * out of range. */
+/* The key, in half steps, that is within half a step of x[0] and from which the others change
+ * least. False: out of range. */
 static bool choose_key(const double *x, int n, double step, int32_t *key)
 {
     double half = step / 2, least = (double)UINT32_MAX;
@@ -202,7 +208,8 @@ static void number_rotation(const struct spin_page_space *space, const float *co
     double step = spin_page_step(space, SPIN_PAGE_ROTATION), base[4], first[4], off[3], part[4],
            v[3], last[3] = {0};
 
-    /* Where to stand, so that most of what follows is no change: as in choose_key(), from the first. */
+    /* Where to stand, so that most of what follows is no change: as in choose_key(), from the
+     * first. */
     for (int c = 0; c < 4; c++)
         first[c] = (double)value[0][SPIN_PAGE_ROTATION + c];
     for (int f = 0; f < n_frames; f++) {

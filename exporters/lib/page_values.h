@@ -1,5 +1,5 @@
-/* A splat as whole numbers within stated bounds, and back: what a page's blocks hold. A row has a key, in half
- * steps, and in each frame its distance to it, in whole steps (columns in this order):
+/* A splat as whole numbers within stated bounds, and back: what a page's blocks hold. A row has a
+ * key, in half steps, and in each frame its distance to it, in whole steps (columns in this order):
  *
  *     0 place x y z      world units, from the centre
  *     3 colour r g b     of the degree 0 term: 0.5 + C0 dc
@@ -9,8 +9,8 @@
  *                        turn, that of a frame from the key's
  *    13 sh               coefficient by coefficient, r g b within
  *
- * A step is twice the bound, so the nearest number is within it; of a rotation's three numbers each has its
- * share, and turning in the curved space of rotations only shortens distances. */
+ * A step is twice the bound, so the nearest number is within it; of a rotation's three numbers each
+ * has its share, and turning in the curved space of rotations only shortens distances. */
 #pragma once
 
 #include "exporters/lib/quant_error.h"
@@ -38,14 +38,15 @@ struct spin_page_space {
     struct spin_page_bounds bounds;
 };
 
-/* Bounds by name, "fine|normal|coarse" by 0, 1, 2, for a scene of this size; then the user's own of --bound-*. */
+/* Bounds by name, "fine|normal|coarse" by 0, 1, 2, for a scene of this size; then the user's own of
+ * --bound-*. */
 spin_status spin_page_bounds_from(const struct spin_plugin_values *v, double size,
                                   struct spin_page_bounds *out);
 double spin_page_step(const struct spin_page_space *space, int column);
 
-/* A row over n_frames: value[f][SPIN_PAGE_COLUMNS + 1], where the rotation takes four, w x y z, before sh.
- * present[f] 0: not there, it is drawn with no opacity. key[columns] and number[c * pitch + f]. False when
- * a number would be SPIN_PAGE_MOST or more. */
+/* A row over n_frames: value[f][SPIN_PAGE_COLUMNS + 1], where the rotation takes four, w x y z,
+ * before sh. present[f] 0: not there, it is drawn with no opacity. key[columns] and number[c *
+ * pitch + f]. False when a number would be SPIN_PAGE_MOST or more. */
 enum { SPIN_PAGE_WIDTH = SPIN_PAGE_COLUMNS + 1, SPIN_PAGE_VALUE_SH = SPIN_PAGE_SH + 1 };
 bool spin_page_number_row(const struct spin_page_space *space, const float *const *value,
                           const uint8_t *present, int n_frames, int n_sh, int32_t *key,
@@ -58,8 +59,9 @@ void spin_page_turn_of(const double v[3], double q[4]);
 void spin_page_vector_of(const double q[4], double v[3]);
 /* A place on a Morton curve, for sorting. */
 uint64_t spin_page_place_key(const struct spin_page_space *space, const float place[3]);
-/* Adds how far the values that a reader has are from those wanted, rotations in radians; of what is not there only the
- * opacity counts. SPIN_E_MALFORMED: one of the largest is more than its bound. */
+/* Adds how far the values that a reader has are from those wanted, rotations in radians; of what is
+ * not there only the opacity counts. SPIN_E_MALFORMED: one of the largest is more than its bound.
+ */
 void spin_page_errors_add(struct spin_quant_error *q, const double *is, const double *want,
                           bool present, int n_sh);
 spin_status spin_page_errors_judge(const struct spin_quant_error *q,

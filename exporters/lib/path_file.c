@@ -4,7 +4,8 @@
 #include "io/file.h"
 #include "io/json.h"
 
-/* Of the length of an axis, and of the cosine between two: more than what rounding to a few digits does. */
+/* Of the length of an axis, and of the cosine between two: more than what rounding to a few digits
+ * does. */
 #define CROOKED 2e-3
 
 enum { MOST_POSES = 10000000, MOST_SIDE = 16384 };
@@ -16,8 +17,8 @@ static double dot(const double *a, const double *b)
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/* Camera to world, 3 x 4, of a camera whose y and z are turned by `sign`, to w2c. The axes are made straight: the third,
- * then the second. False: it is no rotation. */
+/* Camera to world, 3 x 4, of a camera whose y and z are turned by `sign`, to w2c. The axes are made
+ * straight: the third, then the second. False: it is no rotation. */
 static bool invert(const double m[12], double sign, double w2c[12])
 {
     double axis[3][3], length[3], across[3], det;
@@ -81,7 +82,8 @@ static spin_status add(struct spin_path_file *f, size_t *room, const double *m, 
 
 /* ---- JSON ------------------------------------------------------------------------------------ */
 
-/* Numbers of a list, and of lists in it, into m[17]; how many there are, at most 17. 0: something else is there. */
+/* Numbers of a list, and of lists in it, into m[17]; how many there are, at most 17. 0: something
+ * else is there. */
 static size_t numbers_of(const spin_json *j, double *m)
 {
     size_t n = 0;

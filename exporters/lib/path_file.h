@@ -15,8 +15,9 @@ struct spin_path_file {
     double fps;                  /* 0: not said */
 };
 
-/* An object is nerfstudio's, whose matrices lead from cameras with x right, y up, z back to the world. A list, or a text
- * with a matrix a line, has matrices of 3 x 4 or 4 x 4 numbers, row by row, from cameras with x right, y down, z ahead
- * to the world. SPIN_E_MALFORMED names the matrix. */
+/* An object is nerfstudio's, whose matrices lead from cameras with x right, y up, z back to the
+ * world. A list, or a text with a matrix a line, has matrices of 3 x 4 or 4 x 4 numbers, row by
+ * row, from cameras with x right, y down, z ahead to the world. SPIN_E_MALFORMED names the matrix.
+ */
 spin_status spin_path_file_open(const char *path, struct spin_path_file *out);
 void spin_path_file_close(struct spin_path_file *file);

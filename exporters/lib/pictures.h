@@ -1,4 +1,5 @@
-/* Pictures of numbers that become members of a zip: filled, packed side by side as lossless WebP, written. */
+/* Pictures of numbers that become members of a zip: filled, packed side by side as lossless WebP,
+ * written. */
 #pragma once
 
 #include "base/pool.h"

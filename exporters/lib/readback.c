@@ -20,7 +20,8 @@ void spin_readback_frame(struct spin_readback *e, const struct spin_export_job *
         }
 }
 
-/* Pixels that a step of length `off` across the line of sight is at most; -1: the picture does not show the place. */
+/* Pixels that a step of length `off` across the line of sight is at most; -1: the picture does not
+ * show the place. */
 static double pixels_of(const struct spin_camera *c, const float mean[3], double off)
 {
     double p[3];

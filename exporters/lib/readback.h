@@ -1,5 +1,5 @@
-/* What was written against what its importer reads: how far each value is off, places also in the sizes of the splats
- * and in pixels of the cameras that see them. */
+/* What was written against what its importer reads: how far each value is off, places also in the
+ * sizes of the splats and in pixels of the cameras that see them. */
 #pragma once
 
 #include "exporters/lib/quant_error.h"
@@ -25,8 +25,8 @@ void spin_readback_frame(struct spin_readback *e, const struct spin_export_job *
 /* A splat whose place is off by so much, in the source's axes and units. */
 void spin_readback_add(struct spin_readback *e, const float mean[3], const float log_scale[3],
                        double off);
-/* Row i of the source against what the file has of it: `there`, and the coefficients sh [3 spin_sh_count(degree)].
- * What the source does not have should read as zero. */
+/* Row i of the source against what the file has of it: `there`, and the coefficients sh [3
+ * spin_sh_count(degree)]. What the source does not have should read as zero. */
 void spin_readback_row(struct spin_readback *e, const struct spin_splat_filter *rows, size_t i,
                        const struct spin_gaussian *there, const float *sh, int degree);
 /* All rows of the frame were seen. */

@@ -1,11 +1,12 @@
-/* --check: what was written is read back by its importer and held to the bundle - counts, the box around the places,
- * how far each value is off, and a picture of one frame. */
+/* --check: what was written is read back by its importer and held to the bundle - counts, the box
+ * around the places, how far each value is off, and a picture of one frame. */
 #include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/readback.h"
 
-/* What is left of a value after float arithmetic there and back: of positions as a share of the farthest coordinate. */
+/* What is left of a value after float arithmetic there and back: of positions as a share of the
+ * farthest coordinate. */
 static const double SLACK[SPIN_QUANT_PARTS] = {1e-6, 1e-5, 1e-2, 1e-6, 1e-5, 1e-5};
 
 struct check {
@@ -34,8 +35,9 @@ static bool is_finite(const struct spin_splats *s, size_t j)
     return sum + s->logit_opacities[j] * 0 == 0;
 }
 
-/* A frame as its file has it, in the file's axes and order, against the chosen rows of the bundle's: row[j] is the one
- * that the file's row j came from, NULL: those kept, in the source's order. */
+/* A frame as its file has it, in the file's axes and order, against the chosen rows of the
+ * bundle's: row[j] is the one that the file's row j came from, NULL: those kept, in the source's
+ * order. */
 static spin_status compare(struct check *check, const char *path, const struct spin_keyed *row)
 {
     const struct spin_splat_filter *rows = &check->x->rows;
@@ -64,7 +66,8 @@ static spin_status compare(struct check *check, const char *path, const struct s
 
 /* ---- A picture ------------------------------------------------------------------------------- */
 
-/* A camera of the data set that saw the frame, a held-out one if there is; else the front, as in a page. */
+/* A camera of the data set that saw the frame, a held-out one if there is; else the front, as in a
+ * page. */
 static spin_status choose_camera(const struct spin_export_job *job, int frame,
                                  const struct spin_splats *s, struct spin_camera *out)
 {
@@ -135,8 +138,8 @@ static spin_status compare_pictures(struct check *check, int frame, int number)
 
 /* ---- All frames ------------------------------------------------------------------------------ */
 
-/* Whether the files hold what was written into them, with the errors that rounding was seen to make then (none of a
- * format that rounds nothing). */
+/* Whether the files hold what was written into them, with the errors that rounding was seen to make
+ * then (none of a format that rounds nothing). */
 static spin_status judge(const struct check *check, const struct spin_quant_error *written)
 {
     static const char *const name[] = {"positions", "log scales", "rotations (degrees)",
@@ -196,7 +199,8 @@ static int rendered_frame(const struct spin_frames *x)
     return best;
 }
 
-/* Frame f of the export, the frame `within` of a file. A file of no splats is none that an importer takes. */
+/* Frame f of the export, the frame `within` of a file. A file of no splats is none that an importer
+ * takes. */
 static spin_status check_frame(struct check *check, int f, const char *path, int within)
 {
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;

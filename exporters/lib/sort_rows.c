@@ -15,7 +15,8 @@ spin_status spin_sort_rows_fill(struct spin_sort_rows *order, const struct spin_
     return SPIN_OK;
 }
 
-/* A radix sort: eleven bits at a time, from the low end; rounds in which all keys agree are skipped. */
+/* A radix sort: eleven bits at a time, from the low end; rounds in which all keys agree are
+ * skipped. */
 void spin_sort_rows_sort(struct spin_sort_rows *order)
 {
     enum { BITS = 11, N = 1 << BITS };

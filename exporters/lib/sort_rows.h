@@ -13,12 +13,14 @@ struct spin_sort_rows {
     size_t n;
 };
 
-/* The kept rows in the source's order, keys zero. Zero *order before; spin_sort_rows_free() releases it. */
+/* The kept rows in the source's order, keys zero. Zero *order before; spin_sort_rows_free()
+ * releases it. */
 spin_status spin_sort_rows_fill(struct spin_sort_rows *order, const struct spin_splat_filter *rows);
 
 /* By rising key; rows of one key keep their order. */
 void spin_sort_rows_sort(struct spin_sort_rows *order);
-/* Sets the keys and sorts: the largest and least transparent splats come first, by volume times opacity. */
+/* Sets the keys and sorts: the largest and least transparent splats come first, by volume times
+ * opacity. */
 void spin_sort_rows_by_size(struct spin_sort_rows *order, const struct spin_splats *s);
 
 /* Likewise in the order of Morton: neighbours in space mostly stand together. */

@@ -1,5 +1,5 @@
-/* Which rows are written, for all formats: math/drawable.h says which are left out (--max-scale changes the limit). How
- * many, and why, is said for each such frame and reported at the end.
+/* Which rows are written, for all formats: math/drawable.h says which are left out (--max-scale
+ * changes the limit). How many, and why, is said for each such frame and reported at the end.
  *
  * An infinite logit is a saturated opacity and is written as a finite one. */
 #include "exporters/lib/splat_filter.h"
@@ -52,7 +52,8 @@ void spin_splat_filter_rest(const struct spin_splat_filter *rows, size_t block, 
     size_t first = block * SPIN_ROWS_BLOCK, n = end_of(rows, block) - first;
     size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
 
-    /* A small frame stays until it is done with: giving memory back stops all threads for a moment. */
+    /* A small frame stays until it is done with: giving memory back stops all threads for a moment.
+     */
     if (!s->mapped || (11 + n_sh) * sizeof(float) * s->n < SMALL)
         return;
     if (columns & SPIN_COL_MEANS)
@@ -184,7 +185,8 @@ void spin_splat_filter_keep(struct spin_splat_filter *rows, const unsigned char 
     add_up(rows);
 }
 
-/* ---- One row ---------------------------------------------------------------------------------- */
+/* ---- One row ----------------------------------------------------------------------------------
+ */
 
 void spin_splat_filter_direction(const struct spin_splat_filter *rows, const float v[3],
                                  float out[3])

@@ -16,9 +16,9 @@
                                                      .wants =                                      \
                                                          SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,     \
                                                      __VA_ARGS__}
-/* Defines an exporter whose begin() makes a `struct export` of zeros, which prepare(it, job) fills, and whose end()
- * does finish(it). discard(void *it) is its abort(), and comes after a failure of prepare() and after finish() too: it
- * frees all, and removes what was not committed. */
+/* Defines an exporter whose begin() makes a `struct export` of zeros, which prepare(it, job) fills,
+ * and whose end() does finish(it). discard(void *it) is its abort(), and comes after a failure of
+ * prepare() and after finish() too: it frees all, and removes what was not committed. */
 #define SPIN_OWN_EXPORTER(id, label, prepare, finish, discard, ...)                                \
     static spin_status spin_begin_##id(const struct spin_export_job *job, void **self)             \
     {                                                                                              \
@@ -94,8 +94,9 @@ spin_status spin_splat_filter_begin(struct spin_splat_filter *rows,
                                     const struct spin_export_job *job, const double *axes);
 /* An --sh of the user's, of splats of degree `kept` (-1: none). */
 spin_status spin_splat_filter_parse_sh(const char *text, int kept, int *out);
-/* 4D splats: the mean number of splats that the kept rows show in each frame becomes the job's report's. from: the row
- * of job->splats_4d that each row is; NULL: the same. times: those of the n_frames frames that are written. */
+/* 4D splats: the mean number of splats that the kept rows show in each frame becomes the job's
+ * report's. from: the row of job->splats_4d that each row is; NULL: the same. times: those of the
+ * n_frames frames that are written. */
 spin_status spin_splat_filter_report_4d(const struct spin_splat_filter *rows,
                                         const struct spin_export_job *job, const size_t *from,
                                         const double *times, int n_frames);
@@ -122,7 +123,8 @@ static inline int spin_splat_filter_workers(const struct spin_splat_filter *rows
     return spin_pool_n_threads(rows->pool);
 }
 
-/* ---- One row, as it is written ---------------------------------------------------------------- */
+/* ---- One row, as it is written ----------------------------------------------------------------
+ */
 
 /* Turned to the axes of the file; the rotation of unit length, w >= 0. */
 void spin_splat_filter_place(const struct spin_splat_filter *rows, size_t i, float out[3]);
@@ -143,5 +145,6 @@ static inline int spin_splat_filter_n_sh(const struct spin_splat_filter *rows)
     return spin_sh_count(from < to ? from : to);
 }
 
-/* The first spin_splat_filter_n_sh() of them, [k][3]; in `room` [16][3] where they must be turned. */
+/* The first spin_splat_filter_n_sh() of them, [k][3]; in `room` [16][3] where they must be turned.
+ */
 const float *spin_splat_filter_sh(const struct spin_splat_filter *rows, size_t i, float *room);

@@ -49,7 +49,8 @@ static spin_status list_rows(struct spin_still_rows *s, const struct spin_splat_
     return SPIN_OK;
 }
 
-/* A row of the frame at hand for each of s->kept, or NONE. Of several alike each takes another one. */
+/* A row of the frame at hand for each of s->kept, or NONE. Of several alike each takes another one.
+ */
 static void pair(struct spin_still_rows *s, const struct spin_splat_filter *rows)
 {
     size_t at = 0;

@@ -1,5 +1,5 @@
-/* Splats that are the same in all frames of a clip: to the bit, as they would be written. They are told by
- * what they hold, so the order of rows may differ from frame to frame. */
+/* Splats that are the same in all frames of a clip: to the bit, as they would be written. They are
+ * told by what they hold, so the order of rows may differ from frame to frame. */
 #pragma once
 
 #include <string.h>
@@ -17,12 +17,13 @@ struct spin_still_rows {
     struct spin_still_row *now;  /* the chosen rows of the frame at hand, by hash */
     unsigned char *keep;         /* [rows] 1: a row of the frame at hand that is not one of them */
     uint32_t *mate; /* [n_first] of rows of the first frame: which row of the frame at hand each is;
-                                  * UINT32_MAX: none */
+                     * UINT32_MAX: none */
     size_t n_first;
     struct spin_keyed *order; /* [rows] see spin_still_rows_order() */
 };
 
-/* n words of 4 bytes into two numbers of 64 bits, mixed by different factors: equal ones mean equal bytes. */
+/* n words of 4 bytes into two numbers of 64 bits, mixed by different factors: equal ones mean equal
+ * bytes. */
 static inline void spin_still_hash(uint64_t hash[2], const void *words, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
@@ -36,12 +37,12 @@ static inline void spin_still_hash(uint64_t hash[2], const void *words, size_t n
     }
 }
 
-/* Read all frames by job->again() and find them. Where no row stays, frames are read up to the one that
- * says so. Zero it before, free it also after a failure. */
+/* Read all frames by job->again() and find them. Where no row stays, frames are read up to the one
+ * that says so. Zero it before, free it also after a failure. */
 spin_status spin_still_rows_find(struct spin_still_rows *still, struct spin_splat_filter *rows,
                                  const struct spin_export_job *job);
-/* The chosen rows of a frame without those that stay. SPIN_E_IO when one of them is not there: the frame
- * was another one when it was read first. */
+/* The chosen rows of a frame without those that stay. SPIN_E_IO when one of them is not there: the
+ * frame was another one when it was read first. */
 spin_status spin_still_rows_leave_out(struct spin_still_rows *still, struct spin_splat_filter *rows,
                                       int number);
 /* After it, of the first frame: only those that stay, instead. */

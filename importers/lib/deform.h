@@ -1,5 +1,5 @@
-/* Clouds of canonical Gaussians that a network deforms: a frame, shapes whose residuals come after the
- * activation, and saves in two folders. */
+/* Clouds of canonical Gaussians that a network deforms: a frame, shapes whose residuals come after
+ * the activation, and saves in two folders. */
 #pragma once
 
 #include "importers/lib/model.h"
@@ -15,25 +15,26 @@ struct deform_job {
     float time;
 };
 
-/* One frame: the columns in `moved` by `fn`, which gets a struct deform_job, the others as they are in the
- * canonical cloud, quaternions of unit length. */
+/* One frame: the columns in `moved` by `fn`, which gets a struct deform_job, the others as they are
+ * in the canonical cloud, quaternions of unit length. */
 spin_status spin_deform_frame(struct spin_model *m, double time, unsigned columns, unsigned moved,
                               mlp_block_fn fn, struct spin_splats *out);
 
-/* Scales and quaternions of n rows with their residuals [3][MLP_BLOCK] and [4][MLP_BLOCK], which are added after
- * the activation, not normalised, as the ellipsoid that the methods' rasteriser makes of them. NaN where there is
- * none. */
+/* Scales and quaternions of n rows with their residuals [3][MLP_BLOCK] and [4][MLP_BLOCK], which
+ * are added after the activation, not normalised, as the ellipsoid that the methods' rasteriser
+ * makes of them. NaN where there is none. */
 void spin_deform_shape(const struct deform_job *job, size_t first, int n, const float *d_scale,
                        const float *d_quat);
 
-/* Saves of Deformable 3D Gaussians and its descendants: point_cloud/iteration_<N>/point_cloud.ply and
- * deform/iteration_<N>/deform.pth of one model. */
+/* Saves of Deformable 3D Gaussians and its descendants: point_cloud/iteration_<N>/point_cloud.ply
+ * and deform/iteration_<N>/deform.pth of one model. */
 struct deform_save {
     const char *model, *name;    /* the model's folder, iteration_<N> */
     const char *cloud, *network; /* the two files */
 };
 
-/* `path` is the model's folder, or MODEL/deform/iteration_<N>/deform.pth, which says the save. Option `iteration`:
- * N or "best"; without, the last of which both halves are there; together: the last of either must be it. */
+/* `path` is the model's folder, or MODEL/deform/iteration_<N>/deform.pth, which says the save.
+ * Option `iteration`: N or "best"; without, the last of which both halves are there; together: the
+ * last of either must be it. */
 spin_status spin_deform_find(struct spin_model *m, const char *path, bool together,
                              struct deform_save *out);

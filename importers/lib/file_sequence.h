@@ -1,5 +1,5 @@
-/* The files of a clip that has one for each frame, in one folder; or a single file. There is no standard
- * for these: frames go by the last number in the name. */
+/* The files of a clip that has one for each frame, in one folder; or a single file. There is no
+ * standard for these: frames go by the last number in the name. */
 #pragma once
 
 #include "importers/lib/model.h"
@@ -34,10 +34,11 @@ spin_status spin_file_sequence_list(struct spin_model *m, const char *folder, co
 /* Those, of which there must be one; or the file `path`, whatever its name. */
 spin_status spin_file_sequence_find(struct spin_model *m, const char *path, const char *suffix,
                                     struct spin_file_sequence *seq);
-/* Of formats that hold a clip in a file: that file, or the only one of its kind in the folder `path`. */
+/* Of formats that hold a clip in a file: that file, or the only one of its kind in the folder
+ * `path`. */
 spin_status spin_file_sequence_one(struct spin_model *m, const char *path, const char *suffix,
                                    const char **out);
-/* Numeric order; "frame_10" comes after "frame_9". Without any numbers the order of the names. Notes
- * missing numbers. */
+/* Numeric order; "frame_10" comes after "frame_9". Without any numbers the order of the names.
+ * Notes missing numbers. */
 spin_status spin_file_sequence_sort(struct spin_file_sequence *seq,
                                     struct spin_sequence_info *sequence);

@@ -24,8 +24,8 @@ struct hexplane {
     float *voxel_min, *voxel_max; /* [3] */
 };
 
-/* Finds the network in the tensors: derived tools put a word in front of every key. False when this is no such
- * network. */
+/* Finds the network in the tensors: derived tools put a word in front of every key. False when this
+ * is no such network. */
 bool spin_hex_find(struct spin_model *m);
 
 /* Everything but the heads, which are spin_model_head(). grid_pe is 0 where it is not known. */
@@ -34,8 +34,8 @@ spin_status spin_hex_load(struct spin_model *m, double grid_pe, struct hexplane 
 /* Floats of scratch for a block: two layers of it. */
 size_t spin_hex_scratch(const struct hexplane *hex);
 
-/* hidden [width][MLP_BLOCK] of n points at xyz [n][3], after the ReLU that every head begins with, in scratch of
- * spin_hex_scratch() floats; *spare is the layer of it that is free. mask: what a point keeps of its canonical
- * values, 1 in most models. */
+/* hidden [width][MLP_BLOCK] of n points at xyz [n][3], after the ReLU that every head begins with,
+ * in scratch of spin_hex_scratch() floats; *spare is the layer of it that is free. mask: what a
+ * point keeps of its canonical values, 1 in most models. */
 float *spin_hex_hidden(const struct hexplane *hex, const float *xyz, int n, float time,
                        float *scratch, float **spare, float mask[MLP_BLOCK]);

@@ -7,7 +7,7 @@
 #include "spin.h"
 
 enum {
-    MLP_BLOCK = 32,    /* points */
+    MLP_BLOCK = 32, /* points */
     MLP_MAX_WIDTH = 8192,
     MLP_MAX_LAYERS = 34
 };
@@ -37,9 +37,9 @@ struct mlp_net {
 int spin_mlp_n_out(const struct mlp_net *net);
 size_t spin_mlp_widest(const struct mlp_net *net);
 
-/* All layers over a block. `in` is not changed, and may be a or b, which take turns: the first result that can goes
- * to a. Returns which of them has the last one; b may be NULL for one layer that is not to go there. With `again`,
- * `in` is neither and has room for a layer behind it. */
+/* All layers over a block. `in` is not changed, and may be a or b, which take turns: the first
+ * result that can goes to a. Returns which of them has the last one; b may be NULL for one layer
+ * that is not to go there. With `again`, `in` is neither and has room for a layer behind it. */
 float *spin_mlp_run(const struct mlp_net *net, float *in, float *a, float *b);
 
 /* Evaluates points first .. first + n - 1, n at most MLP_BLOCK, with `scratch` to itself. */

@@ -1,5 +1,6 @@
-/* A model of a method from open() to close(): what it holds, how the files of a run are found and read, and how
- * tensors, layers and columns get out of them. An importer's own struct begins with a struct spin_model. */
+/* A model of a method from open() to close(): what it holds, how the files of a run are found and
+ * read, and how tensors, layers and columns get out of them. An importer's own struct begins with a
+ * struct spin_model. */
 #pragma once
 
 #include "base/base.h"
@@ -28,8 +29,8 @@ struct spin_model {
     struct spin_sequence_info *sequence;
 };
 
-/* Defines the importer `id`, whose model is a `type`: a new one is given to fn(model, path), and to closes(model) at
- * last. What else its table has follows, `.summary = "..."` and so on. */
+/* Defines the importer `id`, whose model is a `type`: a new one is given to fn(model, path), and to
+ * closes(model) at last. What else its table has follows, `.summary = "..."` and so on. */
 #define SPIN_MODEL_IMPORTER(id, type, fn, closes, ...)                                             \
     static spin_status spin_open_##id(const char *path, const struct spin_plugin_values *values,   \
                                       void **self, struct spin_sequence_info *sequence)            \
@@ -42,7 +43,8 @@ struct spin_model {
                                                      .open = spin_open_##id,                       \
                                                      .close = closes,                              \
                                                      __VA_ARGS__};
-/* The same of a reader of data sets, whose struct lives while fn(it, views) runs: `label` is the plug-in's. */
+/* The same of a reader of data sets, whose struct lives while fn(it, views) runs: `label` is the
+ * plug-in's. */
 #define SPIN_VIEWS_IMPORTER(id, label, type, fn, ...)                                              \
     static spin_status spin_views_##id(const char *path, const struct spin_plugin_values *values,  \
                                        struct spin_views *out)                                     \
@@ -63,8 +65,8 @@ struct spin_model {
 spin_status spin_model_open(const char *path, const struct spin_plugin_values *values, void **self,
                             struct spin_sequence_info *sequence, size_t bytes,
                             spin_status (*fn)(void *self, const char *path));
-/* An importer's close(): all that the struct above holds, and the model. Or without the model: readers of data sets
- * begin with a struct of zeros and values alone, for its memory. */
+/* An importer's close(): all that the struct above holds, and the model. Or without the model:
+ * readers of data sets begin with a struct of zeros and values alone, for its memory. */
 void spin_model_close(void *self);
 void spin_model_clear(struct spin_model *m);
 
@@ -76,7 +78,8 @@ spin_status spin_model_bool(const struct spin_model *m, const char *option, cons
                             bool *out);
 spin_status spin_model_number(const struct spin_model *m, const char *option, const char *key,
                               double *out);
-/* Which of words "a|b|c" the option (or NULL) says, else `key` of cfg_args in its quotes; -1: neither, or another. */
+/* Which of words "a|b|c" the option (or NULL) says, else `key` of cfg_args in its quotes; -1:
+ * neither, or another. */
 spin_status spin_model_word(const struct spin_model *m, const char *option, const char *key,
                             const char *words, int *out);
 /* (m, count, size, out): zeroed, as long as the model lives; until open() is over. */
@@ -95,13 +98,14 @@ spin_status spin_model_absolute(struct spin_model *m, const char **out, const ch
 /* As spin_folder_list(). */
 spin_status spin_model_names(struct spin_model *m, const char *folder, char ***names, size_t *n);
 
-/* What most sequences have in common: any time from 0 to 1, rows of which each is the same Gaussian, all columns, of
- * which those in `moved` change. counts: as long as the model, or NULL. */
+/* What most sequences have in common: any time from 0 to 1, rows of which each is the same
+ * Gaussian, all columns, of which those in `moved` change. counts: as long as the model, or NULL.
+ */
 void spin_model_describe(const struct spin_model *m, const size_t *counts, int sh_degree,
                          unsigned moved);
 
-/* Models that are 4D splats fill m->splats_4d, and call this: they are settled, and described as any time from 0 to 1
- * without identity. Their frame() and splats_4d() are the two below. */
+/* Models that are 4D splats fill m->splats_4d, and call this: they are settled, and described as
+ * any time from 0 to 1 without identity. Their frame() and splats_4d() are the two below. */
 spin_status spin_model_settle_4d(struct spin_model *m);
 spin_status spin_model_slice(void *self, int frame, double time, unsigned columns,
                              struct spin_splats *out);
@@ -115,7 +119,8 @@ bool spin_peek_says(const struct spin_peek *peek, const char *word);
 
 /* ---- Columns --------------------------------------------------------------------------------- */
 
-/* Of splats by number, in the order of enum spin_column, from means to SH: values and floats of a row. */
+/* Of splats by number, in the order of enum spin_column, from means to SH: values and floats of a
+ * row. */
 enum { SPIN_MODEL_COLUMNS = 5 };
 float *spin_model_values(const struct spin_splats *s, int column, size_t *width);
 /* The columns of a frame: arithmetic can leave the range of floats where the file did not. */
@@ -127,30 +132,31 @@ spin_status spin_model_check(const char *path, double time, unsigned columns,
 /* N of a folder named exactly iteration_<digits>, else -1. */
 long long spin_model_iteration(const char *name);
 bool spin_model_holds(const char *folder, const char *file);
-/* The name of the save to read, "iteration_<N>" of `folder` with `file` in it, and `file2` (not NULL) in that of
- * folder2: `wanted` is N or "best", NULL the largest N that is whole, and "best" when there is no number. NULL
- * when there is none. */
+/* The name of the save to read, "iteration_<N>" of `folder` with `file` in it, and `file2` (not
+ * NULL) in that of folder2: `wanted` is N or "best", NULL the largest N that is whole, and "best"
+ * when there is no number. NULL when there is none. */
 spin_status spin_model_choose(struct spin_model *m, const char *wanted, const char *folder,
                               const char *file, const char *folder2, const char *file2,
                               const char **out);
-/* The model's path: `path` itself, or of the files of this folder, or of `inner` in it, the one of the greatest step,
- * by step_of(name), -1: none. `called` says in messages what such files are called. */
+/* The model's path: `path` itself, or of the files of this folder, or of `inner` in it, the one of
+ * the greatest step, by step_of(name), -1: none. `called` says in messages what such files are
+ * called. */
 spin_status spin_model_newest(struct spin_model *m, const char *path, const char *inner,
                               long long (*step_of)(const char *name), const char *called);
-/* The folder of the save to read, as option `iteration` says, for models whose network `network` lies beside the
- * cloud: `path` is the model's folder, the point_cloud in it, a save, or one of the two files. NULL when there is
- * none. */
+/* The folder of the save to read, as option `iteration` says, for models whose network `network`
+ * lies beside the cloud: `path` is the model's folder, the point_cloud in it, a save, or one of the
+ * two files. NULL when there is none. */
 spin_status spin_model_save(struct spin_model *m, const char *path, const char *network,
                             const char **out);
-/* Whether `file` is in a save of the model, or in the model itself; *coarse: there are saves of a first stage
- * only. */
+/* Whether `file` is in a save of the model, or in the model itself; *coarse: there are saves of a
+ * first stage only. */
 bool spin_model_search(const char *path, const char *file, bool *coarse);
-/* The file `name` in folder `path`, or else in `save` or up to two folders above it; save may be NULL. NULL when
- * there is none. */
+/* The file `name` in folder `path`, or else in `save` or up to two folders above it; save may be
+ * NULL. NULL when there is none. */
 spin_status spin_model_beside(struct spin_model *m, const char *path, const char *save,
                               const char *name, const char **out);
-/* For checkpoints: the cfg_args beside the model's path, and the YAML that option `config` names, else one found there
- * that tells the clip's times. */
+/* For checkpoints: the cfg_args beside the model's path, and the YAML that option `config` names,
+ * else one found there that tells the clip's times. */
 spin_status spin_model_config(struct spin_model *m);
 /* Opens the cfg_args found so into the settings, whose path stays NULL when there is none. */
 spin_status spin_model_cfg(struct spin_model *m, const char *path, const char *save);
@@ -167,12 +173,14 @@ spin_status spin_model_columns(const struct spin_ply *ply, const struct spin_ply
 int spin_model_count(const struct spin_ply_element *e, const char *prefix);
 /* Opens a cloud of any kind as the one at hand. */
 spin_status spin_model_ply(struct spin_model *m, const char *path);
-/* The same of any properties and at least one vertex; of Gaussians, perhaps none, of SH degree at most 3. */
+/* The same of any properties and at least one vertex; of Gaussians, perhaps none, of SH degree at
+ * most 3. */
 spin_status spin_model_vertices(struct spin_model *m, const char *path,
                                 const struct spin_ply_element **vertex);
 spin_status spin_model_cloud(struct spin_model *m, const char *path, struct spin_gs_ply *cloud);
-/* All columns into the canonical splats as they are stored, quaternions not normalised. Besides, where `extra` is
- * not NULL, properties extra0, extra1, ... [n][n_extra]; n_extra 0: the one of that very name. */
+/* All columns into the canonical splats as they are stored, quaternions not normalised. Besides,
+ * where `extra` is not NULL, properties extra0, extra1, ... [n][n_extra]; n_extra 0: the one of
+ * that very name. */
 spin_status spin_model_read(struct spin_model *m, const char *path, const char *extra, int n_extra,
                             float **values);
 
@@ -183,8 +191,8 @@ spin_status spin_model_torch(struct spin_model *m, const char *path,
                              spin_status (*fn)(struct spin_model *m));
 /* What was saved is a dict: the tensors. */
 spin_status spin_model_dict(struct spin_model *m);
-/* All their names begin with the prefix and one of these: methods built on one add to its network, which would change
- * the result. The list ends with NULL. */
+/* All their names begin with the prefix and one of these: methods built on one add to its network,
+ * which would change the result. The list ends with NULL. */
 spin_status spin_model_keys(const struct spin_model *m, const char *const *stems);
 /* The value prefix + key, and whether there is one: NULL when not. */
 const struct spin_value *spin_model_get(const struct spin_model *m, const char *fmt, ...)
@@ -192,10 +200,12 @@ const struct spin_value *spin_model_get(const struct spin_model *m, const char *
 /* A tensor by name as floats; -1 in `shape` matches anything. info: or NULL. */
 spin_status spin_model_floats(struct spin_model *m, const char *key, int n_dims,
                               const int64_t *shape, struct spin_array *info, float **out);
-/* Appends to a network the layer `key`.weight, `key`.bias; n_in and n_out are -1 where any will do. */
+/* Appends to a network the layer `key`.weight, `key`.bias; n_in and n_out are -1 where any will do.
+ */
 spin_status spin_model_layer(struct spin_model *m, const char *key, int n_in, int n_out,
                              enum mlp_ending ending, struct mlp_net *net);
-/* Layers stem.from, stem.(from + 2), ... as long as there are any, each [width][width] with a ReLU behind it. */
+/* Layers stem.from, stem.(from + 2), ... as long as there are any, each [width][width] with a ReLU
+ * behind it. */
 spin_status spin_model_trunk(struct spin_model *m, const char *stem, int from, int width,
                              struct mlp_net *net);
 /* Two layers, name.1 with a ReLU and name.3. */

@@ -41,11 +41,11 @@ void spin_ntc_free(struct ntc *n);
 /* Freed again on failure. */
 spin_status spin_ntc_open(const char *path, const struct ntc_shape *shape, struct ntc *n);
 
-/* Features of a point of the unit cube into a column of a block [n_in][MLP_BLOCK], which the net takes. Padding is
- * 0 after a grid, 1 after bare inputs. */
+/* Features of a point of the unit cube into a column of a block [n_in][MLP_BLOCK], which the net
+ * takes. Padding is 0 after a grid, 1 after bare inputs. */
 void spin_ntc_encode(const struct ntc *n, const float x[3], float *out);
 
-/* One step in time of `count` Gaussians, at most MLP_BLOCK: mu += d, q = unit(q) * unit(r), inside the box only.
- * Spherical harmonics are not turned: the upstream computes that and drops it. scratch: three times
- * spin_mlp_widest(). */
+/* One step in time of `count` Gaussians, at most MLP_BLOCK: mu += d, q = unit(q) * unit(r), inside
+ * the box only. Spherical harmonics are not turned: the upstream computes that and drops it.
+ * scratch: three times spin_mlp_widest(). */
 void spin_ntc_apply(const struct ntc *n, int count, float *means, float *quats, float *scratch);

@@ -8,7 +8,8 @@
  *
  *     Namespace(sh_degree=3, ..., grid_args={'bound': 1.6}, no_do=True, ...)
  *
- * Values are Python literals. They are looked up in the text, as spans of it, and never evaluated. */
+ * Values are Python literals. They are looked up in the text, as spans of it, and never evaluated.
+ */
 #define CFG_MAX_BYTES (1u << 20)
 
 struct cfg_span {
@@ -67,7 +68,8 @@ void spin_run_config_close(struct run_config *s);
 spin_status spin_yaml_open(const char *path, struct run_config *s);
 void spin_yaml_close(struct run_config *s);
 
-/* frame_ratio, by which training divided the data set's times: of cfg_args, else of the YAML, else 1. */
+/* frame_ratio, by which training divided the data set's times: of cfg_args, else of the YAML,
+ * else 1. */
 spin_status spin_run_config_ratio(const struct run_config *s, double *out);
 
 /* What the user says ("A,B"), else the YAML, else a guess that the notes tell. `time` are the

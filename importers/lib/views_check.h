@@ -11,8 +11,8 @@ spin_status spin_views_check_pose(const double m[12], const char *what);
 /* A matrix [n][n] of `key`. One of [4][4] may lack its last row, which is 0 0 0 1. */
 spin_status spin_views_matrix(const spin_json *m, const char *key, size_t n, double *out);
 
-/* Reads folder/name, which must be an object, with `read`; failures name the file. found: it need not be
- * there, and *found says whether it was; or NULL. */
+/* Reads folder/name, which must be an object, with `read`; failures name the file. found: it need
+ * not be there, and *found says whether it was; or NULL. */
 spin_status spin_views_read_json(const char *folder, const char *name,
                                  spin_status (*read)(void *context, const spin_json *root,
                                                      struct spin_views *out),
@@ -27,7 +27,8 @@ spin_status spin_views_size(double width, double height, struct spin_camera *out
 
 spin_status spin_views_check_intrinsics(const struct spin_camera *c);
 
-/* Focal lengths and centre of a matrix `key` that is [fx 0 cx; 0 fy cy; 0 0 1]; the camera's size is known. */
+/* Focal lengths and centre of a matrix `key` that is [fx 0 cx; 0 fy cy; 0 0 1]; the camera's size
+ * is known. */
 spin_status spin_views_intrinsics(const double k[9], const char *key, struct spin_camera *out);
 
 /* Time of a row by option `time`: a rule by name, or a number to divide by. */

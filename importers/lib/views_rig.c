@@ -18,7 +18,8 @@ spin_status spin_rig_sort(const char *path, struct spin_rig_camera *c, size_t n)
     return SPIN_OK;
 }
 
-/* ---- The frames of a camera ------------------------------------------------------------------- */
+/* ---- The frames of a camera -------------------------------------------------------------------
+ */
 
 spin_status spin_rig_pictures(struct spin_model *m, struct spin_rig_camera *c, const char *folder)
 {
@@ -65,8 +66,8 @@ spin_status spin_rig_film(struct spin_model *m, struct spin_rig_camera *c, const
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* Frames that all cameras have. A camera that lacks one in the middle is refused: its later pictures would be of
- * other moments. */
+/* Frames that all cameras have. A camera that lacks one in the middle is refused: its later
+ * pictures would be of other moments. */
 static spin_status count_rows(const struct spin_rig_camera *c, size_t n, size_t *n_rows)
 {
     size_t fewest = 0, most = 0;
@@ -146,7 +147,8 @@ spin_status spin_rig_views(struct spin_model *m, struct spin_rig_camera *c, size
     return SPIN_OK;
 }
 
-/* ---- Frames a second --------------------------------------------------------------------------- */
+/* ---- Frames a second ---------------------------------------------------------------------------
+ */
 
 static double rate_of(const spin_json *fps)
 {
@@ -167,12 +169,12 @@ void spin_rig_note(struct spin_model *m, const spin_json *fps, struct spin_views
 
     if (rate > 0)
         spin_note(out,
-                        "times of the data set are by the rule '%s'; it has %.6g frames a "
-                        "second (spin-export --fps %.6g)",
-                        rule, rate, rate);
+                  "times of the data set are by the rule '%s'; it has %.6g frames a "
+                  "second (spin-export --fps %.6g)",
+                  rule, rate, rate);
     else
         spin_note(out,
-                        "times of the data set are by the rule '%s'; it does not say its frames a "
-                        "second (spin-export --fps)",
-                        rule);
+                  "times of the data set are by the rule '%s'; it does not say its frames a "
+                  "second (spin-export --fps)",
+                  rule);
 }

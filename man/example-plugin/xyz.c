@@ -1,4 +1,5 @@
-/* An exporter: the places of a frame's splats as text, one a line, in OUT/frame_00000.xyz and so on.
+/* An exporter: the places of a frame's splats as text, one a line, in OUT/frame_00000.xyz and so
+ * on.
  * --colour adds red, green and blue, 0 to 255.
  *
  * See spin-plugin(7); everything that is called here is declared in spin.h. */

@@ -1,4 +1,5 @@
-/* What most sources above this room need: the C library's texts, numbers and memory, and the headers of this room. */
+/* What most sources above this room need: the C library's texts, numbers and memory, and the
+ * headers of this room. */
 #pragma once
 
 #include <errno.h>

@@ -1,8 +1,8 @@
 /* The error trail: one line of text per thread, built from the inside out.
  *
  * Text is formatted into a second buffer first, so that a caller may hand spin_last_error() back
- * in as an argument. Names come from foreign files: control and invisible characters in them become '?', which
- * keeps the trail one line and the terminal unharmed. */
+ * in as an argument. Names come from foreign files: control and invisible characters in them become
+ * '?', which keeps the trail one line and the terminal unharmed. */
 #include "base/err.h"
 
 #include <stdarg.h>

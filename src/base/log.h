@@ -11,14 +11,16 @@ int spin_log_level(void);
 void spin_log(int level, const char *fmt, ...) SPIN_PRINTF(2, 3);
 /* spin_warn() is in spin.h: plug-ins warn too. */
 
-/* Warnings go to the sink first, without "warning: ", and to stderr when it returns true. NULL: none. */
+/* Warnings go to the sink first, without "warning: ", and to stderr when it returns true. NULL:
+ * none. */
 void spin_log_set_sink(bool (*sink)(const char *line));
 
 /* Progress with rate and time left:
  *     retraining  1234/40000  3.1%  4.12 it/s  2:36:12 left  loss 0.0312
- * On a terminal one line that is written anew, at most six times a second; elsewhere a line of its own every
- * SPIN_PROGRESS seconds (60; 0: none), the first one after that time. Nothing below level 0.
- * begin; set as often as wanted; end clears the terminal's line. `from` is where counting starts (resume). */
+ * On a terminal one line that is written anew, at most six times a second; elsewhere a line of its
+ * own every SPIN_PROGRESS seconds (60; 0: none), the first one after that time. Nothing below level
+ * 0. begin; set as often as wanted; end clears the terminal's line. `from` is where counting starts
+ * (resume). */
 struct spin_progress {
     const char *what, *unit;
     double start_s, shown_s;

@@ -88,7 +88,8 @@ spin_status spin_strdup(const char *text, char **out)
     return *out ? SPIN_OK : fail_memory(strlen(text) + 1);
 }
 
-/* A line before a block has its bytes; a large block, which begins with a huge page, has a small page for it. */
+/* A line before a block has its bytes; a large block, which begins with a huge page, has a small
+ * page for it. */
 enum { HEAD_PAGE = 4096 };
 
 static size_t *head_of(void *block) { return (size_t *)(void *)((char *)block - LINE); }
@@ -116,7 +117,8 @@ spin_status spin_pages_reserve(size_t bytes, void **out)
     if (!round_up(bytes, huge_page, &rounded) || rounded > SIZE_MAX - huge_page)
         return fail_memory(bytes);
 
-    /* Map one huge page more than needed, then give back what lies outside the aligned part and its head. */
+    /* Map one huge page more than needed, then give back what lies outside the aligned part and its
+     * head. */
     raw =
         mmap(NULL, rounded + huge_page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     if (raw == MAP_FAILED)
@@ -253,8 +255,9 @@ static bool system_number(const char *path, const char *key, uint64_t unit, uint
 
 enum { GROUP_PATH = 4096 };
 
-/* What the groups from `folder` up to its first n_top bytes would still give, the least of them: a group's limit less
- * what it uses, where cached files count as free. A group that is not seen from here, as in a container, is skipped. */
+/* What the groups from `folder` up to its first n_top bytes would still give, the least of them: a
+ * group's limit less what it uses, where cached files count as free. A group that is not seen from
+ * here, as in a container, is skipped. */
 static uint64_t groups_available(char *folder, size_t n_top, const char *const names[4])
 {
     uint64_t least = UINT64_MAX;
@@ -278,8 +281,8 @@ static uint64_t groups_available(char *folder, size_t n_top, const char *const n
     }
 }
 
-/* The path of a line of /proc/self/cgroup, "number:controllers:path", if the controller is among those; "" is
- * version 2, which lists none. */
+/* The path of a line of /proc/self/cgroup, "number:controllers:path", if the controller is among
+ * those; "" is version 2, which lists none. */
 static const char *group_of_line(char *line, const char *controller)
 {
     char *list = strchr(line, ':'), *path = list ? strchr(list + 1, ':') : NULL, *word, *rest;

@@ -14,7 +14,8 @@ spin_status spin_grow(size_t count, size_t size, void **inout); /* not zeroed */
 spin_status spin_room(size_t n, size_t *capacity, size_t size, void **inout);
 spin_status spin_strdup(const char *text, char **out);
 
-/* Of a local: fn(&it), or free(it), when its block is left, however that is. Give it a value where it is declared. */
+/* Of a local: fn(&it), or free(it), when its block is left, however that is. Give it a value where
+ * it is declared. */
 #define SPIN_LEAVES(fn) __attribute__((cleanup(fn)))
 #define SPIN_FREED SPIN_LEAVES(spin_freed)
 void spin_freed(void *pointer);
@@ -48,8 +49,8 @@ void spin_scratch_free(struct spin_scratch *scratch);
 
 /* Bytes of memory that the machine, a control group and `ulimit -v` would still give us. */
 size_t spin_memory_available(void);
-/* The control groups' part of it: of the process's own group and of all above it, version 2 and 1. UINT64_MAX: no limit.
- * root "" is the machine's; tests name a folder with files of their own. */
+/* The control groups' part of it: of the process's own group and of all above it, version 2 and 1.
+ * UINT64_MAX: no limit. root "" is the machine's; tests name a folder with files of their own. */
 uint64_t spin_memory_group_available(const char *root);
 /* Peak resident bytes of this process. */
 size_t spin_memory_peak(void);

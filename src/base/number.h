@@ -1,4 +1,5 @@
-/* Numbers that several rooms need in one way: their order, what bytes are told by, where a camera sees a point. */
+/* Numbers that several rooms need in one way: their order, what bytes are told by, where a camera
+ * sees a point. */
 #pragma once
 
 #include "spin.h"
@@ -8,7 +9,8 @@ int spin_by_float(const void *a, const void *b);
 int spin_by_double(const void *a, const void *b);
 int spin_by_int(const void *a, const void *b);
 
-/* How many of some values are NaN or infinite, at the speed of memory: every value of every frame is looked at. */
+/* How many of some values are NaN or infinite, at the speed of memory: every value of every frame
+ * is looked at. */
 size_t spin_finite_missing(const float *values, size_t n);
 
 /* FNV-1a, 64 bits, of more bytes. */

@@ -1,5 +1,5 @@
-/* Values of plug-ins' options: words and numbers. A value that makes no sense is SPIN_E_USAGE: "option 'key' is
- * 'text', expected ...". */
+/* Values of plug-ins' options: words and numbers. A value that makes no sense is SPIN_E_USAGE:
+ * "option 'key' is 'text', expected ...". */
 #pragma once
 
 #include "spin.h"

@@ -1,4 +1,5 @@
-/* Tiles of some rows and 16 columns, whose sums live in registers; for three sets of instructions. */
+/* Tiles of some rows and 16 columns, whose sums live in registers; for three sets of instructions.
+ */
 #include "base/product.h"
 
 #include <stdint.h>

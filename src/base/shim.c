@@ -33,8 +33,8 @@ struct search {
     uid_t owner; /* of the program; 0 when not known */
 };
 
-/* Where `ulimit -v` bounds the address space, a library may end the process while it is loaded, as one does
- * that starts threads: a child tries first. */
+/* Where `ulimit -v` bounds the address space, a library may end the process while it is loaded, as
+ * one does that starts threads: a child tries first. */
 static bool ends_process(const char *path)
 {
     struct rlimit limit;

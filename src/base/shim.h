@@ -1,5 +1,6 @@
-/* Shared objects that are loaded when first needed. Those of ours stand before a C++ library: who does not need
- * them pays neither for their start-up nor for a C++ runtime. Those of the system may be missing. */
+/* Shared objects that are loaded when first needed. Those of ours stand before a C++ library: who
+ * does not need them pays neither for their start-up nor for a C++ runtime. Those of the system may
+ * be missing. */
 #pragma once
 
 #include "spin.h"
@@ -16,8 +17,8 @@ struct spin_shim {
 };
 
 /* Loads it once and sets *table; else SPIN_E_UNSUPPORTED. Looks in lib/ and lib/spin4d/
- * beside the bin/ of the program (of the build, and of a prefix), and in spin4d/ of the LIBDIR of the build; takes
- * none that others can write, or whose folder they can. By any thread. */
+ * beside the bin/ of the program (of the build, and of a prefix), and in spin4d/ of the LIBDIR of
+ * the build; takes none that others can write, or whose folder they can. By any thread. */
 spin_status spin_shim_need(struct spin_shim *shim, const void **table);
 
 /* A library of the system. Its header has the types of the functions. */

@@ -113,7 +113,8 @@ void spin_text_html(FILE *to, const char *text)
     }
 }
 
-/* Bytes of the character of UTF-8 at `text`, and its code; 0 where there is none. Not past the terminating 0. */
+/* Bytes of the character of UTF-8 at `text`, and its code; 0 where there is none. Not past the
+ * terminating 0. */
 static int read_utf8(const char *text, uint32_t *code)
 {
     static const uint32_t least[] = {0, 0, 0x80, 0x800, 0x10000};
@@ -129,8 +130,8 @@ static int read_utf8(const char *text, uint32_t *code)
     return *code >= least[n] && *code < 0x110000 && *code >> 11 != 0xd800 >> 11 ? n : 0;
 }
 
-/* Whether a terminal obeys the character (C0, DEL, C1), or shows other text than it is given because of it: controls of
- * writing direction, zero-width characters and tags. */
+/* Whether a terminal obeys the character (C0, DEL, C1), or shows other text than it is given
+ * because of it: controls of writing direction, zero-width characters and tags. */
 static bool is_control(uint32_t code)
 {
     static const struct {

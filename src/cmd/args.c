@@ -166,7 +166,8 @@ int spin_args_report(const struct spin_args_command *command, char *json, const 
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-/* Decimal and within the row's limits. strtod alone takes leading space, hexadecimal floats and names too. */
+/* Decimal and within the row's limits. strtod alone takes leading space, hexadecimal floats and
+ * names too. */
 static bool parse_number(const struct spin_args_row *row, const char *text, size_t length,
                          double *out)
 {
@@ -604,8 +605,8 @@ static void print_help(const struct parser *p)
 
 /* ---- Completion ------------------------------------------------------------------------------ */
 
-/* The shell asks this command: `spin-x --complete WORD...` prints what the last word may become, a line each, an
- * option with its help behind a colon. */
+/* The shell asks this command: `spin-x --complete WORD...` prints what the last word may become, a
+ * line each, an option with its help behind a colon. */
 static void print_completion(const struct spin_args_command *command, const char *shell)
 {
     const char *name = command->name;
@@ -633,7 +634,8 @@ static void offer(const char *word, size_t length, const char *begun)
         printf("%.*s\n", (int)length, word);
 }
 
-/* The values of a row that are known by name: of "auto|none|CX,CY,CZ,R" those that have no capitals. */
+/* The values of a row that are known by name: of "auto|none|CX,CY,CZ,R" those that have no
+ * capitals. */
 static void offer_values(const struct parser *p, const struct spin_args_row *row, const char *begun)
 {
     const struct spin_plugin_option *options;
@@ -727,8 +729,8 @@ static int keep_pair(struct parser *p, const struct spin_args_row *row, const ch
     return SPIN_EXIT_OK;
 }
 
-/* An option whose value is there, is the next word, or is not needed. Another option in its place means that the
- * value was forgotten. */
+/* An option whose value is there, is the next word, or is not needed. Another option in its place
+ * means that the value was forgotten. */
 static int take(struct parser *p, const struct spin_args_row *row, const char *value)
 {
     if (!row->arg && value)

@@ -1,5 +1,6 @@
-/* The command line. A table has a row for each option; from it come the parser, --help, what shells complete, and
- * the checks of the manual. --help shows what matters on one screen, --help all the table. Also here: what all commands do around their work, and exit codes.
+/* The command line. A table has a row for each option; from it come the parser, --help, what shells
+ * complete, and the checks of the manual. --help shows what matters on one screen, --help all the
+ * table. Also here: what all commands do around their work, and exit codes.
  *
  *     static int size = 3;
  *     static const struct spin_args_row rows[] = {
@@ -48,7 +49,8 @@ struct spin_args_row {
     void *into;       /* where the value goes, see the kind */
     const char *help; /* one sentence without a capital or full stop; the heading; NULL: the end */
     double min, max;  /* of numbers; 0, 0: no limit */
-    /* SPIN_ARG_CUSTOM: store text; false when it makes no sense. SPIN_ARG_COLOUR: words that are no colour, or NULL */
+    /* SPIN_ARG_CUSTOM: store text; false when it makes no sense. SPIN_ARG_COLOUR: words that are no
+     * colour, or NULL */
     bool (*parse)(const struct spin_args_row *row, const char *text);
 };
 
@@ -78,8 +80,8 @@ struct spin_args_row {
 #define SPIN_ARG_DEVICE_ROW(o)                                                                     \
     SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, (o).device, "what computes (auto)")
 
-/* For parse(): the place of text in "a|b|c", or -1; how many numbers there are, with commas between and each
- * in the row's limits, or 0 when one is wrong or they are more than room. */
+/* For parse(): the place of text in "a|b|c", or -1; how many numbers there are, with commas between
+ * and each in the row's limits, or 0 when one is wrong or they are more than room. */
 int spin_args_choice(const char *text, const char *choices);
 int spin_args_numbers(const struct spin_args_row *row, const char *text, double *out, int room);
 
@@ -104,7 +106,8 @@ struct spin_args_command {
     const char *const *words; /* what shells offer for the first word; NULL-terminated, or NULL */
 };
 
-/* What every command has: its options, whose rows follow those of the table, and what was left after them. */
+/* What every command has: its options, whose rows follow those of the table, and what was left
+ * after them. */
 struct spin_args {
     bool json, force;
     int quiet, verbose;
@@ -116,8 +119,9 @@ struct spin_args {
 };
 extern struct spin_args spin_args;
 
-/* Parse argv into what the rows point at and into spin_args, then do what all commands do: --help, --version,
- * verbosity, signals. Returns true when the command should go on; else *exit_code is what main() returns. */
+/* Parse argv into what the rows point at and into spin_args, then do what all commands do: --help,
+ * --version, verbosity, signals. Returns true when the command should go on; else *exit_code is
+ * what main() returns. */
 bool spin_args_parse(const struct spin_args_command *command, int argc, char **argv,
                      int *exit_code);
 
@@ -125,15 +129,17 @@ bool spin_args_parse(const struct spin_args_command *command, int argc, char **a
 int spin_args_misuse(const struct spin_args_command *command, const char *fmt, ...)
     __attribute__((format(printf, 2, 3)));
 
-/* Around the work: join the other processes, when there are some; and end with the status of all. False: this
- * process is done, with this code; the reason of a failure is on stderr as one line "name: last error", of one
- * process. */
+/* Around the work: join the other processes, when there are some; and end with the status of all.
+ * False: this process is done, with this code; the reason of a failure is on stderr as one line
+ * "name: last error", of one process. */
 bool spin_args_begin(const struct spin_args_command *command, int *code);
 bool spin_args_ended(const struct spin_args_command *command, spin_status status, int *code);
 
-/* The report of the work, a JSON document: as it is with --json, else by this template for people (io/template.h). It
- * is freed. NULL template: nothing without --json. Returns what main() returns. */
+/* The report of the work, a JSON document: as it is with --json, else by this template for people
+ * (io/template.h). It is freed. NULL template: nothing without --json. Returns what main() returns.
+ */
 int spin_args_report(const struct spin_args_command *command, char *json, const char *template);
 
-/* Flush stdout; returns code, or SPIN_EXIT_FAILED with a line when the output could not be written. */
+/* Flush stdout; returns code, or SPIN_EXIT_FAILED with a line when the output could not be written.
+ */
 int spin_args_finish(const struct spin_args_command *command, int code);

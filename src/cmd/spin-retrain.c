@@ -187,7 +187,8 @@ static const char text[] =
     "{{/}}{{/}}"
     "after     {{test.psnr %10.3f}}{{test.ssim %9.4f}}\n";
 
-/* ---- Options without effect ------------------------------------------------------------------- */
+/* ---- Options without effect -------------------------------------------------------------------
+ */
 
 static const char *const of_network[] = {"levels",          "features",        "hash-log2",
                                          "hidden",          "base-resolution", "finest-resolution",

@@ -75,8 +75,8 @@ static const char text[] =
     "{{bundle}}: the clip itself, for spin4d eval and spin4d export\n"
     "{{#to=html}}Open {{output}} in a browser.\n{{/}}";
 
-/* `spin4d import ...` is spin-import beside this program, or without /proc that of the PATH. Returns only when that cannot
- * be run. */
+/* `spin4d import ...` is spin-import beside this program, or without /proc that of the PATH.
+ * Returns only when that cannot be run. */
 static int become(const char *name, char **argv)
 {
     char own[4096], path[4200];

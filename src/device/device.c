@@ -86,8 +86,8 @@ static spin_status open_cuda(int n_threads, struct spin_device *out)
     return out->op->open(out, n_threads);
 }
 
-/* A card when there is one that works, else the CPU; says which and why, once: to all, where there is a card that is
- * left idle. SPIN_CPU asks for the CPU. */
+/* A card when there is one that works, else the CPU; says which and why, once: to all, where there
+ * is a card that is left idle. SPIN_CPU asks for the CPU. */
 static spin_status open_auto(int n_threads, struct spin_device *out)
 {
     static bool said;
@@ -137,7 +137,8 @@ void spin_device_close(struct spin_device *d)
         memset(d, 0, sizeof *d);
 }
 
-/* ---- A device that only counts ---------------------------------------------------------------- */
+/* ---- A device that only counts ----------------------------------------------------------------
+ */
 
 static spin_status count_reserve(struct spin_device *d, size_t bytes, void SPIN_DEV **out)
 {

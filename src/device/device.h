@@ -1,27 +1,30 @@
 /* The operations ("verbs") of training and rendering, and the devices that do them.
  *
- * Verbs take the whole step: all its frames and all its views. They are queued in order: nothing has
- * happened on return, except where it says "now". Structs and host arguments are copied by the call, so
- * they may be changed or freed afterwards. Verbs without a status cannot fail: sizes were checked when the
- * run was planned; what goes wrong all the same is reported by the next wait() or download().
+ * Verbs take the whole step: all its frames and all its views. They are queued in order: nothing
+ * has happened on return, except where it says "now". Structs and host arguments are copied by the
+ * call, so they may be changed or freed afterwards. Verbs without a status cannot fail: sizes were
+ * checked when the run was planned; what goes wrong all the same is reported by the next wait() or
+ * download().
  *
- * A device owns its memory. Pointers to it are marked SPIN_DEV: the host passes them on and adds to them,
- * and does not follow them. All pointers below are device memory unless marked host. "=" overwrites,
+ * A device owns its memory. Pointers to it are marked SPIN_DEV: the host passes them on and adds to
+ * them, and does not follow them. All pointers below are device memory unless marked host. "="
+ * overwrites,
  * "+=" accumulates.
  *
  * Attributes of a Gaussian travel as one row of SPIN_ATTR floats, in the order of the heads:
  *     scale [3]  rotation [4] (w,x,y,z)  sh [16][3]  opacity [1]
- * `raw` rows are head outputs, `attr` rows are finished (linear scale, unit quaternion, opacity 0..1).
+ * `raw` rows are head outputs, `attr` rows are finished (linear scale, unit quaternion, opacity
+ * 0..1).
  *
- * Arrays [n] hold the splats of all frames of a batch, one frame after the other. Backward verbs take
- * `active`, an ascending list of the rows that have any gradient; compact arrays (d_raw, d_z, d_x_u) have
- * one row for each of the list, in its order, full ones have n rows. */
+ * Arrays [n] hold the splats of all frames of a batch, one frame after the other. Backward verbs
+ * take `active`, an ascending list of the rows that have any gradient; compact arrays (d_raw, d_z,
+ * d_x_u) have one row for each of the list, in its order, full ones have n rows. */
 #pragma once
 
 #include "spin.h"
 
-/* Device memory: clang reports code that follows such a pointer (tests/lint/noderef.sh). To the CPU device
- * itself, and to the CUDA device, it is ordinary memory. */
+/* Device memory: clang reports code that follows such a pointer (tests/lint/noderef.sh). To the CPU
+ * device itself, and to the CUDA device, it is ordinary memory. */
 #if defined(__clang__) && !defined(SPIN_CPU_PATH) && !defined(__CUDACC__) && !defined(SPIN_EMU)
 #define SPIN_DEV __attribute__((noderef))
 #else
@@ -39,9 +42,9 @@ enum {
     SPIN_RESIDUAL =
         11, /* own values of a splat: log scale [3], rotation [4], colour [3], opacity [1] */
     SPIN_TRACK = 3 + SPIN_RESIDUAL, /* values of a track: displacement [3], then as a residual */
-    SPIN_MOTION =
-        5, /* of a track that is a 4D splat: velocity [3], time, 1 / standard deviation of its bell */
-    SPIN_TILE = 16, /* pixels; part of the result, docs/method.md 4.2 */
+    SPIN_MOTION = 5, /* of a track that is a 4D splat: velocity [3], time, 1 / standard deviation of
+                        its bell */
+    SPIN_TILE = 16,  /* pixels; part of the result, docs/method.md 4.2 */
     SPIN_MAX_LEVELS = 32
 };
 
@@ -54,10 +57,10 @@ struct spin_grid {
     uint8_t hashed[SPIN_MAX_LEVELS];      /* product of res exceeds the level's rows */
 };
 
-/* Adam for a table of which a step touches little. Values go in lines of 16. A line that no splat of the
- * step needs is not updated: it keeps the number of the step of its last update, and the updates that it
- * missed are applied together when it is needed again (spin_adam_skip). Lines begin with the first hashed
- * level: levels before it are small, and take every step. */
+/* Adam for a table of which a step touches little. Values go in lines of 16. A line that no splat
+ * of the step needs is not updated: it keeps the number of the step of its last update, and the
+ * updates that it missed are applied together when it is needed again (spin_adam_skip). Lines begin
+ * with the first hashed level: levels before it are small, and take every step. */
 enum { SPIN_LINE = 16 };
 struct spin_lazy_adam { /* made by lazy_adam_enable(); the device keeps more behind it */
     float SPIN_DEV
@@ -100,8 +103,8 @@ struct spin_camera_f32 {
     float centre[3];        /* in the world */
     float limit_x, limit_y; /* 1.3 tan of the half field of view */
     float z_near;           /* splats at this depth or nearer are culled */
-    bool
-        antialias; /* splats smaller than a pixel are drawn fainter, not only wider; spin_camera_f32_from: no */
+    bool antialias;         /* splats smaller than a pixel are drawn fainter, not only wider;
+                               spin_camera_f32_from: no */
 };
 struct spin_camera_f32 spin_camera_f32_from(const struct spin_camera *camera);
 
@@ -117,7 +120,7 @@ struct spin_splat2d {
     uint32_t first_intersection; /* of its (splat, tile) pairs, splat-major: set by tile_count */
     uint32_t flags;       /* bit 0..2: colour channel clamped at 0; bit 3, 4: x, y clamped in J */
     uint8_t tile_cull[4]; /* set by tile_count: tiles at the left, top, right, bottom of the
-                                  * rectangle where alpha is below 1/255 everywhere; they get no pair */
+                           * rectangle where alpha is below 1/255 everywhere; they get no pair */
 };
 
 /* Its gradient. */
@@ -129,7 +132,8 @@ struct spin_splat2d_grad {
 /* A view has at most this many (splat, tile) pairs; lists of 1 GiB. */
 #define SPIN_MAX_PAIRS ((uint64_t)1 << 28)
 
-/* The splats of every tile of every view, front to back. Views have max_tiles + 1 places in `start`. */
+/* The splats of every tile of every view, front to back. Views have max_tiles + 1 places in
+ * `start`. */
 struct spin_tiles {
     uint64_t n_intersections; /* host; of all views, set by tile_count */
     uint32_t SPIN_DEV
@@ -137,16 +141,16 @@ struct spin_tiles {
     uint32_t SPIN_DEV *start; /* [n_views][max_tiles + 1] places in intersections */
 };
 
-/* A track is one Gaussian over the clip: it belongs to at most one splat of a frame, and its values are added
- * to those that this splat has of its own. */
+/* A track is one Gaussian over the clip: it belongs to at most one splat of a frame, and its values
+ * are added to those that this splat has of its own. */
 #define SPIN_NO_TRACK UINT32_MAX
 struct spin_tracks_f32 {
     size_t n;
     const float SPIN_DEV
         *values;              /* [SPIN_TRACK n] in groups: displacement [n][3], then as residuals */
     float SPIN_DEV *d_values; /* the same */
-    /* [n][SPIN_MOTION], in the unit of a frame's t, or NULL: tracks are where they are, and are seen whole. Splats of
-     * such tracks have no residual values of their own. */
+    /* [n][SPIN_MOTION], in the unit of a frame's t, or NULL: tracks are where they are, and are
+     * seen whole. Splats of such tracks have no residual values of their own. */
     const float SPIN_DEV *motion;
 };
 
@@ -154,8 +158,8 @@ struct spin_tracks_f32 {
 enum { SPIN_MAX_FRAMES = 8, SPIN_MAX_VIEWS = 32 };
 struct spin_frame_batch {
     int n_frames;
-    /* Rows of attributes have SPIN_ATTR_NARROW floats, the opacity last: on the CPU, without a network, for one SH
-     * coefficient. */
+    /* Rows of attributes have SPIN_ATTR_NARROW floats, the opacity last: on the CPU, without a
+     * network, for one SH coefficient. */
     bool narrow;
     size_t n; /* splats of all frames */
     struct spin_frame_of_batch {
@@ -171,15 +175,15 @@ struct spin_frame_batch {
         float d_scale,
             d_opacity; /* slope of the loss by each scale and each opacity of an active splat */
 
-        /* For tracks(). Of the splats, the first n_own_means have a position of their own, and the first
-         * n_own_residual own residual values; the others have only what their track has. */
+        /* For tracks(). Of the splats, the first n_own_means have a position of their own, and the
+         * first n_own_residual own residual values; the others have only what their track has. */
         const uint32_t SPIN_DEV *track;     /* [n] row of the tracks, or SPIN_NO_TRACK */
         const float SPIN_DEV *own_means;    /* [n_own_means][3] */
         const float SPIN_DEV *own_residual; /* [SPIN_RESIDUAL n_own_residual] in groups */
         size_t n_own_means, n_own_residual;
         const float SPIN_DEV
             *turn; /* [n_own_means][4] unit quaternions by which displacement and rotation of a
-                                     * track are turned here (math/turn.h); or NULL: they are not */
+                    * track are turned here (math/turn.h); or NULL: they are not */
 
         /* For densify_stats(); or NULL. */
         float SPIN_DEV *gradient; /* [n] */
@@ -199,7 +203,8 @@ struct spin_active {
     size_t most;            /* rows there is room for: at least the frames' n */
 };
 
-/* The views of a step. Pictures of a view are planar [3][h][w] at its place in [n_views][3][max_pixels]. */
+/* The views of a step. Pictures of a view are planar [3][h][w] at its place in
+ * [n_views][3][max_pixels]. */
 struct spin_view_batch {
     int n_views;
     size_t max_pixels, max_tiles;
@@ -222,8 +227,8 @@ struct spin_images {
     const uint8_t SPIN_DEV
         *mask; /* a bit a pixel, lowest first, rows of (max_pixels + 7) / 8; or NULL */
     size_t max_pixels;
-    float mask_weight
-        [2]; /* how often a pixel counts in loss() whose bit is 0, 1; without a mask: once */
+    float mask_weight[2]; /* how often a pixel counts in loss() whose bit is 0, 1; without a mask:
+                             once */
 };
 
 /* Values of one view. */
@@ -308,23 +313,24 @@ struct spin_device_ops {
     spin_status (*download)(struct spin_device *d, void *host, const void SPIN_DEV *from,
                             size_t bytes);
     spin_status (*wait)(struct spin_device *d);
-    /* Host memory for bytes on their way to and from the device, 64-byte aligned (now). A card copies to and from
-     * it without a copy of its own, as it is page-locked; where that cannot be had it is ordinary memory, and so
-     * it is on the CPU. An upload from it is queued like a verb: it must not change before the next wait() or
-     * download(). Fails only without memory. */
+    /* Host memory for bytes on their way to and from the device, 64-byte aligned (now). A card
+     * copies to and from it without a copy of its own, as it is page-locked; where that cannot be
+     * had it is ordinary memory, and so it is on the CPU. An upload from it is queued like a verb:
+     * it must not change before the next wait() or download(). Fails only without memory. */
     spin_status (*host_reserve)(struct spin_device *d, size_t bytes, struct spin_host_memory *out);
     void (*host_release)(struct spin_device *d, struct spin_host_memory *memory);
     /* Where the host finds device memory; NULL: it cannot. */
     void *(*host_view)(struct spin_device *d, void SPIN_DEV *at);
-    /* to [n][to_stride] = from [n][from_stride], the first width of each row. Any 4-byte values; to and from are
-     * apart. */
+    /* to [n][to_stride] = from [n][from_stride], the first width of each row. Any 4-byte values; to
+     * and from are apart. */
     void (*copy_rows)(struct spin_device *d, size_t n, size_t width, const float SPIN_DEV *from,
                       size_t from_stride, float SPIN_DEV *to, size_t to_stride);
-    /* Sums over ranks from card to card, without the host; all NULL in a build without it. ready: whether it
-     * can be had here, and by what ("NCCL 2.28.9"). name: by rank 0 alone. link: all ranks join, each with a card of
-     * its own (now). sum: all of the list, after what was queued before; now. While it waits it calls
-     * listen(): when that fails, the link is given up, and its failure is the verb's. close() gives up the link as
-     * well: before it, all ranks must know that all have done their last sum. */
+    /* Sums over ranks from card to card, without the host; all NULL in a build without it. ready:
+     * whether it can be had here, and by what ("NCCL 2.28.9"). name: by rank 0 alone. link: all
+     * ranks join, each with a card of its own (now). sum: all of the list, after what was queued
+     * before; now. While it waits it calls listen(): when that fails, the link is given up, and its
+     * failure is the verb's. close() gives up the link as well: before it, all ranks must know that
+     * all have done their last sum. */
     spin_status (*link_ready)(struct spin_device *d, char about[32]);
     spin_status (*link_name)(struct spin_device *d, struct spin_link_name *out);
     spin_status (*link)(struct spin_device *d, const struct spin_link_name *name, int rank,
@@ -338,8 +344,8 @@ struct spin_device_ops {
 
     /* ---- Tracks ---- */
 
-    /* means [n][3] =, residual [SPIN_RESIDUAL n] = (each frame's at its first row): own values plus those of
-     * the track, where that is at the frame's t and as much of it as is seen then. */
+    /* means [n][3] =, residual [SPIN_RESIDUAL n] = (each frame's at its first row): own values plus
+     * those of the track, where that is at the frame's t and as much of it as is seen then. */
     void (*tracks)(struct spin_device *d, const struct spin_frame_batch *frames,
                    const struct spin_tracks_f32 *tracks, float SPIN_DEV *means,
                    float SPIN_DEV *residual);
@@ -375,10 +381,11 @@ struct spin_device_ops {
                      const float SPIN_DEV *z, const float SPIN_DEV *d_raw, float SPIN_DEV *d_param,
                      float SPIN_DEV *d_z);
 
-    /* raw [n][SPIN_ATTR] += explicit values of the splats; the colour is the first coefficient. A frame's
-     * residual [SPIN_RESIDUAL n] is four groups: [n][3], [n][4], [n][3], [n]; its sh are the coefficients beyond
-     * the first. Frames without are left alone. residual_set: raw =, without a network; coefficients that no sh is
-     * for stay as they are. Back: d_residual +=, d_sh += */
+    /* raw [n][SPIN_ATTR] += explicit values of the splats; the colour is the first coefficient. A
+     * frame's residual [SPIN_RESIDUAL n] is four groups: [n][3], [n][4], [n][3], [n]; its sh are
+     * the coefficients beyond the first. Frames without are left alone. residual_set: raw =,
+     * without a network; coefficients that no sh is for stay as they are. Back: d_residual +=, d_sh
+     * += */
     void (*residual)(struct spin_device *d, const struct spin_frame_batch *frames,
                      float SPIN_DEV *raw);
     void (*residual_set)(struct spin_device *d, const struct spin_frame_batch *frames,
@@ -415,29 +422,31 @@ struct spin_device_ops {
                          const struct spin_splat2d_grad SPIN_DEV *d_splat2d,
                          float SPIN_DEV *d_attr);
 
-    /* What densification goes by: for every splat that a view shows, its frame's gradient += the length of the
-     * loss's gradient with respect to its centre in normalised device coordinates, seen += 1. */
+    /* What densification goes by: for every splat that a view shows, its frame's gradient += the
+     * length of the loss's gradient with respect to its centre in normalised device coordinates,
+     * seen += 1. */
     void (*densify_stats)(struct spin_device *d, const struct spin_view_batch *views,
                           const struct spin_frame_batch *frames,
                           const struct spin_splat2d SPIN_DEV *splat2d,
                           const struct spin_splat2d_grad SPIN_DEV *d_splat2d);
 
-    /* Sets first_intersection and tile_cull of every splat, and tiles->n_intersections (now); fails where a
-     * view has more than SPIN_MAX_PAIRS. Then, with room for as many in tiles->intersections, fill, which
-     * fails without memory. */
+    /* Sets first_intersection and tile_cull of every splat, and tiles->n_intersections (now); fails
+     * where a view has more than SPIN_MAX_PAIRS. Then, with room for as many in
+     * tiles->intersections, fill, which fails without memory. */
     spin_status (*tile_count)(struct spin_device *d, const struct spin_view_batch *views,
                               struct spin_splat2d SPIN_DEV *splat2d, struct spin_tiles *tiles);
     spin_status (*tile_fill)(struct spin_device *d, const struct spin_view_batch *views,
                              const struct spin_splat2d SPIN_DEV *splat2d,
                              const struct spin_tiles *tiles);
 
-    /* image =, final_transmittance [n_views][max_pixels] =, last_contributor (the same) = (one past the last
-     * contributor's place in its tile's list) */
+    /* image =, final_transmittance [n_views][max_pixels] =, last_contributor (the same) = (one past
+     * the last contributor's place in its tile's list) */
     void (*blend)(struct spin_device *d, const struct spin_view_batch *views,
                   const struct spin_splat2d SPIN_DEV *splat2d, const struct spin_tiles *tiles,
                   float SPIN_DEV *image, float SPIN_DEV *final_transmittance,
                   int32_t SPIN_DEV *last_contributor);
-    /* depth [n_views][2][max_pixels] =: along the cameras' axes, expected and median, math/blend.h */
+    /* depth [n_views][2][max_pixels] =: along the cameras' axes, expected and median, math/blend.h
+     */
     void (*depth)(struct spin_device *d, const struct spin_view_batch *views,
                   const struct spin_splat2d SPIN_DEV *splat2d, const struct spin_tiles *tiles,
                   float SPIN_DEV *depth);
@@ -448,20 +457,21 @@ struct spin_device_ops {
                        const int32_t SPIN_DEV *last_contributor, const float SPIN_DEV *d_image,
                        struct spin_splat2d_grad SPIN_DEV *d_splat2d);
 
-    /* loss = (1 - lambda) L1 + lambda (1 - SSIM); d_image = weight * its gradient (NULL: none). L1 and
-     * SSIM are means over the pixels, each counted as often as the image's mask says (at least 0, not
-     * all 0). values [view.value][SPIN_LOSS_VALUES] =, not times weight. */
+    /* loss = (1 - lambda) L1 + lambda (1 - SSIM); d_image = weight * its gradient (NULL: none). L1
+     * and SSIM are means over the pixels, each counted as often as the image's mask says (at least
+     * 0, not all 0). values [view.value][SPIN_LOSS_VALUES] =, not times weight. */
     void (*loss)(struct spin_device *d, const struct spin_view_batch *views,
                  const struct spin_images *images, float lambda_dssim, const float SPIN_DEV *image,
                  double SPIN_DEV *values, float SPIN_DEV *d_image);
-    /* values [view.value][SPIN_MEASURE_VALUES] = how far image is from the photograph; image is clamped to
-     * 0..1 in place first. The mask weighs nothing here, it tells two regions apart. */
+    /* values [view.value][SPIN_MEASURE_VALUES] = how far image is from the photograph; image is
+     * clamped to 0..1 in place first. The mask weighs nothing here, it tells two regions apart. */
     void (*measure)(struct spin_device *d, const struct spin_view_batch *views,
                     const struct spin_images *images, float SPIN_DEV *image,
                     double SPIN_DEV *values);
 
-    /* Cameras' looks, math/exposure.h, rows of SPIN_EXPOSURE floats: of a camera log gain r g b, offset r g b; of a
-     * lens c1 r g b, c2 r g b. out may be image. Back: d_image changes in place, d_exposure += */
+    /* Cameras' looks, math/exposure.h, rows of SPIN_EXPOSURE floats: of a camera log gain r g b,
+     * offset r g b; of a lens c1 r g b, c2 r g b. out may be image. Back: d_image changes in place,
+     * d_exposure += */
     void (*exposure)(struct spin_device *d, const struct spin_view_batch *views,
                      const float SPIN_DEV *exposure, const float SPIN_DEV *image,
                      float SPIN_DEV *out);
@@ -479,11 +489,12 @@ struct spin_device_ops {
     void (*not_finite)(struct spin_device *d, size_t n, const float SPIN_DEV *values,
                        uint32_t SPIN_DEV *count);
 
-    /* The same for a table of which a step touches little; all NULL on a device that has not got it.
-     * enable: of the group's arrays, for this many steps at most (now). grid: as grid(), after the lines
-     * that these points need were brought to step done, and marked. step: with rate lr, of the marked lines
-     * and of all levels before them. advance: a step was taken before the run was resumed; only its rate is
-     * noted. flush: out [n] = p as after step done if every line had taken every step. */
+    /* The same for a table of which a step touches little; all NULL on a device that has not got
+     * it. enable: of the group's arrays, for this many steps at most (now). grid: as grid(), after
+     * the lines that these points need were brought to step done, and marked. step: with rate lr,
+     * of the marked lines and of all levels before them. advance: a step was taken before the run
+     * was resumed; only its rate is noted. flush: out [n] = p as after step done if every line had
+     * taken every step. */
     spin_status (*lazy_adam_enable)(struct spin_device *d, const struct spin_grid *grid,
                                     const struct spin_param_group *table, int64_t steps,
                                     struct spin_lazy_adam **out);
@@ -518,23 +529,23 @@ struct spin_device {
     char description[64]; /* "cpu (avx-512, 2 threads)" */
     char card[40];        /* of a card: a number that no other card in the world has */
     int frames_at_once, views_at_once; /* that its caches and memory like best in one call */
-    bool is_host; /* its memory is the host's: what the plan needs is one sum */
-    bool
-        deterministic; /* the caller's wish, any time: sums in one order, or in whole numbers, so that the same
-                         * calls give the same bits. The CPU does always. */
+    bool is_host;       /* its memory is the host's: what the plan needs is one sum */
+    bool deterministic; /* the caller's wish, any time: sums in one order, or in whole numbers, so
+                         * that the same calls give the same bits. The CPU does always. */
 };
 
-/* name: "auto" (cuda when there is one), "cpu", "cuda". The environment variable SPIN_CPU = base, v3 or
- * v4 picks the CPU's code path. */
+/* name: "auto" (cuda when there is one), "cpu", "cuda". The environment variable SPIN_CPU = base,
+ * v3 or v4 picks the CPU's code path. */
 spin_status spin_device_open(const char *name, int n_threads, struct spin_device *out);
 void spin_device_close(struct spin_device *d);
 
-/* A device that only counts: what is reserved on it has no memory, and no verb may be called, but zero(), upload() and
- * release() do nothing. So what a plan needs is what opening it reserves. */
+/* A device that only counts: what is reserved on it has no memory, and no verb may be called, but
+ * zero(), upload() and release() do nothing. So what a plan needs is what opening it reserves. */
 struct spin_counting_device {
     struct spin_device device;
     struct spin_device_ops op;
     size_t bytes; /* reserved so far */
 };
-/* With frames and views at once, and what there is of lazy Adam, as the other. It needs no closing. */
+/* With frames and views at once, and what there is of lazy Adam, as the other. It needs no closing.
+ */
 void spin_device_count(struct spin_counting_device *c, const struct spin_device *as);

@@ -1,4 +1,5 @@
-/* The (splat, tile) pairs of one splat: a rectangle, row by row; pair k of it has slot first_intersection
+/* The (splat, tile) pairs of one splat: a rectangle, row by row; pair k of it has slot
+ * first_intersection
  * + k. */
 #pragma once
 

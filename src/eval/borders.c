@@ -30,7 +30,8 @@ static uint64_t count_border(const struct spin_camera *camera, const uint8_t *rg
     return 2 * (uint64_t)(w + h);
 }
 
-/* Pixels of the most frequent colour and of its neighbours, since a flat colour may lie between two levels. */
+/* Pixels of the most frequent colour and of its neighbours, since a flat colour may lie between two
+ * levels. */
 static uint64_t largest_group(const uint32_t *count)
 {
     int best = 0, at[3];

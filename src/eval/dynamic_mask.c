@@ -10,8 +10,8 @@ enum {
     FRIENDS = 4 /* changed pixels among the eight around one, or it is a speck */
 };
 
-/* Above the noise of JPEG and of a good camera (sigma about 4 of 255), below what a ball in front of a
- * wall changes. */
+/* Above the noise of JPEG and of a good camera (sigma about 4 of 255), below what a ball in front
+ * of a wall changes. */
 static const float threshold = 20.0f / 255.0f;
 
 struct spin_median {
@@ -19,7 +19,8 @@ struct spin_median {
     uint8_t *rgb; /* [h][w][3]; NULL: the camera moves, or there are too few frames */
 };
 
-/* ---- The median over time ---------------------------------------------------------------------- */
+/* ---- The median over time ----------------------------------------------------------------------
+ */
 
 static bool same_camera(const struct spin_camera *a, const struct spin_camera *b)
 {
@@ -117,7 +118,8 @@ static spin_status find_median(struct spin_dynamic_mask *m, int camera_id, const
     return SPIN_OK;
 }
 
-/* ---- The rule ---------------------------------------------------------------------------------- */
+/* ---- The rule ----------------------------------------------------------------------------------
+ */
 
 /* Ones among the eight neighbours of x, y. */
 static int count_around(int width, int height, const uint8_t *map, int x, int y)
@@ -156,7 +158,8 @@ void spin_dynamic_mask_rule(int width, int height, const float *truth, const uin
         }
 }
 
-/* ---- Masks of the data set ---------------------------------------------------------------------- */
+/* ---- Masks of the data set ----------------------------------------------------------------------
+ */
 
 static const float black[3];
 
@@ -209,7 +212,8 @@ static bool all_have_alpha(const struct spin_views *views, const struct spin_pai
     return n > 0;
 }
 
-/* ---- Opening and asking -------------------------------------------------------------------------- */
+/* ---- Opening and asking
+ * -------------------------------------------------------------------------- */
 
 static bool all_have_masks(const struct spin_views *views, const struct spin_pair *pairs, size_t n)
 {

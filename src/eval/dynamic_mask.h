@@ -22,12 +22,13 @@ struct spin_dynamic_mask {
     uint8_t **kept; /* [views] masks met so far, a bit a pixel; NULL: none are kept */
 };
 
-/* AUTO becomes MASKS when all of these views have one, else IMAGES when some camera stands still and
- * has three frames or more, else OFF. Asking for what is not there is an error. */
+/* AUTO becomes MASKS when all of these views have one, else IMAGES when some camera stands still
+ * and has three frames or more, else OFF. Asking for what is not there is an error. */
 spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_image_cache *pixels,
                                    enum spin_dynamic_from from, const struct spin_pair *pairs,
                                    size_t n_pairs, struct spin_dynamic_mask *out);
-/* The subject: by masks where all of these views have one, else by the alpha of all their images; else an error. */
+/* The subject: by masks where all of these views have one, else by the alpha of all their images;
+ * else an error. */
 spin_status spin_subject_mask_open(const struct spin_views *views, struct spin_image_cache *pixels,
                                    const struct spin_pair *pairs, size_t n_pairs,
                                    struct spin_dynamic_mask *out);
@@ -40,8 +41,8 @@ enum { SPIN_MOVING_ROWS = 25 };
 size_t spin_moving_views(const struct spin_views *views, int camera_id,
                          size_t chosen[SPIN_MOVING_ROWS]);
 
-/* Sets m->mask, at the size of the view's camera; truth is the view's picture (NULL: it is loaded when it is
- * needed). *n: moving pixels. A camera without a median has none. */
+/* Sets m->mask, at the size of the view's camera; truth is the view's picture (NULL: it is loaded
+ * when it is needed). *n: moving pixels. A camera without a median has none. */
 spin_status spin_dynamic_mask_find(struct spin_dynamic_mask *m, size_t view, const float *truth,
                                    size_t *n);
 /* The first n pixels of m->mask as bits, lowest first: (n + 7) / 8 bytes. */

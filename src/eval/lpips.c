@@ -57,7 +57,8 @@ struct spin_lpips {
     float *scratch; /* [threads][SCRATCH] */
 };
 
-/* ---- Weights ------------------------------------------------------------------------------------ */
+/* ---- Weights ------------------------------------------------------------------------------------
+ */
 
 static bool has_shape(struct spin_torch *t, const char *key, int n_dims, const int64_t *shape)
 {
@@ -190,7 +191,8 @@ out:
 
 int spin_lpips_network(const struct spin_lpips *l) { return l->network; }
 
-/* ---- Finding them in a folder --------------------------------------------------------------------- */
+/* ---- Finding them in a folder
+ * --------------------------------------------------------------------- */
 
 struct found {
     char *backbone[SPIN_N_LPIPS], *lin[SPIN_N_LPIPS];
@@ -265,11 +267,13 @@ spin_status spin_lpips_find(const char *folder, int n_threads, struct spin_lpips
     return status;
 }
 
-/* ---- Convolution ---------------------------------------------------------------------------------- */
+/* ---- Convolution
+ * ---------------------------------------------------------------------------------- */
 
-/* Out [n_out][pixels] = weights [n_out][terms] x patches [terms][pixels], a term being an input channel and a place in
- * the kernel. A task is COLUMNS pixels; terms are taken DEPTH at a time, so that their patches stay in the cache. Every
- * output is one sum in the order of the terms, whatever the number of threads. */
+/* Out [n_out][pixels] = weights [n_out][terms] x patches [terms][pixels], a term being an input
+ * channel and a place in the kernel. A task is COLUMNS pixels; terms are taken DEPTH at a time, so
+ * that their patches stay in the cache. Every output is one sum in the order of the terms, whatever
+ * the number of threads. */
 enum { COLUMNS = 96, DEPTH = 256, MOST_OUT = 512, SCRATCH = (DEPTH + MOST_OUT) * COLUMNS };
 
 struct convolution {
@@ -342,7 +346,8 @@ static void convolve(struct spin_lpips *l, int i, int width, int height, const f
     spin_pool_rows(l->pool, c.plane, COLUMNS, convolve_block, &c);
 }
 
-/* ---- Room for pictures of one size ---------------------------------------------------------------- */
+/* ---- Room for pictures of one size
+ * ---------------------------------------------------------------- */
 
 static void drop_plan(struct spin_lpips *l)
 {
@@ -420,7 +425,8 @@ void spin_lpips_close(struct spin_lpips *l)
     free(l);
 }
 
-/* ---- Features and their distance ------------------------------------------------------------------ */
+/* ---- Features and their distance
+ * ------------------------------------------------------------------ */
 
 static void max_pool(int n, int width, int height, int window, const float *in, float *out)
 {

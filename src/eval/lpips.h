@@ -1,5 +1,6 @@
-/* LPIPS v0.1 (Zhang et al., "The Unreasonable Effectiveness of Deep Features as a Perceptual Metric",
- * CVPR 2018): how far apart two pictures are for a network that was trained to name what is in them.
+/* LPIPS v0.1 (Zhang et al., "The Unreasonable Effectiveness of Deep Features as a Perceptual
+ * Metric", CVPR 2018): how far apart two pictures are for a network that was trained to name what
+ * is in them.
  *
  * The weights are the user's: the network's as torchvision publishes them (features.N.weight and
  * .bias) and the linear heads of the lpips package (lin0.model.1.weight ...), read as data. */
@@ -20,8 +21,8 @@ spin_status spin_lpips_open(const char *backbone, const char *lin, int n_threads
 void spin_lpips_close(struct spin_lpips *lpips);
 int spin_lpips_network(const struct spin_lpips *lpips); /* SPIN_LPIPS_VGG or _ALEX */
 
-/* Every network of which `folder` (or a folder in it) holds both files; out [SPIN_N_LPIPS], NULL where
- * there is none. None at all is an error. */
+/* Every network of which `folder` (or a folder in it) holds both files; out [SPIN_N_LPIPS], NULL
+ * where there is none. None at all is an error. */
 spin_status spin_lpips_find(const char *folder, int n_threads, struct spin_lpips **out);
 
 /* The distance of two pictures [3][h][w] in 0..1, and each stage's part of it (or NULL). */

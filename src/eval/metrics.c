@@ -131,10 +131,11 @@ static spin_status load_photo(struct spin_metrics *m, size_t view, size_t plane,
     return SPIN_OK;
 }
 
-/* ---- A subject alone --------------------------------------------------------------------------- */
+/* ---- A subject alone ---------------------------------------------------------------------------
+ */
 
-/* Pixels of the mask [h][w], grown by half the window of SSIM: elsewhere two pictures of one subject on one
- * background are the same in every window. */
+/* Pixels of the mask [h][w], grown by half the window of SSIM: elsewhere two pictures of one
+ * subject on one background are the same in every window. */
 static size_t count_grown(const uint8_t *mask, int width, int height)
 {
     size_t n = 0;
@@ -240,7 +241,8 @@ static spin_status measure_one(struct spin_metrics *m, size_t i, struct pictures
     return SPIN_OK;
 }
 
-/* ---- Means -------------------------------------------------------------------------------------- */
+/* ---- Means --------------------------------------------------------------------------------------
+ */
 
 static void add_one(double value, double *sum, size_t *n)
 {
@@ -299,11 +301,13 @@ struct spin_quality spin_eval_mean(const struct spin_eval_report *r, const int *
     return spin_quality_mean(&sum);
 }
 
-/* ---- All views ---------------------------------------------------------------------------------- */
+/* ---- All views ----------------------------------------------------------------------------------
+ */
 
 int spin_metrics_rank(int frame) { return frame % spin_n_ranks(); }
 
-/* The views that each rank measured become everybody's, in *view [n_pairs], and the times are added up. */
+/* The views that each rank measured become everybody's, in *view [n_pairs], and the times are added
+ * up. */
 static spin_status merge_views(struct spin_metrics *m, struct measured *view)
 {
     SPIN_FREED struct times {

@@ -9,11 +9,11 @@
 struct spin_quality {
     bool valid; /* else nothing of it was measured */
     double psnr, ssim, psnr_channel_mean;
-    double
-        psnr_colour_fitted; /* after one gain and offset a channel were fitted to the camera's photographs */
+    double psnr_colour_fitted; /* after one gain and offset a channel were fitted to the camera's
+                                  photographs */
     double psnr_dynamic,
-        psnr_static; /* in and outside the dynamic regions, of views that have both */
-    double dynamic;  /* share of the pixels */
+        psnr_static;      /* in and outside the dynamic regions, of views that have both */
+    double dynamic;       /* share of the pixels */
     double psnr_opposite; /* drawn over one minus the background: lower where splats leave holes */
     double lpips[SPIN_N_LPIPS];
 };
@@ -39,8 +39,8 @@ struct spin_eval_report {
 };
 
 void spin_eval_report_free(struct spin_eval_report *report);
-/* Means over the views of one frame, of one camera, of both or (NULL, NULL) of all. What was measured
- * in some views only is the mean over these. valid is false when there is no such view. */
+/* Means over the views of one frame, of one camera, of both or (NULL, NULL) of all. What was
+ * measured in some views only is the mean over these. valid is false when there is no such view. */
 struct spin_quality spin_eval_mean(const struct spin_eval_report *report, const int *frame,
                                    const int *camera);
 
@@ -51,7 +51,7 @@ struct spin_metrics {
     const struct spin_pair *pairs; /* sorted by frame */
     size_t n_pairs;
     const float *background;
-    bool opposite; /* draw each view over one minus the background as well */
+    bool opposite;                     /* draw each view over one minus the background as well */
     const size_t *live_counts;         /* network in training: splats of each frame; else NULL */
     struct spin_dynamic_mask *dynamic; /* moving regions apart, or NULL */
     struct spin_dynamic_mask

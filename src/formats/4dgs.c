@@ -15,8 +15,8 @@
 #define MODEL "gaussian-birth"
 #define SCHEME "uniform-v1"
 #define NEVER_FADES 1 /* of the flags of a splat */
-/* A splat has 34 bytes or more before they are packed, and places of its own. What unpacks to far more than 32 times its
- * bytes is a bomb. */
+/* A splat has 34 bytes or more before they are packed, and places of its own. What unpacks to far
+ * more than 32 times its bytes is a bomb. */
 #define ROW_BYTES 34
 #define RATIO 32
 #define SLACK (1u << 20)
@@ -307,7 +307,8 @@ static double clamp(double x, double least, double most)
     return x > least ? x < most ? x : most : least;
 }
 
-/* The float at or below an end of a window: the splat is seen at its first time, and not at its last. */
+/* The float at or below an end of a window: the splat is seen at its first time, and not at its
+ * last. */
 static float at_or_below(double x)
 {
     float f = (float)clamp(x, -(double)SPIN_FOREVER, (double)SPIN_FOREVER);

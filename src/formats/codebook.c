@@ -136,8 +136,8 @@ unsigned char spin_codebook_nearest(const float book[SPIN_CODEBOOK], float value
 
 /* ---- Vectors --------------------------------------------------------------------------------- */
 
-/* Rows that share a vector: order[first] and on. Once it was divided the two sides are known: [0, n_front) of it and
- * the rest. */
+/* Rows that share a vector: order[first] and on. Once it was divided the two sides are known: [0,
+ * n_front) of it and the rest. */
 struct part {
     size_t first, n, n_front; /* n_front 0: it cannot be cut */
     double error;             /* sum of squares */
@@ -160,7 +160,8 @@ struct cutting {
 enum { BATCH = 256 };                               /* parts that are divided at a time */
 enum { MEAN, SPREAD, CENTRES, SUMS = CENTRES + 2 }; /* what a worker has room for */
 
-/* Mean into sum[0..width), and the sum of squared distances to it; `widest` is the coordinate with most. */
+/* Mean into sum[0..width), and the sum of squared distances to it; `widest` is the coordinate with
+ * most. */
 static double measure(const struct cutting *c, size_t first, size_t n, double *sum, size_t *widest)
 {
     double *mean = sum, *squares = sum + SPREAD * c->width, error = 0;
@@ -198,8 +199,8 @@ static double dot(const float *row, const double *w, size_t n)
     return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
 
-/* Rows nearer to the first of two centres come to the front; how many. The centres, [2][width], become the means of
- * both sides where there are two. across: room for [width]. */
+/* Rows nearer to the first of two centres come to the front; how many. The centres, [2][width],
+ * become the means of both sides where there are two. across: room for [width]. */
 static size_t divide(const struct cutting *c, const struct part *p, const double *mean,
                      double *across, double *centre)
 {
@@ -235,8 +236,8 @@ static size_t divide(const struct cutting *c, const struct part *p, const double
     return n;
 }
 
-/* 2-means, begun on both sides of the mean of the widest coordinate; how many rows the first part has, 0 when
- * they cannot be told apart. */
+/* 2-means, begun on both sides of the mean of the widest coordinate; how many rows the first part
+ * has, 0 when they cannot be told apart. */
 static size_t cut(const struct cutting *c, const struct part *p, double *sum)
 {
     double *mean = sum + MEAN * c->width, *spread = sum + SPREAD * c->width;
@@ -309,7 +310,8 @@ static struct part pop(struct cutting *c)
     return top;
 }
 
-/* Divides those with the largest errors, each by a thread. Which they are does not hang on the threads. */
+/* Divides those with the largest errors, each by a thread. Which they are does not hang on the
+ * threads. */
 static void divide_largest(struct cutting *c, size_t n_left, struct spin_pool *pool)
 {
     int n = 0;

@@ -1,5 +1,5 @@
-/* PlayCanvas's compressed PLY (splat-transform, SuperSplat): a binary little endian PLY with the elements
- * chunk, vertex and, with SH, sh.
+/* PlayCanvas's compressed PLY (splat-transform, SuperSplat): a binary little endian PLY with the
+ * elements chunk, vertex and, with SH, sh.
  *
  * Gaussians are cut into chunks of 256; a chunk holds the ranges of place, log scale and colour, a
  * vertex four words within them:
@@ -38,8 +38,8 @@ void spin_compressed_pack(struct spin_gaussian *row, size_t n, float range[SPIN_
 /* What a reader sees of a row. */
 void spin_compressed_unpack(const uint32_t word[4], const float range[SPIN_COMPRESSED_RANGES],
                             struct spin_gaussian *out);
-/* The f_rest_* of one row, from the first n_sh coefficients [k][3]; more are written as 0. lost: by how
- * much a reader sees less than each is. Both [spin_n_rest()]. */
+/* The f_rest_* of one row, from the first n_sh coefficients [k][3]; more are written as 0. lost: by
+ * how much a reader sees less than each is. Both [spin_n_rest()]. */
 void spin_compressed_pack_sh(const float *sh, int n_sh, int sh_degree, unsigned char *out,
                              float *lost);
 
@@ -56,7 +56,7 @@ struct spin_compressed_ply {
 bool spin_compressed_any(const struct spin_ply_element *vertex);
 /* Finds all that is needed. Errors name the file and the property. */
 spin_status spin_compressed_find(const struct spin_ply *ply, struct spin_compressed_ply *out);
-/* Into columns that are reserved, with at least the file's SH degree; coefficients above it become 0.
- * All that comes out is finite. Rotations are of unit length. */
+/* Into columns that are reserved, with at least the file's SH degree; coefficients above it become
+ * 0. All that comes out is finite. Rotations are of unit length. */
 spin_status spin_compressed_read(const struct spin_compressed_ply *file, unsigned columns,
                                  struct spin_splats *out);

@@ -170,7 +170,8 @@ void spin_glb_row(const struct spin_glb_numbers *f, size_t i, float *out)
 #define SIGNED (SPIN_GLB_IS(SPIN_GLB_I8) | SPIN_GLB_IS(SPIN_GLB_I16))
 #define UNSIGNED (SPIN_GLB_IS(SPIN_GLB_U8) | SPIN_GLB_IS(SPIN_GLB_U16))
 
-/* What each attribute may be made of: POSITION by KHR_mesh_quantization, the others by the extension. */
+/* What each attribute may be made of: POSITION by KHR_mesh_quantization, the others by the
+ * extension. */
 static const unsigned allowed[SPIN_GLB_SH + 1] = {
     FLOATS | SIGNED | UNSIGNED | SPIN_GLB_NORMALISED(SIGNED | UNSIGNED),
     FLOATS | SPIN_GLB_NORMALISED(SIGNED),

@@ -1,5 +1,5 @@
-/* Splats in the binary container of glTF 2.0, by KHR_gaussian_splatting (Khronos, release candidate of
- * 2026): a mesh of points, whose attributes are
+/* Splats in the binary container of glTF 2.0, by KHR_gaussian_splatting (Khronos, release candidate
+ * of 2026): a mesh of points, whose attributes are
  *
  *     POSITION                                    3 floats
  *     KHR_gaussian_splatting:ROTATION             4 floats, x y z w, of unit length
@@ -9,8 +9,9 @@
  *     COLOR_0                                     4 numbers of 16 bits, linear light and opacity, for
  *                                                 viewers that do not know the extension and draw points
  *
- * Read are also the integers that the extension and KHR_mesh_quantization allow, and an SPZ in place of the attributes
- * (KHR_gaussian_splatting_compression_spz_2, a draft). formats/glb_scene.h reads a file, formats/glb_write.h writes one. */
+ * Read are also the integers that the extension and KHR_mesh_quantization allow, and an SPZ in
+ * place of the attributes (KHR_gaussian_splatting_compression_spz_2, a draft). formats/glb_scene.h
+ * reads a file, formats/glb_write.h writes one. */
 #pragma once
 
 #include "formats/glb_shim.h"
@@ -41,7 +42,8 @@ struct spin_glb_file {
 spin_status spin_glb_open(const unsigned char *file, size_t size, struct spin_glb_file *out);
 void spin_glb_close(struct spin_glb_file *glb);
 
-/* Item of a list of the document by the index that another object holds; NULL when there is none. */
+/* Item of a list of the document by the index that another object holds; NULL when there is none.
+ */
 const spin_json *spin_glb_item(const struct spin_glb_file *glb, const char *list,
                                const spin_json *index);
 int64_t spin_glb_integer(const spin_json *object, const char *key, int64_t fallback);
@@ -60,8 +62,8 @@ struct spin_glb_numbers {
     bool normalised;
 };
 
-/* An accessor of rows of `width` (1, 3 or 4) numbers of one of the `allowed` types; all of it lies in the
- * binary chunk. */
+/* An accessor of rows of `width` (1, 3 or 4) numbers of one of the `allowed` types; all of it lies
+ * in the binary chunk. */
 spin_status spin_glb_find(const struct spin_glb_file *glb, const spin_json *accessor, size_t width,
                           unsigned allowed, struct spin_glb_numbers *out);
 /* Row i, normalised integers as 0..1 or -1..1. */
@@ -86,7 +88,7 @@ struct spin_gs_glb_points {
 bool spin_gs_glb_is_splats(const spin_json *primitive);
 spin_status spin_gs_glb_find(const struct spin_glb_file *glb, const spin_json *primitive,
                              struct spin_gs_glb_points *out);
-/* As the mesh has them, and in the SH degree of the file. All that comes out is finite; rotations keep
- * their length. */
+/* As the mesh has them, and in the SH degree of the file. All that comes out is finite; rotations
+ * keep their length. */
 spin_status spin_gs_glb_read(const struct spin_gs_glb_points *points, unsigned columns,
                              struct spin_splats *out);

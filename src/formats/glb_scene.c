@@ -18,8 +18,8 @@
 
 /* ---- Nodes ----------------------------------------------------------------------------------- */
 
-/* Where a node puts its mesh: it turns, scales, moves; then its parent does. A splat stays a splat when it is turned,
- * moved and scaled alike along all axes; other nodes are refused. */
+/* Where a node puts its mesh: it turns, scales, moves; then its parent does. A splat stays a splat
+ * when it is turned, moved and scaled alike along all axes; other nodes are refused. */
 struct node {
     double q[4], scale, shift[3];
     int64_t parent; /* -1: none */
@@ -43,7 +43,8 @@ static spin_status read_numbers(const spin_json *list, size_t n, double *out)
     return SPIN_OK;
 }
 
-/* What three scales have in common. SPIN_E_UNSUPPORTED when they differ, are negative or no numbers. */
+/* What three scales have in common. SPIN_E_UNSUPPORTED when they differ, are negative or no
+ * numbers. */
 static spin_status one_scale(const double scale[3], double *out)
 {
     double largest = fmax(fmax(scale[0], scale[1]), scale[2]);
@@ -180,8 +181,8 @@ static void turn_point(const double q[4], const double p[3], double out[3])
     out[2] = p[2] + q[0] * t[2] + q[1] * t[1] - q[2] * t[0];
 }
 
-/* After what `inout` does, what node i and its parents do. *shown: it is in the scene, and not hidden other
- * than by a switch. */
+/* After what `inout` does, what node i and its parents do. *shown: it is in the scene, and not
+ * hidden other than by a switch. */
 static spin_status place_node(const struct nodes *nodes, size_t i, struct spin_placement *inout,
                               bool *shown)
 {
@@ -557,7 +558,8 @@ static spin_status check_required(const struct spin_gs_glb_scene *s)
     return SPIN_OK;
 }
 
-/* KHR_gaussian_splatting has no mark of antialiasing: our exporter puts one into the extras of the asset. */
+/* KHR_gaussian_splatting has no mark of antialiasing: our exporter puts one into the extras of the
+ * asset. */
 static void find_antialias(struct spin_gs_glb_scene *s)
 {
     const spin_json *asset = spin_json_get(s->file.json, "asset");

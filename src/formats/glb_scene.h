@@ -1,6 +1,6 @@
-/* What the scene of a GLB shows: splats of its meshes where its nodes put them; and at different times, when
- * an animation switches nodes on and off, which is how a clip lies in one file: by STEP keys on the scale
- * of nodes, or on KHR_node_visibility. */
+/* What the scene of a GLB shows: splats of its meshes where its nodes put them; and at different
+ * times, when an animation switches nodes on and off, which is how a clip lies in one file: by STEP
+ * keys on the scale of nodes, or on KHR_node_visibility. */
 #pragma once
 
 #include "formats/glb.h"
@@ -34,12 +34,12 @@ struct spin_gs_glb_scene {
     struct spin_splats raw; /* private */
 };
 
-/* A file in memory, which is borrowed until the end. Errors do not name it. Free also after a failure. Zero it
- * before. */
+/* A file in memory, which is borrowed until the end. Errors do not name it. Free also after a
+ * failure. Zero it before. */
 spin_status spin_gs_glb_scene_open(const unsigned char *file, size_t size,
                                    struct spin_gs_glb_scene *out);
 void spin_gs_glb_scene_close(struct spin_gs_glb_scene *scene);
-/* The splats of a frame, in glTF's axes and the scene's SH degree. All that comes out is finite, rotations
- * are of unit length. */
+/* The splats of a frame, in glTF's axes and the scene's SH degree. All that comes out is finite,
+ * rotations are of unit length. */
 spin_status spin_gs_glb_scene_read(struct spin_gs_glb_scene *scene, size_t frame, unsigned columns,
                                    struct spin_splats *out);

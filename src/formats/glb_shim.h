@@ -1,5 +1,5 @@
-/* A clip as glb_write.c hands it to the shared object that holds tinygltf (glb_tiny.cpp), in plain C, and one function
- * found by name. Nothing thrown on the far side crosses over. */
+/* A clip as glb_write.c hands it to the shared object that holds tinygltf (glb_tiny.cpp), in plain
+ * C, and one function found by name. Nothing thrown on the far side crosses over. */
 #pragma once
 
 #include <stdbool.h>
@@ -43,8 +43,8 @@ struct spin_glb_clip {
     int n_frames;
     bool animated; /* frames take turns, by STEP keys on the scale of their nodes */
 
-    /* The attributes in the order of the file: what they are called, numbers and bytes of a row, and the bytes of all. The
-     * last is the colour, of 16 bits a number; the others are floats. */
+    /* The attributes in the order of the file: what they are called, numbers and bytes of a row,
+     * and the bytes of all. The last is the colour, of 16 bits a number; the others are floats. */
     int n_attributes;
     char name[SPIN_GLB_MAX_ATTRIBUTES][SPIN_GLB_NAME];
     int components[SPIN_GLB_MAX_ATTRIBUTES];
@@ -53,8 +53,9 @@ struct spin_glb_clip {
 
     /* Set before spin_glb_end(). */
     const struct spin_glb_frame *frame; /* [n_frames] */
-    /* Points of all frames, in a node of their own: the last of the list and the first of the scene, as some viewers draw
-     * mesh after mesh. Its number and time say nothing. NULL, or n 0: none. */
+    /* Points of all frames, in a node of their own: the last of the list and the first of the
+     * scene, as some viewers draw mesh after mesh. Its number and time say nothing. NULL, or n 0:
+     * none. */
     const struct spin_glb_frame *still;
     const struct spin_glb_column *column; /* [n_columns] */
     size_t n_columns;
@@ -63,8 +64,9 @@ struct spin_glb_clip {
 
 struct spin_glb_shim {
     int abi;
-    /* The JSON text, malloc'ed; NULL and a reason in why when it cannot be had; none for a lack of memory. keys: where those of the animation begin:
-     * n_frames + 1 times, then for each frame as many scales. */
+    /* The JSON text, malloc'ed; NULL and a reason in why when it cannot be had; none for a lack of
+     * memory. keys: where those of the animation begin: n_frames + 1 times, then for each frame as
+     * many scales. */
     char *(*text)(const struct spin_glb_clip *clip, const char *generator, uint64_t keys, char *why,
                   size_t n_why);
 };

@@ -1,5 +1,6 @@
-/* The far side of glb_write.c: tinygltf makes the JSON of a .glb. The bytes that it describes never pass through it, as it
- * would hold them twice; it takes the length of a buffer from the bytes it holds, so the buffer is added to its text. */
+/* The far side of glb_write.c: tinygltf makes the JSON of a .glb. The bytes that it describes never
+ * pass through it, as it would hold them twice; it takes the length of a buffer from the bytes it
+ * holds, so the buffer is added to its text. */
 #include "formats/glb_shim.h"
 
 #include <cstdio>

@@ -1,4 +1,5 @@
-/* The binary container of glTF 2.0 (its section 4): a header, the JSON padded with spaces, the bytes. */
+/* The binary container of glTF 2.0 (its section 4): a header, the JSON padded with spaces, the
+ * bytes. */
 #include "formats/glb_write.h"
 
 #include "base/base.h"
@@ -76,8 +77,8 @@ void spin_glb_begin(struct spin_glb_clip *clip)
         else
             spin_glb_attribute_name(a, clip->name[a]);
     }
-    /* 216: of an attribute's accessor, view and name when every number in them is as long as it can be; 768: of the
-     * other things of a frame. */
+    /* 216: of an attribute's accessor, view and name when every number in them is as long as it can
+     * be; 768: of the other things of a frame. */
     clip->room = 1024 + n_meshes * (768 + 216 * (size_t)clip->n_attributes);
 }
 
@@ -106,8 +107,8 @@ spin_status spin_glb_failed(const struct spin_glb_clip *clip, int error)
                             clip->out->path);
 }
 
-/* Key i is at i / fps. Frame f is shown from its own key on; the last one also at a key behind it, which repeats its
- * value, or players would cut it. */
+/* Key i is at i / fps. Frame f is shown from its own key on; the last one also at a key behind it,
+ * which repeats its value, or players would cut it. */
 static spin_status write_keys(struct spin_glb_clip *clip)
 {
     size_t n_frames = (size_t)clip->n_frames, n = n_frames + 1;

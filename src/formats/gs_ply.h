@@ -1,11 +1,13 @@
-/* The PLY of 3D Gaussian Splatting's reference implementation (Kerbl et al. 2023), which every viewer
- * reads: element vertex, written in binary little endian with all properties float and in the order
+/* The PLY of 3D Gaussian Splatting's reference implementation (Kerbl et al. 2023), which every
+ * viewer reads: element vertex, written in binary little endian with all properties float and in
+ * the order
  *
  *     x y z  nx ny nz  f_dc_0..2  f_rest_0..  opacity  scale_0..2  rot_0..3
  *
  * Normals are zero. opacity is a logit, scale_* are logarithms, rot_* is w x y z. f_rest_* is
- * channel-major: all coefficients of red above degree 0, then green, then blue; struct spin_splats holds
- * them coefficient by coefficient. A reader finds properties by name, in any order and type. */
+ * channel-major: all coefficients of red above degree 0, then green, then blue; struct spin_splats
+ * holds them coefficient by coefficient. A reader finds properties by name, in any order and type.
+ */
 #pragma once
 
 #include "formats/gaussian.h"
@@ -18,8 +20,9 @@
 
 /* Bytes of a row. */
 size_t spin_gs_ply_row(int sh_degree);
-/* The header of n rows; comments: lines that each begin with "comment " and end in a line feed. Returns
- * its length, which is below SPIN_GS_PLY_MAX_HEADER when the comments take less than 512. */
+/* The header of n rows; comments: lines that each begin with "comment " and end in a line feed.
+ * Returns its length, which is below SPIN_GS_PLY_MAX_HEADER when the comments take less than 512.
+ */
 size_t spin_gs_ply_header(int sh_degree, size_t n, const char *comments,
                           char text[SPIN_GS_PLY_MAX_HEADER]);
 
@@ -48,13 +51,14 @@ struct spin_gs_ply {
 bool spin_gs_ply_any(const struct spin_ply_element *vertex);
 /* Finds all columns of Gaussians in element vertex. Errors name the file and the property. */
 spin_status spin_gs_ply_find(const struct spin_ply *ply, struct spin_gs_ply *out);
-/* Into rows `first` and on of columns that are reserved, with at least the file's SH degree; coefficients
- * above it become 0. Infinite opacities, which a writer leaves that stored exactly 0 or 1, are made
- * finite; any other value must be finite. Rotations keep their length. */
+/* Into rows `first` and on of columns that are reserved, with at least the file's SH degree;
+ * coefficients above it become 0. Infinite opacities, which a writer leaves that stored exactly 0
+ * or 1, are made finite; any other value must be finite. Rotations keep their length. */
 spin_status spin_gs_ply_read(const struct spin_gs_ply *file, unsigned columns, size_t first,
                              struct spin_splats *out);
 
-/* ---- Parts, for other layouts of PLY ---------------------------------------------------------- */
+/* ---- Parts, for other layouts of PLY ----------------------------------------------------------
+ */
 
 bool spin_ply_has(const struct spin_ply_element *e, const char *name);
 bool spin_ply_has_prefix(const struct spin_ply_element *e, const char *prefix);
@@ -63,11 +67,12 @@ bool spin_ply_has_colours(const struct spin_ply_element *e);
 /* x, y, z at out [n][3]; finite. */
 spin_status spin_ply_places(const struct spin_ply *ply, const struct spin_ply_element *e,
                             float *out);
-/* red, green, blue as 0..1 at out[0..2], every `step` floats: integers over their largest, floats above 1
- * over 255. */
+/* red, green, blue as 0..1 at out[0..2], every `step` floats: integers over their largest, floats
+ * above 1 over 255. */
 void spin_ply_colours(const struct spin_ply *ply, const struct spin_ply_element *e, float *out,
                       size_t step);
-/* n rows from `first` on of columns that were read are finite; errors name the file and the properties. */
+/* n rows from `first` on of columns that were read are finite; errors name the file and the
+ * properties. */
 spin_status spin_ply_check(const struct spin_ply *ply, unsigned columns, size_t first, size_t n,
                            const struct spin_splats *s);
 /* SH degree of the f_rest_* of an element (NULL: 0) and how many there are. */

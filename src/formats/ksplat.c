@@ -39,7 +39,8 @@ static float f32_at(const unsigned char *at)
     return value;
 }
 
-/* ---- Headers ----------------------------------------------------------------------------------- */
+/* ---- Headers -----------------------------------------------------------------------------------
+ */
 
 static spin_status read_header(const unsigned char *file, size_t size, struct file *out)
 {
@@ -139,7 +140,8 @@ spin_status spin_ksplat_peek(const unsigned char *file, size_t size, struct spin
     return SPIN_OK;
 }
 
-/* ---- Rows -------------------------------------------------------------------------------------- */
+/* ---- Rows --------------------------------------------------------------------------------------
+ */
 
 /* n numbers that stand one after the other, of this kind and so many bytes each. */
 static void take(const unsigned char *at, char kind, int item_size, size_t n, float *out)

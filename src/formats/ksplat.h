@@ -1,4 +1,5 @@
-/* .ksplat, the files of mkkellogg's viewer (GaussianSplats3D), version 0.1. Everything is little endian.
+/* .ksplat, the files of mkkellogg's viewer (GaussianSplats3D), version 0.1. Everything is little
+ * endian.
  *
  *     header, 4096 bytes       0 version (0, 1)    4 sections that there is room for    8 sections
  *                              16 splats           20 level, 2 bytes                     36 least and largest SH
@@ -9,8 +10,9 @@
  *     a section                splats of the buckets that are not full, their number; centres of buckets, 3 floats;
  *                              rows of splats, bucket after bucket
  *
- * A row has place, scale (not its logarithm), rotation w x y z, colour and opacity as 4 bytes, SH. SH of a degree
- * follow those of the degree before: its coefficients of red, then of green, then of blue.
+ * A row has place, scale (not its logarithm), rotation w x y z, colour and opacity as 4 bytes, SH.
+ * SH of a degree follow those of the degree before: its coefficients of red, then of green, then of
+ * blue.
  *
  *     level 0    all floats, no buckets
  *     level 1    place in steps of 16 bits around the centre of the bucket, the others halves
@@ -28,9 +30,10 @@ struct spin_ksplat {
     int sh_degree; /* the largest of the sections, 0 to 3 */
 };
 
-/* What a file in memory holds, and that all of it is there. Errors do not name the file, here and below. */
+/* What a file in memory holds, and that all of it is there. Errors do not name the file, here and
+ * below. */
 spin_status spin_ksplat_peek(const unsigned char *file, size_t size, struct spin_ksplat *out);
-/* All that comes out is finite, rotations are of unit length; a scale of 0 and below becomes the least float.
- * Coefficients that a section lacks are 0. */
+/* All that comes out is finite, rotations are of unit length; a scale of 0 and below becomes the
+ * least float. Coefficients that a section lacks are 0. */
 spin_status spin_ksplat_read(const unsigned char *file, size_t size, unsigned columns,
                              struct spin_splats *out);

@@ -1,5 +1,5 @@
-/* Whole numbers as compressed columns hold them: zigzag symbols of 1, 2 or 4 bytes in byte planes, all low bytes first,
- * then all second bytes, and so on. */
+/* Whole numbers as compressed columns hold them: zigzag symbols of 1, 2 or 4 bytes in byte planes,
+ * all low bytes first, then all second bytes, and so on. */
 #pragma once
 
 #include <stddef.h>

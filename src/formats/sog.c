@@ -13,7 +13,8 @@
 #define MAX_META (1u << 20)
 #define MAX_COUNT ((int64_t)SPIN_WEBP_MAX_SIDE * SPIN_WEBP_MAX_SIDE)
 #define SLACK 4096 /* pixels that hold no Gaussian, beyond as many as do */
-/* A Gaussian takes a dozen bytes. With more Gaussians than bytes, beyond a million, a file is a bomb. */
+/* A Gaussian takes a dozen bytes. With more Gaussians than bytes, beyond a million, a file is a
+ * bomb. */
 #define MOST_SPLATS (1u << 20)
 
 /* Of each picture: the object of meta.json and the place in its files. */
@@ -177,9 +178,11 @@ spin_status spin_sog_meta(const struct spin_sog *sog, char **text, size_t *n)
     return SPIN_OK;
 }
 
-/* ---- The file at hand ------------------------------------------------------------------------- */
+/* ---- The file at hand -------------------------------------------------------------------------
+ */
 
-/* What a byte of a picture stands for: in version 2 by books, in version 1 by the ends of a range. */
+/* What a byte of a picture stands for: in version 2 by books, in version 1 by the ends of a range.
+ */
 struct reading {
     struct spin_zip zip;
     const char *folder; /* of loose files; NULL: they are in the zip */
@@ -346,7 +349,8 @@ static spin_status parse_meta(struct reading *r)
     return read_numbers(spin_json_get(r->meta, "means"), "maxs", 3, r->sog.means.maxs);
 }
 
-/* ---- The files ---------------------------------------------------------------------------------- */
+/* ---- The files ----------------------------------------------------------------------------------
+ */
 
 static spin_status open_meta(struct reading *r, const void *file, size_t size)
 {
@@ -446,7 +450,8 @@ spin_status spin_sog_peek(const void *file, size_t size, const char *folder, str
     return status;
 }
 
-/* ---- Pixels ----------------------------------------------------------------------------------- */
+/* ---- Pixels -----------------------------------------------------------------------------------
+ */
 
 static spin_status read_picture(const struct reading *r, enum spin_sog_picture p, uint8_t **out)
 {

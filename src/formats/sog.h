@@ -1,6 +1,6 @@
-/* PlayCanvas's SOG, version 2: a zip of stored members, lossless WebP pictures and a meta.json that names them.
- * Read are also such files that lie loose in a folder, and version 1.
- * A Gaussian is the same pixel, row by row, in all pictures but that of the palette:
+/* PlayCanvas's SOG, version 2: a zip of stored members, lossless WebP pictures and a meta.json that
+ * names them. Read are also such files that lie loose in a folder, and version 1. A Gaussian is the
+ * same pixel, row by row, in all pictures but that of the palette:
  *
  *     means_l, means_u   low and high bytes of x y z: 65535 steps between mins and maxs of
  *                        sign(v) ln(1 + |v|)
@@ -12,11 +12,12 @@
  *     shN_centroids      the palette, 64 vectors a line, one pixel a coefficient: indices of r g b in a book of
  *                        256
  *
- * Version 1, whose meta.json says no version, has ranges in place of books: a byte of scales and sh0 lies between the mins
- * and maxs of its channel, opacity as a logit, and one of shN between its two. The number of Gaussians and of
- * coefficients are shapes of arrays.
+ * Version 1, whose meta.json says no version, has ranges in place of books: a byte of scales and
+ * sh0 lies between the mins and maxs of its channel, opacity as a logit, and one of shN between its
+ * two. The number of Gaussians and of coefficients are shapes of arrays.
  *
- * Facts from PlayCanvas's specification of the format, of version 1 from its readers. The axes are the PLY's. */
+ * Facts from PlayCanvas's specification of the format, of version 1 from its readers. The axes are
+ * the PLY's. */
 #pragma once
 
 #include "formats/codebook.h"
@@ -57,16 +58,16 @@ const char *spin_sog_name(enum spin_sog_picture picture);
 /* Pixels of a picture; width 0: there is none. */
 void spin_sog_size(const struct spin_sog *sog, enum spin_sog_picture picture, int *width,
                    int *height);
-/* Vectors that the palette of n Gaussians gets, as splat-transform has it: the largest power of 2 up to n, from
- * 1024 to 65536. */
+/* Vectors that the palette of n Gaussians gets, as splat-transform has it: the largest power of 2
+ * up to n, from 1024 to 65536. */
 size_t spin_sog_palette(size_t n);
 
 /* ---- Writing --------------------------------------------------------------------------------- */
 
 double spin_sog_log(double v);
 double spin_sog_unlog(double v);
-/* n numbers of a range (of their spin_sog_log(), unless it is linear) as its nearest steps: 16 bits, or 8 where high is
- * NULL. shown: what a reader sees, here and below. */
+/* n numbers of a range (of their spin_sog_log(), unless it is linear) as its nearest steps: 16
+ * bits, or 8 where high is NULL. shown: what a reader sees, here and below. */
 void spin_sog_code(const struct spin_sog_range *range, bool linear, size_t n, const float *v,
                    uint8_t *low, uint8_t *high, float *shown);
 /* Number c at step q of so many. */
@@ -80,10 +81,11 @@ spin_status spin_sog_meta(const struct spin_sog *sog, char **text, size_t *n);
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* What meta.json says, and that its pictures are there, of the right size. The file is the zip; or, with a folder,
- * meta.json itself, whose pictures lie in the folder. Errors do not name the file, here and below. */
+/* What meta.json says, and that its pictures are there, of the right size. The file is the zip; or,
+ * with a folder, meta.json itself, whose pictures lie in the folder. Errors do not name the file,
+ * here and below. */
 spin_status spin_sog_peek(const void *file, size_t size, const char *folder, struct spin_sog *out);
-/* All that comes out is finite, rotations are of unit length. Refused are versions above 2, and pictures that are
- * much larger than what they hold. */
+/* All that comes out is finite, rotations are of unit length. Refused are versions above 2, and
+ * pictures that are much larger than what they hold. */
 spin_status spin_sog_read(const void *file, size_t size, const char *folder, unsigned columns,
                           struct spin_splats *out);

@@ -222,8 +222,8 @@ static spin_status open_picture(const struct spin_sog_4d *r, enum spin_sog_4d_pi
     return spin_fail_context(status, "picture '%s' of %s", name, r->what);
 }
 
-/* The first channels of picture p and, where there is one, that of its high bytes, as numbers of a range: channel c goes
- * to to[c][step i], NULL ends them. */
+/* The first channels of picture p and, where there is one, that of its high bytes, as numbers of a
+ * range: channel c goes to to[c][step i], NULL ends them. */
 static spin_status read_numbers(struct set *set, enum spin_sog_4d_picture p,
                                 const struct spin_sog_range *range, bool linear, float *to[4],
                                 size_t step)

@@ -1,11 +1,12 @@
-/* What the two kinds of SOG (sog.h) with time share, TSOG (tsog.h) and .sogst (sogst.h). Beside the pictures of SOG they
- * have, of each splat,
+/* What the two kinds of SOG (sog.h) with time share, TSOG (tsog.h) and .sogst (sogst.h). Beside the
+ * pictures of SOG they have, of each splat,
  *
  *   time     its own time and its sigma: 16 bits of a range in two pictures, or two bytes that are places in books
  *   motion   what its path has for d, as places have it: 16 bits of a range in two pictures, or 8 in one
  *   accel    the same for d^2
  *
- * Pictures have any names, and any sides that hold the splats; what is behind the last splat is not read. */
+ * Pictures have any names, and any sides that hold the splats; what is behind the last splat is not
+ * read. */
 #pragma once
 
 #include "formats/sog.h"
@@ -72,16 +73,18 @@ spin_status spin_sog_4d_range(const struct spin_sog_4d *r, const spin_json *mins
 /* From `least` to 256 numbers. */
 spin_status spin_sog_4d_book(const struct spin_sog_4d *r, const spin_json *j, const char *name,
                              size_t least, struct spin_sog_book *out);
-/* From `least` to `most` members of `object`'s list of files, different ones, are the pictures from `first` on. */
+/* From `least` to `most` members of `object`'s list of files, different ones, are the pictures from
+ * `first` on. */
 spin_status spin_sog_4d_files(struct spin_sog_4d *r, const spin_json *object, const char *name,
                               size_t least, size_t most, enum spin_sog_4d_picture first);
-/* A name that no way of unpacking takes elsewhere: no part is empty, "." or "..", and none of \ : ? # or a control
- * character is in it. */
+/* A name that no way of unpacking takes elsewhere: no part is empty, "." or "..", and none of \ : ?
+ * # or a control character is in it. */
 bool spin_sog_4d_name_is_plain(const char *name);
 /* means, scales, quats, sh0, shN, whose books have from `least` numbers. */
 spin_status spin_sog_4d_still(struct spin_sog_4d *r, size_t least);
 
-/* The pictures of n splats in `folder` of the zip (NULL: as they are named) into rows `first` and on. Time by a range
- * where there are no books; without pictures of time, times are 0 and sigmas are SPIN_FOREVER. */
+/* The pictures of n splats in `folder` of the zip (NULL: as they are named) into rows `first` and
+ * on. Time by a range where there are no books; without pictures of time, times are 0 and sigmas
+ * are SPIN_FOREVER. */
 spin_status spin_sog_4d_rows(struct spin_sog_4d *r, const char *folder, size_t first, size_t n,
                              struct spin_splats_4d *out);

@@ -13,8 +13,8 @@
 #define SMOOTHED 1 /* of the header's flags */
 #define ROW_BYTES 14
 #define MAX_FRAMES 1000000
-/* What unpacks to more times its bytes, beyond a megabyte, is a bomb: rows have places of their own, but differences
- * of those that hardly move pack well. */
+/* What unpacks to more times its bytes, beyond a megabyte, is a bomb: rows have places of their
+ * own, but differences of those that hardly move pack well. */
 #define ROW_RATIO 32
 #define RATIO 1000
 #define SLACK (1u << 20)
@@ -150,7 +150,8 @@ static struct stream stream_at(const unsigned char *head)
     return (struct stream){head[0], head[1], head[2], spin_u32_at(head + 3), spin_u32_at(head + 7)};
 }
 
-/* The planes of a stream that must have n symbols, allocated. `room` is what is left of its section. */
+/* The planes of a stream that must have n symbols, allocated. `room` is what is left of its
+ * section. */
 static spin_status unpack(const struct stream *s, const unsigned char *packed, size_t room,
                           uint64_t n, unsigned char **out)
 {
@@ -192,7 +193,8 @@ static void finish(int attribute, const int32_t *steps, double step, float *out)
 
 /* ---- The static section ---------------------------------------------------------------------- */
 
-/* The stream at *at of the static section, which has to be of this attribute; *at becomes its end. */
+/* The stream at *at of the static section, which has to be of this attribute; *at becomes its end.
+ */
 static spin_status static_stream(const struct spin_splat4d *clip, size_t *at, int attribute,
                                  uint64_t n, struct stream *s, unsigned char **planes)
 {

@@ -1,5 +1,5 @@
-/* .splat4d, version 1, of adamraudonis/splats4D: frames of the same splats, as antimatter15's .splat has them, in steps
- * of twice a bound. Everything is little endian.
+/* .splat4d, version 1, of adamraudonis/splats4D: frames of the same splats, as antimatter15's
+ * .splat has them, in steps of twice a bound. Everything is little endian.
  *
  *     0  "SP4D"     4  version, 2 bytes     6  flags, 2 bytes (1: colours were smoothed in time)
  *     8  bytes of the JSON that follows, 4: n, t, fps, steps, and where the static section and the groups lie
@@ -10,7 +10,8 @@
  *     a group of frames           number of streams, 2 bytes; their heads; their packed bytes. Of the rows that move:
  *                                 the steps of its first frame (key), the differences of each next frame (change)
  *
- * A stream is zstd of byte planes (planes.h). The Unity package gsplat-unity has another format of the same ending. */
+ * A stream is zstd of byte planes (planes.h). The Unity package gsplat-unity has another format of
+ * the same ending. */
 #pragma once
 
 #include "spin.h"
@@ -43,11 +44,11 @@ struct spin_splat4d {
     } attribute[SPIN_SPLAT4D_ATTRIBUTES];
 };
 
-/* The file must stay until close(). Its lengths must fit it, and what would unpack to far more than a clip does is
- * refused. Errors do not name the file, here and below. */
+/* The file must stay until close(). Its lengths must fit it, and what would unpack to far more than
+ * a clip does is refused. Errors do not name the file, here and below. */
 spin_status spin_splat4d_open(const unsigned char *file, size_t size, struct spin_splat4d *out);
 void spin_splat4d_close(struct spin_splat4d *clip);
-/* Frames in any order; next frames are the fastest. All that comes out is finite, rotations are of unit length; SH have
- * degree 0. */
+/* Frames in any order; next frames are the fastest. All that comes out is finite, rotations are of
+ * unit length; SH have degree 0. */
 spin_status spin_splat4d_read(struct spin_splat4d *clip, int frame, unsigned columns,
                               struct spin_splats *out);

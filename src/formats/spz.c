@@ -19,8 +19,9 @@
 #define COLOUR_SCALE (0.15f * 255)
 #define SQRT2 1.41421356237309505f
 #define MAX_PLACE 8388606 /* steps */
-/* Scenes unpack to two or three times the file, to ten where SH are filled up with zeros. What is more than
- * 32 times, beyond some megabytes, is a bomb: deflate can make 1032 bytes out of one, zstd far more. */
+/* Scenes unpack to two or three times the file, to ten where SH are filled up with zeros. What is
+ * more than 32 times, beyond some megabytes, is a bomb: deflate can make 1032 bytes out of one,
+ * zstd far more. */
 #define RATIO 32
 #define RATIO_SLACK (8u << 20)
 #define MAX_EXTENSIONS (1u << 20)
@@ -219,8 +220,8 @@ static spin_status read_extensions(const unsigned char *at, size_t n, struct spi
     return SPIN_OK;
 }
 
-/* Version 4: the table of contents stands for each stream that is not empty, in their order, and the last
- * one ends the file. */
+/* Version 4: the table of contents stands for each stream that is not empty, in their order, and
+ * the last one ends the file. */
 static spin_status check_streams(const unsigned char *file, size_t size, struct spin_spz_header *h)
 {
     uint32_t toc = spin_u32_at(file + 16);
@@ -249,8 +250,8 @@ static spin_status check_streams(const unsigned char *file, size_t size, struct 
                : SPIN_OK;
 }
 
-/* Bytes of the extensions in the gzip of version 2 or 3, by what its end says of its length, which is
- * counted modulo 2^32. */
+/* Bytes of the extensions in the gzip of version 2 or 3, by what its end says of its length, which
+ * is counted modulo 2^32. */
 static uint32_t extension_bytes(const void *file, size_t size, const struct spin_spz_header *h)
 {
     return spin_gzip_length(file, size) - (uint32_t)(SPIN_SPZ_HEADER + all_bytes(h));

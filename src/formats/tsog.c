@@ -15,7 +15,8 @@ enum { DESCRIPTOR = 1 << 3 }; /* flag of a member */
 
 static uint32_t u32(const unsigned char *p) { return spin_u32_at(p); }
 
-/* The local header says what the directory does; with the flag a descriptor behind the data does. */
+/* The local header says what the directory does; with the flag a descriptor behind the data does.
+ */
 static bool header_agrees(const struct spin_zip *zip, const struct spin_zip_member *m)
 {
     const unsigned char *p = zip->map.data + m->header_offset, *end = zip->map.data + zip->map.size;

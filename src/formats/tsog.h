@@ -1,5 +1,6 @@
-/* TSOG, base version 4, by its Playback Profile 1.0.1 (OpsiClear-4DGS/ftgs-player): a zip of a meta.json, the pictures of
- * SOG and, in one of two kinds of time, those of it (sog_4d.h). One sound file may be there.
+/* TSOG, base version 4, by its Playback Profile 1.0.1 (OpsiClear-4DGS/ftgs-player): a zip of a
+ * meta.json, the pictures of SOG and, in one of two kinds of time, those of it (sog_4d.h). One
+ * sound file may be there.
  *
  *   continuous   bells at times of a clip that lasts from 0 to 1, on straight paths; velocities are linear, per clip
  *   discrete     every splat has the number of the one frame that shows it
@@ -20,7 +21,8 @@ struct spin_tsog {
     bool sound;
 };
 
-/* Also fills *splats, which is zero and to be freed also after a failure, not settled: times from 0 to 1; those of
- * discrete ones are frame numbers, with a cut for each. Errors do not name the file. */
+/* Also fills *splats, which is zero and to be freed also after a failure, not settled: times from 0
+ * to 1; those of discrete ones are frame numbers, with a cut for each. Errors do not name the file.
+ */
 spin_status spin_tsog_read(const void *file, size_t size, struct spin_tsog *out,
                            struct spin_splats_4d *splats);

@@ -27,7 +27,8 @@ bool spin_array_is_contiguous(const struct spin_array *a)
     return true;
 }
 
-/* ---- One element ------------------------------------------------------------------------------ */
+/* ---- One element ------------------------------------------------------------------------------
+ */
 
 /* Bits of the element at p, as a number of its size. */
 static uint64_t item_bits(const struct spin_array *a, const unsigned char *p)
@@ -114,7 +115,8 @@ static int64_t item_i64(const struct spin_array *a, const unsigned char *p)
     }
 }
 
-/* ---- Many ------------------------------------------------------------------------------------- */
+/* ---- Many -------------------------------------------------------------------------------------
+ */
 
 static bool host_is_little(void)
 {

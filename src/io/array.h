@@ -5,8 +5,8 @@
 
 #define SPIN_NPY_MAX_DIMS 8
 
-/* Nothing is copied and nothing is owned: the values die with the file or archive they lie in. Whoever
- * fills the struct has checked that every element lies inside of its bytes. */
+/* Nothing is copied and nothing is owned: the values die with the file or archive they lie in.
+ * Whoever fills the struct has checked that every element lies inside of its bytes. */
 struct spin_array {
     char kind;     /* 'f' 'i' 'u' 'b', 'B' bfloat16 */
     int item_size; /* bytes: 1 2 4 8 */
@@ -27,8 +27,9 @@ void spin_array_set_strides(struct spin_array *a, bool fortran);
 /* The elements lie one after the other in row-major order. */
 bool spin_array_is_contiguous(const struct spin_array *a);
 
-/* Copy count elements from flat row-major index first on, converted. Any kind, byte order, layout. To
- * integers: fractions are cut off, what does not fit becomes the nearest limit, NaN becomes 0. */
+/* Copy count elements from flat row-major index first on, converted. Any kind, byte order, layout.
+ * To integers: fractions are cut off, what does not fit becomes the nearest limit, NaN becomes 0.
+ */
 void spin_array_to_f32(const struct spin_array *a, uint64_t first, uint64_t count, float *out);
 void spin_array_to_f64(const struct spin_array *a, uint64_t first, uint64_t count, double *out);
 void spin_array_to_i64(const struct spin_array *a, uint64_t first, uint64_t count, int64_t *out);

@@ -118,7 +118,8 @@ void spin_map_close(struct spin_map *map)
     map->size = 0;
 }
 
-/* A page that the bytes before share goes too and comes back when it is read; the last one stays. */
+/* A page that the bytes before share goes too and comes back when it is read; the last one stays.
+ */
 void spin_map_rest(const void *bytes, size_t n)
 {
     uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);
@@ -601,8 +602,8 @@ static bool is_linked(const char *path)
     return lstat(path, &st) == 0 && st.st_nlink == 2;
 }
 
-/* Give the file its name. Without force link() refuses a name that is taken; where there are no hard
- * links a look must do. */
+/* Give the file its name. Without force link() refuses a name that is taken; where there are no
+ * hard links a look must do. */
 static spin_status take_name(const struct spin_out *out)
 {
     if (!out->force) {
@@ -695,8 +696,8 @@ static bool is_idle(const char *path, time_t seconds)
     return lstat(path, &st) == 0 && st.st_mtime + seconds < time(NULL);
 }
 
-/* Whether the writer is no more. Of one on another host or in another container only its last write is known: an export
- * may compute for many minutes before it writes again. */
+/* Whether the writer is no more. Of one on another host or in another container only its last write
+ * is known: an export may compute for many minutes before it writes again. */
 static bool is_left(const struct ending *e, const char *path)
 {
     bool is_dead = kill((pid_t)e->pid, 0) != 0 && errno == ESRCH;
@@ -731,7 +732,8 @@ uint64_t spin_out_remove(const char *path)
     return bytes;
 }
 
-/* Remove what killed writers have left of `name`, a tried folder included, or, NULL, of all names with this ending. */
+/* Remove what killed writers have left of `name`, a tried folder included, or, NULL, of all names
+ * with this ending. */
 static void sweep(const char *folder, const char *name, const char *ending)
 {
     char *entry = NULL, **names = NULL;

@@ -29,7 +29,8 @@ static spin_status need_plain(void)
     return spin_shim_need(&where, (const void **)&plain);
 }
 
-/* After the other: libpng must find its own functions before those that image_oiio.cpp has for OpenImageIO. */
+/* After the other: libpng must find its own functions before those that image_oiio.cpp has for
+ * OpenImageIO. */
 static spin_status need_oiio(void)
 {
     static struct spin_shim where = {
@@ -125,7 +126,8 @@ static bool jpeg_ends(const struct spin_map *map)
 
 /* ---- Frames of videos ------------------------------------------------------------------------ */
 
-/* "cam00.mp4#12", unless a file of that very name is there: the video's name, allocated, else NULL. */
+/* "cam00.mp4#12", unless a file of that very name is there: the video's name, allocated, else NULL.
+ */
 static spin_status find_video(const char *path, char **file, int64_t *frame)
 {
     size_t n;
@@ -164,8 +166,8 @@ static spin_status check_there(const char *path)
     return SPIN_OK;
 }
 
-/* Map the file just long enough to see what it is and, when whole is asked for, that it ends; imprint
- * may be NULL. */
+/* Map the file just long enough to see what it is and, when whole is asked for, that it ends;
+ * imprint may be NULL. */
 static spin_status inspect(const char *path, bool whole, const char **format,
                            struct spin_imprint *imprint)
 {
@@ -203,8 +205,8 @@ static enum spin_image_result ask(const struct spin_image_shim *shim, struct que
                                sizeof q->why);
 }
 
-/* PNG and JPEG by libpng and libjpeg. What these refuse, and every other file, goes to OpenImageIO, which takes long
- * to load. */
+/* PNG and JPEG by libpng and libjpeg. What these refuse, and every other file, goes to OpenImageIO,
+ * which takes long to load. */
 static spin_status answer(struct question *q)
 {
     enum spin_image_result result = SPIN_IMAGE_UNREADABLE;
@@ -316,7 +318,8 @@ spin_status spin_image_write(const char *path, int width, int height, const uint
     return spin_out_whole(path, bytes, n_bytes, sync);
 }
 
-/* ---- Films -------------------------------------------------------------------------------------- */
+/* ---- Films --------------------------------------------------------------------------------------
+ */
 
 static float finite_or_0(float v) { return isfinite(v) ? v : 0; }
 
@@ -375,7 +378,8 @@ out:
     return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot write image '%s'", path);
 }
 
-/* ---- Names ------------------------------------------------------------------------------------- */
+/* ---- Names -------------------------------------------------------------------------------------
+ */
 
 void spin_picture_name(const struct spin_views *views, size_t view, int number, const char *label,
                        char name[SPIN_PICTURE_NAME])

@@ -1,6 +1,6 @@
-/* The far side of image.c for JPEG by libjpeg-turbo and PNG by libpng, without the time that OpenImageIO takes to load;
- * the only one on machines that have little (make portable, make windows, tests/card). What it reads has the same pixels
- * by OpenImageIO. */
+/* The far side of image.c for JPEG by libjpeg-turbo and PNG by libpng, without the time that
+ * OpenImageIO takes to load; the only one on machines that have little (make portable, make
+ * windows, tests/card). What it reads has the same pixels by OpenImageIO. */
 #include <errno.h>
 #include <setjmp.h>
 #include <stdbool.h>

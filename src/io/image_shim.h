@@ -24,17 +24,17 @@ enum spin_image_result {
 struct spin_image_out {
     const char *format; /* "png" or "openexr" */
     int width, height, n_channels;
-    const char *const *
-        names; /* [n_channels] R, G, B, then A, then others, which are written as floats of 32 bits */
-    int n_colours; /* channels before the others */
-    int bits;      /* PNG: 8, 16; EXR: 16, 32 */
-    bool linear;   /* light, else values for the screen */
+    const char *const *names; /* [n_channels] R, G, B, then A, then others, which are written as
+                                 floats of 32 bits */
+    int n_colours;            /* channels before the others */
+    int bits;                 /* PNG: 8, 16; EXR: 16, 32 */
+    bool linear;              /* light, else values for the screen */
     const float
         *pixels; /* [h][w][n_channels]; PNG: colours are not multiplied by alpha, EXR: they are */
 };
 
-/* format: "jpeg" or "png", which are all that image_plain.c is asked for; "" to let OpenImageIO guess.
- * Every call fills why (n_why bytes) when it fails. Blocks are malloc'ed. */
+/* format: "jpeg" or "png", which are all that image_plain.c is asked for; "" to let OpenImageIO
+ * guess. Every call fills why (n_why bytes) when it fails. Blocks are malloc'ed. */
 struct spin_image_shim {
     int abi;
     const char *version; /* of the library */

@@ -1,5 +1,5 @@
-/* What the calls that run have read, by device and inode: no output may replace it. What they wrote themselves is none of
- * it, though they read it again. */
+/* What the calls that run have read, by device and inode: no output may replace it. What they wrote
+ * themselves is none of it, though they read it again. */
 #include "io/file.h"
 
 #include <pthread.h>

@@ -1,5 +1,5 @@
-/* JSON on jansson. Its writer prints 0.1 with seventeen digits, every number of an array on a line of its own, and
- * what a terminal takes for commands; ours does not. */
+/* JSON on jansson. Its writer prints 0.1 with seventeen digits, every number of an array on a line
+ * of its own, and what a terminal takes for commands; ours does not. */
 #include "io/json.h"
 
 #include <setjmp.h>
@@ -9,9 +9,10 @@
 
 /* ---- Memory ---------------------------------------------------------------------------------- */
 
-/* Jansson's parser drops characters that it has no memory for, and then reads other values, blames the text or aborts;
- * its setters drop values, and nobody looks at what they return. So the allocator remembers: a parser that runs out is
- * left at once, whose few values are lost, and a document that lacks something has no text. */
+/* Jansson's parser drops characters that it has no memory for, and then reads other values, blames
+ * the text or aborts; its setters drop values, and nobody looks at what they return. So the
+ * allocator remembers: a parser that runs out is left at once, whose few values are lost, and a
+ * document that lacks something has no text. */
 static json_malloc_t allocate;
 static _Thread_local jmp_buf *parser; /* of the text that this thread parses; NULL: none */
 static _Thread_local bool ran_out;    /* since the last text was made */

@@ -1,5 +1,5 @@
-/* JSON by Jansson: strict, small, depth-limited, in every Debian. Here is what it lacks, and our names for what it has.
- * Values are borrowed from the document and die with it. */
+/* JSON by Jansson: strict, small, depth-limited, in every Debian. Here is what it lacks, and our
+ * names for what it has. Values are borrowed from the document and die with it. */
 #pragma once
 
 #include <jansson.h>
@@ -24,8 +24,9 @@ spin_json *spin_json_numbers(const double *v, size_t n);
 /* Every key that begins with `from` begins with `to` instead; values stay. */
 void spin_json_rename(spin_json *object, const char *from, const char *to);
 
-/* The text, allocated; keys in the order they were set; numbers read back to the same double. indent: in lines, but
- * arrays of plain values on one. NULL: without memory, also when a value that was set before in this thread found none. */
+/* The text, allocated; keys in the order they were set; numbers read back to the same double.
+ * indent: in lines, but arrays of plain values on one. NULL: without memory, also when a value that
+ * was set before in this thread found none. */
 char *spin_json_text(const spin_json *j, bool indent);
 
 /* A report that is done: its text, indented and allocated; the document is freed. */

@@ -363,7 +363,8 @@ spin_status spin_npz_take(const struct spin_npz *npz, const char *key, bool chec
 
     *owned = NULL;
     SPIN_TRY(find(npz, key, &member));
-    /* Half, as what is made of an unpacked array must find room as well. Asking takes a dozen system calls. */
+    /* Half, as what is made of an unpacked array must find room as well. Asking takes a dozen
+     * system calls. */
     limit = member->method == METHOD_STORED ? 0 : spin_memory_available() / 2;
     SPIN_TRY(spin_zip_read(&npz->zip, member, check_crc, limit, &bytes, owned));
     return spin_npy_parse(key, bytes, (size_t)member->size, out);

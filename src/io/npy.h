@@ -20,15 +20,17 @@ struct spin_npz {
 spin_status spin_npz_open(const char *path, struct spin_npz *out);
 void spin_npz_close(struct spin_npz *npz);
 bool spin_npz_has(const struct spin_npz *npz, const char *key);
-/* Array `key` (member "key.npy"). check_crc as in zip.h. Missing: SPIN_E_NOT_FOUND "no array 'key'". */
+/* Array `key` (member "key.npy"). check_crc as in zip.h. Missing: SPIN_E_NOT_FOUND "no array
+ * 'key'". */
 spin_status spin_npz_array(struct spin_npz *npz, const char *key, bool check_crc,
                            struct spin_array *out);
 /* What its header says, from its first bytes alone; out->data is NULL. */
 spin_status spin_npz_head(const struct spin_npz *npz, const char *key, struct spin_array *out);
-/* Bytes of memory that its values take once they are read: 0 when they lie in the file as they are. */
+/* Bytes of memory that its values take once they are read: 0 when they lie in the file as they are.
+ */
 uint64_t spin_npz_unpacked(const struct spin_npz *npz, const char *key);
-/* Its values; those that were deflated go to *owned, to be freed by the caller, instead of staying until the
- * archive is closed. NULL: they lie in the file as they are. */
+/* Its values; those that were deflated go to *owned, to be freed by the caller, instead of staying
+ * until the archive is closed. NULL: they lie in the file as they are. */
 spin_status spin_npz_take(const struct spin_npz *npz, const char *key, bool check_crc,
                           struct spin_array *out, void **owned);
 /* The shape must be [shape..]; a -1 matches anything. Error says both. */
@@ -38,8 +40,8 @@ spin_status spin_array_check_shape(const char *key, const struct spin_array *a, 
 spin_status spin_npz_array_of(struct spin_npz *npz, const char *key, bool check_crc, int n_dims,
                               const int64_t *shape, struct spin_array *out);
 
-/* These values will not be needed soon (see spin_map_forget): for arrays read a frame at a time. Only
- * C-order arrays that lie in the file as they are have anything to forget. */
+/* These values will not be needed soon (see spin_map_forget): for arrays read a frame at a time.
+ * Only C-order arrays that lie in the file as they are have anything to forget. */
 void spin_npz_forget(const struct spin_npz *npz, const struct spin_array *a, uint64_t first,
                      uint64_t count);
 

@@ -49,7 +49,8 @@ spin_status spin_output_check_empty_folder(const char *path, bool force)
     return spin_output_check_folder(path);
 }
 
-/* Folder and name, so that equal files have equal texts; as it was given where there is no such folder. */
+/* Folder and name, so that equal files have equal texts; as it was given where there is no such
+ * folder. */
 static spin_status place_of(const char *path, char **out)
 {
     SPIN_FREED char *folder = NULL, *absolute = NULL;
@@ -137,8 +138,8 @@ static bool is_named(int fd, const char *path)
 
 enum lock { HELD, TAKEN, GONE, NO_LOCKS, NO_FILE };
 
-/* GONE: the file was removed meanwhile, try again. NO_FILE: errno says why. fd is open after HELD and
- * NO_LOCKS. */
+/* GONE: the file was removed meanwhile, try again. NO_FILE: errno says why. fd is open after HELD
+ * and NO_LOCKS. */
 static enum lock try_lock(const char *path, int *fd)
 {
     enum lock got = HELD;
@@ -182,8 +183,8 @@ spin_status spin_output_lock_take(const char *output, struct spin_output_lock *o
     return SPIN_E_IO;
 }
 
-/* Removed while it is still held: who opened it before sees that its name is gone. A file with bytes in
- * it is somebody else's. */
+/* Removed while it is still held: who opened it before sees that its name is gone. A file with
+ * bytes in it is somebody else's. */
 void spin_output_lock_drop(struct spin_output_lock *lock)
 {
     struct stat st;
@@ -197,7 +198,8 @@ void spin_output_lock_drop(struct spin_output_lock *lock)
     *lock = (struct spin_output_lock){.fd = -1};
 }
 
-/* ---- Folders that are filled ------------------------------------------------------------------ */
+/* ---- Folders that are filled ------------------------------------------------------------------
+ */
 
 spin_status spin_output_folder_begin(const char *path, bool force, const char *ending,
                                      struct spin_output_folder *out)

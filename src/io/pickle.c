@@ -1,5 +1,5 @@
-/* Pickles as data: a stack machine after Python's Lib/pickletools.py, of which only the opcodes that
- * build values are there.
+/* Pickles as data: a stack machine after Python's Lib/pickletools.py, of which only the opcodes
+ * that build values are there.
  *
  * A global is pushed as the number of a row in a table; REDUCE, NEWOBJ and BUILD switch on that
  * number and make the value it stands for. There is no call. What a file can cost is bounded:
@@ -252,8 +252,8 @@ static spin_status push_constant(struct machine *m, struct spin_value **kept,
     return push(m, *kept);
 }
 
-/* Two's complement, little-endian, any length. What does not fit in 64 bits is the nearest limit, with
- * the magnitude in `number`: an error only where it is needed. */
+/* Two's complement, little-endian, any length. What does not fit in 64 bits is the nearest limit,
+ * with the magnitude in `number`: an error only where it is needed. */
 static spin_status push_long(struct machine *m, const unsigned char *p, size_t n)
 {
     bool negative = n > 0 && p[n - 1] & 0x80;
@@ -437,10 +437,12 @@ static spin_status keep_storages(struct machine *m, struct spin_pickle *out)
     return SPIN_OK;
 }
 
-/* torch.storage._load_from_bytes: a whole legacy stream in a bytes object, pushed as one storage. */
+/* torch.storage._load_from_bytes: a whole legacy stream in a bytes object, pushed as one storage.
+ */
 static spin_status load_from_bytes(struct machine *m, const struct spin_value *args);
 
-/* ---- The globals that a pickle may name; every other is refused ---------------------------------- */
+/* ---- The globals that a pickle may name; every other is refused
+ * ---------------------------------- */
 
 /* A view that repeats elements (stride 0) may have more of them than its storage, up to this. */
 #define MAX_REPEATED ((uint64_t)1 << 22)
@@ -1012,7 +1014,8 @@ static spin_status op_build(struct machine *m)
     }
 }
 
-/* ---- Opcodes ----------------------------------------------------------------------------------- */
+/* ---- Opcodes -----------------------------------------------------------------------------------
+ */
 
 enum opcode {
     MARK = 0x28,
@@ -1415,7 +1418,8 @@ static spin_status load_from_bytes(struct machine *m, const struct spin_value *a
     return push(m, &node->v);
 }
 
-/* ---- The machine put together ------------------------------------------------------------------ */
+/* ---- The machine put together ------------------------------------------------------------------
+ */
 
 static spin_status parse(const char *what, const unsigned char *bytes, size_t n, bool legacy,
                          struct spin_pickle *out)
@@ -1457,7 +1461,8 @@ spin_status spin_pickle_parse_legacy(const char *what, const unsigned char *byte
     return parse(what, bytes, n, true, out);
 }
 
-/* ---- Values, looked up ------------------------------------------------------------------------- */
+/* ---- Values, looked up -------------------------------------------------------------------------
+ */
 
 void spin_pickle_free(struct spin_pickle *pickle)
 {

@@ -1,12 +1,12 @@
 /* A pickle machine that builds data and never runs code.
  *
  * Protocols 2 to 5. Globals are names, not things: the few that stand for plain data (OrderedDict,
- * torch's tensor rebuilders, numpy's array rebuilders, argparse.Namespace, ...) are known by a whitelist
- * and become values; any other is an error that names it, even when it is never called. Depth, memo,
- * lengths and the sum of all values are bounded by the size of the input.
+ * torch's tensor rebuilders, numpy's array rebuilders, argparse.Namespace, ...) are known by a
+ * whitelist and become values; any other is an error that names it, even when it is never called.
+ * Depth, memo, lengths and the sum of all values are bounded by the size of the input.
  *
- * What comes out is a graph of values, for a list may hold itself, and sixty pairs of pairs are a tree of
- * 2^60. Look things up; never walk it all. */
+ * What comes out is a graph of values, for a list may hold itself, and sixty pairs of pairs are a
+ * tree of 2^60. Look things up; never walk it all. */
 #pragma once
 
 #include "base/mem.h"
@@ -57,8 +57,8 @@ struct spin_pickle {
 /* `what` names it in messages. Storages stay unbound. To be freed with spin_pickle_free(). */
 spin_status spin_pickle_parse(const char *what, const unsigned char *bytes, size_t n,
                               struct spin_pickle *out);
-/* The raw stream that torch.save wrote before 1.6: five pickles, then the storages, whose data point into
- * `bytes`. */
+/* The raw stream that torch.save wrote before 1.6: five pickles, then the storages, whose data
+ * point into `bytes`. */
 bool spin_pickle_is_legacy(const unsigned char *bytes, size_t n);
 spin_status spin_pickle_parse_legacy(const char *what, const unsigned char *bytes, size_t n,
                                      struct spin_pickle *out);

@@ -10,7 +10,8 @@
 #include "base/base.h"
 
 #define MAX_HEADER (128u * 1024)
-/* Records per pass of spin_ply_columns(): 16 KB at 62 floats each, which the nearest cache holds. */
+/* Records per pass of spin_ply_columns(): 16 KB at 62 floats each, which the nearest cache holds.
+ */
 #define BLOCK 64
 
 static const int type_size[] = {1, 1, 2, 2, 4, 4, 4, 8};

@@ -51,7 +51,8 @@ spin_status spin_ply_open(const char *path, struct spin_ply *out);
 spin_status spin_ply_parse(const char *what, const unsigned char *bytes, size_t n_bytes,
                            struct spin_ply *out);
 void spin_ply_close(struct spin_ply *ply);
-/* Comments of splats that are meant to be drawn antialiased, as Postshot and Brush write them; whether there is one. */
+/* Comments of splats that are meant to be drawn antialiased, as Postshot and Brush write them;
+ * whether there is one. */
 #define SPIN_PLY_ANTIALIASED "comment antialiased 1\ncomment SplatRenderMode: mip\n"
 bool spin_ply_is_antialiased(const struct spin_ply *ply);
 /* NULL when there is none. */

@@ -36,9 +36,11 @@ void spin_ranks_spent(uint64_t *bytes, double *seconds)
     *seconds = waited_s;
 }
 
-/* ---- Warnings ----------------------------------------------------------------------------------- */
+/* ---- Warnings -----------------------------------------------------------------------------------
+ */
 
-/* Lines that this rank had to say, each once. Rank 0 prints at once, and at the end what only others said. */
+/* Lines that this rank had to say, each once. Rank 0 prints at once, and at the end what only
+ * others said. */
 static char *lines;
 static size_t n_lines_bytes;
 
@@ -95,7 +97,8 @@ static spin_status say_lines(void)
     return SPIN_OK;
 }
 
-/* ---- Begin -------------------------------------------------------------------------------------- */
+/* ---- Begin --------------------------------------------------------------------------------------
+ */
 
 /* What Open MPI, MPICH and Slurm tell a process about the job that it belongs to. */
 static int from_environment(const char *const name[3])
@@ -141,7 +144,8 @@ spin_status spin_ranks_begin(void)
     return SPIN_OK;
 }
 
-/* ---- Messages ----------------------------------------------------------------------------------- */
+/* ---- Messages -----------------------------------------------------------------------------------
+ */
 
 spin_status spin_ranks_listen(void)
 {
@@ -272,10 +276,11 @@ spin_status spin_ranks_agree(spin_status status)
     return end;
 }
 
-/* ---- End ---------------------------------------------------------------------------------------- */
+/* ---- End ----------------------------------------------------------------------------------------
+ */
 
-/* Tell all others, and wait a while until each of them has noticed. Who speaks: the lowest rank that failed by
- * itself, or this one, when nobody else answers. */
+/* Tell all others, and wait a while until each of them has noticed. Who speaks: the lowest rank
+ * that failed by itself, or this one, when nobody else answers. */
 static void part(spin_status status)
 {
     double until = spin_now_s() + patience_s;

@@ -77,7 +77,8 @@ static int notice_waits(void)
            there;
 }
 
-/* The processor is left to others after a while: ranks may share one. Naps grow with the wait, to a millisecond. */
+/* The processor is left to others after a while: ranks may share one. Naps grow with the wait, to a
+ * millisecond. */
 static void pause_a_little(int turn)
 {
     int late = turn - EAGER;

@@ -1,4 +1,5 @@
-/* What ranks.c and the shared object behind it, which is linked with MPI, agree on. Plain C types only. */
+/* What ranks.c and the shared object behind it, which is linked with MPI, agree on. Plain C types
+ * only. */
 #pragma once
 
 #include <stddef.h>
@@ -8,7 +9,8 @@
 
 #define SPIN_MAX_RANKS 4096
 
-/* Bytes to or from another rank. Messages between two ranks arrive in the order in which they are listed. */
+/* Bytes to or from another rank. Messages between two ranks arrive in the order in which they are
+ * listed. */
 struct spin_message {
     int peer;
     int receive; /* else: send */
@@ -24,10 +26,11 @@ struct spin_ranks_shim {
     int abi;
     /* 0 with why. */
     int (*start)(int *rank, int *n, char *why, size_t n_why);
-    /* All messages, at once. NOTICE: another rank has sent a notice, and what is under way is given up. BROKEN
-     * with why. */
+    /* All messages, at once. NOTICE: another rank has sent a notice, and what is under way is given
+     * up. BROKEN with why. */
     int (*exchange)(const struct spin_message *message, size_t n, char *why, size_t n_why);
-    /* at [n], numbers of a kind: their sums over all ranks take their place. Ends as exchange() does. */
+    /* at [n], numbers of a kind: their sums over all ranks take their place. Ends as exchange()
+     * does. */
     int (*sum)(void *at, size_t n, int kind, char *why, size_t n_why);
     /* A notice to all other ranks, at most once: it is not waited for. */
     void (*notify)(void *notice, size_t bytes);

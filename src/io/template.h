@@ -1,4 +1,5 @@
-/* A text with places for values of a JSON document: the reports of the commands, and the page of an evaluation.
+/* A text with places for values of a JSON document: the reports of the commands, and the page of an
+ * evaluation.
  *
  *     {{splats.mean}}  {{times.0}}        a value; nothing where there is none; of an array how many it has
  *     {{{picture}}}                       in HTML: as it is, without escapes
@@ -19,5 +20,6 @@
 
 #include "io/json.h"
 
-/* html: values are escaped; else control characters in them become '?', as a terminal takes them for commands. */
+/* html: values are escaped; else control characters in them become '?', as a terminal takes them
+ * for commands. */
 void spin_template_write(FILE *to, const char *text, const spin_json *document, bool html);

@@ -1,8 +1,10 @@
-/* PyTorch checkpoints: which kind of file it is, the pickle in it, and the storages behind its tensors.
+/* PyTorch checkpoints: which kind of file it is, the pickle in it, and the storages behind its
+ * tensors.
  *
  * The zip form keeps each storage as a member TOP/data/KEY. At opening the members are only looked
  * up in the directory and their sizes compared with what the pickle says; the moments of an
- * optimiser, two thirds of a checkpoint, are never touched. Stored members are used from the map. */
+ * optimiser, two thirds of a checkpoint, are never touched. Stored members are used from the map.
+ */
 #include "io/torch.h"
 
 #include <strings.h>
@@ -11,7 +13,8 @@
 #include "io/xz.h"
 #include "io/zip.h"
 
-/* Of data.pkl when it is deflated: real ones are kilobytes, one with tables in it some megabytes. */
+/* Of data.pkl when it is deflated: real ones are kilobytes, one with tables in it some megabytes.
+ */
 #define PICKLE_LIMIT ((uint64_t)16 << 20)
 /* Checking a CRC reads every byte, so larger members are only checked for being there. */
 #define CRC_LIMIT ((uint64_t)64 << 20)

@@ -1,15 +1,17 @@
-/* Frames of videos through FFmpeg, behind a C face. As with images, what calls FFmpeg is a shared object
- * of its own (spin-video.so), loaded on first use; a build without FFmpeg lacks it, and says so when a
- * video is to be read.
+/* Frames of videos through FFmpeg, behind a C face. As with images, what calls FFmpeg is a shared
+ * object of its own (spin-video.so), loaded on first use; a build without FFmpeg lacks it, and says
+ * so when a video is to be read.
  *
- * A frame of a video is an image with the path "cam00.mp4#12": its twelfth from the first, counted from
- * 0 in the order in which they are shown. spin_image_size() and spin_image_read() take such paths.
+ * A frame of a video is an image with the path "cam00.mp4#12": its twelfth from the first, counted
+ * from 0 in the order in which they are shown. spin_image_size() and spin_image_read() take such
+ * paths.
  *
- * In what order frames are asked for: decoding begins at a key frame, so a frame at random costs up to as
- * many as lie between two of those. Extracting a whole clip to disk first would be 15 GB and more, which
- * nobody asked for; instead the decoder stays where it is, and every frame that it passes is offered to
- * the caller, who keeps it while there is memory: so a video that fits is decoded about once in all, and
- * one that does not costs at most a key frame's distance each time. */
+ * In what order frames are asked for: decoding begins at a key frame, so a frame at random costs up
+ * to as many as lie between two of those. Extracting a whole clip to disk first would be 15 GB and
+ * more, which nobody asked for; instead the decoder stays where it is, and every frame that it
+ * passes is offered to the caller, who keeps it while there is memory: so a video that fits is
+ * decoded about once in all, and one that does not costs at most a key frame's distance each time.
+ */
 #pragma once
 
 #include "io/file.h"
@@ -26,8 +28,8 @@ spin_status spin_video_start(void);
 struct spin_video_shim;
 spin_status spin_video_shim(const struct spin_video_shim **shim);
 
-/* Size and number of frames of a video file: its packets are counted, nothing is decoded. imprint, or NULL: of the
- * whole file; read once, and remembered while the file stays as it is. */
+/* Size and number of frames of a video file: its packets are counted, nothing is decoded. imprint,
+ * or NULL: of the whole file; read once, and remembered while the file stays as it is. */
 spin_status spin_video_info(const char *file, int *width, int *height, int64_t *n_frames,
                             struct spin_imprint *imprint);
 
@@ -39,17 +41,18 @@ struct spin_video_passer {
     void (*take)(void *context, int64_t frame, int width, int height, const uint8_t *rgb);
 };
 
-/* Decode a frame to interleaved 8-bit RGB, allocated with malloc. passer may be NULL. One thread at a
- * time goes in; others wait. */
+/* Decode a frame to interleaved 8-bit RGB, allocated with malloc. passer may be NULL. One thread at
+ * a time goes in; others wait. */
 spin_status spin_video_read(const char *file, int64_t frame, const struct spin_video_passer *passer,
                             int *width, int *height, uint8_t **rgb);
 
-/* ---- Writing, frame by frame; the file appears under its name only when whole ------------------- */
+/* ---- Writing, frame by frame; the file appears under its name only when whole -------------------
+ */
 
 struct spin_video_out;
 
-/* path ends in .mp4 or .webm. quality: 0 (best) to 51 (least). sync: as of struct spin_out. codec: what was taken, static. Either
- * commit or abandon must follow; both free it. */
+/* path ends in .mp4 or .webm. quality: 0 (best) to 51 (least). sync: as of struct spin_out. codec:
+ * what was taken, static. Either commit or abandon must follow; both free it. */
 spin_status spin_video_create(const char *path, bool force, bool sync, int width, int height,
                               double fps, int quality, struct spin_video_out **out,
                               const char **codec);

@@ -1,6 +1,6 @@
-/* The far side of video_encode.c: libavcodec, libavformat and libswscale behind a table of functions
- * (video_shim.h). MP4 is H.264 where there is x264, else MPEG-4; WebM is VP9, else VP8. Colours
- * are BT.709, and the file says so. */
+/* The far side of video_encode.c: libavcodec, libavformat and libswscale behind a table of
+ * functions (video_shim.h). MP4 is H.264 where there is x264, else MPEG-4; WebM is VP9, else VP8.
+ * Colours are BT.709, and the file says so. */
 #include "io/video_shim.h"
 
 #include <libavcodec/avcodec.h>

@@ -1,6 +1,6 @@
 /* The far side of video.c: libavformat, libavcodec and libswscale behind a table of functions
- * (video_shim.h). What it opens is a file and stays one: other protocols, playlists and references to
- * other files are shut off. */
+ * (video_shim.h). What it opens is a file and stays one: other protocols, playlists and references
+ * to other files are shut off. */
 #include "io/video_shim.h"
 
 #include <libavcodec/avcodec.h>

@@ -1,6 +1,7 @@
-/* Reading a page of a map that the file no longer has is SIGBUS. No code can go on after that, least of
- * all in one thread of many: the handler says which file it was, removes what is half-written and ends
- * the process. It takes no lock, as a thread that holds one may be the one that fell. */
+/* Reading a page of a map that the file no longer has is SIGBUS. No code can go on after that,
+ * least of all in one thread of many: the handler says which file it was, removes what is
+ * half-written and ends the process. It takes no lock, as a thread that holds one may be the one
+ * that fell. */
 #include <pthread.h>
 #include <signal.h>
 #include <stdatomic.h>

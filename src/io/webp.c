@@ -172,8 +172,9 @@ spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *h
     return SPIN_OK;
 }
 
-/* libwebp 1.2 takes some of its missing allocations for damage, and others end the process: ask for what it needs
- * beforehand, which is a copy of the pixels, what transforms them and the tables of its codes. */
+/* libwebp 1.2 takes some of its missing allocations for damage, and others end the process: ask for
+ * what it needs beforehand, which is a copy of the pixels, what transforms them and the tables of
+ * its codes. */
 static spin_status check_memory(int width, int height)
 {
     SPIN_FREED void *block = malloc(2 * 4 * (size_t)width * (size_t)height + (1 << 20));

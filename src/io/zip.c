@@ -363,7 +363,8 @@ static spin_status fail_memory(const struct spin_zip *zip, const struct spin_zip
                      zip->path, (unsigned long long)m->size, m->name);
 }
 
-/* Raw deflate of a member into exactly its size. zlib counts in unsigned int, so both sides are fed in pieces. */
+/* Raw deflate of a member into exactly its size. zlib counts in unsigned int, so both sides are fed
+ * in pieces. */
 static spin_status inflate_exactly(const struct spin_zip *zip, const struct spin_zip_member *m,
                                    const unsigned char *packed, unsigned char *out)
 {

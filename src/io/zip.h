@@ -38,9 +38,9 @@ const struct spin_zip_member *spin_zip_find(const struct spin_zip *zip, const ch
 const struct spin_zip_member *spin_zip_find_parts(const struct spin_zip *zip,
                                                   const char *const *part);
 
-/* The bytes of a member. Stored: *data points into the map and *owned is NULL. Deflated: *owned is a
- * new block, to be freed with free(). The CRC is checked when check_crc. `limit` bounds the size of
- * an inflated member (a bomb is an error before anything is reserved). */
+/* The bytes of a member. Stored: *data points into the map and *owned is NULL. Deflated: *owned is
+ * a new block, to be freed with free(). The CRC is checked when check_crc. `limit` bounds the size
+ * of an inflated member (a bomb is an error before anything is reserved). */
 spin_status spin_zip_read(const struct spin_zip *zip, const struct spin_zip_member *member,
                           bool check_crc, uint64_t limit, const unsigned char **data, void **owned);
 
@@ -48,8 +48,8 @@ spin_status spin_zip_read(const struct spin_zip *zip, const struct spin_zip_memb
 spin_status spin_zip_head(const struct spin_zip *zip, const struct spin_zip_member *member,
                           void *out, size_t n, size_t *n_out);
 
-/* ---- Writing: members stored, data 64-byte aligned, or deflated; zip64 when needed, no dates (1980-01-01), so equal
- * content gives equal bytes, by any number of threads. */
+/* ---- Writing: members stored, data 64-byte aligned, or deflated; zip64 when needed, no dates
+ * (1980-01-01), so equal content gives equal bytes, by any number of threads. */
 
 struct spin_zip_writer {
     struct spin_out out;
@@ -69,15 +69,17 @@ spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, u
 /* The same for a member that is deflated on the way. */
 spin_status spin_zip_member_begin_deflated(struct spin_zip_writer *w, const char *name,
                                            uint64_t size);
-/* The one just begun quickly: only runs of a byte are found, and what seems random is stored. Before its first bytes. */
+/* The one just begun quickly: only runs of a byte are found, and what seems random is stored.
+ * Before its first bytes. */
 void spin_zip_member_runs(struct spin_zip_writer *w);
 spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, size_t bytes);
 spin_status spin_zip_member_end(struct spin_zip_writer *w);
 /* The same at once, of two pieces that are there already: nothing is written twice. */
 spin_status spin_zip_member_whole(struct spin_zip_writer *w, const char *name, const void *head,
                                   size_t n_head, const void *data, size_t n_data);
-/* An archive in a file that is open and empty, which stays the caller's to commit: it is lent to the writer, and
- * end(), which must follow, gives it back. It writes the directory when all is well so far. */
+/* An archive in a file that is open and empty, which stays the caller's to commit: it is lent to
+ * the writer, and end(), which must follow, gives it back. It writes the directory when all is well
+ * so far. */
 void spin_zip_writer_begin(const struct spin_out *out, struct spin_zip_writer *w);
 spin_status spin_zip_writer_end(struct spin_zip_writer *w, spin_status so_far,
                                 struct spin_out *out);

@@ -240,8 +240,8 @@ spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, s
     return spin_out_write(&w->out, data, bytes);
 }
 
-/* Put bytes that are known only now into a local header. Not by seeking, as stdio then reads and writes
- * again what lies around it. */
+/* Put bytes that are known only now into a local header. Not by seeking, as stdio then reads and
+ * writes again what lies around it. */
 static spin_status patch(struct spin_zip_writer *w, const struct bytes *b, uint64_t at)
 {
     if (fflush(w->out.file) != 0)

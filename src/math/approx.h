@@ -51,7 +51,8 @@ SPIN_FN float spin_exp2_fraction(float f)
     return p * f + 1.0f;
 }
 
-/* 1 / v, for normal v whose inverse is normal. On a card to 1 unit in the last place, without the care for others. */
+/* 1 / v, for normal v whose inverse is normal. On a card to 1 unit in the last place, without the
+ * care for others. */
 SPIN_FN float spin_reciprocal(float v)
 {
 #if defined(__CUDA_ARCH__)
@@ -133,8 +134,8 @@ SPIN_FN float spin_erf(float x)
     return x < 0.0f ? -y : y;
 }
 
-/* GELU(x) = x Phi(x) in its exact (erf) form, docs/method.md 3.4, and its slope Phi(x) + x phi(x). The
- * one exponential e^(-x^2/2) serves both. Absolute error 5e-7 of the value for |x| <= 6 (above
+/* GELU(x) = x Phi(x) in its exact (erf) form, docs/method.md 3.4, and its slope Phi(x) + x phi(x).
+ * The one exponential e^(-x^2/2) serves both. Absolute error 5e-7 of the value for |x| <= 6 (above
  * that of rounding alone), of the slope 5e-7. */
 SPIN_FN float spin_gelu_both(float x, float *slope)
 {

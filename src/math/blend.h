@@ -1,6 +1,7 @@
-/* One Gaussian at one pixel: alpha, one step front to back, one step back to front (docs/method.md 4.2,
- * 4.3; one sum S stands for the colour behind). Exponents are to the base 2 and contain the
- * opacity: alpha = exp2(-log2(e)/2 (a dx^2 + 2 b dx dy + c dy^2) + log2(opacity)). */
+/* One Gaussian at one pixel: alpha, one step front to back, one step back to front
+ * (docs/method.md 4.2, 4.3; one sum S stands for the colour behind). Exponents are to the base 2
+ * and contain the opacity: alpha = exp2(-log2(e)/2 (a dx^2 + 2 b dx dy + c dy^2) + log2(opacity)).
+ */
 #pragma once
 
 #include "math/approx.h"
@@ -106,8 +107,9 @@ SPIN_FN int spin_blend_step(const struct spin_blend_splat *s, float dx, float dy
     return 1;
 }
 
-/* The same for depths, of a Gaussian whose colour is (depth, 1, 0): the pixel's colour gets the sum of the depths by
- * their weights, that of the weights, and the median: the depth at which half of the light is held up, 0 before. */
+/* The same for depths, of a Gaussian whose colour is (depth, 1, 0): the pixel's colour gets the sum
+ * of the depths by their weights, that of the weights, and the median: the depth at which half of
+ * the light is held up, 0 before. */
 SPIN_FN void spin_blend_depth(const struct spin_blend_splat *s, float dx, float dy,
                               struct spin_blend_pixel *pixel)
 {
@@ -135,8 +137,8 @@ struct spin_blend_pixel_adj {
     float g[3]; /* dL/dpixel */
 };
 
-/* One step back to front, for a pair that was added, of this power: its weight in the pixel, and de. The gradient
- * passes the cap of alpha. */
+/* One step back to front, for a pair that was added, of this power: its weight in the pixel, and
+ * de. The gradient passes the cap of alpha. */
 SPIN_FN void spin_blend_pixel_adj(const struct spin_blend_splat *s, float power,
                                   struct spin_blend_pixel_adj *pixel, float *weight, float *de)
 {

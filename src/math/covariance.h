@@ -175,8 +175,8 @@ SPIN_FN int spin_covariance_split(const double cov6[6], double log_scale[3], dou
 
 /* 4-D rotation of a pair of quaternions, axes x, y, z, t: the product of a left- and a
  * right-isoclinic rotation (4D Gaussian Splatting, Yang et al., ICLR 2024;
- * fudan-zvg/4d-gaussian-splatting 63725f2). Quaternions of any length but zero. `older` is the order of
- * axes before 2024-09-15: today's matrix has its rows and columns reversed. */
+ * fudan-zvg/4d-gaussian-splatting 63725f2). Quaternions of any length but zero. `older` is the
+ * order of axes before 2024-09-15: today's matrix has its rows and columns reversed. */
 SPIN_FN void spin_rotation4_of_pair(const double left[4], const double right[4], int older,
                                     double a[16])
 {
@@ -206,8 +206,8 @@ SPIN_FN void spin_rotation4_of_pair(const double left[4], const double right[4],
 }
 
 /* 4-D matrix of a rotor s xy xz yz xw yw zw xyzw, w being time (4D-Rotor Gaussian Splatting, Duan
- * et al., SIGGRAPH 2024; weify627/4D-Rotor-Gaussians 1ea2ff9). Taken as stored: off unit length it is no
- * rotation, and the method's renderer means it so. */
+ * et al., SIGGRAPH 2024; weify627/4D-Rotor-Gaussians 1ea2ff9). Taken as stored: off unit length it
+ * is no rotation, and the method's renderer means it so. */
 SPIN_FN void spin_matrix4_of_rotor(const double rotor[8], double a[16])
 {
     double s = rotor[0], xy = rotor[1], xz = rotor[2], yz = rotor[3];

@@ -1,7 +1,7 @@
-/* Which splats are left out of what is written, as no viewer could draw them: one with a NaN or infinity, which is known
- * to hang viewers, a rotation of length zero, a scale whose square leaves the range of float, or one larger than the
- * scene - its standard deviation beyond the diagonal of the box of all places of its frame, which would lay one colour
- * over everything. */
+/* Which splats are left out of what is written, as no viewer could draw them: one with a NaN or
+ * infinity, which is known to hang viewers, a rotation of length zero, a scale whose square leaves
+ * the range of float, or one larger than the scene - its standard deviation beyond the diagonal of
+ * the box of all places of its frame, which would lay one colour over everything. */
 #pragma once
 
 #include <stddef.h>
@@ -33,7 +33,8 @@ SPIN_FN float spin_zeros(const float *x, size_t n)
     return sum;
 }
 
-/* Finite places in a box; low and high begin as INFINITY and -INFINITY. Returns whether this one is. */
+/* Finite places in a box; low and high begin as INFINITY and -INFINITY. Returns whether this one
+ * is. */
 SPIN_FN int spin_box_add(const float place[3], float low[3], float high[3])
 {
     if (spin_zeros(place, 3) != 0.0f)
@@ -45,7 +46,8 @@ SPIN_FN int spin_box_add(const float place[3], float low[3], float high[3])
     return 1;
 }
 
-/* The largest log scale of a frame that has n finite places in this box; max_scale: in diagonals of it, 0: no limit. */
+/* The largest log scale of a frame that has n finite places in this box; max_scale: in diagonals of
+ * it, 0: no limit. */
 SPIN_FN float spin_log_scale_limit(const float low[3], const float high[3], size_t n,
                                    double max_scale)
 {
@@ -59,7 +61,8 @@ SPIN_FN float spin_log_scale_limit(const float low[3], const float high[3], size
     return limit < (double)SPIN_LOG_SCALE_LIMIT ? (float)limit : SPIN_LOG_SCALE_LIMIT;
 }
 
-/* Quaternions whose square leaves the range of float can be written. An infinite logit is a saturated opacity. */
+/* Quaternions whose square leaves the range of float can be written. An infinite logit is a
+ * saturated opacity. */
 SPIN_FN enum spin_undrawable spin_undrawable(const float place[3], const float q[4],
                                              const float log_scale[3], const float *logit,
                                              const float *sh, size_t n_sh, float limit)

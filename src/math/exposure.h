@@ -1,8 +1,9 @@
-/* A camera's own look: picture = min(exp(m) (1 + c1 r^2 + c2 r^4) render + offset, 1), each channel by itself.
- * Gain and offset are the camera's (Dynamic 3D Gaussians fits the same; its cam_m and cam_c). The falloff c1, c2 is
- * that of the lens, shared by cameras of one kind; r is the distance from the principal point in halves of the
- * picture's width. White is the brightest that a photograph shows. So splats need not paint a camera's white balance
- * and its dark corners into the scene. Held-out views are drawn with the falloff, m = 0 and offset 0. */
+/* A camera's own look: picture = min(exp(m) (1 + c1 r^2 + c2 r^4) render + offset, 1), each channel
+ * by itself. Gain and offset are the camera's (Dynamic 3D Gaussians fits the same; its cam_m and
+ * cam_c). The falloff c1, c2 is that of the lens, shared by cameras of one kind; r is the distance
+ * from the principal point in halves of the picture's width. White is the brightest that a
+ * photograph shows. So splats need not paint a camera's white balance and its dark corners into the
+ * scene. Held-out views are drawn with the falloff, m = 0 and offset 0. */
 #pragma once
 
 #include "math/portable.h"

@@ -25,8 +25,8 @@ SPIN_FN uint32_t spin_grid_hash(const uint32_t q[4])
 }
 
 /* A level is dense when all its vertices have a row of their own (equality is dense). The product
- * is taken in 64 bits: in 32 it wraps to 0 at 2048^3 and the level would lose its hash (docs/method.md
- * 14). */
+ * is taken in 64 bits: in 32 it wraps to 0 at 2048^3 and the level would lose its hash
+ * (docs/method.md 14). */
 SPIN_FN int spin_grid_is_hashed(const uint32_t res[4], uint64_t rows)
 {
     uint64_t product = 1;
@@ -48,9 +48,9 @@ SPIN_FN uint32_t spin_grid_row(const uint32_t q[4], const uint32_t res[4], uint3
     return (q[0] + res[0] * (q[1] + res[1] * (q[2] + res[2] * q[3]))) % rows;
 }
 
-/* Geometry of one level of our own network (docs/method.md 3.3): n = base * growth^level vertices per
- * axis in double, the last level exactly `finest`; scale = n - 1; 1e-9 is rounded away before the
- * ceil. One level alone uses `base`. Returns its rows, min(2^log2_rows, product of res). */
+/* Geometry of one level of our own network (docs/method.md 3.3): n = base * growth^level vertices
+ * per axis in double, the last level exactly `finest`; scale = n - 1; 1e-9 is rounded away before
+ * the ceil. One level alone uses `base`. Returns its rows, min(2^log2_rows, product of res). */
 SPIN_FN uint64_t spin_grid_level(int level, int n_levels, const int base[4], const int finest[4],
                                  int log2_rows, float scale[4], uint32_t res[4], int *hashed)
 {
@@ -75,9 +75,9 @@ SPIN_FN uint64_t spin_grid_level(int level, int n_levels, const int base[4], con
 }
 
 /* Geometry of a level of somebody else's network, from what is stored with it (DASH,
- * Grid4D): growth and base per axis as float32, rounded where the method's kernel rounds, as one unit
- * in the last place more or less can turn a dense level into a hashed one. Axes beyond n_dims get
- * one vertex, which leaves row and hash alone. Returns 0 when the numbers make no grid. */
+ * Grid4D): growth and base per axis as float32, rounded where the method's kernel rounds, as one
+ * unit in the last place more or less can turn a dense level into a hashed one. Axes beyond n_dims
+ * get one vertex, which leaves row and hash alone. Returns 0 when the numbers make no grid. */
 SPIN_FN int spin_grid_stored_level(int level, int n_dims, const float *growth, const float *base,
                                    float scale[4], uint32_t res[4])
 {

@@ -1,5 +1,5 @@
-/* Values between key frames: positions, rotations, and an opacity that is on between two times (Ex4DGS, Lee
- * et al., NeurIPS 2024). */
+/* Values between key frames: positions, rotations, and an opacity that is on between two times
+ * (Ex4DGS, Lee et al., NeurIPS 2024). */
 #pragma once
 
 #include "math/quat.h"
@@ -14,8 +14,8 @@ struct keyframes {
     double time; /* in keys: key + part */
 };
 
-/* Of a curve at a key, from the steps to it and from it: their mean, or their harmonic mean and 0 where
- * they have opposite signs (Fritsch and Butland, 1984). */
+/* Of a curve at a key, from the steps to it and from it: their mean, or their harmonic mean and 0
+ * where they have opposite signs (Fritsch and Butland, 1984). */
 SPIN_FN double spin_keyframes_slope(enum keyframes_kind kind, double before, double after)
 {
     if (kind == KEYFRAMES_CUBE)
@@ -23,7 +23,8 @@ SPIN_FN double spin_keyframes_slope(enum keyframes_kind kind, double before, dou
     return before * after > 0 ? 2 * before * after / (before + after) : 0;
 }
 
-/* y[step k] for every key k: the curve from key to the next, sum c[i] u^i of the part u of the way. */
+/* y[step k] for every key k: the curve from key to the next, sum c[i] u^i of the part u of the way.
+ */
 SPIN_FN void spin_keyframes_cubic(enum keyframes_kind kind, int at, const float *y, int step,
                                   double c[4])
 {
@@ -48,8 +49,9 @@ SPIN_FN double spin_keyframes_value(const struct keyframes *at, const float *y, 
     return c[0] + u * (c[1] + u * (c[2] + u * c[3]));
 }
 
-/* quats[4 k], of any length but zero; out is of unit length. On the sphere (Shoemake, 1985), but the longer way where
- * two keys have opposite signs, as the method does. Where they cancel out, the first counts. */
+/* quats[4 k], of any length but zero; out is of unit length. On the sphere (Shoemake, 1985), but
+ * the longer way where two keys have opposite signs, as the method does. Where they cancel out, the
+ * first counts. */
 SPIN_FN void spin_keyframes_turn(const struct keyframes *at, const float *quats, float out[4])
 {
     double q[2][4], dot = 0, angle, w[2], sum = 0;
@@ -70,9 +72,9 @@ SPIN_FN void spin_keyframes_turn(const struct keyframes *at, const float *quats,
     spin_quat_normalise(out);
 }
 
-/* The share of its opacity that a Gaussian shows, 0 to 1. The two times, in keys, may come in any order;
- * log_width: of the edge before them and of the edge after; least_width is added to both. Both edges are measured from
- * the later time, so opacity jumps at the earlier one. */
+/* The share of its opacity that a Gaussian shows, 0 to 1. The two times, in keys, may come in any
+ * order; log_width: of the edge before them and of the edge after; least_width is added to both.
+ * Both edges are measured from the later time, so opacity jumps at the earlier one. */
 SPIN_FN double spin_keyframes_visibility(const struct keyframes *at, const float times[2],
                                          const float log_width[2], double least_width)
 {

@@ -1,5 +1,5 @@
-/* L1, the SSIM window and one pixel of the SSIM map with its slopes (docs/method.md 5); PSNR (section
- * 8). */
+/* L1, the SSIM window and one pixel of the SSIM map with its slopes (docs/method.md 5); PSNR
+ * (section 8). */
 #pragma once
 
 #include <stddef.h>

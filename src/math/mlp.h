@@ -1,5 +1,5 @@
-/* A head: three Linear layers with an activation after the first and second (docs/method.md 3.4). The
- * matrix products are the devices' business; here are the layout of its parameters and the
+/* A head: three Linear layers with an activation after the first and second (docs/method.md 3.4).
+ * The matrix products are the devices' business; here are the layout of its parameters and the
  * activation. */
 #pragma once
 

@@ -1,4 +1,5 @@
-/* Bilinear and trilinear lookup in feature grids (K-planes and HexPlane; hustvl/4DGaussians 843d5ac).
+/* Bilinear and trilinear lookup in feature grids (K-planes and HexPlane; hustvl/4DGaussians
+ * 843d5ac).
  *
  * Coordinates follow align_corners: -1 is the first sample and 1 the last. Outside, a plane repeats
  * its border: the position is clamped before it is split into cell and fraction. */

@@ -97,8 +97,8 @@ SPIN_FN void spin_projected_cov_from(const struct spin_projection *lens, spin_ve
 }
 
 /* The 2-D covariance is k k^T + dilation. With its rows k0, k1 the determinant is
- * |k0 x k1|^2 + d (|k0|^2 + |k1|^2) + d^2: a sum of positive terms, where a c - b^2 would cancel for
- * needles. */
+ * |k0 x k1|^2 + d (|k0|^2 + |k1|^2) + d^2: a sum of positive terms, where a c - b^2 would cancel
+ * for needles. */
 struct spin_cov2d {
     float aa, b, cc; /* k k^T */
     float area, det; /* determinants without and with the dilation */
@@ -195,9 +195,9 @@ SPIN_FN void spin_conic_adj(const struct spin_projected_cov *f, const float *d_c
     }
 }
 
-/* From the gradient of u, v, the conic and the fade (0: not antialiased): d_scale [3] +=, d_pos_w [3] +=, and d_rot [3][3] =,
- * for spin_matrix_quat_adj. Where x or y was clamped in the Jacobian it counts as a constant, as in 3DGS: no gradient
- * through p.x or p.y there. */
+/* From the gradient of u, v, the conic and the fade (0: not antialiased): d_scale [3] +=, d_pos_w
+ * [3] +=, and d_rot [3][3] =, for spin_matrix_quat_adj. Where x or y was clamped in the Jacobian it
+ * counts as a constant, as in 3DGS: no gradient through p.x or p.y there. */
 SPIN_FN void spin_ellipse_adj(const struct spin_projection *lens,
                               const struct spin_projected_cov *f, const float *scale, float d_u,
                               float d_v, const float *d_conic, float d_fade, float *d_scale,

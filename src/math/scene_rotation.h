@@ -3,8 +3,8 @@
  * A colour seen along d before the turn R is seen along R d after it: f'(R d) = f(d). With real
  * harmonics Y that are orthonormal over the sphere, the coefficients become
  *     c'_m = sum_n c_n integral Y_m(R d) Y_n(d) dd,   within each degree.
- * The product of two functions of degree 3 is a polynomial of degree 6, so that the integral is exact
- * as a sum over 4 Gauss-Legendre nodes in z times 8 equal steps around it. */
+ * The product of two functions of degree 3 is a polynomial of degree 6, so that the integral is
+ * exact as a sum over 4 Gauss-Legendre nodes in z times 8 equal steps around it. */
 #pragma once
 
 #include "math/quat.h"

@@ -1,5 +1,5 @@
-/* Real spherical harmonics up to degree 3, in 3DGS's order and signs (docs/method.md 4.1). Coefficient
- * k of channel c is sh[3 k + c]. */
+/* Real spherical harmonics up to degree 3, in 3DGS's order and signs (docs/method.md 4.1).
+ * Coefficient k of channel c is sh[3 k + c]. */
 #pragma once
 
 #include "math/portable.h"

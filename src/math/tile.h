@@ -23,8 +23,8 @@ SPIN_FN void spin_tile_rect(float u_px, float v_px, float radius_px, int tiles_x
     *y1 = spin_tile_of(v_px + radius_px + (SPIN_TILE_PX - 1), tiles_y);
 }
 
-/* Tiles of [low, high) whose pixels come nearer than `reach` to `at`. Without branches, so that loops
- * over it become vector code. */
+/* Tiles of [low, high) whose pixels come nearer than `reach` to `at`. Without branches, so that
+ * loops over it become vector code. */
 SPIN_FN void spin_tile_narrow(float at, float reach, int *low, int *high)
 {
     float first = ceilf(at - reach), last = floorf(at + reach);

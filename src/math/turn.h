@@ -1,5 +1,6 @@
-/* What a splat has of its moving track where the surface has turned by the unit quaternion q since the track's own
- * frame: the displacement R(q) d and the rotation q r. Both are orthogonal maps, so the adjoint turns back. */
+/* What a splat has of its moving track where the surface has turned by the unit quaternion q since
+ * the track's own frame: the displacement R(q) d and the rotation q r. Both are orthogonal maps, so
+ * the adjoint turns back. */
 #pragma once
 
 #include "math/quat.h"

@@ -233,8 +233,8 @@ static bool get_float(const spin_json *j, double lo, double hi, float *out)
     return true;
 }
 
-/* A level that says of itself what its numbers make of it: a dense one with fewer rows than vertices would
- * be read beyond its end. */
+/* A level that says of itself what its numbers make of it: a dense one with fewer rows than
+ * vertices would be read beyond its end. */
 static bool read_level(const spin_json *json, int l, struct spin_grid *grid)
 {
     const spin_json *scale = spin_json_at(spin_json_get(json, "scale"), (size_t)l);

@@ -20,12 +20,14 @@ spin_status spin_field_plan(struct spin_field *field, int levels, int features, 
                             int hidden, int sh_degree, const int base[4], const int finest[4]);
 
 /* First values, a function of the seed alone: table uniform(-range, range), Linear layers
- * uniform(+-1/sqrt(fan_in)), last biases as docs/method.md 3.4 with this scale bias. Host arrays. */
+ * uniform(+-1/sqrt(fan_in)), last biases as docs/method.md 3.4 with this scale bias. Host arrays.
+ */
 void spin_field_init(const struct spin_field *field, uint64_t seed, double range,
                      double init_log_scale, float *table, float *heads);
 
-/* First values of a run in which the degrees of SH join one after the other: the colour head says 0 for
- * every coefficient but the first, as 3DGS begins. They have no gradient, and stay, until they join. */
+/* First values of a run in which the degrees of SH join one after the other: the colour head says 0
+ * for every coefficient but the first, as 3DGS begins. They have no gradient, and stay, until they
+ * join. */
 void spin_field_clear_sh(const struct spin_field *field, float *heads);
 /* First values of a network that adds to what splats have of their own: nothing, at first. */
 void spin_field_clear_heads(const struct spin_field *field, float *heads);
@@ -33,7 +35,8 @@ void spin_field_clear_heads(const struct spin_field *field, float *heads);
 /* t of a frame in 0..1 (docs/method.md 3.2). */
 float spin_field_time(const struct spin_field *field, double time);
 
-/* The begin of the "trained" object of meta.json, and back; from a file everything is checked. there: there is a
- * network, else "field" is null and sh_degree and antialias are all that is set. */
+/* The begin of the "trained" object of meta.json, and back; from a file everything is checked.
+ * there: there is a network, else "field" is null and sh_degree and antialias are all that is set.
+ */
 spin_json *spin_field_to_json(const struct spin_field *field, bool there);
 spin_status spin_field_from_json(const spin_json *trained, struct spin_field *out, bool *there);

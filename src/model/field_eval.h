@@ -1,11 +1,11 @@
-/* Forward and backward pass of the network over the splats of frames, and the buffers that they need:
- * (x, y, z, t) -> scale, rotation, SH colour, opacity (docs/method.md section 3). */
+/* Forward and backward pass of the network over the splats of frames, and the buffers that they
+ * need: (x, y, z, t) -> scale, rotation, SH colour, opacity (docs/method.md section 3). */
 #pragma once
 
 #include "model/field.h"
 
-/* Buffers for up to `capacity` splats on their way through the network. field NULL below: for explicit values
- * without a network. */
+/* Buffers for up to `capacity` splats on their way through the network. field NULL below: for
+ * explicit values without a network. */
 struct spin_field_eval {
     struct spin_device *device;
     size_t capacity;
@@ -30,8 +30,8 @@ spin_status spin_field_eval_open(struct spin_field_eval *eval, struct spin_devic
                                  bool training);
 void spin_field_eval_close(struct spin_field_eval *eval, const struct spin_field *field);
 
-/* attr = network(means, t) + residual, of all frames. field NULL: there is no network and attr is the residual
- * values alone, at SH degree 0. Of a table with lazy Adam, the lines that are needed
+/* attr = network(means, t) + residual, of all frames. field NULL: there is no network and attr is
+ * the residual values alone, at SH degree 0. Of a table with lazy Adam, the lines that are needed
  * are brought up to date. */
 void spin_field_forward(struct spin_field_eval *eval, const struct spin_field *field,
                         const float SPIN_DEV *table, const float SPIN_DEV *heads,
@@ -49,7 +49,8 @@ void spin_field_backward(struct spin_field_eval *eval, const struct spin_field *
                          const struct spin_frame_batch *frames, float SPIN_DEV *d_table,
                          float SPIN_DEV *d_heads);
 
-/* The same in two halves: to d_z of the active rows; then from there to the table and the positions. */
+/* The same in two halves: to d_z of the active rows; then from there to the table and the
+ * positions. */
 void spin_field_decode_back(struct spin_field_eval *eval, const struct spin_field *field,
                             const float SPIN_DEV *heads, const struct spin_frame_batch *frames,
                             float SPIN_DEV *d_heads);
@@ -61,8 +62,8 @@ void spin_field_encode_back(struct spin_field_eval *eval, const struct spin_fiel
 struct spin_frame_batch spin_one_frame(size_t n, const float SPIN_DEV *means, float t,
                                        const float SPIN_DEV *residual);
 
-/* Rows of raw and finished attributes -> columns of a struct spin_splats, and columns -> finished rows
- * (host memory; n and sh_degree of the splats count). */
+/* Rows of raw and finished attributes -> columns of a struct spin_splats, and columns -> finished
+ * rows (host memory; n and sh_degree of the splats count). */
 void spin_attr_to_splats(const float *raw, const float *attr, size_t width,
                          struct spin_splats *splats);
 void spin_attr_from_splats(const struct spin_splats *splats, float *attr);

@@ -1,6 +1,6 @@
-/* Explicit values of splats in host memory. A row has SPIN_RESIDUAL floats: log scale 3, rotation 4, colour 3,
- * logit of opacity 1. The device holds the same as four groups one after the other, [n][3] [n][4] [n][3]
- * [n], since each has its own learning rate. */
+/* Explicit values of splats in host memory. A row has SPIN_RESIDUAL floats: log scale 3, rotation
+ * 4, colour 3, logit of opacity 1. The device holds the same as four groups one after the other,
+ * [n][3] [n][4] [n][3] [n], since each has its own learning rate. */
 #pragma once
 
 #include "device/device.h"

@@ -22,12 +22,13 @@ spin_status spin_image_store_open(struct spin_image_store *s, struct spin_device
                                   size_t max_pixels, enum spin_image_format format, bool masks);
 void spin_image_store_close(struct spin_image_store *s);
 
-/* Picture `number` = pixels, as the format says. mask: a bit a pixel, lowest first; or NULL: all 0. */
+/* Picture `number` = pixels, as the format says. mask: a bit a pixel, lowest first; or NULL: all 0.
+ */
 void spin_image_store_put(struct spin_image_store *s, uint32_t number, size_t n_pixels,
                           const void *pixels, const uint8_t *mask);
 
 /* The store as a cache: what is found in one turn stays until the next one begins. */
 void spin_image_store_turn(struct spin_image_store *s);
-/* The number where `key` lies. False: it is not there; the number is where the caller shall put it. A turn
- * must not ask for more than n. */
+/* The number where `key` lies. False: it is not there; the number is where the caller shall put it.
+ * A turn must not ask for more than n. */
 bool spin_image_store_find(struct spin_image_store *s, size_t key, uint32_t *number);

@@ -42,7 +42,8 @@ spin_status spin_player_choose(const struct spin_bundle *bundle, bool source,
     return SPIN_OK;
 }
 
-/* ---- Values that are not finite ---------------------------------------------------------------- */
+/* ---- Values that are not finite ----------------------------------------------------------------
+ */
 
 /* An infinite logit is an opacity of 0 or 1, and a log scale of minus infinity a point. */
 static bool is_drawable(const struct spin_splats *s, size_t i, size_t n_sh)
@@ -74,7 +75,8 @@ static void count_stored(struct spin_player *p, int index, const struct spin_spl
     add_bad(p, index, n_bad);
 }
 
-/* Of the network's splats: positions and, or NULL, their own values; the rest follows from weights. */
+/* Of the network's splats: positions and, or NULL, their own values; the rest follows from weights.
+ */
 static void count_network(struct spin_player *p, int index, size_t n, const float *means,
                           const float *residual)
 {
@@ -112,7 +114,8 @@ static spin_status check_weights(const char *name, const float *values, size_t n
     return SPIN_OK;
 }
 
-/* ---- Opening ----------------------------------------------------------------------------------- */
+/* ---- Opening -----------------------------------------------------------------------------------
+ */
 
 enum { PORTION = 1 << 20 }; /* values of a packed array that are decoded at a time */
 
@@ -496,7 +499,8 @@ spin_status spin_player_picture(struct spin_player *p, float *image)
                                    3 * p->drawn_pixels * sizeof(float));
 }
 
-/* The share of a colour is the slope of the picture by it: the way back from slopes of 1 of every pixel. */
+/* The share of a colour is the slope of the picture by it: the way back from slopes of 1 of every
+ * pixel. */
 spin_status spin_player_weigh(struct spin_player *p, float *weights)
 {
     struct spin_device *d = p->device;

@@ -1,5 +1,5 @@
-/* Splats of a clip's frames - the source's, the network's, or those of a network in training - and pictures
- * of them. Evaluation, previews, export and spin_render() go this way. */
+/* Splats of a clip's frames - the source's, the network's, or those of a network in training - and
+ * pictures of them. Evaluation, previews, export and spin_render() go this way. */
 #pragma once
 
 #include "scene/bundle_tracks.h"
@@ -74,43 +74,44 @@ void spin_player_open_reader(struct spin_player *p, struct spin_device *device,
 /* Warns, once for a bundle, when frames that were shown had splats that nothing can draw. */
 void spin_player_close(struct spin_player *p);
 
-/* Make frame `index` of the bundle the one that is shown. Of a live network or a reader: frame `index`
- * of the clip, with n splats. */
+/* Make frame `index` of the bundle the one that is shown. Of a live network or a reader: frame
+ * `index` of the clip, with n splats. */
 spin_status spin_player_show(struct spin_player *p, int index);
 spin_status spin_player_show_live(struct spin_player *p, int index, size_t n);
 /* Show these splats (all attribute columns). */
 spin_status spin_player_show_splats(struct spin_player *p, const struct spin_splats *splats);
 
-/* Columns of a frame, in the source's order, or that of the refined splats; what is stored is a view of
- * the bundle. */
+/* Columns of a frame, in the source's order, or that of the refined splats; what is stored is a
+ * view of the bundle. */
 spin_status spin_player_splats(struct spin_player *p, int index, unsigned columns,
                                struct spin_splats *out);
 
-/* From now on pictures are what a camera with one of these lenses shows; a camera that has none of them has no
- * falloff. The lenses stay the caller's; their values are taken now. */
+/* From now on pictures are what a camera with one of these lenses shows; a camera that has none of
+ * them has no falloff. The lenses stay the caller's; their values are taken now. */
 spin_status spin_player_set_lenses(struct spin_player *p, const struct spin_lenses *lenses);
 
-/* Draw the frame that is shown; image (host, [3][h][w]) not clamped but where a lens shows no brighter than white, or
- * NULL: it stays on the device. */
+/* Draw the frame that is shown; image (host, [3][h][w]) not clamped but where a lens shows no
+ * brighter than white, or NULL: it stays on the device. */
 spin_status spin_player_draw(struct spin_player *p, const struct spin_camera *camera,
                              const float background[3], float *image);
-/* How much each splat of the frame that is shown gives to the picture drawn last: weights [n] = the sum over its pixels
- * of the share of the splat's colour in them. It needs `weighs` since before the first picture. */
+/* How much each splat of the frame that is shown gives to the picture drawn last: weights [n] = the
+ * sum over its pixels of the share of the splat's colour in them. It needs `weighs` since before
+ * the first picture. */
 spin_status spin_player_weigh(struct spin_player *p, float *weights);
-/* Compare the picture drawn last with its photograph (host, [h][w][3]); mask: bits of regions that are
- * measured apart, or NULL. values: as spin_device_ops.measure has them. The picture is clamped to 0..1
- * (docs/method.md section 9). */
+/* Compare the picture drawn last with its photograph (host, [h][w][3]); mask: bits of regions that
+ * are measured apart, or NULL. values: as spin_device_ops.measure has them. The picture is clamped
+ * to 0..1 (docs/method.md section 9). */
 spin_status spin_player_measure(struct spin_player *p, const uint8_t *rgb8, const uint8_t *mask,
                                 double values[SPIN_MEASURE_VALUES]);
 /* The picture drawn last; and another one in its place, for spin_player_measure(). */
 spin_status spin_player_picture(struct spin_player *p, float *image);
 void spin_player_set_picture(struct spin_player *p, const float *image);
 
-/* Of it: what it hides of the background, [h][w], 0..1; depth along the camera's axis, [2][h][w], expected and median,
- * world units. Either may be NULL. */
+/* Of it: what it hides of the background, [h][w], 0..1; depth along the camera's axis, [2][h][w],
+ * expected and median, world units. Either may be NULL. */
 spin_status spin_player_layers(struct spin_player *p, float *alpha, float *depth);
 
-/* What is best in a bundle and whole: the network's splats, the refined ones, the source's; or just the
- * source's. SPIN_E_NOT_FOUND when it has positions only. */
+/* What is best in a bundle and whole: the network's splats, the refined ones, the source's; or just
+ * the source's. SPIN_E_NOT_FOUND when it has positions only. */
 spin_status spin_player_choose(const struct spin_bundle *bundle, bool source,
                                enum spin_splat_source *out);

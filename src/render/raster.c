@@ -1,5 +1,6 @@
 /* Views through the rasteriser. Sizes are known beforehand but for one: the number of (splat, tile)
- * intersections. They are counted, the host reads the count, memory is reserved, the list is filled. */
+ * intersections. They are counted, the host reads the count, memory is reserved, the list is
+ * filled. */
 #include "render/raster.h"
 
 #include <string.h>

@@ -18,16 +18,17 @@ struct spin_raster {
     float SPIN_DEV *d_image;             /* [views][3][h][w] (training) */
 };
 
-/* Room for n splats a view and pictures of up to `pixels`, of `views` together (1 when 0); the lists of
- * intersections grow with what is seen. */
+/* Room for n splats a view and pictures of up to `pixels`, of `views` together (1 when 0); the
+ * lists of intersections grow with what is seen. */
 spin_status spin_raster_open(struct spin_raster *r, struct spin_device *device, size_t n,
                              size_t pixels, size_t tiles, int views, bool training);
 void spin_raster_close(struct spin_raster *r);
-/* Bytes that drawing a view of n splats takes besides, about: lists of intersections, and what the device needs itself. */
+/* Bytes that drawing a view of n splats takes besides, about: lists of intersections, and what the
+ * device needs itself. */
 size_t spin_raster_grows(size_t n, size_t pixels, bool training);
 
-/* An empty batch of views for this raster; and one view more, of n splats of a frame of the batch, or NULL
- * when the batch is full. */
+/* An empty batch of views for this raster; and one view more, of n splats of a frame of the batch,
+ * or NULL when the batch is full. */
 struct spin_view_batch spin_raster_batch(const struct spin_raster *r, const float background[3]);
 struct spin_view_of_batch *spin_raster_add_view(const struct spin_raster *r,
                                                 struct spin_view_batch *views, int frame, size_t n,

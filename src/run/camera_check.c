@@ -1,6 +1,6 @@
-/* Points over images, each a square of its own colour, the nearest wins; the image behind them is darkened, so that
- * where they do not fit a double picture shows. And outliers by median and median absolute deviation: up to half of
- * the views may be wrong. */
+/* Points over images, each a square of its own colour, the nearest wins; the image behind them is
+ * darkened, so that where they do not fit a double picture shows. And outliers by median and median
+ * absolute deviation: up to half of the views may be wrong. */
 #include "run/camera_check.h"
 
 #include <float.h>
@@ -120,14 +120,15 @@ size_t spin_camera_overlay_choose(const struct spin_views *views, int row, size_
     return chosen;
 }
 
-/* ---- Cameras that lie apart -------------------------------------------------------------------- */
+/* ---- Cameras that lie apart --------------------------------------------------------------------
+ */
 
 /* Points that are looked at, evenly from all of them. */
 #define POINTS 4096
 /* Of fewer views there is no telling which is wrong. */
 #define LEAST_VIEWS 4
-/* How far below the median counts: so many standard deviations, estimated from the MAD, and at least
- * this share of the points. Cameras of one rig may well differ by less. */
+/* How far below the median counts: so many standard deviations, estimated from the MAD, and at
+ * least this share of the points. Cameras of one rig may well differ by less. */
 #define DEVIATIONS 6
 #define LEAST_GAP 0.25
 

@@ -1,6 +1,6 @@
-/* A clip's points drawn over the images of its data set: a wrong axis or pairing is seen at once. And what share of a
- * frame's points each camera sees, and which camera sees far fewer than the others: its pose or size is probably
- * wrong, though the mean over many cameras hardly shows it. */
+/* A clip's points drawn over the images of its data set: a wrong axis or pairing is seen at once.
+ * And what share of a frame's points each camera sees, and which camera sees far fewer than the
+ * others: its pose or size is probably wrong, though the mean over many cameras hardly shows it. */
 #pragma once
 
 #include "scene/dataset.h"
@@ -9,12 +9,13 @@ struct spin_camera_overlay_share {
     double in_front, inside; /* of the points: before the camera; in the image, too. 0..1 */
 };
 
-/* Draw the points of a frame (means; colours when there are rgb or sh) over the view's image, darkened,
- * into a PNG of that name. */
+/* Draw the points of a frame (means; colours when there are rgb or sh) over the view's image,
+ * darkened, into a PNG of that name. */
 spin_status spin_camera_overlay_draw(const struct spin_view *view, const struct spin_splats *s,
                                      const char *path, struct spin_camera_overlay_share *out);
 
-/* At most `most` of the views of one row, evenly from all of them: indices into views->view. Returns how many. */
+/* At most `most` of the views of one row, evenly from all of them: indices into views->view.
+ * Returns how many. */
 size_t spin_camera_overlay_choose(const struct spin_views *views, int row, size_t most,
                                   size_t *index);
 

@@ -59,8 +59,8 @@ static spin_status measure(const struct spin_eval_options *all, const char *cons
     return check_views(spin_json_at(c->runs, 0), run);
 }
 
-/* Pictures of other data sets would be no comparison either, but they may be copies. What cannot be read is said when
- * it is measured. */
+/* Pictures of other data sets would be no comparison either, but they may be copies. What cannot be
+ * read is said when it is measured. */
 static void warn_data(const char *const *input, int n)
 {
     SPIN_FREED char *first = NULL;

@@ -1,8 +1,9 @@
 /* spin_convert(): a run into what viewers play, by the other calls: import, retrain, export.
  *
- * The work is beside the output, under its name: clip.import.spin until all is done, clip.spin.part while the training
- * is unfinished, and clip.spin, which stays. So the same call goes on after an interruption. What holds 4D splats is
- * trained twice: frames, as clip.tracks.spin, which stays too, and then the 4D splats that are cut from them. */
+ * The work is beside the output, under its name: clip.import.spin until all is done, clip.spin.part
+ * while the training is unfinished, and clip.spin, which stays. So the same call goes on after an
+ * interruption. What holds 4D splats is trained twice: frames, as clip.tracks.spin, which stays
+ * too, and then the 4D splats that are cut from them. */
 #include "base/base.h"
 #include "spin_run.h"
 #include "io/output.h"
@@ -25,7 +26,8 @@ struct convert {
     spin_json *report;
 };
 
-/* ---- Names ---------------------------------------------------------------------------------------- */
+/* ---- Names
+ * ---------------------------------------------------------------------------------------- */
 
 static spin_status put_together(const char *text, size_t n, const char *ending, char **out)
 {
@@ -63,7 +65,8 @@ static spin_status name_output(struct convert *c)
                         &c->output);
 }
 
-/* Whether an exporter is for 4D splats. TSOG can hold frames too, each splat once for every frame. */
+/* Whether an exporter is for 4D splats. TSOG can hold frames too, each splat once for every frame.
+ */
 static bool holds_rows(const char *name)
 {
     for (const struct spin_exporter *const *e = spin_exporter_list(); *e; e++)
@@ -147,7 +150,8 @@ static spin_status check_bundle(const struct convert *c)
     return SPIN_OK;
 }
 
-/* ---- The steps ------------------------------------------------------------------------------------- */
+/* ---- The steps
+ * ------------------------------------------------------------------------------------- */
 
 /* A report of another call as a member of ours; takes text. */
 static spin_status add_report(struct convert *c, const char *key, char *text)
@@ -226,7 +230,8 @@ static spin_status look(struct convert *c)
     return SPIN_OK;
 }
 
-/* An unfinished retraining goes on; with --force one that was made otherwise is replaced. rows: of 4D splats. */
+/* An unfinished retraining goes on; with --force one that was made otherwise is replaced. rows: of
+ * 4D splats. */
 static spin_status retrain_as(struct convert *c, const char *input, const char *output, bool rows)
 {
     const struct spin_convert_options *o = c->o;

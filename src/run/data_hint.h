@@ -3,8 +3,8 @@
 
 #include "spin.h"
 
-/* One line, "\n" at its end, about a data set in the input's own folder, in the one around it or beside it; ""
- * when there is none. What the input was trained on nobody can know from that. */
+/* One line, "\n" at its end, about a data set in the input's own folder, in the one around it or
+ * beside it; "" when there is none. What the input was trained on nobody can know from that. */
 void spin_data_hint(const char *input, char *text, size_t n_text);
 /* Its path, allocated, when there is just one; else NULL. */
 char *spin_data_beside(const char *input);

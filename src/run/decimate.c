@@ -56,8 +56,8 @@ static struct spin_decimate_set *set_of(const struct spin_decimation *d, int f)
     return &d->set[d->n_sets > 1 ? f : 0];
 }
 
-/* Which rows do not count, into d->left_out: by reason those that the filters leave out, 0 for others, and those that the
- * exporter leaves out. shown: of 4D splats, NULL: all. */
+/* Which rows do not count, into d->left_out: by reason those that the filters leave out, 0 for
+ * others, and those that the exporter leaves out. shown: of 4D splats, NULL: all. */
 static spin_status filter(struct spin_decimation *d, const struct spin_splats *s,
                           const unsigned char *reason, const unsigned char *shown)
 {
@@ -113,7 +113,8 @@ static spin_status rows_of(const struct spin_decimation *d, int f, size_t n, uin
     return SPIN_OK;
 }
 
-/* Frame f into d->splats, and in *mark its rows that are drawn: of those that count all, or the kept ones. */
+/* Frame f into d->splats, and in *mark its rows that are drawn: of those that count all, or the
+ * kept ones. */
 static spin_status read_frame(struct spin_decimation *d, int f, bool kept, unsigned char **mark,
                               uint32_t **row)
 {
@@ -187,7 +188,8 @@ static float shown_by(const struct spin_camera *camera, const struct spin_splats
                        2 * M_PI * camera->fx * camera->fy / square * (double)size_of(s, i));
 }
 
-/* The most that one of these views would show of a splat that none of them has in its picture; 0: one has. */
+/* The most that one of these views would show of a splat that none of them has in its picture; 0:
+ * one has. */
 static float unseen_weight(const struct spin_decimation *d, const struct spin_pair *pair, size_t n,
                            size_t i)
 {
@@ -204,8 +206,8 @@ static float unseen_weight(const struct spin_decimation *d, const struct spin_pa
     return most;
 }
 
-/* What the splats in d->part count for: the most that one view shows of them. On court the mean of the views loses 0.5 to
- * 1.8 dB more at half and at 70 % of the splats (tests/bench/README.md). */
+/* What the splats in d->part count for: the most that one view shows of them. On court the mean of
+ * the views loses 0.5 to 1.8 dB more at half and at 70 % of the splats (tests/bench/README.md). */
 static spin_status weigh(struct spin_decimation *d, int f, float *weight)
 {
     size_t first, n, wanted = (size_t)n_views(d);
@@ -536,7 +538,8 @@ void spin_decimation_close(struct spin_decimation *d)
 
 /* ---- What is left ---------------------------------------------------------------------------- */
 
-/* An exporter's own filter sees another box than that of all splats: what is too large is made so for any box. */
+/* An exporter's own filter sees another box than that of all splats: what is too large is made so
+ * for any box. */
 static void mark_too_large(const unsigned char *mark, const unsigned char *left_out, size_t n,
                            float *log_scales)
 {
@@ -760,7 +763,8 @@ spin_status spin_decimation_choose_loss(struct spin_decimation *d, double decibe
     return spin_decimation_choose(d, SPIN_DECIMATE_SHARE, high);
 }
 
-/* Writes with this share, in a folder of its own beside the output, and says how many bytes that are. */
+/* Writes with this share, in a folder of its own beside the output, and says how many bytes that
+ * are. */
 static spin_status try_share(struct spin_decimation *d, double share, const char *output,
                              spin_decimation_write_fn write, void *context, uint64_t *bytes)
 {

@@ -1,13 +1,15 @@
 /* --decimate: the splats of a clip that are seen least are left out.
  *
- * What a splat counts for at one time is the sum, over the pixels of a picture, of the share that its colour has in
- * them, in that of some training cameras' which shows most of it. Without cameras it is opacity times size.
- * Frames keep their best N, each its own; but what is one splat in several frames - a row of all frames, a track, a 4D
- * splat - is kept or left out as one, by its mean over their times. Of 4D splats that are written as such the best N rows are
- * kept, by their sum over the clip.
+ * What a splat counts for at one time is the sum, over the pixels of a picture, of the share that
+ * its colour has in them, in that of some training cameras' which shows most of it. Without cameras
+ * it is opacity times size. Frames keep their best N, each its own; but what is one splat in
+ * several frames - a row of all frames, a track, a 4D splat - is kept or left out as one, by its
+ * mean over their times. Of 4D splats that are written as such the best N rows are kept, by their
+ * sum over the clip.
  *
- * Splats that --crop, --min-views or --floaters leave out do not count, and are left out. Those that an exporter leaves out anyway (--min-opacity, --max-scale, what cannot be drawn) do not count either, and are left
- * to it. */
+ * Splats that --crop, --min-views or --floaters leave out do not count, and are left out. Those
+ * that an exporter leaves out anyway (--min-opacity, --max-scale, what cannot be drawn) do not
+ * count either, and are left to it. */
 #pragma once
 
 #include "render/player.h"
@@ -42,8 +44,8 @@ struct spin_decimation {
     const struct spin_plugin_values *values;
     struct spin_scene_edit *edit; /* its filters */
     const float *background;
-    bool
-        filters; /* the exporter leaves out by itself what cannot be drawn; another one gets nothing of that */
+    bool filters; /* the exporter leaves out by itself what cannot be drawn; another one gets
+                     nothing of that */
 
     /* Private. */
     struct spin_player drawing;
@@ -62,24 +64,27 @@ struct spin_decimation {
 /* Weighs all splats; the fields above are set. Close it also after a failure. */
 spin_status spin_decimation_open(struct spin_decimation *d);
 void spin_decimation_close(struct spin_decimation *d);
-/* Keeps so many: at most N in each frame (in all of 4D splats), or this share of those that count, at least one. */
+/* Keeps so many: at most N in each frame (in all of 4D splats), or this share of those that count,
+ * at least one. */
 spin_status spin_decimation_choose(struct spin_decimation *d, enum spin_decimate_unit unit,
                                    double amount);
 /* The smallest share whose loss is at least so many dB. */
 spin_status spin_decimation_choose_loss(struct spin_decimation *d, double decibels);
-/* The largest share of which write() makes an output of at most so many bytes; it writes to a path that is removed
- * afterwards. The last path part is that of `output`. *n_tries: how often it was written, *reached: bytes of that share. */
+/* The largest share of which write() makes an output of at most so many bytes; it writes to a path
+ * that is removed afterwards. The last path part is that of `output`. *n_tries: how often it was
+ * written, *reached: bytes of that share. */
 typedef spin_status (*spin_decimation_write_fn)(void *context, const char *output);
 spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes,
                                          const char *output, spin_decimation_write_fn write,
                                          void *context, int *n_tries, uint64_t *reached);
 spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decimated *out);
 
-/* Splats of frame f of the clip, without what is left out. counts: what the filters leave out is added up. */
+/* Splats of frame f of the clip, without what is left out. counts: what the filters leave out is
+ * added up. */
 spin_status spin_decimation_frame(struct spin_decimation *d, int f, const struct spin_splats *all,
                                   bool counts, struct spin_splats *out);
-/* Those that the bundle imported in frame f, of a clip that is a training's: the same rows where the training kept the
- * source's rows, otherwise as many of the largest. */
+/* Those that the bundle imported in frame f, of a clip that is a training's: the same rows where
+ * the training kept the source's rows, otherwise as many of the largest. */
 spin_status spin_decimation_source(struct spin_decimation *d, int f, const struct spin_splats *all,
                                    struct spin_splats *out);
 /* Of the 4D splats; until the next choice. */

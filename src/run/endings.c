@@ -1,4 +1,5 @@
-/* Which exporter writes a file, by the ending of its name; and what writes the files that none does. */
+/* Which exporter writes a file, by the ending of its name; and what writes the files that none
+ * does. */
 #include <strings.h>
 
 #include "base/base.h"

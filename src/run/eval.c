@@ -26,7 +26,8 @@ struct eval {
     size_t n_pairs;
 };
 
-/* ---- Opening ------------------------------------------------------------------------------------ */
+/* ---- Opening ------------------------------------------------------------------------------------
+ */
 
 static spin_status open_clip(struct eval *e)
 {
@@ -129,7 +130,8 @@ static spin_status open_lpips(struct eval *e)
     return SPIN_OK;
 }
 
-/* ---- The report --------------------------------------------------------------------------------- */
+/* ---- The report ---------------------------------------------------------------------------------
+ */
 
 /* A page that cannot be written, or a log that is not there, is said before the work. */
 static spin_status check_report(const struct spin_eval_options *o)
@@ -189,7 +191,8 @@ static spin_status write_report(struct eval *e, const struct spin_metrics *after
     return status;
 }
 
-/* ---- Measuring ---------------------------------------------------------------------------------- */
+/* ---- Measuring ----------------------------------------------------------------------------------
+ */
 
 /* Of the frames of all ranks. */
 static spin_status sum_left_out(struct eval *e)

@@ -16,7 +16,8 @@
 
 void spin_set_verbosity(int level) { spin_log_set_level(level); }
 
-/* ---- A clip, open for reading ------------------------------------------------------------------ */
+/* ---- A clip, open for reading ------------------------------------------------------------------
+ */
 
 struct spin_scene {
     struct spin_bundle bundle;
@@ -91,7 +92,8 @@ spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_splat
     return spin_player_splats(&scene->player, frame, columns, out);
 }
 
-/* ---- Drawing ----------------------------------------------------------------------------------- */
+/* ---- Drawing -----------------------------------------------------------------------------------
+ */
 
 struct spin_renderer {
     struct spin_player player;
@@ -109,7 +111,8 @@ spin_status spin_render_layers(struct spin_renderer *r, float *alpha, float *dep
     return spin_player_layers(&r->player, alpha, depth);
 }
 
-/* ---- Export ---------------------------------------------------------------------------------------- */
+/* ---- Export
+ * ---------------------------------------------------------------------------------------- */
 
 struct export
 {
@@ -173,7 +176,8 @@ static double clip_fps(const struct spin_clip *clip)
     const struct spin_frame_info *last = &clip->bundle.meta.frame[clip->frame[clip->n_frames - 1]];
     double span = last->time - first->time, fps = clip->bundle.meta.fps / clip_stride(clip);
 
-    /* A unit of one per frame is a frame number, not seconds, also where --range leaves frames out. */
+    /* A unit of one per frame is a frame number, not seconds, also where --range leaves frames out.
+     */
     if (clip->n_frames < 2 || span <= 0 || span == clip->n_frames - 1 ||
         span == last->number - first->number)
         return fps;
@@ -200,7 +204,8 @@ static spin_status edit(struct export *x, int f, bool counts, struct spin_splats
     return SPIN_OK;
 }
 
-/* Every rank computes a frame of the round, and rank 0 writes them in order; one rank alone has a frame a round. */
+/* Every rank computes a frame of the round, and rank 0 writes them in order; one rank alone has a
+ * frame a round. */
 static spin_status write_round(struct export *x, int first, int n)
 {
     unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
@@ -399,9 +404,11 @@ static spin_status begin_export(struct export *x)
     return x->exporter->end(x->self);
 }
 
-/* ---- Decimation ---------------------------------------------------------------------------------- */
+/* ---- Decimation
+ * ---------------------------------------------------------------------------------- */
 
-/* The exporter's options; rows that are too large are marked by then, and their frame's box is another. */
+/* The exporter's options; rows that are too large are marked by then, and their frame's box is
+ * another. */
 static spin_status make_pairs(struct export *x)
 {
     const char *const *pairs = x->o->plugin_pairs;
@@ -481,7 +488,8 @@ static spin_status decimate(struct export *x, const struct spin_decimate_goal *g
     return SPIN_OK;
 }
 
-/* What the cameras' lens darkens, and each camera's own colours, are not the scene's, so they are in no export. */
+/* What the cameras' lens darkens, and each camera's own colours, are not the scene's, so they are
+ * in no export. */
 static spin_status say_lens(const struct export *x)
 {
     size_t n_cameras =

@@ -20,7 +20,8 @@
 
 /* A description reads this many frames, evenly from all of them, unless asked for every one. */
 #define DESCRIBED_FRAMES 16
-/* At most so many frames are taken of a clip that a file counts itself: half an hour at 30 a second. */
+/* At most so many frames are taken of a clip that a file counts itself: half an hour at 30 a
+ * second. */
 #define MOST_OWN 65536
 /* --check-cameras draws this many views of this many frames. */
 #define CHECKED_FRAMES 3
@@ -50,7 +51,8 @@ struct import {
     struct spin_column_stats describe;
     float low[3], high[3]; /* bounds of the positions */
 
-    /* A frame is read while the one before is written: a clip takes as long as the slower of both. */
+    /* A frame is read while the one before is written: a clip takes as long as the slower of both.
+     */
     struct spin_pool *pool;
     int step;                   /* the frame that is read */
     struct spin_splats slot[2]; /* of frame i: i % 2 */
@@ -66,7 +68,8 @@ static spin_status source_frame(struct import *im, int i, unsigned columns, stru
     return im->importer->frame(im->self, im->index[i], im->meta.frame[i].time, columns, out);
 }
 
-/* ---- The data set ------------------------------------------------------------------------------ */
+/* ---- The data set ------------------------------------------------------------------------------
+ */
 
 /* Work goes on without the data set of an exported clip, which nobody asked for. */
 static void forget_data(struct import *im)
@@ -107,8 +110,8 @@ static spin_status open_data(struct import *im)
     return status;
 }
 
-/* What a continuous run may be sampled at when nobody says where: its own frames, where its times count those,
- * else the frames of the only data set beside it, whose images are not taken. */
+/* What a continuous run may be sampled at when nobody says where: its own frames, where its times
+ * count those, else the frames of the only data set beside it, whose images are not taken. */
 static void look_for_frames(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -148,8 +151,8 @@ static void look_for_frames(struct import *im)
     }
 }
 
-/* Realtime-4DGS takes a field of view of -1 for every camera whose focal length its data set tells by fl_x: footprints
- * are of a wrong size in training, and splats grow too large. */
+/* Realtime-4DGS takes a field of view of -1 for every camera whose focal length its data set tells
+ * by fl_x: footprints are of a wrong size in training, and splats grow too large. */
 static void note_focal(struct import *im)
 {
     SPIN_FREED char *beside = im->data ? NULL : spin_data_beside(im->input);
@@ -187,9 +190,11 @@ static spin_status attach_data(struct import *im)
     return spin_bundle_set_data_path(&im->meta, folder, im->data);
 }
 
-/* ---- Which frames ------------------------------------------------------------------------------ */
+/* ---- Which frames ------------------------------------------------------------------------------
+ */
 
-/* A method that is asked for other times than it learned answers all the same. The next frame or two may be meant. */
+/* A method that is asked for other times than it learned answers all the same. The next frame or
+ * two may be meant. */
 static void warn_outside(const struct spin_sequence_info *t, const struct spin_frame_info *frame,
                          int n)
 {
@@ -308,7 +313,8 @@ static spin_status check_times(const struct import *im)
                                                    : status;
 }
 
-/* ---- Points over images ------------------------------------------------------------------------ */
+/* ---- Points over images ------------------------------------------------------------------------
+ */
 
 /* The kth of `most` things chosen evenly from n, both ends included. */
 static int spread(int k, int most, int n)
@@ -443,7 +449,8 @@ static spin_status check_cameras(struct import *im)
     return status;
 }
 
-/* ---- Reading ----------------------------------------------------------------------------------- */
+/* ---- Reading -----------------------------------------------------------------------------------
+ */
 
 static void widen_bounds(struct import *im, const struct spin_splats *s)
 {
@@ -492,8 +499,8 @@ static spin_status check_scales(const struct import *im, int i, const struct spi
                           (double)s->log_scales[first], n);
 }
 
-/* One frame, in place i of the bundle: `columns` of it, the others are those of frame 0. Rank `rank` reads it, for
- * rank 0. */
+/* One frame, in place i of the bundle: `columns` of it, the others are those of frame 0. Rank
+ * `rank` reads it, for rank 0. */
 static spin_status read_frame(struct import *im, int i, int rank, unsigned columns,
                               struct spin_splats *out)
 {
@@ -520,8 +527,8 @@ static spin_status read_frame(struct import *im, int i, int rank, unsigned colum
     return SPIN_OK;
 }
 
-/* Task 0 reads frame im->step, task 1 writes the one before. What is the same in every frame is written with the first
- * one, and not read again. */
+/* Task 0 reads frame im->step, task 1 writes the one before. What is the same in every frame is
+ * written with the first one, and not read again. */
 static void store_task(void *context, int task)
 {
     struct import *im = context;
@@ -586,7 +593,8 @@ static spin_status store_rounded(struct import *im, struct spin_splats_4d *s)
     return spin_splats_4d_settle(s, &n_dropped, NULL);
 }
 
-/* The 4D splats as they are. Frames are their slices: only how many splats each has is found out. */
+/* The 4D splats as they are. Frames are their slices: only how many splats each has is found out.
+ */
 static spin_status store_4d(struct import *im)
 {
     struct spin_bundle_meta *meta = &im->meta;
@@ -683,7 +691,8 @@ out:
     return status;
 }
 
-/* ---- From start to end ------------------------------------------------------------------------- */
+/* ---- From start to end -------------------------------------------------------------------------
+ */
 
 /* How the importer was chosen, in words. */
 static void say_why(struct import *im)

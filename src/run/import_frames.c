@@ -2,7 +2,8 @@
 
 #include "base/base.h"
 
-/* ---- At which times a data set's frames are ---------------------------------------------------- */
+/* ---- At which times a data set's frames are ----------------------------------------------------
+ */
 
 /* A data set without times of its own counts its frames: 0, 1, 2, ..., which leaves the range of a
  * continuous method. */
@@ -35,8 +36,8 @@ static void count_rows(struct spin_sequence_info *t, bool numbered, struct spin_
                   all[n - 1].time);
 }
 
-/* A data set whose times cover little of the method's range, or reach far beyond it, may count them in
- * another unit. */
+/* A data set whose times cover little of the method's range, or reach far beyond it, may count them
+ * in another unit. */
 static void compare_ranges(struct spin_sequence_info *t, const struct spin_frame_info *all, int n)
 {
     double first = all[0].time, last = all[0].time, span = t->time_last - t->time_first;
@@ -78,7 +79,8 @@ void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info
               all[0].time, all[n - 1].time, half_open ? "n" : "(n-1)");
 }
 
-/* ---- What sequence.json says -------------------------------------------------------------------- */
+/* ---- What sequence.json says --------------------------------------------------------------------
+ */
 
 static const spin_json *entry_of(const spin_json *frames, int number)
 {

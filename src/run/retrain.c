@@ -1,7 +1,9 @@
-/* spin-retrain: a bundle in, a better bundle out. The stages in order: plan, refinement, frames, loop, output.
+/* spin-retrain: a bundle in, a better bundle out. The stages in order: plan, refinement, frames,
+ * loop, output.
  *
- * Everything that follows from an iteration depends on the options, the seed and the state alone, so
- * a resumed run ends in the same bits as one that was never stopped, on any number of threads. */
+ * Everything that follows from an iteration depends on the options, the seed and the state alone,
+ * so a resumed run ends in the same bits as one that was never stopped, on any number of threads.
+ */
 #include "base/base.h"
 #include "spin_run.h"
 #include "io/output.h"
@@ -44,7 +46,8 @@ struct run {
 static bool trains_4d(const struct run *r) { return r->plan.o->method == SPIN_METHOD_4D; }
 static bool trains_clip(const struct run *r) { return r->plan.o->method != SPIN_METHOD_FRAMES; }
 
-/* ---- Before the work ---------------------------------------------------------------------------- */
+/* ---- Before the work ----------------------------------------------------------------------------
+ */
 
 /* The output is whole: what led to it goes. */
 static void tidy_up(const struct run *r)
@@ -84,8 +87,8 @@ static spin_status check_output(const struct run *r, bool *done)
     return SPIN_OK;
 }
 
-/* Room for state and network beside each other: they are when the state is saved and the output written. How many
- * splats share a track is not known yet: at least one frame's are there. */
+/* Room for state and network beside each other: they are when the state is saved and the output
+ * written. How many splats share a track is not known yet: at least one frame's are there. */
 static spin_status check_disk(const struct run *r)
 {
     const struct spin_plan *p = &r->plan;
@@ -225,8 +228,8 @@ static bool has_falloff(const struct spin_lens *lens)
     return memcmp(lens->falloff, none, sizeof none) != 0;
 }
 
-/* auto becomes on or off. Where a falloff cannot be seen, training would find one all the same: it takes whatever of the
- * scene looks like it. So lenses learn only what auto has seen. */
+/* auto becomes on or off. Where a falloff cannot be seen, training would find one all the same: it
+ * takes whatever of the scene looks like it. So lenses learn only what auto has seen. */
 static spin_status choose_exposure(struct run *r)
 {
     enum spin_exposure *choice = &r->plan.report->options.learn_exposure;
@@ -314,7 +317,8 @@ static spin_status look_at_input(struct run *r)
     return spin_fingerprint(&r->plan, r->refinement.frame, &r->photos, &r->device, &r->fingerprint);
 }
 
-/* ---- The work ----------------------------------------------------------------------------------- */
+/* ---- The work -----------------------------------------------------------------------------------
+ */
 
 static void say_plan(const struct run *r)
 {
@@ -537,7 +541,8 @@ static spin_status run(struct run *r)
     return SPIN_OK;
 }
 
-/* Who interrupts a training wants to look at it: a clip beside the state, which spin_bundle_open() finds. */
+/* Who interrupts a training wants to look at it: a clip beside the state, which spin_bundle_open()
+ * finds. */
 static void keep_clip(struct run *r)
 {
     struct spin_retrain_options o = *r->plan.o;
@@ -552,7 +557,8 @@ static void keep_clip(struct run *r)
         spin_warn("the clip of the state cannot be looked at: %s", spin_last_error());
 }
 
-/* Something failed, or was interrupted: what was trained is kept, so that --resume need not do it again. */
+/* Something failed, or was interrupted: what was trained is kept, so that --resume need not do it
+ * again. */
 static spin_status keep(struct run *r, spin_status failed)
 {
     struct spin_checkpoint *c = &r->checkpoint;
@@ -678,7 +684,8 @@ spin_status spin_train(const struct spin_retrain_options *o, struct spin_retrain
     return status;
 }
 
-/* ---- The report ---------------------------------------------------------------------------------- */
+/* ---- The report
+ * ---------------------------------------------------------------------------------- */
 
 static spin_json *quality_json(const struct spin_quality *q)
 {

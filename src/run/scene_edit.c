@@ -1,7 +1,7 @@
 /* --crop, --min-views, --floaters, --scale and --translate of spin-export.
  *
- * The filters look at the scene as it was imported: its units, its axes. What they leave is scaled, then moved. Rows
- * that are not finite stay: exporters leave them out and say so. */
+ * The filters look at the scene as it was imported: its units, its axes. What they leave is scaled,
+ * then moved. Rows that are not finite stay: exporters leave them out and say so. */
 #include "run/scene_edit.h"
 
 #include "base/base.h"
@@ -73,7 +73,8 @@ void spin_scene_edit_say(const struct spin_scene_edit *e)
                  spin_text_count((long long)e->n_seen, "splat", count), at ? ": " : "", text);
 }
 
-/* ---- Filters ----------------------------------------------------------------------------------- */
+/* ---- Filters -----------------------------------------------------------------------------------
+ */
 
 static bool is_finite(const float place[3])
 {
@@ -127,8 +128,8 @@ static spin_status leave_out_unseen(struct spin_scene_edit *e, int frame, const 
     return SPIN_OK;
 }
 
-/* Of those that are left: a row whose three nearest are F times farther than those of the others are, and that does not
- * reach as far itself. */
+/* Of those that are left: a row whose three nearest are F times farther than those of the others
+ * are, and that does not reach as far itself. */
 static spin_status leave_out_floaters(struct spin_scene_edit *e, const struct rows *rows)
 {
     size_t n = 0;
@@ -208,7 +209,8 @@ static spin_status mark_rows(const struct spin_scene_edit *e, const unsigned cha
     return SPIN_OK;
 }
 
-/* ---- Size and place ---------------------------------------------------------------------------- */
+/* ---- Size and place ----------------------------------------------------------------------------
+ */
 
 static double scale_of(const struct spin_scene_edit *e)
 {
@@ -253,7 +255,8 @@ spin_status spin_scene_edit_views(struct spin_scene_edit *e, const struct spin_v
     return SPIN_OK;
 }
 
-/* ---- Frames and 4D splats ---------------------------------------------------------------------- */
+/* ---- Frames and 4D splats ----------------------------------------------------------------------
+ */
 
 spin_status spin_scene_edit_judge(struct spin_scene_edit *e, int frame, const struct spin_splats *s,
                                   bool counts)

@@ -1,4 +1,5 @@
-/* The page of --watch asks for now.js every few seconds, as a script: that works without a server. */
+/* The page of --watch asks for now.js every few seconds, as a script: that works without a server.
+ */
 #include "run/watch.h"
 
 #include "base/base.h"

@@ -61,7 +61,8 @@ static spin_status find_column(struct spin_bundle *b, const struct group *group,
                : spin_bundle_values_check(b, name, frame, 'f', n_dims, wanted);
 }
 
-/* Looking at a header brings in what lies around it, up to a megabyte: let go of it now and then. */
+/* Looking at a header brings in what lies around it, up to a megabyte: let go of it now and then.
+ */
 static void forget_all(const struct spin_bundle *b, int n_looked_at)
 {
     const struct spin_map *map = &b->npz.zip.map;
@@ -192,8 +193,8 @@ static spin_status check_trained(struct spin_bundle *b)
     return SPIN_OK;
 }
 
-/* Before version 4 "trained" was called "network", and what is now its "field" stood there among the rest, or
- * "explicit" said that there is none. */
+/* Before version 4 "trained" was called "network", and what is now its "field" stood there among
+ * the rest, or "explicit" said that there is none. */
 static void modernise(struct spin_bundle *b)
 {
     static const char *const series[] = {"per_unit", "xor_rows"};
@@ -494,7 +495,8 @@ spin_status spin_bundle_checksum(struct spin_bundle *bundle, int frame, unsigned
     return SPIN_OK;
 }
 
-/* ---- What the names of its members tell --------------------------------------------------------- */
+/* ---- What the names of its members tell ---------------------------------------------------------
+ */
 
 static bool begins(const char *text, const char *with)
 {

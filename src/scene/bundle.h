@@ -10,8 +10,8 @@
  *   trained/table.npy  trained/heads.npy ... what model/field keeps
  *
  * Columns: means [n,3], quats [n,4], log_scales [n,3], logit_opacities [n], sh [n,K,3], rgb [n,3];
- * all little-endian float32, or packed (scene/bundle_pack.h). <index> is the frame's place in meta.json's
- * list, not its number. */
+ * all little-endian float32, or packed (scene/bundle_pack.h). <index> is the frame's place in
+ * meta.json's list, not its number. */
 #pragma once
 
 #include "spin.h"
@@ -82,15 +82,16 @@ struct spin_bundle_bytes {
 bool spin_bundle_looks_like(const char *path);
 /* Added to the name of a training's state: the clip as it was when the training was interrupted. */
 #define SPIN_CLIP_OF_STATE ".spin"
-/* Every member's header is checked against meta.json before this returns. A training's state stands for its clip. */
+/* Every member's header is checked against meta.json before this returns. A training's state stands
+ * for its clip. */
 spin_status spin_bundle_open(const char *path, struct spin_bundle *out);
 void spin_bundle_close(struct spin_bundle *bundle);
 /* What each part of it takes, in the file and unpacked. */
 void spin_bundle_weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *packed,
                        struct spin_bundle_bytes *unpacked);
 spin_json *spin_bundle_bytes_json(const struct spin_bundle_bytes *bytes);
-/* Array `series`/`frame`, or `series` itself with a frame of -1: its header alone is looked at. kind: 'f'
- * float32, 'u' uint32; a -1 in shape matches anything. Errors name the array. */
+/* Array `series`/`frame`, or `series` itself with a frame of -1: its header alone is looked at.
+ * kind: 'f' float32, 'u' uint32; a -1 in shape matches anything. Errors name the array. */
 spin_status spin_bundle_values_check(struct spin_bundle *bundle, const char *series, int frame,
                                      char kind, int n_dims, const int64_t *shape);
 /* The same, open for spin_bundle_values_get(); to be closed. Errors name the file as well. */
@@ -106,19 +107,21 @@ void spin_bundle_values_close(struct spin_bundle_values *values);
 /* The source's columns of one frame. */
 spin_status spin_bundle_frame(struct spin_bundle *bundle, int frame, unsigned columns,
                               struct spin_splats *out);
-/* The source as 4D splats, read at the first call, and the bundle's; *out is NULL where it is frames. */
+/* The source as 4D splats, read at the first call, and the bundle's; *out is NULL where it is
+ * frames. */
 spin_status spin_bundle_splats_4d(struct spin_bundle *bundle, const struct spin_splats_4d **out);
 /* Columns of a refined frame. SPIN_E_NOT_FOUND when they are not there. */
 spin_status spin_bundle_refined_frame(struct spin_bundle *bundle, int frame, unsigned columns,
                                       struct spin_splats *out);
-/* The source's columns of a frame, or with SPIN_FROM_REFINED those, without a copy where they can be
- * used as they lie in the map (out->mapped): to be read only, until the bundle is closed. */
+/* The source's columns of a frame, or with SPIN_FROM_REFINED those, without a copy where they can
+ * be used as they lie in the map (out->mapped): to be read only, until the bundle is closed. */
 spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_splat_source from,
                              unsigned columns, struct spin_splats *out);
-/* Release the memory pages of a view that is not needed again soon. A copy (not mapped) stays as it is. */
+/* Release the memory pages of a view that is not needed again soon. A copy (not mapped) stays as it
+ * is. */
 void spin_bundle_rest(const struct spin_splats *view);
-/* Splats of a frame: the source's; or else the refined ones where there are some, which are also the
- * network's. */
+/* Splats of a frame: the source's; or else the refined ones where there are some, which are also
+ * the network's. */
 size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_splat_source from);
 /* A number that follows from the values of these columns of a source frame, packed or not. */
 spin_status spin_bundle_checksum(struct spin_bundle *bundle, int frame, unsigned columns,
@@ -136,19 +139,20 @@ spin_status spin_bundle_writer_open(const char *path, bool force, bool sync,
 /* Columns in `columns` of frame `index`; those in static_columns are written at index 0 only. */
 spin_status spin_bundle_write_frame(struct spin_bundle_writer *w, int index, unsigned columns,
                                     unsigned static_columns, const struct spin_splats *splats);
-/* The source as 4D splats, instead of its frames; sets four_d, parts, columns and SH degree of meta. round: what was
- * done to them by spin_splats_4d_round(), and no more since. */
+/* The source as 4D splats, instead of its frames; sets four_d, parts, columns and SH degree of
+ * meta. round: what was done to them by spin_splats_4d_round(), and no more since. */
 spin_status spin_bundle_write_4d(struct spin_bundle_writer *w, const struct spin_splats_4d *s,
                                  enum spin_round_4d round, struct spin_bundle_meta *meta);
 /* Columns of refined frame `index`; the core describes them in meta.json's "refined". */
 spin_status spin_bundle_write_refined(struct spin_bundle_writer *w, int index, unsigned columns,
                                       const struct spin_splats *splats);
-/* `series`/`frame` of 4-byte values, descr "<f4" or "<u4"; or `series` itself with a frame of -1. */
+/* `series`/`frame` of 4-byte values, descr "<f4" or "<u4"; or `series` itself with a frame of -1.
+ */
 spin_status spin_bundle_write_array(struct spin_bundle_writer *w, const char *series, int frame,
                                     const char *descr, int n_dims, const uint64_t *shape,
                                     const void *values);
-/* extra: members put beside ours at the top of meta.json (may be NULL; taken). meta.frame[].n must be
- * set. data_path is stored as given. */
+/* extra: members put beside ours at the top of meta.json (may be NULL; taken). meta.frame[].n must
+ * be set. data_path is stored as given. */
 spin_status spin_bundle_writer_finish(struct spin_bundle_writer *w,
                                       const struct spin_bundle_meta *meta, spin_json *extra);
 void spin_bundle_writer_abandon(struct spin_bundle_writer *w);

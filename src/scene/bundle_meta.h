@@ -17,8 +17,8 @@ struct spin_bundle_meta {
     bool numbered;                 /* frame numbers are the source's own */
     unsigned columns, static_columns;
     bool identity; /* row i is the same Gaussian in every frame */
-    /* The source is 4D splats, of which frames are slices, when n is not 0: without the arrays, whose optional ones are
-     * named in parts. */
+    /* The source is 4D splats, of which frames are slices, when n is not 0: without the arrays,
+     * whose optional ones are named in parts. */
     struct spin_splats_4d four_d;
     unsigned parts;
     int sh_degree;       /* -1: none */
@@ -36,8 +36,8 @@ spin_status spin_frame_numbers_check(const struct spin_frame_info *frame, int n)
 
 /* Fills *meta, which is zero before. SPIN_E_MALFORMED and SPIN_E_UNSUPPORTED name the key. */
 spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json *root);
-/* The object to be written: our keys go into extra, if any, so a caller's key of the same name does not
- * survive. extra is taken. */
+/* The object to be written: our keys go into extra, if any, so a caller's key of the same name does
+ * not survive. extra is taken. */
 spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json *extra);
 /* 4D splats with these parts as meta.json and reports tell of them. */
 spin_json *spin_bundle_4d_json(const struct spin_splats_4d *s, unsigned parts);
@@ -46,8 +46,8 @@ void spin_bundle_meta_packed(spin_json *root, const struct spin_packer *packer);
 /* The names of these columns, as meta.json lists them. */
 spin_json *spin_column_names(unsigned columns);
 
-/* For other parts of meta.json: "'key' is missing or is not <expected>"; a whole number in a range; the
- * columns that splats have, means at least, the degree of their colours, how to draw them. */
+/* For other parts of meta.json: "'key' is missing or is not <expected>"; a whole number in a range;
+ * the columns that splats have, means at least, the degree of their colours, how to draw them. */
 spin_status spin_meta_fail(const char *key, const char *expected);
 spin_status spin_meta_integer(const spin_json *object, const char *key, int64_t least, int64_t most,
                               int64_t *out);

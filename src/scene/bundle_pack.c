@@ -1,5 +1,5 @@
-/* Words of values as planes of bytes, column by column: what is alike in neighbouring words (signs, exponents, high
- * bytes) lies together, where deflate finds it. */
+/* Words of values as planes of bytes, column by column: what is alike in neighbouring words (signs,
+ * exponents, high bytes) lies together, where deflate finds it. */
 #include "scene/bundle_pack.h"
 
 #include "base/base.h"
@@ -22,7 +22,8 @@ struct spin_pack_series {
     spin_json *rows;  /* a number for every frame so far; NULL: an array without frames */
 };
 
-/* ---- One array ---------------------------------------------------------------------------------- */
+/* ---- One array ----------------------------------------------------------------------------------
+ */
 
 spin_status spin_pack_write(struct spin_zip_writer *w, const char *name, int n_dims,
                             const uint64_t *shape, spin_pack_read_fn read, void *context)
@@ -95,10 +96,11 @@ static spin_status write_columns(struct spin_zip_writer *w, const char *name, in
     return status == SPIN_OK ? spin_zip_member_end(w) : status;
 }
 
-/* ---- Series ------------------------------------------------------------------------------------- */
+/* ---- Series -------------------------------------------------------------------------------------
+ */
 
-/* About how many bits the planes become where the first rows are differences from the key: the entropy of their
- * bytes, each plane by itself. */
+/* About how many bits the planes become where the first rows are differences from the key: the
+ * entropy of their bytes, each plane by itself. */
 static double weigh(const struct words *words, const uint32_t *key, uint64_t rows)
 {
     uint64_t seen[4][256] = {{0}}, count = words->n_rows * words->width,
@@ -275,7 +277,8 @@ void spin_packer_free(struct spin_packer *packer)
     memset(packer, 0, sizeof *packer);
 }
 
-/* ---- Rounding ----------------------------------------------------------------------------------- */
+/* ---- Rounding -----------------------------------------------------------------------------------
+ */
 
 /* To the nearest, ties to even, on the bits: a carry goes into the exponent as it should. */
 static float round_one(float value, int bits, float step)

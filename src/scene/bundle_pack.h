@@ -1,9 +1,11 @@
-/* Arrays of a bundle, packed: planes of the bytes of 4-byte words, deflated; in a series, differences from frame 0.
+/* Arrays of a bundle, packed: planes of the bytes of 4-byte words, deflated; in a series,
+ * differences from frame 0.
  *
- * A word is the bits of a value. In a series that has a "per_unit" in meta.json, a number u for each column, it is a whole
- * number k for the value k / u: 0, -1, 1, -2, 2, ... are the words 0, 1, 2, 3, 4, ... A series is an array for
- * each frame, [n, ...], or one array without frames. In a later frame the first rows may be the exclusive or of
- * their words with those of frame 0. How many rows of each frame are stands in meta.json, "xor_rows".
+ * A word is the bits of a value. In a series that has a "per_unit" in meta.json, a number u for
+ * each column, it is a whole number k for the value k / u: 0, -1, 1, -2, 2, ... are the words 0, 1,
+ * 2, 3, 4, ... A series is an array for each frame, [n, ...], or one array without frames. In a
+ * later frame the first rows may be the exclusive or of their words with those of frame 0. How many
+ * rows of each frame are stands in meta.json, "xor_rows".
  *
  *     bytes     array               plane k has byte k of every word, the lowest first
  *     |i1       [1 to 4, ..., n]    column after column; planes that are all 0 are left out
@@ -26,17 +28,19 @@ typedef spin_status (*spin_pack_read_fn)(void *context, uint64_t first, size_t n
 struct spin_packer {
     struct spin_pack_series *series;
     size_t n, capacity;
-    bool quick; /* arrays from SPIN_WIDE columns on are packed several times as fast, a few percent less */
+    bool quick; /* arrays from SPIN_WIDE columns on are packed several times as fast, a few percent
+                   less */
 };
 
 /* One array that does not fit into memory, as |u1; read() is called four times for every value. */
 spin_status spin_pack_write(struct spin_zip_writer *w, const char *name, int n_dims,
                             const uint64_t *shape, spin_pack_read_fn read, void *context);
-/* Values of column c of a series are meant to be multiples of 1 / per_unit[c]. An array with a value that is not one
- * lies as |u1. To be called once, before the first array of the series. */
+/* Values of column c of a series are meant to be multiples of 1 / per_unit[c]. An array with a
+ * value that is not one lies as |u1. To be called once, before the first array of the series. */
 spin_status spin_packer_units(struct spin_packer *packer, const char *series, size_t width,
                               const float *per_unit);
-/* `series`/`frame`, or an array of its own with a frame of -1. Frames of a series come in order, from 0. */
+/* `series`/`frame`, or an array of its own with a frame of -1. Frames of a series come in order,
+ * from 0. */
 spin_status spin_packer_put(struct spin_packer *packer, struct spin_zip_writer *w,
                             const char *series, int frame, int n_dims, const uint64_t *shape,
                             const void *values);
@@ -44,5 +48,6 @@ spin_status spin_packer_put(struct spin_packer *packer, struct spin_zip_writer *
 void spin_packer_json(const struct spin_packer *packer, spin_json *meta);
 void spin_packer_free(struct spin_packer *packer);
 
-/* Round finite values to this many significant bits, and to multiples of step: a power of two, or 0. */
+/* Round finite values to this many significant bits, and to multiples of step: a power of two, or
+ * 0. */
 void spin_round_values(float *values, size_t n, int bits, float step);

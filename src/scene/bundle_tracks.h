@@ -6,9 +6,9 @@
  *   trained/means/<index>.npy     [own][3]  positions of splats without a track, or of a moving one
  *   trained/residual/<index>.npy  [own][11] of splats without a track, or of a varying one
  *
- * A splat has the sum of what it has of its own and of what its track has. The first "moving" tracks
- * move; of the others the displacement is the whole position. The first "varying" ones have values in every
- * frame. */
+ * A splat has the sum of what it has of its own and of what its track has. The first "moving"
+ * tracks move; of the others the displacement is the whole position. The first "varying" ones have
+ * values in every frame. */
 #pragma once
 
 #include "scene/bundle.h"
@@ -30,7 +30,8 @@ struct spin_bundle_tracks {
 /* Checks the values. Zero it first; close it also after a failure. */
 spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bundle_tracks *out);
 void spin_bundle_tracks_close(struct spin_bundle_tracks *tracks);
-/* Of frame `index` with n splats: the track of each, or SPIN_NOT_TRACKED, which all have where there are no tracks. */
+/* Of frame `index` with n splats: the track of each, or SPIN_NOT_TRACKED, which all have where
+ * there are no tracks. */
 spin_status spin_bundle_tracks_numbers(struct spin_bundle_tracks *tracks, int index, size_t n,
                                        uint32_t *track);
 /* Of frame `index` with n splats: means [n][3] and the residual rows [n][11] = the sums. */

@@ -1,12 +1,13 @@
-/* Reading arrays of a bundle. Nothing of a header is believed before it is held against what meta.json says
- * and against the bytes that are there. */
+/* Reading arrays of a bundle. Nothing of a header is believed before it is held against what
+ * meta.json says and against the bytes that are there. */
 #include <float.h>
 #include <inttypes.h>
 
 #include "base/base.h"
 #include "scene/bundle.h"
 
-/* Checking a CRC reads every byte; larger members that are stored are only checked for being there. */
+/* Checking a CRC reads every byte; larger members that are stored are only checked for being there.
+ */
 #define CRC_LIMIT (64u << 20)
 
 /* The words of a frame 0. */
@@ -25,7 +26,8 @@ static void name_of(const char *series, int frame, char name[80])
         snprintf(name, 80, "%s/%05d", series, frame);
 }
 
-/* ---- Words -------------------------------------------------------------------------------------- */
+/* ---- Words --------------------------------------------------------------------------------------
+ */
 
 /* Words [first, first + n) of an array whose planes have column after column. */
 static void gather_columns(const struct spin_bundle_values *v, uint64_t first, size_t n,
@@ -65,7 +67,8 @@ static void get_words(const struct spin_bundle_values *v, uint64_t first, size_t
         to[i] ^= v->key[first + i];
 }
 
-/* ---- Differences -------------------------------------------------------------------------------- */
+/* ---- Differences --------------------------------------------------------------------------------
+ */
 
 /* Rows of an array that are differences from the same rows of frame 0. */
 static spin_status difference_rows(struct spin_bundle *b, const char *series, int frame,
@@ -117,7 +120,8 @@ static spin_status find_key(struct spin_bundle *b, const char *series, char kind
     return SPIN_OK;
 }
 
-/* ---- Headers ------------------------------------------------------------------------------------ */
+/* ---- Headers ------------------------------------------------------------------------------------
+ */
 
 /* What one whole number counts for in each column, where meta.json says so. */
 static spin_status find_units(struct spin_bundle *b, const char *series, char kind,
@@ -197,7 +201,8 @@ spin_status spin_bundle_values_check(struct spin_bundle *bundle, const char *ser
     return look_at_frame(bundle, series, frame, kind, n_dims, shape, name, &values, &rows);
 }
 
-/* ---- Values ------------------------------------------------------------------------------------- */
+/* ---- Values -------------------------------------------------------------------------------------
+ */
 
 static spin_status take_key(struct spin_bundle *b, const char *series, const char *name, char kind,
                             uint64_t rows, struct spin_bundle_values *out)

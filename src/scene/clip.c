@@ -155,7 +155,8 @@ static spin_status pair_rows(const struct spin_clip_options *o, struct spin_clip
     return status;
 }
 
-/* What is there and is no bundle: who reads it. Of a zip that no importer knows: what is wrong with it as a bundle. */
+/* What is there and is no bundle: who reads it. Of a zip that no importer knows: what is wrong with
+ * it as a bundle. */
 static spin_status open_bundle(const char *path, struct spin_bundle *out)
 {
     const struct spin_importer *importer;
@@ -181,7 +182,8 @@ static spin_status open_bundle(const char *path, struct spin_bundle *out)
     return spin_fail(status, "%s", why);
 }
 
-/* The data set, and what of it is which frame. That which the bundle names may be gone, where work can go on without. */
+/* The data set, and what of it is which frame. That which the bundle names may be gone, where work
+ * can go on without. */
 static spin_status open_data(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     bool named = o->data || o->data_from, opened = named || o->needs_views || o->wants_views;
@@ -202,8 +204,9 @@ static spin_status open_data(const struct spin_clip_options *o, struct spin_clip
     return pair_rows(o, clip);
 }
 
-/* The cameras' near plane, by the first frame of the bundle that has splats, whatever frames were asked for: what a
- * camera draws must not depend on --range. A frame that cannot be read is left to who needs it. */
+/* The cameras' near plane, by the first frame of the bundle that has splats, whatever frames were
+ * asked for: what a camera draws must not depend on --range. A frame that cannot be read is left to
+ * who needs it. */
 static spin_status set_near(struct spin_clip *clip)
 {
     const struct spin_bundle_meta *meta = &clip->bundle.meta;

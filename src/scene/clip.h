@@ -13,12 +13,12 @@ struct spin_clip_options {
     struct spin_range range;
     const int *test_cameras;
     int n_test_cameras;
-    bool
-        as_trained; /* without these: what retraining was told to hold out, not what the data set says */
+    bool as_trained; /* without these: what retraining was told to hold out, not what the data set
+                        says */
     double image_scale; /* 0 or 1: as stored */
     bool needs_views;   /* a missing data set is an error */
-    /* One that the bundle names and that cannot be read is a warning. Neither of both: it is not opened. What `data`
-     * names must be there. */
+    /* One that the bundle names and that cannot be read is a warning. Neither of both: it is not
+     * opened. What `data` names must be there. */
     bool wants_views;
 };
 
@@ -40,8 +40,8 @@ struct spin_clip {
 spin_status spin_clip_open(const struct spin_clip_options *o, struct spin_clip *out);
 void spin_clip_close(struct spin_clip *clip);
 
-/* Frames are told apart by their times: these must be finite, and no two the same, in any order. Of the
- * frames index[n], or of the first n (NULL). */
+/* Frames are told apart by their times: these must be finite, and no two the same, in any order. Of
+ * the frames index[n], or of the first n (NULL). */
 spin_status spin_times_check(const struct spin_frame_info *info, const int *index, int n);
 
 /* Frame numbers in the range, as indices into info[n]. SPIN_E_NOT_FOUND when there are none. */

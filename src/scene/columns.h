@@ -3,7 +3,8 @@
 
 #include "spin.h"
 
-/* for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) visits each of enum spin_column. */
+/* for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) visits each of enum
+ * spin_column. */
 enum { SPIN_N_COLUMNS = 6, SPIN_COLUMNS_END = 1 << SPIN_N_COLUMNS };
 
 /* "means" for SPIN_COL_MEANS, ... */

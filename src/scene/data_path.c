@@ -29,7 +29,8 @@ static spin_status resolve(const char *folder, const char *path, char **out)
     return *path ? spin_path_join(from, path, out) : spin_strdup(*from ? from : "/", out);
 }
 
-/* A bundle that was moved alone can find anything at the relative path, above all where that is "..". */
+/* A bundle that was moved alone can find anything at the relative path, above all where that is
+ * "..". */
 static bool is_data_set(const char *path) { return spin_importer_guess(path, true) != NULL; }
 
 spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out)

@@ -155,8 +155,8 @@ void spin_image_cache_close(struct spin_image_cache *pixels)
     memset(pixels, 0, sizeof *pixels);
 }
 
-/* Decoded pixels at the camera's size, still 8-bit, so that a kept image and one decoded anew are the
- * same. Takes *rgb and gives another block where the sizes differ. */
+/* Decoded pixels at the camera's size, still 8-bit, so that a kept image and one decoded anew are
+ * the same. Takes *rgb and gives another block where the sizes differ. */
 static spin_status fit(const struct spin_view *view, int width, int height, uint8_t **rgb)
 {
     size_t plane = (size_t)view->camera.width * (size_t)view->camera.height;
@@ -199,7 +199,8 @@ static void keep(struct spin_image_cache *pixels, size_t view, uint8_t *rgb)
     pixels->held += bytes_of(&pixels->views->view[view]);
 }
 
-/* ---- Frames of videos, on the way to one ------------------------------------------------------ */
+/* ---- Frames of videos, on the way to one ------------------------------------------------------
+ */
 
 struct passing {
     struct spin_image_cache *pixels;

@@ -1,9 +1,9 @@
 /* Plug-ins loaded at run time: the shared objects that SPIN_PLUGIN_PATH names, and nothing else. An
  * object's functions call ours, which the commands export to it (src/plugin.sym).
  *
- * What is broken is left out and remembered with the reason: a warning for most, an error when it is
- * the one that the user asked for. An object that cannot be loaded has no names to be asked for by, so
- * it answers to its file's name without ".so". */
+ * What is broken is left out and remembered with the reason: a warning for most, an error when it
+ * is the one that the user asked for. An object that cannot be loaded has no names to be asked for
+ * by, so it answers to its file's name without ".so". */
 #include <dlfcn.h>
 #include <pthread.h>
 #include <stdarg.h>
@@ -88,7 +88,8 @@ static const struct fault *find_fault(const char *name)
 
 /* ---- One importer, one exporter -------------------------------------------------------------- */
 
-/* Lower case letters, digits, '-' and '_', so that a name can be typed, listed and kept in a bundle. */
+/* Lower case letters, digits, '-' and '_', so that a name can be typed, listed and kept in a
+ * bundle. */
 static bool is_name(const char *name)
 {
     size_t n = name ? strspn(name, "abcdefghijklmnopqrstuvwxyz0123456789-_") : 0;

@@ -1,4 +1,5 @@
-/* Choosing an importer: by name, or by asking every one of them to look at the input's outside (the peek). */
+/* Choosing an importer: by name, or by asking every one of them to look at the input's outside (the
+ * peek). */
 #include "scene/probe.h"
 
 #include <strings.h>
@@ -61,10 +62,10 @@ static spin_status peek_members(const char *path, char **out)
     return status;
 }
 
-/* Some files tell the runs of related methods apart: params.npz by its members (Dynamic 3D Gaussians and
- * its descendants), cfg_args by its text (what grew out of 3DGS). Without cfg_args a checkpoint tells by the
- * names in its optimiser; in the folder of one save the keys of the network, or else the header of the
- * cloud. */
+/* Some files tell the runs of related methods apart: params.npz by its members (Dynamic 3D
+ * Gaussians and its descendants), cfg_args by its text (what grew out of 3DGS). Without cfg_args a
+ * checkpoint tells by the names in its optimiser; in the folder of one save the keys of the
+ * network, or else the header of the cloud. */
 static spin_status peek_inside(const char *folder, const char *name, struct spin_peek *out,
                                char **members)
 {
@@ -250,8 +251,8 @@ static spin_status fail_foreign(const char *path, bool want_views)
                      "cannot recognise '%s': no importer knows it (see spin-import --list)", path);
 }
 
-/* A folder that no importer knows may have what is meant one level down. The only run there is taken, when
- * `in` is not NULL: *in is its folder, allocated. */
+/* A folder that no importer knows may have what is meant one level down. The only run there is
+ * taken, when `in` is not NULL: *in is its folder, allocated. */
 static spin_status look_below(const struct spin_peek *peek, bool want_views,
                               const struct spin_importer **out, char **in)
 {

@@ -39,7 +39,8 @@ static const struct {
     {"sh_cos", offsetof(struct spin_splats_4d, sh_cos), 0, SPIN_4D_SH_COS, SANE, 128},
 };
 
-/* ---- Arrays ------------------------------------------------------------------------------------ */
+/* ---- Arrays ------------------------------------------------------------------------------------
+ */
 
 const char *spin_array_4d_name(int k) { return arrays[k].name; }
 
@@ -131,7 +132,8 @@ struct spin_splats spin_splats_of_4d(const struct spin_splats_4d *s)
                                 .sh = s->sh};
 }
 
-/* ---- Settling ---------------------------------------------------------------------------------- */
+/* ---- Settling ----------------------------------------------------------------------------------
+ */
 
 static struct spin_window window_of(const struct spin_splats_4d *s, size_t i)
 {
@@ -149,7 +151,8 @@ static struct spin_window window_of(const struct spin_splats_4d *s, size_t i)
     return w;
 }
 
-/* All values finite, scales too; a rotation and a window. Makes quats of unit length, and their spin with them. */
+/* All values finite, scales too; a rotation and a window. Makes quats of unit length, and their
+ * spin with them. */
 static bool settle_row(struct spin_splats_4d *s, size_t i)
 {
     double length = 0;
@@ -269,7 +272,8 @@ spin_status spin_splats_4d_take(const struct spin_splats_4d *s, const unsigned c
     return SPIN_OK;
 }
 
-/* ---- Slicing ----------------------------------------------------------------------------------- */
+/* ---- Slicing -----------------------------------------------------------------------------------
+ */
 
 double spin_splats_4d_weight(const struct spin_splats_4d *s, size_t i, double time)
 {

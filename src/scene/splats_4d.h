@@ -4,13 +4,13 @@
 #include "spin.h"
 
 enum { SPIN_N_ARRAYS_4D = 13 };
-/* Array k: its name, its place in *s, the floats of a row. An array that these splats have is not NULL, or is in `parts`
- * of enum spin_splats_4d_part: see spin_splats_4d_has(). */
+/* Array k: its name, its place in *s, the floats of a row. An array that these splats have is not
+ * NULL, or is in `parts` of enum spin_splats_4d_part: see spin_splats_4d_has(). */
 const char *spin_array_4d_name(int k);
 float **spin_array_4d_of(struct spin_splats_4d *s, int k);
 size_t spin_array_4d_width(const struct spin_splats_4d *s, int k);
-/* Rotations, sizes, opacities and colours with 11 significant bits, and multiples of 2^-11 (HALF) or of steps that
- * pictures hardly show (COMPACT), as of spin-retrain --precision. */
+/* Rotations, sizes, opacities and colours with 11 significant bits, and multiples of 2^-11 (HALF)
+ * or of steps that pictures hardly show (COMPACT), as of spin-retrain --precision. */
 enum spin_round_4d { SPIN_ROUND_NOTHING, SPIN_ROUND_HALF, SPIN_ROUND_COMPACT };
 /* In place; to be settled again. */
 void spin_splats_4d_round(struct spin_splats_4d *s, enum spin_round_4d round);

@@ -3,6 +3,6 @@
 
 #include "io/json.h"
 
-/* A copy of "options" of "trained" (of meta.json); where no network was trained, without those of a network. NULL:
- * there are none. */
+/* A copy of "options" of "trained" (of meta.json); where no network was trained, without those of a
+ * network. NULL: there are none. */
 spin_json *spin_trained_options(const spin_json *trained);

@@ -1,6 +1,6 @@
-/* The mean of what is learned over the last steps. Every step draws other pictures, so the end of a training is as noisy as
- * its learning rates are high; the mean is not, and so rates need not fall to zero. Of tracks and of what frames have of
- * their own, not of a network. */
+/* The mean of what is learned over the last steps. Every step draws other pictures, so the end of a
+ * training is as noisy as its learning rates are high; the mean is not, and so rates need not fall
+ * to zero. Of tracks and of what frames have of their own, not of a network. */
 #pragma once
 
 #include "train/trainer.h"

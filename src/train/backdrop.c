@@ -1,9 +1,10 @@
 /* Where the backdrop lies: behind the farthest points along the rays of the training cameras.
  *
- * Each view is divided into cells. The farthest points of a cell are its outermost surface, and a flat splat of about the
- * cell's size goes behind it, at a distance that keeps it behind the surface's own splats when all are sorted by depth. It
- * moves on while any other view would see it in front of that view's outermost surface, and it is left out where an
- * earlier view has one already. */
+ * Each view is divided into cells. The farthest points of a cell are its outermost surface, and a
+ * flat splat of about the cell's size goes behind it, at a distance that keeps it behind the
+ * surface's own splats when all are sorted by depth. It moves on while any other view would see it
+ * in front of that view's outermost surface, and it is left out where an earlier view has one
+ * already. */
 #include "train/backdrop.h"
 
 #include "base/base.h"
@@ -63,7 +64,8 @@ static void close_layout(struct layout *l)
         free(l->view[i].cell);
 }
 
-/* ---- Points ------------------------------------------------------------------------------------- */
+/* ---- Points -------------------------------------------------------------------------------------
+ */
 
 static void add_point(struct layout *l, const struct spin_splats *s, size_t i)
 {
@@ -101,7 +103,8 @@ static spin_status sample_points(struct layout *l, struct spin_plan *plan)
     return SPIN_OK;
 }
 
-/* ---- Surfaces ----------------------------------------------------------------------------------- */
+/* ---- Surfaces -----------------------------------------------------------------------------------
+ */
 
 /* The cell that shows a point, or NULL. */
 static struct cell *cell_of(const struct view *v, const float point[3], double *depth)
@@ -122,7 +125,8 @@ struct bin {
     double n, log_depth, colour[3];
 };
 
-/* The outermost of a cell's bins that is no outlier, with those in front of it that belong to the same surface. */
+/* The outermost of a cell's bins that is no outlier, with those in front of it that belong to the
+ * same surface. */
 static void find_surface(const struct bin *bin, struct cell *cell)
 {
     double all = 0, behind_it = 0;
@@ -252,7 +256,8 @@ static spin_status open_view(struct layout *l, const struct spin_camera *camera)
     return SPIN_OK;
 }
 
-/* ---- Splats ------------------------------------------------------------------------------------- */
+/* ---- Splats -------------------------------------------------------------------------------------
+ */
 
 static double dot(const double a[3], const double b[3])
 {
@@ -422,7 +427,8 @@ static spin_status lay_out(struct spin_plan *plan)
     return SPIN_OK;
 }
 
-/* ---- Tracks ------------------------------------------------------------------------------------- */
+/* ---- Tracks -------------------------------------------------------------------------------------
+ */
 
 spin_status spin_backdrop_choose(struct spin_plan *plan, struct spin_photos *photos)
 {

@@ -1,5 +1,5 @@
-/* Points of a few frames are projected into the training views. A point counts where nothing stands before it, as
- * far as a coarse map of the nearest points tells; what that misses, medians bear. */
+/* Points of a few frames are projected into the training views. A point counts where nothing stands
+ * before it, as far as a coarse map of the nearest points tells; what that misses, medians bear. */
 #include "train/camera_colours.h"
 
 #include "base/base.h"

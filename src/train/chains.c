@@ -6,8 +6,9 @@
 #include "train/knn.h"
 #include "train/link.h"
 
-/* A splat may be so many times the distance to its neighbours from where it is expected, and differ so much in a colour of
- * 0..1. It is expected as far on as this share of its last step. Tried on basketball. */
+/* A splat may be so many times the distance to its neighbours from where it is expected, and differ
+ * so much in a colour of 0..1. It is expected as far on as this share of its last step. Tried on
+ * basketball. */
 static const float reach_of_spacing = 3, colour_tolerance = 0.1f, share_of_step = 0.7f;
 static const float most_spacing =
     4; /* in units of the mean: what stands alone is not linked across the scene */

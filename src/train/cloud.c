@@ -1,4 +1,5 @@
-/* The points of one frame and their first values: from coloured points as 3DGS begins, or from splats. */
+/* The points of one frame and their first values: from coloured points as 3DGS begins, or from
+ * splats. */
 #include "train/cloud.h"
 
 #include "base/base.h"

@@ -139,8 +139,8 @@ static void add_child(struct spin_refine_cloud *c, size_t parent, const float no
     shift(p, along);
 }
 
-/* A half of a point, on one side along its longest axis, of these shares of its scales and opacity; the offset is in units
- * of the scale. Tried on court and basketball. */
+/* A half of a point, on one side along its longest axis, of these shares of its scales and opacity;
+ * the offset is in units of the scale. Tried on court and basketball. */
 static const float half_offset = 0.6f, half_long = 0.5f, half_other = 0.85f, half_opacity = 0.6f;
 
 static void add_half(struct spin_refine_cloud *c, size_t parent, float side)
@@ -197,7 +197,8 @@ static spin_status add_children(const struct spin_densify_options *o, int iterat
     return SPIN_OK;
 }
 
-/* Differs: 3DGS keeps points that are not finite. Here they would be handed on to the network training. */
+/* Differs: 3DGS keeps points that are not finite. Here they would be handed on to the network
+ * training. */
 static bool worth_keeping(const struct spin_refine_cloud *c, size_t i, float prune_opacity)
 {
     const struct spin_refine_row *p = &c->point[i].p;

@@ -1,6 +1,7 @@
-/* How the number of points changes while they are trained: clone, split, prune (docs/method.md section 2). The rules are
- * those of 3DGS, Kerbl et al. 2023, or with long_axis a split that changes the picture less, Deng et al. 2024,
- * "Efficient Density Control for 3D Gaussian Splatting". Host memory only. */
+/* How the number of points changes while they are trained: clone, split, prune (docs/method.md
+ * section 2). The rules are those of 3DGS, Kerbl et al. 2023, or with long_axis a split that
+ * changes the picture less, Deng et al. 2024, "Efficient Density Control for 3D Gaussian
+ * Splatting". Host memory only. */
 #pragma once
 
 #include "train/cloud.h"
@@ -11,8 +12,8 @@ extern const double spin_prune_opacity;
 struct spin_densify_options {
     double extent;             /* of the scene: spin_views_extent(); no default */
     double gradient_threshold; /* of the mean gradient; 2e-4 */
-    bool
-        long_axis; /* no clones and no random numbers: two halves, one behind the other along the longest axis */
+    bool long_axis; /* no clones and no random numbers: two halves, one behind the other along the
+                       longest axis */
     double percent_dense; /* of the extent: largest scale that is cloned, not split; 0.01 */
     double prune_opacity; /* spin_prune_opacity */
     size_t max_points;    /* 0: no limit */

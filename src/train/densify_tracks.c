@@ -1,4 +1,5 @@
-/* Host memory only; one frame after the other comes down, changes and goes up again. All ranks do the same. */
+/* Host memory only; one frame after the other comes down, changes and goes up again. All ranks do
+ * the same. */
 #include "train/densify_tracks.h"
 
 #include "base/base.h"
@@ -16,7 +17,8 @@ struct change {
     struct spin_refine_cloud before, after; /* of a frame; their memory serves the next one */
 };
 
-/* ---- The tracks' parameters ---------------------------------------------------------------------- */
+/* ---- The tracks' parameters
+ * ---------------------------------------------------------------------- */
 
 static struct spin_refine_row *part_of(struct spin_refine_point *p, int part)
 {
@@ -156,10 +158,11 @@ static spin_status change_tracks(struct change *c, struct spin_densify_change *s
     return carry_tracks(t->device, &t->tracks, &c->tracks, true);
 }
 
-/* ---- A frame ------------------------------------------------------------------------------------- */
+/* ---- A frame
+ * ------------------------------------------------------------------------------------- */
 
-/* A frame's new splats. The cloud has those with values of their own, which are the first of them; of these values, what
- * a splat has not is zero. */
+/* A frame's new splats. The cloud has those with values of their own, which are the first of them;
+ * of these values, what a splat has not is zero. */
 struct rows {
     struct spin_refine_cloud *cloud;
     uint32_t *track;  /* [n] */
@@ -274,7 +277,8 @@ static spin_status permute(const struct rows *rows, size_t n_before, uint32_t **
     return SPIN_OK;
 }
 
-/* turn [n_pos][4] of the new splats of moving tracks: those of their parents; NULL where a frame has none. */
+/* turn [n_pos][4] of the new splats of moving tracks: those of their parents; NULL where a frame
+ * has none. */
 static spin_status inherit_turns(const struct change *c, const struct spin_train_frame *frame,
                                  const struct rows *rows, float **turn)
 {
@@ -352,7 +356,8 @@ out:
     return status;
 }
 
-/* ---- The whole ---------------------------------------------------------------------------------- */
+/* ---- The whole ----------------------------------------------------------------------------------
+ */
 
 spin_status spin_densify_tracks(struct spin_trainer *t, const struct spin_densify_options *o,
                                 int iteration, uint32_t **permutation, size_t *counts,

@@ -1,6 +1,6 @@
-/* Finished frames of a run that is not finished: one small bundle each, in a folder beside the output.
- * A frame is written whole or not at all, under a key that says what it was made from. After a kill the
- * folder holds every frame that was done and nothing else. */
+/* Finished frames of a run that is not finished: one small bundle each, in a folder beside the
+ * output. A frame is written whole or not at all, under a key that says what it was made from.
+ * After a kill the folder holds every frame that was done and nothing else. */
 #pragma once
 
 #include "spin.h"

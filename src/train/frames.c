@@ -26,10 +26,11 @@ static spin_status read_frame(struct spin_plan *plan, struct spin_refinement *re
     return refinement ? SPIN_OK : spin_backdrop_append(&plan->backdrop, out);
 }
 
-/* ---- The scene transform ------------------------------------------------------------------------ */
+/* ---- The scene transform ------------------------------------------------------------------------
+ */
 
-/* Centre: the median of each axis. Radius: the 90th percentile of the distance to the centre (docs/method.md
- * 3.1). Only when the options ask for it; else what they say, or the identity. */
+/* Centre: the median of each axis. Radius: the 90th percentile of the distance to the centre
+ * (docs/method.md 3.1). Only when the options ask for it; else what they say, or the identity. */
 static void fit_transform(const struct spin_retrain_options *o, struct spin_point_sample *sample,
                           struct spin_scene_transform *t)
 {
@@ -71,10 +72,11 @@ spin_status spin_frames_look(struct spin_plan *plan)
     return SPIN_OK;
 }
 
-/* ---- First values ------------------------------------------------------------------------------- */
+/* ---- First values -------------------------------------------------------------------------------
+ */
 
-/* The columns that a frame's first values are made from: residual values begin as the source (or the refined
- * frame) has them, or as 3DGS would begin from coloured points. */
+/* The columns that a frame's first values are made from: residual values begin as the source (or
+ * the refined frame) has them, or as 3DGS would begin from coloured points. */
 static unsigned first_columns(const struct spin_plan *plan, bool refined)
 {
     if (!spin_plan_has_residual(plan))
@@ -99,8 +101,8 @@ static void make_finite(struct spin_refine_row *p)
         *p = none;
 }
 
-/* First values of the tracks, in the host's memory: those of the first splat of each that a training camera sees, or of the
- * first at all. */
+/* First values of the tracks, in the host's memory: those of the first splat of each that a
+ * training camera sees, or of the first at all. */
 struct first_tracks {
     const struct spin_tracks *tracks;
     float *displacement, *residual; /* [n][3], [n][SPIN_RESIDUAL] */
@@ -163,7 +165,8 @@ static void clear_tracked(const struct spin_tracks *tracks, int frame,
             memset(cloud->point[i].p.log_scale, 0, SPIN_RESIDUAL * sizeof(float));
 }
 
-/* A frame's splats to the device, in our order, at its owner; every rank sees what tracks begin with. */
+/* A frame's splats to the device, in our order, at its owner; every rank sees what tracks begin
+ * with. */
 static spin_status send_frame(const struct spin_plan *plan, const struct spin_splats *s, int f,
                               const uint32_t *permutation, struct first_tracks *first,
                               struct spin_device *device, struct spin_train_frame *frame)
@@ -206,7 +209,8 @@ static spin_status send_track_numbers(const struct spin_tracks *tracks, int f, s
     return SPIN_OK;
 }
 
-/* Places of the splats of moving tracks, which follow those without a track, in the order of the tracks. */
+/* Places of the splats of moving tracks, which follow those without a track, in the order of the
+ * tracks. */
 static spin_status add_places(struct spin_turns *turns, const struct spin_tracks *tracks, int f,
                               const struct spin_splats *s, const uint32_t *permutation,
                               const struct spin_frame_size *size)
@@ -245,8 +249,8 @@ out:
     return status;
 }
 
-/* The first splat's rotation, turned to the track's own frame, so that it comes out again where it was read. Points have
- * none, and are round. */
+/* The first splat's rotation, turned to the track's own frame, so that it comes out again where it
+ * was read. Points have none, and are round. */
 static void turn_first_tracks(struct first_tracks *first, const struct spin_turns *turns)
 {
     memset(first->seen, 0, first->tracks->n);
@@ -277,7 +281,8 @@ static spin_status measure_spacing(int n_threads, const struct spin_splats *s, d
     return status;
 }
 
-/* ---- The pass ----------------------------------------------------------------------------------- */
+/* ---- The pass -----------------------------------------------------------------------------------
+ */
 
 static spin_status load_frame(struct spin_frames *frames, struct spin_plan *plan,
                               struct first_tracks *first, struct spin_turns *turns,

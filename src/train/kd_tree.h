@@ -1,5 +1,5 @@
-/* A k-d tree over points: split at the median of the widest axis, leaves of eight. It is left-balanced, so it is nothing
- * but an order of the points. */
+/* A k-d tree over points: split at the median of the widest axis, leaves of eight. It is
+ * left-balanced, so it is nothing but an order of the points. */
 #pragma once
 
 #include "spin.h"
@@ -17,7 +17,8 @@ struct spin_kd_tree {
 spin_status spin_kd_tree_open(struct spin_kd_tree *tree, size_t n, const float *points);
 void spin_kd_tree_close(struct spin_kd_tree *tree);
 
-/* Calls visit for each point that may lie within reach of `at` [3]: all that do, and others of their leaves. */
+/* Calls visit for each point that may lie within reach of `at` [3]: all that do, and others of
+ * their leaves. */
 typedef void (*spin_kd_visit)(void *context, uint32_t point);
 void spin_kd_tree_within(const struct spin_kd_tree *tree, const float at[3], float reach,
                          spin_kd_visit visit, void *context);

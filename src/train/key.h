@@ -13,8 +13,8 @@ struct spin_refined {
 /* Of a frame by itself: options, images, its lenses, what it starts from. */
 spin_status spin_frame_key(struct spin_plan *plan, const struct spin_photos *photos, int frame,
                            char key[SPIN_FRAME_KEY]);
-/* Of a run: options, the frames and what refined frames are made from [frames] or NULL, the images, the names,
- * sizes and CRCs of the input's arrays in their order. To be freed. */
+/* Of a run: options, the frames and what refined frames are made from [frames] or NULL, the images,
+ * the names, sizes and CRCs of the input's arrays in their order. To be freed. */
 spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_refined *refined,
                              const struct spin_photos *photos, const struct spin_device *device,
                              char **out);

@@ -4,8 +4,9 @@
 #include "base/pool.h"
 #include "spin.h"
 
-/* mean_dist2[i] = mean of the squared distances from points[i] to its 3 nearest other points (fewer when
- * there are fewer; 0 when there is none). points [n][3], finite. The same for any number of threads. */
+/* mean_dist2[i] = mean of the squared distances from points[i] to its 3 nearest other points (fewer
+ * when there are fewer; 0 when there is none). points [n][3], finite. The same for any number of
+ * threads. */
 spin_status spin_knn_mean_dist2(struct spin_pool *pool, size_t n, const float *points,
                                 float *mean_dist2);
 /* The median of these over all points, of which there is at least one. */

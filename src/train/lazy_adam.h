@@ -1,4 +1,5 @@
-/* When lazy Adam for the hash table pays (device.h, struct spin_lazy_adam), and the memory it takes. */
+/* When lazy Adam for the hash table pays (device.h, struct spin_lazy_adam), and the memory it
+ * takes. */
 #pragma once
 
 #include "model/field.h"

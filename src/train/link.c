@@ -1,5 +1,6 @@
-/* In rounds: each splat that is not linked looks for the one that is most like it, of those that are free or linked at a
- * higher cost; a link gives way to a cheaper one. In the end no two splats would rather be linked to each other. */
+/* In rounds: each splat that is not linked looks for the one that is most like it, of those that
+ * are free or linked at a higher cost; a link gives way to a cheaper one. In the end no two splats
+ * would rather be linked to each other. */
 #include "train/link.h"
 
 #include "base/base.h"

@@ -1,9 +1,11 @@
-/* Least squares in logarithms: unknown are a number for each point, which is taken out by subtracting the point's
- * weighted mean, one for each camera, and two for each lens, a r^2 + b r^4 = log(1 + c1 r^2 + c2 r^4). Conjugate
- * gradients solve it; a few rounds weigh samples anew by how well they fit.
+/* Least squares in logarithms: unknown are a number for each point, which is taken out by
+ * subtracting the point's weighted mean, one for each camera, and two for each lens, a r^2 + b r^4
+ * = log(1 + c1 r^2 + c2 r^4). Conjugate gradients solve it; a few rounds weigh samples anew by how
+ * well they fit.
  *
- * Whatever differs between views ends up in some gain and some falloff: light that depends on the direction, smoke,
- * points at the wrong depth. So the samples of one half of the scene must tell what those of the other half show. */
+ * Whatever differs between views ends up in some gain and some falloff: light that depends on the
+ * direction, smoke, points at the wrong depth. So the samples of one half of the scene must tell
+ * what those of the other half show. */
 #include "train/look_fit.h"
 
 #include "base/base.h"
@@ -11,14 +13,16 @@
 enum { ROUNDS = 6, STEPS = 100, GRID = 64 };
 static const double outlier = 0.05; /* a sample that is so far off, as a logarithm, counts half */
 
-/* A falloff is believed when r^2 of the samples varies by so much beside what their point and their camera explain. */
+/* A falloff is believed when r^2 of the samples varies by so much beside what their point and their
+ * camera explain. */
 static const double least_deviation = 0.1;
-/* ... when it stays within these, and nowhere rises by more than that above its least value nearer to the middle. */
+/* ... when it stays within these, and nowhere rises by more than that above its least value nearer
+ * to the middle. */
 static const double darkest = 0.3, brightest = 1.05, most_rise = 0.02;
 /* ... and when held-out points fit better with it, by so many standard errors of the mean. */
 static const double least_errors = 3;
-/* Gains must also explain so much of what points differ by: where views disagree for other reasons, as of smoke, some
- * gain always fits a little better. */
+/* Gains must also explain so much of what points differ by: where views disagree for other reasons,
+ * as of smoke, some gain always fits a little better. */
 static const double least_explained = 0.05;
 
 struct fit {
@@ -238,7 +242,8 @@ static spin_status fit_looks(const struct spin_look_sample *sample, size_t n, in
     return SPIN_OK;
 }
 
-/* ---- What to believe --------------------------------------------------------------------------------- */
+/* ---- What to believe
+ * --------------------------------------------------------------------------------- */
 
 /* What r^2 of a lens's samples varies beside what their point and their camera explain. */
 static double deviation_of(struct fit *f, int lens, double *camera)
@@ -300,7 +305,8 @@ static void add_loss(struct fit *h, const double *x, int rgb, double *loss)
         loss[i] -= log(h->weight[i]);
 }
 
-/* loss[n]: what is left of the samples after a fit to the other half. fits: false: nothing is fitted. */
+/* loss[n]: what is left of the samples after a fit to the other half. fits: false: nothing is
+ * fitted. */
 static spin_status hold_out(const struct spin_look_sample *sample, size_t n, size_t first,
                             int n_cameras, int n_lenses, const bool *falls, bool fits, double *loss)
 {

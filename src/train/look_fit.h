@@ -1,5 +1,5 @@
-/* How cameras show the scene, from points that several of them see: log value = log colour of the point + log gain of
- * the camera + log falloff of its lens (math/exposure.h). */
+/* How cameras show the scene, from points that several of them see: log value = log colour of the
+ * point + log gain of the camera + log falloff of its lens (math/exposure.h). */
 #pragma once
 
 #include "spin.h"
@@ -27,9 +27,10 @@ struct spin_look {
     enum spin_look_why gains, falloff; /* falloff: of at least one lens */
 };
 
-/* exposure [n_cameras + n_lenses][6] = log gain r g b with mean 0, and 0 0 0, of each camera; c1 r g b, c2 r g b of each
- * lens. Least squares that few outliers do not bend. What no sample tells stays 0, and so does what is not to be
- * believed: a falloff alone, or gains and falloff. corner [n_lenses]: r^2 at the corners of the pictures. */
+/* exposure [n_cameras + n_lenses][6] = log gain r g b with mean 0, and 0 0 0, of each camera; c1 r
+ * g b, c2 r g b of each lens. Least squares that few outliers do not bend. What no sample tells
+ * stays 0, and so does what is not to be believed: a falloff alone, or gains and falloff. corner
+ * [n_lenses]: r^2 at the corners of the pictures. */
 spin_status spin_look_choose(const struct spin_look_sample *sample, size_t n, int n_cameras,
                              int n_lenses, const double *corner, float *exposure,
                              struct spin_look *look);

@@ -9,7 +9,8 @@
 enum { CHECK_EVERY = 100 };             /* iterations between checks that all values are finite */
 static const double save_seconds = 300; /* between states, when --save-every is not given */
 
-/* ---- Looking at it ------------------------------------------------------------------------------ */
+/* ---- Looking at it ------------------------------------------------------------------------------
+ */
 
 static struct spin_frame_batch frame_of(void *context, int frame)
 {
@@ -65,7 +66,8 @@ static spin_status look(const struct spin_loop *l)
     return l->looked ? l->looked(l->context) : SPIN_OK;
 }
 
-/* ---- A step ------------------------------------------------------------------------------------- */
+/* ---- A step -------------------------------------------------------------------------------------
+ */
 
 /* A frame by itself, for 3DGS. */
 static bool is_alone(const struct spin_loop *l) { return l->plan->o->method == SPIN_METHOD_FRAMES; }
@@ -119,8 +121,9 @@ static spin_status densify(const struct spin_loop *l, struct spin_densify_change
     return SPIN_OK;
 }
 
-/* One step, after which the trainer is sound. A frame by itself makes none where it densifies: 3DGS exchanges the
- * parameters there, so their gradients are gone. What is not finite would be pruned without a word. */
+/* One step, after which the trainer is sound. A frame by itself makes none where it densifies: 3DGS
+ * exchanges the parameters there, so their gradients are gone. What is not finite would be pruned
+ * without a word. */
 static spin_status take_step(const struct spin_loop *l, const struct spin_sampler *sampler,
                              struct spin_steps *steps)
 {
@@ -241,7 +244,8 @@ static void say_seconds(const struct spin_steps *steps)
                  sent);
 }
 
-/* ---- The loop ----------------------------------------------------------------------------------- */
+/* ---- The loop -----------------------------------------------------------------------------------
+ */
 
 static bool due(int64_t iteration, int every) { return every > 0 && iteration % every == 0; }
 
@@ -298,7 +302,8 @@ static spin_status stop_or_save(const struct spin_loop *l, bool *tried)
     return *tried ? save_on_the_way(l) : SPIN_OK;
 }
 
-/* ---- Space on the disk -------------------------------------------------------------------------- */
+/* ---- Space on the disk --------------------------------------------------------------------------
+ */
 
 /* What the next densification may add: twice what the last one did. */
 static uint64_t growth_ahead(struct spin_checkpoint *c, uint64_t state)
@@ -324,8 +329,9 @@ static spin_status fail_space(const struct spin_loop *l, uint64_t bytes, bool gr
         spin_text_bytes(bytes, need), grows ? " when it grows" : "");
 }
 
-/* The state must fit on the disk at any time, whatever else is written there: a training that is about to outgrow the disk
- * stops while it fits. Once the splats no longer grow and their state is saved, space for the output is enough. */
+/* The state must fit on the disk at any time, whatever else is written there: a training that is
+ * about to outgrow the disk stops while it fits. Once the splats no longer grow and their state is
+ * saved, space for the output is enough. */
 static spin_status reserve_space(const struct spin_loop *l)
 {
     struct spin_checkpoint *c = l->checkpoint;

@@ -1,4 +1,5 @@
-/* The iterations of a training: of a clip, or of a frame by itself, which is a clip of one frame. */
+/* The iterations of a training: of a clip, or of a frame by itself, which is a clip of one frame.
+ */
 #pragma once
 
 #include "train/checkpoint.h"
@@ -33,7 +34,8 @@ struct spin_steps {
     double exchange_s, sent; /* with other ranks: seconds, bytes that this one sent */
 };
 
-/* One step, its densification and its line in the log; after it the trainer is sound, and its loss finite. */
+/* One step, its densification and its line in the log; after it the trainer is sound, and its loss
+ * finite. */
 spin_status spin_loop_step(const struct spin_loop *loop, struct spin_sampler *sampler,
                            struct spin_steps *steps);
 /* All iterations of a clip that are left, states saved on the way, then a last measurement. */

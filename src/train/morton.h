@@ -3,6 +3,6 @@
 
 #include "spin.h"
 
-/* order[0..n-1] = the points sorted by the interleaved bits of their coordinates, 21 a side within the
- * bounding box, ties by index. points [n][3], finite. */
+/* order[0..n-1] = the points sorted by the interleaved bits of their coordinates, 21 a side within
+ * the bounding box, ties by index. points [n][3], finite. */
 spin_status spin_morton_order(size_t n, const float *points, uint32_t *order);

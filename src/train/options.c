@@ -74,7 +74,8 @@ static const struct row rows[] = {
 };
 static const struct row *const end = rows + sizeof rows / sizeof *rows;
 
-/* ---- Values ----------------------------------------------------------------------------------- */
+/* ---- Values -----------------------------------------------------------------------------------
+ */
 
 /* The i-th of the names in "a|b|c", and its length; NULL when there are fewer. */
 static const char *name_at(const char *names, size_t i, size_t *length)
@@ -155,7 +156,8 @@ static void put(const struct row *row, struct spin_retrain_options *o, size_t i,
     }
 }
 
-/* ---- Presets ---------------------------------------------------------------------------------- */
+/* ---- Presets ----------------------------------------------------------------------------------
+ */
 
 static const char *const preset_names[] = {"quick", "best", "paper", "short"};
 
@@ -189,7 +191,8 @@ enum {
     DENSIFICATIONS = 20
 };
 
-/* A step of `share` images in the place of as many steps: the mean of their gradients has less noise. */
+/* A step of `share` images in the place of as many steps: the mean of their gradients has less
+ * noise. */
 static void scale_rates(struct spin_retrain_options *o, int share)
 {
     double *rate[] = {&o->lr_table,    &o->lr_head_factor,  &o->lr_position, &o->lr_exposure,
@@ -228,7 +231,8 @@ void spin_options_resolve(struct spin_retrain_options *o, int n_frames)
     }
 }
 
-/* ---- Limits ----------------------------------------------------------------------------------- */
+/* ---- Limits -----------------------------------------------------------------------------------
+ */
 
 /* Some preset starts from this value. */
 static bool is_fallback(const struct row *row, size_t i, double value)
@@ -271,7 +275,8 @@ spin_status spin_options_check(const struct spin_retrain_options *o)
     return SPIN_OK;
 }
 
-/* ---- JSON ------------------------------------------------------------------------------------- */
+/* ---- JSON -------------------------------------------------------------------------------------
+ */
 
 static bool differs_at(size_t offset, const struct spin_retrain_options *o)
 {

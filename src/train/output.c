@@ -8,11 +8,13 @@
 #include "train/rows_4d.h"
 #include "train/settings.h"
 
-/* ---- Precision ---------------------------------------------------------------------------------- */
+/* ---- Precision ----------------------------------------------------------------------------------
+ */
 
-/* Values are multiples of 1 / per_unit. Half: what a half float holds of a number, and for numbers near 0 no more than
- * of one near 1. Compact: steps that a picture of 8 bits hardly shows. Positions have more bits, as they are large
- * beside the splats: a step of 2^-16 or 2^-14 of the camera extent. */
+/* Values are multiples of 1 / per_unit. Half: what a half float holds of a number, and for numbers
+ * near 0 no more than of one near 1. Compact: steps that a picture of 8 bits hardly shows.
+ * Positions have more bits, as they are large beside the splats: a step of 2^-16 or 2^-14 of the
+ * camera extent. */
 enum { BITS = 11, POSITION_BITS = 16, COMPACT_POSITION_BITS = 14 };
 
 /* 0: not rounded. */
@@ -103,7 +105,8 @@ static void round_splats(const struct spin_output *output, unsigned columns, str
     }
 }
 
-/* ---- Arrays ------------------------------------------------------------------------------------- */
+/* ---- Arrays -------------------------------------------------------------------------------------
+ */
 
 /* Where the trainer has the splat of each row of the output. */
 static spin_status invert(const uint32_t *permutation, size_t n, uint32_t **out)
@@ -117,8 +120,8 @@ static spin_status invert(const uint32_t *permutation, size_t n, uint32_t **out)
     return SPIN_OK;
 }
 
-/* The same splats without turns, which only training has: their own values take what a turn does to the tracks' [groups].
- * rows [n_pos][3], or residual [n_residual][SPIN_RESIDUAL]. */
+/* The same splats without turns, which only training has: their own values take what a turn does to
+ * the tracks' [groups]. rows [n_pos][3], or residual [n_residual][SPIN_RESIDUAL]. */
 static spin_status fold_turns(const struct spin_trainer *t, const struct spin_train_frame *frame,
                               const float *tracks, bool residual, float *rows)
 {
@@ -145,7 +148,8 @@ static spin_status fold_turns(const struct spin_trainer *t, const struct spin_tr
     return SPIN_OK;
 }
 
-/* A frame's own positions or residual values: of the splats that have some, in the order of the rows. */
+/* A frame's own positions or residual values: of the splats that have some, in the order of the
+ * rows. */
 static spin_status write_frame(const struct spin_output *output, struct spin_bundle_writer *w,
                                int frame, const float *tracks, bool residual)
 {
@@ -177,7 +181,8 @@ static spin_status write_frame(const struct spin_output *output, struct spin_bun
                                    2, shape, packed);
 }
 
-/* ---- Tracks ------------------------------------------------------------------------------------- */
+/* ---- Tracks -------------------------------------------------------------------------------------
+ */
 
 /* The track of every splat, in the order of the rows. */
 static spin_status read_numbers(const struct spin_output *output, int frame, uint32_t **out)
@@ -238,7 +243,8 @@ static spin_status sort_rows(const struct spin_output *output, int frame)
     return SPIN_OK;
 }
 
-/* Once, where all frames have the same; otherwise of each frame, whose rows are sorted by them first. */
+/* Once, where all frames have the same; otherwise of each frame, whose rows are sorted by them
+ * first. */
 static spin_status write_numbers(const struct spin_output *output, struct spin_bundle_writer *w,
                                  bool *same_rows)
 {
@@ -363,8 +369,8 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
 {
     struct spin_plan *plan = output->plan;
     unsigned kept = spin_refinement_columns(plan);
-    /* A source of points has its positions rounded, too. Refined frames are found again by a key that is made of them:
-     * beside those they stay as they are. */
+    /* A source of points has its positions rounded, too. Refined frames are found again by a key
+     * that is made of them: beside those they stay as they are. */
     bool points = !(meta->columns & SPIN_COL_ATTRIBUTES) && !output->refinement->frame;
     unsigned rounded = points ? SPIN_COL_MEANS : 0;
     SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
@@ -396,7 +402,8 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
     return SPIN_OK;
 }
 
-/* ---- meta.json ---------------------------------------------------------------------------------- */
+/* ---- meta.json ----------------------------------------------------------------------------------
+ */
 
 static const char *precision_name(const struct spin_retrain_options *o)
 {
@@ -565,7 +572,8 @@ static spin_status describe(const struct spin_output *output, bool same_rows, sp
     return SPIN_OK;
 }
 
-/* ---- The whole ---------------------------------------------------------------------------------- */
+/* ---- The whole ----------------------------------------------------------------------------------
+ */
 
 static spin_status write_whole(const struct spin_output *output, const float SPIN_DEV *whole)
 {

@@ -8,7 +8,8 @@ struct spin_param {
     size_t n, pad;                 /* pad: floats reserved before each */
 };
 
-/* All zero; p lies `pad` floats into its block, and so do the others. After a failure close as well. */
+/* All zero; p lies `pad` floats into its block, and so do the others. After a failure close as
+ * well. */
 spin_status spin_param_open(struct spin_param *param, struct spin_device *d, size_t n, size_t pad);
 void spin_param_close(struct spin_param *param, struct spin_device *d);
 /* Values [first, last) of them, for a step of Adam. */

@@ -53,7 +53,8 @@ spin_status spin_photos_put(struct spin_photos *photos, const struct spin_plan *
     return SPIN_OK;
 }
 
-/* ---- Numbers for bytes ------------------------------------------------------------------------- */
+/* ---- Numbers for bytes -------------------------------------------------------------------------
+ */
 
 static void add_number(uint64_t *hash, double value) { spin_hash(hash, &value, sizeof value); }
 
@@ -74,7 +75,8 @@ static void add_camera(uint64_t *hash, const struct spin_view *view)
         add_number(hash, c->w2c[i]);
 }
 
-/* ---- Looking ----------------------------------------------------------------------------------- */
+/* ---- Looking -----------------------------------------------------------------------------------
+ */
 
 /* The image of a view, and its mask where masks decide; *hash may be NULL. */
 static spin_status look_at(const struct spin_photos *photos, const struct spin_plan *plan,

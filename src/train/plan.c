@@ -13,7 +13,8 @@
 static const size_t program_bytes =
     24 << 20; /* OpenImageIO, for pictures other than PNG and JPEG, takes 130 MB more */
 
-/* ---- Options ---------------------------------------------------------------------------------- */
+/* ---- Options ----------------------------------------------------------------------------------
+ */
 
 static spin_status check_options(const struct spin_retrain_options *o)
 {
@@ -32,7 +33,8 @@ static spin_status check_options(const struct spin_retrain_options *o)
     return SPIN_OK;
 }
 
-/* ---- Of the clip ------------------------------------------------------------------------------- */
+/* ---- Of the clip -------------------------------------------------------------------------------
+ */
 
 int spin_plan_index(const struct spin_plan *plan, int frame) { return plan->clip.frame[frame]; }
 
@@ -97,8 +99,8 @@ bool spin_plan_has_residual(const struct spin_plan *plan)
     return plan->o->residual != SPIN_RESIDUAL_OFF || plan->o->tracks;
 }
 
-/* A frame by itself: 3DGS starts after 500 iterations, which would leave a budget of 500 without any. A clip: while its
- * tracks learn. */
+/* A frame by itself: 3DGS starts after 500 iterations, which would leave a budget of 500 without
+ * any. A clip: while its tracks learn. */
 struct spin_schedule spin_plan_schedule(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -147,9 +149,9 @@ static void measure_pictures(struct spin_plan *plan)
     }
 }
 
-/* What a ring of cameras around the points would have as its extent, were they where the first training
- * camera is: 1.1 x its distance to the median of the points, or 1.1 x the radius that holds nine tenths of
- * them where that is larger (the camera stands among them). */
+/* What a ring of cameras around the points would have as its extent, were they where the first
+ * training camera is: 1.1 x its distance to the median of the points, or 1.1 x the radius that
+ * holds nine tenths of them where that is larger (the camera stands among them). */
 static spin_status measure_one_place(struct spin_plan *plan, double *extent)
 {
     struct spin_camera_f32 cam =
@@ -172,8 +174,8 @@ static spin_status measure_one_place(struct spin_plan *plan, double *extent)
     return SPIN_OK;
 }
 
-/* The extent of the training cameras scales the position rate and 3DGS's thresholds. Cameras that all
- * stand in one place have none. */
+/* The extent of the training cameras scales the position rate and 3DGS's thresholds. Cameras that
+ * all stand in one place have none. */
 static spin_status plan_extent(struct spin_plan *plan)
 {
     double one_place;
@@ -218,7 +220,8 @@ static spin_status plan_field(struct spin_plan *plan)
     return SPIN_OK;
 }
 
-/* ---- Memory and time ---------------------------------------------------------------------------- */
+/* ---- Memory and time ----------------------------------------------------------------------------
+ */
 
 static int decodings(const struct spin_retrain_options *o)
 {
@@ -295,7 +298,8 @@ int spin_plan_frame_sh_degree(const struct spin_plan *plan)
     return spin_sh_degree_reached(most, spin_plan_sh_increase_every(plan), plan->o->refine);
 }
 
-/* ---- A frame by itself, and the trainer -------------------------------------------------------- */
+/* ---- A frame by itself, and the trainer --------------------------------------------------------
+ */
 
 spin_status spin_plan_of_frame(const struct spin_plan *clip, int frame, struct spin_device *device,
                                struct spin_plan *plan)
@@ -342,7 +346,8 @@ void spin_plan_close_frame(struct spin_plan *plan)
     free(plan->exposure);
 }
 
-/* The last steps are averaged, and rates end at a share of the first ones. Both were tried on court and basketball. */
+/* The last steps are averaged, and rates end at a share of the first ones. Both were tried on court
+ * and basketball. */
 static const double averaged_floor = 0.2;
 
 static bool averages(const struct spin_plan *plan)
@@ -413,7 +418,8 @@ spin_status spin_plan_open_trainer(const struct spin_plan *plan, struct spin_dev
     return t->network && spin_plan_is_lazy(plan) ? spin_trainer_enable_lazy_adam(t) : SPIN_OK;
 }
 
-/* ---- Memory and time, again --------------------------------------------------------------------- */
+/* ---- Memory and time, again ---------------------------------------------------------------------
+ */
 
 size_t spin_plan_refine_bytes(const struct spin_plan *plan)
 {
@@ -441,8 +447,8 @@ out:
                              : SIZE_MAX;
 }
 
-/* All that a training opens. As if nothing were shared, and as many tracks as splats: what tracks save is not known before
- * the points were looked at. */
+/* All that a training opens. As if nothing were shared, and as many tracks as splats: what tracks
+ * save is not known before the points were looked at. */
 static spin_status open_training(const struct spin_plan *plan, struct spin_device *device,
                                  size_t *n_averaged)
 {
@@ -475,8 +481,9 @@ out:
     return status;
 }
 
-/* What a device's verbs need for themselves (src/device/cuda): branches of the gradient over levels; on a card activations
- * of a chunk of splats, places and keys for sorting, fixed-point sums. */
+/* What a device's verbs need for themselves (src/device/cuda): branches of the gradient over
+ * levels; on a card activations of a chunk of splats, places and keys for sorting, fixed-point
+ * sums. */
 static size_t scratch_bytes(const struct spin_plan *plan)
 {
     const struct spin_device *d = plan->device;
@@ -514,9 +521,9 @@ static void training_bytes(const struct spin_plan *plan, size_t *of_device, size
                  (size_t)views * spin_raster_grows(plan->clip.n_max, plan->max_pixels, true);
 }
 
-/* Decoded images are kept by the host while there is room beside what is `needed` there, in at most a third
- * of the memory; what has no room is decoded again. The plan counts no more than that. Those that are held
- * stay. */
+/* Decoded images are kept by the host while there is room beside what is `needed` there, in at most
+ * a third of the memory; what has no room is decoded again. The plan counts no more than that.
+ * Those that are held stay. */
 static size_t plan_pixels(struct spin_plan *plan, size_t available, size_t needed, size_t held)
 {
     size_t all = 0, most = available / 3;
@@ -535,8 +542,8 @@ static size_t plan_pixels(struct spin_plan *plan, size_t available, size_t neede
     return all < plan->pixels_budget ? all : plan->pixels_budget;
 }
 
-/* What each rank puts into the sums of a step, as if nothing were shared: gradients of the network, and of what the frames
- * of a step have of their own. */
+/* What each rank puts into the sums of a step, as if nothing were shared: gradients of the network,
+ * and of what the frames of a step have of their own. */
 static double step_bytes(const struct spin_plan *plan)
 {
     double own = spin_plan_has_residual(plan) ? SPIN_TRACK : 3;
@@ -548,8 +555,8 @@ static double step_bytes(const struct spin_plan *plan)
     return sizeof(float) * floats;
 }
 
-/* On a device with memory of its own both its memory and the host's must do; the tighter one is reported.
- * held: bytes of decoded images that are kept by now. */
+/* On a device with memory of its own both its memory and the host's must do; the tighter one is
+ * reported. held: bytes of decoded images that are kept by now. */
 static void plan_memory(struct spin_plan *plan, size_t held)
 {
     struct spin_retrain_report *report = plan->report;
@@ -577,7 +584,8 @@ static void plan_memory(struct spin_plan *plan, size_t held)
     }
 }
 
-/* The run's memory is known, and it is not enough. A device that tells of no memory at all has not told. */
+/* The run's memory is known, and it is not enough. A device that tells of no memory at all has not
+ * told. */
 static bool is_short(const struct spin_retrain_report *report)
 {
     return report->bytes_available > 0 && report->bytes_needed > report->bytes_available;
@@ -619,8 +627,8 @@ static void name_trial(const struct spin_plan *plan, const struct spin_retrain_o
     memmove(text, text + 1, strlen(text)); /* the first blank */
 }
 
-/* The options that would fit and change least: a smaller table and batch first, then smaller images, then fewer
- * frames. */
+/* The options that would fit and change least: a smaller table and batch first, then smaller
+ * images, then fewer frames. */
 static void look_for_fit(const struct spin_plan *plan)
 {
     struct spin_retrain_options o = *plan->o;
@@ -661,8 +669,8 @@ spin_status spin_plan_check_memory(const struct spin_plan *plan)
                      free_bytes, report->fitting);
 }
 
-/* The frame-wise stage, on one thread: rasteriser and what the host carries per splat, rasteriser and
- * loss per pixel. Points that densification adds are not foreseen. */
+/* The frame-wise stage, on one thread: rasteriser and what the host carries per splat, rasteriser
+ * and loss per pixel. Points that densification adds are not foreseen. */
 static double guess_refining(const struct spin_plan *plan)
 {
     double splat = 0.6e-6, pixel = 0.25e-6;
@@ -671,9 +679,9 @@ static double guess_refining(const struct spin_plan *plan)
            (plan->clip.n_mean * splat + (double)plan->max_pixels * pixel);
 }
 
-/* An iteration, from what the ops take on one thread of a present server core: rasteriser per splat and view,
- * rasteriser and loss per pixel, network per splat and decoding, Adam of its table, values of splats and tracks.
- * Densified tracks become as many as pixels, about. */
+/* An iteration, from what the ops take on one thread of a present server core: rasteriser per splat
+ * and view, rasteriser and loss per pixel, network per splat and decoding, Adam of its table,
+ * values of splats and tracks. Densified tracks become as many as pixels, about. */
 static double guess_iteration(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -707,7 +715,8 @@ static double guess_seconds(const struct spin_plan *plan)
     return seconds / (threads > 1 ? threads : 1);
 }
 
-/* ---- The plan ------------------------------------------------------------------------------------ */
+/* ---- The plan
+ * ------------------------------------------------------------------------------------ */
 
 /* Which views, frames and cameras there are. */
 static spin_status open_clip(struct spin_plan *plan)

@@ -1,10 +1,10 @@
-/* Before a network only positions and colours of refined frames go on; in the explicit method they are all there
- * is.
+/* Before a network only positions and colours of refined frames go on; in the explicit method they
+ * are all there is.
  *
- * Frames are independent, so some are worked on at a time, each on its share of the threads. A frame's result
- * does not depend on threads, so neither does the whole. A finished frame goes into a cache beside the output
- * (frame_cache.h) under a key: what it was made from and how. A frame of the input that was refined under the
- * same key is taken as it is. */
+ * Frames are independent, so some are worked on at a time, each on its share of the threads. A
+ * frame's result does not depend on threads, so neither does the whole. A finished frame goes into
+ * a cache beside the output (frame_cache.h) under a key: what it was made from and how. A frame of
+ * the input that was refined under the same key is taken as it is. */
 #include "train/refinement.h"
 
 #include "base/base.h"
@@ -497,7 +497,8 @@ static spin_status judge_blind(const struct stage *stage)
     return SPIN_OK;
 }
 
-/* The plan for the refined frames. Images that are kept stay; how many more may be is planned anew. */
+/* The plan for the refined frames. Images that are kept stay; how many more may be is planned anew.
+ */
 static spin_status recount(const struct stage *stage)
 {
     struct spin_image_cache *cache = &stage->photos->cache;

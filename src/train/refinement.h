@@ -1,4 +1,5 @@
-/* The frame-wise stage of a retraining (docs/method.md section 2): every frame is optimised on its own. */
+/* The frame-wise stage of a retraining (docs/method.md section 2): every frame is optimised on its
+ * own. */
 #pragma once
 
 #include "train/code_paths.h"
@@ -12,7 +13,8 @@ struct spin_refinement {
     struct spin_splats scratch; /* of one refined frame */
 };
 
-/* Room for what is known of every frame; nothing is done yet. Zero it first; close it also after a failure. */
+/* Room for what is known of every frame; nothing is done yet. Zero it first; close it also after a
+ * failure. */
 spin_status spin_refinement_open(struct spin_refinement *refinement, const struct spin_plan *plan);
 void spin_refinement_close(struct spin_refinement *refinement);
 /* What every frame will be made from. */

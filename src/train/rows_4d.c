@@ -1,5 +1,5 @@
-/* Frames go by once, in the order of their times; of each track the piece that is still growing is kept. A splat without a
- * track is a piece of one frame. */
+/* Frames go by once, in the order of their times; of each track the piece that is still growing is
+ * kept. A splat without a track is a piece of one frame. */
 #include "train/rows_4d.h"
 
 #include "base/base.h"
@@ -7,8 +7,9 @@
 
 const double spin_rows_4d_least_weight = 0.01;
 
-/* How far a splat may be from its piece: in its own size (of the place), and in these units of the other values, which
- * are log scale, rotation, first SH coefficient and logit of the opacity. Tried on court. */
+/* How far a splat may be from its piece: in its own size (of the place), and in these units of the
+ * other values, which are log scale, rotation, first SH coefficient and logit of the opacity. Tried
+ * on court. */
 static const float place_tolerance = 0.5f;
 static const struct {
     size_t first, width;
@@ -16,7 +17,8 @@ static const struct {
 } look[] = {{3, 3, 0.25f}, {7, 4, 0.2f}, {10, 3, 0.15f}, {13, 1, 1.0f}};
 enum { LOOKS = sizeof look / sizeof *look };
 
-/* Standard deviation of a piece's bell: of the time from its first to its last frame, and of one frame's. Tried on court. */
+/* Standard deviation of a piece's bell: of the time from its first to its last frame, and of one
+ * frame's. Tried on court. */
 static const double bell_of_span = 0.3, bell_of_frame = 0.25;
 
 enum { MOST_FRAMES = 8 }; /* of a piece that moves or changes */
@@ -37,7 +39,8 @@ struct cut {
     float *means, *values;
 };
 
-/* ---- Pieces -------------------------------------------------------------------------------------- */
+/* ---- Pieces
+ * -------------------------------------------------------------------------------------- */
 
 /* A piece as a row: the line that fits its places best, and the mean of its other values. */
 static void fit(const struct cut *c, const struct piece *p, float row[SPIN_TRACK],
@@ -95,8 +98,8 @@ static spin_status reserve_row(struct spin_rows_4d *rows)
     return spin_room(rows->n, &rows->capacity, SPIN_MOTION * sizeof(float), (void **)&rows->motion);
 }
 
-/* Half of the way to that end, where a piece is at an end of the clip: there is no other to fade into. Returns the time
- * that its bell is for. */
+/* Half of the way to that end, where a piece is at an end of the clip: there is no other to fade
+ * into. Returns the time that its bell is for. */
 static double move_to_end(const struct cut *c, const struct piece *p, float *row, float *motion)
 {
     int last = p->first + p->n - 1, n = c->rows->n_frames;
@@ -159,7 +162,8 @@ static spin_status grow_piece(struct cut *c, struct piece *p, int f, bool still,
     return SPIN_OK;
 }
 
-/* ---- The pass ------------------------------------------------------------------------------------ */
+/* ---- The pass
+ * ------------------------------------------------------------------------------------ */
 
 static spin_status reserve_frame(struct cut *c, size_t n)
 {
@@ -298,7 +302,8 @@ void spin_rows_4d_close(struct spin_rows_4d *rows)
     memset(rows, 0, sizeof *rows);
 }
 
-/* ---- Training -------------------------------------------------------------------------------------- */
+/* ---- Training
+ * -------------------------------------------------------------------------------------- */
 
 /* Numbers of a camera in "trained", as retrain wrote them. */
 static void read_three(const spin_json *array, float *to)
@@ -366,7 +371,8 @@ spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin
     return SPIN_OK;
 }
 
-/* ---- The result ------------------------------------------------------------------------------------ */
+/* ---- The result
+ * ------------------------------------------------------------------------------------ */
 
 /* Row i of the trainer's groups [n], and its motion in the clip's unit of time. */
 static void set_row(const struct spin_field *field, size_t n, size_t i, const float *groups,

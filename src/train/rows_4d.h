@@ -1,6 +1,7 @@
-/* The splats of a trained clip as 4D splats (--method 4d): each of its tracks is cut into pieces along which it goes
- * straight and looks the same; a splat without a track is one by itself. A piece is a row: a splat with a
- * velocity, and a bell over the times in which it is seen. In training a row is a track with motion (device.h). */
+/* The splats of a trained clip as 4D splats (--method 4d): each of its tracks is cut into pieces
+ * along which it goes straight and looks the same; a splat without a track is one by itself. A
+ * piece is a row: a splat with a velocity, and a bell over the times in which it is seen. In
+ * training a row is a track with motion (device.h). */
 #pragma once
 
 #include "train/frames.h"
@@ -18,13 +19,14 @@ struct spin_rows_4d {
 /* The weight from which a row is part of a frame. */
 extern const double spin_rows_4d_least_weight;
 
-/* From the clip that plan's input holds; SPIN_E_NOT_FOUND where --method tracks did not train it. Sets how many splats the
- * plan's frames have. Zero it first; close it also after a failure. */
+/* From the clip that plan's input holds; SPIN_E_NOT_FOUND where --method tracks did not train it.
+ * Sets how many splats the plan's frames have. Zero it first; close it also after a failure. */
 spin_status spin_rows_4d_cut(struct spin_rows_4d *rows, struct spin_plan *plan);
 void spin_rows_4d_close(struct spin_rows_4d *rows);
 /* The gains and falloffs that the input was trained with, in place of what its points tell. */
 spin_status spin_rows_4d_looks(struct spin_plan *plan);
-/* The rows to the trainer, and each frame's list of them; what spin_frames_load() does for other methods. */
+/* The rows to the trainer, and each frame's list of them; what spin_frames_load() does for other
+ * methods. */
 spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin_plan *plan,
                               struct spin_trainer *trainer, struct spin_frames *frames);
 /* The rows as they are by now, settled; to be freed also after a failure. */

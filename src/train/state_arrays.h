@@ -1,4 +1,5 @@
-/* Everything that a training keeps between steps, in one list: walked to save it, to load it, to check and to average it. */
+/* Everything that a training keeps between steps, in one list: walked to save it, to load it, to
+ * check and to average it. */
 #pragma once
 
 #include "train/trainer.h"
@@ -10,7 +11,8 @@ struct spin_state_array {
         SPIN_STATE_VALUES,
         SPIN_STATE_STEPS, /* of lazy Adam */
         SPIN_STATE_GRADIENT,
-        SPIN_STATE_SEEN, /* this and the gradient are parts of sums over ranks: rank 0 has all, the others zeros */
+        SPIN_STATE_SEEN,  /* this and the gradient are parts of sums over ranks: rank 0 has all, the
+                             others zeros */
         SPIN_STATE_TRACK, /* of a frame's splats */
         SPIN_STATE_PLACE  /* of them in the output */
     } kind;

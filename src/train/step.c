@@ -1,6 +1,7 @@
-/* The training step. It goes in groups of as many frames and views as the device takes at once. Gradients of what
- * frames share gather over all of them; a frame's own values take their step when its group is done, or with several
- * ranks when all have drawn: each draws its part of the items, and gradients are summed. */
+/* The training step. It goes in groups of as many frames and views as the device takes at once.
+ * Gradients of what frames share gather over all of them; a frame's own values take their step when
+ * its group is done, or with several ranks when all have drawn: each draws its part of the items,
+ * and gradients are summed. */
 #include "train/step.h"
 
 #include "model/residual.h"
@@ -18,10 +19,12 @@ static int rank_of(const struct spin_trainer *t, const struct batch *b, int item
     return spin_step_rank(item, b->n, t->n_ranks);
 }
 
-/* ---- Drawing ---------------------------------------------------------------------------------- */
+/* ---- Drawing ----------------------------------------------------------------------------------
+ */
 
-/* The losses of the raster's pictures go to rows of t->values (as spin_device_ops.loss has them). Leaves in the raster the
- * gradient, times each view's weight, with respect to the picture before the exposure; the exposure's own is gathered. */
+/* The losses of the raster's pictures go to rows of t->values (as spin_device_ops.loss has them).
+ * Leaves in the raster the gradient, times each view's weight, with respect to the picture before
+ * the exposure; the exposure's own is gathered. */
 static void add_loss(struct spin_trainer *t, const struct spin_images *images,
                      const struct spin_view_batch *views)
 {
@@ -70,7 +73,8 @@ static void add_item(struct spin_trainer *t, const struct batch *b, int item, in
     t->drawn[t->n_drawn++] = item;
 }
 
-/* All views of the frames that this rank draws; first[f]: the first item that shows frame f of the batch. */
+/* All views of the frames that this rank draws; first[f]: the first item that shows frame f of the
+ * batch. */
 static spin_status draw_frames(struct spin_trainer *t, const struct batch *b, const int *first,
                                struct spin_frame_batch *frames)
 {
@@ -147,9 +151,11 @@ struct spin_frame_batch spin_trainer_frame(struct spin_trainer *t, int frame)
     return frames;
 }
 
-/* ---- Frames' own values ----------------------------------------------------------------------- */
+/* ---- Frames' own values -----------------------------------------------------------------------
+ */
 
-/* Adam for what belongs to the frames alone: their positions, and residual values, each group at its rate. */
+/* Adam for what belongs to the frames alone: their positions, and residual values, each group at
+ * its rate. */
 static void step_frames(struct spin_trainer *t, const struct batch *b, const int *first,
                         const struct spin_frame_batch *frames)
 {
@@ -172,8 +178,8 @@ static void step_frames(struct spin_trainer *t, const struct batch *b, const int
     t->device->op->adam(t->device, n_groups, group);
 }
 
-/* Gradients of a frame's own values, which have places of their own in t->own_grad while ranks sum them. put: to there,
- * else from there. Returns the floats. */
+/* Gradients of a frame's own values, which have places of their own in t->own_grad while ranks sum
+ * them. put: to there, else from there. Returns the floats. */
 static size_t move_own(struct spin_trainer *t, const struct spin_frame_of_batch *frame,
                        const struct spin_frame_size *size, float SPIN_DEV *at, bool put)
 {
@@ -202,8 +208,8 @@ static bool seen_before(const struct spin_trainer *t, const struct batch *b, int
     return false;
 }
 
-/* Whether an item is the first of its frame among those of a rank, or with -1 of all. Frames without a splat have no
- * part. */
+/* Whether an item is the first of its frame among those of a rank, or with -1 of all. Frames
+ * without a splat have no part. */
 static bool begins(const struct spin_trainer *t, const struct batch *b, int i, int rank)
 {
     return (rank < 0 || rank_of(t, b, i) == rank) && !seen_before(t, b, i, rank) &&
@@ -216,7 +222,8 @@ static size_t own_floats(const struct spin_trainer *t, const struct spin_frame_s
     return 3 * size->n_pos + SPIN_RESIDUAL * size->n_residual + t->sh_width * size->n;
 }
 
-/* Where the gradients of an item's frame are in t->own_grad: behind those of the frames before it. */
+/* Where the gradients of an item's frame are in t->own_grad: behind those of the frames before it.
+ */
 static float SPIN_DEV *place_of(const struct spin_trainer *t, const struct batch *b, int item)
 {
     float SPIN_DEV *at = t->own_grad;
@@ -258,7 +265,8 @@ static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
     return SPIN_OK;
 }
 
-/* ---- The step --------------------------------------------------------------------------------- */
+/* ---- The step ---------------------------------------------------------------------------------
+ */
 
 /* The frames of these items, whose views may stand anywhere in the batch. */
 static spin_status do_frames(struct spin_trainer *t, const struct batch *b, const int *first, int n)
@@ -341,8 +349,9 @@ static int step_part(const struct spin_trainer *t, size_t first, size_t end, dou
     return rate > 0;
 }
 
-/* The tracks' values from `first` on, so many of each, but for those of the last `frozen` tracks; lr0: 0, or the first rate, `share` of it for tracks that move.
- * These learn in all steps, as frames do: they are shown by fewer pictures than those that stand still. */
+/* The tracks' values from `first` on, so many of each, but for those of the last `frozen` tracks;
+ * lr0: 0, or the first rate, `share` of it for tracks that move. These learn in all steps, as
+ * frames do: they are shown by fewer pictures than those that stand still. */
 static int step_values(const struct spin_trainer *t, size_t first, size_t width, double lr0,
                        double share, size_t frozen, struct spin_param_group *group)
 {

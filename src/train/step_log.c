@@ -7,7 +7,8 @@
 #include "base/base.h"
 #include "io/file.h"
 
-/* A device, such as a terminal, loses nothing when it is written to. A fifo could make the training wait. */
+/* A device, such as a terminal, loses nothing when it is written to. A fifo could make the training
+ * wait. */
 static bool is_device(const char *path)
 {
     struct stat st;

@@ -6,7 +6,8 @@
 #include "train/chains.h"
 #include "train/morton.h"
 
-/* In units of the cameras' extent: a deviation that no image shows, and the most that counts as noise. */
+/* In units of the cameras' extent: a deviation that no image shows, and the most that counts as
+ * noise. */
 static const double UNSEEN = 1e-4, NOISE = 1e-2;
 enum { NOISE_FRAMES = 8 }; /* fewer do not tell noise from motion */
 
@@ -92,7 +93,8 @@ static uint32_t add_place(struct places *p, const float at[3])
     return (uint32_t)p->n++;
 }
 
-/* ---- The passes ---------------------------------------------------------------------------------- */
+/* ---- The passes
+ * ---------------------------------------------------------------------------------- */
 
 static void add_motion(struct motion *m, const float first[3], const float at[3], bool is_first)
 {
@@ -124,9 +126,10 @@ static spin_status add_rows(struct places *p, int frame, const struct spin_splat
     return SPIN_OK;
 }
 
-/* A track that only trembles stands still. Its variance is too small to be seen, or from frame to frame it goes
- * as far as noise does: the mean square of the steps of white noise is twice its variance (von Neumann's ratio),
- * that of a motion much less. Sources keep such noise in what does not move. */
+/* A track that only trembles stands still. Its variance is too small to be seen, or from frame to
+ * frame it goes as far as noise does: the mean square of the steps of white noise is twice its
+ * variance (von Neumann's ratio), that of a motion much less. Sources keep such noise in what does
+ * not move. */
 static bool stands_still(const struct motion *m, int n_frames, double extent)
 {
     double n = n_frames, variance = m->square / n;
@@ -220,7 +223,8 @@ static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan
     return SPIN_OK;
 }
 
-/* ---- Numbers ------------------------------------------------------------------------------------- */
+/* ---- Numbers
+ * ------------------------------------------------------------------------------------- */
 
 /* The places of p that are tracks, along a space-filling curve: order [*n]. */
 static spin_status order_places(const struct spin_tracks *tracks, const struct places *p,
@@ -239,8 +243,8 @@ static spin_status order_places(const struct spin_tracks *tracks, const struct p
     return SPIN_OK;
 }
 
-/* Numbers for the tracks: first those that move, then those that vary, then the others. number [places] = the track,
- * or SPIN_NO_TRACK. order [tracks]: places. */
+/* Numbers for the tracks: first those that move, then those that vary, then the others. number
+ * [places] = the track, or SPIN_NO_TRACK. order [tracks]: places. */
 static spin_status number_tracks(struct spin_tracks *tracks, const struct places *p,
                                  const uint32_t *order, const uint8_t *varies, uint32_t *number)
 {
@@ -319,7 +323,8 @@ void spin_tracks_close(struct spin_tracks *tracks)
     memset(tracks, 0, sizeof *tracks);
 }
 
-/* ---- A frame ------------------------------------------------------------------------------------- */
+/* ---- A frame
+ * ------------------------------------------------------------------------------------- */
 
 struct spin_frame_size spin_tracks_size(const struct spin_tracks *tracks, int frame, size_t n)
 {

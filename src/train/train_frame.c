@@ -138,7 +138,8 @@ spin_status spin_train_frame_download(const struct spin_train_frame *frame, stru
     return SPIN_OK;
 }
 
-/* n rows of one width, of which the first n_free have the rate lr and the others `tracked` times that. */
+/* n rows of one width, of which the first n_free have the rate lr and the others `tracked` times
+ * that. */
 static int split_group(struct spin_param_group all, size_t width, size_t n, size_t n_free,
                        double tracked, struct spin_param_group *group)
 {

@@ -1,5 +1,5 @@
-/* What a training keeps between steps, and where it lies (docs/method.md sections 3 to 7). A step is
- * in step.h. */
+/* What a training keeps between steps, and where it lies (docs/method.md sections 3 to 7). A step
+ * is in step.h. */
 #pragma once
 
 #include "model/field_eval.h"
@@ -12,10 +12,10 @@ struct spin_train_rates {
     double table, head[SPIN_HEADS], position, exposure, end;
     double residual[SPIN_HEADS]; /* 0: residual values stay as they are, and so does SH */
     double sh;                   /* of splats' own SH beyond the first coefficient */
-    double
-        position_end; /* as in 3DGS: positions' rate comes log-linearly to this one, all others stay; 0: no */
-    double floor;   /* share of the first rates at which those of tracks and frames end */
-    double tracked; /* on position and residual, for splats with a track */
+    double position_end; /* as in 3DGS: positions' rate comes log-linearly to this one, all others
+                            stay; 0: no */
+    double floor;        /* share of the first rates at which those of tracks and frames end */
+    double tracked;      /* on position and residual, for splats with a track */
     double track[SPIN_HEADS], displacement;
     int64_t warmup, iterations;
     int64_t track_iterations; /* the first of them: tracks that stand still learn in these */
@@ -23,8 +23,8 @@ struct spin_train_rates {
     bool lenses_stay;     /* of exposures only those of cameras learn */
 };
 
-/* 3DGS's rates of log scale, rotation, colour and opacity; and all for a frame by itself in a scene of this extent, but
- * for the exposure (docs/method.md section 2). */
+/* 3DGS's rates of log scale, rotation, colour and opacity; and all for a frame by itself in a scene
+ * of this extent, but for the exposure (docs/method.md section 2). */
 extern const double spin_rate_3dgs[SPIN_HEADS];
 struct spin_train_rates spin_rates_3dgs(double extent, int iterations);
 
@@ -59,13 +59,13 @@ struct spin_trainer {
     struct spin_param tracks;         /* [SPIN_TRACK n_tracks] in groups (device.h) */
     bool tracked;                     /* as in spin_trainer_size */
     size_t n_tracks;
-    float SPIN_DEV *
-        motion; /* [n_tracks][SPIN_MOTION] of tracks that are 4D splats, or NULL; it stays as it is */
-    size_t n_moving,
-        n_varying; /* the first of them: their splats have positions, residual values, of their own */
-    size_t n_backdrop; /* the last tracks: opaque, never split or pruned */
-    bool gather;   /* what densification goes by */
-    bool hold;     /* a step draws and gathers, and leaves the splats' values as they are */
+    float SPIN_DEV *motion;     /* [n_tracks][SPIN_MOTION] of tracks that are 4D splats, or NULL; it
+                                   stays as it is */
+    size_t n_moving, n_varying; /* the first of them: their splats have positions, residual values,
+                                   of their own */
+    size_t n_backdrop;          /* the last tracks: opaque, never split or pruned */
+    bool gather;                /* what densification goes by */
+    bool hold; /* a step draws and gathers, and leaves the splats' values as they are */
     struct spin_exposures exposures;
     struct spin_train_frame *frame; /* [n_frames] */
     int n_frames;
@@ -93,14 +93,14 @@ struct spin_trainer {
     double *host_values;     /* the same */
     int *drawn;              /* [max_items] the item of each row of values */
     struct spin_rank_sum rank_sum;
-    float SPIN_DEV *
-        own_grad; /* with several ranks: gradients of the own values of a batch's frames; zeros between steps */
+    float SPIN_DEV *own_grad; /* with several ranks: gradients of the own values of a batch's
+                                 frames; zeros between steps */
     int max_items, n_drawn;
     bool seen; /* some view of the step shows a splat */
 };
 
-/* Reserve everything. The caller then fills parameters, positions, residual values, tracks, times and rates
- * through the device. */
+/* Reserve everything. The caller then fills parameters, positions, residual values, tracks, times
+ * and rates through the device. */
 spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device,
                               const struct spin_field *field, const struct spin_trainer_size *size);
 /* The number of splats has changed (densify_tracks.c): make the buffers fit. */
@@ -111,7 +111,8 @@ void spin_trainer_close(struct spin_trainer *t);
 /* Frames that go through the device together, at most. */
 int spin_trainer_frames_at_once(const struct spin_trainer *t);
 
-/* What densification goes by, of all ranks: the sums on each; and back to parts, which rank 0 has. All ranks call them. */
+/* What densification goes by, of all ranks: the sums on each; and back to parts, which rank 0 has.
+ * All ranks call them. */
 spin_status spin_trainer_join_seen(struct spin_trainer *t);
 void spin_trainer_part_seen(struct spin_trainer *t);
 
@@ -122,13 +123,13 @@ const struct spin_field *spin_trainer_network(const struct spin_trainer *t);
  * depends on the direction later. Above it there must be zeros, spin_field_clear_sh(). */
 int spin_trainer_sh_degree(const struct spin_trainer *t);
 
-/* The table as it is now: the parameters, or with lazy Adam a copy in the place of the gradient, until
- * spin_trainer_put_back(). No step may come between. */
+/* The table as it is now: the parameters, or with lazy Adam a copy in the place of the gradient,
+ * until spin_trainer_put_back(). No step may come between. */
 float SPIN_DEV *spin_trainer_take_table(struct spin_trainer *t);
 void spin_trainer_put_back(struct spin_trainer *t);
 
-/* Rates now, of what begins with lr0: of all that is trained; of tracks, which learn in the first steps; and of the
- * network, which may join later and counts its own steps. */
+/* Rates now, of what begins with lr0: of all that is trained; of tracks, which learn in the first
+ * steps; and of the network, which may join later and counts its own steps. */
 double spin_trainer_rate(const struct spin_trainer *t, double lr0, int64_t iteration);
 double spin_trainer_position_rate(const struct spin_trainer *t);
 double spin_trainer_track_rate(const struct spin_trainer *t, double lr0);

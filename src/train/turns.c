@@ -1,4 +1,5 @@
-/* The frames at which tracks have their own orientation go by; from each, its tracks are followed to both ends. */
+/* The frames at which tracks have their own orientation go by; from each, its tracks are followed
+ * to both ends. */
 #include "train/turns.h"
 
 #include <math.h>
@@ -10,14 +11,16 @@
 #include "train/kd_tree.h"
 #include "train/knn.h"
 
-/* Neighbours: at most so many, and no further away than so many times what is usual to the next three. Fewer than
- * FEWEST tell no rotation. Tried on court. */
+/* Neighbours: at most so many, and no further away than so many times what is usual to the next
+ * three. Fewer than FEWEST tell no rotation. Tried on court. */
 enum { NEIGHBOURS = 24, FEWEST = 4, CHUNK = 64 };
 static const float reach_of_spacing = 8;
-/* Neighbours of another part of the body do not turn with it: weights of their errors, so many times over. */
+/* Neighbours of another part of the body do not turn with it: weights of their errors, so many
+ * times over. */
 enum { PASSES = 3 };
-/* A turn must take most of the neighbours along: of the square by which one moves, this share may be left. Splats that were
- * linked by their looks slide over a surface, and tell no turn. Tried on court and basketball. */
+/* A turn must take most of the neighbours along: of the square by which one moves, this share may
+ * be left. Splats that were linked by their looks slide over a surface, and tell no turn. Tried on
+ * court and basketball. */
 static const float most_left = 0.5f;
 
 spin_status spin_turns_open(struct spin_turns *turns, int n_frames)
@@ -49,7 +52,8 @@ spin_status spin_turns_reserve(struct spin_turns *turns, int f, size_t n)
     return SPIN_OK;
 }
 
-/* ---- A rotation ---------------------------------------------------------------------------------- */
+/* ---- A rotation
+ * ---------------------------------------------------------------------------------- */
 
 /* Offsets in the track's own frame and in another one, from their weighted mean. */
 struct offsets {
@@ -69,8 +73,8 @@ static void centre(const struct offsets *o, float (*at)[3])
             at[i][c] -= sum[c] / weight;
 }
 
-/* Horn's symmetric matrix, whose greatest eigenvalue belongs to the best rotation from `from` to `to`, and the greatest
- * size that an eigenvalue may have. */
+/* Horn's symmetric matrix, whose greatest eigenvalue belongs to the best rotation from `from` to
+ * `to`, and the greatest size that an eigenvalue may have. */
 static double fill_matrix(const struct offsets *o, double m[4][4])
 {
     double s[3][3] = {{0}}, most = 0;
@@ -96,8 +100,8 @@ static double fill_matrix(const struct offsets *o, double m[4][4])
     return most;
 }
 
-/* q = the rotation that fits, by powers of the matrix made positive: of those that fit alike, of neighbours on a line, the
- * nearest to q before. */
+/* q = the rotation that fits, by powers of the matrix made positive: of those that fit alike, of
+ * neighbours on a line, the nearest to q before. */
 static void fit_rotation(const struct offsets *o, float q[4])
 {
     enum { MOST_POWERS = 100 };
@@ -154,7 +158,8 @@ static bool weigh(struct offsets *o, const float q[4])
     return 2 * n_follow > o->n;
 }
 
-/* ---- Following ----------------------------------------------------------------------------------- */
+/* ---- Following
+ * ----------------------------------------------------------------------------------- */
 
 struct near {
     uint32_t row;
@@ -216,7 +221,8 @@ static void subtract(const float a[3], const float b[3], float out[3])
         out[c] = a[c] - b[c];
 }
 
-/* q = the turn from row i of the origin to row j of another frame, where q begins as that of the frame before. */
+/* q = the turn from row i of the origin to row j of another frame, where q begins as that of the
+ * frame before. */
 static void turn_to(const struct origin *origin, const struct nearest *near, size_t i,
                     const struct spin_turns_frame *to, size_t j, float q[4])
 {
@@ -298,7 +304,8 @@ static spin_status follow_frame(struct origin *origin, struct spin_pool *pool)
     return status;
 }
 
-/* A track has its own orientation in the frame that is nearest to the middle of those that it is in. */
+/* A track has its own orientation in the frame that is nearest to the middle of those that it is
+ * in. */
 static spin_status choose_frames(const struct spin_turns *turns, size_t n_tracks, int **frame_of)
 {
     int middle = turns->n_frames / 2;

@@ -1,4 +1,5 @@
-/* The two commands that run in a browser, as one program: its first argument is import or export. */
+/* The two commands that run in a browser, as one program: its first argument is import or export.
+ */
 #include <stdio.h>
 #include <string.h>
 

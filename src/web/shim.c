@@ -1,4 +1,5 @@
-/* In place of base/shim.c where nothing can be loaded while the program runs: what is linked in is found by its name. */
+/* In place of base/shim.c where nothing can be loaded while the program runs: what is linked in is
+ * found by its name. */
 #include "base/shim.h"
 
 #include <stdio.h>

@@ -115,7 +115,8 @@ static void look_at_mask(void *context, int number)
         sched_yield();
 }
 
-/* An interrupt is for the thread that runs the command; a read of a file that was cut is a signal in the reading one. */
+/* An interrupt is for the thread that runs the command; a read of a file that was cut is a signal
+ * in the reading one. */
 static void signals(void)
 {
     static struct masks m;

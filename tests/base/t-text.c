@@ -33,8 +33,8 @@ static void base64(const char *in, const char *want)
 
 TAP_MAIN
 {
-    /* Right to left, its kin, zero width, a tag; C1 as a byte and as UTF-8; bytes that are no UTF-8: alone, too long, surrogates,
-     * beyond the last character. */
+    /* Right to left, its kin, zero width, a tag; C1 as a byte and as UTF-8; bytes that are no
+     * UTF-8: alone, too long, surrogates, beyond the last character. */
     static const char *const hidden[] = {
         "\xe2\x80\xae",     "\xe2\x80\xaa", "\xe2\x81\xa6", "\xd8\x9c",         "\xe2\x80\x8b",
         "\xe2\x80\x8f",     "\xe2\x81\xa0", "\xef\xbb\xbf", "\xf3\xa0\x80\xa1", "\x9b",

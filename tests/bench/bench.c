@@ -280,7 +280,8 @@ static void report(const struct options *o, const struct row *row, spin_json *in
         print_row(row);
 }
 
-/* Each stage over and over, as kernels are measured on their own: its data is where it left them. */
+/* Each stage over and over, as kernels are measured on their own: its data is where it left them.
+ */
 static void time_alone(const struct options *o, struct bench_scene *s, struct timing *timing)
 {
     zero_gradients(s);

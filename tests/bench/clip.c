@@ -1,7 +1,8 @@
 /* clip FOLDER FRAMES SPLATS DEGREE: a clip of PLY frames for measuring, the same on every machine.
  *
- * The splats lie on eight balls that drift; scales, opacities and SH spread as those of trained scenes
- * do (SH falls off with its degree and most of it is near zero), as what packs well depends on it. */
+ * The splats lie on eight balls that drift; scales, opacities and SH spread as those of trained
+ * scenes do (SH falls off with its degree and most of it is near zero), as what packs well depends
+ * on it. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,6 +1,6 @@
-/* Every verb of a card beside the CPU's, on random input: `t-card [SPLATS [WIDTH HEIGHT]]`. A verb gets the same arrays
- * on both; then the CPU's results go on. It prints how far the results are apart, and the milliseconds of the second call.
- * K: device cuda card
+/* Every verb of a card beside the CPU's, on random input: `t-card [SPLATS [WIDTH HEIGHT]]`. A verb
+ * gets the same arrays on both; then the CPU's results go on. It prints how far the results are
+ * apart, and the milliseconds of the second call. K: device cuda card
  *
  * It needs nothing but a C compiler and nvcc:
  *     nvcc -std=c++20 -O3 -arch=native -Isrc -I. -Xcompiler -fPIC,-fvisibility=hidden -shared -o spin-cuda.so \
@@ -515,8 +515,8 @@ VERB(measure)
     return OP(measure, &views, &images, s->at[IMAGE], s->at[MEASURED]);
 }
 
-/* In an order in which each has what it needs. Of results with thresholds in them (a splat of a pixel counts or not) the
- * tolerance is wider. */
+/* In an order in which each has what it needs. Of results with thresholds in them (a splat of a
+ * pixel counts or not) the tolerance is wider. */
 static const struct {
     const char *name;
     spin_status (*run)(struct side *s, struct spin_device *d);
@@ -561,7 +561,8 @@ static const struct {
 
 /* ---- Comparing ------------------------------------------------------------------------------- */
 
-/* Value i of an array, as far as it is one number: of a projected splat its place, conic and opacity, if it is seen. */
+/* Value i of an array, as far as it is one number: of a projected splat its place, conic and
+ * opacity, if it is seen. */
 static double value_of(const char *at, enum kind kind, size_t i)
 {
     const struct spin_splat2d *s;

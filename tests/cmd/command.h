@@ -1,4 +1,5 @@
-/* Tests that run the commands: a shell command and what it said, numbers out of JSON, sizes of pictures. */
+/* Tests that run the commands: a shell command and what it said, numbers out of JSON, sizes of
+ * pictures. */
 #ifndef SPIN_TESTS_CMD_COMMAND_H
 #define SPIN_TESTS_CMD_COMMAND_H
 

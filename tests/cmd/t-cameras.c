@@ -1,7 +1,7 @@
-/* What the commands see of a rig that moves and rolls, with half turns, lenses with fx unlike fy and a centre that is
- * none, and other lenses for test views: pictures are held to a rasteriser of a few lines in double precision, figures
- * to what follows from them.
- * K: eval images html report cameras views */
+/* What the commands see of a rig that moves and rolls, with half turns, lenses with fx unlike fy
+ * and a centre that is none, and other lenses for test views: pictures are held to a rasteriser of
+ * a few lines in double precision, figures to what follows from them. K: eval images html report
+ * cameras views */
 #include "io/image.h"
 #include "scene/bundle.h"
 #include "tests/cmd/command.h"
@@ -17,7 +17,8 @@ static const struct spin_camera lens[CAMERAS] = {{64, 48, 90, 45, 20, 33, {0}, 0
 static struct pose pose[FRAMES][CAMERAS];
 static struct spin_camera camera[FRAMES][CAMERAS];
 
-/* A Gaussian as it is meant: colour, and how that changes with x, y, z of the direction it is seen in. */
+/* A Gaussian as it is meant: colour, and how that changes with x, y, z of the direction it is seen
+ * in. */
 struct gaussian {
     double place[3], scale[3], q[4], opacity, colour[3], change[3];
 };
@@ -25,44 +26,44 @@ static struct gaussian scene[FRAMES][SPLATS];
 
 static void make_scene(void)
 {
-    static const struct gaussian first[SPLATS] = {
-        {{-0.9, -0.4, 0.2},
-         {0.5, 0.15, 0.2},
-         {0.9, 0.1, -0.3, 0.2},
-         0.9,
-         {0.7, 0.2, 0.1},
-         {0.1, 0, 0}},
-        {{0.8, 0.3, -0.4},
-         {0.2, 0.45, 0.1},
-         {0.3, -0.5, 0.7, 0.1},
-         0.8,
-         {0.1, 0.6, 0.2},
-         {0, 0.1, 0}},
-        {{0.1, 0.9, 0.6},
-         {0.3, 0.1, 0.4},
-         {0.5, 0.5, 0.1, -0.6},
-         0.7,
-         {0.2, 0.3, 0.7},
-         {0, 0, 0.1}},
-        {{0.3, -0.8, 0.9},
-         {0.04, 0.05, 0.03},
-         {1, 0, 0, 0},
-         0.95,
-         {0.8, 0.7, 0.1},
-         {0.05, 0.05, 0}},
-        {{-0.5, 0.6, -0.7},
-         {0.25, 0.3, 0.2},
-         {-0.2, 0.6, 0.3, 0.7},
-         0.6,
-         {0.5, 0.1, 0.6},
-         {0, 0.1, 0.1}},
-        /* far above: beyond where the Jacobian follows, and still in the picture of the first camera */
-        {{-0.3, -6.4, 0.1},
-         {1.2, 1.0, 0.9},
-         {0.7, 0.2, -0.1, 0.3},
-         0.9,
-         {0.3, 0.6, 0.6},
-         {0.1, 0, 0.1}}};
+    static const struct gaussian first[SPLATS] = {{{-0.9, -0.4, 0.2},
+                                                   {0.5, 0.15, 0.2},
+                                                   {0.9, 0.1, -0.3, 0.2},
+                                                   0.9,
+                                                   {0.7, 0.2, 0.1},
+                                                   {0.1, 0, 0}},
+                                                  {{0.8, 0.3, -0.4},
+                                                   {0.2, 0.45, 0.1},
+                                                   {0.3, -0.5, 0.7, 0.1},
+                                                   0.8,
+                                                   {0.1, 0.6, 0.2},
+                                                   {0, 0.1, 0}},
+                                                  {{0.1, 0.9, 0.6},
+                                                   {0.3, 0.1, 0.4},
+                                                   {0.5, 0.5, 0.1, -0.6},
+                                                   0.7,
+                                                   {0.2, 0.3, 0.7},
+                                                   {0, 0, 0.1}},
+                                                  {{0.3, -0.8, 0.9},
+                                                   {0.04, 0.05, 0.03},
+                                                   {1, 0, 0, 0},
+                                                   0.95,
+                                                   {0.8, 0.7, 0.1},
+                                                   {0.05, 0.05, 0}},
+                                                  {{-0.5, 0.6, -0.7},
+                                                   {0.25, 0.3, 0.2},
+                                                   {-0.2, 0.6, 0.3, 0.7},
+                                                   0.6,
+                                                   {0.5, 0.1, 0.6},
+                                                   {0, 0.1, 0.1}},
+                                                  /* far above: beyond where the Jacobian follows,
+                                                     and still in the picture of the first camera */
+                                                  {{-0.3, -6.4, 0.1},
+                                                   {1.2, 1.0, 0.9},
+                                                   {0.7, 0.2, -0.1, 0.3},
+                                                   0.9,
+                                                   {0.3, 0.6, 0.6},
+                                                   {0.1, 0, 0.1}}};
     static const double eye[CAMERAS][3] = {
         {0, 0.2, -6}, {-4, 0.5, -4}, {0.5, 0.3, 6.5}, {4.5, -0.5, -3}, {1, -6, 0.5}};
     static const double roll[CAMERAS] = {0.1, 3.14159265358979, 0.3, 1.5, -0.7};
@@ -83,7 +84,8 @@ static void make_scene(void)
     }
 }
 
-/* ---- What is seen ------------------------------------------------------------------------------ */
+/* ---- What is seen ------------------------------------------------------------------------------
+ */
 
 static void matrix_of(const double q[4], double m[3][3])
 {
@@ -100,7 +102,8 @@ static void matrix_of(const double q[4], double m[3][3])
     }
 }
 
-/* A Gaussian in a picture: its centre, in pixels from the corner, the inverse of its covariance, its colour. */
+/* A Gaussian in a picture: its centre, in pixels from the corner, the inverse of its covariance,
+ * its colour. */
 struct blob {
     double z, u, v, conic[3], opacity, rgb[3];
 };
@@ -189,12 +192,14 @@ static void see(int f, const struct spin_camera *c, const struct pose *p, double
         }
 }
 
-/* ---- Files ------------------------------------------------------------------------------------- */
+/* ---- Files -------------------------------------------------------------------------------------
+ */
 
 /* Left fifth of the picture, which moves by its mask; that has half of the picture's size. */
 static bool moves(const struct spin_camera *c, int x) { return x / 2 < c->width / 2 / 5; }
 
-/* Photographs: what is seen, brighter by a number of each view's own, and by another where it moves. */
+/* Photographs: what is seen, brighter by a number of each view's own, and by another where it
+ * moves. */
 static void write_photo(int f, int k)
 {
     static double image[3 * MOST];
@@ -309,10 +314,12 @@ static void write_bundle(void)
     spin_splats_free(&s);
 }
 
-/* ---- Pictures of the commands ------------------------------------------------------------------ */
+/* ---- Pictures of the commands ------------------------------------------------------------------
+ */
 
-/* A part of a picture from column x on, held to a frame as it is seen by a camera. More than the rest of a Gaussian
- * beyond three standard deviations, which a rasteriser may leave out, is wrong. */
+/* A part of a picture from column x on, held to a frame as it is seen by a camera. More than the
+ * rest of a Gaussian beyond three standard deviations, which a rasteriser may leave out, is wrong.
+ */
 static void check_picture(const uint8_t *rgb, int whole, int x, int f, const struct spin_camera *c,
                           const struct pose *p, const char *what)
 {
@@ -383,7 +390,8 @@ static void test_images(void)
        "and no other");
 }
 
-/* The camera that moves begins at the first training camera of the first frame asked for, with its lens. */
+/* The camera that moves begins at the first training camera of the first frame asked for, with its
+ * lens. */
 static void test_path(void)
 {
     ok(shell("%s/spin-export %s/rig.spin --data %s/rig --to images --path train --repeat 2 --range "
@@ -393,7 +401,8 @@ static void test_path(void)
     check_file("train/train_frame_00000.png", 1, 0, 0, 1, &camera[1][0], &pose[1][0]);
 }
 
-/* dB of the photograph of a view against what is seen; part 0: where it moves, 1: elsewhere, 2: of all. */
+/* dB of the photograph of a view against what is seen; part 0: where it moves, 1: elsewhere, 2: of
+ * all. */
 static double quality(int f, int k, int part)
 {
     static double image[3 * MOST];
@@ -455,7 +464,8 @@ static void test_eval(void)
     spin_json_free(j);
 }
 
-/* ---- Pages ------------------------------------------------------------------------------------- */
+/* ---- Pages -------------------------------------------------------------------------------------
+ */
 
 static char *file_of(const char *name)
 {
@@ -569,8 +579,8 @@ static uint8_t *picture_of(const char **at, int width, int height)
     return NULL;
 }
 
-/* The worst views of the report, in a bundle that has what was imported beside a network: the second picture of a row
- * is the import's. So it is in --images. */
+/* The worst views of the report, in a bundle that has what was imported beside a network: the
+ * second picture of a row is the import's. So it is in --images. */
 static void test_report(void)
 {
     char *page, name[100];

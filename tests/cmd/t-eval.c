@@ -1,6 +1,5 @@
-/* Options of spin-eval change what is measured and how, and its figures are those of its views and of the
- * file.
- * K: eval options storage fps */
+/* Options of spin-eval change what is measured and how, and its figures are those of its views and
+ * of the file. K: eval options storage fps */
 
 #include "base/log.h"
 #include "tests/cmd/command.h"
@@ -76,7 +75,8 @@ static bool agree(const struct eval *a, const struct eval *b)
     return both > 0;
 }
 
-/* What the training was told to hold out are the test views, and those of another training of its output. */
+/* What the training was told to hold out are the test views, and those of another training of its
+ * output. */
 static void test_held_out(void)
 {
     static const int held[] = {3, 19, 23}, other[] = {7};

@@ -1,5 +1,5 @@
-/* Options of spin-export and spin-import change what is written: rates of frames, colours, axes, bytes.
- * K: export import options fps */
+/* Options of spin-export and spin-import change what is written: rates of frames, colours, axes,
+ * bytes. K: export import options fps */
 #include "scene/bundle.h"
 #include "tests/cmd/command.h"
 
@@ -170,8 +170,8 @@ static void test_pictures(void)
     export("in.spin", "black", "--to images --range 0:1");
     export("in.spin", "white", "--to images --range 0:1 --background white");
     ok(!same("black", "white"), "--background shows behind the splats");
-    ok(shell("cd %s/black && find . -name '*.png' | sort", folder) == 0 && strstr(said, "./cam_00_") &&
-           strstr(said, "./cam_15_") && !strstr(said, "./cam_03_"),
+    ok(shell("cd %s/black && find . -name '*.png' | sort", folder) == 0 &&
+           strstr(said, "./cam_00_") && strstr(said, "./cam_15_") && !strstr(said, "./cam_03_"),
        "pictures from the test cameras: %s", said);
     ok(shell("%s/spin-export %s/in.spin --to images -o %s/x --data-from transforms", bin, folder,
              folder) == 1 &&
@@ -190,7 +190,8 @@ static void test_pictures(void)
     }
     export("in.spin", "first", "--to images --panels truth --range 0:1");
     export("in.spin", "second", "--to images --panels truth --range 1:2");
-    ok(shell("cd %s && cmp order/cam_00_*.png first/cam_00_*.png && cmp number/cam_00_*.png second/cam_00_*.png",
+    ok(shell("cd %s && cmp order/cam_00_*.png first/cam_00_*.png && cmp number/cam_00_*.png "
+             "second/cam_00_*.png",
              folder) == 0,
        "--pair: by order the first row's image, by number that of its number: %s", said);
 }
@@ -244,9 +245,10 @@ static void test_import(void)
        "spin-eval keeps to --pair of the import: %s", said);
     ok(shell("%s/spin-eval %s/kept.spin --pair number", bin, folder) == 2 && strstr(said, "99"),
        "unless it is told otherwise");
-    ok(shell("%s/spin-retrain %s/kept.spin -o %s/again.spin --device cpu --scale 0.25 --iterations 2 "
-             "-q",
-             bin, folder, folder) == 0 &&
+    ok(shell(
+           "%s/spin-retrain %s/kept.spin -o %s/again.spin --device cpu --scale 0.25 --iterations 2 "
+           "-q",
+           bin, folder, folder) == 0 &&
            shell("%s/spin-eval %s/again.spin", bin, folder) == 0,
        "and so do spin-retrain and what it writes: %s", said);
 }

@@ -1,6 +1,6 @@
-/* Every option of spin-retrain changes what it says it changes: views, losses, first values, steps of the
- * rates, shapes, files. Runs the command and reads its log and its bundle.
- * K: long retrain options */
+/* Every option of spin-retrain changes what it says it changes: views, losses, first values, steps
+ * of the rates, shapes, files. Runs the command and reads its log and its bundle. K: long retrain
+ * options */
 #include <signal.h>
 #include <unistd.h>
 
@@ -13,7 +13,8 @@
 
 enum { MOST_STEPS = 64, MOST_VIEWS = 8, TRAINING = 6, TESTING = 2 };
 
-/* Two frames of the clip, 40 x 23 pixels, a small network. Four steps of three views are one epoch. */
+/* Two frames of the clip, 40 x 23 pixels, a small network. Four steps of three views are one epoch.
+ */
 static const char base[] =
     "--preset paper --device cpu --threads 1 --range 1:3 --scale 0.25 --levels 4 --hash-log2 10 "
     "--finest-resolution 32 --hidden 16 --iterations 4 --precision full -q";
@@ -36,7 +37,8 @@ struct run {
     size_t n_table;
 };
 
-/* ---- Running ----------------------------------------------------------------------------------- */
+/* ---- Running -----------------------------------------------------------------------------------
+ */
 
 static void read_step(struct run *r, const spin_json *line)
 {
@@ -147,7 +149,8 @@ static float *array_of(struct run *r, const char *key, size_t *n)
     return check_values(&r->bundle, key, n);
 }
 
-/* ---- Views -------------------------------------------------------------------------------------- */
+/* ---- Views --------------------------------------------------------------------------------------
+ */
 
 static bool among(int camera, const int *list, int n)
 {
@@ -272,7 +275,8 @@ static void test_views(void)
         drop(two), drop(range);
 }
 
-/* ---- The loss ----------------------------------------------------------------------------------- */
+/* ---- The loss -----------------------------------------------------------------------------------
+ */
 
 static void is_mix(const struct run *r, double lambda)
 {
@@ -356,10 +360,11 @@ static void test_loss(void)
     drop(one);
 }
 
-/* ---- Rates -------------------------------------------------------------------------------------- */
+/* ---- Rates --------------------------------------------------------------------------------------
+ */
 
-/* Adam's first step moves every parameter that has a gradient by the rate, so the largest difference to
- * a run of rate 0 is the rate. With one step of warm-up it is the rate as given. */
+/* Adam's first step moves every parameter that has a gradient by the rate, so the largest
+ * difference to a run of rate 0 is the rate. With one step of warm-up it is the rate as given. */
 static const char still[] =
     "--iterations 1 --warmup 1 --lr-table 0 --head-lr-factor 0 --lr-position 0";
 
@@ -450,10 +455,11 @@ static void test_defaults(void)
     drop(one), drop(said_so), drop(two);
 }
 
-/* ---- Values of every splat's own ---------------------------------------------------------------- */
+/* ---- Values of every splat's own ----------------------------------------------------------------
+ */
 
-/* With --residual points a splat begins faint, but as the source has it where no training camera sees it: it would stay
- * faint for ever. */
+/* With --residual points a splat begins faint, but as the source has it where no training camera
+ * sees it: it would stay faint for ever. */
 static void test_unseen(void)
 {
     char more[300];
@@ -551,9 +557,11 @@ static void test_own(void)
     free(opacity[1]);
 }
 
-/* ---- Camera colours ----------------------------------------------------------------------------- */
+/* ---- Camera colours -----------------------------------------------------------------------------
+ */
 
-/* The images of a camera, darker by a fifth, or (corners) by a sixth of r^2, see math/exposure.h. */
+/* The images of a camera, darker by a fifth, or (corners) by a sixth of r^2, see math/exposure.h.
+ */
 static bool darken(const char *data, int camera, bool corners, bool red)
 {
     for (int f = 8; f < 14; f++) {
@@ -654,8 +662,8 @@ static bool zoom(const char *data, int place, double factor)
                  path, place, place, factor, place, path) == 0;
 }
 
-/* All cameras of a clip have a lens that is darker towards the corners: it is found from the points alone, and test
- * views are drawn through it, by spin-eval as by spin-retrain. */
+/* All cameras of a clip have a lens that is darker towards the corners: it is found from the points
+ * alone, and test views are drawn through it, by spin-eval as by spin-retrain. */
 static void test_falloff(void)
 {
     static const char one[] =
@@ -737,7 +745,8 @@ static void test_falloff(void)
        "a camera with another lens is told: %s", said);
 }
 
-/* 4D splats begin with the cameras and the lens of the clip they are cut from, and are shown behind that lens. */
+/* 4D splats begin with the cameras and the lens of the clip they are cut from, and are shown behind
+ * that lens. */
 static void test_rows_4d(void)
 {
     struct run tracks = {0}, rows = {0};
@@ -818,7 +827,8 @@ static void test_cameras(void)
     }
     drop(all);
 
-    /* One step at --lr-exposure moves those that it saw by the rate; then the mean of all is taken off. */
+    /* One step at --lr-exposure moves those that it saw by the rate; then the mean of all is taken
+     * off. */
     one = retrain(
         "--learn-exposure on --lr-exposure 0.01 --iterations 1 --warmup 1 --views-per-frame 3");
     cameras = spin_json_get(one->network, "cameras");
@@ -858,7 +868,8 @@ static void test_cameras(void)
     drop(start);
 }
 
-/* ---- Shapes and first values -------------------------------------------------------------------- */
+/* ---- Shapes and first values --------------------------------------------------------------------
+ */
 
 static float most_of(const float *p, size_t n)
 {
@@ -1018,7 +1029,8 @@ static void test_sh_every(void)
     drop(never), drop(soon);
 }
 
-/* ---- Files, plans, the machine ------------------------------------------------------------------ */
+/* ---- Files, plans, the machine ------------------------------------------------------------------
+ */
 
 static void test_files(void)
 {
@@ -1179,7 +1191,8 @@ static void test_data(void)
     is_text(spin_json_string(spin_json_get(spin_json_get(r->meta, "data"), "from")), "panoptic",
             "--data and --data-from");
     drop(r);
-    /* Two frames whose numbers are those of the data set's rows 1 and 3; by order they are rows 0 and 1. */
+    /* Two frames whose numbers are those of the data set's rows 1 and 3; by order they are rows 0
+     * and 1. */
     if (!ok(shell("%s/spin-export %s/in.spin --to ply -o %s/ply --range 1:4:2", bin, folder,
                   folder) == 0 &&
                 shell("cd %s/ply && rm sequence.json && mv frame_00001.ply frame_00009.ply && mv "
@@ -1248,7 +1261,8 @@ static void test_save_every(void)
            "--resume refuses %s", i ? "another input" : "other rates");
 }
 
-/* ---- Frame by frame ----------------------------------------------------------------------------- */
+/* ---- Frame by frame -----------------------------------------------------------------------------
+ */
 
 /* Cameras and losses in the log of a run with --method frames. */
 struct refined {
@@ -1325,9 +1339,11 @@ static void test_refine(void)
     ok(grown.clones > 0 && kept.clones == 0, "--densify");
 }
 
-/* ---- Tracks -------------------------------------------------------------------------------------- */
+/* ---- Tracks
+ * -------------------------------------------------------------------------------------- */
 
-/* Largest difference of columns [first, end) of the tracks' rows from `row` to `last`, or with b NULL their largest size. */
+/* Largest difference of columns [first, end) of the tracks' rows from `row` to `last`, or with b
+ * NULL their largest size. */
 static double farthest_rows(struct run *a, struct run *b, size_t row, size_t last, size_t first,
                             size_t end)
 {
@@ -1349,7 +1365,8 @@ static double farthest_tracks(struct run *a, struct run *b, size_t first, size_t
     return farthest_rows(a, b, 0, SIZE_MAX, first, end);
 }
 
-/* Of rows of residual values but their rotations, in which the bundle has what neighbours turn by. */
+/* Of rows of residual values but their rotations, in which the bundle has what neighbours turn by.
+ */
 static double largest(struct run *r, const char *key)
 {
     size_t n;
@@ -1463,9 +1480,11 @@ static void test_tracks(void)
     drop(grown), drop(capped), drop(early), drop(calm), drop(late), drop(never), drop(never_two);
 }
 
-/* ---- All ---------------------------------------------------------------------------------------- */
+/* ---- All ----------------------------------------------------------------------------------------
+ */
 
-/* ---- When tracks are densified -------------------------------------------------------------------- */
+/* ---- When tracks are densified
+ * -------------------------------------------------------------------- */
 
 /* One epoch in which nothing moves, then a densification. */
 struct densified {
@@ -1526,7 +1545,8 @@ static void test_densify(void)
     free(most.values), free(again.values), free(other.values);
 }
 
-/* Logits of the backdrop's tracks, which are the last ones: whether all are as they began, and the sum of their colours. */
+/* Logits of the backdrop's tracks, which are the last ones: whether all are as they began, and the
+ * sum of their colours. */
 static bool stays_opaque(struct run *r, size_t backdrop, double *colour)
 {
     size_t length;

@@ -1,6 +1,7 @@
-/* The strict device. Its memory is one range of addresses, of which blocks are taken one after the other
- * and never again, so one mprotect() opens or closes all of it, and a released block stays dead. A card has memory
- * that the host cannot touch anyway: there the blocks are the card's own, kept until the end. */
+/* The strict device. Its memory is one range of addresses, of which blocks are taken one after the
+ * other and never again, so one mprotect() opens or closes all of it, and a released block stays
+ * dead. A card has memory that the host cannot touch anyway: there the blocks are the card's own,
+ * kept until the end. */
 #include "tests/device/strict.h"
 
 #include <sys/mman.h>

@@ -1,8 +1,8 @@
-/* A device that does nothing until it must, around any device whose memory is the host's. Verbs are queued,
- * and run when the host asks for a result; in between, device memory cannot be read or written. So it finds
- * a host that follows a device pointer (the process is killed by SIGSEGV), uses a result that it did not
- * ask for, or hands over a pointer that is not, or no longer, device memory (a complaint). It has no lazy
- * Adam. */
+/* A device that does nothing until it must, around any device whose memory is the host's. Verbs are
+ * queued, and run when the host asks for a result; in between, device memory cannot be read or
+ * written. So it finds a host that follows a device pointer (the process is killed by SIGSEGV),
+ * uses a result that it did not ask for, or hands over a pointer that is not, or no longer, device
+ * memory (a complaint). It has no lazy Adam. */
 #ifndef SPIN_TESTS_DEVICE_STRICT_H
 #define SPIN_TESTS_DEVICE_STRICT_H
 

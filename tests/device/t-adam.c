@@ -104,8 +104,8 @@ static void golden_lazy(void)
     check_device_free(d);
 }
 
-/* What a schedule that is straight in the logarithm says at 0 and at `last`, from its ends at[0] and
- * at[n - 1]; the reference's manifest does not name its two rates. */
+/* What a schedule that is straight in the logarithm says at 0 and at `last`, from its ends at[0]
+ * and at[n - 1]; the reference's manifest does not name its two rates. */
 static double at_line(const double *at, const double *want, size_t n, double when)
 {
     double slope = log(want[n - 1] / want[0]) / (at[n - 1] - at[0]);

@@ -1,6 +1,5 @@
-/* The statistics of densification: the formula of 3DGS, what is not seen is left alone, two views add up,
- * the same bits on every code path and for any number of threads.
- * K: threads refine */
+/* The statistics of densification: the formula of 3DGS, what is not seen is left alone, two views
+ * add up, the same bits on every code path and for any number of threads. K: threads refine */
 
 #include "tests/device/strict.h"
 #include "tests/device/verbs.h"
@@ -30,7 +29,8 @@ static void check_path(const char *path, int n_threads)
     check_device_free(d);
 }
 
-/* Two frames, three views together on the strict device: each view adds to the splats of its frame. */
+/* Two frames, three views together on the strict device: each view adds to the splats of its frame.
+ */
 static void views_together(void)
 {
     enum { FIRST = 4000, REST = N - FIRST };

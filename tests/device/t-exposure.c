@@ -1,6 +1,6 @@
-/* A camera's gain and offset and its lens's falloff: the formula, its slopes, its gradient against central
- * differences, white, the same bits for any number of threads.
- * K: threads tint lens falloff */
+/* A camera's gain and offset and its lens's falloff: the formula, its slopes, its gradient against
+ * central differences, white, the same bits for any number of threads. K: threads tint lens falloff
+ */
 
 #include "math/exposure.h"
 #include "tests/device/verbs.h"

@@ -435,8 +435,8 @@ static void crowds(int n_features)
 
 /* ---- deterministic --------------------------------------------------------------------------- */
 
-/* Gradients of any size: the same bits every time, and the sums of floats to their rounding. What is not finite
- * stays so, where it falls. */
+/* Gradients of any size: the same bits every time, and the sums of floats to their rounding. What
+ * is not finite stays so, where it falls. */
 static void sums_repeat(float size)
 {
     struct spin_grid grid = make_grid(5, 4, 8, 0);

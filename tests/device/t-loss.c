@@ -4,8 +4,8 @@
 #include "math/loss.h"
 #include "tests/device/raster.h"
 
-/* The variances of a flat picture are differences of nearly equal numbers, and docs/method.md 5 asks 3e-4 of
- * it, relative, not the others' absolute 2e-6. */
+/* The variances of a flat picture are differences of nearly equal numbers, and docs/method.md 5
+ * asks 3e-4 of it, relative, not the others' absolute 2e-6. */
 static double value_tolerance(bool flat, double want)
 {
     double tolerance = check_tolerance("loss.npz", "value_abs", 2e-6);
@@ -183,8 +183,8 @@ static void bytes(struct spin_device *d)
     free(x), free(again), free(y), free(rgb), free(mask);
 }
 
-/* Along a random direction, far from |0|: (L(x + hv) - L(x - hv)) / 2h = g . v; all pixels alike, or
- * each with a weight of its own. */
+/* Along a random direction, far from |0|: (L(x + hv) - L(x - hv)) / 2h = g . v; all pixels alike,
+ * or each with a weight of its own. */
 static void differences(struct spin_device *d, bool weighted)
 {
     enum { W = 37, H = 29, N = 3 * W * H };
@@ -221,8 +221,8 @@ static void differences(struct spin_device *d, bool weighted)
     free(g);
 }
 
-/* What weights mean: 1 is as none, a common factor does nothing, L1 is the weighted mean, and a picture
- * of which only a window counts is not told apart by what lies outside of it. */
+/* What weights mean: 1 is as none, a common factor does nothing, L1 is the weighted mean, and a
+ * picture of which only a window counts is not told apart by what lies outside of it. */
 static void weights(struct spin_device *d)
 {
     enum { W = 50, H = 61, N = 3 * W * H };

@@ -1,5 +1,6 @@
-/* Every piece of memory that a step wants, missing once: the step fails with a message, and the same device then takes
- * it. And what a step asks of a card: launches, whatever the number of splats, and waits. K: device memory cuda emu */
+/* Every piece of memory that a step wants, missing once: the step fails with a message, and the
+ * same device then takes it. And what a step asks of a card: launches, whatever the number of
+ * splats, and waits. K: device memory cuda emu */
 #include "model/field_eval.h"
 #include "render/raster.h"
 #include "tests/device/raster.h"
@@ -183,7 +184,8 @@ static spin_status step(struct spin_device *d, struct outcome *out)
     return status;
 }
 
-/* With so many missing pieces of memory, from the n-th on, on a device of its own. True: none was missing. */
+/* With so many missing pieces of memory, from the n-th on, on a device of its own. True: none was
+ * missing. */
 static bool without(int n, int missing, const struct outcome *whole, int *bad)
 {
     static struct outcome out;

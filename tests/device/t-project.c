@@ -234,8 +234,8 @@ static void differences(struct spin_device *d, bool antialias)
     view_free(&v);
 }
 
-/* The fade of round splats in the middle of the view is known: s^2 / (s^2 + 0.3) with s in pixels; the
- * rest of the record is as without. */
+/* The fade of round splats in the middle of the view is known: s^2 / (s^2 + 0.3) with s in pixels;
+ * the rest of the record is as without. */
 static void fades(struct spin_device *d)
 {
     struct spin_camera camera = camera_of(96, 80, 90);

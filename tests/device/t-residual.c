@@ -1,6 +1,5 @@
-/* A splat's own values beside the heads' outputs, or without any: where they go, back the same way, the
- * same bits for any number of threads.
- * K: threads residual */
+/* A splat's own values beside the heads' outputs, or without any: where they go, back the same way,
+ * the same bits for any number of threads. K: threads residual */
 
 #include "tests/device/verbs.h"
 

@@ -1,6 +1,6 @@
-/* The strict device itself: it notices what it is there to notice. Views and frames drawn together are those
- * drawn one by one. The renderer and its measurement on the strict device.
- * K: strict device raster threads */
+/* The strict device itself: it notices what it is there to notice. Views and frames drawn together
+ * are those drawn one by one. The renderer and its measurement on the strict device. K: strict
+ * device raster threads */
 #include <signal.h>
 #include <sys/resource.h>
 #include <sys/wait.h>

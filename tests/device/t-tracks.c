@@ -1,6 +1,5 @@
-/* What splats have from their tracks, and gradients back, against the sums written out; the same bits for any
- * number of threads; on a strict device.
- * K: threads tracks */
+/* What splats have from their tracks, and gradients back, against the sums written out; the same
+ * bits for any number of threads; on a strict device. K: threads tracks */
 
 #include "math/quat.h"
 #include "tests/device/strict.h"
@@ -128,7 +127,8 @@ static int count_wrong_gradients(bool with_residual)
     return wrong;
 }
 
-/* The place and the opacity of a splat whose track moves, written out; the other values are the track's. */
+/* The place and the opacity of a splat whose track moves, written out; the other values are the
+ * track's. */
 static double worst_motion(void)
 {
     double worst = 0;
@@ -179,7 +179,8 @@ static double worst_motion_slope(void)
     return worst;
 }
 
-/* A rotation of a vector by its matrix, and the product of quaternions by the matrix of the first. */
+/* A rotation of a vector by its matrix, and the product of quaternions by the matrix of the first.
+ */
 static double turned(const float q[4], size_t w, const float *in, size_t c)
 {
     double a = (double)q[0], x = (double)q[1], y = (double)q[2], z = (double)q[3], sum = 0;
@@ -223,8 +224,8 @@ static double worst_turn(void)
     return worst;
 }
 
-/* What splats have is linear in the tracks' values v, A v + own, and their gradient is the adjoint of the splats' g:
- * g (A v) = v (A' g), of one track. Returns how far it is off, of all tracks. */
+/* What splats have is linear in the tracks' values v, A v + own, and their gradient is the adjoint
+ * of the splats' g: g (A v) = v (A' g), of one track. Returns how far it is off, of all tracks. */
 static double worst_adjoint(void)
 {
     static double of_splats[TRACKS], of_tracks[TRACKS];

@@ -1,5 +1,5 @@
-/* Verbs of a device for host arrays: each reserves device memory, uploads, does the verb and downloads what
- * it wrote, so that the tests run on any device. */
+/* Verbs of a device for host arrays: each reserves device memory, uploads, does the verb and
+ * downloads what it wrote, so that the tests run on any device. */
 #ifndef SPIN_TESTS_DEVICE_VERBS_H
 #define SPIN_TESTS_DEVICE_VERBS_H
 

@@ -274,8 +274,8 @@ static uint64_t give(struct fiber *warp, int lane, int n)
 static int n_at_barrier, n_done;
 static uint32_t at_warp[MOST_THREADS / WARP];
 
-/* If all whom thread `me` waits for are there, they go on. Looks at each only when there are enough, or if it is
- * `stuck`. */
+/* If all whom thread `me` waits for are there, they go on. Looks at each only when there are
+ * enough, or if it is `stuck`. */
 static void try_meet(int me, bool stuck)
 {
     struct fiber *f = &fibers[me];

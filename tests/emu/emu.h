@@ -1,11 +1,13 @@
-/* CUDA C++ for the host's compiler, as far as our kernels use it: the compiler includes this first, with SPIN_EMU
- * defined. A block runs on one thread of the host, each of its threads is a fiber, and the order in which blocks and
- * fibers are resumed is one that the test chooses: SPIN_EMU_ORDER = forward, reverse or shuffle:SEED.
+/* CUDA C++ for the host's compiler, as far as our kernels use it: the compiler includes this first,
+ * with SPIN_EMU defined. A block runs on one thread of the host, each of its threads is a fiber,
+ * and the order in which blocks and fibers are resumed is one that the test chooses: SPIN_EMU_ORDER
+ * = forward, reverse or shuffle:SEED.
  *
- * Shared memory is poisoned before every block; it is declared in functions that are no templates, as compilers place
- * nothing of those in a section. Barriers and warp operations are one primitive, emu_meet(): threads leave a value and
- * wait for those who take part. What CUDA leaves undefined ends the program with a message: threads that never come,
- * that wait at different places, that name another mask or are not in their own; see emu.cpp. */
+ * Shared memory is poisoned before every block; it is declared in functions that are no templates,
+ * as compilers place nothing of those in a section. Barriers and warp operations are one primitive,
+ * emu_meet(): threads leave a value and wait for those who take part. What CUDA leaves undefined
+ * ends the program with a message: threads that never come, that wait at different places, that
+ * name another mask or are not in their own; see emu.cpp. */
 #ifndef SPIN_TESTS_EMU_EMU_H
 #define SPIN_TESTS_EMU_EMU_H
 
@@ -48,7 +50,7 @@ void emu_launch_dynamic(const char *name, dim3 grid, dim3 block, size_t bytes, F
         name, grid, block, bytes, [](void *k) { (*(F *)k)(); }, &kernel);
 }
 enum { EMU_MOST_SHARED = 163 * 1024 }; /* as on sm_80; more ends the program */
-void *emu_dynamic(void); /* the block's own dynamic shared memory */
+void *emu_dynamic(void);               /* the block's own dynamic shared memory */
 
 enum emu_op {
     EMU_SYNC,
@@ -67,7 +69,8 @@ enum emu_op {
     EMU_REDUCE_ADD,
     EMU_MMA
 };
-/* Waits for the threads of the block, or of the warp's mask, and returns what the operation gives this one. */
+/* Waits for the threads of the block, or of the warp's mask, and returns what the operation gives
+ * this one. */
 uint64_t emu_meet(enum emu_op op, const char *file, int line, uint32_t mask, uint64_t value,
                   int arg);
 
@@ -90,7 +93,8 @@ uint64_t emu_meet(enum emu_op op, const char *file, int line, uint32_t mask, uin
 #define __reduce_add_sync(mask, v) ((unsigned)EMU_MEET(EMU_REDUCE_ADD, mask, (uint32_t)(v), 0))
 unsigned emu_active(void);
 
-/* mma.sync of tensor cores: the lane's registers, as src/device/cuda/mma.h has them. Several in a row wait once. */
+/* mma.sync of tensor cores: the lane's registers, as src/device/cuda/mma.h has them. Several in a
+ * row wait once. */
 struct emu_mma_queue {
     enum { MOST = 24 };
     struct {
@@ -141,7 +145,8 @@ static inline float4 operator+(float4 a, float4 b)
     return {a.x + b.x, a.y + b.y, a.z + b.z, a.w + b.w};
 }
 
-/* Fibers change only where they wait, so these are whole. The race detector, where it is built in, is told. */
+/* Fibers change only where they wait, so these are whole. The race detector, where it is built in,
+ * is told. */
 void emu_touch_atomic(const void *at, size_t bytes);
 #define EMU_ATOMIC template <class T> __attribute__((noinline, no_sanitize("thread"))) T
 EMU_ATOMIC atomicAdd(T *at, T v)

@@ -23,7 +23,8 @@ static __global__ void block_sum(const float *in, float *out, bool barrier, int 
         out[blockIdx.x] = sum[0];
 }
 
-/* The faults: a mask of half the lanes, lanes that leave, and a lane that names the others but not those in `other`. */
+/* The faults: a mask of half the lanes, lanes that leave, and a lane that names the others but not
+ * those in `other`. */
 static __global__ void warp_sum(const float *in, float *out, unsigned mask, int leave,
                                 unsigned other)
 {
@@ -38,8 +39,9 @@ static __global__ void warp_sum(const float *in, float *out, unsigned mask, int 
         atomicAdd(&out[blockIdx.x], v);
 }
 
-/* Rows that several lanes mean are added once: of each group of lanes the first adds for all. `merge` forgotten: it
- * adds its own value alone. `atomic` forgotten: two warps may mean the same row. */
+/* Rows that several lanes mean are added once: of each group of lanes the first adds for all.
+ * `merge` forgotten: it adds its own value alone. `atomic` forgotten: two warps may mean the same
+ * row. */
 static __global__ void merged_rows(const int *row, const float *in, float *out, bool merge,
                                    bool atomic)
 {
@@ -94,8 +96,8 @@ static __global__ void dynamic_kernel(float *out, int past)
     out[threadIdx.x] = room[N - 1 - threadIdx.x];
 }
 
-/* A warp's product of A [16][8] and B [8][8] on top of C = 1. The faults: two registers of A are exchanged, a factor
- * has more bits than tf32, a lane leaves. */
+/* A warp's product of A [16][8] and B [8][8] on top of C = 1. The faults: two registers of A are
+ * exchanged, a factor has more bits than tf32, a lane leaves. */
 static __global__ void tensor_product(const float *from, float *to, bool exchange, float more,
                                       int leave)
 {

@@ -1,5 +1,5 @@
-/* The names of src/device/cuda/gpu.h for the emulation: a card whose memory is the host's, and which has finished
- * every piece of work before the call returns.
+/* The names of src/device/cuda/gpu.h for the emulation: a card whose memory is the host's, and
+ * which has finished every piece of work before the call returns.
  *
  * For tests, in the environment:
  *     SPIN_EMU_CARDS=N       there are so many cards (else one); old: there is one that the driver cannot serve
@@ -47,14 +47,16 @@ static bool is_pinned(const void *at)
     return block != pinned.begin() && (char *)at < (--block)->first + block->second;
 }
 
-/* A copy from page-locked memory is done as late as may be: when the next work begins, or is waited for. */
+/* A copy from page-locked memory is done as late as may be: when the next work begins, or is waited
+ * for. */
 static struct {
     void *to;
     const void *host;
     size_t bytes;
 } late;
 
-/* The stream of nccl.cpp: groups of messages that are on their way. What comes after waits for them. */
+/* The stream of nccl.cpp: groups of messages that are on their way. What comes after waits for
+ * them. */
 static std::atomic<int> messages;
 
 static void copy_late(void)

@@ -1,6 +1,7 @@
-/* A stand-in for libnccl between processes on one machine: each two of them have a socket. A group of sums is
- * carried out by a thread of its own, as on a card, and what is queued on the stream after it waits (gpu.cpp): every
- * rank sends its values to all others, and adds up what it has in the order of the ranks.
+/* A stand-in for libnccl between processes on one machine: each two of them have a socket. A group
+ * of sums is carried out by a thread of its own, as on a card, and what is queued on the stream
+ * after it waits (gpu.cpp): every rank sends its values to all others, and adds up what it has in
+ * the order of the ranks.
  *
  * For tests: SPIN_EMU_NCCL_FAIL=NAME, this function fails. */
 #include "nccl.h"
@@ -158,7 +159,8 @@ ncclResult_t ncclCommGetAsyncError(ncclComm_t comm, ncclResult_t *error)
 
 /* ---- Messages ---- */
 
-/* As much as goes now of a message; false: it is not as the other side has it, or the other side is gone. */
+/* As much as goes now of a message; false: it is not as the other side has it, or the other side is
+ * gone. */
 static bool go_on(ncclComm *comm, message &m)
 {
     const size_t head = sizeof m.head;

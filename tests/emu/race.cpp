@@ -1,10 +1,13 @@
-/* A race detector for emulated kernels. The kernels are compiled with -fsanitize=thread, so that the compiler calls
- * __tsan_read4() and the like before every access; here is what they call, instead of the sanitizer's own library.
+/* A race detector for emulated kernels. The kernels are compiled with -fsanitize=thread, so that
+ * the compiler calls
+ * __tsan_read4() and the like before every access; here is what they call, instead of the
+ * sanitizer's own library.
  *
- * Two accesses of 4 bytes in one launch race when they are by different threads, one of them writes, not both are
- * atomic, and nothing orders them: for threads of one block a barrier between them, for lanes of a warp also a warp
- * operation; threads of different blocks have nothing. What the stack holds is a thread's own. The last write and the
- * last reads of a place are kept in a table, where a collision forgets: no false alarms, but a race may be missed. */
+ * Two accesses of 4 bytes in one launch race when they are by different threads, one of them
+ * writes, not both are atomic, and nothing orders them: for threads of one block a barrier between
+ * them, for lanes of a warp also a warp operation; threads of different blocks have nothing. What
+ * the stack holds is a thread's own. The last write and the last reads of a place are kept in a
+ * table, where a collision forgets: no false alarms, but a race may be missed. */
 #include "tests/emu/race.h"
 
 #include <stdio.h>

@@ -10,7 +10,8 @@ struct emu_epoch {
     uint32_t thread, barriers, warp_barriers[32];
 };
 
-struct emu_epoch *emu_now(const void *at); /* NULL: the host, or `at` is on the thread's own stack */
+struct emu_epoch *
+emu_now(const void *at);            /* NULL: the host, or `at` is on the thread's own stack */
 bool emu_is_shared(const void *at); /* by the threads of one block */
 void emu_die(const char *what) __attribute__((noreturn));
 

@@ -1,5 +1,5 @@
-/* The emulation of kernels finds what it is there for: every fault of faults.cu, in every order, and nothing in the
- * kernels that are right. K: emu cuda kernels */
+/* The emulation of kernels finds what it is there for: every fault of faults.cu, in every order,
+ * and nothing in the kernels that are right. K: emu cuda kernels */
 #include <dlfcn.h>
 #include <sys/wait.h>
 #include <unistd.h>

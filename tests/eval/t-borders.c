@@ -1,5 +1,5 @@
-/* A flat border is told from a textured one, at any colour, with noise, and where it is only a part of the images.
- * K: eval backdrop */
+/* A flat border is told from a textured one, at any colour, with noise, and where it is only a part
+ * of the images. K: eval backdrop */
 #include "eval/borders.h"
 
 #include "io/image.h"

@@ -1,6 +1,5 @@
-/* Moving regions: a square that wanders over a still picture is found to the pixel, from the images and
- * from masks; what cannot be found is said.
- * K: eval moving */
+/* Moving regions: a square that wanders over a still picture is found to the pixel, from the images
+ * and from masks; what cannot be found is said. K: eval moving */
 #include "eval/metrics.h"
 
 #include "spin_run.h"
@@ -184,7 +183,8 @@ static void check_refusals(void)
     spin_image_cache_close(&pixels);
 }
 
-/* ---- Masks of another size, edges, long clips ------------------------------------------------------ */
+/* ---- Masks of another size, edges, long clips
+ * ------------------------------------------------------ */
 
 /* The same on every machine. */
 static unsigned drawn(unsigned *seed)
@@ -193,8 +193,8 @@ static unsigned drawn(unsigned *seed)
     return *seed >> 16;
 }
 
-/* A view of W + 1 x H pixels with a mask of w x h: it is looked up where the middle of the pixel lies. The upper half
- * of the mask is empty. most: its largest value; 1: zeros and ones. */
+/* A view of W + 1 x H pixels with a mask of w x h: it is looked up where the middle of the pixel
+ * lies. The upper half of the mask is empty. most: its largest value; 1: zeros and ones. */
 static void check_mask_size(int w, int h, unsigned most)
 {
     enum { WIDE = W + 1 };
@@ -332,8 +332,8 @@ static void check_long_clips(void)
         ok(chosen_of(9, moves[i], chosen) == 0, "one that changes %s does not", name[i]);
 }
 
-/* Four grey pictures: the median is the upper of the two in the middle. Where only some views have masks the images
- * serve. */
+/* Four grey pictures: the median is the upper of the two in the middle. Where only some views have
+ * masks the images serve. */
 static void check_few_frames(void)
 {
     static const float grey[4] = {0.2f, 0.4f, 0.6f, 0.8f};

@@ -1,6 +1,6 @@
-/* LPIPS against an independent implementation (tests/tools/lpips-reference.py) with made-up weights,
- * which this test writes as checkpoints in torch's layout; finding the files; what is refused.
- * K: eval lpips */
+/* LPIPS against an independent implementation (tests/tools/lpips-reference.py) with made-up
+ * weights, which this test writes as checkpoints in torch's layout; finding the files; what is
+ * refused. K: eval lpips */
 #include "eval/lpips.h"
 
 #include "spin_run.h"

@@ -1,6 +1,5 @@
-/* What spin_eval() says, held to what is worked out here: the quality of every view and its means, moving
- * regions, which views, storage, speed, pictures.
- * K: long eval measure */
+/* What spin_eval() says, held to what is worked out here: the quality of every view and its means,
+ * moving regions, which views, storage, speed, pictures. K: long eval measure */
 #include <pthread.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -35,7 +34,8 @@ static const char *in(const char *format, int a, int b)
     return p;
 }
 
-/* ---- A data set of plain pictures, and splats that nobody sees ---------------------------------- */
+/* ---- A data set of plain pictures, and splats that nobody sees ----------------------------------
+ */
 
 static int value_of(int row, int camera, int channel)
 {
@@ -245,7 +245,8 @@ static void check_overlays(void)
     ok(good == ROWS * CAMERAS, "each over the picture of its frame and camera (%d)", good);
 }
 
-/* ---- Quality ------------------------------------------------------------------------------------- */
+/* ---- Quality
+ * ------------------------------------------------------------------------------------- */
 
 /* Squared error of one channel of a pixel of this shift against what is drawn. */
 static double error_of(int row, int camera, int shift, const float drawn[3], int c)
@@ -386,7 +387,8 @@ static void check_quality(void)
     spin_eval_report_free(&r);
 }
 
-/* ---- Camera colours ------------------------------------------------------------------------------ */
+/* ---- Camera colours
+ * ------------------------------------------------------------------------------ */
 
 /* The largest of the logarithms of gains (first 0) or of the offsets (first 3) of two cameras. */
 static double largest_of(const float *exposure, size_t first)
@@ -417,8 +419,8 @@ static struct spin_retrain_options small_network(const char *input, const char *
     return o;
 }
 
-/* Where nothing is drawn there is nothing to brighten: cameras learn offsets and no gains. A run that sees
- * nothing ends with an error, and its state is kept. */
+/* Where nothing is drawn there is nothing to brighten: cameras learn offsets and no gains. A run
+ * that sees nothing ends with an error, and its state is kept. */
 static void check_tints(void)
 {
     struct spin_retrain_options o = small_network(bundle, in("tinted.spin", 0, 0));
@@ -442,8 +444,8 @@ static void check_tints(void)
     spin_npz_close(&state);
 }
 
-/* A black splat before black: again there is nothing to brighten. What was learned stands in the bundle under
- * its own names. */
+/* A black splat before black: again there is nothing to brighten. What was learned stands in the
+ * bundle under its own names. */
 static void check_black(void)
 {
     struct spin_import_options import = {.data = data};
@@ -476,8 +478,8 @@ static void check_black(void)
     spin_bundle_close(&b);
 }
 
-/* Behind splats that nobody sees is the background, and in pictures that let it through as well: the first
- * loss is known. */
+/* Behind splats that nobody sees is the background, and in pictures that let it through as well:
+ * the first loss is known. */
 static void check_first_loss(void)
 {
     static const int held_out_too[] = {0, 5};
@@ -516,7 +518,8 @@ static void check_first_loss(void)
     near(atof(l1 + 6), want, 0.002, "its loss is that of the pictures over the background");
 }
 
-/* ---- A network: storage, speed, pictures ---------------------------------------------------------- */
+/* ---- A network: storage, speed, pictures
+ * ---------------------------------------------------------- */
 
 static void train(void)
 {
@@ -549,8 +552,9 @@ static void train(void)
     spin_eval_report_free(&er);
 }
 
-/* A network that does not learn is drawn in training as it is drawn afterwards: every view of the log has
- * the SSIM that it has in the evaluation, so frames have their times and views their frames. */
+/* A network that does not learn is drawn in training as it is drawn afterwards: every view of the
+ * log has the SSIM that it has in the evaluation, so frames have their times and views their
+ * frames. */
 static void check_log(void)
 {
     struct spin_retrain_options o;
@@ -633,7 +637,8 @@ static void *cancel_once_saved(void *part)
     return NULL;
 }
 
-/* A process of its own, as nothing runs to its end after spin_cancel(). Ends once a state is kept. */
+/* A process of its own, as nothing runs to its end after spin_cancel(). Ends once a state is kept.
+ */
 static bool run_until_saved(const struct spin_retrain_options *o, char *part)
 {
     pid_t child;
@@ -653,9 +658,9 @@ static bool run_until_saved(const struct spin_retrain_options *o, char *part)
     return child > 0 && waitpid(child, &status, 0) == child && status == 0;
 }
 
-/* The gradient of the last biases of the scale head, and of that of the opacity, from Adam's first moment in
- * the state of a run that was stopped. Every step sees every view and no rate is above 0, so all steps had
- * this gradient. */
+/* The gradient of the last biases of the scale head, and of that of the opacity, from Adam's first
+ * moment in the state of a run that was stopped. Every step sees every view and no rate is above 0,
+ * so all steps had this gradient. */
 static bool first_gradient(const struct spin_retrain_options *o, double out[4])
 {
     const int finest[4] = {2048, 2048, 2048, 16};
@@ -725,8 +730,8 @@ static double mean_slopes(const char *path, double slope[4])
     return extent;
 }
 
-/* The weights on the mean scale and opacity: over the extent, by axis, splat and frame of the step. Splats
- * that no view of the step sees have no part in it. */
+/* The weights on the mean scale and opacity: over the extent, by axis, splat and frame of the step.
+ * Splats that no view of the step sees have no part in it. */
 static void check_weights(void)
 {
     struct spin_import_options i = {

@@ -1,6 +1,5 @@
-/* The parts of the report: round steps, charts without NaN, logs of runs that were resumed or cut short,
- * the window where something moves, the worst views.
- * K: eval report */
+/* The parts of the report: round steps, charts without NaN, logs of runs that were resumed or cut
+ * short, the window where something moves, the worst views. K: eval report */
 #include "eval/report/svg_chart.h"
 #include "spin_run.h"
 #include "eval/report/motion_crops.h"

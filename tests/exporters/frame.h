@@ -1,11 +1,13 @@
-/* What the exporters' tests share: a frame of plausible splats, bad rows, one run of an exporter. */
+/* What the exporters' tests share: a frame of plausible splats, bad rows, one run of an exporter.
+ */
 #ifndef SPIN_TESTS_EXPORTERS_FRAME_H
 #define SPIN_TESTS_EXPORTERS_FRAME_H
 
 #include "tests/check.h"
 #include "tests/tap.h"
 
-/* Files that an exporter leaves beside the frames and sequence.json, as many before as behind them by name. */
+/* Files that an exporter leaves beside the frames and sequence.json, as many before as behind them
+ * by name. */
 __attribute__((unused)) static size_t n_more;
 
 /* One row as the bundle means it. */

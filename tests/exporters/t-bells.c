@@ -1,5 +1,5 @@
-/* 4D splats as bells in a file's unit of time: what is frozen, fitted, shortened and left out, and what that loses.
- * K: 4d tsog sogst export */
+/* 4D splats as bells in a file's unit of time: what is frozen, fitted, shortened and left out, and
+ * what that loses. K: 4d tsog sogst export */
 #include "exporters/lib/bells.h"
 #include "math/activate.h"
 #include "math/motion.h"
@@ -7,7 +7,8 @@
 
 static const double times[5] = {10, 11, 12, 13, 14};
 
-/* Four rows: one that all of it happens to, one that lasts for ever, one of long before, a cubic path. */
+/* Four rows: one that all of it happens to, one that lasts for ever, one of long before, a cubic
+ * path. */
 static void fill(struct spin_splats_4d *s)
 {
     size_t n_dropped;
@@ -63,7 +64,8 @@ static void test_convert(const struct spin_export_job *job)
     ok(c->times[1] == 1 && c->sigmas[1] == 16 && fabs((double)c->logit_opacities[1] - 1) < 1e-3 &&
            c->centres[4] == 0,
        "what lasts for ever is put in the middle");
-    /* a line through a parabola: as high as its weighted mean, and as steep as in the middle but for the cubic part */
+    /* a line through a parabola: as high as its weighted mean, and as steep as in the middle but
+     * for the cubic part */
     for (int k = 0; k < 9; k++) {
         double d =
             (job->splats_4d->spans[7] < 14 ? job->splats_4d->spans[7] - 12 : 2) * (k - 4) / 4;

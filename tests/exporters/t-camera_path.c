@@ -1,6 +1,6 @@
-/* Where moving cameras stand and what the first view is, of a rig that moves and rolls, of lenses with fx unlike fy
- * and a centre that is none; expected values are worked out here from the cameras' places and axes.
- * K: video images html export cameras */
+/* Where moving cameras stand and what the first view is, of a rig that moves and rolls, of lenses
+ * with fx unlike fy and a centre that is none; expected values are worked out here from the
+ * cameras' places and axes. K: video images html export cameras */
 #include "exporters/lib/camera_path.h"
 
 #include "base/log.h"
@@ -24,7 +24,8 @@ static double pose_error(const struct spin_camera *got, const struct pose *want)
     return worst;
 }
 
-/* ---- The rig ----------------------------------------------------------------------------------- */
+/* ---- The rig -----------------------------------------------------------------------------------
+ */
 
 static struct spin_views views;
 static struct pose rig[ROWS][CAMERAS]; /* the last two are held out */
@@ -66,7 +67,8 @@ static void mean_up(int row, double up[3])
     make_long(up, 1);
 }
 
-/* ---- Paths ------------------------------------------------------------------------------------- */
+/* ---- Paths -------------------------------------------------------------------------------------
+ */
 
 static const int row_of[] = {1, 2};
 static struct spin_splats splats;
@@ -86,7 +88,8 @@ static void follow(const char *const *pairs, int n, struct spin_camera *out)
     spin_camera_path_free(&d);
 }
 
-/* Where an orbit begins: in the direction of the first held-out camera, as far as half of all are. */
+/* Where an orbit begins: in the direction of the first held-out camera, as far as half of all are.
+ */
 static void begin_orbit(double away[3])
 {
     for (int c = 0; c < 3; c++)
@@ -194,7 +197,8 @@ static void test_pace(void)
     }
 }
 
-/* A moving camera goes on for eight seconds, or as long as a longer clip; a still one shows each frame once. */
+/* A moving camera goes on for eight seconds, or as long as a longer clip; a still one shows each
+ * frame once. */
 static void test_length(void)
 {
     static const char *const all[][9] = {
@@ -222,7 +226,8 @@ static void test_length(void)
     }
 }
 
-/* A field of view of the file's, or else the lens of the data set, in pictures of the file's size. */
+/* A field of view of the file's, or else the lens of the data set, in pictures of the file's size.
+ */
 static void test_file(void)
 {
     static const char text[] =
@@ -297,7 +302,8 @@ static spin_status frame_again(void *context, int frame, const struct spin_splat
     return SPIN_OK;
 }
 
-/* A clip that begins with empty frames, without a data set: the camera looks where its splats will be. */
+/* A clip that begins with empty frames, without a data set: the camera looks where its splats will
+ * be. */
 static void test_late_splats(void)
 {
     static const size_t counts[2][3] = {{0, 0, 40}, {40, 40, 40}};
@@ -345,9 +351,11 @@ static void test_resize(void)
     }
 }
 
-/* ---- The path of a rig ------------------------------------------------------------------------- */
+/* ---- The path of a rig -------------------------------------------------------------------------
+ */
 
-/* A pose turned from the world's by an angle about an axis of any length, row by row of its matrix. */
+/* A pose turned from the world's by an angle about an axis of any length, row by row of its matrix.
+ */
 static struct pose turned(const double eye[3], double x, double y, double z, double angle)
 {
     double axis[3] = {x, y, z}, m[3][3];
@@ -423,7 +431,8 @@ static void test_turns(void)
     }
 }
 
-/* A path through places in a plane that lies askew, in an order that is the shortest from the first. */
+/* A path through places in a plane that lies askew, in an order that is the shortest from the
+ * first. */
 static void check_order(const double place[][2], const int *order, int n, double way,
                         const char *what)
 {
@@ -458,7 +467,8 @@ static void test_order(void)
                 "turning pieces round alone is not enough");
 }
 
-/* Three stops at unlike distances: cubics that meet at the middle one with the speed of the stops around it. */
+/* Three stops at unlike distances: cubics that meet at the middle one with the speed of the stops
+ * around it. */
 static void test_curve(void)
 {
     static const double eye[3][3] = {{0, 0, 0}, {1, 2, 2}, {1, 8, 10}}; /* 3 and 10 apart */
@@ -476,7 +486,8 @@ static void test_curve(void)
         for (int c = 0; c < 3; c++) {
             double a = eye[0][c], b = eye[1][c], e = eye[2][c];
             double slope[3] = {(b - a) / 3, (e - a) / 13, (e - b) / 10};
-            /* in powers of the way u from the last stop, by its value and slope and those of the next */
+            /* in powers of the way u from the last stop, by its value and slope and those of the
+             * next */
             double p0 = at < 3 ? a : b, p1 = at < 3 ? b : e, m0 = at < 3 ? slope[0] : slope[1],
                    m1 = at < 3 ? slope[1] : slope[2], h = at < 3 ? 3 : 10, u = at < 3 ? at : at - 3;
             double q = (p1 - p0) / h;
@@ -491,7 +502,8 @@ static void test_curve(void)
     spin_rig_path_free(&path);
 }
 
-/* ---- The first view ---------------------------------------------------------------------------- */
+/* ---- The first view ----------------------------------------------------------------------------
+ */
 
 static void check_first(int row, bool test, const double middle[3], double size, const char *what)
 {

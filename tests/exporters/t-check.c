@@ -1,5 +1,5 @@
-/* --check of every exporter that can read back: few bits lose a little, and a damaged file is an error.
- * K: export check ply gltf splat compressed-ply spz sog */
+/* --check of every exporter that can read back: few bits lose a little, and a damaged file is an
+ * error. K: export check ply gltf splat compressed-ply spz sog */
 #include "base/log.h"
 #include "tests/exporters/frame.h"
 
@@ -91,7 +91,8 @@ static spin_status export_clip(const struct spin_exporter *exporter, const char 
     return status;
 }
 
-/* most: of places, log scales, rotations (degrees), opacities, colours and SH; 0: nothing is lost. */
+/* most: of places, log scales, rotations (degrees), opacities, colours and SH; 0: nothing is lost.
+ */
 static void test_format(const char *name, const char *file, const char *ending,
                         const char *const *pairs, const double most[6])
 {

@@ -265,7 +265,8 @@ static void test_values(int from, const char *sh, int to, const char *axes)
     spin_splats_free(&s);
 }
 
-/* ---- The clip in one file ---------------------------------------------------------------------- */
+/* ---- The clip in one file ----------------------------------------------------------------------
+ */
 
 /* Scale of a node at key k. */
 static float scale_at(const struct glb *g, int node, size_t k)
@@ -358,8 +359,8 @@ static int64_t accessor_of(const struct glb *g, int mesh, const char *name)
     return integer_of(spin_json_get(p, "attributes"), name);
 }
 
-/* What is the same in two frames lies in the file once: the second frame moves, the third has the places of the first
- * and one opacity of its own. */
+/* What is the same in two frames lies in the file once: the second frame moves, the third has the
+ * places of the first and one opacity of its own. */
 static void test_shared_attributes(void)
 {
     enum { N = 9000, ROW = 12 + 16 + 12 + 4 + 12 + 8 };

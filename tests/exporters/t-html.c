@@ -70,7 +70,8 @@ static size_t block(const char *id, unsigned char *out, size_t room)
     return result == Z_STREAM_END ? room - z.avail_out : 0;
 }
 
-/* ---- What the page makes of a block: after exporters/html/format.md, not after the encoder ------------ */
+/* ---- What the page makes of a block: after exporters/html/format.md, not after the encoder
+ * ------------ */
 
 enum { ROWS = 64, COLUMNS = 13 + 45 };
 struct columns {
@@ -232,8 +233,8 @@ static void shown(const struct columns *c, const spin_json *clip, size_t i, int 
     v[13] = p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0];
 }
 
-/* Every splat of the frame is in the page, within the bounds: world, 0..1, log, degrees, 1. Rows may come in
- * any order: a splat is found by its place. */
+/* Every splat of the frame is in the page, within the bounds: world, 0..1, log, degrees, 1. Rows
+ * may come in any order: a splat is found by its place. */
 static void check_rows(const struct columns *c, const struct spin_splats *s, const spin_json *clip,
                        int n_sh, const double bound[5])
 {
@@ -361,10 +362,12 @@ static void test_clip(void)
     spin_json_free(doc);
 }
 
-/* Other bounds, and keys every second frame; then the blocks in a file of their own: the same bytes. */
+/* Other bounds, and keys every second frame; then the blocks in a file of their own: the same
+ * bytes. */
 enum { MANY = 3000, DRAFT_COLUMNS = 13 };
 
-/* Frames of that many splats, with --split and a key every frame; the page is loaded, the data mapped. */
+/* Frames of that many splats, with --split and a key every frame; the page is loaded, the data
+ * mapped. */
 static const spin_json *split_clip(const char *name, size_t n, int n_frames, struct spin_map *data,
                                    spin_json **doc)
 {
@@ -401,8 +404,8 @@ static double area(const double *log_scale)
     return exp(log_scale[0] + log_scale[1] + log_scale[2] - least);
 }
 
-/* The first picture comes before a tenth of the data is read: from a draft, splats of the first frame of which some
- * have grown, and about as much is covered. */
+/* The first picture comes before a tenth of the data is read: from a draft, splats of the first
+ * frame of which some have grown, and about as much is covered. */
 static void test_draft(void)
 {
     static unsigned char bytes[1 << 20];
@@ -700,13 +703,15 @@ static void test_camera(void)
     spin_splats_free(&s);
 }
 
-/* ---- 4D splats -------------------------------------------------------------------------------------- */
+/* ---- 4D splats
+ * -------------------------------------------------------------------------------------- */
 
 enum { SPLATS = 50, PIECES = 2000, FRAMES = 5, ROW_COLUMNS = COLUMNS + 60 };
 static const double even[FRAMES] = {10, 10.5, 11, 11.5, 12};
 static const int rows_of_numbers[FRAMES] = {3, 5, 7, 9, 11};
 
-/* Rows that a clip of half seconds sees: bells of half a frame to many, plateaus, cuts, gates, turns. */
+/* Rows that a clip of half seconds sees: bells of half a frame to many, plateaus, cuts, gates,
+ * turns. */
 static void make_4d(struct spin_splats_4d *s, int degree, int sh_degree, unsigned parts)
 {
     struct spin_splats like = {0};

@@ -169,7 +169,8 @@ static void test_twins(void)
     spin_views_free(&views);
 }
 
-/* What the rasteriser could not draw does not come to it, and is counted; what is only large does. */
+/* What the rasteriser could not draw does not come to it, and is counted; what is only large does.
+ */
 static void test_bad_rows(const struct spin_views *views)
 {
     struct spin_export_report report = {0};

@@ -7,7 +7,8 @@
 
 enum { N = 1000 };
 
-/* ---- Bytes ------------------------------------------------------------------------------------ */
+/* ---- Bytes ------------------------------------------------------------------------------------
+ */
 
 static void test_whole(void)
 {
@@ -47,7 +48,8 @@ static void test_whole(void)
     spin_page_bytes_free(&b);
 }
 
-/* Columns that are best told as they are, by steps, against another, and against it by steps; all come back. */
+/* Columns that are best told as they are, by steps, against another, and against it by steps; all
+ * come back. */
 static void test_columns(void)
 {
     static int32_t other[N], x[4][N], y[N];
@@ -113,7 +115,8 @@ static void test_changes(void)
     spin_page_bytes_free(&b);
 }
 
-/* ---- A row -------------------------------------------------------------------------------------- */
+/* ---- A row --------------------------------------------------------------------------------------
+ */
 
 static struct spin_page_space space_of(double place)
 {
@@ -190,7 +193,8 @@ static void test_row(void)
        "steps do not reach everywhere");
 }
 
-/* ---- A group ------------------------------------------------------------------------------------ */
+/* ---- A group ------------------------------------------------------------------------------------
+ */
 
 struct seen {
     size_t shared, still, own[8];

@@ -214,7 +214,8 @@ static void test_values(int degree, const char *sh, int bands, size_t n)
     ok(worst[4] < 1, "rotations are within a degree (%.2g)", worst[4]);
     if (bands > 0) {
         error = sh_error(&f, &s);
-        /* of as many vectors as rows only the book's steps are lost; these are random, the worst there is */
+        /* of as many vectors as rows only the book's steps are lost; these are random, the worst
+         * there is */
         ok(error < (n <= 1024 ? 0.003 : 0.4), "sh is off by %.4f", error);
     }
     check_read(&f, in_folder("v/frame_00005.sog"));
@@ -292,8 +293,8 @@ static void test_edges(void)
     spin_splats_free(&s);
 }
 
-/* The archive once more, with another word in meta.json, or (from NULL) with the colours' picture in place of the
- * rotations'. */
+/* The archive once more, with another word in meta.json, or (from NULL) with the colours' picture
+ * in place of the rotations'. */
 static void rewrite(const struct spin_zip *zip, const char *path, const char *from, const char *to)
 {
     struct spin_zip_writer w;

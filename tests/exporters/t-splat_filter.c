@@ -133,8 +133,8 @@ static bool close_to(const float *got, const float *want, int n)
     return true;
 }
 
-/* A quarter turn about x, y to z and z to -y: places, rotations and harmonics of degree 1, which are
- * -y, z and -x, all go with it. */
+/* A quarter turn about x, y to z and z to -y: places, rotations and harmonics of degree 1, which
+ * are -y, z and -x, all go with it. */
 static void test_turned(void)
 {
     static const char *const pairs[] = {"rotate", "90,0,0", NULL};

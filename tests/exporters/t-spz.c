@@ -266,7 +266,8 @@ static uint64_t u64_at(const unsigned char *at)
     return u32_at(at) | (uint64_t)u32_at(at + 4) << 32;
 }
 
-/* The streams of version 4 are those of version 3, each a frame of zstd behind the table of contents. */
+/* The streams of version 4 are those of version 3, each a frame of zstd behind the table of
+ * contents. */
 static void test_version_4(int degree, size_t n_rows)
 {
     static const char *const pairs[] = {"spz-version", "4", NULL};

@@ -17,9 +17,9 @@ static void copy_row(struct spin_splats *to, size_t i, const struct spin_splats 
     memcpy(to->sh + 12 * i, from->sh + 12 * j, 12 * sizeof(float));
 }
 
-/* Rows 0.. are `shared`, from another place on in each frame, the first of them ALIKE times; frame 2 has one
- * of the copies more. The next differs in its last SH coefficient from frame to frame; the others are the
- * frame's own. at[k]: where shared row k is. */
+/* Rows 0.. are `shared`, from another place on in each frame, the first of them ALIKE times; frame
+ * 2 has one of the copies more. The next differs in its last SH coefficient from frame to frame;
+ * the others are the frame's own. at[k]: where shared row k is. */
 static void make_shared(int f, const struct spin_splats *shared, struct spin_splats *s, size_t *at)
 {
     size_t n_own = 5 + (size_t)f, n = SHARED + 1 + n_own;

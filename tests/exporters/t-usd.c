@@ -1,6 +1,6 @@
 /* K: usd export threads
- * Stages of USD, read by a reader of their text that is written here, and held to what OpenUSD's schema and the
- * published rules of validation ask: required attributes, lengths, ranges. */
+ * Stages of USD, read by a reader of their text that is written here, and held to what OpenUSD's
+ * schema and the published rules of validation ask: required attributes, lengths, ranges. */
 #include "base/log.h"
 #include "math/ntc.h"
 #include "tests/exporters/frame.h"
@@ -20,8 +20,8 @@ static char *slurp(const char *path)
     return text;
 }
 
-/* The samples of an attribute "TYPE NAME": one time, [tuples of `group`]; how many numbers, or -1 when the text is
- * not of that form. out: allocated. */
+/* The samples of an attribute "TYPE NAME": one time, [tuples of `group`]; how many numbers, or -1
+ * when the text is not of that form. out: allocated. */
 static long samples(const char *text, const char *attribute, int group, double *time, double **out)
 {
     char head[200];
@@ -71,7 +71,8 @@ static int all_within(const double *v, long n, double least, double most)
     return 1;
 }
 
-/* How far three standard deviations of a splat go along an axis: by the image of the axis under its rotation. */
+/* How far three standard deviations of a splat go along an axis: by the image of the axis under its
+ * rotation. */
 static double reach_of(const struct want *w, size_t axis)
 {
     double q[4] = {w->q[0], w->q[1], w->q[2], w->q[3]}, sum = 0;
@@ -195,7 +196,8 @@ static void test_values(int degree, const char *sh, int to, int half, const char
     spin_splats_free(&s);
 }
 
-/* Every third frame of a clip of 30 frames a second, or of a second that nobody knows, plays as fast as all of them. */
+/* Every third frame of a clip of 30 frames a second, or of a second that nobody knows, plays as
+ * fast as all of them. */
 static void test_stride(double fps, const char *option, double want_fps, double want_codes)
 {
     const char *pairs[] = {"fps", option, NULL};
@@ -271,7 +273,8 @@ static void test_stage(void)
     spin_splats_free(&s);
 }
 
-/* Frames whose scales, opacities and colours stay: these stand once, in a layer below the others. */
+/* Frames whose scales, opacities and colours stay: these stand once, in a layer below the others.
+ */
 static struct spin_splats clip[3];
 
 static spin_status again(void *context, int frame, const struct spin_splats **out)
@@ -335,7 +338,8 @@ static void test_still(void)
     ok(run_clip(&job) && !spin_path_exists(in_folder("moving/still.usda")), "nothing is still");
 }
 
-/* Cameras of a rig, of which one moves; a path. Right, up and back in the file's axes, rows of the matrix. */
+/* Cameras of a rig, of which one moves; a path. Right, up and back in the file's axes, rows of the
+ * matrix. */
 static void test_cameras(void)
 {
     static const int rows[] = {0, 1, 2};
@@ -372,13 +376,15 @@ static void test_cameras(void)
     text = slurp(in_folder("cameras/clip.usda"));
     ok(strstr(text, "    metersPerUnit = 0.25\n") && strstr(text, "def Scope \"Cameras\""),
        "metres of a unit");
-    /* of 36: focal length 36 * 500 / 400, height 45 * 200 / 250; centre 10 pixels left of the middle, 20 below */
+    /* of 36: focal length 36 * 500 / 400, height 45 * 200 / 250; centre 10 pixels left of the
+     * middle, 20 below */
     ok(strstr(text,
               "float focalLength = 45\n        float horizontalAperture = 36\n"
               "        float horizontalApertureOffset = 0.9\n        float verticalAperture = 36\n"
               "        float verticalApertureOffset = 3.6\n") != NULL,
        "the lens");
-    /* it stands at (1, 2, 3), looks along x, its right is y and its down z; the file has y and z turned */
+    /* it stands at (1, 2, 3), looks along x, its right is y and its down z; the file has y and z
+     * turned */
     ok(strstr(text, "def Camera \"cam_00\"") &&
            strstr(text, "xformOp:transform = ((0, -1, 0, 0), (0, 0, 1, 0), (-1, 0, 0, 0), "
                         "(1, -2, -3, 1))\n"),

@@ -1,5 +1,5 @@
-/* What the video exporter writes is read back: size, number, pixels; and whence a moving camera looks.
- * K: video images export */
+/* What the video exporter writes is read back: size, number, pixels; and whence a moving camera
+ * looks. K: video images export */
 #include "base/err.h"
 #include "base/log.h"
 #include "exporters/lib/camera_path.h"
@@ -175,7 +175,8 @@ static void test_files(struct spin_export_job job)
        "before to the left of after");
 }
 
-/* Bytes of a file, and the seconds that an MP4 says its track lasts: the box mdhd (ISO 14496-12). */
+/* Bytes of a file, and the seconds that an MP4 says its track lasts: the box mdhd (ISO 14496-12).
+ */
 static size_t measure(const char *path, double *seconds)
 {
     struct spin_map map;
@@ -272,7 +273,8 @@ static void test_orbit(struct spin_export_job job)
     ok(still, "near the first view, towards the middle");
 }
 
-/* Four cameras that look at (1, 2, 3) from the sides of a square, 2 away, but the first, which is held out: 5. */
+/* Four cameras that look at (1, 2, 3) from the sides of a square, 2 away, but the first, which is
+ * held out: 5. */
 static double worst_of(const double a[12], const double b[12])
 {
     double worst = 0;

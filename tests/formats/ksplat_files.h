@@ -5,8 +5,8 @@
 #include "formats/ksplat.h"
 #include "tests/formats/splats.h"
 
-/* One section of a file: buckets of `bucket` rows, of which the last may hold fewer; centres[b] is that of
- * bucket b. */
+/* One section of a file: buckets of `bucket` rows, of which the last may hold fewer; centres[b] is
+ * that of bucket b. */
 struct ksplat_section {
     size_t n, bucket;
     int sh_degree;

@@ -73,8 +73,8 @@ static spin_status read_copy(read_fn read, const unsigned char *bytes, size_t n,
     return status;
 }
 
-/* Every length below the file's is refused but those that `may` names (a multiple of it; 0: none), and
- * whatever bytes are changed, what is read is finite. */
+/* Every length below the file's is refused but those that `may` names (a multiple of it; 0: none),
+ * and whatever bytes are changed, what is read is finite. */
 __attribute__((unused)) static void check_hostile(read_fn read, const unsigned char *bytes,
                                                   size_t n, size_t may)
 {

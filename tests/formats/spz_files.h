@@ -1,5 +1,5 @@
-/* SPZ files around streams that a test has made: a gzip, or version 4 with streams of zstd that are written
- * without a compressor, as raw blocks or as runs of one byte (RFC 8878, 3.1.1.2). */
+/* SPZ files around streams that a test has made: a gzip, or version 4 with streams of zstd that are
+ * written without a compressor, as raw blocks or as runs of one byte (RFC 8878, 3.1.1.2). */
 #ifndef SPIN_TESTS_FORMATS_SPZ_FILES_H
 #define SPIN_TESTS_FORMATS_SPZ_FILES_H
 
@@ -19,8 +19,8 @@ __attribute__((unused)) static unsigned char *pack(const unsigned char *bytes, s
     return packed;
 }
 
-/* A frame of n bytes: blocks of 64 KiB at most, raw (type 0) or runs of their first byte (type 1). Returns its
- * end. */
+/* A frame of n bytes: blocks of 64 KiB at most, raw (type 0) or runs of their first byte (type 1).
+ * Returns its end. */
 static unsigned char *put_zstd(unsigned char *to, const unsigned char *from, size_t n, int type)
 {
     static const unsigned char magic[4] = {0x28, 0xb5, 0x2f, 0xfd};

@@ -258,7 +258,8 @@ static struct bytes *make(void)
     return &b;
 }
 
-/* ---- What is read ------------------------------------------------------------------------------ */
+/* ---- What is read ------------------------------------------------------------------------------
+ */
 
 static double bounded(double x, double least, double most) { return fmin(fmax(x, least), most); }
 
@@ -343,7 +344,8 @@ static void test_values(void)
     spin_splats_4d_free(&s);
 }
 
-/* ---- What is refused --------------------------------------------------------------------------- */
+/* ---- What is refused ---------------------------------------------------------------------------
+ */
 
 static void refused(struct bytes *b, const char *word, const char *what)
 {

@@ -1,5 +1,6 @@
 /* K: codebook sog threads
- * Books of numbers and palettes of vectors: what there are few of is kept, what there are many of is stood for well. */
+ * Books of numbers and palettes of vectors: what there are few of is kept, what there are many of
+ * is stood for well. */
 #include "formats/codebook.h"
 #include "tests/tap.h"
 
@@ -131,7 +132,8 @@ static void test_threads(void)
     }
 }
 
-/* Two vectors for many rows close to 0 and a few far from them: the plane between the two moves to the gap. */
+/* Two vectors for many rows close to 0 and a few far from them: the plane between the two moves to
+ * the gap. */
 static void test_cut(void)
 {
     enum { N = 1030, WIDTH = 3, FAR = 1000 };

@@ -146,8 +146,8 @@ static void test_big_endian(size_t n, int degree)
     spin_splats_free(&big_s);
 }
 
-/* Chunks with these columns, all floats; of column k the value k / 8 where it is a minimum, 2 + k / 8 where it is
- * none; one vertex of this colour. */
+/* Chunks with these columns, all floats; of column k the value k / 8 where it is a minimum, 2 + k /
+ * 8 where it is none; one vertex of this colour. */
 static spin_status read_old(const char *columns, uint32_t colour, struct spin_splats *out)
 {
     static const char *const packed[] = {"position", "rotation", "scale", "color"};

@@ -14,8 +14,7 @@ static spin_status read_glb(const unsigned char *bytes, size_t n_bytes, struct s
 
 /* The document of n rows of a layout; `more` goes into the view of the places, `place` into their
  * accessor. */
-static char *describe(const struct spin_glb_clip *l, size_t n, const char *more,
-                      const char *place)
+static char *describe(const struct spin_glb_clip *l, size_t n, const char *more, const char *place)
 {
     static const char *const types[] = {"", "SCALAR", "", "VEC3", "VEC4"};
     char *text = NULL;
@@ -46,8 +45,7 @@ static char *describe(const struct spin_glb_clip *l, size_t n, const char *more,
 }
 
 /* n rows, column after column. */
-static unsigned char *make_bytes(const struct spin_glb_clip *l, size_t n,
-                                 struct spin_gaussian *row)
+static unsigned char *make_bytes(const struct spin_glb_clip *l, size_t n, struct spin_gaussian *row)
 {
     unsigned char *bytes = calloc(n, l->row), *column[SPIN_GLB_MAX_ATTRIBUTES];
     uint32_t seed = 6;

@@ -1,5 +1,5 @@
-/* Scenes of GLB: component types, nodes, clips that an animation switches, SPZ inside, documents that lie.
- * K: gltf glb formats */
+/* Scenes of GLB: component types, nodes, clips that an animation switches, SPZ inside, documents
+ * that lie. K: gltf glb formats */
 #include "tests/formats/glb_files.h"
 #include "tests/formats/spz_files.h"
 
@@ -16,7 +16,8 @@ static spin_status read_scene(const unsigned char *bytes, size_t n, struct spin_
     return status;
 }
 
-/* ---- Two splats in every type ------------------------------------------------------------------ */
+/* ---- Two splats in every type ------------------------------------------------------------------
+ */
 
 /* Each attribute in each type that it may have, one accessor and view each, in this order. */
 static const struct {
@@ -243,10 +244,11 @@ static void test_types(void)
                "'SCALE' is -7 in row 0", "a negative scale");
 }
 
-/* ---- Nodes ------------------------------------------------------------------------------------- */
+/* ---- Nodes -------------------------------------------------------------------------------------
+ */
 
-/* A child moved by (1, 0, 0) in a parent that is turned a quarter about z, doubled and moved: x y z becomes
- * 1 - 2 y, 2 + 2 (x + 1), 3 + 2 z. */
+/* A child moved by (1, 0, 0) in a parent that is turned a quarter about z, doubled and moved: x y z
+ * becomes 1 - 2 y, 2 + 2 (x + 1), 3 + 2 z. */
 static void check_turned(const char *rest, const char *what)
 {
     struct spin_gs_glb_scene scene = {0};
@@ -367,7 +369,8 @@ static void test_nodes(void)
     is_refused(plain(), text, "1802 splats in a frame", "hundreds of nodes of one mesh");
 }
 
-/* ---- Clips ------------------------------------------------------------------------------------- */
+/* ---- Clips -------------------------------------------------------------------------------------
+ */
 
 static int time_accessor, decreasing, scale_accessor[3], visible_accessor[3], sizes_accessor;
 
@@ -549,7 +552,8 @@ static void test_clips(void)
                "channel 0", "values of another kind");
 }
 
-/* ---- What the extension says ------------------------------------------------------------------- */
+/* ---- What the extension says -------------------------------------------------------------------
+ */
 
 static void test_extension(void)
 {
@@ -594,7 +598,8 @@ static void test_extension(void)
                "points without places");
 }
 
-/* ---- SPZ inside -------------------------------------------------------------------------------- */
+/* ---- SPZ inside --------------------------------------------------------------------------------
+ */
 
 static void test_spz(void)
 {
@@ -625,8 +630,8 @@ static void test_spz(void)
                 s.sh_degree == 1,
             "an SPZ in place of attributes"))
         printf("#   %s\n", spin_last_error());
-    /* From right, up, back to left, up, forward: half a turn about y. Of SH of degree 1, -y z -x, z and x
-     * change sign. */
+    /* From right, up, back to left, up, forward: half a turn about y. Of SH of degree 1, -y z -x, z
+     * and x change sign. */
     for (size_t i = 0; i < s.n; i++) {
         const float *p = is.means + 3 * i, *q = is.quats + 4 * i;
         const float place[3] = {-p[0], p[1], 5 - p[2]}, turned[4] = {-q[2], q[3], q[0], -q[1]};

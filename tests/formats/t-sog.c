@@ -1,5 +1,6 @@
 /* K: sog formats import
- * SOG by the words of its description, apart from its reader and writer: five Gaussians in all the forms that it has. */
+ * SOG by the words of its description, apart from its reader and writer: five Gaussians in all the
+ * forms that it has. */
 #include <unistd.h>
 
 #include "formats/sog.h"
@@ -63,8 +64,8 @@ static void make_pictures(void)
 
 /* ---- meta.json ------------------------------------------------------------------------------- */
 
-static bool
-    first_is_null; /* of every book: one step below the second, where 255 lie between that and the last */
+static bool first_is_null; /* of every book: one step below the second, where 255 lie between that
+                              and the last */
 
 static double book_of(int which, int k)
 {
@@ -143,7 +144,8 @@ static spin_status read_zip(struct spin_splats *out)
     return status;
 }
 
-/* ---- What it says ------------------------------------------------------------------------------ */
+/* ---- What it says ------------------------------------------------------------------------------
+ */
 
 static double between(double a, double b, int k) { return a + (b - a) * k / 255; }
 
@@ -212,7 +214,8 @@ static void test_values(int version, bool sh, bool null)
     spin_splats_free(&s);
 }
 
-/* ---- What is refused ---------------------------------------------------------------------------- */
+/* ---- What is refused ----------------------------------------------------------------------------
+ */
 
 static void replace(const char *from, const char *to)
 {
@@ -263,7 +266,8 @@ static void test_lies(void)
     spin_splats_free(&s);
 }
 
-/* Every pixel of a picture as large as pictures may be is one Gaussian, all alike: a few kilobytes. */
+/* Every pixel of a picture as large as pictures may be is one Gaussian, all alike: a few kilobytes.
+ */
 static void test_bomb(void)
 {
     enum { MANY = 1400 };

@@ -134,7 +134,8 @@ static void test_headers(void)
     spin_splats_free(&s);
 }
 
-/* ---- Versions 2 and 4 -------------------------------------------------------------------------- */
+/* ---- Versions 2 and 4 --------------------------------------------------------------------------
+ */
 
 /* The header of n rows and what lies behind it, every byte of it drawn. */
 static unsigned char *make_raw(int version, size_t n, int degree, size_t *n_bytes)
@@ -154,7 +155,8 @@ static unsigned char *make_raw(int version, size_t n, int degree, size_t *n_byte
     return bytes;
 }
 
-/* Rotations of version 2 by the words of the format: x y z of a unit quaternion whose w is not negative. */
+/* Rotations of version 2 by the words of the format: x y z of a unit quaternion whose w is not
+ * negative. */
 static void test_version_2(void)
 {
     static const unsigned char rotation[4][3] = {

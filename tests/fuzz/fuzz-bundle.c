@@ -1,4 +1,5 @@
-/* Any bytes as a bundle: open, read every frame, and the splats that its network makes of each.  K: fuzz bundle */
+/* Any bytes as a bundle: open, read every frame, and the splats that its network makes of each.  K:
+ * fuzz bundle */
 #include "io/file.h"
 #include "render/player.h"
 #include "scene/data_path.h"
@@ -18,7 +19,8 @@ static size_t number(const uint8_t *p, int bytes)
     return v;
 }
 
-/* Give stored members the checksum of what they hold: without it no changed byte of an array gets through. */
+/* Give stored members the checksum of what they hold: without it no changed byte of an array gets
+ * through. */
 static void mend_checksums(uint8_t *data, size_t n)
 {
     for (size_t at = 0; at + 46 <= n; at++) {

@@ -1,6 +1,5 @@
-/* Any bytes as a checkpoint of the methods that save tuples: open it, and read what it holds at both ends and
- * in the middle of its times.
- * K: fuzz chkpnt realtime4dgs hybrid4dgs ex4dgs */
+/* Any bytes as a checkpoint of the methods that save tuples: open it, and read what it holds at
+ * both ends and in the middle of its times. K: fuzz chkpnt realtime4dgs hybrid4dgs ex4dgs */
 #include "base/log.h"
 #include "tests/fuzz/input.h"
 #include "tests/fuzz/run.h"

@@ -1,5 +1,5 @@
-/* Any bytes as cameras of EasyVolcap. The first two say how many of the others are intri.yml; the rest are extri.yml.
- * K: fuzz easyvolcap */
+/* Any bytes as cameras of EasyVolcap. The first two say how many of the others are intri.yml; the
+ * rest are extri.yml. K: fuzz easyvolcap */
 #include "base/log.h"
 #include "scene/probe.h"
 #include "tests/fuzz/input.h"

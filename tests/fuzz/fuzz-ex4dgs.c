@@ -1,6 +1,5 @@
-/* Any bytes as the two PLYs of Ex4DGS. The first byte chooses the interpolation, the next two say how many of
- * the others are the static Gaussians.
- * K: fuzz ex4dgs ply */
+/* Any bytes as the two PLYs of Ex4DGS. The first byte chooses the interpolation, the next two say
+ * how many of the others are the static Gaussians. K: fuzz ex4dgs ply */
 #include "base/log.h"
 #include "tests/fuzz/input.h"
 #include "tests/fuzz/run.h"

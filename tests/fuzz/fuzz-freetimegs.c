@@ -1,5 +1,5 @@
-/* Any bytes as a model of FreeTimeGS: what begins as a PLY as its .ftgs.ply, all else as its checkpoint.
- * K: fuzz freetimegs ftgs ply */
+/* Any bytes as a model of FreeTimeGS: what begins as a PLY as its .ftgs.ply, all else as its
+ * checkpoint. K: fuzz freetimegs ftgs ply */
 #include "base/log.h"
 #include "tests/fuzz/input.h"
 #include "tests/fuzz/run.h"

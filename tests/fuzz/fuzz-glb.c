@@ -1,5 +1,6 @@
-/* Any document and any bytes as a GLB: all that its scene shows is finite. An input that does not begin as a GLB
- * is the document and, behind a zero, the binary chunk, so that their lengths are always right. */
+/* Any document and any bytes as a GLB: all that its scene shows is finite. An input that does not
+ * begin as a GLB is the document and, behind a zero, the binary chunk, so that their lengths are
+ * always right. */
 #include <stdlib.h>
 #include <string.h>
 

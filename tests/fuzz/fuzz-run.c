@@ -1,6 +1,5 @@
-/* Any bytes as one file of a run, the others as a fixture has them: open it and read frames. The first byte says
- * which of `files`.
- * K: fuzz run */
+/* Any bytes as one file of a run, the others as a fixture has them: open it and read frames. The
+ * first byte says which of `files`. K: fuzz run */
 #include "base/log.h"
 #include "io/file.h"
 #include "scene/probe.h"

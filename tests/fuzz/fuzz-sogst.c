@@ -1,5 +1,5 @@
-/* Any bytes as a .sogst; what begins with a brace as the meta.json of one, what begins with "ply" as its PLY.
- * K: fuzz sogst */
+/* Any bytes as a .sogst; what begins with a brace as the meta.json of one, what begins with "ply"
+ * as its PLY. K: fuzz sogst */
 #include "formats/sogst.h"
 #include "tests/fuzz/input.h"
 #include "tests/fuzz/sog_4d.h"

@@ -1,5 +1,5 @@
-/* Any bytes as an SPZ, all that is read is finite. What begins as versions 2 and 3 do when they are unpacked is
- * packed first: no fuzzer finds its way through a gzip. */
+/* Any bytes as an SPZ, all that is read is finite. What begins as versions 2 and 3 do when they are
+ * unpacked is packed first: no fuzzer finds its way through a gzip. */
 #include <stdlib.h>
 #include <string.h>
 #include <zlib.h>

@@ -19,7 +19,8 @@ static void replay_file(const char *path)
     FILE *file = fopen(path, "rb");
     long n = file && fseek(file, 0, SEEK_END) == 0 ? ftell(file) : -1;
     uint8_t *data = n < 0 ? NULL : malloc((size_t)n + (n == 0));
-    bool whole = data && fseek(file, 0, SEEK_SET) == 0 && fread(data, 1, (size_t)n, file) == (size_t)n;
+    bool whole =
+        data && fseek(file, 0, SEEK_SET) == 0 && fread(data, 1, (size_t)n, file) == (size_t)n;
 
     count++;
     failed += !whole;

@@ -1,5 +1,6 @@
-/* For the fuzz targets of SOG with time: a meta.json that is fuzzed, in a zip with pictures of 16 splats and SH of degree
- * 1, so that what it says is followed. Pictures are in the root and in folder "a". */
+/* For the fuzz targets of SOG with time: a meta.json that is fuzzed, in a zip with pictures of 16
+ * splats and SH of degree 1, so that what it says is followed. Pictures are in the root and in
+ * folder "a". */
 #ifndef SPIN_TESTS_FUZZ_SOG_4D_H
 #define SPIN_TESTS_FUZZ_SOG_4D_H
 
@@ -16,7 +17,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 enum { FUZZ_ROOM = 1 << 18, FUZZ_PICTURES = 13 };
 
-/* ml mu ... are means, q quats, c colours, tl tu times, vl vu motion, al au acceleration, p a palette, l labels. */
+/* ml mu ... are means, q quats, c colours, tl tu times, vl vu motion, al au acceleration, p a
+ * palette, l labels. */
 static const char *const fuzz_picture[FUZZ_PICTURES] = {"ml", "mu", "s",  "q",  "c", "tl", "tu",
                                                         "vl", "vu", "al", "au", "p", "l"};
 

@@ -1,5 +1,5 @@
-/* Clouds made here: a fixture's PLY with some of its properties, rows or values changed; and settings of a
- * run with a word of them replaced. */
+/* Clouds made here: a fixture's PLY with some of its properties, rows or values changed; and
+ * settings of a run with a word of them replaced. */
 #ifndef SPIN_TESTS_IMPORTERS_CLOUDS_H
 #define SPIN_TESTS_IMPORTERS_CLOUDS_H
 
@@ -114,8 +114,9 @@ static inline void replace_text(const char *path, const char *word, const char *
     write_text(path, changed);
 }
 
-/* Every length from the whole less one byte down: in steps of one near both ends and at most 300 of them in between.
- * Reading the model at `path` fails each time, and the message has the file's name. Puts the file back. */
+/* Every length from the whole less one byte down: in steps of one near both ends and at most 300 of
+ * them in between. Reading the model at `path` fails each time, and the message has the file's
+ * name. Puts the file back. */
 static inline void cut_everywhere(const char *from, const char *path, const char *const *pairs,
                                   const char *folder, const char *name)
 {

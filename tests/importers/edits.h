@@ -175,7 +175,8 @@ static inline void refuse_lies(const char *from, const char *model, const char *
                     spin_path_name(lies[i].file), lies[i].word, lies[i].what);
 }
 
-/* Every bad checkpoint that the reader of the container is tested with, in place of a model's file. */
+/* Every bad checkpoint that the reader of the container is tested with, in place of a model's file.
+ */
 static inline void refuse_containers(const char *from, const char *model, const char *const *pairs,
                                      const char *file)
 {

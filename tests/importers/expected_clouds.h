@@ -1,10 +1,12 @@
-/* Clouds of one frame or more against expected.npz, which holds finished attributes: <frame>_means, ... */
+/* Clouds of one frame or more against expected.npz, which holds finished attributes: <frame>_means,
+ * ... */
 #ifndef SPIN_TESTS_IMPORTERS_EXPECTED_CLOUDS_H
 #define SPIN_TESTS_IMPORTERS_EXPECTED_CLOUDS_H
 
 #include "tests/importers/golden.h"
 
-/* Rows [first, first + n) against the arrays of this prefix; rest: what has no tolerance of its own. */
+/* Rows [first, first + n) against the arrays of this prefix; rest: what has no tolerance of its
+ * own. */
 static inline void compare_cloud(struct spin_npz *npz, const char *prefix,
                                  const struct spin_splats *s, size_t first, size_t n, double abs,
                                  double rel, double quats_abs, bool still, const char *name)

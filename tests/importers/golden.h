@@ -1,5 +1,5 @@
-/* What a fixture's expected.npz says about a run: a table of methods, their arrays and which rows are seen. How
- * close is in the manifest. */
+/* What a fixture's expected.npz says about a run: a table of methods, their arrays and which rows
+ * are seen. How close is in the manifest. */
 #ifndef SPIN_TESTS_IMPORTERS_GOLDEN_H
 #define SPIN_TESTS_IMPORTERS_GOLDEN_H
 
@@ -33,8 +33,8 @@ struct golden_array {
     double abs, rel;   /* where the manifest does not tell */
     const char *at;    /* array of the times that its blocks are of */
     size_t width;      /* of a row; 0: all */
-    const char *
-        rows; /* "moving": not those that are static; else the array has the rows that this one marks */
+    const char *rows;  /* "moving": not those that are static; else the array has the rows that this
+                          one marks */
 };
 
 struct golden {
@@ -174,7 +174,8 @@ static inline const struct golden *golden_of(const char *method)
     exit(1);
 }
 
-/* folder/pattern; of several entries that a '*' stands for the one with the largest number. NULL: none. */
+/* folder/pattern; of several entries that a '*' stands for the one with the largest number. NULL:
+ * none. */
 static inline const char *golden_path(const char *folder, const char *pattern)
 {
     const char *best = NULL;

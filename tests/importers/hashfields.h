@@ -1,4 +1,5 @@
-/* What the tests of Grid4D and DASH share: settings that are missing or wrong, and folders that are not whole. */
+/* What the tests of Grid4D and DASH share: settings that are missing or wrong, and folders that are
+ * not whole. */
 #ifndef SPIN_TESTS_IMPORTERS_HASHFIELDS_H
 #define SPIN_TESTS_IMPORTERS_HASHFIELDS_H
 

@@ -136,7 +136,8 @@ static inline double manifest_tolerance(const spin_json *manifest, const char *k
     return value;
 }
 
-/* What a fixture's manifest allows: of "abs 1e-4 + rel 1e-3", or with a comma, both numbers, of a plain one the first. */
+/* What a fixture's manifest allows: of "abs 1e-4 + rel 1e-3", or with a comma, both numbers, of a
+ * plain one the first. */
 struct bound {
     double abs, rel;
 };
@@ -225,8 +226,9 @@ static inline void compare_quats(const struct expected *e, const char *key, uint
     free(want);
 }
 
-/* Cut the file `copy`, which the run at `path` holds, at up to 800 lengths, longest first, at all where it has at most 2000
- * bytes; reading must fail or succeed, not crash. Returns how many of them could still be read. */
+/* Cut the file `copy`, which the run at `path` holds, at up to 800 lengths, longest first, at all
+ * where it has at most 2000 bytes; reading must fail or succeed, not crash. Returns how many of
+ * them could still be read. */
 static inline int read_cuts(const char *from, const char *path, const char *copy)
 {
     struct spin_map map;

@@ -175,7 +175,8 @@ static inline void each_set(const char *kind, void (*test)(const char *folder, c
     each_set_in("datasets", kind, test);
 }
 
-/* ---- Cameras with folders of frames, or films -------------------------------------------------- */
+/* ---- Cameras with folders of frames, or films --------------------------------------------------
+ */
 
 /* A number of the manifest's tolerances, or the one that its text begins with. */
 static inline double rig_tolerance(const spin_json *manifest, const char *key)
@@ -186,7 +187,8 @@ static inline double rig_tolerance(const spin_json *manifest, const char *key)
     return text ? strtod(text, NULL) : manifest_tolerance(manifest, key, NAN);
 }
 
-/* The views of all frames and cameras, in this order, against the arrays w2c ([C] or [T][C]), K, size and `time`. */
+/* The views of all frames and cameras, in this order, against the arrays w2c ([C] or [T][C]), K,
+ * size and `time`. */
 static inline void check_rig(const struct spin_views *views, struct spin_npz *npz,
                              const spin_json *manifest, const char *time_key, const char *name)
 {

@@ -365,8 +365,8 @@ static void test_networks(const char *root)
 
 /* ---- Arithmetic ------------------------------------------------------------------------------ */
 
-/* What the method makes without a configuration: 64 x 64 twice, 16 x 64, and four numbers for each of the 16^3
- * corners of the coarsest level and of 2^15 entries of the 15 others. */
+/* What the method makes without a configuration: 64 x 64 twice, 16 x 64, and four numbers for each
+ * of the 16^3 corners of the coarsest level and of 2^15 entries of the 15 others. */
 static void test_usual_shape(void)
 {
     struct ntc_shape shape;

@@ -1,6 +1,5 @@
-/* 4danyone: clips against the method's own cameras and the colours of their films, pictures in place of the films,
- * and files that lie.
- * K: 4danyone import views video */
+/* 4danyone: clips against the method's own cameras and the colours of their films, pictures in
+ * place of the films, and files that lie. K: 4danyone import views video */
 #include "io/video.h"
 #include "tests/importers/sets.h"
 

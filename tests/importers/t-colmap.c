@@ -321,7 +321,8 @@ static void test_order(void)
     }
 }
 
-/* ---- Cameras whose frames are in folders ------------------------------------------------------- */
+/* ---- Cameras whose frames are in folders -------------------------------------------------------
+ */
 
 static void make_frames(const char *folder, const char *camera, int first, int n)
 {

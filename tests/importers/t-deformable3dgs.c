@@ -1,12 +1,13 @@
-/* deformable3dgs: saves that do not belong together, what cfg_args tells of MotionGS, and networks that lie.
- * K: deformable3dgs motiongs import threads */
+/* deformable3dgs: saves that do not belong together, what cfg_args tells of MotionGS, and networks
+ * that lie. K: deformable3dgs motiongs import threads */
 #include "tests/importers/edits.h"
 
 #define FROM "deformable3dgs"
 #define CLOUD "point_cloud/*/point_cloud.ply"
 #define NETWORK "deform/*/deform.pth"
 
-/* A model's cloud and network, saved at these iterations (0: not at all), with this cfg_args or none. */
+/* A model's cloud and network, saved at these iterations (0: not at all), with this cfg_args or
+ * none. */
 static const char *make_model(const char *model, int cloud_at, int network_at, const char *cfg)
 {
     static const char *const file[] = {CLOUD, NETWORK};
@@ -145,7 +146,8 @@ static void test_networks(const char *model)
     refuse_cuts(FROM, model, NULL, CLOUD);
 }
 
-/* A screw of whole turns, without way, moves by a constant of the method along its axis, for each turn again. */
+/* A screw of whole turns, without way, moves by a constant of the method along its axis, for each
+ * turn again. */
 static void test_whole_turns(const char *model)
 {
     struct spin_splats s = {0};

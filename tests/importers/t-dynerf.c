@@ -322,8 +322,8 @@ static void test_videos(void)
     }
 }
 
-/* Every view's pixels, asked for in an order that jumps, beside those of the image that its path names
- * (tests/io/t-video.c holds those to what was encoded). The worst difference. */
+/* Every view's pixels, asked for in an order that jumps, beside those of the image that its path
+ * names (tests/io/t-video.c holds those to what was encoded). The worst difference. */
 static double read_all_views(struct spin_image_cache *pixels, const struct spin_views *views)
 {
     const size_t plane = VIDEO_W * VIDEO_H;

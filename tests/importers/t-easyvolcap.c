@@ -1,5 +1,5 @@
-/* easyvolcap: sets against what the method's own reader yields, cameras that stand and that move, and files that lie.
- * K: easyvolcap import views */
+/* easyvolcap: sets against what the method's own reader yields, cameras that stand and that move,
+ * and files that lie. K: easyvolcap import views */
 #include "tests/importers/sets.h"
 
 /* ---- Fixtures -------------------------------------------------------------------------------- */

@@ -1,6 +1,5 @@
-/* ed3dgs: what the iteration and the options of a run change, other shapes of the same network, and files that
- * lie.
- * K: ed3dgs import threads */
+/* ed3dgs: what the iteration and the options of a run change, other shapes of the same network, and
+ * files that lie. K: ed3dgs import threads */
 #include "tests/importers/edits.h"
 
 #define FROM "ed3dgs"

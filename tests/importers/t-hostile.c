@@ -1,6 +1,6 @@
-/* What spin-import makes of files that are malformed, hostile or cut short: exit code 1 and one line that
- * names the file and the reason, nothing on stdout, no output, and no more memory than the file is large,
- * 64 MiB and what the bare command takes.
+/* What spin-import makes of files that are malformed, hostile or cut short: exit code 1 and one
+ * line that names the file and the reason, nothing on stdout, no output, and no more memory than
+ * the file is large, 64 MiB and what the bare command takes.
  *
  *   1  every case that a manifest lists as refused, by detection and by the importers that it may be for
  *   2  the same checkpoints in place of those inside whole runs
@@ -70,8 +70,8 @@ static int call(const struct spin_import_options *options, char *line, size_t n)
     return status == SPIN_E_USAGE ? 2 : 1;
 }
 
-/* The command with these arguments, or, which starts in a fifth of the time, the call with these options. A loop that never
- * ends is a failure like any other. */
+/* The command with these arguments, or, which starts in a fifth of the time, the call with these
+ * options. A loop that never ends is a failure like any other. */
 static void run_child(const char *const *args, const struct spin_import_options *options,
                       struct outcome *outcome)
 {
@@ -100,7 +100,8 @@ static void run_child(const char *const *args, const struct spin_import_options 
     read_text(err, outcome->err, sizeof outcome->err);
 }
 
-/* Under a sanitiser, where a command takes long to start and to look for leaks, all in this process. */
+/* Under a sanitiser, where a command takes long to start and to look for leaks, all in this
+ * process. */
 static void run_import(const struct spin_import_options *options, bool by_command,
                        struct outcome *o)
 {
@@ -176,8 +177,8 @@ static const char *refusal_fault(const struct outcome *o, const char *word)
 
 enum wish { REFUSED, ANY };
 
-/* Import `input`, the first time that its line is to have this word by the command; what was found is one line of the
- * test. */
+/* Import `input`, the first time that its line is to have this word by the command; what was found
+ * is one line of the test. */
 static void import(const char *from, const char *input, const char *word, enum wish wish,
                    struct outcome *o)
 {
@@ -256,7 +257,8 @@ static void listed(const char *name, const char *const *importers)
     }
 }
 
-/* What a code-carrying checkpoint would have called is in the line, and not the word for it alone. */
+/* What a code-carrying checkpoint would have called is in the line, and not the word for it alone.
+ */
 static void names_the_code(void)
 {
     static const struct {
@@ -284,8 +286,8 @@ static void names_the_code(void)
 
 /* ---- Runs of which one file is another ------------------------------------------------------- */
 
-/* One run of each method: what is given to spin-import, and the files in it. `needed` ones are read, so
- * that nothing may be taken from a run in which they are broken. */
+/* One run of each method: what is given to spin-import, and the files in it. `needed` ones are
+ * read, so that nothing may be taken from a run in which they are broken. */
 static const struct run_files {
     const char *run;
     const char *needed[4]; /* patterns of paths below it */
@@ -382,7 +384,8 @@ static bool is_checkpoint(const char *name)
     return fnmatch("*.pth", name, 0) == 0 || fnmatch("*.ckpt", name, 0) == 0;
 }
 
-/* ---- 2: hostile checkpoints inside runs ------------------------------------------------------- */
+/* ---- 2: hostile checkpoints inside runs -------------------------------------------------------
+ */
 
 static void replace_checkpoint(const struct run_files *r, const char *run)
 {
@@ -404,7 +407,8 @@ static void replace_checkpoint(const struct run_files *r, const char *run)
     }
 }
 
-/* ---- 3: every file cut short ------------------------------------------------------------------ */
+/* ---- 3: every file cut short ------------------------------------------------------------------
+ */
 
 static void write_part(const char *path, const struct spin_map *whole, size_t n)
 {
@@ -416,8 +420,9 @@ static void write_part(const char *path, const struct spin_map *whole, size_t n)
         exit(1);
 }
 
-/* A file that is not read, or whose absence is borne, may be cut without harm. Under a sanitiser, where a command takes
- * long to start, each file is cut at one of the places; the importers' own tests cut it at many. */
+/* A file that is not read, or whose absence is borne, may be cut without harm. Under a sanitiser,
+ * where a command takes long to start, each file is cut at one of the places; the importers' own
+ * tests cut it at many. */
 static void cut_file(const struct run_files *r, const char *run, const char *copy, const char *file)
 {
     const char *place = path_in(copy, file), *source = path_in(run, file);
@@ -448,7 +453,8 @@ static void cut_short(const struct run_files *r, const char *run)
         cut_file(r, run, copy, tree_file[f]);
 }
 
-/* ---- 4: the finds ----------------------------------------------------------------------------- */
+/* ---- 4: the finds -----------------------------------------------------------------------------
+ */
 
 /* Under a sanitiser, where a command takes long to start, each goes to one importer, in turn. */
 static void finds(const char *name, const char *const *importers)

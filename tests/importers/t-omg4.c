@@ -135,7 +135,8 @@ static void test_xz(const char *file)
     free(zeros);
     fails(FROM, folder, path, "a folder with that file");
     fails(FROM, new_folder(), "holds no comp.xz", "an empty folder");
-    /* Packed anew: the dictionary of the file is many times its size, and each reading makes one. */
+    /* Packed anew: the dictionary of the file is many times its size, and each reading makes one.
+     */
     if (spin_xz_load(file, 1u << 30, &bytes, &n) != SPIN_OK)
         exit(1);
     write_xz(path, bytes, n);

@@ -159,7 +159,8 @@ static void test_values(void)
     fails("ply", path, "scale", "an infinite scale");
 }
 
-/* ---- What few writers write ------------------------------------------------------------------- */
+/* ---- What few writers write -------------------------------------------------------------------
+ */
 
 static const char *text_in(const char *folder, const char *name, const char *text)
 {

@@ -1,5 +1,5 @@
-/* realtime4dgs: both conventions of rotation, settings found and guessed, forks, and files that lie.
- * K: realtime4dgs import */
+/* realtime4dgs: both conventions of rotation, settings found and guessed, forks, and files that
+ * lie. K: realtime4dgs import */
 #include "importers/lib/gaussian4d.h"
 #include "tests/importers/edits.h"
 #include "tests/importers/streams.h"
@@ -304,7 +304,8 @@ static void test_hostile(void)
     spin_folder_list_free(names);
 }
 
-/* SH of degree 2 whose rows use what the arguments say: the degree that is left, with or without cosines. */
+/* SH of degree 2 whose rows use what the arguments say: the degree that is left, with or without
+ * cosines. */
 static bool zeros_leave(int used, bool cosines, int degree)
 {
     struct spin_model m = {0};

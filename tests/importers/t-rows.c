@@ -1,6 +1,6 @@
-/* 4D splats against frames: for every fixture of every importer that gives both, slices of the rows are the rows of
- * frame(), in their order. Errors are printed; docs/importers.md states the largest.
- * K: import realtime4dgs hybrid4dgs rotor4dgs spacetimegs ex4dgs omg4 */
+/* 4D splats against frames: for every fixture of every importer that gives both, slices of the rows
+ * are the rows of frame(), in their order. Errors are printed; docs/importers.md states the
+ * largest. K: import realtime4dgs hybrid4dgs rotor4dgs spacetimegs ex4dgs omg4 */
 #include "base/number.h"
 #include "math/motion.h"
 #include "tests/importers/models.h"
@@ -81,8 +81,8 @@ static bool same_splat(const struct spin_splats *frame, size_t i, const struct s
            errors_of(frame, i, slice, k).place <= 1e-6;
 }
 
-/* Errors of all rows of a time, of row `only` of the slice alone when that is not SIZE_MAX. False when rows are not the
- * same: of the frame's, only those that nobody draws may be missing. */
+/* Errors of all rows of a time, of row `only` of the slice alone when that is not SIZE_MAX. False
+ * when rows are not the same: of the frame's, only those that nobody draws may be missing. */
 static bool compare_at(struct run *run, const struct spin_splats_4d *rows, double time, size_t only,
                        struct errors *out)
 {

@@ -1,6 +1,5 @@
-/* spacetimegs: what the full model's network makes of colours, options, clouds changed in many ways, and files
- * that lie.
- * K: spacetimegs import threads */
+/* spacetimegs: what the full model's network makes of colours, options, clouds changed in many
+ * ways, and files that lie. K: spacetimegs import threads */
 #include "tests/importers/edits.h"
 
 #define FROM "spacetimegs"
@@ -61,8 +60,8 @@ static double seen(const struct spin_splats *s, size_t i, const double d[3], siz
     return sum;
 }
 
-/* For three cameras: no worse for any Gaussian than their mean colour, far better for all, and near to the mean
- * colour without its slope. */
+/* For three cameras: no worse for any Gaussian than their mean colour, far better for all, and near
+ * to the mean colour without its slope. */
 static void compare_views(const char *folder, struct spin_npz *npz, const double *cameras)
 {
     struct spin_array info, of_times;

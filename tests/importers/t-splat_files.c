@@ -1,5 +1,5 @@
-/* SPZ, .splat, .ksplat, SOG and GLB as sources: what other programs write, what ours writes, and files that lie.
- * K: spz splat ksplat sog gltf glb import */
+/* SPZ, .splat, .ksplat, SOG and GLB as sources: what other programs write, what ours writes, and
+ * files that lie. K: spz splat ksplat sog gltf glb import */
 #include "tests/importers/expected_clouds.h"
 
 #include "spin_run.h"
@@ -19,7 +19,8 @@ static const char *write_file(const char *folder, const char *name, const void *
     return path;
 }
 
-/* ---- What others write ------------------------------------------------------------------------- */
+/* ---- What others write -------------------------------------------------------------------------
+ */
 
 static void test_fixture(const char *name, const char *importer)
 {
@@ -113,7 +114,8 @@ static void test_loose(void)
     spin_splats_free(&loose);
 }
 
-/* ---- What we write ----------------------------------------------------------------------------- */
+/* ---- What we write -----------------------------------------------------------------------------
+ */
 
 static const char *work;
 
@@ -175,8 +177,8 @@ static void compare_with(struct spin_bundle *in, const char *path, const char *c
     spin_splats_free(&back);
 }
 
-/* Places, rotations (degrees), log scales, opacities, SH: half a step of each format (for rotations of all that
- * is rounded together), and the roundings of floats that are read and written. */
+/* Places, rotations (degrees), log scales, opacities, SH: half a step of each format (for rotations
+ * of all that is rounded together), and the roundings of floats that are read and written. */
 #define BYTE (0.5 / 255 * 1.001)
 #define SPZ_BOUNDS                                                                                 \
     {                                                                                              \
@@ -402,7 +404,8 @@ static void test_axes(void)
     free(file);
 }
 
-/* ---- Files made here --------------------------------------------------------------------------- */
+/* ---- Files made here ---------------------------------------------------------------------------
+ */
 
 static void test_refused(void)
 {

@@ -1,6 +1,5 @@
-/* transforms: JSON of D-NeRF, n3v2blender and nerfstudio against what the reference readers yield, and files that
- * lie.
- * K: transforms import views */
+/* transforms: JSON of D-NeRF, n3v2blender and nerfstudio against what the reference readers yield,
+ * and files that lie. K: transforms import views */
 #include "tests/importers/sets.h"
 
 /* ---- Fixtures -------------------------------------------------------------------------------- */
@@ -328,7 +327,8 @@ static void test_lies(void)
        "no truncation of transforms_train.json can be read");
 }
 
-/* ---- transforms.json of nerfstudio ------------------------------------------------------------ */
+/* ---- transforms.json of nerfstudio ------------------------------------------------------------
+ */
 
 #define LENS                                                                                       \
     "{\"camera_model\":\"OPENCV\",\"fl_x\":7,\"fl_y\":9,\"cx\":3,\"cy\":2,\"w\":8,\"h\":6,"        \

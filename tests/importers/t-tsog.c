@@ -1,10 +1,10 @@
-/* TSOG and .sogst: every fixture against the values of its format's own decoder, the profile's cases of meta.json, and
- * archives, pictures and ranges that lie.
- * K: tsog sogst import */
+/* TSOG and .sogst: every fixture against the values of its format's own decoder, the profile's
+ * cases of meta.json, and archives, pictures and ranges that lie. K: tsog sogst import */
 #include "io/webp.h"
 #include "tests/importers/slices.h"
 
-/* ---- Fixtures: what their manifests allow ------------------------------------------------------ */
+/* ---- Fixtures: what their manifests allow ------------------------------------------------------
+ */
 
 static void compare_column(struct spin_npz *npz, const char *key, const float *got, size_t n,
                            double abs, double rel, const char *name)
@@ -247,7 +247,8 @@ static void test_fixtures(const char *format, const char *file)
     free(names);
 }
 
-/* ---- Files that are made ----------------------------------------------------------------------- */
+/* ---- Files that are made -----------------------------------------------------------------------
+ */
 
 static const char *work;
 
@@ -426,7 +427,8 @@ static void test_vector(void)
     spin_json_free(all);
 }
 
-/* A copy of a fixture with an edit of meta.json, and one of a member: "-" is left out, else bytes of it change. */
+/* A copy of a fixture with an edit of meta.json, and one of a member: "-" is left out, else bytes
+ * of it change. */
 struct change {
     const char *at, *json; /* "a.b", its text; NULL: nothing */
     const char *member;    /* or NULL */
@@ -613,7 +615,8 @@ static void test_headers(void)
     }
 }
 
-/* ---- The PLY for exchange ---------------------------------------------------------------------- */
+/* ---- The PLY for exchange ----------------------------------------------------------------------
+ */
 
 static const char *write_ply(const char *comments, const char *more, int n_more)
 {

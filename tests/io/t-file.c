@@ -292,7 +292,8 @@ static void outputs(void)
              "nor is a device");
 }
 
-/* In a folder: what is left of names with one ending, when nobody has written to it for a minute. */
+/* In a folder: what is left of names with one ending, when nobody has written to it for a minute.
+ */
 static void sweeps_folder(void)
 {
     static const char *const left[] = {"many/0.ply.tmp.999999999", "many/1.ply.tmp.999999999",
@@ -318,7 +319,8 @@ static void sweeps_folder(void)
     spin_output_folder_end(&folder);
 }
 
-/* Two writers of one name, be they processes of one number in two containers, do not touch each other's bytes. */
+/* Two writers of one name, be they processes of one number in two containers, do not touch each
+ * other's bytes. */
 static void two_writers(void)
 {
     struct spin_out a, b;
@@ -430,7 +432,8 @@ static void forgets(void)
     free(copy);
 }
 
-/* ---- Files that are cut short while they are mapped ------------------------------------------- */
+/* ---- Files that are cut short while they are mapped -------------------------------------------
+ */
 
 static void put_bytes(const char *path, size_t n)
 {

@@ -103,8 +103,8 @@ static void reads_as(const unsigned char *png, size_t n, int width, int height, 
     reads_over(png, n, NULL, width, height, want, what);
 }
 
-/* The first pixel is 255 100 0 with alpha 128, the second has alpha 0: colour * alpha + background *
- * (1 - alpha) in units of 255, by hand. */
+/* The first pixel is 255 100 0 with alpha 128, the second has alpha 0: colour * alpha + background
+ * * (1 - alpha) in units of 255, by hand. */
 static void test_backgrounds(void)
 {
     static const float white[3] = {1, 1, 1}, odd[3] = {0.5f, 0, 0.2f};
@@ -139,7 +139,8 @@ static void test_kinds(void)
     reads_as(palette, sizeof palette, 2, 1, colours, "a palette");
 }
 
-/* The same pixels by either shim. What the plain one refuses is read by OpenImageIO alone, where that is. */
+/* The same pixels by either shim. What the plain one refuses is read by OpenImageIO alone, where
+ * that is. */
 static void test_pictures(void)
 {
     static const struct {
@@ -295,7 +296,8 @@ static void test_look_at_jpeg(void)
     spin_map_close(&map);
 }
 
-/* The frame of a JPEG asks for a table that is not there: nothing is decoded, and a look sees it. */
+/* The frame of a JPEG asks for a table that is not there: nothing is decoded, and a look sees it.
+ */
 static void test_lost_table(void)
 {
     struct spin_imprint imprint;
@@ -455,7 +457,8 @@ static void test_no_shim(const char *self)
        "a TIFF without OpenImageIO: its name, and what to install");
 }
 
-/* In another process, whose stderr is seen: our line is all that it says, also where OpenImageIO came first. */
+/* In another process, whose stderr is seen: our line is all that it says, also where OpenImageIO
+ * came first. */
 static void test_one_line(const char *self)
 {
     char arguments[8192], line[1024], text[4096];

@@ -1,6 +1,6 @@
-/* Every reader and writer of a format with each of its allocations missing once: that is told as a lack of memory, not
- * as a damaged file, and no library's own handler ends the process.
- * K: memory zip npy json png jpeg webp zstd xz gzip */
+/* Every reader and writer of a format with each of its allocations missing once: that is told as a
+ * lack of memory, not as a damaged file, and no library's own handler ends the process. K: memory
+ * zip npy json png jpeg webp zstd xz gzip */
 #include "tests/no_memory.h"
 
 #include <limits.h>

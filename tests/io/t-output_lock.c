@@ -1,4 +1,5 @@
-/* Outputs looked at and locked before long work: what can be written, and who holds the lock.  K: io file lock */
+/* Outputs looked at and locked before long work: what can be written, and who holds the lock.  K:
+ * io file lock */
 #include <fcntl.h>
 #include <signal.h>
 #include <sys/wait.h>

@@ -392,7 +392,8 @@ static void test_budget(void)
     memcpy(bomb + n - 2, "t.", 2);
     refuses(parse(bomb, n), "memory", "24 million lists");
     free(bomb);
-    /* Two copies of the input, what the values may take (32 MiB and as much as the input), slack. */
+    /* Two copies of the input, what the values may take (32 MiB and as much as the input), slack.
+     */
     near((double)((spin_memory_peak() - before) >> 20), 0, 2 * 24 + 32 + 24 + 32,
          "within its budget of memory (MiB)");
 }

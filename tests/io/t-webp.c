@@ -1,5 +1,6 @@
 /* K: webp sog
- * Lossless WebP: all four values of every pixel come back, also where it is transparent; and without the library. */
+ * Lossless WebP: all four values of every pixel come back, also where it is transparent; and
+ * without the library. */
 #include "io/webp.h"
 #include "tests/tap.h"
 

@@ -597,8 +597,8 @@ static void many_members(void)
     spin_zip_close(&zip);
 }
 
-/* A deflated member of noise and zeros by turns: whole again, the noise as it was, the rest nearly nothing; larger than
- * any buffer on the way. */
+/* A deflated member of noise and zeros by turns: whole again, the noise as it was, the rest nearly
+ * nothing; larger than any buffer on the way. */
 static void runs(void)
 {
     enum { PIECE = 40000, PIECES = 8 };
@@ -632,8 +632,8 @@ static void runs(void)
     spin_zip_close(&zip);
 }
 
-/* A member of several parts and many blocks, by one thread and by three: the same bytes, and whole again. Its numbers
- * repeat over the ends of parts, so that what lies before them matters. */
+/* A member of several parts and many blocks, by one thread and by three: the same bytes, and whole
+ * again. Its numbers repeat over the ends of parts, so that what lies before them matters. */
 static void many_parts(void)
 {
     enum { LONG = 17 << 20, PERIOD = 30001 };

@@ -1,5 +1,5 @@
-/* covariance: scale and rotation there and back, eigenvalues of awkward matrices, and 4-D Gaussians cut
- * at a time against direct conditioning and the worked examples of the formats' pages. */
+/* covariance: scale and rotation there and back, eigenvalues of awkward matrices, and 4-D Gaussians
+ * cut at a time against direct conditioning and the worked examples of the formats' pages. */
 #include "math/covariance.h"
 #include "math/rng.h"
 #include "tests/tap.h"
@@ -161,8 +161,8 @@ static void invert4(const double in[16], double out[16])
         out[i] = m[i / 4][4 + i % 4];
 }
 
-/* The inverse of the sliced covariance is the upper block of the inverse of the 4-D one: another way to
- * the same matrix. */
+/* The inverse of the sliced covariance is the upper block of the inverse of the 4-D one: another
+ * way to the same matrix. */
 static double precision_error(const double a[16], const double scale[4])
 {
     double sigma[16], inverse[16], worst = 0, size = 0;

@@ -1,6 +1,5 @@
-/* motion: a splat's path and window, against values worked out by hand, and their adjoints against finite
- * differences.
- * K: motion 4d */
+/* motion: a splat's path and window, against values worked out by hand, and their adjoints against
+ * finite differences. K: motion 4d */
 #include "math/motion.h"
 #include "math/rng.h"
 #include "tests/tap.h"

@@ -1,5 +1,5 @@
-/* --decimate: what a splat counts for, which are kept, and how much that loses. Bundles of which it is known.
- * K: export decimate */
+/* --decimate: what a splat counts for, which are kept, and how much that loses. Bundles of which it
+ * is known. K: export decimate */
 #include <glob.h>
 #include <sys/stat.h>
 #include <sys/time.h>
@@ -57,8 +57,8 @@ static void fill(struct spin_splats *s, size_t i, float x, float y, float z, flo
     s->logit_opacities[i] = logit;
 }
 
-/* White splats on black: a picture is the sum of their shares. One more behind nearly opaque ones is not seen, and one
- * behind the camera. */
+/* White splats on black: a picture is the sum of their shares. One more behind nearly opaque ones
+ * is not seen, and one behind the camera. */
 static void check_weights(void)
 {
     enum { N = 6, SIDE = 64 };
@@ -106,11 +106,12 @@ static void check_weights(void)
 
 /* ---- Which are kept -------------------------------------------------------------------------- */
 
-/* Where row i comes in frame f, by size: the same places in frames 0 and 2, others in frame 1, where row 0 is the
- * smallest. */
+/* Where row i comes in frame f, by size: the same places in frames 0 and 2, others in frame 1,
+ * where row 0 is the smallest. */
 static size_t place_of(int f, size_t i) { return f == 1 ? (SPLATS - i) % SPLATS : i * 37 % SPLATS; }
 
-/* Row i of frame f has the colour i. Frame 0: row 5 is NaN, row 6 as large as the scene, row 7 faint. */
+/* Row i of frame f has the colour i. Frame 0: row 5 is NaN, row 6 as large as the scene, row 7
+ * faint. */
 static void write_bundle(const char *name, bool identity, bool odd)
 {
     struct spin_bundle_writer w;
@@ -312,7 +313,8 @@ static void check_filters(void)
     n_crop = 0;
 }
 
-/* 4D splats of which row 3 is as large as the scene, to an exporter that leaves nothing out by itself. */
+/* 4D splats of which row 3 is as large as the scene, to an exporter that leaves nothing out by
+ * itself. */
 static void check_4d(void)
 {
     enum { ROWS = 20 };
@@ -369,7 +371,8 @@ static void check_4d(void)
     spin_splats_4d_free(&s);
 }
 
-/* The refined frames have the source's rows backwards: in an equal number these are other splats. */
+/* The refined frames have the source's rows backwards: in an equal number these are other splats.
+ */
 static void check_source(void)
 {
     const char *const pairs[] = {NULL};

@@ -1,6 +1,6 @@
-/* What spin_export_clip() hands to an exporter, of a clip whose numbers and times are known: names, sequence.json,
- * frames a second, the splats of each frame; and that --check sees what few bits lose.
- * K: export sequence */
+/* What spin_export_clip() hands to an exporter, of a clip whose numbers and times are known: names,
+ * sequence.json, frames a second, the splats of each frame; and that --check sees what few bits
+ * lose. K: export sequence */
 #include "spin_run.h"
 #include "run/run.h"
 #include "io/ply.h"
@@ -142,7 +142,8 @@ static void check_check(void)
     struct spin_export_report r;
 
     snprintf(folder, sizeof folder, "%s-spz", bundle);
-    if (!ok(spin_export_clip(&o, &r) == SPIN_OK && r.check.frames == FRAMES, "--check reads all back"))
+    if (!ok(spin_export_clip(&o, &r) == SPIN_OK && r.check.frames == FRAMES,
+            "--check reads all back"))
         return;
     near(r.check.largest[1], 0.03, 1e-4, "--check sees the error of the scales");
     near(r.check.rms[1], 0.03, 1e-4, "and its mean");
@@ -185,8 +186,8 @@ static double lit(const char *path)
     return (double)n / VALUES;
 }
 
-/* A scene of one splat, and one of a thousandth the size, is seen as well: by the check and on an orbit, which shows
- * at least this share of values that are not black. */
+/* A scene of one splat, and one of a thousandth the size, is seen as well: by the check and on an
+ * orbit, which shows at least this share of values that are not black. */
 static void check_small(float now, size_t n, double least)
 {
     struct spin_export_options o = {

@@ -1,6 +1,5 @@
-/* The library as a program uses it: import, open, read, evaluate, export, and what it says when asked
- * wrongly. Retraining is covered by tests/cli/t2*.
- * K: api d3dgs */
+/* The library as a program uses it: import, open, read, evaluate, export, and what it says when
+ * asked wrongly. Retraining is covered by tests/cli/t2*. K: api d3dgs */
 
 #include <limits.h>
 

@@ -1,5 +1,5 @@
-/* bundle_pack: packed arrays come back bit for bit, rounded ones within bounds; files that lie are refused, in
- * one line that names file and array.  K: bundle pack */
+/* bundle_pack: packed arrays come back bit for bit, rounded ones within bounds; files that lie are
+ * refused, in one line that names file and array.  K: bundle pack */
 #include <float.h>
 
 #include "base/err.h"
@@ -13,7 +13,8 @@ static const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
 static const unsigned still = SPIN_COL_LOG_SCALES;
 static char path[300];
 
-/* ---- Round trips --------------------------------------------------------------------------------- */
+/* ---- Round trips
+ * --------------------------------------------------------------------------------- */
 
 static size_t count_of(int frame) { return frame == 2 ? N - 100 : N + (size_t)frame; }
 
@@ -25,8 +26,8 @@ static float noise(void)
     return (float)(int32_t)state / 0x1p31f;
 }
 
-/* Frame 1 has the rows of frame 0 but for the last 100, which are plain; frame 2 moves all of them a little; frame 3 shares
- * nothing. */
+/* Frame 1 has the rows of frame 0 but for the last 100, which are plain; frame 2 moves all of them
+ * a little; frame 3 shares nothing. */
 static void fill(struct spin_splats frame[FRAMES])
 {
     memset(frame, 0, FRAMES * sizeof *frame);
@@ -168,7 +169,8 @@ static void test_round_trip(bool same_n)
         spin_splats_free(&frame[f]);
 }
 
-/* ---- Whole numbers ------------------------------------------------------------------------------- */
+/* ---- Whole numbers
+ * ------------------------------------------------------------------------------- */
 
 static struct spin_array head_of(const struct spin_bundle *b, const char *name)
 {
@@ -179,8 +181,8 @@ static struct spin_array head_of(const struct spin_bundle *b, const char *name)
     return a;
 }
 
-/* Frames 0, 1 and 3 are multiples of 1/64, 1/64 and 1/1024, frame 1 mostly those of frame 0; frame 2 would be but for one
- * value, which is `odd`. Colours are those of bytes. */
+/* Frames 0, 1 and 3 are multiples of 1/64, 1/64 and 1/1024, frame 1 mostly those of frame 0; frame
+ * 2 would be but for one value, which is `odd`. Colours are those of bytes. */
 static void test_whole(float odd, const char *what)
 {
     static const float per_unit[3] = {64, 64, 1024};
@@ -261,7 +263,8 @@ static void test_words(void)
     ok(good, "words of whole numbers, and back");
 }
 
-/* ---- Rounding ------------------------------------------------------------------------------------ */
+/* ---- Rounding
+ * ------------------------------------------------------------------------------------ */
 
 static void test_rounding(void)
 {
@@ -298,7 +301,8 @@ static void test_rounding(void)
        "to the nearest, halfway to even, also into the next power of two");
 }
 
-/* ---- Lies ---------------------------------------------------------------------------------------- */
+/* ---- Lies
+ * ---------------------------------------------------------------------------------------- */
 
 #define META(more)                                                                                 \
     "{\"format\":\"spin bundle\",\"version\":2,\"from\":\"x\",\"numbered\":false,"                 \
@@ -415,7 +419,8 @@ static void test_lies(void)
     }
 }
 
-/* A file of version 2, all of unsigned bytes: the first row of frame 1 is a difference from that of frame 0. */
+/* A file of version 2, all of unsigned bytes: the first row of frame 1 is a difference from that of
+ * frame 0. */
 static void test_version_2(void)
 {
     static const char meta[] = META(",\"xor_rows\":{\"source/means\":[0,1]}");

@@ -1,5 +1,5 @@
-/* Tracks of a bundle: the sums of what splats have of their own and share, and arrays that do not fit.
- * K: bundle tracks */
+/* Tracks of a bundle: the sums of what splats have of their own and share, and arrays that do not
+ * fit. K: bundle tracks */
 #include "scene/bundle_tracks.h"
 
 #include "tests/check.h"

@@ -1,5 +1,5 @@
-/* Lenses: which cameras share one, what is found again at another scale, JSON there and back, what is refused.
- * K: lens falloff */
+/* Lenses: which cameras share one, what is found again at another scale, JSON there and back, what
+ * is refused. K: lens falloff */
 #include "scene/lens.h"
 
 #include "tests/tap.h"

@@ -1,6 +1,5 @@
-/* splats_4d: slices of 4D splats against the formula in spin.h, which rows a time shows, rows that are no use, and the
- * way through a bundle.
- * K: splats_4d 4d bundle */
+/* splats_4d: slices of 4D splats against the formula in spin.h, which rows a time shows, rows that
+ * are no use, and the way through a bundle. K: splats_4d 4d bundle */
 
 #include "base/log.h"
 #include "scene/bundle.h"
@@ -10,7 +9,8 @@
 
 enum { N = 4, ALL = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES };
 
-/* Row 0 a bell on a parabola, 1 a plateau, 2 a gate, 3 a cut of what never fades; with spin and colour in time. */
+/* Row 0 a bell on a parabola, 1 a plateau, 2 a gate, 3 a cut of what never fades; with spin and
+ * colour in time. */
 static void fill(struct spin_splats_4d *s)
 {
     const float plateau[N][3] = {{5, 5, 1}, {2, 4, 0.5f}, {5, 5, 1}, {0, 0, SPIN_FOREVER}};

@@ -1,6 +1,7 @@
-/* Counts what a program asks of the allocator, and refuses what it is told to; preloaded by tests/cli. The count
- * goes to the file named by COUNT_CALLS when the program ends. FAIL_CALL=N refuses the call number N of the program
- * $FAIL_IN, from 1; FAIL_BYTES=N refuses every call for N bytes. */
+/* Counts what a program asks of the allocator, and refuses what it is told to; preloaded by
+ * tests/cli. The count goes to the file named by COUNT_CALLS when the program ends. FAIL_CALL=N
+ * refuses the call number N of the program $FAIL_IN, from 1; FAIL_BYTES=N refuses every call for N
+ * bytes. */
 #include <errno.h>
 #include <stdatomic.h>
 #include <stdio.h>

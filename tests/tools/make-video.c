@@ -1,6 +1,6 @@
-/* make-video OUT.mp4 FRAMES WIDTH HEIGHT [SEED]: a video to test with, as cameras leave them: key frames
- * only every eighth frame, and frames between them that need what comes later. Frame f is a flat colour
- * of its own, which tests/io/t-video.c knows, and a white square that wanders. */
+/* make-video OUT.mp4 FRAMES WIDTH HEIGHT [SEED]: a video to test with, as cameras leave them: key
+ * frames only every eighth frame, and frames between them that need what comes later. Frame f is a
+ * flat colour of its own, which tests/io/t-video.c knows, and a white square that wanders. */
 #include <libavcodec/avcodec.h>
 #include <libavformat/avformat.h>
 #include <stdio.h>

@@ -1,4 +1,5 @@
-/* A frame by itself through the training's loop, from settings that say all: what 3DGS does, unless they are changed. */
+/* A frame by itself through the training's loop, from settings that say all: what 3DGS does, unless
+ * they are changed. */
 #ifndef SPIN_TESTS_TRAIN_ONE_FRAME_H
 #define SPIN_TESTS_TRAIN_ONE_FRAME_H
 
@@ -206,8 +207,8 @@ static spin_status one_loop(struct one_bench *b, const struct one_frame *o, stru
     return SPIN_OK;
 }
 
-/* The cloud's points after the iterations, and what became of them. order [iterations]: the view of each; NULL: drawn.
- * images by the numbers of their views. */
+/* The cloud's points after the iterations, and what became of them. order [iterations]: the view of
+ * each; NULL: drawn. images by the numbers of their views. */
 __attribute__((unused)) static spin_status
 one_frame_run(struct spin_device *d, const struct one_frame *o, const struct spin_images *images,
               const struct spin_camera *camera, int n_views, const int *order,

@@ -12,8 +12,8 @@ static int camera_ids[CAMERAS] = {2, 5, 7};
 static struct spin_plan plan;
 static struct spin_photos photos;
 
-/* Cameras on the z axis look along it, each sees [-2, 2] x [-1, 1] at z = 0 in 8 pixels a unit; the last sees the
- * right half only. All pixels are grey. */
+/* Cameras on the z axis look along it, each sees [-2, 2] x [-1, 1] at z = 0 in 8 pixels a unit; the
+ * last sees the right half only. All pixels are grey. */
 static void open_views(void)
 {
     for (int f = 0; f < FRAMES; f++)

@@ -1,5 +1,5 @@
-/* The mean over the last steps is that of the iterations that count, and the last step leaves it as the parameters.
- * K: retrain */
+/* The mean over the last steps is that of the iterations that count, and the last step leaves it as
+ * the parameters. K: retrain */
 #include "tests/train/tracked.h"
 
 #include "train/average.h"

@@ -1,5 +1,5 @@
-/* An unfinished state comes back to the bit, whole or not at all; what it was made from tells whether it may.
- * K: retrain resume tracks */
+/* An unfinished state comes back to the bit, whole or not at all; what it was made from tells
+ * whether it may. K: retrain resume tracks */
 #include "tests/device/strict.h"
 #include "tests/train/tracked.h"
 
@@ -26,7 +26,8 @@ enum { ITERATION = 7, ITERATIONS = 20 };
 static char path[600], other[620];
 static struct spin_field field;
 
-/* ---- A state ----------------------------------------------------------------------------------- */
+/* ---- A state -----------------------------------------------------------------------------------
+ */
 
 struct run {
     struct spin_trainer t;
@@ -226,7 +227,8 @@ static void check_back(struct spin_device *d)
     end(&now);
 }
 
-/* ---- States that are not taken ----------------------------------------------------------------- */
+/* ---- States that are not taken -----------------------------------------------------------------
+ */
 
 /* The state with value i of an array changed to these bits, as another file. */
 static void alter(const char *name, size_t i, uint32_t bits)
@@ -328,7 +330,8 @@ static void check_refused(struct spin_device *d)
     end(&r);
 }
 
-/* ---- The fingerprint ----------------------------------------------------------------------------- */
+/* ---- The fingerprint
+ * ----------------------------------------------------------------------------- */
 
 /* Two frames of a bundle of three, two cameras. */
 struct input {
@@ -464,7 +467,8 @@ static void check_fingerprint(void)
         }
 }
 
-/* ---- Code paths --------------------------------------------------------------------------------- */
+/* ---- Code paths ---------------------------------------------------------------------------------
+ */
 
 static int n_warnings;
 

@@ -1,13 +1,13 @@
-/* Where every option of a retraining starts, by preset, and its limits. The values stand here a second time, so
- * that no change to one goes unnoticed.
- * K: retrain defaults presets limits */
+/* Where every option of a retraining starts, by preset, and its limits. The values stand here a
+ * second time, so that no change to one goes unnoticed. K: retrain defaults presets limits */
 
 #include "train/options.h"
 #include "spin_run.h"
 #include "run/run.h"
 #include "tests/tap.h"
 
-/* Every field in its order and by no name: a new field does not compile until its defaults stand here. */
+/* Every field in its order and by no name: a new field does not compile until its defaults stand
+ * here. */
 #pragma GCC diagnostic error "-Wmissing-field-initializers"
 
 static const struct spin_retrain_options paper = {
@@ -60,8 +60,8 @@ static const struct spin_retrain_options paper = {
     2.5e-4, /* lr_track, lr_tracked, lr_displacement */
     -1,     /* track_iterations */
     SPIN_BACKDROP_OFF,
-    true,   /* dynamic_residual */
-    0,      /* densify_every */
+    true, /* dynamic_residual */
+    0,    /* densify_every */
     5e-4,
     0.6,                /* densify_threshold, densify_until */
     0,                  /* network_start */
@@ -71,13 +71,13 @@ static const struct spin_retrain_options paper = {
     false,              /* relu */
     SPIN_NORMALISE_OFF, /* normalise */
     {0, 0, 0},
-    0,         /* normalise_centre, normalise_radius */
-    1,         /* views_per_frame */
-    {0, 0, 0},           /* background */
+    0,                      /* normalise_centre, normalise_radius */
+    1,                      /* views_per_frame */
+    {0, 0, 0},              /* background */
     SPIN_PRECISION_COMPACT, /* precision */
-    "auto",    /* device */
-    0,         /* n_threads */
-    false,     /* deterministic */
+    "auto",                 /* device */
+    0,                      /* n_threads */
+    false,                  /* deterministic */
     0,
     0, /* eval_every, save_every */
     false,
@@ -140,8 +140,8 @@ static const struct spin_retrain_options shorter = {
     2.5e-4, /* lr_track, lr_tracked, lr_displacement */
     -1,     /* track_iterations */
     SPIN_BACKDROP_OFF,
-    true,   /* dynamic_residual */
-    0,      /* densify_every */
+    true, /* dynamic_residual */
+    0,    /* densify_every */
     5e-4,
     0.6,                  /* densify_threshold, densify_until */
     0,                    /* network_start */
@@ -151,13 +151,13 @@ static const struct spin_retrain_options shorter = {
     false,                /* relu */
     SPIN_NORMALISE_AUTO,  /* normalise */
     {0, 0, 0},
-    0,         /* normalise_centre, normalise_radius */
-    3,         /* views_per_frame */
-    {0, 0, 0},           /* background */
+    0,                      /* normalise_centre, normalise_radius */
+    3,                      /* views_per_frame */
+    {0, 0, 0},              /* background */
     SPIN_PRECISION_COMPACT, /* precision */
-    "auto",    /* device */
-    0,         /* n_threads */
-    false,     /* deterministic */
+    "auto",                 /* device */
+    0,                      /* n_threads */
+    false,                  /* deterministic */
     0,
     0, /* eval_every, save_every */
     false,
@@ -223,7 +223,8 @@ static void same(const char *name, const struct spin_retrain_options *want)
         printf("#   the first that is not: byte %zu of struct spin_retrain_options\n", i);
 }
 
-/* ---- Limits of the library call ----------------------------------------------------------------- */
+/* ---- Limits of the library call -----------------------------------------------------------------
+ */
 
 static struct spin_retrain_options o;
 
@@ -328,7 +329,8 @@ static void test_limits(void)
     is_refused(true, "without --refine");
 }
 
-/* ---- Numbers that follow from the clip --------------------------------------------------------- */
+/* ---- Numbers that follow from the clip ---------------------------------------------------------
+ */
 
 static void resolves(const char *preset, int n_frames, int iterations, int densify_every)
 {
@@ -366,7 +368,8 @@ static void test_resolve(void)
     ok(o.track_iterations == 16500, "and never in more than there are");
 }
 
-/* ---- Settings in JSON ---------------------------------------------------------------------------- */
+/* ---- Settings in JSON
+ * ---------------------------------------------------------------------------- */
 
 /* want: with ' in place of ". */
 static void is_json(enum spin_options_of of, const char *want)
@@ -421,7 +424,8 @@ static void test_json(void)
             "'lr_rotation':3e-05,'lr_opacity':0.0008,'lr_position':0.00016,"
             "'lr_head_factor':1,'sh_increase_every':5,'learn_exposure':'on',"
             "'lr_exposure':0.001,'max_points':7,'tracks':true,'lr_track':2,"
-            "'lr_tracked':1,'lr_displacement':0.00025,'track_iterations':-1,'backdrop':'on','dynamic_residual':true,'densify_every':0,"
+            "'lr_tracked':1,'lr_displacement':0.00025,'track_iterations':-1,'backdrop':'on','"
+            "dynamic_residual':true,'densify_every':0,"
             "'densify_threshold':0.0005,'densify_until':0.6,'network_start':0.25,"
             "'hash_log2':21,'base_resolution':[8,8,8,8],"
             "'finest_resolution':[2048,2048,2048,0],'hash_init_range':0.5,"

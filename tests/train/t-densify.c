@@ -354,7 +354,8 @@ static void defaults(void)
     ok(spin_plan_schedule(&plan).every == 0, "or never");
 }
 
-/* Two halves of a point that stands across: its longest axis, the second, is turned from y to -x. */
+/* Two halves of a point that stands across: its longest axis, the second, is turned from y to -x.
+ */
 static void check_long_axis(void)
 {
     static const float want[2][3] = {{1.6f, 2, 3}, {0.4f, 2, 3}}; /* 0.6 of the longest scale */

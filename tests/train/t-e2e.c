@@ -317,8 +317,8 @@ static double five_times(const char *key, const char *what)
 }
 
 /* Adam turns gradients of 1e-12 into full steps, so final weights are held to medians and 95th
- * percentiles of the deviation: five times what PyTorch's own float32 shows (the manifest), beyond two
- * units in the last place of the number itself. */
+ * percentiles of the deviation: five times what PyTorch's own float32 shows (the manifest), beyond
+ * two units in the last place of the number itself. */
 static void check_spread(struct fixture *f, const char *key, const float *got, size_t n,
                          double median, double p95)
 {
@@ -433,8 +433,8 @@ static void check_path(struct fixture *f, const char *path)
     free_result(&one);
 }
 
-/* Late, and with memory that is not the host's: nothing is used before it was asked for. Then with all
- * frames and views of a step in one call. */
+/* Late, and with memory that is not the host's: nothing is used before it was asked for. Then with
+ * all frames and views of a step in one call. */
 static void check_strict(struct fixture *f)
 {
     struct result one, late;
@@ -455,7 +455,8 @@ static void check_strict(struct fixture *f)
     free_result(&late);
 }
 
-/* Another device: the golden values, also when its work is queued and its memory closed to the host. */
+/* Another device: the golden values, also when its work is queued and its memory closed to the
+ * host. */
 static void check_device_golden(struct fixture *f)
 {
     struct result r;

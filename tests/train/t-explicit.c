@@ -1,6 +1,6 @@
 /* Frames refined by spin-retrain are what the loop makes of the frame's splats and its training
- * views with the options that were given: the same bits. So no option is lost or changed on the way.
- * K: long refine explicit retrain options */
+ * views with the options that were given: the same bits. So no option is lost or changed on the
+ * way. K: long refine explicit retrain options */
 #include "spin_run.h"
 #include "run/run.h"
 #include "tests/train/one_frame.h"
@@ -282,7 +282,8 @@ static void compare_colours(void)
     spin_bundle_close(&bundle);
 }
 
-/* ---- Keys ------------------------------------------------------------------------------------------ */
+/* ---- Keys
+ * ------------------------------------------------------------------------------------------ */
 
 enum { MOST_KEYS = 32 };
 static char keys[MOST_KEYS][40];

@@ -9,7 +9,8 @@
 enum { N = 700, M = 650, WIDTH = 2 };
 static float at[3 * N], look[WIDTH * N], reach[N], to_at[3 * M], to_look[WIDTH * M];
 
-/* M of the N splats a step further, and as many again elsewhere; every ninth is the double of another. */
+/* M of the N splats a step further, and as many again elsewhere; every ninth is the double of
+ * another. */
 static void fill(void)
 {
     for (size_t i = 0; i < N; i++) {
@@ -48,7 +49,8 @@ static double cost(size_t i, size_t k)
     return sum;
 }
 
-/* The cheapest pair of all that are free, one after the other, is what rounds of best pairs come to. */
+/* The cheapest pair of all that are free, one after the other, is what rounds of best pairs come
+ * to. */
 static void slow_link(uint32_t *next)
 {
     static uint8_t taken[M];

@@ -1,5 +1,5 @@
-/* Gains of cameras and falloff of their lenses from points that several cameras see: made-up rigs of which all is known.
- * K: lens falloff exposure */
+/* Gains of cameras and falloff of their lenses from points that several cameras see: made-up rigs
+ * of which all is known. K: lens falloff exposure */
 #include "train/look_fit.h"
 
 #include "tests/tap.h"

@@ -419,8 +419,8 @@ static double moved(const struct spin_refine_cloud *c, int degree)
     return largest;
 }
 
-/* A cloud with SH: the degree rises by one after so many iterations. A coefficient's first step of Adam, in
- * iteration k, has a length that follows from k and the rate alone. */
+/* A cloud with SH: the degree rises by one after so many iterations. A coefficient's first step of
+ * Adam, in iteration k, has a length that follows from k and the rate alone. */
 static void sh_rises(struct fixture *f)
 {
     static const struct {
@@ -519,8 +519,8 @@ static void sh_fits(struct fixture *f, const struct one_frame *plain, double wit
     spin_refine_cloud_free(&c);
 }
 
-/* Cameras that see other colours: with gains and offsets of their own the frame fits them better, and
- * keeps the colours of the mean camera; the same bits for any number of threads. */
+/* Cameras that see other colours: with gains and offsets of their own the frame fits them better,
+ * and keeps the colours of the mean camera; the same bits for any number of threads. */
 static void camera_colours(struct fixture *f)
 {
     static const float gain[3] = {1.6f, 1, 1 / 1.6f};

@@ -1,6 +1,5 @@
-/* Retraining does not go wrong silently: values that are not finite, times in any order, a scene seen
- * from one place, a state that must not be resumed.
- * K: retrain sound d3dgs */
+/* Retraining does not go wrong silently: values that are not finite, times in any order, a scene
+ * seen from one place, a state that must not be resumed. K: retrain sound d3dgs */
 #include <sys/statvfs.h>
 
 #include "base/log.h"
@@ -14,8 +13,8 @@
 
 static char from[400], input[500], output[500], part[600];
 
-/* No rate that is allowed overflows: this one is set behind the check of the options, when the room on the disk
- * is asked for. Stands in place of the C library's. */
+/* No rate that is allowed overflows: this one is set behind the check of the options, when the room
+ * on the disk is asked for. Stands in place of the C library's. */
 static struct spin_retrain_report report;
 static double *late_rate, late_value;
 
@@ -68,10 +67,11 @@ static bool run(const struct spin_retrain_options *o, spin_status want, const ch
     return good;
 }
 
-/* ---- Values that are not finite ----------------------------------------------------------------- */
+/* ---- Values that are not finite -----------------------------------------------------------------
+ */
 
-/* A rate that takes an array out of the range of floats in the first step. The loss, made before the
- * step, says nothing; the state does, before it is kept. */
+/* A rate that takes an array out of the range of floats in the first step. The loss, made before
+ * the step, says nothing; the state does, before it is kept. */
 static void test_array(const char *array, size_t rate, bool colour)
 {
     struct spin_retrain_options o = small(3);
@@ -87,7 +87,8 @@ static void test_array(const char *array, size_t rate, bool colour)
     remove(part);
 }
 
-/* Splats that are nowhere are not seen, so the loss stays finite: found at the next look, or at the end. */
+/* Splats that are nowhere are not seen, so the loss stays finite: found at the next look, or at the
+ * end. */
 static void test_when(int iterations, const char *when)
 {
     struct spin_retrain_options o = small(iterations);
@@ -147,7 +148,8 @@ static void test_last_good(void)
     remove(part);
 }
 
-/* ---- Times -------------------------------------------------------------------------------------- */
+/* ---- Times --------------------------------------------------------------------------------------
+ */
 
 /* The bundle once more, with other times of its first three frames. */
 static void write_times(double a, double b, double c)
@@ -222,7 +224,8 @@ static void test_check_times(void)
     ok(spin_times_check(info + 3, NULL, 1) == SPIN_E_MALFORMED, "a time is a number");
 }
 
-/* ---- Seeds -------------------------------------------------------------------------------------- */
+/* ---- Seeds --------------------------------------------------------------------------------------
+ */
 
 /* From 2^53 on a number of JSON may be another one. */
 static void test_seeds(void)
@@ -242,7 +245,8 @@ static void test_seeds(void)
     remove(output);
 }
 
-/* ---- Memory ------------------------------------------------------------------------------------- */
+/* ---- Memory -------------------------------------------------------------------------------------
+ */
 
 static size_t no_memory(struct spin_device *d)
 {

@@ -40,7 +40,8 @@ static struct spin_imprint imprint_of(const char *path)
     return imprint;
 }
 
-/* Splats that grow beyond the disk: the training stops while its state fits, and goes on where there is more. */
+/* Splats that grow beyond the disk: the training stops while its state fits, and goes on where
+ * there is more. */
 static void test_growth(struct spin_retrain_options o, const char *folder)
 {
     struct spin_retrain_report report;

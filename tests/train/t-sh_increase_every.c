@@ -1,6 +1,5 @@
-/* Degrees of SH that join one after the other: exactly zero until then, learned from then on, and the
- * degree of every step.
- * K: retrain sh */
+/* Degrees of SH that join one after the other: exactly zero until then, learned from then on, and
+ * the degree of every step. K: retrain sh */
 #include "train/step.h"
 
 #include "spin_run.h"

@@ -1,5 +1,5 @@
-/* Which splats are one Gaussian, how frames are put in order, and what a densification makes of them.
- * K: tracks densify */
+/* Which splats are one Gaussian, how frames are put in order, and what a densification makes of
+ * them. K: tracks densify */
 
 #include "tests/device/strict.h"
 #include "tests/train/tracked.h"
@@ -185,7 +185,8 @@ static void check_chains_by_colour(void)
     colours = NULL;
 }
 
-/* Rows with noise of a hundredth of a unit: alone, on a slow way, of a unit; and a tremble too small to be seen. */
+/* Rows with noise of a hundredth of a unit: alone, on a slow way, of a unit; and a tremble too
+ * small to be seen. */
 static void check_noise(void)
 {
     static const float noise[FRAMES] = {3, -5, 2, 6, -4, 0, -3, 5, 1, -6, -2, 3};
@@ -221,7 +222,8 @@ static void check_noise(void)
     n_frames = 3;
 }
 
-/* ---- Densification ------------------------------------------------------------------------------- */
+/* ---- Densification
+ * ------------------------------------------------------------------------------- */
 
 /* Two frames, three tracks: two move, and in the first frame there is a splat without a track. */
 enum { TRACKS = 3 };
@@ -322,7 +324,8 @@ static void check_densify(struct spin_device *d)
     spin_trainer_close(&t);
 }
 
-/* ---- What is carried over ------------------------------------------------------------------------ */
+/* ---- What is carried over
+ * ------------------------------------------------------------------------ */
 
 /* Old tracks and rows of the new ones; a negative number less one: new, so without moments. */
 static const int track_from[5] = {0, 1, 2, -3, 3}, n_row[2] = {5, 5},
@@ -344,8 +347,8 @@ static int wrong_values(const float *got, size_t n, int part, int frame, const i
     return wrong;
 }
 
-/* Track 2 has a mean gradient of three eighths to the bit, track 3 of less, seen most where it is least; the second splat
- * without a track is almost transparent. */
+/* Track 2 has a mean gradient of three eighths to the bit, track 3 of less, seen most where it is
+ * least; the second splat without a track is almost transparent. */
 static void check_carried(struct spin_device *d)
 {
     static const float gradient[2][5] = {{0, 0, 0.1f, 0.5f, 0.9f}, {0, 0.18f, 0.25f, 0.3f}};
@@ -405,7 +408,8 @@ static void check_carried(struct spin_device *d)
     spin_trainer_close(&t);
 }
 
-/* Everything is large and split: where the children are, of tracks and of the splats without one of frame 0. */
+/* Everything is large and split: where the children are, of tracks and of the splats without one of
+ * frame 0. */
 static void split_all(struct spin_device *d, uint64_t seed, int iteration, float *of_tracks,
                       float *of_free)
 {
@@ -468,7 +472,8 @@ static void check_numbers_drawn(struct spin_device *d)
     ok(farthest(track[0], own[0], 3) > 0.1, "tracks and splats without do not share their numbers");
 }
 
-/* No frame comes to more splats than it may have, by tracks and splats without together; tracks come first. */
+/* No frame comes to more splats than it may have, by tracks and splats without together; tracks
+ * come first. */
 static void check_most(struct spin_device *d)
 {
     static const float gradient[2][5] = {{3, 3, 1, 1, 1}, {2, 1, 1, 1}};
@@ -531,8 +536,8 @@ static void check_last(struct spin_device *d)
     spin_trainer_close(&t);
 }
 
-/* A step moves each number by about its rate. Tracks that move take half the rate for their displacement, and go on when
- * those that stand still have stopped. */
+/* A step moves each number by about its rate. Tracks that move take half the rate for their
+ * displacement, and go on when those that stand still have stopped. */
 static void check_rates(struct spin_device *d)
 {
     static const struct spin_camera camera = {

@@ -1,5 +1,5 @@
-/* A step of a frame's own parameters: each group at its rate, and what splats with a track have at a part of it.
- * K: tracks adam */
+/* A step of a frame's own parameters: each group at its rate, and what splats with a track have at
+ * a part of it. K: tracks adam */
 #include "train/train_frame.h"
 
 #include "tests/device/strict.h"

@@ -1,6 +1,6 @@
-/* Turns of splats from the places of their neighbours: bodies that rotate, noise, neighbours that do something else, and
- * frames that lack some of them; the same bits for any number of threads.
- * K: tracks threads */
+/* Turns of splats from the places of their neighbours: bodies that rotate, noise, neighbours that
+ * do something else, and frames that lack some of them; the same bits for any number of threads. K:
+ * tracks threads */
 
 #include "math/quat.h"
 #include "math/rng.h"
@@ -25,8 +25,8 @@ static void turn_of(int frame, float q[4])
         q[1 + c] = (float)sin(half) * axis[c];
 }
 
-/* A sheet that turns and goes along; a second one beside it, which only stays; points far away from all others; and a rod
- * that turns about z, of which no one can tell whether it spins. */
+/* A sheet that turns and goes along; a second one beside it, which only stays; points far away from
+ * all others; and a rod that turns about z, of which no one can tell whether it spins. */
 static void place_of(int frame, uint32_t track, float at[3])
 {
     size_t i = track % BODY;

@@ -7,15 +7,15 @@
 #include "train/checkpoint.h"
 #include "train/densify_tracks.h"
 
-/* Four tracks: 0 and 1 move, 2 stands still and varies, 3 does neither. Frame 0 has two splats without a track and lacks
- * track 1, frame 1 has one and lacks track 0. */
+/* Four tracks: 0 and 1 move, 2 stands still and varies, 3 does neither. Frame 0 has two splats
+ * without a track and lacks track 1, frame 1 has one and lacks track 0. */
 enum { TRACKED = 4, TRACKED_FRAMES = 2, TRACKED_MOST = 16 };
 static const uint32_t tracked_of[2][5] = {{SPIN_NO_TRACK, SPIN_NO_TRACK, 0, 2, 3},
                                           {SPIN_NO_TRACK, 1, 2, 3}};
 static const struct spin_frame_size tracked_size[2] = {{5, 2, 3, 4}, {4, 1, 2, 3}};
 
-/* Column c (0 to 13) of part 0 to 2 (value, moments) of a track, or of row `of` of a frame. Sizes of about a
- * twentieth, opacities of a half, turned by nothing. */
+/* Column c (0 to 13) of part 0 to 2 (value, moments) of a track, or of row `of` of a frame. Sizes
+ * of about a twentieth, opacities of a half, turned by nothing. */
 static float tracked_value(int part, int frame, int of, int c)
 {
     static const float base[14] = {0, 1, 2, -3, -3, -3, 1, 0, 0, 0, 0.1f, 0.2f, 0.3f, 0};
@@ -65,7 +65,8 @@ static float SPIN_DEV *tracked_part(const struct spin_train_frame *f, int part, 
     return residual ? own[part] : pos[part];
 }
 
-/* Values, times and steps. second: the logit of the opacity of frame 0's second splat without a track. */
+/* Values, times and steps. second: the logit of the opacity of frame 0's second splat without a
+ * track. */
 static void tracked_fill(struct spin_device *d, struct spin_trainer *t, float second)
 {
     float SPIN_DEV *track[] = {t->tracks.p, t->tracks.m, t->tracks.v};

@@ -56,7 +56,8 @@ static int fail(void)
     return -1;
 }
 
-/* ---- Names ------------------------------------------------------------------------------------ */
+/* ---- Names ------------------------------------------------------------------------------------
+ */
 
 /* A name that is too long, or no UTF-8, becomes the empty one, which no file has. */
 struct wide {
@@ -117,7 +118,8 @@ ssize_t posix_readlink(const char *path, char *out, size_t n)
     return got > 0 && got < PATH_ROOM ? (ssize_t)narrow(wide.text, out, n) : -1;
 }
 
-/* ---- What a file is ---------------------------------------------------------------------------- */
+/* ---- What a file is ----------------------------------------------------------------------------
+ */
 
 static int stat_handle(HANDLE file, struct posix_stat *out)
 {
@@ -203,7 +205,8 @@ int statvfs(const char *folder, struct statvfs *out)
     return 0;
 }
 
-/* ---- Open, read, write ------------------------------------------------------------------------- */
+/* ---- Open, read, write -------------------------------------------------------------------------
+ */
 
 /* A folder can be opened, too, and then fstat() says that it is one. */
 int posix_open(const char *path, int flags, ...)
@@ -265,7 +268,8 @@ int posix_flock(int fd, int how)
                : fail();
 }
 
-/* ---- Files in memory: temporary ones, read when they are closed --------------------------------- */
+/* ---- Files in memory: temporary ones, read when they are closed ---------------------------------
+ */
 
 static struct memory {
     struct memory *next;
@@ -363,7 +367,8 @@ int posix_fclose(FILE *file)
     return fclose(file) != 0 ? EOF : error;
 }
 
-/* ---- Names of files ------------------------------------------------------------------------------ */
+/* ---- Names of files
+ * ------------------------------------------------------------------------------ */
 
 int posix_unlink(const char *path)
 {
@@ -399,8 +404,9 @@ static void remove_olds(void)
         (void)DeleteFileW(olds->path.text);
 }
 
-/* A file that is mapped cannot be replaced, but it can get another name: that of a temporary file of a process with our
- * number and one, which no process has. What cannot be removed at the end, spin_out_sweep() removes. */
+/* A file that is mapped cannot be replaced, but it can get another name: that of a temporary file
+ * of a process with our number and one, which no process has. What cannot be removed at the end,
+ * spin_out_sweep() removes. */
 static bool replace_mapped(const wchar_t *from, const wchar_t *to)
 {
     static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
@@ -486,7 +492,8 @@ int posix_closedir(DIR *dir)
     return 0;
 }
 
-/* ---- Memory and processors ------------------------------------------------------------------------- */
+/* ---- Memory and processors
+ * ------------------------------------------------------------------------- */
 
 void *mmap(void *none, size_t n, int protection, int flags, int fd, int64_t zero)
 {
@@ -575,7 +582,8 @@ int getrusage(int self, struct rusage *out)
     return 0;
 }
 
-/* ---- Processes and signals ---------------------------------------------------------------------------- */
+/* ---- Processes and signals
+ * ---------------------------------------------------------------------------- */
 
 int posix_kill(pid_t pid, int zero)
 {
@@ -702,7 +710,8 @@ int pause(void)
     return -1;
 }
 
-/* ---- Libraries ------------------------------------------------------------------------------------------ */
+/* ---- Libraries
+ * ------------------------------------------------------------------------------------------ */
 
 static _Thread_local char dl_error[512];
 
@@ -744,7 +753,9 @@ int dlclose(void *object) { return FreeLibrary(object) ? 0 : -1; }
 
 const char *dlerror(void) { return dl_error; }
 
-/* ---- Text ----------------------------------------------------------------------------------------------- */
+/* ---- Text
+ * -----------------------------------------------------------------------------------------------
+ */
 
 char *strndup(const char *text, size_t n)
 {

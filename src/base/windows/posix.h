@@ -1,6 +1,7 @@
-/* What spin4d calls of POSIX, for the build by MinGW: src/packaging/windows.sh puts this header before every source, and
- * empty files where a source includes one that Windows lacks. Names of files are UTF-8; in arguments and in what comes
- * back, folders end with '/'. Files are bytes. Where a function does less than POSIX says, its line says what. */
+/* What spin4d calls of POSIX, for the build by MinGW: src/packaging/windows.sh puts this header
+ * before every source, and empty files where a source includes one that Windows lacks. Names of
+ * files are UTF-8; in arguments and in what comes back, folders end with '/'. Files are bytes.
+ * Where a function does less than POSIX says, its line says what. */
 #ifndef SPIN_BASE_WINDOWS_POSIX_H
 #define SPIN_BASE_WINDOWS_POSIX_H
 
@@ -132,7 +133,8 @@ enum { RLIMIT_AS, RLIMIT_CORE };
 #define getrlimit(which, out) ((void)(out), -1)
 #define setrlimit(which, in) ((void)(in), -1)
 
-/* ---- Processes, signals, libraries ------------------------------------------------------------ */
+/* ---- Processes, signals, libraries ------------------------------------------------------------
+ */
 
 #define fork() (errno = ENOSYS, -1) /* none */
 #define waitpid(child, how, flags) ((void)(how), -1)
@@ -172,7 +174,8 @@ void *dlsym(void *object, const char *name);
 int dlclose(void *object);
 const char *dlerror(void);
 
-/* ---- Text -------------------------------------------------------------------------------------- */
+/* ---- Text --------------------------------------------------------------------------------------
+ */
 
 char *strndup(const char *text, size_t n);
 char *strsep(char **rest, const char *ends);

@@ -169,7 +169,8 @@ static void active_task(void *context, size_t first, size_t end)
     job->count[first / CHUNK] = n;
 }
 
-/* Every chunk lists its own, then the lists are put together in order. Returns how many there are. */
+/* Every chunk lists its own, then the lists are put together in order. Returns how many there are.
+ */
 static uint32_t list_active(struct spin_device *d, const struct spin_frame_of_batch *frame,
                             size_t width, const float *d_attr, uint32_t *rows)
 {

@@ -49,7 +49,8 @@ void SPIN_CPU(adam)(struct spin_device *d, int n_groups, const struct spin_param
     }
 }
 
-/* ---- Whether they are still numbers ----------------------------------------------------------- */
+/* ---- Whether they are still numbers -----------------------------------------------------------
+ */
 
 enum { FINITE_CHUNK = 1 << 16 };
 struct finite {

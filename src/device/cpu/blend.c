@@ -123,8 +123,9 @@ static struct spin_blend_splat splat_of(const struct ready *r, uint32_t i)
     return s;
 }
 
-/* What the exponent needs of every row of the tile: the distance, and the term without dx. They are kept in
- * memory because a load that copies one float into all lanes costs no more than a plain load. */
+/* What the exponent needs of every row of the tile: the distance, and the term without dx. They are
+ * kept in memory because a load that copies one float into all lanes costs no more than a plain
+ * load. */
 struct rows {
     float dy[SIDE], c[SIDE];
     int begin, end; /* rows with a pixel that may count; an ellipse leaves no gap */

@@ -1,5 +1,5 @@
-/* The CPU device: memory, and which function is which verb. It works at once: on return from a verb its
- * work is done. A frame and a view at a time fit its caches best. */
+/* The CPU device: memory, and which function is which verb. It works at once: on return from a verb
+ * its work is done. A frame and a view at a time fit its caches best. */
 #include "device/cpu/cpu.h"
 
 #include "base/base.h"

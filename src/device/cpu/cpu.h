@@ -1,6 +1,6 @@
-/* The CPU device. Every file of this folder is compiled once per code path (SPIN_CPU_PATH = base, v3,
- * v4 on x86-64; base alone elsewhere, where it is NEON on Arm), with the compiler's flags for it;
- * device.c picks one at run time. SPIN_CPU(name) is a name of this path. */
+/* The CPU device. Every file of this folder is compiled once per code path (SPIN_CPU_PATH = base,
+ * v3, v4 on x86-64; base alone elsewhere, where it is NEON on Arm), with the compiler's flags for
+ * it; device.c picks one at run time. SPIN_CPU(name) is a name of this path. */
 #pragma once
 
 #include "base/log.h"
@@ -33,8 +33,8 @@ struct spin_cpu {
     char why[256];
 };
 
-/* verbs.c: 64-byte aligned, contents undefined. NULL when there is no memory: the verb then leaves its results as
- * they are, and the next wait() or download() reports it. */
+/* verbs.c: 64-byte aligned, contents undefined. NULL when there is no memory: the verb then leaves
+ * its results as they are, and the next wait() or download() reports it. */
 void *SPIN_CPU(scratch_need)(struct spin_device *d, enum spin_cpu_scratch which, size_t bytes);
 #define spin_cpu_scratch_need SPIN_CPU(scratch_need)
 

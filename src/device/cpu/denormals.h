@@ -1,6 +1,7 @@
 /* Moments of entries that are no longer touched fade into denormal numbers, and stay there: 0.9
  * times the smallest one rounds back to it. Arithmetic on them is a hundred times slower, so they
- * count as zero between these two calls. On machines without the switch nothing but speed changes. */
+ * count as zero between these two calls. On machines without the switch nothing but speed changes.
+ */
 #pragma once
 
 #if defined(__SSE__)

@@ -1,4 +1,5 @@
-/* A camera's gain and offset and its lens's falloff over a picture, and back. Sums go chunk by chunk in double. */
+/* A camera's gain and offset and its lens's falloff over a picture, and back. Sums go chunk by
+ * chunk in double. */
 #include <math.h>
 
 #include "device/cpu/cpu.h"

@@ -1,6 +1,6 @@
-/* L1 + SSIM in two sweeps over bands of rows (docs/method.md 5). The first windows x, y, x^2 + y^2 and
- * x y, and leaves the three slopes of the map; the second windows those. Bands depend only on the
- * image, and their sums are added in order. */
+/* L1 + SSIM in two sweeps over bands of rows (docs/method.md 5). The first windows x, y, x^2 + y^2
+ * and x y, and leaves the three slopes of the map; the second windows those. Bands depend only on
+ * the image, and their sums are added in order. */
 #include <string.h>
 
 #include "device/cpu/cpu.h"
@@ -123,8 +123,8 @@ static float *padded(const struct job *job, const struct band *b, int m, int in_
     return b->padded[m] + (size_t)in_part * job->stride;
 }
 
-/* The vertical windows of map m at the part of the band that begins with this row. Row r of the map is at
- * from + r % n_rows * stride. */
+/* The vertical windows of map m at the part of the band that begins with this row. Row r of the map
+ * is at from + r % n_rows * stride. */
 static void window_part_down(const struct job *job, const struct band *b, int first, int m,
                              const float *from, int n_rows, size_t stride)
 {

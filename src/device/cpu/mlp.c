@@ -5,9 +5,10 @@
  * 64 with AVX-512): one row of the right factor is loaded, six values of the left are broadcast.
  * Weights are copied once per call, transposed for the forward and padded to whole vectors.
  *
- * Backward recomputes the activations (docs/method.md 3.4). The gradient of the weights is a sum over
- * Gaussians: the blocks are cut into at most 32 tasks, a number that depends only on the number of
- * Gaussians; each has its own partial sum, and the partial sums are added in task order. */
+ * Backward recomputes the activations (docs/method.md 3.4). The gradient of the weights is a sum
+ * over Gaussians: the blocks are cut into at most 32 tasks, a number that depends only on the
+ * number of Gaussians; each has its own partial sum, and the partial sums are added in task order.
+ */
 #include "device/cpu/cpu.h"
 
 #include <string.h>

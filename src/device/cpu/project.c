@@ -27,8 +27,8 @@ static struct spin_projection lens_of(const struct spin_camera_f32 *cam)
     return projection;
 }
 
-/* Splats side by side, so that the compiler makes vectors of the loops over them. Places behind the last splat
- * hold the first. */
+/* Splats side by side, so that the compiler makes vectors of the loops over them. Places behind the
+ * last splat hold the first. */
 struct block {
     size_t row[BLOCK];
     float pos[3][BLOCK], scale[3][BLOCK], q[4][BLOCK], opacity[BLOCK];
@@ -62,8 +62,9 @@ struct one {
     float scale[3], q[4];
 };
 
-/* An axis of spin_to_camera. `first` of x and y is the product that the compiler fuses last where it sees one splat alone,
- * forward and backward: in this order a block gives the same bits as that, and so as the published results. */
+/* An axis of spin_to_camera. `first` of x and y is the product that the compiler fuses last where
+ * it sees one splat alone, forward and backward: in this order a block gives the same bits as that,
+ * and so as the published results. */
 SPIN_FN float to_camera(const struct spin_projection *lens, int axis, int first,
                         const struct block *b, int i)
 {

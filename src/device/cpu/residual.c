@@ -1,4 +1,5 @@
-/* Explicit values of every splat to rows of raw attributes, and gradients back (the layout is in device.h). */
+/* Explicit values of every splat to rows of raw attributes, and gradients back (the layout is in
+ * device.h). */
 #include "device/cpu/cpu.h"
 
 enum { CHUNK = 1024 };
@@ -17,8 +18,8 @@ static inline void copy(float *to, const float *from, size_t n, bool add)
         to[c] = add ? to[c] + from[c] : from[c];
 }
 
-/* A row of attributes, and where a splat's values are: groups [n][3], [n][4], [n][3], [n][1], then SH beyond the first
- * coefficient, which has a place of its own. The opacity stands last. */
+/* A row of attributes, and where a splat's values are: groups [n][3], [n][4], [n][3], [n][1], then
+ * SH beyond the first coefficient, which has a place of its own. The opacity stands last. */
 static inline void to_rows(const struct job *job, size_t first, size_t end, bool add)
 {
     for (size_t i = first; i < end; i++) {

@@ -183,7 +183,8 @@ static uint32_t digit_of(const struct job *job, struct entry e)
     return e.key >> job->shift & ((1u << job->digit) - 1);
 }
 
-/* Neighbours are often equally deep: two sets of counts, so that one need not wait for the other. */
+/* Neighbours are often equally deep: two sets of counts, so that one need not wait for the other.
+ */
 static void digit_count_task(void *context, int part)
 {
     struct job *job = context;
@@ -213,8 +214,8 @@ static void digit_move_task(void *context, int part)
         job->to[place[digit_of(job, job->from[i])]++] = job->from[i];
 }
 
-/* Counts of n buckets, `stride` from part to part, to places from `place` on: bucket by bucket, within a
- * bucket part by part. Returns the place behind them. */
+/* Counts of n buckets, `stride` from part to part, to places from `place` on: bucket by bucket,
+ * within a bucket part by part. Returns the place behind them. */
 static uint32_t counts_to_places(const struct job *job, size_t n, size_t stride, uint32_t place,
                                  uint32_t *start)
 {
@@ -372,8 +373,8 @@ static size_t corners_of(const struct spin_camera_f32 *cam)
     return ((size_t)cam->tiles_x + 1) * ((size_t)cam->tiles_y + 1);
 }
 
-/* How often each tile is covered: every rectangle leaves its four corners, and the sums over what is
- * left and above of a tile are counts. They go where the corners were, without those beyond the
+/* How often each tile is covered: every rectangle leaves its four corners, and the sums over what
+ * is left and above of a tile are counts. They go where the corners were, without those beyond the
  * tiles. */
 static void tile_count_task(void *context, int part)
 {

@@ -1,6 +1,6 @@
-/* What the splats of a frame have from their tracks, and gradients back (the layout is in device.h). A track
- * belongs to at most one splat of a frame, so the rows of a frame are independent of each other; frames go one
- * after the other. */
+/* What the splats of a frame have from their tracks, and gradients back (the layout is in
+ * device.h). A track belongs to at most one splat of a frame, so the rows of a frame are
+ * independent of each other; frames go one after the other. */
 #include "device/cpu/cpu.h"
 #include "math/motion.h"
 #include "math/turn.h"
@@ -25,7 +25,8 @@ struct job {
     int group;
 };
 
-/* A group of a frame. Only the place and the opacity know of motion, only the place and the rotation of turns. */
+/* A group of a frame. Only the place and the opacity know of motion, only the place and the
+ * rotation of turns. */
 static struct job job_of(const struct spin_frame_of_batch *frame,
                          const struct spin_tracks_f32 *tracks, int group, const float *shared)
 {
@@ -43,7 +44,8 @@ static struct job job_of(const struct spin_frame_of_batch *frame,
                         .group = group};
 }
 
-/* What a splat has of its track's motion: of the place what it has gone, of the opacity what is seen of it. */
+/* What a splat has of its track's motion: of the place what it has gone, of the opacity what is
+ * seen of it. */
 static void move(const struct job *job, const float *motion, float *value)
 {
     float d = job->t - motion[3], x = d * motion[4];
@@ -74,8 +76,8 @@ static inline void sum_rows(const struct job *job, size_t w, size_t first, size_
     }
 }
 
-/* A constant width lets the compiler unroll. Where splats turn, sums would then be rounded otherwise than in the published
- * results: they keep a function of their own. */
+/* A constant width lets the compiler unroll. Where splats turn, sums would then be rounded
+ * otherwise than in the published results: they keep a function of their own. */
 #define OF_WIDTH(rows, job, first, end)                                                            \
     ((job)->n_turns > 0  ? rows##_any(job, first, end)                                             \
      : (job)->width == 3 ? rows(job, 3, first, end)                                                \

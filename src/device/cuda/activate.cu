@@ -2,8 +2,9 @@
 #include "device/cuda/cuda.h"
 #include "math/activate.h"
 
-/* A thread has four numbers of a row, so that a warp reads and writes memory that lies together. The first two
- * threads of a row take part in the rotation, and both work it out; a thread between them and the last copies. */
+/* A thread has four numbers of a row, so that a warp reads and writes memory that lies together.
+ * The first two threads of a row take part in the rotation, and both work it out; a thread between
+ * them and the last copies. */
 enum { FOURS = SPIN_ATTR / 4, LAST = FOURS - 1 };
 static_assert(SPIN_ATTR_SCALE == 0 && SPIN_ATTR_ROTATION + 4 == 7 &&
                   SPIN_ATTR_OPACITY == SPIN_ATTR - 1 && SPIN_ATTR % 4 == 0,

@@ -1,12 +1,14 @@
-/* Alpha blending of the splats of a tile, front to back, and its gradient, back to front. A block has a tile, a thread
- * a pixel of it; the splats come in batches through shared memory. The formulas are math/blend.h's. Forwards a warp has
- * 8 x 4 pixels, and passes over the splats of a batch whose alpha is below 1/255 in all of them.
+/* Alpha blending of the splats of a tile, front to back, and its gradient, back to front. A block
+ * has a tile, a thread a pixel of it; the splats come in batches through shared memory. The
+ * formulas are math/blend.h's. Forwards a warp has 8 x 4 pixels, and passes over the splats of a
+ * batch whose alpha is below 1/255 in all of them.
  *
- * Backwards, a block begins at the last splat that any of its pixels has, and warps pass over the same splats. A
- * warp takes two splats at once. Its pixels leave what these are to them in shared memory, until there are eight
- * splats; then a lane adds up a row of eight pixels, and four lanes a splat. A batch's sums of the warps are added
- * in order. Each (splat, tile) pair writes its sums to a slot of its own, and the slots of a splat are added in
- * order: no atomics, the same bits every time. */
+ * Backwards, a block begins at the last splat that any of its pixels has, and warps pass over the
+ * same splats. A warp takes two splats at once. Its pixels leave what these are to them in shared
+ * memory, until there are eight splats; then a lane adds up a row of eight pixels, and four lanes a
+ * splat. A batch's sums of the warps are added in order. Each (splat, tile) pair writes its sums to
+ * a slot of its own, and the slots of a splat are added in order: no atomics, the same bits every
+ * time. */
 #include "device/cuda/cuda.h"
 #include "device/pairs.h"
 #include "math/blend.h"
@@ -200,8 +202,8 @@ static __device__ void add_sums(struct spin_blend_sums *to, const struct spin_bl
     to->eyy += more.eyy;
 }
 
-/* What some splats are to the pixels of a warp, in order of lanes. A splat's row is longer than the warp, so that lanes
- * which read different rows meet in no bank. */
+/* What some splats are to the pixels of a warp, in order of lanes. A splat's row is longer than the
+ * warp, so that lanes which read different rows meet in no bank. */
 struct held {
     float4 weight[HELD][WARP / 4 + 1], de[HELD][WARP / 4 + 1];
 };
@@ -211,8 +213,8 @@ static __device__ float at_of(const float4 &v, int k)
     return k == 0 ? v.x : k == 1 ? v.y : k == 2 ? v.z : v.w;
 }
 
-/* A splat's sums over one row of a warp's pixels: g [3] the warp's, weight and de the row's; (dx, dy) from the row's
- * first pixel to the splat. */
+/* A splat's sums over one row of a warp's pixels: g [3] the warp's, weight and de the row's; (dx,
+ * dy) from the row's first pixel to the splat. */
 static __device__ struct spin_blend_sums sums_of_row(const float4 *weight, const float4 *de,
                                                      const float4 (*g)[WARP / 4], int row, float dx,
                                                      float dy)
@@ -253,7 +255,8 @@ static __device__ void add_rows(struct spin_blend_sums *sums)
     }
 }
 
-/* part [BACK]: the sums over a warp's pixels of n splats that are held; this lane's is splat `mine` of the batch. */
+/* part [BACK]: the sums over a warp's pixels of n splats that are held; this lane's is splat `mine`
+ * of the batch. */
 static __device__ void add_held(const struct held &held, int n, uint32_t mine,
                                 const struct front *batch, const float4 (*g)[WARP / 4], int warp_x,
                                 int warp_y, struct spin_blend_sums *part)
@@ -272,9 +275,10 @@ static __device__ void add_held(const struct held &held, int n, uint32_t mine,
         part[mine] = sums;
 }
 
-/* One step back for two splats of a batch, the second only if it is wanted: two chains of arithmetic that need not wait
- * for each other. `used` is the pixel's last contributor, from the batch on. Writes what they are to the pixel; false,
- * with nothing written, where no pixel of the warp has any. */
+/* One step back for two splats of a batch, the second only if it is wanted: two chains of
+ * arithmetic that need not wait for each other. `used` is the pixel's last contributor, from the
+ * batch on. Writes what they are to the pixel; false, with nothing written, where no pixel of the
+ * warp has any. */
 static __device__ bool step_back(const struct front *batch, const uint32_t i[TWO], bool two,
                                  int32_t used, int in_x, int in_y,
                                  struct spin_blend_pixel_adj *pixel, struct held *held, int n_held)

@@ -1,4 +1,5 @@
-/* A cell of the hash grid, for kernels. Who includes it is compiled without contraction of products and sums. */
+/* A cell of the hash grid, for kernels. Who includes it is compiled without contraction of products
+ * and sums. */
 #pragma once
 
 #include "device/cuda/cuda.h"
@@ -6,7 +7,8 @@
 
 enum { CUDA_CORNERS = 16 };
 
-/* Where a point is in a level: vertices of its cell (within what there is), weights of the upper ones. */
+/* Where a point is in a level: vertices of its cell (within what there is), weights of the upper
+ * ones. */
 struct cuda_cell {
     uint32_t low[4], high[4]; /* their part of the row: times the stride or the prime */
     float w[4], slope[4];     /* d w / d x_u */
@@ -17,7 +19,7 @@ struct cuda_cell {
 
 /* False: the point is outside, or not a number. */
 static inline __device__ bool cuda_cell_of(const struct spin_grid &grid, int level, const float *x,
-                               struct cuda_cell *cell)
+                                           struct cuda_cell *cell)
 {
     const uint32_t primes[4] = {SPIN_GRID_PRIME_X, SPIN_GRID_PRIME_Y, SPIN_GRID_PRIME_Z,
                                 SPIN_GRID_PRIME_T};

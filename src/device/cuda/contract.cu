@@ -1,5 +1,6 @@
-/* Means to the unit cube and back, and the statistics of densification. Compiled without contraction of products
- * and sums, as on the CPU: the grid's positions are defined with one rounding per operation. */
+/* Means to the unit cube and back, and the statistics of densification. Compiled without
+ * contraction of products and sums, as on the CPU: the grid's positions are defined with one
+ * rounding per operation. */
 #include "device/cuda/cuda.h"
 #include "math/contract.h"
 
@@ -69,7 +70,8 @@ void cuda_contract_back(struct spin_device *d, const struct spin_scene_transform
     }
 }
 
-/* A pixel coordinate u belongs to x in normalised device coordinates by u = ((x + 1) width - 1) / 2. */
+/* A pixel coordinate u belongs to x in normalised device coordinates by u = ((x + 1) width - 1)
+ * / 2. */
 static __global__ void densify_stats_kernel(size_t n, float half_width, float half_height,
                                             const struct spin_splat2d *splat2d,
                                             const struct spin_splat2d_grad *d_splat2d, float *sum,

@@ -28,8 +28,8 @@ static void note(struct spin_device *d, spin_status status, const char *why)
     snprintf(cuda->why, sizeof cuda->why, "%s: %s", cuda->gpu.name, why);
 }
 
-/* Processes on one machine that were started together take a card each, by the place of this one among them, which
- * Open MPI, MPICH and Slurm tell. */
+/* Processes on one machine that were started together take a card each, by the place of this one
+ * among them, which Open MPI, MPICH and Slurm tell. */
 static int card_number(void)
 {
     static const char *const name[] = {"OMPI_COMM_WORLD_LOCAL_RANK", "MPI_LOCALRANKID",
@@ -44,8 +44,9 @@ static int card_number(void)
     return 0;
 }
 
-/* Whether three products of tf32 are faster than one of fp32: not on cards for games (8.6, 8.9, 12), which have as many
- * of one as of the other. SPIN_CUDA_MLP=fp32 or tf32 is for comparing the two. */
+/* Whether three products of tf32 are faster than one of fp32: not on cards for games (8.6, 8.9,
+ * 12), which have as many of one as of the other. SPIN_CUDA_MLP=fp32 or tf32 is for comparing the
+ * two. */
 static bool wants_tensor(const struct gpu *gpu)
 {
     const char *wanted = getenv("SPIN_CUDA_MLP");

@@ -1,5 +1,6 @@
-/* The CUDA device. Files of this folder are compiled by nvcc, and by the host's compiler for the emulation. Work
- * goes into one queue, in order; the first error is kept until the next wait() or download() tells it. */
+/* The CUDA device. Files of this folder are compiled by nvcc, and by the host's compiler for the
+ * emulation. Work goes into one queue, in order; the first error is kept until the next wait() or
+ * download() tells it. */
 #pragma once
 
 #include <string.h>
@@ -34,8 +35,8 @@ struct cuda {
         void *block;
         size_t bytes;
     } scratch[CUDA_SCRATCHES];
-    bool sync; /* SPIN_CUDA_SYNC=1: every verb is waited for, so that a failure has its name */
-    bool tensor;        /* heads by tensor cores */
+    bool sync;   /* SPIN_CUDA_SYNC=1: every verb is waited for, so that a failure has its name */
+    bool tensor; /* heads by tensor cores */
     spin_status failed; /* what the next wait() will tell */
     char why[256];
     struct cuda_clock clock[SPIN_N_OPS];
@@ -46,8 +47,8 @@ struct cuda {
 static inline struct cuda *cuda_of(struct spin_device *d) { return (struct cuda *)d->state; }
 static inline struct gpu *gpu_of(struct spin_device *d) { return &cuda_of(d)->gpu; }
 
-/* cuda.cu: contents undefined. NULL when there is no memory: the verb then leaves its results as they are, and the
- * next wait() tells it. */
+/* cuda.cu: contents undefined. NULL when there is no memory: the verb then leaves its results as
+ * they are, and the next wait() tells it. */
 void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t bytes);
 /* cuda.cu: the host has no memory; and any other failure, told at once. */
 spin_status cuda_no_memory(void);
@@ -61,7 +62,8 @@ struct cuda_clocked {
     cuda_clocked(struct spin_device *device, int number);
     ~cuda_clocked();
 };
-/* Scan and sort of gpu.h with scratch of their own. False: there is no memory for it, as cuda_scratch(). */
+/* Scan and sort of gpu.h with scratch of their own. False: there is no memory for it, as
+ * cuda_scratch(). */
 bool cuda_scan(struct spin_device *d, const uint64_t *in, uint64_t *out, size_t n);
 bool cuda_sort(struct spin_device *d, const uint32_t *key, uint32_t *key_out, const uint32_t *value,
                uint32_t *value_out, size_t n, int bits);
@@ -75,8 +77,8 @@ static inline size_t cuda_picture(const struct spin_view_batch *views, int k)
     return (size_t)k * 3 * views->max_pixels;
 }
 
-/* Active rows, of which a kernel has one thread for each there is room for; those of one frame [first, first + n)
- * are looked after in one launch. */
+/* Active rows, of which a kernel has one thread for each there is room for; those of one frame
+ * [first, first + n) are looked after in one launch. */
 struct cuda_rows {
     const uint32_t *row, *count;
     size_t first, n;
@@ -95,8 +97,8 @@ static inline __device__ bool cuda_row(const struct cuda_rows &rows, size_t i, s
     return *row_of_frame < rows.n;
 }
 
-/* The values of a block's threads are added in one order, whatever order they run in. All threads call it, sum
- * [threads] is shared memory; thread 0 has the sum. threads is a power of two. */
+/* The values of a block's threads are added in one order, whatever order they run in. All threads
+ * call it, sum [threads] is shared memory; thread 0 has the sum. threads is a power of two. */
 static inline __device__ double cuda_block_sum(double *sum, double value)
 {
     unsigned me = threadIdx.x;

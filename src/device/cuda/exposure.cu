@@ -1,4 +1,5 @@
-/* A camera's gain and offset and its lens's falloff over a picture, and back. Sums are in double, blocks in order. */
+/* A camera's gain and offset and its lens's falloff over a picture, and back. Sums are in double,
+ * blocks in order. */
 #include "device/cuda/cuda.h"
 #include "math/exposure.h"
 
@@ -64,9 +65,9 @@ static __global__ void back_kernel(struct look l, const float *image, float *d_i
     if (i < l.plane) {
         float r2 = r2_of(l, i);
 
-        d_image[at] = spin_exposure_adj(expf(l.exposure[c]),
-                                        spin_falloff(l.lens[c], l.lens[3 + c], r2),
-                                        l.exposure[3 + c], r2, image[at], d_image[at], &s);
+        d_image[at] =
+            spin_exposure_adj(expf(l.exposure[c]), spin_falloff(l.lens[c], l.lens[3 + c], r2),
+                              l.exposure[3 + c], r2, image[at], d_image[at], &s);
     }
     of_block[0] = cuda_block_sum(sum, s.m);
     of_block[1] = cuda_block_sum(sum, s.offset);
@@ -105,8 +106,8 @@ void cuda_exposure_back(struct spin_device *d, const struct spin_view_batch *vie
         struct look l = look_of(views, k, exposure);
         size_t at = cuda_picture(views, k);
         unsigned blocks = gpu_blocks(l.plane);
-        double *sums = (double *)cuda_scratch(d, CUDA_SCRATCH_LOSS,
-                                              (size_t)blocks * 3 * SUMS * sizeof *sums);
+        double *sums =
+            (double *)cuda_scratch(d, CUDA_SCRATCH_LOSS, (size_t)blocks * 3 * SUMS * sizeof *sums);
 
         if (!sums)
             break;

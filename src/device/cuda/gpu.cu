@@ -1,4 +1,5 @@
-/* The names of gpu.h by the CUDA runtime and CUB. The only file of this folder that the emulation does not run. */
+/* The names of gpu.h by the CUDA runtime and CUB. The only file of this folder that the emulation
+ * does not run. */
 #include "device/cuda/gpu.h"
 
 #include <cstdio>
@@ -11,7 +12,8 @@ static const char *text_of(cudaError_t error)
     return error == cudaSuccess ? NULL : cudaGetErrorString(error);
 }
 
-/* CUDA's choice of a card is a thread's own; kernels are launched after a call of this, gpu_mark() at least. */
+/* CUDA's choice of a card is a thread's own; kernels are launched after a call of this, gpu_mark()
+ * at least. */
 static cudaStream_t stream_of(struct gpu *gpu)
 {
     cudaSetDevice(gpu->number);
@@ -94,8 +96,8 @@ void gpu_close(struct gpu *gpu)
     gpu->stream = NULL;
 }
 
-/* In the order of the queue, and kept when it is given back: memory that is wanted again costs nothing. A card that
- * shares its memory with another system has no pools. */
+/* In the order of the queue, and kept when it is given back: memory that is wanted again costs
+ * nothing. A card that shares its memory with another system has no pools. */
 void *gpu_alloc(struct gpu *gpu, size_t bytes, const char **why)
 {
     void *block = NULL;

@@ -1,6 +1,7 @@
-/* What the CUDA device needs of CUDA, under names of ours. gpu.cu has them by the CUDA runtime and CUB; in the
- * host emulation (SPIN_EMU) tests/emu has them, and the compiler is told to include tests/emu/emu.h first, which
- * has the words of CUDA C++ that kernels use: __global__, threadIdx, __syncthreads() and so on. */
+/* What the CUDA device needs of CUDA, under names of ours. gpu.cu has them by the CUDA runtime and
+ * CUB; in the host emulation (SPIN_EMU) tests/emu has them, and the compiler is told to include
+ * tests/emu/emu.h first, which has the words of CUDA C++ that kernels use: __global__, threadIdx,
+ * __syncthreads() and so on. */
 #pragma once
 
 #include <stddef.h>
@@ -18,15 +19,16 @@ bool emu_launches(struct gpu *gpu); /* false: the card was lost, as a test wante
 #else
 #define GPU_LAUNCH(gpu, kernel, grid, block, ...)                                                  \
     kernel<<<grid, block, 0, (cudaStream_t)(gpu)->stream>>>(__VA_ARGS__)
-/* With so many bytes of shared memory beside what the kernel declares, up to gpu->shared; the kernel finds them by
- * GPU_SHARED, aligned to 16. */
+/* With so many bytes of shared memory beside what the kernel declares, up to gpu->shared; the
+ * kernel finds them by GPU_SHARED, aligned to 16. */
 #define GPU_LAUNCH_SHARED(gpu, kernel, grid, block, bytes, ...)                                    \
     (cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, bytes),             \
      kernel<<<grid, block, bytes, (cudaStream_t)(gpu)->stream>>>(__VA_ARGS__))
 #define GPU_SHARED(type, name) extern __shared__ __align__(16) type name[]
 #endif
 
-/* Threads of a block where a kernel has one thread for each of n things, and the blocks for them. */
+/* Threads of a block where a kernel has one thread for each of n things, and the blocks for them.
+ */
 enum { GPU_BLOCK = 256 };
 static inline unsigned gpu_blocks(size_t n) { return (unsigned)((n + GPU_BLOCK - 1) / GPU_BLOCK); }
 /* One thread for each of n things; nothing for none. */
@@ -38,8 +40,8 @@ static inline unsigned gpu_blocks(size_t n) { return (unsigned)((n + GPU_BLOCK -
 /* This thread's place among all of its launch, along x. */
 #define GPU_INDEX() ((size_t)blockIdx.x * blockDim.x + threadIdx.x)
 
-/* The card and its queue of work. Functions that return nothing are queued; their errors, like those of
- * kernels, are what gpu_error() and gpu_wait() tell. */
+/* The card and its queue of work. Functions that return nothing are queued; their errors, like
+ * those of kernels, are what gpu_error() and gpu_wait() tell. */
 struct gpu {
     void *stream;
     void *pool;    /* that keeps memory which is given back, or NULL */
@@ -51,10 +53,11 @@ struct gpu {
     int shared;     /* bytes of shared memory that a block may have */
 };
 
-/* How many cards there are; 0 with why, -1 with why when the driver knows of none that it can serve, as it is too
- * old. */
+/* How many cards there are; 0 with why, -1 with why when the driver knows of none that it can
+ * serve, as it is too old. */
 int gpu_count(char *why, size_t n_why);
-/* The card of this number, below gpu_count(). False, with why, when it does not work or has no code here. */
+/* The card of this number, below gpu_count(). False, with why, when it does not work or has no code
+ * here. */
 bool gpu_open(struct gpu *gpu, int number, char *why, size_t n_why);
 void gpu_close(struct gpu *gpu);
 
@@ -76,7 +79,8 @@ const char *gpu_error(struct gpu *gpu);
 const char *gpu_wait(struct gpu *gpu);
 bool gpu_done(struct gpu *gpu); /* whether all that is queued is done, or failed */
 
-/* Marks in the queue, and the seconds between two of them, which waits for the second. NULL: none to be had. */
+/* Marks in the queue, and the seconds between two of them, which waits for the second. NULL: none
+ * to be had. */
 void *gpu_mark_new(struct gpu *gpu);
 void gpu_mark_free(void *mark);
 void gpu_mark(struct gpu *gpu, void *mark);

@@ -1,7 +1,8 @@
-/* The 4-D hash grid, forward and backward: a thread has one point in one level, and the blocks of a level follow
- * each other, so that the level stays in the cache. Compiled without contraction of products and sums, as on the
- * CPU. Rows of the table gather their gradients by atomic additions: equal to rounding from run to run, or, when
- * the device is to be deterministic, of whole numbers, whose sum is the same in any order. */
+/* The 4-D hash grid, forward and backward: a thread has one point in one level, and the blocks of a
+ * level follow each other, so that the level stays in the cache. Compiled without contraction of
+ * products and sums, as on the CPU. Rows of the table gather their gradients by atomic additions:
+ * equal to rounding from run to run, or, when the device is to be deterministic, of whole numbers,
+ * whose sum is the same in any order. */
 #include "device/cuda/cell.h"
 #include "device/cuda/cuda.h"
 
@@ -14,7 +15,8 @@ static __device__ float corner_weight(const struct cuda_cell &cell, int k)
     return (w[0] * w[1]) * (w[2] * w[3]);
 }
 
-/* WIDTH values that lie side by side, by loads and stores of up to 16 bytes: rows begin at a multiple of their size. */
+/* WIDTH values that lie side by side, by loads and stores of up to 16 bytes: rows begin at a
+ * multiple of their size. */
 template <int WIDTH> static __device__ void load_row(const float *from, float *to)
 {
     if (WIDTH % 4 == 0) {
@@ -115,9 +117,9 @@ static __device__ void slopes_of(const struct cuda_cell &cell, const float v[CUD
     d_x[2] = mix(mix(dz[0], dz[1], cell.w[0]), mix(dz[2], dz[3], cell.w[0]), cell.w[1]);
 }
 
-/* Sums in whole numbers: sum [rows][features] has the table's gradient times factor[level], a power of two. The
- * weights of a point add up to 1, so no sum is larger than those of all |d_z| of its level, and this is below 2^61
- * times factor. */
+/* Sums in whole numbers: sum [rows][features] has the table's gradient times factor[level], a power
+ * of two. The weights of a point add up to 1, so no sum is larger than those of all |d_z| of its
+ * level, and this is below 2^61 times factor. */
 struct fixed {
     unsigned long long *sum; /* NULL: plain sums of floats */
     double *factor;          /* [levels] */
@@ -153,8 +155,8 @@ static __device__ void add_to_row(const struct fixed &fixed, int level, float *d
             atomicAdd(&d_table[at + (size_t)f], value[f]);
 }
 
-/* Lanes of a warp whose points lie in one cell add their values up in a fixed order, and the first of them adds the
- * sum to the table: points come along a curve, and coarse cells hold many. */
+/* Lanes of a warp whose points lie in one cell add their values up in a fixed order, and the first
+ * of them adds the sum to the table: points come along a curve, and coarse cells hold many. */
 enum { MOST_STEPS = 5 };
 struct peers {
     unsigned mask;        /* lanes that have a point */

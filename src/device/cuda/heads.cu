@@ -1,10 +1,10 @@
-/* Heads that are at most 64 wide, forward and backward, in fp32: all layers of 32 splats in one block, whose activations
- * stay in shared memory, and the gradients of the weights in registers. By tensor cores they go in heads_tensor.cu; wider
- * ones in mlp.cu.
+/* Heads that are at most 64 wide, forward and backward, in fp32: all layers of 32 splats in one
+ * block, whose activations stay in shared memory, and the gradients of the weights in registers. By
+ * tensor cores they go in heads_tensor.cu; wider ones in mlp.cu.
  *
- * Forward a block has a head and 32 splats. Backward a launch has a head and as many blocks as fill a large card; a
- * block takes every so-many-th 32 splats of those that there are, and leaves its sums of the weights' gradients; then
- * the blocks' sums are added in order. */
+ * Forward a block has a head and 32 splats. Backward a launch has a head and as many blocks as fill
+ * a large card; a block takes every so-many-th 32 splats of those that there are, and leaves its
+ * sums of the weights' gradients; then the blocks' sums are added in order. */
 #include "device/cuda/heads.h"
 
 #include "math/mlp.h"
@@ -15,9 +15,10 @@ enum {
     OWN_WEIGHTS = WIDE * WIDE / THREADS
 }; /* elements of a thread */
 
-/* The products. Activations are [ROWS][WIDE] in shared memory, cell(row, column); `stage` has STEP rows of a matrix of
- * weights, WIDE columns each. times: sum += x's columns [k0, k0 + STEP) times stage; place says which elements a thread
- * has. outer: sum [n][WIDE] += d^T x; outer_place likewise. */
+/* The products. Activations are [ROWS][WIDE] in shared memory, cell(row, column); `stage` has STEP
+ * rows of a matrix of weights, WIDE columns each. times: sum += x's columns [k0, k0 + STEP) times
+ * stage; place says which elements a thread has. outer: sum [n][WIDE] += d^T x; outer_place
+ * likewise. */
 enum { ROOM = ROWS * WIDE, STAGE_ROW = WIDE, STAGE = (int)STEP * STAGE_ROW };
 static __device__ int cell(int row, int column) { return row * WIDE + column; }
 
@@ -59,7 +60,8 @@ static __device__ void outer(int n, const float *d, const float *x, float *sum)
     }
 }
 
-/* sum = x W^T, W [n_out][n_in]; or, back, x W. All threads call it; afterwards x and stage are free. */
+/* sum = x W^T, W [n_out][n_in]; or, back, x W. All threads call it; afterwards x and stage are
+ * free. */
 static __device__ void multiply(const float *x, const float *w, int n_in, int n_out, bool back,
                                 float *stage, float *sum)
 {
@@ -80,7 +82,8 @@ static __device__ void multiply(const float *x, const float *w, int n_in, int n_
     }
 }
 
-/* to = the activation of the sum and the bias, 0 beyond `hidden`; its slopes, unless that is NULL. */
+/* to = the activation of the sum and the bias, 0 beyond `hidden`; its slopes, unless that is NULL.
+ */
 static __device__ void activate(const float *sum, const float *bias, int hidden, bool relu,
                                 float *to, float *slope)
 {
@@ -105,8 +108,8 @@ static __device__ void activate(const float *sum, const float *bias, int hidden,
     }
 }
 
-/* to [ROWS][WIDE] = the first n columns of m rows of `from`, of which these are the numbers (NULL: one after the other);
- * zeros elsewhere. */
+/* to [ROWS][WIDE] = the first n columns of m rows of `from`, of which these are the numbers (NULL:
+ * one after the other); zeros elsewhere. */
 static __device__ void load(float *to, const float *from, size_t ld, const uint32_t *number, int m,
                             int n)
 {
@@ -192,7 +195,8 @@ static __device__ float sum_of_rows(const float *d)
     return sum;
 }
 
-/* to [n][n_in] = a block's sums of weights, bias [n] = those of a bias, whose quarters come together in stage. */
+/* to [n][n_in] = a block's sums of weights, bias [n] = those of a bias, whose quarters come
+ * together in stage. */
 static __device__ void leave(const float *sum, float sum_of_bias, int n, int n_in, float *stage,
                              float *to, float *bias)
 {
@@ -224,7 +228,8 @@ static __device__ void through(const float *sum, const float *slope, float *to)
     __syncthreads();
 }
 
-/* z, a1, a2 and g [ROWS][WIDE] are shared memory; g has the gradient of one layer after the other. */
+/* z, a1, a2 and g [ROWS][WIDE] are shared memory; g has the gradient of one layer after the other.
+ */
 static __device__ void backward(const struct back &b, float *z, float *a1, float *a2, float *g,
                                 float *stage)
 {

@@ -10,8 +10,8 @@ void cuda_heads_back(struct spin_device *d, const struct spin_heads *heads, cons
                      const struct spin_active *active, const float *z, const float *d_raw,
                      float *d_param, float *d_z);
 
-/* heads_tensor.cu: the same by tensor cores. Backward leaves the sums of the parameters' gradients of `blocks` blocks,
- * those of a head [blocks][size of the head] at blocks times its offset. */
+/* heads_tensor.cu: the same by tensor cores. Backward leaves the sums of the parameters' gradients
+ * of `blocks` blocks, those of a head [blocks][size of the head] at blocks times its offset. */
 bool cuda_heads_fit_tensor(struct spin_device *d);
 unsigned cuda_heads_tensor_blocks(struct spin_device *d, size_t n_splats);
 void cuda_heads_tensor(struct spin_device *d, const struct spin_heads *heads, const float *param,

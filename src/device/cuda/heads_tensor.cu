@@ -1,11 +1,11 @@
-/* Heads that are at most 64 wide, by tensor cores. A block has one head's weights in shared memory, each taken apart into
- * two numbers of tf32, and does all its splats with them before it takes the next head. A warp has rows of its own, whose
- * activations lie in its part of shared memory, so that it goes from layer to layer alone. Backward, what the block's
- * warps have of 128 splats lies side by side for the gradients of the weights, of which each warp keeps a part in
- * registers.
+/* Heads that are at most 64 wide, by tensor cores. A block has one head's weights in shared memory,
+ * each taken apart into two numbers of tf32, and does all its splats with them before it takes the
+ * next head. A warp has rows of its own, whose activations lie in its part of shared memory, so
+ * that it goes from layer to layer alone. Backward, what the block's warps have of 128 splats lies
+ * side by side for the gradients of the weights, of which each warp keeps a part in registers.
  *
- * The order of a sum's terms is free. So the k-th columns of mma.h's A and rows of its B, t and t + 4, are here 2 t and
- * 2 t + 1: a lane reads pairs. */
+ * The order of a sum's terms is free. So the k-th columns of mma.h's A and rows of its B, t and t +
+ * 4, are here 2 t and 2 t + 1: a lane reads pairs. */
 #include "device/cuda/heads.h"
 
 #include "device/cuda/mma.h"
@@ -25,7 +25,8 @@ enum {
     BACK_TILE = BACK_WARPS * BACK_ROWS
 };
 
-/* Of one head, in shared memory; zeros beyond its size. w: what is high, then what is low, see place(). */
+/* Of one head, in shared memory; zeros beyond its size. w: what is high, then what is low, see
+ * place(). */
 struct weights {
     float w1[2 * WIDE * WIDE], w2[2 * WIDE * WIDE], w3[2 * MOST_OUT * WIDE], b1[WIDE], b2[WIDE],
         b3[MOST_OUT];
@@ -113,8 +114,8 @@ static __device__ void take_rows(const float *x, int step, cuda_split<4> *to)
     }
 }
 
-/* The weights (k, n) and (k + 1, n), k = 8 step + 2 t, n = 8 tile + g, of W^T or, BACK, of W, which has room for so many
- * rows. place() is here in parts, of which few change from step to step. */
+/* The weights (k, n) and (k + 1, n), k = 8 step + 2 t, n = 8 tile + g, of W^T or, BACK, of W, which
+ * has room for so many rows. place() is here in parts, of which few change from step to step. */
 template <int N, bool BACK, int ROOM>
 static __device__ void take_weights(const float *w, int step, cuda_split<2 * N> *to)
 {
@@ -140,7 +141,8 @@ static __device__ void take_weights(const float *w, int step, cuda_split<2 * N> 
     }
 }
 
-/* sum [16 M][8 N] = x W^T or, BACK, x W, over 8 `steps` columns of x. A lane's sums of 16 rows lie as mma.h's C. */
+/* sum [16 M][8 N] = x W^T or, BACK, x W, over 8 `steps` columns of x. A lane's sums of 16 rows lie
+ * as mma.h's C. */
 template <int M, int N, bool BACK, int ROOM>
 static __device__ void product(const float *x, int steps, const float *w, float (*sum)[4 * N])
 {
@@ -163,7 +165,8 @@ static __device__ void product(const float *x, int steps, const float *w, float 
     }
 }
 
-/* The warp's rows in shared memory = what the lanes have. What a lane puts there is what it takes by take_rows(). */
+/* The warp's rows in shared memory = what the lanes have. What a lane puts there is what it takes
+ * by take_rows(). */
 template <int N> static __device__ void put(const float *sum, float *x)
 {
     CUDA_UNROLL
@@ -177,8 +180,8 @@ template <int N> static __device__ void put(const float *sum, float *x)
     }
 }
 
-/* R rows of the warp = the first n columns of m rows of `from`, of which these are the numbers (NULL: one after the
- * other); zeros elsewhere, in COLUMNS columns. */
+/* R rows of the warp = the first n columns of m rows of `from`, of which these are the numbers
+ * (NULL: one after the other); zeros elsewhere, in COLUMNS columns. */
 template <int R, int COLUMNS>
 static __device__ void load(float *x, const float *from, size_t ld, const uint32_t *number, int m,
                             int n)
@@ -314,7 +317,8 @@ struct back {
 };
 
 #if CUDA_HAS_MMA
-/* sum [16 M][8 N] += d^T x over the rows of the block, columns from i0 and j0; bias += a lane's share of d's sums. */
+/* sum [16 M][8 N] += d^T x over the rows of the block, columns from i0 and j0; bias += a lane's
+ * share of d's sums. */
 template <int M, int N>
 static __device__ void outer(const float *d, const float *x, int i0, int j0, float *sum,
                              float *bias)
@@ -394,7 +398,8 @@ static __device__ void store(const float *x, int m, int n, bool add, float *to)
     }
 }
 
-/* One head of 128 splats. mine and x are the warp's rows of g and x; sums of the weights' gradients are added to. */
+/* One head of 128 splats. mine and x are the warp's rows of g and x; sums of the weights' gradients
+ * are added to. */
 struct back_sums {
     float w1[16], w2[16], w3[12], b1[2], b2[2], b3[6];
 };

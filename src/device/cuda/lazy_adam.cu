@@ -1,5 +1,5 @@
-/* Adam for a table of which a step touches little (device.h, struct spin_lazy_adam), as on the CPU: the sums by which
- * skipped steps are made up for are the host's, a copy lies on the card. */
+/* Adam for a table of which a step touches little (device.h, struct spin_lazy_adam), as on the CPU:
+ * the sums by which skipped steps are made up for are the host's, a copy lies on the card. */
 #include "device/cuda/cuda.h"
 
 #include <math.h>
@@ -17,10 +17,10 @@ struct cuda_lazy_adam {
     struct spin_param_group table;
     size_t before; /* floats before the first line */
     int64_t steps;
-    double *sum; /* [steps + 1][2] host: the two sums of spin_adam_skip */
-    float *
-        skipped; /* [steps + 1][2] host: skipped_step and skipped_eps, by the step of a line's last update */
-    float *card; /* [2][steps + 1][2] the same, then .9^t and .999^t by the steps missed */
+    double *sum;    /* [steps + 1][2] host: the two sums of spin_adam_skip */
+    float *skipped; /* [steps + 1][2] host: skipped_step and skipped_eps, by the step of a line's
+                       last update */
+    float *card;    /* [2][steps + 1][2] the same, then .9^t and .999^t by the steps missed */
 };
 
 /* What kernels need of it; p, m, v from the first line on. */

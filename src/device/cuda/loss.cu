@@ -1,6 +1,6 @@
-/* L1 + SSIM and its gradient, and how far a picture is from a photograph (docs/method.md 5). The window goes down the
- * columns first, where a thread has eight values, one below the other; then along the rows, as on the CPU. Sums are in
- * double, blocks in order. */
+/* L1 + SSIM and its gradient, and how far a picture is from a photograph (docs/method.md 5). The
+ * window goes down the columns first, where a thread has eight values, one below the other; then
+ * along the rows, as on the CPU. Sums are in double, blocks in order. */
 #include "device/cuda/cuda.h"
 #include "math/loss.h"
 
@@ -52,7 +52,8 @@ static __device__ float weight_of(const struct photo &p, size_t i)
     return !p.mask ? 1.0f : bit_of(p, i) ? p.weight[1] : p.weight[0];
 }
 
-/* Values of a column of one plane [h][w] of several: STRIP of them from row y on, the first at `at`. */
+/* Values of a column of one plane [h][w] of several: STRIP of them from row y on, the first at
+ * `at`. */
 struct strip {
     size_t plane, at, width;
     int y, height;
@@ -127,7 +128,8 @@ static __global__ void down_kernel(struct photo p, unsigned n, float *maps)
     put_strip(s, y, maps + 9 * p.plane);
 }
 
-/* One of the values of three channels: pixel i of channel c, in column x. A block has values of one channel. */
+/* One of the values of three channels: pixel i of channel c, in column x. A block has values of one
+ * channel. */
 struct value {
     size_t c, i, at;
     int x;
@@ -316,7 +318,8 @@ static __global__ void clamp_kernel(size_t n, float *image)
         image[i] = fminf(fmaxf(image[i], 0.0f), 1.0f);
 }
 
-/* Of every block, which has pixels: squared differences of each channel where the mask is 0, then where it is 1. */
+/* Of every block, which has pixels: squared differences of each channel where the mask is 0, then
+ * where it is 1. */
 static __global__ void squares_kernel(struct photo p, double *sums)
 {
     __shared__ double sum[GPU_BLOCK];

@@ -1,6 +1,8 @@
-/* The four heads, forward and backward, as matrix products, by tensor cores where that pays (mma.h). Heads of up to 64
- * go by heads.cu; wider ones here, a launch for each product: splats go in chunks, whose activations lie in scratch memory; backward recomputes them. The gradient of the weights is a sum over splats: it is cut into slices
- * that depend only on the sizes, whose partial sums are added in order. */
+/* The four heads, forward and backward, as matrix products, by tensor cores where that pays
+ * (mma.h). Heads of up to 64 go by heads.cu; wider ones here, a launch for each product: splats go
+ * in chunks, whose activations lie in scratch memory; backward recomputes them. The gradient of the
+ * weights is a sum over splats: it is cut into slices that depend only on the sizes, whose partial
+ * sums are added in order. */
 #include "device/cuda/cuda.h"
 
 #include "device/cuda/heads.h"
@@ -9,8 +11,8 @@
 
 enum { CHUNK = 1 << 15, SLICE = 1 << 10, TILE = 64, STEP = 16, EACH = 4, SIDE = TILE / EACH };
 
-/* C [m][n] = epilogue(A B), with A(i, k) = a[i * a_row + k * a_col] and B(k, j) = b[k * b_row + j * b_col]. What m
- * or k counts in splats ends at *count - first. */
+/* C [m][n] = epilogue(A B), with A(i, k) = a[i * a_row + k * a_col] and B(k, j) = b[k * b_row + j *
+ * b_col]. What m or k counts in splats ends at *count - first. */
 enum epilogue {
     GELU,  /* of the sum and the bias; its slope goes to `slope` when that is wanted */
     RELU,  /* likewise */
@@ -63,9 +65,10 @@ static __device__ void finish(const struct product &x, float sum, size_t i, size
         x.slope[i * x.c_row + j] = slope;
 }
 
-/* A block has a tile of C [TILE][TILE], and in shared memory STEP columns of A and STEP rows of B: `at` says where the
- * k-th of row or column i lies. A thread has EACH * EACH elements of the tile: `add` adds the STEP products to them,
- * `place` says which they are. Rows of shared memory are as long as keeps lanes out of each other's banks. */
+/* A block has a tile of C [TILE][TILE], and in shared memory STEP columns of A and STEP rows of B:
+ * `at` says where the k-th of row or column i lies. A thread has EACH * EACH elements of the tile:
+ * `add` adds the STEP products to them, `place` says which they are. Rows of shared memory are as
+ * long as keeps lanes out of each other's banks. */
 struct plain { /* rows side_i + SIDE u, columns side_j + SIDE v */
     enum { ROOM = STEP * (TILE + 1) };
     static __device__ int at(int k, int i) { return k * (TILE + 1) + i; }

@@ -1,5 +1,6 @@
-/* Products of small matrices by a warp's tensor cores, from sm_80 on: factors of tf32, sums of fp32. A float is taken
- * apart into two numbers of tf32; three products of them have about the accuracy of fp32.
+/* Products of small matrices by a warp's tensor cores, from sm_80 on: factors of tf32, sums of
+ * fp32. A float is taken apart into two numbers of tf32; three products of them have about the
+ * accuracy of fp32.
  *
  * All 32 lanes of a warp take part. With g = lane / 4 and t = lane % 4 a lane has
  *     a[0..3] = A(g, t), A(g + 8, t), A(g, t + 4), A(g + 8, t + 4)         of A [16][8]
@@ -22,7 +23,8 @@
 #if defined(SPIN_EMU) || (defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800)
 #define CUDA_HAS_MMA 1
 
-/* The nearest number of tf32; NaN from 4e34 on. cvt.rna.tf32.f32 takes twice as many instructions on sm_90. */
+/* The nearest number of tf32; NaN from 4e34 on. cvt.rna.tf32.f32 takes twice as many instructions
+ * on sm_90. */
 static inline __device__ float cuda_tf32(float v)
 {
 #ifdef SPIN_EMU
@@ -61,7 +63,8 @@ struct cuda_mma_queue {
 typedef struct emu_mma_queue cuda_mma_queue;         /* in order as well, all in run() */
 #endif
 
-/* C [16][8 N] += A [16][8] B [8][8 N]: N products side by side, their registers one after the other. */
+/* C [16][8 N] += A [16][8] B [8][8 N]: N products side by side, their registers one after the
+ * other. */
 template <int N>
 static inline __device__ void cuda_mma(float *c, const cuda_split<4> &a, const cuda_split<2 * N> &b)
 {

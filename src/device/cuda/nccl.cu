@@ -1,8 +1,8 @@
-/* Sums over the cards of ranks by NCCL, compiled where nccl.h is found (NCCL= in the Makefile). libnccl is opened
- * when it is first asked for: the machine that runs may lack it.
+/* Sums over the cards of ranks by NCCL, compiled where nccl.h is found (NCCL= in the Makefile).
+ * libnccl is opened when it is first asked for: the machine that runs may lack it.
  *
- * NCCL's rules: https://docs.nvidia.com/deeplearning/nccl/user-guide/docs/api.html, group calls and collective
- * communication. Calls of one group run together; those of the ranks match in order. */
+ * NCCL's rules: https://docs.nvidia.com/deeplearning/nccl/user-guide/docs/api.html, group calls and
+ * collective communication. Calls of one group run together; those of the ranks match in order. */
 #include <dlfcn.h>
 #include <nccl.h>
 #include <stdio.h>
@@ -147,7 +147,8 @@ static spin_status hear_why(ncclResult_t result, spin_status (*listen)(void))
     return failed("a sum", result);
 }
 
-/* Another rank may have failed, and then its part never comes: so the host does not wait in CUDA. */
+/* Another rank may have failed, and then its part never comes: so the host does not wait in CUDA.
+ */
 static spin_status wait_for_others(struct spin_device *d, spin_status (*listen)(void))
 {
     enum { EAGER = 2000 };

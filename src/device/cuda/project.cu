@@ -1,6 +1,7 @@
-/* Gaussians to screen ellipses and their gradients, one thread a splat of a view. The formulas are in math/project.h,
- * math/sh.h and math/tile.h. A warp moves the rows of attributes of its splats together, through shared memory: its
- * lanes touch neighbouring floats. It moves no row that is not needed, and no coefficients above the degree. */
+/* Gaussians to screen ellipses and their gradients, one thread a splat of a view. The formulas are
+ * in math/project.h, math/sh.h and math/tile.h. A warp moves the rows of attributes of its splats
+ * together, through shared memory: its lanes touch neighbouring floats. It moves no row that is not
+ * needed, and no coefficients above the degree. */
 #include "device/cuda/cuda.h"
 #include "math/project.h"
 #include "math/sh.h"
@@ -15,7 +16,8 @@ struct rows {
     float of[WARP][SPIN_ATTR + 1];
 };
 
-/* The row of value k of 32 rows one behind the other; -1: its bit of the mask is 0, or the degree does not use it. */
+/* The row of value k of 32 rows one behind the other; -1: its bit of the mask is 0, or the degree
+ * does not use it. */
 static __device__ int row_with(int k, unsigned mask, int degree)
 {
     int row = k / SPIN_ATTR, column = k % SPIN_ATTR;
@@ -121,7 +123,8 @@ static __device__ struct spin_projection lens_of(const struct spin_camera_f32 &c
     return projection;
 }
 
-/* A splat at pos_w, p before the camera. Leaves radius_px at 0 when there is nothing to draw, or nothing finite. */
+/* A splat at pos_w, p before the camera. Leaves radius_px at 0 when there is nothing to draw, or
+ * nothing finite. */
 static __device__ void project_one(const struct spin_camera_f32 &cam, int degree,
                                    const float *pos_w, spin_vec3 p, const float *attr,
                                    struct spin_splat2d *s)

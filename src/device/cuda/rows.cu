@@ -1,11 +1,12 @@
-/* Values of every splat's own and of tracks, to rows of raw attributes and back (the layouts are in device.h). A
- * track belongs to at most one splat of a frame, so the rows of a frame are independent of each other; frames go one
- * after the other. */
+/* Values of every splat's own and of tracks, to rows of raw attributes and back (the layouts are in
+ * device.h). A track belongs to at most one splat of a frame, so the rows of a frame are
+ * independent of each other; frames go one after the other. */
 #include "device/cuda/cuda.h"
 #include "math/motion.h"
 #include "math/turn.h"
 
-/* A group of residual values is a matrix [n][width]; in a row of attributes it begins at this column. */
+/* A group of residual values is a matrix [n][width]; in a row of attributes it begins at this
+ * column. */
 struct group {
     size_t width, column;
 };
@@ -141,12 +142,14 @@ static __global__ void tracks_kernel(struct track_job job, float *to)
     to[at] = value;
 }
 
-/* A group of a frame. Only the place and the opacity know of motion, only the place and the rotation of turns. */
+/* A group of a frame. Only the place and the opacity know of motion, only the place and the
+ * rotation of turns. */
 static struct track_job job_of(const struct spin_frame_batch::spin_frame_of_batch *frame,
                                const struct spin_tracks_f32 *tracks, int k, const float *shared)
 {
-    struct track_job job = {frame->n, 0,    tracks->n, track_width[k], frame->track, NULL,
-                            shared,   NULL, frame->turn, 0, 0};
+    struct track_job job = {frame->n,     0,    tracks->n, track_width[k],
+                            frame->track, NULL, shared,    NULL,
+                            frame->turn,  0,    0};
 
     if (k == track_place || k == track_opacity)
         job.motion = tracks->motion;
@@ -223,7 +226,8 @@ void cuda_tracks_back(struct spin_device *d, const struct spin_frame_batch *fram
     }
 }
 
-/* ---- Rows as they are ------------------------------------------------------------------------- */
+/* ---- Rows as they are -------------------------------------------------------------------------
+ */
 
 static __global__ void copy_rows_kernel(size_t n, size_t width, const float *from,
                                         size_t from_stride, float *to, size_t to_stride)

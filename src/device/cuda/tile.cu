@@ -1,6 +1,6 @@
-/* The list of splats of every tile, front to back: a stable sort of the splats by depth, then of their (splat, tile)
- * pairs, written in that order, by tile. Tiles of a splat's rectangle in which its alpha is below 1/255 everywhere get
- * no pair. */
+/* The list of splats of every tile, front to back: a stable sort of the splats by depth, then of
+ * their (splat, tile) pairs, written in that order, by tile. Tiles of a splat's rectangle in which
+ * its alpha is below 1/255 everywhere get no pair. */
 #include "device/cuda/cuda.h"
 #include "device/pairs.h"
 #include "math/blend.h"
@@ -8,8 +8,8 @@
 
 static __device__ uint8_t byte_of(int v) { return (uint8_t)(v > 255 ? 255 : v); }
 
-/* All views' splats, one view after the other: those of view k are [at[k], at[k + 1]), and first[k] is where they
- * begin in splat2d. */
+/* All views' splats, one view after the other: those of view k are [at[k], at[k + 1]), and first[k]
+ * is where they begin in splat2d. */
 struct all_views {
     int n;
     size_t at[SPIN_MAX_VIEWS + 1], first[SPIN_MAX_VIEWS];
@@ -72,7 +72,8 @@ static __global__ void cull_kernel(struct all_views all, struct spin_splat2d *sp
     count[i] = spin_pair_count(spin_pair_rect(&s));
 }
 
-/* before [n + 1] counts from the first view on, first_intersection from the splat's own. pairs [views] = */
+/* before [n + 1] counts from the first view on, first_intersection from the splat's own. pairs
+ * [views] = */
 static __global__ void first_kernel(struct all_views all, const uint64_t *before,
                                     struct spin_splat2d *splat2d, uint64_t *pairs)
 {

@@ -1,4 +1,5 @@
-/* A page of several runs: their curves, and the same views of all with an inset and their differences. */
+/* A page of several runs: their curves, and the same views of all with an inset and their
+ * differences. */
 #include "eval/report/compare.h"
 
 #include "base/base.h"
@@ -10,7 +11,8 @@ enum { GAP = 4, GAIN = 4 /* of the difference */, LABEL = 24 };
 
 extern const char spin_compare_html[]; /* compare.html */
 
-/* ---- Pictures ------------------------------------------------------------------------------------ */
+/* ---- Pictures
+ * ------------------------------------------------------------------------------------ */
 
 /* Windows of fast motion; in a clip without any the middle of the worst views. */
 static spin_status choose_rows(struct spin_compare *c, const struct spin_clip *clip,
@@ -120,7 +122,8 @@ void spin_compare_free(struct spin_compare *c)
     *c = (struct spin_compare){0};
 }
 
-/* ---- A sheet: ground truth and the runs side by side, their differences below ----------------------- */
+/* ---- A sheet: ground truth and the runs side by side, their differences below
+ * ----------------------- */
 
 struct sheet {
     int width, height;
@@ -222,7 +225,8 @@ static spin_status sheet_text(const struct spin_compare *c, const struct spin_co
     return SPIN_OK;
 }
 
-/* ---- Curves -------------------------------------------------------------------------------------- */
+/* ---- Curves
+ * -------------------------------------------------------------------------------------- */
 
 /* A measure over the frames, a line a run; as part of the page, or as a file. */
 static spin_status draw_curves(const struct spin_compare *c, const char *key, const char *title,
@@ -277,7 +281,8 @@ static spin_status add_curves(const struct spin_compare *c, spin_json *page)
     return status;
 }
 
-/* ---- Page and figures ------------------------------------------------------------------------------ */
+/* ---- Page and figures
+ * ------------------------------------------------------------------------------ */
 
 static spin_status fill_page(const struct spin_compare *c, spin_json *page)
 {

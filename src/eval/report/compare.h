@@ -1,4 +1,5 @@
-/* Several bundles measured on the same views: one page that holds them against each other, and figures of it. */
+/* Several bundles measured on the same views: one page that holds them against each other, and
+ * figures of it. */
 #pragma once
 
 #include "eval/metrics.h"
@@ -19,8 +20,8 @@ struct spin_compare {
     } row[SPIN_COMPARE_ROWS];
 };
 
-/* The pictures of a run, which is open; the first one decides where to look. That the others were measured on the same
- * views the caller sees. */
+/* The pictures of a run, which is open; the first one decides where to look. That the others were
+ * measured on the same views the caller sees. */
 spin_status spin_compare_draw(struct spin_compare *c, const struct spin_clip *clip,
                               struct spin_image_cache *pixels, const struct spin_pair *pairs,
                               const struct spin_eval_report *report, struct spin_player *player,

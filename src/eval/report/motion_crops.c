@@ -39,8 +39,8 @@ static float change(const float *a, const float *b, size_t plane, size_t i)
     return most;
 }
 
-/* speed = how much more this frame differs from the one before and the one after than these two from
- * each other: what passed through and is gone counts, a striped shirt that turns does not. */
+/* speed = how much more this frame differs from the one before and the one after than these two
+ * from each other: what passed through and is gone counts, a striped shirt that turns does not. */
 static spin_status find_speed(struct search *s, const struct spin_pair *pair, bool *found)
 {
     const struct spin_camera *c = &s->clip->views.view[pair->view].camera;

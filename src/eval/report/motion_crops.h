@@ -9,9 +9,9 @@ struct spin_crop {
     double score;
 };
 
-/* The `most` best windows of fast motion, best first, at most one of a camera in two frames that follow
- * each other. Fast is what shows in a frame and neither in the one before nor in the one after, so a
- * clip of two frames has no fast windows. *n may be 0. */
+/* The `most` best windows of fast motion, best first, at most one of a camera in two frames that
+ * follow each other. Fast is what shows in a frame and neither in the one before nor in the one
+ * after, so a clip of two frames has no fast windows. *n may be 0. */
 spin_status spin_motion_crops_fast(const struct spin_clip *clip, struct spin_image_cache *pixels,
                                    const struct spin_pair *pairs, size_t n_pairs, size_t most,
                                    struct spin_crop *out, size_t *n);

@@ -1,5 +1,6 @@
-/* What an evaluation found, as a document; and the page: that document with curves, crops of fast motion, the worst
- * views and the options of the run, in the template page.html. Equal runs give equal pages, but for speed. */
+/* What an evaluation found, as a document; and the page: that document with curves, crops of fast
+ * motion, the worst views and the options of the run, in the template page.html. Equal runs give
+ * equal pages, but for speed. */
 #include "eval/report/report.h"
 
 #include "base/base.h"
@@ -17,7 +18,8 @@ static const double BACKGROUND_SHOWS =
 
 extern const char spin_report_page[]; /* page.html */
 
-/* ---- What was found ------------------------------------------------------------------------------ */
+/* ---- What was found
+ * ------------------------------------------------------------------------------ */
 
 static spin_json *quality_json(const struct spin_eval_report *r, const struct spin_quality *q)
 {
@@ -106,7 +108,8 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
     return j;
 }
 
-/* ---- Curves -------------------------------------------------------------------------------------- */
+/* ---- Curves
+ * -------------------------------------------------------------------------------------- */
 
 /* Numbers of the objects in an array, NaN where there is none. */
 static void take_numbers(const spin_json *array, const char *key, double *out)
@@ -213,7 +216,8 @@ static spin_status add_curves(const struct spin_report *r, spin_json *page,
     return status;
 }
 
-/* ---- Pictures ------------------------------------------------------------------------------------ */
+/* ---- Pictures
+ * ------------------------------------------------------------------------------------ */
 
 struct pictures {
     const struct spin_report *r;
@@ -322,7 +326,8 @@ out:
     return status;
 }
 
-/* ---- The page ------------------------------------------------------------------------------------ */
+/* ---- The page
+ * ------------------------------------------------------------------------------------ */
 
 /* A row a camera, and one of all. */
 static void add_cameras(spin_json *page, const spin_json *const report[2])

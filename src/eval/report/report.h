@@ -1,4 +1,5 @@
-/* An evaluation as a document, and as one page of HTML that needs nothing beside it: curves, tables, pictures. */
+/* An evaluation as a document, and as one page of HTML that needs nothing beside it: curves,
+ * tables, pictures. */
 #pragma once
 
 #include "eval/metrics.h"

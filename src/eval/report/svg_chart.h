@@ -23,7 +23,8 @@ struct spin_svg_chart {
 /* Nothing is written when there are no points, or all at one x. */
 void spin_svg_chart_write(FILE *to, const struct spin_svg_chart *chart);
 
-/* The same as a file of its own, for at most SPIN_SVG_CHART_LINES lines, which have names above the data. */
+/* The same as a file of its own, for at most SPIN_SVG_CHART_LINES lines, which have names above the
+ * data. */
 enum { SPIN_SVG_CHART_LINES = 8 };
 void spin_svg_chart_file(FILE *to, const struct spin_svg_chart *chart);
 
