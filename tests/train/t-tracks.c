@@ -541,7 +541,7 @@ static void check_last(struct spin_device *d)
 static void check_rates(struct spin_device *d)
 {
     static const struct spin_camera camera = {
-        4, 4, 4, 4, 2, 2, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+        4, 4, 4, 4, 2, 2, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, 0};
     const struct spin_train_item item = {.frame = 0, .camera = &camera};
     const double rate = 1e-3;
     struct spin_image_store photos;
