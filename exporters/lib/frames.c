@@ -91,6 +91,7 @@ static spin_status read_former(struct spin_frames *x)
     SPIN_TRY(spin_path_join(x->folder.path, SEQUENCE, &path));
     if (!is_regular(path) || spin_json_load(path, &root) != SPIN_OK)
         return SPIN_OK;
+    spin_inputs_own(path); /* reading it does not protect it: this export replaces it */
     generator = spin_json_string(spin_json_get(root, "generator"));
     if (!generator || strncmp(generator, "spin4d ", 7) != 0)
         return SPIN_OK;

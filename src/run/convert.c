@@ -259,6 +259,7 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
     status = spin_retrain(&retrain, &text);
     if (status == SPIN_E_USAGE && retrain.resume && o->force) {
         retrain.resume = false;
+        spin_inputs_own(part); /* the attempt to resume has read it */
         status = spin_retrain(&retrain, &text);
     }
     return status == SPIN_OK ? add_report(c, rows ? "rows" : "retrain", text) : status;

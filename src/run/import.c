@@ -487,7 +487,7 @@ static spin_status check_scales(const struct import *im, int i, const struct spi
     size_t n = 0, first = 0;
 
     for (size_t k = 3 * s->n; k-- > 0;)
-        if (s->log_scales[k] > SPIN_LOG_SCALE_MOST) {
+        if (isfinite(s->log_scales[k]) && s->log_scales[k] > SPIN_LOG_SCALE_MOST) {
             n++;
             first = k;
         }

@@ -174,7 +174,8 @@ static spin_status open_bundle(const char *path, struct spin_bundle *out)
     if (spin_importer_find(path, NULL, false, &importer) == SPIN_OK)
         return spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is not a bundle: spin-import reads it (%s)",
                          path, importer->name);
-    if (!spin_bundle_looks_like(path) && spin_foreign_input(path, false, what, sizeof what))
+    if (status != SPIN_E_UNSUPPORTED && !spin_bundle_looks_like(path) &&
+        spin_foreign_input(path, false, what, sizeof what))
         return spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is not a bundle: %s", path, what);
     if (!spin_path_is_folder(path) && spin_file_head(path, head, sizeof head, &n) == SPIN_OK &&
         n > 0 && !spin_zip_looks_like(head, n))

@@ -652,6 +652,9 @@ def text_eval(j, verbose, quiet, fps):
         t += ["dynamic  %.2f %% of the pixels, from %s: PSNR %.3f there, %.3f elsewhere" % (
             100 * j["dynamic"], {"masks": "foreground masks", "images": "the images"}[j["dynamic_from"]],
             j["psnr_dynamic"], j["psnr_static"])]
+    if j["background_shows"]:
+        t += ["holes    PSNR %.3f over the opposite background: the splats are transparent in places" %
+              j["psnr_opposite"]]
     t += ["speed    %s frames per second with decoding, %s without" % fps]
     return "\n".join(t + ["size     %s the file, unpacked %s; %s the measured attributes, %s a frame" % (
         size(j["storage"]["file"]), size(j["storage_unpacked"]["file"]), size(j["storage"]["measured"]),
@@ -823,6 +826,8 @@ def check_page(name, j, before, seen, log, split="test"):
              ("PSNR, elsewhere", "psnr_static", 2, " dB")]
     want = ["<div><b>%.*f%s</b>%s%s</div>" % (digits, j[key], unit, label, "<br><span>before %.*f</span>" % (
         digits, before[key]) if before else "") for label, key, digits, unit in tiles]
+    if j["background_shows"]:
+        want += ["<div><b>%.2f dB</b>PSNR over the opposite background</div>" % j["psnr_opposite"]]
     want += ["<div><b>%.2f</b>frames per second</div>" % j["fps"], storage_tile(j)]
     same("\n".join(re.findall(r"<div><b>.*", text)), "\n".join(want), name + ": the tiles")
 

@@ -108,12 +108,12 @@ cp "$work/clip.spin" "$CUT"
 # shellcheck disable=SC2086
 run "$bin/spin-retrain" "$CUT" -o "$work/whole.net" $settings
 is "$code" 0 "a training that nobody disturbs"
-: >"$work/log"
+rm -f "$work/log"
 # shellcheck disable=SC2086
 "$bin/spin-retrain" "$CUT" -o "$work/half.net" -q --log "$work/log" $settings >"$work/out" 2>"$work/err" &
 pid=$!
 for _ in $(seq 300); do
-    [ "$(wc -l <"$work/log")" -ge 5 ] && break
+    [ -f "$work/log" ] && [ "$(wc -l <"$work/log")" -ge 5 ] && break
     sleep 0.02
 done
 : >"$CUT"

@@ -113,7 +113,7 @@ for file in README.md CONTRIBUTING.md docs/*.md docs/*/*.md; do
     done
 done >"$work/strangers"
 is "$(cat "$work/strangers")" "" "links and files named in documents lead somewhere"
-for file in $(git ls-files docs 2>/dev/null | grep -v '\.md$'); do
+for file in $(git ls-files docs 2>/dev/null | grep -v '\.md$\|\.txt$'); do
     grep -qF "$(basename "$file")" README.md docs/*.md docs/*/*.md || echo "$file"
 done >"$work/strangers"
 is "$(cat "$work/strangers")" "" "every picture of docs is in a document"
@@ -161,7 +161,7 @@ ln -s "$root/fixtures/datasets/dynerf_mini" "$here/data/steak"
     cd "$here" && "$bin/spin-import" court -o court.spin --data court -q &&
         "$bin/spin-import" output/balls -o balls.spin --data data/balls -q &&
         for copy in ball in clip bball; do cp court.spin $copy.spin; done &&
-        "$bin/spin-retrain" court.spin -o better.spin --iterations 20 --log train.jsonl -q &&
+        "$bin/spin-retrain" court.spin -o better.spin --iterations 20 --log train.jsonl -q && mv train.jsonl last.jsonl &&
         "$bin/spin-export" court.spin --to ply -o frames -q && cp -r frames ply &&
         for i in 0 1 2 3 4 5; do mv ply/frame_0000$i.ply ply/$((i + 8)).ply; done
 ) >"$work/out" 2>"$work/err"

@@ -978,7 +978,7 @@ static void test_4d(void)
     struct spin_plugin_values values = {pairs};
 
     for (size_t kind = 0; kind < 4; kind++) {
-        struct spin_export_report report = {.splats_mean = 7};
+        struct spin_export_report report = {0};
         struct spin_export_job job = {
             .output = in_folder("rows.html"), .values = &values, .report = &report, .check = true};
         struct spin_splats_4d s = {0};
@@ -1005,7 +1005,7 @@ static void test_4d(void)
                worst[k]);
         near(report.check.largest[0], worst[0], 2e-4, "the same in the report");
         near(report.check.largest[2], worst[3], 0.2, "of rotations in degrees");
-        ok(report.check.frames == FRAMES && report.frames == FRAMES && report.splats_mean == 7 &&
+        ok(report.check.frames == FRAMES && report.frames == FRAMES && report.splats_mean > 20 &&
                report.check.rms[0] > 0.1 * report.check.largest[0] &&
                report.check.rms[0] < 0.8 * report.check.largest[0],
            "of all frames");

@@ -132,7 +132,7 @@ static void check_all(const char *root, const char *first, const char *rest, con
         char name[300];
 
         snprintf(name, sizeof name, "%s/%s%s", first, names[i], rest);
-        if (spin_path_is_folder(path))
+        if (spin_path_is_folder(path) && (!rest[0] || spin_path_exists(path_in(path, rest + 1))))
             check(rest[0] ? path_in(path, rest + 1) : path, name, importer, false);
     }
     spin_folder_list_free(names);

@@ -53,6 +53,7 @@ static void test_growth(struct spin_retrain_options o, const char *folder)
     snprintf(part, sizeof part, "%s.part", out);
     o.iterations = 60;
     o.densify_every = 10;
+    o.backdrop = SPIN_BACKDROP_OFF;
     o.output = whole;
     ok(spin_train(&o, &report) == SPIN_OK, "an unbroken training");
     o.output = out;
