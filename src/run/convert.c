@@ -4,6 +4,8 @@
  * while the training is unfinished, and clip.spin, which stays. So the same call goes on after an
  * interruption. What holds 4D splats is trained twice: frames, as clip.tracks.spin, which stays
  * too, and then the 4D splats that are cut from them. */
+#include <sys/stat.h>
+
 #include "base/base.h"
 #include "spin_run.h"
 #include "io/output.h"
@@ -104,10 +106,21 @@ static spin_status name_all(struct convert *c)
 }
 
 /* What would fail at the end fails now. */
+static bool is_same_folder(const char *a, const char *b)
+{
+    struct stat one, other;
+
+    return stat(a, &one) == 0 && stat(b, &other) == 0 && S_ISDIR(one.st_mode) &&
+           one.st_dev == other.st_dev && one.st_ino == other.st_ino;
+}
+
 static spin_status check_output(const struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
 
+    if (is_same_folder(o->input, c->output))
+        return spin_fail(SPIN_E_IO, "cannot write into '%s': it is the input; name another folder",
+                         c->output);
     if (spin_path_is_folder(c->output))
         return spin_output_check_empty_folder(c->output, o->force);
     if (spin_path_is_taken(c->output) || spin_exporter_for(c->output))

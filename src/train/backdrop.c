@@ -17,8 +17,11 @@ enum {
     MOST_FRAMES = 16,    /* that points are sampled from */
     MOST_POINTS = 20000, /* of a frame */
     MOST_VIEWS = 64,     /* that it is laid out for */
-    COLUMNS = 40,        /* cells along the width of an image */
+    LEAST_COLUMNS = 8,   /* cells along the width of an image */
+    MOST_COLUMNS = 40,
     MOST_ROWS = 64,
+    POINTS_OF_CELL =
+        12,         /* of one frame; with fewer, surfaces are guesses (court-mini loses 0.6 dB) */
     N_BINS = 96,    /* of the logarithm of depth */
     DEPTH_BINS = 3, /* that a surface spans */
     MOST_SPLATS = 20000
@@ -50,6 +53,7 @@ struct view {
 struct layout {
     float *point, *colour; /* [n][3] */
     size_t n;
+    int n_frames; /* that they are of */
     struct view view[MOST_VIEWS];
     int n_views;
     struct spin_backdrop *out;
@@ -89,6 +93,7 @@ static spin_status sample_points(struct layout *l, struct spin_plan *plan)
 
     SPIN_TRY(spin_alloc(most, 6 * sizeof *l->point, (void **)&l->point));
     l->colour = l->point + 3 * most;
+    l->n_frames = used;
     for (int k = 0; k < used; k++) {
         int frame = (int)((int64_t)k * n_frames / used);
         size_t step;
@@ -239,13 +244,25 @@ static void place_cell(const struct view *v, int i)
         v->cell[i].at[k] = m[k] * p[0] + m[4 + k] * p[1] + m[8 + k] * p[2];
 }
 
+/* As many as give a cell POINTS_OF_CELL points of a frame in the mean. */
+static int choose_columns(const struct layout *l, const struct spin_camera *camera)
+{
+    double visible = 0, columns, p[3];
+
+    for (size_t i = 0; i < l->n; i++)
+        visible += spin_camera_sees(camera, l->point + 3 * i, p);
+    columns = sqrt(visible / l->n_frames / POINTS_OF_CELL * camera->width / camera->height);
+    return (int)fmin(MOST_COLUMNS, fmax(LEAST_COLUMNS, round(columns)));
+}
+
 static spin_status open_view(struct layout *l, const struct spin_camera *camera)
 {
     struct view *v = &l->view[l->n_views];
-    double rows = round((double)COLUMNS * camera->height / camera->width);
+    double rows;
 
     v->camera = camera;
-    v->columns = COLUMNS;
+    v->columns = choose_columns(l, camera);
+    rows = round((double)v->columns * camera->height / camera->width);
     v->rows = rows < 1 ? 1 : rows > MOST_ROWS ? MOST_ROWS : (int)rows;
     SPIN_TRY(spin_alloc((size_t)(v->columns * v->rows), sizeof *v->cell, (void **)&v->cell));
     l->n_views++;
