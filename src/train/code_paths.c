@@ -1,4 +1,4 @@
-/* Names of code paths, each once. */
+/* Keeps a list of distinct SIMD paths. */
 #include "train/code_paths.h"
 
 #include <string.h>

@@ -13,8 +13,7 @@
 static const size_t program_bytes =
     24 << 20; /* OpenImageIO, for pictures other than PNG and JPEG, takes 130 MB more */
 
-/* ---- Options ----------------------------------------------------------------------------------
- */
+/* ---- Options --------------------------------------------------------------------------------- */
 
 static spin_status check_options(const struct spin_retrain_options *o)
 {
@@ -33,8 +32,7 @@ static spin_status check_options(const struct spin_retrain_options *o)
     return SPIN_OK;
 }
 
-/* ---- Of the clip -------------------------------------------------------------------------------
- */
+/* ---- Of the clip ----------------------------------------------------------------------------- */
 
 int spin_plan_index(const struct spin_plan *plan, int frame) { return plan->clip.frame[frame]; }
 
@@ -220,8 +218,7 @@ static spin_status plan_field(struct spin_plan *plan)
     return SPIN_OK;
 }
 
-/* ---- Memory and time ----------------------------------------------------------------------------
- */
+/* ---- Memory and time ------------------------------------------------------------------------- */
 
 static int decodings(const struct spin_retrain_options *o)
 {
@@ -298,8 +295,7 @@ int spin_plan_frame_sh_degree(const struct spin_plan *plan)
     return spin_sh_degree_reached(most, spin_plan_sh_increase_every(plan), plan->o->refine);
 }
 
-/* ---- A frame by itself, and the trainer --------------------------------------------------------
- */
+/* ---- A frame by itself, and the trainer ------------------------------------------------------ */
 
 spin_status spin_plan_of_frame(const struct spin_plan *clip, int frame, struct spin_device *device,
                                struct spin_plan *plan)
@@ -418,8 +414,7 @@ spin_status spin_plan_open_trainer(const struct spin_plan *plan, struct spin_dev
     return t->network && spin_plan_is_lazy(plan) ? spin_trainer_enable_lazy_adam(t) : SPIN_OK;
 }
 
-/* ---- Memory and time, again ---------------------------------------------------------------------
- */
+/* ---- Memory and time, again ------------------------------------------------------------------ */
 
 size_t spin_plan_refine_bytes(const struct spin_plan *plan)
 {
@@ -715,8 +710,7 @@ static double guess_seconds(const struct spin_plan *plan)
     return seconds / (threads > 1 ? threads : 1);
 }
 
-/* ---- The plan
- * ------------------------------------------------------------------------------------ */
+/* ---- The plan -------------------------------------------------------------------------------- */
 
 /* Which views, frames and cameras there are. */
 static spin_status open_clip(struct spin_plan *plan)

@@ -39,8 +39,7 @@ struct cut {
     float *means, *values;
 };
 
-/* ---- Pieces
- * -------------------------------------------------------------------------------------- */
+/* ---- Pieces ---------------------------------------------------------------------------------- */
 
 /* A piece as a row: the line that fits its places best, and the mean of its other values. */
 static void fit(const struct cut *c, const struct piece *p, float row[SPIN_TRACK],
@@ -162,8 +161,7 @@ static spin_status grow_piece(struct cut *c, struct piece *p, int f, bool still,
     return SPIN_OK;
 }
 
-/* ---- The pass
- * ------------------------------------------------------------------------------------ */
+/* ---- The pass -------------------------------------------------------------------------------- */
 
 static spin_status reserve_frame(struct cut *c, size_t n)
 {
@@ -302,8 +300,7 @@ void spin_rows_4d_close(struct spin_rows_4d *rows)
     memset(rows, 0, sizeof *rows);
 }
 
-/* ---- Training
- * -------------------------------------------------------------------------------------- */
+/* ---- Training -------------------------------------------------------------------------------- */
 
 /* Numbers of a camera in "trained", as retrain wrote them. */
 static void read_three(const spin_json *array, float *to)
@@ -371,8 +368,7 @@ spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin
     return SPIN_OK;
 }
 
-/* ---- The result
- * ------------------------------------------------------------------------------------ */
+/* ---- The result ------------------------------------------------------------------------------ */
 
 /* Row i of the trainer's groups [n], and its motion in the clip's unit of time. */
 static void set_row(const struct spin_field *field, size_t n, size_t i, const float *groups,

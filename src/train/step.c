@@ -19,8 +19,7 @@ static int rank_of(const struct spin_trainer *t, const struct batch *b, int item
     return spin_step_rank(item, b->n, t->n_ranks);
 }
 
-/* ---- Drawing ----------------------------------------------------------------------------------
- */
+/* ---- Drawing --------------------------------------------------------------------------------- */
 
 /* The losses of the raster's pictures go to rows of t->values (as spin_device_ops.loss has them).
  * Leaves in the raster the gradient, times each view's weight, with respect to the picture before
@@ -151,8 +150,7 @@ struct spin_frame_batch spin_trainer_frame(struct spin_trainer *t, int frame)
     return frames;
 }
 
-/* ---- Frames' own values -----------------------------------------------------------------------
- */
+/* ---- Frames' own values ---------------------------------------------------------------------- */
 
 /* Adam for what belongs to the frames alone: their positions, and residual values, each group at
  * its rate. */
@@ -265,8 +263,7 @@ static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
     return SPIN_OK;
 }
 
-/* ---- The step ---------------------------------------------------------------------------------
- */
+/* ---- The step -------------------------------------------------------------------------------- */
 
 /* The frames of these items, whose views may stand anywhere in the batch. */
 static spin_status do_frames(struct spin_trainer *t, const struct batch *b, const int *first, int n)

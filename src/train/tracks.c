@@ -93,8 +93,7 @@ static uint32_t add_place(struct places *p, const float at[3])
     return (uint32_t)p->n++;
 }
 
-/* ---- The passes
- * ---------------------------------------------------------------------------------- */
+/* ---- The passes ------------------------------------------------------------------------------ */
 
 static void add_motion(struct motion *m, const float first[3], const float at[3], bool is_first)
 {
@@ -223,8 +222,7 @@ static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan
     return SPIN_OK;
 }
 
-/* ---- Numbers
- * ------------------------------------------------------------------------------------- */
+/* ---- Numbers --------------------------------------------------------------------------------- */
 
 /* The places of p that are tracks, along a space-filling curve: order [*n]. */
 static spin_status order_places(const struct spin_tracks *tracks, const struct places *p,
@@ -323,8 +321,7 @@ void spin_tracks_close(struct spin_tracks *tracks)
     memset(tracks, 0, sizeof *tracks);
 }
 
-/* ---- A frame
- * ------------------------------------------------------------------------------------- */
+/* ---- A frame --------------------------------------------------------------------------------- */
 
 struct spin_frame_size spin_tracks_size(const struct spin_tracks *tracks, int frame, size_t n)
 {

@@ -52,8 +52,7 @@ spin_status spin_turns_reserve(struct spin_turns *turns, int f, size_t n)
     return SPIN_OK;
 }
 
-/* ---- A rotation
- * ---------------------------------------------------------------------------------- */
+/* ---- A rotation ------------------------------------------------------------------------------ */
 
 /* Offsets in the track's own frame and in another one, from their weighted mean. */
 struct offsets {
@@ -158,8 +157,7 @@ static bool weigh(struct offsets *o, const float q[4])
     return 2 * n_follow > o->n;
 }
 
-/* ---- Following
- * ----------------------------------------------------------------------------------- */
+/* ---- Following ------------------------------------------------------------------------------- */
 
 struct near {
     uint32_t row;
