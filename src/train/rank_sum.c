@@ -1,11 +1,11 @@
-/* From card to card, or by way of the host. */
+/* All-reduce between GPUs by NCCL, or through the host by MPI. */
 #include "train/rank_sum.h"
 
 #include "base/base.h"
 
 enum { FIRST_BYTES = 1 << 16 };
 
-/* Host memory for so many bytes; what was there is lost. */
+/* Ensures host memory of so many bytes; its contents are lost. */
 static spin_status need_host(struct spin_rank_sum *s, size_t bytes)
 {
     const struct spin_device_ops *op = s->device->op;
@@ -16,9 +16,9 @@ static spin_status need_host(struct spin_rank_sum *s, size_t bytes)
     return op->host_reserve(s->device, bytes + bytes / 8, &s->host);
 }
 
-/* What a rank could have for a link. */
+/* What a rank can use to connect its GPU to those of others. */
 struct offer {
-    char about[32], card[40], why[200]; /* about "": nothing, and why */
+    char about[32], card[40], why[200]; /* about "": nothing, for the reason why */
 };
 
 static void make_offer(struct spin_device *d, struct offer *offer)
@@ -31,7 +31,7 @@ static void make_offer(struct spin_device *d, struct offer *offer)
         snprintf(offer->why, sizeof offer->why, "%s", spin_last_error());
 }
 
-/* Why the ranks cannot be linked; "" when they can. */
+/* Why the GPUs cannot be connected; "" if they can. */
 static void compare(const struct offer *offer, int n, char why[300])
 {
     *why = '\0';
@@ -47,7 +47,7 @@ static void compare(const struct offer *offer, int n, char why[300])
     }
 }
 
-/* Link the cards; else why not. */
+/* Connects the GPUs, or sets why. */
 static spin_status link_cards(struct spin_rank_sum *s, char about[32], char why[300])
 {
     struct spin_device *d = s->device;
@@ -127,7 +127,7 @@ spin_status spin_rank_sum(struct spin_rank_sum *s, const struct spin_device_sum 
         SPIN_TRY(d->op->download(d, s->host.at, sum[i].at, bytes));
         SPIN_TRY(spin_ranks_sum(s->host.at, sum[i].n, kind));
         d->op->upload(d, sum[i].at, s->host.at, bytes);
-        SPIN_TRY(d->op->wait(d)); /* the host memory is free again */
+        SPIN_TRY(d->op->wait(d)); /* before the host memory is reused */
     }
     return SPIN_OK;
 }

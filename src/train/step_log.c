@@ -1,4 +1,4 @@
-/* Lines to a file, and what becomes of the file. */
+/* Writes lines to the log, and stops when that fails. */
 #include "train/step_log.h"
 
 #include <fcntl.h>
@@ -7,8 +7,8 @@
 #include "base/base.h"
 #include "io/file.h"
 
-/* A device, such as a terminal, loses nothing when it is written to. A fifo could make the training
- * wait. */
+/* A character device, such as a terminal, loses nothing when it is written to. A FIFO is excluded,
+ * since it could block the training. */
 static bool is_device(const char *path)
 {
     struct stat st;
@@ -16,7 +16,7 @@ static bool is_device(const char *path)
     return stat(path, &st) == 0 && S_ISCHR(st.st_mode);
 }
 
-/* Empty, or begun by log_step() or look() of loop.c. */
+/* True if the file is empty or begins with a line of log_step() or look() in loop.c. */
 static bool is_log(const char *path)
 {
     static const char *const begin[] = {"{\"iteration\":", "{\"refine\":"};
