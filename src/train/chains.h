@@ -11,7 +11,7 @@ struct spin_chains {
 
 /* of [frames][splats, in the bundle's order]: splats with SPIN_NO_TRACK may be matched; those that
  * are get first + the index of their track. Makes one pass over the means and colours of the
- * bundle. Zero *chains first; close it also after a failure. */
+ * bundle. Zero it first; close it also after a failure. */
 spin_status spin_chains_find(struct spin_chains *chains, struct spin_plan *plan, uint32_t **of,
                              uint32_t first);
 void spin_chains_close(struct spin_chains *chains);

@@ -11,14 +11,10 @@
 #include "train/trainer.h"
 
 struct spin_retrain_report {
-    struct spin_retrain_options
-        /* As given, with the numbers that were resolved for the clip. */
-        options;
+    struct spin_retrain_options options; /* as given, with numbers resolved for the clip */
     int iterations;
     int densify_every; /* iterations between densifications of the clip; 0: none */
-    double seconds,
-        /* NAN: no frame was left to refine, and nothing else was done. */
-        seconds_per_iteration;
+    double seconds, seconds_per_iteration; /* NAN: nothing was left to refine or to train */
     int frames;
     double splats_mean;
     char device[64];

@@ -11,7 +11,7 @@ struct spin_state_array {
         SPIN_STATE_VALUES,
         SPIN_STATE_STEPS, /* of lazy Adam */
         SPIN_STATE_GRADIENT,
-        /* This and the gradient are parts of a sum over ranks: in a checkpoint rank 0 has it all,
+        /* This and the gradient are partial sums: in a checkpoint rank 0 has it all,
          * and the others have zeros. */
         SPIN_STATE_SEEN,
         SPIN_STATE_TRACK, /* tracks of a frame's splats */

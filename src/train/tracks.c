@@ -22,8 +22,7 @@ struct place {
 /* Motion of a track by identity, relative to its first position. */
 struct motion {
     float last[3];
-    double sum[3], square,
-        step; /* sums of offsets, of their squares, of squares from frame to frame */
+    double sum[3], square, step; /* of offsets; of their squares; of squared steps per frame */
 };
 
 struct places {

@@ -10,10 +10,9 @@
 struct spin_tracks {
     size_t n;        /* tracks; 0: none were wanted, or found */
     size_t n_moving; /* the first n_moving are dynamic: a position in every frame */
-    size_t
-        /* The first n_varying have residual values in every frame: the dynamic ones, and static
-         * ones whose appearance varies over time. 0: not wanted. */
-        n_varying;
+    /* The first n_varying have residual values in every frame: the dynamic ones, and static ones
+     * whose appearance varies over time. 0: not wanted. */
+    size_t n_varying;
     size_t n_backdrop; /* the last n_backdrop are the backdrop (backdrop.h) */
     float *place;      /* [n][3] of static tracks: the mean over the frames */
     uint32_t **of; /* [frames][splats, in the bundle's order] a splat's track, or SPIN_NO_TRACK */
@@ -21,7 +20,7 @@ struct spin_tracks {
     bool identity; /* rows keep their identity: row i is track of[0][i] in every frame */
 };
 
-/* Makes one pass over the means of the bundle and, with photos, over images. photos NULL: no
+/* Makes one pass over the means of the bundle and, if `photos` is not NULL, over images. NULL: no
  * residual values in every frame. Zero it first; close it also after a failure. */
 spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan,
                              struct spin_photos *photos);

@@ -18,10 +18,9 @@ struct spin_train_frame {
     float SPIN_DEV *pos, *m, *v; /* [n_pos][3] */
     float SPIN_DEV *residual, *residual_m,
         *residual_v;                  /* [SPIN_RESIDUAL n_residual] in groups (device.h), or NULL */
-    float SPIN_DEV *sh, *sh_m, *sh_v; /* [n][sh_width] beyond the first coefficient, or NULL: of
-                                       * frames whose splats all have residual values */
+    float SPIN_DEV *sh, *sh_m, *sh_v; /* [n][sh_width] beyond the first coefficient, or NULL */
     size_t sh_width;
-    /* Where splats may have tracks; else NULL. */
+    /* If splats may have tracks; else NULL. */
     uint32_t SPIN_DEV *track; /* [n] the track of a splat, or SPIN_NO_TRACK */
     float SPIN_DEV *gradient; /* [n] statistics for densification, see densify_stats() */
     uint32_t SPIN_DEV *seen;  /* [n] the same */

@@ -20,12 +20,12 @@ struct spin_train_rates {
     double track[SPIN_HEADS], displacement;
     int64_t warmup, iterations;
     int64_t track_iterations; /* static tracks learn in this many first iterations */
-    int64_t
-        network_from; /* the network joins after this many iterations, and its rates begin then */
-    bool lenses_stay; /* of exposures only those of cameras learn, not those of lenses */
+    int64_t network_from;     /* the network and its rates begin after so many iterations */
+    bool lenses_stay;         /* of exposures only those of cameras learn, not those of lenses */
 };
 
-/* 3DGS's rates of log scale, rotation, opacity's logit and colour */
+/* 3DGS's rates of log scale, rotation, colour and opacity; and all rates for a single frame in a
+ * scene of this extent, except that of the exposure (docs/method.md section 2) */
 extern const double spin_rate_3dgs[SPIN_HEADS];
 struct spin_train_rates spin_rates_3dgs(double extent, int iterations);
 
@@ -78,8 +78,7 @@ struct spin_trainer {
     struct spin_train_rates rates;
     struct spin_lazy_adam *lazy; /* of the table, if it pays; else NULL */
     float lambda_dssim, background[3];
-    float lambda_scale,
-        lambda_opacity;    /* weights of the mean scale and opacity of an iteration's splats */
+    float lambda_scale, lambda_opacity; /* weights of mean scale and opacity, of drawn splats */
     int sh_increase_every; /* iterations until the next degree of SH joins; 0: all from the start */
     int64_t iteration;     /* iterations done */
     struct spin_average average;
@@ -88,13 +87,11 @@ struct spin_trainer {
     float SPIN_DEV *d_pos; /* [frames at once][n_max][3] */
     /* [frames at once][SPIN_RESIDUAL n_max], if splats have residual values. */
     float SPIN_DEV *d_residual;
-    float SPIN_DEV *d_sh; /* [frames at once][sh_width n_max] */
-    float SPIN_DEV *means,
-        /* Of splats combined with their tracks, if there are tracks. */
-        *residual;
-    double SPIN_DEV *values; /* [max_items][SPIN_LOSS_VALUES] of an iteration */
-    double *host_values;     /* their copy on the host */
-    int *drawn;              /* [max_items] the item of each row of values */
+    float SPIN_DEV *d_sh;             /* [frames at once][sh_width n_max] */
+    float SPIN_DEV *means, *residual; /* splats combined with their tracks, if there are any */
+    double SPIN_DEV *values;          /* [max_items][SPIN_LOSS_VALUES] of an iteration */
+    double *host_values;              /* their copy on the host */
+    int *drawn;                       /* [max_items] the item of each row of values */
     struct spin_rank_sum rank_sum;
     /* With several ranks: gradients of the own values of a batch's frames; zeros between
      * iterations. */
