@@ -6,9 +6,9 @@
 #include "train/knn.h"
 #include "train/link.h"
 
-/* A splat may be this many neighbour spacings from its expected position, and differ this much in
- * each colour channel of 0..1. The expected position continues the last displacement at this share.
- * Tuned on the clip basketball. */
+/* A match is at most this many neighbour spacings from the expected position, and differs by at
+ * most this in each colour channel of 0..1. The expected position continues the last displacement
+ * at this share. Tuned on the clip basketball. */
 static const float reach_of_spacing = 3, colour_tolerance = 0.1f, share_of_step = 0.7f;
 static const float most_spacing = 4; /* in mean spacings: cap the search radius so that outliers are
                                         not matched across the scene */

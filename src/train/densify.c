@@ -16,7 +16,7 @@ enum { KEEP, CLONE, SPLIT };
 
 static const float log_shrink = 0.47000363f; /* ln 1.6: a child's scale is its parent's / 1.6 */
 
-/* ---- Choosing -------------------------------------------------------------------------------- */
+/* ---- Choosing points ------------------------------------------------------------------------- */
 
 const double spin_prune_opacity = 0.005;
 
@@ -93,7 +93,7 @@ static spin_status respect_cap(const struct spin_densify_options *o,
     return SPIN_OK;
 }
 
-/* ---- Changing -------------------------------------------------------------------------------- */
+/* ---- Changing the cloud ---------------------------------------------------------------------- */
 
 enum { SH_ROW = 3 * SPIN_REFINE_SH };
 
@@ -196,7 +196,7 @@ static spin_status add_children(const struct spin_densify_options *o, int iterat
     return SPIN_OK;
 }
 
-/* Unlike 3DGS, which keeps points that are not finite: here they would reach the network's
+/* 3DGS keeps points that are not finite. Here they are pruned, since they would reach the network's
  * training. */
 static bool worth_keeping(const struct spin_refine_cloud *c, size_t i, float prune_opacity)
 {

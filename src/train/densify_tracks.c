@@ -123,7 +123,8 @@ static spin_status sort_tracks(struct change *c)
     return SPIN_OK;
 }
 
-/* Remaining splat budget of a frame beside others; at least 1, since 0 means unlimited. */
+/* Remaining splat budget of a frame that has `others` splats; at least 1, since 0 means unlimited.
+ */
 static size_t cap_beside(const struct change *c, size_t others)
 {
     size_t most = c->o->max_points;
@@ -354,7 +355,7 @@ out:
     return status;
 }
 
-/* ---- The whole ------------------------------------------------------------------------------- */
+/* ---- All tracks and frames ------------------------------------------------------------------- */
 
 spin_status spin_densify_tracks(struct spin_trainer *t, const struct spin_densify_options *o,
                                 int iteration, uint32_t **permutation, size_t *counts,

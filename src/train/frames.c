@@ -72,7 +72,7 @@ spin_status spin_frames_look(struct spin_plan *plan)
     return SPIN_OK;
 }
 
-/* ---- First values ---------------------------------------------------------------------------- */
+/* ---- Initial values -------------------------------------------------------------------------- */
 
 /* Columns that the initial values of a frame require: residual values start from the attributes of
  * the source (or of the refined frame), or from coloured points as in 3DGS. */
@@ -121,8 +121,8 @@ static spin_status open_first_tracks(struct first_tracks *first, const struct sp
 
 static void close_first_tracks(struct first_tracks *first) { free(first->displacement); }
 
-/* A static track has its whole position; a dynamic one only a displacement, added to the positions
- * of its splats. */
+/* A static track stores its position; a dynamic one a displacement, initially 0, that is added to
+ * the positions of its splats. */
 static void look_for_first(struct first_tracks *first, int frame,
                            const struct spin_refine_cloud *cloud)
 {

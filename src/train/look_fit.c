@@ -14,8 +14,8 @@ enum { ROUNDS = 6, STEPS = 100, GRID = 64 };
 static const double outlier =
     0.05; /* a sample with this residual, as a logarithm, has weight 1/2 */
 
-/* A falloff is accepted if r^2 of the samples has at least this standard deviation beside the means
- * of their points and cameras, ... */
+/* A falloff is accepted if r^2 of its samples still has this standard deviation when the means of
+ * points and cameras are removed, ... */
 static const double least_deviation = 0.1;
 /* ... if it stays within these limits and rises outwards by at most most_rise, ... */
 static const double darkest = 0.3, brightest = 1.05, most_rise = 0.02;
@@ -79,7 +79,8 @@ static void centre(const struct fit *f, double *v)
     }
 }
 
-/* out [n_unknown] = the samples v [n], weighted and summed for each unknown with its derivative. */
+/* out [n_unknown] = for each unknown, the sum of its derivative times the weighted samples v [n].
+ */
 static void gather(const struct fit *f, const double *v, double *out)
 {
     memset(out, 0, f->n_unknown * sizeof *out);
@@ -242,9 +243,9 @@ static spin_status fit_looks(const struct spin_look_sample *sample, size_t n, in
     return SPIN_OK;
 }
 
-/* ---- What to believe ------------------------------------------------------------------------- */
+/* ---- Accepting a fit ------------------------------------------------------------------------ */
 
-/* Standard deviation of r^2 over a lens's samples, beside the means of their points and cameras. */
+/* Standard deviation of r^2 over a lens's samples, with the means of points and cameras removed. */
 static double deviation_of(struct fit *f, int lens, double *camera)
 {
     double *v = f->residual, squares = 0;
@@ -290,8 +291,8 @@ static bool makes_sense(const float *falloff, double corner)
     return true;
 }
 
-/* loss [n] += the loss of each sample of h for unknowns x that were fitted to other samples; NULL:
- * x = 0. */
+/* loss [n] += the Cauchy loss of each sample of h under the unknowns x, which were fitted to other
+ * samples; NULL: x = 0. */
 static void add_loss(struct fit *h, const double *x, int rgb, double *loss)
 {
     begin(h, rgb);

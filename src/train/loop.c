@@ -9,7 +9,7 @@
 enum { CHECK_EVERY = 100 };             /* iterations between checks that all values are finite */
 static const double save_seconds = 300; /* between checkpoints, without --save-every */
 
-/* ---- Looking at it --------------------------------------------------------------------------- */
+/* ---- Evaluation ------------------------------------------------------------------------------ */
 
 static struct spin_frame_batch frame_of(void *context, int frame)
 {
@@ -65,7 +65,7 @@ static spin_status look(const struct spin_loop *l)
     return l->looked ? l->looked(l->context) : SPIN_OK;
 }
 
-/* ---- A step ---------------------------------------------------------------------------------- */
+/* ---- One iteration --------------------------------------------------------------------------- */
 
 /* Training of a single frame, as in 3DGS. */
 static bool is_alone(const struct spin_loop *l) { return l->plan->o->method == SPIN_METHOD_FRAMES; }
@@ -299,7 +299,7 @@ static spin_status stop_or_save(const struct spin_loop *l, bool *tried)
     return *tried ? save_on_the_way(l) : SPIN_OK;
 }
 
-/* ---- Space on the disk ----------------------------------------------------------------------- */
+/* ---- Disk space ------------------------------------------------------------------------------ */
 
 /* Expected growth by the next densification: twice that of the last one. */
 static uint64_t growth_ahead(struct spin_checkpoint *c, uint64_t state)

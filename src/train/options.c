@@ -182,7 +182,7 @@ spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o
     return SPIN_OK;
 }
 
-/* Default iterations, tuned on several clips: those of any clip, and more for each frame. */
+/* Default iterations, tuned on several clips: a constant, and more for each frame. */
 enum {
     CLIP_ITERATIONS = 1500,
     FRAME_ITERATIONS = 100,

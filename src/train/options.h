@@ -11,7 +11,7 @@ spin_status spin_options_check(const struct spin_retrain_options *o);
  * between densifications, learning rates. */
 void spin_options_resolve(struct spin_retrain_options *o, int n_frames);
 
-/* Ends of errors: how the user continues an unfinished run, and which options discard it. */
+/* Phrases that end errors: how to continue an unfinished run, and which options discard it. */
 const char *spin_options_continue(const struct spin_retrain_options *o);
 const char *spin_options_restart(const struct spin_retrain_options *o);
 

@@ -119,8 +119,8 @@ static spin_status invert(const uint32_t *permutation, size_t n, uint32_t **out)
     return SPIN_OK;
 }
 
-/* Makes turns superfluous, which only training has: what they change in the tracks' values [groups]
- * is added to the splats' own. rows [n_pos][3], or residual [n_residual][SPIN_RESIDUAL]. */
+/* Turns exist only in training: adds what they change in the tracks' values [groups] to the splats'
+ * own. rows [n_pos][3], or residual [n_residual][SPIN_RESIDUAL]. */
 static spin_status fold_turns(const struct spin_trainer *t, const struct spin_train_frame *frame,
                               const float *tracks, bool residual, float *rows)
 {
@@ -570,7 +570,7 @@ static spin_status describe(const struct spin_output *output, bool same_rows, sp
     return SPIN_OK;
 }
 
-/* ---- The whole ------------------------------------------------------------------------------- */
+/* ---- The output ------------------------------------------------------------------------------ */
 
 static spin_status write_whole(const struct spin_output *output, const float SPIN_DEV *whole)
 {

@@ -53,7 +53,7 @@ spin_status spin_photos_put(struct spin_photos *photos, const struct spin_plan *
     return SPIN_OK;
 }
 
-/* ---- Numbers for bytes ----------------------------------------------------------------------- */
+/* ---- Digests --------------------------------------------------------------------------------- */
 
 static void add_number(uint64_t *hash, double value) { spin_hash(hash, &value, sizeof value); }
 
@@ -74,7 +74,7 @@ static void add_camera(uint64_t *hash, const struct spin_view *view)
         add_number(hash, c->w2c[i]);
 }
 
-/* ---- Looking --------------------------------------------------------------------------------- */
+/* ---- Checking the files ---------------------------------------------------------------------- */
 
 /* Checks the image of a view, and its mask where masks are used, by their headers. *hash = their
  * digest; hash may be NULL. */

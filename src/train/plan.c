@@ -32,7 +32,7 @@ static spin_status check_options(const struct spin_retrain_options *o)
     return SPIN_OK;
 }
 
-/* ---- Of the clip ----------------------------------------------------------------------------- */
+/* ---- The clip -------------------------------------------------------------------------------- */
 
 int spin_plan_index(const struct spin_plan *plan, int frame) { return plan->clip.frame[frame]; }
 
@@ -97,8 +97,8 @@ bool spin_plan_has_residual(const struct spin_plan *plan)
     return plan->o->residual != SPIN_RESIDUAL_OFF || plan->o->tracks;
 }
 
-/* Densification of a single frame: 3DGS starts after 500 iterations, which would leave a budget of
- * 500 without any. Of a clip: while its tracks learn. */
+/* Single frames: 3DGS densifies after 500 iterations, which would leave a budget of 500 without
+ * any. Clips densify while their tracks learn. */
 struct spin_schedule spin_plan_schedule(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -296,7 +296,7 @@ int spin_plan_frame_sh_degree(const struct spin_plan *plan)
     return spin_sh_degree_reached(most, spin_plan_sh_increase_every(plan), plan->o->refine);
 }
 
-/* ---- A frame by itself, and the trainer ------------------------------------------------------ */
+/* ---- A single frame, and the trainer --------------------------------------------------------- */
 
 spin_status spin_plan_of_frame(const struct spin_plan *clip, int frame, struct spin_device *device,
                                struct spin_plan *plan)
@@ -477,9 +477,8 @@ out:
     return status;
 }
 
-/* Scratch memory of a device's verbs (src/device/cuda): the gradient's branches over levels; on a
- * GPU also activations of a chunk of splats, positions and keys for sorting, and fixed-point sums.
- */
+/* Scratch memory of the device (src/device/cuda): gradients for each level; on a GPU also
+ * activations of a chunk of splats, positions and keys for sorting, and fixed-point sums. */
 static size_t scratch_bytes(const struct spin_plan *plan)
 {
     const struct spin_device *d = plan->device;

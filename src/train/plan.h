@@ -70,8 +70,9 @@ struct spin_plan {
 spin_status spin_plan_open(struct spin_plan *plan, const struct spin_retrain_options *o,
                            struct spin_retrain_report *report);
 void spin_plan_close(struct spin_plan *plan);
-/* For files beside the output, whose failure does not end the training: the first failure is a
- * warning and is stored in report->incomplete. Returns SPIN_OK, or SPIN_E_CANCELLED as it is. */
+/* For failures to write files beside the output, which do not end the training: the first is a
+ * warning, and stored in report->incomplete. Returns SPIN_OK, or SPIN_E_CANCELLED if that is the
+ * status. */
 spin_status spin_plan_beside(const struct spin_plan *plan, spin_status status);
 /* Sets the device of the run, and estimates memory and seconds for the report. */
 void spin_plan_set_device(struct spin_plan *plan, struct spin_device *device);

@@ -18,7 +18,7 @@ static spin_status need_host(struct spin_rank_sum *s, size_t bytes)
 
 /* What a rank can use to connect its GPU to those of others. */
 struct offer {
-    char about[32], card[40], why[200]; /* about "": nothing, for the reason why */
+    char about[32], card[40], why[200]; /* about "": it cannot, for the reason why */
 };
 
 static void make_offer(struct spin_device *d, struct offer *offer)
@@ -31,7 +31,7 @@ static void make_offer(struct spin_device *d, struct offer *offer)
         snprintf(offer->why, sizeof offer->why, "%s", spin_last_error());
 }
 
-/* Why the GPUs cannot be connected; "" if they can. */
+/* why = the reason why the GPUs cannot be connected; "" if they can. */
 static void compare(const struct offer *offer, int n, char why[300])
 {
     *why = '\0';

@@ -62,7 +62,7 @@ void spin_refinement_close(struct spin_refinement *refinement)
     spin_splats_free(&refinement->scratch);
 }
 
-/* ---- Frames that are there ------------------------------------------------------------------- */
+/* ---- Frames refined before ------------------------------------------------------------------- */
 
 /* True if the input has this frame, refined under the same key, with all the columns that we need.
  */
@@ -95,7 +95,8 @@ static spin_status read_columns(const struct spin_refinement *r, struct spin_pla
                                 out);
 }
 
-/* With --method frames rgb is not stored; it then follows from the first SH coefficient. */
+/* rgb is stored only in the output of a network's training; otherwise it follows from the first SH
+ * coefficient. */
 spin_status spin_refinement_read(struct spin_refinement *r, struct spin_plan *plan, int f,
                                  unsigned columns, struct spin_splats *out)
 {
@@ -126,7 +127,7 @@ struct stage {
     struct spin_step_log *step_log;
     int *todo, n_todo;        /* frames that this rank refines */
     int *all, n_all;          /* those that all ranks refine */
-    int first;                /* index of the first one in progress */
+    int first;                /* index in todo of the first frame in progress */
     int n_hands;              /* frames refined at a time */
     struct spin_device *hand; /* [n_hands] */
     pthread_mutex_t lock;     /* protects all that follows, and files, images, progress and log */
@@ -416,8 +417,8 @@ out:
     return status;
 }
 
-/* First as many frames as there are threads, or multiples, one thread each; then the rest, which
- * share the threads. */
+/* Refines as many frames as there are threads, or a multiple, with one thread each; then the rest,
+ * which share the threads. */
 static spin_status run(struct stage *stage)
 {
     struct spin_pool *pool = NULL;
@@ -487,8 +488,7 @@ static spin_status look(struct stage *stage)
     return status;
 }
 
-/* Nothing is learned in iterations in which no splat is visible: a warning, or an error if these
- * are all. */
+/* Warns if some iterations showed no splat, since they taught nothing; fails if all of them did. */
 static spin_status judge_blind(const struct stage *stage)
 {
     if (stage->blind == 0)

@@ -17,8 +17,8 @@ static const struct {
 } look[] = {{3, 3, 0.25f}, {7, 4, 0.2f}, {10, 3, 0.15f}, {13, 1, 1.0f}};
 enum { LOOKS = sizeof look / sizeof *look };
 
-/* Standard deviation of a segment's Gaussian window: these multiples of its duration and of a
- * frame's. Tuned on the clip court. */
+/* Standard deviation of a segment's Gaussian window: the sum of these multiples of its duration and
+ * of the interval between frames. Tuned on the clip court. */
 static const double bell_of_span = 0.3, bell_of_frame = 0.25;
 
 enum { MOST_FRAMES = 8 }; /* of a segment that moves or changes */
@@ -39,7 +39,7 @@ struct cut {
     float *means, *values;
 };
 
-/* ---- Pieces ---------------------------------------------------------------------------------- */
+/* ---- Segments -------------------------------------------------------------------------------- */
 
 /* Converts a segment to a row: the line that fits its positions best, and the mean of its other
  * values. */

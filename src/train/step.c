@@ -262,7 +262,7 @@ static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
     return SPIN_OK;
 }
 
-/* ---- The step -------------------------------------------------------------------------------- */
+/* ---- The iteration --------------------------------------------------------------------------- */
 
 /* Processes the frames of these items. Their views may be anywhere in the batch. */
 static spin_status do_frames(struct spin_trainer *t, const struct batch *b, const int *first, int n)
@@ -370,7 +370,8 @@ static int step_values(const struct spin_trainer *t, size_t first, size_t width,
 
 static int step_tracks(const struct spin_trainer *t, struct spin_param_group *group)
 {
-    /* The splats of a dynamic track also have positions of their own, with rates of their own. */
+    /* Half the rate, since the splats of a dynamic track also have positions with rates of their
+     * own. */
     int n = step_values(t, 0, 3, t->rates.displacement, 0.5, 0, group);
     size_t first = 3 * t->n_tracks;
 

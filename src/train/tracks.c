@@ -22,7 +22,7 @@ struct place {
 /* Motion of a track by identity, relative to its first position. */
 struct motion {
     float last[3];
-    double sum[3], square, step; /* of offsets; of their squares; of squared steps per frame */
+    double sum[3], square, step; /* sums: of offsets, of their squares, of squared steps */
 };
 
 struct places {
@@ -201,8 +201,8 @@ static bool is_track(const struct spin_tracks *tracks, const struct place *place
     return place->moves || tracks->identity || 2 * place->n_frames > (uint32_t)tracks->n_frames;
 }
 
-/* Splats whose place holds none for most of the clip are matched instead. Each track built by
- * matching becomes a dynamic place. */
+/* A splat whose position is occupied in at most half of the frames is matched instead. Each track
+ * built by matching becomes a dynamic place. */
 static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan, struct places *p)
 {
     SPIN_LEAVES(spin_chains_close) struct spin_chains chains = {0};
@@ -222,7 +222,7 @@ static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan
     return SPIN_OK;
 }
 
-/* ---- Numbers --------------------------------------------------------------------------------- */
+/* ---- Numbering ------------------------------------------------------------------------------- */
 
 /* order [*n] = the places of p that are tracks, along a space-filling curve. */
 static spin_status order_places(const struct spin_tracks *tracks, const struct places *p,

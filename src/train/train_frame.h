@@ -9,7 +9,7 @@
  * (docs/method.md section 6). */
 struct spin_train_frame {
     struct spin_frame_size {
-        size_t n;          /* splats; the following counts are of the first ones */
+        size_t n;          /* splats; each count below is of the first of them */
         size_t n_free;     /* without a track; all if there are no tracks */
         size_t n_pos;      /* with a position of their own */
         size_t n_residual; /* with residual values of their own */

@@ -162,7 +162,7 @@ spin_status spin_trainer_resize(struct spin_trainer *t)
     return SPIN_OK;
 }
 
-/* ---- What densification goes by -------------------------------------------------------------- */
+/* ---- Statistics for densification ------------------------------------------------------------ */
 
 spin_status spin_trainer_join_seen(struct spin_trainer *t)
 {

@@ -21,7 +21,7 @@ struct spin_train_rates {
     int64_t warmup, iterations;
     int64_t track_iterations; /* static tracks learn in this many first iterations */
     int64_t network_from;     /* the network and its rates begin after so many iterations */
-    bool lenses_stay;         /* of exposures only those of cameras learn, not those of lenses */
+    bool lenses_stay;         /* lenses keep their falloff; only cameras' gains and offsets learn */
 };
 
 /* 3DGS's rates of log scale, rotation, colour and opacity; and all rates for a single frame in a
@@ -29,7 +29,7 @@ struct spin_train_rates {
 extern const double spin_rate_3dgs[SPIN_HEADS];
 struct spin_train_rates spin_rates_3dgs(double extent, int iterations);
 
-/* Sizes of what is allocated. */
+/* Sizes for spin_trainer_open(). */
 struct spin_trainer_size {
     int n_frames;
     const struct spin_frame_size *frame; /* [n_frames] */
@@ -130,9 +130,8 @@ int spin_trainer_sh_degree(const struct spin_trainer *t);
 float SPIN_DEV *spin_trainer_take_table(struct spin_trainer *t);
 void spin_trainer_put_back(struct spin_trainer *t);
 
-/* Current rates for an initial rate lr0: of all that learns throughout; of positions; of static
- * tracks, which learn in the first iterations; and of the network, which may join later and counts
- * its own steps. */
+/* Current rates for an initial rate lr0: in general; of positions; of static tracks, which learn in
+ * the first iterations; and of the network, which may join later and counts its own steps. */
 double spin_trainer_rate(const struct spin_trainer *t, double lr0, int64_t iteration);
 double spin_trainer_position_rate(const struct spin_trainer *t);
 double spin_trainer_track_rate(const struct spin_trainer *t, double lr0);

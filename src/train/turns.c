@@ -1,5 +1,4 @@
-/* Takes frame after frame, and follows the tracks whose reference is that frame to both ends of the
- * clip. */
+/* For each frame, follows the tracks whose reference frame it is to both ends of the clip. */
 #include "train/turns.h"
 
 #include <math.h>
@@ -11,16 +10,16 @@
 #include "train/kd_tree.h"
 #include "train/knn.h"
 
-/* Neighbours: at most NEIGHBOURS, within this multiple of the usual distance to the nearest three.
- * Fewer than FEWEST do not determine a rotation. Tuned on the clip court. */
+/* Neighbours: at most NEIGHBOURS, within this multiple of the median spacing. Fewer than FEWEST do
+ * not determine a rotation. Tuned on the clip court. */
 enum { NEIGHBOURS = 24, FEWEST = 4, CHUNK = 64 };
 static const float reach_of_spacing = 8;
-/* Neighbours on another part of the body do not turn with it: their errors lower their weights, in
- * so many passes. */
+/* Neighbours on another part of the body do not turn with the splat: each pass lowers their weights
+ * by their errors. */
 enum { PASSES = 3 };
-/* Most neighbours must follow a turn: it must reduce the squared length of their displacement to
- * this share. Splats that were matched by their looks slide over a surface, and show no turn. Tuned
- * on the clips court and basketball. */
+/* A turn is accepted if most neighbours follow it, that is, if it leaves at most this share of
+ * their squared displacement. Splats that were matched by their looks slide over a surface and show
+ * no turn. Tuned on the clips court and basketball. */
 static const float most_left = 0.5f;
 
 spin_status spin_turns_open(struct spin_turns *turns, int n_frames)
@@ -158,7 +157,7 @@ static bool weigh(struct offsets *o, const float q[4])
     return 2 * n_follow > o->n;
 }
 
-/* ---- Following ------------------------------------------------------------------------------- */
+/* ---- Following tracks ------------------------------------------------------------------------ */
 
 struct near {
     uint32_t row;
