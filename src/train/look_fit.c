@@ -243,7 +243,7 @@ static spin_status fit_looks(const struct spin_look_sample *sample, size_t n, in
     return SPIN_OK;
 }
 
-/* ---- Accepting a fit ------------------------------------------------------------------------ */
+/* ---- Accepting a fit ------------------------------------------------------------------------- */
 
 /* Standard deviation of r^2 over a lens's samples, with the means of points and cameras removed. */
 static double deviation_of(struct fit *f, int lens, double *camera)
