@@ -46,11 +46,10 @@ static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
     status = spin_ranks_gather(all, sizeof *all);
     for (int r = 1; status == SPIN_OK && r < spin_n_ranks(); r++)
         if (all[r] != all[0])
-            status =
-                spin_fail(SPIN_E_DEVICE,
-                          "after iteration %lld rank %d has other parameters than rank 0: this "
-                          "MPI or NCCL does not give all ranks the same sums",
-                          (long long)t->iteration, r);
+            status = spin_fail(SPIN_E_DEVICE,
+                               "rank %d has different parameters than rank 0 after iteration %lld: "
+                               "this MPI or NCCL does not give all ranks the same sums",
+                               r, (long long)t->iteration);
     return status;
 }
 
@@ -263,16 +262,16 @@ spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer 
     status = spin_trainer_join_seen(t);
     spin_trainer_part_seen(t);
     if (status == SPIN_OK && spin_rank() == 0)
-        status =
-            text ? write_state(c, t, text) : spin_fail(SPIN_E_MEMORY, "no memory for state.json");
+        status = text ? write_state(c, t, text)
+                      : spin_fail(SPIN_E_MEMORY, "out of memory for state.json");
     free(text);
     status = spin_ranks_agree(status);
     c->saved_s = spin_now_s();
     c->failed = status != SPIN_OK;
     if (c->failed)
-        return spin_fail_context(status, "cannot save the unfinished state");
+        return spin_fail_context(status, "cannot save the checkpoint");
     c->saved = t->iteration;
-    spin_log(1, "saved the state of iteration %lld to '%s'", (long long)t->iteration, c->path);
+    spin_log(1, "saved a checkpoint of iteration %lld to '%s'", (long long)t->iteration, c->path);
     return SPIN_OK;
 }
 
@@ -298,7 +297,8 @@ static spin_status check_last(const float *last, size_t n, int64_t iteration)
 {
     for (size_t i = 0; i < n; i++)
         if (!(last[i] >= 0 && last[i] <= (float)iteration))
-            return spin_malformed("array 'table/last': row %zu is no step done", i);
+            return spin_malformed("array 'table/last': row %zu is not an iteration up to %lld", i,
+                                  (long long)iteration);
     return SPIN_OK;
 }
 
@@ -363,9 +363,8 @@ static spin_status read_header(const struct spin_checkpoint *c, struct spin_npz 
     SPIN_TRY(spin_json_parse("state.json", (const char *)bytes, member->size, out));
     fingerprint = spin_json_string(spin_json_get(*out, "fingerprint"));
     if (!fingerprint || strcmp(fingerprint, c->fingerprint) != 0)
-        return spin_misuse("it was made from another input or with other options "
-                           "than these, or its images have changed; give the same "
-                           "ones, or %s to start anew",
+        return spin_misuse("the checkpoint was made from another input or with other options, or "
+                           "its images have changed; give the same ones, or %s to start anew",
                            c->restart);
     return SPIN_OK;
 }

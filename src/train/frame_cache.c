@@ -53,8 +53,8 @@ static spin_status open_frame(const char *path, const char *key, struct spin_bun
         return SPIN_OK;
     spin_bundle_close(out);
     return spin_misuse(
-        "'%s' was made from another input or with other options than these, or from images that "
-        "have changed; give the same ones, or --force without --resume to start anew",
+        "'%s' was made from another input or with other options, or its images have changed; give "
+        "the same ones, or --force without --resume to start anew",
         path);
 }
 

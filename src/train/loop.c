@@ -234,12 +234,12 @@ static void say_seconds(const struct spin_steps *steps)
         spin_log(1, "  %-13s %9.3f s %6.1f %%", op_names[i], steps->op_s[i],
                  100 * steps->op_s[i] / steps->wall_s);
     }
-    spin_log(1, "  %-13s %9.3f s %6.1f %% of %.3f s in steps", "together", named,
+    spin_log(1, "  %-13s %9.3f s %6.1f %% of %.3f s in iterations", "together", named,
              100 * named / steps->wall_s, steps->wall_s);
     spin_text_bytes((size_t)(steps->sent / (double)(steps->done > 0 ? steps->done : 1)), sent);
     if (spin_n_ranks() > 1)
-        spin_log(1, "  %-13s %9.3f s, %s sent a step by rank 0", "exchanged", steps->exchange_s,
-                 sent);
+        spin_log(1, "  %-13s %9.3f s, %s sent per iteration by rank 0", "exchanged",
+                 steps->exchange_s, sent);
 }
 
 /* ---- The loop -------------------------------------------------------------------------------- */
@@ -320,9 +320,10 @@ static spin_status fail_space(const struct spin_loop *l, uint64_t bytes, bool gr
 
     SPIN_TRY(spin_path_folder(c->path, &folder));
     return spin_fail(
-        SPIN_E_IO, "the disk of '%s' has %s left, and the unfinished state needs %s%s: make room",
+        SPIN_E_IO,
+        "not enough space on the disk of '%s': %s left, and the checkpoint needs %s%s; free some",
         c->path, spin_text_bytes(spin_path_free_bytes(folder) + c->reserve.bytes, left),
-        spin_text_bytes(bytes, need), grows ? " when it grows" : "");
+        spin_text_bytes(bytes, need), grows ? " as it grows" : "");
 }
 
 /* A checkpoint must fit on the disk at any time, whatever else is written there: a training that is
@@ -347,7 +348,7 @@ static spin_status reserve_space(const struct spin_loop *l)
     if (saved || spin_reserve_set(&c->reserve, c->path, state))
         return fail_space(l, ahead, grows);
     if (!c->warned)
-        spin_warn("the disk of '%s' has no room for the unfinished state; the training goes on",
+        spin_warn("not enough space on the disk of '%s' for a checkpoint; the training goes on",
                   c->path);
     c->warned = true;
     return SPIN_OK;
@@ -366,8 +367,8 @@ static spin_status judge_blind(const struct spin_loop *l, const struct spin_step
     bool last = l->trainer->iteration == l->plan->o->iterations;
 
     if (n == l->trainer->iteration && (last || n == (epoch > 50 ? 2 * epoch : 100)))
-        return spin_malformed("no splat is visible in any view of %lld iterations: do the cameras "
-                              "belong to these points",
+        return spin_malformed("no splat is visible in any view of %lld iterations: check that the "
+                              "cameras belong to these points",
                               (long long)n);
     return SPIN_OK;
 }

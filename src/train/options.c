@@ -178,7 +178,7 @@ spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o
 
     start_from(preset < PRESETS ? (enum preset)preset : QUICK, o);
     if (preset == SIZE_MAX)
-        return spin_misuse("no preset '%s', only " SPIN_PRESETS, name);
+        return spin_misuse("there is no preset '%s', only " SPIN_PRESETS, name);
     return SPIN_OK;
 }
 
@@ -249,12 +249,12 @@ static spin_status check_number(const struct row *row, size_t i, double value)
     size_t length;
 
     if (row->type == ENUM && !name_at(row->argument, (size_t)value, &length))
-        return spin_misuse("%s %g is none of %s", row->field, value, row->argument);
+        return spin_misuse("%s %g is not one of %s", row->field, value, row->argument);
     if (row->min >= row->max || (value >= row->min && value <= row->max) ||
         is_fallback(row, i, value) || (isnan(value) && place_of("auto", row->argument) != SIZE_MAX))
         return SPIN_OK;
-    return spin_misuse("%s %.*g is not from %.*g to %.*g", row->field, digits, value, digits,
-                       row->min, digits, row->max);
+    return spin_misuse("%s %.*g is not in the range %.*g to %.*g", row->field, digits, value,
+                       digits, row->min, digits, row->max);
 }
 
 spin_status spin_options_check(const struct spin_retrain_options *o)
@@ -317,7 +317,7 @@ static void add_to_json(const struct row *row, const struct spin_retrain_options
 
 const char *spin_options_continue(const struct spin_retrain_options *o)
 {
-    return o->resume || o->auto_resume ? "the same command goes on" : "go on with --resume";
+    return o->resume || o->auto_resume ? "run the same command to go on" : "go on with --resume";
 }
 
 const char *spin_options_restart(const struct spin_retrain_options *o)

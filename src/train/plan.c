@@ -22,12 +22,12 @@ static spin_status check_options(const struct spin_retrain_options *o)
     SPIN_TRY(spin_options_check(o));
     if (o->method == SPIN_METHOD_FRAMES && o->refine < 1)
         return spin_misuse(
-            "the explicit method needs iterations for every frame: say how many with --refine");
+            "--method frames needs iterations for every frame: give their number with --refine");
     if (o->method == SPIN_METHOD_TRACKS && !o->tracks)
         return spin_misuse("--method tracks needs --tracks auto");
     if ((o->method == SPIN_METHOD_TRACKS || o->method == SPIN_METHOD_4D) && o->refine > 0)
         return spin_misuse(
-            "refined frames have no splats in common: --method %s goes without --refine",
+            "--method %s does not work with --refine: refined frames have no splats in common",
             o->method == SPIN_METHOD_4D ? "4d" : "tracks");
     return SPIN_OK;
 }
@@ -184,7 +184,7 @@ static spin_status plan_extent(struct spin_plan *plan)
     if (plan->extent <= 1e-6 * one_place || plan->extent == 0) {
         plan->extent = one_place > 0 ? one_place : 1;
         spin_log(0,
-                 "the training cameras all stand in one place: their extent is taken from the "
+                 "all training cameras are at one position: their extent is derived from the "
                  "distance to the points, %.4g",
                  plan->extent);
     }
@@ -232,10 +232,10 @@ static void warn_idle_ranks(const struct spin_retrain_options *o)
     int n = spin_n_ranks();
 
     if (o->method != SPIN_METHOD_FRAMES && o->batch < n)
-        spin_warn("a step has %d image%s (--batch %d), so only %d of %d processes draw%s: give "
-                  "--batch %d, or start fewer processes",
-                  o->batch, o->batch == 1 ? "" : "s", o->batch, o->batch, n,
-                  o->batch == 1 ? "s" : "", n);
+        spin_warn(
+            "an iteration has %d image%s (--batch %d), so only %d of %d processes work%s: give "
+            "--batch %d, or start fewer processes",
+            o->batch, o->batch == 1 ? "" : "s", o->batch, o->batch, n, o->batch == 1 ? "s" : "", n);
 }
 
 bool spin_plan_is_lazy(const struct spin_plan *plan)
@@ -656,11 +656,13 @@ spin_status spin_plan_check_memory(const struct spin_plan *plan)
     spin_text_bytes(report->bytes_needed, needed);
     spin_text_bytes(report->bytes_available, free_bytes);
     if (!*report->fitting)
-        return spin_fail(SPIN_E_MEMORY,
-                         "needs about %s of memory and %s are free: no smaller --hash-log2, "
-                         "--batch, --scale or --range was found that fits",
-                         needed, free_bytes);
-    return spin_fail(SPIN_E_MEMORY, "needs about %s of memory and %s are free: %s fits", needed,
+        return spin_fail(
+            SPIN_E_MEMORY,
+            "the training needs about %s of memory and %s are free: no smaller --hash-log2, "
+            "--batch, --scale or --range was found that fits",
+            needed, free_bytes);
+    return spin_fail(SPIN_E_MEMORY,
+                     "the training needs about %s of memory and %s are free: %s fits", needed,
                      free_bytes, report->fitting);
 }
 
@@ -731,9 +733,10 @@ static spin_status open_clip(struct spin_plan *plan)
 
     SPIN_TRY(spin_clip_open(&c, &plan->clip));
     if (o->residual == SPIN_RESIDUAL_SOURCE && o->refine == 0 && !spin_plan_has_source(plan))
-        return spin_not_found("'%s' has no attributes of its source: let the network add to its "
-                              "points, with --residual points",
-                              o->input);
+        return spin_not_found(
+            "'%s' lacks its source's attributes: use --residual points, so that the "
+            "network adds to values made from its points",
+            o->input);
     SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *plan->counts, (void **)&plan->counts));
     for (int f = 0; f < plan->clip.n_frames; f++)
         plan->counts[f] = spin_plan_info(plan, f)->n;

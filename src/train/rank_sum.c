@@ -26,7 +26,7 @@ static void make_offer(struct spin_device *d, struct offer *offer)
     memset(offer, 0, sizeof *offer);
     memcpy(offer->card, d->card, sizeof d->card);
     if (!d->op->link_ready)
-        snprintf(offer->why, sizeof offer->why, "this build is without NCCL");
+        snprintf(offer->why, sizeof offer->why, "this build does not include NCCL");
     else if (d->op->link_ready(d, offer->about) != SPIN_OK)
         snprintf(offer->why, sizeof offer->why, "%s", spin_last_error());
 }
@@ -43,7 +43,7 @@ static void compare(const struct offer *offer, int n, char why[300])
                      offer[0].about);
         for (int k = 0; k < r && !*why; k++)
             if (strcmp(offer[r].card, offer[k].card) == 0)
-                snprintf(why, 300, "ranks %d and %d have the same card", k, r);
+                snprintf(why, 300, "ranks %d and %d use the same GPU", k, r);
     }
 }
 
@@ -77,11 +77,11 @@ spin_status spin_rank_sum_open(struct spin_rank_sum *s, struct spin_device *devi
         return SPIN_OK;
     SPIN_TRY(link_cards(s, about, why));
     if (s->linked) {
-        spin_log(1, "sums over processes go from card to card by %s", about);
+        spin_log(1, "all-reduce between GPUs: by %s", about);
         return SPIN_OK;
     }
     SPIN_TRY(need_host(s, FIRST_BYTES));
-    spin_log(1, "sums over processes go through %s host memory, as: %s",
+    spin_log(1, "all-reduce between GPUs: through %s host memory, because: %s",
              s->host.pinned ? "page-locked" : "ordinary", why);
     return SPIN_OK;
 }

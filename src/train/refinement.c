@@ -39,7 +39,7 @@ spin_status spin_refinement_open(struct spin_refinement *refinement, const struc
     size_t n = (size_t)plan->clip.n_frames;
 
     if (spin_plan_starts_from_source(plan) && !spin_plan_has_source(plan))
-        return spin_not_found("'%s' has no attributes of its source: refine from its points, with "
+        return spin_not_found("'%s' lacks its source's attributes: refine from its points, with "
                               "--refine-start points",
                               plan->o->input);
     SPIN_TRY(spin_alloc(n, sizeof *refinement->frame, (void **)&refinement->frame));
@@ -361,8 +361,8 @@ static spin_status join(struct stage *stage)
             status = find_cached(stage, stage->all[i], &found);
         if (!found)
             status = spin_not_found(
-                "frame %d, which another process refined, is not in '%s': processes on several "
-                "machines need a folder that all of them see",
+                "frame %d, refined by another process, is missing in '%s': processes on several "
+                "machines need a shared folder",
                 spin_plan_info(stage->plan, stage->all[i])->number, stage->plan->parts);
     }
     return spin_ranks_agree(status);
@@ -495,7 +495,8 @@ static spin_status judge_blind(const struct stage *stage)
         return SPIN_OK;
     if (stage->blind == stage->drawn && stage->n_all == stage->plan->clip.n_frames)
         return spin_malformed(
-            "no splat is visible in any view of any frame: do the cameras belong to these points");
+            "no splat is visible in any view of any frame: check that the cameras belong to these "
+            "points");
     spin_warn(
         "no splat was visible in %lld of %lld iterations of refining: nothing was learned in them",
         (long long)stage->blind, (long long)stage->drawn);

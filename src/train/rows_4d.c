@@ -235,12 +235,13 @@ static spin_status check_input(const struct cut *c)
     const struct spin_plan *plan = c->plan;
 
     if (!spin_bundle_is_trained_by_tracks(c->tracks.bundle))
-        return spin_not_found("--method 4d begins with a clip that --method tracks trained, and "
-                              "this one is not: train it so first, and give the result");
+        return spin_not_found(
+            "--method 4d needs a clip that was trained with --method tracks: train "
+            "this one so first, and give its output");
     for (int f = 1; f < plan->clip.n_frames; f++)
         if (spin_plan_info(plan, f)->time < spin_plan_info(plan, f - 1)->time)
-            return spin_unsupported("frame %d comes after frame %d and is earlier: --method 4d "
-                                    "takes frames in the order of their times",
+            return spin_unsupported("frame %d follows frame %d but has an earlier time: --method "
+                                    "4d needs frames in the order of their times",
                                     spin_plan_info(plan, f)->number,
                                     spin_plan_info(plan, f - 1)->number);
     return SPIN_OK;

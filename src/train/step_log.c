@@ -40,10 +40,11 @@ spin_status spin_step_log_open(struct spin_step_log *log, const char *path, bool
     if (!is_device(path))
         SPIN_TRY(spin_out_check(path, append || force));
     if (append && !is_device(path) && !is_log(path))
-        return spin_fail(SPIN_E_IO,
-                         "cannot append to '%s': it is no log of spin-retrain; give another name, "
-                         "or --force to overwrite",
-                         path);
+        return spin_fail(
+            SPIN_E_IO,
+            "cannot append to '%s': it is not a log of spin-retrain; give another name, "
+            "or --force to overwrite",
+            path);
     pthread_mutex_init(&log->lock, NULL);
     flags |= append ? O_APPEND : force || is_device(path) ? O_TRUNC : O_EXCL;
     fd = open(path, flags, 0666);
@@ -61,7 +62,8 @@ static void check(struct spin_step_log *log, bool flush)
     if (!ferror(log->file) && (!flush || fflush(log->file) == 0))
         return;
     snprintf(log->error, sizeof log->error, "%s", strerror(errno ? errno : EIO));
-    spin_warn("cannot write the log '%s': %s; the work goes on without it", log->path, log->error);
+    spin_warn("cannot write the log '%s': %s; the training goes on without it", log->path,
+              log->error);
     fclose(log->file);
     log->file = NULL;
 }
