@@ -1,13 +1,14 @@
-/* Brightness at places, camera by camera. */
+/* Measures the brightness of places in the training images and compares it with each camera's
+ * median over time. */
 #include "train/appearance.h"
 
 #include "base/base.h"
 
 enum {
-    FRAMES = 32,      /* of the clip, evenly */
-    THRESHOLD = 5,    /* of 255: noise and JPEG move the mean of nine pixels by less */
-    CAMERAS = 2,      /* that see a change, at least */
-    NONE = UINT8_MAX, /* no brightness: the camera does not see the place */
+    FRAMES = 32,      /* frames examined, evenly spaced over the clip */
+    THRESHOLD = 5,    /* of 255; noise and JPEG change the mean of 3 x 3 pixels by less */
+    CAMERAS = 2,      /* cameras that must observe a change, at least */
+    NONE = UINT8_MAX, /* no brightness: the place is outside the camera's image */
 };
 
 struct look {
@@ -15,13 +16,14 @@ struct look {
     struct spin_photos *photos;
     size_t n;
     const float *place;
-    int n_frames;            /* looked at */
+    int n_frames;            /* examined */
     uint8_t *image;          /* [max pixels][3] */
     uint8_t *bright;         /* [n][n_frames] of one camera */
-    uint8_t *seen, *changed; /* [n][n_frames] cameras, at most 255 */
+    uint8_t *seen, *changed; /* [n][n_frames] numbers of cameras, at most 255 */
 };
 
-/* Mean of the pixels around a point, 0 to 254; NONE outside of the picture and at its rim. */
+/* Mean brightness of the 3 x 3 pixels around a point, 0 to 254. NONE outside the image or at its
+ * border. */
 static uint8_t brightness(const struct spin_camera *camera, const uint8_t *image, const float at[3])
 {
     double p[3];
@@ -50,7 +52,7 @@ static int compare_bytes(const void *a, const void *b)
     return *(const uint8_t *)a - *(const uint8_t *)b;
 }
 
-/* The median of the frames that see the place, or NONE. */
+/* Median over the frames in which the place is visible; NONE if there is none. */
 static uint8_t median_of(const uint8_t *bright, int n_frames)
 {
     uint8_t value[FRAMES];
@@ -65,7 +67,7 @@ static uint8_t median_of(const uint8_t *bright, int n_frames)
     return value[n / 2];
 }
 
-/* The frame's number among those that are looked at, or -1. */
+/* Index of a frame among the examined ones, or -1. */
 static int chosen(const struct look *l, int frame)
 {
     int64_t all = l->plan->clip.n_frames, k = (int64_t)frame * l->n_frames / all;

@@ -3,7 +3,10 @@
 #include "base/base.h"
 #include "train/state_arrays.h"
 
-enum { MOMENTS = 12, PORTION = 1 << 20 }; /* floats that are carried to the host at a time */
+enum {
+    MOMENTS = 12,
+    PORTION = 1 << 20
+}; /* iterations averaged at most; floats downloaded at a time */
 
 struct spin_average spin_average_of(double share, int64_t until, int64_t iterations)
 {
@@ -15,7 +18,7 @@ struct spin_average spin_average_of(double share, int64_t until, int64_t iterati
                                  .every = (iterations - first + MOMENTS - 1) / MOMENTS};
 }
 
-/* How many iterations have counted by now. */
+/* Number of iterations up to this one that are part of the mean. */
 static int count_by(const struct spin_average *a, int64_t iterations, int64_t iteration)
 {
     int64_t left = iterations - iteration;
@@ -52,7 +55,7 @@ spin_status spin_average_resume(struct spin_trainer *t)
     return t->average.n > 0 ? reserve(t) : SPIN_OK;
 }
 
-/* Values of the device into the mean, which has n - 1 of n already. */
+/* Updates the mean of n - 1 samples with sample n. */
 static void add(float *mean, const float *values, size_t n_values, int n)
 {
     float share = 1 / (float)n;

@@ -1,15 +1,18 @@
-/* The mean of what is learned over the last steps. Every step draws other pictures, so the end of a
- * training is as noisy as its learning rates are high; the mean is not, and so rates need not fall
- * to zero. Of tracks and of what frames have of their own, not of a network. */
+/* Polyak average: the mean of the parameters over the last iterations. Every iteration draws other
+ * images, so at the end of a training the parameters fluctuate in proportion to the learning rates.
+ * Their mean does not, and so the rates need not decay to zero. Used by the methods tracks and 4d.
+ */
 #pragma once
 
 #include "train/trainer.h"
 
-/* Over a share of the iterations, 0..1, none before `until`. */
+/* Averages over the last share (0..1) of the iterations, but not before iteration `until`. */
 struct spin_average spin_average_of(double share, int64_t until, int64_t iterations);
-/* After each step; the last one leaves the mean as the parameters. All ranks call it. */
+/* Call it after each iteration: every few iterations it adds the parameters to the mean, and the
+ * last one replaces them by the mean. All ranks call it. */
 spin_status spin_average_step(struct spin_trainer *t);
-/* As it stood after the trainer's iteration, with room for the values that a state has. */
+/* Restores the state after the trainer's iteration and allocates the mean, which the checkpoint
+ * then fills in. */
 spin_status spin_average_resume(struct spin_trainer *t);
-/* Values that are averaged. */
+/* *n: number of values that are averaged. */
 spin_status spin_average_values(struct spin_trainer *t, size_t *n);

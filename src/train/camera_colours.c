@@ -1,5 +1,6 @@
-/* Points of a few frames are projected into the training views. A point counts where nothing stands
- * before it, as far as a coarse map of the nearest points tells; what that misses, medians bear. */
+/* Projects points of a few frames into the training views and compares their colours there. A point
+ * counts where a coarse depth map of the nearest points shows nothing in front of it; medians
+ * absorb the occlusions that the map misses. */
 #include "train/camera_colours.h"
 
 #include "base/base.h"
@@ -8,38 +9,39 @@
 
 enum {
     FRAMES = 3,
-    POINTS = 4096,     /* of a frame whose colours are compared */
-    CELLS = 64,        /* of the map of the nearest points, along each axis */
-    LEAST_CAMERAS = 3, /* that show a point */
-    LEAST_POINTS = 32, /* that a camera shows */
-    FIT_CAMERAS = 3,   /* that show a point which tells gains and falloff ... */
-    FIT_POINTS = 200   /* ... of so many */
+    POINTS = 4096,     /* of a frame, whose colours are compared */
+    CELLS = 64,        /* of the depth map, along each axis */
+    LEAST_CAMERAS = 3, /* that must see a point */
+    LEAST_POINTS = 32, /* that a camera must see */
+    FIT_CAMERAS = 3,   /* that must see a point to be used for gains and falloff ... */
+    FIT_POINTS = 200   /* ... and how many such points are needed */
 };
-/* Values that tell a gain: noise and white do not. */
+/* Range of values that determine a gain: dark ones are noisy, bright ones clipped. */
 static const float darkest = 0.1f, brightest = 0.95f;
-/* Regions of the scene that are held out in turn, in radii of the ball that holds most points. */
+/* Edge of the regions that are held out in turn, in radii of the ball that contains most points. */
 static const double region = 0.5;
-/* A point is hidden at so many times the depth of the nearest of its cell. */
+/* A point is occluded if its depth exceeds the smallest depth of its cell by this factor. */
 static const double behind = 1.05;
 
 struct colours {
     struct spin_plan *plan;
     struct spin_photos *photos;
-    struct spin_splats splats; /* of the frame */
-    size_t step, n_points;     /* every so many splats is a point */
+    struct spin_splats splats; /* of the current frame */
+    size_t step, n_points;     /* every step-th splat is one of the points */
     uint8_t *image;            /* of a view */
-    float (*seen)[4];          /* [points][cameras], of the frame: r g b and r^2; NaN: not seen */
+    float (*seen)[4];          /* [points][cameras] of the frame: r g b and r^2; NaN: not visible */
     int *lens;                 /* [cameras] */
-    float *difference[3];      /* [cameras][all points]: to the mean, from 0 to 1 */
-    size_t *n;                 /* [cameras] of them */
-    float ball[3];             /* centre of most points */
+    float *difference[3]; /* [cameras][FRAMES * POINTS] of each channel: deviation from the cameras'
+                             mean colour, on a scale of 0..1 */
+    size_t *n;            /* [cameras] how many deviations */
+    float ball[3];        /* centre of the ball that contains most points */
     double radius;
     struct spin_look_sample *sample;
     size_t n_samples, n_points_seen;
     double nearest[CELLS][CELLS];
 };
 
-/* Pixel and depth of a splat; false when the view does not show it. */
+/* Projects a splat to its pixel and depth; false if it is not visible in the view. */
 static bool project(const struct colours *c, const struct spin_camera *camera, size_t splat,
                     int pixel[2], double *depth)
 {
@@ -74,7 +76,7 @@ static void map_nearest(struct colours *c, const struct spin_camera *camera)
         }
 }
 
-/* The colours of the frame's points in a view. */
+/* Samples the colours of the frame's points in a view. */
 static spin_status look(struct colours *c, size_t view)
 {
     const struct spin_view *v = &c->plan->clip.views.view[view];
@@ -102,7 +104,7 @@ static spin_status look(struct colours *c, size_t view)
     return SPIN_OK;
 }
 
-/* What each camera's colours of the frame's points differ from their mean. */
+/* Deviations of each camera from the mean colour of the frame's points. */
 static void compare(struct colours *c)
 {
     size_t n = (size_t)c->plan->n_cameras;
@@ -137,7 +139,7 @@ static bool tells_gain(const float seen[4])
     return tells;
 }
 
-/* Of the regions, every other one, as on a chessboard. */
+/* Half of the scene that a splat belongs to: regions alternate as on a chessboard. */
 static int half_of(const struct colours *c, size_t splat)
 {
     const float *mean = c->splats.means + 3 * splat;
@@ -151,7 +153,7 @@ static int half_of(const struct colours *c, size_t splat)
     return (int)(sum & 1);
 }
 
-/* The frame's points that enough cameras show. */
+/* Adds the points of the frame that enough cameras see to the samples. */
 static spin_status take_samples(struct colours *c)
 {
     size_t n = (size_t)c->plan->n_cameras;
@@ -230,7 +232,7 @@ static spin_status look_at_frame(struct colours *c, int frame)
     return take_samples(c);
 }
 
-/* Of the camera whose median is farthest from 0; -1 without such a camera. */
+/* Largest absolute median deviation of a camera; -1 if no camera has enough points. */
 static double spread_of(struct colours *c, int rgb)
 {
     double most = -1;

@@ -1,15 +1,15 @@
-/* How the training cameras show the same places: in different colours, and darker towards the
+/* Measures how the training cameras differ photometrically: in colour, and in falloff towards the
  * corners. */
 #pragma once
 
 #include "train/look_fit.h"
 #include "train/photos.h"
 
-/* look->spread: how far a camera is from the others in a channel, at most, from 0 to 1: the median,
- * over points of the source that it shows, of the difference to the mean of the cameras that show
- * the point. -1 where no frame has three training views of the same points: there is nothing to
- * compare. The points that three training cameras and more show also tell each camera's gain and
- * each lens's falloff, as far as they are to be believed (look_fit.h); they go into plan->exposure
- * and plan->lenses, which are 0 otherwise. */
+/* look->spread: the largest deviation of a camera from the others in a channel, 0..1. A camera's
+ * deviation is the median, over the source's points that it sees, of the difference to the mean
+ * colour of all cameras that see the point. -1 if no frame has three training views of the same
+ * points: nothing can be compared. Points that at least three training cameras see also determine
+ * each camera's gain and each lens's falloff, as far as the fit is credible (look_fit.h). They are
+ * stored in plan->exposure and plan->lenses, which otherwise are 0. */
 spin_status spin_camera_colours(struct spin_plan *plan, struct spin_photos *photos,
                                 struct spin_look *look);

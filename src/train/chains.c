@@ -1,4 +1,4 @@
-/* Frames go by once; two of them are held. */
+/* Matches frame by frame in one pass; only two frames are in memory at a time. */
 #include "train/chains.h"
 
 #include "base/base.h"
@@ -6,22 +6,22 @@
 #include "train/knn.h"
 #include "train/link.h"
 
-/* A splat may be so many times the distance to its neighbours from where it is expected, and differ
- * so much in a colour of 0..1. It is expected as far on as this share of its last step. Tried on
- * basketball. */
+/* A match is at most this many neighbour spacings from the expected position, and differs by at
+ * most this in each colour channel of 0..1. The expected position continues the last displacement
+ * at this share. Tuned on the clip basketball. */
 static const float reach_of_spacing = 3, colour_tolerance = 0.1f, share_of_step = 0.7f;
-static const float most_spacing =
-    4; /* in units of the mean: what stands alone is not linked across the scene */
+static const float most_spacing = 4; /* in mean spacings: cap the search radius so that outliers are
+                                        not matched across the scene */
 
-/* The splats of a frame that have no track. */
+/* Splats of a frame that have no track. */
 struct loose {
     size_t n;
     uint32_t *splat; /* [n] rows of the frame */
-    uint32_t *chain; /* [n] numbers, or SPIN_NO_TRACK */
+    uint32_t *chain; /* [n] index of the track, or SPIN_NO_TRACK */
     float *at;       /* [n][3] */
-    float *expected; /* [n][3] in the next frame */
-    float *colour;   /* [n][3] in units of the tolerance, or NULL */
-    float *reach;    /* [n] */
+    float *expected; /* [n][3] expected position in the next frame */
+    float *colour;   /* [n][3] in units of the tolerance */
+    float *reach;    /* [n] search radius */
 };
 
 static void close_loose(struct loose *l)
@@ -53,7 +53,7 @@ static float colour_of(const struct spin_splats *s, size_t i, size_t c)
     return s->sh ? (float)(SPIN_SH_C0 * (double)s->sh[3 * coefficients * i + c]) : 0;
 }
 
-/* How far from where it is expected each splat is looked for. */
+/* Search radius around the expected position of each splat. */
 static spin_status set_reach(struct spin_pool *pool, struct loose *l)
 {
     double mean = 0;
@@ -68,7 +68,7 @@ static spin_status set_reach(struct spin_pool *pool, struct loose *l)
     return SPIN_OK;
 }
 
-/* Splats whose values are not all finite are left out. */
+/* Splats with a track and splats with values that are not finite are not matched. */
 static bool may_be_linked(const struct spin_splats *s, const uint32_t *of, size_t i)
 {
     float sum = 0;
@@ -110,7 +110,7 @@ static spin_status begin_chain(struct spin_chains *chains, const float at[3], ui
     return SPIN_OK;
 }
 
-/* Splat k of `to` goes on with splat i of `from`. */
+/* Matches splat k of `to` with splat i of `from`. */
 static spin_status add_link(struct spin_chains *chains, struct loose *from, size_t i,
                             struct loose *to, size_t k)
 {

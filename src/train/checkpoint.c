@@ -1,12 +1,13 @@
-/* The state of a training as an archive of arrays. */
+/* Stores the state of a training as an archive of arrays with a header, state.json. */
 #include "train/checkpoint.h"
 
 #include "base/base.h"
 #include "train/average.h"
 #include "train/state_arrays.h"
 
-enum { PORTION = 1 << 20 }; /* floats that are carried to the host at a time */
-/* At most, of state.json, of an array's headers, and of what state.json says of a frame. */
+enum { PORTION = 1 << 20 }; /* floats downloaded at a time */
+/* Upper bounds of state.json without frames, of the archive's overhead for an array, and of the
+ * entry of a frame in state.json. */
 enum { HEADER_BYTES = 4096, PIECE_BYTES = 512, FRAME_BYTES = 128 };
 
 double spin_checkpoint_seconds(const struct spin_checkpoint *c)
@@ -14,7 +15,7 @@ double spin_checkpoint_seconds(const struct spin_checkpoint *c)
     return c->before_s + spin_now_s() - c->start_s;
 }
 
-/* Values [first, first + n) of an array of the state. */
+/* Fails if one of the values [first, first + n) of an array is not finite. */
 static spin_status check_values(const struct spin_trainer *t, const char *name, size_t first,
                                 const float *v, size_t n)
 {
@@ -32,7 +33,7 @@ static spin_status check_values(const struct spin_trainer *t, const char *name, 
                           name, first + i, (long long)t->iteration);
 }
 
-/* Ranks step all parameters alike. */
+/* All ranks update the parameters identically, so the hashes must be equal. */
 static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
 {
     SPIN_FREED uint64_t *all = NULL;
@@ -45,15 +46,14 @@ static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
     status = spin_ranks_gather(all, sizeof *all);
     for (int r = 1; status == SPIN_OK && r < spin_n_ranks(); r++)
         if (all[r] != all[0])
-            status =
-                spin_fail(SPIN_E_DEVICE,
-                          "after iteration %lld rank %d has other parameters than rank 0: this "
-                          "MPI or NCCL does not give all ranks the same sums",
-                          (long long)t->iteration, r);
+            status = spin_fail(SPIN_E_DEVICE,
+                               "rank %d has different parameters than rank 0 after iteration %lld: "
+                               "this MPI or NCCL does not give all ranks the same sums",
+                               r, (long long)t->iteration);
     return status;
 }
 
-/* *bad: some parameter is not finite. The device looks. */
+/* *bad: some parameter is not finite. The check runs on the device. */
 static spin_status look_for_bad(const struct spin_trainer *t, const struct spin_state_array *piece,
                                 size_t n_pieces, bool *bad)
 {
@@ -86,7 +86,8 @@ spin_status spin_check_parameters(struct spin_trainer *t)
     SPIN_TRY_OUT(look_for_bad(t, piece, n_pieces, &bad));
     if (!bad && spin_n_ranks() == 1)
         goto out;
-    SPIN_TRY_OUT(spin_alloc(PORTION, sizeof(float), &block)); /* where, and whether ranks agree */
+    SPIN_TRY_OUT(
+        spin_alloc(PORTION, sizeof(float), &block)); /* to locate the value, and to compare ranks */
     for (size_t i = 0; i < n_pieces; i++) {
         if (!spin_state_is_parameter(&piece[i]))
             continue;
@@ -129,7 +130,8 @@ spin_status spin_write_device_array(struct spin_trainer *t, struct spin_zip_writ
     return spin_zip_member_end(w);
 }
 
-/* Tracks that are there, in the order of the frame; places that are a permutation. */
+/* Checks that tracks exist, are unique, and follow the order of the frame; or that places are a
+ * permutation. */
 static spin_status check_numbers(const struct spin_trainer *t, const struct spin_state_array *piece,
                                  const uint32_t *number)
 {
@@ -229,10 +231,10 @@ static spin_status write_state(struct spin_checkpoint *c, struct spin_trainer *t
 {
     SPIN_LEAVES(spin_zip_writer_abandon) struct spin_zip_writer w = {0};
 
-    spin_inputs_own(c->path); /* a resume has read it */
+    spin_inputs_own(c->path); /* may be replaced although a resume has read it */
     spin_reserve_set(&c->reserve, c->path, 0);
     SPIN_TRY(spin_zip_writer_open(c->path, true, &w));
-    w.out.sync = true; /* it stands for hours of work */
+    w.out.sync = true; /* survives a power failure: it represents hours of work */
     SPIN_TRY(write_text(&w, "state.json", header));
     SPIN_TRY(save_pieces(c, t, &w));
     return spin_zip_writer_commit(&w);
@@ -260,16 +262,16 @@ spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer 
     status = spin_trainer_join_seen(t);
     spin_trainer_part_seen(t);
     if (status == SPIN_OK && spin_rank() == 0)
-        status =
-            text ? write_state(c, t, text) : spin_fail(SPIN_E_MEMORY, "no memory for state.json");
+        status = text ? write_state(c, t, text)
+                      : spin_fail(SPIN_E_MEMORY, "out of memory for state.json");
     free(text);
     status = spin_ranks_agree(status);
     c->saved_s = spin_now_s();
     c->failed = status != SPIN_OK;
     if (c->failed)
-        return spin_fail_context(status, "cannot save the unfinished state");
+        return spin_fail_context(status, "cannot save the checkpoint");
     c->saved = t->iteration;
-    spin_log(1, "saved the state of iteration %lld to '%s'", (long long)t->iteration, c->path);
+    spin_log(1, "saved a checkpoint of iteration %lld to '%s'", (long long)t->iteration, c->path);
     return SPIN_OK;
 }
 
@@ -290,16 +292,18 @@ spin_status spin_checkpoint_bytes(const struct spin_checkpoint *c, struct spin_t
     return SPIN_OK;
 }
 
-/* They index tables of that length. */
+/* Used as indices into tables of rates, so at most `iteration`. */
 static spin_status check_last(const float *last, size_t n, int64_t iteration)
 {
     for (size_t i = 0; i < n; i++)
         if (!(last[i] >= 0 && last[i] <= (float)iteration))
-            return spin_malformed("array 'table/last': row %zu is no step done", i);
+            return spin_malformed("array 'table/last': row %zu is not an iteration up to %lld", i,
+                                  (long long)iteration);
     return SPIN_OK;
 }
 
-/* To where the piece is; floats and numbers have the same size. */
+/* Copies an array to where the trainer keeps it; floats and numbers have the same size. Sums over
+ * ranks are restored on rank 0 alone. */
 static spin_status load_piece(struct spin_trainer *t, const struct spin_state_array *piece,
                               const struct spin_array *a, void *values)
 {
@@ -342,7 +346,8 @@ static spin_status load_pieces(const struct spin_checkpoint *c, struct spin_trai
     return SPIN_OK;
 }
 
-/* state.json, to be freed, when it was made from this input and with these options. */
+/* Parses state.json, which the caller frees. Fails if it was made from another input or with other
+ * options. */
 static spin_status read_header(const struct spin_checkpoint *c, struct spin_npz *npz,
                                spin_json **out)
 {
@@ -358,9 +363,8 @@ static spin_status read_header(const struct spin_checkpoint *c, struct spin_npz 
     SPIN_TRY(spin_json_parse("state.json", (const char *)bytes, member->size, out));
     fingerprint = spin_json_string(spin_json_get(*out, "fingerprint"));
     if (!fingerprint || strcmp(fingerprint, c->fingerprint) != 0)
-        return spin_misuse("it was made from another input or with other options "
-                           "than these, or its images have changed; give the same "
-                           "ones, or %s to start anew",
+        return spin_misuse("the checkpoint was made from another input or with other options, or "
+                           "its images have changed; give the same ones, or %s to start anew",
                            c->restart);
     return SPIN_OK;
 }
@@ -392,7 +396,7 @@ static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t
     return SPIN_OK;
 }
 
-/* A count of state.json, at most `most`. */
+/* Reads a count of state.json, at most `most`. */
 static spin_status get_count(const spin_json *value, int64_t most, size_t *out)
 {
     int64_t n;

@@ -1,5 +1,5 @@
-/* The points of one frame and their first values: from coloured points as 3DGS begins, or from
- * splats. */
+/* Initial values of the points of a frame, from coloured points as in 3DGS or from splats, and
+ * their transfer to and from the device. */
 #include "train/cloud.h"
 
 #include "base/base.h"
@@ -36,7 +36,7 @@ void spin_refine_cloud_free(struct spin_refine_cloud *cloud)
     memset(cloud, 0, sizeof *cloud);
 }
 
-/* Rows of values, or of moments. */
+/* Rows of the values, or of one of the moments. */
 static struct spin_frame_rows rows_of(const struct spin_refine_cloud *cloud,
                                       enum spin_train_array which)
 {

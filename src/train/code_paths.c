@@ -1,4 +1,4 @@
-/* Names of code paths, each once. */
+/* Keeps a list of distinct SIMD paths. */
 #include "train/code_paths.h"
 
 #include <string.h>
@@ -26,7 +26,8 @@ void spin_code_paths_add(struct spin_code_paths *paths, const char *before)
         other = true;
     }
     if (other)
-        spin_warn("the processor's code path is %s now and was another before (%s): the two differ "
-                  "in the last bits, so the result is not bit for bit that of an unbroken run",
-                  paths->now, paths->all);
+        spin_warn(
+            "the SIMD path is %s now and was another before (%s): their results differ in the "
+            "last bits, so the output is not bit for bit that of an uninterrupted run",
+            paths->now, paths->all);
 }

@@ -1,5 +1,5 @@
-/* The processor's code paths that did the work of a training. Their results differ in the last
- * bits. */
+/* SIMD paths of the CPU device that took part in a training. Their results differ in the last bits.
+ */
 #pragma once
 
 #include "spin.h"
@@ -10,6 +10,6 @@ struct spin_code_paths {
 };
 
 void spin_code_paths_begin(struct spin_code_paths *paths, const char *now);
-/* Part of the work was done before by these, "v3" or "v3+v4"; or NULL. Another than now is a
- * warning. */
+/* Adds the paths, "v3" or "v3+v4" or NULL, that did earlier parts of the work. Warns if one differs
+ * from the current path. */
 void spin_code_paths_add(struct spin_code_paths *paths, const char *before);

@@ -1,6 +1,5 @@
-/* Clone, split and prune as 3DGS does. Everything goes in the order of the points and random
- * numbers are counted, not drawn in turn, so the result is a function of the statistics and the
- * seed. */
+/* Clone, split and prune as in 3DGS. Points are processed in order, and random numbers are indexed
+ * instead of drawn from a sequence, so the result depends only on the statistics and the seed. */
 #include "train/densify.h"
 
 #include <math.h>
@@ -12,12 +11,12 @@
 #include "math/quat.h"
 #include "math/rng.h"
 
-enum { STREAM_SPLIT = 32 }; /* of the random numbers, see math/rng.h */
+enum { STREAM_SPLIT = 32 }; /* random numbers, see math/rng.h */
 enum { KEEP, CLONE, SPLIT };
 
 static const float log_shrink = 0.47000363f; /* ln 1.6: a child's scale is its parent's / 1.6 */
 
-/* ---- Choosing -------------------------------------------------------------------------------- */
+/* ---- Choosing points ------------------------------------------------------------------------- */
 
 const double spin_prune_opacity = 0.005;
 
@@ -72,8 +71,7 @@ static int compare_wishes(const void *a, const void *b)
     return (x->point > y->point) - (x->point < y->point);
 }
 
-/* Clones and splits each make one point more. When that is more than the cap leaves room for, those
- * with the largest mean gradients have their way. */
+/* Clones and splits each add one point. If the cap allows fewer, the largest mean gradients win. */
 static spin_status respect_cap(const struct spin_densify_options *o,
                                const struct spin_refine_cloud *c, size_t marked, uint8_t *mark)
 {
@@ -95,11 +93,11 @@ static spin_status respect_cap(const struct spin_densify_options *o,
     return SPIN_OK;
 }
 
-/* ---- Changing -------------------------------------------------------------------------------- */
+/* ---- Changing the cloud ---------------------------------------------------------------------- */
 
 enum { SH_ROW = 3 * SPIN_REFINE_SH };
 
-/* A new point: its parent's parameters, no moments, no statistics. */
+/* Adds a point with its parent's parameters, and with zero moments and statistics. */
 static struct spin_refine_point *add_point(struct spin_refine_cloud *c, size_t parent)
 {
     struct spin_refine_point *p = &c->point[c->n];
@@ -116,7 +114,7 @@ static struct spin_refine_point *add_point(struct spin_refine_cloud *c, size_t p
     return p;
 }
 
-/* By an offset along the point's own axes. */
+/* Moves a point by an offset along its own axes. */
 static void shift(struct spin_refine_row *p, const float along[3])
 {
     float q[4], offset[3];
@@ -139,8 +137,9 @@ static void add_child(struct spin_refine_cloud *c, size_t parent, const float no
     shift(p, along);
 }
 
-/* A half of a point, on one side along its longest axis, of these shares of its scales and opacity;
- * the offset is in units of the scale. Tried on court and basketball. */
+/* Half of a point: shifted along the longest axis by half_offset scales; the other factors apply to
+ * its scale along that axis, to its other scales and to its opacity. Tuned on the clips court and
+ * basketball. */
 static const float half_offset = 0.6f, half_long = 0.5f, half_other = 0.85f, half_opacity = 0.6f;
 
 static void add_half(struct spin_refine_cloud *c, size_t parent, float side)
@@ -197,7 +196,7 @@ static spin_status add_children(const struct spin_densify_options *o, int iterat
     return SPIN_OK;
 }
 
-/* Differs: 3DGS keeps points that are not finite. Here they would be handed on to the network
+/* 3DGS keeps points that are not finite. Here they are pruned, since they would reach the network's
  * training. */
 static bool worth_keeping(const struct spin_refine_cloud *c, size_t i, float prune_opacity)
 {
@@ -213,7 +212,8 @@ static bool worth_keeping(const struct spin_refine_cloud *c, size_t i, float pru
     return spin_opacity_of(p->logit_opacity) >= prune_opacity;
 }
 
-/* Close the gaps of split parents (the first n_marked points have marks) and of pruned points. */
+/* Removes split parents (the first n_marked points have marks) and pruned points, and clears the
+ * statistics. Returns the number of pruned points. */
 static size_t compact(struct spin_refine_cloud *c, const uint8_t *mark, size_t n_marked,
                       double prune_opacity)
 {

@@ -1,31 +1,30 @@
-/* Host memory only; one frame after the other comes down, changes and goes up again. All ranks do
- * the same. */
+/* Works in host memory: downloads one frame at a time, changes it and uploads it again. All ranks
+ * do the same. */
 #include "train/densify_tracks.h"
 
 #include "base/base.h"
 #include "model/residual.h"
 
-/* Old and new tracks. */
+/* A densification in progress. */
 struct change {
     struct spin_trainer *t;
     const struct spin_densify_options *o;
     int iteration;
-    struct spin_refine_cloud
-        tracks; /* the new ones, in the order of kinds: moving, varying, others */
+    /* The new ones, in the order of kinds: dynamic, varying, static, backdrop. */
+    struct spin_refine_cloud tracks;
     size_t n_before, n_moving, n_varying;
-    uint32_t *row; /* [n_before] a frame's splat of an old track, or SPIN_NO_TRACK */
-    struct spin_refine_cloud before, after; /* of a frame; their memory serves the next one */
+    uint32_t *row; /* [n_before] splat of each old track in this frame, or SPIN_NO_TRACK */
+    struct spin_refine_cloud before, after; /* of this frame; the next one reuses them */
 };
 
-/* ---- The tracks' parameters
- * ---------------------------------------------------------------------- */
+/* ---- The tracks' parameters ------------------------------------------------------------------ */
 
 static struct spin_refine_row *part_of(struct spin_refine_point *p, int part)
 {
     return part == 0 ? &p->p : part == 1 ? &p->m : &p->v;
 }
 
-/* Values, first and second moments, between the device's groups and rows of the cloud. */
+/* Copies values, first and second moments between the device's groups and rows of the cloud. */
 static spin_status carry_tracks(struct spin_device *d, const struct spin_param *param,
                                 struct spin_refine_cloud *cloud, bool up)
 {
@@ -76,7 +75,7 @@ static spin_status fetch_seen(struct spin_trainer *t, int f, struct seen_frame *
                             : d->op->download(d, out->track, frame->track, n * sizeof *out->track);
 }
 
-/* A track has been seen as often as its splats. */
+/* The statistics of a track are the sums of those of its splats. */
 static spin_status add_statistics(struct change *c)
 {
     spin_status status = SPIN_OK;
@@ -96,7 +95,7 @@ static spin_status add_statistics(struct change *c)
     return SPIN_OK;
 }
 
-/* A new track is of its parent's kind. */
+/* A new track has the kind of its parent. */
 static int kind_of(const struct spin_trainer *t, uint32_t origin)
 {
     return origin < t->n_moving                   ? 0
@@ -124,7 +123,8 @@ static spin_status sort_tracks(struct change *c)
     return SPIN_OK;
 }
 
-/* What is left of the most splats of a frame. 0 would be no limit. */
+/* Remaining splat budget of a frame that has `others` splats; at least 1, since 0 means unlimited.
+ */
 static size_t cap_beside(const struct change *c, size_t others)
 {
     size_t most = c->o->max_points;
@@ -158,20 +158,19 @@ static spin_status change_tracks(struct change *c, struct spin_densify_change *s
     return carry_tracks(t->device, &t->tracks, &c->tracks, true);
 }
 
-/* ---- A frame
- * ------------------------------------------------------------------------------------- */
+/* ---- A frame --------------------------------------------------------------------------------- */
 
-/* A frame's new splats. The cloud has those with values of their own, which are the first of them;
- * of these values, what a splat has not is zero. */
+/* A frame's new splats. The cloud holds those with own values, which come first; where a splat
+ * lacks some of these values they are zero. */
 struct rows {
     struct spin_refine_cloud *cloud;
     uint32_t *track;  /* [n] */
-    uint32_t *origin; /* [n] the row before, or NEW_ROW */
+    uint32_t *origin; /* [n] previous row, or NEW_ROW */
     struct spin_frame_size size;
 };
 static const uint32_t NEW_ROW = UINT32_MAX;
 
-/* c->row of this frame; how many splats the new tracks have there. */
+/* Fills in c->row for the frame. Returns how many splats the new tracks have in it. */
 static size_t find_rows(struct change *c, const struct seen_frame *seen, size_t n)
 {
     size_t n_tracked = 0;
@@ -212,7 +211,7 @@ static spin_status change_free(struct change *c, int f, const struct seen_frame 
     return SPIN_OK;
 }
 
-/* The values of its own of a splat of track k. */
+/* Adds the own values of track k's splat, copied from a previous row. */
 static void add_own(const struct change *c, size_t k, uint32_t row, struct rows *rows)
 {
     struct spin_refine_point *p = &rows->cloud->point[rows->cloud->n++];
@@ -224,7 +223,7 @@ static void add_own(const struct change *c, size_t k, uint32_t row, struct rows 
     rows->size.n_residual += k < c->n_varying;
 }
 
-/* The splats of the new tracks behind those without one, in the order of the tracks. */
+/* Appends the splats of the new tracks, in the order of the tracks, to those without a track. */
 static spin_status add_tracked(const struct change *c, struct rows *rows)
 {
     size_t n_free = rows->cloud->n, most = n_free + c->tracks.n, n = n_free;
@@ -254,11 +253,11 @@ static spin_status add_tracked(const struct change *c, struct rows *rows)
     return SPIN_OK;
 }
 
-/* Splats that were there keep their order in the output, new ones follow. */
+/* Existing splats keep their order in the output; new ones follow. */
 static spin_status permute(const struct rows *rows, size_t n_before, uint32_t **permutation)
 {
     size_t n = rows->size.n, n_kept = 0;
-    uint32_t *to, *row_at; /* [n_before] the row that is now at a place of the output before */
+    uint32_t *to, *row_at; /* [n_before] new row of the splat at each old place of the output */
 
     SPIN_TRY(spin_alloc(n + n_before + 1, sizeof *to, (void **)&to));
     row_at = to + n;
@@ -277,8 +276,8 @@ static spin_status permute(const struct rows *rows, size_t n_before, uint32_t **
     return SPIN_OK;
 }
 
-/* turn [n_pos][4] of the new splats of moving tracks: those of their parents; NULL where a frame
- * has none. */
+/* turn [n_pos][4]: splats of dynamic tracks inherit the turns of their parents. NULL if the frame
+ * has no turns. */
 static spin_status inherit_turns(const struct change *c, const struct spin_train_frame *frame,
                                  const struct rows *rows, float **turn)
 {
@@ -320,7 +319,7 @@ static spin_status replace_frame(struct change *c, int f, const struct rows *row
     return spin_refine_cloud_send(rows->cloud, d, frame);
 }
 
-/* c->before = the frame's splats that have values of their own. */
+/* c->before = the frame's splats with own values. */
 static spin_status fetch_frame(struct change *c, const struct spin_train_frame *frame)
 {
     const struct spin_frame_size *size = &frame->size;
@@ -356,8 +355,7 @@ out:
     return status;
 }
 
-/* ---- The whole ----------------------------------------------------------------------------------
- */
+/* ---- All tracks and frames ------------------------------------------------------------------- */
 
 spin_status spin_densify_tracks(struct spin_trainer *t, const struct spin_densify_options *o,
                                 int iteration, uint32_t **permutation, size_t *counts,

@@ -1,4 +1,4 @@
-/* Cameras' exposure and falloff in training. */
+/* Device memory of the cameras' exposure and the lenses' falloff. */
 #include "train/exposure.h"
 
 #include <string.h>

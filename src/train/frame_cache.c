@@ -1,4 +1,4 @@
-/* A cached frame is a bundle of one frame: written whole, checked when opened. */
+/* A cached frame is a bundle of one frame, written atomically and checked when opened. */
 #include "train/frame_cache.h"
 
 #include <ctype.h>
@@ -34,7 +34,7 @@ spin_status spin_frame_cache_put(const char *folder, int index, const char *key,
     meta.columns = held;
     meta.sh_degree = splats->sh_degree;
     SPIN_TRY(spin_bundle_writer_open(path, true, true, &w));
-    w.zip.n_threads = 1; /* others write theirs */
+    w.zip.n_threads = 1; /* other threads write other frames */
     SPIN_TRY(spin_bundle_write_frame(&w, 0, held, 0, splats));
     extra = spin_json_object();
     spin_json_set_string(extra, "key", key);
@@ -42,7 +42,7 @@ spin_status spin_frame_cache_put(const char *folder, int index, const char *key,
     return spin_bundle_writer_finish(&w, &meta, extra);
 }
 
-/* The frame, open; another than the key names is an error. */
+/* Opens a cached frame; SPIN_E_USAGE if its key differs. */
 static spin_status open_frame(const char *path, const char *key, struct spin_bundle *out)
 {
     const char *text;
@@ -53,8 +53,8 @@ static spin_status open_frame(const char *path, const char *key, struct spin_bun
         return SPIN_OK;
     spin_bundle_close(out);
     return spin_misuse(
-        "'%s' was made from another input or with other options than these, or from images that "
-        "have changed; give the same ones, or --force without --resume to start anew",
+        "'%s' was made from another input or with other options, or its images have changed; give "
+        "the same ones, or --force without --resume to start anew",
         path);
 }
 
@@ -89,7 +89,7 @@ spin_status spin_frame_cache_get(const char *folder, int index, const char *key,
     return spin_bundle_frame(&bundle, 0, columns, out);
 }
 
-/* "00012.spin", or what a killed writer left of it: "00012.spin.tmp.*". */
+/* "00012.spin", or the remains of a killed writer: "00012.spin.tmp.*". */
 static bool is_ours(const char *name)
 {
     size_t digits = 0;

@@ -1,25 +1,24 @@
-/* Finished frames of a run that is not finished: one small bundle each, in a folder beside the
- * output. A frame is written whole or not at all, under a key that says what it was made from.
- * After a kill the folder holds every frame that was done and nothing else. */
+/* Refined frames of an unfinished run: one small bundle each, in a folder beside the output. A
+ * frame is written atomically, under a key that identifies its inputs and options, so a run that is
+ * killed keeps all the frames that it finished. */
 #pragma once
 
 #include "spin.h"
 
-/* A frame that is there. */
+/* A cached frame. */
 struct spin_shelved {
     size_t n;      /* splats */
-    char path[16]; /* the device's code path that made it */
+    char path[16]; /* SIMD path of the device that made it */
 };
 
-/* Write frame `index`: all attribute columns. Makes the folder. */
+/* Writes all attribute columns of frame `index`. Creates the folder. */
 spin_status spin_frame_cache_put(const char *folder, int index, const char *key, const char *path,
                                  const struct spin_splats *splats);
-/* Whether there is frame `index`, made from what `key` says. One made from something else is an
- * error: SPIN_E_USAGE. */
+/* *found: frame `index` is cached. SPIN_E_USAGE if it is cached under another key. */
 spin_status spin_frame_cache_find(const char *folder, int index, const char *key, bool *found,
                                   struct spin_shelved *out);
-/* Columns of frame `index`, which must still be the one that `key` names. */
+/* Reads columns of frame `index`, which must be cached under this key. */
 spin_status spin_frame_cache_get(const char *folder, int index, const char *key, unsigned columns,
                                  struct spin_splats *out);
-/* Remove its frames, and the folder when nothing else is in it. */
+/* Removes all cached frames, and the folder if nothing else is in it. */
 void spin_frame_cache_clear(const char *folder);

@@ -1,4 +1,4 @@
-/* One pass over the clip's splats. */
+/* Loads the splats of the clip in one pass. */
 #include "train/frames.h"
 
 #include "base/base.h"
@@ -12,7 +12,7 @@
 #include "train/turns.h"
 #include "train/unseen.h"
 
-/* A frame's splats with finite means; refinement NULL: the source's. */
+/* Reads a frame and checks that its means are finite; refinement NULL: the source's. */
 static spin_status read_frame(struct spin_plan *plan, struct spin_refinement *refinement, int frame,
                               unsigned columns, struct spin_splats *out)
 {
@@ -26,11 +26,11 @@ static spin_status read_frame(struct spin_plan *plan, struct spin_refinement *re
     return refinement ? SPIN_OK : spin_backdrop_append(&plan->backdrop, out);
 }
 
-/* ---- The scene transform ------------------------------------------------------------------------
- */
+/* ---- The scene transform --------------------------------------------------------------------- */
 
 /* Centre: the median of each axis. Radius: the 90th percentile of the distance to the centre
- * (docs/method.md 3.1). Only when the options ask for it; else what they say, or the identity. */
+ * (docs/method.md 3.1). Options may give both; without normalisation the transform stays the
+ * identity. */
 static void fit_transform(const struct spin_retrain_options *o, struct spin_point_sample *sample,
                           struct spin_scene_transform *t)
 {
@@ -72,11 +72,10 @@ spin_status spin_frames_look(struct spin_plan *plan)
     return SPIN_OK;
 }
 
-/* ---- First values -------------------------------------------------------------------------------
- */
+/* ---- Initial values -------------------------------------------------------------------------- */
 
-/* The columns that a frame's first values are made from: residual values begin as the source (or
- * the refined frame) has them, or as 3DGS would begin from coloured points. */
+/* Columns that the initial values of a frame require: residual values start from the attributes of
+ * the source (or of the refined frame), or from coloured points as in 3DGS. */
 static unsigned first_columns(const struct spin_plan *plan, bool refined)
 {
     if (!spin_plan_has_residual(plan))
@@ -86,7 +85,7 @@ static unsigned first_columns(const struct spin_plan *plan, bool refined)
     return refined ? SPIN_COL_MEANS | SPIN_COL_RGB : spin_plan_point_columns(plan);
 }
 
-/* What stands for a splat whose values are not all finite: small, grey and faint. */
+/* Replaces a splat with a value that is not finite by a small, grey and faint one. */
 static void make_finite(struct spin_refine_row *p)
 {
     static const struct spin_refine_row none = {
@@ -101,12 +100,13 @@ static void make_finite(struct spin_refine_row *p)
         *p = none;
 }
 
-/* First values of the tracks, in the host's memory: those of the first splat of each that a
- * training camera sees, or of the first at all. */
+/* Initial values of the tracks, in host memory: those of each track's first splat that a training
+ * camera sees, else of its first splat. */
 struct first_tracks {
     const struct spin_tracks *tracks;
     float *displacement, *residual; /* [n][3], [n][SPIN_RESIDUAL] */
-    uint8_t *seen; /* [n] 0: no splat yet; 1: one that no camera sees; 2: one that a camera sees */
+    /* [n] 0: no splat yet; 1: one that no camera sees; 2: one that a camera sees */
+    uint8_t *seen;
 };
 
 static spin_status open_first_tracks(struct first_tracks *first, const struct spin_tracks *tracks)
@@ -121,7 +121,8 @@ static spin_status open_first_tracks(struct first_tracks *first, const struct sp
 
 static void close_first_tracks(struct first_tracks *first) { free(first->displacement); }
 
-/* Tracks that never move have all of the place; others a displacement of their splats' places. */
+/* A static track stores its position; a dynamic one a displacement, initially 0, that is added to
+ * the positions of its splats. */
 static void look_for_first(struct first_tracks *first, int frame,
                            const struct spin_refine_cloud *cloud)
 {
@@ -140,7 +141,7 @@ static void look_for_first(struct first_tracks *first, int frame,
     }
 }
 
-/* To the device, where they are groups. */
+/* Uploads the values, in groups. */
 static spin_status send_first_tracks(const struct first_tracks *first, struct spin_trainer *t)
 {
     struct spin_device *d = t->device;
@@ -156,7 +157,7 @@ static spin_status send_first_tracks(const struct first_tracks *first, struct sp
     return SPIN_OK;
 }
 
-/* A splat whose track has the values begins with none of its own. */
+/* A splat of a track starts with zero own values, as the track has them. */
 static void clear_tracked(const struct spin_tracks *tracks, int frame,
                           struct spin_refine_cloud *cloud)
 {
@@ -165,8 +166,7 @@ static void clear_tracked(const struct spin_tracks *tracks, int frame,
             memset(cloud->point[i].p.log_scale, 0, SPIN_RESIDUAL * sizeof(float));
 }
 
-/* A frame's splats to the device, in our order, at its owner; every rank sees what tracks begin
- * with. */
+/* Uploads a frame's splats in the trainer's order, and records the initial values of tracks. */
 static spin_status send_frame(const struct spin_plan *plan, const struct spin_splats *s, int f,
                               const uint32_t *permutation, struct first_tracks *first,
                               struct spin_device *device, struct spin_train_frame *frame)
@@ -195,7 +195,7 @@ static spin_status send_frame(const struct spin_plan *plan, const struct spin_sp
     return spin_train_frame_upload(frame, device, SPIN_TRAIN_VALUES, rows, permutation);
 }
 
-/* The track of every splat, in our order. */
+/* Uploads the track of every splat, in the trainer's order. */
 static spin_status send_track_numbers(const struct spin_tracks *tracks, int f, size_t n,
                                       const uint32_t *permutation, struct spin_device *device,
                                       struct spin_train_frame *frame)
@@ -209,8 +209,8 @@ static spin_status send_track_numbers(const struct spin_tracks *tracks, int f, s
     return SPIN_OK;
 }
 
-/* Places of the splats of moving tracks, which follow those without a track, in the order of the
- * tracks. */
+/* Records positions of the splats of dynamic tracks, which follow those without a track, in the
+ * order of the tracks. */
 static spin_status add_places(struct spin_turns *turns, const struct spin_tracks *tracks, int f,
                               const struct spin_splats *s, const uint32_t *permutation,
                               const struct spin_frame_size *size)
@@ -249,8 +249,8 @@ out:
     return status;
 }
 
-/* The first splat's rotation, turned to the track's own frame, so that it comes out again where it
- * was read. Points have none, and are round. */
+/* Turns the rotation of a track's first splat back to the track's reference frame, so that the turn
+ * of that splat restores what was read. Points have no rotation and are isotropic. */
 static void turn_first_tracks(struct first_tracks *first, const struct spin_turns *turns)
 {
     memset(first->seen, 0, first->tracks->n);
@@ -267,7 +267,7 @@ static void turn_first_tracks(struct first_tracks *first, const struct spin_turn
         }
 }
 
-/* The log of the median distance to the three nearest points. */
+/* Log of the median distance to the three nearest neighbours. */
 static spin_status measure_spacing(int n_threads, const struct spin_splats *s, double *log_scale)
 {
     struct spin_pool *pool = NULL;
@@ -281,8 +281,7 @@ static spin_status measure_spacing(int n_threads, const struct spin_splats *s, d
     return status;
 }
 
-/* ---- The pass -----------------------------------------------------------------------------------
- */
+/* ---- The pass -------------------------------------------------------------------------------- */
 
 static spin_status load_frame(struct spin_frames *frames, struct spin_plan *plan,
                               struct first_tracks *first, struct spin_turns *turns,
@@ -290,7 +289,7 @@ static spin_status load_frame(struct spin_frames *frames, struct spin_plan *plan
                               bool first_values)
 {
     const struct spin_tracks *tracks = first->tracks;
-    size_t n = trainer->frame[f].size.n; /* more or less than the bundle's after a densification */
+    size_t n = trainer->frame[f].size.n; /* differs from the bundle's after a densification */
 
     SPIN_TRY(
         spin_alloc((n > s->n ? n : s->n) + 1, sizeof(uint32_t), (void **)&frames->permutation[f]));

@@ -1,4 +1,4 @@
-/* Building the tree, and the search for all points near a place. */
+/* Builds a k-d tree, and finds all points within a radius. */
 #include "train/kd_tree.h"
 
 #include <float.h>
@@ -18,12 +18,14 @@ static void swap(struct spin_kd_tree *t, size_t a, size_t b)
     t->order[b] = keep;
 }
 
-/* Quickselect: what belongs at `middle` gets there, smaller before it, larger after. */
+/* Quickselect: moves the element of rank `middle` into place, smaller ones before it, larger ones
+ * after. */
 static void select_middle(struct spin_kd_tree *t, size_t lo, size_t hi, size_t middle, int axis)
 {
     while (hi - lo > 1) {
         size_t i = lo, j = hi - 1;
-        float pivot = coordinate(t, lo + (hi - lo - 1) / 2, axis); /* never the last */
+        float pivot = coordinate(t, lo + (hi - lo - 1) / 2,
+                                 axis); /* not the last element, so that both parts shrink */
 
         for (;;) {
             while (coordinate(t, i, axis) < pivot)

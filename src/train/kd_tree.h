@@ -1,5 +1,5 @@
-/* A k-d tree over points: split at the median of the widest axis, leaves of eight. It is
- * left-balanced, so it is nothing but an order of the points. */
+/* A k-d tree over points: splits at the median of the widest axis, leaves of eight. Each split is
+ * in the middle of its range, so the tree is implicit: just an order of the points. */
 #pragma once
 
 #include "spin.h"
@@ -8,22 +8,22 @@ enum { SPIN_KD_LEAF = 8 };
 
 struct spin_kd_tree {
     const float *points; /* [n][3], the caller's, which must outlive the tree */
-    uint32_t *order;     /* [n] points, leaf after leaf */
-    uint8_t *axis;       /* [n] of the split whose median lies at this place */
+    uint32_t *order;     /* [n] indices of points, leaf after leaf */
+    uint8_t *axis;       /* [n] axis of the split at this position */
     size_t n;
 };
 
-/* Of n finite points. Zero it first; close it also after a failure. */
+/* Builds a tree of n finite points. Zero it first; close it also after a failure. */
 spin_status spin_kd_tree_open(struct spin_kd_tree *tree, size_t n, const float *points);
 void spin_kd_tree_close(struct spin_kd_tree *tree);
 
-/* Calls visit for each point that may lie within reach of `at` [3]: all that do, and others of
- * their leaves. */
+/* Calls visit for each point that may be within reach of `at` [3]: all points that are, and others
+ * of their leaves. */
 typedef void (*spin_kd_visit)(void *context, uint32_t point);
 void spin_kd_tree_within(const struct spin_kd_tree *tree, const float at[3], float reach,
                          spin_kd_visit visit, void *context);
 
-/* How far `at` lies beyond the median at this place, along the axis of its split. */
+/* Signed distance of `at` from the median at this position, along the axis of its split. */
 static inline float spin_kd_gap(const struct spin_kd_tree *t, size_t place, const float at[3])
 {
     return at[t->axis[place]] - t->points[(size_t)t->order[place] * 3 + t->axis[place]];

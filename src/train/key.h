@@ -1,20 +1,21 @@
-/* What work was made from and how, as text: kept work is taken again only under the same. */
+/* Identifies by text what work was made from and how. Earlier work is reused only if its key is
+ * equal. */
 #pragma once
 
 #include "train/photos.h"
 
-enum { SPIN_FRAME_KEY = 40 }; /* bytes a key may have, with its end */
+enum { SPIN_FRAME_KEY = 40 }; /* bytes of a key with its terminating null */
 
 struct spin_refined {
-    char key[SPIN_FRAME_KEY]; /* what it is made from and how */
-    bool from_input;          /* the input has it; else it is in the frame cache */
+    char key[SPIN_FRAME_KEY]; /* inputs and options */
+    bool from_input;          /* the input contains the frame; else the frame cache does */
 };
 
-/* Of a frame by itself: options, images, its lenses, what it starts from. */
+/* Key of a single refined frame: options, images, lenses, and the attributes it starts from. */
 spin_status spin_frame_key(struct spin_plan *plan, const struct spin_photos *photos, int frame,
                            char key[SPIN_FRAME_KEY]);
-/* Of a run: options, the frames and what refined frames are made from [frames] or NULL, the images,
- * the names, sizes and CRCs of the input's arrays in their order. To be freed. */
+/* Fingerprint of a run: options, frames, the keys of refined frames [frames] or NULL, images, and
+ * the names, sizes and CRCs of the input's arrays in their order. The caller frees it. */
 spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_refined *refined,
                              const struct spin_photos *photos, const struct spin_device *device,
                              char **out);

@@ -1,4 +1,4 @@
-/* Each point searches the tree for its own neighbours. */
+/* Each point searches the k-d tree for its own nearest neighbours. */
 #include "train/knn.h"
 
 #include <float.h>

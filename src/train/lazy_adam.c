@@ -1,9 +1,9 @@
-/* Lazy Adam: sizes, and when it pays. */
+/* Sizes of lazy Adam, and the decision to use it. */
 #include "train/lazy_adam.h"
 
 #include <math.h>
 
-static const int64_t most_steps = 1 << 24; /* steps are kept as floats */
+static const int64_t most_steps = 1 << 24; /* step numbers are stored as floats, exact up to here */
 
 static size_t begin_of(const struct spin_field *field)
 {
@@ -21,7 +21,8 @@ size_t spin_lazy_pad(const struct spin_field *field)
     return (SPIN_LINE - begin_of(field) % SPIN_LINE) % SPIN_LINE;
 }
 
-/* A splat needs 16 rows of a level, which lie in about 9 lines: neighbours along x share one. */
+/* A splat needs 16 rows of a level (corners of a 4D cell), in about 9 lines, as neighbours along x
+ * share one. */
 bool spin_lazy_pays(const struct spin_field *field, double splats, int64_t steps)
 {
     const struct spin_grid *grid = &field->grid;

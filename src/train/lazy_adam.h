@@ -1,13 +1,15 @@
-/* When lazy Adam for the hash table pays (device.h, struct spin_lazy_adam), and the memory it
- * takes. */
+/* Decides whether lazy Adam pays for the hash table (device.h, struct spin_lazy_adam), and sizes
+ * its memory. */
 #pragma once
 
 #include "model/field.h"
 
-/* Floats by which the parameters should begin later, so that lines are those of the cache. */
+/* Floats by which the start of the parameters should be shifted, so that lines coincide with cache
+ * lines. */
 size_t spin_lazy_pad(const struct spin_field *field);
-/* Lines of a table, or of some levels of it. */
+/* Number of lines in the hashed levels, which lazy Adam updates. */
 size_t spin_lazy_lines(const struct spin_field *field);
-/* True when `splats` of a step need less than half of the lines of a hashed level, by chance; else
- * stepping all of them costs no more. */
+/* True if `splats` splats per iteration need on average less than half of the lines of a hashed
+ * level; otherwise updating all of them costs no more. False also if lazy Adam cannot handle the
+ * sizes. */
 bool spin_lazy_pays(const struct spin_field *field, double splats, int64_t steps);

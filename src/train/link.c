@@ -1,6 +1,6 @@
-/* In rounds: each splat that is not linked looks for the one that is most like it, of those that
- * are free or linked at a higher cost; a link gives way to a cheaper one. In the end no two splats
- * would rather be linked to each other. */
+/* Deferred acceptance (Gale and Shapley) in rounds: each unmatched splat proposes to the most
+ * similar splat that is free or matched at a higher cost, and a cheaper match replaces a dearer
+ * one. The result is a stable matching. */
 #include "train/link.h"
 
 #include "base/base.h"
@@ -8,9 +8,9 @@
 
 enum { CHUNK = 256, MOST_ROUNDS = 100 };
 
-/* The other splat of a link. */
+/* The partner of a splat. */
 struct link {
-    float cost; /* INFINITY: there is none */
+    float cost; /* INFINITY: no partner */
     uint32_t splat;
 };
 
@@ -19,9 +19,9 @@ struct round {
     const float *reach;
     size_t width;
     struct spin_kd_tree tree; /* of `to` */
-    struct link *held;        /* [to->n] */
-    struct link *wanted;      /* [from->n] */
-    uint32_t *next;           /* [from->n] */
+    struct link *held;        /* [to->n] current matches */
+    struct link *wanted;      /* [from->n] proposals of this round */
+    uint32_t *next;           /* [from->n] current matches */
 };
 
 struct search {
@@ -35,7 +35,7 @@ static bool is_better(struct link a, struct link b)
     return a.cost < b.cost || (a.cost == b.cost && a.cost < INFINITY && a.splat < b.splat);
 }
 
-/* INFINITY: they are no pair. */
+/* Cost of a match; INFINITY if the two splats cannot be matched. */
 static float cost_of(const struct round *r, size_t from, size_t to)
 {
     const float *at = r->from->at + 3 * from, *to_at = r->to->at + 3 * to;
@@ -79,7 +79,8 @@ static void find_best(void *context, size_t first, size_t last)
     }
 }
 
-/* What was wanted in a round; whether there was anything. */
+/* Accepts proposals that are cheaper than the current match. Returns whether there were any
+ * proposals. */
 static bool make_links(struct round *r)
 {
     bool any = false;

@@ -1,35 +1,35 @@
-/* Least squares in logarithms: unknown are a number for each point, which is taken out by
- * subtracting the point's weighted mean, one for each camera, and two for each lens, a r^2 + b r^4
- * = log(1 + c1 r^2 + c2 r^4). Conjugate gradients solve it; a few rounds weigh samples anew by how
- * well they fit.
+/* Least squares of logarithms. The unknowns are a log colour for each point, eliminated by
+ * subtracting the point's weighted mean; a log gain for each camera; and two coefficients for each
+ * lens: a r^2 + b r^4 = log(1 + c1 r^2 + c2 r^4). Conjugate gradients solve the system; a few
+ * rounds reweight the samples by their residuals.
  *
- * Whatever differs between views ends up in some gain and some falloff: light that depends on the
- * direction, smoke, points at the wrong depth. So the samples of one half of the scene must tell
- * what those of the other half show. */
+ * Any difference between views ends up in some gain or falloff: view-dependent light, smoke, points
+ * at the wrong depth. Therefore a fit to one half of the scene must predict the samples of the
+ * other half. */
 #include "train/look_fit.h"
 
 #include "base/base.h"
 
 enum { ROUNDS = 6, STEPS = 100, GRID = 64 };
-static const double outlier = 0.05; /* a sample that is so far off, as a logarithm, counts half */
+static const double outlier =
+    0.05; /* a sample with this residual, as a logarithm, has weight 1/2 */
 
-/* A falloff is believed when r^2 of the samples varies by so much beside what their point and their
- * camera explain. */
+/* A falloff is accepted if r^2 of its samples still has this standard deviation when the means of
+ * points and cameras are removed, ... */
 static const double least_deviation = 0.1;
-/* ... when it stays within these, and nowhere rises by more than that above its least value nearer
- * to the middle. */
+/* ... if it stays within these limits and rises outwards by at most most_rise, ... */
 static const double darkest = 0.3, brightest = 1.05, most_rise = 0.02;
-/* ... and when held-out points fit better with it, by so many standard errors of the mean. */
+/* ... and if held-out points fit better with it, by this many standard errors of the mean. */
 static const double least_errors = 3;
-/* Gains must also explain so much of what points differ by: where views disagree for other reasons,
- * as of smoke, some gain always fits a little better. */
+/* Gains must also explain this share of the differences within points: where views disagree for
+ * other reasons, such as smoke, some gain always fits slightly better. */
 static const double least_explained = 0.05;
 
 struct fit {
     const struct spin_look_sample *sample;
     size_t n, n_unknown;
     int n_cameras, n_lenses;
-    const bool *falls;             /* [lenses] it has a falloff */
+    const bool *falls;             /* [lenses] falloff is fitted */
     double *y, *weight, *residual; /* [n] */
     double *x, *r, *p, *q;         /* [n_unknown] */
 };
@@ -46,7 +46,7 @@ static double r2_of(const struct fit *f, size_t i)
     return f->falls[f->sample[i].lens] ? (double)f->sample[i].r2 : 0;
 }
 
-/* What the unknowns say of a sample, without its point. */
+/* Prediction of a sample, without the colour of its point. */
 static double value_of(const struct fit *f, double *x, size_t i)
 {
     double r2 = r2_of(f, i), *lens = lens_of(f, x, i);
@@ -63,7 +63,7 @@ static size_t end_of_point(const struct fit *f, size_t i)
     return end;
 }
 
-/* Each point's weighted mean is taken out of v [n]. */
+/* Subtracts each point's weighted mean from v [n]. */
 static void centre(const struct fit *f, double *v)
 {
     for (size_t i = 0, end; i < f->n; i = end) {
@@ -79,7 +79,8 @@ static void centre(const struct fit *f, double *v)
     }
 }
 
-/* out [n_unknown] = the weighted samples v [n], each added where its unknowns stand. */
+/* out [n_unknown] = for each unknown, the sum of its derivative times the weighted samples v [n].
+ */
 static void gather(const struct fit *f, const double *v, double *out)
 {
     memset(out, 0, f->n_unknown * sizeof *out);
@@ -109,7 +110,7 @@ static double dot(const struct fit *f, const double *a, const double *b)
     return sum;
 }
 
-/* From x = 0, so that what no sample tells stays 0. */
+/* Starts from x = 0, so that unknowns without samples stay 0. */
 static void solve(struct fit *f)
 {
     double squares, before, first;
@@ -148,7 +149,7 @@ static void weigh(struct fit *f)
     }
 }
 
-/* 1 + c1 r^2 + c2 r^4 that is nearest to exp(a r^2 + b r^4) where r^2 goes to `most`. */
+/* Fits 1 + c1 r^2 + c2 r^4 to exp(a r^2 + b r^4), for r^2 up to `most`. */
 static void put_falloff(const double ab[2], double most, float *c1, float *c2)
 {
     double xx = 0, xxx = 0, xxxx = 0, xy = 0, xxy = 0, det;
@@ -191,7 +192,7 @@ static void put(const struct fit *f, int rgb, float *exposure)
                     &exposure[6 * k + 3 + rgb]);
 }
 
-/* Free f->y. */
+/* The caller frees f->y, see close_fit(). */
 static spin_status open_fit(struct fit *f, const struct spin_look_sample *sample, size_t n,
                             int n_cameras, int n_lenses, const bool *falls)
 {
@@ -242,10 +243,9 @@ static spin_status fit_looks(const struct spin_look_sample *sample, size_t n, in
     return SPIN_OK;
 }
 
-/* ---- What to believe
- * --------------------------------------------------------------------------------- */
+/* ---- Accepting a fit ------------------------------------------------------------------------- */
 
-/* What r^2 of a lens's samples varies beside what their point and their camera explain. */
+/* Standard deviation of r^2 over a lens's samples, with the means of points and cameras removed. */
 static double deviation_of(struct fit *f, int lens, double *camera)
 {
     double *v = f->residual, squares = 0;
@@ -273,7 +273,7 @@ static double deviation_of(struct fit *f, int lens, double *camera)
     return n ? sqrt(squares / (double)n) : 0;
 }
 
-/* A lens's falloff never brightens and never goes dark, out to the corner. */
+/* A credible falloff never brightens and never becomes dark, out to the corner. */
 static bool makes_sense(const float *falloff, double corner)
 {
     for (int rgb = 0; rgb < 3; rgb++) {
@@ -291,7 +291,8 @@ static bool makes_sense(const float *falloff, double corner)
     return true;
 }
 
-/* loss [n] += of each sample of h in the light of what was fitted to others; NULL: of nothing. */
+/* loss [n] += the Cauchy loss of each sample of h under the unknowns x, which were fitted to other
+ * samples; NULL: x = 0. */
 static void add_loss(struct fit *h, const double *x, int rgb, double *loss)
 {
     begin(h, rgb);
@@ -300,13 +301,12 @@ static void add_loss(struct fit *h, const double *x, int rgb, double *loss)
     else
         memset(h->x, 0, h->n_unknown * sizeof *h->x);
     weigh(h);
-    weigh(h); /* with means of the points that outliers do not bend */
+    weigh(h); /* again, with means of the points that outliers no longer bias */
     for (size_t i = 0; i < h->n; i++)
         loss[i] -= log(h->weight[i]);
 }
 
-/* loss[n]: what is left of the samples after a fit to the other half. fits: false: nothing is
- * fitted. */
+/* loss [n]: of each sample for a fit to the other half; fits false: without any fit. */
 static spin_status hold_out(const struct spin_look_sample *sample, size_t n, size_t first,
                             int n_cameras, int n_lenses, const bool *falls, bool fits, double *loss)
 {
@@ -336,7 +336,7 @@ static double sum_of(const double *v, size_t n)
     return sum;
 }
 
-/* By how many standard errors of the mean over points the one loss is below the other. */
+/* By how many standard errors of the mean over points `loss` is below `other`. */
 static double errors_below(const struct spin_look_sample *sample, size_t n, const double *loss,
                            const double *other)
 {
@@ -355,7 +355,7 @@ static double errors_below(const struct spin_look_sample *sample, size_t n, cons
     return mean / sqrt((squares / points - mean * mean) / points);
 }
 
-/* The samples of the first half, then those of the other; n of the first. */
+/* Copies the samples of half 0, then those of half 1. Returns the number of half 0. */
 static size_t part(const struct spin_look_sample *sample, size_t n, struct spin_look_sample *out)
 {
     size_t k = 0, first = 0;
@@ -369,7 +369,7 @@ static size_t part(const struct spin_look_sample *sample, size_t n, struct spin_
     return first;
 }
 
-/* Refuses lenses until what is left makes sense. */
+/* Fits, and drops the falloff of lenses until all that remain are credible. */
 static spin_status fit_sane(const struct spin_look_sample *sample, size_t n, int n_cameras,
                             int n_lenses, const double *corner, bool *falls, float *exposure,
                             enum spin_look_why *why)
@@ -404,7 +404,7 @@ spin_status spin_look_choose(const struct spin_look_sample *sample, size_t n, in
 {
     SPIN_FREED struct spin_look_sample *parted = NULL;
     SPIN_FREED double *nothing = NULL;
-    SPIN_FREED bool *falls = NULL; /* [lenses], then as many that do not */
+    SPIN_FREED bool *falls = NULL; /* [lenses], then as many that are all false */
     const bool *none;
     double *gains, *falloff;
     size_t first;

@@ -1,4 +1,4 @@
-/* One step after the other, and how good it is by now. */
+/* The training loop, with its evaluations, checkpoints and disk space. */
 #include "train/loop.h"
 
 #include "base/base.h"
@@ -7,22 +7,21 @@
 #include "train/test_views.h"
 
 enum { CHECK_EVERY = 100 };             /* iterations between checks that all values are finite */
-static const double save_seconds = 300; /* between states, when --save-every is not given */
+static const double save_seconds = 300; /* between checkpoints, without --save-every */
 
-/* ---- Looking at it ------------------------------------------------------------------------------
- */
+/* ---- Evaluation ------------------------------------------------------------------------------ */
 
 static struct spin_frame_batch frame_of(void *context, int frame)
 {
     return spin_trainer_frame(context, frame);
 }
 
-/* Measure and draw the clip as it stands. */
+/* Measures the clip in its current state, and writes previews. */
 static spin_status show_network(const struct spin_loop *l, struct spin_quality *q)
 {
     struct spin_trainer *t = l->trainer;
     struct spin_player live;
-    struct spin_lenses lenses = l->plan->lenses; /* with the falloff of now */
+    struct spin_lenses lenses = l->plan->lenses; /* with the current falloff */
     float SPIN_DEV *table = spin_trainer_take_table(t);
     char label[40];
     spin_status status;
@@ -44,7 +43,7 @@ static spin_status show_network(const struct spin_loop *l, struct spin_quality *
     return status;
 }
 
-/* Measure the network, say so, draw the previews. */
+/* Measures the network, logs the result and writes previews. */
 static spin_status look(const struct spin_loop *l)
 {
     struct spin_quality q;
@@ -66,10 +65,9 @@ static spin_status look(const struct spin_loop *l)
     return l->looked ? l->looked(l->context) : SPIN_OK;
 }
 
-/* ---- A step -------------------------------------------------------------------------------------
- */
+/* ---- One iteration --------------------------------------------------------------------------- */
 
-/* A frame by itself, for 3DGS. */
+/* Training of a single frame, as in 3DGS. */
 static bool is_alone(const struct spin_loop *l) { return l->plan->o->method == SPIN_METHOD_FRAMES; }
 
 struct spin_loop spin_loop_of(struct spin_plan *plan, struct spin_photos *photos,
@@ -95,7 +93,7 @@ struct spin_loop spin_loop_of(struct spin_plan *plan, struct spin_photos *photos
     return l;
 }
 
-/* Statistics are gathered while a densification is still to come. */
+/* Statistics are needed only while a densification is still to come. */
 static bool gathers(const struct spin_loop *l, int64_t iteration)
 {
     return l->trainer->tracked && l->schedule.every > 0 && iteration < l->schedule.until;
@@ -121,9 +119,9 @@ static spin_status densify(const struct spin_loop *l, struct spin_densify_change
     return SPIN_OK;
 }
 
-/* One step, after which the trainer is sound. A frame by itself makes none where it densifies: 3DGS
- * exchanges the parameters there, so their gradients are gone. What is not finite would be pruned
- * without a word. */
+/* One iteration, after which the trainer is sound. Where single-frame training densifies it skips
+ * the update: 3DGS replaces the parameters there, which loses their gradients. Checks all values
+ * first, since densification would silently prune those that are not finite. */
 static spin_status take_step(const struct spin_loop *l, const struct spin_sampler *sampler,
                              struct spin_steps *steps)
 {
@@ -151,7 +149,7 @@ static spin_status take_step(const struct spin_loop *l, const struct spin_sample
 
 static const char *const op_names[] = SPIN_OP_NAMES;
 
-/* One line a step, with the seconds of its ops. */
+/* Writes one line for the iteration, with the seconds of its operations. */
 static void log_step(const struct spin_loop *l, const struct spin_sampler *sampler,
                      const struct spin_steps *steps, double seconds)
 {
@@ -183,7 +181,7 @@ static void log_step(const struct spin_loop *l, const struct spin_sampler *sampl
     spin_step_log_end(l->step_log, false);
 }
 
-/* What the device did since the last call. */
+/* Reads the device's times since the last call. */
 static void take_seconds(struct spin_steps *steps, struct spin_device *device)
 {
     for (int i = 0; i < SPIN_N_OPS; i++)
@@ -204,7 +202,7 @@ spin_status spin_loop_step(const struct spin_loop *l, struct spin_sampler *sampl
     double start = spin_now_s(), loaded, seconds, waited, waited_before;
     uint64_t sent, sent_before;
 
-    take_seconds(steps, d); /* of what was done between steps */
+    take_seconds(steps, d); /* discard what was done between iterations */
     SPIN_TRY(spin_sampler_batch(sampler, l->trainer->iteration));
     loaded = spin_now_s();
     spin_ranks_spent(&sent_before, &waited_before);
@@ -223,7 +221,7 @@ spin_status spin_loop_step(const struct spin_loop *l, struct spin_sampler *sampl
     return SPIN_OK;
 }
 
-/* Where the time of the steps went. */
+/* Logs how the time of the iterations was spent. */
 static void say_seconds(const struct spin_steps *steps)
 {
     double named = 0;
@@ -236,20 +234,19 @@ static void say_seconds(const struct spin_steps *steps)
         spin_log(1, "  %-13s %9.3f s %6.1f %%", op_names[i], steps->op_s[i],
                  100 * steps->op_s[i] / steps->wall_s);
     }
-    spin_log(1, "  %-13s %9.3f s %6.1f %% of %.3f s in steps", "together", named,
+    spin_log(1, "  %-13s %9.3f s %6.1f %% of %.3f s in iterations", "together", named,
              100 * named / steps->wall_s, steps->wall_s);
     spin_text_bytes((size_t)(steps->sent / (double)(steps->done > 0 ? steps->done : 1)), sent);
     if (spin_n_ranks() > 1)
-        spin_log(1, "  %-13s %9.3f s, %s sent a step by rank 0", "exchanged", steps->exchange_s,
-                 sent);
+        spin_log(1, "  %-13s %9.3f s, %s sent per iteration by rank 0", "exchanged",
+                 steps->exchange_s, sent);
 }
 
-/* ---- The loop -----------------------------------------------------------------------------------
- */
+/* ---- The loop -------------------------------------------------------------------------------- */
 
 static bool due(int64_t iteration, int every) { return every > 0 && iteration % every == 0; }
 
-/* A signal to one stops all, and the clock of rank 0 says when to save. */
+/* A signal to any rank stops all; the clock of rank 0 decides when to save. */
 static spin_status stop_and_save(const struct spin_loop *l, bool *stop, bool *save)
 {
     struct wish {
@@ -271,7 +268,7 @@ static spin_status stop_and_save(const struct spin_loop *l, bool *stop, bool *sa
     return status;
 }
 
-/* Without a state the training can still come to its end, so that a full disk is only a warning. */
+/* The training can finish without a checkpoint, so a full disk is only a warning. */
 static spin_status save_on_the_way(const struct spin_loop *l)
 {
     struct spin_checkpoint *c = l->checkpoint;
@@ -285,7 +282,7 @@ static spin_status save_on_the_way(const struct spin_loop *l)
     return SPIN_OK;
 }
 
-/* *tried: to save. */
+/* *tried: whether it tried to save. */
 static spin_status stop_or_save(const struct spin_loop *l, bool *tried)
 {
     bool last = l->trainer->iteration == l->plan->o->iterations, stop, save;
@@ -302,10 +299,9 @@ static spin_status stop_or_save(const struct spin_loop *l, bool *tried)
     return *tried ? save_on_the_way(l) : SPIN_OK;
 }
 
-/* ---- Space on the disk --------------------------------------------------------------------------
- */
+/* ---- Disk space ------------------------------------------------------------------------------ */
 
-/* What the next densification may add: twice what the last one did. */
+/* Expected growth by the next densification: twice that of the last one. */
 static uint64_t growth_ahead(struct spin_checkpoint *c, uint64_t state)
 {
     bool first = c->bytes == 0;
@@ -324,14 +320,15 @@ static spin_status fail_space(const struct spin_loop *l, uint64_t bytes, bool gr
 
     SPIN_TRY(spin_path_folder(c->path, &folder));
     return spin_fail(
-        SPIN_E_IO, "the disk of '%s' has %s left, and the unfinished state needs %s%s: make room",
+        SPIN_E_IO,
+        "not enough space on the disk of '%s': %s left, and the checkpoint needs %s%s; free some",
         c->path, spin_text_bytes(spin_path_free_bytes(folder) + c->reserve.bytes, left),
-        spin_text_bytes(bytes, need), grows ? " when it grows" : "");
+        spin_text_bytes(bytes, need), grows ? " as it grows" : "");
 }
 
-/* The state must fit on the disk at any time, whatever else is written there: a training that is
- * about to outgrow the disk stops while it fits. Once the splats no longer grow and their state is
- * saved, space for the output is enough. */
+/* A checkpoint must fit on the disk at any time, whatever else is written there: a training that is
+ * about to outgrow the disk stops while it still fits. Once the number of splats no longer grows
+ * and they are saved, space for the output suffices. */
 static spin_status reserve_space(const struct spin_loop *l)
 {
     struct spin_checkpoint *c = l->checkpoint;
@@ -351,7 +348,7 @@ static spin_status reserve_space(const struct spin_loop *l)
     if (saved || spin_reserve_set(&c->reserve, c->path, state))
         return fail_space(l, ahead, grows);
     if (!c->warned)
-        spin_warn("the disk of '%s' has no room for the unfinished state; the training goes on",
+        spin_warn("not enough space on the disk of '%s' for a checkpoint; the training goes on",
                   c->path);
     c->warned = true;
     return SPIN_OK;
@@ -362,15 +359,16 @@ static spin_status keep_space(const struct spin_loop *l)
     return spin_ranks_agree(spin_rank() == 0 ? reserve_space(l) : SPIN_OK);
 }
 
-/* Steps that showed nothing: all their views look past the splats, and nothing was learned. */
+/* Fails if no splat was visible in any iteration so far, checked after about two epochs and at the
+ * end. */
 static spin_status judge_blind(const struct spin_loop *l, const struct spin_steps *steps)
 {
     int64_t epoch = (int64_t)(l->plan->n_train / (size_t)l->plan->o->batch) + 1, n = steps->blind;
     bool last = l->trainer->iteration == l->plan->o->iterations;
 
     if (n == l->trainer->iteration && (last || n == (epoch > 50 ? 2 * epoch : 100)))
-        return spin_malformed("no splat is visible in any view of %lld iterations: do the cameras "
-                              "belong to these points",
+        return spin_malformed("no splat is visible in any view of %lld iterations: check that the "
+                              "cameras belong to these points",
                               (long long)n);
     return SPIN_OK;
 }

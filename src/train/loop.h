@@ -1,5 +1,4 @@
-/* The iterations of a training: of a clip, or of a frame by itself, which is a clip of one frame.
- */
+/* The iterations of a training: of a clip, or of a single frame, which is a clip of one frame. */
 #pragma once
 
 #include "train/checkpoint.h"
@@ -11,32 +10,32 @@ struct spin_loop {
     struct spin_plan *plan;
     struct spin_photos *photos;
     struct spin_trainer *trainer;
-    struct spin_checkpoint *checkpoint; /* of a frame by itself its clock alone */
+    struct spin_checkpoint *checkpoint; /* a single frame uses only its clock */
     struct spin_step_log *step_log;
     struct spin_schedule schedule; /* of densification */
     struct spin_densify_options densify;
-    /* After each look at the state; NULL: nothing more is done. */
+    /* Called after each evaluation; NULL: none. */
     spin_status (*looked)(void *context);
     void *context;
 };
-/* With schedule and densification of the plan. */
+/* Sets the schedule and the densification options from the plan. */
 struct spin_loop spin_loop_of(struct spin_plan *plan, struct spin_photos *photos,
                               struct spin_trainer *trainer, struct spin_checkpoint *checkpoint,
                               struct spin_step_log *step_log);
 
-/* What the steps came to so far. Zero it to begin. */
+/* Totals of the iterations so far. Zero it first. */
 struct spin_steps {
-    struct spin_train_values last;     /* of the last step */
-    struct spin_densify_change change; /* the same */
-    int64_t done, blind,
-        first_blind; /* steps; those that showed no splat, iteration of the first */
-    double step_s[SPIN_N_OPS], op_s[SPIN_N_OPS], wall_s; /* of the last step; of all */
-    double exchange_s, sent; /* with other ranks: seconds, bytes that this one sent */
+    struct spin_train_values last;     /* of the last iteration */
+    struct spin_densify_change change; /* of the last densification */
+    int64_t done, blind, first_blind;  /* iterations; those with no visible splat; first of them */
+    double step_s[SPIN_N_OPS], op_s[SPIN_N_OPS], wall_s; /* of the last iteration; totals */
+    double exchange_s, sent; /* with other ranks: seconds, and bytes that this rank sent */
 };
 
-/* One step, its densification and its line in the log; after it the trainer is sound, and its loss
- * finite. */
+/* One iteration, with its densification and its line in the log. Afterwards the trainer is sound
+ * and its loss finite. */
 spin_status spin_loop_step(const struct spin_loop *loop, struct spin_sampler *sampler,
                            struct spin_steps *steps);
-/* All iterations of a clip that are left, states saved on the way, then a last measurement. */
+/* Runs the remaining iterations of a clip, saves checkpoints on the way, and evaluates the result.
+ */
 spin_status spin_loop_run(const struct spin_loop *loop);

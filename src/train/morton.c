@@ -1,4 +1,4 @@
-/* Morton codes and a sort of them. */
+/* Sorts points by Morton code. */
 #include "train/morton.h"
 
 #include "base/base.h"

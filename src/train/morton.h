@@ -1,8 +1,8 @@
-/* An order of points along a space-filling curve. */
+/* Order of points along a space-filling curve. */
 #pragma once
 
 #include "spin.h"
 
-/* order[0..n-1] = the points sorted by the interleaved bits of their coordinates, 21 a side within
- * the bounding box, ties by index. points [n][3], finite. */
+/* order[0..n-1] = the points sorted by Morton code, which interleaves the bits of their coordinates
+ * (21 per axis within the bounding box); ties by index. points [n][3], finite. */
 spin_status spin_morton_order(size_t n, const float *points, uint32_t *order);

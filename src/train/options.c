@@ -1,4 +1,4 @@
-/* The table of the training options: defaults, presets, the range check, JSON. */
+/* The table of training options: defaults, presets, limits, JSON. */
 #include "train/options.h"
 
 #include "base/base.h"
@@ -10,19 +10,20 @@ enum preset { QUICK, BEST, OF_PAPER, OF_SHORT, PRESETS }; /* in the order of SPI
 struct row {
     enum type type;
     const char *field, *argument;
-    size_t offset, n; /* of the field; numbers in it */
+    size_t offset, n; /* of the field; how many numbers it has */
     double min, max;  /* 0, 0: no limit */
     struct {
         double value[PRESETS][4]; /* [preset][number] */
         const char *name[PRESETS];
     } fallback;
     struct {
-        size_t when;     /* 0: never, 1: always, else the offset of the field that must differ */
+        size_t when; /* 0: never, 1: always, else the offset of the field that must differ from the
+                        paper's */
         const char *key; /* NULL: the field's name */
     } in_json[2];        /* [spin_options_of] */
 };
 
-/* Kinds that only the command tells apart. */
+/* Kinds that only the command line distinguishes. */
 #define FLAG BOOL
 #define SWITCH BOOL
 #define GRID INT
@@ -38,7 +39,7 @@ struct row {
 #define C_DOUBLE double
 #define C(type) C_##type
 #define FIELD(field) (((struct spin_retrain_options *)NULL)->field)
-/* Numbers in a field; does not compile for a field of another type. */
+/* How many numbers a field has; does not compile for a field of another type. */
 #define COUNT(c, field) sizeof FIELD(field) / sizeof(_Generic(FIELD(field), c : (c)0, c * : (c)0))
 
 #define NEVER .when = 0
@@ -74,8 +75,7 @@ static const struct row rows[] = {
 };
 static const struct row *const end = rows + sizeof rows / sizeof *rows;
 
-/* ---- Values -----------------------------------------------------------------------------------
- */
+/* ---- Values ---------------------------------------------------------------------------------- */
 
 /* The i-th of the names in "a|b|c", and its length; NULL when there are fewer. */
 static const char *name_at(const char *names, size_t i, size_t *length)
@@ -90,7 +90,7 @@ static const char *name_at(const char *names, size_t i, size_t *length)
     }
 }
 
-/* SIZE_MAX when there is no such name. */
+/* Index of a name in "a|b|c"; SIZE_MAX if it is not there. */
 static size_t place_of(const char *name, const char *names)
 {
     const char *found;
@@ -156,8 +156,7 @@ static void put(const struct row *row, struct spin_retrain_options *o, size_t i,
     }
 }
 
-/* ---- Presets ----------------------------------------------------------------------------------
- */
+/* ---- Presets --------------------------------------------------------------------------------- */
 
 static const char *const preset_names[] = {"quick", "best", "paper", "short"};
 
@@ -179,11 +178,11 @@ spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o
 
     start_from(preset < PRESETS ? (enum preset)preset : QUICK, o);
     if (preset == SIZE_MAX)
-        return spin_misuse("no preset '%s', only " SPIN_PRESETS, name);
+        return spin_misuse("there is no preset '%s', only " SPIN_PRESETS, name);
     return SPIN_OK;
 }
 
-/* Of scenes that were tried: what a clip needs as such, and what a frame adds. */
+/* Default iterations, tuned on several clips: a constant, and more for each frame. */
 enum {
     CLIP_ITERATIONS = 1500,
     FRAME_ITERATIONS = 100,
@@ -191,8 +190,8 @@ enum {
     DENSIFICATIONS = 20
 };
 
-/* A step of `share` images in the place of as many steps: the mean of their gradients has less
- * noise. */
+/* One iteration over `share` images replaces `share` iterations over one: its mean gradient is less
+ * noisy, which allows larger rates. */
 static void scale_rates(struct spin_retrain_options *o, int share)
 {
     double *rate[] = {&o->lr_table,    &o->lr_head_factor,  &o->lr_position, &o->lr_exposure,
@@ -202,7 +201,7 @@ static void scale_rates(struct spin_retrain_options *o, int share)
         *rate[i] *= sqrt(share);
 }
 
-/* Images of a step, when none are given: one for each rank. */
+/* Images of an iteration; by default one for each rank. */
 static int batch_of(const struct spin_retrain_options *o)
 {
     return o->batch > 0 ? o->batch : spin_n_ranks();
@@ -210,7 +209,8 @@ static int batch_of(const struct spin_retrain_options *o)
 
 void spin_options_resolve(struct spin_retrain_options *o, int n_frames)
 {
-    int share = o->batch > 0 ? 1 : spin_n_ranks(); /* of the images that a recipe draws in all */
+    int share =
+        o->batch > 0 ? 1 : spin_n_ranks(); /* iterations that one iteration of all ranks replaces */
 
     o->batch = batch_of(o);
     scale_rates(o, share);
@@ -224,17 +224,17 @@ void spin_options_resolve(struct spin_retrain_options *o, int n_frames)
         o->track_iterations = o->iterations;
     if (o->densify_every < 0)
         o->densify_every = o->track_iterations / DENSIFICATIONS;
-    if (o->method == SPIN_METHOD_4D) { /* 4D splats are not densified, and learn in all steps */
+    if (o->method ==
+        SPIN_METHOD_4D) { /* 4D splats are not densified, and learn in all iterations */
         o->tracks = false;
         o->track_iterations = o->iterations;
         o->densify_every = 0;
     }
 }
 
-/* ---- Limits -----------------------------------------------------------------------------------
- */
+/* ---- Limits ---------------------------------------------------------------------------------- */
 
-/* Some preset starts from this value. */
+/* True if some preset starts from this value. */
 static bool is_fallback(const struct row *row, size_t i, double value)
 {
     for (int preset = 0; preset < PRESETS; preset++)
@@ -249,12 +249,12 @@ static spin_status check_number(const struct row *row, size_t i, double value)
     size_t length;
 
     if (row->type == ENUM && !name_at(row->argument, (size_t)value, &length))
-        return spin_misuse("%s %g is none of %s", row->field, value, row->argument);
+        return spin_misuse("%s %g is not one of %s", row->field, value, row->argument);
     if (row->min >= row->max || (value >= row->min && value <= row->max) ||
         is_fallback(row, i, value) || (isnan(value) && place_of("auto", row->argument) != SIZE_MAX))
         return SPIN_OK;
-    return spin_misuse("%s %.*g is not from %.*g to %.*g", row->field, digits, value, digits,
-                       row->min, digits, row->max);
+    return spin_misuse("%s %.*g is not in the range %.*g to %.*g", row->field, digits, value,
+                       digits, row->min, digits, row->max);
 }
 
 spin_status spin_options_check(const struct spin_retrain_options *o)
@@ -275,8 +275,7 @@ spin_status spin_options_check(const struct spin_retrain_options *o)
     return SPIN_OK;
 }
 
-/* ---- JSON -------------------------------------------------------------------------------------
- */
+/* ---- JSON ------------------------------------------------------------------------------------ */
 
 static bool differs_at(size_t offset, const struct spin_retrain_options *o)
 {
@@ -318,7 +317,7 @@ static void add_to_json(const struct row *row, const struct spin_retrain_options
 
 const char *spin_options_continue(const struct spin_retrain_options *o)
 {
-    return o->resume || o->auto_resume ? "the same command goes on" : "go on with --resume";
+    return o->resume || o->auto_resume ? "run the same command to go on" : "go on with --resume";
 }
 
 const char *spin_options_restart(const struct spin_retrain_options *o)

@@ -1,19 +1,21 @@
-/* What the rows of options.def say of the options of a retraining. */
+/* Operations on the retraining options by their rows in options.def. */
 #pragma once
 
 #include "spin_train.h"
 #include "io/json.h"
 
-/* Every option lies within its limits; else SPIN_E_USAGE, which names the first that does not. */
+/* SPIN_E_USAGE if an option is outside its limits, naming the first one. */
 spin_status spin_options_check(const struct spin_retrain_options *o);
 
-/* Numbers that a preset leaves to the clip: iterations, and how often tracks are densified. */
+/* Resolves numbers that depend on the clip and on the ranks: batch, iterations, the interval
+ * between densifications, learning rates. */
 void spin_options_resolve(struct spin_retrain_options *o, int n_frames);
 
-/* How the user continues an unfinished run, and what discards it, for the ends of errors. */
+/* Phrases that end errors: how to continue an unfinished run, and which options discard it. */
 const char *spin_options_continue(const struct spin_retrain_options *o);
 const char *spin_options_restart(const struct spin_retrain_options *o);
 
 enum spin_options_of { SPIN_OPTIONS_OF_NETWORK, SPIN_OPTIONS_OF_REFINEMENT };
-/* Those that decide the result of the network's training, or of a frame's refinement. Allocated. */
+/* The options that decide the result of the network's training, or of a frame's refinement. The
+ * caller frees it. */
 spin_json *spin_options_to_json(const struct spin_retrain_options *o, enum spin_options_of of);

@@ -1,4 +1,4 @@
-/* Writing the output's arrays and its meta.json. */
+/* Writes the output's arrays and its meta.json. */
 #include "train/output.h"
 
 #include "base/base.h"
@@ -8,13 +8,12 @@
 #include "train/rows_4d.h"
 #include "train/settings.h"
 
-/* ---- Precision ----------------------------------------------------------------------------------
- */
+/* ---- Precision ------------------------------------------------------------------------------- */
 
-/* Values are multiples of 1 / per_unit. Half: what a half float holds of a number, and for numbers
- * near 0 no more than of one near 1. Compact: steps that a picture of 8 bits hardly shows.
- * Positions have more bits, as they are large beside the splats: a step of 2^-16 or 2^-14 of the
- * camera extent. */
+/* Values are rounded to multiples of 1 / per_unit. Half: about the precision of half floats, but
+ * for numbers near 0 no finer than near 1. Compact: steps that are hardly visible in an 8-bit
+ * image. Positions have more bits, since they are large compared with the splats: steps of 2^-16 or
+ * 2^-14 of the camera extent. */
 enum { BITS = 11, POSITION_BITS = 16, COMPACT_POSITION_BITS = 14 };
 
 /* 0: not rounded. */
@@ -43,7 +42,8 @@ static void round_values(const struct spin_output *output, unsigned column, floa
         spin_round_values(values, n, column == SPIN_COL_MEANS ? POSITION_BITS : BITS, 1 / of);
 }
 
-/* What a row of residual values, and after its displacement one of a track, is made of. */
+/* Columns in a row of residual values. A row of a track is a displacement followed by such a row.
+ */
 static const struct {
     unsigned column;
     size_t first, width;
@@ -60,7 +60,7 @@ static void round_rows(const struct spin_output *output, float *rows, size_t n, 
             round_values(output, part[k].column, rows + stride * i + part[k].first, part[k].width);
 }
 
-/* Of the source or of refined frames: of all values of a column alike. */
+/* Sets the units of columns of the source or of refined frames; a column has one unit. */
 static spin_status set_column_units(const struct spin_output *output, struct spin_packer *packer,
                                     const char *group, unsigned columns, int sh_degree)
 {
@@ -105,10 +105,9 @@ static void round_splats(const struct spin_output *output, unsigned columns, str
     }
 }
 
-/* ---- Arrays -------------------------------------------------------------------------------------
- */
+/* ---- Arrays ---------------------------------------------------------------------------------- */
 
-/* Where the trainer has the splat of each row of the output. */
+/* out [n]: the trainer's splat in each row of the output. */
 static spin_status invert(const uint32_t *permutation, size_t n, uint32_t **out)
 {
     uint32_t *place;
@@ -120,8 +119,8 @@ static spin_status invert(const uint32_t *permutation, size_t n, uint32_t **out)
     return SPIN_OK;
 }
 
-/* The same splats without turns, which only training has: their own values take what a turn does to
- * the tracks' [groups]. rows [n_pos][3], or residual [n_residual][SPIN_RESIDUAL]. */
+/* Turns exist only in training: adds what they change in the tracks' values [groups] to the splats'
+ * own. rows [n_pos][3], or residual [n_residual][SPIN_RESIDUAL]. */
 static spin_status fold_turns(const struct spin_trainer *t, const struct spin_train_frame *frame,
                               const float *tracks, bool residual, float *rows)
 {
@@ -148,8 +147,8 @@ static spin_status fold_turns(const struct spin_trainer *t, const struct spin_tr
     return SPIN_OK;
 }
 
-/* A frame's own positions or residual values: of the splats that have some, in the order of the
- * rows. */
+/* Writes a frame's own positions or residual values, for the splats that have some, in the order of
+ * the output. */
 static spin_status write_frame(const struct spin_output *output, struct spin_bundle_writer *w,
                                int frame, const float *tracks, bool residual)
 {
@@ -181,10 +180,9 @@ static spin_status write_frame(const struct spin_output *output, struct spin_bun
                                    2, shape, packed);
 }
 
-/* ---- Tracks -------------------------------------------------------------------------------------
- */
+/* ---- Tracks ---------------------------------------------------------------------------------- */
 
-/* The track of every splat, in the order of the rows. */
+/* The track of every splat, in the order of the output. */
 static spin_status read_numbers(const struct spin_output *output, int frame, uint32_t **out)
 {
     const struct spin_train_frame *from = &output->trainer->frame[frame];
@@ -224,7 +222,7 @@ static int by_key(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* A frame's rows in the order of their tracks, whose numbers take little room then. */
+/* Sorts a frame's rows by track, so that the numbers of the tracks compress well. */
 static spin_status sort_rows(const struct spin_output *output, int frame)
 {
     size_t n = output->trainer->frame[frame].size.n;
@@ -243,8 +241,8 @@ static spin_status sort_rows(const struct spin_output *output, int frame)
     return SPIN_OK;
 }
 
-/* Once, where all frames have the same; otherwise of each frame, whose rows are sorted by them
- * first. */
+/* Writes the tracks' numbers once if all frames have the same; otherwise for each frame, sorted by
+ * them first. */
 static spin_status write_numbers(const struct spin_output *output, struct spin_bundle_writer *w,
                                  bool *same_rows)
 {
@@ -263,7 +261,7 @@ static spin_status write_numbers(const struct spin_output *output, struct spin_b
     return SPIN_OK;
 }
 
-/* Values as rows, and which splats they belong to. */
+/* Writes the values of the tracks as rows. */
 static spin_status write_tracks(const struct spin_output *output, struct spin_bundle_writer *w,
                                 const float *groups)
 {
@@ -281,7 +279,7 @@ static spin_status write_tracks(const struct spin_output *output, struct spin_bu
     return spin_bundle_write_array(w, "trained/tracks", -1, "<f4", 2, shape, rows);
 }
 
-/* An array of weights on the device. */
+/* Weights of the network on the device. */
 struct weights {
     const struct spin_output *output;
     const char *name;
@@ -299,13 +297,13 @@ static spin_status read_weights(void *context, uint64_t first, size_t n, uint32_
     return SPIN_OK;
 }
 
-/* What splats have of their own and of their tracks. */
+/* Writes the values of tracks and the own values of splats. */
 static spin_status write_values(const struct spin_output *output, struct spin_bundle_writer *w,
                                 bool *same_rows)
 {
     struct spin_trainer *t = output->trainer;
     size_t floats = SPIN_TRACK * t->n_tracks;
-    SPIN_FREED float *tracks = NULL; /* in groups */
+    SPIN_FREED float *tracks = NULL; /* in groups (device.h) */
 
     SPIN_TRY(spin_alloc(floats + 1, sizeof *tracks, (void **)&tracks));
     if (floats > 0) {
@@ -337,7 +335,7 @@ static spin_status write_network(const struct spin_output *output, struct spin_b
                            &(struct weights){output, "trained/heads", t->heads.p});
 }
 
-/* 4D splats, in place of the source's frames. */
+/* Writes 4D splats, which replace the source's frames. */
 static spin_status write_rows(const struct spin_output *output, struct spin_bundle_writer *w,
                               struct spin_bundle_meta *meta)
 {
@@ -362,15 +360,16 @@ static spin_status write_rows(const struct spin_output *output, struct spin_bund
     return SPIN_OK;
 }
 
-/* The source's columns, those kept of refined frames, the network; or all of it as 4D splats. */
+/* Writes the source's columns, those kept of refined frames, and the trained values; or 4D splats
+ * that replace them all. */
 static spin_status write_splats(const struct spin_output *output, struct spin_bundle_writer *w,
                                 struct spin_bundle_meta *meta, const float SPIN_DEV *whole,
                                 bool *same_rows)
 {
     struct spin_plan *plan = output->plan;
     unsigned kept = spin_refinement_columns(plan);
-    /* A source of points has its positions rounded, too. Refined frames are found again by a key
-     * that is made of them: beside those they stay as they are. */
+    /* Positions of a source of points are rounded as well. With refined frames they stay exact,
+     * since the frames' keys depend on them. */
     bool points = !(meta->columns & SPIN_COL_ATTRIBUTES) && !output->refinement->frame;
     unsigned rounded = points ? SPIN_COL_MEANS : 0;
     SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
@@ -393,7 +392,7 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
         SPIN_TRY(spin_refinement_read(output->refinement, plan, f, kept, &splats));
         if (plan->o->method == SPIN_METHOD_FRAMES && f == 0)
             SPIN_TRY(set_column_units(output, &w->packer, "refined", kept, splats.sh_degree));
-        if (plan->o->method == SPIN_METHOD_FRAMES) /* else they are what a network began with */
+        if (plan->o->method == SPIN_METHOD_FRAMES) /* otherwise a training started from them */
             round_splats(output, kept, &splats);
         SPIN_TRY(spin_bundle_write_refined(w, f, kept, &splats));
     }
@@ -402,8 +401,7 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
     return SPIN_OK;
 }
 
-/* ---- meta.json ----------------------------------------------------------------------------------
- */
+/* ---- meta.json ------------------------------------------------------------------------------- */
 
 static const char *precision_name(const struct spin_retrain_options *o)
 {
@@ -454,7 +452,7 @@ static void set_quality(spin_json *j, const char *key, const struct spin_quality
     spin_json_set(j, key, value);
 }
 
-/* What was learned of the cameras: by id, the log of the gain and the offset, r g b each. */
+/* The learned exposure of each camera: id, log gain and offset, each r g b. */
 static spin_status cameras_to_json(const struct spin_output *output, spin_json **json)
 {
     const struct spin_param *exposure = &output->trainer->exposures.param;
@@ -495,7 +493,7 @@ static void tracks_to_json(const struct spin_trainer *t, bool same_rows, spin_js
     spin_json_set(network, "tracks", j);
 }
 
-/* Densification changes how many a frame has. */
+/* The number of splats of each frame, which densification changes. */
 static void counts_to_json(const struct spin_trainer *t, spin_json *network)
 {
     spin_json *splats = spin_json_array();
@@ -531,7 +529,7 @@ static spin_status trained_to_json(const struct spin_output *output, bool same_r
     return SPIN_OK;
 }
 
-/* The member of meta.json that tells of the training. 4D splats are a source by themselves. */
+/* Member of meta.json that describes the training. 4D splats are a source by themselves. */
 static const char *result_of(const struct spin_plan *plan)
 {
     return plan->o->method == SPIN_METHOD_4D       ? "trained_4d"
@@ -539,7 +537,7 @@ static const char *result_of(const struct spin_plan *plan)
                                                    : "trained";
 }
 
-/* What the method adds to meta.json. */
+/* Adds what the method contributes to meta.json. */
 static spin_status describe(const struct spin_output *output, bool same_rows, spin_json *extra)
 {
     const struct spin_plan *plan = output->plan;
@@ -572,8 +570,7 @@ static spin_status describe(const struct spin_output *output, bool same_rows, sp
     return SPIN_OK;
 }
 
-/* ---- The whole ----------------------------------------------------------------------------------
- */
+/* ---- The output ------------------------------------------------------------------------------ */
 
 static spin_status write_whole(const struct spin_output *output, const float SPIN_DEV *whole)
 {

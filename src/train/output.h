@@ -1,4 +1,4 @@
-/* The bundle that a retraining leaves: the source, the refined frames, the network. */
+/* Writes the output of a retraining, a bundle: the source, refined frames, and what was trained. */
 #pragma once
 
 #include "train/checkpoint.h"
@@ -7,13 +7,13 @@
 struct spin_output {
     struct spin_plan *plan;
     struct spin_refinement *refinement;
-    struct spin_frames *frames;   /* with a network */
-    struct spin_trainer *trainer; /* with a network */
+    struct spin_frames *frames;   /* not for --method frames */
+    struct spin_trainer *trainer; /* not for --method frames */
     const char *fingerprint;
-    const char *code_paths; /* that did the work */
+    const char *code_paths; /* SIMD paths that did the work */
 };
 
-/* Nothing in it tells when or how fast it was made, so equal runs give equal files. */
+/* The output contains no times or durations, so equal runs give equal files. */
 spin_status spin_output_write(const struct spin_output *output);
-/* The output is there and was made this way. */
+/* True if the output exists and has this fingerprint and the plan's precision. */
 bool spin_output_is_done(const struct spin_plan *plan, const char *fingerprint);

@@ -1,4 +1,4 @@
-/* Four arrays that go together. */
+/* Memory of parameters: four arrays of one length. */
 #include "train/param.h"
 
 #include <string.h>

@@ -8,10 +8,10 @@ struct spin_param {
     size_t n, pad;                 /* pad: floats reserved before each */
 };
 
-/* All zero; p lies `pad` floats into its block, and so do the others. After a failure close as
- * well. */
+/* All are zero; each starts `pad` floats after the start of its memory. Close it also after a
+ * failure. */
 spin_status spin_param_open(struct spin_param *param, struct spin_device *d, size_t n, size_t pad);
 void spin_param_close(struct spin_param *param, struct spin_device *d);
-/* Values [first, last) of them, for a step of Adam. */
+/* The group of values [first, last), for an Adam step. */
 struct spin_param_group spin_param_group(const struct spin_param *param, size_t first, size_t last,
                                          double lr, int64_t step);

@@ -1,4 +1,4 @@
-/* Images, and masks of pixels that count differently. */
+/* Images and masks for training, and digests of them. */
 #include "train/photos.h"
 
 #include "base/base.h"
@@ -14,8 +14,8 @@ spin_status spin_photos_open(struct spin_photos *photos, const struct spin_plan 
     SPIN_TRY(spin_dynamic_mask_open(&plan->clip.views, &photos->cache, SPIN_DYNAMIC_AUTO,
                                     plan->train, plan->n_train, &photos->dynamic));
     if (photos->dynamic.from == SPIN_DYNAMIC_OFF)
-        return spin_unsupported("--dynamic-weight: the data set has no foreground "
-                                "masks, and no camera stands still for three frames");
+        return spin_unsupported("--dynamic-weight: the data set has neither foreground masks "
+                                "nor a camera that is static for three frames");
     return spin_dynamic_mask_keep(&photos->dynamic);
 }
 
@@ -53,8 +53,7 @@ spin_status spin_photos_put(struct spin_photos *photos, const struct spin_plan *
     return SPIN_OK;
 }
 
-/* ---- Numbers for bytes -------------------------------------------------------------------------
- */
+/* ---- Digests --------------------------------------------------------------------------------- */
 
 static void add_number(uint64_t *hash, double value) { spin_hash(hash, &value, sizeof value); }
 
@@ -75,10 +74,10 @@ static void add_camera(uint64_t *hash, const struct spin_view *view)
         add_number(hash, c->w2c[i]);
 }
 
-/* ---- Looking -----------------------------------------------------------------------------------
- */
+/* ---- Checking the files ---------------------------------------------------------------------- */
 
-/* The image of a view, and its mask where masks decide; *hash may be NULL. */
+/* Checks the image of a view, and its mask where masks are used, by their headers. *hash = their
+ * digest; hash may be NULL. */
 static spin_status look_at(const struct spin_photos *photos, const struct spin_plan *plan,
                            size_t index, uint64_t *hash)
 {
@@ -102,7 +101,7 @@ static spin_status look_at(const struct spin_photos *photos, const struct spin_p
     return SPIN_OK;
 }
 
-/* Views that a camera's pixels are compared with to find dynamic pixels. */
+/* Views of a camera whose images are compared to find its dynamic pixels. */
 static size_t median_views(const struct spin_photos *photos, const struct spin_plan *plan,
                            int camera, size_t *view)
 {

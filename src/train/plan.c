@@ -1,4 +1,4 @@
-/* Options to shapes, the clip, memory and time (--dry-run). */
+/* Derives the shapes, the clip, memory and time (--dry-run) from the options. */
 #include "train/plan.h"
 
 #include "train/backdrop.h"
@@ -11,10 +11,9 @@
 #include "train/cloud.h"
 
 static const size_t program_bytes =
-    24 << 20; /* OpenImageIO, for pictures other than PNG and JPEG, takes 130 MB more */
+    24 << 20; /* OpenImageIO, for images other than PNG and JPEG, takes 130 MB more */
 
-/* ---- Options ----------------------------------------------------------------------------------
- */
+/* ---- Options --------------------------------------------------------------------------------- */
 
 static spin_status check_options(const struct spin_retrain_options *o)
 {
@@ -23,18 +22,17 @@ static spin_status check_options(const struct spin_retrain_options *o)
     SPIN_TRY(spin_options_check(o));
     if (o->method == SPIN_METHOD_FRAMES && o->refine < 1)
         return spin_misuse(
-            "the explicit method needs iterations for every frame: say how many with --refine");
+            "--method frames needs iterations for every frame: give their number with --refine");
     if (o->method == SPIN_METHOD_TRACKS && !o->tracks)
         return spin_misuse("--method tracks needs --tracks auto");
     if ((o->method == SPIN_METHOD_TRACKS || o->method == SPIN_METHOD_4D) && o->refine > 0)
         return spin_misuse(
-            "refined frames have no splats in common: --method %s goes without --refine",
+            "--method %s does not work with --refine: refined frames have no splats in common",
             o->method == SPIN_METHOD_4D ? "4d" : "tracks");
     return SPIN_OK;
 }
 
-/* ---- Of the clip -------------------------------------------------------------------------------
- */
+/* ---- The clip -------------------------------------------------------------------------------- */
 
 int spin_plan_index(const struct spin_plan *plan, int frame) { return plan->clip.frame[frame]; }
 
@@ -64,7 +62,7 @@ spin_status spin_plan_check_means(const struct spin_plan *plan, int frame, bool 
     return SPIN_OK;
 }
 
-/* The training cameras' ids, each once. */
+/* Collects the ids of the training cameras, ascending, each once. */
 static spin_status list_cameras(struct spin_plan *plan)
 {
     SPIN_TRY(spin_alloc(plan->n_train + 1, sizeof *plan->camera, (void **)&plan->camera));
@@ -82,7 +80,7 @@ static spin_status list_cameras(struct spin_plan *plan)
     return SPIN_OK;
 }
 
-/* Room for what cameras and lenses begin with: nothing. */
+/* Allocates the initial exposures of cameras and lenses: zeros. */
 static spin_status reserve_exposure(struct spin_plan *plan)
 {
     return spin_alloc((size_t)(plan->n_cameras + plan->lenses.n) + 1, SPIN_EXPOSURE * sizeof(float),
@@ -99,8 +97,8 @@ bool spin_plan_has_residual(const struct spin_plan *plan)
     return plan->o->residual != SPIN_RESIDUAL_OFF || plan->o->tracks;
 }
 
-/* A frame by itself: 3DGS starts after 500 iterations, which would leave a budget of 500 without
- * any. A clip: while its tracks learn. */
+/* Single frames: 3DGS densifies after 500 iterations, which would leave a budget of 500 without
+ * any. Clips densify while their tracks learn. */
 struct spin_schedule spin_plan_schedule(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -123,7 +121,7 @@ bool spin_plan_densifies(const struct spin_plan *plan)
 
 struct spin_frame_size spin_plan_frame_size(const struct spin_plan *plan, size_t n)
 {
-    size_t own = plan->o->method == SPIN_METHOD_4D ? 0 : n; /* rows have all */
+    size_t own = plan->o->method == SPIN_METHOD_4D ? 0 : n; /* the rows have all values */
 
     return (struct spin_frame_size){n, own, own, spin_plan_has_residual(plan) ? own : 0};
 }
@@ -149,9 +147,10 @@ static void measure_pictures(struct spin_plan *plan)
     }
 }
 
-/* What a ring of cameras around the points would have as its extent, were they where the first
- * training camera is: 1.1 x its distance to the median of the points, or 1.1 x the radius that
- * holds nine tenths of them where that is larger (the camera stands among them). */
+/* Extent for cameras at one position: that of a ring of cameras around the points, were they as far
+ * away as the first training camera. It is 1.1 x the distance of that camera to the median of the
+ * points or, where that is larger, 1.1 x the radius that contains 90 % of them (the camera is among
+ * the points). */
 static spin_status measure_one_place(struct spin_plan *plan, double *extent)
 {
     struct spin_camera_f32 cam =
@@ -174,8 +173,8 @@ static spin_status measure_one_place(struct spin_plan *plan, double *extent)
     return SPIN_OK;
 }
 
-/* The extent of the training cameras scales the position rate and 3DGS's thresholds. Cameras that
- * all stand in one place have none. */
+/* The extent of the training cameras scales the position rate and the thresholds of 3DGS. Cameras
+ * that are all at one position have no extent. */
 static spin_status plan_extent(struct spin_plan *plan)
 {
     double one_place;
@@ -185,7 +184,7 @@ static spin_status plan_extent(struct spin_plan *plan)
     if (plan->extent <= 1e-6 * one_place || plan->extent == 0) {
         plan->extent = one_place > 0 ? one_place : 1;
         spin_log(0,
-                 "the training cameras all stand in one place: their extent is taken from the "
+                 "all training cameras are at one position: their extent is derived from the "
                  "distance to the points, %.4g",
                  plan->extent);
     }
@@ -194,7 +193,7 @@ static spin_status plan_extent(struct spin_plan *plan)
     return SPIN_OK;
 }
 
-/* The network's geometry. */
+/* Sets the dimensions of the network. */
 static spin_status plan_field(struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -220,24 +219,23 @@ static spin_status plan_field(struct spin_plan *plan)
     return SPIN_OK;
 }
 
-/* ---- Memory and time ----------------------------------------------------------------------------
- */
+/* ---- Memory and time ------------------------------------------------------------------------- */
 
 static int decodings(const struct spin_retrain_options *o)
 {
     return (o->batch + o->views_per_frame - 1) / o->views_per_frame;
 }
 
-/* Images of a step go to the ranks in equal parts. */
+/* The images of an iteration are divided equally among the ranks. */
 static void warn_idle_ranks(const struct spin_retrain_options *o)
 {
     int n = spin_n_ranks();
 
     if (o->method != SPIN_METHOD_FRAMES && o->batch < n)
-        spin_warn("a step has %d image%s (--batch %d), so only %d of %d processes draw%s: give "
-                  "--batch %d, or start fewer processes",
-                  o->batch, o->batch == 1 ? "" : "s", o->batch, o->batch, n,
-                  o->batch == 1 ? "s" : "", n);
+        spin_warn(
+            "an iteration has %d image%s (--batch %d), so only %d of %d processes work%s: give "
+            "--batch %d, or start fewer processes",
+            o->batch, o->batch == 1 ? "" : "s", o->batch, o->batch, n, o->batch == 1 ? "s" : "", n);
 }
 
 bool spin_plan_is_lazy(const struct spin_plan *plan)
@@ -298,8 +296,7 @@ int spin_plan_frame_sh_degree(const struct spin_plan *plan)
     return spin_sh_degree_reached(most, spin_plan_sh_increase_every(plan), plan->o->refine);
 }
 
-/* ---- A frame by itself, and the trainer --------------------------------------------------------
- */
+/* ---- A single frame, and the trainer --------------------------------------------------------- */
 
 spin_status spin_plan_of_frame(const struct spin_plan *clip, int frame, struct spin_device *device,
                                struct spin_plan *plan)
@@ -346,8 +343,8 @@ void spin_plan_close_frame(struct spin_plan *plan)
     free(plan->exposure);
 }
 
-/* The last steps are averaged, and rates end at a share of the first ones. Both were tried on court
- * and basketball. */
+/* Share of their initial values at which the rates end if the last iterations are averaged. Tuned,
+ * with that average, on the clips court and basketball. */
 static const double averaged_floor = 0.2;
 
 static bool averages(const struct spin_plan *plan)
@@ -418,8 +415,7 @@ spin_status spin_plan_open_trainer(const struct spin_plan *plan, struct spin_dev
     return t->network && spin_plan_is_lazy(plan) ? spin_trainer_enable_lazy_adam(t) : SPIN_OK;
 }
 
-/* ---- Memory and time, again ---------------------------------------------------------------------
- */
+/* ---- Memory and time, again ------------------------------------------------------------------ */
 
 size_t spin_plan_refine_bytes(const struct spin_plan *plan)
 {
@@ -447,8 +443,8 @@ out:
                              : SIZE_MAX;
 }
 
-/* All that a training opens. As if nothing were shared, and as many tracks as splats: what tracks
- * save is not known before the points were looked at. */
+/* Opens all that a training needs, for an upper bound: nothing is shared, and there are as many
+ * tracks as splats. What tracks save is not known before the points are read. */
 static spin_status open_training(const struct spin_plan *plan, struct spin_device *device,
                                  size_t *n_averaged)
 {
@@ -481,9 +477,8 @@ out:
     return status;
 }
 
-/* What a device's verbs need for themselves (src/device/cuda): branches of the gradient over
- * levels; on a card activations of a chunk of splats, places and keys for sorting, fixed-point
- * sums. */
+/* Scratch memory of the device (src/device/cuda): gradients for each level; on a GPU also
+ * activations of a chunk of splats, positions and keys for sorting, and fixed-point sums. */
 static size_t scratch_bytes(const struct spin_plan *plan)
 {
     const struct spin_device *d = plan->device;
@@ -502,7 +497,7 @@ static size_t scratch_bytes(const struct spin_plan *plan)
     return bytes + (network && d->deterministic ? plan->field.n_table * sizeof(uint64_t) : 0);
 }
 
-/* Memory of the clip's training. */
+/* Memory of the clip's training, on the device and on the host. */
 static void training_bytes(const struct spin_plan *plan, size_t *of_device, size_t *of_host)
 {
     const struct spin_device *d = plan->device;
@@ -513,7 +508,7 @@ static void training_bytes(const struct spin_plan *plan, size_t *of_device, size
 
     spin_device_count(&c, d);
     *of_host = 3 * plan->clip.n_max * SPIN_ATTR * sizeof(float) + 12 * image;
-    *of_device = SIZE_MAX / 4; /* more than there is */
+    *of_device = SIZE_MAX / 4; /* more than any device has */
     if (open_training(plan, &c.device, &n_averaged) != SPIN_OK)
         return;
     *of_host += n_averaged * sizeof(float);
@@ -521,9 +516,9 @@ static void training_bytes(const struct spin_plan *plan, size_t *of_device, size
                  (size_t)views * spin_raster_grows(plan->clip.n_max, plan->max_pixels, true);
 }
 
-/* Decoded images are kept by the host while there is room beside what is `needed` there, in at most
- * a third of the memory; what has no room is decoded again. The plan counts no more than that.
- * Those that are held stay. */
+/* Decoded images are cached on the host, in at most a third of its memory and within what is left
+ * beside `needed`; others are decoded again for each use. Images already cached (`held` bytes)
+ * stay. Returns the bytes that the plan counts: those of all images if they are fewer. */
 static size_t plan_pixels(struct spin_plan *plan, size_t available, size_t needed, size_t held)
 {
     size_t all = 0, most = available / 3;
@@ -542,8 +537,8 @@ static size_t plan_pixels(struct spin_plan *plan, size_t available, size_t neede
     return all < plan->pixels_budget ? all : plan->pixels_budget;
 }
 
-/* What each rank puts into the sums of a step, as if nothing were shared: gradients of the network,
- * and of what the frames of a step have of their own. */
+/* Bytes that a rank contributes to the all-reduce of an iteration, if nothing is shared: gradients
+ * of the network, and of the frames' own values. */
 static double step_bytes(const struct spin_plan *plan)
 {
     double own = spin_plan_has_residual(plan) ? SPIN_TRACK : 3;
@@ -555,8 +550,8 @@ static double step_bytes(const struct spin_plan *plan)
     return sizeof(float) * floats;
 }
 
-/* On a device with memory of its own both its memory and the host's must do; the tighter one is
- * reported. held: bytes of decoded images that are kept by now. */
+/* On a device with its own memory both that and the host's must suffice. Reports the host's if only
+ * that is short, else the device's. held: bytes of decoded images that are already cached. */
 static void plan_memory(struct spin_plan *plan, size_t held)
 {
     struct spin_retrain_report *report = plan->report;
@@ -584,14 +579,14 @@ static void plan_memory(struct spin_plan *plan, size_t held)
     }
 }
 
-/* The run's memory is known, and it is not enough. A device that tells of no memory at all has not
- * told. */
+/* True if it is known that the memory does not suffice. 0 bytes available means that the device did
+ * not report its memory. */
 static bool is_short(const struct spin_retrain_report *report)
 {
     return report->bytes_available > 0 && report->bytes_needed > report->bytes_available;
 }
 
-/* With these options and the first frames only: does it fit? */
+/* True if the run fits with these options and only the first n_frames frames. */
 static bool fits(const struct spin_plan *plan, const struct spin_retrain_options *o, int n_frames)
 {
     struct spin_retrain_report report = *plan->report;
@@ -608,7 +603,7 @@ static bool fits(const struct spin_plan *plan, const struct spin_retrain_options
     return report.bytes_available > 0 && !is_short(&report);
 }
 
-/* The options of a trial that are not those of the run, as on the command line. */
+/* Options of a trial that differ from those of the run, as on the command line. */
 static void name_trial(const struct spin_plan *plan, const struct spin_retrain_options *o,
                        int n_frames, char *text, size_t n)
 {
@@ -624,10 +619,10 @@ static void name_trial(const struct spin_plan *plan, const struct spin_retrain_o
     if (n_frames < plan->clip.n_frames)
         snprintf(text + at, n - at, " --range %d:%d", spin_plan_info(plan, 0)->number,
                  spin_plan_info(plan, n_frames - 1)->number + 1);
-    memmove(text, text + 1, strlen(text)); /* the first blank */
+    memmove(text, text + 1, strlen(text)); /* remove the first blank */
 }
 
-/* The options that would fit and change least: a smaller table and batch first, then smaller
+/* Searches for options that fit and change least: first a smaller table and batch, then smaller
  * images, then fewer frames. */
 static void look_for_fit(const struct spin_plan *plan)
 {
@@ -661,16 +656,18 @@ spin_status spin_plan_check_memory(const struct spin_plan *plan)
     spin_text_bytes(report->bytes_needed, needed);
     spin_text_bytes(report->bytes_available, free_bytes);
     if (!*report->fitting)
-        return spin_fail(SPIN_E_MEMORY,
-                         "needs about %s of memory and %s are free: no smaller --hash-log2, "
-                         "--batch, --scale or --range was found that fits",
-                         needed, free_bytes);
-    return spin_fail(SPIN_E_MEMORY, "needs about %s of memory and %s are free: %s fits", needed,
+        return spin_fail(
+            SPIN_E_MEMORY,
+            "the training needs about %s of memory and %s are free: no smaller --hash-log2, "
+            "--batch, --scale or --range was found that fits",
+            needed, free_bytes);
+    return spin_fail(SPIN_E_MEMORY,
+                     "the training needs about %s of memory and %s are free: %s fits", needed,
                      free_bytes, report->fitting);
 }
 
-/* The frame-wise stage, on one thread: rasteriser and what the host carries per splat, rasteriser
- * and loss per pixel. Points that densification adds are not foreseen. */
+/* Seconds of refinement on one thread: rasteriser and host work per splat, rasteriser and loss per
+ * pixel. Ignores points that densification adds. */
 static double guess_refining(const struct spin_plan *plan)
 {
     double splat = 0.6e-6, pixel = 0.25e-6;
@@ -679,9 +676,9 @@ static double guess_refining(const struct spin_plan *plan)
            (plan->clip.n_mean * splat + (double)plan->max_pixels * pixel);
 }
 
-/* An iteration, from what the ops take on one thread of a present server core: rasteriser per splat
- * and view, rasteriser and loss per pixel, network per splat and decoding, Adam of its table,
- * values of splats and tracks. Densified tracks become as many as pixels, about. */
+/* Seconds of an iteration on one thread of a current server core: rasteriser per splat and view,
+ * rasteriser and loss per pixel, network per splat and decoding, Adam of its table, values of
+ * splats and tracks. Densification is assumed to end with about as many splats as pixels. */
 static double guess_iteration(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -697,7 +694,7 @@ static double guess_iteration(const struct spin_plan *plan)
     return seconds;
 }
 
-/* Seconds of the whole run; NaN on a card, where nothing was measured. */
+/* Seconds of the whole run; NaN on a GPU, where nothing was measured. */
 static double guess_seconds(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -715,10 +712,9 @@ static double guess_seconds(const struct spin_plan *plan)
     return seconds / (threads > 1 ? threads : 1);
 }
 
-/* ---- The plan
- * ------------------------------------------------------------------------------------ */
+/* ---- The plan -------------------------------------------------------------------------------- */
 
-/* Which views, frames and cameras there are. */
+/* Opens the clip with its views, frames and cameras. */
 static spin_status open_clip(struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -737,9 +733,10 @@ static spin_status open_clip(struct spin_plan *plan)
 
     SPIN_TRY(spin_clip_open(&c, &plan->clip));
     if (o->residual == SPIN_RESIDUAL_SOURCE && o->refine == 0 && !spin_plan_has_source(plan))
-        return spin_not_found("'%s' has no attributes of its source: let the network add to its "
-                              "points, with --residual points",
-                              o->input);
+        return spin_not_found(
+            "'%s' lacks its source's attributes: use --residual points, so that the "
+            "network adds to values made from its points",
+            o->input);
     SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *plan->counts, (void **)&plan->counts));
     for (int f = 0; f < plan->clip.n_frames; f++)
         plan->counts[f] = spin_plan_info(plan, f)->n;
@@ -758,7 +755,7 @@ static spin_status open_clip(struct spin_plan *plan)
     return plan_extent(plan);
 }
 
-/* Where an unfinished run lies. */
+/* Names the files of an unfinished run. */
 static spin_status name_parts(struct spin_plan *plan)
 {
     const char *output = plan->o->output ? plan->o->output : "";

@@ -1,11 +1,11 @@
-/* From card to card, or by way of the host. */
+/* All-reduce between GPUs by NCCL, or through the host by MPI. */
 #include "train/rank_sum.h"
 
 #include "base/base.h"
 
 enum { FIRST_BYTES = 1 << 16 };
 
-/* Host memory for so many bytes; what was there is lost. */
+/* Ensures host memory of so many bytes; its contents are lost. */
 static spin_status need_host(struct spin_rank_sum *s, size_t bytes)
 {
     const struct spin_device_ops *op = s->device->op;
@@ -16,9 +16,9 @@ static spin_status need_host(struct spin_rank_sum *s, size_t bytes)
     return op->host_reserve(s->device, bytes + bytes / 8, &s->host);
 }
 
-/* What a rank could have for a link. */
+/* What a rank can use to connect its GPU to those of others. */
 struct offer {
-    char about[32], card[40], why[200]; /* about "": nothing, and why */
+    char about[32], card[40], why[200]; /* about "": it cannot, for the reason why */
 };
 
 static void make_offer(struct spin_device *d, struct offer *offer)
@@ -26,12 +26,12 @@ static void make_offer(struct spin_device *d, struct offer *offer)
     memset(offer, 0, sizeof *offer);
     memcpy(offer->card, d->card, sizeof d->card);
     if (!d->op->link_ready)
-        snprintf(offer->why, sizeof offer->why, "this build is without NCCL");
+        snprintf(offer->why, sizeof offer->why, "this build does not include NCCL");
     else if (d->op->link_ready(d, offer->about) != SPIN_OK)
         snprintf(offer->why, sizeof offer->why, "%s", spin_last_error());
 }
 
-/* Why the ranks cannot be linked; "" when they can. */
+/* why = the reason why the GPUs cannot be connected; "" if they can. */
 static void compare(const struct offer *offer, int n, char why[300])
 {
     *why = '\0';
@@ -43,11 +43,11 @@ static void compare(const struct offer *offer, int n, char why[300])
                      offer[0].about);
         for (int k = 0; k < r && !*why; k++)
             if (strcmp(offer[r].card, offer[k].card) == 0)
-                snprintf(why, 300, "ranks %d and %d have the same card", k, r);
+                snprintf(why, 300, "ranks %d and %d use the same GPU", k, r);
     }
 }
 
-/* Link the cards; else why not. */
+/* Connects the GPUs, or sets why. */
 static spin_status link_cards(struct spin_rank_sum *s, char about[32], char why[300])
 {
     struct spin_device *d = s->device;
@@ -77,11 +77,11 @@ spin_status spin_rank_sum_open(struct spin_rank_sum *s, struct spin_device *devi
         return SPIN_OK;
     SPIN_TRY(link_cards(s, about, why));
     if (s->linked) {
-        spin_log(1, "sums over processes go from card to card by %s", about);
+        spin_log(1, "all-reduce between GPUs: by %s", about);
         return SPIN_OK;
     }
     SPIN_TRY(need_host(s, FIRST_BYTES));
-    spin_log(1, "sums over processes go through %s host memory, as: %s",
+    spin_log(1, "all-reduce between GPUs: through %s host memory, because: %s",
              s->host.pinned ? "page-locked" : "ordinary", why);
     return SPIN_OK;
 }
@@ -127,7 +127,7 @@ spin_status spin_rank_sum(struct spin_rank_sum *s, const struct spin_device_sum 
         SPIN_TRY(d->op->download(d, s->host.at, sum[i].at, bytes));
         SPIN_TRY(spin_ranks_sum(s->host.at, sum[i].n, kind));
         d->op->upload(d, sum[i].at, s->host.at, bytes);
-        SPIN_TRY(d->op->wait(d)); /* the host memory is free again */
+        SPIN_TRY(d->op->wait(d)); /* before the host memory is reused */
     }
     return SPIN_OK;
 }

@@ -1,10 +1,10 @@
-/* Before a network only positions and colours of refined frames go on; in the explicit method they
- * are all there is.
+/* Refines frames. A training of the clip uses their positions and colours, or all attributes with
+ * --residual source; --method frames has no other result.
  *
- * Frames are independent, so some are worked on at a time, each on its share of the threads. A
- * frame's result does not depend on threads, so neither does the whole. A finished frame goes into
- * a cache beside the output (frame_cache.h) under a key: what it was made from and how. A frame of
- * the input that was refined under the same key is taken as it is. */
+ * Frames are independent, so several are refined at a time, each on its share of the threads.
+ * Results do not depend on the threads. A finished frame is stored in a cache beside the output
+ * (frame_cache.h) under a key that identifies its inputs and options. A frame of the input that was
+ * refined under the same key is reused. */
 #include "train/refinement.h"
 
 #include "base/base.h"
@@ -21,7 +21,7 @@ static bool is_explicit(const struct spin_plan *plan)
     return plan->o->method == SPIN_METHOD_FRAMES;
 }
 
-/* All of a refined frame is wanted, not only where its points lie. */
+/* True if all attributes of refined frames are used, not only positions and colours. */
 static bool needs_whole(const struct spin_plan *plan)
 {
     return is_explicit(plan) || plan->o->residual == SPIN_RESIDUAL_SOURCE;
@@ -39,7 +39,7 @@ spin_status spin_refinement_open(struct spin_refinement *refinement, const struc
     size_t n = (size_t)plan->clip.n_frames;
 
     if (spin_plan_starts_from_source(plan) && !spin_plan_has_source(plan))
-        return spin_not_found("'%s' has no attributes of its source: refine from its points, with "
+        return spin_not_found("'%s' lacks its source's attributes: refine from its points, with "
                               "--refine-start points",
                               plan->o->input);
     SPIN_TRY(spin_alloc(n, sizeof *refinement->frame, (void **)&refinement->frame));
@@ -62,9 +62,10 @@ void spin_refinement_close(struct spin_refinement *refinement)
     spin_splats_free(&refinement->scratch);
 }
 
-/* ---- Frames that are there ------------------------------------------------------------------- */
+/* ---- Frames refined before ------------------------------------------------------------------- */
 
-/* The input was refined under this key, and kept what we need of it. */
+/* True if the input has this frame, refined under the same key, with all the columns that we need.
+ */
 static bool input_has(struct spin_refinement *r, const struct spin_plan *plan, int f)
 {
     const struct spin_bundle *bundle = &plan->clip.bundle;
@@ -94,7 +95,8 @@ static spin_status read_columns(const struct spin_refinement *r, struct spin_pla
                                 out);
 }
 
-/* rgb is kept by the network's method only; elsewhere it follows from the first coefficient. */
+/* rgb is stored only in the output of a network's training; otherwise it follows from the first SH
+ * coefficient. */
 spin_status spin_refinement_read(struct spin_refinement *r, struct spin_plan *plan, int f,
                                  unsigned columns, struct spin_splats *out)
 {
@@ -120,27 +122,27 @@ struct stage {
     struct spin_refinement *refinement;
     struct spin_plan *plan;
     struct spin_photos *photos;
-    struct spin_device *device; /* that the run was opened with */
+    struct spin_device *device; /* of the run */
     struct spin_code_paths *code_paths;
     struct spin_step_log *step_log;
     int *todo, n_todo;        /* frames that this rank refines */
-    int *all, n_all;          /* and all ranks */
-    int first;                /* of those under way */
-    int n_hands;              /* frames worked on at a time */
+    int *all, n_all;          /* those that all ranks refine */
+    int first;                /* index in todo of the first frame in progress */
+    int n_hands;              /* frames refined at a time */
     struct spin_device *hand; /* [n_hands] */
-    pthread_mutex_t lock;     /* for all that follows, and for files, pixels, progress and log */
+    pthread_mutex_t lock;     /* protects all that follows, and files, images, progress and log */
     struct spin_progress progress;
     int64_t done;         /* iterations */
-    int64_t drawn, blind; /* iterations with a view; of them, those that showed no splat */
+    int64_t drawn, blind; /* iterations done; those of them in which no splat was visible */
     double start_s;
-    spin_status status; /* of the first that failed */
+    spin_status status; /* of the first frame that failed */
     char why[512];
 };
 
 struct job {
     struct stage *stage;
     int frame;
-    struct spin_plan plan; /* of this frame */
+    struct spin_plan plan; /* of this frame alone */
     struct spin_sampler sampler;
     struct spin_trainer trainer;
     struct spin_checkpoint clock;
@@ -177,11 +179,11 @@ static spin_status load_start(struct job *job)
     if (degree > 0)
         SPIN_TRY(
             spin_refine_add_sh(degree, spin_plan_starts_from_source(plan) ? s : NULL, &job->cloud));
-    spin_refine_prune(&job->cloud, 0); /* values that are not finite */
+    spin_refine_prune(&job->cloud, 0); /* drops values that are not finite */
     return SPIN_OK;
 }
 
-/* What the frame starts from, and its images. */
+/* Loads the initial splats of the frame, and its images. */
 static spin_status load(struct job *job, struct spin_device *device)
 {
     struct stage *stage = job->stage;
@@ -208,7 +210,7 @@ static void show(const struct job *job)
     pthread_mutex_unlock(&stage->lock);
 }
 
-/* From the cloud to the cloud; a frame that loses all its splats ends early. */
+/* Trains the cloud in place. Ends early if the frame loses all its splats. */
 static spin_status train(struct job *job, struct spin_device *device)
 {
     size_t n = job->cloud.n;
@@ -294,7 +296,7 @@ static void refine_task(void *context, int task)
 
 /* ---- All frames ------------------------------------------------------------------------------ */
 
-/* Whether the cache has the frame. */
+/* Looks a frame up in the cache. */
 static spin_status find_cached(struct stage *stage, int f, bool *found)
 {
     struct spin_refinement *r = stage->refinement;
@@ -309,7 +311,7 @@ static spin_status find_cached(struct stage *stage, int f, bool *found)
     return SPIN_OK;
 }
 
-/* Which frames are still to be done: of all, and of those the ones that this rank does. */
+/* Lists the frames that are not refined yet: for all ranks, and this rank's part. */
 static spin_status list_todo(struct stage *stage)
 {
     struct spin_plan *plan = stage->plan;
@@ -328,10 +330,11 @@ static spin_status list_todo(struct stage *stage)
             stage->todo[stage->n_todo++] = f;
         stage->all[stage->n_all++] = f;
     }
-    return spin_ranks_agree(SPIN_OK); /* before the first of them is put there */
+    return spin_ranks_agree(
+        SPIN_OK); /* all ranks have looked before the first of these frames is stored */
 }
 
-/* Frames of other ranks, once all are there; and what all ranks did. */
+/* Waits for all ranks, looks up the frames that others refined, and sums the statistics of all. */
 static spin_status join(struct stage *stage)
 {
     struct work {
@@ -358,14 +361,15 @@ static spin_status join(struct stage *stage)
             status = find_cached(stage, stage->all[i], &found);
         if (!found)
             status = spin_not_found(
-                "frame %d, which another process refined, is not in '%s': processes on several "
-                "machines need a folder that all of them see",
+                "frame %d, refined by another process, is missing in '%s': processes on several "
+                "machines need a shared folder",
                 spin_plan_info(stage->plan, stage->all[i])->number, stage->plan->parts);
     }
     return spin_ranks_agree(status);
 }
 
-/* A device for each of n frames worked on at a time, as far as threads and memory go. */
+/* Opens a device for each of n frames refined at a time, or for fewer if threads or memory are
+ * short. */
 static spin_status take_hands(struct stage *stage, int n, int n_threads)
 {
     struct spin_plan *plan = stage->plan;
@@ -392,7 +396,7 @@ static void drop_hands(struct stage *stage)
     stage->n_hands = 0;
 }
 
-/* The next n of the frames to do, side by side. */
+/* Refines the next n frames, several at a time. */
 static spin_status run_tasks(struct stage *stage, int n, int n_threads)
 {
     struct spin_pool *pool = NULL;
@@ -413,7 +417,8 @@ out:
     return status;
 }
 
-/* Full rows of frames first, a thread to each; then those left over, which share the threads. */
+/* Refines as many frames as there are threads, or a multiple, with one thread each; then the rest,
+ * which share the threads. */
 static spin_status run(struct stage *stage)
 {
     struct spin_pool *pool = NULL;
@@ -457,7 +462,7 @@ static spin_status open_shown(struct stage *stage, struct spin_player *shown)
     return spin_player_set_lenses(shown, &stage->plan->lenses);
 }
 
-/* Measure the refined frames, and draw the preview. */
+/* Measures the refined frames and writes previews. */
 static spin_status look(struct stage *stage)
 {
     struct spin_plan *plan = stage->plan;
@@ -483,22 +488,22 @@ static spin_status look(struct stage *stage)
     return status;
 }
 
-/* Iterations that showed nothing taught nothing. */
+/* Warns if some iterations showed no splat, since they taught nothing; fails if all of them did. */
 static spin_status judge_blind(const struct stage *stage)
 {
     if (stage->blind == 0)
         return SPIN_OK;
     if (stage->blind == stage->drawn && stage->n_all == stage->plan->clip.n_frames)
         return spin_malformed(
-            "no splat is visible in any view of any frame: do the cameras belong to these points");
+            "no splat is visible in any view of any frame: check that the cameras belong to these "
+            "points");
     spin_warn(
         "no splat was visible in %lld of %lld iterations of refining: nothing was learned in them",
         (long long)stage->blind, (long long)stage->drawn);
     return SPIN_OK;
 }
 
-/* The plan for the refined frames. Images that are kept stay; how many more may be is planned anew.
- */
+/* Plans again for the refined frames. Cached images stay; the budget for more of them changes. */
 static spin_status recount(const struct stage *stage)
 {
     struct spin_image_cache *cache = &stage->photos->cache;
@@ -540,7 +545,7 @@ spin_status spin_refinement_run(struct spin_refinement *refinement, struct spin_
     plan->report->refine_seconds = spin_now_s() - stage.start_s;
     plan->report->seconds_per_iteration =
         plan->report->refine_seconds / stage.n_all / plan->o->refine;
-    if (stage.n_all == 0) /* they were there */
+    if (stage.n_all == 0) /* all frames were reused */
         plan->report->seconds_per_iteration = plan->report->loss_last = NAN;
     if (status == SPIN_OK)
         status = recount(&stage);

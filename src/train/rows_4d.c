@@ -1,5 +1,5 @@
-/* Frames go by once, in the order of their times; of each track the piece that is still growing is
- * kept. A splat without a track is a piece of one frame. */
+/* Reads the frames once, in the order of their times, and keeps the growing segment of each track.
+ * A splat without a track is a segment of one frame. */
 #include "train/rows_4d.h"
 
 #include "base/base.h"
@@ -7,9 +7,9 @@
 
 const double spin_rows_4d_least_weight = 0.01;
 
-/* How far a splat may be from its piece: in its own size (of the place), and in these units of the
- * other values, which are log scale, rotation, first SH coefficient and logit of the opacity. Tried
- * on court. */
+/* How far a splat may be from its segment: in position, in units of the splat's own size; and in
+ * log scale, rotation, first SH coefficient and opacity logit, in these units. Tuned on the clip
+ * court. */
 static const float place_tolerance = 0.5f;
 static const struct {
     size_t first, width;
@@ -17,15 +17,15 @@ static const struct {
 } look[] = {{3, 3, 0.25f}, {7, 4, 0.2f}, {10, 3, 0.15f}, {13, 1, 1.0f}};
 enum { LOOKS = sizeof look / sizeof *look };
 
-/* Standard deviation of a piece's bell: of the time from its first to its last frame, and of one
- * frame's. Tried on court. */
+/* Standard deviation of a segment's Gaussian window: the sum of these multiples of its duration and
+ * of the interval between frames. Tuned on the clip court. */
 static const double bell_of_span = 0.3, bell_of_frame = 0.25;
 
-enum { MOST_FRAMES = 8 }; /* of a piece that moves or changes */
+enum { MOST_FRAMES = 8 }; /* of a segment that moves or changes */
 
-/* The piece of a track that grows. */
+/* The growing segment of a track. */
 struct piece {
-    int first, n; /* frames; n 0: there is none */
+    int first, n; /* frames; n 0: no segment */
     float value[MOST_FRAMES][SPIN_TRACK];
 };
 
@@ -35,14 +35,14 @@ struct cut {
     struct spin_bundle_tracks tracks;
     struct piece *piece; /* [tracks] */
     float *time;         /* [frames] 0..1 */
-    uint32_t *number;    /* of the frame's splats, and their values */
+    uint32_t *number;    /* of the current frame's splats, and their values */
     float *means, *values;
 };
 
-/* ---- Pieces
- * -------------------------------------------------------------------------------------- */
+/* ---- Segments -------------------------------------------------------------------------------- */
 
-/* A piece as a row: the line that fits its places best, and the mean of its other values. */
+/* Converts a segment to a row: the line that fits its positions best, and the mean of its other
+ * values. */
 static void fit(const struct cut *c, const struct piece *p, float row[SPIN_TRACK],
                 float motion[SPIN_MOTION])
 {
@@ -98,8 +98,8 @@ static spin_status reserve_row(struct spin_rows_4d *rows)
     return spin_room(rows->n, &rows->capacity, SPIN_MOTION * sizeof(float), (void **)&rows->motion);
 }
 
-/* Half of the way to that end, where a piece is at an end of the clip: there is no other to fade
- * into. Returns the time that its bell is for. */
+/* A segment that touches the clip's first or last frame has nothing to cross-fade with there: move
+ * its centre halfway to that end. Returns the duration that its Gaussian window must cover. */
 static double move_to_end(const struct cut *c, const struct piece *p, float *row, float *motion)
 {
     int last = p->first + p->n - 1, n = c->rows->n_frames;
@@ -114,7 +114,7 @@ static double move_to_end(const struct cut *c, const struct piece *p, float *row
     return 1.5 * span;
 }
 
-/* A row of a piece that is over. What the whole clip shows does not fade. */
+/* Adds the row of a finished segment. A segment of all frames does not fade. */
 static spin_status end_piece(struct cut *c, struct piece *p)
 {
     struct spin_rows_4d *rows = c->rows;
@@ -126,7 +126,7 @@ static spin_status end_piece(struct cut *c, struct piece *p)
     SPIN_TRY(reserve_row(rows));
     row = rows->values + SPIN_TRACK * rows->n;
     motion = rows->motion + SPIN_MOTION * rows->n;
-    if (p->n > MOST_FRAMES) { /* it stands still: its only value is the first */
+    if (p->n > MOST_FRAMES) { /* static: the first value is its only one */
         memcpy(row, p->value[0], sizeof p->value[0]);
         memset(motion, 0, SPIN_MOTION * sizeof *motion);
         motion[3] = (c->time[p->first] + c->time[p->first + p->n - 1]) / 2;
@@ -141,7 +141,8 @@ static spin_status end_piece(struct cut *c, struct piece *p)
     return SPIN_OK;
 }
 
-/* A splat of frame f: the piece grows, or ends before it. still: the track has one value. */
+/* Adds a splat of frame f: the segment grows, or ends and another begins. still: the track has one
+ * value. */
 static spin_status grow_piece(struct cut *c, struct piece *p, int f, bool still,
                               const float value[SPIN_TRACK])
 {
@@ -162,8 +163,7 @@ static spin_status grow_piece(struct cut *c, struct piece *p, int f, bool still,
     return SPIN_OK;
 }
 
-/* ---- The pass
- * ------------------------------------------------------------------------------------ */
+/* ---- The pass -------------------------------------------------------------------------------- */
 
 static spin_status reserve_frame(struct cut *c, size_t n)
 {
@@ -206,7 +206,7 @@ static spin_status cut_frame(struct cut *c, int f)
     return SPIN_OK;
 }
 
-/* Which rows each frame shows. */
+/* Lists the rows that are drawn in each frame. */
 static spin_status list_frames(struct cut *c)
 {
     struct spin_rows_4d *rows = c->rows;
@@ -235,18 +235,19 @@ static spin_status check_input(const struct cut *c)
     const struct spin_plan *plan = c->plan;
 
     if (!spin_bundle_is_trained_by_tracks(c->tracks.bundle))
-        return spin_not_found("--method 4d begins with a clip that --method tracks trained, and "
-                              "this one is not: train it so first, and give the result");
+        return spin_not_found(
+            "--method 4d needs a clip that was trained with --method tracks: train "
+            "this one so first, and give its output");
     for (int f = 1; f < plan->clip.n_frames; f++)
         if (spin_plan_info(plan, f)->time < spin_plan_info(plan, f - 1)->time)
-            return spin_unsupported("frame %d comes after frame %d and is earlier: --method 4d "
-                                    "takes frames in the order of their times",
+            return spin_unsupported("frame %d follows frame %d but has an earlier time: --method "
+                                    "4d needs frames in the order of their times",
                                     spin_plan_info(plan, f)->number,
                                     spin_plan_info(plan, f - 1)->number);
     return SPIN_OK;
 }
 
-/* The frames of the plan are these. */
+/* Sets the plan's numbers of splats to those of the rows. */
 static void set_counts(struct spin_plan *plan, const struct spin_rows_4d *rows)
 {
     plan->n_rows = rows->n;
@@ -302,10 +303,9 @@ void spin_rows_4d_close(struct spin_rows_4d *rows)
     memset(rows, 0, sizeof *rows);
 }
 
-/* ---- Training
- * -------------------------------------------------------------------------------------- */
+/* ---- Training -------------------------------------------------------------------------------- */
 
-/* Numbers of a camera in "trained", as retrain wrote them. */
+/* Reads three numbers of a camera, as written by retrain. */
 static void read_three(const spin_json *array, float *to)
 {
     for (size_t c = 0; c < 3; c++) {
@@ -343,7 +343,7 @@ spin_status spin_rows_4d_looks(struct spin_plan *plan)
     return SPIN_OK;
 }
 
-/* Of the tracks, and the rows' own order of a frame's splats. */
+/* Rows become tracks, and the splats of a frame keep the order of its rows. */
 spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin_plan *plan,
                               struct spin_trainer *t, struct spin_frames *frames)
 {
@@ -371,10 +371,9 @@ spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin
     return SPIN_OK;
 }
 
-/* ---- The result
- * ------------------------------------------------------------------------------------ */
+/* ---- The result ------------------------------------------------------------------------------ */
 
-/* Row i of the trainer's groups [n], and its motion in the clip's unit of time. */
+/* Converts row i of the trainer's groups [n], and its motion to the clip's unit of time. */
 static void set_row(const struct spin_field *field, size_t n, size_t i, const float *groups,
                     const float *motion, struct spin_splats_4d *out)
 {

@@ -1,10 +1,10 @@
-/* The schedule of views. */
+/* Chooses the views of each iteration and loads their images. */
 #include "train/sampler.h"
 
 #include "base/base.h"
 #include "math/rng.h"
 
-enum { STREAM_SHUFFLE = 16, STREAM_FRAME = 33 }; /* of the random numbers, see math/rng.h */
+enum { STREAM_SHUFFLE = 16, STREAM_FRAME = 33 }; /* random numbers, see math/rng.h */
 
 static void shuffle(const struct spin_sampler *s, uint64_t key, uint32_t *list, size_t n)
 {
@@ -26,9 +26,9 @@ static spin_status find_image(struct spin_sampler *s, size_t view, uint32_t *ima
                : spin_photos_put(s->photos, s->plan, view, &s->images, *image);
 }
 
-/* One epoch: a permutation of all (frame, training camera) pairs. With views_per_frame V > 1 the
- * views of a frame are permuted, cut into groups of V, and the groups permuted. A function of the
- * seed and the epoch. */
+/* An epoch is a permutation of all (frame, training camera) pairs. With views_per_frame V > 1 the
+ * views of each frame are permuted and cut into groups of V, and the groups are permuted. Depends
+ * only on the seed and the epoch. */
 static void plan_epoch(struct spin_sampler *s, int64_t epoch)
 {
     size_t n = s->plan->n_train, v = (size_t)s->plan->o->views_per_frame, n_groups = 0;
@@ -45,7 +45,7 @@ static void plan_epoch(struct spin_sampler *s, int64_t epoch)
     }
     memcpy(views, s->sequence, n * sizeof *views);
     shuffle(s, 2 * (uint64_t)epoch, views, n);
-    /* Stable by frame: pairs of one frame stay in their shuffled order, side by side. */
+    /* Stable sort by frame: pairs of a frame stay in their shuffled order, side by side. */
     for (size_t f = 0, k = 0; f < (size_t)s->plan->clip.n_frames; f++) {
         size_t first = k;
 
@@ -94,7 +94,7 @@ spin_status spin_sampler_batch(struct spin_sampler *s, int64_t iteration)
     return SPIN_OK;
 }
 
-/* A device with memory of its own keeps as many images as fit; the host has its cache of them. */
+/* A device with its own memory keeps as many images as fit; on the CPU the image cache suffices. */
 static size_t images_kept(const struct spin_plan *plan)
 {
     size_t batch = (size_t)plan->o->batch, most;

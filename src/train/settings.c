@@ -1,4 +1,4 @@
-/* Settings as JSON: what the options say, and what a plan adds. */
+/* Settings as JSON: options, and what the plan adds. */
 #include "train/settings.h"
 
 #include "train/options.h"

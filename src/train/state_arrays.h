@@ -1,29 +1,31 @@
-/* Everything that a training keeps between steps, in one list: walked to save it, to load it, to
- * check and to average it. */
+/* List of all arrays that a training keeps between iterations, for saving, loading, checking and
+ * averaging them. */
 #pragma once
 
 #include "train/trainer.h"
 
-/* Floats, and from SPIN_STATE_SEEN on numbers. */
+/* An array of floats or, from SPIN_STATE_SEEN on, of 32-bit numbers. */
 struct spin_state_array {
     char name[48];
     enum {
         SPIN_STATE_VALUES,
         SPIN_STATE_STEPS, /* of lazy Adam */
         SPIN_STATE_GRADIENT,
-        SPIN_STATE_SEEN,  /* this and the gradient are parts of sums over ranks: rank 0 has all, the
-                             others zeros */
-        SPIN_STATE_TRACK, /* of a frame's splats */
-        SPIN_STATE_PLACE  /* of them in the output */
+        /* This and the gradient are partial sums: in a checkpoint rank 0 has it all,
+         * and the others have zeros. */
+        SPIN_STATE_SEEN,
+        SPIN_STATE_TRACK, /* tracks of a frame's splats */
+        SPIN_STATE_PLACE  /* their places in the output */
     } kind;
     float SPIN_DEV *at;
-    uint32_t *host; /* or there */
+    uint32_t *host; /* if not NULL, the array is there and not at `at` */
     size_t n;
     int frame;
 };
 
-/* *out [*n], to be freed. permutation [frames][splats]: places in the output; NULL: not wanted. */
+/* *out [*n], which the caller frees. permutation [frames][splats]: places in the output; NULL: not
+ * needed. */
 spin_status spin_state_arrays(struct spin_trainer *t, uint32_t **permutation,
                               struct spin_state_array **out, size_t *n);
-/* What is learned; its moments go into it with the next step. */
+/* True for parameters, false for moments and all else. */
 bool spin_state_is_parameter(const struct spin_state_array *array);

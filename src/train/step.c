@@ -1,7 +1,7 @@
-/* The training step. It goes in groups of as many frames and views as the device takes at once.
- * Gradients of what frames share gather over all of them; a frame's own values take their step when
- * its group is done, or with several ranks when all have drawn: each draws its part of the items,
- * and gradients are summed. */
+/* One iteration. It is processed in groups of as many frames and views as the device takes at once.
+ * Gradients of what frames share accumulate over all groups. Adam updates a frame's own values when
+ * its group is done or, with several ranks, after the all-reduce: each rank draws its part of the
+ * items. */
 #include "train/step.h"
 
 #include "model/residual.h"
@@ -19,12 +19,11 @@ static int rank_of(const struct spin_trainer *t, const struct batch *b, int item
     return spin_step_rank(item, b->n, t->n_ranks);
 }
 
-/* ---- Drawing ----------------------------------------------------------------------------------
- */
+/* ---- Drawing --------------------------------------------------------------------------------- */
 
-/* The losses of the raster's pictures go to rows of t->values (as spin_device_ops.loss has them).
- * Leaves in the raster the gradient, times each view's weight, with respect to the picture before
- * the exposure; the exposure's own is gathered. */
+/* Writes the losses of the raster's images to rows of t->values, with the layout of
+ * spin_device_ops.loss. Leaves the gradient with respect to the images before exposure in the
+ * raster, times each view's weight, and accumulates the gradient of the exposure. */
 static void add_loss(struct spin_trainer *t, const struct spin_images *images,
                      const struct spin_view_batch *views)
 {
@@ -39,7 +38,7 @@ static void add_loss(struct spin_trainer *t, const struct spin_images *images,
         d->op->exposure_back(d, views, e->param.p, drawn, t->raster.d_image, e->param.g);
 }
 
-/* Draw the views, add their gradients to d_attr and d_pos, and empty the batch of views. */
+/* Draws the views, adds their gradients to d_attr and d_pos, and empties the batch of views. */
 static spin_status draw_views(struct spin_trainer *t, const struct batch *b,
                               const struct spin_frame_batch *frames, struct spin_view_batch *views)
 {
@@ -73,8 +72,8 @@ static void add_item(struct spin_trainer *t, const struct batch *b, int item, in
     t->drawn[t->n_drawn++] = item;
 }
 
-/* All views of the frames that this rank draws; first[f]: the first item that shows frame f of the
- * batch. */
+/* Draws all views of the frames that belong to this rank. first[f]: the first item that shows frame
+ * f of the batch. */
 static spin_status draw_frames(struct spin_trainer *t, const struct batch *b, const int *first,
                                struct spin_frame_batch *frames)
 {
@@ -82,7 +81,7 @@ static spin_status draw_frames(struct spin_trainer *t, const struct batch *b, co
 
     for (int f = 0; f < frames->n_frames; f++) {
         struct spin_frame_of_batch *frame = &frames->frame[f];
-        float share = 0; /* of the batch's pictures */
+        float share = 0; /* of the batch's images */
 
         for (int i = first[f]; i < b->n; i++) {
             if (b->items[i].frame != b->items[first[f]].frame || rank_of(t, b, i) != t->rank)
@@ -103,7 +102,8 @@ static void add_frame(const struct spin_trainer *t, int number, struct spin_fram
     struct spin_frame_of_batch *to = &frames->frame[frames->n_frames++];
     const struct spin_train_frame *frame = &t->frame[number];
     bool residual = frame->residual && t->rates.residual[SPIN_HEAD_SCALE] > 0;
-    bool sh = frame->sh && spin_trainer_sh_degree(t) > 0; /* before, all zero, and no gradient */
+    bool sh =
+        frame->sh && spin_trainer_sh_degree(t) > 0; /* before, SH is zero and has no gradient */
 
     *to = (struct spin_frame_of_batch){
         .first = frames->n,
@@ -133,7 +133,7 @@ static void add_frame(const struct spin_trainer *t, int number, struct spin_fram
     frames->n += frame->size.n;
 }
 
-/* What the frames' splats have from their tracks. */
+/* Combines the frames' splats with their tracks. */
 static void add_tracks(struct spin_trainer *t, const struct spin_frame_batch *frames)
 {
     struct spin_tracks_f32 tracks = {t->n_tracks, t->tracks.p, t->tracks.g, t->motion};
@@ -151,11 +151,9 @@ struct spin_frame_batch spin_trainer_frame(struct spin_trainer *t, int frame)
     return frames;
 }
 
-/* ---- Frames' own values -----------------------------------------------------------------------
- */
+/* ---- Frames' own values ---------------------------------------------------------------------- */
 
-/* Adam for what belongs to the frames alone: their positions, and residual values, each group at
- * its rate. */
+/* Adam step of the frames' own values: positions and residual values, each group with its rate. */
 static void step_frames(struct spin_trainer *t, const struct batch *b, const int *first,
                         const struct spin_frame_batch *frames)
 {
@@ -163,7 +161,7 @@ static void step_frames(struct spin_trainer *t, const struct batch *b, const int
     struct spin_frame_rates rates = {.pos = spin_trainer_position_rate(t),
                                      .sh = spin_trainer_rate(t, t->rates.sh, t->iteration),
                                      .tracked = t->rates.tracked};
-    bool fixed = t->rates.residual[SPIN_HEAD_SCALE] == 0; /* residual values stay as they are */
+    bool fixed = t->rates.residual[SPIN_HEAD_SCALE] == 0; /* residual values do not change */
     int n_groups = 0;
 
     for (int k = 0; k < SPIN_HEADS; k++)
@@ -178,8 +176,8 @@ static void step_frames(struct spin_trainer *t, const struct batch *b, const int
     t->device->op->adam(t->device, n_groups, group);
 }
 
-/* Gradients of a frame's own values, which have places of their own in t->own_grad while ranks sum
- * them. put: to there, else from there. Returns the floats. */
+/* Copies the gradients of a frame's own values to t->own_grad (put), where ranks sum them, or back.
+ * Returns the number of floats. */
 static size_t move_own(struct spin_trainer *t, const struct spin_frame_of_batch *frame,
                        const struct spin_frame_size *size, float SPIN_DEV *at, bool put)
 {
@@ -208,22 +206,21 @@ static bool seen_before(const struct spin_trainer *t, const struct batch *b, int
     return false;
 }
 
-/* Whether an item is the first of its frame among those of a rank, or with -1 of all. Frames
- * without a splat have no part. */
+/* True if an item is the first of its frame among those of a rank, or with rank -1 among all. False
+ * for frames without a splat. */
 static bool begins(const struct spin_trainer *t, const struct batch *b, int i, int rank)
 {
     return (rank < 0 || rank_of(t, b, i) == rank) && !seen_before(t, b, i, rank) &&
            t->frame[b->items[i].frame].size.n > 0;
 }
 
-/* Floats of a frame there. */
+/* Floats of a frame in t->own_grad. */
 static size_t own_floats(const struct spin_trainer *t, const struct spin_frame_size *size)
 {
     return 3 * size->n_pos + SPIN_RESIDUAL * size->n_residual + t->sh_width * size->n;
 }
 
-/* Where the gradients of an item's frame are in t->own_grad: behind those of the frames before it.
- */
+/* Start of the gradients of an item's frame in t->own_grad: after those of earlier frames. */
 static float SPIN_DEV *place_of(const struct spin_trainer *t, const struct batch *b, int item)
 {
     float SPIN_DEV *at = t->own_grad;
@@ -234,7 +231,7 @@ static float SPIN_DEV *place_of(const struct spin_trainer *t, const struct batch
     return at;
 }
 
-/* Gradients of all ranks to each, and then the frames' step. */
+/* All-reduces the gradients, then updates the frames' own values. */
 static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
 {
     const struct spin_param *param[] = {&t->table, &t->heads, &t->tracks, &t->exposures.param};
@@ -265,10 +262,9 @@ static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
     return SPIN_OK;
 }
 
-/* ---- The step ---------------------------------------------------------------------------------
- */
+/* ---- The iteration --------------------------------------------------------------------------- */
 
-/* The frames of these items, whose views may stand anywhere in the batch. */
+/* Processes the frames of these items. Their views may be anywhere in the batch. */
 static spin_status do_frames(struct spin_trainer *t, const struct batch *b, const int *first, int n)
 {
     const struct spin_field *network = spin_trainer_network(t);
@@ -283,7 +279,8 @@ static spin_status do_frames(struct spin_trainer *t, const struct batch *b, cons
     spin_field_forward(&t->field_eval, network, t->table.p, t->heads.p, &frames);
     d->op->zero(d, t->field_eval.d_attr, frames.n * spin_attr_width(&frames) * sizeof(float));
     d->op->zero(d, t->d_pos, frames.n * 3 * sizeof(float));
-    if (t->n_tracks > 0 || (t->n_ranks > 1 && t->residuals)) /* no Adam, which would leave zeros */
+    if (t->n_tracks > 0 ||
+        (t->n_ranks > 1 && t->residuals)) /* without an Adam step nothing else zeroes these */
         d->op->zero(d, t->d_residual, frames.n * SPIN_RESIDUAL * sizeof(float));
     if (t->n_ranks > 1 && t->sh_width > 0)
         d->op->zero(d, t->d_sh, frames.n * t->sh_width * sizeof(float));
@@ -302,7 +299,7 @@ static spin_status do_frames(struct spin_trainer *t, const struct batch *b, cons
     return SPIN_OK;
 }
 
-/* Groups of frames, in the order in which the items of this rank first show them. */
+/* Processes frames in groups, in the order in which items of this rank first show them. */
 static spin_status do_groups(struct spin_trainer *t, const struct batch *b)
 {
     int at_once = spin_trainer_frames_at_once(t), first[SPIN_MAX_FRAMES], n = 0;
@@ -319,7 +316,7 @@ static spin_status do_groups(struct spin_trainer *t, const struct batch *b)
     return n > 0 ? do_frames(t, b, first, n) : SPIN_OK;
 }
 
-/* The network's groups; the table may take its step at once. */
+/* Groups of the network. With lazy Adam the table is updated immediately. */
 static int step_network(struct spin_trainer *t, struct spin_param_group *group)
 {
     const size_t *offset = t->field.heads.offset;
@@ -338,7 +335,8 @@ static int step_network(struct spin_trainer *t, struct spin_param_group *group)
     return n;
 }
 
-/* Values first..end of the tracks, or with rate 0 none: they stay as they are. */
+/* Group of the tracks' values [first, end). With rate 0 they do not change, and their gradient is
+ * cleared. */
 static int step_part(const struct spin_trainer *t, size_t first, size_t end, double rate,
                      struct spin_param_group *group)
 {
@@ -349,9 +347,9 @@ static int step_part(const struct spin_trainer *t, size_t first, size_t end, dou
     return rate > 0;
 }
 
-/* The tracks' values from `first` on, so many of each, but for those of the last `frozen` tracks;
- * lr0: 0, or the first rate, `share` of it for tracks that move. These learn in all steps, as
- * frames do: they are shown by fewer pictures than those that stand still. */
+/* Groups of the tracks' values from `first` on, `width` for each track; those of the last `frozen`
+ * tracks do not change. lr0: the initial rate, or 0; dynamic tracks have `share` of it, and learn
+ * in all iterations as frames do, since fewer images show them than static tracks. */
 static int step_values(const struct spin_trainer *t, size_t first, size_t width, double lr0,
                        double share, size_t frozen, struct spin_param_group *group)
 {
@@ -372,7 +370,8 @@ static int step_values(const struct spin_trainer *t, size_t first, size_t width,
 
 static int step_tracks(const struct spin_trainer *t, struct spin_param_group *group)
 {
-    /* Where a track moves, each of its places has a rate of its own too. */
+    /* Half the rate, since the splats of a dynamic track also have positions with rates of their
+     * own. */
     int n = step_values(t, 0, 3, t->rates.displacement, 0.5, 0, group);
     size_t first = 3 * t->n_tracks;
 
@@ -384,7 +383,7 @@ static int step_tracks(const struct spin_trainer *t, struct spin_param_group *gr
     return n;
 }
 
-/* Adam for what all frames share. */
+/* Adam step of what all frames share. */
 static void step_shared(struct spin_trainer *t)
 {
     struct spin_device *d = t->device;
@@ -407,7 +406,7 @@ static void step_shared(struct spin_trainer *t)
     spin_exposures_centre(&t->exposures, d);
 }
 
-/* The step's one read-back, and the sums of all ranks. */
+/* Reads the losses back and sums them over ranks. */
 static spin_status read_values(struct spin_trainer *t, int n, struct spin_train_values *values)
 {
     double sum[4] = {0};

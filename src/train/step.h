@@ -1,36 +1,36 @@
-/* One training step of the network (docs/method.md sections 3 to 7). The loop around it - data,
- * schedule of views, evaluation, checkpoints - is loop.c. */
+/* One iteration of a training (docs/method.md sections 3 to 7). The loop around it, with data,
+ * schedule of views, evaluation and checkpoints, is loop.c. */
 #pragma once
 
 #include "train/trainer.h"
 
-/* One picture of a batch. */
+/* One image of a batch. */
 struct spin_train_item {
     int frame;
     const struct spin_camera *camera;
     int exposure, lens; /* rows of the camera and of its lens among the exposures */
-    uint32_t image;     /* number of its photograph */
+    uint32_t image;     /* number of its image in the store */
 };
 
 struct spin_train_values {
     double loss, l1, ssim; /* means over the batch */
-    bool seen;             /* some view shows a splat */
-    double *each;          /* [n] losses of the items that this rank draws, when not NULL */
+    bool seen;             /* a splat is visible in some view */
+    double *each;          /* [n] losses of the items that this rank draws, or NULL */
 };
 
-/* The rank that draws an item of a batch of n: neighbours stay together, as they may show one
- * frame. */
+/* The rank that draws an item of a batch of n. Neighbouring items have the same rank, as they may
+ * show one frame. */
 int spin_step_rank(int item, int n, int n_ranks);
 
-/* The frame's splats as they are drawn: their own values with those of their tracks. Good until the
- * next call, or the next step. */
+/* A frame's splats as they are drawn: their own values combined with those of their tracks. Valid
+ * until the next call or iteration. */
 struct spin_frame_batch spin_trainer_frame(struct spin_trainer *t, int frame);
 
 /* One iteration: the mean loss of the n items (at most max_items), its gradient, one Adam step.
  * Items of one frame share one pass through the network. The host reads back the losses, once, at
- * the end, and the number of intersections of the views that are drawn together. Fails only when
- * the rasteriser's lists cannot grow, or the device failed. Ranks call it with the same items, and
- * have the same bits afterwards; images are needed of the rank's own. */
+ * the end, and the number of intersections of the views that are drawn together. Fails only if the
+ * rasteriser's lists cannot grow, or if the device fails. All ranks call it with the same items,
+ * and have the same bits afterwards; each needs the images of its own items only. */
 spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_images *images,
                               const struct spin_train_item *items, int n,
                               struct spin_train_values *values);

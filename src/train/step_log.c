@@ -1,4 +1,4 @@
-/* Lines to a file, and what becomes of the file. */
+/* Writes lines to the log, and stops when that fails. */
 #include "train/step_log.h"
 
 #include <fcntl.h>
@@ -7,8 +7,8 @@
 #include "base/base.h"
 #include "io/file.h"
 
-/* A device, such as a terminal, loses nothing when it is written to. A fifo could make the training
- * wait. */
+/* A character device, such as a terminal, loses nothing when it is written to. A FIFO is excluded,
+ * since it could block the training. */
 static bool is_device(const char *path)
 {
     struct stat st;
@@ -16,7 +16,7 @@ static bool is_device(const char *path)
     return stat(path, &st) == 0 && S_ISCHR(st.st_mode);
 }
 
-/* Empty, or begun by log_step() or look() of loop.c. */
+/* True if the file is empty or begins with a line of log_step() or look() in loop.c. */
 static bool is_log(const char *path)
 {
     static const char *const begin[] = {"{\"iteration\":", "{\"refine\":"};
@@ -40,10 +40,11 @@ spin_status spin_step_log_open(struct spin_step_log *log, const char *path, bool
     if (!is_device(path))
         SPIN_TRY(spin_out_check(path, append || force));
     if (append && !is_device(path) && !is_log(path))
-        return spin_fail(SPIN_E_IO,
-                         "cannot append to '%s': it is no log of spin-retrain; give another name, "
-                         "or --force to overwrite",
-                         path);
+        return spin_fail(
+            SPIN_E_IO,
+            "cannot append to '%s': it is not a log of spin-retrain; give another name, "
+            "or --force to overwrite",
+            path);
     pthread_mutex_init(&log->lock, NULL);
     flags |= append ? O_APPEND : force || is_device(path) ? O_TRUNC : O_EXCL;
     fd = open(path, flags, 0666);
@@ -61,7 +62,8 @@ static void check(struct spin_step_log *log, bool flush)
     if (!ferror(log->file) && (!flush || fflush(log->file) == 0))
         return;
     snprintf(log->error, sizeof log->error, "%s", strerror(errno ? errno : EIO));
-    spin_warn("cannot write the log '%s': %s; the work goes on without it", log->path, log->error);
+    spin_warn("cannot write the log '%s': %s; the training goes on without it", log->path,
+              log->error);
     fclose(log->file);
     log->file = NULL;
 }

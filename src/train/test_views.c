@@ -1,4 +1,4 @@
-/* Measuring and drawing the test views. */
+/* Measures the test views, and writes previews of them. */
 #include "train/test_views.h"
 
 #include "base/base.h"
@@ -21,7 +21,7 @@ spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_ph
     return plan->n_test > 0 ? spin_metrics_run(&m, out) : SPIN_OK;
 }
 
-/* A trained clip, as through the lenses that it was trained with. */
+/* A trained clip is shown through the lenses that it was trained with. */
 static spin_status set_lenses(const struct spin_plan *plan, struct spin_player *input,
                               struct spin_lenses *lenses)
 {
@@ -49,7 +49,7 @@ spin_status spin_test_views_measure_input(struct spin_plan *plan, struct spin_ph
                                    trained ? "evaluating the clip" : "evaluating the source", out);
 }
 
-/* One of the preview's pictures. source may be NULL. */
+/* One image of the preview. source may be NULL. */
 static spin_status preview_view(struct spin_plan *plan, struct spin_photos *photos,
                                 struct spin_player *shown, struct spin_player *source,
                                 const struct spin_pair *pair, const char *label)

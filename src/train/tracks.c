@@ -1,4 +1,4 @@
-/* Finding tracks, and numbering them so that neighbours share cache lines. */
+/* Finds tracks, and numbers them along a curve so that neighbours share cache lines. */
 #include "train/tracks.h"
 
 #include "base/base.h"
@@ -6,32 +6,31 @@
 #include "train/chains.h"
 #include "train/morton.h"
 
-/* In units of the cameras' extent: a deviation that no image shows, and the most that counts as
- * noise. */
+/* In units of the camera extent: a deviation that no image shows, and the largest one that counts
+ * as noise. */
 static const double UNSEEN = 1e-4, NOISE = 1e-2;
-enum { NOISE_FRAMES = 8 }; /* fewer do not tell noise from motion */
+enum { NOISE_FRAMES = 8 }; /* fewer do not distinguish noise from motion */
 
-/* A place at which some splat stands. */
+/* A position that splats of some frames share, or that a track starts from. */
 struct place {
     float at[3];
     uint32_t n_frames;
     int last_frame;
-    bool moves; /* a chain; or a track by identity, more than its noise, see stands_still() */
+    bool moves; /* dynamic: built by matching; or by identity, and see stands_still() */
 };
 
-/* Where a track by identity goes, from its first place. */
+/* Motion of a track by identity, relative to its first position. */
 struct motion {
     float last[3];
-    double sum[3], square,
-        step; /* sums of offsets, of their squares, of squares from frame to frame */
+    double sum[3], square, step; /* sums: of offsets, of their squares, of squared steps */
 };
 
 struct places {
     struct place *place; /* [n] in the order in which they were found */
     size_t n, room;
-    uint32_t *slot; /* [n_slots] places by the hash of their coordinates, UINT32_MAX: empty */
+    uint32_t *slot; /* [n_slots] hash table of positions, by their bits; UINT32_MAX: empty */
     size_t n_slots;
-    struct motion *motion; /* [n] of tracks by identity */
+    struct motion *motion; /* [n] only with tracks by identity */
 };
 
 static uint32_t hash_of(const float at[3])
@@ -54,7 +53,7 @@ static void close_places(struct places *p)
     memset(p, 0, sizeof *p);
 }
 
-/* The slot of these coordinates, or the empty one where they go. */
+/* The slot with these coordinates, or the empty slot for them. */
 static size_t slot_of(const struct places *p, const float at[3])
 {
     size_t k = hash_of(at) & (p->n_slots - 1);
@@ -64,7 +63,7 @@ static size_t slot_of(const struct places *p, const float at[3])
     return k;
 }
 
-/* Room for n more places. */
+/* Grows the capacity by n places. */
 static spin_status reserve_places(struct places *p, size_t n)
 {
     size_t room = 2 * (p->n + n), n_slots = 1024;
@@ -93,8 +92,7 @@ static uint32_t add_place(struct places *p, const float at[3])
     return (uint32_t)p->n++;
 }
 
-/* ---- The passes
- * ---------------------------------------------------------------------------------- */
+/* ---- The passes ------------------------------------------------------------------------------ */
 
 static void add_motion(struct motion *m, const float first[3], const float at[3], bool is_first)
 {
@@ -108,7 +106,7 @@ static void add_motion(struct motion *m, const float first[3], const float at[3]
     }
 }
 
-/* Row i is the same Gaussian in every frame. */
+/* For sources with persistent ids: row i is the same Gaussian in every frame. */
 static spin_status add_rows(struct places *p, int frame, const struct spin_splats *s, uint32_t *of)
 {
     if (frame == 0) {
@@ -126,10 +124,10 @@ static spin_status add_rows(struct places *p, int frame, const struct spin_splat
     return SPIN_OK;
 }
 
-/* A track that only trembles stands still. Its variance is too small to be seen, or from frame to
- * frame it goes as far as noise does: the mean square of the steps of white noise is twice its
- * variance (von Neumann's ratio), that of a motion much less. Sources keep such noise in what does
- * not move. */
+/* A track that only jitters is static: its variance is too small to be visible, or it changes from
+ * frame to frame as much as noise does. The mean square of the differences of white noise is twice
+ * its variance (von Neumann's ratio), that of a motion much less. Sources have such noise in static
+ * regions. */
 static bool stands_still(const struct motion *m, int n_frames, double extent)
 {
     double n = n_frames, variance = m->square / n;
@@ -142,7 +140,7 @@ static bool stands_still(const struct motion *m, int n_frames, double extent)
            variance <= pow(NOISE * extent, 2);
 }
 
-/* Such a track stands where it is on average. */
+/* A static track has its mean position. */
 static void settle(struct places *p, int n_frames, double extent)
 {
     for (size_t i = 0; p->motion && i < p->n; i++) {
@@ -154,7 +152,7 @@ static void settle(struct places *p, int n_frames, double extent)
     }
 }
 
-/* The second splat of a frame at one place has no track. */
+/* A second splat of the same frame at the same place has no track. */
 static spin_status add_places(struct places *p, int frame, const struct spin_splats *s,
                               uint32_t *of)
 {
@@ -203,7 +201,8 @@ static bool is_track(const struct spin_tracks *tracks, const struct place *place
     return place->moves || tracks->identity || 2 * place->n_frames > (uint32_t)tracks->n_frames;
 }
 
-/* What stands at no place for long may be part of a chain, which is a place that moves. */
+/* A splat whose position is occupied in at most half of the frames is matched instead. Each track
+ * built by matching becomes a dynamic place. */
 static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan, struct places *p)
 {
     SPIN_LEAVES(spin_chains_close) struct spin_chains chains = {0};
@@ -223,10 +222,9 @@ static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan
     return SPIN_OK;
 }
 
-/* ---- Numbers
- * ------------------------------------------------------------------------------------- */
+/* ---- Numbering ------------------------------------------------------------------------------- */
 
-/* The places of p that are tracks, along a space-filling curve: order [*n]. */
+/* order [*n] = the places of p that are tracks, along a space-filling curve. */
 static spin_status order_places(const struct spin_tracks *tracks, const struct places *p,
                                 uint32_t *order, size_t *n)
 {
@@ -243,8 +241,8 @@ static spin_status order_places(const struct spin_tracks *tracks, const struct p
     return SPIN_OK;
 }
 
-/* Numbers for the tracks: first those that move, then those that vary, then the others. number
- * [places] = the track, or SPIN_NO_TRACK. order [tracks]: places. */
+/* Numbers the tracks: first dynamic ones, then varying ones, then the others. number [places] = the
+ * track, or SPIN_NO_TRACK. order [tracks]: places. */
 static spin_status number_tracks(struct spin_tracks *tracks, const struct places *p,
                                  const uint32_t *order, const uint8_t *varies, uint32_t *number)
 {
@@ -269,7 +267,8 @@ static spin_status number_tracks(struct spin_tracks *tracks, const struct places
     return SPIN_OK;
 }
 
-/* Which of the tracks look different over time; places that move count as they stand on average. */
+/* Finds the tracks whose appearance varies over time. The results for dynamic tracks are not used.
+ */
 static spin_status look_at_places(const struct spin_tracks *tracks, const struct spin_plan *plan,
                                   struct spin_photos *photos, const struct places *p,
                                   const uint32_t *order, uint8_t *varies)
@@ -323,8 +322,7 @@ void spin_tracks_close(struct spin_tracks *tracks)
     memset(tracks, 0, sizeof *tracks);
 }
 
-/* ---- A frame
- * ------------------------------------------------------------------------------------- */
+/* ---- A frame --------------------------------------------------------------------------------- */
 
 struct spin_frame_size spin_tracks_size(const struct spin_tracks *tracks, int frame, size_t n)
 {

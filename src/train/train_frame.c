@@ -1,10 +1,11 @@
-/* Memory of a frame's parameters, their way to and from the host, and their step. */
+/* Memory of a frame's parameters, their transfer to and from the host, and their groups for Adam.
+ */
 #include "train/train_frame.h"
 
 #include "base/base.h"
 #include "model/residual.h"
 
-/* NULL where there are none. */
+/* *out stays NULL for 0 floats. */
 static spin_status reserve(struct spin_device *d, size_t floats, float SPIN_DEV **out)
 {
     return floats == 0 ? SPIN_OK : d->op->reserve(d, floats * sizeof(float), (void SPIN_DEV **)out);
@@ -138,8 +139,8 @@ spin_status spin_train_frame_download(const struct spin_train_frame *frame, stru
     return SPIN_OK;
 }
 
-/* n rows of one width, of which the first n_free have the rate lr and the others `tracked` times
- * that. */
+/* Splits n rows into up to two groups: the first n_free have the rate all.lr, the others `tracked`
+ * times that. */
 static int split_group(struct spin_param_group all, size_t width, size_t n, size_t n_free,
                        double tracked, struct spin_param_group *group)
 {

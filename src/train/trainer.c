@@ -1,4 +1,4 @@
-/* What a training keeps between steps: its memory, its rates, and the table as it is now. */
+/* State of a training between iterations: memory, rates, and the current table. */
 #include "train/trainer.h"
 
 #include "base/base.h"
@@ -19,7 +19,7 @@ static size_t most_splats(const struct spin_trainer_size *size)
     return most;
 }
 
-/* Splats have values besides the network's. */
+/* True if splats have values besides the network's outputs. */
 static bool has_residual(const struct spin_trainer_size *size)
 {
     size_t sum = size->n_tracks;
@@ -31,7 +31,7 @@ static bool has_residual(const struct spin_trainer_size *size)
 
 static size_t smaller(int a, int b) { return (size_t)(a < b ? a : b); }
 
-/* Gradients of the own values of a batch's frames, at most. */
+/* Floats of the own values of a batch's frames, at most. */
 static size_t own_floats(const struct spin_trainer *t)
 {
     return (size_t)t->max_items * t->n_max * ((t->residuals ? 3 + SPIN_RESIDUAL : 3) + t->sh_width);
@@ -42,7 +42,7 @@ int spin_trainer_frames_at_once(const struct spin_trainer *t)
     return (int)smaller(t->device->frames_at_once, t->max_items);
 }
 
-/* Splats of the frames that go through the device together, at most. */
+/* Splats that the device processes together, at most. */
 static size_t splats_at_once(const struct spin_trainer *t)
 {
     return t->n_max * (size_t)spin_trainer_frames_at_once(t);
@@ -74,7 +74,7 @@ static void close_buffers(struct spin_trainer *t)
     spin_raster_close(&t->raster);
 }
 
-/* Buffers of the splats that go through the device together. */
+/* Buffers for the splats that the device processes together. */
 static spin_status open_buffers(struct spin_trainer *t)
 {
     struct spin_device *d = t->device;
@@ -148,7 +148,8 @@ spin_status spin_trainer_resize(struct spin_trainer *t)
 
     for (int f = 0; f < t->n_frames; f++)
         n = t->frame[f].size.n > n ? t->frame[f].size.n : n;
-    if (n <= t->n_max) { /* no tracks may be left, whose splats' gradients Adam does not clear */
+    if (n <= t->n_max) { /* clears stale gradients: if no tracks are left, Adam clears only those of
+                            own values */
         if (t->d_residual)
             t->device->op->zero(t->device, t->d_residual,
                                 splats_at_once(t) * SPIN_RESIDUAL * sizeof(float));
@@ -161,8 +162,7 @@ spin_status spin_trainer_resize(struct spin_trainer *t)
     return SPIN_OK;
 }
 
-/* ---- What densification goes by ---------------------------------------------------------------
- */
+/* ---- Statistics for densification ------------------------------------------------------------ */
 
 spin_status spin_trainer_join_seen(struct spin_trainer *t)
 {
@@ -274,7 +274,7 @@ double spin_trainer_track_rate(const struct spin_trainer *t, double lr0)
     return spin_lr(lr0, r->end, t->iteration, r->warmup, r->track_iterations);
 }
 
-/* The network's steps: those after it joined. */
+/* Steps of the network: iterations since it joined. */
 int64_t spin_trainer_network_steps(const struct spin_trainer *t)
 {
     return t->iteration > t->rates.network_from ? t->iteration - t->rates.network_from : 0;
@@ -310,7 +310,7 @@ int spin_trainer_sh_degree(const struct spin_trainer *t)
 
 /* ---- The table ------------------------------------------------------------------------------- */
 
-/* After a resume the rates of the steps before it are noted again. */
+/* After a resume, records the rates of the iterations before it. */
 void spin_trainer_catch_up(struct spin_trainer *t, int64_t done)
 {
     while (t->lazy && t->lazy->done < done)

@@ -1,5 +1,4 @@
-/* The frames at which tracks have their own orientation go by; from each, its tracks are followed
- * to both ends. */
+/* For each frame, follows the tracks whose reference frame it is to both ends of the clip. */
 #include "train/turns.h"
 
 #include <math.h>
@@ -11,16 +10,16 @@
 #include "train/kd_tree.h"
 #include "train/knn.h"
 
-/* Neighbours: at most so many, and no further away than so many times what is usual to the next
- * three. Fewer than FEWEST tell no rotation. Tried on court. */
+/* Neighbours: at most NEIGHBOURS, within this multiple of the median spacing. Fewer than FEWEST do
+ * not determine a rotation. Tuned on the clip court. */
 enum { NEIGHBOURS = 24, FEWEST = 4, CHUNK = 64 };
 static const float reach_of_spacing = 8;
-/* Neighbours of another part of the body do not turn with it: weights of their errors, so many
- * times over. */
+/* Neighbours on another part of the body do not turn with the splat: each pass lowers their weights
+ * by their errors. */
 enum { PASSES = 3 };
-/* A turn must take most of the neighbours along: of the square by which one moves, this share may
- * be left. Splats that were linked by their looks slide over a surface, and tell no turn. Tried on
- * court and basketball. */
+/* A turn is accepted if most neighbours follow it, that is, if it leaves at most this share of
+ * their squared displacement. Splats that were matched by their looks slide over a surface and show
+ * no turn. Tuned on the clips court and basketball. */
 static const float most_left = 0.5f;
 
 spin_status spin_turns_open(struct spin_turns *turns, int n_frames)
@@ -52,10 +51,10 @@ spin_status spin_turns_reserve(struct spin_turns *turns, int f, size_t n)
     return SPIN_OK;
 }
 
-/* ---- A rotation
- * ---------------------------------------------------------------------------------- */
+/* ---- A rotation ------------------------------------------------------------------------------ */
 
-/* Offsets in the track's own frame and in another one, from their weighted mean. */
+/* Offsets of neighbours in the track's reference frame and in another one, from their weighted
+ * mean. */
 struct offsets {
     int n;
     float from[NEIGHBOURS][3], to[NEIGHBOURS][3], weight[NEIGHBOURS];
@@ -73,8 +72,8 @@ static void centre(const struct offsets *o, float (*at)[3])
             at[i][c] -= sum[c] / weight;
 }
 
-/* Horn's symmetric matrix, whose greatest eigenvalue belongs to the best rotation from `from` to
- * `to`, and the greatest size that an eigenvalue may have. */
+/* Horn's symmetric matrix: the eigenvector of its largest eigenvalue is the best rotation from
+ * `from` to `to`. Returns an upper bound of the eigenvalues' magnitude. */
 static double fill_matrix(const struct offsets *o, double m[4][4])
 {
     double s[3][3] = {{0}}, most = 0;
@@ -100,8 +99,8 @@ static double fill_matrix(const struct offsets *o, double m[4][4])
     return most;
 }
 
-/* q = the rotation that fits, by powers of the matrix made positive: of those that fit alike, of
- * neighbours on a line, the nearest to q before. */
+/* q = the best rotation, by power iteration on the matrix shifted to be positive. If several fit
+ * equally well, as for neighbours on a line, the one nearest to the previous q. */
 static void fit_rotation(const struct offsets *o, float q[4])
 {
     enum { MOST_POWERS = 100 };
@@ -133,7 +132,7 @@ static void fit_rotation(const struct offsets *o, float q[4])
         q[r] = (float)at[r];
 }
 
-/* By how much a neighbour is off, squared. */
+/* Squared distance between two offsets. */
 static float square_of(const float from[3], const float to[3])
 {
     float x = from[0] - to[0], y = from[1] - to[1], z = from[2] - to[2];
@@ -141,7 +140,7 @@ static float square_of(const float from[3], const float to[3])
     return x * x + y * y + z * z;
 }
 
-/* Neighbours count by how well they follow a turn. Returns whether most do. */
+/* Weights neighbours by how well they follow rotation q. Returns whether most do. */
 static bool weigh(struct offsets *o, const float q[4])
 {
     float square[NEIGHBOURS], mean = 0, turned[3];
@@ -158,15 +157,14 @@ static bool weigh(struct offsets *o, const float q[4])
     return 2 * n_follow > o->n;
 }
 
-/* ---- Following
- * ----------------------------------------------------------------------------------- */
+/* ---- Following tracks ------------------------------------------------------------------------ */
 
 struct near {
     uint32_t row;
     float square;
 };
 
-/* The tracks whose own frame is this. */
+/* A frame that is the reference of some tracks. */
 struct origin {
     const struct spin_turns *turns;
     int frame;
@@ -206,7 +204,7 @@ static int by_track(const void *key, const void *track)
     return (a > b) - (a < b);
 }
 
-/* The row of a track in a frame, or the frame's n. */
+/* Row of a track in a frame, or frame->n if it has none. */
 static size_t row_of(const struct spin_turns_frame *frame, uint32_t track)
 {
     const uint32_t *found =
@@ -221,8 +219,8 @@ static void subtract(const float a[3], const float b[3], float out[3])
         out[c] = a[c] - b[c];
 }
 
-/* q = the turn from row i of the origin to row j of another frame, where q begins as that of the
- * frame before. */
+/* q = the rotation from row i of the reference frame to row j of another frame. On entry it is that
+ * of the previous frame, and stays so if the neighbours show no turn. */
 static void turn_to(const struct origin *origin, const struct nearest *near, size_t i,
                     const struct spin_turns_frame *to, size_t j, float q[4])
 {
@@ -286,7 +284,7 @@ static void follow_rows(void *context, size_t first, size_t end)
             follow(origin, i);
 }
 
-/* The tracks of this frame. */
+/* Follows the tracks whose reference is this frame. */
 static spin_status follow_frame(struct origin *origin, struct spin_pool *pool)
 {
     const struct spin_turns_frame *from = &origin->turns->frame[origin->frame];
@@ -304,8 +302,8 @@ static spin_status follow_frame(struct origin *origin, struct spin_pool *pool)
     return status;
 }
 
-/* A track has its own orientation in the frame that is nearest to the middle of those that it is
- * in. */
+/* The reference frame of a track is that of its frames which is nearest to the middle of the clip.
+ */
 static spin_status choose_frames(const struct spin_turns *turns, size_t n_tracks, int **frame_of)
 {
     int middle = turns->n_frames / 2;

@@ -1,11 +1,11 @@
-/* The look of every splat into the training cameras of its frame. */
+/* Projects every splat into the training cameras of its frame. */
 #include "train/unseen.h"
 
 #include "base/base.h"
 
 static const float unseen_logit = 1.5f; /* opacity 0.8 */
 
-/* Training cameras of a frame: how many, out [n_train]. */
+/* Training cameras of a frame in out [n_train]; returns their number. */
 static size_t cameras_of(const struct spin_plan *plan, int f, const struct spin_camera **out)
 {
     size_t n = 0;
@@ -16,7 +16,7 @@ static size_t cameras_of(const struct spin_plan *plan, int f, const struct spin_
     return n;
 }
 
-/* Whether the place is in a picture of one of them. */
+/* True if the place is visible to one of the cameras. */
 static bool is_seen(const struct spin_camera *const *camera, size_t n, const float place[3])
 {
     double p[3];

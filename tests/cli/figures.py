@@ -612,7 +612,7 @@ def check_said(name, told, j, lines, sizes):
         ops = {op: sum(x[op] for x in timed) for op in timed[0]}
         shown = {op: (float(s), float(share)) for op, s, share in re.findall(
             r"^  (\w+) +([0-9.]+) s +([0-9.]+) %", told, re.M)}
-        wall = line(r"  together +[0-9.]+ s +[0-9.]+ % of ([0-9.]+) s in steps")
+        wall = line(r"  together +[0-9.]+ s +[0-9.]+ % of ([0-9.]+) s in iterations")
         wall = float(wall) if wall else math.nan
         near([shown[op][0] for op in ops], list(ops.values()), 0.0006 + 1e-6 * len(lines), "%s: seconds of operations" % name)
         near([shown[op][1] for op in ops], [100 * s / wall for s in ops.values()], 0.06 + 100 * 0.0006 / wall,

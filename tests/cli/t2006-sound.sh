@@ -61,7 +61,7 @@ is "$code" 0 "one view a time: frames can be refined"
 run "$bin/spin-retrain" "$in" --data "$work/single" -o "$work/single.spin" $small --iterations 12 \
     --lambda-scale 1
 is "$code" 0 "one camera in one place: retrains"
-err_has "all stand in one place" "and says where the extent comes from"
+err_has "are at one position" "and says where the extent comes from"
 extent=$(extent_of "$work/single.spin")
 greater "$extent" 0.1
 ok $? "which is that of the distance to the points ($extent)"

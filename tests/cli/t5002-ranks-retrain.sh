@@ -56,7 +56,7 @@ err_has "^iteration 3: .*[1-9][0-9]* splits, .*: [1-9][0-9]* tracks$" "they are"
 in=$together
 
 ranks 3 "$bin/spin-retrain" "$in" --dry-run --device cpu --batch 2
-err_has "^warning: a step has 2 images (--batch 2), so only 2 of 3 processes draw: give --batch 3, or start fewer" \
+err_has "^warning: an iteration has 2 images (--batch 2), so only 2 of 3 processes work: give --batch 3, or start fewer" \
     "a step of fewer images than processes is said"
 ranks 3 "$bin/spin-retrain" "$in" --dry-run --device cpu --batch 3
 is "$(grep -c 'processes draw' "$work/err")" 0 "one of as many is not"

@@ -32,18 +32,18 @@ same() { # NAME FILE FILE
     ok $? "$1: the same bundle"
 }
 
-by_host='sums over processes go through page-locked host memory, as: '
-by_nccl='sums over processes go from card to card by NCCL 2.0.0$'
+by_host='all-reduce between GPUs: through page-locked host memory, because: '
+by_nccl='all-reduce between GPUs: by NCCL 2.0.0$'
 for n in 2 3; do
     batch=$((n - n / 3)) # of three one has no image
     retrain $n staged $network --batch $batch
     is "$code" 0 "$n processes on a card"
-    err_has "${by_host}ranks 0 and 1 have the same card$" "and -v says how sums go, and why"
+    err_has "${by_host}ranks 0 and 1 use the same GPU$" "and -v says how sums go, and why"
     pinned=$(copied pinned)
     [ "$pinned" -gt 100000 ]
     ok $? "they went through page-locked memory ($pinned bytes)"
     SPIN_EMU_PINNED=0 retrain $n ordinary $network --batch $batch
-    err_has "sums over processes go through ordinary host memory" "where none can be page-locked, ordinary memory"
+    err_has "all-reduce between GPUs: through ordinary host memory" "where none can be page-locked, ordinary memory"
     is "$(copied pinned)" 0 "and that alone"
     same "$n processes" staged ordinary
     SPIN_EMU_CARDS=$n retrain $n linked $network --batch $batch

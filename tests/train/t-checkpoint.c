@@ -311,7 +311,7 @@ static void check_refused(struct spin_device *d)
     end(&r);
     alter("table/last", 1, bits_of(ITERATION + 1));
     ok(resume(&r, d, other) == SPIN_E_MALFORMED &&
-           strstr(spin_last_error(), "row 1 is no step done"),
+           strstr(spin_last_error(), "row 1 is not an iteration up to"),
        "not one that took a step more: %s", spin_last_error());
     ok(spin_checkpoint_sizes(&c, frame, &size) == SPIN_E_USAGE &&
            strstr(spin_last_error(), "another input") &&

@@ -240,7 +240,7 @@ static void test_seeds(void)
     o.seed--;
     ok(run(&o, SPIN_E_IO, "exists"), "with 2^53 - 2 it is another run: %s", spin_last_error());
     o.seed += 2;
-    ok(run(&o, SPIN_E_USAGE, "seed 9007199254740992 is not from 0 to 9007199254740991"),
+    ok(run(&o, SPIN_E_USAGE, "seed 9007199254740992 is not in the range 0 to 9007199254740991"),
        "2^53 is refused: %s", spin_last_error());
     remove(output);
 }
