@@ -26,17 +26,17 @@ static const char *wants_completion; /* name of a shell, or NULL */
 
 static const struct spin_args_row common_rows[] = {
     SPIN_ARG_HEADING("Common"),
-    SPIN_ARG("force", 0, NULL, FLAG, spin_args.force, "overwrite what is there"),
-    SPIN_ARG("json", 0, NULL, FLAG, spin_args.json, "print one JSON document"),
-    SPIN_ARG("threads", 0, "N", INT, spin_args.n_threads, "threads to use (all cores)", .min = 1,
+    SPIN_ARG("force", 0, NULL, FLAG, spin_args.force, "overwrite existing output"),
+    SPIN_ARG("json", 0, NULL, FLAG, spin_args.json, "print the report as one JSON document"),
+    SPIN_ARG("threads", 0, "N", INT, spin_args.n_threads, "number of threads (all cores)", .min = 1,
              .max = 1024),
-    SPIN_ARG("quiet", 'q', NULL, COUNT, spin_args.quiet, "say less"),
-    SPIN_ARG("verbose", 'v', NULL, COUNT, spin_args.verbose, "say more; up to four times"),
+    SPIN_ARG("quiet", 'q', NULL, COUNT, spin_args.quiet, "print less"),
+    SPIN_ARG("verbose", 'v', NULL, COUNT, spin_args.verbose, "print more; repeat up to four times"),
     SPIN_ARG("completion", 0, "bash|zsh", CHOICE, wants_completion,
-             "print the script that completes this command's options in that shell"),
+             "print the completion script for this shell"),
     SPIN_ARG("help", 'h', NULL, FLAG, wants_help_flag,
-             "what matters on one screen; --help all: every option"),
-    SPIN_ARG("version", 0, NULL, FLAG, wants_version, "name and version"),
+             "show the main options; --help all: every option"),
+    SPIN_ARG("version", 0, NULL, FLAG, wants_version, "print name and version"),
     SPIN_ARG_END,
 };
 
@@ -555,7 +555,7 @@ static void print_exporters(const struct spin_args_command *command, bool whole)
     size_t at = 0;
 
     if (whole)
-        printf("\nExporters, the NAME of --%s:\n", command->plugin_selector);
+        printf("\nExporters (NAME of --%s):\n", command->plugin_selector);
     for (const struct spin_exporter *const *i = spin_exporter_list(); *i; i++) {
         snprintf(left, sizeof left, "      %s", (*i)->name);
         if (whole)
@@ -565,7 +565,7 @@ static void print_exporters(const struct spin_args_command *command, bool whole)
                 (size_t)snprintf(names + at, sizeof names - at, "%s%s", at ? ", " : "", (*i)->name);
     }
     if (!whole) {
-        printf("\nExporters, the NAME of --%s:\n", command->plugin_selector);
+        printf("\nExporters (NAME of --%s):\n", command->plugin_selector);
         print_help_row("     ", names);
     }
 }
@@ -594,13 +594,12 @@ static void print_help(const struct parser *p)
     if (p->chosen)
         print_plugin(p);
     else if (command->plugin_kind)
-        printf("%sAn %s can have options of its own: %s --%s NAME --help\n",
-               command->lists_exporters ? "" : "\n", command->plugin_kind, command->name,
-               command->plugin_selector);
+        printf("%sOptions of one %s: %s --%s NAME --help\n", command->lists_exporters ? "" : "\n",
+               command->plugin_kind, command->name, command->plugin_selector);
     if (wants_help == SHORT_HELP)
         printf("\nAll options: %s --help all, or man %s\n", command->name, command->name);
     else
-        printf("\nThe manual page has more: man %s\n", command->name);
+        printf("\nManual: man %s\n", command->name);
 }
 
 /* ---- Completion ------------------------------------------------------------------------------ */

@@ -72,13 +72,13 @@ struct spin_args_row {
 /* Rows of commands that look at the data set of a bundle, into their options `o`. */
 #define SPIN_ARG_DATA_ROWS(o)                                                                      \
     SPIN_ARG("data", 0, "DIR", STRING, (o).data,                                                   \
-             "the multi-view video (the one named in the bundle)"),                                \
+             "multi-view video (the one named in the bundle)"),                                    \
         SPIN_ARG("data-from", 0, "NAME", STRING, (o).data_from,                                    \
-                 "kind of that data set (detected)"),                                              \
+                 "format of the data set (detected)"),                                             \
         SPIN_ARG("pair", 0, "auto|number|order", CHOICE, (o).pair,                                 \
-                 "how frames find their images (auto)")
+                 "match frames to images by frame number or by order (auto)")
 #define SPIN_ARG_DEVICE_ROW(o)                                                                     \
-    SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, (o).device, "what computes (auto)")
+    SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, (o).device, "device to compute on (auto)")
 
 /* For parse(): the place of text in "a|b|c", or -1; how many numbers there are, with commas between
  * and each in the row's limits, or 0 when one is wrong or they are more than room. */

@@ -40,43 +40,45 @@ static bool parse_none(const struct spin_args_row *row, const char *text)
 
 static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Output"),
-    SPIN_ARG("to", 0, "NAME", STRING, options.to,
-             "the exporter; otherwise what the ending of OUT says: .ply, .glb, .html, ..."),
-    SPIN_ARG("output", 'o', "OUT", STRING, options.output, "the folder or file to write"),
-    SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range, "export frame numbers A to B-1"),
+    SPIN_ARG("to", 0, "NAME", STRING, options.to, "exporter (default: by the extension of OUT)"),
+    SPIN_ARG("output", 'o', "OUT", STRING, options.output,
+             "file or folder to write: .ply, .glb, .html, ..."),
+    SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range,
+             "export frames numbered A to B-1 (all)"),
     SPIN_ARG("source", 0, NULL, FLAG, options.source,
              "write the imported attributes instead of the retrained ones"),
     SPIN_ARG(
         "decimate", 0, "N|P%|SIZE|LOSS", STRING, options.decimate,
-        "of each frame the N splats that are seen most; or a share of them (50%); or as many as "
-        "the size of the output (2MB) or a loss (40dB) lets stay"),
+        "keep the N splats per frame that contribute most to the training views; or a share (50%); "
+        "or as many as fit an output size (2MB); or the fewest for a PSNR against all (40dB)"),
     SPIN_ARG("check", 0, NULL, FLAG, options.check,
-             "read back what was written and compare it with the bundle"),
+             "read the output back and compare it with the bundle"),
     SPIN_ARG("sync", 0, NULL, FLAG, options.sync,
-             "wait until every file is on the disk before it gets its name"),
+             "flush every file to disk (fsync) before giving it its final name"),
     SPIN_ARG("list", 0, NULL, FLAG, wants_list, "list the exporters"),
-    SPIN_ARG_HEADING("The scene, by its own axes and units"),
+    SPIN_ARG_HEADING("Scene, in its own axes and units"),
     SPIN_ARG("crop", 0, "BOX|SPHERE", CUSTOM, options.crop,
-             "keep what is in X0,Y0,Z0,X1,Y1,Z1 or in X,Y,Z,RADIUS", .parse = parse_crop),
+             "keep splats inside the bounding box X0,Y0,Z0,X1,Y1,Z1 or the sphere X,Y,Z,RADIUS",
+             .parse = parse_crop),
     SPIN_ARG("min-views", 0, "N", INT, options.min_views,
-             "leave out splats that fewer than N training views of their frame see", .min = 1,
+             "drop splats that are visible in fewer than N training views of their frame", .min = 1,
              .max = 100000),
     SPIN_ARG("floaters", 0, "F", DOUBLE, options.floaters,
-             "leave out splats whose three nearest are F times as far as the median, beyond "
-             "their own reach",
+             "drop isolated splats: RMS distance to the three nearest neighbours above F times the "
+             "median, and beyond three sigma of the splat",
              .min = 1, .max = 1e6),
-    SPIN_ARG(
-        "backdrop", 0, "auto|off", ENUM, options.backdrop,
-        "off: leave out the splats with which spin-retrain closed the scene from behind (auto)"),
-    SPIN_ARG("scale", 0, "S", DOUBLE, options.scale, "then make the scene S times as large (1)",
-             .min = 1e-6, .max = 1e6),
+    SPIN_ARG("backdrop", 0, "auto|off", ENUM, options.backdrop,
+             "off: drop the backdrop that spin-retrain added behind the scene (auto)"),
+    SPIN_ARG("scale", 0, "S", DOUBLE, options.scale, "then scale the scene by S (1)", .min = 1e-6,
+             .max = 1e6),
     SPIN_ARG("translate", 0, "X,Y,Z", CUSTOM, options.translate,
-             "then move it; --up and --rotate of an exporter come after that",
+             "then move the scene; --up and --rotate of an exporter follow",
              .parse = parse_translate),
-    SPIN_ARG_HEADING("Data set, for exporters that draw"),
+    SPIN_ARG_HEADING("Data set, for exporters that render"),
     SPIN_ARG_DATA_ROWS(options),
     SPIN_ARG("background", 0, "COLOUR", COLOUR, options.background,
-             "black, white or R,G,B with each in 0..1, or none: images with alpha (black)",
+             "colour behind the splats: black, white or R,G,B with each in 0..1; none: images with "
+             "alpha (black)",
              .min = 0, .max = 1, .parse = parse_none),
     SPIN_ARG_HEADING("Machine"),
     SPIN_ARG_DEVICE_ROW(options),
@@ -90,9 +92,9 @@ static const char *const usage[] = {
 };
 
 static const char *const examples[] = {
-    "spin-export better.spin -o clip.html                 a page for the browser",
-    "spin-export better.spin --to ply -o frames/          a PLY file a frame",
-    "spin-export better.spin -o frame.spz --range 12:13   one frame",
+    "spin-export better.spin -o clip.html                 write a page for the browser",
+    "spin-export better.spin --to ply -o frames/          write one PLY file per frame",
+    "spin-export better.spin -o frame.spz --range 12:13   write one frame",
     NULL,
 };
 
@@ -102,7 +104,7 @@ static const char *const main_options[] = {"output", "to",   "range", "source",
 
 static const struct spin_args_command command = {
     .name = "spin-export",
-    .summary = "write the frames of a bundle as standard files",
+    .summary = "export the frames of a bundle to standard file formats",
     .usage = usage,
     .examples = examples,
     .main = main_options,

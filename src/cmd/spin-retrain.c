@@ -91,42 +91,40 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Output"),
     SPIN_ARG("output", 'o', "OUT.spin", STRING, options.output, "bundle to write"),
     SPIN_ARG("dry-run", 0, NULL, FLAG, options.dry_run,
-             "print the memory and time needed and stop"),
+             "print the memory and time needed, then exit"),
     SPIN_ARG("resume", 0, NULL, FLAG, options.resume,
-             "continue an interrupted run from the state kept beside OUT.spin"),
+             "continue an interrupted training from the checkpoint beside OUT.spin"),
     SPIN_ARG(
         "cache", 0, "DIR", STRING, options.cache,
-        "keep refined frames in this folder, and take those that are there; runs may share it"),
+        "keep refined frames in this folder and reuse those already there; trainings may share it"),
     SPIN_ARG("preview", 0, "DIR", STRING, options.preview,
-             "write PNGs that show ground truth and render side by side"),
+             "write PNGs of ground truth and render, side by side, to this folder"),
     SPIN_ARG("watch", 0, "DIR", STRING, options.watch,
-             "keep a page in this folder that refreshes itself: curves, pictures, the clip as it "
-             "stands"),
-    SPIN_ARG("log", 0, "FILE", STRING, options.log, "write one line of JSON per step"),
+             "write a page to this folder that refreshes itself: curves, images, the clip so far"),
+    SPIN_ARG("log", 0, "FILE", STRING, options.log, "write one line of JSON per iteration"),
     SPIN_ARG_HEADING("Preset"),
     SPIN_ARG("preset", 0, SPIN_PRESETS, CHOICE, preset,
-             "defaults of all options: minutes on any device, three times as long for the last "
-             "decibel, the paper's, or the paper's method for minutes on a CPU (quick; with "
-             "refinement, or a method that is neither tracks nor 4d: paper)"),
+             "defaults of all other options: quick takes minutes; best takes three times as long, "
+             "for higher quality; paper has the paper's settings; short is the paper's method in "
+             "minutes on a CPU (quick; paper with --refine, --method network or --method frames)"),
     SPIN_ARG_HEADING("Data set"),
     SPIN_ARG("data", 0, "DIR", STRING, options.data,
              "multi-view video (the one named in the bundle)"),
     SPIN_ARG("data-from", 0, "NAME", STRING, options.data_from,
              "format of the data set (detected)"),
     SPIN_ARG("pair", 0, "auto|number|order", CHOICE, options.pair,
-             "match frames to images by frame number or by their order (auto)"),
+             "match frames to images by frame number or by order (auto)"),
     SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range,
-             "use frame numbers A to B-1 only (all)"),
+             "use only frames numbered A to B-1 (all)"),
     SPIN_ARG("test-cams", 0, "LIST", INTS, test_cameras,
-             "numbers of the cameras held out (those that the input was trained without, or the "
-             "data set's own)",
+             "numbers of the held-out cameras (as in the input's training, or the data set's own)",
              .min = 0, .max = 1e9),
 #include "train/options.def"
     SPIN_ARG_HEADING("Machine"),
-    SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, options.device, "device that computes (auto)"),
-    SPIN_ARG(
-        "deterministic", 0, NULL, FLAG, options.deterministic,
-        "on a card: the same run gives the same bits, at some cost; on the cpu it always does"),
+    SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, options.device, "device to compute on (auto)"),
+    SPIN_ARG("deterministic", 0, NULL, FLAG, options.deterministic,
+             "make results on a GPU repeatable to the bit, at some cost in speed; on the CPU they "
+             "always are"),
     SPIN_ARG_END,
 };
 
@@ -137,10 +135,9 @@ static const char *const usage[] = {
 };
 
 static const char *const examples[] = {
-    "spin-retrain balls.spin -o better.spin               says what and how long, then trains",
-    "spin-retrain balls.spin -o best.spin --preset best   three times as long, for the last "
-    "decibel",
-    "spin-retrain balls.spin -o better.spin --dry-run     says what and how long, and no more",
+    "spin-retrain balls.spin -o better.spin               print the plan and the time, then train",
+    "spin-retrain balls.spin -o best.spin --preset best   three times as long, for higher quality",
+    "spin-retrain balls.spin -o better.spin --dry-run     print the plan and the time only",
     NULL,
 };
 
@@ -151,7 +148,7 @@ static const char *const main_options[] = {
 
 static const struct spin_args_command command = {
     .name = "spin-retrain",
-    .summary = "learn the attributes of a bundle anew",
+    .summary = "retrain the splats of a bundle on the images of its data set",
     .usage = usage,
     .examples = examples,
     .main = main_options,
