@@ -130,7 +130,7 @@ bool spin_args_ended(const struct spin_args_command *command, spin_status status
     if (status == SPIN_OK)
         return speaks;
     error = spin_last_error();
-    put_line(command->name, *error ? error : "failed without saying why", "");
+    put_line(command->name, *error ? error : "failed for an unknown reason", "");
     fflush(stdout);
     *code = status == SPIN_E_USAGE ? SPIN_EXIT_USAGE : SPIN_EXIT_FAILED;
     if (status == SPIN_E_CANCELLED)
@@ -145,8 +145,7 @@ int spin_args_finish(const struct spin_args_command *command, int code)
     if (fflush(stdout) == 0 && !ferror(stdout))
         return code;
     if (errno != EPIPE) /* a reader that has left needs no explanation */
-        put_line(command->name,
-                 "cannot write to the standard output: ", strerror(errno ? errno : EIO));
+        put_line(command->name, "cannot write to standard output: ", strerror(errno ? errno : EIO));
     return SPIN_EXIT_FAILED;
 }
 
@@ -336,9 +335,9 @@ static int misuse_value(const struct parser *p, const struct spin_args_row *row,
     static const char *const names[] = {[SPIN_ARG_INT] = "a whole number",
                                         [SPIN_ARG_UINT64] = "a whole number",
                                         [SPIN_ARG_DOUBLE] = "a number",
-                                        [SPIN_ARG_STRING] = "a text that is not empty",
-                                        [SPIN_ARG_INTS] = "whole numbers with commas between",
-                                        [SPIN_ARG_DOUBLES] = "numbers with commas between",
+                                        [SPIN_ARG_STRING] = "a non-empty string",
+                                        [SPIN_ARG_INTS] = "whole numbers separated by commas",
+                                        [SPIN_ARG_DOUBLES] = "numbers separated by commas",
                                         [SPIN_ARG_RANGE] =
                                             "A:B or A:B:STEP with 0 <= A < B and STEP >= 1",
                                         [SPIN_ARG_COLOUR] = "black, white or R,G,B with each",
@@ -423,9 +422,9 @@ static int check_chosen(const struct parser *p)
     if (p->command->lists_exporters && spin_exporter_of_format(p->chosen))
         best = spin_exporter_of_format(p->chosen);
     if (best)
-        return spin_args_misuse(p->command, "no %s is called '%s', did you mean '%s'?",
+        return spin_args_misuse(p->command, "unknown %s '%s', did you mean '%s'?",
                                 p->command->plugin_kind, p->chosen, best);
-    return spin_args_misuse(p->command, "no %s is called '%s'; --list shows them",
+    return spin_args_misuse(p->command, "unknown %s '%s'; --list shows those available",
                             p->command->plugin_kind, p->chosen);
 }
 
@@ -717,7 +716,7 @@ static int keep_pair(struct parser *p, const struct spin_args_row *row, const ch
     for (const struct spin_args_row *other = row; other->help; other++)
         if (other->name && !strcmp(other->name, row->name) && !other->arg != !row->arg)
             return spin_args_misuse(
-                p->command, "'--%s' means different things; say which %s with --%s", row->name,
+                p->command, "'--%s' has different meanings: choose the %s with --%s", row->name,
                 p->command->plugin_kind, p->command->plugin_selector);
     if (!pairs)
         return fail_memory(p->command);

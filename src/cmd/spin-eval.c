@@ -96,15 +96,16 @@ static const struct spin_args_command command = {
     "{{#cameras}}   all{{id %8d}}" MEASURES "\n{{/}}"
 #define ALL "   all     all" MEASURES "   {{views %N view}}, {{attributes}} attributes\n"
 #define FOOT                                                                                       \
-    "{{#mask}}mask     the subject alone, by {{mask}} of the data set\n{{/}}"                      \
+    "{{#mask}}mask     subject only, from {{mask}} of the data set\n{{/}}"                         \
     "{{^dynamic_from=off}}dynamic  {{dynamic %.2p}} % of the pixels, from "                        \
     "{{#dynamic_from=masks}}foreground masks{{/}}{{#dynamic_from=images}}the images{{/}}: "        \
     "PSNR {{psnr_dynamic %.3f}} there, {{psnr_static %.3f}} elsewhere\n{{/}}"                      \
     "{{#background_shows}}holes    PSNR {{psnr_opposite %.3f}} over the opposite background: the " \
     "splats are transparent in places\n{{/}}"                                                      \
     "speed    {{fps %.2f}} frames per second with decoding, {{fps_draw %.2f}} without\n"           \
-    "size     {{storage.file %B}} the file, unpacked {{storage_unpacked.file %B}}; "               \
-    "{{storage.measured %B}} the measured attributes, {{storage.measured_per_frame %B}} a frame\n"
+    "size     {{storage.file %B}} on disk, {{storage_unpacked.file %B}} unpacked; "                \
+    "{{storage.measured %B}} for the measured attributes, "                                        \
+    "{{storage.measured_per_frame %B}} per frame\n"
 
 /* Of several: a row each. What the first one has, all have. */
 #define EACH(text) "{{#runs}}" text "{{/}}"
@@ -208,9 +209,10 @@ static int compare(void)
     int code;
 
     if (options.images || options.log)
-        return spin_args_misuse(&command, "--images and --log are for one bundle without --table");
+        return spin_args_misuse(&command,
+                                "--images and --log need a single bundle, without --table");
     if (table && spin_args.json)
-        return spin_args_misuse(&command, "--table and --json are two forms of the same");
+        return spin_args_misuse(&command, "--table and --json exclude each other");
     if (!spin_args_begin(&command, &code) ||
         !spin_args_ended(
             &command,

@@ -140,11 +140,11 @@ static const char text[] =
     "{{#left_out}}, {{left_out %N splat}} left out{{/}}\n"
     "{{#decimated}}decimated: {{after %M}} of {{before %N splat}} {{unit}}, by {{by}}; "
     "{{#pictures}}{{#psnr}}{{psnr %.2f}} dB{{/}}{{^psnr}}no difference{{/}} against all of them in "
-    "{{pictures %N picture}} from {{cameras}}{{/}}{{^pictures}}no picture shows one{{/}}\n"
+    "{{pictures %N image}} from {{cameras}}{{/}}{{^pictures}}no image shows one{{/}}\n"
     "{{#tries}}          {{reached %B}} in all, found by writing {{tries %N time}}\n{{/}}{{/}}"
     "{{#check}}read back: {{frames %N frame}}, {{splats %N splat}}; "
-    "boxes differ by {{bounds %.3g}} at most\n"
-    "  place                error {{place.rms %.3g}} rms, {{place.largest %.3g}} at most\n"
+    "bounding boxes differ by {{bounds %.3g}} at most\n"
+    "  position             error {{place.rms %.3g}} rms, {{place.largest %.3g}} at most\n"
     "{{#place_sizes}}                       {{place_sizes %.3g}} of the splat's size at most"
     "{{#place_pixels}}, {{place_pixels %.3g}} pixels of the data set's cameras{{/}}\n{{/}}"
     "  log scale            error {{log_scale.rms %.3g}} rms, {{log_scale.largest %.3g}} at most\n"
@@ -154,10 +154,9 @@ static const char text[] =
     "  colour               error {{colour.rms %.3g}} rms, {{colour.largest %.3g}} at most\n"
     "  sh                   error {{sh.rms %.3g}} rms, {{sh.largest %.3g}} at most\n"
     "{{#sh_lost}}  sh                   lost in {{sh_lost}} of {{splats %N splat}}, which {{to}} "
-    "does not "
-    "hold\n{{/}}"
+    "does not store\n{{/}}"
     "{{^rendered=}}frame {{rendered}} rendered from the file: {{#psnr}}{{psnr %.2f}} dB against "
-    "{{/}}the bundle's own picture\n{{/}}{{/}}";
+    "{{/}}the bundle's own render\n{{/}}{{/}}";
 
 /* Without --to, an output whose ending says nothing. */
 static int misuse_output(const char *output)
@@ -166,11 +165,10 @@ static int misuse_output(const char *output)
 
     near = ending && ending[1] ? spin_exporter_nearest(ending) : NULL;
     if (near)
-        return spin_args_misuse(&command, "no exporter writes '%s'; the nearest is %s", ending,
-                                near);
-    return spin_args_misuse(&command,
-                            "say what to write with --to, or by the ending of --output; --list "
-                            "shows what there is");
+        return spin_args_misuse(&command, "no exporter writes '%s'; the nearest format is %s",
+                                ending, near);
+    return spin_args_misuse(
+        &command, "choose a format with --to (see --list) or by the extension of --output");
 }
 
 static int check(void)
@@ -182,11 +180,10 @@ static int check(void)
     if (!options.to && options.output)
         return misuse_output(options.output);
     if (!options.to)
-        return spin_args_misuse(&command,
-                                "say what to write with --to, or by the ending of --output; --list "
-                                "shows what there is");
+        return spin_args_misuse(
+            &command, "choose a format with --to (see --list) or by the extension of --output");
     if (!options.output)
-        return spin_args_misuse(&command, "say where to write with --output");
+        return spin_args_misuse(&command, "--output is missing");
     return SPIN_EXIT_OK;
 }
 

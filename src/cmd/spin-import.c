@@ -123,7 +123,8 @@ static const char list_text[] =
 
 #define REPORT_TO_SPLATS                                                                           \
     "{{#continuous}}time        any from {{time_range.0 %.10g}} to {{time_range.1 %.10g}}, "       \
-    "{{#sampled=ends}}read at both ends (--frames, --times or --data say where else){{/}}"         \
+    "{{#sampled=ends}}read at both ends (choose other times with --frames, --times or "            \
+    "--data){{/}}"                                                                                 \
     "{{#sampled=evenly}}sampled evenly{{/}}"                                                       \
     "{{#sampled=times}}sampled at the times of --times{{/}}"                                       \
     "{{#sampled=data}}sampled as the data set's frames are{{/}}\n{{/}}"                            \
@@ -147,7 +148,7 @@ static const char list_text[] =
     "{{#cameras}}check       frame {{frame}}, camera {{camera}}: {{in_front %.1p}} % of the "      \
     "points in front, {{inside %.1p}} % inside, {{folder}}/{{file}}\n{{/}}"                        \
     "{{#shares.cameras}}camera {{camera %-4d}} at least {{least_in_front %.1p}} % of the points "  \
-    "in front, {{least_inside %.1p}} % inside{{#apart}}: far fewer than others{{/}}\n{{/}}"        \
+    "in front, {{least_inside %.1p}} % inside{{#apart}}: far fewer than others{{/}}\n{{/}}"         \
     "{{#shares}}median      {{in_front %.1p}} % of the points in front, {{inside %.1p}} % "        \
     "inside, of all views\n{{/}}"                                                                  \
     "{{#output}}written     {{output}}\n{{/}}"
@@ -164,7 +165,7 @@ static const char views_text[] =
     "{{#options}}            settings: {{options}}\n{{/}}{{/}}"
 static const char bundle_text[] =
     "bundle      {{bundle}}, by {{generator}}\n" FROM "upstream    {{upstream}}\n"
-    "{{#data}}data        {{data}}, {{data_from}}{{^data_there}}: it is not there{{/}}\n{{/}}"
+    "{{#data}}data        {{data}}, {{data_from}}{{^data_there}}: not found{{/}}\n{{/}}"
     "frames      {{frames}} of the source's {{source_frames}}" NUMBERS "splats      " SPLATS
     "\nattributes " ATTRIBUTES SPLATS_4D STATIC "{{#refined}}refined     " SPLATS
     ", {{options.iterations}} iterations each\n" STAGE "{{#trained}}trained     " SPLATS
@@ -204,16 +205,19 @@ static int check(void)
     if (wants_info && options.output)
         return spin_args_misuse(&command, "--info writes nothing, but --output was given");
     if (!wants_info && !options.output && !options.check_cameras)
-        return spin_args_misuse(&command, "say where to write with --output, or use --info");
+        return spin_args_misuse(&command,
+                                "--output is missing; to describe the input only, use --info");
     if (wants_views && !wants_info)
-        return spin_args_misuse(&command, "--views goes with --info");
+        return spin_args_misuse(&command, "--views requires --info");
     if (options.full && !wants_info)
-        return spin_args_misuse(&command, "--full goes with --info: an import reads every frame");
+        return spin_args_misuse(&command,
+                                "--full requires --info: an import always reads every frame");
     if (from && !from->open)
         return spin_args_misuse(&command, "'%s' reads data sets: use --data-from", from->name);
     if (options.data_from &&
         (data_from ? !data_from->views : !spin_plugin_fault(options.data_from)))
-        return spin_args_misuse(&command, "no data set is called '%s'; --list shows them",
+        return spin_args_misuse(&command,
+                                "unknown data set format '%s'; --list shows those available",
                                 options.data_from);
     if (options.n_frames && times.n)
         return spin_args_misuse(&command, "--frames and --times exclude each other");

@@ -162,15 +162,16 @@ static const char plan_text[] =
     "work        {{iterations %N iteration}}{{#method=frames}} on each frame{{/}}, "
     "{{frames %N frame}}, {{splats_mean %N splat}} each\n"
     "{{#densify_every}}densify     every {{densify_every}} iterations"
-    "{{#full}}, only to prune: --max-points leaves no room{{/}}\n{{/}}"
+    "{{#full}}, pruning only: --max-points is reached{{/}}\n{{/}}"
     "memory      {{bytes_needed %B}} needed, {{#bytes_available}}{{bytes_available %B}}{{/}}"
     "{{^bytes_available}}an unknown amount{{/}} available\n"
-    "{{^fits}}            it does not fit: {{#fitting}}{{fitting}} fits{{/}}"
-    "{{^fitting}}nothing smaller was found that does{{/}}\n{{/}}"
+    "{{^fits}}            it does not fit: {{#fitting}}{{fitting}} would fit{{/}}{{^fitting}}no "
+    "smaller setting was found that would{{/}}\n{{/}}"
     "{{^ranks=1}}processes   {{ranks}}; each needs that memory, and together they send up to "
-    "{{bytes_sent %B}} a step{{#densify_every}}, more as densification adds splats{{/}}\n{{/}}"
+    "{{bytes_sent %B}} per iteration{{#densify_every}}, more as densification adds "
+    "splats{{/}}\n{{/}}"
     "time        {{#seconds_estimated}}about {{seconds_estimated %T}}{{/}}"
-    "{{^seconds_estimated}}not known on a card{{/}}\n";
+    "{{^seconds_estimated}}not known on a GPU{{/}}\n";
 
 static const char text[] =
     "{{output}}: {{iterations %N iteration}} in {{#seconds}}{{seconds %T}}{{/}}"
@@ -246,11 +247,10 @@ static void warn_without_effect(int argc, char **argv)
               (options.refine > 0 && options.densify) ||
                   (tracks && options.refine == 0 && options.densify_every != 0),
               "without densification");
-    warn_idle(argc, argv, of_residual, !tracks || own,
-              "with tracks, which have values of their own");
+    warn_idle(argc, argv, of_residual, !tracks || own, "with tracks, which have their own values");
     warn_idle(argc, argv, of_heads_alone,
               options.method != SPIN_METHOD_NETWORK || (!tracks && !own),
-              "where splats have values of their own");
+              "where splats have their own values");
     warn_idle(argc, argv, of_exposure, options.learn_exposure != SPIN_EXPOSURE_OFF,
               "without --learn-exposure");
 }
@@ -262,7 +262,7 @@ static int check(void)
     if (!spin_args.word)
         return spin_args_misuse(&command, "IN.spin is missing");
     if (!options.output && !options.dry_run)
-        return spin_args_misuse(&command, "say where to write with --output");
+        return spin_args_misuse(&command, "--output is missing");
     if (options.batch > 0 && options.views_per_frame > options.batch)
         return spin_args_misuse(&command, "--views-per-frame %d is more than --batch %d",
                                 options.views_per_frame, options.batch);

@@ -35,8 +35,8 @@ static spin_status check_views(const spin_json *first, const spin_json *run)
                json_equal(spin_json_get(spin_json_at(a, i), "camera"),
                           spin_json_get(spin_json_at(b, i), "camera"));
     return same ? SPIN_OK
-                : spin_misuse("'%s' and '%s' have other views: give --range, --split or "
-                              "--test-cams that both have",
+                : spin_misuse("'%s' and '%s' have different views: choose common ones with "
+                              "--range, --split or --test-cams",
                               spin_json_string(spin_json_get(first, "input")),
                               spin_json_string(spin_json_get(run, "input")));
 }
@@ -72,8 +72,8 @@ static void warn_data(const char *const *input, int n)
         if (spin_bundle_open(input[i], &bundle) == SPIN_OK &&
             spin_bundle_data_path(&bundle, i == 0 ? &first : &path) == SPIN_OK && path && first &&
             strcmp(path, first) != 0)
-            spin_warn("'%s' is measured against '%s', and '%s' against '%s': --data names one "
-                      "data set for all",
+            spin_warn("'%s' is measured against '%s', but '%s' against '%s': use --data to choose "
+                      "one data set for all",
                       input[0], first, input[i], path);
     }
 }

@@ -88,8 +88,8 @@ static spin_status name_all(struct convert *c)
     if (!c->to) {
         dot = strrchr(spin_path_name(c->output), '.');
         nearest = dot && dot[1] ? spin_exporter_nearest(dot) : NULL;
-        return spin_misuse("the ending of '%s' names no exporter: %s%s", c->output,
-                           nearest ? "the nearest is " : "say which with --to",
+        return spin_misuse("no exporter for the extension of '%s': %s%s", c->output,
+                           nearest ? "the nearest format is " : "choose one with --to",
                            nearest ? nearest : "");
     }
     if (named)
@@ -123,7 +123,7 @@ static spin_status check_preset(const struct convert *c)
     if (!c->tracks || !preset || strcmp(preset, "quick") == 0 || strcmp(preset, "best") == 0)
         return SPIN_OK;
     return spin_misuse(
-        "'%s' holds 4D splats, which are trained with the presets quick and best, not %s", c->to,
+        "'%s' stores 4D splats, which can be trained with --preset quick or best, not %s", c->to,
         preset);
 }
 
@@ -143,8 +143,8 @@ static spin_status check_bundle(const struct convert *c)
             continue;
         SPIN_TRY(spin_path_absolute(written[i], &path));
         if (strcmp(input, path) == 0 && (i == 0 || !c->is_trained))
-            return spin_misuse("the retrained clip would be '%s', which is the input: give "
-                               "another name with --output",
+            return spin_misuse("the retrained clip would overwrite the input '%s': choose another "
+                               "name with --output",
                                written[i]);
     }
     return SPIN_OK;
@@ -192,10 +192,11 @@ static spin_status import(struct convert *c)
         return import_from(c, o->data);
     status = import_from(c, c->beside);
     if (status == SPIN_OK)
-        spin_log(0, "uses the data set '%s' beside the run; --data names another", c->beside);
+        spin_log(0, "using the data set '%s' found beside the run; --data chooses another",
+                 c->beside);
     if (status == SPIN_OK || status == SPIN_E_CANCELLED || status == SPIN_E_MEMORY)
         return status;
-    spin_warn("the data set '%s' beside the run is not used: %s", c->beside, spin_last_error());
+    spin_warn("not using the data set '%s' found beside the run: %s", c->beside, spin_last_error());
     free(c->beside);
     c->beside = NULL;
     return import_from(c, NULL);
@@ -273,7 +274,7 @@ static spin_status retrain(struct convert *c)
         return retrain_as(c, c->import, c->bundle, false);
     if (frames)
         SPIN_TRY(retrain_as(c, c->import, c->tracks, false));
-    spin_log(0, "'%s' holds 4D splats: training them from these frames", c->to);
+    spin_log(0, "'%s' stores 4D splats: training them from these frames", c->to);
     return retrain_as(c, frames ? c->tracks : c->import, c->bundle, true);
 }
 
@@ -318,25 +319,28 @@ static spin_status run(struct convert *c)
     if (c->imports && !o->no_retrain)
         SPIN_TRY(check_preset(c));
     if (!c->imports && (o->n_frames > 0 || o->from))
-        return spin_misuse("%s is for a run, and '%s' is a bundle", o->from ? "--from" : "--frames",
-                           o->input);
+        return spin_misuse("%s applies to runs only, but '%s' is a bundle",
+                           o->from ? "--from" : "--frames", o->input);
     if (c->imports)
         SPIN_TRY(import(c));
     SPIN_TRY(look(c));
     trains = retrains(c);
     if (trains)
-        spin_log(0, "retraining on its images; --no-retrain leaves that out, and Ctrl-C keeps what "
-                    "is done");
+        spin_log(0, "retraining on the images of the data set; --no-retrain skips this, and Ctrl-C "
+                    "stops with a checkpoint");
     else if (o->preset || o->iterations > 0)
         spin_warn("nothing is retrained, so %s has no effect: %s",
                   o->preset ? "--preset" : "--iterations",
-                  o->no_retrain   ? "--no-retrain is given"
-                  : c->is_trained ? "the clip is trained already, and spin-retrain trains it anew"
-                                  : "no data set is known, and --data names one");
+                  o->no_retrain ? "--no-retrain is given"
+                  : c->is_trained
+                      ? "the clip is already trained; use spin-retrain to train it again"
+                      : "no data set is known; give one with --data");
     else if (!o->no_retrain && c->is_trained)
-        spin_log(0, "it is trained already, so nothing is retrained; spin-retrain trains it anew");
+        spin_log(
+            0,
+            "the clip is already trained and is not retrained; use spin-retrain to train it again");
     else if (!o->no_retrain)
-        spin_log(0, "no data set is known, so nothing is retrained; --data names one");
+        spin_log(0, "no data set is known, so the clip is not retrained; give one with --data");
     if (trains)
         SPIN_TRY(retrain(c));
     else if (c->imports)

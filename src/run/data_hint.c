@@ -82,14 +82,15 @@ void spin_data_hint(const char *input, char *text, size_t n_text)
 
     text[0] = '\0';
     if (found.n == 1)
-        snprintf(text, n_text,
-                 "a data set (%s) lies beside the run: --data '%s', if it was trained on that\n",
-                 found.importer->name, found.path);
-    else if (found.n > 1)
         snprintf(
             text, n_text,
-            "%d data sets lie beside the run, one in '%s': --data says which it was trained on\n",
-            found.n, found.path);
+            "a data set (%s) was found beside the run: use --data '%s' if it was trained on that\n",
+            found.importer->name, found.path);
+    else if (found.n > 1)
+        snprintf(text, n_text,
+                 "%d data sets were found beside the run, one in '%s': use --data to choose the "
+                 "one it was trained on\n",
+                 found.n, found.path);
     free(found.path);
 }
 

@@ -31,7 +31,7 @@ static const char *const kin[][3] = {
     {"usd usdc usdz", ".usda", "usd"},
     {"ksplat splatv", ".splat", "splat"},
     {"splat4d 4dgs", ".sogst", "sogst"},
-    {"spin", "what spin-import and spin-retrain write", NULL}};
+    {"spin", "a bundle, which spin-import and spin-retrain write", NULL}};
 enum { N_KIN = sizeof kin / sizeof *kin };
 
 static bool is_ending(const char *output, const char *ending)
@@ -121,8 +121,8 @@ spin_status spin_exporter_check_name(const struct spin_exporter *e, const char *
         if (!e->frame && strcmp(endings[i][1], e->name) == 0 &&
             spin_text_ends_any_case(endings[i][0], ending))
             return SPIN_OK;
-    return spin_misuse("'%s' is named as what '%s' writes, but --to is '%s': leave out --to or "
-                       "the ending",
+    return spin_misuse("the extension of '%s' is that of exporter '%s', but --to is '%s': omit "
+                       "--to or the extension",
                        output, by, e->name);
 }
 
@@ -132,8 +132,9 @@ spin_status spin_bundle_check_name(const char *output)
 
     if (!ending || strcasecmp(ending, ".spin") == 0)
         return SPIN_OK;
-    return spin_misuse("'%s' would be a bundle, which is named *.spin; spin-export writes %s of it",
-                       output, spin_exporter_for(output) ? ending : spin_exporter_nearest(ending));
+    return spin_misuse(
+        "'%s' would be a bundle and must be named *.spin; convert it with spin-export to %s",
+        output, spin_exporter_for(output) ? ending : spin_exporter_nearest(ending));
 }
 
 spin_status spin_report_check_name(const char *path)
@@ -149,9 +150,11 @@ spin_status spin_report_check_name(const char *path)
 
     for (size_t i = 0; i < sizeof others / sizeof *others; i++)
         if (is_ending(path, others[i][0]))
-            return spin_misuse("--report '%s': the report is a page of HTML, *.html; %s", path,
-                               others[i][1]);
+            return spin_misuse(
+                "--report '%s': the report is an HTML page and must be named *.html; %s", path,
+                others[i][1]);
     if (ending && strcasecmp(ending, ".html") != 0)
-        return spin_misuse("--report '%s': the report is a page of HTML, *.html", path);
+        return spin_misuse("--report '%s': the report is an HTML page and must be named *.html",
+                           path);
     return SPIN_OK;
 }

@@ -51,7 +51,7 @@ static spin_status open_clip(struct eval *e)
     e->report->refined = e->from == SPIN_FROM_REFINED;
     SPIN_TRY(spin_clip_pairs(&e->clip, o->split, &e->pairs, &e->n_pairs));
     if (e->n_pairs == 0)
-        return spin_not_found("the data set has no view in this split");
+        return spin_not_found("the data set has no views in this split");
     SPIN_TRY(spin_image_cache_open(&e->clip.views, spin_memory_available() / 4, o->background,
                                    &e->pixels));
     if (o->mask)
@@ -77,8 +77,8 @@ static void warn_exposures(const struct eval *e)
             n += id == e->clip.views.view[e->pairs[i].view].camera_id;
         }
     if (n > 0)
-        spin_warn("%zu of %zu views are of cameras whose exposure was learned; they are drawn with "
-                  "the mean exposure, so their figures are too low",
+        spin_warn("%zu of %zu views belong to cameras whose exposure was learned; they are "
+                  "rendered with the mean exposure, so their scores are too low",
                   n, e->n_pairs);
 }
 
@@ -122,7 +122,7 @@ static spin_status open_lpips(struct eval *e)
     if (!o->lpips_backbone && !o->lpips_lin)
         return SPIN_OK;
     if (!o->lpips_backbone || !o->lpips_lin)
-        return spin_misuse("LPIPS needs both files of a network: --lpips-backbone and --lpips-lin");
+        return spin_misuse("LPIPS needs both --lpips-backbone and --lpips-lin");
     SPIN_TRY(spin_lpips_open(o->lpips_backbone, o->lpips_lin, o->n_threads, &one));
     network = spin_lpips_network(one);
     spin_lpips_close(e->lpips[network]);
@@ -137,7 +137,7 @@ static spin_status open_lpips(struct eval *e)
 static spin_status check_report(const struct spin_eval_options *o)
 {
     if (o->log && !o->report)
-        return spin_misuse("the log is for the report: say where with --report");
+        return spin_misuse("--log is read for the report only: give --report");
     if (o->report)
         SPIN_TRY(spin_report_check_name(o->report));
     if (o->log && !spin_path_exists(o->log))
@@ -222,7 +222,7 @@ static spin_status run_eval(struct eval *e)
 
     SPIN_TRY(check_report(o));
     if (o->mask && o->dynamic != SPIN_DYNAMIC_AUTO && o->dynamic != SPIN_DYNAMIC_OFF)
-        return spin_misuse("--mask scores one region alone: it goes without --dynamic");
+        return spin_misuse("--mask and --dynamic exclude each other");
     SPIN_TRY(open_lpips(e));
     SPIN_TRY(open_clip(e));
     SPIN_TRY(open_players(e));
@@ -243,7 +243,7 @@ static spin_status run_eval(struct eval *e)
     }
     SPIN_TRY(spin_metrics_run(&m, &report->mean));
     if (!report->mean.valid)
-        return spin_not_found("--mask: no view of this split shows the subject");
+        return spin_not_found("--mask: the subject is in no view of this split");
     SPIN_TRY(sum_left_out(e));
     report->n_views = e->n_pairs;
     report->n_frames = e->clip.n_frames;

@@ -156,7 +156,7 @@ static spin_status find_exporter(const char *name, const struct spin_exporter **
     }
     if (spin_plugin_fault(name))
         return spin_unsupported("%s", spin_plugin_fault(name));
-    return spin_misuse("no exporter '%s'; there are %s", name, known);
+    return spin_misuse("unknown exporter '%s'; available: %s", name, known);
 }
 
 static double clip_stride(const struct spin_clip *clip)
@@ -297,12 +297,12 @@ static spin_status find_4d(struct export *x)
         return SPIN_OK;
     if (bundle->meta.four_d.n > 0)
         return spin_unsupported(
-            "'%s' holds 4D splats, and what was trained is frames: 'spin-retrain --method 4d' "
-            "makes 4D splats of them, and --source writes those of the source",
+            "'%s' stores 4D splats, but the training produced frames: convert them with "
+            "'spin-retrain --method 4d', or export the imported 4D splats with --source",
             x->o->to);
     return spin_unsupported(
-        "this clip is frames, and '%s' holds 4D splats: make them by 'spin-retrain --method 4d', "
-        "import a source that has them without --frames, or write another format",
+        "'%s' stores 4D splats, but this clip has frames: convert them with 'spin-retrain --method "
+        "4d', import a source of 4D splats without --frames, or choose another format",
         x->o->to);
 }
 
@@ -389,8 +389,8 @@ static spin_status begin_export(struct export *x)
     SPIN_TRY(spin_scene_edit_views(&x->edit, &job.views));
     job.counts = x->edit.filters && !x->splats_4d ? NULL : x->counts;
     if (job.antialias && !x->exporter->antialias)
-        spin_warn("these splats are trained with antialiasing, which '%s' files do not tell "
-                  "viewers: switch it on there",
+        spin_warn("these splats were trained with antialiasing, which '%s' files cannot record: "
+                  "enable it in the viewer",
                   o->to);
     if (spin_rank() > 0)
         return x->splats_4d ? SPIN_OK : write_frames(x);
@@ -464,7 +464,7 @@ static spin_status decimate(struct export *x, const struct spin_decimate_goal *g
 
     SPIN_TRY(check_output(x->o));
     if (spin_n_ranks() > 1)
-        return spin_unsupported("--decimate works in one process, not under mpirun");
+        return spin_unsupported("--decimate runs in a single process only, not under mpirun");
     d->clip = &x->clip;
     d->frames = &x->player;
     d->splats_4d = x->splats_4d;
@@ -498,7 +498,9 @@ static spin_status say_lens(const struct export *x)
     double corner;
 
     if (n_cameras > 0)
-        spin_log(0, "in the colours of the mean camera: the training gave each of its %zu its own",
+        spin_log(0,
+                 "exporting the colours of the mean camera: the training learned an exposure for "
+                 "each of its %zu cameras",
                  n_cameras);
     if (!spin_bundle_has_lenses(&x->clip.bundle, x->from))
         return SPIN_OK;
@@ -506,8 +508,8 @@ static spin_status say_lens(const struct export *x)
     corner = spin_lenses_corner(&lenses);
     if (lenses.n > 0)
         spin_log(0,
-                 "without the falloff of the cameras' lens, whose pictures have %.0f %% of the "
-                 "brightness in the corners",
+                 "exporting without the lens falloff, which leaves %.0f %% of the brightness in "
+                 "the corners of the images",
                  100 * corner);
     spin_lenses_free(&lenses);
     return SPIN_OK;
@@ -523,7 +525,7 @@ static void warn_of_background(const struct export *x)
         spin_training_warn_background(&x->clip.bundle, x->from, rgb, "draws");
     else if (!o->transparent && !o->check && !o->decimate &&
              (rgb[0] != 0 || rgb[1] != 0 || rgb[2] != 0))
-        spin_warn("no effect without pictures: --background");
+        spin_warn("no effect without rendered images: --background");
 }
 
 static spin_status run_export(struct export *x)
@@ -543,9 +545,10 @@ static spin_status run_export(struct export *x)
     SPIN_TRY(spin_exporter_check_name(x->exporter, o->output));
     SPIN_TRY(spin_plugin_check(o->to, x->exporter->options, o->plugin_pairs));
     if (o->check && !x->exporter->checks)
-        return spin_misuse("--check: what '%s' writes cannot be read back", o->to);
+        return spin_misuse("--check: the output of '%s' cannot be read back", o->to);
     if (o->transparent && !x->exporter->alpha)
-        return spin_misuse("--background none: what '%s' writes has no alpha; images have", o->to);
+        return spin_misuse(
+            "--background none: the output of '%s' has no alpha channel; use --to images", o->to);
     c.wants_views = x->exporter->looks_at_views || o->check || o->decimate || o->min_views > 0;
     SPIN_TRY(spin_clip_open(&c, &x->clip));
     SPIN_TRY(spin_scene_edit_begin(&x->edit, o, &x->clip));
@@ -635,7 +638,7 @@ static spin_json *decimated_json(const struct spin_decimated *d)
         return json_null();
     j = json_pack("{s:f, s:f, s:s, s:s, s:s, s:i}", "before", d->before, "after", d->after, "unit",
                   d->in_all ? "in all" : "a frame", "by",
-                  d->by_views ? "their share of the pictures" : "opacity and size", "cameras",
+                  d->by_views ? "their contribution to the images" : "opacity and size", "cameras",
                   d->by_views ? "training cameras" : "all around", "pictures", d->n_pictures);
     spin_json_set_number(j, "psnr", d->n_pictures > 0 ? d->psnr : (double)NAN);
     spin_json_set(j, "tries", json_integer(d->n_tries));

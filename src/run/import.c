@@ -74,7 +74,7 @@ static spin_status source_frame(struct import *im, int i, unsigned columns, stru
 /* Work goes on without the data set of an exported clip, which nobody asked for. */
 static void forget_data(struct import *im)
 {
-    spin_warn("the data set of the exported clip is not used: %s", spin_last_error());
+    spin_warn("not using the data set of the exported clip: %s", spin_last_error());
     spin_views_free(&im->views);
     free(im->data);
     im->data = NULL;
@@ -106,7 +106,7 @@ static spin_status open_data(struct import *im)
     if (im->data && *im->views.notes)
         spin_note(&im->sequence, "%s", im->views.notes);
     if (im->data && !o->data)
-        spin_note(&im->sequence, "the data set is that of the exported clip: '%s'", im->data);
+        spin_note(&im->sequence, "using the data set of the exported clip: '%s'", im->data);
     return status;
 }
 
@@ -124,14 +124,14 @@ static void look_for_frames(struct import *im)
     im->n_own = t->n_clip_frames;
     if (im->n_own > MOST_OWN) {
         im->n_own = MOST_OWN;
-        spin_note(t, "its clip has %d frames, of which %d are taken, at even distances (--frames)",
+        spin_note(t, "the clip has %d frames, of which %d are sampled evenly (see --frames)",
                   t->n_clip_frames, MOST_OWN);
     }
     if (!o->output || im->n_own > 0)
         return;
     if (t->counts_frames && t->time_last - t->time_first < INT_MAX) {
         im->n_own = (int)(t->time_last - t->time_first) + 1;
-        spin_note(t, "sampled at the %s that the run says it has",
+        spin_note(t, "sampled at the %s that the run contains",
                   spin_text_count(im->n_own, "frame", frames));
         return;
     }
@@ -144,10 +144,10 @@ static void look_for_frames(struct import *im)
 
         im->n_own = span > 2 && span < 1e4 ? (int)(30 * span + 0.5) + 1 : 61;
         spin_note(t,
-                  "the run does not say how many frames its clip has: %d are shown, from time %g "
-                  "to %g%s (--data gives those of a data set)",
+                  "the run does not store its number of frames: %d are sampled, from time %g to "
+                  "%g%s (use --data for those of a data set)",
                   im->n_own, t->time_first, t->time_last,
-                  im->keeps_4d ? "; the 4D splats hold any time" : "");
+                  im->keeps_4d ? "; the 4D splats cover all times in between" : "");
     }
 }
 
@@ -159,11 +159,10 @@ static void note_focal(struct import *im)
     const char *data = im->data ? im->data : beside;
 
     if (data && strcmp(im->importer->name, "realtime4dgs") == 0 && spin_data_has_focal(data))
-        spin_note(
-            &im->sequence,
-            "'%s' tells focal lengths by fl_x: Realtime-4DGS takes a field of view of -1 for such "
-            "data, and splats grow too large in training and look blurred; spin-retrain mends that",
-            data);
+        spin_note(&im->sequence,
+                  "'%s' stores focal lengths as fl_x, which Realtime-4DGS reads as a field of view "
+                  "of -1: its splats are too large and look blurred; spin-retrain corrects this",
+                  data);
 }
 
 /* See that the data set's frames can be paired with ours, and remember where it is. */
@@ -205,8 +204,8 @@ static void warn_outside(const struct spin_sequence_info *t, const struct spin_f
         if (frame[i].time < t->time_first - room || frame[i].time > t->time_last + room)
             odd = n_outside++ ? odd : frame[i].time;
     if (n_outside > 0)
-        spin_warn("%d of %d times are outside of the run, which is from %g to %g, such as %g",
-                  n_outside, n, t->time_first, t->time_last, odd);
+        spin_warn("%d of %d times, such as %g, are outside the time range of the run, %g to %g",
+                  n_outside, n, odd, t->time_first, t->time_last);
 }
 
 /* Where a continuous method is sampled: at the times asked for, evenly, or as the data set is. */
@@ -225,8 +224,8 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
                          : *n > 0       ? "data"
                                         : "ends");
     if (*n <= 0 && o->output)
-        return spin_misuse("'%s' is continuous in time, from %g to %g, and nothing here says how "
-                           "many frames it has: give them with --frames, --times or --data",
+        return spin_misuse("'%s' is continuous in time, from %g to %g, and does not store its "
+                           "number of frames: choose them with --frames, --times or --data",
                            o->input, t->time_first, t->time_last);
     if (*n <= 0) /* a look at both ends is enough to describe it */
         *n = 2;
@@ -359,12 +358,12 @@ static void judge_cameras(const spin_json *cameras)
         inside += of_camera(cameras, i, "inside") / (double)n;
     }
     if (in_front < 0.5)
-        spin_warn("only %.0f %% of the points are in front of the cameras: are the axes right, and "
-                  "is this the data set of that run",
+        spin_warn("only %.0f %% of the points are in front of the cameras: check the axes, and "
+                  "that --data is the data set of this run",
                   100 * in_front);
     else if (inside < 0.1)
-        spin_warn("only %.0f %% of the points are inside the images: are the axes right, and is "
-                  "this the data set of that run",
+        spin_warn("only %.0f %% of the points are inside the images: check the axes, and that "
+                  "--data is the data set of this run",
                   100 * inside);
 }
 
@@ -405,11 +404,10 @@ static spin_status report_shares(struct import *im, const struct spin_camera_sha
                                        c->inside, "apart", c->apart));
         if (!c->apart)
             continue;
-        spin_warn(
-            "camera %d has %.0f %% of the points in front and %.0f %% inside its image in frame "
-            "%d, where half of the views have %.0f %% and %.0f %% or more: is its pose right",
-            v->camera_id, 100 * c->in_front, 100 * c->inside, number, 100 * shares->in_front,
-            100 * shares->inside);
+        spin_warn("camera %d has %.0f %% of the points in front and %.0f %% inside its image in "
+                  "frame %d, but the median of all views is %.0f %% and %.0f %%: check its pose",
+                  v->camera_id, 100 * c->in_front, 100 * c->inside, number, 100 * shares->in_front,
+                  100 * shares->inside);
         if (n_apart++ >= CHECKED_APART ||
             is_drawn(spin_json_get(im->report, "cameras"), number, v->camera_id))
             continue;
@@ -472,12 +470,13 @@ static spin_status check_frame(const struct import *im, int i, unsigned wanted,
 
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
         if ((wanted & column) && (!*spin_column_of(&splats, column) || s->n > s->capacity))
-            return spin_unsupported("the importer '%s' gives no %s of frame %d", im->importer->name,
-                                    spin_column_name(column), i);
+            return spin_unsupported("the importer '%s' provides no %s in frame %d",
+                                    im->importer->name, spin_column_name(column), i);
     }
     if ((wanted & SPIN_COL_SH) && s->sh_degree != im->sequence.sh_degree)
-        return spin_unsupported("the importer '%s' gives SH of degree %d in frame %d, %d before",
-                                im->importer->name, s->sh_degree, i, im->sequence.sh_degree);
+        return spin_unsupported(
+            "the importer '%s' provides SH of degree %d in frame %d, but %d before",
+            im->importer->name, s->sh_degree, i, im->sequence.sh_degree);
     return SPIN_OK;
 }
 
@@ -493,8 +492,8 @@ static spin_status check_scales(const struct import *im, int i, const struct spi
         }
     if (n == 0)
         return SPIN_OK;
-    return spin_malformed("cannot read '%s': frame %d: the scale of row %zu, exp(%g), is beyond "
-                          "floats, as %zu are in all: remove these splats from the file",
+    return spin_malformed("cannot read '%s': frame %d: the scale of row %zu, exp(%g), overflows "
+                          "a float, and so do %zu scales in all: remove these splats from the file",
                           im->input, im->meta.frame[i].number, first / 3,
                           (double)s->log_scales[first], n);
 }
@@ -519,8 +518,8 @@ static spin_status read_frame(struct import *im, int i, int rank, unsigned colum
     SPIN_TRY(spin_share_splats(out, columns, rank));
     meta->frame[i].n = out->n;
     if (im->writing && meta->static_columns && out->n != meta->frame[0].n)
-        return spin_malformed("the importer '%s' gives %zu splats in frame %d and %zu in frame 0, "
-                              "but says that columns are the same in both",
+        return spin_malformed("the importer '%s' provides %zu splats in frame %d but %zu in frame "
+                              "0, although it declares static columns",
                               im->importer->name, out->n, i, meta->frame[0].n);
     if (columns & SPIN_COL_MEANS)
         widen_bounds(im, out);
@@ -703,8 +702,8 @@ static void say_why(struct import *im)
     if (im->o->from) {
         snprintf(text, sizeof text, "named by --from");
     } else if (im->importer->probe && spin_peek_open(im->input, &peek) == SPIN_OK) {
-        snprintf(text, sizeof text, "by %s, with a certainty of %d in 100",
-                 peek.is_folder     ? "the names in the folder and what its files begin with"
+        snprintf(text, sizeof text, "by %s, with a confidence of %d %%",
+                 peek.is_folder     ? "the names in the folder and the first bytes of its files"
                  : *peek.tail_names ? "the names in the archive"
                                     : "its first bytes",
                  im->importer->probe(&peek));
@@ -774,8 +773,8 @@ static spin_status check_frame_times(const struct spin_import_options *o)
     if (!o->frame_times)
         return SPIN_OK;
     if (!o->data || o->n_frames > 0 || o->n_times > 0)
-        return spin_misuse("--frame-times says how --data gives the times: it goes with a data "
-                           "set, and without --frames and --times");
+        return spin_misuse("--frame-times chooses how frames of --data get their times: it "
+                           "requires --data, and excludes --frames and --times");
     for (size_t i = 0; i < sizeof rules / sizeof *rules; i++) {
         if (strcmp(o->frame_times, rules[i]) == 0)
             return SPIN_OK;
@@ -792,9 +791,9 @@ static spin_status check_track(const struct import *im)
     if (!t->continuous && t->n_frames < 1)
         return spin_malformed("the importer '%s' found no frames", name);
     if (!(t->columns & SPIN_COL_MEANS))
-        return spin_unsupported("the importer '%s' gives no positions", name);
+        return spin_unsupported("the importer '%s' provides no positions", name);
     if ((t->columns & SPIN_COL_SH) && (t->sh_degree < 0 || t->sh_degree > 3))
-        return spin_unsupported("the importer '%s' gives SH of degree %d, not 0..3", name,
+        return spin_unsupported("the importer '%s' provides SH of degree %d, not 0..3", name,
                                 t->sh_degree);
     return SPIN_OK;
 }
@@ -808,15 +807,16 @@ static spin_status find_4d(struct import *im)
     if (im->importer->splats_4d)
         SPIN_TRY(im->importer->splats_4d(im->self, &im->four_d));
     if (im->four_d && !spin_splats_4d_is_settled(im->four_d))
-        return spin_malformed("the importer '%s' gives 4D splats that it has not settled",
+        return spin_malformed("the importer '%s' provides 4D splats that are not settled",
                               im->importer->name);
     im->keeps_4d = im->four_d && im->sequence.continuous && !sampled && !o->positions_only &&
                    (im->sequence.columns & SPIN_COL_ATTRIBUTES) == SPIN_COL_ATTRIBUTES;
     if (o->precision && !(im->keeps_4d && o->output))
-        return spin_misuse("--precision is for 4D splats that a bundle keeps as such");
+        return spin_misuse("--precision requires a source of 4D splats, imported without --frames, "
+                           "--times or --positions-only");
     if (im->four_d && sampled && o->output)
         spin_note(&im->sequence,
-                  "sampled, as --frames or --times ask for: the 4D splats themselves are not kept");
+                  "sampled at --frames or --times: the 4D splats themselves are not stored");
     return SPIN_OK;
 }
 
@@ -827,7 +827,7 @@ static spin_status run_import(struct import *im)
 
     SPIN_TRY(check_frame_times(o));
     if (o->check_cameras && !o->data)
-        return spin_misuse("--check-cameras draws over images: say where with --data");
+        return spin_misuse("--check-cameras needs images: give a data set with --data");
     if (o->output)
         SPIN_TRY(spin_bundle_check_name(o->output));
     SPIN_TRY(spin_inputs_add_path(o->input));
@@ -843,7 +843,7 @@ static spin_status run_import(struct import *im)
     SPIN_TRY(check_track(im));
     SPIN_TRY(find_4d(im));
     if (im->below)
-        spin_note(&im->sequence, "the run is in '%s'", im->below);
+        spin_note(&im->sequence, "the run was found in '%s'", im->below);
     SPIN_TRY(open_data(im));
     look_for_frames(im);
     note_focal(im);

@@ -31,8 +31,8 @@ static void count_rows(struct spin_sequence_info *t, bool numbered, struct spin_
     }
     if (!counted)
         spin_note(t,
-                  "the data set's frames are at the method's times 0 to %g, not at their own "
-                  "(--frame-times data)",
+                  "the data set's frames are placed at the method's times 0 to %g, not at their "
+                  "own (see --frame-times data)",
                   all[n - 1].time);
 }
 
@@ -49,8 +49,8 @@ static void compare_ranges(struct spin_sequence_info *t, const struct spin_frame
     if (n > 1 && (last - first < 0.5 * span || last > t->time_last + 0.5 * span ||
                   first < t->time_first - 0.5 * span))
         spin_note(t,
-                  "the data set's times are %g to %g and the method's %g to %g: do both use the "
-                  "same unit? (--frame-times)",
+                  "the data set's times are %g to %g but the method's %g to %g: check that both "
+                  "use the same unit (see --frame-times)",
                   first, last, t->time_first, t->time_last);
 }
 
@@ -74,8 +74,9 @@ void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info
     }
     for (int i = 0; i < n; i++)
         all[i].time = t->time_first + span * i / steps;
-    spin_note(t, "%sthey are spread over the times %g to %g, frame i of n at i/%s (--frame-times)",
-              automatic ? "the data set only counts its frames: " : "the data set's frames: ",
+    spin_note(t, "%sspread over the times %g to %g, frame i of n at i/%s (see --frame-times)",
+              automatic ? "the data set numbers its frames without times: "
+                        : "the data set's frames: ",
               all[0].time, all[n - 1].time, half_open ? "n" : "(n-1)");
 }
 
@@ -157,8 +158,8 @@ spin_status spin_exported_frames(const char *input, struct spin_frame_info *fram
 
     SPIN_TRY(open_sequence(input, &path, &root));
     if (root && !take(root, frame, n, place, meta))
-        spin_warn("'%s' does not fit the frames beside it: their times and places in the exported "
-                  "clip are not used",
+        spin_warn("'%s' does not match the frames beside it: ignoring the times and positions of "
+                  "the frames in the exported clip",
                   path);
     return SPIN_OK;
 }

@@ -77,12 +77,12 @@ static spin_status check_output(const struct run *r, bool *done)
         return spin_output_check_file(o->output, false); /* says what is there */
     }
     if ((part || parts) && !o->resume && !o->force)
-        return spin_fail(
-            SPIN_E_IO,
-            "an unfinished run is in '%s': use --resume to go on, or --force to start anew",
-            part ? r->plan.part : r->plan.parts);
+        return spin_fail(SPIN_E_IO,
+                         "an unfinished training is in '%s': use --resume to continue it, or "
+                         "--force to start again",
+                         part ? r->plan.part : r->plan.parts);
     if (o->resume && !part && !parts)
-        spin_warn("nothing to resume: '%s' has no unfinished state, the run starts anew",
+        spin_warn("nothing to resume: '%s' has no checkpoint, starting from the beginning",
                   o->output);
     return SPIN_OK;
 }
@@ -115,7 +115,7 @@ static spin_status check_disk(const struct run *r)
     if (room < bytes)
         return spin_fail(
             SPIN_E_IO,
-            "cannot write '%s': state and output take %s and more, and the disk has %s free",
+            "cannot write '%s': checkpoint and output need at least %s, but the disk has %s free",
             p->o->output, spin_text_bytes(bytes, need), spin_text_bytes(room, left));
     return SPIN_OK;
 }
@@ -154,8 +154,8 @@ static spin_status check_paths(const struct run *r)
     status = spin_ranks_gather(path, sizeof *path);
     for (int i = 1; i < spin_n_ranks() && status == SPIN_OK; i++)
         if (strcmp(path[i], path[0]) != 0)
-            status = spin_misuse("rank %d computes with code path '%s' and rank 0 with '%s': give "
-                                 "all the same one, with SPIN_CPU",
+            status = spin_misuse("rank %d uses the SIMD path '%s' but rank 0 '%s': set the same "
+                                 "one on all ranks with SPIN_CPU",
                                  i, path[i], path[0]);
     free(path);
     return spin_ranks_agree(status);
@@ -256,10 +256,10 @@ static const char *why_not(enum spin_look_why why)
 {
     static const char *const text[] = {
         [SPIN_LOOK_SEEN] = "",
-        [SPIN_LOOK_FEW] = "too few points are seen by three training cameras",
-        [SPIN_LOOK_SAME_RADII] = "each point is about as far from the middle in all pictures",
-        [SPIN_LOOK_ODD] = "what points show is no lens's",
-        [SPIN_LOOK_NOT_HELD_OUT] = "held-out points hardly show it",
+        [SPIN_LOOK_FEW] = "too few points are visible in three training cameras",
+        [SPIN_LOOK_SAME_RADII] = "each point is about equally far from the centre in all images",
+        [SPIN_LOOK_ODD] = "the measured falloff fits no lens",
+        [SPIN_LOOK_NOT_HELD_OUT] = "held-out points do not confirm it",
     };
 
     return text[why];
@@ -274,10 +274,9 @@ static void describe_look(const struct run *r, bool on, char text[400])
 
     if (corner_of(r) != 1)
         snprintf(falloff, sizeof falloff,
-                 "their pictures have %.1f %% of the brightness in the corners",
-                 100 * corner_of(r));
+                 "their images keep %.1f %% of the brightness in the corners", 100 * corner_of(r));
     else
-        snprintf(falloff, sizeof falloff, "no falloff is seen (%s)", why_not(look->falloff));
+        snprintf(falloff, sizeof falloff, "no falloff is measured (%s)", why_not(look->falloff));
     snprintf(text, 400, "cameras differ in colour by %.1f %%%s%s%s, %s", 100 * look->spread,
              refused ? " (" : "", refused ? why_not(look->gains) : "", refused ? ")" : "", falloff);
 }
@@ -293,13 +292,13 @@ static void say_exposure(const struct run *r)
         spin_lenses_warn(&r->plan.lenses, &r->plan.clip.views, r->plan.test, r->plan.n_test);
     describe_look(r, on, text);
     if (on && r->look.spread < 0)
-        spin_log(0, "no point is seen by three training cameras to compare their colours: "
-                    "exposures and falloff begin at none");
+        spin_log(0, "no point is visible in three training cameras to compare their colours: "
+                    "exposures and falloff start from none");
     else if (on)
         spin_log(0, "%s: learning an exposure for each camera%s", text,
                  r->plan.lenses_stay ? "" : ", and the falloff of their lens");
     else if (r->look.spread < 0)
-        spin_log(1, "no point is seen by three training cameras to compare their colours: no "
+        spin_log(1, "no point is visible in three training cameras to compare their colours: no "
                     "exposure is learned");
     else
         spin_log(r->look.spread > least_spread ? 0 : 1, "%s: no exposure is learned", text);
@@ -329,14 +328,14 @@ static void say_plan(const struct run *r)
              spin_text_count(r->plan.clip.n_frames, "frame", frames), r->plan.clip.n_mean,
              r->plan.n_train, r->plan.n_test, r->device.description);
     if (trains_4d(r))
-        spin_log(0, "%zu 4D splats, %zu of them are alike in all frames", r->rows.n,
+        spin_log(0, "%zu 4D splats, %zu of them the same in all frames", r->rows.n,
                  r->rows.n_whole);
     if (r->plan.o->method != SPIN_METHOD_NETWORK)
         return;
     spin_log(0, "%.1f M parameters in the table, %.1f %% of the points outside the unit ball",
              (double)r->plan.field.n_table / 1e6, 100 * outside);
     if (outside > 0.9)
-        spin_warn("nearly all points lie outside the unit ball: consider --scene-normalise auto");
+        spin_warn("nearly all points are outside the unit ball: consider --scene-normalise auto");
 }
 
 static spin_status look_at_source(struct run *r)
@@ -358,20 +357,20 @@ static spin_status find_tracks(struct run *r)
     if (!p->o->tracks)
         return SPIN_OK;
     if (r->refinement.frame) {
-        spin_log(0, "refined frames have no splats in common: no tracks");
+        spin_log(0, "refined frames share no splats: no tracks");
         return SPIN_OK;
     }
     SPIN_TRY(spin_tracks_find(t, &r->plan, p->o->dynamic_residual ? &r->photos : NULL));
     SPIN_TRY(spin_backdrop_add(&r->plan, t));
     if (t->n_backdrop > 0)
-        spin_log(0, "a backdrop of %zu splats closes the scene behind its surfaces", t->n_backdrop);
+        spin_log(0, "added a backdrop of %zu splats behind the surfaces of the scene",
+                 t->n_backdrop);
     if (t->n == 0)
-        spin_log(0, "no splat is found again in other frames: no tracks%s",
-                 spin_plan_densifies(p) ? ", each frame's splats are densified alone" : "");
+        spin_log(0, "no splat matches one of another frame: no tracks%s",
+                 spin_plan_densifies(p) ? ", each frame is densified independently" : "");
     else
-        spin_log(0, "%zu tracks, %zu move%s, %zu have attributes of every frame", t->n, t->n_moving,
-                 t->identity ? "" : " (splats that are alike in frames after each other)",
-                 t->n_varying);
+        spin_log(0, "%zu tracks, %zu dynamic%s, %zu with attributes per frame", t->n, t->n_moving,
+                 t->identity ? "" : " (matched between neighbouring frames)", t->n_varying);
     return SPIN_OK;
 }
 
@@ -516,7 +515,7 @@ static void warn_worse(const struct run *r)
 
     if (before->valid && test->valid && test->psnr < before->psnr)
         spin_warn("the result is worse than the %s, test PSNR %.3f dB after %.3f dB: try %s",
-                  trains_4d(r) ? "clip it began with" : "source", test->psnr, before->psnr,
+                  trains_4d(r) ? "input clip" : "source", test->psnr, before->psnr,
                   trains_clip(r) && r->plan.o->method != SPIN_METHOD_NETWORK
                       ? "more --iterations, or --preset best"
                   : trains_clip(r) ? "more --iterations, --preset short, or --residual source"
@@ -554,7 +553,7 @@ static void keep_clip(struct run *r)
     plan.o = &o;
     output.plan = &plan;
     if (spin_output_write(&output) != SPIN_OK && spin_rank() == 0)
-        spin_warn("the clip of the state cannot be looked at: %s", spin_last_error());
+        spin_warn("cannot write the clip of the checkpoint for viewing: %s", spin_last_error());
 }
 
 /* Something failed, or was interrupted: what was trained is kept, so that --resume need not do it
@@ -577,8 +576,8 @@ static spin_status keep(struct run *r, spin_status failed)
         c->saved == r->trainer.iteration)
         keep_clip(r);
     if (c->saved >= 0)
-        return spin_fail(failed, "%s%s; the state of iteration %lld is kept in '%s'%s%s", why, kept,
-                         (long long)c->saved, r->plan.part, c->sound ? ": " : "",
+        return spin_fail(failed, "%s%s; the checkpoint of iteration %lld is kept in '%s'%s%s", why,
+                         kept, (long long)c->saved, r->plan.part, c->sound ? ": " : "",
                          c->sound ? go_on : "");
     if (!lost && r->refinement.frame && spin_path_is_folder(r->plan.parts))
         return spin_fail(failed, "%s; the frames refined so far are kept in '%s'%s%s", why,
@@ -635,11 +634,12 @@ static spin_status close_log(struct run *r)
 
     spin_step_log_close(&r->step_log);
     if (*r->step_log.error)
-        return spin_fail(SPIN_E_IO, "'%s' is written, but the log '%s' is incomplete: %s", output,
+        return spin_fail(SPIN_E_IO, "'%s' is complete, but the log '%s' is not: %s", output,
                          r->step_log.path, r->step_log.error);
-    return *incomplete ? spin_fail(SPIN_E_IO, "'%s' is written, but not all beside it: %s", output,
-                                   incomplete)
-                       : SPIN_OK;
+    return *incomplete
+               ? spin_fail(SPIN_E_IO, "'%s' is complete, but an additional output is not: %s",
+                           output, incomplete)
+               : SPIN_OK;
 }
 
 static void close_all(struct run *r)

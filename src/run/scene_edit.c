@@ -22,17 +22,18 @@ spin_status spin_scene_edit_begin(struct spin_scene_edit *e, const struct spin_e
     if (o->backdrop == SPIN_EXPORT_BACKDROP_OFF && !o->source)
         SPIN_TRY(spin_bundle_tracks_open((struct spin_bundle *)&clip->bundle, &e->tracks));
     if (o->backdrop == SPIN_EXPORT_BACKDROP_OFF && e->tracks.n_backdrop == 0)
-        spin_warn("--backdrop off: these splats have no backdrop");
+        spin_warn("--backdrop off has no effect: these splats have no backdrop");
     e->filters = o->n_crop > 0 || o->min_views > 0 || o->floaters > 0 || e->tracks.n_backdrop > 0;
     e->moves = (o->scale > 0 && o->scale != 1) || by[0] != 0 || by[1] != 0 || by[2] != 0;
     for (int c = 0; c < 3 && o->n_crop == 6; c++)
         if (!(box[c] < box[3 + c]))
-            return spin_misuse("--crop: the box goes from %g to %g, expected from less to more",
-                               box[c], box[3 + c]);
+            return spin_misuse(
+                "--crop: the bounding box spans %g to %g: give the smaller coordinate first",
+                box[c], box[3 + c]);
     if (o->n_crop == 4 && !(box[3] > 0))
-        return spin_misuse("--crop: a sphere of radius %g holds nothing", box[3]);
+        return spin_misuse("--crop: the radius of the sphere is %g, expected more than 0", box[3]);
     if (o->min_views > 0 && !clip->has_views)
-        return spin_misuse("--min-views: there is no data set, give --data DIR");
+        return spin_misuse("--min-views needs a data set: give --data DIR");
     return o->floaters > 0 ? spin_pool_create(o->n_threads, &e->pool) : SPIN_OK;
 }
 
@@ -67,7 +68,7 @@ void spin_scene_edit_say(const struct spin_scene_edit *e)
             at += (size_t)snprintf(text + at, sizeof text - at, "%s%llu by --%s", at ? ", " : "",
                                    (unsigned long long)e->n_left_out[k], names[k]);
     if (e->filters && e->n_kept == 0 && e->n_seen > 0)
-        spin_warn("no splat is left: %s", text);
+        spin_warn("no splats are left: %s", text);
     else if (e->filters)
         spin_log(0, "%llu of %s left out%s%s", (unsigned long long)(e->n_seen - e->n_kept),
                  spin_text_count((long long)e->n_seen, "splat", count), at ? ": " : "", text);

@@ -76,10 +76,10 @@ static spin_status add_curves(const char *log, spin_json *now)
     SPIN_TRY(spin_train_log_read(log, LOSS_POINTS, &history));
     to = spin_text_open(&text, &n);
     if (!to)
-        return spin_fail(SPIN_E_MEMORY, "no memory for curves");
+        return spin_fail(SPIN_E_MEMORY, "out of memory for the curves");
     draw_curves(&history, to);
     if (fclose(to) != 0)
-        return spin_fail(SPIN_E_MEMORY, "no memory for curves");
+        return spin_fail(SPIN_E_MEMORY, "out of memory for the curves");
     spin_json_set_string(now, "curves", text);
     spin_json_set_number(now, "seconds", history.total_seconds);
     return SPIN_OK;
@@ -149,7 +149,7 @@ spin_status spin_watch_update(const struct spin_watch *w, const struct spin_outp
     spin_json_set_bool(now, "done", done);
     text = spin_json_text(now, false);
     status = text ? write_text(w->now, "show(", text, ")\n")
-                  : spin_fail(SPIN_E_MEMORY, "no memory for the page");
+                  : spin_fail(SPIN_E_MEMORY, "out of memory for the page");
 out:
     spin_json_free(now);
     return spin_fail_context(status, "--watch");

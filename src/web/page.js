@@ -19,7 +19,7 @@ worker.onmessage = ({ data }) => {
     } else if (/ left\b/.test(data.text) && /%/.test(data.text)) $('now').textContent = data.text;
     else print(data.stream, data.text);
 };
-worker.onerror = (e) => print('err', `the worker broke off: ${e.message}`);
+worker.onerror = (e) => print('err', `the worker failed: ${e.message}`);
 
 function print(stream, text) {
     const line = document.createElement('div');
@@ -59,13 +59,13 @@ function open(files) {
     const options = [];
     if ($('from').value) options.push('--from', $('from').value);
     if ($('frames').value) options.push('--frames', $('frames').value);
-    return alone('reading', async () => {
+    return alone('reading the files', async () => {
         $('log').replaceChildren();
         $('clip').hidden = true;
         if ((await ask('import', { files, input, name, options })).code) return;
-        $('now').textContent = 'making the page that plays it';
+        $('now').textContent = 'preparing the player';
         const page = await ask('export', { to: 'html', name: 'clip.html' });
-        if (page.code) print('err', 'the clip cannot be shown here, but saved');
+        if (page.code) print('err', 'the clip cannot be shown here, but it can be saved');
         const old = $('player').src;
         $('player').src = page.code ? 'about:blank' : URL.createObjectURL(new Blob([page.files[0][1]], { type: 'text/html' }));
         if (old.startsWith('blob:')) URL.revokeObjectURL(old);
@@ -148,7 +148,7 @@ function zip(files) {
     return new Blob([...parts, ...directory, end]);
 }
 
-for (const button of document.querySelectorAll('[data-name]')) button.onclick = () => alone('writing', async () => {
+for (const button of document.querySelectorAll('[data-name]')) button.onclick = () => alone('writing the files', async () => {
     const { to, name: file } = button.dataset;
     const { code, files } = to ? await ask('export', { to, name: file }) : await ask('bundle');
     if (code) return;

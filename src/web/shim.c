@@ -49,8 +49,8 @@ spin_status spin_library_need(struct spin_library *library)
         while (i < n && strcmp(linked[i].name, f->name) != 0)
             i++;
         if (i == n)
-            return spin_unsupported("%s needs %s, which spin4d in the browser lacks", library->user,
-                                    f->name);
+            return spin_unsupported("%s needs %s, which spin4d does not have in the browser",
+                                    library->user, f->name);
         *(void **)f->into = linked[i].function;
     }
     return SPIN_OK;

@@ -50,7 +50,7 @@ async function command(args, say, before) {
         code = module.callMain(args);
     } catch (e) {
         const memory = /memory|OOM|Aborted/i.test(String(e));
-        say('err', memory ? 'not enough memory: a page can have 4 GB' : `the command broke off: ${String(e).slice(0, 200)}`);
+        say('err', memory ? 'out of memory: a page can use at most 4 GB' : `the command failed: ${String(e).slice(0, 200)}`);
     }
     return { code, module };
 }
