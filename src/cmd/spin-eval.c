@@ -1,4 +1,4 @@
-/* spin-eval: how good the splats of a bundle look from cameras that are known. */
+/* spin-eval: measure a bundle against the images of its data set. */
 #include "cmd/args.h"
 
 #include <math.h>
@@ -107,7 +107,7 @@ static const struct spin_args_command command = {
     "{{storage.measured %B}} for the measured attributes, "                                        \
     "{{storage.measured_per_frame %B}} per frame\n"
 
-/* Of several: a row each. What the first one has, all have. */
+/* Tables with a row per bundle. All bundles have the columns of the first one. */
 #define EACH(text) "{{#runs}}" text "{{/}}"
 #define IF_DYNAMIC(text) "{{#runs.0.psnr_dynamic}}" text "{{/}}"
 #define IF_VGG(text) "{{#runs.0.lpips_vgg}}" text "{{/}}"
@@ -144,7 +144,7 @@ static const char latex_text[] = "\\begin{tabular}{lrr" IF_DYNAMIC("r") IF_VGG("
                                                                "{{megabytes %.2f}} "
                                                                "\\\\\n") "\\end{tabular}\n";
 
-/* A name as such a table takes it. */
+/* Writes a run's name, escaped for the format of the table. */
 static void escape(const char *name, FILE *to)
 {
     bool csv = table && *table == 'c', latex = table && *table == 'l';
@@ -167,7 +167,8 @@ static void escape(const char *name, FILE *to)
         putc('"', to);
 }
 
-/* What only the tables have. */
+/* Adds to each run the values that only tables print: escaped names and sizes in megabytes. Takes
+ * ownership of report. */
 static char *for_tables(char *report)
 {
     spin_json *document = NULL, *runs;
@@ -198,7 +199,7 @@ static char *for_tables(char *report)
     return spin_json_finish(document, &text) == SPIN_OK ? text : NULL;
 }
 
-/* What is asked of several bundles, or of one in the same form. */
+/* Measures several bundles, or one in the form of a table. */
 static int compare(void)
 {
     const char *form = !table          ? plain_text

@@ -1,4 +1,4 @@
-/* spin-export: standard files out of a bundle. */
+/* spin-export: write the frames of a bundle in standard file formats. */
 #include "cmd/args.h"
 
 #include <string.h>
@@ -9,7 +9,7 @@
 static struct spin_export_options options = {.device = "auto"};
 static bool wants_list;
 
-/* Just `n` numbers. */
+/* Parses exactly `n` numbers, at most 7. */
 static bool parse_numbers(const struct spin_args_row *row, const char *text, int n)
 {
     double value[7];
@@ -158,7 +158,7 @@ static const char text[] =
     "{{^rendered=}}frame {{rendered}} rendered from the file: {{#psnr}}{{psnr %.2f}} dB against "
     "{{/}}the bundle's own render\n{{/}}{{/}}";
 
-/* Without --to, an output whose ending says nothing. */
+/* Without --to, the extension of the output must be known. */
 static int misuse_output(const char *output)
 {
     const char *name = strrchr(output, '/'), *ending = strrchr(name ? name : output, '.'), *near;

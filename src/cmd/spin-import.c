@@ -1,4 +1,4 @@
-/* spin-import: another method's run to a bundle. */
+/* spin-import: import a run of another method as a bundle. */
 #include "cmd/args.h"
 
 #include <stdlib.h>
@@ -118,7 +118,7 @@ static const char list_text[] =
     "{{#splats_4d}}4D splats   {{n}}, paths of degree {{degree}}"                                  \
     "{{#arrays.0}}, with{{#arrays}} {{.}}{{/}}{{/}}: frames are their slices\n{{/}}"
 #define STATIC "{{#static.0}}static     {{#static}} {{.}}{{/}}\n{{/}}"
-/* What --info says, and an import does not. */
+/* Printed by --info but not by an import. */
 #define RECOGNISED "recognised  {{recognised}}\nupstream    {{upstream}}\n"
 
 #define REPORT_TO_SPLATS                                                                           \
@@ -148,7 +148,7 @@ static const char list_text[] =
     "{{#cameras}}check       frame {{frame}}, camera {{camera}}: {{in_front %.1p}} % of the "      \
     "points in front, {{inside %.1p}} % inside, {{folder}}/{{file}}\n{{/}}"                        \
     "{{#shares.cameras}}camera {{camera %-4d}} at least {{least_in_front %.1p}} % of the points "  \
-    "in front, {{least_inside %.1p}} % inside{{#apart}}: far fewer than others{{/}}\n{{/}}"         \
+    "in front, {{least_inside %.1p}} % inside{{#apart}}: far fewer than others{{/}}\n{{/}}"        \
     "{{#shares}}median      {{in_front %.1p}} % of the points in front, {{inside %.1p}} % "        \
     "inside, of all views\n{{/}}"                                                                  \
     "{{#output}}written     {{output}}\n{{/}}"
@@ -181,7 +181,7 @@ static const char bundle_text[] =
     "{{#bytes.heads}}, heads {{bytes.heads %B}}{{/}}"
     "{{^bytes_unpacked.file=@bytes.file}}; unpacked {{bytes_unpacked.file %B}}{{/}}\n";
 
-/* A data set's options follow its name: "dynerf:time=unit". */
+/* Options of a data set follow its name: "dynerf:time=unit". */
 static const struct spin_importer *find_importer(const char *name)
 {
     size_t length = name ? strcspn(name, ":") : 0;
@@ -194,7 +194,7 @@ static const struct spin_importer *find_importer(const char *name)
     return NULL;
 }
 
-/* What can be said to be asked wrongly without opening anything. */
+/* Usage errors that can be found without opening any file. */
 static int check(void)
 {
     const struct spin_importer *from = find_importer(options.from);

@@ -1,4 +1,4 @@
-/* spin-retrain: learn the attributes of a bundle anew. */
+/* spin-retrain: retrain the splats of a bundle on the images of its data set. */
 #include "cmd/args.h"
 
 #include <math.h>
@@ -41,7 +41,8 @@ static bool parse_normalise(const struct spin_args_row *row, const char *text)
     return true;
 }
 
-/* One number is for all axes; but for x, y and z where 0 is allowed, as only time may be 0. */
+/* One number sets all four axes, except where 0 is allowed: there it sets x, y and z, since only
+ * time may be 0. */
 static bool parse_grid(const struct spin_args_row *row, const char *text)
 {
     double value[4];
@@ -65,7 +66,7 @@ static bool parse_grid(const struct spin_args_row *row, const char *text)
 #define SPIN_ARG_LOG_SCALE SPIN_ARG_CUSTOM, .parse = parse_log_scale
 #define SPIN_ARG_NORMALISE SPIN_ARG_CUSTOM, .parse = parse_normalise
 
-/* Rows of options.def; the default ends the help. */
+/* Rows of options.def; the default is appended to the help text. */
 #define HEADING(text) SPIN_ARG_HEADING(text),
 #define UNSET ""
 #define ALL(...) " (" #__VA_ARGS__ ")"
@@ -185,8 +186,7 @@ static const char text[] =
     "{{/}}{{/}}"
     "after     {{test.psnr %10.3f}}{{test.ssim %9.4f}}\n";
 
-/* ---- Options without effect -------------------------------------------------------------------
- */
+/* ---- Options without effect ------------------------------------------------------------------ */
 
 static const char *const of_network[] = {"levels",          "features",        "hash-log2",
                                          "hidden",          "base-resolution", "finest-resolution",
@@ -201,7 +201,10 @@ static const char *const of_clip[] = {"tracks",      "iterations", "batch",     
 static const char *const of_tracks[] = {"lr-track",          "lr-displacement",  "lr-tracked",
                                         "track-iterations",  "dynamic-residual", "densify-every",
                                         "densify-threshold", "densify-until",    NULL};
-enum { CLIP_OF_4D = 8, TRACKS_OF_4D = 2 }; /* the first of these lists --method 4d has too */
+enum {
+    CLIP_OF_4D = 8,
+    TRACKS_OF_4D = 2
+}; /* number of first entries that also apply to --method 4d */
 static const char *const of_refinement[] = {"refine-start", "densify", "cache", NULL};
 static const char *const of_densification[] = {"max-points", NULL};
 static const char *const of_residual[] = {"residual", NULL};
@@ -209,7 +212,7 @@ static const char *const of_heads_alone[] = {"init-log-scale", NULL};
 static const char *const of_average[] = {"average", NULL};
 static const char *const of_exposure[] = {"lr-exposure", NULL};
 
-/* One warning with all names that were given, unless they have an effect. */
+/* Warns once about all options in `name` that were given but have no effect. */
 static void warn_idle(int argc, char **argv, const char *const *name, bool have_effect,
                       const char *lacking)
 {
@@ -269,7 +272,7 @@ static int check(void)
     return SPIN_EXIT_OK;
 }
 
-/* What only a training with a network has, or instead of one, asks for the paper's settings. */
+/* Options that only apply to the network's training, or replace it, imply the paper's settings. */
 static const char *implied_preset(int argc, char **argv)
 {
     const char *method = spin_args_find(argc, argv, "method");
@@ -285,7 +288,8 @@ int main(int argc, char **argv)
     char *report;
     int code;
 
-    /* First, as other options change its values. Parsing refuses a name that is none. */
+    /* The preset comes first, since other options override its values. The parser reports an
+     * invalid name later. */
     preset = spin_args_find(argc, argv, "preset");
     spin_retrain_preset(preset ? preset : implied_preset(argc, argv), &options);
     if (!spin_args_parse(&command, argc, argv, &code))

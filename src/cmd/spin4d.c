@@ -1,4 +1,4 @@
-/* spin4d: a run into a clip that viewers play; and the four commands by one name. */
+/* spin4d: convert a run to a clip in one call; also runs the other four commands by one name. */
 #include "cmd/args.h"
 
 #include <errno.h>
@@ -77,8 +77,8 @@ static const char text[] =
     "{{bundle}}: the clip itself, for spin4d eval and spin4d export\n"
     "{{#to=html}}Open {{output}} in a browser.\n{{/}}";
 
-/* `spin4d import ...` is spin-import beside this program, or without /proc that of the PATH.
- * Returns only when that cannot be run. */
+/* Replaces this process by spin-`name` from the folder of this program, or from PATH without /proc.
+ * Returns only if that fails. */
 static int become(const char *name, char **argv)
 {
     char own[4096], path[4200];
@@ -94,7 +94,8 @@ static int become(const char *name, char **argv)
     return SPIN_EXIT_FAILED;
 }
 
-/* The command that a word is nearly, where no path has that name; NULL. */
+/* The command that `word` may be a typing error of, or NULL; NULL also if `word` is an existing
+ * path. */
 static const char *nearest_command(const char *word)
 {
     const char *best = NULL;
@@ -109,7 +110,8 @@ static const char *nearest_command(const char *word)
     return best;
 }
 
-/* `spin4d help`, `spin4d help import` and `spin4d version`, as people type who come from git. */
+/* Rewrites `spin4d help`, `spin4d help import` and `spin4d version`, as known from git, to options.
+ */
 static void read_help(int *argc, char **argv)
 {
     static char help[] = "--help", version[] = "--version";
@@ -128,14 +130,15 @@ static void read_help(int *argc, char **argv)
 
 int main(int argc, char **argv)
 {
-    int at = argc > 3 && strcmp(argv[1], "--complete") == 0 ? 2 : 1; /* of the command's name */
+    int at =
+        argc > 3 && strcmp(argv[1], "--complete") == 0 ? 2 : 1; /* index of the command's name */
     char *report;
     int code;
 
     read_help(&argc, argv);
     for (const char *const *name = commands; *name && at < argc; name++)
         if (strcmp(argv[at], *name) == 0) {
-            argv[at] = argv[at - 1]; /* our name, or --complete */
+            argv[at] = argv[at - 1]; /* keep argv[0], or --complete */
             return become(*name, argv + 1);
         }
     if (argc > 1 && nearest_command(argv[1]))
