@@ -1,9 +1,10 @@
-/* spin_convert(): a run into what viewers play, by the other calls: import, retrain, export.
+/* spin_convert(): converts a run to a format for viewers by the other calls: import, retrain,
+ * export.
  *
- * The work is beside the output, under its name: clip.import.spin until all is done, clip.spin.part
- * while the training is unfinished, and clip.spin, which stays. So the same call goes on after an
- * interruption. What holds 4D splats is trained twice: frames, as clip.tracks.spin, which stays
- * too, and then the 4D splats that are cut from them. */
+ * Intermediate files are beside the output, under its name: clip.import.spin until all is done,
+ * clip.spin.part (the checkpoint) while the training is unfinished, and clip.spin, which stays. So
+ * the same call continues after an interruption. Formats of 4D splats need two trainings: of
+ * frames, kept as clip.tracks.spin, and then of the 4D splats made from them. */
 #include "base/base.h"
 #include "spin_run.h"
 #include "io/output.h"
@@ -16,18 +17,17 @@
 struct convert {
     const struct spin_convert_options *o;
     const char *to;
-    char *output, *bundle; /* what is written */
-    char *tracks;          /* the retrained frames, where `to` holds 4D splats; NULL */
-    char *import; /* what is exported or retrained; the input itself where that is a bundle */
-    char *beside; /* a data set that nobody named; NULL */
+    char *output, *bundle; /* paths that are written */
+    char *tracks;          /* path of the retrained frames if `to` stores 4D splats, else NULL */
+    char *import; /* the bundle to export or retrain; the input itself if that is a bundle */
+    char *beside; /* data set found beside the run, not named by the user; or NULL */
     bool imports;
-    bool has_data, is_trained; /* of `import` */
-    bool is_tracks; /* it has frames that tracks trained, of which 4D splats can be made */
+    bool has_data, is_trained; /* of the bundle `import` */
+    bool is_tracks; /* its frames were trained with tracks, so 4D splats can be made of them */
     spin_json *report;
 };
 
-/* ---- Names
- * ---------------------------------------------------------------------------------------- */
+/* ---- Names ----------------------------------------------------------------------------------- */
 
 static spin_status put_together(const char *text, size_t n, const char *ending, char **out)
 {
@@ -37,7 +37,7 @@ static spin_status put_together(const char *text, size_t n, const char *ending, 
     return SPIN_OK;
 }
 
-/* Bytes of a path without the ending of its last name and without slashes behind it. */
+/* Length of a path without the extension of its last component and without trailing slashes. */
 static size_t stem_length(const char *path, bool has_ending)
 {
     size_t n = strlen(path);
@@ -65,8 +65,8 @@ static spin_status name_output(struct convert *c)
                         &c->output);
 }
 
-/* Whether an exporter is for 4D splats. TSOG can hold frames too, each splat once for every frame.
- */
+/* Whether an exporter stores 4D splats. TSOG also accepts frames, but stores every splat of every
+ * frame then, so it is given 4D splats. */
 static bool holds_rows(const char *name)
 {
     for (const struct spin_exporter *const *e = spin_exporter_list(); *e; e++)
@@ -103,7 +103,7 @@ static spin_status name_all(struct convert *c)
                       : spin_strdup(o->input, &c->import);
 }
 
-/* What would fail at the end fails now. */
+/* Fail early: check the output before the training. */
 static spin_status check_output(const struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
@@ -115,7 +115,7 @@ static spin_status check_output(const struct convert *c)
     return SPIN_OK;
 }
 
-/* Only frames that tracks trained become 4D splats. */
+/* 4D splats can only be made of frames trained with tracks. */
 static spin_status check_preset(const struct convert *c)
 {
     const char *preset = c->o->preset;
@@ -127,7 +127,7 @@ static spin_status check_preset(const struct convert *c)
         preset);
 }
 
-/* The retrained clip does not take the place of the bundle that it is made of. */
+/* The retrained clip must not overwrite the bundle that it is made from. */
 static spin_status check_bundle(const struct convert *c)
 {
     const char *written[] = {c->bundle, c->tracks};
@@ -150,10 +150,9 @@ static spin_status check_bundle(const struct convert *c)
     return SPIN_OK;
 }
 
-/* ---- The steps
- * ------------------------------------------------------------------------------------- */
+/* ---- The steps ------------------------------------------------------------------------------- */
 
-/* A report of another call as a member of ours; takes text. */
+/* Adds the report of another call as a member of this one; takes ownership of text. */
 static spin_status add_report(struct convert *c, const char *key, char *text)
 {
     spin_json *document = NULL;
@@ -180,7 +179,7 @@ static spin_status import_from(struct convert *c, const char *data)
     return add_report(c, "import", text);
 }
 
-/* A data set that nobody named and that does not fit is no reason to fail. */
+/* A data set that the user did not name and that does not fit is only a warning. */
 static spin_status import(struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
@@ -202,13 +201,13 @@ static spin_status import(struct convert *c)
     return import_from(c, NULL);
 }
 
-/* Frames are trained once; what tracks trained is trained again where 4D splats are wanted. */
+/* Trained clips are not retrained, except that 4D splats are trained from frames with tracks. */
 static bool retrains(const struct convert *c)
 {
     return c->has_data && !c->o->no_retrain && (!c->is_trained || (c->tracks && c->is_tracks));
 }
 
-/* What there is to work on, and whether that can be done. */
+/* Opens the bundle, finds what it contains and checks that it can be processed. */
 static spin_status look(struct convert *c)
 {
     SPIN_LEAVES(spin_bundle_close) struct spin_bundle bundle = {0};
@@ -231,8 +230,8 @@ static spin_status look(struct convert *c)
     return SPIN_OK;
 }
 
-/* An unfinished retraining goes on; with --force one that was made otherwise is replaced. rows: of
- * 4D splats. */
+/* Retrains input to output, resuming an unfinished training; with --force, one with other options
+ * is replaced. rows: train 4D splats. */
 static spin_status retrain_as(struct convert *c, const char *input, const char *output, bool rows)
 {
     const struct spin_convert_options *o = c->o;
@@ -246,7 +245,7 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
     SPIN_TRY(spin_retrain_preset(o->preset ? o->preset : "quick", &retrain));
     retrain.method = rows ? SPIN_METHOD_4D : retrain.method;
     retrain.tracks |= retrain.method == SPIN_METHOD_TRACKS;
-    retrain.antialias &= !c->tracks; /* 4D splats in files are drawn without */
+    retrain.antialias &= !c->tracks; /* viewers render files of 4D splats without antialiasing */
     retrain.iterations = o->iterations > 0 ? o->iterations : retrain.iterations;
     retrain.input = input;
     retrain.output = output;
@@ -265,7 +264,7 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
     return status == SPIN_OK ? add_report(c, rows ? "rows" : "retrain", text) : status;
 }
 
-/* What is exported is c->bundle then. */
+/* Retrains to c->bundle. */
 static spin_status retrain(struct convert *c)
 {
     bool frames = !c->is_trained;
@@ -295,7 +294,7 @@ static spin_status export(struct convert *c, const char *bundle)
     return add_report(c, "export", text);
 }
 
-/* The imported clip is what stays, or is in what stays. */
+/* The imported clip becomes the result, or is removed if the retrained clip includes it. */
 static spin_status tidy_up(struct convert *c, bool retrained)
 {
     if (!c->imports || spin_rank() > 0)

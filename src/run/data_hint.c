@@ -5,15 +5,15 @@
 #include "io/json.h"
 #include "scene/probe.h"
 
-#define MAX_BESIDE 64 /* entries of the folder around the input */
+#define MAX_BESIDE 64 /* entries of the parent folder that are examined */
 
 struct found {
-    const struct spin_importer *importer; /* of the first */
+    const struct spin_importer *importer; /* importer and path of the first data set */
     char *path;
     int n;
 };
 
-/* Takes path. */
+/* Counts the data set at path, if it is one. Takes ownership of path. */
 static void look_at(struct found *found, char *path)
 {
     const struct spin_importer *importer =
@@ -39,7 +39,7 @@ static void look_beside(struct found *found, const char *input, const char *fold
         if (strcmp(names[i], spin_path_name(input)) == 0 ||
             spin_path_join(folder, names[i], &path) != SPIN_OK)
             continue;
-        if (spin_importer_guess(path, false)) /* another run, with the data set of its own */
+        if (spin_importer_guess(path, false)) /* another run, whose data set is not ours */
             free(path);
         else
             look_at(found, path);

@@ -1,4 +1,4 @@
-/* spin_eval(): a bundle's pictures held to its data set. */
+/* spin_eval(): measures a bundle against the images of its data set. */
 #include "base/base.h"
 #include "spin_run.h"
 #include "eval/borders.h"
@@ -11,7 +11,7 @@
 
 struct eval {
     const struct spin_eval_options *o;
-    struct spin_compare *compare; /* or NULL */
+    struct spin_compare *compare; /* collects the images of a comparison, or NULL */
     struct spin_eval_report *report;
     struct spin_clip clip;
     struct spin_image_cache pixels;
@@ -19,15 +19,14 @@ struct eval {
     struct spin_lpips *lpips[SPIN_N_LPIPS];
     struct spin_device device;
     struct spin_player player, source;
-    struct spin_lenses lenses; /* of the cameras that taught what is measured */
-    bool has_source;           /* source is open: what is measured is compared with it */
+    struct spin_lenses lenses; /* lenses learned in the training that is measured */
+    bool has_source;           /* `source` is open, to compare with the imported splats */
     enum spin_splat_source from;
     struct spin_pair *pairs;
     size_t n_pairs;
 };
 
-/* ---- Opening ------------------------------------------------------------------------------------
- */
+/* ---- Opening --------------------------------------------------------------------------------- */
 
 static spin_status open_clip(struct eval *e)
 {
@@ -63,7 +62,8 @@ static spin_status open_clip(struct eval *e)
                                   &e->dynamic);
 }
 
-/* Views of training cameras are drawn as those of test cameras, of which no exposure is known. */
+/* All views are rendered with the mean exposure, since test cameras have none: scores of training
+ * cameras are too low. */
 static void warn_exposures(const struct eval *e)
 {
     const spin_json *cameras = spin_json_get(spin_training_of(&e->clip.bundle, e->from), "cameras");
@@ -110,7 +110,7 @@ static spin_status open_players(struct eval *e)
     return SPIN_OK;
 }
 
-/* Before anything is drawn: weights that cannot be read are said at once. */
+/* Loads the weights before anything is rendered, so that errors are reported early. */
 static spin_status open_lpips(struct eval *e)
 {
     const struct spin_eval_options *o = e->o;
@@ -130,10 +130,9 @@ static spin_status open_lpips(struct eval *e)
     return SPIN_OK;
 }
 
-/* ---- The report ---------------------------------------------------------------------------------
- */
+/* ---- The report ------------------------------------------------------------------------------ */
 
-/* A page that cannot be written, or a log that is not there, is said before the work. */
+/* Reports an unwritable page or a missing log before the work. */
 static spin_status check_report(const struct spin_eval_options *o)
 {
     if (o->log && !o->report)
@@ -148,7 +147,7 @@ static spin_status check_report(const struct spin_eval_options *o)
     return o->report ? spin_output_check_file(o->report, o->force) : SPIN_OK;
 }
 
-/* The source is measured as well, when there is one to compare with. */
+/* Also measures the source if there is one to compare with. */
 static spin_status write_report(struct eval *e, const struct spin_metrics *after)
 {
     struct spin_eval_report before = {.n_views = e->n_pairs,
@@ -191,10 +190,9 @@ static spin_status write_report(struct eval *e, const struct spin_metrics *after
     return status;
 }
 
-/* ---- Measuring ----------------------------------------------------------------------------------
- */
+/* ---- Measuring ------------------------------------------------------------------------------- */
 
-/* Of the frames of all ranks. */
+/* Sums the number of dropped splats over all ranks. */
 static spin_status sum_left_out(struct eval *e)
 {
     SPIN_FREED uint64_t *n = NULL;
@@ -239,7 +237,8 @@ static spin_status run_eval(struct eval *e)
         bool flat;
 
         SPIN_TRY(spin_borders_are_flat(&e->clip.views, &e->pixels, e->pairs, e->n_pairs, &flat));
-        m.opposite = !flat; /* before a flat colour, another one is seen beside the subject */
+        m.opposite = !flat; /* in front of a flat colour, the opposite background is visible beside
+                               the subject */
     }
     SPIN_TRY(spin_metrics_run(&m, &report->mean));
     if (!report->mean.valid)

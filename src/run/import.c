@@ -1,4 +1,4 @@
-/* spin_import(): another method's run to a bundle, or a description of it. */
+/* spin_import(): import a run of another method as a bundle, or only describe it. */
 #include <float.h>
 
 #include "base/base.h"
@@ -18,60 +18,59 @@
 #include "scene/probe.h"
 #include "scene/splats_4d.h"
 
-/* A description reads this many frames, evenly from all of them, unless asked for every one. */
+/* A description reads this many frames, evenly spaced, unless all are requested. */
 #define DESCRIBED_FRAMES 16
-/* At most so many frames are taken of a clip that a file counts itself: half an hour at 30 a
- * second. */
+/* Limit on the number of frames that a file claims to have: half an hour at 30 per second. */
 #define MOST_OWN 65536
-/* --check-cameras draws this many views of this many frames. */
+/* --check-cameras draws this many views of each of this many frames, */
 #define CHECKED_FRAMES 3
 #define CHECKED_VIEWS 4
-/* And the worst of the cameras that see far less than the others. */
+/* and this many of the cameras that see far fewer points than the others. */
 #define CHECKED_APART 4
 struct import {
     const struct spin_import_options *o;
-    spin_json *report; /* what --json prints, see spin-import(1) */
+    spin_json *report; /* printed by --json, see spin-import(1) */
     const struct spin_importer *importer;
-    const char *input; /* where the run is: as it was given, or one level down */
-    char *below;       /* NULL: as it was given */
+    const char *input; /* path of the run: o->input, or a folder below it */
+    char *below;       /* owns `input` if that is a folder below o->input; else NULL */
     struct spin_plugin_values values;
     void *self;
     struct spin_sequence_info sequence;
     struct spin_bundle_meta meta;
     struct spin_bundle_writer writer;
-    bool stores, writing; /* frames go into a bundle; this process writes it */
+    bool stores, writing; /* stores: frames are written to a bundle; writing: by this process */
     struct spin_splats splats;
-    const struct spin_splats_4d *four_d; /* what the source has, for slices or to be kept; NULL */
-    bool keeps_4d;                       /* the bundle holds these, not frames */
-    struct spin_views views;             /* of the data set, when one is given */
-    char *data;                          /* its absolute path */
-    int n_own;  /* frames that a continuous run has by itself; 0: not asked for */
-    int *rows;  /* [n_frames] row of the data set of each frame */
-    int *index; /* [n_frames] the importer's number of each frame */
+    const struct spin_splats_4d *four_d; /* 4D splats of the source, or NULL */
+    bool keeps_4d;                       /* the bundle stores four_d instead of frames */
+    struct spin_views views;             /* of the data set, if any */
+    char *data;                          /* absolute path of the data set, or NULL */
+    int n_own;  /* frames of a continuous run by its own data; 0: unknown or not needed */
+    int *rows;  /* [n_frames] data set frame of each frame */
+    int *index; /* [n_frames] index of each frame in the importer */
     struct spin_column_stats describe;
     float low[3], high[3]; /* bounds of the positions */
 
-    /* A frame is read while the one before is written: a clip takes as long as the slower of both.
-     */
+    /* Frame i is read while frame i - 1 is written, so that an import takes as long as the slower
+     * of the two. */
     struct spin_pool *pool;
-    int step;                   /* the frame that is read */
-    struct spin_splats slot[2]; /* of frame i: i % 2 */
+    int step;                   /* the frame being read */
+    struct spin_splats slot[2]; /* frame i is in slot i % 2 */
     struct {
         spin_status status;
-        char why[1024]; /* the trail, which belongs to its thread */
-    } done[2];          /* read, written */
+        char why[1024]; /* the error text, which is thread-local */
+    } done[2];          /* of reading and of writing */
 };
 
-/* A frame of the source. */
+/* Reads frame i of the import, in the order of im->index, from the importer. */
 static spin_status source_frame(struct import *im, int i, unsigned columns, struct spin_splats *out)
 {
     return im->importer->frame(im->self, im->index[i], im->meta.frame[i].time, columns, out);
 }
 
-/* ---- The data set ------------------------------------------------------------------------------
- */
+/* ---- The data set ---------------------------------------------------------------------------- */
 
-/* Work goes on without the data set of an exported clip, which nobody asked for. */
+/* The user did not request the data set of an exported clip, so ignore an unusable one with a
+ * warning. */
 static void forget_data(struct import *im)
 {
     spin_warn("not using the data set of the exported clip: %s", spin_last_error());
@@ -81,14 +80,15 @@ static void forget_data(struct import *im)
     im->meta.data_from[0] = '\0';
 }
 
-/* Read the data set first: its frames may be where a continuous method is sampled. */
+/* Opens the data set before the frames are chosen: a continuous method may be sampled at its
+ * frames. */
 static spin_status open_data(struct import *im)
 {
     const struct spin_import_options *o = im->o;
     SPIN_FREED char *from = NULL, *path = NULL;
     spin_status status = SPIN_OK;
 
-    if (!o->data && !im->sequence.continuous) /* the one that spin-export wrote down */
+    if (!o->data && !im->sequence.continuous) /* the data set recorded by spin-export */
         SPIN_TRY(spin_exported_data(im->input, &path, &from));
     if (o->data)
         SPIN_TRY(spin_foreign_missing(o->data));
@@ -110,8 +110,9 @@ static spin_status open_data(struct import *im)
     return status;
 }
 
-/* What a continuous run may be sampled at when nobody says where: its own frames, where its times
- * count those, else the frames of the only data set beside it, whose images are not taken. */
+/* Chooses frames for a continuous run if the user names none: the run's own number of frames, the
+ * frames that its times count, or the frame times of the only data set beside it (whose images are
+ * not used). */
 static void look_for_frames(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -151,8 +152,8 @@ static void look_for_frames(struct import *im)
     }
 }
 
-/* Realtime-4DGS takes a field of view of -1 for every camera whose focal length its data set tells
- * by fl_x: footprints are of a wrong size in training, and splats grow too large. */
+/* Realtime-4DGS assumes a field of view of -1 if the data set stores focal lengths as fl_x: it then
+ * rasterises with wrong footprints, and splats grow too large in training. */
 static void note_focal(struct import *im)
 {
     SPIN_FREED char *beside = im->data ? NULL : spin_data_beside(im->input);
@@ -165,7 +166,7 @@ static void note_focal(struct import *im)
                   data);
 }
 
-/* See that the data set's frames can be paired with ours, and remember where it is. */
+/* Checks that the data set's frames can be paired with those of the clip, and records its path. */
 static spin_status attach_data(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -189,11 +190,10 @@ static spin_status attach_data(struct import *im)
     return spin_bundle_set_data_path(&im->meta, folder, im->data);
 }
 
-/* ---- Which frames ------------------------------------------------------------------------------
- */
+/* ---- Which frames ---------------------------------------------------------------------------- */
 
-/* A method that is asked for other times than it learned answers all the same. The next frame or
- * two may be meant. */
+/* A continuous method extrapolates without an error outside the times that it was trained on. A
+ * margin of a tenth of the range allows for the next frame or two. */
 static void warn_outside(const struct spin_sequence_info *t, const struct spin_frame_info *frame,
                          int n)
 {
@@ -208,7 +208,7 @@ static void warn_outside(const struct spin_sequence_info *t, const struct spin_f
                   n_outside, n, odd, t->time_first, t->time_last);
 }
 
-/* Where a continuous method is sampled: at the times asked for, evenly, or as the data set is. */
+/* Sample times of a continuous method: from --times, evenly spaced, or those of the data set. */
 static spin_status sample_times(struct import *im, struct spin_frame_info **out, int *n)
 {
     const struct spin_import_options *o = im->o;
@@ -227,7 +227,7 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
         return spin_misuse("'%s' is continuous in time, from %g to %g, and does not store its "
                            "number of frames: choose them with --frames, --times or --data",
                            o->input, t->time_first, t->time_last);
-    if (*n <= 0) /* a look at both ends is enough to describe it */
+    if (*n <= 0) /* both ends are enough for a description */
         *n = 2;
     SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));
     all = *out;
@@ -251,7 +251,7 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
     return SPIN_OK;
 }
 
-/* The frames that a stored clip has. */
+/* Frames of a method that stores its frames. */
 static spin_status stored_frames(struct import *im, struct spin_frame_info **out, int *n)
 {
     const struct spin_import_options *o = im->o;
@@ -276,7 +276,7 @@ static spin_status stored_frames(struct import *im, struct spin_frame_info **out
     return SPIN_OK;
 }
 
-/* All frames, less those outside the range. */
+/* Lists all frames and keeps those in the range. */
 static spin_status choose_frames(struct import *im)
 {
     SPIN_FREED struct spin_frame_info *all = NULL;
@@ -300,7 +300,7 @@ static spin_status choose_frames(struct import *im)
     return SPIN_OK;
 }
 
-/* A description may have two frames of what does not move; a bundle may not. */
+/* A description may have two frames at the same time, for a static scene; a bundle may not. */
 static spin_status check_times(const struct import *im)
 {
     spin_status status = SPIN_OK;
@@ -312,10 +312,9 @@ static spin_status check_times(const struct import *im)
                                                    : status;
 }
 
-/* ---- Points over images ------------------------------------------------------------------------
- */
+/* ---- Points over images ---------------------------------------------------------------------- */
 
-/* The kth of `most` things chosen evenly from n, both ends included. */
+/* Index of the kth of `most` items spread evenly over n, including both ends. */
 static int spread(int k, int most, int n)
 {
     return most > 1 ? (int)((int64_t)k * (n - 1) / (most - 1)) : 0;
@@ -341,13 +340,13 @@ static spin_status check_view(struct import *im, int frame, size_t view)
     return SPIN_OK;
 }
 
-/* A number of a camera that was drawn. */
+/* A number from the report of a camera that was drawn. */
 static double of_camera(const spin_json *cameras, size_t i, const char *key)
 {
     return json_number_value(spin_json_get(spin_json_at(cameras, i), key));
 }
 
-/* Where cameras and points do not belong together, few points are in the images. */
+/* If the axes or the data set are wrong, few points project into the images. */
 static void judge_cameras(const spin_json *cameras)
 {
     size_t n = spin_json_length(cameras);
@@ -382,7 +381,7 @@ static bool is_drawn(const spin_json *cameras, int number, int camera)
     return false;
 }
 
-/* Report every camera; name those that lie apart, and draw the first few of them. */
+/* Reports every camera, warns of outliers and draws the first few of them. */
 static spin_status report_shares(struct import *im, const struct spin_camera_shares *shares)
 {
     spin_json *list = spin_json_array();
@@ -447,8 +446,7 @@ static spin_status check_cameras(struct import *im)
     return status;
 }
 
-/* ---- Reading -----------------------------------------------------------------------------------
- */
+/* ---- Reading --------------------------------------------------------------------------------- */
 
 static void widen_bounds(struct import *im, const struct spin_splats *s)
 {
@@ -462,7 +460,7 @@ static void widen_bounds(struct import *im, const struct spin_splats *s)
     }
 }
 
-/* What frame() promised: the columns that were asked for, with room for n rows. */
+/* Checks the result of the importer's frame(): the requested columns, with capacity for n rows. */
 static spin_status check_frame(const struct import *im, int i, unsigned wanted,
                                const struct spin_splats *s)
 {
@@ -480,7 +478,7 @@ static spin_status check_frame(const struct import *im, int i, unsigned wanted,
     return SPIN_OK;
 }
 
-/* Codebooks and steps of files hold logarithms, which are finite where the scale itself is not. */
+/* Files store logarithms of scales, which may be finite where the scale overflows a float. */
 static spin_status check_scales(const struct import *im, int i, const struct spin_splats *s)
 {
     size_t n = 0, first = 0;
@@ -498,8 +496,8 @@ static spin_status check_scales(const struct import *im, int i, const struct spi
                           (double)s->log_scales[first], n);
 }
 
-/* One frame, in place i of the bundle: `columns` of it, the others are those of frame 0. Rank
- * `rank` reads it, for rank 0. */
+/* Reads `columns` of frame i of the bundle; the other columns are those of frame 0. Rank `rank`
+ * reads the frame and sends it to rank 0. */
 static spin_status read_frame(struct import *im, int i, int rank, unsigned columns,
                               struct spin_splats *out)
 {
@@ -526,8 +524,8 @@ static spin_status read_frame(struct import *im, int i, int rank, unsigned colum
     return SPIN_OK;
 }
 
-/* Task 0 reads frame im->step, task 1 writes the one before. What is the same in every frame is
- * written with the first one, and not read again. */
+/* Task 0 reads frame im->step, task 1 writes the previous one. Static columns are read and written
+ * with the first frame only. */
 static void store_task(void *context, int task)
 {
     struct import *im = context;
@@ -569,14 +567,14 @@ static spin_status store_frames(struct import *im, struct spin_progress *progres
 {
     spin_status status;
 
-    if (spin_n_ranks() == 1) /* MPI stays in the thread that began it */
+    if (spin_n_ranks() == 1) /* MPI may only be called from the thread that initialised it */
         SPIN_TRY(spin_pool_create(2, &im->pool));
     status = store_steps(im, progress);
     spin_pool_free(im->pool);
     return status;
 }
 
-/* A copy, rounded as the user wants it; *s is to be counted by. */
+/* Stores a copy rounded to --precision; *s is that copy, for counting. */
 static spin_status store_rounded(struct import *im, struct spin_splats_4d *s)
 {
     enum spin_round_4d round = (enum spin_round_4d)im->o->precision;
@@ -592,8 +590,8 @@ static spin_status store_rounded(struct import *im, struct spin_splats_4d *s)
     return spin_splats_4d_settle(s, &n_dropped, NULL);
 }
 
-/* The 4D splats as they are. Frames are their slices: only how many splats each has is found out.
- */
+/* Stores the 4D splats themselves. Frames are their slices, so only the splats of each frame are
+ * counted. */
 static spin_status store_4d(struct import *im)
 {
     struct spin_bundle_meta *meta = &im->meta;
@@ -617,7 +615,7 @@ static spin_status store_4d(struct import *im)
     for (size_t i = 0; i < n; i++)
         meta->frame[i].n = counts[i];
     for (size_t i = 0; i < s->n;
-         i++) /* where it is at its own time, which is in the middle of its path */
+         i++) /* centres are positions at the splat's own time, halfway along its path */
         for (size_t c = 0; c < 3; c++) {
             im->low[c] = fminf(im->low[c], s->centres[3 * i + c]);
             im->high[c] = fmaxf(im->high[c], s->centres[3 * i + c]);
@@ -625,13 +623,14 @@ static spin_status store_4d(struct import *im)
     return SPIN_OK;
 }
 
-/* Rows of every frame: as the importer knows them, else of the frames that were read. */
+/* Splats per frame: as counted by the importer, otherwise of the frames that were read. */
 static void count_splats(struct import *im, const int *read, int n_read)
 {
     const struct spin_sequence_info *t = &im->sequence;
     size_t least = SIZE_MAX, most = 0;
     double sum = 0;
-    bool stored = im->keeps_4d && im->stores; /* rows of a slice may be fewer than the source's */
+    bool stored = im->keeps_4d &&
+                  im->stores; /* rounding may drop rows, so the importer's counts do not apply */
     bool known = t->counts && !stored && (!t->continuous || t->n_frames == 1);
     int n = known ? im->meta.n_frames : n_read;
 
@@ -650,7 +649,7 @@ static void count_splats(struct import *im, const int *read, int n_read)
                             (json_int_t)most));
 }
 
-/* An import reads every frame; a description some, as a clip may be many gigabytes. */
+/* An import reads every frame; a description a sample, since a clip may have many gigabytes. */
 static spin_status read_frames(struct import *im)
 {
     int n_all = im->meta.n_frames, n = n_all;
@@ -690,10 +689,9 @@ out:
     return status;
 }
 
-/* ---- From start to end -------------------------------------------------------------------------
- */
+/* ---- From start to end ----------------------------------------------------------------------- */
 
-/* How the importer was chosen, in words. */
+/* Reports how the importer was chosen. */
 static void say_why(struct import *im)
 {
     char text[160] = "";
@@ -712,7 +710,7 @@ static void say_why(struct import *im)
     spin_json_set_string(im->report, "recognised", text);
 }
 
-/* The importer's notes come as lines; a hint at a data set is the last. */
+/* The importer's notes, one per line, and a hint at a data set beside the run. */
 static spin_json *notes_json(struct import *im)
 {
     char hint[600] = "", *text[] = {im->sequence.notes, hint};
@@ -782,7 +780,7 @@ static spin_status check_frame_times(const struct spin_import_options *o)
     return spin_misuse("--frame-times is '%s', expected auto, data, unit or count", o->frame_times);
 }
 
-/* What open() promised, held to the rules: an importer may have been built elsewhere. */
+/* Checks the result of the importer's open(): plug-ins may violate the interface. */
 static spin_status check_track(const struct import *im)
 {
     const struct spin_sequence_info *t = &im->sequence;
@@ -798,7 +796,8 @@ static spin_status check_track(const struct import *im)
     return SPIN_OK;
 }
 
-/* 4D splats are kept as such, unless the user asks for less or for their frames. */
+/* Decides whether to keep 4D splats: yes, unless the user requests positions only or sampled
+ * frames. */
 static spin_status find_4d(struct import *im)
 {
     const struct spin_import_options *o = im->o;

@@ -2,10 +2,9 @@
 
 #include "base/base.h"
 
-/* ---- At which times a data set's frames are ----------------------------------------------------
- */
+/* ---- At which times a data set's frames are -------------------------------------------------- */
 
-/* A data set without times of its own counts its frames: 0, 1, 2, ..., which leaves the range of a
+/* True for a data set without times, whose frames count 0, 1, 2, ... beyond the time range of a
  * continuous method. */
 static bool rows_are_counted(const struct spin_sequence_info *t, const struct spin_frame_info *all,
                              int n)
@@ -17,7 +16,7 @@ static bool rows_are_counted(const struct spin_sequence_info *t, const struct sp
     return n > 1 && n - 1 > t->time_last + 0.1 * (t->time_last - t->time_first);
 }
 
-/* For methods whose times are frame numbers, counted from the first. */
+/* For methods whose times are frame numbers counted from the first frame. */
 static void count_rows(struct spin_sequence_info *t, bool numbered, struct spin_frame_info *all,
                        int n)
 {
@@ -36,8 +35,8 @@ static void count_rows(struct spin_sequence_info *t, bool numbered, struct spin_
                   all[n - 1].time);
 }
 
-/* A data set whose times cover little of the method's range, or reach far beyond it, may count them
- * in another unit. */
+/* Notes times that cover less than half of the method's range or lie far outside it: they may be in
+ * another unit. */
 static void compare_ranges(struct spin_sequence_info *t, const struct spin_frame_info *all, int n)
 {
     double first = all[0].time, last = all[0].time, span = t->time_last - t->time_first;
@@ -80,8 +79,7 @@ void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info
               all[0].time, all[n - 1].time, half_open ? "n" : "(n-1)");
 }
 
-/* ---- What sequence.json says --------------------------------------------------------------------
- */
+/* ---- What sequence.json says ----------------------------------------------------------------- */
 
 static const spin_json *entry_of(const spin_json *frames, int number)
 {
@@ -95,7 +93,7 @@ static const spin_json *entry_of(const spin_json *frames, int number)
     return NULL;
 }
 
-/* Nothing is set unless all fits. */
+/* Pass 0 checks all entries, pass 1 sets them: nothing is set unless all frames match. */
 static bool take(const spin_json *root, struct spin_frame_info *frame, int n, int *place,
                  struct spin_bundle_meta *meta)
 {
@@ -130,7 +128,8 @@ static bool take(const spin_json *root, struct spin_frame_info *frame, int n, in
     return true;
 }
 
-/* Beside exported frames, and written by spin-export; NULL: there is none. */
+/* Loads sequence.json from the folder of exported frames; *root is NULL if there is none written by
+ * spin-export. */
 static spin_status open_sequence(const char *input, char **path, spin_json **root)
 {
     const char *generator;

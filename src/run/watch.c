@@ -1,5 +1,5 @@
-/* The page of --watch asks for now.js every few seconds, as a script: that works without a server.
- */
+/* The page of --watch, which loads now.js as a script every few seconds: this works without a
+ * server. */
 #include "run/watch.h"
 
 #include "base/base.h"
@@ -85,7 +85,7 @@ static spin_status add_curves(const char *log, spin_json *now)
     return SPIN_OK;
 }
 
-/* Names of the newest previews: those that end in this iteration. */
+/* Names of the newest previews: files whose name ends in this iteration. */
 static spin_status add_pictures(const struct spin_output *output, spin_json *now)
 {
     const char *folder = output->plan->o->preview;
@@ -103,7 +103,7 @@ static spin_status add_pictures(const struct spin_output *output, spin_json *now
     return SPIN_OK;
 }
 
-/* The state as a bundle, and that as a clip to play. */
+/* Writes the current splats as a bundle, and exports that as a page to play. */
 static spin_status write_clip(const struct spin_watch *w, const struct spin_output *output)
 {
     struct spin_retrain_options o = *output->plan->o;
