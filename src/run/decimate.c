@@ -6,7 +6,7 @@
 
 #define COLUMNS (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
 enum {
-    VIEWS = 32,    /* views per frame, if frames are weighed independently */
+    VIEWS = 32,    /* views per frame, if each frame has its own weights */
     LOOKS = 400,   /* approximate number of views in all frames, if frames share splats */
     PICTURES = 16, /* views by which the loss is measured */
     AROUND = 8,    /* views on the orbit that replaces missing cameras */

@@ -1,6 +1,7 @@
 #!/bin/sh
-# deps.sh FOLDER: what spin4d needs of libraries, compiled to WebAssembly, as FOLDER/usr, from Debian's sources. Needs
-# emscripten, cmake, libtinygltf-dev, nlohmann-json3-dev, and deb-src in apt's sources. Takes minutes, once.
+# deps.sh FOLDER: compiles the libraries that spin4d needs from Debian's sources to WebAssembly,
+# into FOLDER/usr. Needs emscripten, cmake, libtinygltf-dev, nlohmann-json3-dev, and deb-src in
+# apt's sources. Takes minutes, but is done only once.
 to=${1:?usage: deps.sh FOLDER}
 usr=$(realpath -m "$to")/usr
 [ ! -f "$usr/done" ] || exit 0
@@ -11,7 +12,7 @@ fail() {
     exit 1
 }
 
-# build NAME COMMAND...: in the folder of its source; what it printed is in FOLDER/NAME.log
+# build NAME COMMAND...: runs COMMAND in the source folder of NAME; its output is in FOLDER/NAME.log
 build() {
     name=$1
     shift

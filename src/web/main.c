@@ -1,5 +1,4 @@
-/* The two commands that run in a browser, as one program: its first argument is import or export.
- */
+/* spin-import and spin-export as one program for the browser; argv[1] is import or export. */
 #include <stdio.h>
 #include <string.h>
 

@@ -4,7 +4,7 @@ const worker = new Worker(URL.createObjectURL(new Blob([$('worker').textContent]
 const waiting = new Map();
 let count = 0, busy = false, name = 'clip';
 
-// One task of the worker. Resolves to its result; what it prints is shown.
+// Runs a task in the worker and shows its output. Resolves to its result.
 function ask(task, rest = {}) {
     const id = ++count;
     return new Promise((resolve) => {
@@ -30,7 +30,7 @@ function print(stream, text) {
     $('log').scrollTop = $('log').scrollHeight;
 }
 
-// Nothing else can be begun before it ends.
+// Runs work() with all buttons disabled; ignored while another task runs.
 async function alone(what, work) {
     if (busy) return;
     busy = true;
@@ -46,7 +46,7 @@ async function alone(what, work) {
     busy = false;
 }
 
-// files: [{ name: path, data: File }]. What they have in common is the input.
+// files: [{ name: path, data: File }]. Their common folder is the input.
 function open(files) {
     if (!files.length) return;
     const top = new Set(files.map((f) => f.name.split('/')[0]));
@@ -82,7 +82,7 @@ for (const id of ['files', 'folders']) $(id).onchange = (e) => {
     open(files);
 };
 
-// All files below what was dropped.
+// Adds all files below a dropped entry to `out`.
 async function below(entry, out) {
     if (entry.isFile) {
         out.push({ name: entry.fullPath.slice(1), data: await new Promise((yes, no) => entry.file(yes, no)) });
@@ -105,14 +105,15 @@ document.ondrop = async (e) => {
     open(files);
 };
 
-// ---- Saving ----------------------------------------------------------------------------------------------------------
+// ---- Saving -------------------------------------------------------------------------------------
 
 const crcTable = Uint32Array.from({ length: 256 }, (_, n) => {
     for (let k = 0; k < 8; k++) n = n & 1 ? 0xedb88320 ^ n >>> 1 : n >>> 1;
     return n;
 });
 
-// Files as a zip, not compressed: most of them are already. A zip of this kind ends at 4 GB.
+// Stores files as a zip without compression, since most are compressed already. Without zip64 it is
+// limited to 4 GB.
 function zip(files) {
     const parts = [], directory = [], text = new TextEncoder();
     let at = 0, n = 0;

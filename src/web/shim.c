@@ -1,5 +1,5 @@
-/* In place of base/shim.c where nothing can be loaded while the program runs: what is linked in is
- * found by its name. */
+/* Replaces base/shim.c in the browser, which cannot load libraries at run time: looks up functions
+ * of the linked libraries by name. */
 #include "base/shim.h"
 
 #include <stdio.h>
