@@ -95,7 +95,7 @@ run "$bin/spin-import" fixtures/freetimegs/still_sh0_no_optimizers --n-frames 0 
 fails 2 spin-import "no frames"
 run "$bin/spin-import" fixtures/hostile/freetimegs/frames.ply -o "$work/many.spin" --json
 is "$code $(member frames)" "0 65536" "of a million frames so many are taken"
-out_has "has 1000000 frames, of which 65536 are taken" "and that is said"
+out_has "has 1000000 frames, of which 65536 are sampled" "and that is said"
 
 # The PLY for .sogst: paths of degree 2, a factor on covariances, SH of degree 1 that become degree 3 with zeros.
 python3 - "$work/curved.ply" <<'P'
