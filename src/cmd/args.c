@@ -1,4 +1,4 @@
-/* The parser of the command line, --help, completion, signals and exit codes. */
+/* Command line of all commands: the parser, --help, shell completion, signals and exit codes. */
 #include "cmd/args.h"
 
 #include <ctype.h>
@@ -22,41 +22,42 @@ enum help { NO_HELP, SHORT_HELP, WHOLE_HELP };
 struct spin_args spin_args;
 static bool wants_help_flag, wants_version;
 static enum help wants_help;
-static const char *wants_completion; /* name of a shell, or NULL */
+static const char *wants_completion; /* shell, or NULL */
 
 static const struct spin_args_row common_rows[] = {
     SPIN_ARG_HEADING("Common"),
-    SPIN_ARG("force", 0, NULL, FLAG, spin_args.force, "overwrite what is there"),
-    SPIN_ARG("json", 0, NULL, FLAG, spin_args.json, "print one JSON document"),
-    SPIN_ARG("threads", 0, "N", INT, spin_args.n_threads, "threads to use (all cores)", .min = 1,
+    SPIN_ARG("force", 0, NULL, FLAG, spin_args.force, "overwrite existing output"),
+    SPIN_ARG("json", 0, NULL, FLAG, spin_args.json, "print the report as one JSON document"),
+    SPIN_ARG("threads", 0, "N", INT, spin_args.n_threads, "number of threads (all cores)", .min = 1,
              .max = 1024),
-    SPIN_ARG("quiet", 'q', NULL, COUNT, spin_args.quiet, "say less"),
-    SPIN_ARG("verbose", 'v', NULL, COUNT, spin_args.verbose, "say more; up to four times"),
+    SPIN_ARG("quiet", 'q', NULL, COUNT, spin_args.quiet, "print less"),
+    SPIN_ARG("verbose", 'v', NULL, COUNT, spin_args.verbose, "print more; repeat up to four times"),
     SPIN_ARG("completion", 0, "bash|zsh", CHOICE, wants_completion,
-             "print the script that completes this command's options in that shell"),
+             "print the completion script for this shell"),
     SPIN_ARG("help", 'h', NULL, FLAG, wants_help_flag,
-             "what matters on one screen; --help all: every option"),
-    SPIN_ARG("version", 0, NULL, FLAG, wants_version, "name and version"),
+             "show the main options; --help all: every option"),
+    SPIN_ARG("version", 0, NULL, FLAG, wants_version, "print name and version"),
     SPIN_ARG_END,
 };
 
-/* What all functions below share while one command line is read. */
+/* State of the parser while it reads one command line. */
 struct parser {
     const struct spin_args_command *command;
-    struct spin_args_row *rows; /* the command's, the common ones, those of plug-ins; and an end */
-    size_t n_rows, n_shown;     /* shown: in --help and by completion */
-    const char *chosen;         /* plug-in named on the command line, or NULL */
-    size_t n_pairs;             /* strings in plugin_pairs */
+    struct spin_args_row
+        *rows;              /* of the command, common to all, of plug-ins; ends with SPIN_ARG_END */
+    size_t n_rows, n_shown; /* n_shown: the first rows, which --help and completion list */
+    const char *chosen;     /* plug-in named on the command line, or NULL */
+    size_t n_pairs;         /* strings in plugin_pairs */
     int argc, next;
     char **argv;
 };
 
 /* ---- Messages, signals and exit codes -------------------------------------------------------- */
 
-/* Of several processes that fail alike one says so. */
+/* Only one rank prints an error that all ranks share. */
 static bool speaks = true;
 
-/* Text from outside may hold line breaks and escape sequences; an error stays one plain line. */
+/* Input texts may contain line breaks and escape sequences: an error stays one plain line. */
 static void put_line(const char *name, const char *text, const char *tail)
 {
     char line[4096];
@@ -68,7 +69,7 @@ static void put_line(const char *name, const char *text, const char *tail)
     fprintf(stderr, "%s: %s%s\n", name, line, tail);
 }
 
-/* The user typed nothing wrong. */
+/* Not a usage error, hence without a reference to --help. */
 static int fail_memory(const struct spin_args_command *command)
 {
     put_line(command->name, "out of memory", "");
@@ -90,7 +91,7 @@ int spin_args_misuse(const struct spin_args_command *command, const char *fmt, .
 
 static volatile sig_atomic_t signal_seen;
 
-/* The first asks the work to stop and keep what it has; a second Ctrl-C means now. */
+/* The first signal asks the work to stop and save its checkpoint; a second Ctrl-C exits at once. */
 static void on_signal(int number)
 {
     if (number == SIGINT && signal_seen == SIGINT)
@@ -99,8 +100,8 @@ static void on_signal(int number)
     spin_cancel();
 }
 
-/* SIGPIPE is ignored so that a reader who leaves does not end a long run half-way; the failed write
- * is reported by spin_args_finish(). */
+/* SIGPIPE is ignored so that a reader who quits does not end a long run halfway;
+ * spin_args_finish() reports the failed write. */
 static void catch_signals(void)
 {
     struct sigaction action = {.sa_handler = on_signal, .sa_flags = SA_RESTART};
@@ -108,10 +109,10 @@ static void catch_signals(void)
     sigemptyset(&action.sa_mask);
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
-    if (signal(SIGHUP, SIG_IGN) != SIG_IGN) /* under nohup it stays ignored */
+    if (signal(SIGHUP, SIG_IGN) != SIG_IGN) /* keep it ignored under nohup */
         sigaction(SIGHUP, &action, NULL);
     signal(SIGPIPE, SIG_IGN);
-    signal(SIGXFSZ, SIG_IGN); /* the write fails instead, and says so */
+    signal(SIGXFSZ, SIG_IGN); /* then the write fails with EFBIG, which is reported */
 }
 
 bool spin_args_begin(const struct spin_args_command *command, int *code)
@@ -130,7 +131,7 @@ bool spin_args_ended(const struct spin_args_command *command, spin_status status
     if (status == SPIN_OK)
         return speaks;
     error = spin_last_error();
-    put_line(command->name, *error ? error : "failed without saying why", "");
+    put_line(command->name, *error ? error : "failed for an unknown reason", "");
     fflush(stdout);
     *code = status == SPIN_E_USAGE ? SPIN_EXIT_USAGE : SPIN_EXIT_FAILED;
     if (status == SPIN_E_CANCELLED)
@@ -144,9 +145,8 @@ int spin_args_finish(const struct spin_args_command *command, int code)
     errno = 0;
     if (fflush(stdout) == 0 && !ferror(stdout))
         return code;
-    if (errno != EPIPE) /* a reader that has left needs no explanation */
-        put_line(command->name,
-                 "cannot write to the standard output: ", strerror(errno ? errno : EIO));
+    if (errno != EPIPE) /* the reader has quit: nobody to report to */
+        put_line(command->name, "cannot write to standard output: ", strerror(errno ? errno : EIO));
     return SPIN_EXIT_FAILED;
 }
 
@@ -166,8 +166,8 @@ int spin_args_report(const struct spin_args_command *command, char *json, const 
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-/* Decimal and within the row's limits. strtod alone takes leading space, hexadecimal floats and
- * names too. */
+/* A decimal number within the row's limits. strtod() alone would also accept leading spaces,
+ * hexadecimal floats and "inf". */
 static bool parse_number(const struct spin_args_row *row, const char *text, size_t length,
                          double *out)
 {
@@ -198,7 +198,7 @@ int spin_args_numbers(const struct spin_args_row *row, const char *text, double 
     return 0;
 }
 
-static bool no_memory; /* for the value that was parsed last */
+static bool no_memory; /* store() failed on the last value for lack of memory */
 
 static bool parse_list(const struct spin_args_row *row, const char *text)
 {
@@ -218,7 +218,7 @@ static bool parse_list(const struct spin_args_row *row, const char *text)
     return list->n > 0;
 }
 
-/* A:B or A:B:STEP, half open and not empty. */
+/* A:B or A:B:STEP, a half-open range that is not empty. */
 static bool parse_range(const char *text, struct spin_range *range)
 {
     static const struct spin_args_row whole = {.kind = SPIN_ARG_INT};
@@ -274,7 +274,7 @@ int spin_args_choice(const char *text, const char *choices)
 
 static bool parse_enum(const struct spin_args_row *row, const char *text)
 {
-    /* Older scripts say --method explicit. */
+    /* "explicit" is the former name of --method frames; older scripts still use it. */
     bool before = strcmp(row->name, "method") == 0 && strcmp(text, "explicit") == 0;
     int place = spin_args_choice(before ? "frames" : text, row->arg);
 
@@ -287,7 +287,7 @@ static bool parse_enum(const struct spin_args_row *row, const char *text)
     return true;
 }
 
-/* Store a value; true when it is one. */
+/* Parses text into the row's variable; false if text is not a valid value. */
 static bool store(const struct spin_args_row *row, const char *text)
 {
     double value;
@@ -336,9 +336,9 @@ static int misuse_value(const struct parser *p, const struct spin_args_row *row,
     static const char *const names[] = {[SPIN_ARG_INT] = "a whole number",
                                         [SPIN_ARG_UINT64] = "a whole number",
                                         [SPIN_ARG_DOUBLE] = "a number",
-                                        [SPIN_ARG_STRING] = "a text that is not empty",
-                                        [SPIN_ARG_INTS] = "whole numbers with commas between",
-                                        [SPIN_ARG_DOUBLES] = "numbers with commas between",
+                                        [SPIN_ARG_STRING] = "a non-empty string",
+                                        [SPIN_ARG_INTS] = "whole numbers separated by commas",
+                                        [SPIN_ARG_DOUBLES] = "numbers separated by commas",
                                         [SPIN_ARG_RANGE] =
                                             "A:B or A:B:STEP with 0 <= A < B and STEP >= 1",
                                         [SPIN_ARG_COLOUR] = "black, white or R,G,B with each",
@@ -376,7 +376,7 @@ static int misuse_unknown(const struct parser *p, const char *name, size_t lengt
     return spin_args_misuse(p->command, "unknown option '--%.*s'", (int)length, name);
 }
 
-/* The i-th importer or exporter; NULL: there are no more. */
+/* Name and options of the i-th importer or exporter; NULL past the end. */
 static const char *plugin_name(const struct parser *p, size_t i,
                                const struct spin_plugin_option **options)
 {
@@ -395,7 +395,7 @@ static const char *plugin_name(const struct parser *p, size_t i,
     return exporter ? exporter->name : NULL;
 }
 
-/* That the plug-in named on the command line is one. */
+/* Checks that the plug-in chosen on the command line exists. */
 static int check_chosen(const struct parser *p)
 {
     const struct spin_plugin_option *options;
@@ -423,9 +423,9 @@ static int check_chosen(const struct parser *p)
     if (p->command->lists_exporters && spin_exporter_of_format(p->chosen))
         best = spin_exporter_of_format(p->chosen);
     if (best)
-        return spin_args_misuse(p->command, "no %s is called '%s', did you mean '%s'?",
+        return spin_args_misuse(p->command, "unknown %s '%s', did you mean '%s'?",
                                 p->command->plugin_kind, p->chosen, best);
-    return spin_args_misuse(p->command, "no %s is called '%s'; --list shows them",
+    return spin_args_misuse(p->command, "unknown %s '%s'; --list shows those available",
                             p->command->plugin_kind, p->chosen);
 }
 
@@ -441,7 +441,7 @@ static bool add_row(struct parser *p, struct spin_args_row row)
     return true;
 }
 
-/* All options there are: of plug-ins those of the chosen one, or of any when none is. */
+/* Collects all options. Of plug-ins: those of the chosen one, or of all if none is chosen. */
 static bool list_rows(struct parser *p)
 {
     const struct spin_plugin_option *o;
@@ -485,7 +485,7 @@ static const struct spin_args_row *find_brief(const struct parser *p, char brief
 
 /* ---- --help ---------------------------------------------------------------------------------- */
 
-/* `left` in the first column, `help` wrapped in the second. */
+/* Prints `left` in the first column and `help`, wrapped, in the second. */
 static void print_help_row(const char *left, const char *help)
 {
     int column = printf("%s", left);
@@ -532,7 +532,7 @@ static void print_lines(const char *heading, const char *const *line)
         printf("  %s\n", *line);
 }
 
-/* Options of the plug-in that was named. */
+/* The options of the chosen plug-in. */
 static void print_plugin(const struct parser *p)
 {
     bool none = true;
@@ -548,14 +548,14 @@ static void print_plugin(const struct parser *p)
         printf("  none\n");
 }
 
-/* One a line with what it writes, or names alone. */
+/* whole: one exporter per line, with its summary; else only the names. */
 static void print_exporters(const struct spin_args_command *command, bool whole)
 {
     char left[96], names[512] = "";
     size_t at = 0;
 
     if (whole)
-        printf("\nExporters, the NAME of --%s:\n", command->plugin_selector);
+        printf("\nExporters (NAME of --%s):\n", command->plugin_selector);
     for (const struct spin_exporter *const *i = spin_exporter_list(); *i; i++) {
         snprintf(left, sizeof left, "      %s", (*i)->name);
         if (whole)
@@ -565,7 +565,7 @@ static void print_exporters(const struct spin_args_command *command, bool whole)
                 (size_t)snprintf(names + at, sizeof names - at, "%s%s", at ? ", " : "", (*i)->name);
     }
     if (!whole) {
-        printf("\nExporters, the NAME of --%s:\n", command->plugin_selector);
+        printf("\nExporters (NAME of --%s):\n", command->plugin_selector);
         print_help_row("     ", names);
     }
 }
@@ -594,19 +594,18 @@ static void print_help(const struct parser *p)
     if (p->chosen)
         print_plugin(p);
     else if (command->plugin_kind)
-        printf("%sAn %s can have options of its own: %s --%s NAME --help\n",
-               command->lists_exporters ? "" : "\n", command->plugin_kind, command->name,
-               command->plugin_selector);
+        printf("%sOptions of one %s: %s --%s NAME --help\n", command->lists_exporters ? "" : "\n",
+               command->plugin_kind, command->name, command->plugin_selector);
     if (wants_help == SHORT_HELP)
         printf("\nAll options: %s --help all, or man %s\n", command->name, command->name);
     else
-        printf("\nThe manual page has more: man %s\n", command->name);
+        printf("\nManual: man %s\n", command->name);
 }
 
 /* ---- Completion ------------------------------------------------------------------------------ */
 
-/* The shell asks this command: `spin-x --complete WORD...` prints what the last word may become, a
- * line each, an option with its help behind a colon. */
+/* The shell runs `spin-x --complete WORD...`, which prints the candidates for the last word, one
+ * per line; the help text of an option follows a colon. */
 static void print_completion(const struct spin_args_command *command, const char *shell)
 {
     const char *name = command->name;
@@ -634,8 +633,8 @@ static void offer(const char *word, size_t length, const char *begun)
         printf("%.*s\n", (int)length, word);
 }
 
-/* The values of a row that are known by name: of "auto|none|CX,CY,CZ,R" those that have no
- * capitals. */
+/* Completes the values of a row that are fixed words: those without capitals in
+ * "auto|none|CX,CY,CZ,R", names of plug-ins and of data set formats. */
 static void offer_values(const struct parser *p, const struct spin_args_row *row, const char *begun)
 {
     const struct spin_plugin_option *options;
@@ -665,7 +664,7 @@ static void complete(const struct parser *p, int n, char **word)
     size_t length = strlen(before);
     const struct spin_args_row *row;
 
-    /* bash makes three words of --name=value, zsh one. */
+    /* bash splits --name=value into three words; zsh passes one. */
     if (!strcmp(begun, "="))
         begun = "";
     else if (!strcmp(before, "=") && n > 2)
@@ -704,13 +703,13 @@ const char *spin_args_find(int argc, char **argv, const char *name)
             chosen = argv[i] + 3 + length;
         else if (!argv[i][2 + length] && i + 1 < argc)
             chosen = argv[++i];
-        if (chosen && !strcmp(chosen, "=") && i + 1 < argc) /* three words, see complete() */
+        if (chosen && !strcmp(chosen, "=") && i + 1 < argc) /* split by bash, see complete() */
             chosen = argv[++i];
     }
     return chosen;
 }
 
-/* An option of a plug-in: a pair of texts, which the plug-in reads. */
+/* Stores an option of a plug-in as a key and a value, which the plug-in parses itself. */
 static int keep_pair(struct parser *p, const struct spin_args_row *row, const char *value)
 {
     const char **pairs = realloc(spin_args.plugin_pairs, (p->n_pairs + 3) * sizeof *pairs);
@@ -718,7 +717,7 @@ static int keep_pair(struct parser *p, const struct spin_args_row *row, const ch
     for (const struct spin_args_row *other = row; other->help; other++)
         if (other->name && !strcmp(other->name, row->name) && !other->arg != !row->arg)
             return spin_args_misuse(
-                p->command, "'--%s' means different things; say which %s with --%s", row->name,
+                p->command, "'--%s' has different meanings: choose the %s with --%s", row->name,
                 p->command->plugin_kind, p->command->plugin_selector);
     if (!pairs)
         return fail_memory(p->command);
@@ -729,8 +728,8 @@ static int keep_pair(struct parser *p, const struct spin_args_row *row, const ch
     return SPIN_EXIT_OK;
 }
 
-/* An option whose value is there, is the next word, or is not needed. Another option in its place
- * means that the value was forgotten. */
+/* Stores an option; its value is `value` or the next word. If the next word is another long option,
+ * the value is missing. */
 static int take(struct parser *p, const struct spin_args_row *row, const char *value)
 {
     if (!row->arg && value)
@@ -750,7 +749,7 @@ static int take(struct parser *p, const struct spin_args_row *row, const char *v
     return SPIN_EXIT_OK;
 }
 
-/* --name, --name=value, --name value. */
+/* Parses --name, --name=value and --name value; text follows the dashes. */
 static int take_long(struct parser *p, const char *text)
 {
     size_t length = strcspn(text, "=");
@@ -760,7 +759,7 @@ static int take_long(struct parser *p, const char *text)
                : misuse_unknown(p, text, length);
 }
 
-/* -q, -vvv, -ofile, -o file. */
+/* Parses -q, -vvv, -ofile and -o file; text follows the dash. */
 static int take_brief(struct parser *p, const char *text)
 {
     int code = SPIN_EXIT_OK;
@@ -814,7 +813,7 @@ static int read_all(struct parser *p)
     return code;
 }
 
-/* --help answers whatever else was typed, so it is looked for before mistakes are. */
+/* --help succeeds even if other arguments are wrong, so it is searched for before parsing. */
 static enum help asks_for_help(int argc, char **argv)
 {
     for (int i = 1; i < argc && strcmp(argv[i], "--"); i++) {
@@ -828,7 +827,8 @@ static enum help asks_for_help(int argc, char **argv)
     return NO_HELP;
 }
 
-/* True: the command goes on. */
+/* Handles --help, --version and completion, else parses all arguments. True if the command should
+ * run; otherwise *code is its exit code. */
 static bool answer(struct parser *p, int *code)
 {
     bool completes = p->argc > 1 && !strcmp(p->argv[1], "--complete");
@@ -862,10 +862,11 @@ bool spin_args_parse(const struct spin_args_command *command, int argc, char **a
     struct parser p = {.command = command, .argc = argc, .argv = argv};
     bool goes_on;
 
-    setvbuf(stderr, NULL, _IOLBF, 0); /* a line is one write: mpirun puts nothing into it */
+    setvbuf(stderr, NULL, _IOLBF,
+            0); /* one write per line, so that mpirun does not mix lines of ranks */
     speaks = spin_ranks_place() <= 0;
     if (command->plugin_kind) {
-        /* first: which options are known depends on it, wherever it stands */
+        /* load plug-ins before parsing: they determine which options exist */
         p.chosen = spin_args_find(argc, argv, command->plugin_selector);
         spin_plugins_load(p.chosen);
     }

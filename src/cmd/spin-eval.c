@@ -1,4 +1,4 @@
-/* spin-eval: how good the splats of a bundle look from cameras that are known. */
+/* spin-eval: measure a bundle against the images of its data set. */
 #include "cmd/args.h"
 
 #include <math.h>
@@ -17,37 +17,37 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("What to measure"),
     SPIN_ARG("source", 0, NULL, FLAG, options.source,
              "measure the imported attributes instead of the retrained ones"),
-    SPIN_ARG("split", 0, "test|train|all", ENUM, options.split, "the cameras (test)"),
+    SPIN_ARG("split", 0, "test|train|all", ENUM, options.split, "cameras to measure (test)"),
     SPIN_ARG("test-cams", 0, "LIST", INTS, test_cameras,
-             "camera numbers held out (as in training, or the data set's own)", .min = 0,
+             "numbers of the held-out cameras (as in training, or the data set's own)", .min = 0,
              .max = 1e9),
-    SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range, "frame numbers A to B-1"),
-    SPIN_ARG("scale", 0, "S", DOUBLE, options.image_scale, "image scale, 0.5 halves both sides (1)",
-             .min = 0.01, .max = 1),
+    SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range,
+             "measure frames numbered A to B-1 (all)"),
+    SPIN_ARG("scale", 0, "S", DOUBLE, options.image_scale,
+             "scale of the images; 0.5 halves width and height (1)", .min = 0.01, .max = 1),
     SPIN_ARG("background", 0, "COLOUR", COLOUR, options.background,
-             "black, white or R,G,B with each in 0..1 (black)", .min = 0, .max = 1),
+             "colour behind the splats: black, white or R,G,B with each in 0..1 (black)", .min = 0,
+             .max = 1),
     SPIN_ARG("dynamic", 0, "auto|masks|images|off", ENUM, options.dynamic,
-             "where the dynamic regions are: the data set's masks, or what changes in its images "
-             "(auto)"),
+             "find dynamic regions by the data set's masks, or by changes in its images (auto)"),
     SPIN_ARG("mask", 0, NULL, FLAG, options.mask,
-             "score the subject alone: what the data set's masks or the images' alpha show"),
+             "measure the subject only, given by the data set's masks or the images' alpha"),
     SPIN_ARG("lpips", 0, "DIR", STRING, options.lpips,
-             "measure LPIPS with the weights in this folder, see the manual"),
+             "measure LPIPS with the network weights in DIR; see the manual"),
     SPIN_ARG("lpips-backbone", 0, "FILE", STRING, options.lpips_backbone,
-             "the network of LPIPS, as torchvision publishes it"),
+             "LPIPS backbone, as published by torchvision"),
     SPIN_ARG("lpips-lin", 0, "FILE", STRING, options.lpips_lin,
-             "its linear heads, as the lpips package has them"),
+             "LPIPS linear heads, as in the lpips package"),
     SPIN_ARG("images", 0, "DIR", STRING, options.images,
              "write one PNG per view: ground truth | source | render"),
     SPIN_ARG("report", 0, "FILE.html", STRING, options.report,
-             "write a page with curves, tables and pictures; of several bundles one that compares "
-             "them"),
+             "write a page with curves, tables and images; several bundles are compared"),
     SPIN_ARG("figures", 0, "DIR", STRING, figures,
-             "write its curves as SVG, and its pictures of fast motion as PNG and SVG"),
+             "write the report's curves as SVG, and its images of fast motion as PNG and SVG"),
     SPIN_ARG("table", 0, "md|csv|latex", CHOICE, table,
-             "print a row a bundle, as Markdown, comma-separated or for LaTeX"),
+             "print a table with one row per bundle, as Markdown, CSV or LaTeX"),
     SPIN_ARG("log", 0, "FILE", STRING, options.log,
-             "for the report: what spin-retrain --log wrote"),
+             "training log written by spin-retrain --log, for the report"),
     SPIN_ARG_HEADING("Data set"),
     SPIN_ARG_DATA_ROWS(options),
     SPIN_ARG_HEADING("Machine"),
@@ -62,9 +62,9 @@ static const char *const usage[] = {
 };
 
 static const char *const examples[] = {
-    "spin-eval better.spin                        PSNR and SSIM of the held-out views",
-    "spin-eval better.spin --report report.html   a page with curves, tables and pictures",
-    "spin-eval ball.spin better.spin --table md   two bundles, as a table",
+    "spin-eval better.spin                        measure the held-out views",
+    "spin-eval better.spin --report report.html   write a page with curves, tables and images",
+    "spin-eval ball.spin better.spin --table md   compare two bundles in a table",
     NULL,
 };
 
@@ -74,7 +74,7 @@ static const char *const main_options[] = {
 
 static const struct spin_args_command command = {
     .name = "spin-eval",
-    .summary = "PSNR, SSIM and LPIPS of a bundle against its data set",
+    .summary = "measure PSNR, SSIM and LPIPS of a bundle against its data set",
     .usage = usage,
     .examples = examples,
     .main = main_options,
@@ -96,17 +96,18 @@ static const struct spin_args_command command = {
     "{{#cameras}}   all{{id %8d}}" MEASURES "\n{{/}}"
 #define ALL "   all     all" MEASURES "   {{views %N view}}, {{attributes}} attributes\n"
 #define FOOT                                                                                       \
-    "{{#mask}}mask     the subject alone, by {{mask}} of the data set\n{{/}}"                      \
+    "{{#mask}}mask     subject only, from {{mask}} of the data set\n{{/}}"                         \
     "{{^dynamic_from=off}}dynamic  {{dynamic %.2p}} % of the pixels, from "                        \
     "{{#dynamic_from=masks}}foreground masks{{/}}{{#dynamic_from=images}}the images{{/}}: "        \
     "PSNR {{psnr_dynamic %.3f}} there, {{psnr_static %.3f}} elsewhere\n{{/}}"                      \
     "{{#background_shows}}holes    PSNR {{psnr_opposite %.3f}} over the opposite background: the " \
     "splats are transparent in places\n{{/}}"                                                      \
     "speed    {{fps %.2f}} frames per second with decoding, {{fps_draw %.2f}} without\n"           \
-    "size     {{storage.file %B}} the file, unpacked {{storage_unpacked.file %B}}; "               \
-    "{{storage.measured %B}} the measured attributes, {{storage.measured_per_frame %B}} a frame\n"
+    "size     {{storage.file %B}} on disk, {{storage_unpacked.file %B}} unpacked; "                \
+    "{{storage.measured %B}} for the measured attributes, "                                        \
+    "{{storage.measured_per_frame %B}} per frame\n"
 
-/* Of several: a row each. What the first one has, all have. */
+/* Tables with a row per bundle. All bundles have the columns of the first one. */
 #define EACH(text) "{{#runs}}" text "{{/}}"
 #define IF_DYNAMIC(text) "{{#runs.0.psnr_dynamic}}" text "{{/}}"
 #define IF_VGG(text) "{{#runs.0.lpips_vgg}}" text "{{/}}"
@@ -143,7 +144,7 @@ static const char latex_text[] = "\\begin{tabular}{lrr" IF_DYNAMIC("r") IF_VGG("
                                                                "{{megabytes %.2f}} "
                                                                "\\\\\n") "\\end{tabular}\n";
 
-/* A name as such a table takes it. */
+/* Writes a run's name, escaped for the format of the table. */
 static void escape(const char *name, FILE *to)
 {
     bool csv = table && *table == 'c', latex = table && *table == 'l';
@@ -166,7 +167,8 @@ static void escape(const char *name, FILE *to)
         putc('"', to);
 }
 
-/* What only the tables have. */
+/* Adds to each run the values that only tables print: escaped names and sizes in megabytes. Takes
+ * ownership of report. */
 static char *for_tables(char *report)
 {
     spin_json *document = NULL, *runs;
@@ -197,7 +199,7 @@ static char *for_tables(char *report)
     return spin_json_finish(document, &text) == SPIN_OK ? text : NULL;
 }
 
-/* What is asked of several bundles, or of one in the same form. */
+/* Measures several bundles, or one in the form of a table. */
 static int compare(void)
 {
     const char *form = !table          ? plain_text
@@ -208,9 +210,10 @@ static int compare(void)
     int code;
 
     if (options.images || options.log)
-        return spin_args_misuse(&command, "--images and --log are for one bundle without --table");
+        return spin_args_misuse(&command,
+                                "--images and --log need a single bundle, without --table");
     if (table && spin_args.json)
-        return spin_args_misuse(&command, "--table and --json are two forms of the same");
+        return spin_args_misuse(&command, "--table and --json exclude each other");
     if (!spin_args_begin(&command, &code) ||
         !spin_args_ended(
             &command,

@@ -1,4 +1,4 @@
-/* spin-export: standard files out of a bundle. */
+/* spin-export: write the frames of a bundle in standard file formats. */
 #include "cmd/args.h"
 
 #include <string.h>
@@ -9,7 +9,7 @@
 static struct spin_export_options options = {.device = "auto"};
 static bool wants_list;
 
-/* Just `n` numbers. */
+/* Parses exactly `n` numbers, at most 7. */
 static bool parse_numbers(const struct spin_args_row *row, const char *text, int n)
 {
     double value[7];
@@ -40,43 +40,45 @@ static bool parse_none(const struct spin_args_row *row, const char *text)
 
 static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Output"),
-    SPIN_ARG("to", 0, "NAME", STRING, options.to,
-             "the exporter; otherwise what the ending of OUT says: .ply, .glb, .html, ..."),
-    SPIN_ARG("output", 'o', "OUT", STRING, options.output, "the folder or file to write"),
-    SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range, "export frame numbers A to B-1"),
+    SPIN_ARG("to", 0, "NAME", STRING, options.to, "exporter (default: by the extension of OUT)"),
+    SPIN_ARG("output", 'o', "OUT", STRING, options.output,
+             "file or folder to write: .ply, .glb, .html, ..."),
+    SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range,
+             "export frames numbered A to B-1 (all)"),
     SPIN_ARG("source", 0, NULL, FLAG, options.source,
              "write the imported attributes instead of the retrained ones"),
     SPIN_ARG(
         "decimate", 0, "N|P%|SIZE|LOSS", STRING, options.decimate,
-        "of each frame the N splats that are seen most; or a share of them (50%); or as many as "
-        "the size of the output (2MB) or a loss (40dB) lets stay"),
+        "keep the N splats per frame that contribute most to the training views; or a share (50%); "
+        "or as many as fit an output size (2MB); or the fewest for a PSNR against all (40dB)"),
     SPIN_ARG("check", 0, NULL, FLAG, options.check,
-             "read back what was written and compare it with the bundle"),
+             "read the output back and compare it with the bundle"),
     SPIN_ARG("sync", 0, NULL, FLAG, options.sync,
-             "wait until every file is on the disk before it gets its name"),
+             "flush every file to disk (fsync) before giving it its final name"),
     SPIN_ARG("list", 0, NULL, FLAG, wants_list, "list the exporters"),
-    SPIN_ARG_HEADING("The scene, by its own axes and units"),
+    SPIN_ARG_HEADING("Scene, in its own axes and units"),
     SPIN_ARG("crop", 0, "BOX|SPHERE", CUSTOM, options.crop,
-             "keep what is in X0,Y0,Z0,X1,Y1,Z1 or in X,Y,Z,RADIUS", .parse = parse_crop),
+             "keep splats inside the bounding box X0,Y0,Z0,X1,Y1,Z1 or the sphere X,Y,Z,RADIUS",
+             .parse = parse_crop),
     SPIN_ARG("min-views", 0, "N", INT, options.min_views,
-             "leave out splats that fewer than N training views of their frame see", .min = 1,
+             "drop splats that are visible in fewer than N training views of their frame", .min = 1,
              .max = 100000),
     SPIN_ARG("floaters", 0, "F", DOUBLE, options.floaters,
-             "leave out splats whose three nearest are F times as far as the median, beyond "
-             "their own reach",
+             "drop isolated splats: RMS distance to the three nearest neighbours above F times the "
+             "median, and beyond three sigma of the splat",
              .min = 1, .max = 1e6),
-    SPIN_ARG(
-        "backdrop", 0, "auto|off", ENUM, options.backdrop,
-        "off: leave out the splats with which spin-retrain closed the scene from behind (auto)"),
-    SPIN_ARG("scale", 0, "S", DOUBLE, options.scale, "then make the scene S times as large (1)",
-             .min = 1e-6, .max = 1e6),
+    SPIN_ARG("backdrop", 0, "auto|off", ENUM, options.backdrop,
+             "off: drop the backdrop that spin-retrain added behind the scene (auto)"),
+    SPIN_ARG("scale", 0, "S", DOUBLE, options.scale, "then scale the scene by S (1)", .min = 1e-6,
+             .max = 1e6),
     SPIN_ARG("translate", 0, "X,Y,Z", CUSTOM, options.translate,
-             "then move it; --up and --rotate of an exporter come after that",
+             "then move the scene; --up and --rotate of an exporter follow",
              .parse = parse_translate),
-    SPIN_ARG_HEADING("Data set, for exporters that draw"),
+    SPIN_ARG_HEADING("Data set, for exporters that render"),
     SPIN_ARG_DATA_ROWS(options),
     SPIN_ARG("background", 0, "COLOUR", COLOUR, options.background,
-             "black, white or R,G,B with each in 0..1, or none: images with alpha (black)",
+             "colour behind the splats: black, white or R,G,B with each in 0..1; none: images with "
+             "alpha (black)",
              .min = 0, .max = 1, .parse = parse_none),
     SPIN_ARG_HEADING("Machine"),
     SPIN_ARG_DEVICE_ROW(options),
@@ -90,9 +92,9 @@ static const char *const usage[] = {
 };
 
 static const char *const examples[] = {
-    "spin-export better.spin -o clip.html                 a page for the browser",
-    "spin-export better.spin --to ply -o frames/          a PLY file a frame",
-    "spin-export better.spin -o frame.spz --range 12:13   one frame",
+    "spin-export better.spin -o clip.html                 write a page for the browser",
+    "spin-export better.spin --to ply -o frames/          write one PLY file per frame",
+    "spin-export better.spin -o frame.spz --range 12:13   write one frame",
     NULL,
 };
 
@@ -102,7 +104,7 @@ static const char *const main_options[] = {"output", "to",   "range", "source",
 
 static const struct spin_args_command command = {
     .name = "spin-export",
-    .summary = "write the frames of a bundle as standard files",
+    .summary = "export the frames of a bundle to standard file formats",
     .usage = usage,
     .examples = examples,
     .main = main_options,
@@ -138,11 +140,11 @@ static const char text[] =
     "{{#left_out}}, {{left_out %N splat}} left out{{/}}\n"
     "{{#decimated}}decimated: {{after %M}} of {{before %N splat}} {{unit}}, by {{by}}; "
     "{{#pictures}}{{#psnr}}{{psnr %.2f}} dB{{/}}{{^psnr}}no difference{{/}} against all of them in "
-    "{{pictures %N picture}} from {{cameras}}{{/}}{{^pictures}}no picture shows one{{/}}\n"
+    "{{pictures %N image}} from {{cameras}}{{/}}{{^pictures}}no image shows one{{/}}\n"
     "{{#tries}}          {{reached %B}} in all, found by writing {{tries %N time}}\n{{/}}{{/}}"
     "{{#check}}read back: {{frames %N frame}}, {{splats %N splat}}; "
-    "boxes differ by {{bounds %.3g}} at most\n"
-    "  place                error {{place.rms %.3g}} rms, {{place.largest %.3g}} at most\n"
+    "bounding boxes differ by {{bounds %.3g}} at most\n"
+    "  position             error {{place.rms %.3g}} rms, {{place.largest %.3g}} at most\n"
     "{{#place_sizes}}                       {{place_sizes %.3g}} of the splat's size at most"
     "{{#place_pixels}}, {{place_pixels %.3g}} pixels of the data set's cameras{{/}}\n{{/}}"
     "  log scale            error {{log_scale.rms %.3g}} rms, {{log_scale.largest %.3g}} at most\n"
@@ -152,23 +154,21 @@ static const char text[] =
     "  colour               error {{colour.rms %.3g}} rms, {{colour.largest %.3g}} at most\n"
     "  sh                   error {{sh.rms %.3g}} rms, {{sh.largest %.3g}} at most\n"
     "{{#sh_lost}}  sh                   lost in {{sh_lost}} of {{splats %N splat}}, which {{to}} "
-    "does not "
-    "hold\n{{/}}"
+    "does not store\n{{/}}"
     "{{^rendered=}}frame {{rendered}} rendered from the file: {{#psnr}}{{psnr %.2f}} dB against "
-    "{{/}}the bundle's own picture\n{{/}}{{/}}";
+    "{{/}}the bundle's own render\n{{/}}{{/}}";
 
-/* Without --to, an output whose ending says nothing. */
+/* Without --to, the extension of the output must be known. */
 static int misuse_output(const char *output)
 {
     const char *name = strrchr(output, '/'), *ending = strrchr(name ? name : output, '.'), *near;
 
     near = ending && ending[1] ? spin_exporter_nearest(ending) : NULL;
     if (near)
-        return spin_args_misuse(&command, "no exporter writes '%s'; the nearest is %s", ending,
-                                near);
-    return spin_args_misuse(&command,
-                            "say what to write with --to, or by the ending of --output; --list "
-                            "shows what there is");
+        return spin_args_misuse(&command, "no exporter writes '%s'; the nearest format is %s",
+                                ending, near);
+    return spin_args_misuse(
+        &command, "choose a format with --to (see --list) or by the extension of --output");
 }
 
 static int check(void)
@@ -180,11 +180,10 @@ static int check(void)
     if (!options.to && options.output)
         return misuse_output(options.output);
     if (!options.to)
-        return spin_args_misuse(&command,
-                                "say what to write with --to, or by the ending of --output; --list "
-                                "shows what there is");
+        return spin_args_misuse(
+            &command, "choose a format with --to (see --list) or by the extension of --output");
     if (!options.output)
-        return spin_args_misuse(&command, "say where to write with --output");
+        return spin_args_misuse(&command, "--output is missing");
     return SPIN_EXIT_OK;
 }
 

@@ -1,4 +1,4 @@
-/* spin-import: another method's run to a bundle. */
+/* spin-import: import a run of another method as a bundle. */
 #include "cmd/args.h"
 
 #include <stdlib.h>
@@ -14,41 +14,40 @@ static bool wants_info, wants_list, wants_views;
 
 static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Input"),
-    SPIN_ARG("from", 0, "NAME", STRING, options.from, "the importer (detected)"),
+    SPIN_ARG("from", 0, "NAME", STRING, options.from, "importer (detected)"),
     SPIN_ARG("data", 0, "DIR", STRING, options.data,
-             "the multi-view video that the run was trained on"),
+             "multi-view video that the run was trained on"),
     SPIN_ARG("data-from", 0, "NAME", STRING, options.data_from,
-             "kind of that data set (detected); with options NAME:KEY=VALUE,..."),
-    SPIN_ARG(
-        "pair", 0, "auto|number|order", CHOICE, options.pair,
-        "match frames of the run and of the data set by their numbers or by their order (auto)"),
+             "format of the data set, with options as NAME:KEY=VALUE,... (detected)"),
+    SPIN_ARG("pair", 0, "auto|number|order", CHOICE, options.pair,
+             "match frames of the run and of the data set by number or by order (auto)"),
     SPIN_ARG_HEADING("Frames"),
     SPIN_ARG("frames", 0, "N", INT, options.n_frames,
              "continuous methods: sample N frames over the whole time range", .min = 1,
              .max = 1000000),
     SPIN_ARG("times", 0, "T0,T1,...", DOUBLES, times,
-             "continuous methods: sample at these times, in the unit of the method"),
+             "continuous methods: sample at these times, in the method's unit"),
     SPIN_ARG("frame-times", 0, "auto|data|unit|count", CHOICE, options.frame_times,
-             "continuous methods: the times of the data set's frames: its own, i/(n-1) or i/n of "
-             "the range (auto)"),
-    SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range, "keep frame numbers A to B-1"),
+             "continuous methods: time of the data set's frame i of n: its own, i/(n-1) or i/n of "
+             "the time range (auto)"),
+    SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range, "keep frames numbered A to B-1"),
     SPIN_ARG_HEADING("Output"),
-    SPIN_ARG("output", 'o', "FILE", STRING, options.output, "the bundle to write, *.spin"),
+    SPIN_ARG("output", 'o', "FILE", STRING, options.output, "bundle to write, *.spin"),
     SPIN_ARG("sync", 0, NULL, FLAG, options.sync,
-             "wait until the bundle is on the disk before it gets its name"),
+             "flush the bundle to disk (fsync) before giving it its final name"),
     SPIN_ARG("positions-only", 0, NULL, FLAG, options.positions_only,
-             "leave the source's attributes out"),
+             "store positions only, without the source's attributes"),
     SPIN_ARG(
         "precision", 0, "full|half|compact", ENUM, options.precision,
-        "of rotations, sizes, opacities and colours of 4D splats; full: to the bit; half: about "
-        "that of half floats; compact: steps that pictures hardly show (full)"),
-    SPIN_ARG("info", 0, NULL, FLAG, wants_info, "describe the input and write nothing"),
+        "precision of the rotations, scales, opacities and colours of 4D splats; full: lossless; "
+        "half: about that of half floats; compact: quantised without visible loss (full)"),
+    SPIN_ARG("info", 0, NULL, FLAG, wants_info, "describe the input without writing a bundle"),
     SPIN_ARG("full", 0, NULL, FLAG, options.full,
-             "with --info: read every frame instead of 16 of them"),
+             "with --info: read every frame instead of a sample of 16"),
     SPIN_ARG("views", 0, NULL, FLAG, wants_views,
-             "with --info of a bundle: list the pictures of its data set, with their cameras"),
+             "with --info of a bundle: list the images of its data set and their cameras"),
     SPIN_ARG("check-cameras", 0, "DIR", STRING, options.check_cameras,
-             "draw the clip's points over the images of --data, as PNGs in DIR"),
+             "draw the clip's points over the images of --data and write the PNGs to DIR"),
     SPIN_ARG("list", 0, NULL, FLAG, wants_list, "list the importers"),
     SPIN_ARG_END,
 };
@@ -64,7 +63,7 @@ static const char *const usage[] = {
 static const char *const examples[] = {
     "spin-import output/balls --data data/balls -o balls.spin   a run and the images it was "
     "trained on",
-    "spin-import --info output/balls                            what is in a run, or in a bundle",
+    "spin-import --info output/balls                            describe a run or a bundle",
     "spin-import frames/ -o clip.spin                           a folder of splat files",
     NULL,
 };
@@ -75,7 +74,7 @@ static const char *const main_options[] = {
 
 static const struct spin_args_command command = {
     .name = "spin-import",
-    .summary = "read a run of another method into a bundle",
+    .summary = "import a run of another method as a bundle",
     .usage = usage,
     .examples = examples,
     .main = main_options,
@@ -119,12 +118,13 @@ static const char list_text[] =
     "{{#splats_4d}}4D splats   {{n}}, paths of degree {{degree}}"                                  \
     "{{#arrays.0}}, with{{#arrays}} {{.}}{{/}}{{/}}: frames are their slices\n{{/}}"
 #define STATIC "{{#static.0}}static     {{#static}} {{.}}{{/}}\n{{/}}"
-/* What --info says, and an import does not. */
+/* Printed by --info but not by an import. */
 #define RECOGNISED "recognised  {{recognised}}\nupstream    {{upstream}}\n"
 
 #define REPORT_TO_SPLATS                                                                           \
     "{{#continuous}}time        any from {{time_range.0 %.10g}} to {{time_range.1 %.10g}}, "       \
-    "{{#sampled=ends}}read at both ends (--frames, --times or --data say where else){{/}}"         \
+    "{{#sampled=ends}}read at both ends (choose other times with --frames, --times or "            \
+    "--data){{/}}"                                                                                 \
     "{{#sampled=evenly}}sampled evenly{{/}}"                                                       \
     "{{#sampled=times}}sampled at the times of --times{{/}}"                                       \
     "{{#sampled=data}}sampled as the data set's frames are{{/}}\n{{/}}"                            \
@@ -165,7 +165,7 @@ static const char views_text[] =
     "{{#options}}            settings: {{options}}\n{{/}}{{/}}"
 static const char bundle_text[] =
     "bundle      {{bundle}}, by {{generator}}\n" FROM "upstream    {{upstream}}\n"
-    "{{#data}}data        {{data}}, {{data_from}}{{^data_there}}: it is not there{{/}}\n{{/}}"
+    "{{#data}}data        {{data}}, {{data_from}}{{^data_there}}: not found{{/}}\n{{/}}"
     "frames      {{frames}} of the source's {{source_frames}}" NUMBERS "splats      " SPLATS
     "\nattributes " ATTRIBUTES SPLATS_4D STATIC "{{#refined}}refined     " SPLATS
     ", {{options.iterations}} iterations each\n" STAGE "{{#trained}}trained     " SPLATS
@@ -181,7 +181,7 @@ static const char bundle_text[] =
     "{{#bytes.heads}}, heads {{bytes.heads %B}}{{/}}"
     "{{^bytes_unpacked.file=@bytes.file}}; unpacked {{bytes_unpacked.file %B}}{{/}}\n";
 
-/* A data set's options follow its name: "dynerf:time=unit". */
+/* Options of a data set follow its name: "dynerf:time=unit". */
 static const struct spin_importer *find_importer(const char *name)
 {
     size_t length = name ? strcspn(name, ":") : 0;
@@ -194,7 +194,7 @@ static const struct spin_importer *find_importer(const char *name)
     return NULL;
 }
 
-/* What can be said to be asked wrongly without opening anything. */
+/* Usage errors that can be found without opening any file. */
 static int check(void)
 {
     const struct spin_importer *from = find_importer(options.from);
@@ -205,16 +205,19 @@ static int check(void)
     if (wants_info && options.output)
         return spin_args_misuse(&command, "--info writes nothing, but --output was given");
     if (!wants_info && !options.output && !options.check_cameras)
-        return spin_args_misuse(&command, "say where to write with --output, or use --info");
+        return spin_args_misuse(&command,
+                                "--output is missing; to describe the input only, use --info");
     if (wants_views && !wants_info)
-        return spin_args_misuse(&command, "--views goes with --info");
+        return spin_args_misuse(&command, "--views requires --info");
     if (options.full && !wants_info)
-        return spin_args_misuse(&command, "--full goes with --info: an import reads every frame");
+        return spin_args_misuse(&command,
+                                "--full requires --info: an import always reads every frame");
     if (from && !from->open)
         return spin_args_misuse(&command, "'%s' reads data sets: use --data-from", from->name);
     if (options.data_from &&
         (data_from ? !data_from->views : !spin_plugin_fault(options.data_from)))
-        return spin_args_misuse(&command, "no data set is called '%s'; --list shows them",
+        return spin_args_misuse(&command,
+                                "unknown data set format '%s'; --list shows those available",
                                 options.data_from);
     if (options.n_frames && times.n)
         return spin_args_misuse(&command, "--frames and --times exclude each other");

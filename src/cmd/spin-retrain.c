@@ -1,4 +1,4 @@
-/* spin-retrain: learn the attributes of a bundle anew. */
+/* spin-retrain: retrain the splats of a bundle on the images of its data set. */
 #include "cmd/args.h"
 
 #include <math.h>
@@ -41,7 +41,8 @@ static bool parse_normalise(const struct spin_args_row *row, const char *text)
     return true;
 }
 
-/* One number is for all axes; but for x, y and z where 0 is allowed, as only time may be 0. */
+/* One number sets all four axes, except where 0 is allowed: there it sets x, y and z, since only
+ * time may be 0. */
 static bool parse_grid(const struct spin_args_row *row, const char *text)
 {
     double value[4];
@@ -65,7 +66,7 @@ static bool parse_grid(const struct spin_args_row *row, const char *text)
 #define SPIN_ARG_LOG_SCALE SPIN_ARG_CUSTOM, .parse = parse_log_scale
 #define SPIN_ARG_NORMALISE SPIN_ARG_CUSTOM, .parse = parse_normalise
 
-/* Rows of options.def; the default ends the help. */
+/* Rows of options.def; the default is appended to the help text. */
 #define HEADING(text) SPIN_ARG_HEADING(text),
 #define UNSET ""
 #define ALL(...) " (" #__VA_ARGS__ ")"
@@ -91,42 +92,40 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Output"),
     SPIN_ARG("output", 'o', "OUT.spin", STRING, options.output, "bundle to write"),
     SPIN_ARG("dry-run", 0, NULL, FLAG, options.dry_run,
-             "print the memory and time needed and stop"),
+             "print the memory and time needed, then exit"),
     SPIN_ARG("resume", 0, NULL, FLAG, options.resume,
-             "continue an interrupted run from the state kept beside OUT.spin"),
+             "continue an interrupted training from the checkpoint beside OUT.spin"),
     SPIN_ARG(
         "cache", 0, "DIR", STRING, options.cache,
-        "keep refined frames in this folder, and take those that are there; runs may share it"),
+        "keep refined frames in this folder and reuse those already there; trainings may share it"),
     SPIN_ARG("preview", 0, "DIR", STRING, options.preview,
-             "write PNGs that show ground truth and render side by side"),
+             "write PNGs of ground truth and render, side by side, to this folder"),
     SPIN_ARG("watch", 0, "DIR", STRING, options.watch,
-             "keep a page in this folder that refreshes itself: curves, pictures, the clip as it "
-             "stands"),
-    SPIN_ARG("log", 0, "FILE", STRING, options.log, "write one line of JSON per step"),
+             "write a page to this folder that refreshes itself: curves, images, the clip so far"),
+    SPIN_ARG("log", 0, "FILE", STRING, options.log, "write one line of JSON per iteration"),
     SPIN_ARG_HEADING("Preset"),
     SPIN_ARG("preset", 0, SPIN_PRESETS, CHOICE, preset,
-             "defaults of all options: minutes on any device, three times as long for the last "
-             "decibel, the paper's, or the paper's method for minutes on a CPU (quick; with "
-             "refinement, or a method that is neither tracks nor 4d: paper)"),
+             "defaults of all other options: quick takes minutes; best takes three times as long, "
+             "for higher quality; paper has the paper's settings; short is the paper's method in "
+             "minutes on a CPU (quick; paper with --refine, --method network or --method frames)"),
     SPIN_ARG_HEADING("Data set"),
     SPIN_ARG("data", 0, "DIR", STRING, options.data,
              "multi-view video (the one named in the bundle)"),
     SPIN_ARG("data-from", 0, "NAME", STRING, options.data_from,
              "format of the data set (detected)"),
     SPIN_ARG("pair", 0, "auto|number|order", CHOICE, options.pair,
-             "match frames to images by frame number or by their order (auto)"),
+             "match frames to images by frame number or by order (auto)"),
     SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range,
-             "use frame numbers A to B-1 only (all)"),
+             "use only frames numbered A to B-1 (all)"),
     SPIN_ARG("test-cams", 0, "LIST", INTS, test_cameras,
-             "numbers of the cameras held out (those that the input was trained without, or the "
-             "data set's own)",
+             "numbers of the held-out cameras (as in the input's training, or the data set's own)",
              .min = 0, .max = 1e9),
 #include "train/options.def"
     SPIN_ARG_HEADING("Machine"),
-    SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, options.device, "device that computes (auto)"),
-    SPIN_ARG(
-        "deterministic", 0, NULL, FLAG, options.deterministic,
-        "on a card: the same run gives the same bits, at some cost; on the cpu it always does"),
+    SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, options.device, "device to compute on (auto)"),
+    SPIN_ARG("deterministic", 0, NULL, FLAG, options.deterministic,
+             "make results on a GPU repeatable to the bit, at some cost in speed; on the CPU they "
+             "always are"),
     SPIN_ARG_END,
 };
 
@@ -137,10 +136,9 @@ static const char *const usage[] = {
 };
 
 static const char *const examples[] = {
-    "spin-retrain balls.spin -o better.spin               says what and how long, then trains",
-    "spin-retrain balls.spin -o best.spin --preset best   three times as long, for the last "
-    "decibel",
-    "spin-retrain balls.spin -o better.spin --dry-run     says what and how long, and no more",
+    "spin-retrain balls.spin -o better.spin               print the plan and the time, then train",
+    "spin-retrain balls.spin -o best.spin --preset best   three times as long, for higher quality",
+    "spin-retrain balls.spin -o better.spin --dry-run     print the plan and the time only",
     NULL,
 };
 
@@ -151,7 +149,7 @@ static const char *const main_options[] = {
 
 static const struct spin_args_command command = {
     .name = "spin-retrain",
-    .summary = "learn the attributes of a bundle anew",
+    .summary = "retrain the splats of a bundle on the images of its data set",
     .usage = usage,
     .examples = examples,
     .main = main_options,
@@ -165,15 +163,16 @@ static const char plan_text[] =
     "work        {{iterations %N iteration}}{{#method=frames}} on each frame{{/}}, "
     "{{frames %N frame}}, {{splats_mean %N splat}} each\n"
     "{{#densify_every}}densify     every {{densify_every}} iterations"
-    "{{#full}}, only to prune: --max-points leaves no room{{/}}\n{{/}}"
+    "{{#full}}, pruning only: --max-points is reached{{/}}\n{{/}}"
     "memory      {{bytes_needed %B}} needed, {{#bytes_available}}{{bytes_available %B}}{{/}}"
     "{{^bytes_available}}an unknown amount{{/}} available\n"
-    "{{^fits}}            it does not fit: {{#fitting}}{{fitting}} fits{{/}}"
-    "{{^fitting}}nothing smaller was found that does{{/}}\n{{/}}"
+    "{{^fits}}            it does not fit: {{#fitting}}{{fitting}} would fit{{/}}{{^fitting}}no "
+    "smaller setting was found that would{{/}}\n{{/}}"
     "{{^ranks=1}}processes   {{ranks}}; each needs that memory, and together they send up to "
-    "{{bytes_sent %B}} a step{{#densify_every}}, more as densification adds splats{{/}}\n{{/}}"
+    "{{bytes_sent %B}} per iteration{{#densify_every}}, more as densification adds "
+    "splats{{/}}\n{{/}}"
     "time        {{#seconds_estimated}}about {{seconds_estimated %T}}{{/}}"
-    "{{^seconds_estimated}}not known on a card{{/}}\n";
+    "{{^seconds_estimated}}not known on a GPU{{/}}\n";
 
 static const char text[] =
     "{{output}}: {{iterations %N iteration}} in {{#seconds}}{{seconds %T}}{{/}}"
@@ -187,8 +186,7 @@ static const char text[] =
     "{{/}}{{/}}"
     "after     {{test.psnr %10.3f}}{{test.ssim %9.4f}}\n";
 
-/* ---- Options without effect -------------------------------------------------------------------
- */
+/* ---- Options without effect ------------------------------------------------------------------ */
 
 static const char *const of_network[] = {"levels",          "features",        "hash-log2",
                                          "hidden",          "base-resolution", "finest-resolution",
@@ -203,7 +201,10 @@ static const char *const of_clip[] = {"tracks",      "iterations", "batch",     
 static const char *const of_tracks[] = {"lr-track",          "lr-displacement",  "lr-tracked",
                                         "track-iterations",  "dynamic-residual", "densify-every",
                                         "densify-threshold", "densify-until",    NULL};
-enum { CLIP_OF_4D = 8, TRACKS_OF_4D = 2 }; /* the first of these lists --method 4d has too */
+enum {
+    CLIP_OF_4D = 8,
+    TRACKS_OF_4D = 2
+}; /* number of first entries that also apply to --method 4d */
 static const char *const of_refinement[] = {"refine-start", "densify", "cache", NULL};
 static const char *const of_densification[] = {"max-points", NULL};
 static const char *const of_residual[] = {"residual", NULL};
@@ -211,7 +212,7 @@ static const char *const of_heads_alone[] = {"init-log-scale", NULL};
 static const char *const of_average[] = {"average", NULL};
 static const char *const of_exposure[] = {"lr-exposure", NULL};
 
-/* One warning with all names that were given, unless they have an effect. */
+/* Warns once about all options in `name` that were given but have no effect. */
 static void warn_idle(int argc, char **argv, const char *const *name, bool have_effect,
                       const char *lacking)
 {
@@ -249,11 +250,10 @@ static void warn_without_effect(int argc, char **argv)
               (options.refine > 0 && options.densify) ||
                   (tracks && options.refine == 0 && options.densify_every != 0),
               "without densification");
-    warn_idle(argc, argv, of_residual, !tracks || own,
-              "with tracks, which have values of their own");
+    warn_idle(argc, argv, of_residual, !tracks || own, "with tracks, which have their own values");
     warn_idle(argc, argv, of_heads_alone,
               options.method != SPIN_METHOD_NETWORK || (!tracks && !own),
-              "where splats have values of their own");
+              "where splats have their own values");
     warn_idle(argc, argv, of_exposure, options.learn_exposure != SPIN_EXPOSURE_OFF,
               "without --learn-exposure");
 }
@@ -265,14 +265,14 @@ static int check(void)
     if (!spin_args.word)
         return spin_args_misuse(&command, "IN.spin is missing");
     if (!options.output && !options.dry_run)
-        return spin_args_misuse(&command, "say where to write with --output");
+        return spin_args_misuse(&command, "--output is missing");
     if (options.batch > 0 && options.views_per_frame > options.batch)
         return spin_args_misuse(&command, "--views-per-frame %d is more than --batch %d",
                                 options.views_per_frame, options.batch);
     return SPIN_EXIT_OK;
 }
 
-/* What only a training with a network has, or instead of one, asks for the paper's settings. */
+/* Options that only apply to the network's training, or replace it, imply the paper's settings. */
 static const char *implied_preset(int argc, char **argv)
 {
     const char *method = spin_args_find(argc, argv, "method");
@@ -288,7 +288,8 @@ int main(int argc, char **argv)
     char *report;
     int code;
 
-    /* First, as other options change its values. Parsing refuses a name that is none. */
+    /* The preset comes first, since other options override its values. The parser reports an
+     * invalid name later. */
     preset = spin_args_find(argc, argv, "preset");
     spin_retrain_preset(preset ? preset : implied_preset(argc, argv), &options);
     if (!spin_args_parse(&command, argc, argv, &code))

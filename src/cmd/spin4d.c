@@ -1,4 +1,4 @@
-/* spin4d: a run into a clip that viewers play; and the four commands by one name. */
+/* spin4d: convert a run to a clip in one call; also runs the other four commands by one name. */
 #include "cmd/args.h"
 
 #include <errno.h>
@@ -13,32 +13,32 @@ static struct spin_convert_options options = {.device = "auto"};
 static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Input"),
     SPIN_ARG("data", 0, "DIR", STRING, options.data,
-             "the multi-view video that the run was trained on (the one beside it)"),
-    SPIN_ARG("data-from", 0, "NAME", STRING, options.data_from, "kind of that data set (detected)"),
-    SPIN_ARG("from", 0, "NAME", STRING, options.from, "the importer (detected)"),
+             "multi-view video that the run was trained on (found in or beside RUN)"),
+    SPIN_ARG("data-from", 0, "NAME", STRING, options.data_from,
+             "format of the data set (detected)"),
+    SPIN_ARG("from", 0, "NAME", STRING, options.from, "importer (detected)"),
     SPIN_ARG("frames", 0, "N", INT, options.n_frames,
              "continuous methods: sample N frames over the whole time range", .min = 1,
              .max = 1000000),
     SPIN_ARG_HEADING("Retraining"),
     SPIN_ARG("no-retrain", 0, NULL, FLAG, options.no_retrain,
-             "convert the splats as they are, although there are images"),
+             "convert the splats as they are, even if there are images"),
     SPIN_ARG("preset", 0, SPIN_PRESETS, CHOICE, options.preset,
-             "as of spin-retrain: minutes, or three times as long for the last decibel (quick)"),
+             "same as spin-retrain --preset (quick)"),
     SPIN_ARG("iterations", 0, "N", INT, options.iterations,
-             "for a look: train no longer than this (what the preset asks for)", .min = 1,
+             "stop after N iterations, for a quick preview (set by the preset)", .min = 1,
              .max = 1e9),
-    SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, options.device, "device that computes (auto)"),
+    SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, options.device, "device to compute on (auto)"),
     SPIN_ARG_HEADING("Output"),
     SPIN_ARG("output", 'o', "OUT", STRING, options.output,
-             "what to write, by its ending: .html, .mp4, .ply, ... (RUN.html)"),
-    SPIN_ARG("to", 0, "NAME", STRING, options.to,
-             "the exporter; otherwise what the ending of OUT says"),
+             "file or folder to write: .html, .mp4, .ply, ... (RUN.html)"),
+    SPIN_ARG("to", 0, "NAME", STRING, options.to, "exporter (default: by the extension of OUT)"),
     SPIN_ARG_END,
 };
 
 static const char *const usage[] = {
     "spin4d RUN [--data DIR] [-o clip.html] [options]",
-    "spin4d import|retrain|eval|export ...    the commands spin-import(1) to spin-export(1)",
+    "spin4d import|retrain|eval|export ...    run spin-import(1), spin-retrain(1), ...",
     NULL,
 };
 
@@ -46,8 +46,10 @@ static const char *const commands[] = {"import", "retrain", "eval", "export", NU
 
 static const char *const examples[] = {
     "spin4d output/balls --data data/balls -o balls.html   retrain on the images, write a page",
-    "spin4d output/balls --data data/balls --no-retrain    the splats as they are, into balls.html",
-    "spin4d eval balls.spin                                how good the retrained clip is",
+    "spin4d output/balls --data data/balls --no-retrain    write the splats as they are to "
+    "balls.html",
+    "spin4d eval balls.spin                                measure the quality of the retrained "
+    "clip",
     NULL,
 };
 
@@ -57,7 +59,7 @@ static const char *const main_options[] = {"output", "data", "no-retrain", "pres
 
 static const struct spin_args_command command = {
     .name = "spin4d",
-    .summary = "turn a run of a 4D Gaussian Splatting method into a clip to look at",
+    .summary = "convert a run of a 4D Gaussian Splatting method to a clip for viewing",
     .usage = usage,
     .examples = examples,
     .main = main_options,
@@ -75,8 +77,8 @@ static const char text[] =
     "{{bundle}}: the clip itself, for spin4d eval and spin4d export\n"
     "{{#to=html}}Open {{output}} in a browser.\n{{/}}";
 
-/* `spin4d import ...` is spin-import beside this program, or without /proc that of the PATH.
- * Returns only when that cannot be run. */
+/* Replaces this process by spin-`name` from the folder of this program, or from PATH without /proc.
+ * Returns only if that fails. */
 static int become(const char *name, char **argv)
 {
     char own[4096], path[4200];
@@ -92,7 +94,8 @@ static int become(const char *name, char **argv)
     return SPIN_EXIT_FAILED;
 }
 
-/* The command that a word is nearly, where no path has that name; NULL. */
+/* The command that `word` may be a typing error of, or NULL; NULL also if `word` is an existing
+ * path. */
 static const char *nearest_command(const char *word)
 {
     const char *best = NULL;
@@ -107,7 +110,8 @@ static const char *nearest_command(const char *word)
     return best;
 }
 
-/* `spin4d help`, `spin4d help import` and `spin4d version`, as people type who come from git. */
+/* Rewrites `spin4d help`, `spin4d help import` and `spin4d version`, as known from git, to options.
+ */
 static void read_help(int *argc, char **argv)
 {
     static char help[] = "--help", version[] = "--version";
@@ -126,14 +130,15 @@ static void read_help(int *argc, char **argv)
 
 int main(int argc, char **argv)
 {
-    int at = argc > 3 && strcmp(argv[1], "--complete") == 0 ? 2 : 1; /* of the command's name */
+    int at =
+        argc > 3 && strcmp(argv[1], "--complete") == 0 ? 2 : 1; /* index of the command's name */
     char *report;
     int code;
 
     read_help(&argc, argv);
     for (const char *const *name = commands; *name && at < argc; name++)
         if (strcmp(argv[at], *name) == 0) {
-            argv[at] = argv[at - 1]; /* our name, or --complete */
+            argv[at] = argv[at - 1]; /* keep argv[0], or --complete */
             return become(*name, argv + 1);
         }
     if (argc > 1 && nearest_command(argv[1]))

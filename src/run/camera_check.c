@@ -1,6 +1,7 @@
-/* Points over images, each a square of its own colour, the nearest wins; the image behind them is
- * darkened, so that where they do not fit a double picture shows. And outliers by median and median
- * absolute deviation: up to half of the views may be wrong. */
+/* Draws points over images and finds outlying cameras. Each point is a square in its colour, the
+ * nearest on top; the image behind is darkened, so that a mismatch shows as a double image.
+ * Outliers are found by the median and the median absolute deviation, which tolerate up to half of
+ * the views being wrong. */
 #include "run/camera_check.h"
 
 #include <float.h>
@@ -9,13 +10,13 @@
 #include "math/sh.h"
 
 #define DARKEN 0.45f
-/* One pixel, and one more on each side for every so many pixels of width. */
+/* Squares are one pixel wide, plus one on each side for every so many pixels of image width. */
 #define PIXELS_PER_RADIUS 900
 
 struct canvas {
     int width, height;
     float *image; /* [3][h][w] */
-    float *depth; /* [h][w] of what is drawn */
+    float *depth; /* [h][w] depth of the points drawn */
 };
 
 static float clamp01(float value) { return value > 0 ? (value < 1 ? value : 1) : 0; }
@@ -54,7 +55,7 @@ static void square(struct canvas *canvas, int u, int v, float depth, const float
     }
 }
 
-/* Every stride-th point; canvas NULL: only counted. */
+/* Draws every stride-th point and counts; with canvas NULL it only counts. */
 static void draw_points(struct canvas *canvas, const struct spin_camera *camera,
                         const struct spin_splats *s, size_t stride,
                         struct spin_camera_overlay_share *out)
@@ -120,21 +121,20 @@ size_t spin_camera_overlay_choose(const struct spin_views *views, int row, size_
     return chosen;
 }
 
-/* ---- Cameras that lie apart --------------------------------------------------------------------
- */
+/* ---- Cameras that lie apart ------------------------------------------------------------------ */
 
-/* Points that are looked at, evenly from all of them. */
+/* Points projected per view, evenly spaced. */
 #define POINTS 4096
-/* Of fewer views there is no telling which is wrong. */
+/* With fewer views an outlier cannot be identified. */
 #define LEAST_VIEWS 4
-/* How far below the median counts: so many standard deviations, estimated from the MAD, and at
- * least this share of the points. Cameras of one rig may well differ by less. */
+/* A view is an outlier if it is below the median by so many standard deviations, estimated from the
+ * MAD, and by at least this share of the points. Cameras of one rig may differ by less. */
 #define DEVIATIONS 6
 #define LEAST_GAP 0.25
 
 struct look {
     size_t view;
-    double share[2]; /* in front, inside */
+    double share[2]; /* shares in front and inside */
 };
 
 static double median(double *values, size_t n)
@@ -143,7 +143,7 @@ static double median(double *values, size_t n)
     return n % 2 ? values[n / 2] : 0.5 * (values[n / 2 - 1] + values[n / 2]);
 }
 
-/* The median of one share over all views, and what lies below `limit` is far from it. */
+/* Median of one share over all views, and the limit below which a view is an outlier. */
 static void judge(const struct look *look, size_t n, int which, double *values, double *middle,
                   double *limit)
 {
@@ -155,7 +155,7 @@ static void judge(const struct look *look, size_t n, int which, double *values, 
     *limit = *middle - fmax(LEAST_GAP, DEVIATIONS * 1.4826 * median(values, n));
 }
 
-/* The same camera in another view: what lies apart is kept, then what is lower. */
+/* Whether view a of a camera is worse than its view b: outliers first, then fewer points inside. */
 static bool is_lower(const struct spin_camera_share *a, const struct spin_camera_share *b)
 {
     return a->apart != b->apart ? a->apart : a->inside < b->inside;
@@ -174,7 +174,7 @@ static void put(const struct spin_views *views, const struct spin_camera_share *
     out->n += k == out->n;
 }
 
-/* Every view of the rows. */
+/* Measures every view of the rows; returns their number. */
 static size_t look_at(const struct spin_views *views, const int *rows, int n_rows,
                       const struct spin_splats *s, struct look *look)
 {

@@ -1,29 +1,30 @@
-/* A clip's points drawn over the images of its data set: a wrong axis or pairing is seen at once.
- * And what share of a frame's points each camera sees, and which camera sees far fewer than the
- * others: its pose or size is probably wrong, though the mean over many cameras hardly shows it. */
+/* Checks that cameras match the points of a clip: draws the points over the images of the data set,
+ * which reveals wrong axes or pairing, and finds cameras that see a far smaller share of the points
+ * than the others, whose pose or image size is probably wrong. */
 #pragma once
 
 #include "scene/dataset.h"
 
 struct spin_camera_overlay_share {
-    double in_front, inside; /* of the points: before the camera; in the image, too. 0..1 */
+    double in_front,
+        inside; /* shares of the points, 0..1: in front of the camera; inside its image */
 };
 
-/* Draw the points of a frame (means; colours when there are rgb or sh) over the view's image,
- * darkened, into a PNG of that name. */
+/* Draws the points of a frame (means, and colours if it has rgb or sh) over the darkened image of
+ * the view and writes a PNG to path. */
 spin_status spin_camera_overlay_draw(const struct spin_view *view, const struct spin_splats *s,
                                      const char *path, struct spin_camera_overlay_share *out);
 
-/* At most `most` of the views of one row, evenly from all of them: indices into views->view.
- * Returns how many. */
+/* Chooses up to `most` views of one data set frame, evenly spaced: indices into views->view.
+ * Returns their number. */
 size_t spin_camera_overlay_choose(const struct spin_views *views, int row, size_t most,
                                   size_t *index);
 
-/* One camera, in the view in which it sees the fewest. */
+/* One camera, in its view with the smallest share of points. */
 struct spin_camera_share {
-    size_t view;             /* in views->view */
-    double in_front, inside; /* share of the points before it; in its image. 0..1 */
-    bool apart;              /* far fewer than the others see */
+    size_t view;             /* index into views->view */
+    double in_front, inside; /* shares of the points in front of it and inside its image, 0..1 */
+    bool apart;              /* outlier: far fewer points than in other views */
 };
 
 struct spin_camera_shares {
@@ -32,7 +33,7 @@ struct spin_camera_shares {
     double in_front, inside; /* medians over all views */
 };
 
-/* Of the views in the rows that are named. The points are those of one frame: what moves is small
- * against a wrong pose. Free out->camera. */
+/* Measures the views of the given data set frames with the points of a single frame: motion is
+ * small compared to the error of a wrong pose. Free out->camera. */
 spin_status spin_camera_shares(const struct spin_views *views, const int *rows, int n_rows,
                                const struct spin_splats *s, struct spin_camera_shares *out);

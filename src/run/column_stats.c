@@ -1,4 +1,4 @@
-/* Least, middle and largest value of every attribute over the frames that are read. */
+/* Minimum, median and maximum of every attribute over the frames that are read. */
 #include "run/column_stats.h"
 
 #include <float.h>
@@ -6,12 +6,12 @@
 #include "base/base.h"
 #include "scene/columns.h"
 
-/* Values kept of one series, for its median. */
+/* Values sampled per series for its median. */
 #define SAMPLE 65536
 
-/* Positions have a line for each axis, as a wrong one shows there; colours one for what is the same
- * from everywhere and one for the rest. Values first to
- * first + n - 1 of each row; n 0: all others. */
+/* Positions have a series per axis, since a single axis may be wrong; colours one for the
+ * view-independent part and one for the rest. Each row contributes values first to first + n - 1; n
+ * 0 means all from first on. */
 static const struct {
     const char *name;
     unsigned column;
@@ -102,7 +102,7 @@ void spin_column_stats_frame(struct spin_column_stats *d, unsigned columns,
     }
 }
 
-/* What people think in, beside what is stored. */
+/* Converts stored values to familiar ones: scales and opacities. */
 static double exponential(double x) { return exp(x); }
 static double sigmoid(double x) { return 1 / (1 + exp(-x)); }
 
@@ -118,7 +118,7 @@ void spin_column_stats_ranges(struct spin_column_stats *d, spin_json *report)
 
     for (int k = 0; k < N_KINDS; k++) {
         struct spin_series *series = &d->series[k];
-        double value[3] = {NAN, NAN, NAN}; /* least, median, largest */
+        double value[3] = {NAN, NAN, NAN}; /* minimum, median, maximum */
         spin_json *range;
 
         if (series->n == 0)

@@ -1,4 +1,4 @@
-/* spin_compare(): several bundles measured on the same views. */
+/* spin_compare(): measures several bundles on the same views. */
 #include "base/base.h"
 #include "io/output.h"
 #include "io/ranks.h"
@@ -6,7 +6,7 @@
 #include "run/run.h"
 #include "scene/data_path.h"
 
-/* What a run is called: its file's name, or the whole path where another has that name too. */
+/* Names a run after its file, or by its whole path if another input has the same file name. */
 static spin_status set_name(spin_json *run, const char *const *input, int n, int i)
 {
     const char *name = spin_path_name(input[i]);
@@ -23,7 +23,7 @@ static spin_status set_name(spin_json *run, const char *const *input, int n, int
     return SPIN_OK;
 }
 
-/* Figures of other views would be no comparison. */
+/* Scores are only comparable on the same views. */
 static spin_status check_views(const spin_json *first, const spin_json *run)
 {
     const spin_json *a = spin_json_get(first, "views"), *b = spin_json_get(run, "views");
@@ -35,8 +35,8 @@ static spin_status check_views(const spin_json *first, const spin_json *run)
                json_equal(spin_json_get(spin_json_at(a, i), "camera"),
                           spin_json_get(spin_json_at(b, i), "camera"));
     return same ? SPIN_OK
-                : spin_misuse("'%s' and '%s' have other views: give --range, --split or "
-                              "--test-cams that both have",
+                : spin_misuse("'%s' and '%s' have different views: choose common ones with "
+                              "--range, --split or --test-cams",
                               spin_json_string(spin_json_get(first, "input")),
                               spin_json_string(spin_json_get(run, "input")));
 }
@@ -59,8 +59,8 @@ static spin_status measure(const struct spin_eval_options *all, const char *cons
     return check_views(spin_json_at(c->runs, 0), run);
 }
 
-/* Pictures of other data sets would be no comparison either, but they may be copies. What cannot be
- * read is said when it is measured. */
+/* Different data sets are not comparable either, but may be copies of one: warn only. Errors are
+ * ignored here, since measuring reports them. */
 static void warn_data(const char *const *input, int n)
 {
     SPIN_FREED char *first = NULL;
@@ -72,8 +72,8 @@ static void warn_data(const char *const *input, int n)
         if (spin_bundle_open(input[i], &bundle) == SPIN_OK &&
             spin_bundle_data_path(&bundle, i == 0 ? &first : &path) == SPIN_OK && path && first &&
             strcmp(path, first) != 0)
-            spin_warn("'%s' is measured against '%s', and '%s' against '%s': --data names one "
-                      "data set for all",
+            spin_warn("'%s' is measured against '%s', but '%s' against '%s': use --data to choose "
+                      "one data set for all",
                       input[0], first, input[i], path);
     }
 }

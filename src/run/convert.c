@@ -1,9 +1,10 @@
-/* spin_convert(): a run into what viewers play, by the other calls: import, retrain, export.
+/* spin_convert(): converts a run to a format for viewers by the other calls: import, retrain,
+ * export.
  *
- * The work is beside the output, under its name: clip.import.spin until all is done, clip.spin.part
- * while the training is unfinished, and clip.spin, which stays. So the same call goes on after an
- * interruption. What holds 4D splats is trained twice: frames, as clip.tracks.spin, which stays
- * too, and then the 4D splats that are cut from them. */
+ * Intermediate files are beside the output, under its name: clip.import.spin until all is done,
+ * clip.spin.part (the checkpoint) while the training is unfinished, and clip.spin, which stays. So
+ * the same call continues after an interruption. Formats of 4D splats need two trainings: of
+ * frames, kept as clip.tracks.spin, and then of the 4D splats made from them. */
 #include <sys/stat.h>
 
 #include "base/base.h"
@@ -18,18 +19,17 @@
 struct convert {
     const struct spin_convert_options *o;
     const char *to;
-    char *output, *bundle; /* what is written */
-    char *tracks;          /* the retrained frames, where `to` holds 4D splats; NULL */
-    char *import; /* what is exported or retrained; the input itself where that is a bundle */
-    char *beside; /* a data set that nobody named; NULL */
+    char *output, *bundle; /* paths that are written */
+    char *tracks;          /* path of the retrained frames if `to` stores 4D splats, else NULL */
+    char *import; /* the bundle to export or retrain; the input itself if that is a bundle */
+    char *beside; /* data set found beside the run, not named by the user; or NULL */
     bool imports;
-    bool has_data, is_trained; /* of `import` */
-    bool is_tracks; /* it has frames that tracks trained, of which 4D splats can be made */
+    bool has_data, is_trained; /* of the bundle `import` */
+    bool is_tracks; /* its frames were trained with tracks, so 4D splats can be made of them */
     spin_json *report;
 };
 
-/* ---- Names
- * ---------------------------------------------------------------------------------------- */
+/* ---- Names ----------------------------------------------------------------------------------- */
 
 static spin_status put_together(const char *text, size_t n, const char *ending, char **out)
 {
@@ -39,7 +39,7 @@ static spin_status put_together(const char *text, size_t n, const char *ending, 
     return SPIN_OK;
 }
 
-/* Bytes of a path without the ending of its last name and without slashes behind it. */
+/* Length of a path without the extension of its last component and without trailing slashes. */
 static size_t stem_length(const char *path, bool has_ending)
 {
     size_t n = strlen(path);
@@ -67,8 +67,8 @@ static spin_status name_output(struct convert *c)
                         &c->output);
 }
 
-/* Whether an exporter is for 4D splats. TSOG can hold frames too, each splat once for every frame.
- */
+/* Whether an exporter stores 4D splats. TSOG also accepts frames, but stores every splat of every
+ * frame then, so it is given 4D splats. */
 static bool holds_rows(const char *name)
 {
     for (const struct spin_exporter *const *e = spin_exporter_list(); *e; e++)
@@ -90,8 +90,8 @@ static spin_status name_all(struct convert *c)
     if (!c->to) {
         dot = strrchr(spin_path_name(c->output), '.');
         nearest = dot && dot[1] ? spin_exporter_nearest(dot) : NULL;
-        return spin_misuse("the ending of '%s' names no exporter: %s%s", c->output,
-                           nearest ? "the nearest is " : "say which with --to",
+        return spin_misuse("no exporter for the extension of '%s': %s%s", c->output,
+                           nearest ? "the nearest format is " : "choose one with --to",
                            nearest ? nearest : "");
     }
     if (named)
@@ -105,7 +105,6 @@ static spin_status name_all(struct convert *c)
                       : spin_strdup(o->input, &c->import);
 }
 
-/* What would fail at the end fails now. */
 static bool is_same_folder(const char *a, const char *b)
 {
     struct stat one, other;
@@ -114,6 +113,7 @@ static bool is_same_folder(const char *a, const char *b)
            one.st_dev == other.st_dev && one.st_ino == other.st_ino;
 }
 
+/* Fail early: check the output before the training. */
 static spin_status check_output(const struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
@@ -128,7 +128,7 @@ static spin_status check_output(const struct convert *c)
     return SPIN_OK;
 }
 
-/* Only frames that tracks trained become 4D splats. */
+/* 4D splats can only be made of frames trained with tracks. */
 static spin_status check_preset(const struct convert *c)
 {
     const char *preset = c->o->preset;
@@ -136,11 +136,11 @@ static spin_status check_preset(const struct convert *c)
     if (!c->tracks || !preset || strcmp(preset, "quick") == 0 || strcmp(preset, "best") == 0)
         return SPIN_OK;
     return spin_misuse(
-        "'%s' holds 4D splats, which are trained with the presets quick and best, not %s", c->to,
+        "'%s' stores 4D splats, which can be trained with --preset quick or best, not %s", c->to,
         preset);
 }
 
-/* The retrained clip does not take the place of the bundle that it is made of. */
+/* The retrained clip must not overwrite the bundle that it is made from. */
 static spin_status check_bundle(const struct convert *c)
 {
     const char *written[] = {c->bundle, c->tracks};
@@ -156,17 +156,16 @@ static spin_status check_bundle(const struct convert *c)
             continue;
         SPIN_TRY(spin_path_absolute(written[i], &path));
         if (strcmp(input, path) == 0 && (i == 0 || !c->is_trained))
-            return spin_misuse("the retrained clip would be '%s', which is the input: give "
-                               "another name with --output",
+            return spin_misuse("the retrained clip would overwrite the input '%s': choose another "
+                               "name with --output",
                                written[i]);
     }
     return SPIN_OK;
 }
 
-/* ---- The steps
- * ------------------------------------------------------------------------------------- */
+/* ---- The steps ------------------------------------------------------------------------------- */
 
-/* A report of another call as a member of ours; takes text. */
+/* Adds the report of another call as a member of this one; takes ownership of text. */
 static spin_status add_report(struct convert *c, const char *key, char *text)
 {
     spin_json *document = NULL;
@@ -193,7 +192,7 @@ static spin_status import_from(struct convert *c, const char *data)
     return add_report(c, "import", text);
 }
 
-/* A data set that nobody named and that does not fit is no reason to fail. */
+/* A data set that the user did not name and that does not fit is only a warning. */
 static spin_status import(struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
@@ -205,22 +204,23 @@ static spin_status import(struct convert *c)
         return import_from(c, o->data);
     status = import_from(c, c->beside);
     if (status == SPIN_OK)
-        spin_log(0, "uses the data set '%s' beside the run; --data names another", c->beside);
+        spin_log(0, "using the data set '%s' found beside the run; --data chooses another",
+                 c->beside);
     if (status == SPIN_OK || status == SPIN_E_CANCELLED || status == SPIN_E_MEMORY)
         return status;
-    spin_warn("the data set '%s' beside the run is not used: %s", c->beside, spin_last_error());
+    spin_warn("not using the data set '%s' found beside the run: %s", c->beside, spin_last_error());
     free(c->beside);
     c->beside = NULL;
     return import_from(c, NULL);
 }
 
-/* Frames are trained once; what tracks trained is trained again where 4D splats are wanted. */
+/* Trained clips are not retrained, except that 4D splats are trained from frames with tracks. */
 static bool retrains(const struct convert *c)
 {
     return c->has_data && !c->o->no_retrain && (!c->is_trained || (c->tracks && c->is_tracks));
 }
 
-/* What there is to work on, and whether that can be done. */
+/* Opens the bundle, finds what it contains and checks that it can be processed. */
 static spin_status look(struct convert *c)
 {
     SPIN_LEAVES(spin_bundle_close) struct spin_bundle bundle = {0};
@@ -243,8 +243,8 @@ static spin_status look(struct convert *c)
     return SPIN_OK;
 }
 
-/* An unfinished retraining goes on; with --force one that was made otherwise is replaced. rows: of
- * 4D splats. */
+/* Retrains input to output, resuming an unfinished training; with --force, one with other options
+ * is replaced. rows: train 4D splats. */
 static spin_status retrain_as(struct convert *c, const char *input, const char *output, bool rows)
 {
     const struct spin_convert_options *o = c->o;
@@ -258,7 +258,7 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
     SPIN_TRY(spin_retrain_preset(o->preset ? o->preset : "quick", &retrain));
     retrain.method = rows ? SPIN_METHOD_4D : retrain.method;
     retrain.tracks |= retrain.method == SPIN_METHOD_TRACKS;
-    retrain.antialias &= !c->tracks; /* 4D splats in files are drawn without */
+    retrain.antialias &= !c->tracks; /* viewers render files of 4D splats without antialiasing */
     retrain.iterations = o->iterations > 0 ? o->iterations : retrain.iterations;
     retrain.input = input;
     retrain.output = output;
@@ -278,7 +278,7 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
     return status == SPIN_OK ? add_report(c, rows ? "rows" : "retrain", text) : status;
 }
 
-/* What is exported is c->bundle then. */
+/* Retrains to c->bundle. */
 static spin_status retrain(struct convert *c)
 {
     bool frames = !c->is_trained;
@@ -287,7 +287,7 @@ static spin_status retrain(struct convert *c)
         return retrain_as(c, c->import, c->bundle, false);
     if (frames)
         SPIN_TRY(retrain_as(c, c->import, c->tracks, false));
-    spin_log(0, "'%s' holds 4D splats: training them from these frames", c->to);
+    spin_log(0, "'%s' stores 4D splats: training them from these frames", c->to);
     return retrain_as(c, frames ? c->tracks : c->import, c->bundle, true);
 }
 
@@ -308,7 +308,7 @@ static spin_status export(struct convert *c, const char *bundle)
     return add_report(c, "export", text);
 }
 
-/* The imported clip is what stays, or is in what stays. */
+/* The imported clip becomes the result, or is removed if the retrained clip includes it. */
 static spin_status tidy_up(struct convert *c, bool retrained)
 {
     if (!c->imports || spin_rank() > 0)
@@ -332,25 +332,28 @@ static spin_status run(struct convert *c)
     if (c->imports && !o->no_retrain)
         SPIN_TRY(check_preset(c));
     if (!c->imports && (o->n_frames > 0 || o->from))
-        return spin_misuse("%s is for a run, and '%s' is a bundle", o->from ? "--from" : "--frames",
-                           o->input);
+        return spin_misuse("%s applies to runs only, but '%s' is a bundle",
+                           o->from ? "--from" : "--frames", o->input);
     if (c->imports)
         SPIN_TRY(import(c));
     SPIN_TRY(look(c));
     trains = retrains(c);
     if (trains)
-        spin_log(0, "retraining on its images; --no-retrain leaves that out, and Ctrl-C keeps what "
-                    "is done");
+        spin_log(0, "retraining on the images of the data set; --no-retrain skips this, and Ctrl-C "
+                    "stops with a checkpoint");
     else if (o->preset || o->iterations > 0)
         spin_warn("nothing is retrained, so %s has no effect: %s",
                   o->preset ? "--preset" : "--iterations",
-                  o->no_retrain   ? "--no-retrain is given"
-                  : c->is_trained ? "the clip is trained already, and spin-retrain trains it anew"
-                                  : "no data set is known, and --data names one");
+                  o->no_retrain ? "--no-retrain is given"
+                  : c->is_trained
+                      ? "the clip is already trained; use spin-retrain to train it again"
+                      : "no data set is known; give one with --data");
     else if (!o->no_retrain && c->is_trained)
-        spin_log(0, "it is trained already, so nothing is retrained; spin-retrain trains it anew");
+        spin_log(
+            0,
+            "the clip is already trained and is not retrained; use spin-retrain to train it again");
     else if (!o->no_retrain)
-        spin_log(0, "no data set is known, so nothing is retrained; --data names one");
+        spin_log(0, "no data set is known, so the clip is not retrained; give one with --data");
     if (trains)
         SPIN_TRY(retrain(c));
     else if (c->imports)

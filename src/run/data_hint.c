@@ -5,15 +5,15 @@
 #include "io/json.h"
 #include "scene/probe.h"
 
-#define MAX_BESIDE 64 /* entries of the folder around the input */
+#define MAX_BESIDE 64 /* entries of the parent folder that are examined */
 
 struct found {
-    const struct spin_importer *importer; /* of the first */
+    const struct spin_importer *importer; /* importer and path of the first data set */
     char *path;
     int n;
 };
 
-/* Takes path. */
+/* Counts the data set at path, if it is one. Takes ownership of path. */
 static void look_at(struct found *found, char *path)
 {
     const struct spin_importer *importer =
@@ -39,7 +39,7 @@ static void look_beside(struct found *found, const char *input, const char *fold
         if (strcmp(names[i], spin_path_name(input)) == 0 ||
             spin_path_join(folder, names[i], &path) != SPIN_OK)
             continue;
-        if (spin_importer_guess(path, false)) /* another run, with the data set of its own */
+        if (spin_importer_guess(path, false)) /* another run, whose data set is not ours */
             free(path);
         else
             look_at(found, path);
@@ -82,14 +82,15 @@ void spin_data_hint(const char *input, char *text, size_t n_text)
 
     text[0] = '\0';
     if (found.n == 1)
-        snprintf(text, n_text,
-                 "a data set (%s) lies beside the run: --data '%s', if it was trained on that\n",
-                 found.importer->name, found.path);
-    else if (found.n > 1)
         snprintf(
             text, n_text,
-            "%d data sets lie beside the run, one in '%s': --data says which it was trained on\n",
-            found.n, found.path);
+            "a data set (%s) was found beside the run: use --data '%s' if it was trained on that\n",
+            found.importer->name, found.path);
+    else if (found.n > 1)
+        snprintf(text, n_text,
+                 "%d data sets were found beside the run, one in '%s': use --data to choose the "
+                 "one it was trained on\n",
+                 found.n, found.path);
     free(found.path);
 }
 

@@ -1,12 +1,13 @@
-/* Data sets that lie beside a run. */
+/* Finds data sets near a run. */
 #pragma once
 
 #include "spin.h"
 
-/* One line, "\n" at its end, about a data set in the input's own folder, in the one around it or
- * beside it; "" when there is none. What the input was trained on nobody can know from that. */
+/* Writes one line, ending in "\n", about the data sets in the input's folder, in its parent or
+ * beside it; "" if there are none. Whether the run was trained on them is unknown. */
 void spin_data_hint(const char *input, char *text, size_t n_text);
-/* Its path, allocated, when there is just one; else NULL. */
+/* Allocated path of the data set if there is exactly one; else NULL. */
 char *spin_data_beside(const char *input);
-/* Its transforms_train.json, or transforms.json, tells focal lengths by fl_x, not by angles. */
+/* Whether transforms_train.json or transforms.json of the folder stores focal lengths as fl_x
+ * instead of angles. */
 bool spin_data_has_focal(const char *folder);

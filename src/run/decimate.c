@@ -6,18 +6,18 @@
 
 #define COLUMNS (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
 enum {
-    VIEWS = 32,    /* of a frame that is weighed by itself */
-    LOOKS = 400,   /* pictures by which splats of several frames are weighed, about */
-    PICTURES = 16, /* that show the loss */
-    AROUND = 8,    /* of them where there are no cameras */
-    SIDE = 400,    /* of one of those, pixels */
-    TRIES = 9,     /* at a size */
-    HALVINGS = 8,  /* at a loss */
+    VIEWS = 32,    /* views per frame, if each frame has its own weights */
+    LOOKS = 400,   /* approximate number of views in all frames, if frames share splats */
+    PICTURES = 16, /* views by which the loss is measured */
+    AROUND = 8,    /* views on the orbit that replaces missing cameras */
+    SIDE = 400,    /* width and height of such a view, in pixels */
+    TRIES = 9,     /* writes to reach a size */
+    HALVINGS = 8,  /* bisections to reach a loss */
 };
-/* What is one splat in several frames. */
+/* What identifies a splat in several frames: nothing, its row, its 4D splat or its track. */
 enum { NOTHING, ROWS, FOUR_D, TRACKS };
 #define NONE UINT32_MAX
-/* Of a splat in a frame. */
+/* Why a splat of a frame is dropped, in left_out. */
 enum { COUNTS, IS_LEFT_OUT, IS_TOO_LARGE, IS_FILTERED };
 
 /* ---- The goal -------------------------------------------------------------------------------- */
@@ -56,8 +56,8 @@ static struct spin_decimate_set *set_of(const struct spin_decimation *d, int f)
     return &d->set[d->n_sets > 1 ? f : 0];
 }
 
-/* Which rows do not count, into d->left_out: by reason those that the filters leave out, 0 for
- * others, and those that the exporter leaves out. shown: of 4D splats, NULL: all. */
+/* Sets d->left_out: which rows do not count, because of the filters (reason, NULL: none) or because
+ * the exporter will drop them. shown: rows to use for the size of the scene; NULL: all. */
 static spin_status filter(struct spin_decimation *d, const struct spin_splats *s,
                           const unsigned char *reason, const unsigned char *shown)
 {
@@ -98,7 +98,7 @@ static double time_of(const struct spin_decimation *d, int f)
     return d->clip->bundle.meta.frame[d->clip->frame[f]].time;
 }
 
-/* Row of the set that each row of frame f is: of 4D splats. NULL: the same. */
+/* Maps the rows of frame f to 4D splats; NULL if frames are exported. */
 static spin_status rows_of(const struct spin_decimation *d, int f, size_t n, uint32_t **out)
 {
     size_t k = 0;
@@ -113,8 +113,8 @@ static spin_status rows_of(const struct spin_decimation *d, int f, size_t n, uin
     return SPIN_OK;
 }
 
-/* Frame f into d->splats, and in *mark its rows that are drawn: of those that count all, or the
- * kept ones. */
+/* Reads frame f into d->splats and marks the rows to draw in *mark: all that count, or the kept
+ * ones. */
 static spin_status read_frame(struct spin_decimation *d, int f, bool kept, unsigned char **mark,
                               uint32_t **row)
 {
@@ -145,7 +145,8 @@ out:
 
 /* ---- Weights --------------------------------------------------------------------------------- */
 
-/* Opacity times what a splat covers from the side that shows most of it. */
+/* Opacity times the product of the two largest axes: the area of a splat seen from its largest
+ * side. */
 static float size_of(const struct spin_splats *s, size_t i)
 {
     const float *scale = s->log_scales + 3 * i;
@@ -162,7 +163,7 @@ static int n_views(const struct spin_decimation *d)
     return d->sharing == NOTHING || n > VIEWS ? VIEWS : n > 1 ? n : 1;
 }
 
-/* Training views [*first, *first + *n) of frame f. */
+/* Finds the training views [*first, *first + *n) of frame f. */
 static void find_views(const struct spin_decimation *d, int f, size_t *first, size_t *n)
 {
     *first = 0;
@@ -172,7 +173,7 @@ static void find_views(const struct spin_decimation *d, int f, size_t *first, si
         ++*n;
 }
 
-/* What the camera would show of a splat, were it turned to it. */
+/* Contribution of a splat in pixels if the camera were turned towards it. */
 static float shown_by(const struct spin_camera *camera, const struct spin_splats *s, size_t i)
 {
     const float *p = s->means + 3 * i;
@@ -188,8 +189,8 @@ static float shown_by(const struct spin_camera *camera, const struct spin_splats
                        2 * M_PI * camera->fx * camera->fy / square * (double)size_of(s, i));
 }
 
-/* The most that one of these views would show of a splat that none of them has in its picture; 0:
- * one has. */
+/* Weight of a splat that is outside all of these views: the largest contribution it would have if
+ * one of their cameras were turned towards it. 0 if one view contains it. */
 static float unseen_weight(const struct spin_decimation *d, const struct spin_pair *pair, size_t n,
                            size_t i)
 {
@@ -206,8 +207,8 @@ static float unseen_weight(const struct spin_decimation *d, const struct spin_pa
     return most;
 }
 
-/* What the splats in d->part count for: the most that one view shows of them. On court the mean of
- * the views loses 0.5 to 1.8 dB more at half and at 70 % of the splats (tests/bench/README.md). */
+/* Weights of the splats in d->part: the maximum over the views. The mean loses 0.5 to 1.8 dB more
+ * on court when half or 70 % of the splats are kept (tests/bench/README.md). */
 static spin_status weigh(struct spin_decimation *d, int f, float *weight)
 {
     size_t first, n, wanted = (size_t)n_views(d);
@@ -221,7 +222,7 @@ static spin_status weigh(struct spin_decimation *d, int f, float *weight)
     wanted = wanted < n ? wanted : n;
     SPIN_TRY(spin_alloc(d->part.n, sizeof *seen, (void **)&seen));
     SPIN_TRY(spin_player_show_splats(&d->drawing, &d->part));
-    for (size_t k = 0; k < wanted; k++) { /* others from frame to frame */
+    for (size_t k = 0; k < wanted; k++) { /* rotate the choice of views from frame to frame */
         size_t at = first + (k * n / wanted + (size_t)f) % n;
 
         SPIN_TRY(spin_player_draw(&d->drawing, &d->clip->views.view[d->pairs[at].view].camera,
@@ -258,7 +259,8 @@ static spin_status weigh_frame(struct spin_decimation *d, int f)
     return SPIN_OK;
 }
 
-/* Rows that the clip shows and an exporter does not leave out count, if only between frames. */
+/* 4D splats that exist during the clip and that the exporter will not drop count, even if they are
+ * visible only between frames. */
 static spin_status begin_4d(struct spin_decimation *d)
 {
     const struct spin_splats_4d *s = d->splats_4d;
@@ -277,7 +279,7 @@ static spin_status begin_4d(struct spin_decimation *d)
 
 /* ---- What is one splat ----------------------------------------------------------------------- */
 
-/* Whether row i of all frames is one splat. */
+/* Whether row i is the same splat in all frames. */
 static bool keeps_rows(const struct spin_decimation *d)
 {
     const struct spin_clip *c = d->clip;
@@ -301,7 +303,7 @@ static int find_sharing(const struct spin_decimation *d)
     return d->frames->tracks.values ? TRACKS : NOTHING;
 }
 
-/* The splat of the clip that each row of frame f is; NONE: one of its own. */
+/* Sets the 4D splat or track of each row of frame f; NONE for a single-frame splat. */
 static spin_status read_items(const struct spin_decimation *d, int f, size_t n, uint32_t *item)
 {
     struct spin_bundle *b = (struct spin_bundle *)(uintptr_t)&d->clip->bundle;
@@ -325,13 +327,13 @@ static spin_status read_items(const struct spin_decimation *d, int f, size_t n, 
 
 /* ---- Choosing -------------------------------------------------------------------------------- */
 
-/* A row that counts. */
+/* A row that counts, for sorting. */
 struct entry {
     float weight;
     uint32_t item, set, row;
 };
 
-/* The heaviest first, what is one splat together. */
+/* Descending weight; rows of the same splat are adjacent. */
 static int by_weight(const void *a, const void *b)
 {
     const struct entry *x = a, *y = b;
@@ -360,7 +362,7 @@ static size_t add_entries(const struct spin_decimation *d, int s, const uint32_t
     return n;
 }
 
-/* One splat has its mean in all frames that have it. */
+/* Gives rows of the same splat their mean weight. */
 static spin_status take_means(struct entry *entry, size_t n)
 {
     uint32_t n_items = 0;
@@ -392,7 +394,7 @@ static size_t most_of(const struct spin_decimate_set *set, enum spin_decimate_un
     return n < (double)set->n_counted ? (size_t)n : set->n_counted;
 }
 
-/* From the heaviest on: a splat is kept where each of its frames has room. */
+/* Greedy, from the largest weight: keeps a splat if none of its frames exceeds the limit. */
 static void keep_heaviest(struct spin_decimation *d, struct entry *entry, size_t n,
                           enum spin_decimate_unit unit, double amount)
 {
@@ -415,7 +417,7 @@ static void keep_heaviest(struct spin_decimation *d, struct entry *entry, size_t
     }
 }
 
-/* The sets from `first` to `end` by themselves. */
+/* Chooses among the sets from `first` to `end` - 1, independently of other sets. */
 static spin_status choose_sets(struct spin_decimation *d, int first, int end,
                                enum spin_decimate_unit unit, double amount)
 {
@@ -538,8 +540,8 @@ void spin_decimation_close(struct spin_decimation *d)
 
 /* ---- What is left ---------------------------------------------------------------------------- */
 
-/* An exporter's own filter sees another box than that of all splats: what is too large is made so
- * for any box. */
+/* The exporter's filter compares scales with the bounding box of the remaining splats, which is
+ * smaller than ours: force rejected rows over any limit. */
 static void mark_too_large(const unsigned char *mark, const unsigned char *left_out, size_t n,
                            float *log_scales)
 {
@@ -551,7 +553,8 @@ static void mark_too_large(const unsigned char *mark, const unsigned char *left_
         }
 }
 
-/* Rows of other splats than the clip's, the largest, as many as the clip keeps in that frame. */
+/* For rows that do not correspond to those of the clip: marks the largest, as many as the clip
+ * keeps in that frame. */
 static spin_status mark_largest(const struct spin_decimation *d, const struct spin_splats *all,
                                 size_t most, unsigned char *mark)
 {
@@ -594,8 +597,8 @@ spin_status spin_decimation_frame(struct spin_decimation *d, int f, const struct
     return take_frame(d, f, all, true, counts, out);
 }
 
-/* A refinement has rows of its own, and a training that counts its splats anew adds and sorts rows:
- * an equal number of them says nothing. */
+/* Rows of refined frames differ from the source's, and a training with densification adds and sorts
+ * rows, so an equal number of rows does not prove that they correspond. */
 spin_status spin_decimation_source(struct spin_decimation *d, int f, const struct spin_splats *all,
                                    struct spin_splats *out)
 {
@@ -632,7 +635,7 @@ size_t spin_decimation_count(const struct spin_decimation *d, int f)
 
 /* ---- The loss -------------------------------------------------------------------------------- */
 
-/* Picture k of the clip without cameras: from all around its middle, y down. */
+/* View k of a clip without cameras, from a circle around its centre, with y down. */
 static spin_status orbit(const struct spin_splats *s, int k, struct spin_camera *out)
 {
     double angle = 6.283185307179586 * k / AROUND, c = cos(angle), sn = sin(angle);
@@ -665,7 +668,7 @@ static spin_status orbit(const struct spin_splats *s, int k, struct spin_camera 
     return SPIN_OK;
 }
 
-/* What frame f draws, into d->part. */
+/* Reads the splats of frame f that are drawn, all or the kept ones, into d->part. */
 static spin_status read_part(struct spin_decimation *d, int f, bool kept)
 {
     SPIN_FREED unsigned char *mark = NULL;
@@ -683,7 +686,7 @@ static spin_status draw(struct spin_decimation *d, int f, bool kept,
     return spin_player_draw(&d->drawing, camera, d->background, image);
 }
 
-/* Adds what one picture loses; one that shows nothing does not count. */
+/* Adds the squared error of one view; a blank view does not count. */
 static spin_status add_picture(struct spin_decimation *d, int f, const struct spin_camera *camera,
                                double *sum, double *n, int *n_pictures)
 {
@@ -716,7 +719,7 @@ spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decim
     size_t n_pictures = d->n_pairs == 0 ? AROUND : d->n_pairs < PICTURES ? d->n_pairs : PICTURES;
 
     *out = (struct spin_decimated){.by_views = d->n_pairs > 0};
-    /* Rows that frames share may be left out in some. */
+    /* With filters, rows shared by all frames may be dropped in some frames only. */
     out->in_all = d->splats_4d || (d->n_sets == 1 && d->edit->filters);
     for (int s = 0; s < d->n_sets; s++) {
         out->before += (double)d->set[s].n_counted;
@@ -754,7 +757,8 @@ spin_status spin_decimation_choose_loss(struct spin_decimation *d, double decibe
         SPIN_TRY(spin_decimation_choose(d, SPIN_DECIMATE_SHARE, middle));
         SPIN_TRY(spin_decimation_measure(d, &found));
         if (found.n_pictures == 0)
-            return spin_unsupported("--decimate: no picture shows a splat, so no loss can be seen");
+            return spin_unsupported(
+                "--decimate: no image shows a splat, so the loss cannot be measured");
         if (found.psnr >= decibels)
             high = middle;
         else
@@ -763,8 +767,8 @@ spin_status spin_decimation_choose_loss(struct spin_decimation *d, double decibe
     return spin_decimation_choose(d, SPIN_DECIMATE_SHARE, high);
 }
 
-/* Writes with this share, in a folder of its own beside the output, and says how many bytes that
- * are. */
+/* Writes with this share to a temporary folder beside the output, removes it and sets *bytes to its
+ * size. */
 static spin_status try_share(struct spin_decimation *d, double share, const char *output,
                              spin_decimation_write_fn write, void *context, uint64_t *bytes)
 {
@@ -780,7 +784,7 @@ static spin_status try_share(struct spin_decimation *d, double share, const char
     snprintf(folder, n + sizeof suffix, "%.*s%s", (int)n, output, suffix);
     SPIN_TRY(spin_path_join(folder, spin_path_name(output), &path));
     SPIN_TRY(spin_folder_make(folder));
-    spin_log_set_level(-2); /* it is said when it is written for good */
+    spin_log_set_level(-2); /* messages are for the final write */
     status = write(context, path);
     spin_log_set_level(level);
     *bytes = spin_out_remove(folder);
@@ -791,7 +795,7 @@ spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes
                                          const char *output, spin_decimation_write_fn write,
                                          void *context, int *n_tries, uint64_t *reached)
 {
-    double low = 1e-12, high = 1, n_low, n_high; /* low: one splat a frame */
+    double low = 1e-12, high = 1, n_low, n_high; /* low: one splat per frame */
     uint64_t n;
 
     SPIN_TRY(try_share(d, high, output, write, context, reached));
@@ -804,7 +808,7 @@ spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes
     n_low = (double)n;
     if (n_low > bytes)
         return spin_unsupported(
-            "--decimate: %llu bytes is the least that can be written, more than %.0f",
+            "--decimate: the smallest possible output has %llu bytes, more than %.0f",
             (unsigned long long)n, bytes);
     while (*n_tries < TRIES && n_low < 0.98 * bytes) {
         double part = (0.995 * bytes - n_low) / (n_high - n_low);

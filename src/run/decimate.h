@@ -1,15 +1,15 @@
-/* --decimate: the splats of a clip that are seen least are left out.
+/* --decimate: drops the splats of a clip that contribute least.
  *
- * What a splat counts for at one time is the sum, over the pixels of a picture, of the share that
- * its colour has in them, in that of some training cameras' which shows most of it. Without cameras
- * it is opacity times size. Frames keep their best N, each its own; but what is one splat in
- * several frames - a row of all frames, a track, a 4D splat - is kept or left out as one, by its
- * mean over their times. Of 4D splats that are written as such the best N rows are kept, by their
- * sum over the clip.
+ * A splat's weight at one time is its total blending contribution (sum of alpha times transmittance
+ * over the pixels) in one training view; the maximum over some of the frame's training views is
+ * used. Without cameras it is opacity times size. Each frame keeps its own best N splats, but
+ * splats shared by several frames (the same row of all frames, a track, a 4D splat) are kept or
+ * dropped as one, by their mean weight over those frames. If 4D splats are exported as such, the
+ * best N rows are kept, by the sum of their weights over the clip.
  *
- * Splats that --crop, --min-views or --floaters leave out do not count, and are left out. Those
- * that an exporter leaves out anyway (--min-opacity, --max-scale, what cannot be drawn) do not
- * count either, and are left to it. */
+ * Splats that --crop, --min-views or --floaters drop do not count and are dropped. Splats that the
+ * exporter drops by itself (--min-opacity, --max-scale, undrawable values) do not count either, and
+ * are passed on to it. */
 #pragma once
 
 #include "render/player.h"
@@ -24,28 +24,28 @@ enum spin_decimate_unit {
 
 struct spin_decimate_goal {
     enum spin_decimate_unit unit;
-    double amount; /* splats a frame; of 1; bytes of the whole output; dB */
+    double amount; /* splats per frame; a share, 0..1; bytes of the whole output; dB */
 };
-/* "5000", "50%", "2MB" (B, kB, MB, GB: powers of 1000) or "40dB". */
+/* Parses "5000", "50%", "2MB" (B, kB, MB, GB: powers of 1000) or "40dB". */
 spin_status spin_decimate_parse(const char *text, struct spin_decimate_goal *out);
 
-/* A frame's splats, or those of all frames. */
+/* The splats of one frame, or of all frames if frames share their rows. */
 struct spin_decimate_set {
     size_t n, n_counted, n_kept;
-    float *weight;       /* [n] what a row counts for; below 0: it is left to the exporter */
+    float *weight;       /* [n] weight of a row; negative: does not count */
     unsigned char *keep; /* [n] */
 };
 
 struct spin_decimation {
-    /* What the clip is; the caller's. */
+    /* Inputs, set and owned by the caller. */
     const struct spin_clip *clip;
-    struct spin_player *frames;             /* its splats */
-    const struct spin_splats_4d *splats_4d; /* that are written as such; or NULL */
+    struct spin_player *frames;             /* reads the splats of the clip */
+    const struct spin_splats_4d *splats_4d; /* 4D splats to export as such, or NULL */
     const struct spin_plugin_values *values;
-    struct spin_scene_edit *edit; /* its filters */
+    struct spin_scene_edit *edit; /* filters of the scene, judged before decimation */
     const float *background;
-    bool filters; /* the exporter leaves out by itself what cannot be drawn; another one gets
-                     nothing of that */
+    bool filters; /* the exporter drops undrawable splats itself and reports them; others must not
+                     receive any */
 
     /* Private. */
     struct spin_player drawing;
@@ -54,40 +54,40 @@ struct spin_decimation {
     int sharing;
     struct spin_decimate_set *set; /* [n_sets] */
     int n_sets;
-    struct spin_pair *pairs; /* training views, frame after frame */
+    struct spin_pair *pairs; /* training views, sorted by frame */
     size_t n_pairs;
     struct spin_splats splats, part;
-    unsigned char *left_out; /* of a frame: why; see decimate.c */
+    unsigned char *left_out; /* [rows of a frame] why each is dropped, see decimate.c */
     struct spin_splats_4d kept_4d;
 };
 
-/* Weighs all splats; the fields above are set. Close it also after a failure. */
+/* Computes all weights; the inputs above must be set. Close d also after a failure. */
 spin_status spin_decimation_open(struct spin_decimation *d);
 void spin_decimation_close(struct spin_decimation *d);
-/* Keeps so many: at most N in each frame (in all of 4D splats), or this share of those that count,
- * at least one. */
+/* Chooses the splats to keep: at most `amount` in each frame (in total for 4D splats), or this
+ * share of those that count, at least one. */
 spin_status spin_decimation_choose(struct spin_decimation *d, enum spin_decimate_unit unit,
                                    double amount);
-/* The smallest share whose loss is at least so many dB. */
+/* Chooses the smallest share whose PSNR against all splats is at least `decibels`. */
 spin_status spin_decimation_choose_loss(struct spin_decimation *d, double decibels);
-/* The largest share of which write() makes an output of at most so many bytes; it writes to a path
- * that is removed afterwards. The last path part is that of `output`. *n_tries: how often it was
- * written, *reached: bytes of that share. */
+/* Chooses the largest share for which write() makes an output of at most `bytes` bytes. write()
+ * gets a temporary path, removed afterwards, whose last component is that of `output`. *n_tries:
+ * number of writes; *reached: bytes of the chosen share. SPIN_E_UNSUPPORTED if even one splat per
+ * frame is too large. */
 typedef spin_status (*spin_decimation_write_fn)(void *context, const char *output);
 spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes,
                                          const char *output, spin_decimation_write_fn write,
                                          void *context, int *n_tries, uint64_t *reached);
 spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decimated *out);
 
-/* Splats of frame f of the clip, without what is left out. counts: what the filters leave out is
- * added up. */
+/* The kept splats of frame f of the clip. counts: add those that filters drop to the statistics. */
 spin_status spin_decimation_frame(struct spin_decimation *d, int f, const struct spin_splats *all,
                                   bool counts, struct spin_splats *out);
-/* Those that the bundle imported in frame f, of a clip that is a training's: the same rows where
- * the training kept the source's rows, otherwise as many of the largest. */
+/* The imported splats of frame f of a retrained clip: the kept rows if the training preserved the
+ * source's rows, otherwise as many of the largest. */
 spin_status spin_decimation_source(struct spin_decimation *d, int f, const struct spin_splats *all,
                                    struct spin_splats *out);
-/* Of the 4D splats; until the next choice. */
+/* The kept 4D splats; valid until the next choice. */
 spin_status spin_decimation_4d(struct spin_decimation *d, const struct spin_splats_4d **out);
-/* How many of a frame, before the exporter leaves some out; there are no filters. */
+/* Number of kept splats of frame f, before the exporter drops any; valid without filters only. */
 size_t spin_decimation_count(const struct spin_decimation *d, int f);

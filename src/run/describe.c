@@ -1,4 +1,5 @@
-/* spin_bundle_describe(): what meta.json and the names of the members say. */
+/* spin_bundle_describe() and spin_bundle_views(): contents of a bundle, from meta.json and the
+ * headers of its arrays. */
 #include "base/base.h"
 #include "spin_run.h"
 #include "scene/clip.h"
@@ -20,7 +21,7 @@ static spin_json *text_of(const spin_json *object, const char *key)
     return spin_json_text_value(text ? text : "");
 }
 
-/* What the source, refined frames and the training of a clip have alike. */
+/* Adds the members that source, refinement and training have in common. */
 static void add_splats(spin_json *to, const struct spin_bundle *b, enum spin_splat_source from,
                        unsigned columns, int64_t sh_degree, bool antialias)
 {
@@ -43,7 +44,7 @@ static void add_splats(spin_json *to, const struct spin_bundle *b, enum spin_spl
     spin_json_set(to, "attributes", spin_column_names(columns));
 }
 
-/* The network, or null. */
+/* Description of the network, or null. */
 static spin_json *field_json(const spin_json *field)
 {
     int64_t rows = 0, levels = integer_of(field, "levels");
@@ -57,7 +58,7 @@ static spin_json *field_json(const spin_json *field)
                      (json_int_t)integer_of(field, "hidden"), "rows", (json_int_t)rows);
 }
 
-/* A refining or a training, as meta.json tells it. */
+/* Adds a refinement or a training as recorded in meta.json. */
 static void add_stage(spin_json *root, const struct spin_bundle *b, const char *name,
                       enum spin_splat_source from, unsigned columns, int64_t sh_degree)
 {
@@ -94,7 +95,7 @@ spin_status spin_bundle_describe(const char *path, char **report)
 
     *report = NULL;
     if (!spin_bundle_looks_like(path))
-        return spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is no bundle", path);
+        return spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is not a bundle", path);
     SPIN_TRY(spin_bundle_open(path, &bundle));
     SPIN_TRY(spin_bundle_data_path(&bundle, &data));
     spin_bundle_weigh(&bundle, &bytes, &unpacked);
@@ -125,7 +126,8 @@ spin_status spin_bundle_describe(const char *path, char **report)
     if (trained)
         add_stage(root, &bundle, "trained", SPIN_FROM_TRAINED, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
                   integer_of(trained, "sh_degree"));
-    if (spin_json_get(bundle.json, "trained_4d")) /* its splats are the source */
+    if (spin_json_get(bundle.json,
+                      "trained_4d")) /* the retrained 4D splats are stored as the source */
         add_stage(root, &bundle, "trained_4d", SPIN_FROM_SOURCE, meta->columns, meta->sh_degree);
     spin_json_set(root, "bytes", spin_bundle_bytes_json(&bytes));
     spin_json_set(root, "bytes_unpacked", spin_bundle_bytes_json(&unpacked));

@@ -1,5 +1,5 @@
-/* Which exporter writes a file, by the ending of its name; and what writes the files that none
- * does. */
+/* Maps file name extensions to exporters, and extensions that no exporter writes to the nearest
+ * that one does. */
 #include <strings.h>
 
 #include "base/base.h"
@@ -22,7 +22,7 @@ static const char *const endings[][2] = {{".compressed.ply", "compressed-ply"},
                                          {".webm", "video"}};
 enum { N_ENDINGS = sizeof endings / sizeof *endings };
 
-/* Of files that nothing writes: the nearest that is written, and by which exporter. */
+/* Extensions that no exporter writes: the nearest format that is written, and its exporter. */
 static const char *const kin[][3] = {
     {"gif mov avi mkv m4v ogv mpg mpeg apng", ".mp4", "video"},
     {"exr", "a folder with --to images --format exr", "images"},
@@ -31,7 +31,7 @@ static const char *const kin[][3] = {
     {"usd usdc usdz", ".usda", "usd"},
     {"ksplat splatv", ".splat", "splat"},
     {"splat4d 4dgs", ".sogst", "sogst"},
-    {"spin", "what spin-import and spin-retrain write", NULL}};
+    {"spin", "a bundle, which spin-import and spin-retrain write", NULL}};
 enum { N_KIN = sizeof kin / sizeof *kin };
 
 static bool is_ending(const char *output, const char *ending)
@@ -47,7 +47,7 @@ const char *spin_exporter_for(const char *output)
     return NULL;
 }
 
-/* The row of kin for an ending, without its dot; -1. */
+/* Row of kin for an extension without its dot; -1 if there is none. */
 static int find_kin(const char *ending)
 {
     for (int k = 0; k < N_KIN; k++)
@@ -65,7 +65,8 @@ const char *spin_exporter_nearest(const char *ending)
 {
     size_t length = strlen(ending);
     const char *best = NULL;
-    int least = length < 6 ? 2 : 3, k = find_kin(ending + 1); /* of ".abcd" one letter */
+    int least = length < 6 ? 2 : 3,
+        k = find_kin(ending + 1); /* one typing error in short extensions such as ".abcd" */
 
     if (k >= 0)
         return kin[k][1];
@@ -100,7 +101,7 @@ const struct spin_exporter *spin_exporter_named(const char *name)
     return found;
 }
 
-/* The longest ending of `output` that somebody's files have, with its dot; NULL. */
+/* The longest known extension of `output`, with its dot; NULL if it has none. */
 static const char *known_ending(const char *output)
 {
     const char *dot = strrchr(spin_path_name(output), '.');
@@ -117,12 +118,13 @@ spin_status spin_exporter_check_name(const struct spin_exporter *e, const char *
 
     if (!by || strcmp(by, e->name) == 0 || spin_plugin_origin(e) || spin_path_is_folder(output))
         return SPIN_OK;
-    for (size_t i = 0; i < N_ENDINGS; i++) /* 4D splats as x.ply */
+    for (size_t i = 0; i < N_ENDINGS; i++) /* exporters of 4D splats only also accept a shorter form
+                                              of their extension, such as .ply for .ftgs.ply */
         if (!e->frame && strcmp(endings[i][1], e->name) == 0 &&
             spin_text_ends_any_case(endings[i][0], ending))
             return SPIN_OK;
-    return spin_misuse("'%s' is named as what '%s' writes, but --to is '%s': leave out --to or "
-                       "the ending",
+    return spin_misuse("the extension of '%s' is that of exporter '%s', but --to is '%s': omit "
+                       "--to or the extension",
                        output, by, e->name);
 }
 
@@ -132,8 +134,9 @@ spin_status spin_bundle_check_name(const char *output)
 
     if (!ending || strcasecmp(ending, ".spin") == 0)
         return SPIN_OK;
-    return spin_misuse("'%s' would be a bundle, which is named *.spin; spin-export writes %s of it",
-                       output, spin_exporter_for(output) ? ending : spin_exporter_nearest(ending));
+    return spin_misuse(
+        "'%s' would be a bundle and must be named *.spin; convert it with spin-export to %s",
+        output, spin_exporter_for(output) ? ending : spin_exporter_nearest(ending));
 }
 
 spin_status spin_report_check_name(const char *path)
@@ -149,9 +152,11 @@ spin_status spin_report_check_name(const char *path)
 
     for (size_t i = 0; i < sizeof others / sizeof *others; i++)
         if (is_ending(path, others[i][0]))
-            return spin_misuse("--report '%s': the report is a page of HTML, *.html; %s", path,
-                               others[i][1]);
+            return spin_misuse(
+                "--report '%s': the report is an HTML page and must be named *.html; %s", path,
+                others[i][1]);
     if (ending && strcasecmp(ending, ".html") != 0)
-        return spin_misuse("--report '%s': the report is a page of HTML, *.html", path);
+        return spin_misuse("--report '%s': the report is an HTML page and must be named *.html",
+                           path);
     return SPIN_OK;
 }

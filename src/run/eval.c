@@ -1,4 +1,4 @@
-/* spin_eval(): a bundle's pictures held to its data set. */
+/* spin_eval(): measures a bundle against the images of its data set. */
 #include "base/base.h"
 #include "spin_run.h"
 #include "eval/borders.h"
@@ -11,7 +11,7 @@
 
 struct eval {
     const struct spin_eval_options *o;
-    struct spin_compare *compare; /* or NULL */
+    struct spin_compare *compare; /* collects the images of a comparison, or NULL */
     struct spin_eval_report *report;
     struct spin_clip clip;
     struct spin_image_cache pixels;
@@ -19,15 +19,14 @@ struct eval {
     struct spin_lpips *lpips[SPIN_N_LPIPS];
     struct spin_device device;
     struct spin_player player, source;
-    struct spin_lenses lenses; /* of the cameras that taught what is measured */
-    bool has_source;           /* source is open: what is measured is compared with it */
+    struct spin_lenses lenses; /* lenses learned in the training that is measured */
+    bool has_source;           /* `source` is open, to compare with the imported splats */
     enum spin_splat_source from;
     struct spin_pair *pairs;
     size_t n_pairs;
 };
 
-/* ---- Opening ------------------------------------------------------------------------------------
- */
+/* ---- Opening --------------------------------------------------------------------------------- */
 
 static spin_status open_clip(struct eval *e)
 {
@@ -51,7 +50,7 @@ static spin_status open_clip(struct eval *e)
     e->report->refined = e->from == SPIN_FROM_REFINED;
     SPIN_TRY(spin_clip_pairs(&e->clip, o->split, &e->pairs, &e->n_pairs));
     if (e->n_pairs == 0)
-        return spin_not_found("the data set has no view in this split");
+        return spin_not_found("the data set has no views in this split");
     SPIN_TRY(spin_image_cache_open(&e->clip.views, spin_memory_available() / 4, o->background,
                                    &e->pixels));
     if (o->mask)
@@ -63,7 +62,8 @@ static spin_status open_clip(struct eval *e)
                                   &e->dynamic);
 }
 
-/* Views of training cameras are drawn as those of test cameras, of which no exposure is known. */
+/* All views are rendered with the mean exposure, since test cameras have none: scores of training
+ * cameras are too low. */
 static void warn_exposures(const struct eval *e)
 {
     const spin_json *cameras = spin_json_get(spin_training_of(&e->clip.bundle, e->from), "cameras");
@@ -77,8 +77,8 @@ static void warn_exposures(const struct eval *e)
             n += id == e->clip.views.view[e->pairs[i].view].camera_id;
         }
     if (n > 0)
-        spin_warn("%zu of %zu views are of cameras whose exposure was learned; they are drawn with "
-                  "the mean exposure, so their figures are too low",
+        spin_warn("%zu of %zu views belong to cameras whose exposure was learned; they are "
+                  "rendered with the mean exposure, so their scores are too low",
                   n, e->n_pairs);
 }
 
@@ -110,7 +110,7 @@ static spin_status open_players(struct eval *e)
     return SPIN_OK;
 }
 
-/* Before anything is drawn: weights that cannot be read are said at once. */
+/* Loads the weights before anything is rendered, so that errors are reported early. */
 static spin_status open_lpips(struct eval *e)
 {
     const struct spin_eval_options *o = e->o;
@@ -122,7 +122,7 @@ static spin_status open_lpips(struct eval *e)
     if (!o->lpips_backbone && !o->lpips_lin)
         return SPIN_OK;
     if (!o->lpips_backbone || !o->lpips_lin)
-        return spin_misuse("LPIPS needs both files of a network: --lpips-backbone and --lpips-lin");
+        return spin_misuse("LPIPS needs both --lpips-backbone and --lpips-lin");
     SPIN_TRY(spin_lpips_open(o->lpips_backbone, o->lpips_lin, o->n_threads, &one));
     network = spin_lpips_network(one);
     spin_lpips_close(e->lpips[network]);
@@ -130,14 +130,13 @@ static spin_status open_lpips(struct eval *e)
     return SPIN_OK;
 }
 
-/* ---- The report ---------------------------------------------------------------------------------
- */
+/* ---- The report ------------------------------------------------------------------------------ */
 
-/* A page that cannot be written, or a log that is not there, is said before the work. */
+/* Reports an unwritable page or a missing log before the work. */
 static spin_status check_report(const struct spin_eval_options *o)
 {
     if (o->log && !o->report)
-        return spin_misuse("the log is for the report: say where with --report");
+        return spin_misuse("--log is read for the report only: give --report");
     if (o->report)
         SPIN_TRY(spin_report_check_name(o->report));
     if (o->log && !spin_path_exists(o->log))
@@ -148,7 +147,7 @@ static spin_status check_report(const struct spin_eval_options *o)
     return o->report ? spin_output_check_file(o->report, o->force) : SPIN_OK;
 }
 
-/* The source is measured as well, when there is one to compare with. */
+/* Also measures the source if there is one to compare with. */
 static spin_status write_report(struct eval *e, const struct spin_metrics *after)
 {
     struct spin_eval_report before = {.n_views = e->n_pairs,
@@ -191,10 +190,9 @@ static spin_status write_report(struct eval *e, const struct spin_metrics *after
     return status;
 }
 
-/* ---- Measuring ----------------------------------------------------------------------------------
- */
+/* ---- Measuring ------------------------------------------------------------------------------- */
 
-/* Of the frames of all ranks. */
+/* Sums the number of dropped splats over all ranks. */
 static spin_status sum_left_out(struct eval *e)
 {
     SPIN_FREED uint64_t *n = NULL;
@@ -222,7 +220,7 @@ static spin_status run_eval(struct eval *e)
 
     SPIN_TRY(check_report(o));
     if (o->mask && o->dynamic != SPIN_DYNAMIC_AUTO && o->dynamic != SPIN_DYNAMIC_OFF)
-        return spin_misuse("--mask scores one region alone: it goes without --dynamic");
+        return spin_misuse("--mask and --dynamic exclude each other");
     SPIN_TRY(open_lpips(e));
     SPIN_TRY(open_clip(e));
     SPIN_TRY(open_players(e));
@@ -239,11 +237,12 @@ static spin_status run_eval(struct eval *e)
         bool flat;
 
         SPIN_TRY(spin_borders_are_flat(&e->clip.views, &e->pixels, e->pairs, e->n_pairs, &flat));
-        m.opposite = !flat; /* before a flat colour, another one is seen beside the subject */
+        m.opposite = !flat; /* in front of a flat colour, the opposite background is visible beside
+                               the subject */
     }
     SPIN_TRY(spin_metrics_run(&m, &report->mean));
     if (!report->mean.valid)
-        return spin_not_found("--mask: no view of this split shows the subject");
+        return spin_not_found("--mask: the subject is in no view of this split");
     SPIN_TRY(sum_left_out(e));
     report->n_views = e->n_pairs;
     report->n_frames = e->clip.n_frames;

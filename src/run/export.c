@@ -1,4 +1,4 @@
-/* The calls of spin.h that wire the rooms together: open, read, export, render. */
+/* The calls of spin.h that combine the modules: opening a clip, reading, exporting, rendering. */
 #include "base/base.h"
 #include "spin_run.h"
 #include "run/decimate.h"
@@ -16,13 +16,12 @@
 
 void spin_set_verbosity(int level) { spin_log_set_level(level); }
 
-/* ---- A clip, open for reading ------------------------------------------------------------------
- */
+/* ---- A clip, open for reading ---------------------------------------------------------------- */
 
 struct spin_scene {
     struct spin_bundle bundle;
     struct spin_device device;
-    struct spin_player player; /* of the network; opened when first needed */
+    struct spin_player player; /* of the trained splats; opened when first needed */
     bool is_trained, device_open, player_open;
 };
 
@@ -92,8 +91,7 @@ spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_splat
     return spin_player_splats(&scene->player, frame, columns, out);
 }
 
-/* ---- Drawing -----------------------------------------------------------------------------------
- */
+/* ---- Drawing --------------------------------------------------------------------------------- */
 
 struct spin_renderer {
     struct spin_player player;
@@ -111,8 +109,7 @@ spin_status spin_render_layers(struct spin_renderer *r, float *alpha, float *dep
     return spin_player_layers(&r->player, alpha, depth);
 }
 
-/* ---- Export
- * ---------------------------------------------------------------------------------------- */
+/* ---- Export ---------------------------------------------------------------------------------- */
 
 struct export
 {
@@ -123,22 +120,22 @@ struct export
     struct spin_device device;
     struct spin_player player;
     struct spin_renderer *renderer;
-    struct spin_splats splats, received; /* of this process, of another */
-    struct spin_decimation decimation;   /* where it decimates */
-    struct spin_splats thinned;          /* of the frame at hand */
+    struct spin_splats splats, received; /* of this rank; received from another */
+    struct spin_decimation decimation;   /* used with --decimate */
+    struct spin_splats thinned;          /* current frame after decimation */
     bool decimates;
-    const char *output; /* where to at the moment */
-    bool checks;        /* what is written at the moment */
-    const char **pairs; /* of the exporter, where it decimates */
+    const char *output; /* current output: the final path, or a temporary one of --decimate */
+    bool checks;        /* whether the current output is read back */
+    const char **pairs; /* options of the exporter with --decimate, else NULL */
     enum spin_splat_source from;
     size_t *counts; /* [n_frames] */
     int *source_index, *numbers;
-    char *data;                             /* the data set that the bundle names */
+    char *data;                             /* path of the data set recorded in the bundle */
     double *times;                          /* [n_frames] */
-    const struct spin_splats_4d *splats_4d; /* what is written instead of frames; NULL */
+    const struct spin_splats_4d *splats_4d; /* 4D splats to write instead of frames, or NULL */
     struct spin_scene_edit edit;
-    struct spin_splats edited; /* a frame as it is written */
-    double n_written;          /* splats, of all frames */
+    struct spin_splats edited; /* current frame after filters and transforms */
+    double n_written;          /* splats written so far, in all frames */
     void *self;
 };
 
@@ -156,7 +153,7 @@ static spin_status find_exporter(const char *name, const struct spin_exporter **
     }
     if (spin_plugin_fault(name))
         return spin_unsupported("%s", spin_plugin_fault(name));
-    return spin_misuse("no exporter '%s'; there are %s", name, known);
+    return spin_misuse("unknown exporter '%s'; available: %s", name, known);
 }
 
 static double clip_stride(const struct spin_clip *clip)
@@ -169,22 +166,22 @@ static double clip_stride(const struct spin_clip *clip)
                : (double)(info[clip->frame[n - 1]].number - info[clip->frame[0]].number) / (n - 1);
 }
 
-/* Of the frames that are written: every other one has half the rate. */
+/* Frame rate of the exported frames: --range with a step lowers it. */
 static double clip_fps(const struct spin_clip *clip)
 {
     const struct spin_frame_info *first = &clip->bundle.meta.frame[clip->frame[0]];
     const struct spin_frame_info *last = &clip->bundle.meta.frame[clip->frame[clip->n_frames - 1]];
     double span = last->time - first->time, fps = clip->bundle.meta.fps / clip_stride(clip);
 
-    /* A unit of one per frame is a frame number, not seconds, also where --range leaves frames out.
-     */
+    /* Times that advance by one per frame, also where --range skips frames, are frame numbers and
+     * not seconds. */
     if (clip->n_frames < 2 || span <= 0 || span == clip->n_frames - 1 ||
         span == last->number - first->number)
         return fps;
     return fps > 0 ? fps : (clip->n_frames - 1) / span;
 }
 
-/* Frame f of the export in x->splats without what is decimated. */
+/* Replaces *splats, frame f, by the splats that --decimate keeps. */
 static spin_status thin(struct export *x, int f, bool counts, struct spin_splats **splats)
 {
     if (!x->decimates)
@@ -194,7 +191,7 @@ static spin_status thin(struct export *x, int f, bool counts, struct spin_splats
     return SPIN_OK;
 }
 
-/* Frame f of the export in *splats, as it is written. */
+/* Replaces *splats, frame f, by the filtered and transformed splats. */
 static spin_status edit(struct export *x, int f, bool counts, struct spin_splats **splats)
 {
     if (spin_scene_edit_is_none(&x->edit))
@@ -204,8 +201,7 @@ static spin_status edit(struct export *x, int f, bool counts, struct spin_splats
     return SPIN_OK;
 }
 
-/* Every rank computes a frame of the round, and rank 0 writes them in order; one rank alone has a
- * frame a round. */
+/* Each rank computes one frame of the round, and rank 0 writes them in order. */
 static spin_status write_round(struct export *x, int first, int n)
 {
     unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
@@ -224,7 +220,9 @@ static spin_status write_round(struct export *x, int first, int n)
         if (own == 0)
             SPIN_TRY(edit(x, first + r, true, &splats));
         x->n_written += (double)splats->n;
-        x->report->splats_mean = x->n_written / (first + r + 1); /* an exporter may know better */
+        x->report->splats_mean =
+            x->n_written /
+            (first + r + 1); /* a preliminary mean, which the exporter may overwrite */
         info.n = splats->n;
         if (own == 0)
             SPIN_TRY(x->exporter->frame(x->self, first + r, &info, splats));
@@ -284,7 +282,7 @@ static spin_status read_again(void *context, int frame, const struct spin_splats
     return SPIN_OK;
 }
 
-/* The clip as 4D splats, for exporters that take them. */
+/* Finds the 4D splats of the clip for exporters that accept them. */
 static spin_status find_4d(struct export *x)
 {
     struct spin_bundle *bundle = &x->clip.bundle;
@@ -297,16 +295,16 @@ static spin_status find_4d(struct export *x)
         return SPIN_OK;
     if (bundle->meta.four_d.n > 0)
         return spin_unsupported(
-            "'%s' holds 4D splats, and what was trained is frames: 'spin-retrain --method 4d' "
-            "makes 4D splats of them, and --source writes those of the source",
+            "'%s' stores 4D splats, but the training produced frames: convert them with "
+            "'spin-retrain --method 4d', or export the imported 4D splats with --source",
             x->o->to);
     return spin_unsupported(
-        "this clip is frames, and '%s' holds 4D splats: make them by 'spin-retrain --method 4d', "
-        "import a source that has them without --frames, or write another format",
+        "'%s' stores 4D splats, but this clip has frames: convert them with 'spin-retrain --method "
+        "4d', import a source of 4D splats without --frames, or choose another format",
         x->o->to);
 }
 
-/* 4D splats as they are written, and how many of them each frame shows. */
+/* Decimates, filters and transforms the 4D splats, and counts how many each frame shows. */
 static spin_status change_4d(struct export *x, const struct spin_splats_4d **splats_4d)
 {
     *splats_4d = x->splats_4d;
@@ -389,8 +387,8 @@ static spin_status begin_export(struct export *x)
     SPIN_TRY(spin_scene_edit_views(&x->edit, &job.views));
     job.counts = x->edit.filters && !x->splats_4d ? NULL : x->counts;
     if (job.antialias && !x->exporter->antialias)
-        spin_warn("these splats are trained with antialiasing, which '%s' files do not tell "
-                  "viewers: switch it on there",
+        spin_warn("these splats were trained with antialiasing, which '%s' files cannot record: "
+                  "enable it in the viewer",
                   o->to);
     if (spin_rank() > 0)
         return x->splats_4d ? SPIN_OK : write_frames(x);
@@ -404,11 +402,10 @@ static spin_status begin_export(struct export *x)
     return x->exporter->end(x->self);
 }
 
-/* ---- Decimation
- * ---------------------------------------------------------------------------------- */
+/* ---- Decimation ------------------------------------------------------------------------------ */
 
-/* The exporter's options; rows that are too large are marked by then, and their frame's box is
- * another. */
+/* The exporter's options with --max-scale 0: rows that are too large are already marked, and the
+ * exporter would compare with the bounding box of the kept splats. */
 static spin_status make_pairs(struct export *x)
 {
     const char *const *pairs = x->o->plugin_pairs;
@@ -419,12 +416,12 @@ static spin_status make_pairs(struct export *x)
     SPIN_TRY(spin_alloc(n + 3, sizeof *x->pairs, (void **)&x->pairs));
     for (size_t i = 0; i < n; i++)
         x->pairs[i] = pairs[i];
-    x->pairs[n] = "max-scale"; /* the last one counts */
+    x->pairs[n] = "max-scale"; /* later values override earlier ones */
     x->pairs[n + 1] = "0";
     return SPIN_OK;
 }
 
-/* Whether an exporter leaves out what cannot be drawn: those do that have the option. */
+/* Whether an exporter drops undrawable splats: those with --min-opacity do. */
 static bool filters(const struct spin_exporter *exporter)
 {
     for (const struct spin_plugin_option *o = exporter->options; o && o->key; o++)
@@ -433,7 +430,7 @@ static bool filters(const struct spin_exporter *exporter)
     return false;
 }
 
-/* What is in the way is said before the work. */
+/* Reports existing output before the work. */
 static spin_status check_output(const struct spin_export_options *o)
 {
     if (spin_path_is_folder(o->output))
@@ -464,7 +461,7 @@ static spin_status decimate(struct export *x, const struct spin_decimate_goal *g
 
     SPIN_TRY(check_output(x->o));
     if (spin_n_ranks() > 1)
-        return spin_unsupported("--decimate works in one process, not under mpirun");
+        return spin_unsupported("--decimate runs in a single process only, not under mpirun");
     d->clip = &x->clip;
     d->frames = &x->player;
     d->splats_4d = x->splats_4d;
@@ -488,8 +485,8 @@ static spin_status decimate(struct export *x, const struct spin_decimate_goal *g
     return SPIN_OK;
 }
 
-/* What the cameras' lens darkens, and each camera's own colours, are not the scene's, so they are
- * in no export. */
+/* Exports have no lens falloff and the colours of the mean camera, since both are properties of the
+ * cameras and not of the scene. */
 static spin_status say_lens(const struct export *x)
 {
     size_t n_cameras =
@@ -498,7 +495,9 @@ static spin_status say_lens(const struct export *x)
     double corner;
 
     if (n_cameras > 0)
-        spin_log(0, "in the colours of the mean camera: the training gave each of its %zu its own",
+        spin_log(0,
+                 "exporting the colours of the mean camera: the training learned an exposure for "
+                 "each of its %zu cameras",
                  n_cameras);
     if (!spin_bundle_has_lenses(&x->clip.bundle, x->from))
         return SPIN_OK;
@@ -506,8 +505,8 @@ static spin_status say_lens(const struct export *x)
     corner = spin_lenses_corner(&lenses);
     if (lenses.n > 0)
         spin_log(0,
-                 "without the falloff of the cameras' lens, whose pictures have %.0f %% of the "
-                 "brightness in the corners",
+                 "exporting without the lens falloff, which leaves %.0f %% of the brightness in "
+                 "the corners of the images",
                  100 * corner);
     spin_lenses_free(&lenses);
     return SPIN_OK;
@@ -523,7 +522,7 @@ static void warn_of_background(const struct export *x)
         spin_training_warn_background(&x->clip.bundle, x->from, rgb, "draws");
     else if (!o->transparent && !o->check && !o->decimate &&
              (rgb[0] != 0 || rgb[1] != 0 || rgb[2] != 0))
-        spin_warn("no effect without pictures: --background");
+        spin_warn("no effect without rendered images: --background");
 }
 
 static spin_status run_export(struct export *x)
@@ -543,13 +542,14 @@ static spin_status run_export(struct export *x)
     SPIN_TRY(spin_exporter_check_name(x->exporter, o->output));
     SPIN_TRY(spin_plugin_check(o->to, x->exporter->options, o->plugin_pairs));
     if (o->check && !x->exporter->checks)
-        return spin_misuse("--check: what '%s' writes cannot be read back", o->to);
+        return spin_misuse("--check: the output of '%s' cannot be read back", o->to);
     if (o->transparent && !x->exporter->alpha)
-        return spin_misuse("--background none: what '%s' writes has no alpha; images have", o->to);
+        return spin_misuse(
+            "--background none: the output of '%s' has no alpha channel; use --to images", o->to);
     c.wants_views = x->exporter->looks_at_views || o->check || o->decimate || o->min_views > 0;
     SPIN_TRY(spin_clip_open(&c, &x->clip));
     SPIN_TRY(spin_scene_edit_begin(&x->edit, o, &x->clip));
-    x->clip.bundle.told_not_finite = true; /* exporters say which rows they leave out */
+    x->clip.bundle.told_not_finite = true; /* exporters report non-finite rows themselves */
     SPIN_TRY(spin_player_choose(&x->clip.bundle, o->source, &x->from));
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &x->device));
     SPIN_TRY(spin_player_open(&x->player, &x->device, &x->clip.bundle, x->from));
@@ -569,7 +569,8 @@ static spin_status run_export(struct export *x)
     if (o->decimate)
         SPIN_TRY(decimate(x, &goal));
     SPIN_TRY(begin_export(x));
-    if (x->report->decimated.n_tries > 0 && x->report->bytes > 0) /* of a path, not of the try's */
+    if (x->report->decimated.n_tries > 0 &&
+        x->report->bytes > 0) /* of the final output, whose size may depend on its path */
         x->report->decimated.reached = x->report->bytes;
     return SPIN_OK;
 }
@@ -623,7 +624,7 @@ static spin_json *check_json(const struct spin_export_check *c)
     spin_json_set_number(j, "place_pixels", c->place_pixels);
     spin_json_set(j, "sh_lost", json_integer((json_int_t)c->sh_lost));
     spin_json_set(j, "rendered", c->rendered < 0 ? json_null() : json_integer(c->rendered));
-    spin_json_set_number(j, "psnr", c->psnr); /* null: infinite, or none was */
+    spin_json_set_number(j, "psnr", c->psnr); /* null: infinite or not measured */
     return j;
 }
 
@@ -635,7 +636,7 @@ static spin_json *decimated_json(const struct spin_decimated *d)
         return json_null();
     j = json_pack("{s:f, s:f, s:s, s:s, s:s, s:i}", "before", d->before, "after", d->after, "unit",
                   d->in_all ? "in all" : "a frame", "by",
-                  d->by_views ? "their share of the pictures" : "opacity and size", "cameras",
+                  d->by_views ? "their contribution to the images" : "opacity and size", "cameras",
                   d->by_views ? "training cameras" : "all around", "pictures", d->n_pictures);
     spin_json_set_number(j, "psnr", d->n_pictures > 0 ? d->psnr : (double)NAN);
     spin_json_set(j, "tries", json_integer(d->n_tries));

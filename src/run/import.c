@@ -1,4 +1,4 @@
-/* spin_import(): another method's run to a bundle, or a description of it. */
+/* spin_import(): import a run of another method as a bundle, or only describe it. */
 #include <float.h>
 
 #include "base/base.h"
@@ -18,77 +18,77 @@
 #include "scene/probe.h"
 #include "scene/splats_4d.h"
 
-/* A description reads this many frames, evenly from all of them, unless asked for every one. */
+/* A description reads this many frames, evenly spaced, unless all are requested. */
 #define DESCRIBED_FRAMES 16
-/* At most so many frames are taken of a clip that a file counts itself: half an hour at 30 a
- * second. */
+/* Limit on the number of frames that a file claims to have: half an hour at 30 per second. */
 #define MOST_OWN 65536
-/* --check-cameras draws this many views of this many frames. */
+/* --check-cameras draws this many views of each of this many frames, */
 #define CHECKED_FRAMES 3
 #define CHECKED_VIEWS 4
-/* And the worst of the cameras that see far less than the others. */
+/* and this many of the cameras that see far fewer points than the others. */
 #define CHECKED_APART 4
 struct import {
     const struct spin_import_options *o;
-    spin_json *report; /* what --json prints, see spin-import(1) */
+    spin_json *report; /* printed by --json, see spin-import(1) */
     const struct spin_importer *importer;
-    const char *input; /* where the run is: as it was given, or one level down */
-    char *below;       /* NULL: as it was given */
+    const char *input; /* path of the run: o->input, or a folder below it */
+    char *below;       /* owns `input` if that is a folder below o->input; else NULL */
     struct spin_plugin_values values;
     void *self;
     struct spin_sequence_info sequence;
     struct spin_bundle_meta meta;
     struct spin_bundle_writer writer;
-    bool stores, writing; /* frames go into a bundle; this process writes it */
+    bool stores, writing; /* stores: frames are written to a bundle; writing: by this process */
     struct spin_splats splats;
-    const struct spin_splats_4d *four_d; /* what the source has, for slices or to be kept; NULL */
-    bool keeps_4d;                       /* the bundle holds these, not frames */
-    struct spin_views views;             /* of the data set, when one is given */
-    char *data;                          /* its absolute path */
-    int n_own;  /* frames that a continuous run has by itself; 0: not asked for */
-    int *rows;  /* [n_frames] row of the data set of each frame */
-    int *index; /* [n_frames] the importer's number of each frame */
+    const struct spin_splats_4d *four_d; /* 4D splats of the source, or NULL */
+    bool keeps_4d;                       /* the bundle stores four_d instead of frames */
+    struct spin_views views;             /* of the data set, if any */
+    char *data;                          /* absolute path of the data set, or NULL */
+    int n_own;  /* frames of a continuous run by its own data; 0: unknown or not needed */
+    int *rows;  /* [n_frames] data set frame of each frame */
+    int *index; /* [n_frames] index of each frame in the importer */
     struct spin_column_stats describe;
     float low[3], high[3]; /* bounds of the positions */
 
-    /* A frame is read while the one before is written: a clip takes as long as the slower of both.
-     */
+    /* Frame i is read while frame i - 1 is written, so that an import takes as long as the slower
+     * of the two. */
     struct spin_pool *pool;
-    int step;                   /* the frame that is read */
-    struct spin_splats slot[2]; /* of frame i: i % 2 */
+    int step;                   /* the frame being read */
+    struct spin_splats slot[2]; /* frame i is in slot i % 2 */
     struct {
         spin_status status;
-        char why[1024]; /* the trail, which belongs to its thread */
-    } done[2];          /* read, written */
+        char why[1024]; /* the error text, which is thread-local */
+    } done[2];          /* of reading and of writing */
 };
 
-/* A frame of the source. */
+/* Reads frame i of the import, in the order of im->index, from the importer. */
 static spin_status source_frame(struct import *im, int i, unsigned columns, struct spin_splats *out)
 {
     return im->importer->frame(im->self, im->index[i], im->meta.frame[i].time, columns, out);
 }
 
-/* ---- The data set ------------------------------------------------------------------------------
- */
+/* ---- The data set ---------------------------------------------------------------------------- */
 
-/* Work goes on without the data set of an exported clip, which nobody asked for. */
+/* The user did not request the data set of an exported clip, so ignore an unusable one with a
+ * warning. */
 static void forget_data(struct import *im)
 {
-    spin_warn("the data set of the exported clip is not used: %s", spin_last_error());
+    spin_warn("not using the data set of the exported clip: %s", spin_last_error());
     spin_views_free(&im->views);
     free(im->data);
     im->data = NULL;
     im->meta.data_from[0] = '\0';
 }
 
-/* Read the data set first: its frames may be where a continuous method is sampled. */
+/* Opens the data set before the frames are chosen: a continuous method may be sampled at its
+ * frames. */
 static spin_status open_data(struct import *im)
 {
     const struct spin_import_options *o = im->o;
     SPIN_FREED char *from = NULL, *path = NULL;
     spin_status status = SPIN_OK;
 
-    if (!o->data && !im->sequence.continuous) /* the one that spin-export wrote down */
+    if (!o->data && !im->sequence.continuous) /* the data set recorded by spin-export */
         SPIN_TRY(spin_exported_data(im->input, &path, &from));
     if (o->data)
         SPIN_TRY(spin_foreign_missing(o->data));
@@ -106,12 +106,13 @@ static spin_status open_data(struct import *im)
     if (im->data && *im->views.notes)
         spin_note(&im->sequence, "%s", im->views.notes);
     if (im->data && !o->data)
-        spin_note(&im->sequence, "the data set is that of the exported clip: '%s'", im->data);
+        spin_note(&im->sequence, "using the data set of the exported clip: '%s'", im->data);
     return status;
 }
 
-/* What a continuous run may be sampled at when nobody says where: its own frames, where its times
- * count those, else the frames of the only data set beside it, whose images are not taken. */
+/* Chooses frames for a continuous run if the user names none: the run's own number of frames, the
+ * frames that its times count, or the frame times of the only data set beside it (whose images are
+ * not used). */
 static void look_for_frames(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -124,14 +125,14 @@ static void look_for_frames(struct import *im)
     im->n_own = t->n_clip_frames;
     if (im->n_own > MOST_OWN) {
         im->n_own = MOST_OWN;
-        spin_note(t, "its clip has %d frames, of which %d are taken, at even distances (--frames)",
+        spin_note(t, "the clip has %d frames, of which %d are sampled evenly (see --frames)",
                   t->n_clip_frames, MOST_OWN);
     }
     if (!o->output || im->n_own > 0)
         return;
     if (t->counts_frames && t->time_last - t->time_first < INT_MAX) {
         im->n_own = (int)(t->time_last - t->time_first) + 1;
-        spin_note(t, "sampled at the %s that the run says it has",
+        spin_note(t, "sampled at the %s that the run contains",
                   spin_text_count(im->n_own, "frame", frames));
         return;
     }
@@ -144,29 +145,28 @@ static void look_for_frames(struct import *im)
 
         im->n_own = span > 2 && span < 1e4 ? (int)(30 * span + 0.5) + 1 : 61;
         spin_note(t,
-                  "the run does not say how many frames its clip has: %d are shown, from time %g "
-                  "to %g%s (--data gives those of a data set)",
+                  "the run does not store its number of frames: %d are sampled, from time %g to "
+                  "%g%s (use --data for those of a data set)",
                   im->n_own, t->time_first, t->time_last,
-                  im->keeps_4d ? "; the 4D splats hold any time" : "");
+                  im->keeps_4d ? "; the 4D splats cover all times in between" : "");
     }
 }
 
-/* Realtime-4DGS takes a field of view of -1 for every camera whose focal length its data set tells
- * by fl_x: footprints are of a wrong size in training, and splats grow too large. */
+/* Realtime-4DGS assumes a field of view of -1 if the data set stores focal lengths as fl_x: it then
+ * rasterises with wrong footprints, and splats grow too large in training. */
 static void note_focal(struct import *im)
 {
     SPIN_FREED char *beside = im->data ? NULL : spin_data_beside(im->input);
     const char *data = im->data ? im->data : beside;
 
     if (data && strcmp(im->importer->name, "realtime4dgs") == 0 && spin_data_has_focal(data))
-        spin_note(
-            &im->sequence,
-            "'%s' tells focal lengths by fl_x: Realtime-4DGS takes a field of view of -1 for such "
-            "data, and splats grow too large in training and look blurred; spin-retrain mends that",
-            data);
+        spin_note(&im->sequence,
+                  "'%s' stores focal lengths as fl_x, which Realtime-4DGS reads as a field of view "
+                  "of -1: its splats are too large and look blurred; spin-retrain corrects this",
+                  data);
 }
 
-/* See that the data set's frames can be paired with ours, and remember where it is. */
+/* Checks that the data set's frames can be paired with those of the clip, and records its path. */
 static spin_status attach_data(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -190,11 +190,10 @@ static spin_status attach_data(struct import *im)
     return spin_bundle_set_data_path(&im->meta, folder, im->data);
 }
 
-/* ---- Which frames ------------------------------------------------------------------------------
- */
+/* ---- Which frames ---------------------------------------------------------------------------- */
 
-/* A method that is asked for other times than it learned answers all the same. The next frame or
- * two may be meant. */
+/* A continuous method extrapolates without an error outside the times that it was trained on. A
+ * margin of a tenth of the range allows for the next frame or two. */
 static void warn_outside(const struct spin_sequence_info *t, const struct spin_frame_info *frame,
                          int n)
 {
@@ -205,11 +204,11 @@ static void warn_outside(const struct spin_sequence_info *t, const struct spin_f
         if (frame[i].time < t->time_first - room || frame[i].time > t->time_last + room)
             odd = n_outside++ ? odd : frame[i].time;
     if (n_outside > 0)
-        spin_warn("%d of %d times are outside of the run, which is from %g to %g, such as %g",
-                  n_outside, n, t->time_first, t->time_last, odd);
+        spin_warn("%d of %d times, such as %g, are outside the time range of the run, %g to %g",
+                  n_outside, n, odd, t->time_first, t->time_last);
 }
 
-/* Where a continuous method is sampled: at the times asked for, evenly, or as the data set is. */
+/* Sample times of a continuous method: from --times, evenly spaced, or those of the data set. */
 static spin_status sample_times(struct import *im, struct spin_frame_info **out, int *n)
 {
     const struct spin_import_options *o = im->o;
@@ -225,10 +224,10 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
                          : *n > 0       ? "data"
                                         : "ends");
     if (*n <= 0 && o->output)
-        return spin_misuse("'%s' is continuous in time, from %g to %g, and nothing here says how "
-                           "many frames it has: give them with --frames, --times or --data",
+        return spin_misuse("'%s' is continuous in time, from %g to %g, and does not store its "
+                           "number of frames: choose them with --frames, --times or --data",
                            o->input, t->time_first, t->time_last);
-    if (*n <= 0) /* a look at both ends is enough to describe it */
+    if (*n <= 0) /* both ends are enough for a description */
         *n = 2;
     SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));
     all = *out;
@@ -252,7 +251,7 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
     return SPIN_OK;
 }
 
-/* The frames that a stored clip has. */
+/* Frames of a method that stores its frames. */
 static spin_status stored_frames(struct import *im, struct spin_frame_info **out, int *n)
 {
     const struct spin_import_options *o = im->o;
@@ -277,7 +276,7 @@ static spin_status stored_frames(struct import *im, struct spin_frame_info **out
     return SPIN_OK;
 }
 
-/* All frames, less those outside the range. */
+/* Lists all frames and keeps those in the range. */
 static spin_status choose_frames(struct import *im)
 {
     SPIN_FREED struct spin_frame_info *all = NULL;
@@ -301,7 +300,7 @@ static spin_status choose_frames(struct import *im)
     return SPIN_OK;
 }
 
-/* A description may have two frames of what does not move; a bundle may not. */
+/* A description may have two frames at the same time, for a static scene; a bundle may not. */
 static spin_status check_times(const struct import *im)
 {
     spin_status status = SPIN_OK;
@@ -313,10 +312,9 @@ static spin_status check_times(const struct import *im)
                                                    : status;
 }
 
-/* ---- Points over images ------------------------------------------------------------------------
- */
+/* ---- Points over images ---------------------------------------------------------------------- */
 
-/* The kth of `most` things chosen evenly from n, both ends included. */
+/* Index of the kth of `most` items spread evenly over n, including both ends. */
 static int spread(int k, int most, int n)
 {
     return most > 1 ? (int)((int64_t)k * (n - 1) / (most - 1)) : 0;
@@ -342,13 +340,13 @@ static spin_status check_view(struct import *im, int frame, size_t view)
     return SPIN_OK;
 }
 
-/* A number of a camera that was drawn. */
+/* A number from the report of a camera that was drawn. */
 static double of_camera(const spin_json *cameras, size_t i, const char *key)
 {
     return json_number_value(spin_json_get(spin_json_at(cameras, i), key));
 }
 
-/* Where cameras and points do not belong together, few points are in the images. */
+/* If the axes or the data set are wrong, few points project into the images. */
 static void judge_cameras(const spin_json *cameras)
 {
     size_t n = spin_json_length(cameras);
@@ -359,12 +357,12 @@ static void judge_cameras(const spin_json *cameras)
         inside += of_camera(cameras, i, "inside") / (double)n;
     }
     if (in_front < 0.5)
-        spin_warn("only %.0f %% of the points are in front of the cameras: are the axes right, and "
-                  "is this the data set of that run",
+        spin_warn("only %.0f %% of the points are in front of the cameras: check the axes, and "
+                  "that --data is the data set of this run",
                   100 * in_front);
     else if (inside < 0.1)
-        spin_warn("only %.0f %% of the points are inside the images: are the axes right, and is "
-                  "this the data set of that run",
+        spin_warn("only %.0f %% of the points are inside the images: check the axes, and that "
+                  "--data is the data set of this run",
                   100 * inside);
 }
 
@@ -383,7 +381,7 @@ static bool is_drawn(const spin_json *cameras, int number, int camera)
     return false;
 }
 
-/* Report every camera; name those that lie apart, and draw the first few of them. */
+/* Reports every camera, warns of outliers and draws the first few of them. */
 static spin_status report_shares(struct import *im, const struct spin_camera_shares *shares)
 {
     spin_json *list = spin_json_array();
@@ -405,11 +403,10 @@ static spin_status report_shares(struct import *im, const struct spin_camera_sha
                                        c->inside, "apart", c->apart));
         if (!c->apart)
             continue;
-        spin_warn(
-            "camera %d has %.0f %% of the points in front and %.0f %% inside its image in frame "
-            "%d, where half of the views have %.0f %% and %.0f %% or more: is its pose right",
-            v->camera_id, 100 * c->in_front, 100 * c->inside, number, 100 * shares->in_front,
-            100 * shares->inside);
+        spin_warn("camera %d has %.0f %% of the points in front and %.0f %% inside its image in "
+                  "frame %d, but the median of all views is %.0f %% and %.0f %%: check its pose",
+                  v->camera_id, 100 * c->in_front, 100 * c->inside, number, 100 * shares->in_front,
+                  100 * shares->inside);
         if (n_apart++ >= CHECKED_APART ||
             is_drawn(spin_json_get(im->report, "cameras"), number, v->camera_id))
             continue;
@@ -449,8 +446,7 @@ static spin_status check_cameras(struct import *im)
     return status;
 }
 
-/* ---- Reading -----------------------------------------------------------------------------------
- */
+/* ---- Reading --------------------------------------------------------------------------------- */
 
 static void widen_bounds(struct import *im, const struct spin_splats *s)
 {
@@ -464,7 +460,7 @@ static void widen_bounds(struct import *im, const struct spin_splats *s)
     }
 }
 
-/* What frame() promised: the columns that were asked for, with room for n rows. */
+/* Checks the result of the importer's frame(): the requested columns, with capacity for n rows. */
 static spin_status check_frame(const struct import *im, int i, unsigned wanted,
                                const struct spin_splats *s)
 {
@@ -472,16 +468,17 @@ static spin_status check_frame(const struct import *im, int i, unsigned wanted,
 
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
         if ((wanted & column) && (!*spin_column_of(&splats, column) || s->n > s->capacity))
-            return spin_unsupported("the importer '%s' gives no %s of frame %d", im->importer->name,
-                                    spin_column_name(column), i);
+            return spin_unsupported("the importer '%s' provides no %s in frame %d",
+                                    im->importer->name, spin_column_name(column), i);
     }
     if ((wanted & SPIN_COL_SH) && s->sh_degree != im->sequence.sh_degree)
-        return spin_unsupported("the importer '%s' gives SH of degree %d in frame %d, %d before",
-                                im->importer->name, s->sh_degree, i, im->sequence.sh_degree);
+        return spin_unsupported(
+            "the importer '%s' provides SH of degree %d in frame %d, but %d before",
+            im->importer->name, s->sh_degree, i, im->sequence.sh_degree);
     return SPIN_OK;
 }
 
-/* Codebooks and steps of files hold logarithms, which are finite where the scale itself is not. */
+/* Files store logarithms of scales, which may be finite where the scale overflows a float. */
 static spin_status check_scales(const struct import *im, int i, const struct spin_splats *s)
 {
     size_t n = 0, first = 0;
@@ -493,14 +490,14 @@ static spin_status check_scales(const struct import *im, int i, const struct spi
         }
     if (n == 0)
         return SPIN_OK;
-    return spin_malformed("cannot read '%s': frame %d: the scale of row %zu, exp(%g), is beyond "
-                          "floats, as %zu are in all: remove these splats from the file",
+    return spin_malformed("cannot read '%s': frame %d: the scale of row %zu, exp(%g), overflows "
+                          "a float, and so do %zu scales in all: remove these splats from the file",
                           im->input, im->meta.frame[i].number, first / 3,
                           (double)s->log_scales[first], n);
 }
 
-/* One frame, in place i of the bundle: `columns` of it, the others are those of frame 0. Rank
- * `rank` reads it, for rank 0. */
+/* Reads `columns` of frame i of the bundle; the other columns are those of frame 0. Rank `rank`
+ * reads the frame and sends it to rank 0. */
 static spin_status read_frame(struct import *im, int i, int rank, unsigned columns,
                               struct spin_splats *out)
 {
@@ -519,16 +516,16 @@ static spin_status read_frame(struct import *im, int i, int rank, unsigned colum
     SPIN_TRY(spin_share_splats(out, columns, rank));
     meta->frame[i].n = out->n;
     if (im->writing && meta->static_columns && out->n != meta->frame[0].n)
-        return spin_malformed("the importer '%s' gives %zu splats in frame %d and %zu in frame 0, "
-                              "but says that columns are the same in both",
+        return spin_malformed("the importer '%s' provides %zu splats in frame %d but %zu in frame "
+                              "0, although it declares static columns",
                               im->importer->name, out->n, i, meta->frame[0].n);
     if (columns & SPIN_COL_MEANS)
         widen_bounds(im, out);
     return SPIN_OK;
 }
 
-/* Task 0 reads frame im->step, task 1 writes the one before. What is the same in every frame is
- * written with the first one, and not read again. */
+/* Task 0 reads frame im->step, task 1 writes the previous one. Static columns are read and written
+ * with the first frame only. */
 static void store_task(void *context, int task)
 {
     struct import *im = context;
@@ -570,14 +567,14 @@ static spin_status store_frames(struct import *im, struct spin_progress *progres
 {
     spin_status status;
 
-    if (spin_n_ranks() == 1) /* MPI stays in the thread that began it */
+    if (spin_n_ranks() == 1) /* MPI may only be called from the thread that initialised it */
         SPIN_TRY(spin_pool_create(2, &im->pool));
     status = store_steps(im, progress);
     spin_pool_free(im->pool);
     return status;
 }
 
-/* A copy, rounded as the user wants it; *s is to be counted by. */
+/* Stores a copy rounded to --precision; *s is that copy, for counting. */
 static spin_status store_rounded(struct import *im, struct spin_splats_4d *s)
 {
     enum spin_round_4d round = (enum spin_round_4d)im->o->precision;
@@ -593,8 +590,8 @@ static spin_status store_rounded(struct import *im, struct spin_splats_4d *s)
     return spin_splats_4d_settle(s, &n_dropped, NULL);
 }
 
-/* The 4D splats as they are. Frames are their slices: only how many splats each has is found out.
- */
+/* Stores the 4D splats themselves. Frames are their slices, so only the splats of each frame are
+ * counted. */
 static spin_status store_4d(struct import *im)
 {
     struct spin_bundle_meta *meta = &im->meta;
@@ -618,7 +615,7 @@ static spin_status store_4d(struct import *im)
     for (size_t i = 0; i < n; i++)
         meta->frame[i].n = counts[i];
     for (size_t i = 0; i < s->n;
-         i++) /* where it is at its own time, which is in the middle of its path */
+         i++) /* centres are positions at the splat's own time, halfway along its path */
         for (size_t c = 0; c < 3; c++) {
             im->low[c] = fminf(im->low[c], s->centres[3 * i + c]);
             im->high[c] = fmaxf(im->high[c], s->centres[3 * i + c]);
@@ -626,13 +623,14 @@ static spin_status store_4d(struct import *im)
     return SPIN_OK;
 }
 
-/* Rows of every frame: as the importer knows them, else of the frames that were read. */
+/* Splats per frame: as counted by the importer, otherwise of the frames that were read. */
 static void count_splats(struct import *im, const int *read, int n_read)
 {
     const struct spin_sequence_info *t = &im->sequence;
     size_t least = SIZE_MAX, most = 0;
     double sum = 0;
-    bool stored = im->keeps_4d && im->stores; /* rows of a slice may be fewer than the source's */
+    bool stored = im->keeps_4d &&
+                  im->stores; /* rounding may drop rows, so the importer's counts do not apply */
     bool known = t->counts && !stored && (!t->continuous || t->n_frames == 1);
     int n = known ? im->meta.n_frames : n_read;
 
@@ -651,7 +649,7 @@ static void count_splats(struct import *im, const int *read, int n_read)
                             (json_int_t)most));
 }
 
-/* An import reads every frame; a description some, as a clip may be many gigabytes. */
+/* An import reads every frame; a description a sample, since a clip may have many gigabytes. */
 static spin_status read_frames(struct import *im)
 {
     int n_all = im->meta.n_frames, n = n_all;
@@ -691,10 +689,9 @@ out:
     return status;
 }
 
-/* ---- From start to end -------------------------------------------------------------------------
- */
+/* ---- From start to end ----------------------------------------------------------------------- */
 
-/* How the importer was chosen, in words. */
+/* Reports how the importer was chosen. */
 static void say_why(struct import *im)
 {
     char text[160] = "";
@@ -703,8 +700,8 @@ static void say_why(struct import *im)
     if (im->o->from) {
         snprintf(text, sizeof text, "named by --from");
     } else if (im->importer->probe && spin_peek_open(im->input, &peek) == SPIN_OK) {
-        snprintf(text, sizeof text, "by %s, with a certainty of %d in 100",
-                 peek.is_folder     ? "the names in the folder and what its files begin with"
+        snprintf(text, sizeof text, "by %s, with a confidence of %d %%",
+                 peek.is_folder     ? "the names in the folder and the first bytes of its files"
                  : *peek.tail_names ? "the names in the archive"
                                     : "its first bytes",
                  im->importer->probe(&peek));
@@ -713,7 +710,7 @@ static void say_why(struct import *im)
     spin_json_set_string(im->report, "recognised", text);
 }
 
-/* The importer's notes come as lines; a hint at a data set is the last. */
+/* The importer's notes, one per line, and a hint at a data set beside the run. */
 static spin_json *notes_json(struct import *im)
 {
     char hint[600] = "", *text[] = {im->sequence.notes, hint};
@@ -774,8 +771,8 @@ static spin_status check_frame_times(const struct spin_import_options *o)
     if (!o->frame_times)
         return SPIN_OK;
     if (!o->data || o->n_frames > 0 || o->n_times > 0)
-        return spin_misuse("--frame-times says how --data gives the times: it goes with a data "
-                           "set, and without --frames and --times");
+        return spin_misuse("--frame-times chooses how frames of --data get their times: it "
+                           "requires --data, and excludes --frames and --times");
     for (size_t i = 0; i < sizeof rules / sizeof *rules; i++) {
         if (strcmp(o->frame_times, rules[i]) == 0)
             return SPIN_OK;
@@ -783,7 +780,7 @@ static spin_status check_frame_times(const struct spin_import_options *o)
     return spin_misuse("--frame-times is '%s', expected auto, data, unit or count", o->frame_times);
 }
 
-/* What open() promised, held to the rules: an importer may have been built elsewhere. */
+/* Checks the result of the importer's open(): plug-ins may violate the interface. */
 static spin_status check_track(const struct import *im)
 {
     const struct spin_sequence_info *t = &im->sequence;
@@ -792,14 +789,15 @@ static spin_status check_track(const struct import *im)
     if (!t->continuous && t->n_frames < 1)
         return spin_malformed("the importer '%s' found no frames", name);
     if (!(t->columns & SPIN_COL_MEANS))
-        return spin_unsupported("the importer '%s' gives no positions", name);
+        return spin_unsupported("the importer '%s' provides no positions", name);
     if ((t->columns & SPIN_COL_SH) && (t->sh_degree < 0 || t->sh_degree > 3))
-        return spin_unsupported("the importer '%s' gives SH of degree %d, not 0..3", name,
+        return spin_unsupported("the importer '%s' provides SH of degree %d, not 0..3", name,
                                 t->sh_degree);
     return SPIN_OK;
 }
 
-/* 4D splats are kept as such, unless the user asks for less or for their frames. */
+/* Decides whether to keep 4D splats: yes, unless the user requests positions only or sampled
+ * frames. */
 static spin_status find_4d(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -808,15 +806,16 @@ static spin_status find_4d(struct import *im)
     if (im->importer->splats_4d)
         SPIN_TRY(im->importer->splats_4d(im->self, &im->four_d));
     if (im->four_d && !spin_splats_4d_is_settled(im->four_d))
-        return spin_malformed("the importer '%s' gives 4D splats that it has not settled",
+        return spin_malformed("the importer '%s' provides 4D splats that are not settled",
                               im->importer->name);
     im->keeps_4d = im->four_d && im->sequence.continuous && !sampled && !o->positions_only &&
                    (im->sequence.columns & SPIN_COL_ATTRIBUTES) == SPIN_COL_ATTRIBUTES;
     if (o->precision && !(im->keeps_4d && o->output))
-        return spin_misuse("--precision is for 4D splats that a bundle keeps as such");
+        return spin_misuse("--precision requires a source of 4D splats, imported without --frames, "
+                           "--times or --positions-only");
     if (im->four_d && sampled && o->output)
         spin_note(&im->sequence,
-                  "sampled, as --frames or --times ask for: the 4D splats themselves are not kept");
+                  "sampled at --frames or --times: the 4D splats themselves are not stored");
     return SPIN_OK;
 }
 
@@ -827,7 +826,7 @@ static spin_status run_import(struct import *im)
 
     SPIN_TRY(check_frame_times(o));
     if (o->check_cameras && !o->data)
-        return spin_misuse("--check-cameras draws over images: say where with --data");
+        return spin_misuse("--check-cameras needs images: give a data set with --data");
     if (o->output)
         SPIN_TRY(spin_bundle_check_name(o->output));
     SPIN_TRY(spin_inputs_add_path(o->input));
@@ -843,7 +842,7 @@ static spin_status run_import(struct import *im)
     SPIN_TRY(check_track(im));
     SPIN_TRY(find_4d(im));
     if (im->below)
-        spin_note(&im->sequence, "the run is in '%s'", im->below);
+        spin_note(&im->sequence, "the run was found in '%s'", im->below);
     SPIN_TRY(open_data(im));
     look_for_frames(im);
     note_focal(im);

@@ -2,10 +2,9 @@
 
 #include "base/base.h"
 
-/* ---- At which times a data set's frames are ----------------------------------------------------
- */
+/* ---- At which times a data set's frames are -------------------------------------------------- */
 
-/* A data set without times of its own counts its frames: 0, 1, 2, ..., which leaves the range of a
+/* True for a data set without times, whose frames count 0, 1, 2, ... beyond the time range of a
  * continuous method. */
 static bool rows_are_counted(const struct spin_sequence_info *t, const struct spin_frame_info *all,
                              int n)
@@ -17,7 +16,7 @@ static bool rows_are_counted(const struct spin_sequence_info *t, const struct sp
     return n > 1 && n - 1 > t->time_last + 0.1 * (t->time_last - t->time_first);
 }
 
-/* For methods whose times are frame numbers, counted from the first. */
+/* For methods whose times are frame numbers counted from the first frame. */
 static void count_rows(struct spin_sequence_info *t, bool numbered, struct spin_frame_info *all,
                        int n)
 {
@@ -31,13 +30,13 @@ static void count_rows(struct spin_sequence_info *t, bool numbered, struct spin_
     }
     if (!counted)
         spin_note(t,
-                  "the data set's frames are at the method's times 0 to %g, not at their own "
-                  "(--frame-times data)",
+                  "the data set's frames are placed at the method's times 0 to %g, not at their "
+                  "own (see --frame-times data)",
                   all[n - 1].time);
 }
 
-/* A data set whose times cover little of the method's range, or reach far beyond it, may count them
- * in another unit. */
+/* Notes times that cover less than half of the method's range or lie far outside it: they may be in
+ * another unit. */
 static void compare_ranges(struct spin_sequence_info *t, const struct spin_frame_info *all, int n)
 {
     double first = all[0].time, last = all[0].time, span = t->time_last - t->time_first;
@@ -49,8 +48,8 @@ static void compare_ranges(struct spin_sequence_info *t, const struct spin_frame
     if (n > 1 && (last - first < 0.5 * span || last > t->time_last + 0.5 * span ||
                   first < t->time_first - 0.5 * span))
         spin_note(t,
-                  "the data set's times are %g to %g and the method's %g to %g: do both use the "
-                  "same unit? (--frame-times)",
+                  "the data set's times are %g to %g but the method's %g to %g: check that both "
+                  "use the same unit (see --frame-times)",
                   first, last, t->time_first, t->time_last);
 }
 
@@ -74,13 +73,13 @@ void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info
     }
     for (int i = 0; i < n; i++)
         all[i].time = t->time_first + span * i / steps;
-    spin_note(t, "%sthey are spread over the times %g to %g, frame i of n at i/%s (--frame-times)",
-              automatic ? "the data set only counts its frames: " : "the data set's frames: ",
+    spin_note(t, "%sspread over the times %g to %g, frame i of n at i/%s (see --frame-times)",
+              automatic ? "the data set numbers its frames without times: "
+                        : "the data set's frames: ",
               all[0].time, all[n - 1].time, half_open ? "n" : "(n-1)");
 }
 
-/* ---- What sequence.json says --------------------------------------------------------------------
- */
+/* ---- What sequence.json says ----------------------------------------------------------------- */
 
 static const spin_json *entry_of(const spin_json *frames, int number)
 {
@@ -94,7 +93,7 @@ static const spin_json *entry_of(const spin_json *frames, int number)
     return NULL;
 }
 
-/* Nothing is set unless all fits. */
+/* Pass 0 checks all entries, pass 1 sets them: nothing is set unless all frames match. */
 static bool take(const spin_json *root, struct spin_frame_info *frame, int n, int *place,
                  struct spin_bundle_meta *meta)
 {
@@ -129,7 +128,8 @@ static bool take(const spin_json *root, struct spin_frame_info *frame, int n, in
     return true;
 }
 
-/* Beside exported frames, and written by spin-export; NULL: there is none. */
+/* Loads sequence.json from the folder of exported frames; *root is NULL if there is none written by
+ * spin-export. */
 static spin_status open_sequence(const char *input, char **path, spin_json **root)
 {
     const char *generator;
@@ -157,8 +157,8 @@ spin_status spin_exported_frames(const char *input, struct spin_frame_info *fram
 
     SPIN_TRY(open_sequence(input, &path, &root));
     if (root && !take(root, frame, n, place, meta))
-        spin_warn("'%s' does not fit the frames beside it: their times and places in the exported "
-                  "clip are not used",
+        spin_warn("'%s' does not match the frames beside it: ignoring the times and positions of "
+                  "the frames in the exported clip",
                   path);
     return SPIN_OK;
 }

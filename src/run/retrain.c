@@ -1,9 +1,7 @@
-/* spin-retrain: a bundle in, a better bundle out. The stages in order: plan, refinement, frames,
- * loop, output.
+/* spin_retrain(): retrains a bundle. The stages in order: plan, refinement, frames, loop, output.
  *
- * Everything that follows from an iteration depends on the options, the seed and the state alone,
- * so a resumed run ends in the same bits as one that was never stopped, on any number of threads.
- */
+ * The results of an iteration depend on the options, the seed and the checkpoint only, so a resumed
+ * training ends with the same bits as an uninterrupted one, with any number of threads. */
 #include "base/base.h"
 #include "spin_run.h"
 #include "io/output.h"
@@ -20,36 +18,35 @@
 #include "train/rows_4d.h"
 #include "train/test_views.h"
 
-/* What is worth learning: of the cameras' colours, and of the brightness at the corners. */
+/* Smallest spread of the cameras' colours, and of the brightness at the corners, worth learning. */
 static const double least_spread = 0.05, least_falloff = 0.05;
 
-/* Who owns what; each stage is handed what it needs. */
+/* Owns the objects of a training; each stage gets those that it needs. */
 struct run {
     struct spin_plan plan;
     struct spin_device device;
     struct spin_photos photos;
     struct spin_refinement refinement;
     struct spin_tracks tracks;
-    struct spin_rows_4d rows; /* with --method 4d */
+    struct spin_rows_4d rows; /* used by --method 4d */
     struct spin_frames frames;
     struct spin_trainer trainer;
     char *fingerprint;
     struct spin_code_paths code_paths;
     struct spin_checkpoint checkpoint;
     struct spin_step_log step_log;
-    struct spin_output_lock lock; /* on the output */
+    struct spin_output_lock lock; /* of the output */
     struct spin_watch watch;
-    struct spin_look look; /* how cameras show the scene; spread NaN: not asked for */
-    bool resume;           /* there is a state to go on from */
+    struct spin_look look; /* differences between cameras; spread is NaN if not measured */
+    bool resume;           /* continue from the checkpoint */
 };
 
 static bool trains_4d(const struct run *r) { return r->plan.o->method == SPIN_METHOD_4D; }
 static bool trains_clip(const struct run *r) { return r->plan.o->method != SPIN_METHOD_FRAMES; }
 
-/* ---- Before the work ----------------------------------------------------------------------------
- */
+/* ---- Before the work ------------------------------------------------------------------------- */
 
-/* The output is whole: what led to it goes. */
+/* Output complete: delete intermediate files. */
 static void tidy_up(const struct run *r)
 {
     remove(r->plan.part);
@@ -74,21 +71,21 @@ static spin_status check_output(const struct run *r, bool *done)
             tidy_up(r);
             return SPIN_OK;
         }
-        return spin_output_check_file(o->output, false); /* says what is there */
+        return spin_output_check_file(o->output, false); /* reports the existing file */
     }
     if ((part || parts) && !o->resume && !o->force)
-        return spin_fail(
-            SPIN_E_IO,
-            "an unfinished run is in '%s': use --resume to go on, or --force to start anew",
-            part ? r->plan.part : r->plan.parts);
+        return spin_fail(SPIN_E_IO,
+                         "an unfinished training is in '%s': use --resume to continue it, or "
+                         "--force to start again",
+                         part ? r->plan.part : r->plan.parts);
     if (o->resume && !part && !parts)
-        spin_warn("nothing to resume: '%s' has no unfinished state, the run starts anew",
+        spin_warn("nothing to resume: '%s' has no checkpoint, starting from the beginning",
                   o->output);
     return SPIN_OK;
 }
 
-/* Room for state and network beside each other: they are when the state is saved and the output
- * written. How many splats share a track is not known yet: at least one frame's are there. */
+/* Checks that checkpoint and output fit on the disk at the same time. The number of splats that
+ * share a track is not known yet; there are at least those of one frame. */
 static spin_status check_disk(const struct run *r)
 {
     const struct spin_plan *p = &r->plan;
@@ -109,18 +106,19 @@ static spin_status check_disk(const struct run *r)
              (spin_plan_has_residual(p) ? 3 + SPIN_RESIDUAL : 3);
     if (p->o->method == SPIN_METHOD_NETWORK)
         floats += p->field.n_table + p->field.n_heads;
-    bytes = 4 * floats * sizeof(float); /* the values and their two moments, and the values */
+    bytes =
+        4 * floats * sizeof(float); /* checkpoint: values and Adam's two moments; output: values */
     SPIN_TRY(spin_path_folder(p->o->output, &folder));
     room = spin_path_free_bytes(folder);
     if (room < bytes)
         return spin_fail(
             SPIN_E_IO,
-            "cannot write '%s': state and output take %s and more, and the disk has %s free",
+            "cannot write '%s': checkpoint and output need at least %s, but the disk has %s free",
             p->o->output, spin_text_bytes(bytes, need), spin_text_bytes(room, left));
     return SPIN_OK;
 }
 
-/* All that will be written can be, before the first step. */
+/* Checks before the first iteration that all outputs can be written. */
 static spin_status check_outputs(struct run *r)
 {
     const struct spin_retrain_options *o = r->plan.o;
@@ -143,7 +141,7 @@ static spin_status check_outputs(struct run *r)
     return o->watch ? spin_watch_begin(&r->watch) : SPIN_OK;
 }
 
-/* Ranks of unlike processors would part in the last bits. */
+/* Different SIMD paths would make ranks diverge in the last bits. */
 static spin_status check_paths(const struct run *r)
 {
     char(*path)[16];
@@ -154,14 +152,14 @@ static spin_status check_paths(const struct run *r)
     status = spin_ranks_gather(path, sizeof *path);
     for (int i = 1; i < spin_n_ranks() && status == SPIN_OK; i++)
         if (strcmp(path[i], path[0]) != 0)
-            status = spin_misuse("rank %d computes with code path '%s' and rank 0 with '%s': give "
-                                 "all the same one, with SPIN_CPU",
+            status = spin_misuse("rank %d uses the SIMD path '%s' but rank 0 '%s': set the same "
+                                 "one on all ranks with SPIN_CPU",
                                  i, path[i], path[0]);
     free(path);
     return spin_ranks_agree(status);
 }
 
-/* What was chosen, and how long it takes here: the first words of a run. */
+/* Logs the preset, the number of iterations and the estimated time. */
 static void say_recipe(const struct spin_plan *p)
 {
     const struct spin_retrain_options *o = p->o;
@@ -182,7 +180,8 @@ static void say_recipe(const struct spin_plan *p)
                  spin_text_count(o->iterations, "iteration", count), frames, about);
 }
 
-/* What the page shows is measured and drawn twenty times, unless the user says otherwise. */
+/* Redirects log and previews to the page's folder and evaluates twenty times, unless the user
+ * chooses otherwise. */
 static spin_status prepare_watch(struct run *r)
 {
     struct spin_retrain_options *o = &r->plan.report->options;
@@ -214,11 +213,11 @@ static spin_status plan(struct run *r, const struct spin_retrain_options *o,
     SPIN_TRY(check_paths(r));
     spin_code_paths_begin(&r->code_paths, r->device.path);
     SPIN_TRY(prepare_watch(r));
-    /* Where frames are loaded at once, that looks at the points as well. */
+    /* without a dry run or refinement, loading the frames examines the points */
     return !trains_4d(r) && (o->dry_run || o->refine > 0) ? spin_frames_look(&r->plan) : SPIN_OK;
 }
 
-/* Brightness at the corners of the pictures. */
+/* Brightness at the corners of the images, relative to the centre. */
 static double corner_of(const struct run *r) { return spin_lenses_corner(&r->plan.lenses); }
 
 static bool has_falloff(const struct spin_lens *lens)
@@ -228,8 +227,8 @@ static bool has_falloff(const struct spin_lens *lens)
     return memcmp(lens->falloff, none, sizeof none) != 0;
 }
 
-/* auto becomes on or off. Where a falloff cannot be seen, training would find one all the same: it
- * takes whatever of the scene looks like it. So lenses learn only what auto has seen. */
+/* Resolves auto to on or off. Training would fit a falloff to anything in the scene that resembles
+ * one, so lenses are learned only if auto measured a falloff. */
 static spin_status choose_exposure(struct run *r)
 {
     enum spin_exposure *choice = &r->plan.report->options.learn_exposure;
@@ -256,16 +255,16 @@ static const char *why_not(enum spin_look_why why)
 {
     static const char *const text[] = {
         [SPIN_LOOK_SEEN] = "",
-        [SPIN_LOOK_FEW] = "too few points are seen by three training cameras",
-        [SPIN_LOOK_SAME_RADII] = "each point is about as far from the middle in all pictures",
-        [SPIN_LOOK_ODD] = "what points show is no lens's",
-        [SPIN_LOOK_NOT_HELD_OUT] = "held-out points hardly show it",
+        [SPIN_LOOK_FEW] = "too few points are visible in three training cameras",
+        [SPIN_LOOK_SAME_RADII] = "each point is about equally far from the centre in all images",
+        [SPIN_LOOK_ODD] = "the measured falloff fits no lens",
+        [SPIN_LOOK_NOT_HELD_OUT] = "held-out points do not confirm it",
     };
 
     return text[why];
 }
 
-/* What was seen, or why it is not believed. */
+/* Describes what was measured, or why it is rejected. */
 static void describe_look(const struct run *r, bool on, char text[400])
 {
     const struct spin_look *look = &r->look;
@@ -274,10 +273,9 @@ static void describe_look(const struct run *r, bool on, char text[400])
 
     if (corner_of(r) != 1)
         snprintf(falloff, sizeof falloff,
-                 "their pictures have %.1f %% of the brightness in the corners",
-                 100 * corner_of(r));
+                 "their images keep %.1f %% of the brightness in the corners", 100 * corner_of(r));
     else
-        snprintf(falloff, sizeof falloff, "no falloff is seen (%s)", why_not(look->falloff));
+        snprintf(falloff, sizeof falloff, "no falloff is measured (%s)", why_not(look->falloff));
     snprintf(text, 400, "cameras differ in colour by %.1f %%%s%s%s, %s", 100 * look->spread,
              refused ? " (" : "", refused ? why_not(look->gains) : "", refused ? ")" : "", falloff);
 }
@@ -293,19 +291,19 @@ static void say_exposure(const struct run *r)
         spin_lenses_warn(&r->plan.lenses, &r->plan.clip.views, r->plan.test, r->plan.n_test);
     describe_look(r, on, text);
     if (on && r->look.spread < 0)
-        spin_log(0, "no point is seen by three training cameras to compare their colours: "
-                    "exposures and falloff begin at none");
+        spin_log(0, "no point is visible in three training cameras to compare their colours: "
+                    "exposures and falloff start from none");
     else if (on)
         spin_log(0, "%s: learning an exposure for each camera%s", text,
                  r->plan.lenses_stay ? "" : ", and the falloff of their lens");
     else if (r->look.spread < 0)
-        spin_log(1, "no point is seen by three training cameras to compare their colours: no "
+        spin_log(1, "no point is visible in three training cameras to compare their colours: no "
                     "exposure is learned");
     else
         spin_log(r->look.spread > least_spread ? 0 : 1, "%s: no exposure is learned", text);
 }
 
-/* What the run is made from. */
+/* Opens the inputs: images, exposure, backdrop, keys of refined frames, fingerprint. */
 static spin_status look_at_input(struct run *r)
 {
     SPIN_TRY(spin_photos_open(&r->photos, &r->plan));
@@ -317,8 +315,7 @@ static spin_status look_at_input(struct run *r)
     return spin_fingerprint(&r->plan, r->refinement.frame, &r->photos, &r->device, &r->fingerprint);
 }
 
-/* ---- The work -----------------------------------------------------------------------------------
- */
+/* ---- The work -------------------------------------------------------------------------------- */
 
 static void say_plan(const struct run *r)
 {
@@ -329,14 +326,14 @@ static void say_plan(const struct run *r)
              spin_text_count(r->plan.clip.n_frames, "frame", frames), r->plan.clip.n_mean,
              r->plan.n_train, r->plan.n_test, r->device.description);
     if (trains_4d(r))
-        spin_log(0, "%zu 4D splats, %zu of them are alike in all frames", r->rows.n,
+        spin_log(0, "%zu 4D splats, %zu of them the same in all frames", r->rows.n,
                  r->rows.n_whole);
     if (r->plan.o->method != SPIN_METHOD_NETWORK)
         return;
     spin_log(0, "%.1f M parameters in the table, %.1f %% of the points outside the unit ball",
              (double)r->plan.field.n_table / 1e6, 100 * outside);
     if (outside > 0.9)
-        spin_warn("nearly all points lie outside the unit ball: consider --scene-normalise auto");
+        spin_warn("nearly all points are outside the unit ball: consider --scene-normalise auto");
 }
 
 static spin_status look_at_source(struct run *r)
@@ -349,7 +346,7 @@ static spin_status look_at_source(struct run *r)
     return SPIN_OK;
 }
 
-/* Refined frames have splats of their own. */
+/* Finds tracks; refined frames share no splats. */
 static spin_status find_tracks(struct run *r)
 {
     const struct spin_plan *p = &r->plan;
@@ -358,24 +355,24 @@ static spin_status find_tracks(struct run *r)
     if (!p->o->tracks)
         return SPIN_OK;
     if (r->refinement.frame) {
-        spin_log(0, "refined frames have no splats in common: no tracks");
+        spin_log(0, "refined frames share no splats: no tracks");
         return SPIN_OK;
     }
     SPIN_TRY(spin_tracks_find(t, &r->plan, p->o->dynamic_residual ? &r->photos : NULL));
     SPIN_TRY(spin_backdrop_add(&r->plan, t));
     if (t->n_backdrop > 0)
-        spin_log(0, "a backdrop of %zu splats closes the scene behind its surfaces", t->n_backdrop);
+        spin_log(0, "added a backdrop of %zu splats behind the surfaces of the scene",
+                 t->n_backdrop);
     if (t->n == 0)
-        spin_log(0, "no splat is found again in other frames: no tracks%s",
-                 spin_plan_densifies(p) ? ", each frame's splats are densified alone" : "");
+        spin_log(0, "no splat matches one of another frame: no tracks%s",
+                 spin_plan_densifies(p) ? ", each frame is densified independently" : "");
     else
-        spin_log(0, "%zu tracks, %zu move%s, %zu have attributes of every frame", t->n, t->n_moving,
-                 t->identity ? "" : " (splats that are alike in frames after each other)",
-                 t->n_varying);
+        spin_log(0, "%zu tracks, %zu dynamic%s, %zu with attributes per frame", t->n, t->n_moving,
+                 t->identity ? "" : " (matched between neighbouring frames)", t->n_varying);
     return SPIN_OK;
 }
 
-/* Frames and what they share. */
+/* Allocates the trainer for frames, tracks and network. */
 static spin_status open_trainer(struct run *r, bool resume)
 {
     struct spin_plan *p = &r->plan;
@@ -406,7 +403,7 @@ static spin_status open_trainer(struct run *r, bool resume)
     return spin_plan_open_trainer(p, &r->device, &size, &r->trainer);
 }
 
-/* First values of table and heads. */
+/* Initialises hash table and heads. */
 static spin_status begin_network(struct run *r)
 {
     const struct spin_retrain_options *o = r->plan.o;
@@ -429,7 +426,7 @@ static spin_status begin_network(struct run *r)
     return SPIN_OK;
 }
 
-/* Densification changes how many there are. */
+/* Updates the mean number of splats, which densification changes. */
 static void count_splats(struct run *r)
 {
     double *mean = &r->plan.report->splats_mean;
@@ -450,7 +447,7 @@ static struct spin_output output_of(struct run *r)
                                 .code_paths = r->code_paths.all};
 }
 
-/* A page that cannot be written is no reason to end a training. */
+/* Updates the page of --watch. Failing to write it does not end the training. */
 static spin_status show_state(void *context)
 {
     struct run *r = context;
@@ -459,10 +456,10 @@ static spin_status show_state(void *context)
 
     if (spin_rank() > 0)
         return SPIN_OK;
-    if (spin_step_log_begin(&r->step_log)) /* the page reads it */
+    if (spin_step_log_begin(&r->step_log)) /* flush the log, which the page reads */
         spin_step_log_end(&r->step_log, true);
     (void)spin_plan_beside(&r->plan, spin_watch_update(&r->watch, &output, r->plan.o->log, done));
-    return SPIN_OK; /* the loop sees an interrupt too, and keeps the state */
+    return SPIN_OK; /* the loop handles interrupts and writes the checkpoint */
 }
 
 static spin_status train_network(struct run *r)
@@ -488,7 +485,7 @@ static spin_status train_network(struct run *r)
     say_plan(r);
     SPIN_TRY(look_at_source(r));
     if (spin_rank() == 0)
-        remove(r->plan.clip_of_state); /* of an earlier interrupt */
+        remove(r->plan.clip_of_state); /* left by an earlier interrupt */
     c->saved_s = spin_now_s();
     c->start_s = c->saved_s - r->plan.report->refine_seconds;
     c->refine_s += r->plan.report->refine_seconds;
@@ -498,7 +495,7 @@ static spin_status train_network(struct run *r)
     return SPIN_OK;
 }
 
-/* The explicit method: refined frames are the result. */
+/* --method frames: the refined frames are the result. */
 static spin_status keep_frames(struct run *r)
 {
     struct spin_retrain_report *report = r->plan.report;
@@ -516,7 +513,7 @@ static void warn_worse(const struct run *r)
 
     if (before->valid && test->valid && test->psnr < before->psnr)
         spin_warn("the result is worse than the %s, test PSNR %.3f dB after %.3f dB: try %s",
-                  trains_4d(r) ? "clip it began with" : "source", test->psnr, before->psnr,
+                  trains_4d(r) ? "input clip" : "source", test->psnr, before->psnr,
                   trains_clip(r) && r->plan.o->method != SPIN_METHOD_NETWORK
                       ? "more --iterations, or --preset best"
                   : trains_clip(r) ? "more --iterations, --preset short, or --residual source"
@@ -541,8 +538,8 @@ static spin_status run(struct run *r)
     return SPIN_OK;
 }
 
-/* Who interrupts a training wants to look at it: a clip beside the state, which spin_bundle_open()
- * finds. */
+/* Users who interrupt a training want to see the result so far: writes a clip beside the
+ * checkpoint, where spin_bundle_open() finds it. */
 static void keep_clip(struct run *r)
 {
     struct spin_retrain_options o = *r->plan.o;
@@ -554,17 +551,17 @@ static void keep_clip(struct run *r)
     plan.o = &o;
     output.plan = &plan;
     if (spin_output_write(&output) != SPIN_OK && spin_rank() == 0)
-        spin_warn("the clip of the state cannot be looked at: %s", spin_last_error());
+        spin_warn("cannot write the clip of the checkpoint for viewing: %s", spin_last_error());
 }
 
-/* Something failed, or was interrupted: what was trained is kept, so that --resume need not do it
- * again. */
+/* After a failure or an interrupt, saves the checkpoint for --resume and extends the error by where
+ * it is kept. */
 static spin_status keep(struct run *r, spin_status failed)
 {
     struct spin_checkpoint *c = &r->checkpoint;
     const char *go_on = spin_options_continue(r->plan.o);
     bool shared = r->plan.o->cache && !r->plan.o->resume;
-    bool lost = false, said = c->failed; /* the failure is that of saving */
+    bool lost = false, said = c->failed; /* saving the checkpoint is what failed */
     char why[1024], kept[1024] = "";
 
     snprintf(why, sizeof why, "%s", spin_last_error());
@@ -577,8 +574,8 @@ static spin_status keep(struct run *r, spin_status failed)
         c->saved == r->trainer.iteration)
         keep_clip(r);
     if (c->saved >= 0)
-        return spin_fail(failed, "%s%s; the state of iteration %lld is kept in '%s'%s%s", why, kept,
-                         (long long)c->saved, r->plan.part, c->sound ? ": " : "",
+        return spin_fail(failed, "%s%s; the checkpoint of iteration %lld is kept in '%s'%s%s", why,
+                         kept, (long long)c->saved, r->plan.part, c->sound ? ": " : "",
                          c->sound ? go_on : "");
     if (!lost && r->refinement.frame && spin_path_is_folder(r->plan.parts))
         return spin_fail(failed, "%s; the frames refined so far are kept in '%s'%s%s", why,
@@ -608,7 +605,7 @@ static spin_status work(struct run *r)
     bool done = false;
     spin_status status;
 
-    /* Files are rank 0's: one lock, one log, one state. */
+    /* rank 0 alone writes files: lock, log and checkpoint */
     SPIN_TRY(spin_ranks_agree(spin_rank() == 0 ? spin_output_lock_take(p->o->output, &r->lock)
                                                : SPIN_OK));
     SPIN_TRY(look_at_input(r));
@@ -628,18 +625,19 @@ static spin_status work(struct run *r)
     return SPIN_OK;
 }
 
-/* The work is done and kept, but who asked for a log or pictures does not have them. */
+/* The training is complete, but an incomplete log or preview is still an error. */
 static spin_status close_log(struct run *r)
 {
     const char *output = r->plan.o->output, *incomplete = r->plan.report->incomplete;
 
     spin_step_log_close(&r->step_log);
     if (*r->step_log.error)
-        return spin_fail(SPIN_E_IO, "'%s' is written, but the log '%s' is incomplete: %s", output,
+        return spin_fail(SPIN_E_IO, "'%s' is complete, but the log '%s' is not: %s", output,
                          r->step_log.path, r->step_log.error);
-    return *incomplete ? spin_fail(SPIN_E_IO, "'%s' is written, but not all beside it: %s", output,
-                                   incomplete)
-                       : SPIN_OK;
+    return *incomplete
+               ? spin_fail(SPIN_E_IO, "'%s' is complete, but an additional output is not: %s",
+                           output, incomplete)
+               : SPIN_OK;
 }
 
 static void close_all(struct run *r)
@@ -684,8 +682,7 @@ spin_status spin_train(const struct spin_retrain_options *o, struct spin_retrain
     return status;
 }
 
-/* ---- The report
- * ---------------------------------------------------------------------------------- */
+/* ---- The report ------------------------------------------------------------------------------ */
 
 static spin_json *quality_json(const struct spin_quality *q)
 {

@@ -1,4 +1,4 @@
-/* spin_retrain(), spin_eval() and spin_export(), with the findings as they are. */
+/* spin_retrain(), spin_eval() and spin_export() with reports as C structs instead of JSON. */
 #pragma once
 
 #include "spin_run.h"
@@ -8,8 +8,8 @@
 spin_status spin_train(const struct spin_retrain_options *o, struct spin_retrain_report *report);
 spin_status spin_export_clip(const struct spin_export_options *o,
                              struct spin_export_report *report);
-/* Free the report. */
+/* Free the report with spin_eval_report_free(). */
 spin_status spin_evaluate(const struct spin_eval_options *o, struct spin_eval_report *report);
-/* The same; pictures of what was measured are added to compare, by rank 0. */
+/* The same; rank 0 also adds images of the measured views to *compare. */
 spin_status spin_evaluate_for(const struct spin_eval_options *o, struct spin_compare *compare,
                               struct spin_eval_report *report);

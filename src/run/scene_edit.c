@@ -1,13 +1,13 @@
-/* --crop, --min-views, --floaters, --scale and --translate of spin-export.
+/* --crop, --min-views, --floaters, --backdrop, --scale and --translate of spin-export.
  *
- * The filters look at the scene as it was imported: its units, its axes. What they leave is scaled,
- * then moved. Rows that are not finite stay: exporters leave them out and say so. */
+ * Filters use the units and axes of the imported scene; the remaining splats are then scaled and
+ * moved. Filters keep rows that are not finite, which exporters drop and report. */
 #include "run/scene_edit.h"
 
 #include "base/base.h"
 #include "train/knn.h"
 
-/* A splat that reaches its neighbours is none that floats alone. */
+/* Splats whose neighbours are within this many standard deviations are not floaters. */
 #define REACH 3.0
 
 /* ---- Begin and end --------------------------------------------------------------------------- */
@@ -22,17 +22,18 @@ spin_status spin_scene_edit_begin(struct spin_scene_edit *e, const struct spin_e
     if (o->backdrop == SPIN_EXPORT_BACKDROP_OFF && !o->source)
         SPIN_TRY(spin_bundle_tracks_open((struct spin_bundle *)&clip->bundle, &e->tracks));
     if (o->backdrop == SPIN_EXPORT_BACKDROP_OFF && e->tracks.n_backdrop == 0)
-        spin_warn("--backdrop off: these splats have no backdrop");
+        spin_warn("--backdrop off has no effect: these splats have no backdrop");
     e->filters = o->n_crop > 0 || o->min_views > 0 || o->floaters > 0 || e->tracks.n_backdrop > 0;
     e->moves = (o->scale > 0 && o->scale != 1) || by[0] != 0 || by[1] != 0 || by[2] != 0;
     for (int c = 0; c < 3 && o->n_crop == 6; c++)
         if (!(box[c] < box[3 + c]))
-            return spin_misuse("--crop: the box goes from %g to %g, expected from less to more",
-                               box[c], box[3 + c]);
+            return spin_misuse(
+                "--crop: the bounding box spans %g to %g: give the smaller coordinate first",
+                box[c], box[3 + c]);
     if (o->n_crop == 4 && !(box[3] > 0))
-        return spin_misuse("--crop: a sphere of radius %g holds nothing", box[3]);
+        return spin_misuse("--crop: the radius of the sphere is %g, expected more than 0", box[3]);
     if (o->min_views > 0 && !clip->has_views)
-        return spin_misuse("--min-views: there is no data set, give --data DIR");
+        return spin_misuse("--min-views needs a data set: give --data DIR");
     return o->floaters > 0 ? spin_pool_create(o->n_threads, &e->pool) : SPIN_OK;
 }
 
@@ -67,14 +68,13 @@ void spin_scene_edit_say(const struct spin_scene_edit *e)
             at += (size_t)snprintf(text + at, sizeof text - at, "%s%llu by --%s", at ? ", " : "",
                                    (unsigned long long)e->n_left_out[k], names[k]);
     if (e->filters && e->n_kept == 0 && e->n_seen > 0)
-        spin_warn("no splat is left: %s", text);
+        spin_warn("no splats are left: %s", text);
     else if (e->filters)
         spin_log(0, "%llu of %s left out%s%s", (unsigned long long)(e->n_seen - e->n_kept),
                  spin_text_count((long long)e->n_seen, "splat", count), at ? ": " : "", text);
 }
 
-/* ---- Filters -----------------------------------------------------------------------------------
- */
+/* ---- Filters --------------------------------------------------------------------------------- */
 
 static bool is_finite(const float place[3])
 {
@@ -96,7 +96,7 @@ static bool crops_away(const struct spin_export_options *o, const float place[3]
     return o->n_crop == 4 ? square > box[3] * box[3] : o->n_crop == 6 && outside;
 }
 
-/* The rows at hand: where they are, and why each goes: 0, or 1 + the filter. */
+/* The rows being judged; reason is 0, or 1 + the filter that drops the row. */
 struct rows {
     size_t n;
     const float *place, *log_scale;
@@ -128,8 +128,8 @@ static spin_status leave_out_unseen(struct spin_scene_edit *e, int frame, const 
     return SPIN_OK;
 }
 
-/* Of those that are left: a row whose three nearest are F times farther than those of the others
- * are, and that does not reach as far itself. */
+/* Among the remaining rows: drops a row if the RMS distance to its three nearest neighbours exceeds
+ * F times the median, and its own reach. */
 static spin_status leave_out_floaters(struct spin_scene_edit *e, const struct rows *rows)
 {
     size_t n = 0;
@@ -162,7 +162,7 @@ static spin_status leave_out_floaters(struct spin_scene_edit *e, const struct ro
     return SPIN_OK;
 }
 
-/* The backdrop's tracks are the last ones. */
+/* The tracks of the backdrop are the last ones. */
 static spin_status leave_out_backdrop(struct spin_scene_edit *e, int frame, const struct rows *rows)
 {
     size_t first = e->tracks.n - e->tracks.n_backdrop;
@@ -188,7 +188,7 @@ static spin_status judge(struct spin_scene_edit *e, int frame, const struct rows
     return e->o->floaters > 0 ? leave_out_floaters(e, rows) : SPIN_OK;
 }
 
-/* Count what stays of n rows, and why the others go. */
+/* Counts the kept rows, and the dropped ones by filter. */
 static void count(struct spin_scene_edit *e, const unsigned char *reason, size_t n)
 {
     e->n_seen += n;
@@ -199,7 +199,7 @@ static void count(struct spin_scene_edit *e, const unsigned char *reason, size_t
     }
 }
 
-/* Which of n rows stay: those without a reason; all, where they were chosen before. */
+/* Marks the rows to keep: those without a reason, or all if they were chosen before. */
 static spin_status mark_rows(const struct spin_scene_edit *e, const unsigned char *reason, size_t n,
                              unsigned char **mark)
 {
@@ -209,8 +209,7 @@ static spin_status mark_rows(const struct spin_scene_edit *e, const unsigned cha
     return SPIN_OK;
 }
 
-/* ---- Size and place ----------------------------------------------------------------------------
- */
+/* ---- Size and place -------------------------------------------------------------------------- */
 
 static double scale_of(const struct spin_scene_edit *e)
 {
@@ -243,7 +242,7 @@ spin_status spin_scene_edit_views(struct spin_scene_edit *e, const struct spin_v
         struct spin_view view = from->view[v];
         double *m = view.camera.w2c;
 
-        for (int r = 0; r < 3; r++) /* R (s p + t) + w = s (R p + before) */
+        for (int r = 0; r < 3; r++) /* solve R (s p + t) + w' = s (R p + w) for w' */
             m[4 * r + 3] = scale_of(e) * m[4 * r + 3] - m[4 * r] * e->o->translate[0] -
                            m[4 * r + 1] * e->o->translate[1] - m[4 * r + 2] * e->o->translate[2];
         view.camera.z_near = scale_of(e) * spin_camera_near(&view.camera);
@@ -255,8 +254,7 @@ spin_status spin_scene_edit_views(struct spin_scene_edit *e, const struct spin_v
     return SPIN_OK;
 }
 
-/* ---- Frames and 4D splats ----------------------------------------------------------------------
- */
+/* ---- Frames and 4D splats -------------------------------------------------------------------- */
 
 spin_status spin_scene_edit_judge(struct spin_scene_edit *e, int frame, const struct spin_splats *s,
                                   bool counts)
@@ -289,7 +287,7 @@ spin_status spin_scene_edit_frame(struct spin_scene_edit *e, int frame,
     return SPIN_OK;
 }
 
-/* For each row the frame that it is judged at, or -1: no frame shows it. */
+/* Finds the frame in which each row is judged, or -1 if no frame shows it. */
 static void find_frames(const struct spin_scene_edit *e, const struct spin_splats_4d *s, int *frame)
 {
     for (size_t i = 0; i < s->n; i++) {
@@ -308,7 +306,7 @@ static void find_frames(const struct spin_scene_edit *e, const struct spin_splat
     }
 }
 
-/* Judge the rows whose frame this is, among all that it shows. */
+/* Judges the rows assigned to this frame, among all rows that the frame shows. */
 static spin_status judge_slice(struct spin_scene_edit *e, const struct spin_splats_4d *s, int frame,
                                const int *frame_of, struct spin_splats *slice,
                                unsigned char *reason)

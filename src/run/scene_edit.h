@@ -1,6 +1,5 @@
-/* What an export changes of a scene before its exporter sees it: splats that are left out, another
- * size, another place. A frame's splats and 4D splats go the same way; so do the data set's
- * cameras. */
+/* Edits a scene before its exporter gets it: drops splats, scales and moves the rest. Frames, 4D
+ * splats and the cameras of the data set are edited alike. */
 #pragma once
 
 #include "base/pool.h"
@@ -20,20 +19,21 @@ struct spin_scene_edit {
     const struct spin_export_options *o;
     const struct spin_clip *clip;
     struct spin_pool *pool;
-    struct spin_bundle_tracks tracks; /* with --backdrop off */
-    uint32_t *track;                  /* of the rows at hand */
-    bool filters, moves;              /* there is something to leave out; to scale or move */
-    bool chosen; /* what spin_scene_edit_frame() and _4d() get has been judged before: they move it
-                  */
-    uint64_t n_seen, n_kept; /* rows so far: of all frames, or of 4D splats */
+    struct spin_bundle_tracks tracks; /* opened with --backdrop off */
+    uint32_t *track;                  /* [rows of the frame] track of each row */
+    bool filters, moves; /* filters: splats may be dropped; moves: splats are scaled or moved */
+    bool chosen; /* inputs of spin_scene_edit_frame() and _4d() were filtered before: only transform
+                    them */
+    uint64_t n_seen, n_kept; /* rows judged and kept so far, in all frames, or 4D splats */
     uint64_t n_left_out[SPIN_EDIT_FILTERS];
-    unsigned char *reason;           /* of the rows at hand: 0, or 1 + what leaves it out */
-    unsigned char *reason_4d;        /* of the clip's 4D splats; NULL: they were not judged yet */
-    struct spin_splats_4d splats_4d; /* those of the last spin_scene_edit_4d() */
-    struct spin_views views;         /* moved, where the clip's were */
+    unsigned char *reason;    /* [rows of the frame] 0, or 1 + the filter that drops the row */
+    unsigned char *reason_4d; /* [4D splats] likewise; NULL until they are judged */
+    struct spin_splats_4d splats_4d; /* result of the last spin_scene_edit_4d() */
+    struct spin_views views;         /* views of the clip with transformed cameras */
 };
 
-/* Zero e before; end it also after a failure. Options and clip stay the caller's. */
+/* e must be zeroed; end it also after a failure. Options and clip stay the caller's and must
+ * outlive e. */
 spin_status spin_scene_edit_begin(struct spin_scene_edit *e, const struct spin_export_options *o,
                                   const struct spin_clip *clip);
 void spin_scene_edit_end(struct spin_scene_edit *e);
@@ -41,28 +41,28 @@ static inline bool spin_scene_edit_is_none(const struct spin_scene_edit *e)
 {
     return (!e->filters || e->chosen) && !e->moves;
 }
-/* What is left out is counted from 0 again: the frames are written once more. */
+/* Resets the statistics, before frames are written again. */
 void spin_scene_edit_again(struct spin_scene_edit *e);
 
-/* Of each row of a frame 0, or 1 + the filter that leaves it out: in e->reason, until the next
- * call. counts: what is left out is added up. */
+/* Sets e->reason for each row of a frame to 0, or to 1 + the filter that drops it; valid until the
+ * next call. counts: add to the statistics. */
 spin_status spin_scene_edit_judge(struct spin_scene_edit *e, int frame, const struct spin_splats *s,
                                   bool counts);
-/* A row is judged where it is at that of the frames that show it whose time is nearest to its own;
- * one that no frame shows, where it is at its own time, and by --crop alone. Done and counted once:
- * in e->reason_4d. */
+/* Judges 4D splats into e->reason_4d, once. A row is judged at its position in the frame that shows
+ * it and is nearest to its own time; a row that no frame shows is judged by --crop only, at its own
+ * time. */
 spin_status spin_scene_edit_judge_4d(struct spin_scene_edit *e, const struct spin_splats_4d *s);
 
-/* A frame, 0..n_frames-1 of the clip, which has all attribute columns, into *out. counts: what is
- * left out is added up. */
+/* Filters and transforms a frame, 0..n_frames-1 of the clip, with all attribute columns. counts:
+ * add to the statistics. */
 spin_status spin_scene_edit_frame(struct spin_scene_edit *e, int frame,
                                   const struct spin_splats *in, bool counts,
                                   struct spin_splats *out);
-/* *out is e's. */
+/* The same for 4D splats; *out is owned by e. */
 spin_status spin_scene_edit_4d(struct spin_scene_edit *e, const struct spin_splats_4d *in,
                                const struct spin_splats_4d **out);
-/* The cameras of the clip, moved with the scene; NULL: it has none. */
+/* The views of the clip with their cameras transformed like the scene; NULL if there are none. */
 spin_status spin_scene_edit_views(struct spin_scene_edit *e, const struct spin_views **out);
 
-/* What was left out, a line; a warning when nothing stayed. */
+/* Logs how many splats were dropped; warns if none is left. */
 void spin_scene_edit_say(const struct spin_scene_edit *e);

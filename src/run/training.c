@@ -21,7 +21,7 @@ void spin_training_warn_background(const struct spin_bundle *bundle, enum spin_s
         differs |= spin_json_number(spin_json_at(taught, c), &value[c]) &&
                    fabs(value[c] - (double)background[c]) > 1e-6;
     if (differs)
-        spin_warn("it was trained over another background: --background %g,%g,%g %s over that",
+        spin_warn("trained over a different background: --background %g,%g,%g %s over that one",
                   value[0], value[1], value[2], what);
 }
 
@@ -34,14 +34,14 @@ void spin_training_warn_scale(const struct spin_bundle *bundle, enum spin_splat_
         spin_json_get(spin_json_get(spin_training_of(bundle, from), "options"), "image_scale"),
         &taught);
     if (taught != image_scale)
-        spin_warn("it was trained on pictures of another size: --scale %g measures at that size",
+        spin_warn("trained on images of a different size: --scale %g measures at that size",
                   taught);
 }
 
 void spin_training_warn_taught(const struct spin_clip *clip, int n_test_cameras)
 {
     if (clip->n_taught > 0)
-        spin_warn("%d of %d cameras of --test-cams are among those that trained '%s': their views "
-                  "are not held out",
-                  clip->n_taught, n_test_cameras, clip->bundle.path);
+        spin_warn(
+            "%d of %d cameras of --test-cams were used to train '%s': their views are not held out",
+            clip->n_taught, n_test_cameras, clip->bundle.path);
 }

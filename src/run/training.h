@@ -1,17 +1,17 @@
-/* What meta.json says of the training of what is measured or drawn. */
+/* The training record in meta.json, and warnings about differences from it. */
 #pragma once
 
 #include "scene/clip.h"
 
-/* NULL: the source of others. */
+/* Record of the training that produced `from`; NULL if it was imported. */
 const spin_json *spin_training_of(const struct spin_bundle *bundle, enum spin_splat_source from);
-/* Where nothing covers them, pictures over another colour than the training had are wrong by it.
- * what: is done over it. */
+/* Warns if the background differs from that of the training, since transparent regions then show
+ * the wrong colour. what: verb for the message, such as "measures". */
 void spin_training_warn_background(const struct spin_bundle *bundle, enum spin_splat_source from,
                                    const float background[3], const char *what);
-/* Pictures of another size than the training had are another measure: what was trained on small
- * ones has less detail. */
+/* Warns if the image scale differs from that of the training: scores are not comparable, and splats
+ * trained on small images lack detail. */
 void spin_training_warn_scale(const struct spin_bundle *bundle, enum spin_splat_source from,
                               double image_scale);
-/* Cameras that are measured as held out, and are not. */
+/* Warns of test cameras that the training used. */
 void spin_training_warn_taught(const struct spin_clip *clip, int n_test_cameras);

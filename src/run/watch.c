@@ -1,5 +1,5 @@
-/* The page of --watch asks for now.js every few seconds, as a script: that works without a server.
- */
+/* The page of --watch, which loads now.js as a script every few seconds: this works without a
+ * server. */
 #include "run/watch.h"
 
 #include "base/base.h"
@@ -76,16 +76,16 @@ static spin_status add_curves(const char *log, spin_json *now)
     SPIN_TRY(spin_train_log_read(log, LOSS_POINTS, &history));
     to = spin_text_open(&text, &n);
     if (!to)
-        return spin_fail(SPIN_E_MEMORY, "no memory for curves");
+        return spin_fail(SPIN_E_MEMORY, "out of memory for the curves");
     draw_curves(&history, to);
     if (fclose(to) != 0)
-        return spin_fail(SPIN_E_MEMORY, "no memory for curves");
+        return spin_fail(SPIN_E_MEMORY, "out of memory for the curves");
     spin_json_set_string(now, "curves", text);
     spin_json_set_number(now, "seconds", history.total_seconds);
     return SPIN_OK;
 }
 
-/* Names of the newest previews: those that end in this iteration. */
+/* Names of the newest previews: files whose name ends in this iteration. */
 static spin_status add_pictures(const struct spin_output *output, spin_json *now)
 {
     const char *folder = output->plan->o->preview;
@@ -103,7 +103,7 @@ static spin_status add_pictures(const struct spin_output *output, spin_json *now
     return SPIN_OK;
 }
 
-/* The state as a bundle, and that as a clip to play. */
+/* Writes the current splats as a bundle, and exports that as a page to play. */
 static spin_status write_clip(const struct spin_watch *w, const struct spin_output *output)
 {
     struct spin_retrain_options o = *output->plan->o;
@@ -149,7 +149,7 @@ spin_status spin_watch_update(const struct spin_watch *w, const struct spin_outp
     spin_json_set_bool(now, "done", done);
     text = spin_json_text(now, false);
     status = text ? write_text(w->now, "show(", text, ")\n")
-                  : spin_fail(SPIN_E_MEMORY, "no memory for the page");
+                  : spin_fail(SPIN_E_MEMORY, "out of memory for the page");
 out:
     spin_json_free(now);
     return spin_fail_context(status, "--watch");

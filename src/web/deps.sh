@@ -1,6 +1,7 @@
 #!/bin/sh
-# deps.sh FOLDER: what spin4d needs of libraries, compiled to WebAssembly, as FOLDER/usr, from Debian's sources. Needs
-# emscripten, cmake, libtinygltf-dev, nlohmann-json3-dev, and deb-src in apt's sources. Takes minutes, once.
+# deps.sh FOLDER: compiles the libraries that spin4d needs from Debian's sources to WebAssembly,
+# into FOLDER/usr. Needs emscripten, cmake, libtinygltf-dev, nlohmann-json3-dev, and deb-src in
+# apt's sources. Takes minutes, but is done only once.
 to=${1:?usage: deps.sh FOLDER}
 usr=$(realpath -m "$to")/usr
 [ ! -f "$usr/done" ] || exit 0
@@ -11,7 +12,7 @@ fail() {
     exit 1
 }
 
-# build NAME COMMAND...: in the folder of its source; what it printed is in FOLDER/NAME.log
+# build NAME COMMAND...: runs COMMAND in the source folder of NAME; its output is in FOLDER/NAME.log
 build() {
     name=$1
     shift
@@ -50,14 +51,14 @@ of_webp() {
 }
 
 for tool in emcc cmake apt-get; do
-    command -v $tool >/dev/null || fail "$tool is not here: apt-get install emscripten cmake dpkg-dev"
+    command -v $tool >/dev/null || fail "$tool not found: apt-get install emscripten cmake dpkg-dev"
 done
 for header in tiny_gltf.h nlohmann/json.hpp; do
-    [ -f "/usr/include/$header" ] || fail "$header is not here: apt-get install libtinygltf-dev nlohmann-json3-dev"
+    [ -f "/usr/include/$header" ] || fail "$header not found: apt-get install libtinygltf-dev nlohmann-json3-dev"
 done
 mkdir -p "$usr/include/nlohmann" "$usr/lib" || exit 1
 (cd "$to" && apt-get source -q zlib xz-utils jansson libzstd libwebp) >"$to/source.log" 2>&1 ||
-    fail "apt-get source fails, see '$to/source.log': is there a line deb-src in apt's sources?"
+    fail "apt-get source failed, see '$to/source.log': check that apt's sources have a deb-src line"
 build zlib of_zlib
 build xz-utils of_xz
 build jansson by_cmake . -DJANSSON_BUILD_DOCS=OFF -DJANSSON_EXAMPLES=OFF -DJANSSON_WITHOUT_TESTS=ON

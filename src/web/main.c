@@ -1,5 +1,4 @@
-/* The two commands that run in a browser, as one program: its first argument is import or export.
- */
+/* spin-import and spin-export as one program for the browser; argv[1] is import or export. */
 #include <stdio.h>
 #include <string.h>
 
@@ -12,6 +11,6 @@ int main(int argc, char **argv)
         return spin_import_main(argc - 1, argv + 1);
     if (argc > 1 && strcmp(argv[1], "export") == 0)
         return spin_export_main(argc - 1, argv + 1);
-    fprintf(stderr, "the first argument is import or export\n");
+    fprintf(stderr, "the first argument must be import or export\n");
     return 2;
 }

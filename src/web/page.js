@@ -4,7 +4,7 @@ const worker = new Worker(URL.createObjectURL(new Blob([$('worker').textContent]
 const waiting = new Map();
 let count = 0, busy = false, name = 'clip';
 
-// One task of the worker. Resolves to its result; what it prints is shown.
+// Runs a task in the worker and shows its output. Resolves to its result.
 function ask(task, rest = {}) {
     const id = ++count;
     return new Promise((resolve) => {
@@ -19,7 +19,7 @@ worker.onmessage = ({ data }) => {
     } else if (/ left\b/.test(data.text) && /%/.test(data.text)) $('now').textContent = data.text;
     else print(data.stream, data.text);
 };
-worker.onerror = (e) => print('err', `the worker broke off: ${e.message}`);
+worker.onerror = (e) => print('err', `the worker failed: ${e.message}`);
 
 function print(stream, text) {
     const line = document.createElement('div');
@@ -30,7 +30,7 @@ function print(stream, text) {
     $('log').scrollTop = $('log').scrollHeight;
 }
 
-// Nothing else can be begun before it ends.
+// Runs work() with all buttons disabled; ignored while another task runs.
 async function alone(what, work) {
     if (busy) return;
     busy = true;
@@ -46,7 +46,7 @@ async function alone(what, work) {
     busy = false;
 }
 
-// files: [{ name: path, data: File }]. What they have in common is the input.
+// files: [{ name: path, data: File }]. Their common folder is the input.
 function open(files) {
     if (!files.length) return;
     const top = new Set(files.map((f) => f.name.split('/')[0]));
@@ -59,13 +59,13 @@ function open(files) {
     const options = [];
     if ($('from').value) options.push('--from', $('from').value);
     if ($('frames').value) options.push('--frames', $('frames').value);
-    return alone('reading', async () => {
+    return alone('reading the files', async () => {
         $('log').replaceChildren();
         $('clip').hidden = true;
         if ((await ask('import', { files, input, name, options })).code) return;
-        $('now').textContent = 'making the page that plays it';
+        $('now').textContent = 'preparing the player';
         const page = await ask('export', { to: 'html', name: 'clip.html' });
-        if (page.code) print('err', 'the clip cannot be shown here, but saved');
+        if (page.code) print('err', 'the clip cannot be shown here, but it can be saved');
         const old = $('player').src;
         $('player').src = page.code ? 'about:blank' : URL.createObjectURL(new Blob([page.files[0][1]], { type: 'text/html' }));
         if (old.startsWith('blob:')) URL.revokeObjectURL(old);
@@ -82,7 +82,7 @@ for (const id of ['files', 'folders']) $(id).onchange = (e) => {
     open(files);
 };
 
-// All files below what was dropped.
+// Adds all files below a dropped entry to `out`.
 async function below(entry, out) {
     if (entry.isFile) {
         out.push({ name: entry.fullPath.slice(1), data: await new Promise((yes, no) => entry.file(yes, no)) });
@@ -105,14 +105,15 @@ document.ondrop = async (e) => {
     open(files);
 };
 
-// ---- Saving ----------------------------------------------------------------------------------------------------------
+// ---- Saving -------------------------------------------------------------------------------------
 
 const crcTable = Uint32Array.from({ length: 256 }, (_, n) => {
     for (let k = 0; k < 8; k++) n = n & 1 ? 0xedb88320 ^ n >>> 1 : n >>> 1;
     return n;
 });
 
-// Files as a zip, not compressed: most of them are already. A zip of this kind ends at 4 GB.
+// Stores files as a zip without compression, since most are compressed already. Without zip64 it is
+// limited to 4 GB.
 function zip(files) {
     const parts = [], directory = [], text = new TextEncoder();
     let at = 0, n = 0;
@@ -148,7 +149,7 @@ function zip(files) {
     return new Blob([...parts, ...directory, end]);
 }
 
-for (const button of document.querySelectorAll('[data-name]')) button.onclick = () => alone('writing', async () => {
+for (const button of document.querySelectorAll('[data-name]')) button.onclick = () => alone('writing the files', async () => {
     const { to, name: file } = button.dataset;
     const { code, files } = to ? await ask('export', { to, name: file }) : await ask('bundle');
     if (code) return;

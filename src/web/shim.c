@@ -1,5 +1,5 @@
-/* In place of base/shim.c where nothing can be loaded while the program runs: what is linked in is
- * found by its name. */
+/* Replaces base/shim.c in the browser, which cannot load libraries at run time: looks up functions
+ * of the linked libraries by name. */
 #include "base/shim.h"
 
 #include <stdio.h>
@@ -49,8 +49,8 @@ spin_status spin_library_need(struct spin_library *library)
         while (i < n && strcmp(linked[i].name, f->name) != 0)
             i++;
         if (i == n)
-            return spin_unsupported("%s needs %s, which spin4d in the browser lacks", library->user,
-                                    f->name);
+            return spin_unsupported("%s needs %s, which spin4d does not have in the browser",
+                                    library->user, f->name);
         *(void **)f->into = linked[i].function;
     }
     return SPIN_OK;

@@ -1,5 +1,5 @@
-// Commands of spin4d in a worker: each in a module of its own, so that nothing is left of the one before. The bundle goes
-// from one to the next as the bytes of its files.
+// Runs commands of spin4d in a worker. Each command gets a fresh module, so that no state is left
+// of the previous one. The bundle is passed between commands as the bytes of its files.
 let clip = [], bundle = '/bundle/clip.spin';
 
 function readTree(FS, path, out = []) {
@@ -15,7 +15,8 @@ function writeTree(FS, files) {
     }
 }
 
-// Characters into lines; a progress line ends with a return or begins with an escape.
+// Collects bytes into lines for say(). Progress lines end with a carriage return or begin with an
+// escape sequence.
 function lines(say) {
     const decoder = new TextDecoder();
     let bytes = [];
@@ -30,7 +31,7 @@ function lines(say) {
     };
 }
 
-// A dropped file is read by parts, but what is mapped is copied: emscripten's WORKERFS cannot map.
+// Dropped files are read in parts. emscripten's WORKERFS cannot map files, so mmap() copies.
 function mapDropped(module) {
     const ops = module.WORKERFS.stream_ops;
     ops.mmap = (stream, address, length, position) => {
@@ -41,7 +42,8 @@ function mapDropped(module) {
     };
 }
 
-// Runs it; say(stream, line) has what it prints. Resolves to { code, module }.
+// Runs a command and passes each line of its output to say(stream, line). Resolves to
+// { code, module }.
 async function command(args, say, before) {
     const module = await spin4d({ stdin: () => null, stdout: lines((t) => say('out', t)), stderr: lines((t) => say('err', t)) });
     before(module);
@@ -50,12 +52,12 @@ async function command(args, say, before) {
         code = module.callMain(args);
     } catch (e) {
         const memory = /memory|OOM|Aborted/i.test(String(e));
-        say('err', memory ? 'not enough memory: a page can have 4 GB' : `the command broke off: ${String(e).slice(0, 200)}`);
+        say('err', memory ? 'out of memory: a page can use at most 4 GB' : `the command failed: ${String(e).slice(0, 200)}`);
     }
     return { code, module };
 }
 
-// Of export: { code, files: [[name, bytes]] }
+// Exports the bundle. Resolves to { code, files: [[name, bytes]] }.
 async function exportClip(to, name, say) {
     const out = `/out/${name}`;
     const { code, module } = await command(['export', bundle, '-o', out, '--to', to], say, ({ FS }) => {

@@ -383,7 +383,7 @@ def text_bundle(j, has_table):
     t = ["bundle      %s, by %s" % (j["bundle"], j["generator"])]
     t += ["from        %s%s%s" % (j["from"], ", " if j["variant"] else "", j["variant"]), "upstream    " + j["upstream"]]
     if j["data"]:
-        t += ["data        %s, %s%s" % (j["data"], j["data_from"], "" if j["data_there"] else ": it is not there")]
+        t += ["data        %s, %s%s" % (j["data"], j["data_from"], "" if j["data_there"] else ": not found")]
     t += ["frames      %d of the source's %d, numbers %d to %d%s, times %s to %s" % (
         j["frames"], j["source_frames"], *j["numbers"], "" if j["numbered"] else " (counted)", *map(number, j["times"]))]
 
@@ -467,8 +467,8 @@ def text_plan(j):
         t += ["densify     every %d iterations" % j["densify_every"]]
     t += ["memory      %s needed, %s available" % (size(j["bytes_needed"]), size(j["bytes_available"]))]
     if not j["fits"]:
-        t += ["            it does not fit: " + (j["fitting"] + " fits" if j["fitting"] else
-                                                 "nothing smaller was found that does")]
+        t += ["            it does not fit: " + (j["fitting"] + " would fit" if j["fitting"] else
+                                                 "no smaller setting was found that would")]
     s = j["seconds_estimated"]
     return "\n".join(t + ["time        about " + (
         "%.1f s" % s if s < 100 else "%.0f min" % (s / 60) if s < 5970 else
@@ -601,7 +601,7 @@ def check_said(name, told, j, lines, sizes):
            "%s: says how large the table is" % name, told)
     tracks = meta_of(path(name)).get("trained", {}).get("tracks")
     if tracks:
-        ok(line(r"%d tracks, %d move(?: \(splats that are alike in frames after each other\))?, %d have attributes of every frame" % (
+        ok(line(r"%d tracks, %d dynamic(?: \(matched between neighbouring frames\))?, %d with attributes per frame" % (
             tracks["n"], tracks["moving"], tracks["varying"])) is not None, "%s: says how many tracks" % name, told, tracks)
     if not by_frame:
         want = ["iteration %d: test PSNR %.3f dB, SSIM %.4f" % (x["iteration"], x["test_psnr"], x["test_ssim"])
@@ -656,7 +656,7 @@ def text_eval(j, verbose, quiet, fps):
         t += ["holes    PSNR %.3f over the opposite background: the splats are transparent in places" %
               j["psnr_opposite"]]
     t += ["speed    %s frames per second with decoding, %s without" % fps]
-    return "\n".join(t + ["size     %s the file, unpacked %s; %s the measured attributes, %s a frame" % (
+    return "\n".join(t + ["size     %s on disk, %s unpacked; %s for the measured attributes, %s per frame" % (
         size(j["storage"]["file"]), size(j["storage_unpacked"]["file"]), size(j["storage"]["measured"]),
         size(j["storage"]["measured_per_frame"]))])
 
@@ -889,7 +889,7 @@ def check_page(name, j, before, seen, log, split="test"):
 
 # ---- spin-export ----------------------------------------------------------------------------------
 
-PARTS = [("place", "place"), ("log scale", "log_scale"), ("rotation (degrees)", "rotation_deg"), ("opacity", "opacity"),
+PARTS = [("position", "place"), ("log scale", "log_scale"), ("rotation (degrees)", "rotation_deg"), ("opacity", "opacity"),
          ("colour", "colour"), ("sh", "sh")]
 
 
@@ -899,14 +899,14 @@ def text_export(j):
         ", " + size(j["bytes"]) if j["bytes"] else "", ", %d splats left out" % j["left_out"] if j["left_out"] else "")]
     c = j["check"]
     if c:
-        t += ["read back: %s, %d splats; boxes differ by %.3g at most" % (some(c["frames"], "frame"), c["splats"], c["bounds"])]
+        t += ["read back: %s, %d splats; bounding boxes differ by %.3g at most" % (some(c["frames"], "frame"), c["splats"], c["bounds"])]
         t += ["  %-20s error %.3g rms, %.3g at most" % (label, c[key]["rms"], c[key]["largest"]) for label, key in PARTS]
         if c["place_sizes"]:
             pixels = ", %.3g pixels of the data set's cameras" % c["place_pixels"] if c["place_pixels"] else ""
             t.insert(-5, "                       %.3g of the splat's size at most%s" % (c["place_sizes"], pixels))
         if c["sh_lost"]:
-            t += ["  sh                   lost in %d of %d splats, which %s does not hold" % (c["sh_lost"], c["splats"], j["to"])]
-        t += ["frame %d rendered from the file: %s the bundle's own picture" % (
+            t += ["  sh                   lost in %d of %d splats, which %s does not store" % (c["sh_lost"], c["splats"], j["to"])]
+        t += ["frame %d rendered from the file: %s the bundle's own render" % (
             c["rendered"], "%.2f dB against" % c["psnr"] if c["psnr"] is not None else "")]
     return "\n".join(t).replace(":  the", ": the")
 

@@ -19,12 +19,12 @@ misuse "unknown option '--zzz'" spin-import --zzz
 misuse "unknown option '-x'" spin-import -x
 misuse "INPUT is missing" spin-import
 misuse "unexpected argument" spin-import --info a b
-misuse "with --output" spin-import a
+misuse "--output is missing" spin-import a
 misuse "needs a value" spin-import a -o
 misuse "needs a value" spin-import a --output --force
 misuse "takes no value" spin-import --info=yes a
 misuse "did you mean 'd3dgs'" spin-import --from d3dg a --info
-misuse "no importer is called" spin-import --from nonsense a --info
+misuse "unknown importer 'nonsense'" spin-import --from nonsense a --info
 misuse "not 'x'" spin-import a --info --frames x
 misuse "not '0'" spin-import a --info --frames 0
 misuse "not '5:5'" spin-import a --info --range 5:5
@@ -35,7 +35,7 @@ misuse "exclude each other" spin-import a --info --times 0,1 --frames 2
 misuse "not 'sideways'" spin-import a --info --pair sideways
 
 misuse "IN.spin is missing" spin-retrain
-misuse "with --output" spin-retrain a
+misuse "--output is missing" spin-retrain a
 misuse "not '1e3'" spin-retrain a -o b --iterations 1e3
 misuse "not '99999999999'" spin-retrain a -o b --iterations 99999999999
 misuse "not '-1'" spin-retrain a -o b --seed -1
@@ -59,19 +59,19 @@ misuse "IN.spin is missing" spin-eval
 misuse "not 'half'" spin-eval a --split half
 misuse "IN.spin is missing" spin-export --to ply
 misuse "with --to" spin-export a -o b
-misuse "no exporter writes '.gif'; the nearest is .mp4" spin-export a -o clip.gif
-misuse "the nearest is a folder with --to images" spin-export a -o b.d/a.png
-misuse "no exporter writes '.sogs'; the nearest is .sog" spin-export a -o clip.sogs
+misuse "no exporter writes '.gif'; the nearest format is .mp4" spin-export a -o clip.gif
+misuse "the nearest format is a folder with --to images" spin-export a -o b.d/a.png
+misuse "no exporter writes '.sogs'; the nearest format is .sog" spin-export a -o clip.sogs
 misuse "with --to" spin-export a -o a.d/clip
-misuse "with --output" spin-export a --to ply
-misuse "no exporter is called" spin-export a --to nonsense -o b
-misuse "the nearest is a folder with --to images --format exr" spin-export a -o a.exr
-misuse "the nearest is what spin-import and spin-retrain write" spin-export a -o a.spin
+misuse "--output is missing" spin-export a --to ply
+misuse "unknown exporter 'nonsense'" spin-export a --to nonsense -o b
+misuse "the nearest format is a folder with --to images --format exr" spin-export a -o a.exr
+misuse "the nearest format is a bundle, which spin-import and spin-retrain write" spin-export a -o a.spin
 misuse "did you mean 'video'" spin-export a --to mp4 -o b
 misuse "did you mean 'video'" spin-export a --to MOV -o b
 misuse "did you mean 'images'" spin-export a --to png -o b
 misuse "did you mean 'ply'" spin-export a --to pli -o b
-misuse "no importer is called 'mp4'; --list" spin-import --from mp4 a --info
+misuse "unknown importer 'mp4'; --list" spin-import --from mp4 a --info
 misuse "given as the folder that holds them" spin-import a.ply b.ply -o c.spin
 misuse "'retain' is neither a run nor a command, did you mean 'retrain'" spin4d retain a.spin -o b.spin
 misuse "did you mean 'import'" spin4d imprt a
@@ -94,14 +94,14 @@ misnamed() {
 }
 run "$bin/spin-import" -q "$clip" --data "$clip" --range 0:1 -o "$work/One.SPIN"
 is "$code" 0 "*.SPIN is a bundle"
-misnamed "named \*.spin; spin-export writes .ply of it" "spin-import $clip -o $work/new.ply"
-misnamed "named \*.spin; spin-export writes a folder with --to images of it" "spin-import $clip -o $work/new.png"
-misnamed "named \*.spin; spin-export writes .HTML of it" "spin-retrain $work/One.SPIN -o $work/new.HTML"
+misnamed "named \*.spin; convert it with spin-export to .ply" "spin-import $clip -o $work/new.ply"
+misnamed "named \*.spin; convert it with spin-export to a folder with --to images" "spin-import $clip -o $work/new.png"
+misnamed "named \*.spin; convert it with spin-export to .HTML" "spin-retrain $work/One.SPIN -o $work/new.HTML"
 misnamed "a browser prints the page as PDF" "spin-eval $work/One.SPIN --report $work/new.pdf"
 misnamed "a browser prints the page as PDF" "spin-eval $work/One.SPIN $work/One.SPIN --report $work/new.pdf"
-misnamed "is named as what 'html' writes, but --to is 'ply'" "spin-export $work/One.SPIN --to ply -o $work/new.html"
-misnamed "is named as what 'ply' writes, but --to is 'html'" "spin4d $work/One.SPIN --no-retrain --to html -o $work/new.ply"
-misnamed "names no exporter: the nearest is .mp4" "spin4d $work/One.SPIN --no-retrain -o $work/new.mov"
+misnamed "is that of exporter 'html', but --to is 'ply'" "spin-export $work/One.SPIN --to ply -o $work/new.html"
+misnamed "is that of exporter 'ply', but --to is 'html'" "spin4d $work/One.SPIN --no-retrain --to html -o $work/new.ply"
+misnamed "no exporter for the extension of '.*new.mov': the nearest format is .mp4" "spin4d $work/One.SPIN --no-retrain -o $work/new.mov"
 
 # Names of formats and endings have no case.
 run "$bin/spin-export" "$work/One.SPIN" -o "$work/A.PLY" --json
@@ -112,7 +112,7 @@ run "$bin/spin-export" "$work/One.SPIN" --to Compressed-PLY -o "$work/A.compress
 is "$code $(member to)" "0 compressed-ply" "--to Compressed-PLY -o A.compressed.Ply"
 [ -f "$work/A.compressed.Ply" ]
 ok $? "which is a file"
-misnamed "is named as what 'ply' writes, but --to is 'compressed-ply'" "spin-export $work/One.SPIN --to compressed-ply -o $work/new.ply"
+misnamed "is that of exporter 'ply', but --to is 'compressed-ply'" "spin-export $work/One.SPIN --to compressed-ply -o $work/new.ply"
 run "$bin/spin4d" "$work/One.SPIN" --no-retrain -o "$work/T.HTML" --json
 is "$code $(member to)" "0 html" "spin4d -o T.HTML"
 run "$bin/spin-import" --from PLY "$work/A.PLY" --info --json

@@ -32,7 +32,7 @@ rmdir empty
 
 run "$bin/spin4d" run --iterations 40
 is "$code" 0 "a run"
-err_has "the data set '.*run' beside the run; --data names another" "says which data set it takes"
+err_has "the data set '.*run' found beside the run; --data chooses another" "says which data set it takes"
 err_has "^preset quick: 40 iterations, 6 frames; about .* here" "says what is trained and how long"
 err_has "of 6 frames and 2 versions" "the page has both versions"
 out_has "^held-out views: 16.10 dB before, [0-9.]* dB after" "how good it became"
@@ -60,7 +60,7 @@ err_has "'run.spin' is already finished" "the training is not"
 
 run "$bin/spin4d" alone --from d3dgs -v
 is "$code" 0 "a run without a data set"
-err_has "no data set is known, so nothing is retrained; --data names one" "says why it is not retrained"
+err_has "no data set is known, so the clip is not retrained; give one with --data" "says why it is not retrained"
 is "$("$bin/spin-import" --info alone.spin --json | grep -c '"trained": {')" 0 "and it is not"
 run "$bin/spin4d" run/params.npz --no-retrain -o clip.glb
 is "$code $(ls -d clip.*)" "0 $(printf 'clip.glb\nclip.spin')" "--no-retrain; the ending says the format"
@@ -71,8 +71,8 @@ err_has "cpu (.*, 1 thread)" "--device and --threads"
 ok $? "with it a run alone is retrained"
 run "$bin/spin4d" run --data-from colmap -o wrong.html
 is "$code" 0 "a wrong --data-from, of a data set that is not named"
-err_has "warning: the data set '.*run' beside the run is not used" "is said"
-! grep -q "^uses the data set" "$work/err"
+err_has "warning: not using the data set '.*run' found beside the run" "is said"
+! grep -q "^using the data set" "$work/err"
 ok $? "and not that it is used"
 run "$bin/spin4d" alone --from dash -o other2.html
 fails 1 spin4d "a wrong --from"
@@ -84,11 +84,11 @@ run "$bin/spin4d" given.spin --from ply -o other2.html
 fails 2 spin4d "--from of a bundle"
 run "$bin/spin4d" given.spin --data not-there -o other2.html
 is "$code" 1 "a data set for a bundle that is trained is that of its pictures"
-err_has "it is trained already, so nothing is retrained" "which are all that is made"
+err_has "the clip is already trained and is not retrained" "which are all that is made"
 run "$bin/spin4d" given.spin -o page.html --preset best -q
 is "$(wc -c <"$work/out")" 0 "-q says nothing"
 is "$code $(ls -d page.*)" "0 page.html" "a bundle that is trained is exported"
-err_has "warning: nothing is retrained, so --preset has no effect: the clip is trained already, " "which no preset changes"
+err_has "warning: nothing is retrained, so --preset has no effect: the clip is already trained; " "which no preset changes"
 run "$bin/spin4d" clip.spin --to ply -o frames/
 is "$code $(find frames -name '*.ply' | wc -l)" "0 6" "another format"
 cp clip.spin own.spin
@@ -103,7 +103,7 @@ run "$bin/spin4d" run -o rows.sogst --iterations 40 --preset paper
 fails 2 spin4d "4D splats by the paper's network"
 run "$bin/spin4d" run -o rows.sogst --iterations 40
 is "$code $(echo $(ls -d rows.*))" "0 rows.sogst rows.spin rows.tracks.spin" "a run becomes 4D splats"
-err_has "'sogst' holds 4D splats: training them from these frames" "which are trained from frames"
+err_has "'sogst' stores 4D splats: training them from these frames" "which are trained from frames"
 out_has "^as 4D splats: [0-9.]* dB" "and says how good they are"
 "$bin/spin-import" --info rows.spin --json | grep -q antialias.*true
 is $? 1 "they are drawn without antialiasing"
@@ -136,7 +136,7 @@ PY
 cp run/params.npz other
 run "$bin/spin4d" other --iterations 40
 is "$code" 0 "a data set beside it that does not fit"
-err_has "warning: the data set '.*other' beside the run is not used: " "a warning says why"
+err_has "warning: not using the data set '.*other' found beside the run: " "a warning says why"
 run "$bin/spin4d" other --data other --iterations 40 --force
 is "$code" 2 "the same, named, is an error"
 err_has "^spin4d: .*cannot pair frames" "which says why"
@@ -153,7 +153,7 @@ sleep 0.5
 kill -INT $pid
 wait $pid
 is "$?" 130 "Ctrl-C"
-tail -n 1 err | grep -q "^spin4d: interrupted; the state of iteration [0-9]* is kept in 'cut.spin.part': run the same command to go on$"
+tail -n 1 err | grep -q "^spin4d: interrupted; the checkpoint of iteration [0-9]* is kept in 'cut.spin.part': run the same command to go on$"
 ok $? "says what is kept and how to go on: $(tail -n 1 err)"
 is "$(ls -d cut.*)" "$(printf 'cut.import.spin\ncut.spin.part\ncut.spin.part.spin')" "the work is kept, and the clip as it was"
 run "$bin/spin4d" run -o cut.html --iterations 40

@@ -23,9 +23,9 @@ is "$(member from)" realtime4dgs "from realtime4dgs"
 out_has "assumed the one used since September 2024" "the notes say what was assumed"
 run "$bin/spin-import" "$run_in" -o "$work/any.spin" --json
 is "$code $(member frames)" "0 61" "4D splats are kept for any time, and frames are shown"
-out_has "does not say how many frames its clip has" "of which a note says that their number is a guess"
+out_has "the run does not store its number of frames" "of which a note says that their number is a guess"
 run "$bin/spin-import" "$run_in" -o "$work/sampled.spin" --frames 61 --json
-out_has "the 4D splats themselves are not kept" "with --frames they are sampled, and a note says so"
+out_has "the 4D splats themselves are not stored" "with --frames they are sampled, and a note says so"
 for kept in any sampled; do
     "$bin/spin-export" "$work/$kept.spin" --to ply -o "$work/$kept" -q
 done
@@ -40,7 +40,7 @@ is "$("$bin/spin-import" --info "$work/any.spin" --json | tr -d ' \n' | grep -c 
 is "$("$bin/spin-import" --info "$work/sampled.spin" --json | tr -d ' \n' | grep -c '"splats_4d":null')" 1 \
     "and one of frames does not"
 run "$bin/spin-import" "$run_in" -o "$work/places.spin" --positions-only --json
-is "$code $(member frames) $(grep -c '4D splats hold' "$work/out")" "0 61 0" "places alone are sampled there too"
+is "$code $(member frames) $(grep -c '4D splats cover' "$work/out")" "0 61 0" "places alone are sampled there too"
 run "$bin/spin-import" fixtures/deformable3dgs/real_small/model -o "$work/none.spin"
 fails 2 spin-import "a network's import needs to know where"
 err_has "continuous in time, from 0 to 1, and .* with --frames, --times or --data" "and says how to tell, and the range"
@@ -65,24 +65,24 @@ mkdir -p "$work/fov/clip"
 cp -r "$run_in" "$work/fov/run"
 cp -r fixtures/datasets/blender_mini/. "$work/fov/clip"
 run "$bin/spin-import" --info "$work/fov/run"
-! grep -q "tells focal" "$work/out"
+! grep -q "stores focal" "$work/out"
 ok $? "a data set of angles is as it should be"
 for json in "$work/fov/clip"/transforms_*.json; do
     sed '1s/{/{ "fl_x": 46.08, "fl_y": 46.08, "w": 60, "h": 60,/' "$json" >"$work/json" && cp "$work/json" "$json"
 done
 run "$bin/spin-import" --info "$work/fov/run"
-out_has "clip' tells focal lengths by fl_x: Realtime-4DGS takes a field of view of -1" \
+out_has "clip' stores focal lengths as fl_x, which Realtime-4DGS reads as a field of view of -1" \
     "a data set beside it that its training misread is noticed"
 run "$bin/spin-import" --info "$run_in" --data "$work/fov/clip"
-out_has "tells focal lengths by fl_x" "so is one that is given"
+out_has "stores focal lengths as fl_x" "so is one that is given"
 run "$bin/spin-import" --info fixtures/omg4/comp_xz --data "$work/fov/clip"
-is "$code $(grep -c "tells focal" "$work/out")" "0 0" "no other method's run is meant"
+is "$code $(grep -c "stores focal" "$work/out")" "0 0" "no other method's run is meant"
 cp -r "$work/beside/court" "$work/beside/court2"
 run "$bin/spin-import" "$work/beside/run" -o "$work/two.spin" --json
 is "$code $(member frames)" "0 61" "two data sets beside it tell nothing"
 run "$bin/spin-import" fixtures/ex4dgs/small/model -o "$work/own.spin" --json
 is "$code $(member frames)" "0 30" "a run that counts its frames"
-is "$(sed -n 's/.*sampled at the \([0-9]*\) frames that the run says it has.*/\1/p' "$work/out")" "$(member frames)" \
+is "$(sed -n 's/.*sampled at the \([0-9]*\) frames that the run contains.*/\1/p' "$work/out")" "$(member frames)" \
     "is sampled at those"
 counts() { tr -d ' \n' <"$1" | sed 's/.*"splats":{\([^}]*\)}.*/\1/'; }
 counts "$work/out" >"$work/counts"
@@ -141,7 +141,7 @@ if [ -d "$mini" ]; then
     run "$bin/spin-import" "$fixtures/rotor4dgs/old_names" --time-range 0,1 --from rotor4dgs \
         --data "$mini" -o "$work/mini.spin" --json
     is "$code" 0 "a data set without times"
-    out_has "they are spread over the times 0 to 1" "is spread over the range"
+    out_has "times: spread over the times 0 to 1" "is spread over the range"
 fi
 
 run "$bin/spin-import" "$run_in" --from realtime4dgs --convention wrong -o "$work/bad.spin" --frames 2

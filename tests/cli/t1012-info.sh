@@ -76,7 +76,7 @@ json.dump(meta, open(sys.argv[2], "w"))' "$clip/$name.json" "$work/wrong/$name.j
     high=$(sed -n 's/^ *"inside": \([0-9.e-]*\),*/\1/p' "$work/out" | sort -g | tail -n 1)
     greater 0.2 "$high"
     ok $? "few points are inside: $high or less"
-    err_has "are the axes right" "and it is said"
+    err_has "check the axes" "and it is said"
 else
     skip "cameras with other axes" "python3 is not here"
 fi

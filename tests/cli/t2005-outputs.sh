@@ -196,7 +196,7 @@ touch "$work/preview"
 finish
 is "$code" 1 "the preview folder went away meanwhile"
 is "$(grep -c "^warning: .*$work/preview/.*; the training goes on" "$work/err")" 1 "is said once"
-tail -n 1 "$work/err" | grep -q "'$out' is written, but not all beside it: .*$work/preview/"
+tail -n 1 "$work/err" | grep -q "'$out' is complete, but an additional output is not: .*$work/preview/"
 ok $? "and at the end"
 same "$out" "$work/long.spin" "the training does not suffer"
 nothing_at "$out." "and is finished"
@@ -259,7 +259,7 @@ if [ "$(id -u)" = 0 ] && mount -t tmpfs -o size=7m tmpfs "$work/small" 2>/dev/nu
     # shellcheck disable=SC2086
     run "$bin/spin-retrain" "$in" -o "$work/small/grown.spin" $grows
     is "$code" 1 "splats outgrow the disk"
-    err_has "grown.spin.part': .* left, .*as it grows; free some; the state of iteration [0-9]* is kept in" \
+    err_has "grown.spin.part': .* left, .*as it grows; free some; the checkpoint of iteration [0-9]* is kept in" \
         "it stops while the state fits"
     mount -o remount,size=40m "$work/small"
     # shellcheck disable=SC2086
@@ -348,7 +348,7 @@ rm "$out"
 if [ -w /dev/full ]; then
     retrain --log /dev/full
     is "$code" 1 "a log on a full disk"
-    tail -n 1 "$work/err" | grep -q "'$out' is written, but the log '/dev/full' is incomplete: No space"
+    tail -n 1 "$work/err" | grep -q "'$out' is complete, but the log '/dev/full' is not: No space"
     ok $? "is said at the end"
     is "$(grep -c "^warning: cannot write the log '/dev/full'" "$work/err")" 1 "and once before"
     same "$out" "$work/whole.spin" "the work is not lost"

@@ -39,7 +39,7 @@ stopped() {
     fi
     is "$code" "$2" "stopped by $1: exit code $2"
     [ "$1" = KILL ] ||
-        err_has "^spin-retrain: interrupted; the state of iteration [0-9]* is kept in '.*stopped.spin.part': go on with --resume\$" "$1: says what is kept and how to go on"
+        err_has "^spin-retrain: interrupted; the checkpoint of iteration [0-9]* is kept in '.*stopped.spin.part': go on with --resume\$" "$1: says what is kept and how to go on"
     run "$bin/spin-export" "$work/stopped.spin.part" --range 1:2 --to ply -o "$work/as-it-was" --force
     if [ "$1" = KILL ]; then
         fails 1 spin-export "a state without its clip"
@@ -90,7 +90,7 @@ run "$bin/spin-import" "$work/lone" --data "$data" --pair order -o "$work/lone.s
 run "$bin/spin-retrain" "$work/lone.spin" -o "$work/again.spin" $small --dry-run --json
 is "$(member densify_every)" 15 "frames that share no splat are densified, the plan says"
 run "$bin/spin-retrain" "$work/lone.spin" -o "$work/again.spin" $small --iterations $steps --force --json
-err_has "no tracks, each frame's splats are densified alone" "the run says"
+err_has "no tracks, each frame is densified independently" "the run says"
 awk -v n="$(member splats_mean)" 'BEGIN { exit !(n > 1) }'
 ok $? "and they are: $(member splats_mean) for one"
 told=$(member splats_mean)

@@ -41,7 +41,7 @@ needed=$(member bytes_needed)
 export SPIN_EMU_MEMORY
 SPIN_EMU_MEMORY=$((needed / 2))
 run "$bin/spin-retrain" "$in" --dry-run $larger
-out_has "^ *it does not fit: --hash-log2 1[67] fits$" "with half of that, --dry-run names what fits"
+out_has "^ *it does not fit: --hash-log2 1[67] would fit$" "with half of that, --dry-run names what fits"
 run "$bin/spin-retrain" "$in" --dry-run --json $larger
 is "$(member fits)" false "and so does its JSON"
 fitting=$(member fitting)
@@ -51,7 +51,7 @@ err_has "needs about [1-9][0-9.]* MB of memory and [1-9][0-9.]* MB are free: $fi
 run "$bin/spin-retrain" "$in" --dry-run --json $larger $fitting
 is "$(member fits)" true "which is true"
 SPIN_EMU_MEMORY=1000 run "$bin/spin-retrain" "$in" --dry-run $larger
-out_has "it does not fit: nothing smaller was found that does" "next to nothing: no options are named"
+out_has "it does not fit: no smaller setting was found that would" "next to nothing: no options are named"
 SPIN_EMU_MEMORY=0 run "$bin/spin-retrain" "$in" --dry-run --json $larger
 is "$(member fits)" true "an amount that is not known is no reason to refuse"
 SPIN_EMU_MEMORY=0 run "$bin/spin-retrain" "$in" -o "$work/any.spin" $small --iterations 1 -q

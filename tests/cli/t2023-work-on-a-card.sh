@@ -66,7 +66,7 @@ is "$code" 0 "refines with what --dry-run wants"
 unset SPIN_EMU_MEMORY
 run "$bin/spin-retrain" "$in" --dry-run --device cuda $frames
 out_has "^work  *136 iterations on each frame, 2 frames, " "which says what is done"
-out_has "^time  *not known on a card$" "and that the time is not known"
+out_has "^time  *not known on a GPU$" "and that the time is not known"
 
 # ---- The default recipe, and before it refinement of which it takes the splats
 

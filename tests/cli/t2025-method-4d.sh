@@ -74,7 +74,7 @@ done
 run "$bin/spin-import" "$work/apart" --from ply --data $clip --pair order -o "$work/apart.spin"
 is "$code" 0 "imports frames that share no place"
 run "$bin/spin-retrain" "$work/apart.spin" -o "$work/loose.spin" $net --iterations 60 --densify-every 0 --device cpu
-err_has "move (splats that are alike in frames after each other)" "their splats are found again"
+err_has "dynamic (matched between neighbouring frames)" "their splats are found again"
 run "$bin/spin-retrain" "$work/loose.spin" -o "$work/linked.spin" $net --method 4d --iterations 1 --device cpu --json
 is "$code" 0 "they become 4D splats"
 rows=$(sed -n 's/^\([0-9]*\) 4D splats.*/\1/p' "$work/err")

@@ -47,7 +47,7 @@ cp -R "$clip" "$work/copy"
 "$bin/spin-import" "$work/copy" --data "$work/copy" -o "$work/copied.spin" -q >/dev/null
 # shellcheck disable=SC2086
 run "$bin/spin-eval" "$work/a_b.spin" "$work/copied.spin" $views
-err_has "^warning: '.*a_b.spin' is measured against '.*court-mini', and '.*copied.spin' against '.*copy': --data " \
+err_has "^warning: '.*a_b.spin' is measured against '.*court-mini', but '.*copied.spin' against '.*copy': use --data " \
     "measured against two data sets"
 # shellcheck disable=SC2086
 run "$bin/spin-eval" "$work/a_b.spin" "$work/copied.spin" $views --data "$clip"
@@ -93,7 +93,7 @@ is "$code $(grep -c 'track_iterations' "$work/one.html") $(grep -c 'hash_log2' "
 "$bin/spin-import" $clip --data $clip --range 2:5 -o "$work/other.spin" -q >/dev/null
 run "$bin/spin-eval" "$work/a_b.spin" "$work/other.spin" --figures "$work/none"
 fails 2 spin-eval "other views"
-err_has "have other views" "says so"
+err_has "have different views" "says so"
 run "$bin/spin-eval" "$work/a_b.spin" "$work/nothing.spin"
 fails 1 spin-eval "one that is not there"
 run "$bin/spin-eval" "$work/a_b.spin" "$work/better.spin" --images "$work/none"
@@ -131,7 +131,7 @@ PY
     awk -v a="$(member ssim)" -v b="$ssim" 'BEGIN { d = a - b; exit !(a > 0 && a < 0.9 && d < 0.1 && d > -0.1) }'
     ok $? "SSIM is of the subject, on any background: $(member ssim), $ssim"
     run "$bin/spin-eval" "$work/masked.spin" --range 1:4 --mask --images "$work/alone"
-    out_has "^mask     the subject alone" "it is said"
+    out_has "^mask     subject only" "it is said"
     run "$bin/spin-eval" "$work/masked.spin" --mask --dynamic masks
     fails 2 spin-eval "--mask with --dynamic"
 

@@ -145,7 +145,7 @@ run "$bin/spin-export" "$work/one.spin" --to splat -o "$work/one"
 err_has "sh is left out" "splat: SH of degree 1 is left out, and it is said"
 run "$bin/spin-export" "$work/one.spin" --to splat -o "$work/one-checked" --check
 rows=$(sed -n 's/^read back: 1 frame, \([0-9]*\) splats.*/\1/p' "$work/out")
-out_has "lost in $rows of $rows splats, which splat does not hold" "--check: of how many splats it is lost"
+out_has "lost in $rows of $rows splats, which splat does not store" "--check: of how many splats it is lost"
 run "$bin/spin-export" "$work/one.spin" --to spz -o "$work/one-spz" --check --json
 out_has "\"sh_lost\": 0,$" "--check: of none where the format holds it"
 # Bands that are 0 are none that can be lost.

@@ -46,7 +46,7 @@ for fault in 's/"source_index": 3/"source_index": 6/' 's/"frame": 3/"frame": 30/
     sed -i "$fault" "$work/bad/sequence.json"
     run "$bin/spin-import" "$work/bad" -o "$work/bad.spin" --json
     is "$code" 0 "$fault: imports"
-    err_has "warning: .*sequence.json' does not fit" "$fault: says that it does not fit"
+    err_has "warning: .*sequence.json' does not match" "$fault: says that it does not fit"
     grep -A2 '"times"' "$work/out" | tr -d ' \n' | grep -q '"times":\[0,2'
     ok $? "$fault: times are counted"
     rm -r "$work/bad" "$work/bad.spin"
@@ -138,7 +138,7 @@ views >"$work/wanted"
 run "$bin/spin-export" "$work/d.spin" --to ply -o "$work/d-out"
 run "$bin/spin-import" "$work/d-out" -o "$work/d-again.spin" --json
 is "$code" 0 "what was exported imports alone"
-out_has "the data set is that of the exported clip" "with its data set, and says so"
+out_has "using the data set of the exported clip" "with its data set, and says so"
 run "$bin/spin-eval" "$work/d-again.spin" --split all --json
 views | cmp -s - "$work/wanted" && [ -s "$work/wanted" ]
 ok $? "and is measured as it was"
@@ -162,6 +162,6 @@ mkdir "$work/gone/empty"
 sed -i 's/"path": "nowhere"/"path": "empty"/' "$work/gone/sequence.json"
 run "$bin/spin-import" "$work/gone" -o "$work/gone2.spin"
 is "$code" 0 "one that is none any more does not stop the import"
-err_has "data set of the exported clip is not used" "but is warned of"
+err_has "not using the data set of the exported clip" "but is warned of"
 
 done_testing

@@ -95,7 +95,7 @@ run "$bin/spin-import" fixtures/freetimegs/still_sh0_no_optimizers --n-frames 0 
 fails 2 spin-import "no frames"
 run "$bin/spin-import" fixtures/hostile/freetimegs/frames.ply -o "$work/many.spin" --json
 is "$code $(member frames)" "0 65536" "of a million frames so many are taken"
-out_has "has 1000000 frames, of which 65536 are taken" "and that is said"
+out_has "has 1000000 frames, of which 65536 are sampled" "and that is said"
 
 # The PLY for .sogst: paths of degree 2, a factor on covariances, SH of degree 1 that become degree 3 with zeros.
 python3 - "$work/curved.ply" <<'P'
@@ -178,7 +178,7 @@ out_has '"place_pixels": null' "--check: no pixels without a data set"
 run "$bin/spin-import" "$run_in" --frames 3 -o "$work/frames.spin"
 run "$bin/spin-export" "$work/frames.spin" -o "$work/frames.ftgs.ply"
 fails 1 spin-export "frames"
-err_has "this clip is frames, and 'ftgs' holds 4D splats" "are refused by their name"
+err_has "'ftgs' stores 4D splats, but this clip has frames" "are refused by their name"
 nothing_at "$work/frames.ftgs" "nothing was written"
 run "$bin/spin-import" "$run_in" --range 0:1 -o "$work/one.spin"
 run "$bin/spin-export" "$work/one.spin" -o "$work/one.ftgs.ply"

@@ -155,7 +155,7 @@ nothing_at "$work/one.tsog" "nothing was written"
 # What cannot be held is said.
 run "$bin/spin-export" "$work/frames.spin" -o "$work/frames.sogst"
 fails 1 spin-export "frames are no 4D splats"
-err_has "this clip is frames, and 'sogst' holds 4D splats" "by their name"
+err_has "'sogst' stores 4D splats, but this clip has frames" "by their name"
 nothing_at "$work/frames.sogst" "nothing was written"
 run "$bin/spin-import" "$fixtures/realtime4dgs/rot4d_sht" -o "$work/sht.spin"
 if [ "$code" = 0 ]; then

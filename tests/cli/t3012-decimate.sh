@@ -15,7 +15,7 @@ run "$bin/spin-import" "$clip/params.npz" --data "$clip" -o "$work/c.spin"
 is "$code" 0 "court-mini comes in, with its cameras"
 run "$bin/spin-export" "$work/c.spin" --to ply -o "$work/p" --decimate 1000 --json
 is "$code $(of 'r["splats_mean"], d["after"], d["unit"], d["by"], d["cameras"]')" \
-    "0 (1000, 1000, 'a frame', 'their share of the pictures', 'training cameras')" "1000 splats a frame"
+    "0 (1000, 1000, 'a frame', 'their contribution to the images', 'training cameras')" "1000 splats a frame"
 is "$(grep -ac 'element vertex 1000$' "$work"/p/frame_*.ply | grep -vc ':0$')" 6 "in each of six files"
 many=$(of 'd["psnr"]')
 grep -q '"identity": true' "$work/p/sequence.json"
@@ -28,7 +28,7 @@ run "$bin/spin-import" "$work/p" --info
 out_has "1000 a frame" "which come in again"
 run "$bin/spin-export" "$work/c.spin" --to spz -o "$work/s" --decimate 25%
 is "$code" 0 "a quarter of them"
-out_has "^decimated: .* splats a frame, by their share of the pictures; [0-9.]* dB against all of them in 16 pictures" \
+out_has "^decimated: .* splats a frame, by their contribution to the images; [0-9.]* dB against all of them in 16 images" \
     "and what that loses is said"
 run "$bin/spin-export" "$work/c.spin" --to ply -o "$work/q" --decimate 500 --json
 is "$(of "d['psnr'] < $many")" True "half as many lose more"

@@ -132,7 +132,7 @@ retrained 4dgs 7 3.9
 if [ -f "$work/freetimegs-c.spin" ]; then
     run "$bin/spin-export" "$work/freetimegs-c.spin" -o "$work/c.sogst"
     fails 1 spin-export "a trained clip as 4D splats"
-    err_has "what was trained is frames: .*--method 4d.*, and --source writes" "names the option that has them"
+    err_has "the training produced frames: .*--method 4d.*, or export the imported 4D splats with --source" "names the option that has them"
     run "$bin/spin-export" "$work/freetimegs-c.spin" --source -o "$work/c.sogst" --check
     is "$code" 0 "which does"
     run "$bin/spin-export" "$work/freetimegs-c.spin" -o "$work/c.tsog" --check

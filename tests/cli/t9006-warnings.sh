@@ -272,18 +272,18 @@ shares() { figure '"%.0f" % (100 * sum(c["'"$1"'"] for c in j["cameras"]) / len(
 over data
 warns "cameras that see the points"
 over away
-warns "cameras that look away" "only $(shares in_front) % of the points are in front of the cameras: are the axes right, \
-and is this the data set of that run"
+warns "cameras that look away" "only $(shares in_front) % of the points are in front of the cameras: check the axes, \
+and that --data is the data set of this run"
 over five
-warns "five of eight that look away" "only $(shares in_front) % of the points are in front of the cameras: are the axes right, \
-and is this the data set of that run"
+warns "five of eight that look away" "only $(shares in_front) % of the points are in front of the cameras: check the axes, \
+and that --data is the data set of this run"
 over aside
-warns "cameras that look past them" "only $(shares inside) % of the points are inside the images: are the axes right, \
-and is this the data set of that run"
+warns "cameras that look past them" "only $(shares inside) % of the points are inside the images: check the axes, \
+and that --data is the data set of this run"
 over less
 warns "cameras that see few of them"
 over apart
-apart=$(figure '"camera %d has %.0f %% of the points in front and %.0f %% inside its image in frame %d, where half of the views have %.0f %% and %.0f %% or more: is its pose right" % next(
+apart=$(figure '"camera %d has %.0f %% of the points in front and %.0f %% inside its image in frame %d, but the median of all views is %.0f %% and %.0f %%: check its pose" % next(
     (c["camera"], 100 * c["least_in_front"], 100 * c["least_inside"], c["frame"], 100 * j["shares"]["in_front"],
      100 * j["shares"]["inside"]) for c in j["shares"]["cameras"] if c["apart"])')
 warns "one camera apart" "$apart"
@@ -302,8 +302,8 @@ small='--levels 2 --hash-log2 8 --hidden 16 --finest-resolution 16'
 # shellcheck disable=SC2086
 retrain --preset paper --iterations 2 $small --scene-normalise 0,0,0,0.05 --resume
 warns "points outside the ball, a network that is worse, nothing to resume" \
-    "nothing to resume: '$work/out.spin' has no unfinished state, the run starts anew" \
-    "nearly all points lie outside the unit ball: consider --scene-normalise auto" \
+    "nothing to resume: '$work/out.spin' has no checkpoint, starting from the beginning" \
+    "nearly all points are outside the unit ball: consider --scene-normalise auto" \
     "$(worse)more --iterations, --preset short, or --residual source"
 greater "$(member outside_ball)" 0.9
 ok $? "which they do"
@@ -339,7 +339,7 @@ export_to() { run "$bin/spin-export" "$1" --to "$2" -o "$work/$2" --force --devi
 for to in splat gltf usd; do
     export_to "$work/out.spin" $to
     warns "antialiased splats as $to" \
-        "these splats are trained with antialiasing, which '$to' files do not tell viewers: switch it on there"
+        "these splats were trained with antialiasing, which '$to' files cannot record: enable it in the viewer"
 done
 export_to "$work/out.spin" ply
 warns "antialiased splats as ply"
@@ -372,7 +372,7 @@ warns "a data set that is gone" \
 run "$bin/spin-export" "$in" --to ply -o "$work/ply2"
 warns "which only pictures need"
 run "$bin/spin-export" "$in" --to ply --background white -o "$work/ply3"
-warns "a background of no picture" "no effect without pictures: --background"
+warns "a background of no picture" "no effect without rendered images: --background"
 
 # ---- Plug-ins --------------------------------------------------------------------------------------
 

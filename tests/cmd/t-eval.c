@@ -102,13 +102,13 @@ static void test_held_out(void)
                strstr(said, "   1 view, "),
            "one view is none of several");
         ok(shell("%s/spin-eval %s/held.spin --test-cams 7,19 --scale 0.25 -q", bin, folder) == 0 &&
-               strstr(said, "warning: 1 of 2 cameras of --test-cams are among those that trained "),
+               strstr(said, "warning: 1 of 2 cameras of --test-cams were used to train "),
            "cameras that trained it are no held-out ones, and that is said");
         ok(shell("%s/spin-eval %s/held.spin --test-cams 3 --scale 0.25 -q && %s/spin-eval "
                  "%s/held.spin --test-cams 7 --source --scale 0.25 -q && %s/spin-eval %s/held.spin "
                  "--test-cams 7 --split train --scale 0.25 -q",
                  bin, folder, bin, folder, bin, folder) == 0 &&
-               !strstr(said, "are among those that trained"),
+               !strstr(said, "were used to train"),
            "nothing is said of a held-out camera, of the source, of training views");
         ok(shows(&second, 1, 2, 1, held, 3),
            "and so do a training of its output and what measures that");
@@ -157,7 +157,7 @@ static void test_pictures(void)
 
     ok(fabs(black.mean - white.mean) > 0.1, "--background shows behind the splats");
     ok(shell("%s/spin-eval %s/net.spin --scale 0.25 --background white -q", bin, folder) == 0 &&
-           strstr(said, "another background: --background 0,0,0 "),
+           strstr(said, "a different background: --background 0,0,0 "),
        "that training was over another is said");
     ok(shell("%s/spin-eval %s/net.spin --scale 0.25 -q; %s/spin-eval %s/net.spin --scale 0.25 "
              "--source "
@@ -167,7 +167,7 @@ static void test_pictures(void)
        "not over the same, nor of the source");
     ok(shell("%s/spin-export %s/net.spin -o %s/bg.html --background white", bin, folder, folder) ==
                0 &&
-           strstr(said, "another background: --background 0,0,0 draws over that"),
+           strstr(said, "a different background: --background 0,0,0 draws over that one"),
        "spin-export says it, too");
     ok(shell("for of in '--to images -o %s/bg1 --background none' '--to images -o %s/bg2' '--to "
              "ply -o %s/bg3 --background white' '--to images -o %s/bg4 --source --background "

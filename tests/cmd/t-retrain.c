@@ -612,7 +612,7 @@ static void test_auto_exposure(void)
        "a clip with a darker camera");
     ok(shell("%s/spin-retrain %s/in.spin --data %s/tinted -o %s/tinted.spin %s", bin, folder,
              folder, folder, one) == 0 &&
-           strstr(said, "cameras differ in colour by ") && strstr(said, "no falloff is seen (") &&
+           strstr(said, "cameras differ in colour by ") && strstr(said, "no falloff is measured (") &&
            strstr(said, "): learning an exposure for each camera\n"),
        "a darker camera is seen, and no falloff: %s", said);
     snprintf(path, sizeof path, "%s/tinted.spin", folder);
@@ -636,13 +636,13 @@ static void test_auto_exposure(void)
     ok(shell("%s/spin-retrain %s/in.spin --data %s/tinted -o %s/tinted.spin %s --test-cams "
              "0,3,12,15,19,23",
              bin, folder, folder, folder, one) == 0 &&
-           strstr(said, "no point is seen by three training cameras") &&
+           strstr(said, "no point is visible in three training cameras") &&
            strstr(said, "no exposure is learned") && !strstr(said, "cameras differ"),
        "two cameras have no mean to differ from: %s", said);
     ok(shell("%s/spin-retrain %s/in.spin --data %s/tinted -o %s/tinted.spin %s --test-cams "
              "0,3,12,15,19,23 --learn-exposure on",
              bin, folder, folder, folder, one) == 0 &&
-           strstr(said, "exposures and falloff begin at none") && !strstr(said, "cameras differ"),
+           strstr(said, "exposures and falloff start from none") && !strstr(said, "cameras differ"),
        "and learn all the same when that is asked for: %s", said);
     ok(shell("%s/spin-eval %s/tinted.spin --data %s/tinted --device cpu --threads 1", bin, folder,
              folder) == 0 &&
@@ -707,19 +707,19 @@ static void test_falloff(void)
     ok(fabs(drawn - psnr) < 1e-3, "spin-eval draws through the lens as well: %.4f dB, %.4f", drawn,
        psnr);
     ok(shell("%s/spin-export %s/lens.spin --to ply -o %s/lens-ply", bin, folder, folder) == 0 &&
-           strstr(said, "without the falloff of the cameras' lens") &&
-           strstr(said, "in the colours of the mean camera: "),
+           strstr(said, "exporting without the lens falloff") &&
+           strstr(said, "exporting the colours of the mean camera: "),
        "an export says that it has no falloff, and no camera's own colours");
     ok(shell("%s/spin-eval %s/lens.spin --data %s/lens --device cpu --threads 1 --scale 0.5", bin,
              folder, folder) == 0 &&
            !strstr(said, "another lens"),
        "and those of full size in scaled pictures");
-    ok(strstr(said, "pictures of another size: --scale 1 measures at that size") != NULL,
+    ok(strstr(said, "images of a different size: --scale 1 measures at that size") != NULL,
        "which the training has not seen, as is said");
     ok(!strstr(said, "exposure was learned"), "of test cameras no exposure was learned");
     ok(shell("%s/spin-eval %s/lens.spin --data %s/lens --device cpu --threads 1 --split all", bin,
              folder, folder) == 0 &&
-           strstr(said, "36 of 48 views are of cameras whose exposure was learned"),
+           strstr(said, "36 of 48 views belong to cameras whose exposure was learned"),
        "of the others it was, and they are drawn without it: %s", said);
     ok(shell("%s/spin-eval %s/lens.spin --source --data %s/lens --device cpu --threads 1 --json",
              bin, folder, folder) == 0,
@@ -788,7 +788,7 @@ static void test_rows_4d(void)
     drawn = said_number("psnr");
     ok(fabs(drawn - psnr) < 1e-3, "draws through the lens: %.4f dB, %.4f", drawn, psnr);
     ok(shell("%s/spin-export %s/rows.spin --to ply -o %s/rows-ply", bin, folder, folder) == 0 &&
-           strstr(said, "without the falloff of the cameras' lens"),
+           strstr(said, "exporting without the lens falloff"),
        "an export says that it has no falloff");
     free_run(&tracks);
     free_run(&rows);
@@ -1078,7 +1078,7 @@ static void test_plan(void)
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --densify-until 0", bin, folder);
     ok(said_number("densify_every") == 0, "--densify-until 0: none");
     ok(shell("%s/spin-retrain %s/in.spin --dry-run --max-points 2940", bin, folder) == 0 &&
-           strstr(said, "every 105 iterations, only to prune: --max-points leaves no room\n"),
+           strstr(said, "every 105 iterations, pruning only: --max-points is reached\n"),
        "as many splats as there may be: %s", said);
     ok(shell("%s/spin-retrain %s/in.spin --dry-run --max-points 2941", bin, folder) == 0 &&
            strstr(said, "every 105 iterations\n"),
@@ -1164,11 +1164,11 @@ static void test_idle(void)
           "warning: no effect without --learn-exposure: --lr-exposure\n");
     warns("--lr-exposure 0.1", "");
     warns("--residual off",
-          "warning: no effect with tracks, which have values of their own: --residual\n");
+          "warning: no effect with tracks, which have their own values: --residual\n");
     warns("--residual source", "");
     warns("--preset short --residual off --init-log-scale -4", "");
     warns("--preset short --init-log-scale -4",
-          "warning: no effect where splats have values of their own: --init-log-scale\n");
+          "warning: no effect where splats have their own values: --init-log-scale\n");
     warns("--method frames --tracks auto", "warning: no effect with --method frames: --tracks\n");
 }
 
