@@ -1,6 +1,5 @@
-/* The far side of video_encode.c: libavcodec, libavformat and libswscale behind a table of
- * functions (video_shim.h). MP4 is H.264 where there is x264, else MPEG-4; WebM is VP9, else VP8.
- * Colours are BT.709, and the file says so. */
+/* The encoder of video_shim.h, with libavcodec, libavformat and libswscale. MP4 is H.264 if x264 is
+ * available, else MPEG-4; WebM is VP9, else VP8. Colours are BT.709 and marked so in the file. */
 #include "io/video_shim.h"
 
 #include <libavcodec/avcodec.h>
@@ -18,8 +17,9 @@ struct spin_video_writer {
     AVFrame *frame;
     AVPacket *packet;
     struct SwsContext *scale;
-    uint8_t *even;     /* [height][width][3] of the coded size, when the picture's is odd */
-    int width, height; /* of the pictures given */
+    /* [height][width][3] of the coded size, if a side of the images is odd. */
+    uint8_t *even;
+    int width, height; /* of the input images */
     int64_t next;
 };
 
@@ -40,7 +40,7 @@ static const AVCodec *choose(const char *format)
     return codec;
 }
 
-/* Each encoder has its own scale of quality. */
+/* Map quality to each encoder's own scale. */
 static void set_quality(AVCodecContext *c, int quality)
 {
     char crf[16];
@@ -123,7 +123,7 @@ static int open_frame(struct spin_video_writer *w)
     }
     w->scale = sws_getContext(c->width, c->height, AV_PIX_FMT_RGB24, c->width, c->height,
                               c->pix_fmt, SWS_BICUBIC | SWS_ACCURATE_RND, NULL, NULL, NULL);
-    if (!w->scale) /* both formats are supported */
+    if (!w->scale) /* both formats are supported, so memory ran out */
         return AVERROR(ENOMEM);
     sws_setColorspaceDetails(w->scale, sws_getCoefficients(SWS_CS_ITU709), 1,
                              sws_getCoefficients(SWS_CS_ITU709), 0, 0, 1 << 16, 1 << 16);
@@ -168,7 +168,7 @@ static enum spin_video_result video_open(const char *path, const char *format, i
     return SPIN_VIDEO_OK;
 }
 
-/* Everything that the encoder has ready goes into the file. */
+/* Write all packets that the encoder has ready. */
 static int drain(struct spin_video_writer *w)
 {
     for (;;) {
@@ -187,7 +187,7 @@ static int drain(struct spin_video_writer *w)
     }
 }
 
-/* Odd sizes: the last column and row once more. */
+/* For odd sizes, repeat the last column and row. */
 static const uint8_t *make_even(struct spin_video_writer *w, const uint8_t *rgb)
 {
     size_t to = 3 * (size_t)w->codec->width, from = 3 * (size_t)w->width;

@@ -58,14 +58,15 @@ static int take(const uint8_t *data, size_t size, const WebPPicture *picture)
     return 1;
 }
 
-/* Bytes that cannot be written are those that take() has no memory for. */
+/* The encoder cannot write only if take() has no memory. */
 static bool is_memory(WebPEncodingError error)
 {
     return error == VP8_ENC_ERROR_OUT_OF_MEMORY || error == VP8_ENC_ERROR_BITSTREAM_OUT_OF_MEMORY ||
            error == VP8_ENC_ERROR_BAD_WRITE;
 }
 
-/* The library may be another than that of the header: what it made must be the picture. */
+/* The library may be another version than that of the header, so verify that its output decodes to
+ * the image. */
 static spin_status check_written(const struct sink *sink, const uint8_t *rgba, int width,
                                  int height)
 {
@@ -139,7 +140,7 @@ static uint32_t word_at(const uint8_t *p)
 spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *height)
 {
     const uint8_t *file = data;
-    uint32_t wide = 0, high = 0; /* of VP8X; 0: there is none */
+    uint32_t wide = 0, high = 0; /* of VP8X; 0: absent */
 
     *width = *height = 0;
     if (size < 12 || memcmp(file, "RIFF", 4) != 0 || memcmp(file + 8, "WEBP", 4) != 0)
@@ -172,9 +173,9 @@ spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *h
     return SPIN_OK;
 }
 
-/* libwebp 1.2 takes some of its missing allocations for damage, and others end the process: ask for
- * what it needs beforehand, which is a copy of the pixels, what transforms them and the tables of
- * its codes. */
+/* If allocations fail, libwebp 1.2 sometimes reports damage and sometimes ends the process.
+ * Therefore try to allocate what it needs beforehand: a copy of the pixels, data of transforms, and
+ * Huffman tables. */
 static spin_status check_memory(int width, int height)
 {
     SPIN_FREED void *block = malloc(2 * 4 * (size_t)width * (size_t)height + (1 << 20));
