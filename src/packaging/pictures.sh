@@ -1,7 +1,8 @@
 #!/bin/sh
-# pictures.sh BIN_DIR DOCS [COURT]: the pictures of the documents from today's build; DOCS/pictures.txt, the figures of the run
-# that they show; and the figures of tests/clean-debian.md. COURT: the folder of court, for those of the gallery. What cannot
-# be made here stays as it is, and is named. t9007 and t9008 compare the figures.
+# pictures.sh BIN_DIR DOCS [COURT]: generates the images of the documents from this build;
+# DOCS/pictures.txt, the figures of the run that they show; and the figures of
+# tests/clean-debian.md. COURT: the folder of the clip court, for images of the gallery. Images that
+# cannot be generated are left unchanged and listed. t9007 and t9008 compare the figures.
 bin=$(realpath "${1:?usage: pictures.sh BIN_DIR DOCS [COURT]}")
 docs=$(realpath "${2:?usage: pictures.sh BIN_DIR DOCS [COURT]}")
 court=${3:+$(realpath "$3")}
@@ -17,12 +18,12 @@ node -e 'process.exit(parseInt(process.versions.node) < 18 ? 1 : 0)' 2>/dev/null
 command -v "${CHROMIUM:=chromium}" >/dev/null || { echo "pictures: skipped: no Chromium (Debian: chromium; CHROMIUM=/path names another)"; exit 0; }
 export CHROMIUM
 
-# shot PAGE OUT WIDTH HEIGHT [READY]
+# shot PAGE OUT WIDTH HEIGHT [READY]: takes a screenshot once READY is true
 shot() {
     node "$here/screenshot.mjs" "file://$work/$1" "$docs/$2" "$3" "$4" "${5:-true}" || fail "$2 was not made"
     echo "$2: $(wc -c <"$docs/$2") bytes"
 }
-# enlarge IMAGE OUT WIDTH HEIGHT [pixelated]: an image that fills a picture
+# enlarge IMAGE OUT WIDTH HEIGHT [pixelated]: scales an image to this size
 enlarge() {
     [ -e "$1" ] || fail "no $1 for $2"
     echo "<body style='margin:0'><img src='$1' style='display:block;width:$3px;height:$4px;image-rendering:${5:-auto}'>" >image.html

@@ -1,7 +1,8 @@
 #!/bin/sh
-# portable.sh VERSION BUILD_DIR OUT: OUT/spin4d-VERSION-linux-MACHINE.tar.gz, for a Linux with nothing installed:
-# commands, manual, player, the module, and every library but the C library's, with its licence. `make portable` builds
-# what it needs first. The same build gives the same bytes.
+# portable.sh VERSION BUILD_DIR OUT: packs OUT/spin4d-VERSION-linux-MACHINE.tar.gz, which runs on
+# Linux without further packages: commands, manual, player, Python module, and every library except
+# the C library, with its licence. `make portable` builds the contents first. Reproducible: the same
+# build gives the same bytes.
 version=${1:?usage: portable.sh VERSION BUILD_DIR OUT}
 B=${2:?usage: portable.sh VERSION BUILD_DIR OUT}
 out=${3:?usage: portable.sh VERSION BUILD_DIR OUT}
@@ -14,7 +15,7 @@ fail() {
     exit 1
 }
 
-# take FILE NAME: a library
+# take FILE NAME: copies a library
 take() {
     cp -L "$1" "$tree/lib/spin4d/$2" && chmod 644 "$tree/lib/spin4d/$2" || fail "'$1' cannot be copied"
     realpath "$1" | sed 's|^/usr||' >>"$out/taken"
@@ -36,7 +37,7 @@ for program in "$B"/portable/bin/spin*; do
     done
 done
 
-# Libraries that are opened when they are needed, by the names they are opened by, whatever they are called here.
+# Libraries loaded on demand, under the names by which they are loaded.
 for opened in $(sed -n 's/.*struct spin_library library = {"\(lib[^"]*\)".*/\1/p' src/io/*.c); do
     take "$(${CC:-cc} -print-file-name="${opened%%.so*}.so")" "$opened"
 done
@@ -45,7 +46,7 @@ ldd "$tree"/bin/* "$tree"/lib/spin4d/*.so* | awk '$2 == "=>" && $3 ~ /^\// { pri
 while read -r library; do
     take "$library" "$(basename "$library")"
 done <"$out/libraries"
-# The licence of each one's package
+# The licence of each library's package
 sed 's/^/*/' "$out/taken" | xargs dpkg -S >"$out/owners" 2>/dev/null
 while read -r library; do
     package=$(sed -n "s|[:,].*$library\$||p" "$out/owners" | head -n 1)
