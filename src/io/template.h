@@ -2,7 +2,7 @@
  * page of an evaluation.
  *
  *     {{splats.mean}}  {{times.0}}      a value, or nothing if absent; length of an array
- *     {{{picture}}}                     in HTML: without escaping
+ *     {{{figure}}}                      in HTML: without escaping
  *     {{psnr %8.3f}} {{name %-8s}}      with printf's d, f, g or s; if absent a dash, as wide
  *     {{share %.1p}} {{share %.3P}}     a number times 100, as f or g
  *     {{size %B}} {{seconds %T}}        12.3 MB; 2 h 36 min
