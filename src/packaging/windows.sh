@@ -69,7 +69,7 @@ for header in dirent dlfcn sys/file sys/mman sys/resource sys/statvfs sys/wait; 
     [ -f "$deps/include/$header.h" ] || : >"$deps/include/$header.h" || exit 1
 done
 
-# Use unaligned moves, since gcc does not align the stack for AVX vectors on Windows (gcc bug 54412).
+# Use unaligned moves: gcc does not align the stack for AVX vectors on Windows (gcc bug 54412).
 # It checks formats against Microsoft's printf, which lacks %zu; the Linux build checks them.
 windows_make() {
     make --no-print-directory -j"$jobs" BUILD="$W" CC=$host-gcc-posix CXX=$host-g++-posix AR=$host-ar MPICC= VIDEO= CUDA=0 \
