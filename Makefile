@@ -162,21 +162,21 @@ FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
 all: $(BINS) $(LIB_SO) $(SHIMS) $(if $(filter build,$(BUILD)),bin) ## both libraries and the commands (default)
 
-help: ## this list
+help: ## list targets and variables
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' Makefile | awk -F'|' '{printf "%-22s %s\n", $$1, $$2}'
 	@sed -n '/^# Knobs:/,/^# Private/ s/^# *//p' Makefile
 
-config: ## what was found, and if not, why
+config: ## report which compilers and libraries were found
 	@sh tests/setup.sh --report "$(CC)" "$(CXX)"
 	@echo "cpu paths:   $(PATHS)"
 
-setup: ## install what building and testing lack (Debian/Ubuntu), or print the line to type
+setup: ## install packages that building and testing need (Debian/Ubuntu), or print the command
 	@sh tests/setup.sh --tests
 
-setup-video: ## install FFmpeg's libraries, so that videos open as they are
+setup-video: ## install FFmpeg's libraries, for videos as input and output
 	@sh tests/setup.sh --video
 
-setup-lint: ## install clang, for the lint of device pointers
+setup-lint: ## install clang, which the lint of device pointers needs
 	@sh tests/setup.sh --lint
 
 demo: ## import, retrain, evaluate and export the bundled clip; under five minutes
@@ -184,11 +184,11 @@ demo: ## import, retrain, evaluate and export the bundled clip; under five minut
 	@$(MAKE) --no-print-directory -j$(JOBS) all
 	@sh tests/demo.sh $(B)/bin
 
-quick: ## the unit tests, a minute: after every change
+quick: ## the unit tests, in a minute: run them after every change
 	@$(MAKE) --no-print-directory test K=$@
 
 # Packages that only tests need are installed, or attempted to be, once; `make setup` tries again.
-test: ## all tests but test-card and test-ranks, JOBS at a time; K='words' selects; SETUP=0 installs nothing
+test: ## all tests except test-card and test-ranks, JOBS in parallel; K='words' selects; SETUP=0: no packages
 	@[ "$(SETUP)" = 0 ] || sh tests/setup.sh $(if $(wildcard $(BUILD)/test-needs),,--tests)
 	@[ "$(SETUP)" = 0 ] || { mkdir -p $(BUILD) && touch $(BUILD)/test-needs; }
 	@$(MAKE) --no-print-directory -j$(JOBS) all $(if $(filter quick,$(K)),$(UNIT_BIN),test-bins)
@@ -200,16 +200,16 @@ test-bins: room-bins $(EMU) $(TEST_BIN) $(BENCH) $(B)/tests/bench/clip
 room-bins: $(UNIT_BIN) $(filter $(B)/tests/emu/%,$(TEST_BIN)) test-tools fuzz-bins
 test-tools: $(TOOLS)
 
-test-card: ## trainings on the emulated card, which `make test` leaves out
+test-card: ## trainings on the emulated GPU, which `make test` omits
 	@$(MAKE) --no-print-directory test K=$@
 
-card-kit: all test-bins ## BUILD/spin4d-card.tar.xz: tests for a machine with a card and little else, docs/accelerator.md
+card-kit: all test-bins ## BUILD/spin4d-card.tar.xz: tests for a machine with a GPU and few packages, see docs/accelerator.md
 	@sh tests/card/pack.sh $(B) $(BUILD)
 
-test-ranks: ## trainings by many processes, which `make test` leaves out
+test-ranks: ## trainings by many processes, which `make test` omits
 	@$(MAKE) --no-print-directory test K=$@
 
-test-builds: ## K='gcc clang paths bytes deb arm64 web windows': other compilers, code paths and packages
+test-builds: ## K='gcc clang paths bytes deb arm64 web windows': other compilers, SIMD paths and packages
 	@sh tests/builds.sh $(BUILD) $(K)
 
 bin:
@@ -265,7 +265,7 @@ $(B)/src/eval/report/page.o $(B)/src/eval/report/compare_html.o $(B)/src/run/wat
 # Import and export in a browser: one self-contained page. The nested make uses emscripten as the
 # compiler, which needs the path of Debian's node modules.
 WEB := $(BUILD)/web
-web: ## BUILD/web/spin4d.html: import and export in a browser, by emscripten
+web: ## BUILD/web/spin4d.html: import and export in a browser, built with emscripten
 	@sh src/web/deps.sh $(WEB)
 	@NODE_PATH=/usr/share/nodejs $(MAKE) --no-print-directory B=$(WEB) CC=emcc CXX=em++ AR=emar MPICC= VIDEO=no CUDA=0 CONFIG=release \
 	    CPPFLAGS=-I$(WEB)/usr/include LDFLAGS=-L$(WEB)/usr/lib CFLAGS= CXXFLAGS= $(WEB)/spin4d.html
@@ -472,28 +472,28 @@ T ?= 60
 fuzz: ## one libFuzzer target: make fuzz F=npy [T=60], T in seconds
 	@sh tests/fuzz/fuzz.sh "$(F)" "$(T)"
 
-fuzz-replay: fuzz-bins ## run every saved find without a fuzzer
+fuzz-replay: fuzz-bins ## replay all saved inputs without a fuzzer
 	@K=fuzz sh tests/run.sh $(B) fuzz
 
-check: ## test + lint under asan and ubsan: what a commit should pass
+check: ## test + lint under asan and ubsan: required before a commit
 	@$(MAKE) --no-print-directory CONFIG=asan test
 	@$(MAKE) --no-print-directory lint
 
-mutants: ## put faults into a copy, one by one, and see that tests fail: [M=word] [JOBS=n] [PART=1/9] [DRY=1]
-	@command -v python3 >/dev/null || { echo "make mutants: python3 is not here: apt-get install python3" >&2; exit 1; }
+mutants: ## insert faults into a copy, one by one, and check that tests fail: [M=word] [JOBS=n] [PART=1/9] [DRY=1]
+	@command -v python3 >/dev/null || { echo "make mutants: python3 not found: apt-get install python3" >&2; exit 1; }
 	@JOBS=$(JOBS) python3 tests/mutants/run.py "$(M)"
 
 tsan: ## the threaded tests under ThreadSanitizer
 	@$(MAKE) --no-print-directory CONFIG=tsan test K=threads
 
-valgrind: all ## every command once under valgrind: no leak at exit
+valgrind: all ## run every command once under valgrind, to find leaks
 	@sh tests/valgrind.sh $(B)/bin
 
 test-viewers: ## exports in real viewers (Chromium, Node); SHORT=1  IMPORTERS=1  BUNDLE=own.spin
 	@$(MAKE) --no-print-directory -j$(JOBS) all
 	@sh tests/viewers/run.sh $(B)/bin $(if $(SHORT),short)
 
-bench-viewers: ## pictures a second of the page beside SuperSplat's viewer (Chromium, Node); SPEED='--rounds 5'
+bench-viewers: ## frame rate of the page and of SuperSplat's viewer (Chromium, Node); SPEED='--rounds 5'
 	@$(MAKE) --no-print-directory -j$(JOBS) all
 	@sh tests/viewers/run.sh $(B)/bin speed $(SPEED)
 
@@ -504,17 +504,17 @@ $(BENCH): $(BENCH_O) $(LIB)
 	$(SAY) LINK $@
 	$(Q)$(LINK) -o $@ $(BENCH_O) $(LIB) $(SPIN_LDLIBS) $(LDLIBS)
 
-bench: $(BENCH) ## time every stage of a step: make bench [A="--gaussians 50000 --table 21"]
+bench: $(BENCH) ## time every stage of an iteration: make bench [A="--gaussians 50000 --table 21"]
 	@$(BENCH) $(A)
 
-results: all ## the rows of docs/results.md that the bundled clip repeats, two minutes
+results: all ## reproduce the rows of docs/results.md that use the bundled clip, in two minutes
 	@RESULTS=all SPIN_BUILD=$(B) SPIN_BIN=$(B)/bin sh tests/cli/t9007-results.sh
 
-pictures: all ## the pictures of docs/ and their figures, from this build (Chromium, Node): [COURT=folder of that clip]
+pictures: all ## generate the images of docs/ and their figures (Chromium, Node): [COURT=folder of that clip]
 	@sh src/packaging/pictures.sh $(B)/bin docs $(COURT)
 
-hero: all ## docs/hero.webp of README, from a retrained bundle: IN=better.spin [CAMERA=0]
-	@sh src/packaging/hero.sh $(B)/bin $(or $(IN),$(error IN=better.spin says of which bundle)) docs/hero.webp $(CAMERA)
+hero: all ## generate docs/hero.webp, for README.md, from a retrained bundle: IN=better.spin [CAMERA=0]
+	@sh src/packaging/hero.sh $(B)/bin $(or $(IN),$(error IN=better.spin: the bundle is missing)) docs/hero.webp $(CAMERA)
 
 DEST    := $(DESTDIR)$(PREFIX)
 DESTLIB := $(DESTDIR)$(LIBDIR)
@@ -530,7 +530,7 @@ PYTHON    ?= $(firstword $(wildcard /usr/bin/python3) python3)
 SITE      := import site, sys; lib = sys.argv[1] + "/lib/"; \
              print(*[d for d in site.getsitepackages() + [site.getusersitepackages()] if d.startswith(lib)][:1])
 PYTHONDIR ?= $(or $(shell $(PYTHON) -c '$(SITE)' $(PREFIX) 2>/dev/null),$(PREFIX)/lib/python3/dist-packages)
-install: all $(LIB) ## into PREFIX, libraries into LIBDIR, all of it below DESTDIR
+install: all $(LIB) ## install into PREFIX, libraries into LIBDIR, all below DESTDIR
 	install -d $(addprefix $(DEST)/,bin include/spin4d $(EXAMPLE)) $(addprefix $(DEST)/share/man/man,1 5 7)
 	install -d $(DESTLIB)/spin4d $(DESTLIB)/pkgconfig
 	install $(BINS) $(DEST)/bin
@@ -552,7 +552,7 @@ install: all $(LIB) ## into PREFIX, libraries into LIBDIR, all of it below DESTD
 	    $(COMPLETION) zsh >$(DEST)/share/zsh/site-functions/_$$c || exit 1; \
 	done
 
-uninstall: ## take away what install put there, with the same PREFIX, LIBDIR, PYTHONDIR and DESTDIR
+uninstall: ## remove installed files, with the same PREFIX, LIBDIR, PYTHONDIR and DESTDIR
 	rm -f $(addprefix $(DEST)/,$(COMMANDS:%=bin/%) $(BASH) $(ZSH)) $(addprefix $(DESTLIB)/,$(SHARED) libspin.a pkgconfig/spin4d.pc spin4d/spin-*.so)
 	rm -f $(addprefix $(DEST)/,include/spin4d/spin.h include/spin4d/spin_train.h include/spin4d/spin_run.h) $(DESTDIR)$(PYTHONDIR)/spin4d.py
 	rm -f $(foreach p,$(PAGES),$(DEST)/share/man/man$(subst .,,$(suffix $p))/$(notdir $p))
@@ -562,27 +562,27 @@ uninstall: ## take away what install put there, with the same PREFIX, LIBDIR, PY
 	-rmdir $(DEST)/$(EXAMPLE) $(DEST)/share/doc/spin4d $(DEST)/include/spin4d $(DESTLIB)/spin4d
 
 # DEBIAN= builds it in a chroot whose older C library makes it run on more machines.
-portable: $(if $(DEBIAN),dist,$(BINS) $(BINS:$(B)/%=$(B)/portable/%) $(filter %-gltf.so %-cuda.so %-plain.so,$(SHIMS))) ## BUILD/spin4d-VERSION-linux-*.tar.gz, which needs nothing installed; DEBIAN=bullseye (where to build it) ARCH=arm64 (by QEMU)
+portable: $(if $(DEBIAN),dist,$(BINS) $(BINS:$(B)/%=$(B)/portable/%) $(filter %-gltf.so %-cuda.so %-plain.so,$(SHIMS))) ## BUILD/spin4d-VERSION-linux-*.tar.gz, self-contained; DEBIAN=bullseye (build it there) ARCH=arm64 (by QEMU)
 	@$(if $(DEBIAN),sh src/packaging/chroot.sh $(DEBIAN) $(VERSION),sh src/packaging/portable.sh $(VERSION) $(B)) $(BUILD) $(if $(DEBIAN),$(ARCH))
 
-windows: ## BUILD/windows/spin4d-VERSION-windows-x86_64.zip, by MinGW
+windows: ## BUILD/windows/spin4d-VERSION-windows-x86_64.zip, built with MinGW
 	@JOBS=$(JOBS) sh src/packaging/windows.sh $(VERSION) $(BUILD)
 
-wheel: portable ## BUILD/spin4d-VERSION-*.whl for pip, of what `make portable` writes
+wheel: portable ## BUILD/spin4d-VERSION-*.whl for pip, from the output of `make portable`
 	@$(PYTHON) src/packaging/wheel.py $(BUILD)/spin4d-$(VERSION)-linux-$(firstword $(subst -, ,$(MACHINE))).tar.gz $(BUILD)
 
-dist: ## BUILD/spin4d-VERSION.tar.gz of the last commit: the same bytes for the same commit
+dist: ## BUILD/spin4d-VERSION.tar.gz of the last commit, reproducible
 	@mkdir -p $(BUILD)
 	$(Q)git archive --prefix=spin4d-$(VERSION)/ HEAD | gzip -9n >$(BUILD)/spin4d-$(VERSION).tar.gz
 	$(SAY) DIST $(BUILD)/spin4d-$(VERSION).tar.gz
 
-deb: dist ## Debian packages of the last commit in BUILD/deb, by src/packaging; NOTEST=1
+deb: dist ## Debian packages of the last commit, in BUILD/deb; NOTEST=1 skips tests
 	@NOTEST=$(NOTEST) sh src/packaging/deb.sh $(BUILD)
 
-format: ## rewrite all sources with clang-format
+format: ## format all sources with clang-format
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cpp' '*.cu')
 
-clean: ## remove what was built, in BUILD, and bin
+clean: ## remove build outputs in BUILD, and bin
 	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov race shims mutants fuzz web windows deb gcc clang arm64 bytes stderr test-needs debian-* *.tar.gz *.whl) bin
 	-@rmdir $(BUILD) 2>/dev/null
 

@@ -68,7 +68,7 @@ static bool load(struct search *s, const char *path)
         return false;
     if (ends_process(path)) {
         snprintf(s->shim->why, sizeof s->shim->why,
-                 "its libraries do not start in the memory that `ulimit -v` leaves");
+                 "its libraries need more memory than `ulimit -v` allows");
         return false;
     }
     object = dlopen(path, RTLD_NOW | RTLD_LOCAL);
@@ -96,7 +96,8 @@ static bool others_write(struct search *s, const char *path)
     if (!(st.st_mode & (S_IWGRP | S_IWOTH)) &&
         (st.st_uid == 0 || st.st_uid == geteuid() || st.st_uid == s->owner))
         return false;
-    snprintf(s->shim->why, sizeof s->shim->why, "others can write '%.400s', see spin4d(7)", path);
+    snprintf(s->shim->why, sizeof s->shim->why, "'%.400s' is writable by others, see spin4d(7)",
+             path);
     return true;
 }
 
@@ -164,7 +165,7 @@ static const void *find(struct spin_shim *shim)
 
     if (given && *given) {
         if (!load(&s, given) && !*shim->why)
-            snprintf(shim->why, sizeof shim->why, "%s names '%.400s', which is not there",
+            snprintf(shim->why, sizeof shim->why, "%s is '%.400s', which does not exist",
                      shim->override, given);
         return s.table;
     }

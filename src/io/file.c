@@ -22,7 +22,7 @@ static const char *why(int error)
 {
     return error == ENOENT ? "no such file or folder"
            : error == EFAULT /* from a read of mapped bytes */
-               ? "the file that it is made from was cut short while it was in use"
+               ? "an input file was cut short while it was in use"
                : strerror(error);
 }
 

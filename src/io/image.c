@@ -262,7 +262,7 @@ spin_status spin_image_look(const char *path, int *width, int *height, struct sp
     SPIN_TRY(inspect(path, true, &q.format, imprint));
     SPIN_TRY(answer(&q));
     if ((int64_t)*width > MAX_PIXELS / *height)
-        return spin_unsupported("cannot read image '%s': %d x %d pixels are more than are taken",
+        return spin_unsupported("cannot read image '%s': %d x %d pixels exceed the limit of 64 Mi",
                                 path, *width, *height);
     return SPIN_OK;
 }
@@ -292,7 +292,7 @@ static spin_status fail_encoding(enum spin_image_result result, const char *why)
     return result == SPIN_IMAGE_OK
                ? SPIN_OK
                : spin_fail(result == SPIN_IMAGE_NO_MEMORY ? SPIN_E_MEMORY : SPIN_E_IO,
-                           "cannot encode a picture: %s", why);
+                           "cannot encode an image: %s", why);
 }
 
 spin_status spin_image_encode(int width, int height, const uint8_t *rgb, unsigned char **bytes,

@@ -95,11 +95,11 @@ std::unique_ptr<OIIO::ImageInput> open_input(const char *path, const std::string
 void check_spec(const OIIO::ImageSpec &spec, int64_t max_pixels)
 {
     if (spec.width < 1 || spec.height < 1 || spec.nchannels < 1 || spec.depth > 1 || spec.deep)
-        fail("not a flat picture");
+        fail("not a two-dimensional image");
     if (static_cast<int64_t>(spec.width) > max_pixels / spec.height)
         throw failure{SPIN_IMAGE_TOO_LARGE, std::to_string(spec.width) + " x " +
                                                 std::to_string(spec.height) +
-                                                " pixels are more than are taken"};
+                                                " pixels exceed the limit"};
 }
 
 /* Blend a value 0..255 over a background 0..1. */

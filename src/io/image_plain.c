@@ -40,13 +40,13 @@ static enum spin_image_result fail(struct picture *p, enum spin_image_result res
 static bool wants_pixels(struct picture *p)
 {
     if (p->width < 1 || p->height < 1) {
-        fail(p, SPIN_IMAGE_UNREADABLE, "not a flat picture");
+        fail(p, SPIN_IMAGE_UNREADABLE, "not a two-dimensional image");
         return false;
     }
     if (p->sizes)
         return false;
     if (p->width > p->most / p->height) {
-        snprintf(p->why, p->n_why, "%d x %d pixels are more than are taken", p->width, p->height);
+        snprintf(p->why, p->n_why, "%d x %d pixels exceed the limit", p->width, p->height);
         p->result = SPIN_IMAGE_TOO_LARGE;
         return false;
     }
@@ -102,7 +102,7 @@ static void read_jpeg(struct picture *p)
         p->height = (int)jpeg.image_height;
         p->channels = jpeg.num_components;
         if (jpeg.num_components > 3)
-            fail(p, SPIN_IMAGE_UNREADABLE, "a JPEG with four colours, which needs OpenImageIO");
+            fail(p, SPIN_IMAGE_UNREADABLE, "a JPEG with four channels needs OpenImageIO");
         else if (wants_pixels(p) || p->sizes) { /* starting the decompression checks the tables */
             jpeg.out_color_space = JCS_RGB;
             jpeg_start_decompress(&jpeg);
@@ -151,7 +151,8 @@ static void png_none(struct picture *p)
     if (p->no_memory)
         fail(p, SPIN_IMAGE_NO_MEMORY, "not enough memory");
     else
-        fail(p, SPIN_IMAGE_UNREADABLE, "libpng is of another version than the build's");
+        fail(p, SPIN_IMAGE_UNREADABLE,
+             "the installed libpng differs from the version of the build");
 }
 
 static void png_warns(png_structp png, png_const_charp text) { (void)png, (void)text; }
@@ -222,7 +223,7 @@ static enum spin_image_result open_picture(struct picture *p, const char *format
     if (!p->file && errno == ENOMEM)
         return fail(p, SPIN_IMAGE_NO_MEMORY, "not enough memory");
     if (!p->file)
-        return fail(p, SPIN_IMAGE_UNREADABLE, "it cannot be opened");
+        return fail(p, SPIN_IMAGE_UNREADABLE, "cannot open the file");
     if (strcmp(format, "png") == 0)
         read_png(p);
     else

@@ -140,7 +140,7 @@ static spin_status read_shape(struct text *t, struct spin_array *out)
             return spin_unsupported("array '%s' has more than %d dimensions", t->what,
                                     SPIN_NPY_MAX_DIMS);
         if (!take_number(t, &out->shape[out->n_dims]))
-            return spin_malformed("array '%s' has a shape that is not made of counts", t->what);
+            return spin_malformed("array '%s' has a shape that is not a list of counts", t->what);
         out->n_dims++;
         comma = take(t, ',');
     }
@@ -225,7 +225,7 @@ static spin_status parse_head(const char *what, const unsigned char *bytes, size
 
     memset(out, 0, sizeof *out);
     if (n_readable < 10 || memcmp(bytes, "\x93NUMPY", 6) != 0)
-        return spin_malformed("array '%s' does not begin as .npy data does", what);
+        return spin_malformed("array '%s' does not begin with the .npy magic", what);
     if (bytes[6] < 1 || bytes[6] > 3)
         return spin_unsupported("array '%s' has .npy version %d, not 1 to 3", what, bytes[6]);
     prefix = bytes[6] == 1 ? 10 : 12;

@@ -170,7 +170,8 @@ spin_status spin_output_lock_take(const char *output, struct spin_output_lock *o
         got = try_lock(out->path, &out->fd);
     while (got == GONE);
     if (got == NO_LOCKS)
-        spin_warn("there are no locks where '%s' lies: see to it that no other run writes it",
+        spin_warn("the file system of '%s' does not support locks: make sure that no other run "
+                  "writes to it",
                   output);
     if (got == HELD || got == NO_LOCKS)
         return SPIN_OK;
@@ -277,6 +278,6 @@ spin_status spin_pattern_path(const struct spin_pattern *p, const char *folder, 
 
     if (snprintf(name, sizeof name, p->zeros ? "%.*s%0*d%s" : "%.*s%*d%s", p->n_before, p->text,
                  p->width, number, p->after) >= (int)sizeof name)
-        return spin_misuse("--pattern makes too long a name: '%.40s...'", name);
+        return spin_misuse("--pattern: the file name is too long: '%.40s...'", name);
     return spin_path_join(folder, name, out);
 }

@@ -184,7 +184,7 @@ static spin_status put_memo(struct machine *m, uint64_t slot)
 {
     SPIN_TRY(need(m, 1));
     if (slot > m->n_ops)
-        return bad(m, "a memo slot far beyond those used so far");
+        return bad(m, "a memo slot out of range");
     while (m->n_memo <= slot) {
         SPIN_TRY(room_for(m, (void **)&m->memo, m->n_memo, &m->memo_capacity, sizeof *m->memo));
         m->memo[m->n_memo++] = NULL;
@@ -378,7 +378,7 @@ static spin_status append_items(struct machine *m, size_t at)
     size_t n = m->n_stack - at;
 
     if (at <= stack_floor(m) || m->stack[at - 1]->kind != SPIN_VALUE_LIST)
-        return bad(m, "items for what is not a list");
+        return bad(m, "items for a value that is not a list");
     list = m->stack[at - 1];
     SPIN_TRY(append(m, list, list->n, m->stack + at, n));
     list->n += n;
@@ -393,7 +393,7 @@ static spin_status set_items(struct machine *m, size_t at)
     size_t n = m->n_stack - at;
 
     if (at <= stack_floor(m) || m->stack[at - 1]->kind != SPIN_VALUE_DICT)
-        return bad(m, "items for what is not a dict");
+        return bad(m, "items for a value that is not a dict");
     if (n % 2)
         return bad(m, "a key without a value");
     dict = m->stack[at - 1];
@@ -561,7 +561,7 @@ static spin_status read_line(struct machine *m, char out[128])
         return bad(m, "cut short");
     n = (size_t)(end - m->p);
     if (n >= 128 || memchr(m->p, '\0', n))
-        return bad(m, "a global whose name is not one");
+        return bad(m, "a global with an invalid name");
     memcpy(out, m->p, n);
     out[n] = '\0';
     m->p = end + 1;
@@ -586,7 +586,7 @@ static spin_status op_stack_global(struct machine *m)
     module = pop(m);
     if (name->kind != SPIN_VALUE_TEXT || module->kind != SPIN_VALUE_TEXT || name->n >= 128 ||
         module->n >= 128 || strlen(name->text) != name->n || strlen(module->text) != module->n)
-        return bad(m, "a global whose name is not one");
+        return bad(m, "a global with an invalid name");
     return push_global(m, module->text, name->text);
 }
 
@@ -629,7 +629,7 @@ static spin_status read_view(struct machine *m, const struct spin_value *view,
     if (view->kind != SPIN_VALUE_TUPLE || view->n != 3 || !count_of(view->item[1], &offset) ||
         !count_of(view->item[2], &size) || offset > out->storage_count ||
         size > out->storage_count - offset)
-        return bad(m, "a view that does not lie in its storage");
+        return bad(m, "a view outside its storage");
     out->offset = offset;
     return SPIN_OK;
 }
@@ -647,9 +647,9 @@ static spin_status op_persistent_id(struct machine *m)
     id = pop(m);
     if (id->kind != SPIN_VALUE_TUPLE || id->n < 5 || id->n > 6 ||
         id->item[0]->kind != SPIN_VALUE_TEXT || strcmp(id->item[0]->text, "storage") != 0)
-        return bad(m, "a persistent id that is not of a storage");
+        return bad(m, "a persistent id that is not a storage");
     if (!is_global(id->item[1], G_STORAGE))
-        return bad(m, "a storage of no known type");
+        return bad(m, "a storage of unknown type");
     if (!is_key(id->item[2]))
         return bad(m, "a storage whose key is not a number");
     type = node_of(id->item[1])->id;
@@ -689,12 +689,12 @@ static spin_status check_tensor(const struct machine *m, struct spin_array *t)
         if (__builtin_mul_overflow(t->count, t->shape[i], &t->count) ||
             __builtin_mul_overflow(t->shape[i] - 1, (uint64_t)t->stride[i], &reach) ||
             __builtin_add_overflow(last, reach, &last))
-            return bad(m, "a tensor whose shape is beyond counting");
+            return bad(m, "a tensor whose size overflows");
     }
     if (last >= t->storage_count)
         return bad(m, "a tensor that reaches beyond its storage");
     if (t->count > t->storage_count && t->count > MAX_REPEATED)
-        return bad(m, "a tensor that repeats its few elements too often");
+        return bad(m, "a tensor that repeats its elements too often");
     return SPIN_OK;
 }
 
@@ -723,7 +723,7 @@ static spin_status make_tensor(struct machine *m, const struct spin_value *args)
     t->n_dims = (int)sizes->n;
     for (size_t i = 0; i < sizes->n; i++) {
         if (!count_of(sizes->item[i], &t->shape[i]) || !count_of(strides->item[i], &value))
-            return bad(m, "a tensor whose shape is not made of counts");
+            return bad(m, "a tensor with an invalid shape");
         t->stride[i] = (int64_t)value;
     }
     SPIN_TRY(check_tensor(m, t));
@@ -771,7 +771,7 @@ static spin_status fill_array(struct machine *m, struct spin_array *t, struct sp
 
     if (node_of(dtype)->role != DTYPE || !spin_value_is_sequence(shape) ||
         shape->n > SPIN_NPY_MAX_DIMS || raw->kind != SPIN_VALUE_BYTES)
-        return bad(m, "a numpy array that is not made of shape, dtype and bytes");
+        return bad(m, "a numpy array that does not consist of shape, dtype and bytes");
     *t = (struct spin_array){.kind = dtype->tensor.kind,
                              .item_size = dtype->tensor.item_size,
                              .big_endian = dtype->tensor.big_endian,
@@ -780,14 +780,14 @@ static spin_status fill_array(struct machine *m, struct spin_array *t, struct sp
     t->storage_count = raw->n / (size_t)t->item_size;
     for (size_t i = 0; i < shape->n; i++)
         if (!count_of(shape->item[i], &t->shape[i]))
-            return bad(m, "a numpy array whose shape is not made of counts");
+            return bad(m, "a numpy array with an invalid shape");
     for (int k = 0; k < t->n_dims; k++) {
         int i = fortran ? k : t->n_dims - 1 - k;
 
         t->stride[i] = (int64_t)stride;
         if (__builtin_mul_overflow(stride, t->shape[i] ? t->shape[i] : 1, &stride) ||
             stride > INT64_MAX)
-            return bad(m, "a numpy array whose shape is beyond counting");
+            return bad(m, "a numpy array whose size overflows");
     }
     SPIN_TRY(check_tensor(m, t));
     if (__builtin_mul_overflow(t->count, (uint64_t)t->item_size, &bytes) || bytes != raw->n)
@@ -882,7 +882,7 @@ static spin_status make_encoded(struct machine *m, const struct spin_value *args
             out[node->v.n++] = (unsigned char)((c[0] & 3) << 6 | (c[1] & 0x3f));
             i++;
         } else {
-            return bad(m, "text that is to be bytes, but is not Latin-1");
+            return bad(m, "text to be encoded as bytes is not Latin-1");
         }
     }
     node->v.text = block;
@@ -959,7 +959,7 @@ static spin_status call(struct machine *m, struct spin_value *of, const struct s
     case G_NDARRAY:
         break;
     }
-    snprintf(why, sizeof why, "'%s' is called, which is not how data are written", of->text);
+    snprintf(why, sizeof why, "'%s' is called in an unexpected way", of->text);
     return bad(m, why);
 }
 
@@ -971,7 +971,7 @@ static spin_status op_reduce(struct machine *m)
     args = pop(m);
     of = pop(m);
     if (node_of(of)->role != GLOBAL || args->kind != SPIN_VALUE_TUPLE)
-        return bad(m, "a call of what is not a function");
+        return bad(m, "a call of a value that is not a function");
     return call(m, of, args);
 }
 
@@ -983,7 +983,7 @@ static spin_status op_newobj(struct machine *m)
     args = pop(m);
     of = pop(m);
     if (!is_global(of, G_OBJECT) || args->kind != SPIN_VALUE_TUPLE || args->n != 0)
-        return bad(m, "an object of a class that is not known as data");
+        return bad(m, "an object of an unsupported class");
     return make_instance(m, of);
 }
 
@@ -997,21 +997,21 @@ static spin_status op_build(struct machine *m)
     to = m->stack[m->n_stack - 1];
     switch (node_of(to)->role) {
     case ORDERED: /* _metadata of a state_dict(), ignored */
-        return state->kind == SPIN_VALUE_DICT ? SPIN_OK : bad(m, "a dict with a strange state");
+        return state->kind == SPIN_VALUE_DICT ? SPIN_OK : bad(m, "a dict with an unexpected state");
     case DTYPE:
         return build_dtype(m, to, state);
     case UNFILLED:
         return build_array(m, to, state);
     case INSTANCE:
         if (state->kind != SPIN_VALUE_DICT)
-            return bad(m, "an object with a strange state");
+            return bad(m, "an object with an unexpected state");
         SPIN_TRY(take(m, sizeof *to->item, &item));
         to->item = item;
         to->item[0] = state;
         to->n = 1;
         return deepen(m, node_of(to), state);
     default:
-        return bad(m, "a state for what has none");
+        return bad(m, "a state for a value without one");
     }
 }
 
@@ -1163,7 +1163,7 @@ static spin_status op_proto(struct machine *m)
 
     SPIN_TRY(read_uint(m, 1, &version));
     if (version < 2 || version > 5)
-        return fail_at(m, SPIN_E_UNSUPPORTED, "a protocol that is not 2 to 5");
+        return fail_at(m, SPIN_E_UNSUPPORTED, "its protocol is not 2 to 5");
     return SPIN_OK;
 }
 
@@ -1295,7 +1295,7 @@ static spin_status run(struct machine *m, const struct spin_value **root)
     if (m->end - m->p < 2)
         return bad(m, "cut short");
     if (m->p[0] != PROTO)
-        return bad(m, "it does not begin as pickles of protocol 2 to 5 do");
+        return bad(m, "it does not begin with a header of protocol 2 to 5");
     m->n_stack = m->n_marks = m->n_memo = m->n_ops = 0;
     for (;;) {
         m->op = m->p;
@@ -1362,7 +1362,7 @@ static spin_status run_legacy(struct machine *m, struct spin_pickle *out)
     const struct spin_value *version, *system, *keys, *little;
 
     if (!spin_pickle_is_legacy(m->p, (size_t)(m->end - m->p)))
-        return spin_malformed("cannot read '%s': no stream of torch.save", m->what);
+        return spin_malformed("cannot read '%s': not a torch.save stream", m->what);
     m->p += sizeof legacy_magic;
     SPIN_TRY(run(m, &version));
     if (version->kind != SPIN_VALUE_INT || version->integer != 1001)
@@ -1370,7 +1370,7 @@ static spin_status run_legacy(struct machine *m, struct spin_pickle *out)
     SPIN_TRY(run(m, &system));
     little = spin_value_get(system, "little_endian");
     if (!little || little->kind != SPIN_VALUE_BOOL)
-        return bad(m, "no word about the byte order");
+        return bad(m, "the byte order is missing");
     out->big_endian = !little->integer;
     m->n_storages = 0;
     SPIN_TRY(run(m, &out->root));

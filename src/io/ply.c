@@ -143,7 +143,7 @@ static spin_status parse_element(struct header *h, const char *at, const char *e
 
     SPIN_TRY(copy_name(h, name, e.name));
     if (!parse_count(count, &e.count))
-        return fail_line(h, "the count of an element is not a number it can have:", count);
+        return fail_line(h, "invalid count of an element:", count);
     if (spin_ply_find_element(ply, e.name))
         return fail_line(h, "a second element", name);
     SPIN_TRY(spin_room(ply->n_elements, &h->element_capacity, sizeof e, (void **)&ply->element));
@@ -167,7 +167,7 @@ static spin_status parse_property(struct header *h, const char *at, const char *
 
         p.is_list = true;
         if (!parse_type(count, &p.count_type) || p.count_type >= SPIN_PLY_F32)
-            return fail_line(h, "a list cannot be counted by type", count);
+            return fail_line(h, "the count of a list cannot have type", count);
         type = next_word(&at, end);
     }
     if (!parse_type(type, &p.type))
@@ -325,7 +325,7 @@ static spin_status walk_lists(const struct spin_ply *ply, const struct spin_ply_
 
             if (!property_bytes(ply, &e->property[p], ply->map.data + *at, ply->map.size - *at,
                                 &size))
-                return spin_malformed("'%s': cut short, or a list has a false count: element '%s' "
+                return spin_malformed("'%s': cut short, or a list has a wrong count: element '%s' "
                                       "record %llu property '%s'",
                                       ply->path, e->name, (unsigned long long)i,
                                       e->property[p].name);

@@ -136,8 +136,9 @@ spin_status spin_ranks_begin(void)
         return spin_unsupported("cannot join the other processes: %s", why);
     if (n_ranks ==
         1) /* otherwise each process would do all the work, and overwrite the others' files */
-        return spin_unsupported("one of several processes, but MPI knows of one only: spin-mpi.so "
-                                "was built with another MPI than the one that started it");
+        return spin_unsupported(
+            "this process is one of several, but MPI reports only one: spin-mpi.so "
+            "was built with another MPI than that of mpirun");
     if (own_rank > 0)
         spin_log_set_level(-1);
     spin_log_set_sink(take_line);
@@ -181,7 +182,7 @@ static spin_status status_of(int end, const char *why)
         return fail_as_told();
     return end == SPIN_RANKS_DONE
                ? SPIN_OK
-               : spin_fail(SPIN_E_IO, "the connection to the other processes broke: %s", why);
+               : spin_fail(SPIN_E_IO, "lost the connection to the other processes: %s", why);
 }
 
 spin_status spin_ranks_exchange(const struct spin_message *message, size_t n)

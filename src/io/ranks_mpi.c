@@ -19,7 +19,7 @@ static int start(int *rank, int *n, char *why, size_t n_why)
     int given;
 
     if (MPI_Init_thread(NULL, NULL, MPI_THREAD_FUNNELED, &given) != MPI_SUCCESS) {
-        snprintf(why, n_why, "MPI does not start");
+        snprintf(why, n_why, "MPI fails to initialise");
         return 0;
     }
     if (given < MPI_THREAD_FUNNELED) {
@@ -30,7 +30,7 @@ static int start(int *rank, int *n, char *why, size_t n_why)
     MPI_Comm_rank(MPI_COMM_WORLD, &own_rank);
     MPI_Comm_size(MPI_COMM_WORLD, &n_ranks);
     if (n_ranks > SPIN_MAX_RANKS) {
-        snprintf(why, n_why, "%d processes are more than %d", n_ranks, SPIN_MAX_RANKS);
+        snprintf(why, n_why, "%d processes, but at most %d are supported", n_ranks, SPIN_MAX_RANKS);
         return 0;
     }
     *rank = own_rank;

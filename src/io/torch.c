@@ -61,7 +61,7 @@ static spin_status fail_foreign(const char *path, const struct spin_map *map)
     if (map->size == 0)
         what = "the file is empty";
     else if (begins(map, "<!doctype") || begins(map, "<html"))
-        what = "it is an HTML page, not the checkpoint that it was to be downloaded from";
+        what = "it is an HTML page, not a PyTorch checkpoint: download it again";
     else if (spin_xz_looks_like(p, map->size))
         what = "it is an xz file, not a PyTorch checkpoint";
     else if (map->size >= 2 && p[0] == 0x80 && p[1] >= 2 && p[1] <= 5)
@@ -87,7 +87,7 @@ static spin_status find_pickle(struct spin_torch_file *f, const struct spin_zip_
         if (!slash || strcmp(slash, name) != 0)
             continue;
         if (*out && strcmp((*out)->name, f->zip.member[i].name) != 0)
-            return spin_malformed("cannot read '%s': it holds two checkpoints, '%s' and '%s'",
+            return spin_malformed("cannot read '%s': it contains two checkpoints, '%s' and '%s'",
                                   f->path, (*out)->name, f->zip.member[i].name);
         *out = &f->zip.member[i];
         f->top = (*out)->name;
@@ -334,7 +334,7 @@ spin_status spin_torch_tensor(struct spin_torch *torch, const struct spin_value 
     const char *path = torch->file->path;
 
     if (!v)
-        return spin_not_found("cannot read '%s': no '%s' in it", path, what);
+        return spin_not_found("cannot read '%s': it contains no '%s'", path, what);
     if (v->kind != SPIN_VALUE_TENSOR)
         return spin_malformed("cannot read '%s': '%s' is not a tensor", path, what);
     *out = v->tensor;
@@ -367,9 +367,8 @@ spin_status spin_torch_floats(struct spin_torch *torch, const struct spin_value 
     *out = NULL;
     SPIN_TRY(spin_torch_tensor_of(torch, v, what, n_dims, shape, t));
     if (t->kind != 'f' && t->kind != 'B')
-        return spin_unsupported(
-            "cannot read '%s': tensor '%s' does not hold floating-point numbers", torch->file->path,
-            what);
+        return spin_unsupported("cannot read '%s': tensor '%s' is not floating-point",
+                                torch->file->path, what);
     if (!spin_mul_size((size_t)t->count, sizeof **out, &bytes) ||
         !(*out = malloc(bytes ? bytes : 1)))
         return spin_fail(SPIN_E_MEMORY,

@@ -293,7 +293,7 @@ static spin_status go_to(struct video *v, int64_t frame, const struct spin_video
         if (now == frame)
             return convert(v, rgb);
         if (now > frame)
-            return spin_malformed("cannot read video '%s': frame %lld is not decoded", v->file,
+            return spin_malformed("cannot read video '%s': frame %lld cannot be decoded", v->file,
                                   (long long)frame);
         if (passer && passer->wants(passer->context, now)) {
             SPIN_TRY(convert(v, rgb));

@@ -143,7 +143,7 @@ static enum spin_video_result video_open(const char *path, const char *format, i
     if (!w || !codec) {
         free(w);
         return fail(w ? 0 : AVERROR(ENOMEM),
-                    w ? "this FFmpeg has no encoder for it" : "cannot begin");
+                    w ? "this FFmpeg has no encoder for the format" : "cannot start encoding");
     }
     w->width = width;
     w->height = height;
@@ -161,7 +161,7 @@ static enum spin_video_result video_open(const char *path, const char *format, i
     av_dict_free(&options);
     if (error < 0) {
         close_writer(w);
-        return fail(error, "cannot begin");
+        return fail(error, "cannot start encoding");
     }
     *name = codec->name;
     *out = w;
@@ -221,7 +221,7 @@ static enum spin_video_result video_put(struct spin_video_writer *w, const uint8
         error = avcodec_send_frame(w->codec, w->frame);
     if (error >= 0)
         error = drain(w);
-    return error < 0 ? fail(error, "a frame cannot be written") : SPIN_VIDEO_OK;
+    return error < 0 ? fail(error, "cannot write a frame") : SPIN_VIDEO_OK;
 }
 
 static enum spin_video_result video_end(struct spin_video_writer *w)
@@ -234,7 +234,7 @@ static enum spin_video_result video_end(struct spin_video_writer *w)
         error = av_write_trailer(w->file);
     if (error >= 0)
         error = avio_closep(&w->file->pb);
-    return error < 0 ? fail(error, "its end cannot be written") : SPIN_VIDEO_OK;
+    return error < 0 ? fail(error, "cannot finish the file") : SPIN_VIDEO_OK;
 }
 
 const struct spin_video_encoder spin_video_encoder_table = {video_open, video_put, video_end,

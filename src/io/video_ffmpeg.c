@@ -60,7 +60,7 @@ static enum spin_video_result open_file(const char *path, AVFormatContext **out,
     free(url);
     if (error < 0)
         return spin_video_fail(SPIN_VIDEO_UNREADABLE, error,
-                               "not an MP4, QuickTime, Matroska or WebM file that can be read");
+                               "not a readable MP4, QuickTime, Matroska or WebM file");
     error = avformat_find_stream_info(*out, NULL);
     if (error >= 0)
         error = *place = av_find_best_stream(*out, AVMEDIA_TYPE_VIDEO, -1, -1, NULL, 0);
@@ -151,8 +151,7 @@ static enum spin_video_result video_index(const char *path, int64_t max_pixels,
     if (out->width < 1 || out->height < 1)
         result = spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no size");
     else if (out->width > max_pixels / out->height)
-        result =
-            spin_video_fail(SPIN_VIDEO_TOO_LARGE, 0, "its frames have more pixels than are taken");
+        result = spin_video_fail(SPIN_VIDEO_TOO_LARGE, 0, "its frames exceed the limit of pixels");
     else
         result = list_frames(file, place, out);
     avformat_close_input(&file);
@@ -182,7 +181,8 @@ static enum spin_video_result open_codec(struct spin_video_stream *s)
     int error;
 
     if (!codec)
-        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "this FFmpeg has no decoder for it");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0,
+                               "this FFmpeg has no decoder for the format");
     s->codec = avcodec_alloc_context3(codec);
     s->packet = av_packet_alloc();
     s->frame = av_frame_alloc();
@@ -225,7 +225,7 @@ static enum spin_video_result video_seek(struct spin_video_stream *s, int64_t ke
     int error = av_seek_frame(s->file, s->place, s->index->entry[key].dts, AVSEEK_FLAG_BACKWARD);
 
     if (error < 0)
-        return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "cannot go to a key frame");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "cannot seek to a key frame");
     avcodec_flush_buffers(s->codec);
     s->draining = 0;
     return SPIN_VIDEO_OK;
@@ -328,13 +328,12 @@ static enum spin_video_result video_rgb(struct spin_video_stream *s, uint8_t *ou
     if (!s->scale && sws_isSupportedInput((enum AVPixelFormat)frame->format))
         return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
     if (!s->scale)
-        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0,
-                               "pixels of a kind that cannot be converted");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "unsupported pixel format");
     sws_setColorspaceDetails(s->scale, sws_getCoefficients(colour_matrix(frame)), full,
                              sws_getCoefficients(SWS_CS_ITU709), 1, 0, 1 << 16, 1 << 16);
     if (sws_scale(s->scale, (const uint8_t *const *)frame->data, frame->linesize, 0, frame->height,
                   planes, lines) != frame->height)
-        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "pixels that cannot be converted");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "cannot convert the pixels");
     return SPIN_VIDEO_OK;
 }
 

@@ -31,7 +31,7 @@ static spin_status fail_lzma(const char *path, lzma_ret code)
     case LZMA_BUF_ERROR:
         return spin_malformed("'%s' is cut short", path);
     case LZMA_OPTIONS_ERROR:
-        return spin_unsupported("'%s' uses xz options that are not known", path);
+        return spin_unsupported("'%s' uses unsupported xz options", path);
     case LZMA_MEMLIMIT_ERROR:
         return spin_unsupported("'%s' needs more than 268 MB to be unpacked", path);
     case LZMA_MEM_ERROR:

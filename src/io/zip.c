@@ -187,9 +187,9 @@ static spin_status read_entry(const char *path, const struct directory *dir, con
         return fail_member(SPIN_E_MALFORMED, path, name, "lies outside the file");
     room = dir->offset - m->header_offset - LOCAL_BYTES - n_name;
     if (m->packed_size > room)
-        return spin_malformed("cannot read '%s': member '%s' claims %llu bytes where only %llu are",
-                              path, name, (unsigned long long)m->packed_size,
-                              (unsigned long long)room);
+        return spin_malformed(
+            "cannot read '%s': member '%s' claims %llu bytes, but only %llu follow", path, name,
+            (unsigned long long)m->packed_size, (unsigned long long)room);
     return SPIN_OK;
 }
 
@@ -433,7 +433,7 @@ static spin_status read_deflated(const struct spin_zip *zip, const struct spin_z
     if (m->size > SIZE_MAX ||
         (m->size > deflate_slack && (m->size - deflate_slack) / deflate_ratio > m->packed_size))
         return spin_malformed(
-            "cannot read '%s': member '%s' claims %llu bytes out of %llu packed ones", zip->path,
+            "cannot read '%s': member '%s' claims %llu bytes from %llu compressed ones", zip->path,
             m->name, (unsigned long long)m->size, (unsigned long long)m->packed_size);
     if (m->size > limit)
         return spin_unsupported(

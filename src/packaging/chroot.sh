@@ -14,14 +14,14 @@ fail() {
     exit 1
 }
 
-[ "$(id -u)" = 0 ] || fail "a Debian of its own is for root alone: sudo make portable DEBIAN=$suite"
-command -v debootstrap >/dev/null || fail "debootstrap is not here: apt-get install debootstrap"
+[ "$(id -u)" = 0 ] || fail "debootstrap needs root: sudo make portable DEBIAN=$suite"
+command -v debootstrap >/dev/null || fail "debootstrap not found: apt-get install debootstrap"
 if [ ! -f "$root/ready" ]; then
     rm -rf "$root"
-    debootstrap ${arch:+--arch="$arch"} --variant=minbase "$suite" "$root" >"$root.log" 2>&1 || fail "no Debian '$suite': see '$root.log'"
+    debootstrap ${arch:+--arch="$arch"} --variant=minbase "$suite" "$root" >"$root.log" 2>&1 || fail "cannot create Debian '$suite': see '$root.log'"
     chroot "$root" env DEBIAN_FRONTEND=noninteractive apt-get install -qq --no-install-recommends make gcc g++ zlib1g-dev \
         liblzma-dev libjansson-dev libjpeg-dev libpng-dev libtinygltf-dev libwebp-dev libzstd-dev \
-        >>"$root.log" 2>&1 || fail "what building needs is not installed: see '$root.log'"
+        >>"$root.log" 2>&1 || fail "cannot install build dependencies: see '$root.log'"
     touch "$root/ready"
 fi
 rm -rf "$root/tmp/spin4d-$version"

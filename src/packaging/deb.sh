@@ -7,7 +7,7 @@ here=$(dirname "$0")
 version=$(sed -n 's/^#define SPIN_VERSION "\(.*\)"/\1/p' src/spin.h)
 for tool in dpkg-buildpackage dh lintian; do
     command -v $tool >/dev/null || [ "$tool$LINTIAN" = lintian0 ] || {
-        echo "deb: $tool is not here: apt-get install dpkg-dev debhelper lintian" >&2
+        echo "deb: $tool not found: apt-get install dpkg-dev debhelper lintian" >&2
         exit 1
     }
 done

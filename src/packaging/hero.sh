@@ -11,7 +11,7 @@ MOST=2000000
 work=$(mktemp -d) || exit 1
 trap 'rm -rf "$work"' EXIT
 
-command -v ffmpeg >/dev/null || { echo "hero: no ffmpeg (Debian: ffmpeg)" >&2; exit 1; }
+command -v ffmpeg >/dev/null || { echo "hero: ffmpeg not found (Debian: ffmpeg)" >&2; exit 1; }
 "$bin/spin-export" -q "$bundle" --to images --panels before,after --no-labels --size ${width}x$height -o "$work/pictures" || exit 1
 [ -n "$(ls "$work/pictures/cam_${camera}"_* 2>/dev/null)" ] || { echo "hero: camera $camera is not held out" >&2; exit 1; }
 # The line is at X = (0.5 - 0.5 cos(2 pi T / seconds)) W, white and two pixels wide.

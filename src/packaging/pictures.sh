@@ -14,8 +14,8 @@ trap 'rm -rf "$work"' EXIT
 cd "$work" || exit 1
 
 fail() { echo "pictures: $*" >&2; exit 1; }
-node -e 'process.exit(parseInt(process.versions.node) < 18 ? 1 : 0)' 2>/dev/null || { echo "pictures: skipped: no node of version 18 or later (Debian: nodejs)"; exit 0; }
-command -v "${CHROMIUM:=chromium}" >/dev/null || { echo "pictures: skipped: no Chromium (Debian: chromium; CHROMIUM=/path names another)"; exit 0; }
+node -e 'process.exit(parseInt(process.versions.node) < 18 ? 1 : 0)' 2>/dev/null || { echo "pictures: skipped: needs Node 18 or later (Debian: nodejs)"; exit 0; }
+command -v "${CHROMIUM:=chromium}" >/dev/null || { echo "pictures: skipped: Chromium not found (Debian: chromium; or CHROMIUM=/path)"; exit 0; }
 export CHROMIUM
 
 # shot PAGE OUT WIDTH HEIGHT [READY]: takes a screenshot once READY is true
@@ -65,7 +65,7 @@ mkdir output data && ln -s "$fixtures/4dgaussian/coarse_and_fine/model" output/b
 python3 "$tools/transcript.py" "$transcript" "A run of one's own" "$bin" . --write >said || fail "$(grep -A1 '^not ok' said)"
 
 if [ -z "$court" ]; then
-    echo "pictures: hero.webp and before-after.jpg stay as they are: they need COURT=, the folder of that clip"
+    echo "pictures: hero.webp and before-after.jpg are unchanged: they need COURT=, the folder of that clip"
 else
     "$bin/spin-import" -q "$court" --data "$court" -o big.spin && "$bin/spin-retrain" -q big.spin -o big-better.spin &&
         "$bin/spin-export" -q big-better.spin --to images --panels truth,before,after -o big ||
@@ -74,7 +74,7 @@ else
     if command -v ffmpeg >/dev/null; then
         sh "$here/hero.sh" "$bin" big-better.spin "$docs/hero.webp" || fail "hero.webp was not made"
     else
-        echo "pictures: hero.webp stays as it is: no ffmpeg (Debian: ffmpeg)"
+        echo "pictures: hero.webp is unchanged: ffmpeg not found (Debian: ffmpeg)"
     fi
 fi
-echo "pictures: blender-film.jpg stays as it is: its scene is made by hand"
+echo "pictures: blender-film.jpg is unchanged: its scene is made by hand"

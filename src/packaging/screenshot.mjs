@@ -15,7 +15,7 @@ function end(code, text) {
     chrome.kill();
 }
 chrome.on('error', (e) => { console.error(`screenshot: ${e.message}`); process.exit(1); });
-setTimeout(() => end(1, `nothing to show after ${PATIENCE / 1000} seconds`), PATIENCE);
+setTimeout(() => end(1, `the page was not ready after ${PATIENCE / 1000} seconds`), PATIENCE);
 
 // Messages are JSON, each terminated by a zero byte.
 let text = '', count = 0;

@@ -20,9 +20,9 @@ fail() {
 
 for tool in $host-gcc-posix:gcc-mingw-w64-x86-64-posix $host-g++-posix:g++-mingw-w64-x86-64-posix cmake:cmake zip:zip \
     dpkg-source:dpkg-dev; do
-    command -v "${tool%:*}" >/dev/null || fail "no ${tool%:*} is here: apt-get install ${tool#*:}"
+    command -v "${tool%:*}" >/dev/null || fail "${tool%:*} not found: apt-get install ${tool#*:}"
 done
-[ -f /usr/$host/include/zlib.h ] || fail "no zlib.h of MinGW is here: apt-get install libz-mingw-w64-dev"
+[ -f /usr/$host/include/zlib.h ] || fail "MinGW's zlib.h not found: apt-get install libz-mingw-w64-dev"
 
 # source_of PACKAGE: downloads and unpacks Debian's source into $tree. If an update's source is no
 # longer in the archive, uses the release's.
@@ -32,8 +32,8 @@ source_of() {
     [ ! -d "$tree" ] || return 0
     apt-get source --download-only "$1" >"$1.log" 2>&1 ||
         apt-get source --download-only "$1/$(sed -n 's/^VERSION_CODENAME=//p' /etc/os-release)" >>"$1.log" 2>&1 ||
-        fail "no source of '$1' (are there lines deb-src in apt's sources?): $(tail -n 1 "$1.log")"
-    dpkg-source --no-check -x "$1"_*.dsc "$1" >>"$1.log" 2>&1 || fail "'$1' does not unpack, see $deps/src/$1.log"
+        fail "cannot download the source of '$1' (do apt's sources have deb-src lines?): $(tail -n 1 "$1.log")"
+    dpkg-source --no-check -x "$1"_*.dsc "$1" >>"$1.log" 2>&1 || fail "cannot unpack '$1', see $deps/src/$1.log"
 }
 
 # library PACKAGE FOLDER OPTION...: builds a library with the CMakeLists.txt in FOLDER
@@ -51,7 +51,7 @@ library() {
             -DCMAKE_INSTALL_PREFIX="$deps" -DCMAKE_FIND_ROOT_PATH="$deps;/usr/$host" -DCMAKE_FIND_ROOT_PATH_MODE_LIBRARY=ONLY \
             -DCMAKE_FIND_ROOT_PATH_MODE_INCLUDE=ONLY -DBUILD_SHARED_LIBS=OFF "$@" &&
             cmake --build "$tree/build-windows" -j "$jobs" && cmake --install "$tree/build-windows" && touch "$tree/done"; } \
-            >>"$deps/src/$package.log" 2>&1 || fail "'$package' does not build, see $deps/src/$package.log"
+            >>"$deps/src/$package.log" 2>&1 || fail "cannot build '$package', see $deps/src/$package.log"
     ) || exit 1
 }
 
@@ -76,7 +76,7 @@ windows_make() {
         CPPFLAGS="$posix" CFLAGS='-Wa,-muse-unaligned-vector-move -Wno-format -Wno-format-extra-args' PLUGIN_LD= \
         SPIN_LDLIBS='-lz -llzma -ljansson -lm' \
         LDFLAGS="-static -s -Wl,--no-insert-timestamp -Wl,--stack,8388608 -L$deps/lib" LDLIBS="$own" "$@" ||
-        fail "does not build"
+        fail "the build failed"
 }
 own=
 for file in main posix; do
@@ -89,13 +89,13 @@ windows_make "$W/release/bin/spin-import" "$W/release/bin/spin-export" "$W/relea
     "$W/release/bin/spin4d"
 
 # Libraries and shims that are loaded on demand.
-shared() { # OUT SOURCE OPTION...: beside BUILD/windows/release/bin
+shared() { # OUT SOURCE OPTION...: builds BUILD/windows/release/OUT
     out=$W/release/$1
     shift
     mkdir -p "${out%/*}" || exit 1
     $host-g++-posix -shared -static -s -Wl,--no-insert-timestamp -Wl,--disable-auto-image-base -O2 -Isrc \
         -ffile-prefix-map="$PWD=." -ffile-prefix-map="$deps=." -o "$out" "$@" ||
-        fail "'$out' does not build"
+        fail "cannot build '$out'"
 }
 for library in zstd webp; do
     shared bin/lib$library.dll -Wl,--whole-archive "$deps/lib/lib$library.a" -Wl,--no-whole-archive
@@ -119,13 +119,13 @@ for package in libz-mingw-w64 mingw-w64-common gcc-mingw-w64-base; do
     cp -L "/usr/share/doc/$package/copyright" "$W/$name/licences/$package.txt" || exit 1
 done
 cat >"$W/$name/README.txt" <<README
-spin4d $version for 64-bit Windows 10 and newer. Nothing needs to be installed; this folder may lie anywhere.
+spin4d $version for 64-bit Windows 10 and newer. Nothing else needs to be installed; this folder can be anywhere.
 
     bin\\spin4d RUN --data IMAGES -o clip.html
 
 RUN is the folder that a 4D Gaussian Splatting method wrote, IMAGES the data set it was trained on.
-bin\\spin4d --help says the rest. Images are PNG and JPEG. Videos, EXR, cards, several machines and
-plug-ins need Linux, or WSL. licences\\ has the licences of the libraries inside.
+For more, see bin\\spin4d --help. Images are PNG and JPEG. Videos, EXR, GPUs, several machines and
+plug-ins need Linux, or WSL. licences\\ contains the licences of the libraries.
 README
 sed -i 's/$/\r/' "$W/$name/README.txt"
 chmod -R u=rwX,go=rX "$W/$name"
