@@ -1,16 +1,17 @@
 # spin4d: every build, test and check. `make help` lists the targets.
 #
-# Knobs: CONFIG=release|debug|asan|ubsan|tsan|cov (each its own folder in BUILD)  V=1 (show commands)
-#        BUILD=build (where all that is built goes; or, from any folder: make -f /path/to/spin4d/Makefile)
-#        CC=clang CXX= CPPFLAGS= CFLAGS= CXXFLAGS= LDFLAGS= (yours, after those that spin4d needs)
-#        PREFIX=/usr/local  LIBDIR=PREFIX/lib  DESTDIR=  K=words (tests to run)  SETUP=0 (install nothing)
-#        PYTHON=/usr/bin/python3 (which is to find spin4d.py)  PYTHONDIR= (where it goes)
-#        RUN='qemu-aarch64 -L /usr/aarch64-linux-gnu' (what runs programs of another machine)
+# Knobs: CONFIG=release|debug|asan|ubsan|tsan|cov (each in its own folder of BUILD)
+#        V=1 (show commands)  K=words (tests to run)  SETUP=0 (do not install packages)
+#        BUILD=build (output folder; or call make -f /path/to/spin4d/Makefile from any folder)
+#        CC=clang CXX= CPPFLAGS= CFLAGS= CXXFLAGS= LDFLAGS= (appended to those that spin4d needs)
+#        PREFIX=/usr/local  LIBDIR=PREFIX/lib  DESTDIR=
+#        PYTHON=/usr/bin/python3 (install the module for it)  PYTHONDIR= (or into this folder)
+#        RUN='qemu-aarch64 -L /usr/aarch64-linux-gnu' (emulator for cross-compiled programs)
 # Private settings go into an untracked local.mk.
 comma := ,
 HERE := $(patsubst %/,%,$(dir $(realpath $(firstword $(MAKEFILE_LIST)))))
 ifneq ($(HERE),$(CURDIR))
-# Called from another folder: what is built goes into its build/.
+# Called from another folder: build into the build/ of that folder.
 BUILD   ?= build
 .PHONY: all
 $(sort all $(MAKECMDGOALS)): elsewhere ; @:
@@ -36,26 +37,27 @@ ifneq ($(filter 1,$(V))$(findstring s,$(filter-out --%,$(firstword -$(MAKEFLAGS)
 SAY := @:
 endif
 VERSION := $(shell sed -n 's/^\#define SPIN_VERSION "\(.*\)"/\1/p' src/spin.h)
-# Goes up when a program that was linked with the shared library would not run with the new one.
+# Raise it if programs linked with the previous shared library would not run with the new one.
 SOVERSION := 0
 
 OPT.release := -O3 -DNDEBUG
 OPT.debug   := -O1
-# Undefined behaviour is a trap here, which AddressSanitizer shows with its place; texts for each would make the commands
-# 60 % larger and start in twice the time. CONFIG=ubsan has the words.
+# Undefined behaviour traps, and AddressSanitizer reports the location. Messages for each case would
+# make the commands 60 % larger and double their start-up time; CONFIG=ubsan has them.
 OPT.asan    := -Og -Wno-format-truncation -fsanitize=address,undefined -fsanitize-undefined-trap-on-error -fno-omit-frame-pointer
 OPT.ubsan   := -O1 -fsanitize=undefined -fno-sanitize-recover=undefined
 OPT.tsan    := -O1 -fsanitize=thread
 OPT.cov     := -O0 --coverage
 OPT         := $(OPT.$(CONFIG))
-# -g1: lines without variables, which take gcc up to six times as long under a sanitiser, and the linker twice as long.
-# -Og takes half of -O1's time, and warns of a text that is cut short where it cannot be.
+# -g1 has line numbers but no variables, for which gcc takes up to six times as long with a
+# sanitiser, and the linker twice as long. -Og compiles in half the time of -O1, but gives false
+# warnings about truncated formats.
 LINES       := $(if $(filter debug,$(CONFIG)),-g,-g1)
 ifeq ($(OPT),)
 $(error CONFIG=$(CONFIG) is not one of release debug asan ubsan tsan cov)
 endif
 
-# What spin4d needs; yours come after these. Paths of this machine stay out of what is built.
+# Flags that spin4d needs; the user's are appended. Absolute paths are kept out of the output.
 WARN          := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla -Werror=vla
 PREFIX_MAP    := -ffile-prefix-map=$(CURDIR)=. $(if $(filter /%,$(BUILD)),-ffile-prefix-map=$(BUILD)=build)
 SPIN_CPPFLAGS := -Isrc -I. -D_GNU_SOURCE
@@ -65,22 +67,22 @@ SPIN_CFLAGS   := -std=gnu11 $(OPT) $(WARN) -fno-trapping-math -fno-math-errno $(
 SPIN_CXXFLAGS := -std=c++17 -O2 $(if $(WASM),,-g1 -fPIC) -Wall -Wextra $(PREFIX_MAP)
 SPIN_LDFLAGS  := $(filter -fsanitize%,$(OPT)) $(filter --coverage,$(OPT)) -pthread
 SPIN_LDLIBS   := -lz -llzma -ljansson -ldl -lm
-# AddressSanitizer sees what a shim throws only if the library of C++ is there from the start.
+# AddressSanitizer intercepts exceptions of shims only if libstdc++ is loaded at start-up.
 SPIN_LDLIBS   += $(if $(filter asan,$(CONFIG)),-Wl$(comma)--no-as-needed -lstdc++)
 SPIN_DEFINES  :=
 COMPILE_C      = $(CC) $(SPIN_CPPFLAGS) $(CPPFLAGS) $(SPIN_DEFINES) $(SPIN_CFLAGS) $(QUICK) $(HOT) $(CFLAGS)
-# FFmpeg's and MPI's objects are loaded by programs with and without sanitisers.
+# Shims in C are compiled without sanitisers.
 COMPILE_SHIM   = $(SPIN_CPPFLAGS) $(CPPFLAGS) $(filter-out -fsanitize%,$(SPIN_CFLAGS)) $(CFLAGS) $(LDFLAGS)
 COMPILE_CXX    = $(CXX) $(SPIN_CPPFLAGS) $(CPPFLAGS) $(SPIN_CXXFLAGS) $(CXXFLAGS) $(LDFLAGS)
 LINK           = $(CC) $(SPIN_LDFLAGS) $(CFLAGS) $(LDFLAGS)
 
-# The CPU device is compiled once per code path; device.c picks one at run time.
+# The CPU device is compiled once per SIMD path; device.c selects one at run time.
 PATHS    := base
 ifneq ($(filter x86_64-%,$(MACHINE)),)
 PATHS    := base v3 v4
 endif
 FLAGS.base :=
-# -march=x86-64-v3 and -v4, which gcc 10 does not know, in its words.
+# The flags of -march=x86-64-v3 and -v4, which gcc 10 does not support.
 FLAGS.v3   := -march=x86-64 -mtune=generic -mcx16 -msahf -mpopcnt -msse4.2 -mavx2 -mbmi -mbmi2 -mf16c -mfma -mlzcnt \
               -mmovbe -mxsave
 FLAGS.v4   := $(FLAGS.v3) -mavx512f -mavx512bw -mavx512cd -mavx512dq -mavx512vl -mprefer-vector-width=512
@@ -97,7 +99,7 @@ LIB      := $(B)/libspin.a
 LIB_SO   := $(B)/libspin.so.$(VERSION)
 SHIMS    := $(B)/lib/spin-image.so $(B)/lib/spin-image-plain.so $(B)/lib/spin-gltf.so
 
-# Several machines are for who has MPI: MPICC= does without.
+# Support for several machines needs MPI; MPICC= disables it.
 MPICC    ?= $(shell command -v mpicc)
 ifneq ($(MPICC),)
 SHIMS    += $(B)/lib/spin-mpi.so
@@ -105,7 +107,7 @@ endif
 
 TOOLS    := $(B)/tests/tools/compare-images
 
-# Videos are for who has FFmpeg: `make setup-video` installs it, VIDEO=no does without.
+# Videos need FFmpeg, which `make setup-video` installs; VIDEO=no disables them.
 VIDEO    ?= $(shell printf '\043if __has_include(<libavformat/avformat.h>) && __has_include(<libavcodec/avcodec.h>)\nyes\n\043endif\n' | \
             $(CC) $(SPIN_CPPFLAGS) $(CPPFLAGS) -E -P -x c - 2>/dev/null)
 ifneq ($(filter yes,$(VIDEO)),)
@@ -113,14 +115,15 @@ SHIMS    += $(B)/lib/spin-video.so
 TOOLS    += $(B)/tests/tools/make-video
 endif
 
-# The CUDA device is for who has nvcc (CUDA=1: fail without; 0: leave it out). One object serves every card from
-# sm_75 on, by cubins for the listed ones and PTX of them and of sm_75 for all others, and is opened only where it is
-# asked for.
+# The CUDA device needs nvcc (CUDA=1: fail without it; 0: leave it out). One shared object supports
+# all GPUs from sm_75 on: cubins for the listed architectures, and PTX of these and of sm_75 for all
+# others. It is loaded only when requested.
 CUDA      ?= auto
 CUDA_ARCH ?= 80 90 120
 NVCC      ?= $(shell command -v nvcc 2>/dev/null)
-# Messages between cards by NCCL are for who has its header, beside nvcc or where the compiler looks (NCCL=1: fail without;
-# 0: leave them out). The library is opened when it is needed; a machine without it needs no other build.
+# Communication between GPUs by NCCL needs its header, beside nvcc or in the compiler's search path
+# (NCCL=1: fail without it; 0: leave it out). The library is loaded when needed, so the same build
+# runs on machines without it.
 NCCL      ?= auto
 ifneq ($(NVCC),)
 HAVE_NCCL := $(if $(filter auto 1,$(NCCL)),$(shell printf '\043if __has_include(<nccl.h>)\nfound\n\043endif\n' | \
@@ -147,7 +150,7 @@ EMU      := $(patsubst %,$(B)/tests/emu/%.so,spin-cuda spin-cuda-race faults fau
 TEST_C   := $(wildcard tests/*/t-*.c)
 TEST_BIN := $(TEST_C:%.c=$(B)/%)
 UNIT_BIN := $(filter-out $(B)/tests/cmd/% $(B)/tests/emu/%,$(TEST_BIN))
-# clip.c is a program of its own, which export.sh runs.
+# clip.c is a separate program, which export.sh runs.
 BENCH_C  := $(filter-out tests/bench/clip.c,$(wildcard tests/bench/*.c))
 BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
 BENCH    := $(B)/tests/bench/bench
@@ -159,21 +162,21 @@ FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
 all: $(BINS) $(LIB_SO) $(SHIMS) $(if $(filter build,$(BUILD)),bin) ## both libraries and the commands (default)
 
-help: ## this list
+help: ## list targets and variables
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' Makefile | awk -F'|' '{printf "%-22s %s\n", $$1, $$2}'
 	@sed -n '/^# Knobs:/,/^# Private/ s/^# *//p' Makefile
 
-config: ## what was found, and if not, why
+config: ## report which compilers and libraries were found
 	@sh tests/setup.sh --report "$(CC)" "$(CXX)"
 	@echo "cpu paths:   $(PATHS)"
 
-setup: ## install what building and testing lack (Debian/Ubuntu), or print the line to type
+setup: ## install packages that building and testing need (Debian/Ubuntu), or print the command
 	@sh tests/setup.sh --tests
 
-setup-video: ## install FFmpeg's libraries, so that videos open as they are
+setup-video: ## install FFmpeg's libraries, for videos as input and output
 	@sh tests/setup.sh --video
 
-setup-lint: ## install clang, for the lint of device pointers
+setup-lint: ## install clang, which the lint of device pointers needs
 	@sh tests/setup.sh --lint
 
 demo: ## import, retrain, evaluate and export the bundled clip; under five minutes
@@ -181,31 +184,32 @@ demo: ## import, retrain, evaluate and export the bundled clip; under five minut
 	@$(MAKE) --no-print-directory -j$(JOBS) all
 	@sh tests/demo.sh $(B)/bin
 
-quick: ## the unit tests, a minute: after every change
+quick: ## the unit tests, in a minute: run them after every change
 	@$(MAKE) --no-print-directory test K=$@
 
-# What only tests need is installed once, or found to be out of reach once; `make setup` tries again.
-test: ## all tests but test-card and test-ranks, JOBS at a time; K='words' selects; SETUP=0 installs nothing
+# Packages that only tests need are installed, or attempted to be, once; `make setup` tries again.
+test: ## all tests except test-card and test-ranks, JOBS in parallel; K='words' selects; SETUP=0: no packages
 	@[ "$(SETUP)" = 0 ] || sh tests/setup.sh $(if $(wildcard $(BUILD)/test-needs),,--tests)
 	@[ "$(SETUP)" = 0 ] || { mkdir -p $(BUILD) && touch $(BUILD)/test-needs; }
 	@$(MAKE) --no-print-directory -j$(JOBS) all $(if $(filter quick,$(K)),$(UNIT_BIN),test-bins)
 	@JOBS=$(JOBS) sh tests/run.sh $(B) "$(K)"
 
 test-bins: room-bins $(EMU) $(TEST_BIN) $(BENCH) $(B)/tests/bench/clip
-# All but the emulated card and those of tests/cmd and tests/bench: what .ci/run runs under sanitisers.
+# The tests that .ci/run runs under sanitisers: all except those of the emulated GPU, tests/cmd and
+# tests/bench.
 room-bins: $(UNIT_BIN) $(filter $(B)/tests/emu/%,$(TEST_BIN)) test-tools fuzz-bins
 test-tools: $(TOOLS)
 
-test-card: ## trainings on the emulated card, which `make test` leaves out
+test-card: ## trainings on the emulated GPU, which `make test` omits
 	@$(MAKE) --no-print-directory test K=$@
 
-card-kit: all test-bins ## BUILD/spin4d-card.tar.xz: tests for a machine with a card and little else, docs/accelerator.md
+card-kit: all test-bins ## BUILD/spin4d-card.tar.xz: tests for a machine with a GPU and few packages, see docs/accelerator.md
 	@sh tests/card/pack.sh $(B) $(BUILD)
 
-test-ranks: ## trainings by many processes, which `make test` leaves out
+test-ranks: ## trainings by many processes, which `make test` omits
 	@$(MAKE) --no-print-directory test K=$@
 
-test-builds: ## K='gcc clang paths bytes deb arm64 web windows': other compilers, code paths and packages
+test-builds: ## K='gcc clang paths bytes deb arm64 web windows': other compilers, SIMD paths and packages
 	@sh tests/builds.sh $(BUILD) $(K)
 
 bin:
@@ -215,7 +219,7 @@ $(LIB): $(LIB_O)
 	$(SAY) AR $@
 	$(Q)rm -f $@ && $(AR) rcsD $@ $(LIB_O)
 
-# The shared library shows what the public headers declare, and nothing else.
+# The shared library exports only what the public headers declare.
 $(LIB_SO): $(LIB_O) src/spin.h src/spin_train.h src/spin_run.h
 	$(SAY) LINK $@
 	$(Q){ echo '{ global: spin_importers; spin_exporters;'; \
@@ -224,12 +228,13 @@ $(LIB_SO): $(LIB_O) src/spin.h src/spin_train.h src/spin_run.h
 	$(Q)$(LINK) -shared -Wl,-soname,libspin.so.$(SOVERSION) -Wl,--version-script=$(B)/libspin.map \
 	    -o $@ $(LIB_O) $(SPIN_LDLIBS) $(LDLIBS)
 
-# What a plug-in may call: kept in every command and open to what it loads, and nothing else is.
+# The functions that a plug-in may call are linked into every command and exported; no others are.
 PLUGIN_SYM := src/plugin.sym
 PLUGIN_LD  := -Wl,--dynamic-list=$(PLUGIN_SYM) \
               $(shell sed -n 's/^ *\(spin_[a-z_]*\);$$/-Wl,-u,\1/p' $(PLUGIN_SYM))
 
-# Those of `make portable` find every library, also those of what they load, in the lib/spin4d beside their bin/.
+# The commands of `make portable` find all libraries, including indirect ones, in lib/spin4d beside
+# their bin/.
 define COMMAND_RULE
 $(B)$(1)/bin/%: $(B)/src/cmd/%.o $(CMD_O) $(LIB) $(PLUGIN_SYM)
 	@mkdir -p $$(@D)
@@ -239,7 +244,7 @@ endef
 $(eval $(call COMMAND_RULE))
 $(eval $(call COMMAND_RULE,/portable,-Wl$(comma)--disable-new-dtags -Wl$(comma)-rpath$(comma)'$$$$ORIGIN/../lib/spin4d'))
 
-# Pages as C strings, without indents and lines of comment.
+# Pages as C strings, without indentation and comment lines.
 C_STRING := sed -e 's/^ *//' -e '/^\/\//d' -e 's/\\/\\\\/g' -e 's/"/\\"/g' -e 's/??/?\\?/g' -e 's/^/    "/' -e 's/$$/\\n"/'
 $(B)/src/eval/report/page.c: src/eval/report/page.html Makefile
 	@mkdir -p $(@D)
@@ -257,10 +262,10 @@ $(B)/src/eval/report/page.o $(B)/src/eval/report/compare_html.o $(B)/src/run/wat
 	$(SAY) CC $@
 	$(Q)$(COMPILE_C) -c -o $@ $<
 
-# Import and export in a browser: one page, with all that it needs. The second make has emscripten as its compiler, which
-# wants to find Debian's node modules.
+# Import and export in a browser: one self-contained page. The nested make uses emscripten as the
+# compiler, which needs the path of Debian's node modules.
 WEB := $(BUILD)/web
-web: ## BUILD/web/spin4d.html: import and export in a browser, by emscripten
+web: ## BUILD/web/spin4d.html: import and export in a browser, built with emscripten
 	@sh src/web/deps.sh $(WEB)
 	@NODE_PATH=/usr/share/nodejs $(MAKE) --no-print-directory B=$(WEB) CC=emcc CXX=em++ AR=emar MPICC= VIDEO=no CUDA=0 CONFIG=release \
 	    CPPFLAGS=-I$(WEB)/usr/include LDFLAGS=-L$(WEB)/usr/lib CFLAGS= CXXFLAGS= $(WEB)/spin4d.html
@@ -284,7 +289,7 @@ $(WEB)/spin4d.html: $(WEB)/spin4d.js src/web/page.html src/web/page.js src/web/w
 	    echo '<script type="text/plain" id="worker">'; cat $(WEB)/spin4d.js src/web/worker.js; echo '</script>'; \
 	    echo '<script>'; cat src/web/page.js; echo '</script>'; echo '</body>'; echo '</html>'; } >$@
 
-# The page of the html exporter, a string for each of its files.
+# The page of the html exporter, as one string per file.
 PAGE := head:head.html css:page.css body:body.html project:project.frag vertex:shader.vert fragment:shader.frag \
         worker:worker.js script:page.js
 $(B)/exporters/html_page.c: $(addprefix exporters/html/,$(foreach p,$(PAGE),$(lastword $(subst :, ,$(p))))) Makefile
@@ -298,7 +303,7 @@ $(B)/exporters/html_page.o: $(B)/exporters/html_page.c exporters/html/page.h
 	$(SAY) CC $@
 	$(Q)$(COMPILE_C) -c -o $@ $<
 
-# The player as a package: its files, and the page without a clip, for .sogst files.
+# The player as a package: its files, and the page without a clip, which plays .sogst files.
 PLAYER := $(patsubst exporters/player/%,$(B)/player/%,$(filter-out %/sogst.js,$(wildcard exporters/player/*))) $(B)/player/view.html
 $(B)/player/view.html: $(addprefix exporters/html/,$(foreach p,$(PAGE),$(lastword $(subst :, ,$(p))))) exporters/player/sogst.js Makefile
 	@mkdir -p $(@D)
@@ -313,10 +318,10 @@ $(B)/player/%: exporters/player/%
 	@mkdir -p $(@D)
 	$(Q)cp $< $@
 
-# What stands before a C++ library is an object of its own: who does not need it does not load it. Commands load none
-# that others can write, so what umask allows the group is taken away.
+# Shims: wrappers of libraries are separate shared objects, loaded only when needed. Commands refuse
+# shims that others can write to, so remove the permissions that umask may leave to the group.
 SHIM_DONE = $(Q)chmod go-w $(@D) $@
-# Those in C++, which no sanitiser sees, are compiled once for every CONFIG.
+# Shims in C++ are built without sanitisers, and hence once for all CONFIGs.
 $(BUILD)/shims/spin-image.so: src/io/image_oiio.cpp src/io/image_shim.h
 $(BUILD)/shims/spin-image.so: LIBS := -lOpenImageIO -lOpenImageIO_Util
 $(BUILD)/shims/spin-gltf.so: src/formats/glb_tiny.cpp src/formats/glb_shim.h
@@ -354,8 +359,8 @@ $(B)/tests/tools/make-video: tests/tools/make-video.c
 	$(SAY) LINK $@
 	$(Q)$(CC) $(COMPILE_SHIM) -o $@ $< $(FFMPEG)
 
-# Kernels for cards. Without contraction of products and sums where the CPU has none, see below. As C++14, whose headers
-# are read in half the time of C++20's, except for CUB.
+# CUDA kernels. Contraction to FMA is disabled where every operation must round as on the CPU, see
+# below. C++14, whose headers compile in half the time of C++20's, except for CUB.
 CU_STD     = -std=$(if $(filter %/gpu.cu,$<),c++17,c++14)
 NVCCFLAGS := -O3 -DNDEBUG -Xcompiler -fPIC,-fvisibility=hidden -gencode arch=compute_75,code=compute_75 \
              $(foreach a,$(CUDA_ARCH),-gencode arch=compute_$a$(comma)code=[sm_$a$(comma)compute_$a]) -Xptxas -v
@@ -364,7 +369,7 @@ $(B)/%.cu.o: %.cu
 	@mkdir -p $(@D)
 	$(SAY) NVCC $<
 	$(Q)$(NVCC) $(CU_STD) $(SPIN_CPPFLAGS) $(CPPFLAGS) $(if $(HAVE_NCCL),-DSPIN_NCCL) $(NVCCFLAGS) $(FMAD) -MMD -MP -MF $(@:.o=.d) -c -o $@ $< 2>$@.log || { cat $@.log >&2; exit 1; }
-# With NCCL or without: another answer needs other objects.
+# Rebuild if NCCL has become available or unavailable.
 $(B)/src/device/cuda/cuda.cu.o: $(B)/nccl
 ifneq ($(shell cat $(B)/nccl 2>/dev/null),$(or $(HAVE_NCCL),none))
 .PHONY: $(B)/nccl
@@ -377,8 +382,8 @@ $(B)/lib/spin-cuda.so: $(CUDA_CU:%=$(B)/%.o)
 	$(Q)$(NVCC) -cudart static -shared -o $@ $^
 	$(SHIM_DONE)
 
-# The same kernels for the host, in tests/emu's emulation: with array bounds checked, and once more with the race
-# detector's calls.
+# The same kernels for the host, in the emulation of tests/emu: with array bounds checked, and again
+# with instrumentation for the race detector.
 EMU_BASE  := -g1 -O2 -Wall -Wextra -fPIC -fvisibility=hidden -ffp-contract=off -DSPIN_EMU -DSPIN_NCCL -Itests/emu -include tests/emu/emu.h
 EMU_BOUND := -fsanitize=bounds -fno-sanitize-recover=bounds
 EMU_FLAGS := $(EMU_BASE) $(if $(filter asan,$(CONFIG)),$(filter -f%,$(OPT)) -fsanitize-sections=emu_shared,$(EMU_BOUND))
@@ -394,7 +399,7 @@ $(B)/%.emu.o: %.cu tests/emu/emu.h
 	@mkdir -p $(@D)
 	$(SAY) EMU $<
 	$(Q)$(CXX) $(CU_STD) $(SPIN_CPPFLAGS) -x c++ $(EMU_FLAGS) -MMD -MP -c -o $@ $<
-# The same in every CONFIG.
+# Identical in every CONFIG.
 $(RACE)/%.race.o: %.cu tests/emu/emu.h
 	@mkdir -p $(@D)
 	$(SAY) RACE $<
@@ -409,12 +414,12 @@ $(EMU):
 	$(SAY) LINK $@
 	$(Q)$(CXX) $(filter -fsanitize%,$(OPT)) -shared -pthread -o $@ $^
 
-# The grid's vertex positions and the statistics of densification are defined with one rounding per
-# operation: no contraction there, so every code path gives the same bits.
+# The grid's vertex positions and the statistics of densification round after every operation, so
+# contraction to FMA is disabled and all SIMD paths give identical bits.
 $(B)/src/device/cpu/contract.%.o $(B)/src/device/cpu/grid.%.o \
 $(B)/src/device/cpu/densify_stats.%.o: CONTRACT := -ffp-contract=off
 
-# Where the sanitised tests spend their time.
+# Optimise the code in which tests under sanitisers spend most of their time.
 ifeq ($(CONFIG),asan)
 $(B)/src/device/cpu/%.o: HOT := -O1
 $(B)/src/device/cpu/mlp.%.o $(B)/src/base/product.o: HOT := -O2
@@ -432,8 +437,8 @@ $(B)/%.o: %.c
 	$(SAY) CC $<
 	$(Q)$(COMPILE_C) -MMD -MP -c -o $@ $<
 
-# Where an installed library finds the plug-ins that do not lie in the lib/ or lib/spin4d/ beside its program's bin/.
-# Another PREFIX with lib/ below it does not need another build; another LIBDIR does.
+# Where an installed library searches shims that are not in lib/ or lib/spin4d/ beside its program's
+# bin/. Changing LIBDIR needs a new build; changing PREFIX, with LIBDIR below it, does not.
 $(B)/src/device/device.o: SPIN_DEFINES := -DSPIN_CPU_PATHS_$(words $(PATHS))
 $(B)/src/base/shim.o: SPIN_DEFINES := -DSPIN_LIBDIR='"$(LIBDIR)"'
 $(B)/src/base/shim.o: $(B)/libdir
@@ -444,17 +449,18 @@ endif
 $(B)/libdir:
 	@mkdir -p $(@D) && echo $(LIBDIR_IS) >$@
 
-# Tests are compiled in half of the time that -O3 takes; what they call is not theirs.
+# -O1 compiles tests in half the time of -O3; the library they call is compiled with -O3.
 $(B)/tests/%.o: QUICK := $(if $(filter release,$(CONFIG)),-O1)
 $(B)/tests/bench/%.o: QUICK :=
 
-# What tests share.
+# Objects that all tests link.
 TEST_O := $(B)/tests/check.o $(B)/tests/device/strict.o
 $(B)/tests/%: $(B)/tests/%.o $(TEST_O) $(LIB) | $(SHIMS)
 	$(SAY) LINK $@
 	$(Q)$(LINK) -o $@ $< $(TEST_O) $(LIB) $(SPIN_LDLIBS) $(LDLIBS)
 
-# Fuzz targets: replayed by a plain main in every build; `make fuzz F=npy` links libFuzzer (clang).
+# Fuzz targets: every build links them with a main() that replays inputs; `make fuzz F=npy` links
+# libFuzzer (clang).
 FUZZ_BIN := $(FUZZ_C:%.c=$(B)/%)
 .PHONY: fuzz-bins
 fuzz-bins: $(FUZZ_BIN)
@@ -466,28 +472,28 @@ T ?= 60
 fuzz: ## one libFuzzer target: make fuzz F=npy [T=60], T in seconds
 	@sh tests/fuzz/fuzz.sh "$(F)" "$(T)"
 
-fuzz-replay: fuzz-bins ## run every saved find without a fuzzer
+fuzz-replay: fuzz-bins ## replay all saved inputs without a fuzzer
 	@K=fuzz sh tests/run.sh $(B) fuzz
 
-check: ## test + lint under asan and ubsan: what a commit should pass
+check: ## test + lint under asan and ubsan: required before a commit
 	@$(MAKE) --no-print-directory CONFIG=asan test
 	@$(MAKE) --no-print-directory lint
 
-mutants: ## put faults into a copy, one by one, and see that tests fail: [M=word] [JOBS=n] [PART=1/9] [DRY=1]
-	@command -v python3 >/dev/null || { echo "make mutants: python3 is not here: apt-get install python3" >&2; exit 1; }
+mutants: ## insert faults into a copy, one by one, and check that tests fail: [M=word] [JOBS=n] [PART=1/9] [DRY=1]
+	@command -v python3 >/dev/null || { echo "make mutants: python3 not found: apt-get install python3" >&2; exit 1; }
 	@JOBS=$(JOBS) python3 tests/mutants/run.py "$(M)"
 
 tsan: ## the threaded tests under ThreadSanitizer
 	@$(MAKE) --no-print-directory CONFIG=tsan test K=threads
 
-valgrind: all ## every command once under valgrind: no leak at exit
+valgrind: all ## run every command once under valgrind, to find leaks
 	@sh tests/valgrind.sh $(B)/bin
 
 test-viewers: ## exports in real viewers (Chromium, Node); SHORT=1  IMPORTERS=1  BUNDLE=own.spin
 	@$(MAKE) --no-print-directory -j$(JOBS) all
 	@sh tests/viewers/run.sh $(B)/bin $(if $(SHORT),short)
 
-bench-viewers: ## pictures a second of the page beside SuperSplat's viewer (Chromium, Node); SPEED='--rounds 5'
+bench-viewers: ## frame rate of the page and of SuperSplat's viewer (Chromium, Node); SPEED='--rounds 5'
 	@$(MAKE) --no-print-directory -j$(JOBS) all
 	@sh tests/viewers/run.sh $(B)/bin speed $(SPEED)
 
@@ -498,17 +504,17 @@ $(BENCH): $(BENCH_O) $(LIB)
 	$(SAY) LINK $@
 	$(Q)$(LINK) -o $@ $(BENCH_O) $(LIB) $(SPIN_LDLIBS) $(LDLIBS)
 
-bench: $(BENCH) ## time every stage of a step: make bench [A="--gaussians 50000 --table 21"]
+bench: $(BENCH) ## time every stage of an iteration: make bench [A="--gaussians 50000 --table 21"]
 	@$(BENCH) $(A)
 
-results: all ## the rows of docs/results.md that the bundled clip repeats, two minutes
+results: all ## reproduce the rows of docs/results.md that use the bundled clip, in two minutes
 	@RESULTS=all SPIN_BUILD=$(B) SPIN_BIN=$(B)/bin sh tests/cli/t9007-results.sh
 
-pictures: all ## the pictures of docs/ and their figures, from this build (Chromium, Node): [COURT=folder of that clip]
+pictures: all ## generate the images of docs/ and their figures (Chromium, Node): [COURT=folder of that clip]
 	@sh src/packaging/pictures.sh $(B)/bin docs $(COURT)
 
-hero: all ## docs/hero.webp of README, from a retrained bundle: IN=better.spin [CAMERA=0]
-	@sh src/packaging/hero.sh $(B)/bin $(or $(IN),$(error IN=better.spin says of which bundle)) docs/hero.webp $(CAMERA)
+hero: all ## generate docs/hero.webp, for README.md, from a retrained bundle: IN=better.spin [CAMERA=0]
+	@sh src/packaging/hero.sh $(B)/bin $(or $(IN),$(error IN=better.spin: the bundle is missing)) docs/hero.webp $(CAMERA)
 
 DEST    := $(DESTDIR)$(PREFIX)
 DESTLIB := $(DESTDIR)$(LIBDIR)
@@ -518,12 +524,13 @@ BASH    := $(COMMANDS:%=share/bash-completion/completions/%)
 ZSH     := $(COMMANDS:%=share/zsh/site-functions/_%)
 COMPLETION = env -u SPIN_PLUGIN_PATH $(RUN) $(B)/bin/$$c --completion
 PAGES   := $(sort $(wildcard man/*.[157]))
-# The folder below PREFIX/lib where that Python looks for modules; where it looks in none, one without its version.
+# The folder below PREFIX/lib in which PYTHON searches modules; if there is none, one without a
+# version.
 PYTHON    ?= $(firstword $(wildcard /usr/bin/python3) python3)
 SITE      := import site, sys; lib = sys.argv[1] + "/lib/"; \
              print(*[d for d in site.getsitepackages() + [site.getusersitepackages()] if d.startswith(lib)][:1])
 PYTHONDIR ?= $(or $(shell $(PYTHON) -c '$(SITE)' $(PREFIX) 2>/dev/null),$(PREFIX)/lib/python3/dist-packages)
-install: all $(LIB) ## into PREFIX, libraries into LIBDIR, all of it below DESTDIR
+install: all $(LIB) ## install into PREFIX, libraries into LIBDIR, all below DESTDIR
 	install -d $(addprefix $(DEST)/,bin include/spin4d $(EXAMPLE)) $(addprefix $(DEST)/share/man/man,1 5 7)
 	install -d $(DESTLIB)/spin4d $(DESTLIB)/pkgconfig
 	install $(BINS) $(DEST)/bin
@@ -545,7 +552,7 @@ install: all $(LIB) ## into PREFIX, libraries into LIBDIR, all of it below DESTD
 	    $(COMPLETION) zsh >$(DEST)/share/zsh/site-functions/_$$c || exit 1; \
 	done
 
-uninstall: ## take away what install put there, with the same PREFIX, LIBDIR, PYTHONDIR and DESTDIR
+uninstall: ## remove installed files, with the same PREFIX, LIBDIR, PYTHONDIR and DESTDIR
 	rm -f $(addprefix $(DEST)/,$(COMMANDS:%=bin/%) $(BASH) $(ZSH)) $(addprefix $(DESTLIB)/,$(SHARED) libspin.a pkgconfig/spin4d.pc spin4d/spin-*.so)
 	rm -f $(addprefix $(DEST)/,include/spin4d/spin.h include/spin4d/spin_train.h include/spin4d/spin_run.h) $(DESTDIR)$(PYTHONDIR)/spin4d.py
 	rm -f $(foreach p,$(PAGES),$(DEST)/share/man/man$(subst .,,$(suffix $p))/$(notdir $p))
@@ -554,28 +561,28 @@ uninstall: ## take away what install put there, with the same PREFIX, LIBDIR, PY
 	-rmdir $(DEST)/share/spin4d/player $(DEST)/share/spin4d
 	-rmdir $(DEST)/$(EXAMPLE) $(DEST)/share/doc/spin4d $(DEST)/include/spin4d $(DESTLIB)/spin4d
 
-# Built in a Debian of its own, whose C library is older, it runs on more machines.
-portable: $(if $(DEBIAN),dist,$(BINS) $(BINS:$(B)/%=$(B)/portable/%) $(filter %-gltf.so %-cuda.so %-plain.so,$(SHIMS))) ## BUILD/spin4d-VERSION-linux-*.tar.gz, which needs nothing installed; DEBIAN=bullseye (where to build it) ARCH=arm64 (by QEMU)
+# DEBIAN= builds it in a chroot whose older C library makes it run on more machines.
+portable: $(if $(DEBIAN),dist,$(BINS) $(BINS:$(B)/%=$(B)/portable/%) $(filter %-gltf.so %-cuda.so %-plain.so,$(SHIMS))) ## BUILD/spin4d-VERSION-linux-*.tar.gz, self-contained; DEBIAN=bullseye (build it there) ARCH=arm64 (by QEMU)
 	@$(if $(DEBIAN),sh src/packaging/chroot.sh $(DEBIAN) $(VERSION),sh src/packaging/portable.sh $(VERSION) $(B)) $(BUILD) $(if $(DEBIAN),$(ARCH))
 
-windows: ## BUILD/windows/spin4d-VERSION-windows-x86_64.zip, by MinGW
+windows: ## BUILD/windows/spin4d-VERSION-windows-x86_64.zip, built with MinGW
 	@JOBS=$(JOBS) sh src/packaging/windows.sh $(VERSION) $(BUILD)
 
-wheel: portable ## BUILD/spin4d-VERSION-*.whl for pip, of what `make portable` writes
+wheel: portable ## BUILD/spin4d-VERSION-*.whl for pip, from the output of `make portable`
 	@$(PYTHON) src/packaging/wheel.py $(BUILD)/spin4d-$(VERSION)-linux-$(firstword $(subst -, ,$(MACHINE))).tar.gz $(BUILD)
 
-dist: ## BUILD/spin4d-VERSION.tar.gz of the last commit: the same bytes for the same commit
+dist: ## BUILD/spin4d-VERSION.tar.gz of the last commit, reproducible
 	@mkdir -p $(BUILD)
 	$(Q)git archive --prefix=spin4d-$(VERSION)/ HEAD | gzip -9n >$(BUILD)/spin4d-$(VERSION).tar.gz
 	$(SAY) DIST $(BUILD)/spin4d-$(VERSION).tar.gz
 
-deb: dist ## Debian packages of the last commit in BUILD/deb, by src/packaging; NOTEST=1
+deb: dist ## Debian packages of the last commit, in BUILD/deb; NOTEST=1 skips tests
 	@NOTEST=$(NOTEST) sh src/packaging/deb.sh $(BUILD)
 
-format: ## rewrite all sources with clang-format
+format: ## format all sources with clang-format
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cpp' '*.cu')
 
-clean: ## remove what was built, in BUILD, and bin
+clean: ## remove build outputs in BUILD, and bin
 	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov race shims mutants fuzz web windows deb gcc clang arm64 bytes stderr test-needs debian-* *.tar.gz *.whl) bin
 	-@rmdir $(BUILD) 2>/dev/null
 

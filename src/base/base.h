@@ -1,5 +1,5 @@
-/* What most sources above this room need: the C library's texts, numbers and memory, and the
- * headers of this room. */
+/* The headers that most sources in other folders need: strings, numbers and memory of the C
+ * library, and those of this folder. */
 #pragma once
 
 #include <errno.h>

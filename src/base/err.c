@@ -1,8 +1,8 @@
-/* The error trail: one line of text per thread, built from the inside out.
+/* The error message: one line per thread, to which callers prefix their context.
  *
- * Text is formatted into a second buffer first, so that a caller may hand spin_last_error() back
- * in as an argument. Names come from foreign files: control and invisible characters in them become
- * '?', which keeps the trail one line and the terminal unharmed. */
+ * Messages are formatted into a second buffer first, so that spin_last_error() may be an argument.
+ * They quote names from foreign files: control and invisible characters become '?', which keeps the
+ * message on one line and terminals safe. */
 #include "base/err.h"
 
 #include <stdarg.h>
@@ -14,7 +14,7 @@
 enum { TRAIL = 4096 };
 
 static _Thread_local char trail[TRAIL];
-static atomic_int cancelled; /* lock-free: may be set from a signal handler */
+static atomic_int cancelled; /* lock-free: set by signal handlers */
 
 spin_status spin_fail(spin_status code, const char *fmt, ...)
 {
@@ -43,7 +43,7 @@ spin_status spin_fail_context(spin_status code, const char *fmt, ...)
     n = strlen(text);
     if (trail[0])
         snprintf(text + n, sizeof text - n, ": %s", trail);
-    text[TRAIL - 1] = '\0'; /* an overlong trail loses its inner end */
+    text[TRAIL - 1] = '\0'; /* if too long, the innermost part is cut off */
     spin_text_tidy(text, false);
     memcpy(trail, text, strlen(text) + 1);
     return code;
@@ -55,7 +55,7 @@ spin_status spin_fail_reading(spin_status status, const char *path)
 
     if (status == SPIN_OK || status == SPIN_E_USAGE)
         return status;
-    snprintf(quoted, sizeof quoted, "'%s'", path); /* as every message names files */
+    snprintf(quoted, sizeof quoted, "'%s'", path); /* the way in which all messages quote files */
     spin_text_tidy(quoted, false);
     if (strstr(trail, quoted))
         return status;

@@ -1,15 +1,16 @@
-/* Status codes with a trail. The innermost failure calls spin_fail(); callers that know more add a
- * link in front with spin_fail_context(). One trail per thread; spin_last_error() reads it.
- * Plug-ins do the same, so all of this is in spin.h; here is what only the library needs. */
+/* Status codes with an error message. The innermost failure calls spin_fail(); callers prefix
+ * context with spin_fail_context(). Each thread has its own message, which spin_last_error()
+ * returns. Plug-ins use the same functions, which is why spin.h declares them; this header declares
+ * what only the library needs. */
 #pragma once
 
 #include "spin.h"
 
-/* True once spin_cancel() was called. */
+/* Whether spin_cancel() was called. */
 bool spin_cancelled(void);
 /* SPIN_E_CANCELLED with the text "interrupted". */
 spin_status spin_fail_cancelled(void);
 
-/* A failure to read `path` with "cannot read 'path'" in front, unless it says the path already.
- * Success, and options that are wrong (SPIN_E_USAGE), as they are. */
+/* Prefix a failure to read `path` with "cannot read 'path'", unless the message contains the path
+ * already. SPIN_OK and SPIN_E_USAGE are returned as they are. */
 spin_status spin_fail_reading(spin_status status, const char *path);

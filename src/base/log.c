@@ -12,7 +12,8 @@
 #include "base/text.h"
 
 static atomic_int log_level;
-static atomic_int line_shown; /* a progress line is on the screen and must go before other text */
+static atomic_int
+    line_shown; /* a progress line is visible and must be erased before other output */
 
 static const double terminal_period_s = 1.0 / 6.0, plain_period_s = 60, window_s = 10;
 static const char erase_line[] = "\r\033[K";
@@ -65,7 +66,7 @@ void spin_log_set_sink(bool (*sink)(const char *line))
     pthread_mutex_unlock(&sink_mutex);
 }
 
-/* Whether the sink leaves the line to stderr. */
+/* Whether stderr shows the warning, according to the sink. */
 static bool passes_sink(const char *fmt, va_list args)
 {
     char line[1024];
@@ -97,7 +98,7 @@ void spin_warn(const char *fmt, ...)
     va_end(args);
 }
 
-/* Seconds between plain lines, as SPIN_PROGRESS has them. */
+/* Seconds between lines of progress without a terminal, from SPIN_PROGRESS. */
 static double plain_period(void)
 {
     static atomic_int warned;
@@ -111,7 +112,7 @@ static double plain_period(void)
     if (!*end && seconds >= 0 && seconds < 1e9)
         return seconds;
     if (!atomic_exchange(&warned, 1))
-        spin_warn("SPIN_PROGRESS is '%.40s', not a number of seconds; it is taken as %g", text,
+        spin_warn("SPIN_PROGRESS='%.40s' is not a number of seconds; using %g", text,
                   plain_period_s);
     return plain_period_s;
 }
@@ -132,7 +133,7 @@ void spin_progress_begin(struct spin_progress *p, const char *what, const char *
         p->period_s = p->terminal ? terminal_period_s : plain_period();
 }
 
-/* How many a second of late, so that the time left follows the load; 0: not known. */
+/* Recent rate per second, so that the time left follows changes of load; 0: unknown. */
 static double rate_of_late(struct spin_progress *p, double now, long long done)
 {
     double since = p->past[0].s > 0 ? p->past[0].s : p->start_s;

@@ -1,8 +1,8 @@
-/* Memory: checked sizes, blocks of huge pages, arenas.
+/* Memory: overflow-checked sizes, huge-page blocks, arenas.
  *
- * Tables of hundreds of MiB are gathered from at random; with 4 KiB pages the address translation
- * costs more than the data. Hence big blocks lie on 2 MiB boundaries and ask for huge pages; where
- * the system has none, they are ordinary memory and nothing is said. */
+ * Hash tables of hundreds of MiB are read at random; with 4 KiB pages, address translation costs
+ * more than the accesses. Large blocks are therefore aligned to 2 MiB and request huge pages; if
+ * the system has none, ordinary pages are used silently. */
 #include "base/mem.h"
 
 #include <stdlib.h>
@@ -14,7 +14,7 @@
 #if defined(__SANITIZE_ADDRESS__)
 #include <sanitizer/asan_interface.h>
 #define POISON(p, n) ASAN_POISON_MEMORY_REGION(p, n)
-enum { GAP = 64 }; /* between pieces of an arena, so that overruns are seen */
+enum { GAP = 64 }; /* between allocations of an arena, so that AddressSanitizer detects overruns */
 #else
 #define POISON(p, n) ((void)0)
 enum { GAP = 0 };
@@ -35,7 +35,7 @@ static spin_status fail_size(size_t count, size_t size)
     return spin_fail(SPIN_E_MEMORY, "not enough memory for %zu times %zu bytes", count, size);
 }
 
-/* bytes rounded up to a multiple of unit (a power of two); false on overflow. */
+/* Round bytes up to a multiple of unit (a power of two); false on overflow. */
 static bool round_up(size_t bytes, size_t unit, size_t *out)
 {
     if (bytes > SIZE_MAX - (unit - 1))
@@ -88,8 +88,8 @@ spin_status spin_strdup(const char *text, char **out)
     return *out ? SPIN_OK : fail_memory(strlen(text) + 1);
 }
 
-/* A line before a block has its bytes; a large block, which begins with a huge page, has a small
- * page for it. */
+/* A 64-byte header before each block holds its size, or 0 for blocks of aligned_alloc(). A block
+ * that is mapped starts at a huge page, so its header occupies an extra 4 KiB page. */
 enum { HEAD_PAGE = 4096 };
 
 static size_t *head_of(void *block) { return (size_t *)(void *)((char *)block - LINE); }
@@ -117,8 +117,8 @@ spin_status spin_pages_reserve(size_t bytes, void **out)
     if (!round_up(bytes, huge_page, &rounded) || rounded > SIZE_MAX - huge_page)
         return fail_memory(bytes);
 
-    /* Map one huge page more than needed, then give back what lies outside the aligned part and its
-     * head. */
+    /* Map one huge page more than needed, then unmap the parts outside the aligned block and its
+     * header. */
     raw =
         mmap(NULL, rounded + huge_page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     if (raw == MAP_FAILED)
@@ -147,10 +147,11 @@ void spin_pages_release(void *block)
         munmap((char *)block - HEAD_PAGE, HEAD_PAGE + *head_of(block));
 }
 
-/* Blocks of an arena are chained, the one in use first; pieces follow the head in a block. */
+/* Blocks of an arena form a list that starts with the current one; allocations follow the
+ * header. */
 struct spin_arena_block {
     struct spin_arena_block *next;
-    size_t used, bytes; /* of the whole block, this head included */
+    size_t used, bytes; /* of the whole block, including this header */
 };
 
 static spin_status arena_block(struct spin_arena *arena, size_t piece)
@@ -212,7 +213,8 @@ void spin_arena_free(struct spin_arena *arena)
 
 spin_status spin_scratch_need(struct spin_scratch *scratch, size_t bytes)
 {
-    /* An eighth more than asked, so that slowly rising needs do not remap every step. */
+    /* Allocate an eighth more than requested, so that slowly rising sizes do not remap every
+     * time. */
     size_t wanted = bytes <= SIZE_MAX - bytes / 8 ? bytes + bytes / 8 : bytes;
 
     if (scratch->block && scratch->bytes >= bytes)
@@ -230,8 +232,8 @@ void spin_scratch_free(struct spin_scratch *scratch)
     scratch->bytes = 0;
 }
 
-/* The number after `key` in a small system file, times unit; false when it is not there. With
- * key "" the file is one number ("max" is none). */
+/* The number after `key` in a small system file, times unit; false if there is none. With key "",
+ * the file consists of one number ("max" is none). */
 static bool system_number(const char *path, const char *key, uint64_t unit, uint64_t *out)
 {
     char line[256];
@@ -255,9 +257,9 @@ static bool system_number(const char *path, const char *key, uint64_t unit, uint
 
 enum { GROUP_PATH = 4096 };
 
-/* What the groups from `folder` up to its first n_top bytes would still give, the least of them: a
- * group's limit less what it uses, where cached files count as free. A group that is not seen from
- * here, as in a container, is skipped. */
+/* The least that the groups from `folder` up to its first n_top bytes still allow: a group's limit
+ * minus its usage, where page cache counts as free. Groups that are invisible from here, as in a
+ * container, are skipped. */
 static uint64_t groups_available(char *folder, size_t n_top, const char *const names[4])
 {
     uint64_t least = UINT64_MAX;
@@ -281,8 +283,8 @@ static uint64_t groups_available(char *folder, size_t n_top, const char *const n
     }
 }
 
-/* The path of a line of /proc/self/cgroup, "number:controllers:path", if the controller is among
- * those; "" is version 2, which lists none. */
+/* The path in a line of /proc/self/cgroup, "number:controllers:path", if it lists the controller.
+ * "" selects version 2, which lists none. */
 static const char *group_of_line(char *line, const char *controller)
 {
     char *list = strchr(line, ':'), *path = list ? strchr(list + 1, ':') : NULL, *word, *rest;
@@ -333,7 +335,7 @@ uint64_t spin_memory_group_available(const char *root)
     return least;
 }
 
-/* What is left of the address space, where `ulimit -v` bounds it. */
+/* Remaining address space, if `ulimit -v` limits it. */
 static bool limit_available(uint64_t *out)
 {
     struct rlimit limit;
@@ -366,5 +368,5 @@ size_t spin_memory_peak(void)
 
     if (getrusage(RUSAGE_SELF, &usage) != 0)
         return 0;
-    return (size_t)usage.ru_maxrss * 1024; /* Linux counts in KiB */
+    return (size_t)usage.ru_maxrss * 1024; /* Linux reports KiB */
 }

@@ -54,8 +54,8 @@ double spin_camera_near(const struct spin_camera *camera)
     return camera->z_near > 0 ? camera->z_near : SPIN_NEAR;
 }
 
-/* By the bits, whose exponent is all ones; in 32-bit sums, which the compiler turns into vectors.
- */
+/* Tests the exponent bits, which are all ones in NaN and infinity; 32-bit partial sums allow
+ * vectorisation. */
 size_t spin_finite_missing(const float *values, size_t n)
 {
     const uint32_t exponent = 0x7f800000u;

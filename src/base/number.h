@@ -1,28 +1,27 @@
-/* Numbers that several rooms need in one way: their order, what bytes are told by, where a camera
- * sees a point. */
+/* Numeric helpers that several folders share: comparison, hashing, and the projection of points. */
 #pragma once
 
 #include "spin.h"
 
-/* Rising, for qsort(). */
+/* Ascending order, for qsort(). */
 int spin_by_float(const void *a, const void *b);
 int spin_by_double(const void *a, const void *b);
 int spin_by_int(const void *a, const void *b);
 
-/* How many of some values are NaN or infinite, at the speed of memory: every value of every frame
- * is looked at. */
+/* Number of NaN or infinite values. Runs at memory speed, since it checks every value of every
+ * frame. */
 size_t spin_finite_missing(const float *values, size_t n);
 
-/* FNV-1a, 64 bits, of more bytes. */
+/* Continue a 64-bit FNV-1a hash with more bytes. */
 #define SPIN_HASH_BEGIN 0xcbf29ce484222325u
 void spin_hash(uint64_t *hash, const void *data, size_t n);
 
-/* The curve of sRGB (IEC 61966-2-1), undone; it goes on above 1. */
+/* sRGB (IEC 61966-2-1) to linear; defined above 1 as well. */
 float spin_light_of(float v);
 
-/* Pixel and depth of a point; false when it does not lie in front. */
+/* Project a point to out = x, y (pixels), depth; false if it is behind the camera. */
 bool spin_camera_project(const struct spin_camera *camera, const float point[3], double out[3]);
-/* The same; false also when the point lies beside the picture. */
+/* The same; also false if the point is outside the image. */
 bool spin_camera_sees(const struct spin_camera *camera, const float point[3], double out[3]);
-/* The depth of its near plane, world units. */
+/* Depth of the near plane, world units. */
 double spin_camera_near(const struct spin_camera *camera);

@@ -11,7 +11,7 @@ const char *spin_plugin_value(const struct spin_plugin_values *v, const char *ke
 
     if (!v || !v->pairs)
         return fallback;
-    /* Given twice, the last one counts, as everywhere on a command line. */
+    /* If an option is repeated, the last value wins, as usual on a command line. */
     for (const char *const *pair = v->pairs; pair[0]; pair += 2) {
         if (strcmp(pair[0], key) == 0)
             found = pair[1] ? pair[1] : "";
@@ -19,7 +19,7 @@ const char *spin_plugin_value(const struct spin_plugin_values *v, const char *ke
     return found;
 }
 
-/* "a|b|c" as "a, b or c". */
+/* Format "a|b|c" as "a, b or c". */
 static void list_words(const char *words, char *out, size_t n_out)
 {
     size_t used = 0;

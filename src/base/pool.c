@@ -1,14 +1,15 @@
-/* A pool of threads for parallel-for.
+/* A thread pool with parallel-for.
  *
- * One 64-bit word holds the number of the job (high half) and how many of its tasks are still to
- * be handed out (low half). Whoever wants a task takes one off with compare-and-swap. A taken
- * task keeps its job alive, so the job's fields may be read plainly after the swap; and a thread
- * that wakes late can never take a task of one job with the fields of another. Nobody waits for
- * threads that sleep: the job is over when `pending`, the tasks not yet finished, is zero.
+ * One 64-bit word holds the number of the job (high half) and the number of its tasks that are not
+ * handed out yet (low half). A thread takes a task by decrementing the word with compare-and-swap.
+ * Since a taken task keeps its job alive, the job's fields can be read without synchronisation
+ * after the swap, and a thread that wakes late cannot take a task of one job with the fields of
+ * another. Nothing waits for sleeping threads: a job ends when `pending`, the number of unfinished
+ * tasks, is zero.
  *
- * Between jobs a worker looks at the word for some microseconds before it sleeps, because the
- * ops of a training step follow each other closely. With more threads than cores it sleeps at
- * once. */
+ * Between jobs, workers spin on the word for some microseconds before they sleep, because the
+ * operations of a training iteration follow each other closely. With more threads than cores they
+ * sleep immediately. */
 #include "base/pool.h"
 
 #include <pthread.h>
@@ -32,18 +33,18 @@ struct worker {
 };
 
 struct spin_pool {
-    int n_threads, n_started; /* with and without the caller */
-    bool patient;             /* spin before sleeping */
+    int n_threads, n_started; /* including and excluding the caller */
+    bool patient;             /* workers spin before sleeping */
 
-    /* The job. Written by the caller while no task is out. */
+    /* The job. Written by the caller while no task is taken. */
     spin_task_fn fn;
     void *context;
     int n_tasks;
 
-    _Alignas(64) atomic_uint_least64_t word; /* job << 32 | tasks left to hand out */
-    _Alignas(64) atomic_int pending;         /* tasks not finished */
+    _Alignas(64) atomic_uint_least64_t word; /* job << 32 | tasks that are not handed out yet */
+    _Alignas(64) atomic_int pending;         /* unfinished tasks */
     _Alignas(64) atomic_int sleepers;        /* workers waiting on `work` */
-    atomic_int caller_sleeps;                /* on `done` */
+    atomic_int caller_sleeps;                /* waiting on `done` */
     atomic_int stop;
 
     pthread_mutex_t lock;
@@ -62,11 +63,12 @@ static void relax(void)
 
 static uint32_t tasks_left(struct spin_pool *pool) { return (uint32_t)atomic_load(&pool->word); }
 
-static _Thread_local int worker_number; /* of the task that runs in this thread */
+static _Thread_local int worker_number; /* index of the worker that runs in this thread */
 
 int spin_pool_worker(void) { return worker_number; }
 
-/* Take tasks and run them until none is left. A task of another pool may be what calls. */
+/* Take and run tasks until none is left. May be called from a task of another pool, hence the saved
+ * number. */
 static void work_on(struct spin_pool *pool, int number)
 {
     int before = worker_number;
@@ -88,7 +90,7 @@ static void work_on(struct spin_pool *pool, int number)
     worker_number = before;
 }
 
-/* Wait until there may be work; false when the pool is being freed. */
+/* Wait until there may be work; false if the pool is being freed. */
 static bool wait_for_work(struct spin_pool *pool)
 {
     if (pool->patient) {
@@ -103,8 +105,8 @@ static bool wait_for_work(struct spin_pool *pool)
         } while (spin_now_s() < until);
     }
     pthread_mutex_lock(&pool->lock);
-    atomic_fetch_add(&pool->sleepers,
-                     1); /* before looking at the word: the caller does the reverse */
+    /* Before the word is read; the caller writes the word before it reads `sleepers`. */
+    atomic_fetch_add(&pool->sleepers, 1);
     while (tasks_left(pool) == 0 && !atomic_load(&pool->stop))
         pthread_cond_wait(&pool->work, &pool->lock);
     atomic_fetch_sub(&pool->sleepers, 1);
@@ -122,7 +124,7 @@ static void *worker_main(void *argument)
 }
 
 #ifdef __EMSCRIPTEN__
-/* A page has no threads: the caller does all tasks, however many it asks for. */
+/* Web pages have no threads: the caller runs all tasks, whatever number of threads it asks for. */
 enum { ALONE = 1 };
 
 static int cores(void) { return 1; }
@@ -141,14 +143,14 @@ static int cores(void)
 }
 #endif
 
-/* Workers take no signals: an interrupt belongs to the thread that runs the command. */
+/* Workers block signals: an interrupt is handled by the thread that runs the command. */
 static spin_status start_workers(struct spin_pool *pool)
 {
     sigset_t all, old;
     int error = 0;
 
     sigfillset(&all);
-    /* A file that is cut is known by it, in whichever thread: io/watch.c. */
+    /* Any thread may read a mapped file that was truncated; see io/watch.c. */
     sigdelset(&all, SIGBUS);
     pthread_sigmask(SIG_BLOCK, &all, &old);
     for (int i = 0; i < pool->n_threads - 1 && error == 0; i++) {
@@ -242,7 +244,7 @@ void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *c
 {
     uint64_t job;
     int before = worker_number;
-    bool busy = pool && atomic_load(&pool->pending) > 0; /* one of its tasks calls */
+    bool busy = pool && atomic_load(&pool->pending) > 0; /* called from one of its tasks */
 
     if (!pool || pool->n_threads == 1 || n_tasks <= 1 || busy) {
         worker_number = busy ? before : 0;

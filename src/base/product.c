@@ -1,5 +1,5 @@
-/* Tiles of some rows and 16 columns, whose sums live in registers; for three sets of instructions.
- */
+/* Matrix multiplication in tiles of some rows and 16 columns, whose sums stay in registers;
+ * compiled for three instruction sets. */
 #include "base/product.h"
 
 #include <stdint.h>

@@ -1,4 +1,4 @@
-/* Where the shared objects lie, who can write them, and whether they are of this version. */
+/* Finds shared objects, and checks that others cannot write to them and that their version fits. */
 #include "base/shim.h"
 
 #include <dlfcn.h>
@@ -20,7 +20,7 @@
 #define SPIN_LIBDIR "/usr/local/lib"
 #endif
 
-/* The build for Windows is no work of its user. */
+/* Users of the Windows build did not build it, so the hint is another one. */
 #ifdef _WIN32
 #define WHERE "not in spin4d for Windows; in WSL"
 #else
@@ -30,11 +30,11 @@
 struct search {
     struct spin_shim *shim;
     const void *table;
-    uid_t owner; /* of the program; 0 when not known */
+    uid_t owner; /* of the program; 0 if unknown */
 };
 
-/* Where `ulimit -v` bounds the address space, a library may end the process while it is loaded, as
- * one does that starts threads: a child tries first. */
+/* With an address space limit (`ulimit -v`), loading a library may end the process, for instance if
+ * it starts threads. Try it in a child process first. */
 static bool ends_process(const char *path)
 {
     struct rlimit limit;
@@ -57,7 +57,8 @@ static bool ends_process(const char *path)
     return WIFSIGNALED(how);
 }
 
-/* Take the object at path; false when there is none, or none that fits: then the reason is kept. */
+/* Load the object at path; false if there is none or it does not fit, with the reason in
+ * shim->why. */
 static bool load(struct search *s, const char *path)
 {
     const void *table;
@@ -67,7 +68,7 @@ static bool load(struct search *s, const char *path)
         return false;
     if (ends_process(path)) {
         snprintf(s->shim->why, sizeof s->shim->why,
-                 "its libraries do not start in the memory that `ulimit -v` leaves");
+                 "its libraries need more memory than `ulimit -v` allows");
         return false;
     }
     object = dlopen(path, RTLD_NOW | RTLD_LOCAL);
@@ -85,21 +86,22 @@ static bool load(struct search *s, const char *path)
     return true;
 }
 
-/* Somebody other than root, the user and the owner of the program can write what is at path. */
+/* Whether a user other than root, this one and the owner of the program can write to path. */
 static bool others_write(struct search *s, const char *path)
 {
     struct stat st;
 
     if (stat(path, &st) != 0)
-        return false; /* not there: load() looks */
+        return false; /* does not exist: load() handles this */
     if (!(st.st_mode & (S_IWGRP | S_IWOTH)) &&
         (st.st_uid == 0 || st.st_uid == geteuid() || st.st_uid == s->owner))
         return false;
-    snprintf(s->shim->why, sizeof s->shim->why, "others can write '%.400s', see spin4d(7)", path);
+    snprintf(s->shim->why, sizeof s->shim->why, "'%.400s' is writable by others, see spin4d(7)",
+             path);
     return true;
 }
 
-/* The object in the folder parent/below, where nobody else can have put it. */
+/* Load the object from the folder parent/below, if others can write to neither. */
 static bool load_from(struct search *s, const char *parent, const char *below)
 {
     char path[PATH_MAX + 64];
@@ -114,7 +116,7 @@ static bool load_from(struct search *s, const char *parent, const char *below)
     return load(s, path);
 }
 
-/* Of this program's file. False: it is not known, or longer than that. */
+/* Path of this program's file; false if it is unknown or too long. */
 static bool program_path(char path[4096])
 {
     ssize_t n = readlink("/proc/self/exe", path, 4095);
@@ -131,7 +133,7 @@ static bool program_path(char path[4096])
     return n > 0 && n < 4096;
 }
 
-/* lib of the build or of the prefix whose bin/ has the program, or whose tests/ROOM/. */
+/* Load from lib/ of the build or prefix in whose bin/ or tests/ROOM/ the program is. */
 static bool load_beside_program(struct search *s)
 {
     char folder[4096];
@@ -163,7 +165,7 @@ static const void *find(struct spin_shim *shim)
 
     if (given && *given) {
         if (!load(&s, given) && !*shim->why)
-            snprintf(shim->why, sizeof shim->why, "%s names '%.400s', which is not there",
+            snprintf(shim->why, sizeof shim->why, "%s is '%.400s', which does not exist",
                      shim->override, given);
         return s.table;
     }

@@ -1,38 +1,40 @@
-/* Shared objects that are loaded when first needed. Those of ours stand before a C++ library: who
- * does not need them pays neither for their start-up nor for a C++ runtime. Those of the system may
- * be missing. */
+/* Shared objects that are loaded when first needed. Our own wrap C++ libraries, so that programs
+ * that do not use these avoid their start-up time and the C++ runtime. Those of the system may be
+ * missing. */
 #pragma once
 
 #include "spin.h"
 
 struct spin_shim {
     const char *file;     /* "spin-image.so" */
-    const char *override; /* environment variable that may name another file */
-    const char *symbol;   /* of its table, which begins with an int abi */
+    const char *override; /* environment variable with the path of another file */
+    const char *symbol;   /* of its function table, which begins with an int abi */
     int abi;
-    const char *lacking; /* "images cannot be read: the OpenImageIO shim", for the message */
-    const char *debian;  /* packages that its build needs */
+    const char *lacking; /* what is unavailable, for the message: "images cannot be read: the
+                            OpenImageIO shim" */
+    const char *debian;  /* packages that are needed to build it */
     bool tried;
-    char why[512]; /* it does not load; "" when there simply is no such file */
+    char why[512]; /* why it does not load; "" if the file does not exist */
 };
 
-/* Loads it once and sets *table; else SPIN_E_UNSUPPORTED. Looks in lib/ and lib/spin4d/
- * beside the bin/ of the program (of the build, and of a prefix), and in spin4d/ of the LIBDIR of
- * the build; takes none that others can write, or whose folder they can. By any thread. */
+/* Load the object once and set *table; SPIN_E_UNSUPPORTED if that fails. Searches lib/ and
+ * lib/spin4d/ beside the program's bin/ (of the build, or of an installation prefix), then spin4d/
+ * in the LIBDIR of the build. Refuses files and folders that others can write to. Thread-safe. */
 spin_status spin_shim_need(struct spin_shim *shim, const void **table);
 
-/* A library of the system. Its header has the types of the functions. */
+/* A library of the system. Its header declares the types of the functions. */
 struct spin_library {
     const char *file;     /* "libzstd.so.1" */
-    const char *override; /* environment variable that may name another file */
-    const char *user;     /* "zstd", for the message */
+    const char *override; /* environment variable with the path of another file */
+    const char *user;     /* what needs it, for the message: "zstd" */
     const struct spin_library_function {
         const char *name;
-        void *into; /* points to the pointer to the function */
-    } * function;   /* ended by a NULL name */
+        void *into; /* address of the function pointer to set */
+    } * function;   /* terminated by a NULL name */
     bool tried;
-    char why[256]; /* it is not there */
+    char why[256]; /* why it is unavailable */
 };
 
-/* Loads it once and fills in the functions; else SPIN_E_UNSUPPORTED. By any thread. */
+/* Load the library once and set the function pointers; SPIN_E_UNSUPPORTED if that fails.
+ * Thread-safe. */
 spin_status spin_library_need(struct spin_library *library);

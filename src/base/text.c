@@ -18,7 +18,7 @@ static ssize_t add_bytes(void *cookie, const char *bytes, size_t n)
 {
     struct memory *m = cookie;
 
-    if (m->capacity - m->used <= n) { /* one more for the end of the text */
+    if (m->capacity - m->used <= n) { /* one more for the terminating 0 */
         size_t larger = 2 * m->capacity + n + 1;
         char *grown = m->failed ? NULL : realloc(m->bytes, larger);
 
@@ -33,7 +33,7 @@ static ssize_t add_bytes(void *cookie, const char *bytes, size_t n)
     return (ssize_t)n;
 }
 
-/* The text belongs to the caller, whole or not. */
+/* The caller owns the text, even if it is incomplete. */
 static int close_memory(void *cookie)
 {
     struct memory *m = cookie;
@@ -58,7 +58,7 @@ FILE *spin_text_open(char **text, size_t *n)
         return NULL;
     m->text = text;
     m->n = n;
-    m->bytes = calloc(1, 1); /* of nothing the text is "" */
+    m->bytes = calloc(1, 1); /* so that an empty text is "", not NULL */
     m->capacity = m->bytes ? 1 : 0;
     file = fopencookie(m, "w", (cookie_io_functions_t){.write = add_bytes, .close = close_memory});
     if (!file) {
@@ -113,8 +113,8 @@ void spin_text_html(FILE *to, const char *text)
     }
 }
 
-/* Bytes of the character of UTF-8 at `text`, and its code; 0 where there is none. Not past the
- * terminating 0. */
+/* Length in bytes of the UTF-8 character at `text`, and its code; 0 if it is invalid. Never reads
+ * past the terminating 0. */
 static int read_utf8(const char *text, uint32_t *code)
 {
     static const uint32_t least[] = {0, 0, 0x80, 0x800, 0x10000};
@@ -130,8 +130,8 @@ static int read_utf8(const char *text, uint32_t *code)
     return *code >= least[n] && *code < 0x110000 && *code >> 11 != 0xd800 >> 11 ? n : 0;
 }
 
-/* Whether a terminal obeys the character (C0, DEL, C1), or shows other text than it is given
- * because of it: controls of writing direction, zero-width characters and tags. */
+/* Whether the character controls a terminal (C0, DEL, C1), or makes text display differently from
+ * its bytes: bidirectional controls, zero-width characters and tags. */
 static bool is_control(uint32_t code)
 {
     static const struct {
@@ -238,7 +238,7 @@ const char *spin_text_count(long long n, const char *noun, char text[48])
     return text;
 }
 
-/* Whether the notes up to n have this line. */
+/* Whether the first n bytes of the notes contain this line. */
 static bool has_line(const char *notes, size_t n, const char *line)
 {
     for (size_t length, at = 0; at < n; at += length + 1) {

@@ -1,4 +1,4 @@
-/* Elements of typed, strided views, converted. */
+/* Conversion of elements of typed, strided views. */
 #include "io/array.h"
 
 #include "base/base.h"
@@ -27,10 +27,9 @@ bool spin_array_is_contiguous(const struct spin_array *a)
     return true;
 }
 
-/* ---- One element ------------------------------------------------------------------------------
- */
+/* ---- One element ---------------------------------------------------------------------------- */
 
-/* Bits of the element at p, as a number of its size. */
+/* The bits of the element at p, as an unsigned number. */
 static uint64_t item_bits(const struct spin_array *a, const unsigned char *p)
 {
     uint64_t bits = 0;
@@ -115,8 +114,7 @@ static int64_t item_i64(const struct spin_array *a, const unsigned char *p)
     }
 }
 
-/* ---- Many -------------------------------------------------------------------------------------
- */
+/* ---- Many elements -------------------------------------------------------------------------- */
 
 static bool host_is_little(void)
 {
@@ -131,10 +129,10 @@ static bool is_native(const struct spin_array *a, char kind, size_t item_size)
            a->big_endian != host_is_little() && spin_array_is_contiguous(a);
 }
 
-/* Walks the elements in row-major order from a flat index on. */
+/* Iterates over the elements in row-major order, starting at a flat index. */
 struct walk {
     const struct spin_array *a;
-    uint64_t at; /* element of the storage */
+    uint64_t at; /* index of the element in the storage */
     uint64_t index[SPIN_NPY_MAX_DIMS];
     bool contiguous;
 };

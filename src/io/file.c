@@ -1,4 +1,4 @@
-/* Files: map, list, path words, write-then-rename. */
+/* Files: mapping, listing, parts of paths, and output files that are renamed when complete. */
 #include "io/file.h"
 
 #include <dirent.h>
@@ -21,12 +21,12 @@ enum { OUT_BUFFER = 1 << 20 };
 static const char *why(int error)
 {
     return error == ENOENT ? "no such file or folder"
-           : error == EFAULT /* bytes that lay in a map */
-               ? "the file that it is made from was cut short while it was in use"
+           : error == EFAULT /* from a read of mapped bytes */
+               ? "an input file was cut short while it was in use"
                : strerror(error);
 }
 
-/* "cannot <verb> 'path': <errno in words>" */
+/* "cannot <verb> 'path': <text of errno>" */
 static spin_status fail_errno(const char *verb, const char *path)
 {
     int error = errno;
@@ -37,7 +37,7 @@ static spin_status fail_errno(const char *verb, const char *path)
     return spin_fail(code, "cannot %s '%s': %s", verb, path, why(error));
 }
 
-/* What Git leaves in the place of a large file that was not fetched. */
+/* Detect the placeholder that Git leaves for a large file that was not fetched. */
 static spin_status check_pointer(const struct spin_map *map, const char *path)
 {
     static const char begin[] = "version https://git-lfs.github.com/spec/";
@@ -49,7 +49,7 @@ static spin_status check_pointer(const struct spin_map *map, const char *path)
                             path);
 }
 
-/* An ordinary file, opened for reading. A fifo must not block us, hence O_NONBLOCK. */
+/* Open a regular file for reading. O_NONBLOCK, since opening a fifo would block. */
 static spin_status open_file(const char *path, int *fd, struct stat *st)
 {
     spin_status status;
@@ -118,8 +118,8 @@ void spin_map_close(struct spin_map *map)
     map->size = 0;
 }
 
-/* A page that the bytes before share goes too and comes back when it is read; the last one stays.
- */
+/* A page shared with the preceding bytes is dropped too and reloaded on access; a partial last page
+ * is kept. */
 void spin_map_rest(const void *bytes, size_t n)
 {
     uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);
@@ -170,7 +170,7 @@ spin_status spin_file_head(const char *path, void *out, size_t n, size_t *n_out)
     return status;
 }
 
-/* ---- Path words ---------------------------------------------------------------------------- */
+/* ---- Parts of paths ------------------------------------------------------------------------- */
 
 bool spin_path_exists(const char *path)
 {
@@ -193,7 +193,7 @@ bool spin_path_is_folder(const char *path)
     return stat(path, &st) == 0 && S_ISDIR(st.st_mode);
 }
 
-/* The three texts in a row, allocated. */
+/* Concatenate three texts, allocated. */
 static spin_status concat(const char *a, const char *b, const char *c, char **out)
 {
     size_t na = strlen(a), nb = strlen(b), nc = strlen(c);
@@ -219,7 +219,7 @@ spin_status spin_path_folder(const char *path, char **out)
 {
     size_t n = strlen(path);
 
-    while (n > 1 && path[n - 1] == '/') /* "a/b/" lies in "a" */
+    while (n > 1 && path[n - 1] == '/') /* "a/b/" is in "a" */
         n--;
     while (n > 0 && path[n - 1] != '/')
         n--;
@@ -244,7 +244,7 @@ spin_status spin_path_absolute(const char *path, char **out)
     return *out ? SPIN_OK : fail_errno("find", path);
 }
 
-/* `to` relative to `from`, both absolute and without links; NULL when only the root is shared. The
+/* `to` relative to `from`, both absolute and without links; NULL if they share only the root. The
  * text is "../" for each folder of `from` below the shared one, then the rest of `to`. */
 static spin_status relative(const char *from, const char *to, char **out)
 {
@@ -370,7 +370,7 @@ static int by_bytes(const void *a, const void *b)
     return strcmp(*(const char *const *)a, *(const char *const *)b);
 }
 
-/* All names of an open folder into a growing, NULL-terminated list. */
+/* Read all names of an open folder into a growing, NULL-terminated list. */
 static spin_status read_names(DIR *dir, const char *path, char ***names, size_t *n)
 {
     size_t capacity = 0;
@@ -418,7 +418,7 @@ void spin_folder_list_free(char **names)
     free(names);
 }
 
-/* ---- Write, then rename -------------------------------------------------------------------- */
+/* ---- Write, then rename --------------------------------------------------------------------- */
 
 static spin_status fail_exists(const char *path)
 {
@@ -429,7 +429,7 @@ spin_status spin_out_check(const char *path, bool force)
 {
     struct stat st;
 
-    if (stat(path, &st) == 0) { /* else: what is wrong with the folder, opening will tell */
+    if (stat(path, &st) == 0) { /* else opening it will report what is wrong with the folder */
         if (S_ISDIR(st.st_mode))
             return spin_fail(SPIN_E_IO, "cannot write '%s': it is a folder", path);
         if (!S_ISREG(st.st_mode))
@@ -447,8 +447,8 @@ static uint32_t hash_text(uint32_t hash, const char *text)
 }
 
 static pthread_once_t place_once = PTHREAD_ONCE_INIT;
-static uint32_t
-    place; /* where this process's number is its own: a boot of a host, a namespace of processes */
+/* Identifies where this process's number is valid: a boot of a host, and a PID namespace. */
+static uint32_t place;
 
 static void find_place(void)
 {
@@ -484,7 +484,7 @@ void spin_out_suffix(char suffix[SPIN_OUT_SUFFIX])
              (unsigned)hash_text(place, text));
 }
 
-/* A new file beside the path; -1: errno says why. */
+/* Create a new file beside the path; -1 and errno on failure. */
 static int open_temporary(const char *path, char *name, size_t n_name)
 {
     const int flags = O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW;
@@ -511,7 +511,8 @@ spin_status spin_out_open(const char *path, bool force, struct spin_out *out)
     out->force = force;
     n = strlen(path) + SPIN_OUT_SUFFIX;
 
-    /* stdio's buffer lies behind the temporary name: both live exactly as long as the stream. */
+    /* The buffer for stdio follows the temporary name, since both are needed exactly as long as the
+     * stream. */
     SPIN_TRY(spin_alloc(n + OUT_BUFFER, 1, &name));
     out->temporary = name;
     SPIN_TRY_OUT(spin_strdup(path, &out->path));
@@ -594,7 +595,7 @@ static void forget_out(struct spin_out *out)
     memset(out, 0, sizeof *out);
 }
 
-/* link() that was done but whose answer got lost, as on NFS. */
+/* Whether link() succeeded although it reported a failure, as can happen on NFS. */
 static bool is_linked(const char *path)
 {
     struct stat st;
@@ -602,8 +603,8 @@ static bool is_linked(const char *path)
     return lstat(path, &st) == 0 && st.st_nlink == 2;
 }
 
-/* Give the file its name. Without force link() refuses a name that is taken; where there are no
- * hard links a look must do. */
+/* Give the file its final name. Without force, link() refuses an existing name; on file systems
+ * without hard links, check for it instead. */
 static spin_status take_name(const struct spin_out *out)
 {
     if (!out->force) {
@@ -617,7 +618,7 @@ static spin_status take_name(const struct spin_out *out)
     return rename(out->temporary, out->path) == 0 ? SPIN_OK : fail_errno("write", out->path);
 }
 
-/* A file that is closed is not yet on the disk; whether to wait for that is the writer's choice. */
+/* fclose() does not wait until a file is on the disk; only sync does. */
 spin_status spin_out_commit(struct spin_out *out)
 {
     spin_status status = SPIN_OK;
@@ -656,12 +657,12 @@ spin_status spin_out_whole(const char *path, const void *data, size_t bytes, boo
     return spin_out_commit(&out);
 }
 
-/* What a name ends with that a writer gave it. */
+/* The suffix of a temporary name. */
 struct ending {
-    const char *at; /* NULL: nothing */
+    const char *at; /* NULL: no suffix */
     long pid;
     uint32_t place;
-    bool has_place; /* names of earlier versions have none: ".tmp.4711" */
+    bool has_place; /* temporary names of earlier versions have none: ".tmp.4711" */
 };
 
 static struct ending find_ending(const char *entry)
@@ -696,8 +697,9 @@ static bool is_idle(const char *path, time_t seconds)
     return lstat(path, &st) == 0 && st.st_mtime + seconds < time(NULL);
 }
 
-/* Whether the writer is no more. Of one on another host or in another container only its last write
- * is known: an export may compute for many minutes before it writes again. */
+/* Whether the writer has ended. If it runs on another host or in another container, only the time
+ * of its last write is known, and an export may compute for many minutes between writes. Names
+ * without a place may belong to either, so the writer must be absent here and the file idle. */
 static bool is_left(const struct ending *e, const char *path)
 {
     bool is_dead = kill((pid_t)e->pid, 0) != 0 && errno == ESRCH;
@@ -732,8 +734,8 @@ uint64_t spin_out_remove(const char *path)
     return bytes;
 }
 
-/* Remove what killed writers have left of `name`, a tried folder included, or, NULL, of all names
- * with this ending. */
+/* Remove temporary files and folders of killed writers for `name`, or if that is NULL, for all
+ * names with this extension. */
 static void sweep(const char *folder, const char *name, const char *ending)
 {
     char *entry = NULL, **names = NULL;

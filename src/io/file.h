@@ -1,119 +1,123 @@
-/* Files: map, list, path words. Writing (struct spin_out, spin_folder_make) is in spin.h, as
- * plug-ins write files too. */
+/* Files: mapping, listing, parts of paths. Functions that write (struct spin_out, spin_folder_make)
+ * are in spin.h, because plug-ins use them too. */
 #pragma once
 
 #include <sys/stat.h>
 
 #include "spin.h"
 
-/* A file mapped for reading. Empty files give data == "" and size 0. */
+/* A file mapped for reading. An empty file has data == "" and size 0. */
 struct spin_map {
     const unsigned char *data;
     size_t size;
 };
-/* Errors name the path. A folder, a fifo, a missing file or a Git LFS pointer is an error. */
+/* Error messages contain the path. Folders, fifos, missing files and Git LFS pointers are
+ * errors. */
 spin_status spin_map_open(const char *path, struct spin_map *out);
 void spin_map_close(struct spin_map *map);
-/* Is the file still as it was? For what is read long after it was opened: reading what was cut off
- * ends the process (spin_catch_cut_files). */
+/* Check that the file was not changed since it was mapped. For files that are read long after they
+ * were opened: reading a part that was truncated ends the process (spin_catch_cut_files). */
 spin_status spin_map_check(const struct spin_map *map);
-/* These bytes will not be needed soon: their pages leave the process (they stay in the system's
- * cache, and come back by themselves). So memory stays bounded by what is in use, not by the file.
- * What does not lie in the map is left alone. */
+/* Drop the pages of bytes that are not needed soon. They stay in the system's cache and are
+ * reloaded on access, so memory is bounded by what is in use and not by the size of the file. Bytes
+ * outside the map are ignored. */
 void spin_map_forget(const struct spin_map *map, const void *bytes, size_t n);
-/* The same of bytes that are known to lie in a map. */
+/* The same for bytes that are known to lie in a map. */
 void spin_map_rest(const void *bytes, size_t n);
-/* The checksum of zip and gzip: of all the bytes so far, from that of those before (0: none). */
+/* CRC-32 of zip and gzip. crc: the result for the preceding bytes, or 0. */
 uint32_t spin_crc32(uint32_t crc, const void *data, size_t n);
 
-/* What a file is told by: its bytes, not its name or time. */
+/* Digest that identifies a file by its contents, not by its name or time. */
 struct spin_imprint {
     uint64_t size;
-    uint32_t crc; /* of all bytes */
+    uint32_t crc; /* CRC-32 of all bytes */
 };
 struct spin_imprint spin_map_imprint(const struct spin_map *map);
 
-/* At most the first n bytes of a file, n_out of them. Errors as of spin_map_open(). */
+/* Read up to n first bytes of a file, n_out of them. Errors as in spin_map_open(). */
 spin_status spin_file_head(const char *path, void *out, size_t n, size_t *n_out);
 
 bool spin_path_exists(const char *path);
-/* Something has this name, be it a link to nothing: what an output must not replace unasked. */
+/* Whether the name exists, even as a dangling link: outputs must not replace it without --force. */
 bool spin_path_is_taken(const char *path);
 bool spin_path_is_folder(const char *path);
-/* dir/name, allocated. */
+/* "dir/name", allocated. */
 spin_status spin_path_join(const char *dir, const char *name, char **out);
-/* The folder a path lies in ("." when it has none), allocated. */
+/* The folder that contains the path ("." if the path names none), allocated. */
 spin_status spin_path_folder(const char *path, char **out);
-/* Last component; points into path. */
+/* The last component; points into path. */
 const char *spin_path_name(const char *path);
-/* Absolute, links resolved; fails when it does not exist. Allocated. */
+/* Absolute path with links resolved, allocated. Fails if it does not exist. */
 spin_status spin_path_absolute(const char *path, char **out);
-/* Path of `to` as seen from the folder `from` (both exist): relative where they share a parent
- * other than the root, else absolute. Allocated. */
+/* Path of `to` as seen from the folder `from` (both exist), allocated: relative if they share a
+ * parent other than the root, else absolute. */
 spin_status spin_path_relative(const char *from, const char *to, char **out);
-/* Bytes that could still be written below a path that exists; UINT64_MAX when that is not known. */
+/* Bytes available on the file system of an existing path; UINT64_MAX if unknown. */
 uint64_t spin_path_free_bytes(const char *path);
 
-/* Entries of a folder without . and .., sorted by name (bytes); names[n] == NULL. */
+/* Entries of a folder, without . and .., sorted by bytes; names[n] is NULL. */
 spin_status spin_folder_list(const char *path, char ***names, size_t *n);
 void spin_folder_list_free(char **names);
 
-/* The last run of digits in a file's stem as a number, or -1 ("frame_10.ply" -> 10). */
+/* The last group of digits in the stem of a file name, or -1 ("frame_10.ply" -> 10). */
 long long spin_path_number(const char *path);
 
-/* What the name of a half-written file or folder ends with: ".tmp.", the process, then 16 digits
- * that tell the place where that number counts and are else random. No two are equal. */
+/* Suffix of the name of an unfinished file or folder: ".tmp.", the process number, then 16
+ * hexadecimal digits, 8 that identify the host and container in which that number is valid and 8
+ * that are a hash of process, time and a counter. Names can still collide in theory: create files
+ * with O_EXCL. */
 enum { SPIN_OUT_SUFFIX = 48 };
 void spin_out_suffix(char suffix[SPIN_OUT_SUFFIX]);
-/* Remove what writers of `path` that were killed have left beside it. What a process elsewhere
- * writes, on another host or in another container, is left for an hour after its last write. */
+/* Remove unfinished files beside `path` whose writers were killed. Those of processes on another
+ * host or in another container are kept until an hour after their last write. */
 void spin_out_sweep(const char *path);
-/* Remove a file, or a folder with all in it: the bytes of its files. Links are not followed. */
+/* Remove a file, or a folder with its contents, without following links; returns the size of the
+ * removed files in bytes. */
 uint64_t spin_out_remove(const char *path);
-/* spin_out_sweep() of all files in a folder whose names have this ending, such as ".ply". */
+/* spin_out_sweep() for all files in a folder whose names have this extension, such as ".ply". */
 void spin_out_sweep_folder(const char *folder, const char *ending);
-/* Of an output file (spin.h): bytes to a place in it, past the buffer of spin_out_write(), by any
- * thread, where pieces are made side by side. 0, or the errno, of which spin_out_failed() makes the
- * status in the thread that asks. Nothing of spin_out_write() may still lie in its buffer. */
+/* Write bytes at an offset of an output file (see spin.h), bypassing the buffer of
+ * spin_out_write(), which must be empty. Thread-safe, for parts that are produced in parallel.
+ * Returns 0 or an errno, which spin_out_failed() converts to a status in the thread that reports
+ * it. */
 int spin_out_put(struct spin_out *out, uint64_t at, const void *data, size_t bytes);
 spin_status spin_out_failed(const struct spin_out *out, int error);
 spin_status spin_out_write_at(struct spin_out *out, uint64_t at, const void *data, size_t bytes);
-/* The file's length so far, buffer included. */
+/* Length of the file so far, including buffered bytes. */
 spin_status spin_out_length(struct spin_out *out, uint64_t *bytes);
-/* These bytes as a whole file, in place of the one that may be there. sync: as in struct spin_out.
- */
+/* Write these bytes as a whole file, replacing an existing one. sync: see struct spin_out. */
 spin_status spin_out_whole(const char *path, const void *data, size_t bytes, bool sync);
 
-/* May a file of this name be written? SPIN_E_IO when it is there and not ordinary, was read by this
- * call (force or not), or is there at all without force. Everything that writes comes through here,
- * most of it by spin_out_open(). */
+/* Whether a file of this name may be written: SPIN_E_IO if it exists without force, if it is not a
+ * regular file, or if this call has read it (even with force). Everything that writes calls this,
+ * mostly through spin_out_open(). */
 spin_status spin_out_check(const char *path, bool force);
 
-/* ---- inputs.c: what the calls of src/run have read, which they must not replace ---- */
+/* ---- inputs.c: files that the calls of src/run have read, which they must not replace ---- */
 
-/* Around a call: SPIN_LEAVES(spin_inputs_end) int inputs = spin_inputs_begin(). Calls within calls
- * share what was read. Thread-safe. */
+/* Use around a call: SPIN_LEAVES(spin_inputs_end) int inputs = spin_inputs_begin(). Nested calls
+ * share the set of inputs. Thread-safe. */
 int spin_inputs_begin(void);
 void spin_inputs_end(const int *begun);
-/* spin_map_open() and the readers of images and videos do this; other code for a file that is read
- * later. NULL and what is no file are left out. */
+/* Called by spin_map_open() and the readers of images and videos; call it for files that other code
+ * reads later. NULL and names that are not files are ignored. */
 spin_status spin_inputs_add(const struct stat *st);
 spin_status spin_inputs_add_path(const char *path);
-/* This file is the call's own, to be replaced though it was read. */
+/* Mark a file as written by this call, which may replace it even after reading it. */
 void spin_inputs_own(const char *path);
 bool spin_inputs_have(const struct stat *st);
 
-/* ---- watch.c: files that others cut short while they are mapped, and what must not be left behind
- * then ---- */
+/* ---- watch.c: mapped files that other processes truncate, and the temporary files to remove then
+ * ---- */
 
-/* What spin_map_open() and spin_map_close() tell. */
+/* Called by spin_map_open() and spin_map_close(). */
 void spin_watch_map(const void *data, const char *path, const struct stat *st);
 void spin_unwatch_map(const void *data);
-/* SPIN_E_IO when the file behind a map that is watched has another size or time by now. One that
- * was removed or replaced is still whole in the map. */
+/* SPIN_E_IO if the file of a watched map has changed size or time. A file that was removed or
+ * replaced is still complete in the map. */
 spin_status spin_watch_check(const void *data);
 
-/* A temporary file, or a new folder, to be removed when the process ends because of a cut file,
- * until the same pointer is given to spin_unwatch_out(). */
+/* Remove a temporary file, or a new folder, if the process ends because of a truncated file, until
+ * spin_unwatch_out() is called with the same pointer. */
 void spin_watch_out(const char *path);
 void spin_unwatch_out(const char *path);

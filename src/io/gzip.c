@@ -1,8 +1,8 @@
-/* Gzip (RFC 1952) around deflate (RFC 1951), in blocks that threads deflate side by side.
+/* Gzip (RFC 1952) around deflate (RFC 1951), in blocks that threads compress in parallel.
  *
- * Each block starts from the 32 KiB before it as dictionary and ends on a byte (zlib's sync flush,
- * an empty stored block), so that the blocks, one after the other, are one ordinary stream: about
- * 0.1 % longer than if deflated in one go. */
+ * Each block uses the preceding 32 KiB as its dictionary and ends at a byte boundary (zlib's sync
+ * flush, an empty stored block), so that the concatenated blocks are one ordinary stream, about 0.1
+ * % longer than if compressed in one piece. */
 #include "io/gzip.h"
 
 #include <zlib.h>
@@ -16,12 +16,12 @@
 
 struct deflated {
     const struct spin_deflate *job;
-    unsigned char *slots; /* [blocks][slot] packed blocks */
+    unsigned char *slots; /* [blocks][slot] compressed blocks */
     size_t slot;
-    size_t *n_packed; /* [blocks]; 0: not enough memory */
+    size_t *n_packed; /* [blocks]; 0: out of memory */
 };
 
-/* Whether Huffman's code would not shorten bytes by a hundredth: their entropy. */
+/* Whether Huffman coding would save less than about 1 %, judged by the entropy of the bytes. */
 static bool is_noise(const unsigned char *data, size_t n)
 {
     uint32_t seen[256] = {0};
@@ -68,7 +68,7 @@ spin_status spin_deflate(struct spin_pool *pool, const struct spin_deflate *job,
     unsigned char *end;
     spin_status status = SPIN_OK;
 
-    g.slot = compressBound(BLOCK) + 64; /* the bound knows nothing of the flush */
+    g.slot = compressBound(BLOCK) + 64; /* compressBound() does not include the flush */
     if (n_head + n_blocks * g.slot + n_tail > to->n_room) {
         SPIN_TRY(spin_grow(n_head + n_blocks * g.slot + n_tail, 1, (void **)&to->data));
         to->n_room = n_head + n_blocks * g.slot + n_tail;
@@ -90,7 +90,7 @@ spin_status spin_deflate(struct spin_pool *pool, const struct spin_deflate *job,
 spin_status spin_gzip_write(struct spin_pool *pool, int level, const void *data, size_t n,
                             unsigned char **out, size_t *n_room, size_t *n_out)
 {
-    /* Magic, deflate, no flags, no date, no hint about the effort, Unix. */
+    /* Magic, deflate, no flags, no date, no level, Unix. */
     static const unsigned char header[10] = {0x1f, 0x8b, 8, 0, 0, 0, 0, 0, 0, 3};
     const struct spin_deflate job = {
         .data = data, .n = n, .level = level, .rle = level == 1, .last = true};
@@ -158,7 +158,7 @@ uint32_t spin_gzip_length(const void *data, size_t size)
 {
     const unsigned char *end = (const unsigned char *)data + size;
 
-    if (size < 18) /* header and trailer */
+    if (size < 18) /* minimum size of header and trailer */
         return 0;
     return end[-4] | (uint32_t)end[-3] << 8 | (uint32_t)end[-2] << 16 | (uint32_t)end[-1] << 24;
 }

@@ -5,40 +5,41 @@
 
 #include "base/pool.h"
 
-/* A part of a deflate stream: n bytes, and n_before bytes that lie before them and were deflated
- * already (those that back references may reach: SPIN_DEFLATE_WINDOW). It ends on a whole byte; the
+/* A part of a deflate stream: n bytes, preceded by n_before bytes that were compressed already and
+ * that back references may reach (SPIN_DEFLATE_WINDOW). The output ends at a byte boundary; the
  * last part ends the stream. */
 enum { SPIN_DEFLATE_WINDOW = 32 << 10 };
 struct spin_deflate {
     const unsigned char *data;
     size_t n, n_before;
     int level;
-    bool rle;         /* only runs of one byte are found */
-    bool noise_as_is; /* blocks that Huffman's code would not shorten are stored */
+    bool rle;         /* search only for runs of one byte */
+    bool noise_as_is; /* store blocks that Huffman coding would not shorten */
     bool last;
 };
-/* Grows as needed; free(data) at last. */
+/* Grows as needed; free(data) when done. */
 struct spin_deflate_room {
     unsigned char *data;
     size_t n_room, n;
 };
-/* The deflated bytes are to->data[n_head .. n_head + to->n), with room for n_tail more behind them.
- * By the threads of the pool (NULL: by this one); the bytes do not depend on them. */
+/* The compressed bytes are to->data[n_head .. n_head + to->n), with a capacity for n_tail more
+ * behind them. The work is shared by the threads of the pool (NULL: this one only), whose number
+ * does not affect the bytes. */
 spin_status spin_deflate(struct spin_pool *pool, const struct spin_deflate *job, size_t n_head,
                          size_t n_tail, struct spin_deflate_room *to);
 
-/* The gzip of n bytes, deflated by the threads of the pool (NULL: by this one); the bytes do not
- * depend on them, and carry no date. Level 1 (fast: codes by frequency and runs of one byte, no
- * search for repeats) to 9 (small). *out has room for *n_room bytes and grows when that is not
- * enough. */
+/* gzip n bytes, using the threads of the pool (NULL: this one only); their number does not affect
+ * the output, which contains no date. Level 1 (fast: entropy coding and runs of one byte, without a
+ * search for repeats) to 9 (small). *out has a capacity of *n_room bytes and grows if that is
+ * exceeded. */
 spin_status spin_gzip_write(struct spin_pool *pool, int level, const void *data, size_t n,
                             unsigned char **out, size_t *n_room, size_t *n_out);
 
-/* At most n_out bytes from the beginning of a gzip in memory; *n how many there were. A stream that
- * is damaged before them is SPIN_E_MALFORMED, checksum and length included when its end is reached.
- */
+/* Decompress at most n_out bytes from the beginning of a gzip in memory; *n receives their number.
+ * SPIN_E_MALFORMED if the stream is damaged before that; checksum and length are verified if its
+ * end is reached. */
 spin_status spin_gzip_read(const void *data, size_t size, void *out, size_t n_out, size_t *n);
-/* The same of a zlib stream (RFC 1950). */
+/* The same for a zlib stream (RFC 1950). */
 spin_status spin_zlib_read(const void *data, size_t size, void *out, size_t n_out, size_t *n);
-/* What the last bytes of a gzip say of its length, modulo 2^32; 0 when there are none. */
+/* The uncompressed length, modulo 2^32, from the last bytes of a gzip; 0 if it is too short. */
 uint32_t spin_gzip_length(const void *data, size_t size);

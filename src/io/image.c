@@ -1,7 +1,7 @@
-/* Picks the shim, looks whether a file is all there, and gives failures our words.
+/* Chooses a shim, checks that files are complete, and reports failures.
  *
- * The looking is ours because the decoders' is not enough: libjpeg paints what is missing grey and
- * calls that success, and libpng talks to the terminal. */
+ * The check is needed because the decoders are lenient: libjpeg fills missing parts with grey and
+ * reports success, and libpng prints to the terminal. */
 #include "io/image.h"
 
 #include <math.h>
@@ -29,8 +29,8 @@ static spin_status need_plain(void)
     return spin_shim_need(&where, (const void **)&plain);
 }
 
-/* After the other: libpng must find its own functions before those that image_oiio.cpp has for
- * OpenImageIO. */
+/* Load the other shim first: libpng must bind to its own functions, not to those that
+ * image_oiio.cpp interposes for OpenImageIO. */
 static spin_status need_oiio(void)
 {
     static struct spin_shim where = {
@@ -50,11 +50,11 @@ spin_status spin_image_start(void)
     return need_plain() == SPIN_OK || need_oiio() == SPIN_OK ? SPIN_OK : need_plain();
 }
 
-/* ---- Is it all there ------------------------------------------------------------------------- */
+/* ---- Completeness --------------------------------------------------------------------------- */
 
 static const unsigned char png_magic[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
 
-/* By the first bytes, whatever the file is called. */
+/* Detect the format from the first bytes, ignoring the file's name. */
 static const char *format_of(const struct spin_map *map)
 {
     if (map->size >= 8 && memcmp(map->data, png_magic, 8) == 0)
@@ -64,7 +64,7 @@ static const char *format_of(const struct spin_map *map)
     return "";
 }
 
-/* Chunk by chunk (length, name, data, CRC) to IEND. */
+/* Whether the chunks (length, name, data, CRC) end with IEND. */
 static bool png_ends(const struct spin_map *map)
 {
     size_t at = sizeof png_magic;
@@ -82,7 +82,8 @@ static bool png_ends(const struct spin_map *map)
     return false;
 }
 
-/* Past the coded pixels at `at`: to the next marker that is neither a stuffed FF nor a restart. */
+/* Skip entropy-coded data at `at`: find the next marker that is neither a stuffed FF nor a
+ * restart. */
 static size_t skip_scan(const struct spin_map *map, size_t at)
 {
     while (at + 1 < map->size) {
@@ -97,7 +98,7 @@ static size_t skip_scan(const struct spin_map *map, size_t at)
     return map->size;
 }
 
-/* Segment by segment (FF, marker, length, data), scans skipped, to the end-of-image marker. */
+/* Whether the segments (FF, marker, length, data) and scans end with the end-of-image marker. */
 static bool jpeg_ends(const struct spin_map *map)
 {
     size_t at = 2;
@@ -105,7 +106,7 @@ static bool jpeg_ends(const struct spin_map *map)
     while (at + 4 <= map->size || at + 2 == map->size) {
         const unsigned char *m = map->data + at;
 
-        if (m[0] != 0xff || m[1] == 0xff) { /* fill bytes, or stray ones that decoders step over */
+        if (m[0] != 0xff || m[1] == 0xff) { /* fill bytes, or stray ones, which decoders skip */
             at++;
             continue;
         }
@@ -113,7 +114,7 @@ static bool jpeg_ends(const struct spin_map *map)
             return true;
         if (at + 4 > map->size)
             return false;
-        if (m[1] == 0 || m[1] == 1 || (m[1] & 0xf8) == 0xd0) { /* without a length */
+        if (m[1] == 0 || m[1] == 1 || (m[1] & 0xf8) == 0xd0) { /* markers without a length */
             at += 2;
             continue;
         }
@@ -124,10 +125,10 @@ static bool jpeg_ends(const struct spin_map *map)
     return false;
 }
 
-/* ---- Frames of videos ------------------------------------------------------------------------ */
+/* ---- Frames of videos ----------------------------------------------------------------------- */
 
-/* "cam00.mp4#12", unless a file of that very name is there: the video's name, allocated, else NULL.
- */
+/* For a path such as "cam00.mp4#12", unless a file with that full name exists: the video's name,
+ * allocated; else NULL. */
 static spin_status find_video(const char *path, char **file, int64_t *frame)
 {
     size_t n;
@@ -139,9 +140,9 @@ static spin_status find_video(const char *path, char **file, int64_t *frame)
     return *file ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "not enough memory for %zu bytes", n + 1);
 }
 
-/* ---- Calls ----------------------------------------------------------------------------------- */
+/* ---- Calls ---------------------------------------------------------------------------------- */
 
-/* OpenImageIO's words may have several lines and end in a full stop. */
+/* Use the first line of OpenImageIO's message, without a full stop. */
 static spin_status fail_image(enum spin_image_result result, const char *path, char *why)
 {
     static const spin_status codes[] = {
@@ -166,8 +167,8 @@ static spin_status check_there(const char *path)
     return SPIN_OK;
 }
 
-/* Map the file just long enough to see what it is and, when whole is asked for, that it ends;
- * imprint may be NULL. */
+/* Map the file to detect its format and, with `whole`, check that it is complete. `imprint` may be
+ * NULL. */
 static spin_status inspect(const char *path, bool whole, const char **format,
                            struct spin_imprint *imprint)
 {
@@ -188,7 +189,7 @@ static spin_status inspect(const char *path, bool whole, const char **format,
     return SPIN_OK;
 }
 
-/* What a shim is asked: the size, and the pixels where rgb is not NULL. */
+/* A request to a shim: for the size, and for the pixels if rgb is not NULL. */
 struct question {
     const char *path, *format;
     const float *background;
@@ -205,8 +206,8 @@ static enum spin_image_result ask(const struct spin_image_shim *shim, struct que
                                sizeof q->why);
 }
 
-/* PNG and JPEG by libpng and libjpeg. What these refuse, and every other file, goes to OpenImageIO,
- * which takes long to load. */
+/* PNG and JPEG go to libpng and libjpeg. What these cannot read, and all other formats, goes to
+ * OpenImageIO, which is slow to load. */
 static spin_status answer(struct question *q)
 {
     enum spin_image_result result = SPIN_IMAGE_UNREADABLE;
@@ -261,7 +262,7 @@ spin_status spin_image_look(const char *path, int *width, int *height, struct sp
     SPIN_TRY(inspect(path, true, &q.format, imprint));
     SPIN_TRY(answer(&q));
     if ((int64_t)*width > MAX_PIXELS / *height)
-        return spin_unsupported("cannot read image '%s': %d x %d pixels are more than are taken",
+        return spin_unsupported("cannot read image '%s': %d x %d pixels exceed the limit of 64 Mi",
                                 path, *width, *height);
     return SPIN_OK;
 }
@@ -291,7 +292,7 @@ static spin_status fail_encoding(enum spin_image_result result, const char *why)
     return result == SPIN_IMAGE_OK
                ? SPIN_OK
                : spin_fail(result == SPIN_IMAGE_NO_MEMORY ? SPIN_E_MEMORY : SPIN_E_IO,
-                           "cannot encode a picture: %s", why);
+                           "cannot encode an image: %s", why);
 }
 
 spin_status spin_image_encode(int width, int height, const uint8_t *rgb, unsigned char **bytes,
@@ -318,12 +319,11 @@ spin_status spin_image_write(const char *path, int width, int height, const uint
     return spin_out_whole(path, bytes, n_bytes, sync);
 }
 
-/* ---- Films --------------------------------------------------------------------------------------
- */
+/* ---- Images for film production ------------------------------------------------------------- */
 
 static float finite_or_0(float v) { return isfinite(v) ? v : 0; }
 
-/* Colour of a pixel by itself, and as the file has it: PNG's is not multiplied by alpha. */
+/* Colour of a pixel as stored in the file: straight alpha for PNG, premultiplied for EXR. */
 static void colour_of(const struct spin_film *film, size_t i, float out[3])
 {
     size_t plane = (size_t)film->width * (size_t)film->height;
@@ -378,8 +378,7 @@ out:
     return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot write image '%s'", path);
 }
 
-/* ---- Names -------------------------------------------------------------------------------------
- */
+/* ---- Names ---------------------------------------------------------------------------------- */
 
 void spin_picture_name(const struct spin_views *views, size_t view, int number, const char *label,
                        char name[SPIN_PICTURE_NAME])
@@ -388,7 +387,7 @@ void spin_picture_name(const struct spin_views *views, size_t view, int number, 
     char twin[16] = "";
     size_t first = view;
 
-    /* views are sorted by row, then camera */
+    /* views are sorted by frame, then camera */
     while (first > 0 && views->view[first - 1].dataset_frame == v->dataset_frame &&
            views->view[first - 1].camera_id == v->camera_id)
         first--;

@@ -1,7 +1,7 @@
-/* The far side of image.c: OpenImageIO behind a table of C functions (image_shim.h).
+/* The implementation of image_shim.h with OpenImageIO.
  *
- * JPEG and PNG go to their reader at once: asking OpenImageIO to guess would start every reader it
- * has. Each function catches everything. */
+ * JPEG and PNG are opened with their reader directly: detection by OpenImageIO would initialise all
+ * of its readers. Every function catches all exceptions. */
 #include "io/image_shim.h"
 
 #include <algorithm>
@@ -31,7 +31,7 @@ struct failure {
 void set_up()
 {
     static const bool done = [] {
-        OIIO::attribute("threads", 1); /* the caller reads several images at a time */
+        OIIO::attribute("threads", 1); /* the caller reads several images in parallel */
         OIIO::attribute("exr_threads", 1);
         OIIO::attribute("plugin_searchpath", std::string());
         return true;
@@ -39,7 +39,7 @@ void set_up()
     (void)done;
 }
 
-/* Run work; turn whatever it throws into a result and words. */
+/* Run work; convert any exception to a result and a message. */
 template <typename Work> enum spin_image_result guarded(char *why, size_t n_why, Work work) noexcept
 {
     const char *text = "unknown failure";
@@ -64,7 +64,7 @@ template <typename Work> enum spin_image_result guarded(char *why, size_t n_why,
     return result;
 }
 
-/* OpenImageIO hands on the words of each format's library, and no code. */
+/* OpenImageIO passes on messages of each format's library, but no error codes. */
 [[noreturn]] void fail(const std::string &why)
 {
     if (why.find(" memory") != std::string::npos || why.find("bad_alloc") != std::string::npos)
@@ -76,7 +76,8 @@ std::unique_ptr<OIIO::ImageInput> open_input(const char *path, const std::string
 {
     OIIO::ImageSpec config, spec;
 
-    config.attribute("oiio:UnassociatedAlpha", 1); /* we do the compositing, on the stored values */
+    config.attribute("oiio:UnassociatedAlpha",
+                     1); /* alpha is composited here, on the stored values */
     if (format.empty()) {
         auto guessed = OIIO::ImageInput::open(path, &config);
         if (!guessed)
@@ -94,14 +95,14 @@ std::unique_ptr<OIIO::ImageInput> open_input(const char *path, const std::string
 void check_spec(const OIIO::ImageSpec &spec, int64_t max_pixels)
 {
     if (spec.width < 1 || spec.height < 1 || spec.nchannels < 1 || spec.depth > 1 || spec.deep)
-        fail("not a flat picture");
+        fail("not a two-dimensional image");
     if (static_cast<int64_t>(spec.width) > max_pixels / spec.height)
         throw failure{SPIN_IMAGE_TOO_LARGE, std::to_string(spec.width) + " x " +
                                                 std::to_string(spec.height) +
-                                                " pixels are more than are taken"};
+                                                " pixels exceed the limit"};
 }
 
-/* What shows of a value 0..255 before a background 0..1. */
+/* Blend a value 0..255 over a background 0..1. */
 uint8_t over(unsigned value, unsigned alpha, float background)
 {
     float shown =
@@ -110,7 +111,7 @@ uint8_t over(unsigned value, unsigned alpha, float background)
     return static_cast<uint8_t>(shown + 0.5f);
 }
 
-/* Grey or colour, with or without alpha, to RGB. */
+/* Convert grey or colour, with or without alpha, to RGB. */
 void to_rgb(const uint8_t *pixels, size_t n_pixels, int n, int alpha, const float background[3],
             uint8_t *rgb)
 {
@@ -125,13 +126,13 @@ void to_rgb(const uint8_t *pixels, size_t n_pixels, int n, int alpha, const floa
     }
 }
 
-/* The screen's value 0..1 of light: the curve of sRGB. */
+/* Convert a linear value 0..1 to sRGB. */
 float screen_of(float light)
 {
     return light <= 0.0031308f ? light * 12.92f : 1.055f * std::pow(light, 1 / 2.4f) - 0.055f;
 }
 
-/* Floats, colours multiplied by alpha and mostly of light, as EXR has them. */
+/* Read floats with premultiplied, usually linear colours, as in EXR. */
 void read_floats(OIIO::ImageInput &in, int n, int alpha, const float background[3], uint8_t *rgb)
 {
     const OIIO::ImageSpec spec = in.spec();
@@ -249,7 +250,7 @@ enum spin_image_result image_encode(const struct spin_image_out *image, unsigned
             if (std::strcmp(image->names[c], "A") == 0)
                 spec.alpha_channel = c;
         spec.attribute("oiio:ColorSpace", image->linear ? "Linear" : "sRGB");
-        if (exr) /* instead of the time of day, so that the same picture is the same bytes */
+        if (exr) /* a fixed time, so that equal images give equal bytes */
             spec.attribute("DateTime", "1980:01:01 00:00:00");
         else
             spec.attribute("oiio:UnassociatedAlpha", 1);
@@ -259,11 +260,11 @@ enum spin_image_result image_encode(const struct spin_image_out *image, unsigned
 
 } // namespace
 
-/* ---- libpng's own words --------------------------------------------------------------------- */
+/* ---- Messages of libpng --------------------------------------------------------------------- */
 
-/* OpenImageIO's handler of libpng's errors keeps the message and returns. libpng then prints it to
- * stderr, and only after that jumps back. OpenImageIO finds png_set_error_fn() here before it
- * does in libpng, and so the jump comes before the print. Other handlers stay as they are. */
+/* OpenImageIO's error handler for libpng stores the message and returns, upon which libpng prints
+ * it to stderr before it calls longjmp. OpenImageIO binds to this png_set_error_fn() instead of
+ * libpng's, so that longjmp is called before libpng prints. Other handlers are unaffected. */
 namespace
 {
 

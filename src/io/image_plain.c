@@ -1,6 +1,6 @@
-/* The far side of image.c for JPEG by libjpeg-turbo and PNG by libpng, without the time that
- * OpenImageIO takes to load; the only one on machines that have little (make portable, make
- * windows, tests/card). What it reads has the same pixels by OpenImageIO. */
+/* The implementation of image_shim.h with libjpeg-turbo and libpng, which avoids the load time of
+ * OpenImageIO; the only one in builds with few dependencies (make portable, make windows,
+ * tests/card). Its pixels are identical to those of OpenImageIO. */
 #include <errno.h>
 #include <setjmp.h>
 #include <stdbool.h>
@@ -14,16 +14,16 @@
 
 #include "io/image_shim.h"
 
-/* What a reader has in hand, let go wherever it ends. */
+/* The state of a reader, released at the end in any case. */
 struct picture {
     const char *path;
-    int64_t most; /* pixels that are taken */
+    int64_t most; /* limit of pixels */
     const float *background;
-    bool sizes; /* only those are wanted */
+    bool sizes; /* read the size only */
     FILE *file;
     int width, height, channels;
     uint8_t *rgb;
-    bool no_memory; /* for libpng */
+    bool no_memory; /* an allocation by libpng failed */
     enum spin_image_result result;
     char *why;
     size_t n_why;
@@ -36,17 +36,17 @@ static enum spin_image_result fail(struct picture *p, enum spin_image_result res
     return p->result = result;
 }
 
-/* After the head: whether the pixels are wanted and there is room. */
+/* Called after the header: whether to read the pixels; allocates them. */
 static bool wants_pixels(struct picture *p)
 {
     if (p->width < 1 || p->height < 1) {
-        fail(p, SPIN_IMAGE_UNREADABLE, "not a flat picture");
+        fail(p, SPIN_IMAGE_UNREADABLE, "not a two-dimensional image");
         return false;
     }
     if (p->sizes)
         return false;
     if (p->width > p->most / p->height) {
-        snprintf(p->why, p->n_why, "%d x %d pixels are more than are taken", p->width, p->height);
+        snprintf(p->why, p->n_why, "%d x %d pixels exceed the limit", p->width, p->height);
         p->result = SPIN_IMAGE_TOO_LARGE;
         return false;
     }
@@ -59,7 +59,7 @@ static bool wants_pixels(struct picture *p)
 /* ---- JPEG ------------------------------------------------------------------------------------ */
 
 struct jpeg_end {
-    struct jpeg_error_mgr base; /* first */
+    struct jpeg_error_mgr base; /* must be the first member */
     jmp_buf jump;
     struct picture *picture;
 };
@@ -77,7 +77,7 @@ static void jpeg_fails(j_common_ptr info)
     longjmp(end->jump, 1);
 }
 
-/* A file that was cut short is only a warning to libjpeg. */
+/* To libjpeg, a truncated file is only a warning. */
 static void jpeg_warns(j_common_ptr info, int level)
 {
     if (level < 0)
@@ -86,23 +86,24 @@ static void jpeg_warns(j_common_ptr info, int level)
 
 static void read_jpeg(struct picture *p)
 {
-    struct jpeg_decompress_struct jpeg = {0}; /* as it may be destroyed before it was created */
+    struct jpeg_decompress_struct jpeg = {
+        0}; /* zeroed, since it may be destroyed before it was created */
     struct jpeg_end end = {.picture = p};
 
     jpeg.err = jpeg_std_error(&end.base);
     end.base.error_exit = jpeg_fails;
     end.base.emit_message = jpeg_warns;
     if (setjmp(end.jump) == 0) {
-        jpeg_create_decompress(
-            &jpeg); /* fails without memory, and with a library of another version */
+        /* Fails if memory runs out, or if the library has another version. */
+        jpeg_create_decompress(&jpeg);
         jpeg_stdio_src(&jpeg, p->file);
         jpeg_read_header(&jpeg, TRUE);
         p->width = (int)jpeg.image_width;
         p->height = (int)jpeg.image_height;
         p->channels = jpeg.num_components;
         if (jpeg.num_components > 3)
-            fail(p, SPIN_IMAGE_UNREADABLE, "a JPEG with four colours, which needs OpenImageIO");
-        else if (wants_pixels(p) || p->sizes) { /* the start looks at the tables */
+            fail(p, SPIN_IMAGE_UNREADABLE, "a JPEG with four channels needs OpenImageIO");
+        else if (wants_pixels(p) || p->sizes) { /* starting the decompression checks the tables */
             jpeg.out_color_space = JCS_RGB;
             jpeg_start_decompress(&jpeg);
             while (p->rgb && jpeg.output_scanline < jpeg.output_height) {
@@ -128,7 +129,7 @@ static void png_fails(png_structp png, png_const_charp text)
     png_longjmp(png, 1);
 }
 
-/* libpng's words for a lack of memory are many. */
+/* libpng reports a lack of memory with various messages, so record it here. */
 static png_voidp png_allocate(png_structp png, png_alloc_size_t n)
 {
     struct picture *p = png_get_mem_ptr(png);
@@ -144,18 +145,19 @@ static void png_release(png_structp png, png_voidp block)
     free(block);
 }
 
-/* libpng gave no structures. */
+/* Report why libpng did not create its structures. */
 static void png_none(struct picture *p)
 {
     if (p->no_memory)
         fail(p, SPIN_IMAGE_NO_MEMORY, "not enough memory");
     else
-        fail(p, SPIN_IMAGE_UNREADABLE, "libpng is of another version than the build's");
+        fail(p, SPIN_IMAGE_UNREADABLE,
+             "the installed libpng differs from the version of the build");
 }
 
 static void png_warns(png_structp png, png_const_charp text) { (void)png, (void)text; }
 
-/* What shows of a value 0..255 before a background 0..1. */
+/* Blend a value 0..255 over a background 0..1. */
 static uint8_t over(unsigned value, unsigned alpha, float background)
 {
     return (uint8_t)((float)(value * alpha) / 255.0f + background * (float)(255u - alpha) + 0.5f);
@@ -186,7 +188,7 @@ static void read_png(struct picture *p)
         png_read_info(png, info);
         p->width = (int)png_get_image_width(png, info);
         p->height = (int)png_get_image_height(png, info);
-        png_set_expand(png); /* palettes, few bits, transparent colours */
+        png_set_expand(png); /* palettes, fewer than 8 bits, transparent colours */
         png_set_scale_16(png);
         png_set_interlace_handling(png);
         png_read_update_info(png, info);
@@ -212,7 +214,7 @@ static void read_png(struct picture *p)
     free(row);
 }
 
-/* ---- Both ------------------------------------------------------------------------------------ */
+/* ---- Both formats --------------------------------------------------------------------------- */
 
 static enum spin_image_result open_picture(struct picture *p, const char *format)
 {
@@ -221,7 +223,7 @@ static enum spin_image_result open_picture(struct picture *p, const char *format
     if (!p->file && errno == ENOMEM)
         return fail(p, SPIN_IMAGE_NO_MEMORY, "not enough memory");
     if (!p->file)
-        return fail(p, SPIN_IMAGE_UNREADABLE, "it cannot be opened");
+        return fail(p, SPIN_IMAGE_UNREADABLE, "cannot open the file");
     if (strcmp(format, "png") == 0)
         read_png(p);
     else
@@ -260,9 +262,9 @@ static enum spin_image_result image_read(const char *path, const char *format, i
     return p.result;
 }
 
-/* Bytes that grow. */
+/* A growing output buffer. */
 struct sink {
-    struct picture base; /* first: its words are png_fails()'s */
+    struct picture base; /* must be the first member, for png_fails() */
     unsigned char *bytes;
     size_t n, room;
 };
@@ -288,7 +290,7 @@ static void take(png_structp png, png_bytep data, size_t n)
 
 static void flush(png_structp png) { (void)png; }
 
-/* A row of values 0..1 as bytes, of 16 bits the upper first. */
+/* Convert a row of values 0..1 to integers; 16-bit ones are big-endian. */
 static void quantise(const struct spin_image_out *image, int y, unsigned char *row)
 {
     size_t n = (size_t)image->width * (size_t)image->n_channels;
@@ -304,7 +306,7 @@ static void quantise(const struct spin_image_out *image, int y, unsigned char *r
     }
 }
 
-/* rgb: what is written instead of the image's floats, or NULL. */
+/* rgb: pixels to write instead of the image's floats, or NULL. */
 static void write_png(struct sink *sink, const struct spin_image_out *image, const uint8_t *rgb)
 {
     png_structp png = png_create_write_struct_2(PNG_LIBPNG_VER_STRING, &sink->base, png_fails,

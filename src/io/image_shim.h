@@ -1,5 +1,5 @@
-/* What image.c and the shared objects behind it agree on: one table of functions, found by name.
- * Plain C types only; nothing thrown on the far side crosses over. */
+/* The interface between image.c and its shared objects: one table of functions, looked up by name.
+ * Plain C types only; no C++ exception crosses this boundary. */
 #pragma once
 
 #include <stdbool.h>
@@ -15,40 +15,41 @@ extern "C" {
 
 enum spin_image_result {
     SPIN_IMAGE_OK,
-    SPIN_IMAGE_UNREADABLE, /* no such format, damaged, cut short */
+    SPIN_IMAGE_UNREADABLE, /* unknown format, damaged or truncated */
     SPIN_IMAGE_TOO_LARGE,
     SPIN_IMAGE_NO_MEMORY
 };
 
-/* A picture to write: values 0..1, or as they are where bits is of floats. */
+/* An image to write: values 0..1 for integer formats, any values for float ones. */
 struct spin_image_out {
     const char *format; /* "png" or "openexr" */
     int width, height, n_channels;
-    const char *const *names; /* [n_channels] R, G, B, then A, then others, which are written as
-                                 floats of 32 bits */
-    int n_colours;            /* channels before the others */
-    int bits;                 /* PNG: 8, 16; EXR: 16, 32 */
-    bool linear;              /* light, else values for the screen */
-    const float
-        *pixels; /* [h][w][n_channels]; PNG: colours are not multiplied by alpha, EXR: they are */
+    /* [n_channels] R, G, B, then A, then others, which are written as 32-bit floats. */
+    const char *const *names;
+    int n_colours; /* number of channels R, G, B, A */
+    int bits;      /* PNG: 8, 16; EXR: 16, 32 */
+    bool linear;   /* linear colours instead of sRGB */
+    /* [h][w][n_channels]; alpha is straight for PNG, premultiplied for EXR. */
+    const float *pixels;
 };
 
-/* format: "jpeg" or "png", which are all that image_plain.c is asked for; "" to let OpenImageIO
- * guess. Every call fills why (n_why bytes) when it fails. Blocks are malloc'ed. */
+/* format: "jpeg" or "png", the only ones that image_plain.c accepts; "" to let OpenImageIO guess. A
+ * call that fails fills why (n_why bytes). Blocks are allocated with malloc. */
 struct spin_image_shim {
     int abi;
     const char *version; /* of the library */
     enum spin_image_result (*size)(const char *path, const char *format, int *width, int *height,
                                    int *channels, char *why, size_t n_why);
-    /* Refuses more than max_pixels before reserving. Alpha goes over the background, 0..1. */
+    /* Refuses more than max_pixels before it allocates. Alpha is composited over background,
+     * 0..1. */
     enum spin_image_result (*read)(const char *path, const char *format, int64_t max_pixels,
                                    const float background[3], int *width, int *height,
                                    uint8_t **rgb, char *why, size_t n_why);
-    /* The bytes of a PNG file. */
+    /* Encode a PNG file. */
     enum spin_image_result (*encode_png)(int width, int height, const uint8_t *rgb,
                                          unsigned char **bytes, size_t *n_bytes, char *why,
                                          size_t n_why);
-    /* The bytes of a PNG or EXR file. */
+    /* Encode a PNG or EXR file. */
     enum spin_image_result (*encode)(const struct spin_image_out *image, unsigned char **bytes,
                                      size_t *n_bytes, char *why, size_t n_why);
 };

@@ -1,5 +1,5 @@
-/* What the calls that run have read, by device and inode: no output may replace it. What they wrote
- * themselves is none of it, though they read it again. */
+/* The files that running calls have read, identified by device and inode: no output may replace
+ * them. Files that a call wrote itself are excluded, even if it reads them again. */
 #include "io/file.h"
 
 #include <pthread.h>
@@ -10,11 +10,11 @@ enum kind { FREE, INPUT, OWN };
 
 static struct {
     pthread_mutex_t lock;
-    int depth; /* calls within calls, and beside each other */
+    int depth; /* nested and concurrent calls */
     struct known {
         uint64_t device, inode;
         enum kind kind;
-    } * slot; /* [capacity], a power of 2, at most half full */
+    } * slot; /* [capacity], a hash table whose capacity is a power of 2, at most half full */
     size_t n, capacity;
 } all = {.lock = PTHREAD_MUTEX_INITIALIZER};
 
@@ -95,7 +95,7 @@ void spin_inputs_own(const char *path)
     struct stat st;
 
     if (stat(path, &st) == 0)
-        (void)add(&st, OWN); /* at worst the next write of the file is refused */
+        (void)add(&st, OWN); /* if this fails, the next write of the file is refused */
 }
 
 bool spin_inputs_have(const struct stat *st)

@@ -1,5 +1,5 @@
-/* JSON on jansson. Its writer prints 0.1 with seventeen digits, every number of an array on a line
- * of its own, and what a terminal takes for commands; ours does not. */
+/* JSON, based on Jansson. The writer is replaced: Jansson prints 0.1 with seventeen digits, each
+ * number of an array on its own line, and control characters that a terminal would interpret. */
 #include "io/json.h"
 
 #include <setjmp.h>
@@ -9,13 +9,13 @@
 
 /* ---- Memory ---------------------------------------------------------------------------------- */
 
-/* Jansson's parser drops characters that it has no memory for, and then reads other values, blames
- * the text or aborts; its setters drop values, and nobody looks at what they return. So the
- * allocator remembers: a parser that runs out is left at once, whose few values are lost, and a
- * document that lacks something has no text. */
+/* If memory runs out, Jansson's parser drops characters and then reads other values, reports a
+ * syntax error or aborts; its setters drop values, and callers do not check their results.
+ * Therefore the allocator records failures: the parser is left with longjmp, which leaks its few
+ * values, and no text is produced for an incomplete document. */
 static json_malloc_t allocate;
-static _Thread_local jmp_buf *parser; /* of the text that this thread parses; NULL: none */
-static _Thread_local bool ran_out;    /* since the last text was made */
+static _Thread_local jmp_buf *parser; /* set while this thread parses a text */
+static _Thread_local bool ran_out;    /* since this thread last produced a text */
 
 static void *remembering_allocate(size_t n)
 {
@@ -83,7 +83,7 @@ bool spin_json_integer(const spin_json *j, int64_t *out)
         *out = json_integer_value(j);
         return true;
     }
-    if (json_is_real(j)) { /* "3.0", as Python writes a float that happens to be whole */
+    if (json_is_real(j)) { /* such as 3.0, which Python writes for an integral float */
         double v = json_real_value(j);
 
         if (v != floor(v) || fabs(v) > 0x1p53)
@@ -102,7 +102,7 @@ bool spin_json_bool(const spin_json *j, bool *out)
     return true;
 }
 
-/* File names need not be UTF-8, JSON must be: a byte that is not becomes U+FFFD. */
+/* File names need not be UTF-8, but JSON must be: invalid bytes become U+FFFD. */
 spin_json *spin_json_text_value(const char *text)
 {
     json_t *value = text ? json_string(text) : json_null();
@@ -158,7 +158,7 @@ void spin_json_rename(spin_json *object, const char *from, const char *to)
     }
 }
 
-/* The shorter of the two usual precisions that reads back to the same double. */
+/* Print with 15 digits if that reads back as the same double, else with 17. */
 static void write_real(FILE *out, double v)
 {
     char text[40];
@@ -167,14 +167,15 @@ static void write_real(FILE *out, double v)
     if (strtod(text, NULL) != v)
         snprintf(text, sizeof text, "%.17g", v);
     for (char *p = text; *p; p++)
-        if (*p == ',') /* the decimal point of some locales */
+        if (*p == ',') /* decimal point of some locales */
             *p = '.';
     fputs(v == 0 && signbit(v) ? "-0.0" : text, out); /* -0 would be read as an integer */
 }
 
 static bool is_container(const json_t *j) { return json_array_size(j) + json_object_size(j) > 0; }
 
-/* Arrays of plain values stay on one line, for numbers are easier to read side by side. */
+/* Whether to use several lines. Arrays of plain values stay on one line, where numbers are easier
+ * to compare. */
 static bool is_tall(const json_t *j)
 {
     bool tall = json_is_object(j);
@@ -184,7 +185,7 @@ static bool is_tall(const json_t *j)
     return tall;
 }
 
-/* depth: of indents; -1: none. */
+/* depth: level of indentation; -1: no line breaks. */
 static void write_value(FILE *out, const json_t *j, int depth)
 {
     bool object = json_is_object(j), tall = depth >= 0 && is_tall(j);

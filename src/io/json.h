@@ -1,5 +1,5 @@
-/* JSON by Jansson: strict, small, depth-limited, in every Debian. Here is what it lacks, and our
- * names for what it has. Values are borrowed from the document and die with it. */
+/* JSON by Jansson: strict, small, with limited depth, packaged by every Debian release. This header
+ * adds what it lacks, and our names for the rest. Values are borrowed from the document. */
 #pragma once
 
 #include <jansson.h>
@@ -12,27 +12,28 @@ typedef json_t spin_json;
 spin_status spin_json_load(const char *path, spin_json **out);
 spin_status spin_json_parse(const char *what, const char *text, size_t n, spin_json **out);
 
-/* False when absent or of another kind. 3.0 is an integer too. */
+/* False if absent or of another kind. 3.0 counts as an integer. */
 bool spin_json_number(const spin_json *j, double *out);
 bool spin_json_integer(const spin_json *j, int64_t *out);
 bool spin_json_bool(const spin_json *j, bool *out);
 
-spin_json *spin_json_text_value(const char *v); /* NULL: null; bytes that are not UTF-8: U+FFFD */
-spin_json *spin_json_number_value(double v);    /* not finite: null */
+spin_json *
+spin_json_text_value(const char *v);         /* NULL becomes null; invalid UTF-8 becomes U+FFFD */
+spin_json *spin_json_number_value(double v); /* NaN and infinities become null */
 spin_json *spin_json_numbers(const double *v, size_t n);
 
-/* Every key that begins with `from` begins with `to` instead; values stay. */
+/* Replace the prefix `from` of all keys by `to`. */
 void spin_json_rename(spin_json *object, const char *from, const char *to);
 
-/* The text, allocated; keys in the order they were set; numbers read back to the same double.
- * indent: in lines, but arrays of plain values on one. NULL: without memory, also when a value that
- * was set before in this thread found none. */
+/* Format as text, allocated. Keys keep the order in which they were set; numbers read back as the
+ * same double. indent: use lines, but one line for an array of plain values. NULL if memory ran
+ * out, now or when this thread set a value. */
 char *spin_json_text(const spin_json *j, bool indent);
 
-/* A report that is done: its text, indented and allocated; the document is freed. */
+/* Format a finished report with indentation, allocated, and free the document. */
 spin_status spin_json_finish(spin_json *document, char **text);
 
-/* Of what is absent or of another kind: NULL, or 0. */
+/* These return NULL or 0 if the value is absent or of another kind. */
 #define spin_json_get json_object_get
 #define spin_json_at json_array_get
 #define spin_json_length json_array_size
@@ -41,7 +42,7 @@ spin_status spin_json_finish(spin_json *document, char **text);
 #define spin_json_is_object json_is_object
 #define spin_json_is_null json_is_null
 
-/* New values are owned by the container they are put into. */
+/* A container takes ownership of new values. */
 #define spin_json_object json_object
 #define spin_json_array json_array
 #define spin_json_free json_decref
@@ -58,5 +59,5 @@ void spin_json_freed(spin_json **j); /* for SPIN_LEAVES() */
 #define spin_json_set_null(object, key) json_object_set_new(object, key, json_null())
 #define spin_json_push_number(array, v) json_array_append_new(array, spin_json_number_value(v))
 #define spin_json_push_string(array, v) json_array_append_new(array, spin_json_text_value(v))
-/* The values of `from`, which it keeps, become values of `to` as well. */
+/* Add the values of `from` to `to`; both own them. */
 #define spin_json_share(to, from) json_object_update(to, (json_t *)(uintptr_t)(from))

@@ -1,14 +1,14 @@
 /* .npy arrays (format versions 1 to 3) and .npz archives of them.
  *
  * The header of an .npy is the text of a Python dictionary with exactly three keys. The parser
- * below reads that and nothing else of Python: a dtype we do not know is refused by its name, so
- * that a pickle inside an object array is never looked at. */
+ * accepts only that: unknown dtypes are refused by name, so that the pickle in an object array is
+ * never read. */
 #include "io/npy.h"
 
 #include "base/base.h"
 #include "io/zip_format.h"
 
-/* No header of a numeric array is longer; numpy too stops at 10000. */
+/* Headers of numeric arrays are shorter; numpy limits them to 10000 as well. */
 #define MAX_HEAD (12 + 10000)
 
 /* ---- The header's dictionary --------------------------------------------------------------- */
@@ -33,7 +33,7 @@ static void skip_space(struct text *t)
         t->p++;
 }
 
-/* Take the character c, after white space. */
+/* Consume white space and the character c, if it follows. */
 static bool take(struct text *t, char c)
 {
     skip_space(t);
@@ -54,7 +54,7 @@ static bool take_word(struct text *t, const char *word)
     return true;
 }
 
-/* A string in either kind of quotes, without escapes. */
+/* Consume a string in either kind of quotes, without escapes. */
 static bool take_string(struct text *t, char *out, size_t n_out)
 {
     unsigned char quote;
@@ -95,7 +95,7 @@ static bool take_number(struct text *t, uint64_t *out)
     return true;
 }
 
-/* "<f4": byte order, kind, bytes. */
+/* Parse "<f4": byte order, kind, bytes. */
 static spin_status read_dtype(const struct text *t, const char *descr, struct spin_array *out)
 {
     char order = descr[0];
@@ -125,7 +125,7 @@ static spin_status read_descr(struct text *t, struct spin_array *out)
     return read_dtype(t, descr, out);
 }
 
-/* "()", "(5,)", "(6, 1032, 3)", "(6, 1032, 3,)" */
+/* Parse "()", "(5,)", "(6, 1032, 3)", "(6, 1032, 3,)". */
 static spin_status read_shape(struct text *t, struct spin_array *out)
 {
     bool comma = true;
@@ -140,11 +140,11 @@ static spin_status read_shape(struct text *t, struct spin_array *out)
             return spin_unsupported("array '%s' has more than %d dimensions", t->what,
                                     SPIN_NPY_MAX_DIMS);
         if (!take_number(t, &out->shape[out->n_dims]))
-            return spin_malformed("array '%s' has a shape that is not made of counts", t->what);
+            return spin_malformed("array '%s' has a shape that is not a list of counts", t->what);
         out->n_dims++;
         comma = take(t, ',');
     }
-    if (out->n_dims == 1 && !comma) /* "(5)" is no tuple */
+    if (out->n_dims == 1 && !comma) /* "(5)" is not a tuple */
         return fail_header(t);
     return SPIN_OK;
 }
@@ -193,7 +193,7 @@ static spin_status read_dictionary(struct text *t, struct spin_array *out)
 
 /* ---- One array ----------------------------------------------------------------------------- */
 
-/* Product of the shape times the item, compared with the bytes that are there. */
+/* Compare the size that shape and item size require with the bytes present. */
 static spin_status check_size(const char *what, struct spin_array *a, size_t n_present)
 {
     uint64_t bytes = 0;
@@ -216,7 +216,7 @@ static spin_status check_size(const char *what, struct spin_array *a, size_t n_p
     return SPIN_OK;
 }
 
-/* The same, of which only the first n_readable bytes are at hand. */
+/* spin_npy_parse() when only the first n_readable bytes are available. */
 static spin_status parse_head(const char *what, const unsigned char *bytes, size_t n_readable,
                               size_t n_bytes, struct spin_array *out)
 {
@@ -225,7 +225,7 @@ static spin_status parse_head(const char *what, const unsigned char *bytes, size
 
     memset(out, 0, sizeof *out);
     if (n_readable < 10 || memcmp(bytes, "\x93NUMPY", 6) != 0)
-        return spin_malformed("array '%s' does not begin as .npy data does", what);
+        return spin_malformed("array '%s' does not begin with the .npy magic", what);
     if (bytes[6] < 1 || bytes[6] > 3)
         return spin_unsupported("array '%s' has .npy version %d, not 1 to 3", what, bytes[6]);
     prefix = bytes[6] == 1 ? 10 : 12;
@@ -293,7 +293,7 @@ bool spin_npz_has(const struct spin_npz *npz, const char *key)
     return find_array(npz, key) != NULL;
 }
 
-/* Remember an inflated member for spin_npz_close(). */
+/* Keep a decompressed member until spin_npz_close(). */
 static spin_status own(struct spin_npz *npz, void *block)
 {
     void *list = npz->owned;
@@ -311,8 +311,8 @@ static spin_status own(struct spin_npz *npz, void *block)
     return SPIN_OK;
 }
 
-/* What the header says, held against the size that the archive says, before the data is unpacked.
- * out->data is NULL. */
+/* Read the header and compare it with the member's size in the archive, before data are
+ * decompressed. out->data is NULL. */
 static spin_status read_head(const struct spin_npz *npz, const char *key,
                              const struct spin_zip_member *member, struct spin_array *out)
 {
@@ -330,7 +330,7 @@ static spin_status read_head(const struct spin_npz *npz, const char *key,
     return SPIN_OK;
 }
 
-/* The member, or the error that there is none. */
+/* The member for a key, or SPIN_E_NOT_FOUND. */
 static spin_status find(const struct spin_npz *npz, const char *key,
                         const struct spin_zip_member **out)
 {
@@ -363,14 +363,14 @@ spin_status spin_npz_take(const struct spin_npz *npz, const char *key, bool chec
 
     *owned = NULL;
     SPIN_TRY(find(npz, key, &member));
-    /* Half, as what is made of an unpacked array must find room as well. Asking takes a dozen
-     * system calls. */
+    /* Half, since what is made of a decompressed array needs memory too. Stored members skip the
+     * query, which takes a dozen system calls. */
     limit = member->method == METHOD_STORED ? 0 : spin_memory_available() / 2;
     SPIN_TRY(spin_zip_read(&npz->zip, member, check_crc, limit, &bytes, owned));
     return spin_npy_parse(key, bytes, (size_t)member->size, out);
 }
 
-/* The same, kept for spin_npz_close(). */
+/* The same; the block is kept until spin_npz_close(). */
 static spin_status read_data(struct spin_npz *npz, const char *key, bool check_crc,
                              struct spin_array *out)
 {
@@ -410,7 +410,7 @@ spin_status spin_npz_array_of(struct spin_npz *npz, const char *key, bool check_
 
 /* ---- Writing ------------------------------------------------------------------------------- */
 
-/* The head of an .npy as numpy writes it: padded with spaces so that the data is 64-byte
+/* The header of an .npy as numpy writes it, padded with spaces so that the data are 64-byte
  * aligned. */
 static spin_status header_bytes(const char *name, const char *descr, int n_dims,
                                 const uint64_t *shape, unsigned char head[256], size_t *n_head)
@@ -441,7 +441,7 @@ static spin_status header_bytes(const char *name, const char *descr, int n_dims,
     return SPIN_OK;
 }
 
-/* A member's name and header, and how many bytes of the array follow. */
+/* A member's name and header, and the size of the data to follow. */
 static spin_status describe_member(const char *name, const char *descr, int n_dims,
                                    const uint64_t *shape, unsigned char head[256], size_t *n_head,
                                    size_t *n_bytes, char **member)

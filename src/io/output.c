@@ -1,4 +1,4 @@
-/* One rule for everything that fills a folder: what was there is not touched unasked. */
+/* Outputs: existing files are never overwritten without --force. */
 #include "io/output.h"
 
 #include <fcntl.h>
@@ -25,7 +25,7 @@ spin_status spin_output_check_folder(const char *path)
     return spin_fail(SPIN_E_IO, "cannot write to folder '%s': %s", path, strerror(errno));
 }
 
-/* Of what has this name: it is a folder, and unless force nothing is in it. */
+/* Check that an existing name is a folder and, without force, that it is empty. */
 static spin_status count_entries(const char *path, bool force, size_t *n)
 {
     char **names = NULL;
@@ -49,8 +49,8 @@ spin_status spin_output_check_empty_folder(const char *path, bool force)
     return spin_output_check_folder(path);
 }
 
-/* Folder and name, so that equal files have equal texts; as it was given where there is no such
- * folder. */
+/* Absolute folder and name, so that the same file always has the same text; the path as given if
+ * the folder does not exist. */
 static spin_status place_of(const char *path, char **out)
 {
     SPIN_FREED char *folder = NULL, *absolute = NULL;
@@ -76,7 +76,7 @@ spin_status spin_output_check_distinct(const char *const *path, int n)
     return SPIN_OK;
 }
 
-/* ---- Space that is kept ---------------------------------------------------------------------- */
+/* ---- Reserved disk space -------------------------------------------------------------------- */
 
 enum space { KEPT, TOO_MUCH, CANNOT };
 
@@ -111,7 +111,8 @@ bool spin_reserve_set(struct spin_reserve *r, const char *path, uint64_t bytes)
     SPIN_FREED char *folder = NULL;
     enum space got;
 
-    if (bytes <= r->bytes && bytes > 0) /* the rest is freed with the whole */
+    if (bytes <= r->bytes &&
+        bytes > 0) /* a smaller reservation would gain nothing: all of it is freed at the end */
         return true;
     if (bytes == 0) {
         if (r->bytes > 0)
@@ -125,9 +126,10 @@ bool spin_reserve_set(struct spin_reserve *r, const char *path, uint64_t bytes)
     return got == KEPT || (got == CANNOT && spin_path_free_bytes(folder) >= bytes);
 }
 
-/* ---- The lock ------------------------------------------------------------------------------ */
+/* ---- Locks ---------------------------------------------------------------------------------- */
 
-/* The file that is open still has this name: its holder has not removed it meanwhile. */
+/* Whether the open file still has this name, that is, whether its previous holder did not remove it
+ * in the meantime. */
 static bool is_named(int fd, const char *path)
 {
     struct stat ours, there;
@@ -138,8 +140,8 @@ static bool is_named(int fd, const char *path)
 
 enum lock { HELD, TAKEN, GONE, NO_LOCKS, NO_FILE };
 
-/* GONE: the file was removed meanwhile, try again. NO_FILE: errno says why. fd is open after HELD
- * and NO_LOCKS. */
+/* GONE: the file was removed in the meantime, try again. NO_FILE: errno is set. fd stays open for
+ * HELD and NO_LOCKS. */
 static enum lock try_lock(const char *path, int *fd)
 {
     enum lock got = HELD;
@@ -168,7 +170,8 @@ spin_status spin_output_lock_take(const char *output, struct spin_output_lock *o
         got = try_lock(out->path, &out->fd);
     while (got == GONE);
     if (got == NO_LOCKS)
-        spin_warn("there are no locks where '%s' lies: see to it that no other run writes it",
+        spin_warn("the file system of '%s' does not support locks: make sure that no other run "
+                  "writes to it",
                   output);
     if (got == HELD || got == NO_LOCKS)
         return SPIN_OK;
@@ -183,8 +186,8 @@ spin_status spin_output_lock_take(const char *output, struct spin_output_lock *o
     return SPIN_E_IO;
 }
 
-/* Removed while it is still held: who opened it before sees that its name is gone. A file with
- * bytes in it is somebody else's. */
+/* Remove the file before the lock is released: a process that opened it before then finds that its
+ * name is gone. A file that is not empty was not created by us. */
 void spin_output_lock_drop(struct spin_output_lock *lock)
 {
     struct stat st;
@@ -198,8 +201,7 @@ void spin_output_lock_drop(struct spin_output_lock *lock)
     *lock = (struct spin_output_lock){.fd = -1};
 }
 
-/* ---- Folders that are filled ------------------------------------------------------------------
- */
+/* ---- Output folders ------------------------------------------------------------------------- */
 
 spin_status spin_output_folder_begin(const char *path, bool force, const char *ending,
                                      struct spin_output_folder *out)
@@ -234,11 +236,11 @@ void spin_output_folder_end(struct spin_output_folder *folder)
 void spin_output_folder_abandon(struct spin_output_folder *folder)
 {
     if (folder->created && folder->path)
-        (void)rmdir(folder->path); /* refuses when files are in it, which is what we want */
+        (void)rmdir(folder->path); /* fails if it contains files, as intended */
     spin_output_folder_end(folder);
 }
 
-/* ---- Numbered names -------------------------------------------------------------------------- */
+/* ---- Numbered names ------------------------------------------------------------------------- */
 
 static spin_status fail_pattern(const char *text)
 {
@@ -276,6 +278,6 @@ spin_status spin_pattern_path(const struct spin_pattern *p, const char *folder, 
 
     if (snprintf(name, sizeof name, p->zeros ? "%.*s%0*d%s" : "%.*s%*d%s", p->n_before, p->text,
                  p->width, number, p->after) >= (int)sizeof name)
-        return spin_misuse("--pattern makes too long a name: '%.40s...'", name);
+        return spin_misuse("--pattern: the file name is too long: '%.40s...'", name);
     return spin_path_join(folder, name, out);
 }

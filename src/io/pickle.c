@@ -1,28 +1,28 @@
-/* Pickles as data: a stack machine after Python's Lib/pickletools.py, of which only the opcodes
- * that build values are there.
+/* Pickles as data: a stack machine modelled on Python's Lib/pickletools.py, with only the opcodes
+ * that build values.
  *
- * A global is pushed as the number of a row in a table; REDUCE, NEWOBJ and BUILD switch on that
- * number and make the value it stands for. There is no call. What a file can cost is bounded:
- * lengths by what is left of the input, memo slots by the number of opcodes so far, nesting by a
- * constant, and the sum of all values by a budget. Nothing here recurses, but for a stream inside a
- * pickle (torch.storage._load_from_bytes), once. */
+ * A global is pushed as its index in a table; REDUCE, NEWOBJ and BUILD switch on that index and
+ * create the value it stands for. No code is called. The cost of a file is bounded: lengths by the
+ * remaining input, memo slots by the number of opcodes so far, nesting by a constant, and the total
+ * of all values by a budget. Nothing recurses, except for one level of a stream inside a pickle
+ * (torch.storage._load_from_bytes). */
 #include "io/pickle.h"
 
 #include "base/base.h"
 
-/* Values may take this much beyond the bytes of the input. Real checkpoints need kilobytes. */
+/* Budget for values, in addition to the size of the input. Real checkpoints need kilobytes. */
 #define BUDGET ((size_t)32 << 20)
 #define SLAB ((size_t)16 << 10)
 #define MAX_DEPTH 256
 
 enum role {
     PLAIN,
-    GLOBAL,   /* id says which */
+    GLOBAL,   /* id: its index in globals[] */
     DTYPE,    /* tensor: kind, item_size, big_endian */
     STORAGE,  /* tensor: kind, item_size, storage or data, storage_count, offset (old views) */
-    ORDERED,  /* a dict that was an OrderedDict */
-    UNFILLED, /* a numpy array whose BUILD is to come */
-    INSTANCE  /* of the class id; its BUILD may come */
+    ORDERED,  /* a dict created as an OrderedDict */
+    UNFILLED, /* a numpy array before its BUILD */
+    INSTANCE  /* of class globals[id]; a BUILD may follow */
 };
 
 struct node {
@@ -34,17 +34,17 @@ struct node {
 struct machine {
     const char *what;
     const unsigned char *start, *p, *end;
-    const unsigned char *op; /* where the current opcode is */
+    const unsigned char *op; /* start of the current opcode */
     struct spin_arena *arena;
     char *slab;
     size_t slab_left, budget;
     struct spin_value **stack, **memo;
     size_t n_stack, stack_capacity, n_memo, memo_capacity;
     size_t *mark, n_marks, mark_capacity;
-    struct spin_storage *storage; /* one for each persistent id, unsorted */
+    struct spin_storage *storage; /* one for each persistent id, unsorted, with duplicates */
     size_t n_storages, storage_capacity;
     size_t n_ops;
-    int level; /* 1: inside _load_from_bytes */
+    int level; /* 1 inside _load_from_bytes */
     struct spin_value *none, *yes, *no, *empty_tuple, *small[256];
 };
 
@@ -53,7 +53,7 @@ static struct node *node_of(struct spin_value *v)
     return (struct node *)(void *)((char *)v - offsetof(struct node, v));
 }
 
-/* Values below the last mark stay. */
+/* Index above the last mark; values below must not be popped. */
 static size_t stack_floor(const struct machine *m)
 {
     return m->n_marks ? m->mark[m->n_marks - 1] : 0;
@@ -80,7 +80,7 @@ static spin_status bad(const struct machine *m, const char *why)
     return fail_at(m, SPIN_E_MALFORMED, why);
 }
 
-/* Text of the file as it may be shown: no control characters, not long. */
+/* Text from the file for messages: printable and shortened. */
 static const char *shown(const char *text, size_t n, char out[100])
 {
     size_t i = 0;
@@ -118,7 +118,7 @@ static spin_status take(struct machine *m, size_t bytes, void **out)
     return SPIN_OK;
 }
 
-/* Only values that describe elements have room for the tensor at their end. */
+/* Only values that describe elements are allocated with the tensor at their end. */
 static spin_status new_node(struct machine *m, enum spin_value_kind kind, enum role role,
                             struct node **out)
 {
@@ -132,7 +132,7 @@ static spin_status new_node(struct machine *m, enum spin_value_kind kind, enum r
     return SPIN_OK;
 }
 
-/* Make room for one more in a growing array. */
+/* Ensure capacity for one more item in a growing array. */
 static spin_status room_for(struct machine *m, void **array, size_t n, size_t *capacity,
                             size_t size)
 {
@@ -148,7 +148,7 @@ static spin_status room_for(struct machine *m, void **array, size_t n, size_t *c
     return SPIN_OK;
 }
 
-/* ---- The stack ------------------------------------------------------------------------------- */
+/* ---- The stack ------------------------------------------------------------------------------ */
 
 static spin_status push(struct machine *m, struct spin_value *v)
 {
@@ -157,7 +157,7 @@ static spin_status push(struct machine *m, struct spin_value *v)
     return SPIN_OK;
 }
 
-/* At least n values above the last mark. */
+/* Check for at least n values above the last mark. */
 static spin_status need(const struct machine *m, size_t n)
 {
     if (m->n_stack - stack_floor(m) < n)
@@ -184,7 +184,7 @@ static spin_status put_memo(struct machine *m, uint64_t slot)
 {
     SPIN_TRY(need(m, 1));
     if (slot > m->n_ops)
-        return bad(m, "a memo slot far beyond those used so far");
+        return bad(m, "a memo slot out of range");
     while (m->n_memo <= slot) {
         SPIN_TRY(room_for(m, (void **)&m->memo, m->n_memo, &m->memo_capacity, sizeof *m->memo));
         m->memo[m->n_memo++] = NULL;
@@ -200,7 +200,7 @@ static spin_status get_memo(struct machine *m, uint64_t slot)
     return push(m, m->memo[slot]);
 }
 
-/* ---- Plain values ---------------------------------------------------------------------------- */
+/* ---- Plain values --------------------------------------------------------------------------- */
 
 static spin_status new_int(struct machine *m, int64_t value, struct spin_value **out)
 {
@@ -237,7 +237,7 @@ static spin_status push_float(struct machine *m, double value)
     return push(m, &node->v);
 }
 
-/* None, True and False: one of each. */
+/* Push None, True or False, each of which exists once. */
 static spin_status push_constant(struct machine *m, struct spin_value **kept,
                                  enum spin_value_kind kind, int value)
 {
@@ -252,8 +252,8 @@ static spin_status push_constant(struct machine *m, struct spin_value **kept,
     return push(m, *kept);
 }
 
-/* Two's complement, little-endian, any length. What does not fit in 64 bits is the nearest limit,
- * with the magnitude in `number`: an error only where it is needed. */
+/* Push a little-endian two's complement integer of any length. Values beyond 64 bits are clamped,
+ * with their magnitude in `number`; callers report an error if they need them. */
 static spin_status push_long(struct machine *m, const unsigned char *p, size_t n)
 {
     bool negative = n > 0 && p[n - 1] & 0x80;
@@ -298,7 +298,7 @@ static spin_status push_text(struct machine *m, enum spin_value_kind kind, const
     return push(m, &node->v);
 }
 
-/* ---- Containers ------------------------------------------------------------------------------ */
+/* ---- Containers ----------------------------------------------------------------------------- */
 
 static spin_status deepen(struct machine *m, struct node *parent, struct spin_value *child)
 {
@@ -311,7 +311,7 @@ static spin_status deepen(struct machine *m, struct node *parent, struct spin_va
     return SPIN_OK;
 }
 
-/* The n values from `at` on become a tuple in their place. */
+/* Replace the values from `at` on by a tuple of them. */
 static spin_status make_tuple(struct machine *m, size_t at)
 {
     size_t n = m->n_stack - at;
@@ -352,7 +352,7 @@ static size_t power_of_two(size_t n)
     return p;
 }
 
-/* Append pointers; the room is always the next power of two. */
+/* Append pointers; the capacity is always the next power of two. */
 static spin_status append(struct machine *m, struct spin_value *to, size_t have,
                           struct spin_value *const *from, size_t n)
 {
@@ -371,14 +371,14 @@ static spin_status append(struct machine *m, struct spin_value *to, size_t have,
     return SPIN_OK;
 }
 
-/* Values from `at` on go into the list below them. */
+/* Append the values from `at` on to the list below them. */
 static spin_status append_items(struct machine *m, size_t at)
 {
     struct spin_value *list;
     size_t n = m->n_stack - at;
 
     if (at <= stack_floor(m) || m->stack[at - 1]->kind != SPIN_VALUE_LIST)
-        return bad(m, "items for what is not a list");
+        return bad(m, "items for a value that is not a list");
     list = m->stack[at - 1];
     SPIN_TRY(append(m, list, list->n, m->stack + at, n));
     list->n += n;
@@ -386,14 +386,14 @@ static spin_status append_items(struct machine *m, size_t at)
     return SPIN_OK;
 }
 
-/* Keys and values from `at` on go into the dict below them. */
+/* Add the keys and values from `at` on to the dict below them. */
 static spin_status set_items(struct machine *m, size_t at)
 {
     struct spin_value *dict;
     size_t n = m->n_stack - at;
 
     if (at <= stack_floor(m) || m->stack[at - 1]->kind != SPIN_VALUE_DICT)
-        return bad(m, "items for what is not a dict");
+        return bad(m, "items for a value that is not a dict");
     if (n % 2)
         return bad(m, "a key without a value");
     dict = m->stack[at - 1];
@@ -403,14 +403,14 @@ static spin_status set_items(struct machine *m, size_t at)
     return SPIN_OK;
 }
 
-/* ---- Storages -------------------------------------------------------------------------------- */
+/* ---- Storages ------------------------------------------------------------------------------- */
 
 static int by_key(const void *a, const void *b)
 {
     return strcmp(((const struct spin_storage *)a)->key, ((const struct spin_storage *)b)->key);
 }
 
-/* The storages, sorted, each once; a key always means the same. */
+/* Sort the storages and remove duplicates, which must agree in type and count. */
 static spin_status keep_storages(struct machine *m, struct spin_pickle *out)
 {
     size_t n = 0;
@@ -437,14 +437,13 @@ static spin_status keep_storages(struct machine *m, struct spin_pickle *out)
     return SPIN_OK;
 }
 
-/* torch.storage._load_from_bytes: a whole legacy stream in a bytes object, pushed as one storage.
- */
+/* torch.storage._load_from_bytes: a complete legacy stream in a bytes object, pushed as one
+ * storage. */
 static spin_status load_from_bytes(struct machine *m, const struct spin_value *args);
 
-/* ---- The globals that a pickle may name; every other is refused
- * ---------------------------------- */
+/* ---- The globals that a pickle may refer to; any other is refused --------------------------- */
 
-/* A view that repeats elements (stride 0) may have more of them than its storage, up to this. */
+/* Limit for views that repeat elements (stride 0) and have more of them than their storage. */
 #define MAX_REPEATED ((uint64_t)1 << 22)
 
 enum global {
@@ -501,7 +500,8 @@ static const struct {
 };
 enum { N_GLOBALS = sizeof globals / sizeof *globals };
 
-/* What is refused with more than its name. Modules end in '.' when all below them are meant. */
+/* Globals that are refused with a specific message. Without a name, the module and all below it are
+ * meant. */
 static const struct {
     const char *module, *name, *why;
 } refused[] = {
@@ -551,7 +551,7 @@ static spin_status push_global(struct machine *m, const char *module, const char
     return refuse_global(m, module, name);
 }
 
-/* A line of the input, without its end, as text in `out`. */
+/* Read a line, without its end, into `out`. */
 static spin_status read_line(struct machine *m, char out[128])
 {
     const unsigned char *end = memchr(m->p, '\n', (size_t)(m->end - m->p));
@@ -561,7 +561,7 @@ static spin_status read_line(struct machine *m, char out[128])
         return bad(m, "cut short");
     n = (size_t)(end - m->p);
     if (n >= 128 || memchr(m->p, '\0', n))
-        return bad(m, "a global whose name is not one");
+        return bad(m, "a global with an invalid name");
     memcpy(out, m->p, n);
     out[n] = '\0';
     m->p = end + 1;
@@ -586,7 +586,7 @@ static spin_status op_stack_global(struct machine *m)
     module = pop(m);
     if (name->kind != SPIN_VALUE_TEXT || module->kind != SPIN_VALUE_TEXT || name->n >= 128 ||
         module->n >= 128 || strlen(name->text) != name->n || strlen(module->text) != module->n)
-        return bad(m, "a global whose name is not one");
+        return bad(m, "a global with an invalid name");
     return push_global(m, module->text, name->text);
 }
 
@@ -597,9 +597,9 @@ static bool is_global(struct spin_value *v, enum global id)
     return node->role == GLOBAL && globals[node->id].id == id;
 }
 
-/* ---- Tensors --------------------------------------------------------------------------------- */
+/* ---- Tensors -------------------------------------------------------------------------------- */
 
-/* A count that may be one: an int that is not negative. */
+/* The value as a count: a non-negative int. */
 static bool count_of(const struct spin_value *v, uint64_t *out)
 {
     if (v->kind != SPIN_VALUE_INT || v->integer < 0 || v->number >= 0x1p63)
@@ -618,7 +618,7 @@ static bool is_key(const struct spin_value *v)
     return true;
 }
 
-/* The view of very old files, (key, offset, size), shifts where tensors begin. */
+/* In very old files, a view (key, offset, size) shifts where a tensor begins. */
 static spin_status read_view(struct machine *m, const struct spin_value *view,
                              struct spin_array *out)
 {
@@ -629,12 +629,12 @@ static spin_status read_view(struct machine *m, const struct spin_value *view,
     if (view->kind != SPIN_VALUE_TUPLE || view->n != 3 || !count_of(view->item[1], &offset) ||
         !count_of(view->item[2], &size) || offset > out->storage_count ||
         size > out->storage_count - offset)
-        return bad(m, "a view that does not lie in its storage");
+        return bad(m, "a view outside its storage");
     out->offset = offset;
     return SPIN_OK;
 }
 
-/* ('storage', type, key, location, count) and, in legacy streams, a view */
+/* ('storage', type, key, location, count) and, in legacy streams, a view. */
 static spin_status op_persistent_id(struct machine *m)
 {
     struct spin_value *id;
@@ -647,9 +647,9 @@ static spin_status op_persistent_id(struct machine *m)
     id = pop(m);
     if (id->kind != SPIN_VALUE_TUPLE || id->n < 5 || id->n > 6 ||
         id->item[0]->kind != SPIN_VALUE_TEXT || strcmp(id->item[0]->text, "storage") != 0)
-        return bad(m, "a persistent id that is not of a storage");
+        return bad(m, "a persistent id that is not a storage");
     if (!is_global(id->item[1], G_STORAGE))
-        return bad(m, "a storage of no known type");
+        return bad(m, "a storage of unknown type");
     if (!is_key(id->item[2]))
         return bad(m, "a storage whose key is not a number");
     type = node_of(id->item[1])->id;
@@ -674,7 +674,7 @@ static spin_status op_persistent_id(struct machine *m)
     return push(m, &node->v);
 }
 
-/* Every element must lie in the storage, and there may not be absurdly many. */
+/* Check that every element lies in the storage, and limit their number. */
 static spin_status check_tensor(const struct machine *m, struct spin_array *t)
 {
     uint64_t last = t->offset, reach;
@@ -689,12 +689,12 @@ static spin_status check_tensor(const struct machine *m, struct spin_array *t)
         if (__builtin_mul_overflow(t->count, t->shape[i], &t->count) ||
             __builtin_mul_overflow(t->shape[i] - 1, (uint64_t)t->stride[i], &reach) ||
             __builtin_add_overflow(last, reach, &last))
-            return bad(m, "a tensor whose shape is beyond counting");
+            return bad(m, "a tensor whose size overflows");
     }
     if (last >= t->storage_count)
         return bad(m, "a tensor that reaches beyond its storage");
     if (t->count > t->storage_count && t->count > MAX_REPEATED)
-        return bad(m, "a tensor that repeats its few elements too often");
+        return bad(m, "a tensor that repeats its elements too often");
     return SPIN_OK;
 }
 
@@ -723,16 +723,16 @@ static spin_status make_tensor(struct machine *m, const struct spin_value *args)
     t->n_dims = (int)sizes->n;
     for (size_t i = 0; i < sizes->n; i++) {
         if (!count_of(sizes->item[i], &t->shape[i]) || !count_of(strides->item[i], &value))
-            return bad(m, "a tensor whose shape is not made of counts");
+            return bad(m, "a tensor with an invalid shape");
         t->stride[i] = (int64_t)value;
     }
     SPIN_TRY(check_tensor(m, t));
     return push(m, &node->v);
 }
 
-/* ---- numpy ----------------------------------------------------------------------------------- */
+/* ---- NumPy ---------------------------------------------------------------------------------- */
 
-/* dtype(code, align, copy): the byte order comes with BUILD. */
+/* dtype(code, align, copy); BUILD sets the byte order. */
 static spin_status make_dtype(struct machine *m, const struct spin_value *args)
 {
     const char *code = args->n > 0 ? spin_value_text(args->item[0]) : NULL;
@@ -762,7 +762,7 @@ static spin_status build_dtype(struct machine *m, struct spin_value *dtype,
     return SPIN_OK;
 }
 
-/* The bytes become the elements: their number must be that of the shape. */
+/* Use the bytes as the array's elements; their number must match the shape. */
 static spin_status fill_array(struct machine *m, struct spin_array *t, struct spin_value *dtype,
                               const struct spin_value *shape, bool fortran,
                               const struct spin_value *raw)
@@ -771,7 +771,7 @@ static spin_status fill_array(struct machine *m, struct spin_array *t, struct sp
 
     if (node_of(dtype)->role != DTYPE || !spin_value_is_sequence(shape) ||
         shape->n > SPIN_NPY_MAX_DIMS || raw->kind != SPIN_VALUE_BYTES)
-        return bad(m, "a numpy array that is not made of shape, dtype and bytes");
+        return bad(m, "a numpy array that does not consist of shape, dtype and bytes");
     *t = (struct spin_array){.kind = dtype->tensor.kind,
                              .item_size = dtype->tensor.item_size,
                              .big_endian = dtype->tensor.big_endian,
@@ -780,14 +780,14 @@ static spin_status fill_array(struct machine *m, struct spin_array *t, struct sp
     t->storage_count = raw->n / (size_t)t->item_size;
     for (size_t i = 0; i < shape->n; i++)
         if (!count_of(shape->item[i], &t->shape[i]))
-            return bad(m, "a numpy array whose shape is not made of counts");
+            return bad(m, "a numpy array with an invalid shape");
     for (int k = 0; k < t->n_dims; k++) {
         int i = fortran ? k : t->n_dims - 1 - k;
 
         t->stride[i] = (int64_t)stride;
         if (__builtin_mul_overflow(stride, t->shape[i] ? t->shape[i] : 1, &stride) ||
             stride > INT64_MAX)
-            return bad(m, "a numpy array whose shape is beyond counting");
+            return bad(m, "a numpy array whose size overflows");
     }
     SPIN_TRY(check_tensor(m, t));
     if (__builtin_mul_overflow(t->count, (uint64_t)t->item_size, &bytes) || bytes != raw->n)
@@ -795,7 +795,7 @@ static spin_status fill_array(struct machine *m, struct spin_array *t, struct sp
     return SPIN_OK;
 }
 
-/* BUILD (version, shape, dtype, is_fortran, bytes) */
+/* BUILD (version, shape, dtype, is_fortran, bytes). */
 static spin_status build_array(struct machine *m, struct spin_value *array,
                                const struct spin_value *state)
 {
@@ -807,7 +807,7 @@ static spin_status build_array(struct machine *m, struct spin_value *array,
     return SPIN_OK;
 }
 
-/* _reconstruct(ndarray, (0,), b'b') */
+/* _reconstruct(ndarray, (0,), b'b'): an array that BUILD fills. */
 static spin_status make_unfilled(struct machine *m, const struct spin_value *args)
 {
     struct node *node;
@@ -820,7 +820,7 @@ static spin_status make_unfilled(struct machine *m, const struct spin_value *arg
     return push(m, &node->v);
 }
 
-/* _frombuffer(bytes, dtype, shape, order) */
+/* _frombuffer(bytes, dtype, shape, order). */
 static spin_status make_from_buffer(struct machine *m, const struct spin_value *args)
 {
     const char *order = args->n == 4 ? spin_value_text(args->item[3]) : NULL;
@@ -834,7 +834,7 @@ static spin_status make_from_buffer(struct machine *m, const struct spin_value *
     return push(m, &node->v);
 }
 
-/* scalar(dtype, bytes) becomes a plain number. */
+/* Convert scalar(dtype, bytes) to a plain number. */
 static spin_status make_scalar(struct machine *m, const struct spin_value *args)
 {
     struct spin_value none = {0};
@@ -852,13 +852,14 @@ static spin_status make_scalar(struct machine *m, const struct spin_value *args)
         return push_int(m, integer);
     if (t.kind == 'b')
         return push_constant(m, integer ? &m->yes : &m->no, SPIN_VALUE_BOOL, integer != 0);
-    SPIN_TRY(new_node(m, SPIN_VALUE_TENSOR, PLAIN, &node)); /* read as a tensor of one, once */
+    SPIN_TRY(new_node(m, SPIN_VALUE_TENSOR, PLAIN,
+                      &node)); /* read through a temporary tensor of one element */
     node->v.tensor = t;
     spin_value_number(&node->v, &number);
     return push_float(m, number);
 }
 
-/* _codecs.encode(text, 'latin1'): how protocol 2 spells bytes; code point n is byte n. */
+/* _codecs.encode(text, 'latin1'), as which protocol 2 writes bytes: code point n is byte n. */
 static spin_status make_encoded(struct machine *m, const struct spin_value *args)
 {
     const char *to = args->n == 2 ? spin_value_text(args->item[1]) : NULL;
@@ -881,14 +882,14 @@ static spin_status make_encoded(struct machine *m, const struct spin_value *args
             out[node->v.n++] = (unsigned char)((c[0] & 3) << 6 | (c[1] & 0x3f));
             i++;
         } else {
-            return bad(m, "text that is to be bytes, but is not Latin-1");
+            return bad(m, "text to be encoded as bytes is not Latin-1");
         }
     }
     node->v.text = block;
     return push(m, &node->v);
 }
 
-/* ---- REDUCE, NEWOBJ, BUILD ------------------------------------------------------------------- */
+/* ---- REDUCE, NEWOBJ, BUILD ------------------------------------------------------------------ */
 
 static spin_status make_ordered(struct machine *m, const struct spin_value *args)
 {
@@ -958,7 +959,7 @@ static spin_status call(struct machine *m, struct spin_value *of, const struct s
     case G_NDARRAY:
         break;
     }
-    snprintf(why, sizeof why, "'%s' is called, which is not how data are written", of->text);
+    snprintf(why, sizeof why, "'%s' is called in an unexpected way", of->text);
     return bad(m, why);
 }
 
@@ -970,7 +971,7 @@ static spin_status op_reduce(struct machine *m)
     args = pop(m);
     of = pop(m);
     if (node_of(of)->role != GLOBAL || args->kind != SPIN_VALUE_TUPLE)
-        return bad(m, "a call of what is not a function");
+        return bad(m, "a call of a value that is not a function");
     return call(m, of, args);
 }
 
@@ -982,7 +983,7 @@ static spin_status op_newobj(struct machine *m)
     args = pop(m);
     of = pop(m);
     if (!is_global(of, G_OBJECT) || args->kind != SPIN_VALUE_TUPLE || args->n != 0)
-        return bad(m, "an object of a class that is not known as data");
+        return bad(m, "an object of an unsupported class");
     return make_instance(m, of);
 }
 
@@ -995,27 +996,26 @@ static spin_status op_build(struct machine *m)
     state = pop(m);
     to = m->stack[m->n_stack - 1];
     switch (node_of(to)->role) {
-    case ORDERED: /* _metadata of a state_dict(): of no use */
-        return state->kind == SPIN_VALUE_DICT ? SPIN_OK : bad(m, "a dict with a strange state");
+    case ORDERED: /* _metadata of a state_dict(), ignored */
+        return state->kind == SPIN_VALUE_DICT ? SPIN_OK : bad(m, "a dict with an unexpected state");
     case DTYPE:
         return build_dtype(m, to, state);
     case UNFILLED:
         return build_array(m, to, state);
     case INSTANCE:
         if (state->kind != SPIN_VALUE_DICT)
-            return bad(m, "an object with a strange state");
+            return bad(m, "an object with an unexpected state");
         SPIN_TRY(take(m, sizeof *to->item, &item));
         to->item = item;
         to->item[0] = state;
         to->n = 1;
         return deepen(m, node_of(to), state);
     default:
-        return bad(m, "a state for what has none");
+        return bad(m, "a state for a value without one");
     }
 }
 
-/* ---- Opcodes -----------------------------------------------------------------------------------
- */
+/* ---- Opcodes -------------------------------------------------------------------------------- */
 
 enum opcode {
     MARK = 0x28,
@@ -1070,7 +1070,7 @@ enum opcode {
     BYTEARRAY8 = 0x96
 };
 
-/* An unsigned little-endian argument of n bytes. */
+/* Read an unsigned little-endian argument of n bytes. */
 static spin_status read_uint(struct machine *m, int n, uint64_t *out)
 {
     *out = 0;
@@ -1082,7 +1082,7 @@ static spin_status read_uint(struct machine *m, int n, uint64_t *out)
     return SPIN_OK;
 }
 
-/* A length of n_length bytes and as many bytes. */
+/* Read a length of n_length bytes and the bytes that follow. */
 static spin_status read_bytes(struct machine *m, int n_length, const unsigned char **p, size_t *n)
 {
     uint64_t length;
@@ -1163,7 +1163,7 @@ static spin_status op_proto(struct machine *m)
 
     SPIN_TRY(read_uint(m, 1, &version));
     if (version < 2 || version > 5)
-        return fail_at(m, SPIN_E_UNSUPPORTED, "a protocol that is not 2 to 5");
+        return fail_at(m, SPIN_E_UNSUPPORTED, "its protocol is not 2 to 5");
     return SPIN_OK;
 }
 
@@ -1288,14 +1288,14 @@ static spin_status step(struct machine *m, unsigned char op)
     return fail_at(m, SPIN_E_UNSUPPORTED, why);
 }
 
-/* One pickle from m->p on, to STOP. */
+/* Read one pickle from m->p up to STOP. */
 static spin_status run(struct machine *m, const struct spin_value **root)
 {
     m->op = m->start = m->p;
     if (m->end - m->p < 2)
         return bad(m, "cut short");
     if (m->p[0] != PROTO)
-        return bad(m, "it does not begin as pickles of protocol 2 to 5 do");
+        return bad(m, "it does not begin with a header of protocol 2 to 5");
     m->n_stack = m->n_marks = m->n_memo = m->n_ops = 0;
     for (;;) {
         m->op = m->p;
@@ -1313,7 +1313,7 @@ static spin_status run(struct machine *m, const struct spin_value **root)
     return SPIN_OK;
 }
 
-/* ---- The stream that torch.save wrote before 1.6: five pickles, then the storages ------------ */
+/* ---- The stream that torch.save wrote before 1.6: five pickles, then the storages ----------- */
 
 static const unsigned char legacy_magic[15] = {0x80, 0x02, 0x8a, 0x0a, 0x6c, 0xfc, 0x9c, 0x46,
                                                0xf9, 0x20, 0x6a, 0xa8, 0x50, 0x19, 0x2e};
@@ -1323,7 +1323,7 @@ bool spin_pickle_is_legacy(const unsigned char *bytes, size_t n)
     return n >= sizeof legacy_magic && memcmp(bytes, legacy_magic, sizeof legacy_magic) == 0;
 }
 
-/* Count and elements of one storage. */
+/* Read the count and elements of one storage. */
 static spin_status bind_storage(struct machine *m, const struct spin_pickle *pickle,
                                 const struct spin_value *key)
 {
@@ -1347,7 +1347,7 @@ static spin_status bind_storage(struct machine *m, const struct spin_pickle *pic
         return spin_malformed("cannot read '%s': storage '%s' has %llu elements, expected %llu",
                               m->what, s->key, (unsigned long long)count,
                               (unsigned long long)s->count);
-    bytes = count * (uint64_t)s->item_size; /* checked at its persistent id */
+    bytes = count * (uint64_t)s->item_size; /* cannot overflow, see op_persistent_id() */
     if (bytes > (uint64_t)(m->end - m->p))
         return bad(m, "the storages are cut short");
     s->data = m->p;
@@ -1355,13 +1355,14 @@ static spin_status bind_storage(struct machine *m, const struct spin_pickle *pic
     return SPIN_OK;
 }
 
-/* The pickles: magic number, version, byte order, the object, the keys in order; then the data. */
+/* The pickles are magic number, version, byte order, the object, and the keys in order; then the
+ * data. */
 static spin_status run_legacy(struct machine *m, struct spin_pickle *out)
 {
     const struct spin_value *version, *system, *keys, *little;
 
     if (!spin_pickle_is_legacy(m->p, (size_t)(m->end - m->p)))
-        return spin_malformed("cannot read '%s': no stream of torch.save", m->what);
+        return spin_malformed("cannot read '%s': not a torch.save stream", m->what);
     m->p += sizeof legacy_magic;
     SPIN_TRY(run(m, &version));
     if (version->kind != SPIN_VALUE_INT || version->integer != 1001)
@@ -1369,7 +1370,7 @@ static spin_status run_legacy(struct machine *m, struct spin_pickle *out)
     SPIN_TRY(run(m, &system));
     little = spin_value_get(system, "little_endian");
     if (!little || little->kind != SPIN_VALUE_BOOL)
-        return bad(m, "no word about the byte order");
+        return bad(m, "the byte order is missing");
     out->big_endian = !little->integer;
     m->n_storages = 0;
     SPIN_TRY(run(m, &out->root));
@@ -1418,8 +1419,7 @@ static spin_status load_from_bytes(struct machine *m, const struct spin_value *a
     return push(m, &node->v);
 }
 
-/* ---- The machine put together ------------------------------------------------------------------
- */
+/* ---- Parsing -------------------------------------------------------------------------------- */
 
 static spin_status parse(const char *what, const unsigned char *bytes, size_t n, bool legacy,
                          struct spin_pickle *out)
@@ -1434,7 +1434,7 @@ static spin_status parse(const char *what, const unsigned char *bytes, size_t n,
 
     memset(out, 0, sizeof *out);
     if (legacy) {
-        m.budget = BUDGET; /* the rest is storages, which are not copied */
+        m.budget = BUDGET; /* the rest of the input is storages, which are not copied */
         SPIN_TRY_OUT(run_legacy(&m, out));
     } else {
         m.budget = n < SIZE_MAX - BUDGET ? BUDGET + n : BUDGET;
@@ -1461,8 +1461,7 @@ spin_status spin_pickle_parse_legacy(const char *what, const unsigned char *byte
     return parse(what, bytes, n, true, out);
 }
 
-/* ---- Values, looked up -------------------------------------------------------------------------
- */
+/* ---- Looking up values ---------------------------------------------------------------------- */
 
 void spin_pickle_free(struct spin_pickle *pickle)
 {
@@ -1487,7 +1486,7 @@ bool spin_value_is_sequence(const struct spin_value *v)
     return v->kind == SPIN_VALUE_TUPLE || v->kind == SPIN_VALUE_LIST;
 }
 
-/* Of two equal keys the later counts, as in Python. */
+/* Of equal keys the last one wins, as in Python. */
 const struct spin_value *spin_value_get(const struct spin_value *dict, const char *key)
 {
     if (!dict || dict->kind != SPIN_VALUE_DICT)

@@ -1,12 +1,12 @@
-/* A pickle machine that builds data and never runs code.
+/* A pickle reader that builds data and never runs code.
  *
- * Protocols 2 to 5. Globals are names, not things: the few that stand for plain data (OrderedDict,
- * torch's tensor rebuilders, numpy's array rebuilders, argparse.Namespace, ...) are known by a
- * whitelist and become values; any other is an error that names it, even when it is never called.
- * Depth, memo, lengths and the sum of all values are bounded by the size of the input.
+ * Protocols 2 to 5. Globals are looked up by name in a list of those that stand for plain data
+ * (OrderedDict, torch's tensor rebuilders, numpy's array rebuilders, argparse.Namespace, ...); any
+ * other is an error, even if it is never called. Depth, memo, lengths and the total size of the
+ * values are bounded by the size of the input.
  *
- * What comes out is a graph of values, for a list may hold itself, and sixty pairs of pairs are a
- * tree of 2^60. Look things up; never walk it all. */
+ * The result is a graph: a list may contain itself, and sixty nested pairs can form a tree of 2^60
+ * nodes. Look up values; never traverse all of them. */
 #pragma once
 
 #include "base/mem.h"
@@ -21,9 +21,9 @@ enum spin_value_kind {
     SPIN_VALUE_BYTES,
     SPIN_VALUE_LIST,
     SPIN_VALUE_TUPLE,
-    SPIN_VALUE_DICT,   /* item holds key, value, key, value, ... in the order of the file */
-    SPIN_VALUE_TENSOR, /* torch tensor or numpy array: see tensor */
-    SPIN_VALUE_OBJECT  /* a whitelisted class: name in text; its state, if any, in item[0] */
+    SPIN_VALUE_DICT,   /* item is key, value, key, value, ... in the order of the file */
+    SPIN_VALUE_TENSOR, /* torch tensor or numpy array, in `tensor` */
+    SPIN_VALUE_OBJECT  /* of a listed class: its name in text; its state, if any, in item[0] */
 };
 
 struct spin_value {
@@ -36,41 +36,41 @@ struct spin_value {
     struct spin_array tensor;
 };
 
-/* A storage that tensors refer to by its key. */
+/* A storage, to which tensors refer by its key. */
 struct spin_storage {
     const char *key;
     char kind;                 /* as in struct spin_array */
     int item_size;             /* bytes */
     uint64_t count;            /* elements */
-    const unsigned char *data; /* of spin_pickle_parse_legacy() only */
+    const unsigned char *data; /* for spin_pickle_parse_legacy() only */
 };
 
 struct spin_pickle {
     const struct spin_value *root;
     struct spin_arena arena;      /* owns all values and text */
-    size_t used;                  /* bytes of the input up to and with STOP */
-    struct spin_storage *storage; /* [n_storages] sorted by key (strcmp), each once */
+    size_t used;                  /* bytes of the input up to and including STOP */
+    struct spin_storage *storage; /* [n_storages] sorted by key (strcmp), without duplicates */
     size_t n_storages;
-    bool big_endian; /* the storages are (legacy streams) */
+    bool big_endian; /* byte order of the storages (legacy streams) */
 };
 
-/* `what` names it in messages. Storages stay unbound. To be freed with spin_pickle_free(). */
+/* `what` names the input in messages. Storages stay unbound. Free with spin_pickle_free(). */
 spin_status spin_pickle_parse(const char *what, const unsigned char *bytes, size_t n,
                               struct spin_pickle *out);
-/* The raw stream that torch.save wrote before 1.6: five pickles, then the storages, whose data
- * point into `bytes`. */
+/* The stream that torch.save wrote before 1.6: five pickles, then the storages, whose data point
+ * into `bytes`. */
 bool spin_pickle_is_legacy(const unsigned char *bytes, size_t n);
 spin_status spin_pickle_parse_legacy(const char *what, const unsigned char *bytes, size_t n,
                                      struct spin_pickle *out);
 
 void spin_pickle_free(struct spin_pickle *pickle);
-/* NULL when there is none. */
+/* NULL if there is none. */
 const struct spin_storage *spin_pickle_storage(const struct spin_pickle *pickle, const char *key);
 
-/* NULL when v is NULL, of another kind, or has no such key or index. */
+/* NULL if v is NULL, is of another kind, or does not have this key or index. */
 const struct spin_value *spin_value_get(const struct spin_value *dict, const char *key);
 const struct spin_value *spin_value_at(const struct spin_value *list_or_tuple, size_t index);
-/* BOOL, INT, FLOAT, and tensors of one element. */
+/* For BOOL, INT, FLOAT, and tensors of one element; else false. */
 bool spin_value_number(const struct spin_value *v, double *out);
 const char *spin_value_text(const struct spin_value *v);
 bool spin_value_is_sequence(const struct spin_value *v); /* list or tuple */

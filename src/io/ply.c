@@ -1,8 +1,8 @@
 /* PLY: a text header, then the records of each element, as text or packed in either byte order.
  *
- * The header is parsed line by line, so that comments may say anything. Binary records stay in the
- * map and are reached by offset; text is turned into numbers once, on opening. Nothing is reserved
- * for a count before the bytes that it promises were seen to be there. */
+ * The header is parsed line by line, since comments may contain anything. Binary records stay in
+ * the map and are addressed by offset; text is converted to numbers once, on opening. Nothing is
+ * allocated for a count before the file is known to contain as many bytes. */
 #include "io/ply.h"
 
 #include <assert.h>
@@ -10,8 +10,7 @@
 #include "base/base.h"
 
 #define MAX_HEADER (128u * 1024)
-/* Records per pass of spin_ply_columns(): 16 KB at 62 floats each, which the nearest cache holds.
- */
+/* Records per pass of spin_ply_columns(): 16 KB with 62 floats each, which fit in the L1 cache. */
 #define BLOCK 64
 
 static const int type_size[] = {1, 1, 2, 2, 4, 4, 4, 8};
@@ -23,7 +22,7 @@ struct word {
     size_t n;
 };
 
-/* The rest of the header, and what is open in it. */
+/* The state of the parser. */
 struct header {
     const char *what;
     const char *at, *end;
@@ -39,7 +38,7 @@ static bool word_is(struct word w, const char *text)
     return w.n == strlen(text) && memcmp(w.text, text, w.n) == 0;
 }
 
-/* Cut the next word off the line. An empty word when there is none. */
+/* The next word of the line; empty if there is none. */
 static struct word next_word(const char **at, const char *end)
 {
     struct word w;
@@ -53,7 +52,7 @@ static struct word next_word(const char **at, const char *end)
     return w;
 }
 
-/* Shown in messages: printable and short. */
+/* A word for messages: printable and shortened. */
 static const char *word_text(struct word w, char text[40])
 {
     size_t n = w.n < 36 ? w.n : 36;
@@ -144,7 +143,7 @@ static spin_status parse_element(struct header *h, const char *at, const char *e
 
     SPIN_TRY(copy_name(h, name, e.name));
     if (!parse_count(count, &e.count))
-        return fail_line(h, "the count of an element is not a number it can have:", count);
+        return fail_line(h, "invalid count of an element:", count);
     if (spin_ply_find_element(ply, e.name))
         return fail_line(h, "a second element", name);
     SPIN_TRY(spin_room(ply->n_elements, &h->element_capacity, sizeof e, (void **)&ply->element));
@@ -168,7 +167,7 @@ static spin_status parse_property(struct header *h, const char *at, const char *
 
         p.is_list = true;
         if (!parse_type(count, &p.count_type) || p.count_type >= SPIN_PLY_F32)
-            return fail_line(h, "a list cannot be counted by type", count);
+            return fail_line(h, "the count of a list cannot have type", count);
         type = next_word(&at, end);
     }
     if (!parse_type(type, &p.type))
@@ -206,7 +205,7 @@ static spin_status parse_comment(struct header *h, const char *at, const char *e
     return SPIN_OK;
 }
 
-/* One line without its end. *done after end_header. */
+/* Parse one line without its end. *done is set after end_header. */
 static spin_status parse_line(struct header *h, const char *at, const char *end,
                               struct spin_ply *ply, bool *done)
 {
@@ -253,7 +252,7 @@ static spin_status parse_header(struct spin_ply *ply, uint64_t *n_header)
     return SPIN_OK;
 }
 
-/* ---- Binary body ----------------------------------------------------------------------------- */
+/* ---- Binary body ---------------------------------------------------------------------------- */
 
 static inline uint64_t load_bytes(const unsigned char *at, int n, bool big_endian)
 {
@@ -294,7 +293,8 @@ static double load_value(const unsigned char *at, enum spin_ply_type type, bool 
     }
 }
 
-/* Bytes of property p at `at` with `left` bytes of file after it; false when it does not fit. */
+/* Size of property p at `at`, of which `left` bytes remain in the file; false if it does not
+ * fit. */
 static bool property_bytes(const struct spin_ply *ply, const struct spin_ply_property *p,
                            const unsigned char *at, uint64_t left, uint64_t *out)
 {
@@ -315,7 +315,7 @@ static bool property_bytes(const struct spin_ply *ply, const struct spin_ply_pro
     return size <= left;
 }
 
-/* Where the records of an element with lists end: only walking them tells. */
+/* Find the end of the records of an element with lists, by walking through them. */
 static spin_status walk_lists(const struct spin_ply *ply, const struct spin_ply_element *e,
                               uint64_t *at)
 {
@@ -325,7 +325,7 @@ static spin_status walk_lists(const struct spin_ply *ply, const struct spin_ply_
 
             if (!property_bytes(ply, &e->property[p], ply->map.data + *at, ply->map.size - *at,
                                 &size))
-                return spin_malformed("'%s': cut short, or a list has a false count: element '%s' "
+                return spin_malformed("'%s': cut short, or a list has a wrong count: element '%s' "
                                       "record %llu property '%s'",
                                       ply->path, e->name, (unsigned long long)i,
                                       e->property[p].name);
@@ -357,14 +357,14 @@ static spin_status check_binary(struct spin_ply *ply, uint64_t at)
     return SPIN_OK;
 }
 
-/* ---- Text body ------------------------------------------------------------------------------- */
+/* ---- Text body ------------------------------------------------------------------------------ */
 
 struct text {
-    const char *at, *end;        /* what is left of the file */
-    const char *word, *line_end; /* what is left of the line */
+    const char *at, *end;        /* rest of the file */
+    const char *word, *line_end; /* rest of the line */
 };
 
-/* Go to the next line that is not blank; false at the end of the file. */
+/* Advance to the next line that is not blank; false at the end of the file. */
 static bool next_line(struct text *t)
 {
     while (t->at < t->end) {
@@ -394,7 +394,7 @@ static bool next_number(struct text *t, double *out)
     return stop == text + w.n;
 }
 
-/* One record is one line. A list leaves its count as the value. */
+/* Read one record, which is one line. The value of a list is its count. */
 static bool read_text_record(struct text *t, const struct spin_ply_element *e, double *value)
 {
     double ignored;
@@ -427,7 +427,7 @@ static spin_status read_text(struct spin_ply *ply, uint64_t first)
         struct spin_ply_element *e = &ply->element[i];
         uint64_t n;
 
-        /* A value takes a digit and what parts it from the next. */
+        /* A value takes at least a digit and a separator. */
         if (__builtin_mul_overflow(e->count, (uint64_t)e->n_properties, &n) ||
             __builtin_add_overflow(n_values, n, &n_values) || n_values > left / 2 + 1)
             return spin_malformed("'%s': cut short: element '%s' has %llu records of %zu values, "
@@ -452,7 +452,7 @@ static spin_status read_text(struct spin_ply *ply, uint64_t first)
     return SPIN_OK;
 }
 
-/* ---- Opening --------------------------------------------------------------------------------- */
+/* ---- Opening -------------------------------------------------------------------------------- */
 
 static spin_status parse_file(struct spin_ply *ply)
 {
@@ -520,7 +520,7 @@ void spin_ply_close(struct spin_ply *ply)
     *ply = (struct spin_ply){0};
 }
 
-/* ---- Reading --------------------------------------------------------------------------------- */
+/* ---- Reading -------------------------------------------------------------------------------- */
 
 const struct spin_ply_element *spin_ply_find_element(const struct spin_ply *ply, const char *name)
 {
@@ -550,7 +550,7 @@ int spin_ply_find(const struct spin_ply_element *e, const char *name)
     return -1;
 }
 
-/* Records first .. first + n - 1 of a column whose records all have the same size. */
+/* Read records first .. first + n - 1 of a column, in an element whose records have equal size. */
 static void read_packed(const struct spin_ply *ply, const struct spin_ply_element *e,
                         const struct spin_ply_target *t, uint64_t first, uint64_t n)
 {
@@ -578,7 +578,7 @@ static void read_parsed(const struct spin_ply *ply, const struct spin_ply_elemen
         t->out[i * t->step] = (float)value[i * e->n_properties + (size_t)t->property];
 }
 
-/* Columns of an element that also has lists: walk every record again. */
+/* Read a column of an element that also has lists, walking through every record. */
 static void read_walking(const struct spin_ply *ply, const struct spin_ply_element *e,
                          const struct spin_ply_target *t)
 {
@@ -591,7 +591,7 @@ static void read_walking(const struct spin_ply *ply, const struct spin_ply_eleme
             if ((int)p == t->property)
                 t->out[i * t->step] = (float)load_value(here, e->property[p].type, ply->big_endian);
             if (!property_bytes(ply, &e->property[p], here, ply->map.size - at, &size))
-                return; /* the map changed under us */
+                return; /* the file was changed since it was opened */
         }
     }
 }

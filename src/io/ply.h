@@ -1,4 +1,4 @@
-/* PLY files: header, elements, properties by name, all three encodings. */
+/* PLY files: header, elements, properties by name, in all three encodings. */
 #pragma once
 
 #include "io/file.h"
@@ -18,8 +18,8 @@ struct spin_ply_property {
     char name[64];
     enum spin_ply_type type; /* of the values */
     bool is_list;
-    enum spin_ply_type count_type; /* lists */
-    size_t offset;                 /* within a record, when no list precedes it */
+    enum spin_ply_type count_type; /* of lists */
+    size_t offset;                 /* within a record, if no list precedes it */
 };
 
 struct spin_ply_element {
@@ -28,8 +28,8 @@ struct spin_ply_element {
     struct spin_ply_property *property;
     size_t n_properties;
     bool has_list;
-    size_t stride;        /* bytes of a record without lists */
-    uint64_t data_offset; /* of the first record in the file (binary) */
+    size_t stride;        /* bytes of a record, if it has no lists */
+    uint64_t data_offset; /* of the first record in the file (binary only) */
 };
 
 struct spin_ply {
@@ -38,36 +38,36 @@ struct spin_ply {
     bool ascii, big_endian;
     struct spin_ply_element *element;
     size_t n_elements;
-    char **comment; /* [n_comments] without the word comment */
+    char **comment; /* [n_comments] without the keyword "comment" */
     size_t n_comments;
     uint64_t extra_bytes; /* after the last record */
     double *ascii_values; /* private: [records of all elements][properties] */
-    bool borrowed;        /* private: map belongs to someone else */
+    bool borrowed;        /* private: map is owned by the caller */
 };
 
-/* Reads the header and checks that the body holds what it says. */
+/* Read the header, and check that the body is as long as it requires. */
 spin_status spin_ply_open(const char *path, struct spin_ply *out);
-/* The same for bytes already in memory, which are borrowed until close; `what` names them. */
+/* The same for bytes in memory, which are borrowed until close; `what` names them in messages. */
 spin_status spin_ply_parse(const char *what, const unsigned char *bytes, size_t n_bytes,
                            struct spin_ply *out);
 void spin_ply_close(struct spin_ply *ply);
-/* Comments of splats that are meant to be drawn antialiased, as Postshot and Brush write them;
- * whether there is one. */
+/* The comments that Postshot and Brush write for splats that are to be rendered with antialiasing,
+ * and whether a file has either. */
 #define SPIN_PLY_ANTIALIASED "comment antialiased 1\ncomment SplatRenderMode: mip\n"
 bool spin_ply_is_antialiased(const struct spin_ply *ply);
-/* NULL when there is none. */
+/* NULL if there is none. */
 const struct spin_ply_element *spin_ply_find_element(const struct spin_ply *ply, const char *name);
-/* The element 'vertex', of less than 2^32 rows. */
+/* The element 'vertex', with less than 2^32 rows. */
 spin_status spin_ply_vertices(const struct spin_ply *ply, const struct spin_ply_element **out);
-/* Index of the property, or -1. Exact names; lists are never found. */
+/* Index of the property of exactly this name, or -1; lists are never found. */
 int spin_ply_find(const struct spin_ply_element *e, const char *name);
-/* One column, converted to float, written to out[0], out[step], ... `step` in floats. Lists are not
- * readable this way (asserted). */
+/* Convert one column to float and write it to out[0], out[step], ...; step counts floats. The
+ * property must not be a list (asserted). */
 void spin_ply_column(const struct spin_ply *ply, const struct spin_ply_element *e, int property,
                      float *out, size_t step);
 
-/* Several columns in one pass over the records: what to use when most of a record is wanted, as
- * each column alone walks the whole file. */
+/* Read several columns in one pass over the records. Use it if most of a record is needed, since
+ * each spin_ply_column() traverses the whole file. */
 struct spin_ply_target {
     int property;
     float *out;

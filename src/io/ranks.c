@@ -1,4 +1,4 @@
-/* Loads the shim when there are others, and builds on its one exchange what the work needs. */
+/* Communication between ranks, built on the shim, which is loaded only if there are several. */
 #include "io/ranks.h"
 
 #include <time.h>
@@ -8,17 +8,17 @@
 #include "base/shim.h"
 
 enum { TEXT = 1000 };
-static const double patience_s = 5; /* for others to notice that the job has failed */
+static const double patience_s = 5; /* time for other ranks to notice a failure */
 
 struct notice {
-    int status, heard; /* heard: of the failure of another rank */
+    int status, heard; /* heard: the rank failed only because of another's notice */
     char text[TEXT];
 };
 
 static const struct spin_ranks_shim *shim;
 static int own_rank, n_ranks = 1;
 static bool heard;  /* this rank fails because another did */
-static bool agreed; /* all ranks know of the failure, and end by themselves */
+static bool agreed; /* all ranks know of the failure and end by themselves */
 static bool speaker;
 static struct notice last_words;
 static uint64_t sent_bytes;
@@ -39,8 +39,8 @@ void spin_ranks_spent(uint64_t *bytes, double *seconds)
 /* ---- Warnings -----------------------------------------------------------------------------------
  */
 
-/* Lines that this rank had to say, each once. Rank 0 prints at once, and at the end what only
- * others said. */
+/* Warnings of this rank, without duplicates. Rank 0 prints its own immediately, and at the end
+ * those that only others had. */
 static char *lines;
 static size_t n_lines_bytes;
 
@@ -69,7 +69,7 @@ static bool take_line(const char *line)
     return own_rank == 0;
 }
 
-/* Rank 0 says what the others had to say. */
+/* Rank 0 prints the warnings of the other ranks. */
 static spin_status say_lines(void)
 {
     SPIN_FREED uint64_t *bytes = NULL;
@@ -97,10 +97,9 @@ static spin_status say_lines(void)
     return SPIN_OK;
 }
 
-/* ---- Begin --------------------------------------------------------------------------------------
- */
+/* ---- Begin ---------------------------------------------------------------------------------- */
 
-/* What Open MPI, MPICH and Slurm tell a process about the job that it belongs to. */
+/* An integer from the environment that Open MPI, MPICH or Slurm sets for the processes of a job. */
 static int from_environment(const char *const name[3])
 {
     for (int i = 0; i < 3; i++) {
@@ -135,17 +134,18 @@ spin_status spin_ranks_begin(void)
     SPIN_TRY(spin_shim_need(&where, (const void **)&shim));
     if (!shim->start(&own_rank, &n_ranks, why, sizeof why))
         return spin_unsupported("cannot join the other processes: %s", why);
-    if (n_ranks == 1) /* each would do the whole work, over the others' files */
-        return spin_unsupported("one of several processes, but MPI knows of one only: spin-mpi.so "
-                                "was built with another MPI than the one that started it");
+    if (n_ranks ==
+        1) /* otherwise each process would do all the work, and overwrite the others' files */
+        return spin_unsupported(
+            "this process is one of several, but MPI reports only one: spin-mpi.so "
+            "was built with another MPI than that of mpirun");
     if (own_rank > 0)
         spin_log_set_level(-1);
     spin_log_set_sink(take_line);
     return SPIN_OK;
 }
 
-/* ---- Messages -----------------------------------------------------------------------------------
- */
+/* ---- Messages ------------------------------------------------------------------------------- */
 
 spin_status spin_ranks_listen(void)
 {
@@ -159,7 +159,7 @@ spin_status spin_ranks_listen(void)
     return spin_fail((spin_status)notice.status, "%s", notice.text);
 }
 
-/* Another rank has failed: this one fails with its words. */
+/* Wait for the notice of another rank's failure, and return its error. */
 static spin_status fail_as_told(void)
 {
     spin_status status;
@@ -182,7 +182,7 @@ static spin_status status_of(int end, const char *why)
         return fail_as_told();
     return end == SPIN_RANKS_DONE
                ? SPIN_OK
-               : spin_fail(SPIN_E_IO, "the connection to the other processes broke: %s", why);
+               : spin_fail(SPIN_E_IO, "lost the connection to the other processes: %s", why);
 }
 
 spin_status spin_ranks_exchange(const struct spin_message *message, size_t n)
@@ -276,11 +276,10 @@ spin_status spin_ranks_agree(spin_status status)
     return end;
 }
 
-/* ---- End ----------------------------------------------------------------------------------------
- */
+/* ---- End ------------------------------------------------------------------------------------ */
 
-/* Tell all others, and wait a while until each of them has noticed. Who speaks: the lowest rank
- * that failed by itself, or this one, when nobody else answers. */
+/* Notify all other ranks of a failure, and wait for a while until each of them has noticed. The
+ * lowest rank that failed by itself becomes the speaker. */
 static void part(spin_status status)
 {
     double until = spin_now_s() + patience_s;
@@ -330,6 +329,6 @@ void spin_ranks_exit(int code)
         return;
     if (speaker)
         shim->abort(code);
-    nanosleep(&nap, NULL); /* until the one that spoke ends all */
+    nanosleep(&nap, NULL); /* time for the speaker to end all processes */
     _exit(code);
 }

@@ -1,10 +1,10 @@
-/* Several processes that do one piece of work together ("ranks"), on one machine or several. They
- * are started by MPI's mpirun or srun, and all make the same calls below in the same order. A
- * process that was started alone is rank 0 of 1: nothing is loaded, and every call returns at once.
+/* Ranks: several processes that share one piece of work, on one or more hosts. They are started by
+ * MPI's mpirun or srun, and all make the same calls below in the same order. A process that was
+ * started without these is rank 0 of 1: MPI is not loaded, and every call returns immediately.
  *
- * A rank that fails sends the others a notice when its work ends (spin_ranks_end, spin_run.h). Who
- * waits for it in a call below then fails too, so nobody waits for ever. Only the thread that began
- * may call. */
+ * A rank that fails sends the others a notice when its work ends (spin_ranks_end, spin_run.h). A
+ * rank that waits for it in one of these calls then fails as well, so that none waits forever. Only
+ * the thread that called spin_ranks_begin() may make these calls. */
 #pragma once
 
 #include "spin.h"
@@ -13,30 +13,30 @@
 int spin_rank(void);
 int spin_n_ranks(void);
 
-/* All messages of the list, at once: to and from others, in the order of the list between two
- * ranks. */
+/* Send and receive all listed messages concurrently. Messages between two ranks match in list
+ * order. */
 spin_status spin_ranks_exchange(const struct spin_message *message, size_t n);
-/* at [n], SPIN_SUM_...: their sums over all ranks, the same bits on each of them, take their place.
- */
+/* All-reduce: replace at[n], of type SPIN_SUM_..., by its sum, bit-identical on all ranks. */
 spin_status spin_ranks_sum(void *at, size_t n, int kind);
-/* rows [n][bytes]: row i is known to rank owner[i], and afterwards to all. */
+/* rows [n][bytes]: rank owner[i] has row i, and all ranks receive it. */
 spin_status spin_ranks_merge(void *rows, size_t n, size_t bytes, const int *owner);
-/* rows [ranks][bytes]: every rank knows its own, and afterwards all. */
+/* rows [ranks][bytes]: each rank has its own row, and all receive all rows. */
 spin_status spin_ranks_gather(void *rows, size_t bytes);
-/* What rank `from` has at this place, afterwards all have. */
+/* Broadcast these bytes from rank `from` to all. */
 spin_status spin_ranks_share(void *at, size_t bytes, int from);
-/* Whether all ranks may go on: the failure of the lowest that cannot, in its own words, at all of
- * them. */
+/* Exchange the status of all ranks: SPIN_OK if all succeeded, else all return the error and message
+ * of the lowest rank that failed. */
 spin_status spin_ranks_agree(spin_status status);
 
-/* Whether after a failure all ranks know of it, from spin_ranks_agree(), and can still do something
- * together. */
+/* Whether, after a failure, all ranks know of it through spin_ranks_agree(), and so can still
+ * communicate. */
 bool spin_ranks_agreed(void);
 
-/* Without waiting: SPIN_OK, or another rank has failed, and this one fails in its words. */
+/* Check for notices without waiting: SPIN_OK, or the error and message of another rank that
+ * failed. */
 spin_status spin_ranks_listen(void);
 
-/* Bytes that this rank sent so far, and seconds that it spent in these calls. spend: what was sent
- * in another way counts, too. */
+/* Bytes that this rank has sent, and seconds that it spent in these calls. spin_ranks_spend() adds
+ * communication by other means. */
 void spin_ranks_spent(uint64_t *bytes, double *seconds);
 void spin_ranks_spend(uint64_t bytes, double seconds);

@@ -1,4 +1,4 @@
-/* The far side of ranks.c: MPI, in few calls. One thread makes them all. */
+/* The implementation of ranks_shim.h with MPI. One thread makes all calls. */
 #include "io/ranks_shim.h"
 
 #include <mpi.h>
@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <time.h>
 
-/* MPI counts in ints: longer messages go in pieces. */
+/* MPI counts are of type int: longer messages are split. */
 static const size_t piece_bytes = (size_t)1 << 30;
 enum { TAG_BYTES, TAG_NOTICE, EAGER = 2000 };
 
@@ -19,7 +19,7 @@ static int start(int *rank, int *n, char *why, size_t n_why)
     int given;
 
     if (MPI_Init_thread(NULL, NULL, MPI_THREAD_FUNNELED, &given) != MPI_SUCCESS) {
-        snprintf(why, n_why, "MPI does not start");
+        snprintf(why, n_why, "MPI fails to initialise");
         return 0;
     }
     if (given < MPI_THREAD_FUNNELED) {
@@ -30,7 +30,7 @@ static int start(int *rank, int *n, char *why, size_t n_why)
     MPI_Comm_rank(MPI_COMM_WORLD, &own_rank);
     MPI_Comm_size(MPI_COMM_WORLD, &n_ranks);
     if (n_ranks > SPIN_MAX_RANKS) {
-        snprintf(why, n_why, "%d processes are more than %d", n_ranks, SPIN_MAX_RANKS);
+        snprintf(why, n_why, "%d processes, but at most %d are supported", n_ranks, SPIN_MAX_RANKS);
         return 0;
     }
     *rank = own_rank;
@@ -77,8 +77,8 @@ static int notice_waits(void)
            there;
 }
 
-/* The processor is left to others after a while: ranks may share one. Naps grow with the wait, to a
- * millisecond. */
+/* Poll at first, then yield the processor, since ranks may share one. Sleeps grow with the time
+ * waited, up to a millisecond. */
 static void pause_a_little(int turn)
 {
     int late = turn - EAGER;
@@ -132,7 +132,8 @@ static int exchange(const struct spin_message *message, size_t n, char *why, siz
     return end;
 }
 
-/* A sum that is given up goes on in MPI: the process ends soon, and at may not be freed before. */
+/* When a sum is abandoned, MPI may still access `at`: it must not be freed before the process ends,
+ * which is soon. */
 static int sum(void *at, size_t n, int kind, char *why, size_t n_why)
 {
     MPI_Datatype type = kind == SPIN_SUM_F32   ? MPI_FLOAT

@@ -1,4 +1,4 @@
-/* What ranks.c and the shared object behind it, which is linked with MPI, agree on. Plain C types
+/* The interface between ranks.c and its shared object, which is linked with MPI. Plain C types
  * only. */
 #pragma once
 
@@ -9,34 +9,33 @@
 
 #define SPIN_MAX_RANKS 4096
 
-/* Bytes to or from another rank. Messages between two ranks arrive in the order in which they are
- * listed. */
+/* Bytes to or from another rank. Messages between two ranks arrive in list order. */
 struct spin_message {
     int peer;
-    int receive; /* else: send */
+    int receive; /* else send */
     void *at;
     size_t bytes;
 };
 
 enum { SPIN_RANKS_DONE, SPIN_RANKS_NOTICE, SPIN_RANKS_BROKEN };
-/* Numbers that can be summed. */
+/* Types that can be summed. */
 enum { SPIN_SUM_F32, SPIN_SUM_U32, SPIN_SUM_F64 };
 
 struct spin_ranks_shim {
     int abi;
-    /* 0 with why. */
+    /* Returns 0 and fills why on failure. */
     int (*start)(int *rank, int *n, char *why, size_t n_why);
-    /* All messages, at once. NOTICE: another rank has sent a notice, and what is under way is given
-     * up. BROKEN with why. */
+    /* Send and receive all messages concurrently. NOTICE: another rank has sent a notice; pending
+     * messages are abandoned. BROKEN: fills why. */
     int (*exchange)(const struct spin_message *message, size_t n, char *why, size_t n_why);
-    /* at [n], numbers of a kind: their sums over all ranks take their place. Ends as exchange()
-     * does. */
+    /* Replace at[n], numbers of this type, by their sums over all ranks. Results as for
+     * exchange(). */
     int (*sum)(void *at, size_t n, int kind, char *why, size_t n_why);
-    /* A notice to all other ranks, at most once: it is not waited for. */
+    /* Send a notice to all other ranks, at most once, without waiting for its delivery. */
     void (*notify)(void *notice, size_t bytes);
-    /* A notice that has arrived, and from whom; 0: none. */
+    /* Receive a notice, and from which rank; returns 0 if there is none. */
     int (*heed)(int *from, void *notice, size_t bytes);
-    void (*stop)(void);      /* all ranks do */
+    void (*stop)(void);      /* called by all ranks */
     void (*abort)(int code); /* ends the processes of all ranks */
 };
 

@@ -1,16 +1,16 @@
-/* Templates, after Mustache. */
+/* Templates with a syntax like that of Mustache. */
 #include "io/template.h"
 
 #include "base/base.h"
 
-/* Where names are looked for: the element of a loop, then what is around it. */
+/* Where names are looked up: the element of a loop, then what surrounds it. */
 struct scope {
     const json_t *value;
     const char *key;
     const struct scope *up;
 };
 
-enum { SETTINGS_WIDTH = 80 }; /* without the indent and the last word */
+enum { SETTINGS_WIDTH = 80 }; /* excluding the indentation and the last word */
 
 struct writer {
     FILE *to;
@@ -47,7 +47,7 @@ static bool is_there(const json_t *j)
            json_object_size(j);
 }
 
-/* format: NULL, or printf's for a text. */
+/* format: a printf format for a string, or NULL. */
 static void write_text(const struct writer *w, const char *format, const char *text)
 {
     char *copy = w->html ? NULL : strdup(text);
@@ -107,7 +107,7 @@ static void write_number(FILE *to, const char *format, double v)
     }
 }
 
-/* An object without quotes and outer braces, in lines that break behind commas. */
+/* Print an object without quotes and outer braces, with line breaks after commas. */
 static void write_settings(FILE *to, const json_t *j)
 {
     char *text = spin_json_text(j, false);
@@ -128,7 +128,7 @@ static void write_settings(FILE *to, const json_t *j)
     free(text);
 }
 
-/* What stands between the braces: a name, and a format behind a blank. */
+/* Expand the text between braces: a name, and after a blank a format. */
 static void write_place(const struct writer *w, const struct scope *scope, char *place)
 {
     char *format = strchr(place, ' ');
@@ -166,7 +166,7 @@ static void short_text(const json_t *j, char text[64])
         snprintf(text, 64, "%s", json_is_string(j) ? json_string_value(j) : "");
 }
 
-/* The same as a word, or as what the name behind @ has. */
+/* Whether the value equals a word, or after @ the value of that name. */
 static bool is_same(const json_t *j, const char *word, const struct scope *scope)
 {
     char text[64], other[64];
@@ -177,7 +177,7 @@ static bool is_same(const json_t *j, const char *word, const struct scope *scope
     return !strcmp(text, *word == '@' ? other : word);
 }
 
-/* A section, from behind its braces; returns what follows its end. */
+/* Expand a section, starting after its braces; returns the position after its end. */
 static const char *write_section(const struct writer *w, const char *at, const struct scope *scope,
                                  const char *place, bool shown)
 {
@@ -208,7 +208,7 @@ static const char *write_section(const struct writer *w, const char *at, const s
     return end;
 }
 
-/* Up to the end of the section that it is, or of the text; returns what follows. */
+/* Expand up to the end of the section or of the text; returns the position after that. */
 static const char *write_part(const struct writer *w, const char *at, const struct scope *scope,
                               bool shown)
 {

@@ -1,25 +1,26 @@
-/* A text with places for values of a JSON document: the reports of the commands, and the page of an
- * evaluation.
+/* A text with placeholders for values of a JSON document, for the reports of the commands and the
+ * page of an evaluation.
  *
- *     {{splats.mean}}  {{times.0}}        a value; nothing where there is none; of an array how many it has
- *     {{{picture}}}                       in HTML: as it is, without escapes
- *     {{psnr %8.3f}} {{name %-8s}}        by printf's d, f, g or s; a dash in its width where there is none
- *     {{share %.1p}} {{share %.3P}}       a number times 100, as f or g
- *     {{size %B}} {{seconds %T}}          12.3 MB; 2 h 36 min
- *     {{mean %M}} {{frames %N frame}}     2940, or 2940.5 when it is not whole; 1 frame, 2 frames, 2.5 frames
- *     {{psnr %+.2f before}}               a number less another
- *     {{options}}                         an object: its members in lines
- *     {{#data}}...{{/}}                   where it is neither absent, null, false, the integer 0 nor empty; of an
- *                                         array once for each element, and names are first looked for in that
- *     {{*ranges}}...{{/}}                 once for each member of an object
- *     {{#kind=ends}} {{#least=@most}}     where it is this text or number, or what another has; absent is empty
- *     {{^data}}...{{/}}  {{^kind=ends}}   where {{# }} is not
- *     {{.}} {{@}}                         the element; its key, or its number from 1
+ *     {{splats.mean}}  {{times.0}}      a value, or nothing if absent; length of an array
+ *     {{{figure}}}                      in HTML: without escaping
+ *     {{psnr %8.3f}} {{name %-8s}}      with printf's d, f, g or s; if absent a dash, as wide
+ *     {{share %.1p}} {{share %.3P}}     a number times 100, as f or g
+ *     {{size %B}} {{seconds %T}}        12.3 MB; 2 h 36 min
+ *     {{mean %M}} {{frames %N frame}}   2940, or 2940.5 if fractional; 1 frame, 2 frames
+ *     {{psnr %+.2f before}}             a number minus another
+ *     {{options}}                       an object: its members on lines
+ *     {{#data}}...{{/}}                 if not absent, null, false, the integer 0 or empty; for
+ *                                       an array, once per element, where names are looked up first
+ *     {{*ranges}}...{{/}}               once per member of an object
+ *     {{#kind=ends}} {{#least=@most}}   if it equals this text or number, or another value;
+ *                                       absent equals ""
+ *     {{^data}}...{{/}} {{^kind=ends}}  if {{# }} does not apply
+ *     {{.}} {{@}}                       the element; its key, or its number from 1
  */
 #pragma once
 
 #include "io/json.h"
 
-/* html: values are escaped; else control characters in them become '?', as a terminal takes them
- * for commands. */
+/* html: escape values; otherwise control characters in values become '?', since a terminal would
+ * interpret them. */
 void spin_template_write(FILE *to, const char *text, const spin_json *document, bool html);

@@ -1,10 +1,9 @@
-/* PyTorch checkpoints: which kind of file it is, the pickle in it, and the storages behind its
+/* PyTorch checkpoints: detection of the kind of file, the pickle in it, and the storages of its
  * tensors.
  *
- * The zip form keeps each storage as a member TOP/data/KEY. At opening the members are only looked
- * up in the directory and their sizes compared with what the pickle says; the moments of an
- * optimiser, two thirds of a checkpoint, are never touched. Stored members are used from the map.
- */
+ * The zip form keeps each storage as a member TOP/data/KEY. When it is opened, members are only
+ * looked up in the directory, and their sizes compared with the pickle; the moments of the
+ * optimiser, two thirds of a checkpoint, are never read. Stored members are used in the map. */
 #include "io/torch.h"
 
 #include <strings.h>
@@ -13,16 +12,16 @@
 #include "io/xz.h"
 #include "io/zip.h"
 
-/* Of data.pkl when it is deflated: real ones are kilobytes, one with tables in it some megabytes.
- */
+/* Limit for data.pkl if it is deflated: it usually has kilobytes, or with tables in it some
+ * megabytes. */
 #define PICKLE_LIMIT ((uint64_t)16 << 20)
-/* Checking a CRC reads every byte, so larger members are only checked for being there. */
+/* Verifying a CRC reads every byte, so it is skipped for larger members. */
 #define CRC_LIMIT ((uint64_t)64 << 20)
 
 struct bound {
     const struct spin_zip_member *member;
-    const unsigned char *data; /* NULL until a tensor asked for it */
-    void *owned;               /* when it was deflated */
+    const unsigned char *data; /* NULL until a tensor needs it */
+    void *owned;               /* if it was deflated */
 };
 
 struct spin_torch_file {
@@ -30,13 +29,13 @@ struct spin_torch_file {
     struct spin_map map; /* legacy streams */
     struct spin_zip zip;
     bool is_zip;
-    bool warned;     /* about damage */
-    const char *top; /* of the zip: the folder's name, its slash included */
+    bool warned;     /* about a CRC mismatch */
+    const char *top; /* name of the top folder in the zip, including its slash */
     size_t n_top;
-    struct bound *bound; /* [n_storages], as pickle.storage */
+    struct bound *bound; /* [n_storages], in the order of pickle.storage */
 };
 
-/* ---- What it is when it is something else ---------------------------------------------------- */
+/* ---- Other kinds of files ------------------------------------------------------------------- */
 
 static bool begins(const struct spin_map *map, const char *with)
 {
@@ -62,7 +61,7 @@ static spin_status fail_foreign(const char *path, const struct spin_map *map)
     if (map->size == 0)
         what = "the file is empty";
     else if (begins(map, "<!doctype") || begins(map, "<html"))
-        what = "it is an HTML page, not the checkpoint that it was to be downloaded from";
+        what = "it is an HTML page, not a PyTorch checkpoint: download it again";
     else if (spin_xz_looks_like(p, map->size))
         what = "it is an xz file, not a PyTorch checkpoint";
     else if (map->size >= 2 && p[0] == 0x80 && p[1] >= 2 && p[1] <= 5)
@@ -74,9 +73,9 @@ static spin_status fail_foreign(const char *path, const struct spin_map *map)
     return spin_unsupported("cannot read '%s': %s", path, what);
 }
 
-/* ---- The zip form ---------------------------------------------------------------------------- */
+/* ---- The zip form --------------------------------------------------------------------------- */
 
-/* The one member TOP/data.pkl. */
+/* Find the only member TOP/data.pkl. */
 static spin_status find_pickle(struct spin_torch_file *f, const struct spin_zip_member **out)
 {
     static const char name[] = "/data.pkl";
@@ -88,7 +87,7 @@ static spin_status find_pickle(struct spin_torch_file *f, const struct spin_zip_
         if (!slash || strcmp(slash, name) != 0)
             continue;
         if (*out && strcmp((*out)->name, f->zip.member[i].name) != 0)
-            return spin_malformed("cannot read '%s': it holds two checkpoints, '%s' and '%s'",
+            return spin_malformed("cannot read '%s': it contains two checkpoints, '%s' and '%s'",
                                   f->path, (*out)->name, f->zip.member[i].name);
         *out = &f->zip.member[i];
         f->top = (*out)->name;
@@ -100,7 +99,7 @@ static spin_status find_pickle(struct spin_torch_file *f, const struct spin_zip_
     return SPIN_OK;
 }
 
-/* The part of a member's name behind TOP/, NULL when it lies elsewhere. */
+/* The part of a member's name after TOP/; NULL if it is elsewhere. */
 static const char *below_top(const struct spin_torch_file *f, const char *name)
 {
     return strncmp(name, f->top, f->n_top) == 0 ? name + f->n_top : NULL;
@@ -117,7 +116,8 @@ static const struct spin_zip_member *find_below(const struct spin_torch_file *f,
     return NULL;
 }
 
-/* A member's bytes. A CRC that does not match is a warning: torch can be told not to compute it. */
+/* Read a member's bytes. A CRC mismatch is only a warning, since torch has an option not to compute
+ * it. */
 static spin_status read_member(struct spin_torch_file *f, const struct spin_zip_member *member,
                                uint64_t limit, const unsigned char **data, void **owned)
 {
@@ -133,7 +133,7 @@ static spin_status read_member(struct spin_torch_file *f, const struct spin_zip_
     return SPIN_OK;
 }
 
-/* A small text member without its line end; "" when there is none. */
+/* Read a small text member without its line end; "" if it does not exist. */
 static spin_status read_word(struct spin_torch_file *f, const char *name, char out[32])
 {
     const struct spin_zip_member *member = find_below(f, name);
@@ -190,7 +190,7 @@ static int by_key(const void *a, const void *b)
 static spin_status check_storage(const struct spin_torch_file *f, const struct spin_storage *s,
                                  const struct spin_zip_member *member)
 {
-    uint64_t bytes = s->count * (uint64_t)s->item_size; /* no overflow: checked by the pickle */
+    uint64_t bytes = s->count * (uint64_t)s->item_size; /* cannot overflow, see pickle.c */
 
     if (!member)
         return s->count == 0 ? SPIN_OK
@@ -210,7 +210,7 @@ static spin_status check_storage(const struct spin_torch_file *f, const struct s
     return SPIN_OK;
 }
 
-/* The member of every storage, by a merge of two sorted lists. */
+/* Find the member of every storage, by merging two sorted lists. */
 static spin_status find_storages(struct spin_torch_file *f, const struct spin_pickle *pickle)
 {
     SPIN_FREED struct finder *list = NULL;
@@ -306,7 +306,7 @@ static spin_status bind(struct spin_torch *torch, struct spin_array *t)
     struct spin_torch_file *f = torch->file;
     struct bound *b;
 
-    if (!s) /* cannot be: every key in a tensor has its row */
+    if (!s) /* unreachable: every key in a tensor has its storage */
         return spin_malformed("storage '%s' is missing", t->storage);
     t->big_endian = torch->pickle.big_endian && t->item_size > 1;
     if (!f->is_zip || s->count == 0) {
@@ -334,7 +334,7 @@ spin_status spin_torch_tensor(struct spin_torch *torch, const struct spin_value 
     const char *path = torch->file->path;
 
     if (!v)
-        return spin_not_found("cannot read '%s': no '%s' in it", path, what);
+        return spin_not_found("cannot read '%s': it contains no '%s'", path, what);
     if (v->kind != SPIN_VALUE_TENSOR)
         return spin_malformed("cannot read '%s': '%s' is not a tensor", path, what);
     *out = v->tensor;
@@ -367,9 +367,8 @@ spin_status spin_torch_floats(struct spin_torch *torch, const struct spin_value 
     *out = NULL;
     SPIN_TRY(spin_torch_tensor_of(torch, v, what, n_dims, shape, t));
     if (t->kind != 'f' && t->kind != 'B')
-        return spin_unsupported(
-            "cannot read '%s': tensor '%s' does not hold floating-point numbers", torch->file->path,
-            what);
+        return spin_unsupported("cannot read '%s': tensor '%s' is not floating-point",
+                                torch->file->path, what);
     if (!spin_mul_size((size_t)t->count, sizeof **out, &bytes) ||
         !(*out = malloc(bytes ? bytes : 1)))
         return spin_fail(SPIN_E_MEMORY,

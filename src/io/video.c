@@ -1,4 +1,4 @@
-/* Which videos are known, which decoders are open, and how to get at a frame. */
+/* Indexes videos, keeps decoders open between calls, and seeks to frames. */
 #include "io/video.h"
 
 #include <ctype.h>
@@ -10,24 +10,25 @@
 #include "io/video_shim.h"
 
 #define MAX_PIXELS ((int64_t)64 << 20)
-/* A decoder holds about six frames of its own, of 1.5 bytes a pixel: 50 MB at the size of Neural 3D
- * Video. All its 21 cameras may be open at once, as frames are often read camera by camera. */
+/* A decoder keeps about six frames of 1.5 bytes per pixel: 50 MB at the size of Neural 3D Video.
+ * All its 21 cameras may be open at once, since frames are often read camera by camera. */
 #define DECODER_BYTES 9
 #define OPEN_BYTES ((size_t)1200 << 20)
 
 struct video {
     char *file;
-    struct stat was;             /* when it was indexed */
-    struct spin_imprint imprint; /* size 0: not yet taken */
+    struct stat was;             /* at the time of indexing */
+    struct spin_imprint imprint; /* size 0: not computed yet */
     struct spin_video_index index;
     struct spin_video_stream *stream; /* NULL: closed */
-    int64_t at;                       /* frame that the stream gave last; -1: none */
+    int64_t at;                       /* frame that the stream decoded last; -1: none */
     unsigned long used;
 };
 
-static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* of all that follows */
+static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* protects everything below */
 static const struct spin_video_shim *shim;
-static struct video **video; /* [n_videos], each a block of its own: streams point at indices */
+static struct video *
+    *video; /* [n_videos], allocated one by one, since streams point to their indices */
 static size_t n_videos;
 static unsigned long clock_now;
 
@@ -116,7 +117,7 @@ static spin_status fail_video(enum spin_video_result result, const char *file)
     return spin_fail(code, "cannot read video '%s': %s", file, shim->why());
 }
 
-/* ---- Known videos ---------------------------------------------------------------------------- */
+/* ---- Indexed videos ------------------------------------------------------------------------- */
 
 static spin_status add_video(const char *file, struct video **out)
 {
@@ -128,7 +129,7 @@ static spin_status add_video(const char *file, struct video **out)
 
     if (!closes)
         closes = atexit(close_all) == 0;
-    SPIN_TRY(spin_map_open(file, &map)); /* says what is wrong with the file itself */
+    SPIN_TRY(spin_map_open(file, &map)); /* reports errors of the file itself */
     spin_map_close(&map);
     SPIN_TRY_OUT(spin_grow(n_videos + 1, sizeof *video, (void **)&video));
     SPIN_TRY_OUT(spin_alloc(1, sizeof *new, (void **)&new));
@@ -185,7 +186,7 @@ static size_t cost_of(const struct video *v)
     return (size_t)v->index.width * (size_t)v->index.height * DECODER_BYTES;
 }
 
-/* Close the decoders that were longest out of use, until there is room for another. */
+/* Close the least recently used decoders until there is memory for another. */
 static void make_room(size_t bytes)
 {
     for (;;) {
@@ -265,15 +266,15 @@ static spin_status convert(struct video *v, uint8_t *rgb)
     return result == SPIN_VIDEO_OK ? SPIN_OK : fail_video(result, v->file);
 }
 
-/* From where the stream is, or from the key frame before, to the frame; rgb is filled with it, and
- * before that with those on the way that are wanted. */
+/* Decode up to the frame, from the current position or the preceding key frame. rgb receives it,
+ * and temporarily those that the passer wants. */
 static spin_status go_to(struct video *v, int64_t frame, const struct spin_video_passer *passer,
                          uint8_t *rgb)
 {
     int64_t key = key_before(v, frame);
     enum spin_video_result result = SPIN_VIDEO_OK;
 
-    if (v->at == frame) /* it is still there */
+    if (v->at == frame) /* decoded last */
         return convert(v, rgb);
     if (v->at < key || v->at > frame) {
         v->at = -1;
@@ -285,13 +286,14 @@ static spin_status go_to(struct video *v, int64_t frame, const struct spin_video
         result = shim->next(v->stream, &now);
         if (result != SPIN_VIDEO_OK)
             break;
-        if (now < key) /* shown before the key frame but coded after it: may lack what it needs */
+        if (now < key) /* displayed before the key frame but coded after it, so its references may
+                          be missing */
             continue;
         v->at = now;
         if (now == frame)
             return convert(v, rgb);
         if (now > frame)
-            return spin_malformed("cannot read video '%s': frame %lld is not decoded", v->file,
+            return spin_malformed("cannot read video '%s': frame %lld cannot be decoded", v->file,
                                   (long long)frame);
         if (passer && passer->wants(passer->context, now)) {
             SPIN_TRY(convert(v, rgb));

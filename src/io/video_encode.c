@@ -1,4 +1,5 @@
-/* Loads the shim, turns planes into pixels, and gives failures our words. */
+/* Writes videos through the shim: converts planar images to interleaved pixels, and reports
+ * failures. */
 #include <strings.h>
 
 #include "base/base.h"
@@ -6,7 +7,7 @@
 #include "io/video_shim.h"
 
 struct spin_video_out {
-    struct spin_out out; /* its temporary name is what FFmpeg writes to */
+    struct spin_out out; /* FFmpeg writes to its temporary name */
     struct spin_video_writer *writer;
     int width, height;
     uint8_t *rgb;
@@ -53,7 +54,7 @@ spin_status spin_video_create(const char *path, bool force, bool sync, int width
     SPIN_TRY(spin_alloc(1, sizeof *v, (void **)&v));
     v->width = width;
     v->height = height;
-    /* swscale's vectors read past the last pixel; 16 more pixels are enough for any of them. */
+    /* swscale's SIMD code reads past the last pixel; 16 extra pixels suffice for all of it. */
     SPIN_TRY_OUT(spin_alloc((size_t)width * (size_t)height + 16, 3, (void **)&v->rgb));
     SPIN_TRY_OUT(spin_out_open(path, force, &v->out));
     v->out.sync = sync;

@@ -1,6 +1,5 @@
-/* The far side of video_encode.c: libavcodec, libavformat and libswscale behind a table of
- * functions (video_shim.h). MP4 is H.264 where there is x264, else MPEG-4; WebM is VP9, else VP8.
- * Colours are BT.709, and the file says so. */
+/* The encoder of video_shim.h, with libavcodec, libavformat and libswscale. MP4 is H.264 if x264 is
+ * available, else MPEG-4; WebM is VP9, else VP8. Colours are BT.709 and marked so in the file. */
 #include "io/video_shim.h"
 
 #include <libavcodec/avcodec.h>
@@ -18,8 +17,9 @@ struct spin_video_writer {
     AVFrame *frame;
     AVPacket *packet;
     struct SwsContext *scale;
-    uint8_t *even;     /* [height][width][3] of the coded size, when the picture's is odd */
-    int width, height; /* of the pictures given */
+    /* [height][width][3] of the coded size, if a side of the images is odd. */
+    uint8_t *even;
+    int width, height; /* of the input images */
     int64_t next;
 };
 
@@ -40,7 +40,7 @@ static const AVCodec *choose(const char *format)
     return codec;
 }
 
-/* Each encoder has its own scale of quality. */
+/* Map quality to each encoder's own scale. */
 static void set_quality(AVCodecContext *c, int quality)
 {
     char crf[16];
@@ -123,7 +123,7 @@ static int open_frame(struct spin_video_writer *w)
     }
     w->scale = sws_getContext(c->width, c->height, AV_PIX_FMT_RGB24, c->width, c->height,
                               c->pix_fmt, SWS_BICUBIC | SWS_ACCURATE_RND, NULL, NULL, NULL);
-    if (!w->scale) /* both formats are supported */
+    if (!w->scale) /* both formats are supported, so memory ran out */
         return AVERROR(ENOMEM);
     sws_setColorspaceDetails(w->scale, sws_getCoefficients(SWS_CS_ITU709), 1,
                              sws_getCoefficients(SWS_CS_ITU709), 0, 0, 1 << 16, 1 << 16);
@@ -143,7 +143,7 @@ static enum spin_video_result video_open(const char *path, const char *format, i
     if (!w || !codec) {
         free(w);
         return fail(w ? 0 : AVERROR(ENOMEM),
-                    w ? "this FFmpeg has no encoder for it" : "cannot begin");
+                    w ? "this FFmpeg has no encoder for the format" : "cannot start encoding");
     }
     w->width = width;
     w->height = height;
@@ -161,14 +161,14 @@ static enum spin_video_result video_open(const char *path, const char *format, i
     av_dict_free(&options);
     if (error < 0) {
         close_writer(w);
-        return fail(error, "cannot begin");
+        return fail(error, "cannot start encoding");
     }
     *name = codec->name;
     *out = w;
     return SPIN_VIDEO_OK;
 }
 
-/* Everything that the encoder has ready goes into the file. */
+/* Write all packets that the encoder has ready. */
 static int drain(struct spin_video_writer *w)
 {
     for (;;) {
@@ -187,7 +187,7 @@ static int drain(struct spin_video_writer *w)
     }
 }
 
-/* Odd sizes: the last column and row once more. */
+/* For odd sizes, repeat the last column and row. */
 static const uint8_t *make_even(struct spin_video_writer *w, const uint8_t *rgb)
 {
     size_t to = 3 * (size_t)w->codec->width, from = 3 * (size_t)w->width;
@@ -221,7 +221,7 @@ static enum spin_video_result video_put(struct spin_video_writer *w, const uint8
         error = avcodec_send_frame(w->codec, w->frame);
     if (error >= 0)
         error = drain(w);
-    return error < 0 ? fail(error, "a frame cannot be written") : SPIN_VIDEO_OK;
+    return error < 0 ? fail(error, "cannot write a frame") : SPIN_VIDEO_OK;
 }
 
 static enum spin_video_result video_end(struct spin_video_writer *w)
@@ -234,7 +234,7 @@ static enum spin_video_result video_end(struct spin_video_writer *w)
         error = av_write_trailer(w->file);
     if (error >= 0)
         error = avio_closep(&w->file->pb);
-    return error < 0 ? fail(error, "its end cannot be written") : SPIN_VIDEO_OK;
+    return error < 0 ? fail(error, "cannot finish the file") : SPIN_VIDEO_OK;
 }
 
 const struct spin_video_encoder spin_video_encoder_table = {video_open, video_put, video_end,

@@ -1,6 +1,5 @@
-/* The far side of video.c: libavformat, libavcodec and libswscale behind a table of functions
- * (video_shim.h). What it opens is a file and stays one: other protocols, playlists and references
- * to other files are shut off. */
+/* The decoder of video_shim.h, with libavformat, libavcodec and libswscale. Only local files are
+ * opened: other protocols, playlists and references to other files are disabled. */
 #include "io/video_shim.h"
 
 #include <libavcodec/avcodec.h>
@@ -20,11 +19,11 @@ struct spin_video_stream {
     AVFrame *frame;
     struct SwsContext *scale;
     const struct spin_video_index *index;
-    int place; /* of the stream in the file */
+    int place; /* index of the stream in the file */
     int draining;
 };
 
-static _Thread_local char why[256]; /* the last call failed */
+static _Thread_local char why[256]; /* why the last call failed */
 
 static void because(int error, const char *what)
 {
@@ -53,7 +52,7 @@ static enum spin_video_result open_file(const char *path, AVFormatContext **out,
     av_log_set_level(AV_LOG_QUIET);
     if (!url)
         return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
-    snprintf(url, n, "file:%s", path); /* a name with a colon is still a name */
+    snprintf(url, n, "file:%s", path); /* so that a colon in the name is not taken for a protocol */
     av_dict_set(&options, "protocol_whitelist", "file", 0);
     av_dict_set(&options, "format_whitelist", "mov,mp4,matroska,webm", 0);
     error = avformat_open_input(out, url, NULL, &options);
@@ -61,7 +60,7 @@ static enum spin_video_result open_file(const char *path, AVFormatContext **out,
     free(url);
     if (error < 0)
         return spin_video_fail(SPIN_VIDEO_UNREADABLE, error,
-                               "not an MP4, QuickTime, Matroska or WebM file that can be read");
+                               "not a readable MP4, QuickTime, Matroska or WebM file");
     error = avformat_find_stream_info(*out, NULL);
     if (error >= 0)
         error = *place = av_find_best_stream(*out, AVMEDIA_TYPE_VIDEO, -1, -1, NULL, 0);
@@ -86,7 +85,7 @@ static int by_pts(const void *a, const void *b)
 static enum spin_video_result add_entry(struct spin_video_index *index, int64_t *room,
                                         const AVPacket *packet)
 {
-    if (packet->flags & AV_PKT_FLAG_DISCARD) /* cut away by the file's edit list */
+    if (packet->flags & AV_PKT_FLAG_DISCARD) /* excluded by the file's edit list */
         return SPIN_VIDEO_OK;
     if (packet->pts == AV_NOPTS_VALUE)
         return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no times");
@@ -152,8 +151,7 @@ static enum spin_video_result video_index(const char *path, int64_t max_pixels,
     if (out->width < 1 || out->height < 1)
         result = spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no size");
     else if (out->width > max_pixels / out->height)
-        result =
-            spin_video_fail(SPIN_VIDEO_TOO_LARGE, 0, "its frames have more pixels than are taken");
+        result = spin_video_fail(SPIN_VIDEO_TOO_LARGE, 0, "its frames exceed the limit of pixels");
     else
         result = list_frames(file, place, out);
     avformat_close_input(&file);
@@ -183,14 +181,15 @@ static enum spin_video_result open_codec(struct spin_video_stream *s)
     int error;
 
     if (!codec)
-        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "this FFmpeg has no decoder for it");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0,
+                               "this FFmpeg has no decoder for the format");
     s->codec = avcodec_alloc_context3(codec);
     s->packet = av_packet_alloc();
     s->frame = av_frame_alloc();
     if (!s->codec || !s->packet || !s->frame)
         return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
     error = avcodec_parameters_to_context(s->codec, parameters);
-    s->codec->thread_count = 1; /* more would decode ahead of what is asked for */
+    s->codec->thread_count = 1; /* more threads would decode ahead of what is requested */
     s->codec->max_pixels = (int64_t)s->index->width * s->index->height * 2;
     if (error >= 0)
         error = avcodec_open2(s->codec, codec, NULL);
@@ -222,17 +221,17 @@ static enum spin_video_result video_open(const char *path, const struct spin_vid
 
 static enum spin_video_result video_seek(struct spin_video_stream *s, int64_t key)
 {
-    /* Files are indexed by decoding times. */
+    /* Files are indexed by decoding time. */
     int error = av_seek_frame(s->file, s->place, s->index->entry[key].dts, AVSEEK_FLAG_BACKWARD);
 
     if (error < 0)
-        return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "cannot go to a key frame");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "cannot seek to a key frame");
     avcodec_flush_buffers(s->codec);
     s->draining = 0;
     return SPIN_VIDEO_OK;
 }
 
-/* Number of the frame with this time, or -1. */
+/* Index of the frame with this time, or -1. */
 static int64_t number_of(const struct spin_video_index *index, int64_t pts)
 {
     int64_t low = 0, high = index->n - 1;
@@ -250,7 +249,7 @@ static int64_t number_of(const struct spin_video_index *index, int64_t pts)
     return -1;
 }
 
-/* Give the decoder one packet more, or the news that there are none. */
+/* Send the next packet to the decoder, or signal the end of the stream. */
 static int feed(struct spin_video_stream *s)
 {
     int error;
@@ -297,7 +296,8 @@ static enum spin_video_result video_next(struct spin_video_stream *s, int64_t *f
 
 /* ---- Pixels ---------------------------------------------------------------------------------- */
 
-/* The matrix that the file names; without a name that of its time: BT.709 from 720 lines on. */
+/* The colour matrix that the file specifies; if none, that usual for the size: BT.709 from 720
+ * lines up. */
 static int colour_matrix(const AVFrame *frame)
 {
     switch (frame->colorspace) {
@@ -328,13 +328,12 @@ static enum spin_video_result video_rgb(struct spin_video_stream *s, uint8_t *ou
     if (!s->scale && sws_isSupportedInput((enum AVPixelFormat)frame->format))
         return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
     if (!s->scale)
-        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0,
-                               "pixels of a kind that cannot be converted");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "unsupported pixel format");
     sws_setColorspaceDetails(s->scale, sws_getCoefficients(colour_matrix(frame)), full,
                              sws_getCoefficients(SWS_CS_ITU709), 1, 0, 1 << 16, 1 << 16);
     if (sws_scale(s->scale, (const uint8_t *const *)frame->data, frame->linesize, 0, frame->height,
                   planes, lines) != frame->height)
-        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "pixels that cannot be converted");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "cannot convert the pixels");
     return SPIN_VIDEO_OK;
 }
 

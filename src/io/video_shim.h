@@ -1,4 +1,5 @@
-/* What video.c and the shared object behind it agree on: one table of functions, found by name. */
+/* The interface between video.c and its shared object: one table of functions, looked up by
+ * name. */
 #pragma once
 
 #include <stdint.h>
@@ -9,34 +10,34 @@
 enum spin_video_result {
     SPIN_VIDEO_OK,
     SPIN_VIDEO_END,        /* no more frames */
-    SPIN_VIDEO_UNREADABLE, /* no such format, damaged, cut short; or cannot be written */
+    SPIN_VIDEO_UNREADABLE, /* unknown format, damaged, truncated; or cannot be written */
     SPIN_VIDEO_TOO_LARGE,
     SPIN_VIDEO_NO_MEMORY
 };
 
-/* A frame in the order of showing. */
+/* A frame, listed in display order. */
 struct spin_video_entry {
-    int64_t pts, dts; /* in the stream's unit */
-    int key;          /* decoding can begin here */
+    int64_t pts, dts; /* in the stream's time base */
+    int key;          /* key frame: decoding can start here */
 };
 
 struct spin_video_index {
     int width, height;
     int64_t n;
-    struct spin_video_entry *entry; /* [n], sorted by pts; malloc'ed */
+    struct spin_video_entry *entry; /* [n], sorted by pts; allocated with malloc */
 };
 
 struct spin_video_writer;
 
-/* format: "mp4" or "webm". quality: 0 (best) to 51 (least), as x264 counts. */
+/* format: "mp4" or "webm". quality: 0 (best) to 51 (worst), on the scale of x264. */
 struct spin_video_encoder {
-    /* codec: what was taken, static. */
+    /* *codec receives the name of the codec in use, static. */
     enum spin_video_result (*open)(const char *path, const char *format, int width, int height,
                                    double fps, int quality, struct spin_video_writer **out,
                                    const char **codec);
-    /* One frame more, interleaved 8-bit RGB [height][width][3]. */
+    /* Encode one more frame, interleaved 8-bit RGB [height][width][3]. */
     enum spin_video_result (*put)(struct spin_video_writer *writer, const uint8_t *rgb);
-    /* Write what is still to come. */
+    /* Write everything that is still buffered. */
     enum spin_video_result (*end)(struct spin_video_writer *writer);
     void (*close)(struct spin_video_writer *writer);
 };
@@ -46,19 +47,19 @@ struct spin_video_stream;
 struct spin_video_shim {
     int abi;
     const char *version; /* of libavcodec */
-    /* Why the last call of this thread failed. */
+    /* Why this thread's last call failed. */
     const char *(*why)(void);
-    /* List the frames, reading packets only. Refuses more than max_pixels a frame. */
+    /* List the frames, from packets only. Refuses frames above max_pixels. */
     enum spin_video_result (*index)(const char *path, int64_t max_pixels,
                                     struct spin_video_index *out);
     enum spin_video_result (*open)(const char *path, const struct spin_video_index *index,
                                    struct spin_video_stream **out);
-    /* Go to a key frame: next() then gives it, perhaps after some shown before it, which may be
-     * damaged. */
+    /* Seek to a key frame: next() then returns it, possibly after some earlier frames in display
+     * order, which may be damaged. */
     enum spin_video_result (*seek)(struct spin_video_stream *stream, int64_t key);
-    /* Decode one more frame; its number. */
+    /* Decode one more frame; *frame receives its index. */
     enum spin_video_result (*next)(struct spin_video_stream *stream, int64_t *frame);
-    /* The frame that next() gave as interleaved 8-bit RGB [height][width][3]. */
+    /* Convert the frame that next() decoded to interleaved 8-bit RGB [height][width][3]. */
     enum spin_video_result (*rgb)(struct spin_video_stream *stream, uint8_t *out);
     void (*close)(struct spin_video_stream *stream);
     const struct spin_video_encoder *encoder;
@@ -66,6 +67,6 @@ struct spin_video_shim {
 
 extern const struct spin_video_shim spin_video_shim_table;
 extern const struct spin_video_encoder spin_video_encoder_table;
-/* Text, with FFmpeg's error number when it is not 0, becomes why() of this thread. The result, or
- * SPIN_VIDEO_NO_MEMORY where that is the error. */
+/* Set why() of this thread, including FFmpeg's error number if it is not 0. Returns the result, or
+ * SPIN_VIDEO_NO_MEMORY if that is the error. */
 enum spin_video_result spin_video_fail(enum spin_video_result result, int error, const char *what);

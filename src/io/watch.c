@@ -1,7 +1,6 @@
-/* Reading a page of a map that the file no longer has is SIGBUS. No code can go on after that,
- * least of all in one thread of many: the handler says which file it was, removes what is
- * half-written and ends the process. It takes no lock, as a thread that holds one may be the one
- * that fell. */
+/* Reading a mapped page that was truncated from its file raises SIGBUS. No thread can continue
+ * after that: the handler reports the file, removes partial output and ends the process. It takes
+ * no locks, because the thread that raised the signal may hold them. */
 #include <pthread.h>
 #include <signal.h>
 #include <stdatomic.h>
@@ -10,24 +9,25 @@
 #include "base/base.h"
 #include "io/file.h"
 
-/* What finds no place is not watched. */
+/* Entries beyond these limits are not watched. */
 enum { MAPS = 256, OUTS = 64 };
 
-/* The handler may read a path while another thread gives its place back: paths are never freed. */
+/* The handler may read a path while another thread releases its entry: paths are never freed. */
 static struct {
-    _Atomic(const unsigned char *) data; /* NULL: free. Set last */
+    _Atomic(const unsigned char *) data; /* NULL: entry is free. Set last */
     char path[PATH_MAX];
     struct stat st;
 } maps[MAPS];
 static struct {
-    _Atomic(const char *) given; /* the caller's path; NULL: free. Set last */
+    _Atomic(const char *) given; /* the caller's path; NULL: entry is free. Set last */
     char path[PATH_MAX];
 } outs[OUTS];
-static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* of who writes to maps and outs */
+static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* for writing to maps and outs */
 static atomic_bool dying;
 static char name[64]; /* of the command */
 
-/* Of a place, before its path is written: the handler may be about to remove what it names. */
+/* Acquire the mutex before a path is written; blocks if the handler is running, which may be about
+ * to remove the file with the old path. */
 static void lock(void)
 {
     pthread_mutex_lock(&mutex);
@@ -120,7 +120,7 @@ void spin_unwatch_out(const char *path)
     }
 }
 
-/* ---- The signal ------------------------------------------------------------------------------ */
+/* ---- The signal handler --------------------------------------------------------------------- */
 
 struct line {
     char text[1024];
@@ -144,14 +144,14 @@ static void say(const char *path)
     add(&line, "': it was cut short while it was in use, or the disk failed");
     line.text[line.n < sizeof line.text ? line.n++ : line.n - 1] = '\n';
     if (isatty(STDERR_FILENO))
-        n = write(STDERR_FILENO, "\r\033[K", 4); /* the progress line */
+        n = write(STDERR_FILENO, "\r\033[K", 4); /* erase the progress line */
     n = write(STDERR_FILENO, line.text, line.n);
     (void)n;
 }
 
 static void remove_outs(void)
 {
-    for (int pass = 0; pass < 2; pass++) { /* files, then the folders that are empty by then */
+    for (int pass = 0; pass < 2; pass++) { /* files, then the folders that have become empty */
         for (int i = 0; i < OUTS; i++) {
             if (atomic_load(&outs[i].given))
                 (void)(pass ? rmdir(outs[i].path) : unlink(outs[i].path));
@@ -169,13 +169,14 @@ static void on_bus(int number, siginfo_t *info, void *context)
 
         if (!first || at < first || at - first >= (uintptr_t)maps[i].st.st_size)
             continue;
-        while (atomic_exchange(&dying, true)) /* another thread has fallen, too */
+        while (atomic_exchange(&dying, true)) /* another thread is in the handler already */
             pause();
         say(maps[i].path);
         remove_outs();
         _exit(1);
     }
-    signal(number, SIG_DFL); /* no file of ours: it happens again, and ends the process */
+    signal(number,
+           SIG_DFL); /* not one of our maps: the signal is raised again and ends the process */
 }
 
 void spin_catch_cut_files(const char *command)

@@ -58,14 +58,15 @@ static int take(const uint8_t *data, size_t size, const WebPPicture *picture)
     return 1;
 }
 
-/* Bytes that cannot be written are those that take() has no memory for. */
+/* The encoder cannot write only if take() has no memory. */
 static bool is_memory(WebPEncodingError error)
 {
     return error == VP8_ENC_ERROR_OUT_OF_MEMORY || error == VP8_ENC_ERROR_BITSTREAM_OUT_OF_MEMORY ||
            error == VP8_ENC_ERROR_BAD_WRITE;
 }
 
-/* The library may be another than that of the header: what it made must be the picture. */
+/* The library may be another version than that of the header, so verify that its output decodes to
+ * the image. */
 static spin_status check_written(const struct sink *sink, const uint8_t *rgba, int width,
                                  int height)
 {
@@ -75,11 +76,12 @@ static spin_status check_written(const struct sink *sink, const uint8_t *rgba, i
 
     SPIN_TRY(spin_webp_size(sink->data, sink->n, &w, &h));
     SPIN_TRY(spin_alloc(n, 1, (void **)&again));
-    SPIN_TRY(w == width && h == height ? spin_webp_read(sink->data, sink->n, width, height, again)
-                                       : spin_fail(SPIN_E_IO, "libwebp wrote %dx%d pixels of %dx%d",
-                                                   w, h, width, height));
+    SPIN_TRY(w == width && h == height
+                 ? spin_webp_read(sink->data, sink->n, width, height, again)
+                 : spin_fail(SPIN_E_IO, "libwebp wrote %dx%d pixels instead of %dx%d", w, h, width,
+                             height));
     if (memcmp(rgba, again, n) != 0)
-        return spin_fail(SPIN_E_IO, "libwebp wrote other values than it was given");
+        return spin_fail(SPIN_E_IO, "libwebp did not write the pixels losslessly");
     return SPIN_OK;
 }
 
@@ -96,7 +98,7 @@ spin_status spin_webp_write(const uint8_t *rgba, int width, int height, int effo
         return spin_unsupported("a WebP of %dx%d pixels", width, height);
     if (!config_init(&config, WEBP_PRESET_DEFAULT, 75, WEBP_ENCODER_ABI_VERSION) ||
         !config_lossless(&config, effort) || !picture_init(&picture, WEBP_ENCODER_ABI_VERSION))
-        return spin_unsupported("libwebp is of another version than the build's");
+        return spin_unsupported("the installed libwebp differs from the version of the build");
     config.exact = 1;
     picture.use_argb = 1;
     picture.width = width;
@@ -127,7 +129,7 @@ spin_status spin_webp_size(const void *data, size_t size, int *width, int *heigh
 {
     SPIN_TRY(spin_webp_need());
     if (!get_info(data, size, width, height))
-        return spin_malformed("no WebP picture");
+        return spin_malformed("not a WebP image");
     return SPIN_OK;
 }
 
@@ -139,20 +141,20 @@ static uint32_t word_at(const uint8_t *p)
 spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *height)
 {
     const uint8_t *file = data;
-    uint32_t wide = 0, high = 0; /* of VP8X; 0: there is none */
+    uint32_t wide = 0, high = 0; /* of VP8X; 0: absent */
 
     *width = *height = 0;
     if (size < 12 || memcmp(file, "RIFF", 4) != 0 || memcmp(file + 8, "WEBP", 4) != 0)
-        return spin_malformed("no WebP picture");
+        return spin_malformed("not a WebP image");
     if ((uint64_t)word_at(file + 4) + 8 != size)
-        return spin_malformed("a WebP picture that says %llu bytes and has %zu",
-                              (unsigned long long)word_at(file + 4) + 8, size);
+        return spin_malformed("a WebP image of %zu bytes, whose header states %llu", size,
+                              (unsigned long long)word_at(file + 4) + 8);
     for (size_t at = 12; at < size;) {
         const uint8_t *chunk = file + at;
         size_t left = size - at, n = left < 8 ? SIZE_MAX : word_at(chunk + 4);
 
         if (left < 8 || n > left - 8 || (n & 1 && n == left - 8))
-            return spin_malformed("a WebP picture that is cut short");
+            return spin_malformed("a WebP image that is cut short");
         if (memcmp(chunk, "VP8X", 4) == 0 && at == 12 && n == 10) {
             wide = (word_at(chunk + 12) & 0xffffff) + 1;
             high = (word_at(chunk + 14) >> 8) + 1;
@@ -162,19 +164,19 @@ spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *h
             *height = (int)(word_at(chunk + 9) >> 14 & 0x3fff) + 1;
         } else if (memcmp(chunk, "VP8", 3) == 0 || memcmp(chunk, "AL", 2) == 0 ||
                    memcmp(chunk, "AN", 2) == 0) {
-            return spin_malformed("a WebP picture with '%.4s', expected VP8L alone",
+            return spin_malformed("a WebP image with chunk '%.4s', expected only VP8L",
                                   (const char *)chunk);
         }
         at += 8 + n + (n & 1);
     }
     if (*width == 0 || (wide > 0 && ((int)wide != *width || (int)high != *height)))
-        return spin_malformed("a WebP picture that is not one lossless one");
+        return spin_malformed("a WebP file that is not one lossless image");
     return SPIN_OK;
 }
 
-/* libwebp 1.2 takes some of its missing allocations for damage, and others end the process: ask for
- * what it needs beforehand, which is a copy of the pixels, what transforms them and the tables of
- * its codes. */
+/* If allocations fail, libwebp 1.2 sometimes reports damage and sometimes ends the process.
+ * Therefore try to allocate what it needs beforehand: a copy of the pixels, data of transforms, and
+ * Huffman tables. */
 static spin_status check_memory(int width, int height)
 {
     SPIN_FREED void *block = malloc(2 * 4 * (size_t)width * (size_t)height + (1 << 20));
@@ -192,7 +194,7 @@ spin_status spin_webp_read(const void *data, size_t size, int width, int height,
     SPIN_TRY(spin_webp_need());
     SPIN_TRY(check_memory(width, height));
     if (!decoder_init(&config, WEBP_DECODER_ABI_VERSION))
-        return spin_unsupported("libwebp is of another version than the build's");
+        return spin_unsupported("the installed libwebp differs from the version of the build");
     config.output.colorspace = MODE_RGBA;
     config.output.is_external_memory = 1;
     config.output.u.RGBA = (WebPRGBABuffer){
@@ -201,5 +203,5 @@ spin_status spin_webp_read(const void *data, size_t size, int width, int height,
     if (code == VP8_STATUS_OUT_OF_MEMORY)
         return spin_fail(SPIN_E_MEMORY, "not enough memory for a WebP of %dx%d pixels", width,
                          height);
-    return code == VP8_STATUS_OK ? SPIN_OK : spin_malformed("a damaged WebP picture");
+    return code == VP8_STATUS_OK ? SPIN_OK : spin_malformed("a damaged WebP image");
 }

@@ -1,5 +1,5 @@
-/* xz through liblzma, piece by piece: memory grows with what really comes out, never with what a
- * header promises. */
+/* xz by liblzma, decompressed in parts: memory grows with the actual output, not with sizes in
+ * headers. */
 #include "io/xz.h"
 
 #include <lzma.h>
@@ -7,8 +7,8 @@
 #include "base/base.h"
 #include "io/file.h"
 
-/* Networks, codebooks and indices pack to a half or so. What packs to less than a 32nd, beyond some
- * megabytes, is a bomb: xz can make 7000 bytes out of one. */
+/* Networks, codebooks and indices compress to about half. A ratio above 32, beyond some megabytes,
+ * indicates a bomb: xz can produce 7000 bytes from one. */
 #define RATIO 32
 #define RATIO_SLACK ((size_t)8 << 20)
 #define FIRST_PIECE ((size_t)1 << 20)
@@ -31,7 +31,7 @@ static spin_status fail_lzma(const char *path, lzma_ret code)
     case LZMA_BUF_ERROR:
         return spin_malformed("'%s' is cut short", path);
     case LZMA_OPTIONS_ERROR:
-        return spin_unsupported("'%s' uses xz options that are not known", path);
+        return spin_unsupported("'%s' uses unsupported xz options", path);
     case LZMA_MEMLIMIT_ERROR:
         return spin_unsupported("'%s' needs more than 268 MB to be unpacked", path);
     case LZMA_MEM_ERROR:
@@ -41,8 +41,7 @@ static spin_status fail_lzma(const char *path, lzma_ret code)
     }
 }
 
-/* Room for more, doubled, but never beyond limit + 1: that one byte tells that there is too much.
- * */
+/* Double the capacity, to at most limit + 1: the extra byte detects output beyond the limit. */
 static spin_status more_room(lzma_stream *stream, size_t limit, unsigned char **block, size_t *size)
 {
     size_t used = *size - stream->avail_out, larger = *size ? 2 * *size : FIRST_PIECE;

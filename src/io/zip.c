@@ -1,10 +1,10 @@
-/* Reading zip and zip64 by the central directory.
+/* Reading zip and zip64 archives through the central directory.
  *
- * A reader that trusts nothing. Every offset and size is compared with the bytes of the file
- * before it is used; members may not overlap each other or the directory (which is how a small
- * file pretends to hold petabytes); deflate cannot yield more than 1032 times what went in, so a
- * larger claim is a lie that is seen before memory is reserved. Sizes in local headers are never
- * used: they may be zero (data descriptor) or saturated (numpy asks for zip64 headers always). */
+ * The file is not trusted. Every offset and size is compared with the bytes of the file before it
+ * is used; members must not overlap each other or the directory (a trick by which small files
+ * appear to contain petabytes); deflate yields at most 1032 times its input, so larger claims are
+ * refused before memory is allocated. Sizes in local headers are ignored: they may be zero (data
+ * descriptor) or saturated (numpy always requests zip64 headers). */
 #include "io/zip.h"
 
 #include <zlib.h>
@@ -19,11 +19,11 @@ static uint16_t u16(const unsigned char *p) { return (uint16_t)(p[0] | p[1] << 8
 static uint32_t u32(const unsigned char *p) { return u16(p) | (uint32_t)u16(p + 2) << 16; }
 static uint64_t u64(const unsigned char *p) { return u32(p) | (uint64_t)u32(p + 4) << 32; }
 
-/* ---- Where the directory is ------------------------------------------------------- */
+/* ---- Location of the directory -------------------------------------------------------------- */
 
 struct directory {
     uint64_t offset, size, n; /* bytes, bytes, entries */
-    uint64_t limit;           /* the end records begin here */
+    uint64_t limit;           /* start of the end records */
     bool zip64;
 };
 
@@ -32,7 +32,7 @@ bool spin_zip_looks_like(const unsigned char *head, size_t n_head)
     return n_head >= 4 && (u32(head) == SIG_LOCAL || u32(head) == SIG_END);
 }
 
-/* The end record: the last one whose comment ends with the file. */
+/* Find the end record: the last one whose comment extends to the end of the file. */
 static bool find_end(const struct spin_map *map, uint64_t *at)
 {
     uint64_t lowest;
@@ -105,7 +105,7 @@ static spin_status find_directory(const char *path, const struct spin_map *map,
     return SPIN_OK;
 }
 
-/* ---- The directory's entries --------------------------------------------------------------- */
+/* ---- Entries of the directory --------------------------------------------------------------- */
 
 static spin_status fail_member(spin_status code, const char *path, const char *name,
                                const char *what)
@@ -113,7 +113,8 @@ static spin_status fail_member(spin_status code, const char *path, const char *n
     return spin_fail(code, "cannot read '%s': member '%s' %s", path, name, what);
 }
 
-/* Values that did not fit in 32 bits stand in the zip64 record, in this order, and only those. */
+/* The zip64 record contains the values that did not fit in 32 bits, and only those, in this
+ * order. */
 static bool read_zip64_extra(const unsigned char *extra, size_t n, struct spin_zip_member *m)
 {
     uint64_t *field[3] = {&m->size, &m->packed_size, &m->header_offset};
@@ -147,8 +148,8 @@ static bool read_zip64_extra(const unsigned char *extra, size_t n, struct spin_z
     return true;
 }
 
-/* One entry at p, of which `left` bytes remain in the directory. Its length goes to *taken; the
- * name is copied to `name`, where there is room for it and a NUL. */
+/* Read the entry at p, of which `left` bytes remain in the directory. *taken receives its length;
+ * the name is copied to `name`, which has the capacity for it and a NUL. */
 static spin_status read_entry(const char *path, const struct directory *dir, const unsigned char *p,
                               uint64_t left, char *name, struct spin_zip_member *m, uint64_t *taken)
 {
@@ -181,14 +182,14 @@ static spin_status read_entry(const char *path, const struct directory *dir, con
     if (m->method == METHOD_STORED && m->size != m->packed_size)
         return fail_member(SPIN_E_MALFORMED, path, name, "is stored but has two different sizes");
 
-    /* Members lie before the directory: header, name, data. */
+    /* Members precede the directory: header, name, data. */
     if (m->header_offset > dir->offset || dir->offset - m->header_offset < LOCAL_BYTES + n_name)
         return fail_member(SPIN_E_MALFORMED, path, name, "lies outside the file");
     room = dir->offset - m->header_offset - LOCAL_BYTES - n_name;
     if (m->packed_size > room)
-        return spin_malformed("cannot read '%s': member '%s' claims %llu bytes where only %llu are",
-                              path, name, (unsigned long long)m->packed_size,
-                              (unsigned long long)room);
+        return spin_malformed(
+            "cannot read '%s': member '%s' claims %llu bytes, but only %llu follow", path, name,
+            (unsigned long long)m->packed_size, (unsigned long long)room);
     return SPIN_OK;
 }
 
@@ -200,7 +201,7 @@ static int by_offset(const void *a, const void *b)
     return x->header_offset < y->header_offset ? -1 : x->header_offset > y->header_offset;
 }
 
-/* By name; of those with one name, in directory order. */
+/* Order by name, and members with equal names by position in the directory. */
 static int by_name(const void *a, const void *b)
 {
     const struct spin_zip_member *x = *(const struct spin_zip_member *const *)a;
@@ -210,7 +211,7 @@ static int by_name(const void *a, const void *b)
     return order ? order : x < y ? -1 : x > y;
 }
 
-/* No byte may belong to two members. */
+/* Check that members do not overlap. */
 static spin_status check_overlap(const char *path, const struct spin_zip *zip,
                                  const struct spin_zip_member **order)
 {
@@ -234,7 +235,7 @@ static spin_status read_directory(const char *path, const struct directory *dir,
     char *name;
 
     SPIN_TRY(spin_alloc((size_t)dir->n, sizeof *out->member, (void **)&out->member));
-    /* Names are shorter than their entries, which leaves room for their NULs. */
+    /* Names are shorter than their entries, so their NULs fit too. */
     SPIN_TRY(spin_alloc((size_t)dir->size + 1, 1, (void **)&out->names));
     name = out->names;
     for (uint64_t i = 0; i < dir->n; i++) {
@@ -294,7 +295,7 @@ void spin_zip_close(struct spin_zip *zip)
     memset(zip, 0, sizeof *zip);
 }
 
-/* As strcmp() of name and the parts in a row. */
+/* Like strcmp() of name and the concatenated parts. */
 static int compare_parts(const char *name, const char *const *part)
 {
     for (; *part; part++) {
@@ -311,7 +312,7 @@ static int compare_parts(const char *name, const char *const *part)
 const struct spin_zip_member *spin_zip_find_parts(const struct spin_zip *zip,
                                                   const char *const *part)
 {
-    size_t low = 0, high = zip->n; /* of the members behind the last that has the name */
+    size_t low = 0, high = zip->n; /* search for the first member after those with this name */
 
     while (low < high) {
         size_t middle = low + (high - low) / 2;
@@ -332,10 +333,10 @@ const struct spin_zip_member *spin_zip_find(const struct spin_zip *zip, const ch
     return spin_zip_find_parts(zip, part);
 }
 
-/* ---- A member's bytes ---------------------------------------------------------------------- */
+/* ---- Data of members ------------------------------------------------------------------------ */
 
-/* The packed bytes. The local header gives only the place where they begin, and must bear the
- * name. */
+/* Locate a member's compressed bytes. The local header is only used for their position, and must
+ * contain the name. */
 static spin_status find_data(const struct spin_zip *zip, const struct spin_zip_member *m,
                              const unsigned char **data)
 {
@@ -363,14 +364,14 @@ static spin_status fail_memory(const struct spin_zip *zip, const struct spin_zip
                      zip->path, (unsigned long long)m->size, m->name);
 }
 
-/* Raw deflate of a member into exactly its size. zlib counts in unsigned int, so both sides are fed
- * in pieces. */
+/* Decompress a member, which must yield exactly its size. zlib uses unsigned int, so input and
+ * output are passed in parts. */
 static spin_status inflate_exactly(const struct spin_zip *zip, const struct spin_zip_member *m,
                                    const unsigned char *packed, unsigned char *out)
 {
     uint64_t n = m->packed_size, size = m->size;
     const uint64_t piece = 1u << 30;
-    unsigned char beyond; /* takes the byte too many, if there is one */
+    unsigned char beyond; /* receives output beyond the size, which is an error */
     z_stream z = {0};
     int result = Z_OK;
 
@@ -403,7 +404,7 @@ static spin_status inflate_exactly(const struct spin_zip *zip, const struct spin
                              "is damaged (it does not unpack)");
 }
 
-/* Raw deflate of the first bytes: how many came out, at most n. */
+/* Decompress the first n bytes of a member; *n_out receives how many there are. */
 static spin_status inflate_head(const struct spin_zip *zip, const struct spin_zip_member *m,
                                 const unsigned char *packed, void *out, size_t n, size_t *n_out)
 {
@@ -418,7 +419,7 @@ static spin_status inflate_head(const struct spin_zip *zip, const struct spin_zi
     z.avail_in = (uInt)(n_packed < piece ? n_packed : piece);
     z.next_out = out;
     z.avail_out = (uInt)(n < piece ? n : piece);
-    result = inflate(&z, Z_SYNC_FLUSH); /* damage is found when the whole is read */
+    result = inflate(&z, Z_SYNC_FLUSH); /* damage is detected when the whole member is read */
     *n_out = (size_t)z.total_out;
     inflateEnd(&z);
     return result == Z_MEM_ERROR ? fail_memory(zip, m) : SPIN_OK;
@@ -432,7 +433,7 @@ static spin_status read_deflated(const struct spin_zip *zip, const struct spin_z
     if (m->size > SIZE_MAX ||
         (m->size > deflate_slack && (m->size - deflate_slack) / deflate_ratio > m->packed_size))
         return spin_malformed(
-            "cannot read '%s': member '%s' claims %llu bytes out of %llu packed ones", zip->path,
+            "cannot read '%s': member '%s' claims %llu bytes from %llu compressed ones", zip->path,
             m->name, (unsigned long long)m->size, (unsigned long long)m->packed_size);
     if (m->size > limit)
         return spin_unsupported(

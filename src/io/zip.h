@@ -1,8 +1,8 @@
-/* Zip and zip64 archives. Ours, on zlib, because stored
- * members must be usable in place, aligned, and files are hostile until shown otherwise.
+/* Zip and zip64 archives. Implemented here, on zlib, because stored members must be aligned and
+ * usable in place, and because files are untrusted.
  *
- * Reading goes by the central directory. Member sizes, offsets and names are checked against the
- * file before anything is reserved; methods 0 and 8 only; never encrypted. */
+ * The reader uses the central directory. It checks sizes, offsets and names of members against the
+ * file before it allocates anything; methods 0 and 8 only, no encryption. */
 #pragma once
 
 #include "io/file.h"
@@ -18,38 +18,39 @@ struct spin_zip_member {
 struct spin_zip {
     struct spin_map map;
     char *path;                     /* for messages */
-    struct spin_zip_member *member; /* [n], in directory order */
+    struct spin_zip_member *member; /* [n], in order of the directory */
     size_t n;
     const struct spin_zip_member **by_name; /* private: [n] */
     char *names;                            /* private */
-    bool borrowed;                          /* the map is another's */
-    bool zip64;                             /* its directory was found by a zip64 record */
+    bool borrowed;                          /* map is owned by the caller */
+    bool zip64;                             /* the directory was found through a zip64 record */
 };
 
 bool spin_zip_looks_like(const unsigned char *head, size_t n_head);
 spin_status spin_zip_open(const char *path, struct spin_zip *out);
-/* One in memory, which must stay; `what` names it in messages. */
+/* An archive in memory, which is borrowed; `what` names it in messages. */
 spin_status spin_zip_parse(const char *what, const void *data, size_t size, struct spin_zip *out);
 void spin_zip_close(struct spin_zip *zip);
-/* NULL when there is none. With duplicates the last one counts, as in Python. */
+/* NULL if there is none. Of duplicates the last one wins, as in Python. */
 const struct spin_zip_member *spin_zip_find(const struct spin_zip *zip, const char *name);
 
-/* The same of a name in parts that stand in a row; NULL-terminated. */
+/* The same for a name that is the concatenation of the parts; NULL-terminated. */
 const struct spin_zip_member *spin_zip_find_parts(const struct spin_zip *zip,
                                                   const char *const *part);
 
 /* The bytes of a member. Stored: *data points into the map and *owned is NULL. Deflated: *owned is
- * a new block, to be freed with free(). The CRC is checked when check_crc. `limit` bounds the size
- * of an inflated member (a bomb is an error before anything is reserved). */
+ * a new block, which the caller frees with free(). check_crc: verify the CRC. `limit` bounds the
+ * decompressed size, so that a zip bomb fails before anything is allocated. */
 spin_status spin_zip_read(const struct spin_zip *zip, const struct spin_zip_member *member,
                           bool check_crc, uint64_t limit, const unsigned char **data, void **owned);
 
-/* At most the first n bytes of a member, n_out of them, without unpacking the rest. */
+/* The first n bytes of a member, or less, n_out of them, without decompressing the rest. */
 spin_status spin_zip_head(const struct spin_zip *zip, const struct spin_zip_member *member,
                           void *out, size_t n, size_t *n_out);
 
-/* ---- Writing: members stored, data 64-byte aligned, or deflated; zip64 when needed, no dates
- * (1980-01-01), so equal content gives equal bytes, by any number of threads. */
+/* ---- Writing: members are stored, with data aligned to 64 bytes, or deflated; zip64 if needed; a
+ * fixed date (1980-01-01), so that equal content gives equal bytes, with any number of threads ----
+ */
 
 struct spin_zip_writer {
     struct spin_out out;
@@ -58,28 +59,29 @@ struct spin_zip_writer {
     uint32_t crc;
     uint64_t member_size;
     bool in_member;
-    bool plain; /* headers hold names alone, and data are not aligned; set it after begin() */
-    struct spin_zip_deflate *deflate; /* of the member that is being written; NULL: stored */
-    int n_threads; /* that deflate a long member; 0: all cores. Set it after open() or begin() */
+    bool plain; /* headers without extra fields, data unaligned; to be set after begin() */
+    struct spin_zip_deflate *deflate; /* state of the member being written; NULL: it is stored */
+    /* Threads that deflate a long member; 0: all cores. To be set after open() or begin(). */
+    int n_threads;
     struct spin_pool *pool;
 };
 spin_status spin_zip_writer_open(const char *path, bool force, struct spin_zip_writer *w);
-/* begin with the exact size, then write in pieces, then end. */
+/* Begin with the exact size, write in parts, then end. */
 spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, uint64_t size);
-/* The same for a member that is deflated on the way. */
+/* The same for a member that is deflated as it is written. */
 spin_status spin_zip_member_begin_deflated(struct spin_zip_writer *w, const char *name,
                                            uint64_t size);
-/* The one just begun quickly: only runs of a byte are found, and what seems random is stored.
- * Before its first bytes. */
+/* Compress the member just begun quickly: search only for runs of one byte, and store data that
+ * seem random. To be called before its first bytes. */
 void spin_zip_member_runs(struct spin_zip_writer *w);
 spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, size_t bytes);
 spin_status spin_zip_member_end(struct spin_zip_writer *w);
-/* The same at once, of two pieces that are there already: nothing is written twice. */
+/* The same in one call, from two blocks in memory, which are not copied. */
 spin_status spin_zip_member_whole(struct spin_zip_writer *w, const char *name, const void *head,
                                   size_t n_head, const void *data, size_t n_data);
-/* An archive in a file that is open and empty, which stays the caller's to commit: it is lent to
- * the writer, and end(), which must follow, gives it back. It writes the directory when all is well
- * so far. */
+/* Write an archive into an open, empty file that the caller will commit: the file is lent to the
+ * writer, and end(), which must follow, returns it, after writing the directory if so_far is
+ * SPIN_OK. */
 void spin_zip_writer_begin(const struct spin_out *out, struct spin_zip_writer *w);
 spin_status spin_zip_writer_end(struct spin_zip_writer *w, spin_status so_far,
                                 struct spin_out *out);

@@ -1,4 +1,4 @@
-/* The numbers of the zip format (PKWARE's APPNOTE 6.3) that reader and writer share. */
+/* Constants of the zip format (PKWARE's APPNOTE 6.3), shared by reader and writer. */
 #pragma once
 
 enum {
@@ -16,4 +16,4 @@ enum {
     METHOD_STORED = 0,
     METHOD_DEFLATE = 8
 };
-#define FULL32 0xffffffffu /* the value stands in the zip64 record */
+#define FULL32 0xffffffffu /* the value is in the zip64 record */

@@ -1,24 +1,25 @@
-/* Zip archives. Headers of stored members are padded so that the data lie aligned. */
+/* Writing zip archives. Headers of stored members are padded to align their data. */
 #include "base/base.h"
 #include "io/zip.h"
 #include "io/gzip.h"
 #include "io/zip_format.h"
 
 enum {
-    EXTRA_ALIGN = 0xd935, /* the record zipalign uses: u16 alignment, then padding */
+    EXTRA_ALIGN = 0xd935, /* the record that zipalign uses: u16 alignment, then padding */
     FLAG_UTF8 = 1 << 11,
     ALIGN = 64,
     DOS_DATE_1980 = 0x21,
     DEFLATE_LEVEL = 6,
     WINDOW = SPIN_DEFLATE_WINDOW,
-    PART = 8 << 20 /* what threads deflate side by side */
+    PART = 8 << 20 /* size that threads compress in parallel */
 };
-/* A deflated member may become a little longer; from here on its header has room for 64 bits. */
+/* A deflated member may become slightly longer than its data; from this size on, its header
+ * reserves 64-bit fields. */
 static const uint64_t deflate_zip64 = 0xf0000000u;
 
 struct spin_zip_deflate {
     bool runs;         /* see spin_zip_member_runs() */
-    unsigned char *in; /* [n_room]: n_before bytes that are written, then n that wait */
+    unsigned char *in; /* [n_room]: n_before bytes already written, then n pending ones */
     size_t n_room, n_before, n;
     uint64_t packed_size;
     struct spin_deflate_room out;
@@ -29,10 +30,10 @@ struct spin_zip_written {
     uint64_t size, packed_size, header_offset;
     uint32_t crc;
     int method;
-    bool zip64; /* the local header has sizes of 64 bits */
+    bool zip64; /* the local header has 64-bit sizes */
 };
 
-/* Headers are put together here; none is longer. */
+/* Buffer for one header; none is longer. */
 struct bytes {
     unsigned char data[128 + ALIGN];
     size_t n;
@@ -71,7 +72,8 @@ static spin_status add_written(struct spin_zip_writer *w, const char *name, uint
     entry = &w->written[w->n];
     memset(entry, 0, sizeof *entry);
     SPIN_TRY(spin_strdup(name, &entry->name));
-    entry->size = entry->packed_size = size; /* the latter of a deflated one is known at its end */
+    entry->size = entry->packed_size =
+        size; /* packed_size of a deflated member is set when it ends */
     entry->method = method;
     entry->zip64 = size >= (method == METHOD_STORED ? FULL32 : deflate_zip64);
     entry->header_offset = w->out.bytes;
@@ -79,8 +81,8 @@ static spin_status add_written(struct spin_zip_writer *w, const char *name, uint
     return SPIN_OK;
 }
 
-/* The fields that local header and directory entry share, from "version needed" to the name
- * length. */
+/* Fields common to local header and directory entry, from "version needed" to the length of the
+ * name. */
 static void put_common(struct bytes *b, const struct spin_zip_written *e, bool zip64,
                        uint32_t packed_size, uint32_t size)
 {
@@ -95,7 +97,7 @@ static void put_common(struct bytes *b, const struct spin_zip_written *e, bool z
     put(b, strlen(e->name), 2);
 }
 
-/* The padding record that brings the data behind `used` header bytes to a multiple of ALIGN. */
+/* Size of the padding record that aligns the data after `used` header bytes. */
 static size_t padding(uint64_t used)
 {
     size_t pad = (size_t)(-used & (ALIGN - 1));
@@ -103,7 +105,7 @@ static size_t padding(uint64_t used)
     return pad == 0 || pad >= 6 ? pad : pad + ALIGN;
 }
 
-/* The local header. crc: 0 when it is not known yet. */
+/* Write the local header. crc: 0 if not known yet. */
 static spin_status begin_member(struct spin_zip_writer *w, const char *name, uint64_t size,
                                 uint32_t crc, int method)
 {
@@ -180,7 +182,7 @@ spin_status spin_zip_member_begin_deflated(struct spin_zip_writer *w, const char
 
 void spin_zip_member_runs(struct spin_zip_writer *w) { w->deflate->runs = true; }
 
-/* Deflate what waits, and write it. */
+/* Compress and write the pending bytes. */
 static spin_status deflate_part(struct spin_zip_writer *w, bool last)
 {
     struct spin_zip_deflate *d = w->deflate;
@@ -240,8 +242,8 @@ spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, s
     return spin_out_write(&w->out, data, bytes);
 }
 
-/* Put bytes that are known only now into a local header. Not by seeking, as stdio then reads and
- * writes again what lies around it. */
+/* Write values that are known only now into a local header. Avoids seeking, upon which stdio would
+ * reload and rewrite its buffer. */
 static spin_status patch(struct spin_zip_writer *w, const struct bytes *b, uint64_t at)
 {
     if (fflush(w->out.file) != 0)
@@ -271,7 +273,7 @@ spin_status spin_zip_member_end(struct spin_zip_writer *w)
     if (!entry->zip64)
         return SPIN_OK;
     b.n = 0;
-    put(&b, entry->packed_size, 8); /* behind the record's head and the size */
+    put(&b, entry->packed_size, 8); /* after the record's header and the uncompressed size */
     return patch(w, &b, entry->header_offset + LOCAL_BYTES + strlen(entry->name) + 4 + 8);
 }
 
@@ -287,7 +289,7 @@ static spin_status write_entry(struct spin_zip_writer *w, const struct spin_zip_
         put(&extra, e->header_offset, 8);
 
     put(&b, SIG_CENTRAL, 4);
-    put(&b, extra.n > 0 ? 45 : 20, 2); /* made by: no system's attributes */
+    put(&b, extra.n > 0 ? 45 : 20, 2); /* version made by; no attributes */
     put_common(&b, e, extra.n > 0, low32(e->packed_size), low32(e->size));
     put(&b, extra.n > 0 ? extra.n + 4 : 0, 2);
     put(&b, 0, 2 + 2 + 2 + 4); /* comment, disk, attributes */
@@ -371,7 +373,7 @@ spin_status spin_zip_writer_commit(struct spin_zip_writer *w)
     if (status == SPIN_OK)
         status = write_directory(w);
     if (status == SPIN_OK)
-        status = spin_out_commit(&w->out); /* which leaves nothing to abandon */
+        status = spin_out_commit(&w->out); /* after which there is nothing to abandon */
     spin_zip_writer_abandon(w);
     return status;
 }

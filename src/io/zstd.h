@@ -1,16 +1,16 @@
-/* Frames of Zstandard (RFC 8878) in memory, by the system's libzstd. It is loaded when first
- * needed, so that who reads or writes no such file does without; Debian and Ubuntu always have
- * it, as dpkg does not do without. SPIN_ZSTD names another file than libzstd.so.1. */
+/* Zstandard frames (RFC 8878) in memory, by the system's libzstd. It is loaded when first needed,
+ * so that only files that use it depend on it; Debian and Ubuntu always have it, as dpkg depends on
+ * it. SPIN_ZSTD is the path of another file than libzstd.so.1. */
 #pragma once
 
 #include "spin.h"
 
-/* SPIN_E_UNSUPPORTED without the library. */
+/* SPIN_E_UNSUPPORTED if the library is missing. */
 spin_status spin_zstd_need(void);
-/* All frames of data, which must give exactly n_out bytes. SPIN_E_MALFORMED otherwise;
- * SPIN_E_UNSUPPORTED without the library. */
+/* Decompress all frames of data, which must yield exactly n_out bytes, else SPIN_E_MALFORMED.
+ * SPIN_E_UNSUPPORTED if the library is missing. */
 spin_status spin_zstd_read(const void *data, size_t size, void *out, size_t n_out);
-/* One frame of data, of level 1 (fast) to 19 (small); *out has room for *n_room bytes and grows
- * when that is not enough. The same data, level and library give the same bytes. */
+/* Compress data as one frame, with level 1 (fast) to 19 (small); *out has a capacity of *n_room
+ * bytes and grows if that is exceeded. Equal data, level and library give equal bytes. */
 spin_status spin_zstd_write(const void *data, size_t size, int level, unsigned char **out,
                             size_t *n_room, size_t *n_out);

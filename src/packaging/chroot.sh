@@ -1,7 +1,8 @@
 #!/bin/sh
-# chroot.sh SUITE VERSION OUT [ARCH]: `make portable` of the last commit in a bare Debian of that suite, made by debootstrap in
-# OUT/debian-SUITE, which is kept: what an old C library has, every newer one has too. `make dist` has put its tarball into OUT.
-# ARCH: another machine's, as arm64, in OUT/debian-SUITE-ARCH, where the kernel runs its programs by QEMU (qemu-user-static).
+# chroot.sh SUITE VERSION OUT [ARCH]: runs `make portable` on the last commit in a minimal Debian of
+# that suite, because programs linked with an old C library run with every newer one. debootstrap
+# creates it in OUT/debian-SUITE, which is kept. `make dist` has put the tarball into OUT. ARCH:
+# another architecture, such as arm64, in OUT/debian-SUITE-ARCH, by QEMU (qemu-user-static).
 suite=${1:?usage: chroot.sh SUITE VERSION OUT [ARCH]}
 version=${2:?usage: chroot.sh SUITE VERSION OUT [ARCH]}
 out=${3:?usage: chroot.sh SUITE VERSION OUT [ARCH]}
@@ -13,19 +14,19 @@ fail() {
     exit 1
 }
 
-[ "$(id -u)" = 0 ] || fail "a Debian of its own is for root alone: sudo make portable DEBIAN=$suite"
-command -v debootstrap >/dev/null || fail "debootstrap is not here: apt-get install debootstrap"
+[ "$(id -u)" = 0 ] || fail "debootstrap needs root: sudo make portable DEBIAN=$suite"
+command -v debootstrap >/dev/null || fail "debootstrap not found: apt-get install debootstrap"
 if [ ! -f "$root/ready" ]; then
     rm -rf "$root"
-    debootstrap ${arch:+--arch="$arch"} --variant=minbase "$suite" "$root" >"$root.log" 2>&1 || fail "no Debian '$suite': see '$root.log'"
+    debootstrap ${arch:+--arch="$arch"} --variant=minbase "$suite" "$root" >"$root.log" 2>&1 || fail "cannot create Debian '$suite': see '$root.log'"
     chroot "$root" env DEBIAN_FRONTEND=noninteractive apt-get install -qq --no-install-recommends make gcc g++ zlib1g-dev \
         liblzma-dev libjansson-dev libjpeg-dev libpng-dev libtinygltf-dev libwebp-dev libzstd-dev \
-        >>"$root.log" 2>&1 || fail "what building needs is not installed: see '$root.log'"
+        >>"$root.log" 2>&1 || fail "cannot install build dependencies: see '$root.log'"
     touch "$root/ready"
 fi
 rm -rf "$root/tmp/spin4d-$version"
 tar -C "$root/tmp" -xzf "$out/spin4d-$version.tar.gz" || exit 1
-# /dev/null and the like are those of debootstrap. A make above this one must not hand its variables down.
+# debootstrap has created /dev/null etc. env -i: do not inherit variables of a calling make.
 chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin make -s -j"$(nproc)" -C "/tmp/spin4d-$version" SETUP=0 portable || exit 1
 cp "$root/tmp/spin4d-$version/build"/spin4d-*-linux-*.tar.gz "$out/" || exit 1
 rm -rf "$root/tmp/spin4d-$version"

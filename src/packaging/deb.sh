@@ -1,13 +1,13 @@
 #!/bin/sh
-# deb.sh BUILD: Debian packages of the last commit, in BUILD/deb. `make dist` has put its tarball into BUILD;
-# what stands beside this file becomes the debian/ of a copy of the tree.
-# NOTEST=1: without the tests. LINTIAN=0: without lintian.
+# deb.sh BUILD: builds Debian packages of the last commit in BUILD/deb. `make dist` has put the
+# tarball into BUILD; the folder of this file becomes debian/ in a copy of the tree. NOTEST=1 skips
+# the tests, LINTIAN=0 skips lintian.
 BUILD=${1:?usage: deb.sh BUILD}
 here=$(dirname "$0")
 version=$(sed -n 's/^#define SPIN_VERSION "\(.*\)"/\1/p' src/spin.h)
 for tool in dpkg-buildpackage dh lintian; do
     command -v $tool >/dev/null || [ "$tool$LINTIAN" = lintian0 ] || {
-        echo "deb: $tool is not here: apt-get install dpkg-dev debhelper lintian" >&2
+        echo "deb: $tool not found: apt-get install dpkg-dev debhelper lintian" >&2
         exit 1
     }
 done
@@ -19,7 +19,7 @@ cp "$BUILD/spin4d-$version.tar.gz" "$deb/spin4d_$version.orig.tar.gz" || exit 1
 tar -C "$deb" -xzf "$BUILD/spin4d-$version.tar.gz" || exit 1
 cp -R "$here" "$tree/debian" || exit 1
 rm -f "$tree"/debian/*.sh "$tree/debian/wheel.py"
-# The version and the time are those of the tree.
+# Version and date are taken from the tree, so that builds are reproducible.
 cat >"$tree/debian/changelog" <<CHANGES
 spin4d ($version-1) UNRELEASED; urgency=medium
 
@@ -28,10 +28,10 @@ spin4d ($version-1) UNRELEASED; urgency=medium
  -- spin4d <spin4d@spin4d.invalid>  $(LC_ALL=C TZ=UTC date -R -r "$tree/Makefile")
 CHANGES
 [ -z "$NOTEST" ] || export DEB_BUILD_OPTIONS="nocheck $DEB_BUILD_OPTIONS"
-# A make above this one must not hand its variables down.
+# Do not inherit variables of a calling make.
 unset MAKEFLAGS MFLAGS MAKELEVEL CFLAGS CXXFLAGS CPPFLAGS LDFLAGS CC CXX BUILD
 (cd "$tree" && dpkg-buildpackage --no-sign) || exit 1
-# No bug asks for this package, as it was never uploaded.
+# The package was never uploaded, so there is no bug for its changelog to close.
 [ "$LINTIAN" = 0 ] || lintian --fail-on error,warning --suppress-tags initial-upload-closes-no-bugs --allow-root \
     "$deb"/*.changes || exit 1
 ls "$deb"/*.deb

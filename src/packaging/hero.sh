@@ -1,6 +1,7 @@
 #!/bin/sh
-# hero.sh BIN_DIR BUNDLE OUT.webp [CAMERA]: the moving picture of README: test views of a retrained bundle, a line between the
-# imported and the retrained splats that goes from side to side. Needs ffmpeg with libwebp (Debian: ffmpeg).
+# hero.sh BIN_DIR BUNDLE OUT.webp [CAMERA]: the animation in README.md: test views of a retrained
+# bundle, in which a line moves from side to side between the source's and the retrained splats.
+# Needs ffmpeg with libwebp (Debian: ffmpeg).
 bin=${1:?usage: hero.sh BIN_DIR BUNDLE OUT.webp [CAMERA]}
 bundle=${2:?usage: hero.sh BIN_DIR BUNDLE OUT.webp [CAMERA]}
 out=${3:?usage: hero.sh BIN_DIR BUNDLE OUT.webp [CAMERA]}
@@ -10,10 +11,10 @@ MOST=2000000
 work=$(mktemp -d) || exit 1
 trap 'rm -rf "$work"' EXIT
 
-command -v ffmpeg >/dev/null || { echo "hero: no ffmpeg (Debian: ffmpeg)" >&2; exit 1; }
+command -v ffmpeg >/dev/null || { echo "hero: ffmpeg not found (Debian: ffmpeg)" >&2; exit 1; }
 "$bin/spin-export" -q "$bundle" --to images --panels before,after --no-labels --size ${width}x$height -o "$work/pictures" || exit 1
 [ -n "$(ls "$work/pictures/cam_${camera}"_* 2>/dev/null)" ] || { echo "hero: camera $camera is not held out" >&2; exit 1; }
-# The line is where X = (0.5 - 0.5 cos(2 pi T / seconds)) W; two pixels of it are white.
+# The line is at X = (0.5 - 0.5 cos(2 pi T / seconds)) W, white and two pixels wide.
 at="W*(0.5-0.5*cos(2*PI*T/$seconds))"
 ffmpeg -v error -y -stream_loop -1 -framerate $rate -pattern_type glob -i "$work/pictures/cam_${camera}_*.png" -t $seconds -filter_complex "
     [0]format=gbrp,split[l][r]; [l]crop=$width:$height:0:0[before]; [r]crop=$width:$height:$width:0[after];

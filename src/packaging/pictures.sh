@@ -1,7 +1,8 @@
 #!/bin/sh
-# pictures.sh BIN_DIR DOCS [COURT]: the pictures of the documents from today's build; DOCS/pictures.txt, the figures of the run
-# that they show; and the figures of tests/clean-debian.md. COURT: the folder of court, for those of the gallery. What cannot
-# be made here stays as it is, and is named. t9007 and t9008 compare the figures.
+# pictures.sh BIN_DIR DOCS [COURT]: generates the images of the documents from this build;
+# DOCS/pictures.txt, the figures of the run that they show; and the figures of
+# tests/clean-debian.md. COURT: the folder of the clip court, for images of the gallery. Images that
+# cannot be generated are left unchanged and listed. t9007 and t9008 compare the figures.
 bin=$(realpath "${1:?usage: pictures.sh BIN_DIR DOCS [COURT]}")
 docs=$(realpath "${2:?usage: pictures.sh BIN_DIR DOCS [COURT]}")
 court=${3:+$(realpath "$3")}
@@ -13,16 +14,16 @@ trap 'rm -rf "$work"' EXIT
 cd "$work" || exit 1
 
 fail() { echo "pictures: $*" >&2; exit 1; }
-node -e 'process.exit(parseInt(process.versions.node) < 18 ? 1 : 0)' 2>/dev/null || { echo "pictures: skipped: no node of version 18 or later (Debian: nodejs)"; exit 0; }
-command -v "${CHROMIUM:=chromium}" >/dev/null || { echo "pictures: skipped: no Chromium (Debian: chromium; CHROMIUM=/path names another)"; exit 0; }
+node -e 'process.exit(parseInt(process.versions.node) < 18 ? 1 : 0)' 2>/dev/null || { echo "pictures: skipped: needs Node 18 or later (Debian: nodejs)"; exit 0; }
+command -v "${CHROMIUM:=chromium}" >/dev/null || { echo "pictures: skipped: Chromium not found (Debian: chromium; or CHROMIUM=/path)"; exit 0; }
 export CHROMIUM
 
-# shot PAGE OUT WIDTH HEIGHT [READY]
+# shot PAGE OUT WIDTH HEIGHT [READY]: takes a screenshot once READY is true
 shot() {
     node "$here/screenshot.mjs" "file://$work/$1" "$docs/$2" "$3" "$4" "${5:-true}" || fail "$2 was not made"
     echo "$2: $(wc -c <"$docs/$2") bytes"
 }
-# enlarge IMAGE OUT WIDTH HEIGHT [pixelated]: an image that fills a picture
+# enlarge IMAGE OUT WIDTH HEIGHT [pixelated]: scales an image to this size
 enlarge() {
     [ -e "$1" ] || fail "no $1 for $2"
     echo "<body style='margin:0'><img src='$1' style='display:block;width:$3px;height:$4px;image-rendering:${5:-auto}'>" >image.html
@@ -64,7 +65,7 @@ mkdir output data && ln -s "$fixtures/4dgaussian/coarse_and_fine/model" output/b
 python3 "$tools/transcript.py" "$transcript" "A run of one's own" "$bin" . --write >said || fail "$(grep -A1 '^not ok' said)"
 
 if [ -z "$court" ]; then
-    echo "pictures: hero.webp and before-after.jpg stay as they are: they need COURT=, the folder of that clip"
+    echo "pictures: hero.webp and before-after.jpg are unchanged: they need COURT=, the folder of that clip"
 else
     "$bin/spin-import" -q "$court" --data "$court" -o big.spin && "$bin/spin-retrain" -q big.spin -o big-better.spin &&
         "$bin/spin-export" -q big-better.spin --to images --panels truth,before,after -o big ||
@@ -73,7 +74,7 @@ else
     if command -v ffmpeg >/dev/null; then
         sh "$here/hero.sh" "$bin" big-better.spin "$docs/hero.webp" || fail "hero.webp was not made"
     else
-        echo "pictures: hero.webp stays as it is: no ffmpeg (Debian: ffmpeg)"
+        echo "pictures: hero.webp is unchanged: ffmpeg not found (Debian: ffmpeg)"
     fi
 fi
-echo "pictures: blender-film.jpg stays as it is: its scene is made by hand"
+echo "pictures: blender-film.jpg is unchanged: its scene is made by hand"

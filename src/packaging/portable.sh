@@ -1,7 +1,8 @@
 #!/bin/sh
-# portable.sh VERSION BUILD_DIR OUT: OUT/spin4d-VERSION-linux-MACHINE.tar.gz, for a Linux with nothing installed:
-# commands, manual, player, the module, and every library but the C library's, with its licence. `make portable` builds
-# what it needs first. The same build gives the same bytes.
+# portable.sh VERSION BUILD_DIR OUT: packs OUT/spin4d-VERSION-linux-MACHINE.tar.gz, which runs on
+# Linux without further packages: commands, manual, player, Python module, and every library except
+# the C library, with its licence. `make portable` builds the contents first. Reproducible: the same
+# build gives the same bytes.
 version=${1:?usage: portable.sh VERSION BUILD_DIR OUT}
 B=${2:?usage: portable.sh VERSION BUILD_DIR OUT}
 out=${3:?usage: portable.sh VERSION BUILD_DIR OUT}
@@ -14,29 +15,29 @@ fail() {
     exit 1
 }
 
-# take FILE NAME: a library
+# take FILE NAME: copies a library
 take() {
-    cp -L "$1" "$tree/lib/spin4d/$2" && chmod 644 "$tree/lib/spin4d/$2" || fail "'$1' cannot be copied"
+    cp -L "$1" "$tree/lib/spin4d/$2" && chmod 644 "$tree/lib/spin4d/$2" || fail "cannot copy '$1'"
     realpath "$1" | sed 's|^/usr||' >>"$out/taken"
 }
 
-command -v dpkg >/dev/null || fail "dpkg is not here, which knows the licences of the libraries"
+command -v dpkg >/dev/null || fail "dpkg not found: it is needed to locate licences of libraries"
 rm -rf "$tree" "$out/taken"
 mkdir -p "$tree/bin" "$tree/lib/spin4d" "$tree/share/doc/spin4d" "$tree/python" "$tree/share/spin4d" || exit 1
 for shim in image-plain gltf; do
-    strip -o "$tree/lib/spin4d/spin-$shim.so" "$B/lib/spin-$shim.so" || fail "'$B/lib/spin-$shim.so' is not there"
+    strip -o "$tree/lib/spin4d/spin-$shim.so" "$B/lib/spin-$shim.so" || fail "cannot read '$B/lib/spin-$shim.so'"
 done
 [ ! -f "$B/lib/spin-cuda.so" ] || strip -o "$tree/lib/spin4d/spin-cuda.so" "$B/lib/spin-cuda.so" || exit 1
 for program in "$B"/portable/bin/spin*; do
     command=$(basename "$program")
-    strip -o "$tree/bin/$command" "$program" || fail "'$program' cannot be stripped"
+    strip -o "$tree/bin/$command" "$program" || fail "cannot strip '$program'"
     for shell in bash zsh; do
         mkdir -p "$tree/share/completion/$shell"
         env -u SPIN_PLUGIN_PATH "$B/bin/$command" --completion $shell >"$tree/share/completion/$shell/$command" || exit 1
     done
 done
 
-# Libraries that are opened when they are needed, by the names they are opened by, whatever they are called here.
+# Libraries loaded on demand, under the names by which they are loaded.
 for opened in $(sed -n 's/.*struct spin_library library = {"\(lib[^"]*\)".*/\1/p' src/io/*.c); do
     take "$(${CC:-cc} -print-file-name="${opened%%.so*}.so")" "$opened"
 done
@@ -45,11 +46,11 @@ ldd "$tree"/bin/* "$tree"/lib/spin4d/*.so* | awk '$2 == "=>" && $3 ~ /^\// { pri
 while read -r library; do
     take "$library" "$(basename "$library")"
 done <"$out/libraries"
-# The licence of each one's package
+# The licence of each library's package
 sed 's/^/*/' "$out/taken" | xargs dpkg -S >"$out/owners" 2>/dev/null
 while read -r library; do
     package=$(sed -n "s|[:,].*$library\$||p" "$out/owners" | head -n 1)
-    [ -f "/usr/share/doc/$package/copyright" ] || fail "no licence of '$library' is here: it comes from no Debian package"
+    [ -f "/usr/share/doc/$package/copyright" ] || fail "no licence of '$library': it does not belong to a Debian package"
     cp -L "/usr/share/doc/$package/copyright" "$tree/share/doc/spin4d/$package.copyright" || exit 1
 done <"$out/taken"
 rm "$out/libraries" "$out/taken" "$out/owners"
@@ -62,14 +63,14 @@ done
 cp exporters/python/spin4d.py "$tree/python/" && cp -R exporters/player "$tree/share/spin4d/" &&
     cp LICENSE CHANGELOG.md "$tree/" || exit 1
 cat >"$tree/README" <<README
-spin4d $version for Linux on $(uname -m). Nothing needs to be installed but the C library $needs or
-newer; this folder may lie anywhere.
+spin4d $version for Linux on $(uname -m). It needs no packages except the C library $needs
+or newer; this folder can be anywhere.
 
     bin/spin4d RUN --data IMAGES -o clip.html
 
-RUN is the folder that a 4D Gaussian Splatting method wrote, IMAGES the data set it was trained on. bin/spin4d --help
-says the rest; so does man -M share/man spin4d. python/ has the module spin4d, for PYTHONPATH. Images are PNG and
-JPEG; videos and EXR need a build of one's own. share/doc has the licences of the libraries in lib/.
+RUN is the folder that a 4D Gaussian Splatting method wrote, IMAGES the data set it was trained on. For more, see
+bin/spin4d --help and man -M share/man spin4d. python/ contains the module spin4d, for PYTHONPATH. Images are PNG and
+JPEG; for videos and EXR, build from source. share/doc contains the licences of the libraries in lib/.
 README
 chmod -R u=rwX,go=rX "$tree"
 tar -C "$out" --sort=name --owner=0 --group=0 --numeric-owner --mtime=./Makefile -c "$name" | gzip -9n >"$tree.tar.gz" || exit 1

@@ -1,5 +1,6 @@
-// node screenshot.mjs URL OUT.png|OUT.jpg WIDTH HEIGHT [READY]: a page as Chromium shows it, once the expression READY is true
-// there. Speaks to Chromium through pipes, so that nothing has to be installed besides it; CHROMIUM names another browser.
+// node screenshot.mjs URL OUT.png|OUT.jpg WIDTH HEIGHT [READY]: a screenshot of a page in Chromium,
+// once the expression READY is true. Talks to Chromium through pipes, which needs no other package;
+// CHROMIUM is the path of another browser.
 import { spawn } from 'node:child_process';
 import fs from 'node:fs';
 import os from 'node:os';
@@ -14,9 +15,9 @@ function end(code, text) {
     chrome.kill();
 }
 chrome.on('error', (e) => { console.error(`screenshot: ${e.message}`); process.exit(1); });
-setTimeout(() => end(1, `nothing to show after ${PATIENCE / 1000} seconds`), PATIENCE);
+setTimeout(() => end(1, `the page was not ready after ${PATIENCE / 1000} seconds`), PATIENCE);
 
-// Messages are JSON, each ended by a zero byte.
+// Messages are JSON, each terminated by a zero byte.
 let text = '', count = 0;
 chrome.stdio[4].setEncoding('utf8').on('data', (some) => {
     const messages = (text + some).split('\0');

@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""wheel.py TARBALL OUT: a wheel of what `make portable` wrote: the module, the commands and what they load.
+"""wheel.py TARBALL OUT: converts the tarball of `make portable` to a wheel.
 
-pip puts the commands into bin/ of its environment, and what they load into lib/spin4d beside it, where they look.
-Nothing but Python's own library is needed here. The same tarball gives the same bytes."""
+The wheel contains the module, the commands and their libraries. pip installs the commands into bin/
+of its environment, and the libraries into lib/spin4d beside it, where the commands search them.
+Needs only Python's standard library. Reproducible: the same tarball gives the same bytes."""
 import base64
 import hashlib
 import os

@@ -1,7 +1,8 @@
 #!/bin/sh
-# windows.sh VERSION BUILD: BUILD/windows/spin4d-VERSION-windows-x86_64.zip, for a 64-bit Windows with nothing installed:
-# commands, and the libraries with their licences. Debian's MinGW builds it. What MinGW has no package of is built from
-# Debian's sources in BUILD/windows/deps: once, and then kept. The same build gives the same bytes.
+# windows.sh VERSION BUILD: builds BUILD/windows/spin4d-VERSION-windows-x86_64.zip, which runs on
+# 64-bit Windows without further software: commands, and libraries with their licences. It is built
+# with Debian's MinGW; libraries without a MinGW package are built from Debian's sources in
+# BUILD/windows/deps, which is kept. Reproducible: the same build gives the same bytes.
 version=${1:?usage: windows.sh VERSION BUILD}
 mkdir -p "${2:?usage: windows.sh VERSION BUILD}/windows/deps/include" || exit 1
 W=$(cd "$2/windows" && pwd)
@@ -9,7 +10,7 @@ deps=$W/deps
 name=spin4d-$version-windows-x86_64
 host=x86_64-w64-mingw32
 jobs=${JOBS:-$(nproc)}
-# What Windows lacks is in src/base/windows.
+# src/base/windows implements the POSIX functions that Windows lacks.
 posix="-include base/windows/posix.h -D__USE_MINGW_ANSI_STDIO=1 -D_FILE_OFFSET_BITS=64 -I$deps/include"
 
 fail() {
@@ -19,22 +20,23 @@ fail() {
 
 for tool in $host-gcc-posix:gcc-mingw-w64-x86-64-posix $host-g++-posix:g++-mingw-w64-x86-64-posix cmake:cmake zip:zip \
     dpkg-source:dpkg-dev; do
-    command -v "${tool%:*}" >/dev/null || fail "no ${tool%:*} is here: apt-get install ${tool#*:}"
+    command -v "${tool%:*}" >/dev/null || fail "${tool%:*} not found: apt-get install ${tool#*:}"
 done
-[ -f /usr/$host/include/zlib.h ] || fail "no zlib.h of MinGW is here: apt-get install libz-mingw-w64-dev"
+[ -f /usr/$host/include/zlib.h ] || fail "MinGW's zlib.h not found: apt-get install libz-mingw-w64-dev"
 
-# source_of PACKAGE: the folder $tree of Debian's source. Where an update has gone from the archive, the release's first.
+# source_of PACKAGE: downloads and unpacks Debian's source into $tree. If an update's source is no
+# longer in the archive, uses the release's.
 source_of() {
     mkdir -p "$deps/src" && cd "$deps/src" || exit 1
     tree=$deps/src/$1
     [ ! -d "$tree" ] || return 0
     apt-get source --download-only "$1" >"$1.log" 2>&1 ||
         apt-get source --download-only "$1/$(sed -n 's/^VERSION_CODENAME=//p' /etc/os-release)" >>"$1.log" 2>&1 ||
-        fail "no source of '$1' (are there lines deb-src in apt's sources?): $(tail -n 1 "$1.log")"
-    dpkg-source --no-check -x "$1"_*.dsc "$1" >>"$1.log" 2>&1 || fail "'$1' does not unpack, see $deps/src/$1.log"
+        fail "cannot download the source of '$1' (do apt's sources have deb-src lines?): $(tail -n 1 "$1.log")"
+    dpkg-source --no-check -x "$1"_*.dsc "$1" >>"$1.log" 2>&1 || fail "cannot unpack '$1', see $deps/src/$1.log"
 }
 
-# library PACKAGE FOLDER OPTION...: by its CMakeLists.txt in FOLDER
+# library PACKAGE FOLDER OPTION...: builds a library with the CMakeLists.txt in FOLDER
 library() {
     package=$1
     (
@@ -49,7 +51,7 @@ library() {
             -DCMAKE_INSTALL_PREFIX="$deps" -DCMAKE_FIND_ROOT_PATH="$deps;/usr/$host" -DCMAKE_FIND_ROOT_PATH_MODE_LIBRARY=ONLY \
             -DCMAKE_FIND_ROOT_PATH_MODE_INCLUDE=ONLY -DBUILD_SHARED_LIBS=OFF "$@" &&
             cmake --build "$tree/build-windows" -j "$jobs" && cmake --install "$tree/build-windows" && touch "$tree/done"; } \
-            >>"$deps/src/$package.log" 2>&1 || fail "'$package' does not build, see $deps/src/$package.log"
+            >>"$deps/src/$package.log" 2>&1 || fail "cannot build '$package', see $deps/src/$package.log"
     ) || exit 1
 }
 
@@ -61,20 +63,20 @@ library libwebp . -DWEBP_BUILD_ANIM_UTILS=OFF -DWEBP_BUILD_CWEBP=OFF -DWEBP_BUIL
 library libjpeg-turbo . -DENABLE_SHARED=OFF -DWITH_SIMD=OFF
 library libpng1.6 . -DPNG_SHARED=OFF -DPNG_TESTS=OFF
 
-# What sources include and Windows lacks: posix.h has it.
+# Empty versions of the headers that Windows lacks; posix.h declares their contents.
 mkdir -p "$deps/include/sys" || exit 1
 for header in dirent dlfcn sys/file sys/mman sys/resource sys/statvfs sys/wait; do
     [ -f "$deps/include/$header.h" ] || : >"$deps/include/$header.h" || exit 1
 done
 
-# Aligned moves become unaligned ones, as gcc does not align the stack to a vector of AVX on Windows (its bug 54412). It takes
-# formats for those of Microsoft's printf, which %zu is not; the build for Linux checks them.
+# Use unaligned moves: gcc does not align the stack for AVX vectors on Windows (gcc bug 54412).
+# It checks formats against Microsoft's printf, which lacks %zu; the Linux build checks them.
 windows_make() {
     make --no-print-directory -j"$jobs" BUILD="$W" CC=$host-gcc-posix CXX=$host-g++-posix AR=$host-ar MPICC= VIDEO= CUDA=0 \
         CPPFLAGS="$posix" CFLAGS='-Wa,-muse-unaligned-vector-move -Wno-format -Wno-format-extra-args' PLUGIN_LD= \
         SPIN_LDLIBS='-lz -llzma -ljansson -lm' \
         LDFLAGS="-static -s -Wl,--no-insert-timestamp -Wl,--stack,8388608 -L$deps/lib" LDLIBS="$own" "$@" ||
-        fail "does not build"
+        fail "the build failed"
 }
 own=
 for file in main posix; do
@@ -86,14 +88,14 @@ windows_make $own "$image"
 windows_make "$W/release/bin/spin-import" "$W/release/bin/spin-export" "$W/release/bin/spin-eval" "$W/release/bin/spin-retrain" \
     "$W/release/bin/spin4d"
 
-# Libraries that are opened when they are needed.
-shared() { # OUT SOURCE OPTION...: beside BUILD/windows/release/bin
+# Libraries and shims that are loaded on demand.
+shared() { # OUT SOURCE OPTION...: builds BUILD/windows/release/OUT
     out=$W/release/$1
     shift
     mkdir -p "${out%/*}" || exit 1
     $host-g++-posix -shared -static -s -Wl,--no-insert-timestamp -Wl,--disable-auto-image-base -O2 -Isrc \
         -ffile-prefix-map="$PWD=." -ffile-prefix-map="$deps=." -o "$out" "$@" ||
-        fail "'$out' does not build"
+        fail "cannot build '$out'"
 }
 for library in zstd webp; do
     shared bin/lib$library.dll -Wl,--whole-archive "$deps/lib/lib$library.a" -Wl,--no-whole-archive
@@ -117,13 +119,13 @@ for package in libz-mingw-w64 mingw-w64-common gcc-mingw-w64-base; do
     cp -L "/usr/share/doc/$package/copyright" "$W/$name/licences/$package.txt" || exit 1
 done
 cat >"$W/$name/README.txt" <<README
-spin4d $version for 64-bit Windows 10 and newer. Nothing needs to be installed; this folder may lie anywhere.
+spin4d $version for 64-bit Windows 10 and newer. Nothing else needs to be installed; this folder can be anywhere.
 
     bin\\spin4d RUN --data IMAGES -o clip.html
 
 RUN is the folder that a 4D Gaussian Splatting method wrote, IMAGES the data set it was trained on.
-bin\\spin4d --help says the rest. Images are PNG and JPEG. Videos, EXR, cards, several machines and
-plug-ins need Linux, or WSL. licences\\ has the licences of the libraries inside.
+For more, see bin\\spin4d --help. Images are PNG and JPEG. Videos, EXR, GPUs, several machines and
+plug-ins need Linux, or WSL. licences\\ contains the licences of the libraries.
 README
 sed -i 's/$/\r/' "$W/$name/README.txt"
 chmod -R u=rwX,go=rX "$W/$name"

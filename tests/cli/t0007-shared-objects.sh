@@ -41,19 +41,19 @@ for mode in 775 757; do
     export_glb
     fails 1 spin-export "an object of mode $mode"
     loads no "an object of mode $mode is not loaded"
-    err_has "others can write '$tree/lib/spin-gltf.so', see spin4d(7)" "an object of mode $mode: it says why"
+    err_has "'$tree/lib/spin-gltf.so' is writable by others, see spin4d(7)" "an object of mode $mode: it says why"
     chmod 755 "$tree/lib/spin-gltf.so"
     chmod $mode "$tree/lib"
     export_glb
     loads no "nor one in a folder of mode $mode"
-    err_has "others can write '$tree/lib', see" "a folder of mode $mode: it says why"
+    err_has "'$tree/lib' is writable by others, see" "a folder of mode $mode: it says why"
     chmod 755 "$tree/lib"
 done
 for what in "$tree/lib/spin-gltf.so" "$tree/lib"; do
     if chown 65534 "$what" 2>/dev/null; then
         export_glb
         loads no "of somebody else: ${what##*/}"
-        err_has "others can write '$what'" "of somebody else: ${what##*/}: it says why"
+        err_has "'$what' is writable by others" "of somebody else: ${what##*/}: it says why"
         chown 65534 "$tree/bin/spin-export"
         export_glb
         loads yes "the owner of the program is trusted: ${what##*/}"

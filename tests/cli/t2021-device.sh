@@ -88,6 +88,6 @@ fails 1 spin-retrain "cuda without a card"
 err_has "no CUDA device" "and it says that there is none"
 SPIN_CUDA_SHIM=$work/none.so run "$bin/spin-retrain" "$in" --dry-run $small --device cuda
 fails 1 spin-retrain "cuda without its kernels"
-err_has "no CUDA device: .*names '$work/none.so', which is not there" "and it says what is missing"
+err_has "no CUDA device: .*is '$work/none.so', which does not exist" "and it says what is missing"
 
 done_testing

@@ -318,7 +318,7 @@ warns "frames that are worse, an option without effect" "no effect without a net
 retrain --iterations 3 --lr-position 0 --lr-tracked 0 --lr-displacement 0 --lr-track 0 --lr-residual 0
 is "$code" 0 "a result that is as good"
 SPIN_PROGRESS=soon retrain --iterations 3 --eval-every 1
-is "$(grep -c "^warning: SPIN_PROGRESS is 'soon', not a number of seconds; it is taken as 60$" "$work/err")" 1 \
+is "$(grep -c "^warning: SPIN_PROGRESS='soon' is not a number of seconds; using 60$" "$work/err")" 1 \
     "SPIN_PROGRESS, once"
 
 # ---- Pictures of half the size of one camera ----------------------------------------------------------

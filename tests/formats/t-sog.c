@@ -247,7 +247,7 @@ static void test_lies(void)
         {2, "\"quats.webp\"", "\"../quats.webp\"", "without its picture 'quats.webp'"},
         {2, "\"quats.webp\"", "\"\"", "without its picture 'quats.webp'"},
         {2, "\"quats.webp\"", "\"no.webp\"", "no.webp"},
-        {2, "\"quats.webp\"", "\"meta.json\"", "no WebP"},
+        {2, "\"quats.webp\"", "\"meta.json\"", "not a WebP"},
         {2, "\"count\":70", "\"count\":69", "vector 69 of a palette of 69"},
     };
     struct spin_splats s = {0};

@@ -462,7 +462,7 @@ static void checks(void)
     ok(truncate(path, 0) == 0 && spin_out_open(in_root("copy"), false, &out) == SPIN_OK,
        "one loses everything");
     error_is(spin_out_write_at(&out, 0, map.data, 9000), SPIN_E_IO,
-             "made from was cut short while it was in use", "copying it fails with the reason");
+             "an input file was cut short while it was in use", "copying it fails with the reason");
     spin_out_abandon(&out);
     spin_map_close(&map);
     put_bytes(path, 9000);

@@ -379,12 +379,12 @@ static void test_hostile(void)
                  "a property twice");
     refuses_text(HEAD "element v 1\nproperty quad x\nend_header\n", "type", "an unknown type");
     refuses_text(HEAD "element v 1\nproperty float\nend_header\n", "name", "a nameless property");
-    refuses_text(HEAD "element v 1\nproperty list float int x\nend_header\n", "counted",
+    refuses_text(HEAD "element v 1\nproperty list float int x\nend_header\n", "cannot have type",
                  "a list counted in floats");
-    refuses_text(HEAD "element v 1\nproperty list char int x\nend_header\n\xff", "false count",
+    refuses_text(HEAD "element v 1\nproperty list char int x\nend_header\n\xff", "wrong count",
                  "a negative list");
     refuses_text(HEAD "element v 1\nproperty list uint double x\nend_header\n\xff\xff\xff\xff",
-                 "false count", "a huge list");
+                 "wrong count", "a huge list");
     refuses_text(HEAD "element v 9000000000000000000\nproperty list uchar int x\nend_header\n\x0",
                  "cut short", "many lists that are not there");
     refuses_text("ply\nformat ascii 1.0\nelement v 2\nproperty float x\nend_header\n1\n",

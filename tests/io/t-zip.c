@@ -431,7 +431,7 @@ static void bombs(void)
     fails(SPIN_E_MALFORMED, "does not unpack", 100, "deflated data yields less than stated");
     e.size = 0xfffffff0;
     save_one(e);
-    fails(SPIN_E_MALFORMED, "claims 4294967280 bytes out of 18", UINT64_MAX,
+    fails(SPIN_E_MALFORMED, "claims 4294967280 bytes from 18", UINT64_MAX,
           "a claim that deflate cannot keep is refused before memory is reserved");
     e.size = HELLO;
     save_one(e);

@@ -1,11 +1,11 @@
-/* Calls the main() of the command with arguments in UTF-8, whose folders end with '/'. */
+/* Calls the command's main() with arguments converted to UTF-8 and backslashes to slashes. */
 #include <windows.h>
 
 #include <shellapi.h>
 
 #undef main
 
-/* Lines are erased by escape sequences. */
+/* Enables escape sequences, which erase progress lines. */
 static void set_console(DWORD which)
 {
     HANDLE console = GetStdHandle(which);

@@ -1,4 +1,4 @@
-/* POSIX by the functions of Windows: posix.h says what each does. */
+/* POSIX functions implemented with those of Windows; posix.h documents them. */
 #include <windows.h>
 
 #include <psapi.h>
@@ -8,7 +8,7 @@
 
 enum { PATH_ROOM = 4096 };
 
-/* -1, with errno for the last error. */
+/* Set errno from the last Windows error and return -1. */
 static int fail(void)
 {
     switch (GetLastError()) {
@@ -56,10 +56,9 @@ static int fail(void)
     return -1;
 }
 
-/* ---- Names ------------------------------------------------------------------------------------
- */
+/* ---- Names ---------------------------------------------------------------------------------- */
 
-/* A name that is too long, or no UTF-8, becomes the empty one, which no file has. */
+/* A name that is too long or not UTF-8 becomes "", which no file has. */
 struct wide {
     wchar_t text[PATH_ROOM];
 };
@@ -71,7 +70,7 @@ static const wchar_t *widen(const char *path, struct wide *out)
     return out->text;
 }
 
-/* With slashes; the bytes that it has, 0 when there is no room. */
+/* Convert to UTF-8 with slashes; the number of bytes, or 0 if the capacity n is too small. */
 static size_t narrow(const wchar_t *text, char *out, size_t n)
 {
     int bytes = WideCharToMultiByte(CP_UTF8, 0, text, -1, out, (int)n, NULL, NULL);
@@ -118,8 +117,7 @@ ssize_t posix_readlink(const char *path, char *out, size_t n)
     return got > 0 && got < PATH_ROOM ? (ssize_t)narrow(wide.text, out, n) : -1;
 }
 
-/* ---- What a file is ----------------------------------------------------------------------------
- */
+/* ---- File attributes ------------------------------------------------------------------------ */
 
 static int stat_handle(HANDLE file, struct posix_stat *out)
 {
@@ -205,10 +203,9 @@ int statvfs(const char *folder, struct statvfs *out)
     return 0;
 }
 
-/* ---- Open, read, write -------------------------------------------------------------------------
- */
+/* ---- Open, read, write ---------------------------------------------------------------------- */
 
-/* A folder can be opened, too, and then fstat() says that it is one. */
+/* Opens folders too, so that fstat() can identify them. */
 int posix_open(const char *path, int flags, ...)
 {
     struct wide wide;
@@ -229,7 +226,7 @@ int posix_open(const char *path, int flags, ...)
     return fd;
 }
 
-/* 'e', close in a child, is left out: a child inherits what has a number, which is harmless. */
+/* Ignores 'e', close on exec: children inherit the file, which is harmless. */
 FILE *posix_fopen(const char *path, const char *mode)
 {
     const wchar_t how[4] = {(wchar_t)mode[0], L'b', strchr(mode, '+') ? L'+' : L'\0'};
@@ -238,7 +235,7 @@ FILE *posix_fopen(const char *path, const char *mode)
     return _wfopen(widen(path, &wide), how);
 }
 
-/* Through a handle of its own, as Windows would move the place in the other one. */
+/* Writes through a second handle, since Windows would move the position of the first. */
 ssize_t posix_pwrite(int fd, const void *data, size_t n, int64_t at)
 {
     OVERLAPPED place = {.Offset = (DWORD)at, .OffsetHigh = (DWORD)(at >> 32)};
@@ -256,7 +253,7 @@ ssize_t posix_pwrite(int fd, const void *data, size_t n, int64_t at)
     return done ? (ssize_t)written : -1;
 }
 
-/* A byte far behind all that is read: a lock keeps others from reading. */
+/* Locks a byte far beyond the contents, because Windows locks prevent others from reading. */
 int posix_flock(int fd, int how)
 {
     OVERLAPPED place = {.OffsetHigh = 0x7fffffff};
@@ -268,13 +265,12 @@ int posix_flock(int fd, int how)
                : fail();
 }
 
-/* ---- Files in memory: temporary ones, read when they are closed ---------------------------------
- */
+/* ---- Files in memory: temporary files, read when they are closed ---------------------------- */
 
 static struct memory {
     struct memory *next;
     FILE *file;
-    char **text, *fixed; /* the one or the other */
+    char **text, *fixed; /* exactly one is set */
     size_t *n, room;
 } * memories;
 static pthread_mutex_t memory_mutex = PTHREAD_MUTEX_INITIALIZER;
@@ -367,8 +363,7 @@ int posix_fclose(FILE *file)
     return fclose(file) != 0 ? EOF : error;
 }
 
-/* ---- Names of files
- * ------------------------------------------------------------------------------ */
+/* ---- File names ----------------------------------------------------------------------------- */
 
 int posix_unlink(const char *path)
 {
@@ -392,7 +387,7 @@ int posix_mkdir(const char *path, int mode)
     return CreateDirectoryW(widen(path, &wide), NULL) ? 0 : fail();
 }
 
-/* Files that were replaced while they were mapped, to be removed at the end. */
+/* Files that were replaced while mapped, to be removed at exit. */
 static struct old {
     struct old *next;
     struct wide path;
@@ -404,9 +399,9 @@ static void remove_olds(void)
         (void)DeleteFileW(olds->path.text);
 }
 
-/* A file that is mapped cannot be replaced, but it can get another name: that of a temporary file
- * of a process with our number and one, which no process has. What cannot be removed at the end,
- * spin_out_sweep() removes. */
+/* A mapped file cannot be replaced, but it can be renamed: to the name of a temporary file of
+ * process number getpid() + 1, which does not exist. Files that cannot be removed at exit are later
+ * removed by spin_out_sweep(). */
 static bool replace_mapped(const wchar_t *from, const wchar_t *to)
 {
     static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
@@ -451,7 +446,7 @@ int posix_link(const char *from, const char *to)
 struct posix_dir {
     HANDLE find;
     WIN32_FIND_DATAW next;
-    bool ends; /* there is no next */
+    bool ends; /* there is no next entry */
     struct dirent entry;
 };
 
@@ -492,8 +487,7 @@ int posix_closedir(DIR *dir)
     return 0;
 }
 
-/* ---- Memory and processors
- * ------------------------------------------------------------------------- */
+/* ---- Memory and processors ------------------------------------------------------------------ */
 
 void *mmap(void *none, size_t n, int protection, int flags, int fd, int64_t zero)
 {
@@ -515,7 +509,7 @@ void *mmap(void *none, size_t n, int protection, int flags, int fd, int64_t zero
     return MAP_FAILED;
 }
 
-/* Memory is given back by pages, its addresses with the last of them. */
+/* Decommits the pages, and releases the address range with the last of them. */
 int munmap(void *at, size_t n)
 {
     MEMORY_BASIC_INFORMATION info, part;
@@ -535,7 +529,8 @@ int munmap(void *at, size_t n)
     return VirtualFree(info.AllocationBase, 0, MEM_RELEASE) ? 0 : fail();
 }
 
-/* Pages that were never locked leave the working set, and are read again when they are needed. */
+/* VirtualUnlock() on pages that were not locked removes them from the working set; they are read
+ * again when needed. */
 int madvise(void *at, size_t n, int advice)
 {
     if (advice == MADV_DONTNEED)
@@ -582,8 +577,7 @@ int getrusage(int self, struct rusage *out)
     return 0;
 }
 
-/* ---- Processes and signals
- * ---------------------------------------------------------------------------- */
+/* ---- Processes and signals ------------------------------------------------------------------ */
 
 int posix_kill(pid_t pid, int zero)
 {
@@ -600,7 +594,8 @@ int posix_kill(pid_t pid, int zero)
     return 0;
 }
 
-/* In quotes; backslashes before a quote, and the quote, after a backslash each. Returns the end. */
+/* Quote an argument: backslashes that precede a quote are doubled, and quotes are escaped with one.
+ * Returns the end. */
 static char *quote(const char *text, char *out)
 {
     *out++ = '"';
@@ -710,8 +705,7 @@ int pause(void)
     return -1;
 }
 
-/* ---- Libraries
- * ------------------------------------------------------------------------------------------ */
+/* ---- Libraries ------------------------------------------------------------------------------ */
 
 static _Thread_local char dl_error[512];
 
@@ -753,9 +747,7 @@ int dlclose(void *object) { return FreeLibrary(object) ? 0 : -1; }
 
 const char *dlerror(void) { return dl_error; }
 
-/* ---- Text
- * -----------------------------------------------------------------------------------------------
- */
+/* ---- Text ----------------------------------------------------------------------------------- */
 
 char *strndup(const char *text, size_t n)
 {

@@ -1,11 +1,11 @@
-/* What spin4d calls of POSIX, for the build by MinGW: src/packaging/windows.sh puts this header
- * before every source, and empty files where a source includes one that Windows lacks. Names of
- * files are UTF-8; in arguments and in what comes back, folders end with '/'. Files are bytes.
- * Where a function does less than POSIX says, its line says what. */
+/* The POSIX functions that spin4d calls, for the build with MinGW: src/packaging/windows.sh
+ * includes this header before every source, and provides empty files for system headers that
+ * Windows lacks. File names are UTF-8, with slashes in arguments and results. Files are binary.
+ * Comments describe where a function does less than POSIX requires. */
 #ifndef SPIN_BASE_WINDOWS_POSIX_H
 #define SPIN_BASE_WINDOWS_POSIX_H
 
-/* Before the names below become ours. */
+/* Include these before their names are redefined below. */
 #include <direct.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -25,7 +25,7 @@
 #include <time.h>
 #include <unistd.h>
 
-/* ---- Files --------------------------------------------------------------------------------- */
+/* ---- Files ---------------------------------------------------------------------------------- */
 
 #undef stat
 #undef fstat
@@ -35,8 +35,9 @@
 typedef int uid_t;
 struct posix_stat {
     uint64_t st_dev, st_ino, st_size;
-    unsigned st_mode, st_nlink; /* no rights but "read only": lists of access are not looked at */
-    uid_t st_uid;               /* 0 */
+    unsigned st_mode,
+        st_nlink; /* "read only" is the only permission; access control lists are ignored */
+    uid_t st_uid; /* always 0 */
     struct timespec st_mtim;
 };
 #define st_mtime st_mtim.tv_sec
@@ -47,7 +48,7 @@ struct posix_stat {
 int posix_stat(const char *path, struct posix_stat *out);
 int posix_lstat(const char *path, struct posix_stat *out);
 int posix_fstat(int fd, struct posix_stat *out);
-int posix_open(const char *path, int flags, ...); /* others may remove what is open */
+int posix_open(const char *path, int flags, ...); /* opened files can still be removed */
 int posix_access(const char *path, int mode);
 int posix_unlink(const char *path);
 int posix_rmdir(const char *path);
@@ -55,12 +56,12 @@ int posix_mkdir(const char *path, int mode);
 int posix_rename(const char *from, const char *to);
 int posix_link(const char *from, const char *to);
 char *posix_realpath(const char *path, char *none);
-ssize_t posix_readlink(const char *path, char *out, size_t n); /* "/proc/self/exe" */
+ssize_t posix_readlink(const char *path, char *out, size_t n); /* for "/proc/self/exe" only */
 ssize_t posix_pwrite(int fd, const void *data, size_t n, int64_t at);
 int posix_flock(int fd, int how);
 FILE *posix_fopen(const char *path, const char *mode);
-FILE *posix_open_memstream(char **text, size_t *n);           /* filled by fclose() */
-FILE *posix_fmemopen(void *text, size_t n, const char *mode); /* the same, "w" */
+FILE *posix_open_memstream(char **text, size_t *n);           /* *text is set by fclose() */
+FILE *posix_fmemopen(void *text, size_t n, const char *mode); /* likewise; mode "w" only */
 int posix_fclose(FILE *file);
 #define stat posix_stat
 #define lstat posix_lstat
@@ -102,16 +103,16 @@ struct statvfs {
 };
 int statvfs(const char *folder, struct statvfs *out);
 
-/* ---- Memory and processors ------------------------------------------------------------------- */
+/* ---- Memory and processors ------------------------------------------------------------------ */
 
 enum { PROT_READ = 1, PROT_WRITE = 2, MAP_PRIVATE = 2, MAP_ANONYMOUS = 32, MADV_DONTNEED = 4 };
 #define MAP_FAILED ((void *)-1)
-void *mmap(void *none, size_t n, int protection, int flags, int fd,
-           int64_t zero);       /* a file: to be read */
-int munmap(void *at, size_t n); /* a file: all of it */
+/* Files are mapped read-only. */
+void *mmap(void *none, size_t n, int protection, int flags, int fd, int64_t zero);
+int munmap(void *at, size_t n); /* files: the whole mapping */
 int madvise(void *at, size_t n, int advice);
 #define aligned_alloc(alignment, n)                                                                \
-    _aligned_malloc(n, alignment) /* SPIN_ALIGNED_FREE of base/mem.h frees it */
+    _aligned_malloc(n, alignment) /* freed by SPIN_ALIGNED_FREE of base/mem.h */
 
 enum { _SC_PAGESIZE, _SC_AVPHYS_PAGES, _SC_NPROCESSORS_ONLN };
 long long sysconf(int name);
@@ -133,20 +134,20 @@ enum { RLIMIT_AS, RLIMIT_CORE };
 #define getrlimit(which, out) ((void)(out), -1)
 #define setrlimit(which, in) ((void)(in), -1)
 
-/* ---- Processes, signals, libraries ------------------------------------------------------------
- */
+/* ---- Processes, signals, libraries ---------------------------------------------------------- */
 
-#define fork() (errno = ENOSYS, -1) /* none */
+#define fork() (errno = ENOSYS, -1) /* always fails */
 #define waitpid(child, how, flags) ((void)(how), -1)
 #define WIFSIGNALED(how) ((how) != 0)
 #define geteuid() 0
 int posix_kill(pid_t pid, int zero);
-intptr_t posix_execv(const char *path, char *const *argv); /* runs it, and ends with its code */
+/* Runs the program and exits with its exit code. */
+intptr_t posix_execv(const char *path, char *const *argv);
 #define kill posix_kill
 #define execv posix_execv
-#define execvp posix_execv /* of a path, which ours always is there */
+#define execvp posix_execv /* all callers pass an existing path */
 
-/* SIGINT is Ctrl-C, SIGTERM Ctrl-Break, SIGBUS a page of a mapped file that cannot be read. */
+/* SIGINT is Ctrl-C, SIGTERM Ctrl-Break, SIGBUS an in-page error of a mapped file. */
 enum { SIGHUP = 101, SIGBUS, SIGPIPE, SIGXFSZ, SA_SIGINFO = 1, SA_RESTART };
 typedef struct {
     void *si_addr;
@@ -165,7 +166,8 @@ int sigaction(int number, const struct sigaction *in, struct sigaction *none);
 #define sigdelset(set, number) ((void)(set))
 #define pthread_sigmask(how, set, old) ((void)(set), (void)(old))
 #define signal posix_signal
-void (*posix_signal(int number, void (*how)(int)))(int); /* SIG_DFL: none of the others comes */
+/* Accepts SIG_DFL only: other signals do not occur. */
+void (*posix_signal(int number, void (*how)(int)))(int);
 int pause(void);
 
 enum { RTLD_NOW = 2, RTLD_LOCAL = 0 };
@@ -174,14 +176,13 @@ void *dlsym(void *object, const char *name);
 int dlclose(void *object);
 const char *dlerror(void);
 
-/* ---- Text --------------------------------------------------------------------------------------
- */
+/* ---- Text ----------------------------------------------------------------------------------- */
 
 char *strndup(const char *text, size_t n);
 char *strsep(char **rest, const char *ends);
 void *memmem(const void *in, size_t n, const void *what, size_t n_what);
 
-/* The real one is in main.c: it makes the arguments UTF-8 with slashes. */
+/* The actual main() is in main.c: it converts the arguments to UTF-8 with slashes. */
 #define main posix_main
 int posix_main(int argc, char **argv);
 
