@@ -1,4 +1,4 @@
-/* The list of devices, and the choice among them. The only file that names devices. */
+/* Opens a device by name and counts the memory of a plan. The only file that lists the devices. */
 #include "device/device.h"
 
 #include "base/base.h"
@@ -14,7 +14,7 @@ extern const struct spin_device_ops spin_cpu_v4_ops;
 struct path {
     const char *name, *title;
     const struct spin_device_ops *op;
-    int (*here)(void); /* can this machine run it */
+    int (*here)(void); /* whether this machine supports it */
 };
 
 static int always(void) { return 1; }
@@ -67,7 +67,8 @@ static spin_status open_cpu(int n_threads, struct spin_device *out)
                        wanted ? wanted : "");
 }
 
-/* Opened at run time: one build serves machines with and without a card. */
+/* The CUDA device is a shared object opened at run time: one build serves machines with and without
+ * a GPU. */
 static spin_status open_cuda(int n_threads, struct spin_device *out)
 {
     static const struct spin_cuda_shim *shim;
@@ -86,8 +87,8 @@ static spin_status open_cuda(int n_threads, struct spin_device *out)
     return out->op->open(out, n_threads);
 }
 
-/* A card when there is one that works, else the CPU; says which and why, once: to all, where there
- * is a card that is left idle. SPIN_CPU asks for the CPU. */
+/* The GPU if it works, else the CPU. Logs the choice and its reason once, at level 0 if a GPU is
+ * present but unusable. SPIN_CPU selects the CPU. */
 static spin_status open_auto(int n_threads, struct spin_device *out)
 {
     static bool said;
@@ -137,15 +138,14 @@ void spin_device_close(struct spin_device *d)
         memset(d, 0, sizeof *d);
 }
 
-/* ---- A device that only counts ----------------------------------------------------------------
- */
+/* ---- A device that only counts --------------------------------------------------------------- */
 
 static spin_status count_reserve(struct spin_device *d, size_t bytes, void SPIN_DEV **out)
 {
     struct spin_counting_device *c = d->state;
 
     c->bytes += bytes;
-    *out = (void SPIN_DEV *)c; /* not NULL */
+    *out = (void SPIN_DEV *)c; /* any pointer but NULL */
     return SPIN_OK;
 }
 
@@ -175,7 +175,7 @@ void spin_device_count(struct spin_counting_device *c, const struct spin_device 
     };
     c->device.op = &c->op;
     c->device.state = c;
-    c->device.is_host = true; /* nothing is to be linked */
+    c->device.is_host = true; /* so that no caller sets up an all-reduce link */
 }
 
 struct spin_camera_f32 spin_camera_f32_from(const struct spin_camera *camera)

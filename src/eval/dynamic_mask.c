@@ -19,8 +19,7 @@ struct spin_median {
     uint8_t *rgb; /* [h][w][3]; NULL: the camera moves, or there are too few frames */
 };
 
-/* ---- The median over time ----------------------------------------------------------------------
- */
+/* ---- The median over time -------------------------------------------------------------------- */
 
 static bool same_camera(const struct spin_camera *a, const struct spin_camera *b)
 {
@@ -118,8 +117,7 @@ static spin_status find_median(struct spin_dynamic_mask *m, int camera_id, const
     return SPIN_OK;
 }
 
-/* ---- The rule ----------------------------------------------------------------------------------
- */
+/* ---- The rule -------------------------------------------------------------------------------- */
 
 /* Ones among the eight neighbours of x, y. */
 static int count_around(int width, int height, const uint8_t *map, int x, int y)
@@ -158,8 +156,7 @@ void spin_dynamic_mask_rule(int width, int height, const float *truth, const uin
         }
 }
 
-/* ---- Masks of the data set ----------------------------------------------------------------------
- */
+/* ---- Masks of the data set ------------------------------------------------------------------- */
 
 static const float black[3];
 

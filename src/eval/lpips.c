@@ -57,8 +57,7 @@ struct spin_lpips {
     float *scratch; /* [threads][SCRATCH] */
 };
 
-/* ---- Weights ------------------------------------------------------------------------------------
- */
+/* ---- Weights --------------------------------------------------------------------------------- */
 
 static bool has_shape(struct spin_torch *t, const char *key, int n_dims, const int64_t *shape)
 {

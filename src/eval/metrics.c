@@ -131,8 +131,7 @@ static spin_status load_photo(struct spin_metrics *m, size_t view, size_t plane,
     return SPIN_OK;
 }
 
-/* ---- A subject alone ---------------------------------------------------------------------------
- */
+/* ---- A subject alone ------------------------------------------------------------------------- */
 
 /* Pixels of the mask [h][w], grown by half the window of SSIM: elsewhere two pictures of one
  * subject on one background are the same in every window. */
@@ -241,8 +240,7 @@ static spin_status measure_one(struct spin_metrics *m, size_t i, struct pictures
     return SPIN_OK;
 }
 
-/* ---- Means --------------------------------------------------------------------------------------
- */
+/* ---- Means ----------------------------------------------------------------------------------- */
 
 static void add_one(double value, double *sum, size_t *n)
 {
@@ -301,8 +299,7 @@ struct spin_quality spin_eval_mean(const struct spin_eval_report *r, const int *
     return spin_quality_mean(&sum);
 }
 
-/* ---- All views ----------------------------------------------------------------------------------
- */
+/* ---- All views ------------------------------------------------------------------------------- */
 
 int spin_metrics_rank(int frame) { return frame % spin_n_ranks(); }
 

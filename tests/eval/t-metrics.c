@@ -34,8 +34,7 @@ static const char *in(const char *format, int a, int b)
     return p;
 }
 
-/* ---- A data set of plain pictures, and splats that nobody sees ----------------------------------
- */
+/* ---- A data set of plain pictures, and splats that nobody sees ------------------------------- */
 
 static int value_of(int row, int camera, int channel)
 {

@@ -1,5 +1,5 @@
-/* The CPU device: memory, and which function is which verb. It works at once: on return from a verb
- * its work is done. A frame and a view at a time fit its caches best. */
+/* The CPU device: memory, and the table of its verbs. Verbs run synchronously. A batch of one frame
+ * and one view fits its caches best. */
 #include "device/cpu/cpu.h"
 
 #include "base/base.h"
@@ -149,5 +149,5 @@ const struct spin_device_ops SPIN_CPU(ops) = {
     .copy_rows = copy_rows,
     .memory_available = memory_available,
     .clock = clock_of,
-    SPIN_DEVICE_VERBS(LISTED) /* each with its comma */
+    SPIN_DEVICE_VERBS(LISTED) /* LISTED appends the comma */
 };

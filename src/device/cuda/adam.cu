@@ -63,8 +63,7 @@ void cuda_adam(struct spin_device *d, int n_groups, const struct spin_param_grou
     launch(d, &groups);
 }
 
-/* ---- Whether they are still numbers -----------------------------------------------------------
- */
+/* ---- Whether they are still numbers ---------------------------------------------------------- */
 
 static __global__ void not_finite_kernel(size_t n, const float *values, uint32_t *count)
 {

@@ -226,8 +226,7 @@ void cuda_tracks_back(struct spin_device *d, const struct spin_frame_batch *fram
     }
 }
 
-/* ---- Rows as they are -------------------------------------------------------------------------
- */
+/* ---- Rows as they are ------------------------------------------------------------------------ */
 
 static __global__ void copy_rows_kernel(size_t n, size_t width, const float *from,
                                         size_t from_stride, float *to, size_t to_stride)
