@@ -125,8 +125,8 @@ struct spin_splat2d {
     float depth;
     int32_t radius_px;
     uint16_t x0, y0, x1, y1;     /* rectangle of tiles, half open */
-    uint32_t first_intersection; /* index of its first (splat, tile) pair, splat-major; set by
-                                  * tile_count */
+    uint32_t first_intersection; /* index of its first (splat, tile) pair within the view,
+                                  * splat-major; set by tile_count */
     /* bit 0..2: colour channel clamped at 0; bit 3, 4: x, y clamped in the Jacobian */
     uint32_t flags;
     /* set by tile_count: columns and rows of tiles at the left, top, right and bottom of the
