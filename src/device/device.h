@@ -92,7 +92,8 @@ struct spin_scene_transform {
 
 /* Four heads of three linear layers each, with the same input z. Parameters of head k, at
  * offset[k]:
- *     w1 [hidden][n_in]  b1 [hidden]  w2 [hidden][hidden]  b2 [hidden]  w3 [n_out][hidden]  b3 [n_out]
+ *     w1 [hidden][n_in]  b1 [hidden]  w2 [hidden][hidden]  b2 [hidden]
+ *     w3 [n_out][hidden]  b3 [n_out]
  * Order: scale (3), rotation (4), sh (48), opacity (1). n_in and hidden are multiples of 4. */
 enum { SPIN_HEAD_SCALE, SPIN_HEAD_ROTATION, SPIN_HEAD_SH, SPIN_HEAD_OPACITY, SPIN_HEADS };
 struct spin_heads {
@@ -304,7 +305,7 @@ struct spin_host_memory {
     bool pinned; /* page-locked */
 };
 
-/* An array that an all-reduce replaces by its sum over all ranks. */
+/* An array to all-reduce, in place. */
 struct spin_device_sum {
     void SPIN_DEV *at;
     size_t n;

@@ -52,7 +52,7 @@ static void *pool_of(int number)
     return NULL;
 }
 
-/* Tells whether this build has code for the GPU: all files of this folder are compiled for the same
+/* Probes whether this build has code for the GPU: all files of this folder are compiled for the same
  * architectures. */
 static __global__ void probe_kernel() {}
 

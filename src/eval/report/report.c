@@ -1,6 +1,6 @@
-/* What an evaluation found, as a document; and the page: that document with curves, crops of fast
- * motion, the worst views and the options of the run, in the template page.html. Equal runs give
- * equal pages, but for speed. */
+/* Writes an evaluation as a JSON document; and as a page, which is that document with curves, crops
+ * of fast motion, the worst views and the options of the run, in the template page.html. Equal runs
+ * give equal pages, except for speed. */
 #include "eval/report/report.h"
 
 #include "base/base.h"
@@ -11,15 +11,21 @@
 #include "io/template.h"
 #include "scene/trained_options.h"
 
-enum { CROPS = 6, WORST = 4, LOSS_POINTS = 300, PICTURES = 4, GAIN = 4 /* of the difference */ };
+enum {
+    CROPS = 6,
+    WORST = 4,
+    LOSS_POINTS = 300,
+    PICTURES = 4,
+    GAIN = 4 /* factor of the
+              * difference */
+};
 
-static const double BACKGROUND_SHOWS =
-    0.3; /* dB between opposite backgrounds, from which it is said */
+/* dB between opposite backgrounds above which the report shows it */
+static const double BACKGROUND_SHOWS = 0.3;
 
 extern const char spin_report_page[]; /* page.html */
 
-/* ---- What was found
- * ------------------------------------------------------------------------------ */
+/* ---- The document ---------------------------------------------------------------------------- */
 
 static spin_json *quality_json(const struct spin_eval_report *r, const struct spin_quality *q)
 {
@@ -46,7 +52,7 @@ static spin_json *quality_json(const struct spin_eval_report *r, const struct sp
 static spin_json *bytes_json(const struct spin_eval_report *r, const struct spin_bundle_bytes *s)
 {
     spin_json *j = spin_bundle_bytes_json(s);
-    /* those that the attributes which were measured need */
+    /* size of the parts that the measured attributes need */
     uint64_t measured = r->trained   ? s->positions + s->tracks + s->table + s->heads
                         : r->refined ? s->refined
                                      : s->source;
@@ -70,12 +76,12 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
 
         while (r->view[k].camera != v->camera)
             k++;
-        if (k == i) { /* the first of its camera */
+        if (k == i) { /* first view of its camera */
             mean = spin_eval_mean(r, NULL, &v->camera);
             spin_json_push(cameras, one = quality_json(r, &mean));
             spin_json_set_integer(one, "id", v->camera);
         }
-        if (i == 0 || r->view[i - 1].frame != v->frame) { /* a frame's views stand together */
+        if (i == 0 || r->view[i - 1].frame != v->frame) { /* the views of a frame are consecutive */
             mean = spin_eval_mean(r, &v->frame, NULL);
             spin_json_push(frames, one = quality_json(r, &mean));
             spin_json_set_integer(one, "frame", v->frame);
@@ -98,7 +104,7 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
     spin_json_set_number(j, "seconds_decode", r->seconds_decode);
     spin_json_set_number(j, "seconds_draw", r->seconds_draw);
     spin_json_set_integer(j, "left_out", (int64_t)r->left_out);
-    if (r->n_bundle_frames > 0) { /* what it is compared with is not weighed */
+    if (r->n_bundle_frames > 0) { /* the storage of `before` is not reported */
         spin_json_set(j, "storage", bytes_json(r, &r->storage));
         spin_json_set(j, "storage_unpacked", bytes_json(r, &r->unpacked));
     }
@@ -108,10 +114,9 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
     return j;
 }
 
-/* ---- Curves
- * -------------------------------------------------------------------------------------- */
+/* ---- Curves ---------------------------------------------------------------------------------- */
 
-/* Numbers of the objects in an array, NaN where there is none. */
+/* The numbers of the objects in an array, NaN where missing. */
 static void take_numbers(const spin_json *array, const char *key, double *out)
 {
     for (size_t i = 0; i < spin_json_length(array); i++) {
@@ -120,7 +125,7 @@ static void take_numbers(const spin_json *array, const char *key, double *out)
     }
 }
 
-/* PSNR over the frames: all of the picture solid, dynamic regions dashed. */
+/* PSNR over the frames: whole image solid, dynamic regions dashed. */
 static spin_status draw_frames(const spin_json *const report[2], FILE *to)
 {
     static const char *const names[2][2] = {{"after", "after, dynamic"},
@@ -216,16 +221,15 @@ static spin_status add_curves(const struct spin_report *r, spin_json *page,
     return status;
 }
 
-/* ---- Pictures
- * ------------------------------------------------------------------------------------ */
+/* ---- Images ---------------------------------------------------------------------------------- */
 
 struct pictures {
     const struct spin_report *r;
-    float *picture[PICTURES]; /* truth, before, after, difference, [3][h][w] each */
+    float *picture[PICTURES]; /* ground truth, before, after, difference, [3][h][w] each */
     uint8_t *rgb;
 };
 
-/* A part of a picture as a PNG inside the page. */
+/* A crop of an image as a PNG inside the page. */
 static spin_status put_picture(struct pictures *p, const struct spin_camera *c, const float *image,
                                const struct spin_crop *crop, spin_json *to)
 {
@@ -252,7 +256,7 @@ static spin_status put_picture(struct pictures *p, const struct spin_camera *c, 
     return SPIN_OK;
 }
 
-/* All pictures of a pair. */
+/* Renders all images of a pair. */
 static spin_status draw_pair(struct pictures *p, size_t i)
 {
     const struct spin_pair *pair = &p->r->pairs[i];
@@ -326,10 +330,9 @@ out:
     return status;
 }
 
-/* ---- The page
- * ------------------------------------------------------------------------------------ */
+/* ---- The page -------------------------------------------------------------------------------- */
 
-/* A row a camera, and one of all. */
+/* One row per camera, and one for all. */
 static void add_cameras(spin_json *page, const spin_json *const report[2])
 {
     static const char *const when[] = {"now", "then"};
