@@ -1,7 +1,7 @@
 /* Compares every verb of a GPU with the CPU's, on random input: `t-card [SPLATS [WIDTH HEIGHT]]`. A
  * verb gets the same arrays on both; the next verbs use the CPU's results. Prints the difference of
  * the results, and the milliseconds of the second call.
- * K: device cuda card
+ * K: device cuda
  *
  * It needs only a C compiler and nvcc:
  *     nvcc -std=c++20 -O3 -arch=native -Isrc -I. -Xcompiler -fPIC,-fvisibility=hidden -shared \

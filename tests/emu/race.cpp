@@ -87,11 +87,11 @@ static void touch(uintptr_t at, bool write, bool atomic)
         p->write = access_of(e, atomic);
     } else if (p->read.thread != NOBODY && !ordered(&p->read, e)) {
         if (p->read.block != e->block) {
-            p->read.thread = SEVERAL; /* a later write by any thread is a race */
+            p->read.thread = SEVERAL; /* every later write is a race */
             p->read.block = 0;        /* not the number of any block */
         } else if (p->read.thread == SEVERAL || p->read.thread / 32 != (int)e->thread / 32) {
-            p->read.thread = SEVERAL; /* a later write by any thread is a race, unless a barrier
-                                       * comes first */
+            p->read.thread =
+                SEVERAL; /* every later write is a race, unless a barrier comes first */
         } else {
             p->read = access_of(e, false); /* keeps only the last read of a warp */
         }

@@ -1,5 +1,5 @@
-/* The emulation detects every fault of faults.cu, in every order, and reports nothing in the
- * correct kernels. K: emu cuda kernels */
+/* The emulation detects every fault of faults.cu in every order, and none in the correct kernels.
+ * K: emu cuda kernels */
 #include <dlfcn.h>
 #include <sys/wait.h>
 #include <unistd.h>
