@@ -186,10 +186,8 @@ struct spin_frame_batch {
                                      * residual() */
         float SPIN_DEV *d_sh;       /* same layout, or NULL: sh is not trained */
         size_t sh_width;            /* 9, 24 or 45: SH degree 1, 2 or 3 */
-        float d_scale,
-            /* derivative of the loss with respect to each scale and each opacity of an active
-             * splat */
-            d_opacity;
+        /* derivative of the loss with respect to each scale and each opacity of an active splat */
+        float d_scale, d_opacity;
 
         /* For tracks(). The first n_own_means splats have positions of their own, the first
          * n_own_residual have residual values of their own; the others use only the values of their

@@ -12,9 +12,8 @@ struct spin_quality {
     /* after a photometric fit: one gain and offset per channel, fitted to the camera's ground
      * truth */
     double psnr_colour_fitted;
-    double psnr_dynamic,
-        /* inside and outside the dynamic regions, over views that have both */
-        psnr_static;
+    /* inside and outside the dynamic regions, over views that have both */
+    double psnr_dynamic, psnr_static;
     double dynamic; /* share of dynamic pixels */
     /* rendered over one minus the background: lower where splats leave holes */
     double psnr_opposite;

@@ -90,8 +90,7 @@ static void touch(uintptr_t at, bool write, bool atomic)
             p->read.thread = SEVERAL; /* every later write is a race */
             p->read.block = 0;        /* not the number of any block */
         } else if (p->read.thread == SEVERAL || p->read.thread / 32 != (int)e->thread / 32) {
-            p->read.thread =
-                SEVERAL; /* every later write is a race, unless a barrier comes first */
+            p->read.thread = SEVERAL; /* later writes race, unless after a barrier */
         } else {
             p->read = access_of(e, false); /* keeps only the last read of a warp */
         }

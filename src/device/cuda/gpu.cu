@@ -52,8 +52,8 @@ static void *pool_of(int number)
     return NULL;
 }
 
-/* Probes whether this build has code for the GPU: all files of this folder are compiled for the same
- * architectures. */
+/* Probes whether this build has code for the GPU: all files of this folder are compiled for the
+ * same architectures. */
 static __global__ void probe_kernel() {}
 
 bool gpu_open(struct gpu *gpu, int number, char *why, size_t n_why)

@@ -70,9 +70,8 @@ void *gpu_host_alloc(struct gpu *gpu, size_t bytes);
 void gpu_host_free(struct gpu *gpu, void *block);
 
 void gpu_zero(struct gpu *gpu, void *at, size_t bytes);
-void gpu_copy_in(struct gpu *gpu, void *to, const void *host,
-                 /* host may be reused on return; page-locked memory only after gpu_wait() */
-                 size_t bytes);
+/* host may be reused on return; page-locked memory only after gpu_wait() */
+void gpu_copy_in(struct gpu *gpu, void *to, const void *host, size_t bytes);
 void gpu_copy_out(struct gpu *gpu, void *host, const void *from, size_t bytes); /* waits */
 /* The first error so far, without waiting or after waiting for the stream; NULL: none. */
 const char *gpu_error(struct gpu *gpu);

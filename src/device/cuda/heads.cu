@@ -11,11 +11,8 @@
 #include "math/mlp.h"
 
 enum { ROWS = 32, WIDE = CUDA_HEADS_WIDE, STEP = 16, THREADS = 256, MOST_BLOCKS = 264 };
-enum {
-    OWN = ROWS * WIDE / THREADS,
-    /* elements per thread */
-    OWN_WEIGHTS = WIDE * WIDE / THREADS
-};
+/* elements per thread */
+enum { OWN = ROWS * WIDE / THREADS, OWN_WEIGHTS = WIDE * WIDE / THREADS };
 
 /* Matrix products. Activations are [ROWS][WIDE] in shared memory, indexed by cell(row, column);
  * `stage` holds STEP rows of a weight matrix, WIDE columns each. times: sum += columns [k0, k0 +
