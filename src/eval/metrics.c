@@ -65,7 +65,7 @@ static spin_status show(struct spin_metrics *m, int frame)
     return spin_player_show(m->player, index);
 }
 
-/* PSNR of the whole image; and inside and outside the mask, if both have enough pixels to be
+/* PSNR of the whole image, and inside and outside the mask where there are enough pixels to be
  * meaningful. */
 static void set_quality(const double v[SPIN_MEASURE_VALUES], double plane, bool regions,
                         double n_dynamic, struct spin_quality *q)

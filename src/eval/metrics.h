@@ -12,7 +12,7 @@ struct spin_quality {
     /* after a photometric fit: one gain and offset per channel, fitted to the camera's ground
      * truth */
     double psnr_colour_fitted;
-    /* inside and outside the dynamic regions, over views that have both */
+    /* inside and outside the dynamic regions; NaN with fewer than 16 such pixels */
     double psnr_dynamic, psnr_static;
     double dynamic; /* share of dynamic pixels */
     /* rendered over one minus the background: lower where splats leave holes */

@@ -76,8 +76,9 @@ static void make_views(void)
         }
 }
 
-/* Number of wrong mask pixels. The expected mask is the square dilated by `grown` pixels without
- * its corners, which have too few changed neighbours. */
+/* Number of wrong mask pixels. The expected mask is the square dilated by a diamond of `grown`
+ * pixels: before the rule dilates, it drops the corners of the square, which have too few changed
+ * neighbours. */
 static int wrong_pixels(const struct spin_dynamic_mask *m, int row, int grown)
 {
     int wrong = 0;

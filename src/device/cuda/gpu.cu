@@ -97,8 +97,8 @@ void gpu_close(struct gpu *gpu)
     gpu->stream = NULL;
 }
 
-/* Stream-ordered, and freed memory stays in the pool, so that allocating it again is cheap. Virtual
- * GPUs may lack pools. */
+/* Stream-ordered, and freed memory stays in the pool, so that allocating it again is cheap. A GPU
+ * that shares its memory with another system has no pools. */
 void *gpu_alloc(struct gpu *gpu, size_t bytes, const char **why)
 {
     void *block = NULL;
