@@ -63,8 +63,7 @@ static spin_status open_cpu(int n_threads, struct spin_device *out)
         snprintf(out->description, sizeof out->description, "cpu (%s", paths[i].title);
         return out->op->open(out, n_threads);
     }
-    return spin_misuse("cannot use SPIN_CPU='%s': it is not one of base, v3, v4",
-                       wanted ? wanted : "");
+    return spin_misuse("unknown SPIN_CPU '%s': use base, v3 or v4", wanted ? wanted : "");
 }
 
 /* The CUDA device is a shared object opened at run time: one build serves machines with and without
@@ -76,7 +75,7 @@ static spin_status open_cuda(int n_threads, struct spin_device *out)
         .file = "spin-cuda.so",
         .override = "SPIN_CUDA_SHIM",
         .symbol = SPIN_CUDA_SHIM_SYMBOL,
-        .lacking = "no CUDA device: the object with the kernels",
+        .lacking = "no CUDA device: the kernel library",
         .debian = "nvidia-cuda-toolkit of non-free, or NVIDIA's own",
     };
 
@@ -108,7 +107,7 @@ static spin_status open_auto(int n_threads, struct spin_device *out)
         memset(out, 0, sizeof *out);
     }
     if (!said)
-        spin_log(idle ? 0 : 1, "device auto: the cpu, as: %s", why);
+        spin_log(idle ? 0 : 1, "device auto: using the CPU: %s", why);
     said = true;
     return open_cpu(n_threads, out);
 }
@@ -123,7 +122,7 @@ spin_status spin_device_open(const char *name, int n_threads, struct spin_device
     if (strcmp(name, "cpu") == 0)
         return open_cpu(n_threads, out);
     if (strcmp(name, "cuda") != 0)
-        return spin_fail(status, "no device '%s': it is one of auto, cpu, cuda", name);
+        return spin_fail(status, "unknown device '%s': use auto, cpu or cuda", name);
     status = open_cuda(n_threads, out);
     if (status != SPIN_OK)
         memset(out, 0, sizeof *out);

@@ -5,13 +5,13 @@
 
 #include "math/loss.h"
 
-void spin_colour_sums(int camera, size_t plane, const float *image, const float *photo,
+void spin_colour_sums(int camera, size_t plane, const float *image, const float *truth,
                       struct spin_colour_sums *out)
 {
     *out = (struct spin_colour_sums){.camera = camera, .n = (double)plane};
     for (size_t c = 0; c < 3; c++)
         for (size_t i = c * plane; i < (c + 1) * plane; i++) {
-            double x = fmin(fmax((double)image[i], 0), 1), y = (double)photo[i];
+            double x = fmin(fmax((double)image[i], 0), 1), y = (double)truth[i];
 
             out->of[c].x += x;
             out->of[c].y += y;

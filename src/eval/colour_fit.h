@@ -15,8 +15,8 @@ struct spin_colour_sums {
     } of[3];
 };
 
-/* image (rendered), photo (ground truth): [3][plane]; image is clamped to 0..1. */
-void spin_colour_sums(int camera, size_t plane, const float *image, const float *photo,
+/* image (rendered), truth (captured): [3][plane]; image is clamped to 0..1. */
+void spin_colour_sums(int camera, size_t plane, const float *image, const float *truth,
                       struct spin_colour_sums *out);
 /* The PSNR of each view [n_views] after fitting all views of its camera together. Fitted images are
  * not clamped. */

@@ -257,8 +257,8 @@ spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_i
         return spin_not_found(
             "the data set has no foreground mask for some of these views: use --dynamic images");
     if (from == SPIN_DYNAMIC_IMAGES && !medians)
-        return spin_unsupported("dynamic regions cannot be found in the images: no camera stands "
-                                "still for three frames");
+        return spin_unsupported("cannot find dynamic regions in the images: no camera is static "
+                                "and has at least three frames");
     m->from = from;
     return from == SPIN_DYNAMIC_OFF ? SPIN_OK : make_room(m);
 }

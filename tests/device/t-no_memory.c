@@ -259,7 +259,7 @@ static bool lost_after(int n, const struct outcome *whole, int *bad)
     d->deterministic = true;
     status = step(d, &out);
     *bad += status == SPIN_OK ? memcmp(&out, whole, sizeof out) != 0
-                              : !strstr(spin_last_error(), "the card is lost");
+                              : !strstr(spin_last_error(), "the GPU is lost");
     check_device_free(d);
     unsetenv("SPIN_EMU_LOST");
     return status == SPIN_OK;

@@ -103,7 +103,7 @@ bool gpu_open(struct gpu *gpu, int number, char *why, size_t n_why)
     const char *name = getenv("SPIN_EMU_NAME");
 
     if ((size_t)number < number_of("SPIN_EMU_OLD", 0)) {
-        snprintf(why, n_why, "card %d: no kernel image is available for execution on the device",
+        snprintf(why, n_why, "GPU %d: no kernel image is available for execution on the device",
                  number);
         return false;
     }
@@ -206,7 +206,7 @@ void gpu_copy_out(struct gpu *gpu, void *host, const void *from, size_t bytes)
     count(host, bytes);
 }
 
-const char *gpu_error(struct gpu *) { return lost ? "the card is lost" : NULL; }
+const char *gpu_error(struct gpu *) { return lost ? "the GPU is lost" : NULL; }
 
 const char *gpu_wait(struct gpu *gpu)
 {

@@ -305,15 +305,17 @@ static spin_status count_view(struct spin_device *d, const struct spin_view_of_b
     spin_pool_run(spin_cpu_pool(d), job.parts, trim_task, &job);
     intersections = sum_parts(&job, &highest);
     if (intersections > SPIN_MAX_PAIRS)
-        return spin_fail(SPIN_E_MEMORY,
-                         "cannot draw a view: %llu pairs of splats and tiles are more than %llu: "
-                         "the splats are too large, or the image is",
-                         (unsigned long long)intersections, (unsigned long long)SPIN_MAX_PAIRS);
+        return spin_fail(
+            SPIN_E_MEMORY,
+            "cannot render a view: %llu pairs of splats and tiles exceed the limit of %llu: "
+            "the splats or the image are too large",
+            (unsigned long long)intersections, (unsigned long long)SPIN_MAX_PAIRS);
     if (*first + intersections > UINT32_MAX)
-        return spin_fail(SPIN_E_MEMORY,
-                         "cannot draw so many views at once: %llu pairs of splats and tiles are "
-                         "more than 2^32",
-                         (unsigned long long)(*first + intersections));
+        return spin_fail(
+            SPIN_E_MEMORY,
+            "cannot render this many views at once: %llu pairs of splats and tiles exceed "
+            "2^32",
+            (unsigned long long)(*first + intersections));
     spin_pool_run(spin_cpu_pool(d), job.parts, list_task, &job);
     sort_by_depth(d, &job, job.n_sorted ? highest - job.lowest : 0);
     sorted->n = job.n_sorted;

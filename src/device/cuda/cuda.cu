@@ -133,7 +133,7 @@ static spin_status reserve(struct spin_device *d, size_t bytes, void SPIN_DEV **
         return wait(d);
     if (!block)
         return fail(SPIN_E_MEMORY,
-                    "out of memory on the CUDA device (%s): %zu bytes are wanted, %zu are free",
+                    "out of memory on the CUDA device (%s): %zu bytes requested, %zu free",
                     gpu_of(d)->name, bytes, gpu_memory_free(gpu_of(d)));
     gpu_zero(gpu_of(d), block, bytes);
     return SPIN_OK;
@@ -216,7 +216,7 @@ void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t byt
     }
     note(d, SPIN_E_DEVICE, failed);
     if (!s->block) {
-        snprintf(why, sizeof why, "out of memory: an operation wants %zu bytes for itself",
+        snprintf(why, sizeof why, "out of memory: an operation needs %zu bytes of scratch memory",
                  s->bytes);
         note(d, SPIN_E_MEMORY, why);
     }
@@ -279,14 +279,15 @@ static double clock_of(struct spin_device *d, int op)
 spin_status cuda_pairs_fit(uint64_t pairs, uint64_t before)
 {
     if (pairs > SPIN_MAX_PAIRS)
-        return fail(SPIN_E_MEMORY,
-                    "cannot draw a view: %llu pairs of splats and tiles are more than %llu: "
-                    "the splats are too large, or the image is",
-                    (unsigned long long)pairs, (unsigned long long)SPIN_MAX_PAIRS);
+        return fail(
+            SPIN_E_MEMORY,
+            "cannot render a view: %llu pairs of splats and tiles exceed the limit of %llu: "
+            "the splats or the image are too large",
+            (unsigned long long)pairs, (unsigned long long)SPIN_MAX_PAIRS);
     if (before + pairs > UINT32_MAX)
         return fail(SPIN_E_MEMORY,
-                    "cannot draw so many views at once: %llu pairs of splats and tiles are "
-                    "more than 2^32",
+                    "cannot render this many views at once: %llu pairs of splats and tiles exceed "
+                    "2^32",
                     (unsigned long long)(before + pairs));
     return SPIN_OK;
 }

@@ -57,18 +57,18 @@ static spin_status load(void)
     const char *wanted = getenv("SPIN_NCCL"), *file = wanted && *wanted ? wanted : "libnccl.so.2";
 
     if (strcmp(file, "0") == 0)
-        return cuda_fail(SPIN_E_UNSUPPORTED, "SPIN_NCCL", "it is 0");
+        return cuda_fail(SPIN_E_UNSUPPORTED, "NCCL is disabled", "SPIN_NCCL is 0");
     if (nccl.object)
         return SPIN_OK;
     nccl.object = dlopen(file, RTLD_NOW | RTLD_LOCAL);
     if (!nccl.object)
-        return cuda_fail(SPIN_E_UNSUPPORTED, "NCCL does not load", dlerror());
+        return cuda_fail(SPIN_E_UNSUPPORTED, "cannot load NCCL", dlerror());
 #define FIND(name)                                                                                 \
     nccl.name = (decltype(nccl.name))dlsym(nccl.object, #name);                                    \
     if (!nccl.name) {                                                                              \
         dlclose(nccl.object);                                                                      \
         nccl.object = NULL;                                                                        \
-        return cuda_fail(SPIN_E_UNSUPPORTED, file, "it has no " #name);                            \
+        return cuda_fail(SPIN_E_UNSUPPORTED, file, "function not found: " #name);                  \
     }
     FUNCTIONS(FIND)
     return SPIN_OK;
@@ -146,7 +146,7 @@ static spin_status hear_why(ncclResult_t result, spin_status (*listen)(void))
         SPIN_TRY(listen());
         take_a_nap();
     }
-    return failed("a sum", result);
+    return failed("an all-reduce", result);
 }
 
 /* Polls instead of waiting in CUDA: if another rank has failed, its part never arrives. */

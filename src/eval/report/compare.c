@@ -55,7 +55,7 @@ static spin_status add_picture(struct spin_compare_row *row, int n, uint8_t **ou
     void *grown = realloc(row->picture, ((size_t)n + 1) * sizeof *row->picture);
 
     if (!grown)
-        return spin_fail(SPIN_E_MEMORY, "no memory for pictures");
+        return spin_fail(SPIN_E_MEMORY, "no memory for images");
     row->picture = grown;
     row->picture[n] = NULL;
     SPIN_TRY(spin_alloc((size_t)row->width * (size_t)row->height, 3, (void **)&row->picture[n]));
@@ -74,7 +74,7 @@ static spin_status draw_row(struct spin_compare_row *row, int n, const struct sp
     const struct spin_camera *camera = &clip->views.view[pair->view].camera;
 
     if (camera->width != row->width || camera->height != row->height)
-        return spin_misuse("the pictures of two runs are not of one size: camera %d", row->camera);
+        return spin_misuse("camera %d: the images of two runs differ in size", row->camera);
     if (n == 0) {
         SPIN_TRY(add_picture(row, 0, &out));
         SPIN_TRY(spin_image_cache_get_rgb8(pixels, pair->view, out));
@@ -219,7 +219,7 @@ static spin_status sheet_text(const struct spin_compare *c, const struct spin_co
     if (out)
         spin_text_base64(out, bytes, n);
     if (!out || fclose(out) != 0)
-        return spin_fail(SPIN_E_MEMORY, "no memory for a picture");
+        return spin_fail(SPIN_E_MEMORY, "no memory for an image");
     return SPIN_OK;
 }
 
@@ -299,7 +299,7 @@ static spin_status fill_page(const struct spin_compare *c, spin_json *page)
         spin_json_push(rows, row);
         spin_json_set_integer(row, "frame", c->row[i].frame);
         spin_json_set_integer(row, "camera", c->row[i].camera);
-        spin_json_set_string(row, "picture", text);
+        spin_json_set_string(row, "image", text);
         free(text);
         free(s.rgb);
         SPIN_TRY(status);

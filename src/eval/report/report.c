@@ -177,7 +177,7 @@ static void draw_history(const struct spin_train_log *h, FILE *to)
     chart.whole = false;
     spin_svg_chart_write(to, &chart);
     line = (struct spin_svg_chart_line){"loss", h->step, h->loss, h->n_steps, 2, false};
-    chart.title = "Training loss, means over stretches";
+    chart.title = "Training loss, averaged over intervals";
     chart.x_name = "iteration";
     chart.y_name = "loss";
     chart.whole = true;
@@ -189,9 +189,10 @@ static void warn_other_run(const struct spin_report *r, const struct spin_train_
     double last = h->n_tests > 0 ? h->psnr[h->n_tests - 1] : (double)NAN;
 
     if (fabs(last - r->trained_psnr) > 1e-4)
-        spin_warn("the log '%s' seems to be of another run: its test views end at %.3f dB, those "
-                  "of '%s' at %.3f dB",
-                  r->log, last, r->input, r->trained_psnr);
+        spin_warn(
+            "the log '%s' seems to belong to another run: its test PSNR ends at %.3f dB, that "
+            "of '%s' at %.3f dB",
+            r->log, last, r->input, r->trained_psnr);
 }
 
 static spin_status add_curves(const struct spin_report *r, spin_json *page,
@@ -251,7 +252,7 @@ static spin_status put_picture(struct pictures *p, const struct spin_camera *c, 
         spin_text_base64(out, bytes, n);
     free(bytes);
     if (!out || fclose(out) != 0)
-        return spin_fail(SPIN_E_MEMORY, "no memory for a picture");
+        return spin_fail(SPIN_E_MEMORY, "no memory for an image");
     spin_json_push_string(to, text);
     return SPIN_OK;
 }
@@ -291,7 +292,7 @@ static spin_status add_row(struct pictures *p, const struct spin_crop *crop, con
         spin_json_set_number(row, "psnr_before", p->r->before->view[crop->pair].q.psnr);
     spin_json_set_integer(row, "side_x", crop->side_x);
     spin_json_set_integer(row, "side_y", crop->side_y);
-    spin_json_set(row, "pictures", pictures);
+    spin_json_set(row, "images", pictures);
     SPIN_TRY(draw_pair(p, crop->pair));
     for (int k = 0; k < PICTURES; k++)
         if (k != 1 || p->r->source)
@@ -321,7 +322,7 @@ static spin_status add_pictures(const struct spin_report *r, spin_json *page)
         const struct spin_camera *c = &r->clip->views.view[r->pairs[worst[i]].view].camera;
         struct spin_crop whole = {.pair = worst[i], .side_x = c->width, .side_y = c->height};
 
-        SPIN_TRY_OUT(add_row(&p, &whole, i ? NULL : "The worst views", rows));
+        SPIN_TRY_OUT(add_row(&p, &whole, i ? NULL : "Worst views", rows));
     }
 out:
     for (int k = 0; k < PICTURES; k++)
@@ -358,13 +359,10 @@ static void add_cameras(spin_json *page, const spin_json *const report[2])
 
 static void add_storage(spin_json *page, const spin_json *after)
 {
-    static const char *const parts[][2] = {{"source", "source"},
-                                           {"refined", "refined frames"},
-                                           {"positions", "values of frames"},
-                                           {"tracks", "tracks"},
-                                           {"table", "table"},
-                                           {"heads", "heads"},
-                                           {"file", "the file"}};
+    static const char *const parts[][2] = {
+        {"source", "source"},  {"refined", "refined frames"}, {"positions", "per-frame values"},
+        {"tracks", "tracks"},  {"table", "hash grid"},        {"heads", "heads"},
+        {"file", "whole file"}};
     spin_json *rows = spin_json_array();
 
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++) {
