@@ -1,4 +1,4 @@
-/* The list of devices, and the choice among them. The only file that names devices. */
+/* Opens a device by name and counts the memory of a plan. The only file that lists the devices. */
 #include "device/device.h"
 
 #include "base/base.h"
@@ -14,7 +14,7 @@ extern const struct spin_device_ops spin_cpu_v4_ops;
 struct path {
     const char *name, *title;
     const struct spin_device_ops *op;
-    int (*here)(void); /* can this machine run it */
+    int (*here)(void); /* whether this machine supports it */
 };
 
 static int always(void) { return 1; }
@@ -63,11 +63,11 @@ static spin_status open_cpu(int n_threads, struct spin_device *out)
         snprintf(out->description, sizeof out->description, "cpu (%s", paths[i].title);
         return out->op->open(out, n_threads);
     }
-    return spin_misuse("cannot use SPIN_CPU='%s': it is not one of base, v3, v4",
-                       wanted ? wanted : "");
+    return spin_misuse("unknown SPIN_CPU '%s': use base, v3 or v4", wanted ? wanted : "");
 }
 
-/* Opened at run time: one build serves machines with and without a card. */
+/* The CUDA device is a shared object opened at run time: one build serves machines with and without
+ * a GPU. */
 static spin_status open_cuda(int n_threads, struct spin_device *out)
 {
     static const struct spin_cuda_shim *shim;
@@ -75,7 +75,7 @@ static spin_status open_cuda(int n_threads, struct spin_device *out)
         .file = "spin-cuda.so",
         .override = "SPIN_CUDA_SHIM",
         .symbol = SPIN_CUDA_SHIM_SYMBOL,
-        .lacking = "no CUDA device: the object with the kernels",
+        .lacking = "no CUDA device: the kernel library",
         .debian = "nvidia-cuda-toolkit of non-free, or NVIDIA's own",
     };
 
@@ -86,8 +86,8 @@ static spin_status open_cuda(int n_threads, struct spin_device *out)
     return out->op->open(out, n_threads);
 }
 
-/* A card when there is one that works, else the CPU; says which and why, once: to all, where there
- * is a card that is left idle. SPIN_CPU asks for the CPU. */
+/* The GPU if it works, else the CPU. Logs the choice and its reason once, at level 0 if a GPU is
+ * present but unusable. SPIN_CPU selects the CPU. */
 static spin_status open_auto(int n_threads, struct spin_device *out)
 {
     static bool said;
@@ -107,7 +107,7 @@ static spin_status open_auto(int n_threads, struct spin_device *out)
         memset(out, 0, sizeof *out);
     }
     if (!said)
-        spin_log(idle ? 0 : 1, "device auto: the cpu, as: %s", why);
+        spin_log(idle ? 0 : 1, "device auto: using the CPU: %s", why);
     said = true;
     return open_cpu(n_threads, out);
 }
@@ -122,7 +122,7 @@ spin_status spin_device_open(const char *name, int n_threads, struct spin_device
     if (strcmp(name, "cpu") == 0)
         return open_cpu(n_threads, out);
     if (strcmp(name, "cuda") != 0)
-        return spin_fail(status, "no device '%s': it is one of auto, cpu, cuda", name);
+        return spin_fail(status, "unknown device '%s': use auto, cpu or cuda", name);
     status = open_cuda(n_threads, out);
     if (status != SPIN_OK)
         memset(out, 0, sizeof *out);
@@ -137,15 +137,14 @@ void spin_device_close(struct spin_device *d)
         memset(d, 0, sizeof *d);
 }
 
-/* ---- A device that only counts ----------------------------------------------------------------
- */
+/* ---- A device that only counts --------------------------------------------------------------- */
 
 static spin_status count_reserve(struct spin_device *d, size_t bytes, void SPIN_DEV **out)
 {
     struct spin_counting_device *c = d->state;
 
     c->bytes += bytes;
-    *out = (void SPIN_DEV *)c; /* not NULL */
+    *out = (void SPIN_DEV *)c; /* any pointer but NULL */
     return SPIN_OK;
 }
 
@@ -175,7 +174,7 @@ void spin_device_count(struct spin_counting_device *c, const struct spin_device 
     };
     c->device.op = &c->op;
     c->device.state = c;
-    c->device.is_host = true; /* nothing is to be linked */
+    c->device.is_host = true; /* so that no caller sets up an all-reduce link */
 }
 
 struct spin_camera_f32 spin_camera_f32_from(const struct spin_camera *camera)

@@ -1,6 +1,5 @@
-/* The (splat, tile) pairs of one splat: a rectangle, row by row; pair k of it has slot
- * first_intersection
- * + k. */
+/* The (splat, tile) pairs of one splat cover a rectangle of tiles, row by row; pair k has index
+ * first_intersection + k. */
 #pragma once
 
 #include "device/device.h"

@@ -1,11 +1,12 @@
-/* The colour that most pixels at image borders share. */
+/* Detects images with a flat border: counts the most frequent colour among the border pixels. */
 #include "eval/borders.h"
 
 #include "base/base.h"
 
 enum {
     MOST_VIEWS = 24,
-    LEVELS = 64, /* of a channel: with its neighbours 12 of 256, which holds JPEG noise */
+    LEVELS = 64, /* per channel; a level and its neighbours cover 12 of 256 values, which tolerates
+                  * JPEG noise */
     COLOURS = LEVELS * LEVELS * LEVELS
 };
 
@@ -14,7 +15,7 @@ static void count_pixel(const uint8_t *rgb, uint32_t *count)
     count[(rgb[0] / 4 * LEVELS + rgb[1] / 4) * LEVELS + rgb[2] / 4]++;
 }
 
-/* Returns how many pixels the border of an image has. */
+/* Counts the border pixels of an image; returns their number. */
 static uint64_t count_border(const struct spin_camera *camera, const uint8_t *rgb8, uint32_t *count)
 {
     size_t w = (size_t)camera->width, h = (size_t)camera->height;
@@ -30,8 +31,8 @@ static uint64_t count_border(const struct spin_camera *camera, const uint8_t *rg
     return 2 * (uint64_t)(w + h);
 }
 
-/* Pixels of the most frequent colour and of its neighbours, since a flat colour may lie between two
- * levels. */
+/* Number of pixels of the most frequent colour and its neighbours, since a flat colour may straddle
+ * two levels. */
 static uint64_t largest_group(const uint32_t *count)
 {
     int best = 0, at[3];

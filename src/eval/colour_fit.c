@@ -1,17 +1,17 @@
-/* Fits of gains and offsets. */
+/* Least-squares fits of a gain and an offset per camera and channel. */
 #include "eval/colour_fit.h"
 
 #include <math.h>
 
 #include "math/loss.h"
 
-void spin_colour_sums(int camera, size_t plane, const float *image, const float *photo,
+void spin_colour_sums(int camera, size_t plane, const float *image, const float *truth,
                       struct spin_colour_sums *out)
 {
     *out = (struct spin_colour_sums){.camera = camera, .n = (double)plane};
     for (size_t c = 0; c < 3; c++)
         for (size_t i = c * plane; i < (c + 1) * plane; i++) {
-            double x = fmin(fmax((double)image[i], 0), 1), y = (double)photo[i];
+            double x = fmin(fmax((double)image[i], 0), 1), y = (double)truth[i];
 
             out->of[c].x += x;
             out->of[c].y += y;
@@ -21,7 +21,8 @@ void spin_colour_sums(int camera, size_t plane, const float *image, const float 
         }
 }
 
-/* photo = gain picture + offset over the views of a camera; a picture of one colour has gain 0. */
+/* Fits truth = gain * image + offset over all views of a camera; the gain is 0 if the image has a
+ * single colour. */
 static void fit(const struct spin_colour_sums *view, size_t n_views, int camera, int c,
                 double *gain, double *offset)
 {

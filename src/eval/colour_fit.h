@@ -1,12 +1,12 @@
-/* What is left of the error of a camera's pictures when one gain and one offset a channel are
- * fitted to its photographs afterwards. It tells how much of the error is the colour of a camera
- * that nothing was learned of. */
+/* The photometric fit: the error that remains in a camera's images after fitting one gain and one
+ * offset per channel to the ground truth. It shows how much of the error is the unknown colour
+ * calibration of a camera that was not trained on. */
 #pragma once
 
 #include "spin.h"
 
-/* Sums over the pixels of a view, of the values x of the picture and y of the photograph, from 0
- * to 1. */
+/* Sums over the pixels of a view, of the values x of the rendered image and y of the ground truth,
+ * 0..1. */
 struct spin_colour_sums {
     int camera;
     double n;
@@ -15,9 +15,9 @@ struct spin_colour_sums {
     } of[3];
 };
 
-/* image, photo: [3][plane]; image is clamped to 0..1. */
-void spin_colour_sums(int camera, size_t plane, const float *image, const float *photo,
+/* image (rendered), truth (captured): [3][plane]; image is clamped to 0..1. */
+void spin_colour_sums(int camera, size_t plane, const float *image, const float *truth,
                       struct spin_colour_sums *out);
-/* The PSNR of each view [n_views], after the fit to all views of its camera. Fitted pictures are
+/* The PSNR of each view [n_views] after fitting all views of its camera together. Fitted images are
  * not clamped. */
 void spin_colour_fit(const struct spin_colour_sums *view, size_t n_views, double *psnr);

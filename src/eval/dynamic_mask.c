@@ -1,4 +1,4 @@
-/* Moving regions, from masks or from the images themselves. */
+/* Dynamic regions, from masks or from the images themselves. */
 #include "eval/dynamic_mask.h"
 
 #include "base/base.h"
@@ -7,20 +7,19 @@
 enum {
     MOST_ROWS = SPIN_MOVING_ROWS,
     FEWEST_ROWS = 3,
-    FRIENDS = 4 /* changed pixels among the eight around one, or it is a speck */
+    FRIENDS = 4 /* changed pixels among the eight neighbours; with fewer, a pixel is a speck */
 };
 
-/* Above the noise of JPEG and of a good camera (sigma about 4 of 255), below what a ball in front
- * of a wall changes. */
+/* Above the noise of JPEG and of a good camera (sigma about 4 of 255), below the change caused by a
+ * ball in front of a wall. */
 static const float threshold = 20.0f / 255.0f;
 
 struct spin_median {
     int camera_id;
-    uint8_t *rgb; /* [h][w][3]; NULL: the camera moves, or there are too few frames */
+    uint8_t *rgb; /* [h][w][3]; NULL: the camera moves, or has too few frames */
 };
 
-/* ---- The median over time ----------------------------------------------------------------------
- */
+/* ---- The median over time -------------------------------------------------------------------- */
 
 static bool same_camera(const struct spin_camera *a, const struct spin_camera *b)
 {
@@ -35,7 +34,7 @@ static bool same_camera(const struct spin_camera *a, const struct spin_camera *b
     return true;
 }
 
-/* Views of this camera, spread over the clip. 0 when it moves. */
+/* Views of this camera, spread over the clip; returns 0 if the camera moves. */
 size_t spin_moving_views(const struct spin_views *views, int camera_id, size_t chosen[MOST_ROWS])
 {
     size_t n = 0, k = 0, seen = 0, first = 0;
@@ -118,10 +117,9 @@ static spin_status find_median(struct spin_dynamic_mask *m, int camera_id, const
     return SPIN_OK;
 }
 
-/* ---- The rule ----------------------------------------------------------------------------------
- */
+/* ---- The rule -------------------------------------------------------------------------------- */
 
-/* Ones among the eight neighbours of x, y. */
+/* Number of ones among the eight neighbours of (x, y). */
 static int count_around(int width, int height, const uint8_t *map, int x, int y)
 {
     int sum = 0;
@@ -158,12 +156,11 @@ void spin_dynamic_mask_rule(int width, int height, const float *truth, const uin
         }
 }
 
-/* ---- Masks of the data set ----------------------------------------------------------------------
- */
+/* ---- Masks of the data set ------------------------------------------------------------------- */
 
 static const float black[3];
 
-/* Values are 0 and 1, or 0 and 255. Another size is sampled at the pixels' centres. */
+/* Mask values are 0 and 1, or 0 and 255. A mask of another size is sampled at the pixel centres. */
 static spin_status read_mask(struct spin_dynamic_mask *m, const struct spin_view *view)
 {
     int width = view->camera.width, height = view->camera.height, w, h;
@@ -184,7 +181,8 @@ static spin_status read_mask(struct spin_dynamic_mask *m, const struct spin_view
     return SPIN_OK;
 }
 
-/* Opaque by half or more. Alpha is what lets a white background through and a black one. */
+/* Sets pixels of alpha 0.5 or more. Alpha is measured as the difference between loading over white
+ * and over black. */
 static spin_status read_alpha(struct spin_dynamic_mask *m, const struct spin_view *view)
 {
     static const float white[3] = {1, 1, 1};
@@ -212,8 +210,7 @@ static bool all_have_alpha(const struct spin_views *views, const struct spin_pai
     return n > 0;
 }
 
-/* ---- Opening and asking
- * -------------------------------------------------------------------------- */
+/* ---- Opening and finding --------------------------------------------------------------------- */
 
 static bool all_have_masks(const struct spin_views *views, const struct spin_pair *pairs, size_t n)
 {
@@ -260,8 +257,8 @@ spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_i
         return spin_not_found(
             "the data set has no foreground mask for some of these views: use --dynamic images");
     if (from == SPIN_DYNAMIC_IMAGES && !medians)
-        return spin_unsupported("dynamic regions cannot be found in the images: no camera stands "
-                                "still for three frames");
+        return spin_unsupported("cannot find dynamic regions in the images: no camera is static "
+                                "and has at least three frames");
     m->from = from;
     return from == SPIN_DYNAMIC_OFF ? SPIN_OK : make_room(m);
 }

@@ -1,8 +1,8 @@
 /* The two networks as tables of layers, their weights, and the distance between features.
  *
  *     x = (2 image - 1 - shift) / scale
- *     f_s = features after the ReLU of stage s, divided at every pixel by their length over channels
- *     distance = sum over s of the mean over pixels of  sum_c lin_s[c] (f_s[c] - g_s[c])^2  */
+ *     f_s = features after the ReLU of stage s, divided at every pixel by their norm over channels
+ *     distance = sum over s of the mean over pixels of  sum_c lin_s[c] (f_s[c] - g_s[c])^2 */
 #include "eval/lpips.h"
 
 #include "base/base.h"
@@ -12,17 +12,17 @@
 
 enum { MOST_LAYERS = 13, STAGES = SPIN_LPIPS_STAGES, BLOCK = 64 };
 
-/* lpips' ScalingLayer: ImageNet's mean and deviation, for pictures in -1..1. */
+/* lpips' ScalingLayer: ImageNet's mean and standard deviation, for images in -1..1. */
 static const float shift[3] = {-0.030f, -0.088f, -0.188f};
 static const float scale[3] = {0.458f, 0.448f, 0.450f};
-static const double smallest_length = 1e-10; /* added to a pixel's length, as lpips does */
+static const double smallest_length = 1e-10; /* added to a pixel's norm, as in lpips */
 
-/* A convolution with its ReLU. */
+/* A convolution followed by ReLU. */
 struct layer {
     int place; /* N in torchvision's features.N */
     int n_in, n_out, kernel, stride, pad;
-    int pool;   /* window of the max pooling before it, stride 2; 0: none */
-    bool stage; /* its output is compared */
+    int pool;   /* window of the max pooling before it, with stride 2; 0: none */
+    bool stage; /* its output contributes to the distance */
 };
 
 static const struct layer vgg[] = {
@@ -50,15 +50,14 @@ struct spin_lpips {
     struct spin_pool *pool;
     float *weights[MOST_LAYERS], *bias[MOST_LAYERS];
     float *lin[STAGES];
-    int width, height; /* of the pictures that the following is for */
+    int width, height; /* image size of the plan below */
     int out_width[MOST_LAYERS], out_height[MOST_LAYERS];
-    float *feature[2][STAGES]; /* of the two pictures */
+    float *feature[2][STAGES]; /* of the two images */
     float *work[2], *padded;
     float *scratch; /* [threads][SCRATCH] */
 };
 
-/* ---- Weights ------------------------------------------------------------------------------------
- */
+/* ---- Weights --------------------------------------------------------------------------------- */
 
 static bool has_shape(struct spin_torch *t, const char *key, int n_dims, const int64_t *shape)
 {
@@ -67,7 +66,7 @@ static bool has_shape(struct spin_torch *t, const char *key, int n_dims, const i
     return v && v->kind == SPIN_VALUE_TENSOR && spin_array_has_shape(&v->tensor, n_dims, shape);
 }
 
-/* The network whose convolutions these are, -1: none that we know. */
+/* The network of these convolutions; -1: unknown. */
 static int backbone_of(struct spin_torch *t)
 {
     for (int k = 0; k < SPIN_N_LPIPS; k++) {
@@ -81,7 +80,7 @@ static int backbone_of(struct spin_torch *t)
     return -1;
 }
 
-/* Channels of stage s. */
+/* Number of channels of stage s. */
 static int stage_channels(int network, int s)
 {
     const struct layer *layer = networks[network].layer;
@@ -111,7 +110,7 @@ static spin_status take(struct spin_torch *t, const char *key, int n_dims, const
     const struct spin_value *v = spin_value_get(t->root, key);
 
     if (!v)
-        return spin_malformed("there is no '%s'", key);
+        return spin_malformed("no tensor '%s'", key);
     return spin_torch_floats(t, v, key, n_dims, shape, &info, out);
 }
 
@@ -122,7 +121,7 @@ static spin_status read_backbone(struct spin_torch *t, struct spin_lpips *l)
 
     l->network = backbone_of(t);
     if (l->network < 0)
-        return spin_fail(SPIN_E_NOT_RECOGNISED, "these are not the weights of torchvision's vgg16 "
+        return spin_fail(SPIN_E_NOT_RECOGNISED, "not the weights of torchvision's vgg16 "
                                                 "or alexnet (features.N.weight)");
     net = &networks[l->network];
     for (int i = 0; i < net->n_layers; i++) {
@@ -144,10 +143,10 @@ static spin_status read_lin(struct spin_torch *t, struct spin_lpips *l)
 
     if (network < 0)
         return spin_fail(SPIN_E_NOT_RECOGNISED,
-                         "these are not linear heads of LPIPS for VGG or AlexNet (lin0.model.1."
+                         "not linear heads of LPIPS for VGG or AlexNet (lin0.model.1."
                          "weight)");
     if (network != l->network)
-        return spin_misuse("these linear heads are for %s, the network is %s",
+        return spin_misuse("the linear heads are for %s, but the network is %s",
                            networks[network].name, networks[l->network].name);
     for (int s = 0; s < STAGES; s++) {
         int64_t shape[4] = {1, stage_channels(network, s), 1, 1};
@@ -191,14 +190,13 @@ out:
 
 int spin_lpips_network(const struct spin_lpips *l) { return l->network; }
 
-/* ---- Finding them in a folder
- * --------------------------------------------------------------------- */
+/* ---- Finding weights in a folder ------------------------------------------------------------- */
 
 struct found {
     char *backbone[SPIN_N_LPIPS], *lin[SPIN_N_LPIPS];
 };
 
-/* A file that cannot be read is none of ours. */
+/* Notes the file if it contains weights; skips files that cannot be read. */
 static spin_status look_at(const char *path, struct found *found)
 {
     struct spin_torch t;
@@ -252,10 +250,10 @@ spin_status spin_lpips_find(const char *folder, int n_threads, struct spin_lpips
         n++;
     }
     if (status == SPIN_OK && n == 0)
-        status =
-            spin_not_found("'%s' holds no weights for LPIPS: it takes torchvision's vgg16 or "
-                           "alexnet and the linear heads of the lpips package for the same network",
-                           folder);
+        status = spin_not_found(
+            "'%s' holds no LPIPS weights: put torchvision's vgg16 or alexnet there, and "
+            "the linear heads of the lpips package for the same network",
+            folder);
     for (int k = 0; k < SPIN_N_LPIPS; k++) {
         free(found.backbone[k]);
         free(found.lin[k]);
@@ -267,23 +265,23 @@ spin_status spin_lpips_find(const char *folder, int n_threads, struct spin_lpips
     return status;
 }
 
-/* ---- Convolution
- * ---------------------------------------------------------------------------------- */
+/* ---- Convolution ----------------------------------------------------------------------------- */
 
-/* Out [n_out][pixels] = weights [n_out][terms] x patches [terms][pixels], a term being an input
- * channel and a place in the kernel. A task is COLUMNS pixels; terms are taken DEPTH at a time, so
- * that their patches stay in the cache. Every output is one sum in the order of the terms, whatever
- * the number of threads. */
+/* Out [n_out][pixels] = weights [n_out][terms] x patches [terms][pixels], where a term is an input
+ * channel and a position in the kernel. A task is COLUMNS pixels; terms are processed DEPTH at a
+ * time, so that their patches stay in cache. Every output is one sum in the order of the terms, for
+ * any number of threads. */
 enum { COLUMNS = 96, DEPTH = 256, MOST_OUT = 512, SCRATCH = (DEPTH + MOST_OUT) * COLUMNS };
 
 struct convolution {
     const struct layer *layer;
-    const float *weights, *bias, *in; /* in [n_in][in_height][in_width], with its border of zeros */
+    /* in [n_in][in_height][in_width], padded with zeros */
+    const float *weights, *bias, *in;
     float *out, *scratch;
-    size_t in_width, in_height, out_width, plane; /* plane: pixels that come out */
+    size_t in_width, in_height, out_width, plane; /* plane: number of output pixels */
 };
 
-/* What term k meets at pixels [first, first + n) of the output. */
+/* The inputs that term k multiplies, for output pixels [first, first + n). */
 static void take_patches(const struct convolution *c, size_t k, size_t first, size_t n, float *to)
 {
     size_t side = (size_t)c->layer->kernel, stride = (size_t)c->layer->stride;
@@ -322,7 +320,7 @@ static void convolve_block(void *context, size_t first, size_t end)
         memcpy(c->out + row * c->plane + first, sums + row * COLUMNS, n * sizeof *sums);
 }
 
-/* Layer i with its ReLU, of a picture of this size. */
+/* Layer i with its ReLU, for an input of width x height. */
 static void convolve(struct spin_lpips *l, int i, int width, int height, const float *in,
                      float *out)
 {
@@ -346,8 +344,7 @@ static void convolve(struct spin_lpips *l, int i, int width, int height, const f
     spin_pool_rows(l->pool, c.plane, COLUMNS, convolve_block, &c);
 }
 
-/* ---- Room for pictures of one size
- * ---------------------------------------------------------------- */
+/* ---- Buffers for images of one size ---------------------------------------------------------- */
 
 static void drop_plan(struct spin_lpips *l)
 {
@@ -399,7 +396,7 @@ static spin_status plan_layers(struct spin_lpips *l, int width, int height)
 static spin_status plan(struct spin_lpips *l, int width, int height)
 {
     if (width < SPIN_LPIPS_SMALLEST || height < SPIN_LPIPS_SMALLEST)
-        return spin_unsupported("LPIPS needs pictures of %d x %d pixels at least, not %d x %d",
+        return spin_unsupported("LPIPS needs images of at least %d x %d pixels, not %d x %d",
                                 SPIN_LPIPS_SMALLEST, SPIN_LPIPS_SMALLEST, width, height);
     if (l->width == width && l->height == height)
         return SPIN_OK;
@@ -425,8 +422,7 @@ void spin_lpips_close(struct spin_lpips *l)
     free(l);
 }
 
-/* ---- Features and their distance
- * ------------------------------------------------------------------ */
+/* ---- Features and their distance ------------------------------------------------------------- */
 
 static void max_pool(int n, int width, int height, int window, const float *in, float *out)
 {
@@ -481,7 +477,7 @@ static void run_network(struct spin_lpips *l, const float *image, float *const *
     }
 }
 
-/* Sum over a block of pixels; planes are `plane` apart. */
+/* Sum over a block of n pixels; planes are `plane` apart. */
 static double block_distance(int n_channels, size_t plane, size_t n, const float *f, const float *g,
                              const float *lin)
 {

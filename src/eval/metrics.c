@@ -1,4 +1,4 @@
-/* Evaluation: draw every view, compare, average. */
+/* Evaluation: render every view, compare, average. */
 #include "eval/metrics.h"
 
 #include "base/base.h"
@@ -23,7 +23,7 @@ spin_status spin_write_beside(const char *path, int width, int height, const flo
     return spin_image_save(path, (int)whole, height, sheet, false);
 }
 
-/* The source's picture of the same view, when there is a source to show. */
+/* Renders the same view of the source; NULL if there is no source to show. */
 static spin_status draw_source(struct spin_metrics *m, const struct spin_pair *pair, float **out)
 {
     const struct spin_camera *c = &m->clip->views.view[pair->view].camera;
@@ -65,8 +65,8 @@ static spin_status show(struct spin_metrics *m, int frame)
     return spin_player_show(m->player, index);
 }
 
-/* PSNR of the whole picture, and in and outside the mask, of views that have enough of both to say
- * something. */
+/* PSNR of the whole image, and inside and outside the mask where there are enough pixels to be
+ * meaningful. */
 static void set_quality(const double v[SPIN_MEASURE_VALUES], double plane, bool regions,
                         double n_dynamic, struct spin_quality *q)
 {
@@ -92,7 +92,7 @@ static void set_quality(const double v[SPIN_MEASURE_VALUES], double plane, bool 
         q->psnr_static = spin_psnr(v[SPIN_MEASURE_OUTSIDE] / (3 * (plane - n_dynamic)));
 }
 
-/* Leaves the picture on the device. */
+/* Renders view i; the image stays on the device. */
 static spin_status draw_one(struct spin_metrics *m, size_t i)
 {
     const struct spin_pair *pair = &m->pairs[i];
@@ -112,13 +112,13 @@ static spin_status draw_one(struct spin_metrics *m, size_t i)
     return SPIN_OK;
 }
 
-/* Pictures of a view on the host. */
+/* Images of a view on the host. */
 struct pictures {
     float *image, *truth; /* [3][h][w] */
-    uint8_t *rgb8, *mask; /* [h][w][3]; a bit a pixel */
+    uint8_t *rgb8, *mask; /* [h][w][3]; one bit per pixel */
 };
 
-/* The photograph, and where it shows something that moves. */
+/* Loads the ground truth and, if `regions`, its dynamic mask. */
 static spin_status load_photo(struct spin_metrics *m, size_t view, size_t plane, bool regions,
                               struct pictures *p, size_t *n_dynamic)
 {
@@ -131,11 +131,10 @@ static spin_status load_photo(struct spin_metrics *m, size_t view, size_t plane,
     return SPIN_OK;
 }
 
-/* ---- A subject alone ---------------------------------------------------------------------------
- */
+/* ---- The subject only ------------------------------------------------------------------------ */
 
-/* Pixels of the mask [h][w], grown by half the window of SSIM: elsewhere two pictures of one
- * subject on one background are the same in every window. */
+/* Number of pixels of the mask [h][w] dilated by half the SSIM window. SSIM is 1 outside, where the
+ * windows of both images contain only background. */
 static size_t count_grown(const uint8_t *mask, int width, int height)
 {
     size_t n = 0;
@@ -153,7 +152,8 @@ static size_t count_grown(const uint8_t *mask, int width, int height)
     return n;
 }
 
-/* Photograph and picture become background outside the mask; then what differs is the subject's. */
+/* Replaces everything outside the mask by the background, in ground truth and rendered image; the
+ * remaining differences are those of the subject. */
 static spin_status measure_subject(struct spin_metrics *m, const struct spin_camera *c, size_t view,
                                    struct pictures *p, struct spin_quality *q)
 {
@@ -187,13 +187,14 @@ static spin_status measure_subject(struct spin_metrics *m, const struct spin_cam
     return SPIN_OK;
 }
 
-/* What a view tells. */
+/* Result of a view. */
 struct measured {
     struct spin_eval_view view;
     struct spin_colour_sums sums;
 };
 
-/* The same view over one minus the background, against the same photograph. */
+/* Renders the same view over one minus the background and compares it with the same ground
+ * truth. */
 static spin_status measure_opposite(struct spin_metrics *m, const struct spin_camera *c,
                                     const uint8_t *rgb8, double *psnr)
 {
@@ -241,8 +242,7 @@ static spin_status measure_one(struct spin_metrics *m, size_t i, struct pictures
     return SPIN_OK;
 }
 
-/* ---- Means --------------------------------------------------------------------------------------
- */
+/* ---- Means ----------------------------------------------------------------------------------- */
 
 static void add_one(double value, double *sum, size_t *n)
 {
@@ -301,13 +301,12 @@ struct spin_quality spin_eval_mean(const struct spin_eval_report *r, const int *
     return spin_quality_mean(&sum);
 }
 
-/* ---- All views ----------------------------------------------------------------------------------
- */
+/* ---- All views ------------------------------------------------------------------------------- */
 
 int spin_metrics_rank(int frame) { return frame % spin_n_ranks(); }
 
-/* The views that each rank measured become everybody's, in *view [n_pairs], and the times are added
- * up. */
+/* Distributes the views that each rank measured to all ranks, in *view [n_pairs], and adds up the
+ * times. */
 static spin_status merge_views(struct spin_metrics *m, struct measured *view)
 {
     SPIN_FREED struct times {
@@ -334,7 +333,8 @@ static spin_status merge_views(struct spin_metrics *m, struct measured *view)
     return SPIN_OK;
 }
 
-/* Of a subject alone none is known: the background around it would be fitted too. */
+/* Adds the PSNR after the photometric fit. NaN for a subject, since the fit would include the
+ * background around it. */
 static spin_status add_fitted(struct measured *view, size_t n, bool subject)
 {
     SPIN_FREED struct spin_colour_sums *sums = NULL;

@@ -1,7 +1,7 @@
 #!/bin/sh
-# pack.sh BUILD_DIR FOLDER: the kit for a machine with a card and little else, as FOLDER/spin4d-card.tar.xz: programs,
-# their libraries but the C library's, the kernels, what the tests read, and run.sh. At most 24 MiB.
-# `make card-kit` builds what it needs first.
+# pack.sh BUILD_DIR FOLDER: packs a test kit for a machine with a GPU and little else as
+# FOLDER/spin4d-card.tar.xz: programs, their libraries except the C library, the kernels, the
+# tests' fixtures, and run.sh. At most 24 MiB. `make card-kit` first builds what it needs.
 B=${1:?usage: pack.sh BUILD_DIR FOLDER}
 to=${2:?usage: pack.sh BUILD_DIR FOLDER}
 MOST=$((24 << 20))
@@ -28,7 +28,7 @@ for program in tests/card/t-card tests/bench/bench bin/spin-import bin/spin-retr
 done
 strip -o "$kit/lib/spin-cuda.so" "$kernels" && strip -o "$kit/lib/spin-image-plain.so" "$B/lib/spin-image-plain.so" || exit 1
 
-# All but what comes with the C library.
+# All libraries except those of the C library.
 ldd "$kit"/bin/* "$kit"/lib/*.so | awk '$2 == "=>" && $3 ~ /^\// { print $3 }' | sort -u |
     grep -v -E '/(libc|libm|libdl|libpthread|librt|ld-linux[^/]*)\.so' >"$to/libraries" || fail "ldd found no libraries"
 while read -r library; do

@@ -1,17 +1,20 @@
 #!/bin/sh
-# run.sh [1] [2] [3]: what a card does, from the kit that tests/card/pack.sh made, in three parts of at most nine minutes;
-# without a number all three. Nothing is installed and nothing is taken from the environment but PATH. Each line says
-# what was done, what it must show and the verdict; the last one counts them. All output goes to the folder card-out
-# where it is called: send that back, with what is on the screen.
+# run.sh [1] [2] [3]: tests a GPU with the kit that tests/card/pack.sh made, in three parts of at
+# most nine minutes each (default: all three). Nothing is installed, and only PATH and HOME are
+# taken from the environment. Each line names the verdict, the test and its criterion; the last
+# line counts the verdicts. All output goes to card-out in the current folder: send it back,
+# together with the screen output.
 #
-# Part 1: the tests of every operation beside golden values and the CPU, and how long they take.
-# Part 2: the same under NVIDIA's compute-sanitizer, if it is here: memory, races, barriers, what was never set.
-# Part 3: metrics of the kernels by NVIDIA's ncu, if it is here; trainings beside the CPU's; the same bits twice.
+# Part 1: the tests of every operation against golden values and the CPU, with timings.
+# Part 2: the same under NVIDIA's compute-sanitizer, if installed: memory, races, barriers,
+# uninitialised memory.
+# Part 3: kernel metrics by NVIDIA's ncu, if installed; trainings compared with the CPU's;
+# determinism.
 #
-# CARD_SHORT=1: small sizes, as the emulation needs; CARD_SHIM: another spin-cuda.so.
+# CARD_SHORT=1: small sizes, for the emulation; CARD_SHIM: another spin-cuda.so.
 here=$(cd "$(dirname "$0")" && pwd)
 out=$PWD/card-out
-LIMIT=540 # seconds of a part
+LIMIT=540 # seconds per part
 
 if [ -z "$CARD_CLEAN" ]; then
     exec env -i CARD_CLEAN=1 CARD_SHORT="$CARD_SHORT" CARD_SHIM="$CARD_SHIM" HOME="${HOME:-/tmp}" \
@@ -31,7 +34,8 @@ verdict() { # ok|FAIL|left WHAT
     printf '%-6s %s\n' "$1" "$2" | tee -a "$out/verdicts.txt"
 }
 
-# check NAME WHAT COMMAND...: must end with exit code 0 in what is left of the part's time.
+# check NAME WHAT COMMAND...: the command must end with exit code 0 within the remaining time of
+# the part.
 check() {
     name=$1 what=$2
     shift 2
@@ -53,7 +57,7 @@ check() {
     return $code
 }
 
-# program NAME ARGUMENTS: one of the tests.
+# program NAME ARGUMENTS: runs one of the tests.
 program() {
     name=$1
     shift
@@ -131,11 +135,11 @@ part_3() {
     done
     if [ -f "$out/cuda.spin" ] && [ -f "$out/cpu.spin" ]; then
         a=$(psnr_of "$out/cuda.spin") b=$(psnr_of "$out/cpu.spin")
-        # Of the CPU's own code paths two are 0.075 dB apart here.
+        # Two SIMD paths of the CPU differ by 0.075 dB here.
         if awk -v a="$a" -v b="$b" 'BEGIN { exit !(a > 0 && b > 0 && a - b < 0.15 && b - a < 0.15) }'; then
-            verdict ok "test PSNR on the card $a, on the CPU $b: within 0.15 dB"
+            verdict ok "test PSNR on the GPU $a, on the CPU $b: within 0.15 dB"
         else
-            verdict FAIL "test PSNR on the card $a, on the CPU $b: more than 0.15 dB apart"
+            verdict FAIL "test PSNR on the GPU $a, on the CPU $b: more than 0.15 dB apart"
         fi
     fi
     if [ -f "$out/first.spin" ] && [ -f "$out/second.spin" ]; then

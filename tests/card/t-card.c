@@ -1,13 +1,14 @@
-/* Every verb of a card beside the CPU's, on random input: `t-card [SPLATS [WIDTH HEIGHT]]`. A verb
- * gets the same arrays on both; then the CPU's results go on. It prints how far the results are
- * apart, and the milliseconds of the second call. K: device cuda card
+/* Compares every verb of a GPU with the CPU's, on random input: `t-card [SPLATS [WIDTH HEIGHT]]`. A
+ * verb gets the same arrays on both; the next verbs use the CPU's results. Prints the difference of
+ * the results, and the milliseconds of the second call.
+ * K: device cuda
  *
- * It needs nothing but a C compiler and nvcc:
- *     nvcc -std=c++20 -O3 -arch=native -Isrc -I. -Xcompiler -fPIC,-fvisibility=hidden -shared -o spin-cuda.so \
- *         $(ls src/device/cuda/[!n]*.cu)
- *     gcc -O3 -march=native -std=gnu11 -D_GNU_SOURCE -DSPIN_CPU_PATH=base -fno-math-errno -Isrc -I. -o t-card \
- *         tests/card/t-card.c src/base/{err,log,mem,pool,shim,text}.c src/device/device.c \
- *         $(find src/device/cpu -name '[a-z]*.c') -pthread -ldl -lm
+ * It needs only a C compiler and nvcc:
+ *     nvcc -std=c++20 -O3 -arch=native -Isrc -I. -Xcompiler -fPIC,-fvisibility=hidden -shared \
+ *         -o spin-cuda.so $(ls src/device/cuda/[!n]*.cu)
+ *     gcc -O3 -march=native -std=gnu11 -D_GNU_SOURCE -DSPIN_CPU_PATH=base -fno-math-errno -Isrc \
+ *         -I. -o t-card tests/card/t-card.c src/base/{err,log,mem,pool,shim,text}.c \
+ *         src/device/device.c $(find src/device/cpu -name '[a-z]*.c') -pthread -ldl -lm
  *     SPIN_CUDA_SHIM=$PWD/spin-cuda.so ./t-card 450000 */
 
 #include "base/log.h"
@@ -15,7 +16,7 @@
 #include "tests/tap.h"
 
 enum { FRAMES = 2, VIEWS = 2, LEVELS = 16, WIDTH_OF_Z = 4 * LEVELS, HIDDEN = 64, TRACKS = 100 };
-static size_t n = 20000; /* splats of a frame */
+static size_t n = 20000; /* splats per frame */
 static int width = 320, height = 180;
 
 /* ---- Arrays, on the host and on each device -------------------------------------------------- */
@@ -71,7 +72,7 @@ static const size_t kind_bytes[] = {4, 4, 8, 1, sizeof(struct spin_splat2d)};
 static struct {
     enum kind kind;
     size_t n;
-    char *host, *got; /* the CPU's, and what the card made */
+    char *host, *got; /* results of the CPU and of the GPU */
 } array[ARRAYS];
 
 struct side {
@@ -128,7 +129,7 @@ static void close_side(struct side *s)
     spin_device_close(&s->d);
 }
 
-/* ---- What the arrays are --------------------------------------------------------------------- */
+/* ---- Contents of the arrays ------------------------------------------------------------------ */
 
 static void make_grid(void)
 {
@@ -238,7 +239,7 @@ static void make_arrays(void)
     make(NO_NUMBER, FLOATS, 1, NAN, NAN);
     for (size_t i = 0; i < all; i++)
         ((uint32_t *)array[TRACK].host)[i] = i % n < TRACKS ? (uint32_t)(i % n) : SPIN_NO_TRACK;
-    for (int i = 0; i < SPIN_HEADS; i++) /* the scales' last biases: splats of some pixels */
+    for (int i = 0; i < SPIN_HEADS; i++) /* last biases of the scale head: splats of some pixels */
         for (size_t b = 0; i == SPIN_HEAD_SCALE && b < 3; b++)
             ((float *)array[HEADS].host)[heads.offset[1] - 1 - b] = -5 - logf((float)n / 2e4f) / 3;
     attr = (float *)array[ATTR].host;
@@ -306,7 +307,7 @@ VERB(tracks_back)
 
     return OP(tracks_back, &b, &t);
 }
-/* Tracks that are 4D splats, whose splats have nothing of their own. */
+/* Tracks that are 4D splats, whose splats have no values of their own. */
 static struct spin_frame_batch rows_of(struct side *s)
 {
     struct spin_frame_batch b = frames_of(s, true);
@@ -417,7 +418,7 @@ VERB(nonzero_grad)
     struct spin_active active = active_of(s);
 
     for (int f = 0; f < FRAMES; f++)
-        b.frame[f].d_means = NULL; /* of which all have some here */
+        b.frame[f].d_means = NULL; /* all d_means are nonzero here */
     return OP(nonzero_grad, &b, s->at[D_ATTR], &active);
 }
 VERB(regularise_back)
@@ -515,13 +516,13 @@ VERB(measure)
     return OP(measure, &views, &images, s->at[IMAGE], s->at[MEASURED]);
 }
 
-/* In an order in which each has what it needs. Of results with thresholds in them (a splat of a
- * pixel counts or not) the tolerance is wider. */
+/* In an order in which each verb has its input. Tolerances are wider for results that depend on
+ * thresholds (a splat contributes to a pixel or not). */
 static const struct {
     const char *name;
     spin_status (*run)(struct side *s, struct spin_device *d);
-    double tolerance; /* of the root mean square of the difference, by that of the result */
-    int out[4];       /* arrays it writes; then -1 */
+    double tolerance; /* of the RMS difference, relative to the RMS of the result */
+    int out[4];       /* arrays it writes; terminated by -1 */
 } verbs[] = {
     {"tracks", do_tracks, 1e-6, {D_MEANS, D_OWN, -1}},
     {"tracks_back", do_tracks_back, 1e-6, {D_TRACK_VALUES, -1}},
@@ -561,8 +562,8 @@ static const struct {
 
 /* ---- Comparing ------------------------------------------------------------------------------- */
 
-/* Value i of an array, as far as it is one number: of a projected splat its place, conic and
- * opacity, if it is seen. */
+/* Value i of an array as a number: of a projected splat its position, conic and opacity, if it is
+ * visible. */
 static double value_of(const char *at, enum kind kind, size_t i)
 {
     const struct spin_splat2d *s;
@@ -584,7 +585,7 @@ static double value_of(const char *at, enum kind kind, size_t i)
     }
 }
 
-/* Root mean square of the difference of an array, by that of the CPU's; NaN counts as infinite. */
+/* RMS difference of an array, relative to the RMS of the CPU's; NaN counts as infinite. */
 static double apart(enum array a)
 {
     double square = 0, off = 0;
@@ -677,7 +678,8 @@ int main(int argc, char **argv)
     }
     ok(good, "opens: %s", good ? card.d.description : spin_last_error());
     for (int v = 0; good && v < (int)(sizeof verbs / sizeof *verbs); v++) {
-        good = compare(v) || card.d.op->wait(&card.d) == SPIN_OK; /* a card that failed stays so */
+        good = compare(v) || card.d.op->wait(&card.d) == SPIN_OK; /* a GPU that failed stays
+                                                                   * unusable */
         if (verbs[v].run == do_copy_rows)
             clear(D_MEANS);
     }

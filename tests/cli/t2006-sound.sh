@@ -148,7 +148,7 @@ run "$bin/spin-import" "$work/wide.ply" --data "$work/away" -o "$work/wide.spin"
 is "$code" 0 "imports splats as large as the picture"
 run "$bin/spin-export" "$work/wide.spin" --to images -o "$work/wide" --views all
 fails 1 spin-export "more pairs than there may be"
-err_has "318504960 pairs of splats and tiles are more than" "they are counted"
+err_has "318504960 pairs of splats and tiles exceed the limit of" "they are counted"
 nothing_at "$work/wide/" "no picture"
 
 # Nothing to resume is no error, as a script may always say --resume; but it is said.

@@ -27,7 +27,7 @@ fails 1 spin-retrain "a card without memory"
 err_has "memory" "and it says what is missing"
 SPIN_EMU_FULL=20 run "$bin/spin-retrain" "$in" -o "$work/poor.spin" $small --iterations 4 -q
 fails 1 spin-retrain "a card whose memory others take"
-err_has "out of memory on the CUDA device (emulated): [0-9]* bytes are wanted, [0-9]* are free" "and it says how much"
+err_has "out of memory on the CUDA device (emulated): [0-9]* bytes requested, [0-9]* free" "and it says how much"
 [ ! -e "$work/poor.spin" ]
 ok $? "and leaves nothing"
 
@@ -71,15 +71,15 @@ else
 fi
 
 SPIN_EMU_CARDS=0 run "$bin/spin-retrain" "$in" --dry-run $small -v
-err_has "device auto: the cpu, as: no CUDA device: no CUDA-capable device" "auto without a card says why"
+err_has "device auto: using the CPU: no CUDA device: no CUDA-capable device" "auto without a card says why"
 out_has "^device  *cpu" "and takes the CPU"
 SPIN_EMU_OLD=1 SPIN_EMU_CARDS=2 run "$bin/spin-retrain" "$in" --dry-run $small -v
 err_has "device auto: cuda (emulated)" "of two cards the first has no code: auto takes the other"
 SPIN_EMU_OLD=1 run "$bin/spin-retrain" "$in" --dry-run $small
-err_has "device auto: the cpu, as: no CUDA device: card 0: no kernel image" "a card that is left idle is told without -v"
+err_has "device auto: using the CPU: no CUDA device: GPU 0: no kernel image" "a card that is left idle is told without -v"
 out_has "^device  *cpu" "and auto takes the CPU"
 SPIN_EMU_CARDS=old run "$bin/spin-retrain" "$in" --dry-run $small
-err_has "device auto: the cpu, as: no CUDA device: .*driver version is insufficient" "and so is a driver that is too old"
+err_has "device auto: using the CPU: no CUDA device: .*driver version is insufficient" "and so is a driver that is too old"
 SPIN_EMU_CARDS=0 run "$bin/spin-retrain" "$in" --dry-run $small
 grep -q "device auto" "$work/err"
 is $? 1 "where there is no card, nothing is said"

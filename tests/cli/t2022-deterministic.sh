@@ -34,7 +34,7 @@ for order in reverse shuffle:5; do
 done
 SPIN_EMU_LOST=700 retrain reverse lost --device cuda --deterministic --save-every 1
 is "$code" 1 "a card is lost, and says so"
-err_has "the card is lost; the checkpoint of iteration [1-9] is kept" "with a state kept"
+err_has "the GPU is lost; the checkpoint of iteration [1-9] is kept" "with a state kept"
 grep -q 'table/last' "$work/lost.spin.part"
 ok $? "that has the steps of the table's lines"
 retrain shuffle:9 lost --device cuda --deterministic --save-every 1 --resume

@@ -189,7 +189,7 @@ for n in 3 20 34 47 52; do # from the splats to what a verb wants for itself
     gone "refining, block $n is too much" "$work/full.spin"
     err_has "frame 0: .*out of memory" "refining, block $n is too much: it says so"
     nothing_at "$work/full.spin" "refining, block $n is too much: nothing is left"
-    grep -q "an operation wants" "$work/err" && found=1
+    grep -q "an operation needs" "$work/err" && found=1
 done
 is $found 1 "one of these blocks is what a verb wants for itself"
 found=0
@@ -204,7 +204,7 @@ for n in 3 400 1000 1500; do
     rm -rf "$work"/lost.spin*
     SPIN_EMU_LOST=$n retrain lost cuda --method frames --refine 30 --range 0:2 --test-cams 0 -q
     gone "refining, lost at $n" "$work/lost.spin"
-    err_has "frame [01]: the CUDA device failed: emulated: the card is lost" "refining, lost at $n: it says so"
+    err_has "frame [01]: the CUDA device failed: emulated: the GPU is lost" "refining, lost at $n: it says so"
 done
 err_has "frame 1: .*; the frames refined so far are kept in .*lost.spin.parts': go on with --resume" "one frame is kept"
 run "$bin/spin-retrain" "$in" -o "$work/lost.spin" --device cuda --scale 0.1 --method frames --refine 30 --range 0:2 \
@@ -220,7 +220,7 @@ for to in ply images gltf html ${video:+video}; do
         SPIN_EMU_LOST=$n run "$bin/spin-export" "$work/net.spin" --to $to -o "$work/lost-$to$end" --device cuda -q
         [ "$code" = 0 ] && break # it had done all by then
         fails 1 spin-export "$to, lost at $n"
-        err_has "the CUDA device failed: emulated: the card is lost" "$to, lost at $n: it says so"
+        err_has "the CUDA device failed: emulated: the GPU is lost" "$to, lost at $n: it says so"
         if [ $to = images ]; then # pictures that were done stay
             is "$(find "$work" -path "*lost-images*" -type f ! -name '*.png' | wc -l)" 0 "$to, lost at $n: nothing half written"
         else
@@ -233,7 +233,7 @@ for to in ply images gltf html ${video:+video}; do
 done
 SPIN_EMU_LOST=60 run "$bin/spin-eval" "$work/net.spin" --device cuda --scale 0.1 -q
 fails 1 spin-eval "a card that is lost while it measures"
-err_has "the CUDA device failed: emulated: the card is lost" "and it says so"
+err_has "the CUDA device failed: emulated: the GPU is lost" "and it says so"
 SPIN_EMU_FULL=6 run "$bin/spin-export" "$work/net.spin" --to ply -o "$work/poor" --device cuda -q
 fails 1 spin-export "no memory for an export"
 nothing_at "$work/poor" "no memory for an export: nothing is left"

@@ -22,7 +22,7 @@ kept=0
 for n in 55 60 65 70 75 80 85 90; do # in a verb, which wants memory for itself
     rm -f "$work"/poor.spin*
     SPIN_EMU_FULL=$n run "$bin/spin-retrain" "$in" -o "$work/poor.spin" $small --iterations 4
-    grep -q "emulated: out of memory: an operation wants [0-9]* bytes for itself" "$work/err" && [ "$code" = 1 ] &&
+    grep -q "emulated: out of memory: an operation needs [0-9]* bytes of scratch memory" "$work/err" && [ "$code" = 1 ] &&
         kept=1 && break
 done
 is $kept 1 "a verb without memory ends the run with a message"
@@ -65,11 +65,11 @@ ok $? "and its PSNR is the CPU's to 0.001 dB"
 
 SPIN_EMU_LOST=1000 run "$bin/spin-retrain" "$in" -o "$work/lost.spin" $small --iterations 3 --device cuda --save-every 1
 is "$code" 1 "a card that is lost ends the training"
-err_has "the CUDA device failed: emulated: the card is lost; .* go on with --resume" "and it says so"
+err_has "the CUDA device failed: emulated: the GPU is lost; .* go on with --resume" "and it says so"
 named=0
 for n in 600 603 800 803; do # in a verb, and not in a copy to the host
     SPIN_CUDA_SYNC=1 SPIN_EMU_LOST=$n run "$bin/spin-retrain" "$in" -o "$work/sync.spin" $small --iterations 3 --device cuda
-    grep -q "the card is lost (in [a-z_]*)" "$work/err" && named=1 && break
+    grep -q "the GPU is lost (in [a-z_]*)" "$work/err" && named=1 && break
     rm -f "$work"/sync.spin*
 done
 is $named 1 "SPIN_CUDA_SYNC=1: and in which operation"

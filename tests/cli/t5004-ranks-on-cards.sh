@@ -55,7 +55,7 @@ for n in 2 3; do
 done
 SPIN_NCCL=0 retrain 2 tracks $tracks --batch 2
 is "$code" 0 "tracks that are densified"
-err_has "${by_host}SPIN_NCCL: it is 0$" "SPIN_NCCL=0 turns NCCL off"
+err_has "${by_host}NCCL is disabled: SPIN_NCCL is 0$" "SPIN_NCCL=0 turns NCCL off"
 [ "$(copied pinned)" -gt 100000 ]
 ok $? "their sums too go through page-locked memory"
 SPIN_EMU_CARDS=2 retrain 2 tracks-linked $tracks --batch 2
@@ -66,7 +66,7 @@ same "tracks" tracks tracks-linked
 
 SPIN_EMU_CARDS=2 SPIN_NCCL=$work/none.so retrain 2 none $network --batch 2
 is "$code" 0 "without libnccl"
-err_has "${by_host}NCCL does not load: .*none.so" "sums go through the host, and -v says why"
+err_has "${by_host}cannot load NCCL: .*none.so" "sums go through the host, and -v says why"
 same "without libnccl" none two
 for name in ncclGetUniqueId ncclCommInitRank ncclAllReduce ncclGroupEnd; do
     began=$(date +%s)
@@ -95,6 +95,6 @@ fail() {
 }
 SPIN_EMU_CARDS=2
 export SPIN_EMU_CARDS
-fail SPIN_EMU_LOST=300 "the card is lost"
+fail SPIN_EMU_LOST=300 "the GPU is lost"
 fail SPIN_EMU_NCCL_FAIL=ncclAllReduce "NCCL failed in ncclAllReduce"
 done_testing

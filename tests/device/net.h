@@ -1,5 +1,5 @@
-/* What the tests of contract, grid, mlp, attr and adam share: each code path of the CPU in turn,
- * random arrays, fixtures. */
+/* Shared by the tests of contract, grid, mlp, activate and adam: iteration over the SIMD paths of
+ * the CPU, random arrays, fixtures. */
 #ifndef SPIN_TESTS_DEVICE_NET_H
 #define SPIN_TESTS_DEVICE_NET_H
 
@@ -9,14 +9,15 @@
 static const char *const net_paths[] = {"base", "v3", "v4"};
 enum { N_NET_PATHS = 3 };
 
-/* Makes path the one that check_device opens; 0 and a skipped line when this machine lacks it. */
+/* Selects the SIMD path that check_device opens. Returns 0 and prints a skipped test if this
+ * machine lacks it. */
 __attribute__((unused)) static int net_path(const char *path)
 {
     struct spin_device d;
     char what[64];
 
     if (!check_device_is_cpu())
-        return strcmp(path, net_paths[0]) == 0; /* another device has one path */
+        return strcmp(path, net_paths[0]) == 0; /* other devices have a single path */
     setenv("SPIN_CPU", path, 1);
     if (spin_device_open("cpu", 1, &d) == SPIN_OK) {
         spin_device_close(&d);
@@ -58,7 +59,7 @@ __attribute__((unused)) static float *net_copy(const float *x, size_t n)
     return y;
 }
 
-/* Every third row of n, ascending; their number. */
+/* Every third row of n, ascending; returns their number. */
 __attribute__((unused)) static size_t net_rows(size_t n, uint32_t **rows)
 {
     size_t n_rows = 0;
@@ -87,7 +88,7 @@ __attribute__((unused)) static size_t net_n_nan(const float *x, size_t n)
     return count;
 }
 
-/* Opens a fixture; 0 and a skipped line when it is missing. */
+/* Opens a fixture. Returns 0 and prints a skipped test if it is missing. */
 __attribute__((unused)) static int net_open(const char *name, struct spin_npz *npz)
 {
     const char *path = check_fixture(name);

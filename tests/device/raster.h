@@ -1,5 +1,5 @@
-/* What the tests of project, tile and blend share: a view with all its arrays, loaded from a
- * fixture or made up, and each code path of the CPU in turn. */
+/* Shared by the tests of project, tile and blend: a view with all its arrays, loaded from a fixture
+ * or random, and iteration over the SIMD paths of the CPU. */
 #ifndef SPIN_TESTS_DEVICE_RASTER_H
 #define SPIN_TESTS_DEVICE_RASTER_H
 
@@ -84,7 +84,7 @@ static inline void view_forward(struct spin_device *d, struct view *v)
              v->final_transmittance, v->last_contributor);
 }
 
-/* After view_forward, from d_image. */
+/* Backward pass from d_image, after view_forward. */
 static inline void view_backward(struct spin_device *d, struct view *v)
 {
     memset(v->d_attr, 0, (size_t)v->n * SPIN_ATTR * sizeof(float));
@@ -95,7 +95,7 @@ static inline void view_backward(struct spin_device *d, struct view *v)
                     v->d_splat2d, v->d_attr, v->d_pos_w);
 }
 
-/* Rows `to` with a column taken from rows of `columns` floats. */
+/* Copies n rows of `columns` floats into rows of `stride` floats, starting at column `at`. */
 static inline void put_columns(float *to, int stride, int at, const float *from, int n, int columns)
 {
     for (int i = 0; i < n; i++)
@@ -126,7 +126,8 @@ static inline void view_load_column(struct view *v, struct spin_npz *npz, const 
     free(values);
 }
 
-/* A render_*.npz with its upstream gradient. False, with a "skip" line, when it is not there. */
+/* Loads a render_*.npz with its upstream gradient. Returns false and prints a skipped test if it is
+ * missing. */
 static inline int view_load(struct view *v, struct spin_npz *npz, const char *name)
 {
     char path[64];
@@ -185,7 +186,7 @@ static inline int view_load(struct view *v, struct spin_npz *npz, const char *na
     return 1;
 }
 
-/* A small generator, the same everywhere. */
+/* A small random generator with the same results on every platform. */
 static inline float random_f(uint64_t *state)
 {
     *state = *state * 6364136223846793005u + 1442695040888963407u;
@@ -222,7 +223,7 @@ static inline struct spin_camera camera_of(int width, int height, double focal)
     return camera;
 }
 
-/* n splats of sizes around `size_px` pixels that fill the picture at depths 2 to 6. */
+/* n splats of about `size_px` pixels that fill the image, at depths 2 to 6. */
 static inline void view_random(struct view *v, const struct spin_camera *camera, int n,
                                float size_px, uint64_t seed)
 {
@@ -251,12 +252,13 @@ static inline void view_random(struct view *v, const struct spin_camera *camera,
         v->background[c] = random_f(&state);
 }
 
-/* The CPU by this code path ("base", "v3", "v4"), or NULL with a "skip" line. */
+/* Opens the CPU with this SIMD path ("base", "v3", "v4"); returns NULL and prints a skipped test if
+ * it is not supported. */
 static inline struct spin_device *device_of_path(const char *path, int n_threads)
 {
     struct spin_device d;
 
-    if (!check_device_is_cpu()) /* it has one path */
+    if (!check_device_is_cpu()) /* other devices have a single path */
         return strcmp(path, "base") == 0 ? check_device(n_threads) : NULL;
     setenv("SPIN_CPU", path, 1);
     if (spin_device_open("cpu", n_threads, &d) != SPIN_OK) {

@@ -1,7 +1,7 @@
-/* The strict device. Its memory is one range of addresses, of which blocks are taken one after the
- * other and never again, so one mprotect() opens or closes all of it, and a released block stays
- * dead. A card has memory that the host cannot touch anyway: there the blocks are the card's own,
- * kept until the end. */
+/* The strict device. Its memory is one range of addresses from which blocks are allocated
+ * consecutively and never reused, so one mprotect() opens or closes all of it, and a released block
+ * stays inaccessible. A GPU's memory is inaccessible to the host anyway: with a GPU inside, the
+ * blocks are the GPU's own, and are kept until the device is closed. */
 #include "tests/device/strict.h"
 
 #include <sys/mman.h>
@@ -11,7 +11,7 @@
 #include "tests/tap.h"
 
 enum { MOST_BLOCKS = 1 << 16, PAGE = 4096 };
-static const size_t range_bytes = (size_t)1 << 34; /* addresses, not memory */
+static const size_t range_bytes = (size_t)1 << 34; /* address space, not memory */
 
 struct entry {
     void (*run)(struct spin_device *inner, void *args);
@@ -21,7 +21,7 @@ struct entry {
 struct strict {
     struct spin_device_ops ops;
     struct spin_device *inner;
-    char *range; /* NULL: blocks are the inner device's */
+    char *range; /* NULL: blocks belong to the inner device */
     size_t used;
     struct block {
         char *at;
@@ -44,7 +44,7 @@ void strict_expect(bool complaints) { expected = complaints; }
 static struct strict *of(const struct spin_device *d) { return d->state; }
 size_t strict_queued(const struct spin_device *d) { return of(d)->n; }
 
-/* A device pointer, NULL or in a living block. */
+/* Checks that a pointer is NULL or points into an unreleased block. */
 static void check(struct spin_device *d, const char *verb, const void *at)
 {
     struct strict *s = of(d);
@@ -81,7 +81,7 @@ static void open_memory(struct strict *s, bool open)
         mprotect(s->range, s->used, open ? PROT_READ | PROT_WRITE : PROT_NONE);
 }
 
-/* Run all that waits, and leave the memory open. */
+/* Runs all queued verbs, and leaves the memory accessible. */
 static void catch_up(struct spin_device *d)
 {
     struct strict *s = of(d);
@@ -107,7 +107,7 @@ static spin_status reserve(struct spin_device *d, size_t bytes, void SPIN_DEV **
     else
         SPIN_TRY(s->inner->op->reserve(s->inner, bytes, out));
     s->block[s->n_blocks++] = (struct block){(char *)*out, bytes, false};
-    s->used += (bytes + 2 * PAGE - 1) / PAGE * PAGE; /* and a page that nobody owns */
+    s->used += (bytes + 2 * PAGE - 1) / PAGE * PAGE; /* plus an unused guard page */
     return SPIN_OK;
 }
 
@@ -203,7 +203,7 @@ static double clock_of(struct spin_device *d, int op)
     return of(d)->inner->op->clock(of(d)->inner, op);
 }
 
-/* ---- Verbs: their arguments, kept ------------------------------------------------------------ */
+/* ---- Verbs: queued with their arguments ------------------------------------------------------ */
 
 /* Kinds of arguments: S a struct, copied; P device memory; V any other value. */
 #define FIELD_S(T) struct T
@@ -276,7 +276,7 @@ static void check_spin_images(struct spin_device *d, const char *verb,
     check(d, verb, (const void *)images->mask);
 }
 
-/* One verb: FIELDS, PARAMS, KEEP, PASS and CHECK are lists that the macros below make. */
+/* Defines one verb. FIELDS, PARAMS, KEPT, PASSED and CHECKS are lists made by the macros below. */
 #define QUEUED(name, FIELDS, PARAMS, KEPT, PASSED, CHECKS)                                         \
     struct args_##name {                                                                           \
         FIELDS                                                                                     \
@@ -443,7 +443,7 @@ static void late_tile_fill(struct spin_device *inner, void *args)
     exit(1);
 }
 
-/* Queued, as on a device that finds no memory only later. */
+/* Queued, like on a device that runs out of memory only later. */
 static spin_status tile_fill(struct spin_device *d, const struct spin_view_batch *views,
                              const struct spin_splat2d SPIN_DEV *splat2d,
                              const struct spin_tiles *tiles)

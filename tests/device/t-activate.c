@@ -1,5 +1,5 @@
-/* Finished attributes: golden values and gradients, differences, threads, extremes; the list of
- * splats with a gradient.
+/* Activated attributes: golden values and gradients, finite differences, threads, extreme values;
+ * the list of rows with a gradient.
  * K: golden attr network threads */
 #include "tests/device/net.h"
 
@@ -129,7 +129,7 @@ static void rows_and_threads(void)
     for (size_t i = 0; i < n; i++)
         if (i % 3 != 1)
             memset(g + i * SPIN_ATTR, 0, SPIN_ATTR * sizeof *g);
-    g[2 * SPIN_ATTR + 5] = -0.0f; /* still nothing */
+    g[2 * SPIN_ATTR + 5] = -0.0f; /* counts as zero */
     for (int k = 0; k < check_n_threads(); k++) {
         struct spin_device *d = check_device(check_thread_counts[k]);
         size_t n_found = on_nonzero_grad(d, n, g, d_pos, found);

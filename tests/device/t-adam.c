@@ -1,10 +1,11 @@
-/* Adam and the schedules: golden values of 12 steps, frames visited now and then, learning rates;
- * the same bits for any number of threads; zeros.
+/* Adam and the schedules: golden values of 12 steps, frames that are visited only in some steps,
+ * learning rates; the same bits for any number of threads; zeros.
  * K: golden adam network threads */
 #include "math/adam.h"
 #include "tests/device/net.h"
 
-/* A gradient whose square vanishes in float32: what follows from it is not for float32. */
+/* Whether a gradient's square underflows in float32: golden values that depend on it cannot be
+ * compared. */
 static int vanishes(const float *grad, size_t n_steps, size_t n, size_t column)
 {
     for (size_t i = 0; i < n_steps; i++) {
@@ -56,7 +57,7 @@ static void golden(const char *path)
     check_device_free(d);
 }
 
-/* A first step is as long as the rate, whatever the gradient. */
+/* The first step has the length of the learning rate, whatever the gradient. */
 static double first_move(const float *p0, const double *p, const double *visited, size_t n_frames,
                          size_t n)
 {
@@ -104,8 +105,8 @@ static void golden_lazy(void)
     check_device_free(d);
 }
 
-/* What a schedule that is straight in the logarithm says at 0 and at `last`, from its ends at[0]
- * and at[n - 1]; the reference's manifest does not name its two rates. */
+/* Value at `when` of a schedule that is linear in the logarithm, from its ends at[0] and at[n - 1];
+ * the reference's manifest does not name the two rates. */
 static double at_line(const double *at, const double *want, size_t n, double when)
 {
     double slope = log(want[n - 1] / want[0]) / (at[n - 1] - at[0]);
@@ -206,7 +207,7 @@ static void sane(void)
     check_device_free(d);
 }
 
-/* Many groups in one call, some empty: each is as if it were alone. */
+/* Many groups in one call, some of them empty, give the same result as separate calls. */
 static void many_groups(void)
 {
     enum { GROUPS = 70, MOST = 700 };
@@ -251,7 +252,7 @@ static void many_groups(void)
     check_device_free(d);
 }
 
-/* NaN and infinity are counted, wherever they stand; what is large or tiny is not. */
+/* NaN and infinity are counted at any position; large and tiny values are not. */
 static void not_finite(void)
 {
     enum { MOST = 200001 };
@@ -271,8 +272,8 @@ static void not_finite(void)
     at = lend(&l, values, sizeof values);
     counted = lend_both(&l, &count, sizeof count);
     d->op->not_finite(d, MOST, at, counted);
-    d->op->not_finite(d, 70000, at + 1, counted); /* up to the second */
-    d->op->not_finite(d, 69999, at + 1, counted); /* and before it */
+    d->op->not_finite(d, 70000, at + 1, counted); /* including the second bad value */
+    d->op->not_finite(d, 69999, at + 1, counted); /* excluding it */
     d->op->not_finite(d, 0, at, counted);
     settle(&l);
     ok(count == 5 + 4 + 1, "not_finite counts NaN and infinity (%u)", count);

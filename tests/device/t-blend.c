@@ -1,11 +1,11 @@
-/* Blending: golden images and gradients of the whole raster chain, the formulas of math/blend.h
- * pixel by pixel, differences, the same bits for any number of threads, bad numbers.
+/* Blending: golden images and gradients of the whole rasteriser, the formulas of math/blend.h pixel
+ * by pixel, finite differences, the same bits for any number of threads, bad values.
  * K: golden blend raster threads */
 #include "math/blend.h"
 #include "math/project.h"
 #include "tests/device/raster.h"
 
-/* Pixels whose outcome hangs on a threshold are left out, as the fixture says. */
+/* Skips pixels that are within rounding of a threshold, as marked in the fixture. */
 static void check_image(struct spin_npz *npz, const struct view *v, const char *key,
                         const float *from, int planes, double tolerance)
 {
@@ -69,7 +69,7 @@ static void golden(struct spin_device *d, const char *name)
     spin_npz_close(&npz);
 }
 
-/* The plain way: every pixel walks its tile's list by the scalar formulas, forth and back. */
+/* Reference: every pixel processes its tile's list by the scalar formulas, forward and backward. */
 static void plain(const struct view *v, float *image, struct spin_blend_sums *sums)
 {
     size_t pixels = view_pixels(v);
@@ -112,8 +112,8 @@ static double most(double so_far, double got, double want)
     return larger(so_far, fabs(got - want));
 }
 
-/* Registers of pixels against single ones. A pixel within rounding of a threshold may fall on
- * either side: at most a few of them, and by no more than the threshold's worth (1/255). */
+/* Compares the vectorised code with the scalar formulas. A pixel within rounding of a threshold may
+ * fall on either side: at most a few do, and each differs by at most the threshold (1/255). */
 static void against_plain(struct spin_device *d, int n, float size_px, const char *what)
 {
     struct spin_camera camera = camera_of(150, 90, 120);
@@ -152,7 +152,7 @@ static void against_plain(struct spin_device *d, int n, float size_px, const cha
             size[3] = most(size[3], sums[i].colour[c], 0);
         }
     }
-    /* sums over up to all pixels of the picture in another order, and the few pixels above */
+    /* sums over up to all pixels of the image in a different order, and the few pixels above */
     near(grads[0] / size[0], 0, 2e-3, "  gradient of the mean");
     near(grads[1] / size[1], 0, 2e-3, "  gradient of the opacity");
     near(grads[2] / size[2], 0, 2e-3, "  gradient of the conic");
@@ -162,7 +162,7 @@ static void against_plain(struct spin_device *d, int n, float size_px, const cha
     view_free(&v);
 }
 
-/* The median depth of a pixel, by another way: the alphas in double. */
+/* The median depth of a pixel, computed differently: with the alphas in double. */
 static double median_at(const struct view *v, int px, int py, double *edge)
 {
     int tile = py / SPIN_TILE * v->cam.tiles_x + px / SPIN_TILE;
@@ -186,7 +186,8 @@ static double median_at(const struct view *v, int px, int py, double *edge)
     return 0;
 }
 
-/* Expected depth: the picture of splats whose colour is their depth, by that of white ones. */
+/* Expected depth is the image of splats whose colour is their depth, divided by that of white
+ * splats. */
 static void depths(struct spin_device *d)
 {
     struct spin_camera camera = camera_of(150, 90, 120);
@@ -247,9 +248,9 @@ static double picture_sum(struct spin_device *d, struct view *v)
     return sum;
 }
 
-/* The whole chain, one group of parameters at a time, along a random direction. Few large, faint
- * splats with the centre of the picture as the upstream gradient: no alpha near 0.99 or 1/255
- * where it counts, no clamped colour, nothing near a tile rectangle's edge. */
+/* The whole rasteriser, one group of parameters at a time, along a random direction. Few large,
+ * faint splats with the centre of the image as upstream gradient: no relevant alpha is near 0.99 or
+ * 1/255, no colour is clamped, and nothing is near the edge of a tile rectangle. */
 static void differences(struct spin_device *d)
 {
     static const struct {
@@ -345,8 +346,8 @@ static void same_bits(const char *path)
     view_free(&one);
 }
 
-/* One bad splat among good ones, in every place: the picture and the others' gradients stay
- * finite. */
+/* One bad splat among good ones, with every value bad in turn: the image and the other splats'
+ * gradients stay finite. */
 static void bad_numbers(struct spin_device *d)
 {
     const float bad[] = {NAN, INFINITY, -INFINITY, 1e30f, -1e30f, 1e-30f, 0};
@@ -377,8 +378,8 @@ static void bad_numbers(struct spin_device *d)
     view_free(&v);
 }
 
-/* One opaque splat: alpha is capped at 0.99, and the second is not added once T would fall below
- * 1e-4. */
+/* Opaque splats: alpha is capped at 0.99, and a splat is not added if transmittance would fall
+ * below 1e-4. */
 static void cap_and_stop(struct spin_device *d)
 {
     struct spin_camera camera = camera_of(17, 17, 20);

@@ -1,5 +1,5 @@
-/* Contraction into the unit cube: golden values and gradients, differences, the same bits for any
- * number of threads, far points.
+/* Contraction to the unit cube: golden values and gradients, finite differences, the same bits for
+ * any number of threads, distant points.
  * K: golden contract network threads */
 #include "math/contract.h"
 #include "tests/device/net.h"
@@ -33,7 +33,7 @@ static void golden(const char *path)
     for (size_t i = 0; i < n; i++) {
         memcpy(got + i * 3, x + i * 4, 3 * sizeof *got);
         memcpy(d_x + i * 4, v + i * 3, 3 * sizeof *got);
-        d_x[i * 4 + 3] = 1e3f; /* the gradient to time is not used */
+        d_x[i * 4 + 3] = 1e3f; /* the gradient with respect to time is not used */
     }
     on_contract_back(d, &identity, n, NULL, mu, d_x, d_mu);
     snprintf(what, sizeof what, "golden normalised (%s)", path);
@@ -87,7 +87,7 @@ static void differences(void)
     check_device_free(d);
 }
 
-/* An ablation: without the contraction points go in as they are, moved and scaled. */
+/* An ablation: without contraction, points are only translated and scaled. */
 static void uncontracted(void)
 {
     struct spin_scene_transform transform = {

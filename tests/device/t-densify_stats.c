@@ -1,5 +1,6 @@
-/* The statistics of densification: the formula of 3DGS, what is not seen is left alone, two views
- * add up, the same bits on every code path and for any number of threads. K: threads refine */
+/* Statistics for densification: the formula of 3DGS; splats that are not visible are unchanged; two
+ * views add up; the same bits on every SIMD path and for any number of threads.
+ * K: threads refine */
 
 #include "tests/device/strict.h"
 #include "tests/device/verbs.h"
@@ -29,8 +30,8 @@ static void check_path(const char *path, int n_threads)
     check_device_free(d);
 }
 
-/* Two frames, three views together on the strict device: each view adds to the splats of its frame.
- */
+/* Two frames and three views in one batch on the strict device: each view adds to the splats of its
+ * frame. */
 static void views_together(void)
 {
     enum { FIRST = 4000, REST = N - FIRST };
@@ -64,7 +65,7 @@ static void views_together(void)
                          lend(&l, d_drawn, sizeof d_drawn));
     settle(&l);
     for (size_t i = 0; i < N; i++) {
-        float times = i < FIRST ? 0.5f : 1; /* the first frame is seen once, the other twice */
+        float times = i < FIRST ? 0.5f : 1; /* the first frame has one view, the other two */
 
         wrong += sum[i] != want_sum[i] * times || (float)seen[i] != (float)want_seen[i] * times;
     }
@@ -78,7 +79,7 @@ TAP_MAIN
     static const char *const paths[] = {"base", "v3", "v4"};
 
     for (int i = 0; i < N; i++) {
-        volatile float x, y, xx, yy; /* one rounding per operation */
+        volatile float x, y, xx, yy; /* volatile: one rounding per operation */
 
         splat2d[i].radius_px = i % 5 - 1;
         d_splat2d[i].u_px = (float)(i * 7919 % 1999) / 1e7f - 1e-4f;

@@ -1,13 +1,13 @@
-/* A camera's gain and offset and its lens's falloff: the formula, its slopes, its gradient against
- * central differences, white, the same bits for any number of threads. K: threads tint lens falloff
- */
+/* A camera's gain and offset and its lens's falloff: the formula, its derivatives, the gradient by
+ * central differences, clipping at white, the same bits for any number of threads.
+ * K: threads tint lens falloff */
 
 #include "math/exposure.h"
 #include "tests/device/verbs.h"
 
 enum { WIDTH = 100, HEIGHT = 50, PIXELS = WIDTH * HEIGHT, VALUES = 2 * SPIN_EXPOSURE };
 
-/* An off-centre principal point, as r is from there. */
+/* The principal point is off-centre, since r is measured from it. */
 static const struct spin_camera_f32 cam = {
     .width = WIDTH, .height = HEIGHT, .cx = 43.5f, .cy = 27.0f};
 static const float exposure[VALUES] = {0.1f,   -0.2f,  0.3f,   0.01f,  -0.02f,  0.05f,
@@ -15,7 +15,7 @@ static const float exposure[VALUES] = {0.1f,   -0.2f,  0.3f,   0.01f,  -0.02f,  
 
 static float image[3 * PIXELS], out[3 * PIXELS], weight[3 * PIXELS], back[3 * PIXELS];
 
-/* In double, from first principles. */
+/* The falloff in double, from the definition. */
 static double falloff(int c, int x, int y)
 {
     double dx = (x + 0.5 - 43.5) / (WIDTH / 2.0), dy = (y + 0.5 - 27.0) / (WIDTH / 2.0);
@@ -70,7 +70,7 @@ static void check_formula(struct spin_device *d, const char *path)
        slope);
 }
 
-/* What is brighter than white shows as white, and learns nothing. */
+/* Values brighter than white are clipped and have no gradient. */
 static void check_white(struct spin_device *d, const char *path)
 {
     float bright[3 * PIXELS], slopes[VALUES] = {0};

@@ -1,12 +1,12 @@
-/* The 4-D hash grid: golden values of two sources, a plain version in double, differences, the
- * same bits for any number of threads and on every code path, points outside, level sizes.
+/* The 4-D hash grid: golden values of two sources, a reference in double, finite differences, the
+ * same bits for any number of threads and on every SIMD path, points outside, level sizes.
  * K: golden encode hash4d grid network threads */
 #include "math/grid.h"
 #include "tests/device/net.h"
 
 /* ---- golden ---------------------------------------------------------------------------------- */
 
-/* scale, res, first rows: of a fixture, under its names. */
+/* The grid of a fixture, with the given names of scale, resolution and first rows. */
 static struct spin_grid grid_of(struct spin_npz *npz, const char *scale_key, const char *res_key,
                                 const char *offset_key, int n_features)
 {
@@ -31,7 +31,7 @@ static struct spin_grid grid_of(struct spin_npz *npz, const char *scale_key, con
     return grid;
 }
 
-/* The first three columns of four. */
+/* Compares the first three of four columns. */
 static void check_space(const float *got, const double *want, size_t n, double tolerance,
                         int relative, const char *what)
 {
@@ -93,7 +93,7 @@ static void golden_core(const char *name, const char *path)
     check_device_free(d);
 }
 
-/* A tolerance of a case's own manifest: a number, or a text that begins with "abs" and one. */
+/* A tolerance from the manifest of a case: a number, or a string "abs NUMBER". */
 static double hash4d_tolerance(const char *name, const char *key)
 {
     char file[96];
@@ -114,7 +114,7 @@ static double hash4d_tolerance(const char *name, const char *key)
     return value;
 }
 
-/* Rows of all corners of the first points, as the fixture lists them. */
+/* Rows of all corners of the first points, as listed in the fixture. */
 static void check_corner_rows(struct spin_npz *npz, const struct spin_grid *grid, const float *x,
                               const char *name)
 {
@@ -194,7 +194,8 @@ static void golden_hash(void)
     if (!net_open("hash4d/hash_index/vectors.npz", &npz))
         return;
     coords = check_load(&npz, "coords", &info);
-    for (size_t k = 0; k < npz.zip.n; k++) { /* mod_2e19: of 2^19 rows; mod_1000003: of so many */
+    for (size_t k = 0; k < npz.zip.n; k++) { /* mod_2e19: tables of 2^19 rows; mod_1000003: of
+                                              * 1000003 rows */
         unsigned power, rows;
         char key[64];
 
@@ -220,9 +221,9 @@ static void golden_hash(void)
     spin_npz_close(&npz);
 }
 
-/* ---- a plain version ------------------------------------------------------------------------- */
+/* ---- reference ------------------------------------------------------------------------------- */
 
-/* Grid of n_levels from base to finest; odd_rows gives hashed levels a size that is no power of
+/* Grid of n_levels from base to finest; odd_rows gives hashed levels a size that is not a power of
  * two. */
 static struct spin_grid make_grid(int n_levels, int n_features, int log2_rows, int odd_rows)
 {
@@ -323,7 +324,7 @@ static void against_plain(int n_features, int odd_rows)
     check_device_free(d);
 }
 
-/* ---- alike ----------------------------------------------------------------------------------- */
+/* ---- same results ---------------------------------------------------------------------------- */
 
 struct run {
     float *z, *d_table, *d_x, *d_table_only;
@@ -375,7 +376,7 @@ static void threads_and_paths(void)
     free(table), free(x), free(g), free(rows);
 }
 
-/* Listed rows are those rows of x_u with compact gradients. */
+/* Listed rows select rows of x_u, and their gradients are compact. */
 static void rows_are_compact(void)
 {
     struct spin_grid grid = make_grid(6, 4, 10, 0);
@@ -401,7 +402,7 @@ static void rows_are_compact(void)
     check_device_free(d);
 }
 
-/* Crowds of points that share a cell, of every size, and points outside between them. */
+/* Groups of every size of points that share a cell, with points outside in between. */
 static void crowds(int n_features)
 {
     struct spin_grid grid = make_grid(5, n_features, 9, 0);
@@ -415,7 +416,7 @@ static void crowds(int n_features)
 
     for (size_t i = 0; i < n; i++)
         for (size_t k = 0; k < 4; k++) {
-            size_t first = i < 96 ? 0 : i - i % (i / 32); /* of its crowd */
+            size_t first = i < 96 ? 0 : i - i % (i / 32); /* first point of its group */
 
             x[i * 4 + k] =
                 i % 37 == 5 ? 1.5f : x[first * 4 + k] * 0.97f + 0.0001f * (float)(i - first);
@@ -435,8 +436,8 @@ static void crowds(int n_features)
 
 /* ---- deterministic --------------------------------------------------------------------------- */
 
-/* Gradients of any size: the same bits every time, and the sums of floats to their rounding. What
- * is not finite stays so, where it falls. */
+/* With gradients of any magnitude: the same bits every time, equal to float sums within rounding.
+ * Nonfinite gradients stay nonfinite in their rows. */
 static void sums_repeat(float size)
 {
     struct spin_grid grid = make_grid(5, 4, 8, 0);
@@ -477,7 +478,7 @@ static void sums_repeat(float size)
     check_device_free(d);
 }
 
-/* ---- sane ------------------------------------------------------------------------------------ */
+/* ---- extreme values -------------------------------------------------------------------------- */
 
 static void sane(void)
 {
@@ -513,7 +514,7 @@ static void sane(void)
     check_device_free(d);
 }
 
-/* The number of rows of these, worked out from the formula of docs/method.md 3.3. */
+/* The total number of rows, from the formula of docs/method.md 3.3. */
 static uint64_t rows_of(int base_space, int base_time, int finest_time, int log2_rows)
 {
     int base[4] = {base_space, base_space, base_space, base_time};

@@ -1,18 +1,18 @@
-/* L1 + SSIM: golden values and gradients, differences, the same bits for any number of threads,
- * PSNR.
+/* L1 + SSIM: golden values and gradients, finite differences, the same bits for any number of
+ * threads, PSNR.
  * K: golden loss raster threads */
 #include "math/loss.h"
 #include "tests/device/raster.h"
 
-/* The variances of a flat picture are differences of nearly equal numbers, and docs/method.md 5
- * asks 3e-4 of it, relative, not the others' absolute 2e-6. */
+/* The variances of a constant image are differences of nearly equal numbers: for these,
+ * docs/method.md 5 requires a relative error of 3e-4 instead of the absolute 2e-6. */
 static double value_tolerance(bool flat, double want)
 {
     double tolerance = check_tolerance("loss.npz", "value_abs", 2e-6);
     return flat ? fmax(tolerance, 3e-4 * fabs(want)) : tolerance;
 }
 
-/* Every channel of one value. */
+/* Whether every channel is constant. */
 static bool is_flat(const float *image, size_t pixels)
 {
     for (size_t i = 0; i < 3 * pixels; i++)
@@ -44,7 +44,7 @@ static void check_value(struct spin_npz *npz, int pair, bool flat, const char *n
     free(want);
 }
 
-/* The device clamps, so what is not clamped comes from the formula alone. */
+/* The device clamps the image, so the unclamped PSNR is computed by the formula alone. */
 static void check_psnr(struct spin_device *d, struct spin_npz *npz, int pair, int w, int h,
                        float *image, const float *truth)
 {
@@ -71,7 +71,7 @@ static void check_psnr(struct spin_device *d, struct spin_npz *npz, int pair, in
     }
 }
 
-/* Of two identical pictures the gradient is 0, left over from terms of 1e-3 that cancel. */
+/* For two identical images the gradient is 0, up to rounding of terms of 1e-3 that cancel. */
 static void check_gradient(bool identical, const float *got, const double *want, size_t n,
                            const char *what)
 {
@@ -82,7 +82,7 @@ static void check_gradient(bool identical, const float *got, const double *want,
                             what);
 }
 
-/* loss = (1 - lambda) l1 + lambda (1 - ssim), which the first pair tells. */
+/* Solves loss = (1 - lambda) l1 + lambda (1 - ssim) of the first pair for lambda. */
 static double lambda_of(struct spin_npz *npz)
 {
     double l1 = one_value(npz, 0, "l1"), ssim = one_value(npz, 0, "ssim");
@@ -117,7 +117,7 @@ static void golden_pair(struct spin_device *d, struct spin_npz *npz, int pair)
     want = check_load(npz, key, NULL);
     check_gradient(identical, d_image, want, (size_t)info.count, key);
     free(want);
-    /* lambda 1 leaves only SSIM: its gradient with the sign turned */
+    /* lambda 1 leaves only SSIM; weight -1 gives its gradient */
     on_loss(d, w, h, image, truth, NULL, 1, -1, values, d_image);
     snprintf(key, sizeof key, "%d_grad_ssim", pair);
     want = check_load(npz, key, NULL);
@@ -148,7 +148,8 @@ static void golden(struct spin_device *d)
     spin_npz_close(&npz);
 }
 
-/* A photograph of bytes is one of floats, and regions are measured apart. */
+/* An image in bytes measures the same as the same image in floats, and the two regions of the mask
+ * are measured separately. */
 static void bytes(struct spin_device *d)
 {
     enum { W = 33, H = 21, N = 3 * W * H };
@@ -183,8 +184,8 @@ static void bytes(struct spin_device *d)
     free(x), free(again), free(y), free(rgb), free(mask);
 }
 
-/* Along a random direction, far from |0|: (L(x + hv) - L(x - hv)) / 2h = g . v; all pixels alike,
- * or each with a weight of its own. */
+/* Central difference along a random direction, away from the kink of |x|: (L(x + hv) - L(x - hv)) /
+ * 2h = g . v; with equal or with individual pixel weights. */
 static void differences(struct spin_device *d, bool weighted)
 {
     enum { W = 37, H = 29, N = 3 * W * H };
@@ -221,8 +222,8 @@ static void differences(struct spin_device *d, bool weighted)
     free(g);
 }
 
-/* What weights mean: 1 is as none, a common factor does nothing, L1 is the weighted mean, and a
- * picture of which only a window counts is not told apart by what lies outside of it. */
+/* Weights: all 1 is the same as none, a common factor has no effect, L1 is the weighted mean, and
+ * pixels outside a window that alone has weight do not matter. */
 static void weights(struct spin_device *d)
 {
     enum { W = 50, H = 61, N = 3 * W * H };
@@ -268,7 +269,7 @@ static void weights(struct spin_device *d)
     free(x), free(y), free(g), free(other), free(one), free(some);
 }
 
-/* Columns in the middle of a wide picture have the gradient that they have in a narrow one. */
+/* The columns in the middle of a wide image have the same gradient as in a narrow image. */
 static void wide(struct spin_device *d)
 {
     enum { W = 600, CUT = 200, H = 30, FAR = 10, ALL = 3 * W * H, PART = 3 * CUT * H };
@@ -325,7 +326,7 @@ static void same_bits(const char *path)
     free(more);
 }
 
-/* Flat images far outside 0..1, and a single pixel. */
+/* Constant images far outside 0..1, and a single pixel. */
 static void extremes(struct spin_device *d)
 {
     enum { W = 20, H = 14, N = 3 * W * H };

@@ -1,4 +1,4 @@
-/* The four heads: golden values and gradients, a plain version in double and its differences for
+/* The four heads: golden values and gradients, a reference in double and its finite differences for
  * several shapes, the same bits for any number of threads, listed rows, NaN.
  * K: golden decoder mlp network threads */
 #include "math/mlp.h"
@@ -25,8 +25,8 @@ static struct spin_heads make_heads(int n_in, int hidden, int relu)
 
 /* ---- golden ---------------------------------------------------------------------------------- */
 
-/* The six pieces of a head under "prefix" + w1, b1, ...; `put` copies fixture to at, else
- * compares. */
+/* The six pieces of a head, named "prefix" + w1, b1, ...: `put` copies them from the fixture to
+ * `at`, otherwise they are compared. */
 static void each_piece(struct spin_npz *npz, const char *prefix, float *at, int put,
                        const char *path)
 {
@@ -52,7 +52,7 @@ static void each_piece(struct spin_npz *npz, const char *prefix, float *at, int 
     }
 }
 
-/* Heads as wide as the fixture's first layer, which is [hidden][in]. */
+/* Heads of the width of the fixture's first layer, which is [hidden][in]. */
 static struct spin_heads heads_of(struct spin_npz *npz, const char *w1, int relu)
 {
     struct spin_array info;
@@ -78,7 +78,7 @@ static void columns_get(float *part, const float *rows, size_t n, int head)
                (size_t)n_out[head] * sizeof *part);
 }
 
-/* The fixture's loss is on the finished attributes, so its upstream gradient goes through
+/* The fixture's loss is on the activated attributes, so its upstream gradient goes through
  * activate_back. */
 static void golden_decoder(const char *path)
 {
@@ -174,7 +174,7 @@ static void golden_relu(const char *path)
     check_device_free(d);
 }
 
-/* ---- a plain version ------------------------------------------------------------------------- */
+/* ---- reference ------------------------------------------------------------------------------- */
 
 static double plain_activation(double x, int relu)
 {
@@ -210,7 +210,7 @@ static void plain(const struct spin_heads *heads, const double *param, const dou
     }
 }
 
-/* d_raw . heads(z) over all rows, with param and z moved by step along their directions. */
+/* d_raw . heads(z) over all rows, with param and z moved by `step` along their directions. */
 static double plain_dot(const struct spin_heads *heads, const float *param,
                         const float *d_param_dir, const float *z, const float *z_dir, size_t n,
                         const float *d_raw, double step)
@@ -242,7 +242,7 @@ static void against_plain(int n_in, int hidden, int relu, size_t n)
     float *d_param = net_floats(n_param), *d_z = net_random(n_z, 4, 8, 9);
     float *direction = net_random(n_param, 5, -1, 1), *z_dir = net_random(n_z, 6, -1, 1);
     double *p = net_take(n_param, sizeof *p), *want = net_take(n * SPIN_ATTR, sizeof *want);
-    double h = relu ? 1e-8 : 1e-6, slope, worst = 0; /* small: a kink must not lie between */
+    double h = relu ? 1e-8 : 1e-6, slope, worst = 0; /* small, so that no kink lies in between */
     struct spin_device *d = check_device(2);
     char what[96];
 
@@ -261,7 +261,7 @@ static void against_plain(int n_in, int hidden, int relu, size_t n)
              relu ? " relu" : "", n);
     check_rel_to_absmax(raw, want, n * SPIN_ATTR, 3e-6, what);
 
-    /* Each head on its own, so that a small one is not lost in the sum; then z. */
+    /* Each head separately, so that a small one is not hidden in the sum; then z. */
     for (int k = 0; k < SPIN_HEADS; k++) {
         float *only = net_floats(n_param);
         size_t from = heads.offset[k], count = heads.offset[k + 1] - from;
@@ -289,7 +289,7 @@ static void against_plain(int n_in, int hidden, int relu, size_t n)
     check_device_free(d);
 }
 
-/* ---- alike ----------------------------------------------------------------------------------- */
+/* ---- same results ---------------------------------------------------------------------------- */
 
 static void threads_same(size_t n)
 {

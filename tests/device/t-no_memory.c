@@ -1,6 +1,7 @@
-/* Every piece of memory that a step wants, missing once: the step fails with a message, and the
- * same device then takes it. And what a step asks of a card: launches, whatever the number of
- * splats, and waits. K: device memory cuda emu */
+/* Every memory allocation of an iteration fails once: the iteration fails with a message, and the
+ * same device then completes it. Also counts the kernel launches of an iteration, which must not
+ * depend on the number of splats, and its waits.
+ * K: device memory cuda emu */
 #include "model/field_eval.h"
 #include "render/raster.h"
 #include "tests/device/raster.h"
@@ -8,13 +9,13 @@
 
 enum { N = 40, W = 24, H = 16, PIXELS = W * H, FRAMES = 2, LEVELS = 3, MOST = 200 };
 
-/* What a step leaves behind. */
+/* The results of an iteration. */
 struct outcome {
     float image[FRAMES][3 * PIXELS], means[FRAMES * N * 3];
     double loss[FRAMES][SPIN_LOSS_VALUES], measured[FRAMES][SPIN_MEASURE_VALUES];
 };
 
-/* Device memory of the step, and the way it goes. The splats are n, N at most. */
+/* Device memory of the iteration. n is the number of splats, at most N. */
 struct step {
     struct spin_device *d;
     size_t n;
@@ -115,7 +116,7 @@ static void close_step(struct step *s)
     spin_field_eval_close(&s->eval, &s->field);
 }
 
-/* Verbs of a step; the last wait is the caller's. */
+/* Runs the verbs of an iteration; the caller does the final wait. */
 static spin_status go(struct step *s)
 {
     struct spin_device *d = s->d;
@@ -184,8 +185,8 @@ static spin_status step(struct spin_device *d, struct outcome *out)
     return status;
 }
 
-/* With so many missing pieces of memory, from the n-th on, on a device of its own. True: none was
- * missing. */
+/* Runs an iteration on a new device on which allocations n to n + missing - 1 fail. Returns true if
+ * none of them was reached. */
 static bool without(int n, int missing, const struct outcome *whole, int *bad)
 {
     static struct outcome out;
@@ -242,7 +243,8 @@ static void no_memory(void)
        "where an operation does not get an eighth more, what it needs will do (%d times)", saved);
 }
 
-/* A step whose card is lost at the n-th piece of work says so. True: it ended before. */
+/* An iteration whose GPU is lost at the n-th operation reports it. Returns true if it finished
+ * before. */
 static bool lost_after(int n, const struct outcome *whole, int *bad)
 {
     static struct outcome out;
@@ -257,13 +259,13 @@ static bool lost_after(int n, const struct outcome *whole, int *bad)
     d->deterministic = true;
     status = step(d, &out);
     *bad += status == SPIN_OK ? memcmp(&out, whole, sizeof out) != 0
-                              : !strstr(spin_last_error(), "the card is lost");
+                              : !strstr(spin_last_error(), "the GPU is lost");
     check_device_free(d);
     unsetenv("SPIN_EMU_LOST");
     return status == SPIN_OK;
 }
 
-/* The last pieces are copies to the host, which only the wait behind them tells of. */
+/* The last operations are copies to the host, whose failure only the following wait reports. */
 static void lost_card(void)
 {
     enum { STRIDE = 16 };
@@ -285,7 +287,7 @@ static void lost_card(void)
        "a card that is lost at the first, the last or any other of %d pieces of work", n);
 }
 
-/* Launches and waits of so many steps with n splats a frame. */
+/* Launches and waits of `steps` iterations with n splats per frame. */
 static void cost(int steps, size_t n, long *launches, long *waits)
 {
     char path[200];

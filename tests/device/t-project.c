@@ -1,9 +1,9 @@
-/* Projection: golden records and gradients of 3-D parameters, differences, the same bits for any
- * number of threads, bad numbers.
+/* Projection: golden splats and gradients of 3-D parameters, finite differences, the same bits for
+ * any number of threads, bad values.
  * K: golden project raster threads */
 #include "tests/device/raster.h"
 
-/* Columns of the visible splats of the record against the fixture. */
+/* Compares columns of the visible splats with the fixture. */
 static void check_visible(struct spin_npz *npz, const struct view *v, const char *key, int columns,
                           double (*get)(const struct spin_splat2d *, int), double abs, double rel)
 {
@@ -36,7 +36,8 @@ static double get_rect(const struct spin_splat2d *s, int c)
     return c == 0 ? s->x0 : c == 1 ? s->y0 : c == 2 ? s->x1 : s->y1;
 }
 
-/* The inverse of a needle's covariance: entries are compared with the largest of the matrix. */
+/* For the inverse of a needle's covariance, errors are relative to the largest entry of the
+ * matrix. */
 static void check_conic(struct spin_npz *npz, const struct view *v, const char *file)
 {
     char what[64];
@@ -82,8 +83,8 @@ static void check_columns(struct spin_npz *npz, const struct view *v, const char
     free(got);
 }
 
-/* Gradients of the 3-D parameters from the fixture's own 2-D gradients, so that only projection is
- * tested here; t-blend.c runs the whole chain. */
+/* Gradients of the 3-D parameters from the fixture's 2-D gradients, so that only the projection is
+ * tested; t-blend.c tests the whole rasteriser. */
 static void golden_backward(struct spin_device *d, struct spin_npz *npz, struct view *v,
                             double tolerance)
 {
@@ -126,7 +127,7 @@ static void golden(struct spin_device *d, const char *name)
     rel = check_tolerance(file, "projection_rel", 1e-5);
     on_project(d, &v.cam, (size_t)v.n, v.pos_w, v.attr, v.degree, v.splat2d);
     check_culled(&npz, &v);
-    /* u, v are sums of terms as large as the picture */
+    /* u, v are sums of terms as large as the image */
     check_visible(&npz, &v, "means2d", 2, get_mean, rel * v.cam.width, rel);
     check_visible(&npz, &v, "depth", 1, get_depth, 1e-6, rel);
     check_visible(&npz, &v, "radius", 1, get_radius, 0, 0);
@@ -138,7 +139,8 @@ static void golden(struct spin_device *d, const char *name)
     spin_npz_close(&npz);
 }
 
-/* A scalar of the records: fixed random weights on every number that has a gradient. */
+/* A scalar function of the projected splats: fixed random weights on every value that has a
+ * gradient. */
 static double weighted(const struct view *v, struct spin_splat2d_grad *weights)
 {
     double sum = 0;
@@ -167,8 +169,8 @@ struct group {
     float step;
 };
 
-/* One splat's parameters of a group moved along a random direction; quaternions along the tangent,
- * because finished ones have unit length. */
+/* Moves one splat's parameters of a group along a random direction; for quaternions along the
+ * tangent, because activated ones have unit length. */
 static void differences_of(struct spin_device *d, struct view *v, const struct group *group)
 {
     uint64_t state = 5;
@@ -224,7 +226,8 @@ static void differences(struct spin_device *d, bool antialias)
     v.cam.antialias = antialias;
     for (int i = 0; i < v.n; i++)
         for (int c = 0; c < 3; c++)
-            v.attr[SPIN_ATTR * i + SPIN_ATTR_SH + c] = 1; /* no channel near its clamp */
+            v.attr[SPIN_ATTR * i + SPIN_ATTR_SH + c] = 1; /* keeps all channels away from the
+                                                           * clamp */
     on_project(d, &v.cam, (size_t)v.n, v.pos_w, v.attr, v.degree, v.splat2d);
     weighted(&v, v.d_splat2d);
     on_project_back(d, &v.cam, (size_t)v.n, v.pos_w, v.attr, v.degree, v.splat2d, v.d_splat2d,
@@ -234,8 +237,8 @@ static void differences(struct spin_device *d, bool antialias)
     view_free(&v);
 }
 
-/* The fade of round splats in the middle of the view is known: s^2 / (s^2 + 0.3) with s in pixels;
- * the rest of the record is as without. */
+/* The anti-aliasing factor of round splats in the centre of the view is known: s^2 / (s^2 + 0.3)
+ * with s in pixels; all other values are unchanged. */
 static void fades(struct spin_device *d)
 {
     struct spin_camera camera = camera_of(96, 80, 90);
@@ -271,7 +274,7 @@ static void fades(struct spin_device *d)
     view_free(&faint);
 }
 
-/* A splat is drawn behind the near plane of its camera. */
+/* A splat is drawn if it is beyond the near plane of its camera. */
 static void near_planes(struct spin_device *d)
 {
     static const double z_near[3] = {0, 0.05, 2};
@@ -296,7 +299,8 @@ static void near_planes(struct spin_device *d)
     }
 }
 
-/* Splats go in blocks: each is what it is alone, and gradients are added to what is there. */
+/* Splats are processed in blocks: each has the same result as on its own, and gradients are added
+ * to the existing values. */
 static void alone(struct spin_device *d)
 {
     enum { N = 70 };
@@ -361,8 +365,8 @@ static void same_bits(const char *path)
     view_free(&one);
 }
 
-/* Every bad number in every place of one splat: it is culled or harmless, its rectangle stays
- * inside the picture, and a culled one gets no gradient. */
+/* With every value of one splat bad in turn: it is culled or harmless, its rectangle stays inside
+ * the image, and a culled splat gets no gradient. */
 static void bad_numbers(struct spin_device *d)
 {
     const float bad[] = {NAN, INFINITY, -INFINITY, 1e30f, -1e30f, 1e-30f, 0, -1};

@@ -1,5 +1,6 @@
-/* A splat's own values beside the heads' outputs, or without any: where they go, back the same way,
- * the same bits for any number of threads. K: threads residual */
+/* A splat's own values, added to the heads' outputs or without any: their columns, the gradient,
+ * the same bits for any number of threads.
+ * K: threads residual */
 
 #include "tests/device/verbs.h"
 
@@ -10,7 +11,7 @@ static float residual[SPIN_RESIDUAL * N], raw[N * SPIN_ATTR], first[N * SPIN_ATT
 static float d_residual[SPIN_RESIDUAL * N], sh[45 * N], d_sh[45 * N];
 static uint32_t rows[ROWS];
 
-/* Every group of own values is a matrix of its own; a row of attributes has columns of all. */
+/* Each group of own values is a separate matrix; a row of attributes has columns of all groups. */
 static bool is_own(int column, size_t sh_width)
 {
     return column < SPIN_ATTR_SH + 3 + (int)sh_width || column == SPIN_ATTR_OPACITY;

@@ -1,4 +1,4 @@
-/* Rows that are copied, and host memory for bytes on their way, on the CPU and on a strict device.
+/* Copying rows, and host memory for transfers, on the CPU and on a strict device.
  * K: device ranks rows */
 #include "tests/device/strict.h"
 #include "tests/device/verbs.h"

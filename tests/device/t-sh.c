@@ -1,4 +1,5 @@
-/* Spherical harmonics: golden colours and gradients of degrees 0 to 3, slopes by differences.
+/* Spherical harmonics: golden colours and gradients of degrees 0 to 3, derivatives by finite
+ * differences.
  * K: golden sh raster */
 #include "math/project.h"
 #include "math/sh.h"

@@ -1,6 +1,6 @@
-/* The strict device itself: it notices what it is there to notice. Views and frames drawn together
- * are those drawn one by one. The renderer and its measurement on the strict device. K: strict
- * device raster threads */
+/* The strict device detects the misuses it is made for. Views and frames in one batch give the same
+ * results as one by one. Renderer and measurement run on the strict device.
+ * K: strict device raster threads */
 #include <signal.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
@@ -17,7 +17,7 @@ enum { N = 40, W = 50, H = 37, PIXELS = W * H };
 
 static volatile float sink;
 
-/* A host that follows a device pointer dies of it. */
+/* A host that dereferences a device pointer is killed. */
 static void dies(void (*misuse)(float *at), float *at, const char *what)
 {
     int status = 0;
@@ -29,7 +29,7 @@ static void dies(void (*misuse)(float *at), float *at, const char *what)
         const struct rlimit none = {0, 0};
 
         setrlimit(RLIMIT_CORE, &none);
-        signal(SIGSEGV, SIG_DFL); /* a sanitizer may have its own */
+        signal(SIGSEGV, SIG_DFL); /* a sanitizer may have installed a handler */
         misuse(at);
         _exit(0);
     }
@@ -83,7 +83,7 @@ static void misuse(void)
     strict_close(d);
 }
 
-/* ---- Together and one by one ----------------------------------------------------------------- */
+/* ---- Batched and one by one ------------------------------------------------------------------ */
 
 struct drawn {
     float image[3][3 * PIXELS], d_attr[2 * N * SPIN_ATTR], d_means[2 * N * 3];
@@ -126,7 +126,7 @@ static void draw(struct spin_device *d, const struct view *v, int at_once, struc
                                sizeof out->image[0]) == SPIN_OK,
                "a picture");
             for (size_t i = (size_t)(3 * W * (H - 5 * (first + k))); i < 3 * PIXELS; i++)
-                out->image[first + k][i] = 0; /* beyond a smaller picture */
+                out->image[first + k][i] = 0; /* beyond a smaller image */
         }
         spin_raster_backward(&r, &views, &frames, attr, 3, d_attr);
     }
@@ -206,7 +206,7 @@ static void renderer(void)
     strict_close(strict);
 }
 
-/* Every row has the mean of all subtracted. */
+/* The mean of all rows is subtracted from each. */
 static void centre(void)
 {
     struct spin_device *d = check_device(1);

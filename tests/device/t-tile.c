@@ -1,5 +1,5 @@
-/* Tile lists: golden depth order, lists against a plain sort, what is left out can not be seen,
- * the same bits for any number of threads, bad numbers.
+/* Tile lists: golden depth order, lists compared with a simple sort, culled pairs are invisible,
+ * the same bits for any number of threads, bad values.
  * K: golden tile raster threads */
 #include "math/blend.h"
 #include "math/tile.h"
@@ -34,7 +34,7 @@ static int inside(const struct spin_splat2d *s, int x, int y)
     return s->radius_px > 0 && x >= s->x0 && x < s->x1 && y >= s->y0 && y < s->y1;
 }
 
-/* The largest exponent (with the opacity) over the pixels of a tile. */
+/* The largest exponent, including the opacity, over the pixels of a tile. */
 static float strongest(const struct view *v, const struct spin_splat2d *s, int tile_x, int tile_y)
 {
     struct spin_blend_splat b =
@@ -47,8 +47,8 @@ static float strongest(const struct view *v, const struct spin_splat2d *s, int t
     return most + b.log2_opacity;
 }
 
-/* Each list is the plain one of the rectangles, in order, less splats that are below 1/255
- * everywhere in the tile. */
+/* Each list equals the simply sorted list of the rectangles, minus splats below 1/255 everywhere in
+ * the tile. */
 static void check_lists(const struct view *v)
 {
     size_t n;
@@ -78,7 +78,7 @@ static void check_lists(const struct view *v)
     free(order);
 }
 
-/* Slots of splats follow each other and there are as many as pairs. */
+/* The slots of consecutive splats are consecutive, one for each pair. */
 static void check_slots(const struct view *v)
 {
     uint32_t *count = take((size_t)v->n, sizeof *count), at = 0;
@@ -95,7 +95,7 @@ static void check_slots(const struct view *v)
     free(count);
 }
 
-/* The same view twice in a batch: slots count from the first of each. */
+/* The same view twice in a batch: slots are counted from the start of each view. */
 static void check_two_views(struct spin_device *d, const struct view *v)
 {
     struct loans l = {.d = d};
@@ -219,7 +219,7 @@ static void same_bits(const char *path)
     view_free(&one);
 }
 
-/* n splats over all 4096 x 4096 tiles of a picture, 2^24 pairs each: counted, never listed. */
+/* n splats that cover all 4096 x 4096 tiles of an image, 2^24 pairs each: counted, never listed. */
 static void too_many(struct spin_device *d)
 {
     struct spin_camera camera = camera_of(16, 16, 20);

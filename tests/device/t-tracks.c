@@ -1,11 +1,12 @@
-/* What splats have from their tracks, and gradients back, against the sums written out; the same
- * bits for any number of threads; on a strict device. K: threads tracks */
+/* Values that splats get from their tracks, and gradients back, compared with the sums written out;
+ * the same bits for any number of threads; on a strict device.
+ * K: threads tracks */
 
 #include "math/quat.h"
 #include "tests/device/strict.h"
 #include "tests/device/verbs.h"
 
-/* Two frames: splats; those with a position and with residual values of their own. */
+/* Two frames: number of splats, and of those with their own position and residual values. */
 enum { FRAMES = 2, TRACKS = 2600, ALL = 2100 + 1500 };
 static const size_t n_of[FRAMES] = {2100, 1500}, n_means[FRAMES] = {1300, 1500},
                     n_residual[FRAMES] = {40, 700};
@@ -127,7 +128,7 @@ static int count_wrong_gradients(bool with_residual)
     return wrong;
 }
 
-/* The place and the opacity of a splat whose track moves, written out; the other values are the
+/* Position and opacity of a splat whose track has motion, written out; the other values are the
  * track's. */
 static double worst_motion(void)
 {
@@ -156,7 +157,8 @@ static double worst_motion(void)
     return worst;
 }
 
-/* Gradients gather as without motion but for the opacity, whose slope is d seen / d whole. */
+/* Gradients are accumulated as without motion, except for the opacity, whose derivative is d faded
+ * opacity / d opacity. */
 static double worst_motion_slope(void)
 {
     double worst = 0;
@@ -179,8 +181,7 @@ static double worst_motion_slope(void)
     return worst;
 }
 
-/* A rotation of a vector by its matrix, and the product of quaternions by the matrix of the first.
- */
+/* Rotation of a vector by its matrix, and product of quaternions by the matrix of the first. */
 static double turned(const float q[4], size_t w, const float *in, size_t c)
 {
     double a = (double)q[0], x = (double)q[1], y = (double)q[2], z = (double)q[3], sum = 0;
@@ -195,7 +196,7 @@ static double turned(const float q[4], size_t w, const float *in, size_t c)
     return sum;
 }
 
-/* Places and rotations that are turned, written out. */
+/* Rotated positions and rotations, written out. */
 static double worst_turn(void)
 {
     double worst = 0;
@@ -224,8 +225,9 @@ static double worst_turn(void)
     return worst;
 }
 
-/* What splats have is linear in the tracks' values v, A v + own, and their gradient is the adjoint
- * of the splats' g: g (A v) = v (A' g), of one track. Returns how far it is off, of all tracks. */
+/* The values of splats are affine in the tracks' values v, A v + own, and the gradient of a track
+ * is the adjoint of the splats' g: g (A v) = v (A' g). Returns the largest error over all
+ * tracks. */
 static double worst_adjoint(void)
 {
     static double of_splats[TRACKS], of_tracks[TRACKS];
@@ -300,7 +302,7 @@ static void check_path(const char *path, int n_threads)
     check_device_free(d);
 }
 
-/* Every third splat has no track; of the others no two of a frame have the same. */
+/* Every third splat has no track; among the others, no two of a frame share one. */
 static void make_tracks(void)
 {
     for (size_t f = 0; f < FRAMES; f++)

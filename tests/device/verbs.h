@@ -1,5 +1,5 @@
-/* Verbs of a device for host arrays: each reserves device memory, uploads, does the verb and
- * downloads what it wrote, so that the tests run on any device. */
+/* Verbs of a device for host arrays: each function reserves device memory, uploads, runs the verb
+ * and downloads what it wrote, so that the tests run on any device. */
 #ifndef SPIN_TESTS_DEVICE_VERBS_H
 #define SPIN_TESTS_DEVICE_VERBS_H
 
@@ -8,11 +8,11 @@
 
 #define VERB __attribute__((unused)) static
 
-/* ---- Arrays that are on the device for the time of one verb ---- */
+/* ---- Arrays that are on the device during one verb ---- */
 
 struct loan {
     void SPIN_DEV *at;
-    void *host; /* where it goes back to, or NULL */
+    void *host; /* downloaded to here, or NULL */
     size_t bytes;
 };
 struct loans {
@@ -42,7 +42,7 @@ static void SPIN_DEV *lend(struct loans *l, const void *host, size_t bytes)
     return host ? lend_to(l, host, NULL, bytes) : NULL;
 }
 
-/* With room for more, which is not numbers. */
+/* With unused capacity behind the data, filled with NaN. */
 static void SPIN_DEV *lend_and_more(struct loans *l, const void *host, size_t bytes, size_t more)
 {
     char *all = malloc(bytes + more);
@@ -55,7 +55,7 @@ static void SPIN_DEV *lend_and_more(struct loans *l, const void *host, size_t by
     return at;
 }
 
-/* What the verb writes or adds to. */
+/* An array that the verb writes or adds to. */
 static void SPIN_DEV *lend_both(struct loans *l, void *host, size_t bytes)
 {
     return host ? lend_to(l, host, host, bytes) : NULL;
@@ -79,7 +79,7 @@ enum { ATTR_BYTES = SPIN_ATTR * 4 };
 
 /* ---- Lists of rows ---- */
 
-/* Rows of the arrays that the list reaches into. */
+/* Number of array rows that the list can refer to. */
 static size_t rows_reach(const uint32_t *rows, size_t n)
 {
     return rows && n > 0 ? (size_t)rows[n - 1] + 1 : n;
@@ -118,7 +118,7 @@ static struct spin_view_batch view_of_camera(const struct spin_camera_f32 *cam, 
     return views;
 }
 
-/* ---- Network ---- */
+/* ---- Field ---- */
 
 VERB void on_contract(struct spin_device *d, const struct spin_scene_transform *transform, size_t n,
                       const float *pos, float t, float *x_u)
@@ -197,7 +197,7 @@ VERB void on_mlp_back(struct spin_device *d, const struct spin_heads *heads, con
                       size_t n_rows, const uint32_t *rows, const float *z, const float *d_raw,
                       float *d_param, float *d_z)
 {
-    enum { MORE = 3 }; /* rows there is room for */
+    enum { MORE = 3 }; /* unused capacity of the list */
     struct loans l = {.d = d};
     struct spin_active active = lend_active(&l, rows, n_rows);
     size_t params = heads->offset[SPIN_HEADS] * sizeof(float);
@@ -288,7 +288,7 @@ VERB void on_regularise_back(struct spin_device *d, size_t n_rows, const uint32_
     settle(&l);
 }
 
-/* Returns how many rows there are. */
+/* Returns the number of rows. */
 VERB size_t on_nonzero_grad(struct spin_device *d, size_t n, const float *d_attr,
                             const float *d_pos, uint32_t *rows)
 {
@@ -368,7 +368,7 @@ VERB void on_densify_stats(struct spin_device *d, const struct spin_camera_f32 *
     settle(&l);
 }
 
-/* The lists of a view's tiles, on the host. */
+/* The tile lists of a view, on the host. */
 struct host_tiles {
     size_t n_intersections;
     uint32_t *intersections; /* allocated by on_tiles() */
@@ -455,7 +455,7 @@ VERB void on_blend_back(struct spin_device *d, const struct spin_camera_f32 *cam
     settle(&l);
 }
 
-/* pixel_weight: of two values, or NULL. */
+/* pixel_weight: at most two distinct values, or NULL. */
 VERB void on_loss(struct spin_device *d, int width, int height, const float *image,
                   const float *truth, const float *pixel_weight, float lambda_dssim, float weight,
                   double values[SPIN_LOSS_VALUES], float *d_image)
@@ -484,7 +484,7 @@ VERB void on_loss(struct spin_device *d, int width, int height, const float *ima
     free(mask);
 }
 
-/* Clamps image. rgb8 or truth, the other is NULL. */
+/* Clamps image. One of rgb8 and truth is NULL. */
 VERB void on_measure(struct spin_device *d, int width, int height, float *image,
                      const uint8_t *rgb8, const float *truth, const uint8_t *mask,
                      double values[SPIN_MEASURE_VALUES])

@@ -1,4 +1,4 @@
-/* The emulation of emu.h: fibers, the order they run in, and where they meet. */
+/* Implements emu.h: fibers, the order in which they run, and the operations at which they meet. */
 #include "tests/emu/emu.h"
 
 #include <pthread.h>
@@ -25,7 +25,7 @@ struct fiber {
     char *stack;
     enum state state;
     dim3 index;
-    /* What it waits for, and what came of it. */
+    /* What the fiber waits for, and the result. */
     enum emu_op op;
     const char *file;
     int line, arg;
@@ -49,7 +49,7 @@ __attribute__((visibility("hidden"))) extern char __start_emu_shared[] __attribu
 __attribute__((visibility("hidden"))) extern char __stop_emu_shared[] __attribute__((weak));
 }
 
-/* ---- The end of a bad kernel ----------------------------------------------------------------- */
+/* ---- Reporting a faulty kernel --------------------------------------------------------------- */
 
 static const char *const op_names[] = {
     "__syncthreads",    "__syncthreads_and", "__syncthreads_or", "__syncthreads_count",
@@ -70,7 +70,7 @@ void emu_die(const char *what)
     abort();
 }
 
-/* GCC calls this where -fsanitize=bounds finds an index outside of an array. */
+/* GCC calls this when -fsanitize=bounds finds an index outside an array. */
 struct where {
     const char *file;
     uint32_t line, column;
@@ -97,7 +97,7 @@ extern "C" __attribute__((visibility("hidden"))) void emu_fiber_main(void)
     kernel_call(kernel_of);
     fibers[now].state = DONE;
     for (;;)
-        emu_meet(EMU_SYNC, NULL, 0, 0, 0, 0); /* back to the host, for good */
+        emu_meet(EMU_SYNC, NULL, 0, 0, 0, 0); /* returns to the host, for good */
 }
 
 #if defined(__x86_64__)
@@ -112,7 +112,7 @@ static void fiber_start(struct fiber *f)
 {
     void **top = (void **)(f->stack + stack_bytes);
 
-    *--top = NULL; /* a place to return to, never used: the stack is then aligned as after a call */
+    *--top = NULL; /* return address, never used; aligns the stack as after a call */
     *--top = (void *)emu_fiber_main;
     for (int i = 0; i < 6; i++)
         *--top = NULL;
@@ -157,7 +157,7 @@ static void fiber_switch(struct fiber *from, struct fiber *to)
 }
 #endif
 
-/* A stack lies above a page that nobody may touch. */
+/* Each stack has an inaccessible guard page below it. */
 static void need_stacks(int n)
 {
     for (int i = 0; i < n; i++) {
@@ -201,7 +201,8 @@ static float factor_of(uint32_t bits)
     return v;
 }
 
-/* mma.sync: what is in the lanes' registers as two matrices, their product added to the third. */
+/* mma.sync: assembles two matrices from the lanes' registers and adds their product to the
+ * third. */
 static void multiply(struct fiber *warp)
 {
     struct emu_mma_queue *queue[WARP];
@@ -235,7 +236,7 @@ static void multiply(struct fiber *warp)
     }
 }
 
-/* What lane `lane` gets; values are those of the mask's lanes. */
+/* The result for lane `lane`; the values are those of the mask's lanes. */
 static uint64_t give(struct fiber *warp, int lane, int n)
 {
     struct fiber *f = &warp[lane];
@@ -244,7 +245,7 @@ static uint64_t give(struct fiber *warp, int lane, int n)
 
     switch (f->op) {
     case EMU_MMA:
-        return 0; /* multiply() has done it */
+        return 0; /* done by multiply() */
     case EMU_SHUFFLE:
         from = f->arg & (WARP - 1);
         break;
@@ -270,12 +271,13 @@ static uint64_t give(struct fiber *warp, int lane, int n)
     return warp[from].value;
 }
 
-/* How many wait for the block or have left, and which lanes wait for their warp. */
+/* Threads that wait at a block barrier, threads that have finished, and lanes that wait for their
+ * warp. */
 static int n_at_barrier, n_done;
 static uint32_t at_warp[MOST_THREADS / WARP];
 
-/* If all whom thread `me` waits for are there, they go on. Looks at each only when there are
- * enough, or if it is `stuck`. */
+/* Releases all threads that thread `me` waits for, if all have arrived. To save time they are
+ * checked only if enough have arrived, or if the block is `stuck`. */
 static void try_meet(int me, bool stuck)
 {
     struct fiber *f = &fibers[me];
@@ -403,7 +405,7 @@ static void permute(uint32_t *place, size_t n)
 
 void *emu_dynamic(void) { return dynamic; }
 
-/* All of the section, with what AddressSanitizer has put between the arrays. */
+/* Fills the whole section, including what AddressSanitizer put between the arrays. */
 __attribute__((no_sanitize("address"))) static void poison_shared(void)
 {
     volatile char *at = __start_emu_shared;
@@ -455,7 +457,7 @@ static void run_block(size_t dynamic_bytes)
         }
         for (now = 0; !moved && now < n_threads; now++)
             if (fibers[now].state == WAITS)
-                try_meet(now, true); /* says who left */
+                try_meet(now, true); /* reports which thread has left */
         now = -1;
         if (!moved)
             emu_die("deadlock: every thread waits, and nobody will come");

@@ -1,13 +1,13 @@
-/* CUDA C++ for the host's compiler, as far as our kernels use it: the compiler includes this first,
- * with SPIN_EMU defined. A block runs on one thread of the host, each of its threads is a fiber,
- * and the order in which blocks and fibers are resumed is one that the test chooses: SPIN_EMU_ORDER
- * = forward, reverse or shuffle:SEED.
+/* CUDA C++ for the host compiler, as far as our kernels use it. The compiler includes this file
+ * first, with SPIN_EMU defined. A block runs on one host thread, each of its threads is a fiber,
+ * and the test chooses the order in which blocks and fibers are resumed: SPIN_EMU_ORDER = forward,
+ * reverse or shuffle:SEED.
  *
- * Shared memory is poisoned before every block; it is declared in functions that are no templates,
- * as compilers place nothing of those in a section. Barriers and warp operations are one primitive,
- * emu_meet(): threads leave a value and wait for those who take part. What CUDA leaves undefined
- * ends the program with a message: threads that never come, that wait at different places, that
- * name another mask or are not in their own; see emu.cpp. */
+ * Shared memory is poisoned before every block. It must be declared in functions that are not
+ * templates, since compilers ignore the section attribute in templates. Barriers and warp
+ * operations are one primitive, emu_meet(): threads leave a value and wait for the participants.
+ * Behaviour that CUDA leaves undefined ends the program with a message: threads that never arrive,
+ * wait at different places, or name a different mask or one without themselves; see emu.cpp. */
 #ifndef SPIN_TESTS_EMU_EMU_H
 #define SPIN_TESTS_EMU_EMU_H
 
@@ -28,7 +28,7 @@ struct dim3 {
     dim3(unsigned a = 1, unsigned b = 1, unsigned c = 1) : x(a), y(b), z(c) {}
 };
 
-/* The thread that runs, and its launch. */
+/* The running thread, and its launch. */
 extern dim3 emu_thread_index, emu_block_index, emu_block_size, emu_grid_size;
 #define threadIdx emu_thread_index
 #define blockIdx emu_block_index
@@ -49,8 +49,8 @@ void emu_launch_dynamic(const char *name, dim3 grid, dim3 block, size_t bytes, F
     emu_run(
         name, grid, block, bytes, [](void *k) { (*(F *)k)(); }, &kernel);
 }
-enum { EMU_MOST_SHARED = 163 * 1024 }; /* as on sm_80; more ends the program */
-void *emu_dynamic(void);               /* the block's own dynamic shared memory */
+enum { EMU_MOST_SHARED = 163 * 1024 }; /* as on sm_80; requesting more ends the program */
+void *emu_dynamic(void);               /* the dynamic shared memory of the running block */
 
 enum emu_op {
     EMU_SYNC,
@@ -69,8 +69,8 @@ enum emu_op {
     EMU_REDUCE_ADD,
     EMU_MMA
 };
-/* Waits for the threads of the block, or of the warp's mask, and returns what the operation gives
- * this one. */
+/* Waits for the threads of the block or of the warp's mask; returns this thread's result of the
+ * operation. */
 uint64_t emu_meet(enum emu_op op, const char *file, int line, uint32_t mask, uint64_t value,
                   int arg);
 
@@ -93,8 +93,8 @@ uint64_t emu_meet(enum emu_op op, const char *file, int line, uint32_t mask, uin
 #define __reduce_add_sync(mask, v) ((unsigned)EMU_MEET(EMU_REDUCE_ADD, mask, (uint32_t)(v), 0))
 unsigned emu_active(void);
 
-/* mma.sync of tensor cores: the lane's registers, as src/device/cuda/mma.h has them. Several in a
- * row wait once. */
+/* mma.sync of tensor cores: registers of the lane, as in src/device/cuda/mma.h. Consecutive
+ * products wait only once. */
 struct emu_mma_queue {
     enum { MOST = 24 };
     struct {
@@ -106,7 +106,7 @@ struct emu_mma_queue {
     void add(float *c, const uint32_t *a, const uint32_t *b) { at[n++] = {c, a, b}; }
     void run() { EMU_MEET(EMU_MMA, 0xffffffffu, (uint64_t)(uintptr_t)this, 0); }
 };
-/* The nearest number of tf32, away from 0 when there are two. */
+/* The nearest tf32 number; ties round away from 0. */
 static inline uint32_t emu_tf32(float v)
 {
     uint32_t bits;
@@ -145,8 +145,8 @@ static inline float4 operator+(float4 a, float4 b)
     return {a.x + b.x, a.y + b.y, a.z + b.z, a.w + b.w};
 }
 
-/* Fibers change only where they wait, so these are whole. The race detector, where it is built in,
- * is told. */
+/* Fibers switch only where they wait, so plain code is atomic here. The race detector is notified,
+ * if built in. */
 void emu_touch_atomic(const void *at, size_t bytes);
 #define EMU_ATOMIC template <class T> __attribute__((noinline, no_sanitize("thread"))) T
 EMU_ATOMIC atomicAdd(T *at, T v)

@@ -1,11 +1,11 @@
-/* Kernels for t-emu.c: right ones, and the same with a fault that the emulation must find. */
+/* Kernels for t-emu.c: correct ones, and variants with a fault that the emulation must detect. */
 #include <stdio.h>
 #include <stdlib.h>
 
 #define EXPORT extern "C" __attribute__((visibility("default")))
 enum { N = 256, WARPS = N / 32 };
 
-/* The sum of a block's values by halving in shared memory; `barrier` left out is the fault. */
+/* The sum of a block's values by halving in shared memory. Fault: no barrier. */
 static __global__ void block_sum(const float *in, float *out, bool barrier, int reach)
 {
     __shared__ float sum[N];
@@ -23,8 +23,8 @@ static __global__ void block_sum(const float *in, float *out, bool barrier, int 
         out[blockIdx.x] = sum[0];
 }
 
-/* The faults: a mask of half the lanes, lanes that leave, and a lane that names the others but not
- * those in `other`. */
+/* Faults: a mask of half the lanes; lanes that leave; a lane whose mask lacks the lanes in
+ * `other`. */
 static __global__ void warp_sum(const float *in, float *out, unsigned mask, int leave,
                                 unsigned other)
 {
@@ -39,9 +39,9 @@ static __global__ void warp_sum(const float *in, float *out, unsigned mask, int 
         atomicAdd(&out[blockIdx.x], v);
 }
 
-/* Rows that several lanes mean are added once: of each group of lanes the first adds for all.
- * `merge` forgotten: it adds its own value alone. `atomic` forgotten: two warps may mean the same
- * row. */
+/* Adds each row once per warp: of the lanes that refer to the same row, the first adds for all.
+ * Faults: without `merge` it adds only its own value; without `atomic` two warps may update the
+ * same row. */
 static __global__ void merged_rows(const int *row, const float *in, float *out, bool merge,
                                    bool atomic)
 {
@@ -96,8 +96,8 @@ static __global__ void dynamic_kernel(float *out, int past)
     out[threadIdx.x] = room[N - 1 - threadIdx.x];
 }
 
-/* A warp's product of A [16][8] and B [8][8] on top of C = 1. The faults: two registers of A are
- * exchanged, a factor has more bits than tf32, a lane leaves. */
+/* A warp's product of A [16][8] and B [8][8], added to C = 1. Faults: two registers of A are
+ * exchanged; a factor has more bits than tf32; a lane leaves. */
 static __global__ void tensor_product(const float *from, float *to, bool exchange, float more,
                                       int leave)
 {
@@ -147,7 +147,7 @@ static int run_tensor(const char *what)
 static float in[4 * N], out[4 * N];
 static int row[4 * N];
 
-/* Runs a kernel; 0: the results are right. */
+/* Runs a kernel; returns 0 if the results are right. */
 EXPORT int run(const char *what)
 {
     bool is_sum = strncmp(what, "sum", 3) == 0, is_warp = strncmp(what, "warp", 4) == 0;

@@ -1,17 +1,17 @@
-/* The names of src/device/cuda/gpu.h for the emulation: a card whose memory is the host's, and
- * which has finished every piece of work before the call returns.
+/* Implements src/device/cuda/gpu.h for the emulation: a GPU whose memory is host memory, and which
+ * finishes every operation before the call returns.
  *
- * For tests, in the environment:
- *     SPIN_EMU_CARDS=N       there are so many cards (else one); old: there is one that the driver cannot serve
- *     SPIN_EMU_OLD=N         for the first N cards there is no code
- *     SPIN_EMU_NAME=NAME     what they are called, as a card that is not emulated would be
- *     SPIN_EMU_MEMORY=BYTES  it has so much; 0: it does not say
- *     SPIN_EMU_FULL=N        others have taken its memory when the N-th block is wanted and the next one
- *     SPIN_EMU_FULL_FOR=M    or for so many blocks
- *     SPIN_EMU_LOST=N        it is lost at the N-th piece of work, and what comes after does nothing
- *     SPIN_EMU_PINNED=0      no page-locked memory is to be had
- *     SPIN_EMU_COPIES=FILE   when it is closed it adds a line there: bytes copied between it and host memory of each
- *                            kind, launches of kernels (CUB's as well), and how often the host waited */
+ * Environment variables for tests:
+ *     SPIN_EMU_CARDS=N       number of GPUs (default 1); old: the driver is too old
+ *     SPIN_EMU_OLD=N         the first N GPUs have no matching kernel image
+ *     SPIN_EMU_NAME=NAME     name of the GPUs, to look like a real one
+ *     SPIN_EMU_MEMORY=BYTES  memory of a GPU; 0: it does not report its memory
+ *     SPIN_EMU_FULL=N        out of memory at the N-th allocation and the next one
+ *     SPIN_EMU_FULL_FOR=M    or for M allocations
+ *     SPIN_EMU_LOST=N        the GPU is lost at the N-th operation; later ones do nothing
+ *     SPIN_EMU_PINNED=0      page-locked memory is not available
+ *     SPIN_EMU_COPIES=FILE   closing the GPU appends a line: bytes copied from and to host memory
+ *                            of each kind, kernel launches (including CUB's), and host waits */
 #include "device/cuda/gpu.h"
 
 #include <algorithm>
@@ -25,9 +25,9 @@
 #include <unistd.h>
 #include <vector>
 
-static size_t used, work, blocks, copied[2]; /* copied: by way of ordinary, of page-locked memory */
+static size_t used, work, blocks, copied[2]; /* copied: ordinary, page-locked memory */
 static size_t launches, waits;
-static bool busy; /* something was queued since the host waited last */
+static bool busy; /* something was queued since the host last waited */
 static bool lost;
 
 static size_t number_of(const char *name, size_t fallback)
@@ -37,7 +37,7 @@ static size_t number_of(const char *name, size_t fallback)
     return text && *text ? strtoull(text, NULL, 10) : fallback;
 }
 
-/* Page-locked blocks, and their bytes. */
+/* Page-locked blocks and their sizes in bytes. */
 static std::map<char *, size_t> pinned;
 
 static bool is_pinned(const void *at)
@@ -47,16 +47,15 @@ static bool is_pinned(const void *at)
     return block != pinned.begin() && (char *)at < (--block)->first + block->second;
 }
 
-/* A copy from page-locked memory is done as late as may be: when the next work begins, or is waited
- * for. */
+/* A copy from page-locked memory is delayed as long as allowed: until the next operation begins, or
+ * the host waits. */
 static struct {
     void *to;
     const void *host;
     size_t bytes;
 } late;
 
-/* The stream of nccl.cpp: groups of messages that are on their way. What comes after waits for
- * them. */
+/* The stream of nccl.cpp: number of message groups in flight. Later operations wait for them. */
 static std::atomic<int> messages;
 
 static void copy_late(void)
@@ -70,7 +69,7 @@ static void copy_late(void)
 
 static void count(const void *host, size_t bytes) { copied[is_pinned(host)] += bytes; }
 
-/* One more piece of work; false when there is no card any more to do it. */
+/* Counts an operation; returns false if the GPU is lost. */
 static bool emu_works(struct gpu *)
 {
     copy_late();
@@ -104,7 +103,7 @@ bool gpu_open(struct gpu *gpu, int number, char *why, size_t n_why)
     const char *name = getenv("SPIN_EMU_NAME");
 
     if ((size_t)number < number_of("SPIN_EMU_OLD", 0)) {
-        snprintf(why, n_why, "card %d: no kernel image is available for execution on the device",
+        snprintf(why, n_why, "GPU %d: no kernel image is available for execution on the device",
                  number);
         return false;
     }
@@ -140,7 +139,7 @@ size_t gpu_memory_free(struct gpu *)
     return used < all ? all - used : 0;
 }
 
-/* Filled with what is not a number, as nobody may rely on zeros. */
+/* Filled with NaN, so that code which relies on zeros fails. */
 void *gpu_alloc(struct gpu *gpu, size_t bytes, const char **why)
 {
     size_t full = number_of("SPIN_EMU_FULL", 0);
@@ -207,7 +206,7 @@ void gpu_copy_out(struct gpu *gpu, void *host, const void *from, size_t bytes)
     count(host, bytes);
 }
 
-const char *gpu_error(struct gpu *) { return lost ? "the card is lost" : NULL; }
+const char *gpu_error(struct gpu *) { return lost ? "the GPU is lost" : NULL; }
 
 const char *gpu_wait(struct gpu *gpu)
 {
@@ -236,14 +235,14 @@ double gpu_seconds(void *from, void *to)
     return from && to ? *(double *)to - *(double *)from : 0;
 }
 
-/* About what CUB wants. */
+/* About as much as CUB needs. */
 size_t gpu_scan_bytes(size_t n) { return 1024 + n / 64; }
 size_t gpu_sort_bytes(size_t n) { return 4096 + 8 * n; }
 
 void gpu_scan(struct gpu *gpu, void *temp, size_t temp_bytes, const uint64_t *in, uint64_t *out,
               size_t n)
 {
-    launches += 2; /* as CUB does, about */
+    launches += 2; /* about as many as CUB */
     memset(temp, 0xff, temp_bytes);
     if (emu_works(gpu))
         std::exclusive_scan(in, in + n, out, (uint64_t)0);

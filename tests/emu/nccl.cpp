@@ -1,9 +1,9 @@
-/* A stand-in for libnccl between processes on one machine: each two of them have a socket. A group
- * of sums is carried out by a thread of its own, as on a card, and what is queued on the stream
- * after it waits (gpu.cpp): every rank sends its values to all others, and adds up what it has in
- * the order of the ranks.
+/* A replacement for libnccl between processes on one machine, connected pairwise by sockets. A
+ * thread of its own carries out a group of sums, as a GPU would, and operations queued on the
+ * stream later wait for it (gpu.cpp): every rank sends its values to all others, and adds up the
+ * values in the order of the ranks.
  *
- * For tests: SPIN_EMU_NCCL_FAIL=NAME, this function fails. */
+ * For tests: SPIN_EMU_NCCL_FAIL=NAME makes function NAME fail. */
 #include "nccl.h"
 
 #include <atomic>
@@ -23,7 +23,8 @@ struct message {
     bool receive;
     int peer;
     char *at;
-    size_t bytes, done; /* done: with the 8 bytes that go first, and say how many follow */
+    size_t bytes, done; /* done: including the 8-byte head, which holds the number of bytes that
+                         * follow */
     uint64_t head;
 };
 
@@ -31,7 +32,7 @@ struct reduction {
     char *at;
     size_t count;
     ncclDataType_t type;
-    std::vector<std::vector<char>> of; /* [n] the values of each rank */
+    std::vector<std::vector<char>> of; /* [n] values of each rank */
 };
 
 struct ncclComm {
@@ -81,7 +82,7 @@ ncclResult_t ncclGetUniqueId(ncclUniqueId *id)
 
 /* ---- Sockets ---- */
 
-/* A name that is no file. */
+/* An abstract socket name, which is not a file. */
 static sockaddr_un address_of(const ncclUniqueId &id, int rank)
 {
     sockaddr_un address = {};
@@ -104,7 +105,7 @@ static bool move_all(int s, void *at, size_t bytes, bool receive)
     return true;
 }
 
-/* Ranks connect to those before them. */
+/* Each rank connects to the ranks before it. */
 ncclResult_t ncclCommInitRank(ncclComm_t *out, int n, ncclUniqueId id, int rank)
 {
     auto comm = new ncclComm;
@@ -159,8 +160,8 @@ ncclResult_t ncclCommGetAsyncError(ncclComm_t comm, ncclResult_t *error)
 
 /* ---- Messages ---- */
 
-/* As much as goes now of a message; false: it is not as the other side has it, or the other side is
- * gone. */
+/* Transfers as much of a message as is possible now. Returns false if the sizes differ on the two
+ * sides, or the other side is gone. */
 static bool go_on(ncclComm *comm, message &m)
 {
     const size_t head = sizeof m.head;
@@ -184,7 +185,7 @@ static bool go_on(ncclComm *comm, message &m)
     return true;
 }
 
-/* Each peer's sends in order, and its receives. */
+/* Transfers all messages; the sends to a peer stay in order, and so do the receives from it. */
 static void exchange(ncclComm *comm, std::vector<message> &messages)
 {
     size_t left = 1;
@@ -241,7 +242,7 @@ static void carry_out(ncclComm *comm, std::vector<reduction> sums, std::atomic<i
     for (auto &r : sums)
         if (comm->error == ncclSuccess && !comm->stop)
             r.type == ncclFloat32 ? add_up<float>(r) : add_up<uint32_t>(r);
-    while (comm->error != ncclSuccess && !comm->stop) /* as a card would */
+    while (comm->error != ncclSuccess && !comm->stop) /* the stream hangs, as on a GPU */
         usleep(100);
     --*stream;
 }
@@ -260,7 +261,8 @@ ncclResult_t ncclAllReduce(const void *from, void *to, size_t count, ncclDataTyp
     if (from != to || op != ncclSum || (type != ncclFloat32 && type != ncclUint32))
         return ncclInvalidArgument;
     if (depth == 0)
-        return ncclInvalidUsage; /* with more than one sum it would be slow */
+        return ncclInvalidUsage; /* a sum outside a group would be slow in NCCL, and is refused
+                                  * here */
     of_group = comm;
     stream_of_group = (std::atomic<int> *)stream;
     group.push_back({(char *)to, count, type, {}});

@@ -1,10 +1,11 @@
-/* The names of NCCL that src/device/cuda/nccl.cu uses, in the emulation: nccl.cpp has them. */
+/* The part of NCCL's interface that src/device/cuda/nccl.cu uses, for the emulation; implemented by
+ * nccl.cpp. */
 #ifndef SPIN_TESTS_EMU_NCCL_H
 #define SPIN_TESTS_EMU_NCCL_H
 
 #include <stddef.h>
 
-typedef void *cudaStream_t; /* gpu.cpp: groups of messages that are on their way */
+typedef void *cudaStream_t; /* gpu.cpp: number of message groups in flight */
 typedef struct ncclComm *ncclComm_t;
 typedef struct {
     char internal[128];

@@ -1,4 +1,4 @@
-/* Without a race detector nobody wants to know of atomic operations. */
+/* For builds without the race detector. */
 #include "tests/emu/emu.h"
 
 void emu_touch_atomic(const void *, size_t) {}

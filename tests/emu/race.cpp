@@ -1,20 +1,19 @@
-/* A race detector for emulated kernels. The kernels are compiled with -fsanitize=thread, so that
- * the compiler calls
- * __tsan_read4() and the like before every access; here is what they call, instead of the
- * sanitizer's own library.
+/* A race detector for emulated kernels. They are compiled with -fsanitize=thread, so that the
+ * compiler calls __tsan_read4() and the like before every access; this file defines these functions
+ * instead of the sanitizer's library.
  *
- * Two accesses of 4 bytes in one launch race when they are by different threads, one of them
- * writes, not both are atomic, and nothing orders them: for threads of one block a barrier between
- * them, for lanes of a warp also a warp operation; threads of different blocks have nothing. What
- * the stack holds is a thread's own. The last write and the last reads of a place are kept in a
- * table, where a collision forgets: no false alarms, but a race may be missed. */
+ * Two accesses to the same 4 bytes in one launch race if they are by different threads, one of them
+ * writes, not both are atomic, and nothing orders them: a barrier orders threads of one block, a
+ * warp operation also orders lanes of a warp, and nothing orders threads of different blocks. Stack
+ * memory is private to a thread. The last write and the last reads of each word are kept in a hash
+ * table; a collision overwrites them, so there are no false alarms, but a race may be missed. */
 #include "tests/emu/race.h"
 
 #include <stdio.h>
 
 enum { LOG2_PLACES = 17, PLACES = 1 << LOG2_PLACES, NOBODY = -1, SEVERAL = -2 };
 
-struct access { /* small, for a kernel touches many places */
+struct access { /* kept small, since a kernel touches many words */
     uint32_t launch, block, barriers, warp_barriers;
     int16_t thread;
     bool atomic;
@@ -54,7 +53,7 @@ static void die(const char *what, uintptr_t at, const struct access *other)
     emu_die(text);
 }
 
-/* Of a place; neighbours are neighbours, for the cache's sake. */
+/* The table entry of a word; neighbouring words are neighbours in the table, for cache locality. */
 static struct place *place_of(uintptr_t at)
 {
     enum { LOG2_NEAR = 6 };
@@ -88,12 +87,12 @@ static void touch(uintptr_t at, bool write, bool atomic)
         p->write = access_of(e, atomic);
     } else if (p->read.thread != NOBODY && !ordered(&p->read, e)) {
         if (p->read.block != e->block) {
-            p->read.thread = SEVERAL; /* a later write by any thread races */
-            p->read.block = 0;        /* no block has this number */
+            p->read.thread = SEVERAL; /* every later write is a race */
+            p->read.block = 0;        /* not the number of any block */
         } else if (p->read.thread == SEVERAL || p->read.thread / 32 != (int)e->thread / 32) {
-            p->read.thread = SEVERAL; /* by any thread, unless a barrier comes before */
+            p->read.thread = SEVERAL; /* later writes race, unless after a barrier */
         } else {
-            p->read = access_of(e, false); /* of a warp the last one */
+            p->read = access_of(e, false); /* keeps only the last read of a warp */
         }
     } else {
         p->read = access_of(e, false);

@@ -1,4 +1,4 @@
-/* What the race detector knows of the thread that runs. */
+/* The state of the running thread, for the race detector. */
 #ifndef SPIN_TESTS_EMU_RACE_H
 #define SPIN_TESTS_EMU_RACE_H
 
@@ -6,13 +6,13 @@
 #include <stdint.h>
 
 struct emu_epoch {
-    uint32_t launch, block; /* counted over all */
+    uint32_t launch, block; /* counted over the whole program */
     uint32_t thread, barriers, warp_barriers[32];
 };
 
 struct emu_epoch *
-emu_now(const void *at);            /* NULL: the host, or `at` is on the thread's own stack */
-bool emu_is_shared(const void *at); /* by the threads of one block */
+emu_now(const void *at);            /* NULL: host code, or `at` is on the thread's own stack */
+bool emu_is_shared(const void *at); /* whether `at` is shared memory of a block */
 void emu_die(const char *what) __attribute__((noreturn));
 
 #endif

@@ -1,5 +1,5 @@
-/* The emulation of kernels finds what it is there for: every fault of faults.cu, in every order,
- * and nothing in the kernels that are right. K: emu cuda kernels */
+/* The emulation detects every fault of faults.cu in every order, and none in the correct kernels.
+ * K: emu cuda kernels */
 #include <dlfcn.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -9,7 +9,7 @@
 static const char *const orders[] = {"forward", "reverse", "shuffle:5"};
 enum { ORDERS = 3, RIGHT = 0, WRONG = 1, ABORTED = 2, BROKEN = 3 };
 
-/* The kernel in a process of its own; what it said last goes to `said`. */
+/* Runs the kernel in a child process; `said` receives its stderr. */
 static int outcome(const char *object, const char *order, const char *what, char *said, size_t n)
 {
     int ends[2], status;
@@ -47,7 +47,7 @@ static int outcome(const char *object, const char *order, const char *what, char
     return WIFEXITED(status) ? WEXITSTATUS(status) : ABORTED;
 }
 
-/* In every order the kernel is right. */
+/* The kernel's result is right in every order. */
 static void is_right(const char *object, const char *what)
 {
     char said[2000];
@@ -58,7 +58,8 @@ static void is_right(const char *object, const char *what)
             printf("#   %s\n", said);
 }
 
-/* In every order it ends with these words; a sanitizer may be there first. */
+/* In every order the kernel is aborted with a message that contains `words`, or by a sanitizer that
+ * found the fault first. */
 static void is_told(const char *object, const char *what, const char *words)
 {
     char said[4000];
@@ -73,7 +74,8 @@ static void is_told(const char *object, const char *what, const char *words)
     }
 }
 
-/* In at least one of the orders the result is wrong, so that comparing it finds the fault. */
+/* In at least `least` of the orders the result is wrong, so that comparing results detects the
+ * fault. */
 static void shows(const char *what, int least)
 {
     char said[2000];

@@ -1,5 +1,6 @@
-/* A flat border is told from a textured one, at any colour, with noise, and where it is only a part
- * of the images. K: eval backdrop */
+/* Flat borders are distinguished from textured ones: for any colour, with noise, and if only part
+ * of the border is flat.
+ * K: eval backdrop */
 #include "eval/borders.h"
 
 #include "io/image.h"
@@ -18,7 +19,7 @@ static void need(spin_status status)
     }
 }
 
-/* Images of which the first columns have one colour, and the others a texture. */
+/* Images whose first columns have one colour and whose other columns are textured. */
 static bool is_flat(float level, float noise, int flat_columns)
 {
     static float image[3 * PLANE];

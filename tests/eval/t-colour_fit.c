@@ -1,4 +1,5 @@
-/* One gain and offset a channel and camera, fitted afterwards, against sums made pixel by pixel.
+/* One gain and offset per channel and camera, fitted afterwards, compared with sums computed pixel
+ * by pixel.
  * K: lens colour */
 #include "eval/colour_fit.h"
 
@@ -53,7 +54,7 @@ TAP_MAIN
        "the fit finds gain and offset of each camera: %.3f dB, known ones %.3f, none %.3f", fitted,
        known, plain);
     for (int i = 0; i < 3 * PLANE; i++)
-        image[0][i] = 3; /* a picture of one colour, brighter than white */
+        image[0][i] = 3; /* an image of one colour, brighter than white */
     spin_colour_sums(1, PLANE, image[0], photo[0], &sums[0]);
     ok(sums[0].of[0].x == PLANE && sums[0].of[2].xx == PLANE, "pictures are clamped at white");
     spin_colour_fit(sums, 1, psnr);

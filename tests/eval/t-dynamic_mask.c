@@ -1,5 +1,6 @@
-/* Moving regions: a square that wanders over a still picture is found to the pixel, from the images
- * and from masks; what cannot be found is said. K: eval moving */
+/* Dynamic regions: a square that moves over a static image is found exactly, from images and from
+ * masks; missing input is an error.
+ * K: eval moving */
 #include "eval/metrics.h"
 
 #include "spin_run.h"
@@ -16,7 +17,7 @@ static struct spin_views views;
 static const char *folder;
 static const float black[3];
 
-/* The wall: a ramp that every channel sees otherwise. */
+/* The wall: a ramp, different in each channel. */
 static void draw_wall(float *image)
 {
     for (size_t c = 0; c < 3; c++)
@@ -40,7 +41,7 @@ static void draw_square(float *image, int row, float value)
                     image[c * PLANE + y * W + x] = value;
 }
 
-/* One camera with masks for its first rows, one without, one that moves. */
+/* One camera with masks, one without, and one that moves. */
 static void make_views(void)
 {
     static float image[3 * PLANE];
@@ -75,8 +76,9 @@ static void make_views(void)
         }
 }
 
-/* Pixels of the mask that should not be as they are: the square is grown by
- * `grown` pixels, its corners stay (they have too few friends). */
+/* Number of wrong mask pixels. The expected mask is the square dilated by a diamond of `grown`
+ * pixels: before the rule dilates, it drops the corners of the square, which have too few changed
+ * neighbours. */
 static int wrong_pixels(const struct spin_dynamic_mask *m, int row, int grown)
 {
     int wrong = 0;
@@ -122,7 +124,7 @@ static void check_from(enum spin_dynamic_from from, int camera, int grown, const
             if (round == 0 && spin_image_cache_get(&pixels, pair[row].view, image) != SPIN_OK)
                 exit(1);
             for (size_t i = 0; round == 1 && i < 3 * PLANE; i++)
-                image[i] = 0.5f; /* not looked at: it was found before */
+                image[i] = 0.5f; /* not used: the mask was kept */
             if (spin_dynamic_mask_find(&m, pair[row].view, image, &n) != SPIN_OK)
                 exit(1);
             wrong += wrong_pixels(&m, row, grown);
@@ -133,7 +135,7 @@ static void check_from(enum spin_dynamic_from from, int camera, int grown, const
     spin_image_cache_close(&pixels);
 }
 
-/* A block of 3 x 3 that is brighter than the median by so much of 255 in one channel. */
+/* A block of 3 x 3 pixels that is brighter than the median by `more` of 255 in one channel. */
 static size_t n_moving_by(int more)
 {
     static float image[3 * PLANE];
@@ -183,18 +185,17 @@ static void check_refusals(void)
     spin_image_cache_close(&pixels);
 }
 
-/* ---- Masks of another size, edges, long clips
- * ------------------------------------------------------ */
+/* ---- Masks of another size, edges, long clips ------------------------------------------------ */
 
-/* The same on every machine. */
+/* Random numbers that are the same on every machine. */
 static unsigned drawn(unsigned *seed)
 {
     *seed = *seed * 1664525u + 1013904223u;
     return *seed >> 16;
 }
 
-/* A view of W + 1 x H pixels with a mask of w x h: it is looked up where the middle of the pixel
- * lies. The upper half of the mask is empty. most: its largest value; 1: zeros and ones. */
+/* A view of W + 1 x H pixels with a mask of w x h, which is sampled at the pixel centres. The upper
+ * half of the mask is empty. most: its largest value; 1: zeros and ones. */
 static void check_mask_size(int w, int h, unsigned most)
 {
     enum { WIDE = W + 1 };
@@ -221,7 +222,8 @@ static void check_mask_size(int w, int h, unsigned most)
         spin_dynamic_mask_open(&odd, &pixels, SPIN_DYNAMIC_AUTO, &pair, 1, &m) != SPIN_OK ||
         spin_dynamic_mask_keep(&m) != SPIN_OK)
         exit(1);
-    for (int round = 0; round < 2; round++) { /* found, then kept: 41 x 30 bits end within a byte */
+    for (int round = 0; round < 2; round++) { /* computed, then kept: 41 x 30 bits end within a
+                                               * byte */
         ok(spin_dynamic_mask_find(&m, 0, NULL, &n) == SPIN_OK && m.from == SPIN_DYNAMIC_MASKS,
            "a mask of %d x %d, values to %u", w, h, most);
         want = 0;
@@ -241,7 +243,7 @@ static void check_mask_size(int w, int h, unsigned most)
     spin_views_free(&odd);
 }
 
-/* Of noise, what the rule leaves: counted in a picture with a margin of zeros. */
+/* The rule applied to noise; the reference uses an image with a margin of zeros. */
 static void check_edges(int width, int height)
 {
     static float image[3 * 400];
@@ -310,7 +312,7 @@ static void by_focus(struct spin_camera *c) { c->fy += 1; }
 static void by_shift(struct spin_camera *c) { c->cy -= 1; }
 static void by_height(struct spin_camera *c) { c->height -= 1; }
 
-/* A median is taken of at most 25 frames, evenly from the first to the last. */
+/* A median uses at most 25 frames, spread evenly from the first to the last. */
 static void check_long_clips(void)
 {
     static void (*const moves[])(struct spin_camera *) = {by_a_step, by_focus, by_shift, by_height};
@@ -322,7 +324,7 @@ static void check_long_clips(void)
                most = n < SPIN_MOVING_ROWS ? (size_t)n : SPIN_MOVING_ROWS;
         bool even = k == most;
 
-        for (size_t i = 0; i < k; i++) /* view 2 f + 1 is that of frame f */
+        for (size_t i = 0; i < k; i++) /* view 2 f + 1 belongs to frame f */
             even =
                 even && chosen[i] == 2 * (size_t)ceil((double)i * (n - 1) / (double)(most - 1)) + 1;
         ok(even, "of %d frames %zu, evenly, with the first and the last", n, most);
@@ -332,8 +334,8 @@ static void check_long_clips(void)
         ok(chosen_of(9, moves[i], chosen) == 0, "one that changes %s does not", name[i]);
 }
 
-/* Four grey pictures: the median is the upper of the two in the middle. Where only some views have
- * masks the images serve. */
+/* Four grey images: the median is the upper of the two middle values. If only some views have
+ * masks, the images are used. */
 static void check_few_frames(void)
 {
     static const float grey[4] = {0.2f, 0.4f, 0.6f, 0.8f};
@@ -375,7 +377,7 @@ static void check_few_frames(void)
     spin_views_free(&clip);
 }
 
-/* Bits that were there before are gone. */
+/* Bits that were set before are cleared. */
 static void check_bits(void)
 {
     uint8_t mask[13] = {1, 0, 0, 1, 1, 0, 0, 0, 0, 1, 0, 0, 1}, bits[2] = {255, 255};

@@ -1,12 +1,12 @@
-/* LPIPS against an independent implementation (tests/tools/lpips-reference.py) with made-up
- * weights, which this test writes as checkpoints in torch's layout; finding the files; what is
- * refused. K: eval lpips */
+/* LPIPS compared with an independent implementation (tests/tools/lpips-reference.py) with random
+ * weights, which this test writes as torch checkpoints; finding the files; errors.
+ * K: eval lpips */
 #include "eval/lpips.h"
 
 #include "spin_run.h"
 #include "tests/importers/models.h"
 
-/* As in the script. */
+/* The same function as in the script. */
 static void noise(uint32_t stream, size_t n, float *out)
 {
     for (size_t i = 0; i < n; i++) {
@@ -94,7 +94,7 @@ static void check_network(struct spin_lpips *l, const spin_json *want, const cha
         second[i] = 0.75f * first[i] + 0.25f * second[i];
     ok(spin_lpips_compare(l, width, height, first, second, &distance, stages) == SPIN_OK,
        "%s: compares", name);
-    /* Single precision through 13 layers: 2e-5 seen on AVX-512. */
+    /* Single precision through 13 layers: errors of 2e-5 were observed on AVX-512. */
     near(distance, number(expected, "distance"), 1e-4 * number(expected, "distance"),
          "the distance of the reference");
     for (int s = 0; s < SPIN_LPIPS_STAGES; s++) {

@@ -1,5 +1,6 @@
-/* What spin_eval() says, held to what is worked out here: the quality of every view and its means,
- * moving regions, which views, storage, speed, pictures. K: long eval measure */
+/* Compares the result of spin_eval() with independent computations: the quality of every view and
+ * its means, dynamic regions, choice of views, storage, speed, images.
+ * K: long eval measure */
 #include <pthread.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -34,18 +35,18 @@ static const char *in(const char *format, int a, int b)
     return p;
 }
 
-/* ---- A data set of plain pictures, and splats that nobody sees ----------------------------------
- */
+/* ---- A data set of plain images, and splats that are not visible ----------------------------- */
 
 static int value_of(int row, int camera, int channel)
 {
     return 20 + 30 * row + 50 * camera + 13 * channel;
 }
 
-/* Columns at the left that move: SHIFT brighter. One mask is too small to say something. */
+/* Number of pixels in the columns at the left that are dynamic: SHIFT brighter. One mask is too
+ * small to be measured. */
 static int n_dynamic(int row, int camera) { return row == 1 && camera == 2 ? 1 : MOVING * H; }
 
-/* The camera in the middle has half of the background in its pictures. */
+/* The middle camera's images have alpha: half of them is background. */
 static double alpha_of(int camera) { return camera == 1 ? 128 / 255.0 : 1; }
 
 static void put_chunk(FILE *f, const char *name, const unsigned char *bytes, size_t n)
@@ -146,7 +147,7 @@ static void write_meta(const char *name, int first, int end)
     fclose(f);
 }
 
-/* One splat, as its row of values. */
+/* Writes one splat, given as its row of values. */
 static void write_cloud(const char *name, int number, const char *values)
 {
     static const char *const names[] = {"x",      "y",       "z",       "f_dc_0",  "f_dc_1",
@@ -214,7 +215,7 @@ static void make_clip(void)
     free(r);
 }
 
-/* --check-cameras: every picture is of its own frame and camera, darkened. */
+/* --check-cameras: every overlay is on the darkened image of its own frame and camera. */
 static void check_overlays(void)
 {
     struct spin_import_options o = {.data = data};
@@ -245,10 +246,9 @@ static void check_overlays(void)
     ok(good == ROWS * CAMERAS, "each over the picture of its frame and camera (%d)", good);
 }
 
-/* ---- Quality
- * ------------------------------------------------------------------------------------- */
+/* ---- Quality --------------------------------------------------------------------------------- */
 
-/* Squared error of one channel of a pixel of this shift against what is drawn. */
+/* Squared error of one channel of a pixel with this shift against the rendered colour. */
 static double error_of(int row, int camera, int shift, const float drawn[3], int c)
 {
     double a = alpha_of(camera), v = value_of(row, camera, c) + shift, back = (double)drawn[c];
@@ -256,7 +256,7 @@ static double error_of(int row, int camera, int shift, const float drawn[3], int
     return pow(rint(a * v + (1 - a) * 255 * back) / 255 - back, 2);
 }
 
-/* Mean squared error of the channels. */
+/* Mean squared error over the channels. */
 static double errors(int row, int camera, int shift, const float drawn[3])
 {
     double sum = 0;
@@ -287,7 +287,7 @@ static bool is(double got, double want)
     return isnan(want) ? isnan(got) : fabs(got - want) < 2e-4;
 }
 
-/* Every view, and the sums of what there should be. */
+/* Checks every view, and sums up the values. */
 static bool views_are_right(const struct spin_eval_report *r, const float drawn[3], struct sums *s)
 {
     bool good = true;
@@ -387,10 +387,9 @@ static void check_quality(void)
     spin_eval_report_free(&r);
 }
 
-/* ---- Camera colours
- * ------------------------------------------------------------------------------ */
+/* ---- Camera colours -------------------------------------------------------------------------- */
 
-/* The largest of the logarithms of gains (first 0) or of the offsets (first 3) of two cameras. */
+/* The largest of the log gains (first = 0) or of the offsets (first = 3) of two cameras. */
 static double largest_of(const float *exposure, size_t first)
 {
     double most = 0;
@@ -401,7 +400,7 @@ static double largest_of(const float *exposure, size_t first)
     return most;
 }
 
-/* One step of a small network, by one thread. */
+/* One iteration of a small field, in one thread. */
 static struct spin_retrain_options small_network(const char *input, const char *output)
 {
     struct spin_retrain_options o;
@@ -419,8 +418,8 @@ static struct spin_retrain_options small_network(const char *input, const char *
     return o;
 }
 
-/* Where nothing is drawn there is nothing to brighten: cameras learn offsets and no gains. A run
- * that sees nothing ends with an error, and its state is kept. */
+/* Where nothing is rendered, a gain has no effect: cameras learn offsets and no gains. A run in
+ * which no splat is visible ends with an error, and its checkpoint is kept. */
 static void check_tints(void)
 {
     struct spin_retrain_options o = small_network(bundle, in("tinted.spin", 0, 0));
@@ -444,8 +443,8 @@ static void check_tints(void)
     spin_npz_close(&state);
 }
 
-/* A black splat before black: again there is nothing to brighten. What was learned stands in the
- * bundle under its own names. */
+/* A black splat on black: again a gain has no effect. The learned values are stored in the bundle
+ * under their own names. */
 static void check_black(void)
 {
     struct spin_import_options import = {.data = data};
@@ -478,7 +477,7 @@ static void check_black(void)
     spin_bundle_close(&b);
 }
 
-/* Behind splats that nobody sees is the background, and in pictures that let it through as well:
+/* If no splat is visible the image is the background, which also shows through images with alpha:
  * the first loss is known. */
 static void check_first_loss(void)
 {
@@ -518,8 +517,7 @@ static void check_first_loss(void)
     near(atof(l1 + 6), want, 0.002, "its loss is that of the pictures over the background");
 }
 
-/* ---- A network: storage, speed, pictures
- * ---------------------------------------------------------- */
+/* ---- A field: storage, speed, images --------------------------------------------------------- */
 
 static void train(void)
 {
@@ -541,7 +539,7 @@ static void train(void)
     o.iterations = 2;
     o.refine = 2;
     o.residual = SPIN_RESIDUAL_SOURCE;
-    o.hash_init_range = 0.3; /* places and times differ */
+    o.hash_init_range = 0.3; /* so that places and times differ */
     o.background[1] = e.background[1] = 0.7f;
     if (!ok(spin_train(&o, &r) == SPIN_OK, "frames refined, and a network"))
         printf("#   %s\n", spin_last_error());
@@ -552,8 +550,8 @@ static void train(void)
     spin_eval_report_free(&er);
 }
 
-/* A network that does not learn is drawn in training as it is drawn afterwards: every view of the
- * log has the SSIM that it has in the evaluation, so frames have their times and views their
+/* A field whose learning rates are 0 renders the same during and after training: every view of the
+ * log has the SSIM of the evaluation, which shows that frames have their times and views their
  * frames. */
 static void check_log(void)
 {
@@ -596,7 +594,7 @@ static void check_log(void)
     spin_eval_report_free(&er);
 }
 
-/* Bytes of the members whose names begin so. */
+/* Size in bytes of the members whose names start with `begin`. */
 static uint64_t bytes_of(const struct spin_zip *zip, const char *begin)
 {
     uint64_t sum = 0;
@@ -637,8 +635,8 @@ static void *cancel_once_saved(void *part)
     return NULL;
 }
 
-/* A process of its own, as nothing runs to its end after spin_cancel(). Ends once a state is kept.
- */
+/* Runs in a child process, since nothing completes after spin_cancel(). Ends once a checkpoint is
+ * saved. */
 static bool run_until_saved(const struct spin_retrain_options *o, char *part)
 {
     pid_t child;
@@ -658,9 +656,9 @@ static bool run_until_saved(const struct spin_retrain_options *o, char *part)
     return child > 0 && waitpid(child, &status, 0) == child && status == 0;
 }
 
-/* The gradient of the last biases of the scale head, and of that of the opacity, from Adam's first
- * moment in the state of a run that was stopped. Every step sees every view and no rate is above 0,
- * so all steps had this gradient. */
+/* The gradients of the last biases of the scale and opacity heads, from Adam's first moment in the
+ * checkpoint of an interrupted run. Every iteration uses every view and all rates are 0, so all
+ * iterations had this gradient. */
 static bool first_gradient(const struct spin_retrain_options *o, double out[4])
 {
     const int finest[4] = {2048, 2048, 2048, 16};
@@ -699,7 +697,8 @@ static bool first_gradient(const struct spin_retrain_options *o, double out[4])
     return true;
 }
 
-/* What the mean scale, by axis, and the mean opacity of a network give to those biases. */
+/* The derivatives of the mean scale, by axis, and of the mean opacity of a field with respect to
+ * those biases. */
 static double mean_slopes(const char *path, double slope[4])
 {
     struct spin_scene *scene = NULL;
@@ -730,8 +729,8 @@ static double mean_slopes(const char *path, double slope[4])
     return extent;
 }
 
-/* The weights on the mean scale and opacity: over the extent, by axis, splat and frame of the step.
- * Splats that no view of the step sees have no part in it. */
+/* The weights of the mean scale and opacity: divided by the extent, per axis, splat and frame of
+ * the iteration. Splats not visible in any view of the iteration do not contribute. */
 static void check_weights(void)
 {
     struct spin_import_options i = {
@@ -786,7 +785,7 @@ static void check_weights(void)
        extent);
 }
 
-/* What each frame and each view took cannot be more, all together, than what went by. */
+/* The sum of the reported times per frame and view cannot exceed the elapsed time. */
 static void check_speed(void)
 {
     struct spin_eval_options o = {
@@ -818,7 +817,7 @@ static void check_speed(void)
     spin_eval_report_free(&r);
 }
 
-/* Panel k of n in a picture of --images. */
+/* Reads panel k of n of an image of --images. */
 static void read_panel(const char *in_folder, int camera, int number, int k, int n, int w, int h,
                        uint8_t *out)
 {
@@ -837,7 +836,7 @@ static void read_panel(const char *in_folder, int camera, int number, int k, int
     free(rgb);
 }
 
-/* Mean difference of 8-bit pictures. */
+/* Mean difference of 8-bit images. */
 static double difference(const uint8_t *a, const uint8_t *b, int n)
 {
     double sum = 0;
@@ -890,7 +889,7 @@ static void check_pictures(void)
     spin_eval_report_free(&source);
 }
 
-/* --panels before, of some frames or of all: the same pictures. */
+/* --panels before, of some frames or of all, gives the same images. */
 static void check_before(void)
 {
     static const char *const pairs[] = {"panels", "before", NULL};

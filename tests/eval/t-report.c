@@ -1,5 +1,6 @@
-/* The parts of the report: round steps, charts without NaN, logs of runs that were resumed or cut
- * short, the window where something moves, the worst views. K: eval report */
+/* The parts of the report: round steps, charts without NaN, logs of resumed or interrupted runs,
+ * the crop of fastest motion, the worst views.
+ * K: eval report */
 #include "eval/report/svg_chart.h"
 #include "spin_run.h"
 #include "eval/report/motion_crops.h"
@@ -105,7 +106,7 @@ static void check_history(void)
 
 enum { W = 96, H = 72, ROWS = 5, PLANE = W * H };
 
-/* A still wall, and a square of 10 pixels that leaps. */
+/* A static wall, and a square of 10 pixels that jumps. */
 static void check_crops(void)
 {
     static float image[3 * PLANE];

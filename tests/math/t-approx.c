@@ -1,4 +1,4 @@
-/* The polynomials against libm in double, on a dense sweep of floats, and NaN.
+/* The polynomials compared with libm in double, on a dense sweep of floats, and NaN.
  * K: golden approx network */
 #include "math/approx.h"
 #include "tests/check.h"

@@ -1,5 +1,6 @@
-/* covariance: scale and rotation there and back, eigenvalues of awkward matrices, and 4-D Gaussians
- * cut at a time against direct conditioning and the worked examples of the formats' pages. */
+/* covariance: scale and rotation there and back, eigenvalues of difficult matrices, and slices of
+ * 4-D Gaussians compared with direct conditioning and with the worked examples of the formats'
+ * pages. */
 #include "math/covariance.h"
 #include "math/rng.h"
 #include "tests/tap.h"
@@ -14,7 +15,7 @@ static void draw_n(double *out, int n, double size)
         out[i] = size * draw();
 }
 
-/* Largest difference over the trace of the matrix. */
+/* Largest difference, relative to the trace of the matrix. */
 static double error_of(const double got[6], const double want[6])
 {
     double trace = fabs(want[0]) + fabs(want[3]) + fabs(want[5]) + 1e-300, worst = 0;
@@ -161,8 +162,8 @@ static void invert4(const double in[16], double out[16])
         out[i] = m[i / 4][4 + i % 4];
 }
 
-/* The inverse of the sliced covariance is the upper block of the inverse of the 4-D one: another
- * way to the same matrix. */
+/* The inverse of the sliced covariance is the upper block of the inverse of the 4-D covariance: a
+ * second way to compute the same matrix. */
 static double precision_error(const double a[16], const double scale[4])
 {
     double sigma[16], inverse[16], worst = 0, size = 0;
@@ -187,7 +188,7 @@ static double precision_error(const double a[16], const double scale[4])
             }
             worst = larger(worst, fabs(sum));
         }
-        /* and the line: inverse[i][3] = -(C^-1 v)[i] */
+        /* and the velocity: inverse[i][3] = -(C^-1 v)[i] */
         double lost = inverse[4 * i + 3];
 
         for (int k = 0; k < 3; k++)
@@ -219,7 +220,7 @@ static void test_rotations(void)
             reversed = larger(reversed, fabs(a[k] - b[15 - k]));
         worst = larger(worst, off_rotation(a));
         worst_slice = larger(worst_slice, precision_error(a, scale));
-        /* A quaternion w, x, y, z is the rotor w, -z, y, -x of space alone. */
+        /* A quaternion w, x, y, z is the purely spatial rotor w, -z, y, -x. */
         double norm = sqrt(l[0] * l[0] + l[1] * l[1] + l[2] * l[2] + l[3] * l[3]);
         double space[8] = {l[0] / norm, -l[3] / norm, l[2] / norm, -l[1] / norm, 0, 0, 0, 0};
 
@@ -227,7 +228,7 @@ static void test_rotations(void)
         spin_matrix_of_quat(l, m);
         for (int k = 0; k < 9; k++)
             rotor3 = larger(rotor3, fabs(a[k / 3 * 4 + k % 3] - m[k]));
-        /* (1 + e B) with a simple plane B through time is a rotation as well. */
+        /* (1 + e B) with a simple plane B through time is also a rotation. */
         double tilt[8] = {cos(l[0]), 0, 0, 0, sin(l[0]), 0, 0, 0};
 
         spin_matrix4_of_rotor(tilt, a);

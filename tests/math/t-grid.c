@@ -1,5 +1,5 @@
-/* grid: levels of foreign networks from their stored growth and base, against the vectors of the
- * hash encoder, whose scales are correctly rounded.
+/* grid: levels of imported networks from their stored growth and base, compared with the test
+ * vectors of the hash encoder, whose scales are correctly rounded.
  * K: math golden */
 #include "io/file.h"
 #include "math/grid.h"

@@ -1,5 +1,6 @@
-/* motion: a splat's path and window, against values worked out by hand, and their adjoints against
- * finite differences. K: motion 4d */
+/* motion: a splat's path and window compared with values computed by hand, and their adjoints with
+ * finite differences.
+ * K: motion 4d */
 #include "math/motion.h"
 #include "math/rng.h"
 #include "tests/tap.h"
@@ -36,7 +37,7 @@ static void test_path(void)
 
                 for (int j = 0; j < 9; j++)
                     q[j] = p[j] + (j == i ? (float)(s ? h : -h) : 0);
-                /* its own time is later: d is less */
+                /* if its own time is later, d is smaller */
                 spin_path_at(centre, q, 3, i == 9 ? d - (s ? h : -h) : d, at[s]);
             }
             for (int c = 0; c < 3; c++)
@@ -111,7 +112,7 @@ static void test_window_slopes(void)
     ok(worst < 1e-6, "slopes of a window are those of finite differences, to %.2g", worst);
 }
 
-/* What is seen of an opacity is as much of it as the window says, and its slope is that. */
+/* The visible opacity is the opacity times the window, and the adjoint is its derivative. */
 static void test_seen(void)
 {
     double worst = 0, worst_slope = 0;

@@ -1,4 +1,5 @@
-/* plane: lookups in planes and voxels against sums written out, at samples, between and outside.
+/* plane: lookups in planes and voxels compared with sums written out, at samples, between and
+ * outside.
  * K: math */
 #include "math/plane.h"
 #include "tests/tap.h"

@@ -1,4 +1,4 @@
-/* Random numbers: fixed for ever, uniform, normal, streams apart.
+/* Random numbers: fixed forever, uniform, normal, independent streams.
  * K: rng */
 #include "math/rng.h"
 #include "tests/tap.h"

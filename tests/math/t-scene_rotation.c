@@ -1,4 +1,5 @@
-/* K: sh export turn */
+/* Rotation of a scene: places, splats' rotations and SH.
+ * K: sh export turn */
 #include "math/scene_rotation.h"
 #include "math/rng.h"
 #include "tests/tap.h"
@@ -15,7 +16,7 @@ static spin_vec3 direction(uint64_t i)
     return spin_v3(v[0] / length, v[1] / length, v[2] / length);
 }
 
-/* f'(R d) = f(d), by the basis alone. */
+/* f'(R d) = f(d), checked with the basis alone. */
 static void test_sh(const char *what, const double q[4], int degree)
 {
     int n = spin_sh_count(degree);
@@ -41,7 +42,7 @@ static void test_sh(const char *what, const double q[4], int degree)
     near((double)worst, 0, 3e-6 * n, what);
 }
 
-/* The axes of a splat turn with its place. */
+/* The axes of a splat rotate with its position. */
 static void test_rotation(const double q[4])
 {
     struct spin_scene_rotation t, splat, both;
@@ -73,7 +74,7 @@ static void test_rotation(const double q[4])
 
 static void test_half_turns(void)
 {
-    /* About x and z the signs as the formats' papers have them. */
+    /* The signs for x and z are those of the formats' papers. */
     static const char signs[3][17] = {"+--+-++-+-+--+-+", "", "+-+-+-+-+-+-+-+-"};
     struct spin_scene_rotation t;
 
@@ -87,7 +88,7 @@ static void test_half_turns(void)
             sh[i] = (float)i + 0.1f;
         spin_scene_rotation_sh(&t, SPIN_SH_MAX, sh, out);
         for (int i = 0; i < 3 * SPIN_SH_MAX; i++) {
-            /* No constants: a compiler may round those as a fused product and sum would. */
+            /* Not constants, which a compiler may round differently from a fused multiply-add. */
             volatile float x = 0.48f, y = 0.6f, z = 0.64f;
             spin_vec3 d = spin_v3(x, y, z);
             float before[SPIN_SH_MAX], after[SPIN_SH_MAX];

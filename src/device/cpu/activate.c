@@ -1,4 +1,5 @@
-/* Head outputs to finished attributes and back, and the list of splats that have a gradient. */
+/* Activates head outputs to attributes and propagates gradients back; lists the rows with a nonzero
+ * gradient. */
 #include "device/cpu/cpu.h"
 
 #include <string.h>
@@ -12,9 +13,9 @@ struct job {
     const uint32_t *rows;
     const float *raw, *d_attr, *d_pos_w;
     float *out;
-    uint32_t first_row; /* of the frame */
-    uint32_t *found;    /* [n], a chunk's own at its place */
-    uint32_t *count;    /* [chunks] */
+    uint32_t first_row; /* first row of the frame */
+    uint32_t *found;    /* [n], each chunk writes at its first row */
+    uint32_t *count;    /* [chunks] rows found */
 };
 
 static inline void copy_sh(size_t width, const float *from, float *to)
@@ -25,7 +26,7 @@ static inline void copy_sh(size_t width, const float *from, float *to)
         memcpy(to + SPIN_ATTR_SH, from + SPIN_ATTR_SH, 4 * sizeof *to);
 }
 
-/* Rows side by side, so that the compiler makes vectors of the loops over them. */
+/* A block of rows as a structure of arrays, so that the compiler vectorises the loops over them. */
 struct block {
     float scale[3][BLOCK], rotation[4][BLOCK], opacity[BLOCK];
 };
@@ -147,7 +148,7 @@ void SPIN_CPU(activate_back)(struct spin_device *d, const struct spin_frame_batc
     spin_pool_rows(spin_cpu_pool(d), job.n, CHUNK, activate_back_task, &job);
 }
 
-/* All bits but the signs, or-ed: not zero when any value is (NaN counts, -0 does not). */
+/* All bits but the signs, or-ed: nonzero if any value is nonzero (NaN counts, -0 does not). */
 static uint32_t any_set(const float *x, size_t n)
 {
     uint32_t bits = 0;
@@ -169,8 +170,7 @@ static void active_task(void *context, size_t first, size_t end)
     job->count[first / CHUNK] = n;
 }
 
-/* Every chunk lists its own, then the lists are put together in order. Returns how many there are.
- */
+/* Each chunk lists its own rows, then the lists are joined in order. Returns the number of rows. */
 static uint32_t list_active(struct spin_device *d, const struct spin_frame_of_batch *frame,
                             size_t width, const float *d_attr, uint32_t *rows)
 {

@@ -1,4 +1,4 @@
-/* Adam on the CPU: one pass over p, g, m and v that also clears g. */
+/* Adam on the CPU: one pass over p, g, m and v, which also zeroes g. */
 #include "device/cpu/cpu.h"
 
 #include "device/cpu/denormals.h"
@@ -49,8 +49,7 @@ void SPIN_CPU(adam)(struct spin_device *d, int n_groups, const struct spin_param
     }
 }
 
-/* ---- Whether they are still numbers -----------------------------------------------------------
- */
+/* ---- Nonfinite values ------------------------------------------------------------------------ */
 
 enum { FINITE_CHUNK = 1 << 16 };
 struct finite {
@@ -59,7 +58,7 @@ struct finite {
     uint32_t *count;
 };
 
-/* The exponent alone tells: compilers take such a loop many values at a time. */
+/* Testing the exponent bits alone is a loop that compilers vectorise. */
 static void finite_task(void *context, size_t first, size_t end)
 {
     const struct finite *job = context;

@@ -1,11 +1,11 @@
-/* Alpha blending of the splats of a tile, front to back, and its gradient, back to front: who
- * visits which pixel in which order. The formulas are math/blend.h's, written here for a register
- * of pixels of a row at a time; tests/device/t-blend.c compares the two.
+/* Alpha blending of the splats of a tile, front to back, and its gradient, back to front. The
+ * formulas are those of math/blend.h, rewritten for a vector of pixels of a row at a time;
+ * tests/device/t-blend.c compares the two.
  *
- * A tile's pairs are made ready in batches. A splat visits only the rows, and of narrow code
- * paths the columns, that its alpha can reach. Backwards, each (splat, tile) pair writes its sums
- * to a slot of its own, and the slots of a splat are added in order: no atomics, and the same bits
- * for any number of threads. */
+ * The pairs of a tile are prepared in batches. A splat visits only the rows, and on SIMD paths with
+ * short vectors only the columns, that its alpha can reach. Backward, each (splat, tile) pair
+ * writes its sums to its own slot, and the slots of a splat are added in order: no atomics, and the
+ * same bits for any number of threads. */
 #include <string.h>
 
 #include "device/cpu/cpu.h"
@@ -17,7 +17,7 @@ enum {
     BATCH = 32,
     SIDE = SPIN_TILE,
     LANES = SPIN_LANES,
-    VECS = SIDE / LANES, /* registers in a row */
+    VECS = SIDE / LANES, /* vectors per row */
     REDUCE_CHUNK = 512
 };
 
@@ -25,7 +25,7 @@ struct job {
     const struct spin_camera_f32 *cam;
     size_t n;
     const struct spin_splat2d *splat2d;
-    const uint32_t *lists, *start; /* of the view's tiles: struct spin_tiles */
+    const uint32_t *lists, *start; /* of the view's tiles, see struct spin_tiles */
     const float *background;
     float *image, *final_transmittance;
     int32_t *last_contributor;
@@ -35,7 +35,7 @@ struct job {
     struct spin_blend_sums *slots;
 };
 
-/* Pixels of a tile. */
+/* Position and size of a tile in the image. */
 struct place {
     int x0, y0, width, height;
     size_t tile_x, tile_y;
@@ -54,22 +54,23 @@ static struct place place_of(const struct spin_camera_f32 *cam, int tile)
     return p;
 }
 
-/* Pairs of the tile, made ready: offsets from the tile's first pixel, the exponent's coefficients,
- * the registers of a row that alpha can reach, and what tells which rows (rows_set). Arrays, so
- * that the compiler makes vectors of the loop that fills them. */
+/* A batch of the tile's pairs, prepared for blending: offsets from the tile's first pixel,
+ * coefficients of the exponent, the vectors of a row that alpha can reach, and what rows_set()
+ * needs to find the rows. Arrays, so that the compiler vectorises the loop that fills them. */
 struct ready {
     float u[BATCH], v[BATCH], a[BATCH], b[BATCH], c[BATCH], opacity[BATCH], colour[3][BATCH];
-    float peak[BATCH];  /* largest exponent of a row: at dx = peak dy */
-    float least[BATCH]; /* exponent without the opacity: below it a pixel does not count */
+    float peak[BATCH];  /* dx / dy at which the exponent is largest in a row */
+    float least[BATCH]; /* threshold of the exponent without the opacity: pixels below it do not
+                         * contribute */
     int32_t vec0[BATCH], vec1[BATCH];
 };
 
-/* v truncated, within 0..n */
+/* v truncated and clamped to 0..n */
 SPIN_FN int32_t clamp_to(float v, float n) { return (int32_t)spin_minf(spin_maxf(v, 0), n); }
 
-/* `reach` is padded by 0.01, so 0.999 stands for rounding up. `least` has a margin for the rounding
- * of an exponent's terms anywhere in the tile; where the coefficients are of no use, none is below
- * it. */
+/* `reach` is padded by 0.01, so adding 0.999 rounds up. `least` has a margin for the rounding
+ * errors of the exponent's terms anywhere in the tile; for degenerate coefficients it is so low
+ * that no pixel is skipped. */
 static void reach_of(struct ready *r)
 {
     for (int i = 0; i < BATCH; i++) {
@@ -90,7 +91,7 @@ static void reach_of(struct ready *r)
     }
 }
 
-/* `next`: n_next pairs that will be made ready after these, brought near meanwhile. */
+/* Prefetches the n_next splats of `next`, the batch that will be prepared after this one. */
 static void make_ready(const struct spin_splat2d *splat2d, const struct place *p,
                        const uint32_t *intersections, uint32_t n, const uint32_t *next,
                        uint32_t n_next, struct ready *r)
@@ -123,12 +124,11 @@ static struct spin_blend_splat splat_of(const struct ready *r, uint32_t i)
     return s;
 }
 
-/* What the exponent needs of every row of the tile: the distance, and the term without dx. They are
- * kept in memory because a load that copies one float into all lanes costs no more than a plain
- * load. */
+/* Terms of the exponent for every row of the tile: the distance dy, and the term without dx. Kept
+ * in memory because a load that broadcasts one float costs no more than a plain load. */
 struct rows {
     float dy[SIDE], c[SIDE];
-    int begin, end; /* rows with a pixel that may count; an ellipse leaves no gap */
+    int begin, end; /* rows with a pixel that may contribute; an ellipse leaves no gap */
 };
 
 SPIN_FN void rows_set(struct rows *rows, const struct ready *r, uint32_t i, int height)
@@ -157,10 +157,10 @@ struct front {
     __attribute__((aligned(64))) float t[SIDE * SIDE], colour[3][SIDE * SIDE];
     int32_t used[SIDE * SIDE];
     spin_mask live[SIDE * VECS];
-    int n_live; /* registers with a live pixel */
+    int n_live; /* vectors with a pixel that is not yet opaque */
 };
 
-/* Where the tile's pixels will be written: brought near while they are computed. */
+/* Prefetches the output pixels of the tile while they are computed. */
 static void fetch_pixels(const struct job *job, const struct place *p)
 {
     size_t plane = (size_t)job->cam->width * (size_t)job->cam->height;
@@ -192,7 +192,7 @@ static void front_begin(struct front *f, const struct place *p)
     }
 }
 
-/* One register of pixels takes one splat: spin_blend_step. `power` is without the opacity. */
+/* Blends one splat onto one vector of pixels, see spin_blend_step. `power` excludes the opacity. */
 SPIN_FN void front_step(struct front *f, spin_lanes log2_opacity, const spin_lanes *colour, int vec,
                         spin_lanes power, int32_t place)
 {
@@ -242,7 +242,7 @@ static void front_splat(struct front *f, const struct ready *r, uint32_t i, int 
     }
 }
 
-/* A row of pixels, out of the tile. */
+/* Writes a row of the tile to the output images. */
 SPIN_FN void row_out(const struct job *job, const struct front *f, size_t plane, int width, int i,
                      size_t at)
 {
@@ -271,7 +271,7 @@ static void front_end(const struct job *job, const struct front *f, const struct
     for (int y = 0; y < p->height; y++) {
         size_t at = (size_t)(p->y0 + y) * (size_t)job->cam->width + (size_t)p->x0;
 
-        if (p->width == SIDE) /* so that the compiler knows */
+        if (p->width == SIDE) /* constant width, so that the loops are unrolled */
             row_out(job, f, plane, SIDE, y * SIDE, at);
         else
             row_out(job, f, plane, p->width, y * SIDE, at);
@@ -324,7 +324,7 @@ void SPIN_CPU(blend)(struct spin_device *d, const struct spin_view_batch *views,
 
 /* ---- Depth ----------------------------------------------------------------------------------- */
 
-/* A pixel at a time: films are not trainings. */
+/* Scalar code: depth is rendered for output only, not in training. */
 static void depth_task(void *context, int tile)
 {
     const struct job *job = context;
@@ -379,15 +379,15 @@ void SPIN_CPU(depth)(struct spin_device *d, const struct spin_view_batch *views,
 /* ---- Backward -------------------------------------------------------------------------------- */
 
 struct back {
-    float t[SIDE * SIDE]; /* transmittance behind the splat */
-    float s[SIDE * SIDE]; /* sum over what is behind of weight * (colour . g) */
+    float t[SIDE * SIDE]; /* transmittance behind the splat, then in front of it */
+    float s[SIDE * SIDE]; /* sum of weight * (colour . g) over everything behind the splat */
     float g[3][SIDE * SIDE];
     float used[SIDE * SIDE];       /* as floats: exact below 2^24 */
-    int32_t vec_used[SIDE * VECS]; /* the largest of a register */
-    int32_t most;                  /* of the tile */
+    int32_t vec_used[SIDE * VECS]; /* largest value of each vector */
+    int32_t most;                  /* largest value of the tile */
 };
 
-/* A row of pixels, into the tile. */
+/* Reads a row of the input gradients into the tile. */
 SPIN_FN void row_in(const struct job *job, struct back *b, size_t plane, int width, int i,
                     size_t at)
 {
@@ -432,12 +432,13 @@ static void back_begin(const struct job *job, struct back *b, const struct place
         b->most = b->vec_used[k] > b->most ? b->vec_used[k] : b->most;
 }
 
-/* Sums of one splat over the rows; those with dx follow from them, since dx is the same in all. */
+/* Sums of one splat over the rows. The sums with a factor dx follow from these, since dx is the
+ * same in all rows. */
 struct sums {
     spin_lanes colour[3], e, ey, eyy;
 };
 
-/* One register of pixels gives back one splat: spin_blend_step_adj. */
+/* Gradient of one splat at one vector of pixels, see spin_blend_step_adj. */
 SPIN_FN void back_step(struct back *b, const struct spin_blend_splat *s, int vec, spin_lanes power,
                        float dy, float place, struct sums *sums)
 {
@@ -505,7 +506,7 @@ static struct spin_blend_sums back_splat(struct back *b, const struct ready *r, 
     for (int k = r->vec0[i]; k < r->vec1[i]; k++) {
         spin_lanes dx = s.u_px - (float)(k * LANES) - spin_lanes_count();
         spin_lanes a = s.a * dx * dx, slope = s.b * dx;
-        struct sums sums = {{none, none, none}, none, none, none}; /* in registers */
+        struct sums sums = {{none, none, none}, none, none, none}; /* local, to stay in registers */
 
         for (int row = rows.begin; row < rows.end; row++)
             if (b->vec_used[row * VECS + k] > place)
@@ -553,7 +554,7 @@ static void back_task(void *context, int tile)
     }
 }
 
-/* Add the slots of each splat, and finish. */
+/* Adds up the slots of each splat and computes its gradient from the sums. */
 static void reduce_task(void *context, size_t first, size_t last)
 {
     const struct job *job = context;

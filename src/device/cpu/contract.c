@@ -1,5 +1,5 @@
-/* Means of splats to the unit cube of the hash grid, and back. Nothing here is fused
- * (-ffp-contract=off), so every code path gives the same bits. */
+/* Maps the means of splats to the unit cube of the hash grid, and gradients back. Compiled with
+ * -ffp-contract=off, so that every SIMD path gives the same bits. */
 #include "device/cpu/cpu.h"
 #include "math/contract.h"
 

@@ -1,5 +1,5 @@
-/* The CPU device: memory, and which function is which verb. It works at once: on return from a verb
- * its work is done. A frame and a view at a time fit its caches best. */
+/* The CPU device: memory, and the table of its verbs. Verbs run synchronously. A batch of one frame
+ * and one view fits its caches best. */
 #include "device/cpu/cpu.h"
 
 #include "base/base.h"
@@ -75,7 +75,7 @@ static spin_status wait(struct spin_device *d)
         return SPIN_OK;
     cpu->failed = SPIN_OK;
     spin_fail(status, "%s", cpu->why);
-    return spin_fail_context(status, "scratch of an operation");
+    return spin_fail_context(status, "scratch memory of an operation");
 }
 
 static spin_status download(struct spin_device *d, void *host, const void *from, size_t bytes)
@@ -149,5 +149,5 @@ const struct spin_device_ops SPIN_CPU(ops) = {
     .copy_rows = copy_rows,
     .memory_available = memory_available,
     .clock = clock_of,
-    SPIN_DEVICE_VERBS(LISTED) /* each with its comma */
+    SPIN_DEVICE_VERBS(LISTED) /* LISTED appends the comma */
 };

@@ -1,6 +1,6 @@
-/* The CPU device. Every file of this folder is compiled once per code path (SPIN_CPU_PATH = base,
- * v3, v4 on x86-64; base alone elsewhere, where it is NEON on Arm), with the compiler's flags for
- * it; device.c picks one at run time. SPIN_CPU(name) is a name of this path. */
+/* Internals of the CPU device. Every file of this folder is compiled once per SIMD path with the
+ * matching compiler flags (SPIN_CPU_PATH = base, v3, v4 on x86-64; elsewhere only base, which is
+ * NEON on Arm); device.c selects one at run time. SPIN_CPU(name) is the name for this path. */
 #pragma once
 
 #include "base/log.h"
@@ -12,7 +12,7 @@
 #define SPIN_CPU_JOIN(path, name) SPIN_CPU_JOIN2(path, name)
 #define SPIN_CPU(name) SPIN_CPU_JOIN(SPIN_CPU_PATH, name)
 
-/* Scratch of the verbs, grown when needed and kept. */
+/* Scratch buffers of the verbs, grown on demand and kept. */
 enum spin_cpu_scratch {
     SPIN_SCRATCH_GRID,
     SPIN_SCRATCH_MLP,
@@ -29,12 +29,12 @@ struct spin_cpu {
     struct spin_pool *pool;
     struct spin_scratch scratch[SPIN_SCRATCHES];
     double seconds[SPIN_N_OPS]; /* since the last clock() */
-    spin_status failed;         /* what the next wait() will report, once */
+    spin_status failed;         /* error that the next wait() reports, once */
     char why[256];
 };
 
-/* verbs.c: 64-byte aligned, contents undefined. NULL when there is no memory: the verb then leaves
- * its results as they are, and the next wait() or download() reports it. */
+/* Scratch of at least `bytes`, 64-byte aligned, contents undefined. NULL if out of memory: the verb
+ * then leaves its results unchanged, and the next wait() or download() reports the error. */
 void *SPIN_CPU(scratch_need)(struct spin_device *d, enum spin_cpu_scratch which, size_t bytes);
 #define spin_cpu_scratch_need SPIN_CPU(scratch_need)
 
@@ -43,7 +43,7 @@ static inline struct spin_pool *spin_cpu_pool(struct spin_device *d)
     return ((struct spin_cpu *)d->state)->pool;
 }
 
-/* The time from here to the end of the block is the operation's. */
+/* Accounts the time from here to the end of the block to the operation. */
 struct spin_cpu_clock {
     struct spin_device *d;
     int op;
@@ -53,7 +53,7 @@ static inline void spin_cpu_stop(struct spin_cpu_clock *c)
 {
     ((struct spin_cpu *)c->d->state)->seconds[c->op] += spin_now_s() - c->start_s;
 }
-/* Clang takes it for a variable that nobody uses. */
+/* unused: Clang would warn that the variable is never read. */
 #define SPIN_CPU_CLOCK(d, op)                                                                      \
     __attribute__((unused))                                                                        \
     SPIN_LEAVES(spin_cpu_stop) struct spin_cpu_clock clock_of_verb = {d, op, spin_now_s()}
@@ -64,10 +64,10 @@ static inline float *spin_cpu_picture(const struct spin_view_batch *views, int v
     return pictures ? pictures + (size_t)view * 3 * views->max_pixels : NULL;
 }
 
-/* verbs.c: active rows of one frame: [first, first + returned) of the list. */
+/* Finds the active rows of one frame: [first, first + returned) of the list. */
 size_t SPIN_CPU(active_of)(const struct spin_active *active,
                            const struct spin_frame_of_batch *frame, size_t *first);
 
-/* A verb of the device has the type that its place in spin_device_ops has. */
+/* Declares each verb with the type of its member of spin_device_ops. */
 #define SPIN_CPU_VERB(name) __typeof__(*((struct spin_device_ops *)0)->name) SPIN_CPU(name);
 SPIN_DEVICE_VERBS(SPIN_CPU_VERB)

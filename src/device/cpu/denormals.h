@@ -1,7 +1,6 @@
-/* Moments of entries that are no longer touched fade into denormal numbers, and stay there: 0.9
- * times the smallest one rounds back to it. Arithmetic on them is a hundred times slower, so they
- * count as zero between these two calls. On machines without the switch nothing but speed changes.
- */
+/* Treat denormal numbers as zero between these two calls. Adam's moments of entries without
+ * gradient decay into denormals and stay there (0.9 times the smallest one rounds back to it), and
+ * arithmetic on denormals is a hundred times slower. Without SSE the calls do nothing. */
 #pragma once
 
 #if defined(__SSE__)

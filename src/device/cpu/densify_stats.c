@@ -1,5 +1,5 @@
-/* How strongly a view's loss pulls at every splat, gathered for densification. Compiled without
- * contraction of products and sums (-ffp-contract=off), so every code path gives the same bits. */
+/* Accumulates, for densification, the length of the loss gradient with respect to each splat's
+ * screen position. Compiled with -ffp-contract=off, so that every SIMD path gives the same bits. */
 #include <math.h>
 
 #include "device/cpu/cpu.h"
@@ -15,8 +15,8 @@ struct job {
     uint32_t *seen;
 };
 
-/* A pixel coordinate u belongs to x in normalised device coordinates by u = ((x + 1) width - 1)
- * / 2. */
+/* Pixel coordinate u and normalised device coordinate x are related by u = ((x + 1) width - 1) /
+ * 2. */
 static void stats_task(void *context, size_t first, size_t end)
 {
     const struct job *job = context;

@@ -1,24 +1,24 @@
-/* A camera's gain and offset and its lens's falloff over a picture, and back. Sums go chunk by
- * chunk in double. */
+/* Applies a camera's gain and offset and its lens's falloff to an image, and the gradient back.
+ * Sums are accumulated chunk by chunk in double. */
 #include <math.h>
 
 #include "device/cpu/cpu.h"
 #include "math/exposure.h"
 
-enum { ROWS = 8, SUMS = 4 }; /* a chunk is so many rows of the picture */
+enum { ROWS = 8, SUMS = 4 }; /* a chunk has ROWS rows of one channel */
 
 struct job {
-    int width, height, n_chunks; /* chunks of one channel */
+    int width, height, n_chunks; /* chunks per channel */
     float cx, cy;
     const float *exposure, *lens, *image;
-    float *out;   /* the picture as the camera shows it, or d_image in place */
+    float *out;   /* the image with exposure applied, or d_image in place */
     double *sums; /* [3][n_chunks][SUMS] */
 };
 
-/* One chunk: its channel and rows. */
+/* One chunk: a channel and a range of rows. */
 struct part {
     int channel, first, last;
-    size_t at; /* of the channel */
+    size_t at; /* offset of the channel */
     float gain, offset, c1, c2;
 };
 
@@ -110,7 +110,7 @@ void SPIN_CPU(exposure)(struct spin_device *d, const struct spin_view_batch *vie
     }
 }
 
-/* The sums of the chunks, in order. */
+/* Adds the sums of the chunks, in order. */
 static void add_sums(const struct job *j, float *d_exposure, float *d_lens)
 {
     float *const to[SUMS] = {d_exposure, d_exposure + 3, d_lens, d_lens + 3};

@@ -1,14 +1,15 @@
 /* The 4-D hash grid on the CPU, forward and backward.
  *
- * Points go in blocks of 64. For one level, the rows and weights of all corners of a block are
- * computed first, in loops over points that become vector code; then every corner is one short
- * vector of the table. While it is worked on, the rows of what comes next (a level further, or a
- * block) are asked for: waiting for memory is most of the encoder's time. Nothing here is fused
- * (-ffp-contract=off), so every code path gives the same bits.
+ * Points are processed in blocks of 64. For one level, the rows and weights of all corners of a
+ * block are computed first, in loops over points that vectorise; then every corner is one short
+ * vector of the table. Meanwhile the table rows of the next level or block are prefetched: most of
+ * the encoder's time is memory latency. Compiled with -ffp-contract=off, so that every SIMD path
+ * gives the same bits.
  *
- * Backward: a level belongs to one task, which visits the points in order, so sums into the table
- * do not depend on the number of threads. Gradients to the positions are kept per level and added
- * by a binary tree over levels in a second pass, so that some levels alone give a branch of it. */
+ * Backward: each level is one task, which visits the points in order, so the sums into the table do
+ * not depend on the number of threads. Gradients to the positions are kept per level and added in a
+ * second pass by a binary tree over the levels, so that the sum of an aligned group of levels is a
+ * branch of that tree. */
 #include "device/cpu/cpu.h"
 
 #include <string.h>
@@ -20,7 +21,7 @@
 
 enum { BLOCK = 64, CORNERS = 16, CHUNK = 4096 };
 
-/* Four features; wider rows are several of them, narrower ones are padded with zeros. */
+/* Four features. Wider rows are several quads, narrower ones are padded with zeros. */
 typedef float quad __attribute__((vector_size(16)));
 
 static inline __attribute__((always_inline)) quad quad_load(const float *p, int lanes)
@@ -48,29 +49,29 @@ static size_t row_of(const uint32_t *rows, size_t i) { return rows ? rows[i] : i
 
 /* ---- rows and weights of a block ------------------------------------------------------------- */
 
-/* Up to 64 points, axis-major. Unused places and points out of [0,1]^4 (or NaN) hold 0 and inside
- * = 0. */
+/* Up to 64 points, axis-major. Unused entries and points outside [0,1]^4 (or NaN) hold 0 and have
+ * inside = 0. */
 struct points {
     float x[4][BLOCK];
     uint32_t inside[BLOCK];
 };
 
-/* What a level needs for its rows. An upper vertex beyond the border has weight 0 in a dense
- * level; its place is taken by the last vertex, which spares the modulo and keeps any geometry
- * inside the table. */
+/* Constants of a level for computing rows. In a dense level an upper vertex beyond the border has
+ * weight 0; the last vertex stands in for it, which avoids the modulo and keeps every index inside
+ * the table. */
 struct level {
     float scale[4];
-    uint32_t step[4]; /* stride of a dense level, prime of a hashed one */
+    uint32_t step[4]; /* stride of a dense level, hash prime of a hashed one */
     uint32_t top[4];  /* last vertex */
     uint32_t n_rows, mask;
-    int hashed; /* 0; 1 n_rows is a power of two; 2 it is not */
+    int hashed; /* 0: dense; 1: n_rows is a power of two; 2: it is not */
     size_t first_row;
 };
 
 struct corners {
     uint32_t row[CORNERS][BLOCK]; /* within the level */
     float weight[CORNERS][BLOCK];
-    float w[4][BLOCK];     /* of the upper vertex, per axis */
+    float w[4][BLOCK];     /* weight of the upper vertex, per axis */
     float slope[4][BLOCK]; /* d w / d x_u, space only */
 };
 
@@ -165,14 +166,14 @@ static void corners_set(struct corners *c, const struct points *p, const struct 
     }
 }
 
-/* What comes next: its rows in up to two tables. c NULL: nothing. */
+/* Rows to prefetch, in up to two tables. c NULL: none. */
 struct ahead {
     const struct corners *c;
     const float *first, *second;
 };
 
-/* Asks for the rows of point b, as far as the second-level cache: in the first they would be in the
- * way of those that are read now. */
+/* Prefetches the rows of point b into the second-level cache: in the first level they would evict
+ * those that are being read. */
 static inline __attribute__((always_inline)) void fetch(const struct ahead *a, int b, int width)
 {
     if (!a->c)
@@ -197,10 +198,10 @@ struct grid_job {
     quad *d_x; /* [n_levels][n] */
     float *d_x_u;
     const struct spin_cpu_lazy_adam *lazy;
-    float *p, *m, *v; /* of a lazy table */
+    float *p, *m, *v; /* of the table with lazy Adam */
 };
 
-/* Up to 64 points of a job, and their corners in one level. */
+/* Up to 64 points and their corners in one level. */
 struct block {
     int m;
     struct points p;
@@ -215,7 +216,7 @@ static void block_set(struct block *b, const struct grid_job *job, const struct 
     corners_set(&b->c, &b->p, at);
 }
 
-/* One group of `lanes` features of every row of `width` floats. */
+/* Interpolates one group of `lanes` features of rows of `width` floats. */
 static inline __attribute__((always_inline)) void
 gather(const float *table, const struct corners *c, const struct points *p, int m, int width,
        int lanes, float *z, size_t z_width, const struct ahead *next)
@@ -232,7 +233,7 @@ gather(const float *table, const struct corners *c, const struct points *p, int 
     }
 }
 
-/* z of one level and the m points of a block, whose corners are set. */
+/* Writes z of one level for the m points of a block. */
 static void gather_level(const struct grid_job *job, int level, const struct level *at,
                          const struct corners *c, const struct points *p, size_t first, int m,
                          const struct ahead *next)
@@ -292,9 +293,9 @@ void SPIN_CPU(grid)(struct spin_device *d, const struct spin_grid *grid, const f
     spin_pool_rows(spin_cpu_pool(d), n, BLOCK, grid_task, &job);
 }
 
-/* ---- forward, bringing lines of the table to the present step -------------------------------- */
+/* ---- forward, with lazy Adam ----------------------------------------------------------------- */
 
-/* Makes up for the steps that a line has missed. */
+/* Applies the Adam steps that a line has missed. */
 static void bring(const struct grid_job *job, float from, size_t at)
 {
     const struct spin_cpu_lazy_adam *lazy = job->lazy;
@@ -308,7 +309,8 @@ static void bring(const struct grid_job *job, float from, size_t at)
         spin_adam_skip(skipped_step, skipped_eps, decay_m, decay_v, &p[i], &m[i], &v[i]);
 }
 
-/* Lines that the corners of a block need. `line` is the first one of the level. */
+/* Updates and marks the lines that the corners of a block need. `line` is the first line of the
+ * level. */
 static void need(const struct grid_job *job, const struct corners *c, const struct points *p, int m,
                  size_t begin, size_t line, const struct ahead *next)
 {
@@ -327,7 +329,7 @@ static void need(const struct grid_job *job, const struct corners *c, const stru
             size_t at = line + (size_t)c->row[k][b] * width / SPIN_LINE;
             float last;
 
-            if (at == before) /* neighbours along x share a line, mostly */
+            if (at == before) /* neighbours along x mostly share a line */
                 continue;
             before = at;
             last = lines[at];
@@ -340,7 +342,7 @@ static void need(const struct grid_job *job, const struct corners *c, const stru
     }
 }
 
-/* A level belongs to one task, so no line is brought twice. */
+/* Each level is one task, so no line is updated twice. */
 static void grid_lazy_task(void *context, int task)
 {
     const struct grid_job *job = context;
@@ -390,7 +392,7 @@ void SPIN_CPU(lazy_adam_grid)(struct spin_device *d, struct spin_lazy_adam *lazy
 
 /* ---- backward -------------------------------------------------------------------------------- */
 
-/* a + w (b - a), the sum of one axis. */
+/* Interpolates along one axis: a + w (b - a). */
 static inline __attribute__((always_inline)) quad mix(quad a, quad b, float w)
 {
     return a + w * (b - a);
@@ -403,8 +405,9 @@ typedef int quad_of_ints __attribute__((vector_size(16)));
 #define SHUFFLE(a, b, ...) __builtin_shuffle(a, b, (quad_of_ints){__VA_ARGS__})
 #endif
 
-/* The sums over corners of (upper minus lower) along x, y and z, each dotted with g: the gradient
- * to the three smoothstep weights. Axes are summed away one at a time, t first. */
+/* For x, y and z the sum over corners of (upper minus lower), dotted with g: the gradient with
+ * respect to the three smoothstep weights. The sums over the axes are taken one axis at a time, t
+ * first. */
 static inline __attribute__((always_inline)) quad slopes(const quad v[CORNERS], quad g,
                                                          const struct corners *c, int b)
 {
@@ -425,7 +428,7 @@ static inline __attribute__((always_inline)) quad slopes(const quad v[CORNERS], 
     gy = mix(dy[0], dy[1], wx) * g;
     gz = mix(mix(dz[0], dz[1], wx), mix(dz[2], dz[3], wx), wy) * g;
 
-    /* Three sums over the four features at once. */
+    /* Three dot products over the four features at once. */
     pair_lo = SHUFFLE(gx, gy, 0, 4, 1, 5);
     pair_hi = SHUFFLE(gx, gy, 2, 6, 3, 7);
     pair = pair_lo + pair_hi;                /* x0+x2 y0+y2 x1+x3 y1+y3 */
@@ -434,7 +437,8 @@ static inline __attribute__((always_inline)) quad slopes(const quad v[CORNERS], 
     return sum;
 }
 
-/* As gather, the other way. d_x (may be NULL) is added to, slopes included. */
+/* The adjoint of gather(). Adds the position gradient, including the smoothstep slopes, to d_x
+ * unless it is NULL. */
 static inline __attribute__((always_inline)) void
 scatter(const float *table, float *d_table, const struct corners *c, const struct points *p, int m,
         int width, int lanes, const float *d_z, size_t z_width, quad *d_x, const struct ahead *next)
@@ -519,7 +523,7 @@ static void sum_levels_task(void *context, size_t first, size_t end)
         for (int step = 1; step < n_levels; step *= 2)
             for (int level = 0; level + step < n_levels; level += 2 * step)
                 sum[level] += sum[level + step];
-        sum[0][3] = 0.0f; /* time is not trained */
+        sum[0][3] = 0.0f; /* the gradient with respect to time is not used */
         quad_store(job->d_x_u + i * 4, sum[0], 4);
     }
 }

@@ -1,5 +1,5 @@
-/* A register of floats, as wide as this code path has them, with masks. The plain forms use only
- * the compiler's vector types; AVX-512 has masks of its own. */
+/* A vector of floats of this SIMD path's width, with masks. The generic forms use only the
+ * compiler's vector types; AVX-512 has mask registers. */
 #pragma once
 
 #include <stdint.h>
@@ -73,7 +73,7 @@ SPIN_FN spin_lanes spin_lanes_pick(spin_mask m, spin_lanes yes, spin_lanes no)
 {
     return (spin_lanes)_mm512_mask_blend_ps(m, (__m512)no, (__m512)yes);
 }
-/* Only the lanes of the mask; `to` is aligned. */
+/* Stores only the lanes of the mask; `to` is aligned. */
 SPIN_FN void spin_lanes_put_i(int32_t *to, spin_mask m, spin_lanes_i v)
 {
     _mm512_mask_store_epi32(to, m, (__m512i)v);
@@ -90,7 +90,7 @@ SPIN_FN spin_lanes spin_lanes_max(spin_lanes a, spin_lanes b)
 {
     return (spin_lanes)_mm512_max_ps((__m512)a, (__m512)b);
 }
-/* 1/v: an estimate of 14 bits and one Newton step, 1e-7 */
+/* 1/v: a 14-bit estimate and one Newton step, relative error 1e-7 */
 SPIN_FN spin_lanes spin_lanes_inverse(spin_lanes v)
 {
     spin_lanes x = (spin_lanes)_mm512_rcp14_ps((__m512)v);
@@ -165,7 +165,7 @@ SPIN_FN spin_mask spin_mask_first(int n)
 
 #endif
 
-/* approx.h's spin_exp2 for -126 <= x <= 127. */
+/* spin_exp2() of math/approx.h, for -126 <= x <= 127. */
 SPIN_FN spin_lanes spin_lanes_exp2(spin_lanes x)
 {
     spin_lanes shifted = x + SPIN_ROUND_MAGIC, f = x - (shifted - SPIN_ROUND_MAGIC), p;
@@ -205,7 +205,7 @@ SPIN_FN void spin_lanes_sum8(const spin_lanes *v, float *sum)
     __m512 half[4], x, y;
     float all[16];
 
-    for (int i = 0; i < 4; i++) { /* two sums in each */
+    for (int i = 0; i < 4; i++) { /* two sums in each half */
         __m512 a = (__m512)v[2 * i], b = (__m512)v[2 * i + 1];
         half[i] = _mm512_add_ps(_mm512_shuffle_f32x4(a, b, 0x44), _mm512_shuffle_f32x4(a, b, 0xee));
     }

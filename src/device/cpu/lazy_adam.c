@@ -1,4 +1,5 @@
-/* Adam for a table of which a step touches little (device.h, struct spin_lazy_adam). */
+/* Lazy Adam, for a table of which an iteration touches only a small part (struct spin_lazy_adam in
+ * device.h). */
 #include "device/cpu/lazy_adam.h"
 
 #include "base/base.h"
@@ -10,7 +11,8 @@
 #include <immintrin.h>
 #endif
 
-/* REACH: of a step, (.9 / sqrt(.999))^400 = 6e-19 is left 400 steps later: nothing. */
+/* REACH: a step's influence decays by (.9 / sqrt(.999))^400 = 6e-19 within 400 steps, which is
+ * negligible. */
 enum { LINES = 4096, AHEAD = 8, REACH = 400 };
 
 struct job {
@@ -30,7 +32,8 @@ static void step_range(struct spin_adam_step step, size_t n, float *restrict p, 
     }
 }
 
-/* The marked lines of [first, end), ascending. Without a branch: it would be guessed wrong. */
+/* Lists the marked lines of [first, end) in ascending order. Branchless, since the branch would be
+ * mispredicted often. */
 static size_t list_marked(const struct spin_cpu_lazy_adam *lazy, size_t first, size_t end,
                           uint32_t *list)
 {
@@ -78,7 +81,7 @@ static void step_task(void *context, size_t first, size_t end)
     spin_denormals_back(before);
 }
 
-/* Floats before the first line. */
+/* Number of floats before the first line. */
 static size_t first_line(const struct spin_grid *grid)
 {
     return (size_t)grid->offset[spin_lazy_level(grid)] * (size_t)grid->n_features;

@@ -1,6 +1,6 @@
-/* L1 + SSIM in two sweeps over bands of rows (docs/method.md 5). The first windows x, y, x^2 + y^2
- * and x y, and leaves the three slopes of the map; the second windows those. Bands depend only on
- * the image, and their sums are added in order. */
+/* L1 + SSIM in two passes over bands of rows (docs/method.md 5). The first pass filters x, y, x^2 +
+ * y^2 and x y with the SSIM window and stores the three slopes of the SSIM map; the second filters
+ * those slopes. The bands depend only on the image size, and their sums are added in order. */
 #include <string.h>
 
 #include "device/cpu/cpu.h"
@@ -8,31 +8,31 @@
 
 enum {
     BAND = 24,
-    PART = 8, /* rows of a band at a time */
+    PART = 8, /* rows of a band that are filtered at a time */
     HALF = SPIN_SSIM_HALF,
     TAPS = 2 * HALF + 1,
     RING = PART + 2 * HALF,
-    STRIP = 256, /* columns at a time, so that what their windows share stays near */
-    MAPS = 4,    /* forward; backward has 3 */
-    PAD = 16,    /* zeros on both sides of a row, so that it stays aligned */
-    SUMS = 16    /* partial sums of a row */
+    STRIP = 256, /* columns at a time, so that the rows shared by their windows stay in cache */
+    MAPS = 4,    /* forward; backward uses 3 */
+    PAD = 16,    /* zeros on both sides of a row; a multiple of the vector size, for alignment */
+    SUMS = 16    /* partial sums per row */
 };
 
 static const float window[HALF + 1] = SPIN_SSIM_WINDOW;
 
 struct job {
     int width, height, bands;
-    size_t stride; /* of a padded row */
+    size_t stride; /* floats in a padded row */
     const float *image, *truth, *pixel_weight;
     float *d_image;
-    float *slope[3];    /* planes [3][h][w] of the map's slopes */
-    float *rows;        /* per worker, see struct band */
+    float *slope[3];    /* slopes of the map, planes [3][h][w] */
+    float *rows;        /* scratch per worker, see struct band */
     size_t rows_floats; /* per worker */
     float scale_l1, scale_ssim;
-    double *l1, *ssim, *mass; /* [3 * bands] sums; mass: of the pixels' weights */
+    double *l1, *ssim, *mass; /* [3 * bands] sums; mass: sum of the pixel weights */
 };
 
-/* to [w] = the vertical window of rows from[0..TAPS-1]. */
+/* to [w] = the rows from[0..TAPS-1] weighted by the vertical window. */
 static void window_down(const float *const *from, int w, float *SPIN_RESTRICT to)
 {
     const float *a5 = from[0], *a4 = from[1], *a3 = from[2], *a2 = from[3], *a1 = from[4];
@@ -45,7 +45,7 @@ static void window_down(const float *const *from, int w, float *SPIN_RESTRICT to
                 window[5] * (a5[x] + b5[x]);
 }
 
-/* The horizontal window at x of a row with zeros around it. */
+/* The horizontal window at x; the row is padded with zeros. */
 SPIN_FN float window_across(const float *row, int x)
 {
     float sum = window[0] * row[x];
@@ -55,7 +55,7 @@ SPIN_FN float window_across(const float *row, int x)
     return sum;
 }
 
-/* Sum of a row in double, in an order that does not depend on the code path's width. */
+/* Sum of a row in double, in an order independent of the SIMD width. */
 static double sum_row(const float *row, int w)
 {
     float part[SUMS] = {0};
@@ -75,9 +75,9 @@ static double sum_row(const float *row, int w)
 struct band {
     int first, last;           /* rows */
     const float *x, *y;        /* planes of the channel */
-    size_t at;                 /* of the plane in [3][h][w] */
-    float *padded[MAPS];       /* PART rows with zeros around them */
-    float *squares, *products; /* rings of RING rows */
+    size_t at;                 /* offset of the plane in [3][h][w] */
+    float *padded[MAPS];       /* PART rows, padded with zeros */
+    float *squares, *products; /* ring buffers of RING rows */
     float *line, *zeros;       /* one row each */
 };
 
@@ -104,7 +104,7 @@ static struct band band_of(const struct job *job, int task)
     return b;
 }
 
-/* x^2 + y^2 and x y of a row, into their place in the rings. */
+/* Stores x^2 + y^2 and x y of a row in the ring buffers. */
 static void multiply_row(const struct job *job, const struct band *b, int row)
 {
     const float *SPIN_RESTRICT x = b->x + (size_t)row * (size_t)job->width;
@@ -123,8 +123,8 @@ static float *padded(const struct job *job, const struct band *b, int m, int in_
     return b->padded[m] + (size_t)in_part * job->stride;
 }
 
-/* The vertical windows of map m at the part of the band that begins with this row. Row r of the map
- * is at from + r % n_rows * stride. */
+/* Applies the vertical window to map m for the PART rows that begin at `first`. Row r of the map is
+ * at from + r % n_rows * stride. */
 static void window_part_down(const struct job *job, const struct band *b, int first, int m,
                              const float *from, int n_rows, size_t stride)
 {
@@ -155,8 +155,8 @@ static void window_forward(const struct job *job, const struct band *b, int firs
     window_part_down(job, b, first, 3, b->products, RING, job->stride);
 }
 
-/* map [w] = SSIM of rows p0..p3, and its slopes. Apart from its caller so that the compiler sees
- * that nothing overlaps, and makes vectors of it. */
+/* map [w] = SSIM from rows p0..p3, and its slopes. A separate function so that the compiler sees
+ * that nothing overlaps, and vectorises the loop. */
 static __attribute__((noinline)) void
 ssim_row(int w, const float *SPIN_RESTRICT p0, const float *SPIN_RESTRICT p1,
          const float *SPIN_RESTRICT p2, const float *SPIN_RESTRICT p3, float *SPIN_RESTRICT map,
@@ -251,7 +251,7 @@ static void backward_task(void *context, int task)
 
 static size_t round_up(size_t n) { return (n + 15) / 16 * 16; }
 
-/* ---- Photographs ----------------------------------------------------------------------------- */
+/* ---- Input images ---------------------------------------------------------------------------- */
 
 struct photo {
     const uint8_t *rgb8, *mask;
@@ -273,8 +273,8 @@ static void photo_task(void *context, size_t first, size_t last)
         p->pixel_weight[i] = p->weight[p->mask[i / 8] >> i % 8 & 1];
 }
 
-/* The view's photograph as floats, and its pixels' weights (NULL: all 1) when they are wanted.
- * False: there is no memory. */
+/* The view's image as floats and, if `weights`, its pixel weights (NULL: all 1). Returns false if
+ * out of memory. */
 static bool load_photo(struct spin_device *d, const struct spin_view_of_batch *view,
                        const struct spin_images *images, bool weights, const float **truth,
                        const float **pixel_weight)
@@ -369,7 +369,7 @@ void SPIN_CPU(loss)(struct spin_device *d, const struct spin_view_batch *views,
     }
 }
 
-/* Sums of squares, apart for pixels whose bit is 0 and 1. */
+/* Sums of squared differences, separately for pixels whose mask bit is 0 and 1. */
 static void sum_regions(size_t plane, const float *image, const float *truth, const uint8_t *mask,
                         double sum[2])
 {

@@ -1,14 +1,14 @@
 /* The four heads on the CPU, forward and backward.
  *
- * Gaussians go in blocks of 96. A block's activations and all weights stay in the second-level
- * cache; nothing but the outputs leaves it. The matrix products are register tiles of 6 rows (6 x
- * 64 with AVX-512): one row of the right factor is loaded, six values of the left are broadcast.
- * Weights are copied once per call, transposed for the forward and padded to whole vectors.
+ * Gaussians are processed in blocks of 96, so that the activations of a block and all weights stay
+ * in the second-level cache; only the outputs go to memory. The matrix products use register tiles
+ * of 6 rows (6 x 64 with AVX-512): load one row of the right factor, broadcast six values of the
+ * left. Weights are copied once per call, transposed for the forward pass and padded to whole
+ * vectors.
  *
  * Backward recomputes the activations (docs/method.md 3.4). The gradient of the weights is a sum
- * over Gaussians: the blocks are cut into at most 32 tasks, a number that depends only on the
- * number of Gaussians; each has its own partial sum, and the partial sums are added in task order.
- */
+ * over Gaussians: the blocks are divided among at most 32 tasks, whose number depends only on the
+ * number of Gaussians; each task has its own partial sum, and these are added in task order. */
 #include "device/cpu/cpu.h"
 
 #include <string.h>
@@ -28,15 +28,15 @@ enum { BLOCK = 96, TILE_ROWS = 6, MAX_TASKS = 32, PAD = 16 };
 
 #define ALWAYS_INLINE static inline __attribute__((always_inline))
 
-/* LANES floats at any address. */
+/* LANES floats; vec_at at any address. */
 typedef float vec __attribute__((vector_size(LANES * 4)));
 typedef float vec_at __attribute__((vector_size(LANES * 4), aligned(4), may_alias));
 
 /* ---- matrix product -------------------------------------------------------------------------- */
 
-/* C [m][n] = start + A B, with A(i, k) = a[i * a_row + k * a_col], rows of B and C ldb and ldc
- * apart. Sums start from zero, or from the rows of `from`, from_ld apart: 0 for a bias. n is a
- * multiple of 16. */
+/* C [m][n] = start + A B, where A(i, k) = a[i * a_row + k * a_col] and the rows of B and C are ldb
+ * and ldc apart. `start` is zero, or the rows of `from`, from_ld apart (0 repeats one row, a bias).
+ * n is a multiple of 16. */
 struct product {
     int m, n, k;
     const float *a;
@@ -49,7 +49,7 @@ struct product {
     size_t from_ld;
 };
 
-/* rows and vecs are constants where it is inlined, so the sums live in registers. */
+/* rows and vecs are constants after inlining, so the sums stay in registers. */
 ALWAYS_INLINE void tile(const struct product *x, int rows, int vecs, size_t a_row, size_t a_col,
                         const float *a, const float *b, const float *from, float *c)
 {
@@ -79,8 +79,8 @@ ALWAYS_INLINE void tile(const struct product *x, int rows, int vecs, size_t a_ro
             *(vec_at *)(c + (size_t)i * ldc + j * LANES) = sum[i][j];
 }
 
-/* All rows of one column of tiles from n0 on: sixes, then fours, then ones. One of a_row and a_col
- * is 1 and said so as a constant. */
+/* All rows of one column of tiles starting at n0: by sixes, then fours, then ones. Callers pass 1
+ * as a constant for one of a_row and a_col. */
 ALWAYS_INLINE void column(const struct product *x, int vecs, size_t a_row, size_t a_col, int n0)
 {
     static const float zeros[TILE_VECS * LANES];
@@ -102,7 +102,7 @@ ALWAYS_INLINE void column(const struct product *x, int vecs, size_t a_row, size_
     }
 }
 
-/* A function for each width: in one together the compiler runs out of registers. */
+/* A separate function for each width: merged into one, the compiler runs out of registers. */
 #define COLUMN(name, vecs, a_row, a_col)                                                           \
     static __attribute__((noinline)) void name(const struct product *x, int n0)                    \
     {                                                                                              \
@@ -136,7 +136,7 @@ static void multiply(const struct product *x)
     columns(x, of_width);
 }
 
-/* A is stored transposed: the sum runs over its rows. */
+/* The same for A stored transposed: the sum runs over its rows. */
 static void multiply_transposed(const struct product *x)
 {
     static column_fn *const of_width[] = {column_turned_1, column_turned_2, column_turned_3,
@@ -147,8 +147,8 @@ static void multiply_transposed(const struct product *x)
 
 /* ---- weights, padded ------------------------------------------------------------------------- */
 
-/* A weight matrix or bias of the parameters, [rows][cols] from `param` on, and its padded copy
- * from `at` on, rows `ld` floats apart (its columns, where the copy is transposed). */
+/* A weight matrix or bias: [rows][cols] at `param` of the parameters, and its padded copy at `at`,
+ * whose rows (columns, if transposed) are `ld` floats apart. */
 struct piece {
     size_t param, at, ld;
     int rows, cols;
@@ -157,13 +157,13 @@ enum { W1, B1, W2, B2, W3, B3, PIECES };
 
 struct pieces {
     struct piece of[SPIN_HEADS][PIECES];
-    size_t n_floats; /* of the whole copy; padding is zero */
+    size_t n_floats; /* size of the whole copy; padding is zero */
     bool transposed;
 };
 
 static size_t padded(int n) { return ((size_t)n + PAD - 1) / PAD * PAD; }
 
-/* Weights are the even pieces; biases stay rows. */
+/* Weights have even indices; biases are never transposed. */
 static bool is_turned(bool transposed, int piece) { return transposed && piece % 2 == 0; }
 
 static struct pieces pieces_of(const struct spin_heads *heads, bool transposed)
@@ -213,7 +213,7 @@ static void pack(const struct pieces *p, const float *param, float *copy)
 
 struct job {
     const struct spin_heads *heads;
-    struct pieces turned, plain; /* weights as [in][out], as [out][in] */
+    struct pieces turned, plain; /* weights as [in][out] and as [out][in] */
     const float *turned_w, *plain_w;
     size_t n;
     const uint32_t *rows;
@@ -226,12 +226,12 @@ struct job {
     size_t blocks_each;
 };
 
-/* Where a head's outputs stand in a row of attributes. */
+/* First column of a head's outputs in a row of attributes. */
 static const int column_of[SPIN_HEADS] = {SPIN_ATTR_SCALE, SPIN_ATTR_ROTATION, SPIN_ATTR_SH,
                                           SPIN_ATTR_OPACITY};
 
-/* y [m][padded n_out, y_ld apart] = x [m][n_in, x_ld apart] W + bias of piece w and the one behind
- * it. */
+/* y [m][padded n_out, y_ld apart] = x [m][n_in, x_ld apart] W + bias, for weights w and the bias
+ * that follows them. */
 static void layer(const struct job *job, int h, int w, int m, const float *x, size_t x_ld, float *y,
                   size_t y_ld)
 {
@@ -261,7 +261,7 @@ static void activate(bool relu, size_t n, float *restrict x)
             x[i] = spin_gelu(x[i]);
 }
 
-/* Lines of memory that are needed soon. */
+/* Prefetches n floats. */
 ALWAYS_INLINE void fetch(const float *from, size_t n, int to_write)
 {
     for (size_t i = 0; i < n; i += 16) {
@@ -334,12 +334,12 @@ void SPIN_CPU(mlp)(struct spin_device *d, const struct spin_heads *heads, const 
 
 /* ---- backward -------------------------------------------------------------------------------- */
 
-/* One worker's arrays, [BLOCK][.]. */
+/* Work arrays of one worker, [BLOCK][.]. */
 struct work {
-    float *z, *d_z;                   /* n_in padded */
-    float *a1, *slope1, *a2, *slope2; /* hidden padded: activations and their slopes */
-    float *d;                         /* hidden padded */
-    float *d_out;                     /* n_out padded */
+    float *z, *d_z;                   /* n_in, padded */
+    float *a1, *slope1, *a2, *slope2; /* hidden, padded: activations and their slopes */
+    float *d;                         /* hidden, padded */
+    float *d_out;                     /* n_out, padded */
 };
 
 static size_t work_floats(const struct spin_heads *heads)
@@ -372,7 +372,7 @@ static void activate_both(bool relu, size_t n, float *restrict x, float *restric
             x[i] = spin_gelu_both(x[i], &slope[i]);
 }
 
-/* d_x [m][ld] = d_y [m][d_y_ld] W, or is added to. */
+/* d_x [m][ld] = d_y [m][d_y_ld] W, or += if `add`. */
 static void layer_back(const struct job *job, int h, int w, int m, const float *d_y, size_t d_y_ld,
                        bool add, float *d_x)
 {
@@ -393,7 +393,7 @@ static void layer_back(const struct job *job, int h, int w, int m, const float *
     multiply(&product);
 }
 
-/* d_W += d_y^T x; d_bias is summed elsewhere. x has the piece's ld. */
+/* d_W += d_y^T x; d_bias is summed elsewhere. Rows of x are ld of the weights apart. */
 static void weights_back(const struct job *job, int h, int w, int m, const float *d_y,
                          size_t d_y_ld, const float *x, float *partial)
 {
@@ -414,7 +414,7 @@ static void weights_back(const struct job *job, int h, int w, int m, const float
     multiply_transposed(&product);
 }
 
-/* d *= slope, and the sum over rows goes to d_bias. */
+/* d *= slope, and d_bias += the sum over rows. */
 static void through_activation(int m, size_t ld, float *restrict d, const float *restrict slope,
                                float *restrict d_bias)
 {
@@ -490,7 +490,7 @@ static void mlp_back_task(void *context, int task)
         block_back(job, first, &w, partial);
 }
 
-/* One piece of one head: partial sums to the parameters, in task order. */
+/* Adds the partial sums of one piece of one head to the parameters' gradient, in task order. */
 static void sum_task(void *context, int task)
 {
     const struct job *job = context;

@@ -1,5 +1,5 @@
-/* Gaussians to screen ellipses and their gradients: who does which splats. The formulas are in
- * math/project.h, math/sh.h and math/tile.h. */
+/* Projects Gaussians to screen ellipses, and gradients back, in blocks of splats. The formulas are
+ * in math/project.h, math/sh.h and math/tile.h. */
 #include "base/base.h"
 #include "device/cpu/cpu.h"
 #include "math/project.h"
@@ -27,15 +27,15 @@ static struct spin_projection lens_of(const struct spin_camera_f32 *cam)
     return projection;
 }
 
-/* Splats side by side, so that the compiler makes vectors of the loops over them. Places behind the
- * last splat hold the first. */
+/* Splats as a structure of arrays, so that the compiler vectorises the loops over them. Entries
+ * after the last splat repeat the first. */
 struct block {
     size_t row[BLOCK];
     float pos[3][BLOCK], scale[3][BLOCK], q[4][BLOCK], opacity[BLOCK];
     /* forward */
     float u[BLOCK], v[BLOCK], conic[3][BLOCK], radius[BLOCK], depth[BLOCK], fade[BLOCK];
     int32_t x0[BLOCK], y0[BLOCK], x1[BLOCK], y1[BLOCK], flags[BLOCK], drawn[BLOCK];
-    /* backward; of u, v, conic, and what they add to */
+    /* backward: gradients of u, v, conic; then those they add to */
     float d_u[BLOCK], d_v[BLOCK], d_conic[3][BLOCK], d_fade[BLOCK];
     float d_pos[3][BLOCK], d_scale[3][BLOCK], d_q[4][BLOCK], d_rot[9][BLOCK];
 };
@@ -56,15 +56,15 @@ static void block_load(const struct job *job, int n, struct block *b)
     }
 }
 
-/* One of the block, for the functions of math/project.h. */
+/* One splat of the block, for the functions of math/project.h. */
 struct one {
-    spin_vec3 p; /* in the camera */
+    spin_vec3 p; /* in camera coordinates */
     float scale[3], q[4];
 };
 
-/* An axis of spin_to_camera. `first` of x and y is the product that the compiler fuses last where
- * it sees one splat alone, forward and backward: in this order a block gives the same bits as that,
- * and so as the published results. */
+/* One axis of spin_to_camera(). For x and y, `first` is the product that the compiler fuses last in
+ * code for a single splat, forward and backward: with this order a block gives the same bits as
+ * that code, and so as the published results. */
 SPIN_FN float to_camera(const struct spin_projection *lens, int axis, int first,
                         const struct block *b, int i)
 {
@@ -117,8 +117,8 @@ static __attribute__((noinline)) void block_project(const struct job *job,
     }
 }
 
-/* Leaves radius_px at 0 when there is nothing to draw, or nothing finite: a bad splat must not
- * spoil the pixels and gradients of others. */
+/* Leaves radius_px 0 if the splat is not visible or not finite: a bad splat must not spoil the
+ * pixels and gradients of others. */
 static inline void store_one(const struct job *job, int degree, const struct block *b, int i,
                              struct spin_splat2d *s)
 {
@@ -164,7 +164,7 @@ static inline void project_range(const struct job *job, int degree, size_t first
     }
 }
 
-/* A constant degree lets the compiler unroll. */
+/* A constant degree lets the compiler unroll the loops. */
 #define OF_DEGREE(range, job, first, last)                                                         \
     ((job)->sh_degree == 3   ? range(job, 3, first, last)                                          \
      : (job)->sh_degree == 0 ? range(job, 0, first, last)                                          \

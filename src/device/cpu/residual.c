@@ -1,13 +1,13 @@
-/* Explicit values of every splat to rows of raw attributes, and gradients back (the layout is in
+/* Adds per-splat values to rows of raw attributes, and propagates gradients back (layout:
  * device.h). */
 #include "device/cpu/cpu.h"
 
 enum { CHUNK = 1024 };
 
 struct job {
-    size_t n, n_rows, width, sh_width; /* width of a row of attributes */
-    const uint32_t *rows;              /* [n_rows], of the batch */
-    size_t first_row;                  /* of the frame */
+    size_t n, n_rows, width, sh_width; /* width: of a row of attributes */
+    const uint32_t *rows;              /* [n_rows], rows of the batch */
+    size_t first_row;                  /* first row of the frame */
     const float *from, *sh;
     float *to, *d_sh;
 };
@@ -18,8 +18,9 @@ static inline void copy(float *to, const float *from, size_t n, bool add)
         to[c] = add ? to[c] + from[c] : from[c];
 }
 
-/* A row of attributes, and where a splat's values are: groups [n][3], [n][4], [n][3], [n][1], then
- * SH beyond the first coefficient, which has a place of its own. The opacity stands last. */
+/* Copies or adds a splat's values to its row of attributes. The values are in groups [n][3],
+ * [n][4], [n][3], [n][1]; SH beyond the first coefficient is a separate array. The opacity is the
+ * last column. */
 static inline void to_rows(const struct job *job, size_t first, size_t end, bool add)
 {
     for (size_t i = first; i < end; i++) {

@@ -1,10 +1,11 @@
-/* The list of splats of every tile, front to back: one stable radix sort of the splats by depth,
- * then a counting sort of their (splat, tile) pairs into tiles in that order. Both are cut into
- * parts whose bounds depend only on the sizes, so the result does not depend on the threads. What
- * the sorts need of a splat lies in small arrays: in depth order splats lie all over memory.
+/* Lists the splats of every tile, front to back: a stable radix sort of the splats by depth, then a
+ * counting sort of their (splat, tile) pairs by tile. Both are divided into parts whose bounds
+ * depend only on the sizes, so the result does not depend on the number of threads. What the sorts
+ * need of a splat is kept in small arrays, since in depth order the splats are scattered over
+ * memory.
  *
- * Tiles of a splat's rectangle in which its alpha is below 1/255 everywhere get no pair (trim):
- * the pixels would skip it anyway. */
+ * Tiles of a splat's rectangle in which its alpha is below 1/255 everywhere get no pair (trim): the
+ * pixels would skip the splat anyway. */
 #include <string.h>
 
 #include "device/cpu/cpu.h"
@@ -14,29 +15,29 @@
 
 enum {
     MAX_PARTS = 16,
-    PART = 4096, /* splats of a part, while there are not more than MAX_PARTS */
+    PART = 4096, /* splats per part, until there are MAX_PARTS */
     BATCH = 64,
-    AHEAD = 16, /* splats whose rectangles are fetched before they are needed */
+    AHEAD = 16, /* prefetch distance, in splats */
     PASSES = 3,
-    MAX_BUCKETS = 1 << 11 /* three digits of 11 bits hold any key */
+    MAX_BUCKETS = 1 << 11 /* three digits of 11 bits cover 32-bit keys */
 };
 
 struct entry {
     uint32_t key, splat;
 };
 
-/* Tiles of a splat, trimmed, half open. */
+/* Tiles of a splat after trimming, half open. */
 struct rect {
     uint16_t x0, y0, x1, y1;
 };
 
-/* Of every view, kept in SPIN_SCRATCH_TILE from tile_count to tile_fill. What follows in memory has
- * sorted_bytes(). */
+/* Header of the sorted splats of one view, kept in SPIN_SCRATCH_TILE from tile_count to tile_fill.
+ * The header and the arrays behind it take sorted_bytes(). */
 struct sorted {
     size_t n;
     struct entry *entry; /* [n] front to back */
     struct rect *rect;   /* [splats] */
-    uint32_t first;      /* place of the view's list in the intersections */
+    uint32_t first;      /* index in intersections at which the view's list begins */
 };
 
 struct job {
@@ -45,15 +46,17 @@ struct job {
     int parts;
     struct spin_splat2d *splat2d;
     uint32_t *lists;                          /* of the tiles */
-    uint64_t intersections[MAX_PARTS];        /* of a part of the splats; then before it */
-    size_t drawn[MAX_PARTS];                  /* likewise */
-    uint32_t low[MAX_PARTS], high[MAX_PARTS]; /* keys of a part's drawn splats */
+    uint64_t intersections[MAX_PARTS];        /* pairs of each part; later, pairs of all parts
+                                               * before it */
+    size_t drawn[MAX_PARTS];                  /* visible splats, likewise */
+    uint32_t low[MAX_PARTS], high[MAX_PARTS]; /* smallest and largest key of a part's visible
+                                               * splats */
     uint32_t *key;                            /* [n] */
     struct rect *rect;                        /* [n] */
     struct entry *from, *to;
     size_t n_sorted;
-    uint32_t lowest;  /* key */
-    int digit, shift; /* bits of a digit, and below it */
+    uint32_t lowest;  /* smallest key of all parts */
+    int digit, shift; /* bits per digit, and bits below the current one */
     uint32_t *count;  /* [parts][buckets or tiles] */
 };
 
@@ -69,7 +72,7 @@ static size_t part_begin(const struct job *job, size_t n, int part)
     return n / parts * (size_t)part + n % parts * (size_t)part / parts;
 }
 
-/* Splats on their way to being trimmed: arrays, so that the compiler makes vectors of the loops. */
+/* A batch of splats to be trimmed, as arrays, so that the compiler vectorises the loops. */
 struct trims {
     float u[BATCH], v[BATCH], a[BATCH], b[BATCH], c[BATCH], opacity[BATCH];
     int32_t x0[BATCH], y0[BATCH], x1[BATCH], y1[BATCH];
@@ -111,7 +114,7 @@ static __attribute__((noinline)) void trims_narrow(struct trims *t)
 
 static uint8_t byte_of(int v) { return (uint8_t)(v > 255 ? 255 : v); }
 
-/* Sets trim and first_intersection (counted in its part, for now), key and rect. */
+/* Sets tile_cull, first_intersection (relative to its part, for now), key and rect. */
 static void trims_store(struct job *job, int part, const struct trims *t, size_t first, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
@@ -183,8 +186,8 @@ static uint32_t digit_of(const struct job *job, struct entry e)
     return e.key >> job->shift & ((1u << job->digit) - 1);
 }
 
-/* Neighbours are often equally deep: two sets of counts, so that one need not wait for the other.
- */
+/* Consecutive splats often have the same digit: two sets of counts avoid the dependency of one
+ * increment on the previous. */
 static void digit_count_task(void *context, int part)
 {
     struct job *job = context;
@@ -214,8 +217,8 @@ static void digit_move_task(void *context, int part)
         job->to[place[digit_of(job, job->from[i])]++] = job->from[i];
 }
 
-/* Counts of n buckets, `stride` from part to part, to places from `place` on: bucket by bucket,
- * within a bucket part by part. Returns the place behind them. */
+/* Converts the counts of n buckets, `stride` apart between parts, to indices starting at `place`:
+ * bucket by bucket, and within a bucket part by part. Returns the index after the last. */
 static uint32_t counts_to_places(const struct job *job, size_t n, size_t stride, uint32_t place,
                                  uint32_t *start)
 {
@@ -252,7 +255,7 @@ static void sort_by_depth(struct spin_device *d, struct job *job, uint32_t highe
     }
 }
 
-/* What a part found, to what lies before it; returns all pairs. */
+/* Converts counts per part to prefix sums; returns the total number of pairs. */
 static uint64_t sum_parts(struct job *job, uint32_t *highest)
 {
     uint64_t intersections = 0;
@@ -273,7 +276,7 @@ static uint64_t sum_parts(struct job *job, uint32_t *highest)
     return intersections;
 }
 
-enum { HEADER = 64 }; /* bytes for a struct sorted, so that what follows is aligned */
+enum { HEADER = 64 }; /* bytes reserved for struct sorted, for alignment of the arrays behind it */
 
 static size_t sorted_bytes(size_t n)
 {
@@ -282,7 +285,7 @@ static size_t sorted_bytes(size_t n)
     return HEADER + (bytes + 63) / 64 * 64;
 }
 
-/* The view's list will begin at *first; moves it on. */
+/* Counts and sorts the splats of a view, whose list begins at *first; adds its length to *first. */
 static spin_status count_view(struct spin_device *d, const struct spin_view_of_batch *view,
                               struct spin_splat2d *splat2d, struct sorted *sorted, uint64_t *first)
 {
@@ -302,15 +305,17 @@ static spin_status count_view(struct spin_device *d, const struct spin_view_of_b
     spin_pool_run(spin_cpu_pool(d), job.parts, trim_task, &job);
     intersections = sum_parts(&job, &highest);
     if (intersections > SPIN_MAX_PAIRS)
-        return spin_fail(SPIN_E_MEMORY,
-                         "cannot draw a view: %llu pairs of splats and tiles are more than %llu: "
-                         "the splats are too large, or the image is",
-                         (unsigned long long)intersections, (unsigned long long)SPIN_MAX_PAIRS);
+        return spin_fail(
+            SPIN_E_MEMORY,
+            "cannot render a view: %llu pairs of splats and tiles exceed the limit of %llu: "
+            "the splats or the image are too large",
+            (unsigned long long)intersections, (unsigned long long)SPIN_MAX_PAIRS);
     if (*first + intersections > UINT32_MAX)
-        return spin_fail(SPIN_E_MEMORY,
-                         "cannot draw so many views at once: %llu pairs of splats and tiles are "
-                         "more than 2^32",
-                         (unsigned long long)(*first + intersections));
+        return spin_fail(
+            SPIN_E_MEMORY,
+            "cannot render this many views at once: %llu pairs of splats and tiles exceed "
+            "2^32",
+            (unsigned long long)(*first + intersections));
     spin_pool_run(spin_cpu_pool(d), job.parts, list_task, &job);
     sort_by_depth(d, &job, job.n_sorted ? highest - job.lowest : 0);
     sorted->n = job.n_sorted;
@@ -344,9 +349,10 @@ spin_status SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_view_b
     return SPIN_OK;
 }
 
-/* The tiles of a rectangle, row by row, in one loop: two would be guessed wrong twice a splat. */
+/* Iterates over the tiles of a rectangle, row by row, in one loop: nested loops would mispredict
+ * two branches per splat. */
 struct walk {
-    size_t tile, jump; /* jump: from the end of a row to the next one */
+    size_t tile, jump; /* jump: from the last tile of a row to the first of the next */
     uint32_t left, width, left_in_row;
 };
 
@@ -367,15 +373,15 @@ static inline void walk_on(struct walk *w)
     w->left--;
 }
 
-/* Corners of tiles: one more than tiles each way. */
+/* Number of tile corners: one more than tiles in each direction. */
 static size_t corners_of(const struct spin_camera_f32 *cam)
 {
     return ((size_t)cam->tiles_x + 1) * ((size_t)cam->tiles_y + 1);
 }
 
-/* How often each tile is covered: every rectangle leaves its four corners, and the sums over what
- * is left and above of a tile are counts. They go where the corners were, without those beyond the
- * tiles. */
+/* Counts the splats that cover each tile: every rectangle adds +1 or -1 at its four corners, and
+ * the two-dimensional prefix sums are the counts. They overwrite the corners, packed to the width
+ * of the tiles. */
 static void tile_count_task(void *context, int part)
 {
     struct job *job = context;

@@ -1,13 +1,13 @@
-/* What the splats of a frame have from their tracks, and gradients back (the layout is in
+/* Adds the values of tracks to the splats of a frame, and propagates gradients back (layout:
  * device.h). A track belongs to at most one splat of a frame, so the rows of a frame are
- * independent of each other; frames go one after the other. */
+ * independent; frames are processed one after the other. */
 #include "device/cpu/cpu.h"
 #include "math/motion.h"
 #include "math/turn.h"
 
 enum { CHUNK = 1024 };
 
-/* A group is a matrix [n][width]. The first is the place, the others are residual values. */
+/* A group is a matrix [n][width]. The first holds positions, the others residual values. */
 enum { PLACE, ROTATION = 2, OPACITY = 4, N_GROUPS };
 static const size_t group_width[N_GROUPS] = {3, 3, 4, 3, 1};
 
@@ -16,17 +16,17 @@ struct job {
     const uint32_t *track; /* [n] */
     const float *own;      /* [n_own][width] */
     const float *shared;   /* [n_tracks][width] */
-    float *to;             /* [n][width], or the tracks' gradient */
+    float *to;             /* [n][width], or the gradient of the tracks */
     const float *from;     /* [n][width] */
-    const float *motion;   /* of the tracks where it counts for this group, or NULL */
-    const float *turn;     /* [n_turns][4] where they count for this group */
+    const float *motion;   /* of the tracks, if it affects this group; else NULL */
+    const float *turn;     /* [n_turns][4], if rotations affect this group */
     size_t n_turns;
     float t;
     int group;
 };
 
-/* A group of a frame. Only the place and the opacity know of motion, only the place and the
- * rotation of turns. */
+/* Job for one group of a frame. Motion affects only position and opacity; rotations (turn) affect
+ * only position and rotation. */
 static struct job job_of(const struct spin_frame_of_batch *frame,
                          const struct spin_tracks_f32 *tracks, int group, const float *shared)
 {
@@ -44,8 +44,8 @@ static struct job job_of(const struct spin_frame_of_batch *frame,
                         .group = group};
 }
 
-/* What a splat has of its track's motion: of the place what it has gone, of the opacity what is
- * seen of it. */
+/* Applies the motion of a splat's track: the displacement to the position, the Gaussian window to
+ * the opacity. */
 static void move(const struct job *job, const float *motion, float *value)
 {
     float d = job->t - motion[3], x = d * motion[4];
@@ -76,8 +76,8 @@ static inline void sum_rows(const struct job *job, size_t w, size_t first, size_
     }
 }
 
-/* A constant width lets the compiler unroll. Where splats turn, sums would then be rounded
- * otherwise than in the published results: they keep a function of their own. */
+/* A constant width lets the compiler unroll the loops. With rotations the unrolled sums would be
+ * rounded differently from the published results, so these use a function that is not unrolled. */
 #define OF_WIDTH(rows, job, first, end)                                                            \
     ((job)->n_turns > 0  ? rows##_any(job, first, end)                                             \
      : (job)->width == 3 ? rows(job, 3, first, end)                                                \

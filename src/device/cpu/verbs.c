@@ -1,4 +1,4 @@
-/* What the verbs share: scratch memory, and where the active rows of a frame are. */
+/* Helpers shared by the verbs: scratch memory, and the range of a frame's active rows. */
 #include "device/cpu/cpu.h"
 
 void *SPIN_CPU(scratch_need)(struct spin_device *d, enum spin_cpu_scratch which, size_t bytes)

@@ -1,16 +1,17 @@
-/* Head outputs to finished attributes and back, and the list of splats that have a gradient. */
+/* Activates head outputs to attributes and propagates gradients back; lists the rows with a nonzero
+ * gradient. */
 #include "device/cuda/cuda.h"
 #include "math/activate.h"
 
-/* A thread has four numbers of a row, so that a warp reads and writes memory that lies together.
- * The first two threads of a row take part in the rotation, and both work it out; a thread between
- * them and the last copies. */
+/* Each thread handles four values of a row, so that a warp reads and writes consecutive memory. The
+ * rotation spans the first two threads of a row, and both compute it; the threads between them and
+ * the last copy their values. */
 enum { FOURS = SPIN_ATTR / 4, LAST = FOURS - 1 };
 static_assert(SPIN_ATTR_SCALE == 0 && SPIN_ATTR_ROTATION + 4 == 7 &&
                   SPIN_ATTR_OPACITY == SPIN_ATTR - 1 && SPIN_ATTR % 4 == 0,
               "scale and rotation are in the first two fours of a row, opacity in the last");
 
-/* The first eight numbers of a row. */
+/* Reads the first eight values of a row. */
 static __device__ void first_two(const float4 *row, float *out)
 {
     *(float4 *)out = row[0];
@@ -110,9 +111,9 @@ void cuda_regularise_back(struct spin_device *d, const struct spin_frame_batch *
     }
 }
 
-/* ---- The list -------------------------------------------------------------------------------- */
+/* ---- The list of active rows ----------------------------------------------------------------- */
 
-/* All bits but the signs, or-ed: not zero when any value is (NaN counts, -0 does not). */
+/* All bits but the signs, or-ed: nonzero if any value is nonzero (NaN counts, -0 does not). */
 static __device__ uint32_t any_set(const float *x, int n)
 {
     uint32_t bits = 0;
@@ -132,7 +133,7 @@ static __global__ void flag_kernel(size_t n, const float *d_attr, const float *d
             any_set(d_attr + i * SPIN_ATTR, SPIN_ATTR) || (d_means && any_set(d_means + 3 * i, 3));
 }
 
-/* flag and before have n + 1 places, the last flag is 0. */
+/* flag and before have n + 1 entries; the last flag is 0. */
 static __global__ void list_kernel(size_t n, const uint64_t *flag, const uint64_t *before,
                                    uint32_t *row, uint32_t *count)
 {
@@ -150,7 +151,7 @@ void cuda_nonzero_grad(struct spin_device *d, const struct spin_frame_batch *fra
     size_t n = frames->n;
     uint64_t *flag = (uint64_t *)cuda_scratch(d, CUDA_SCRATCH_ROWS, 2 * (n + 1) * sizeof *flag);
 
-    if (!flag) { /* no rows, so that nothing else touches what is not known */
+    if (!flag) { /* no rows, so that nothing uses undefined entries of the list */
         gpu_zero(gpu_of(d), active->n, sizeof *active->n);
         return;
     }

@@ -1,5 +1,5 @@
-/* Adam, one thread a parameter; clears the gradient. All groups are one launch, as far as they fit
- * into its arguments: a group has blocks of its own. */
+/* Adam, one thread per parameter; zeroes the gradient. All groups share one launch, as far as they
+ * fit into its arguments; each group has its own blocks. */
 #include "device/cuda/cuda.h"
 #include "math/adam.h"
 #include "math/approx.h"
@@ -63,8 +63,7 @@ void cuda_adam(struct spin_device *d, int n_groups, const struct spin_param_grou
     launch(d, &groups);
 }
 
-/* ---- Whether they are still numbers -----------------------------------------------------------
- */
+/* ---- Nonfinite values ------------------------------------------------------------------------ */
 
 static __global__ void not_finite_kernel(size_t n, const float *values, uint32_t *count)
 {

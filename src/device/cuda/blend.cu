@@ -1,14 +1,13 @@
-/* Alpha blending of the splats of a tile, front to back, and its gradient, back to front. A block
- * has a tile, a thread a pixel of it; the splats come in batches through shared memory. The
- * formulas are math/blend.h's. Forwards a warp has 8 x 4 pixels, and passes over the splats of a
- * batch whose alpha is below 1/255 in all of them.
+/* Alpha blending of the splats of a tile, front to back, and its gradient, back to front. One block
+ * per tile, one thread per pixel; the splats are loaded into shared memory in batches. The formulas
+ * are those of math/blend.h. A warp covers 8 x 4 pixels and skips the splats of a batch whose alpha
+ * is below 1/255 in all of them.
  *
- * Backwards, a block begins at the last splat that any of its pixels has, and warps pass over the
- * same splats. A warp takes two splats at once. Its pixels leave what these are to them in shared
- * memory, until there are eight splats; then a lane adds up a row of eight pixels, and four lanes a
- * splat. A batch's sums of the warps are added in order. Each (splat, tile) pair writes its sums to
- * a slot of its own, and the slots of a splat are added in order: no atomics, the same bits every
- * time. */
+ * Backward, a block starts at the last contributor of any of its pixels. A warp processes two
+ * splats at a time: each pixel stores its terms for them in shared memory until there are eight
+ * splats; then each lane sums a row of eight pixels, four lanes per splat. The sums of the warps
+ * for a batch are added in order. Each (splat, tile) pair writes its sums to its own slot, and the
+ * slots of a splat are added in order: no atomics, and the same bits every time. */
 #include "device/cuda/cuda.h"
 #include "device/pairs.h"
 #include "math/blend.h"
@@ -25,7 +24,7 @@ enum {
     LOADED = 4 * BACK,
     TWO = 2,
     HELD = WARP / WARP_Y,
-    ROW = WARP_X / 4, /* float4 in a row of a warp's pixels */
+    ROW = WARP_X / 4, /* float4s in a row of a warp's pixels */
     VALUES = sizeof(struct spin_blend_sums) / sizeof(float)
 };
 static const unsigned all_lanes = 0xffffffffu;
@@ -37,14 +36,14 @@ struct picture {
     const uint32_t *lists, *start;
 };
 
-/* Offsets from the tile's first pixel, as on the CPU. */
+/* With the position relative to the tile's first pixel, as on the CPU. */
 static __device__ struct spin_blend_splat make_ready(const struct spin_splat2d *s, int x0, int y0)
 {
     return spin_blend_prepare(s->u_px - (float)x0, s->v_px - (float)y0, s->conic, s->opacity,
                               s->colour);
 }
 
-/* A splat of a batch, and how far it reaches; loads are of 16 bytes. */
+/* A splat of a batch with its reach in x and y; aligned for 16-byte loads. */
 struct alignas(16) front {
     struct spin_blend_splat splat;
     float reach_x, reach_y;
@@ -59,7 +58,7 @@ static __device__ struct front make_front(const struct spin_splat2d *s, int x0, 
     return f;
 }
 
-/* Whether it may show in a warp's pixels, of which (x, y) is the first. */
+/* Whether the splat can reach the pixels of a warp, the first of which is (x, y). */
 static __device__ bool comes_near(const struct front *f, int x, int y)
 {
     float dx = f->splat.u_px - (float)x, dy = f->splat.v_px - (float)y;
@@ -75,7 +74,7 @@ static __global__ void blend_kernel(struct picture p, float *image, float *final
     int me = (int)threadIdx.x, tile = (int)blockIdx.x, lane = me % WARP, warp = me / WARP;
     int x0 = tile % p.cam.tiles_x * SIDE, y0 = tile / p.cam.tiles_x * SIDE;
     int warp_x = warp % (SIDE / WARP_X) * WARP_X, warp_y = warp / (SIDE / WARP_X) * WARP_Y;
-    int in_x = warp_x + lane % WARP_X, in_y = warp_y + lane / WARP_X; /* of the tile */
+    int in_x = warp_x + lane % WARP_X, in_y = warp_y + lane / WARP_X; /* relative to the tile */
     int x = x0 + in_x, y = y0 + in_y;
     bool inside = x < p.cam.width && y < p.cam.height;
     uint32_t first = p.start[tile], n = p.start[tile + 1] - first;
@@ -145,7 +144,8 @@ void cuda_blend(struct spin_device *d, const struct spin_view_batch *views,
     }
 }
 
-/* A pixel a thread, without a look at what comes near: films are not trainings. */
+/* One thread per pixel, without culling per warp: depth is rendered for output only, not in
+ * training. */
 static __global__ void depth_kernel(struct picture p, float *depth)
 {
     int tile = (int)blockIdx.x, in_x = (int)threadIdx.x % SIDE, in_y = (int)threadIdx.x / SIDE;
@@ -202,8 +202,8 @@ static __device__ void add_sums(struct spin_blend_sums *to, const struct spin_bl
     to->eyy += more.eyy;
 }
 
-/* What some splats are to the pixels of a warp, in order of lanes. A splat's row is longer than the
- * warp, so that lanes which read different rows meet in no bank. */
+/* Terms of up to HELD splats for the pixels of a warp, by lane. Rows are padded so that lanes
+ * reading different rows use different banks. */
 struct held {
     float4 weight[HELD][WARP / 4 + 1], de[HELD][WARP / 4 + 1];
 };
@@ -213,8 +213,8 @@ static __device__ float at_of(const float4 &v, int k)
     return k == 0 ? v.x : k == 1 ? v.y : k == 2 ? v.z : v.w;
 }
 
-/* A splat's sums over one row of a warp's pixels: g [3] the warp's, weight and de the row's; (dx,
- * dy) from the row's first pixel to the splat. */
+/* Sums of one splat over one row of a warp's pixels. g [3] is the warp's gradient, weight and de
+ * are the row's terms, and (dx, dy) is the offset from the row's first pixel to the splat. */
 static __device__ struct spin_blend_sums sums_of_row(const float4 *weight, const float4 *de,
                                                      const float4 (*g)[WARP / 4], int row, float dx,
                                                      float dy)
@@ -237,7 +237,7 @@ static __device__ struct spin_blend_sums sums_of_row(const float4 *weight, const
     return sums;
 }
 
-/* Adds those of the rows of a splat, in neighbouring lanes. */
+/* Adds the sums of a splat's rows, which are in neighbouring lanes. */
 static __device__ void add_rows(struct spin_blend_sums *sums)
 {
     for (int by = 1; by < WARP_Y; by *= 2) {
@@ -255,7 +255,7 @@ static __device__ void add_rows(struct spin_blend_sums *sums)
     }
 }
 
-/* part [BACK]: the sums over a warp's pixels of n splats that are held; this lane's is splat `mine`
+/* part [BACK]: the sums over a warp's pixels of the n held splats; this lane computes splat `mine`
  * of the batch. */
 static __device__ void add_held(const struct held &held, int n, uint32_t mine,
                                 const struct front *batch, const float4 (*g)[WARP / 4], int warp_x,
@@ -275,10 +275,10 @@ static __device__ void add_held(const struct held &held, int n, uint32_t mine,
         part[mine] = sums;
 }
 
-/* One step back for two splats of a batch, the second only if it is wanted: two chains of
- * arithmetic that need not wait for each other. `used` is the pixel's last contributor, from the
- * batch on. Writes what they are to the pixel; false, with nothing written, where no pixel of the
- * warp has any. */
+/* Backward step for two splats of a batch, the second only if `two`: two independent sequences of
+ * instructions hide each other's latency. `used` is the pixel's last contributor, relative to the
+ * batch. Stores the terms in `held`; returns false, with nothing stored, if neither splat
+ * contributes to any pixel of the warp. */
 static __device__ bool step_back(const struct front *batch, const uint32_t i[TWO], bool two,
                                  int32_t used, int in_x, int in_y,
                                  struct spin_blend_pixel_adj *pixel, struct held *held, int n_held)
@@ -332,7 +332,7 @@ static __global__ void __launch_bounds__(PIXELS, 5)
     int me = (int)threadIdx.x, tile = (int)blockIdx.x, lane = me % WARP, warp = me / WARP;
     int tile_x = tile % p.cam.tiles_x, tile_y = tile / p.cam.tiles_x;
     int warp_x = warp % (SIDE / WARP_X) * WARP_X, warp_y = warp / (SIDE / WARP_X) * WARP_Y;
-    int in_x = warp_x + lane % WARP_X, in_y = warp_y + lane / WARP_X; /* of the tile */
+    int in_x = warp_x + lane % WARP_X, in_y = warp_y + lane / WARP_X; /* relative to the tile */
     int x = tile_x * SIDE + in_x, y = tile_y * SIDE + in_y;
     uint32_t first = p.start[tile], n = p.start[tile + 1] - first, last = 0, warp_last;
     uint32_t used = 0;
@@ -357,7 +357,8 @@ static __global__ void __launch_bounds__(PIXELS, 5)
     __syncthreads();
     for (int w = 0; w < WARPS; w++)
         last = last_of[w] > last ? last_of[w] : last;
-    for (uint32_t k = last + (uint32_t)me; k < n; k += PIXELS) { /* behind all */
+    for (uint32_t k = last + (uint32_t)me; k < n; k += PIXELS) { /* behind the last contributor of
+                                                                  * all pixels */
         struct spin_blend_sums none = {};
 
         slots[slot_of(p.splat2d + p.lists[first + k], tile_x, tile_y)] = none;
@@ -368,7 +369,7 @@ static __global__ void __launch_bounds__(PIXELS, 5)
         int n_held = 0;
         unsigned near;
 
-        if (in + BACK == LOADED || at + BACK >= last) { /* the last of those to load */
+        if (in + BACK == LOADED || at + BACK >= last) { /* first batch of a group to load */
             if ((uint32_t)me < in + count) {
                 const struct spin_splat2d *s = p.splat2d + p.lists[first + at - in + (uint32_t)me];
 
@@ -417,7 +418,7 @@ static __global__ void __launch_bounds__(PIXELS, 5)
     }
 }
 
-/* Adds the slots of each splat, and finishes. */
+/* Adds up the slots of each splat and computes its gradient from the sums. */
 static __global__ void reduce_kernel(size_t n, const struct spin_splat2d *splat2d,
                                      const struct spin_blend_sums *slots,
                                      struct spin_splat2d_grad *d_splat2d)

@@ -1,5 +1,5 @@
-/* A cell of the hash grid, for kernels. Who includes it is compiled without contraction of products
- * and sums. */
+/* A cell of the hash grid, for kernels. Files that include it are compiled without fused
+ * multiply-add. */
 #pragma once
 
 #include "device/cuda/cuda.h"
@@ -7,17 +7,17 @@
 
 enum { CUDA_CORNERS = 16 };
 
-/* Where a point is in a level: vertices of its cell (within what there is), weights of the upper
- * ones. */
+/* Position of a point in a level: the vertices of its cell, clamped to the level, and the weights
+ * of the upper ones. */
 struct cuda_cell {
-    uint32_t low[4], high[4]; /* their part of the row: times the stride or the prime */
+    uint32_t low[4], high[4]; /* their terms of the row: vertex times stride or prime */
     float w[4], slope[4];     /* d w / d x_u */
     size_t first_row;
-    uint32_t n_rows, mask; /* mask: of a row's bits, where n_rows is a power of two; else 0 */
+    uint32_t n_rows, mask; /* mask: n_rows - 1 if n_rows is a power of two, else 0 */
     bool hashed;
 };
 
-/* False: the point is outside, or not a number. */
+/* Returns false if the point is outside the unit cube or NaN. */
 static inline __device__ bool cuda_cell_of(const struct spin_grid &grid, int level, const float *x,
                                            struct cuda_cell *cell)
 {

@@ -1,6 +1,6 @@
-/* Means to the unit cube and back, and the statistics of densification. Compiled without
- * contraction of products and sums, as on the CPU: the grid's positions are defined with one
- * rounding per operation. */
+/* Maps means to the unit cube and gradients back, and accumulates the densification statistics.
+ * Compiled without fused multiply-add, as on the CPU: grid positions are defined with one rounding
+ * per operation. */
 #include "device/cuda/cuda.h"
 #include "math/contract.h"
 
@@ -70,8 +70,8 @@ void cuda_contract_back(struct spin_device *d, const struct spin_scene_transform
     }
 }
 
-/* A pixel coordinate u belongs to x in normalised device coordinates by u = ((x + 1) width - 1)
- * / 2. */
+/* Pixel coordinate u and normalised device coordinate x are related by u = ((x + 1) width - 1) /
+ * 2. */
 static __global__ void densify_stats_kernel(size_t n, float half_width, float half_height,
                                             const struct spin_splat2d *splat2d,
                                             const struct spin_splat2d_grad *d_splat2d, float *sum,

@@ -1,4 +1,4 @@
-/* The CUDA device: memory, errors, clocks, and which function is which verb. */
+/* The CUDA device: memory, errors, clocks, and the table of its verbs. */
 #include "device/cuda/cuda.h"
 
 #include <stdio.h>
@@ -17,7 +17,7 @@ spin_status cuda_fail(spin_status status, const char *what, const char *why)
 
 spin_status cuda_no_memory(void) { return fail(SPIN_E_MEMORY, "out of memory"); }
 
-/* The first error is the one that tells. */
+/* Keeps the first error: later ones are consequences. */
 static void note(struct spin_device *d, spin_status status, const char *why)
 {
     struct cuda *cuda = cuda_of(d);
@@ -28,8 +28,8 @@ static void note(struct spin_device *d, spin_status status, const char *why)
     snprintf(cuda->why, sizeof cuda->why, "%s: %s", cuda->gpu.name, why);
 }
 
-/* Processes on one machine that were started together take a card each, by the place of this one
- * among them, which Open MPI, MPICH and Slurm tell. */
+/* Number of the GPU to use: ranks on one machine use one GPU each, by their local rank, which Open
+ * MPI, MPICH and Slurm export. */
 static int card_number(void)
 {
     static const char *const name[] = {"OMPI_COMM_WORLD_LOCAL_RANK", "MPI_LOCALRANKID",
@@ -44,9 +44,9 @@ static int card_number(void)
     return 0;
 }
 
-/* Whether three products of tf32 are faster than one of fp32: not on cards for games (8.6, 8.9,
- * 12), which have as many of one as of the other. SPIN_CUDA_MLP=fp32 or tf32 is for comparing the
- * two. */
+/* Whether three tf32 products are faster than one fp32 product. Not on consumer GPUs (8.6, 8.9,
+ * 12), whose tf32 and fp32 rates are equal. SPIN_CUDA_MLP=fp32 or tf32 overrides, for
+ * comparisons. */
 static bool wants_tensor(const struct gpu *gpu)
 {
     const char *wanted = getenv("SPIN_CUDA_MLP");
@@ -133,7 +133,7 @@ static spin_status reserve(struct spin_device *d, size_t bytes, void SPIN_DEV **
         return wait(d);
     if (!block)
         return fail(SPIN_E_MEMORY,
-                    "out of memory on the CUDA device (%s): %zu bytes are wanted, %zu are free",
+                    "out of memory on the CUDA device (%s): %zu bytes requested, %zu free",
                     gpu_of(d)->name, bytes, gpu_memory_free(gpu_of(d)));
     gpu_zero(gpu_of(d), block, bytes);
     return SPIN_OK;
@@ -166,7 +166,7 @@ static spin_status download(struct spin_device *d, void *host, const void SPIN_D
     return wait(d);
 }
 
-/* Ordinary memory is the way out where page-locked memory is not to be had. */
+/* Falls back to ordinary memory if page-locked memory is not available. */
 static spin_status host_reserve(struct spin_device *d, size_t bytes, struct spin_host_memory *out)
 {
     size_t room = (bytes + 63) / 64 * 64 + 64;
@@ -189,7 +189,7 @@ static void host_release(struct spin_device *d, struct spin_host_memory *memory)
 
 static void *host_view(struct spin_device *, void SPIN_DEV *) { return NULL; }
 
-/* A sixteenth is kept for what the verbs need for themselves. */
+/* A sixteenth is reserved for the verbs' scratch memory. */
 static size_t memory_available(struct spin_device *d)
 {
     size_t left = gpu_memory_free(gpu_of(d));
@@ -208,7 +208,7 @@ void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t byt
         return s->block;
     if (s->block)
         gpu_free(&cuda->gpu, s->block);
-    s->bytes = bytes + bytes / 8; /* so that it need not grow with every step */
+    s->bytes = bytes + bytes / 8; /* headroom, to avoid growing in every iteration */
     s->block = gpu_alloc(&cuda->gpu, s->bytes, &failed);
     if (!s->block && !failed) {
         s->bytes = bytes;
@@ -216,14 +216,14 @@ void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t byt
     }
     note(d, SPIN_E_DEVICE, failed);
     if (!s->block) {
-        snprintf(why, sizeof why, "out of memory: an operation wants %zu bytes for itself",
+        snprintf(why, sizeof why, "out of memory: an operation needs %zu bytes of scratch memory",
                  s->bytes);
         note(d, SPIN_E_MEMORY, why);
     }
     return s->block;
 }
 
-/* ---- Clocks: pairs of marks, looked at when they are asked for or used up -------------------- */
+/* ---- Clocks: pairs of events, evaluated on request or when all are used ---------------------- */
 
 static void make_up(struct cuda_clock *clock)
 {
@@ -279,14 +279,15 @@ static double clock_of(struct spin_device *d, int op)
 spin_status cuda_pairs_fit(uint64_t pairs, uint64_t before)
 {
     if (pairs > SPIN_MAX_PAIRS)
-        return fail(SPIN_E_MEMORY,
-                    "cannot draw a view: %llu pairs of splats and tiles are more than %llu: "
-                    "the splats are too large, or the image is",
-                    (unsigned long long)pairs, (unsigned long long)SPIN_MAX_PAIRS);
+        return fail(
+            SPIN_E_MEMORY,
+            "cannot render a view: %llu pairs of splats and tiles exceed the limit of %llu: "
+            "the splats or the image are too large",
+            (unsigned long long)pairs, (unsigned long long)SPIN_MAX_PAIRS);
     if (before + pairs > UINT32_MAX)
         return fail(SPIN_E_MEMORY,
-                    "cannot draw so many views at once: %llu pairs of splats and tiles are "
-                    "more than 2^32",
+                    "cannot render this many views at once: %llu pairs of splats and tiles exceed "
+                    "2^32",
                     (unsigned long long)(before + pairs));
     return SPIN_OK;
 }
@@ -314,7 +315,7 @@ bool cuda_sort(struct spin_device *d, const uint32_t *key, uint32_t *key_out, co
     return temp != NULL;
 }
 
-/* ---- The table ------------------------------------------------------------------------------- */
+/* ---- The table of verbs ---------------------------------------------------------------------- */
 
 #define LISTED(verb) .verb = cuda_##verb,
 static const struct spin_device_ops ops = {
@@ -339,7 +340,7 @@ static const struct spin_device_ops ops = {
 #endif
     .memory_available = memory_available,
     .clock = clock_of,
-    SPIN_DEVICE_VERBS(LISTED) /* each with its comma */
+    SPIN_DEVICE_VERBS(LISTED) /* LISTED appends the comma */
 };
 
 extern "C" {

@@ -1,6 +1,6 @@
-/* The CUDA device. Files of this folder are compiled by nvcc, and by the host's compiler for the
- * emulation. Work goes into one queue, in order; the first error is kept until the next wait() or
- * download() tells it. */
+/* Internals of the CUDA device. The files of this folder are compiled by nvcc, and by the host
+ * compiler for the emulation. All work goes into one stream, in order; the first error is kept
+ * until the next wait() or download() returns it. */
 #pragma once
 
 #include <string.h>
@@ -9,9 +9,9 @@
 #include "device/device.h"
 #include "math/portable.h"
 
-/* Scratch of the verbs, grown when needed and kept. */
+/* Scratch buffers of the verbs, grown on demand and kept. */
 enum cuda_scratch_of {
-    CUDA_SCRATCH_SORT, /* of gpu_sort() and gpu_scan() */
+    CUDA_SCRATCH_SORT, /* for gpu_sort() and gpu_scan() */
     CUDA_SCRATCH_ROWS,
     CUDA_SCRATCH_GRID,
     CUDA_SCRATCH_FIXED,
@@ -25,7 +25,7 @@ enum cuda_scratch_of {
 enum { CUDA_MARKS = 64 };
 struct cuda_clock {
     void *mark[CUDA_MARKS][2];
-    int n; /* pairs that were marked since seconds was made up */
+    int n; /* pairs of marks not yet added to seconds */
     double seconds;
 };
 
@@ -35,40 +35,41 @@ struct cuda {
         void *block;
         size_t bytes;
     } scratch[CUDA_SCRATCHES];
-    bool sync;   /* SPIN_CUDA_SYNC=1: every verb is waited for, so that a failure has its name */
-    bool tensor; /* heads by tensor cores */
-    spin_status failed; /* what the next wait() will tell */
+    bool sync;   /* SPIN_CUDA_SYNC=1: wait after every verb, so that an error names its verb */
+    bool tensor; /* heads on tensor cores */
+    spin_status failed; /* error that the next wait() returns */
     char why[256];
     struct cuda_clock clock[SPIN_N_OPS];
-    uint64_t view_pairs[SPIN_MAX_VIEWS]; /* of the views, from tile_count to tile_fill */
-    void *link;                          /* nccl.cu: the connection with other ranks' cards */
+    uint64_t view_pairs[SPIN_MAX_VIEWS]; /* pairs of each view, from tile_count to tile_fill */
+    void *link;                          /* nccl.cu: the link to the GPUs of other ranks */
 };
 
 static inline struct cuda *cuda_of(struct spin_device *d) { return (struct cuda *)d->state; }
 static inline struct gpu *gpu_of(struct spin_device *d) { return &cuda_of(d)->gpu; }
 
-/* cuda.cu: contents undefined. NULL when there is no memory: the verb then leaves its results as
- * they are, and the next wait() tells it. */
+/* cuda.cu: scratch, contents undefined. NULL if out of memory: the verb then leaves its results
+ * unchanged, and the next wait() returns the error. */
 void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t bytes);
-/* cuda.cu: the host has no memory; and any other failure, told at once. */
+/* cuda.cu: report that the host is out of memory; report any other failure immediately. */
 spin_status cuda_no_memory(void);
 spin_status cuda_fail(spin_status status, const char *what, const char *why);
-/* nccl.cu: give up the link, if there is one. */
+/* nccl.cu: close the link, if there is one. */
 void cuda_unlink(struct spin_device *d);
-/* A verb begins; and ends with its block, with a look for errors of its launches. */
+/* Scope of a verb: times it, and at the end of the block checks for launch errors. */
 struct cuda_clocked {
     struct spin_device *d;
     int op;
     cuda_clocked(struct spin_device *device, int number);
     ~cuda_clocked();
 };
-/* Scan and sort of gpu.h with scratch of their own. False: there is no memory for it, as
+/* Scan and sort of gpu.h with their own scratch. Return false if out of memory, like
  * cuda_scratch(). */
 bool cuda_scan(struct spin_device *d, const uint64_t *in, uint64_t *out, size_t n);
 bool cuda_sort(struct spin_device *d, const uint32_t *key, uint32_t *key_out, const uint32_t *value,
                uint32_t *value_out, size_t n, int bits);
 
-/* cuda.cu: whether a view's pairs are few enough, when there are so many before it. */
+/* cuda.cu: checks that a view's pairs are within the limits, given the pairs of the views before
+ * it. */
 spin_status cuda_pairs_fit(uint64_t pairs, uint64_t before);
 
 static inline size_t cuda_round_up(size_t bytes) { return (bytes + 255) / 256 * 256; }
@@ -77,8 +78,8 @@ static inline size_t cuda_picture(const struct spin_view_batch *views, int k)
     return (size_t)k * 3 * views->max_pixels;
 }
 
-/* Active rows, of which a kernel has one thread for each there is room for; those of one frame
- * [first, first + n) are looked after in one launch. */
+/* Active rows. A kernel has one thread for each row of the list's capacity; one launch handles the
+ * rows of one frame, [first, first + n). */
 struct cuda_rows {
     const uint32_t *row, *count;
     size_t first, n;
@@ -88,7 +89,7 @@ static inline struct cuda_rows cuda_rows_of(const struct spin_active *active, si
 {
     return cuda_rows{active->row, active->n, first, n};
 }
-/* False: there is no active row i, or it is of another frame. */
+/* Returns false if there is no active row i, or it belongs to another frame. */
 static inline __device__ bool cuda_row(const struct cuda_rows &rows, size_t i, size_t *row_of_frame)
 {
     if (i >= *rows.count)
@@ -97,8 +98,8 @@ static inline __device__ bool cuda_row(const struct cuda_rows &rows, size_t i, s
     return *row_of_frame < rows.n;
 }
 
-/* The values of a block's threads are added in one order, whatever order they run in. All threads
- * call it, sum [threads] is shared memory; thread 0 has the sum. threads is a power of two. */
+/* Adds the values of a block's threads in a fixed order. All threads must call it; sum [threads] is
+ * shared memory; thread 0 receives the sum. The number of threads is a power of two. */
 static inline __device__ double cuda_block_sum(double *sum, double value)
 {
     unsigned me = threadIdx.x;
@@ -115,7 +116,7 @@ static inline __device__ double cuda_block_sum(double *sum, double value)
     return value;
 }
 
-/* A verb has the type that its place in spin_device_ops has. */
+/* Declares each verb with the type of its member of spin_device_ops. */
 #define CUDA_VERB(name) __typeof__(*((struct spin_device_ops *)0)->name) cuda_##name;
 SPIN_DEVICE_VERBS(CUDA_VERB)
 CUDA_VERB(copy_rows)

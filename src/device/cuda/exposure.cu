@@ -1,11 +1,11 @@
-/* A camera's gain and offset and its lens's falloff over a picture, and back. Sums are in double,
- * blocks in order. */
+/* Applies a camera's gain and offset and its lens's falloff to an image, and the gradient back.
+ * Sums are in double and add the blocks in order. */
 #include "device/cuda/cuda.h"
 #include "math/exposure.h"
 
 enum { SUMS = 4 };
 
-/* What a kernel knows of a view. */
+/* Parameters of a view for the kernels. */
 struct look {
     int width;
     size_t plane;
@@ -54,7 +54,7 @@ void cuda_exposure(struct spin_device *d, const struct spin_view_batch *views,
     }
 }
 
-/* A block has pixels of channel blockIdx.y; sums [3][blocks][SUMS]. */
+/* blockIdx.y is the channel; sums [3][blocks][SUMS]. */
 static __global__ void back_kernel(struct look l, const float *image, float *d_image, double *sums)
 {
     __shared__ double sum[GPU_BLOCK];
@@ -78,7 +78,7 @@ static __global__ void back_kernel(struct look l, const float *image, float *d_i
             sums[(c * gridDim.x + blockIdx.x) * SUMS + k] = of_block[k];
 }
 
-/* One block: the sums of the blocks, to the gradients of camera and lens. */
+/* A single block: adds the sums of all blocks to the gradients of camera and lens. */
 static __global__ void add_blocks_kernel(unsigned blocks, const double *sums, float *d_exposure,
                                          float *d_lens)
 {
@@ -119,7 +119,7 @@ void cuda_exposure_back(struct spin_device *d, const struct spin_view_batch *vie
     }
 }
 
-/* A thread has one of a row's values. */
+/* One thread per column. */
 static __global__ void centre_kernel(size_t n, float *exposure)
 {
     size_t k = threadIdx.x;

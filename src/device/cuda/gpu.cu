@@ -1,5 +1,5 @@
-/* The names of gpu.h by the CUDA runtime and CUB. The only file of this folder that the emulation
- * does not run. */
+/* Implements gpu.h with the CUDA runtime and CUB. The only file of this folder that the emulation
+ * replaces. */
 #include "device/cuda/gpu.h"
 
 #include <cstdio>
@@ -12,8 +12,8 @@ static const char *text_of(cudaError_t error)
     return error == cudaSuccess ? NULL : cudaGetErrorString(error);
 }
 
-/* CUDA's choice of a card is a thread's own; kernels are launched after a call of this, gpu_mark()
- * at least. */
+/* CUDA's current device is per thread, so it is set before every use of the stream. Kernel launches
+ * rely on a previous call, at least the gpu_mark() of their verb. */
 static cudaStream_t stream_of(struct gpu *gpu)
 {
     cudaSetDevice(gpu->number);
@@ -30,14 +30,14 @@ int gpu_count(char *why, size_t n_why)
     snprintf(why, n_why, "%s",
              cudaGetErrorString(error == cudaSuccess ? cudaErrorNoDevice : error));
     cudaGetLastError();
-    /* Without any driver the error is the same, and the version 0. */
+    /* Without any driver the error is the same, but the version is 0. */
     return error == cudaErrorInsufficientDriver && cudaDriverGetVersion(&driver) == cudaSuccess &&
                    driver > 0
                ? -1
                : 0;
 }
 
-/* The card's pool, which is to keep what is given back; NULL: it has none. */
+/* The GPU's default memory pool, configured to keep freed memory; NULL if it has none. */
 static void *pool_of(int number)
 {
     int has = 0;
@@ -52,7 +52,8 @@ static void *pool_of(int number)
     return NULL;
 }
 
-/* All files of this folder are compiled for the same cards. */
+/* Probes whether this build has code for the GPU: all files of this folder are compiled for the
+ * same architectures. */
 static __global__ void probe_kernel() {}
 
 bool gpu_open(struct gpu *gpu, int number, char *why, size_t n_why)
@@ -96,8 +97,8 @@ void gpu_close(struct gpu *gpu)
     gpu->stream = NULL;
 }
 
-/* In the order of the queue, and kept when it is given back: memory that is wanted again costs
- * nothing. A card that shares its memory with another system has no pools. */
+/* Stream-ordered, and freed memory stays in the pool, so that allocating it again is cheap. A GPU
+ * that shares its memory with another system has no pools. */
 void *gpu_alloc(struct gpu *gpu, size_t bytes, const char **why)
 {
     void *block = NULL;
@@ -106,14 +107,14 @@ void *gpu_alloc(struct gpu *gpu, size_t bytes, const char **why)
     cudaError_t error =
         gpu->pool ? cudaMallocAsync(&block, room, stream) : cudaMalloc(&block, room);
 
-    if (error == cudaErrorMemoryAllocation && gpu->pool) { /* what is kept may be in pieces */
+    if (error == cudaErrorMemoryAllocation && gpu->pool) { /* the pool may be fragmented */
         cudaStreamSynchronize(stream);
         cudaMemPoolTrimTo((cudaMemPool_t)gpu->pool, 0);
         error = cudaMallocAsync(&block, room, stream);
     }
     *why = error == cudaErrorMemoryAllocation ? NULL : text_of(error);
     if (error == cudaErrorMemoryAllocation)
-        cudaGetLastError(); /* it is told by the NULL */
+        cudaGetLastError(); /* the NULL reports it */
     return error == cudaSuccess ? block : NULL;
 }
 
@@ -154,7 +155,7 @@ void *gpu_host_alloc(struct gpu *gpu, size_t bytes)
     stream_of(gpu);
     if (cudaHostAlloc(&block, bytes, cudaHostAllocDefault) == cudaSuccess)
         return block;
-    cudaGetLastError(); /* it is told by the NULL; that of a lost card comes again */
+    cudaGetLastError(); /* the NULL reports it; a lost GPU fails again in later calls */
     return NULL;
 }
 
@@ -169,7 +170,8 @@ void gpu_zero(struct gpu *gpu, void *at, size_t bytes)
     cudaMemsetAsync(at, 0, bytes, stream_of(gpu));
 }
 
-/* From pageable memory this returns when the bytes were taken, from page-locked memory at once. */
+/* From pageable memory this returns after the bytes were copied, from page-locked memory
+ * immediately. */
 void gpu_copy_in(struct gpu *gpu, void *to, const void *host, size_t bytes)
 {
     cudaMemcpyAsync(to, host, bytes, cudaMemcpyHostToDevice, stream_of(gpu));

@@ -1,6 +1,6 @@
-/* What the CUDA device needs of CUDA, under names of ours. gpu.cu has them by the CUDA runtime and
- * CUB; in the host emulation (SPIN_EMU) tests/emu has them, and the compiler is told to include
- * tests/emu/emu.h first, which has the words of CUDA C++ that kernels use: __global__, threadIdx,
+/* The CUDA functions that the device uses, wrapped. gpu.cu implements them with the CUDA runtime
+ * and CUB. In the host emulation (SPIN_EMU) tests/emu implements them, and the compiler includes
+ * tests/emu/emu.h first, which defines the CUDA C++ of the kernels: __global__, threadIdx,
  * __syncthreads() and so on. */
 #pragma once
 
@@ -15,83 +15,81 @@
          ? emu_launch_dynamic(#kernel, grid, block, bytes, [=] { kernel(__VA_ARGS__); })           \
          : (void)0)
 #define GPU_SHARED(type, name) type *name = (type *)emu_dynamic()
-bool emu_launches(struct gpu *gpu); /* false: the card was lost, as a test wanted it */
+bool emu_launches(struct gpu *gpu); /* false: a test simulates the loss of the GPU */
 #else
 #define GPU_LAUNCH(gpu, kernel, grid, block, ...)                                                  \
     kernel<<<grid, block, 0, (cudaStream_t)(gpu)->stream>>>(__VA_ARGS__)
-/* With so many bytes of shared memory beside what the kernel declares, up to gpu->shared; the
- * kernel finds them by GPU_SHARED, aligned to 16. */
+/* Launch with `bytes` of dynamic shared memory, up to gpu->shared; the kernel accesses it by
+ * GPU_SHARED, aligned to 16. */
 #define GPU_LAUNCH_SHARED(gpu, kernel, grid, block, bytes, ...)                                    \
     (cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, bytes),             \
      kernel<<<grid, block, bytes, (cudaStream_t)(gpu)->stream>>>(__VA_ARGS__))
 #define GPU_SHARED(type, name) extern __shared__ __align__(16) type name[]
 #endif
 
-/* Threads of a block where a kernel has one thread for each of n things, and the blocks for them.
- */
+/* Block size of kernels with one thread per element, and the number of blocks for n elements. */
 enum { GPU_BLOCK = 256 };
 static inline unsigned gpu_blocks(size_t n) { return (unsigned)((n + GPU_BLOCK - 1) / GPU_BLOCK); }
-/* One thread for each of n things; nothing for none. */
+/* Launches one thread for each of n elements; nothing if n is 0. */
 #define GPU_EACH(gpu, n, kernel, ...)                                                              \
     do {                                                                                           \
         if ((n) > 0)                                                                               \
             GPU_LAUNCH(gpu, kernel, gpu_blocks(n), GPU_BLOCK, __VA_ARGS__);                        \
     } while (0)
-/* This thread's place among all of its launch, along x. */
+/* Index of this thread among all threads of the launch, along x. */
 #define GPU_INDEX() ((size_t)blockIdx.x * blockDim.x + threadIdx.x)
 
-/* The card and its queue of work. Functions that return nothing are queued; their errors, like
- * those of kernels, are what gpu_error() and gpu_wait() tell. */
+/* A GPU and its stream. Functions that return nothing are queued; their errors, like those of
+ * kernels, are returned by gpu_error() and gpu_wait(). */
 struct gpu {
     void *stream;
-    void *pool;    /* that keeps memory which is given back, or NULL */
-    char name[48]; /* of the card */
-    char id[40];   /* as no other card has */
-    int number;    /* of the cards here */
+    void *pool;    /* keeps freed memory, or NULL */
+    char name[48]; /* of the GPU */
+    char id[40];   /* unique id of the GPU */
+    int number;    /* index among the GPUs of this machine */
     int major, minor;
-    int processors; /* its multiprocessors */
-    int shared;     /* bytes of shared memory that a block may have */
+    int processors; /* number of multiprocessors */
+    int shared;     /* largest dynamic shared memory of a block, in bytes */
 };
 
-/* How many cards there are; 0 with why, -1 with why when the driver knows of none that it can
- * serve, as it is too old. */
+/* Number of GPUs. 0 with why: none; -1 with why: a driver is present, but too old for this build's
+ * CUDA runtime. */
 int gpu_count(char *why, size_t n_why);
-/* The card of this number, below gpu_count(). False, with why, when it does not work or has no code
- * here. */
+/* Opens GPU `number`, below gpu_count(). Returns false, with why, if it does not work or this build
+ * has no code for it. */
 bool gpu_open(struct gpu *gpu, int number, char *why, size_t n_why);
 void gpu_close(struct gpu *gpu);
 
-/* NULL: there is no memory left; or, with *why, the card failed before. */
+/* NULL: out of memory; or, with *why set, an error that happened before. */
 void *gpu_alloc(struct gpu *gpu, size_t bytes, const char **why);
 void gpu_free(struct gpu *gpu, void *block);
 size_t gpu_memory_free(struct gpu *gpu);
 
-/* Page-locked host memory; NULL: none to be had. */
+/* Page-locked host memory; NULL if not available. */
 void *gpu_host_alloc(struct gpu *gpu, size_t bytes);
 void gpu_host_free(struct gpu *gpu, void *block);
 
 void gpu_zero(struct gpu *gpu, void *at, size_t bytes);
-void gpu_copy_in(struct gpu *gpu, void *to, const void *host,
-                 size_t bytes); /* host is free on return, page-locked memory after gpu_wait() */
+/* host may be reused on return; page-locked memory only after gpu_wait() */
+void gpu_copy_in(struct gpu *gpu, void *to, const void *host, size_t bytes);
 void gpu_copy_out(struct gpu *gpu, void *host, const void *from, size_t bytes); /* waits */
-/* What went wrong so far, without waiting or after all that is queued; NULL: nothing. */
+/* The first error so far, without waiting or after waiting for the stream; NULL: none. */
 const char *gpu_error(struct gpu *gpu);
 const char *gpu_wait(struct gpu *gpu);
-bool gpu_done(struct gpu *gpu); /* whether all that is queued is done, or failed */
+bool gpu_done(struct gpu *gpu); /* whether all queued work is done, or has failed */
 
-/* Marks in the queue, and the seconds between two of them, which waits for the second. NULL: none
- * to be had. */
+/* Events in the stream, and the seconds between two of them; gpu_seconds() waits for the second.
+ * gpu_mark_new() returns NULL if none can be created; the others accept NULL. */
 void *gpu_mark_new(struct gpu *gpu);
 void gpu_mark_free(void *mark);
 void gpu_mark(struct gpu *gpu, void *mark);
 double gpu_seconds(void *from, void *to);
 
-/* Sums before each place: out[i] = in[0] + ... + in[i-1]. temp has gpu_scan_bytes(n). */
+/* Exclusive prefix sums: out[i] = in[0] + ... + in[i-1]. temp has gpu_scan_bytes(n). */
 size_t gpu_scan_bytes(size_t n);
 void gpu_scan(struct gpu *gpu, void *temp, size_t temp_bytes, const uint64_t *in, uint64_t *out,
               size_t n);
-/* Values in the order of the lowest `bits` bits of their keys; equal keys stay in order. temp has
- * gpu_sort_bytes(n). */
+/* Stable sort of values by the lowest `bits` bits of their keys. temp has gpu_sort_bytes(n). */
 size_t gpu_sort_bytes(size_t n);
 void gpu_sort(struct gpu *gpu, void *temp, size_t temp_bytes, const uint32_t *key,
               uint32_t *key_out, const uint32_t *value, uint32_t *value_out, size_t n, int bits);

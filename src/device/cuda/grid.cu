@@ -1,8 +1,8 @@
-/* The 4-D hash grid, forward and backward: a thread has one point in one level, and the blocks of a
- * level follow each other, so that the level stays in the cache. Compiled without contraction of
- * products and sums, as on the CPU. Rows of the table gather their gradients by atomic additions:
- * equal to rounding from run to run, or, when the device is to be deterministic, of whole numbers,
- * whose sum is the same in any order. */
+/* The 4-D hash grid, forward and backward: one thread per point and level. The blocks of a level
+ * are consecutive, so that the level stays in cache. Compiled without fused multiply-add, as on the
+ * CPU. Gradients are added to the rows of the table by atomics: in float, equal up to rounding from
+ * run to run; or, if the device is deterministic, in integers, whose sum does not depend on the
+ * order. */
 #include "device/cuda/cell.h"
 #include "device/cuda/cuda.h"
 
@@ -15,8 +15,8 @@ static __device__ float corner_weight(const struct cuda_cell &cell, int k)
     return (w[0] * w[1]) * (w[2] * w[3]);
 }
 
-/* WIDTH values that lie side by side, by loads and stores of up to 16 bytes: rows begin at a
- * multiple of their size. */
+/* Loads and stores WIDTH consecutive values, up to 16 bytes at a time; rows are aligned to their
+ * size. */
 template <int WIDTH> static __device__ void load_row(const float *from, float *to)
 {
     if (WIDTH % 4 == 0) {
@@ -93,10 +93,10 @@ void cuda_grid(struct spin_device *d, const struct spin_grid *grid, const float 
 
 /* ---- Backward -------------------------------------------------------------------------------- */
 
-/* a + w (b - a), the sum of one axis. */
+/* Interpolates along one axis: a + w (b - a). */
 static __device__ float mix(float a, float b, float w) { return a + w * (b - a); }
 
-/* d_x [3] = the sums over corners of upper minus lower, along x, y and z. */
+/* d_x [3] = the sums over corners of (upper minus lower) along x, y and z. */
 static __device__ void slopes_of(const struct cuda_cell &cell, const float v[CUDA_CORNERS],
                                  float d_x[3])
 {
@@ -117,15 +117,15 @@ static __device__ void slopes_of(const struct cuda_cell &cell, const float v[CUD
     d_x[2] = mix(mix(dz[0], dz[1], cell.w[0]), mix(dz[2], dz[3], cell.w[0]), cell.w[1]);
 }
 
-/* Sums in whole numbers: sum [rows][features] has the table's gradient times factor[level], a power
- * of two. The weights of a point add up to 1, so no sum is larger than those of all |d_z| of its
- * level, and this is below 2^61 times factor. */
+/* Fixed-point sums: sum [rows][features] is the table's gradient times factor[level], a power of
+ * two. The weights of a point add up to 1, so no sum exceeds the sum of all |d_z| of its level,
+ * which factor scales to below 2^61. */
 struct fixed {
-    unsigned long long *sum; /* NULL: plain sums of floats */
+    unsigned long long *sum; /* NULL: float sums */
     double *factor;          /* [levels] */
 };
 
-/* width values that lie side by side; 16 bytes at once where cards can. */
+/* Adds WIDTH consecutive values; 16 bytes at a time on GPUs with such atomics. */
 template <int WIDTH> static __device__ void add_floats(float *to, const float *value)
 {
 #if defined(SPIN_EMU) || (defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900)
@@ -151,18 +151,19 @@ static __device__ void add_to_row(const struct fixed &fixed, int level, float *d
         if (isfinite(value[f]))
             atomicAdd(&fixed.sum[at + (size_t)f],
                       (unsigned long long)llrint((double)value[f] * fixed.factor[level]));
-        else /* a sum with what is not finite is not finite, in any order */
+        else /* a sum with a nonfinite term is nonfinite in any order */
             atomicAdd(&d_table[at + (size_t)f], value[f]);
 }
 
-/* Lanes of a warp whose points lie in one cell add their values up in a fixed order, and the first
- * of them adds the sum to the table: points come along a curve, and coarse cells hold many. */
+/* Lanes of a warp whose points are in the same cell add up their values in a fixed order, and the
+ * first of them adds the sum to the table. This saves atomics: consecutive points are close to each
+ * other, and coarse cells contain many. */
 enum { MOST_STEPS = 5 };
 struct peers {
-    unsigned mask;        /* lanes that have a point */
+    unsigned mask;        /* lanes with a point */
     bool leads;           /* the first lane of its cell */
-    int steps;            /* additions until the first has the sum of the fullest cell */
-    int from[MOST_STEPS]; /* the lane whose value comes in a step, or the own: none does */
+    int steps;            /* steps until the first lane has the sum of the fullest cell */
+    int from[MOST_STEPS]; /* the lane whose value is added in each step; the own lane: none */
 };
 
 static __device__ struct peers find_peers(unsigned mask, const struct cuda_cell &cell)
@@ -177,7 +178,8 @@ static __device__ struct peers find_peers(unsigned mask, const struct cuda_cell 
     above = same & ~(((1u << lane) - 1) | 1u << lane);
     peers.leads = rank == 0;
     peers.steps = 0;
-    for (int s = 0; s < MOST_STEPS; s++) { /* of ranks 2^s apart: the next one above that is left */
+    for (int s = 0; s < MOST_STEPS; s++) { /* add ranks 2^s apart: `above` keeps the lanes that
+                                            * still hold a sum */
         peers.from[s] = above ? __ffs((int)above) - 1 : (int)lane;
         peers.steps += __any_sync(mask, above != 0) != 0;
         above &= __ballot_sync(mask, (rank & 1) == 0);
@@ -186,7 +188,7 @@ static __device__ struct peers find_peers(unsigned mask, const struct cuda_cell 
     return peers;
 }
 
-/* The first lane of a cell gets the sum of its cell. */
+/* The first lane of each cell receives the sum of its cell. */
 template <int WIDTH> static __device__ void sum_of_cell(const struct peers &peers, float *value)
 {
     int lane = (int)(threadIdx.x % 32);
@@ -229,7 +231,8 @@ grid_back_kernel(struct spin_grid grid, const float *table, struct cuda_rows row
                 add_to_row<WIDTH>(fixed, level, d_table, cuda_corner_row(cell, k) * WIDTH, value);
         }
         if (d_x) {
-            float v[CUDA_CORNERS], row[WIDTH]; /* a corner's features, each times its gradient */
+            float v[CUDA_CORNERS], row[WIDTH]; /* features of a corner; v: dotted with the
+                                                * gradient */
 
             for (int k = 0; k < CUDA_CORNERS; k++) {
                 load_row<WIDTH>(table + cuda_corner_row(cell, k) * WIDTH, row);
@@ -260,10 +263,10 @@ static __global__ void sum_levels_kernel(int n_levels, struct cuda_rows rows, si
             sum += d_x[((size_t)level * most + i) * 3 + a];
         d_x_u[4 * i + a] = sum;
     }
-    d_x_u[4 * i + 3] = 0; /* time is not trained */
+    d_x_u[4 * i + 3] = 0; /* the gradient with respect to time is not used */
 }
 
-/* partial [levels][blocks] = sums of |d_z| of a block's rows, where that is finite. */
+/* partial [levels][blocks] = sums of the finite |d_z| of a block's rows. */
 static __global__ void size_kernel(int n_levels, int width, struct cuda_rows rows, const float *d_z,
                                    double *partial)
 {
@@ -281,7 +284,7 @@ static __global__ void size_kernel(int n_levels, int width, struct cuda_rows row
         partial[(size_t)blockIdx.y * gridDim.x + blockIdx.x] = own;
 }
 
-/* A block has a level. */
+/* One block per level. */
 static __global__ void factor_kernel(unsigned n_blocks, const double *partial, double *factor)
 {
     __shared__ double sum[GPU_BLOCK];
@@ -293,11 +296,11 @@ static __global__ void factor_kernel(unsigned n_blocks, const double *partial, d
     own = cuda_block_sum(sum, own);
     if (threadIdx.x > 0)
         return;
-    frexp(own, &exponent); /* below 2^exponent */
+    frexp(own, &exponent); /* own < 2^exponent */
     factor[blockIdx.x] = own > 0 ? ldexp(1.0, 61 - exponent) : 1;
 }
 
-/* The sums to where they belong. Blocks of a level follow each other. */
+/* Converts the sums and adds them to d_table. The blocks of a level are consecutive. */
 static __global__ void add_fixed_kernel(struct spin_grid grid, struct fixed fixed, float *d_table)
 {
     size_t width = (size_t)grid.n_features, i = GPU_INDEX();
@@ -308,7 +311,7 @@ static __global__ void add_fixed_kernel(struct spin_grid grid, struct fixed fixe
         d_table[at] += (float)((double)(long long)fixed.sum[at] / fixed.factor[level]);
 }
 
-/* Zeros for the sums, and how fine they are. False: there is no memory. */
+/* Zeroes the sums and computes the factors. Returns false if out of memory. */
 static bool begin_fixed(struct spin_device *d, const struct spin_grid *grid,
                         const struct cuda_rows &rows, size_t most, const float *d_z,
                         struct fixed *fixed)

@@ -1,24 +1,23 @@
-/* Heads that are at most 64 wide, forward and backward, in fp32: all layers of 32 splats in one
- * block, whose activations stay in shared memory, and the gradients of the weights in registers. By
- * tensor cores they go in heads_tensor.cu; wider ones in mlp.cu.
+/* Heads at most 64 wide, forward and backward, in fp32: one block computes all layers of 32 splats,
+ * with activations in shared memory and gradients of the weights in registers. heads_tensor.cu does
+ * the same on tensor cores; wider heads are in mlp.cu.
  *
- * Forward a block has a head and 32 splats. Backward a launch has a head and as many blocks as fill
- * a large card; a block takes every so-many-th 32 splats of those that there are, and leaves its
- * sums of the weights' gradients; then the blocks' sums are added in order. */
+ * Forward, a block handles one head and 32 splats. Backward, each launch handles one head with as
+ * many blocks as fill a large GPU; a block iterates over groups of 32 splats, with the number of
+ * blocks as stride, and stores its partial gradient of the weights; then the partial gradients are
+ * added in order. */
 #include "device/cuda/heads.h"
 
 #include "math/mlp.h"
 
 enum { ROWS = 32, WIDE = CUDA_HEADS_WIDE, STEP = 16, THREADS = 256, MOST_BLOCKS = 264 };
-enum {
-    OWN = ROWS * WIDE / THREADS,
-    OWN_WEIGHTS = WIDE * WIDE / THREADS
-}; /* elements of a thread */
+/* elements per thread */
+enum { OWN = ROWS * WIDE / THREADS, OWN_WEIGHTS = WIDE * WIDE / THREADS };
 
-/* The products. Activations are [ROWS][WIDE] in shared memory, cell(row, column); `stage` has STEP
- * rows of a matrix of weights, WIDE columns each. times: sum += x's columns [k0, k0 + STEP) times
- * stage; place says which elements a thread has. outer: sum [n][WIDE] += d^T x; outer_place
- * likewise. */
+/* Matrix products. Activations are [ROWS][WIDE] in shared memory, indexed by cell(row, column);
+ * `stage` holds STEP rows of a weight matrix, WIDE columns each. times: sum += columns [k0, k0 +
+ * STEP) of x times stage; place() maps a thread's elements to rows and columns. outer: sum
+ * [n][WIDE] += d^T x; outer_place() maps its elements. */
 enum { ROOM = ROWS * WIDE, STAGE_ROW = WIDE, STAGE = (int)STEP * STAGE_ROW };
 static __device__ int cell(int row, int column) { return row * WIDE + column; }
 
@@ -60,8 +59,8 @@ static __device__ void outer(int n, const float *d, const float *x, float *sum)
     }
 }
 
-/* sum = x W^T, W [n_out][n_in]; or, back, x W. All threads call it; afterwards x and stage are
- * free. */
+/* sum = x W^T, W [n_out][n_in]; or, if `back`, x W. All threads must call it; on return x and stage
+ * may be overwritten. */
 static __device__ void multiply(const float *x, const float *w, int n_in, int n_out, bool back,
                                 float *stage, float *sum)
 {
@@ -82,8 +81,7 @@ static __device__ void multiply(const float *x, const float *w, int n_in, int n_
     }
 }
 
-/* to = the activation of the sum and the bias, 0 beyond `hidden`; its slopes, unless that is NULL.
- */
+/* to = activation(sum + bias), 0 beyond `hidden`; slope = its derivative, unless NULL. */
 static __device__ void activate(const float *sum, const float *bias, int hidden, bool relu,
                                 float *to, float *slope)
 {
@@ -108,8 +106,8 @@ static __device__ void activate(const float *sum, const float *bias, int hidden,
     }
 }
 
-/* to [ROWS][WIDE] = the first n columns of m rows of `from`, of which these are the numbers (NULL:
- * one after the other); zeros elsewhere. */
+/* to [ROWS][WIDE] = the first n columns of m rows of `from`, selected by `number` (NULL:
+ * consecutive rows); zero elsewhere. */
 static __device__ void load(float *to, const float *from, size_t ld, const uint32_t *number, int m,
                             int n)
 {
@@ -184,7 +182,7 @@ struct back {
     float *d_z, *partial; /* partial [blocks][size of the head] */
 };
 
-/* A quarter of the rows, of column threadIdx.x % WIDE. */
+/* Sum of a quarter of the rows in column threadIdx.x % WIDE. */
 static __device__ float sum_of_rows(const float *d)
 {
     int column = (int)threadIdx.x % WIDE, first = (int)threadIdx.x / WIDE * (ROWS / 4);
@@ -195,8 +193,8 @@ static __device__ float sum_of_rows(const float *d)
     return sum;
 }
 
-/* to [n][n_in] = a block's sums of weights, bias [n] = those of a bias, whose quarters come
- * together in stage. */
+/* Stores a block's gradients: to [n][n_in] of weights and bias [n] of a bias, whose four partial
+ * sums are combined in stage. */
 static __device__ void leave(const float *sum, float sum_of_bias, int n, int n_in, float *stage,
                              float *to, float *bias)
 {
@@ -216,7 +214,7 @@ static __device__ void leave(const float *sum, float sum_of_bias, int n, int n_i
         bias[me] = (stage[me] + stage[me + WIDE]) + (stage[me + 2 * WIDE] + stage[me + 3 * WIDE]);
 }
 
-/* x times the slopes of the layer below. */
+/* to = sum times the slopes of the activation below. */
 static __device__ void through(const float *sum, const float *slope, float *to)
 {
     for (int e = 0; e < OWN; e++) {
@@ -228,8 +226,8 @@ static __device__ void through(const float *sum, const float *slope, float *to)
     __syncthreads();
 }
 
-/* z, a1, a2 and g [ROWS][WIDE] are shared memory; g has the gradient of one layer after the other.
- */
+/* z, a1, a2 and g [ROWS][WIDE] are shared memory; g holds the gradient of one layer after the
+ * other. */
 static __device__ void backward(const struct back &b, float *z, float *a1, float *a2, float *g,
                                 float *stage)
 {
@@ -285,7 +283,7 @@ static __global__ void __launch_bounds__(THREADS, 2) heads_back_kernel(struct ba
     backward(b, z, a1, a2, g, stage);
 }
 
-/* d_param += the blocks' sums; those of a head lie at n_blocks times its offset. */
+/* d_param += the sums of all blocks; those of a head start at n_blocks times its offset. */
 static __global__ void add_blocks_kernel(struct spin_heads heads, unsigned n_blocks,
                                          const float *partial, float *d_param)
 {

@@ -1,4 +1,5 @@
-/* Heads in one kernel, for mlp.cu: neither encoding nor hidden layers may be wider than this. */
+/* Heads computed in one kernel, for mlp.cu: encoding and hidden layers at most CUDA_HEADS_WIDE
+ * wide. */
 #pragma once
 
 #include "device/cuda/cuda.h"
@@ -10,8 +11,9 @@ void cuda_heads_back(struct spin_device *d, const struct spin_heads *heads, cons
                      const struct spin_active *active, const float *z, const float *d_raw,
                      float *d_param, float *d_z);
 
-/* heads_tensor.cu: the same by tensor cores. Backward leaves the sums of the parameters' gradients
- * of `blocks` blocks, those of a head [blocks][size of the head] at blocks times its offset. */
+/* heads_tensor.cu: the same on tensor cores. Backward stores partial sums of the parameters'
+ * gradients for each of `blocks` blocks; those of a head, [blocks][size of the head], start at
+ * blocks times its offset. */
 bool cuda_heads_fit_tensor(struct spin_device *d);
 unsigned cuda_heads_tensor_blocks(struct spin_device *d, size_t n_splats);
 void cuda_heads_tensor(struct spin_device *d, const struct spin_heads *heads, const float *param,
@@ -20,7 +22,7 @@ void cuda_heads_back_tensor(struct spin_device *d, const struct spin_heads *head
                             const float *param, const struct cuda_rows &rows, unsigned blocks,
                             const float *z, const float *d_raw, float *d_z, float *partial);
 
-/* The first column of a head in a splat's raw attributes. */
+/* First column of a head's outputs in a splat's raw attributes. */
 static inline __device__ int cuda_heads_column(int head)
 {
     const int first[SPIN_HEADS] = {SPIN_ATTR_SCALE, SPIN_ATTR_ROTATION, SPIN_ATTR_SH,

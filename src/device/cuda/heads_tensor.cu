@@ -1,11 +1,12 @@
-/* Heads that are at most 64 wide, by tensor cores. A block has one head's weights in shared memory,
- * each taken apart into two numbers of tf32, and does all its splats with them before it takes the
- * next head. A warp has rows of its own, whose activations lie in its part of shared memory, so
- * that it goes from layer to layer alone. Backward, what the block's warps have of 128 splats lies
- * side by side for the gradients of the weights, of which each warp keeps a part in registers.
+/* Heads at most 64 wide, on tensor cores. A block keeps one head's weights in shared memory, each
+ * split into two tf32 numbers, and processes all its splats with them before the next head. A warp
+ * has its own rows, whose activations are in its part of shared memory, so that it advances from
+ * layer to layer without block synchronisation. Backward, the activations and gradients of 128
+ * splats are in shared memory for the gradients of the weights, of which each warp keeps a part in
+ * registers.
  *
- * The order of a sum's terms is free. So the k-th columns of mma.h's A and rows of its B, t and t +
- * 4, are here 2 t and 2 t + 1: a lane reads pairs. */
+ * The order of a sum's terms is free. Therefore columns t and t + 4 of A in mma.h (and these rows
+ * of B) are stored here as columns 2 t and 2 t + 1: a lane reads pairs. */
 #include "device/cuda/heads.h"
 
 #include "device/cuda/mma.h"
@@ -13,20 +14,20 @@
 
 enum {
     WIDE = CUDA_HEADS_WIDE,
-    MOST_OUT = 48, /* of a head */
-    DEEP = 8,      /* of a product of mma.h, and its columns */
+    MOST_OUT = 48, /* outputs of a head */
+    DEEP = 8,      /* depth of a product of mma.h, and its columns */
     TILES = WIDE / DEEP,
-    LONG = WIDE + 8, /* of rows of activations: keeps lanes out of each other's banks */
+    LONG = WIDE + 8, /* row stride of activations; avoids bank conflicts */
     WARP = 32,
-    WARPS = 12, /* of a block, forward, at most; with ROWS rows each */
+    WARPS = 12, /* at most, in a block forward, with ROWS rows each */
     ROWS = 32,
     BACK_WARPS = 8,
     BACK_ROWS = 16,
     BACK_TILE = BACK_WARPS * BACK_ROWS
 };
 
-/* Of one head, in shared memory; zeros beyond its size. w: what is high, then what is low, see
- * place(). */
+/* Weights of one head in shared memory, padded with zeros. Each of w1 to w3 holds the high parts,
+ * then the low parts, see place(). */
 struct weights {
     float w1[2 * WIDE * WIDE], w2[2 * WIDE * WIDE], w3[2 * MOST_OUT * WIDE], b1[WIDE], b2[WIDE],
         b3[MOST_OUT];
@@ -40,7 +41,7 @@ struct back_room {
     float x[BACK_TILE * LONG], g[BACK_TILE * LONG];
 };
 
-/* As many as there is shared memory for: 8 on sm_80. */
+/* As many warps as shared memory allows: 8 on sm_80. */
 static int warps_of(const struct gpu *gpu)
 {
     long warps = ((long)gpu->shared - (long)sizeof(struct weights)) /
@@ -63,7 +64,7 @@ static __device__ int t() { return (int)threadIdx.x % 4; }
 static __device__ int warp() { return (int)threadIdx.x / WARP; }
 static __device__ int tiles(int n) { return (n + DEEP - 1) / DEEP; }
 
-/* Where W(o, i) lies: lanes that read (g, 2 t) and (g, 2 t + 1), or (2 t, g), meet in no bank. */
+/* Index of W(o, i): lanes that read (g, 2 t) and (g, 2 t + 1), or (2 t, g), use different banks. */
 static __device__ int place(int o, int i) { return o * WIDE + (i ^ ((o & 6) << 2 ^ (o & 1) << 4)); }
 
 template <int ROOM> static __device__ void stage(const float *w, int n_in, int n_out, float *to)
@@ -84,7 +85,7 @@ static __device__ void stage_bias(const float *bias, int n_out, int room, float 
         to[i] = i < n_out ? bias[i] : 0;
 }
 
-/* All threads call it; afterwards they may read. */
+/* All threads must call it; on return the weights are visible to all. */
 static __device__ void stage_head(const struct spin_heads &heads, const float *param, int head,
                                   struct weights *w)
 {
@@ -102,7 +103,7 @@ static __device__ void stage_head(const struct spin_heads &heads, const float *p
     __syncthreads();
 }
 
-/* A(16 rows, columns [8 step, + 8)) of a warp's rows in shared memory. */
+/* Loads A(16 rows, columns [8 step, 8 step + 8)) of a warp's rows from shared memory. */
 static __device__ void take_rows(const float *x, int step, cuda_split<4> *to)
 {
     CUDA_UNROLL
@@ -114,8 +115,9 @@ static __device__ void take_rows(const float *x, int step, cuda_split<4> *to)
     }
 }
 
-/* The weights (k, n) and (k + 1, n), k = 8 step + 2 t, n = 8 tile + g, of W^T or, BACK, of W, which
- * has room for so many rows. place() is here in parts, of which few change from step to step. */
+/* Loads weights (k, n) and (k + 1, n), k = 8 step + 2 t, n = 8 tile + g, of W^T or, if BACK, of W
+ * with ROOM rows. place() is written out here, so that only the parts that depend on the step are
+ * recomputed. */
 template <int N, bool BACK, int ROOM>
 static __device__ void take_weights(const float *w, int step, cuda_split<2 * N> *to)
 {
@@ -141,8 +143,8 @@ static __device__ void take_weights(const float *w, int step, cuda_split<2 * N> 
     }
 }
 
-/* sum [16 M][8 N] = x W^T or, BACK, x W, over 8 `steps` columns of x. A lane's sums of 16 rows lie
- * as mma.h's C. */
+/* sum [16 M][8 N] = x W^T or, if BACK, x W, over 8 * steps columns of x. A lane's sums of 16 rows
+ * have the layout of C in mma.h. */
 template <int M, int N, bool BACK, int ROOM>
 static __device__ void product(const float *x, int steps, const float *w, float (*sum)[4 * N])
 {
@@ -165,8 +167,8 @@ static __device__ void product(const float *x, int steps, const float *w, float 
     }
 }
 
-/* The warp's rows in shared memory = what the lanes have. What a lane puts there is what it takes
- * by take_rows(). */
+/* Stores the lanes' sums in the warp's rows of shared memory, in the layout that take_rows()
+ * reads. */
 template <int N> static __device__ void put(const float *sum, float *x)
 {
     CUDA_UNROLL
@@ -180,15 +182,15 @@ template <int N> static __device__ void put(const float *sum, float *x)
     }
 }
 
-/* R rows of the warp = the first n columns of m rows of `from`, of which these are the numbers
- * (NULL: one after the other); zeros elsewhere, in COLUMNS columns. */
+/* R rows of the warp = the first n columns of m rows of `from`, selected by `number` (NULL:
+ * consecutive rows); zero elsewhere in COLUMNS columns. */
 template <int R, int COLUMNS>
 static __device__ void load(float *x, const float *from, size_t ld, const uint32_t *number, int m,
                             int n)
 {
     int lane = (int)threadIdx.x % WARP, column = lane * 4 % COLUMNS;
 
-    if (COLUMNS == WIDE && n % 4 == 0) { /* rows of n, which begin at 16 bytes */
+    if (COLUMNS == WIDE && n % 4 == 0) { /* n floats per row, aligned to 16 bytes */
         from += column;
         CUDA_UNROLL
         for (int i = 0; i < R; i += 4 * WARP / COLUMNS) {
@@ -213,7 +215,7 @@ static __device__ void load(float *x, const float *from, size_t ld, const uint32
 /* ---- Forward --------------------------------------------------------------------------------- */
 
 #if CUDA_HAS_MMA
-/* sum = the activation of itself and the bias; its slopes, unless that is NULL. */
+/* sum = activation(sum + bias); slope = its derivative, unless NULL. */
 static __device__ void activate(const float *bias, bool relu, float *sum, float *slope)
 {
     CUDA_UNROLL
@@ -230,7 +232,8 @@ static __device__ void activate(const float *bias, bool relu, float *sum, float 
     }
 }
 
-/* The last layer of the warp's rows, m of which there are, to `to` with rows of SPIN_ATTR. */
+/* Computes the last layer for the warp's first m rows, and writes it to `to`, whose rows are
+ * SPIN_ATTR long. */
 template <int N>
 static __device__ void finish(const float *x, int steps, const struct weights *w, int m, int n_out,
                               float *to)
@@ -317,8 +320,8 @@ struct back {
 };
 
 #if CUDA_HAS_MMA
-/* sum [16 M][8 N] += d^T x over the rows of the block, columns from i0 and j0; bias += a lane's
- * share of d's sums. */
+/* sum [16 M][8 N] += d^T x over the rows of the block, columns from i0 and j0; bias += this lane's
+ * share of the column sums of d. */
 template <int M, int N>
 static __device__ void outer(const float *d, const float *x, int i0, int j0, float *sum,
                              float *bias)
@@ -346,7 +349,7 @@ static __device__ void outer(const float *d, const float *x, int i0, int j0, flo
     }
 }
 
-/* to [n][n_in] = a block's sums of weights, to_bias [n] those of a bias. */
+/* Stores a block's gradients: to [n][n_in] of weights, to_bias [n] of a bias. */
 template <int M, int N>
 static __device__ void leave(const float *sum, const float *bias, int i0, int j0, int n, int n_in,
                              float *to, float *to_bias)
@@ -371,7 +374,7 @@ static __device__ void leave(const float *sum, const float *bias, int i0, int j0
     }
 }
 
-/* m rows of n = the warp's rows, or += them. */
+/* to = m of the warp's rows, n columns each; or += if `add`. */
 static __device__ void store(const float *x, int m, int n, bool add, float *to)
 {
     int lane = (int)threadIdx.x % WARP, column = lane * 4 % WIDE;
@@ -398,8 +401,8 @@ static __device__ void store(const float *x, int m, int n, bool add, float *to)
     }
 }
 
-/* One head of 128 splats. mine and x are the warp's rows of g and x; sums of the weights' gradients
- * are added to. */
+/* One head for 128 splats. `mine` and x are the warp's rows of g and x; the gradients of the
+ * weights are added to s. */
 struct back_sums {
     float w1[16], w2[16], w3[12], b1[2], b2[2], b3[6];
 };
@@ -491,7 +494,7 @@ static __global__ void __launch_bounds__(WARP *BACK_WARPS, 1)
 #endif
 }
 
-/* One fits a multiprocessor. */
+/* One block per multiprocessor. */
 unsigned cuda_heads_tensor_blocks(struct spin_device *d, size_t n)
 {
     size_t tiles = (n + BACK_TILE - 1) / BACK_TILE, most = (size_t)gpu_of(d)->processors;

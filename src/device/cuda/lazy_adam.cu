@@ -1,5 +1,5 @@
-/* Adam for a table of which a step touches little (device.h, struct spin_lazy_adam), as on the CPU:
- * the sums by which skipped steps are made up for are the host's, a copy lies on the card. */
+/* Lazy Adam (struct spin_lazy_adam in device.h), as on the CPU: the host computes the sums for
+ * skipped steps, and the device has a copy. */
 #include "device/cuda/cuda.h"
 
 #include <math.h>
@@ -8,22 +8,26 @@
 #include "device/cuda/cell.h"
 #include "math/adam.h"
 
-/* Of a step, (.9 / sqrt(.999))^400 = 6e-19 is left 400 steps later: nothing. */
+/* A step's influence decays by (.9 / sqrt(.999))^400 = 6e-19 within 400 steps, which is
+ * negligible. */
 enum { REACH = 400 };
 
 struct cuda_lazy_adam {
-    struct spin_lazy_adam open; /* the first: verbs are given a pointer to it */
+    struct spin_lazy_adam open; /* first member: verbs receive a pointer to it */
     struct spin_grid grid;
     struct spin_param_group table;
     size_t before; /* floats before the first line */
     int64_t steps;
-    double *sum;    /* [steps + 1][2] host: the two sums of spin_adam_skip */
-    float *skipped; /* [steps + 1][2] host: skipped_step and skipped_eps, by the step of a line's
-                       last update */
-    float *card;    /* [2][steps + 1][2] the same, then .9^t and .999^t by the steps missed */
+    double *sum; /* [steps + 1][2] host: the two sums of spin_adam_skip */
+    /* [steps + 1][2] host: skipped_step and skipped_eps, indexed by the step of a line's last
+     * update */
+    float *skipped;
+    /* [2][steps + 1][2] device: the same, then .9^t and .999^t, indexed by the number of missed
+     * steps */
+    float *card;
 };
 
-/* What kernels need of it; p, m, v from the first line on. */
+/* Arguments of the kernels; p, g, m, v start at the first line. */
 struct lines {
     float *p, *g, *m, *v, *last;
     size_t n, before;
@@ -76,7 +80,8 @@ spin_status cuda_lazy_adam_enable(struct spin_device *d, const struct spin_grid 
     }
     own->open.last = (float *)last;
     own->card = (float *)card;
-    d->op->upload(d, own->card, own->skipped, 4 * n * sizeof(float)); /* decay follows */
+    d->op->upload(d, own->card, own->skipped, 4 * n * sizeof(float)); /* with decay, which
+                                                                       * follows */
     *out = &own->open;
     return SPIN_OK;
 }
@@ -92,7 +97,7 @@ void cuda_lazy_adam_close(struct spin_device *d, struct spin_lazy_adam *lazy)
     free(own);
 }
 
-/* ---- Forward: lines are brought to the present step ------------------------------------------ */
+/* ---- Forward: bring lines up to the current step --------------------------------------------- */
 
 static __device__ void bring(const struct lines &lines, size_t line, int64_t from)
 {
@@ -103,7 +108,7 @@ static __device__ void bring(const struct lines &lines, size_t line, int64_t fro
                        &lines.v[i]);
 }
 
-/* A thread has one point in one hashed level. Who marks a line first brings it. */
+/* One thread per point and hashed level. The thread that first marks a line updates it. */
 static __global__ void need_kernel(struct spin_grid grid, int first_level, struct lines lines,
                                    size_t n, const float *x_u)
 {
@@ -118,7 +123,7 @@ static __global__ void need_kernel(struct spin_grid grid, int first_level, struc
         size_t line = at / SPIN_LINE;
         float last;
 
-        if (line == before) /* neighbours along x share a line, mostly */
+        if (line == before) /* neighbours along x mostly share a line */
             continue;
         before = line;
         last = atomicExch(&lines.last[line], mark);

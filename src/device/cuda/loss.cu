@@ -1,13 +1,13 @@
-/* L1 + SSIM and its gradient, and how far a picture is from a photograph (docs/method.md 5). The
- * window goes down the columns first, where a thread has eight values, one below the other; then
- * along the rows, as on the CPU. Sums are in double, blocks in order. */
+/* L1 + SSIM with gradient, and the errors of an image against the input image (docs/method.md 5).
+ * The SSIM window is applied to columns first, with eight vertically adjacent values per thread,
+ * then to rows, as on the CPU. Sums are in double and add the blocks in order. */
 #include "device/cuda/cuda.h"
 #include "math/loss.h"
 
 enum { HALF = SPIN_SSIM_HALF, MAPS = 4, SLOPES = 3, SUMS = 3, WARP = 32 };
 enum { STRIP = 8, TALL = STRIP + 2 * HALF };
 
-/* One view's picture and photograph. */
+/* The rendered image and the input image of one view. */
 struct photo {
     int width, height;
     size_t plane;
@@ -39,7 +39,7 @@ static struct photo photo_of(const struct spin_view_batch *views, int k,
     return p;
 }
 
-/* The photograph's value i of channel c. */
+/* Value i of channel c of the input image. */
 static __device__ float truth_of(const struct photo &p, size_t c, size_t i)
 {
     return p.rgb8 ? (float)p.rgb8[3 * i + c] / 255.0f : p.f32[c * p.plane + i];
@@ -52,8 +52,7 @@ static __device__ float weight_of(const struct photo &p, size_t i)
     return !p.mask ? 1.0f : bit_of(p, i) ? p.weight[1] : p.weight[0];
 }
 
-/* Values of a column of one plane [h][w] of several: STRIP of them from row y on, the first at
- * `at`. */
+/* STRIP values of a column of one plane [h][w], from row y on; the first is at index `at`. */
 struct strip {
     size_t plane, at, width;
     int y, height;
@@ -64,7 +63,7 @@ static unsigned strips(const struct photo &p, unsigned planes)
     return planes * (unsigned)p.width * (unsigned)((p.height + STRIP - 1) / STRIP);
 }
 
-/* This thread's, if it is below strips(). */
+/* The strip of this thread, if its index is below strips(). */
 static __device__ struct strip strip_of(const struct photo &p)
 {
     unsigned me = (unsigned)GPU_INDEX(), width = (unsigned)p.width;
@@ -79,7 +78,7 @@ static __device__ struct strip strip_of(const struct photo &p)
     return s;
 }
 
-/* v [TALL] = value(how far behind s.at) from HALF rows above the strip on; 0 outside. */
+/* v [TALL] = value(offset from s.at), starting HALF rows above the strip; 0 outside the plane. */
 template <class V> static __device__ void load_strip(const struct strip &s, float *v, V value)
 {
     for (int k = 0; k < TALL; k++) {
@@ -89,7 +88,7 @@ template <class V> static __device__ void load_strip(const struct strip &s, floa
     }
 }
 
-/* map = v [TALL] windowed, at the strip. */
+/* Writes v [TALL], filtered by the vertical window, to the strip in map. */
 static __device__ void put_strip(const struct strip &s, const float *v, float *map)
 {
     const float window[HALF + 1] = SPIN_SSIM_WINDOW;
@@ -105,7 +104,7 @@ static __device__ void put_strip(const struct strip &s, const float *v, float *m
     }
 }
 
-/* maps [MAPS][3][h][w]: columns of the windowed x, y, x^2 + y^2 and x y. */
+/* maps [MAPS][3][h][w] = x, y, x^2 + y^2 and x y, filtered along columns. */
 static __global__ void down_kernel(struct photo p, unsigned n, float *maps)
 {
     struct strip s = strip_of(p);
@@ -128,7 +127,7 @@ static __global__ void down_kernel(struct photo p, unsigned n, float *maps)
     put_strip(s, y, maps + 9 * p.plane);
 }
 
-/* One of the values of three channels: pixel i of channel c, in column x. A block has values of one
+/* One value of an image: pixel i of channel c, in column x. A block's values are all of one
  * channel. */
 struct value {
     size_t c, i, at;
@@ -137,7 +136,7 @@ struct value {
 
 static unsigned blocks_of(size_t plane) { return 3 * gpu_blocks(plane); }
 
-/* False: this thread has none. */
+/* Returns false if this thread has no value. */
 static __device__ bool value_of(const struct photo &p, struct value *v)
 {
     unsigned blocks = gridDim.x / 3, i = blockIdx.x % blocks * GPU_BLOCK + threadIdx.x;
@@ -149,7 +148,7 @@ static __device__ bool value_of(const struct photo &p, struct value *v)
     return i < p.plane;
 }
 
-/* A map windowed along a row, at v. */
+/* The horizontal window applied to map at v. */
 static __device__ float along(const float *map, const struct value &v, int width)
 {
     const float window[HALF + 1] = SPIN_SSIM_WINDOW;
@@ -164,7 +163,7 @@ static __device__ float along(const float *map, const struct value &v, int width
     return sum;
 }
 
-/* slopes [SLOPES][3][h][w], and of every block the sums of L1, SSIM and weights. */
+/* slopes [SLOPES][3][h][w], and the sums of L1, SSIM and weights of every block. */
 static __global__ void ssim_kernel(struct photo p, bool weigh, const float *maps, float *slopes,
                                    double *sums)
 {
@@ -190,7 +189,7 @@ static __global__ void ssim_kernel(struct photo p, bool weigh, const float *maps
     values[1][me] = ssim;
     values[2][me] = weight;
     __syncthreads();
-    if (warp < SUMS) { /* a warp has a sum */
+    if (warp < SUMS) { /* one warp per sum */
         double sum = 0;
 
         for (unsigned k = lane; k < GPU_BLOCK; k += WARP)
@@ -202,7 +201,7 @@ static __global__ void ssim_kernel(struct photo p, bool weigh, const float *maps
     }
 }
 
-/* to [n] = sums over the blocks of from [blocks][n]; a block of threads has one. */
+/* to [n] = sums over the blocks of from [blocks][n]; one block per sum. */
 static __global__ void add_blocks_kernel(unsigned blocks, const double *from, double *to)
 {
     __shared__ double sum[GPU_BLOCK];
@@ -216,7 +215,7 @@ static __global__ void add_blocks_kernel(unsigned blocks, const double *from, do
         to[s] = own;
 }
 
-/* values [SPIN_LOSS_VALUES] of the sums. */
+/* values [SPIN_LOSS_VALUES] from the sums. */
 static __global__ void values_kernel(const double *sums, float lambda_dssim, double *values)
 {
     double lambda = (double)lambda_dssim;
@@ -255,7 +254,7 @@ static __global__ void d_image_kernel(struct photo p, float lambda_dssim, float 
     d_image[v.at] = l1 * spin_sign(x - y) + -lambda_dssim * view_weight / mass * slope;
 }
 
-/* Scratch of a picture: maps, slopes, the sums of blocks and the sums of all. */
+/* Scratch of one image: maps, slopes, sums per block and total sums. */
 struct work {
     float *maps, *slopes;
     double *blocks, *sums;
@@ -274,7 +273,7 @@ static bool work_of(struct spin_device *d, size_t plane, struct work *w)
     return at != NULL;
 }
 
-/* sums [SUMS] = of L1, SSIM and weights. */
+/* sums [SUMS] = sums of L1, SSIM and weights. */
 static void lose(struct spin_device *d, const struct photo &p, bool weigh, const struct work &w)
 {
     unsigned n = strips(p, 3), blocks = blocks_of(p.plane);
@@ -318,8 +317,8 @@ static __global__ void clamp_kernel(size_t n, float *image)
         image[i] = fminf(fmaxf(image[i], 0.0f), 1.0f);
 }
 
-/* Of every block, which has pixels: squared differences of each channel where the mask is 0, then
- * where it is 1. */
+/* Squared differences of a block's pixels, per channel: first where the mask is 0, then where it is
+ * 1. */
 static __global__ void squares_kernel(struct photo p, double *sums)
 {
     __shared__ double sum[GPU_BLOCK];

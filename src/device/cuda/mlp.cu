@@ -1,8 +1,8 @@
-/* The four heads, forward and backward, as matrix products, by tensor cores where that pays
- * (mma.h). Heads of up to 64 go by heads.cu; wider ones here, a launch for each product: splats go
- * in chunks, whose activations lie in scratch memory; backward recomputes them. The gradient of the
- * weights is a sum over splats: it is cut into slices that depend only on the sizes, whose partial
- * sums are added in order. */
+/* The four heads, forward and backward, as matrix products, on tensor cores where they are faster
+ * (mma.h). Heads up to 64 wide use heads.cu. Wider ones use one launch per product here: splats are
+ * processed in chunks, whose activations are in scratch memory; backward recomputes them. The
+ * gradient of the weights is a sum over splats, divided into slices that depend only on the sizes;
+ * their partial sums are added in order. */
 #include "device/cuda/cuda.h"
 
 #include "device/cuda/heads.h"
@@ -11,14 +11,14 @@
 
 enum { CHUNK = 1 << 15, SLICE = 1 << 10, TILE = 64, STEP = 16, EACH = 4, SIDE = TILE / EACH };
 
-/* C [m][n] = epilogue(A B), with A(i, k) = a[i * a_row + k * a_col] and B(k, j) = b[k * b_row + j *
- * b_col]. What m or k counts in splats ends at *count - first. */
+/* C [m][n] = epilogue(A B), where A(i, k) = a[i * a_row + k * a_col] and B(k, j) = b[k * b_row + j
+ * * b_col]. The dimension that counts splats, m or k, ends at *count - first. */
 enum epilogue {
-    GELU,  /* of the sum and the bias; its slope goes to `slope` when that is wanted */
-    RELU,  /* likewise */
-    BIAS,  /* the sum and the bias */
-    TIMES, /* the sum times `slope` */
-    ADD,   /* to what C holds */
+    GELU,  /* gelu(sum + bias); its derivative is stored in `slope` unless NULL */
+    RELU,  /* relu(sum + bias), likewise */
+    BIAS,  /* sum + bias */
+    TIMES, /* sum times `slope` */
+    ADD,   /* C + sum */
     SET,
 };
 struct product {
@@ -27,10 +27,11 @@ struct product {
     size_t a_row, a_col, b_row, b_col, c_row;
     float *c;
     const float *bias;     /* [n] */
-    float *slope;          /* rows of c_row */
-    const uint32_t *count; /* splats there are, or NULL */
-    size_t first;          /* of the chunk */
-    bool k_counts; /* k counts splats, not m; it is cut into slices, C is [slices][m][c_row] */
+    float *slope;          /* row stride c_row */
+    const uint32_t *count; /* number of splats, or NULL */
+    size_t first;          /* first splat of the chunk */
+    bool k_counts;         /* k counts splats instead of m; it is divided into slices, and C is
+                            * [slices][m][c_row] */
     enum epilogue epilogue;
 };
 
@@ -65,11 +66,11 @@ static __device__ void finish(const struct product &x, float sum, size_t i, size
         x.slope[i * x.c_row + j] = slope;
 }
 
-/* A block has a tile of C [TILE][TILE], and in shared memory STEP columns of A and STEP rows of B:
- * `at` says where the k-th of row or column i lies. A thread has EACH * EACH elements of the tile:
- * `add` adds the STEP products to them, `place` says which they are. Rows of shared memory are as
- * long as keeps lanes out of each other's banks. */
-struct plain { /* rows side_i + SIDE u, columns side_j + SIDE v */
+/* A block computes a tile of C [TILE][TILE] and keeps STEP columns of A and STEP rows of B in
+ * shared memory. at(): index of element k of row or column i. add(): adds STEP products to a
+ * thread's EACH * EACH elements. place(): position of an element. Row strides of shared memory
+ * avoid bank conflicts. */
+struct plain { /* a thread has rows side_i + SIDE u, columns side_j + SIDE v */
     enum { ROOM = STEP * (TILE + 1) };
     static __device__ int at(int k, int i) { return k * (TILE + 1) + i; }
 
@@ -129,7 +130,7 @@ struct tensor { /* a warp has 16 rows and 32 columns: EACH products of mma.h sid
     }
 };
 #else
-typedef struct plain tensor; /* for cards before sm_80 */
+typedef struct plain tensor; /* GPUs before sm_80 */
 #endif
 
 template <class form> static __device__ void multiply_tile(struct product x, float *a, float *b)
@@ -153,7 +154,7 @@ template <class form> static __device__ void multiply_tile(struct product x, flo
     if (i0 >= m)
         return;
     for (; k0 < k_end; k0 += STEP) {
-        /* Neighbouring threads read what lies side by side. */
+        /* Neighbouring threads read consecutive memory. */
         for (int at = (int)threadIdx.x; at < STEP * TILE; at += (int)blockDim.x) {
             int k = x.a_col == 1 ? at % STEP : at / TILE, i = x.a_col == 1 ? at / STEP : at % TILE;
             bool in = i0 + i < m && k0 + k < k_end;
@@ -219,14 +220,14 @@ static void multiply(struct spin_device *d, const struct product &x)
 static const int column_of[SPIN_HEADS] = {SPIN_ATTR_SCALE, SPIN_ATTR_ROTATION, SPIN_ATTR_SH,
                                           SPIN_ATTR_OPACITY};
 
-/* A chunk of splats and its activations, each [CHUNK][hidden]. */
+/* A chunk of splats and its activations, [CHUNK][hidden] each. */
 struct chunk {
     const struct spin_heads *heads;
     const float *param, *z;
-    int n;                 /* there is room for */
-    const uint32_t *count; /* or NULL: n */
+    int n;                 /* capacity */
+    const uint32_t *count; /* number of splats, or NULL: n */
     size_t first;
-    float *a1, *a2, *slope1, *slope2; /* slopes: NULL forward */
+    float *a1, *a2, *slope1, *slope2; /* slopes are NULL in the forward pass */
 };
 
 static struct spin_head_layout layout_of(const struct spin_heads *heads, int h)
@@ -312,7 +313,7 @@ void cuda_mlp(struct spin_device *d, const struct spin_heads *heads, const float
 
 /* ---- Backward -------------------------------------------------------------------------------- */
 
-/* partial [slices][n] = sums over the splats of a slice of d_y, whose rows are ld long. */
+/* partial [slices][n] = sums of d_y over the splats of a slice; rows of d_y are ld apart. */
 static __global__ void bias_kernel(int n, const uint32_t *count, size_t first, int n_splats,
                                    const float *d_y, size_t ld, float *partial)
 {
@@ -337,7 +338,7 @@ static __global__ void add_slices_kernel(int n_slices, size_t n, const float *pa
         to[i] += partial[(size_t)s * n + i];
 }
 
-/* d_w [n_out][n_in] += d_y^T x, d_b [n_out] += the sum of d_y. */
+/* d_w [n_out][n_in] += d_y^T x, d_b [n_out] += sum of d_y over the splats. */
 static void weights_back(struct spin_device *d, const struct chunk *chunk, int n_in, int n_out,
                          const float *d_y, size_t d_y_ld, const float *x, size_t x_ld,
                          float *partial, float *d_w, float *d_b)
@@ -368,7 +369,7 @@ static void weights_back(struct spin_device *d, const struct chunk *chunk, int n
     GPU_EACH(gpu_of(d), (size_t)n_out, add_slices_kernel, slices, (size_t)n_out, partial, d_b);
 }
 
-/* d_x = d_y W, through the activation below it (its slope, or NULL). */
+/* d_x = d_y W, with `epilogue` (for TIMES, `slope` is the derivative of the activation below). */
 static void layer_back(struct spin_device *d, const struct chunk *chunk, const float *w, int n_in,
                        int n_out, const float *d_y, size_t d_y_ld, enum epilogue epilogue,
                        float *slope, float *d_x)
@@ -402,7 +403,7 @@ static __global__ void gather_kernel(size_t n, size_t width, const uint32_t *cou
         to[i] = from[row[at] * width + i % width];
 }
 
-/* d [CHUNK][hidden] and d_below are scratch. */
+/* d_hidden and d_below [CHUNK][hidden] are scratch. */
 static void head_back(struct spin_device *d, const struct chunk *chunk, int h, const float *d_raw,
                       float *d_hidden, float *d_below, float *partial, float *d_param, float *d_z)
 {

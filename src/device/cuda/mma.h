@@ -1,8 +1,8 @@
-/* Products of small matrices by a warp's tensor cores, from sm_80 on: factors of tf32, sums of
- * fp32. A float is taken apart into two numbers of tf32; three products of them have about the
- * accuracy of fp32.
+/* Products of small matrices on a warp's tensor cores, from sm_80 on: tf32 factors, fp32 sums. Each
+ * float is split into two tf32 numbers; three products of the parts have about the accuracy of
+ * fp32.
  *
- * All 32 lanes of a warp take part. With g = lane / 4 and t = lane % 4 a lane has
+ * All 32 lanes of a warp take part. With g = lane / 4 and t = lane % 4 a lane holds
  *     a[0..3] = A(g, t), A(g + 8, t), A(g, t + 4), A(g + 8, t + 4)         of A [16][8]
  *     b[0..1] = B(t, g), B(t + 4, g)                                       of B [8][8]
  *     c[0..3] = C(g, 2 t), C(g, 2 t + 1), C(g + 8, 2 t), C(g + 8, 2 t + 1) of C [16][8] */
@@ -23,18 +23,19 @@
 #if defined(SPIN_EMU) || (defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800)
 #define CUDA_HAS_MMA 1
 
-/* The nearest number of tf32; NaN from 4e34 on. cvt.rna.tf32.f32 takes twice as many instructions
- * on sm_90. */
+/* The nearest tf32 number; NaN from 4e34 on, where the product overflows. cvt.rna.tf32.f32 takes
+ * twice as many instructions on sm_90. */
 static inline __device__ float cuda_tf32(float v)
 {
 #ifdef SPIN_EMU
     return spin_float_of_bits(emu_tf32(v));
 #else
-    return fmaf(v, -8192.0f, __fmul_rn(v, 8193.0f)); /* the product has room for 11 bits of v */
+    return fmaf(v, -8192.0f, __fmul_rn(v, 8193.0f)); /* Veltkamp splitting: keeps the top 11 bits of
+                                                      * v */
 #endif
 }
 
-/* N registers of floats, each high + low, to 2^-21 of it. */
+/* N floats, each split into high + low with relative error 2^-21. */
 template <int N> struct cuda_split {
     uint32_t high[N], low[N];
 
@@ -49,7 +50,7 @@ template <int N> struct cuda_split {
 
 #ifndef SPIN_EMU
 struct cuda_mma_queue {
-    /* C += A B, at once. */
+    /* C += A B, immediately. */
     __device__ void add(float *c, const uint32_t *a, const uint32_t *b)
     {
         asm("mma.sync.aligned.m16n8k8.row.col.f32.tf32.tf32.f32 "
@@ -60,17 +61,17 @@ struct cuda_mma_queue {
     __device__ void run() {}
 };
 #else
-typedef struct emu_mma_queue cuda_mma_queue;         /* in order as well, all in run() */
+typedef struct emu_mma_queue cuda_mma_queue;         /* same order, all in run() */
 #endif
 
-/* C [16][8 N] += A [16][8] B [8][8 N]: N products side by side, their registers one after the
- * other. */
+/* C [16][8 N] += A [16][8] B [8][8 N]: N products side by side, with consecutive registers. */
 template <int N>
 static inline __device__ void cuda_mma(float *c, const cuda_split<4> &a, const cuda_split<2 * N> &b)
 {
     cuda_mma_queue queue;
 
-    /* Products of one C do not follow each other: each waits for the one before. */
+    /* Consecutive products use different C: a product with the same C would wait for the previous
+     * one. */
     CUDA_UNROLL
     for (int v = 0; v < N; v++)
         queue.add(c + 4 * v, a.low, b.high + 2 * v);

@@ -1,8 +1,9 @@
-/* Sums over the cards of ranks by NCCL, compiled where nccl.h is found (NCCL= in the Makefile).
- * libnccl is opened when it is first asked for: the machine that runs may lack it.
+/* All-reduce between the GPUs of ranks with NCCL, compiled if nccl.h is found (NCCL= in the
+ * Makefile). libnccl is opened on first use: the machine that runs the program may lack it.
  *
  * NCCL's rules: https://docs.nvidia.com/deeplearning/nccl/user-guide/docs/api.html, group calls and
- * collective communication. Calls of one group run together; those of the ranks match in order. */
+ * collective communication. Calls of one group run together; the ranks must make matching calls in
+ * the same order. */
 #include <dlfcn.h>
 #include <nccl.h>
 #include <stdio.h>
@@ -14,7 +15,7 @@
 static_assert(sizeof(ncclUniqueId) <= sizeof(struct spin_link_name),
               "a name of NCCL has its place");
 
-/* The functions of libnccl that are used. */
+/* The functions used from libnccl. */
 #define FUNCTIONS(X)                                                                               \
     X(ncclGetVersion)                                                                              \
     X(ncclGetUniqueId)                                                                             \
@@ -42,7 +43,7 @@ static spin_status failed(const char *call, ncclResult_t result)
     return cuda_fail(SPIN_E_DEVICE, what, nccl.ncclGetErrorString(result));
 }
 
-/* One of its functions; a failure leaves the one that calls. */
+/* Calls a function of NCCL; on failure, returns from the calling function. */
 #define NCCL(name, ...)                                                                            \
     do {                                                                                           \
         ncclResult_t result = nccl.name(__VA_ARGS__);                                              \
@@ -56,18 +57,18 @@ static spin_status load(void)
     const char *wanted = getenv("SPIN_NCCL"), *file = wanted && *wanted ? wanted : "libnccl.so.2";
 
     if (strcmp(file, "0") == 0)
-        return cuda_fail(SPIN_E_UNSUPPORTED, "SPIN_NCCL", "it is 0");
+        return cuda_fail(SPIN_E_UNSUPPORTED, "NCCL is disabled", "SPIN_NCCL is 0");
     if (nccl.object)
         return SPIN_OK;
     nccl.object = dlopen(file, RTLD_NOW | RTLD_LOCAL);
     if (!nccl.object)
-        return cuda_fail(SPIN_E_UNSUPPORTED, "NCCL does not load", dlerror());
+        return cuda_fail(SPIN_E_UNSUPPORTED, "cannot load NCCL", dlerror());
 #define FIND(name)                                                                                 \
     nccl.name = (decltype(nccl.name))dlsym(nccl.object, #name);                                    \
     if (!nccl.name) {                                                                              \
         dlclose(nccl.object);                                                                      \
         nccl.object = NULL;                                                                        \
-        return cuda_fail(SPIN_E_UNSUPPORTED, file, "it has no " #name);                            \
+        return cuda_fail(SPIN_E_UNSUPPORTED, file, "function not found: " #name);                  \
     }
     FUNCTIONS(FIND)
     return SPIN_OK;
@@ -99,7 +100,7 @@ spin_status cuda_link(struct spin_device *d, const struct spin_link_name *name, 
     ncclComm_t comm;
 
     memcpy(&id, name->text, sizeof id);
-    gpu_wait(gpu_of(d)); /* chooses this thread's card, too */
+    gpu_wait(gpu_of(d)); /* also makes the GPU current in this thread */
     NCCL(ncclCommInitRank, &comm, n_ranks, id, rank);
     cuda_of(d)->link = comm;
     return SPIN_OK;
@@ -135,20 +136,20 @@ static void take_a_nap(void)
     nanosleep(&nap, NULL);
 }
 
-/* When a rank fails its link breaks, and what it has to say comes a little later. */
+/* When a rank fails, its link breaks first and its error message arrives a little later: wait for
+ * the message. */
 static spin_status hear_why(ncclResult_t result, spin_status (*listen)(void))
 {
-    enum { NAPS = 40000 }; /* two seconds or more */
+    enum { NAPS = 40000 }; /* at least two seconds */
 
     for (int i = 0; i < NAPS; i++) {
         SPIN_TRY(listen());
         take_a_nap();
     }
-    return failed("a sum", result);
+    return failed("an all-reduce", result);
 }
 
-/* Another rank may have failed, and then its part never comes: so the host does not wait in CUDA.
- */
+/* Polls instead of waiting in CUDA: if another rank has failed, its part never arrives. */
 static spin_status wait_for_others(struct spin_device *d, spin_status (*listen)(void))
 {
     enum { EAGER = 2000 };
@@ -171,7 +172,7 @@ spin_status cuda_sum(struct spin_device *d, const struct spin_device_sum *sum, s
 {
     spin_status status;
 
-    SPIN_TRY(d->op->wait(d)); /* a card that failed before says so itself */
+    SPIN_TRY(d->op->wait(d)); /* report an earlier error of this GPU first */
     status = post(d, sum, n);
     if (status == SPIN_OK)
         status = wait_for_others(d, listen);

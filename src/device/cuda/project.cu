@@ -1,7 +1,7 @@
-/* Gaussians to screen ellipses and their gradients, one thread a splat of a view. The formulas are
- * in math/project.h, math/sh.h and math/tile.h. A warp moves the rows of attributes of its splats
- * together, through shared memory: its lanes touch neighbouring floats. It moves no row that is not
- * needed, and no coefficients above the degree. */
+/* Projects Gaussians to screen ellipses, and gradients back, one thread per splat of a view. The
+ * formulas are in math/project.h, math/sh.h and math/tile.h. A warp copies the attribute rows of
+ * its splats through shared memory, so that its lanes access consecutive floats. It skips rows that
+ * are not needed and SH coefficients above the degree. */
 #include "device/cuda/cuda.h"
 #include "math/project.h"
 #include "math/sh.h"
@@ -11,13 +11,13 @@ enum { CLAMPED_X = 8, CLAMPED_Y = 16 };
 enum { WARP = 32, BLOCK = 128, ALL = WARP * (int)SPIN_ATTR /* values of a warp */, AT_ONCE = 8 };
 static const unsigned all_lanes = 0xffffffffu;
 
-/* An attribute row of every lane, one float longer than a row, so that lanes meet in no bank. */
+/* One attribute row per lane, padded by one float to avoid bank conflicts. */
 struct rows {
     float of[WARP][SPIN_ATTR + 1];
 };
 
-/* The row of value k of 32 rows one behind the other; -1: its bit of the mask is 0, or the degree
- * does not use it. */
+/* The row of value k of 32 consecutive rows; -1 if its bit of the mask is 0 or the degree does not
+ * use it. */
 static __device__ int row_with(int k, unsigned mask, int degree)
 {
     int row = k / SPIN_ATTR, column = k % SPIN_ATTR;
@@ -26,7 +26,7 @@ static __device__ int row_with(int k, unsigned mask, int degree)
     return used && mask >> row & 1 ? row : -1;
 }
 
-/* A warp's rows = from [32][SPIN_ATTR], where the mask has a bit. All lanes call it. */
+/* rows = from [32][SPIN_ATTR], where the mask has a bit. All lanes must call it. */
 static __device__ void load_rows(struct rows *rows, const float *from, unsigned mask, int degree)
 {
     int lane = (int)threadIdx.x % WARP;
@@ -48,7 +48,7 @@ static __device__ void load_rows(struct rows *rows, const float *from, unsigned 
     __syncwarp(all_lanes);
 }
 
-/* to [32][SPIN_ATTR] += a warp's rows, where the mask has a bit. */
+/* to [32][SPIN_ATTR] += rows, where the mask has a bit. */
 static __device__ void add_rows(float *to, const struct rows *rows, unsigned mask, int degree)
 {
     int lane = (int)threadIdx.x % WARP;
@@ -71,7 +71,7 @@ static __device__ void add_rows(float *to, const struct rows *rows, unsigned mas
     }
 }
 
-/* With a degree that the compiler knows, so that the functions stay in registers. */
+/* Constant degrees, so that the arrays stay in registers. */
 static __device__ unsigned colour_of(int degree, spin_vec3 view, const float *sh, float *colour)
 {
     switch (degree) {
@@ -86,7 +86,7 @@ static __device__ unsigned colour_of(int degree, spin_vec3 view, const float *sh
     }
 }
 
-/* sh becomes its gradient; returns that of the view. */
+/* Replaces sh by its gradient; returns the gradient of the view direction. */
 template <int DEGREE>
 static __device__ spin_vec3 colour_adj(spin_vec3 view, const float *d_colour, float *sh)
 {
@@ -123,8 +123,8 @@ static __device__ struct spin_projection lens_of(const struct spin_camera_f32 &c
     return projection;
 }
 
-/* A splat at pos_w, p before the camera. Leaves radius_px at 0 when there is nothing to draw, or
- * nothing finite. */
+/* Projects a splat at pos_w, p in camera coordinates. Leaves radius_px 0 if it is not visible or
+ * not finite. */
 static __device__ void project_one(const struct spin_camera_f32 &cam, int degree,
                                    const float *pos_w, spin_vec3 p, const float *attr,
                                    struct spin_splat2d *s)
@@ -217,7 +217,7 @@ static __device__ bool all_zero(const struct spin_splat2d_grad &g)
            g.opacity == 0 && g.colour[0] == 0 && g.colour[1] == 0 && g.colour[2] == 0;
 }
 
-/* attr becomes its gradient. */
+/* Replaces attr by its gradient. */
 static __device__ void project_one_back(const struct spin_camera_f32 &cam, int degree,
                                         const float *pos_w, uint32_t flags,
                                         const struct spin_splat2d_grad &g, float *attr,
@@ -286,7 +286,8 @@ void cuda_project_back(struct spin_device *d, const struct spin_view_batch *view
                        const struct spin_splat2d_grad *d_splat2d, float *d_attr)
 {
     cuda_clocked clocked(d, SPIN_OP_PROJECT_BACK);
-    for (int k = 0; k < views->n_views; k++) { /* views of one frame add up one after the other */
+    for (int k = 0; k < views->n_views; k++) { /* one launch per view: views of the same frame add
+                                                * to the same rows */
         const auto *view = &views->view[k];
         const auto *frame = &frames->frame[view->frame];
 

@@ -1,12 +1,12 @@
-/* Values of every splat's own and of tracks, to rows of raw attributes and back (the layouts are in
- * device.h). A track belongs to at most one splat of a frame, so the rows of a frame are
- * independent of each other; frames go one after the other. */
+/* Adds per-splat values and the values of tracks to rows of raw attributes, and propagates
+ * gradients back (layouts: device.h). A track belongs to at most one splat of a frame, so the rows
+ * of a frame are independent; frames are processed one after the other. */
 #include "device/cuda/cuda.h"
 #include "math/motion.h"
 #include "math/turn.h"
 
-/* A group of residual values is a matrix [n][width]; in a row of attributes it begins at this
- * column. */
+/* A group of residual values is a matrix [n][width] that starts at `column` of a row of
+ * attributes. */
 struct group {
     size_t width, column;
 };
@@ -14,10 +14,10 @@ static const int n_groups = 4;
 static const struct group groups[n_groups] = {
     {3, SPIN_ATTR_SCALE}, {4, SPIN_ATTR_ROTATION}, {3, SPIN_ATTR_SH}, {1, SPIN_ATTR_OPACITY}};
 
-/* SH beyond the first coefficient: a group with a place of its own. */
+/* SH beyond the first coefficient, in an array of its own. */
 static struct group group_of_sh(size_t width) { return {width, SPIN_ATTR_SH + 3}; }
 
-/* A thread has one value. */
+/* One thread per value. */
 static __global__ void to_rows_kernel(struct group group, size_t n, bool add, const float *from,
                                       float *raw)
 {
@@ -86,7 +86,7 @@ void cuda_residual_back(struct spin_device *d, const struct spin_frame_batch *fr
 
 /* ---- Tracks ---------------------------------------------------------------------------------- */
 
-/* The place, then the residual values. */
+/* Positions, then the residual values. */
 static const int track_place = 0, track_rotation = 2, track_opacity = 4, n_track_groups = 5;
 static const size_t track_width[n_track_groups] = {3, 3, 4, 3, 1};
 
@@ -95,13 +95,13 @@ struct track_job {
     const uint32_t *track; /* [n] */
     const float *own;      /* [n_own][width] */
     const float *shared;   /* [n_tracks][width] */
-    const float *motion;   /* of the tracks where it counts for this group, or NULL */
-    const float *turn;     /* [n_turns][4] where they count for this group */
+    const float *motion;   /* of the tracks, if it affects this group; else NULL */
+    const float *turn;     /* [n_turns][4], if rotations affect this group */
     size_t n_turns;
     float t;
 };
 
-/* What is seen of a track, as its logarithm. */
+/* Logarithm of a track's Gaussian window. */
 static __device__ float seen_of(const struct track_job *job, const float *motion)
 {
     float x = (job->t - motion[3]) * motion[4];
@@ -109,7 +109,7 @@ static __device__ float seen_of(const struct track_job *job, const float *motion
     return -0.5f * x * x;
 }
 
-/* turned[c], without an array that needs an address. */
+/* turned[c] without indexing, which would move the array to local memory. */
 static __device__ float pick(const float turned[4], size_t c)
 {
     return c == 0 ? turned[0] : c == 1 ? turned[1] : c == 2 ? turned[2] : turned[3];
@@ -142,8 +142,8 @@ static __global__ void tracks_kernel(struct track_job job, float *to)
     to[at] = value;
 }
 
-/* A group of a frame. Only the place and the opacity know of motion, only the place and the
- * rotation of turns. */
+/* Job for one group of a frame. Motion affects only position and opacity; rotations (turn) affect
+ * only position and rotation. */
 static struct track_job job_of(const struct spin_frame_batch::spin_frame_of_batch *frame,
                                const struct spin_tracks_f32 *tracks, int k, const float *shared)
 {
@@ -226,8 +226,7 @@ void cuda_tracks_back(struct spin_device *d, const struct spin_frame_batch *fram
     }
 }
 
-/* ---- Rows as they are -------------------------------------------------------------------------
- */
+/* ---- Copying rows ---------------------------------------------------------------------------- */
 
 static __global__ void copy_rows_kernel(size_t n, size_t width, const float *from,
                                         size_t from_stride, float *to, size_t to_stride)

@@ -1,11 +1,12 @@
-/* What device.c and spin-cuda.so agree on. */
+/* The interface between device.c and spin-cuda.so. */
 #pragma once
 
 #include "spin.h"
 
 struct spin_device_ops;
 
-/* Of a build with other structs it is another number. Whoever uses it includes device/device.h. */
+/* Changes with the size of the shared structs, so that a build with other structs is rejected.
+ * Users include device/device.h. */
 #define SPIN_CUDA_SHIM_ABI                                                                         \
     (int)(1 + 16 * (sizeof(struct spin_device_ops) + sizeof(struct spin_frame_batch) +             \
                     sizeof(struct spin_view_batch) + sizeof(struct spin_images) +                  \
@@ -15,7 +16,7 @@ struct spin_device_ops;
 typedef spin_status spin_fail_fn(spin_status status, const char *format, ...);
 
 struct spin_cuda_shim {
-    int abi; /* the first member in every version */
+    int abi; /* first member in every version */
     const struct spin_device_ops *op;
-    void (*use)(spin_fail_fn *fail); /* before anything else: how failures are told */
+    void (*use)(spin_fail_fn *fail); /* called first; sets the function that reports failures */
 };

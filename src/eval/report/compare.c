@@ -1,5 +1,5 @@
-/* A page of several runs: their curves, and the same views of all with an inset and their
- * differences. */
+/* A page of several runs: their curves, and the same views of all runs with an inset and the
+ * difference from the ground truth. */
 #include "eval/report/compare.h"
 
 #include "base/base.h"
@@ -7,14 +7,13 @@
 #include "io/image.h"
 #include "io/template.h"
 
-enum { GAP = 4, GAIN = 4 /* of the difference */, LABEL = 24 };
+enum { GAP = 4, GAIN = 4 /* factor of the difference */, LABEL = 24 };
 
 extern const char spin_compare_html[]; /* compare.html */
 
-/* ---- Pictures
- * ------------------------------------------------------------------------------------ */
+/* ---- Images ---------------------------------------------------------------------------------- */
 
-/* Windows of fast motion; in a clip without any the middle of the worst views. */
+/* Crops of fast motion; in a clip without any, the centre of the worst views. */
 static spin_status choose_rows(struct spin_compare *c, const struct spin_clip *clip,
                                struct spin_image_cache *pixels, const struct spin_pair *pairs,
                                const struct spin_eval_report *report)
@@ -50,13 +49,13 @@ static spin_status choose_rows(struct spin_compare *c, const struct spin_clip *c
     return SPIN_OK;
 }
 
-/* Room for one more picture. */
+/* Allocates one more image. */
 static spin_status add_picture(struct spin_compare_row *row, int n, uint8_t **out)
 {
     void *grown = realloc(row->picture, ((size_t)n + 1) * sizeof *row->picture);
 
     if (!grown)
-        return spin_fail(SPIN_E_MEMORY, "no memory for pictures");
+        return spin_fail(SPIN_E_MEMORY, "no memory for images");
     row->picture = grown;
     row->picture[n] = NULL;
     SPIN_TRY(spin_alloc((size_t)row->width * (size_t)row->height, 3, (void **)&row->picture[n]));
@@ -75,7 +74,7 @@ static spin_status draw_row(struct spin_compare_row *row, int n, const struct sp
     const struct spin_camera *camera = &clip->views.view[pair->view].camera;
 
     if (camera->width != row->width || camera->height != row->height)
-        return spin_misuse("the pictures of two runs are not of one size: camera %d", row->camera);
+        return spin_misuse("camera %d: the images of two runs differ in size", row->camera);
     if (n == 0) {
         SPIN_TRY(add_picture(row, 0, &out));
         SPIN_TRY(spin_image_cache_get_rgb8(pixels, pair->view, out));
@@ -102,7 +101,7 @@ spin_status spin_compare_draw(struct spin_compare *c, const struct spin_clip *cl
 
         if (at >= report->n_views || report->view[at].frame != c->row[i].frame ||
             report->view[at].camera != c->row[i].camera)
-            return SPIN_OK; /* other views: the caller refuses that */
+            return SPIN_OK; /* other views: the caller reports that */
     }
     for (size_t i = 0; i < c->n_rows; i++)
         SPIN_TRY(draw_row(&c->row[i], c->n, clip, pixels, &pairs[c->row[i].crop.pair], player,
@@ -122,8 +121,7 @@ void spin_compare_free(struct spin_compare *c)
     *c = (struct spin_compare){0};
 }
 
-/* ---- A sheet: ground truth and the runs side by side, their differences below
- * ----------------------- */
+/* ---- A sheet: ground truth and runs side by side, differences below -------------------------- */
 
 struct sheet {
     int width, height;
@@ -150,7 +148,7 @@ static void put_frame(struct sheet *s, int x, int y, int width, int height)
     }
 }
 
-/* A picture with its crop, enlarged, in the lower corner that the crop is farther from. */
+/* An image with its crop, enlarged, in the lower corner farther from the crop. */
 static void put_picture(struct sheet *s, int x0, const struct spin_compare_row *row,
                         const uint8_t *picture)
 {
@@ -221,14 +219,13 @@ static spin_status sheet_text(const struct spin_compare *c, const struct spin_co
     if (out)
         spin_text_base64(out, bytes, n);
     if (!out || fclose(out) != 0)
-        return spin_fail(SPIN_E_MEMORY, "no memory for a picture");
+        return spin_fail(SPIN_E_MEMORY, "no memory for an image");
     return SPIN_OK;
 }
 
-/* ---- Curves
- * -------------------------------------------------------------------------------------- */
+/* ---- Curves ---------------------------------------------------------------------------------- */
 
-/* A measure over the frames, a line a run; as part of the page, or as a file. */
+/* A measure over the frames, one line per run; inline in the page, or as a file. */
 static spin_status draw_curves(const struct spin_compare *c, const char *key, const char *title,
                                const char *unit, bool file, FILE *to)
 {
@@ -281,8 +278,7 @@ static spin_status add_curves(const struct spin_compare *c, spin_json *page)
     return status;
 }
 
-/* ---- Page and figures
- * ------------------------------------------------------------------------------ */
+/* ---- Page and figures ------------------------------------------------------------------------ */
 
 static spin_status fill_page(const struct spin_compare *c, spin_json *page)
 {
@@ -303,7 +299,7 @@ static spin_status fill_page(const struct spin_compare *c, spin_json *page)
         spin_json_push(rows, row);
         spin_json_set_integer(row, "frame", c->row[i].frame);
         spin_json_set_integer(row, "camera", c->row[i].camera);
-        spin_json_set_string(row, "picture", text);
+        spin_json_set_string(row, "image", text);
         free(text);
         free(s.rgb);
         SPIN_TRY(status);
@@ -327,7 +323,7 @@ spin_status spin_compare_page(const struct spin_compare *c, const char *path, bo
     return spin_fail_context(status, "cannot write the report '%s'", path);
 }
 
-/* A file of the folder: what `write` puts into it. */
+/* Opens a file of the folder for writing. */
 static spin_status open_figure(const char *folder, const char *name, struct spin_out *out)
 {
     SPIN_FREED char *path = NULL;

@@ -1,5 +1,5 @@
-/* Several bundles measured on the same views: one page that holds them against each other, and
- * figures of it. */
+/* Compares several bundles measured on the same views: one page with curves and images, and figures
+ * of it. */
 #pragma once
 
 #include "eval/metrics.h"
@@ -8,25 +8,27 @@
 
 enum { SPIN_COMPARE_ROWS = 4 };
 
-/* Zero it to begin. */
+/* Initialise to zero. */
 struct spin_compare {
     spin_json *runs; /* array of spin_eval_json(), each with a "name" */
-    int n;           /* runs whose pictures are here */
+    int n;           /* runs whose images are here */
     size_t n_rows;
     struct spin_compare_row {
-        struct spin_crop crop; /* of the inset */
+        struct spin_crop crop; /* the enlarged part */
         int width, height, frame, camera;
-        uint8_t **picture; /* [1 + n] [h][w][3]: ground truth, then those of the runs */
+        /* [1 + n] [h][w][3]: ground truth, then the runs */
+        uint8_t **picture;
     } row[SPIN_COMPARE_ROWS];
 };
 
-/* The pictures of a run, which is open; the first one decides where to look. That the others were
- * measured on the same views the caller sees. */
+/* Adds the images of an open run; the first run decides which views and crops are shown. The caller
+ * checks that the others were measured on the same views. */
 spin_status spin_compare_draw(struct spin_compare *c, const struct spin_clip *clip,
                               struct spin_image_cache *pixels, const struct spin_pair *pairs,
                               const struct spin_eval_report *report, struct spin_player *player,
                               const float background[3]);
-/* The page; and into a folder psnr.svg, and of each row a PNG and an SVG with the names. */
+/* Writes the page; and into a folder psnr.svg, ssim.svg, and a PNG and an SVG with names for each
+ * row. */
 spin_status spin_compare_page(const struct spin_compare *c, const char *path, bool force);
 spin_status spin_compare_figures(const struct spin_compare *c, const char *folder);
 void spin_compare_free(struct spin_compare *c);

@@ -1,19 +1,19 @@
-/* Fast windows by differences of three frames and summed areas. */
+/* Finds fast motion from differences of three consecutive frames, with summed-area tables. */
 #include "eval/report/motion_crops.h"
 
 #include "base/base.h"
 
-static const float threshold = 20.0f / 255.0f; /* as in moving.c: above noise */
+static const float threshold = 20.0f / 255.0f; /* as in dynamic_mask.c: above noise */
 
 struct search {
     const struct spin_clip *clip;
     struct spin_image_cache *pixels;
     float *now, *before, *after; /* [3][h][w] */
     float *speed;                /* [h][w] */
-    double *area;                /* [h + 1][w + 1] sums of speed above and left of a corner */
+    double *area;                /* [h + 1][w + 1] summed-area table of speed */
 };
 
-/* The same camera's view of another frame of the clip, or -1. */
+/* The view of the same camera in another frame of the clip, or -1. */
 static long neighbour(const struct search *s, const struct spin_pair *pair, int frame)
 {
     const struct spin_views *views = &s->clip->views;
@@ -39,8 +39,8 @@ static float change(const float *a, const float *b, size_t plane, size_t i)
     return most;
 }
 
-/* speed = how much more this frame differs from the one before and the one after than these two
- * from each other: what passed through and is gone counts, a striped shirt that turns does not. */
+/* speed = how much more this frame differs from the previous and the next one than these differ
+ * from each other: an object that passes through counts, a striped shirt that turns does not. */
 static spin_status find_speed(struct search *s, const struct spin_pair *pair, bool *found)
 {
     const struct spin_camera *c = &s->clip->views.view[pair->view].camera;
@@ -62,7 +62,7 @@ static spin_status find_speed(struct search *s, const struct spin_pair *pair, bo
     return SPIN_OK;
 }
 
-/* Sum of speed in a window, cut off at the picture's edges. */
+/* Sum of speed in a window, clipped to the image. */
 static double sum_in(const struct search *s, const struct spin_camera *c, int x, int y, int side)
 {
     int x0 = x > 0 ? x : 0, y0 = y > 0 ? y : 0;
@@ -76,8 +76,8 @@ static double sum_in(const struct search *s, const struct spin_camera *c, int x,
 
 static int within(int v, int most) { return v < 0 ? 0 : v < most ? v : most; }
 
-/* The window around the core that holds most speed, less a part of what is around the core: a ball
- * before a wall rather than a leg of a figure that moves as a whole. */
+/* Finds the window whose core contains the most speed, minus a fraction of the speed around the
+ * core: prefers a ball in front of a wall to a leg of a figure that moves as a whole. */
 static void best_window(struct search *s, const struct spin_camera *c, struct spin_crop *out)
 {
     int w = c->width, h = c->height, core = h / 9 < 8 ? 8 : h / 9, side = 3 * core;
@@ -129,7 +129,8 @@ static spin_status reserve(struct search *s)
     return spin_alloc(corners, sizeof(double), (void **)&s->area);
 }
 
-/* May this be shown beside what was chosen already? */
+/* Whether this pair differs from the chosen ones: not the same camera in the same or an adjacent
+ * frame. */
 static bool is_new(const struct spin_clip *clip, const struct spin_pair *pairs,
                    const struct spin_crop *chosen, size_t n, const struct spin_pair *pair)
 {
@@ -191,7 +192,7 @@ size_t spin_motion_crops_worst(const struct spin_eval_view *view, size_t n_views
 {
     size_t n = 0;
 
-    for (int pass = 0; pass < 2; pass++) /* one a camera first, then any */
+    for (int pass = 0; pass < 2; pass++) /* one per camera first, then any */
         while (n < most) {
             size_t worst = n_views;
 

@@ -1,6 +1,6 @@
-/* What an evaluation found, as a document; and the page: that document with curves, crops of fast
- * motion, the worst views and the options of the run, in the template page.html. Equal runs give
- * equal pages, but for speed. */
+/* Writes an evaluation as a JSON document; and as a page, which is that document with curves, crops
+ * of fast motion, the worst views and the options of the run, in the template page.html. Equal runs
+ * give equal pages, except for speed. */
 #include "eval/report/report.h"
 
 #include "base/base.h"
@@ -11,15 +11,21 @@
 #include "io/template.h"
 #include "scene/trained_options.h"
 
-enum { CROPS = 6, WORST = 4, LOSS_POINTS = 300, PICTURES = 4, GAIN = 4 /* of the difference */ };
+enum {
+    CROPS = 6,
+    WORST = 4,
+    LOSS_POINTS = 300,
+    PICTURES = 4,
+    GAIN = 4 /* factor of the
+              * difference */
+};
 
-static const double BACKGROUND_SHOWS =
-    0.3; /* dB between opposite backgrounds, from which it is said */
+/* dB between opposite backgrounds above which the report shows it */
+static const double BACKGROUND_SHOWS = 0.3;
 
 extern const char spin_report_page[]; /* page.html */
 
-/* ---- What was found
- * ------------------------------------------------------------------------------ */
+/* ---- The document ---------------------------------------------------------------------------- */
 
 static spin_json *quality_json(const struct spin_eval_report *r, const struct spin_quality *q)
 {
@@ -46,7 +52,7 @@ static spin_json *quality_json(const struct spin_eval_report *r, const struct sp
 static spin_json *bytes_json(const struct spin_eval_report *r, const struct spin_bundle_bytes *s)
 {
     spin_json *j = spin_bundle_bytes_json(s);
-    /* those that the attributes which were measured need */
+    /* size of the parts that the measured attributes need */
     uint64_t measured = r->trained   ? s->positions + s->tracks + s->table + s->heads
                         : r->refined ? s->refined
                                      : s->source;
@@ -70,12 +76,12 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
 
         while (r->view[k].camera != v->camera)
             k++;
-        if (k == i) { /* the first of its camera */
+        if (k == i) { /* first view of its camera */
             mean = spin_eval_mean(r, NULL, &v->camera);
             spin_json_push(cameras, one = quality_json(r, &mean));
             spin_json_set_integer(one, "id", v->camera);
         }
-        if (i == 0 || r->view[i - 1].frame != v->frame) { /* a frame's views stand together */
+        if (i == 0 || r->view[i - 1].frame != v->frame) { /* the views of a frame are consecutive */
             mean = spin_eval_mean(r, &v->frame, NULL);
             spin_json_push(frames, one = quality_json(r, &mean));
             spin_json_set_integer(one, "frame", v->frame);
@@ -98,7 +104,7 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
     spin_json_set_number(j, "seconds_decode", r->seconds_decode);
     spin_json_set_number(j, "seconds_draw", r->seconds_draw);
     spin_json_set_integer(j, "left_out", (int64_t)r->left_out);
-    if (r->n_bundle_frames > 0) { /* what it is compared with is not weighed */
+    if (r->n_bundle_frames > 0) { /* the storage of `before` is not reported */
         spin_json_set(j, "storage", bytes_json(r, &r->storage));
         spin_json_set(j, "storage_unpacked", bytes_json(r, &r->unpacked));
     }
@@ -108,10 +114,9 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
     return j;
 }
 
-/* ---- Curves
- * -------------------------------------------------------------------------------------- */
+/* ---- Curves ---------------------------------------------------------------------------------- */
 
-/* Numbers of the objects in an array, NaN where there is none. */
+/* The numbers of the objects in an array, NaN where missing. */
 static void take_numbers(const spin_json *array, const char *key, double *out)
 {
     for (size_t i = 0; i < spin_json_length(array); i++) {
@@ -120,7 +125,7 @@ static void take_numbers(const spin_json *array, const char *key, double *out)
     }
 }
 
-/* PSNR over the frames: all of the picture solid, dynamic regions dashed. */
+/* PSNR over the frames: whole image solid, dynamic regions dashed. */
 static spin_status draw_frames(const spin_json *const report[2], FILE *to)
 {
     static const char *const names[2][2] = {{"after", "after, dynamic"},
@@ -172,7 +177,7 @@ static void draw_history(const struct spin_train_log *h, FILE *to)
     chart.whole = false;
     spin_svg_chart_write(to, &chart);
     line = (struct spin_svg_chart_line){"loss", h->step, h->loss, h->n_steps, 2, false};
-    chart.title = "Training loss, means over stretches";
+    chart.title = "Training loss, averaged over intervals";
     chart.x_name = "iteration";
     chart.y_name = "loss";
     chart.whole = true;
@@ -184,9 +189,10 @@ static void warn_other_run(const struct spin_report *r, const struct spin_train_
     double last = h->n_tests > 0 ? h->psnr[h->n_tests - 1] : (double)NAN;
 
     if (fabs(last - r->trained_psnr) > 1e-4)
-        spin_warn("the log '%s' seems to be of another run: its test views end at %.3f dB, those "
-                  "of '%s' at %.3f dB",
-                  r->log, last, r->input, r->trained_psnr);
+        spin_warn(
+            "the log '%s' seems to belong to another run: its test PSNR ends at %.3f dB, that "
+            "of '%s' at %.3f dB",
+            r->log, last, r->input, r->trained_psnr);
 }
 
 static spin_status add_curves(const struct spin_report *r, spin_json *page,
@@ -216,16 +222,15 @@ static spin_status add_curves(const struct spin_report *r, spin_json *page,
     return status;
 }
 
-/* ---- Pictures
- * ------------------------------------------------------------------------------------ */
+/* ---- Images ---------------------------------------------------------------------------------- */
 
 struct pictures {
     const struct spin_report *r;
-    float *picture[PICTURES]; /* truth, before, after, difference, [3][h][w] each */
+    float *picture[PICTURES]; /* ground truth, before, after, difference, [3][h][w] each */
     uint8_t *rgb;
 };
 
-/* A part of a picture as a PNG inside the page. */
+/* A crop of an image as a PNG inside the page. */
 static spin_status put_picture(struct pictures *p, const struct spin_camera *c, const float *image,
                                const struct spin_crop *crop, spin_json *to)
 {
@@ -247,12 +252,12 @@ static spin_status put_picture(struct pictures *p, const struct spin_camera *c, 
         spin_text_base64(out, bytes, n);
     free(bytes);
     if (!out || fclose(out) != 0)
-        return spin_fail(SPIN_E_MEMORY, "no memory for a picture");
+        return spin_fail(SPIN_E_MEMORY, "no memory for an image");
     spin_json_push_string(to, text);
     return SPIN_OK;
 }
 
-/* All pictures of a pair. */
+/* Renders all images of a pair. */
 static spin_status draw_pair(struct pictures *p, size_t i)
 {
     const struct spin_pair *pair = &p->r->pairs[i];
@@ -287,7 +292,7 @@ static spin_status add_row(struct pictures *p, const struct spin_crop *crop, con
         spin_json_set_number(row, "psnr_before", p->r->before->view[crop->pair].q.psnr);
     spin_json_set_integer(row, "side_x", crop->side_x);
     spin_json_set_integer(row, "side_y", crop->side_y);
-    spin_json_set(row, "pictures", pictures);
+    spin_json_set(row, "images", pictures);
     SPIN_TRY(draw_pair(p, crop->pair));
     for (int k = 0; k < PICTURES; k++)
         if (k != 1 || p->r->source)
@@ -317,7 +322,7 @@ static spin_status add_pictures(const struct spin_report *r, spin_json *page)
         const struct spin_camera *c = &r->clip->views.view[r->pairs[worst[i]].view].camera;
         struct spin_crop whole = {.pair = worst[i], .side_x = c->width, .side_y = c->height};
 
-        SPIN_TRY_OUT(add_row(&p, &whole, i ? NULL : "The worst views", rows));
+        SPIN_TRY_OUT(add_row(&p, &whole, i ? NULL : "Worst views", rows));
     }
 out:
     for (int k = 0; k < PICTURES; k++)
@@ -326,10 +331,9 @@ out:
     return status;
 }
 
-/* ---- The page
- * ------------------------------------------------------------------------------------ */
+/* ---- The page -------------------------------------------------------------------------------- */
 
-/* A row a camera, and one of all. */
+/* One row per camera, and one for all. */
 static void add_cameras(spin_json *page, const spin_json *const report[2])
 {
     static const char *const when[] = {"now", "then"};
@@ -355,13 +359,10 @@ static void add_cameras(spin_json *page, const spin_json *const report[2])
 
 static void add_storage(spin_json *page, const spin_json *after)
 {
-    static const char *const parts[][2] = {{"source", "source"},
-                                           {"refined", "refined frames"},
-                                           {"positions", "values of frames"},
-                                           {"tracks", "tracks"},
-                                           {"table", "table"},
-                                           {"heads", "heads"},
-                                           {"file", "the file"}};
+    static const char *const parts[][2] = {
+        {"source", "source"},  {"refined", "refined frames"}, {"positions", "per-frame values"},
+        {"tracks", "tracks"},  {"table", "hash grid"},        {"heads", "heads"},
+        {"file", "whole file"}};
     spin_json *rows = spin_json_array();
 
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++) {

@@ -1,4 +1,4 @@
-/* A line chart as inline SVG. Colours are the page's: classes line-0, line-1, ... */
+/* A line chart as inline SVG. The page defines the colours: classes line-0, line-1, ... */
 #pragma once
 
 #include <stdbool.h>
@@ -6,10 +6,10 @@
 #include <stdio.h>
 
 struct spin_svg_chart_line {
-    const char *name;    /* any text */
-    const double *x, *y; /* [n]; y that is not finite leaves a gap */
+    const char *name;    /* any text; escaped when written */
+    const double *x, *y; /* [n]; a nonfinite y leaves a gap */
     size_t n;
-    int style; /* which of the page's line classes */
+    int style; /* number of the page's line class */
     bool dashed;
 };
 
@@ -17,16 +17,16 @@ struct spin_svg_chart {
     const char *title, *x_name, *y_name;
     const struct spin_svg_chart_line *line;
     int n_lines;
-    bool whole; /* x are whole numbers: so are its ticks */
+    bool whole; /* x values are integers, and so are the ticks */
 };
 
-/* Nothing is written when there are no points, or all at one x. */
+/* Writes nothing if there are no points or all have the same x. */
 void spin_svg_chart_write(FILE *to, const struct spin_svg_chart *chart);
 
-/* The same as a file of its own, for at most SPIN_SVG_CHART_LINES lines, which have names above the
- * data. */
+/* The same as a separate file with a legend above the chart, for at most SPIN_SVG_CHART_LINES
+ * lines. */
 enum { SPIN_SVG_CHART_LINES = 8 };
 void spin_svg_chart_file(FILE *to, const struct spin_svg_chart *chart);
 
-/* A step of 1, 2 or 5 times a power of ten that cuts `span` into `most` pieces or fewer. */
+/* A step of 1, 2 or 5 times a power of ten that divides `span` into at most `most` intervals. */
 double spin_svg_chart_step(double span, int most);

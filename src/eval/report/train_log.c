@@ -1,5 +1,5 @@
-/* The log of a run, thinned for drawing. A resumed run goes on in the same file; what it did twice
- * counts as it was done last. */
+/* The log of a run, thinned for drawing. A resumed run appends to the same file; iterations that
+ * were repeated use the last values. */
 #include "eval/report/train_log.h"
 
 #include "base/base.h"
@@ -60,7 +60,7 @@ static spin_status read_lines(const char *path, const struct spin_map *map,
         spin_status status;
 
         if (!stop)
-            break; /* not whole: the run is being written, or was killed */
+            break; /* incomplete line: the run is still writing, or was killed */
         snprintf(name, sizeof name, "line %d", number);
         status = spin_json_parse(name, at, (size_t)(stop - at), &j);
         if (status == SPIN_OK)
@@ -71,7 +71,7 @@ static spin_status read_lines(const char *path, const struct spin_map *map,
     return SPIN_OK;
 }
 
-/* Means over stretches of the same number of steps. */
+/* Averages the loss over intervals of equally many entries. */
 static void thin(struct spin_train_log *h, size_t most)
 {
     size_t each = (h->n_steps + most - 1) / most, k = 0;
