@@ -1,4 +1,4 @@
-/* .4dgs of avala-ai: one file with all splats of a scene, as 4D splats. */
+/* Reads .4dgs files (avala-ai), each with all 4D splats of a scene. */
 #include <string.h>
 
 #include "formats/4dgs.h"
@@ -9,7 +9,8 @@ static int fourdgs_probe(const struct spin_peek *peek)
     return spin_file_begins(peek, "\2114DGS") ? 90 : spin_file_named(peek, ".4dgs");
 }
 
-/* Playback covers [0, duration): the last time is the float before the last end of a window. */
+/* Playback covers [0, duration), and windows end at float times: the last time is the float before
+ * `duration` rounded down. */
 static float before(double duration)
 {
     float last = (float)duration;

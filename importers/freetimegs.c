@@ -1,22 +1,22 @@
-/* FreeTimeGS (Wang et al., CVPR 2025) as FreeTimeGsVanilla and its kin train it:
- * ckpts/ckpt_<step>.pt, and the same model as one .ftgs.ply. Splats on straight lines with a bell
- * of opacity in time, so they are 4D splats exactly.
+/* FreeTimeGS (Wang et al., CVPR 2025) as trained by FreeTimeGsVanilla and its forks:
+ * ckpts/ckpt_<step>.pt, or the same model as one .ftgs.ply. Splats move on straight lines with a
+ * Gaussian window in time, so they are 4D splats exactly.
  *
- * Times run from 0 to 1 over the clip, frame i of F at i/(F-1), and velocities count in clips. The
- * renderer keeps every splat at an opacity of 1e-4 at least, which no rasteriser draws; here what
- * is below 1/255 is not shown. */
+ * Times run from 0 to 1 over the clip, frame i of F at i/(F-1), and velocities are per length of
+ * the clip. The renderer keeps every splat at an opacity of at least 1e-4, which no rasteriser
+ * draws; here splats below 1/255 are not shown. */
 #include "importers/lib/chkpnt.h"
 #include "math/sh.h"
 
-#define LEAST_SIGMA 0.02 /* of a checkpoint: its code holds durations there */
+#define LEAST_SIGMA 0.02 /* for checkpoints: the method clamps durations to this */
 #define USUAL_FRAMES 300
 #define MOST_FRAMES 1000000
 
 struct model {
     struct spin_model base;
     double step;     /* -1: a PLY */
-    double n_frames; /* 0: not told */
-    double fps;      /* 0: not told */
+    double n_frames; /* 0: unknown */
+    double fps;      /* 0: unknown */
     bool moves;      /* use_velocity */
     double least_sigma;
 };
@@ -76,8 +76,7 @@ static float *column_of(struct model *m, int column)
                                 s->paths,   s->times,      s->sigmas}[column];
 }
 
-/* Durations are logarithms of sigma, below which it is never; no file says it for less than none.
- */
+/* Durations are stored as logarithms of sigma and clamped to at least least_sigma. */
 static spin_status finish(struct model *m)
 {
     struct spin_splats_4d *s = &m->base.splats_4d;
@@ -115,11 +114,12 @@ static spin_status finish(struct model *m)
     return SPIN_OK;
 }
 
-/* ---- Out of a checkpoint --------------------------------------------------------------------- */
+/* ---- Checkpoint ------------------------------------------------------------------------------ */
 
-/* What some writer may say, at the top or in 'model_spec', and only one value of which is read. */
+/* Settings that some writers store, at the top or in 'model_spec', and the only value that is
+ * supported. */
 static const struct {
-    const char *key, *value; /* NULL: a switch that is off */
+    const char *key, *value; /* NULL: must be off */
 } said[] = {{"time_units", "normalized"},
             {"duration_activation", "exp"},
             {"use_marginal_gating", NULL},
@@ -169,7 +169,7 @@ static spin_status check_spec(const struct spin_value *spec)
     return check_said(spec);
 }
 
-/* Exactly the nine names: one more is another model. */
+/* Requires exactly the nine known names: one more means another model. */
 static spin_status check_names(const struct spin_value *splats)
 {
     if (!spin_value_get(splats, "times") || !spin_value_get(splats, "durations") ||
@@ -259,9 +259,9 @@ static spin_status read_checkpoint(struct spin_model *base)
     return load_sh(m, sh);
 }
 
-/* ---- Out of a PLY ---------------------------------------------------------------------------- */
+/* ---- PLY ------------------------------------------------------------------------------------- */
 
-/* What the comment `key` says, or NULL. Of two the last counts. */
+/* The text of the comment `key`, or NULL. Of duplicates the last counts. */
 static const char *comment_of(const struct spin_ply *ply, const char *key)
 {
     size_t n = strlen(key);
@@ -330,7 +330,7 @@ static spin_status check_header(const struct spin_ply *ply, struct model *m, int
     return SPIN_OK;
 }
 
-/* Properties of a column, in the order of enum above. */
+/* Properties of each column, in the order of the enum above. */
 static const char *const property_of[N_COLUMNS][4] = {
     {"x", "y", "z"},
     {"scale_0", "scale_1", "scale_2"},
@@ -360,7 +360,7 @@ static spin_status read_ply(struct model *m)
         for (int k = 0; k < columns[c].width && column_of(m, c); k++)
             target[n++] = (struct spin_ply_target){spin_ply_find(e, property_of[c][k]),
                                                    column_of(m, c) + k, (size_t)columns[c].width};
-    for (size_t k = 0; k < 3 * n_sh; k++) { /* f_dc, then all rows of red, of green, of blue */
+    for (size_t k = 0; k < 3 * n_sh; k++) { /* f_dc, then the other rows channel by channel */
         bool dc = k < 3;
         size_t channel = dc ? k : (k - 3) / (n_sh - 1), row = dc ? 0 : 1 + (k - 3) % (n_sh - 1);
         char name[24];

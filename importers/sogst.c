@@ -1,9 +1,9 @@
-/* .sogst: one file with a clip, or the PLY that its encoders take. What src/formats/sogst.h says of
- * them. */
+/* .sogst, one file per clip, or the PLY that its encoders read; src/formats/sogst.h describes both.
+ */
 #include "formats/sogst.h"
 #include "importers/lib/file_sequence.h"
 
-/* Players draw nothing fainter. */
+/* Players do not draw fainter splats. */
 #define LEAST_OPACITY (1 / 255.0)
 
 static bool is_ply(const unsigned char *head, size_t n)

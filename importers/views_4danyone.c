@@ -1,13 +1,13 @@
-/* 4DAnyone: synchronous films that a network made of one.
+/* 4DAnyone: synchronous videos that a network generated from one.
  *
- *     cameras.json                    camera_model, cameras[]: camera_id, K, camera_to_world (OpenCV's axes),
- *                                     image_width, image_height, video
+ *     cameras.json                    camera_model, cameras[]: camera_id, K, image_width,
+ *                                     image_height, camera_to_world (OpenCV's axes), video
  *     metadata.json                   output.fps (may be missing)
- *     videos/dense/00.mp4 ...         the films, as `video` names them
- *     images/00/000000.png ...        pictures of them, taken in their place when they are there
+ *     videos/dense/00.mp4 ...         the videos, as named by `video`
+ *     images/00/000000.png ...        their frames, read instead of them where they exist
  *
- * World: y up, as it stands. videos/sparse and skeletons are no views. No camera is held out by the
- * files. */
+ * World: y up, unchanged. videos/sparse and skeletons are not views. The files do not hold out any
+ * camera. */
 #include "importers/lib/views_rig.h"
 #include "io/video.h"
 

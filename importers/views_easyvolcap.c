@@ -1,16 +1,18 @@
-/* EasyVolcap, and what writes its layout (EasyMocap, SelfCap, Mobile-Stage): cameras in OpenCV's
- * YAML and pictures.
+/* EasyVolcap and data sets of its layout (EasyMocap, SelfCap, Mobile-Stage): cameras in OpenCV's
+ * YAML, and images.
  *
- *     intri.yml                       names; of each camera NN: K_NN, H_NN, W_NN, D_NN or dist_NN, ccm_NN
+ *     intri.yml                       names; for each camera NN: K_NN, H_NN, W_NN, D_NN or dist_NN,
+ *                                     ccm_NN
  *     extri.yml                       R_NN (rotation vector) or Rot_NN, T_NN
  *     images/<camera>/000000.jpg ...  the frames
  *     masks/<camera>/ ...             foreground (or mask, msk; may be missing)
- *     cameras/<camera>/{intri,extri}.yml   instead of the first two: cameras that move, an entry a frame
+ *     cameras/<camera>/{intri,extri}.yml
+ *                                     instead of the first two: moving cameras, an entry per frame
  *
- * A pose is w2c = [R | T] in OpenCV's axes already. Distortion is refused: EasyVolcap undistorts
- * and takes another K, which is not in the files. No camera is held out by the files.
+ * A pose is w2c = [R | T] in OpenCV's axes. Distortion is refused: EasyVolcap undistorts images and
+ * then uses another K, which the files lack. The files do not hold out any camera.
  *
- * Times are k/(n-1), as FreeTimeGS takes them on these sets. EasyVolcap itself takes k/n. */
+ * Times are k/(n-1), as in FreeTimeGS on these sets. EasyVolcap itself uses k/n. */
 #include "importers/lib/views_rig.h"
 #include "math/covariance.h"
 
@@ -34,11 +36,12 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- YAML ------------------------------------------------------------------------------------ */
 
-/* As much of it as OpenCV's FileStorage writes for cameras. A file becomes an object: of a number
- * the number, of a list of texts an array, of a matrix an object with its rows, cols and data. */
+/* Parses the subset of YAML that OpenCV's FileStorage writes for cameras. A file becomes a JSON
+ * object: a number a number, a list of texts an array, a matrix an object with its rows, cols and
+ * data. */
 struct reader {
-    spin_json *top, *value; /* value: what the lines below a key belong to */
-    bool open;              /* the data of a matrix go on in the next line */
+    spin_json *top, *value; /* value: the entry to which the lines below a key belong */
+    bool open;              /* the data of a matrix continue in the next line */
 };
 
 static spin_status set_value(spin_json *object, const char *key, spin_json *value)
@@ -51,7 +54,7 @@ static spin_status set_value(spin_json *object, const char *key, spin_json *valu
                                                   : spin_malformed("'%.40s' cannot be taken", key);
 }
 
-/* Without quotes; "" when they do not match. */
+/* Strips quotes; "" if they do not match. */
 static const char *plain_text(char *text)
 {
     size_t n = strlen(text);
@@ -82,7 +85,7 @@ static spin_status take_numbers(struct reader *r, const char *at)
     return SPIN_OK;
 }
 
-/* "- text" of a list, "rows: 3" and the like of a matrix. */
+/* Reads "- text" of a list, or "rows: 3" and the like of a matrix. */
 static spin_status take_below(struct reader *r, char *line)
 {
     char *value;
@@ -144,7 +147,7 @@ static spin_status take_line(struct reader *r, char *line)
     return *line == ' ' || *line == '-' ? take_below(r, words) : take_key(r, line);
 }
 
-/* text is cut in place. */
+/* Splits the text in place. */
 static spin_status parse(struct reader *r, char *text)
 {
     char *line;
@@ -164,7 +167,7 @@ static spin_status parse(struct reader *r, char *text)
 
 struct file {
     const char *path;
-    spin_json *json; /* freed by the caller, whatever comes */
+    spin_json *json; /* freed by the caller, also on failure */
 };
 
 static spin_status load(struct spin_model *m, const char *folder, const char *name,
@@ -193,7 +196,7 @@ static const spin_json *find(const spin_json *file, const char *key, const char 
     return spin_json_get(file, text);
 }
 
-/* A matrix key_name. */
+/* Reads a matrix key_name. */
 static spin_status read_matrix(const spin_json *file, const char *key, const char *name, int rows,
                                int cols, double *out)
 {
@@ -213,7 +216,7 @@ static spin_status read_matrix(const spin_json *file, const char *key, const cha
     return SPIN_OK;
 }
 
-/* D or dist: k1 k2 p1 p2 k3, which must be 0. */
+/* Checks that D or dist, k1 k2 p1 p2 k3, is 0. */
 static spin_status check_distortion(const spin_json *intri, const char *name)
 {
     const char *key = find(intri, "D", name) ? "D" : "dist";
@@ -231,7 +234,7 @@ static spin_status check_distortion(const spin_json *intri, const char *name)
     return SPIN_OK;
 }
 
-/* The turn by |r| about r. */
+/* The matrix of the rotation by |r| about r. */
 static void turn(const double r[3], double out[9])
 {
     double angle = sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
@@ -258,7 +261,7 @@ static spin_status read_pose(const spin_json *extri, const char *name, double w2
     return spin_views_check_pose(w2c, "the pose");
 }
 
-/* Size from the file, else that of the picture. */
+/* Reads the size from the file, else from the image. */
 static spin_status read_size(const spin_json *intri, const char *name, const char *picture,
                              struct spin_camera *out)
 {
@@ -284,7 +287,7 @@ static spin_status read_lens(const spin_json *intri, const char *name, const cha
     return check_distortion(intri, name);
 }
 
-/* intri.yml and extri.yml of a folder, and the entry `name` of both. */
+/* intri.yml and extri.yml of a folder. */
 struct pair {
     struct file intri, extri;
 };
@@ -304,12 +307,12 @@ static spin_status read_camera(const struct pair *p, const char *name, const cha
 
 /* ---- Cameras --------------------------------------------------------------------------------- */
 
-/* A folder, its two files and its cameras. */
+/* A data set: its folder and its cameras. */
 struct set {
     struct spin_model base; /* path: the folder */
     struct spin_rig_camera *camera;
     size_t n;
-    bool coloured; /* there is a ccm */
+    bool coloured; /* a camera has a ccm */
 };
 
 static spin_status find_pictures(struct set *set, struct spin_rig_camera *c)
@@ -340,7 +343,7 @@ static spin_status read_names(const struct pair *p, const spin_json **names, siz
     return SPIN_OK;
 }
 
-/* All cameras in two files. */
+/* Reads static cameras, which are all in two files. */
 static spin_status read_still(struct set *set, const struct pair *p)
 {
     const spin_json *names;
@@ -361,7 +364,7 @@ static spin_status read_still(struct set *set, const struct pair *p)
     return SPIN_OK;
 }
 
-/* A camera that moves: its entries are called by the numbers of frames. */
+/* Reads a moving camera, whose entries are named by frame numbers. */
 static spin_status read_moving(struct set *set, const struct pair *p, struct spin_rig_camera *c,
                                spin_json *name_of)
 {
@@ -395,7 +398,7 @@ static spin_status read_moving(struct set *set, const struct pair *p, struct spi
 
 /* ---- The files ------------------------------------------------------------------------------- */
 
-/* Both files of a folder; c: of a camera that moves, or NULL. */
+/* Reads both files of a folder: those of the moving camera c, or of all cameras if c is NULL. */
 static spin_status read_files(struct set *set, const char *folder, struct spin_rig_camera *c)
 {
     spin_json *name_of = spin_json_object();

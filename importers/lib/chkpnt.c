@@ -1,4 +1,4 @@
-/* Checkpoints of 3DGS and what grew out of it. */
+/* Checkpoints of 3DGS and its descendants. */
 #include "importers/lib/chkpnt.h"
 
 #include <ctype.h>

@@ -51,7 +51,7 @@ void spin_deform_shape(const struct deform_job *job, size_t first, int n, const 
 
 /* ---- Saves ----------------------------------------------------------------------------------- */
 
-/* Both sides must end with the same save, or the user must say which. */
+/* The last cloud and the last network must be of the same save, or the user must choose one. */
 static spin_status check_newest(struct spin_model *m, const char *path, const char *clouds,
                                 const char *deforms, const char *found)
 {

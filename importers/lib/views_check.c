@@ -7,7 +7,7 @@
 
 #define VIEWS_MAX_SIZE 65536 /* pixels along a side */
 
-/* How far a rotation may be from orthonormal: files with six digits pass. */
+/* Largest deviation of a rotation from orthonormal: matrices printed with six digits pass. */
 #define VIEWS_ROTATION_TOLERANCE 1e-3
 
 spin_status spin_views_check_pose(const double m[12], const char *what)
@@ -139,9 +139,9 @@ spin_status spin_views_intrinsics(const double k[9], const char *key, struct spi
     return spin_views_check_intrinsics(out);
 }
 
-/* Make the camera that of an image with other numbers of pixels but the same shape, to within one
- * per cent or the rounding of both sides. Focal lengths and centre go with the real ratio, without
- * a half-pixel shift: that is what the methods' readers do. */
+/* Scales the camera to an image of another resolution but the same aspect ratio, to within one per
+ * cent or the rounding of both sides. Focal lengths and principal point scale by the exact ratio,
+ * without a half-pixel shift, as in the methods' readers. */
 static spin_status views_fit(struct spin_camera *c, const char *path, int width, int height)
 {
     double sx = (double)width / c->width, sy = (double)height / c->height;

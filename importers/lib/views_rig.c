@@ -1,3 +1,5 @@
+/* Views of camera rigs: listing the frames of cameras, checking that they match, adding the views.
+ */
 #include "importers/lib/views_rig.h"
 
 #include "io/video.h"
@@ -18,8 +20,7 @@ spin_status spin_rig_sort(const char *path, struct spin_rig_camera *c, size_t n)
     return SPIN_OK;
 }
 
-/* ---- The frames of a camera -------------------------------------------------------------------
- */
+/* ---- Frames of a camera ---------------------------------------------------------------------- */
 
 spin_status spin_rig_pictures(struct spin_model *m, struct spin_rig_camera *c, const char *folder)
 {
@@ -35,7 +36,7 @@ spin_status spin_rig_pictures(struct spin_model *m, struct spin_rig_camera *c, c
     return spin_file_sequence_sort(&c->frames, &unused);
 }
 
-/* Its frames are images "00.mp4#<frame>", decoded when they are asked for. */
+/* Frames are named "00.mp4#<frame>", images that are decoded on demand. */
 spin_status spin_rig_film(struct spin_model *m, struct spin_rig_camera *c, const char *file,
                           const char *instead)
 {
@@ -66,8 +67,8 @@ spin_status spin_rig_film(struct spin_model *m, struct spin_rig_camera *c, const
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* Frames that all cameras have. A camera that lacks one in the middle is refused: its later
- * pictures would be of other moments. */
+/* Number of frames that all cameras have. A camera that lacks one in the middle is refused, since
+ * its later images would be of other times. */
 static spin_status count_rows(const struct spin_rig_camera *c, size_t n, size_t *n_rows)
 {
     size_t fewest = 0, most = 0;
@@ -93,7 +94,7 @@ static spin_status count_rows(const struct spin_rig_camera *c, size_t n, size_t 
     return SPIN_OK;
 }
 
-/* The mask of a picture as PNG or with the picture's own ending; NULL where there is none. */
+/* The mask of an image, as PNG or with the image's own extension; NULL where there is none. */
 static spin_status find_mask(struct spin_model *m, const struct spin_rig_camera *c,
                              const char *picture, const char **out)
 {
@@ -147,8 +148,7 @@ spin_status spin_rig_views(struct spin_model *m, struct spin_rig_camera *c, size
     return SPIN_OK;
 }
 
-/* ---- Frames a second ---------------------------------------------------------------------------
- */
+/* ---- Frame rate ------------------------------------------------------------------------------ */
 
 static double rate_of(const spin_json *fps)
 {
