@@ -167,7 +167,7 @@ static spin_status find_init(struct clip *clip)
     if (given) {
         SPIN_TRY(find_first(clip, given, &cloud));
         if (!cloud)
-            return spin_not_found("option 'init': '%s' is neither a PLY nor has it "
+            return spin_not_found("option 'init': '%s' is neither a PLY nor a folder with "
                                   "point_cloud/iteration_*/point_cloud.ply",
                                   given);
     }
@@ -282,8 +282,8 @@ static spin_status prepare_networks(struct clip *clip)
     if (status != SPIN_OK && clip->config)
         return spin_fail_context(status, "with the configuration '%s'", clip->config);
     if (status != SPIN_OK)
-        return spin_fail_context(status, "there is no config.json (give it with --config), and "
-                                         "with the usual configuration");
+        return spin_fail_context(status, "there is no config.json (give it with --config), so the "
+                                         "default configuration was tried");
     status = spin_mlp_team_create(3 * spin_mlp_widest(&clip->network.net), &clip->base.team);
     spin_ntc_free(&clip->network);
     return status;
@@ -316,10 +316,9 @@ static spin_status choose_way(struct clip *clip)
     if (no_network >= 0)
         return spin_not_found("'%s': frame %d has no network", clip->base.path, no_network);
     if (clip->step[0].number != 0)
-        return spin_not_found(
-            "'%s': the networks move the cloud of frame 0, which is not there: say "
-            "where it is with --init",
-            clip->base.path);
+        return spin_not_found("'%s': the networks start from the cloud of frame 0, which is "
+                              "missing: give it with --init",
+                              clip->base.path);
     return clip->n_steps > 1 ? prepare_networks(clip) : SPIN_OK;
 }
 
@@ -410,15 +409,16 @@ static spin_status describe(struct clip *clip)
                   clip->n, (double)n_added / (double)clip->n_steps);
     if (clip->step[0].number != 0)
         spin_note(sequence,
-                  "the cloud of frame 0 was not found: the clip begins with frame %d "
-                  "(--init says where it is)",
+                  "the cloud of frame 0 was not found: the clip begins with frame %d (give it with "
+                  "--init)",
                   clip->step[0].number);
     if (clip->evaluate)
         spin_note(sequence, "positions and rotations come from half-precision networks, whose "
                             "errors add up from frame to frame");
     if (clip->evaluate && !clip->config)
-        spin_note(sequence, "there is no config.json: the networks' usual configuration was "
-                            "taken, which fits");
+        spin_note(
+            sequence,
+            "there is no config.json: the networks fit the default configuration, which is used");
     return SPIN_OK;
 }
 

@@ -68,8 +68,8 @@ static spin_status fail_no_save(const char *path, const char *wanted)
         return spin_unsupported(
             "'%s' holds 'deformation_GAD.pth': it is a run of MoDec-GS, use --from modecgs", path);
     if (coarse)
-        return spin_unsupported("'%s' has only the coarse stage, which has no motion yet: train "
-                                "on, or import its point_cloud.ply with --from ply",
+        return spin_unsupported("'%s' has only the coarse stage, which has no motion yet: continue "
+                                "training, or import its point_cloud.ply with --from ply",
                                 path);
     return spin_not_found("'%s' has no iteration_<N> with point_cloud.ply and deformation.pth",
                           path);
@@ -165,7 +165,7 @@ static spin_status fail_other_network(const struct spin_value *root)
     for (size_t i = 0; i < sizeof theirs / sizeof *theirs; i++) {
         if (spin_value_get(root, theirs[i]))
             return spin_unsupported(
-                "tensor '%s' says that this is a network of E-D3DGS: use --from ed3dgs", theirs[i]);
+                "tensor '%s' belongs to a network of E-D3DGS: use --from ed3dgs", theirs[i]);
     }
     return spin_malformed(
         "no tensor 'deformation_net.grid.grids.0.0': this is not a network of 4DGaussians");
@@ -304,12 +304,13 @@ static spin_status gaussian_frame(void *self, int frame, double time, unsigned c
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "which save to read; the last when not given", NULL},
+    {"iteration", "N", "the save to read; by default the last", NULL},
     {"deform", "LIST",
-     "what the network moves, of position,scale,rotation,opacity,sh, instead of what cfg_args says",
+     "what the network deforms, of position,scale,rotation,opacity,sh, instead of the value in "
+     "cfg_args",
      NULL},
-    {"apply-rotation", "BOOL", "rotations are multiplied, instead of what cfg_args says", NULL},
-    {"grid-pe", "X", "the option grid_pe of the run, instead of what cfg_args says", NULL},
+    {"apply-rotation", "BOOL", "rotations are multiplied, instead of the value in cfg_args", NULL},
+    {"grid-pe", "X", "the option grid_pe of the run, instead of the value in cfg_args", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -115,7 +115,7 @@ static spin_status check_column(struct run *run, int key)
         return SPIN_OK;
     if (a->n_dims == 2 && a->shape[0] == run->n && a->shape[1] == keys[key].width)
         return SPIN_OK;
-    snprintf(expected, sizeof expected, "[%llu, %llu, %llu] or [%llu, %llu] as 'means3D' has it",
+    snprintf(expected, sizeof expected, "[%llu, %llu, %llu] or [%llu, %llu] as in 'means3D'",
              (unsigned long long)run->n_frames, (unsigned long long)run->n,
              (unsigned long long)keys[key].width, (unsigned long long)run->n,
              (unsigned long long)keys[key].width);
@@ -135,11 +135,11 @@ static spin_status check_room(const struct run *run)
     frame = run->n * width * sizeof(float);
     if (unpacked == 0 || unpacked + frame <= available)
         return SPIN_OK;
-    return spin_fail(
-        SPIN_E_MEMORY,
-        "cannot read '%s': its arrays unpack to %.1f MB and a frame takes %.1f MB, but "
-        "only %.1f MB of memory are there",
-        run->base.path, (double)unpacked / 1e6, (double)frame / 1e6, (double)available / 1e6);
+    return spin_fail(SPIN_E_MEMORY,
+                     "cannot read '%s': its arrays unpack to %.1f MB and a frame takes %.1f MB, "
+                     "but only %.1f MB of memory are available",
+                     run->base.path, (double)unpacked / 1e6, (double)frame / 1e6,
+                     (double)available / 1e6);
 }
 
 static void describe(const struct run *run)
@@ -171,8 +171,8 @@ static spin_status load_run(const char *path, struct run *run)
         SPIN_TRY(spin_model_text(base, &base->path, "%s", path));
     SPIN_TRY(spin_npz_open(base->path, &run->npz));
     if (spin_npz_has(&run->npz, "cam_unnorm_rots"))
-        return spin_unsupported("array 'cam_unnorm_rots' says that this is a map of SplaTAM or one "
-                                "of its descendants, which has no frames");
+        return spin_unsupported("array 'cam_unnorm_rots' belongs to a map of SplaTAM or one of its "
+                                "descendants, which has no frames");
     SPIN_TRY(check_means(run));
     for (int k = MEANS + 1; k < N_KEYS; k++)
         SPIN_TRY(check_column(run, k));
@@ -290,7 +290,7 @@ static spin_status d3dgs_frame(void *self, int frame, double time, unsigned colu
 }
 
 SPIN_MODEL_IMPORTER(d3dgs, struct run, open_run, close_run,
-                    .summary = "Dynamic 3D Gaussians: params.npz, or the folder it lies in",
+                    .summary = "Dynamic 3D Gaussians: params.npz, or its folder",
                     .upstream = "JonathonLuiten/Dynamic3DGaussians 7dbbd4d", .probe = d3dgs_probe,
                     .frame = d3dgs_frame)
 
@@ -344,8 +344,8 @@ static spin_status load_mask(struct tc_run *run)
     run->still_mask = true;
     if (a->n_dims == 2 && a->shape[0] == n && a->shape[1] == 1)
         return SPIN_OK;
-    snprintf(expected, sizeof expected, "[%llu, %llu, 1] as 'means3D' has it",
-             (unsigned long long)t, (unsigned long long)n);
+    snprintf(expected, sizeof expected, "[%llu, %llu, 1] as in 'means3D'", (unsigned long long)t,
+             (unsigned long long)n);
     return fail_shape(a, "mask", expected);
 }
 
@@ -424,7 +424,7 @@ static spin_status open_mask(struct tc_run *run)
     size_t n = (size_t)run->base.n;
 
     if (!spin_npz_has(&run->base.npz, "mask"))
-        return spin_malformed("no array 'mask', which TC3DGS has: import it with --from d3dgs");
+        return spin_malformed("no array 'mask', which TC3DGS requires: use --from d3dgs");
     SPIN_TRY(load_mask(run));
     SPIN_TRY(spin_model_alloc(base, n, sizeof *run->row, (void **)&run->row));
     SPIN_TRY(spin_model_alloc(base, n, sizeof *run->sum, (void **)&run->sum));

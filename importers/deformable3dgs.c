@@ -162,7 +162,7 @@ static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
     SPIN_TRY(spin_cfg_read_bool(cfg, "optimize_pose", &moved));
     if (moved)
         spin_note(sequence, "optimize_pose=True: training moved the cameras and did not save them, "
-                            "so what the data set's cameras see is shifted");
+                            "so images of the data set's cameras are shifted");
     if (m->motiongs && spin_cfg_is(format, "'plenopticVideo'")) {
         sequence->time_last = 10;
         sequence->half_open = true; /* 300 frames at i/30 */
@@ -356,7 +356,7 @@ static spin_status deformable_frame(void *self, int frame, double time, unsigned
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "which save to read; the last when not given", NULL},
+    {"iteration", "N", "the save to read; by default the last", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

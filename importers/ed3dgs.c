@@ -84,9 +84,9 @@ static spin_status read_iteration(struct spin_model *m, const char *save, long l
     said = spin_model_iteration(asked);
     *out = named >= 0 ? named : said;
     if (*out < 0)
-        return spin_misuse(
-            "'%s' is not called iteration_<N>, and the model depends on N: say it with --iteration",
-            save);
+        return spin_misuse("'%s' is not called iteration_<N>, and the model depends on N: give it "
+                           "with --iteration",
+                           save);
     if (named >= 0 && said >= 0 && named != said)
         return spin_misuse("--iteration %s, but '%s' is of iteration %lld", wanted, save, named);
     return SPIN_OK;
@@ -247,8 +247,8 @@ static spin_status load_shift(struct model *m)
     m->shift = n > 0 ? sum / n : 0;
     if (n > 0)
         spin_note(m->base.sequence,
-                  "times are shifted by %g, the mean of the offsets of %d training cameras, as the "
-                  "method draws them",
+                  "times are shifted by %g, the mean of the offsets of %d training cameras, as in "
+                  "the method's renderer",
                   m->shift, n);
     return SPIN_OK;
 }
@@ -333,10 +333,11 @@ static void describe(const struct model *m)
              m->base.canonical.n, m->stage[COARSE].used ? m->stage[COARSE].rows : 0,
              m->stage[FINE].used ? m->stage[FINE].rows : 0);
     if (s->n_frames > 0)
-        spin_note(sequence, "frame i of the run's %g is at time i/%g", s->n_frames, s->n_frames);
+        spin_note(sequence, "frame i of the run's %g frames is at time i/%g", s->n_frames,
+                  s->n_frames);
     else
         spin_note(sequence,
-                  "cfg_args does not say how many frames the run has: frame i of n is at time i/n");
+                  "cfg_args does not give the number of frames: frame i of n is at time i/n");
 }
 
 static spin_status open_model(void *self, const char *path)
@@ -357,7 +358,7 @@ static spin_status open_model(void *self, const char *path)
     SPIN_TRY(given ? spin_cfg_open(given, &base->settings.cfg) : spin_model_cfg(base, path, save));
     if (!base->settings.cfg.path)
         return spin_not_found("'%s' has no cfg_args, without which the network cannot be "
-                              "evaluated: say where it is with --cfg-args",
+                              "evaluated: give it with --cfg-args",
                               path);
     SPIN_TRY(read_settings(m));
     SPIN_TRY(read_cloud(cloud, m));
@@ -490,10 +491,10 @@ static spin_status ed3dgs_frame(void *self, int frame, double time, unsigned col
 
 static const struct spin_plugin_option options[] = {
     {"iteration", "N",
-     "which save to read, the last when not given; of a save by itself, its number when its "
-     "folder's name does not say",
+     "the save to read, by default the last; of a single save, its number if its folder's name "
+     "lacks it",
      NULL},
-    {"cfg-args", "FILE", "the options of the run, where none lie beside the model", NULL},
+    {"cfg-args", "FILE", "the cfg_args of the run, if there is none beside the model", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -189,7 +189,7 @@ static spin_status check_told(const struct model *m, const struct told *told)
 
     for (int i = 0; i < 4; i++) {
         if (all[i].missing)
-            return spin_not_found("'%s': no cfg_args beside it says %s: use --%s", m->base.path,
+            return spin_not_found("'%s': no cfg_args beside it gives %s: use --%s", m->base.path,
                                   all[i].key, all[i].option);
     }
     return SPIN_OK;
@@ -212,8 +212,8 @@ static void note_differences(const struct model *m, double interval, double shif
                   shift, m->shift);
     if (m->duration < m->frames + m->shift + 1)
         spin_note(sequence,
-                  "saved before the whole clip took part in training: the checkpoint's duration is "
-                  "%g, in the end it is %g",
+                  "saved before training covered the whole clip: the checkpoint's duration is %g, "
+                  "that of a finished run %g",
                   m->duration, m->frames + m->shift + 1);
 }
 
@@ -233,8 +233,8 @@ static spin_status settle(struct model *m, const struct told *told)
     } else if (!(m->frames >= 1)) {
         m->frames = m->duration - m->shift - 1;
         spin_note(sequence,
-                  "cfg_args does not say how many frames the clip has: %g, by the checkpoint's "
-                  "duration; --duration decides",
+                  "cfg_args does not give the number of frames: %g by the checkpoint's duration; "
+                  "--duration overrides it",
                   m->frames);
     }
     m->least_width = told->var_pad / m->interval / 2.36;
@@ -243,7 +243,7 @@ static spin_status settle(struct model *m, const struct told *told)
         !(m->frames >= 1 && m->frames <= MOST_FRAMES) ||
         !(m->least_width > 0 && m->least_width <= MOST_FRAMES))
         return spin_malformed("'%s': key frames %g frames apart from frame %g on, %g frames, a "
-                              "duration of %g, var_pad %g: these do not fit together",
+                              "duration of %g, var_pad %g: these settings are inconsistent",
                               m->base.path, m->interval, -m->shift, m->frames, m->duration,
                               told->var_pad);
     if (m->is_chkpnt)
@@ -658,8 +658,8 @@ static spin_status open_model(void *self, const char *path)
                   spin_path_name(m->base.path), m->duration);
     if (m->moving.n > 0)
         spin_note(sequence,
-                  "4D splats are pieces between key frames, whose rotations are within %g degrees "
-                  "of the method's; what is fainter than 1/255 is left out of them",
+                  "4D splats are segments between key frames, with rotations within %g degrees of "
+                  "the method's; segments fainter than 1/255 are left out",
                   NEAR);
     spin_note(sequence, "trained with a filter of 0.1 square pixels that dims thin splats: drawn "
                         "antialiased, which is similar");
@@ -674,8 +674,8 @@ static spin_status find_keys(const struct model *m, double time, struct keyframe
     int beside = m->kind == KEYFRAMES_LINEAR ? 0 : 1;
 
     if (!(time >= 0 && time <= m->frames - 1))
-        return spin_not_found("'%s' has no time %g: its frames count from 0 to %g", m->base.path,
-                              time, m->frames - 1);
+        return spin_not_found("'%s' has no time %g: its times are 0 to %g", m->base.path, time,
+                              m->frames - 1);
     if (m->moving.n > 0 && (key < beside || key + 1 + beside >= m->moving.n_keys))
         return spin_unsupported("'%s': time %g needs the key frames %g to %g, and there are %d",
                                 m->base.path, time, key - beside, key + 1 + beside,
@@ -991,8 +991,8 @@ static spin_status fill_splats(struct model *m, const struct pieces *all)
     }
     SPIN_TRY(spin_splats_4d_settle(s, &n_dropped, NULL));
     if (n_dropped > 0)
-        spin_warn("'%s': %zu of %zu 4D splats dropped: their paths leave the range of numbers",
-                  m->base.path, n_dropped, n);
+        spin_warn("'%s': %zu of %zu 4D splats dropped: their paths overflow", m->base.path,
+                  n_dropped, n);
     return SPIN_OK;
 }
 
@@ -1014,7 +1014,7 @@ static spin_status ex4dgs_splats_4d(void *self, const struct spin_splats_4d **ou
         free(all.piece);
         if (all.worst > NEAR)
             spin_warn("'%s': rotations of 4D splats are up to %.2g degrees off between keys that "
-                      "turn too far; --frames samples the method's own",
+                      "differ too much; use --frames for exact ones",
                       m->base.path, all.worst);
     }
     *out = m->base.splats_4d.n > 0 ? &m->base.splats_4d : NULL;
@@ -1022,12 +1022,14 @@ static spin_status ex4dgs_splats_4d(void *self, const struct spin_splats_4d **ou
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "which save to read; the last when not given", NULL},
-    {"interp", "WORD", "between key frames: linear, cube or pchip, instead of what cfg_args says",
+    {"iteration", "N", "the save to read; by default the last", NULL},
+    {"interp", "WORD",
+     "interpolation between key frames: linear, cube or pchip, instead of the value in cfg_args",
      NULL},
-    {"interval", "N", "frames from one key frame to the next, instead of what cfg_args says", NULL},
-    {"time-pad", "N", "the option time_pad of the run, instead of what cfg_args says", NULL},
-    {"duration", "N", "frames of the clip, instead of what cfg_args says", NULL},
+    {"interval", "N", "frames from one key frame to the next, instead of the value in cfg_args",
+     NULL},
+    {"time-pad", "N", "the option time_pad of the run, instead of the value in cfg_args", NULL},
+    {"duration", "N", "frames of the clip, instead of the value in cfg_args", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -102,14 +102,15 @@ static spin_status finish(struct model *m)
              m->moves ? "" : ", without motion");
     if (m->n_frames == 0)
         spin_note(sequence,
-                  "the file does not say how many frames the clip has: %d, as is usual; --n-frames",
+                  "the file does not give the number of frames: assumed %d, as is usual; "
+                  "--n-frames overrides it",
                   USUAL_FRAMES);
     if (m->fps == 0)
-        spin_note(sequence, "the file does not say its frame rate: 30 a second");
+        spin_note(sequence, "the file does not give its frame rate: assumed 30 frames a second");
     if (n_short > 0)
         spin_note(sequence,
-                  "%zu of %zu Gaussians last for less than %g of the clip, and are held there as "
-                  "the method's renderer does",
+                  "%zu of %zu Gaussians have durations below %g of the clip, clamped to that as in "
+                  "the method's renderer",
                   n_short, n, m->least_sigma);
     return SPIN_OK;
 }
@@ -142,7 +143,7 @@ static spin_status check_said(const struct spin_value *root)
             return spin_unsupported("'%s' is '%.40s', expected '%s'", said[i].key,
                                     text ? text : "no text", said[i].value);
         if (v && !said[i].value && !is_off(v))
-            return spin_unsupported("'%s' is on, which is another model", said[i].key);
+            return spin_unsupported("'%s' is on, which is not supported", said[i].key);
     }
     return SPIN_OK;
 }
@@ -184,7 +185,7 @@ static spin_status check_names(const struct spin_value *splats)
             known = known || strcmp(key, columns[c].key) == 0;
         if (!known)
             return spin_unsupported(
-                "'splats' has '%.40s', which FreeTimeGS has not: it is another model",
+                "'splats' has '%.40s', which FreeTimeGS lacks: this is another model",
                 key ? key : "a key that is no text");
     }
     return SPIN_OK;
@@ -299,7 +300,7 @@ static spin_status check_header(const struct spin_ply *ply, struct model *m, int
 
     SPIN_TRY(read_comment(ply, "ftgs_version", 1, 1e9, &version));
     if (version != 1)
-        return spin_unsupported("it is of ftgs_version %g, this program reads 1", version);
+        return spin_unsupported("ftgs_version is %g, expected 1", version);
     if (!units || strncmp(units, "normalized", 10) != 0 || units[10 + strspn(units + 10, " \t\r")])
         return spin_unsupported("comment 'time_units' is '%.40s', expected 'normalized'",
                                 units ? units : "missing");
@@ -322,8 +323,8 @@ static spin_status check_header(const struct spin_ply *ply, struct model *m, int
         return spin_malformed("sh_degree, use_velocity and n_frames are not whole numbers");
     if (floor_of >= 1 / 255.0)
         spin_note(m->base.sequence,
-                  "its reader shows every Gaussian at an opacity of %g at all times, which is left "
-                  "out here",
+                  "readers of the format show every Gaussian at an opacity of %g at all times, "
+                  "which is left out here",
                   floor_of);
     m->moves = moves != 0;
     *sh_degree = (int)degree;
@@ -352,7 +353,8 @@ static spin_status read_ply(struct model *m)
     SPIN_TRY(spin_model_vertices(&m->base, m->base.path, &e));
     SPIN_TRY(spin_fail_reading(check_header(ply, m, &sh_degree), m->base.path));
     if (ply->n_elements != 1 || e->has_list || ply->ascii || ply->big_endian)
-        return spin_malformed("'%s': not one element of little-endian numbers", m->base.path);
+        return spin_malformed("'%s': expected a single element of little-endian binary data",
+                              m->base.path);
     SPIN_TRY(reserve(m, (size_t)e->count, sh_degree));
     m->base.splats_4d.antialias = spin_ply_is_antialiased(ply);
     n_sh = (size_t)spin_sh_count(sh_degree);
@@ -378,7 +380,7 @@ static spin_status read_ply(struct model *m)
                                   "opacity scale_0..2 rot_0..3 time log_duration velocity_0..2",
                                   m->base.path);
         if (e->property[target[t].property].type != SPIN_PLY_F32)
-            return spin_malformed("'%s': property '%s' is no float", m->base.path,
+            return spin_malformed("'%s': property '%s' is not a float", m->base.path,
                                   e->property[target[t].property].name);
     }
     spin_ply_columns(ply, e, target, n);
@@ -406,7 +408,7 @@ static spin_status open_model(void *self, const char *path)
 }
 
 static const struct spin_plugin_option options[] = {
-    {"n-frames", "N", "frames of the clip, where the file does not say", NULL},
+    {"n-frames", "N", "frames of the clip, if the file does not give them", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

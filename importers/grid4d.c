@@ -86,17 +86,16 @@ static spin_status read_settings(struct hash_model *m)
         if (!spin_cfg_number(bound, &m->bound))
             return spin_misuse("--bound '%s': expected a number", bound.at);
     } else if (!grid_args.at) {
-        return spin_not_found("%s%s%s does not say the bound of the scene, without which nothing "
-                              "can be read: give it with --bound",
-                              cfg->path ? "'" : "",
-                              cfg->path ? cfg->path : "no cfg_args, so the model",
-                              cfg->path ? "'" : "");
+        return spin_not_found(
+            "%s%s%s does not give the bound of the scene, which is required: use --bound",
+            cfg->path ? "'" : "", cfg->path ? cfg->path : "no cfg_args, so the model",
+            cfg->path ? "'" : "");
     } else if ((s = spin_cfg_item(grid_args, "bound")).at) {
         if (!spin_cfg_number(s, &m->bound))
             return spin_malformed("'%s': bound is not a number", cfg->path);
     } else {
         m->bound = 1.6;
-        spin_note(m->base.sequence, "cfg_args names no bound: assumed 1.6 as the method does");
+        spin_note(m->base.sequence, "cfg_args has no bound: assumed 1.6, the method's default");
     }
     if (!(m->bound > 0) || !isfinite(m->bound))
         return spin_fail(bound.at ? SPIN_E_USAGE : SPIN_E_MALFORMED,
@@ -207,13 +206,13 @@ static spin_status split(struct hash_model *m)
     m->grid = spin_value_at(root, 0);
     m->network = spin_value_at(root, 1);
     if (root && root->kind == SPIN_VALUE_DICT)
-        return spin_unsupported("what was saved is one state dict, not a pair of a grid and a "
-                                "network: it looks like Deformable-3D-Gaussians");
+        return spin_unsupported("the file has a single state dict, not a pair of grid and network: "
+                                "it is probably of Deformable-3D-Gaussians");
     if (!root || root->kind != SPIN_VALUE_TUPLE || root->n != 2 ||
         m->grid->kind != SPIN_VALUE_DICT || m->network->kind != SPIN_VALUE_DICT)
-        return spin_malformed("what was saved is not a pair of two state dicts, grid and network");
+        return spin_malformed("the file does not have a pair of state dicts, grid and network");
     if (spin_value_get(m->grid, method->other_key))
-        return spin_unsupported("tensor '%s' says that this is a run of %s", method->other_key,
+        return spin_unsupported("tensor '%s' belongs to a run of %s", method->other_key,
                                 method->other);
     if (spin_value_get(m->network, method->key))
         return spin_malformed("the pair is swapped: the network comes before the grid");
@@ -378,7 +377,7 @@ static spin_status settle(struct hash_model *base)
             return spin_malformed("'%s': directional is neither True nor False", cfg->path);
     } else {
         spin_note(base->base.sequence,
-                  "no cfg_args says 'directional': assumed true as the method does");
+                  "cfg_args has no 'directional': assumed true, the method's default");
     }
     return SPIN_OK;
 }
@@ -506,11 +505,12 @@ static spin_status grid4d_frame(void *self, int frame, double time, unsigned col
 
 /* Options of Grid4D; DASH has all but the first. */
 static const struct spin_plugin_option options[] = {
-    {"directional", "BOOL", "the option of that name of the run, instead of what cfg_args says",
+    {"directional", "BOOL", "the option of that name of the run, instead of the value in cfg_args",
      NULL},
-    {"iteration", "N", "which save to read, a number or best; the last when not given", NULL},
-    {"bound", "X", "half the side of the box of the grids, instead of what cfg_args says", NULL},
-    {"scale-xyz", "X[,Y,Z]", "the option scale_xyz of the run, instead of what cfg_args says",
+    {"iteration", "N", "the save to read, a number or best; by default the last", NULL},
+    {"bound", "X", "half the side of the grids' bounding box, instead of the value in cfg_args",
+     NULL},
+    {"scale-xyz", "X[,Y,Z]", "the option scale_xyz of the run, instead of the value in cfg_args",
      NULL},
     {NULL, NULL, NULL, NULL},
 };
@@ -568,7 +568,7 @@ static spin_status dash_open_save(void *self, const char *path)
     iteration = spin_model_iteration(m->save);
     if (iteration >= 0 && iteration <= 2000)
         spin_note(m->base.sequence,
-                  "%s looks like a save of the first training stage, which works otherwise: the "
+                  "%s is probably a save of the first training stage, which works differently: the "
                   "result may be wrong",
                   m->save);
     return SPIN_OK;

@@ -69,7 +69,7 @@ static spin_status refuse(const struct cfg_args *cfg, const char *key, bool want
 
     SPIN_TRY(spin_cfg_read_bool(cfg, key, &is));
     if (is != wanted)
-        return spin_unsupported("'%s': a run with %s=%s is not read", cfg->path, key,
+        return spin_unsupported("'%s': a run with %s=%s is not supported", cfg->path, key,
                                 is ? "True" : "False");
     return SPIN_OK;
 }
@@ -112,13 +112,12 @@ static spin_status read_settings(struct model *model)
     bool any = false;
 
     if (!cfg->path)
-        return spin_not_found("no cfg_args for '%s', without which nothing can be read",
-                              model->base.path);
+        return spin_not_found("there is no cfg_args for '%s', which is required", model->base.path);
     SPIN_TRY(refuse(cfg, "GLMD", true));
     SPIN_TRY(refuse(cfg, "TIA", true));
     if (spin_cfg_get(cfg, "LGD_method").at &&
         !spin_cfg_is(spin_cfg_get(cfg, "LGD_method"), "'explicit'"))
-        return spin_unsupported("'%s': only LGD_method='explicit' is read", cfg->path);
+        return spin_unsupported("'%s': only LGD_method='explicit' is supported", cfg->path);
     if (model->cameras.n > 0)
         SPIN_TRY(refuse(cfg, "use_feat_bank", false));
     SPIN_TRY(need(cfg, "anchor_dynamics", &any));
@@ -423,8 +422,8 @@ static spin_status open_model(void *self, const char *path)
             "'%s' has no iteration_%s with point_cloud.ply and deformation_GAD.pth%s", path,
             wanted ? wanted : "<N>",
             spin_model_search(path, "deformation.pth", &coarse)
-                ? "; what has 'deformation.pth' alone is a run of 4DGaussians, or of MoDec-GS "
-                  "without GLMD, which is not read"
+                ? "; with 'deformation.pth' alone it is a run of 4DGaussians, or of MoDec-GS "
+                  "without GLMD, which is not supported"
                 : "");
     SPIN_TRY(spin_model_cfg(base, path, base->path));
     SPIN_TRY(spin_camera_places_parse(spin_model_option(base, "camera"), &model->cameras));
@@ -447,8 +446,8 @@ static spin_status open_model(void *self, const char *path)
              model->n_segments);
     spin_note(sequence, "positions only: opacity, shape and colour depend on the camera");
     if (model->cameras.n == 0)
-        spin_note(sequence, "all offsets are imported, also those that no camera sees: --camera "
-                            "says where cameras are");
+        spin_note(sequence, "all offsets are imported, including those that are visible to no "
+                            "camera: give camera positions with --camera");
     spin_note(sequence, "times run from 0 to 1 and are not stored");
     return spin_mlp_team_create(split(model, NULL, NULL), &base->team);
 }
@@ -598,8 +597,8 @@ static spin_status modecgs_frame(void *self, int frame, double time, unsigned co
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "which save to read; the last when not given", NULL},
-    {"camera", "X,Y,Z[;...]", "take only what is opaque seen from one of these places", NULL},
+    {"iteration", "N", "the save to read; by default the last", NULL},
+    {"camera", "X,Y,Z[;...]", "import only what is opaque from one of these positions", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -135,7 +135,7 @@ static spin_status huffman_build(const struct spin_value *table, struct huffman 
 
         if (key->kind != SPIN_VALUE_OBJECT &&
             (!spin_value_number(key, &label) || !(label >= 0) || label > 1e9))
-            return spin_malformed("a Huffman table has a label that is no number");
+            return spin_malformed("a Huffman table has a label that is not a number");
         if (!bits || !code || bits->kind != SPIN_VALUE_INT || code->kind != SPIN_VALUE_INT ||
             bits->integer < 1 || bits->integer > MAX_CODE_BITS || code->integer < 0 ||
             code->integer >> bits->integer != 0)
@@ -163,7 +163,7 @@ static spin_status huffman_read(const struct huffman *tree, const struct spin_va
         if (at == 0) {
             if (found == n) /* padding after the last label */
                 return SPIN_OK;
-            return spin_malformed("the bits after label %zu are no Huffman code", found);
+            return spin_malformed("the bits after label %zu are not a Huffman code", found);
         }
         label = tree->node[at].label;
         if (label == INNER)
@@ -200,7 +200,7 @@ static spin_status load(struct model *m, const char *key, size_t width, float **
     const struct spin_array *t = as_array(spin_value_get(m->pickle.root, key));
 
     if (!t || t->n_dims != 2 || t->shape[1] != width || (m->n && t->shape[0] != m->n))
-        return spin_malformed("'%s' is missing or no array [%s, %zu] of floating-point numbers",
+        return spin_malformed("'%s' is missing or not an array [%s, %zu] of floating-point numbers",
                               key, m->n ? "Gaussians" : "G", width);
     if (t->shape[0] == 0)
         return spin_malformed("0 Gaussians");
@@ -263,8 +263,8 @@ static spin_status read_parts(struct model *m, const char *name, size_t width, f
 
         if (!book || book->n_dims != 2 || book->shape[1] == 0 || book->shape[1] > width - at)
             return spin_malformed(
-                "'%s_code' %zu is no codebook, or its width does not fit into the %zu columns",
-                name, i, width);
+                "'%s_code' %zu is not a codebook, or is too wide for the %zu columns", name, i,
+                width);
         SPIN_TRY_IN(read_part(m, spin_value_at(codes, i), spin_value_at(indices, i),
                               spin_value_at(tables, i), at, width, out),
                     "'%s' part %zu", name, i);
@@ -294,7 +294,7 @@ static spin_status load_net(struct model *m, int net)
     float *weight;
 
     if (!t || t->n_dims != 1 || t->count != count)
-        return spin_malformed("'%s' is missing or no array [%zu]", nets[net].key, count);
+        return spin_malformed("'%s' is missing or not an array [%zu]", nets[net].key, count);
     SPIN_TRY(spin_model_alloc(&m->base, count, sizeof *weight, (void **)&weight));
     spin_array_to_f32(t, 0, count, weight);
     if (spin_finite_missing(weight, count) > 0)
@@ -510,8 +510,8 @@ static spin_status find_times(struct model *m)
                                    SPREAD, &m->times));
     if (m->times.guessed)
         spin_note(base->sequence,
-                  "time_duration is not in the file: assumed %g,%g, as the Gaussians' own times "
-                  "run; colours and opacities depend on it: --time-duration or --config sets it",
+                  "time_duration is not in the file: assumed %g,%g, by the Gaussians' own times; "
+                  "colours and opacities depend on it: set it with --time-duration or --config",
                   m->times.first, m->times.last);
     return SPIN_OK;
 }
@@ -584,8 +584,9 @@ static spin_status open_model(void *self, const char *path)
     SPIN_TRY(spin_model_alloc(&m->base, m->gaussians.n, sizeof *m->kept, (void **)&m->kept));
     snprintf(m->base.sequence->variant, sizeof m->base.sequence->variant, "%s, %zu Gaussians",
              m->moving ? "OMG4-FTGS" : "OMG4", m->n);
-    spin_note(m->base.sequence, "opacity and colour are networks of place and time: 4D splats have "
-                                "those of their own times, --frames and --times sample them");
+    spin_note(m->base.sequence,
+              "opacity and colour are functions of position and time: 4D splats have those at "
+              "their own times; sample them with --frames or --times");
     return SPIN_OK;
 }
 
@@ -651,6 +652,6 @@ static const struct spin_plugin_option options[] = {
 };
 
 SPIN_MODEL_IMPORTER(omg4, struct model, open_model, spin_model_close,
-                    .summary = "OMG4 and OMG4-FTGS: comp.xz, or the folder it lies in",
+                    .summary = "OMG4 and OMG4-FTGS: comp.xz, or its folder",
                     .upstream = "MinShirley/OMG4 58bd7ed", .options = options, .probe = probe,
                     .frame = omg4_frame, .splats_4d = omg4_splats_4d)

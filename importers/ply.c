@@ -144,8 +144,8 @@ static spin_status check_not_4d(const struct spin_ply *ply, const struct spin_pl
     }
     if (i == n || (i == n - 1 && !spin_gs_ply_any(e))) /* plain points may have a t */
         return SPIN_OK;
-    return spin_unsupported("'%s': property '%s' says that this is a 4D model, it looks like %s, "
-                            "and not the cloud of one frame%s",
+    return spin_unsupported("'%s': property '%s' belongs to a 4D model, probably of %s, not to the "
+                            "cloud of one frame%s",
                             ply->path, signs[i].name, signs[i].method, signs[i].use);
 }
 
@@ -195,7 +195,7 @@ static void note_writer(const struct spin_ply *ply, const struct content *c,
                         struct spin_sequence_info *sequence)
 {
     if (spin_ply_is_antialiased(ply)) {
-        spin_note(sequence, "trained with an anti-aliasing rasteriser, and drawn so here");
+        spin_note(sequence, "trained with an antialiasing rasteriser: drawn antialiased");
         sequence->antialias = true;
     }
     if (spin_ply_has(c->vertex, "filter_3D")) {
@@ -206,8 +206,8 @@ static void note_writer(const struct spin_ply *ply, const struct content *c,
     }
     if (spin_ply_has(c->vertex, "embedding_0")) {
         spin_note(sequence, "properties embedding_*, as E-D3DGS writes them: this is its canonical "
-                            "cloud and no frame of the video; --from ed3dgs reads its network");
-        spin_warn("'%s': the canonical cloud of E-D3DGS is no frame of the video", ply->path);
+                            "cloud, not a frame of the video; --from ed3dgs reads its network");
+        spin_warn("'%s': the canonical cloud of E-D3DGS is not a frame of the video", ply->path);
     }
     if (c->n_rest > 45) {
         spin_note(sequence, "SH degree 4 is cut to degree 3");
@@ -344,8 +344,8 @@ static void warn_activated(struct clip *clip, const char *path, const struct spi
         }
         if (positive && 2 * n_small > 3 * s->n) {
             clip->warned_scale = true;
-            spin_warn("'%s': all scales are positive and most are below 0.1; they look as if they "
-                      "were not logarithms",
+            spin_warn("'%s': all scales are positive and most are below 0.1; they are probably not "
+                      "logarithms",
                       path);
         }
     }
@@ -354,8 +354,7 @@ static void warn_activated(struct clip *clip, const char *path, const struct spi
             unit = unit && s->logit_opacities[i] >= 0 && s->logit_opacities[i] <= 1;
         if (unit) {
             clip->warned_opacity = true;
-            spin_warn("'%s': all opacities lie in 0..1; they look as if they were not logits",
-                      path);
+            spin_warn("'%s': all opacities are in 0..1; they are probably not logits", path);
         }
     }
 }

@@ -125,7 +125,7 @@ static spin_status take_tuple(const struct spin_value *m, struct rows *r)
     }
     if (m->n != 12 && m->n != 13)
         return spin_unsupported(
-            "the model has %zu items and Realtime-4DGS has 19 (or 12): it is one of %s", m->n,
+            "the model has %zu items and Realtime-4DGS has 19 (or 12): it is a model of %s", m->n,
             spin_chkpnt_maker(m->n));
     for (int p = 0; p < R4_N_PARTS; p++)
         r->part[p] = all[p].item3 < 0 ? NULL : spin_value_at(m, (size_t)all[p].item3);
@@ -167,7 +167,8 @@ static spin_status r4_find(const struct spin_value *root, struct rows *r)
     if (is_kind(root, SPIN_VALUE_DICT) && spin_value_get(root, "xyz") &&
         spin_value_get(root, "scaling_t")) {
         if (spin_value_get(root, "static_xyz"))
-            return spin_unsupported("a dict with static_xyz is one of %s", spin_chkpnt_maker(28));
+            return spin_unsupported("a dict with static_xyz is a model of %s",
+                                    spin_chkpnt_maker(28));
         r4_loaded(root, "", r);
         r->moving = true;
         return SPIN_OK;
@@ -424,8 +425,8 @@ static void r4_note(const struct rows *r, const struct clip_times *times,
 
     if (times->guessed)
         spin_note(sequence,
-                  "time_duration is not in the run's folder: assumed %g,%g, as the Gaussians' own "
-                  "times run%s; --time-duration or --config sets it",
+                  "time_duration is not in the run's folder: assumed %g,%g, by the Gaussians' own "
+                  "times%s; set it with --time-duration or --config",
                   times->first, times->last, r->degree_t > 0 ? ", and colours depend on it" : "");
     if (env && env->kind == SPIN_VALUE_TENSOR && !spin_chkpnt_is_empty(env))
         spin_note(sequence,
@@ -513,8 +514,8 @@ static spin_status choose_convention(struct realtime_model *m)
     if (asked == AUTO)
         spin_note(sequence,
                   "the rotation convention is not in the file: assumed the one used %s September "
-                  "2024, by the sizes of the Gaussians (median %.3g; %.3g with the other); "
-                  "--convention today|older sets it",
+                  "2024, by the sizes of the Gaussians (median %.3g; %.3g with the other); set it "
+                  "with --convention today|older",
                   m->reading.older ? "before" : "since", m->reading.older ? older : today,
                   m->reading.older ? today : older);
     else if (hint != m->reading.older)
@@ -549,8 +550,9 @@ static void realtime_describe(const struct realtime_model *m)
     char iteration[48];
 
     if (m->stale)
-        spin_note(sequence, "a checkpoint of OMG4, whose colours and opacities live in networks "
-                            "that are not in it: geometry only; import comp.xz for the rest");
+        spin_note(sequence,
+                  "a checkpoint of OMG4, which lacks the networks for colours and opacities: only "
+                  "the geometry is imported; import comp.xz for the rest");
     r4_note(r, &m->times, sequence);
     if (r->masked)
         spin_note(sequence, "the mask of a fork (its last item) is ignored");
@@ -629,14 +631,15 @@ static spin_status realtime_open_run(void *self, const char *path)
 static const struct spin_plugin_option realtime_options[] = {
     {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
     {"config", "FILE", "the training YAML (the one beside the checkpoint)", NULL},
-    {"convention", "WORD", "of rotations: auto, today, or older (before 2024-09)", "auto"},
+    {"convention", "WORD", "convention of rotations: auto, today, or older (before 2024-09)",
+     "auto"},
     {"cull", "RULE", "leave out Gaussians by time (weight below 0.05), or none: not sliced",
      "time"},
     {NULL, NULL, NULL, NULL},
 };
 
 SPIN_MODEL_IMPORTER(realtime4dgs, struct realtime_model, realtime_open_run, spin_model_close,
-                    .summary = "Realtime-4DGS: chkpnt<N>.pth, or the folder it lies in",
+                    .summary = "Realtime-4DGS: chkpnt<N>.pth, or its folder",
                     .upstream = "fudan-zvg/4d-gaussian-splatting 63725f2",
                     .options = realtime_options, .probe = realtime_probe, .frame = spin_model_slice,
                     .splats_4d = spin_model_splats_4d)
@@ -729,7 +732,7 @@ static spin_status hybrid_read_rows(struct hybrid_model *m)
             moving->n_sh, still->n_sh);
     if (!moving->rot_4d)
         return spin_malformed(
-            "there are static Gaussians, which are made of 4-D rotations, but rot_4d is false");
+            "there are static Gaussians, which require 4-D rotations, but rot_4d is false");
     return SPIN_OK;
 }
 
@@ -791,12 +794,11 @@ static spin_status hybrid_open_run(void *self, const char *path)
     base->splats_4d.least_weight = LEAST_WEIGHT;
     SPIN_TRY(spin_chkpnt_find(base, path));
     if (!base->path)
-        return spin_not_found(
-            "'%s' holds no chkpnt<N>.pth%s", path,
-            spin_model_holds(path, "point_cloud")
-                ? "; its point_cloud.ply cannot replace it: it has the dynamic half "
-                  "only, without times and turned wrong, and cannot stand for it"
-                : "");
+        return spin_not_found("'%s' holds no chkpnt<N>.pth%s", path,
+                              spin_model_holds(path, "point_cloud")
+                                  ? "; its point_cloud.ply cannot replace it: it has only the "
+                                    "dynamic half, without times and with wrong rotations"
+                                  : "");
     SPIN_TRY(spin_fail_reading(spin_torch_open(base->path, &base->torch), base->path));
     SPIN_TRY(spin_model_config(base));
     SPIN_TRY(spin_run_config_ratio(&base->settings, &m->ratio));
@@ -818,7 +820,7 @@ static const struct spin_plugin_option hybrid_options[] = {
 };
 
 SPIN_MODEL_IMPORTER(hybrid4dgs, struct hybrid_model, hybrid_open_run, spin_model_close,
-                    .summary = "Hybrid 3D-4DGS: chkpnt<N>.pth, or the folder it lies in",
+                    .summary = "Hybrid 3D-4DGS: chkpnt<N>.pth, or its folder",
                     .upstream = "ohsngjun/3D-4DGS 9528828", .options = hybrid_options,
                     .probe = hybrid_probe, .frame = spin_model_slice,
                     .splats_4d = spin_model_splats_4d)

@@ -255,8 +255,8 @@ static void describe(const struct model *m)
              "4D-Rotor-Gaussians%s, %zu Gaussians, SH degree %d", step, m->n, m->sh_degree);
     if (m->times.guessed)
         spin_note(sequence,
-                  "the range of times is not in the checkpoint: assumed %g,%g, as the Gaussians' "
-                  "own times run; --time-range sets it",
+                  "the range of times is not in the checkpoint: assumed %g,%g, by the Gaussians' "
+                  "own times; set it with --time-range",
                   m->times.first, m->times.last);
 }
 

@@ -93,9 +93,9 @@ static spin_status check_colours(const struct spin_ply *ply, const struct spin_p
     m->full = n_t > 0;
     m->width = m->full ? FULL_WIDTH : LITE_WIDTH;
     if (spin_model_count(e, "f_rest_") > 0)
-        return spin_unsupported(
-            "'%s': properties f_rest_*: a fork of SpacetimeGaussians with SH, which is not read",
-            ply->path);
+        return spin_unsupported("'%s': properties f_rest_*: a fork of SpacetimeGaussians with SH, "
+                                "which is not supported",
+                                ply->path);
     if (!(n_dc == 3 && n_t == 0) && !(n_dc == 6 && n_t == 3))
         return spin_malformed(
             "'%s': %d properties f_dc_* and %d f_t_*, expected 3 and 0 (lite) or 6 and 3 (full)",
@@ -124,10 +124,10 @@ static void note_others(const struct spin_ply *ply, const struct spin_ply_elemen
     if (n == 0)
         return;
     spin_note(m->base.sequence,
-              "%zu properties that SpacetimeGaussians has not, the first is '%s': a fork of it may "
-              "mean something else",
+              "%zu properties that SpacetimeGaussians lacks, the first is '%s': this may be a fork "
+              "with another meaning",
               n, first);
-    spin_warn("'%s': property '%s' is none of SpacetimeGaussians and is not read", ply->path,
+    spin_warn("'%s': property '%s' does not belong to SpacetimeGaussians and is ignored", ply->path,
               first);
 }
 
@@ -209,9 +209,9 @@ static spin_status read_ending(struct model *m)
     if (ending >= 0)
         return SPIN_OK;
     return spin_unsupported(
-        "'%s': a full model, and %s%s how its colours end: say --rgb-function "
-        "sandwich (sigmoid), sandwichnoact (0 to 1) or sandwichnoactss (none)",
-        m->base.path, cfg->path ? "no 'rgbfunction' that is known says in " : "no cfg_args says",
+        "'%s': a full model, and %s%s the ending of its colours: give --rgb-function sandwich "
+        "(sigmoid), sandwichnoact (0 to 1) or sandwichnoactss (none)",
+        m->base.path, cfg->path ? "no known 'rgbfunction' gives, in " : "no cfg_args says",
         cfg->path ? cfg->path : "");
 }
 
@@ -269,7 +269,7 @@ static spin_status settle_colours(const char *path, const char *save, struct mod
     if (!base) {
         SPIN_TRY(find_cameras(path, save, m));
         lack = !m->decoder ? "there is no point_cloud.pt beside the cloud"
-                           : "there is no cameras.json: --camera says where they stand";
+                           : "there is no cameras.json: give positions with --camera";
         base = !m->decoder || m->cameras.n == 0;
         if (base && views)
             return spin_not_found("--colour views: '%s': %s", cloud, lack);
@@ -278,14 +278,14 @@ static spin_status settle_colours(const char *path, const char *save, struct mod
     }
     if (base)
         spin_note(m->base.sequence,
-                  "full model: its network colours pixels, by what is blended and by the ray; "
-                  "imported are the base colours, which it adds to (%s)",
+                  "full model: its network computes the colours of pixels from blended features "
+                  "and the ray; imported are the base colours, to which it adds (%s)",
                   lack);
     else
         spin_note(m->base.sequence,
-                  "full model: its network colours pixels, by what is blended and by the ray; "
-                  "imported is the colour of a pixel that one Gaussian covers alone, seen from %d "
-                  "cameras, as SH of degree 1",
+                  "full model: its network computes the colours of pixels from blended features "
+                  "and the ray; imported is the colour of a pixel that only one Gaussian covers, "
+                  "for %d cameras, as SH of degree 1",
                   m->cameras.n);
     return base ? SPIN_OK : spin_model_torch(&m->base, m->decoder, load_decoder);
 }
@@ -414,12 +414,12 @@ static void describe(const struct model *m)
         snprintf(from, sizeof from, ", the first is frame %ld of the video", first);
     if (m->duration > 0)
         spin_note(sequence,
-                  "the run has %g frames%s; frame i of them is at time i/%g: with a data set of "
-                  "just these frames say --frame-times unit",
+                  "the run has %g frames%s; frame i of them is at time i/%g: for a data set of "
+                  "just these frames use --frame-times unit",
                   m->duration, from, m->duration);
     else
-        spin_note(sequence, "no cfg_args says how many frames the run has, 50 are usual: frame i "
-                            "of n is at time i/n; --duration N");
+        spin_note(sequence, "the number of frames is not in a cfg_args, 50 are usual: frame i of n "
+                            "is at time i/n; set it with --duration");
     if (m->n_dropped > 0) {
         spin_note(sequence, "%zu of %zu Gaussians dropped: values that are not finite",
                   m->n_dropped, m->n + m->n_dropped);
@@ -427,8 +427,8 @@ static void describe(const struct model *m)
                   m->n_dropped, m->n + m->n_dropped);
     }
     if (spin_cfg_is(spin_cfg_get(cfg, "loader"), "'immersivess'"))
-        spin_note(sequence, "trained on fisheye images, which its renderer warps after drawing: "
-                            "these Gaussians are those of the pinhole image before that");
+        spin_note(sequence, "trained on fisheye images, to which the method's renderer warps a "
+                            "pinhole image: these Gaussians are for the pinhole image");
 }
 
 static spin_status open_model(void *self, const char *path)
@@ -606,14 +606,15 @@ static spin_status spacetimegs_splats_4d(void *self, const struct spin_splats_4d
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "which save to read; the last when not given", NULL},
-    {"duration", "N", "frames that the run was trained on, instead of what cfg_args says", NULL},
+    {"iteration", "N", "the save to read; by default the last", NULL},
+    {"duration", "N", "frames that the run was trained on, instead of the value in cfg_args", NULL},
     {"colour", "auto|views|base",
-     "full model: as its network colours Gaussians for the cameras, or base colours only", "auto"},
-    {"camera", "X,Y,Z[;...]", "full model: where cameras stand, instead of what cameras.json says",
+     "full model: colours of its network for the cameras, or base colours only", "auto"},
+    {"camera", "X,Y,Z[;...]", "full model: positions of cameras, instead of those in cameras.json",
      NULL},
     {"rgb-function", "NAME",
-     "full model: sandwich, sandwichnoact or sandwichnoactss, instead of what cfg_args says", NULL},
+     "full model: sandwich, sandwichnoact or sandwichnoactss, instead of the value in cfg_args",
+     NULL},
     {NULL, NULL, NULL, NULL},
 };
 

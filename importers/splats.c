@@ -149,7 +149,7 @@ static void note_file(struct clip *clip, size_t file)
         if (f->note[i])
             spin_note(sequence, "%s", f->note[i]);
     if (f->antialias && !sequence->antialias)
-        spin_note(sequence, "trained with an anti-aliasing rasteriser, and drawn so here");
+        spin_note(sequence, "trained with an antialiasing rasteriser: drawn antialiased");
     sequence->antialias = sequence->antialias || f->antialias;
     clip->sh_degree = f->sh_degree > clip->sh_degree ? f->sh_degree : clip->sh_degree;
 }
@@ -164,7 +164,7 @@ static spin_status look_at_files(struct clip *clip, size_t *n_all)
         if (i == 0)
             SPIN_TRY(reserve_frames(clip, n_files > 1 ? n_files : clip->opened.n_frames));
         if (n_files > 1 && clip->opened.n_frames > 1)
-            return spin_malformed("'%s' holds a clip of %zu frames: give it alone",
+            return spin_malformed("'%s' holds a clip of %zu frames: import it on its own",
                                   clip->files.frame[i].path, clip->opened.n_frames);
         for (size_t f = 0; f < clip->opened.n_frames; f++) {
             const struct spin_gs_glb_frame *of = clip->opened.scene.frame;
@@ -255,10 +255,10 @@ static spin_status clip_frame(void *self, int frame, double time, unsigned colum
 /* The format has no header, so it is recognised by file name only. */
 static spin_status open_splat(struct clip *clip)
 {
-    clip->opened.note[0] = "the format holds no colour that depends on the direction";
+    clip->opened.note[0] = "the format has no view-dependent colour";
     clip->opened.n = clip->map.size / SPIN_SPLAT_ROW;
     if (clip->map.size % SPIN_SPLAT_ROW != 0)
-        return spin_malformed("%zu bytes are not rows of %d", clip->map.size, SPIN_SPLAT_ROW);
+        return spin_malformed("%zu bytes are not a multiple of %d", clip->map.size, SPIN_SPLAT_ROW);
     return SPIN_OK;
 }
 
@@ -316,7 +316,8 @@ SPIN_MODEL_IMPORTER(ksplat, struct clip, open_ksplat_clip, close_clip,
 
 static const struct spin_plugin_option spz_options[] = {
     {"axes", "source|rub",
-     "axes of files that do not say theirs; rub: right, up, back, half a turn about x", "source"},
+     "axes of files that do not record theirs; rub: right, up, back, half a turn about x",
+     "source"},
     {0},
 };
 
@@ -333,7 +334,7 @@ static spin_status open_spz(struct clip *clip)
     if (header.sh_degree > 3)
         out->note[0] = "SH degree 4 is cut to degree 3";
     if (!out->has_axes)
-        out->note[1] = "the file does not say its axes: see --axes";
+        out->note[1] = "the file does not record its axes: see --axes";
     return out->has_axes ? spin_spz_axes(header.axes, out->axes) : SPIN_OK;
 }
 
@@ -443,11 +444,11 @@ static spin_status open_glb(struct clip *clip)
     out->sh_degree = out->scene.sh_degree;
     out->antialias = out->scene.antialias;
     if (out->scene.linear)
-        out->note[0] = "colours are of linear light: they are taken as they are";
+        out->note[0] = "colours are of linear light: they are not converted";
     if (out->scene.moves)
         out->note[1] = "animations that move or fade nodes are left out";
     if (out->scene.others)
-        out->note[2] = "meshes that are no splats are left out";
+        out->note[2] = "meshes that are not splats are left out";
     return SPIN_OK;
 }
 

@@ -88,6 +88,6 @@ static spin_status frame(void *self, int frame, double time, unsigned columns,
 }
 
 SPIN_MODEL_IMPORTER(tsog, struct tsog_model, open_file, spin_model_close,
-                    .summary = "TSOG (.tsog): 4D splats of a clip, its frames, or a still",
+                    .summary = "TSOG (.tsog): 4D splats of a clip, its frames, or a static scene",
                     .upstream = "OpsiClear-4DGS/ftgs-player 64dfa9e (TSOG Playback Profile 1.0.1)",
                     .probe = probe, .frame = frame, .splats_4d = spin_model_splats_4d)

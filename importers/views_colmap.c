@@ -298,7 +298,8 @@ static spin_status fill_pose(const double q[4], const double t[3], double m[12])
     double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), r[9];
 
     if (!(norm > 1e-12) || !isfinite(norm))
-        return spin_malformed("its quaternion %g %g %g %g is no rotation", q[0], q[1], q[2], q[3]);
+        return spin_malformed("its quaternion %g %g %g %g is not a rotation", q[0], q[1], q[2],
+                              q[3]);
     spin_matrix_of_quat(q, r);
     for (int i = 0; i < 3; i++) {
         memcpy(m + 4 * i, r + 3 * i, 3 * sizeof *m);
@@ -320,7 +321,7 @@ static spin_status take_name(struct source *s, const char **name)
     }
     end = memchr(s->at, '\0', (size_t)(s->end - s->at));
     if (!end || end - s->at > MAX_NAME)
-        return spin_malformed("its name does not end");
+        return spin_malformed("its name is not terminated");
     SPIN_TRY(take(s, (size_t)(end - s->at) + 1, name));
     SPIN_TRY(take_count(s, 24, "points of the image", &n_points));
     s->at += 24 * n_points;
@@ -568,8 +569,8 @@ static spin_status pair_folders(struct colmap *m, const char *images, struct spi
     }
     *found = n_cameras == m->n_images;
     if (*found)
-        spin_warn("'%s': the folders of frames are not called as the cameras of the model: '%s' is "
-                  "taken for '%s', and so on in the order of their names",
+        spin_warn("'%s': the folders of frames are not named like the cameras of the model: '%s' "
+                  "is used for '%s', and so on in the order of their names",
                   images, spin_path_name(c[0].where), c[0].name);
     return SPIN_OK;
 }
@@ -773,7 +774,7 @@ static spin_status colmap_views(const char *path, const struct spin_plugin_value
 static const struct spin_plugin_option options[] = {
     {"images", "FOLDER", "where the images are, such as images_2", "images"},
     {"time", "RULE",
-     "one model: frame and time i/n of an image by its place in the file, or by its name; of "
+     "one model: frame and time i/n of an image by its index in the file, or by its name; "
      "FreeTimeGS: unit for i/(n-1), count for i/n, row for i, a number N for i/N (file; of "
      "FreeTimeGS unit)",
      NULL},
@@ -781,8 +782,7 @@ static const struct spin_plugin_option options[] = {
      "hold out each N-th image or camera by name, the first included; 0: none (8; with frame "
      "folders only the first)",
      NULL},
-    {"principal", "RULE", "principal point: file, or centre as the methods' readers have it",
-     "file"},
+    {"principal", "RULE", "principal point: file, or centre as in the methods' readers", "file"},
     {NULL, NULL, NULL, NULL},
 };
 

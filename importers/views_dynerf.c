@@ -102,7 +102,7 @@ static spin_status add_folder(struct set *set, const char *folder, int camera, i
             return spin_malformed("image '%s/%s' has no frame number in its name", folder,
                                   names[i]);
         if (c < 0)
-            return spin_malformed("image '%s/%s' is not called cam<number>...", folder, names[i]);
+            return spin_malformed("image '%s/%s' is not named cam<number>...", folder, names[i]);
         SPIN_TRY(add_image(set, folder, names[i], c, f));
     }
     return SPIN_OK;
@@ -126,8 +126,8 @@ static spin_status add_camera_folder(struct set *set, const char *name)
     SPIN_TRY(images_folder(set, set->base.path, name, &folder));
     SPIN_TRY(add_folder(set, folder, camera_number(name), -1));
     if (spin_path_is_folder(folder) && set->n == before)
-        return spin_not_found("folder '%s' holds no images; was their extraction interrupted",
-                              folder);
+        return spin_not_found(
+            "folder '%s' holds no images: their extraction may have been interrupted", folder);
     return SPIN_OK;
 }
 
@@ -308,8 +308,8 @@ static spin_status read_cameras(struct set *set)
         }
     }
     if (differs)
-        spin_warn("'%s': focal lengths differ between cameras; each has its own here, other "
-                  "readers take the first for all",
+        spin_warn("'%s': focal lengths differ between cameras; each keeps its own, other readers "
+                  "use the first for all",
                   set->base.path);
     return SPIN_OK;
 }
@@ -396,10 +396,10 @@ static spin_status dynerf_views(const char *path, const struct spin_plugin_value
 
 static const struct spin_plugin_option options[] = {
     {"time", "RULE",
-     "time of frame i of n: a number N for i/N (300 is 4DGaussians'), unit for i/(n-1), count for "
-     "i/n, row for i",
+     "time of frame i of n: a number N for i/N (300 as in 4DGaussians), unit for i/(n-1), count "
+     "for i/n, row for i",
      "300"},
-    {"test", "PLACE", "place of the camera that is held out, -1: none", "0"},
+    {"test", "PLACE", "index of the camera that is held out, -1: none", "0"},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -48,10 +48,10 @@ static spin_status set_value(spin_json *object, const char *key, spin_json *valu
 {
     if (spin_json_get(object, key)) {
         spin_json_free(value);
-        return spin_malformed("'%.40s' is there twice", key);
+        return spin_malformed("'%.40s' occurs twice", key);
     }
     return spin_json_set(object, key, value) == 0 ? SPIN_OK
-                                                  : spin_malformed("'%.40s' cannot be taken", key);
+                                                  : spin_malformed("'%.40s' cannot be stored", key);
 }
 
 /* Strips quotes; "" if they do not match. */
@@ -97,7 +97,7 @@ static spin_status take_below(struct reader *r, char *line)
                    : spin_fail(SPIN_E_MEMORY, "no memory");
     value = strchr(line, ':');
     if (!value || !spin_json_is_object(r->value))
-        return spin_malformed("'%.40s' belongs to no list and no matrix", line);
+        return spin_malformed("'%.40s' does not belong to a list or a matrix", line);
     *value++ = '\0';
     value += strspn(value, " ");
     if (strcmp(line, "data") == 0 && *value == '[') {
@@ -119,7 +119,7 @@ static spin_status take_key(struct reader *r, char *line)
     double number;
 
     if (!value)
-        return spin_malformed("'%.40s' is no key with a value", line);
+        return spin_malformed("'%.40s' is not a key with a value", line);
     *value++ = '\0';
     value += strspn(value, " ");
     r->value = NULL;
@@ -182,7 +182,7 @@ static spin_status load(struct spin_model *m, const char *folder, const char *na
     SPIN_TRY(spin_map_open(out->path, &map));
     SPIN_TRY(spin_alloc(map.size + 1, 1, (void **)&text));
     memcpy(text, map.data, map.size);
-    status = memchr(text, '\0', map.size) ? spin_malformed("it is no text") : parse(&r, text);
+    status = memchr(text, '\0', map.size) ? spin_malformed("it is not text") : parse(&r, text);
     return spin_fail_context(status, "cannot read '%s'", out->path);
 }
 
@@ -227,8 +227,8 @@ static spin_status check_distortion(const spin_json *intri, const char *name)
     SPIN_TRY(read_matrix(intri, key, name, 5, 1, lens));
     for (int i = 0; i < 5; i++) {
         if (lens[i] != 0)
-            return spin_unsupported("'%s_%s' has a distortion of %g: undistort the images, and "
-                                    "take the matrices K that this gives",
+            return spin_unsupported("'%s_%s' has a distortion of %g: undistort the images and use "
+                                    "the resulting matrices K",
                                     key, name, lens[i]);
     }
     return SPIN_OK;
@@ -389,7 +389,7 @@ static spin_status read_moving(struct set *set, const struct pair *p, struct spi
         snprintf(key, sizeof key, "%d", frame->number);
         name = spin_json_string(spin_json_get(name_of, key));
         if (!name || frame->number < 0)
-            return spin_malformed("'%s' has no entry for picture '%s'", p->intri.path, frame->path);
+            return spin_malformed("'%s' has no entry for image '%s'", p->intri.path, frame->path);
         SPIN_TRY(read_camera(p, name, frame->path, &c->moving[k]));
         set->coloured = set->coloured || find(p->intri.json, "ccm", name);
     }
@@ -444,7 +444,7 @@ static spin_status read_set(struct set *set, struct spin_views *out)
                  : read_folders(set, cameras));
     SPIN_TRY(spin_rig_views(&set->base, set->camera, set->n, out));
     spin_rig_note(&set->base, NULL, out);
-    spin_note(out, "FreeTimeGS takes the time i/(n-1) on such sets, EasyVolcap itself i/n "
+    spin_note(out, "FreeTimeGS uses the time i/(n-1) on such sets, EasyVolcap itself i/n "
                    "(--data-from easyvolcap:time=count)");
     if (set->coloured)
         spin_note(out, "the colour matrices 'ccm' of the cameras are not applied");
@@ -455,5 +455,5 @@ static const struct spin_plugin_option options[] = {SPIN_RIG_OPTIONS, {NULL, NUL
 
 SPIN_VIEWS_IMPORTER(
     views_easyvolcap, "easyvolcap", struct set, read_set,
-    .summary = "views: cameras and pictures of EasyVolcap and its kin (intri.yml, extri.yml)",
+    .summary = "views: cameras and images of EasyVolcap and similar sets (intri.yml, extri.yml)",
     .upstream = "zju3dv/EasyVolcap 4cb3c00", .options = options, .probe = probe)

@@ -399,16 +399,15 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
 }
 
 static const struct spin_plugin_option options[] = {
-    {"time", "RULE", "file: as it stands there; max: over the largest; unit: first 0, last 1",
-     "file"},
-    {"test-file", "NAME", "the file of what is held out (transforms_val.json for some)",
+    {"time", "RULE", "file: as stored; max: divided by the largest; unit: first 0, last 1", "file"},
+    {"test-file", "NAME", "the file of held-out images (transforms_val.json in some data sets)",
      "transforms_test.json"},
-    {"ending", "TEXT", "what image names lack in the file", ".png"},
-    {"pose", "RULE", "right; 4dgaussians: with the sign that it gives the translation's x",
+    {"ending", "TEXT", "extension that image names in the file lack", ".png"},
+    {"pose", "RULE", "right; 4dgaussians: with the sign of the translation's x as in 4DGaussians",
      "right"},
     {"hold", "N",
-     "of transforms.json: hold out each N-th image by name, the first included; 0: none (its "
-     "lists; without, the first of several cameras or each 8th image)",
+     "transforms.json: hold out each N-th image by name, the first included; 0: none (its lists; "
+     "without, the first of several cameras or each 8th image)",
      NULL},
     {NULL, NULL, NULL, NULL},
 };

@@ -69,7 +69,7 @@ spin_status spin_camera_places_load(const char *path, struct camera_places *out)
     spin_json_free(list);
     SPIN_TRY(status);
     if (n == 0)
-        return spin_malformed("'%s' is no list of cameras", path);
+        return spin_malformed("'%s' is not a list of cameras", path);
     out->n = n < CAMERA_PLACES_MOST ? (int)n : CAMERA_PLACES_MOST;
     for (int i = 0; i < out->n; i++)
         memcpy(out->place[i], place[(size_t)i * n / (size_t)out->n], sizeof *place);

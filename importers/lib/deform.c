@@ -67,7 +67,7 @@ static spin_status check_newest(struct spin_model *m, const char *path, const ch
         return SPIN_OK;
     return spin_malformed("'%s': the last cloud is %s but the last network is %s; %s%s", path,
                           cloud, deform,
-                          found ? "say which with --iteration; both have "
+                          found ? "choose one with --iteration; both have "
                                 : "the folders are of two runs or half copied",
                           found ? found : "");
 }

@@ -67,7 +67,7 @@ spin_status spin_gaussian4d_check(const struct gaussian4d *g, size_t n, size_t n
     if (n_faint > 0.99 * (double)n)
         spin_note(sequence,
                   "nearly all opacities are below %g: training saved this just after it had reset "
-                  "them; positions are fine",
+                  "them; positions are not affected",
                   SPIN_FAINT);
     return SPIN_OK;
 }

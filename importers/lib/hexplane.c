@@ -87,8 +87,8 @@ static spin_status check_box(const struct spin_model *m, const char *key, const 
 {
     for (int d = 0; d < 3; d++) {
         if (low[d] == high[d])
-            return spin_malformed("tensor '%s%s' is a box without extent along %c", m->prefix, key,
-                                  "xyz"[d]);
+            return spin_malformed("tensor '%s%s' is a bounding box without extent along %c",
+                                  m->prefix, key, "xyz"[d]);
     }
     return SPIN_OK;
 }
@@ -109,8 +109,8 @@ static spin_status load_feature(struct spin_model *m, double grid_pe, struct hex
             "tensor '%sfeature_out.0.weight' takes %d features, but the planes give %d", m->prefix,
             first->n_in, n_features);
     if (!(grid_pe > 1))
-        return spin_unsupported("tensor '%sfeature_out.0.weight' takes encoded features, and no "
-                                "cfg_args says how: give grid_pe with --grid-pe",
+        return spin_unsupported("tensor '%sfeature_out.0.weight' takes encoded features, but no "
+                                "cfg_args gives grid_pe: use --grid-pe",
                                 m->prefix);
     hex->grid_pe = grid_pe;
     return SPIN_OK;

@@ -421,8 +421,7 @@ static spin_status open_config(struct spin_model *m, const char *path)
     for (int i = 0; i < 3; i++)
         if (spin_yaml_find(&m->settings, keys[i], &next).at)
             return SPIN_OK;
-    return spin_malformed("--config: '%s' has none of %s, %s and %s: give the YAML that training "
-                          "was given",
+    return spin_malformed("--config: '%s' has none of %s, %s and %s: give the YAML of the training",
                           path, keys[0], keys[1], keys[2]);
 }
 
@@ -561,7 +560,7 @@ spin_status spin_model_dict(struct spin_model *m)
 {
     m->tensors = m->torch.root;
     if (!m->tensors || m->tensors->kind != SPIN_VALUE_DICT)
-        return spin_malformed("what was saved is not a state dict");
+        return spin_malformed("the file does not have a state dict");
     return SPIN_OK;
 }
 

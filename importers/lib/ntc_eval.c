@@ -191,8 +191,8 @@ static spin_status ntc_fill(const char *path, struct spin_torch *torch, struct n
     SPIN_TRY(ntc_read_bounds(torch, keys[1], n->high));
     for (int i = 0; i < 3; i++) {
         if (!(n->low[i] < n->high[i]))
-            return spin_malformed("the box is empty along axis %d: %g to %g", i, (double)n->low[i],
-                                  (double)n->high[i]);
+            return spin_malformed("the bounding box is empty along axis %d: %g to %g", i,
+                                  (double)n->low[i], (double)n->high[i]);
     }
     SPIN_TRY(spin_torch_floats(torch, spin_value_get(torch->root, keys[2]), keys[2], 1, any, &info,
                                &n->parameters));

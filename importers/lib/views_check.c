@@ -32,8 +32,8 @@ spin_status spin_views_check_pose(const double m[12], const char *what)
     determinant = m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
                   m[2] * (m[4] * m[9] - m[5] * m[8]);
     if (determinant < 0)
-        return spin_malformed("the rotation in %s is a mirror, as its determinant is negative: "
-                              "turn two axes round or none (from OpenGL to OpenCV y and z)",
+        return spin_malformed("the rotation in %s is a reflection, as its determinant is negative: "
+                              "negate two axes or none (from OpenGL to OpenCV y and z)",
                               what);
     return SPIN_OK;
 }
