@@ -3,20 +3,20 @@
  *
  *     OUT/frame000001/point_cloud/iteration_<i1>/point_cloud.ply        the cloud, moved
  *     OUT/frame000001/NTC.pth                                           the network that moved it
- *     OUT/frame000001/point_cloud/iteration_<i2>/added/point_cloud.ply  what was added
+ *     OUT/frame000001/point_cloud/iteration_<i2>/added/point_cloud.ply  Gaussians added to it
  *     INIT/point_cloud/iteration_<n>/point_cloud.ply                    frame 0
- * or, packed for the viewer, where index i makes frame i + 1,
+ * or, packed for the viewer, where the files of index i belong to frame i + 1,
  *     init_3dgs.ply  NTCs/{config.json, NTC_%06d.pth}  additional_3dgs/additions_%06d.ply  raw/
  *
- * The moved clouds are exact and are read when all are there. Else the networks are evaluated one
- * frame after the other, which adds up the errors of half precision. Rows of the base come first
- * and keep their order from frame to frame; rows of the added ones follow. */
+ * The moved clouds are exact and are read if every frame has one. Otherwise the networks are
+ * evaluated frame by frame, which accumulates half-precision errors. Rows of the base come first,
+ * in the same order in every frame; rows of the added Gaussians follow. */
 #include "importers/lib/model.h"
 #include "importers/lib/ntc_eval.h"
 #include "importers/lib/views_check.h"
 #include "math/quat.h"
 
-/* Files of one frame; those that are not there are NULL. */
+/* Files of one frame; NULL where missing. */
 struct step {
     int number;
     const char *cloud, *network, *added;
@@ -25,18 +25,18 @@ struct step {
 
 struct clip {
     struct spin_model base; /* path: the folder; canonical: frame 0 */
-    struct step *step;      /* sorted by number; step 0 is frame 0 when the first cloud is known */
+    struct step *step;      /* sorted by number; step 0 is frame 0 if its cloud was found */
     size_t n_steps, capacity;
-    bool evaluate; /* the networks, instead of reading the moved clouds */
+    bool evaluate; /* evaluate the networks instead of reading the moved clouds */
     bool packed;
     struct ntc_shape shape;
     size_t n; /* Gaussians of the base */
     int sh_degree;
     size_t *counts;
     int *numbers;
-    int i1, i2, first;    /* iterations from cfg_args.json, or -1 */
+    int i1, i2, first;    /* iterations in cfg_args.json, or -1 */
     const char *config;   /* of the networks, or NULL */
-    struct ntc network;   /* while it moves the base */
+    struct ntc network;   /* loaded only while it is applied to the base */
     float *means, *quats; /* [n][3], [n][4]: the base at step `at` */
     size_t at;
 };
@@ -53,7 +53,7 @@ static int probe(const struct spin_peek *peek)
     }
     if (spin_peek_has(peek, "NTCs"))
         return 90;
-    return frames ? (ours ? 80 : 30) : 0; /* folders of frames are anybody's */
+    return frames ? (ours ? 80 : 30) : 0; /* other methods have such folders too */
 }
 
 /* ---- Finding the files ----------------------------------------------------------------------- */
@@ -72,8 +72,8 @@ static spin_status step_of(struct clip *clip, int number, struct step **out)
     return SPIN_OK;
 }
 
-/* <folder>/point_cloud/iteration_<n>/<file>: that iteration when it is there, else the largest with
- * such a file. NULL when there is none. */
+/* Finds <folder>/point_cloud/iteration_<n>/<file>: of `iteration` if it exists, else of the largest
+ * n that has the file. NULL when there is none. */
 static spin_status find_cloud(struct clip *clip, const char *folder, int iteration,
                               const char *file, const char **out)
 {
@@ -116,7 +116,7 @@ static spin_status find_raw(struct clip *clip, const char *folder)
     return SPIN_OK;
 }
 
-/* Files <prefix><digits><ending> of a folder; index i belongs to frame i + 1. */
+/* Adds the files <prefix><digits><ending> of a folder; index i belongs to frame i + 1. */
 static spin_status find_indexed(struct clip *clip, const char *folder, const char *prefix,
                                 const char *ending)
 {
@@ -145,7 +145,7 @@ static spin_status find_indexed(struct clip *clip, const char *folder, const cha
     return SPIN_OK;
 }
 
-/* A PLY, or a model's folder. NULL: neither. */
+/* The cloud at `path`, which is a PLY or a model's folder; NULL if it is neither. */
 static spin_status find_first(struct clip *clip, const char *path, const char **out)
 {
     *out = NULL;
@@ -154,7 +154,8 @@ static spin_status find_first(struct clip *clip, const char *path, const char **
     return spin_path_exists(path) ? spin_model_text(&clip->base, out, "%s", path) : SPIN_OK;
 }
 
-/* Frame 0: where the user says, else beside the frames, else a model's folder among them. */
+/* Finds the cloud of frame 0: option `init`, else beside the frames, else a model's folder among
+ * them. */
 static spin_status find_init(struct clip *clip)
 {
     static const char *const places[] = {"init_3dgs.ply", "init_3dgs", "."};
@@ -166,7 +167,7 @@ static spin_status find_init(struct clip *clip)
     if (given) {
         SPIN_TRY(find_first(clip, given, &cloud));
         if (!cloud)
-            return spin_not_found("option 'init': '%s' is neither a PLY nor has it "
+            return spin_not_found("option 'init': '%s' is neither a PLY nor a folder with "
                                   "point_cloud/iteration_*/point_cloud.ply",
                                   given);
     }
@@ -195,7 +196,7 @@ static void read_iteration(const spin_json *root, const char *key, int *out)
         *out = (int)value;
 }
 
-/* cfg_args.json says which iterations were saved; it may be missing. */
+/* Reads the saved iterations from cfg_args.json, which is optional. */
 static spin_status read_settings(struct clip *clip)
 {
     SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
@@ -249,9 +250,9 @@ static spin_status find_files(struct clip *clip)
     return SPIN_OK;
 }
 
-/* ---- Choosing the way ------------------------------------------------------------------------ */
+/* ---- Choosing clouds or networks ------------------------------------------------------------- */
 
-/* The configuration of the networks: where the user says, or where the upstream leaves it. */
+/* Finds the configuration of the networks: option `config`, else where upstream writes it. */
 static spin_status find_config(struct clip *clip)
 {
     static const char *const places[] = {"NTCs/config.json", "config.json", "cache_conf.json",
@@ -265,7 +266,7 @@ static spin_status find_config(struct clip *clip)
     return SPIN_OK;
 }
 
-/* Also reads the first network, so that one that does not fit is noticed at once. */
+/* Also reads the first network, so that a mismatch with the configuration fails early. */
 static spin_status prepare_networks(struct clip *clip)
 {
     spin_status status;
@@ -281,14 +282,14 @@ static spin_status prepare_networks(struct clip *clip)
     if (status != SPIN_OK && clip->config)
         return spin_fail_context(status, "with the configuration '%s'", clip->config);
     if (status != SPIN_OK)
-        return spin_fail_context(status, "there is no config.json (give it with --config), and "
-                                         "with the usual configuration");
+        return spin_fail_context(status, "there is no config.json (give it with --config), so the "
+                                         "default configuration was tried");
     status = spin_mlp_team_create(3 * spin_mlp_widest(&clip->network.net), &clip->base.team);
     spin_ntc_free(&clip->network);
     return status;
 }
 
-/* The number of the first later frame without such a file, or -1. */
+/* Number of the first frame after frame 0 without a network (or a moved cloud), or -1. */
 static int first_without(const struct clip *clip, bool network)
 {
     for (size_t i = clip->step[0].number == 0; i < clip->n_steps; i++) {
@@ -315,10 +316,9 @@ static spin_status choose_way(struct clip *clip)
     if (no_network >= 0)
         return spin_not_found("'%s': frame %d has no network", clip->base.path, no_network);
     if (clip->step[0].number != 0)
-        return spin_not_found(
-            "'%s': the networks move the cloud of frame 0, which is not there: say "
-            "where it is with --init",
-            clip->base.path);
+        return spin_not_found("'%s': the networks start from the cloud of frame 0, which is "
+                              "missing: give it with --init",
+                              clip->base.path);
     return clip->n_steps > 1 ? prepare_networks(clip) : SPIN_OK;
 }
 
@@ -347,7 +347,7 @@ static spin_status inspect_base(struct clip *clip, size_t i)
     return SPIN_OK;
 }
 
-/* The added clouds may be empty, whatever properties they then have. */
+/* Added clouds may be empty; their properties do not matter then. */
 static spin_status inspect_added(struct clip *clip, struct step *step)
 {
     struct spin_gs_ply cloud;
@@ -362,7 +362,7 @@ static spin_status inspect_added(struct clip *clip, struct step *step)
     return SPIN_OK;
 }
 
-/* Columns of out that begin at row `first`, read from a cloud of n rows. */
+/* Reads a cloud of n rows into the rows of `out` from `first` on. */
 static spin_status read_cloud(struct clip *clip, const char *path, size_t n, unsigned columns,
                               size_t first, struct spin_splats *out)
 {
@@ -409,15 +409,16 @@ static spin_status describe(struct clip *clip)
                   clip->n, (double)n_added / (double)clip->n_steps);
     if (clip->step[0].number != 0)
         spin_note(sequence,
-                  "the cloud of frame 0 was not found: the clip begins with frame %d "
-                  "(--init says where it is)",
+                  "the cloud of frame 0 was not found: the clip begins with frame %d (give it with "
+                  "--init)",
                   clip->step[0].number);
     if (clip->evaluate)
         spin_note(sequence, "positions and rotations come from half-precision networks, whose "
                             "errors add up from frame to frame");
     if (clip->evaluate && !clip->config)
-        spin_note(sequence, "there is no config.json: the networks' usual configuration was "
-                            "taken, which fits");
+        spin_note(
+            sequence,
+            "there is no config.json: the networks fit the default configuration, which is used");
     return SPIN_OK;
 }
 
@@ -445,7 +446,7 @@ static void stream_close(void *self)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* The base at step 0, which the networks start from. */
+/* Resets the base to frame 0, where the networks start. */
 static spin_status rewind_base(struct clip *clip)
 {
     struct spin_splats *first = &clip->base.canonical;
@@ -471,7 +472,7 @@ static void move_block(void *context, size_t first, int n, float *scratch)
     spin_ntc_apply(&clip->network, n, clip->means + 3 * first, clip->quats + 4 * first, scratch);
 }
 
-/* Moves the base to a step: on from where it is, or from the first again. */
+/* Moves the base forward to step `target`, from frame 0 if it is already past that. */
 static spin_status move_base(struct clip *clip, size_t target)
 {
     if (clip->at > target)

@@ -1,7 +1,7 @@
 /* 4DGaussians (Wu et al., CVPR 2024): a cloud of canonical Gaussians and a network that adds to
  * their raw attributes at any time.
  *
- * What the network's heads are used for is not in the checkpoint but in cfg_args beside it, which
+ * Which heads of the network are in use is recorded only in cfg_args beside the checkpoint, which
  * is therefore read, or replaced by options. */
 #include "importers/lib/deform.h"
 #include "importers/lib/hexplane.h"
@@ -16,7 +16,7 @@ enum { POSITION, SCALE, ROTATION, OPACITY, COLOUR, N_HEADS };
 static const struct {
     const char *word, *tensor, *off;
     bool by_default;
-    int width, number; /* floats of a row; the column's, as of spin_model_values() */
+    int width, number; /* floats per row; column number for spin_model_values() */
 } heads[N_HEADS] = {
     {"position", "pos_deform", "no_dx", false, 3, 0},
     {"scale", "scales_deform", "no_ds", false, 3, 2},
@@ -30,8 +30,8 @@ struct model {
     struct hexplane hex;
     struct mlp_net head[N_HEADS]; /* those in use */
     bool used[N_HEADS];
-    double grid_pe; /* of the run; 0: not said */
-    bool product;   /* rotations are multiplied, not added: apply_rotation */
+    double grid_pe; /* option of the run; 0: unknown */
+    bool product;   /* apply_rotation: quaternions are multiplied, not added */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
@@ -40,17 +40,17 @@ static int probe(const struct spin_peek *peek)
 {
     bool cloud = spin_peek_has(peek, "point_cloud"), modec;
 
-    if (spin_peek_says(peek, "feature_out_c.0.weight")) /* of E-D3DGS */
+    if (spin_peek_says(peek, "feature_out_c.0.weight")) /* E-D3DGS */
         return 0;
     if (!peek->is_folder)
         return strcmp(spin_path_name(peek->path), "deformation.pth") == 0 ? 85 : 0;
     if (spin_peek_has(peek, "deformation.pth"))
         return 90;
-    /* An option of the network, and one that MoDec-GS has besides. */
+    /* kplanes_config is an option of this network, which MoDec-GS shares; LGD_method is its own. */
     modec = spin_peek_says(peek, "LGD_method=");
     if (cloud && spin_peek_says(peek, "kplanes_config=") && !modec)
         return 90;
-    /* What plain 3DGS and the Deformable-3D-Gaussians family write there. */
+    /* Written by plain 3DGS and by the Deformable-3D-Gaussians family. */
     if (spin_peek_has(peek, "deform") || spin_peek_has(peek, "cameras.json") ||
         spin_peek_has(peek, "input.ply"))
         return 0;
@@ -68,16 +68,16 @@ static spin_status fail_no_save(const char *path, const char *wanted)
         return spin_unsupported(
             "'%s' holds 'deformation_GAD.pth': it is a run of MoDec-GS, use --from modecgs", path);
     if (coarse)
-        return spin_unsupported("'%s' has only the coarse stage, which has no motion yet: train "
-                                "on, or import its point_cloud.ply with --from ply",
+        return spin_unsupported("'%s' has only the coarse stage, which has no motion yet: continue "
+                                "training, or import its point_cloud.ply with --from ply",
                                 path);
     return spin_not_found("'%s' has no iteration_<N> with point_cloud.ply and deformation.pth",
                           path);
 }
 
-/* ---- Which heads count ----------------------------------------------------------------------- */
+/* ---- Heads in use ---------------------------------------------------------------------------- */
 
-/* "position,rotation" */
+/* Parses a list such as "position,rotation". */
 static spin_status parse_heads(const char *list, bool used[N_HEADS])
 {
     for (int h = 0; h < N_HEADS; h++)
@@ -99,7 +99,7 @@ static spin_status parse_heads(const char *list, bool used[N_HEADS])
     return SPIN_OK;
 }
 
-/* An untrained Linear layer is still inside the bounds its values were drawn from. */
+/* A guess: all values of an untrained Linear layer are still within its initialisation bounds. */
 static bool looks_trained(const struct mlp_layer *l)
 {
     double weight = sqrt(6.0 / (l->n_in + l->n_out)), bias = 1 / sqrt((double)l->n_in);
@@ -115,12 +115,12 @@ static bool looks_trained(const struct mlp_layer *l)
     return false;
 }
 
-/* Without cfg_args: say what was assumed, and what the weights hint at. */
+/* Without cfg_args: notes the assumption, and which heads look trained. */
 static spin_status note_guess(struct model *model)
 {
     struct spin_model *m = &model->base;
     char trained[128] = "";
-    int used = 0; /* the words of all heads fit */
+    int used = 0; /* length of `trained`, which fits the words of all heads */
 
     spin_note(m->sequence, "no cfg_args: assumed that position, scale and rotation are deformed, "
                            "opacity and SH not; --deform sets it");
@@ -138,7 +138,7 @@ static spin_status note_guess(struct model *model)
     return SPIN_OK;
 }
 
-/* What cfg_args and the options say; options win. */
+/* Applies cfg_args and options; options win. */
 static spin_status settle(struct model *model)
 {
     const struct spin_model *m = &model->base;
@@ -165,7 +165,7 @@ static spin_status fail_other_network(const struct spin_value *root)
     for (size_t i = 0; i < sizeof theirs / sizeof *theirs; i++) {
         if (spin_value_get(root, theirs[i]))
             return spin_unsupported(
-                "tensor '%s' says that this is a network of E-D3DGS: use --from ed3dgs", theirs[i]);
+                "tensor '%s' belongs to a network of E-D3DGS: use --from ed3dgs", theirs[i]);
     }
     return spin_malformed(
         "no tensor 'deformation_net.grid.grids.0.0': this is not a network of 4DGaussians");
@@ -189,7 +189,8 @@ static spin_status load_network(struct spin_model *m)
     return SPIN_OK;
 }
 
-/* deformation_table.pth has no say in the result, but its length shows a save that was mixed up. */
+/* deformation_table.pth does not affect the result, but a wrong length reveals files of two saves.
+ */
 static void check_table(struct spin_model *m, const char *save)
 {
     size_t n = m->canonical.n;
@@ -240,7 +241,7 @@ static spin_status open_model(void *self, const char *path)
                                 cloud, m->canonical.sh_degree);
     check_table(m, save);
     spin_model_describe(m, &m->canonical.n, m->canonical.sh_degree, moved(model));
-    m->sequence->half_open = true; /* its reader of Panoptic takes t / T */
+    m->sequence->half_open = true; /* the method's reader of Panoptic uses t / T */
     snprintf(m->sequence->variant, sizeof m->sequence->variant,
              "4DGaussians, %zu Gaussians, %d scales of planes, width %d", m->canonical.n,
              model->hex.n_scales, model->hex.width);
@@ -252,7 +253,8 @@ static spin_status open_model(void *self, const char *path)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* Rotations are added, or multiplied; the mask leaves them alone. */
+/* Adds the residual to a rotation, or multiplies them. Unlike the other attributes, rotations are
+ * not masked. */
 static void turn(const struct model *model, const float q[4], const float r[4], float to[4])
 {
     if (model->product) {
@@ -302,12 +304,13 @@ static spin_status gaussian_frame(void *self, int frame, double time, unsigned c
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "which save to read; the last when not given", NULL},
+    {"iteration", "N", "the save to read; by default the last", NULL},
     {"deform", "LIST",
-     "what the network moves, of position,scale,rotation,opacity,sh, instead of what cfg_args says",
+     "what the network deforms, of position,scale,rotation,opacity,sh, instead of the value in "
+     "cfg_args",
      NULL},
-    {"apply-rotation", "BOOL", "rotations are multiplied, instead of what cfg_args says", NULL},
-    {"grid-pe", "X", "the option grid_pe of the run, instead of what cfg_args says", NULL},
+    {"apply-rotation", "BOOL", "rotations are multiplied, instead of the value in cfg_args", NULL},
+    {"grid-pe", "X", "the option grid_pe of the run, instead of the value in cfg_args", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

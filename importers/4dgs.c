@@ -1,4 +1,4 @@
-/* .4dgs of avala-ai: one file with all splats of a scene, as 4D splats. */
+/* Reads .4dgs files (avala-ai), each with all 4D splats of a scene. */
 #include <string.h>
 
 #include "formats/4dgs.h"
@@ -9,7 +9,8 @@ static int fourdgs_probe(const struct spin_peek *peek)
     return spin_file_begins(peek, "\2114DGS") ? 90 : spin_file_named(peek, ".4dgs");
 }
 
-/* Playback covers [0, duration): the last time is the float before the last end of a window. */
+/* Playback covers [0, duration), and windows end at float times: the last time is the float before
+ * `duration` rounded down. */
 static float before(double duration)
 {
     float last = (float)duration;
@@ -28,10 +29,10 @@ static spin_status describe(struct spin_model *m, const struct spin_4dgs *info, 
     snprintf(sequence->variant, sizeof sequence->variant,
              "gaussian-birth, %zu splats, SH degree %d, %g s", n, m->splats_4d.sh_degree,
              info->duration);
-    spin_note(sequence, "splats are seen at weights of %g and above, as the file says",
+    spin_note(sequence, "splats are visible at weights of %g and above, the file's threshold",
               info->cutoff);
-    spin_note(sequence, "windows are half open: nothing is seen at %g s itself", info->duration);
-    spin_note(sequence, "the format clamps colours of degree 0 to what is seen, from 0 to 1");
+    spin_note(sequence, "windows are half open: nothing is visible at %g s itself", info->duration);
+    spin_note(sequence, "the format clamps colours of degree 0 to the visible range, 0 to 1");
     if (info->sound || info->camera)
         spin_note(sequence, "left out: %s%s%s", info->sound ? "sound" : "",
                   info->sound && info->camera ? ", " : "", info->camera ? "the camera's path" : "");

@@ -1,14 +1,13 @@
 /* Dynamic 3D Gaussians (Luiten et al., 3DV 2024): a run is one params.npz.
  *
- * Positions, colours and rotations are stored per frame, opacities and scales once (forks store
- * them per frame too: the number of dimensions tells). Colours are plain RGB, not SH, and may leave
- * 0..1: they become degree-0 SH unclamped.
+ * Positions, colours and rotations are stored per frame, opacities and scales once; forks store
+ * these per frame too, which the number of dimensions shows. Colours are plain RGB instead of SH
+ * and may leave 0..1: they become degree-0 SH without clamping.
  *
- * TC3DGS (Javed et al., "Temporally Compressed 3D Gaussian Splatting"): the same params.npz with
- * one more array, mask [T, N, 1], the logit of "this Gaussian is present in this frame". The
- * published code reads the mask in several ways. Training renders with a hard mask per frame at
- * 0.1, so that is what we do unless told otherwise. What the mask hides is left out, not shrunk: a
- * scale of 0 has no logarithm. */
+ * TC3DGS (Javed et al., "Temporally Compressed 3D Gaussian Splatting") adds one array, mask [T, N,
+ * 1], the logit of "this Gaussian is present in this frame". The published code reads the mask in
+ * several ways. Training renders with a hard mask per frame at 0.1, which is the default here.
+ * Masked Gaussians are removed rather than scaled to 0, since a scale of 0 has no logarithm. */
 #include "importers/lib/model.h"
 #include "io/npy.h"
 #include "math/quat.h"
@@ -16,7 +15,7 @@
 
 enum { MEANS, COLOURS, ROTATIONS, OPACITIES, SCALES, N_KEYS };
 
-/* The arrays; frames are converted one by one, straight from the map. */
+/* The arrays; each frame is converted straight from the memory map when it is read. */
 struct run {
     struct spin_model base;
     struct spin_npz npz;
@@ -25,13 +24,13 @@ struct run {
     size_t *counts; /* [n_frames] */
 };
 
-/* Checking a CRC reads every byte, so larger members are only checked for being there. */
+/* Checking a CRC reads every byte, so the CRC of larger members is not checked. */
 #define CRC_LIMIT (64u << 20)
 
 static const struct {
     const char *name;
     uint64_t width;
-    int column; /* as of spin_model_values() */
+    int column; /* column number for spin_model_values() */
 } keys[N_KEYS] = {
     {"means3D", 3, 0},         {"rgb_colors", 3, 4}, {"unnorm_rotations", 4, 1},
     {"logit_opacities", 1, 3}, {"log_scales", 3, 2},
@@ -39,7 +38,7 @@ static const struct {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* Among the member names of a peek. */
+/* Whether the archive has an array `key`. */
 static bool has_key(const struct spin_peek *peek, const char *key)
 {
     char line[64];
@@ -52,7 +51,7 @@ static bool has_key(const struct spin_peek *peek, const char *key)
     return false;
 }
 
-/* How many of the five arrays are there. */
+/* Number of the five arrays that the archive has. */
 static int count_keys(const struct spin_peek *peek)
 {
     int found = 0;
@@ -104,7 +103,7 @@ static spin_status check_means(struct run *run)
     return SPIN_OK;
 }
 
-/* [T, N, width], or [N, width] for what does not change. */
+/* Expects [T, N, width], or [N, width] for a static column. */
 static spin_status check_column(struct run *run, int key)
 {
     struct spin_array *a = &run->array[key];
@@ -116,15 +115,15 @@ static spin_status check_column(struct run *run, int key)
         return SPIN_OK;
     if (a->n_dims == 2 && a->shape[0] == run->n && a->shape[1] == keys[key].width)
         return SPIN_OK;
-    snprintf(expected, sizeof expected, "[%llu, %llu, %llu] or [%llu, %llu] as 'means3D' has it",
+    snprintf(expected, sizeof expected, "[%llu, %llu, %llu] or [%llu, %llu] as in 'means3D'",
              (unsigned long long)run->n_frames, (unsigned long long)run->n,
              (unsigned long long)keys[key].width, (unsigned long long)run->n,
              (unsigned long long)keys[key].width);
     return fail_shape(a, keys[key].name, expected);
 }
 
-/* What the arrays unpack to and a frame made of them, held against the memory that is there, before
- * any is unpacked: deflate yields a thousand times what went in. */
+/* Refuses a file whose unpacked arrays and one frame exceed the available memory before unpacking
+ * any: deflate expands by up to a thousand. */
 static spin_status check_room(const struct run *run)
 {
     uint64_t unpacked = 0, width = 0, frame, available = spin_memory_available();
@@ -136,11 +135,11 @@ static spin_status check_room(const struct run *run)
     frame = run->n * width * sizeof(float);
     if (unpacked == 0 || unpacked + frame <= available)
         return SPIN_OK;
-    return spin_fail(
-        SPIN_E_MEMORY,
-        "cannot read '%s': its arrays unpack to %.1f MB and a frame takes %.1f MB, but "
-        "only %.1f MB of memory are there",
-        run->base.path, (double)unpacked / 1e6, (double)frame / 1e6, (double)available / 1e6);
+    return spin_fail(SPIN_E_MEMORY,
+                     "cannot read '%s': its arrays unpack to %.1f MB and a frame takes %.1f MB, "
+                     "but only %.1f MB of memory are available",
+                     run->base.path, (double)unpacked / 1e6, (double)frame / 1e6,
+                     (double)available / 1e6);
 }
 
 static void describe(const struct run *run)
@@ -161,8 +160,7 @@ static void describe(const struct run *run)
     }
 }
 
-/* Opens params.npz, or that of a folder, and binds the arrays: a track of n_frames frames of n
- * Gaussians. */
+/* Opens params.npz, or that of a folder, and binds its arrays. */
 static spin_status load_run(const char *path, struct run *run)
 {
     struct spin_model *base = &run->base;
@@ -173,8 +171,8 @@ static spin_status load_run(const char *path, struct run *run)
         SPIN_TRY(spin_model_text(base, &base->path, "%s", path));
     SPIN_TRY(spin_npz_open(base->path, &run->npz));
     if (spin_npz_has(&run->npz, "cam_unnorm_rots"))
-        return spin_unsupported("array 'cam_unnorm_rots' says that this is a map of SplaTAM or one "
-                                "of its descendants, which has no frames");
+        return spin_unsupported("array 'cam_unnorm_rots' belongs to a map of SplaTAM or one of its "
+                                "descendants, which has no frames");
     SPIN_TRY(check_means(run));
     for (int k = MEANS + 1; k < N_KEYS; k++)
         SPIN_TRY(check_column(run, k));
@@ -196,7 +194,7 @@ static void close_run(void *self)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Values of one frame as they are stored; all must be finite. */
+/* Reads the stored values of one frame, which must be finite. */
 static spin_status read_column(const struct run *run, int key, int frame, float *out)
 {
     const struct spin_array *a = &run->array[key];
@@ -231,7 +229,7 @@ static spin_status read_run(const struct run *run, int frame, unsigned columns,
         if (columns & 1u << keys[k].column)
             SPIN_TRY(read_column(run, k, frame, spin_model_values(out, keys[k].column, &width)));
     }
-    /* The zero quaternion, which the method would turn into no rotation matrix at all, is identity.
+    /* The zero quaternion becomes the identity; the method makes an invalid rotation matrix of it.
      */
     for (size_t i = 0; columns & SPIN_COL_QUATS && i < n; i++)
         spin_quat_normalise(out->quats + 4 * i);
@@ -251,9 +249,10 @@ static int d3dgs_probe(const struct spin_peek *peek)
         return spin_peek_has(peek, "params.npz") && !mask ? 60 : 0;
     if (mask || !spin_zip_looks_like(peek->head, peek->n_head))
         return 0;
-    if (peek->tail_names[0] == '\0') /* cut short: open() can say so if the first member is ours */
+    if (peek->tail_names[0] ==
+        '\0') /* truncated: open() reports that if the first member is ours */
         return memmem(peek->head, peek->n_head, "means3D.npy", 11) ? 30 : 0;
-    if (has_key(peek, "cam_unnorm_rots")) /* SplaTAM: open() says so */
+    if (has_key(peek, "cam_unnorm_rots")) /* SplaTAM: open() refuses it by name */
         return found >= 3 ? 30 : 0;
     if (has_key(peek, "means3D") && has_key(peek, "unnorm_rotations"))
         return 90;
@@ -262,7 +261,7 @@ static int d3dgs_probe(const struct spin_peek *peek)
 
 static spin_status open_run(void *self, const char *path)
 {
-    /* What the run holds and splats do not. */
+    /* Arrays that splats cannot represent. */
     static const struct {
         const char *key, *what;
     } lost[] = {
@@ -291,7 +290,7 @@ static spin_status d3dgs_frame(void *self, int frame, double time, unsigned colu
 }
 
 SPIN_MODEL_IMPORTER(d3dgs, struct run, open_run, close_run,
-                    .summary = "Dynamic 3D Gaussians: params.npz, or the folder it lies in",
+                    .summary = "Dynamic 3D Gaussians: params.npz, or its folder",
                     .upstream = "JonathonLuiten/Dynamic3DGaussians 7dbbd4d", .probe = d3dgs_probe,
                     .frame = d3dgs_frame)
 
@@ -316,9 +315,9 @@ struct tc_run {
     enum mode mode;
     double threshold;
     float *row;    /* [n] the mask of one frame */
-    double *sum;   /* [n] of the presence over frames */
-    uint32_t *off; /* [n] frames that hide it */
-    bool *keep;    /* [n] of the frame at hand, or of all frames */
+    double *sum;   /* [n] presence summed over frames */
+    uint32_t *off; /* [n] number of frames whose mask hides the Gaussian */
+    bool *keep;    /* [n] in the current frame, or in all frames */
 };
 
 static int tc3dgs_probe(const struct spin_peek *peek)
@@ -345,8 +344,8 @@ static spin_status load_mask(struct tc_run *run)
     run->still_mask = true;
     if (a->n_dims == 2 && a->shape[0] == n && a->shape[1] == 1)
         return SPIN_OK;
-    snprintf(expected, sizeof expected, "[%llu, %llu, 1] as 'means3D' has it",
-             (unsigned long long)t, (unsigned long long)n);
+    snprintf(expected, sizeof expected, "[%llu, %llu, 1] as in 'means3D'", (unsigned long long)t,
+             (unsigned long long)n);
     return fail_shape(a, "mask", expected);
 }
 
@@ -363,11 +362,11 @@ static spin_status read_mask(struct tc_run *run, int frame)
     return SPIN_OK;
 }
 
-/* m > threshold, m being the sigmoid of the mask. */
+/* Sigmoid of the mask; a Gaussian is present if this is above the threshold. */
 static double presence(float mask) { return 1 / (1 + exp(-(double)mask)); }
 
-/* What each frame has, in one pass over the mask; for the modes that look at all frames, who stays.
- */
+/* Counts the rows of each frame in one pass over the mask; AVG, ANY and ALL also choose the rows
+ * that all frames keep. */
 static spin_status count(struct tc_run *run)
 {
     struct run *base = &run->base;
@@ -425,7 +424,7 @@ static spin_status open_mask(struct tc_run *run)
     size_t n = (size_t)run->base.n;
 
     if (!spin_npz_has(&run->base.npz, "mask"))
-        return spin_malformed("no array 'mask', which TC3DGS has: import it with --from d3dgs");
+        return spin_malformed("no array 'mask', which TC3DGS requires: use --from d3dgs");
     SPIN_TRY(load_mask(run));
     SPIN_TRY(spin_model_alloc(base, n, sizeof *run->row, (void **)&run->row));
     SPIN_TRY(spin_model_alloc(base, n, sizeof *run->sum, (void **)&run->sum));

@@ -1,31 +1,31 @@
 /* Deformable 3D Gaussians (Yang et al., CVPR 2024, ingra14m): a cloud of canonical Gaussians and a
- * network of position and time that adds to their finished attributes. MotionGS (Zhu et al.,
+ * network of position and time that adds to their activated attributes. MotionGS (Zhu et al.,
  * NeurIPS 2024) trains this model with other losses and saves it in the same files.
  *
- * Two traps. The sums are taken after activation, and the sum of quaternions goes to the rasteriser
- * as it is: what is drawn is not the ellipsoid of its direction. So the covariance is formed as the
- * rasteriser does and taken apart again. And the two halves of a save lie in separate folders: they
- * must be of the same iteration. */
+ * Two traps. Residuals are added after the activation, and the sum of quaternions reaches the
+ * rasteriser unnormalised, which draws another ellipsoid than that of the unit quaternion: the
+ * covariance is therefore computed as the rasteriser does and decomposed again. And the cloud and
+ * the network of a save are in separate folders: both must be of the same iteration. */
 #include "importers/lib/deform.h"
 
 enum {
     MAX_LAYERS = 32,
-    POSITION_FREQUENCIES = 10, /* not stored; 63 inputs */
+    POSITION_FREQUENCIES = 10, /* fixed by the method, not stored: 63 inputs */
     POSITION_INPUTS = 3 + 6 * POSITION_FREQUENCIES,
     MAX_TIME_FREQUENCIES = 64,
-    WARM_UP = 3000 /* iterations before which training does not use the network */
+    WARM_UP = 3000 /* training does not use the network before this iteration */
 };
 
 struct model {
     struct spin_model base;
-    struct mlp_net linear; /* a layer in it takes the input again */
+    struct mlp_net linear; /* one layer takes the network's input again */
     int n_in, width;
     struct mlp_net time; /* time network, or none */
     int n_time;          /* inputs of the first layer that depend on time */
-    float *inputs;       /* [n_time] of the frame's time, then scratch */
+    float *inputs;       /* [n_time] of the frame's time, followed by scratch */
     int frequencies;     /* of time */
-    bool screw;          /* 6dof: screw and pivot instead of warp */
-    bool motiongs;       /* by its cfg_args */
+    bool screw;          /* is_6dof: a screw motion (screw_w, screw_v) instead of warp */
+    bool motiongs;       /* its cfg_args has options of MotionGS */
     struct mlp_net warp, screw_w, screw_v, rotation, scaling;
 };
 
@@ -47,7 +47,7 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- The network ----------------------------------------------------------------------------- */
 
-/* linear.0 [W, I], then [W, W] but for one [W, I + W]. */
+/* Weights are [W, I] in linear.0, then [W, W] except in one layer of [W, I + W]. */
 static spin_status load_layers(struct model *m)
 {
     const struct spin_value *root = m->base.tensors;
@@ -83,7 +83,7 @@ static spin_status load_layers(struct model *m)
     return SPIN_OK;
 }
 
-/* How time enters: through a small network, or by its frequencies alone. */
+/* Time enters through a small network, or by its frequencies alone. */
 static spin_status load_time(struct model *m)
 {
     int inputs = m->n_time = m->n_in - POSITION_INPUTS;
@@ -149,7 +149,7 @@ static spin_status load_network(struct spin_model *base)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* MotionGS differs by its options, and by its times: those of the data set, which may be seconds.
+/* MotionGS is recognised by its options. Its times are those of the data set, which may be seconds.
  */
 static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
 {
@@ -162,7 +162,7 @@ static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
     SPIN_TRY(spin_cfg_read_bool(cfg, "optimize_pose", &moved));
     if (moved)
         spin_note(sequence, "optimize_pose=True: training moved the cameras and did not save them, "
-                            "so what the data set's cameras see is shifted");
+                            "so images of the data set's cameras are shifted");
     if (m->motiongs && spin_cfg_is(format, "'plenopticVideo'")) {
         sequence->time_last = 10;
         sequence->half_open = true; /* 300 frames at i/30 */
@@ -180,7 +180,7 @@ static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
     return SPIN_OK;
 }
 
-/* The tensors say what the network is; a cfg_args that says otherwise is of another run. */
+/* The tensors determine the kind of network; a cfg_args that contradicts them is of another run. */
 static spin_status check_cfg(const struct deform_save *save, struct model *m)
 {
     const struct {
@@ -231,15 +231,15 @@ static spin_status open_model(void *self, const char *path)
                               (size_t)m->n_time + (size_t)(1 + 2 * m->frequencies) * MLP_BLOCK +
                                   2 * spin_mlp_widest(&m->time),
                               sizeof *m->inputs, (void **)&m->inputs));
-    /* The input with a layer's output behind it, two layers, two heads. */
+    /* The input followed by one layer's output, two layers, and heads of 4 + 3 outputs. */
     return spin_mlp_team_create(((size_t)m->n_in + 3 * (size_t)m->width + 7) * MLP_BLOCK,
                                 &base->team);
 }
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* v, then sin(2^k v) and cos(2^k v) for each frequency: one value of `width`, every `step` floats.
- */
+/* Writes v, then sin(2^k v) and cos(2^k v) for each frequency, of one of `width` values; a value is
+ * `step` floats apart from the next. */
 static void encode(float v, int frequencies, int width, size_t step, float *out)
 {
     out[0] = v;
@@ -251,7 +251,8 @@ static void encode(float v, int frequencies, int width, size_t step, float *out)
     }
 }
 
-/* The inputs that depend on time; a block of equal points for the network, of which one is kept. */
+/* Computes the inputs that depend on time. The time network runs on a block, of which only the
+ * first point is used. */
 static void encode_time(struct model *m, float time)
 {
     float *in = m->inputs + m->n_time, *middle = in + (1 + 2 * m->frequencies) * MLP_BLOCK;
@@ -267,8 +268,8 @@ static void encode_time(struct model *m, float time)
         m->inputs[i] = last[i * MLP_BLOCK];
 }
 
-/* The screw motion of a twist: p' = R p + T with R and T of the matrix exponential. The constant is
- * added by the method to every component, after the division, so R is not quite a rotation. */
+/* The screw motion of a twist: p' = R p + T, the matrix exponential. The method adds a constant to
+ * every component after the division, so w is not of unit length and R not quite a rotation. */
 static void move_by_screw(const double w_raw[3], const double v_raw[3], const float p[3],
                           float out[3])
 {
@@ -355,7 +356,7 @@ static spin_status deformable_frame(void *self, int frame, double time, unsigned
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "which save to read; the last when not given", NULL},
+    {"iteration", "N", "the save to read; by default the last", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

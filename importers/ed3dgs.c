@@ -1,10 +1,10 @@
 /* E-D3DGS (Bae et al., ECCV 2024, "Per-Gaussian Embedding-Based Deformation"): a cloud of canonical
  * Gaussians, each with a learnt vector. Two networks, coarse and fine, turn that vector and one of
- * the time into residuals of the raw attributes; positions are no input.
+ * the time into residuals of the raw attributes; positions are not an input.
  *
- * The vector of a time is looked up in a table that training resizes and residuals are weighed in,
- * both by the iteration: the number in the name of a save is part of the model. So are some options
- * of the run, which only cfg_args tells. */
+ * Training resizes the table of time vectors and fades the residuals in, both by the iteration, so
+ * the number in the name of a save is part of the model. So are some options of the run, which only
+ * cfg_args records. */
 #include "importers/lib/deform.h"
 
 #include <string.h>
@@ -17,7 +17,7 @@ enum { MAX_ROWS = 1 << 20 };
 
 static const struct {
     const char *tensor;
-    int width, number; /* floats of a row; the column's, as of spin_model_values() */
+    int width, number; /* floats per row; column number for spin_model_values() */
 } heads[N_HEADS] = {{"pos_deform", 3, 0},
                     {"scales_deform", 3, 2},
                     {"rotations_deform", 4, 1},
@@ -28,12 +28,11 @@ static const char letters[N_STAGES] = {'c', 'f'}; /* in the names of a stage's t
 
 struct stage {
     bool used;
-    int rows; /* of the table when it is resized for this stage */
-    /* The trunk; its first layer is that of the embedding, with what it makes of a time in the
-     * bias. */
+    int rows; /* size of the table after resizing for this stage */
+    /* Its first layer takes the embedding only; the contribution of the time is in its bias. */
     struct mlp_net trunk;
-    struct mlp_layer both; /* the first layer as it is stored, of [time, embedding] */
-    float *bias;           /* of a time */
+    struct mlp_layer both; /* the first layer as stored, of [time, embedding] */
+    float *bias;           /* [width] of the first layer at one time */
     struct mlp_net head[N_HEADS];
 };
 
@@ -48,11 +47,11 @@ struct model {
     bool used[N_HEADS];
     float weight[N_HEADS];   /* of residuals */
     size_t layer;            /* floats of the widest layer of a block */
-    struct settings {        /* what cfg_args says */
+    struct settings {        /* from cfg_args */
         long long iteration; /* of the save */
         double min_rows, max_rows, resized_until, deform_from;
         bool anneal, coarse_table, whole_table;
-        double n_frames; /* 0: not said */
+        double n_frames; /* 0: unknown */
     } settings;
 };
 
@@ -60,7 +59,7 @@ struct model {
 
 static int probe(const struct spin_peek *peek)
 {
-    /* The network, alone or in the folder of a save. */
+    /* The network file itself, or in the folder of a save. */
     if (spin_peek_says(peek, "feature_out_c.0.weight") ||
         spin_peek_says(peek, "feature_out_f.0.weight"))
         return 95;
@@ -72,7 +71,7 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
-/* The iteration of the save, from the folder's name or else as the user says. */
+/* The iteration of the save, from the folder's name or else from option `iteration`. */
 static spin_status read_iteration(struct spin_model *m, const char *save, long long *out)
 {
     const char *wanted = spin_model_option(m, "iteration"), *whole;
@@ -85,9 +84,9 @@ static spin_status read_iteration(struct spin_model *m, const char *save, long l
     said = spin_model_iteration(asked);
     *out = named >= 0 ? named : said;
     if (*out < 0)
-        return spin_misuse(
-            "'%s' is not called iteration_<N>, and the model depends on N: say it with --iteration",
-            save);
+        return spin_misuse("'%s' is not called iteration_<N>, and the model depends on N: give it "
+                           "with --iteration",
+                           save);
     if (named >= 0 && said >= 0 && named != said)
         return spin_misuse("--iteration %s, but '%s' is of iteration %lld", wanted, save, named);
     return SPIN_OK;
@@ -95,7 +94,7 @@ static spin_status read_iteration(struct spin_model *m, const char *save, long l
 
 static bool is_count(double x) { return x >= 1 && x <= MAX_ROWS && x == floor(x); }
 
-/* Training writes all options, and each of these changes the result. */
+/* Training writes all options; each of these changes the result, so none may be missing. */
 static spin_status read_settings(struct model *m)
 {
     const struct cfg_args *cfg = &m->base.settings.cfg;
@@ -146,7 +145,7 @@ static spin_status read_settings(struct model *m)
     return SPIN_OK;
 }
 
-/* What the iteration makes of them: rows of the table and weights of the residuals. */
+/* Derives table sizes and residual weights from the iteration. */
 static void settle(struct model *m)
 {
     const struct settings *s = &m->settings;
@@ -166,7 +165,7 @@ static void settle(struct model *m)
 
 /* ---- The network ----------------------------------------------------------------------------- */
 
-/* Layers of the trunk are numbered 0, 2, 4 and so on: as many as there are names of them. */
+/* Layers of the trunk are numbered 0, 2, 4, ...; refuses gaps and tensors of other names. */
 static spin_status check_trunk(const struct spin_model *m, char letter, int depth)
 {
     char stem[64];
@@ -185,7 +184,7 @@ static spin_status check_trunk(const struct spin_model *m, char letter, int dept
                           n, stem, depth);
 }
 
-/* The columns of the first layer that the embedding goes into. */
+/* Splits off the columns of the first layer that take the embedding. */
 static spin_status split_first(struct model *m, struct stage *s)
 {
     struct mlp_layer *first = &s->trunk.layer[0];
@@ -230,8 +229,8 @@ static spin_status load_stage(struct model *m, char letter, struct stage *s)
     return SPIN_OK;
 }
 
-/* The mean of those time offsets of training cameras that are not 0: what the method adds to the
- * time of every view that it draws. */
+/* The mean of the nonzero time offsets of training cameras, which the method adds to the time of
+ * every view that it renders. */
 static spin_status load_shift(struct model *m)
 {
     static const int64_t shape[2] = {-1, 1};
@@ -248,15 +247,15 @@ static spin_status load_shift(struct model *m)
     m->shift = n > 0 ? sum / n : 0;
     if (n > 0)
         spin_note(m->base.sequence,
-                  "times are shifted by %g, the mean of the offsets of %d training cameras, as the "
-                  "method draws them",
+                  "times are shifted by %g, the mean of the offsets of %d training cameras, as in "
+                  "the method's renderer",
                   m->shift, n);
     return SPIN_OK;
 }
 
 static spin_status load_network(struct spin_model *base)
 {
-    /* Early files have a word before every key. */
+    /* Early files have a prefix before every key. */
     static const char *const prefixes[] = {"", "deformation_net.", "module."};
     static const char *const known[] = {"weight",         "offsets",       "feature_out_",
                                         "pos_deform",     "scales_deform", "rotations_deform",
@@ -334,10 +333,11 @@ static void describe(const struct model *m)
              m->base.canonical.n, m->stage[COARSE].used ? m->stage[COARSE].rows : 0,
              m->stage[FINE].used ? m->stage[FINE].rows : 0);
     if (s->n_frames > 0)
-        spin_note(sequence, "frame i of the run's %g is at time i/%g", s->n_frames, s->n_frames);
+        spin_note(sequence, "frame i of the run's %g frames is at time i/%g", s->n_frames,
+                  s->n_frames);
     else
         spin_note(sequence,
-                  "cfg_args does not say how many frames the run has: frame i of n is at time i/n");
+                  "cfg_args does not give the number of frames: frame i of n is at time i/n");
 }
 
 static spin_status open_model(void *self, const char *path)
@@ -358,7 +358,7 @@ static spin_status open_model(void *self, const char *path)
     SPIN_TRY(given ? spin_cfg_open(given, &base->settings.cfg) : spin_model_cfg(base, path, save));
     if (!base->settings.cfg.path)
         return spin_not_found("'%s' has no cfg_args, without which the network cannot be "
-                              "evaluated: say where it is with --cfg-args",
+                              "evaluated: give it with --cfg-args",
                               path);
     SPIN_TRY(read_settings(m));
     SPIN_TRY(read_cloud(cloud, m));
@@ -372,7 +372,7 @@ static spin_status open_model(void *self, const char *path)
 
 /* ---- The vector of a time -------------------------------------------------------------------- */
 
-/* Between which two of n rows a place lies, and the second one's share. */
+/* Linear interpolation between two rows; `share` is the weight of row `high`. */
 struct between {
     int low, high;
     double share;
@@ -385,7 +385,7 @@ static struct between between_rows(double place, int n)
     return (struct between){low, low + 1 < n ? low + 1 : low, place - low};
 }
 
-/* Value `c` of row `i` of the table when it is resized to n rows. */
+/* Value `c` of row `i` of the table resized to n rows. */
 static double resized(const struct model *m, int i, int n, int c)
 {
     double place = n > 1 ? i * (double)(m->n_rows - 1) / (n - 1) : 0;
@@ -396,7 +396,7 @@ static double resized(const struct model *m, int i, int n, int c)
            b.share * (double)t[(size_t)b.high * (size_t)m->n_time];
 }
 
-/* The place of a time among n rows, reflected at both ends. */
+/* The fractional row of a time among n rows, reflected at both ends. */
 static double place_of(double time, int n)
 {
     double last = n - 1, place;
@@ -407,7 +407,8 @@ static double place_of(double time, int n)
     return place > last ? 2 * last - place : place;
 }
 
-/* The first layer's bias with what it makes of the time, the same for all Gaussians. */
+/* Adds the contribution of the time, which is the same for all Gaussians, to the first layer's
+ * bias. */
 static void set_time(const struct model *m, double time, struct stage *s)
 {
     struct between b = between_rows(place_of(time + m->shift, s->rows), s->rows);
@@ -425,7 +426,7 @@ static void set_time(const struct model *m, double time, struct stage *s)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* A stage's residuals of n Gaussians, added to what is there. Four layers of scratch. */
+/* Adds a stage's residuals to n Gaussians. scratch: four layers. */
 static void add_stage(const struct deform_job *job, const struct stage *s, size_t first, int n,
                       float *scratch)
 {
@@ -490,10 +491,10 @@ static spin_status ed3dgs_frame(void *self, int frame, double time, unsigned col
 
 static const struct spin_plugin_option options[] = {
     {"iteration", "N",
-     "which save to read, the last when not given; of a save by itself, its number when its "
-     "folder's name does not say",
+     "the save to read, by default the last; of a single save, its number if its folder's name "
+     "lacks it",
      NULL},
-    {"cfg-args", "FILE", "the options of the run, where none lie beside the model", NULL},
+    {"cfg-args", "FILE", "the cfg_args of the run, if there is none beside the model", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -2,10 +2,10 @@
  * whose positions and rotations are interpolated between key frames and whose opacity is on between
  * two times.
  *
- * A run leaves a checkpoint and two PLYs, which agree but for one number: the drift is divided by
- * the length of the clip, which the checkpoint has, while for the PLYs it is that of cfg_args. The
- * method's renderer takes the checkpoint when it is there, and so does this importer. Key frames'
- * distance and shift are in the checkpoint too, but how to go between them is in cfg_args only. */
+ * A run leaves a checkpoint and two PLYs, which differ in one number: the length of the clip that
+ * drifts refer to is stored in the checkpoint, but taken from cfg_args for the PLYs. Like the
+ * method's renderer, this importer prefers the checkpoint. Distance and shift of the key frames are
+ * in the checkpoint too, but the kind of interpolation is in cfg_args only. */
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 #include "math/keyframes.h"
@@ -14,11 +14,13 @@
 
 enum { N_ITEMS = 40, MOST_FRAMES = 1000000, MOST_KEYS = 1000000 };
 
-/* What can be drawn is far smaller, and sums of a few such values stay in the range of floats. */
+/* Values that can be drawn are far smaller, and sums of a few such values do not overflow a float.
+ */
 #define LARGEST 1e18f
 
-/* Rows turn evenly along a chord, not along the arc: a piece is halved until that is so near, in
- * degrees, at most so often. What is never as opaque as this is left out: nobody draws it. */
+/* 4D splats rotate along a chord instead of the method's arc: a segment is halved until the two are
+ * within NEAR degrees, at most HALVINGS times. Segments that are fainter than LEAST_OPACITY
+ * throughout are left out, as no renderer draws them. */
 #define NEAR 0.1
 enum { HALVINGS = 3 };
 #define LEAST_OPACITY (1.0 / 255)
@@ -29,19 +31,19 @@ enum column {
     SCALE,    /* [3] logarithms */
     OPACITY,  /* logit */
     SH,       /* [(sh_degree+1)^2][3] */
-    DRIFT,    /* static ones: [3] over the whole clip */
-    CENTRE,   /* dynamic ones: [2] times, in key frames */
-    WIDTH,    /* dynamic ones: [2] logarithms, in key frames */
+    DRIFT,    /* static: [3] over the whole clip */
+    CENTRE,   /* dynamic: [2] times, in key frames */
+    WIDTH,    /* dynamic: [2] logarithms, in key frames */
     N_COLUMNS
 };
 
-/* The Gaussians: the static ones, and the dynamic ones. */
+/* The static or the dynamic Gaussians. */
 struct part {
-    bool moving; /* the dynamic ones */
+    bool moving; /* dynamic */
     size_t n;
-    int n_keys; /* 1 of static ones */
+    int n_keys; /* 1 if static */
     int sh_degree;
-    float *column[N_COLUMNS]; /* [n][width_of()]; NULL: these Gaussians have none */
+    float *column[N_COLUMNS]; /* [n][width_of()]; NULL: not used by these Gaussians */
 };
 
 static const char *const kind_names[] = {
@@ -56,14 +58,15 @@ struct model {
     enum keyframes_kind kind;
     double interval;    /* frames from one key frame to the next */
     double shift;       /* frames from the first key frame to time 0 */
-    double duration;    /* frames in which a static Gaussian goes as far as its drift */
+    double duration;    /* frames over which a static Gaussian moves by its drift */
     double frames;      /* of the clip: times run from 0 to frames - 1 */
-    double least_width; /* of the edges of opacity, in key frames */
+    double least_width; /* added to the widths of opacity's edges, in key frames */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* By properties of its PLYs, an option of cfg_args, or a group of a checkpoint's optimiser. */
+/* Recognises properties of the PLYs, an option in cfg_args, or a group of a checkpoint's optimiser.
+ */
 static int probe(const struct spin_peek *peek)
 {
     bool ply = spin_peek_says(peek, " xyz_disp_0") || spin_peek_says(peek, " motion_xyz_0_0");
@@ -78,7 +81,7 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Finding the files ----------------------------------------------------------------------- */
 
-/* The newest save with either PLY; that the other is missing is said when it is read. */
+/* The newest save with either PLY; if the other is missing, reading it reports that. */
 static spin_status newest_save(struct spin_model *m, const char *clouds, const char **out)
 {
     static const char *const files[] = {"point_cloud.ply", "dynamic_point_cloud.ply"};
@@ -96,7 +99,7 @@ static spin_status newest_save(struct spin_model *m, const char *clouds, const c
 }
 
 /* `path` is the model's folder, a checkpoint, a folder with the PLYs, or one of them. In the
- * model's folder it is the newest save, and of its two forms the checkpoint. */
+ * model's folder the newest save is chosen, and of its two forms the checkpoint. */
 static spin_status find_files(const char *path, struct model *m)
 {
     struct spin_model *base = &m->base;
@@ -128,10 +131,10 @@ static spin_status find_files(const char *path, struct model *m)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
-/* What options and cfg_args say; NAN: nothing. */
+/* Values of options and cfg_args; NAN: not given. */
 struct told {
     double interval, pad, frames, var_pad, first;
-    int kind; /* -1: nothing */
+    int kind; /* -1: not given */
 };
 
 static spin_status read_number(const struct spin_model *m, const char *option, double least,
@@ -171,7 +174,7 @@ static spin_status read_told(const struct spin_model *m, struct told *told)
     return read_kind(m, &told->kind);
 }
 
-/* What must be known and is not. A checkpoint lacks the kind of interpolation only. */
+/* Refuses missing settings. A checkpoint lacks only the kind of interpolation. */
 static spin_status check_told(const struct model *m, const struct told *told)
 {
     const struct {
@@ -186,13 +189,13 @@ static spin_status check_told(const struct model *m, const struct told *told)
 
     for (int i = 0; i < 4; i++) {
         if (all[i].missing)
-            return spin_not_found("'%s': no cfg_args beside it says %s: use --%s", m->base.path,
+            return spin_not_found("'%s': no cfg_args beside it gives %s: use --%s", m->base.path,
                                   all[i].key, all[i].option);
     }
     return SPIN_OK;
 }
 
-/* The checkpoint's numbers count, whatever is told. */
+/* Notes where cfg_args or options contradict the checkpoint, which decides. */
 static void note_differences(const struct model *m, double interval, double shift)
 {
     struct spin_sequence_info *sequence = m->base.sequence;
@@ -209,8 +212,8 @@ static void note_differences(const struct model *m, double interval, double shif
                   shift, m->shift);
     if (m->duration < m->frames + m->shift + 1)
         spin_note(sequence,
-                  "saved before the whole clip took part in training: the checkpoint's duration is "
-                  "%g, in the end it is %g",
+                  "saved before training covered the whole clip: the checkpoint's duration is %g, "
+                  "that of a finished run %g",
                   m->duration, m->frames + m->shift + 1);
 }
 
@@ -230,8 +233,8 @@ static spin_status settle(struct model *m, const struct told *told)
     } else if (!(m->frames >= 1)) {
         m->frames = m->duration - m->shift - 1;
         spin_note(sequence,
-                  "cfg_args does not say how many frames the clip has: %g, by the checkpoint's "
-                  "duration; --duration decides",
+                  "cfg_args does not give the number of frames: %g by the checkpoint's duration; "
+                  "--duration overrides it",
                   m->frames);
     }
     m->least_width = told->var_pad / m->interval / 2.36;
@@ -240,7 +243,7 @@ static spin_status settle(struct model *m, const struct told *told)
         !(m->frames >= 1 && m->frames <= MOST_FRAMES) ||
         !(m->least_width > 0 && m->least_width <= MOST_FRAMES))
         return spin_malformed("'%s': key frames %g frames apart from frame %g on, %g frames, a "
-                              "duration of %g, var_pad %g: these do not fit together",
+                              "duration of %g, var_pad %g: these settings are inconsistent",
                               m->base.path, m->interval, -m->shift, m->frames, m->duration,
                               told->var_pad);
     if (m->is_chkpnt)
@@ -266,8 +269,8 @@ static spin_status read_settings(struct model *m)
 
 /* ---- Columns --------------------------------------------------------------------------------- */
 
-/* Numbers of an item of the checkpoint's tuple, 0: none, and of a property of the PLYs. SH are an
- * item for degree 0 and the next for all others. */
+/* Source of each column: item of the checkpoint's tuple for static and for dynamic Gaussians (0:
+ * none), and property of the PLYs. SH are two items: degree 0, then all others. */
 static const struct {
     size_t width;
     bool keyed;
@@ -291,7 +294,7 @@ static int item_of(const struct part *p, int column)
 
 static size_t n_sh(int degree) { return (size_t)((degree + 1) * (degree + 1)); }
 
-/* Floats of a row. */
+/* Floats per row. */
 static size_t width_of(const struct part *p, int column)
 {
     if (item_of(p, column) == 0)
@@ -311,7 +314,7 @@ static spin_status reserve(struct spin_model *m, struct part *p)
     return SPIN_OK;
 }
 
-/* The degree that has so many SH, or -1. */
+/* The degree that has n SH, or -1. */
 static int degree_of(uint64_t n)
 {
     for (int d = 0; d <= 3; d++) {
@@ -321,16 +324,16 @@ static int degree_of(uint64_t n)
     return -1;
 }
 
-/* ---- Out of a checkpoint --------------------------------------------------------------------- */
+/* ---- Checkpoint ------------------------------------------------------------------------------ */
 
-/* "motion xyz (item 23)" */
+/* The name of an item for messages, such as "motion xyz (item 23)". */
 static const char *item_name(const struct part *p, const char *tensor, int item, char text[64])
 {
     snprintf(text, 64, "%s%s (item %d)", p->moving ? "motion " : "", tensor, item);
     return text;
 }
 
-/* A column but SH: [n][width], [n][keys][width], or [n][2][1] of the two times and widths. */
+/* Reads a column other than SH: [n][width], [n][keys][width], or [n][2][1] for CENTRE and WIDTH. */
 static spin_status take_column(struct spin_model *m, const struct spin_value *model, struct part *p,
                                int column)
 {
@@ -352,7 +355,7 @@ static spin_status take_column(struct spin_model *m, const struct spin_value *mo
     return SPIN_OK;
 }
 
-/* Those above the degree `active` take no part in training yet, nor in drawing. */
+/* Reads SH up to the degree `active`; training and drawing do not use higher ones yet. */
 static spin_status take_sh(struct spin_model *m, const struct spin_value *model, int active,
                            struct part *p)
 {
@@ -382,7 +385,7 @@ static spin_status take_sh(struct spin_model *m, const struct spin_value *model,
     return SPIN_OK;
 }
 
-/* Before the first dynamic Gaussians all their tensors are empty, of no particular shape. */
+/* Before training creates dynamic Gaussians, all their tensors are empty, of any shape. */
 static spin_status check_empty(const struct spin_value *model, const struct part *p)
 {
     for (int c = 0; c < N_COLUMNS; c++) {
@@ -396,8 +399,8 @@ static spin_status check_empty(const struct spin_value *model, const struct part
     return SPIN_OK;
 }
 
-/* From the tuple of a checkpoint, with SH up to the degree `active`. A part that training has not
- * made yet is n = 0. */
+/* Reads a part from the tuple of a checkpoint, with SH up to the degree `active`. n is 0 for a part
+ * that training has not created yet. */
 static spin_status part_of_chkpnt(struct spin_model *m, const struct spin_value *model, int active,
                                   struct part *p)
 {
@@ -424,10 +427,10 @@ static spin_status part_of_chkpnt(struct spin_model *m, const struct spin_value 
     return SPIN_OK;
 }
 
-/* ---- Out of the PLYs ------------------------------------------------------------------------- */
+/* ---- PLYs ------------------------------------------------------------------------------------ */
 
-/* Of one float of a row of a column: "x", "rot_0", "motion_xyz_12_0". f_rest_* are one channel
- * after the other. */
+/* The property of float `at` of a column's row: "x", "rot_0", "motion_xyz_12_0". f_rest_* are
+ * stored channel by channel. */
 static void name_property(const struct part *p, int column, int at, char text[64])
 {
     const char *who = p->moving ? "motion_" : "", *stem = kinds[column].stem;
@@ -447,7 +450,7 @@ static void name_property(const struct part *p, int column, int at, char text[64
         snprintf(text, 64, "%s%s%d", who, stem, at);
 }
 
-/* The degree of SH and the number of key frames, which the names tell. */
+/* Derives the degree of SH and the number of key frames from the property names. */
 static spin_status count_properties(const char *path, const struct spin_ply_element *e,
                                     struct part *p)
 {
@@ -467,7 +470,7 @@ static spin_status count_properties(const char *path, const struct spin_ply_elem
     return SPIN_OK;
 }
 
-/* From point_cloud.ply or dynamic_point_cloud.ply of a folder, all columns in one pass over the
+/* Reads a part from point_cloud.ply or dynamic_point_cloud.ply, all columns in one pass over the
  * file. */
 static spin_status part_of_ply(struct spin_model *m, struct part *p)
 {
@@ -504,8 +507,8 @@ static spin_status part_of_ply(struct spin_model *m, struct part *p)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-/* The rasteriser makes a matrix of a static quaternion as it is. Off unit length that is no
- * rotation. */
+/* The method's rasteriser does not normalise static quaternions, so off unit length they do not
+ * give a rotation: stores the ellipsoid that it draws instead. False if there is none. */
 static bool settle_shape(float log_scale[3], float quat[4])
 {
     double scale[3], raw[4], cov6[6], split[3], unit[4];
@@ -547,8 +550,8 @@ static bool settle_row(const struct part *p, size_t row)
     return p->moving || settle_shape(p->column[SCALE] + 3 * row, p->column[ROTATION] + 4 * row);
 }
 
-/* Makes the rotations of static Gaussians unit quaternions, with scales that give the ellipsoids of
- * the method's rasteriser. Removes rows that cannot be drawn, and returns how many. */
+/* Converts the rotations of static Gaussians to unit quaternions, with scales that give the
+ * ellipsoids of the method's rasteriser. Removes rows that cannot be drawn and returns how many. */
 static size_t clean(struct part *p)
 {
     size_t n_all = p->n;
@@ -655,8 +658,8 @@ static spin_status open_model(void *self, const char *path)
                   spin_path_name(m->base.path), m->duration);
     if (m->moving.n > 0)
         spin_note(sequence,
-                  "4D splats are pieces between key frames, whose rotations are within %g degrees "
-                  "of the method's; what is fainter than 1/255 is left out of them",
+                  "4D splats are segments between key frames, with rotations within %g degrees of "
+                  "the method's; segments fainter than 1/255 are left out",
                   NEAR);
     spin_note(sequence, "trained with a filter of 0.1 square pixels that dims thin splats: drawn "
                         "antialiased, which is similar");
@@ -671,8 +674,8 @@ static spin_status find_keys(const struct model *m, double time, struct keyframe
     int beside = m->kind == KEYFRAMES_LINEAR ? 0 : 1;
 
     if (!(time >= 0 && time <= m->frames - 1))
-        return spin_not_found("'%s' has no time %g: its frames count from 0 to %g", m->base.path,
-                              time, m->frames - 1);
+        return spin_not_found("'%s' has no time %g: its times are 0 to %g", m->base.path, time,
+                              m->frames - 1);
     if (m->moving.n > 0 && (key < beside || key + 1 + beside >= m->moving.n_keys))
         return spin_unsupported("'%s': time %g needs the key frames %g to %g, and there are %d",
                                 m->base.path, time, key - beside, key + 1 + beside,
@@ -717,7 +720,7 @@ static void put_moving(const struct model *m, const struct keyframes *at, unsign
     }
 }
 
-/* What no time changes, of both parts one after the other. */
+/* Copies a column that is constant in time, of both parts one after the other. */
 static void put_fixed(const struct model *m, int column, float *out)
 {
     const struct part *const parts[] = {&m->still, &m->moving};
@@ -753,10 +756,11 @@ static spin_status ex4dgs_frame(void *self, int frame, double time, unsigned col
 
 /* ---- 4D splats ------------------------------------------------------------------------------- */
 
-/* Where opacity jumps by more, a piece is cut. */
+/* Segments are cut where opacity jumps by more than this. */
 #define LEAST_JUMP 1e-6
 
-/* A dynamic Gaussian from one part of the way between two keys to another. */
+/* A segment of a dynamic Gaussian's path: fractions `from` and `to` of the way from `key` to the
+ * next. */
 struct piece {
     size_t row;
     int key;
@@ -777,7 +781,8 @@ static void turn_at(const struct model *m, const struct piece *p, double part, f
                         out);
 }
 
-/* At its middle, and how it changes from one end to the other. */
+/* The chord of a segment's rotation: the quaternion at its middle, and the change from one end to
+ * the other. */
 static void chord_of(const struct model *m, const struct piece *p, float middle[4], float change[4])
 {
     float to[4];
@@ -790,11 +795,11 @@ static void chord_of(const struct model *m, const struct piece *p, float middle[
     }
     if (spin_quat_norm(middle) > 1e-3)
         return;
-    turn_at(m, p, p->from, middle); /* nowhere to turn through */
+    turn_at(m, p, p->from, middle); /* opposite ends: the chord passes through 0 */
     memset(change, 0, 4 * sizeof *change);
 }
 
-/* The largest angle between chord and arc. */
+/* The largest angle between chord and arc, in degrees. */
 static double error_of(const struct model *m, const struct piece *p)
 {
     float middle[4], change[4], arc[4];
@@ -817,7 +822,7 @@ static double error_of(const struct model *m, const struct piece *p)
     return worst * 180 / 3.141592653589793;
 }
 
-/* The most of its opacity that it shows. */
+/* The largest factor on the opacity within a segment. */
 static double peak_of(const struct model *m, const struct piece *p)
 {
     const float *centre = m->moving.column[CENTRE] + 2 * p->row;
@@ -851,7 +856,7 @@ static spin_status add_piece(const struct model *m, struct pieces *all, struct p
     return SPIN_OK;
 }
 
-/* The earlier of its two times where its opacity jumps, in keys; NAN: it does not. */
+/* The earlier of the Gaussian's two times, in keys, if opacity jumps there; else NAN. */
 static double jump_of(const struct model *m, size_t row)
 {
     const float *centre = m->moving.column[CENTRE] + 2 * row;
@@ -884,7 +889,7 @@ static spin_status find_pieces(const struct model *m, int first, int last, struc
 
 static double time_of(const struct model *m, double key) { return key * m->interval - m->shift; }
 
-/* As a float; `inside`: the first one behind it. */
+/* The time as a float; if `inside`, the first float after it. */
 static float cut_at(double time, bool inside)
 {
     float cut = (float)time;
@@ -892,7 +897,7 @@ static float cut_at(double time, bool inside)
     return inside && (double)cut <= time ? nextafterf(cut, SPIN_FOREVER) : cut;
 }
 
-/* exp(-x^2) is without a half. Widths may overflow. */
+/* The method's edges are exp(-x^2), without the factor 1/2 of a Gaussian. Widths may overflow. */
 static float sigma_of(const struct model *m, double log_width)
 {
     return (float)fmin((exp(log_width) + m->least_width) * m->interval / sqrt(2),
@@ -908,7 +913,8 @@ static void fill_window(const struct model *m, const struct piece *p, size_t i)
     double jump = jump_of(m, p->row), from = p->key + p->from, to = p->key + p->to;
     bool on = from >= jump;
 
-    /* Both edges are measured from the later time: the earlier one is where it is cut. */
+    /* The method measures both edges from the later time; the earlier one is where the segment is
+     * cut. */
     s->plateaus[3 * i] = (float)time_of(m, on ? low : high);
     s->plateaus[3 * i + 1] = (float)time_of(m, high);
     s->plateaus[3 * i + 2] = sigma_of(m, (double)width[1]);
@@ -926,7 +932,7 @@ static void fill_piece(const struct model *m, const struct piece *p, size_t i)
     float *path = s->paths + 3 * (size_t)s->degree * i;
 
     s->times[i] = (float)time_of(m, p->key + u);
-    u = (s->times[i] + m->shift) / m->interval - p->key; /* as rounded */
+    u = (s->times[i] + m->shift) / m->interval - p->key; /* of the rounded time */
     for (int axis = 0; axis < 3; axis++) {
         spin_keyframes_cubic(m->kind, p->key, places + axis, 3, c);
         s->centres[3 * i + (size_t)axis] = (float)(c[0] + u * (c[1] + u * (c[2] + u * c[3])));
@@ -985,12 +991,12 @@ static spin_status fill_splats(struct model *m, const struct pieces *all)
     }
     SPIN_TRY(spin_splats_4d_settle(s, &n_dropped, NULL));
     if (n_dropped > 0)
-        spin_warn("'%s': %zu of %zu 4D splats dropped: their paths leave the range of numbers",
-                  m->base.path, n_dropped, n);
+        spin_warn("'%s': %zu of %zu 4D splats dropped: their paths overflow", m->base.path,
+                  n_dropped, n);
     return SPIN_OK;
 }
 
-/* None where key frames are missing, which frame() refuses by time. */
+/* There are none if key frames are missing; frame() refuses just the times that need them. */
 static spin_status ex4dgs_splats_4d(void *self, const struct spin_splats_4d **out)
 {
     struct model *m = self;
@@ -1008,7 +1014,7 @@ static spin_status ex4dgs_splats_4d(void *self, const struct spin_splats_4d **ou
         free(all.piece);
         if (all.worst > NEAR)
             spin_warn("'%s': rotations of 4D splats are up to %.2g degrees off between keys that "
-                      "turn too far; --frames samples the method's own",
+                      "differ too much; use --frames for exact ones",
                       m->base.path, all.worst);
     }
     *out = m->base.splats_4d.n > 0 ? &m->base.splats_4d : NULL;
@@ -1016,12 +1022,14 @@ static spin_status ex4dgs_splats_4d(void *self, const struct spin_splats_4d **ou
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "which save to read; the last when not given", NULL},
-    {"interp", "WORD", "between key frames: linear, cube or pchip, instead of what cfg_args says",
+    {"iteration", "N", "the save to read; by default the last", NULL},
+    {"interp", "WORD",
+     "interpolation between key frames: linear, cube or pchip, instead of the value in cfg_args",
      NULL},
-    {"interval", "N", "frames from one key frame to the next, instead of what cfg_args says", NULL},
-    {"time-pad", "N", "the option time_pad of the run, instead of what cfg_args says", NULL},
-    {"duration", "N", "frames of the clip, instead of what cfg_args says", NULL},
+    {"interval", "N", "frames from one key frame to the next, instead of the value in cfg_args",
+     NULL},
+    {"time-pad", "N", "the option time_pad of the run, instead of the value in cfg_args", NULL},
+    {"duration", "N", "frames of the clip, instead of the value in cfg_args", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -1,22 +1,22 @@
-/* FreeTimeGS (Wang et al., CVPR 2025) as FreeTimeGsVanilla and its kin train it:
- * ckpts/ckpt_<step>.pt, and the same model as one .ftgs.ply. Splats on straight lines with a bell
- * of opacity in time, so they are 4D splats exactly.
+/* FreeTimeGS (Wang et al., CVPR 2025) as trained by FreeTimeGsVanilla and its forks:
+ * ckpts/ckpt_<step>.pt, or the same model as one .ftgs.ply. Splats move on straight lines with a
+ * Gaussian window in time, so they are 4D splats exactly.
  *
- * Times run from 0 to 1 over the clip, frame i of F at i/(F-1), and velocities count in clips. The
- * renderer keeps every splat at an opacity of 1e-4 at least, which no rasteriser draws; here what
- * is below 1/255 is not shown. */
+ * Times run from 0 to 1 over the clip, frame i of F at i/(F-1), and velocities are per length of
+ * the clip. The renderer keeps every splat at an opacity of at least 1e-4, which no rasteriser
+ * draws; here splats below 1/255 are not shown. */
 #include "importers/lib/chkpnt.h"
 #include "math/sh.h"
 
-#define LEAST_SIGMA 0.02 /* of a checkpoint: its code holds durations there */
+#define LEAST_SIGMA 0.02 /* for checkpoints: the method clamps durations to this */
 #define USUAL_FRAMES 300
 #define MOST_FRAMES 1000000
 
 struct model {
     struct spin_model base;
     double step;     /* -1: a PLY */
-    double n_frames; /* 0: not told */
-    double fps;      /* 0: not told */
+    double n_frames; /* 0: unknown */
+    double fps;      /* 0: unknown */
     bool moves;      /* use_velocity */
     double least_sigma;
 };
@@ -76,8 +76,7 @@ static float *column_of(struct model *m, int column)
                                 s->paths,   s->times,      s->sigmas}[column];
 }
 
-/* Durations are logarithms of sigma, below which it is never; no file says it for less than none.
- */
+/* Durations are stored as logarithms of sigma and clamped to at least least_sigma. */
 static spin_status finish(struct model *m)
 {
     struct spin_splats_4d *s = &m->base.splats_4d;
@@ -103,23 +102,25 @@ static spin_status finish(struct model *m)
              m->moves ? "" : ", without motion");
     if (m->n_frames == 0)
         spin_note(sequence,
-                  "the file does not say how many frames the clip has: %d, as is usual; --n-frames",
+                  "the file does not give the number of frames: assumed %d, as is usual; "
+                  "--n-frames overrides it",
                   USUAL_FRAMES);
     if (m->fps == 0)
-        spin_note(sequence, "the file does not say its frame rate: 30 a second");
+        spin_note(sequence, "the file does not give its frame rate: assumed 30 frames a second");
     if (n_short > 0)
         spin_note(sequence,
-                  "%zu of %zu Gaussians last for less than %g of the clip, and are held there as "
-                  "the method's renderer does",
+                  "%zu of %zu Gaussians have durations below %g of the clip, clamped to that as in "
+                  "the method's renderer",
                   n_short, n, m->least_sigma);
     return SPIN_OK;
 }
 
-/* ---- Out of a checkpoint --------------------------------------------------------------------- */
+/* ---- Checkpoint ------------------------------------------------------------------------------ */
 
-/* What some writer may say, at the top or in 'model_spec', and only one value of which is read. */
+/* Settings that some writers store, at the top or in 'model_spec', and the only value that is
+ * supported. */
 static const struct {
-    const char *key, *value; /* NULL: a switch that is off */
+    const char *key, *value; /* NULL: must be off */
 } said[] = {{"time_units", "normalized"},
             {"duration_activation", "exp"},
             {"use_marginal_gating", NULL},
@@ -142,7 +143,7 @@ static spin_status check_said(const struct spin_value *root)
             return spin_unsupported("'%s' is '%.40s', expected '%s'", said[i].key,
                                     text ? text : "no text", said[i].value);
         if (v && !said[i].value && !is_off(v))
-            return spin_unsupported("'%s' is on, which is another model", said[i].key);
+            return spin_unsupported("'%s' is on, which is not supported", said[i].key);
     }
     return SPIN_OK;
 }
@@ -169,7 +170,7 @@ static spin_status check_spec(const struct spin_value *spec)
     return check_said(spec);
 }
 
-/* Exactly the nine names: one more is another model. */
+/* Requires exactly the nine known names: one more means another model. */
 static spin_status check_names(const struct spin_value *splats)
 {
     if (!spin_value_get(splats, "times") || !spin_value_get(splats, "durations") ||
@@ -184,7 +185,7 @@ static spin_status check_names(const struct spin_value *splats)
             known = known || strcmp(key, columns[c].key) == 0;
         if (!known)
             return spin_unsupported(
-                "'splats' has '%.40s', which FreeTimeGS has not: it is another model",
+                "'splats' has '%.40s', which FreeTimeGS lacks: this is another model",
                 key ? key : "a key that is no text");
     }
     return SPIN_OK;
@@ -259,9 +260,9 @@ static spin_status read_checkpoint(struct spin_model *base)
     return load_sh(m, sh);
 }
 
-/* ---- Out of a PLY ---------------------------------------------------------------------------- */
+/* ---- PLY ------------------------------------------------------------------------------------- */
 
-/* What the comment `key` says, or NULL. Of two the last counts. */
+/* The text of the comment `key`, or NULL. Of duplicates the last counts. */
 static const char *comment_of(const struct spin_ply *ply, const char *key)
 {
     size_t n = strlen(key);
@@ -299,7 +300,7 @@ static spin_status check_header(const struct spin_ply *ply, struct model *m, int
 
     SPIN_TRY(read_comment(ply, "ftgs_version", 1, 1e9, &version));
     if (version != 1)
-        return spin_unsupported("it is of ftgs_version %g, this program reads 1", version);
+        return spin_unsupported("ftgs_version is %g, expected 1", version);
     if (!units || strncmp(units, "normalized", 10) != 0 || units[10 + strspn(units + 10, " \t\r")])
         return spin_unsupported("comment 'time_units' is '%.40s', expected 'normalized'",
                                 units ? units : "missing");
@@ -322,15 +323,15 @@ static spin_status check_header(const struct spin_ply *ply, struct model *m, int
         return spin_malformed("sh_degree, use_velocity and n_frames are not whole numbers");
     if (floor_of >= 1 / 255.0)
         spin_note(m->base.sequence,
-                  "its reader shows every Gaussian at an opacity of %g at all times, which is left "
-                  "out here",
+                  "readers of the format show every Gaussian at an opacity of %g at all times, "
+                  "which is left out here",
                   floor_of);
     m->moves = moves != 0;
     *sh_degree = (int)degree;
     return SPIN_OK;
 }
 
-/* Properties of a column, in the order of enum above. */
+/* Properties of each column, in the order of the enum above. */
 static const char *const property_of[N_COLUMNS][4] = {
     {"x", "y", "z"},
     {"scale_0", "scale_1", "scale_2"},
@@ -352,7 +353,8 @@ static spin_status read_ply(struct model *m)
     SPIN_TRY(spin_model_vertices(&m->base, m->base.path, &e));
     SPIN_TRY(spin_fail_reading(check_header(ply, m, &sh_degree), m->base.path));
     if (ply->n_elements != 1 || e->has_list || ply->ascii || ply->big_endian)
-        return spin_malformed("'%s': not one element of little-endian numbers", m->base.path);
+        return spin_malformed("'%s': expected a single element of little-endian binary data",
+                              m->base.path);
     SPIN_TRY(reserve(m, (size_t)e->count, sh_degree));
     m->base.splats_4d.antialias = spin_ply_is_antialiased(ply);
     n_sh = (size_t)spin_sh_count(sh_degree);
@@ -360,7 +362,7 @@ static spin_status read_ply(struct model *m)
         for (int k = 0; k < columns[c].width && column_of(m, c); k++)
             target[n++] = (struct spin_ply_target){spin_ply_find(e, property_of[c][k]),
                                                    column_of(m, c) + k, (size_t)columns[c].width};
-    for (size_t k = 0; k < 3 * n_sh; k++) { /* f_dc, then all rows of red, of green, of blue */
+    for (size_t k = 0; k < 3 * n_sh; k++) { /* f_dc, then the other rows channel by channel */
         bool dc = k < 3;
         size_t channel = dc ? k : (k - 3) / (n_sh - 1), row = dc ? 0 : 1 + (k - 3) % (n_sh - 1);
         char name[24];
@@ -378,7 +380,7 @@ static spin_status read_ply(struct model *m)
                                   "opacity scale_0..2 rot_0..3 time log_duration velocity_0..2",
                                   m->base.path);
         if (e->property[target[t].property].type != SPIN_PLY_F32)
-            return spin_malformed("'%s': property '%s' is no float", m->base.path,
+            return spin_malformed("'%s': property '%s' is not a float", m->base.path,
                                   e->property[target[t].property].name);
     }
     spin_ply_columns(ply, e, target, n);
@@ -406,7 +408,7 @@ static spin_status open_model(void *self, const char *path)
 }
 
 static const struct spin_plugin_option options[] = {
-    {"n-frames", "N", "frames of the clip, where the file does not say", NULL},
+    {"n-frames", "N", "frames of the clip, if the file does not give them", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

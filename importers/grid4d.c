@@ -1,14 +1,13 @@
 /* Grid4D (Xu et al., NeurIPS 2024): a cloud of canonical Gaussians, four 3-D hash grids (one over
- * space, three over two axes and time) and a network that turns, moves and reshapes them.
+ * space, three over two axes and time) and a network that rotates, moves and reshapes them.
  *
- * Residuals are added after the activations, so that a quaternion is not of unit
- * length when the method's rasteriser takes it for one: see spin_deform_shape().
+ * Residuals are added after the activations, so the method's rasteriser gets quaternions that are
+ * not of unit length: see spin_deform_shape().
  *
- * DASH (Chen et al., 2025): a cloud of canonical Gaussians of which some are dynamic; a 4-D hash
- * grid and a network move and reshape those.
- *
- * A descendant of Grid4D. As in the method's render script, the heads for
- * opacity and colour are stored but not used, and static Gaussians stay exactly as they are. */
+ * DASH (Chen et al., 2025): a descendant of Grid4D. A cloud of canonical Gaussians of which some
+ * are dynamic; a 4-D hash grid and a network move and reshape those. As in the method's render
+ * script, the heads for opacity and colour are stored but not used, and static Gaussians do not
+ * change. */
 #include <string.h>
 
 #include "importers/lib/deform.h"
@@ -31,27 +30,27 @@ struct hash_grid {
 
 struct hash_model;
 
-/* What is each method's own. */
+/* What distinguishes the two methods. */
 struct hash_method {
     const char *name;              /* "Grid4D" */
-    const char *extra;             /* a property of the cloud besides, or NULL */
-    const char *key;               /* a tensor of the grid of this method only, */
-    const char *other_key, *other; /* and one of another method, with what to do then */
-    /* The networks, also layer and n_scratch; m is the importer's struct hash_model. */
+    const char *extra;             /* an additional property of the cloud, or NULL */
+    const char *key;               /* a tensor of this method's grid only, */
+    const char *other_key, *other; /* and one of the other method, with the advice for it */
+    /* Loads the networks and sets layer and n_scratch; m is the importer's struct hash_model. */
     spin_status (*load)(struct hash_model *m);
-    /* Settings besides bound and scale_xyz, or NULL. */
+    /* Reads settings other than bound and scale_xyz; or NULL. */
     spin_status (*settle)(struct hash_model *m);
 };
 
-/* What both methods have of a model. */
+/* The part of a model that both methods share. */
 struct hash_model {
     struct spin_model base;
     const struct hash_method *method;
     const char *save; /* iteration_<N> */
-    float *extra;     /* [n] one more property of the cloud, or NULL */
+    float *extra;     /* [n] the additional property of the cloud, or NULL */
     double bound, scale_xyz[3];
-    const struct spin_value *grid, *network; /* the pair that was saved, while it is read */
-    struct mlp_net trunk;                    /* a layer of the method's before it, or none */
+    const struct spin_value *grid, *network; /* the saved pair, while it is read */
+    struct mlp_net trunk;                    /* may begin with a layer of the method's own */
     int width;
     struct mlp_net warp, rotation, scaling;
     size_t layer;     /* floats of the widest layer of a block */
@@ -60,9 +59,9 @@ struct hash_model {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* `key` is a tensor's name, found in the first bytes of a checkpoint of this method only; `option`
- * is how the options of its grid begin, in cfg_args. The folders of a model are the same for all
- * descendants of Deformable-3D-Gaussians. */
+/* `key` is a tensor's name that only checkpoints of this method have in their first bytes; `option`
+ * is the beginning of an option of its grid in cfg_args. The names of folders do not decide: all
+ * descendants of Deformable-3D-Gaussians use the same. */
 static int hash_probe(const struct spin_peek *peek, const char *key, const char *option)
 {
     if (!peek->is_folder)
@@ -87,17 +86,16 @@ static spin_status read_settings(struct hash_model *m)
         if (!spin_cfg_number(bound, &m->bound))
             return spin_misuse("--bound '%s': expected a number", bound.at);
     } else if (!grid_args.at) {
-        return spin_not_found("%s%s%s does not say the bound of the scene, without which nothing "
-                              "can be read: give it with --bound",
-                              cfg->path ? "'" : "",
-                              cfg->path ? cfg->path : "no cfg_args, so the model",
-                              cfg->path ? "'" : "");
+        return spin_not_found(
+            "%s%s%s does not give the bound of the scene, which is required: use --bound",
+            cfg->path ? "'" : "", cfg->path ? cfg->path : "no cfg_args, so the model",
+            cfg->path ? "'" : "");
     } else if ((s = spin_cfg_item(grid_args, "bound")).at) {
         if (!spin_cfg_number(s, &m->bound))
             return spin_malformed("'%s': bound is not a number", cfg->path);
     } else {
         m->bound = 1.6;
-        spin_note(m->base.sequence, "cfg_args names no bound: assumed 1.6 as the method does");
+        spin_note(m->base.sequence, "cfg_args has no bound: assumed 1.6, the method's default");
     }
     if (!(m->bound > 0) || !isfinite(m->bound))
         return spin_fail(bound.at ? SPIN_E_USAGE : SPIN_E_MALFORMED,
@@ -149,7 +147,7 @@ static spin_status load_offsets(struct hash_model *m, const char *name, uint64_t
     return SPIN_OK;
 }
 
-/* The encoder `name`, of n_dims inputs. */
+/* Loads the encoder `name`, which has n_dims inputs. */
 static spin_status hash_load_grid(struct hash_model *m, const char *name, int n_dims,
                                   struct hash_grid *grid)
 {
@@ -186,8 +184,8 @@ static spin_status hash_load_grid(struct hash_model *m, const char *name, int n_
     return SPIN_OK;
 }
 
-/* The layers behind the encoder, grid_mlp.0, .2, ... of `width` and the heads; later tensors are
- * those of the network. */
+/* Loads the layers behind the encoder, grid_mlp.0, .2, ... of `width`, and the heads. base.tensors
+ * must be those of the network. */
 static spin_status hash_load_heads(struct hash_model *m, int width, int n_warp)
 {
     m->width = width;
@@ -199,7 +197,7 @@ static spin_status hash_load_heads(struct hash_model *m, int width, int n_warp)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* The pair (grid, network) that was saved, and that it is this method's. */
+/* Splits the saved pair (grid, network) and checks that it is of this method. */
 static spin_status split(struct hash_model *m)
 {
     const struct spin_value *root = m->base.torch.root;
@@ -208,13 +206,13 @@ static spin_status split(struct hash_model *m)
     m->grid = spin_value_at(root, 0);
     m->network = spin_value_at(root, 1);
     if (root && root->kind == SPIN_VALUE_DICT)
-        return spin_unsupported("what was saved is one state dict, not a pair of a grid and a "
-                                "network: it looks like Deformable-3D-Gaussians");
+        return spin_unsupported("the file has a single state dict, not a pair of grid and network: "
+                                "it is probably of Deformable-3D-Gaussians");
     if (!root || root->kind != SPIN_VALUE_TUPLE || root->n != 2 ||
         m->grid->kind != SPIN_VALUE_DICT || m->network->kind != SPIN_VALUE_DICT)
-        return spin_malformed("what was saved is not a pair of two state dicts, grid and network");
+        return spin_malformed("the file does not have a pair of state dicts, grid and network");
     if (spin_value_get(m->grid, method->other_key))
-        return spin_unsupported("tensor '%s' says that this is a run of %s", method->other_key,
+        return spin_unsupported("tensor '%s' belongs to a run of %s", method->other_key,
                                 method->other);
     if (spin_value_get(m->network, method->key))
         return spin_malformed("the pair is swapped: the network comes before the grid");
@@ -232,8 +230,8 @@ static spin_status load(struct spin_model *base)
     return m->method->load(m);
 }
 
-/* Opens the model's folder, or one of its deform.pth. bound and scale_xyz, of which the tensors say
- * nothing, come from options or cfg_args. */
+/* Opens the model's folder, or one of its deform.pth. bound and scale_xyz, which the tensors lack,
+ * come from options or cfg_args. */
 static spin_status hash_open(struct hash_model *m, const char *path,
                              const struct hash_method *method)
 {
@@ -261,8 +259,9 @@ static spin_status hash_open(struct hash_model *m, const char *path,
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* One level at x in [0, 1]: features to out[0], out[MLP_BLOCK], ... n_dims and n_features are
- * constants where it is inlined. Positions have one rounding, as in the kernel. */
+/* Samples one level at x in [0, 1]: features go to out[0], out[MLP_BLOCK], ... n_dims and
+ * n_features are constants where it is inlined. Positions are rounded once, as in the method's
+ * kernel. */
 MLP_INLINE void hash_sample_level(const struct hash_level *level, int n_dims, int n_features,
                                   const float *x, float *out)
 {
@@ -302,8 +301,8 @@ MLP_INLINE void hash_sample_levels(const struct hash_grid *grid, int n_dims, int
         hash_sample_level(&grid->level[l], n_dims, n_features, x, out + l * n_features * MLP_BLOCK);
 }
 
-/* All levels at x, into one column of a block [levels x features][MLP_BLOCK]. A point with any
- * coordinate outside [0, 1] has no features. */
+/* Samples all levels at x into one column of a block [levels x features][MLP_BLOCK]. Features are 0
+ * if any coordinate is outside [0, 1]. */
 static void hash_sample(const struct hash_grid *grid, const float *x, float *out)
 {
     for (int d = 0; d < grid->n_dims; d++) {
@@ -323,8 +322,8 @@ static void hash_sample(const struct hash_grid *grid, const float *x, float *out
         hash_sample_levels(grid, 4, grid->n_features, x, out);
 }
 
-/* Space and time as the encoders take them: [-bound, bound] to [0, 1], time to 0.05 .. 0.95. In
- * floats and in this order, as the method. */
+/* Computes the encoders' inputs: maps [-bound, bound] to [0, 1], and time to 0.05 .. 0.95.
+ * Operations are in float and in the method's order. */
 static void hash_coordinates(const struct hash_model *m, const float p[3], float time, float out[4])
 {
     float bound = (float)m->bound;
@@ -338,7 +337,7 @@ static void hash_coordinates(const struct hash_model *m, const float p[3], float
 
 enum { XYZ, XYT, YZT, XZT, N_GRIDS };
 
-/* In the order in which their features follow each other. */
+/* In the order of their features. */
 static const struct {
     const char *name;
     int axis[3];
@@ -361,7 +360,7 @@ static int grid4d_probe(const struct spin_peek *peek)
     return hash_probe(peek, "xyt_encoding.", "'deform_");
 }
 
-/* network_args['directional']: the gate is -1..1, not 0..1. */
+/* Reads network_args['directional']: the gate has the range -1..1 instead of 0..1. */
 static spin_status settle(struct hash_model *base)
 {
     struct grid4d_model *model = (struct grid4d_model *)base;
@@ -378,7 +377,7 @@ static spin_status settle(struct hash_model *base)
             return spin_malformed("'%s': directional is neither True nor False", cfg->path);
     } else {
         spin_note(base->base.sequence,
-                  "no cfg_args says 'directional': assumed true as the method does");
+                  "cfg_args has no 'directional': assumed true, the method's default");
     }
     return SPIN_OK;
 }
@@ -419,8 +418,8 @@ static spin_status grid4d_open_save(void *self, const char *path)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* The features of a block: space into `space`, the three with time, one behind the other, into
- * `moving`. */
+/* Computes the features of a block: those of space go to `space`, those of the three grids with
+ * time, one after the other, to `moving`. */
 static void sample(const struct deform_job *job, size_t first, int n, float *space, float *moving)
 {
     const struct grid4d_model *model = job->model;
@@ -441,7 +440,8 @@ static void sample(const struct deform_job *job, size_t first, int n, float *spa
     }
 }
 
-/* relu(temporal) gated by what is at the point's place; then grid_mlp. Returns where it is. */
+/* Multiplies relu(temporal) by a gate that depends on the position and runs grid_mlp. Returns the
+ * layer with the result. */
 static float *hidden(const struct deform_job *job, size_t first, int n, float *scratch)
 {
     const struct grid4d_model *model = job->model;
@@ -461,7 +461,7 @@ static float *hidden(const struct deform_job *job, size_t first, int n, float *s
     return spin_mlp_run(&model->base.trunk, a, b, a);
 }
 
-/* Turned about the world's origin, then moved. */
+/* Rotates positions about the world's origin, then translates them. */
 static void move(const struct deform_job *job, const float *warp, size_t first, int n)
 {
     float *means = job->out->means;
@@ -503,13 +503,14 @@ static spin_status grid4d_frame(void *self, int frame, double time, unsigned col
     return spin_deform_frame(self, time, columns, DEFORM_MOVED, grid4d_evaluate, out);
 }
 
-/* Of Grid4D; DASH has all but the first. */
+/* Options of Grid4D; DASH has all but the first. */
 static const struct spin_plugin_option options[] = {
-    {"directional", "BOOL", "the option of that name of the run, instead of what cfg_args says",
+    {"directional", "BOOL", "the option of that name of the run, instead of the value in cfg_args",
      NULL},
-    {"iteration", "N", "which save to read, a number or best; the last when not given", NULL},
-    {"bound", "X", "half the side of the box of the grids, instead of what cfg_args says", NULL},
-    {"scale-xyz", "X[,Y,Z]", "the option scale_xyz of the run, instead of what cfg_args says",
+    {"iteration", "N", "the save to read, a number or best; by default the last", NULL},
+    {"bound", "X", "half the side of the grids' bounding box, instead of the value in cfg_args",
+     NULL},
+    {"scale-xyz", "X[,Y,Z]", "the option scale_xyz of the run, instead of the value in cfg_args",
      NULL},
     {NULL, NULL, NULL, NULL},
 };
@@ -567,7 +568,7 @@ static spin_status dash_open_save(void *self, const char *path)
     iteration = spin_model_iteration(m->save);
     if (iteration >= 0 && iteration <= 2000)
         spin_note(m->base.sequence,
-                  "%s looks like a save of the first training stage, which works otherwise: the "
+                  "%s is probably a save of the first training stage, which works differently: the "
                   "result may be wrong",
                   m->save);
     return SPIN_OK;

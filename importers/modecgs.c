@@ -1,9 +1,9 @@
 /* MoDec-GS (Kwak et al., CVPR 2025): anchors that spawn Gaussians, moved by two networks, one for
- * the anchors at the nearest canonical time and one for what they spawned.
+ * the anchors at the nearest canonical time and one for the spawned Gaussians.
  *
- * Positions only: opacity, shape and colour of what an anchor spawns depend on the camera, so
- * there is no set of Gaussians per frame. Which offsets are alive depends on it too; all are
- * taken, or with --camera those that are alive for one of the given places. */
+ * Only positions are imported: opacity, shape and colour of spawned Gaussians depend on the camera,
+ * so there is no set of Gaussians per frame. Which offsets are alive depends on the camera too; all
+ * are imported, or with --camera those that are alive for one of the given places. */
 #include "importers/lib/camera_places.h"
 #include "importers/lib/hexplane.h"
 #include "io/npy.h"
@@ -31,15 +31,15 @@ struct model {
     float *offset;               /* [n][n_offsets][3] */
     float *feature;              /* [n][n_features] */
     float *scaling;              /* [n][6] after exp */
-    float *dynamics;             /* [n][2] of the anchor, of what it spawns */
-    bool scaled[N_HEADS];        /* by the dynamics */
+    float *dynamics;             /* [n][2] of the anchor, of its spawned Gaussians */
+    bool scaled[N_HEADS];        /* residuals are multiplied by the dynamics */
     float segment[MAX_SEGMENTS]; /* [n_segments] canonical times */
     int n_segments;
     double grid_pe;
-    bool still; /* what anchors spawn does not move */
+    bool still; /* spawned Gaussians do not move */
     struct hexplane global, local;
     struct mlp_net head[N_HEADS], move;
-    struct mlp_net alive; /* opacity_mlp, with cameras */
+    struct mlp_net alive; /* opacity_mlp, loaded if there are cameras */
     struct camera_places cameras;
     float *centre; /* [most][3] of the frame that was read last */
     bool *kept;    /* [most] */
@@ -69,12 +69,12 @@ static spin_status refuse(const struct cfg_args *cfg, const char *key, bool want
 
     SPIN_TRY(spin_cfg_read_bool(cfg, key, &is));
     if (is != wanted)
-        return spin_unsupported("'%s': a run with %s=%s is not read", cfg->path, key,
+        return spin_unsupported("'%s': a run with %s=%s is not supported", cfg->path, key,
                                 is ? "True" : "False");
     return SPIN_OK;
 }
 
-/* How a dynamics value becomes a factor. */
+/* How a stored dynamics value becomes a factor. */
 struct dynamics {
     int type; /* 0: mask, 1 or 0; 1: mul */
     enum { SIGMOID, RELU, TANH } activation;
@@ -104,7 +104,7 @@ static float dynamics_factor(const struct dynamics *d, float x)
     return d->activation == SIGMOID ? sigmoid : d->activation == RELU ? (x > 0 ? x : 0) : tanhf(x);
 }
 
-/* The flags that change positions, and those under which the page does not say how to go on. */
+/* Reads the flags that change positions, and refuses those whose effect is not known. */
 static spin_status read_settings(struct model *model)
 {
     const struct cfg_args *cfg = &model->base.settings.cfg;
@@ -112,13 +112,12 @@ static spin_status read_settings(struct model *model)
     bool any = false;
 
     if (!cfg->path)
-        return spin_not_found("no cfg_args for '%s', without which nothing can be read",
-                              model->base.path);
+        return spin_not_found("there is no cfg_args for '%s', which is required", model->base.path);
     SPIN_TRY(refuse(cfg, "GLMD", true));
     SPIN_TRY(refuse(cfg, "TIA", true));
     if (spin_cfg_get(cfg, "LGD_method").at &&
         !spin_cfg_is(spin_cfg_get(cfg, "LGD_method"), "'explicit'"))
-        return spin_unsupported("'%s': only LGD_method='explicit' is read", cfg->path);
+        return spin_unsupported("'%s': only LGD_method='explicit' is supported", cfg->path);
     if (model->cameras.n > 0)
         SPIN_TRY(refuse(cfg, "use_feat_bank", false));
     SPIN_TRY(need(cfg, "anchor_dynamics", &any));
@@ -221,7 +220,7 @@ static spin_status use_times(const char *path, const struct spin_array *a, struc
     return SPIN_OK;
 }
 
-/* canonical_times.npy, else as many even steps as cfg_args says. */
+/* Reads canonical_times.npy; without it, spaces as many times evenly as cfg_args says. */
 static spin_status read_times(struct model *model)
 {
     const struct cfg_args *cfg = &model->base.settings.cfg;
@@ -247,8 +246,8 @@ static spin_status read_times(struct model *model)
     return SPIN_OK;
 }
 
-/* The nearest one; where that is still to come, a constant step back from it. Differs: the step
- * before would be the previous entry if the entries were even, but training shifts them. */
+/* The nearest canonical time; if that is later than `time`, the time one mean segment before it.
+ * This is not the previous entry: training shifts the entries, so they are uneven. */
 static float canonical_time(const struct model *model, float time)
 {
     int nearest = 0;
@@ -306,9 +305,9 @@ static spin_status open_network(struct model *model, const char *name,
 
 /* ---- opacity_mlp.pt -------------------------------------------------------------------------- */
 
-/* Storage number `index`: finite floats, *count of them or, where it is 0, as many as there are.
- * TorchScript numbers storages as it meets them: weight and bias of the first layer, of the second.
- */
+/* Reads storage `index`, finite floats: *count of them, or all if *count is 0. TorchScript numbers
+ * storages in the order of their appearance: weight and bias of the first layer, then of the
+ * second. */
 static spin_status read_storage(struct model *model, const struct spin_zip *zip, int index,
                                 size_t *count, const float **out)
 {
@@ -341,9 +340,9 @@ static spin_status read_storage(struct model *model, const struct spin_zip *zip,
     return SPIN_OK;
 }
 
-/* Linear(A + 3 or A + 4, A) and Linear(A, offsets) of A features and the view, as torch.jit.trace()
- * saves them: a zip whose program is not read. Only the sign of what comes out is of interest, so
- * the tanh behind it is left out. */
+/* Reads Linear(A + 3 or A + 4, A) and Linear(A, offsets) of A features and the view, as saved by
+ * torch.jit.trace(): a zip whose program is not read. Only the sign of the result matters, so the
+ * tanh after it is omitted. */
 static spin_status read_layers(struct model *model, const struct spin_zip *zip)
 {
     struct mlp_layer *layer = model->alive.layer;
@@ -383,9 +382,9 @@ static spin_status read_opacity(struct model *model)
 
 /* The parts of a worker's scratch for a block of anchors. */
 enum {
-    NETWORK = N_HEADS, /* both networks, one after the other; before it N_HEADS anchors and what
-                          they have, deformed */
-    INPUT,             /* of the opacities, with the next two */
+    NETWORK = N_HEADS, /* scratch of either network; the N_HEADS parts before it are the deformed
+                          attributes */
+    INPUT,             /* of opacity_mlp, as are the next two */
     LAYER,
     ALIVE,
     CENTRE,   /* [MLP_BLOCK * n_offsets][3] */
@@ -393,7 +392,7 @@ enum {
     N_PARTS
 };
 
-/* Where each begins; returns how many floats they are. */
+/* Sets where each part begins, unless scratch is NULL; returns the number of floats of all. */
 static size_t split(const struct model *model, float *scratch, float *part[N_PARTS])
 {
     size_t global = spin_hex_scratch(&model->global), local = spin_hex_scratch(&model->local);
@@ -423,8 +422,8 @@ static spin_status open_model(void *self, const char *path)
             "'%s' has no iteration_%s with point_cloud.ply and deformation_GAD.pth%s", path,
             wanted ? wanted : "<N>",
             spin_model_search(path, "deformation.pth", &coarse)
-                ? "; what has 'deformation.pth' alone is a run of 4DGaussians, or of MoDec-GS "
-                  "without GLMD, which is not read"
+                ? "; with 'deformation.pth' alone it is a run of 4DGaussians, or of MoDec-GS "
+                  "without GLMD, which is not supported"
                 : "");
     SPIN_TRY(spin_model_cfg(base, path, base->path));
     SPIN_TRY(spin_camera_places_parse(spin_model_option(base, "camera"), &model->cameras));
@@ -447,8 +446,8 @@ static spin_status open_model(void *self, const char *path)
              model->n_segments);
     spin_note(sequence, "positions only: opacity, shape and colour depend on the camera");
     if (model->cameras.n == 0)
-        spin_note(sequence, "all offsets are imported, also those that no camera sees: --camera "
-                            "says where cameras are");
+        spin_note(sequence, "all offsets are imported, including those that are visible to no "
+                            "camera: give camera positions with --camera");
     spin_note(sequence, "times run from 0 to 1 and are not stored");
     return spin_mlp_team_create(split(model, NULL, NULL), &base->team);
 }
@@ -460,7 +459,7 @@ struct job {
     float time, canonical;
 };
 
-/* Anchors, features, offsets and scalings at the canonical time. */
+/* Computes anchors, features, offsets and scalings at the canonical time. */
 static void deform_anchors(const struct job *job, size_t first, int n, float *const *part)
 {
     const struct model *model = job->model;
@@ -501,7 +500,7 @@ static void spawn(const struct model *model, int n, float *const *part)
     }
 }
 
-/* An offset counts when it is opaque for one of the cameras. */
+/* Keeps the offsets that are opaque for at least one of the cameras. */
 static void find_alive(const struct model *model, size_t first, int n, float *const *part)
 {
     size_t k = (size_t)model->n_offsets;
@@ -520,7 +519,7 @@ static void find_alive(const struct model *model, size_t first, int n, float *co
             norm = sqrtf(norm);
             for (int d = 0; d < 3 && norm > 0; d++)
                 v[d * MLP_BLOCK] /= norm;
-            v[3 * MLP_BLOCK] = norm; /* taken only where the layer is that wide */
+            v[3 * MLP_BLOCK] = norm; /* used only by layers that are that wide */
         }
         spin_mlp_run(&model->alive, part[INPUT], part[LAYER], part[ALIVE]);
         for (int p = 0; p < n; p++)
@@ -530,7 +529,7 @@ static void find_alive(const struct model *model, size_t first, int n, float *co
     }
 }
 
-/* The second network, at the frame's own time. */
+/* Applies the second network, at the frame's own time. */
 static void move_centres(const struct job *job, size_t first, int n, float *const *part)
 {
     const struct model *model = job->model;
@@ -598,8 +597,8 @@ static spin_status modecgs_frame(void *self, int frame, double time, unsigned co
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "which save to read; the last when not given", NULL},
-    {"camera", "X,Y,Z[;...]", "take only what is opaque seen from one of these places", NULL},
+    {"iteration", "N", "the save to read; by default the last", NULL},
+    {"camera", "X,Y,Z[;...]", "import only what is opaque from one of these positions", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

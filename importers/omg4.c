@@ -1,9 +1,9 @@
-/* OMG4 (Optimized Minimal 4D Gaussian Splatting), a compressed Realtime-4DGS, and its flavour with
+/* OMG4 (Optimized Minimal 4D Gaussian Splatting), a compressed Realtime-4DGS, and its variant with
  * velocities, OMG4-FTGS: one pickle in an xz.
  *
- * Shapes lie in codebooks behind Huffman codes. Opacity and colour come from four small networks
- * fed with place, time and six numbers per Gaussian, so that each time asked for is a pass of
- * networks over those Gaussians that it sees. 4D splats have those of their own times. */
+ * Shapes are Huffman-coded indices into codebooks. Opacity and colour come from four small
+ * networks, whose inputs are position, time and six numbers per Gaussian, so every time requires an
+ * evaluation for the Gaussians shown then. 4D splats get the values at their own times. */
 #include "importers/lib/file_sequence.h"
 #include "importers/lib/gaussian4d.h"
 #include "math/motion.h"
@@ -12,9 +12,10 @@
 #include "math/ntc.h"
 
 #define UNPACKED_LIMIT ((size_t)1 << 30)
-#define LEAST_WEIGHT 0.05             /* Realtime-4DGS's rule */
-#define LEAST_WEIGHT_FTGS (1.0 / 255) /* its renderer has none; what is fainter is never drawn */
-#define SPREAD 1.2                    /* of initial times, over the clip's */
+#define LEAST_WEIGHT 0.05 /* the rule of Realtime-4DGS */
+#define LEAST_WEIGHT_FTGS                                                                          \
+    (1.0 / 255)    /* its renderer has no rule; fainter Gaussians are never drawn */
+#define SPREAD 1.2 /* range of initial times relative to the clip */
 
 enum {
     OCTAVES = 16,
@@ -26,7 +27,7 @@ enum {
 
 enum { CONT, DC, OPACITY, SH, N_NETS };
 
-/* What the networks say. */
+/* Columns that the networks compute. */
 #define LOOKS ((unsigned)(SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH))
 
 static const struct {
@@ -40,12 +41,12 @@ static const struct {
 
 struct model {
     struct spin_model base;
-    struct spin_pickle pickle; /* while it is read */
+    struct spin_pickle pickle; /* only during open() */
     bool moving;               /* FTGS */
     struct clip_times times;
     size_t n;
     struct gaussian4d gaussians;
-    size_t *kept, n_kept; /* those that the last time asked for shows */
+    size_t *kept, n_kept; /* rows shown at the time that was read last */
     float *app;           /* [n][6] of the rows of the file */
     bool has_looks;       /* the 4D splats have opacities and colours */
     struct mlp_net net[N_NETS];
@@ -69,8 +70,8 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Huffman codes --------------------------------------------------------------------------- */
 
-/* As the Python package dahuffman pickles them: the table is the code, as it need not be canonical.
- */
+/* Codes as pickled by the Python package dahuffman. They need not be canonical, so the tree is
+ * built from the pickled table. */
 struct huffman_node {
     uint32_t child[2]; /* 0: none */
     int64_t label;
@@ -83,7 +84,7 @@ struct huffman {
 
 #define MAX_CODE_BITS 63
 
-/* Of nodes; leaves have a label >= 0, or END. */
+/* Labels of inner nodes and of the end mark; other leaves have labels >= 0. */
 enum { INNER = -1, END = -2 };
 
 static spin_status new_node(struct huffman *tree, uint32_t *out)
@@ -118,7 +119,8 @@ static spin_status add_code(struct huffman *tree, int bits, uint64_t code, int64
     return SPIN_OK;
 }
 
-/* From the table {label: (bits, code), ..., end mark: (bits, code)}; *tree is zero before. */
+/* Builds a tree from the table {label: (bits, code), ..., end mark: (bits, code)}; *tree must be
+ * zeroed. */
 static spin_status huffman_build(const struct spin_value *table, struct huffman *tree)
 {
     uint32_t root;
@@ -133,7 +135,7 @@ static spin_status huffman_build(const struct spin_value *table, struct huffman 
 
         if (key->kind != SPIN_VALUE_OBJECT &&
             (!spin_value_number(key, &label) || !(label >= 0) || label > 1e9))
-            return spin_malformed("a Huffman table has a label that is no number");
+            return spin_malformed("a Huffman table has a label that is not a number");
         if (!bits || !code || bits->kind != SPIN_VALUE_INT || code->kind != SPIN_VALUE_INT ||
             bits->integer < 1 || bits->integer > MAX_CODE_BITS || code->integer < 0 ||
             code->integer >> bits->integer != 0)
@@ -145,7 +147,8 @@ static spin_status huffman_build(const struct spin_value *table, struct huffman 
     return SPIN_OK;
 }
 
-/* n labels below n_labels. The end mark may be missing or cut off: what counts is how many came. */
+/* Decodes n labels below n_labels. The end mark may be missing or truncated: only the number of
+ * labels is checked. */
 static spin_status huffman_read(const struct huffman *tree, const struct spin_value *bytes,
                                 size_t n, uint64_t n_labels, uint32_t *out)
 {
@@ -158,9 +161,9 @@ static spin_status huffman_read(const struct huffman *tree, const struct spin_va
 
         at = tree->node[at].child[bit];
         if (at == 0) {
-            if (found == n) /* padding behind the last label */
+            if (found == n) /* padding after the last label */
                 return SPIN_OK;
-            return spin_malformed("the bits after label %zu are no Huffman code", found);
+            return spin_malformed("the bits after label %zu are not a Huffman code", found);
         }
         label = tree->node[at].label;
         if (label == INNER)
@@ -182,7 +185,7 @@ static spin_status huffman_read(const struct huffman *tree, const struct spin_va
 
 /* ---- Arrays ---------------------------------------------------------------------------------- */
 
-/* A numpy array or the inner torch tensor, of floating-point numbers, all there. */
+/* A numpy array or torch tensor of floating-point numbers with all its data, else NULL. */
 static const struct spin_array *as_array(const struct spin_value *v)
 {
     if (!v || v->kind != SPIN_VALUE_TENSOR || (v->tensor.kind != 'f' && v->tensor.kind != 'B') ||
@@ -191,13 +194,13 @@ static const struct spin_array *as_array(const struct spin_value *v)
     return &v->tensor;
 }
 
-/* [n][width], while open() runs; m->n is set by the first. */
+/* Reads an array [n][width] that lives until open() returns; the first call sets m->n. */
 static spin_status load(struct model *m, const char *key, size_t width, float **out)
 {
     const struct spin_array *t = as_array(spin_value_get(m->pickle.root, key));
 
     if (!t || t->n_dims != 2 || t->shape[1] != width || (m->n && t->shape[0] != m->n))
-        return spin_malformed("'%s' is missing or no array [%s, %zu] of floating-point numbers",
+        return spin_malformed("'%s' is missing or not an array [%s, %zu] of floating-point numbers",
                               key, m->n ? "Gaussians" : "G", width);
     if (t->shape[0] == 0)
         return spin_malformed("0 Gaussians");
@@ -217,7 +220,7 @@ static const struct spin_value *get_list(struct model *m, const char *name, cons
     return list && list->kind == SPIN_VALUE_LIST ? list : NULL;
 }
 
-/* Columns at..at+length-1 of out [n][width], looked up in one codebook. */
+/* Fills columns at..at+length-1 of out [n][width] from one codebook. */
 static spin_status read_part(struct model *m, const struct spin_value *code,
                              const struct spin_value *index, const struct spin_value *table,
                              size_t at, size_t width, float *out)
@@ -260,8 +263,8 @@ static spin_status read_parts(struct model *m, const char *name, size_t width, f
 
         if (!book || book->n_dims != 2 || book->shape[1] == 0 || book->shape[1] > width - at)
             return spin_malformed(
-                "'%s_code' %zu is no codebook, or its width does not fit into the %zu columns",
-                name, i, width);
+                "'%s_code' %zu is not a codebook, or is too wide for the %zu columns", name, i,
+                width);
         SPIN_TRY_IN(read_part(m, spin_value_at(codes, i), spin_value_at(indices, i),
                               spin_value_at(tables, i), at, width, out),
                     "'%s' part %zu", name, i);
@@ -272,7 +275,7 @@ static spin_status read_parts(struct model *m, const char *name, size_t width, f
     return SPIN_OK;
 }
 
-/* A quantised column, while open() runs. */
+/* Reads a quantised column that lives until open() returns. */
 static spin_status load_coded(struct model *m, const char *name, size_t width, float **out)
 {
     SPIN_TRY(spin_model_scratch(&m->base, m->n, width * sizeof **out, (void **)out));
@@ -281,7 +284,7 @@ static spin_status load_coded(struct model *m, const char *name, size_t width, f
 
 /* ---- Networks -------------------------------------------------------------------------------- */
 
-/* Two matrices in one row of numbers: [64][in], then [out][64]; no biases, and all of it in half
+/* Loads two consecutive matrices, [64][in] and [out][64], without biases, for evaluation in half
  * precision. */
 static spin_status load_net(struct model *m, int net)
 {
@@ -291,7 +294,7 @@ static spin_status load_net(struct model *m, int net)
     float *weight;
 
     if (!t || t->n_dims != 1 || t->count != count)
-        return spin_malformed("'%s' is missing or no array [%zu]", nets[net].key, count);
+        return spin_malformed("'%s' is missing or not an array [%zu]", nets[net].key, count);
     SPIN_TRY(spin_model_alloc(&m->base, count, sizeof *weight, (void **)&weight));
     spin_array_to_f32(t, 0, count, weight);
     if (spin_finite_missing(weight, count) > 0)
@@ -305,8 +308,8 @@ static spin_status load_net(struct model *m, int net)
     return SPIN_OK;
 }
 
-/* sin and cos of 2^k pi x, k = 0..15. Turns are counted in double: the last argument reaches 10^5.
- * */
+/* Writes sin and cos of 2^k pi x, k = 0..15. The argument is reduced in double, as the last one
+ * reaches 10^5. */
 static void encode(float x, float *out)
 {
     for (int k = 0; k < OCTAVES; k++) {
@@ -318,7 +321,7 @@ static void encode(float x, float *out)
     }
 }
 
-/* Where the pieces of a thread's scratch begin, in channels. */
+/* Offsets of the parts of a thread's scratch, in channels. */
 enum {
     ENCODED = 0,
     INPUT = ENCODED + 8 * OCTAVES,
@@ -331,7 +334,7 @@ enum {
 struct pass {
     struct model *m;
     double time;
-    bool own; /* each at its own time instead */
+    bool own; /* evaluate each Gaussian at its own time instead */
     unsigned columns;
     struct spin_splats *out;
 };
@@ -341,7 +344,8 @@ static double time_of(const struct pass *p, size_t i)
     return p->own ? (double)p->m->base.splats_4d.times[i] : p->time;
 }
 
-/* The place that the networks see: the Gaussian's own, or where FTGS has moved it. */
+/* The position that is an input of the networks: the Gaussian's own, or with FTGS that at the time.
+ */
 static spin_vec3 place_of(const struct pass *p, size_t i)
 {
     const struct spin_splats_4d *s = &p->m->base.splats_4d;
@@ -372,7 +376,7 @@ static void encode_block(const struct pass *p, size_t first, int n, float *encod
     }
 }
 
-/* The features, and three of the six appearance numbers from `from` on. */
+/* Sets a network's inputs: the features, and three of the six appearance numbers from `from` on. */
 static void fill_input(const struct pass *p, size_t first, int n, int from, const float *features,
                        float *in)
 {
@@ -387,7 +391,7 @@ static void fill_input(const struct pass *p, size_t first, int n, int from, cons
     }
 }
 
-/* Rows from `row` on of sh [48][3] of point b, out of a network's channels. */
+/* Copies a network's outputs for point b to the rows of sh [48][3] from `row` on. */
 static void take_rows(const float *channel, int b, int row, int n_rows, float *sh)
 {
     for (int i = 0; i < 3 * n_rows; i++)
@@ -499,15 +503,15 @@ static spin_status find_times(struct model *m)
     struct spin_model *base = &m->base;
     const char *asked = spin_model_option(base, "time-duration");
 
-    if (m->moving) /* fixed in its code, and no formula needs it */
+    if (m->moving) /* FTGS: fixed in its code, and no formula uses it */
         return spin_run_config_times(NULL, asked ? asked : "0,10", NULL, 0, 1, 1, &m->times);
     SPIN_TRY(spin_model_config(base));
     SPIN_TRY(spin_run_config_times(&base->settings, asked, base->splats_4d.times, m->gaussians.n, 1,
                                    SPREAD, &m->times));
     if (m->times.guessed)
         spin_note(base->sequence,
-                  "time_duration is not in the file: assumed %g,%g, as the Gaussians' own times "
-                  "run; colours and opacities depend on it: --time-duration or --config sets it",
+                  "time_duration is not in the file: assumed %g,%g, by the Gaussians' own times; "
+                  "colours and opacities depend on it: set it with --time-duration or --config",
                   m->times.first, m->times.last);
     return SPIN_OK;
 }
@@ -580,8 +584,9 @@ static spin_status open_model(void *self, const char *path)
     SPIN_TRY(spin_model_alloc(&m->base, m->gaussians.n, sizeof *m->kept, (void **)&m->kept));
     snprintf(m->base.sequence->variant, sizeof m->base.sequence->variant, "%s, %zu Gaussians",
              m->moving ? "OMG4-FTGS" : "OMG4", m->n);
-    spin_note(m->base.sequence, "opacity and colour are networks of place and time: 4D splats have "
-                                "those of their own times, --frames and --times sample them");
+    spin_note(m->base.sequence,
+              "opacity and colour are functions of position and time: 4D splats have those at "
+              "their own times; sample them with --frames or --times");
     return SPIN_OK;
 }
 
@@ -591,7 +596,7 @@ static spin_status run_networks(struct pass *p)
 {
     struct model *m = p->m;
 
-    if (!m->base.team.scratch) /* for the first time */
+    if (!m->base.team.scratch) /* first call */
         SPIN_TRY(spin_mlp_team_create(N_CHANNELS * MLP_BLOCK, &m->base.team));
     spin_mlp_team_run(&m->base.team, m->n_kept, run_block, p);
     return SPIN_OK;
@@ -647,6 +652,6 @@ static const struct spin_plugin_option options[] = {
 };
 
 SPIN_MODEL_IMPORTER(omg4, struct model, open_model, spin_model_close,
-                    .summary = "OMG4 and OMG4-FTGS: comp.xz, or the folder it lies in",
+                    .summary = "OMG4 and OMG4-FTGS: comp.xz, or its folder",
                     .upstream = "MinShirley/OMG4 58bd7ed", .options = options, .probe = probe,
                     .frame = omg4_frame, .splats_4d = omg4_splats_4d)

@@ -1,8 +1,8 @@
 /* PLY: one 3DGS cloud, or a folder with one cloud per frame.
  *
- * Properties are looked up by name, so any writer's order will do. Besides Gaussians three other
- * kinds are known: plain points, with colours or without, which give positions only, and
- * SuperSplat's compressed layout. */
+ * Properties are looked up by name, so their order does not matter. Besides Gaussians three other
+ * kinds are supported: plain points, with or without colours, which give positions only (and RGB),
+ * and SuperSplat's compressed layout. */
 #include <strings.h>
 
 #include "formats/compressed_ply.h"
@@ -18,15 +18,15 @@ struct clip {
     size_t *counts; /* [n_frames] */
     enum kind kind;
     int sh_degree;      /* largest of all frames */
-    const char **names; /* vertex properties of the first frame but f_rest_*; NULL-terminated */
+    const char **names; /* vertex properties of the first frame except f_rest_*; NULL-terminated */
     size_t n_names;
     bool warned_scale, warned_opacity, warned_extra;
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* How sure a folder's names make us that it is a sequence of clouds: a folder of numbered files, a
- * folder of per-frame folders with the INRIA tree inside, one model's tree. */
+/* Confidence, by the names in a folder, that it is a sequence of clouds: numbered files, a folder
+ * per frame with the INRIA tree inside, or one model's tree. */
 static int probe_folder(const struct spin_peek *peek)
 {
     int n_folders = 0;
@@ -58,8 +58,8 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Finding the files ----------------------------------------------------------------------- */
 
-/* The cloud of a model folder: point_cloud/iteration_<n>/point_cloud.ply or point_cloud.ply; NULL
- * when there is none. */
+/* Finds the cloud of a model's folder: point_cloud/iteration_<n>/point_cloud.ply or
+ * point_cloud.ply; NULL when there is none. */
 static spin_status find_model(struct spin_model *m, const char *folder, const char **out)
 {
     const char *clouds, *name = NULL;
@@ -72,8 +72,8 @@ static spin_status find_model(struct spin_model *m, const char *folder, const ch
     return spin_model_find(m, out, folder, "point_cloud.ply");
 }
 
-/* At least one frame, in any order: of a folder its files, else its model or save, else the models
- * of the numbered folders in it. */
+/* Finds at least one frame, in any order. In a folder: its files, else its model or save, else the
+ * models in its numbered folders. */
 static spin_status find_files(struct spin_model *m, const char *path,
                               struct spin_file_sequence *seq)
 {
@@ -111,12 +111,12 @@ static spin_status find_files(struct spin_model *m, const char *path,
     return SPIN_OK;
 }
 
-/* ---- What a file holds ----------------------------------------------------------------------- */
+/* ---- Contents of a file ---------------------------------------------------------------------- */
 
-/* A cloud whose Gaussians move by themselves is no frame. */
+/* Refuses 4D models, which are not the cloud of one frame. */
 static spin_status check_not_4d(const struct spin_ply *ply, const struct spin_ply_element *e)
 {
-    /* A name, or with a * how it begins; the first that is there decides. */
+    /* A property's name, or with a * its beginning; the first match decides. */
     static const struct {
         const char *name, *method, *use;
     } signs[] = {
@@ -142,10 +142,10 @@ static spin_status check_not_4d(const struct spin_ply *ply, const struct spin_pl
         if (signs[i].name[stem] ? spin_ply_has_prefix(e, prefix) : spin_ply_has(e, prefix))
             break;
     }
-    if (i == n || (i == n - 1 && !spin_gs_ply_any(e))) /* points may have a t */
+    if (i == n || (i == n - 1 && !spin_gs_ply_any(e))) /* plain points may have a t */
         return SPIN_OK;
-    return spin_unsupported("'%s': property '%s' says that this is a 4D model, it looks like %s, "
-                            "and not the cloud of one frame%s",
+    return spin_unsupported("'%s': property '%s' belongs to a 4D model, probably of %s, not to the "
+                            "cloud of one frame%s",
                             ply->path, signs[i].name, signs[i].method, signs[i].use);
 }
 
@@ -153,8 +153,8 @@ struct content {
     const struct spin_ply_element *vertex;
     enum kind kind;
     int sh_degree, n_rest;             /* sh_degree -1: points */
-    struct spin_gs_ply gaussians;      /* of GAUSSIANS */
-    struct spin_compressed_ply packed; /* of COMPRESSED */
+    struct spin_gs_ply gaussians;      /* if GAUSSIANS */
+    struct spin_compressed_ply packed; /* if COMPRESSED */
 };
 
 static spin_status inspect(const struct spin_ply *ply, struct content *out)
@@ -190,12 +190,12 @@ static spin_status inspect(const struct spin_ply *ply, struct content *out)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* What the writer said about itself, from the first frame. */
+/* Notes what the first frame reveals about its writer. */
 static void note_writer(const struct spin_ply *ply, const struct content *c,
                         struct spin_sequence_info *sequence)
 {
     if (spin_ply_is_antialiased(ply)) {
-        spin_note(sequence, "trained with an anti-aliasing rasteriser, and drawn so here");
+        spin_note(sequence, "trained with an antialiasing rasteriser: drawn antialiased");
         sequence->antialias = true;
     }
     if (spin_ply_has(c->vertex, "filter_3D")) {
@@ -206,8 +206,8 @@ static void note_writer(const struct spin_ply *ply, const struct content *c,
     }
     if (spin_ply_has(c->vertex, "embedding_0")) {
         spin_note(sequence, "properties embedding_*, as E-D3DGS writes them: this is its canonical "
-                            "cloud and no frame of the video; --from ed3dgs reads its network");
-        spin_warn("'%s': the canonical cloud of E-D3DGS is no frame of the video", ply->path);
+                            "cloud, not a frame of the video; --from ed3dgs reads its network");
+        spin_warn("'%s': the canonical cloud of E-D3DGS is not a frame of the video", ply->path);
     }
     if (c->n_rest > 45) {
         spin_note(sequence, "SH degree 4 is cut to degree 3");
@@ -229,7 +229,7 @@ static spin_status keep_names(struct clip *clip, const struct spin_ply_element *
     return SPIN_OK;
 }
 
-/* All frames have the same properties, in any order; only the SH degree may differ. */
+/* Checks that all frames have the same properties, in any order; only the SH degree may differ. */
 static spin_status compare_names(const struct clip *clip, const struct spin_ply *ply,
                                  const struct content *c)
 {
@@ -329,7 +329,8 @@ static spin_status open_clip(void *self, const char *path)
 
 /* ---- One frame ------------------------------------------------------------------------------- */
 
-/* Values that look as if exp or the sigmoid had been applied already: a guess, so it warns. */
+/* Warns about values that look as if exp or the sigmoid had been applied already. It is a guess,
+ * hence no error. */
 static void warn_activated(struct clip *clip, const char *path, const struct spin_splats *s,
                            unsigned columns)
 {
@@ -343,8 +344,8 @@ static void warn_activated(struct clip *clip, const char *path, const struct spi
         }
         if (positive && 2 * n_small > 3 * s->n) {
             clip->warned_scale = true;
-            spin_warn("'%s': all scales are positive and most are below 0.1; they look as if they "
-                      "were not logarithms",
+            spin_warn("'%s': all scales are positive and most are below 0.1; they are probably not "
+                      "logarithms",
                       path);
         }
     }
@@ -353,8 +354,7 @@ static void warn_activated(struct clip *clip, const char *path, const struct spi
             unit = unit && s->logit_opacities[i] >= 0 && s->logit_opacities[i] <= 1;
         if (unit) {
             clip->warned_opacity = true;
-            spin_warn("'%s': all opacities lie in 0..1; they look as if they were not logits",
-                      path);
+            spin_warn("'%s': all opacities are in 0..1; they are probably not logits", path);
         }
     }
 }

@@ -1,32 +1,32 @@
 /* Realtime-4DGS (Yang et al., ICLR 2024): chkpnt<N>.pth, a tuple of tensors.
  *
- * Gaussians are 4-D: at a time each is an ellipsoid of fixed shape on a straight line, with a bell
- * of opacity in time and cosines in its colour. The file tells neither the range of times nor which
- * of two conventions its rotations follow: both may be given; otherwise a note says which was
- * assumed.
+ * Gaussians are four-dimensional: at any time each is an ellipsoid of fixed shape on a straight
+ * line, with a Gaussian window in time and cosines of time in its colour. The file lacks the range
+ * of times, and which of two conventions its rotations follow: both can be given as options;
+ * otherwise a note names the assumption.
  *
- * Hybrid 3D-4DGS (Oh et al., 2025): a fork of Realtime-4DGS whose Gaussians of long life become
- * static ones in training. A checkpoint holds both: those of Realtime-4DGS, and 3-D ones that are
- * there at all times.
+ * Hybrid 3D-4DGS (Oh et al., 2025): a fork of Realtime-4DGS that turns long-lived Gaussians into
+ * static ones during training. A checkpoint has both: those of Realtime-4DGS, and 3-D ones that are
+ * permanent.
  *
- * The PLY that a run leaves as well looks like a cloud of 3DGS and is none: it has the dynamic half
- * only, every Gaussian at its own time. */
+ * The PLY that a run also writes looks like a cloud of 3DGS but is not one: it has only the dynamic
+ * half, every Gaussian at its own time. */
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 
 /* Floats of all SH of a row, in space and in time. */
 #define MAX_SH 144
 
-/* The renderer skips a Gaussian whose weight in time is not above this. */
+/* The method's renderer skips Gaussians whose weight in time is not above this. */
 #define LEAST_WEIGHT 0.05
-/* After so many rows, the pages they lie in may go. */
+/* Mapped pages are released after so many rows. */
 #define PAGE_ROWS 4096
-/* Initial times are drawn from the clip and 10% beyond both its ends. */
+/* Initial times are drawn from the clip extended by 10% at both ends. */
 #define SPREAD 1.2
 
 enum part {
     R4_ACTIVE,
-    R4_XYZ, /* from here on to R4_OPACITY: what static Gaussians have too */
+    R4_XYZ, /* from here to R4_OPACITY: parts that static Gaussians have too */
     R4_DC,
     R4_REST,
     R4_SCALING,
@@ -43,36 +43,36 @@ enum part {
 };
 
 struct rows {
-    /* Where the parts are. */
-    const char *who; /* stands before their names in messages; NULL: nothing */
-    const struct spin_value *part[R4_N_PARTS]; /* NULL: not there */
+    /* The parts in the checkpoint. */
+    const char *who;                           /* prefix of their names in messages, or NULL */
+    const struct spin_value *part[R4_N_PARTS]; /* NULL: missing */
     bool swapped;                              /* SH are [N][3][K] */
-    bool masked;                               /* a fork's mask follows */
+    bool masked;                               /* followed by a fork's mask */
     bool moving;                               /* gaussian_dim 4: has t and scaling_t */
-    double iteration;                          /* -1: not told */
-    /* What was read. */
+    double iteration;                          /* -1: unknown */
+    /* The data. */
     size_t n;
     bool rot_4d;             /* rotated in four dimensions: has rotation_r too */
-    int n_sh;                /* of a row in the file; 0: SH are not read */
-    int degree, degree_t;    /* of SH that are drawn, in space and in time */
-    struct spin_array sh[2]; /* dc, rest; in the checkpoint, with which they die */
-    /* While open() runs: xyz, scaling [n][3]; rotation, rotation_r [n][4] of any length; opacity
+    int n_sh;                /* per row of the file; 0: SH are not read */
+    int degree, degree_t;    /* of the SH in use, in space and in time */
+    struct spin_array sh[2]; /* dc, rest; valid while the checkpoint is open */
+    /* During open() only: xyz, scaling [n][3]; rotation, rotation_r [n][4] of any length; opacity
      * [n] logits; t, scaling_t [n] */
     float *column[R4_N_PARTS];
 };
 
 /* How rows become Gaussians. */
 struct reading {
-    bool older;      /* the rotations of 4-D are those before 2024-09 */
-    bool transposed; /* those of 3-D are turned the other way */
-    double extra;    /* is added to the variance of time where it weighs only */
+    bool older;      /* 4-D rotations follow the convention before 2024-09 */
+    bool transposed; /* 3-D rotations are inverted */
+    double extra;    /* added to the variance of the window only */
 };
 
 /* ---- Parts ----------------------------------------------------------------------------------- */
 
-/* Where a part is: its item in the tuples of a 4-D and of a 3-D model (-1: none), its name in a
- * fork's dict, which is that of the attribute of the class, and in loaded_pth. width: floats of a
- * row; 0: not read so. */
+/* Location of each part: its item in the tuples of a 4-D and of a 3-D model (-1: none), its key in
+ * a fork's dict, which is the attribute of the class, and its key in loaded_pth. width: floats per
+ * row; 0: not read as a column. */
 static const struct {
     const char *name;
     int item, item3;
@@ -100,7 +100,7 @@ static bool is_kind(const struct spin_value *v, enum spin_value_kind kind)
     return v && v->kind == kind;
 }
 
-/* A part is not there, None, or without elements. */
+/* Whether a part is missing, None, or without elements. */
 static bool r4_lacks(const struct rows *r, enum part part)
 {
     const struct spin_value *v = r->part[part];
@@ -108,7 +108,7 @@ static bool r4_lacks(const struct rows *r, enum part part)
     return !v || v->kind == SPIN_VALUE_NONE || spin_chkpnt_is_empty(v);
 }
 
-/* The items of a 4-D model's tuple, from the 1st to the 19th. */
+/* Takes the parts from the first 19 items of a 4-D model's tuple. */
 static void r4_items(const struct spin_value *model, struct rows *r)
 {
     r->moving = true;
@@ -125,14 +125,14 @@ static spin_status take_tuple(const struct spin_value *m, struct rows *r)
     }
     if (m->n != 12 && m->n != 13)
         return spin_unsupported(
-            "the model has %zu items and Realtime-4DGS has 19 (or 12): it is one of %s", m->n,
+            "the model has %zu items and Realtime-4DGS has 19 (or 12): it is a model of %s", m->n,
             spin_chkpnt_maker(m->n));
     for (int p = 0; p < R4_N_PARTS; p++)
         r->part[p] = all[p].item3 < 0 ? NULL : spin_value_at(m, (size_t)all[p].item3);
     return SPIN_OK;
 }
 
-/* A fork's dict. */
+/* Takes the parts from a fork's dict. */
 static void take_attributes(const struct spin_value *m, struct rows *r)
 {
     double dim = 4;
@@ -143,8 +143,8 @@ static void take_attributes(const struct spin_value *m, struct rows *r)
         r->part[p] = all[p].attribute ? spin_value_get(m, all[p].attribute) : NULL;
 }
 
-/* And the dict that training takes as loaded_pth, whose keys begin with `prefix`: features have
- * their last two axes swapped, and there are no degrees. */
+/* Takes the parts from the dict that training reads as loaded_pth, whose keys begin with `prefix`:
+ * features have their last two axes swapped, and there are no degrees. */
 static void r4_loaded(const struct spin_value *dict, const char *prefix, struct rows *r)
 {
     r->swapped = true;
@@ -157,8 +157,8 @@ static void r4_loaded(const struct spin_value *dict, const char *prefix, struct 
     }
 }
 
-/* Finds the parts; *r is zero before. Other methods' checkpoints are refused, with their name where
- * it shows. */
+/* Finds the parts; *r must be zeroed. Checkpoints of other methods are refused, by name if they are
+ * recognised. */
 static spin_status r4_find(const struct spin_value *root, struct rows *r)
 {
     const struct spin_value *m = spin_value_at(root, 0);
@@ -167,7 +167,8 @@ static spin_status r4_find(const struct spin_value *root, struct rows *r)
     if (is_kind(root, SPIN_VALUE_DICT) && spin_value_get(root, "xyz") &&
         spin_value_get(root, "scaling_t")) {
         if (spin_value_get(root, "static_xyz"))
-            return spin_unsupported("a dict with static_xyz is one of %s", spin_chkpnt_maker(28));
+            return spin_unsupported("a dict with static_xyz is a model of %s",
+                                    spin_chkpnt_maker(28));
         r4_loaded(root, "", r);
         r->moving = true;
         return SPIN_OK;
@@ -225,7 +226,7 @@ static spin_status bind_sh(struct spin_model *m, struct rows *r)
     return SPIN_OK;
 }
 
-/* All SH of a row, [n_sh][3]. */
+/* Reads all SH of a row, [n_sh][3]. */
 static void r4_sh(const struct rows *r, size_t i, float out[MAX_SH])
 {
     uint64_t width = 3 * (uint64_t)(r->n_sh - 1);
@@ -237,13 +238,13 @@ static void r4_sh(const struct rows *r, size_t i, float out[MAX_SH])
 
 /* ---- Degrees --------------------------------------------------------------------------------- */
 
-/* Degree of the spatial part for a number of SH and whether some for the cosines follow; false for
- * a number that no setting gives. */
+/* The spatial degree for a number of SH, and whether SH of the cosines follow; false for a number
+ * that no setting yields. */
 static bool sh_to_degree(int n_sh, double told, int *degree, bool *in_time)
 {
     for (int d = 0; d <= 3; d++) {
         int n = (d + 1) * (d + 1);
-        /* Allocated when neither option is set; those beyond the spatial ones are never used. */
+        /* Allocated when neither option is set; SH beyond the spatial ones are never used. */
         static const int unused[] = {1, 6, 16, 33};
 
         if (n_sh == 16 && told != 2 && d == 2) /* 16 is degree 3, unless cfg_args says otherwise */
@@ -287,7 +288,7 @@ static spin_status find_degrees(struct rows *r, double told)
                                  &r->degree_t));
     }
     r->degree = r->degree < most ? r->degree : most;
-    /* The renderer reaches the cosines only behind the spatial degree 3. */
+    /* The renderer uses the cosines only if the spatial degree is 3. */
     if (!in_time || r->degree < 3)
         r->degree_t = 0;
     return SPIN_OK;
@@ -295,8 +296,8 @@ static spin_status find_degrees(struct rows *r, double told)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Reads all tensors, SH on demand, with the SH degree that cfg_args tells. No rows at all are no
- * error. */
+/* Reads all tensors; SH if `with_sh`, with the SH degree of cfg_args as a hint. Having no rows is
+ * not an error. */
 static spin_status r4_read(struct spin_model *m, bool with_sh, struct rows *r)
 {
     static const int64_t places[2] = {-1, 3};
@@ -332,7 +333,7 @@ static spin_status r4_read(struct spin_model *m, bool with_sh, struct rows *r)
 
 /* ---- Gaussians ------------------------------------------------------------------------------- */
 
-/* A row with rot_4d at any time. */
+/* The slice of a row with rot_4d, the same at any time. */
 static void r4_slice(const struct rows *r, size_t i, bool older, spin_slice *out)
 {
     double left[4], right[4], scale[4], a[16];
@@ -364,15 +365,15 @@ static float *add_row(struct spin_model *m, const struct rows *r, size_t i, size
         log_scale[k] = r->column[R4_SCALING][3 * i + (size_t)k];
         quat[k + 1] = reading->transposed ? -quat[k + 1] : quat[k + 1];
     }
-    /* Here the exponential is the variance itself. */
+    /* Without rot_4d the exponential is the variance itself. */
     return spin_gaussian4d_add(
         m, gaussians, row, r->column[R4_XYZ] + 3 * i, r->moving ? r->column[R4_T][i] : 0, logit,
         still, r->moving ? exp(r->column[R4_SCALING_T][i]) + reading->extra : HUGE_VAL, log_scale,
         quat);
 }
 
-/* Adds all rows, the first as `row`; what is not finite is counted as dropped. Those that do not
- * move are there at all times. Returns how many are nearly transparent. */
+/* Adds all rows, numbered from `row` on. Nonfinite ones are counted as dropped; static ones are
+ * permanent. Returns how many are nearly transparent. */
 static size_t r4_add(struct spin_model *m, const struct rows *r, size_t row,
                      const struct reading *reading, struct gaussian4d *gaussians)
 {
@@ -395,19 +396,19 @@ static size_t r4_add(struct spin_model *m, const struct rows *r, size_t row,
         if (!to || r->n_sh == 0)
             continue;
         memcpy(to, sh, width * sizeof *sh);
-        if (r->degree_t > 0) /* [16] rows for each cosine */
+        if (r->degree_t > 0) /* [16] rows per cosine */
             memcpy(s->sh_cos + 2 * (to - s->sh), sh + width,
                    (size_t)r->degree_t * width * sizeof *sh);
     }
     return n_faint;
 }
 
-/* Which arrays of colours the splats of these rows have. */
+/* The optional arrays of 4D splats that these rows need. */
 static unsigned r4_parts(const struct rows *r) { return r->degree_t > 0 ? SPIN_4D_SH_COS : 0; }
 
-/* ---- Words ----------------------------------------------------------------------------------- */
+/* ---- Messages -------------------------------------------------------------------------------- */
 
-/* ", iteration 30000", or nothing. */
+/* ", iteration 30000", or "" if unknown. */
 static const char *r4_iteration(const struct rows *r, char text[48])
 {
     text[0] = '\0';
@@ -416,7 +417,7 @@ static const char *r4_iteration(const struct rows *r, char text[48])
     return text;
 }
 
-/* Notes times that were guessed, and an environment map. */
+/* Notes guessed times and an environment map. */
 static void r4_note(const struct rows *r, const struct clip_times *times,
                     struct spin_sequence_info *sequence)
 {
@@ -424,8 +425,8 @@ static void r4_note(const struct rows *r, const struct clip_times *times,
 
     if (times->guessed)
         spin_note(sequence,
-                  "time_duration is not in the run's folder: assumed %g,%g, as the Gaussians' own "
-                  "times run%s; --time-duration or --config sets it",
+                  "time_duration is not in the run's folder: assumed %g,%g, by the Gaussians' own "
+                  "times%s; set it with --time-duration or --config",
                   times->first, times->last, r->degree_t > 0 ? ", and colours depend on it" : "");
     if (env && env->kind == SPIN_VALUE_TENSOR && !spin_chkpnt_is_empty(env))
         spin_note(sequence,
@@ -446,7 +447,7 @@ struct realtime_model {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* Does a tuple that holds a tuple begin the pickle: an int, then a parameter? */
+/* Whether the pickle begins with ((int, Parameter, ... */
 static bool begins_like_ours(const struct spin_peek *peek)
 {
     static const char parameter[] = "ctorch._utils\n_rebuild_parameter";
@@ -465,7 +466,7 @@ static int realtime_probe(const struct spin_peek *peek)
 
         for (size_t i = 0; peek->names && peek->names[i]; i++)
             found = found || spin_chkpnt_iteration(peek->names[i]) >= 0;
-        /* Plain 3DGS and its kin save such checkpoints too, beside their clouds. */
+        /* Plain 3DGS and its descendants save such checkpoints too, beside their clouds. */
         return found ? (spin_peek_has(peek, "point_cloud") ? 20 : 70) : 0;
     }
     if (begins_like_ours(peek))
@@ -498,8 +499,8 @@ static double median_extent(const struct rows *rows, bool older)
     return sqrt(extent[n_used / 2]);
 }
 
-/* Under the wrong convention the long time axis of static Gaussians lies in space, so the right one
- * has the smaller ellipsoids. */
+/* Under the wrong convention the long time axis of static Gaussians points into space, so the right
+ * one has the smaller ellipsoids. */
 static spin_status choose_convention(struct realtime_model *m)
 {
     enum { AUTO, TODAY, OLDER };
@@ -513,8 +514,8 @@ static spin_status choose_convention(struct realtime_model *m)
     if (asked == AUTO)
         spin_note(sequence,
                   "the rotation convention is not in the file: assumed the one used %s September "
-                  "2024, by the sizes of the Gaussians (median %.3g; %.3g with the other); "
-                  "--convention today|older sets it",
+                  "2024, by the sizes of the Gaussians (median %.3g; %.3g with the other); set it "
+                  "with --convention today|older",
                   m->reading.older ? "before" : "since", m->reading.older ? older : today,
                   m->reading.older ? today : older);
     else if (hint != m->reading.older)
@@ -527,7 +528,8 @@ static spin_status choose_convention(struct realtime_model *m)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* Once OMG4's networks exist they draw, and SH and opacities in its checkpoints are leftovers. */
+/* Whether this is a checkpoint of OMG4 with networks: these then give colours and opacities, and
+ * the SH and opacities stored here are obsolete. */
 static bool is_stale(const struct rows *r)
 {
     const struct spin_value *groups = spin_value_get(r->part[R4_OPTIMIZER], "param_groups");
@@ -548,12 +550,13 @@ static void realtime_describe(const struct realtime_model *m)
     char iteration[48];
 
     if (m->stale)
-        spin_note(sequence, "a checkpoint of OMG4, whose colours and opacities live in networks "
-                            "that are not in it: geometry only; import comp.xz for the rest");
+        spin_note(sequence,
+                  "a checkpoint of OMG4, which lacks the networks for colours and opacities: only "
+                  "the geometry is imported; import comp.xz for the rest");
     r4_note(r, &m->times, sequence);
     if (r->masked)
         spin_note(sequence, "the mask of a fork (its last item) is ignored");
-    /* A run whose gradients were lost (issue 50 upstream). */
+    /* Caused by lost gradients in training (issue 50 upstream). */
     if (!m->stale && r->degree_t > 0 && !m->base.splats_4d.sh_cos)
         spin_note(sequence, "all temporal SH are 0: colours do not change");
     sequence->continuous = r->moving;
@@ -610,7 +613,7 @@ static spin_status realtime_open_run(void *self, const char *path)
     if (!base->path)
         return spin_not_found("'%s' holds no chkpnt<N>.pth", path);
     SPIN_TRY(spin_fail_reading(spin_torch_open(base->path, &base->torch), base->path));
-    SPIN_TRY(spin_model_config(base)); /* whose errors are not the checkpoint's */
+    SPIN_TRY(spin_model_config(base)); /* its errors are not those of the checkpoint */
     SPIN_TRY(spin_run_config_ratio(settings, &m->ratio));
     SPIN_TRY(spin_cfg_read_number(&settings->cfg, "prefilter_var", &extra));
     m->reading.extra = extra > 0 && isfinite(extra) ? extra : 0;
@@ -628,14 +631,15 @@ static spin_status realtime_open_run(void *self, const char *path)
 static const struct spin_plugin_option realtime_options[] = {
     {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
     {"config", "FILE", "the training YAML (the one beside the checkpoint)", NULL},
-    {"convention", "WORD", "of rotations: auto, today, or older (before 2024-09)", "auto"},
+    {"convention", "WORD", "convention of rotations: auto, today, or older (before 2024-09)",
+     "auto"},
     {"cull", "RULE", "leave out Gaussians by time (weight below 0.05), or none: not sliced",
      "time"},
     {NULL, NULL, NULL, NULL},
 };
 
 SPIN_MODEL_IMPORTER(realtime4dgs, struct realtime_model, realtime_open_run, spin_model_close,
-                    .summary = "Realtime-4DGS: chkpnt<N>.pth, or the folder it lies in",
+                    .summary = "Realtime-4DGS: chkpnt<N>.pth, or its folder",
                     .upstream = "fudan-zvg/4d-gaussian-splatting 63725f2",
                     .options = realtime_options, .probe = realtime_probe, .frame = spin_model_slice,
                     .splats_4d = spin_model_splats_4d)
@@ -650,8 +654,8 @@ enum { MOVING, STILL, N_HALVES };
 struct hybrid_model {
     struct spin_model base;
     struct rows half[N_HALVES];
-    struct gaussian4d gaussians; /* of both halves; rows count on from one to the other */
-    size_t n_moving;             /* of them */
+    struct gaussian4d gaussians; /* of both halves, rows numbered consecutively */
+    size_t n_moving;             /* dynamic ones among them */
     double ratio;                /* the data set's times over the file's */
     struct clip_times times;
 };
@@ -660,7 +664,7 @@ struct hybrid_model {
 
 static int hybrid_probe(const struct spin_peek *peek)
 {
-    /* A group of a checkpoint's optimiser; two options of cfg_args, of which one is the method's
+    /* Groups of a checkpoint's optimiser, or two options of cfg_args, of which one is the method's
      * own. */
     if (spin_peek_says(peek, "static_xyz") && spin_peek_says(peek, "scaling_t"))
         return 95;
@@ -696,7 +700,7 @@ static spin_status take_parts(const struct spin_value *root, struct hybrid_model
     return SPIN_OK;
 }
 
-/* A half without Gaussians is None, or empty tensors of any shape; all of them. */
+/* In a half without Gaussians all parts must be None or empty tensors. */
 static spin_status check_nothing(const struct rows *r)
 {
     const char *who = r->who ? r->who : "";
@@ -728,7 +732,7 @@ static spin_status hybrid_read_rows(struct hybrid_model *m)
             moving->n_sh, still->n_sh);
     if (!moving->rot_4d)
         return spin_malformed(
-            "there are static Gaussians, which are made of 4-D rotations, but rot_4d is false");
+            "there are static Gaussians, which require 4-D rotations, but rot_4d is false");
     return SPIN_OK;
 }
 
@@ -790,12 +794,11 @@ static spin_status hybrid_open_run(void *self, const char *path)
     base->splats_4d.least_weight = LEAST_WEIGHT;
     SPIN_TRY(spin_chkpnt_find(base, path));
     if (!base->path)
-        return spin_not_found(
-            "'%s' holds no chkpnt<N>.pth%s", path,
-            spin_model_holds(path, "point_cloud")
-                ? "; its point_cloud.ply cannot replace it: it has the dynamic half "
-                  "only, without times and turned wrong, and cannot stand for it"
-                : "");
+        return spin_not_found("'%s' holds no chkpnt<N>.pth%s", path,
+                              spin_model_holds(path, "point_cloud")
+                                  ? "; its point_cloud.ply cannot replace it: it has only the "
+                                    "dynamic half, without times and with wrong rotations"
+                                  : "");
     SPIN_TRY(spin_fail_reading(spin_torch_open(base->path, &base->torch), base->path));
     SPIN_TRY(spin_model_config(base));
     SPIN_TRY(spin_run_config_ratio(&base->settings, &m->ratio));
@@ -817,7 +820,7 @@ static const struct spin_plugin_option hybrid_options[] = {
 };
 
 SPIN_MODEL_IMPORTER(hybrid4dgs, struct hybrid_model, hybrid_open_run, spin_model_close,
-                    .summary = "Hybrid 3D-4DGS: chkpnt<N>.pth, or the folder it lies in",
+                    .summary = "Hybrid 3D-4DGS: chkpnt<N>.pth, or its folder",
                     .upstream = "ohsngjun/3D-4DGS 9528828", .options = hybrid_options,
                     .probe = hybrid_probe, .frame = spin_model_slice,
                     .splats_4d = spin_model_splats_4d)

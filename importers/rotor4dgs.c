@@ -1,26 +1,27 @@
 /* 4D-Rotor-Gaussians (Duan et al., SIGGRAPH 2024): step-<N>.ckpt of nerfstudio, a dict of tensors.
  *
- * A Gaussian's 4-D shape is a rotor of eight numbers, used as stored: its length scales. Colours do
- * not change in time. The renderer culls next to nothing, so that every slow Gaussian is in every
- * frame with an opacity of nearly 0; here those that no 8-bit image could show are left out. */
+ * A Gaussian's 4-D shape is a rotor of eight numbers, used as stored: its length scales the shape.
+ * Colours do not change in time. The method's renderer culls next to nothing, so every slow
+ * Gaussian is in every frame with an opacity of nearly 0; here those that are invisible in 8-bit
+ * images are left out. */
 #include <ctype.h>
 
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 #include "io/json.h"
 
-/* 3DGS renderers skip what is fainter. */
+/* 3DGS renderers skip fainter Gaussians. */
 #define LEAST_OPACITY (1.0 / 255)
-/* The renderer's own rule: 0.5 dt^2 / variance below 16. */
+/* The rule of the method's renderer: 0.5 dt^2 / variance below 16. */
 #define FAR_WEIGHT 1.1253517471925912e-7 /* exp(-16) */
-/* That of Realtime-4DGS. */
+/* The rule of Realtime-4DGS. */
 #define BELL_WEIGHT 0.05
 
 struct model {
     struct spin_model base;
     struct spin_array dc, rest;
-    size_t n, n_rest; /* rows in the file; SH rows behind the first */
-    double step;      /* of training; -1: not told */
+    size_t n, n_rest; /* rows in the file; SH rows after the first */
+    double step;      /* iteration of the checkpoint; -1: unknown */
     struct clip_times times;
     struct gaussian4d gaussians;
     int sh_degree;
@@ -57,7 +58,7 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Tensors --------------------------------------------------------------------------------- */
 
-/* Keys have one of several prefixes; that of quats1 goes for all. */
+/* Keys have one of several prefixes; that of quats1 is used for all. */
 static spin_status find_prefix(struct spin_model *m)
 {
     const struct spin_value *d = m->tensors;
@@ -77,7 +78,7 @@ static spin_status find_prefix(struct spin_model *m)
                                 : "'pipeline' has no tensor whose name ends in 'quats1'");
 }
 
-/* The tensor prefix + key with that shape, of floating-point numbers. */
+/* Binds the tensor prefix + key of that shape, of floating-point numbers. */
 static spin_status bind(struct model *m, const char *key, int n_dims, const int64_t *shape,
                         struct spin_array *out)
 {
@@ -120,7 +121,7 @@ static spin_status bind_sh(struct model *m)
     int degree = 0;
 
     if (bind(m, "features_dc", 3, three, &m->dc) != SPIN_OK)
-        SPIN_TRY(bind(m, "features_dc", 2, two, &m->dc)); /* as ordinary splatfacto has it */
+        SPIN_TRY(bind(m, "features_dc", 2, two, &m->dc)); /* layout of ordinary splatfacto */
     SPIN_TRY(bind(m, "features_rest", 3, rest, &m->rest));
     m->n_rest = (size_t)m->rest.shape[1];
     while (degree < 4 && (size_t)((degree + 1) * (degree + 1)) != m->n_rest + 1)
@@ -216,7 +217,7 @@ static bool is_identity(const spin_json *json)
     return true;
 }
 
-/* dataparser_transforms.json lies one folder above the checkpoint's. */
+/* Notes a transform in dataparser_transforms.json, one folder above that of the checkpoint. */
 static spin_status note_transform(struct spin_model *m)
 {
     const char *folder, *path;
@@ -254,8 +255,8 @@ static void describe(const struct model *m)
              "4D-Rotor-Gaussians%s, %zu Gaussians, SH degree %d", step, m->n, m->sh_degree);
     if (m->times.guessed)
         spin_note(sequence,
-                  "the range of times is not in the checkpoint: assumed %g,%g, as the Gaussians' "
-                  "own times run; --time-range sets it",
+                  "the range of times is not in the checkpoint: assumed %g,%g, by the Gaussians' "
+                  "own times; set it with --time-range",
                   m->times.first, m->times.last);
 }
 

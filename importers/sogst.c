@@ -1,9 +1,9 @@
-/* .sogst: one file with a clip, or the PLY that its encoders take. What src/formats/sogst.h says of
- * them. */
+/* .sogst, one file per clip, or the PLY that its encoders read; src/formats/sogst.h describes both.
+ */
 #include "formats/sogst.h"
 #include "importers/lib/file_sequence.h"
 
-/* Players draw nothing fainter. */
+/* Players do not draw fainter splats. */
 #define LEAST_OPACITY (1 / 255.0)
 
 static bool is_ply(const unsigned char *head, size_t n)
@@ -56,8 +56,8 @@ static spin_status open_file(void *self, const char *path)
              ply ? "PLY for .sogst" : ".sogst", s->n, s->degree, sogst.n_segments);
     if (s->cov2d[0] > 0 && (s->cov2d[0] != 1 || s->cov2d[1] != 1))
         spin_note(sequence,
-                  "trained with covariances on screen times %g and %g (cov2d_scale), which frames "
-                  "cannot say",
+                  "trained with screen covariances scaled by %g and %g (cov2d_scale), which frames "
+                  "cannot represent",
                   s->cov2d[0], s->cov2d[1]);
     return SPIN_OK;
 }

@@ -1,12 +1,12 @@
-/* SpacetimeGaussians (Li et al., CVPR 2024), lite and full: Gaussians on cubic paths, whose
- * quaternions change linearly and whose opacity is a bell in time, all of them there at every time:
- * 4D splats.
+/* SpacetimeGaussians (Li et al., CVPR 2024), lite and full: Gaussians on cubic paths, with
+ * quaternions that change linearly and a Gaussian window in time, all of them present at every
+ * time: 4D splats.
  *
- * The bell is exp(-x^2), without a half, and its width is stored as a logarithm. Colours of the
- * lite model are RGB, not SH. The full model has no colours of Gaussians: its rasteriser blends
- * nine features, and a network makes the colour of a pixel from these and from the ray. Imported is
- * the colour of a pixel that one Gaussian covers alone, as SH of degree 1 fitted to the colours for
- * given cameras. */
+ * The window is exp(-x^2), without the factor 1/2, and its width is stored as a logarithm. Colours
+ * of the lite model are RGB, not SH. Gaussians of the full model have no colours: its rasteriser
+ * blends nine features, and a network computes the colour of a pixel from these and from the ray.
+ * Imported is the colour of a pixel that only one Gaussian covers, as SH of degree 1 fitted to the
+ * colours for given cameras. */
 #include "importers/lib/camera_places.h"
 #include "importers/lib/gaussian4d.h"
 #include "importers/lib/model.h"
@@ -14,7 +14,7 @@
 #include "math/quat.h"
 #include "math/sh.h"
 
-/* Places in a row of a Gaussian's values. */
+/* Offsets in a row of a Gaussian's values. */
 enum {
     PLACE = 0, /* at its own time */
     TIME = 3,
@@ -28,10 +28,10 @@ enum {
     FEATURE = 32 /* full: 3 features per unit of time */
 };
 
-/* Properties of a cloud: one by its name, or prefix0, prefix1, ... */
+/* Properties of a cloud: a single name, or prefix0, prefix1, ... */
 static const struct group {
     const char *name;
-    int n[2]; /* lite, full; 0: one, without a number */
+    int n[2]; /* lite, full; 0: a single name */
     int at;
 } groups[] = {
     {"x", {0, 0}, PLACE},          {"y", {0, 0}, PLACE + 1},
@@ -48,7 +48,7 @@ enum { N_GROUPS = sizeof groups / sizeof *groups, LITE_WIDTH = 29, FULL_WIDTH = 
  *     ending(base + W2 relu(W1 [view, time, origin of the ray, direction of the ray]))
  *
  * base, view and time, three numbers each, are blended from the Gaussians over black; the ray is in
- * world coordinates, its direction of unit length. The option rgbfunction of the method says the
+ * world coordinates, with a unit direction. The method's option rgbfunction selects the
  * ending. */
 enum { PIXEL_INPUTS = 12, PIXEL_HIDDEN = 6 };
 enum ending { SIGMOID, CLAMP, AS_IS }; /* sandwich, sandwichnoact, sandwichnoactss */
@@ -59,18 +59,18 @@ struct model {
     size_t n, n_dropped;
     bool full;
     size_t width;          /* of a row */
-    float *rows;           /* [n][width]; lite: while open() runs */
+    float *rows;           /* [n][width]; of a lite model only during open() */
     enum ending ending;    /* full */
-    struct mlp_net colour; /* full; without this network there are base colours only */
+    struct mlp_net colour; /* full; n is 0 if only base colours are imported */
     struct camera_places cameras;
-    double duration; /* frames that the run was trained on; 0: not known */
+    double duration; /* frames that the run was trained on; 0: unknown */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
 static int probe(const struct spin_peek *peek)
 {
-    /* A cloud, or the folder of one save: any PLY is a cloud to another importer, which says 90. */
+    /* A cloud, or the folder of one save. The confidence must exceed the 90 of the PLY importer. */
     if (spin_peek_says(peek, "property float trbf_center") &&
         spin_peek_says(peek, "property float motion_8") &&
         spin_peek_says(peek, "property float omega_3"))
@@ -84,7 +84,7 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- The cloud ------------------------------------------------------------------------------- */
 
-/* f_dc_* and f_t_* tell lite from full. */
+/* Distinguishes lite from full models by f_dc_* and f_t_*. */
 static spin_status check_colours(const struct spin_ply *ply, const struct spin_ply_element *e,
                                  struct model *m)
 {
@@ -93,9 +93,9 @@ static spin_status check_colours(const struct spin_ply *ply, const struct spin_p
     m->full = n_t > 0;
     m->width = m->full ? FULL_WIDTH : LITE_WIDTH;
     if (spin_model_count(e, "f_rest_") > 0)
-        return spin_unsupported(
-            "'%s': properties f_rest_*: a fork of SpacetimeGaussians with SH, which is not read",
-            ply->path);
+        return spin_unsupported("'%s': properties f_rest_*: a fork of SpacetimeGaussians with SH, "
+                                "which is not supported",
+                                ply->path);
     if (!(n_dc == 3 && n_t == 0) && !(n_dc == 6 && n_t == 3))
         return spin_malformed(
             "'%s': %d properties f_dc_* and %d f_t_*, expected 3 and 0 (lite) or 6 and 3 (full)",
@@ -103,7 +103,7 @@ static spin_status check_colours(const struct spin_ply *ply, const struct spin_p
     return SPIN_OK;
 }
 
-/* Forks add columns, whose meaning is not known. */
+/* Notes properties of forks, whose meaning is not known. */
 static void note_others(const struct spin_ply *ply, const struct spin_ply_element *e,
                         const struct model *m)
 {
@@ -124,10 +124,10 @@ static void note_others(const struct spin_ply *ply, const struct spin_ply_elemen
     if (n == 0)
         return;
     spin_note(m->base.sequence,
-              "%zu properties that SpacetimeGaussians has not, the first is '%s': a fork of it may "
-              "mean something else",
+              "%zu properties that SpacetimeGaussians lacks, the first is '%s': this may be a fork "
+              "with another meaning",
               n, first);
-    spin_warn("'%s': property '%s' is none of SpacetimeGaussians and is not read", ply->path,
+    spin_warn("'%s': property '%s' does not belong to SpacetimeGaussians and is ignored", ply->path,
               first);
 }
 
@@ -166,7 +166,7 @@ static spin_status read_cloud(struct model *m)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
-/* K of a source_path that ends in colmap_<K>, the first frame of the run; -1: it does not. */
+/* K of a source_path that ends in colmap_<K>, the first frame of the run; else -1. */
 static long first_frame(struct cfg_span path)
 {
     const char *at = path.end;
@@ -209,15 +209,15 @@ static spin_status read_ending(struct model *m)
     if (ending >= 0)
         return SPIN_OK;
     return spin_unsupported(
-        "'%s': a full model, and %s%s how its colours end: say --rgb-function "
-        "sandwich (sigmoid), sandwichnoact (0 to 1) or sandwichnoactss (none)",
-        m->base.path, cfg->path ? "no 'rgbfunction' that is known says in " : "no cfg_args says",
+        "'%s': a full model, and %s%s the ending of its colours: give --rgb-function sandwich "
+        "(sigmoid), sandwichnoact (0 to 1) or sandwichnoactss (none)",
+        m->base.path, cfg->path ? "no known 'rgbfunction' gives, in " : "no cfg_args says",
         cfg->path ? cfg->path : "");
 }
 
 /* ---- Colours of the full model --------------------------------------------------------------- */
 
-/* A 1x1 convolution without bias. */
+/* Loads a 1x1 convolution without bias. */
 static spin_status load_layer(struct model *m, const char *key, int n_out, int n_in,
                               enum mlp_ending ending)
 {
@@ -252,7 +252,7 @@ static spin_status find_cameras(const char *path, const char *save, struct model
     return file ? spin_camera_places_load(file, &m->cameras) : SPIN_OK;
 }
 
-/* What the full model's colours become: of the network, or without it the base colours. */
+/* Chooses how colours of a full model are imported: by its network, or as base colours. */
 static spin_status settle_colours(const char *path, const char *save, struct model *m)
 {
     enum { AUTO, VIEWS, BASE };
@@ -269,7 +269,7 @@ static spin_status settle_colours(const char *path, const char *save, struct mod
     if (!base) {
         SPIN_TRY(find_cameras(path, save, m));
         lack = !m->decoder ? "there is no point_cloud.pt beside the cloud"
-                           : "there is no cameras.json: --camera says where they stand";
+                           : "there is no cameras.json: give positions with --camera";
         base = !m->decoder || m->cameras.n == 0;
         if (base && views)
             return spin_not_found("--colour views: '%s': %s", cloud, lack);
@@ -278,14 +278,14 @@ static spin_status settle_colours(const char *path, const char *save, struct mod
     }
     if (base)
         spin_note(m->base.sequence,
-                  "full model: its network colours pixels, by what is blended and by the ray; "
-                  "imported are the base colours, which it adds to (%s)",
+                  "full model: its network computes the colours of pixels from blended features "
+                  "and the ray; imported are the base colours, to which it adds (%s)",
                   lack);
     else
         spin_note(m->base.sequence,
-                  "full model: its network colours pixels, by what is blended and by the ray; "
-                  "imported is the colour of a pixel that one Gaussian covers alone, seen from %d "
-                  "cameras, as SH of degree 1",
+                  "full model: its network computes the colours of pixels from blended features "
+                  "and the ray; imported is the colour of a pixel that only one Gaussian covers, "
+                  "for %d cameras, as SH of degree 1",
                   m->cameras.n);
     return base ? SPIN_OK : spin_model_torch(&m->base, m->decoder, load_decoder);
 }
@@ -302,7 +302,7 @@ static double end_colour(const struct model *m, double x)
 /* The SH coefficient of degree 0 for a colour 0..1. */
 static float dc_of(double colour) { return (float)((colour - 0.5) / SPIN_SH_C0); }
 
-/* Values are finite, and places far below the largest float wherever in 0..1 they are asked for. */
+/* Whether values are finite, and positions far below the largest float at all times from 0 to 1. */
 static bool stays_in_range(const struct model *m, const float *row)
 {
     double d = fmax(fabs((double)row[TIME]), fabs(1 - (double)row[TIME]));
@@ -332,11 +332,11 @@ static void fill_row(struct model *m, size_t i)
     memcpy(s->log_scales + 3 * i, row + SCALE, 3 * sizeof *row);
     if (spin_quat_norm(turn) > 0)
         memcpy(s->spins + 4 * i, change, 4 * sizeof *row);
-    else /* without length: no rotation, as the method draws it */
+    else /* of length 0: the rotation is constant, as the method draws it */
         turn = spin_quat_norm(change) > 0 ? change : unturned;
     memcpy(s->quats + 4 * i, turn, 4 * sizeof *row);
     s->logit_opacities[i] = row[LOGIT];
-    /* The narrowest and the widest have no width in floats. */
+    /* Clamped, as the narrowest and the widest windows exceed the range of float. */
     s->sigmas[i] =
         (float)fmin(fmax(exp((double)row[WIDTH]) / sqrt(2), 1e-37), (double)SPIN_FOREVER);
     for (size_t c = 0; c < 3; c++)
@@ -344,7 +344,7 @@ static void fill_row(struct model *m, size_t i)
             m->full ? dc_of(end_colour(m, row[COLOUR + c])) : dc_of(row[COLOUR + c]);
 }
 
-/* Rows with a value that is not finite, now or later, go; the others keep their order. */
+/* Rows that are nonfinite at any time are dropped; the others keep their order. */
 static spin_status fill_splats(struct model *m)
 {
     struct spin_splats_4d *s = &m->base.splats_4d;
@@ -366,7 +366,8 @@ static spin_status fill_splats(struct model *m)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* The cloud and the network beside it. `path` is what holds a save, or one of the two files. */
+/* Finds the cloud and the network beside it. `path` is a folder with saves, a save, or one of the
+ * two files. */
 static spin_status find_files(const char *path, struct model *m, const char **save)
 {
     const char *wanted = spin_model_option(&m->base, "iteration");
@@ -413,12 +414,12 @@ static void describe(const struct model *m)
         snprintf(from, sizeof from, ", the first is frame %ld of the video", first);
     if (m->duration > 0)
         spin_note(sequence,
-                  "the run has %g frames%s; frame i of them is at time i/%g: with a data set of "
-                  "just these frames say --frame-times unit",
+                  "the run has %g frames%s; frame i of them is at time i/%g: for a data set of "
+                  "just these frames use --frame-times unit",
                   m->duration, from, m->duration);
     else
-        spin_note(sequence, "no cfg_args says how many frames the run has, 50 are usual: frame i "
-                            "of n is at time i/n; --duration N");
+        spin_note(sequence, "the number of frames is not in a cfg_args, 50 are usual: frame i of n "
+                            "is at time i/n; set it with --duration");
     if (m->n_dropped > 0) {
         spin_note(sequence, "%zu of %zu Gaussians dropped: values that are not finite",
                   m->n_dropped, m->n + m->n_dropped);
@@ -426,8 +427,8 @@ static void describe(const struct model *m)
                   m->n_dropped, m->n + m->n_dropped);
     }
     if (spin_cfg_is(spin_cfg_get(cfg, "loader"), "'immersivess'"))
-        spin_note(sequence, "trained on fisheye images, which its renderer warps after drawing: "
-                            "these Gaussians are those of the pinhole image before that");
+        spin_note(sequence, "trained on fisheye images, to which the method's renderer warps a "
+                            "pinhole image: these Gaussians are for the pinhole image");
 }
 
 static spin_status open_model(void *self, const char *path)
@@ -456,12 +457,13 @@ struct job {
     double time;
 };
 
-/* Of one point over the cameras: means of ray directions d, of colours c, and of their products. */
+/* Means over the cameras, for one point: of ray directions d, of colours c, and of their products.
+ */
 struct means {
     double d[3], c[3], dd[3][3], dc[3][3];
 };
 
-/* a x = b for three columns at once; a is symmetric and positive definite. b becomes x. */
+/* Solves a x = b for three columns at once; a is symmetric and positive definite. b becomes x. */
 static void solve3(double a[3][3], double b[3][3])
 {
     for (int k = 0; k < 3; k++) {
@@ -483,10 +485,10 @@ static void solve3(double a[3][3], double b[3][3])
     }
 }
 
-/* SH of degree 1 by least squares: colour = mean colour + slope (d - mean d), with two things
- * besides the cameras' colours. Without its slope, which is how some viewers show it, the colour is
- * to be the mean one: (slope mean d)^2 counts as much as the cameras do. And slopes are small along
- * which rays differ by less than about `least` (radians), as they would be noise there. */
+/* Fits SH of degree 1 by least squares: colour = mean colour + slope (d - mean d), with two
+ * regularisers. The term (slope mean d)^2 has the weight of all cameras and keeps degree 0 near the
+ * mean colour, because some viewers show degree 0 only. The other keeps slopes small where rays
+ * differ by less than about `least` (radians), as they would be noise there. */
 static void fit(const struct means *m, float sh[12])
 {
     const double least = 1e-2;
@@ -494,7 +496,7 @@ static void fit(const struct means *m, float sh[12])
 
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++) {
-            a[i][j] = m->dd[i][j]; /* less d d^T, which the first of the two adds again */
+            a[i][j] = m->dd[i][j]; /* d d^T is not subtracted, as the first regulariser adds it */
             slope[i][j] = m->dc[i][j] - m->d[i] * m->c[j];
         }
         a[i][i] += least * least;
@@ -510,7 +512,7 @@ static void fit(const struct means *m, float sh[12])
     }
 }
 
-/* Inputs 6 to 11 of a point: the ray from a camera, its origin and its direction. */
+/* Sets inputs 6 to 11 of a point: origin and direction of the ray from a camera. */
 static void set_ray(const float camera[3], const double place[3], float *in)
 {
     double d[3], norm;
@@ -524,8 +526,8 @@ static void set_ray(const float camera[3], const double place[3], float *in)
     }
 }
 
-/* One camera of n: what a Gaussian adds to a pixel there, by its base colour and by the inputs and
- * outputs of the network. */
+/* Adds one camera to the means: the colour of a pixel that only this Gaussian covers, from its base
+ * colour and the inputs and outputs of the network. */
 static void add_camera(const struct model *m, const float base[3], const float *in,
                        const float *rgb, struct means *means)
 {
@@ -545,7 +547,7 @@ static void add_camera(const struct model *m, const float base[3], const float *
     }
 }
 
-/* The SH of n Gaussians, for at least one camera. */
+/* Fits the SH of n Gaussians, for at least one camera. */
 static void decode(void *context, size_t first, int n, float *scratch)
 {
     const struct job *job = context;
@@ -557,7 +559,7 @@ static void decode(void *context, size_t first, int n, float *scratch)
     const float *row[MLP_BLOCK];
     double place[MLP_BLOCK][3];
 
-    for (int p = 0; p < MLP_BLOCK; p++) { /* the last one stands for those beyond it */
+    for (int p = 0; p < MLP_BLOCK; p++) { /* pad the last block with its last point */
         size_t k = first + (size_t)(p < n ? p : n - 1);
         double d = job->time - (double)s->times[k];
 
@@ -594,7 +596,7 @@ static spin_status spacetimegs_frame(void *self, int frame, double time, unsigne
     return spin_model_check(m->base.path, time, SPIN_COL_SH, out);
 }
 
-/* A network's colours are not those of a splat: frames only. */
+/* Colours of the network hold at one time only, so there are no 4D splats with it. */
 static spin_status spacetimegs_splats_4d(void *self, const struct spin_splats_4d **out)
 {
     const struct model *m = self;
@@ -604,14 +606,15 @@ static spin_status spacetimegs_splats_4d(void *self, const struct spin_splats_4d
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "which save to read; the last when not given", NULL},
-    {"duration", "N", "frames that the run was trained on, instead of what cfg_args says", NULL},
+    {"iteration", "N", "the save to read; by default the last", NULL},
+    {"duration", "N", "frames that the run was trained on, instead of the value in cfg_args", NULL},
     {"colour", "auto|views|base",
-     "full model: as its network colours Gaussians for the cameras, or base colours only", "auto"},
-    {"camera", "X,Y,Z[;...]", "full model: where cameras stand, instead of what cameras.json says",
+     "full model: colours of its network for the cameras, or base colours only", "auto"},
+    {"camera", "X,Y,Z[;...]", "full model: positions of cameras, instead of those in cameras.json",
      NULL},
     {"rgb-function", "NAME",
-     "full model: sandwich, sandwichnoact or sandwichnoactss, instead of what cfg_args says", NULL},
+     "full model: sandwich, sandwichnoact or sandwichnoactss, instead of the value in cfg_args",
+     NULL},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -1,5 +1,5 @@
-/* .splat4d of adamraudonis/splats4D: a clip of the same splats in one file. A group of its frames
- * is in memory at a time. */
+/* .splat4d of adamraudonis/splats4D: a clip of the same splats in one file. Only one group of
+ * frames is in memory at a time. */
 #include <string.h>
 
 #include "formats/splat4d.h"
@@ -39,7 +39,7 @@ static spin_status describe(struct splat4d *s)
     sequence->sh_degree = 0;
     snprintf(sequence->variant, sizeof sequence->variant, "a clip of %g frames a second",
              s->clip.fps);
-    spin_note(sequence, "the format holds no colour that depends on the direction");
+    spin_note(sequence, "the format has no view-dependent colour");
     if (s->clip.smoothed)
         spin_note(sequence, "colours were smoothed in time before they were packed");
     return SPIN_OK;

@@ -1,12 +1,12 @@
-/* Clips of splat files: a folder with a file for each frame, or one file with one frame or many. Of
- * each format here is how a file is opened and read; src/formats has the rest.
+/* Clips of splat files: a folder with a file per frame, or a single file of one or more frames. The
+ * functions here open and read a file of each format; the decoders are in src/formats.
  *
- * SPZ: most files do not say which axes they hold: splat-transform and our exporter write those of
- * the training, Niantic's library right, up and back when it is told what it is given. --axes
- * decides where the file does not.
+ * SPZ: most files do not record their axes. splat-transform and our exporter write those of the
+ * training; Niantic's library writes right, up, back if told the axes of its input. --axes decides
+ * for files that do not record them.
  *
  * GLB (KHR_gaussian_splatting): glTF's axes are x left, y up, z forward, those of a run mostly x
- * right, y down, z forward: --axes gltf takes the half turn about z back that exporters make. */
+ * right, y down, z forward: --axes gltf undoes the half turn about z that exporters make. */
 #include "formats/glb_scene.h"
 #include "formats/ksplat.h"
 #include "formats/sog.h"
@@ -15,32 +15,31 @@
 #include "importers/lib/file_sequence.h"
 #include "io/zip.h"
 
-/* What a file holds. */
+/* Contents of a file. */
 struct opened {
-    size_t n_frames; /* 1 but in a clip */
-    size_t n;        /* splats, of one frame */
-    int sh_degree;   /* that read() gives at most */
-    bool antialias;  /* trained to be drawn antialiased */
-    bool has_axes;   /* the file says which it has: */
-    double axes[4];  /* the turn w x y z from them to the run's */
-    const char *
-        note[4]; /* what is guessed or lost; of all files alike, each is said once. NULL: nothing */
-    const char *folder;             /* of loose files (SOG), or NULL */
+    size_t n_frames;                /* 1 unless it is a clip */
+    size_t n;                       /* splats per frame */
+    int sh_degree;                  /* the largest that read() returns */
+    bool antialias;                 /* trained for antialiased drawing */
+    bool has_axes;                  /* the file records its axes: */
+    double axes[4];                 /* rotation w x y z from them to the run's */
+    const char *note[4];            /* guesses and losses, each noted once; NULL: none */
+    const char *folder;             /* of loose files (SOG); or NULL */
     struct spin_gs_glb_scene scene; /* of a GLB */
 };
 
 struct clip {
-    struct spin_model base; /* canonical: a frame as the file has it */
+    struct spin_model base; /* canonical: a frame in the axes of its file */
     const struct format *format;
-    const double *turn; /* from the axes of files that do not say theirs to the run's; NULL: none */
+    const double *turn; /* to the run's axes, for files that do not record theirs; NULL: none */
     struct spin_file_sequence files;
     int n_frames, sh_degree;
     int *numbers;   /* [n_frames] */
     double *times;  /* [n_frames] */
     size_t *counts; /* [n_frames] */
 
-    /* The file at hand. */
-    size_t file, within; /* SIZE_MAX: none; its frame to read */
+    /* The open file. */
+    size_t file, within; /* SIZE_MAX: none; the frame of it to read */
     struct spin_map map;
     struct opened opened;
 };
@@ -48,14 +47,15 @@ struct clip {
 struct format {
     const char *suffix; /* ".spz" */
     const char *name;   /* "SPZ", for messages */
-    /* The file in clip->map, into clip->opened; frame `within` of it. Errors do not name it. */
+    /* open() parses clip->map into clip->opened; read() reads frame clip->within. Errors do not
+     * name the file. */
     spin_status (*open)(struct clip *clip);
     spin_status (*read)(struct clip *clip, unsigned columns, struct spin_splats *out);
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* In the folder of a run, which has clouds of its own, such files were laid beside it. */
+/* Confidence by file names; low in the folder of a run, which has clouds of its own. */
 static int probe_names(const struct spin_peek *peek, const char *suffix)
 {
     int named = spin_file_named(peek, suffix);
@@ -83,7 +83,7 @@ static spin_status fail_file(const struct clip *clip, size_t file, spin_status s
     return spin_fail_context(status, "cannot read '%s'", clip->files.frame[file].path);
 }
 
-/* Files of a clip are read one after the other: the last one stays open. */
+/* Files of a clip are mostly read in order, so the last one stays open. */
 static spin_status open_file(struct clip *clip, size_t file)
 {
     spin_status status;
@@ -113,7 +113,7 @@ static spin_status reserve_frames(struct clip *clip, size_t n)
     return spin_model_alloc(&clip->base, n, sizeof *clip->counts, (void **)&clip->counts);
 }
 
-/* Numbers and times of the frames of one file: its own where they tell all frames apart. */
+/* Numbers and times of the frames of a single file; its own numbers only if they increase. */
 static void describe_clip(const struct clip *clip, struct spin_sequence_info *sequence)
 {
     bool numbered = true;
@@ -137,7 +137,7 @@ static void describe_files(const struct clip *clip, struct spin_sequence_info *s
     sequence->time_last = clip->n_frames - 1;
 }
 
-/* What the first file says and what is only seen in another. */
+/* Adds the notes of a file, and notes differences from the files before. */
 static void note_file(struct clip *clip, size_t file)
 {
     struct spin_sequence_info *sequence = clip->base.sequence;
@@ -149,7 +149,7 @@ static void note_file(struct clip *clip, size_t file)
         if (f->note[i])
             spin_note(sequence, "%s", f->note[i]);
     if (f->antialias && !sequence->antialias)
-        spin_note(sequence, "trained with an anti-aliasing rasteriser, and drawn so here");
+        spin_note(sequence, "trained with an antialiasing rasteriser: drawn antialiased");
     sequence->antialias = sequence->antialias || f->antialias;
     clip->sh_degree = f->sh_degree > clip->sh_degree ? f->sh_degree : clip->sh_degree;
 }
@@ -164,7 +164,7 @@ static spin_status look_at_files(struct clip *clip, size_t *n_all)
         if (i == 0)
             SPIN_TRY(reserve_frames(clip, n_files > 1 ? n_files : clip->opened.n_frames));
         if (n_files > 1 && clip->opened.n_frames > 1)
-            return spin_malformed("'%s' holds a clip of %zu frames: give it alone",
+            return spin_malformed("'%s' holds a clip of %zu frames: import it on its own",
                                   clip->files.frame[i].path, clip->opened.n_frames);
         for (size_t f = 0; f < clip->opened.n_frames; f++) {
             const struct spin_gs_glb_frame *of = clip->opened.scene.frame;
@@ -252,13 +252,13 @@ static spin_status clip_frame(void *self, int frame, double time, unsigned colum
 
 /* ---- .splat ---------------------------------------------------------------------------------- */
 
-/* The format has no header, so only its name tells it. */
+/* The format has no header, so it is recognised by file name only. */
 static spin_status open_splat(struct clip *clip)
 {
-    clip->opened.note[0] = "the format holds no colour that depends on the direction";
+    clip->opened.note[0] = "the format has no view-dependent colour";
     clip->opened.n = clip->map.size / SPIN_SPLAT_ROW;
     if (clip->map.size % SPIN_SPLAT_ROW != 0)
-        return spin_malformed("%zu bytes are not rows of %d", clip->map.size, SPIN_SPLAT_ROW);
+        return spin_malformed("%zu bytes are not a multiple of %d", clip->map.size, SPIN_SPLAT_ROW);
     return SPIN_OK;
 }
 
@@ -282,7 +282,7 @@ SPIN_MODEL_IMPORTER(splat, struct clip, open_splat_clip, close_clip,
 
 /* ---- .ksplat --------------------------------------------------------------------------------- */
 
-/* The format has no magic, so only its name tells it. */
+/* The format has no magic number, so it is recognised by file name only. */
 static spin_status open_ksplat(struct clip *clip)
 {
     struct spin_ksplat header;
@@ -316,7 +316,8 @@ SPIN_MODEL_IMPORTER(ksplat, struct clip, open_ksplat_clip, close_clip,
 
 static const struct spin_plugin_option spz_options[] = {
     {"axes", "source|rub",
-     "axes of files that do not say theirs; rub: right, up, back, half a turn about x", "source"},
+     "axes of files that do not record theirs; rub: right, up, back, half a turn about x",
+     "source"},
     {0},
 };
 
@@ -333,7 +334,7 @@ static spin_status open_spz(struct clip *clip)
     if (header.sh_degree > 3)
         out->note[0] = "SH degree 4 is cut to degree 3";
     if (!out->has_axes)
-        out->note[1] = "the file does not say its axes: see --axes";
+        out->note[1] = "the file does not record its axes: see --axes";
     return out->has_axes ? spin_spz_axes(header.axes, out->axes) : SPIN_OK;
 }
 
@@ -342,8 +343,8 @@ static spin_status read_spz(struct clip *clip, unsigned columns, struct spin_spl
     return spin_spz_read(clip->map.data, clip->map.size, columns, out);
 }
 
-/* Folders of the format's files, such a file of versions 2 and 3, and version 4 of any name: a gzip
- * may hold anything. */
+/* Recognises folders of .spz files, .spz files of versions 2 and 3, and version 4 of any name.
+ * Versions 2 and 3 need the name, since a gzip may contain anything. */
 static int spz_probe(const struct spin_peek *peek)
 {
     int named = probe_names(peek, ".spz");
@@ -372,8 +373,7 @@ SPIN_MODEL_IMPORTER(spz, struct clip, open_spz_clip, close_clip,
 
 /* ---- SOG ------------------------------------------------------------------------------------- */
 
-/* One file, a folder with one per frame, or the loose files of one, by their folder or their
- * meta.json. */
+/* Opens one .sog file, or the loose files of a clip by their meta.json. */
 static spin_status open_sog(struct clip *clip)
 {
     struct opened *out = &clip->opened;
@@ -394,8 +394,8 @@ static spin_status read_sog(struct clip *clip, unsigned columns, struct spin_spl
     return spin_sog_read(clip->map.data, clip->map.size, clip->opened.folder, columns, out);
 }
 
-/* A zip with pictures and a meta.json, the folder of both, or a meta.json that says where places
- * lie. */
+/* A zip with images and a meta.json, the folder of both, or a meta.json with the bounds of
+ * positions. */
 static int sog_probe(const struct spin_peek *peek)
 {
     bool meta = spin_peek_has(peek, "meta.json"), picture = spin_peek_has(peek, "means_l.webp");
@@ -434,7 +434,7 @@ static const struct spin_plugin_option gltf_options[] = {
     {0},
 };
 
-/* A scene, or a clip whose frames an animation switches on and off. */
+/* Opens a scene, or a clip whose frames an animation switches on and off. */
 static spin_status open_glb(struct clip *clip)
 {
     struct opened *out = &clip->opened;
@@ -444,11 +444,11 @@ static spin_status open_glb(struct clip *clip)
     out->sh_degree = out->scene.sh_degree;
     out->antialias = out->scene.antialias;
     if (out->scene.linear)
-        out->note[0] = "colours are of linear light: they are taken as they are";
+        out->note[0] = "colours are of linear light: they are not converted";
     if (out->scene.moves)
         out->note[1] = "animations that move or fade nodes are left out";
     if (out->scene.others)
-        out->note[2] = "meshes that are no splats are left out";
+        out->note[2] = "meshes that are not splats are left out";
     return SPIN_OK;
 }
 

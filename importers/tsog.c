@@ -1,20 +1,20 @@
-/* TSOG: one file with a clip. What src/formats/tsog.h says of it. */
+/* TSOG, one file per clip; src/formats/tsog.h describes it. */
 #include "formats/tsog.h"
 
 #include <string.h>
 
 #include "importers/lib/file_sequence.h"
 
-/* The player draws nothing fainter. */
+/* The player does not draw fainter splats. */
 #define LEAST_OPACITY (1 / 255.0)
 
 struct tsog_model {
     struct spin_model base;
     struct spin_tsog tsog;
-    size_t *counts; /* [n_frames], of frames */
+    size_t *counts; /* [n_frames] splats per frame */
 };
 
-/* By its profile, else by its name: pictures of an older file have any names. */
+/* Recognises the profile, or the extension, since images of older files have arbitrary names. */
 static int probe(const struct spin_peek *peek)
 {
     bool zip = spin_zip_looks_like(peek->head, peek->n_head);
@@ -28,7 +28,7 @@ static int probe(const struct spin_peek *peek)
     return spin_peek_says(peek, "org.opsiclear.tsog-playback") ? 100 : 0;
 }
 
-/* A frame for each time from 0 on. */
+/* Describes static and discrete clips: a frame at each of the times 0, 1, 2, ... */
 static spin_status describe_frames(struct tsog_model *m)
 {
     struct spin_sequence_info *sequence = m->base.sequence;
@@ -88,6 +88,6 @@ static spin_status frame(void *self, int frame, double time, unsigned columns,
 }
 
 SPIN_MODEL_IMPORTER(tsog, struct tsog_model, open_file, spin_model_close,
-                    .summary = "TSOG (.tsog): 4D splats of a clip, its frames, or a still",
+                    .summary = "TSOG (.tsog): 4D splats of a clip, its frames, or a static scene",
                     .upstream = "OpsiClear-4DGS/ftgs-player 64dfa9e (TSOG Playback Profile 1.0.1)",
                     .probe = probe, .frame = frame, .splats_4d = spin_model_splats_4d)

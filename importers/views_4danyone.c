@@ -1,13 +1,13 @@
-/* 4DAnyone: synchronous films that a network made of one.
+/* 4DAnyone: synchronous videos that a network generated from one.
  *
- *     cameras.json                    camera_model, cameras[]: camera_id, K, camera_to_world (OpenCV's axes),
- *                                     image_width, image_height, video
+ *     cameras.json                    camera_model, cameras[]: camera_id, K, image_width,
+ *                                     image_height, camera_to_world (OpenCV's axes), video
  *     metadata.json                   output.fps (may be missing)
- *     videos/dense/00.mp4 ...         the films, as `video` names them
- *     images/00/000000.png ...        pictures of them, taken in their place when they are there
+ *     videos/dense/00.mp4 ...         the videos, as named by `video`
+ *     images/00/000000.png ...        their frames, read instead of them where they exist
  *
- * World: y up, as it stands. videos/sparse and skeletons are no views. No camera is held out by the
- * files. */
+ * World: y up, unchanged. videos/sparse and skeletons are not views. The files do not hold out any
+ * camera. */
 #include "importers/lib/views_rig.h"
 #include "io/video.h"
 
@@ -48,7 +48,7 @@ static spin_status read_camera(struct spin_model *m, const spin_json *json, int6
     int64_t id;
 
     if (!spin_json_integer(spin_json_get(json, "camera_id"), &id) || id != place)
-        return spin_malformed("its 'camera_id' is not %lld, its place", (long long)place);
+        return spin_malformed("its 'camera_id' is not %lld, its index", (long long)place);
     SPIN_TRY(read_size(json, &out->camera));
     SPIN_TRY(spin_views_matrix(spin_json_get(json, "K"), "K", 3, k));
     SPIN_TRY(spin_views_intrinsics(k, "K", &out->camera));
@@ -56,7 +56,7 @@ static spin_status read_camera(struct spin_model *m, const spin_json *json, int6
     SPIN_TRY(spin_views_check_pose(c2w, "'camera_to_world'"));
     spin_views_invert(c2w, out->camera.w2c);
     if (!video || !spin_views_is_safe_name(video) || !spin_video_is_name(video))
-        return spin_malformed("'video' is '%s', expected a film below the folder",
+        return spin_malformed("'video' is '%s', expected a video below the folder",
                               video ? video : "");
     name = spin_path_name(video);
     SPIN_TRY(spin_model_join(m, &film, m->path, "%s", video));
@@ -109,5 +109,5 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
 static const struct spin_plugin_option options[] = {SPIN_RIG_OPTIONS, {NULL, NULL, NULL, NULL}};
 
 SPIN_VIEWS_IMPORTER(views_4danyone, "4danyone", struct spin_model, read_set,
-                    .summary = "views: films of 4DAnyone, or pictures of them, and cameras.json",
+                    .summary = "views: videos of 4DAnyone, or their images, and cameras.json",
                     .upstream = "ant-research/4DAnyone f7da3ae", .options = options, .probe = probe)

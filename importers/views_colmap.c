@@ -1,23 +1,25 @@
 /* COLMAP sparse models with undistorted images.
  *
- *     sparse/0/{cameras,images,points3D}.{bin,txt}, images/ one model; each image is one frame
- *     the same, images/<camera>/<number>.png ...            FreeTimeGS: each image of the model stands for a camera,
- *                                                           whose frames are in the folder of its name
- *     frame000001/{sparse/0, images}, frame000002/...       3DGStream: one folder per frame, the
- *                                                           model of the first one counts for all
+ *     sparse/0/{cameras,images,points3D}.{bin,txt}, images/
+ *         one model; each image is one frame
+ *     the same, images/<camera>/<number>.png ...
+ *         FreeTimeGS: each image of the model stands for a camera, whose frames are in the folder
+ *         of its name
+ *     frame000001/{sparse/0, images}, frame000002/...
+ *         3DGStream: one folder per frame, the model of the first is used for all
  *
- * Binary files are little-endian and packed; of text and binary the binary is taken, as the methods
- * do. A pose is w2c in OpenCV's axes already: R(q) p + t.
+ * Binary files are little-endian and packed; they are preferred to text files, as in the methods.
+ * A pose is w2c in OpenCV's axes: R(q) p + t.
  *
- * The principal point of the file is kept; the methods' own readers put it in the centre, which
- * principal=centre does too. Only pinhole cameras can be rendered: a model with distortion that is
- * not zero must be undistorted first.
+ * The principal point of the file is kept; the methods' own readers move it to the image centre, as
+ * principal=centre does. Only pinhole cameras can be rendered: a model with nonzero distortion
+ * must be undistorted first.
  *
- * With one model the time of an image is its place in the file over the number of images
- * (4DGaussians, which takes it for a video of one camera), and each eighth image by name is held
- * out (3DGS's --eval). In the layout of FreeTimeGS times are k/(n-1), and each eighth camera is
- * held out. With a folder per frame each image is a camera of every frame, times are 0, 1, 2, ...,
- * and the first camera is held out (3DGStream). */
+ * With one model the time of an image is its index in the file divided by the number of images
+ * (as in 4DGaussians, which reads it as a video of one camera), and each eighth image by name is
+ * held out (3DGS's --eval). In the layout of FreeTimeGS times are k/(n-1), and each eighth camera
+ * is held out. With a folder per frame each image is a camera of every frame, times are 0, 1, 2,
+ * ..., and the first camera is held out (3DGStream). */
 #include "importers/lib/model.h"
 #include "importers/lib/views_rig.h"
 #include "math/covariance.h"
@@ -33,7 +35,7 @@ struct image {
     const char *name;
     double q[4], t[3];
     int lens_id;
-    size_t place; /* in the file */
+    size_t place; /* index in the file */
     struct spin_camera camera;
 };
 
@@ -41,16 +43,16 @@ struct image {
 struct colmap {
     struct spin_model base;
     const char *images; /* folder */
-    bool by_name;       /* time of one model's images */
-    bool centre;        /* principal points are put in the middle */
-    int hold;           /* each hold-th is test; 0: none; -1: what suits the layout */
-    const char *sparse; /* where the files are */
+    bool by_name;       /* times of one model's images follow their names */
+    bool centre;        /* move principal points to the image centre */
+    int hold;           /* hold out each hold-th; 0: none; -1: the default of the layout */
+    const char *sparse; /* folder of the model's files */
     bool binary;
     struct lens *lens;
     size_t n_lenses;
     struct image *image; /* sorted by name */
     size_t n_images, capacity;
-    double (*point)[3]; /* every point_step-th */
+    double (*point)[3]; /* a sample, every point_step-th */
     size_t n_points;
     uint64_t point_step, n_seen;
 };
@@ -68,8 +70,8 @@ static int probe(const struct spin_peek *peek)
     return frames ? 50 : 0;
 }
 
-/* Where a model's parameters lie: places of fx, fy, cx, cy; those from `distortion` on must be 0.
- * A lens that is no pinhole whatever its parameters are has distortion -1. */
+/* Parameters of camera models: indices of fx, fy, cx, cy; those from `distortion` on must be 0. A
+ * model that is never a pinhole has distortion -1. */
 static const struct {
     const char *name;
     int n, fx, fy, cx, cy, distortion;
@@ -91,7 +93,8 @@ enum { N_MODELS = sizeof models / sizeof *models };
 
 /* ---- Bytes and words ------------------------------------------------------------------------- */
 
-/* A file, binary or text; of text the line at hand, whose words are cut out. */
+/* A binary or text file; for text, `word` is the rest of the current line, which is split in place.
+ */
 struct source {
     bool binary;
     char *at, *end, *word;
@@ -106,7 +109,7 @@ static spin_status take(struct source *s, size_t n, const char **out)
     return SPIN_OK;
 }
 
-/* A number of n bytes, little endian. */
+/* Reads a little-endian number of n bytes. */
 static spin_status take_bits(struct source *s, size_t n, uint64_t *out)
 {
     const char *p = NULL;
@@ -118,7 +121,8 @@ static spin_status take_bits(struct source *s, size_t n, uint64_t *out)
     return SPIN_OK;
 }
 
-/* A count of records of at least `smallest` bytes each that the rest of the file can hold. */
+/* Reads a count of records and checks that the rest of the file can hold them, at `smallest` bytes
+ * each. */
 static spin_status take_count(struct source *s, size_t smallest, const char *what, uint64_t *out)
 {
     SPIN_TRY(take_bits(s, 8, out));
@@ -129,7 +133,7 @@ static spin_status take_count(struct source *s, size_t smallest, const char *wha
     return SPIN_OK;
 }
 
-/* The next line, or false at the end. */
+/* Reads the next line; false at the end. */
 static bool next_line(struct source *s)
 {
     char *stop = memchr(s->at, '\n', (size_t)(s->end - s->at));
@@ -152,7 +156,7 @@ static bool is_record(const char *line)
     return *line != '#' && *line != '\0';
 }
 
-/* The next word, cut out of the line; "" at its end. */
+/* The next word, terminated in place; "" at the end of the line. */
 static char *next_word(struct source *s)
 {
     char *word = s->word + strspn(s->word, " \t");
@@ -242,7 +246,7 @@ static spin_status fill_lens(struct colmap *m, int id, int kind, double width, d
     return SPIN_OK;
 }
 
-/* By its number, or by its name. */
+/* Reads the camera model: a number in binary files, a name in text. */
 static spin_status take_kind(struct source *s, int *kind)
 {
     const char *name = NULL;
@@ -288,13 +292,14 @@ static const struct lens *find_lens(const struct colmap *m, int id)
     return NULL;
 }
 
-/* Rotation matrix of a quaternion w, x, y, z of any length but 0. */
+/* Sets the pose from a translation and a quaternion w, x, y, z of any length but 0. */
 static spin_status fill_pose(const double q[4], const double t[3], double m[12])
 {
     double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), r[9];
 
     if (!(norm > 1e-12) || !isfinite(norm))
-        return spin_malformed("its quaternion %g %g %g %g is no rotation", q[0], q[1], q[2], q[3]);
+        return spin_malformed("its quaternion %g %g %g %g is not a rotation", q[0], q[1], q[2],
+                              q[3]);
     spin_matrix_of_quat(q, r);
     for (int i = 0; i < 3; i++) {
         memcpy(m + 4 * i, r + 3 * i, 3 * sizeof *m);
@@ -303,8 +308,8 @@ static spin_status fill_pose(const double q[4], const double t[3], double m[12])
     return spin_views_check_pose(m, "the pose");
 }
 
-/* Its name, as far as it is: the rest of the line, or what a 0 ends, with points of the image
- * behind it. */
+/* Reads the name: the rest of the line, or a text that ends with 0; in binary files also skips the
+ * image's points. */
 static spin_status take_name(struct source *s, const char **name)
 {
     const char *end;
@@ -316,7 +321,7 @@ static spin_status take_name(struct source *s, const char **name)
     }
     end = memchr(s->at, '\0', (size_t)(s->end - s->at));
     if (!end || end - s->at > MAX_NAME)
-        return spin_malformed("its name does not end");
+        return spin_malformed("its name is not terminated");
     SPIN_TRY(take(s, (size_t)(end - s->at) + 1, name));
     SPIN_TRY(take_count(s, 24, "points of the image", &n_points));
     s->at += 24 * n_points;
@@ -350,7 +355,7 @@ static spin_status read_image(struct colmap *m, struct source *s, int *id)
 
 /* ---- Points ---------------------------------------------------------------------------------- */
 
-/* A sample of the points, by which a camera that looks the wrong way is noticed. */
+/* Keeps a sample of the points, to detect cameras that look the wrong way. */
 static spin_status read_point(struct colmap *m, struct source *s, int *id)
 {
     uint64_t bits, n_track;
@@ -378,7 +383,7 @@ static spin_status read_point(struct colmap *m, struct source *s, int *id)
     return SPIN_OK;
 }
 
-/* All points behind a camera: its axes are OpenGL's, or its pose is wrong. */
+/* Warns if all points are behind a camera: its axes are OpenGL's, or its pose is wrong. */
 static void warn_behind(const struct colmap *m)
 {
     for (size_t i = 0; i < m->n_images; i++) {
@@ -405,7 +410,7 @@ static const struct kind {
     const char *name, *what, *many;
     size_t smallest; /* bytes of a record */
     spin_status (*read)(struct colmap *m, struct source *s, int *id);
-    int lines; /* of a record in text; an image's second are its points, and may be empty */
+    int lines; /* per record in text; the second line of an image has its points and may be empty */
 } camera_file = {"cameras", "camera", "cameras", 24 + 3 * 8, read_lens, 1},
   image_file = {"images", "image", "images", 4 + 7 * 8 + 4 + 1 + 8, read_image, 2},
   point_file = {"points3D", "point", "points", 8 + 3 * 8 + 3 + 8 + 8, read_point, 1};
@@ -429,12 +434,12 @@ static spin_status read_records(struct colmap *m, const struct kind *kind, struc
     return SPIN_OK;
 }
 
-/* <name>.bin or <name>.txt of the model. */
+/* Reads <name>.bin or <name>.txt of the model. */
 static spin_status read_file(struct colmap *m, const struct kind *kind)
 {
     struct source s = {.binary = m->binary};
     SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
-    SPIN_FREED char *text = NULL; /* which is cut in place */
+    SPIN_FREED char *text = NULL; /* a copy, split in place */
     const char *path;
 
     SPIN_TRY(spin_model_join(&m->base, &path, m->sparse, "%s.%s", kind->name,
@@ -449,7 +454,7 @@ static spin_status read_file(struct colmap *m, const struct kind *kind)
     return spin_fail_context(read_records(m, kind, &s), "cannot read '%s'", path);
 }
 
-/* sparse/0, or sparse itself. */
+/* Finds the model in sparse/0 or sparse. */
 static spin_status find_sparse(struct colmap *m, const char *folder)
 {
     static const char *const places[] = {"sparse/0", "sparse"};
@@ -464,7 +469,7 @@ static spin_status find_sparse(struct colmap *m, const char *folder)
                           folder);
 }
 
-/* By name without its ending, which is what decides who is held out. */
+/* By name without extension: the methods choose held-out images in this order. */
 static int by_name(const void *a, const void *b)
 {
     const char *x = ((const struct image *)a)->name, *y = ((const struct image *)b)->name;
@@ -478,8 +483,8 @@ static int by_name(const void *a, const void *b)
     return order ? order : strcmp(x, y);
 }
 
-/* The model in a folder with sparse/0 or sparse in it. Warns when all points are behind a camera.
- */
+/* Reads the model of a folder with sparse/0 or sparse in it. Warns when all points are behind a
+ * camera. */
 static spin_status read_model(struct colmap *m, const char *folder)
 {
     SPIN_TRY(find_sparse(m, folder));
@@ -500,10 +505,10 @@ static spin_status read_model(struct colmap *m, const char *folder)
     return SPIN_OK;
 }
 
-/* ---- Folders of frames ------------------------------------------------------------------------
- */
+/* ---- Folders of frames ----------------------------------------------------------------------- */
 
-/* Length of what names the camera of an image: its folder, else its name without the ending. */
+/* Length of the part of an image's name that names its camera: the folder, else the name without
+ * extension. */
 static size_t camera_part(const char *name)
 {
     const char *end = strrchr(name, '/');
@@ -529,8 +534,8 @@ static spin_status has_frames(const char *folder, bool *out)
     return SPIN_OK;
 }
 
-/* In a data set of FreeTimeGS each image of the model stands for a camera, and the folder that it
- * lies in, or that has its name, holds the frames. */
+/* In a data set of FreeTimeGS each image of the model stands for a camera, whose frames are in the
+ * folder of that image or in a folder of that name. */
 static spin_status find_folders(struct colmap *m, const char *images, struct spin_rig_camera *c,
                                 bool *found)
 {
@@ -542,7 +547,7 @@ static spin_status find_folders(struct colmap *m, const char *images, struct spi
     return SPIN_OK;
 }
 
-/* There the folders may have other names: they go to the cameras in the order of both. */
+/* Folders with other names are assigned to the cameras in the order of both. */
 static spin_status pair_folders(struct colmap *m, const char *images, struct spin_rig_camera *c,
                                 bool *found)
 {
@@ -564,8 +569,8 @@ static spin_status pair_folders(struct colmap *m, const char *images, struct spi
     }
     *found = n_cameras == m->n_images;
     if (*found)
-        spin_warn("'%s': the folders of frames are not called as the cameras of the model: '%s' is "
-                  "taken for '%s', and so on in the order of their names",
+        spin_warn("'%s': the folders of frames are not named like the cameras of the model: '%s' "
+                  "is used for '%s', and so on in the order of their names",
                   images, spin_path_name(c[0].where), c[0].name);
     return SPIN_OK;
 }
@@ -585,7 +590,7 @@ static spin_status find_rig(struct colmap *m, const char *images, struct spin_ri
         SPIN_TRY(spin_model_text(&m->base, &c[i].name, "%.*s", (int)camera_part(name), name));
     }
     if (spin_rig_sort(m->sparse, c, m->n_images) != SPIN_OK)
-        return SPIN_OK; /* a folder has several images of the model */
+        return SPIN_OK; /* equal names: a folder has several images of the model */
     SPIN_TRY(find_folders(m, images, c, &found));
     if (!found)
         SPIN_TRY(pair_folders(m, images, c, &found));
@@ -616,7 +621,8 @@ static spin_status read_rig(struct colmap *m, struct spin_rig_camera *c, const c
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* Numbers in the names are the cameras' when no two are equal; else their places by name. */
+/* The numbers in the names are the camera ids if they are distinct; else the indices by name are.
+ */
 static spin_status camera_ids(struct colmap *m, int **out)
 {
     int *sorted;
@@ -634,7 +640,7 @@ static spin_status camera_ids(struct colmap *m, int **out)
     return SPIN_OK;
 }
 
-/* One view of each image, found in `folder`; row < 0: each image is a row of its own. */
+/* Adds a view of each image, found in `folder`; row < 0: each image is a row of its own. */
 static spin_status add_views(struct colmap *m, const char *folder, const int *ids, int row,
                              int number, struct spin_views *out)
 {
@@ -659,7 +665,7 @@ static spin_status add_views(struct colmap *m, const char *folder, const int *id
     return SPIN_OK;
 }
 
-/* Make all cameras those of the images, which are there; the first n views tell. */
+/* Checks that the images exist and scales all cameras to them, by the images of the first frame. */
 static spin_status fit_views(const struct colmap *m, struct spin_views *out, size_t first)
 {
     SPIN_TRY(spin_views_check_images(out, first));
@@ -677,7 +683,7 @@ static int by_frame_number(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* Folders frame<digits>, sorted by number; the first has the model. */
+/* Reads folders frame<digits>, sorted by number; the first has the model. */
 static spin_status read_frames(struct colmap *m, const char *path, struct spin_views *out)
 {
     const char *folder;
@@ -768,7 +774,7 @@ static spin_status colmap_views(const char *path, const struct spin_plugin_value
 static const struct spin_plugin_option options[] = {
     {"images", "FOLDER", "where the images are, such as images_2", "images"},
     {"time", "RULE",
-     "one model: frame and time i/n of an image by its place in the file, or by its name; of "
+     "one model: frame and time i/n of an image by its index in the file, or by its name; "
      "FreeTimeGS: unit for i/(n-1), count for i/n, row for i, a number N for i/N (file; of "
      "FreeTimeGS unit)",
      NULL},
@@ -776,8 +782,7 @@ static const struct spin_plugin_option options[] = {
      "hold out each N-th image or camera by name, the first included; 0: none (8; with frame "
      "folders only the first)",
      NULL},
-    {"principal", "RULE", "principal point: file, or centre as the methods' readers have it",
-     "file"},
+    {"principal", "RULE", "principal point: file, or centre as in the methods' readers", "file"},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -6,10 +6,10 @@
  *     frames/0000/images/cam00.png    as StreamRF extracts them
  *     cam00.mp4 ...                   the videos themselves, when no frames were extracted
  *
- * Rows of poses_bounds belong to the cameras that exist, sorted by number, not to the number in the
- * name. The 3 x 5 matrix is c2w in LLFF's axes [down, right, back] with the centre, and a column
- * height, width, focal length of the full-size video. World: LLFF's, unchanged, as 4DGaussians and
- * Deformable-3DGS keep it. */
+ * Rows of poses_bounds belong to the existing cameras sorted by number, not to the number in the
+ * name. The 3 x 5 matrix is c2w in LLFF's axes [down, right, back], the centre, and a column of
+ * height, width and focal length of the full-size video. World: LLFF's, unchanged, as in
+ * 4DGaussians and Deformable-3DGS. */
 #include <ctype.h>
 #include <strings.h>
 
@@ -22,7 +22,7 @@ enum { COLUMNS = 17 };
 
 struct frame_image {
     const char *path;
-    int camera, number; /* of the names */
+    int camera, number; /* from the names */
 };
 
 struct set {
@@ -33,7 +33,7 @@ struct set {
     size_t n_video;
     int *camera; /* camera numbers in the order of the rows of poses_bounds */
     size_t n_cameras;
-    int *number; /* frame numbers, sorted: place = row */
+    int *number; /* sorted frame numbers: index = row */
     size_t n_rows;
     double *pose;                   /* [n_cameras][17] */
     struct spin_camera *intrinsics; /* [n_cameras], of the images' size */
@@ -55,7 +55,7 @@ static bool is_image(const char *name)
             strcasecmp(dot, ".jpeg") == 0);
 }
 
-/* "cam07", "cam_7", "cam07.mp4", "cam07_0001.png": 7; else -1. */
+/* The camera number of a name: 7 for "cam07", "cam_7", "cam07.mp4", "cam07_0001.png"; else -1. */
 static int camera_number(const char *name)
 {
     int value = 0, n_digits = 0;
@@ -81,9 +81,9 @@ static spin_status add_image(struct set *set, const char *folder, const char *na
     return SPIN_OK;
 }
 
-/* camera >= 0: every image is that camera's and its name is the frame's number (camera folders).
- * number >= 0: every image is of that frame and its name the camera's (frame folders). Else both
- * stand in the name. */
+/* Adds the images of a folder. camera >= 0: all are of that camera, and names are frame numbers
+ * (camera folders). number >= 0: all are of that frame, and names are cameras (frame folders).
+ * Otherwise names contain both. */
 static spin_status add_folder(struct set *set, const char *folder, int camera, int number)
 {
     char **names;
@@ -102,13 +102,13 @@ static spin_status add_folder(struct set *set, const char *folder, int camera, i
             return spin_malformed("image '%s/%s' has no frame number in its name", folder,
                                   names[i]);
         if (c < 0)
-            return spin_malformed("image '%s/%s' is not called cam<number>...", folder, names[i]);
+            return spin_malformed("image '%s/%s' is not named cam<number>...", folder, names[i]);
         SPIN_TRY(add_image(set, folder, names[i], c, f));
     }
     return SPIN_OK;
 }
 
-/* folder/name/images, or folder/name when there is no such thing. */
+/* folder/name/images, or folder/name if there is no such folder. */
 static spin_status images_folder(struct set *set, const char *folder, const char *name,
                                  const char **out)
 {
@@ -117,7 +117,7 @@ static spin_status images_folder(struct set *set, const char *folder, const char
                                      : spin_model_join(&set->base, out, folder, "%s", name);
 }
 
-/* An interrupted extraction leaves empty folders behind. */
+/* Refuses empty folders, which an interrupted extraction leaves behind. */
 static spin_status add_camera_folder(struct set *set, const char *name)
 {
     size_t before = set->n;
@@ -126,8 +126,8 @@ static spin_status add_camera_folder(struct set *set, const char *name)
     SPIN_TRY(images_folder(set, set->base.path, name, &folder));
     SPIN_TRY(add_folder(set, folder, camera_number(name), -1));
     if (spin_path_is_folder(folder) && set->n == before)
-        return spin_not_found("folder '%s' holds no images; was their extraction interrupted",
-                              folder);
+        return spin_not_found(
+            "folder '%s' holds no images: their extraction may have been interrupted", folder);
     return SPIN_OK;
 }
 
@@ -149,7 +149,7 @@ static spin_status add_frame_folders(struct set *set, const char *frames)
     return SPIN_OK;
 }
 
-/* Every frame of every video as an image "cam00.mp4#<frame>", decoded when it is asked for. */
+/* Adds every frame of every video as an image "cam00.mp4#<frame>", which is decoded on demand. */
 static spin_status add_video_frames(struct set *set, char **names)
 {
     SPIN_TRY_IN(
@@ -174,7 +174,7 @@ static spin_status add_video_frames(struct set *set, char **names)
     return SPIN_OK;
 }
 
-/* The first of the three layouts that has images; else the videos. */
+/* Uses the first of the three layouts that has images; else the videos. */
 static spin_status find_images(struct set *set)
 {
     const char *folder = set->base.path, *images, *frames;
@@ -230,7 +230,7 @@ static spin_status read_poses(struct set *set)
     return SPIN_OK;
 }
 
-/* Distinct numbers of all images: of cameras, or of frames. */
+/* Lists the distinct numbers of all images: of cameras, or of frames. */
 static spin_status list_numbers(struct set *set, bool cameras, int **out, size_t *n)
 {
     SPIN_TRY(spin_model_alloc(&set->base, set->n, sizeof **out, (void **)out));
@@ -240,7 +240,8 @@ static spin_status list_numbers(struct set *set, bool cameras, int **out, size_t
     return SPIN_OK;
 }
 
-/* Rows of poses_bounds belong to the videos where there are any, else to cameras with images. */
+/* Rows of poses_bounds belong to the cameras with images; if there are fewer of those, to the
+ * videos. */
 static spin_status match_cameras(struct set *set)
 {
     size_t n = 0;
@@ -263,7 +264,7 @@ static spin_status match_cameras(struct set *set)
     return SPIN_OK;
 }
 
-/* Row of poses_bounds to a camera of the full-size video. */
+/* Converts a row of poses_bounds to a camera of the full-size video. */
 static spin_status read_camera(const double row[COLUMNS], struct spin_camera *out)
 {
     double c2w[12];
@@ -288,7 +289,7 @@ static spin_status read_camera(const double row[COLUMNS], struct spin_camera *ou
     return spin_views_check_intrinsics(out);
 }
 
-/* Every camera at the size of its first image. */
+/* Scales every camera to its first image. */
 static spin_status read_cameras(struct set *set)
 {
     bool differs = false;
@@ -307,16 +308,16 @@ static spin_status read_cameras(struct set *set)
         }
     }
     if (differs)
-        spin_warn("'%s': focal lengths differ between cameras; each has its own here, other "
-                  "readers take the first for all",
+        spin_warn("'%s': focal lengths differ between cameras; each keeps its own, other readers "
+                  "use the first for all",
                   set->base.path);
     return SPIN_OK;
 }
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* Each camera has its frames from the first on, once; at most the last ones may be missing, as the
- * programs that extract frames do not agree on how many there are. */
+/* Each camera must have every frame once, from the first on; only the last ones may be missing, as
+ * programs that extract frames disagree on their number. */
 static spin_status check_rows(struct set *set)
 {
     size_t n = set->n_cameras * set->n_rows;
@@ -395,10 +396,10 @@ static spin_status dynerf_views(const char *path, const struct spin_plugin_value
 
 static const struct spin_plugin_option options[] = {
     {"time", "RULE",
-     "time of frame i of n: a number N for i/N (300 is 4DGaussians'), unit for i/(n-1), count for "
-     "i/n, row for i",
+     "time of frame i of n: a number N for i/N (300 as in 4DGaussians), unit for i/(n-1), count "
+     "for i/n, row for i",
      "300"},
-    {"test", "PLACE", "place of the camera that is held out, -1: none", "0"},
+    {"test", "PLACE", "index of the camera that is held out, -1: none", "0"},
     {NULL, NULL, NULL, NULL},
 };
 

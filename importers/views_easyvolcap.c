@@ -1,16 +1,18 @@
-/* EasyVolcap, and what writes its layout (EasyMocap, SelfCap, Mobile-Stage): cameras in OpenCV's
- * YAML and pictures.
+/* EasyVolcap and data sets of its layout (EasyMocap, SelfCap, Mobile-Stage): cameras in OpenCV's
+ * YAML, and images.
  *
- *     intri.yml                       names; of each camera NN: K_NN, H_NN, W_NN, D_NN or dist_NN, ccm_NN
+ *     intri.yml                       names; for each camera NN: K_NN, H_NN, W_NN, D_NN or dist_NN,
+ *                                     ccm_NN
  *     extri.yml                       R_NN (rotation vector) or Rot_NN, T_NN
  *     images/<camera>/000000.jpg ...  the frames
  *     masks/<camera>/ ...             foreground (or mask, msk; may be missing)
- *     cameras/<camera>/{intri,extri}.yml   instead of the first two: cameras that move, an entry a frame
+ *     cameras/<camera>/{intri,extri}.yml
+ *                                     instead of the first two: moving cameras, an entry per frame
  *
- * A pose is w2c = [R | T] in OpenCV's axes already. Distortion is refused: EasyVolcap undistorts
- * and takes another K, which is not in the files. No camera is held out by the files.
+ * A pose is w2c = [R | T] in OpenCV's axes. Distortion is refused: EasyVolcap undistorts images and
+ * then uses another K, which the files lack. The files do not hold out any camera.
  *
- * Times are k/(n-1), as FreeTimeGS takes them on these sets. EasyVolcap itself takes k/n. */
+ * Times are k/(n-1), as in FreeTimeGS on these sets. EasyVolcap itself uses k/n. */
 #include "importers/lib/views_rig.h"
 #include "math/covariance.h"
 
@@ -34,24 +36,25 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- YAML ------------------------------------------------------------------------------------ */
 
-/* As much of it as OpenCV's FileStorage writes for cameras. A file becomes an object: of a number
- * the number, of a list of texts an array, of a matrix an object with its rows, cols and data. */
+/* Parses the subset of YAML that OpenCV's FileStorage writes for cameras. A file becomes a JSON
+ * object: a number a number, a list of texts an array, a matrix an object with its rows, cols and
+ * data. */
 struct reader {
-    spin_json *top, *value; /* value: what the lines below a key belong to */
-    bool open;              /* the data of a matrix go on in the next line */
+    spin_json *top, *value; /* value: the entry to which the lines below a key belong */
+    bool open;              /* the data of a matrix continue in the next line */
 };
 
 static spin_status set_value(spin_json *object, const char *key, spin_json *value)
 {
     if (spin_json_get(object, key)) {
         spin_json_free(value);
-        return spin_malformed("'%.40s' is there twice", key);
+        return spin_malformed("'%.40s' occurs twice", key);
     }
     return spin_json_set(object, key, value) == 0 ? SPIN_OK
-                                                  : spin_malformed("'%.40s' cannot be taken", key);
+                                                  : spin_malformed("'%.40s' cannot be stored", key);
 }
 
-/* Without quotes; "" when they do not match. */
+/* Strips quotes; "" if they do not match. */
 static const char *plain_text(char *text)
 {
     size_t n = strlen(text);
@@ -82,7 +85,7 @@ static spin_status take_numbers(struct reader *r, const char *at)
     return SPIN_OK;
 }
 
-/* "- text" of a list, "rows: 3" and the like of a matrix. */
+/* Reads "- text" of a list, or "rows: 3" and the like of a matrix. */
 static spin_status take_below(struct reader *r, char *line)
 {
     char *value;
@@ -94,7 +97,7 @@ static spin_status take_below(struct reader *r, char *line)
                    : spin_fail(SPIN_E_MEMORY, "no memory");
     value = strchr(line, ':');
     if (!value || !spin_json_is_object(r->value))
-        return spin_malformed("'%.40s' belongs to no list and no matrix", line);
+        return spin_malformed("'%.40s' does not belong to a list or a matrix", line);
     *value++ = '\0';
     value += strspn(value, " ");
     if (strcmp(line, "data") == 0 && *value == '[') {
@@ -116,7 +119,7 @@ static spin_status take_key(struct reader *r, char *line)
     double number;
 
     if (!value)
-        return spin_malformed("'%.40s' is no key with a value", line);
+        return spin_malformed("'%.40s' is not a key with a value", line);
     *value++ = '\0';
     value += strspn(value, " ");
     r->value = NULL;
@@ -144,7 +147,7 @@ static spin_status take_line(struct reader *r, char *line)
     return *line == ' ' || *line == '-' ? take_below(r, words) : take_key(r, line);
 }
 
-/* text is cut in place. */
+/* Splits the text in place. */
 static spin_status parse(struct reader *r, char *text)
 {
     char *line;
@@ -164,7 +167,7 @@ static spin_status parse(struct reader *r, char *text)
 
 struct file {
     const char *path;
-    spin_json *json; /* freed by the caller, whatever comes */
+    spin_json *json; /* freed by the caller, also on failure */
 };
 
 static spin_status load(struct spin_model *m, const char *folder, const char *name,
@@ -179,7 +182,7 @@ static spin_status load(struct spin_model *m, const char *folder, const char *na
     SPIN_TRY(spin_map_open(out->path, &map));
     SPIN_TRY(spin_alloc(map.size + 1, 1, (void **)&text));
     memcpy(text, map.data, map.size);
-    status = memchr(text, '\0', map.size) ? spin_malformed("it is no text") : parse(&r, text);
+    status = memchr(text, '\0', map.size) ? spin_malformed("it is not text") : parse(&r, text);
     return spin_fail_context(status, "cannot read '%s'", out->path);
 }
 
@@ -193,7 +196,7 @@ static const spin_json *find(const spin_json *file, const char *key, const char 
     return spin_json_get(file, text);
 }
 
-/* A matrix key_name. */
+/* Reads a matrix key_name. */
 static spin_status read_matrix(const spin_json *file, const char *key, const char *name, int rows,
                                int cols, double *out)
 {
@@ -213,7 +216,7 @@ static spin_status read_matrix(const spin_json *file, const char *key, const cha
     return SPIN_OK;
 }
 
-/* D or dist: k1 k2 p1 p2 k3, which must be 0. */
+/* Checks that D or dist, k1 k2 p1 p2 k3, is 0. */
 static spin_status check_distortion(const spin_json *intri, const char *name)
 {
     const char *key = find(intri, "D", name) ? "D" : "dist";
@@ -224,14 +227,14 @@ static spin_status check_distortion(const spin_json *intri, const char *name)
     SPIN_TRY(read_matrix(intri, key, name, 5, 1, lens));
     for (int i = 0; i < 5; i++) {
         if (lens[i] != 0)
-            return spin_unsupported("'%s_%s' has a distortion of %g: undistort the images, and "
-                                    "take the matrices K that this gives",
+            return spin_unsupported("'%s_%s' has a distortion of %g: undistort the images and use "
+                                    "the resulting matrices K",
                                     key, name, lens[i]);
     }
     return SPIN_OK;
 }
 
-/* The turn by |r| about r. */
+/* The matrix of the rotation by |r| about r. */
 static void turn(const double r[3], double out[9])
 {
     double angle = sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
@@ -258,7 +261,7 @@ static spin_status read_pose(const spin_json *extri, const char *name, double w2
     return spin_views_check_pose(w2c, "the pose");
 }
 
-/* Size from the file, else that of the picture. */
+/* Reads the size from the file, else from the image. */
 static spin_status read_size(const spin_json *intri, const char *name, const char *picture,
                              struct spin_camera *out)
 {
@@ -284,7 +287,7 @@ static spin_status read_lens(const spin_json *intri, const char *name, const cha
     return check_distortion(intri, name);
 }
 
-/* intri.yml and extri.yml of a folder, and the entry `name` of both. */
+/* intri.yml and extri.yml of a folder. */
 struct pair {
     struct file intri, extri;
 };
@@ -304,12 +307,12 @@ static spin_status read_camera(const struct pair *p, const char *name, const cha
 
 /* ---- Cameras --------------------------------------------------------------------------------- */
 
-/* A folder, its two files and its cameras. */
+/* A data set: its folder and its cameras. */
 struct set {
     struct spin_model base; /* path: the folder */
     struct spin_rig_camera *camera;
     size_t n;
-    bool coloured; /* there is a ccm */
+    bool coloured; /* a camera has a ccm */
 };
 
 static spin_status find_pictures(struct set *set, struct spin_rig_camera *c)
@@ -340,7 +343,7 @@ static spin_status read_names(const struct pair *p, const spin_json **names, siz
     return SPIN_OK;
 }
 
-/* All cameras in two files. */
+/* Reads static cameras, which are all in two files. */
 static spin_status read_still(struct set *set, const struct pair *p)
 {
     const spin_json *names;
@@ -361,7 +364,7 @@ static spin_status read_still(struct set *set, const struct pair *p)
     return SPIN_OK;
 }
 
-/* A camera that moves: its entries are called by the numbers of frames. */
+/* Reads a moving camera, whose entries are named by frame numbers. */
 static spin_status read_moving(struct set *set, const struct pair *p, struct spin_rig_camera *c,
                                spin_json *name_of)
 {
@@ -386,7 +389,7 @@ static spin_status read_moving(struct set *set, const struct pair *p, struct spi
         snprintf(key, sizeof key, "%d", frame->number);
         name = spin_json_string(spin_json_get(name_of, key));
         if (!name || frame->number < 0)
-            return spin_malformed("'%s' has no entry for picture '%s'", p->intri.path, frame->path);
+            return spin_malformed("'%s' has no entry for image '%s'", p->intri.path, frame->path);
         SPIN_TRY(read_camera(p, name, frame->path, &c->moving[k]));
         set->coloured = set->coloured || find(p->intri.json, "ccm", name);
     }
@@ -395,7 +398,7 @@ static spin_status read_moving(struct set *set, const struct pair *p, struct spi
 
 /* ---- The files ------------------------------------------------------------------------------- */
 
-/* Both files of a folder; c: of a camera that moves, or NULL. */
+/* Reads both files of a folder: those of the moving camera c, or of all cameras if c is NULL. */
 static spin_status read_files(struct set *set, const char *folder, struct spin_rig_camera *c)
 {
     spin_json *name_of = spin_json_object();
@@ -441,7 +444,7 @@ static spin_status read_set(struct set *set, struct spin_views *out)
                  : read_folders(set, cameras));
     SPIN_TRY(spin_rig_views(&set->base, set->camera, set->n, out));
     spin_rig_note(&set->base, NULL, out);
-    spin_note(out, "FreeTimeGS takes the time i/(n-1) on such sets, EasyVolcap itself i/n "
+    spin_note(out, "FreeTimeGS uses the time i/(n-1) on such sets, EasyVolcap itself i/n "
                    "(--data-from easyvolcap:time=count)");
     if (set->coloured)
         spin_note(out, "the colour matrices 'ccm' of the cameras are not applied");
@@ -452,5 +455,5 @@ static const struct spin_plugin_option options[] = {SPIN_RIG_OPTIONS, {NULL, NUL
 
 SPIN_VIEWS_IMPORTER(
     views_easyvolcap, "easyvolcap", struct set, read_set,
-    .summary = "views: cameras and pictures of EasyVolcap and its kin (intri.yml, extri.yml)",
+    .summary = "views: cameras and images of EasyVolcap and similar sets (intri.yml, extri.yml)",
     .upstream = "zju3dv/EasyVolcap 4cb3c00", .options = options, .probe = probe)

@@ -5,8 +5,8 @@
  *     ims/<fn>                             the images
  *     seg/<fn, as .png>                    foreground masks, values 0 and 1 (may be missing)
  *
- * Cameras are OpenCV's already. Row t of the lists is frame t of the data set, whatever number the
- * file names carry. Without test_meta.json every camera trains. */
+ * Cameras have OpenCV's axes. Row t of the lists is frame t of the data set, whatever number the
+ * file names carry. Without test_meta.json no camera is held out. */
 #include <ctype.h>
 
 #include "importers/lib/model.h"
@@ -47,7 +47,7 @@ static spin_status read_size(const spin_json *root, struct split *s)
     return SPIN_OK;
 }
 
-/* A list of T rows of C things; the first list seen sets T and C. */
+/* Reads a list of T rows of C items; the first list sets T and C. */
 static spin_status read_list(struct split *s, const spin_json *root, const char *key,
                              const spin_json **out)
 {
@@ -102,7 +102,7 @@ static spin_status read_pose(const spin_json *json, struct spin_camera *camera)
     return spin_views_check_pose(m, "'w2c'");
 }
 
-/* cam_id, else the number that the camera's folder is called by, else its place in the list. */
+/* The camera's id: cam_id, else the number that names its folder, else its index in the list. */
 static spin_status read_camera_id(const struct split *s, size_t row, size_t camera, const char *fn,
                                   int *out)
 {

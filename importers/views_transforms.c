@@ -1,22 +1,22 @@
-/* D-NeRF / Blender JSON, what n3v2blender.py writes, and nerfstudio's: cameras and images.
+/* JSON of D-NeRF (Blender), n3v2blender.py and nerfstudio: cameras and images.
  *
- *     transforms_train.json  transforms_test.json, or transforms.json alone
+ *     transforms_train.json  transforms_test.json, or only transforms.json
  *         camera_angle_x | fl_x fl_y cx cy    of all frames, or of one; w, h likewise
  *         frames[]: file_path, transform_matrix (c2w, OpenGL's axes), time
  *
- * What a frame says itself wins over what the file says, and focal lengths over camera_angle_x.
+ * Values of a frame override those of the file, and focal lengths override camera_angle_x.
  * The rows of the data set are the distinct times of both files. One file is one moving camera
- * unless its images are called cam<NN>. Images with alpha are composited where they are read, over
- * the colour of --background; D-NeRF's own training takes white.
+ * unless its images are named cam<NN>. Images with alpha are composited when they are read, over
+ * the colour of --background; D-NeRF's own training uses white.
  *
- * transforms.json holds all images: those are held out that its lists test_filenames and
- * val_filenames name, else the first of several cameras, or where there is one or no time each 8th.
- * Without times every image is a camera of its own. Poses are taken as they stand:
- * applied_transform says what was done to them before, and nerfstudio's own centring is not done.
+ * transforms.json contains all images. Held out are those in its lists test_filenames and
+ * val_filenames, else the first of several cameras, else (one camera, or no times) each 8th image.
+ * Without times every image is a camera of its own. Poses are used as stored: applied_transform was
+ * applied to them before, and nerfstudio's own centring is left out.
  *
- * Differs: 4DGaussians negates the translation of the inverse OpenGL matrix, which gives its x the
- * wrong sign unless the camera's right axis is perpendicular to its place; pose=4dgaussians does as
- * it does, for models that were trained on such cameras. */
+ * 4DGaussians negates the translation of the inverse OpenGL matrix, which gives its x the
+ * wrong sign unless the camera's right axis is perpendicular to its position; pose=4dgaussians
+ * reproduces this, for models that were trained on such cameras. */
 #include <ctype.h>
 #include <unistd.h>
 
@@ -29,19 +29,18 @@ struct options {
     const char *test_file, *ending;
     enum time_rule time;
     bool old_pose;
-    int hold; /* of transforms.json: each hold-th is test; 0: none; -1: what suits it */
+    int hold; /* transforms.json: hold out each hold-th; 0: none; -1: the default */
 };
 
 /* One of the files. */
 struct split {
     struct spin_model *m; /* path: the folder */
     const struct options *options;
-    const spin_json *root; /* while the file is read */
-    int id;                /* of its camera when images are not called cam<NN> */
+    const spin_json *root; /* valid while the file is read */
+    int id;                /* of its camera if images are not named cam<NN> */
     bool test;
-    bool all; /* it is transforms.json */
-    bool has_lists,
-        timed; /* of that: whether it names what is held out; whether a frame has a time */
+    bool all;              /* it is transforms.json */
+    bool has_lists, timed; /* of transforms.json: it lists held-out images; a frame has a time */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
@@ -59,7 +58,8 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- One camera ------------------------------------------------------------------------------ */
 
-/* The number `key` of the frame, else of the file. A value that is no number is an error. */
+/* Reads the number `key` of the frame, else of the file. A value that is not a number is an error.
+ */
 static spin_status read_number(const struct split *s, const spin_json *frame, const char *key,
                                double *out, bool *found)
 {
@@ -73,7 +73,7 @@ static spin_status read_number(const struct split *s, const spin_json *frame, co
     return SPIN_OK;
 }
 
-/* A pinhole camera is all that can be rendered. */
+/* Refuses distortion: only pinhole cameras can be rendered. */
 static spin_status check_lens(const struct split *s, const spin_json *frame)
 {
     static const char *const names[] = {"k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"};
@@ -97,8 +97,8 @@ static spin_status check_lens(const struct split *s, const spin_json *frame)
     return SPIN_OK;
 }
 
-/* Size from the file, checked against the image where the frame has its own or is the first; else
- * from the image. */
+/* Reads the size from the file, checked against the image if the frame has its own or is the first;
+ * else from the image. */
 static spin_status read_size(const struct split *s, const spin_json *frame, size_t index,
                              const char *path, struct spin_camera *camera)
 {
@@ -151,7 +151,7 @@ static spin_status read_intrinsics(const struct split *s, const spin_json *frame
     return spin_views_check_intrinsics(camera);
 }
 
-/* OpenGL's c2w to OpenCV's: y and z turn round. */
+/* Converts c2w from OpenGL's axes to OpenCV's by negating y and z. */
 static spin_status read_pose(const struct split *s, const spin_json *frame,
                              struct spin_camera *camera)
 {
@@ -174,7 +174,7 @@ static spin_status read_pose(const struct split *s, const spin_json *frame,
 
 /* ---- One frame ------------------------------------------------------------------------------- */
 
-/* The image: as it is called, else with the ending. */
+/* Finds the image by its name, else by its name with the ending. */
 static spin_status find_image(const struct split *s, const char *name, char **out)
 {
     const char *path;
@@ -206,7 +206,7 @@ static const char *without_dot(const char *name)
     return name;
 }
 
-/* Whether the file's list `key` names an image. */
+/* Whether the list `key` of transforms.json has an image. */
 static bool lists(struct split *s, const char *key, const char *name)
 {
     const spin_json *list = spin_json_get(s->root, key);
@@ -243,7 +243,7 @@ static spin_status fill_view(struct split *s, const spin_json *frame, size_t ind
         view->test = true;
     SPIN_TRY(find_image(s, name, &view->path));
     if (access(view->path, R_OK) != 0)
-        return SPIN_OK; /* counted later, when all are known */
+        return SPIN_OK; /* reported later, with the number of all missing images */
     SPIN_TRY(check_lens(s, frame));
     SPIN_TRY(read_size(s, frame, index, view->path, &view->camera));
     SPIN_TRY(read_intrinsics(s, frame, &view->camera));
@@ -272,10 +272,10 @@ static spin_status read_frames(void *split, const spin_json *root, struct spin_v
 
 /* ---- Rows and times -------------------------------------------------------------------------- */
 
-/* Times closer than this share of the whole are one frame: files are written with six digits. */
+/* Times closer than this fraction of the range are one frame: files are written with six digits. */
 #define SAME_TIME 1e-6
 
-/* Rows are the distinct times, in order; then times follow the rule. */
+/* Rows are the distinct times, in order; times are then scaled by the rule. */
 static spin_status set_rows(struct spin_model *m, struct spin_views *views, size_t first,
                             enum time_rule rule)
 {
@@ -295,7 +295,7 @@ static spin_status set_rows(struct spin_model *m, struct spin_views *views, size
     }
     scale = rule == TIME_MAX ? high : rule == TIME_UNIT ? high - low : 1;
     for (size_t i = 0; i < n; i++) {
-        size_t a = 0, b = n_rows; /* the last time that is not later */
+        size_t a = 0, b = n_rows; /* search for the last time that is not later */
 
         while (b - a > 1) {
             size_t middle = a + (b - a) / 2;
@@ -323,7 +323,7 @@ static int by_path(const void *a, const void *b)
     return strcmp((*x)->path, (*y)->path);
 }
 
-/* Of transforms.json without lists. */
+/* Holds out views of transforms.json if it has no lists, or by option `hold`. */
 static spin_status hold_out(const struct split *s, struct spin_views *views, size_t first)
 {
     size_t n = views->n - first, hold = s->options->hold < 0 ? 8 : (size_t)s->options->hold;
@@ -399,16 +399,15 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
 }
 
 static const struct spin_plugin_option options[] = {
-    {"time", "RULE", "file: as it stands there; max: over the largest; unit: first 0, last 1",
-     "file"},
-    {"test-file", "NAME", "the file of what is held out (transforms_val.json for some)",
+    {"time", "RULE", "file: as stored; max: divided by the largest; unit: first 0, last 1", "file"},
+    {"test-file", "NAME", "the file of held-out images (transforms_val.json in some data sets)",
      "transforms_test.json"},
-    {"ending", "TEXT", "what image names lack in the file", ".png"},
-    {"pose", "RULE", "right; 4dgaussians: with the sign that it gives the translation's x",
+    {"ending", "TEXT", "extension that image names in the file lack", ".png"},
+    {"pose", "RULE", "right; 4dgaussians: with the sign of the translation's x as in 4DGaussians",
      "right"},
     {"hold", "N",
-     "of transforms.json: hold out each N-th image by name, the first included; 0: none (its "
-     "lists; without, the first of several cameras or each 8th image)",
+     "transforms.json: hold out each N-th image by name, the first included; 0: none (its lists; "
+     "without, the first of several cameras or each 8th image)",
      NULL},
     {NULL, NULL, NULL, NULL},
 };

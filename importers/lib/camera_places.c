@@ -1,11 +1,11 @@
-/* Places of cameras from an option and from cameras.json. */
+/* Camera positions from an option and from cameras.json. */
 #include "importers/lib/camera_places.h"
 
 #include "base/base.h"
 #include "importers/lib/run_config.h"
 #include "io/json.h"
 
-enum { MOST_DIFFERENT = 1024 }; /* places that cameras.json is searched for */
+enum { MOST_DIFFERENT = 1024 }; /* most distinct positions read from cameras.json */
 
 spin_status spin_camera_places_parse(const char *text, struct camera_places *out)
 {
@@ -30,7 +30,7 @@ spin_status spin_camera_places_parse(const char *text, struct camera_places *out
     return SPIN_OK;
 }
 
-/* Adds the place of one entry to place [*n][3] unless it is there or there are MOST_DIFFERENT. */
+/* Adds the position of one entry to place [*n][3] unless it is a duplicate or the list is full. */
 static spin_status add_entry(const char *path, const spin_json *list, size_t entry,
                              float (*place)[3], size_t *n)
 {
@@ -69,7 +69,7 @@ spin_status spin_camera_places_load(const char *path, struct camera_places *out)
     spin_json_free(list);
     SPIN_TRY(status);
     if (n == 0)
-        return spin_malformed("'%s' is no list of cameras", path);
+        return spin_malformed("'%s' is not a list of cameras", path);
     out->n = n < CAMERA_PLACES_MOST ? (int)n : CAMERA_PLACES_MOST;
     for (int i = 0; i < out->n; i++)
         memcpy(out->place[i], place[(size_t)i * n / (size_t)out->n], sizeof *place);

@@ -1,4 +1,4 @@
-/* Checkpoints of 3DGS and what grew out of it. */
+/* Checkpoints of 3DGS and its descendants. */
 #include "importers/lib/chkpnt.h"
 
 #include <ctype.h>
@@ -56,7 +56,7 @@ spin_status spin_chkpnt_find(struct spin_model *m, const char *path)
     if (!name)
         return SPIN_OK;
     if (best)
-        spin_note(m->sequence, "'%s' is read; chkpnt_best.pth is there too: name it to import it",
+        spin_note(m->sequence, "'%s' is read; chkpnt_best.pth exists too: name it to import it",
                   name);
     return spin_model_join(m, &m->path, path, "%s", name);
 }
@@ -78,7 +78,7 @@ const char *spin_chkpnt_maker(size_t n)
     } makers[] = {
         {12, "plain 3DGS (--from realtime4dgs reads it)"},
         {14, "4DGaussians (give the model's folder)"},
-        {18, "PVG, which is not read"},
+        {18, "PVG, which is not supported"},
         {19, "Realtime-4DGS (--from realtime4dgs)"},
         {28, "Hybrid 3D-4DGS (--from hybrid4dgs)"},
         {40, "Ex4DGS (--from ex4dgs)"},
@@ -88,7 +88,7 @@ const char *spin_chkpnt_maker(size_t n)
         if (makers[i].n == n)
             return makers[i].name;
     }
-    return "a method that is not known";
+    return "an unknown method";
 }
 
 spin_status spin_chkpnt_model(const struct spin_value *root, size_t n_items, const char *method,
@@ -103,7 +103,7 @@ spin_status spin_chkpnt_model(const struct spin_value *root, size_t n_items, con
             "the checkpoint holds %s with %s and %s, expected a tuple with a tuple and an int",
             spin_chkpnt_kind(root), spin_chkpnt_kind(m), spin_chkpnt_kind(number));
     if (m->n != n_items)
-        return spin_unsupported("the model has %zu items and %s has %zu: it is one of %s", m->n,
+        return spin_unsupported("the model has %zu items and %s has %zu: it is a model of %s", m->n,
                                 method, n_items, spin_chkpnt_maker(m->n));
     *model = m;
     *iteration = number->number;

@@ -1,37 +1,38 @@
-/* chkpnt<N>.pth, which 3DGS and what grew out of it save to go on from: (model, iteration), where
- * the model is a tuple of tensors, numbers and the optimiser. Its length tells the methods apart.
- */
+/* chkpnt<N>.pth, from which 3DGS and its descendants resume a training: (model, iteration), where
+ * the model is a tuple of tensors, numbers and the optimiser. Its length identifies the method. */
 #pragma once
 
 #include "importers/lib/model.h"
 
-/* N of chkpnt<N>.pth, INT64_MAX of chkpnt_best.pth, else -1. */
+/* N of chkpnt<N>.pth, INT64_MAX for chkpnt_best.pth, else -1. */
 long long spin_chkpnt_iteration(const char *name);
 
-/* Name of the checkpoint to read in a folder: that of iteration `wanted`, a number or "best"; NULL:
- * of the largest number, or the best where none has a number. NULL when there is none. *best: there
- * is a best one that was not chosen. */
+/* The name of the checkpoint of a folder: that of iteration `wanted`, a number or "best"; NULL
+ * means the largest number, or the best where none has a number. NULL when there is none. *best:
+ * there is a best one that was not chosen. */
 spin_status spin_chkpnt_choose(struct spin_model *m, const char *folder, const char *wanted,
                                const char **out, bool *best);
-/* The checkpoint at `path` as the model's path: the file itself, or that of a folder, when a note
- * says if there is a best one besides. NULL when a folder has none. */
+/* Sets the model's path to the file `path`, or to the newest checkpoint of the folder `path`, with
+ * a note if a best one exists besides; NULL when the folder has none. */
 spin_status spin_chkpnt_find(struct spin_model *m, const char *path);
 
-/* "a tensor", "an int", ...; "nothing" for NULL. */
+/* The kind of a value for messages: "a tensor", "an int", ...; "nothing" for NULL. */
 const char *spin_chkpnt_kind(const struct spin_value *v);
 
-/* Who saves a model of so many items. */
+/* The method whose checkpoints have a model of n_items items, for messages. */
 const char *spin_chkpnt_maker(size_t n_items);
 
-/* The tuple of n_items that the root of a checkpoint holds with an int. A tuple of another length
- * is refused with the name of the method that saves such; *model is NULL then. `method` is ours. */
+/* Splits the root of a checkpoint into the model, a tuple of n_items, and the iteration. A tuple of
+ * another length is refused with the name of the method that saves it; *model is NULL then.
+ * `method` is the caller's name. */
 spin_status spin_chkpnt_model(const struct spin_value *root, size_t n_items, const char *method,
                               const struct spin_value **model, double *iteration);
 
-/* A tensor [shape...] of floating-point numbers; -1: any size. Refuses rows that repeat one another
- * by a stride of 0, which would let a small file ask for any amount of memory. */
+/* Binds a tensor [shape...] of floating-point numbers; -1 matches any size. Refuses rows that
+ * repeat by a stride of 0, with which a small file could demand any amount of memory. */
 spin_status spin_chkpnt_bind(struct spin_torch *torch, const struct spin_value *v, const char *what,
                              int n_dims, const int64_t *shape, struct spin_array *out);
 
-/* A tensor without elements, of any shape: what is not there yet is saved so. */
+/* Whether this is a tensor without elements, which stands for an attribute that does not exist yet.
+ */
 bool spin_chkpnt_is_empty(const struct spin_value *v);

@@ -51,7 +51,7 @@ void spin_deform_shape(const struct deform_job *job, size_t first, int n, const 
 
 /* ---- Saves ----------------------------------------------------------------------------------- */
 
-/* Both sides must end with the same save, or the user must say which. */
+/* The last cloud and the last network must be of the same save, or the user must choose one. */
 static spin_status check_newest(struct spin_model *m, const char *path, const char *clouds,
                                 const char *deforms, const char *found)
 {
@@ -67,7 +67,7 @@ static spin_status check_newest(struct spin_model *m, const char *path, const ch
         return SPIN_OK;
     return spin_malformed("'%s': the last cloud is %s but the last network is %s; %s%s", path,
                           cloud, deform,
-                          found ? "say which with --iteration; both have "
+                          found ? "choose one with --iteration; both have "
                                 : "the folders are of two runs or half copied",
                           found ? found : "");
 }

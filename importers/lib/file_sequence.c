@@ -1,3 +1,4 @@
+/* File sequences: recognising, listing and sorting the files of a clip. */
 #include "importers/lib/file_sequence.h"
 
 #include <strings.h>
@@ -7,7 +8,7 @@ bool spin_file_has_suffix(const char *name, const char *suffix)
     return spin_text_ends_any_case(name, suffix);
 }
 
-/* "input.ply" is the point cloud that training began with. */
+/* "input.ply" is the point cloud from which training started. */
 static bool is_frame_name(const char *name, const char *suffix)
 {
     return name[0] != '.' && spin_file_has_suffix(name, suffix) && strcmp(name, "input.ply") != 0;

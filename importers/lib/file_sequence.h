@@ -1,5 +1,5 @@
-/* The files of a clip that has one for each frame, in one folder; or a single file. There is no
- * standard for these: frames go by the last number in the name. */
+/* Clips of one file per frame in a folder, or of a single file. There is no standard for the names
+ * of such files: the last number in a name is taken as the frame number. */
 #pragma once
 
 #include "importers/lib/model.h"
@@ -10,35 +10,36 @@ struct spin_file_frame {
     size_t n;   /* splats; the caller's */
 };
 
-/* As long as the model; zero it to begin. */
+/* Freed with the model; zero-initialise it. */
 struct spin_file_sequence {
     struct spin_file_frame *frame;
     size_t n_frames;
 };
 
-/* Whether the name ends so, in capitals or not. */
+/* Whether the name ends with `suffix`, ignoring case. */
 bool spin_file_has_suffix(const char *name, const char *suffix);
-/* How many of the folder's names do, hidden ones left out. */
+/* Number of the folder's names that do, without hidden ones. */
 int spin_file_sequence_count(const struct spin_peek *peek, const char *suffix);
-/* How sure these names make that a file, or the folder of some, is of the format. */
+/* The confidence of a probe by name: in a file with this suffix, or a folder that contains any. */
 int spin_file_named(const struct spin_peek *peek, const char *suffix);
 bool spin_file_begins(const struct spin_peek *peek, const char *magic);
-/* Room for n files; and one more, whose path is the model's. */
+/* Reserves space for n files; spin_file_sequence_add() adds one, whose path must live as long as
+ * the model. */
 spin_status spin_file_sequence_reserve(struct spin_model *m, struct spin_file_sequence *seq,
                                        size_t n);
 spin_status spin_file_sequence_add(struct spin_file_sequence *seq, const char *path,
                                    long long number);
-/* The files of a folder whose names end so, in any order; none is no error. */
+/* Lists the files of a folder with this suffix, in any order; none is not an error. */
 spin_status spin_file_sequence_list(struct spin_model *m, const char *folder, const char *suffix,
                                     struct spin_file_sequence *seq);
-/* Those, of which there must be one; or the file `path`, whatever its name. */
+/* The same, with at least one file; or the file `path`, whatever its name. */
 spin_status spin_file_sequence_find(struct spin_model *m, const char *path, const char *suffix,
                                     struct spin_file_sequence *seq);
-/* Of formats that hold a clip in a file: that file, or the only one of its kind in the folder
- * `path`. */
+/* For formats with a whole clip per file: the file `path`, or the only one of its kind in the
+ * folder `path`. */
 spin_status spin_file_sequence_one(struct spin_model *m, const char *path, const char *suffix,
                                    const char **out);
-/* Numeric order; "frame_10" comes after "frame_9". Without any numbers the order of the names.
- * Notes missing numbers. */
+/* Sorts by frame number ("frame_10" comes after "frame_9"), or by name if no file has one, and
+ * notes missing numbers. Refuses duplicate numbers and a mixture of both. */
 spin_status spin_file_sequence_sort(struct spin_file_sequence *seq,
                                     struct spin_sequence_info *sequence);

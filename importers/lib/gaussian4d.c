@@ -1,4 +1,4 @@
-/* Gaussians of four dimensions become 4D splats. */
+/* Conversion of four-dimensional Gaussians to 4D splats. */
 #include "importers/lib/gaussian4d.h"
 
 spin_status spin_gaussian4d_reserve(struct spin_model *m, struct gaussian4d *g, size_t n,
@@ -8,7 +8,7 @@ spin_status spin_gaussian4d_reserve(struct spin_model *m, struct gaussian4d *g, 
     return spin_model_alloc(m, n, sizeof *g->row, (void **)&g->row);
 }
 
-/* Far below the largest float: places move, and others square them. */
+/* Far below the largest float: positions move, and later code squares them. */
 static bool all_sane(const double *values, int n)
 {
     for (int i = 0; i < n; i++) {
@@ -67,12 +67,12 @@ spin_status spin_gaussian4d_check(const struct gaussian4d *g, size_t n, size_t n
     if (n_faint > 0.99 * (double)n)
         spin_note(sequence,
                   "nearly all opacities are below %g: training saved this just after it had reset "
-                  "them; positions are fine",
+                  "them; positions are not affected",
                   SPIN_FAINT);
     return SPIN_OK;
 }
 
-/* Floats from..width of every row. */
+/* Whether floats from..width-1 of every row are 0. */
 static bool all_zero(const float *values, size_t n, size_t from, size_t width)
 {
     for (size_t i = 0; i < n; i++)

@@ -3,7 +3,7 @@
 
 #include "math/plane.h"
 
-/* Which axes a plane spans, 3 being time: its columns, its rows. */
+/* The axes of the columns and the rows of a plane; 3 is time. */
 static const int hex_axes[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
 
 /* ---- Loading --------------------------------------------------------------------------------- */
@@ -22,7 +22,7 @@ bool spin_hex_find(struct spin_model *m)
     return false;
 }
 
-/* [channels][n] to [n][channels]. */
+/* Transposes [channels][n] to [n][channels] in place. */
 static spin_status channel_last(size_t channels, size_t n, float *values)
 {
     SPIN_FREED float *copy = NULL;
@@ -81,19 +81,19 @@ static spin_status load_planes(struct spin_model *m, struct hexplane *hex)
     }
 }
 
-/* Two opposite corners of the box that `key` is or ends with. */
+/* Checks two opposite corners of a bounding box; `key` is the tensor to name in the error. */
 static spin_status check_box(const struct spin_model *m, const char *key, const float *low,
                              const float *high)
 {
     for (int d = 0; d < 3; d++) {
         if (low[d] == high[d])
-            return spin_malformed("tensor '%s%s' is a box without extent along %c", m->prefix, key,
-                                  "xyz"[d]);
+            return spin_malformed("tensor '%s%s' is a bounding box without extent along %c",
+                                  m->prefix, key, "xyz"[d]);
     }
     return SPIN_OK;
 }
 
-/* The input is F = channels x scales wide, or 3 F when it is encoded: grid_pe > 1. */
+/* The input has F = channels x scales features, or 3 F when they are encoded: grid_pe > 1. */
 static spin_status load_feature(struct spin_model *m, double grid_pe, struct hexplane *hex)
 {
     int n_features = hex->channels * hex->n_scales;
@@ -109,8 +109,8 @@ static spin_status load_feature(struct spin_model *m, double grid_pe, struct hex
             "tensor '%sfeature_out.0.weight' takes %d features, but the planes give %d", m->prefix,
             first->n_in, n_features);
     if (!(grid_pe > 1))
-        return spin_unsupported("tensor '%sfeature_out.0.weight' takes encoded features, and no "
-                                "cfg_args says how: give grid_pe with --grid-pe",
+        return spin_unsupported("tensor '%sfeature_out.0.weight' takes encoded features, but no "
+                                "cfg_args gives grid_pe: use --grid-pe",
                                 m->prefix);
     hex->grid_pe = grid_pe;
     return SPIN_OK;
@@ -140,8 +140,8 @@ spin_status spin_hex_load(struct spin_model *m, double grid_pe, struct hexplane 
 
 size_t spin_hex_scratch(const struct hexplane *hex) { return 2 * spin_mlp_widest(&hex->feature); }
 
-/* The features of one point, into column `p` of a block. Time goes in as it is, not mapped to
- * [-1, 1]: Differs from what the planes' other axes do, as the method does. */
+/* Computes the features of one point into column `p` of a block. As in the method, time is not
+ * mapped to [-1, 1] by the bounding box like the other axes. */
 static void hex_sample(const struct hexplane *hex, const float xyz[3], float time, int p,
                        float *out)
 {

@@ -1,5 +1,5 @@
-/* The network of 4DGaussians, which MoDec-GS has too: six feature planes per scale over pairs of
- * x, y, z, t (HexPlane), a small MLP behind them, and heads (hustvl/4DGaussians 843d5ac). */
+/* The network of 4DGaussians, which MoDec-GS shares: six feature planes per scale over pairs of x,
+ * y, z, t (HexPlane), a small MLP behind them, and heads (hustvl/4DGaussians 843d5ac). */
 #pragma once
 
 #include "importers/lib/model.h"
@@ -15,8 +15,8 @@ struct hexplane {
     int n_scales, channels;
     int size[HEX_MAX_SCALES][4];     /* samples along x, y, z, t */
     float *plane[HEX_MAX_SCALES][6]; /* [rows][columns][channels] */
-    float *corner;  /* [2][3] at -1 and at 1: the method stores the largest first */
-    double grid_pe; /* 0: the features go in as they are */
+    float *corner;  /* [2][3] points mapped to -1 and to 1; the method stores the largest first */
+    double grid_pe; /* 0: features are not encoded */
     struct mlp_net feature;
     int width;
     struct mlp_net still;         /* static_mlp, or none */
@@ -24,18 +24,18 @@ struct hexplane {
     float *voxel_min, *voxel_max; /* [3] */
 };
 
-/* Finds the network in the tensors: derived tools put a word in front of every key. False when this
- * is no such network. */
+/* Finds the network among the tensors and sets their prefix, which derived tools vary. False when
+ * there is none. */
 bool spin_hex_find(struct spin_model *m);
 
-/* Everything but the heads, which are spin_model_head(). grid_pe is 0 where it is not known. */
+/* Loads everything but the heads, for which see spin_model_head(). grid_pe is 0 if unknown. */
 spin_status spin_hex_load(struct spin_model *m, double grid_pe, struct hexplane *hex);
 
-/* Floats of scratch for a block: two layers of it. */
+/* Floats of scratch for a block: two layers. */
 size_t spin_hex_scratch(const struct hexplane *hex);
 
-/* hidden [width][MLP_BLOCK] of n points at xyz [n][3], after the ReLU that every head begins with,
- * in scratch of spin_hex_scratch() floats; *spare is the layer of it that is free. mask: what a
- * point keeps of its canonical values, 1 in most models. */
+/* Computes the hidden layer [width][MLP_BLOCK] of n points xyz [n][3], after the ReLU that every
+ * head begins with, in scratch of spin_hex_scratch() floats; *spare is the unused layer of it.
+ * mask: factor of each point's canonical values, 1 in most models. */
 float *spin_hex_hidden(const struct hexplane *hex, const float *xyz, int n, float time,
                        float *scratch, float **spare, float mask[MLP_BLOCK]);

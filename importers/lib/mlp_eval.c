@@ -1,11 +1,11 @@
-/* Layers for blocks of points, and threads over blocks. */
+/* Evaluates layers for blocks of points, and blocks on several threads. */
 #include "importers/lib/mlp_eval.h"
 
 #include "base/base.h"
 #include "base/product.h"
 #include "math/ntc.h"
 
-/* out [n_out][MLP_BLOCK] = W in + b, negative values to 0 when `relu`. in and out differ. */
+/* out [n_out][MLP_BLOCK] = W in + b, clamped at 0 if `relu`. in and out must differ. */
 static void mlp_linear(const struct mlp_layer *l, const float *in, float *out, bool relu)
 {
     if (!l->bias)

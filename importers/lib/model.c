@@ -133,7 +133,7 @@ spin_status spin_model_there(spin_status status, const char **out)
     return status;
 }
 
-/* Takes `block`, which free() is for. */
+/* Takes ownership of a malloc() block, which is freed with the model, or now on failure. */
 static spin_status keep(struct spin_model *m, void *block)
 {
     struct spin_model_block *b;
@@ -411,7 +411,7 @@ spin_status spin_model_cfg(struct spin_model *m, const char *path, const char *s
     return file ? spin_cfg_open(file, &m->settings.cfg) : SPIN_OK;
 }
 
-/* What --config names; a file in which nothing is found would be ignored. */
+/* Opens the file of --config. One without any known key would have no effect, so it is refused. */
 static spin_status open_config(struct spin_model *m, const char *path)
 {
     static const char *const keys[] = {"time_duration", "frame_ratio", "compute_cov3D_python"};
@@ -421,8 +421,7 @@ static spin_status open_config(struct spin_model *m, const char *path)
     for (int i = 0; i < 3; i++)
         if (spin_yaml_find(&m->settings, keys[i], &next).at)
             return SPIN_OK;
-    return spin_malformed("--config: '%s' has none of %s, %s and %s: give the YAML that training "
-                          "was given",
+    return spin_malformed("--config: '%s' has none of %s, %s and %s: give the YAML of the training",
                           path, keys[0], keys[1], keys[2]);
 }
 
@@ -437,7 +436,7 @@ spin_status spin_model_config(struct spin_model *m)
     if (config)
         return open_config(m, config);
     SPIN_TRY(spin_model_names(m, folder, &names, &n));
-    for (size_t i = 0; i < n; i++) { /* training leaves none there; users put a copy */
+    for (size_t i = 0; i < n; i++) { /* training writes none there, but users may add a copy */
         const char *dot = strrchr(names[i], '.');
 
         if (!dot || (strcmp(dot, ".yaml") != 0 && strcmp(dot, ".yml") != 0))
@@ -561,7 +560,7 @@ spin_status spin_model_dict(struct spin_model *m)
 {
     m->tensors = m->torch.root;
     if (!m->tensors || m->tensors->kind != SPIN_VALUE_DICT)
-        return spin_malformed("what was saved is not a state dict");
+        return spin_malformed("the file does not have a state dict");
     return SPIN_OK;
 }
 

@@ -51,7 +51,7 @@ static spin_status ntc_count(const spin_json *object, const char *key, int least
     return SPIN_OK;
 }
 
-/* The text at key is one of two words; absent is fine when `needed` is not. */
+/* Checks that the string at key is one of two words; it may be missing unless `needed`. */
 static spin_status ntc_word(const spin_json *object, const char *key, const char *word,
                             const char *other, bool needed)
 {
@@ -97,7 +97,7 @@ static spin_status ntc_read_shape(const spin_json *root, struct ntc_shape *s)
     return SPIN_OK;
 }
 
-/* Blanks out // and # comments, which the upstream's parser allows; text in quotes stays. */
+/* Blanks out // and # comments, which upstream's parser allows, except inside strings. */
 static void ntc_strip_comments(char *text)
 {
     bool quoted = false, comment = false;
@@ -147,7 +147,7 @@ void spin_ntc_free(struct ntc *n)
     memset(n, 0, sizeof *n);
 }
 
-/* The matrices, a row per output, one behind the other. */
+/* Sets up the layers: their matrices are consecutive, with a row per output. */
 static void ntc_layers(struct ntc *n)
 {
     const struct ntc_shape *s = n->shape;
@@ -191,8 +191,8 @@ static spin_status ntc_fill(const char *path, struct spin_torch *torch, struct n
     SPIN_TRY(ntc_read_bounds(torch, keys[1], n->high));
     for (int i = 0; i < 3; i++) {
         if (!(n->low[i] < n->high[i]))
-            return spin_malformed("the box is empty along axis %d: %g to %g", i, (double)n->low[i],
-                                  (double)n->high[i]);
+            return spin_malformed("the bounding box is empty along axis %d: %g to %g", i,
+                                  (double)n->low[i], (double)n->high[i]);
     }
     SPIN_TRY(spin_torch_floats(torch, spin_value_get(torch->root, keys[2]), keys[2], 1, any, &info,
                                &n->parameters));
@@ -217,7 +217,7 @@ spin_status spin_ntc_open(const char *path, const struct ntc_shape *shape, struc
     memset(n, 0, sizeof *n);
     n->shape = shape;
     SPIN_TRY(spin_file_head(path, head, sizeof head, &n_head));
-    if (!spin_zip_looks_like(head, n_head)) /* another program's */
+    if (!spin_zip_looks_like(head, n_head))
         return spin_unsupported("'%s' is not a zip, as PyTorch writes it since version 1.6", path);
     SPIN_TRY(spin_torch_open(path, &torch));
     status = ntc_fill(path, &torch, n);
@@ -260,7 +260,7 @@ void spin_ntc_apply(const struct ntc *n, int count, float *means, float *quats, 
     bool inside[MLP_BLOCK];
     const float *out;
 
-    for (int p = 0; p < MLP_BLOCK; p++) { /* the last one stands for those beyond it */
+    for (int p = 0; p < MLP_BLOCK; p++) { /* pad the last block with its last point */
         const float *mu = means + 3 * (p < count ? p : count - 1);
 
         inside[p] = true;

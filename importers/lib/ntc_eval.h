@@ -1,7 +1,8 @@
 /* The network of one frame of 3DGStream, NTC.pth: reading it, and evaluating it at points.
  *
- * Parameters, features and activations are rounded to half as tiny-cuda-nn has them; sums are taken
- * in floats, which is as close to a GPU's result as another GPU's (NVlabs/tiny-cuda-nn 6ee3546). */
+ * Parameters, features and activations are rounded to half precision as in tiny-cuda-nn
+ * (NVlabs/tiny-cuda-nn 6ee3546); sums are in float. The result differs from a GPU's no more than
+ * those of two GPUs do. */
 #pragma once
 
 #include "importers/lib/mlp_eval.h"
@@ -9,43 +10,43 @@
 
 enum { NTC_MAX_LEVELS = 32, NTC_MAX_WIDTH = 256, NTC_MAX_LAYERS = 16, NTC_IN = 3, NTC_OUT = 8 };
 
-/* Shape of the network: from its configuration. n_levels 0: no grid, the three inputs alone. */
+/* Shape of the network, from its configuration. n_levels 0: no grid, only the three coordinates. */
 struct ntc_shape {
     int n_levels, n_features, log2_entries, base;
     float growth;
     int width, n_hidden;
     struct spin_ntc_level level[NTC_MAX_LEVELS];
     size_t level_at[NTC_MAX_LEVELS]; /* first parameter of a level */
-    int n_in;                        /* of the first matrix, padded to a multiple of 16 */
+    int n_in;                        /* inputs of the first matrix, padded to a multiple of 16 */
     size_t n_parameters;
 };
 
-/* One frame's. */
+/* The network of one frame. */
 struct ntc {
     const struct ntc_shape *shape;
-    float low[3], high[3]; /* of the box it is defined in */
+    float low[3], high[3]; /* bounding box in which it is defined */
     float *parameters;     /* as in the file, rounded to half */
     struct mlp_net net;    /* the matrices among them */
 };
 
-/* What the shipped configuration says: 16 levels of 4 features, 2^15 entries. */
+/* The configuration that upstream ships: 16 levels of 4 features, 2^15 entries. */
 void spin_ntc_default_shape(struct ntc_shape *s);
 
-/* Where everything lies, and how many parameters there are. */
+/* Computes the levels, the offsets of their parameters, and the number of all parameters. */
 spin_status spin_ntc_layout(struct ntc_shape *s);
 
 spin_status spin_ntc_open_config(const char *path, struct ntc_shape *s);
 
 void spin_ntc_free(struct ntc *n);
 
-/* Freed again on failure. */
+/* On failure there is nothing to free. */
 spin_status spin_ntc_open(const char *path, const struct ntc_shape *shape, struct ntc *n);
 
-/* Features of a point of the unit cube into a column of a block [n_in][MLP_BLOCK], which the net
- * takes. Padding is 0 after a grid, 1 after bare inputs. */
+/* Encodes a point of the unit cube into a column of a block [n_in][MLP_BLOCK], the input of the
+ * network. Padding is 0 after a grid, 1 after bare coordinates. */
 void spin_ntc_encode(const struct ntc *n, const float x[3], float *out);
 
-/* One step in time of `count` Gaussians, at most MLP_BLOCK: mu += d, q = unit(q) * unit(r), inside
- * the box only. Spherical harmonics are not turned: the upstream computes that and drops it.
- * scratch: three times spin_mlp_widest(). */
+/* Moves `count` Gaussians, at most MLP_BLOCK, to the next frame: mu += d, q = unit(q) * unit(r).
+ * Outside the bounding box it only normalises q. SH are not rotated: upstream computes that but
+ * discards it. scratch: three times spin_mlp_widest(). */
 void spin_ntc_apply(const struct ntc *n, int count, float *means, float *quats, float *scratch);

@@ -18,7 +18,7 @@ static struct cfg_span trim(struct cfg_span s)
     return s;
 }
 
-/* Behind the text in quotes that begins at `at`, or NULL when it does not end. */
+/* The end of the quoted text that begins at `at`, or NULL if it is not terminated. */
 static const char *cfg_skip_text(const char *at, const char *end)
 {
     char quote = *at++;
@@ -32,8 +32,8 @@ static const char *cfg_skip_text(const char *at, const char *end)
     return NULL;
 }
 
-/* At the comma or bracket that ends the value which begins at `at`; NULL when brackets or quotes do
- * not match. A ':' or '=' ends it too when `stop` is that character. */
+/* The comma or bracket that ends the value beginning at `at`; NULL if brackets or quotes do not
+ * match. The character `stop`, ':' or '=', ends it too. */
 static const char *cfg_skip(const char *at, const char *end, char stop)
 {
     char open[CFG_MAX_DEPTH];
@@ -66,7 +66,7 @@ static const char *cfg_skip(const char *at, const char *end, char stop)
     return depth == 0 ? at : NULL;
 }
 
-/* The next "name<mark>value" of a list of them, from *at on. False at its end. */
+/* Reads the next "name<mark>value" of a list and moves *at behind it. False at the end. */
 static bool cfg_next(const char **at, const char *end, char mark, struct cfg_span *name,
                      struct cfg_span *value)
 {
@@ -85,7 +85,7 @@ static bool cfg_next(const char **at, const char *end, char mark, struct cfg_spa
             *at = last < end ? last + 1 : end;
             return true;
         }
-        *at = stop < end ? stop + 1 : end; /* **{...}: names that are no identifiers */
+        *at = stop < end ? stop + 1 : end; /* **{...}: names that are not identifiers */
     }
     return false;
 }
@@ -246,7 +246,7 @@ spin_status spin_cfg_open(const char *path, struct cfg_args *out)
 
 /* ---- YAML ------------------------------------------------------------------------------------ */
 
-/* The next line from *at on, without comment and spaces around it. */
+/* Reads the next line, trimmed and without its comment, and moves *at behind it. */
 static bool yaml_line(const char **at, const char *end, struct cfg_span *line)
 {
     const char *stop, *comment;
@@ -284,7 +284,7 @@ bool spin_yaml_bool(const struct run_config *s, const char *key, bool fallback)
     return spin_cfg_bool(spin_yaml_find(s, key, &next), &value) ? value : fallback;
 }
 
-/* [a, b], or two lines "- a" and "- b". */
+/* Reads [a, b], or two lines "- a" and "- b". */
 static bool yaml_pair(const struct run_config *s, const char *key, double out[2])
 {
     const char *next = NULL, *end;
@@ -343,8 +343,9 @@ spin_status spin_run_config_ratio(const struct run_config *s, double *out)
     return SPIN_OK;
 }
 
-/* The central 98% of the Gaussians' own times, narrowed about its middle and rounded. Methods
- * spread initial times beyond the clip: `spread` is how much wider than it. */
+/* Guesses the clip's times from the central 98% of the Gaussians' own, rounded. Methods initialise
+ * times over a range `spread` times as long as the clip, so the guess is narrowed by that about its
+ * middle. */
 static spin_status guess_times(const float *time, size_t n, double spread, struct clip_times *out)
 {
     double low, high, half, step;

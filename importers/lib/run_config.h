@@ -1,5 +1,5 @@
-/* What a checkpoint does not say and the files around it may: cfg_args, the YAML that training was
- * given, the range of times; and lines for the notes of a track. */
+/* Settings of a run that are not in its checkpoint: from cfg_args, from the YAML that training was
+ * given, from options, or guessed (the range of times). */
 #pragma once
 
 #include "io/file.h"
@@ -13,7 +13,7 @@
 #define CFG_MAX_BYTES (1u << 20)
 
 struct cfg_span {
-    const char *at, *end; /* of a value; at == NULL: there is none */
+    const char *at, *end; /* a value; at == NULL: there is none */
 };
 
 struct cfg_args {
@@ -24,7 +24,8 @@ struct cfg_args {
 
 bool spin_cfg_is(struct cfg_span s, const char *text);
 
-/* The value of an option; `at` is NULL when there is none. Of two the last counts, as in Python. */
+/* The value of an option; `at` is NULL when there is none. Of duplicates the last counts, as in
+ * Python. */
 struct cfg_span spin_cfg_get(const struct cfg_args *cfg, const char *key);
 
 /* The value of a key in a dict. */
@@ -32,13 +33,13 @@ struct cfg_span spin_cfg_item(struct cfg_span dict, const char *key);
 
 bool spin_cfg_number(struct cfg_span s, double *out);
 
-/* A number, or a list or tuple of exactly n of them; a number alone stands for all. */
+/* A number, or a list or tuple of exactly n of them; a single number is used for all. */
 bool spin_cfg_numbers(struct cfg_span s, int n, double *out);
 
-/* True, False, and the numbers that stand for them. */
+/* True, False, None (false), or a number, of which 0 is false. */
 bool spin_cfg_bool(struct cfg_span s, bool *out);
 
-/* An option that must be of its kind when it is there; `out` keeps its value when it is not. */
+/* Reads an option: one of another kind is an error; if it is missing, `out` keeps its value. */
 spin_status spin_cfg_read_bool(const struct cfg_args *cfg, const char *key, bool *out);
 
 spin_status spin_cfg_read_number(const struct cfg_args *cfg, const char *key, double *out);
@@ -46,8 +47,8 @@ spin_status spin_cfg_read_number(const struct cfg_args *cfg, const char *key, do
 spin_status spin_cfg_open(const char *path, struct cfg_args *out);
 
 struct run_config {
-    struct cfg_args cfg;  /* no text when the run has none */
-    struct spin_map yaml; /* likewise */
+    struct cfg_args cfg;  /* path is NULL when the run has none */
+    struct spin_map yaml; /* data is NULL when the run has none */
     char *yaml_path;      /* NULL: there is none */
 };
 
@@ -57,8 +58,8 @@ struct clip_times {
     bool guessed;
 };
 
-/* The value of "key: value" at any depth: forks indent sections under one another. *next is behind
- * its line. */
+/* The value of the first "key: value" at any depth, since forks nest sections differently. *next is
+ * the line after it. */
 struct cfg_span spin_yaml_find(const struct run_config *s, const char *key, const char **next);
 
 bool spin_yaml_bool(const struct run_config *s, const char *key, bool fallback);
@@ -68,11 +69,12 @@ void spin_run_config_close(struct run_config *s);
 spin_status spin_yaml_open(const char *path, struct run_config *s);
 void spin_yaml_close(struct run_config *s);
 
-/* frame_ratio, by which training divided the data set's times: of cfg_args, else of the YAML,
+/* frame_ratio, by which training divided the data set's times: from cfg_args, else from the YAML,
  * else 1. */
 spin_status spin_run_config_ratio(const struct run_config *s, double *out);
 
-/* What the user says ("A,B"), else the YAML, else a guess that the notes tell. `time` are the
- * Gaussians' own, in the file's unit, which is the data set's divided by `ratio`. */
+/* The clip's times: `asked` ("A,B"), else time_duration of the YAML, else a guess. `time` are the
+ * Gaussians' own, in the file's unit, which is the data set's divided by `ratio`; `spread` is the
+ * length of their initial range relative to the clip. */
 spin_status spin_run_config_times(const struct run_config *s, const char *asked, const float *time,
                                   size_t n, double ratio, double spread, struct clip_times *out);

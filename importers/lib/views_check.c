@@ -7,7 +7,7 @@
 
 #define VIEWS_MAX_SIZE 65536 /* pixels along a side */
 
-/* How far a rotation may be from orthonormal: files with six digits pass. */
+/* Largest deviation of a rotation from orthonormal: matrices printed with six digits pass. */
 #define VIEWS_ROTATION_TOLERANCE 1e-3
 
 spin_status spin_views_check_pose(const double m[12], const char *what)
@@ -32,8 +32,8 @@ spin_status spin_views_check_pose(const double m[12], const char *what)
     determinant = m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
                   m[2] * (m[4] * m[9] - m[5] * m[8]);
     if (determinant < 0)
-        return spin_malformed("the rotation in %s is a mirror, as its determinant is negative: "
-                              "turn two axes round or none (from OpenGL to OpenCV y and z)",
+        return spin_malformed("the rotation in %s is a reflection, as its determinant is negative: "
+                              "negate two axes or none (from OpenGL to OpenCV y and z)",
                               what);
     return SPIN_OK;
 }
@@ -139,9 +139,9 @@ spin_status spin_views_intrinsics(const double k[9], const char *key, struct spi
     return spin_views_check_intrinsics(out);
 }
 
-/* Make the camera that of an image with other numbers of pixels but the same shape, to within one
- * per cent or the rounding of both sides. Focal lengths and centre go with the real ratio, without
- * a half-pixel shift: that is what the methods' readers do. */
+/* Scales the camera to an image of another resolution but the same aspect ratio, to within one per
+ * cent or the rounding of both sides. Focal lengths and principal point scale by the exact ratio,
+ * without a half-pixel shift, as in the methods' readers. */
 static spin_status views_fit(struct spin_camera *c, const char *path, int width, int height)
 {
     double sx = (double)width / c->width, sy = (double)height / c->height;

@@ -1,18 +1,18 @@
-/* What the readers of data sets share: poses, intrinsics, image sizes, names, option values.
- * Messages say what is wrong; the reader that calls adds the file and the place in it. */
+/* Checks that the readers of data sets share: poses, intrinsics, image sizes, names, option values.
+ * Errors say what is wrong; the calling reader adds the file and the entry. */
 #pragma once
 
 #include "io/image.h"
 #include "io/json.h"
 
-/* The left 3 x 3 of a row-major [3][4] is a rotation, and everything in it is finite. */
+/* Checks that the left 3 x 3 of a row-major [3][4] is a rotation and that all values are finite. */
 spin_status spin_views_check_pose(const double m[12], const char *what);
 
-/* A matrix [n][n] of `key`. One of [4][4] may lack its last row, which is 0 0 0 1. */
+/* Reads the matrix [n][n] of `key`. A 4 x 4 matrix may omit its last row, which is 0 0 0 1. */
 spin_status spin_views_matrix(const spin_json *m, const char *key, size_t n, double *out);
 
-/* Reads folder/name, which must be an object, with `read`; failures name the file. found: it need
- * not be there, and *found says whether it was; or NULL. */
+/* Reads folder/name, which must be a JSON object, with `read`; errors name the file. If `found` is
+ * not NULL, the file is optional and *found is whether it exists. */
 spin_status spin_views_read_json(const char *folder, const char *name,
                                  spin_status (*read)(void *context, const spin_json *root,
                                                      struct spin_views *out),
@@ -22,38 +22,38 @@ spin_status spin_views_read_json(const char *folder, const char *name,
 void spin_views_invert(const double c2w[12], double w2c[12]);
 
 spin_status spin_views_check_size(double width, double height);
-/* The same, and the camera gets it. */
+/* The same, and stores the size in the camera. */
 spin_status spin_views_size(double width, double height, struct spin_camera *out);
 
 spin_status spin_views_check_intrinsics(const struct spin_camera *c);
 
-/* Focal lengths and centre of a matrix `key` that is [fx 0 cx; 0 fy cy; 0 0 1]; the camera's size
- * is known. */
+/* Reads focal lengths and principal point from a matrix `key`, [fx 0 cx; 0 fy cy; 0 0 1]; the
+ * camera's size must be set. */
 spin_status spin_views_intrinsics(const double k[9], const char *key, struct spin_camera *out);
 
-/* Time of a row by option `time`: a rule by name, or a number to divide by. */
+/* The time of a row by option `time`: a rule by name, or a number to divide by. */
 spin_status spin_views_time(const struct spin_plugin_values *values, const char *fallback,
                             size_t row, size_t n_rows, double *out);
 
 spin_status spin_views_fit_image(struct spin_camera *c, const char *path);
 
-/* Relative, and stays below its folder. */
+/* Whether a path is relative and stays below its folder. */
 bool spin_views_is_safe_name(const char *name);
 
-/* All images from view `first` on can be read. */
+/* Checks that the images of all views from `first` on can be read. */
 spin_status spin_views_check_images(const struct spin_views *views, size_t first);
 
-/* A number in the file's name as a frame number, or -1. */
+/* The last number in the file's name as a frame number, or -1. */
 int spin_views_number(const char *path);
 
-/* N of a folder called frame<digits>, as 3DGStream has them, else -1. */
+/* N of a folder called frame<digits>, as in 3DGStream, else -1. */
 int spin_frame_number(const char *name);
 
-/* A word of an option as a number. */
+/* Parses a whole text as a finite number. */
 bool spin_views_is_number(const char *text, double *out);
 
-/* Sorts, drops what comes twice and returns how many are left. */
+/* Sorts, drops duplicates and returns the new length. */
 size_t spin_views_unique(int *list, size_t n);
 
-/* Place of a value in such a list, or -1. */
+/* Index of a value in such a list, or -1. */
 int spin_views_place(const int *list, size_t n, int value);

@@ -1,3 +1,5 @@
+/* Views of camera rigs: listing the frames of cameras, checking that they match, adding the views.
+ */
 #include "importers/lib/views_rig.h"
 
 #include "io/video.h"
@@ -18,8 +20,7 @@ spin_status spin_rig_sort(const char *path, struct spin_rig_camera *c, size_t n)
     return SPIN_OK;
 }
 
-/* ---- The frames of a camera -------------------------------------------------------------------
- */
+/* ---- Frames of a camera ---------------------------------------------------------------------- */
 
 spin_status spin_rig_pictures(struct spin_model *m, struct spin_rig_camera *c, const char *folder)
 {
@@ -27,15 +28,15 @@ spin_status spin_rig_pictures(struct spin_model *m, struct spin_rig_camera *c, c
 
     c->where = folder;
     if (!spin_path_is_folder(folder))
-        return spin_not_found("there is no folder '%s' of pictures of camera '%s'", folder,
+        return spin_not_found("there is no folder '%s' with images of camera '%s'", folder,
                               c->name);
     SPIN_TRY(spin_file_sequence_list(m, folder, "", &c->frames));
     if (c->frames.n_frames == 0)
-        return spin_not_found("folder '%s' holds no pictures", folder);
+        return spin_not_found("folder '%s' holds no images", folder);
     return spin_file_sequence_sort(&c->frames, &unused);
 }
 
-/* Its frames are images "00.mp4#<frame>", decoded when they are asked for. */
+/* Frames are named "00.mp4#<frame>", images that are decoded on demand. */
 spin_status spin_rig_film(struct spin_model *m, struct spin_rig_camera *c, const char *file,
                           const char *instead)
 {
@@ -45,17 +46,17 @@ spin_status spin_rig_film(struct spin_model *m, struct spin_rig_camera *c, const
 
     c->where = file;
     if (!spin_path_exists(file))
-        return spin_not_found("there is neither the film '%s' nor a folder '%s'", file, instead);
+        return spin_not_found("there is neither the video '%s' nor a folder '%s'", file, instead);
     SPIN_TRY_IN(spin_video_start(),
-                "make pictures of the films (mkdir -p '%s'; ffmpeg -i '%s' "
-                "-start_number 0 '%s/%%06d.png', and so on)",
+                "extract images from the videos (mkdir -p '%s'; ffmpeg -i '%s' -start_number 0 "
+                "'%s/%%06d.png', and so on)",
                 instead, file, instead);
     SPIN_TRY(spin_video_info(file, &width, &height, &n, NULL));
     if (width != c->camera.width || height != c->camera.height)
-        return spin_malformed("film '%s' has %d x %d pixels, its camera %d x %d", file, width,
+        return spin_malformed("video '%s' has %d x %d pixels, its camera %d x %d", file, width,
                               height, c->camera.width, c->camera.height);
     if (n < 1 || n > INT_MAX)
-        return spin_malformed("film '%s' has %lld frames", file, (long long)n);
+        return spin_malformed("video '%s' has %lld frames", file, (long long)n);
     SPIN_TRY(spin_file_sequence_reserve(m, &c->frames, (size_t)n));
     for (int64_t f = 0; f < n; f++) {
         SPIN_TRY(spin_model_text(m, &path, "%s#%lld", file, (long long)f));
@@ -66,8 +67,8 @@ spin_status spin_rig_film(struct spin_model *m, struct spin_rig_camera *c, const
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* Frames that all cameras have. A camera that lacks one in the middle is refused: its later
- * pictures would be of other moments. */
+/* Number of frames that all cameras have. A camera that lacks one in the middle is refused, since
+ * its later images would be of other times. */
 static spin_status count_rows(const struct spin_rig_camera *c, size_t n, size_t *n_rows)
 {
     size_t fewest = 0, most = 0;
@@ -83,7 +84,7 @@ static spin_status count_rows(const struct spin_rig_camera *c, size_t n, size_t 
 
             if (number != expected)
                 return spin_malformed(
-                    "'%s' has frame %d where '%s' has frame %d: a picture is missing", c[i].where,
+                    "'%s' has frame %d where '%s' has frame %d: an image is missing", c[i].where,
                     number, c[0].where, expected);
         }
     }
@@ -93,7 +94,7 @@ static spin_status count_rows(const struct spin_rig_camera *c, size_t n, size_t 
     return SPIN_OK;
 }
 
-/* The mask of a picture as PNG or with the picture's own ending; NULL where there is none. */
+/* The mask of an image, as PNG or with the image's own extension; NULL where there is none. */
 static spin_status find_mask(struct spin_model *m, const struct spin_rig_camera *c,
                              const char *picture, const char **out)
 {
@@ -147,8 +148,7 @@ spin_status spin_rig_views(struct spin_model *m, struct spin_rig_camera *c, size
     return SPIN_OK;
 }
 
-/* ---- Frames a second ---------------------------------------------------------------------------
- */
+/* ---- Frame rate ------------------------------------------------------------------------------ */
 
 static double rate_of(const spin_json *fps)
 {
@@ -169,12 +169,12 @@ void spin_rig_note(struct spin_model *m, const spin_json *fps, struct spin_views
 
     if (rate > 0)
         spin_note(out,
-                  "times of the data set are by the rule '%s'; it has %.6g frames a "
-                  "second (spin-export --fps %.6g)",
+                  "times of the data set follow the rule '%s'; it has %.6g frames a second "
+                  "(spin-export --fps %.6g)",
                   rule, rate, rate);
     else
         spin_note(out,
-                  "times of the data set are by the rule '%s'; it does not say its frames a "
-                  "second (spin-export --fps)",
+                  "times of the data set follow the rule '%s'; its frame rate is unknown (give it "
+                  "to spin-export --fps)",
                   rule);
 }

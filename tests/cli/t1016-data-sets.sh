@@ -48,7 +48,7 @@ while read -r name folder importer note; do
     is "$code $(ls "$work/$name-images" | grep -c png)" "0 9" "$name: every view of it is drawn"
 done <<SETS
 films 4danyone_mini/clip 4danyone has y up (spin-export --up y)
-folders easyvolcap_mini/scene easyvolcap does not say its frames a second
+folders easyvolcap_mini/scene easyvolcap its frame rate is unknown
 rgba freetimegs_mini/scene colmap 30 frames a second
 SETS
 run "$bin/spin-eval" "$work/folders-better.spin" --json --dynamic masks

@@ -198,15 +198,15 @@ of() {
 of filter
 warns "filter_3D" "'$work/filter/0.ply': property 'filter_3D' (Mip-Splatting) is ignored"
 of embedding --from ply
-warns "a canonical cloud" "'$work/embedding/0.ply': the canonical cloud of E-D3DGS is no frame of the video"
+warns "a canonical cloud" "'$work/embedding/0.ply': the canonical cloud of E-D3DGS is not a frame of the video"
 of four
 warns "SH degree 4" "'$work/four/0.ply': SH degree 4 is cut to degree 3"
 of extra
 warns "bytes after the last record, in two files" "'$work/extra/1.ply' has 7 bytes after its last record"
 of exp
 warns "values that look activated, in several files" \
-    "'$work/exp/1.ply': all scales are positive and most are below 0.1; they look as if they were not logarithms" \
-    "'$work/exp/4.ply': all opacities lie in 0..1; they look as if they were not logits"
+    "'$work/exp/1.ply': all scales are positive and most are below 0.1; they are probably not logarithms" \
+    "'$work/exp/4.ply': all opacities are in 0..1; they are probably not logits"
 of half
 warns "half of the scales small"
 of 4dg --frames 2
@@ -224,9 +224,9 @@ of more --frames 2
 warns "bytes behind a storage" \
     "'$work/more/$save/deformation.pth': storage 'data/${member##*/}' has 5 bytes more than its elements need"
 cloud=point_cloud/iteration_12000/point_cloud.ply
-base="base colours only, as there is no cameras.json: --camera says where they stand"
+base="base colours only, as there is no cameras.json: give positions with --camera"
 of fork --times 0.5
-warns "a fork's columns" "'$work/fork/$cloud': property 'mine_0' is none of SpacetimeGaussians and is not read" \
+warns "a fork's columns" "'$work/fork/$cloud': property 'mine_0' does not belong to SpacetimeGaussians and is ignored" \
     "'$work/fork/$cloud': $base"
 of nan --times 0.5,1,1.5,2
 warns "values that are not finite, times outside" "'$work/nan/$cloud': $base" \
@@ -251,14 +251,14 @@ with missing
 warns "images are missing" "'$work/missing': 17 images of 5 cameras in 4 frames: some are missing"
 with focal
 warns "focal lengths differ" \
-    "'$work/focal': focal lengths differ between cameras; each has its own here, other readers take the first for all"
+    "'$work/focal': focal lengths differ between cameras; each keeps its own, other readers use the first for all"
 with behind
 warns "a camera with all points behind it" \
     "'$work/behind/sparse/0': all points are behind the camera of image '$second'"
 
 with renamed
-warns "folders of other names" "'$work/renamed/images': the folders of frames are not called as the cameras of the model: \
-'xcam000' is taken for 'cam000', and so on in the order of their names"
+warns "folders of other names" "'$work/renamed/images': the folders of frames are not named like the cameras of the model: \
+'xcam000' is used for 'cam000', and so on in the order of their names"
 run "$bin/spin-import" --info fixtures/splats/splat --data "$work/uneven" --range 0:2 --pair order
 warns "a camera with a frame less" "'$work/uneven/images/01' has 2 frames and '$work/uneven/images/00' 3: the first 2 of all \
 cameras are read"

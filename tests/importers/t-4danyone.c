@@ -1,5 +1,5 @@
 /* 4danyone: clips against the method's own cameras and the colours of their films, pictures in
- * place of the films, and files that lie. K: 4danyone import views video */
+ * place from the videos, and files that lie. K: 4danyone import views video */
 #include "io/video.h"
 #include "tests/importers/sets.h"
 
@@ -86,7 +86,7 @@ static void test_pictures(void)
         ok(c->fx == 10 && c->fy == 11 && c->cx == 4 && c->cy == 3, "K is taken");
         ok(views.view[0].test && !views.view[1].test && views.view[2].time == 1,
            "the first camera is held out, and times are i/(n-1)");
-        ok(strstr(views.notes, "does not say its frames a second") != NULL,
+        ok(strstr(views.notes, "its frame rate is unknown") != NULL,
            "without metadata.json the notes say that no rate is known");
         spin_views_free(&views);
     }
@@ -102,7 +102,7 @@ static void test_pictures(void)
     }
     make_text(folder, "metadata.json", "{\"output\": {\"fps\": \"1/0\"}}");
     if (set_opens(folder, NULL, &views, "a rate of 1/0")) {
-        ok(strstr(views.notes, "does not say") != NULL, "is none");
+        ok(strstr(views.notes, "frame rate is unknown") != NULL, "is none");
         spin_views_free(&views);
     }
     make_text(folder, "metadata.json", "{");
@@ -163,7 +163,7 @@ static void test_lies(void)
          "orthonormal",
          "a pose that scales"},
         {{NULL, NULL, "[[1, 0, 0, 1], [0, 1, 0, 2], [0, 0, -1, 5], [0, 0, 0, 1]]", NULL, NULL},
-         "mirror",
+         "reflection",
          "a pose that mirrors"},
         {{NULL, NULL, "3", NULL, NULL}, "'camera_to_world' is not a 4 x 4", "a pose that is none"},
         {{NULL, NULL, NULL, "\"image_width\": 8", NULL}, "image_height", "no height"},
@@ -175,9 +175,9 @@ static void test_lies(void)
          "pictures of another shape"},
         {{NULL, NULL, NULL, NULL, "../01.mp4"}, "below the folder", "a film that climbs out"},
         {{NULL, NULL, NULL, NULL, "/01.mp4"}, "below the folder", "a film with an absolute name"},
-        {{NULL, NULL, NULL, NULL, "01.png"}, "expected a film", "a film that is a picture"},
+        {{NULL, NULL, NULL, NULL, "01.png"}, "expected a video", "a film that is a picture"},
         {{NULL, NULL, NULL, NULL, "videos/dense/02.mp4"},
-         "there is neither the film",
+         "there is neither the video",
          "a film that is missing"},
     };
     const char *folder = make_set();
@@ -239,7 +239,7 @@ static void test_films(void)
     make_text(folder, "cameras.json", text);
     if (set_opens(folder, NULL, &views, "a clip of films alone")) {
         ok(strstr(views.view[0].path, "videos/dense/00.mp4#0") != NULL,
-           "names the frames of the films");
+           "names the frames from the videos");
         spin_views_free(&views);
     }
     free(text);

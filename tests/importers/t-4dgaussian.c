@@ -189,7 +189,7 @@ static void test_lies(const char *root)
         {NETWORK, "set " NET "pos_deform.1.weight 0 nan", "pos_deform.1.weight", "NaN in a layer"},
         {NETWORK, "set " NET "grid.grids.1.4 0 nan", "grids.1.4", "NaN in a plane"},
         {NETWORK, "set " NET "grid.aabb 0 nan", "aabb", "NaN in the box"},
-        {NETWORK, "set " NET "grid.aabb 4 =1", "along y", "a box without extent"},
+        {NETWORK, "set " NET "grid.aabb 4 =1", "along y", "a bounding box without extent"},
         {NETWORK, "drop " NET "grid.grids.1. 3 5", "has 3 planes", "planes without time"},
         {NETWORK, "put " NET "grid.grids.0.3 1 4 6 7", "along y",
          "planes that contradict each other"},
@@ -206,7 +206,7 @@ static void test_lies(const char *root)
         {NETWORK, "drop " NET "grid.grids.0.0", "grids.0.0", "no planes"},
         {NETWORK, "drop " NET "grid.grids.0.0; put feature_out_c.0.weight 16 9", "E-D3DGS",
          "a network of E-D3DGS"},
-        {NETWORK, "pair", "not a state dict", "a pair instead of a state dict"},
+        {NETWORK, "pair", "not have a state dict", "a pair instead of a state dict"},
     };
     const char *deform[] = {"deform", "position,scale,rotation,opacity,sh", NULL};
     const char *folder = path_in(root, "coarse_and_fine"), *model, *save;

@@ -236,7 +236,7 @@ static void test_lies(void)
         const char *word, *what;
     } cases[] = {
         {1, 1.01, "orthonormal", "a pose that scales"},
-        {1, -1, "mirror", "a pose that mirrors"},
+        {1, -1, "reflection", "a pose that mirrors"},
         {3, NAN, "column 3", "NaN in a pose"},
         {8, INFINITY, "column 8", "infinity"},
         {14, 0, "focal", "a focal length of 0"},

@@ -169,7 +169,7 @@ static void test_moving(void)
         spin_views_free(&views);
     }
     make_pictures(folder, "images", 7, 1);
-    set_refused(folder, NULL, "no entry for picture", "a picture without an entry");
+    set_refused(folder, NULL, "no entry for image", "a picture without an entry");
     make_folder(folder, "cameras/0");
     set_refused(folder, NULL, "cameras/0/intri.yml", "a camera without files");
 }
@@ -188,7 +188,7 @@ static void test_lies(void)
          "a name that climbs out"},
         {HEAD "names:\n  - \"a\"\n  - \"c\"\n" K_A, EXTRI, "images/c", "a camera without pictures"},
         {HEAD NAMES K_A, EXTRI, "no matrix 'K_b'", "a camera without K"},
-        {HEAD NAMES K_A K_A B_IN, EXTRI, "'K_a' is there twice", "K that is there twice"},
+        {HEAD NAMES K_A K_A B_IN, EXTRI, "'K_a' occurs twice", "K that is there twice"},
         {HEAD NAMES "K_a:" MATRIX(3, 3, "10, 0, 4, 0, 11, 3, 0, 0") B_IN, EXTRI, "8 numbers",
          "K of eight numbers"},
         {HEAD NAMES "K_a:" MATRIX(9, 1, "10, 0, 4, 0, 11, 3, 0, 0, 1") B_IN, EXTRI, "9 x 1",
@@ -218,8 +218,8 @@ static void test_lies(void)
          "a distortion of four numbers"},
         {INTRI, HEAD NAMES T_A B_EX, "no matrix 'R_a'", "no rotation"},
         {INTRI, HEAD NAMES R_A B_EX, "no matrix 'T_a'", "no translation"},
-        {INTRI, HEAD NAMES "Rot_a:" MATRIX(3, 3, "1, 0, 0, 0, 1, 0, 0, 0, -1") T_A B_EX, "mirror",
-         "a rotation that mirrors"},
+        {INTRI, HEAD NAMES "Rot_a:" MATRIX(3, 3, "1, 0, 0, 0, 1, 0, 0, 0, -1") T_A B_EX,
+         "reflection", "a rotation that mirrors"},
         {INTRI, HEAD NAMES "Rot_a:" MATRIX(3, 3, "1, 0, 0, 0, 1, 0, 0, 0, 1.1") T_A B_EX,
          "orthonormal", "a rotation that scales"},
         {INTRI, HEAD NAMES "R_a:" MATRIX(3, 1, "0, 1e300, 0") T_A B_EX, "not finite",
@@ -227,13 +227,13 @@ static void test_lies(void)
         {"K_a: 3\n" INTRI, EXTRI, "first line", "no first line"},
         {HEAD NAMES "K_a: &anchor 3\n" B_IN, EXTRI, "line 6: 'K_a' is '&anchor 3'", "an anchor"},
         {HEAD NAMES "K_a: !!binary x\n" B_IN, EXTRI, "!!binary", "another tag"},
-        {HEAD NAMES "K_a\n" B_IN, EXTRI, "is no key", "a line without a colon"},
-        {HEAD "  - \"a\"\n", EXTRI, "belongs to no", "a text that belongs to no list"},
-        {HEAD "a: 1\n  rows: 3\n", EXTRI, "belongs to no", "rows that belong to no matrix"},
+        {HEAD NAMES "K_a\n" B_IN, EXTRI, "is not a key", "a line without a colon"},
+        {HEAD "  - \"a\"\n", EXTRI, "does not belong to", "a text that belongs to no list"},
+        {HEAD "a: 1\n  rows: 3\n", EXTRI, "does not belong to", "rows that belong to no matrix"},
         {HEAD "a: !!opencv-matrix\n  dt: i\n", EXTRI, "is none of rows", "a matrix of integers"},
         {HEAD "a: !!opencv-matrix\n  rows: x\n", EXTRI, "is none of rows",
          "rows that are no number"},
-        {HEAD "a: !!opencv-matrix\n  rows: 3\n  rows: 3\n", EXTRI, "'rows' is there twice",
+        {HEAD "a: !!opencv-matrix\n  rows: 3\n  rows: 3\n", EXTRI, "'rows' occurs twice",
          "rows twice"},
         {HEAD "a: !!opencv-matrix\n  data: 3\n", EXTRI, "is none of rows", "data that are no list"},
         {HEAD NAMES K_A "x:" MATRIX(1, 1, "1, 2, 3\n  4"), EXTRI, "no matrix 'K_b'",
@@ -250,15 +250,15 @@ static void test_lies(void)
         set_refused(folder, NULL, cases[i].word, cases[i].what);
     }
     make_file(folder, "intri.yml", "%YAML:1.0\n---\n\0", 15);
-    set_refused(folder, NULL, "no text", "a byte of 0");
+    set_refused(folder, NULL, "not text", "a byte of 0");
     make_text(folder, "intri.yml", INTRI);
     remove(path_in(folder, "extri.yml"));
     set_refused(folder, "easyvolcap", "extri.yml", "a file that is missing");
     make_text(folder, "extri.yml", EXTRI);
     remove(path_in(folder, "images/a/000005.png"));
-    set_refused(folder, NULL, "a picture is missing", "a camera that begins later");
+    set_refused(folder, NULL, "an image is missing", "a camera that begins later");
     remove(path_in(folder, "images/a/000006.png"));
-    set_refused(folder, NULL, "holds no pictures", "a camera without pictures");
+    set_refused(folder, NULL, "holds no images", "a camera without pictures");
 }
 
 /* Only the last line's end may be missing. */

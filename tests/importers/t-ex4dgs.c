@@ -107,10 +107,10 @@ static void test_options(const char *fixture)
         {CFG ", rot_interp_type='lerp')", "rot_interp_type is 'lerp'",
          "straight lines for rotations"},
         {CFG ", time_interval='x')", "'time_interval' is ''x''", "an interval that is no number"},
-        {CFG ", time_interval=0)", "these do not fit together", "key frames at one place"},
-        {CFG ", time_pad=1e9)", "these do not fit together", "a pad beyond measure"},
-        {CFG ", duration=-1)", "these do not fit together", "a clip of -1 frames"},
-        {CFG ", var_pad=0)", "these do not fit together", "edges without a width"},
+        {CFG ", time_interval=0)", "these settings are inconsistent", "key frames at one place"},
+        {CFG ", time_pad=1e9)", "these settings are inconsistent", "a pad beyond measure"},
+        {CFG ", duration=-1)", "these settings are inconsistent", "a clip of -1 frames"},
+        {CFG ", var_pad=0)", "these settings are inconsistent", "edges without a width"},
         {CFG, "cut short", "half a cfg_args"},
     };
     const char *all[] = {"interp", "cube",     "interval", "5", "time-pad",
@@ -144,15 +144,15 @@ static void test_options(const char *fixture)
     fails_with(FROM, bare, curve, "option 'interp' is 'spline'", "a curve that is none");
     fails_with(FROM, bare, word, "option 'interval' is '5x'", "an interval that is no number");
     fails_with(FROM, model, other, "iteration_7", "a save that is not there");
-    fails_with(FROM, bare, NULL, "no cfg_args beside it says interp_type", "no cfg_args");
+    fails_with(FROM, bare, NULL, "no cfg_args beside it gives interp_type", "no cfg_args");
     for (size_t i = 0; i < sizeof refused / sizeof *refused; i++)
         fails(FROM, make_run(fixture, 30000, refused[i].cfg), refused[i].word, refused[i].what);
     ok(run_open(FROM, make_run(fixture, 5, CFG ", start_timestamp=151)"), &run) == SPIN_OK &&
            strstr(run.sequence.notes, "time 0 is that frame"),
        "a clip from the middle of a recording is noted");
     run_close(&run);
-    fails_at(model, -0.5, "frames count from 0 to 19", "a time before the clip");
-    fails_at(model, 19.5, "frames count from 0 to 19", "a time behind it");
+    fails_at(model, -0.5, "its times are 0 to 19", "a time before the clip");
+    fails_at(model, 19.5, "its times are 0 to 19", "a time behind it");
     fails_at(model, NAN, "has no time nan", "a time that is no number");
     model = make_run(fixture, 5, CFG ", duration=60)");
     fails_at(model, 59, "needs the key frames 12 to 15, and there are",
@@ -225,12 +225,12 @@ static void test_saves(const char *fixture, const char *checkpoint)
     ok(spin_importer_find(path_in(model, "chkpnt5.pth"), NULL, false, &found) == SPIN_OK &&
            !strcmp(found->name, FROM),
        "so is the checkpoint");
-    fails(FROM, model, "no cfg_args beside it says interp_type: use --interp",
+    fails(FROM, model, "no cfg_args beside it gives interp_type: use --interp",
           "but how to go between its keys is not in it");
     const char *cube[] = {"interp", "cube", NULL};
 
     ok(model_open(FROM, model, cube, &run) == SPIN_OK && run.sequence.time_last == 29 &&
-           strstr(run.sequence.notes, "30, by the checkpoint's duration"),
+           strstr(run.sequence.notes, "30 by the checkpoint's duration"),
        "the number of frames is");
     run_close(&run);
 }
@@ -407,8 +407,8 @@ static void test_checkpoints(void)
         {6, {'t', STILL + 1, 1, 0}, "opacity (item 6)", "another number of opacities"},
         {18, {'t', STILL, 2, 0}, "xyz_disp (item 18)", "a flat drift"},
         {19, {'t', 1, 0, 0}, "item 19 (duration) is a tensor", "a duration that is no int"},
-        {19, {'i', 0, 0, 0}, "these do not fit together", "no duration"},
-        {20, {'i', 0, 0, 0}, "these do not fit together", "no interval"},
+        {19, {'i', 0, 0, 0}, "these settings are inconsistent", "no duration"},
+        {20, {'i', 0, 0, 0}, "these settings are inconsistent", "no interval"},
         {21, {'n', 0, 0, 0}, "item 21 (time_shift) is None", "no shift"},
         {23,
          {'t', 0, 0, 0},
@@ -448,7 +448,7 @@ static void test_checkpoints(void)
     fails(FROM, folder, "none of the 7 Gaussians has finite values", "NaN everywhere");
     write_model(folder, 19, (struct item){'i', 20, 0, 0}, 1);
     ok(run_open(FROM, folder, &run) == SPIN_OK &&
-           strstr(run.sequence.notes, "saved before the whole clip"),
+           strstr(run.sequence.notes, "saved before training covered the whole clip"),
        "a checkpoint from the middle of training is noted");
     run_close(&run);
     for (int moving = 0; moving < 2; moving++) {

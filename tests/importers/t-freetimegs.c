@@ -143,7 +143,7 @@ static void test_ply(const char *path)
         const char *line, *other, *word, *what;
     } lies[] = {
         {"comment ftgs_version 1\n", "", "no comment 'ftgs_version'", "no version"},
-        {"ftgs_version 1", "ftgs_version 2", "ftgs_version 2", "a later version"},
+        {"ftgs_version 1", "ftgs_version 2", "ftgs_version is 2", "a later version"},
         {"units normalized", "units seconds", "'seconds'", "another unit of time"},
         {"units normalized", "units normalized2", "'normalized2", "and one that begins alike"},
         {"comment sh_degree", "comment duration_activation softplus\ncomment sh_degree",

@@ -166,7 +166,9 @@ static void test_lies(void)
     } poses[] = {
         {{"1,0,0,0", "0,1.01,0,0", "0,0,0,1"}, "orthonormal", "a rotation that scales"},
         {{"1,0.1,0,0", "0,1,0,0", "0,0,0,1"}, "orthonormal", "a rotation that shears"},
-        {{"1,0,0,0", "0,-1,0,0", "0,0,0,1"}, "determinant is negative: turn two axes", "a mirror"},
+        {{"1,0,0,0", "0,-1,0,0", "0,0,0,1"},
+         "determinant is negative: negate two axes",
+         "a reflection"},
         {{"1,0,0,0", "0,-0.99999999,0,0", "0,0,0,1"}, "determinant is negative", "almost one"},
         {{"1,0,0,0", "0,1,0,0", "0,0,0,2"}, "last row", "a last row that is not 0 0 0 1"},
         {{"1,0,0,null", "0,1,0,0", "0,0,0,1"}, "not a number", "null in a pose"},

@@ -314,9 +314,9 @@ static void test_refused(void)
          "expected 0, 9", "one f_rest"},
         {"x y z packed_position", "packed_rotation", "half of a compressed PLY"},
         {GAUSSIAN " time log_duration velocity_0 velocity_1 velocity_2",
-         "'log_duration' says that this is a 4D model, it looks like FreeTimeGS", "a .ftgs.ply"},
+         "'log_duration' belongs to a 4D model, probably of FreeTimeGS", "a .ftgs.ply"},
         {GAUSSIAN " vx vy vz t_center t_sigma",
-         "'t_center' says that this is a 4D model, it looks like the PLY for .sogst, and not",
+         "'t_center' belongs to a 4D model, probably of the PLY for .sogst, not",
          "the interchange PLY of .sogst"},
     };
     const char *folder = new_folder();

@@ -78,7 +78,7 @@ static void compare_views(const char *folder, struct spin_npz *npz, const double
              cameras[8]);
     if (model_open(FROM, path_in(folder, "model"), pairs, &run) != SPIN_OK)
         exit(1);
-    ok(strstr(run.sequence.notes, "from 3 cameras") != NULL, "the notes tell what colours are");
+    ok(strstr(run.sequence.notes, "for 3 cameras") != NULL, "the notes tell what colours are");
     for (size_t t = 0; t < of_times.count; t++) {
         if (run.importer->frame(run.self, 0, times[t], run.sequence.columns, &s) != SPIN_OK)
             exit(1);
@@ -285,7 +285,7 @@ static void test_colours(const char *model)
     write_text(cameras, "[{\"position\": [0, 0, 0]}, {\"position\": [1, 0, 0]},"
                         " {\"position\": [0, 0, 0]}]");
     ok(read_at(copy, views, 0.5, &s, &info) && s.sh_degree == 1 &&
-           strstr(info.notes, "from 2 cameras"),
+           strstr(info.notes, "for 2 cameras"),
        "the different places in cameras.json");
     ok(read_at(golden_path(copy, SAVE), views, 0.5, &t, &info), "found from the save as well");
     check_same_bits(s.sh, t.sh, 12 * s.n * sizeof *s.sh, "for the same colours");
@@ -341,7 +341,7 @@ static void test_many_cameras(const char *model)
         n += snprintf(text + n, 200, "%s{\"position\": [%d, 0.5, -1]}", i ? "," : "", i);
     snprintf(text + n, 10, "]");
     write_text(path_in(copy, "cameras.json"), text);
-    ok(read_at(copy, NULL, 0.5, &s, &info) && strstr(info.notes, "from 64 cameras"),
+    ok(read_at(copy, NULL, 0.5, &s, &info) && strstr(info.notes, "for 64 cameras"),
        "of many cameras 64 are taken");
     spin_splats_free(&s);
     free(text);
@@ -380,7 +380,7 @@ static void test_lies(const char *model)
         {NETWORK, "put mlp1.weight 6 12", "mlp1.weight", "a network of plain layers"},
         {NETWORK, "drop mlp2.weight", "mlp2.weight", "a network of one layer"},
         {NETWORK, "put mlp3.weight 6 13 1 1", "3 tensors", "a network of three layers"},
-        {NETWORK, "pair", "not a state dict", "a pair instead of a state dict"},
+        {NETWORK, "pair", "not have a state dict", "a pair instead of a state dict"},
     };
     struct spin_sequence_info info;
     struct spin_splats s = {0};

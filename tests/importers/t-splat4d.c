@@ -67,7 +67,7 @@ static void test_fixture(const char *folder, const char *name)
             compare_frame(&e, (size_t)f, &s);
     }
     ok(n_same == run.sequence.n_frames, "%s: times in seconds", name);
-    ok(strstr(run.sequence.notes, "depends on the direction") &&
+    ok(strstr(run.sequence.notes, "view-dependent colour") &&
            !strstr(run.sequence.notes, "smoothed"),
        "%s: what the format lacks", name);
     ok(spin_importer_find(file, NULL, false, &found) == SPIN_OK && found == run.importer,

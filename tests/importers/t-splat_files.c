@@ -381,9 +381,9 @@ static void test_axes(void)
     if (!out || fwrite(file, 1, size, out) != size || fclose(out) != 0)
         exit(1);
     ok(run_open("spz", path_in(work, "spz"), &run) == SPIN_OK &&
-           strstr(run.sequence.notes, "does not say its axes") &&
+           strstr(run.sequence.notes, "does not record its axes") &&
            run.importer->frame(run.self, 0, 0, ALL, &is) == SPIN_OK,
-       "a file that does not say its axes: a note");
+       "a file that does not record its axes: a note");
     run_close(&run);
     ok(run_open("spz", folder, &run) == SPIN_OK && !strstr(run.sequence.notes, "axes") &&
            run.importer->frame(run.self, 0, 0, ALL, &said) == SPIN_OK && said.n == is.n,
@@ -417,7 +417,8 @@ static void test_refused(void)
     fails("spz", write_file(folder, "a.spz", "", 0), "a.spz", "an empty SPZ");
     fails("spz", write_file(folder, "b.spz", "NGSP", 4), "b.spz", "an SPZ of its magic");
     fails("splat", write_file(folder, "a.splat", "", 0), "0 splats", "an empty .splat");
-    fails("splat", write_file(folder, "b.splat", row, 33), "rows of 32", ".splat with half a row");
+    fails("splat", write_file(folder, "b.splat", row, 33), "multiple of 32",
+          ".splat with half a row");
     memcpy(row + SPIN_SPLAT_ROW + 4, &bad, sizeof bad);
     fails("splat", write_file(folder, "c.splat", row, sizeof row), "row 1",
           "NaN in a .splat, with its row");

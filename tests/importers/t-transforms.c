@@ -311,7 +311,7 @@ static void test_lies(void)
         {WITH("[[1,0,0,null],[0,1,0,0],[0,0,1,0]]"), "not a number", "null in a pose"},
         {WITH("[[1,0,0,NaN],[0,1,0,0],[0,0,1,0]]"), "transforms_train.json", "NaN in a pose"},
         {WITH("[[1.01,0,0,3],[0,1,0,0],[0,0,1,0]]"), "orthonormal", "a pose that scales"},
-        {WITH("[[1,0,0,3],[0,1,0,0],[0,0,-1,0]]"), "mirror", "a pose that mirrors"},
+        {WITH("[[1,0,0,3],[0,1,0,0],[0,0,-1,0]]"), "reflection", "a pose that mirrors"},
         {WITH("[[1,0,0,3],[0,1,0,0],[0,0,1,0],[0,0,1,1]]"), "last row", "a wrong last row"},
         {ONE("{\"file_path\":\"a/0\"}"), "no 'transform_matrix'", "no pose"},
         {ONE(FRAME("a/0", "\"0\"")), "'time'", "a time that is text"},
