@@ -1,4 +1,4 @@
-/* meta.json of a bundle, read and written. */
+/* Reads and writes meta.json of a bundle. */
 #include "scene/bundle_meta.h"
 
 #include "base/base.h"
@@ -6,7 +6,8 @@
 #include "scene/splats_4d.h"
 
 #define FORMAT "spin bundle"
-/* Arrays as they are; packed, or of 4D splats, which the first readers cannot read. */
+/* Plain arrays, packed arrays, 4D splats: the version is raised only for bundles that older readers
+ * cannot read. */
 enum { VERSION = 1, VERSION_PACKED = 4, VERSION_4D = 5 };
 
 spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames)
@@ -52,7 +53,7 @@ spin_status spin_meta_integer(const spin_json *object, const char *key, int64_t 
     return SPIN_OK;
 }
 
-/* A string, cut to fit. Absent or null: "". */
+/* A string, truncated to n_out - 1 bytes; "" if absent or null. */
 static void read_text(const spin_json *object, const char *key, char *out, size_t n_out)
 {
     const char *text = spin_json_string(spin_json_get(object, key));
@@ -170,7 +171,7 @@ static spin_status read_number(const spin_json *object, const char *key, double 
                : spin_meta_fail(key, "a number");
 }
 
-/* "splats_4d": how many rows, and what stands beside their arrays. */
+/* "splats_4d": the number of rows and all properties that are not arrays. */
 static spin_status read_4d(struct spin_bundle_meta *meta, const spin_json *root)
 {
     const spin_json *json = spin_json_get(root, "splats_4d"), *list;

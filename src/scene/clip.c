@@ -1,4 +1,4 @@
-/* Opening a bundle together with its data set. */
+/* Opens a bundle together with its data set. */
 #include "scene/clip.h"
 
 #include "base/base.h"
@@ -59,7 +59,8 @@ spin_status spin_times_check(const struct spin_frame_info *info, const int *inde
     return SPIN_OK;
 }
 
-/* A data set that lacks one of these cameras is another, and has test views of its own. */
+/* Holds out the cameras that the training held out. If one is missing, this is a different data
+ * set: use its own test split. */
 static spin_status hold_out(struct spin_clip *clip)
 {
     const spin_json *list = spin_json_get(clip->bundle.json, "held_out");
@@ -79,7 +80,8 @@ static spin_status hold_out(struct spin_clip *clip)
     return SPIN_OK;
 }
 
-/* Of another data set nobody knows which cameras are the same. */
+/* Counts the test cameras that the training saw. Camera ids of another data set say nothing about
+ * that. */
 static spin_status count_taught(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     SPIN_FREED char *own = NULL;
@@ -155,8 +157,9 @@ static spin_status pair_rows(const struct spin_clip_options *o, struct spin_clip
     return status;
 }
 
-/* What is there and is no bundle: who reads it. Of a zip that no importer knows: what is wrong with
- * it as a bundle. */
+/* Opens a bundle. If the path exists but is no bundle, the error names the importer that reads it
+ * or the kind of file; for a zip that no importer recognises, it says what is wrong with it as a
+ * bundle. */
 static spin_status open_bundle(const char *path, struct spin_bundle *out)
 {
     const struct spin_importer *importer;
@@ -182,8 +185,8 @@ static spin_status open_bundle(const char *path, struct spin_bundle *out)
     return spin_fail(status, "%s", why);
 }
 
-/* The data set, and what of it is which frame. That which the bundle names may be gone, where work
- * can go on without. */
+/* Opens the data set and pairs its rows with the clip's frames. If the caller can do without it, a
+ * missing data set that only the bundle names is a warning. */
 static spin_status open_data(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     bool named = o->data || o->data_from, opened = named || o->needs_views || o->wants_views;
@@ -204,9 +207,9 @@ static spin_status open_data(const struct spin_clip_options *o, struct spin_clip
     return pair_rows(o, clip);
 }
 
-/* The cameras' near plane, by the first frame of the bundle that has splats, whatever frames were
- * asked for: what a camera draws must not depend on --range. A frame that cannot be read is left to
- * who needs it. */
+/* Sets the cameras' near plane from the first frame of the bundle that has splats, whatever frames
+ * were selected: what a camera renders must not depend on --range. A frame that cannot be read is
+ * not an error here; it fails where it is needed. */
 static spin_status set_near(struct spin_clip *clip)
 {
     const struct spin_bundle_meta *meta = &clip->bundle.meta;

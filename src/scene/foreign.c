@@ -8,7 +8,7 @@ enum { HEAD = 512, MOST_MEMBERS = 65536 };
 
 static const struct kind {
     const char *magic;
-    size_t at, n; /* where it is; its length */
+    size_t at, n; /* offset in the file; length */
     enum { ARCHIVE, VIDEO, IMAGE, DOCUMENT } is;
     const char *name;
 } kinds[] = {
@@ -48,7 +48,7 @@ static const struct kind *kind_of(const char *path)
     return NULL;
 }
 
-/* A member of a ZIP archive that an importer might read, to show that unpacking helps. */
+/* Finds a member of a ZIP archive that an importer might read, to suggest unpacking it. */
 static void find_member(const char *path, char *name, size_t n_name)
 {
     static const char *const endings[] = {".ply",  ".spz",   ".splat", ".ksplat", ".sog",  ".glb",
@@ -89,7 +89,7 @@ static void describe_file(const char *path, const struct kind *kind, bool want_v
                  kind->name);
 }
 
-/* A folder of nothing but files of one kind, by the first few. */
+/* Describes a folder whose files are all of one kind, judging by the first few. */
 static bool describe_folder(const char *path, bool want_views, char *text, size_t n_text)
 {
     enum { LOOKED_AT = 8 };
@@ -133,7 +133,7 @@ static bool describe_folder(const char *path, bool want_views, char *text, size_
     return true;
 }
 
-/* What is no path: an address, a pattern. */
+/* Describes inputs that are not paths: URLs and patterns. */
 static bool describe_missing(const char *path, char *text, size_t n_text)
 {
     const char *scheme = strstr(path, "://"), *slash = strrchr(path, '/');

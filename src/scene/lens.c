@@ -1,10 +1,9 @@
-/* Lenses: listed, found again, and kept as JSON. */
+/* Lenses: listing, matching with cameras, and JSON. */
 #include "scene/lens.h"
 
 #include "base/base.h"
 
-/* Sizes are rounded when pictures are scaled; focal lengths of one make of camera differ a little.
- */
+/* Sizes are rounded when images are scaled; focal lengths of one camera model differ a little. */
 static const double size_tolerance = 0.02, focal_tolerance = 1.2;
 
 static bool is_near(double a, double b, double tolerance) { return fabs(a - b) <= tolerance * b; }
@@ -89,8 +88,8 @@ double spin_lenses_corner(const struct spin_lenses *lenses)
     return farthest;
 }
 
-/* ---- JSON ---------------------------------------------------------------------------------------
- */
+/* ---- JSON
+ * -------------------------------------------------------------------------------------- */
 
 static const char *const coefficient[2] = {"c1", "c2"};
 
