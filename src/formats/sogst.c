@@ -20,7 +20,7 @@ static spin_status check_version(const struct spin_sog_4d *r)
     return SPIN_OK;
 }
 
-/* Times of a clip: a length above 0, and so are frames a second. */
+/* Checks the times of a clip: its length and fps must be above 0. */
 static spin_status check_times(const struct spin_sogst *s)
 {
     if (!(s->last > s->first && s->last - s->first < 1e6 && s->fps > 0 && s->fps < 1e4))
@@ -95,7 +95,7 @@ static spin_status read_cov2d(const struct spin_sog_4d *r, double cov2d[2])
 
 /* ---- Segments -------------------------------------------------------------------------------- */
 
-/* A range must follow the one before. */
+/* Reads a range of splats, which must begin where the previous one ends. */
 static spin_status next_range(const spin_json *range, size_t n, size_t *at, size_t *end)
 {
     int64_t first = -1, last = -1;
@@ -111,7 +111,7 @@ static spin_status next_range(const spin_json *range, size_t n, size_t *at, size
     return SPIN_OK;
 }
 
-/* The pictures of one group of splats, in a folder of its own. */
+/* Reads the images of one group of splats, which have their own folder. */
 static spin_status read_group(struct spin_sog_4d *r, const spin_json *range, const spin_json *name,
                               size_t *end, struct spin_splats_4d *splats)
 {
@@ -127,7 +127,7 @@ static spin_status read_group(struct spin_sog_4d *r, const spin_json *range, con
     return spin_sog_4d_rows(r, folder, at, *end - at, splats);
 }
 
-/* Ranges are checked, and rows read where they have streams. */
+/* Checks the ranges; reads the rows, by segment if there are streams. */
 static spin_status read_segments(struct spin_sog_4d *r, struct spin_sogst *out,
                                  struct spin_splats_4d *splats)
 {
@@ -180,11 +180,12 @@ spin_status spin_sogst_read(const void *file, size_t size, struct spin_sogst *ou
     return read_all(&r, out, splats);
 }
 
-/* ---- The PLY for exchange -------------------------------------------------------------------- */
+/* ---- The exchange PLY
+ * -------------------------------------------------------------------------- */
 
-/* What its comments and its sidecar say. */
+/* The values of the comments and of the sidecar file. */
 struct scalars {
-    double first, last, fps, degree, cov2d[2]; /* NaN: nothing is said */
+    double first, last, fps, degree, cov2d[2]; /* NaN: not given */
 };
 
 static void read_comments(const struct spin_ply *ply, struct scalars *out)
@@ -211,7 +212,7 @@ static void read_comments(const struct spin_ply *ply, struct scalars *out)
         }
 }
 
-/* NAME.sogst.json beside NAME.ply, where it is there. */
+/* Reads NAME.sogst.json, if it exists beside NAME.ply. */
 static spin_status read_sidecar(const char *path, struct scalars *out)
 {
     size_t n = strlen(path);
