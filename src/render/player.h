@@ -16,18 +16,16 @@ typedef struct spin_frame_batch (*spin_player_live_fn)(void *context, int index)
 
 struct spin_player {
     struct spin_device *device;
-    struct spin_bundle
-        *bundle; /* NULL: frames come from `live`, `read` or spin_player_show_splats() */
+    /* NULL: frames come from `live`, `read` or spin_player_show_splats(). */
+    struct spin_bundle *bundle;
     enum spin_splat_source from; /* which of the bundle's splats; SPIN_FROM_TRAINED: decoded */
     struct spin_field field;
-    const struct spin_field
-        *network; /* &field; NULL: the splats have stored values and no network */
+    const struct spin_field *network; /* &field; NULL: splats have stored values instead */
     const float SPIN_DEV *table, *heads;
     bool owns_network;
     struct spin_bundle_tracks tracks; /* of the bundle; n is 0 if it has none */
     spin_player_live_fn live;         /* returns frames of a training in progress; or NULL */
-    spin_player_read_fn
-        read; /* reads frames that are neither in a bundle nor of a network; or NULL */
+    spin_player_read_fn read;         /* reads frames from anywhere else; or NULL */
     void *context;
     struct spin_field_eval field_eval;
     struct spin_raster raster;
@@ -45,8 +43,7 @@ struct spin_player {
     struct spin_view_batch drawn; /* the view rendered last */
     size_t drawn_pixels;
     const struct spin_lenses *lenses; /* images get the falloff of these; NULL: none */
-    float SPIN_DEV
-        *falloff; /* [1 + lenses->n][SPIN_EXPOSURE] row 0: no falloff; then one row per lens */
+    float SPIN_DEV *falloff;          /* [1 + lenses->n][SPIN_EXPOSURE], row 0: no falloff */
     int now_sh_degree, now_frame;
     bool now_antialias;
     uint8_t *looked; /* [frames of the bundle] 1: included in the counts below */

@@ -21,10 +21,9 @@ struct spin_bundle_meta {
      * arrays; `parts` lists the optional ones that the bundle contains. */
     struct spin_splats_4d four_d;
     unsigned parts;
-    int sh_degree;  /* -1: none */
-    bool antialias; /* meant to be drawn antialiased */
-    char
-        *data_path; /* as stored: relative to the bundle's folder, or absolute; NULL: no data set */
+    int sh_degree;       /* -1: none */
+    bool antialias;      /* meant to be drawn antialiased */
+    char *data_path;     /* relative to the bundle's folder, or absolute; NULL: no data set */
     char *data_absolute; /* the same as an absolute path; NULL in older bundles */
     char data_from[128]; /* the argument of spin_views_open() */
     char pair[8];        /* how frames and images are paired: the argument of spin_views_pair() */
