@@ -200,7 +200,7 @@ static spin_status read_windows(struct reader *r, struct cursor *c)
         return spin_malformed("window table: %llu windows in %zu bytes", (unsigned long long)n,
                               c->left);
     if (n == 0)
-        return spin_malformed("window table: without a window no splat is ever seen");
+        return spin_malformed("window table: it is empty, so that no splat would be visible");
     r->n_windows = (size_t)n;
     SPIN_TRY(spin_alloc(r->n_windows, 2 * sizeof *r->window, (void **)&r->window));
     for (size_t i = 0; i < 2 * r->n_windows; i++) {
@@ -238,9 +238,9 @@ static spin_status unpack(unsigned codec, const struct cursor *packed, uint64_t 
     if (codec == 1)
         return spin_zstd_read(packed->at, packed->left, *out, (size_t)n_out);
     SPIN_TRY(spin_zlib_read(packed->at, packed->left, *out, (size_t)n_out + 1, &n));
-    return n == n_out
-               ? SPIN_OK
-               : spin_malformed("zlib data of another length than %llu", (unsigned long long)n_out);
+    return n == n_out ? SPIN_OK
+                      : spin_malformed("zlib data that do not unpack to %llu bytes",
+                                       (unsigned long long)n_out);
 }
 
 enum { RAW, DIFFERENCE, CONSTANT, N_MODES };
@@ -277,7 +277,7 @@ static spin_status decode(const struct stream *s, const unsigned char *planes, s
 
         v += s->mode == DIFFERENCE && i >= width ? out[i - width] : 0;
         if (v < INT32_MIN || v > INT32_MAX)
-            return spin_malformed("a number that 32 bits do not hold in row %zu", i / width);
+            return spin_malformed("a number in row %zu does not fit in 32 bits", i / width);
         out[i] = (int32_t)v;
     }
     return SPIN_OK;
@@ -412,7 +412,7 @@ static spin_status read_streams(struct reader *r, struct cursor *c, const double
         struct stream s = take_stream(c);
 
         if (c->cut)
-            return spin_malformed("a stream ends behind it");
+            return spin_malformed("a stream extends beyond it");
         if (s.attribute >= N_ATTRIBUTES)
             continue;
         if (r->steps[s.attribute])
@@ -501,7 +501,7 @@ static spin_status read_band(struct reader *r, struct cursor *c)
     if (c->cut || !s->centres || (r->n_chunks > 0 && r->n_in_chunk == 0))
         return SPIN_OK;
     if (b < 1 || b > (size_t)s->sh_degree || r->n_chunks == 0 || r->bands & 1u << (b - 1))
-        return spin_malformed("SH band %zu of a scene of degree %d, or there twice", b,
+        return spin_malformed("SH band %zu occurs twice, or is above the scene's degree %d", b,
                               s->sh_degree);
     r->bands |= 1u << (b - 1);
     status = read_stream(&stream, r->n_in_chunk, (int)(3 * width), &codes);
@@ -528,7 +528,7 @@ static spin_status read_record(struct reader *r, unsigned opcode, struct cursor 
         if (opcode < HEADER || r->seen & 1u << opcode)
             return spin_malformed("a second record %02x, or one of opcode 0", opcode);
         if (opcode != HEADER && !(r->seen & 1u << HEADER))
-            return spin_malformed("record %02x stands before the header", opcode);
+            return spin_malformed("record %02x precedes the header", opcode);
         r->seen |= 1u << opcode;
     }
     switch (opcode) {
@@ -572,13 +572,13 @@ static spin_status read_records(struct reader *r)
         opcode = (unsigned)take_number(&file, 1);
         record = take_block(&file, 8);
         if (file.cut)
-            return spin_malformed("record %02x at byte %zu ends behind the file", opcode, at);
+            return spin_malformed("record %02x at byte %zu extends beyond the file", opcode, at);
         SPIN_TRY(read_record(r, opcode, &record, at));
         if (record.cut)
             return spin_malformed("record %02x at byte %zu is too short", opcode, at);
     }
     if (opcode != FOOTER)
-        return spin_malformed("the last record is no footer");
+        return spin_malformed("the last record is not a footer");
     return r->splats->centres ? end_chunk(r) : SPIN_OK;
 }
 
@@ -587,9 +587,9 @@ static spin_status read_all(struct reader *r)
     static const unsigned all = 1u << HEADER | 1u << QUANTIZATION | 1u << WINDOWS | 1u << FOOTER;
 
     if (r->size < 2 * MAGIC_BYTES || memcmp(r->file, MAGIC, MAGIC_BYTES) != 0)
-        return spin_malformed("it does not begin as a .4dgs of version 1");
+        return spin_malformed("it does not begin with the magic of .4dgs version 1");
     if (memcmp(r->file + r->size - MAGIC_BYTES, MAGIC, MAGIC_BYTES) != 0)
-        return spin_malformed("it is cut short: it does not end as a .4dgs");
+        return spin_malformed("it is truncated: the magic at its end is missing");
     SPIN_TRY(read_records(r));
     if (r->seen != all)
         return spin_malformed("it has no %s",

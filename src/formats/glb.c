@@ -34,11 +34,11 @@ static spin_status find_chunks(const unsigned char *file, size_t size, uint64_t 
     *n_chunk = 0;
     if (size < json_at || memcmp(file, "glTF", 4) != 0 || spin_u32_at(file + 4) != 2 ||
         spin_u32_at(file + 8) != size || memcmp(file + 16, "JSON", 4) != 0)
-        return spin_malformed("not a GLB of its length");
+        return spin_malformed("no GLB header, or one with another length");
     *n_json = spin_u32_at(file + 12);
     at = json_at + *n_json;
     if (at > size)
-        return spin_malformed("the JSON ends behind the file");
+        return spin_malformed("the JSON extends beyond the file");
     if (at == size)
         return SPIN_OK;
     if (at + CHUNK_HEADER > size || memcmp(file + at + 4, "BIN", 4) != 0 ||
@@ -93,10 +93,10 @@ static spin_status find_view(const struct spin_glb_file *glb, const spin_json *v
     const spin_json *buffer = spin_glb_item(glb, "buffers", spin_json_get(view, "buffer"));
 
     if (!view || spin_glb_integer(view, "buffer", 0) != 0 || spin_json_get(buffer, "uri"))
-        return spin_malformed("it does not lie in the file");
+        return spin_malformed("its bytes are not in the file");
     if (at < 0 || length < 0 || (uint64_t)at > glb->n_bytes ||
         (uint64_t)length > glb->n_bytes - (uint64_t)at)
-        return spin_malformed("it ends behind the file");
+        return spin_malformed("it extends beyond the file");
     *bytes = glb->bytes + at;
     *n_bytes = (uint64_t)length;
     return SPIN_OK;
@@ -128,14 +128,14 @@ spin_status spin_glb_find(const struct spin_glb_file *glb, const spin_json *acce
     out->normalised = out->normalised && component != SPIN_GLB_F32;
     if (!type || strcmp(type, types[width]) != 0 || spin_json_get(accessor, "sparse") ||
         !((out->normalised ? SPIN_GLB_NORMALISED(kind) : kind) & allowed))
-        return spin_malformed("it is missing or of another kind");
+        return spin_malformed("it is missing or has an unsupported type");
     SPIN_TRY(find_view(glb, view, &out->at, &length));
     row = (int64_t)(width * component_bytes(out->component));
     stride = spin_glb_integer(view, "byteStride", row);
     if (n < 0 || offset < 0 || stride < row || stride > MAX_STRIDE || offset > (int64_t)length ||
         (n > 0 &&
          ((int64_t)length - offset < row || ((int64_t)length - offset - row) / stride < n - 1)))
-        return spin_malformed("it ends behind the file");
+        return spin_malformed("it extends beyond the file");
     out->at += offset;
     out->n = (size_t)n;
     out->stride = (size_t)stride;
@@ -231,7 +231,7 @@ spin_status spin_gs_glb_find(const struct spin_glb_file *glb, const spin_json *p
 
     *out = (struct spin_gs_glb_points){.glb = glb, .attributes = attributes};
     if (!extension || spin_glb_integer(primitive, "mode", SPIN_GLB_TRIANGLES) != SPIN_GLB_POINTS)
-        return spin_malformed("it shows no points with " SPIN_GLB_SPLATS);
+        return spin_malformed("it is not a mesh of points with " SPIN_GLB_SPLATS);
     SPIN_TRY(check_value(extension, "kernel", "ellipse", NULL));
     SPIN_TRY(check_value(extension, "projection", "perspective", NULL));
     SPIN_TRY(check_value(extension, "colorSpace", "srgb_rec709_display", LINEAR));

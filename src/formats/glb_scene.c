@@ -38,7 +38,7 @@ static spin_status read_numbers(const spin_json *list, size_t n, double *out)
     for (size_t i = 0; list && i < n; i++) {
         if (spin_json_length(list) != n || !spin_json_number(spin_json_at(list, i), &out[i]) ||
             !(fabs(out[i]) < MAX_SIZE))
-            return spin_malformed("its place in the scene is not made of %zu numbers", n);
+            return spin_malformed("its transform does not consist of %zu numbers", n);
     }
     return SPIN_OK;
 }
@@ -122,7 +122,7 @@ static spin_status join_children(struct nodes *nodes, size_t i, const spin_json 
 
         if (!spin_json_integer(spin_json_at(children, k), &child) || child < 0 ||
             (size_t)child >= nodes->n || nodes->node[child].parent >= 0)
-            return spin_malformed("its children are no nodes or those of another");
+            return spin_malformed("its children do not exist or have another parent");
         nodes->node[child].parent = (int64_t)i;
     }
     return SPIN_OK;
@@ -140,14 +140,14 @@ static spin_status mark_scene(const spin_json *json, struct nodes *nodes)
         return SPIN_OK;
     }
     if (scene < 0 || !spin_json_at(scenes, (size_t)scene))
-        return spin_malformed("its scene is not there");
+        return spin_malformed("its scene does not exist");
     list = spin_json_get(spin_json_at(scenes, (size_t)scene), "nodes");
     for (size_t i = 0; i < spin_json_length(list); i++) {
         int64_t node = -1;
 
         if (!spin_json_integer(spin_json_at(list, i), &node) || node < 0 ||
             (size_t)node >= nodes->n)
-            return spin_malformed("its scene has a node that is not there");
+            return spin_malformed("its scene has a node that does not exist");
         nodes->node[node].in_scene = true;
     }
     return SPIN_OK;
@@ -320,7 +320,8 @@ static spin_status add_channel(struct build *b, const spin_json *animation,
         return SPIN_OK;
     }
     if ((size_t)node >= b->nodes.n || b->nodes.node[node].key >= 0)
-        return spin_malformed("an animation switches a node that is not there, or twice");
+        return spin_malformed(
+            "an animation switches a node that does not exist, or switches it twice");
     SPIN_TRY(spin_glb_find(&s->file,
                            spin_glb_item(&s->file, "accessors", spin_json_get(sampler, "input")), 1,
                            SPIN_GLB_IS(SPIN_GLB_F32), &key->time));
@@ -376,7 +377,7 @@ static spin_status gather_times(struct build *b)
         for (size_t i = 0; i < b->key[k].n && !has_times_before(b, k); i++, n++) {
             spin_glb_row(&b->key[k].time, i, &b->time[n]);
             if (!isfinite(b->time[n]) || (i > 0 && b->time[n] <= b->time[n - 1]))
-                return spin_malformed("keys whose times do not increase");
+                return spin_malformed("the times of an animation's keys do not increase");
         }
     }
     qsort(b->time, n, sizeof *b->time, by_time);

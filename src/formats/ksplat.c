@@ -104,7 +104,7 @@ static spin_status read_section(const unsigned char *file, size_t size, const st
                                 MAX_SH_DEGREE);
     out->row = row_bytes(f->level, out->sh_degree);
     if (rows > size || room > (size - rows) / out->row || out->n > room)
-        return spin_malformed(".ksplat whose section %u ends behind the file", index);
+        return spin_malformed(".ksplat whose section %u extends beyond the file", index);
     *at = rows + room * out->row;
     out->lengths = file + lengths;
     out->centres = file + centres;
@@ -115,7 +115,7 @@ static spin_status read_section(const unsigned char *file, size_t size, const st
         return SPIN_OK;
     if ((n_buckets > 0 && u16_at(h + 20) != CENTRE_BYTES) ||
         n_buckets != (uint64_t)out->n_full + spin_u32_at(h + 36))
-        return spin_malformed(".ksplat whose section %u has no sound buckets", index);
+        return spin_malformed(".ksplat whose section %u has invalid buckets", index);
     return check_buckets(out, index);
 }
 

@@ -310,7 +310,7 @@ static spin_status parse_1_sh(struct reading *r, const spin_json *sh_n)
     if (r->sog.sh_degree == 0 || !spin_json_number(spin_json_get(sh_n, "mins"), &least) ||
         !spin_json_number(spin_json_get(sh_n, "maxs"), &largest) || fabs(least) > 1e9 ||
         fabs(largest) > 1e9)
-        return spin_malformed("SOG whose 'shN' has no sound shape, mins and maxs");
+        return spin_malformed("SOG whose 'shN' has no valid shape, mins and maxs");
     fill_range(least, largest, r->sog.sh_n);
     return SPIN_OK;
 }
@@ -391,7 +391,7 @@ static spin_status find_picture(struct reading *r, enum spin_sog_picture p)
     if (!r->folder && name)
         member = spin_zip_find(&r->zip, name);
     if (!member)
-        return spin_malformed("SOG without its picture '%s'", pictures[p].name);
+        return spin_malformed("SOG without its image '%s'", pictures[p].name);
     r->file[p].size = (size_t)member->size;
     return spin_zip_read(&r->zip, member, true, r->zip.map.size, &r->file[p].data,
                          &r->file[p].owned);
@@ -418,7 +418,7 @@ static spin_status open_picture(struct reading *r, enum spin_sog_picture p)
     pixels = (int64_t)width * height;
     if (pixels < least || pixels > 2 * least + SLACK ||
         (p == SPIN_SOG_CENTROIDS && width != least_width))
-        return spin_malformed("SOG with a picture '%s' of %dx%d pixels", pictures[p].name, width,
+        return spin_malformed("SOG with an image '%s' of %dx%d pixels", pictures[p].name, width,
                               height);
     r->file[p].width = width;
     r->file[p].height = height;
@@ -480,7 +480,8 @@ static spin_status read_quats(const struct reading *r, uint8_t **a, float *quats
     SPIN_TRY(read_picture(r, SPIN_SOG_QUATS, a));
     for (size_t i = 0; i < r->sog.n; i++)
         if (!spin_sog_rotation(*a + 4 * i, quats + 4 * i))
-            return spin_malformed("SOG whose rotation %zu has the mark %d", i, (*a)[4 * i + 3]);
+            return spin_malformed("SOG whose rotation %zu has the invalid mark %d", i,
+                                  (*a)[4 * i + 3]);
     return SPIN_OK;
 }
 

@@ -98,8 +98,9 @@ spin_status spin_sog_4d_files(struct spin_sog_4d *r, const spin_json *object, co
 
         if (!file || !spin_sog_4d_name_is_plain(file) || strcmp(file, "meta.json") == 0 ||
             (i > 0 && strcmp(file, r->name[first]) == 0))
-            return spin_malformed("%s whose '%s' names '%.60s', which is no picture", r->what, name,
-                                  file ? file : "");
+            return spin_malformed(
+                "%s whose '%s' names '%.60s', which is not a valid name of an image", r->what, name,
+                file ? file : "");
         r->name[first + i] = file;
     }
     return SPIN_OK;
@@ -217,10 +218,10 @@ static spin_status open_picture(const struct spin_sog_4d *r, enum spin_sog_4d_pi
         SPIN_TRY(spin_strdup(r->name[p], &name));
     member = spin_zip_find(&r->zip, name);
     status = member ? spin_zip_read(&r->zip, member, true, MAX_PICTURE, &data, &owned)
-                    : spin_malformed("it is not there");
+                    : spin_malformed("it is missing");
     if (status == SPIN_OK)
         status = decode(r, data, (size_t)member->size, set, out);
-    return spin_fail_context(status, "picture '%s' of %s", name, r->what);
+    return spin_fail_context(status, "image '%s' of %s", name, r->what);
 }
 
 /* Reads channels of image p, and of the image of high bytes if there is one, as numbers of a range.
@@ -240,7 +241,7 @@ static spin_status read_numbers(struct set *set, enum spin_sog_4d_picture p,
 
             to[c][step * i] = spin_sog_number(range, linear, c, q, wide ? 65535 : 255);
             if (!isfinite(to[c][step * i]))
-                return spin_malformed("picture '%s' of %s: row %zu is not finite", set->r->name[p],
+                return spin_malformed("image '%s' of %s: row %zu is not finite", set->r->name[p],
                                       set->r->what, i);
         }
     return SPIN_OK;
@@ -257,7 +258,7 @@ static spin_status read_books(struct set *set, enum spin_sog_4d_picture p,
             uint8_t k = set->low[4 * i + c];
 
             if (k >= book[c]->n)
-                return spin_malformed("picture '%s' of %s: row %zu has entry %d of a book of %zu",
+                return spin_malformed("image '%s' of %s: row %zu has entry %d of a book of %zu",
                                       set->r->name[p], set->r->what, i, k, book[c]->n);
             to[c][step[c] * i] = book[c]->value[k];
         }
@@ -269,7 +270,7 @@ static spin_status read_quats(struct set *set, float *quats)
     SPIN_TRY(open_picture(set->r, SPIN_4D_QUATS, set, &set->low));
     for (size_t i = 0; i < set->n; i++)
         if (!spin_sog_rotation(set->low + 4 * i, quats + 4 * i))
-            return spin_malformed("picture '%s' of %s: row %zu has the mark %d",
+            return spin_malformed("image '%s' of %s: row %zu has the invalid mark %d",
                                   set->r->name[SPIN_4D_QUATS], set->r->what, i,
                                   set->low[4 * i + 3]);
     return SPIN_OK;

@@ -152,7 +152,7 @@ static spin_status read_segments(struct spin_sog_4d *r, struct spin_sogst *out,
         SPIN_TRY(read_group(r, spin_json_get(spin_json_at(list, k), "range"),
                             spin_json_at(names, k), &end, to));
     if (end != r->n)
-        return spin_malformed(".sogst whose 'segments' hold %zu of %zu splats", end, r->n);
+        return spin_malformed(".sogst whose 'segments' contain %zu of %zu splats", end, r->n);
     return streams ? SPIN_OK : spin_sog_4d_rows(r, NULL, 0, r->n, splats);
 }
 
@@ -246,7 +246,7 @@ static spin_status read_scalars(const struct spin_ply *ply, int degree, struct s
     if (isnan(s.first) || isnan(s.last) || isnan(s.fps))
         return spin_malformed("no comments sogst.time_min, sogst.time_max and sogst.fps");
     if (!isnan(s.degree) && s.degree != degree)
-        return spin_malformed("it says motion of degree %g and has properties of degree %d",
+        return spin_malformed("it declares motion of degree %g but has properties of degree %d",
                               s.degree, degree);
     for (int k = 0; k < 2; k++)
         if (!(s.cov2d[k] >= 0 && (s.cov2d[k] > 0) == (s.cov2d[0] > 0) && s.cov2d[k] < 1e6))

@@ -60,7 +60,7 @@ static spin_status get_whole(const spin_json *object, const char *key, int64_t l
                              int64_t *out)
 {
     if (!spin_json_integer(spin_json_get(object, key), out) || *out < least || *out > most)
-        return spin_malformed("header: '%s' is no whole number from %lld to %lld", key,
+        return spin_malformed("header: '%s' is not an integer from %lld to %lld", key,
                               (long long)least, (long long)most);
     return SPIN_OK;
 }
@@ -68,7 +68,7 @@ static spin_status get_whole(const spin_json *object, const char *key, int64_t l
 static spin_status get_positive(const spin_json *object, const char *key, double *out)
 {
     if (!spin_json_number(spin_json_get(object, key), out) || !isfinite(*out) || *out <= 0)
-        return spin_malformed("header: '%s' is no positive number", key);
+        return spin_malformed("header: '%s' is not a positive number", key);
     return SPIN_OK;
 }
 
@@ -159,7 +159,7 @@ static spin_status unpack(const struct stream *s, const unsigned char *packed, s
     uint64_t bytes = (uint64_t)s->n * (unsigned)s->symbol;
 
     if (s->bytes > room)
-        return spin_malformed("a stream of '%s' ends behind its section", name);
+        return spin_malformed("a stream of '%s' extends beyond its section", name);
     if (s->n != n)
         return spin_malformed("a stream of '%s' has %zu values, expected %llu", name, s->n,
                               (unsigned long long)n);
@@ -205,7 +205,7 @@ static spin_status static_stream(const struct spin_splat4d *clip, size_t *at, in
     *s = stream_at(section + *at);
     *at += STREAM_HEAD;
     if (s->attribute != attribute || s->kind != STATIC)
-        return spin_malformed("the static section has something else than '%s'",
+        return spin_malformed("the static section has another stream instead of '%s'",
                               attributes[attribute].name);
     SPIN_TRY(unpack(s, section + *at, clip->static_bytes - *at, n, planes));
     *at += s->bytes;
@@ -280,7 +280,7 @@ static spin_status read_static(struct spin_splat4d *clip)
         SPIN_TRY(status);
     }
     if (at != clip->static_bytes)
-        return spin_malformed("the static section has more than its streams");
+        return spin_malformed("the static section has bytes after its streams");
     return SPIN_OK;
 }
 
@@ -313,14 +313,14 @@ static spin_status unpack_group(struct spin_splat4d *clip, size_t group)
     size_t at = 2 + STREAM_HEAD * n;
 
     if (at > g->bytes)
-        return spin_malformed("it ends in its heads");
+        return spin_malformed("it ends within the headers of its streams");
     for (size_t i = 0; i < n; i++) {
         struct stream s = stream_at(section + 2 + STREAM_HEAD * i);
 
         if (s.attribute >= SPIN_SPLAT4D_ATTRIBUTES || s.kind > CHANGE ||
             clip->attribute[s.attribute].planes[s.kind])
             return spin_malformed(
-                "stream %zu, of attribute %d and kind %d, is unknown, or there twice", i,
+                "stream %zu, of attribute %d and kind %d, is unknown or occurs twice", i,
                 s.attribute, s.kind);
         SPIN_TRY(unpack(&s, section + at, g->bytes - at,
                         n_symbols(clip, group, s.attribute, s.kind),
@@ -334,7 +334,7 @@ static spin_status unpack_group(struct spin_splat4d *clip, size_t group)
                 return spin_malformed("it has no %s of '%s'", kind == KEY ? "key" : "changes",
                                       attributes[a].name);
     if (at != g->bytes)
-        return spin_malformed("it has more than its streams");
+        return spin_malformed("it has bytes after its streams");
     return SPIN_OK;
 }
 

@@ -229,7 +229,7 @@ static spin_status check_streams(const unsigned char *file, size_t size, struct 
     int entry = 0;
 
     if (toc < SPIN_SPZ_HEADER_4 || at > size)
-        return spin_malformed("SPZ whose table of contents ends behind the file");
+        return spin_malformed("SPZ whose table of contents extends beyond the file");
     for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++) {
         uint64_t bytes = stream_bytes(h, stream);
         const unsigned char *e = file + toc + SPIN_SPZ_TOC_ENTRY * entry;
@@ -239,11 +239,11 @@ static spin_status check_streams(const unsigned char *file, size_t size, struct 
         if (entry++ >= file[15] || u64_at(e + 8) != bytes)
             return spin_malformed("SPZ whose stream %d is not of %zu splats", stream, h->n);
         if (u64_at(e) > size - at)
-            return spin_malformed("SPZ whose stream %d ends behind the file", stream);
+            return spin_malformed("SPZ whose stream %d extends beyond the file", stream);
         at += u64_at(e);
     }
     if (entry != file[15] || at != size)
-        return spin_malformed("SPZ with more than its streams");
+        return spin_malformed("SPZ with bytes after its streams");
     SPIN_TRY(check_count(h, size));
     return file[14] & EXTENDED
                ? read_extensions(file + SPIN_SPZ_HEADER_4, toc - SPIN_SPZ_HEADER_4, h)

@@ -62,7 +62,7 @@ static spin_status check_archive(const struct spin_zip *zip)
         n_names += strlen(m->name) + CENTRAL_BYTES;
         if ((m->method != METHOD_STORED && m->method != METHOD_DEFLATE) || !header_agrees(zip, m))
             return spin_malformed(
-                "TSOG whose member '%.60s' has another header than its directory says", m->name);
+                "TSOG whose member '%.60s' has a header that differs from the directory", m->name);
     }
     if (n_names > MAX_DIRECTORY)
         return spin_malformed("TSOG with a directory of %zu bytes", n_names);
@@ -225,7 +225,7 @@ static spin_status read_sound(const struct spin_sog_4d *r, struct spin_tsog *out
         return fail_meta("audio.file", "the name of a member");
     for (int p = 0; p < SPIN_4D_PICTURES; p++)
         if (r->name[p] && strcmp(r->name[p], file) == 0)
-            return fail_meta("audio.file", "another than the pictures");
+            return fail_meta("audio.file", "the name of a file other than the images");
     type = spin_json_get(sound, "mimeType");
     if (type ? !spin_json_string(type) || !is_sound_type(spin_json_string(type))
              : !is_sound_name(file))
@@ -234,7 +234,7 @@ static spin_status read_sound(const struct spin_sog_4d *r, struct spin_tsog *out
     if (volume && (!spin_json_number(volume, &loud) || !(loud >= 0 && loud <= 1)))
         return fail_meta("audio.volume", "from 0 to 1");
     if (out->time == SPIN_TSOG_STATIC && out->duration == 0)
-        return fail_meta("playback.duration", "given, which a still with sound needs");
+        return fail_meta("playback.duration", "given, as a static file with sound requires");
     member = spin_zip_find(&r->zip, file);
     if (!member || member->size > MAX_SOUND)
         return spin_malformed("TSOG without its sound '%.60s', or one above 128 MiB", file);

@@ -46,8 +46,8 @@ static spin_status check_pairs(const struct spin_raster *r)
     if (needed <= available || (available == 0 && !r->device->is_host))
         return SPIN_OK;
     return spin_fail(SPIN_E_MEMORY,
-                     "cannot draw a view: its %llu pairs of splats and tiles need %s and %s are "
-                     "free: the splats are too large, or the image is",
+                     "cannot render a view: its %llu pairs of splats and tiles need %s, but %s are "
+                     "free; the splats or the image are too large",
                      (unsigned long long)r->tiles.n_intersections, spin_text_bytes(needed, needs),
                      spin_text_bytes(available, has));
 }

@@ -244,10 +244,10 @@ static spin_status open_clip_of_state(struct spin_bundle *b)
     snprintf(clip, n, "%s" SPIN_CLIP_OF_STATE, b->path);
     if (!spin_path_exists(clip))
         return spin_unsupported(
-            "it is the state of an unfinished training: spin-retrain --resume goes on "
-            "with it, and --watch DIR keeps such a state as a clip, DIR/state.spin");
+            "it is the checkpoint of an unfinished training: continue it with spin-retrain "
+            "--resume; with --watch DIR, the clip so far is DIR/state.spin");
     spin_npz_close(&b->npz);
-    spin_log(0, "'%s' is the state of an unfinished training: the clip as it was is in '%s'",
+    spin_log(0, "'%s' is the checkpoint of an unfinished training: reading the clip so far, '%s'",
              b->path, clip);
     return spin_npz_open(clip, &b->npz);
 }
@@ -305,7 +305,7 @@ static spin_status find_group(const struct spin_bundle *b, int frame, enum spin_
         return spin_not_found("'%s' has no refined splats with these columns", b->path);
     if (missing)
         return spin_not_found(
-            "'%s' has no '%s' of its source%s", b->path, spin_column_name(missing),
+            "'%s' has no column '%s' of its source%s", b->path, spin_column_name(missing),
             (b->meta.columns & SPIN_COL_ATTRIBUTES) == 0 ? ", only positions: run spin-retrain"
                                                          : "");
     return spin_map_check(&b->npz.zip.map);
@@ -354,11 +354,10 @@ static spin_status load_4d(struct spin_bundle *b, struct spin_splats_4d *s)
         spin_bundle_values_close(&v);
     }
     SPIN_TRY(spin_splats_4d_settle(s, &n_dropped, NULL));
-    return n_dropped
-               ? spin_malformed("source/4d: %zu of %zu rows have values that are not finite or no "
-                                "rotation",
-                                n_dropped, meta->n)
-               : SPIN_OK;
+    return n_dropped ? spin_malformed("source/4d: %zu of %zu rows have values that are not finite "
+                                      "or rotations of length zero",
+                                      n_dropped, meta->n)
+                     : SPIN_OK;
 }
 
 spin_status spin_bundle_splats_4d(struct spin_bundle *bundle, const struct spin_splats_4d **out)
@@ -379,11 +378,10 @@ static spin_status slice(struct spin_bundle *b, int frame, unsigned columns,
 
     SPIN_TRY(spin_bundle_splats_4d(b, &s));
     SPIN_TRY(spin_splats_4d_slice(s, info->time, columns, out));
-    return out->n == info->n
-               ? SPIN_OK
-               : spin_malformed("'%s': meta.json says %zu splats of frame %d, its time "
-                                "%g shows %zu",
-                                b->path, info->n, frame, info->time, out->n);
+    return out->n == info->n ? SPIN_OK
+                             : spin_malformed("'%s': meta.json lists %zu splats of frame %d, but "
+                                              "at its time %g there are %zu",
+                                              b->path, info->n, frame, info->time, out->n);
 }
 
 static spin_status read_frame(struct spin_bundle *bundle, int frame, enum spin_splat_source from,

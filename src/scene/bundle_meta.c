@@ -74,9 +74,7 @@ static spin_status read_columns(const spin_json *root, const char *key, unsigned
         if (!name)
             return spin_meta_fail(key, "a list of names");
         if (!spin_column_named(name))
-            return spin_unsupported("meta.json: '%s' names a column '%.40s' that this "
-                                    "version does not know",
-                                    key, name);
+            return spin_unsupported("meta.json: '%s' names the unknown column '%.40s'", key, name);
         *out |= spin_column_named(name);
     }
     return SPIN_OK;
@@ -185,7 +183,8 @@ static spin_status read_4d(struct spin_bundle_meta *meta, const spin_json *root)
     SPIN_TRY(spin_meta_integer(json, "n", 1, UINT32_MAX, &n));
     SPIN_TRY(spin_meta_integer(json, "degree", 0, 3, &degree));
     if (meta->columns != (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES) || meta->static_columns)
-        return spin_malformed("meta.json: 'columns' of 4D splats are other than all attributes");
+        return spin_malformed(
+            "meta.json: 'columns' of 4D splats must be the means and all attributes");
     *s = (struct spin_splats_4d){.n = (size_t)n,
                                  .degree = (int)degree,
                                  .sh_degree = meta->sh_degree,
@@ -204,9 +203,8 @@ static spin_status read_4d(struct spin_bundle_meta *meta, const spin_json *root)
         unsigned part = name ? spin_array_4d_part(name) : 0;
 
         if (!part)
-            return spin_unsupported(
-                "meta.json: 'arrays' names '%.40s', which this version does not know",
-                name ? name : "");
+            return spin_unsupported("meta.json: 'arrays' names the unknown array '%.40s'",
+                                    name ? name : "");
         meta->parts |= part;
     }
     return SPIN_OK;
@@ -221,8 +219,9 @@ spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json
         return spin_meta_fail("format", "'" FORMAT "'");
     SPIN_TRY(spin_meta_integer(root, "version", 1, INT_MAX, &version));
     if (version > VERSION_4D)
-        return spin_unsupported("it is of version %lld, this program reads versions %d to %d",
-                                (long long)version, VERSION, VERSION_4D);
+        return spin_unsupported(
+            "bundle version %lld, expected %d to %d: a newer spin4d may read it",
+            (long long)version, VERSION, VERSION_4D);
     read_text(root, "from", meta->from, sizeof meta->from);
     read_text(root, "upstream", meta->upstream, sizeof meta->upstream);
     read_text(root, "variant", meta->variant, sizeof meta->variant);

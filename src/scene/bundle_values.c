@@ -168,8 +168,8 @@ static spin_status look_at(struct spin_bundle *b, const char *series, const char
     SPIN_TRY(spin_array_check_shape(name, &a, n_dims + packed, wanted));
     if ((!packed && (a.kind != kind || a.item_size != 4 || a.big_endian)) ||
         (packed && (a.shape[0] < 1 || a.shape[0] > 4)) || !spin_array_is_contiguous(&a))
-        return spin_malformed("array '%s' is neither of little-endian %s nor of one to four planes "
-                              "of bytes, in row-major order",
+        return spin_malformed("array '%s' is neither little-endian %s nor one to four byte planes, "
+                              "in row-major order",
                               name, kind == 'f' ? "float32" : "uint32");
     out->n_planes = packed ? (int)a.shape[0] : 0;
     out->n_dims = n_dims;
@@ -216,8 +216,8 @@ static spin_status take_key(struct spin_bundle *b, const char *series, const cha
         same = same && key->shape[d] == out->shape[d];
     if (!same)
         return spin_malformed("array '%s' has %" PRIu64
-                              " rows of differences from frame 0, which has %" PRIu64
-                              " rows, or whose words are of another kind or width",
+                              " rows of differences from frame 0, which has only %" PRIu64
+                              " rows, or words of another type or width",
                               name, rows, key->shape[0]);
     out->key = key->words;
     out->n_key = rows * out->width;
@@ -237,7 +237,7 @@ static spin_status open_values(struct spin_bundle *b, const char *series, int fr
     bytes = (uint64_t)(out->n_planes ? out->n_planes : 4) * out->count;
     SPIN_TRY(spin_npz_take(&b->npz, name, bytes < CRC_LIMIT, &a, &out->owned));
     if (a.n_bytes != bytes)
-        return spin_malformed("array '%s' has changed while it was read", name);
+        return spin_malformed("array '%s' was changed while it was being read", name);
     out->bytes = a.data;
     if (out->n_planes == 0 && !out->owned && out->n_key == 0)
         out->floats = spin_array_f32(&a);

@@ -54,7 +54,7 @@ spin_status spin_times_check(const struct spin_frame_info *info, const int *inde
     for (int i = 1; i < n; i++)
         if (sorted[i].time == sorted[i - 1].time)
             return spin_malformed(
-                "frames %d and %d are both at time %g, expected another time for every frame",
+                "frames %d and %d have the same time, %g; every frame needs its own",
                 sorted[i - 1].number, sorted[i].number, sorted[i].time);
     return SPIN_OK;
 }
@@ -75,7 +75,7 @@ static spin_status hold_out(struct spin_clip *clip)
         camera[i] = id > INT_MAX ? -1 : (int)id;
     }
     if (n > 0 && spin_views_split(&clip->views, camera, (int)n) != SPIN_OK)
-        spin_warn("'%s' lacks cameras that the training held out: its own test views are taken",
+        spin_warn("'%s' lacks cameras that the training held out: using its own test views",
                   clip->data_path);
     return SPIN_OK;
 }
@@ -117,13 +117,14 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
     }
     if (!path) {
         if (o->needs_views || o->data_from)
-            return spin_misuse("'%s' names no data set: say where the images are with --data",
-                               o->input);
+            return spin_misuse(
+                "'%s' has no path of a data set: give the folder of the images with --data",
+                o->input);
         return SPIN_OK;
     }
     clip->data_path = path;
     if (!spin_path_exists(path) && !o->needs_views && !o->data)
-        return spin_not_found("the data set '%s' is not there", path);
+        return spin_not_found("the data set '%s' does not exist", path);
     SPIN_TRY(spin_views_open(path, from, &clip->views, clip->data_from, sizeof clip->data_from));
     clip->has_views = true;
     if (o->n_test_cameras > 0)
@@ -175,7 +176,8 @@ static spin_status open_bundle(const char *path, struct spin_bundle *out)
         return status;
     snprintf(why, sizeof why, "%s", spin_last_error());
     if (spin_importer_find(path, NULL, false, &importer) == SPIN_OK)
-        return spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is not a bundle: spin-import reads it (%s)",
+        return spin_fail(SPIN_E_NOT_RECOGNISED,
+                         "'%s' is not a bundle: convert it with spin-import (importer '%s') first",
                          path, importer->name);
     if (!spin_bundle_looks_like(path) && spin_foreign_input(path, false, what, sizeof what))
         return spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is not a bundle: %s", path, what);
@@ -196,7 +198,7 @@ static spin_status open_data(const struct spin_clip_options *o, struct spin_clip
         status = pair_rows(o, clip);
     if (status == SPIN_OK || status == SPIN_E_MEMORY || named || o->needs_views)
         return status;
-    spin_warn("'%s': %s: its cameras are not used; --data says where the data set is", o->input,
+    spin_warn("'%s': %s: continuing without its cameras; give the data set with --data", o->input,
               spin_last_error());
     spin_views_free(&clip->views);
     clip->has_views = false;

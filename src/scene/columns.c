@@ -53,7 +53,8 @@ static spin_status column_reserve(float **column, size_t *held, size_t n, size_t
     size_t bytes;
 
     if (!spin_mul_size(n, row_bytes, &bytes))
-        return spin_fail(SPIN_E_MEMORY, "%zu splats are more than memory can hold", n);
+        return spin_fail(SPIN_E_MEMORY, "%zu splats need more memory than a process can address",
+                         n);
     if (*column && bytes <= *held)
         return SPIN_OK;
     free(*column);

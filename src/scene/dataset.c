@@ -123,7 +123,7 @@ static spin_status keep_spec(const char *from, const struct spin_importer *impor
     size_t n = strlen(importer->name) + strlen(options);
 
     if (used && n >= n_used)
-        return spin_misuse("'%s%s' has %zu letters, expected less than %zu", importer->name,
+        return spin_misuse("'%s%s' has %zu characters, expected fewer than %zu", importer->name,
                            options, n, n_used);
     if (used)
         snprintf(used, n_used, "%s%s", importer->name, options);
@@ -188,7 +188,7 @@ static spin_status scale_camera(struct spin_camera *camera, double image_scale)
     double sx = width / camera->width, sy = height / camera->height;
 
     if (!(width >= 1 && height >= 1 && width <= INT_MAX && height <= INT_MAX))
-        return spin_misuse("scale %g leaves nothing of an image of %d x %d pixels", image_scale,
+        return spin_misuse("scale %g is out of range for an image of %d x %d pixels", image_scale,
                            camera->width, camera->height);
     camera->width = (int)width;
     camera->height = (int)height;
@@ -269,8 +269,8 @@ static spin_status pair_by_order(const struct spin_views *views,
 
     for (int i = 0; i < meta->n_frames; i++) {
         if (meta->source_index[i] >= views->n_dataset_frames)
-            return spin_misuse("cannot pair frames by order: the clip has a frame at place %d, the "
-                               "data set has %s",
+            return spin_misuse("cannot pair frames by order: the clip has a frame at position %d, "
+                               "the data set has %s",
                                meta->source_index[i],
                                spin_text_count(views->n_dataset_frames, "frame", frames));
         dataset_frame_of[i] = meta->source_index[i];
@@ -432,8 +432,8 @@ static void warn_cut(const struct spin_views *views, const float *points, size_t
         }
     }
     if (worst)
-        spin_warn("camera %d does not draw %.0f %% of the splats in its image, which are nearer "
-                  "than its near plane at %.3g world units: is it among them?",
+        spin_warn("camera %d: %.0f %% of the splats in its image are cut off by the near plane at "
+                  "%.3g world units: check whether the camera is inside the scene's splats",
                   worst->camera_id, 100 * most, spin_camera_near(&worst->camera));
 }
 
@@ -517,7 +517,7 @@ spin_status spin_views_check_cameras(const struct spin_views *views, bool warns)
     }
     if (status == SPIN_OK && warns && n_small > 0)
         spin_warn("the images of %d of %d cameras are smaller than their cameras and are enlarged, "
-                  "such as %s: a smaller --scale takes them as they are",
+                  "such as %s: use a smaller --scale to avoid that",
                   n_small, n, first);
     return status;
 }

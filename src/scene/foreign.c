@@ -73,19 +73,19 @@ static void describe_file(const char *path, const struct kind *kind, bool want_v
     if (kind->is == ARCHIVE && memcmp(kind->magic, "PK", 2) == 0)
         find_member(path, member, sizeof member);
     if (*member)
-        snprintf(text, n_text, "it is %s with '%s' inside: unpack it and give what was in it",
+        snprintf(text, n_text, "it is %s that contains '%s': unpack it and give its contents",
                  kind->name, member);
     else if (kind->is == ARCHIVE)
-        snprintf(text, n_text, "it is %s: unpack it and give what was in it", kind->name);
+        snprintf(text, n_text, "it is %s: unpack it and give its contents", kind->name);
     else if (want_views && kind->is != DOCUMENT)
-        snprintf(text, n_text, "it is %s: give the folder that holds those of all cameras",
+        snprintf(text, n_text, "it is %s: give the folder that contains those of all cameras",
                  kind->name);
     else if (kind->is == DOCUMENT)
         snprintf(text, n_text, "it is %s", kind->name);
     else
         snprintf(text, n_text,
                  "it is %s, not splats: train one of the methods of 'spin-import --list' on it, "
-                 "then give the folder that this writes",
+                 "then give the folder that the method writes",
                  kind->name);
 }
 
@@ -119,11 +119,11 @@ static bool describe_folder(const char *path, bool want_views, char *text, size_
     else if (!same || kind->is == DOCUMENT)
         return false;
     else if (kind->is == ARCHIVE)
-        snprintf(text, n_text, "it holds an archive, '%s': unpack it", first);
+        snprintf(text, n_text, "it contains an archive, '%s': unpack it", first);
     else if (want_views)
         snprintf(text, n_text,
-                 "it is a folder of %ss without cameras that are known: spin-importers(7) says "
-                 "which files tell them",
+                 "it is a folder of %ss without a known file of cameras: see spin-importers(7) for "
+                 "the supported data sets",
                  strchr(kind->name, ' ') + 1);
     else
         snprintf(text, n_text,

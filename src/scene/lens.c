@@ -50,9 +50,8 @@ void spin_lenses_warn(const struct spin_lenses *lenses, const struct spin_views 
         const struct spin_view *view = &views->view[pairs[i].view];
 
         if (spin_lenses_find(lenses, &view->camera) < 0) {
-            spin_warn("camera %d has another lens than all that were learned: its pictures are "
-                      "drawn without a "
-                      "falloff",
+            spin_warn("camera %d matches none of the learned lenses: its images are rendered "
+                      "without falloff",
                       view->camera_id);
             return;
         }
@@ -146,8 +145,9 @@ spin_status spin_lenses_from_json(const spin_json *json, double scale, struct sp
     for (int i = 0; i < (int)n; i++)
         if (!read_lens(spin_json_at(json, (size_t)i), &out->lens[i])) {
             spin_lenses_free(out);
-            return spin_malformed(
-                "meta.json: lens %d has no size, focal length or falloff that makes sense", i);
+            return spin_malformed("meta.json: the size, focal length or falloff of lens %d is "
+                                  "missing or out of range",
+                                  i);
         }
     out->n = (int)n;
     return SPIN_OK;

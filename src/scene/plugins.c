@@ -101,9 +101,9 @@ static bool is_name(const char *name)
 static const char *importer_lacks(const struct spin_importer *importer)
 {
     if (importer->abi != SPIN_PLUGIN_ABI)
-        return "an importer in it is of another version";
+        return "an importer in it was built for another version of spin.h";
     if (!is_name(importer->name))
-        return "an importer in it has no name of a-z, 0-9, '-' and '_'";
+        return "an importer in it has an invalid name: use a-z, 0-9, '-' and '_'";
     if (!importer->summary)
         return "its importer has no summary";
     if (importer->open && !importer->frame)
@@ -116,9 +116,9 @@ static const char *importer_lacks(const struct spin_importer *importer)
 static const char *exporter_lacks(const struct spin_exporter *exporter)
 {
     if (exporter->abi != SPIN_PLUGIN_ABI)
-        return "an exporter in it is of another version";
+        return "an exporter in it was built for another version of spin.h";
     if (!is_name(exporter->name))
-        return "an exporter in it has no name of a-z, 0-9, '-' and '_'";
+        return "an exporter in it has an invalid name: use a-z, 0-9, '-' and '_'";
     if (!exporter->summary)
         return "its exporter has no summary";
     if (!exporter->begin || (!exporter->frame && !exporter->splats_4d) || !exporter->end ||
@@ -139,9 +139,8 @@ static bool add(struct list *list, const void *plugin, const char *name, const c
         if (list->entry[i].plugin == plugin) /* its object is listed twice in SPIN_PLUGIN_PATH */
             return false;
         if (strcmp(list->entry[i].name, name) == 0) {
-            keep_fault(name, "plug-in '%s': an %s called '%s' is there already: %s", path,
-                       list->kind, name,
-                       list->entry[i].origin ? list->entry[i].origin : "built in");
+            keep_fault(name, "plug-in '%s': an %s called '%s' exists already: %s", path, list->kind,
+                       name, list->entry[i].origin ? list->entry[i].origin : "built in");
             return false;
         }
     }
@@ -223,7 +222,7 @@ static void load_object(const char *given)
 
     stem_of(given, stem);
     if (spin_path_absolute(given, &path) != SPIN_OK) {
-        keep_fault(stem, "plug-in '%s' of SPIN_PLUGIN_PATH is not there", given);
+        keep_fault(stem, "plug-in '%s' of SPIN_PLUGIN_PATH does not exist", given);
         return;
     }
     object = dlopen(path, RTLD_NOW | RTLD_LOCAL);
@@ -303,10 +302,10 @@ static void warn_once(const char *chosen)
         const struct fault *f = &all.fault[i];
 
         if (!chosen || strcmp(f->name, chosen) != 0 || is_known(chosen))
-            spin_warn("%s; it is left out", f->text);
+            spin_warn("%s; it is skipped", f->text);
     }
     if (all.n_faults_lost)
-        spin_warn("SPIN_PLUGIN_PATH: %zu more plug-ins are left out", all.n_faults_lost);
+        spin_warn("SPIN_PLUGIN_PATH: %zu more plug-ins are skipped", all.n_faults_lost);
 }
 
 /* Without SPIN_PLUGIN_PATH this costs one getenv(). */

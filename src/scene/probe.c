@@ -180,7 +180,7 @@ static spin_status find_by_name(const char *from, bool want_views, const struct 
     if (spin_plugin_fault(from))
         return spin_unsupported("%s", spin_plugin_fault(from));
     list_names(want_views, names, sizeof names);
-    return spin_misuse("no importer of %s is called '%s'; there are %s",
+    return spin_misuse("no importer of %s is called '%s'; available: %s",
                        want_views ? "data sets" : "runs", from, names);
 }
 
@@ -249,7 +249,7 @@ static spin_status fail_foreign(const char *path, bool want_views)
     if (spin_foreign_input(path, want_views, what, sizeof what))
         return spin_fail(SPIN_E_NOT_RECOGNISED, "cannot recognise '%s': %s", path, what);
     return spin_fail(SPIN_E_NOT_RECOGNISED,
-                     "cannot recognise '%s': no importer knows it (see spin-import --list)", path);
+                     "cannot recognise '%s': no importer reads it (see spin-import --list)", path);
 }
 
 /* Looks for a run in the subfolders of an unrecognised folder. If there is exactly one and `in` is
@@ -286,7 +286,7 @@ static spin_status look_below(const struct spin_peek *peek, bool want_views,
         return SPIN_OK;
     }
     return spin_fail(SPIN_E_NOT_RECOGNISED, "cannot recognise '%s': %s '%s' (%s)", peek->path,
-                     n > 1        ? "it holds several, such as"
+                     n > 1        ? "it contains several, such as"
                      : want_views ? "the data set is in"
                                   : "the run is in",
                      below, first->name);
@@ -305,8 +305,8 @@ static spin_status fail_unknown(const struct spin_peek *peek, bool want_views)
     SPIN_TRY(spin_torch_open(peek->path, &torch));
     spin_torch_close(&torch);
     return spin_fail(SPIN_E_NOT_RECOGNISED,
-                     "cannot recognise '%s': a PyTorch checkpoint of no method that an importer "
-                     "knows (see spin-import --list)",
+                     "cannot recognise '%s': a PyTorch checkpoint that no importer reads (see "
+                     "spin-import --list)",
                      peek->path);
 }
 
@@ -320,7 +320,7 @@ static spin_status find_by_probe(const struct spin_peek *peek, bool want_views,
                                : fail_unknown(peek, want_views);
     if (c.second && c.score - c.second_score < TIE)
         return spin_fail(SPIN_E_NOT_RECOGNISED,
-                         "cannot recognise '%s': it may be '%s' or '%s'; say which with %s",
+                         "cannot recognise '%s': it may be '%s' or '%s'; choose one with %s",
                          peek->path, c.best->name, c.second->name,
                          want_views ? "--data-from" : "--from");
     *out = c.best;

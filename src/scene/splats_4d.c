@@ -231,7 +231,8 @@ spin_status spin_splats_4d_settle(struct spin_splats_4d *s, size_t *n_dropped, s
     size_t kept = 0;
 
     if (s->sh_cos && !(s->period > 0 && isfinite(s->period)))
-        return spin_malformed("colours in time with a period of %g", s->period);
+        return spin_malformed(
+            "time-varying colours have a period of %g, expected a positive number", s->period);
     for (size_t i = 0; i < s->n; i++) {
         if (!settle_row(s, i))
             continue;
@@ -342,7 +343,7 @@ spin_status spin_splats_4d_slice(const struct spin_splats_4d *s, double time, un
         if (spin_splats_4d_shows(s, i, time))
             fill_row(s, i, time, columns, out, k++);
     if (columns & SPIN_COL_MEANS && spin_finite_missing(out->means, 3 * n) > 0)
-        return spin_malformed("paths leave the range of numbers at time %g", time);
+        return spin_malformed("positions are not finite at time %g", time);
     return SPIN_OK;
 }
 

@@ -219,7 +219,7 @@ static void test_near(void)
     near_of(1, 200, 0.1f);
     ok(warned[0] == '\0', "one splat in 200 is not worth a warning: %s", warned);
     near_of(1, 30, 0.1f);
-    ok(strstr(warned, "camera 0 does not draw 3 % of the splats in its image") != NULL,
+    ok(strstr(warned, "camera 0: 3 % of the splats in its image are cut off") != NULL,
        "one in 30 is: %s", warned);
     spin_log_set_sink(NULL);
     spin_log_set_level(-1);
@@ -238,7 +238,7 @@ static void test_find(void)
            strstr(spin_last_error(), "panoptic"),
        "one that reads no views is not for data sets");
     ok(spin_importer_find(check_folder(), NULL, false, &found) == SPIN_E_NOT_RECOGNISED &&
-           strstr(spin_last_error(), "no importer knows it"),
+           strstr(spin_last_error(), "no importer reads it"),
        "an empty folder is not recognised");
     ok(spin_importer_find("no/such/thing", NULL, false, &found) != SPIN_OK &&
            strstr(spin_last_error(), "no/such/thing"),
