@@ -14,9 +14,9 @@
 #define MAGIC_BYTES 8
 #define MODEL "gaussian-birth"
 #define SCHEME "uniform-v1"
-#define NEVER_FADES 1 /* of the flags of a splat */
-/* A splat has 34 bytes or more before they are packed, and places of its own. What unpacks to far
- * more than 32 times its bytes is a bomb. */
+#define NEVER_FADES 1 /* flag of a splat */
+/* A splat takes at least 34 bytes before compression, and its position is its own. A file that
+ * unpacks to far more than 32 times its size is a decompression bomb. */
 #define ROW_BYTES 34
 #define RATIO 32
 #define SLACK (1u << 20)
@@ -76,21 +76,21 @@ struct reader {
     size_t size;
     struct spin_4dgs *info;
     struct spin_splats_4d *splats;
-    unsigned seen; /* bits of the records that come once */
+    unsigned seen; /* bits of the records that may occur only once */
     uint64_t n_said;
     double origin[3], step[N_STEPS];
     double *window; /* [n_windows][2] */
     size_t n_windows;
-    uint64_t n; /* splats of chunks so far */
+    uint64_t n; /* splats of all chunks so far */
     size_t n_chunks;
-    size_t first, n_in_chunk; /* rows of the last one */
-    unsigned bands;           /* of the last one: bits */
+    size_t first, n_in_chunk; /* rows of the last chunk */
+    unsigned bands;           /* bits of the SH bands of the last chunk */
     int32_t *steps[N_ATTRIBUTES];
 };
 
 /* ---- Bytes ----------------------------------------------------------------------------------- */
 
-/* What is left of a record. Once something is missing all that comes is zero. */
+/* The unread bytes of a record. After an attempt to read past the end, all values are zero. */
 struct cursor {
     const unsigned char *at;
     size_t left;
@@ -143,10 +143,11 @@ static bool says(const struct cursor *text, const char *word)
     return text->left == strlen(word) && memcmp(text->at, word, text->left) == 0;
 }
 
-/* For "%.*s". */
+/* Precision for "%.*s". */
 static int length_of(const struct cursor *text) { return text->left < 80 ? (int)text->left : 80; }
 
-/* ---- Records that come once ------------------------------------------------------------------ */
+/* ---- Records that occur once
+ * ------------------------------------------------------------------ */
 
 static spin_status read_header(struct reader *r, struct cursor *c)
 {
@@ -199,7 +200,7 @@ static spin_status read_windows(struct reader *r, struct cursor *c)
         return spin_malformed("window table: %llu windows in %zu bytes", (unsigned long long)n,
                               c->left);
     if (n == 0)
-        return spin_malformed("window table: without a window no splat is ever seen");
+        return spin_malformed("window table: it is empty, so that no splat would be visible");
     r->n_windows = (size_t)n;
     SPIN_TRY(spin_alloc(r->n_windows, 2 * sizeof *r->window, (void **)&r->window));
     for (size_t i = 0; i < 2 * r->n_windows; i++) {
@@ -210,7 +211,7 @@ static spin_status read_windows(struct reader *r, struct cursor *c)
     return SPIN_OK;
 }
 
-/* The index is not needed, but it says whether the file was damaged. */
+/* The index is not used, but its checksum shows whether the file is damaged. */
 static spin_status read_footer(const struct reader *r, struct cursor *c, size_t at)
 {
     uint64_t start = take_number(c, 8);
@@ -227,7 +228,7 @@ static spin_status read_footer(const struct reader *r, struct cursor *c, size_t 
 
 /* ---- Streams --------------------------------------------------------------------------------- */
 
-/* Exactly n_out bytes into *out, which is allocated. */
+/* Unpacks exactly n_out bytes into *out, which is allocated. */
 static spin_status unpack(unsigned codec, const struct cursor *packed, uint64_t n_out,
                           unsigned char **out)
 {
@@ -237,9 +238,9 @@ static spin_status unpack(unsigned codec, const struct cursor *packed, uint64_t 
     if (codec == 1)
         return spin_zstd_read(packed->at, packed->left, *out, (size_t)n_out);
     SPIN_TRY(spin_zlib_read(packed->at, packed->left, *out, (size_t)n_out + 1, &n));
-    return n == n_out
-               ? SPIN_OK
-               : spin_malformed("zlib data of another length than %llu", (unsigned long long)n_out);
+    return n == n_out ? SPIN_OK
+                      : spin_malformed("zlib data that do not unpack to %llu bytes",
+                                       (unsigned long long)n_out);
 }
 
 enum { RAW, DIFFERENCE, CONSTANT, N_MODES };
@@ -264,7 +265,7 @@ static struct stream take_stream(struct cursor *c)
     return s;
 }
 
-/* Numbers [n][channels] from symbols. */
+/* Decodes symbols to numbers [n][channels]. */
 static spin_status decode(const struct stream *s, const unsigned char *planes, size_t n_symbols,
                           int32_t *out)
 {
@@ -276,13 +277,13 @@ static spin_status decode(const struct stream *s, const unsigned char *planes, s
 
         v += s->mode == DIFFERENCE && i >= width ? out[i - width] : 0;
         if (v < INT32_MIN || v > INT32_MAX)
-            return spin_malformed("a number that 32 bits do not hold in row %zu", i / width);
+            return spin_malformed("a number in row %zu does not fit in 32 bits", i / width);
         out[i] = (int32_t)v;
     }
     return SPIN_OK;
 }
 
-/* Those of n splats; *out is allocated. */
+/* Reads the numbers of n splats; *out is allocated. */
 static spin_status read_stream(const struct stream *s, size_t n, int channels, int32_t **out)
 {
     size_t n_symbols = (s->mode == CONSTANT ? 1 : n) * (size_t)channels;
@@ -307,8 +308,8 @@ static double clamp(double x, double least, double most)
     return x > least ? x < most ? x : most : least;
 }
 
-/* The float at or below an end of a window: the splat is seen at its first time, and not at its
- * last. */
+/* Rounds an end of a window down to a float. Windows are half open: a splat is visible at the first
+ * time and not at the last. */
 static float at_or_below(double x)
 {
     float f = (float)clamp(x, -(double)SPIN_FOREVER, (double)SPIN_FOREVER);
@@ -316,13 +317,14 @@ static float at_or_below(double x)
     return (double)f > x ? nextafterf(f, -INFINITY) : f;
 }
 
-/* The step of a splat's velocity: finer for those that live longer. */
+/* The quantisation step of a splat's velocity: finer for splats that live longer. */
 static double motion_step(const struct reader *r, double life)
 {
     return ldexp(r->step[STEP_MOTION], -(int)clamp(ceil(log2(clamp(life, 0.02, 2) / 0.5)), -4, 2));
 }
 
-/* That of its own time: a twentieth of its sigma, or less. */
+/* The quantisation step of a splat's own time: a twentieth of its sigma or less, down to 2^-10 of
+ * the file's step. */
 static double time_step(const struct reader *r, double sigma)
 {
     double step = r->step[STEP_TIME];
@@ -332,7 +334,7 @@ static double time_step(const struct reader *r, double sigma)
                : step;
 }
 
-/* Three components of x y z w in their order, without the largest. */
+/* Decodes three of the components x y z w, in this order; the largest is omitted and positive. */
 static void rotation_of(const int32_t *steps, int largest, double step, float wxyz[4])
 {
     static const int place[4] = {1, 2, 3, 0};
@@ -403,14 +405,14 @@ static void forget_steps(struct reader *r)
     }
 }
 
-/* All streams of a chunk, in any order; others are passed over. */
+/* Reads all streams of a chunk, in any order; streams of unknown attributes are skipped. */
 static spin_status read_streams(struct reader *r, struct cursor *c, const double interval[2])
 {
     while (c->left > 0) {
         struct stream s = take_stream(c);
 
         if (c->cut)
-            return spin_malformed("a stream ends behind it");
+            return spin_malformed("a stream extends beyond it");
         if (s.attribute >= N_ATTRIBUTES)
             continue;
         if (r->steps[s.attribute])
@@ -425,7 +427,7 @@ static spin_status read_streams(struct reader *r, struct cursor *c, const double
     return read_rows(r, interval);
 }
 
-/* A codec may be around all the streams, too. */
+/* Reads a chunk's streams, which may also be compressed together. */
 static spin_status read_chunk_block(struct reader *r, struct cursor *block,
                                     const struct cursor *codec, uint64_t bytes,
                                     const double interval[2])
@@ -443,7 +445,7 @@ static spin_status read_chunk_block(struct reader *r, struct cursor *block,
     return read_streams(r, &(struct cursor){plain, (size_t)bytes, false}, interval);
 }
 
-/* The chunk before the next, or before the end: its bands are those of the SH degree. */
+/* Ends a chunk: it must have all SH bands of the file's degree. */
 static spin_status end_chunk(const struct reader *r)
 {
     if (r->n_in_chunk > 0 && r->bands != (1u << r->splats->sh_degree) - 1)
@@ -452,7 +454,7 @@ static spin_status end_chunk(const struct reader *r)
     return SPIN_OK;
 }
 
-/* How many splats it has; where they are NULL, no more. */
+/* Counts the splats of a chunk; in the second pass, when memory is reserved, also reads them. */
 static spin_status read_chunk(struct reader *r, struct cursor *c)
 {
     double interval[2];
@@ -487,7 +489,7 @@ static spin_status read_chunk(struct reader *r, struct cursor *c)
     return spin_fail_context(status, "chunk %zu", r->n_chunks - 1);
 }
 
-/* Red's coefficients of the band, then green's, then blue's; from -4 to 4. */
+/* Reads an SH band: the coefficients of red, then green, then blue; bytes for -4 to 4. */
 static spin_status read_band(struct reader *r, struct cursor *c)
 {
     const struct spin_splats_4d *s = r->splats;
@@ -499,7 +501,7 @@ static spin_status read_band(struct reader *r, struct cursor *c)
     if (c->cut || !s->centres || (r->n_chunks > 0 && r->n_in_chunk == 0))
         return SPIN_OK;
     if (b < 1 || b > (size_t)s->sh_degree || r->n_chunks == 0 || r->bands & 1u << (b - 1))
-        return spin_malformed("SH band %zu of a scene of degree %d, or there twice", b,
+        return spin_malformed("SH band %zu occurs twice, or is above the scene's degree %d", b,
                               s->sh_degree);
     r->bands |= 1u << (b - 1);
     status = read_stream(&stream, r->n_in_chunk, (int)(3 * width), &codes);
@@ -516,7 +518,8 @@ static spin_status read_band(struct reader *r, struct cursor *c)
 
 /* ---- The file -------------------------------------------------------------------------------- */
 
-/* One record, in either of two passes: what comes once and the number of splats; the splats. */
+/* Reads a record in one of two passes. The first reads the records that occur once and counts
+ * splats; the second reads the splats. */
 static spin_status read_record(struct reader *r, unsigned opcode, struct cursor *c, size_t at)
 {
     bool first_pass = !r->splats->centres, once = opcode <= WINDOWS;
@@ -525,7 +528,7 @@ static spin_status read_record(struct reader *r, unsigned opcode, struct cursor 
         if (opcode < HEADER || r->seen & 1u << opcode)
             return spin_malformed("a second record %02x, or one of opcode 0", opcode);
         if (opcode != HEADER && !(r->seen & 1u << HEADER))
-            return spin_malformed("record %02x stands before the header", opcode);
+            return spin_malformed("record %02x precedes the header", opcode);
         r->seen |= 1u << opcode;
     }
     switch (opcode) {
@@ -569,13 +572,13 @@ static spin_status read_records(struct reader *r)
         opcode = (unsigned)take_number(&file, 1);
         record = take_block(&file, 8);
         if (file.cut)
-            return spin_malformed("record %02x at byte %zu ends behind the file", opcode, at);
+            return spin_malformed("record %02x at byte %zu extends beyond the file", opcode, at);
         SPIN_TRY(read_record(r, opcode, &record, at));
         if (record.cut)
             return spin_malformed("record %02x at byte %zu is too short", opcode, at);
     }
     if (opcode != FOOTER)
-        return spin_malformed("the last record is no footer");
+        return spin_malformed("the last record is not a footer");
     return r->splats->centres ? end_chunk(r) : SPIN_OK;
 }
 
@@ -584,9 +587,9 @@ static spin_status read_all(struct reader *r)
     static const unsigned all = 1u << HEADER | 1u << QUANTIZATION | 1u << WINDOWS | 1u << FOOTER;
 
     if (r->size < 2 * MAGIC_BYTES || memcmp(r->file, MAGIC, MAGIC_BYTES) != 0)
-        return spin_malformed("it does not begin as a .4dgs of version 1");
+        return spin_malformed("it does not begin with the magic of .4dgs version 1");
     if (memcmp(r->file + r->size - MAGIC_BYTES, MAGIC, MAGIC_BYTES) != 0)
-        return spin_malformed("it is cut short: it does not end as a .4dgs");
+        return spin_malformed("it is truncated: the magic at its end is missing");
     SPIN_TRY(read_records(r));
     if (r->seen != all)
         return spin_malformed("it has no %s",

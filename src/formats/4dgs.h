@@ -1,30 +1,31 @@
-/* .4dgs of avala-ai, version 1 (draft): 4D splats that are born once, each in its own window of
- * time. Everything is little endian. The magic, records, the magic again; a record is an opcode,
- * the length of its content (8 bytes), and the content, at whose end later writers may add:
+/* .4dgs of avala-ai, version 1 (draft): 4D splats, each visible once, in its own window of time.
+ * Everything is little endian: the magic, records, the magic again. A record is an opcode, the
+ * length of its content (8 bytes), and the content, to which later writers may append fields:
  *
- *     01  header         profile, writer, duration, splats, cutoff, temporal model, box, SH degree, flags
- *     03  quantization   scheme, origin of places, steps of all else
+ *     01  header         profile, writer, duration, splats, cutoff, temporal model, bounding box,
+ *                        SH degree, flags
+ *     03  quantization   scheme, origin of positions, steps of everything else
  *     04  window table   first and end of each window
  *     05  chunk          its interval, level, splats, codec, and streams of all attributes
- *     07  SH band        the band, and a stream of its coefficients for the chunk before
- *     02  footer         where the index begins, and its checksum
+ *     07  SH band        the band, and a stream of its coefficients for the preceding chunk
+ *     02  footer         offset of the index, and its checksum
  *
- * A stream is 17 bytes (attribute, bytes of a symbol, mode, codec, channels, 4 bytes of elements, 8
- * of length) and zlib or zstd of byte planes (planes.h); text is 4 bytes of length and its bytes. A
- * splat is seen where its window and its chunk are, at weights of the cutoff and above. How fine
- * the steps of velocity and own time are depends on its sigma. */
+ * A stream is 17 bytes (attribute, bytes of a symbol, mode, codec, channels, 4 bytes: elements, 8
+ * bytes: length) and byte planes (planes.h) compressed by zlib or zstd; text is 4 bytes of length
+ * and its bytes. A splat is visible within its window and the interval of its chunk, while its
+ * Gaussian window is at or above the cutoff. The steps of velocity and own time depend on sigma. */
 #pragma once
 
 #include "spin.h"
 
 struct spin_4dgs {
     double duration;    /* seconds from 0 */
-    double cutoff;      /* least weight */
-    bool sound, camera; /* it has those, too */
+    double cutoff;      /* least value of the Gaussian window */
+    bool sound, camera; /* the file also contains these */
 };
 
-/* All of a file in memory; the splats are not settled yet. Ends of windows, which are doubles
- * there, are the floats at or below them. keyframe-delta models and tracks of objects are refused
- * by name. Errors do not name the file. */
+/* Reads a whole file in memory; the splats are not settled yet. The ends of windows, which are
+ * doubles in the file, are rounded down to floats. keyframe-delta models and object tracks are
+ * refused with an error that names them. Errors do not name the file. */
 spin_status spin_4dgs_read(const unsigned char *file, size_t size, struct spin_4dgs *out,
                            struct spin_splats_4d *splats);

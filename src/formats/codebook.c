@@ -2,13 +2,14 @@
 
 #include "base/base.h"
 
-#define BINS 4096     /* of the histogram that the first places come from */
-#define MOST_STEPS 60 /* of Lloyd's algorithm */
-#define CUT_STEPS 6   /* of 2-means */
+#define BINS 4096     /* bins of the histogram that gives the initial values */
+#define MOST_STEPS 60 /* limit of the iterations of Lloyd's algorithm */
+#define CUT_STEPS 6   /* iterations of 2-means */
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
 
-/* Rising, by the bits of floats, eleven at a time from the low end; with room for as many. */
+/* Sorts n floats in ascending order: radix sort on their bits, 11 at a time. room: scratch memory
+ * for n floats. */
 static void sort(float *values, float *room, size_t n)
 {
     enum { BITS = 11, N = 1 << BITS };
@@ -34,7 +35,7 @@ static void sort(float *values, float *room, size_t n)
     }
 }
 
-/* How many of n rising values are below v. */
+/* Number of the n ascending values that are below v. */
 static size_t count_below(const float *sorted, size_t n, double v)
 {
     size_t low = 0, high = n;
@@ -55,7 +56,7 @@ static double root_in(const float *sorted, size_t n, double low, double width)
     return cbrt((double)(count_below(sorted, n, low + width) - count_below(sorted, n, low)));
 }
 
-/* Where the third root of the density, summed up, reaches equal shares. */
+/* Initial values: at equal shares of the integral of the cube root of the density. */
 static void first_places(const float *sorted, size_t n, double place[SPIN_CODEBOOK])
 {
     double low = sorted[0], width = ((double)sorted[n - 1] - low) / BINS, sum = 0, share = 0;
@@ -72,7 +73,8 @@ static void first_places(const float *sorted, size_t n, double place[SPIN_CODEBO
         place[k++] = sorted[n - 1];
 }
 
-/* Each place becomes the mean of the values that are nearest to it; whether any moved. */
+/* One iteration: replaces each place by the mean of the values nearest to it. False if none
+ * moved. */
 static bool step(const float *sorted, const double *before, size_t n, double place[SPIN_CODEBOOK])
 {
     size_t from = 0;
@@ -136,11 +138,11 @@ unsigned char spin_codebook_nearest(const float book[SPIN_CODEBOOK], float value
 
 /* ---- Vectors --------------------------------------------------------------------------------- */
 
-/* Rows that share a vector: order[first] and on. Once it was divided the two sides are known: [0,
- * n_front) of it and the rest. */
+/* Rows that share a vector: n entries of the order, from `first` on. After it was divided, the
+ * first n_front of them are one side and the rest the other. */
 struct part {
-    size_t first, n, n_front; /* n_front 0: it cannot be cut */
-    double error;             /* sum of squares */
+    size_t first, n, n_front; /* 0: it cannot be divided */
+    double error;             /* sum of squared distances to the mean */
     double side_error[2];
     bool divided;
 };
@@ -149,19 +151,19 @@ struct cutting {
     const float *rows;
     size_t width;
     uint32_t *order;
-    struct part *part; /* a heap: the largest error first */
+    struct part *part; /* a max-heap by error */
     size_t n_parts;
-    struct part *batch; /* [BATCH] taken out of the heap */
+    struct part *batch; /* [BATCH] removed from the heap */
     double *sums;       /* [workers][SUMS][width] */
     uint32_t *label;
     float *palette;
 };
 
-enum { BATCH = 256 };                               /* parts that are divided at a time */
-enum { MEAN, SPREAD, CENTRES, SUMS = CENTRES + 2 }; /* what a worker has room for */
+enum { BATCH = 256 };                               /* parts that are divided in parallel */
+enum { MEAN, SPREAD, CENTRES, SUMS = CENTRES + 2 }; /* vectors in a worker's scratch memory */
 
-/* Mean into sum[0..width), and the sum of squared distances to it; `widest` is the coordinate with
- * most. */
+/* Computes the mean, sum[0..width), and returns the sum of squared distances to it; `widest` is the
+ * coordinate that contributes most. */
 static double measure(const struct cutting *c, size_t first, size_t n, double *sum, size_t *widest)
 {
     double *mean = sum, *squares = sum + SPREAD * c->width, error = 0;
@@ -185,7 +187,7 @@ static double measure(const struct cutting *c, size_t first, size_t n, double *s
     return error;
 }
 
-/* In four sums, which a processor does side by side. */
+/* Four independent sums, so that the processor can overlap the additions. */
 static double dot(const float *row, const double *w, size_t n)
 {
     double sum[4] = {0};
@@ -199,8 +201,9 @@ static double dot(const float *row, const double *w, size_t n)
     return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
 
-/* Rows nearer to the first of two centres come to the front; how many. The centres, [2][width],
- * become the means of both sides where there are two. across: room for [width]. */
+/* Moves rows nearer to the first of two centres to the front and returns their number. If both
+ * sides have rows, the centres, [2][width], become the means of the two. across: scratch memory,
+ * [width]. */
 static size_t divide(const struct cutting *c, const struct part *p, const double *mean,
                      double *across, double *centre)
 {
@@ -236,8 +239,8 @@ static size_t divide(const struct cutting *c, const struct part *p, const double
     return n;
 }
 
-/* 2-means, begun on both sides of the mean of the widest coordinate; how many rows the first part
- * has, 0 when they cannot be told apart. */
+/* Divides a part by 2-means, which starts on both sides of the mean along the widest coordinate.
+ * Returns the rows of the first side, 0 if the part cannot be divided. */
 static size_t cut(const struct cutting *c, const struct part *p, double *sum)
 {
     double *mean = sum + MEAN * c->width, *spread = sum + SPREAD * c->width;
@@ -263,7 +266,8 @@ static size_t cut(const struct cutting *c, const struct part *p, double *sum)
     return n;
 }
 
-/* A part of the batch. It changes the order of no rows but its own. */
+/* Divides one part of the batch. It reorders only the rows of this part, so parts can be divided in
+ * parallel. */
 static void divide_task(void *context, int task)
 {
     struct cutting *c = context;
@@ -290,7 +294,7 @@ static void push(struct cutting *c, struct part p)
     c->part[i] = p;
 }
 
-/* The part with the largest error. */
+/* Removes the part with the largest error. */
 static struct part pop(struct cutting *c)
 {
     struct part top = c->part[0], last = c->part[--c->n_parts];
@@ -310,8 +314,8 @@ static struct part pop(struct cutting *c)
     return top;
 }
 
-/* Divides those with the largest errors, each by a thread. Which they are does not hang on the
- * threads. */
+/* Divides the parts with the largest errors in parallel. The result does not depend on the number
+ * of threads. */
 static void divide_largest(struct cutting *c, size_t n_left, struct spin_pool *pool)
 {
     int n = 0;
@@ -334,7 +338,7 @@ static void cut_all(struct cutting *c, size_t n_colours, struct spin_pool *pool)
         }
         p = pop(c);
         if (p.n_front == 0) {
-            p.error = 0; /* it stays one */
+            p.error = 0; /* never to be divided */
             push(c, p);
             continue;
         }
@@ -344,7 +348,7 @@ static void cut_all(struct cutting *c, size_t n_colours, struct spin_pool *pool)
     }
 }
 
-/* The vectors of BATCH parts, and which rows have them. */
+/* Computes the vectors of parts [i, end), and labels their rows. */
 static void finish_task(void *context, size_t i, size_t end)
 {
     struct cutting *c = context;

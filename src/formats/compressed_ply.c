@@ -5,10 +5,10 @@
 #include "math/quat.h"
 #include "math/sh.h"
 
-#define SCALE_LIMIT 20.0f /* of the logarithm, as splat-transform has it */
+#define SCALE_LIMIT 20.0f /* of the logarithm, as in splat-transform */
 #define SQRT2 1.41421356237309505f
 
-/* Files from before colours had ranges have twelve. */
+/* Files older than the colour ranges have twelve. */
 enum { N_RANGES_NEEDED = 12 };
 
 static const char *const range_names[SPIN_COMPRESSED_RANGES] = {
@@ -21,7 +21,7 @@ static const char *const packed_names[4] = {"packed_position", "packed_rotation"
 
 /* ---- Packing --------------------------------------------------------------------------------- */
 
-/* x in [low, high] as n steps. */
+/* Quantises x in [low, high] to 0..n. */
 static uint32_t steps(float x, float low, float high, uint32_t n)
 {
     float u = high - low > 0 ? (x - low) / (high - low) : 0;
@@ -85,7 +85,7 @@ void spin_compressed_pack(struct spin_gaussian *row, size_t n, float range[SPIN_
     }
 }
 
-/* Byte u stands for (u + 0.5) / 32 - 4, the first and the last for the ends. */
+/* Byte u stands for (u + 0.5) / 32 - 4, except that the first and the last are exactly -4 and 4. */
 static float unpack_rest(unsigned char u)
 {
     return u == 0 ? -4 : u == 255 ? 4 : ((float)u + 0.5f) / 32 - 4;
@@ -142,7 +142,7 @@ static float lerp(float low, float high, uint32_t code, uint32_t largest)
     return low * (1 - t) + high * t;
 }
 
-/* 11, 10 and 11 bits between the corners of a box. */
+/* 11, 10 and 11 bits within a bounding box. */
 static void unpack_3(uint32_t v, const float *low, const float *high, float out[3])
 {
     out[0] = lerp(low[0], high[0], v >> 21, 2047);
@@ -184,7 +184,8 @@ void spin_compressed_unpack(const uint32_t word[4], const float range[SPIN_COMPR
     out->opacity = (float)(word[COLOUR] & 255) / 255;
 }
 
-/* ---- Finding --------------------------------------------------------------------------------- */
+/* ---- Parsing the header
+ * ------------------------------------------------------------------------ */
 
 bool spin_compressed_any(const struct spin_ply_element *vertex)
 {
@@ -247,7 +248,7 @@ spin_status spin_compressed_find(const struct spin_ply *ply, struct spin_compres
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* [chunks][SPIN_COMPRESSED_RANGES]. Without ranges of colour 0..1 is meant. */
+/* Reads the ranges, [chunks][SPIN_COMPRESSED_RANGES]. Without ranges of colour, they are 0..1. */
 static spin_status read_ranges(const struct spin_compressed_ply *f, float **out)
 {
     size_t n = (size_t)f->chunk->count;

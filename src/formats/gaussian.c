@@ -60,7 +60,7 @@ void spin_little_endian(void *words, size_t n)
 #endif
 }
 
-/* Coefficients of one row, turned, and zeros above them. */
+/* Rotates the SH coefficients of one row, and sets those that it lacks to 0. */
 static void place_sh(const float *from, int n_from, const struct spin_scene_rotation *turn,
                      float *out, int n_out)
 {
@@ -127,7 +127,7 @@ spin_status spin_check_columns(const char *const what[5], unsigned columns, size
     const size_t width[5] = {3, 4, 3, 1, 3 + spin_n_rest(s->sh_degree)};
     const float *const all[5] = {s->means, s->quats, s->log_scales, s->logit_opacities, s->sh};
 
-    for (int p = 0; p < 5 && n > 0; p++) /* no rows: the columns may be NULL */
+    for (int p = 0; p < 5 && n > 0; p++) /* without rows the columns may be NULL */
         if (columns & 1u << p)
             SPIN_TRY(spin_check_finite(what[p], all[p] + first * width[p], n, width[p]));
     return SPIN_OK;

@@ -4,7 +4,7 @@
 
 enum { HEADER = 12, CHUNK_HEADER = 8, MAX_STRIDE = 252 };
 #define LINEAR "lin_rec709_display"
-#define OPACITY_SLACK 1e-3f /* of opacities that were rounded */
+#define OPACITY_SLACK 1e-3f /* tolerance for opacities that were rounded */
 
 void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME])
 {
@@ -23,7 +23,7 @@ void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME])
 
 /* ---- The container --------------------------------------------------------------------------- */
 
-/* The lengths of a GLB and of its chunks; nothing is parsed. chunk: the binary chunk. */
+/* Finds the chunks of a GLB and checks their lengths, without parsing. chunk: the binary chunk. */
 static spin_status find_chunks(const unsigned char *file, size_t size, uint64_t *n_json,
                                const unsigned char **chunk, uint64_t *n_chunk)
 {
@@ -34,11 +34,11 @@ static spin_status find_chunks(const unsigned char *file, size_t size, uint64_t 
     *n_chunk = 0;
     if (size < json_at || memcmp(file, "glTF", 4) != 0 || spin_u32_at(file + 4) != 2 ||
         spin_u32_at(file + 8) != size || memcmp(file + 16, "JSON", 4) != 0)
-        return spin_malformed("not a GLB of its length");
+        return spin_malformed("no GLB header, or one with another length");
     *n_json = spin_u32_at(file + 12);
     at = json_at + *n_json;
     if (at > size)
-        return spin_malformed("the JSON ends behind the file");
+        return spin_malformed("the JSON extends beyond the file");
     if (at == size)
         return SPIN_OK;
     if (at + CHUNK_HEADER > size || memcmp(file + at + 4, "BIN", 4) != 0 ||
@@ -84,7 +84,7 @@ int64_t spin_glb_integer(const spin_json *object, const char *key, int64_t fallb
     return value;
 }
 
-/* The bytes of a buffer view. */
+/* Finds the bytes of a buffer view. */
 static spin_status find_view(const struct spin_glb_file *glb, const spin_json *view,
                              const unsigned char **bytes, uint64_t *n_bytes)
 {
@@ -93,10 +93,10 @@ static spin_status find_view(const struct spin_glb_file *glb, const spin_json *v
     const spin_json *buffer = spin_glb_item(glb, "buffers", spin_json_get(view, "buffer"));
 
     if (!view || spin_glb_integer(view, "buffer", 0) != 0 || spin_json_get(buffer, "uri"))
-        return spin_malformed("it does not lie in the file");
+        return spin_malformed("its bytes are not in the file");
     if (at < 0 || length < 0 || (uint64_t)at > glb->n_bytes ||
         (uint64_t)length > glb->n_bytes - (uint64_t)at)
-        return spin_malformed("it ends behind the file");
+        return spin_malformed("it extends beyond the file");
     *bytes = glb->bytes + at;
     *n_bytes = (uint64_t)length;
     return SPIN_OK;
@@ -128,14 +128,14 @@ spin_status spin_glb_find(const struct spin_glb_file *glb, const spin_json *acce
     out->normalised = out->normalised && component != SPIN_GLB_F32;
     if (!type || strcmp(type, types[width]) != 0 || spin_json_get(accessor, "sparse") ||
         !((out->normalised ? SPIN_GLB_NORMALISED(kind) : kind) & allowed))
-        return spin_malformed("it is missing or of another kind");
+        return spin_malformed("it is missing or has an unsupported type");
     SPIN_TRY(find_view(glb, view, &out->at, &length));
     row = (int64_t)(width * component_bytes(out->component));
     stride = spin_glb_integer(view, "byteStride", row);
     if (n < 0 || offset < 0 || stride < row || stride > MAX_STRIDE || offset > (int64_t)length ||
         (n > 0 &&
          ((int64_t)length - offset < row || ((int64_t)length - offset - row) / stride < n - 1)))
-        return spin_malformed("it ends behind the file");
+        return spin_malformed("it extends beyond the file");
     out->at += offset;
     out->n = (size_t)n;
     out->stride = (size_t)stride;
@@ -159,7 +159,7 @@ void spin_glb_row(const struct spin_glb_numbers *f, size_t i, float *out)
                  : f->component == SPIN_GLB_U8  ? (float)at[0]
                  : f->component == SPIN_GLB_I16 ? (float)(int16_t)(at[0] | at[1] << 8)
                                                 : (float)(at[0] | at[1] << 8);
-        if (f->normalised) /* the least signed number stands for -1 too */
+        if (f->normalised) /* the least signed number also means -1 */
             out[k] = out[k] < -largest ? -1 : out[k] / largest;
     }
 }
@@ -170,8 +170,8 @@ void spin_glb_row(const struct spin_glb_numbers *f, size_t i, float *out)
 #define SIGNED (SPIN_GLB_IS(SPIN_GLB_I8) | SPIN_GLB_IS(SPIN_GLB_I16))
 #define UNSIGNED (SPIN_GLB_IS(SPIN_GLB_U8) | SPIN_GLB_IS(SPIN_GLB_U16))
 
-/* What each attribute may be made of: POSITION by KHR_mesh_quantization, the others by the
- * extension. */
+/* The types that each attribute may have: POSITION by KHR_mesh_quantization, the others by
+ * KHR_gaussian_splatting. */
 static const unsigned allowed[SPIN_GLB_SH + 1] = {
     FLOATS | SIGNED | UNSIGNED | SPIN_GLB_NORMALISED(SIGNED | UNSIGNED),
     FLOATS | SPIN_GLB_NORMALISED(SIGNED),
@@ -185,7 +185,8 @@ bool spin_gs_glb_is_splats(const spin_json *primitive)
     return spin_json_get(spin_json_get(primitive, "extensions"), SPIN_GLB_SPLATS) != NULL;
 }
 
-/* A value that the extension may give: `known`, which is also what its absence means. */
+/* Refuses values of an extension's key other than `known`, which is also the default, and
+ * `also`. */
 static spin_status check_value(const spin_json *extension, const char *key, const char *known,
                                const char *also)
 {
@@ -197,7 +198,7 @@ static spin_status check_value(const spin_json *extension, const char *key, cons
     return SPIN_OK;
 }
 
-/* The SPZ that stands for all attributes of the primitive. */
+/* Finds the SPZ that replaces all attributes of the primitive, if there is one. */
 static spin_status find_packed(const struct spin_glb_file *glb, const spin_json *extension,
                                struct spin_gs_glb_points *out)
 {
@@ -230,7 +231,7 @@ spin_status spin_gs_glb_find(const struct spin_glb_file *glb, const spin_json *p
 
     *out = (struct spin_gs_glb_points){.glb = glb, .attributes = attributes};
     if (!extension || spin_glb_integer(primitive, "mode", SPIN_GLB_TRIANGLES) != SPIN_GLB_POINTS)
-        return spin_malformed("it shows no points with " SPIN_GLB_SPLATS);
+        return spin_malformed("it is not a mesh of points with " SPIN_GLB_SPLATS);
     SPIN_TRY(check_value(extension, "kernel", "ellipse", NULL));
     SPIN_TRY(check_value(extension, "projection", "perspective", NULL));
     SPIN_TRY(check_value(extension, "colorSpace", "srgb_rec709_display", LINEAR));
@@ -241,7 +242,7 @@ spin_status spin_gs_glb_find(const struct spin_glb_file *glb, const spin_json *p
     SPIN_TRY(find_packed(glb, extension, out));
     if (out->packed)
         return SPIN_OK;
-    if (out->n > glb->n_bytes / 3) /* of POSITION alone */
+    if (out->n > glb->n_bytes / 3) /* the least size of POSITION */
         return spin_malformed("%zu splats in %llu bytes", out->n, (unsigned long long)glb->n_bytes);
     for (; out->sh_degree < 3; out->sh_degree++) {
         spin_glb_attribute_name(SPIN_GLB_SH + spin_sh_count(out->sh_degree), name);
@@ -290,7 +291,7 @@ static spin_status read_rows(const struct spin_gs_glb_points *p, unsigned column
         float *to = out->log_scales + 3 * i;
 
         spin_glb_row(&scale, i, to);
-        for (int c = 0; c < 3; c++) { /* NaN stays, to be found */
+        for (int c = 0; c < 3; c++) { /* NaN stays NaN and is reported below */
             if (to[c] < 0)
                 return spin_malformed("'SCALE' is %g in row %zu, expected 0 or more", (double)to[c],
                                       i);

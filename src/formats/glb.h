@@ -6,12 +6,12 @@
  *     KHR_gaussian_splatting:SCALE                3 floats, the standard deviation itself
  *     KHR_gaussian_splatting:OPACITY              1 float, 0..1
  *     KHR_gaussian_splatting:SH_DEGREE_l_COEF_m   3 floats, one coefficient of r g b
- *     COLOR_0                                     4 numbers of 16 bits, linear light and opacity, for
- *                                                 viewers that do not know the extension and draw points
+ *     COLOR_0                                     4 numbers of 16 bits, linear light and opacity,
+ *                                                 for viewers that can only draw points
  *
- * Read are also the integers that the extension and KHR_mesh_quantization allow, and an SPZ in
- * place of the attributes (KHR_gaussian_splatting_compression_spz_2, a draft). formats/glb_scene.h
- * reads a file, formats/glb_write.h writes one. */
+ * The reader also accepts the integers that the extension and KHR_mesh_quantization allow, and an
+ * SPZ instead of the attributes (KHR_gaussian_splatting_compression_spz_2, a draft).
+ * formats/glb_scene.h reads a file, formats/glb_write.h writes one. */
 #pragma once
 
 #include "formats/glb_shim.h"
@@ -22,35 +22,36 @@
 #define SPIN_GLB_SPLATS "KHR_gaussian_splatting"
 
 enum { SPIN_GLB_POSITION, SPIN_GLB_ROTATION, SPIN_GLB_SCALE, SPIN_GLB_OPACITY, SPIN_GLB_SH };
-/* Numbers of glTF's own: of components, and of what a mesh primitive draws. */
+/* Constants of glTF: component types and modes of a mesh primitive. */
 enum { SPIN_GLB_I8 = 5120, SPIN_GLB_U8, SPIN_GLB_I16, SPIN_GLB_U16, SPIN_GLB_F32 = 5126 };
 enum { SPIN_GLB_POINTS = 0, SPIN_GLB_TRIANGLES = 4 };
 
-/* What an attribute is called; SPIN_GLB_SH + k: coefficient k. */
+/* The name of an attribute; SPIN_GLB_SH + k: coefficient k. */
 void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME]);
 
 /* ---- The container --------------------------------------------------------------------------- */
 
-/* A file in memory, which is borrowed until the end. */
+/* A file in memory, which must stay valid until the close. */
 struct spin_glb_file {
     spin_json *json;
     const unsigned char *bytes; /* of the binary chunk */
     uint64_t n_bytes;
 };
 
-/* Free also after a failure. Zero it before. Errors do not name the file, here and below. */
+/* Zero *out before the call, and close it even after a failure. Errors do not name the file, here
+ * and below. */
 spin_status spin_glb_open(const unsigned char *file, size_t size, struct spin_glb_file *out);
 void spin_glb_close(struct spin_glb_file *glb);
 
-/* Item of a list of the document by the index that another object holds; NULL when there is none.
- */
+/* The item of one of the document's lists, by an index that another object contains; NULL if it
+ * does not exist. */
 const spin_json *spin_glb_item(const struct spin_glb_file *glb, const char *list,
                                const spin_json *index);
 int64_t spin_glb_integer(const spin_json *object, const char *key, int64_t fallback);
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
 
-/* A type of components as a bit: plain, and normalised integers. */
+/* Component types as bits: plain, and normalised integers. */
 #define SPIN_GLB_IS(component) (1u << ((component)-SPIN_GLB_I8))
 #define SPIN_GLB_NORMALISED(bits) ((bits) << 8)
 
@@ -62,33 +63,33 @@ struct spin_glb_numbers {
     bool normalised;
 };
 
-/* An accessor of rows of `width` (1, 3 or 4) numbers of one of the `allowed` types; all of it lies
- * in the binary chunk. */
+/* Finds an accessor of rows of `width` (1, 3 or 4) numbers of one of the `allowed` types, which
+ * must be entirely in the binary chunk. */
 spin_status spin_glb_find(const struct spin_glb_file *glb, const spin_json *accessor, size_t width,
                           unsigned allowed, struct spin_glb_numbers *out);
-/* Row i, normalised integers as 0..1 or -1..1. */
+/* Reads row i; normalised integers become 0..1 or -1..1. */
 void spin_glb_row(const struct spin_glb_numbers *numbers, size_t i, float *out);
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
 
-/* Splats of one mesh primitive. */
+/* The splats of one mesh primitive. */
 struct spin_gs_glb_points {
     const struct spin_glb_file *glb; /* borrowed */
     const spin_json *attributes;
     size_t n;
     int sh_degree;
-    bool linear; /* colours are of linear light */
-    /* In place of the attributes: an SPZ, of which axes are those of a SPZ. NULL: there is none. */
+    bool linear; /* colours are linear */
+    /* An SPZ instead of the attributes, in the axes of SPZ; NULL: none. */
     const unsigned char *packed;
     size_t n_packed;
     struct spin_spz_header spz;
 };
 
-/* Whether a mesh primitive holds splats. */
+/* True if a mesh primitive contains splats. */
 bool spin_gs_glb_is_splats(const spin_json *primitive);
 spin_status spin_gs_glb_find(const struct spin_glb_file *glb, const spin_json *primitive,
                              struct spin_gs_glb_points *out);
-/* As the mesh has them, and in the SH degree of the file. All that comes out is finite; rotations
- * keep their length. */
+/* Reads the splats in the coordinates of the mesh and the SH degree of the file. All values are
+ * checked to be finite; rotations are not normalised. */
 spin_status spin_gs_glb_read(const struct spin_gs_glb_points *points, unsigned columns,
                              struct spin_splats *out);

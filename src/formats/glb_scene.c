@@ -6,30 +6,30 @@
 #include "math/scene_rotation.h"
 
 #define POINTER "KHR_animation_pointer"
-/* Frames times what they show, or times what switches them: a clip of four thousand frames. */
+/* Limit of frames times what they show, and of times times nodes: about four thousand frames. */
 #define MAX_CELLS ((uint64_t)1 << 24)
 #define MAX_PIECES ((size_t)1 << 16)
-#define PACKED_SLACK (1u << 20) /* splats of SPZ, which may take less than a byte */
-#define SAME_SCALE 1e-4         /* the most that scales along the axes differ, of the largest */
-#define NO_SCALE 1e-6           /* a node whose scale is below shows nothing */
-#define MAX_SIZE 1e15           /* of places and scales */
-#define MAX_DEPTH 64            /* of nodes */
+#define PACKED_SLACK (1u << 20) /* splats of an SPZ that may take less than a byte each */
+#define SAME_SCALE 1e-4         /* relative tolerance between the scales of the three axes */
+#define NO_SCALE 1e-6           /* a node with a smaller scale is invisible */
+#define MAX_SIZE 1e15           /* limit of positions and scales */
+#define MAX_DEPTH 64            /* limit of nested nodes */
 #define VISIBILITY "KHR_node_visibility"
 
 /* ---- Nodes ----------------------------------------------------------------------------------- */
 
-/* Where a node puts its mesh: it turns, scales, moves; then its parent does. A splat stays a splat
- * when it is turned, moved and scaled alike along all axes; other nodes are refused. */
+/* The transform of a node: rotation, scale, shift; its parent's transform is applied afterwards.
+ * Splats stay splats only if all axes have the same scale; other nodes are refused. */
 struct node {
     double q[4], scale, shift[3];
     int64_t parent; /* -1: none */
-    int64_t key;    /* what switches it on and off; -1: nothing */
-    bool hidden;    /* by KHR_node_visibility, unless something switches it */
-    bool in_scene;  /* as a root */
+    int64_t key;    /* the animation key that shows and hides the node; -1: none */
+    bool hidden;    /* by KHR_node_visibility; ignored if the node has a key */
+    bool in_scene;  /* is a root of the scene */
 };
 
 struct nodes {
-    struct node *node; /* [n], also after a failure */
+    struct node *node; /* [n]; must be freed even after a failure */
     size_t n;
 };
 
@@ -38,12 +38,12 @@ static spin_status read_numbers(const spin_json *list, size_t n, double *out)
     for (size_t i = 0; list && i < n; i++) {
         if (spin_json_length(list) != n || !spin_json_number(spin_json_at(list, i), &out[i]) ||
             !(fabs(out[i]) < MAX_SIZE))
-            return spin_malformed("its place in the scene is not made of %zu numbers", n);
+            return spin_malformed("its transform does not consist of %zu numbers", n);
     }
     return SPIN_OK;
 }
 
-/* What three scales have in common. SPIN_E_UNSUPPORTED when they differ, are negative or no
+/* The common value of three scales. SPIN_E_UNSUPPORTED if they differ, are negative or not
  * numbers. */
 static spin_status one_scale(const double scale[3], double *out)
 {
@@ -122,13 +122,13 @@ static spin_status join_children(struct nodes *nodes, size_t i, const spin_json 
 
         if (!spin_json_integer(spin_json_at(children, k), &child) || child < 0 ||
             (size_t)child >= nodes->n || nodes->node[child].parent >= 0)
-            return spin_malformed("its children are no nodes or those of another");
+            return spin_malformed("its children do not exist or have another parent");
         nodes->node[child].parent = (int64_t)i;
     }
     return SPIN_OK;
 }
 
-/* The roots of the scene that is shown; without scenes, every root. */
+/* Marks the roots of the default scene; without scenes, all roots. */
 static spin_status mark_scene(const spin_json *json, struct nodes *nodes)
 {
     const spin_json *scenes = spin_json_get(json, "scenes"), *list;
@@ -140,14 +140,14 @@ static spin_status mark_scene(const spin_json *json, struct nodes *nodes)
         return SPIN_OK;
     }
     if (scene < 0 || !spin_json_at(scenes, (size_t)scene))
-        return spin_malformed("its scene is not there");
+        return spin_malformed("its scene does not exist");
     list = spin_json_get(spin_json_at(scenes, (size_t)scene), "nodes");
     for (size_t i = 0; i < spin_json_length(list); i++) {
         int64_t node = -1;
 
         if (!spin_json_integer(spin_json_at(list, i), &node) || node < 0 ||
             (size_t)node >= nodes->n)
-            return spin_malformed("its scene has a node that is not there");
+            return spin_malformed("its scene has a node that does not exist");
         nodes->node[node].in_scene = true;
     }
     return SPIN_OK;
@@ -170,7 +170,7 @@ static spin_status read_nodes(const spin_json *json, struct nodes *out)
     return mark_scene(json, out);
 }
 
-/* p turned by a unit quaternion w x y z. */
+/* Rotates p by a unit quaternion w x y z. */
 static void turn_point(const double q[4], const double p[3], double out[3])
 {
     const double t[3] = {2 * (q[2] * p[2] - q[3] * p[1]), 2 * (q[3] * p[0] - q[1] * p[2]),
@@ -181,8 +181,8 @@ static void turn_point(const double q[4], const double p[3], double out[3])
     out[2] = p[2] + q[0] * t[2] + q[1] * t[1] - q[2] * t[0];
 }
 
-/* After what `inout` does, what node i and its parents do. *shown: it is in the scene, and not
- * hidden other than by a switch. */
+/* Appends to `inout` the transforms of node i and its parents. *shown: the node is in the scene and
+ * not permanently hidden. */
 static spin_status place_node(const struct nodes *nodes, size_t i, struct spin_placement *inout,
                               bool *shown)
 {
@@ -211,11 +211,11 @@ static spin_status place_node(const struct nodes *nodes, size_t i, struct spin_p
     return SPIN_OK;
 }
 
-/* What an animation does to one node: a value for each key. */
+/* The animation of one node: a value for each key. */
 struct key {
     size_t node, n;
     struct spin_glb_numbers time, value;
-    double scale; /* of what is shown; 0: not known */
+    double scale; /* the scale while visible; 0: not known yet */
 };
 
 struct build {
@@ -223,7 +223,7 @@ struct build {
     struct nodes nodes;
     struct key *key; /* [n_keys] */
     size_t n_keys;
-    float *time; /* [n_times] all times at which keys stand, increasing */
+    float *time; /* [n_times] all key times, increasing */
     size_t n_times;
     unsigned char *on; /* [n_times][n_keys] */
 };
@@ -284,7 +284,7 @@ static spin_status find_pieces(struct build *b)
 
 /* ---- Switches -------------------------------------------------------------------------------- */
 
-/* "/nodes/3/extensions/KHR_node_visibility/visible" */
+/* Parses "/nodes/3/extensions/KHR_node_visibility/visible". */
 static int64_t pointed_node(const char *pointer)
 {
     long long node = -1;
@@ -295,7 +295,7 @@ static int64_t pointed_node(const char *pointer)
     return end > 0 && pointer[end] == '\0' ? node : -1;
 }
 
-/* A channel that switches a node becomes a key of it; others are only remembered. */
+/* Adds a key for a channel that switches a node on and off; other channels only set `moves`. */
 static spin_status add_channel(struct build *b, const spin_json *animation,
                                const spin_json *channel)
 {
@@ -320,7 +320,8 @@ static spin_status add_channel(struct build *b, const spin_json *animation,
         return SPIN_OK;
     }
     if ((size_t)node >= b->nodes.n || b->nodes.node[node].key >= 0)
-        return spin_malformed("an animation switches a node that is not there, or twice");
+        return spin_malformed(
+            "an animation switches a node that does not exist, or switches it twice");
     SPIN_TRY(spin_glb_find(&s->file,
                            spin_glb_item(&s->file, "accessors", spin_json_get(sampler, "input")), 1,
                            SPIN_GLB_IS(SPIN_GLB_F32), &key->time));
@@ -335,7 +336,7 @@ static spin_status add_channel(struct build *b, const spin_json *animation,
     return SPIN_OK;
 }
 
-/* The first animation is what players play. */
+/* Players play the first animation. */
 static spin_status find_keys(struct build *b)
 {
     const spin_json *list = spin_json_get(b->scene->file.json, "animations");
@@ -357,7 +358,7 @@ static int by_time(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Whether key k has the times of the one before it: mostly all have the same. */
+/* True if key k has the same times as the one before it, as is usual. */
 static bool has_times_before(const struct build *b, size_t k)
 {
     return k > 0 && b->key[k].time.at == b->key[k - 1].time.at && b->key[k].n == b->key[k - 1].n;
@@ -376,7 +377,7 @@ static spin_status gather_times(struct build *b)
         for (size_t i = 0; i < b->key[k].n && !has_times_before(b, k); i++, n++) {
             spin_glb_row(&b->key[k].time, i, &b->time[n]);
             if (!isfinite(b->time[n]) || (i > 0 && b->time[n] <= b->time[n - 1]))
-                return spin_malformed("keys whose times do not increase");
+                return spin_malformed("the times of an animation's keys do not increase");
         }
     }
     qsort(b->time, n, sizeof *b->time, by_time);
@@ -387,7 +388,7 @@ static spin_status gather_times(struct build *b)
     return SPIN_OK;
 }
 
-/* Whether value i shows the node. Scales that do must all be one. */
+/* Reads whether value i shows the node. All scales that show it must be equal. */
 static spin_status read_switch(struct key *key, size_t i, bool *on)
 {
     double scale[3], one;
@@ -409,7 +410,7 @@ static spin_status read_switch(struct key *key, size_t i, bool *on)
     return SPIN_OK;
 }
 
-/* At each time a key has the value of the last time before. */
+/* At each time a key has its latest value. */
 static spin_status run_key(struct build *b, size_t k)
 {
     struct key *key = &b->key[k];
@@ -426,7 +427,7 @@ static spin_status run_key(struct build *b, size_t k)
         }
         b->on[t * b->n_keys + k] = on;
     }
-    if (key->value.width == 3) /* it takes the place of the node's own */
+    if (key->value.width == 3) /* the animated scale replaces the node's own */
         b->nodes.node[key->node].scale = key->scale;
     return SPIN_OK;
 }
@@ -443,7 +444,7 @@ static spin_status run_keys(struct build *b)
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
-/* Whether no switch hides a node or what it hangs from. */
+/* True if no key hides the node or one of its parents. */
 static bool is_on(const struct build *b, size_t node, const unsigned char *on)
 {
     for (int64_t at = (int64_t)node; at >= 0; at = b->nodes.node[at].parent) {
@@ -453,7 +454,7 @@ static bool is_on(const struct build *b, size_t node, const unsigned char *on)
     return true;
 }
 
-/* The one node that a frame is: that which is switched on, or the only one that there is. */
+/* The one node of a frame: the only one that is switched on, or the only one in the file. */
 static size_t node_of_frame(const struct build *b, const unsigned char *on)
 {
     size_t node = b->nodes.n, n_on = 0;
@@ -467,7 +468,7 @@ static size_t node_of_frame(const struct build *b, const unsigned char *on)
     return n_on == 1 ? node : b->nodes.n;
 }
 
-/* What our exporter says of a frame. */
+/* Reads the frame number and time that our exporter stores. */
 static void read_extras(const spin_json *extras, struct spin_gs_glb_frame *frame)
 {
     int64_t number = spin_glb_integer(extras, "frame", -1);
@@ -499,7 +500,7 @@ static spin_status add_frame(struct build *b, const unsigned char *on, double ti
         frame->n += points->n;
         n_plain += points->packed ? 0 : points->n;
     }
-    /* Many nodes may show one mesh, but not to make gigabytes of a small file. */
+    /* Many nodes may show one mesh, but a small file must not expand to gigabytes. */
     if (n_plain > s->file.n_bytes || frame->n > s->file.n_bytes + PACKED_SLACK)
         return spin_unsupported("%zu splats in a frame of a file of %llu bytes", frame->n,
                                 (unsigned long long)s->file.n_bytes);
@@ -508,7 +509,7 @@ static spin_status add_frame(struct build *b, const unsigned char *on, double ti
     return SPIN_OK;
 }
 
-/* A frame for each time from which on something else is shown. */
+/* Adds a frame for each time at which the visible nodes change. */
 static spin_status find_frames(struct build *b)
 {
     struct spin_gs_glb_scene *s = b->scene;
@@ -535,15 +536,16 @@ static spin_status find_frames(struct build *b)
 
 /* ---- The scene ------------------------------------------------------------------------------- */
 
-/* What a file says that its readers must know. */
+/* Checks the extensions that the file requires. */
 static spin_status check_required(const struct spin_gs_glb_scene *s)
 {
-    static const char *const known[] = {SPIN_GLB_SPLATS,
-                                        SPIN_GLB_SPLATS "_compression_spz_2",
-                                        "KHR_mesh_quantization",
-                                        VISIBILITY,
-                                        POINTER,
-                                        "KHR_materials_unlit"}; /* of points drawn instead */
+    static const char *const known[] = {
+        SPIN_GLB_SPLATS,
+        SPIN_GLB_SPLATS "_compression_spz_2",
+        "KHR_mesh_quantization",
+        VISIBILITY,
+        POINTER,
+        "KHR_materials_unlit"}; /* for the points that other viewers draw */
     const spin_json *list = spin_json_get(s->file.json, "extensionsRequired");
 
     for (size_t i = 0; i < spin_json_length(list); i++) {
@@ -558,8 +560,8 @@ static spin_status check_required(const struct spin_gs_glb_scene *s)
     return SPIN_OK;
 }
 
-/* KHR_gaussian_splatting has no mark of antialiasing: our exporter puts one into the extras of the
- * asset. */
+/* KHR_gaussian_splatting cannot mark antialiasing, so our exporter stores it in the asset's
+ * extras. */
 static void find_antialias(struct spin_gs_glb_scene *s)
 {
     const spin_json *asset = spin_json_get(s->file.json, "asset");

@@ -1,6 +1,6 @@
-/* The far side of glb_write.c: tinygltf makes the JSON of a .glb. The bytes that it describes never
- * pass through it, as it would hold them twice; it takes the length of a buffer from the bytes it
- * holds, so the buffer is added to its text. */
+/* Creates the JSON of a .glb with tinygltf. The binary data are not passed to tinygltf, which would
+ * hold them twice. Since it takes a buffer's length from the bytes that it holds, the buffer is
+ * added to its text afterwards. */
 #include "formats/glb_shim.h"
 
 #include <cstdio>
@@ -18,7 +18,8 @@ using tinygltf::Value;
 
 #define SPLATS "KHR_gaussian_splatting"
 
-/* Names come from files; JSON is UTF-8. What is not plain text becomes an underscore. */
+/* Makes a text from a file safe for JSON: characters other than printable ASCII become
+ * underscores. */
 std::string plain(const char *text)
 {
     std::string out(text);
@@ -29,7 +30,7 @@ std::string plain(const char *text)
     return out;
 }
 
-/* With a buffer view of its own; its index. */
+/* Adds an accessor with its own buffer view and returns its index. */
 int add_accessor(tinygltf::Model &model, int components, bool is_u16, uint64_t n, uint64_t offset,
                  int target)
 {
@@ -52,7 +53,7 @@ int add_accessor(tinygltf::Model &model, int components, bool is_u16, uint64_t n
     return static_cast<int>(model.accessors.size()) - 1;
 }
 
-/* Accessor i has column i. */
+/* Accessor i describes column i. */
 void add_columns(tinygltf::Model &model, const spin_glb_clip &clip)
 {
     for (size_t i = 0; i < clip.n_columns; i++) {
@@ -96,7 +97,7 @@ void add_nodes(tinygltf::Model &model, const spin_glb_clip &clip)
             Value(Value::Object{{"frame", Value(frame.number)}, {"time", Value(frame.time)}});
         if (frame.n > 0)
             node.mesh = add_mesh(model, clip, frame);
-        if (clip.animated) /* who plays nothing shows the first */
+        if (clip.animated) /* viewers that ignore animations show frame 0 */
             node.scale.assign(3, f == 0 ? 1.0 : 0.0);
         model.nodes.push_back(node);
         scene.nodes.push_back(f);

@@ -1,5 +1,5 @@
-/* The binary container of glTF 2.0 (its section 4): a header, the JSON padded with spaces, the
- * bytes. */
+/* Writes the binary container of glTF 2.0 (its section 4): a header, the JSON padded with spaces,
+ * and the binary chunk. */
 #include "formats/glb_write.h"
 
 #include "base/base.h"
@@ -7,7 +7,7 @@
 
 enum { HEADER = 12, CHUNK_HEADER = 8, TOO_FAR = -1 /* no errno */ };
 _Static_assert(SPIN_GLB_MAX_ATTRIBUTES == SPIN_GLB_SH + SPIN_SH_MAX + 1, "all have their place");
-#define MAX_BYTES UINT32_MAX /* its lengths have 32 bits */
+#define MAX_BYTES UINT32_MAX /* lengths in the file have 32 bits */
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
@@ -77,8 +77,8 @@ void spin_glb_begin(struct spin_glb_clip *clip)
         else
             spin_glb_attribute_name(a, clip->name[a]);
     }
-    /* 216: of an attribute's accessor, view and name when every number in them is as long as it can
-     * be; 768: of the other things of a frame. */
+    /* 216: of an attribute's accessor, view and name with numbers of maximum length; 768: of
+     * everything else of a frame. */
     clip->room = 1024 + n_meshes * (768 + 216 * (size_t)clip->n_attributes);
 }
 
@@ -107,8 +107,9 @@ spin_status spin_glb_failed(const struct spin_glb_clip *clip, int error)
                             clip->out->path);
 }
 
-/* Key i is at i / fps. Frame f is shown from its own key on; the last one also at a key behind it,
- * which repeats its value, or players would cut it. */
+/* Writes the animation's keys. Key i is at i / fps. Frame f is visible from its own key to the
+ * next; the last frame has an additional key after it with the same value, without which players
+ * would skip it. */
 static spin_status write_keys(struct spin_glb_clip *clip)
 {
     size_t n_frames = (size_t)clip->n_frames, n = n_frames + 1;
@@ -136,7 +137,7 @@ static void put_u32(unsigned char *at, uint64_t value)
         at[i] = (unsigned char)(value >> (8 * i));
 }
 
-/* Header, JSON, and the header of the bytes: all that stands before them. */
+/* Writes everything before the binary data: header, JSON, and the header of the binary chunk. */
 static spin_status write_front(const struct spin_glb_clip *clip, const char *text)
 {
     const char *path = clip->out->path;
@@ -179,7 +180,7 @@ spin_status spin_glb_can_write(void)
 spin_status spin_glb_end(struct spin_glb_clip *clip)
 {
     uint64_t keys = clip->n_bytes;
-    char why[256] = ""; /* stays empty where memory is what is missing */
+    char why[256] = ""; /* stays empty if memory runs out */
     SPIN_FREED char *text = NULL;
 
     SPIN_TRY(spin_glb_can_write());

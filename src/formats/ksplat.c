@@ -8,9 +8,9 @@
 
 #define MAX_LEVEL 2
 #define MAX_SH_DEGREE 3
-#define STEPS 32767     /* of half a bucket's width, where a section does not say */
-#define SH_RANGE 1.5f   /* where the header does not say */
-#define CENTRE_BYTES 12 /* of a bucket */
+#define STEPS 32767     /* of half a bucket's width; default of a section */
+#define SH_RANGE 1.5f   /* default of the header */
+#define CENTRE_BYTES 12 /* bytes of a bucket's centre */
 #define LEAST_SCALE 1e-38f
 
 struct file {
@@ -20,7 +20,7 @@ struct file {
 };
 
 struct section {
-    size_t n, n_full, n_buckets, bucket; /* bucket: splats of a full one */
+    size_t n, n_full, n_buckets, bucket; /* bucket: splats of a full bucket */
     const unsigned char *lengths, *centres, *rows;
     size_t row; /* bytes */
     float step; /* world units */
@@ -71,7 +71,7 @@ static size_t bucket_splats(const struct section *s, size_t bucket)
     return bucket < s->n_full ? s->bucket : spin_u32_at(s->lengths + 4 * (bucket - s->n_full));
 }
 
-/* Every splat has a bucket. */
+/* Checks that every splat has a bucket. */
 static spin_status check_buckets(const struct section *s, uint32_t index)
 {
     uint64_t n = 0;
@@ -84,7 +84,7 @@ static spin_status check_buckets(const struct section *s, uint32_t index)
     return SPIN_OK;
 }
 
-/* Section `index`, which begins `at` bytes into the file; *at becomes the end of it. */
+/* Reads the header of section `index`, whose data begin at offset *at; sets *at to their end. */
 static spin_status read_section(const unsigned char *file, size_t size, const struct file *f,
                                 uint32_t index, uint64_t *at, struct section *out)
 {
@@ -104,7 +104,7 @@ static spin_status read_section(const unsigned char *file, size_t size, const st
                                 MAX_SH_DEGREE);
     out->row = row_bytes(f->level, out->sh_degree);
     if (rows > size || room > (size - rows) / out->row || out->n > room)
-        return spin_malformed(".ksplat whose section %u ends behind the file", index);
+        return spin_malformed(".ksplat whose section %u extends beyond the file", index);
     *at = rows + room * out->row;
     out->lengths = file + lengths;
     out->centres = file + centres;
@@ -115,7 +115,7 @@ static spin_status read_section(const unsigned char *file, size_t size, const st
         return SPIN_OK;
     if ((n_buckets > 0 && u16_at(h + 20) != CENTRE_BYTES) ||
         n_buckets != (uint64_t)out->n_full + spin_u32_at(h + 36))
-        return spin_malformed(".ksplat whose section %u has no sound buckets", index);
+        return spin_malformed(".ksplat whose section %u has invalid buckets", index);
     return check_buckets(out, index);
 }
 
@@ -143,7 +143,7 @@ spin_status spin_ksplat_peek(const unsigned char *file, size_t size, struct spin
 /* ---- Rows --------------------------------------------------------------------------------------
  */
 
-/* n numbers that stand one after the other, of this kind and so many bytes each. */
+/* Reads n consecutive numbers of a type with item_size bytes each. */
 static void take(const unsigned char *at, char kind, int item_size, size_t n, float *out)
 {
     struct spin_array a = {.kind = kind,
@@ -188,7 +188,7 @@ static void read_row(const unsigned char *at, const struct file *f, const struct
     }
     if (columns & SPIN_COL_LOG_SCALES) {
         take(scale, 'f', size, 3, v);
-        for (size_t c = 0; c < 3; c++) /* NaN stays, to be found */
+        for (size_t c = 0; c < 3; c++) /* NaN stays NaN and is reported later */
             out->log_scales[3 * i + c] = logf(v[c] < LEAST_SCALE ? LEAST_SCALE : v[c]);
     }
     if (columns & SPIN_COL_QUATS) {

@@ -7,17 +7,17 @@
 #include "math/quat.h"
 
 #define VERSION 2
-#define STEPS 65535.0 /* of a place */
-#define TAG 252       /* of w, the largest; then x y z */
+#define STEPS 65535.0 /* of a position */
+#define TAG 252       /* mark of a rotation whose w is the largest; then x y z */
 #define SQRT2 1.41421356237309505f
 #define MAX_META (1u << 20)
 #define MAX_COUNT ((int64_t)SPIN_WEBP_MAX_SIDE * SPIN_WEBP_MAX_SIDE)
-#define SLACK 4096 /* pixels that hold no Gaussian, beyond as many as do */
-/* A Gaussian takes a dozen bytes. With more Gaussians than bytes, beyond a million, a file is a
- * bomb. */
+#define SLACK 4096 /* allowed pixels without a Gaussian, beyond the number of Gaussians */
+/* A Gaussian takes a dozen bytes. A file with more Gaussians than bytes, beyond a million, is a
+ * decompression bomb. */
 #define MOST_SPLATS (1u << 20)
 
-/* Of each picture: the object of meta.json and the place in its files. */
+/* The object of meta.json that each image belongs to, and its index among that object's files. */
 static const struct {
     const char *name, *object;
     size_t place;
@@ -44,7 +44,7 @@ void spin_sog_size(const struct spin_sog *sog, enum spin_sog_picture picture, in
         *height = lines > 0 ? (int)lines : 1;
         return;
     }
-    /* about square, sides of a multiple of 4 */
+    /* about square, with sides that are multiples of 4 */
     *width = sog->n > 0 ? (int)ceil(sqrt((double)sog->n) / 4) * 4 : 4;
     *height = sog->n > 0 ? (int)ceil((double)sog->n / *width / 4) * 4 : 4;
 }
@@ -117,7 +117,7 @@ void spin_sog_code_rotation(const float q[4], uint8_t out[4], float shown[4])
             out[to++] = spin_byte_of((sign * q[k] * SQRT2 * 0.5f + 0.5f) * 255);
     out[3] = (uint8_t)(TAG + largest);
     spin_sog_rotation(out, shown);
-    for (int k = 0; k < 4 && q[largest] < 0; k++) /* of the sign that q has */
+    for (int k = 0; k < 4 && q[largest] < 0; k++) /* give shown the sign of q */
         shown[k] = -shown[k];
 }
 
@@ -178,14 +178,14 @@ spin_status spin_sog_meta(const struct spin_sog *sog, char **text, size_t *n)
     return SPIN_OK;
 }
 
-/* ---- The file at hand -------------------------------------------------------------------------
- */
+/* ---- An open file
+ * -------------------------------------------------------------------------------- */
 
-/* What a byte of a picture stands for: in version 2 by books, in version 1 by the ends of a range.
- */
+/* A file that is being read, with the values that bytes of images stand for: of codebooks in
+ * version 2, of ranges in version 1. */
 struct reading {
     struct spin_zip zip;
-    const char *folder; /* of loose files; NULL: they are in the zip */
+    const char *folder; /* of separate files; NULL: they are in the zip */
     spin_json *meta;
     struct spin_sog sog;
     float scale[3][SPIN_CODEBOOK], dc[3][SPIN_CODEBOOK], logit[SPIN_CODEBOOK];
@@ -193,7 +193,7 @@ struct reading {
         const unsigned char *data;
         size_t size;
         void *owned;
-        struct spin_map map; /* of a loose file */
+        struct spin_map map; /* of a separate file */
         int width, height;
     } file[SPIN_SOG_PICTURES];
 };
@@ -221,7 +221,7 @@ static spin_status read_numbers(const spin_json *object, const char *key, size_t
     return SPIN_OK;
 }
 
-/* The first may be null, as some writers left it: it goes on below the second. */
+/* The first value may be null, as some writers left it: it is extrapolated below the second. */
 static spin_status read_book(const spin_json *meta, const char *key, float book[SPIN_CODEBOOK])
 {
     const spin_json *list = spin_json_get(spin_json_get(meta, key), "codebook");
@@ -241,7 +241,7 @@ static spin_status read_book(const spin_json *meta, const char *key, float book[
     return SPIN_OK;
 }
 
-/* A whole number from `least` to `most`. */
+/* Reads an integer from `least` to `most`. */
 static spin_status check_count(const spin_json *json, const char *key, int64_t least, int64_t most,
                                int64_t *out)
 {
@@ -296,7 +296,7 @@ static spin_status read_ranges(const spin_json *meta, const char *key, size_t n,
     return SPIN_OK;
 }
 
-/* Its palette fills the picture: open_picture() counts it. */
+/* The size of the palette follows from that of its image: see open_picture(). */
 static spin_status parse_1_sh(struct reading *r, const spin_json *sh_n)
 {
     const spin_json *shape = spin_json_get(sh_n, "shape");
@@ -310,7 +310,7 @@ static spin_status parse_1_sh(struct reading *r, const spin_json *sh_n)
     if (r->sog.sh_degree == 0 || !spin_json_number(spin_json_get(sh_n, "mins"), &least) ||
         !spin_json_number(spin_json_get(sh_n, "maxs"), &largest) || fabs(least) > 1e9 ||
         fabs(largest) > 1e9)
-        return spin_malformed("SOG whose 'shN' has no sound shape, mins and maxs");
+        return spin_malformed("SOG whose 'shN' has no valid shape, mins and maxs");
     fill_range(least, largest, r->sog.sh_n);
     return SPIN_OK;
 }
@@ -349,8 +349,8 @@ static spin_status parse_meta(struct reading *r)
     return read_numbers(spin_json_get(r->meta, "means"), "maxs", 3, r->sog.means.maxs);
 }
 
-/* ---- The files ----------------------------------------------------------------------------------
- */
+/* ---- The files
+ * ----------------------------------------------------------------------------------- */
 
 static spin_status open_meta(struct reading *r, const void *file, size_t size)
 {
@@ -371,7 +371,7 @@ static spin_status open_meta(struct reading *r, const void *file, size_t size)
     return parse_meta(r);
 }
 
-/* The bytes of a picture. */
+/* Finds the bytes of an image. */
 static spin_status find_picture(struct reading *r, enum spin_sog_picture p)
 {
     const spin_json *files = spin_json_get(spin_json_get(r->meta, pictures[p].object), "files");
@@ -391,13 +391,13 @@ static spin_status find_picture(struct reading *r, enum spin_sog_picture p)
     if (!r->folder && name)
         member = spin_zip_find(&r->zip, name);
     if (!member)
-        return spin_malformed("SOG without its picture '%s'", pictures[p].name);
+        return spin_malformed("SOG without its image '%s'", pictures[p].name);
     r->file[p].size = (size_t)member->size;
     return spin_zip_read(&r->zip, member, true, r->zip.map.size, &r->file[p].data,
                          &r->file[p].owned);
 }
 
-/* A picture has pixels for all it holds and not many more. */
+/* Checks that an image has pixels for all its values and not many more. */
 static spin_status open_picture(struct reading *r, enum spin_sog_picture p)
 {
     int least_width, least_height, width, height;
@@ -418,7 +418,7 @@ static spin_status open_picture(struct reading *r, enum spin_sog_picture p)
     pixels = (int64_t)width * height;
     if (pixels < least || pixels > 2 * least + SLACK ||
         (p == SPIN_SOG_CENTROIDS && width != least_width))
-        return spin_malformed("SOG with a picture '%s' of %dx%d pixels", pictures[p].name, width,
+        return spin_malformed("SOG with an image '%s' of %dx%d pixels", pictures[p].name, width,
                               height);
     r->file[p].width = width;
     r->file[p].height = height;
@@ -450,8 +450,8 @@ spin_status spin_sog_peek(const void *file, size_t size, const char *folder, str
     return status;
 }
 
-/* ---- Pixels -----------------------------------------------------------------------------------
- */
+/* ---- Pixels
+ * -------------------------------------------------------------------------------------- */
 
 static spin_status read_picture(const struct reading *r, enum spin_sog_picture p, uint8_t **out)
 {
@@ -480,7 +480,8 @@ static spin_status read_quats(const struct reading *r, uint8_t **a, float *quats
     SPIN_TRY(read_picture(r, SPIN_SOG_QUATS, a));
     for (size_t i = 0; i < r->sog.n; i++)
         if (!spin_sog_rotation(*a + 4 * i, quats + 4 * i))
-            return spin_malformed("SOG whose rotation %zu has the mark %d", i, (*a)[4 * i + 3]);
+            return spin_malformed("SOG whose rotation %zu has the invalid mark %d", i,
+                                  (*a)[4 * i + 3]);
     return SPIN_OK;
 }
 
@@ -508,7 +509,7 @@ static spin_status read_sh_n(const struct reading *r, uint8_t **a, uint8_t **b,
     SPIN_TRY(read_picture(r, SPIN_SOG_CENTROIDS, b));
     for (size_t i = 0; i < r->sog.n; i++) {
         size_t label = (*a)[4 * i] | (size_t)(*a)[4 * i + 1] << 8;
-        const uint8_t *pixel = *b + 4 * n_vec * label; /* 64 vectors fill a line */
+        const uint8_t *pixel = *b + 4 * n_vec * label; /* a row has 64 vectors */
 
         if (label >= r->sog.n_palette)
             return spin_malformed("SOG with vector %zu of a palette of %zu", label,

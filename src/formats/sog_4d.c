@@ -8,8 +8,8 @@
 #define MAX_META (4u << 20)
 #define MAX_PICTURE (512u << 20)
 #define MAX_COUNT ((int64_t)SPIN_WEBP_MAX_SIDE * SPIN_WEBP_MAX_SIDE)
-#define SLACK 4096             /* pixels that hold nothing, beyond as many as do */
-#define MOST_SPLATS (1u << 20) /* that a file may hold without as many bytes */
+#define SLACK 4096             /* allowed pixels without a splat, beyond the number of splats */
+#define MOST_SPLATS (1u << 20) /* number of splats that is allowed for any file size */
 
 /* ---- meta.json ------------------------------------------------------------------------------- */
 
@@ -98,8 +98,9 @@ spin_status spin_sog_4d_files(struct spin_sog_4d *r, const spin_json *object, co
 
         if (!file || !spin_sog_4d_name_is_plain(file) || strcmp(file, "meta.json") == 0 ||
             (i > 0 && strcmp(file, r->name[first]) == 0))
-            return spin_malformed("%s whose '%s' names '%.60s', which is no picture", r->what, name,
-                                  file ? file : "");
+            return spin_malformed(
+                "%s whose '%s' names '%.60s', which is not a valid name of an image", r->what, name,
+                file ? file : "");
         r->name[first + i] = file;
     }
     return SPIN_OK;
@@ -165,14 +166,15 @@ void spin_sog_4d_close(struct spin_sog_4d *r)
     spin_zip_close(&r->zip);
 }
 
-/* ---- Pictures -------------------------------------------------------------------------------- */
+/* ---- Images
+ * ----------------------------------------------------------------------------------- */
 
-/* Rows of the output that come from one set of pictures. */
+/* Rows of the output that are read from one set of images. */
 struct set {
     struct spin_sog_4d *r;
     const char *folder; /* NULL: none */
     size_t first, n;
-    int width, height; /* of its pictures; 0: none was opened yet */
+    int width, height; /* of its images; 0: none was opened yet */
     uint8_t *low, *high;
     struct spin_splats_4d *out;
 };
@@ -199,7 +201,7 @@ static spin_status decode(const struct spin_sog_4d *r, const void *data, size_t 
     return spin_webp_read(data, size, width, height, *out);
 }
 
-/* set NULL: the palette. */
+/* Opens an image; set NULL: that of the palette. */
 static spin_status open_picture(const struct spin_sog_4d *r, enum spin_sog_4d_picture p,
                                 struct set *set, uint8_t **out)
 {
@@ -216,14 +218,14 @@ static spin_status open_picture(const struct spin_sog_4d *r, enum spin_sog_4d_pi
         SPIN_TRY(spin_strdup(r->name[p], &name));
     member = spin_zip_find(&r->zip, name);
     status = member ? spin_zip_read(&r->zip, member, true, MAX_PICTURE, &data, &owned)
-                    : spin_malformed("it is not there");
+                    : spin_malformed("it is missing");
     if (status == SPIN_OK)
         status = decode(r, data, (size_t)member->size, set, out);
-    return spin_fail_context(status, "picture '%s' of %s", name, r->what);
+    return spin_fail_context(status, "image '%s' of %s", name, r->what);
 }
 
-/* The first channels of picture p and, where there is one, that of its high bytes, as numbers of a
- * range: channel c goes to to[c][step i], NULL ends them. */
+/* Reads channels of image p, and of the image of high bytes if there is one, as numbers of a range.
+ * Channel c goes to to[c][step i]; to ends with NULL. */
 static spin_status read_numbers(struct set *set, enum spin_sog_4d_picture p,
                                 const struct spin_sog_range *range, bool linear, float *to[4],
                                 size_t step)
@@ -239,13 +241,13 @@ static spin_status read_numbers(struct set *set, enum spin_sog_4d_picture p,
 
             to[c][step * i] = spin_sog_number(range, linear, c, q, wide ? 65535 : 255);
             if (!isfinite(to[c][step * i]))
-                return spin_malformed("picture '%s' of %s: row %zu is not finite", set->r->name[p],
+                return spin_malformed("image '%s' of %s: row %zu is not finite", set->r->name[p],
                                       set->r->what, i);
         }
     return SPIN_OK;
 }
 
-/* Channels of picture p as places in books. */
+/* Reads channels of image p as indices in codebooks. */
 static spin_status read_books(struct set *set, enum spin_sog_4d_picture p,
                               const struct spin_sog_book *const book[4], float *to[5],
                               const size_t step[4])
@@ -256,7 +258,7 @@ static spin_status read_books(struct set *set, enum spin_sog_4d_picture p,
             uint8_t k = set->low[4 * i + c];
 
             if (k >= book[c]->n)
-                return spin_malformed("picture '%s' of %s: row %zu has entry %d of a book of %zu",
+                return spin_malformed("image '%s' of %s: row %zu has entry %d of a book of %zu",
                                       set->r->name[p], set->r->what, i, k, book[c]->n);
             to[c][step[c] * i] = book[c]->value[k];
         }
@@ -268,7 +270,7 @@ static spin_status read_quats(struct set *set, float *quats)
     SPIN_TRY(open_picture(set->r, SPIN_4D_QUATS, set, &set->low));
     for (size_t i = 0; i < set->n; i++)
         if (!spin_sog_rotation(set->low + 4 * i, quats + 4 * i))
-            return spin_malformed("picture '%s' of %s: row %zu has the mark %d",
+            return spin_malformed("image '%s' of %s: row %zu has the invalid mark %d",
                                   set->r->name[SPIN_4D_QUATS], set->r->what, i,
                                   set->low[4 * i + 3]);
     return SPIN_OK;
@@ -284,7 +286,7 @@ static spin_status read_rest(struct set *set, float *sh, size_t width)
     SPIN_TRY(open_picture(r, SPIN_4D_LABELS, set, &set->low));
     for (size_t i = 0; i < set->n; i++) {
         size_t label = set->low[4 * i] | (size_t)set->low[4 * i + 1] << 8;
-        const uint8_t *pixel = r->centroids + 4 * n_vec * label; /* 64 vectors fill a line */
+        const uint8_t *pixel = r->centroids + 4 * n_vec * label; /* a row has 64 vectors */
 
         if (label >= r->n_palette)
             return spin_malformed("%s with vector %zu of a palette of %zu", r->what, label,

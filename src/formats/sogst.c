@@ -20,7 +20,7 @@ static spin_status check_version(const struct spin_sog_4d *r)
     return SPIN_OK;
 }
 
-/* Times of a clip: a length above 0, and so are frames a second. */
+/* Checks the times of a clip: its length and fps must be above 0. */
 static spin_status check_times(const struct spin_sogst *s)
 {
     if (!(s->last > s->first && s->last - s->first < 1e6 && s->fps > 0 && s->fps < 1e4))
@@ -95,7 +95,7 @@ static spin_status read_cov2d(const struct spin_sog_4d *r, double cov2d[2])
 
 /* ---- Segments -------------------------------------------------------------------------------- */
 
-/* A range must follow the one before. */
+/* Reads a range of splats, which must begin where the previous one ends. */
 static spin_status next_range(const spin_json *range, size_t n, size_t *at, size_t *end)
 {
     int64_t first = -1, last = -1;
@@ -111,7 +111,7 @@ static spin_status next_range(const spin_json *range, size_t n, size_t *at, size
     return SPIN_OK;
 }
 
-/* The pictures of one group of splats, in a folder of its own. */
+/* Reads the images of one group of splats, which have their own folder. */
 static spin_status read_group(struct spin_sog_4d *r, const spin_json *range, const spin_json *name,
                               size_t *end, struct spin_splats_4d *splats)
 {
@@ -127,7 +127,7 @@ static spin_status read_group(struct spin_sog_4d *r, const spin_json *range, con
     return spin_sog_4d_rows(r, folder, at, *end - at, splats);
 }
 
-/* Ranges are checked, and rows read where they have streams. */
+/* Checks the ranges; reads the rows, by segment if there are streams. */
 static spin_status read_segments(struct spin_sog_4d *r, struct spin_sogst *out,
                                  struct spin_splats_4d *splats)
 {
@@ -152,7 +152,7 @@ static spin_status read_segments(struct spin_sog_4d *r, struct spin_sogst *out,
         SPIN_TRY(read_group(r, spin_json_get(spin_json_at(list, k), "range"),
                             spin_json_at(names, k), &end, to));
     if (end != r->n)
-        return spin_malformed(".sogst whose 'segments' hold %zu of %zu splats", end, r->n);
+        return spin_malformed(".sogst whose 'segments' contain %zu of %zu splats", end, r->n);
     return streams ? SPIN_OK : spin_sog_4d_rows(r, NULL, 0, r->n, splats);
 }
 
@@ -180,11 +180,12 @@ spin_status spin_sogst_read(const void *file, size_t size, struct spin_sogst *ou
     return read_all(&r, out, splats);
 }
 
-/* ---- The PLY for exchange -------------------------------------------------------------------- */
+/* ---- The exchange PLY
+ * -------------------------------------------------------------------------- */
 
-/* What its comments and its sidecar say. */
+/* The values of the comments and of the sidecar file. */
 struct scalars {
-    double first, last, fps, degree, cov2d[2]; /* NaN: nothing is said */
+    double first, last, fps, degree, cov2d[2]; /* NaN: not given */
 };
 
 static void read_comments(const struct spin_ply *ply, struct scalars *out)
@@ -211,7 +212,7 @@ static void read_comments(const struct spin_ply *ply, struct scalars *out)
         }
 }
 
-/* NAME.sogst.json beside NAME.ply, where it is there. */
+/* Reads NAME.sogst.json, if it exists beside NAME.ply. */
 static spin_status read_sidecar(const char *path, struct scalars *out)
 {
     size_t n = strlen(path);
@@ -245,7 +246,7 @@ static spin_status read_scalars(const struct spin_ply *ply, int degree, struct s
     if (isnan(s.first) || isnan(s.last) || isnan(s.fps))
         return spin_malformed("no comments sogst.time_min, sogst.time_max and sogst.fps");
     if (!isnan(s.degree) && s.degree != degree)
-        return spin_malformed("it says motion of degree %g and has properties of degree %d",
+        return spin_malformed("it declares motion of degree %g but has properties of degree %d",
                               s.degree, degree);
     for (int k = 0; k < 2; k++)
         if (!(s.cov2d[k] >= 0 && (s.cov2d[k] > 0) == (s.cov2d[0] > 0) && s.cov2d[k] < 1e6))

@@ -13,8 +13,8 @@
 #define SMOOTHED 1 /* of the header's flags */
 #define ROW_BYTES 14
 #define MAX_FRAMES 1000000
-/* What unpacks to more times its bytes, beyond a megabyte, is a bomb: rows have places of their
- * own, but differences of those that hardly move pack well. */
+/* Limits of decompression, beyond a megabyte: positions are unique and compress little, but
+ * differences of splats that hardly move compress well. Anything above is a decompression bomb. */
 #define ROW_RATIO 32
 #define RATIO 1000
 #define SLACK (1u << 20)
@@ -60,7 +60,7 @@ static spin_status get_whole(const spin_json *object, const char *key, int64_t l
                              int64_t *out)
 {
     if (!spin_json_integer(spin_json_get(object, key), out) || *out < least || *out > most)
-        return spin_malformed("header: '%s' is no whole number from %lld to %lld", key,
+        return spin_malformed("header: '%s' is not an integer from %lld to %lld", key,
                               (long long)least, (long long)most);
     return SPIN_OK;
 }
@@ -68,7 +68,7 @@ static spin_status get_whole(const spin_json *object, const char *key, int64_t l
 static spin_status get_positive(const spin_json *object, const char *key, double *out)
 {
     if (!spin_json_number(spin_json_get(object, key), out) || !isfinite(*out) || *out <= 0)
-        return spin_malformed("header: '%s' is no positive number", key);
+        return spin_malformed("header: '%s' is not a positive number", key);
     return SPIN_OK;
 }
 
@@ -84,7 +84,7 @@ static spin_status get_bytes(const struct spin_splat4d *clip, const spin_json *o
     return SPIN_OK;
 }
 
-/* Groups hold all frames, each once, and lie one behind the other: no two are of the same bytes. */
+/* Reads the groups: they contain all frames in order, and their bytes do not overlap. */
 static spin_status read_groups(const spin_json *json, struct spin_splat4d *out)
 {
     const spin_json *groups = spin_json_get(json, "gops");
@@ -142,7 +142,7 @@ static spin_status read_header(const spin_json *json, struct spin_splat4d *out)
 
 struct stream {
     int attribute, kind, symbol;
-    size_t n, bytes; /* symbols, bytes packed */
+    size_t n, bytes; /* number of symbols, compressed bytes */
 };
 
 static struct stream stream_at(const unsigned char *head)
@@ -150,7 +150,7 @@ static struct stream stream_at(const unsigned char *head)
     return (struct stream){head[0], head[1], head[2], spin_u32_at(head + 3), spin_u32_at(head + 7)};
 }
 
-/* The planes of a stream that must have n symbols, allocated. `room` is what is left of its
+/* Unpacks the planes of a stream, allocated; it must have n symbols. room: bytes left of its
  * section. */
 static spin_status unpack(const struct stream *s, const unsigned char *packed, size_t room,
                           uint64_t n, unsigned char **out)
@@ -159,7 +159,7 @@ static spin_status unpack(const struct stream *s, const unsigned char *packed, s
     uint64_t bytes = (uint64_t)s->n * (unsigned)s->symbol;
 
     if (s->bytes > room)
-        return spin_malformed("a stream of '%s' ends behind its section", name);
+        return spin_malformed("a stream of '%s' extends beyond its section", name);
     if (s->n != n)
         return spin_malformed("a stream of '%s' has %zu values, expected %llu", name, s->n,
                               (unsigned long long)n);
@@ -177,7 +177,7 @@ static spin_status unpack(const struct stream *s, const unsigned char *packed, s
 
 static float byte_value(double v) { return (float)(v > 0 ? v < 255 ? v : 255 : 0) / 255; }
 
-/* A row of a column from its steps. */
+/* Converts a row of a column from its steps. */
 static void finish(int attribute, const int32_t *steps, double step, float *out)
 {
     for (size_t c = 0; c < attributes[attribute].width; c++) {
@@ -193,8 +193,8 @@ static void finish(int attribute, const int32_t *steps, double step, float *out)
 
 /* ---- The static section ---------------------------------------------------------------------- */
 
-/* The stream at *at of the static section, which has to be of this attribute; *at becomes its end.
- */
+/* Reads the stream at *at of the static section, which must be of this attribute; advances *at to
+ * its end. */
 static spin_status static_stream(const struct spin_splat4d *clip, size_t *at, int attribute,
                                  uint64_t n, struct stream *s, unsigned char **planes)
 {
@@ -205,14 +205,14 @@ static spin_status static_stream(const struct spin_splat4d *clip, size_t *at, in
     *s = stream_at(section + *at);
     *at += STREAM_HEAD;
     if (s->attribute != attribute || s->kind != STATIC)
-        return spin_malformed("the static section has something else than '%s'",
+        return spin_malformed("the static section has another stream instead of '%s'",
                               attributes[attribute].name);
     SPIN_TRY(unpack(s, section + *at, clip->static_bytes - *at, n, planes));
     *at += s->bytes;
     return SPIN_OK;
 }
 
-/* Which rows move. */
+/* Reads which rows are dynamic. */
 static spin_status take_mask(struct spin_splat4d *clip, int attribute, const struct stream *s,
                              const unsigned char *bits)
 {
@@ -237,7 +237,8 @@ static spin_status take_mask(struct spin_splat4d *clip, int attribute, const str
                       (void **)&a->held);
 }
 
-/* Places and scales are differences from the row before, rotations are moved by 128. */
+/* Reads the values of static rows. Positions and scales are differences from the row before,
+ * rotations have an offset of 128. */
 static spin_status take_base(struct spin_splat4d *clip, int attribute, const struct stream *s,
                              const unsigned char *planes)
 {
@@ -279,7 +280,7 @@ static spin_status read_static(struct spin_splat4d *clip)
         SPIN_TRY(status);
     }
     if (at != clip->static_bytes)
-        return spin_malformed("the static section has more than its streams");
+        return spin_malformed("the static section has bytes after its streams");
     return SPIN_OK;
 }
 
@@ -312,14 +313,14 @@ static spin_status unpack_group(struct spin_splat4d *clip, size_t group)
     size_t at = 2 + STREAM_HEAD * n;
 
     if (at > g->bytes)
-        return spin_malformed("it ends in its heads");
+        return spin_malformed("it ends within the headers of its streams");
     for (size_t i = 0; i < n; i++) {
         struct stream s = stream_at(section + 2 + STREAM_HEAD * i);
 
         if (s.attribute >= SPIN_SPLAT4D_ATTRIBUTES || s.kind > CHANGE ||
             clip->attribute[s.attribute].planes[s.kind])
             return spin_malformed(
-                "stream %zu, of attribute %d and kind %d, is unknown, or there twice", i,
+                "stream %zu, of attribute %d and kind %d, is unknown or occurs twice", i,
                 s.attribute, s.kind);
         SPIN_TRY(unpack(&s, section + at, g->bytes - at,
                         n_symbols(clip, group, s.attribute, s.kind),
@@ -333,11 +334,11 @@ static spin_status unpack_group(struct spin_splat4d *clip, size_t group)
                 return spin_malformed("it has no %s of '%s'", kind == KEY ? "key" : "changes",
                                       attributes[a].name);
     if (at != g->bytes)
-        return spin_malformed("it has more than its streams");
+        return spin_malformed("it has bytes after its streams");
     return SPIN_OK;
 }
 
-/* To the first frame of the group, or to the next one. */
+/* Advances to the first frame of the group, or to the next frame. */
 static void step(struct spin_splat4d *clip, bool first)
 {
     const struct spin_splat4d_group *g = &clip->groups[clip->group];

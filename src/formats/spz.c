@@ -9,24 +9,24 @@
 
 #define MAGIC 0x5053474eu /* "NGSP" */
 #define OLDEST 2
-#define IN_STREAMS 4  /* the version whose streams are compressed one by one */
+#define IN_STREAMS 4  /* first version whose streams are compressed separately */
 #define ANTIALIASED 1 /* of the header's flags */
-#define EXTENDED 2    /* likewise */
+#define EXTENDED 2    /* of the header's flags */
 #define MAX_SH_DEGREE 4
-#define AXES_RECORD 0xadbe0003u /* type of the extension's record that names the axes */
+#define AXES_RECORD 0xadbe0003u /* type of the extension record for axes */
 #define MAX_AXES 16
 #define LEFT_DOWN_BACK 1
 #define COLOUR_SCALE (0.15f * 255)
 #define SQRT2 1.41421356237309505f
-#define MAX_PLACE 8388606 /* steps */
-/* Scenes unpack to two or three times the file, to ten where SH are filled up with zeros. What is
- * more than 32 times, beyond some megabytes, is a bomb: deflate can make 1032 bytes out of one,
- * zstd far more. */
+#define MAX_PLACE 8388606 /* in steps */
+/* Scenes unpack to two or three times the file, to ten times if SH are padded with zeros. Anything
+ * above 32 times, beyond some megabytes, is a decompression bomb: deflate can expand a byte to
+ * 1032, zstd to far more. */
 #define RATIO 32
 #define RATIO_SLACK (8u << 20)
 #define MAX_EXTENSIONS (1u << 20)
 
-/* x y z w in our w x y z */
+/* Indices of x y z w in our w x y z. */
 static const int xyzw[4] = {1, 2, 3, 0};
 
 /* ---- Writing --------------------------------------------------------------------------------- */
@@ -159,7 +159,7 @@ static uint64_t u64_at(const unsigned char *at)
     return spin_u32_at(at) | (uint64_t)spin_u32_at(at + 4) << 32;
 }
 
-/* Bytes of a stream of the file. */
+/* Bytes of a stream, unpacked. */
 static uint64_t stream_bytes(const struct spin_spz_header *h, int stream)
 {
     bool three = stream == SPIN_SPZ_ROTATION && h->version == OLDEST;
@@ -176,7 +176,7 @@ static uint64_t all_bytes(const struct spin_spz_header *h)
     return sum;
 }
 
-/* The first 16 bytes, of which all versions have the same. */
+/* Parses the first 16 bytes, which are the same in all versions. */
 static spin_status parse_header(const unsigned char *bytes, struct spin_spz_header *out)
 {
     *out = (struct spin_spz_header){.version = (int)spin_u32_at(bytes + 4),
@@ -193,7 +193,7 @@ static spin_status parse_header(const unsigned char *bytes, struct spin_spz_head
     return SPIN_OK;
 }
 
-/* Before memory is reserved for them. */
+/* Checks the number of splats against the file size, before memory is reserved. */
 static spin_status check_count(const struct spin_spz_header *h, size_t size)
 {
     if (all_bytes(h) > RATIO_SLACK + (uint64_t)RATIO * size)
@@ -201,7 +201,7 @@ static spin_status check_count(const struct spin_spz_header *h, size_t size)
     return SPIN_OK;
 }
 
-/* Records of a type, a length and so many bytes; those that are not known are passed over. */
+/* Reads records of a type, a length and so many bytes; unknown types are skipped. */
 static spin_status read_extensions(const unsigned char *at, size_t n, struct spin_spz_header *out)
 {
     while (n > 0) {
@@ -220,8 +220,8 @@ static spin_status read_extensions(const unsigned char *at, size_t n, struct spi
     return SPIN_OK;
 }
 
-/* Version 4: the table of contents stands for each stream that is not empty, in their order, and
- * the last one ends the file. */
+/* Version 4: the table of contents lists the streams that are not empty, in order, and the last one
+ * ends at the end of the file. */
 static spin_status check_streams(const unsigned char *file, size_t size, struct spin_spz_header *h)
 {
     uint32_t toc = spin_u32_at(file + 16);
@@ -229,7 +229,7 @@ static spin_status check_streams(const unsigned char *file, size_t size, struct 
     int entry = 0;
 
     if (toc < SPIN_SPZ_HEADER_4 || at > size)
-        return spin_malformed("SPZ whose table of contents ends behind the file");
+        return spin_malformed("SPZ whose table of contents extends beyond the file");
     for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++) {
         uint64_t bytes = stream_bytes(h, stream);
         const unsigned char *e = file + toc + SPIN_SPZ_TOC_ENTRY * entry;
@@ -239,25 +239,25 @@ static spin_status check_streams(const unsigned char *file, size_t size, struct 
         if (entry++ >= file[15] || u64_at(e + 8) != bytes)
             return spin_malformed("SPZ whose stream %d is not of %zu splats", stream, h->n);
         if (u64_at(e) > size - at)
-            return spin_malformed("SPZ whose stream %d ends behind the file", stream);
+            return spin_malformed("SPZ whose stream %d extends beyond the file", stream);
         at += u64_at(e);
     }
     if (entry != file[15] || at != size)
-        return spin_malformed("SPZ with more than its streams");
+        return spin_malformed("SPZ with bytes after its streams");
     SPIN_TRY(check_count(h, size));
     return file[14] & EXTENDED
                ? read_extensions(file + SPIN_SPZ_HEADER_4, toc - SPIN_SPZ_HEADER_4, h)
                : SPIN_OK;
 }
 
-/* Bytes of the extensions in the gzip of version 2 or 3, by what its end says of its length, which
- * is counted modulo 2^32. */
+/* Bytes of the extensions in the gzip of version 2 or 3, computed from the length at its end, which
+ * is modulo 2^32. */
 static uint32_t extension_bytes(const void *file, size_t size, const struct spin_spz_header *h)
 {
     return spin_gzip_length(file, size) - (uint32_t)(SPIN_SPZ_HEADER + all_bytes(h));
 }
 
-/* All that versions 2 and 3 pack. */
+/* Unpacks the whole of a version 2 or 3. */
 static spin_status inflate_all(const void *file, size_t size, const struct spin_spz_header *h,
                                unsigned char **out, size_t *n_out)
 {
@@ -296,7 +296,7 @@ static spin_status peek_gzip(const void *file, size_t size, struct spin_spz_head
     return read_extensions(all + n - n_extensions, n_extensions, out);
 }
 
-/* Versions 2 and 3 as they are before the gzip. */
+/* Checks versions 2 and 3 without gzip. */
 static spin_status check_plain(const unsigned char *file, size_t size, struct spin_spz_header *h)
 {
     uint64_t n = SPIN_SPZ_HEADER + all_bytes(h);
@@ -326,7 +326,7 @@ spin_status spin_spz_axes(int axes, double q[4])
     static const char *const names[MAX_AXES + 1] = {
         "unspecified", "LDB", "RDB", "LUB", "RUB", "LDF", "RDF", "LUF", "RUF",
         "LFD",         "RFD", "LFU", "RFU", "LBD", "RBD", "LBU", "RBU"};
-    /* Half a turn about x, y, z, or none; the others are mirrored or lie on their backs. */
+    /* Half a turn about x, y, z, or none; other axes are mirrored or need a quarter turn. */
     static const struct {
         int axes, about;
     } turns[] = {{SPIN_SPZ_RIGHT_DOWN_FORWARD, 0},
@@ -373,7 +373,7 @@ static void rotation_of(const unsigned char *at, float q[4])
     spin_quat_normalise(q);
 }
 
-/* Version 2: x y z, and w is not negative. */
+/* Version 2: x y z, where w is not negative. */
 static void rotation_of_three(const unsigned char *at, float q[4])
 {
     float rest = 1;
@@ -386,7 +386,7 @@ static void rotation_of_three(const unsigned char *at, float q[4])
     spin_quat_normalise(q);
 }
 
-/* The streams one after the other, as Niantic's library reads them. */
+/* Reads the streams in order, as Niantic's library does. */
 static void read_streams(const struct spin_spz_header *h, const unsigned char *place,
                          unsigned columns, struct spin_splats *out)
 {
@@ -417,7 +417,7 @@ static void read_streams(const struct spin_spz_header *h, const unsigned char *p
     }
 }
 
-/* The streams of version 4, one after the other. */
+/* Unpacks the streams of version 4, one after the other. */
 static spin_status inflate_streams(const unsigned char *file, const struct spin_spz_header *h,
                                    unsigned char **out)
 {

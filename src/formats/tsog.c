@@ -15,8 +15,8 @@ enum { DESCRIPTOR = 1 << 3 }; /* flag of a member */
 
 static uint32_t u32(const unsigned char *p) { return spin_u32_at(p); }
 
-/* The local header says what the directory does; with the flag a descriptor behind the data does.
- */
+/* Checks that the local header has the values of the directory; or, if it has the flag, that the
+ * descriptor after the data does. */
 static bool header_agrees(const struct spin_zip *zip, const struct spin_zip_member *m)
 {
     const unsigned char *p = zip->map.data + m->header_offset, *end = zip->map.data + zip->map.size;
@@ -62,7 +62,7 @@ static spin_status check_archive(const struct spin_zip *zip)
         n_names += strlen(m->name) + CENTRAL_BYTES;
         if ((m->method != METHOD_STORED && m->method != METHOD_DEFLATE) || !header_agrees(zip, m))
             return spin_malformed(
-                "TSOG whose member '%.60s' has another header than its directory says", m->name);
+                "TSOG whose member '%.60s' has a header that differs from the directory", m->name);
     }
     if (n_names > MAX_DIRECTORY)
         return spin_malformed("TSOG with a directory of %zu bytes", n_names);
@@ -97,7 +97,7 @@ static spin_status check_version(const struct spin_sog_4d *r)
     return SPIN_OK;
 }
 
-/* Checked also where it is ignored. */
+/* Reads the velocities; they are checked even if they are ignored. */
 static spin_status read_motion(struct spin_sog_4d *r, bool timed)
 {
     const spin_json *temporal = spin_json_get(r->meta, "temporal");
@@ -136,7 +136,7 @@ static spin_status read_timeline(struct spin_sog_4d *r, struct spin_tsog *out)
     }
     out->time = SPIN_TSOG_DISCRETE;
     r->degree = 0;
-    r->time = (struct spin_sog_range){.maxs = {STEPS - 1, STEPS - 1}}; /* whole steps */
+    r->time = (struct spin_sog_range){.maxs = {STEPS - 1, STEPS - 1}}; /* integer steps */
     SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(timeline, "N"), "timeline.N", 1, STEPS, &n));
     SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(timeline, "delta"), "timeline.delta", STEPS / n,
                                  STEPS / n, &delta));
@@ -144,7 +144,7 @@ static spin_status read_timeline(struct spin_sog_4d *r, struct spin_tsog *out)
     return SPIN_OK;
 }
 
-/* A number above 0 that may be missing; *out keeps its value then. */
+/* Reads an optional number above 0; *out is unchanged if it is missing. */
 static spin_status read_above_0(const spin_json *object, const char *key, double *out)
 {
     const spin_json *j = spin_json_get(object, key);
@@ -191,7 +191,7 @@ static spin_status read_playback(const struct spin_sog_4d *r, struct spin_tsog *
     return SPIN_OK;
 }
 
-/* What a sound file's ending says that browsers play. */
+/* True for file extensions of sound formats that browsers play. */
 static bool is_sound_name(const char *name)
 {
     static const char *const endings[] = {".mp3",  ".m4a", ".aac",  ".ogg", ".oga",
@@ -225,7 +225,7 @@ static spin_status read_sound(const struct spin_sog_4d *r, struct spin_tsog *out
         return fail_meta("audio.file", "the name of a member");
     for (int p = 0; p < SPIN_4D_PICTURES; p++)
         if (r->name[p] && strcmp(r->name[p], file) == 0)
-            return fail_meta("audio.file", "another than the pictures");
+            return fail_meta("audio.file", "the name of a file other than the images");
     type = spin_json_get(sound, "mimeType");
     if (type ? !spin_json_string(type) || !is_sound_type(spin_json_string(type))
              : !is_sound_name(file))
@@ -234,7 +234,7 @@ static spin_status read_sound(const struct spin_sog_4d *r, struct spin_tsog *out
     if (volume && (!spin_json_number(volume, &loud) || !(loud >= 0 && loud <= 1)))
         return fail_meta("audio.volume", "from 0 to 1");
     if (out->time == SPIN_TSOG_STATIC && out->duration == 0)
-        return fail_meta("playback.duration", "given, which a still with sound needs");
+        return fail_meta("playback.duration", "given, as a static file with sound requires");
     member = spin_zip_find(&r->zip, file);
     if (!member || member->size > MAX_SOUND)
         return spin_malformed("TSOG without its sound '%.60s', or one above 128 MiB", file);
@@ -244,7 +244,8 @@ static spin_status read_sound(const struct spin_sog_4d *r, struct spin_tsog *out
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
 
-/* Steps become the numbers of the frames that alone show them. */
+/* Converts steps to the number of the frame that shows the splat, and cuts the window to that
+ * frame. */
 static void cut_frames(struct spin_splats_4d *s, int n_frames)
 {
     int delta = STEPS / n_frames;

@@ -1,11 +1,11 @@
-/* Raw head outputs to finished attributes and back (the table of docs/method.md 3.4). Colour is the
- * identity and needs no function. */
+/* Activations of the heads' raw outputs and their adjoints (the table of docs/method.md 3.4).
+ * Colour is the identity and needs no function. */
 #pragma once
 
 #include "math/approx.h"
 #include "math/quat.h"
 
-/* Truncated exponential: the clamp at 20 keeps the forward finite and does not cut the gradient. */
+/* Truncated exponential: the clamp at 20 keeps the value finite and lets the gradient pass. */
 SPIN_FN float spin_scale_of(float h) { return spin_exp(h > 20.0f ? 20.0f : h); }
 SPIN_FN float spin_scale_adj(float h, float d_scale) { return d_scale * spin_scale_of(h); }
 
@@ -33,8 +33,8 @@ SPIN_FN void spin_rotation_of(const float r[4], float q[4])
         q[i] = (float)(r[i] * k);
 }
 
-/* d_r = (g - q (q.g)) / |r|. Below the 1e-12 the divisor is a constant and q is far from unit
- * length, so the second term fades out by itself. */
+/* d_r = (g - q (q.g)) / |r|. If |r| < 1e-12 the divisor is a constant and |q| is far below 1, so
+ * the second term vanishes by itself. */
 SPIN_FN void spin_rotation_adj(const float r[4], const float d_q[4], float d_r[4])
 {
     double k = spin_rotation_factor(r), dot = 0.0;
@@ -45,7 +45,7 @@ SPIN_FN void spin_rotation_adj(const float r[4], const float d_q[4], float d_r[4
         d_r[i] = (float)((d_q[i] - r[i] * k * dot) * k);
 }
 
-/* An opacity and its logit, in double; the logit of one held off 0 and 1, where it has none. */
+/* Opacity and logit in double. The logit is finite: opacities are clamped to 1e-6 from 0 and 1. */
 SPIN_FN double spin_sigmoid_of(double logit) { return 1 / (1 + exp(-logit)); }
 
 SPIN_FN float spin_logit_of(double opacity)

@@ -1,5 +1,5 @@
-/* Adam, one parameter, one step, and the learning rates over a run (docs/method.md 6; Kingma and Ba
- * 2015).
+/* Adam for one parameter and one step, and the learning rate schedules (docs/method.md 6; Kingma
+ * and Ba 2015).
  *
  *     m = .9 m + .1 g;  v = .999 v + .001 g^2
  *     p -= lr/(1-.9^k) m / (sqrt(v)/sqrt(1-.999^k) + 1e-15) */
@@ -7,7 +7,7 @@
 
 #include "math/portable.h"
 
-/* The two bias corrections, the same for all parameters of a step; step counts from 1. */
+/* The two bias corrections of Adam step k, the same for all parameters. Steps count from 1. */
 struct spin_adam_step {
     float rate;     /* lr / (1 - .9^k) */
     float inv_root; /* 1 / sqrt(1 - .999^k) */
@@ -32,15 +32,16 @@ SPIN_FN void spin_adam_one(struct spin_adam_step s, float g, float *p, float *m,
     *v = v_new;
 }
 
-/* Steps without a gradient, all at once. A parameter that stands at step j has, t of them later,
- * m .9^t and v .999^t, so the steps i = j+1..k took from it, with r_i = sqrt(1-.999^i),
+/* Applies t steps without a gradient at once. After t such steps from step j to k = j + t, a
+ * parameter has m .9^t and v .999^t, and the steps i = j+1..k have moved it by, with
+ * r_i = sqrt(1-.999^i),
  *
- *     m / sqrt(v) * sum of lr_i r_i/(1-.9^i) (.9/sqrt(.999))^(i-j)    where sqrt(v) counts, and
- *     m / 1e-15   * sum of lr_i    /(1-.9^i)  .9^(i-j)                where the 1e-15 does:
+ *     m / sqrt(v) * sum of lr_i r_i/(1-.9^i) (.9/sqrt(.999))^(i-j)    where sqrt(v) dominates, and
+ *     m / 1e-15   * sum of lr_i    /(1-.9^i)  .9^(i-j)                where the 1e-15 does.
  *
- * numbers of j and k alone. `drift` is the first sum and `tiny` 1e-15 times the first by the
- * second, so that both ends are exact and what lies between them is smooth. `fade_m` and `fade_v`
- * are .9^t and .999^t. Equal to the single steps but for rounding, and for gradients of 1e-16 to
+ * The sums depend on j and k only. `drift` is the first sum and `tiny` is 1e-15 times the first
+ * divided by the second: both limits are exact, with a smooth transition. `decay_m` and `decay_v`
+ * are .9^t and .999^t. Equal to t single steps up to rounding, except for gradients of 1e-16 to
  * 1e-14. */
 SPIN_FN void spin_adam_skip(float drift, float tiny, float decay_m, float decay_v, float *p,
                             float *m, float *v)
@@ -50,7 +51,8 @@ SPIN_FN void spin_adam_skip(float drift, float tiny, float decay_m, float decay_
     *v *= decay_v;
 }
 
-/* Iteration i = 1..n: linear warm-up over the first `warmup`, then half a cosine down to lr_end. */
+/* Learning rate of iteration i = 1..n: linear warm-up for `warmup` iterations, then half a cosine
+ * to lr_end. */
 SPIN_FN double spin_lr(double lr0, double lr_end, int64_t i, int64_t warmup, int64_t n)
 {
     double along;
@@ -63,8 +65,8 @@ SPIN_FN double spin_lr(double lr0, double lr_end, int64_t i, int64_t warmup, int
     return lr_end + (lr0 - lr_end) * 0.5 * (1.0 + cos(3.14159265358979323846 * along));
 }
 
-/* Log-linear from lr0 (at i = 0) to lr_end (at i = n and after): positions in the refinement,
- * docs/method.md 2. */
+/* Log-linear from lr0 (at i = 0) to lr_end (from i = n on): positions in the refinement
+ * (docs/method.md 2). */
 SPIN_FN double spin_lr_exp(double lr0, double lr_end, int64_t i, int64_t n)
 {
     double along = n > 0 ? (double)i / (double)n : 1.0;

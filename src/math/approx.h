@@ -1,6 +1,5 @@
-/* exp, exp2, sigmoid, erf and GELU without libm, so that a loop over them becomes vector code and
- * every device computes them alike. The errors stated are bounds that
- * tests/math/t-approx.c holds on a dense sweep.
+/* exp, exp2, sigmoid, erf and GELU without libm, so that loops over them vectorise and all devices
+ * compute the same values. tests/math/t-approx.c checks the stated error bounds on a dense sweep.
  *
  * No special cases: arguments outside the range are clamped, NaN stays NaN. */
 #pragma once
@@ -51,8 +50,8 @@ SPIN_FN float spin_exp2_fraction(float f)
     return p * f + 1.0f;
 }
 
-/* 1 / v, for normal v whose inverse is normal. On a card to 1 unit in the last place, without the
- * care for others. */
+/* 1 / v, for normal v whose inverse is normal. On a GPU accurate to 1 unit in the last place,
+ * without the handling of other values. */
 SPIN_FN float spin_reciprocal(float v)
 {
 #if defined(__CUDA_ARCH__)
@@ -77,7 +76,8 @@ SPIN_FN float spin_exp2(float x)
     return p * spin_float_of_bits((spin_bits_of_float(shifted) - SPIN_ROUND_BITS + 127u) << 23);
 }
 
-/* The same, not clamped: x must be within. The integer part is added to the exponent. */
+/* The same without clamping; x must be within the range. The integer part is added to the
+ * exponent. */
 SPIN_FN float spin_exp2_within(float x)
 {
     float shifted = x + SPIN_ROUND_MAGIC;
@@ -87,7 +87,7 @@ SPIN_FN float spin_exp2_within(float x)
 }
 
 /* e^x for -87 <= x <= 88, clamped to that. Relative error 2e-7. e^x = 2^n e^f with |f| <= ln(2)/2;
- * ln 2 is taken off in two parts so that f keeps its low bits. Degree 6, exact at f = 0. */
+ * n ln 2 is subtracted in two parts to keep the low bits of f. Degree 6, exact at f = 0. */
 SPIN_FN float spin_exp(float x)
 {
     float shifted, n, f, p;
@@ -135,8 +135,8 @@ SPIN_FN float spin_erf(float x)
 }
 
 /* GELU(x) = x Phi(x) in its exact (erf) form, docs/method.md 3.4, and its slope Phi(x) + x phi(x).
- * The one exponential e^(-x^2/2) serves both. Absolute error 5e-7 of the value for |x| <= 6 (above
- * that of rounding alone), of the slope 5e-7. */
+ * Both use the same exponential e^(-x^2/2). Absolute error for |x| <= 6: 5e-7 of the value, in
+ * excess of plain rounding, and 5e-7 of the slope. */
 SPIN_FN float spin_gelu_both(float x, float *slope)
 {
     float u = fabsf(x);
@@ -150,8 +150,8 @@ SPIN_FN float spin_gelu_both(float x, float *slope)
 
 /* GELU alone: x Phi(x) = max(x, 0) - u Phi(-u) with u = |x|. log2 of Phi(-u) is so smooth that a
  * polynomial of degree 6, minimax for the error of the product on [0, 5.6], replaces the quotient
- * and the square above; beyond, the product stays what it is there, 6e-8. Absolute error 5e-7.
- * Positive floats order like their bits; max(x, 0) is (x + |x|) / 2, so that NaN stays NaN. */
+ * and the square above; beyond 5.6 the product is held constant at 6e-8. Absolute error 5e-7.
+ * Positive floats compare like their bits; max(x, 0) is (x + |x|) / 2, so that NaN stays NaN. */
 SPIN_FN float spin_gelu(float x)
 {
     uint32_t bits = spin_bits_of_float(x) & 0x7fffffffu, far = 0x40b33333u; /* 5.6 */

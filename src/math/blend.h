@@ -1,21 +1,21 @@
-/* One Gaussian at one pixel: alpha, one step front to back, one step back to front
- * (docs/method.md 4.2, 4.3; one sum S stands for the colour behind). Exponents are to the base 2
- * and contain the opacity: alpha = exp2(-log2(e)/2 (a dx^2 + 2 b dx dy + c dy^2) + log2(opacity)).
- */
+/* One Gaussian at one pixel: alpha, a blending step front to back, and its adjoint back to front
+ * (docs/method.md 4.2, 4.3; the sum S stands for the colour behind). Exponents are to the base 2
+ * and include the opacity: alpha = exp2(-log2(e)/2 (a dx^2 + 2 b dx dy + c dy^2) +
+ * log2(opacity)). */
 #pragma once
 
 #include "math/approx.h"
 #include "math/portable.h"
 
-/* As in the 3DGS rasteriser; part of the result. */
+/* Constants of the 3DGS rasteriser; other values give other images. */
 #define SPIN_ALPHA_MAX 0.99f
 #define SPIN_ALPHA_MIN_LOG2 -7.994353436858858f /* log2(1/255) */
 #define SPIN_T_MIN 1e-4f
 
 #define SPIN_LOG2_E 1.4426950408889634f
 
-/* log2 of a positive, normal float, absolute error 2e-7 of its fraction: the exponent, and a
- * series in (m - 1)/(m + 1). */
+/* log2 of a positive, normal float, with an absolute error of 2e-7 in the fraction: the exponent,
+ * plus a series in (m - 1)/(m + 1). */
 SPIN_FN float spin_blend_log2(float v)
 {
     uint32_t bits = spin_bits_of_float(v);
@@ -25,16 +25,16 @@ SPIN_FN float spin_blend_log2(float v)
     return (float)e + s * (2.885390082f + ss * (0.961796694f + ss * (0.577078016f + ss * 0.44f)));
 }
 
-/* A projected Gaussian made ready: the conic times -log2(e)/2 (b doubled), log2 of the opacity. */
+/* A projected Gaussian, prepared: the conic times -log2(e)/2 (b doubled), log2 of the opacity. */
 struct spin_blend_splat {
     float u_px, v_px, a, b, c, log2_opacity;
     float colour[3];
 };
 
-/* Half extents in pixels of the region where alpha can reach 1/255, rounded outwards; huge when
- * the conic is too thin for float arithmetic to say, negative when there is none. On the ellipse
- * of exponent -L the extents are sqrt(L c / (a c - b^2 / 4)) and likewise. The margins cover the
- * rounding of the exponent, whose terms can be a c / det times larger than their sum. */
+/* Half extents, in pixels and rounded outwards, of the region where alpha can reach 1/255; huge if
+ * the conic is too thin for float precision, negative if the region is empty. On the ellipse of
+ * exponent -L the extents are sqrt(L c / (a c - b^2 / 4)), and with a instead of c. The margins
+ * cover the rounding of the exponent, whose terms can be a c / det times larger than their sum. */
 SPIN_FN void spin_blend_reach(float a, float b, float c, float log2_opacity, float *reach_x,
                               float *reach_y)
 {
@@ -48,8 +48,8 @@ SPIN_FN void spin_blend_reach(float a, float b, float c, float log2_opacity, flo
     *reach_y = !(level > 0) ? -1 : usable ? sqrtf(-a * by) * 1.0005f + 0.01f : 1e30f;
 }
 
-/* A conic to the exponent's coefficients, in place; returns log2 of the opacity. One of 0, a
- * denormal or NaN draws nothing; finished opacities are at most 1. */
+/* Converts a conic to the exponent's coefficients, in place; returns log2 of the opacity. An
+ * opacity that is 0, denormal or NaN draws nothing; others are at most 1. */
 SPIN_FN float spin_blend_scale(float *a, float *b, float *c, float opacity)
 {
     float log2_opacity = spin_blend_log2(spin_maxf(opacity, 1e-30f));
@@ -70,13 +70,13 @@ SPIN_FN struct spin_blend_splat spin_blend_prepare(float u_px, float v_px, const
     return s;
 }
 
-/* The exponent without the opacity; above 0 the pair is skipped. */
+/* The exponent without the opacity; pairs with a value above 0 are skipped. */
 SPIN_FN float spin_blend_power(const struct spin_blend_splat *s, float dx, float dy)
 {
     return s->a * dx * dx + s->b * dx * dy + s->c * dy * dy;
 }
 
-/* True when the pair counts. */
+/* True if alpha reaches 1/255. */
 SPIN_FN int spin_blend_counts(float power, float log2_opacity)
 {
     return power <= 0 && power + log2_opacity >= SPIN_ALPHA_MIN_LOG2;
@@ -87,7 +87,7 @@ struct spin_blend_pixel {
     int stopped;
 };
 
-/* One step front to back. Returns 1 when the Gaussian was added. */
+/* Blends one Gaussian, front to back. Returns 1 if it was added. */
 SPIN_FN int spin_blend_step(const struct spin_blend_splat *s, float dx, float dy,
                             struct spin_blend_pixel *pixel)
 {
@@ -107,9 +107,9 @@ SPIN_FN int spin_blend_step(const struct spin_blend_splat *s, float dx, float dy
     return 1;
 }
 
-/* The same for depths, of a Gaussian whose colour is (depth, 1, 0): the pixel's colour gets the sum
- * of the depths by their weights, that of the weights, and the median: the depth at which half of
- * the light is held up, 0 before. */
+/* The same for depths, with a Gaussian whose colour is (depth, 1, 0). The pixel's colour becomes
+ * the weighted sum of depths, the sum of weights, and the median depth: where the transmittance
+ * falls to one half, 0 until then. */
 SPIN_FN void spin_blend_depth(const struct spin_blend_splat *s, float dx, float dy,
                               struct spin_blend_pixel *pixel)
 {
@@ -119,26 +119,26 @@ SPIN_FN void spin_blend_depth(const struct spin_blend_splat *s, float dx, float 
         pixel->colour[2] = s->colour[0];
 }
 
-/* The expected depth, the mean of the depths by their weights; 0 where nothing shows. */
+/* The expected depth: the weighted mean of the depths; 0 if nothing is visible. */
 SPIN_FN float spin_blend_expected(const struct spin_blend_pixel *pixel)
 {
     return pixel->colour[1] > 0 ? pixel->colour[0] / pixel->colour[1] : 0;
 }
 
-/* What a Gaussian's gradient is made of: sums over its pixels of w g, and of de dx^i dy^j, where
- * de is dL/d(exponent to the base e). */
+/* The parts of a Gaussian's gradient: sums over its pixels of w g and of de dx^i dy^j, where de is
+ * dL/d(exponent to the base e). */
 struct spin_blend_sums {
     float colour[3], e, ex, ey, exx, exy, eyy;
 };
 
 struct spin_blend_pixel_adj {
     float t;    /* transmittance behind the Gaussian; in front of it afterwards */
-    float s;    /* sum over all behind of w (c . g), the background included */
+    float s;    /* sum over everything behind of w (c . g), including the background */
     float g[3]; /* dL/dpixel */
 };
 
-/* One step back to front, for a pair that was added, of this power: its weight in the pixel, and
- * de. The gradient passes the cap of alpha. */
+/* One step back to front, for a pair of this power that was added: its weight in the pixel, and de.
+ * The gradient passes through the cap of alpha. */
 SPIN_FN void spin_blend_pixel_adj(const struct spin_blend_splat *s, float power,
                                   struct spin_blend_pixel_adj *pixel, float *weight, float *de)
 {
@@ -153,7 +153,7 @@ SPIN_FN void spin_blend_pixel_adj(const struct spin_blend_splat *s, float power,
     pixel->s += w * cg;
 }
 
-/* A pixel's part of the sums. */
+/* Adds a pixel to the sums. */
 SPIN_FN void spin_blend_add_adj(const float g[3], float weight, float de, float dx, float dy,
                                 struct spin_blend_sums *sums)
 {
@@ -176,7 +176,7 @@ SPIN_FN void spin_blend_step_adj(const struct spin_blend_splat *s, float dx, flo
     spin_blend_add_adj(pixel->g, weight, de, dx, dy, sums);
 }
 
-/* From the sums to the gradients of u, v, the conic and the opacity. */
+/* Converts the sums to the gradients of u, v, the conic and the opacity. */
 SPIN_FN void spin_blend_finish_adj(const float *conic, float opacity,
                                    const struct spin_blend_sums *sums, float *d_u, float *d_v,
                                    float *d_conic, float *d_opacity)

@@ -1,7 +1,7 @@
-/* Covariances: from scale and rotation and back, and 4-D ones cut at a time.
+/* Covariances from scale and rotation and back, and slices of 4-D covariances at a time.
  *
- * A symmetric 3x3 matrix is six numbers, xx xy xz yy yz zz. All in double: the cut subtracts nearly
- * equal matrices where a Gaussian moves fast, and floats would lose half their digits there. */
+ * A symmetric 3x3 matrix is six numbers, xx xy xz yy yz zz. All in double: slicing subtracts nearly
+ * equal matrices if a Gaussian moves fast, and floats would lose half of their digits. */
 #pragma once
 
 #include "math/portable.h"
@@ -26,7 +26,7 @@ SPIN_FN void spin_matrix_of_quat(const double quat[4], double r[9])
     r[8] = 1 - s * (x * x + y * y);
 }
 
-/* The unit quaternion of a rotation matrix, w >= 0. Of the four ways to write it, the one that
+/* The unit quaternion of a rotation matrix, w >= 0. Of the four formulas it uses the one that
  * divides by the largest component (Shepperd, 1978). */
 SPIN_FN void spin_quat_of_matrix(const double r[9], double quat[4])
 {
@@ -66,7 +66,7 @@ SPIN_FN void spin_covariance_of_matrix(const double scale[3], const double r[9],
     }
 }
 
-/* Of a quaternion of any length but zero. */
+/* The same, from a quaternion of any length but zero. */
 SPIN_FN void spin_covariance_of(const double scale[3], const double quat[4], double cov6[6])
 {
     double r[9];
@@ -75,9 +75,9 @@ SPIN_FN void spin_covariance_of(const double scale[3], const double quat[4], dou
     spin_covariance_of_matrix(scale, r, cov6);
 }
 
-/* The covariance that the 3DGS rasteriser forms from a quaternion it takes to be of unit length
- * when it is not: its R is then no rotation, and no pair of unit quaternion and same scales gives
- * this ellipsoid. */
+/* The covariance that the 3DGS rasteriser computes from a quaternion that it assumes to be
+ * normalised, but that is not: its R is then no rotation, and no unit quaternion with the same
+ * scales gives this ellipsoid. */
 SPIN_FN void spin_covariance_unnormalised(const double scale[3], const double q[4], double cov6[6])
 {
     double w = q[0], x = q[1], y = q[2], z = q[3];
@@ -88,7 +88,8 @@ SPIN_FN void spin_covariance_unnormalised(const double scale[3], const double q[
     spin_covariance_of_matrix(scale, r, cov6);
 }
 
-/* Turn axes p and q so that a[p][q] becomes 0, and v with them (Golub and Van Loan, 8.5.2). */
+/* Rotates in the plane of axes p and q so that a[p][q] becomes 0, and applies the rotation to v
+ * (Golub and Van Loan, 8.5.2). */
 SPIN_FN void spin_jacobi_turn(double a[9], double v[9], int p, int q)
 {
     double apq = a[3 * p + q], theta, t, c, s;
@@ -118,9 +119,9 @@ SPIN_FN void spin_jacobi_turn(double a[9], double v[9], int p, int q)
     a[3 * p + q] = a[3 * q + p] = 0;
 }
 
-/* Eigenvalues, and eigenvectors as the columns of a rotation (det +1), by cyclic Jacobi turns: slow
- * beside closed formulas, but exact to the last digits also where eigenvalues are equal. Returns 0
- * and leaves the results alone when an element is not finite. */
+/* Eigenvalues, and eigenvectors as the columns of a rotation (det +1), by cyclic Jacobi rotations:
+ * slower than closed formulas, but accurate to the last digits even if eigenvalues are equal.
+ * Returns 0 and leaves the results unset if an element is not finite. */
 SPIN_FN int spin_eigen3(const double cov6[6], double value[3], double vector[9])
 {
     double largest = 0, det;
@@ -132,7 +133,8 @@ SPIN_FN int spin_eigen3(const double cov6[6], double value[3], double vector[9])
         largest = fabs(cov6[i]) > largest ? fabs(cov6[i]) : largest;
     }
     for (int i = 0; i < 9; i++) {
-        a[i] = largest > 0 ? a[i] / largest : 0; /* squares neither overflow nor vanish */
+        a[i] =
+            largest > 0 ? a[i] / largest : 0; /* so that squares neither overflow nor underflow */
         vector[i] = i % 4 == 0;
     }
     /* Convergence is quadratic: 4 or 5 sweeps in practice. */
@@ -153,9 +155,9 @@ SPIN_FN int spin_eigen3(const double cov6[6], double value[3], double vector[9])
     return 1;
 }
 
-/* The way back: log of the standard deviations, and a unit quaternion. Not unique (order and signs
- * of the axes); R diag(exp(log_scale))^2 R^T is. Eigenvalues that rounding left at or below zero
- * become 1e-14 of the largest one. Returns 0 when an element is not finite. */
+/* Decomposes a covariance into log standard deviations and a unit quaternion. They are not unique
+ * (order and signs of the axes), but R diag(exp(log_scale))^2 R^T is. Eigenvalues that rounding
+ * made zero or negative become 1e-14 of the largest one. Returns 0 if an element is not finite. */
 SPIN_FN int spin_covariance_split(const double cov6[6], double log_scale[3], double quat[4])
 {
     double value[3], vector[9], least = 0;
@@ -175,8 +177,8 @@ SPIN_FN int spin_covariance_split(const double cov6[6], double log_scale[3], dou
 
 /* 4-D rotation of a pair of quaternions, axes x, y, z, t: the product of a left- and a
  * right-isoclinic rotation (4D Gaussian Splatting, Yang et al., ICLR 2024;
- * fudan-zvg/4d-gaussian-splatting 63725f2). Quaternions of any length but zero. `older` is the
- * order of axes before 2024-09-15: today's matrix has its rows and columns reversed. */
+ * fudan-zvg/4d-gaussian-splatting 63725f2). Quaternions of any length but zero. older: use the
+ * order of axes before 2024-09-15; today's matrix has the rows and columns of that one reversed. */
 SPIN_FN void spin_rotation4_of_pair(const double left[4], const double right[4], int older,
                                     double a[16])
 {
@@ -205,9 +207,9 @@ SPIN_FN void spin_rotation4_of_pair(const double left[4], const double right[4],
     }
 }
 
-/* 4-D matrix of a rotor s xy xz yz xw yw zw xyzw, w being time (4D-Rotor Gaussian Splatting, Duan
- * et al., SIGGRAPH 2024; weify627/4D-Rotor-Gaussians 1ea2ff9). Taken as stored: off unit length it
- * is no rotation, and the method's renderer means it so. */
+/* 4-D matrix of a rotor s xy xz yz xw yw zw xyzw, where w is time (4D-Rotor Gaussian Splatting,
+ * Duan et al., SIGGRAPH 2024; weify627/4D-Rotor-Gaussians 1ea2ff9). The rotor is used as stored:
+ * without unit length the matrix is no rotation, as in the method's renderer. */
 SPIN_FN void spin_matrix4_of_rotor(const double rotor[8], double a[16])
 {
     double s = rotor[0], xy = rotor[1], xz = rotor[2], yz = rotor[3];
@@ -233,15 +235,15 @@ SPIN_FN void spin_matrix4_of_rotor(const double rotor[8], double a[16])
     a[15] = s2 + xy2 + xz2 - xw2 + yz2 - yw2 - zw2 - p2;
 }
 
-/* A 4-D Gaussian seen at any one time: an ellipsoid of fixed shape on a straight line. */
+/* The slices of a 4-D Gaussian: at any time an ellipsoid of the same shape, moving along a line. */
 typedef struct spin_slice {
     double velocity[3]; /* units of space per unit of time */
     double cov6[6];
     double variance_t;
 } spin_slice;
 
-/* Sigma = A diag(scale)^2 A^T with blocks [C k; k^T c]: conditioned on t it has mean
- * mu + k/c (t - mu_t) and covariance C - k k^T / c (the rule for any normal distribution). */
+/* Sigma = A diag(scale)^2 A^T with blocks [C k; k^T c]. Conditioned on t its mean is mu + k/c (t -
+ * mu_t) and its covariance C - k k^T / c, as for any normal distribution. */
 SPIN_FN void spin_slice_of(const double a[16], const double scale[4], spin_slice *out)
 {
     double sigma[16];
@@ -262,15 +264,15 @@ SPIN_FN void spin_slice_of(const double a[16], const double scale[4], spin_slice
             out->cov6[at++] = sigma[4 * i + j] - out->velocity[i] * sigma[4 * j + 3];
 }
 
-/* How much of its opacity a Gaussian has dt from its own time: 1 at 0. */
+/* The factor on a Gaussian's opacity at dt from its own time: 1 at 0. */
 SPIN_FN double spin_time_weight(double dt, double variance)
 {
     return exp(-0.5 * dt * dt / variance);
 }
 
-/* 4-D spherindrical harmonics at one time become plain SH. sh has
- * [16 (1 + degree_t)][3], out [16][3]; dt counts in the length of the clip. Exact, as the basis is
- * a product of SH and cosines. */
+/* Evaluates 4-D spherindrical harmonics at one time, which gives plain SH. sh has [16 (1 +
+ * degree_t)][3], out [16][3]; dt and length (of the clip) in the same unit. Exact, since the basis
+ * is a product of SH and cosines. */
 SPIN_FN void spin_sh_fold(int degree_t, double dt, double length, const float *sh, float *out)
 {
     for (int i = 0; i < 48; i++) {

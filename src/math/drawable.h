@@ -1,29 +1,30 @@
-/* Which splats are left out of what is written, as no viewer could draw them: one with a NaN or
- * infinity, which is known to hang viewers, a rotation of length zero, a scale whose square leaves
- * the range of float, or one larger than the scene - its standard deviation beyond the diagonal of
- * the box of all places of its frame, which would lay one colour over everything. */
+/* Decides which splats are omitted from output files because no viewer can draw them: those with a
+ * NaN or infinity, which hangs some viewers; a rotation of length zero; a scale whose square
+ * overflows float; or a scale larger than the scene, that is, a standard deviation above the
+ * diagonal of the bounding box of the frame's positions, which would cover everything with one
+ * colour. */
 #pragma once
 
 #include <stddef.h>
 
 #include "math/portable.h"
 
-/* exp(2 * 44) is the last whole power that float holds: renderers square the scale. */
+/* exp(2 * 44) is the last integer power that float holds: renderers square the scale. */
 #define SPIN_LOG_SCALE_LIMIT 44.0f
-/* exp() of more is no float. */
+/* exp() of larger values overflows float. */
 #define SPIN_LOG_SCALE_MOST 88.72283f
-/* The box of fewer places than this says nothing about the size of a scene. */
+/* With fewer positions than this, their bounding box does not measure the scene. */
 #define SPIN_LEAST_FOR_BOX 8
 
-/* Why a splat is left out. */
+/* Why a splat is omitted. */
 enum spin_undrawable {
     SPIN_ROWS_NOT_FINITE,  /* NaN or infinity */
     SPIN_ROWS_NO_ROTATION, /* of length zero */
-    SPIN_ROWS_TOO_LARGE,   /* against the scene */
-    SPIN_ROWS_REASONS      /* it is not */
+    SPIN_ROWS_TOO_LARGE,   /* compared with the scene */
+    SPIN_ROWS_REASONS      /* not omitted */
 };
 
-/* x * 0 is 0 for a finite x and NaN for any other: a sum of them tells without a branch. */
+/* x * 0 is 0 for a finite x and NaN for any other: the sum tests all values without a branch. */
 SPIN_FN float spin_zeros(const float *x, size_t n)
 {
     float sum = 0;
@@ -33,8 +34,8 @@ SPIN_FN float spin_zeros(const float *x, size_t n)
     return sum;
 }
 
-/* Finite places in a box; low and high begin as INFINITY and -INFINITY. Returns whether this one
- * is. */
+/* Extends a bounding box by a position if that is finite, and returns whether it is. low and high
+ * start as INFINITY and -INFINITY. */
 SPIN_FN int spin_box_add(const float place[3], float low[3], float high[3])
 {
     if (spin_zeros(place, 3) != 0.0f)
@@ -46,8 +47,8 @@ SPIN_FN int spin_box_add(const float place[3], float low[3], float high[3])
     return 1;
 }
 
-/* The largest log scale of a frame that has n finite places in this box; max_scale: in diagonals of
- * it, 0: no limit. */
+/* The largest log scale of a frame that has n finite positions in this bounding box. max_scale: in
+ * units of its diagonal; 0: no limit but SPIN_LOG_SCALE_LIMIT. */
 SPIN_FN float spin_log_scale_limit(const float low[3], const float high[3], size_t n,
                                    double max_scale)
 {
@@ -61,8 +62,8 @@ SPIN_FN float spin_log_scale_limit(const float low[3], const float high[3], size
     return limit < (double)SPIN_LOG_SCALE_LIMIT ? (float)limit : SPIN_LOG_SCALE_LIMIT;
 }
 
-/* Quaternions whose square leaves the range of float can be written. An infinite logit is a
- * saturated opacity. */
+/* Quaternions whose squared length overflows float are drawable. An infinite logit is an opacity of
+ * 0 or 1. */
 SPIN_FN enum spin_undrawable spin_undrawable(const float place[3], const float q[4],
                                              const float log_scale[3], const float *logit,
                                              const float *sh, size_t n_sh, float limit)

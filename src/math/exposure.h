@@ -1,14 +1,14 @@
-/* A camera's own look: picture = min(exp(m) (1 + c1 r^2 + c2 r^4) render + offset, 1), each channel
- * by itself. Gain and offset are the camera's (Dynamic 3D Gaussians fits the same; its cam_m and
- * cam_c). The falloff c1, c2 is that of the lens, shared by cameras of one kind; r is the distance
- * from the principal point in halves of the picture's width. White is the brightest that a
- * photograph shows. So splats need not paint a camera's white balance and its dark corners into the
- * scene. Held-out views are drawn with the falloff, m = 0 and offset 0. */
+/* The appearance model of a camera: image = min(exp(m) (1 + c1 r^2 + c2 r^4) render + offset, 1),
+ * for each channel. Gain exp(m) and offset belong to the camera (Dynamic 3D Gaussians fits the same
+ * as cam_m and cam_c). The falloff c1, c2 belongs to the lens, which cameras of one kind share; r
+ * is the distance from the principal point in half image widths. Captured images are clipped at
+ * white. The model keeps white balance and dark corners out of the splats. Held-out views are
+ * rendered with the falloff, m = 0 and offset 0. */
 #pragma once
 
 #include "math/portable.h"
 
-/* r^2 of a pixel: its middle is at (x + 0.5, y + 0.5). */
+/* r^2 of a pixel, whose centre is at (x + 0.5, y + 0.5). */
 SPIN_FN float spin_lens_r2(int x, int y, float cx, float cy, float half_width)
 {
     float dx = ((float)x + 0.5f - cx) / half_width, dy = ((float)y + 0.5f - cy) / half_width;
@@ -26,12 +26,13 @@ SPIN_FN float spin_exposure(float gain, float offset, float v)
     return out < 1 ? out : 1;
 }
 
-/* What one pixel's slope d gives to the slopes of m, offset, c1 and c2. */
+/* Contributions of one pixel's gradient d to the gradients of m, offset, c1 and c2. */
 struct spin_exposure_slopes {
     float m, offset, c1, c2;
 };
 
-/* gain: exp(m), without the falloff. Returns the slope of v. Beyond white all are 0. */
+/* gain: exp(m), without the falloff. Returns the gradient of v. All are 0 if the pixel is clipped
+ * at 1. */
 SPIN_FN float spin_exposure_adj(float gain, float falloff, float offset, float r2, float v, float d,
                                 struct spin_exposure_slopes *s)
 {

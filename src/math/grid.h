@@ -7,14 +7,14 @@
 
 #include "math/portable.h"
 
-/* The factors of the spatial hash; the first is 1, so the x-neighbour usually shares a cache
+/* The factors of the spatial hash; the first is 1, so neighbours in x usually share a cache
  * line. */
 #define SPIN_GRID_PRIME_X 1u
 #define SPIN_GRID_PRIME_Y 2654435761u
 #define SPIN_GRID_PRIME_Z 805459861u
 #define SPIN_GRID_PRIME_T 3674653429u
 
-/* Weight of the upper vertex at r in [0, 1] of the cell, and its slope. */
+/* Weight of the upper vertex at position r in [0, 1] of the cell, and its derivative. */
 SPIN_FN float spin_smoothstep(float r) { return r * r * (3.0f - 2.0f * r); }
 SPIN_FN float spin_smoothstep_slope(float r) { return 6.0f * r * (1.0f - r); }
 
@@ -24,8 +24,8 @@ SPIN_FN uint32_t spin_grid_hash(const uint32_t q[4])
            (q[3] * SPIN_GRID_PRIME_T);
 }
 
-/* A level is dense when all its vertices have a row of their own (equality is dense). The product
- * is taken in 64 bits: in 32 it wraps to 0 at 2048^3 and the level would lose its hash
+/* A level is dense if each of its vertices can have its own row (equality included). The product is
+ * computed in 64 bits: 32 bits would wrap to 0 at 2048^3 and the level would not be hashed
  * (docs/method.md 14). */
 SPIN_FN int spin_grid_is_hashed(const uint32_t res[4], uint64_t rows)
 {
@@ -39,7 +39,7 @@ SPIN_FN int spin_grid_is_hashed(const uint32_t res[4], uint64_t rows)
     return 0;
 }
 
-/* Row, within a level of `rows` rows, of the vertex q. */
+/* The row of vertex q within a level of `rows` rows. */
 SPIN_FN uint32_t spin_grid_row(const uint32_t q[4], const uint32_t res[4], uint32_t rows,
                                int hashed)
 {
@@ -49,8 +49,9 @@ SPIN_FN uint32_t spin_grid_row(const uint32_t q[4], const uint32_t res[4], uint3
 }
 
 /* Geometry of one level of our own network (docs/method.md 3.3): n = base * growth^level vertices
- * per axis in double, the last level exactly `finest`; scale = n - 1; 1e-9 is rounded away before
- * the ceil. One level alone uses `base`. Returns its rows, min(2^log2_rows, product of res). */
+ * per axis in double, in the last level exactly `finest`; scale = n - 1; 1e-9 is subtracted before
+ * ceil() against rounding. A single level uses `base`. Returns its rows, min(2^log2_rows, product
+ * of res). */
 SPIN_FN uint64_t spin_grid_level(int level, int n_levels, const int base[4], const int finest[4],
                                  int log2_rows, float scale[4], uint32_t res[4], int *hashed)
 {
@@ -74,10 +75,10 @@ SPIN_FN uint64_t spin_grid_level(int level, int n_levels, const int base[4], con
     return product;
 }
 
-/* Geometry of a level of somebody else's network, from what is stored with it (DASH,
- * Grid4D): growth and base per axis as float32, rounded where the method's kernel rounds, as one
- * unit in the last place more or less can turn a dense level into a hashed one. Axes beyond n_dims
- * get one vertex, which leaves row and hash alone. Returns 0 when the numbers make no grid. */
+/* Geometry of a level of an imported network, from the numbers stored with it (DASH, Grid4D):
+ * growth and base per axis as float32, rounded where the method's kernel rounds, since a difference
+ * of one unit in the last place can turn a dense level into a hashed one. Axes from n_dims on get
+ * one vertex, which does not change rows and hashes. Returns 0 if the numbers are invalid. */
 SPIN_FN int spin_grid_stored_level(int level, int n_dims, const float *growth, const float *base,
                                    float scale[4], uint32_t res[4])
 {

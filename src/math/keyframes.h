@@ -1,21 +1,22 @@
-/* Values between key frames: positions, rotations, and an opacity that is on between two times
- * (Ex4DGS, Lee et al., NeurIPS 2024). */
+/* Interpolation between key frames: positions, rotations, and an opacity that is visible between
+ * two times (Ex4DGS, Lee et al., NeurIPS 2024). */
 #pragma once
 
 #include "math/quat.h"
 
 enum keyframes_kind { KEYFRAMES_LINEAR, KEYFRAMES_CUBE, KEYFRAMES_PCHIP };
 
-/* A time between two keys; the curves also look at one key on either side of the two. */
+/* A time between two keys; curves also use the key before and the key after these two. */
 struct keyframes {
     enum keyframes_kind kind;
-    int key;     /* the one before the time */
-    double part; /* of the way to the next, 0 to 1 */
-    double time; /* in keys: key + part */
+    int key;     /* the last one before the time */
+    double part; /* fraction of the way to the next key, 0 to 1 */
+    double time; /* in units of keys: key + part */
 };
 
-/* Of a curve at a key, from the steps to it and from it: their mean, or their harmonic mean and 0
- * where they have opposite signs (Fritsch and Butland, 1984). */
+/* The slope of a curve at a key, from the differences to the keys before and after: their mean
+ * (CUBE), or their harmonic mean and 0 if they have opposite signs (PCHIP; Fritsch and Butland,
+ * 1984). */
 SPIN_FN double spin_keyframes_slope(enum keyframes_kind kind, double before, double after)
 {
     if (kind == KEYFRAMES_CUBE)
@@ -23,8 +24,8 @@ SPIN_FN double spin_keyframes_slope(enum keyframes_kind kind, double before, dou
     return before * after > 0 ? 2 * before * after / (before + after) : 0;
 }
 
-/* y[step k] for every key k: the curve from key to the next, sum c[i] u^i of the part u of the way.
- */
+/* Coefficients of the curve from key `at` to the next: sum c[i] u^i at fraction u of the way. Key k
+ * has the value y[step k]. */
 SPIN_FN void spin_keyframes_cubic(enum keyframes_kind kind, int at, const float *y, int step,
                                   double c[4])
 {
@@ -49,9 +50,9 @@ SPIN_FN double spin_keyframes_value(const struct keyframes *at, const float *y, 
     return c[0] + u * (c[1] + u * (c[2] + u * c[3]));
 }
 
-/* quats[4 k], of any length but zero; out is of unit length. On the sphere (Shoemake, 1985), but
- * the longer way where two keys have opposite signs, as the method does. Where they cancel out, the
- * first counts. */
+/* Interpolates quats[4 k], of any length but zero; out has unit length. Spherical interpolation
+ * (Shoemake, 1985), but the longer way if two keys have opposite signs, as in the method. If they
+ * cancel out, the result is the first. */
 SPIN_FN void spin_keyframes_turn(const struct keyframes *at, const float *quats, float out[4])
 {
     double q[2][4], dot = 0, angle, w[2], sum = 0;
@@ -72,9 +73,9 @@ SPIN_FN void spin_keyframes_turn(const struct keyframes *at, const float *quats,
     spin_quat_normalise(out);
 }
 
-/* The share of its opacity that a Gaussian shows, 0 to 1. The two times, in keys, may come in any
- * order; log_width: of the edge before them and of the edge after; least_width is added to both.
- * Both edges are measured from the later time, so opacity jumps at the earlier one. */
+/* The factor on a Gaussian's opacity, 0 to 1. The two times, in units of keys, may be in any order;
+ * log_width: of the edge before them and of the edge after; least_width is added to both. Both
+ * edges are measured from the later time, so the opacity jumps at the earlier one. */
 SPIN_FN double spin_keyframes_visibility(const struct keyframes *at, const float times[2],
                                          const float log_width[2], double least_width)
 {

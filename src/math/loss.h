@@ -1,4 +1,4 @@
-/* L1, the SSIM window and one pixel of the SSIM map with its slopes (docs/method.md 5); PSNR
+/* L1, the SSIM window, one pixel of the SSIM map with its derivatives (docs/method.md 5), and PSNR
  * (section 8). */
 #pragma once
 
@@ -18,12 +18,13 @@
     }
 
 struct spin_ssim_slope {
-    float d_mu, d_xx, d_xy; /* of the map at this pixel, to the windowed means of x, x^2, x y */
+    float d_mu, d_xx,
+        d_xy; /* derivatives of the map at this pixel by the windowed means of x, x^2, x y */
 };
 
-/* mu_x, mu_y, and the windowed means of x^2 + y^2 and x y. The variances enter only as their sum.
- * It is kept from rounding below zero: flat images far from 0..1 would otherwise divide by
- * nothing. */
+/* mean_squares and mean_xy are the windowed means of x^2 + y^2 and x y; the variances are only
+ * needed as their sum. It is clamped at zero, since rounding can make it negative: flat images far
+ * outside 0..1 would then divide by zero. */
 SPIN_FN float spin_ssim(float mu_x, float mu_y, float mean_squares, float mean_xy,
                         struct spin_ssim_slope *slope)
 {
@@ -41,10 +42,10 @@ SPIN_FN float spin_ssim(float mu_x, float mu_y, float mean_squares, float mean_x
     return s;
 }
 
-/* Slope of |v|: 0 at 0. */
+/* Derivative of |v|; 0 at 0. */
 SPIN_FN float spin_sign(float v) { return (float)(v > 0) - (float)(v < 0); }
 
-/* Decibels of a mean squared error of images in 0..1. Equal images: infinity. */
+/* PSNR in decibels from the mean squared error of images in 0..1; infinity for equal images. */
 SPIN_FN double spin_psnr(double mse) { return -10 * log10(mse); }
 
 /* Sum of n squared differences. */

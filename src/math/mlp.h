@@ -1,14 +1,14 @@
 /* A head: three Linear layers with an activation after the first and second (docs/method.md 3.4).
- * The matrix products are the devices' business; here are the layout of its parameters and the
- * activation. */
+ * The devices implement the matrix products; this file has the layout of the parameters and the
+ * ReLU. */
 #pragma once
 
 #include <stddef.h>
 
 #include "math/approx.h"
 
-/* Where the pieces of one head begin, in floats: w1 [hidden][n_in] b1 [hidden] w2 [hidden][hidden]
- * b2 [hidden] w3 [n_out][hidden] b3 [n_out]; y = W x + b. size is the whole head. */
+/* Offsets of the parts of a head, in floats: w1 [hidden][n_in] b1 [hidden] w2 [hidden][hidden] b2
+ * [hidden] w3 [n_out][hidden] b3 [n_out]; y = W x + b. size: of the whole head. */
 struct spin_head_layout {
     size_t w1, b1, w2, b2, w3, b3, size;
 };

@@ -1,12 +1,12 @@
-/* Morton codes (Morton 1966): the bits of x, y and z by turns, so that what is near in space is
+/* Morton codes (Morton 1966): the bits of x, y and z interleaved, so that points near in space are
  * mostly near in order. */
 #pragma once
 
 #include "math/portable.h"
 
-#define SPIN_MORTON_MAX 2097151.0 /* 21 bits an axis */
+#define SPIN_MORTON_MAX 2097151.0 /* 21 bits per axis */
 
-/* The low 21 bits, two zeros between any two. */
+/* Spreads the low 21 bits, with two zeros between neighbours. */
 SPIN_FN uint64_t spin_morton_spread(uint64_t x)
 {
     x &= 0x1fffff;

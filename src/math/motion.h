@@ -1,11 +1,11 @@
-/* A 4D splat in time: the path of its centre, and the window that says how much of its opacity it
- * shows. Each formula with its adjoint. */
+/* A 4D splat over time: the path of its centre, and the window that scales its opacity. Each
+ * formula comes with its adjoint. */
 #pragma once
 
 #include "math/portable.h"
 
-/* centre + path[0] d + path[1] d^2 + path[2] d^3, with `degree` terms; d is the time since the
- * splat's own. */
+/* centre + path[0] d + path[1] d^2 + path[2] d^3, with `degree` terms; d is the time relative to
+ * the splat's own. */
 SPIN_FN void spin_path_at(const float centre[3], const float *path, int degree, double d,
                           double out[3])
 {
@@ -18,8 +18,8 @@ SPIN_FN void spin_path_at(const float centre[3], const float *path, int degree, 
     }
 }
 
-/* What a slope g of the place gives to those of the path, [degree][3]; that of the centre is g
- * itself. Returns the slope of the splat's own time. */
+/* From the gradient g of the position: the gradient of the path, [degree][3]; that of the centre is
+ * g itself. Returns the gradient of the splat's own time. */
 SPIN_FN double spin_path_adj(const float *path, int degree, double d, const double g[3],
                              double *g_path)
 {
@@ -35,8 +35,9 @@ SPIN_FN double spin_path_adj(const float *path, int degree, double d, const doub
     return g_time;
 }
 
-/* 1 from lo to hi; before and after it half a bell of standard deviation sigma, sigma2 falls to the
- * floor `gate`. A bell is lo = hi and sigma = sigma2. Outside [first, end) there is nothing. */
+/* 1 from lo to hi; before lo it falls like a Gaussian of standard deviation sigma, after hi of
+ * sigma2, to the floor `gate`. A plain Gaussian has lo = hi and sigma = sigma2. Outside [first,
+ * end) the window is 0. */
 struct spin_window {
     double lo, hi, sigma, sigma2, gate, first, end;
 };
@@ -48,8 +49,9 @@ SPIN_FN double spin_window_at(const struct spin_window *w, double t)
     return t >= w->first && t < w->end ? w->gate + (1 - w->gate) * exp(-0.5 * x * x) : 0;
 }
 
-/* Slopes of the window at t where that of its weight is g: of a bell's own time those of lo and hi
- * together, of its sigma those of sigma and sigma2. Where the window is cut does not learn. */
+/* Gradients of the window's parameters, from the gradient g of its value at t. For a plain
+ * Gaussian, that of its time is lo + hi and that of its sigma is sigma + sigma2. The cuts, first
+ * and end, have no gradient. */
 struct spin_window_slopes {
     double lo, hi, sigma, sigma2, gate;
 };
@@ -70,11 +72,11 @@ SPIN_FN void spin_window_adj(const struct spin_window *w, double t, double g,
     out->gate = seen * (1 - bell);
 }
 
-/* ln(e^l (1 - w)), of w = exp(ln_weight): minus infinity where all is seen. */
+/* ln(e^l (1 - w)) of w = exp(ln_weight); minus infinity for w = 1. */
 SPIN_FN float spin_unseen(float l, float ln_weight) { return l + logf(-expm1f(ln_weight)); }
 
-/* The logit of a splat's opacity while a window shows w of it, from the logit l of the whole: of w
- * o = w e^l / (1 + e^l) it is l + ln w - ln(1 + e^l (1 - w)). ln_weight at most 0. */
+/* The logit of w o, the opacity of a splat scaled by its window, from the logit l of o: w o = w e^l
+ * / (1 + e^l) has the logit l + ln w - ln(1 + e^l (1 - w)). ln_weight is at most 0. */
 SPIN_FN float spin_seen_logit(float l, float ln_weight)
 {
     float a = spin_unseen(l, ln_weight);
@@ -82,13 +84,14 @@ SPIN_FN float spin_seen_logit(float l, float ln_weight)
     return l + ln_weight - (a > 0 ? a + log1pf(expf(-a)) : log1pf(expf(a)));
 }
 
-/* Its slope by l: 1 / (1 + e^l (1 - w)). */
+/* Its derivative by l: 1 / (1 + e^l (1 - w)). */
 SPIN_FN float spin_seen_logit_adj(float l, float ln_weight)
 {
     return 1 / (1 + expf(spin_unseen(l, ln_weight)));
 }
 
-/* The times, both ends included, at which the weight is at least so; span[0] > span[1]: never. */
+/* The times, both ends included, at which the window is at least `least`; span[0] > span[1]:
+ * never. */
 SPIN_FN void spin_window_span(const struct spin_window *w, double least, double span[2])
 {
     double bell = w->gate < 1 ? (least - w->gate) / (1 - w->gate) : least > 1 ? 2 : 0;

@@ -29,7 +29,8 @@ SPIN_FN struct spin_plane_axis spin_plane_axis(float u, int size)
     return a;
 }
 
-/* out [n] = or *= the samples of a plane [height][width][n] at (column, row). */
+/* Sets out [n] to the interpolated samples of a plane [height][width][n] at (column, row), or
+ * multiplies it by them. */
 SPIN_FN void spin_plane_lookup(const float *SPIN_RESTRICT plane, int width, int n,
                                struct spin_plane_axis column, struct spin_plane_axis row,
                                int multiply, float *SPIN_RESTRICT out)
@@ -50,8 +51,7 @@ SPIN_FN void spin_plane_lookup(const float *SPIN_RESTRICT plane, int width, int 
     }
 }
 
-/* Trilinear lookup in a grid [n][n][n], x slowest, at u in samples; what lies outside counts as 0.
- */
+/* Trilinear lookup in a grid [n][n][n], x slowest, at u in samples; samples outside are 0. */
 SPIN_FN float spin_voxel_lookup(const float *grid, int n, const float u[3])
 {
     float sum = 0.0f;

@@ -1,4 +1,4 @@
-/* What C and nvcc both accept. Headers of this room include only each other. */
+/* Definitions for both C and nvcc. Headers of this folder include only each other. */
 #pragma once
 
 #include <math.h>

@@ -1,30 +1,31 @@
-/* From a Gaussian in space to an ellipse on the screen, and back (docs/method.md 4.1 and 4.3). */
+/* Projects a Gaussian in space to an ellipse on the screen, and the adjoint (docs/method.md 4.1 and
+ * 4.3). */
 #pragma once
 
 #include "math/portable.h"
 
-/* As in the 3DGS rasteriser; part of the result. */
+/* Constant of the 3DGS rasteriser; another value gives other images. */
 #define SPIN_PROJECT_DILATION 0.3f
 
 struct spin_projection {
     float fx, fy, cx, cy;   /* pixels */
-    float limit_x, limit_y; /* of x/z and y/z in the Jacobian */
+    float limit_x, limit_y; /* limits of x/z and y/z in the Jacobian */
     const float *r, *t;     /* [9], [3]: world to camera */
 };
 
-/* What forward and backward both need. */
+/* Intermediate values that forward and backward pass share. */
 struct spin_projected_cov {
-    spin_vec3 p; /* mean in the camera */
+    spin_vec3 p; /* mean in camera coordinates */
     float x, y;  /* p.x, p.y clamped for the Jacobian */
     int x_clamped, y_clamped;
     float a[2][3];            /* J R */
-    float rot[3][3], m[3][3]; /* of the quaternion; rot * diag(scale) */
+    float rot[3][3], m[3][3]; /* rotation matrix of the quaternion; rot * diag(scale) */
     float k[2][3];            /* a m: the 2-D covariance is k k^T + dilation */
 };
 
 struct spin_ellipse {
     float u_px, v_px, conic[3];
-    float radius_px; /* whole; not finite or 0 when there is nothing to draw */
+    float radius_px; /* an integer; 0 or not finite if there is nothing to draw */
 };
 
 SPIN_FN spin_vec3 spin_to_camera(const float *r, const float *t, spin_vec3 w)
@@ -50,7 +51,7 @@ SPIN_FN void spin_rotation(const float *q, float rot[3][3])
     rot[2][2] = 1 - 2 * (x * x + y * y);
 }
 
-/* d_q [4] += for g = dL/drot. The plain derivative: no projection onto the unit sphere. */
+/* d_q [4] += for g = dL/drot. The plain derivative, without projection onto the unit sphere. */
 SPIN_FN void spin_matrix_quat_adj(const float *q, float g[3][3], float *d_q)
 {
     float w = q[0], x = q[1], y = q[2], z = q[3];
@@ -69,7 +70,7 @@ SPIN_FN float spin_clampf(float v, float limit)
     return v > limit ? limit : v < -limit ? -limit : v;
 }
 
-/* p is the mean in the camera, with p.z > 0. */
+/* p is the mean in camera coordinates, with p.z > 0. */
 SPIN_FN void spin_projected_cov_from(const struct spin_projection *lens, spin_vec3 p,
                                      const float *scale, const float *q,
                                      struct spin_projected_cov *f)
@@ -138,12 +139,12 @@ SPIN_FN struct spin_ellipse spin_ellipse_from(const struct spin_projection *lens
     return e;
 }
 
-/* Antialiased: the dilation spreads what a splat covers over more pixels, so its opacity falls in
- * turn, by the square root of the ratio of the determinants without and with it. The limit is that
- * of the 3DGS rasteriser. */
+/* Antialiasing: the dilation spreads a splat over more pixels, so its opacity is reduced by the
+ * square root of the ratio of the determinants without and with it. The lower limit of the ratio is
+ * that of the 3DGS rasteriser. */
 #define SPIN_PROJECT_FAINTEST 2.5e-5f
 
-/* On the opacity: 0.005 to 1. */
+/* The factor on the opacity, 0.005 to 1. */
 SPIN_FN float spin_aa_compensation(const struct spin_projected_cov *f)
 {
     struct spin_cov2d g = spin_cov2d_from(f);
@@ -152,7 +153,7 @@ SPIN_FN float spin_aa_compensation(const struct spin_projected_cov *f)
     return sqrtf(ratio > SPIN_PROJECT_FAINTEST ? ratio : SPIN_PROJECT_FAINTEST);
 }
 
-/* d_k [2][3] += from the gradient of the fade. At its limit there is none. */
+/* d_k [2][3] += from the gradient of the factor; nothing where the factor is at its limit. */
 SPIN_FN void spin_aa_compensation_adj(const struct spin_projected_cov *f, float d_fade,
                                       float d_k[2][3])
 {
@@ -170,9 +171,9 @@ SPIN_FN void spin_aa_compensation_adj(const struct spin_projected_cov *f, float 
     }
 }
 
-/* d_k [2][3] = from the gradient of the conic. The conic is the inverse of C = k k^T + dilation,
- * so dL/dC = -conic G conic. In double: for a needle of aspect 100 these products cancel to 1e-4
- * of their terms. */
+/* d_k [2][3] = from the gradient of the conic. The conic is the inverse of C = k k^T + dilation, so
+ * dL/dC = -conic G conic. In double: for a needle of aspect 100 these products cancel to 1e-4 of
+ * their terms. */
 SPIN_FN void spin_conic_adj(const struct spin_projected_cov *f, const float *d_conic,
                             float d_k[2][3])
 {
@@ -184,7 +185,7 @@ SPIN_FN void spin_conic_adj(const struct spin_projected_cov *f, const float *d_c
     double inv = 1 / (nx * nx + ny * ny + nz * nz + dil * (aa + cc) + dil * dil);
     double a = (cc + dil) * inv, b = -bb * inv, c = (aa + dil) * inv;
     double ga = d_conic[0], gb = d_conic[1], gc = d_conic[2];
-    /* dL/d of the covariance's xx, yy, and both its xy */
+    /* dL/d of the covariance's xx and yy, and of xy (both elements) */
     double dxx = -(a * a * ga + a * b * gb + b * b * gc);
     double dyy = -(b * b * ga + b * c * gb + c * c * gc);
     double dxy = -(2 * a * b * ga + (a * c + b * b) * gb + 2 * b * c * gc);
@@ -195,9 +196,9 @@ SPIN_FN void spin_conic_adj(const struct spin_projected_cov *f, const float *d_c
     }
 }
 
-/* From the gradient of u, v, the conic and the fade (0: not antialiased): d_scale [3] +=, d_pos_w
- * [3] +=, and d_rot [3][3] =, for spin_matrix_quat_adj. Where x or y was clamped in the Jacobian it
- * counts as a constant, as in 3DGS: no gradient through p.x or p.y there. */
+/* From the gradients of u, v, the conic and the antialiasing factor (0: not antialiased): d_scale
+ * [3] +=, d_pos_w [3] +=, and d_rot [3][3] =, for spin_matrix_quat_adj. If x or y was clamped in
+ * the Jacobian it counts as a constant, as in 3DGS: no gradient flows through p.x or p.y there. */
 SPIN_FN void spin_ellipse_adj(const struct spin_projection *lens,
                               const struct spin_projected_cov *f, const float *scale, float d_u,
                               float d_v, const float *d_conic, float d_fade, float *d_scale,

@@ -1,6 +1,6 @@
-/* Counter-based random numbers: a pure function of (seed, stream, counter), so any element can be
- * drawn by any thread or device in any order. The mixing is the finaliser of SplitMix64 (Steele,
- * Lea and Flood 2014), applied to the key and then to key + counter * golden ratio. */
+/* Counter-based random numbers: a pure function of (seed, stream, counter), so that any thread or
+ * device can draw any element in any order. The mixing is the finaliser of SplitMix64 (Steele, Lea
+ * and Flood 2014), applied to the key and then to key + counter * golden ratio. */
 #pragma once
 
 #include "math/portable.h"
@@ -36,7 +36,7 @@ SPIN_FN uint32_t spin_rng_below(uint64_t seed, uint64_t stream, uint64_t counter
     return (uint32_t)(((uint64_t)spin_rng_u32(seed, stream, counter) * n) >> 32);
 }
 
-/* Standard normal (Box and Muller); both halves of one 64-bit draw. */
+/* Standard normal (Box and Muller), from the two halves of one 64-bit draw. */
 SPIN_FN float spin_rng_normal(uint64_t seed, uint64_t stream, uint64_t counter)
 {
     uint64_t bits = spin_rng_u64(seed, stream, counter);

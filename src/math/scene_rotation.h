@@ -1,10 +1,11 @@
-/* Turning a scene: places, rotations and spherical harmonics by one rotation.
+/* Rotates a scene: positions, rotations and spherical harmonics.
  *
- * A colour seen along d before the turn R is seen along R d after it: f'(R d) = f(d). With real
- * harmonics Y that are orthonormal over the sphere, the coefficients become
+ * A colour visible from direction d before the rotation R is visible from R d after it:
+ * f'(R d) = f(d). With real harmonics Y that are orthonormal over the sphere, the coefficients
+ * become
  *     c'_m = sum_n c_n integral Y_m(R d) Y_n(d) dd,   within each degree.
- * The product of two functions of degree 3 is a polynomial of degree 6, so that the integral is
- * exact as a sum over 4 Gauss-Legendre nodes in z times 8 equal steps around it. */
+ * The product of two functions of degree 3 is a polynomial of degree 6, so the integral is exactly
+ * the sum over 4 Gauss-Legendre nodes in z times 8 equal steps around the axis. */
 #pragma once
 
 #include "math/quat.h"
@@ -12,7 +13,7 @@
 
 enum spin_scene_rotation_kind {
     SPIN_TURN_NONE,
-    SPIN_TURN_SIGNS, /* half a turn about an axis: nothing changes but signs, and no bit is lost */
+    SPIN_TURN_SIGNS, /* half a turn about an axis: only signs change, which is exact */
     SPIN_TURN_ANY
 };
 
@@ -20,10 +21,10 @@ struct spin_scene_rotation {
     enum spin_scene_rotation_kind kind;
     float q[4];                         /* w x y z */
     float m[9];                         /* [3][3] */
-    float sh[SPIN_SH_MAX][SPIN_SH_MAX]; /* zero outside the blocks of one degree */
+    float sh[SPIN_SH_MAX][SPIN_SH_MAX]; /* zero between different degrees */
 };
 
-/* a then b, of unit quaternions w x y z: out = b a. */
+/* Rotation a followed by b, as unit quaternions w x y z: out = b a. */
 SPIN_FN void spin_scene_rotation_join(const double *a, const double *b, double *out)
 {
     double w = b[0] * a[0] - b[1] * a[1] - b[2] * a[2] - b[3] * a[3];
@@ -37,7 +38,7 @@ SPIN_FN void spin_scene_rotation_join(const double *a, const double *b, double *
     out[3] = z;
 }
 
-/* 0, 1 and -1 where rounding alone stands between. */
+/* Removes rounding errors near 0, 1 and -1. */
 SPIN_FN float spin_scene_rotation_snap(double x)
 {
     double a = x < 0 ? -x : x;
@@ -101,7 +102,7 @@ SPIN_FN void spin_scene_rotation_from(const double *q, struct spin_scene_rotatio
     spin_scene_rotation_sh_matrix(t);
 }
 
-/* Rotation q (w x y z, unit) of a splat after the turn. */
+/* The rotation of a splat, q (w x y z, unit), after rotating the scene. */
 SPIN_FN void spin_scene_rotation_quat(const struct spin_scene_rotation *t, const float *q,
                                       float *out)
 {
@@ -110,7 +111,7 @@ SPIN_FN void spin_scene_rotation_quat(const struct spin_scene_rotation *t, const
     spin_quat_product(t->q, from, out);
 }
 
-/* sh and out [n][3], n of a whole degree, not the same array. */
+/* sh and out [n][3] must differ; n is the number of functions of a complete degree. */
 SPIN_FN void spin_scene_rotation_sh(const struct spin_scene_rotation *t, int n, const float *sh,
                                     float *out)
 {

@@ -1,5 +1,5 @@
-/* Real spherical harmonics up to degree 3, in 3DGS's order and signs (docs/method.md 4.1).
- * Coefficient k of channel c is sh[3 k + c]. */
+/* Real spherical harmonics up to degree 3, in the order and with the signs of 3DGS (docs/method.md
+ * 4.1). Coefficient k of channel c is sh[3 k + c]. */
 #pragma once
 
 #include "math/portable.h"
@@ -17,7 +17,7 @@
 #define SPIN_SH_C3D 0.3731763325901154f
 #define SPIN_SH_C3E 1.445305721320277f
 
-/* Basis functions of a degree. */
+/* Number of basis functions up to a degree. */
 SPIN_FN int spin_sh_count(int degree) { return (degree + 1) * (degree + 1); }
 
 /* basis [16] at unit direction d; functions above the degree are 0. */
@@ -52,7 +52,7 @@ SPIN_FN void spin_sh_basis(int degree, spin_vec3 d, float *basis)
     basis[15] = -SPIN_SH_C3A * x * (xx - 3 * yy);
 }
 
-/* sum_k weight[k] * grad basis[k], the three components of d taken as independent. */
+/* sum_k weight[k] * grad basis[k]; the gradient treats the three components of d as independent. */
 SPIN_FN spin_vec3 spin_sh_slope(int degree, spin_vec3 d, const float *weight)
 {
     const float *w = weight;
@@ -85,7 +85,7 @@ SPIN_FN spin_vec3 spin_sh_slope(int degree, spin_vec3 d, const float *weight)
     return g;
 }
 
-/* colour [3] = max(0, SH(d) + 0.5). Returns bit c set where channel c was clamped. */
+/* colour [3] = max(0, SH(d) + 0.5). Bit c of the result is set if channel c was clamped. */
 SPIN_FN unsigned spin_sh_colour(int degree, spin_vec3 d, const float *sh, float *colour)
 {
     float basis[SPIN_SH_MAX], sum[3] = {0.5f, 0.5f, 0.5f};

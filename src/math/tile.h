@@ -1,4 +1,4 @@
-/* Which tiles an ellipse touches, and the key it is sorted by (docs/method.md 4.1, 4.2). */
+/* The tiles that an ellipse touches, and its sort key (docs/method.md 4.1, 4.2). */
 #pragma once
 
 #include "math/approx.h"
@@ -6,14 +6,15 @@
 
 #define SPIN_TILE_PX 16
 
-/* v / 16 truncated and clamped to 0..n, also for infinities and NaN (which give 0). */
+/* v / 16, truncated and clamped to 0..n; also for infinities and NaN (which gives 0). */
 SPIN_FN int spin_tile_of(float v, int n)
 {
     float t = v * (1.0f / SPIN_TILE_PX);
     return !(t > 0) ? 0 : t >= (float)n ? n : (int)t;
 }
 
-/* The rectangle of the integer 3-sigma radius, half open: part of the result. */
+/* The tiles of the integer 3-sigma radius, half open. As in 3DGS: other rectangles give other
+ * images. */
 SPIN_FN void spin_tile_rect(float u_px, float v_px, float radius_px, int tiles_x, int tiles_y,
                             int *x0, int *y0, int *x1, int *y1)
 {
@@ -23,8 +24,8 @@ SPIN_FN void spin_tile_rect(float u_px, float v_px, float radius_px, int tiles_x
     *y1 = spin_tile_of(v_px + radius_px + (SPIN_TILE_PX - 1), tiles_y);
 }
 
-/* Tiles of [low, high) whose pixels come nearer than `reach` to `at`. Without branches, so that
- * loops over it become vector code. */
+/* Narrows [low, high) to tiles with pixels nearer than `reach` to `at`. Branch-free, so that loops
+ * over it vectorise. */
 SPIN_FN void spin_tile_narrow(float at, float reach, int *low, int *high)
 {
     float first = ceilf(at - reach), last = floorf(at + reach);
@@ -38,5 +39,5 @@ SPIN_FN void spin_tile_narrow(float at, float reach, int *low, int *high)
     *low = a;
 }
 
-/* Positive floats order like their bits. */
+/* Positive floats compare like their bits. */
 SPIN_FN uint32_t spin_depth_key(float depth) { return spin_bits_of_float(depth); }

@@ -1,11 +1,11 @@
-/* What a splat has of its moving track where the surface has turned by the unit quaternion q since
- * the track's own frame: the displacement R(q) d and the rotation q r. Both are orthogonal maps, so
- * the adjoint turns back. */
+/* The displacement and rotation that a dynamic track contributes to a splat if the surface has
+ * rotated by the unit quaternion q since the track's own frame: R(q) d and q r. Both maps are
+ * orthogonal, so the adjoint is the inverse rotation. */
 #pragma once
 
 #include "math/quat.h"
 
-/* width 3: a displacement; 4: a rotation. out is not in. */
+/* width 3: a displacement; 4: a rotation. out must differ from in. */
 SPIN_FN void spin_turn(const float q[4], int width, const float *in, float *out)
 {
     if (width == 3)

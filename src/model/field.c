@@ -1,11 +1,11 @@
-/* Layout and initial values of the implicit network (docs/method.md section 3), and its JSON. */
+/* Layout and initial values of the network (docs/method.md section 3), and its JSON. */
 #include "model/field.h"
 
 #include "base/base.h"
 #include "math/grid.h"
 #include "math/rng.h"
 
-/* Streams of the counter-based generator that belong to the network's first values. */
+/* Streams of the counter-based generator, for initial values. */
 enum { STREAM_TABLE = 1, STREAM_HEADS = 2 };
 
 static const int head_outputs[SPIN_HEADS] = {3, 4, 48, 1};
@@ -182,7 +182,7 @@ static spin_json *network_to_json(const struct spin_field *field)
         spin_json_push_number(centre, (double)field->transform.centre[i]);
     spin_json_set(transform, "centre", centre);
     spin_json_set_number(transform, "inv_radius", (double)field->transform.inv_radius);
-    if (field->transform.raw) /* said only where it is not as in the paper */
+    if (field->transform.raw) /* written only if it differs from the paper */
         spin_json_set_bool(transform, "raw", true);
     if (field->heads.relu)
         spin_json_set_string(j, "activation", "relu");
@@ -233,7 +233,7 @@ static bool get_float(const spin_json *j, double lo, double hi, float *out)
     return true;
 }
 
-/* A level that says of itself what its numbers make of it: a dense one with fewer rows than
+/* Reads a level and checks that its numbers are consistent: a dense level with fewer rows than
  * vertices would be read beyond its end. */
 static bool read_level(const spin_json *json, int l, struct spin_grid *grid)
 {

@@ -1,5 +1,6 @@
-/* The implicit network: layout of the hash-grid table and the four heads, their initial values.
- * (x, y, z, t) -> scale, rotation, SH colour, opacity of every splat (docs/method.md section 3). */
+/* The network: layout of the hash-grid table and of the four heads, and their initial values. It
+ * maps (x, y, z, t) to scale, rotation, SH colour and opacity of a splat (docs/method.md section
+ * 3). */
 #pragma once
 
 #include "device/device.h"
@@ -11,32 +12,33 @@ struct spin_field {
     struct spin_scene_transform transform;
     double time_first, time_last; /* of the clip, in the source's unit */
     int sh_degree;
-    bool antialias;          /* its splats are meant to be drawn antialiased */
+    bool antialias;          /* its splats are to be drawn antialiased */
     size_t n_table, n_heads; /* floats */
 };
 
-/* Geometry from the options. finest[3] must be resolved (not 0). SPIN_E_USAGE when impossible. */
+/* Derives the layout from the options. finest[3] must be resolved (not 0). SPIN_E_USAGE if
+ * impossible. */
 spin_status spin_field_plan(struct spin_field *field, int levels, int features, int hash_log2,
                             int hidden, int sh_degree, const int base[4], const int finest[4]);
 
-/* First values, a function of the seed alone: table uniform(-range, range), Linear layers
- * uniform(+-1/sqrt(fan_in)), last biases as docs/method.md 3.4 with this scale bias. Host arrays.
- */
+/* Initial values, which depend on the seed only: table uniform(-range, range), Linear layers
+ * uniform(+-1/sqrt(fan_in)), last biases as in docs/method.md 3.4 with init_log_scale as the bias
+ * of the scale. Host arrays. */
 void spin_field_init(const struct spin_field *field, uint64_t seed, double range,
                      double init_log_scale, float *table, float *heads);
 
-/* First values of a run in which the degrees of SH join one after the other: the colour head says 0
- * for every coefficient but the first, as 3DGS begins. They have no gradient, and stay, until they
- * join. */
+/* Clears the rows of the colour head for SH coefficients beyond the first, for trainings that add
+ * SH degrees one by one, as 3DGS does. Without a gradient they stay 0 until their degree is
+ * added. */
 void spin_field_clear_sh(const struct spin_field *field, float *heads);
-/* First values of a network that adds to what splats have of their own: nothing, at first. */
+/* Clears the last layer of all heads: the network then adds nothing to the splats' own values. */
 void spin_field_clear_heads(const struct spin_field *field, float *heads);
 
-/* t of a frame in 0..1 (docs/method.md 3.2). */
+/* Maps a frame's time to t in 0..1 (docs/method.md 3.2). */
 float spin_field_time(const struct spin_field *field, double time);
 
-/* The begin of the "trained" object of meta.json, and back; from a file everything is checked.
- * there: there is a network, else "field" is null and sh_degree and antialias are all that is set.
- */
+/* Writes and reads the first members of the "trained" object of meta.json; reading checks all
+ * values. there: there is a network; otherwise "field" is null and only sh_degree and antialias are
+ * set. */
 spin_json *spin_field_to_json(const struct spin_field *field, bool there);
 spin_status spin_field_from_json(const spin_json *trained, struct spin_field *out, bool *there);

@@ -3,7 +3,7 @@
 
 #include "base/base.h"
 
-/* The arrays, once: floats (or rows) per splat. Walked to reserve and to release. Without a
+/* An array to be reserved and released with all others: its floats (or rows) per splat. Without a
  * network there is no encoder input and no encoding. */
 struct piece {
     void SPIN_DEV **at;
@@ -163,7 +163,8 @@ void spin_field_backward(struct spin_field_eval *w, const struct spin_field *fie
 
 /* ---- Rows and columns ------------------------------------------------------------------------ */
 
-/* Log scale and logit opacity are what the heads put out, so nothing is lost to exp and back. */
+/* Copies log scale and logit opacity from the raw outputs, which avoids the rounding of exp and
+ * log. */
 void spin_attr_to_splats(const float *raw, const float *attr, size_t width, struct spin_splats *s)
 {
     size_t k = (size_t)(s->sh_degree + 1) * (size_t)(s->sh_degree + 1) * 3;

@@ -1,4 +1,4 @@
-/* Rows to groups and back. */
+/* Conversion between rows and groups. */
 #include "model/residual.h"
 
 #include <string.h>

@@ -1,4 +1,4 @@
-/* Photographs in device memory. */
+/* Images in device memory. */
 #include "render/image_store.h"
 
 #include <stdlib.h>

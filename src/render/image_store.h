@@ -1,4 +1,4 @@
-/* Photographs in device memory, by number. */
+/* Images in device memory, by number. */
 #pragma once
 
 #include "device/device.h"
@@ -7,28 +7,29 @@ enum spin_image_format { SPIN_IMAGE_RGB8, SPIN_IMAGE_F32 };
 
 struct spin_image_store {
     struct spin_device *device;
-    struct spin_images images; /* what the device's verbs take */
-    uint8_t SPIN_DEV *pixels;  /* [n] pictures */
+    struct spin_images images; /* the argument of the device's verbs */
+    uint8_t SPIN_DEV *pixels;  /* [n] images */
     uint8_t SPIN_DEV *masks;   /* [n] masks, or NULL */
     size_t n, image_bytes, mask_bytes;
-    size_t *key;   /* [n] of what lies at each number; SIZE_MAX: nothing */
+    size_t *key;   /* [n] key of the image at each number; SIZE_MAX: none */
     int64_t *used; /* [n] turn in which it was last found */
     int64_t turn;
     size_t next;
 };
 
-/* Room for n pictures of up to max_pixels, with a mask each or none. */
+/* Reserves memory for n images of up to max_pixels each, with or without masks. */
 spin_status spin_image_store_open(struct spin_image_store *s, struct spin_device *device, size_t n,
                                   size_t max_pixels, enum spin_image_format format, bool masks);
 void spin_image_store_close(struct spin_image_store *s);
 
-/* Picture `number` = pixels, as the format says. mask: a bit a pixel, lowest first; or NULL: all 0.
- */
+/* Uploads image `number`, in the format of the store. mask: one bit per pixel, lowest first; NULL:
+ * all 0. */
 void spin_image_store_put(struct spin_image_store *s, uint32_t number, size_t n_pixels,
                           const void *pixels, const uint8_t *mask);
 
-/* The store as a cache: what is found in one turn stays until the next one begins. */
+/* Use as a cache: begins a new turn. Images that are found or inserted in a turn stay until the
+ * next. */
 void spin_image_store_turn(struct spin_image_store *s);
-/* The number where `key` lies. False: it is not there; the number is where the caller shall put it.
- * A turn must not ask for more than n. */
+/* Finds the number of the image with this key. False: it is missing; the caller must put it at the
+ * returned number. A turn must not ask for more than n images. */
 bool spin_image_store_find(struct spin_image_store *s, size_t key, uint32_t *number);

@@ -1,4 +1,4 @@
-/* Frames to pictures. */
+/* Decodes the splats of frames and renders images of them. */
 #include "render/player.h"
 
 #include "base/base.h"
@@ -36,16 +36,17 @@ spin_status spin_player_choose(const struct spin_bundle *bundle, bool source,
     else if (!(SPIN_COL_ATTRIBUTES & ~bundle->meta.columns))
         *out = SPIN_FROM_SOURCE;
     else if (source)
-        return spin_not_found("'%s' holds positions only, no source attributes", bundle->path);
+        return spin_not_found("'%s' contains positions only, no source attributes", bundle->path);
     else
-        return spin_not_found("'%s' holds positions only: run spin-retrain first", bundle->path);
+        return spin_not_found("'%s' contains positions only: run spin-retrain first", bundle->path);
     return SPIN_OK;
 }
 
-/* ---- Values that are not finite ----------------------------------------------------------------
- */
+/* ---- Values that are not finite
+ * --------------------------------------------------------------- */
 
-/* An infinite logit is an opacity of 0 or 1, and a log scale of minus infinity a point. */
+/* An infinite logit is an opacity of 0 or 1, and a log scale of minus infinity a point: both can be
+ * drawn. */
 static bool is_drawable(const struct spin_splats *s, size_t i, size_t n_sh)
 {
     const float *scale = s->log_scales + 3 * i;
@@ -75,8 +76,8 @@ static void count_stored(struct spin_player *p, int index, const struct spin_spl
     add_bad(p, index, n_bad);
 }
 
-/* Of the network's splats: positions and, or NULL, their own values; the rest follows from weights.
- */
+/* Counts splats of the network with positions or residuals (NULL: none) that are not finite; their
+ * other attributes are computed from checked parameters. */
 static void count_network(struct spin_player *p, int index, size_t n, const float *means,
                           const float *residual)
 {
@@ -114,10 +115,10 @@ static spin_status check_weights(const char *name, const float *values, size_t n
     return SPIN_OK;
 }
 
-/* ---- Opening -----------------------------------------------------------------------------------
- */
+/* ---- Opening
+ * ---------------------------------------------------------------------------------- */
 
-enum { PORTION = 1 << 20 }; /* values of a packed array that are decoded at a time */
+enum { PORTION = 1 << 20 }; /* values of a packed array that are decoded at once */
 
 static spin_status upload_values(struct spin_player *p, const char *name,
                                  const struct spin_bundle_values *v, float SPIN_DEV *to)
@@ -262,7 +263,7 @@ void spin_player_close(struct spin_player *p)
     memset(p, 0, sizeof *p);
 }
 
-/* Room for n splats. */
+/* Ensures capacity for n splats. A larger capacity discards the current frame. */
 static spin_status need(struct spin_player *p, size_t n)
 {
     struct spin_device *d = p->device;
@@ -296,7 +297,7 @@ static void decode(struct spin_player *p, const struct spin_frame_batch *frame)
     p->now_antialias = p->field.antialias;
 }
 
-/* An array of a frame's splats. */
+/* Reads an array of a frame, [n][width]. */
 static spin_status read_rows(struct spin_player *p, const char *series, int index, size_t n,
                              int64_t width, float *to)
 {
@@ -309,7 +310,7 @@ static spin_status read_rows(struct spin_player *p, const char *series, int inde
     return SPIN_OK;
 }
 
-/* Residuals of a frame's splats, rows [n][SPIN_RESIDUAL] in the staging, to the device. */
+/* Uploads the residuals of a frame, rows [n][SPIN_RESIDUAL] in the staging buffer. */
 static spin_status send_residual(struct spin_player *p, size_t n, const float SPIN_DEV **residual)
 {
     struct spin_device *d = p->device;
@@ -324,7 +325,7 @@ static spin_status send_residual(struct spin_player *p, size_t n, const float SP
     return SPIN_OK;
 }
 
-/* Residuals, if they have some. */
+/* Reads and uploads the residuals of a frame; *residual is NULL if it has none. */
 static spin_status read_residual(struct spin_player *p, int index, size_t n,
                                  const float SPIN_DEV **residual)
 {
@@ -338,7 +339,7 @@ static spin_status read_residual(struct spin_player *p, int index, size_t n,
     return send_residual(p, n, residual);
 }
 
-/* Positions and residuals of a frame of the network. */
+/* Reads positions and residuals of a retrained frame. */
 static spin_status read_network_frame(struct spin_player *p, int index, size_t n,
                                       const float SPIN_DEV **residual)
 {
@@ -351,7 +352,7 @@ static spin_status read_network_frame(struct spin_player *p, int index, size_t n
     return send_residual(p, n, residual);
 }
 
-/* Columns as they are stored. */
+/* Reads columns as they are stored. */
 static spin_status read_stored(struct spin_player *p, int index, unsigned columns,
                                struct spin_splats *out)
 {
@@ -436,7 +437,7 @@ spin_status spin_player_splats(struct spin_player *p, int index, unsigned column
     return SPIN_OK;
 }
 
-/* Room for a picture, and for the lists of the frame that is shown. */
+/* Ensures capacity for an image and for the intersections of the current frame. */
 static spin_status need_pictures(struct spin_player *p, size_t pixels, size_t tiles)
 {
     if (pixels > p->pixels || tiles > p->tiles) {
@@ -467,7 +468,7 @@ spin_status spin_player_set_lenses(struct spin_player *p, const struct spin_lens
     return SPIN_OK;
 }
 
-/* The picture drawn last as the camera shows it. */
+/* Applies the camera's lens to the image rendered last. */
 static void look_through_lens(struct spin_player *p, const struct spin_camera *camera)
 {
     int lens = p->lenses ? spin_lenses_find(p->lenses, camera) : -1;
@@ -499,8 +500,8 @@ spin_status spin_player_picture(struct spin_player *p, float *image)
                                    3 * p->drawn_pixels * sizeof(float));
 }
 
-/* The share of a colour is the slope of the picture by it: the way back from slopes of 1 of every
- * pixel. */
+/* A splat's contribution is the derivative of the sum of all pixels by its colour: run the backward
+ * pass of blending with a gradient of 1 in every pixel. */
 spin_status spin_player_weigh(struct spin_player *p, float *weights)
 {
     struct spin_device *d = p->device;

@@ -1,13 +1,13 @@
-/* Views through the rasteriser. Sizes are known beforehand but for one: the number of (splat, tile)
- * intersections. They are counted, the host reads the count, memory is reserved, the list is
- * filled. */
+/* Renders views with the device's rasteriser. All sizes are known beforehand except the number of
+ * (splat, tile) intersections: the device counts them, the host reads the count and reserves
+ * memory, then the device fills the list. */
 #include "render/raster.h"
 
 #include <string.h>
 
 #include "base/text.h"
 
-/* The arrays, once. Walked to reserve and to release. */
+/* An array, to be reserved and released with all others. */
 struct piece {
     void SPIN_DEV **at;
     size_t bytes;
@@ -32,9 +32,10 @@ static void list_pieces(struct spin_raster *r, struct piece piece[N_PIECES])
     memcpy(piece, all, sizeof all);
 }
 
-static const size_t pair_gradient = 12 * 4; /* bytes of a pair's share of the gradient */
+static const size_t pair_gradient = 12 * 4; /* bytes of gradients per splat-tile pair */
 
-/* Whether the lists of this view may grow: the system gives more than it has, and kills later. */
+/* Fails early if the list of pairs exceeds the free memory: the system overcommits, and would kill
+ * the process later. */
 static spin_status check_pairs(const struct spin_raster *r)
 {
     size_t pair = sizeof *r->tiles.intersections + (r->training ? pair_gradient : 0);
@@ -45,8 +46,8 @@ static spin_status check_pairs(const struct spin_raster *r)
     if (needed <= available || (available == 0 && !r->device->is_host))
         return SPIN_OK;
     return spin_fail(SPIN_E_MEMORY,
-                     "cannot draw a view: its %llu pairs of splats and tiles need %s and %s are "
-                     "free: the splats are too large, or the image is",
+                     "cannot render a view: its %llu pairs of splats and tiles need %s, but %s are "
+                     "free; the splats or the image are too large",
                      (unsigned long long)r->tiles.n_intersections, spin_text_bytes(needed, needs),
                      spin_text_bytes(available, has));
 }

@@ -1,4 +1,5 @@
-/* Draw views and send gradients back: project, sort into tiles, blend, and the way back. */
+/* Renders views and propagates gradients back: project, sort into tiles, blend, and their
+ * adjoints. */
 #pragma once
 
 #include "device/device.h"
@@ -6,9 +7,9 @@
 struct spin_raster {
     struct spin_device *device;
     bool training;
-    size_t capacity; /* splats of a view */
+    size_t capacity; /* splats per view */
     size_t pixels, tiles_capacity, intersections_capacity;
-    int views;                                    /* that are drawn together */
+    int views;                                    /* rendered together */
     struct spin_splat2d SPIN_DEV *splat2d;        /* [views][n] */
     struct spin_splat2d_grad SPIN_DEV *d_splat2d; /* [views][n] (training) */
     struct spin_tiles tiles;
@@ -18,27 +19,28 @@ struct spin_raster {
     float SPIN_DEV *d_image;             /* [views][3][h][w] (training) */
 };
 
-/* Room for n splats a view and pictures of up to `pixels`, of `views` together (1 when 0); the
- * lists of intersections grow with what is seen. */
+/* Reserves memory for `views` views at once (0: 1) of n splats and up to `pixels` pixels each. The
+ * lists of intersections grow on demand. */
 spin_status spin_raster_open(struct spin_raster *r, struct spin_device *device, size_t n,
                              size_t pixels, size_t tiles, int views, bool training);
 void spin_raster_close(struct spin_raster *r);
-/* Bytes that drawing a view of n splats takes besides, about: lists of intersections, and what the
- * device needs itself. */
+/* Estimates the bytes that rendering a view of n splats needs in addition: lists of intersections
+ * and buffers of the device. */
 size_t spin_raster_grows(size_t n, size_t pixels, bool training);
 
-/* An empty batch of views for this raster; and one view more, of n splats of a frame of the batch,
- * or NULL when the batch is full. */
+/* Creates an empty batch of views for this raster; and adds a view of n splats of a frame. Returns
+ * NULL if the batch is full. */
 struct spin_view_batch spin_raster_batch(const struct spin_raster *r, const float background[3]);
 struct spin_view_of_batch *spin_raster_add_view(const struct spin_raster *r,
                                                 struct spin_view_batch *views, int frame, size_t n,
                                                 const struct spin_camera *camera, bool antialias);
 
-/* image = views of the splats. Fails only when there are too many pairs of splats and tiles. */
+/* Renders the views into image. Fails only if the splat-tile pairs do not fit into memory. */
 spin_status spin_raster_forward(struct spin_raster *r, const struct spin_view_batch *views,
                                 const struct spin_frame_batch *frames, const float SPIN_DEV *attr,
                                 int sh_degree);
-/* From d_image: d_attr +=, d_means +=. Follows the forward pass of the same views. */
+/* Adds to d_attr and d_means the gradients that follow from d_image. Call it after
+ * spin_raster_forward() of the same views. */
 void spin_raster_backward(struct spin_raster *r, const struct spin_view_batch *views,
                           const struct spin_frame_batch *frames, const float SPIN_DEV *attr,
                           int sh_degree, float SPIN_DEV *d_attr);

@@ -1,8 +1,8 @@
-/* *.spin: what is in it is written in man/spin-bundle.5.
+/* Reads and writes *.spin bundles; the format is described in man/spin-bundle.5.
  *
- * Reading trusts nothing: meta.json says which arrays there must be and of which shape, and every
- * one of them is looked at before spin_bundle_open() returns - its header only, so that a clip of
- * many gigabytes opens at once. The values stay in the map until a frame is asked for. */
+ * Nothing in the file is trusted: meta.json defines which arrays must exist and with which shapes,
+ * and spin_bundle_open() checks all of them. It reads headers only, so that a clip of many
+ * gigabytes opens at once; values stay in the memory map until a frame is read. */
 #include "scene/bundle.h"
 
 #include "base/base.h"
@@ -10,7 +10,7 @@
 #define META "meta.json"
 #define META_LIMIT (64u << 20) /* bytes */
 
-/* "source/means" */
+/* "GROUP/COLUMN", such as "source/means". */
 static void series_name(const char *group, unsigned column, char name[64])
 {
     snprintf(name, 64, "%s/%s", group, spin_column_name(column));
@@ -18,13 +18,13 @@ static void series_name(const char *group, unsigned column, char name[64])
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* Where columns of a frame are found: the source's, or the refined ones. */
+/* Where the columns of a frame are stored: in "source" or in "refined". */
 struct group {
     const char *name;
     unsigned columns, static_columns;
     int sh_degree;
     bool antialias;
-    const size_t *n; /* [n_frames] of the refined ones */
+    const size_t *n; /* [n_frames] of refined frames; NULL: in meta.frame */
 };
 
 static struct group group_of(const struct spin_bundle *b, enum spin_splat_source from)
@@ -43,7 +43,7 @@ static size_t count_of(const struct spin_bundle *b, const struct group *group, i
     return group->n ? group->n[frame] : b->meta.frame[frame].n;
 }
 
-/* A column of a frame: open in out, or with NULL looked at. */
+/* Opens a column of a frame in *out, or only checks its header if out is NULL. */
 static spin_status find_column(struct spin_bundle *b, const struct group *group, unsigned column,
                                int frame, struct spin_bundle_values *out)
 {
@@ -61,8 +61,7 @@ static spin_status find_column(struct spin_bundle *b, const struct group *group,
                : spin_bundle_values_check(b, name, frame, 'f', n_dims, wanted);
 }
 
-/* Looking at a header brings in what lies around it, up to a megabyte: let go of it now and then.
- */
+/* Reading one header faults in up to a megabyte around it. Drop the pages every 16 headers. */
 static void forget_all(const struct spin_bundle *b, int n_looked_at)
 {
     const struct spin_map *map = &b->npz.zip.map;
@@ -71,7 +70,7 @@ static void forget_all(const struct spin_bundle *b, int n_looked_at)
         spin_map_forget(map, map->data, map->size);
 }
 
-/* An array of the source's 4D splats: open in out, or with NULL looked at. */
+/* Opens an array of the source's 4D splats in *out, or only checks its header if out is NULL. */
 static spin_status find_4d(struct spin_bundle *b, int k, struct spin_bundle_values *out)
 {
     const struct spin_splats_4d *s = &b->meta.four_d;
@@ -140,7 +139,7 @@ static spin_status check_refined(struct spin_bundle *b)
     return SPIN_OK;
 }
 
-/* "splats": of every frame, where densification has changed their number. */
+/* "splats": the number of splats of every frame, present if densification has changed it. */
 static spin_status read_trained_counts(struct spin_bundle *b, const spin_json *trained)
 {
     const spin_json *list = spin_json_get(trained, "splats");
@@ -158,7 +157,8 @@ static spin_status read_trained_counts(struct spin_bundle *b, const spin_json *t
     return SPIN_OK;
 }
 
-/* The trained arrays are there; what they mean is the core's business. */
+/* Checks that the trained arrays exist and have the right shapes; whoever reads their values checks
+ * those. */
 static spin_status check_trained(struct spin_bundle *b)
 {
     const spin_json *trained = spin_json_get(b->json, "trained"), *field;
@@ -179,7 +179,7 @@ static spin_status check_trained(struct spin_bundle *b)
         SPIN_TRY(spin_bundle_values_check(b, "trained/heads", -1, 'f', 1, shape));
     }
     SPIN_TRY(read_trained_counts(b, trained));
-    if (spin_json_get(trained, "tracks")) /* the rest is checked when frames are read */
+    if (spin_json_get(trained, "tracks")) /* spin_bundle_tracks_frame() checks these arrays */
         return SPIN_OK;
     own = spin_npz_has(&b->npz, "trained/residual/00000");
     for (int f = 0; f < b->meta.n_frames; f++) {
@@ -193,8 +193,8 @@ static spin_status check_trained(struct spin_bundle *b)
     return SPIN_OK;
 }
 
-/* Before version 4 "trained" was called "network", and what is now its "field" stood there among
- * the rest, or "explicit" said that there is none. */
+/* Before version 4 "trained" was called "network". The members of today's "field" were members of
+ * "network" itself, and "explicit": true meant that there is no field. */
 static void modernise(struct spin_bundle *b)
 {
     static const char *const series[] = {"per_unit", "xor_rows"};
@@ -234,7 +234,7 @@ static spin_status load_meta(struct spin_bundle *b)
     return spin_bundle_meta_read(&b->meta, b->json);
 }
 
-/* The state of a training that was interrupted stands for the clip that was left beside it. */
+/* The path is a checkpoint: open the clip that was saved beside it instead. */
 static spin_status open_clip_of_state(struct spin_bundle *b)
 {
     size_t n = strlen(b->path) + sizeof SPIN_CLIP_OF_STATE;
@@ -244,10 +244,10 @@ static spin_status open_clip_of_state(struct spin_bundle *b)
     snprintf(clip, n, "%s" SPIN_CLIP_OF_STATE, b->path);
     if (!spin_path_exists(clip))
         return spin_unsupported(
-            "it is the state of an unfinished training: spin-retrain --resume goes on "
-            "with it, and --watch DIR keeps such a state as a clip, DIR/state.spin");
+            "it is the checkpoint of an unfinished training: continue it with spin-retrain "
+            "--resume; with --watch DIR, the clip so far is DIR/state.spin");
     spin_npz_close(&b->npz);
-    spin_log(0, "'%s' is the state of an unfinished training: the clip as it was is in '%s'",
+    spin_log(0, "'%s' is the checkpoint of an unfinished training: reading the clip so far, '%s'",
              b->path, clip);
     return spin_npz_open(clip, &b->npz);
 }
@@ -290,7 +290,7 @@ void spin_bundle_close(struct spin_bundle *bundle)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* The group, if it has the frame and these columns. */
+/* Returns the group in *out if it contains this frame and all of these columns. */
 static spin_status find_group(const struct spin_bundle *b, int frame, enum spin_splat_source from,
                               unsigned columns, struct group *out)
 {
@@ -305,7 +305,7 @@ static spin_status find_group(const struct spin_bundle *b, int frame, enum spin_
         return spin_not_found("'%s' has no refined splats with these columns", b->path);
     if (missing)
         return spin_not_found(
-            "'%s' has no '%s' of its source%s", b->path, spin_column_name(missing),
+            "'%s' has no column '%s' of its source%s", b->path, spin_column_name(missing),
             (b->meta.columns & SPIN_COL_ATTRIBUTES) == 0 ? ", only positions: run spin-retrain"
                                                          : "");
     return spin_map_check(&b->npz.zip.map);
@@ -325,7 +325,8 @@ static spin_status read_group(struct spin_bundle *bundle, const struct group *gr
             continue;
         SPIN_TRY(find_column(bundle, group, column, frame, &v));
         spin_bundle_values_get(&v, 0, (size_t)v.count, *spin_column_of(out, column));
-        if (v.floats && !(group->static_columns & column)) /* a clip goes by, frame after frame */
+        if (v.floats && !(group->static_columns &
+                          column)) /* frames are read once, in order: drop these pages */
             spin_map_forget(&bundle->npz.zip.map, v.bytes, (size_t)v.count * sizeof *v.floats);
         spin_bundle_values_close(&v);
     }
@@ -353,11 +354,10 @@ static spin_status load_4d(struct spin_bundle *b, struct spin_splats_4d *s)
         spin_bundle_values_close(&v);
     }
     SPIN_TRY(spin_splats_4d_settle(s, &n_dropped, NULL));
-    return n_dropped
-               ? spin_malformed("source/4d: %zu of %zu rows have values that are not finite or no "
-                                "rotation",
-                                n_dropped, meta->n)
-               : SPIN_OK;
+    return n_dropped ? spin_malformed("source/4d: %zu of %zu rows have values that are not finite "
+                                      "or rotations of length zero",
+                                      n_dropped, meta->n)
+                     : SPIN_OK;
 }
 
 spin_status spin_bundle_splats_4d(struct spin_bundle *bundle, const struct spin_splats_4d **out)
@@ -369,7 +369,7 @@ spin_status spin_bundle_splats_4d(struct spin_bundle *bundle, const struct spin_
     return spin_fail_reading(load_4d(bundle, &bundle->four_d), bundle->path);
 }
 
-/* A frame of 4D splats. How many it has stands in meta.json, too. */
+/* Slices the 4D splats at the time of a frame. Their number must match meta.json. */
 static spin_status slice(struct spin_bundle *b, int frame, unsigned columns,
                          struct spin_splats *out)
 {
@@ -378,11 +378,10 @@ static spin_status slice(struct spin_bundle *b, int frame, unsigned columns,
 
     SPIN_TRY(spin_bundle_splats_4d(b, &s));
     SPIN_TRY(spin_splats_4d_slice(s, info->time, columns, out));
-    return out->n == info->n
-               ? SPIN_OK
-               : spin_malformed("'%s': meta.json says %zu splats of frame %d, its time "
-                                "%g shows %zu",
-                                b->path, info->n, frame, info->time, out->n);
+    return out->n == info->n ? SPIN_OK
+                             : spin_malformed("'%s': meta.json lists %zu splats of frame %d, but "
+                                              "at its time %g there are %zu",
+                                              b->path, info->n, frame, info->time, out->n);
 }
 
 static spin_status read_frame(struct spin_bundle *bundle, int frame, enum spin_splat_source from,
@@ -429,7 +428,7 @@ spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_sp
         SPIN_TRY(find_column(bundle, &group, column, frame, &v));
         floats = v.floats;
         spin_bundle_values_close(&v);
-        if (view.n == 0 || !floats) /* packed, or not aligned: copied */
+        if (view.n == 0 || !floats) /* packed or unaligned: copy */
             return read_group(bundle, &group, frame, columns, out);
         *spin_column_of(&view, column) = (float *)(uintptr_t)floats;
     }
@@ -490,20 +489,20 @@ spin_status spin_bundle_checksum(struct spin_bundle *bundle, int frame, unsigned
         SPIN_TRY(find_column(bundle, &source, column, frame, &v));
         crc = spin_bundle_values_crc(&v);
         spin_bundle_values_close(&v);
-        *out = (*out ^ crc) * 0x01000193u + column; /* as FNV-1a does, a word at a time */
+        *out = (*out ^ crc) * 0x01000193u + column; /* like FNV-1a, a word at a time */
     }
     return SPIN_OK;
 }
 
-/* ---- What the names of its members tell ---------------------------------------------------------
- */
+/* ---- Member names and sizes
+ * ------------------------------------------------------------------- */
 
 static bool begins(const char *text, const char *with)
 {
     return strncmp(text, with, strlen(with)) == 0;
 }
 
-/* SOG is a zip with a meta.json, too. */
+/* SOG is a zip with a meta.json, too, but it has no source/. */
 bool spin_bundle_looks_like(const char *path)
 {
     struct spin_zip zip;
@@ -518,14 +517,14 @@ bool spin_bundle_looks_like(const char *path)
     return meta && source;
 }
 
-/* Where a member counts; NULL: in the file alone. */
+/* The sum that a member's size belongs to; NULL if only the size of the file includes it. */
 static uint64_t *part_of(struct spin_bundle_bytes *bytes, const char *name)
 {
     if (begins(name, "source/"))
         return &bytes->source;
     if (begins(name, "refined/"))
         return &bytes->refined;
-    if (!begins(name, "trained/") && !begins(name, "network/")) /* as it was called before */
+    if (!begins(name, "trained/") && !begins(name, "network/")) /* its name before version 4 */
         return NULL;
     name = strchr(name, '/') + 1;
     if (begins(name, "means/") || begins(name, "residual/"))
@@ -535,7 +534,8 @@ static uint64_t *part_of(struct spin_bundle_bytes *bytes, const char *name)
     return begins(name, "table") ? &bytes->table : &bytes->heads;
 }
 
-/* What a member has unpacked. Planes of bytes that would be 0 are left out of the file. */
+/* The size of an unpacked member, including the byte planes that the file omits because they are
+ * all 0. */
 static uint64_t unpacked_size(const struct spin_bundle *bundle,
                               const struct spin_zip_member *member)
 {
@@ -598,7 +598,7 @@ spin_status spin_bundle_write_array(struct spin_bundle_writer *w, const char *se
 {
     char name[80];
 
-    if (!values) /* of no rows */
+    if (!values) /* an array without rows */
         values = "";
     if (w->packs)
         return spin_packer_put(&w->packer, &w->zip, series, frame, n_dims, shape, values);
@@ -625,7 +625,8 @@ static spin_status write_group(struct spin_bundle_writer *w, const char *group, 
             continue;
         n_dims = spin_column_shape(column, splats->n, splats->sh_degree, shape);
         series_name(group, column, name);
-        if (column == SPIN_COL_RGB && w->packs && index == 0) /* from pictures, most likely */
+        if (column == SPIN_COL_RGB && w->packs &&
+            index == 0) /* these colours probably come from 8-bit images */
             SPIN_TRY(spin_packer_units(&w->packer, name, 3, bytes));
         SPIN_TRY(spin_bundle_write_array(w, name, still ? -1 : index, "<f4", n_dims, shape,
                                          *spin_column_of(&view, column)));
@@ -651,7 +652,9 @@ static spin_status write_array_4d(struct spin_bundle_writer *w, const struct spi
         unit[c] = per_unit;
     if (per_unit > 0)
         SPIN_TRY(spin_packer_units(&w->packer, name, shape[1], unit));
-    else if (w->packer.quick && shape[1] >= SPIN_WIDE) /* random bits of SH: a fifth less at most */
+    else if (w->packer.quick &&
+             shape[1] >=
+                 SPIN_WIDE) /* the low bits of SH are noise: packing would save a fifth at most */
         return spin_npz_write(&w->zip, name, "<f4", 2, shape, values);
     return spin_bundle_write_array(w, name, -1, "<f4", 2, shape, values);
 }

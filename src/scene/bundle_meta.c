@@ -1,4 +1,4 @@
-/* meta.json of a bundle, read and written. */
+/* Reads and writes meta.json of a bundle. */
 #include "scene/bundle_meta.h"
 
 #include "base/base.h"
@@ -6,7 +6,8 @@
 #include "scene/splats_4d.h"
 
 #define FORMAT "spin bundle"
-/* Arrays as they are; packed, or of 4D splats, which the first readers cannot read. */
+/* Plain arrays, packed arrays, 4D splats: the version is raised only for bundles that older readers
+ * cannot read. */
 enum { VERSION = 1, VERSION_PACKED = 4, VERSION_4D = 5 };
 
 spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames)
@@ -52,7 +53,7 @@ spin_status spin_meta_integer(const spin_json *object, const char *key, int64_t 
     return SPIN_OK;
 }
 
-/* A string, cut to fit. Absent or null: "". */
+/* A string, truncated to n_out - 1 bytes; "" if absent or null. */
 static void read_text(const spin_json *object, const char *key, char *out, size_t n_out)
 {
     const char *text = spin_json_string(spin_json_get(object, key));
@@ -73,9 +74,7 @@ static spin_status read_columns(const spin_json *root, const char *key, unsigned
         if (!name)
             return spin_meta_fail(key, "a list of names");
         if (!spin_column_named(name))
-            return spin_unsupported("meta.json: '%s' names a column '%.40s' that this "
-                                    "version does not know",
-                                    key, name);
+            return spin_unsupported("meta.json: '%s' names the unknown column '%.40s'", key, name);
         *out |= spin_column_named(name);
     }
     return SPIN_OK;
@@ -170,7 +169,7 @@ static spin_status read_number(const spin_json *object, const char *key, double 
                : spin_meta_fail(key, "a number");
 }
 
-/* "splats_4d": how many rows, and what stands beside their arrays. */
+/* "splats_4d": the number of rows and all properties that are not arrays. */
 static spin_status read_4d(struct spin_bundle_meta *meta, const spin_json *root)
 {
     const spin_json *json = spin_json_get(root, "splats_4d"), *list;
@@ -184,7 +183,8 @@ static spin_status read_4d(struct spin_bundle_meta *meta, const spin_json *root)
     SPIN_TRY(spin_meta_integer(json, "n", 1, UINT32_MAX, &n));
     SPIN_TRY(spin_meta_integer(json, "degree", 0, 3, &degree));
     if (meta->columns != (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES) || meta->static_columns)
-        return spin_malformed("meta.json: 'columns' of 4D splats are other than all attributes");
+        return spin_malformed(
+            "meta.json: 'columns' of 4D splats must be the means and all attributes");
     *s = (struct spin_splats_4d){.n = (size_t)n,
                                  .degree = (int)degree,
                                  .sh_degree = meta->sh_degree,
@@ -203,9 +203,8 @@ static spin_status read_4d(struct spin_bundle_meta *meta, const spin_json *root)
         unsigned part = name ? spin_array_4d_part(name) : 0;
 
         if (!part)
-            return spin_unsupported(
-                "meta.json: 'arrays' names '%.40s', which this version does not know",
-                name ? name : "");
+            return spin_unsupported("meta.json: 'arrays' names the unknown array '%.40s'",
+                                    name ? name : "");
         meta->parts |= part;
     }
     return SPIN_OK;
@@ -220,8 +219,9 @@ spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json
         return spin_meta_fail("format", "'" FORMAT "'");
     SPIN_TRY(spin_meta_integer(root, "version", 1, INT_MAX, &version));
     if (version > VERSION_4D)
-        return spin_unsupported("it is of version %lld, this program reads versions %d to %d",
-                                (long long)version, VERSION, VERSION_4D);
+        return spin_unsupported(
+            "bundle version %lld, expected %d to %d: a newer spin4d may read it",
+            (long long)version, VERSION, VERSION_4D);
     read_text(root, "from", meta->from, sizeof meta->from);
     read_text(root, "upstream", meta->upstream, sizeof meta->upstream);
     read_text(root, "variant", meta->variant, sizeof meta->variant);

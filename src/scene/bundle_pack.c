@@ -1,16 +1,17 @@
-/* Words of values as planes of bytes, column by column: what is alike in neighbouring words (signs,
- * exponents, high bytes) lies together, where deflate finds it. */
+/* Stores the words of an array as planes of bytes, column by column: bytes that are alike in
+ * neighbouring words (signs, exponents, high bytes) become neighbours, which deflate compresses
+ * well. */
 #include "scene/bundle_pack.h"
 
 #include "base/base.h"
 
-enum { PORTION = 1 << 15, GROUP = 16 }; /* values at a time; columns */
+enum { PORTION = 1 << 15, GROUP = 16 }; /* values written at once; columns gathered at once */
 
-/* Words of an array, row by row. */
+/* The words of an array, row by row. */
 struct words {
     uint64_t n_rows, width;
     uint32_t *at;
-    bool whole; /* of whole numbers, as per_unit says */
+    bool whole; /* integers in units of 1 / per_unit */
 };
 
 struct spin_pack_series {
@@ -18,12 +19,11 @@ struct spin_pack_series {
     float *per_unit; /* [n_units], or NULL */
     size_t n_units;
     bool written;
-    struct words key; /* of frame 0 */
-    spin_json *rows;  /* a number for every frame so far; NULL: an array without frames */
+    struct words key; /* words of frame 0 */
+    spin_json *rows;  /* "xor_rows" of each frame so far; NULL: an array without frames */
 };
 
-/* ---- One array ----------------------------------------------------------------------------------
- */
+/* ---- One array ------------------------------------------------------------------------------- */
 
 spin_status spin_pack_write(struct spin_zip_writer *w, const char *name, int n_dims,
                             const uint64_t *shape, spin_pack_read_fn read, void *context)
@@ -63,7 +63,7 @@ static spin_status write_bytes(struct spin_zip_writer *w, const unsigned char *b
     return SPIN_OK;
 }
 
-/* Columns are gathered by the line of the cache: 16 at a time. */
+/* Gathers 16 columns in a pass over the rows: the words of one cache line. */
 static spin_status write_columns(struct spin_zip_writer *w, const char *name, int n_dims,
                                  const uint64_t *shape, const struct words *words, bool quick)
 {
@@ -96,11 +96,10 @@ static spin_status write_columns(struct spin_zip_writer *w, const char *name, in
     return status == SPIN_OK ? spin_zip_member_end(w) : status;
 }
 
-/* ---- Series -------------------------------------------------------------------------------------
- */
+/* ---- Series ---------------------------------------------------------------------------------- */
 
-/* About how many bits the planes become where the first rows are differences from the key: the
- * entropy of their bytes, each plane by itself. */
+/* Estimates the compressed size in bits if the first `rows` rows are XORed with the key: the
+ * entropy of the bytes, for each plane separately. */
 static double weigh(const struct words *words, const uint32_t *key, uint64_t rows)
 {
     uint64_t seen[4][256] = {{0}}, count = words->n_rows * words->width,
@@ -120,7 +119,8 @@ static double weigh(const struct words *words, const uint32_t *key, uint64_t row
     return bits;
 }
 
-/* How many rows are worth taking as differences: none, up to the last that is the same, or all. */
+/* Chooses how many rows to XOR with frame 0: none, all, or those up to the last one that is
+ * identical. */
 static uint64_t choose_rows(const struct spin_pack_series *s, const struct words *words)
 {
     uint64_t width = words->width, best = 0;
@@ -174,7 +174,8 @@ spin_status spin_packer_units(struct spin_packer *packer, const char *series, si
     return SPIN_OK;
 }
 
-/* Replaces values by the words of their whole numbers, unless one of them is no such multiple. */
+/* Replaces values by the words of their integers. False, without changes, if any value is not a
+ * multiple of its unit. */
 static bool make_whole(const struct spin_pack_series *s, struct words *words)
 {
     uint64_t count = words->n_rows * words->width;
@@ -190,7 +191,8 @@ static bool make_whole(const struct spin_pack_series *s, struct words *words)
             if (!(fabsf(k) < 0x1p31f))
                 return false;
             back = (float)(int32_t)k / per_unit;
-            if (memcmp(&back, &value, sizeof back) != 0) /* -0, too, comes back as 0 */
+            if (memcmp(&back, &value, sizeof back) !=
+                0) /* -0 fails as well: it would come back as 0 */
                 return false;
             if (pass == 1)
                 words->at[i] = spin_word_of((int32_t)k);
@@ -212,7 +214,7 @@ spin_status spin_packer_put(struct spin_packer *packer, struct spin_zip_writer *
     for (int i = 1; i < n_dims; i++)
         words.width *= shape[i];
     SPIN_TRY(find_series(packer, series, &s));
-    as_it_is = frame < 0 && !s->per_unit; /* then nothing is copied */
+    as_it_is = frame < 0 && !s->per_unit; /* stored as it is: no copy */
     if (as_it_is) {
         words.at = (uint32_t *)(uintptr_t)values;
     } else {
@@ -277,10 +279,10 @@ void spin_packer_free(struct spin_packer *packer)
     memset(packer, 0, sizeof *packer);
 }
 
-/* ---- Rounding -----------------------------------------------------------------------------------
- */
+/* ---- Rounding -------------------------------------------------------------------------------- */
 
-/* To the nearest, ties to even, on the bits: a carry goes into the exponent as it should. */
+/* Rounds the bit pattern to nearest, ties to even; a carry into the exponent gives the right
+ * result. */
 static float round_one(float value, int bits, float step)
 {
     uint32_t u, dropped = 24 - (uint32_t)bits;
@@ -294,7 +296,7 @@ static float round_one(float value, int bits, float step)
         return value;
     if (step > 0 && fabsf(rounded) < 0x1p22f * step)
         rounded = rintf(rounded / step) * step;
-    return rounded == 0 ? 0 : rounded; /* never -0, which is no whole number */
+    return rounded == 0 ? 0 : rounded; /* never -0, which make_whole() refuses */
 }
 
 void spin_round_values(float *values, size_t n, int bits, float step)

@@ -1,4 +1,5 @@
-/* What splats share, read once; what they have of their own, frame by frame. */
+/* Reads the attributes that splats share with their tracks once, and per-frame values frame by
+ * frame. */
 #include "scene/bundle_tracks.h"
 
 #include <inttypes.h>
@@ -49,7 +50,8 @@ void spin_bundle_tracks_close(struct spin_bundle_tracks *t)
     memset(t, 0, sizeof *t);
 }
 
-/* An array of a frame: its rows, and how many. */
+/* Reads an array of a frame into [out, room_end) and returns its number of rows, 0 if it is
+ * absent. */
 static spin_status read_own(struct spin_bundle_tracks *t, const char *what, int index, int width,
                             const float *room_end, float *out, size_t *n)
 {
@@ -92,7 +94,8 @@ spin_status spin_bundle_tracks_numbers(struct spin_bundle_tracks *t, int index, 
     return SPIN_OK;
 }
 
-/* Room for a frame's track numbers, and its own positions and residual values. */
+/* Ensures that the block has space for the track numbers, positions and residual values of n
+ * splats. */
 static spin_status need(struct spin_bundle_tracks *t, size_t n)
 {
     void *block = NULL;

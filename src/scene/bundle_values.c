@@ -1,16 +1,16 @@
-/* Reading arrays of a bundle. Nothing of a header is believed before it is held against what
- * meta.json says and against the bytes that are there. */
+/* Reads arrays of a bundle. Headers are checked against meta.json and against the bytes present
+ * before anything relies on them. */
 #include <float.h>
 #include <inttypes.h>
 
 #include "base/base.h"
 #include "scene/bundle.h"
 
-/* Checking a CRC reads every byte; larger members that are stored are only checked for being there.
- */
+/* The CRC check reads every byte of a member. Above this size it is skipped for members that are
+ * stored uncompressed. */
 #define CRC_LIMIT (64u << 20)
 
-/* The words of a frame 0. */
+/* The words of frame 0 of a series. */
 struct spin_bundle_key {
     char series[64];
     uint32_t *words;
@@ -26,10 +26,10 @@ static void name_of(const char *series, int frame, char name[80])
         snprintf(name, 80, "%s/%05d", series, frame);
 }
 
-/* ---- Words --------------------------------------------------------------------------------------
- */
+/* ---- Words
+ * ------------------------------------------------------------------------------------- */
 
-/* Words [first, first + n) of an array whose planes have column after column. */
+/* Reads words [first, first + n) of an array whose planes are stored column by column. */
 static void gather_columns(const struct spin_bundle_values *v, uint64_t first, size_t n,
                            uint32_t *to)
 {
@@ -67,10 +67,10 @@ static void get_words(const struct spin_bundle_values *v, uint64_t first, size_t
         to[i] ^= v->key[first + i];
 }
 
-/* ---- Differences --------------------------------------------------------------------------------
- */
+/* ---- Differences
+ * ------------------------------------------------------------------------------- */
 
-/* Rows of an array that are differences from the same rows of frame 0. */
+/* The number of rows of an array that are XORed with the same rows of frame 0. */
 static spin_status difference_rows(struct spin_bundle *b, const char *series, int frame,
                                    uint64_t n_rows, uint64_t *rows)
 {
@@ -90,7 +90,7 @@ static spin_status difference_rows(struct spin_bundle *b, const char *series, in
     return SPIN_OK;
 }
 
-/* The words of frame 0 of a series. */
+/* Finds the words of frame 0 of a series, decoding them on first use. */
 static spin_status find_key(struct spin_bundle *b, const char *series, char kind, int n_dims,
                             const struct spin_bundle_key **out)
 {
@@ -120,10 +120,10 @@ static spin_status find_key(struct spin_bundle *b, const char *series, char kind
     return SPIN_OK;
 }
 
-/* ---- Headers ------------------------------------------------------------------------------------
- */
+/* ---- Headers
+ * ----------------------------------------------------------------------------------- */
 
-/* What one whole number counts for in each column, where meta.json says so. */
+/* Reads per_unit of a series, if meta.json lists it: the reciprocal of each column's unit. */
 static spin_status find_units(struct spin_bundle *b, const char *series, char kind,
                               struct spin_bundle_values *out)
 {
@@ -149,7 +149,7 @@ static spin_status find_units(struct spin_bundle *b, const char *series, char ki
     return SPIN_OK;
 }
 
-/* Whether it is packed; its shape without the planes goes to out. */
+/* Checks the header of an array, plain or packed, and fills *out; its shape excludes the planes. */
 static spin_status look_at(struct spin_bundle *b, const char *series, const char *name, char kind,
                            int n_dims, const int64_t *shape, struct spin_bundle_values *out)
 {
@@ -161,15 +161,15 @@ static spin_status look_at(struct spin_bundle *b, const char *series, const char
     SPIN_TRY(spin_npz_head(&b->npz, name, &a));
     packed = a.item_size == 1 && (a.kind == 'u' || a.kind == 'i');
     out->columns = packed && a.kind == 'i';
-    for (int d = 0; d < n_dims; d++) /* of columns, rows go last */
+    for (int d = 0; d < n_dims; d++) /* column by column: rows are the last dimension */
         wanted[out->columns ? (d > 0 ? d : n_dims) : d + packed] = shape[d];
     if (packed && !out->columns)
         wanted[0] = 4;
     SPIN_TRY(spin_array_check_shape(name, &a, n_dims + packed, wanted));
     if ((!packed && (a.kind != kind || a.item_size != 4 || a.big_endian)) ||
         (packed && (a.shape[0] < 1 || a.shape[0] > 4)) || !spin_array_is_contiguous(&a))
-        return spin_malformed("array '%s' is neither of little-endian %s nor of one to four planes "
-                              "of bytes, in row-major order",
+        return spin_malformed("array '%s' is neither little-endian %s nor one to four byte planes, "
+                              "in row-major order",
                               name, kind == 'f' ? "float32" : "uint32");
     out->n_planes = packed ? (int)a.shape[0] : 0;
     out->n_dims = n_dims;
@@ -201,8 +201,8 @@ spin_status spin_bundle_values_check(struct spin_bundle *bundle, const char *ser
     return look_at_frame(bundle, series, frame, kind, n_dims, shape, name, &values, &rows);
 }
 
-/* ---- Values -------------------------------------------------------------------------------------
- */
+/* ---- Values
+ * ------------------------------------------------------------------------------------ */
 
 static spin_status take_key(struct spin_bundle *b, const char *series, const char *name, char kind,
                             uint64_t rows, struct spin_bundle_values *out)
@@ -216,8 +216,8 @@ static spin_status take_key(struct spin_bundle *b, const char *series, const cha
         same = same && key->shape[d] == out->shape[d];
     if (!same)
         return spin_malformed("array '%s' has %" PRIu64
-                              " rows of differences from frame 0, which has %" PRIu64
-                              " rows, or whose words are of another kind or width",
+                              " rows of differences from frame 0, which has only %" PRIu64
+                              " rows, or words of another type or width",
                               name, rows, key->shape[0]);
     out->key = key->words;
     out->n_key = rows * out->width;
@@ -237,7 +237,7 @@ static spin_status open_values(struct spin_bundle *b, const char *series, int fr
     bytes = (uint64_t)(out->n_planes ? out->n_planes : 4) * out->count;
     SPIN_TRY(spin_npz_take(&b->npz, name, bytes < CRC_LIMIT, &a, &out->owned));
     if (a.n_bytes != bytes)
-        return spin_malformed("array '%s' has changed while it was read", name);
+        return spin_malformed("array '%s' was changed while it was being read", name);
     out->bytes = a.data;
     if (out->n_planes == 0 && !out->owned && out->n_key == 0)
         out->floats = spin_array_f32(&a);

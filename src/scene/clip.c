@@ -1,4 +1,4 @@
-/* Opening a bundle together with its data set. */
+/* Opens a bundle together with its data set. */
 #include "scene/clip.h"
 
 #include "base/base.h"
@@ -54,12 +54,13 @@ spin_status spin_times_check(const struct spin_frame_info *info, const int *inde
     for (int i = 1; i < n; i++)
         if (sorted[i].time == sorted[i - 1].time)
             return spin_malformed(
-                "frames %d and %d are both at time %g, expected another time for every frame",
+                "frames %d and %d have the same time, %g; every frame needs its own",
                 sorted[i - 1].number, sorted[i].number, sorted[i].time);
     return SPIN_OK;
 }
 
-/* A data set that lacks one of these cameras is another, and has test views of its own. */
+/* Holds out the cameras that the training held out. If one is missing, this is a different data
+ * set: use its own test split. */
 static spin_status hold_out(struct spin_clip *clip)
 {
     const spin_json *list = spin_json_get(clip->bundle.json, "held_out");
@@ -74,12 +75,13 @@ static spin_status hold_out(struct spin_clip *clip)
         camera[i] = id > INT_MAX ? -1 : (int)id;
     }
     if (n > 0 && spin_views_split(&clip->views, camera, (int)n) != SPIN_OK)
-        spin_warn("'%s' lacks cameras that the training held out: its own test views are taken",
+        spin_warn("'%s' lacks cameras that the training held out: using its own test views",
                   clip->data_path);
     return SPIN_OK;
 }
 
-/* Of another data set nobody knows which cameras are the same. */
+/* Counts the test cameras that the training saw. Camera ids of another data set say nothing about
+ * that. */
 static spin_status count_taught(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     SPIN_FREED char *own = NULL;
@@ -115,13 +117,14 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
     }
     if (!path) {
         if (o->needs_views || o->data_from)
-            return spin_misuse("'%s' names no data set: say where the images are with --data",
-                               o->input);
+            return spin_misuse(
+                "'%s' has no path of a data set: give the folder of the images with --data",
+                o->input);
         return SPIN_OK;
     }
     clip->data_path = path;
     if (!spin_path_exists(path) && !o->needs_views && !o->data)
-        return spin_not_found("the data set '%s' is not there", path);
+        return spin_not_found("the data set '%s' does not exist", path);
     SPIN_TRY(spin_views_open(path, from, &clip->views, clip->data_from, sizeof clip->data_from));
     clip->has_views = true;
     if (o->n_test_cameras > 0)
@@ -155,8 +158,9 @@ static spin_status pair_rows(const struct spin_clip_options *o, struct spin_clip
     return status;
 }
 
-/* What is there and is no bundle: who reads it. Of a zip that no importer knows: what is wrong with
- * it as a bundle. */
+/* Opens a bundle. If the path exists but is no bundle, the error names the importer that reads it
+ * or the kind of file; for a zip that no importer recognises, it says what is wrong with it as a
+ * bundle. */
 static spin_status open_bundle(const char *path, struct spin_bundle *out)
 {
     const struct spin_importer *importer;
@@ -172,7 +176,8 @@ static spin_status open_bundle(const char *path, struct spin_bundle *out)
         return status;
     snprintf(why, sizeof why, "%s", spin_last_error());
     if (spin_importer_find(path, NULL, false, &importer) == SPIN_OK)
-        return spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is not a bundle: spin-import reads it (%s)",
+        return spin_fail(SPIN_E_NOT_RECOGNISED,
+                         "'%s' is not a bundle: convert it with spin-import (importer '%s') first",
                          path, importer->name);
     if (status != SPIN_E_UNSUPPORTED && !spin_bundle_looks_like(path) &&
         spin_foreign_input(path, false, what, sizeof what))
@@ -183,8 +188,8 @@ static spin_status open_bundle(const char *path, struct spin_bundle *out)
     return spin_fail(status, "%s", why);
 }
 
-/* The data set, and what of it is which frame. That which the bundle names may be gone, where work
- * can go on without. */
+/* Opens the data set and pairs its rows with the clip's frames. If the caller can do without it, a
+ * missing data set that only the bundle names is a warning. */
 static spin_status open_data(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     bool named = o->data || o->data_from, opened = named || o->needs_views || o->wants_views;
@@ -194,7 +199,7 @@ static spin_status open_data(const struct spin_clip_options *o, struct spin_clip
         status = pair_rows(o, clip);
     if (status == SPIN_OK || status == SPIN_E_MEMORY || named || o->needs_views)
         return status;
-    spin_warn("'%s': %s: its cameras are not used; --data says where the data set is", o->input,
+    spin_warn("'%s': %s: continuing without its cameras; give the data set with --data", o->input,
               spin_last_error());
     spin_views_free(&clip->views);
     clip->has_views = false;
@@ -205,9 +210,9 @@ static spin_status open_data(const struct spin_clip_options *o, struct spin_clip
     return pair_rows(o, clip);
 }
 
-/* The cameras' near plane, by the first frame of the bundle that has splats, whatever frames were
- * asked for: what a camera draws must not depend on --range. A frame that cannot be read is left to
- * who needs it. */
+/* Sets the cameras' near plane from the first frame of the bundle that has splats, whatever frames
+ * were selected: what a camera renders must not depend on --range. A frame that cannot be read is
+ * not an error here; it fails where it is needed. */
 static spin_status set_near(struct spin_clip *clip)
 {
     const struct spin_bundle_meta *meta = &clip->bundle.meta;

@@ -1,4 +1,4 @@
-/* The plain data of spin.h, parts 2 to 4: columns that grow, lists of views. */
+/* Splats and lists of views (spin.h, parts 2 to 4): allocation and growth. */
 #include "scene/columns.h"
 
 #include "base/base.h"
@@ -46,20 +46,21 @@ float **spin_column_of(struct spin_splats *s, unsigned column)
     return of[place_of(column)];
 }
 
-/* Make one column hold n rows of row_bytes, letting go of the old one first: contents do not matter
- * and two at a time might not fit. */
+/* Gives a column capacity for n rows. The old one is freed first: its contents are not needed, and
+ * both at once might not fit into memory. */
 static spin_status column_reserve(float **column, size_t *held, size_t n, size_t row_bytes)
 {
     size_t bytes;
 
     if (!spin_mul_size(n, row_bytes, &bytes))
-        return spin_fail(SPIN_E_MEMORY, "%zu splats are more than memory can hold", n);
+        return spin_fail(SPIN_E_MEMORY, "%zu splats need more memory than a process can address",
+                         n);
     if (*column && bytes <= *held)
         return SPIN_OK;
     free(*column);
     *column = NULL;
     *held = 0;
-    /* An empty frame still has its columns. */
+    /* A frame without splats still has non-NULL columns. */
     SPIN_TRY(spin_alloc(bytes ? bytes : row_bytes, 1, (void **)column));
     *held = bytes ? bytes : row_bytes;
     return SPIN_OK;
@@ -80,7 +81,7 @@ spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned column
         float **column = spin_column_of(s, 1u << i);
         size_t row_bytes = spin_column_width(1u << i, sh_degree) * sizeof(float);
 
-        /* Columns of an earlier call keep up, so that every column there is holds n rows. */
+        /* Columns of an earlier call grow as well, so that all of them hold n rows. */
         if (!*column && !(columns & 1u << i))
             continue;
         SPIN_TRY(column_reserve(column, &s->held[i], n, row_bytes));

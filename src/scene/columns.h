@@ -1,4 +1,4 @@
-/* The columns of splats: their names, widths and places in struct spin_splats. */
+/* The columns of splats: their names, widths and members of struct spin_splats. */
 #pragma once
 
 #include "spin.h"
@@ -7,15 +7,15 @@
  * spin_column. */
 enum { SPIN_N_COLUMNS = 6, SPIN_COLUMNS_END = 1 << SPIN_N_COLUMNS };
 
-/* "means" for SPIN_COL_MEANS, ... */
+/* "means" for SPIN_COL_MEANS, etc. */
 const char *spin_column_name(unsigned column);
 /* The column of that name, or 0. */
 unsigned spin_column_named(const char *name);
-/* Floats per row (sh: with this degree, or 0 when it is below). */
+/* Floats per row; of SH at this degree, where a negative degree counts as 0. */
 size_t spin_column_width(unsigned column, int sh_degree);
-/* Dimensions of n rows, as arrays in files have them; returns how many. */
+/* The shape of n rows as an array in a file; returns the number of dimensions. */
 int spin_column_shape(unsigned column, size_t n, int sh_degree, uint64_t shape[3]);
 float **spin_column_of(struct spin_splats *s, unsigned column);
-/* Of n rows of `width` floats those that are marked with 1, to `to`. */
+/* Copies those of n rows of `width` floats whose mark is 1 to `to`. */
 void spin_rows_take(const float *from, size_t n, size_t width, const unsigned char *mark,
                     float *to);

@@ -11,7 +11,8 @@ spin_status spin_bundle_set_data_path(struct spin_bundle_meta *meta, const char 
     return spin_path_absolute(data, &meta->data_absolute);
 }
 
-/* An absolute path from a relative one that may not exist: "../" are taken off the folder. */
+/* Joins a folder and a relative path that may not exist: each leading "../" removes a component of
+ * the folder. */
 static spin_status resolve(const char *folder, const char *path, char **out)
 {
     SPIN_FREED char *from = NULL;
@@ -29,8 +30,8 @@ static spin_status resolve(const char *folder, const char *path, char **out)
     return *path ? spin_path_join(from, path, out) : spin_strdup(*from ? from : "/", out);
 }
 
-/* A bundle that was moved alone can find anything at the relative path, above all where that is
- * "..". */
+/* If a bundle was moved without its data set, its relative path may point to anything, above all if
+ * it is "..". */
 static bool is_data_set(const char *path) { return spin_importer_guess(path, true) != NULL; }
 
 spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out)

@@ -1,4 +1,4 @@
-/* The views of a data set: sorted, split, scaled, paired with a clip. */
+/* The views of a data set: sorting, test split, scaling, near plane, pairing with a clip. */
 #include "scene/dataset.h"
 
 #include "base/base.h"
@@ -20,7 +20,8 @@ static int by_row_and_camera(const void *a, const void *b)
     return strcmp(x->path, y->path);
 }
 
-/* One number per row, growing from row to row: only then do numbers say which frame is which. */
+/* True if each row has one number and numbers increase from row to row; only then do they identify
+ * frames. */
 static bool are_numbered(const struct spin_views *views)
 {
     for (size_t i = 0; i < views->n; i++) {
@@ -66,7 +67,7 @@ static spin_status arrange(struct spin_views *views)
     return SPIN_OK;
 }
 
-/* "dynerf:time=unit,test=-1": a name and the reader's own options, cut apart in `text`. */
+/* "dynerf:time=unit,test=-1": the name and options of a reader, split in `text`. */
 struct spec {
     char *text;
     const char *pairs[2 * SPIN_VIEWS_MAX_OPTIONS + 1];
@@ -99,7 +100,7 @@ static spin_status parse_spec(const char *from, struct spec *spec)
     return SPIN_OK;
 }
 
-/* Options the reader does not have are asked wrongly, not dropped. */
+/* Unknown options are errors; they are not ignored. */
 static spin_status check_spec(const struct spin_importer *importer, const struct spec *spec)
 {
     for (int i = 0; spec->pairs[i]; i += 2) {
@@ -113,7 +114,8 @@ static spin_status check_spec(const struct spin_importer *importer, const struct
     return SPIN_OK;
 }
 
-/* What to open the data set with again: the name that was found, or all that was asked for. */
+/* Returns the spec that opens the data set again: the importer that was used and the given
+ * options. */
 static spin_status keep_spec(const char *from, const struct spin_importer *importer, char *used,
                              size_t n_used)
 {
@@ -121,7 +123,7 @@ static spin_status keep_spec(const char *from, const struct spin_importer *impor
     size_t n = strlen(importer->name) + strlen(options);
 
     if (used && n >= n_used)
-        return spin_misuse("'%s%s' has %zu letters, expected less than %zu", importer->name,
+        return spin_misuse("'%s%s' has %zu characters, expected fewer than %zu", importer->name,
                            options, n, n_used);
     if (used)
         snprintf(used, n_used, "%s%s", importer->name, options);
@@ -178,15 +180,15 @@ spin_status spin_views_split(struct spin_views *views, const int *test_cameras, 
     return SPIN_OK;
 }
 
-/* Focal lengths and centre go with the real ratio of the rounded sizes, without a half-pixel shift:
- * that is what every reader of these data sets does. */
+/* Focal lengths and centre scale by the exact ratio of the rounded sizes, without a half-pixel
+ * shift, as all readers of these data sets do. */
 static spin_status scale_camera(struct spin_camera *camera, double image_scale)
 {
     double width = round(camera->width * image_scale), height = round(camera->height * image_scale);
     double sx = width / camera->width, sy = height / camera->height;
 
     if (!(width >= 1 && height >= 1 && width <= INT_MAX && height <= INT_MAX))
-        return spin_misuse("scale %g leaves nothing of an image of %d x %d pixels", image_scale,
+        return spin_misuse("scale %g is out of range for an image of %d x %d pixels", image_scale,
                            camera->width, camera->height);
     camera->width = (int)width;
     camera->height = (int)height;
@@ -223,7 +225,7 @@ const struct spin_view *spin_views_row(const struct spin_views *views, int row)
     return &views->view[low];
 }
 
-/* Row with this frame number, or -1. Numbers grow with the row. */
+/* The row with this frame number, or -1; numbers increase with the row. */
 static int row_of_number(const struct spin_views *views, int number)
 {
     int low = 0, high = views->n_dataset_frames - 1;
@@ -267,8 +269,8 @@ static spin_status pair_by_order(const struct spin_views *views,
 
     for (int i = 0; i < meta->n_frames; i++) {
         if (meta->source_index[i] >= views->n_dataset_frames)
-            return spin_misuse("cannot pair frames by order: the clip has a frame at place %d, the "
-                               "data set has %s",
+            return spin_misuse("cannot pair frames by order: the clip has a frame at position %d, "
+                               "the data set has %s",
                                meta->source_index[i],
                                spin_text_count(views->n_dataset_frames, "frame", frames));
         dataset_frame_of[i] = meta->source_index[i];
@@ -311,11 +313,11 @@ static void camera_centre(const struct spin_camera *camera, double out[3])
         out[i] = -(m[i] * m[3] + m[4 + i] * m[7] + m[8 + i] * m[11]);
 }
 
-/* A training camera at one place. */
+/* A position of a training camera. */
 struct place {
     double centre[3];
     int camera;
-    size_t order; /* of the view */
+    size_t order; /* index of the view */
 };
 
 static int compare_places(const struct place *x, const struct place *y)
@@ -340,7 +342,7 @@ static int by_place(const void *a, const void *b)
     return result ? result : by_order(a, b);
 }
 
-/* Every place of every training camera once, in the order of the views. */
+/* Lists each position of each training camera once, in the order of the views. */
 static size_t list_places(const struct spin_views *views, struct place *place)
 {
     size_t n = 0, n_train = 0, kept = 0;
@@ -389,15 +391,15 @@ double spin_views_extent(const struct spin_views *views)
 /* ---- Near plane ------------------------------------------------------------------------------ */
 
 enum {
-    NEAR_VIEWS = 64,    /* that are asked, evenly from all */
-    NEAR_POINTS = 4096, /* likewise */
-    NEAR_SHARE = 20,    /* one of so many points in an image may be nearer than its foreground is */
-    CUT_SHARE = 100     /* more than one of so many points is worth a warning */
+    NEAR_VIEWS = 64,    /* views that are sampled, evenly spaced */
+    NEAR_POINTS = 4096, /* points that are sampled, likewise */
+    NEAR_SHARE = 20,    /* one in 20 points of an image may be nearer than its foreground */
+    CUT_SHARE = 100     /* warn if more than one in 100 points are cut off */
 };
-/* The near plane lies at this part of the foreground's depth at most. */
+/* The near plane is at most at this fraction of the foreground's depth. */
 static const double before_foreground = 0.25;
 
-/* Depths of the points in the image of a camera, ascending; returns how many. */
+/* Depths of the sampled points inside a camera's image, ascending; returns their number. */
 static size_t list_depths(const struct spin_camera *camera, const float *points, size_t n,
                           float *depth)
 {
@@ -411,7 +413,7 @@ static size_t list_depths(const struct spin_camera *camera, const float *points,
     return n_inside;
 }
 
-/* The view of which the near plane cuts off the largest share of the points. */
+/* Warns of the view whose near plane cuts off the largest share of the points. */
 static void warn_cut(const struct spin_views *views, const float *points, size_t n, float *depth)
 {
     const struct spin_view *worst = NULL;
@@ -430,8 +432,8 @@ static void warn_cut(const struct spin_views *views, const float *points, size_t
         }
     }
     if (worst)
-        spin_warn("camera %d does not draw %.0f %% of the splats in its image, which are nearer "
-                  "than its near plane at %.3g world units: is it among them?",
+        spin_warn("camera %d: %.0f %% of the splats in its image are cut off by the near plane at "
+                  "%.3g world units: check whether the camera is inside the scene's splats",
                   worst->camera_id, 100 * most, spin_camera_near(&worst->camera));
 }
 
@@ -460,7 +462,8 @@ spin_status spin_views_set_near(struct spin_views *views, const float *points, s
 
 /* ---- Images ---------------------------------------------------------------------------------- */
 
-/* Rounding both sides of a scaled image moves the ratio by up to a pixel; else one per cent. */
+/* Checks the aspect ratio. Rounding both sides of a scaled image can change it by up to a pixel;
+ * beyond that, one per cent is allowed. */
 spin_status spin_view_check_size(const struct spin_view *view, int width, int height)
 {
     double expected = (double)view->camera.height * width / height;
@@ -514,7 +517,7 @@ spin_status spin_views_check_cameras(const struct spin_views *views, bool warns)
     }
     if (status == SPIN_OK && warns && n_small > 0)
         spin_warn("the images of %d of %d cameras are smaller than their cameras and are enlarged, "
-                  "such as %s: a smaller --scale takes them as they are",
+                  "such as %s: use a smaller --scale to avoid that",
                   n_small, n, first);
     return status;
 }

@@ -8,7 +8,7 @@ enum { HEAD = 512, MOST_MEMBERS = 65536 };
 
 static const struct kind {
     const char *magic;
-    size_t at, n; /* where it is; its length */
+    size_t at, n; /* offset in the file; length */
     enum { ARCHIVE, VIDEO, IMAGE, DOCUMENT } is;
     const char *name;
 } kinds[] = {
@@ -48,7 +48,7 @@ static const struct kind *kind_of(const char *path)
     return NULL;
 }
 
-/* A member of a ZIP archive that an importer might read, to show that unpacking helps. */
+/* Finds a member of a ZIP archive that an importer might read, to suggest unpacking it. */
 static void find_member(const char *path, char *name, size_t n_name)
 {
     static const char *const endings[] = {".ply",  ".spz",   ".splat", ".ksplat", ".sog",  ".glb",
@@ -73,23 +73,23 @@ static void describe_file(const char *path, const struct kind *kind, bool want_v
     if (kind->is == ARCHIVE && memcmp(kind->magic, "PK", 2) == 0)
         find_member(path, member, sizeof member);
     if (*member)
-        snprintf(text, n_text, "it is %s with '%s' inside: unpack it and give what was in it",
+        snprintf(text, n_text, "it is %s that contains '%s': unpack it and give its contents",
                  kind->name, member);
     else if (kind->is == ARCHIVE)
-        snprintf(text, n_text, "it is %s: unpack it and give what was in it", kind->name);
+        snprintf(text, n_text, "it is %s: unpack it and give its contents", kind->name);
     else if (want_views && kind->is != DOCUMENT)
-        snprintf(text, n_text, "it is %s: give the folder that holds those of all cameras",
+        snprintf(text, n_text, "it is %s: give the folder that contains those of all cameras",
                  kind->name);
     else if (kind->is == DOCUMENT)
         snprintf(text, n_text, "it is %s", kind->name);
     else
         snprintf(text, n_text,
                  "it is %s, not splats: train one of the methods of 'spin-import --list' on it, "
-                 "then give the folder that this writes",
+                 "then give the folder that the method writes",
                  kind->name);
 }
 
-/* A folder of nothing but files of one kind, by the first few. */
+/* Describes a folder whose files are all of one kind, judging by the first few. */
 static bool describe_folder(const char *path, bool want_views, char *text, size_t n_text)
 {
     enum { LOOKED_AT = 8 };
@@ -119,11 +119,11 @@ static bool describe_folder(const char *path, bool want_views, char *text, size_
     else if (!same || kind->is == DOCUMENT)
         return false;
     else if (kind->is == ARCHIVE)
-        snprintf(text, n_text, "it holds an archive, '%s': unpack it", first);
+        snprintf(text, n_text, "it contains an archive, '%s': unpack it", first);
     else if (want_views)
         snprintf(text, n_text,
-                 "it is a folder of %ss without cameras that are known: spin-importers(7) says "
-                 "which files tell them",
+                 "it is a folder of %ss without a known file of cameras: see spin-importers(7) for "
+                 "the supported data sets",
                  strchr(kind->name, ' ') + 1);
     else
         snprintf(text, n_text,
@@ -133,7 +133,7 @@ static bool describe_folder(const char *path, bool want_views, char *text, size_
     return true;
 }
 
-/* What is no path: an address, a pattern. */
+/* Describes inputs that are not paths: URLs and patterns. */
 static bool describe_missing(const char *path, char *text, size_t n_text)
 {
     const char *scheme = strstr(path, "://"), *slash = strrchr(path, '/');

@@ -1,9 +1,9 @@
-/* Images as planar floats of a camera's size (spin.h, part 6), and pixels on demand.
+/* Images as planar floats at a camera's size (spin.h, part 6), and a cache of decoded pixels.
  *
- * The box filter is the average over the area that an output pixel covers. In units of
- * 1/(from * to) source pixel i covers [i * to, (i + 1) * to) and output pixel o covers
- * [o * from, (o + 1) * from), so all overlaps are whole numbers and sum to `from`: nothing is lost
- * to rounding, and at whole factors the weights are equal. */
+ * The box filter averages over the area that an output pixel covers. In units of 1/(from * to),
+ * source pixel i covers [i * to, (i + 1) * to) and output pixel o covers [o * from, (o + 1) *
+ * from), so all overlaps are integers and sum to `from`: no rounding errors, and equal weights for
+ * integer factors. */
 #include "scene/image_cache.h"
 
 #include <math.h>
@@ -16,9 +16,9 @@
 #include "io/video.h"
 #include "scene/dataset.h"
 
-/* Source pixels under output pixel o, and the weight of pixel i among them. */
+/* The source pixels that an output pixel covers. */
 struct box {
-    int64_t begin, end;  /* of the output pixel, in fine units */
+    int64_t begin, end;  /* of the output pixel, in units of 1/(from * to) */
     int64_t first, last; /* source pixels */
 };
 
@@ -39,7 +39,7 @@ static double box_weight(const struct box *b, int64_t i, int64_t to)
     return (double)(end - begin);
 }
 
-/* sum [width][3] += weight * the row, filtered sideways. */
+/* Adds a row, filtered horizontally and times weight, to sum [width][3]. */
 static void add_row(const uint8_t *row, int from_width, int width, double weight, double *sum)
 {
     for (int x = 0; x < width; x++) {
@@ -87,7 +87,8 @@ void spin_image_floats(const uint8_t *rgb, size_t n_pixels, float *out)
     }
 }
 
-/* Interleaved 8-bit RGB, box-filtered where the sizes differ, to planar [3][height][width] 0..1. */
+/* Converts interleaved 8-bit RGB to planar [3][height][width] 0..1, box-filtered if the sizes
+ * differ. */
 static spin_status filter_image(const uint8_t *rgb, int from_width, int from_height, int width,
                                 int height, float *out)
 {
@@ -112,7 +113,7 @@ spin_status spin_image_load(const char *path, int width, int height, const float
     return filter_image(rgb, from_width, from_height, width, height, out);
 }
 
-/* NaN counts as black. */
+/* NaN becomes 0. */
 static uint8_t to_byte(float value)
 {
     if (!(value > 0.0f))
@@ -133,7 +134,8 @@ spin_status spin_image_save(const char *path, int width, int height, const float
     return spin_image_write(path, width, height, rgb, sync);
 }
 
-/* ---- Pixels on demand ------------------------------------------------------------------------ */
+/* ---- Cache
+ * ------------------------------------------------------------------------------------ */
 
 spin_status spin_image_cache_open(const struct spin_views *views, size_t budget,
                                   const float background[3], struct spin_image_cache *out)
@@ -155,8 +157,8 @@ void spin_image_cache_close(struct spin_image_cache *pixels)
     memset(pixels, 0, sizeof *pixels);
 }
 
-/* Decoded pixels at the camera's size, still 8-bit, so that a kept image and one decoded anew are
- * the same. Takes *rgb and gives another block where the sizes differ. */
+/* Scales decoded pixels to the camera's size. The result is 8-bit again, so that cached and newly
+ * decoded images are equal. Replaces *rgb if the sizes differ; on failure it is freed and NULL. */
 static spin_status fit(const struct spin_view *view, int width, int height, uint8_t **rgb)
 {
     size_t plane = (size_t)view->camera.width * (size_t)view->camera.height;
@@ -199,17 +201,17 @@ static void keep(struct spin_image_cache *pixels, size_t view, uint8_t *rgb)
     pixels->held += bytes_of(&pixels->views->view[view]);
 }
 
-/* ---- Frames of videos, on the way to one ------------------------------------------------------
- */
+/* ---- Frames of videos that are decoded on the way to the requested one ---------------------- */
 
 struct passing {
     struct spin_image_cache *pixels;
-    const struct spin_view *view; /* that is asked for */
-    size_t n_file;                /* of its path */
+    const struct spin_view *view; /* the requested one */
+    size_t n_file;                /* length of the video's path in view->path */
     int64_t frame;
 };
 
-/* The view that shows another frame of the same video: its row is as far away as the frame. */
+/* Finds the view of another frame of the same video: rows and frames of a video differ by the same
+ * offset. */
 static bool find_passed(const struct passing *p, int64_t frame, size_t *out)
 {
     const struct spin_views *views = p->pixels->views;
@@ -240,7 +242,8 @@ static bool wants_passed(void *context, int64_t frame)
     return find_passed(p, frame, &view) && !p->pixels->rgb[view] && has_room(p->pixels, view);
 }
 
-/* What cannot be kept is decoded again when its turn comes, and fails then if it must. */
+/* Errors are ignored: a frame that cannot be kept is decoded again when requested, and fails
+ * then. */
 static void take_passed(void *context, int64_t frame, int width, int height, const uint8_t *rgb)
 {
     const struct passing *p = context;
@@ -268,7 +271,7 @@ static spin_status read_passing(struct spin_image_cache *pixels, const struct sp
     return spin_video_read(file, p.frame, &passer, width, height, rgb);
 }
 
-/* 8-bit RGB at the camera's size. */
+/* Decodes a view to 8-bit RGB at the camera's size. */
 static spin_status decode(struct spin_image_cache *pixels, const struct spin_view *view,
                           uint8_t **out)
 {
@@ -278,7 +281,7 @@ static spin_status decode(struct spin_image_cache *pixels, const struct spin_vie
     return fit(view, width, height, out);
 }
 
-/* The bytes of a view; *owned is to be freed. */
+/* The bytes of a view; the caller frees *owned. */
 static spin_status find_bytes(struct spin_image_cache *pixels, size_t view, const uint8_t **out,
                               uint8_t **owned)
 {

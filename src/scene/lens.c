@@ -1,10 +1,9 @@
-/* Lenses: listed, found again, and kept as JSON. */
+/* Lenses: listing, matching with cameras, and JSON. */
 #include "scene/lens.h"
 
 #include "base/base.h"
 
-/* Sizes are rounded when pictures are scaled; focal lengths of one make of camera differ a little.
- */
+/* Sizes are rounded when images are scaled; focal lengths of one camera model differ a little. */
 static const double size_tolerance = 0.02, focal_tolerance = 1.2;
 
 static bool is_near(double a, double b, double tolerance) { return fabs(a - b) <= tolerance * b; }
@@ -51,9 +50,8 @@ void spin_lenses_warn(const struct spin_lenses *lenses, const struct spin_views 
         const struct spin_view *view = &views->view[pairs[i].view];
 
         if (spin_lenses_find(lenses, &view->camera) < 0) {
-            spin_warn("camera %d has another lens than all that were learned: its pictures are "
-                      "drawn without a "
-                      "falloff",
+            spin_warn("camera %d matches none of the learned lenses: its images are rendered "
+                      "without falloff",
                       view->camera_id);
             return;
         }
@@ -89,8 +87,8 @@ double spin_lenses_corner(const struct spin_lenses *lenses)
     return farthest;
 }
 
-/* ---- JSON ---------------------------------------------------------------------------------------
- */
+/* ---- JSON
+ * -------------------------------------------------------------------------------------- */
 
 static const char *const coefficient[2] = {"c1", "c2"};
 
@@ -147,8 +145,9 @@ spin_status spin_lenses_from_json(const spin_json *json, double scale, struct sp
     for (int i = 0; i < (int)n; i++)
         if (!read_lens(spin_json_at(json, (size_t)i), &out->lens[i])) {
             spin_lenses_free(out);
-            return spin_malformed(
-                "meta.json: lens %d has no size, focal length or falloff that makes sense", i);
+            return spin_malformed("meta.json: the size, focal length or falloff of lens %d is "
+                                  "missing or out of range",
+                                  i);
         }
     out->n = (int)n;
     return SPIN_OK;

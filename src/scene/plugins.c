@@ -1,9 +1,9 @@
-/* Plug-ins loaded at run time: the shared objects that SPIN_PLUGIN_PATH names, and nothing else. An
- * object's functions call ours, which the commands export to it (src/plugin.sym).
+/* Plug-ins loaded at run time: the shared objects listed in SPIN_PLUGIN_PATH and no others. They
+ * call functions of this library, which the commands export to them (src/plugin.sym).
  *
- * What is broken is left out and remembered with the reason: a warning for most, an error when it
- * is the one that the user asked for. An object that cannot be loaded has no names to be asked for
- * by, so it answers to its file's name without ".so". */
+ * A broken plug-in is skipped and the reason kept: it becomes a warning, or an error if the user
+ * asked for this plug-in. An object that fails to load has no names of plug-ins, so its file name
+ * without ".so" serves as one. */
 #include <dlfcn.h>
 #include <pthread.h>
 #include <stdarg.h>
@@ -12,12 +12,12 @@
 #include "io/file.h"
 
 enum {
-    MAX_PLUGINS = 128, /* of a kind, those built in included */
-    MAX_FAULTS = 64,   /* reasons kept; more than that are only counted */
-    MAX_NAME = 31      /* letters; spin_import_report has room for 32 */
+    MAX_PLUGINS = 128, /* of a kind, including built-in ones */
+    MAX_FAULTS = 64,   /* reasons that are kept; further ones are only counted */
+    MAX_NAME = 31      /* characters; spin_import_report holds 32 */
 };
 
-/* On Windows an object would find our functions in one command only. */
+/* On Windows, a shared object can import our functions from one executable only. */
 #ifdef _WIN32
 enum { CAN_LOAD = false };
 #else
@@ -25,11 +25,11 @@ enum { CAN_LOAD = true };
 #endif
 
 struct fault {
-    char name[MAX_NAME + 1]; /* what it would be asked for by */
+    char name[MAX_NAME + 1]; /* the name that a user would ask for */
     char text[1024];
 };
 
-/* What there is of a kind, by name. */
+/* All plug-ins of one kind. */
 struct list {
     const char *kind;
     struct {
@@ -88,7 +88,7 @@ static const struct fault *find_fault(const char *name)
 
 /* ---- One importer, one exporter -------------------------------------------------------------- */
 
-/* Lower case letters, digits, '-' and '_', so that a name can be typed, listed and kept in a
+/* Lower case letters, digits, '-' and '_': such a name can be typed, listed and stored in a
  * bundle. */
 static bool is_name(const char *name)
 {
@@ -97,13 +97,13 @@ static bool is_name(const char *name)
     return n > 0 && n <= MAX_NAME && !name[n] && name[0] != '-';
 }
 
-/* What is wrong with it, or NULL. */
+/* Returns what is wrong with an importer, or NULL. */
 static const char *importer_lacks(const struct spin_importer *importer)
 {
     if (importer->abi != SPIN_PLUGIN_ABI)
-        return "an importer in it is of another version";
+        return "an importer in it was built for another version of spin.h";
     if (!is_name(importer->name))
-        return "an importer in it has no name of a-z, 0-9, '-' and '_'";
+        return "an importer in it has an invalid name: use a-z, 0-9, '-' and '_'";
     if (!importer->summary)
         return "its importer has no summary";
     if (importer->open && !importer->frame)
@@ -116,9 +116,9 @@ static const char *importer_lacks(const struct spin_importer *importer)
 static const char *exporter_lacks(const struct spin_exporter *exporter)
 {
     if (exporter->abi != SPIN_PLUGIN_ABI)
-        return "an exporter in it is of another version";
+        return "an exporter in it was built for another version of spin.h";
     if (!is_name(exporter->name))
-        return "an exporter in it has no name of a-z, 0-9, '-' and '_'";
+        return "an exporter in it has an invalid name: use a-z, 0-9, '-' and '_'";
     if (!exporter->summary)
         return "its exporter has no summary";
     if (!exporter->begin || (!exporter->frame && !exporter->splats_4d) || !exporter->end ||
@@ -127,7 +127,7 @@ static const char *exporter_lacks(const struct spin_exporter *exporter)
     return NULL;
 }
 
-/* True when it is kept, and path with it. */
+/* Adds a plug-in to the list, which then refers to path. False if it was not added. */
 static bool add(struct list *list, const void *plugin, const char *name, const char *lack,
                 const char *path, const char *stem)
 {
@@ -136,12 +136,11 @@ static bool add(struct list *list, const void *plugin, const char *name, const c
         return false;
     }
     for (size_t i = 0; i < list->n; i++) {
-        if (list->entry[i].plugin == plugin) /* its object is named twice */
+        if (list->entry[i].plugin == plugin) /* its object is listed twice in SPIN_PLUGIN_PATH */
             return false;
         if (strcmp(list->entry[i].name, name) == 0) {
-            keep_fault(name, "plug-in '%s': an %s called '%s' is there already: %s", path,
-                       list->kind, name,
-                       list->entry[i].origin ? list->entry[i].origin : "built in");
+            keep_fault(name, "plug-in '%s': an %s called '%s' exists already: %s", path, list->kind,
+                       name, list->entry[i].origin ? list->entry[i].origin : "built in");
             return false;
         }
     }
@@ -173,7 +172,7 @@ static bool add_exporter(const struct spin_exporter *e, const char *path, const 
 
 /* ---- One object ------------------------------------------------------------------------------ */
 
-/* The loader's words, less the path that it puts in front. */
+/* The message of dlerror(), without the path that precedes it. */
 static const char *why_not_loaded(const char *path)
 {
     const char *text = dlerror();
@@ -184,7 +183,7 @@ static const char *why_not_loaded(const char *path)
     return strncmp(text, path, n) == 0 && strncmp(text + n, ": ", 2) == 0 ? text + n + 2 : text;
 }
 
-/* Take what the object has; `path` is kept too when that is anything. */
+/* Adds the plug-ins of an object. True if any was added; path must stay allocated then. */
 static bool take_object(const char *path, const char *stem, void *object)
 {
     const struct spin_plugin *plugin = dlsym(object, "spin_plugin");
@@ -215,7 +214,7 @@ static void stem_of(const char *path, char stem[MAX_NAME + 1])
     snprintf(stem, MAX_NAME + 1, "%.*s", n < MAX_NAME ? (int)n : MAX_NAME, name);
 }
 
-/* An absolute path, so that the system's own search for libraries has no say. */
+/* dlopen() gets an absolute path, so that it does not search the system's library folders. */
 static void load_object(const char *given)
 {
     char stem[MAX_NAME + 1], *path = NULL;
@@ -223,14 +222,14 @@ static void load_object(const char *given)
 
     stem_of(given, stem);
     if (spin_path_absolute(given, &path) != SPIN_OK) {
-        keep_fault(stem, "plug-in '%s' of SPIN_PLUGIN_PATH is not there", given);
+        keep_fault(stem, "plug-in '%s' of SPIN_PLUGIN_PATH does not exist", given);
         return;
     }
     object = dlopen(path, RTLD_NOW | RTLD_LOCAL);
     if (!object)
         keep_fault(stem, "plug-in '%s': %s", path, why_not_loaded(path));
     else if (take_object(path, stem, object))
-        return; /* its code and path are in use until the end */
+        return; /* its code and path stay in use until exit */
     else
         dlclose(object);
     free(path);
@@ -265,7 +264,7 @@ static void add_built_in(void)
         add_exporter(spin_exporters[i], NULL, NULL);
 }
 
-/* Empty pieces of the path are no folder: least of all the one we happen to be in. */
+/* Empty entries of the path are skipped; they do not mean the current folder. */
 static void load_all(void)
 {
     char *path = strdup(search_path()), *rest = path, *piece;
@@ -280,7 +279,7 @@ static void load_all(void)
             load_object(piece);
     }
     free(path);
-    spin_fail(SPIN_OK, "%s", ""); /* nothing that the caller asked for has failed */
+    spin_fail(SPIN_OK, "%s", ""); /* clear the last error: no call of the user has failed */
 }
 
 static bool is_known(const char *name)
@@ -303,13 +302,13 @@ static void warn_once(const char *chosen)
         const struct fault *f = &all.fault[i];
 
         if (!chosen || strcmp(f->name, chosen) != 0 || is_known(chosen))
-            spin_warn("%s; it is left out", f->text);
+            spin_warn("%s; it is skipped", f->text);
     }
     if (all.n_faults_lost)
-        spin_warn("SPIN_PLUGIN_PATH: %zu more plug-ins are left out", all.n_faults_lost);
+        spin_warn("SPIN_PLUGIN_PATH: %zu more plug-ins are skipped", all.n_faults_lost);
 }
 
-/* Whoever has no plug-ins pays for one look at the environment. */
+/* Without SPIN_PLUGIN_PATH this costs one getenv(). */
 void spin_plugins_load(const char *chosen)
 {
     if (!search_path())

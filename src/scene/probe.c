@@ -1,5 +1,5 @@
-/* Choosing an importer: by name, or by asking every one of them to look at the input's outside (the
- * peek). */
+/* Chooses an importer, by name or by the scores that all importers give the input. They score its
+ * beginning and names only (struct spin_peek). */
 #include "scene/probe.h"
 
 #include <strings.h>
@@ -11,11 +11,11 @@
 #include "scene/bundle.h"
 #include "scene/foreign.h"
 
-/* Two probes this close are a tie: the numbers are guesses. */
+/* Two scores this close are a tie, since they are guesses. */
 #define TIE 10
-/* A guess that nobody asked for is only made of what an importer is this sure of. */
+/* Minimum score for a guess that the user did not ask for. */
 #define SURE 60
-/* Folders below one that is not known, in which a run is looked for. */
+/* Subfolders of an unrecognised folder that are searched for a run. */
 #define MAX_BELOW 256
 
 enum { PEEK_HEAD = 16384, PEEK_NAMES = 4096, PEEK_NAMES_BYTES = 1 << 20 };
@@ -31,8 +31,8 @@ static spin_status peek_head(const char *path, struct spin_peek *out)
     return spin_file_head(path, head, PEEK_HEAD, &out->n_head);
 }
 
-/* Member names of a zip, one per line, bounded. An archive that cannot be read has none: saying
- * why is for whoever opens it. */
+/* Member names of a zip, one per line, up to the limits. An unreadable archive gives none: opening
+ * it later reports the reason. */
 static spin_status peek_members(const char *path, char **out)
 {
     struct spin_zip zip;
@@ -62,16 +62,17 @@ static spin_status peek_members(const char *path, char **out)
     return status;
 }
 
-/* Some files tell the runs of related methods apart: params.npz by its members (Dynamic 3D
- * Gaussians and its descendants), cfg_args by its text (what grew out of 3DGS). Without cfg_args a
- * checkpoint tells by the names in its optimiser; in the folder of one save the keys of the
- * network, or else the header of the cloud. */
+/* Reads the files of a run that distinguish related methods: the members of params.npz (Dynamic 3D
+ * Gaussians and its descendants) and the text of cfg_args (descendants of 3DGS). Without cfg_args,
+ * the head of a checkpoint is read, which contains the names of its optimiser's groups; in the
+ * folder of a single save, the keys of the network, or else the header of the point cloud. */
 static spin_status peek_inside(const char *folder, const char *name, struct spin_peek *out,
                                char **members)
 {
-    /* In the order of the alphabet, as names are: the first that is there gives the head. */
+    /* In alphabetical order, like the names of a folder: the first that exists provides the
+     * head. */
     static const char *const heads[] = {"cfg_args", "chkpnt", "deformation.pth", "point_cloud.ply"};
-    enum { CHECKPOINT = 1 }; /* how its name begins */
+    enum { CHECKPOINT = 1 }; /* a prefix of the name */
     bool head = false;
     SPIN_FREED char *path = NULL;
     spin_status status = SPIN_OK;
@@ -85,7 +86,7 @@ static spin_status peek_inside(const char *folder, const char *name, struct spin
     if (!head)
         status = peek_members(path, members);
     else
-        (void)peek_head(path, out); /* what cannot be read has no head */
+        (void)peek_head(path, out); /* an unreadable file has no head */
     return status;
 }
 
@@ -179,12 +180,12 @@ static spin_status find_by_name(const char *from, bool want_views, const struct 
     if (spin_plugin_fault(from))
         return spin_unsupported("%s", spin_plugin_fault(from));
     list_names(want_views, names, sizeof names);
-    return spin_misuse("no importer of %s is called '%s'; there are %s",
+    return spin_misuse("no importer of %s is called '%s'; available: %s",
                        want_views ? "data sets" : "runs", from, names);
 }
 
-/* A file that no importer knows may tell itself what is wrong with it: it is empty, a web page or a
- * checkpoint of which a part is missing or is not data. */
+/* True if opening the file as a PyTorch checkpoint gives the better error: it is empty, a web page,
+ * a Git LFS pointer, or a checkpoint of which parts are missing or invalid. */
 static bool may_tell(const struct spin_peek *peek)
 {
     static const char *const heads[] = {"version https://git-lfs", "<!doctype", "<!DOCTYPE",
@@ -200,7 +201,7 @@ static bool may_tell(const struct spin_peek *peek)
     return peek->n_head == 0 || (peek->n_head >= 2 && head[0] == 0x80 && head[1] <= 5);
 }
 
-/* The two importers that are surest of an input. */
+/* The importers with the two highest scores. */
 struct choice {
     const struct spin_importer *best, *second;
     int score, second_score;
@@ -248,11 +249,11 @@ static spin_status fail_foreign(const char *path, bool want_views)
     if (spin_foreign_input(path, want_views, what, sizeof what))
         return spin_fail(SPIN_E_NOT_RECOGNISED, "cannot recognise '%s': %s", path, what);
     return spin_fail(SPIN_E_NOT_RECOGNISED,
-                     "cannot recognise '%s': no importer knows it (see spin-import --list)", path);
+                     "cannot recognise '%s': no importer reads it (see spin-import --list)", path);
 }
 
-/* A folder that no importer knows may have what is meant one level down. The only run there is
- * taken, when `in` is not NULL: *in is its folder, allocated. */
+/* Looks for a run in the subfolders of an unrecognised folder. If there is exactly one and `in` is
+ * not NULL, it is used: *in is its folder, allocated. Otherwise an error names one. */
 static spin_status look_below(const struct spin_peek *peek, bool want_views,
                               const struct spin_importer **out, char **in)
 {
@@ -285,7 +286,7 @@ static spin_status look_below(const struct spin_peek *peek, bool want_views,
         return SPIN_OK;
     }
     return spin_fail(SPIN_E_NOT_RECOGNISED, "cannot recognise '%s': %s '%s' (%s)", peek->path,
-                     n > 1        ? "it holds several, such as"
+                     n > 1        ? "it contains several, such as"
                      : want_views ? "the data set is in"
                                   : "the run is in",
                      below, first->name);
@@ -304,8 +305,8 @@ static spin_status fail_unknown(const struct spin_peek *peek, bool want_views)
     SPIN_TRY(spin_torch_open(peek->path, &torch));
     spin_torch_close(&torch);
     return spin_fail(SPIN_E_NOT_RECOGNISED,
-                     "cannot recognise '%s': a PyTorch checkpoint of no method that an importer "
-                     "knows (see spin-import --list)",
+                     "cannot recognise '%s': a PyTorch checkpoint that no importer reads (see "
+                     "spin-import --list)",
                      peek->path);
 }
 
@@ -319,7 +320,7 @@ static spin_status find_by_probe(const struct spin_peek *peek, bool want_views,
                                : fail_unknown(peek, want_views);
     if (c.second && c.score - c.second_score < TIE)
         return spin_fail(SPIN_E_NOT_RECOGNISED,
-                         "cannot recognise '%s': it may be '%s' or '%s'; say which with %s",
+                         "cannot recognise '%s': it may be '%s' or '%s'; choose one with %s",
                          peek->path, c.best->name, c.second->name,
                          want_views ? "--data-from" : "--from");
     *out = c.best;

@@ -1,4 +1,4 @@
-/* 4D splats: made, settled, and cut at a time. */
+/* 4D splats: allocation, validation ("settling"), rounding and slicing at a time. */
 #include "scene/splats_4d.h"
 
 #include "base/base.h"
@@ -8,9 +8,9 @@
 #include "scene/bundle_pack.h"
 #include "scene/columns.h"
 
-/* Far below the largest float: places move, and others square them. */
+/* The largest absolute value: far below FLT_MAX, since positions move and callers square them. */
 #define SANE 1e18
-/* What a half float holds of a number near 1. */
+/* The precision of a half float near 1. */
 #define HALF_PER_UNIT 0x1p11f
 #define HALF_BITS 11
 
@@ -18,11 +18,11 @@ enum { PATHS = 1u << 31, ALWAYS = 0 };
 
 static const struct {
     const char *name;
-    size_t place; /* in the struct */
-    size_t width; /* 0: follows from a degree */
+    size_t place; /* offset in the struct */
+    size_t width; /* 0: depends on a degree */
     unsigned part;
-    double most; /* of a value: times may be as far as for ever */
-    float steps; /* steps in 1 that hardly show; 0: it is never rounded */
+    double most; /* largest absolute value; times may extend to SPIN_FOREVER */
+    float steps; /* rounding steps per unit that are hardly visible; 0: never rounded */
 } arrays[SPIN_N_ARRAYS_4D] = {
     {"centres", offsetof(struct spin_splats_4d, centres), 3, ALWAYS, SANE, 0},
     {"times", offsetof(struct spin_splats_4d, times), 1, ALWAYS, SANE, 0},
@@ -39,8 +39,8 @@ static const struct {
     {"sh_cos", offsetof(struct spin_splats_4d, sh_cos), 0, SPIN_4D_SH_COS, SANE, 128},
 };
 
-/* ---- Arrays ------------------------------------------------------------------------------------
- */
+/* ---- Arrays
+ * ----------------------------------------------------------------------------------- */
 
 const char *spin_array_4d_name(int k) { return arrays[k].name; }
 
@@ -132,8 +132,8 @@ struct spin_splats spin_splats_of_4d(const struct spin_splats_4d *s)
                                 .sh = s->sh};
 }
 
-/* ---- Settling ----------------------------------------------------------------------------------
- */
+/* ---- Settling
+ * --------------------------------------------------------------------------------- */
 
 static struct spin_window window_of(const struct spin_splats_4d *s, size_t i)
 {
@@ -151,8 +151,8 @@ static struct spin_window window_of(const struct spin_splats_4d *s, size_t i)
     return w;
 }
 
-/* All values finite, scales too; a rotation and a window. Makes quats of unit length, and their
- * spin with them. */
+/* Checks that all values of a row are finite and in range, and that its rotation and window are
+ * valid. Normalises quats and scales spins with them. */
 static bool settle_row(struct spin_splats_4d *s, size_t i)
 {
     double length = 0;
@@ -231,7 +231,8 @@ spin_status spin_splats_4d_settle(struct spin_splats_4d *s, size_t *n_dropped, s
     size_t kept = 0;
 
     if (s->sh_cos && !(s->period > 0 && isfinite(s->period)))
-        return spin_malformed("colours in time with a period of %g", s->period);
+        return spin_malformed(
+            "time-varying colours have a period of %g, expected a positive number", s->period);
     for (size_t i = 0; i < s->n; i++) {
         if (!settle_row(s, i))
             continue;
@@ -272,8 +273,8 @@ spin_status spin_splats_4d_take(const struct spin_splats_4d *s, const unsigned c
     return SPIN_OK;
 }
 
-/* ---- Slicing -----------------------------------------------------------------------------------
- */
+/* ---- Slicing
+ * ---------------------------------------------------------------------------------- */
 
 double spin_splats_4d_weight(const struct spin_splats_4d *s, size_t i, double time)
 {
@@ -342,11 +343,11 @@ spin_status spin_splats_4d_slice(const struct spin_splats_4d *s, double time, un
         if (spin_splats_4d_shows(s, i, time))
             fill_row(s, i, time, columns, out, k++);
     if (columns & SPIN_COL_MEANS && spin_finite_missing(out->means, 3 * n) > 0)
-        return spin_malformed("paths leave the range of numbers at time %g", time);
+        return spin_malformed("positions are not finite at time %g", time);
     return SPIN_OK;
 }
 
-/* The first of sorted times at or behind t. */
+/* The index of the first of the sorted times that is at or after t. */
 static size_t first_at(const double *sorted, size_t n, double t)
 {
     size_t low = 0, high = n;
@@ -381,7 +382,7 @@ spin_status spin_splats_4d_counts(const struct spin_splats_4d *s, const double *
     }
     for (size_t k = 0; k < n; k++)
         change[k] = sum += change[k];
-    for (size_t k = 0; k < n; k++) /* times may be in any order */
+    for (size_t k = 0; k < n; k++) /* times need not be sorted */
         counts[k] = (size_t)change[first_at(sorted, n, times[k])];
     return SPIN_OK;
 }

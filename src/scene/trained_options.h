@@ -1,8 +1,8 @@
-/* The options of a training as a bundle tells them, for people. */
+/* The options of a training as recorded in a bundle, for reports. */
 #pragma once
 
 #include "io/json.h"
 
-/* A copy of "options" of "trained" (of meta.json); where no network was trained, without those of a
- * network. NULL: there are none. */
+/* A copy of "options" of "trained" in meta.json, without the options of a network if none was
+ * trained. NULL: there are none. */
 spin_json *spin_trained_options(const spin_json *trained);

@@ -32,7 +32,7 @@ for pair in ply:fixtures/ply/brush_sh1/00001.ply gltf:fixtures/splats/glb/frame_
         # shellcheck disable=SC2086
         run "$bin/"$command
         fails 1 "${command%% *}" "${command%% *} of ${pair%%:*}"
-        err_has "'$file' is not a bundle: spin-import reads it (${pair%%:*})" "${command%% *}: who reads ${pair%%:*}"
+        err_has "'$file' is not a bundle: convert it with spin-import (importer '${pair%%:*}') first" "${command%% *}: who reads ${pair%%:*}"
     done
 done
 nothing_at "$work/new" "what is not a bundle: nothing was written"
@@ -59,7 +59,7 @@ foreign() { # INPUT EXPECTED
         nothing_at "$work/new" "$command ${1##*/}: nothing was written"
     done
 }
-foreign "$work/a.zip" "is a ZIP archive with 'out/p.ply' inside: unpack it"
+foreign "$work/a.zip" "is a ZIP archive that contains 'out/p.ply': unpack it"
 foreign "$work/a.tar.gz" "is packed by gzip: unpack it"
 foreign "$work/packed" "holds an archive, 'a.zip': unpack it"
 foreign "$work/film.mp4" "is a video, not splats: train"

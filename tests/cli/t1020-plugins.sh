@@ -123,7 +123,7 @@ variant future 's/SPIN_PLUGIN_ABI/(SPIN_PLUGIN_ABI + 1)/'
 abi=$(sed -n 's/^#define SPIN_PLUGIN_ABI //p' src/spin.h)
 refused future "built for version $((abi + 1)) of spin.h, this is $abi"
 variant mixed '/const struct spin_importer points_csv/,/^};/ s/SPIN_PLUGIN_ABI/(SPIN_PLUGIN_ABI - 1)/'
-refused mixed "an importer in it is of another version"
+refused mixed "an importer in it was built for another version"
 variant nameless 's/^const struct spin_plugin spin_plugin/static const struct spin_plugin hidden/; s/-csv"/-x"/'
 refused nameless "defines no 'spin_plugin'"
 variant needy 's/spin_splats_reserve(/spin_splats_conjure(/'
@@ -134,7 +134,7 @@ echo "not a shared object, however long the file may be: sixty-four bytes and mo
 refused text "invalid ELF header"
 : >"$work/broken/empty.so"
 refused empty "file too short"
-refused absent "is not there"
+refused absent "does not exist"
 
 # breaks NAME SED WORDS: loaded, but it does not keep what the header asks for.
 breaks() {
@@ -157,7 +157,7 @@ variant clash 's/"points-csv"/"ply"/'
 export SPIN_PLUGIN_PATH="$work/broken/clash.so"
 run "$bin/spin-import" --from ply --help
 is "$code" 0 "a name that is taken: the built-in one stays"
-err_has "^warning: .*clash.so': an importer called 'ply' is there already: built in; it is left out" \
+err_has "^warning: .*clash.so': an importer called 'ply' exists already: built in; it is skipped" \
     "and a warning says so"
 export SPIN_PLUGIN_PATH="$importer:$work/example:$importer"
 run "$bin/spin-import" --list
@@ -165,11 +165,11 @@ is "$(grep -c '^points-csv' "$work/out"), $(wc -c <"$work/err")" "1, 0" "named t
 variant again ''
 export SPIN_PLUGIN_PATH="$importer:$work/broken/again.so"
 run "$bin/spin-import" --list
-err_has "again.so': an importer called 'points-csv' is there already: .*example/points-csv.so" \
+err_has "again.so': an importer called 'points-csv' exists already: .*example/points-csv.so" \
     "two of a name: the first stays"
 export SPIN_PLUGIN_PATH="$work/nowhere/"
 run "$bin/spin-retrain" "$work/two.spin" --dry-run -o "$work/x.spin" --data "$work/xyz" --data-from panoptic
-err_has "^warning: plug-in '$work/nowhere/' of SPIN_PLUGIN_PATH is not there" "a folder that is missing"
+err_has "^warning: plug-in '$work/nowhere/' of SPIN_PLUGIN_PATH does not exist" "a folder that is missing"
 
 # ---- A data set ------------------------------------------------------------------------------------
 

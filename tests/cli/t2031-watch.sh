@@ -68,7 +68,7 @@ is "$code $(find "$work/too" -name '*.ply' | wc -l)" "0 3" "and so can the unfin
 rm "$work/cut.spin.part.spin"
 run "$bin/spin-export" "$work/cut.spin.part" --to ply -o "$work/none"
 fails 1 spin-export "without its clip"
-err_has "state of an unfinished training: spin-retrain --resume goes on" "says what it is"
+err_has "checkpoint of an unfinished training: continue it with spin-retrain --resume" "says what it is"
 grep -q '"done": *false' "$work/cut/now.js"
 ok $? "the page does not say that it is done"
 done_testing

@@ -65,7 +65,7 @@ is "$code $(ls "$work/rig" | tr '\n' ' ')" "0 train_frame_00000.png train_frame_
 rm -r "$work/run"
 run "$bin/spin-export" "$work/moved.spin" --to images --size 60x40 --range 0:1 -o "$work/gone"
 is "$code $(ls "$work/gone")" "0 front_frame_00000.png" "a data set that is gone"
-err_has "^warning: .*$work/run.* is not there: its cameras are not used" "is a warning"
+err_has "^warning: .*$work/run.* does not exist: continuing without its cameras" "is a warning"
 
 # There, but empty, without images, or with half a file: for what needs no cameras the data set is not opened.
 for state in empty short cut; do
@@ -80,7 +80,7 @@ for state in empty short cut; do
         # shellcheck disable=SC2086
         run "$bin/spin-export" "$work/moved.spin" --to ${to%%:*} --range 0:1 -q -o "$work/$state-"${to#*:}
         is "$code" 0 "$state data set: ${to%%:*} does without"
-        err_has "^warning: .*$work/run.*its cameras are not used" "$state data set: ${to%%:*} says so"
+        err_has "^warning: .*$work/run.*continuing without its cameras" "$state data set: ${to%%:*} says so"
     done
     run "$bin/spin-export" "$work/moved.spin" --to html --data "$work/run" -o "$work/never.html"
     is "$code" 1 "$state data set: --data names it"
@@ -99,7 +99,7 @@ for name in sys.argv[1:]:
     "$work/run/train_meta.json" "$work/run/test_meta.json"
 run "$bin/spin-export" "$work/moved.spin" --to images --size 60x40 --range 0:1 -o "$work/other"
 is "$code $(ls "$work/other")" "0 front_frame_00000.png" "a data set of other frames"
-err_has "^warning: .*cannot pair frames.*its cameras are not used" "is a warning as well"
+err_has "^warning: .*cannot pair frames.*continuing without its cameras" "is a warning as well"
 rm -r "$work/run"
 
 run "$bin/spin-import" "$run_of" -o "$work/places.spin" --positions-only

@@ -329,7 +329,7 @@ first=$(find "$work/small/ims/0" -type f | sort | head -n 1)
 cp "$work/eighty/cam_00_frame_00000.png" "$first"
 run "$bin/spin-eval" "$in" --data "$work/small" --range 0:1 -q
 warns "a picture that is smaller than its camera" "the images of 1 of 8 cameras are smaller than their cameras and are enlarged, \
-such as 80 x 45 for 160 x 90 pixels of camera 0: a smaller --scale takes them as they are"
+such as 80 x 45 for 160 x 90 pixels of camera 0: use a smaller --scale to avoid that"
 run "$bin/spin-eval" "$in" --data "$work/small" --range 0:1 -q --scale 0.5
 warns "at the size that it has"
 
@@ -368,7 +368,7 @@ warns "frames without a test view" "'$work/missing': 17 images of 5 cameras in 4
 mv "$work/data" "$work/gone"
 run "$bin/spin-export" "$in" --to images --size 40x30 --range 0:1 -o "$work/images2"
 warns "a data set that is gone" \
-    "'$in': the data set '$work/data' is not there: its cameras are not used; --data says where the data set is"
+    "'$in': the data set '$work/data' does not exist: continuing without its cameras; give the data set with --data"
 run "$bin/spin-export" "$in" --to ply -o "$work/ply2"
 warns "which only pictures need"
 run "$bin/spin-export" "$in" --to ply --background white -o "$work/ply3"
@@ -379,6 +379,6 @@ warns "a background of no picture" "no effect without rendered images: --backgro
 places=$(for i in $(seq 1 66); do printf '%s:' "$work/none/$i/"; done)
 run env SPIN_PLUGIN_PATH="${places%:}" "$bin/spin-import" --list
 is "$code $(grep -c '^warning: ' "$work/err")" "0 65" "66 plug-ins that are not there: 64 lines, and one"
-is "$(sed -n '3p;65p' "$work/err")" "warning: plug-in '$work/none/3/' of SPIN_PLUGIN_PATH is not there; it is left out
+is "$(sed -n '3p;65p' "$work/err")" "warning: plug-in '$work/none/3/' of SPIN_PLUGIN_PATH does not exist; it is skipped
 warning: SPIN_PLUGIN_PATH: 2 more plug-ins are left out" "a line for each, and how many more there are"
 done_testing

@@ -736,12 +736,12 @@ static void test_falloff(void)
     ok(zoom("lens", 1, 2) &&
            shell("%s/spin-eval %s/lens.spin --data %s/lens --device cpu --threads 1", bin, folder,
                  folder) == 0 &&
-           strstr(said, "warning: camera 15 has another lens than all that were learned"),
+           strstr(said, "warning: camera 15 matches none of the learned lenses"),
        "a camera with another lens is told, which need not be the first: %s", said);
     ok(zoom("lens", 0, 2) &&
            shell("%s/spin-eval %s/lens.spin --data %s/lens --device cpu --threads 1", bin, folder,
                  folder) == 0 &&
-           strstr(said, "warning: camera 0 has another lens than all that were learned"),
+           strstr(said, "warning: camera 0 matches none of the learned lenses"),
        "a camera with another lens is told: %s", said);
 }
 

@@ -369,7 +369,8 @@ static void test_hostile(void)
     ok(n_good == 0, "no truncation is");
     spin_map_close(&map);
     for (size_t i = 0; i <= sizeof bad / sizeof *bad; i++) {
-        const char *from = i ? bad[i - 1][0] : NULL, *want = i ? bad[i - 1][2] : "has the mark";
+        const char *from = i ? bad[i - 1][0] : NULL,
+                   *want = i ? bad[i - 1][2] : "has the invalid mark";
 
         rewrite(&zip, path, from, i ? bad[i - 1][1] : NULL);
         if (spin_map_open(path, &map) != SPIN_OK)

@@ -392,7 +392,7 @@ static void test_lies(void)
         {3, 4, 'x', 1, "quantization 'xniform-v1'", "another quantization, by name"},
         {3, 14, 0x7ff0000000000000, 8, "steps that are not finite", "an infinite origin"},
         {3, 94, 0x7ff8000000000000, 8, "steps that are not finite", "a step that is not a number"},
-        {4, 0, 0, 4, "no splat is ever seen", "no window"},
+        {4, 0, 0, 4, "no splat would be visible", "no window"},
         {4, 0, 9, 4, "9 windows in 48 bytes", "more windows than bytes"},
         {4, 4, 0x7ff8000000000000, 8, "window 0", "a window that is not a number"},
         {5, 0, 0x7ff8000000000000, 8, "chunk 0: its interval", "an interval that is not a number"},
@@ -405,7 +405,7 @@ static void test_lies(void)
         {5, 47, 2, 1, "'window_index': packed by codec 2", "another codec, by name"},
         {5, 48, 2, 1, "'window_index': 14 x 2 numbers, expected 14 x 1", "other channels"},
         {5, 49, 13, 4, "'window_index': 13 x 1 numbers", "another number of elements"},
-        {5, 53, 0xffffff, 4, "chunk 0: a stream ends behind it", "a stream that ends behind it"},
+        {5, 53, 0xffffff, 4, "chunk 0: a stream extends beyond it", "a stream that ends behind it"},
         {5, 61, 0xff, 1, "'window_index': the zlib", "a damaged stream"},
         {7, 0, 3, 1, "SH band 3", "another band"},
         {7, 0, 1, 1, "SH band 1: 14 x 15 numbers, expected 14 x 9", "a band as another"},
@@ -450,7 +450,7 @@ static void test_lies(void)
     refused(make(), "rigid objects", "tracks of objects, by name");
     b = make();
     b->at[5] = '2';
-    refused(b, "as a .4dgs of version 1", "another version");
+    refused(b, "the magic of .4dgs version 1", "another version");
 }
 
 /* A chunk of four thousand million splats, all of them alike. */

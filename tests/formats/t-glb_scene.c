@@ -354,7 +354,7 @@ static void test_nodes(void)
     is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"children\":[1]},{\"children\":[0]}]", "circle",
                "nodes in a circle");
     is_refused(plain(), "\"nodes\":[{\"mesh\":0},{\"children\":[0]},{\"children\":[0]}]",
-               "those of another", "a node with two parents");
+               "another parent", "a node with two parents");
     is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"children\":[7]}]", "children",
                "a child that is not there");
     is_refused(plain(), "\"scenes\":[{\"nodes\":[3]}],\"nodes\":[{\"mesh\":0}]", "not there",

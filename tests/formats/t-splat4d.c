@@ -307,13 +307,13 @@ static void test_streams(void)
         {HEAD, 4, 2, 2, "version 2", "another version"},
         {HEAD, 0, 'X', 1, "gsplat-unity", "no magic: perhaps the format that has none"},
         {HEAD, 8, 0xffffffff, 4, "ends in its header", "a header that ends behind the file"},
-        {STATIC, 0, 1, 1, "something else than 'pos'", "masks in another order"},
-        {STATIC, 1, 0, 1, "something else than 'pos'", "a stream of another kind"},
+        {STATIC, 0, 1, 1, "another stream instead of 'pos'", "masks in another order"},
+        {STATIC, 1, 0, 1, "another stream instead of 'pos'", "a stream of another kind"},
         {STATIC, 2, 2, 1, "zstd data of 5 bytes, expected 10", "bits in symbols of two bytes"},
-        {STATIC, 7, 0xffffff, 4, "ends behind its section",
+        {STATIC, 7, 0xffffff, 4, "extends beyond its section",
          "a stream that ends behind its section"},
-        {ONE, 0, 0xffff, 2, "ends in its heads", "more heads than bytes"},
-        {ONE, 2 + 11, 0, 1, "there twice", "two streams of one attribute"},
+        {ONE, 0, 0xffff, 2, "ends within the headers", "more heads than bytes"},
+        {ONE, 2 + 11, 0, 1, "occurs twice", "two streams of one attribute"},
         {ONE, 2, 5, 1, "unknown", "another attribute"},
         {ONE, 3, 2, 1, "unknown", "another kind"},
         {ONE, 4, 3, 1, "symbols of 3 bytes", "symbols of 3 bytes"},
@@ -342,7 +342,7 @@ static void test_streams(void)
     refused(make("\"f1\": 6", "\"f1\": 6, \"len\": 2"), "group 2: it ends in its heads",
             "a group cut short");
     surplus = 1;
-    refused(make(NULL, NULL), "group 0: it has more than its streams", "and one with more bytes");
+    refused(make(NULL, NULL), "group 0: it has bytes after its streams", "and one with more bytes");
     surplus = 0;
     b = make(NULL, NULL);
     memcpy(b->at, "SPL4DV02", 8);

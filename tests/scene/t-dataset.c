@@ -219,7 +219,7 @@ static void test_near(void)
     near_of(1, 200, 0.1f);
     ok(warned[0] == '\0', "one splat in 200 is not worth a warning: %s", warned);
     near_of(1, 30, 0.1f);
-    ok(strstr(warned, "camera 0 does not draw 3 % of the splats in its image") != NULL,
+    ok(strstr(warned, "camera 0: 3 % of the splats in its image are cut off") != NULL,
        "one in 30 is: %s", warned);
     spin_log_set_sink(NULL);
     spin_log_set_level(-1);
