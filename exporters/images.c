@@ -1,6 +1,6 @@
-/* Renders of every frame as PNG or EXR, for looking, for films and for measuring with other
- * programs: from the data set's cameras or from one that moves, with the names of
- * spin_picture_name(); several versions side by side on demand. */
+/* Renders every frame to PNG or EXR files, for inspection, compositing, or measurement with other
+ * programs: from the data set's cameras or a moving one, on request as several panels side by side.
+ * Files are named by spin_picture_name(). */
 #include <stdlib.h>
 #include <string.h>
 
@@ -25,7 +25,7 @@ static const struct spin_plugin_option options[] = {
     {0},
 };
 
-#define FAR 1e10f /* depth where there is nothing, as renderers of films have it */
+#define FAR 1e10f /* depth of the background, by the convention of film renderers */
 
 enum which { TEST, TRAIN, ALL };
 
@@ -34,10 +34,10 @@ struct export
     struct spin_output_folder folder;
     const struct spin_export_job *job;
     enum which which;
-    int n_unseen; /* frames without any view */
+    int n_unseen; /* frames without a chosen view */
     struct spin_film film;
     bool wants_depth;
-    float *layers; /* [3][h][w] alpha, depths */
+    float *layers; /* [3][h][w]: alpha, expected depth, median depth */
     struct spin_camera_path drawing;
 };
 
@@ -55,7 +55,7 @@ static bool any_chosen(const struct export *x)
     return false;
 }
 
-/* Alpha and depth of the picture that was drawn. */
+/* Fetches alpha and depth of the last render into x->film, where they are wanted. */
 static spin_status take_layers(struct export *x, const struct spin_camera *camera)
 {
     size_t n = (size_t)camera->width * (size_t)camera->height;
@@ -102,7 +102,7 @@ static void discard(void *self)
     free(x);
 }
 
-/* An option that would do nothing is a mistake. */
+/* Refuses options that would have no effect. */
 static spin_status check_options(const struct export *x)
 {
     static const char *const moving[] = {"duration", "repeat"};
@@ -168,7 +168,8 @@ static spin_status prepare(struct export *x, const struct spin_export_job *job)
     return SPIN_OK;
 }
 
-/* The pictures of a camera that is none of the data set's are numbered by themselves. */
+/* Renders the images of a frame from a camera that is not the data set's. Files are numbered along
+ * the camera's path, not by frame. */
 static spin_status export_own(struct export *x, int frame, const struct spin_splats *splats)
 {
     struct spin_camera_path *d = &x->drawing;

@@ -1,5 +1,5 @@
-/* The clip as a video, MP4 or WebM by the output's name: from one camera of the data set, or from
- * one that goes around the scene while the clip plays; several versions side by side on demand. */
+/* Writes the clip as an MP4 or WebM video, chosen by the output's name: from one camera of the data
+ * set, or from one that moves while the clip plays, on request as several panels side by side. */
 #include "base/base.h"
 #include "exporters/lib/camera_path.h"
 #include "io/video.h"
@@ -19,8 +19,9 @@ struct export
 {
     struct spin_camera_path drawing;
     struct spin_video_out *video;
-    const struct spin_view *first; /* whose camera_id the video keeps; NULL: a camera of its own */
-    int size[2];                   /* of a panel */
+    const struct spin_view
+        *first;  /* its camera is used throughout; NULL: not a data set's camera */
+    int size[2]; /* width, height of a panel, pixels */
 };
 
 static const struct spin_view *view_of(const struct export *x, int frame, int camera_id)
