@@ -99,8 +99,7 @@ struct export
     uint64_t data_bytes, n_splats;
 };
 
-/* ---- Which splats ------------------------------------------------------------------------------
- */
+/* ---- Which splats ---------------------------------------------------------------------------- */
 
 static spin_status choose(struct export *x, const struct spin_splats *s, int number, size_t *n)
 {
@@ -117,8 +116,7 @@ static spin_status choose(struct export *x, const struct spin_splats *s, int num
     return SPIN_OK;
 }
 
-/* ---- A block
- * ------------------------------------------------------------------------------------- */
+/* ---- A block --------------------------------------------------------------------------------- */
 
 static spin_status write_text(struct export *x, const char *text)
 {
@@ -239,8 +237,7 @@ static spin_status add_frame(struct export *x, struct version *v, const struct s
     return spin_page_group_add(&v->group, &x->rows, s, &full);
 }
 
-/* ---- What the page must know
- * ------------------------------------------------------------------------ */
+/* ---- What the page must know ----------------------------------------------------------------- */
 
 static spin_json *list_of_ints(const int *value, int n)
 {
@@ -376,8 +373,7 @@ static spin_status write_script(struct export *x, const char *how, const char *t
     return write_text(x, "</script>\n");
 }
 
-/* ---- The plug-in
- * ------------------------------------------------------------------------------------ */
+/* ---- The plug-in ----------------------------------------------------------------------------- */
 
 static void discard(void *self)
 {
@@ -541,8 +537,7 @@ static spin_status html_frame(void *self, int frame, const struct spin_frame_inf
     return SPIN_OK;
 }
 
-/* ---- 4D splats
- * ------------------------------------------------------------------------------------- */
+/* ---- 4D splats ------------------------------------------------------------------------------- */
 
 /* Each splat once; the first frame is looked at for the view and the draft alone. */
 static spin_status write_rows(struct export *x, const double *times)

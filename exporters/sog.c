@@ -39,8 +39,7 @@ struct export
 
 static size_t n_rest(const struct export *x) { return spin_n_rest(x->frames.rows.sh_degree); }
 
-/* ---- Bounding box, codebooks and palette ------------------------------------------------------
- */
+/* ---- Bounding box, codebooks and palette ----------------------------------------------------- */
 
 static spin_status make_room(struct export *x)
 {
@@ -137,8 +136,7 @@ static spin_status choose_coding(struct export *x)
     return SPIN_OK;
 }
 
-/* ---- Images ------------------------------------------------------------------------------------
- */
+/* ---- Images ---------------------------------------------------------------------------------- */
 
 static spin_status blank_pictures(struct export *x)
 {
@@ -215,8 +213,7 @@ static void code_palette(struct export *x)
         to[i / 3 * 4 + i % 3] = spin_codebook_nearest(x->sog.sh_n, x->palette[i]);
 }
 
-/* ---- One file ----------------------------------------------------------------------------------
- */
+/* ---- One file -------------------------------------------------------------------------------- */
 
 static spin_status write_members(struct export *x, struct spin_zip_writer *zip)
 {
@@ -258,8 +255,7 @@ static uint64_t sog_bytes(const void *self, size_t n)
     return 16384 + 20 * (uint64_t)n + (n_rest(x) > 0 ? of_sh : 0);
 }
 
-/* ---- The plug-in -------------------------------------------------------------------------------
- */
+/* ---- The plug-in ----------------------------------------------------------------------------- */
 
 static spin_status begin(void *self, const struct spin_export_job *job)
 {

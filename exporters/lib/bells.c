@@ -5,7 +5,7 @@
 #include "math/motion.h"
 #include "math/sh.h"
 
-enum { SAMPLES = 9 }; /* times at which a loss is looked for */
+enum { SAMPLES = 9 }; /* times of a row at which the loss is measured */
 
 static double first_time(const struct spin_bells *b) { return b->job->times[0]; }
 static double last_time(const struct spin_bells *b) { return b->job->times[b->job->n_frames - 1]; }
@@ -17,7 +17,7 @@ static bool is_seen(const struct spin_bells *b, size_t i)
     return span[0] <= last_time(b) && span[1] >= first_time(b);
 }
 
-/* A beginning or an end within the clip is no bell's. */
+/* Whether a visible row begins or ends abruptly within the clip, which no Gaussian window does. */
 static bool has_cuts(const struct spin_bells *b)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
@@ -47,7 +47,7 @@ spin_status spin_bells_can(const struct spin_bells *b)
     return SPIN_OK;
 }
 
-/* The file's unit for one of the source's. */
+/* Units of the file's time per unit of the source's. */
 static double per_time(const struct spin_bells *b)
 {
     return b->length / (last_time(b) - first_time(b));
@@ -81,7 +81,7 @@ void spin_bells_warn(const struct spin_bells *b)
 
 /* ---- What is lost ---------------------------------------------------------------------------- */
 
-/* The times of the clip that show row i: SAMPLES of them, as offsets from its own. */
+/* SAMPLES evenly spaced times of the clip in which row i is visible, as offsets from its centre. */
 static void sample_times(const struct spin_bells *b, size_t i, double d[SAMPLES])
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
@@ -138,7 +138,8 @@ static void lose_place(struct spin_bells *b, size_t i, double d, const float *ce
 
 /* ---- Paths ----------------------------------------------------------------------------------- */
 
-/* n equations a x = y for three right sides, by elimination; a is positive. y becomes x. */
+/* Solves n equations a x = y for three right-hand sides by elimination; a is positive definite.
+ * Overwrites y with x. */
 static void solve(double a[3][3], double y[3][3], int n)
 {
     for (int p = 0; p < n; p++)
@@ -155,9 +156,9 @@ static void solve(double a[3][3], double y[3][3], int n)
             y[p][c] /= a[p][p];
 }
 
-/* The path of the file's degree that is nearest to that of row i where it is seen: least squares,
- * weighted as it is seen; in the source's time. A row that is seen at one time keeps the first
- * terms of its own. */
+/* Fits a path of the file's degree to that of row i by least squares over the visible times,
+ * weighted by the window; in the source's time. A row that is visible at a single time keeps the
+ * first terms of its own path. */
 static void fit_path(const struct spin_bells *b, size_t i, const double d[SAMPLES], float centre[3],
                      float *path)
 {
@@ -202,8 +203,7 @@ void spin_bells_move(struct spin_splats_4d *s, size_t k, double time)
     s->times[k] = (float)time;
 }
 
-/* A sigma of more than `most` becomes that, with the same opacity and slope of it in the middle of
- * the clip. */
+/* Reduces a sigma to `most` such that opacity and slope in the middle of the clip stay the same. */
 static void shorten(struct spin_bells *b, size_t k, double sigma, double most)
 {
     struct spin_splats_4d *s = &b->clip;

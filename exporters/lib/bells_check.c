@@ -33,7 +33,7 @@ static spin_status read_back(struct check *check)
     return SPIN_OK;
 }
 
-/* Values are as near to what was to be written as the file promises. */
+/* Checks row j of the file against what was to be written, within the precision of the file. */
 static spin_status judge(const struct check *check, size_t j)
 {
     const struct spin_bells_check *of = check->of;
@@ -68,7 +68,7 @@ static void take_back(const struct spin_splats_4d *s, size_t j, double time,
     memcpy(out->rotation, s->quats + 4 * j, sizeof out->rotation);
 }
 
-/* A frame of the source against the file at the same time. */
+/* Compares frame f of the source with the file at the same time. */
 static spin_status check_frame(struct check *check, int f)
 {
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;

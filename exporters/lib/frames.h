@@ -116,8 +116,7 @@ spin_status spin_frames_check(struct spin_frames *frames);
 /* For finish(): writes a text file of this name into the folder. */
 spin_status spin_frames_write_text(struct spin_frames *frames, const char *name, const char *text);
 
-/* ---- For write() ------------------------------------------------------------------------------
- */
+/* ---- For write() ----------------------------------------------------------------------------- */
 
 /* Fills frames->order with the kept rows, sorted by frames->sort. */
 static inline spin_status spin_frames_order(struct spin_frames *frames)

@@ -4,8 +4,8 @@
 #include "io/file.h"
 #include "io/json.h"
 
-/* Of the length of an axis, and of the cosine between two: more than what rounding to a few digits
- * does. */
+/* Tolerance of the length of an axis, and of the cosine between two: more than rounding to a few
+ * digits causes. */
 #define CROOKED 2e-3
 
 enum { MOST_POSES = 10000000, MOST_SIDE = 16384 };
@@ -17,8 +17,9 @@ static double dot(const double *a, const double *b)
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/* Camera to world, 3 x 4, of a camera whose y and z are turned by `sign`, to w2c. The axes are made
- * straight: the third, then the second. False: it is no rotation. */
+/* Inverts a camera-to-world matrix (3 x 4) into w2c; `sign` -1 flips y and z of the camera. The
+ * axes are orthonormalised: the direction of the third is kept, the second is made perpendicular to
+ * it. Returns false if the matrix is not a rotation. */
 static bool invert(const double m[12], double sign, double w2c[12])
 {
     double axis[3][3], length[3], across[3], det;
@@ -54,7 +55,7 @@ static bool invert(const double m[12], double sign, double w2c[12])
     return det > 0;
 }
 
-/* A matrix of n numbers, 12 or 16. */
+/* Adds a matrix of n numbers, which must be 12 or 16. */
 static spin_status add(struct spin_path_file *f, size_t *room, const double *m, size_t n,
                        double sign, double fovy_deg)
 {
@@ -82,8 +83,8 @@ static spin_status add(struct spin_path_file *f, size_t *room, const double *m, 
 
 /* ---- JSON ------------------------------------------------------------------------------------ */
 
-/* Numbers of a list, and of lists in it, into m[17]; how many there are, at most 17. 0: something
- * else is there. */
+/* Reads the numbers of a list, and of lists in it, into m[17]. Returns how many there are, at most
+ * 17; 0 if there is anything else. */
 static size_t numbers_of(const spin_json *j, double *m)
 {
     size_t n = 0;
@@ -170,7 +171,7 @@ static spin_status read_json(const char *path, const struct spin_map *map,
 
 /* ---- Text ------------------------------------------------------------------------------------ */
 
-/* A matrix a line; "#" begins a comment. */
+/* One matrix per line; "#" begins a comment. */
 static spin_status read_text(char *text, struct spin_path_file *out)
 {
     size_t room = 0;
