@@ -593,7 +593,7 @@ static void put_label(const char *word, int width, int height, float *image)
                     x / dot < 6 * n + 2 && is_ink(word, x / dot - 2, y / dot - 2);
 }
 
-/* ---- Pictures -------------------------------------------------------------------------------- */
+/* ---- Images ---------------------------------------------------------------------------------- */
 
 static spin_status draw_panel(struct spin_camera_path *d, enum spin_camera_path_panel panel,
                               int frame, const struct spin_splats *splats,

@@ -5,7 +5,7 @@
  *     3 colour r g b     of the degree 0 term: 0.5 + C0 dc
  *     6 opacity          clamped to 0..1
  *     7 log scale x y z  natural logarithm, world units
- *    10 rotation         the axis times the angle in radians; in a frame, the rotation from the key's
+ *    10 rotation         axis times angle in radians; in a frame, the rotation from that of the key
  *    13 sh               coefficient by coefficient, each r g b
  *
  * A step is twice the bound, so the nearest number is within the bound. The bound of a rotation is

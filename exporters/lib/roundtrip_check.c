@@ -63,7 +63,7 @@ static spin_status compare(struct check *check, const char *path, const struct s
     return SPIN_OK;
 }
 
-/* ---- A picture ------------------------------------------------------------------------------- */
+/* ---- A render -------------------------------------------------------------------------------- */
 
 /* A camera of the data set for this frame, if possible a held-out one; else the view from the
  * front, as in a page. */

@@ -37,8 +37,8 @@ void spin_sort_rows_sort(struct spin_sort_rows *order)
     }
 }
 
-/* Maps log(volume times opacity) to an integer that sorts the largest first: the bits of a float
- * sort like its values once negative ones are inverted. */
+/* Maps log(volume times opacity) to an integer, so that the largest comes first: positive floats
+ * are inverted; negative ones, whose bits grow with the magnitude, follow. */
 static uint64_t size_key(const struct spin_splats *s, size_t i)
 {
     const float *scale = s->log_scales + 3 * i;

@@ -1,20 +1,21 @@
-// Reads a .sogst file, which ?src= names, for the page around: its clip, and what moves. Then the page begins.
+// Reads the .sogst file named by ?src= for the page that follows: its clip and its 4D splats. Then
+// it starts the page.
 'use strict';
 
 (async () => {
 const $ = (id) => document.getElementById(id);
 const fail = (text) => { throw new Error(text); };
 
-// ---- Limits: a file of some kilobytes must not end the tab ------------------------------------------
+// ---- Limits: a file of some kilobytes must not end the tab --------------------------------------
 
-// Those of src/formats/sog_4d.c and sogst.c; that of frames is this page's own.
+// Those of src/formats/sog_4d.c and sogst.c; the limit of frames is this page's own.
 const SLACK = 4096, MOST_SPLATS = 2 ** 20, MOST_SEGMENTS = 65536, MOST_PALETTE = 65536, MOST_FRAMES = 2 ** 18, BOOK = 256, FLOAT = 3.4028234663852886e38;
 const number = (v, name, least = -FLOAT, most = FLOAT) => (typeof v === 'number' && v >= least && v <= most ? v : fail(`its ${name} is not a number from ${least} to ${most}`));
 const whole = (v, name, least, most) => (Number.isInteger(number(v, name, least, most)) ? v : fail(`its ${name} is not a whole number`));
 const numbers = (list, name, n) => (Array.isArray(list) && list.length === n ? list.map((v) => number(v, name)) : fail(`its ${name} is not ${n} numbers`));
 const listOf = (list, name, most) => (Array.isArray(list) && list.length <= most ? list : fail(`its ${name} is not a list of at most ${most}`));
 
-// The parts of a clip that are read: [folder, first splat, last + 1], one after the other.
+// The parts of a clip to read, consecutive: [folder, first splat, last + 1].
 function partsOf({ segments, streams }, n) {
     if (!streams) return [['', 0, n]];
     const names = listOf(streams.segments, 'list of streams', MOST_SEGMENTS), list = listOf(segments?.list, 'list of segments', names.length);
@@ -27,7 +28,8 @@ function partsOf({ segments, streams }, n) {
     return at === n ? parts : fail(`its segments hold ${at} of ${n} splats`);
 }
 
-// Width and height of a lossless WebP, whose chunks are walked: nothing is decoded before its size is known.
+// Width and height of a lossless WebP, from its chunks: no image is decoded before its size is
+// checked.
 function sizeOf(bytes, name) {
     const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.length), word = (at) => String.fromCharCode(...bytes.subarray(at, at + 4));
     if (bytes.length < 30 || word(0) !== 'RIFF' || word(8) !== 'WEBP') fail(`${name} is not a WebP`);
@@ -43,7 +45,7 @@ function sizeOf(bytes, name) {
     return fail(`${name} is not a lossless WebP`);
 }
 
-// ---- The file: a ZIP of stored entries ------------------------------------------------------------
+// ---- The file: a ZIP of stored entries ----------------------------------------------------------
 
 function entriesOf(bytes) {
     const view = new DataView(bytes.buffer), entries = new Map();
@@ -61,7 +63,8 @@ function entriesOf(bytes) {
     return entries;
 }
 
-// A lossless picture's bytes, R G B A, as they are: a 2-D canvas would multiply colours by opacities.
+// The bytes R G B A of a lossless image, unchanged: a 2D canvas would premultiply colours by
+// opacities.
 const gl = document.createElement('canvas').getContext('webgl2') ?? fail('WebGL 2 is not offered');
 gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
 gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
@@ -76,9 +79,9 @@ async function pixelsOf(bytes, name, n) {
     return { width, out };
 }
 
-// ---- Its splats -------------------------------------------------------------------------------------
+// ---- Its splats ---------------------------------------------------------------------------------
 
-// Three 16-bit numbers a splat, in two pictures; their logarithms were cut into steps.
+// Three 16-bit numbers per splat, in two images: steps of their logarithms.
 function path(out, from, n, range, low, high) {
     const mins = numbers(range.mins, 'mins', 3), maxs = numbers(range.maxs, 'maxs', 3);
     for (let i = 0; i < n; i++) {
@@ -89,7 +92,7 @@ function path(out, from, n, range, low, high) {
     }
 }
 
-// Splats `from` on, whose pictures are in a folder.
+// Reads the splats from `from` on, whose images are in a folder.
 async function group(s, meta, entries, folder, from, n, sh) {
     const picture = async (of, k = 0) => {
         const name = folder ? `${folder}/${of.files[k]}` : of.files[k];
@@ -114,7 +117,7 @@ async function group(s, meta, entries, folder, from, n, sh) {
     }
 }
 
-// SH by a palette: a picture with 64 entries side by side.
+// SH from a palette: an image with 64 entries per row.
 async function paletteOf(s, { shN }, entries, coefficients) {
     const count = whole(shN.count, 'count of shN', 1, MOST_PALETTE), book = numbers(shN.codebook, 'codebook', BOOK), { width, out } = await pixelsOf(entries.get(shN.files[0]), shN.files[0], 64 * coefficients * Math.ceil(count / 64));
     if (width !== 64 * coefficients) fail('its SH are of another degree');
@@ -140,9 +143,10 @@ async function read(bytes) {
     return { s, meta, bands };
 }
 
-// ---- The page's clip ----------------------------------------------------------------------------------
+// ---- The page's clip ----------------------------------------------------------------------------
 
-// Where most splats are at a time, and from where to look: files of this kind have x right, y down and z ahead.
+// The region with most of the splats, and a view of it: these files have x right, y down and z
+// forward.
 function clipOf(name, { s, meta, bands }) {
     const { min, max, fps } = meta.time, sides = [0, 1, 2].map((c) => {
         const x = Float32Array.from({ length: s.n }, (_, i) => s.place[3 * i + c]).sort();
