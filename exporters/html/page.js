@@ -205,7 +205,7 @@ function draw() {
 // ---- What is wanted and what is shown -----------------------------------------------------------
 
 const AFTER = 0, BEFORE = 1; // of two versions
-const between = clip.versions.every((v) => v.rows || v.moves); // there are splats for any time, not for frames alone
+const between = clip.versions.every((v) => v.rows || v.moves); // splats exist at any time, not only at frames
 // moves: the camera has moved since the last draw; splats then end where they are still faintly
 // visible, and one more draw follows. drawn: the versions that are drawn; wipe: both are wanted,
 // with the line at the share `cut` of the width.
@@ -402,7 +402,7 @@ $('full').onclick = fullscreen;
 $('full').hidden = !document.fullscreenEnabled;
 $('home').onclick = reset;
 $('scrub').oninput = (e) => {
-    const frame = Number(e.target.value); // before play() puts the old one there
+    const frame = Number(e.target.value); // read it before play() resets it
     play(false);
     go(frame);
 };

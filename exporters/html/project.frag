@@ -5,15 +5,15 @@ precision highp float;
 precision highp int;
 precision highp usampler2D;
 uniform usampler2D order; // far to near
-uniform usampler2D splats; // two texels a splat: place, red and green; covariance, blue and opacity
+uniform usampler2D splats; // two texels per splat: position, red, green; covariance, blue, opacity
 uniform usampler2D harmonics;
 uniform mat3 turn; // columns: right, down, forward
 uniform vec3 eye;
 uniform vec2 focal, half_size; // pixels
 uniform float near;
 uniform int degree, words, antialias, count;
-layout(location = 0) out uvec4 ellipse; // centre, as floats; both half axes, as halfs
-layout(location = 1) out uvec2 paint; // red, green, blue, opacity, as halfs; opacity 0: there is nothing to draw
+layout(location = 0) out uvec4 ellipse; // centre, as floats; both half axes, as halves
+layout(location = 1) out uvec2 paint; // red, green, blue, opacity, as halves; opacity 0: not drawn
 
 float sh_half(int splat, int k)
 {

@@ -4,8 +4,8 @@ precision highp float;
 precision highp int;
 precision highp usampler2D;
 uniform usampler2D ellipses, paints;
-uniform int first; // row of the first of four corners
-uniform float most; // deviations that are drawn
+uniform int first; // first row of the batch
+uniform float most; // largest reach, in standard deviations
 out vec2 place;
 flat out vec4 colour;
 

@@ -2,7 +2,7 @@
 // exporters/html/format.md describes the blocks; exporters/lib/page_*.c write them.
 'use strict';
 
-const MOST_BYTES = 400e6, RUN_BYTES = 1e6, PLACE = 0, COLOUR = 3, OPACITY = 6, SCALE = 7, ROTATION = 10, SH = 13, REACH = 3.34; // where an opacity of 1 falls to 1/255, in deviations
+const MOST_BYTES = 400e6, RUN_BYTES = 1e6, PLACE = 0, COLOUR = 3, OPACITY = 6, SCALE = 7, ROTATION = 10, SH = 13, REACH = 3.34; // REACH: standard deviations at which an opacity of 1 falls to 1/255
 let clip = null, texts = null, address = null, moving = null, wanted = null, busy = false;
 const frames = new Map(), groups = [], slices = [], fetched = new Map();
 

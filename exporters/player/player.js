@@ -2,7 +2,7 @@
 // beside its page, or a .sogst file. It plays in a frame that fills an element, and an object
 // controls it. Frames count from 1; in a clip of 4D splats they may be fractions.
 
-const PATIENCE = 5000; // milliseconds from when a page is there to when it must have said so
+const PATIENCE = 5000; // milliseconds in which a loaded page must have reported its state
 const WISHES = ['frame', 'autoplay', 'noui', 'poster', 'version', 'fps', 'background'];
 
 // Parses an address of http, https, blob or file. Other schemes throw: javascript: would run in the
