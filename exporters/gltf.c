@@ -26,19 +26,17 @@
 #define DEFAULT_FPS 30
 #define BLOCK SPIN_ROWS_BLOCK
 
-        static const struct spin_plugin_option options[] = {
-        SPIN_FRAMES_OPTIONS("frame_%05d.glb"),
-        SPIN_ROWS_OPTION_SH,
-        {"axes", "gltf|source",
-         "axes to write without --up; gltf: x left, y up, z forward, half a turn about z", "gltf"},
-        {"fps", "F", "frames per second of a clip in one file; otherwise the bundle's, else 30",
-         NULL},
-        {"still-apart", NULL,
-         "of a clip in one file: splats that are the same in all frames lies in it once, in a node "
-         "of "
-         "its own",
-         NULL},
-        {0},
+static const struct spin_plugin_option options[] = {
+    SPIN_FRAMES_OPTIONS("frame_%05d.glb"),
+    SPIN_ROWS_OPTION_SH,
+    {"axes", "gltf|source",
+     "axes to write without --up; gltf: x left, y up, z forward, half a turn about z", "gltf"},
+    {"fps", "F", "frames per second of a clip in one file; default: the bundle's, else 30", NULL},
+    {"still-apart", NULL,
+     "for a clip in one file: store splats that are the same in all frames once, in a node of "
+     "their own",
+     NULL},
+    {0},
 };
 
 struct export
@@ -236,8 +234,8 @@ static spin_status add_to_file(void *self, const struct spin_frame_info *info,
     all = (double)x->clip.row *
           ((double)x->still.n + (double)rows->n_kept * (double)x->clip.n_frames);
     if (x->n_done == 0 && all > (double)UINT32_MAX) /* warn before hours of writing */
-        spin_warn("%d frames like the first may be %.1f GB, a .glb ends at 4.3 GB; see --range, "
-                  "--sh and --min-opacity, or give a folder",
+        spin_warn("%d frames like the first may take %.1f GB, but a .glb holds 4.3 GB: reduce them "
+                  "with --range, --sh or --min-opacity, or write a folder",
                   x->clip.n_frames, all / 1e9);
     SPIN_TRY(write_rows(x, info, &x->frame[x->n_done]));
     if (x->n_done == 0 && x->still.n > 0) {
@@ -272,7 +270,7 @@ static spin_status ready(void *self, const struct spin_export_job *job)
     bool single = x->frames.file != NULL;
 
     if (spin_plugin_value(job->values, "still-apart", NULL) && !single)
-        return spin_misuse("--still-apart is for a clip in one file, OUT.glb");
+        return spin_misuse("--still-apart needs a clip in one file, OUT.glb");
 
     x->clip = (struct spin_glb_clip){
         .out = &x->out,

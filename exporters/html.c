@@ -27,23 +27,24 @@
 #define DEFAULT_KEY_EVERY 30
 
 static const struct spin_plugin_option options[] = {
-    {"sh", "DEGREE", "highest SH degree to write, 0 to 3; keep: as it is", "1"},
-    {"level", "fine|normal|coarse", "how far values may be off; --bound-* change one of them",
-     "normal"},
-    {"bound-place", "X", "coordinates: world units (0.001, or 0.0005 of the scene)", NULL},
-    {"bound-colour", "X", "colours and opacities: 255ths (3)", NULL},
-    {"bound-scale", "X", "scales: percent (2)", NULL},
-    {"bound-rotation", "X", "rotations: degrees (1)", NULL},
-    {"bound-sh", "X", "SH coefficients above degree 0 (0.02)", NULL},
-    {"key-every", "N", "at most N frames from one key frame to the next, to 256", "30"},
-    {"split", NULL, "a page and a file beside it, OUT with .bin, for a server", NULL},
-    {"min-opacity", "V", "leave out splats whose opacity is below V, 0 to 1", "0"},
-    {"max-splats", "N", "of each frame only the N most visible splats", NULL},
-    {"every", "N", "write every Nth frame; the clip lasts as long", "1"},
-    {"fps", "F", "frames per second; otherwise the bundle's, else 30, in two seconds or more",
+    {"sh", "DEGREE", "highest SH degree to write, 0 to 3; keep: that of the bundle", "1"},
+    {"level", "fine|normal|coarse",
+     "error bounds of all values; each --bound-* changes one of them", "normal"},
+    {"bound-place", "X", "bound of coordinates, world units (0.001, or 0.0005 of the scene's size)",
      NULL},
-    {"title", "TEXT", "what the page says above the clip (its file's name); empty: nothing", NULL},
-    {"only", "after|before", "leave the other version out, where there are two", NULL},
+    {"bound-colour", "X", "bound of colours and opacities, in 255ths (3)", NULL},
+    {"bound-scale", "X", "bound of scales, percent (2)", NULL},
+    {"bound-rotation", "X", "bound of rotations, degrees (1)", NULL},
+    {"bound-sh", "X", "bound of SH coefficients above degree 0 (0.02)", NULL},
+    {"key-every", "N", "largest number of frames from one key frame to the next, up to 256", "30"},
+    {"split", NULL, "write the frames to a .bin file beside the page, for a server", NULL},
+    {"min-opacity", "V", "leave out splats whose opacity is below V, 0 to 1", "0"},
+    {"max-splats", "N", "write only the N most visible splats of each frame", NULL},
+    {"every", "N", "write every Nth frame; the duration stays the same", "1"},
+    {"fps", "F",
+     "frames per second; default: the bundle's, else 30, but a clip of two seconds at least", NULL},
+    {"title", "TEXT", "title above the clip; default: the name of the file; empty: none", NULL},
+    {"only", "after|before", "write only this version, if there are two", NULL},
     {0},
 };
 
@@ -640,9 +641,9 @@ static void say_errors(const struct export *x)
     for (int p = 0; p < SPIN_QUANT_PARTS; p++)
         most[p] = quant.part[p].largest;
     spin_log(0,
-             "html: largest errors of %llu values: place %.3g (bound %.3g), scale %.2f %% (%.2f), "
-             "rotation "
-             "%.2f degrees (%.2f), opacity %.2f/255 (%.2f), colour %.2f/255 (%.2f), SH %.3f (%.3f)",
+             "html: largest errors of %llu values: position %.3g (bound %.3g), scale %.2f %% "
+             "(%.2f), rotation %.2f degrees (%.2f), opacity %.2f/255 (%.2f), colour %.2f/255 "
+             "(%.2f), SH %.3f (%.3f)",
              (unsigned long long)n_values, most[SPIN_QUANT_PLACE], b->place,
              100 * expm1(most[SPIN_QUANT_SCALE]), 100 * expm1(b->scale),
              most[SPIN_QUANT_ROTATION] * DEGREES, b->rotation * DEGREES,
@@ -700,8 +701,7 @@ static spin_status finish(struct export *x)
     return commit(x);
 }
 
-SPIN_OWN_EXPORTER(
-    html, "html", prepare, finish, discard,
-    .summary = "one page that plays the clip in a browser, before and after, with no server",
-    .options = options, .checks = true, .antialias = true, .splats_4d = true,
-    .looks_at_views = true, .frame = html_frame);
+SPIN_OWN_EXPORTER(html, "html", prepare, finish, discard,
+                  .summary = "a web page that plays the clip, before and after, without a server",
+                  .options = options, .checks = true, .antialias = true, .splats_4d = true,
+                  .looks_at_views = true, .frame = html_frame);

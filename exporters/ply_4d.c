@@ -284,7 +284,7 @@ static const struct spin_plugin_option ftgs_options[] = {
 
 static const struct spin_plugin_option sogst_ply_options[] = {
     SPIN_ROWS_OPTIONS,
-    {"fps", "F", "frames per second of the clip; otherwise the bundle's", NULL},
+    {"fps", "F", "frames per second of the clip; default: the bundle's", NULL},
     SPIN_ROWS_OPTION_SH,
     {0}};
 

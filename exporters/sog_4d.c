@@ -72,7 +72,7 @@ static const struct spin_splats_4d *clip_of(const struct export *x) { return &x-
 static void warn_of_kind(const struct export *x)
 {
     if (!x->kind->sogst && x->order.n > PLAYED)
-        spin_warn("%zu splats: the player of TSOG draws %d of them", x->order.n, PLAYED);
+        spin_warn("%zu splats: the player of TSOG draws only %d of them", x->order.n, PLAYED);
 }
 
 /* ---- Times ----------------------------------------------------------------------------------- */
@@ -736,8 +736,8 @@ static spin_status read_options(struct export *x)
     SPIN_TRY(spin_option_number(v, "segment", 0, 1e6, &segment));
     x->segment = segment;
     if (x->segment > 0 && x->bells.length / x->segment > 999)
-        return spin_misuse("option 'segment' is %g: a clip of %g s has more than 999", x->segment,
-                           x->bells.length);
+        return spin_misuse("option 'segment' is %g: a clip of %g s has more than 999 segments",
+                           x->segment, x->bells.length);
     return spin_splat_filter_begin(&x->rows, x->job, NULL);
 }
 
@@ -748,8 +748,9 @@ static spin_status expect_frames(struct export *x)
     int n = x->job->n_frames;
 
     if (n > STEPS)
-        return spin_unsupported("%s holds %d frames at most, and these are %d", x->kind->name,
-                                STEPS, n);
+        return spin_unsupported(
+            "%s holds at most %d frames, but there are %d: select fewer with --range",
+            x->kind->name, STEPS, n);
     x->frames = true;
     x->own = *x->job;
     x->own.splats_4d = &x->bells.clip;
@@ -876,7 +877,7 @@ static spin_status write_all(struct export *x)
     warn_of_kind(x);
     spin_quant_error_say(&x->quant, x->kind->name);
     if (x->fade_lost > 2 / 255.0)
-        spin_log(0, "%s rounds times: where a splat fades, its opacity is off by %.2g at most",
+        spin_log(0, "%s rounds times: the opacity of fading splats is off by up to %.2g",
                  x->kind->name, x->fade_lost);
     return x->job->check ? check_file(x) : SPIN_OK;
 }
@@ -893,7 +894,7 @@ static spin_status prepare_sogst(struct export *x, const struct spin_export_job 
 
 #define OPTION_FPS                                                                                 \
     {                                                                                              \
-        "fps", "F", "frames per second of the clip; otherwise the bundle's", NULL                  \
+        "fps", "F", "frames per second of the clip; default: the bundle's", NULL                   \
     }
 #define OPTION_LEVEL                                                                               \
     {                                                                                              \
@@ -908,7 +909,7 @@ static const struct spin_plugin_option sogst_options[] = {
     OPTION_FPS,
     SPIN_ROWS_OPTION_SH,
     OPTION_LEVEL,
-    {"segment", "S", "seconds that a player loads at a time; 0: all at once; otherwise about 0.5",
+    {"segment", "S", "seconds that a player loads at a time; 0: all at once; default: about 0.5",
      NULL},
     {0}};
 

@@ -20,9 +20,8 @@ static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTION_FPS,
     SPIN_ROWS_OPTION_SH,
     {"axes", "source|rub", "axes to write; rub: right, up, back, half a turn about x", "source"},
-    {"spz-version", "3|4", "version of the format: 3 is a gzip, 4 is zstd streams", "3"},
-    {"level", "N",
-     "effort of gzip or zstd; 1: hardly a search for repeats, of which there are few; to 9", "1"},
+    {"spz-version", "3|4", "version of the format: 3 (gzip) or 4 (zstd streams)", "3"},
+    {"level", "N", "effort of gzip or zstd, 1 (fast) to 9 (small)", "1"},
     {0},
 };
 
@@ -144,11 +143,12 @@ static spin_status choose_fraction(struct export *x, int number)
     }
     x->fraction = spin_spz_fraction(largest, before);
     if (x->fraction < 0)
-        return spin_unsupported("frame %d: a splat lies at %g, spz holds positions up to 8388606",
-                                number, (double)largest);
+        return spin_unsupported(
+            "frame %d: a splat is at %g, but spz holds positions only up to 8388606", number,
+            (double)largest);
     if (x->fraction < before)
         spin_warn(
-            "frame %d: a splat lies at %g: positions are written in steps of 1/%d from here on",
+            "frame %d: a splat is at %g: from here on, positions are rounded to steps of 1/%d",
             number, (double)largest, 1 << x->fraction);
     return SPIN_OK;
 }
@@ -237,7 +237,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     x->level = 1;
     SPIN_TRY(spin_option_count(v, "level", 1, 9, &x->level));
     if (axes == 1 && spin_plugin_value(v, "up", NULL))
-        return spin_misuse("--axes rub assumes that y points down: give it or --up, not both");
+        return spin_misuse("--axes rub assumes that y points down: give either it or --up");
     x->frames.axes = axes == 1 ? half_about_x : NULL;
     x->fraction = SPIN_SPZ_FRACTION;
     return x->version == 4 ? spin_zstd_need() : SPIN_OK;

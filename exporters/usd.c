@@ -38,10 +38,10 @@ static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTION_FPS,
     {"axes", "usd|source", "axes to write without --up; usd: x right, y up, half a turn about x",
      "usd"},
-    {"float", NULL, "floats with all digits, not half floats with three", NULL},
-    {"path", "orbit|spiral|train|FILE", "a camera that moves, as of --to images, once in the clip",
-     NULL},
-    {"meters-per-unit", "M", "metres of a unit of the scene", "1"},
+    {"float", NULL, "write floats with all digits instead of half floats", NULL},
+    {"path", "orbit|spiral|train|FILE",
+     "add a moving camera, as in --to images, over the whole clip", NULL},
+    {"meters-per-unit", "M", "metres per unit of the scene", "1"},
     {0},
 };
 
@@ -695,7 +695,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
 
     SPIN_TRY(spin_option_word(v, "axes", "usd|source", &axes));
     if (strpbrk(spin_plugin_value(v, "pattern", ""), "@"))
-        return spin_misuse("--pattern: '@' ends the name of a file in USD");
+        return spin_misuse("--pattern: a file name in USD cannot contain '@'");
     x->frames.axes = axes == 0 ? half_about_x : NULL;
     x->codes = job->stride > 0 ? job->stride : 1;
     x->frames.fps = job->fps > 0 ? job->fps : DEFAULT_FPS / x->codes;
@@ -710,7 +710,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
         return SPIN_OK;
     SPIN_TRY(spin_camera_path_begin(&x->path, job));
     if (x->path.path == SPIN_PATH_CAMERA)
-        return spin_misuse("--path camera: the data set's cameras are there without it");
+        return spin_misuse("--path camera: the data set's cameras are written without it");
     if (x->path.path != SPIN_PATH_FILE)
         x->path.n_pictures = job->n_frames;
     return SPIN_OK;

@@ -389,7 +389,7 @@ function zoomBy(factor) {
 
 function fullscreen() {
     if (document.fullscreenElement) document.exitFullscreen();
-    else root.requestFullscreen().catch(() => say('This browser does not allow a full screen.'));
+    else root.requestFullscreen().catch(() => say('This browser does not allow full screen.'));
 }
 
 // Shows or hides the clip's name and the hint; they are hidden once the scene is touched.
@@ -470,7 +470,7 @@ window.addEventListener('keydown', (e) => {
 window.addEventListener('keyup', (e) => held.delete(e.key.toLowerCase()));
 window.addEventListener('blur', () => held.clear());
 
-canvas.addEventListener('webglcontextlost', () => say('The graphics card lost the picture: reload the page.'));
+canvas.addEventListener('webglcontextlost', () => say('The WebGL context was lost: reload the page.'));
 $('scrub').max = clip.numbers.length - 1;
 $('scrub').step = between ? 0.1 : 1;
 for (const id of ['play', 'scrub', 'label', 'speed']) $(id).hidden = clip.numbers.length < 2;

@@ -20,16 +20,16 @@ struct spin_bells {
     double lost_place, lost_turn, lost_colour;
 };
 
-    /* Checks that the windows are Gaussian within the clip, and that it has more than one frame. */
-    spin_status spin_bells_can(const struct spin_bells *b);
-    /* Frames per second: the option's, the bundle's, or 30 with a warning. */
-    spin_status spin_bells_fps(const struct spin_bells *b, double *out);
-    /* Fills clip and all after it. */
-    spin_status spin_bells_convert(struct spin_bells *b);
-    /* Warns once for each kind of loss. */
-    void spin_bells_warn(const struct spin_bells *b);
-    /* Converts a time of the source to the file's. */
-    double spin_bells_time(const struct spin_bells *b, double time);
-    /* Moves the centre of row k in time; the row keeps its path. */
-    void spin_bells_move(struct spin_splats_4d *s, size_t k, double time);
-    void spin_bells_free(struct spin_bells *b);
+/* Checks that the windows are Gaussian within the clip, and that it has more than one frame. */
+spin_status spin_bells_can(const struct spin_bells *b);
+/* Frames per second: the option's, the bundle's, or 30 with a warning. */
+spin_status spin_bells_fps(const struct spin_bells *b, double *out);
+/* Fills clip and all after it. */
+spin_status spin_bells_convert(struct spin_bells *b);
+/* Warns once for each kind of loss. */
+void spin_bells_warn(const struct spin_bells *b);
+/* Converts a time of the source to the file's. */
+double spin_bells_time(const struct spin_bells *b, double time);
+/* Moves the centre of row k in time; the row keeps its path. */
+void spin_bells_move(struct spin_splats_4d *s, size_t k, double time);
+void spin_bells_free(struct spin_bells *b);

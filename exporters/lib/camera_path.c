@@ -23,8 +23,8 @@ static spin_status parse_panels(struct spin_camera_path *d, const char *list)
         int word = word_of(at, n, panel_words, 3);
 
         if (word < 0 || d->n_panels == 3)
-            return spin_misuse("--panels '%s': expected up to three of truth, before and after "
-                               "with commas between",
+            return spin_misuse("--panels '%s': expected up to three of truth, before and after, "
+                               "separated by commas",
                                list);
         d->panel[d->n_panels++] = (enum spin_camera_path_panel)word;
         if (word == SPIN_PANEL_TRUTH && d->path != SPIN_PATH_CAMERA)
@@ -33,7 +33,7 @@ static spin_status parse_panels(struct spin_camera_path *d, const char *list)
             return spin_misuse("--panels truth: there is no data set, give --data DIR");
         if (word == SPIN_PANEL_BEFORE && !d->job->source_frame)
             return spin_not_found(
-                "--panels before: the bundle does not hold imported and retrained splats both");
+                "--panels before: the bundle does not contain both imported and retrained splats");
         at += n;
         if (!*at)
             return SPIN_OK;
@@ -65,8 +65,8 @@ static spin_status parse_size(struct spin_camera_path *d)
                            MOST_SIDE);
     for (int p = 0; p < d->n_panels; p++)
         if (d->panel[p] == SPIN_PANEL_TRUTH)
-            return spin_misuse(
-                "--size: the data set's images keep theirs, leave it out or choose other --panels");
+            return spin_misuse("--size does not apply to the data set's images: leave it out or "
+                               "choose other --panels");
     return SPIN_OK;
 }
 
@@ -101,8 +101,8 @@ static spin_status parse_pace(struct spin_camera_path *d)
     if (d->path == SPIN_PATH_FILE) {
         d->n_pictures = (int64_t)d->file.n;
         return seconds > 0 || spin_plugin_value(v, "repeat", NULL)
-                   ? spin_misuse("--duration, --repeat: the file of --path has as many "
-                                 "cameras as there will be pictures")
+                   ? spin_misuse("--duration, --repeat: the file of --path already has one camera "
+                                 "per image")
                    : SPIN_OK;
     }
     if (seconds <= 0 && d->path != SPIN_PATH_CAMERA && !spin_plugin_value(v, "repeat", NULL))
@@ -113,9 +113,9 @@ static spin_status parse_pace(struct spin_camera_path *d)
         return SPIN_OK;
     }
     if (spin_plugin_value(v, "repeat", NULL))
-        return spin_misuse("--duration and --repeat: give one of them");
+        return spin_misuse("--duration and --repeat: give only one of them");
     if (seconds * d->fps > MOST_PICTURES)
-        return spin_misuse("--duration: more than %d pictures", MOST_PICTURES);
+        return spin_misuse("--duration: more than %d images", MOST_PICTURES);
     d->n_pictures = (int64_t)fmax(1, rint(seconds * d->fps));
     return SPIN_OK;
 }
@@ -200,7 +200,7 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
     set_lens(d);
     SPIN_TRY(spin_initial_view_later_middle(job, d->middle, &d->reach));
     if (!job->views && d->path != SPIN_PATH_FILE)
-        spin_log(0, "no data set: looking from the front, as a page does");
+        spin_log(0, "no data set: rendering from the front, like the web page");
     d->labels = spin_plugin_value(job->values, "no-labels", NULL) == NULL;
     SPIN_TRY(spin_splat_filter_begin(&d->rows, job, NULL));
     d->rows.max_scale = 0; /* training and spin-eval draw large splats, too */
@@ -210,7 +210,7 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
 void spin_camera_path_say_blank(const struct spin_camera_path *d)
 {
     if (d->n_blank > 0)
-        spin_warn("%d of %d renders show nothing but the background: no splat is before the camera",
+        spin_warn("%d of %d renders show only the background: no splat is in front of the camera",
                   d->n_blank, d->n_drawn);
 }
 

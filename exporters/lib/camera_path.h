@@ -11,23 +11,23 @@
 #define SPIN_DRAWING_OPTION_PATH                                                                   \
     {                                                                                              \
         "path", "camera|orbit|spiral|train|FILE",                                                  \
-            "where to look from: cameras of the data set, or a moving one; FILE: a camera path "   \
-            "of "                                                                                  \
-            "nerfstudio, or matrices",                                                             \
+            "the cameras of the data set, or a moving one; FILE: a camera path of nerfstudio, or " \
+            "matrices",                                                                            \
             "camera"                                                                               \
     }
 
 /* Options of the moving camera and of panels. */
 #define SPIN_DRAWING_OPTIONS                                                                       \
-    {"panels", "LIST", "side by side: truth (the data set's image), before, after", "after"},      \
+    {"panels", "LIST", "images side by side: truth (the data set's image), before, after",         \
+     "after"},                                                                                     \
         {"repeat", "N", "draw each frame N times while the camera moves on", "1"},                 \
-        {"no-labels", NULL, "do not write the name of each of several panels into it", NULL},      \
+        {"no-labels", NULL, "do not label the panels", NULL},                                      \
         {"size", "WxH",                                                                            \
-         "pixels of an image; the vertical field of view stays; otherwise the camera's", NULL},    \
+         "size in pixels, with the camera's vertical field of view; default: the camera's", NULL}, \
     {                                                                                              \
         "duration", "S",                                                                           \
-            "seconds that the clip lasts, instead of --repeat: frames are repeated or left out "   \
-            "to fit; otherwise 8 for a camera that moves, unless the clip is longer",              \
+            "duration of the clip in seconds, instead of --repeat: frames are repeated or "        \
+            "skipped to fit; default for a moving camera: at least 8",                             \
             NULL                                                                                   \
     }
 

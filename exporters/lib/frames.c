@@ -27,7 +27,7 @@ void spin_frames_say_size(const char *output, int n_frames, uint64_t bytes, bool
     spin_log(0, "writing %d %s to '%s': %s%s", n_frames, n_frames == 1 ? "frame" : "frames", output,
              at_most ? "at most " : "", spin_text_bytes(bytes, size));
     if (bytes > room && !at_most)
-        spin_warn("the disk of '%s' has room for %s only", output, spin_text_bytes(room, left));
+        spin_warn("the disk of '%s' has only %s free", output, spin_text_bytes(room, left));
 }
 
 static void say_size(const struct spin_frames *x, const struct spin_export_job *job)
@@ -185,8 +185,8 @@ static spin_status choose_file(struct spin_frames *x, const struct spin_export_j
     if (x->format->open)
         return SPIN_OK;
     if (job->n_frames != 1)
-        return spin_misuse("'%s' is the name of one file, but there are %d frames: name a folder "
-                           "('%.*s/'), or choose one frame with --range",
+        return spin_misuse("'%s' is the name of a single file, but there are %d frames: name a "
+                           "folder ('%.*s/'), or select one frame with --range",
                            job->output, job->n_frames, (int)(n - n_ending), job->output);
     if (spin_path_is_taken(job->output) && !x->job->force)
         return spin_fail(SPIN_E_IO, "cannot write '%s': it exists; use --force to overwrite",
@@ -384,8 +384,8 @@ static void warn_clipped(const struct spin_frames *x)
     double rms = spin_quant_error_rms(&x->quant, SPIN_QUANT_COLOUR);
 
     if (x->format->clips_colours && rms > 0.004)
-        spin_warn("'%s' holds colours of a limited range: brighter and darker ones are cut off, "
-                  "the largest by %.2g of 1; ply, sog and compressed-ply keep them",
+        spin_warn("'%s' clamps bright and dark colours, with errors of up to %.2g (of 1): ply, sog "
+                  "and compressed-ply keep them",
                   x->format->name, x->quant.part[SPIN_QUANT_COLOUR].largest);
 }
 

@@ -14,11 +14,11 @@
 
 #define SPIN_FRAMES_OPTION_PATTERN(fallback)                                                       \
     {                                                                                              \
-        "pattern", "PATTERN", "file names; one %d or %0Nd stands for the frame number", fallback   \
+        "pattern", "PATTERN", "file names, with one %d or %0Nd for the frame number", fallback     \
     }
 #define SPIN_FRAMES_OPTION_FPS                                                                     \
     {                                                                                              \
-        "fps", "F", "frames per second of the sequence; otherwise the bundle's", NULL              \
+        "fps", "F", "frames per second of the sequence; default: the bundle's", NULL               \
     }
 #define SPIN_FRAMES_OPTIONS(pattern) SPIN_FRAMES_OPTION_PATTERN(pattern), SPIN_ROWS_OPTIONS
 

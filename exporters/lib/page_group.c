@@ -327,7 +327,7 @@ static spin_status check_values(struct blocks *b)
 static spin_status too_far(const struct spin_page_group *g)
 {
     return spin_unsupported(
-        "a splat is too far from the others for steps of %g: --bound-place takes coarser ones",
+        "a splat is too far from the others for steps of %g: set a larger --bound-place",
         2 * g->space.bounds.place);
 }
 

@@ -642,8 +642,8 @@ static spin_status write_block(struct spin_page_rows *r, const struct spin_splat
     b.order = order.item;
     spin_pool_run(r->pool, n_tasks, number_task, &b);
     if (b.failed)
-        SPIN_TRY_OUT(spin_unsupported("a splat is too far from the others, or seen for too short a "
-                                      "time, for steps of %g: --bound-place takes coarser ones",
+        SPIN_TRY_OUT(spin_unsupported("a splat is too far from the others, or visible for too "
+                                      "short a time, for steps of %g: set a larger --bound-place",
                                       2 * r->space.bounds.place));
     for (int t = 0; t < n_tasks; t++) {
         r->n_values += b.n_values[t];
@@ -727,7 +727,7 @@ spin_status spin_page_rows_write(struct spin_page_rows *r, const struct spin_spl
         if (rows->keep[i] && seen(r, i, &p))
             SPIN_TRY_OUT(add_piece(r, &pieces, p));
     if (pieces.n == 0)
-        SPIN_TRY_OUT(spin_unsupported("no splat is seen at any time of this clip"));
+        SPIN_TRY_OUT(spin_unsupported("no splat is visible at any time of this clip"));
     SPIN_TRY_OUT(by_time(r, &pieces));
     for (size_t k = 1; k <= pieces.n; k++) {
         if (k < pieces.n && block_of(r, &pieces.at[k]) == block_of(r, &pieces.at[from]))

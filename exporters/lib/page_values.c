@@ -129,7 +129,7 @@ void spin_page_errors_add(struct spin_quant_error *q, const double *is, const do
 spin_status spin_page_errors_judge(const struct spin_quant_error *q,
                                    const struct spin_page_bounds *b)
 {
-    static const char *const name[] = {"place", "scale", "rotation", "opacity", "colour", "SH"};
+    static const char *const name[] = {"position", "scale", "rotation", "opacity", "colour", "SH"};
     const double bound[] = {b->place, b->scale, b->rotation, b->opacity, b->colour, b->sh};
 
     for (int p = 0; p < SPIN_QUANT_PARTS; p++)

@@ -62,18 +62,19 @@ static spin_status add(struct spin_path_file *f, size_t *room, const double *m, 
     struct spin_path_pose pose = {.fovy_deg = fovy_deg};
 
     if (n == 0)
-        return spin_malformed("matrix %zu is not made of numbers", f->n + 1);
+        return spin_malformed("matrix %zu has values that are not numbers", f->n + 1);
     if (n != 12 && n != 16)
         return spin_malformed("matrix %zu has %zu numbers, expected 12 or 16", f->n + 1, n);
     for (size_t k = 0; k < n; k++)
         if (!(fabs(m[k]) <= 1e15))
-            return spin_malformed("matrix %zu has a value that is no place", f->n + 1);
+            return spin_malformed("matrix %zu has a value that is not finite or too large",
+                                  f->n + 1);
     if (n == 16 && (m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1))
         return spin_malformed("matrix %zu ends in %g %g %g %g, expected 0 0 0 1", f->n + 1, m[12],
                               m[13], m[14], m[15]);
     if (!invert(m, sign, pose.w2c))
-        return spin_malformed("matrix %zu is no rotation and place from a camera to the world",
-                              f->n + 1);
+        return spin_malformed(
+            "matrix %zu is not a rotation and a translation from a camera to the world", f->n + 1);
     if (f->n == MOST_POSES)
         return spin_unsupported("more than %d matrices", MOST_POSES);
     SPIN_TRY(spin_room(f->n, room, sizeof *f->pose, (void **)&f->pose));
@@ -123,10 +124,10 @@ static spin_status read_size(const spin_json *root, struct spin_path_file *out)
     if (!width && !height)
         return SPIN_OK;
     if (!spin_json_integer(width, &size[0]) || !spin_json_integer(height, &size[1]))
-        return spin_malformed("'render_width' and 'render_height': expected two whole numbers, or "
-                              "neither");
+        return spin_malformed(
+            "'render_width' and 'render_height': expected two integers, or neither");
     if (size[0] < 16 || size[1] < 16 || size[0] > MOST_SIDE || size[1] > MOST_SIDE)
-        return spin_unsupported("pictures of %lldx%lld, expected sides from 16 to %d",
+        return spin_unsupported("images of %lldx%lld, expected sides from 16 to %d",
                                 (long long)size[0], (long long)size[1], MOST_SIDE);
     out->width = (int)size[0];
     out->height = (int)size[1];
@@ -141,9 +142,9 @@ static spin_status read_nerfstudio(const spin_json *root, struct spin_path_file 
     size_t room = 0;
 
     if (!spin_json_is_array(list))
-        return spin_malformed("it has no list 'camera_path'");
+        return spin_malformed("the list 'camera_path' is missing");
     if (type && strcmp(type, "perspective") != 0)
-        return spin_unsupported("its 'camera_type' is '%s': only perspective is drawn", type);
+        return spin_unsupported("'camera_type' is '%s', only perspective is supported", type);
     SPIN_TRY(read_size(root, out));
     if (!spin_json_number(spin_json_get(root, "fps"), &out->fps) ||
         !(out->fps >= 0.01 && out->fps <= 1000))
@@ -153,7 +154,8 @@ static spin_status read_nerfstudio(const spin_json *root, struct spin_path_file 
         double fovy = 0;
 
         if (spin_json_number(spin_json_get(camera, "fov"), &fovy) && !(fovy > 0.1 && fovy < 179))
-            return spin_unsupported("camera %zu has a field of view of %g degrees", i + 1, fovy);
+            return spin_unsupported(
+                "camera %zu has a field of view of %g degrees, expected 0.1 to 179", i + 1, fovy);
         SPIN_TRY(
             add(out, &room, m, numbers_of(spin_json_get(camera, "camera_to_world"), m), -1, fovy));
     }
@@ -192,7 +194,7 @@ static spin_status read_text(char *text, struct spin_path_file *out)
             n++;
         }
         if (at[strspn(at, " \t\r")] && n < 17)
-            return spin_malformed("'%.20s' is no number of a matrix", at);
+            return spin_malformed("'%.20s' is not a number", at);
         if (n > 0)
             SPIN_TRY(add(out, &room, m, n, 1, 0));
     }
@@ -224,7 +226,7 @@ spin_status spin_path_file_open(const char *path, struct spin_path_file *out)
     status = read_file(path, &map, out);
     spin_map_close(&map);
     if (status == SPIN_OK && out->n == 0)
-        status = spin_malformed("it has no camera");
+        status = spin_malformed("it contains no cameras");
     if (status == SPIN_OK)
         return SPIN_OK;
     spin_path_file_close(out);

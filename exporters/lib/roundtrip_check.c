@@ -126,7 +126,8 @@ static spin_status compare_pictures(struct check *check, int frame, int number)
     SPIN_TRY(spin_alloc(n, 2 * sizeof *image, (void **)&image));
     SPIN_TRY(spin_render(job->renderer, is, &camera, job->background, image));
     if (spin_initial_view_is_blank(image, n / 3, job->background)) {
-        spin_warn("check: the camera sees no splat of frame %d: no picture was compared", number);
+        spin_warn("check: no splat of frame %d is visible to the camera: no image was compared",
+                  number);
         return SPIN_OK;
     }
     SPIN_TRY(spin_render(job->renderer, &turned, &camera, job->background, image + n));
@@ -154,8 +155,8 @@ static spin_status judge(const struct check *check, const struct spin_quant_erro
 
         if (!(largest <= most) || !(rms <= most_rms))
             return spin_fail(SPIN_E_IO,
-                             "check: what is in '%s' is not what was written: %s are off by %.3g, "
-                             "rms %.3g, expected at most %.3g, rms %.3g",
+                             "check: '%s' differs from what was written: %s are off by %.3g, RMS "
+                             "%.3g, expected at most %.3g, RMS %.3g",
                              check->x->job->output, name[p], largest, rms, most, most_rms);
     }
     return SPIN_OK;

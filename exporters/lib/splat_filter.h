@@ -49,18 +49,19 @@
 #define SPIN_ROWS_OPTION_SH                                                                        \
     {                                                                                              \
         "sh", "DEGREE",                                                                            \
-            "SH degree to write, 0 to 3; missing ones are zeros; keep: that of the bundle", "keep" \
+            "SH degree to write, 0 to 3, filled up with zeros; keep: that of the bundle", "keep"   \
     }
 #define SPIN_ROWS_OPTIONS                                                                          \
     {"min-opacity", "V", "leave out splats whose opacity is below V, 0 to 1", "0"},                \
         {"max-scale", "F",                                                                         \
-         "leave out splats larger than F times the diagonal of the frame; 0: none", "1"},          \
+         "leave out splats larger than F times the diagonal of the frame; 0: no limit", "1"},      \
         {"up", "AXIS",                                                                             \
-         "the source's axis that points up, x, y, z, -x, -y or -z: the scene is turned so that "   \
-         "y does",                                                                                 \
+         "the source's axis that points up, x, y, z, -x, -y or -z: rotate the scene so that y "    \
+         "does",                                                                                   \
          NULL},                                                                                    \
     {                                                                                              \
-        "rotate", "X,Y,Z", "turn the scene about x, then y, then z, in degrees; after --up", NULL  \
+        "rotate", "X,Y,Z", "rotate the scene about x, then y, then z, in degrees; after --up",     \
+            NULL                                                                                   \
     }
 
 #define SPIN_ROWS_BLOCK 4096 /* rows per task */

@@ -126,8 +126,8 @@ static spin_status match(struct spin_still_rows *s, const struct spin_splat_filt
 
         if (row == NONE)
             return spin_fail(SPIN_E_IO,
-                             "frame %d: a splat that was the same in all frames is not there when "
-                             "the frame is read again",
+                             "frame %d: a splat that was the same in all frames is missing when "
+                             "the frame is read again: the input has changed",
                              number);
         s->keep[row] = 0;
     }

@@ -46,7 +46,7 @@ export class Player extends EventTarget {
         this.#frame = frame;
         this.#tell = (e) => { if (e.source === frame.contentWindow && e.data?.spin4d) this.#hear(e.data.spin4d); };
         window.addEventListener('message', this.#tell);
-        frame.addEventListener('load', () => setTimeout(() => { if (!this.state) this.#hear({ error: `spin4d: ${frame.src} is not there, or is no page of spin-export` }); }, PATIENCE));
+        frame.addEventListener('load', () => setTimeout(() => { if (!this.state) this.#hear({ error: `spin4d: ${frame.src} is missing or is not a page of spin-export` }); }, PATIENCE));
         element.append(frame);
     }
 

@@ -51,10 +51,10 @@ function entriesOf(bytes) {
     const view = new DataView(bytes.buffer), entries = new Map();
     let end = bytes.length - 22;
     while (end >= 0 && view.getUint32(end, true) !== 0x06054b50) end--;
-    if (end < 0) fail('it is no ZIP');
+    if (end < 0) fail('it is not a ZIP');
     for (let n = view.getUint16(end + 10, true), at = view.getUint32(end + 16, true); n > 0; n--) {
         const name = view.getUint16(at + 28, true), local = view.getUint32(at + 42, true), size = view.getUint32(at + 20, true);
-        if (view.getUint32(at, true) !== 0x02014b50 || view.getUint16(at + 10, true) !== 0) fail('it has an entry that is not stored');
+        if (view.getUint32(at, true) !== 0x02014b50 || view.getUint16(at + 10, true) !== 0) fail('it has a compressed entry');
         const from = local + 30 + view.getUint16(local + 26, true) + view.getUint16(local + 28, true);
         if (from + size > end) fail('it has an entry beyond its end');
         entries.set(new TextDecoder().decode(bytes.subarray(at + 46, at + 46 + name)), bytes.subarray(from, from + size));
@@ -65,7 +65,7 @@ function entriesOf(bytes) {
 
 // The bytes R G B A of a lossless image, unchanged: a 2D canvas would premultiply colours by
 // opacities.
-const gl = document.createElement('canvas').getContext('webgl2') ?? fail('WebGL 2 is not offered');
+const gl = document.createElement('canvas').getContext('webgl2') ?? fail('this browser does not offer WebGL 2');
 gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
 gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
 gl.bindFramebuffer(gl.FRAMEBUFFER, gl.createFramebuffer());
@@ -109,7 +109,7 @@ async function group(s, meta, entries, folder, from, n, sh) {
         s.centre[r] = books[2][times[4 * i]];
         s.sigma[r] = books[3][times[4 * i + 1]];
         const left = quats[4 * i + 3] - 252, kept = [0, 1, 2].map((c) => (quats[4 * i + c] / 127.5 - 1) * Math.SQRT1_2);
-        if (left < 0) fail('it has a rotation of no kind');
+        if (left < 0) fail('it has an invalid rotation');
         kept.splice(left, 0, Math.sqrt(Math.max(0, 1 - kept.reduce((sum, v) => sum + v * v, 0))));
         const size = Math.hypot(...kept);
         for (let c = 0; c < 4; c++) s.quat[4 * r + c] = kept[c] / size;
@@ -120,7 +120,7 @@ async function group(s, meta, entries, folder, from, n, sh) {
 // SH from a palette: an image with 64 entries per row.
 async function paletteOf(s, { shN }, entries, coefficients) {
     const count = whole(shN.count, 'count of shN', 1, MOST_PALETTE), book = numbers(shN.codebook, 'codebook', BOOK), { width, out } = await pixelsOf(entries.get(shN.files[0]), shN.files[0], 64 * coefficients * Math.ceil(count / 64));
-    if (width !== 64 * coefficients) fail('its SH are of another degree');
+    if (width !== 64 * coefficients) fail('its SH palette does not match its degree');
     return (row, entry) => {
         if (entry >= count) fail(`it has entry ${entry} of a palette of ${count}`);
         for (let k = 0; k < coefficients; k++) {
@@ -134,9 +134,9 @@ async function read(bytes) {
     const entries = entriesOf(bytes), meta = JSON.parse(new TextDecoder().decode(entries.get('meta.json') ?? fail('it has no meta.json'))), bands = meta.shN ? whole(meta.shN.bands, 'bands of shN', 1, 3) : 0, coefficients = (bands + 1) ** 2 - 1;
     if (meta.format !== 'sogst' || meta.version !== 1) fail(`it is of format ${meta.format}, version ${meta.version}`);
     const n = whole(meta.count, 'count', 1, bytes.length + MOST_SPLATS), { min, max, fps } = meta.time ?? fail('it has no times');
-    number(fps, 'frames a second', 1e-3, 1e4);
+    number(fps, 'frame rate', 1e-3, 1e4);
     number((number(max, 'end') - number(min, 'begin')) * fps, 'number of frames', 0, MOST_FRAMES - 1);
-    if (meta.cov2d_scale?.some((v) => v !== 1)) fail('its cov2d_scale is more than this page can draw');
+    if (meta.cov2d_scale?.some((v) => v !== 1)) fail('its cov2d_scale is not supported');
     const parts = partsOf(meta, n), many = (k) => new Float32Array(k * n), s = { n, coefficients, place: many(3), velocity: many(3), accel: many(3), scale: many(3), colour: many(3), quat: many(4), alpha: many(1), centre: many(1), sigma: many(1), sh: many(3 * coefficients) };
     const sh = bands && await paletteOf(s, meta, entries, coefficients);
     for (const [folder, from, end] of parts) if (end > from) await group(s, meta, entries, folder, from, end - from, sh);
@@ -159,7 +159,7 @@ function clipOf(name, { s, meta, bands }) {
 }
 
 try {
-    const address = new URL(new URL(location.href).searchParams.get('src') ?? fail('the address names no ?src='), location.href), answer = await fetch(/^(https?|blob|file):$/.test(address.protocol) ? address : fail(`an address of ${address.protocol} is not read`));
+    const address = new URL(new URL(location.href).searchParams.get('src') ?? fail('the address has no ?src='), location.href), answer = await fetch(/^(https?|blob|file):$/.test(address.protocol) ? address : fail(`an address of ${address.protocol} is not allowed`));
     if (!answer.ok) fail(`${answer.status} ${answer.statusText}`);
     const made = await read(new Uint8Array(await answer.arrayBuffer())), clip = clipOf(decodeURIComponent(address.pathname.split('/').pop()).replace(/\.sogst$/, ''), made);
     $('clip').textContent = JSON.stringify(clip);

@@ -107,7 +107,7 @@ def _run(name, word, output, options):
     with subprocess.Popen(argv, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
         said, last = _listen(child)
     if child.returncode != 0:
-        raise Error(last or f"{name} ended with {child.returncode}", child.returncode)
+        raise Error(last or f"{name} exited with {child.returncode}", child.returncode)
     return json.loads(said) if said.strip() else None
 
 
@@ -132,8 +132,9 @@ def _listen(child):
 
 
 View = collections.namedtuple("View", "frame camera test intrinsics pose width height image mask")
-View.__doc__ = """A picture of the data set. frame: of range(len(clip)). camera: its number. test: it is held out.
-intrinsics: [3,3], pixels. pose: [4,4], world to camera, which looks along +z, x right, y down. image, mask: paths."""
+View.__doc__ = """An image of the data set. frame: index in range(len(clip)). camera: its number. test: whether it
+is held out. intrinsics: [3,3], pixels. pose: [4,4], world to camera, with x right, y down, z forward.
+image, mask: paths."""
 
 
 def picture(view):
@@ -349,7 +350,7 @@ class Clip:
         if not index.isdigit():
             series = name
         if a.ndim < 2 or not 0 < a.shape[0] <= 4 or (a.dtype == np.uint8 and a.shape[0] != 4):
-            raise ValueError(f"{self._path}: array '{name}' is not of one to four planes")
+            raise ValueError(f"{self._path}: array '{name}' does not have one to four planes")
         units = None
         if a.dtype == np.int8:
             a = np.moveaxis(a, -1, 1)
@@ -357,7 +358,7 @@ class Clip:
         if units is not None:
             units = np.array(units, np.float32)
             if units.shape != (np.prod(a.shape[2:], dtype=int),) or not np.all(units > 0):
-                raise ValueError(f"{self._path}: 'per_unit' of '{series}' does not fit")
+                raise ValueError(f"{self._path}: 'per_unit' of '{series}' does not match the array")
         words = np.zeros(a.shape[1:], "<u4")
         for k, plane in enumerate(a.view(np.uint8)):
             words |= plane.astype("<u4") << np.uint32(8 * k)
@@ -365,7 +366,7 @@ class Clip:
         if rows and rows[int(index)] > 0:
             n, key = rows[int(index)], self._key(series)
             if n > min(len(words), len(key)) or words.shape[1:] != key.shape[1:]:
-                raise ValueError(f"{self._path}: array '{name}' has {n} rows of differences")
+                raise ValueError(f"{self._path}: array '{name}', with {n} rows of differences, does not match the first frame")
             words[:n] ^= key[:n]
         return words, units
 
@@ -438,7 +439,7 @@ class Clip:
             track = self._values(f"trained/track/{index:05d}")
         free = track == NO_TRACK
         if np.any(track[~free] >= len(of)):
-            raise ValueError(f"{self._path}: frame {index} has tracks that are not there")
+            raise ValueError(f"{self._path}: frame {index} refers to tracks that do not exist")
         out = np.zeros((len(track), 14), np.float32)
         for name, first, end, some in ((means, 0, 3, "moving"), (residual, 3, 14, "varying")):
             own = free | (track < tracks[some])
