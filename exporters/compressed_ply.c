@@ -1,12 +1,12 @@
-/* One compressed PLY per frame, PlayCanvas's layout (formats/compressed_ply.h). Axes stay those of
- * the training.
+/* Writes one compressed PLY per frame in PlayCanvas's layout (formats/compressed_ply.h). The axes
+ * stay those of the training.
  *
- * The ranges of a chunk are small only if neighbours share it, so the order is Morton's; --order
- * source keeps the source's and costs precision.
+ * Each chunk quantises its rows within their common range, so rows are sorted in Morton order to
+ * keep the ranges small; --order source keeps the source's order at the cost of precision.
  *
- * In the order of Morton neighbours in the file lie far apart in the bundle, and its SH, the bulk
- * of it, is not to be held: it is read once from end to end, packed, and each row put to its place.
- */
+ * In Morton order, neighbouring rows of the file are far apart in the bundle, and the bundle's SH,
+ * by far the largest column, should not stay in memory. So SH is read once in the source's order,
+ * packed, and scattered to the rows' places in the file. */
 #include <stdatomic.h>
 
 #include "base/base.h"
@@ -22,7 +22,8 @@ static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.compressed.ply"),
     SPIN_FRAMES_OPTION_FPS,
     SPIN_ROWS_OPTION_SH,
-    {"order", "morton|source", "order of the splats; source: as they were, less precise", "morton"},
+    {"order", "morton|source", "order of the splats; source: that of the bundle, less precise",
+     "morton"},
     {0},
 };
 
@@ -30,9 +31,9 @@ struct export
 {
     struct spin_frames frames;
 
-    /* One frame. */
-    uint32_t *row;       /* [n] rows in the order of the file */
-    uint32_t *place;     /* [rows] where each goes */
+    /* Of the current frame. */
+    uint32_t *row;       /* [n] source rows in the order of the file */
+    uint32_t *place;     /* [source rows] the inverse: index in the file */
     float *colour;       /* [n][3] */
     unsigned char *rest; /* [n][n_rest] */
     unsigned char *scratch;
@@ -98,7 +99,7 @@ static void pack_task(void *context, int task)
 
 /* ---- SH -------------------------------------------------------------------------------------- */
 
-/* Colours and SH of a block of the source to their places in the order of the file. */
+/* Scatters colours and SH of one block of source rows to their places in the file. */
 static void scatter_block(void *context, int b)
 {
     struct export *x = context;
@@ -120,7 +121,8 @@ static void scatter_block(void *context, int b)
 
 /* ---- Order ----------------------------------------------------------------------------------- */
 
-/* What sorts is four times as large as the order itself, and goes before the rest comes. */
+/* Keeps the order as plain row indices and frees the sort's items, four times as large, before the
+ * other buffers are filled. */
 static spin_status choose_order(struct export *x)
 {
     struct spin_sort_rows *order = &x->frames.order;

@@ -1,21 +1,21 @@
-/* glTF 2.0 with KHR_gaussian_splatting (formats/glb.h): one .glb per frame in a folder, or, when
- * the output's name ends in .glb, one file with the whole clip.
+/* Writes glTF 2.0 with KHR_gaussian_splatting (formats/glb.h): a folder with one .glb per frame or,
+ * if the output's name ends in .glb, a single file with the whole clip.
  *
- * glTF has no vertex data that changes with time, so the clip is a node per frame, and an animation
- * that switches them: STEP keys on their scale, 1 while a frame is shown and else 0. A key after
- * the last frame repeats its value, or players would cut it. An attribute that is the same in two
- * frames, in all rows, lies in the file once: their meshes share it. With --still-apart the splats
- * that are the same in all frames (lib/still_rows.h) are in one node more, which nothing switches;
- * it comes first in the scene, for players that draw mesh after mesh.
+ * glTF has no vertex data that changes over time, so a clip is one node per frame and an animation
+ * that switches them by STEP keys on their scale: 1 while a frame is shown, else 0. Players would
+ * cut the last frame off, so a final key repeats its value. Frames with equal attributes share
+ * them: an attribute that is the same in all rows of two frames is stored once. --still-apart moves
+ * the splats that are the same in all frames (lib/still_rows.h) to a node of their own, which is
+ * not animated; it comes first in the scene, for players that draw mesh after mesh.
  *
- * Against 3D Gaussian Splatting: quaternions are x y z w, scales and opacities are finished (after
- * exp and sigmoid), one accessor holds one SH coefficient. glTF's axes are x left, y up, z forward;
- * those of a camera's world x right, y down, z forward. Half a turn about z brings one to the
- * other: x and y change sign, the quaternion is multiplied by (0, 0, 0, 1) on the left, SH
+ * Differences from 3D Gaussian Splatting: quaternions are x y z w, scales and opacities are
+ * activated (exp, sigmoid), and each SH coefficient has its own accessor. glTF's axes are x left, y
+ * up, z forward, those of the training x right, y down, z forward. Half a turn about z maps one to
+ * the other: x and y change sign, quaternions are multiplied by (0, 0, 0, 1) from the left, and SH
  * coefficients of odd order change sign.
  *
- * Attributes lie one after the other in the file, splats in memory; blocks of rows are taken apart
- * and each piece is written to its place, so that a frame is never held twice. */
+ * The file stores attribute after attribute, memory splat after splat. Blocks of rows are converted
+ * one at a time and written to their offsets, so no frame is held in memory twice. */
 #include <stdatomic.h>
 
 #include "base/base.h"
@@ -31,26 +31,26 @@ static const struct spin_plugin_option options[] = {
     SPIN_ROWS_OPTION_SH,
     {"axes", "gltf|source",
      "axes to write without --up; gltf: x left, y up, z forward, half a turn about z", "gltf"},
-    {"fps", "F", "frames per second of a clip in one file; otherwise the bundle's, else 30", NULL},
+    {"fps", "F", "frames per second of a clip in one file; default: the bundle's, else 30", NULL},
     {"still-apart", NULL,
-     "of a clip in one file: splats that are the same in all frames lies in it once, in a node of "
-     "its own",
+     "for a clip in one file: store splats that are the same in all frames once, in a node of "
+     "their own",
      NULL},
     {0},
 };
 
 struct export
 {
-    struct spin_frames frames;      /* of one per file; its rows and options serve both */
-    struct spin_glb_clip clip;      /* the file at hand */
+    struct spin_frames frames;      /* for one file per frame; its rows and options serve both */
+    struct spin_glb_clip clip;      /* the current file */
     struct spin_glb_column *column; /* [clip.n_columns] in the file so far */
     size_t column_room;
 
-    /* All in one file. */
+    /* For the clip in one file. */
     struct spin_out out;
     int n_done;
     struct spin_glb_frame *frame; /* [clip.n_frames] */
-    struct spin_glb_frame shared; /* what all frames show */
+    struct spin_glb_frame shared; /* the static splats of --still-apart */
     struct spin_still_rows still; /* the same, as rows */
 };
 
@@ -61,12 +61,12 @@ struct writing {
     const struct spin_glb_frame *frame;
     bool fresh[SPIN_GLB_MAX_ATTRIBUTES]; /* attributes that are not in the file yet */
     unsigned char *scratch;
-    float *bounds;       /* [blocks][6] low, high */
-    uint64_t (*hash)[2]; /* [blocks][attributes], when rows are only looked at */
+    float *bounds;       /* [blocks][6] minimum, maximum of the positions */
+    uint64_t (*hash)[2]; /* [blocks][attributes] in the pass that only hashes; NULL: write */
     atomic_int error;
 };
 
-/* The rows of a block, taken apart; each fresh attribute goes to its place. */
+/* Converts the rows of a block to columns, then hashes them or writes the fresh ones. */
 static void write_block(void *context, int number)
 {
     struct writing *w = context;
@@ -114,8 +114,8 @@ static void write_block(void *context, int number)
         atomic_store(&w->error, error);
 }
 
-/* A column of the file for each attribute of the frame: one that is there already and the same, or
- * a new one. Without hashes all are new. */
+/* Assigns a column of the file to each attribute of the frame: an existing one with the same
+ * contents or a new one. Without hashes all are new. */
 static spin_status find_columns(struct writing *w, struct spin_glb_frame *frame)
 {
     struct export *x = w->x;
@@ -148,8 +148,8 @@ static spin_status find_columns(struct writing *w, struct spin_glb_frame *frame)
     return SPIN_OK;
 }
 
-/* The chosen rows, behind what is in the file. In a clip they are looked at first, for what is
- * there already. */
+/* Appends the chosen rows to the file. In a clip a first pass hashes them to find attributes that
+ * the file already contains. */
 static spin_status write_rows(struct export *x, const struct spin_frame_info *info,
                               struct spin_glb_frame *frame)
 {
@@ -209,7 +209,7 @@ static uint64_t gltf_bytes(const void *self, size_t n)
     return spin_glb_bytes(&((const struct export *)self)->clip, n);
 }
 
-/* The node of what all frames share lies behind those of the frames. */
+/* When read back, the node of the static splats comes after that of the frame. */
 static spin_status gltf_order(void *self, const struct spin_keyed **row)
 {
     struct export *x = self;
@@ -218,7 +218,7 @@ static spin_status gltf_order(void *self, const struct spin_keyed **row)
     return x->still.n > 0 ? spin_still_rows_order(&x->still, &x->frames.rows, 0, row) : SPIN_OK;
 }
 
-/* The rows that this frame alone has; what all frames share goes with the first. */
+/* Writes a frame without the static splats; these are written with the first frame. */
 static spin_status add_to_file(void *self, const struct spin_frame_info *info,
                                const struct spin_splats *s)
 {
@@ -233,9 +233,9 @@ static spin_status add_to_file(void *self, const struct spin_frame_info *info,
         SPIN_TRY(spin_still_rows_leave_out(&x->still, rows, info->number));
     all = (double)x->clip.row *
           ((double)x->still.n + (double)rows->n_kept * (double)x->clip.n_frames);
-    if (x->n_done == 0 && all > (double)UINT32_MAX) /* before the hours of writing, not after */
-        spin_warn("%d frames like the first may be %.1f GB, a .glb ends at 4.3 GB; see --range, "
-                  "--sh and --min-opacity, or give a folder",
+    if (x->n_done == 0 && all > (double)UINT32_MAX) /* warn before hours of writing */
+        spin_warn("%d frames like the first may take %.1f GB, but a .glb holds 4.3 GB: reduce them "
+                  "with --range, --sh or --min-opacity, or write a folder",
                   x->clip.n_frames, all / 1e9);
     SPIN_TRY(write_rows(x, info, &x->frame[x->n_done]));
     if (x->n_done == 0 && x->still.n > 0) {
@@ -262,7 +262,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     return SPIN_OK;
 }
 
-/* With the options read. */
+/* Called once the options are read. */
 static spin_status ready(void *self, const struct spin_export_job *job)
 {
     struct export *x = self;
@@ -270,7 +270,7 @@ static spin_status ready(void *self, const struct spin_export_job *job)
     bool single = x->frames.file != NULL;
 
     if (spin_plugin_value(job->values, "still-apart", NULL) && !single)
-        return spin_misuse("--still-apart is for a clip in one file, OUT.glb");
+        return spin_misuse("--still-apart needs a clip in one file, OUT.glb");
 
     x->clip = (struct spin_glb_clip){
         .out = &x->out,
@@ -317,7 +317,7 @@ static spin_status open_single(void *self, const struct spin_export_job *job)
     n = x->still.n;
     for (int f = 0; f < job->n_frames && job->counts; f++)
         n += job->counts[f] - x->still.n;
-    if (job->counts) /* frames share what is the same */
+    if (job->counts) /* an upper bound for a clip, whose frames share equal attributes */
         spin_frames_say_size(job->output, job->n_frames, gltf_bytes(x, n),
                              job->n_frames > 1 || x->frames.rows.min_logit > -INFINITY);
     return SPIN_OK;

@@ -1,11 +1,11 @@
-/* One page that plays the clip: splats, player and all in a single .html file that needs no server
- * and no network, or, with --split, a page and a file of blocks of which it reads what it shows.
- * Where the bundle has both the imported and the retrained attributes the page switches between
- * them.
+/* Writes a web page that plays the clip: a single .html file with splats and player, which needs
+ * neither a server nor the internet; or, with --split, a page and a file of blocks, from which the
+ * page loads those that it shows. If the bundle has both imported and retrained attributes, the
+ * page can switch between them.
  *
- * The player is exporters/html/, our own in WebGL 2; exporters/html/format.md says how frames are
- * written, and lib/page_group.h does it. What the page must know of the whole clip comes at the
- * end. */
+ * The player in exporters/html/ is our own, in WebGL 2. exporters/html/format.md describes the
+ * blocks, and lib/page_*.c encodes them. The description of the clip follows the blocks, since it
+ * lists them. */
 #include <ctype.h>
 #include <strings.h>
 #include <time.h>
@@ -21,56 +21,57 @@
 #include "io/file.h"
 #include "io/json.h"
 
-#define DEGREES 57.29577951308232 /* of a radian */
+#define DEGREES 57.29577951308232 /* per radian */
 #define DEFAULT_FPS 30
-#define LEAST_SECONDS 2.0 /* that a clip lasts unless --fps is given */
+#define LEAST_SECONDS 2.0 /* shortest clip, unless --fps is given */
 #define DEFAULT_KEY_EVERY 30
 
 static const struct spin_plugin_option options[] = {
-    {"sh", "DEGREE", "highest SH degree to write, 0 to 3; keep: as it is", "1"},
-    {"level", "fine|normal|coarse", "how far values may be off; --bound-* change one of them",
-     "normal"},
-    {"bound-place", "X", "coordinates: world units (0.001, or 0.0005 of the scene)", NULL},
-    {"bound-colour", "X", "colours and opacities: 255ths (3)", NULL},
-    {"bound-scale", "X", "scales: percent (2)", NULL},
-    {"bound-rotation", "X", "rotations: degrees (1)", NULL},
-    {"bound-sh", "X", "SH coefficients above degree 0 (0.02)", NULL},
-    {"key-every", "N", "at most N frames from one key frame to the next, to 256", "30"},
-    {"split", NULL, "a page and a file beside it, OUT with .bin, for a server", NULL},
-    {"min-opacity", "V", "leave out splats whose opacity is below V, 0 to 1", "0"},
-    {"max-splats", "N", "of each frame only the N most visible splats", NULL},
-    {"every", "N", "write every Nth frame; the clip lasts as long", "1"},
-    {"fps", "F", "frames per second; otherwise the bundle's, else 30, in two seconds or more",
+    {"sh", "DEGREE", "highest SH degree to write, 0 to 3; keep: that of the bundle", "1"},
+    {"level", "fine|normal|coarse",
+     "error bounds of all values; each --bound-* changes one of them", "normal"},
+    {"bound-place", "X", "bound of coordinates, world units (0.001, or 0.0005 of the scene's size)",
      NULL},
-    {"title", "TEXT", "what the page says above the clip (its file's name); empty: nothing", NULL},
-    {"only", "after|before", "leave the other version out, where there are two", NULL},
+    {"bound-colour", "X", "bound of colours and opacities, in 255ths (3)", NULL},
+    {"bound-scale", "X", "bound of scales, percent (2)", NULL},
+    {"bound-rotation", "X", "bound of rotations, degrees (1)", NULL},
+    {"bound-sh", "X", "bound of SH coefficients above degree 0 (0.02)", NULL},
+    {"key-every", "N", "largest number of frames from one key frame to the next, up to 256", "30"},
+    {"split", NULL, "write the frames to a .bin file beside the page, for a server", NULL},
+    {"min-opacity", "V", "leave out splats whose opacity is below V, 0 to 1", "0"},
+    {"max-splats", "N", "write only the N most visible splats of each frame", NULL},
+    {"every", "N", "write every Nth frame; the duration stays the same", "1"},
+    {"fps", "F",
+     "frames per second; default: the bundle's, else 30, but a clip of two seconds at least", NULL},
+    {"title", "TEXT", "title above the clip; default: the name of the file; empty: none", NULL},
+    {"only", "after|before", "write only this version, if there are two", NULL},
     {0},
 };
 
-/* The most that a draft takes of the file of --split: the first picture is to come before a tenth
- * is read. */
+/* Largest size of the draft, as a share of the blocks of --split, so that the first image appears
+ * before a tenth of the file is read. */
 #define DRAFT_SHARE 0.05
 
-/* A frame of a version, as written. */
+/* A block of a version, as written: one frame, or some of the 4D splats. */
 struct page_frame {
-    int first; /* frame whose key it needs */
+    int first; /* the frame whose key this one needs */
     size_t shared, still, own;
-    int from, end;      /* ticks, of rows */
+    int from, end;      /* ticks in which its rows are visible */
     uint64_t at, bytes; /* in the file of --split */
 };
 
-/* One of at most two ways the clip looks. */
+/* One of at most two versions of the clip. */
 struct version {
     const char *name, *label;
-    int sh_degree; /* written */
-    int n_sh;      /* values a splat above degree 0 */
+    int sh_degree; /* as written */
+    int n_sh;      /* values per splat above degree 0 */
     bool antialias;
     struct spin_page_group group;
-    struct page_frame *frame; /* [frames of the job] */
+    struct page_frame *frame; /* [n_written] of at most the frames of the job */
     int n_written;
     double n_kept;
-    size_t n_empty; /* frames */
-    bool rows;      /* blocks are 4D splats; then page_frame.first is not used */
+    size_t n_empty; /* frames without splats */
+    bool rows;      /* blocks are 4D splats; page_frame.first is not used */
 };
 
 struct export
@@ -78,29 +79,28 @@ struct export
     const struct spin_export_job *job;
     struct spin_out out, data;
     bool split;
-    struct spin_page_draft draft; /* of the first version, with split */
-    size_t draft_splats;          /* written; 0: there is none */
+    struct spin_page_draft draft; /* of the first version, with --split */
+    size_t draft_splats;          /* written; 0: there is no draft */
     uint64_t draft_bytes;
     struct spin_splat_filter rows;
     struct spin_sort_rows order;
     struct spin_page_space space;
-    double size; /* of the scene: half of what the longest side of most of it is */
+    double size; /* of the scene: half the longest side of the region that most splats are in */
     struct spin_initial_view view;
     struct version version[2];
     int n_versions;
     struct spin_splats source;
-    struct spin_page_rows four_d; /* of the first version, where the clip is 4D splats */
-    size_t max_splats;            /* 0: all */
+    struct spin_page_rows four_d; /* of the first version, if the clip is 4D splats */
+    size_t max_splats;            /* per frame; 0: all */
     int every, key_every;
     double fps;
     const char *title; /* NULL: the file's name */
-    int *number;       /* [frames written] */
+    int *number;       /* [n_written] */
     int n_written;
     uint64_t data_bytes, n_splats;
 };
 
-/* ---- Which splats ------------------------------------------------------------------------------
- */
+/* ---- Which splats ---------------------------------------------------------------------------- */
 
 static spin_status choose(struct export *x, const struct spin_splats *s, int number, size_t *n)
 {
@@ -117,8 +117,7 @@ static spin_status choose(struct export *x, const struct spin_splats *s, int num
     return SPIN_OK;
 }
 
-/* ---- A block
- * ------------------------------------------------------------------------------------- */
+/* ---- A block --------------------------------------------------------------------------------- */
 
 static spin_status write_text(struct export *x, const char *text)
 {
@@ -135,8 +134,8 @@ static void write_seven(FILE *to, unsigned seven)
     putc(at ? '0' + (int)(at - special) : (int)seven, to);
 }
 
-/* Seven bits a character. What HTML reads as something else, or an editor changes, is an escape and
- * a digit. */
+/* Writes seven bits per character. Those that HTML interprets or an editor may change become an
+ * escape character and a digit. */
 static void write_sevens(FILE *to, const uint8_t *bytes, size_t n)
 {
     unsigned held = 0;
@@ -204,7 +203,7 @@ static spin_status take_draft(void *context, const struct spin_page_block *block
     return spin_out_write(&x->data, block->data, block->n_bytes);
 }
 
-/* Behind all blocks. Where the first key is as small as a draft there is no need for one. */
+/* Writes the draft after all blocks, unless the first key is small enough to serve as one. */
 static spin_status write_draft(struct export *x)
 {
     double most = DRAFT_SHARE * (double)x->data_bytes;
@@ -239,8 +238,7 @@ static spin_status add_frame(struct export *x, struct version *v, const struct s
     return spin_page_group_add(&v->group, &x->rows, s, &full);
 }
 
-/* ---- What the page must know
- * ------------------------------------------------------------------------ */
+/* ---- What the page must know ----------------------------------------------------------------- */
 
 static spin_json *list_of_ints(const int *value, int n)
 {
@@ -291,7 +289,8 @@ static spin_json *version_json(const struct version *v, const struct export *x)
     return j;
 }
 
-/* Of UTF-8 or not: letters, digits and a few marks only, as they stand in a page. */
+/* Sets a name reduced to letters, digits and a few marks: it may not be valid UTF-8 and must be
+ * safe in a page. */
 static void set_name(spin_json *j, const char *key, const char *name, size_t n_name)
 {
     char text[128];
@@ -303,7 +302,7 @@ static void set_name(spin_json *j, const char *key, const char *name, size_t n_n
     spin_json_set_string(j, key, text);
 }
 
-/* What the page is called: its file's name without .html. */
+/* The length of the path without .html; the file's name without it is the page's. */
 static size_t stem_of(const char *path)
 {
     const char *dot = strrchr(path, '.');
@@ -376,8 +375,7 @@ static spin_status write_script(struct export *x, const char *how, const char *t
     return write_text(x, "</script>\n");
 }
 
-/* ---- The plug-in
- * ------------------------------------------------------------------------------------ */
+/* ---- The plug-in ----------------------------------------------------------------------------- */
 
 static void discard(void *self)
 {
@@ -411,7 +409,8 @@ static spin_status parse_options(struct export *x)
     SPIN_TRY(spin_option_count(v, "every", 1, 1000000000, &x->every));
     x->key_every = DEFAULT_KEY_EVERY;
     SPIN_TRY(spin_option_count(v, "key-every", 1, SPIN_PAGE_MOST_FRAMES, &x->key_every));
-    SPIN_TRY(spin_page_bounds_from(v, 1, &bounds)); /* the scene's size is not known yet */
+    SPIN_TRY(
+        spin_page_bounds_from(v, 1, &bounds)); /* only checks them: the size is not known yet */
     x->split = spin_plugin_value(v, "split", NULL) != NULL;
     x->fps = x->job->fps > 0 ? x->job->fps : DEFAULT_FPS;
     if (x->job->n_frames > 1 && x->job->n_frames < LEAST_SECONDS * x->fps)
@@ -456,7 +455,7 @@ static spin_status add_versions(struct export *x)
     return SPIN_OK;
 }
 
-/* The page, and the file of --split: its name with .bin for .html. */
+/* Opens the page and, with --split, the file beside it: .bin instead of .html. */
 static spin_status open_files(struct export *x)
 {
     const struct spin_export_job *job = x->job;
@@ -474,7 +473,7 @@ static spin_status open_files(struct export *x)
     return SPIN_OK;
 }
 
-/* For tabs and search engines; the page itself has it in the JSON. */
+/* The title for tabs and search engines; the page displays the one in the JSON. */
 static spin_status write_title(struct export *x)
 {
     const char *file = spin_path_name(x->job->output), *title = x->title;
@@ -502,7 +501,7 @@ static spin_status prepare(struct export *x, const struct spin_export_job *job)
     return write_text(x, spin_html_body);
 }
 
-/* Where the scene lies and whence it is looked at, from the first frame and the data set. */
+/* Sets centre, size and first view of the scene from the first frame and the data set. */
 static spin_status set_space(struct export *x, const struct spin_splats *s, int frame)
 {
     int row = x->job->dataset_frame_of ? x->job->dataset_frame_of[frame] : -1;
@@ -541,10 +540,9 @@ static spin_status html_frame(void *self, int frame, const struct spin_frame_inf
     return SPIN_OK;
 }
 
-/* ---- 4D splats
- * ------------------------------------------------------------------------------------- */
+/* ---- 4D splats ------------------------------------------------------------------------------- */
 
-/* Each splat once; the first frame is looked at for the view and the draft alone. */
+/* Writes 4D splats, each once; the first frame is needed only for the view and the draft. */
 static spin_status write_rows(struct export *x, const double *times)
 {
     struct version *v = &x->version[0];
@@ -575,7 +573,7 @@ static spin_status write_rows(struct export *x, const double *times)
     return spin_page_rows_write(&x->four_d, &x->rows, take_rows, &sink);
 }
 
-/* As rows where their times are even; else, and where only some splats of each frame are wanted, as
+/* Writes 4D splats as rows if the frames are evenly spaced and all splats are wanted, else as
  * frames. */
 static spin_status write_4d(struct export *x)
 {
@@ -602,7 +600,8 @@ static spin_status write_4d(struct export *x)
     return SPIN_OK;
 }
 
-/* Of the frames in the page, not of those it was asked for. */
+/* Reports what is in the page, which --every may have reduced to fewer frames than were requested.
+ */
 static spin_status fill_report(struct export *x)
 {
     struct spin_export_report *report = x->job->report;
@@ -626,7 +625,7 @@ static spin_status fill_report(struct export *x)
     return SPIN_OK;
 }
 
-/* The largest error of all values, beside what it may be; and for --check. */
+/* Logs the largest error of each kind beside its bound, and fills the report of --check. */
 static void say_errors(const struct export *x)
 {
     const struct spin_page_bounds *b = &x->space.bounds;
@@ -642,9 +641,9 @@ static void say_errors(const struct export *x)
     for (int p = 0; p < SPIN_QUANT_PARTS; p++)
         most[p] = quant.part[p].largest;
     spin_log(0,
-             "html: largest errors of %llu values: place %.3g (bound %.3g), scale %.2f %% (%.2f), "
-             "rotation "
-             "%.2f degrees (%.2f), opacity %.2f/255 (%.2f), colour %.2f/255 (%.2f), SH %.3f (%.3f)",
+             "html: largest errors of %llu values: position %.3g (bound %.3g), scale %.2f %% "
+             "(%.2f), rotation %.2f degrees (%.2f), opacity %.2f/255 (%.2f), colour %.2f/255 "
+             "(%.2f), SH %.3f (%.3f)",
              (unsigned long long)n_values, most[SPIN_QUANT_PLACE], b->place,
              100 * expm1(most[SPIN_QUANT_SCALE]), 100 * expm1(b->scale),
              most[SPIN_QUANT_ROTATION] * DEGREES, b->rotation * DEGREES,
@@ -667,7 +666,7 @@ static void say_errors(const struct export *x)
     }
 }
 
-/* The blocks first, so that no page is without them. */
+/* Commits the blocks first, so that there is never a page without them. */
 static spin_status commit(struct export *x)
 {
     SPIN_FREED char *path = NULL;
@@ -702,8 +701,7 @@ static spin_status finish(struct export *x)
     return commit(x);
 }
 
-SPIN_OWN_EXPORTER(
-    html, "html", prepare, finish, discard,
-    .summary = "one page that plays the clip in a browser, before and after, with no server",
-    .options = options, .checks = true, .antialias = true, .splats_4d = true,
-    .looks_at_views = true, .frame = html_frame);
+SPIN_OWN_EXPORTER(html, "html", prepare, finish, discard,
+                  .summary = "a web page that plays the clip, before and after, without a server",
+                  .options = options, .checks = true, .antialias = true, .splats_4d = true,
+                  .looks_at_views = true, .frame = html_frame);

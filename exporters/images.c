@@ -1,6 +1,6 @@
-/* Renders of every frame as PNG or EXR, for looking, for films and for measuring with other
- * programs: from the data set's cameras or from one that moves, with the names of
- * spin_picture_name(); several versions side by side on demand. */
+/* Renders every frame to PNG or EXR files, for inspection, compositing, or measurement with other
+ * programs: from the data set's cameras or a moving one, on request as several panels side by side.
+ * Files are named by spin_picture_name(). */
 #include <stdlib.h>
 #include <string.h>
 
@@ -15,17 +15,17 @@ static const struct spin_plugin_option options[] = {
     {"views", "WHICH", "cameras to render: test, train or all", "test"},
     SPIN_DRAWING_OPTION_PATH,
     SPIN_DRAWING_OPTIONS,
-    {"fps", "F", "frames per second of --duration; otherwise the bundle's, else 30", NULL},
-    {"format", "png|exr", "of the files", "png"},
-    {"bits", "N", "of a colour: 8 or 16 in PNG, 16 (half floats) or 32 in EXR; otherwise the first",
-     NULL},
+    {"fps", "F", "frames per second for --duration; default: the bundle's, else 30", NULL},
+    {"format", "png|exr", "file format", "png"},
+    {"bits", "N",
+     "bits per channel: 8 or 16 in PNG, 16 (half floats) or 32 in EXR; default: the lower", NULL},
     {"transfer", "linear|srgb",
-     "what EXR holds: light, as film programs expect, or the values that splats blend", "linear"},
-    {"depth", NULL, "EXR: channels Z and ZMedian, the expected and the median depth", NULL},
+     "values in EXR: light, as compositing programs expect, or those that splats blend", "linear"},
+    {"depth", NULL, "write depth to EXR: channels Z (expected) and ZMedian (median)", NULL},
     {0},
 };
 
-#define FAR 1e10f /* depth where there is nothing, as renderers of films have it */
+#define FAR 1e10f /* depth of the background, by the convention of film renderers */
 
 enum which { TEST, TRAIN, ALL };
 
@@ -34,10 +34,10 @@ struct export
     struct spin_output_folder folder;
     const struct spin_export_job *job;
     enum which which;
-    int n_unseen; /* frames without any view */
+    int n_unseen; /* frames without a chosen view */
     struct spin_film film;
     bool wants_depth;
-    float *layers; /* [3][h][w] alpha, depths */
+    float *layers; /* [3][h][w]: alpha, expected depth, median depth */
     struct spin_camera_path drawing;
 };
 
@@ -55,7 +55,7 @@ static bool any_chosen(const struct export *x)
     return false;
 }
 
-/* Alpha and depth of the picture that was drawn. */
+/* Fetches alpha and depth of the last render into x->film, where they are wanted. */
 static spin_status take_layers(struct export *x, const struct spin_camera *camera)
 {
     size_t n = (size_t)camera->width * (size_t)camera->height;
@@ -102,7 +102,7 @@ static void discard(void *self)
     free(x);
 }
 
-/* An option that would do nothing is a mistake. */
+/* Refuses options that would have no effect. */
 static spin_status check_options(const struct export *x)
 {
     static const char *const moving[] = {"duration", "repeat"};
@@ -110,15 +110,15 @@ static spin_status check_options(const struct export *x)
 
     for (int i = 0; i < 2 && x->drawing.path == SPIN_PATH_CAMERA; i++)
         if (spin_plugin_value(v, moving[i], NULL))
-            return spin_misuse("--%s is for a camera that moves: see --path", moving[i]);
+            return spin_misuse("--%s needs a moving camera: see --path", moving[i]);
     if (spin_plugin_value(v, "fps", NULL) &&
         (x->drawing.path == SPIN_PATH_CAMERA || x->drawing.path == SPIN_PATH_FILE ||
          spin_plugin_value(v, "repeat", NULL)))
         return spin_misuse("--fps needs --duration");
     if (spin_camera_path_is_own(&x->drawing) && spin_plugin_value(v, "views", NULL))
-        return spin_misuse("--views: %s", x->job->views
-                                              ? "a camera that moves is none of the data set's"
-                                              : "there is no data set, give --data DIR");
+        return spin_misuse("--views: %s",
+                           x->job->views ? "the moving camera of --path is not one of the data set"
+                                         : "there is no data set, give --data DIR");
     return SPIN_OK;
 }
 
@@ -140,10 +140,10 @@ static spin_status parse_film(struct export *x)
     x->film.linear = x->film.exr && word == 0;
     x->wants_depth = spin_plugin_value(v, "depth", NULL) != NULL;
     if (!x->film.exr && (x->wants_depth || spin_plugin_value(v, "transfer", NULL)))
-        return spin_misuse("--%s is for --format exr", x->wants_depth ? "depth" : "transfer");
+        return spin_misuse("--%s needs --format exr", x->wants_depth ? "depth" : "transfer");
     layers = layers || x->wants_depth;
     if (layers && (x->drawing.n_panels > 1 || x->drawing.panel[0] == SPIN_PANEL_TRUTH))
-        return spin_misuse("%s: only one panel, before or after, has that",
+        return spin_misuse("%s needs a single panel, before or after",
                            x->wants_depth ? "--depth" : "--background none");
     return SPIN_OK;
 }
@@ -168,7 +168,8 @@ static spin_status prepare(struct export *x, const struct spin_export_job *job)
     return SPIN_OK;
 }
 
-/* The pictures of a camera that is none of the data set's are numbered by themselves. */
+/* Renders the images of a frame from a camera that is not the data set's. Files are numbered along
+ * the camera's path, not by frame. */
 static spin_status export_own(struct export *x, int frame, const struct spin_splats *splats)
 {
     struct spin_camera_path *d = &x->drawing;
@@ -227,6 +228,6 @@ static spin_status finish(struct export *x)
 }
 
 SPIN_OWN_EXPORTER(images, "images", prepare, finish, discard,
-                  .summary = "PNG or EXR renders from the data set's cameras or one that moves",
+                  .summary = "PNG or EXR renders from the data set's cameras or a moving one",
                   .options = options, .antialias = true, .alpha = true, .looks_at_views = true,
                   .needs_renderer = true, .frame = images_frame);

@@ -1,6 +1,6 @@
-/* One PLY per frame as 3D Gaussian Splatting writes it (formats/gs_ply.h). Rotations are written at
- * unit length with w >= 0, which some viewers assume. Axes are those of the training unless --up or
- * --rotate turn them. */
+/* Writes one PLY per frame in the layout of 3D Gaussian Splatting (formats/gs_ply.h). Rotations are
+ * normalised with w >= 0, which some viewers assume. The axes are those of the training unless --up
+ * or --rotate turns them. */
 
 #include "exporters/lib/frames.h"
 #include "formats/gs_ply.h"
@@ -24,7 +24,7 @@ static void code_row(void *self, size_t i, unsigned char *to, struct spin_quant_
                                   .sh = spin_splat_filter_sh(rows, i, room),
                                   .n_sh = spin_splat_filter_n_sh(rows)};
 
-    (void)quant; /* nothing is lost */
+    (void)quant; /* the format stores floats: there is no rounding error to report */
     spin_splat_filter_place(rows, i, row.place);
     spin_splat_filter_turned(rows, i, row.rotation);
     spin_gs_ply_code(&row, rows->sh_degree, to);

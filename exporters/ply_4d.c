@@ -1,32 +1,33 @@
-/* 4D splats with a bell in time as one PLY of floats. Nothing is rounded but to float, so these are
- * the forms in which such models are exchanged.
+/* Writes 4D splats with a Gaussian window in time as a single PLY. Values are stored as floats and
+ * not quantised, so these files suit the exchange of models between programs. Two layouts:
  *
- * .ftgs.ply of FreeTimeGS, version 1. Straight paths. Times run from 0 to 1 over the clip, frame i
- * of F at i/(F-1), and velocities count in clips; sigma and opacity are stored as their logarithm
- * and logit. A reader holds sigma at min_duration, so that is the least there is.
+ * .ftgs.ply of FreeTimeGS, version 1: linear paths. Time is normalised to 0..1 over the clip (frame
+ * i of F is at i/(F-1)) and velocity is in world units per clip; sigma and opacity are stored as
+ * logarithm and logit. Readers clamp sigma to at least min_duration, so the header states a value
+ * just below the smallest sigma written.
  *
- * .sogst.ply, which encoders of .sogst take (formats/sogst.h). Paths of degree 1 or 2. Times are
- * seconds from the first frame, and sigma is stored as it is. SH has degree 3 or 0: the reference
- * encoder takes no other, so missing rows are 0. */
+ * .sogst.ply, the input of .sogst encoders (formats/sogst.h): paths of degree 1 or 2. Time is in
+ * seconds from the first frame, and sigma is stored as it is. SH has degree 3 or 0, the only
+ * degrees that the reference encoder accepts: missing coefficients are written as 0. */
 #include "base/base.h"
 #include "exporters/lib/bells_check.h"
 #include "io/ply.h"
 #include "math/sh.h"
 
-/* Clips that a splat which never fades lasts for, as sigma: its weight is 0.9998 at the ends of the
- * clip. */
+/* The sigma, in clip lengths, of a splat that never fades: its weight is still 0.9998 one clip
+ * length from its centre. */
 #define MOST_SIGMA 50
 enum { BATCH = 4096 }; /* rows written at a time */
 
 struct export;
 
 struct layout {
-    const char *name;     /* for people */
-    const char *importer; /* that reads it */
-    int degree;           /* of paths, at most */
-    bool seconds;         /* the unit of time; else the clip */
+    const char *name;     /* for messages */
+    const char *importer; /* the one that reads the format */
+    int degree;           /* highest degree of a path */
+    bool seconds;         /* time is in seconds, otherwise in clip lengths */
     void (*print_header)(struct export *x);
-    void (*fill_row)(const struct export *x, size_t i, float *to); /* of zeros */
+    void (*fill_row)(const struct export *x, size_t i, float *to); /* `to` is zeroed */
 };
 
 struct export
@@ -36,8 +37,8 @@ struct export
     struct spin_splat_filter rows;
     struct spin_sort_rows order; /* the kept rows */
     double fps;
-    int sh_degree; /* of the file */
-    size_t width;  /* floats of a row */
+    int sh_degree; /* as written */
+    size_t width;  /* floats per row */
     struct spin_out out;
 };
 
@@ -51,7 +52,7 @@ static void print_property(struct export *x, const char *name, size_t n_name)
     x->width++;
 }
 
-/* One for each word. */
+/* Prints one property for each word of `names`. */
 static void print_properties(struct export *x, const char *names)
 {
     for (; *names; names += strspn(names, " ")) {
@@ -84,7 +85,7 @@ static void print_ftgs(struct export *x)
             "comment use_velocity %d\ncomment min_duration %.9g\ncomment opacity_floor 0\n"
             "comment n_frames %d\n",
             x->sh_degree, s->degree > 0, least * (1 - 1e-6), x->bells.job->n_frames);
-    if (x->bells.job->fps > 0) /* only our importer looks for it */
+    if (x->bells.job->fps > 0) /* not part of the format: only our importer reads it */
         fprintf(x->out.file, "comment fps %.9g\n", x->bells.job->fps);
     fprintf(x->out.file, "element vertex %zu\n", x->order.n);
     print_properties(x, "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2");
@@ -124,7 +125,8 @@ static void print_header(struct export *x)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-/* Degree 0 goes to dc; all rows of red, of green, of blue go to rest. */
+/* Writes the degree 0 coefficients to dc, and the others to rest: all of red, then green, then
+ * blue. */
 static void fill_sh(const struct export *x, size_t i, float *dc, float *rest)
 {
     size_t n_there = (size_t)spin_splat_filter_n_sh(&x->rows), n_file = n_rest(x) / 3;
@@ -137,7 +139,8 @@ static void fill_sh(const struct export *x, size_t i, float *dc, float *rest)
             rest[n_file * c + k - 1] = sh[3 * k + c];
 }
 
-/* What stands before d^(power + 1) in the path of row i. */
+/* Writes the coefficient of d^(power + 1) in the path of row i, d being the time from the row's
+ * centre. Leaves `to` alone where the path has a lower degree. */
 static void fill_path(const struct export *x, size_t i, int power, float to[3])
 {
     const struct spin_splats_4d *s = &x->bells.clip;
@@ -281,7 +284,7 @@ static const struct spin_plugin_option ftgs_options[] = {
 
 static const struct spin_plugin_option sogst_ply_options[] = {
     SPIN_ROWS_OPTIONS,
-    {"fps", "F", "frames per second of the clip; otherwise the bundle's", NULL},
+    {"fps", "F", "frames per second of the clip; default: the bundle's", NULL},
     SPIN_ROWS_OPTION_SH,
     {0}};
 

@@ -1,10 +1,10 @@
-/* One SOG per frame, PlayCanvas's small format (formats/sog.h). Axes stay those of the training,
- * the order is Morton's: in a picture neighbours then stand together, and WebP finds what they
- * share.
+/* Writes one SOG per frame, PlayCanvas's compact format (formats/sog.h). The axes stay those of the
+ * training. Rows are in Morton order: similar splats become neighbouring pixels, which WebP
+ * compresses better.
  *
- * The box of the places only grows from frame to frame, and a book of a frame before is kept while
- * it serves nearly as well as an own one would: what stands still then mostly keeps its bits. The
- * palette of SH is each frame's own. */
+ * The bounding box of the positions only grows from frame to frame, and a codebook of an earlier
+ * frame is reused while its error is close to that of a new one: static splats then mostly keep the
+ * same bits. Each frame has its own palette of SH. */
 #include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "exporters/lib/pictures.h"
@@ -12,7 +12,7 @@
 #include "io/webp.h"
 #include "math/sh.h"
 
-#define KEEP_BOOK 1.1 /* times an own book's error, squared */
+#define KEEP_BOOK 1.1 /* reuse a codebook up to this many times the squared error of a new one */
 
 static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.sog"),
@@ -28,9 +28,9 @@ struct export
     struct spin_sog sog;
     struct spin_picture picture[SPIN_SOG_PICTURES];
     int level;
-    bool begun; /* sog holds the box and books of a frame before */
+    bool begun; /* sog holds the bounding box and codebooks of an earlier frame */
 
-    /* One frame, in the order of the file. */
+    /* Of the current frame, in the order of the file. */
     float *scales, *dc; /* [n][3] */
     float *rest;        /* [n][n_rest] */
     uint32_t *label;    /* [n] */
@@ -39,8 +39,7 @@ struct export
 
 static size_t n_rest(const struct export *x) { return spin_n_rest(x->frames.rows.sh_degree); }
 
-/* ---- What a frame is coded with ----------------------------------------------------------------
- */
+/* ---- Bounding box, codebooks and palette ----------------------------------------------------- */
 
 static spin_status make_room(struct export *x)
 {
@@ -137,8 +136,7 @@ static spin_status choose_coding(struct export *x)
     return SPIN_OK;
 }
 
-/* ---- Pictures ----------------------------------------------------------------------------------
- */
+/* ---- Images ---------------------------------------------------------------------------------- */
 
 static spin_status blank_pictures(struct export *x)
 {
@@ -205,7 +203,7 @@ static void code_task(void *context, size_t i, size_t end)
     }
 }
 
-/* 64 vectors fill a line, so that they follow one another. */
+/* The image is 64 vectors wide, so consecutive vectors are consecutive pixels. */
 static void code_palette(struct export *x)
 {
     uint8_t *to = x->picture[SPIN_SOG_CENTROIDS].rgba;
@@ -215,8 +213,7 @@ static void code_palette(struct export *x)
         to[i / 3 * 4 + i % 3] = spin_codebook_nearest(x->sog.sh_n, x->palette[i]);
 }
 
-/* ---- One file ----------------------------------------------------------------------------------
- */
+/* ---- One file -------------------------------------------------------------------------------- */
 
 static spin_status write_members(struct export *x, struct spin_zip_writer *zip)
 {
@@ -258,8 +255,7 @@ static uint64_t sog_bytes(const void *self, size_t n)
     return 16384 + 20 * (uint64_t)n + (n_rest(x) > 0 ? of_sh : 0);
 }
 
-/* ---- The plug-in -------------------------------------------------------------------------------
- */
+/* ---- The plug-in ----------------------------------------------------------------------------- */
 
 static spin_status begin(void *self, const struct spin_export_job *job)
 {

@@ -1,12 +1,13 @@
-/* TSOG and .sogst: a clip of 4D splats as one file (formats/tsog.h, formats/sogst.h).
+/* Writes TSOG and .sogst: a clip of 4D splats as one file (formats/tsog.h, formats/sogst.h).
  *
- * Both round a splat's own time, so its place goes first to where the splat is at the rounded one:
- * what is left is a fade that begins a little early or late. Books are uniform, and with the ranges
- * they bound how far each value is off. A sigma of more than a few clips would take the steps from
- * short ones: it is cut, and such a splat is moved to the middle of the clip, where its opacity
- * keeps its value and its slope.
+ * Both formats round a splat's centre in time, so each splat is first moved along its path to the
+ * rounded time; what remains of the error is a fade that begins slightly early or late. Ranges and
+ * evenly spaced codebooks bound the error of the other values. A large sigma would coarsen the
+ * steps of the small ones: it is limited to a few clips, and such a splat is moved towards the
+ * middle of the clip so that its opacity there keeps its value and its slope.
  *
- * TSOG also holds a clip of frames: each splat with the number of the frame that alone shows it. */
+ * TSOG can also hold a clip of frames: each splat with the number of the only frame that shows it.
+ */
 #include "base/base.h"
 #include "exporters/lib/bells_check.h"
 #include "exporters/lib/pictures.h"
@@ -17,18 +18,18 @@
 #include "math/activate.h"
 #include "math/sh.h"
 
-#define MOST_SIGMA 8   /* clips */
-#define K_SIGMA 3.8    /* of .sogst: a splat is drawn so many sigmas long */
-#define PERSISTENT 3.0 /* and lasts when that is more than so many segments */
-#define PLAYED 1000000 /* splats that TSOG's player draws at most */
-#define STEPS 65536    /* of 16 bits, which frames share */
+#define MOST_SIGMA 8   /* largest sigma, in clip lengths */
+#define K_SIGMA 3.8    /* .sogst: a splat is drawn within this many sigmas of its centre, */
+#define PERSISTENT 3.0 /* and is persistent if these span more than this many segments */
+#define PLAYED 1000000 /* most splats that the player of TSOG draws */
+#define STEPS 65536    /* values of 16 bits, which the frames divide among them */
 enum { PER_GROUP = SPIN_4D_CENTROIDS };
 
 struct container {
-    const char *name;     /* for people */
-    const char *importer; /* that reads it */
-    bool sogst;           /* seconds, books of times, segments; else TSOG */
-    int degree;           /* of paths, at most */
+    const char *name;     /* for messages */
+    const char *importer; /* the one that reads it */
+    bool sogst;           /* seconds, codebooks of times, segments; else TSOG */
+    int degree;           /* highest degree of paths */
 };
 
 static const struct container tsog = {"TSOG", "tsog", false, 1},
@@ -39,44 +40,44 @@ struct export
     const struct spin_export_job *job;
     const struct container *kind;
     struct spin_export_job
-        own; /* where the clip is frames: as splats_4d, with their places as times */
+        own; /* if the clip is frames: the job with these as splats_4d and frame indices as times */
     bool frames;
     double *places;  /* [n_frames] 0, 1, 2, ... */
-    size_t n_cut;    /* rows of frames there are */
-    size_t capacity; /* there is room for */
+    size_t n_cut;    /* rows of frames so far */
+    size_t capacity; /* of their arrays */
     struct spin_splat_filter rows;
     struct spin_sort_rows order; /* item[j].row: row j of the file */
     struct spin_bells bells;
     double fps;
-    double segment; /* seconds; 0: none are asked for */
+    double segment; /* seconds; 0: not segmented */
     int level;
     struct spin_sog_4d coding;
     struct spin_quant_error quant;
-    double fade_lost; /* opacity by which rounded times make a splat that fades wrong, at most */
+    double fade_lost; /* largest error of an opacity because times are rounded */
     struct spin_out out;
 
     /* In the order of the file. */
     float *rest, *palette;        /* [n][n_rest], [n_palette][n_rest] */
     uint32_t *label;              /* [n] */
-    size_t n_groups;              /* the splats that last, segments; or 1 */
-    size_t *end;                  /* [n_groups] rows */
-    double *span;                 /* [n_groups][2] times that a segment is drawn */
-    struct spin_picture *picture; /* [n_groups][PER_GROUP], palette, labels of each group */
+    size_t n_groups;              /* the persistent splats, then the segments; or 1 */
+    size_t *end;                  /* [n_groups] row behind the group's last */
+    double *span;                 /* [n_groups][2] times between which the group is drawn */
+    struct spin_picture *picture; /* [n_groups][PER_GROUP], the palette, labels of each group */
     struct spin_quant_error *block_quant;
 };
 
 static const struct spin_splats_4d *clip_of(const struct export *x) { return &x->bells.clip; }
 
-/* What a file of its kind cannot do alone. */
+/* Warns of what players of the format cannot do. */
 static void warn_of_kind(const struct export *x)
 {
     if (!x->kind->sogst && x->order.n > PLAYED)
-        spin_warn("%zu splats: the player of TSOG draws %d of them", x->order.n, PLAYED);
+        spin_warn("%zu splats: the player of TSOG draws only %d of them", x->order.n, PLAYED);
 }
 
 /* ---- Times ----------------------------------------------------------------------------------- */
 
-/* As nine digits say it, which is what meta.json holds. */
+/* Rounds to nine significant digits, as in meta.json. */
 static double nine_digits(double v)
 {
     char text[40];
@@ -99,7 +100,7 @@ static void finish_range(struct spin_sog_range *range)
     }
 }
 
-/* 256 numbers at even distances, or with even quotients. */
+/* Fills a codebook with 256 evenly spaced values, or with a geometric series. */
 static void fill_book(struct spin_sog_book *book, double least, double most, bool quotients)
 {
     book->n = SPIN_CODEBOOK;
@@ -111,7 +112,7 @@ static void fill_book(struct spin_sog_book *book, double least, double most, boo
     }
 }
 
-/* What the file holds for a time and its sigma. */
+/* Codes a centre in time and its sigma; shown is what a reader decodes. */
 static void code_time(const struct spin_sog_4d *coding, const float time[2], uint8_t *low,
                       uint8_t *high, float shown[2])
 {
@@ -133,7 +134,7 @@ static void code_time(const struct spin_sog_4d *coding, const float time[2], uin
     shown[1] = coding->sigma.value[low[1]];
 }
 
-/* The most that a splat's own time is off by in such a book, in its sigmas. */
+/* The largest error of a centre in time with this codebook, in sigmas of the splat. */
 static double worst_shift(const struct export *x, const float book[SPIN_CODEBOOK])
 {
     double worst = 0;
@@ -147,7 +148,7 @@ static double worst_shift(const struct export *x, const float book[SPIN_CODEBOOK
     return worst;
 }
 
-/* At even distances, or where the times are: what moves fades less. */
+/* Chooses evenly spaced centres or a codebook adapted to the times, by the smaller worst shift. */
 static spin_status choose_centres(struct export *x)
 {
     struct spin_sog_book *book = &x->coding.centre;
@@ -164,7 +165,7 @@ static spin_status choose_centres(struct export *x)
     return SPIN_OK;
 }
 
-/* By how much the opacity is off at its own time and a sigma before and after. */
+/* The largest error of the opacity at the splat's centre in time and one sigma before and after. */
 static double fade_lost(float logit, const float time[2], const float shown[2])
 {
     double most = 0;
@@ -178,7 +179,7 @@ static double fade_lost(float logit, const float time[2], const float shown[2])
     return spin_sigmoid_of((double)logit) * most;
 }
 
-/* Times are rounded, and places follow. */
+/* Rounds times and sigmas, and moves each splat along its path to the rounded time. */
 static spin_status round_times(struct export *x)
 {
     struct spin_splats_4d *s = &x->bells.clip;
@@ -212,7 +213,7 @@ static spin_status round_times(struct export *x)
 
 /* ---- Groups ---------------------------------------------------------------------------------- */
 
-/* 0: it lasts. */
+/* The group of a row: 0 if it is persistent, else 1 + its segment. */
 static size_t group_of(const struct export *x, size_t k)
 {
     double bucket = floor((double)clip_of(x)->times[k] / x->segment);
@@ -222,7 +223,7 @@ static size_t group_of(const struct export *x, size_t k)
     return 1 + (size_t)fmin(fmax(bucket, 0), (double)x->n_groups - 2);
 }
 
-/* Neighbours in space stand together, in each group. */
+/* Sorts rows by group, in Morton order within each. */
 static spin_status choose_order(struct export *x)
 {
     size_t n = x->order.n;
@@ -330,7 +331,7 @@ static spin_status choose_coding(struct export *x)
     return choose_palette(x);
 }
 
-/* ---- Pictures -------------------------------------------------------------------------------- */
+/* ---- Images ---------------------------------------------------------------------------------- */
 
 static const char *const names[SPIN_4D_PICTURES] = {
     "means_l.webp",    "means_u.webp",       "scales.webp",    "quats.webp",    "sh0.webp",
@@ -368,7 +369,7 @@ static int n_pictures(const struct export *x)
     return (int)(x->n_groups * PER_GROUP + 1 + x->n_groups);
 }
 
-/* Picture p of group g. */
+/* Image p of group g; all groups share one palette. */
 static struct spin_picture *picture_of(const struct export *x, size_t g, int p)
 {
     size_t at = g * PER_GROUP + (size_t)p;
@@ -569,7 +570,7 @@ static void print_stream(FILE *to, const struct export *x, size_t g)
         fprintf(to, "\"seg_%03zu\"", g - 1);
 }
 
-/* reveal, geometry: the bytes of the file up to where the first segment and all of them end. */
+/* reveal, geometry: bytes of the file up to the end of the first segment and of all segments. */
 static void print_sogst(FILE *to, const struct export *x, uint64_t reveal, uint64_t geometry)
 {
     const double *cov2d = x->job->splats_4d->cov2d;
@@ -627,7 +628,7 @@ static uint64_t bytes_of(const struct export *x, size_t n_groups)
     return sum;
 }
 
-/* meta.json says where the pictures behind it end: printed until it is as long as it says. */
+/* meta.json contains byte offsets that depend on its own length: iterate to a fixed point. */
 static spin_status make_meta(const struct export *x, char **text, size_t *n)
 {
     const uint64_t header = 30 + strlen("meta.json");
@@ -735,20 +736,21 @@ static spin_status read_options(struct export *x)
     SPIN_TRY(spin_option_number(v, "segment", 0, 1e6, &segment));
     x->segment = segment;
     if (x->segment > 0 && x->bells.length / x->segment > 999)
-        return spin_misuse("option 'segment' is %g: a clip of %g s has more than 999", x->segment,
-                           x->bells.length);
+        return spin_misuse("option 'segment' is %g: a clip of %g s has more than 999 segments",
+                           x->segment, x->bells.length);
     return spin_splat_filter_begin(&x->rows, x->job, NULL);
 }
 
-/* Frames as 4D splats: each splat is there in its own frame, whose place in the clip is its time.
- */
+/* Prepares for frames, which become 4D splats that are visible only in their own frame, with its
+ * index as the time. */
 static spin_status expect_frames(struct export *x)
 {
     int n = x->job->n_frames;
 
     if (n > STEPS)
-        return spin_unsupported("%s holds %d frames at most, and these are %d", x->kind->name,
-                                STEPS, n);
+        return spin_unsupported(
+            "%s holds at most %d frames, but there are %d: select fewer with --range",
+            x->kind->name, STEPS, n);
     x->frames = true;
     x->own = *x->job;
     x->own.splats_4d = &x->bells.clip;
@@ -782,7 +784,7 @@ static spin_status prepare(struct export *x, const struct spin_export_job *job,
     return SPIN_OK;
 }
 
-/* Room for n rows more of frames. */
+/* Reserves capacity for n more rows of frames. */
 static spin_status make_room(struct export *x, size_t n)
 {
     struct spin_splats_4d *s = &x->bells.clip;
@@ -832,7 +834,7 @@ static spin_status take_frame(void *self, int frame, const struct spin_frame_inf
     return SPIN_OK;
 }
 
-/* The rows of all frames; they were chosen before. */
+/* Finishes the 4D splats made of all frames' rows, which take_frame() has already filtered. */
 static spin_status join_frames(struct export *x)
 {
     struct spin_bells *b = &x->bells;
@@ -875,7 +877,7 @@ static spin_status write_all(struct export *x)
     warn_of_kind(x);
     spin_quant_error_say(&x->quant, x->kind->name);
     if (x->fade_lost > 2 / 255.0)
-        spin_log(0, "%s rounds times: where a splat fades, its opacity is off by %.2g at most",
+        spin_log(0, "%s rounds times: the opacity of fading splats is off by up to %.2g",
                  x->kind->name, x->fade_lost);
     return x->job->check ? check_file(x) : SPIN_OK;
 }
@@ -892,7 +894,7 @@ static spin_status prepare_sogst(struct export *x, const struct spin_export_job 
 
 #define OPTION_FPS                                                                                 \
     {                                                                                              \
-        "fps", "F", "frames per second of the clip; otherwise the bundle's", NULL                  \
+        "fps", "F", "frames per second of the clip; default: the bundle's", NULL                   \
     }
 #define OPTION_LEVEL                                                                               \
     {                                                                                              \
@@ -907,7 +909,7 @@ static const struct spin_plugin_option sogst_options[] = {
     OPTION_FPS,
     SPIN_ROWS_OPTION_SH,
     OPTION_LEVEL,
-    {"segment", "S", "seconds that a player loads at a time; 0: all at once; otherwise about 0.5",
+    {"segment", "S", "seconds that a player loads at a time; 0: all at once; default: about 0.5",
      NULL},
     {0}};
 

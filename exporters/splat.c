@@ -1,6 +1,6 @@
-/* One .splat per frame (formats/splat.h), in the axes of the training. The order is the source's;
- * --order size puts the largest and least transparent first, so that a part of the file shows the
- * scene. */
+/* Writes one .splat file per frame (formats/splat.h), without turning the axes. Splats keep the
+ * source's order; --order size writes the largest and most opaque first, so that a player which has
+ * loaded part of a file already shows the scene. */
 #include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "formats/splat.h"
@@ -21,12 +21,12 @@ static void code_row(void *self, size_t i, unsigned char *out, struct spin_quant
 
     spin_splat_filter_take(&x->rows, i, &is);
     spin_splat_code(&is, out);
-    shown = is; /* place and scale are floats in the file */
+    shown = is; /* position and scale are stored as floats, without rounding */
     spin_splat_decode_bytes(out, &shown);
     spin_quant_error_row(quant, &is, &shown);
 }
 
-/* Rows in the order of x->order, in pieces. */
+/* Writes the rows in the order of x->order, one block at a time. */
 static spin_status write_ordered(struct spin_frames *x, struct spin_out *out)
 {
     unsigned char *block;
@@ -87,7 +87,7 @@ static const struct spin_frames_format format = {
 static spin_status splat_begin(const struct spin_export_job *job, void **self)
 {
     if (job->sh_degree > 0)
-        spin_log(0, "splat holds no colour that depends on the direction: sh is left out");
+        spin_log(0, "splat stores no view-dependent colour: SH is left out");
     return spin_frames_begin(&format, job, self);
 }
 

@@ -1,12 +1,12 @@
-/* One SPZ per frame (formats/spz.h).
+/* Writes one SPZ per frame (formats/spz.h).
  *
- * Twelve fractional bits of the places, as the reference has it, reach to 2048 units. A frame that
- * lies farther out gets fewer, and so do those after it: what stands still should be the same in
- * every frame.
+ * Positions have 12 fractional bits, as in the reference implementation, which covers coordinates
+ * up to 2048. A frame that reaches farther gets fewer bits, and so do all frames after it, so that
+ * static splats keep the same bytes.
  *
- * Axes: the format does not say which it holds. --axes source writes those of the training, as
- * splat-transform does; --axes rub turns half about x, to the right, up and back that Niantic's
- * library stores. */
+ * The format does not define its axes. --axes source writes those of the training, as
+ * splat-transform does; --axes rub applies the half turn about x to right, up, back, which
+ * Niantic's library stores. */
 #include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "formats/spz.h"
@@ -20,9 +20,8 @@ static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTION_FPS,
     SPIN_ROWS_OPTION_SH,
     {"axes", "source|rub", "axes to write; rub: right, up, back, half a turn about x", "source"},
-    {"spz-version", "3|4", "version of the format: 3 is a gzip, 4 is zstd streams", "3"},
-    {"level", "N",
-     "effort of gzip or zstd; 1: hardly a search for repeats, of which there are few; to 9", "1"},
+    {"spz-version", "3|4", "version of the format: 3 (gzip) or 4 (zstd streams)", "3"},
+    {"level", "N", "effort of gzip or zstd, 1 (fast) to 9 (small)", "1"},
     {0},
 };
 
@@ -30,21 +29,22 @@ struct export
 {
     struct spin_frames frames;
     int version, level;
-    int fraction;          /* fractional bits of the places */
-    unsigned char *packed; /* [n_packed_room] a stream of version 4, or all */
+    int fraction; /* fractional bits of the places */
+    unsigned char
+        *packed; /* [n_packed_room] one compressed stream of version 4, or the whole file */
     size_t n_packed_room;
     unsigned char toc[SPIN_SPZ_STREAMS * SPIN_SPZ_TOC_ENTRY]; /* of version 4 */
-    unsigned char *bytes;                                     /* what is packed in one go */
+    unsigned char *bytes; /* input of the compressor: one stream of version 4, or the whole file */
 
-    /* The stream at hand. */
+    /* The current stream: one attribute of all rows. */
     int stream;
-    size_t width;      /* bytes a row */
+    size_t width;      /* bytes per row */
     unsigned char *to; /* [n_kept][width] */
 };
 
 /* ---- Streams --------------------------------------------------------------------------------- */
 
-/* Row i of the stream at hand; adds what a reader is wrong by. */
+/* Codes row i of the current stream and adds the error of what a reader decodes. */
 static void code_row(const struct export *x, size_t i, unsigned char *out,
                      struct spin_quant_error *quant)
 {
@@ -102,7 +102,7 @@ static void code_block(void *context, int task)
     spin_splat_filter_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
 }
 
-/* One attribute of all rows; its bytes. */
+/* Codes one attribute of all rows and returns the number of bytes. */
 static size_t code_stream(struct export *x, int stream, unsigned char *to)
 {
     const struct spin_splat_filter *rows = &x->frames.rows;
@@ -114,7 +114,7 @@ static size_t code_stream(struct export *x, int stream, unsigned char *to)
     return rows->n_kept * x->width;
 }
 
-/* One attribute as a frame of zstd, and its entry of the table of contents. */
+/* Writes one attribute as a zstd frame and fills its entry of the table of contents. */
 static spin_status write_stream(struct export *x, int stream, struct spin_out *out)
 {
     size_t n = code_stream(x, stream, x->bytes), n_packed;
@@ -126,7 +126,8 @@ static spin_status write_stream(struct export *x, int stream, struct spin_out *o
     return spin_out_write(out, x->packed, n_packed);
 }
 
-/* The most fractional bits, at most those of the frame before, with which all places fit. */
+/* Chooses the most fractional bits that all positions fit into, but no more than the frame before.
+ */
 static spin_status choose_fraction(struct export *x, int number)
 {
     const struct spin_splat_filter *rows = &x->frames.rows;
@@ -142,11 +143,12 @@ static spin_status choose_fraction(struct export *x, int number)
     }
     x->fraction = spin_spz_fraction(largest, before);
     if (x->fraction < 0)
-        return spin_unsupported("frame %d: a splat lies at %g, spz holds positions up to 8388606",
-                                number, (double)largest);
+        return spin_unsupported(
+            "frame %d: a splat is at %g, but spz holds positions only up to 8388606", number,
+            (double)largest);
     if (x->fraction < before)
         spin_warn(
-            "frame %d: a splat lies at %g: positions are written in steps of 1/%d from here on",
+            "frame %d: a splat is at %g: from here on, positions are rounded to steps of 1/%d",
             number, (double)largest, 1 << x->fraction);
     return SPIN_OK;
 }
@@ -172,7 +174,7 @@ static spin_status write_version_3(struct export *x, struct spin_out *out)
     return spin_out_write(out, x->packed, n_packed);
 }
 
-/* The table of contents is written twice: its place, and what it says. */
+/* The table of contents is written twice: first to reserve its place, then with its contents. */
 static spin_status write_version_4(struct export *x, struct spin_out *out)
 {
     const struct spin_spz_header header = header_of(x);
@@ -184,11 +186,11 @@ static spin_status write_version_4(struct export *x, struct spin_out *out)
     SPIN_TRY(spin_out_write(out, x->toc, n_toc));
     for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++)
         SPIN_TRY(write_stream(x, stream, out));
-    SPIN_TRY(spin_out_length(out, &length)); /* nothing is left in the buffer */
+    SPIN_TRY(spin_out_length(out, &length)); /* flushes the buffer */
     return spin_out_write_at(out, SPIN_SPZ_HEADER_4, x->toc, n_toc);
 }
 
-/* Room for the largest stream of the frame; of version 3 for all of it. */
+/* Reserves x->bytes for the largest stream of the frame, or for all of them in version 3. */
 static spin_status reserve(struct export *x)
 {
     const struct spin_splat_filter *rows = &x->frames.rows;
@@ -211,7 +213,7 @@ static spin_status spz_write(void *self, const struct spin_frame_info *info, str
     return x->version == 4 ? write_version_4(x, out) : write_version_3(x, out);
 }
 
-/* With what gzip, or zstd around each stream, adds to bytes that they cannot shorten. */
+/* An upper bound: incompressible data grows by the overhead of gzip, or of zstd in each stream. */
 static uint64_t spz_bytes(const void *self, size_t n)
 {
     const struct export *x = self;
@@ -235,7 +237,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     x->level = 1;
     SPIN_TRY(spin_option_count(v, "level", 1, 9, &x->level));
     if (axes == 1 && spin_plugin_value(v, "up", NULL))
-        return spin_misuse("--axes rub assumes that y points down: give it or --up, not both");
+        return spin_misuse("--axes rub assumes that y points down: give either it or --up");
     x->frames.axes = axes == 1 ? half_about_x : NULL;
     x->fraction = SPIN_SPZ_FRACTION;
     return x->version == 4 ? spin_zstd_need() : SPIN_OK;

@@ -1,19 +1,20 @@
-/* One USD stage of ParticleField3DGaussianSplat (the schema of OpenUSD 26.03): OUT/clip.usda, which
- * plays one layer per frame by value clips. Text, so that no library is needed.
+/* Writes a USD stage of ParticleField3DGaussianSplat (the schema of OpenUSD 26.03): OUT/clip.usda,
+ * which plays one layer per frame by value clips. It is text, so no library is needed.
  *
- * Value clips and not time samples in one file: a reader opens the layer of the frame that it
- * shows, while a text of all frames would have to be parsed as a whole, gigabytes for a minute.
- * Each layer holds the time samples of its frame under the prim's own path, so that it also opens
- * alone.
+ * Value clips are used instead of time samples in a single file because a reader opens only the
+ * layer of the frame that it shows, while a text with all frames would have to be parsed as a
+ * whole: gigabytes for a minute. Each layer has the time samples of its frame under the prim's own
+ * path, so that it can also be opened on its own.
  *
- * Facts from OpenUSD's schema and its guide to value clips: scales are standard deviations,
- * opacities 0 to 1, orientations w x y z, SH one float3 a coefficient, splat by splat. The axes are
- * x right, y up, z back: half a turn about x from those of the training.
+ * From OpenUSD's schema and its guide to value clips: scales are standard deviations, opacities 0
+ * to 1, orientations w x y z; SH has one float3 per coefficient, splat after splat. The axes are x
+ * right, y up, z back: half a turn about x from those of the training.
  *
- * What is the same in all frames stands once, in still.usda, which the stage and each layer have
- * below them. Numbers are halves by default, with as few digits as read back as the same half;
- * places have as many as tell a millionth of the first frame's diagonal. Cameras are UsdGeomCamera,
- * those of the data set and one that moves; only the ratio of focal length and aperture counts. */
+ * Attributes that are the same in all frames are stored once, in still.usda, a sublayer of the
+ * stage and of each layer. Numbers are half floats by default, with as few digits as are needed to
+ * read the same half back; positions have enough digits to resolve a millionth of the first frame's
+ * diagonal. Cameras are UsdGeomCamera: those of the data set and a moving one. Of focal length and
+ * aperture only the ratio matters. */
 #include "base/base.h"
 #include "exporters/lib/camera_path.h"
 #include "exporters/lib/frames.h"
@@ -22,14 +23,14 @@
 #include "math/sh.h"
 
 #define DEFAULT_FPS 30
-#define BATCH 8          /* blocks of rows made at a time */
-#define NUMBER 16        /* characters of a number at most, with what stands between */
+#define BATCH 8          /* blocks of rows per write */
+#define NUMBER 16        /* longest number, with its separators */
 #define MAX_FLOATS 48    /* of an attribute of one row */
-#define LEAST_HALF 6e-8f /* the smallest half above 0 */
+#define LEAST_HALF 6e-8f /* the smallest positive half */
 #define MOST_HALF 65504.0f
 #define PRIM "Splats"
 #define STILL "still.usda"
-#define APERTURE 36.0 /* horizontal, of any camera */
+#define APERTURE 36.0 /* horizontal, of every camera */
 
 static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.usda"),
@@ -37,17 +38,17 @@ static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTION_FPS,
     {"axes", "usd|source", "axes to write without --up; usd: x right, y up, half a turn about x",
      "usd"},
-    {"float", NULL, "floats with all digits, not half floats with three", NULL},
-    {"path", "orbit|spiral|train|FILE", "a camera that moves, as of --to images, once in the clip",
-     NULL},
-    {"meters-per-unit", "M", "metres of a unit of the scene", "1"},
+    {"float", NULL, "write floats with all digits instead of half floats", NULL},
+    {"path", "orbit|spiral|train|FILE",
+     "add a moving camera, as in --to images, over the whole clip", NULL},
+    {"meters-per-unit", "M", "metres per unit of the scene", "1"},
     {0},
 };
 
 enum attribute { POSITIONS, ORIENTATIONS, SCALES, OPACITIES, SH, ATTRIBUTES };
 
 struct form {
-    const char *type, *name, *type_half, *name_half; /* of half floats; NULL: never */
+    const char *type, *name, *type_half, *name_half; /* of half floats; NULL: always float */
 };
 
 static const struct form forms[ATTRIBUTES] = {
@@ -62,23 +63,23 @@ static const struct form forms[ATTRIBUTES] = {
 struct export
 {
     struct spin_frames frames;
-    double codes; /* of time from one frame to the next */
+    double codes; /* time codes from one frame to the next */
     bool half;
-    double meters;     /* of a unit */
-    int decimals;      /* of places, where not all digits are written; -1: not known yet */
+    double meters;     /* per unit */
+    int decimals;      /* of positions, if halves are written; -1: not known yet */
     unsigned still;    /* bits of the attributes that are the same in all frames */
-    char(*halves)[10]; /* [65536] text of each half */
+    char(*halves)[10]; /* [65536] the text of each half */
 
     /* The camera of --path. */
     struct spin_camera_path path;
     bool has_path;
-    struct spin_camera *camera; /* [n_pictures]; NULL: no frame has come yet */
+    struct spin_camera *camera; /* [n_pictures]; NULL: before the first frame */
 
-    /* The batch at hand. */
+    /* The current batch. */
     enum attribute attribute;
     size_t first;                 /* block */
-    char *text;                   /* [BATCH][rows of a block * floats * NUMBER] */
-    size_t n_text[BATCH], stride; /* characters there are; there is room for */
+    char *text;                   /* [BATCH][stride] */
+    size_t n_text[BATCH], stride; /* characters of each block, and the capacity for one */
 };
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
@@ -92,7 +93,7 @@ static float as_half(float v, float least)
 
 static bool is_half(const struct export *x) { return x->half && forms[x->attribute].type_half; }
 
-/* "%.Ng" without a plus or zeros in the exponent. */
+/* Prints "%.*g" without plus signs and leading zeros in the exponent. */
 static void print_short(char to[24], int digits, double v)
 {
     char *e, *from;
@@ -130,7 +131,7 @@ static spin_status make_halves(struct export *x)
     for (uint32_t half = 0; half < 65536; half++) {
         float h = float_of_half(half), back = h + 1;
 
-        if ((half & 0x7c00u) == 0x7c00u) /* infinite: none is written */
+        if ((half & 0x7c00u) == 0x7c00u) /* infinity and NaN are never written */
             continue;
         for (int digits = 1; digits < 6 && back != h; digits++) {
             char text[24];
@@ -143,7 +144,7 @@ static spin_status make_halves(struct export *x)
     return SPIN_OK;
 }
 
-/* A value as it is written; returns its length. */
+/* Prints a value and returns its length. */
 static int print_value(const struct export *x, float v, char *to)
 {
     int n;
@@ -159,7 +160,7 @@ static int print_value(const struct export *x, float v, char *to)
     return strncmp(to, "-0", (size_t)n) == 0 ? sprintf(to, "0") : n;
 }
 
-/* A place as it is written. */
+/* A coordinate as it reads back. */
 static float rounded_place(const struct export *x, float v)
 {
     char text[64];
@@ -170,7 +171,8 @@ static float rounded_place(const struct export *x, float v)
     return strtof(text, NULL);
 }
 
-/* The values of a row, groups of `group`; what a reader loses is counted. */
+/* Collects the values of a row's attribute, to be grouped by `group`, and adds their rounding
+ * errors. */
 static size_t take_row(const struct export *x, size_t i, float out[MAX_FLOATS], size_t *group,
                        struct spin_quant_error *quant)
 {
@@ -226,7 +228,7 @@ static size_t take_row(const struct export *x, size_t i, float out[MAX_FLOATS], 
     }
 }
 
-/* "(1,2,3)" for each group, with commas between. */
+/* Prints "(1,2,3)" for each group, separated by commas. */
 static char *print_row(const struct export *x, size_t i, bool first, char *to,
                        struct spin_quant_error *quant)
 {
@@ -280,7 +282,8 @@ static const char *name_of(const struct export *x, enum attribute a)
     return x->half && forms[a].type_half ? forms[a].name_half : forms[a].name;
 }
 
-/* As the sample of a frame; or, where it is still, as the value. */
+/* Writes an attribute as the time sample of a frame or, if it is the same in all frames, as a
+ * value. */
 static spin_status write_attribute(struct export *x, enum attribute a, int number,
                                    struct spin_out *out)
 {
@@ -306,7 +309,7 @@ static spin_status write_attribute(struct export *x, enum attribute a, int numbe
     return put(out, still ? "]\n" : "],\n    }\n");
 }
 
-/* The box of the ellipsoids at three standard deviations. */
+/* The bounding box of the ellipsoids of three standard deviations. */
 static void find_extent(const struct export *x, float extent[6])
 {
     const struct spin_splat_filter *rows = &x->frames.rows;
@@ -336,7 +339,7 @@ static void find_extent(const struct export *x, float extent[6])
     }
 }
 
-/* What a layer begins with. */
+/* Prints the header of a layer. */
 static void print_head(const struct export *x, int first, int last, FILE *to)
 {
     fprintf(to,
@@ -356,7 +359,7 @@ static void print_degree(const struct export *x, FILE *to)
             x->frames.rows.sh_degree);
 }
 
-/* The very beginning of the layer of a frame of n splats, allocated with malloc. */
+/* Prints the layer of a frame of n splats up to its first attribute; *text is allocated. */
 static spin_status layer_head(const struct export *x, int number, size_t n, char **text,
                               size_t *n_text)
 {
@@ -373,7 +376,7 @@ static spin_status layer_head(const struct export *x, int number, size_t n, char
     return fclose(to) == 0 ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for a layer of USD");
 }
 
-/* What is the same in all frames, from the one at hand. */
+/* Writes still.usda, the attributes that are the same in all frames, from the current one. */
 static spin_status write_still(struct export *x)
 {
     SPIN_LEAVES(spin_out_abandon) struct spin_out out = {0};
@@ -390,7 +393,7 @@ static spin_status write_still(struct export *x)
     return spin_out_commit(&out);
 }
 
-/* Places tell a millionth of the diagonal of this frame's box. */
+/* The decimals that resolve a millionth of the diagonal of this bounding box. */
 static int decimals_of(const float e[6])
 {
     double square = 0, step;
@@ -401,7 +404,7 @@ static int decimals_of(const float e[6])
     return (int)fmin(fmax(ceil(-log10(step)), 0), 20);
 }
 
-/* With the first frame: what all frames share. */
+/* Called with the first frame: prepares what all frames share. */
 static spin_status begin_frames(struct export *x, const float e[6])
 {
     size_t n_sh = 3 * (size_t)spin_sh_count(x->frames.rows.sh_degree);
@@ -454,8 +457,8 @@ static uint64_t usd_bytes(const void *self, size_t n)
 
 /* ---- Cameras --------------------------------------------------------------------------------- */
 
-/* Camera to world in the axes of the file, of a camera with x right, y up, z back: rows are its
- * axes and its place. */
+/* Prints the camera-to-world matrix in the axes of the file, of a camera with x right, y up, z
+ * back: the rows are its axes and its position. */
 static void print_matrix(const struct export *x, const struct spin_camera *camera, FILE *to)
 {
     const double *m = camera->w2c, *q = x->frames.rows.turn_q;
@@ -486,8 +489,8 @@ static double focal_of(const struct spin_camera *camera)
     return camera->fx * APERTURE / camera->width;
 }
 
-/* A camera that is at camera[k] at time[k]. Its lens is that of the first but for the focal length.
- */
+/* Prints a camera that has the pose camera[k] at time[k]. All but the focal length of its lens are
+ * taken from the first. */
 static void print_camera(const struct export *x, const char *name, const struct spin_camera *camera,
                          const double *time, size_t n, FILE *to)
 {
@@ -526,7 +529,7 @@ static void print_camera(const struct export *x, const char *name, const struct 
             moves ? "        }\n" : "");
 }
 
-/* View v is the k-th of its camera's number in its row. */
+/* The index of view v among those of its camera id in its row. */
 static int twin_of(const struct spin_views *views, size_t v)
 {
     size_t first = v;
@@ -545,7 +548,7 @@ static bool is_at_hand(const struct export *x, const struct spin_view *view, siz
     return false;
 }
 
-/* Each camera of the data set that has a view of the frames that were written. */
+/* Prints each camera of the data set that has a view in the exported frames. */
 static spin_status print_rig(const struct export *x, FILE *to)
 {
     const struct spin_views *views = x->frames.job->views;
@@ -581,8 +584,8 @@ static spin_status print_rig(const struct export *x, FILE *to)
     return SPIN_OK;
 }
 
-/* The camera of --path: its pictures at even times, from the first frame to where the last one
- * ends. */
+/* Prints the camera of --path: its poses are evenly spaced from the first frame to the end of the
+ * last. */
 static spin_status print_path(const struct export *x, FILE *to)
 {
     size_t n = (size_t)x->path.n_pictures;
@@ -613,7 +616,7 @@ static spin_status print_cameras(const struct export *x, FILE *to)
 
 /* ---- The stage ------------------------------------------------------------------------------- */
 
-/* Attributes that the clips bring, declared without a value. */
+/* Declares the attributes that the clips provide, without values. */
 static void print_attributes(const struct export *x, FILE *to)
 {
     fprintf(to, "    float3[] extent\n");
@@ -692,7 +695,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
 
     SPIN_TRY(spin_option_word(v, "axes", "usd|source", &axes));
     if (strpbrk(spin_plugin_value(v, "pattern", ""), "@"))
-        return spin_misuse("--pattern: '@' ends the name of a file in USD");
+        return spin_misuse("--pattern: a file name in USD cannot contain '@'");
     x->frames.axes = axes == 0 ? half_about_x : NULL;
     x->codes = job->stride > 0 ? job->stride : 1;
     x->frames.fps = job->fps > 0 ? job->fps : DEFAULT_FPS / x->codes;
@@ -707,13 +710,13 @@ static spin_status begin(void *self, const struct spin_export_job *job)
         return SPIN_OK;
     SPIN_TRY(spin_camera_path_begin(&x->path, job));
     if (x->path.path == SPIN_PATH_CAMERA)
-        return spin_misuse("--path camera: the data set's cameras are there without it");
+        return spin_misuse("--path camera: the data set's cameras are written without it");
     if (x->path.path != SPIN_PATH_FILE)
         x->path.n_pictures = job->n_frames;
     return SPIN_OK;
 }
 
-/* A hash of an attribute of the frame's rows. */
+/* A hash of an attribute in the rows of the frame. */
 static uint64_t imprint(const struct export *x, enum attribute a)
 {
     const struct spin_splats *s = x->frames.rows.splats;
@@ -726,7 +729,7 @@ static uint64_t imprint(const struct export *x, enum attribute a)
     return hash;
 }
 
-/* Which attributes stay the same: frames are read until there is none. */
+/* Finds the attributes that are the same in all frames; stops reading once there are none. */
 static spin_status find_still(void *self, const struct spin_export_job *job)
 {
     struct export *x = self;

@@ -1,17 +1,17 @@
-/* The clip as a video, MP4 or WebM by the output's name: from one camera of the data set, or from
- * one that goes around the scene while the clip plays; several versions side by side on demand. */
+/* Writes the clip as an MP4 or WebM video, chosen by the output's name: from one camera of the data
+ * set, or from one that moves while the clip plays, on request as several panels side by side. */
 #include "base/base.h"
 #include "exporters/lib/camera_path.h"
 #include "io/video.h"
 
 static const struct spin_plugin_option options[] = {
     SPIN_DRAWING_OPTION_PATH,
-    {"camera", "ID", "the data set's camera to look from; otherwise the first held-out one", NULL},
+    {"camera", "ID", "a camera of the data set; default: the first held-out one", NULL},
     SPIN_DRAWING_OPTIONS,
     {"fps", "F",
-     "frames per second of the video; otherwise the bundle's, else 30, in two seconds or more",
+     "frames per second; default: the bundle's, else 30, but a video of two seconds at least",
      NULL},
-    {"quality", "Q", "0 (best) to 51 (least)", "18"},
+    {"quality", "Q", "0 (best) to 51 (smallest)", "18"},
     {0},
 };
 
@@ -19,8 +19,9 @@ struct export
 {
     struct spin_camera_path drawing;
     struct spin_video_out *video;
-    const struct spin_view *first; /* whose camera_id the video keeps; NULL: a camera of its own */
-    int size[2];                   /* of a panel */
+    const struct spin_view
+        *first;  /* its camera is used throughout; NULL: not a data set's camera */
+    int size[2]; /* width, height of a panel, pixels */
 };
 
 static const struct spin_view *view_of(const struct export *x, int frame, int camera_id)
@@ -43,7 +44,7 @@ static spin_status choose_camera(struct export *x)
 
     if (text && spin_camera_path_is_own(&x->drawing))
         return spin_misuse("--camera: %s", job->views
-                                               ? "the camera of --path is none of the data set's"
+                                               ? "the camera of --path is not one of the data set"
                                                : "there is no data set, give --data DIR");
     if (spin_camera_path_is_own(&x->drawing))
         return SPIN_OK;
@@ -117,9 +118,9 @@ static spin_status draw_one(struct export *x, int frame, int64_t picture,
         spin_camera_path_resize(d, &camera);
     }
     if (camera.width != x->size[0] || camera.height != x->size[1])
-        return spin_unsupported("frame %d: camera %d is %dx%d there, %dx%d before", info->number,
-                                view ? view->camera_id : -1, camera.width, camera.height,
-                                x->size[0], x->size[1]);
+        return spin_unsupported("frame %d: camera %d has %dx%d pixels, but %dx%d in earlier frames",
+                                info->number, view ? view->camera_id : -1, camera.width,
+                                camera.height, x->size[0], x->size[1]);
     SPIN_TRY(spin_camera_path_draw(d, frame, splats, &camera, view ? view->path : NULL));
     SPIN_TRY(spin_video_put(x->video, d->wide));
     if (d->job->report)

@@ -1,4 +1,4 @@
-// The page: asks the worker for frames and orders, draws them, and listens to whoever looks.
+// The page: requests frames and sort orders from the worker, draws them, and handles user input.
 'use strict';
 
 (() => {
@@ -13,19 +13,21 @@ if (!gl) return say('This page needs WebGL 2, which this browser does not offer.
 if (clip.data && location.href.startsWith('file:')) return say(`This page reads ${clip.data} beside it, which browsers do not allow from the disk. Put both on a web server ("python3 -m http.server" in their folder is one), or export the clip without --split.`);
 if (typeof DecompressionStream === 'undefined') return say('This browser is too old: it has no DecompressionStream.');
 
-// An address of the web, of a blob or a file, or one relative to the page; null for others, such as javascript: and data:.
+// Returns the address if it is relative or of http, https, blob or file; null for other schemes,
+// such as javascript: and data:.
 function safeAddress(address) {
     try { return /^(https?|blob|file):$/.test(new URL(address, location.href).protocol) ? address : null; } catch { return null; }
 }
 
-// What the address asks for: ?frame=7&autoplay=0&noui&poster=first.jpg&version=before&fps=12&background=ffffff
+// Parameters of the page's URL, such as
+// ?frame=7&autoplay=0&noui&poster=first.jpg&version=before&fps=12&background=ffffff
 function readParameters(given) {
     const has = (name) => given.has(name) && given.get(name) !== '0' && given.get(name) !== 'false', number = (name, least, most) => (given.get(name) && Number(given.get(name)) >= least && Number(given.get(name)) <= most ? Number(given.get(name)) : undefined);
     const hex = given.get('background')?.match(/^#?(?:([0-9a-f])([0-9a-f])([0-9a-f])|([0-9a-f]{2})([0-9a-f]{2})([0-9a-f]{2}))$/i)?.slice(1).filter(Boolean).map((h) => parseInt(h.repeat(3 - h.length), 16) / 255);
     return { frame: number('frame', 1, clip.numbers.length), autoplay: given.has('autoplay') ? has('autoplay') : undefined, noui: has('noui'), poster: given.has('poster') ? safeAddress(given.get('poster')) : null, version: given.get('version'), fps: number('fps', 0.001, 1000), background: hex };
 }
 
-// ---- Vectors and the camera, in the page's units: (world - centre) / size ------------------------
+// ---- Vectors and the camera, in the page's units: (world - centre) / size -----------------------
 
 const add = (a, b, k = 1) => a.map((v, i) => v + k * b[i]);
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -50,13 +52,14 @@ function camera() {
     const out = add(add(front.map((v) => v * flat * Math.cos(angle)), side, flat * Math.sin(angle)), up, Math.sin(height));
     const forward = out.map((v) => -v), right = unit(cross(forward, up));
     const w = canvas.width, h = canvas.height, tan = Math.tan(clip.fovy * Math.PI / 360);
-    // All of the first camera's picture is in view; in a window that is higher than it only so much of its sides as
-    // leaves nothing empty above and below.
+    // The first camera's whole image is visible. If the window is taller than that image, the sides
+    // are cropped as far as is needed to leave nothing empty above and below.
     const focal = Math.min(h / 2 / tan, Math.max(w / 2 / (tan * clip.aspect), h / 2 / orbit.tall));
     return { eye: add(target, out, distance), right, down: cross(forward, right), forward, focal };
 }
 
-// How high the scene stands in the first view, as a slope: a tenth of what is before the middle of the picture is higher.
+// The height of the scene in the first view, as a slope: the 90th percentile of the splats in the
+// middle half of the image.
 function measureHeight(place, n) {
     const c = camera(), near = clip.near / clip.size, tan = Math.tan(clip.fovy * Math.PI / 360), high = [];
     for (let i = 0; i < n; i++) {
@@ -66,7 +69,7 @@ function measureHeight(place, n) {
     return high.length ? Math.max(tan, Float32Array.from(high).sort()[Math.floor(0.9 * high.length)]) : Infinity;
 }
 
-// ---- WebGL -----------------------------------------------------------------------------------------
+// ---- WebGL --------------------------------------------------------------------------------------
 
 function shader(type, text) {
     const s = gl.createShader(type);
@@ -76,7 +79,7 @@ function shader(type, text) {
     return s;
 }
 
-// A program and the places of its uniforms.
+// Links a program; `at` looks up its uniforms.
 function programOf(vertex, fragment) {
     const p = gl.createProgram();
     gl.attachShader(p, shader(gl.VERTEX_SHADER, vertex));
@@ -86,7 +89,7 @@ function programOf(vertex, fragment) {
     return { use: () => gl.useProgram(p), at: (name) => gl.getUniformLocation(p, name) };
 }
 
-// First each splat is projected, into two textures; then the boxes of all are drawn.
+// Each splat is first projected into two textures; then the bounding quads of all splats are drawn.
 const ALL = '#version 300 es\nvoid main() { gl_Position = vec4(float(gl_VertexID & 1) * 4.0 - 1.0, float(gl_VertexID & 2) * 2.0 - 1.0, 0, 1); }';
 const project = programOf(ALL, $('project').textContent), boxes = programOf($('vertex').textContent, $('fragment').textContent);
 const at = Object.fromEntries(['turn', 'eye', 'focal', 'half_size', 'near', 'degree', 'words', 'antialias', 'count'].map((n) => [n, project.at(n)]));
@@ -95,14 +98,14 @@ project.use();
 Object.entries({ splats: SPLATS, harmonics: HARMONICS, order: ORDER }).forEach(([name, unit]) => gl.uniform1i(project.at(name), unit));
 boxes.use();
 Object.entries({ ellipses: ELLIPSES, paints: PAINTS }).forEach(([name, unit]) => gl.uniform1i(boxes.at(name), unit));
-// Two triangles a splat, as many splats as 16 bits can number the corners of. Instances of four corners each take
-// many times as long on a processor.
+// Each splat is two triangles; a batch has as many splats as 16-bit indices can address the corners
+// of. Instanced quads would be many times slower on software renderers.
 const BATCH = 16384, CORNERS = [0, 1, 2, 2, 1, 3];
 gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
 gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, Uint16Array.from({ length: 6 * BATCH }, (_, i) => 4 * Math.floor(i / 6) + CORNERS[i % 6]), gl.STATIC_DRAW);
 gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
 
-// A texture 2048 wide.
+// Allocates a texture that is 2048 texels wide.
 function storage(unit, format, rows) {
     const made = gl.createTexture();
     gl.activeTexture(gl.TEXTURE0 + unit);
@@ -113,7 +116,8 @@ function storage(unit, format, rows) {
     return made;
 }
 
-// Words into a texture 2048 wide, made anew when it has to grow; the last row is filled up. Without words: bind it.
+// Uploads words into a texture 2048 texels wide, which is reallocated when it has to grow; the last
+// row is padded. Without words it only binds the texture.
 function texture(slot, format, layout, perTexel) {
     let made = null, rows = 0;
     return (words) => {
@@ -135,10 +139,10 @@ function texture(slot, format, layout, perTexel) {
         }
     };
 }
-// Each version's frame that is on the card.
+// For each version the frame that is on the GPU.
 const shown = clip.versions.map((v) => ({ v, frame: -1, draft: false, count: 0, words: 0, splats: texture(SPLATS, gl.RGBA32UI, gl.RGBA_INTEGER, 4), harmonics: texture(HARMONICS, gl.R32UI, gl.RED_INTEGER, 1), order: texture(ORDER, gl.R32UI, gl.RED_INTEGER, 1) }));
 
-// What project.frag writes to: a row for every 2048 splats.
+// The render targets of project.frag: one row for every 2048 splats.
 const projected = { frame: gl.createFramebuffer(), rows: 0, textures: [] };
 function makeRoom(rows) {
     gl.bindFramebuffer(gl.FRAMEBUFFER, projected.frame);
@@ -150,7 +154,7 @@ function makeRoom(rows) {
     gl.drawBuffers([gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1]);
 }
 
-// One version as the camera sees it, into the columns of pixels from left to right.
+// Draws one version into the pixel columns from `left` to `right`.
 function drawPart(s, c, left, right) {
     const w = canvas.width, h = canvas.height, rows = Math.ceil(s.count / 2048);
     if (!rows) return;
@@ -198,12 +202,13 @@ function draw() {
     }
 }
 
-// ---- What is wanted and what is shown ----------------------------------------------------------------
+// ---- What is wanted and what is shown -----------------------------------------------------------
 
 const AFTER = 0, BEFORE = 1; // of two versions
-const between = clip.versions.every((v) => v.rows || v.moves); // there are splats for any time, not for frames alone
-// moves: the camera did since the last picture; then splats end where they are faint, and one more picture follows.
-// drawn: the versions in the picture; wipe: both are wanted, with the line at the share `cut` of the width.
+const between = clip.versions.every((v) => v.rows || v.moves); // splats exist at any time, not only at frames
+// moves: the camera has moved since the last draw; splats then end where they are still faintly
+// visible, and one more draw follows. drawn: the versions that are drawn; wipe: both are wanted,
+// with the line at the share `cut` of the width.
 const state = { version: 0, wipe: false, cut: 0.5, frame: 0, playing: false, speed: 1, clock: 0, last: 0, touched: 0, asked: '', waiting: false, dirty: true, drawn: null, view: '', moves: false };
 const texts = clip.data ? null : clip.versions.map((v, i) => v.splats.map((_, f) => {
     const element = $(`v${i}f${f}`), text = element.textContent;
@@ -236,12 +241,13 @@ worker.onmessage = ({ data }) => {
 };
 
 const wanted = () => (state.wipe ? [AFTER, BEFORE] : [state.version]);
-// After so many milliseconds without a hand the controls go while it plays, and always from pictures that are no higher.
+// The controls disappear this many milliseconds after the last input, while the clip plays, or
+// always if the canvas is at most this high.
 const REST = 3000, SMALL = 240;
 const isWhole = () => state.drawn && !shown[state.drawn[0]].draft;
 
-// Ask for the wanted frame, and for a new order when the camera has turned or moved; of a page that is served
-// first for the draft, which is shown before anything else is read.
+// Requests the wanted frame, or a new sort order if the camera has moved. A served page first
+// requests the draft, which is shown before anything else is loaded.
 function ask(c) {
     const draft = !state.drawn && !state.wipe && state.frame === 0 && clip.versions[state.version].draft !== undefined;
     const slope = [canvas.width, canvas.height].map((v) => v / 2 / c.focal);
@@ -285,9 +291,9 @@ function tick(now) {
     requestAnimationFrame(tick);
 }
 
-// ---- Buttons, keys, fingers ------------------------------------------------------------------------
+// ---- Buttons, keys, fingers ---------------------------------------------------------------------
 
-// The source's number of a frame, or one between two of them.
+// The source's number of a frame; between two frames it is interpolated.
 function numberAt(frame) {
     const k = Math.floor(frame), a = clip.numbers[k];
     return frame === k ? a : Number((a + (frame - k) * (clip.numbers[k + 1] - a)).toFixed(3));
@@ -322,7 +328,7 @@ function show(version) {
     label();
 }
 
-// Before on the left of a line, after on its right.
+// Shows both versions: before to the left of a line, after to its right.
 function wipe(on) {
     state.wipe = on && clip.versions.length === 2;
     label();
@@ -341,7 +347,7 @@ function reset() {
     state.dirty = true;
 }
 
-// Around the target; who flies turns where he is.
+// Orbits the target; after flying, the camera turns in place instead.
 function turnBy(dx, dy) {
     const { eye } = camera();
     orbit.angle -= dx * 0.006;
@@ -356,7 +362,7 @@ function moveBy(dx, dy) {
     aim(add(add(orbit.target, c.right, -dx * k), c.down, -dy * k));
 }
 
-// Not farther than the scene reaches.
+// Sets the target, no farther from the first one than the size of the scene.
 function aim(target) {
     const first = inside(clip.target), off = add(target, first, -1);
     orbit.target = add(first, off, Math.min(1, 1 / Math.max(Math.hypot(...off), 1e-9)));
@@ -364,14 +370,16 @@ function aim(target) {
     welcome(false);
 }
 
-// W A S D, Q and E for down and up, of the keys that are held: in a second a part of the way to the target.
+// Flying: W A S D, and Q and E for down and up. Each second a held key moves the camera by half of
+// its first distance from the target.
 const FLY = { w: ['forward', 1], s: ['forward', -1], d: ['right', 1], a: ['right', -1], q: ['down', 1], e: ['down', -1] }, held = new Set();
 function fly(seconds) {
     const c = camera(), step = 0.5 * orbit.first * Math.min(seconds, 0.1);
     if (held.size) aim([...held].reduce((p, key) => add(p, c[FLY[key][0]], step * FLY[key][1]), orbit.target));
 }
 
-// From where the whole scene is seen to a part of the way that the cameras stood away: behind that are the walls.
+// Zooms between the distance that shows the whole scene and a fraction of that of the cameras,
+// since walls may be closer.
 function zoomBy(factor) {
     const [least, most] = clip.reach.map((d) => d / clip.size), whole = 1.5 / Math.tan(clip.fovy * Math.PI / 360);
     orbit.distance = Math.max(Math.min(least, orbit.first), Math.min(Math.max(most, whole, orbit.first), orbit.distance * factor));
@@ -381,10 +389,10 @@ function zoomBy(factor) {
 
 function fullscreen() {
     if (document.fullscreenElement) document.exitFullscreen();
-    else root.requestFullscreen().catch(() => say('This browser does not allow a full screen.'));
+    else root.requestFullscreen().catch(() => say('This browser does not allow full screen.'));
 }
 
-// The name and the hint, until the scene is touched.
+// Shows or hides the clip's name and the hint; they are hidden once the scene is touched.
 function welcome(on) {
     $('title').classList.toggle('away', !on);
 }
@@ -394,14 +402,14 @@ $('full').onclick = fullscreen;
 $('full').hidden = !document.fullscreenEnabled;
 $('home').onclick = reset;
 $('scrub').oninput = (e) => {
-    const frame = Number(e.target.value); // before play() puts the old one there
+    const frame = Number(e.target.value); // read it before play() resets it
     play(false);
     go(frame);
 };
 $('speed').onchange = (e) => { state.speed = Number(e.target.value); };
 canvas.ondblclick = reset;
 canvas.oncontextmenu = (e) => e.preventDefault();
-// In another page the wheel and a finger are that page's, until this one is touched.
+// Inside another page, the wheel and one-finger swipes scroll that page until this one is touched.
 const engage = (on) => {
     state.engaged = on || !embedded;
     canvas.style.touchAction = state.engaged ? 'none' : 'pan-y';
@@ -462,7 +470,7 @@ window.addEventListener('keydown', (e) => {
 window.addEventListener('keyup', (e) => held.delete(e.key.toLowerCase()));
 window.addEventListener('blur', () => held.clear());
 
-canvas.addEventListener('webglcontextlost', () => say('The graphics card lost the picture: reload the page.'));
+canvas.addEventListener('webglcontextlost', () => say('The WebGL context was lost: reload the page.'));
 $('scrub').max = clip.numbers.length - 1;
 $('scrub').step = between ? 0.1 : 1;
 for (const id of ['play', 'scrub', 'label', 'speed']) $(id).hidden = clip.numbers.length < 2;
@@ -497,9 +505,9 @@ else show(Math.max(0, clip.versions.findIndex((v) => v.name === asked.version)))
 play(asked.autoplay ?? (asked.frame === undefined && !matchMedia('(prefers-reduced-motion: reduce)').matches));
 requestAnimationFrame(tick);
 
-// ---- For whoever scripts the page, or holds it in a frame ---------------------------------------------
+// ---- For whoever scripts the page, or holds it in a frame ---------------------------------------
 
-// Wishes are { play, frame, speed, version }, any of them; frames count from 1, as in the bar.
+// Requests are { play, frame, speed, version }, each optional; frames count from 1, as in the bar.
 const is = { play: (v) => typeof v === 'boolean', frame: (v) => v >= 1 && v <= clip.numbers.length, speed: (v) => v > 0 && v <= 100, version: (v) => clip.versions.some((each) => each.name === v) || (v === 'wipe' && clip.versions.length === 2) };
 function set(wishes) {
     for (const [name, v] of Object.entries(wishes)) if (!is[name]?.(v)) throw new RangeError(`spin4d: ${name} cannot be ${v}`);
@@ -513,7 +521,7 @@ function set(wishes) {
 
 const stateNow = () => ({ play: state.playing, frame: state.frame + 1, frames: clip.numbers.length, speed: state.speed, version: state.wipe ? 'wipe' : clip.versions[state.version].name, ready: Boolean(state.drawn) });
 let told = '';
-// To the page around: what is so now, when it has changed.
+// Reports the state to the embedding page when it has changed.
 function tell() {
     const now = JSON.stringify(stateNow());
     if (embedded && now !== told) window.parent.postMessage({ spin4d: JSON.parse(told = now) }, '*');
@@ -523,7 +531,7 @@ window.addEventListener('message', (e) => {
     try { set(e.data.spin4d); } catch (error) { window.parent.postMessage({ spin4d: { error: error.message } }, '*'); }
 });
 tell();
-// The camera is as it is, in the world's units.
+// The camera is the current one, in world units.
 window.spin4d = {
     clip,
     set,

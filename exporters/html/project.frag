@@ -1,19 +1,19 @@
 #version 300 es
-// What a splat is on the screen (Kerbl et al. 2023; Zwicker et al. 2001), once for all of its corners: the ellipse of
-// one standard deviation and its colour, in the order in which they are drawn.
+// Projects a splat to the screen (Kerbl et al. 2023; Zwicker et al. 2001), once for all of its
+// corners: its ellipse of one standard deviation and its colour, in drawing order.
 precision highp float;
 precision highp int;
 precision highp usampler2D;
 uniform usampler2D order; // far to near
-uniform usampler2D splats; // two texels a splat: place, red and green; covariance, blue and opacity
+uniform usampler2D splats; // two texels per splat: position, red, green; covariance, blue, opacity
 uniform usampler2D harmonics;
 uniform mat3 turn; // columns: right, down, forward
 uniform vec3 eye;
 uniform vec2 focal, half_size; // pixels
 uniform float near;
 uniform int degree, words, antialias, count;
-layout(location = 0) out uvec4 ellipse; // centre, as floats; both half axes, as halfs
-layout(location = 1) out uvec2 paint; // red, green, blue, opacity, as halfs; opacity 0: there is nothing to draw
+layout(location = 0) out uvec4 ellipse; // centre, as floats; both half axes, as halves
+layout(location = 1) out uvec2 paint; // red, green, blue, opacity, as halves; opacity 0: not drawn
 
 float sh_half(int splat, int k)
 {
@@ -54,7 +54,8 @@ void main()
     float opacity = float(b.w >> 16) / 65535.0;
 
     if (p.z < near || opacity < 1.0 / 255.0) return;
-    // The slope of the projection is taken no farther out than 1.3 times the picture.
+    // Outside 1.3 times the field of view the projection is linearised at that limit, as in the
+    // reference.
     vec2 flat_at = p.xy / p.z, limit = 1.3 * half_size / focal, t = clamp(flat_at, -limit, limit);
     vec2 m01 = unpackHalf2x16(b.x), m23 = unpackHalf2x16(b.y), m45 = unpackHalf2x16(b.z);
     mat3 sigma = mat3(m01.x, m01.y, m23.x, m01.y, m23.y, m45.x, m23.x, m45.x, m45.y) / 1024.0;
@@ -62,7 +63,7 @@ void main()
     vec3 jy = focal.y / p.z * (turn[1] - t.y * turn[2]);
     vec3 sx = sigma * jx, sy = sigma * jy;
     float xx = dot(jx, sx) + 0.3, xy = dot(jx, sy), yy = dot(jy, sy) + 0.3;
-    // Trained antialiased: what the 0.3 adds in width is taken from the opacity.
+    // Trained with antialiasing: the opacity makes up for the area that the 0.3 adds.
     if (antialias != 0) {
         float area = (xx - 0.3) * (yy - 0.3) - xy * xy, det = xx * yy - xy * xy;
         opacity *= sqrt(max(area / det, 2.5e-5));

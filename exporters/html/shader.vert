@@ -1,11 +1,11 @@
 #version 300 es
-// One corner of the box around a splat's ellipse, as project.frag left it.
+// One corner of the bounding quad of a splat's ellipse, which project.frag computed.
 precision highp float;
 precision highp int;
 precision highp usampler2D;
 uniform usampler2D ellipses, paints;
-uniform int first; // row of the first of four corners
-uniform float most; // deviations that are drawn
+uniform int first; // first row of the batch
+uniform float most; // largest reach, in standard deviations
 out vec2 place;
 flat out vec4 colour;
 
@@ -20,7 +20,7 @@ void main()
     gl_Position = vec4(0, 0, 2, 1);
     place = vec2(0);
     if (colour.a == 0.0) return;
-    // Where the opacity falls to 1/255 the ellipse ends, or before.
+    // The ellipse ends where its opacity falls to 1/255, or earlier.
     float reach = min(most, sqrt(2.0 * log(max(255.0 * colour.a, 1.0))));
     place = reach * vec2((gl_VertexID & 1) * 2 - 1, (gl_VertexID & 2) - 1);
     gl_Position = vec4(uintBitsToFloat(e.xy) + place.x * unpackHalf2x16(e.z) + place.y * unpackHalf2x16(e.w), 0, 1);

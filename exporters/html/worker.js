@@ -1,14 +1,14 @@
-// The worker: unpacks frames, keeps some, and sorts the splats of the wanted one for a view.
-// exporters/html/format.md says what a block is; exporters/lib/page_group.h writes them.
+// The worker: decodes frames, caches some, and sorts the splats of the wanted one for a view.
+// exporters/html/format.md describes the blocks; exporters/lib/page_*.c write them.
 'use strict';
 
-const MOST_BYTES = 400e6, RUN_BYTES = 1e6, PLACE = 0, COLOUR = 3, OPACITY = 6, SCALE = 7, ROTATION = 10, SH = 13, REACH = 3.34; // where an opacity of 1 falls to 1/255, in deviations
+const MOST_BYTES = 400e6, RUN_BYTES = 1e6, PLACE = 0, COLOUR = 3, OPACITY = 6, SCALE = 7, ROTATION = 10, SH = 13, REACH = 3.34; // REACH: standard deviations at which an opacity of 1 falls to 1/255
 let clip = null, texts = null, address = null, moving = null, wanted = null, busy = false;
 const frames = new Map(), groups = [], slices = [], fetched = new Map();
 
-// ---- Bytes ---------------------------------------------------------------------------------------
+// ---- Bytes --------------------------------------------------------------------------------------
 
-// Seven bits a character; 127 and a digit stand for what a page cannot hold.
+// Decodes seven bits per character; 127 and a digit are an escape for what a page cannot contain.
 function bytesOf(text) {
     const special = [0, 10, 13, 60, 127], out = new Uint8Array(Math.ceil(text.length * 7 / 8) + 1);
     let held = 0, bits = 0, n = 0;
@@ -22,15 +22,15 @@ function bytesOf(text) {
     return out.subarray(0, n);
 }
 
-// Bytes of the file, from a server that may send all of it.
+// Fetches bytes of the file; a server may ignore the range and send all of it.
 async function rangeOf(from, to) {
     const answer = await fetch(address, { headers: { Range: `bytes=${from}-${to - 1}` } });
     if (!answer.ok) throw new Error(`${address}: ${answer.status} ${answer.statusText}`);
     return { bytes: new Uint8Array(await answer.arrayBuffer()), whole: answer.status !== 206 };
 }
 
-// From the server: the block alone when nothing is at hand yet, so that the first picture comes soon; then
-// also those behind it, a megabyte at a time.
+// Fetches a block from the server: the first time alone, so that the first image appears soon;
+// later together with the blocks behind it, about a megabyte at a time.
 async function fromServer(v, frame) {
     const name = (f) => `${v.name} ${f}`;
     if (!fetched.has(name(frame))) {
@@ -56,11 +56,11 @@ async function unpacked(packed) {
 
 const blockOf = async (version, frame) => unpacked(address ? await fromServer(clip.versions[version], frame) : bytesOf(texts[version][frame]));
 
-// ---- Columns ---------------------------------------------------------------------------------------
+// ---- Columns ------------------------------------------------------------------------------------
 
 const unfolded = (u) => (u & 1 ? -(u >>> 1) - 1 : u >>> 1);
 
-// A reader of one block's columns, one after the other.
+// Returns a reader of the columns of one block, which have to be read in order.
 function columnsIn(bytes) {
     let at = 0;
     const need = (n) => { if (at + n > bytes.length) throw new Error('a block ends early'); };
@@ -73,7 +73,7 @@ function columnsIn(bytes) {
         return out;
     };
     return {
-        // before: another column, of a block of rows.
+        // before: the column before, in a block of rows.
         whole(x, n, before) {
             const [planes, byStep, byColumn] = head();
             need(planes * n);
@@ -84,7 +84,8 @@ function columnsIn(bytes) {
             }
             if (byColumn) for (let i = 0; i < n; i++) x[i] += before[i];
         },
-        // last: the numbers of the frame before, made those of this one; mean: sixteen times theirs.
+        // last: the numbers of the frame before, which become those of this one; mean: their moving
+        // average, times 16.
         changes(last, mean, n) {
             const [planes, byMean] = head(), mask = at, nMask = n + 7 >> 3;
             let listed = 0, list = null;
@@ -104,10 +105,10 @@ function columnsIn(bytes) {
     };
 }
 
-// ---- Splats as the shader reads them -------------------------------------------------------------------
+// ---- Splats as the shader reads them ------------------------------------------------------------
 
 const float = new Float32Array(1), bits = new Uint32Array(float.buffer);
-// Half precision, to nearest; too large becomes the largest.
+// Converts to half precision, rounded to nearest; values too large become the largest half.
 function half(x) {
     float[0] = x;
     const b = bits[0], sign = b >>> 16 & 0x8000, rest = b & 0x7fffffff;
@@ -117,7 +118,7 @@ function half(x) {
 }
 
 
-// Rotations of keys as unit quaternions, four a row.
+// Rotations of keys as unit quaternions, four numbers per row.
 function turnsOf(keys, n) {
     const q = new Float64Array(4 * n), half = 0.5 * clip.steps.rotation, [kx, ky, kz] = keys.slice(ROTATION);
     for (let i = 0; i < n; i++) {
@@ -131,7 +132,7 @@ function turnsOf(keys, n) {
     return q;
 }
 
-// Standard deviations by half steps of their logarithm, in the page's units.
+// Standard deviations in the page's units, by half steps of their logarithm.
 const MIDDLE = 4096;
 let scales = null;
 function scaleOf(halves) {
@@ -141,7 +142,8 @@ function scaleOf(halves) {
 
 const cut = (x) => (x <= 0 ? 0 : x >= 65535 ? 65535 : x + 0.5 | 0);
 
-// The covariance of a splat with these standard deviations, turned so, into its second texel.
+// Writes the covariance of a splat with these standard deviations and rotation into its second
+// texel.
 function shape(texels, o, w, x, y, z, e, f, g) {
     const m = 1024;
     const r0 = (1 - 2 * (y * y + z * z)) * e, r1 = 2 * (x * y - w * z) * f, r2 = 2 * (x * z + w * y) * g;
@@ -152,8 +154,8 @@ function shape(texels, o, w, x, y, z, e, f, g) {
     texels[o + 6] = half(m * (r3 * r6 + r4 * r7 + r5 * r8)) | half(m * (r6 * r6 + r7 * r7 + r8 * r8)) << 16;
 }
 
-// Two texels of four words a splat, and its SH as halfs, two in a word, for rows from `from` on. Row r has the keys
-// offset + r and, where there are some, the numbers r.
+// Fills rows from `from` on: two texels of four words per splat, and its SH as halves, two per
+// word. Row r has the key at offset + r and, if there are any, the numbers at r.
 function fill(out, from, n, keys, turns, numbers, offset, nSh) {
     const s = clip.steps, { texels, place, sh, words, radius } = out;
     const none = numbers ? null : new Int32Array(n), number = (c) => (numbers ? numbers[c] : none);
@@ -191,11 +193,11 @@ function emptyFrame(n, nSh) {
     return { n, words, texels, place: new Float32Array(texels.buffer), sh: new Uint16Array(2 * words * n), radius: new Float32Array(n) };
 }
 
-// ---- Frames --------------------------------------------------------------------------------------------
+// ---- Frames -------------------------------------------------------------------------------------
 
 const arrays = (count, n) => Array.from({ length: count }, () => new Int32Array(n));
 
-// Red and blue are written against green.
+// Reads keys, in which red and blue are stored as differences from green.
 function keysFrom(read, keys, n) {
     for (const column of keys) read.whole(column, n);
     const [red, green, blue] = keys.slice(COLOUR);
@@ -205,7 +207,8 @@ function keysFrom(read, keys, n) {
     }
 }
 
-// The state of a version after frame `frame`: its key, the numbers of what moves, and what stands still as texels.
+// Decodes a version up to frame `frame`: its key, the numbers of the dynamic splats, and the texels
+// of the static ones.
 async function advance(version, frame) {
     const v = clip.versions[version], columns = SH + v.sh, first = v.first[frame], n = v.shared[frame], still = v.still[frame];
     let g = groups[version];
@@ -243,11 +246,11 @@ async function decoded(version, frame) {
     return out;
 }
 
-// ---- Rows: 4D splats, each once, which are cut at any time -------------------------------------------------
+// ---- Rows: 4D splats, each once, which are cut at any time --------------------------------------
 
 const powerOf = (number) => (number > 0 ? number - 1 : number);
 
-// One side of a window: when it begins to fade, and how fast; 0: it does not.
+// One side of a window: the time at which it begins to fade, and 1 / sigma; 0: it does not fade.
 function sideOf(r, from, length, sigma, middle) {
     const n = from.length, at = new Float64Array(n), by = new Float64Array(n);
     for (let i = 0; i < n; i++) {
@@ -259,7 +262,7 @@ function sideOf(r, from, length, sigma, middle) {
     return { at, by };
 }
 
-// A block: its columns, and as texels what rows are where they begin.
+// Decodes a block: its columns, and the texels of its rows at their first tick.
 async function rowsOf(version, k) {
     return keep(`${version} rows ${k}`, async () => {
         const v = clip.versions[version], r = v.rows, n = v.splats[k], read = columnsIn(await blockOf(version, k)), all = [];
@@ -284,7 +287,7 @@ async function blocksAt(version, tick) {
     return list;
 }
 
-// Turned on, by the share of its way, weighted by how long the rotations are that stand at both ends.
+// Interpolates the rotation by `share`, weighted by the lengths of the quaternions at both ends.
 const tilt = new Float64Array(4);
 function turnTo(b, i, share, r) {
     const [tx, ty, tz, long] = b.turn, a = tx[i] * clip.steps.rotation, c = ty[i] * clip.steps.rotation, d = tz[i] * clip.steps.rotation, angle = Math.sqrt(a * a + c * c + d * d);
@@ -298,7 +301,7 @@ function turnTo(b, i, share, r) {
     for (let c2 = 0; c2 < 4; c2++) tilt[c2] /= size;
 }
 
-// Colours and SH of row i, to place o of what is shown.
+// Writes colours and SH of row i to place o of the output.
 function colourAt(out, o, b, i, v, frame) {
     const s = clip.steps, r = v.rows, turn = 2 * Math.PI * frame / r.period - b.cosines[0][i] * r.phase, c1 = Math.cos(turn), c2 = Math.cos(2 * turn), values = 3 + v.sh;
     const now = (c, key, step, by) => key[i] * step + by * (c1 * b.cosines[1 + c][i] + c2 * b.cosines[1 + values + c][i]);
@@ -308,7 +311,7 @@ function colourAt(out, o, b, i, v, frame) {
     for (let c = 0; c < v.sh; c++) out.sh[2 * out.words * o + c] = half(now(3 + c, b.keys[SH + c], s.sh, r.cosine_sh));
 }
 
-// What is seen of a block, from row o of what is shown on; returns where it ends.
+// Adds the visible rows of a block from place o of the output on; returns the next place.
 function cutRows(out, o, b, v, frame) {
     const r = v.rows, s = clip.steps, step = s.place / clip.size, tick = frame * r.ticks, { whole: { texels, sh, words, radius }, rise, fall, path } = b, clear = b.keys[OPACITY];
     for (let i = 0; i < b.n; i++) {
@@ -336,7 +339,8 @@ function cutRows(out, o, b, v, frame) {
     return o;
 }
 
-// The splats that a time shows, in frames, between them as well; past the last it stands still.
+// The splats that are visible at a time, counted in frames, also between them; after the last frame
+// the clip stands still.
 async function sliced(version, wanted) {
     const v = clip.versions[version], frame = Math.min(wanted, clip.numbers.length - 1), tick = frame * v.rows.ticks, blocks = await blocksAt(version, tick);
     let n = 0, o = 0;
@@ -346,7 +350,7 @@ async function sliced(version, wanted) {
     return out;
 }
 
-// ---- Splats with a path and a time of their own, in the world's units, as sogst.js reads them --------------------
+// ---- Splats with a path and a time of their own, in the world's units, as sogst.js reads them ---
 
 function standing(m, words) {
     const out = emptyFrame(m.n, words), { texels, sh, radius } = out, colour = (k) => cut((m.colour[k] + 1) * 65535 / 4);
@@ -361,7 +365,7 @@ function standing(m, words) {
     return out;
 }
 
-// Those that are seen at a time.
+// The splats that are visible at a time.
 function movedTo(m, nSh, frame) {
     m.whole ??= standing(m, nSh);
     const { texels, sh, words, radius } = m.whole, t = m.first + Math.min(frame, clip.numbers.length - 1) / clip.fps;
@@ -379,7 +383,7 @@ function movedTo(m, nSh, frame) {
     return out;
 }
 
-// The draft is a key of a frame of its own.
+// The draft has the format of a key.
 async function draftOf(version) {
     const v = clip.versions[version], { splats: n, at, bytes: size } = v.draft, { bytes, whole } = await rangeOf(at, at + size);
     const read = columnsIn(await unpacked(whole ? bytes.subarray(at, at + size) : bytes)), keys = arrays(SH + v.sh, n), out = emptyFrame(n, v.sh);
@@ -388,7 +392,8 @@ async function draftOf(version) {
     return out;
 }
 
-// What was made under a name, of the last that were used.
+// Returns the object of this name, made if it is not cached; the cache drops the least recently
+// used.
 async function keep(name, make) {
     const known = frames.get(name);
     if (known) {
@@ -408,7 +413,7 @@ async function keep(name, make) {
     return made;
 }
 
-// Of what may be cut at any time the last slice alone is kept.
+// Of a clip that can be cut at any time only the last slice is cached.
 async function frameOf(version, frame) {
     if (!clip.versions[version].rows && !clip.versions[version].moves) return keep(`${version} ${frame}`, () => decoded(version, frame));
     if (slices[version]?.frame !== frame) slices[version] = { frame, made: await decoded(version, frame) };
@@ -417,8 +422,8 @@ async function frameOf(version, frame) {
 
 const ready = (version, frame) => clip.versions[version].moves || (clip.versions[version].rows ? blocksAt(version, frame * clip.versions[version].rows.ticks) : frameOf(version, frame));
 
-// Rows that may be in the picture, far to near: a counting sort over 65536 steps of depth. The picture is taken to be
-// as much wider as a hand turns it before the next order is there.
+// The rows that may be visible, from far to near: a counting sort with 65536 steps of depth. The
+// frustum is widened by as much as the camera may turn before the next order arrives.
 const WIDER = 1.3;
 function sorted({ n, place, radius }, { eye, right, down, forward, near, slope }) {
     const depth = new Float32Array(n), seen = new Uint32Array(n), [x, y, z] = forward, [rx, ry, rz] = right, [dx, dy, dz] = down;
@@ -434,7 +439,7 @@ function sorted({ n, place, radius }, { eye, right, down, forward, near, slope }
         if (d < least) least = d;
         if (d > most) most = d;
     }
-    // steps are finer near the camera: log(depth)
+    // The steps are logarithmic, so that they are finer near the camera.
     const low = Math.log(least), by = count ? 65535 / Math.max(Math.log(most) - low, 1e-6) : 0;
     const start = new Uint32Array(65537), step = new Uint16Array(count), order = new Uint32Array(count);
     for (let k = 0; k < count; k++) {
@@ -446,7 +451,7 @@ function sorted({ n, place, radius }, { eye, right, down, forward, near, slope }
     return order;
 }
 
-// One frame of one version, or of both, which are shown together.
+// Answers a request for a frame of one version, or of both, which are then shown together.
 async function answer(w) {
     const reply = { frame: w.frame, draft: w.draft, parts: [] };
     for (const { version, data } of w.parts) {

@@ -5,7 +5,7 @@
 #include "math/motion.h"
 #include "math/sh.h"
 
-enum { SAMPLES = 9 }; /* times at which a loss is looked for */
+enum { SAMPLES = 9 }; /* times of a row at which the loss is measured */
 
 static double first_time(const struct spin_bells *b) { return b->job->times[0]; }
 static double last_time(const struct spin_bells *b) { return b->job->times[b->job->n_frames - 1]; }
@@ -17,7 +17,7 @@ static bool is_seen(const struct spin_bells *b, size_t i)
     return span[0] <= last_time(b) && span[1] >= first_time(b);
 }
 
-/* A beginning or an end within the clip is no bell's. */
+/* Whether a visible row begins or ends abruptly within the clip, which no Gaussian window does. */
 static bool has_cuts(const struct spin_bells *b)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
@@ -36,18 +36,19 @@ spin_status spin_bells_can(const struct spin_bells *b)
 
     if (s->plateaus || cuts || s->gates)
         return spin_unsupported(
-            "these 4D splats have %s, and %s holds bells in time: write another format",
-            cuts          ? "a beginning and an end"
-            : s->plateaus ? "times at which they do not fade"
-                          : "opacities that do not fade to 0",
-            b->name);
+            "%s stores Gaussian windows in time, which cannot represent splats that %s: "
+            "choose another format",
+            b->name,
+            cuts          ? "begin or end abruptly"
+            : s->plateaus ? "do not fade for some time"
+                          : "do not fade to 0");
     if (!(last_time(b) > first_time(b)))
-        return spin_unsupported("%s holds a clip, and this is one frame: give more with --range",
-                                b->name);
+        return spin_unsupported(
+            "%s holds a clip, but this is a single frame: select more with --range", b->name);
     return SPIN_OK;
 }
 
-/* The file's unit for one of the source's. */
+/* Units of the file's time per unit of the source's. */
 static double per_time(const struct spin_bells *b)
 {
     return b->length / (last_time(b) - first_time(b));
@@ -63,25 +64,29 @@ void spin_bells_warn(const struct spin_bells *b)
     const struct spin_splats_4d *s = b->job->splats_4d;
 
     if (s->degree > b->degree)
-        spin_warn("paths have degree %d, and %s holds degree %d: they are fitted, off by %.2g at "
-                  "most where half is seen",
-                  s->degree, b->name, b->degree, b->lost_place);
+        spin_warn(
+            "paths of degree %d do not fit into %s and are fitted with degree %d: off by up to "
+            "%.2g while a splat is at least half visible",
+            s->degree, b->name, b->degree, b->lost_place);
     if (s->spins)
-        spin_warn("these splats turn, which %s cannot say: they keep the rotation of their own "
-                  "time, off by %.2g degrees at most",
+        spin_warn("%s cannot represent rotations that change: splats keep that at their own time, "
+                  "off by up to %.2g degrees",
                   b->name, b->lost_turn);
     if (s->cov2d[0] > 0 && !b->says_cov2d)
-        spin_warn("trained with %g and %g on the covariance on screen, which %s cannot say",
-                  s->cov2d[0], s->cov2d[1], b->name);
+        spin_warn(
+            "%s cannot store the factors of the covariance on screen, %g and %g, that the splats "
+            "were trained with",
+            b->name, s->cov2d[0], s->cov2d[1]);
     if (s->sh_cos)
-        spin_warn("colours change in time, which %s cannot say: they keep those of their own time, "
-                  "off by %.2g of 1 at most",
-                  b->name, b->lost_colour);
+        spin_warn(
+            "%s cannot represent colours that change: splats keep that at their own time, off by "
+            "up to %.2g (of 1)",
+            b->name, b->lost_colour);
 }
 
 /* ---- What is lost ---------------------------------------------------------------------------- */
 
-/* The times of the clip that show row i: SAMPLES of them, as offsets from its own. */
+/* SAMPLES evenly spaced times of the clip in which row i is visible, as offsets from its centre. */
 static void sample_times(const struct spin_bells *b, size_t i, double d[SAMPLES])
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
@@ -138,7 +143,8 @@ static void lose_place(struct spin_bells *b, size_t i, double d, const float *ce
 
 /* ---- Paths ----------------------------------------------------------------------------------- */
 
-/* n equations a x = y for three right sides, by elimination; a is positive. y becomes x. */
+/* Solves n equations a x = y for three right-hand sides by elimination; a is positive definite.
+ * Overwrites y with x. */
 static void solve(double a[3][3], double y[3][3], int n)
 {
     for (int p = 0; p < n; p++)
@@ -155,9 +161,9 @@ static void solve(double a[3][3], double y[3][3], int n)
             y[p][c] /= a[p][p];
 }
 
-/* The path of the file's degree that is nearest to that of row i where it is seen: least squares,
- * weighted as it is seen; in the source's time. A row that is seen at one time keeps the first
- * terms of its own. */
+/* Fits a path of the file's degree to that of row i by least squares over the visible times,
+ * weighted by the window; in the source's time. A row that is visible at a single time keeps the
+ * first terms of its own path. */
 static void fit_path(const struct spin_bells *b, size_t i, const double d[SAMPLES], float centre[3],
                      float *path)
 {
@@ -202,8 +208,7 @@ void spin_bells_move(struct spin_splats_4d *s, size_t k, double time)
     s->times[k] = (float)time;
 }
 
-/* A sigma of more than `most` becomes that, with the same opacity and slope of it in the middle of
- * the clip. */
+/* Reduces a sigma to `most` such that opacity and slope in the middle of the clip stay the same. */
 static void shorten(struct spin_bells *b, size_t k, double sigma, double most)
 {
     struct spin_splats_4d *s = &b->clip;
@@ -272,8 +277,7 @@ spin_status spin_bells_fps(const struct spin_bells *b, double *out)
     if (*out > 0)
         return SPIN_OK;
     *out = 30;
-    spin_warn("nothing says how many frames a second the clip has: 30 are assumed; --fps sets "
-              "them");
+    spin_warn("the frame rate of the clip is unknown, assuming 30: set it with --fps");
     return SPIN_OK;
 }
 
@@ -290,7 +294,7 @@ spin_status spin_bells_convert(struct spin_bells *b)
         if (is_seen(b, i))
             convert_row(b, i, n++);
     if (n == 0)
-        return spin_unsupported("no splat is seen at any time of this clip");
+        return spin_unsupported("no splat is visible at any time of this clip");
     b->clip.n = n;
     b->view = spin_splats_of_4d(&b->clip);
     return SPIN_OK;

@@ -28,12 +28,12 @@ static spin_status read_back(struct check *check)
     SPIN_TRY(check->importer->open(path, &values, &check->self, &sequence));
     SPIN_TRY(check->importer->splats_4d(check->self, &check->back));
     if (!check->back || check->back->n != of->n)
-        return spin_fail(SPIN_E_IO, "it holds %zu splats, expected %zu",
-                         check->back ? check->back->n : 0, of->n);
+        return spin_fail(SPIN_E_IO, "%zu splats, expected %zu", check->back ? check->back->n : 0,
+                         of->n);
     return SPIN_OK;
 }
 
-/* Values are as near to what was to be written as the file promises. */
+/* Checks row j of the file against what was to be written, within the precision of the file. */
 static spin_status judge(const struct check *check, size_t j)
 {
     const struct spin_bells_check *of = check->of;
@@ -47,7 +47,7 @@ static spin_status judge(const struct check *check, size_t j)
     for (size_t c = 0; c < 3; c++)
         good = good && fabs((double)back->centres[3 * j + c] - (double)place[c]) <=
                            (1 + fabs((double)place[c])) * (of->half[c] + 1e-6);
-    return good ? SPIN_OK : spin_fail(SPIN_E_IO, "splat %zu is not what was written", j);
+    return good ? SPIN_OK : spin_fail(SPIN_E_IO, "splat %zu differs from what was written", j);
 }
 
 static void take_back(const struct spin_splats_4d *s, size_t j, double time,
@@ -68,7 +68,7 @@ static void take_back(const struct spin_splats_4d *s, size_t j, double time,
     memcpy(out->rotation, s->quats + 4 * j, sizeof out->rotation);
 }
 
-/* A frame of the source against the file at the same time. */
+/* Compares frame f of the source with the file at the same time. */
 static spin_status check_frame(struct check *check, int f)
 {
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;

@@ -23,8 +23,8 @@ static spin_status parse_panels(struct spin_camera_path *d, const char *list)
         int word = word_of(at, n, panel_words, 3);
 
         if (word < 0 || d->n_panels == 3)
-            return spin_misuse("--panels '%s': expected up to three of truth, before and after "
-                               "with commas between",
+            return spin_misuse("--panels '%s': expected up to three of truth, before and after, "
+                               "separated by commas",
                                list);
         d->panel[d->n_panels++] = (enum spin_camera_path_panel)word;
         if (word == SPIN_PANEL_TRUTH && d->path != SPIN_PATH_CAMERA)
@@ -33,7 +33,7 @@ static spin_status parse_panels(struct spin_camera_path *d, const char *list)
             return spin_misuse("--panels truth: there is no data set, give --data DIR");
         if (word == SPIN_PANEL_BEFORE && !d->job->source_frame)
             return spin_not_found(
-                "--panels before: the bundle does not hold imported and retrained splats both");
+                "--panels before: the bundle does not contain both imported and retrained splats");
         at += n;
         if (!*at)
             return SPIN_OK;
@@ -42,7 +42,7 @@ static spin_status parse_panels(struct spin_camera_path *d, const char *list)
 
 #define DEFAULT_FPS 30
 #define DEFAULT_SECONDS 8.0
-#define LEAST_SECONDS 2.0 /* that the clip lasts, told neither --fps nor --duration */
+#define LEAST_SECONDS 2.0 /* shortest clip without --fps and --duration */
 enum {
     OWN_WIDTH = 1280,
     OWN_HEIGHT = 720,
@@ -65,12 +65,12 @@ static spin_status parse_size(struct spin_camera_path *d)
                            MOST_SIDE);
     for (int p = 0; p < d->n_panels; p++)
         if (d->panel[p] == SPIN_PANEL_TRUTH)
-            return spin_misuse(
-                "--size: the data set's images keep theirs, leave it out or choose other --panels");
+            return spin_misuse("--size does not apply to the data set's images: leave it out or "
+                               "choose other --panels");
     return SPIN_OK;
 }
 
-/* A word, or the name of a file with a camera for each picture. */
+/* Parses --path: a word, or the name of a file with a camera for each image. */
 static spin_status parse_path(struct spin_camera_path *d)
 {
     static const char *const words[] = {"camera", "orbit", "spiral", "train"};
@@ -86,7 +86,7 @@ static spin_status parse_path(struct spin_camera_path *d)
     return spin_path_file_open(text, &d->file);
 }
 
-/* How many pictures, at which speed. */
+/* Sets the number of images and their rate. */
 static spin_status parse_pace(struct spin_camera_path *d)
 {
     const struct spin_plugin_values *v = d->job->values;
@@ -101,8 +101,8 @@ static spin_status parse_pace(struct spin_camera_path *d)
     if (d->path == SPIN_PATH_FILE) {
         d->n_pictures = (int64_t)d->file.n;
         return seconds > 0 || spin_plugin_value(v, "repeat", NULL)
-                   ? spin_misuse("--duration, --repeat: the file of --path has as many "
-                                 "cameras as there will be pictures")
+                   ? spin_misuse("--duration, --repeat: the file of --path already has one camera "
+                                 "per image")
                    : SPIN_OK;
     }
     if (seconds <= 0 && d->path != SPIN_PATH_CAMERA && !spin_plugin_value(v, "repeat", NULL))
@@ -113,9 +113,9 @@ static spin_status parse_pace(struct spin_camera_path *d)
         return SPIN_OK;
     }
     if (spin_plugin_value(v, "repeat", NULL))
-        return spin_misuse("--duration and --repeat: give one of them");
+        return spin_misuse("--duration and --repeat: give only one of them");
     if (seconds * d->fps > MOST_PICTURES)
-        return spin_misuse("--duration: more than %d pictures", MOST_PICTURES);
+        return spin_misuse("--duration: more than %d images", MOST_PICTURES);
     d->n_pictures = (int64_t)fmax(1, rint(seconds * d->fps));
     return SPIN_OK;
 }
@@ -139,7 +139,8 @@ void spin_camera_path_resize(const struct spin_camera_path *d, struct spin_camer
     camera->height = d->size[1];
 }
 
-/* Of a camera that the data set does not say all of: the view that a page begins with. */
+/* Sets the lens of a moving camera: that of a view of the data set, else that of the page's view
+ * from the front; then its size. */
 static void set_lens(struct spin_camera_path *d)
 {
     const struct spin_views *views = d->job->views;
@@ -199,17 +200,17 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
     set_lens(d);
     SPIN_TRY(spin_initial_view_later_middle(job, d->middle, &d->reach));
     if (!job->views && d->path != SPIN_PATH_FILE)
-        spin_log(0, "no data set: looking from the front, as a page does");
+        spin_log(0, "no data set: rendering from the front, like the web page");
     d->labels = spin_plugin_value(job->values, "no-labels", NULL) == NULL;
     SPIN_TRY(spin_splat_filter_begin(&d->rows, job, NULL));
-    d->rows.max_scale = 0; /* as in training and in spin-eval, a large splat is drawn */
+    d->rows.max_scale = 0; /* training and spin-eval draw large splats, too */
     return SPIN_OK;
 }
 
 void spin_camera_path_say_blank(const struct spin_camera_path *d)
 {
     if (d->n_blank > 0)
-        spin_warn("%d of %d renders show nothing but the background: no splat is before the camera",
+        spin_warn("%d of %d renders show only the background: no splat is in front of the camera",
                   d->n_blank, d->n_drawn);
 }
 
@@ -241,7 +242,7 @@ static void swap(struct spin_rig_stop *a, struct spin_rig_stop *b)
     *b = kept;
 }
 
-/* Always the nearest of those left. */
+/* Orders the stops greedily: next is always the nearest of those left. */
 static void chain(struct spin_rig_path *path)
 {
     struct spin_rig_stop *s = path->stop;
@@ -255,7 +256,7 @@ static void chain(struct spin_rig_path *path)
     }
 }
 
-/* Turn pieces of the way round as long as that makes it shorter; the first stays. */
+/* Reverses sections of the path while that shortens it (2-opt); the first stop stays. */
 static void uncross(struct spin_rig_path *path)
 {
     struct spin_rig_stop *s = path->stop;
@@ -277,7 +278,8 @@ static void uncross(struct spin_rig_path *path)
     }
 }
 
-/* How far it is to each, and quaternions that do not change sides. */
+/* Sets the path length up to each stop, and flips quaternions into the hemisphere of the one
+ * before. */
 static void measure(struct spin_rig_path *path)
 {
     for (int i = 1; i < path->n; i++) {
@@ -335,13 +337,13 @@ void spin_rig_path_free(struct spin_rig_path *path)
     *path = (struct spin_rig_path){0};
 }
 
-/* A value of stop i, for the curve: its place, then its rotation. */
+/* Component c of stop i: 0 to 2 the position, 3 to 6 the quaternion. */
 static double value_of(const struct spin_rig_path *path, int i, int c)
 {
     return c < 3 ? path->stop[i].eye[c] : path->stop[i].turn[c - 3];
 }
 
-/* How fast a value changes at stop i: by the stops around it. */
+/* The derivative of a component along the path at stop i, from the neighbouring stops. */
 static double slope(const struct spin_rig_path *path, int i, int c)
 {
     int a = i > 0 ? i - 1 : 0, b = i + 1 < path->n ? i + 1 : i;
@@ -358,7 +360,7 @@ void spin_rig_path_camera(const struct spin_rig_path *path, double share, double
         i++;
     step = path->stop[i + 1].at - path->stop[i].at;
     u = (at - path->stop[i].at) / step;
-    for (int c = 0; c < 7; c++) /* cubic, with these values and slopes at its ends */
+    for (int c = 0; c < 7; c++) /* cubic Hermite spline */
         v[c] = value_of(path, i, c) * (1 + 2 * u) * (1 - u) * (1 - u) +
                value_of(path, i + 1, c) * u * u * (3 - 2 * u) +
                step * u * (1 - u) * (slope(path, i, c) * (1 - u) - slope(path, i + 1, c) * u);
@@ -395,7 +397,7 @@ static void cross(const double a[3], const double b[3], double out[3])
         out[c] = a[(c + 1) % 3] * b[(c + 2) % 3] - a[(c + 2) % 3] * b[(c + 1) % 3];
 }
 
-/* Right, down and forward of a camera at eye that looks at target. */
+/* The axes (right, down, forward) of a camera at `eye` that looks at `target`. */
 static void aim(const double eye[3], const double target[3], const double up[3], double axis[3][3])
 {
     for (int c = 0; c < 3; c++)
@@ -406,7 +408,7 @@ static void aim(const double eye[3], const double target[3], const double up[3],
     cross(axis[2], axis[0], axis[1]);
 }
 
-/* v turned about a unit axis (Rodrigues). */
+/* Rotates v about a unit axis (Rodrigues' formula). */
 static void turn_about(const double v[3], const double axis[3], double angle, double out[3])
 {
     double across[3], along = v[0] * axis[0] + v[1] * axis[1] + v[2] * axis[2];
@@ -416,8 +418,9 @@ static void turn_about(const double v[3], const double axis[3], double angle, do
         out[c] = v[c] * cos(angle) + across[c] * sin(angle) + axis[c] * along * (1 - cos(angle));
 }
 
-/* Once around the scene; or three turns of a tenth of the distance beside the first view, forward
- * and back once. */
+/* The position of the camera at share `turn` of its path. Orbit: a circle around the target.
+ * Spiral: three loops beside the first view, as wide as a tenth of its distance to the target,
+ * while the camera moves forward and back once. */
 static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
 {
     const double *from = d->look.eye, *to = d->look.target;
@@ -445,7 +448,7 @@ static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
                                 (1 - cos(3 * angle)) * axis[1][c] * 0.5 + sin(angle) * axis[2][c]);
 }
 
-/* About the place that the cameras look at, and no farther from it than half of them are. */
+/* Targets the point that the data set's cameras look at, from no farther away than their median. */
 static void move_into_rig(struct spin_camera_path *d, int row)
 {
     double pivot[3], median, distance = 0;
@@ -462,8 +465,7 @@ static void move_into_rig(struct spin_camera_path *d, int row)
     }
 }
 
-/* Where a moving camera begins; and where there is no data set, its lens for a scene of this size.
- */
+/* Sets where a moving camera starts, and its near plane. */
 static spin_status look(struct spin_camera_path *d, const struct spin_splats *splats)
 {
     const struct spin_views *views = d->job->views;
@@ -517,8 +519,8 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
 
-/* Those of a frame's splats that can be drawn, borrowed or in `room`; how many cannot, and why, is
- * said and counted as all exporters do it. */
+/* Replaces *splats by those that can be drawn: the same if all can, else a copy in `room`. Reports
+ * the others like all exporters. */
 static spin_status choose(struct spin_camera_path *d, const struct spin_splats **splats,
                           struct spin_splats *room)
 {
@@ -539,7 +541,7 @@ spin_status spin_camera_path_frame(struct spin_camera_path *d, const struct spin
     return choose(d, splats, &d->fit);
 }
 
-/* The frame as it was imported, into d->before. */
+/* Reads the frame as it was imported into d->before. */
 static spin_status read_source(struct spin_camera_path *d, int frame)
 {
     if (d->source_frame == frame)
@@ -554,8 +556,7 @@ static spin_status read_source(struct spin_camera_path *d, int frame)
 
 /* ---- The name of a panel --------------------------------------------------------------------- */
 
-/* The letters of the words of the panels, 5 x 7: a byte a row, the leftmost pixel is its highest of
- * 5 bits. */
+/* The letters of the panels' names, 5 x 7 pixels: one byte per row; bit 4 is the leftmost pixel. */
 static const struct {
     char letter;
     unsigned char row[7];
@@ -576,8 +577,8 @@ static bool is_ink(const char *word, int x, int y)
     return false;
 }
 
-/* word into the upper left corner of image [3][height][width], white on black; not into a picture
- * that is too small for it. */
+/* Draws `word` into the upper left corner of image [3][height][width], white on black, unless the
+ * image is too small. */
 static void put_label(const char *word, int width, int height, float *image)
 {
     int dot = height / 180 > 1 ? height / 180 : 1, n = (int)strlen(word);
@@ -592,7 +593,7 @@ static void put_label(const char *word, int width, int height, float *image)
                     x / dot < 6 * n + 2 && is_ink(word, x / dot - 2, y / dot - 2);
 }
 
-/* ---- Pictures -------------------------------------------------------------------------------- */
+/* ---- Images ---------------------------------------------------------------------------------- */
 
 static spin_status draw_panel(struct spin_camera_path *d, enum spin_camera_path_panel panel,
                               int frame, const struct spin_splats *splats,

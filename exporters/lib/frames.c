@@ -1,6 +1,6 @@
-/* One rule for all folders of frames; see frames.h. Within a frame the rows are cut into blocks
- * that all threads code side by side, each going straight to its place in the file, so that no
- * frame is held in memory a second time. */
+/* Exporters that write a folder of frames; see frames.h. The rows of a frame are divided into
+ * blocks, which all threads code in parallel and write straight to their offsets in the file, so
+ * that no frame is held in memory twice. */
 #include "exporters/lib/frames.h"
 
 #include <stdatomic.h>
@@ -27,7 +27,7 @@ void spin_frames_say_size(const char *output, int n_frames, uint64_t bytes, bool
     spin_log(0, "writing %d %s to '%s': %s%s", n_frames, n_frames == 1 ? "frame" : "frames", output,
              at_most ? "at most " : "", spin_text_bytes(bytes, size));
     if (bytes > room && !at_most)
-        spin_warn("the disk of '%s' has room for %s only", output, spin_text_bytes(room, left));
+        spin_warn("the disk of '%s' has only %s free", output, spin_text_bytes(room, left));
 }
 
 static void say_size(const struct spin_frames *x, const struct spin_export_job *job)
@@ -41,10 +41,9 @@ static void say_size(const struct spin_frames *x, const struct spin_export_job *
         spin_frames_say_size(job->output, job->n_frames, bytes, at_most);
 }
 
-/* ---- The export that was in the folder before -------------------------------------------------
- */
+/* ---- The export that was in the folder before ------------------------------------------------ */
 
-/* Some file systems ignore case. */
+/* Without case, since some file systems ignore it. */
 static int by_name(const void *a, const void *b)
 {
     const struct spin_frames_former *x = a, *y = b;
@@ -59,8 +58,8 @@ static bool is_regular(const char *path)
     return lstat(path, &st) == 0 && S_ISREG(st.st_mode);
 }
 
-/* The file of an entry of sequence.json, which anybody may have written: only a regular file of the
- * folder itself, whose name has the number of its frame. NULL: none. */
+/* The file name of an entry of sequence.json. Anybody may have written that file, so only a regular
+ * file in the folder itself, with the frame's number in its name, is accepted. NULL: none. */
 static spin_status find_former(const struct spin_frames *x, const spin_json *entry,
                                const char **out)
 {
@@ -103,7 +102,7 @@ static spin_status read_former(struct spin_frames *x)
             SPIN_TRY(spin_strdup(name, &x->former[x->n_former++].name));
     }
     qsort(x->former, x->n_former, sizeof *x->former, by_name);
-    for (size_t i = 0; i < x->n_former; i++) /* each once */
+    for (size_t i = 0; i < x->n_former; i++) /* drop duplicates */
         if (n > 0 && by_name(&x->former[n - 1], &x->former[i]) == 0)
             free(x->former[i].name);
         else
@@ -168,13 +167,13 @@ static spin_status open_folder(struct spin_frames *x, const struct spin_export_j
     SPIN_TRY(spin_output_folder_begin(job->output, job->force, x->pattern.after, &x->folder));
     if (x->folder.n_before > 0)
         SPIN_TRY(read_former(x));
-    if (x->folder.n_before > (x->n_former ? x->n_former + 1 : 0)) /* the one is sequence.json */
+    if (x->folder.n_before > (x->n_former ? x->n_former + 1 : 0)) /* 1 more: sequence.json */
         spin_output_folder_warn(&x->folder);
     return SPIN_OK;
 }
 
-/* Whether the output is named as the format's files are: "clip.spz", where no folder has that name.
- */
+/* Chooses a single output file if the output has the extension of the format's files ("clip.spz")
+ * and is not an existing folder. */
 static spin_status choose_file(struct spin_frames *x, const struct spin_export_job *job)
 {
     const char *ending = strchr(x->format->pattern, '.');
@@ -187,8 +186,8 @@ static spin_status choose_file(struct spin_frames *x, const struct spin_export_j
     if (x->format->open)
         return SPIN_OK;
     if (job->n_frames != 1)
-        return spin_misuse("'%s' is the name of one file, but there are %d frames: name a folder "
-                           "('%.*s/'), or choose one frame with --range",
+        return spin_misuse("'%s' is the name of a single file, but there are %d frames: name a "
+                           "folder ('%.*s/'), or select one frame with --range",
                            job->output, job->n_frames, (int)(n - n_ending), job->output);
     if (spin_path_is_taken(job->output) && !x->job->force)
         return spin_fail(SPIN_E_IO, "cannot write '%s': it exists; use --force to overwrite",
@@ -196,7 +195,7 @@ static spin_status choose_file(struct spin_frames *x, const struct spin_export_j
     return SPIN_OK;
 }
 
-/* Of a frame; allocated. */
+/* The path of a frame's file, allocated. */
 static spin_status path_of(const struct spin_frames *x, int number, char **out)
 {
     return x->file ? spin_strdup(x->file, out)
@@ -292,8 +291,8 @@ spin_status spin_frames_write_text(struct spin_frames *x, const char *name, cons
     return spin_out_whole(path, text, strlen(text), x->job->sync);
 }
 
-/* What belongs to the clip still: a data set, where the scene was not turned away from its cameras,
- * and that rows are the same splats. */
+/* Adds "identity", whether row i is the same splat in all frames, and "data", the data set, unless
+ * the scene was turned and its cameras do not fit any more. */
 static spin_status add_belongings(const struct spin_frames *x, spin_json *root)
 {
     bool turned = fabs(x->rows.turn_q[0]) < 1 - 1e-9;
@@ -350,7 +349,7 @@ static spin_status write_frame(struct spin_frames *x, const struct spin_frame_in
     SPIN_TRY(spin_grow(n + 1, sizeof *x->block_quant, (void **)&x->block_quant));
     memset(x->block_quant, 0, (n + 1) * sizeof *x->block_quant);
     SPIN_TRY(x->format->write(x, info, out));
-    for (size_t b = 0; b < n; b++) /* in their order: the sum does not depend on the threads */
+    for (size_t b = 0; b < n; b++) /* in this order, so that sums do not depend on the threads */
         spin_quant_error_merge(&x->quant, &x->block_quant[b]);
     return SPIN_OK;
 }
@@ -379,14 +378,15 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
     return spin_out_commit(&out);
 }
 
-/* Rounding to 8 bits alone is off by 0.0011 (.splat) or 0.0021 (SPZ). */
+/* Rounding to 8 bits alone has an RMS error of 0.0011 (.splat) or 0.0021 (SPZ); a larger one means
+ * that colours were clamped. */
 static void warn_clipped(const struct spin_frames *x)
 {
     double rms = spin_quant_error_rms(&x->quant, SPIN_QUANT_COLOUR);
 
     if (x->format->clips_colours && rms > 0.004)
-        spin_warn("'%s' holds colours of a limited range: brighter and darker ones are cut off, "
-                  "the largest by %.2g of 1; ply, sog and compressed-ply keep them",
+        spin_warn("'%s' clamps bright and dark colours, with errors of up to %.2g (of 1): ply, sog "
+                  "and compressed-ply keep them",
                   x->format->name, x->quant.part[SPIN_QUANT_COLOUR].largest);
 }
 
@@ -418,7 +418,7 @@ out:
     return status;
 }
 
-/* Frames that are whole stay; the folder goes when it is ours and empty. */
+/* Keeps the finished frames; the folder is removed if it was created here and is empty. */
 void spin_frames_abort(void *self)
 {
     struct spin_frames *x = self;
@@ -427,12 +427,11 @@ void spin_frames_abort(void *self)
     free_frames(x);
 }
 
-/* ---- For write() ------------------------------------------------------------------------------
- */
+/* ---- For write() ----------------------------------------------------------------------------- */
 
 spin_status spin_frames_scratch(struct spin_frames *x, size_t bytes, unsigned char **out)
 {
-    bytes = (bytes + 63) / 64 * 64; /* no two workers on one line of the cache */
+    bytes = (bytes + 63) / 64 * 64; /* workers do not share a cache line */
     if (bytes > x->scratch_bytes) {
         SPIN_TRY(
             spin_grow((size_t)spin_splat_filter_workers(&x->rows), bytes, (void **)&x->scratch));
@@ -487,7 +486,7 @@ spin_status spin_frames_write_rows(void *self, struct spin_out *out, uint64_t at
 
 /* ---- Comments -------------------------------------------------------------------------------- */
 
-/* Names come from a file: no line of theirs may become a line of ours. */
+/* Replaces control characters: a name from a file must not add lines to the header. */
 static void copy_printable(const char *text, char *out, size_t n_out)
 {
     size_t n = 0;

@@ -4,8 +4,8 @@
 
 #define FRONT_FOVY_DEG 50.0
 
-/* Of the determinant of the mean of I - d d^T, which is 0 where all axes are parallel: some 3
- * degrees of spread. */
+/* Least determinant of the mean of I - d d^T over all axes d. It is 0 for parallel axes; this value
+ * is reached when they spread by about 3 degrees. */
 #define LEAST_SPREAD 2e-3
 
 spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[3], double *size)
@@ -79,7 +79,7 @@ const struct spin_view *spin_initial_view_view(const struct spin_views *views, i
     return best;
 }
 
-/* Mean of the cameras' ups; false when they cancel. */
+/* The mean of the cameras' up vectors; false if they cancel out. */
 static bool mean_up(const struct spin_views *views, int row, double up[3])
 {
     double length = 0;
@@ -103,7 +103,8 @@ static double det3(const double a[3], const double b[3], const double c[3])
            a[2] * (b[0] * c[1] - b[1] * c[0]);
 }
 
-/* Sum over cameras of I - d d^T (its columns) and of (I - d d^T) e, of axes d and centres e. */
+/* Sums I - d d^T (into columns a) and (I - d d^T) e over the cameras with axis d and centre e: the
+ * normal equations of the point nearest to all axes. Returns the number of cameras. */
 static int sum_axes(const struct spin_views *views, int row, double a[3][3], double b[3])
 {
     int n = 0;
@@ -163,7 +164,7 @@ bool spin_initial_view_pivot(const struct spin_views *views, int row, double piv
     return 2 * n_behind < n;
 }
 
-/* From a third of the nearest camera's distance to a little beyond the farthest one. */
+/* Sets the reach from a third of the nearest camera's distance to slightly beyond the farthest. */
 static void set_reach(const struct spin_views *views, int row, struct spin_initial_view *out)
 {
     double least = INFINITY, most = 0;

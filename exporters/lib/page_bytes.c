@@ -32,7 +32,7 @@ static inline int32_t unfolded(uint32_t u)
     return u & 1 ? (int32_t)(-(int64_t)(u >> 1) - 1) : (int32_t)(u >> 1);
 }
 
-/* About the bits that a number takes. */
+/* The approximate number of bits that a number needs. */
 static inline unsigned cost_of(uint32_t u) { return u ? 34 - (unsigned)__builtin_clz(u) : 0; }
 
 static int planes_of(uint32_t all)
@@ -40,8 +40,7 @@ static int planes_of(uint32_t all)
     return all >> 24 ? 4 : all >> 16 ? 3 : all >> 8 ? 2 : all != 0;
 }
 
-/* ---- Keys -------------------------------------------------------------------------------------
- */
+/* ---- Keys ------------------------------------------------------------------------------------ */
 
 spin_status spin_page_put_whole(struct spin_page_bytes *b, const int32_t *x, size_t n)
 {
@@ -73,7 +72,7 @@ spin_status spin_page_put_whole(struct spin_page_bytes *b, const int32_t *x, siz
 
 static spin_status too_short(void) { return spin_malformed("a block of the page ends early"); }
 
-/* allowed: bits beside those of the planes. */
+/* Reads a column's first byte. allowed: the predictors that this kind of column may use. */
 static spin_status get_head(const uint8_t *data, size_t size, size_t *at, int allowed, int *planes,
                             int *from)
 {
@@ -123,10 +122,9 @@ spin_status spin_page_get_column(const uint8_t *data, size_t size, size_t *at, i
     return get_column(data, size, at, FROM_OTHER | (other ? FROM_COLUMN : 0), x, other, n);
 }
 
-/* ---- Columns of rows ----------------------------------------------------------------------------
- */
+/* ---- Columns of rows ------------------------------------------------------------------------- */
 
-/* x, or against the other column; then by steps. */
+/* Number i as coded: x, or its difference from the other column; then from the row before. */
 static inline uint32_t column_number(const int32_t *x, const int32_t *other, int from, size_t i)
 {
     uint32_t now = (uint32_t)x[i] - (from & FROM_COLUMN ? (uint32_t)other[i] : 0), last = 0;
@@ -136,7 +134,7 @@ static inline uint32_t column_number(const int32_t *x, const int32_t *other, int
     return folded((int32_t)(now - last));
 }
 
-/* Bits that a code by how frequent each byte is would take. */
+/* The size in bits of an ideal entropy coder for the byte planes. */
 static double entropy_of(const int32_t *x, const int32_t *other, int from, size_t n, uint32_t *all)
 {
     size_t count[4][256] = {{0}};
@@ -187,8 +185,7 @@ spin_status spin_page_put_column(struct spin_page_bytes *b, const int32_t *x, co
     return SPIN_OK;
 }
 
-/* ---- Differences --------------------------------------------------------------------------------
- */
+/* ---- Differences ----------------------------------------------------------------------------- */
 
 static inline int32_t told(const struct spin_page_state *s, size_t i, bool by_mean)
 {

@@ -2,15 +2,11 @@
 
 #include "base/base.h"
 
-/* Fewer show nothing. */
-#define FEWEST 32
-#define TRIES 8
-/* About what a splat takes in a key. */
-#define BYTES_EACH 14
-/* Of a splat's width. */
-#define MOST_GROWTH 8
-
-/* Of what is behind the camera next to nothing. */
+#define FEWEST 32     /* splats; with fewer a draft shows nothing */
+#define TRIES 8       /* to find the number of splats that fits */
+#define BYTES_EACH 14 /* approximate size of a splat in a key */
+#define MOST_GROWTH 8 /* factor of a splat's scale */
+/* The area that a splat covers in the view, weighted by opacity; nearly 0 behind the camera. */
 static float area_of(const float *value, const struct spin_initial_view *view)
 {
     const float *scale = value + SPIN_PAGE_SCALE;
@@ -52,7 +48,7 @@ spin_status spin_page_draft_take(struct spin_page_draft *d, const struct spin_sp
     return SPIN_OK;
 }
 
-/* How likely a row is taken, when one of this area is taken surely. */
+/* The probability to choose a row, if rows of area `sure` are chosen with certainty. */
 static double chance(const struct spin_page_draft_row *r, double sure)
 {
     return (double)r->area < sure ? (double)r->area / sure : 1;
@@ -67,7 +63,7 @@ static double expected(const struct spin_page_draft *d, double sure)
     return n;
 }
 
-/* The area by which about n are taken. */
+/* Finds the area for which about n rows are chosen. */
 static double sure_area(const struct spin_page_draft *d, size_t n)
 {
     double low = -80, high = 80; /* logarithms */
@@ -83,7 +79,8 @@ static double sure_area(const struct spin_page_draft *d, size_t n)
     return exp(high);
 }
 
-/* Mark about n rows, evenly along the curve, and let them grow by as much as they stand for. */
+/* Marks about n rows, evenly along the Morton curve, and enlarges each by the area of the rows that
+ * it represents. */
 static void choose(struct spin_page_draft *d, size_t n)
 {
     struct spin_page_frame *frame = &d->group.frame[0];
@@ -102,7 +99,7 @@ static void choose(struct spin_page_draft *d, size_t n)
     }
 }
 
-/* A block that is kept until it is known to be small enough. */
+/* A copy of a block, kept until its size is known. */
 struct kept {
     struct spin_page_block block;
     uint8_t *data;

@@ -36,7 +36,8 @@ static const float *row_value(const struct spin_page_group *g, int frame, size_t
     return f->value + (f->row ? f->row[i] : i) * spin_page_width(g);
 }
 
-/* Rows of the first frame that all frames have; rows of each frame that are its own, by place. */
+/* Lists the shared rows, those of the first frame that exist in all frames, and each frame's own
+ * rows, sorted by position. */
 static spin_status split_rows(struct spin_page_group *g, struct spin_sort_rows *order)
 {
     const struct spin_page_frame *first = &g->frame[0];
@@ -81,8 +82,7 @@ static spin_status split_rows(struct spin_page_group *g, struct spin_sort_rows *
     return SPIN_OK;
 }
 
-/* ---- Numbers
- * ------------------------------------------------------------------------------------------ */
+/* ---- Numbers --------------------------------------------------------------------------------- */
 
 struct number {
     struct spin_page_group *g;
@@ -90,7 +90,8 @@ struct number {
     _Atomic bool failed;
 };
 
-/* Values of a shared row, frame by frame; where it is not there, those it had, or will have. */
+/* The values of a shared row in each frame; where it is absent, those of the last frame that had
+ * it, or else of the first one that will. */
 static void gather(const struct spin_page_group *g, size_t i, const float **value, uint8_t *present)
 {
     int first = -1;
@@ -134,7 +135,7 @@ static void number_task(void *context, size_t from, size_t to)
                 g->number[(c * n + f) * g->n_shared + k] = x;
                 activity += f ? bits_of(x - number[c * n + f - 1]) : 0;
             }
-        /* half a bit a value and frame makes a level of its own */
+        /* one level for each half bit per value and frame */
         if (activity)
             level = 1 + 2 * activity / (columns * (n - 1));
         t->order[k] = (struct spin_keyed){.key = (level > 15 ? 15 : level) << 60 |
@@ -143,9 +144,7 @@ static void number_task(void *context, size_t from, size_t to)
     }
 }
 
-/* ---- Blocks
- * -----------------------------------------------------------------------------------------------
- */
+/* ---- Blocks ---------------------------------------------------------------------------------- */
 
 struct column {
     struct spin_page_bytes *bytes; /* [n_frames] */
@@ -160,13 +159,13 @@ struct blocks {
     struct column *column;
     int32_t **own; /* [n_frames][n_own][columns] */
     struct spin_page_bytes packed;
-    /* while a block is read back */
+    /* while a block is checked */
     int frame;
     const size_t *start; /* [2 columns] of the shared rows, then of the frame's own */
     uint8_t *again;
 };
 
-/* A key's number as it is written: red and blue against green. */
+/* A key's number as stored: red and blue as differences from green. */
 static int32_t written(const int32_t *key, size_t c)
 {
     enum { GREEN = SPIN_PAGE_COLOUR + 1 };
@@ -211,10 +210,9 @@ static void column_task(void *context, int c)
     b->column[c].status = column_bytes(b, (size_t)c);
 }
 
-/* ---- What was written, read again
- * ----------------------------------------------------------------------------- */
+/* ---- What was written, read again ------------------------------------------------------------ */
 
-/* A column of the block that was read back must have the numbers that were meant. */
+/* Decodes a column of the current block and compares it with the numbers that were coded. */
 static spin_status column_again(struct blocks *b, size_t c)
 {
     const struct spin_page_group *g = b->g;
@@ -266,7 +264,7 @@ struct errors {
     size_t first_task[SPIN_PAGE_MOST_FRAMES + 1];
 };
 
-/* Every value of some rows of a frame, as a reader of the numbers has it, against the source's. */
+/* Decodes all values of some rows of a frame and adds their errors against the source. */
 static void error_task(void *context, int task)
 {
     struct errors *e = context;
@@ -324,14 +322,12 @@ static spin_status check_values(struct blocks *b)
     return spin_page_errors_judge(&g->quant, &g->space.bounds);
 }
 
-/* ---- All of it
- * ----------------------------------------------------------------------------------------------------
- */
+/* ---- All of it ------------------------------------------------------------------------------- */
 
 static spin_status too_far(const struct spin_page_group *g)
 {
     return spin_unsupported(
-        "a splat is too far from the others for steps of %g: --bound-place takes coarser ones",
+        "a splat is too far from the others for steps of %g: set a larger --bound-place",
         2 * g->space.bounds.place);
 }
 
@@ -373,7 +369,7 @@ static spin_status number_own(struct blocks *b)
     return SPIN_OK;
 }
 
-/* Pieces of a frame one after the other; start[] of each. */
+/* Concatenates the columns of a frame; start[] is the offset of each. */
 static spin_status join(struct blocks *b, size_t *start)
 {
     size_t columns = columns_of(b->g), f = (size_t)b->frame, n = 0;

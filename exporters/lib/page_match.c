@@ -1,14 +1,14 @@
-/* Frames into a group: their values, and which row of one is which of another. */
+/* Adds frames to a group: copies their values and matches their rows with those of the first frame.
+ */
 #include "base/base.h"
 #include "exporters/lib/page_group.h"
 
 #define NONE UINT32_MAX
 #define TAKEN (UINT32_MAX - 1)
 #define MOST_BYTES ((size_t)512 << 20) /* of a group's values */
-#define LEAST_SHARED 0.25              /* of a frame's rows, to go on without a key */
+#define LEAST_SHARED 0.25 /* share of matched rows that a frame needs to join a group */
 
-/* ---- A frame ------------------------------------------------------------------------------------
- */
+/* ---- A frame --------------------------------------------------------------------------------- */
 
 struct take {
     const struct spin_page_group *g;
@@ -54,8 +54,7 @@ static spin_status take_frame(const struct spin_page_group *g, const struct spin
     return SPIN_OK;
 }
 
-/* ---- Which row is which
- * ---------------------------------------------------------------------------- */
+/* ---- Which row is which ---------------------------------------------------------------------- */
 
 static double apart(const struct spin_page_group *g, const struct spin_page_frame *a, size_t i,
                     const struct spin_page_frame *b, size_t j)
@@ -68,7 +67,8 @@ static double apart(const struct spin_page_group *g, const struct spin_page_fram
     return sum;
 }
 
-/* Whether rows keep their splats: then they move less from frame to frame than they are apart. */
+/* Whether row i is the same splat in both frames: then rows move, on average, much less than rows
+ * are apart from each other. */
 static bool keeps_rows(const struct spin_page_group *g, const struct spin_page_frame *last,
                        const struct spin_page_frame *now)
 {
@@ -101,7 +101,7 @@ static uint64_t hash_of(const float *value)
     return h;
 }
 
-/* Rows of `now` at places, to the bit, of rows of the group's first frame. */
+/* Matches rows of `now` with rows of the group's first frame at exactly the same position. */
 static spin_status match_places(const struct spin_page_group *g, struct spin_page_frame *now,
                                 size_t *n_matched)
 {
@@ -136,12 +136,12 @@ static spin_status match_places(const struct spin_page_group *g, struct spin_pag
             continue;
         now->row[i] = table[at];
         ++*n_matched;
-        table[at] = TAKEN; /* two splats at one place are two */
+        table[at] = TAKEN; /* splats at one position are matched one to one */
     }
     return SPIN_OK;
 }
 
-/* Rows of `now`, which keeps those of `last`, that belong to rows of the group's first frame. */
+/* Matches rows of `now`, which are the same as those of `last`, with the group's first frame. */
 static spin_status follow(const struct spin_page_frame *last, struct spin_page_frame *now,
                           size_t n_first)
 {

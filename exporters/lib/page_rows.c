@@ -6,37 +6,38 @@
 #include "math/motion.h"
 
 #define LN2 0.693147180559945309
-#define TURN 6.283185307179586 /* once round */
-#define NARROWER 0.999         /* as of spin_page_step() */
-#define FAINT (0.5 / 255)      /* is not drawn */
-#define UNEVEN 1e-5            /* a clip's times are rounded: of the distance of its frames */
-#define LEAST_DOT 0.707        /* of the rotations at both ends of a row: turned by 90 degrees */
-enum { CHECKED = 33 };         /* ticks of a row, evenly; and four of its window */
+#define TURN 6.283185307179586 /* radians of a full turn */
+#define NARROWER 0.999         /* as in spin_page_step() */
+#define FAINT (0.5 / 255)      /* fainter splats are invisible */
+#define UNEVEN 1e-5            /* tolerance of frame times, which are rounded, in frames */
+#define LEAST_DOT 0.707        /* of the quaternions at both ends of a row: 90 degrees apart */
+enum { CHECKED = 33 };         /* evenly spaced ticks of a row to check, besides 4 of its window */
 
-/* Shares of a bound. The errors of a bell are at most w (height + z middle + z^2 width) with w =
- * exp(-z^2/2), and a gate adds 1 - w: at all z less than 1. */
+/* How the bound of an opacity is divided. With w = exp(-z^2/2), the errors of a Gaussian window add
+ * up to at most w (height + z middle + z^2 width) and that of a gate to 1 - w times its share; the
+ * total is below 1 for all z. */
 #define HEIGHT 0.5
 #define WIDTH 0.45
 #define GATE 0.3
-/* Rotations at both ends, and how much more the second counts; together less than 1 when between
- * them are 90 degrees. */
+/* How the bound of a rotation is divided: between the rotations at both ends, and the ratio of the
+ * lengths of their quaternions. The interpolated error stays below 1 while the ends are at most 90
+ * degrees apart. */
 #define ENDS 0.78
 #define RATIO 0.1
-/* A colour that changes: its mean, two cosines, their phase. */
+/* How the bound of a colour that changes is divided: its mean, two cosines, their phase. */
 #define MEAN 0.4
 #define COSINE 0.2
 #define PHASE 0.2
 
 enum { FROM, LENGTH, SIGMA, MIDDLE, N_ALWAYS };
 
-/* A row of the splats from one tick until before another. */
+/* The part of a row from tick `from` until before tick `end`. */
 struct piece {
     uint32_t row;
     int32_t from, end;
 };
 
-/* ---- Steps -------------------------------------------------------------------------------------
- */
+/* ---- Steps ----------------------------------------------------------------------------------- */
 
 bool spin_page_rows_can(const double *times, int n_frames, double *step)
 {
@@ -52,8 +53,7 @@ static const float *cosines_of(const struct spin_page_rows *r, size_t i)
     return r->splats->sh_cos + 6 * (size_t)spin_sh_count(r->splats->sh_degree) * i;
 }
 
-/* Of cosine k, 0 or 1, the value of column c: three colours, then the coefficients that are
- * written. */
+/* The coefficient of cosine k, 0 or 1, in column c: three colours, then the SH that is written. */
 static double cosine_at(const struct spin_page_rows *r, size_t i, int k, int c)
 {
     size_t width = 3 * (size_t)spin_sh_count(r->splats->sh_degree);
@@ -62,7 +62,7 @@ static double cosine_at(const struct spin_page_rows *r, size_t i, int k, int c)
     return c < 3 ? SPIN_SH_C0 * v : v;
 }
 
-/* The largest slope of a value by its phase, in bounds. */
+/* The largest derivative of a value with respect to the phase, in bounds. */
 static double steepest(const struct spin_page_rows *r)
 {
     double most = 0;
@@ -76,7 +76,7 @@ static double steepest(const struct spin_page_rows *r)
 
 void spin_page_rows_begin(struct spin_page_rows *r)
 {
-    /* how much the places in between are off by at most, when those at even times are off by 1 */
+    /* Lebesgue constants: how much errors at evenly spaced nodes grow in between, by degree */
     static const double lebesgue[] = {1, 1, 1.25, 1.64};
     const struct spin_splats_4d *s = r->splats;
     const struct spin_page_bounds *b = &r->space.bounds;
@@ -102,7 +102,8 @@ void spin_page_rows_begin(struct spin_page_rows *r)
         r->gate = 2 * GATE * b->opacity;
     if (s->spins) {
         r->inner.bounds.rotation *= ENDS;
-        r->ratio = 4 * RATIO * b->rotation; /* it turns by a quarter of 90 degrees for each 1 */
+        r->ratio = 4 * RATIO *
+                   b->rotation; /* 1 in the logarithm rotates by about a quarter of 90 degrees */
     }
     if (s->sh_cos) {
         r->inner.bounds.colour *= MEAN;
@@ -136,8 +137,7 @@ spin_json *spin_page_rows_json(const struct spin_page_rows *r)
     return j;
 }
 
-/* ---- Time ---------------------------------------------------------------------------------------
- */
+/* ---- Time ------------------------------------------------------------------------------------ */
 
 static double time_of(const struct spin_page_rows *r, double tick)
 {
@@ -158,7 +158,7 @@ static double opacity_at(const struct spin_page_rows *r, size_t i, double t)
            spin_splats_4d_weight(r->splats, i, t);
 }
 
-/* When a window begins and ends to fade, and how fast. */
+/* The times at which a window begins and ends its plateau, and how fast it fades on each side. */
 struct window {
     double lo, hi, sigma, sigma2;
 };
@@ -174,7 +174,7 @@ static struct window window_of(const struct spin_page_rows *r, size_t i)
                            .sigma2 = (double)(p ? p[2] : s->sigmas[i])};
 }
 
-/* The ticks of the clip that show more than next to nothing of row i; false: none does. */
+/* Sets the ticks of the clip in which row i is visible; false if there are none. */
 static bool seen(const struct spin_page_rows *r, size_t i, struct piece *p)
 {
     const struct spin_splats_4d *s = r->splats;
@@ -205,10 +205,9 @@ static bool seen(const struct spin_page_rows *r, size_t i, struct piece *p)
     return p->from < p->end;
 }
 
-/* ---- Rotations
- * ------------------------------------------------------------------------------------ */
+/* ---- Rotations ------------------------------------------------------------------------------- */
 
-/* Not of unit length. */
+/* The rotation at time t, as a quaternion that is not of unit length. */
 static void turned_at(const struct spin_page_rows *r, size_t i, double t, double q[4])
 {
     const struct spin_splats_4d *s = r->splats;
@@ -232,8 +231,8 @@ static bool unit_of(const double q[4], double out[4])
     return length > 0;
 }
 
-/* Rotations of a piece at both ends. Those of a single tick are the same where they are far apart.
- */
+/* The rotations at both ends of a piece, and their dot product as unit quaternions. Too far apart
+ * within a single tick, they are made the same. */
 static double ends_of(const struct spin_page_rows *r, const struct piece *p, double a[4],
                       double b[4])
 {
@@ -249,8 +248,7 @@ static double ends_of(const struct spin_page_rows *r, const struct piece *p, dou
     return dot;
 }
 
-/* ---- Numbers
- * --------------------------------------------------------------------------------------- */
+/* ---- Numbers --------------------------------------------------------------------------------- */
 
 static bool put(int32_t *key, double x)
 {
@@ -272,7 +270,7 @@ static double centre_of(const int32_t *extra)
     return ((double)extra[FROM] + 0.5 * extra[LENGTH]) / SPIN_PAGE_TICKS;
 }
 
-/* A sigma as a number; 0 is left for one that does not fade. */
+/* The exponent in a sigma's number; the number 0 means that the window does not fade. */
 static int32_t exponent_of(int32_t number) { return number > 0 ? number - 1 : number; }
 
 static double octave_of(const struct spin_page_rows *r, const int32_t *extra, int32_t number)
@@ -290,7 +288,8 @@ static bool put_side(const struct spin_page_rows *r, const int32_t *extra, doubl
     return put(at, (middle - centre_of(extra)) / (r->middle * octave_of(r, extra, *number)));
 }
 
-/* Returns the opacity that the window has a part of. */
+/* Codes the window and sets the opacity that it multiplies. A window whose opacity hardly varies is
+ * not coded. */
 static bool number_window(const struct spin_page_rows *r, const struct piece *p, int32_t *key,
                           double *opacity)
 {
@@ -347,7 +346,7 @@ static bool number_path(const struct spin_page_rows *r, const struct piece *p, i
     return true;
 }
 
-/* What a reader makes of the key's rotation. */
+/* The key's rotation as a reader decodes it. */
 static void rotation_of(const struct spin_page_rows *r, const int32_t *key, double q[4])
 {
     double step = spin_page_step(&r->inner, SPIN_PAGE_ROTATION), v[3];
@@ -390,7 +389,7 @@ static bool number_cosines(const struct spin_page_rows *r, size_t i, int32_t *ke
     return true;
 }
 
-/* All numbers of a piece; false: one is too large. */
+/* Codes all columns of a piece; false: a number is too large. */
 static bool number_piece(const struct spin_page_rows *r, const struct spin_splat_filter *rows,
                          const struct piece *p, int32_t *key)
 {
@@ -408,7 +407,7 @@ static bool number_piece(const struct spin_page_rows *r, const struct spin_splat
     unit_of(a, q);
     spin_splat_filter_take(rows, p->row, &is);
     for (int c = 0; c < 3; c++) {
-        value[SPIN_PAGE_PLACE + c] = (float)r->space.centre[c]; /* see number_path() */
+        value[SPIN_PAGE_PLACE + c] = (float)r->space.centre[c]; /* number_path() codes positions */
         value[SPIN_PAGE_COLOUR + c] = is.colour[c];
         value[SPIN_PAGE_SCALE + c] = is.log_scale[c];
     }
@@ -423,8 +422,7 @@ static bool number_piece(const struct spin_page_rows *r, const struct spin_splat
            (!r->cosines || number_cosines(r, p->row, key));
 }
 
-/* ---- What a reader makes of them
- * ------------------------------------------------------------------- */
+/* ---- What a reader makes of them ------------------------------------------------------------- */
 
 static double side_at(const struct spin_page_rows *r, const int32_t *extra, int32_t sigma,
                       int32_t middle, double frames, bool before)
@@ -486,7 +484,7 @@ static void read_piece(const struct spin_page_rows *r, const int32_t *key, int t
     }
 }
 
-/* What the source has there. */
+/* The source's values at time t. */
 static void true_piece(const struct spin_page_rows *r, const struct spin_splat_filter *rows,
                        size_t i, double t, double *value)
 {
@@ -514,8 +512,7 @@ static void true_piece(const struct spin_page_rows *r, const struct spin_splat_f
     unit_of(q, value + SPIN_PAGE_ROTATION);
 }
 
-/* ---- A block
- * ------------------------------------------------------------------------------------------ */
+/* ---- A block --------------------------------------------------------------------------------- */
 
 struct block {
     struct spin_page_rows *r;
@@ -549,7 +546,7 @@ static void check_piece(const struct block *b, const struct piece *p, const int3
     }
 }
 
-/* First those that stand; then by the tick that shows them first. */
+/* Sort key: static rows first, then by the first visible tick. */
 static uint64_t class_of(const struct spin_page_rows *r, int32_t *key)
 {
     uint64_t moves = 0;
@@ -583,7 +580,7 @@ static void number_task(void *context, int task)
     }
 }
 
-/* Column c in the order of the file. */
+/* Collects column c in the order of the file. */
 static void column_of(const struct block *b, size_t c, int32_t *out)
 {
     for (size_t k = 0; k < b->n; k++)
@@ -645,8 +642,8 @@ static spin_status write_block(struct spin_page_rows *r, const struct spin_splat
     b.order = order.item;
     spin_pool_run(r->pool, n_tasks, number_task, &b);
     if (b.failed)
-        SPIN_TRY_OUT(spin_unsupported("a splat is too far from the others, or seen for too short a "
-                                      "time, for steps of %g: --bound-place takes coarser ones",
+        SPIN_TRY_OUT(spin_unsupported("a splat is too far from the others, or visible for too "
+                                      "short a time, for steps of %g: set a larger --bound-place",
                                       2 * r->space.bounds.place));
     for (int t = 0; t < n_tasks; t++) {
         r->n_values += b.n_values[t];
@@ -656,7 +653,7 @@ static spin_status write_block(struct spin_page_rows *r, const struct spin_splat
     spin_sort_rows_sort(&order);
     for (size_t k = 0; k < n; k++)
         order.item[k].key = class_of(r, b.key + order.item[k].row * (size_t)r->n_columns);
-    spin_sort_rows_sort(&order); /* of one class they stay by place */
+    spin_sort_rows_sort(&order); /* stable: rows of one class stay in Morton order */
     b.order = order.item;
     r->n_rows += n;
     status = pack(&b, sink, context);
@@ -668,8 +665,7 @@ out:
     return status;
 }
 
-/* ---- All of it
- * ---------------------------------------------------------------------------------------- */
+/* ---- All of it ------------------------------------------------------------------------------- */
 
 struct pieces {
     struct piece *at;
@@ -691,7 +687,8 @@ static spin_status add_piece(const struct spin_page_rows *r, struct pieces *to, 
     return SPIN_OK;
 }
 
-/* 0: it lasts; else by when it is seen first. */
+/* Block 0 has the rows that last long; each other block those that begin within one key interval.
+ */
 static int block_of(const struct spin_page_rows *r, const struct piece *p)
 {
     int long_one = r->key_every * SPIN_PAGE_TICKS;
@@ -730,7 +727,7 @@ spin_status spin_page_rows_write(struct spin_page_rows *r, const struct spin_spl
         if (rows->keep[i] && seen(r, i, &p))
             SPIN_TRY_OUT(add_piece(r, &pieces, p));
     if (pieces.n == 0)
-        SPIN_TRY_OUT(spin_unsupported("no splat is seen at any time of this clip"));
+        SPIN_TRY_OUT(spin_unsupported("no splat is visible at any time of this clip"));
     SPIN_TRY_OUT(by_time(r, &pieces));
     for (size_t k = 1; k <= pieces.n; k++) {
         if (k < pieces.n && block_of(r, &pieces.at[k]) == block_of(r, &pieces.at[from]))

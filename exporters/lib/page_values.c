@@ -6,16 +6,15 @@
 #include "math/scene_rotation.h"
 
 #define PI 3.14159265358979323846
-/* Steps are this much narrower than bounds allow: floats round. */
+/* Steps are slightly narrower than the bounds allow, as a margin for float rounding. */
 #define NARROWER 0.999
 
-/* ---- Bounds -----------------------------------------------------------------------------------
- */
+/* ---- Bounds ---------------------------------------------------------------------------------- */
 
 spin_status spin_page_bounds_from(const struct spin_plugin_values *v, double size,
                                   struct spin_page_bounds *out)
 {
-    /* units, share of the scene, 255ths, percent, degrees, coefficients */
+    /* world units, share of the scene's size, 1/255, percent, degrees, coefficients */
     static const double level[3][6] = {{0.00025, 0.000125, 1, 0.5, 0.25, 0.01},
                                        {0.001, 0.0005, 3, 2, 1, 0.02},
                                        {0.002, 0.0005, 4, 5, 3, 0.04}};
@@ -54,8 +53,7 @@ double spin_page_step(const struct spin_page_space *space, int column)
     return 2 * NARROWER * bound;
 }
 
-/* ---- Rotations ----------------------------------------------------------------------------------
- */
+/* ---- Rotations ------------------------------------------------------------------------------- */
 
 static double length_of(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
@@ -77,7 +75,8 @@ void spin_page_vector_of(const double q[4], double v[3])
         v[c] = k * q[c + 1];
 }
 
-/* From the turn `from` to the value's; of the two ways round, the one that ends nearer to `last`.
+/* The rotation vector from the quaternion `from` to the value's. Of the two directions of rotation
+ * it takes the one nearer to `last`, so that the vector is continuous over time; NULL: the shorter.
  */
 static void vector_from(const double from[4], const float *value, const double *last, double v[3])
 {
@@ -100,8 +99,7 @@ static void vector_from(const double from[4], const float *value, const double *
         v[c] *= other;
 }
 
-/* ---- Errors
- * --------------------------------------------------------------------------------------- */
+/* ---- Errors ---------------------------------------------------------------------------------- */
 
 void spin_page_errors_add(struct spin_quant_error *q, const double *is, const double *want,
                           bool present, int n_sh)
@@ -131,7 +129,7 @@ void spin_page_errors_add(struct spin_quant_error *q, const double *is, const do
 spin_status spin_page_errors_judge(const struct spin_quant_error *q,
                                    const struct spin_page_bounds *b)
 {
-    static const char *const name[] = {"place", "scale", "rotation", "opacity", "colour", "SH"};
+    static const char *const name[] = {"position", "scale", "rotation", "opacity", "colour", "SH"};
     const double bound[] = {b->place, b->scale, b->rotation, b->opacity, b->colour, b->sh};
 
     for (int p = 0; p < SPIN_QUANT_PARTS; p++)
@@ -141,8 +139,7 @@ spin_status spin_page_errors_judge(const struct spin_quant_error *q,
     return SPIN_OK;
 }
 
-/* ---- Places
- * --------------------------------------------------------------------------------------- */
+/* ---- Places ---------------------------------------------------------------------------------- */
 
 uint64_t spin_page_place_key(const struct spin_page_space *space, const float place[3])
 {
@@ -157,8 +154,7 @@ uint64_t spin_page_place_key(const struct spin_page_space *space, const float pl
     return key;
 }
 
-/* ---- Numbers
- * -------------------------------------------------------------------------------------- */
+/* ---- Numbers --------------------------------------------------------------------------------- */
 
 static bool in_range(double x) { return fabs(x) < SPIN_PAGE_MOST - 1; }
 
@@ -171,8 +167,8 @@ static inline unsigned cost_of(int32_t d)
     return u ? 35 - (unsigned)__builtin_clz(u) : 0;
 }
 
-/* The key, in half steps, that is within half a step of x[0] and from which the others change
- * least. False: out of range. */
+/* Chooses the key, in half steps and within half a step of x[0], for which the numbers of the later
+ * frames change least. Returns false if a value is out of range. */
 static bool choose_key(const double *x, int n, double step, int32_t *key)
 {
     double half = step / 2, least = (double)UINT32_MAX;
@@ -190,7 +186,7 @@ static bool choose_key(const double *x, int n, double step, int32_t *key)
             double at = (x[f] - k * half) / step;
             int32_t now = f ? nearest(at) : 0;
 
-            /* bits, and where they are the same, the error */
+            /* bits; the rounding error breaks ties */
             cost += cost_of(now - last) + 0.2 * (at - now) * (at - now);
             last = now;
         }
@@ -208,8 +204,8 @@ static void number_rotation(const struct spin_page_space *space, const float *co
     double step = spin_page_step(space, SPIN_PAGE_ROTATION), base[4], first[4], off[3], part[4],
            v[3], last[3] = {0};
 
-    /* Where to stand, so that most of what follows is no change: as in choose_key(), from the
-     * first. */
+    /* As choose_key(): find an offset from the first frame's rotation for which the numbers of
+     * later frames change least. */
     for (int c = 0; c < 4; c++)
         first[c] = (double)value[0][SPIN_PAGE_ROTATION + c];
     for (int f = 0; f < n_frames; f++) {
@@ -221,7 +217,7 @@ static void number_rotation(const struct spin_page_space *space, const float *co
         int32_t k;
 
         choose_key(x + (ptrdiff_t)c * n_frames, n_frames, step, &k);
-        off[c] = 0.5 * step / 2 * k; /* the other half is for the rounding of the key */
+        off[c] = 0.5 * step / 2 * k; /* only half of it: rounding the key needs the other half */
     }
     spin_page_turn_of(off, part);
     spin_scene_rotation_join(part, first, base);
@@ -269,7 +265,7 @@ bool spin_page_number_row(const struct spin_page_space *space, const float *cons
         for (int f = 1; f < n_frames; f++) {
             double at = x[f] / step - 0.5 * key[c];
 
-            /* what is not there must not shine through */
+            /* rounded down: an absent splat must not become visible */
             if (c == SPIN_PAGE_OPACITY && !present[f])
                 at = floor(at);
             number[(size_t)c * pitch + (size_t)f] = nearest(at);

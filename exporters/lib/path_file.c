@@ -4,8 +4,8 @@
 #include "io/file.h"
 #include "io/json.h"
 
-/* Of the length of an axis, and of the cosine between two: more than what rounding to a few digits
- * does. */
+/* Tolerance of the length of an axis, and of the cosine between two: more than rounding to a few
+ * digits causes. */
 #define CROOKED 2e-3
 
 enum { MOST_POSES = 10000000, MOST_SIDE = 16384 };
@@ -17,8 +17,9 @@ static double dot(const double *a, const double *b)
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/* Camera to world, 3 x 4, of a camera whose y and z are turned by `sign`, to w2c. The axes are made
- * straight: the third, then the second. False: it is no rotation. */
+/* Inverts a camera-to-world matrix (3 x 4) into w2c; `sign` -1 flips y and z of the camera. The
+ * axes are orthonormalised: the direction of the third is kept, the second is made perpendicular to
+ * it. Returns false if the matrix is not a rotation. */
 static bool invert(const double m[12], double sign, double w2c[12])
 {
     double axis[3][3], length[3], across[3], det;
@@ -54,25 +55,26 @@ static bool invert(const double m[12], double sign, double w2c[12])
     return det > 0;
 }
 
-/* A matrix of n numbers, 12 or 16. */
+/* Adds a matrix of n numbers, which must be 12 or 16. */
 static spin_status add(struct spin_path_file *f, size_t *room, const double *m, size_t n,
                        double sign, double fovy_deg)
 {
     struct spin_path_pose pose = {.fovy_deg = fovy_deg};
 
     if (n == 0)
-        return spin_malformed("matrix %zu is not made of numbers", f->n + 1);
+        return spin_malformed("matrix %zu has values that are not numbers", f->n + 1);
     if (n != 12 && n != 16)
         return spin_malformed("matrix %zu has %zu numbers, expected 12 or 16", f->n + 1, n);
     for (size_t k = 0; k < n; k++)
         if (!(fabs(m[k]) <= 1e15))
-            return spin_malformed("matrix %zu has a value that is no place", f->n + 1);
+            return spin_malformed("matrix %zu has a value that is not finite or too large",
+                                  f->n + 1);
     if (n == 16 && (m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1))
         return spin_malformed("matrix %zu ends in %g %g %g %g, expected 0 0 0 1", f->n + 1, m[12],
                               m[13], m[14], m[15]);
     if (!invert(m, sign, pose.w2c))
-        return spin_malformed("matrix %zu is no rotation and place from a camera to the world",
-                              f->n + 1);
+        return spin_malformed(
+            "matrix %zu is not a rotation and a translation from a camera to the world", f->n + 1);
     if (f->n == MOST_POSES)
         return spin_unsupported("more than %d matrices", MOST_POSES);
     SPIN_TRY(spin_room(f->n, room, sizeof *f->pose, (void **)&f->pose));
@@ -82,8 +84,8 @@ static spin_status add(struct spin_path_file *f, size_t *room, const double *m, 
 
 /* ---- JSON ------------------------------------------------------------------------------------ */
 
-/* Numbers of a list, and of lists in it, into m[17]; how many there are, at most 17. 0: something
- * else is there. */
+/* Reads the numbers of a list, and of lists in it, into m[17]. Returns how many there are, at most
+ * 17; 0 if there is anything else. */
 static size_t numbers_of(const spin_json *j, double *m)
 {
     size_t n = 0;
@@ -122,10 +124,10 @@ static spin_status read_size(const spin_json *root, struct spin_path_file *out)
     if (!width && !height)
         return SPIN_OK;
     if (!spin_json_integer(width, &size[0]) || !spin_json_integer(height, &size[1]))
-        return spin_malformed("'render_width' and 'render_height': expected two whole numbers, or "
-                              "neither");
+        return spin_malformed(
+            "'render_width' and 'render_height': expected two integers, or neither");
     if (size[0] < 16 || size[1] < 16 || size[0] > MOST_SIDE || size[1] > MOST_SIDE)
-        return spin_unsupported("pictures of %lldx%lld, expected sides from 16 to %d",
+        return spin_unsupported("images of %lldx%lld, expected sides from 16 to %d",
                                 (long long)size[0], (long long)size[1], MOST_SIDE);
     out->width = (int)size[0];
     out->height = (int)size[1];
@@ -140,9 +142,9 @@ static spin_status read_nerfstudio(const spin_json *root, struct spin_path_file 
     size_t room = 0;
 
     if (!spin_json_is_array(list))
-        return spin_malformed("it has no list 'camera_path'");
+        return spin_malformed("the list 'camera_path' is missing");
     if (type && strcmp(type, "perspective") != 0)
-        return spin_unsupported("its 'camera_type' is '%s': only perspective is drawn", type);
+        return spin_unsupported("'camera_type' is '%s', only perspective is supported", type);
     SPIN_TRY(read_size(root, out));
     if (!spin_json_number(spin_json_get(root, "fps"), &out->fps) ||
         !(out->fps >= 0.01 && out->fps <= 1000))
@@ -152,7 +154,8 @@ static spin_status read_nerfstudio(const spin_json *root, struct spin_path_file 
         double fovy = 0;
 
         if (spin_json_number(spin_json_get(camera, "fov"), &fovy) && !(fovy > 0.1 && fovy < 179))
-            return spin_unsupported("camera %zu has a field of view of %g degrees", i + 1, fovy);
+            return spin_unsupported(
+                "camera %zu has a field of view of %g degrees, expected 0.1 to 179", i + 1, fovy);
         SPIN_TRY(
             add(out, &room, m, numbers_of(spin_json_get(camera, "camera_to_world"), m), -1, fovy));
     }
@@ -170,7 +173,7 @@ static spin_status read_json(const char *path, const struct spin_map *map,
 
 /* ---- Text ------------------------------------------------------------------------------------ */
 
-/* A matrix a line; "#" begins a comment. */
+/* One matrix per line; "#" begins a comment. */
 static spin_status read_text(char *text, struct spin_path_file *out)
 {
     size_t room = 0;
@@ -191,7 +194,7 @@ static spin_status read_text(char *text, struct spin_path_file *out)
             n++;
         }
         if (at[strspn(at, " \t\r")] && n < 17)
-            return spin_malformed("'%.20s' is no number of a matrix", at);
+            return spin_malformed("'%.20s' is not a number", at);
         if (n > 0)
             SPIN_TRY(add(out, &room, m, n, 1, 0));
     }
@@ -223,7 +226,7 @@ spin_status spin_path_file_open(const char *path, struct spin_path_file *out)
     status = read_file(path, &map, out);
     spin_map_close(&map);
     if (status == SPIN_OK && out->n == 0)
-        status = spin_malformed("it has no camera");
+        status = spin_malformed("it contains no cameras");
     if (status == SPIN_OK)
         return SPIN_OK;
     spin_path_file_close(out);

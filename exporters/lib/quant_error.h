@@ -1,5 +1,5 @@
-/* How far what a reader will see lies from what the bundle holds, for formats of few bits: gathered
- * row by row, said once at the end. */
+/* Rounding errors of lossy formats: the difference between what a reader decodes and what the
+ * bundle contains, collected row by row and logged once at the end. */
 #pragma once
 
 #include <math.h>
@@ -8,10 +8,10 @@
 
 enum spin_quant_error_part {
     SPIN_QUANT_PLACE,    /* world units */
-    SPIN_QUANT_SCALE,    /* of the logarithm: 0.01 is about one percent */
+    SPIN_QUANT_SCALE,    /* of the natural logarithm: 0.01 is about one percent */
     SPIN_QUANT_ROTATION, /* degrees */
-    SPIN_QUANT_OPACITY,  /* of 0..1 */
-    SPIN_QUANT_COLOUR,   /* of 0..1, of the degree 0 term */
+    SPIN_QUANT_OPACITY,  /* in 0..1 */
+    SPIN_QUANT_COLOUR,   /* in 0..1, of the degree 0 term */
     SPIN_QUANT_SH,       /* of coefficients above degree 0 */
     SPIN_QUANT_PARTS
 };
@@ -33,7 +33,7 @@ static inline void spin_quant_error_add(struct spin_quant_error *q, enum spin_qu
         q->part[part].largest = error;
 }
 
-/* n at once, which is fast. */
+/* Adds n errors at once, which is faster. */
 void spin_quant_error_add_sh(struct spin_quant_error *q, const float *error, size_t n);
 
 double spin_quant_error_distance(const float is[3], const float shown[3]);
@@ -41,7 +41,7 @@ double spin_quant_error_distance(const float is[3], const float shown[3]);
 void spin_quant_error_add_place(struct spin_quant_error *q, const float is[3],
                                 const float shown[3]);
 
-/* Unit quaternions of one sign at distance d are turned against each other by 4 asin(d / 2). */
+/* Unit quaternions of one sign at distance d differ by a rotation of 4 asin(d / 2). */
 void spin_quant_error_add_rotation(struct spin_quant_error *q, const float is[4],
                                    const float shown[4]);
 
@@ -55,5 +55,5 @@ void spin_quant_error_merge(struct spin_quant_error *to, const struct spin_quant
 
 double spin_quant_error_rms(const struct spin_quant_error *q, enum spin_quant_error_part part);
 
-/* One line, root mean square and largest of each part. */
+/* Logs one line with RMS and largest error of each part; nothing if there are no rows. */
 void spin_quant_error_say(const struct spin_quant_error *q, const char *format);

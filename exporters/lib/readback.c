@@ -14,14 +14,13 @@ void spin_readback_frame(struct spin_readback *e, const struct spin_export_job *
     for (int c = 0; c < 6; c++)
         e->is_box[c] = e->there_box[c] = c < 3 ? HUGE_VAL : -HUGE_VAL;
     for (size_t i = 0; views && row >= 0 && i < views->n; i++)
-        if (views->view[i].dataset_frame == row) { /* they stand side by side */
+        if (views->view[i].dataset_frame == row) { /* views of a row are consecutive */
             e->view = e->view ? e->view : &views->view[i];
             e->n_views++;
         }
 }
 
-/* Pixels that a step of length `off` across the line of sight is at most; -1: the picture does not
- * show the place. */
+/* The largest number of pixels that a displacement of length `off` covers; -1: not visible. */
 static double pixels_of(const struct spin_camera *c, const float mean[3], double off)
 {
     double p[3];
@@ -49,7 +48,7 @@ static void widen(double box[6], const float place[3])
     }
 }
 
-/* Coefficients above degree 0. */
+/* Compares coefficients above degree 0. */
 static void compare_sh(struct spin_readback *e, const struct spin_splat_filter *rows, size_t i,
                        const float *sh, int degree)
 {

@@ -1,5 +1,5 @@
-/* What was written against what its importer reads: how far each value is off, places also in the
- * sizes of the splats and in pixels of the cameras that see them. */
+/* Compares what was written with what its importer reads: the errors of all values; of positions
+ * also relative to the splats' sizes, and in pixels of the cameras in which they are visible. */
 #pragma once
 
 #include "exporters/lib/quant_error.h"
@@ -7,29 +7,29 @@
 
 struct spin_readback {
     struct spin_quant_error quant;
-    double sizes;     /* the most that a place is off, of a splat's largest standard deviation */
-    double pixels;    /* the most that a place is off; -1: no camera saw a splat */
-    double bounds;    /* the most that a side of a frame's box is off by */
-    double reach;     /* the farthest coordinate */
+    double sizes;     /* largest position error, relative to the splat's largest deviation */
+    double pixels;    /* largest position error in pixels; -1: no splat was visible */
+    double bounds;    /* largest error of a side of a frame's bounding box */
+    double reach;     /* largest absolute coordinate */
     uint64_t n;       /* splats of all frames */
-    uint64_t sh_lost; /* those with SH of a degree that the file does not hold */
+    uint64_t sh_lost; /* splats with nonzero SH above the degree of the file */
     const struct spin_view *view;
-    size_t n_views;                 /* of this frame */
-    double is_box[6], there_box[6]; /* of this frame so far: least, most */
+    size_t n_views;                 /* of the current frame */
+    double is_box[6], there_box[6]; /* of the current frame so far: minimum, maximum */
 };
 
-/* Nothing was seen so far. */
+/* Starts without any rows. */
 void spin_readback_begin(struct spin_readback *e);
-/* The cameras from now on are those that the data set has of a frame of the job. */
+/* Starts a frame of the job: positions are measured in the data set's cameras of this frame. */
 void spin_readback_frame(struct spin_readback *e, const struct spin_export_job *job, int frame);
-/* A splat whose place is off by so much, in the source's axes and units. */
+/* Adds a splat whose position is wrong by `off`, in the source's axes and units. */
 void spin_readback_add(struct spin_readback *e, const float mean[3], const float log_scale[3],
                        double off);
-/* Row i of the source against what the file has of it: `there`, and the coefficients sh [3
- * spin_sh_count(degree)]. What the source does not have should read as zero. */
+/* Compares row i of the source with what the file contains: `there`, and the coefficients sh[3 *
+ * spin_sh_count(degree)]. Coefficients that the source lacks should be zero. */
 void spin_readback_row(struct spin_readback *e, const struct spin_splat_filter *rows, size_t i,
                        const struct spin_gaussian *there, const float *sh, int degree);
-/* All rows of the frame were seen. */
+/* Ends the frame, after all of its rows. */
 void spin_readback_end(struct spin_readback *e);
-/* Sets what *out says of values; the rest of it becomes that of a check without a picture. */
+/* Sets the values of *out, and the rest of it as for a check that rendered no image. */
 void spin_readback_say(const struct spin_readback *e, int n_frames, struct spin_export_check *out);

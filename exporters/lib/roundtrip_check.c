@@ -1,22 +1,22 @@
-/* --check: what was written is read back by its importer and held to the bundle - counts, the box
- * around the places, how far each value is off, and a picture of one frame. */
+/* --check: reads the written files with their importer and compares them with the bundle: counts,
+ * bounding boxes, the errors of all values, and a render of one frame. */
 #include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/readback.h"
 
-/* What is left of a value after float arithmetic there and back: of positions as a share of the
- * farthest coordinate. */
+/* Tolerances of float arithmetic when writing and reading; of positions relative to the largest
+ * coordinate. */
 static const double SLACK[SPIN_QUANT_PARTS] = {1e-6, 1e-5, 1e-2, 1e-6, 1e-5, 1e-5};
 
 struct check {
     struct spin_frames *x;
     const struct spin_importer *importer;
-    void *self; /* what the importer has opened; NULL: nothing */
+    void *self; /* the importer's open file; NULL: none */
     struct spin_splats back;
     struct spin_readback values;
-    int rendered; /* number of the frame that was rendered */
-    double psnr;  /* 0: none was */
+    int rendered; /* number of the rendered frame */
+    double psnr;  /* 0: no frame was rendered */
 };
 
 /* ---- Values ---------------------------------------------------------------------------------- */
@@ -35,14 +35,13 @@ static bool is_finite(const struct spin_splats *s, size_t j)
     return sum + s->logit_opacities[j] * 0 == 0;
 }
 
-/* A frame as its file has it, in the file's axes and order, against the chosen rows of the
- * bundle's: row[j] is the one that the file's row j came from, NULL: those kept, in the source's
- * order. */
+/* Compares a frame as read from its file, in the file's axes and order, with the chosen rows of the
+ * bundle. row[j] is the source of the file's row j; NULL: the kept rows in the source's order. */
 static spin_status compare(struct check *check, const char *path, const struct spin_keyed *row)
 {
     const struct spin_splat_filter *rows = &check->x->rows;
     const struct spin_splats *back = &check->back;
-    const struct spin_splat_filter plain = {.splats = back}; /* takes rows as they are */
+    const struct spin_splat_filter plain = {.splats = back}; /* does not turn rows */
     size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree), next = 0;
 
     if (back->n != rows->n_kept)
@@ -64,10 +63,10 @@ static spin_status compare(struct check *check, const char *path, const struct s
     return SPIN_OK;
 }
 
-/* ---- A picture ------------------------------------------------------------------------------- */
+/* ---- A render -------------------------------------------------------------------------------- */
 
-/* A camera of the data set that saw the frame, a held-out one if there is; else the front, as in a
- * page. */
+/* A camera of the data set for this frame, if possible a held-out one; else the view from the
+ * front, as in a page. */
 static spin_status choose_camera(const struct spin_export_job *job, int frame,
                                  const struct spin_splats *s, struct spin_camera *out)
 {
@@ -106,7 +105,7 @@ static double psnr_of(const float *a, const float *b, size_t n)
     return sum > 0 ? 10 * log10((double)n / sum) : HUGE_VAL;
 }
 
-/* The frame of the file, turned to the source's axes, and the bundle's own. */
+/* Renders the frame of the file, turned back to the source's axes, and the bundle's own. */
 static spin_status compare_pictures(struct check *check, int frame, int number)
 {
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
@@ -127,7 +126,8 @@ static spin_status compare_pictures(struct check *check, int frame, int number)
     SPIN_TRY(spin_alloc(n, 2 * sizeof *image, (void **)&image));
     SPIN_TRY(spin_render(job->renderer, is, &camera, job->background, image));
     if (spin_initial_view_is_blank(image, n / 3, job->background)) {
-        spin_warn("check: the camera sees no splat of frame %d: no picture was compared", number);
+        spin_warn("check: no splat of frame %d is visible to the camera: no image was compared",
+                  number);
         return SPIN_OK;
     }
     SPIN_TRY(spin_render(job->renderer, &turned, &camera, job->background, image + n));
@@ -138,8 +138,8 @@ static spin_status compare_pictures(struct check *check, int frame, int number)
 
 /* ---- All frames ------------------------------------------------------------------------------ */
 
-/* Whether the files hold what was written into them, with the errors that rounding was seen to make
- * then (none of a format that rounds nothing). */
+/* Checks that the files contain what was written: errors must not exceed those of the rounding, as
+ * measured while writing (none in formats that do not round). */
 static spin_status judge(const struct check *check, const struct spin_quant_error *written)
 {
     static const char *const name[] = {"positions", "log scales", "rotations (degrees)",
@@ -155,8 +155,8 @@ static spin_status judge(const struct check *check, const struct spin_quant_erro
 
         if (!(largest <= most) || !(rms <= most_rms))
             return spin_fail(SPIN_E_IO,
-                             "check: what is in '%s' is not what was written: %s are off by %.3g, "
-                             "rms %.3g, expected at most %.3g, rms %.3g",
+                             "check: '%s' differs from what was written: %s are off by %.3g, RMS "
+                             "%.3g, expected at most %.3g, RMS %.3g",
                              check->x->job->output, name[p], largest, rms, most, most_rms);
     }
     return SPIN_OK;
@@ -188,7 +188,7 @@ static spin_status open_file(struct check *check, const char *path)
     return status;
 }
 
-/* The one nearest to the middle that has splats; -1: none has. */
+/* The frame nearest to the middle of the clip that has splats; -1: none has. */
 static int rendered_frame(const struct spin_frames *x)
 {
     int middle = (int)x->n_entries / 2, best = -1;
@@ -199,8 +199,8 @@ static int rendered_frame(const struct spin_frames *x)
     return best;
 }
 
-/* Frame f of the export, the frame `within` of a file. A file of no splats is none that an importer
- * takes. */
+/* Checks frame f of the export, which is frame `within` of the file. Importers refuse files without
+ * splats, so these are not read. */
 static spin_status check_frame(struct check *check, int f, const char *path, int within)
 {
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;

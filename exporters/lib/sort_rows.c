@@ -15,8 +15,7 @@ spin_status spin_sort_rows_fill(struct spin_sort_rows *order, const struct spin_
     return SPIN_OK;
 }
 
-/* A radix sort: eleven bits at a time, from the low end; rounds in which all keys agree are
- * skipped. */
+/* An LSD radix sort by 11 bits at a time; skips passes in which all keys agree. */
 void spin_sort_rows_sort(struct spin_sort_rows *order)
 {
     enum { BITS = 11, N = 1 << BITS };
@@ -38,7 +37,8 @@ void spin_sort_rows_sort(struct spin_sort_rows *order)
     }
 }
 
-/* The float's bits in the order of its values, turned over: the largest comes first. */
+/* Maps log(volume times opacity) to an integer, so that the largest comes first: positive floats
+ * are inverted; negative ones, whose bits grow with the magnitude, follow. */
 static uint64_t size_key(const struct spin_splats *s, size_t i)
 {
     const float *scale = s->log_scales + 3 * i;

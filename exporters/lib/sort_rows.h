@@ -13,17 +13,17 @@ struct spin_sort_rows {
     size_t n;
 };
 
-/* The kept rows in the source's order, keys zero. Zero *order before; spin_sort_rows_free()
- * releases it. */
+/* Lists the kept rows in the source's order with zero keys. Zero *order before; free it with
+ * spin_sort_rows_free(). */
 spin_status spin_sort_rows_fill(struct spin_sort_rows *order, const struct spin_splat_filter *rows);
 
-/* By rising key; rows of one key keep their order. */
+/* Sorts by ascending key; rows with equal keys keep their order. */
 void spin_sort_rows_sort(struct spin_sort_rows *order);
-/* Sets the keys and sorts: the largest and least transparent splats come first, by volume times
- * opacity. */
+/* Sets the keys and sorts: the largest and most opaque splats first, by volume times opacity. */
 void spin_sort_rows_by_size(struct spin_sort_rows *order, const struct spin_splats *s);
 
-/* Likewise in the order of Morton: neighbours in space mostly stand together. */
+/* Sets the keys and sorts in Morton order: neighbours in space are mostly neighbours in the list.
+ */
 void spin_sort_rows_by_place(struct spin_sort_rows *order, const struct spin_splats *s);
 
 void spin_sort_rows_free(struct spin_sort_rows *order);

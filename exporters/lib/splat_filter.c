@@ -1,14 +1,15 @@
-/* Which rows are written, for all formats: math/drawable.h says which are left out (--max-scale
- * changes the limit). How many, and why, is said for each such frame and reported at the end.
+/* Chooses the rows that are written, for all formats: math/drawable.h decides which are left out
+ * (--max-scale changes the limit). A warning for each frame says how many were left out and why;
+ * their sum goes to the report.
  *
- * An infinite logit is a saturated opacity and is written as a finite one. */
+ * An infinite logit is a saturated opacity, so it is written as a finite one. */
 #include "exporters/lib/splat_filter.h"
 
 #include "base/base.h"
 #include "io/file.h"
 #include "math/approx.h"
 
-/* Bytes of a frame in the map that do not matter. */
+/* Smaller frames need not be unmapped early. */
 #define SMALL ((size_t)64 << 20)
 
 struct spin_splat_filter_block {
@@ -52,8 +53,7 @@ void spin_splat_filter_rest(const struct spin_splat_filter *rows, size_t block, 
     size_t first = block * SPIN_ROWS_BLOCK, n = end_of(rows, block) - first;
     size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
 
-    /* A small frame stays until it is done with: giving memory back stops all threads for a moment.
-     */
+    /* madvise() briefly stalls all threads: do not use it for small frames. */
     if (!s->mapped || (11 + n_sh) * sizeof(float) * s->n < SMALL)
         return;
     if (columns & SPIN_COL_MEANS)
@@ -81,7 +81,7 @@ static void measure_block(void *context, int b)
             (uint32_t)spin_box_add(rows->splats->means + 3 * i, block->low, block->high);
 }
 
-/* The largest log scale that is written. */
+/* The largest log scale to write. */
 static float limit_of(const struct spin_splat_filter *rows)
 {
     float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
@@ -136,7 +136,7 @@ static void say(const size_t n_bad[SPIN_ROWS_REASONS], size_t n, int number)
                   spin_text_count((long long)n, "splat", count), text);
 }
 
-/* Kept rows of the frame, and before each block, from those of the blocks. */
+/* Counts the kept rows of the frame and before each block. */
 static void add_up(struct spin_splat_filter *rows)
 {
     rows->n_kept = 0;
@@ -185,8 +185,7 @@ void spin_splat_filter_keep(struct spin_splat_filter *rows, const unsigned char 
     add_up(rows);
 }
 
-/* ---- One row ----------------------------------------------------------------------------------
- */
+/* ---- One row --------------------------------------------------------------------------------- */
 
 void spin_splat_filter_direction(const struct spin_splat_filter *rows, const float v[3],
                                  float out[3])
@@ -278,7 +277,7 @@ static spin_status parse_min_opacity(const char *text, float *out)
     return SPIN_OK;
 }
 
-/* The shortest turn that brings the axis to y; for -y, half a turn about z, as glTF has it. */
+/* The shortest rotation of the axis to y; for -y half a turn about z, as in glTF. */
 static spin_status parse_up(const char *text, double q[4])
 {
     static const double r = 0.70710678118654752;
@@ -362,7 +361,7 @@ spin_status spin_splat_filter_report_4d(const struct spin_splat_filter *rows,
                                         const double *times, int n_frames)
 {
     const double *spans = job->splats_4d->spans;
-    struct spin_splats_4d kept = {0}; /* counting looks at spans alone */
+    struct spin_splats_4d kept = {0}; /* counting reads nothing but spans */
     SPIN_FREED double *kept_spans = NULL;
     SPIN_FREED size_t *counts = NULL;
     size_t n_empty = 0;

@@ -1,6 +1,6 @@
-/* What every exporter asks of a frame's rows: which can be drawn at all, and how each is written -
- * turned, its rotation of unit length, its logit finite. The options that go with it are common to
- * all formats; the rules stand in splat_filter.c. */
+/* The rows of a frame that an exporter writes: the filter chooses those that can be drawn, and
+ * returns each as it is written, turned to the file's axes, with a unit rotation and a finite
+ * logit. The options below are common to all formats. */
 #pragma once
 
 #include "base/pool.h"
@@ -8,17 +8,18 @@
 #include "math/drawable.h"
 #include "math/scene_rotation.h"
 
-/* Defines the exporter `id`, the plug-in `label`, of all columns; what else its table has follows,
- * `.summary = "..."` and so on. */
+/* Defines the exporter `id` with the plug-in name `label`, which reads all columns; the remaining
+ * fields of its table follow, `.summary = "..."` and so on. */
 #define SPIN_EXPORTER(id, label, ...)                                                              \
     const struct spin_exporter spin_exporter_##id = {.abi = SPIN_PLUGIN_ABI,                       \
                                                      .name = label,                                \
                                                      .wants =                                      \
                                                          SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,     \
                                                      __VA_ARGS__}
-/* Defines an exporter whose begin() makes a `struct export` of zeros, which prepare(it, job) fills,
- * and whose end() does finish(it). discard(void *it) is its abort(), and comes after a failure of
- * prepare() and after finish() too: it frees all, and removes what was not committed. */
+/* Defines an exporter whose begin() allocates a zeroed `struct export` and calls prepare(x, job),
+ * and whose end() calls finish(x). discard(void *x) serves as abort() and is also called after
+ * finish() and after a failure of prepare(): it frees everything and removes files that were not
+ * committed. */
 #define SPIN_OWN_EXPORTER(id, label, prepare, finish, discard, ...)                                \
     static spin_status spin_begin_##id(const struct spin_export_job *job, void **self)             \
     {                                                                                              \
@@ -48,74 +49,74 @@
 #define SPIN_ROWS_OPTION_SH                                                                        \
     {                                                                                              \
         "sh", "DEGREE",                                                                            \
-            "SH degree to write, 0 to 3; missing ones are zeros; keep: that of the bundle", "keep" \
+            "SH degree to write, 0 to 3, filled up with zeros; keep: that of the bundle", "keep"   \
     }
 #define SPIN_ROWS_OPTIONS                                                                          \
     {"min-opacity", "V", "leave out splats whose opacity is below V, 0 to 1", "0"},                \
         {"max-scale", "F",                                                                         \
-         "leave out splats larger than F times the diagonal of the frame; 0: none", "1"},          \
+         "leave out splats larger than F times the diagonal of the frame; 0: no limit", "1"},      \
         {"up", "AXIS",                                                                             \
-         "the source's axis that points up, x, y, z, -x, -y or -z: the scene is turned so that "   \
-         "y does",                                                                                 \
+         "the source's axis that points up, x, y, z, -x, -y or -z: rotate the scene so that y "    \
+         "does",                                                                                   \
          NULL},                                                                                    \
     {                                                                                              \
-        "rotate", "X,Y,Z", "turn the scene about x, then y, then z, in degrees; after --up", NULL  \
+        "rotate", "X,Y,Z", "rotate the scene about x, then y, then z, in degrees; after --up",     \
+            NULL                                                                                   \
     }
 
-#define SPIN_ROWS_BLOCK 4096 /* rows that one task takes */
+#define SPIN_ROWS_BLOCK 4096 /* rows per task */
 
 struct spin_splat_filter_block;
 
 struct spin_splat_filter {
-    /* How; from the options. */
+    /* From the options. */
     struct spin_pool *pool;
     struct spin_scene_rotation turn; /* from the source's axes to those of the file */
-    double turn_q[4];                /* the same */
+    double turn_q[4];                /* the same as a quaternion w x y z */
     bool up;                         /* --up was given: y of the file points up */
     int sh_degree;                   /* to write */
-    float min_logit;                 /* rows below are left out */
-    double max_scale;                /* diagonals of the frame; 0: no limit */
+    float min_logit;                 /* rows with a lower opacity are left out */
+    double max_scale;                /* in diagonals of the frame; 0: no limit */
 
-    /* The frame at hand. */
+    /* Of the current frame. */
     const struct spin_splats *splats;
     size_t n_kept;
-    unsigned char *keep;                   /* [splats] 1 for a row to write */
+    unsigned char *keep;                   /* [splats] 1: write the row */
     struct spin_splat_filter_block *block; /* [blocks] */
 
-    /* The clip. */
-    bool quiet; /* these frames were counted before: say nothing, add nothing */
+    /* Of the clip. */
+    bool quiet; /* frames are read a second time: no warnings, no counts */
     uint64_t n_left_out[SPIN_ROWS_REASONS];
     struct spin_export_report *report; /* of the job, or NULL */
 };
 
-/* Read the common options. `axes` (w x y z) turns the source's axes to those that the format is
- * written in when --up is not given; NULL: they are the same. Free also after a failure. */
+/* Reads the common options. `axes` (quaternion w x y z) turns the source's axes to those of the
+ * format if --up is not given; NULL: they are the same. Free also after a failure. */
 spin_status spin_splat_filter_begin(struct spin_splat_filter *rows,
                                     const struct spin_export_job *job, const double *axes);
-/* An --sh of the user's, of splats of degree `kept` (-1: none). */
+/* Parses --sh for splats of degree `kept` (-1: no SH). */
 spin_status spin_splat_filter_parse_sh(const char *text, int kept, int *out);
-/* 4D splats: the mean number of splats that the kept rows show in each frame becomes the job's
- * report's. from: the row of job->splats_4d that each row is; NULL: the same. times: those of the
- * n_frames frames that are written. */
+/* For 4D splats: sets the mean number of kept rows visible per frame in the job's report. from: the
+ * row of job->splats_4d for each row; NULL: the same. times: of the n_frames frames. */
 spin_status spin_splat_filter_report_4d(const struct spin_splat_filter *rows,
                                         const struct spin_export_job *job, const size_t *from,
                                         const double *times, int n_frames);
-/* A warning when some frames are written without a splat. */
+/* Warns if some frames are written without splats. */
 void spin_splat_filter_warn_empty(size_t n_empty, size_t n_frames);
-/* Tell the job's report what was left out, and free. */
+/* Adds the number of rows left out to the job's report, and frees. */
 void spin_splat_filter_end(struct spin_splat_filter *rows);
 
-/* Mark the rows of a frame that are written, and count them; say how many cannot be drawn. */
+/* Chooses the rows of a frame to write, counts them, and warns how many cannot be drawn. */
 spin_status spin_splat_filter_choose(struct spin_splat_filter *rows, const struct spin_splats *s,
                                      int number);
-/* Mark others of the frame at hand instead: keep[i] is 1 or 0 for each of its rows. */
+/* Replaces the choice for the current frame: keep[i] is 1 or 0 for each of its rows. */
 void spin_splat_filter_keep(struct spin_splat_filter *rows, const unsigned char *keep);
-/* Kept rows before a block of the frame. */
+/* The number of kept rows before a block of the frame. */
 size_t spin_splat_filter_before(const struct spin_splat_filter *rows, size_t block);
 size_t spin_splat_filter_blocks(const struct spin_splat_filter *rows);
-/* All threads: fn(context, block) for each block of the frame. */
+/* Runs fn(context, block) for each block of the frame on all threads. */
 void spin_splat_filter_each(const struct spin_splat_filter *rows, spin_task_fn fn, void *context);
-/* The rows of a block will not be looked at again soon. */
+/* Releases mapped memory of a block's columns that will not be needed soon. */
 void spin_splat_filter_rest(const struct spin_splat_filter *rows, size_t block, unsigned columns);
 
 static inline int spin_splat_filter_workers(const struct spin_splat_filter *rows)
@@ -123,21 +124,20 @@ static inline int spin_splat_filter_workers(const struct spin_splat_filter *rows
     return spin_pool_n_threads(rows->pool);
 }
 
-/* ---- One row, as it is written ----------------------------------------------------------------
- */
+/* ---- One row, as it is written --------------------------------------------------------------- */
 
-/* Turned to the axes of the file; the rotation of unit length, w >= 0. */
+/* In the axes of the file; rotations have unit length and w >= 0. */
 void spin_splat_filter_place(const struct spin_splat_filter *rows, size_t i, float out[3]);
-/* A difference of places, as it is written: turned only. */
+/* A difference of positions: turned, not moved. */
 void spin_splat_filter_direction(const struct spin_splat_filter *rows, const float v[3],
                                  float out[3]);
 void spin_splat_filter_turned(const struct spin_splat_filter *rows, size_t i, float out[4]);
 float spin_splat_filter_opacity(const struct spin_splat_filter *rows, size_t i); /* 0..1 */
 void spin_splat_filter_colour(const struct spin_splat_filter *rows, size_t i, float out[3]);
-/* All of these. */
+/* All of the above. */
 void spin_splat_filter_take(const struct spin_splat_filter *rows, size_t i,
                             struct spin_gaussian *out);
-/* Coefficients of a row that there are and that are wanted. */
+/* The number of SH coefficients that the source has and that are to be written. */
 static inline int spin_splat_filter_n_sh(const struct spin_splat_filter *rows)
 {
     int from = rows->splats->sh_degree, to = rows->sh_degree;
@@ -145,6 +145,6 @@ static inline int spin_splat_filter_n_sh(const struct spin_splat_filter *rows)
     return spin_sh_count(from < to ? from : to);
 }
 
-/* The first spin_splat_filter_n_sh() of them, [k][3]; in `room` [16][3] where they must be turned.
- */
+/* The first spin_splat_filter_n_sh() of them, [k][3]; stored in `room` [16][3] if they must be
+ * turned. */
 const float *spin_splat_filter_sh(const struct spin_splat_filter *rows, size_t i, float *room);

@@ -4,7 +4,7 @@
 
 #define NONE UINT32_MAX
 
-/* The values of a row that are written: n floats each. */
+/* A column of which n floats per row are written. */
 struct column {
     const float *at;
     size_t width, n;
@@ -27,7 +27,7 @@ static int by_hash(const void *a, const void *b)
     return order ? order : (x->row > y->row) - (x->row < y->row);
 }
 
-/* The chosen rows of the frame at hand into s->now. */
+/* Lists the chosen rows of the current frame in s->now, by hash. */
 static spin_status list_rows(struct spin_still_rows *s, const struct spin_splat_filter *rows)
 {
     size_t room = rows->splats->n + 1, n = 0;
@@ -49,7 +49,7 @@ static spin_status list_rows(struct spin_still_rows *s, const struct spin_splat_
     return SPIN_OK;
 }
 
-/* A row of the frame at hand for each of s->kept, or NONE. Of several alike each takes another one.
+/* Finds a row of the current frame for each of s->kept, or NONE; equal rows are matched one to one.
  */
 static void pair(struct spin_still_rows *s, const struct spin_splat_filter *rows)
 {
@@ -77,7 +77,7 @@ static spin_status take_first(struct spin_still_rows *s, const struct spin_splat
     return SPIN_OK;
 }
 
-/* Those that the frame at hand has too. */
+/* Keeps the rows that the current frame has, too. */
 static void narrow(struct spin_still_rows *s, const struct spin_splat_filter *rows)
 {
     size_t n = 0;
@@ -96,7 +96,7 @@ spin_status spin_still_rows_find(struct spin_still_rows *s, struct spin_splat_fi
     bool quiet = rows->quiet;
     spin_status status = SPIN_OK;
 
-    rows->quiet = true; /* they are counted when they are written */
+    rows->quiet = true; /* rows are counted and reported when they are written */
     for (int f = 0; f < job->n_frames && (f == 0 || s->n > 0); f++) {
         const struct spin_splats *splats;
 
@@ -113,7 +113,7 @@ out:
     return status;
 }
 
-/* s->mate and s->keep of the frame at hand. */
+/* Sets s->mate and s->keep for the current frame. */
 static spin_status match(struct spin_still_rows *s, const struct spin_splat_filter *rows,
                          int number)
 {
@@ -126,8 +126,8 @@ static spin_status match(struct spin_still_rows *s, const struct spin_splat_filt
 
         if (row == NONE)
             return spin_fail(SPIN_E_IO,
-                             "frame %d: a splat that was the same in all frames is not there when "
-                             "the frame is read again",
+                             "frame %d: a splat that was the same in all frames is missing when "
+                             "the frame is read again: the input has changed",
                              number);
         s->keep[row] = 0;
     }

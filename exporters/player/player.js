@@ -1,18 +1,21 @@
-// A clip on a page of your own: a page that `spin-export -o clip.html` wrote, or the .bin of --split beside its page, or a
-// .sogst file, in a frame that fills an element, and an object that says what plays. Frames count from 1; of a clip of 4D splats they may be fractions.
+// Embeds a clip in a web page: a page that `spin-export -o clip.html` wrote, the .bin of --split
+// beside its page, or a .sogst file. It plays in a frame that fills an element, and an object
+// controls it. Frames count from 1; in a clip of 4D splats they may be fractions.
 
-const PATIENCE = 5000; // milliseconds from when a page is there to when it must have said so
+const PATIENCE = 5000; // milliseconds in which a loaded page must have reported its state
 const WISHES = ['frame', 'autoplay', 'noui', 'poster', 'version', 'fps', 'background'];
 
-// A URL of the web, of a blob or a file: any other scheme throws, as javascript: would run in the page around.
+// Parses an address of http, https, blob or file. Other schemes throw: javascript: would run in the
+// embedding page.
 function safeUrl(url) {
     const made = new URL(url, document.baseURI);
     if (!/^(https?|blob|file):$/.test(made.protocol)) throw new TypeError(`spin4d: the address '${String(url).slice(0, 60)}' is not one of http, https, blob or file`);
     return made;
 }
 
-// The page's address with what is wished for; a name with true or '' is a switch. TypeError: the address of the clip or of the
-// poster is none, or of a scheme that is not allowed.
+// The page's address with the options as parameters; true or '' stands for a switch. Throws a
+// TypeError if the address of the clip or of the poster is invalid or has a scheme that is not
+// allowed.
 export function addressOf(url, options = {}) {
     const source = safeUrl(url), address = source.pathname.endsWith('.sogst') ? new URL('view.html', import.meta.url) : source;
     if (address !== source) address.searchParams.set('src', source.href);
@@ -26,7 +29,7 @@ export function addressOf(url, options = {}) {
     return address.href;
 }
 
-// Events: 'ready' when the first picture is there, 'change' when something of `state` has changed, 'error'.
+// Events: 'ready' when the first image is drawn, 'change' when `state` has changed, 'error'.
 export class Player extends EventTarget {
     #frame;
     #tell;
@@ -43,7 +46,7 @@ export class Player extends EventTarget {
         this.#frame = frame;
         this.#tell = (e) => { if (e.source === frame.contentWindow && e.data?.spin4d) this.#hear(e.data.spin4d); };
         window.addEventListener('message', this.#tell);
-        frame.addEventListener('load', () => setTimeout(() => { if (!this.state) this.#hear({ error: `spin4d: ${frame.src} is not there, or is no page of spin-export` }); }, PATIENCE));
+        frame.addEventListener('load', () => setTimeout(() => { if (!this.state) this.#hear({ error: `spin4d: ${frame.src} is missing or is not a page of spin-export` }); }, PATIENCE));
         element.append(frame);
     }
 
@@ -56,7 +59,7 @@ export class Player extends EventTarget {
         return this.dispatchEvent(new Event('change'));
     }
 
-    // { play, frame, speed, version }, any of them; before the page is there they wait for it.
+    // Requests { play, frame, speed, version }, each optional, are queued until the page is loaded.
     set(wishes) {
         if (!this.state) this.#waiting.push(wishes);
         else this.#frame.contentWindow.postMessage({ spin4d: wishes }, '*');
@@ -78,7 +81,8 @@ export class Player extends EventTarget {
 
 export const createPlayer = (element, url, options) => new Player(element, url, options);
 
-// <spin-clip src="clip.html" autoplay noui ...>: attributes are the options; `player` is the player.
+// <spin-clip src="clip.html" autoplay noui ...>: attributes are the options; the property `player`
+// is the Player.
 if (globalThis.customElements && !customElements.get('spin-clip')) {
     customElements.define('spin-clip', class extends HTMLElement {
         static observedAttributes = ['src'];

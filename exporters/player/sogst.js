@@ -1,20 +1,21 @@
-// Reads a .sogst file, which ?src= names, for the page around: its clip, and what moves. Then the page begins.
+// Reads the .sogst file named by ?src= for the page that follows: its clip and its 4D splats. Then
+// it starts the page.
 'use strict';
 
 (async () => {
 const $ = (id) => document.getElementById(id);
 const fail = (text) => { throw new Error(text); };
 
-// ---- Limits: a file of some kilobytes must not end the tab ------------------------------------------
+// ---- Limits: a file of some kilobytes must not end the tab --------------------------------------
 
-// Those of src/formats/sog_4d.c and sogst.c; that of frames is this page's own.
+// Those of src/formats/sog_4d.c and sogst.c; the limit of frames is this page's own.
 const SLACK = 4096, MOST_SPLATS = 2 ** 20, MOST_SEGMENTS = 65536, MOST_PALETTE = 65536, MOST_FRAMES = 2 ** 18, BOOK = 256, FLOAT = 3.4028234663852886e38;
 const number = (v, name, least = -FLOAT, most = FLOAT) => (typeof v === 'number' && v >= least && v <= most ? v : fail(`its ${name} is not a number from ${least} to ${most}`));
 const whole = (v, name, least, most) => (Number.isInteger(number(v, name, least, most)) ? v : fail(`its ${name} is not a whole number`));
 const numbers = (list, name, n) => (Array.isArray(list) && list.length === n ? list.map((v) => number(v, name)) : fail(`its ${name} is not ${n} numbers`));
 const listOf = (list, name, most) => (Array.isArray(list) && list.length <= most ? list : fail(`its ${name} is not a list of at most ${most}`));
 
-// The parts of a clip that are read: [folder, first splat, last + 1], one after the other.
+// The parts of a clip to read, consecutive: [folder, first splat, last + 1].
 function partsOf({ segments, streams }, n) {
     if (!streams) return [['', 0, n]];
     const names = listOf(streams.segments, 'list of streams', MOST_SEGMENTS), list = listOf(segments?.list, 'list of segments', names.length);
@@ -27,7 +28,8 @@ function partsOf({ segments, streams }, n) {
     return at === n ? parts : fail(`its segments hold ${at} of ${n} splats`);
 }
 
-// Width and height of a lossless WebP, whose chunks are walked: nothing is decoded before its size is known.
+// Width and height of a lossless WebP, from its chunks: no image is decoded before its size is
+// checked.
 function sizeOf(bytes, name) {
     const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.length), word = (at) => String.fromCharCode(...bytes.subarray(at, at + 4));
     if (bytes.length < 30 || word(0) !== 'RIFF' || word(8) !== 'WEBP') fail(`${name} is not a WebP`);
@@ -43,16 +45,16 @@ function sizeOf(bytes, name) {
     return fail(`${name} is not a lossless WebP`);
 }
 
-// ---- The file: a ZIP of stored entries ------------------------------------------------------------
+// ---- The file: a ZIP of stored entries ----------------------------------------------------------
 
 function entriesOf(bytes) {
     const view = new DataView(bytes.buffer), entries = new Map();
     let end = bytes.length - 22;
     while (end >= 0 && view.getUint32(end, true) !== 0x06054b50) end--;
-    if (end < 0) fail('it is no ZIP');
+    if (end < 0) fail('it is not a ZIP');
     for (let n = view.getUint16(end + 10, true), at = view.getUint32(end + 16, true); n > 0; n--) {
         const name = view.getUint16(at + 28, true), local = view.getUint32(at + 42, true), size = view.getUint32(at + 20, true);
-        if (view.getUint32(at, true) !== 0x02014b50 || view.getUint16(at + 10, true) !== 0) fail('it has an entry that is not stored');
+        if (view.getUint32(at, true) !== 0x02014b50 || view.getUint16(at + 10, true) !== 0) fail('it has a compressed entry');
         const from = local + 30 + view.getUint16(local + 26, true) + view.getUint16(local + 28, true);
         if (from + size > end) fail('it has an entry beyond its end');
         entries.set(new TextDecoder().decode(bytes.subarray(at + 46, at + 46 + name)), bytes.subarray(from, from + size));
@@ -61,8 +63,9 @@ function entriesOf(bytes) {
     return entries;
 }
 
-// A lossless picture's bytes, R G B A, as they are: a 2-D canvas would multiply colours by opacities.
-const gl = document.createElement('canvas').getContext('webgl2') ?? fail('WebGL 2 is not offered');
+// The bytes R G B A of a lossless image, unchanged: a 2D canvas would premultiply colours by
+// opacities.
+const gl = document.createElement('canvas').getContext('webgl2') ?? fail('this browser does not offer WebGL 2');
 gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
 gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
 gl.bindFramebuffer(gl.FRAMEBUFFER, gl.createFramebuffer());
@@ -76,9 +79,9 @@ async function pixelsOf(bytes, name, n) {
     return { width, out };
 }
 
-// ---- Its splats -------------------------------------------------------------------------------------
+// ---- Its splats ---------------------------------------------------------------------------------
 
-// Three 16-bit numbers a splat, in two pictures; their logarithms were cut into steps.
+// Three 16-bit numbers per splat, in two images: steps of their logarithms.
 function path(out, from, n, range, low, high) {
     const mins = numbers(range.mins, 'mins', 3), maxs = numbers(range.maxs, 'maxs', 3);
     for (let i = 0; i < n; i++) {
@@ -89,7 +92,7 @@ function path(out, from, n, range, low, high) {
     }
 }
 
-// Splats `from` on, whose pictures are in a folder.
+// Reads the splats from `from` on, whose images are in a folder.
 async function group(s, meta, entries, folder, from, n, sh) {
     const picture = async (of, k = 0) => {
         const name = folder ? `${folder}/${of.files[k]}` : of.files[k];
@@ -106,7 +109,7 @@ async function group(s, meta, entries, folder, from, n, sh) {
         s.centre[r] = books[2][times[4 * i]];
         s.sigma[r] = books[3][times[4 * i + 1]];
         const left = quats[4 * i + 3] - 252, kept = [0, 1, 2].map((c) => (quats[4 * i + c] / 127.5 - 1) * Math.SQRT1_2);
-        if (left < 0) fail('it has a rotation of no kind');
+        if (left < 0) fail('it has an invalid rotation');
         kept.splice(left, 0, Math.sqrt(Math.max(0, 1 - kept.reduce((sum, v) => sum + v * v, 0))));
         const size = Math.hypot(...kept);
         for (let c = 0; c < 4; c++) s.quat[4 * r + c] = kept[c] / size;
@@ -114,10 +117,10 @@ async function group(s, meta, entries, folder, from, n, sh) {
     }
 }
 
-// SH by a palette: a picture with 64 entries side by side.
+// SH from a palette: an image with 64 entries per row.
 async function paletteOf(s, { shN }, entries, coefficients) {
     const count = whole(shN.count, 'count of shN', 1, MOST_PALETTE), book = numbers(shN.codebook, 'codebook', BOOK), { width, out } = await pixelsOf(entries.get(shN.files[0]), shN.files[0], 64 * coefficients * Math.ceil(count / 64));
-    if (width !== 64 * coefficients) fail('its SH are of another degree');
+    if (width !== 64 * coefficients) fail('its SH palette does not match its degree');
     return (row, entry) => {
         if (entry >= count) fail(`it has entry ${entry} of a palette of ${count}`);
         for (let k = 0; k < coefficients; k++) {
@@ -131,18 +134,19 @@ async function read(bytes) {
     const entries = entriesOf(bytes), meta = JSON.parse(new TextDecoder().decode(entries.get('meta.json') ?? fail('it has no meta.json'))), bands = meta.shN ? whole(meta.shN.bands, 'bands of shN', 1, 3) : 0, coefficients = (bands + 1) ** 2 - 1;
     if (meta.format !== 'sogst' || meta.version !== 1) fail(`it is of format ${meta.format}, version ${meta.version}`);
     const n = whole(meta.count, 'count', 1, bytes.length + MOST_SPLATS), { min, max, fps } = meta.time ?? fail('it has no times');
-    number(fps, 'frames a second', 1e-3, 1e4);
+    number(fps, 'frame rate', 1e-3, 1e4);
     number((number(max, 'end') - number(min, 'begin')) * fps, 'number of frames', 0, MOST_FRAMES - 1);
-    if (meta.cov2d_scale?.some((v) => v !== 1)) fail('its cov2d_scale is more than this page can draw');
+    if (meta.cov2d_scale?.some((v) => v !== 1)) fail('its cov2d_scale is not supported');
     const parts = partsOf(meta, n), many = (k) => new Float32Array(k * n), s = { n, coefficients, place: many(3), velocity: many(3), accel: many(3), scale: many(3), colour: many(3), quat: many(4), alpha: many(1), centre: many(1), sigma: many(1), sh: many(3 * coefficients) };
     const sh = bands && await paletteOf(s, meta, entries, coefficients);
     for (const [folder, from, end] of parts) if (end > from) await group(s, meta, entries, folder, from, end - from, sh);
     return { s, meta, bands };
 }
 
-// ---- The page's clip ----------------------------------------------------------------------------------
+// ---- The page's clip ----------------------------------------------------------------------------
 
-// Where most splats are at a time, and from where to look: files of this kind have x right, y down and z ahead.
+// The region with most of the splats, and a view of it: these files have x right, y down and z
+// forward.
 function clipOf(name, { s, meta, bands }) {
     const { min, max, fps } = meta.time, sides = [0, 1, 2].map((c) => {
         const x = Float32Array.from({ length: s.n }, (_, i) => s.place[3 * i + c]).sort();
@@ -155,7 +159,7 @@ function clipOf(name, { s, meta, bands }) {
 }
 
 try {
-    const address = new URL(new URL(location.href).searchParams.get('src') ?? fail('the address names no ?src='), location.href), answer = await fetch(/^(https?|blob|file):$/.test(address.protocol) ? address : fail(`an address of ${address.protocol} is not read`));
+    const address = new URL(new URL(location.href).searchParams.get('src') ?? fail('the address has no ?src='), location.href), answer = await fetch(/^(https?|blob|file):$/.test(address.protocol) ? address : fail(`an address of ${address.protocol} is not allowed`));
     if (!answer.ok) fail(`${answer.status} ${answer.statusText}`);
     const made = await read(new Uint8Array(await answer.arrayBuffer())), clip = clipOf(decodeURIComponent(address.pathname.split('/').pop()).replace(/\.sogst$/, ''), made);
     $('clip').textContent = JSON.stringify(clip);

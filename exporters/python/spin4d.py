@@ -1,4 +1,4 @@
-"""Frames of a *.spin bundle as arrays, with NumPy alone; and the commands as calls.
+"""Reads frames of a *.spin bundle as arrays, with NumPy only, and runs the commands.
 
     import spin4d
     spin4d.import_run("output/balls", "balls.spin", data="data/balls")
@@ -8,15 +8,17 @@
         means, quats, scales, opacities, sh = clip.frame(i)
     spin4d.export("better.spin", "better.html")
 
-The calls run spin-import and so on, take their options as keywords (test_cams=[0, 15] is --test-cams 0,15; force=True
-is --force), return what --json prints, and raise spin4d.Error with the command's own message.
+The calls run spin-import and so on. They take the options as keywords (test_cams=[0, 15] is
+--test-cams 0,15; force=True is --force), return what --json prints, and raise spin4d.Error with the
+command's message.
 
-A frame is what gsplat's rasterization() takes: means [n,3]; quats [n,4], unit, w x y z; scales [n,3],
-standard deviations; opacities [n], 0 to 1; sh [n,k,3], k = (degree + 1)^2. frame(i, torch=True) gives
-tensors. What lies in the file: man spin-bundle(5).
+A frame has the inputs of gsplat's rasterization(): means [n,3]; quats [n,4], unit, w x y z;
+scales [n,3], standard deviations; opacities [n], 0 to 1; sh [n,k,3], k = (degree + 1)^2.
+frame(i, torch=True) returns tensors. The file format is described in spin-bundle(5).
 
-A file that cannot be opened raises OSError; one that is not a bundle, is damaged, or does not have what is asked for
-ValueError, whose text begins with its path; a frame beyond the clip IndexError.
+A file that cannot be opened raises OSError. A file that is not a bundle, is damaged, or lacks what
+is requested raises ValueError, whose text begins with the path. A frame beyond the clip raises
+IndexError.
 """
 import collections
 import contextlib
@@ -36,18 +38,18 @@ import numpy as np
 Frame = collections.namedtuple("Frame", "means quats scales opacities sh")
 NO_TRACK = 0xFFFFFFFF
 PRIMES = np.array([1, 2654435761, 805459861, 3674653429], np.uint32)
-# What NumPy, zipfile and json raise on damaged files.
+# What NumPy, zipfile and json raise for damaged files.
 DAMAGE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, EOFError, RuntimeError, zipfile.BadZipFile,
           zlib.error, struct.error)
 
 
 def load(path):
-    """The bundle at path. Nothing of a frame is read yet."""
+    """Opens the bundle at path, without reading any frame yet."""
     return Clip(path)
 
 
 class Error(RuntimeError):
-    """A command failed; the text is its message, code its exit code."""
+    """A command failed. The text is its message, `code` its exit code."""
 
     def __init__(self, message, code):
         super().__init__(message)
@@ -55,32 +57,32 @@ class Error(RuntimeError):
 
 
 def convert(run, output=None, **options):
-    """From a run to a clip that viewers play: spin4d(1)."""
+    """Converts a run to a clip that viewers play: spin4d(1)."""
     return _run("spin4d", run, output, options)
 
 
 def import_run(run, output, **options):
-    """A run of another method into a bundle: spin-import(1)."""
+    """Imports a run of another method into a bundle: spin-import(1)."""
     return _run("spin-import", run, output, options)
 
 
 def retrain(bundle, output, **options):
-    """The attributes of a bundle learned anew: spin-retrain(1)."""
+    """Retrains the attributes of a bundle: spin-retrain(1)."""
     return _run("spin-retrain", bundle, output, options)
 
 
 def evaluate(bundle, **options):
-    """PSNR and SSIM of the held-out views: spin-eval(1)."""
+    """Measures PSNR and SSIM of the held-out views: spin-eval(1)."""
     return _run("spin-eval", bundle, None, options)
 
 
 def export(bundle, output, **options):
-    """Standard files out of a bundle, by the ending of output or to="ply": spin-export(1)."""
+    """Exports a bundle to the format of output's extension or of to="ply": spin-export(1)."""
     return _run("spin-export", bundle, output, options)
 
 
 def _command(name):
-    """Beside the Python of a virtual environment, where pip puts it, or in PATH."""
+    """The path of a command: in a virtual environment where pip installs it, else from PATH."""
     beside = os.path.join(os.path.dirname(sys.executable), name)
     own = sys.prefix != sys.base_prefix and os.access(beside, os.X_OK)
     found = beside if own else shutil.which(name)
@@ -90,7 +92,7 @@ def _command(name):
 
 
 def _run(name, word, output, options):
-    """The JSON that a command prints. What it says goes to the standard error as it comes."""
+    """Runs a command and returns the JSON that it prints; its messages are copied to stderr."""
     word = os.fspath(word)
     argv = [_command(name), os.path.join(".", word) if word.startswith("-") else word, "--json"]
     if output is not None:
@@ -105,12 +107,13 @@ def _run(name, word, output, options):
     with subprocess.Popen(argv, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
         said, last = _listen(child)
     if child.returncode != 0:
-        raise Error(last or f"{name} ended with {child.returncode}", child.returncode)
+        raise Error(last or f"{name} exited with {child.returncode}", child.returncode)
     return json.loads(said) if said.strip() else None
 
 
 def _listen(child):
-    """What a command printed, and its last words. After Ctrl-C, which it gets as well, it keeps its work and ends."""
+    """Returns what a command printed and its last message. Ctrl-C also reaches the command, which
+    then saves its work and ends."""
     import threading
     printed, last = [], [""]
     reader = threading.Thread(target=lambda: printed.append(child.stdout.read()))
@@ -129,24 +132,25 @@ def _listen(child):
 
 
 View = collections.namedtuple("View", "frame camera test intrinsics pose width height image mask")
-View.__doc__ = """A picture of the data set. frame: of range(len(clip)). camera: its number. test: it is held out.
-intrinsics: [3,3], pixels. pose: [4,4], world to camera, which looks along +z, x right, y down. image, mask: paths."""
+View.__doc__ = """An image of the data set. frame: index in range(len(clip)). camera: its number. test: whether it
+is held out. intrinsics: [3,3], pixels. pose: [4,4], world to camera, with x right, y down, z forward.
+image, mask: paths."""
 
 
 def picture(view):
-    """The picture of a view as [height, width, 3 or 4] bytes, by Pillow."""
+    """The image of a view as bytes [height, width, 3 or 4], read with Pillow."""
     from PIL import Image
     with Image.open(view.image) as image:
         return np.array(image if image.mode == "RGBA" else image.convert("RGB"))
 
 
 def write_ply(path, frame):
-    """A frame as the PLY of 3DGS, which viewers of splats open."""
+    """Writes a frame as the PLY of 3DGS, which splat viewers open."""
     n, k = len(frame.means), frame.sh.shape[1]
     opacities, scales = np.asarray(frame.opacities), np.asarray(frame.scales)
     if np.any(opacities < 0) or np.any(scales < 0):
         raise ValueError(f"{path}: a splat has an opacity or a scale below 0")
-    # Those of splats that cannot be seen may be 0, whose logit and logarithm are infinite.
+    # Invisible splats may have an opacity or a scale of 0, whose logit or logarithm is infinite.
     logits = np.log(np.maximum(opacities, 1e-12) / np.maximum(1 - opacities, 1e-12))
     log_scales = np.log(np.maximum(scales, np.finfo(np.float32).tiny))
     rest = np.moveaxis(np.asarray(frame.sh)[:, 1:], 1, 2).reshape(n, -1)
@@ -169,11 +173,12 @@ class Clip:
 
     times      times of the frames, in the source's unit
     numbers    the source's frame numbers
-    cameras    learned colours of the training cameras: dicts of "camera", its number in the data set,
-               "log_gain" and "offset", of r, g and b; empty without --learn-exposure
+    cameras    learned colours of the training cameras: dicts of "camera", its number in the data
+               set, "log_gain" and "offset", each of r, g and b; empty without --learn-exposure
     data       the data set's folder, or None
-    versions   what frame() can give, the default first: of "retrained", "frames", "source"
-    splats_4d  what stands beside the source's 4D splats, of which slice() gives any time; None: it is frames
+    versions   versions that frame() can return, the default first: "retrained", "frames", "source"
+    splats_4d  metadata of the source's 4D splats, which slice() returns at any time; None: the
+               source is frames
     meta       meta.json
     """
 
@@ -214,7 +219,7 @@ class Clip:
 
     @contextlib.contextmanager
     def _reading(self, what="damaged bundle"):
-        """What damaged files raise becomes a ValueError with the path; one that has it already is kept."""
+        """Converts exceptions of damaged files to a ValueError that begins with the path."""
         try:
             yield
         except DAMAGE as e:
@@ -231,7 +236,8 @@ class Clip:
                 f"times {self.times[0]:g} to {self.times[-1]:g}, {', '.join(self.versions) or 'positions only'}>")
 
     def views(self, data=None):
-        """The pictures of the data set, a View each, with intrinsics and poses; by spin-import --views."""
+        """The images of the data set with intrinsics and poses, a View each; runs spin-import
+        --info --views."""
         out = []
         for v in _run("spin-import", self._path, None, {"info": True, "views": True, "quiet": True, "data": data}):
             intrinsics = np.array([[v["fx"], 0, v["cx"]], [0, v["fy"], v["cy"]], [0, 0, 1]])
@@ -241,18 +247,18 @@ class Clip:
         return out
 
     def training(self, data=None):
-        """The views that training learns from: those that are not held out."""
+        """The training views: those that are not held out."""
         return [view for view in self.views(data) if not view.test]
 
     def antialias(self, version=None):
-        """Whether these splats are meant to be drawn antialiased."""
+        """Whether the splats of this version were trained with antialiasing."""
         version = self._version(version)
         with self._reading():
             part = {"retrained": self._trained, "frames": self._refined}
             return bool(part.get(version, self.meta).get("antialias", False))
 
     def frame(self, index, version=None, torch=False):
-        """Frame `index` of range(len(self)), or from the end where it is negative."""
+        """Frame `index` of range(len(self)); negative numbers count from the end."""
         version, index = self._version(version), operator.index(index)
         if not -len(self) <= index < len(self):
             raise IndexError(f"{self._path}: no frame {index}, only {len(self)}")
@@ -270,7 +276,7 @@ class Clip:
             return self._finished(means, quats, log_scales, logits, sh, torch)
 
     def slice(self, time, torch=False):
-        """The source's 4D splats at any time, in the unit of `times`; see spin-bundle(5)."""
+        """The source's 4D splats at a time in the unit of `times`; see spin-bundle(5)."""
         if not self.splats_4d:
             raise ValueError(f"{self._path}: the source is frames, not 4D splats")
         time = float(time)
@@ -321,7 +327,7 @@ class Clip:
         return out
 
     def values(self, name):
-        """Array `name`, such as "source/means/00003", unpacked."""
+        """Decodes the array `name`, such as "source/means/00003"."""
         name = os.fspath(name)
         with self._reading():
             return self._values(name)
@@ -339,12 +345,12 @@ class Clip:
         return words if name.startswith("trained/track/") else words.view("<f4")
 
     def _words(self, name, a):
-        """The words of a packed array, and what whole numbers count for or None."""
+        """The words of a packed array, and the number of units per 1.0 or None."""
         series, _, index = name.rpartition("/")
         if not index.isdigit():
             series = name
         if a.ndim < 2 or not 0 < a.shape[0] <= 4 or (a.dtype == np.uint8 and a.shape[0] != 4):
-            raise ValueError(f"{self._path}: array '{name}' is not of one to four planes")
+            raise ValueError(f"{self._path}: array '{name}' does not have one to four planes")
         units = None
         if a.dtype == np.int8:
             a = np.moveaxis(a, -1, 1)
@@ -352,7 +358,7 @@ class Clip:
         if units is not None:
             units = np.array(units, np.float32)
             if units.shape != (np.prod(a.shape[2:], dtype=int),) or not np.all(units > 0):
-                raise ValueError(f"{self._path}: 'per_unit' of '{series}' does not fit")
+                raise ValueError(f"{self._path}: 'per_unit' of '{series}' does not match the array")
         words = np.zeros(a.shape[1:], "<u4")
         for k, plane in enumerate(a.view(np.uint8)):
             words |= plane.astype("<u4") << np.uint32(8 * k)
@@ -360,7 +366,7 @@ class Clip:
         if rows and rows[int(index)] > 0:
             n, key = rows[int(index)], self._key(series)
             if n > min(len(words), len(key)) or words.shape[1:] != key.shape[1:]:
-                raise ValueError(f"{self._path}: array '{name}' has {n} rows of differences")
+                raise ValueError(f"{self._path}: array '{name}', with {n} rows of differences, does not match the first frame")
             words[:n] ^= key[:n]
         return words, units
 
@@ -373,7 +379,8 @@ class Clip:
     # ---- Older bundles ------------------------------------------------------------------------
 
     def _modernise(self):
-        """As version 4 has it: until then "trained" was "network", whose numbers stood among the rest."""
+        """Converts the metadata of versions 1 to 3, in which "trained" was called "network" and held
+        the field's parameters directly."""
         net = self.meta.pop("network")
         self._was = "network/"
         self.meta["trained"] = {**net, "field": None if net.get("explicit") else net}
@@ -382,7 +389,7 @@ class Clip:
                               for k, v in self.meta[key].items()}
 
     def _there(self, name):
-        """What the file calls an array."""
+        """The name of an array in the file, which differs in older bundles."""
         return self._was + name[8:] if name.startswith("trained/") else name
 
     # ---- Parts of a frame ---------------------------------------------------------------------
@@ -406,7 +413,7 @@ class Clip:
         return self._values(f"{group}/{name}/{index:05d}")
 
     def _retrained(self, index):
-        """means, and log scales, rotations, SH and logits before they are activated."""
+        """Means; and log scales, rotations, SH and logits before activation."""
         means, rows = self._own_values(index)
         if self._field is None:
             return means, rows[:, :3], rows[:, 3:7], rows[:, None, 7:10], rows[:, 10]
@@ -419,7 +426,8 @@ class Clip:
         return means, scale, rotation, sh.reshape(len(sh), 16, 3)[:, :k], logit[:, 0]
 
     def _own_values(self, index):
-        """Positions, and what the network adds to or None: of the frame and of its tracks."""
+        """Positions, and the values added to those of the field or None: the sum of the frame's and
+        the tracks'."""
         tracks = self._trained.get("tracks")
         means, residual = (f"trained/{name}/{index:05d}" for name in ("means", "residual"))
         if not tracks:
@@ -431,7 +439,7 @@ class Clip:
             track = self._values(f"trained/track/{index:05d}")
         free = track == NO_TRACK
         if np.any(track[~free] >= len(of)):
-            raise ValueError(f"{self._path}: frame {index} has tracks that are not there")
+            raise ValueError(f"{self._path}: frame {index} refers to tracks that do not exist")
         out = np.zeros((len(track), 14), np.float32)
         for name, first, end, some in ((means, 0, 3, "moving"), (residual, 3, 14, "varying")):
             own = free | (track < tracks[some])
@@ -447,7 +455,7 @@ class Clip:
     # ---- The network ----------------------------------------------------------------------------
 
     def _encode(self, means, index):
-        """Features of the hash grid at the points."""
+        """Features of the hash grid at the positions."""
         net = self._field
         norm = net["norm"]
         p = (means - np.array(norm["centre"], np.float32)) * np.float32(norm["inv_radius"])
@@ -486,7 +494,7 @@ class Clip:
         return z
 
     def _heads(self, z):
-        """Scale, rotation, SH and opacity before they are activated."""
+        """Scales, rotations, SH and opacities before activation."""
         net, weights, at, out = self._field, self._once("trained/heads"), 0, []
         activation = _relu if net.get("activation") == "relu" else _gelu
         for n_out in (3, 4, 48, 1):
@@ -507,7 +515,8 @@ def _relu(x):
 
 
 def _gelu(x):
-    """x times the normal distribution, whose error function is that of Abramowitz and Stegun 7.1.26."""
+    """x times the normal distribution; its error function is approximated by Abramowitz and Stegun
+    7.1.26."""
     a = np.abs(x) * np.float32(0.5**0.5)
     t = 1 / (1 + np.float32(0.3275911) * a)
     s = t * (0.254829592 + t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * 1.061405429))))

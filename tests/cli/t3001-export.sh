@@ -127,22 +127,22 @@ done
 run "$bin/spin-import" "$work/faint.ply" -o "$work/faint.spin"
 run "$bin/spin-export" "$work/faint.spin" --to images --path orbit --repeat 1 --size 64x48 -o "$work/faint"
 is "$code" 0 "images of what cannot be seen"
-err_has "1 of 1 renders show nothing but the background" "images: it is said that they are empty"
+err_has "1 of 1 renders show only the background" "images: it is said that they are empty"
 run "$bin/spin-export" "$work/faint.spin" --to spz --check -o "$work/faint-spz" --json
 is "$code" 0 "--check of what cannot be seen"
-err_has "the camera sees no splat of frame 0: no picture was compared" "--check: and that none was compared"
+err_has "no splat of frame 0 is visible to the camera: no image was compared" "--check: and that none was compared"
 grep -q '"rendered": null' "$work/out"
 ok $? "--check --json names no frame"
 run "$bin/spin-export" "$work/faint.spin" --to video --path orbit --repeat 1 --size 64x48 -o "$work/faint.mp4"
 if [ "$code" = 0 ]; then
-    err_has "1 of 1 renders show nothing but the background" "a video: it is said that it is empty"
+    err_has "1 of 1 renders show only the background" "a video: it is said that it is empty"
 else
     skip "a video of what cannot be seen" "$(cat "$work/err")"
 fi
 
 run "$bin/spin-import" fixtures/3dgstream -o "$work/one.spin" --range 0:1
 run "$bin/spin-export" "$work/one.spin" --to splat -o "$work/one"
-err_has "sh is left out" "splat: SH of degree 1 is left out, and it is said"
+err_has "SH is left out" "splat: SH of degree 1 is left out, and it is said"
 run "$bin/spin-export" "$work/one.spin" --to splat -o "$work/one-checked" --check
 rows=$(sed -n 's/^read back: 1 frame, \([0-9]*\) splats.*/\1/p' "$work/out")
 out_has "lost in $rows of $rows splats, which splat does not store" "--check: of how many splats it is lost"

@@ -71,7 +71,7 @@ fails 1 spin-export "a clip: does not overwrite"
 
 run "$bin/spin-export" "$in" --to html -o "$work/clip.html"
 is "$code" 0 "exports a page"
-err_has "largest errors of [0-9]* values: place .* (bound .*" "html: says how far values are off, and may be"
+err_has "largest errors of [0-9]* values: position .* (bound .*" "html: says how far values are off, and may be"
 is "$(head -c 15 "$work/clip.html")" "<!doctype html>" "it is a page"
 run "$bin/spin-export" "$in" --to html -o "$work/clip.html"
 fails 1 spin-export "a page: does not overwrite"
@@ -143,7 +143,7 @@ for to in ply compressed-ply spz "spz --spz-version 4" sog splat gltf usd html; 
     rm -rf "$work/one-out"
 done
 run "$bin/spin-export" "$work/one.spin" --to splat -o "$work/one-splat"
-err_has "holds colours of a limited range: brighter and darker ones are cut off, the largest by 1.2 of 1" \
+err_has "clamps bright and dark colours, with errors of up to 1.2 (of 1)" \
     "a colour that .splat cuts off is warned of"
 
 done_testing

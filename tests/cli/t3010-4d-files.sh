@@ -78,7 +78,7 @@ grep -aq '^comment sogst.fps 10$' "$work/third.sogst.ply"
 ok $? "every third of 30 frames a second are 10, there and back"
 # Times are rounded to one of 256: what that does to opacities is said, and is what is read back.
 run "$bin/spin-export" "$work/a.spin" -o "$work/a.sogst" --check --json
-said=$(sed -n 's/.*rounds times: .* its opacity is off by \(.*\) at most$/\1/p' "$work/err")
+said=$(sed -n 's/.*rounds times: .* is off by up to \(.*\)$/\1/p' "$work/err")
 python3 -c 'import json, sys
 found = json.load(sys.stdin)["check"]["opacity"]["largest"]
 sys.exit(not (0.01 < found and 0.8 < float(sys.argv[1] or 0) / found < 1.4))' "$said" <"$work/out"

@@ -124,7 +124,7 @@ is "$code" 0 "three times as slowly"
 within "which is as near" 'place < 6e-4'
 run "$bin/spin-export" "$work/p.spin" -o "$work/p.tsog" --check --json
 is "$code" 0 "and as TSOG"
-err_has "paths have degree 2, .* fitted, off by" "whose straight paths are fitted"
+err_has "paths of degree 2 .* fitted with degree 1: off by" "whose straight paths are fitted"
 within "where they are seen" 'check["place"]["rms"] < 1.2 and opacity < 0.01'
 
 # Frames: each splat in its own. A clip of 12 frames at 24 a second is shown for half a second.
@@ -161,7 +161,7 @@ run "$bin/spin-import" "$fixtures/realtime4dgs/rot4d_sht" -o "$work/sht.spin"
 if [ "$code" = 0 ]; then
     run "$bin/spin-export" "$work/sht.spin" -o "$work/sht.tsog" --fps 30 --check --json
     is "$code" 0 "colours in time"
-    err_has "colours change in time, .* off by 0.1 of 1" "are frozen, and how much that is"
+    err_has "cannot represent colours that change: .* off by up to 0.1 (of 1)" "are frozen, and how much that is"
     within "geometry and opacity are not touched" 'place < 5e-4 and opacity < 0.0025 and check["colour"]["rms"] < 0.025'
 else
     skip "colours in time" "no such fixture"

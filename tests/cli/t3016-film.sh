@@ -158,15 +158,15 @@ bad() { # TEXT MESSAGE OPTION...
     nothing_at "$work/never" "and nothing was written"
 }
 bad '1 0 0 0 0 1 0 0 0 0 1' 'matrix 1 has 11 numbers'
-bad '1 0 0 0 0 1 0 0 0 0 2 0' 'matrix 1 is no rotation'
-bad '1 0 0 0 0 1 0 0 0 0 -1 0' 'matrix 1 is no rotation'
+bad '1 0 0 0 0 1 0 0 0 0 2 0' 'matrix 1 is not a rotation'
+bad '1 0 0 0 0 1 0 0 0 0 -1 0' 'matrix 1 is not a rotation'
 bad '1 0 0 0 0 1 0 0 0 0 1 nan' 'matrix 1 has a value'
-bad '1 0 0 0 0 1 0 0 0 0 1 x' "'x' is no number"
-bad '# nothing' 'it has no camera'
-bad '{"camera_path": []}' 'it has no camera'
-bad '{"frames": []}' "no list 'camera_path'"
+bad '1 0 0 0 0 1 0 0 0 0 1 x' "'x' is not a number"
+bad '# nothing' 'it contains no cameras'
+bad '{"camera_path": []}' 'it contains no cameras'
+bad '{"frames": []}' "the list 'camera_path' is missing"
 bad '{"camera_type": "fisheye", "camera_path": []}' "'camera_type' is 'fisheye'"
-bad '[[1,0,0,0,0,1,0,0,0,0,1,null]]' 'matrix 1 is not made of numbers'
+bad '[[1,0,0,0,0,1,0,0,0,0,1,null]]' 'matrix 1 has values that are not numbers'
 bad '{"camera_path": [{"camera_to_world": [1,0,0,0,0,1,0,0,0,0,1,0], "fov": 0}]}' 'camera 1 has a field of view of 0'
 run "$bin/spin-export" "$work/walls.spin" --to images --path circle -o "$work/never"
 fails 2 spin-export "a path that is none"

@@ -360,7 +360,7 @@ out_has ", 39 splats each, .*, 3 splats left out$" "and the report adds them up"
 of far
 run "$bin/spin-export" "$work/x.spin" --to spz -o "$work/spz"
 warns "a splat far away" \
-    "frame 1: a splat lies at 3000: positions are written in steps of 1/2048 from here on"
+    "frame 1: a splat is at 3000: from here on, positions are rounded to steps of 1/2048"
 of sequence --data "$work/missing"
 run "$bin/spin-export" "$work/x.spin" --to images --size 40x30 -o "$work/images"
 warns "frames without a test view" "'$work/missing': 17 images of 5 cameras in 4 frames: some are missing" \

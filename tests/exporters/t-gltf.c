@@ -465,8 +465,8 @@ static void test_too_large(void)
        "a frame by itself");
     snprintf(
         want, sizeof want,
-        "4000 frames like the first may be %.1f GB, a .glb ends at 4.3 GB; see --range, --sh and "
-        "--min-opacity, or give a folder",
+        "4000 frames like the first may take %.1f GB, but a .glb holds 4.3 GB: reduce them with "
+        "--range, --sh or --min-opacity, or write a folder",
         4000 * (double)map.size / 1e9);
     spin_map_close(&map);
     spin_log_set_level(-1);
@@ -474,7 +474,7 @@ static void test_too_large(void)
     spin_frames_say_size(one.output, 1, UINT64_MAX, true);
     ok(n_warned == 0, "what may be less than the disk has room for is no warning");
     spin_frames_say_size(one.output, 1, UINT64_MAX, false);
-    ok(n_warned == 1 && strstr(warned[0], " has room for "), "what will be more is one");
+    ok(n_warned == 1 && strstr(warned[0], " has only "), "what will be more is one");
     n_warned = 0;
     ok(spin_exporter_gltf.begin(&job, &self) == SPIN_OK &&
            spin_exporter_gltf.frame(self, 0, &info, &s) == SPIN_OK,

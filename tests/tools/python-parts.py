@@ -216,7 +216,7 @@ for name, array, more in (
     fails(["source/means/00000", "one to four planes"], name, spin4d.load(write("bad", {**meta, **more}, {"source/means/00000": array})).values, "source/means/00000")
 for name, per in ("units of other columns", [1, 2]), ("units of zero", [1, 0, 1]), ("units below zero", [1, -1, 1]), ("units that are no number", [1, float("nan"), 1]):
     path = write("bad", {**meta, "per_unit": {"source/sh": per}}, {"source/sh/00000": counts["source/sh/00000"]})
-    fails(["source/sh", "does not fit"], name, spin4d.load(path).values, "source/sh/00000")
+    fails(["source/sh", "does not match"], name, spin4d.load(path).values, "source/sh/00000")
 for name, rows, key in ("more rows of differences than rows", 6, word[0]), ("than rows of the first frame", 5, word[0][:4]), ("of other columns", 2, word[0][:, :2].copy()):
     path = write("bad", {**meta, "xor_rows": {"source/means": [0, rows, 0]}}, series("source/means", [planes(key), planes(apart)]))
     fails(["source/means/00001", f"{rows} rows of differences"], name, spin4d.load(path).values, "source/means/00001")
@@ -274,7 +274,7 @@ expect(spin4d.load(write("free", {"trained": {"field": None, "sh_degree": 0}}, a
 tracks, arrays, want = tracked(False)
 trained = {"field": None, "sh_degree": 0, "tracks": tracks}
 for name, words, key, array in (
-        ("a track that is not there", ["frame 1", "tracks that are not there"], "trained/track/00001", np.array([5, 3, NONE, 1], np.uint32)),
+        ("a track that is not there", ["frame 1", "tracks that do not exist"], "trained/track/00001", np.array([5, 3, NONE, 1], np.uint32)),
         ("a position too few", ["trained/means/00001", "(1, 3)", "(2, 3)"], "trained/means/00001", arrays["trained/means/00001"][:1]),
         ("a position too many", ["trained/means/00001", "(4, 3)"], "trained/means/00001", random(4, 3)),
         ("values of another width", ["trained/residual/00001", "(2, 10)"], "trained/residual/00001", random(2, 10))):

@@ -711,11 +711,11 @@ page.key('r');
     p.key('f');
     ok(p.document.fullscreenElement === p.root && (p.$('full').onclick(), !p.document.fullscreenElement), 'full screen, and back');
     p.$('view').fire('webglcontextlost');
-    is(p.$('message').textContent, 'The graphics card lost the picture: reload the page.', 'a card that is gone');
+    is(p.$('message').textContent, 'The WebGL context was lost: reload the page.', 'a card that is gone');
     const refused = await opened({ width: 16, height: 10, refuseFull: true });
     refused.key('F');
     await until(() => refused.$('message').textContent);
-    is(refused.$('message').textContent, 'This browser does not allow a full screen.', 'a full screen that is refused');
+    is(refused.$('message').textContent, 'This browser does not allow full screen.', 'a full screen that is refused');
     is([openPage(two, { noGl: true }), openPage(two, { old: true })].map((q) => [q.$('message').textContent, q.frames.length]), [['This page needs WebGL 2, which this browser does not offer.', 0], ['This browser is too old: it has no DecompressionStream.', 0]], 'browsers that are too old');
     const torn = openPage({ ...two, texts: [two.texts[0].map((t) => t.slice(0, 300)), two.texts[1]] });
     await torn.settle();
@@ -891,7 +891,7 @@ for (const [what, does] of [['another frame', (p) => p.key('ArrowRight')], ['bot
     is(await read('sh1_by_splat_transform'), { decoded: 88, n: 420, frames: 61 }, 'and one of segments');
     const header = (webp, size3) => { const copy = Buffer.from(webp); copy.writeUInt32LE(size3 - 1 | size3 - 1 << 14, 21); return copy; };
     for (const [what, words, change, name = 'no_segments'] of [
-        ['ten years long', 'number of frames', (m) => { m.time.max = 3e8; }], ['of a billion frames a second', 'frames a second', (m) => { m.time.fps = 1e9; }], ['of no frame rate', 'frames a second', (m) => { delete m.time.fps; }], ['that ends before it begins', 'number of frames', (m) => { m.time.max = -1; }],
+        ['ten years long', 'number of frames', (m) => { m.time.max = 3e8; }], ['of a billion frames a second', 'frame rate', (m) => { m.time.fps = 1e9; }], ['of no frame rate', 'frame rate', (m) => { delete m.time.fps; }], ['that ends before it begins', 'number of frames', (m) => { m.time.max = -1; }],
         ['of a billion splats', 'count', (m) => { m.count = 1e9; }], ['of two million splats in 30 kB', 'count', (m) => { m.count = 2e6; }], ['of half a splat', 'count', (m) => { m.count = 0.5; }], ['of more splats than pixels', 'pixels for 9000 values', (m) => { m.count = 9000; }],
         ['with SH of degree 40', 'bands of shN', (m) => { m.shN = { bands: 40 }; }], ['with a palette of a million', 'count of shN', (m) => { m.shN = { bands: 1, count: 1e6 }; }],
         ['with a picture of 16384 pixels a side', '16384x16384 pixels', (m, f) => f.set('means_l.webp', header(f.get('means_l.webp'), 16384))], ['with a picture of no WebP', 'not a WebP', (m, f) => f.set('means_l.webp', Buffer.alloc(40))],
@@ -956,7 +956,7 @@ for (const [what, does] of [['another frame', (p) => p.key('ArrowRight')], ['bot
     is([made.at(-1).src, later.map(([, ms]) => ms)], ['https://site/blog/b.html?frame=2', [5000, 5000]], 'the data of --split stand for their page');
     later.forEach(([f]) => f());
     globalThis.setTimeout = setTimeoutOf;
-    is([lost, events.filter((e) => e.includes('is not there')).length], [['spin4d: https://site/blog/b.html?frame=2 is not there, or is no page of spin-export'], 0], 'a page that says nothing is an error');
+    is([lost, events.filter((e) => e.includes('is missing')).length], [['spin4d: https://site/blog/b.html?frame=2 is missing or is not a page of spin-export'], 0], 'a page that says nothing is an error');
     parts.destroy();
     made.pop();
     is(addressOf('c.sogst', { noui: true }), `${new URL('view.html', folder)}?src=${encodeURIComponent('https://site/blog/c.sogst')}&noui=1`, 'a .sogst file is shown by the page that comes with the player');
