@@ -1,7 +1,7 @@
-/* An importer: points per frame as text, each drawn as a small round Gaussian.
+/* An importer of points per frame, as text; each becomes a small isotropic Gaussian.
  *
  *     frame,x,y,z,red,green,blue          the first line; colours are 0 to 255
- *     0,0.5,1.0,-0.25,255,128,0           lines of a frame stand together, frames in rising order
+ *     0,0.5,1.0,-0.25,255,128,0           the lines of a frame are contiguous, in ascending order of frames
  *
  * See spin-plugin(7); everything that is called here is declared in spin.h. */
 #include <math.h>
@@ -24,7 +24,7 @@ struct run {
     float log_scale;
 };
 
-/* How sure we are that a file is ours, from its first bytes alone. */
+/* Certainty from the first bytes alone that the file is in this format. */
 static int csv_probe(const struct spin_peek *peek)
 {
     size_t n = strlen(header);
@@ -32,7 +32,7 @@ static int csv_probe(const struct spin_peek *peek)
     return peek->n_head >= n && memcmp(peek->head, header, n) == 0 ? 90 : 0;
 }
 
-/* Make room for one more of n items: sizes are 1, 2, 4, ... */
+/* Grow an array of n items by one; its capacity doubles: 1, 2, 4, ... */
 static bool grow(void **items, size_t n, size_t size)
 {
     void *larger = n & (n - 1) ? *items : realloc(*items, (n ? 2 * n : 1) * size);
