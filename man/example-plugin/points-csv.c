@@ -1,7 +1,7 @@
 /* An importer of points per frame, as text; each becomes a small isotropic Gaussian.
  *
  *     frame,x,y,z,red,green,blue          the first line; colours are 0 to 255
- *     0,0.5,1.0,-0.25,255,128,0           the lines of a frame are contiguous, in ascending order of frames
+ *     0,0.5,1.0,-0.25,255,128,0           lines grouped by frame, frames in ascending order
  *
  * See spin-plugin(7); everything that is called here is declared in spin.h. */
 #include <math.h>
@@ -127,7 +127,7 @@ static spin_status csv_frame(void *self, int frame, double time, unsigned column
     const struct run *run = self;
     const struct point *p = run->point + run->first[frame];
 
-    (void)time; /* we have frames as they are, not any time */
+    (void)time; /* the frames are discrete, not continuous in time */
     SPIN_TRY(spin_splats_reserve(out, run->counts[frame], columns, 0));
     for (size_t i = 0; i < out->n; i++) {
         for (int c = 0; c < 3; c++) {
@@ -173,7 +173,7 @@ static const struct spin_importer points_csv = {
     .close = csv_close,
 };
 
-/* The one name that spin4d looks for. */
+/* The symbol that spin4d looks up. */
 const struct spin_plugin spin_plugin = {
     .abi = SPIN_PLUGIN_ABI,
     .importers = (const struct spin_importer *const[]){&points_csv, NULL},
