@@ -1,10 +1,13 @@
-"""Splats in a film of Blender: its camera's path out to spin-export, and the pictures that come back under and over what
-Blender renders, by their depth. Run by `blender -b FILE.blend -P spin_film.py -- ...`:
+"""Composites splats and a Blender scene. It writes the path of the scene's camera for spin-export,
+and renders the scene together with the images that spin-export wrote for this path, by depth. Run
+it with `blender -b FILE.blend -P spin_film.py -- ...`:
 
-    cameras PATH.json      the path of the scene's camera, for spin-export --path
-    over FOLDER OUT        render the scene with the EXR of FOLDER, one a frame, to OUT0001.png ...
+    cameras PATH.json      write the path of the scene's camera, for spin-export --path
+    over FOLDER OUT        render the scene with the EXR files of FOLDER, one per frame, to
+                           OUT0001.png and so on
 
-Blender's world has z up. UP names the axis of the splats' scene that does, as --up of spin-export."""
+Blender's world has z up. The environment variable SPIN_UP names the axis that points up in the
+scene of the splats, as spin-export --up does."""
 import json
 import math
 import os

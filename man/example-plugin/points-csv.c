@@ -1,7 +1,7 @@
-/* An importer: points per frame as text, each drawn as a small round Gaussian.
+/* An importer of points per frame, as text; each becomes a small isotropic Gaussian.
  *
  *     frame,x,y,z,red,green,blue          the first line; colours are 0 to 255
- *     0,0.5,1.0,-0.25,255,128,0           lines of a frame stand together, frames in rising order
+ *     0,0.5,1.0,-0.25,255,128,0           lines grouped by frame, frames in ascending order
  *
  * See spin-plugin(7); everything that is called here is declared in spin.h. */
 #include <math.h>
@@ -24,7 +24,7 @@ struct run {
     float log_scale;
 };
 
-/* How sure we are that a file is ours, from its first bytes alone. */
+/* Certainty from the first bytes alone that the file is in this format. */
 static int csv_probe(const struct spin_peek *peek)
 {
     size_t n = strlen(header);
@@ -32,7 +32,7 @@ static int csv_probe(const struct spin_peek *peek)
     return peek->n_head >= n && memcmp(peek->head, header, n) == 0 ? 90 : 0;
 }
 
-/* Make room for one more of n items: sizes are 1, 2, 4, ... */
+/* Grow an array of n items by one; its capacity doubles: 1, 2, 4, ... */
 static bool grow(void **items, size_t n, size_t size)
 {
     void *larger = n & (n - 1) ? *items : realloc(*items, (n ? 2 * n : 1) * size);
@@ -127,7 +127,7 @@ static spin_status csv_frame(void *self, int frame, double time, unsigned column
     const struct run *run = self;
     const struct point *p = run->point + run->first[frame];
 
-    (void)time; /* we have frames as they are, not any time */
+    (void)time; /* the frames are discrete, not continuous in time */
     SPIN_TRY(spin_splats_reserve(out, run->counts[frame], columns, 0));
     for (size_t i = 0; i < out->n; i++) {
         for (int c = 0; c < 3; c++) {
@@ -173,7 +173,7 @@ static const struct spin_importer points_csv = {
     .close = csv_close,
 };
 
-/* The one name that spin4d looks for. */
+/* The symbol that spin4d looks up. */
 const struct spin_plugin spin_plugin = {
     .abi = SPIN_PLUGIN_ABI,
     .importers = (const struct spin_importer *const[]){&points_csv, NULL},

@@ -1,6 +1,5 @@
-/* An exporter: the places of a frame's splats as text, one a line, in OUT/frame_00000.xyz and so
- * on.
- * --colour adds red, green and blue, 0 to 255.
+/* An exporter of splat positions as text, one per line, to OUT/frame_00000.xyz and so on. --colour
+ * adds red, green and blue, 0 to 255.
  *
  * See spin-plugin(7); everything that is called here is declared in spin.h. */
 #include <spin.h>
@@ -34,7 +33,7 @@ static int byte_of(float sh)
     return v > 255 ? 255 : v > 0 ? (int)(v + 0.5f) : 0;
 }
 
-/* The file has its name only when it is whole: spin_out_commit() gives it. */
+/* Only spin_out_commit() gives the file its final name, once it is complete. */
 static spin_status xyz_frame(void *self, int frame, const struct spin_frame_info *info,
                              const struct spin_splats *splats)
 {
@@ -82,7 +81,7 @@ static const struct spin_exporter xyz = {
     .abort = free,
 };
 
-/* The one name that spin4d looks for. */
+/* The symbol that spin4d looks up. */
 const struct spin_plugin spin_plugin = {
     .abi = SPIN_PLUGIN_ABI,
     .exporters = (const struct spin_exporter *const[]){&xyz, NULL},
