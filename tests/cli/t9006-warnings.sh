@@ -380,5 +380,5 @@ places=$(for i in $(seq 1 66); do printf '%s:' "$work/none/$i/"; done)
 run env SPIN_PLUGIN_PATH="${places%:}" "$bin/spin-import" --list
 is "$code $(grep -c '^warning: ' "$work/err")" "0 65" "66 plug-ins that are not there: 64 lines, and one"
 is "$(sed -n '3p;65p' "$work/err")" "warning: plug-in '$work/none/3/' of SPIN_PLUGIN_PATH does not exist; it is skipped
-warning: SPIN_PLUGIN_PATH: 2 more plug-ins are left out" "a line for each, and how many more there are"
+warning: SPIN_PLUGIN_PATH: 2 more plug-ins are skipped" "a line for each, and how many more there are"
 done_testing

@@ -387,7 +387,7 @@ static void test_lies(void)
         {1, 36, 'k', 1, "temporal model 'kaussian-birth'", "another temporal model, by name"},
         {1, 98, 4, 1, "SH degree 4", "SH degree 4"},
         {1, 98, 3, 1, "lacks SH bands of degree 3", "a degree whose bands are missing"},
-        {1, 98, 1, 1, "SH band 2 of a scene of degree 1", "and one with more bands"},
+        {1, 98, 1, 1, "SH band 2 occurs twice, or is above", "and one with more bands"},
         {1, 4, 0xffffff, 4, "record 01 at byte 8 is too short", "text that ends behind its record"},
         {3, 4, 'x', 1, "quantization 'xniform-v1'", "another quantization, by name"},
         {3, 14, 0x7ff0000000000000, 8, "steps that are not finite", "an infinite origin"},
@@ -417,8 +417,8 @@ static void test_lies(void)
         const char *word;
     } records[] = {{1, 0, "second record 01"},  {3, 0, "second record 03"},
                    {4, 0, "second record 04"},  {2, 0, "second record 02"},
-                   {0, 1, "before the header"}, {0, 3, "no quantization"},
-                   {0, 4, "no window table"},   {0, 2, "no footer"}};
+                   {0, 1, "precedes the header"}, {0, 3, "no quantization"},
+                   {0, 4, "no window table"},   {0, 2, "is not a footer"}};
     struct bytes *b;
 
     for (size_t i = 0; i < sizeof lies / sizeof *lies; i++) {

@@ -357,7 +357,7 @@ static void test_nodes(void)
                "another parent", "a node with two parents");
     is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"children\":[7]}]", "children",
                "a child that is not there");
-    is_refused(plain(), "\"scenes\":[{\"nodes\":[3]}],\"nodes\":[{\"mesh\":0}]", "not there",
+    is_refused(plain(), "\"scenes\":[{\"nodes\":[3]}],\"nodes\":[{\"mesh\":0}]", "does not exist",
                "a scene of a node that is not there");
     is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"scale\":[0,0,0]}]", "shows no splats",
                "a scene that shows nothing");
@@ -533,7 +533,7 @@ static void test_clips(void)
                "twice", "a node that is switched twice");
     is_refused(plain(),
                clip_of("{\"sampler\":0,\"target\":{\"node\":3,\"path\":\"scale\"}}", samplers),
-               "not there", "a switched node that is not there");
+               "does not exist", "a switched node that is not there");
     is_refused(plain(),
                clip_of("{\"sampler\":0,\"target\":{\"node\":0,\"path\":\"scale\"}}",
                        sampler_of(decreasing, scale_accessor[0], "STEP")),
@@ -591,7 +591,7 @@ static void test_extension(void)
     is_refused(primitive_of(0, 1, 2, 3, 4, 0, "\"colorSpace\":\"xyz\""), node, "colorSpace 'xyz'",
                "other colours");
     is_refused("{\"mode\":4,\"extensions\":{\"" E "\":{}},\"attributes\":{\"POSITION\":0}}", node,
-               "no points", "triangles that say they are splats");
+               "not a mesh of points", "triangles that say they are splats");
     is_refused("{\"mode\":0,\"extensions\":{\"" E "\":{}},\"attributes\":{\"POSITION\":0}}", node,
                ":ROTATION", "points without rotations");
     is_refused("{\"mode\":0,\"extensions\":{\"" E "\":{}},\"attributes\":{}}", node, "'POSITION'",

@@ -339,7 +339,7 @@ static void test_streams(void)
     left_out = 5;
     refused(make(NULL, NULL), "group 0: it has no changes of 'pos'", "or without changes");
     left_out = -1;
-    refused(make("\"f1\": 6", "\"f1\": 6, \"len\": 2"), "group 2: it ends in its heads",
+    refused(make("\"f1\": 6", "\"f1\": 6, \"len\": 2"), "group 2: it ends within the headers",
             "a group cut short");
     surplus = 1;
     refused(make(NULL, NULL), "group 0: it has bytes after its streams", "and one with more bytes");

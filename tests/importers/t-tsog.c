@@ -348,7 +348,7 @@ static void test_cases(void)
         m[0] = (struct member){"meta.json", text, strlen(text)};
         status = read_all("tsog", write_zip(m, add_names(meta, m, 1, &like)));
         ok((status == SPIN_OK) == valid && (valid || (strstr(spin_last_error(), "TSOG") &&
-                                                      !strstr(spin_last_error(), "not there"))),
+                                                      !strstr(spin_last_error(), "it is missing"))),
            "%s: %s", spin_json_string(spin_json_get(one, "name")), valid ? "accepted" : "refused");
         if ((status == SPIN_OK) != valid)
             printf("#   %s\n", status == SPIN_OK ? "" : spin_last_error());
@@ -570,7 +570,7 @@ static const struct change sogst_changes[] = {
      .what = "a stream elsewhere"},
     {.at = "streams.persistent",
      .json = "\"elsewhere\"",
-     .word = "not there",
+     .word = "it is missing",
      .what = "a stream that is not there"},
     {.at = "segments", .word = "no 'segments'", .what = "streams of no segments"},
     {.member = "persistent/trbf.webp",

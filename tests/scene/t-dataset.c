@@ -238,7 +238,7 @@ static void test_find(void)
            strstr(spin_last_error(), "panoptic"),
        "one that reads no views is not for data sets");
     ok(spin_importer_find(check_folder(), NULL, false, &found) == SPIN_E_NOT_RECOGNISED &&
-           strstr(spin_last_error(), "empty"),
+           strstr(spin_last_error(), "it is an empty folder"),
        "an empty folder is not recognised");
     ok(spin_importer_find("no/such/thing", NULL, false, &found) != SPIN_OK &&
            strstr(spin_last_error(), "no/such/thing"),
