@@ -21,7 +21,7 @@ static const struct spin_plugin_option options[] = {
      "bits per channel: 8 or 16 in PNG, 16 (half floats) or 32 in EXR; default: the lower", NULL},
     {"transfer", "linear|srgb",
      "values in EXR: light, as compositing programs expect, or those that splats blend", "linear"},
-    {"depth", NULL, "write depth to EXR: channels Z (expected) and ZMedian (median)", NULL},
+    {"depth", NULL, "write depth to EXR files: the expected one as Z, the median as ZMedian", NULL},
     {0},
 };
 

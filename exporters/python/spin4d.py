@@ -379,8 +379,8 @@ class Clip:
     # ---- Older bundles ------------------------------------------------------------------------
 
     def _modernise(self):
-        """Converts the metadata of versions 1 to 3, in which "trained" was called "network" and held
-        the field's parameters directly."""
+        """Converts the metadata of versions 1 to 3, in which "trained" was called "network" and
+        held the field's parameters directly."""
         net = self.meta.pop("network")
         self._was = "network/"
         self.meta["trained"] = {**net, "field": None if net.get("explicit") else net}

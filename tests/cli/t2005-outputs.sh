@@ -290,7 +290,7 @@ kept "$work/mine.txt" "a file as the log" $try --log "$work/mine.txt"
 err_has "mine.txt': it exists; use --force" "and names --force"
 # shellcheck disable=SC2086
 kept "$work/mine.txt" "a file as the log of a resume" $try --log "$work/mine.txt" --resume
-err_has "no log of spin-retrain" "and says why"
+err_has "not a log of spin-retrain" "and says why"
 for force in "" --force "--force --resume"; do
     # shellcheck disable=SC2086
     kept "$in" "the input as the log $force" $try --log "$in" $force

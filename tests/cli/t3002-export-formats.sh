@@ -78,7 +78,7 @@ fails 1 spin-export "a page: does not overwrite"
 run "$bin/spin-export" "$in" --to html -o "$work/parts.html" --split --level fine --sh 0 --bound-place 0.01 \
     --bound-colour 2 --bound-scale 3 --bound-rotation 2 --bound-sh 0.1 --key-every 2
 is "$code" 0 "exports a page and its blocks"
-err_has "place .* (bound 0.01), scale .* (3.00), rotation .* (2.00), opacity .* (2.00), colour .* (2.00)" \
+err_has "position .* (bound 0.01), scale .* (3.00), rotation .* (2.00), opacity .* (2.00), colour .* (2.00)" \
     "html: the bounds are those asked for"
 [ -s "$work/parts.bin" ]
 ok $? "its blocks lie beside it"

@@ -183,13 +183,13 @@ nothing_at "$work/frames.ftgs" "nothing was written"
 run "$bin/spin-import" "$run_in" --range 0:1 -o "$work/one.spin"
 run "$bin/spin-export" "$work/one.spin" -o "$work/one.ftgs.ply"
 fails 1 spin-export "one frame"
-err_has "this is one frame" "has no length"
+err_has "this is a single frame" "has no length"
 nothing_at "$work/one.ftgs" "nothing was written"
 if [ -d "$fixtures/realtime4dgs/rot4d_sht" ]; then
     "$bin/spin-import" "$fixtures/realtime4dgs/rot4d_sht" -o "$work/sht.spin" -q
     run "$bin/spin-export" "$work/sht.spin" -o "$work/sht.ftgs.ply"
     is "$code" 0 "colours in time"
-    err_has "colours change in time" "are frozen with a warning"
+    err_has "cannot represent colours that change" "are frozen with a warning"
 fi
 # 4D splats with fewer bits.
 for how in full half compact; do

@@ -149,7 +149,7 @@ is "$code" 0 "some of them, turned, without what is faint"
 within "as near" 'place < 1.5e-3 and rotation_deg < 1 and opacity < 0.002 and check["frames"] == 3'
 run "$bin/spin-export" "$work/frames.spin" -o "$work/one.tsog" --range 2:3
 fails 1 spin-export "one frame is no clip"
-err_has "this is one frame" "and says so"
+err_has "this is a single frame" "and says so"
 nothing_at "$work/one.tsog" "nothing was written"
 
 # What cannot be held is said.
