@@ -106,6 +106,9 @@ spin_status spin_inputs_add_path(const char *path);
 /* Mark a file as written by this call, which may replace it even after reading it. */
 void spin_inputs_own(const char *path);
 bool spin_inputs_have(const struct stat *st);
+/* While true, files that this thread opens are not recorded: a search looks into files that are no
+ * inputs, an earlier output among them. */
+void spin_inputs_pause(bool pause);
 
 /* ---- watch.c: mapped files that other processes truncate, and the temporary files to remove then
  * ---- */

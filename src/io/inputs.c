@@ -81,7 +81,11 @@ void spin_inputs_end(const int *begun)
     pthread_mutex_unlock(&all.lock);
 }
 
-spin_status spin_inputs_add(const struct stat *st) { return add(st, INPUT); }
+static _Thread_local bool paused;
+
+void spin_inputs_pause(bool pause) { paused = pause; }
+
+spin_status spin_inputs_add(const struct stat *st) { return paused ? SPIN_OK : add(st, INPUT); }
 
 spin_status spin_inputs_add_path(const char *path)
 {

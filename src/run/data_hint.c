@@ -53,6 +53,7 @@ static struct found search(const char *input)
     SPIN_FREED char *absolute = NULL, *folder = NULL;
     char *copy = NULL;
 
+    spin_inputs_pause(true);
     if (spin_path_absolute(input, &absolute) == SPIN_OK &&
         spin_path_folder(absolute, &folder) == SPIN_OK) {
         if (spin_strdup(absolute, &copy) == SPIN_OK)
@@ -63,6 +64,7 @@ static struct found search(const char *input)
         if (found.n == 0)
             look_beside(&found, absolute, folder);
     }
+    spin_inputs_pause(false);
     return found;
 }
 

@@ -23,7 +23,8 @@ enum {
     CELL_POINTS = 12, /* points of a frame in a cell, on average */
     N_BINS = 96,      /* of log depth */
     DEPTH_BINS = 3,   /* that a surface may span */
-    MOST_SPLATS = 20000
+    MOST_SPLATS = 20000,
+    FEWEST_SPLATS = 1000 /* of a frame, for auto: fewer do not show where surfaces are */
 };
 static const double far_share = 0.005; /* of a cell's points may be outliers behind its surface */
 static const double behind = 2;        /* distance behind the surface, in cells */
@@ -450,6 +451,8 @@ spin_status spin_backdrop_choose(struct spin_plan *plan, struct spin_photos *pho
     bool flat;
 
     if (!plan->o->tracks || plan->o->refine > 0 || plan->o->method == SPIN_METHOD_4D)
+        *choice = SPIN_BACKDROP_OFF;
+    if (*choice == SPIN_BACKDROP_AUTO && plan->clip.n_mean < FEWEST_SPLATS)
         *choice = SPIN_BACKDROP_OFF;
     if (*choice != SPIN_BACKDROP_AUTO)
         return SPIN_OK;

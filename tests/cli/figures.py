@@ -823,7 +823,7 @@ def check_page(name, j, before, seen, log, split="test"):
 
     # Tiles.
     tiles = [("PSNR", "psnr", 2, " dB"), ("SSIM", "ssim", 4, ""), ("PSNR, dynamic regions", "psnr_dynamic", 2, " dB"),
-             ("PSNR, elsewhere", "psnr_static", 2, " dB")]
+             ("PSNR, static regions", "psnr_static", 2, " dB")]
     want = ["<div><b>%.*f%s</b>%s%s</div>" % (digits, j[key], unit, label, "<br><span>before %.*f</span>" % (
         digits, before[key]) if before else "") for label, key, digits, unit in tiles]
     if j["background_shows"]:
@@ -843,7 +843,7 @@ def check_page(name, j, before, seen, log, split="test"):
     if log:
         want = {"Test PSNR over the iterations": {"test PSNR": [("%.7g" % x["iteration"], "%.5g" % x["test_psnr"]) for x in tests]},
                 "Test PSNR over time": {"test PSNR": [("%.7g" % (x["seconds"] / 60), "%.5g" % x["test_psnr"]) for x in tests]},
-                "Training loss, means over stretches": {"loss": [("%.7g" % x["iteration"], "%.5g" % x["loss"]) for x in steps]}}
+                "Training loss, averaged over intervals": {"loss": [("%.7g" % x["iteration"], "%.5g" % x["loss"]) for x in steps]}}
         for title in want:
             ok(charts.get(title) == want[title], "%s: %s" % (name, title), charts.get(title), want[title])
 

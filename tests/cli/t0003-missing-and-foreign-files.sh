@@ -126,7 +126,7 @@ if ${CC:-gcc} -shared -fPIC -o "$work/falls.so" "$work/falls.c" 2>/dev/null; the
     little_memory 8000000 "$bin/spin-retrain" "$work/clip.spin" -o "$work/new.spin"
     unset SPIN_IMAGE_SHIM SPIN_IMAGE_PLAIN_SHIM
     fails 1 spin-retrain "libraries that fall when they are loaded"
-    err_has "do not start in the memory that .ulimit -v. leaves" "libraries that fall: says why"
+    err_has "its libraries need more memory than .ulimit -v. allows" "libraries that fall: says why"
 fi
 for limit in 200000 350000 400000 450000 500000 600000 700000; do
     little_memory $limit "$bin/spin-retrain" "$work/clip.spin" -o "$work/new.spin" --iterations 1 -q

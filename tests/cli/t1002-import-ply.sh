@@ -51,7 +51,7 @@ ok $? "of points, with their colours"
 } >"$work/beyond.ply"
 run "$bin/spin-import" "$work/beyond.ply" -o "$work/bad.spin" -q
 is "$code" 1 "a scale that no float holds"
-err_has "frame 0: the scale of row 0, exp(200), is beyond floats" "is refused by its row"
+err_has "frame 0: the scale of row 0, exp(200), overflows a float" "is refused by its row"
 
 run "$bin/spin-import" --from ply "$files/variants/truncated.ply" -o "$work/bad.spin"
 fails 1 spin-import "a truncated PLY"

@@ -106,7 +106,7 @@ is "$(member frames)" 2 "--times with two of them"
 times_are 0.865,0.5 "in their order"
 run "$bin/spin-import" "$run_in" -o "$work/twice.spin" --times 0.25,0.5,0.25
 fails 2 spin-import "a time that comes twice"
-err_has "frames 0 and 2 are both at time 0.25" "the frames are named"
+err_has "frames 0 and 2 have the same time, 0.25" "the frames are named"
 nothing_at "$work/twice" "nothing was written"
 run "$bin/spin-import" "$run_in" -o "$work/part.spin" --frames 6 --range 1:3 --json
 times_are 0.2,0.4 "--range leaves out some of those sampled"

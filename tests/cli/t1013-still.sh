@@ -97,6 +97,6 @@ SPIN_PLUGIN_PATH=$work/lying.so
 export SPIN_PLUGIN_PATH
 run "$bin/spin-import" "$work/fewer.csv" -o "$work/lying.spin"
 fails 1 spin-import "a column that is the same in frames of 60 and 20 splats"
-err_has "gives 20 splats in frame 5 and 60 in frame 0" "says so"
+err_has "provides 20 splats in frame 5 but 60 in frame 0" "says so"
 nothing_at "$work/lying.spin" "nothing was written"
 done_testing

@@ -114,7 +114,7 @@ fi
 cp -r "$work/named" "$work/mip"
 sed -i 's/^format.*/&\ncomment antialiased 1\ncomment SplatRenderMode: mip/' "$work"/mip/*.ply
 run "$bin/spin-import" "$work/mip" -o "$work/mip.spin"
-is "$(grep -c 'anti-aliasing' "$work/out")" 1 "antialiasing is noted once"
+is "$(grep -c 'antialiasing rasteriser' "$work/out")" 1 "antialiasing is noted once"
 run "$bin/spin-export" "$work/mip.spin" --to images --path orbit --size 20x20 --duration 1 -o "$work/images" --json
 is "$(member frames) $(member images) $(ls "$work/images" | wc -l)" "6 30 30" "images that are drawn are counted"
 run "$bin/spin-export" "$work/mip.spin" --to images --path orbit --size 20x20 --duration 1 -o "$work/images" --force

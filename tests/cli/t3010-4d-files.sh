@@ -131,7 +131,7 @@ done
 has_line "$work/curved.sogst.ply" "property float f_rest_" 45
 run "$bin/spin-import" "$work/curved.sogst.ply" -o "$work/curved-back.spin" --json
 is "$code $(member from) $(member frames)" "0 sogst 61" "and comes back"
-out_has "times 1.5 and 0.5" "with its factor on covariances"
+out_has "scaled by 1.5 and 0.5" "with its factor on covariances"
 run "$bin/spin-export" "$work/curved.spin" -o "$work/turned.sogst.ply" --rotate 90,30,0 --sh 0 --fps 15 --check --json
 as_written "turned, half as fast, it is read back as it is"
 has_line "$work/turned.sogst.ply" "property float f_rest_" 0

@@ -23,7 +23,7 @@ ok $? "frames per second, with and without decoding"
 run "$bin/spin-eval" --source "$work/court.spin" -v
 is "$(grep -c '^ *[0-9]' "$work/out")" 18 "text: a line a view and a line a frame"
 is "$(grep -c '^ *all *[0-9]' "$work/out")" 2 "and a line a camera"
-out_has '^size .* the file, .* a frame' "and what it weighs"
+out_has '^size .* on disk, .* per frame' "and what it weighs"
 speed=$(sed -n 's/^speed *\([0-9.]*\) frames per second with decoding, \([0-9.]*\) without$/\1 \2/p' "$work/out")
 greater "${speed#* }" "${speed% *}"
 ok $? "and how fast it is: decoding takes time"
@@ -35,7 +35,7 @@ run "$bin/spin-eval" --source "$work/court.spin" --lpips-lin x.pth
 fails 2 spin-eval "half of the weights of LPIPS"
 run "$bin/spin-eval" --source "$work/court.spin" --lpips "$work"
 fails 1 spin-eval "LPIPS without weights"
-err_has 'holds no weights' "says what is missing"
+err_has 'holds no LPIPS weights' "says what is missing"
 run "$bin/spin-eval" --source "$work/court.spin" --lpips-backbone x.pth --lpips-lin x.pth
 fails 1 spin-eval "weights that are not there"
 err_has "x.pth" "says which"

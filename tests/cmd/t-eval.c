@@ -173,7 +173,7 @@ static void test_pictures(void)
              "ply -o %s/bg3 --background white' '--to images -o %s/bg4 --source --background "
              "white'; do %s/spin-export %s/net.spin $of --range 0:1 || exit 1; done",
              folder, folder, folder, folder, bin, folder) == 0 &&
-           !strstr(said, "another background"),
+           !strstr(said, "different background"),
        "but not of alpha, of the same, of splats or of the source");
     is_text(spin_json_string(spin_json_get(black.json, "attributes")), "retrained",
             "the network's splats");

@@ -316,7 +316,7 @@ static void test_videos(void)
 
         folder = make_set(3, 0, 0);
         make_text(folder, name, "x");
-        snprintf(word, sizeof word, "%s': not an MP4", name);
+        snprintf(word, sizeof word, "%s': not a readable MP4", name);
         set_refused(folder, NULL, spin_video_start() == SPIN_OK ? word : "1 videos",
                     "videos that are known by name and cannot be read");
     }

@@ -109,7 +109,7 @@ static void test_loose(void)
        "says that it is meant to be drawn antialiased, and only then");
     run_close(&run);
     write_file(folder, "quats.webp", "", 0);
-    fails("sog", folder, "meta.json': no WebP", "a picture that is empty");
+    fails("sog", folder, "meta.json': not a WebP", "a picture that is empty");
     spin_splats_free(&packed);
     spin_splats_free(&loose);
 }

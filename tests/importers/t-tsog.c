@@ -524,7 +524,7 @@ static void test_changes(const char *from, const char *fixture, const struct cha
 
 static const struct change tsog_changes[] = {
     {.member = "pl", .offset = -1, .word = "'pl' of TSOG: it is missing", .what = "no picture"},
-    {.member = "pl", .offset = -2, .word = "and has", .what = "a byte behind a picture"},
+    {.member = "pl", .offset = -2, .word = "header states", .what = "a byte behind a picture"},
     {.member = "pl", .offset = -3, .word = "two members 'pl'", .what = "a member twice"},
     {.member = "pl", .offset = -4, .word = "pixels", .what = "a picture of another size"},
     {.member = "q", .offset = -4, .word = "pixels", .what = "the same of rotations"},

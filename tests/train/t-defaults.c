@@ -326,7 +326,7 @@ static void test_limits(void)
     o.method = SPIN_METHOD_TRACKS;
     o.tracks = true;
     o.refine = 1;
-    is_refused(true, "without --refine");
+    is_refused(true, "does not work with --refine");
 }
 
 /* ---- Numbers that follow from the clip ---------------------------------------------------------

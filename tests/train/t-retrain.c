@@ -140,7 +140,7 @@ static void test_last_good(void)
     o.warmup = 100;
     o.save_every = 1;
     ok(run(&o, SPIN_E_MALFORMED, "finite"), "positions run away: %s", spin_last_error());
-    ok(strstr(spin_last_error(), "the state of iteration") && strstr(spin_last_error(), part),
+    ok(strstr(spin_last_error(), "the checkpoint of iteration") && strstr(spin_last_error(), part),
        "the error says where the last good state is");
     good = state_is_finite(part, &n);
     ok(good && n >= 15, "which is finite, all of its %zu arrays", n);
@@ -200,7 +200,7 @@ static void test_times(void)
     near(of_field("time_last"), 7, 0, "and end with the latest");
     remove(output);
     write_times(4, 7, 4);
-    ok(run(&o, SPIN_E_MALFORMED, "frames 0 and 2 are both at time 4"),
+    ok(run(&o, SPIN_E_MALFORMED, "frames 0 and 2 have the same time, 4"),
        "two frames at one time are refused: %s", spin_last_error());
     ok(!spin_path_exists(output), "without output");
     o.range.last = 2;
