@@ -92,7 +92,7 @@ same() {
         is $code 0 "$range: $what, $side"
         [ "$program" = spin-export ] ||
             find $side -type f ! -name '*.png' ! -name '*.spin' -exec sed -i '/second\|minutes\|fps\|_available\|_peak/d
-                /part.spin\|fewer.spin\|whole.spin\|the file\|whole file\|attributes per frame\|"file"\|"source"\|"measured"\|measured_per_frame/d' {} +
+                /part.spin\|fewer.spin\|whole.spin\|the file\|on disk\|whole file\|attributes per frame\|"file"\|"source"\|"measured"\|measured_per_frame/d' {} +
     done
     for bundle in ours/*.spin; do
         [ -e "$bundle" ] || continue

@@ -231,7 +231,7 @@ warns "a fork's columns" "'$work/fork/$cloud': property 'mine_0' does not belong
 of nan --times 0.5,1,1.5,2
 warns "values that are not finite, times outside" "'$work/nan/$cloud': $base" \
     "'$work/nan/$cloud': 3 of $n_stg Gaussians dropped: values that are not finite" \
-    "2 of 4 times are outside of the run, which is from 0 to 0.95, such as 1.5"
+    "2 of 4 times, such as 1.5, are outside the time range of the run, 0 to 0.95"
 of bare --times 0,1 --colour auto
 warns "no network" \
     "'$work/bare/$cloud': base colours only, as there is no point_cloud.pt beside the cloud"
@@ -296,7 +296,7 @@ run "$bin/spin-import" "$clip" --data "$work/data" -o "$in"
 warns "an import"
 retrain() { run "$bin/spin-retrain" "$in" -o "$work/out.spin" --device cpu --scale 0.25 --force --json "$@"; }
 worse() { figure '"the result is worse than the source, test PSNR %.3f dB after %.3f dB: try " % (j["test"]["psnr"], j["before"]["psnr"])'; }
-retrain --iterations 3
+retrain --iterations 3 --backdrop off
 warns "tracks that are worse" "$(worse)more --iterations, or --preset best"
 small='--levels 2 --hash-log2 8 --hidden 16 --finest-resolution 16'
 # shellcheck disable=SC2086
