@@ -521,5 +521,3 @@ void spin_backdrop_first_values(const struct spin_backdrop *b, struct spin_refin
         to->seen = 1;
     }
 }
-
-void spin_backdrop_free(struct spin_backdrop *b) { free(b->row); }

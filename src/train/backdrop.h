@@ -22,4 +22,3 @@ spin_status spin_backdrop_add(struct spin_plan *plan, struct spin_tracks *tracks
 spin_status spin_backdrop_append(const struct spin_backdrop *b, struct spin_splats *s);
 /* Sets the initial values of a frame's last b->n splats. */
 void spin_backdrop_first_values(const struct spin_backdrop *b, struct spin_refine_cloud *cloud);
-void spin_backdrop_free(struct spin_backdrop *b);

@@ -1,8 +1,6 @@
 /* Derives the shapes, the clip, memory and time (--dry-run) from the options. */
 #include "train/plan.h"
 
-#include "train/backdrop.h"
-
 #include "base/base.h"
 #include "train/average.h"
 #include "train/lazy_adam.h"
@@ -819,7 +817,7 @@ void spin_plan_set_device(struct spin_plan *plan, struct spin_device *device)
 void spin_plan_close(struct spin_plan *plan)
 {
     free(plan->counts);
-    spin_backdrop_free(&plan->backdrop);
+    free(plan->backdrop.row);
     free(plan->camera);
     spin_lenses_free(&plan->lenses);
     free(plan->exposure);
