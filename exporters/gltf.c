@@ -227,7 +227,7 @@ static spin_status add_to_file(void *self, const struct spin_frame_info *info,
     double all;
     size_t n;
 
-    SPIN_TRY(spin_splat_filter_choose(rows, s, info->number));
+    SPIN_TRY(spin_splat_filter_choose(rows, s));
     n = rows->n_kept;
     if (x->still.n > 0)
         SPIN_TRY(spin_still_rows_leave_out(&x->still, rows, info->number));
@@ -318,8 +318,7 @@ static spin_status open_single(void *self, const struct spin_export_job *job)
     for (int f = 0; f < job->n_frames && job->counts; f++)
         n += job->counts[f] - x->still.n;
     if (job->counts) /* an upper bound for a clip, whose frames share equal attributes */
-        spin_frames_say_size(job->output, job->n_frames, gltf_bytes(x, n),
-                             job->n_frames > 1 || x->frames.rows.min_logit > -INFINITY);
+        spin_frames_say_size(job->output, job->n_frames, gltf_bytes(x, n), job->n_frames > 1);
     return SPIN_OK;
 }
 

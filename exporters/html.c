@@ -37,7 +37,6 @@ static const struct spin_plugin_option options[] = {
     {"bound-sh", "X", "bound of SH coefficients above degree 0 (0.02)", NULL},
     {"key-every", "N", "largest number of frames from one key frame to the next, up to 256", "30"},
     {"split", NULL, "write the frames to a .bin file beside the page, for a server", NULL},
-    {"min-opacity", "V", "leave out splats whose opacity is below V, 0 to 1", "0"},
     {"max-splats", "N", "write only the N most visible splats of each frame", NULL},
     {"every", "N", "write every Nth frame; the duration stays the same", "1"},
     {"fps", "F",
@@ -101,9 +100,9 @@ struct export
 
 /* ---- Which splats ---------------------------------------------------------------------------- */
 
-static spin_status choose(struct export *x, const struct spin_splats *s, int number, size_t *n)
+static spin_status choose(struct export *x, const struct spin_splats *s, size_t *n)
 {
-    SPIN_TRY(spin_splat_filter_choose(&x->rows, s, number));
+    SPIN_TRY(spin_splat_filter_choose(&x->rows, s));
     *n = x->rows.n_kept;
     if (x->max_splats == 0 || *n <= x->max_splats)
         return SPIN_OK;
@@ -219,13 +218,12 @@ static spin_status write_group(struct export *x, struct version *v)
     return spin_page_group_write(&v->group, take_block, &sink);
 }
 
-static spin_status add_frame(struct export *x, struct version *v, const struct spin_splats *s,
-                             int number)
+static spin_status add_frame(struct export *x, struct version *v, const struct spin_splats *s)
 {
     bool full;
     size_t n;
 
-    SPIN_TRY(choose(x, s, number, &n));
+    SPIN_TRY(choose(x, s, &n));
     v->n_kept += (double)n;
     v->n_empty += n == 0;
     SPIN_TRY(spin_page_group_add(&v->group, &x->rows, s, &full));
@@ -533,7 +531,7 @@ static spin_status html_frame(void *self, int frame, const struct spin_frame_inf
             SPIN_TRY(x->job->source_frame(x->job->source_of, frame, &x->source));
             s = &x->source;
         }
-        SPIN_TRY(add_frame(x, &x->version[i], s, info->number));
+        SPIN_TRY(add_frame(x, &x->version[i], s));
     }
     x->number[x->n_written++] = info->number;
     return SPIN_OK;
@@ -563,11 +561,11 @@ static spin_status write_rows(struct export *x, const double *times)
     spin_page_rows_begin(&x->four_d);
     if (x->split) {
         x->draft.group.space = x->four_d.inner;
-        SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->source, x->number[0]));
+        SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->source));
         SPIN_TRY(spin_page_draft_take(&x->draft, &x->rows, &x->source, &x->view, &x->order));
     }
     SPIN_TRY(spin_grow((size_t)n_blocks, sizeof *v->frame, (void **)&v->frame));
-    SPIN_TRY(spin_splat_filter_choose(&x->rows, &view, x->number[0]));
+    SPIN_TRY(spin_splat_filter_choose(&x->rows, &view));
     SPIN_TRY(spin_splat_filter_report_4d(&x->rows, x->job, NULL, times, x->n_written));
     return spin_page_rows_write(&x->four_d, &x->rows, take_rows, &sink);
 }

@@ -197,7 +197,6 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
     bool seen = false;
     char name[SPIN_PICTURE_NAME];
 
-    SPIN_TRY(spin_camera_path_frame(&x->drawing, info, &splats));
     if (spin_camera_path_is_own(&x->drawing))
         return export_own(x, frame, splats);
     for (size_t i = 0; i < views->n; i++) {

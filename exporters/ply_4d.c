@@ -248,7 +248,7 @@ static spin_status write_file(struct export *x)
         .bells = &x->bells, .rows = &x->rows, .importer = x->layout->importer};
 
     SPIN_TRY(spin_bells_convert(&x->bells));
-    SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->bells.view, 0));
+    SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->bells.view));
     SPIN_TRY(spin_sort_rows_fill(&x->order, &x->rows));
     if (x->order.n == 0)
         return spin_unsupported("no splat of the clip is left to write");

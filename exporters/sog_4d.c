@@ -826,7 +826,8 @@ static spin_status take_frame(void *self, int frame, const struct spin_frame_inf
 {
     struct export *x = self;
 
-    SPIN_TRY(spin_splat_filter_choose(&x->rows, splats, info->number));
+    (void)info;
+    SPIN_TRY(spin_splat_filter_choose(&x->rows, splats));
     SPIN_TRY(make_room(x, x->rows.n_kept));
     for (size_t i = 0; i < splats->n; i++)
         if (x->rows.keep[i])
@@ -834,14 +835,12 @@ static spin_status take_frame(void *self, int frame, const struct spin_frame_inf
     return SPIN_OK;
 }
 
-/* Finishes the 4D splats made of all frames' rows, which take_frame() has already filtered. */
+/* Finishes the 4D splats made of all frames' rows. */
 static spin_status join_frames(struct export *x)
 {
     struct spin_bells *b = &x->bells;
     size_t n_dropped;
 
-    x->rows.quiet = true;
-    x->rows.max_scale = 0;
     free(b->clip.spans);
     b->clip.spans = NULL;
     b->clip.n = x->n_cut;
@@ -857,7 +856,7 @@ static spin_status join_frames(struct export *x)
 static spin_status encode(struct export *x)
 {
     SPIN_TRY(x->frames ? join_frames(x) : spin_bells_convert(&x->bells));
-    SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->bells.view, 0));
+    SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->bells.view));
     if (x->rows.n_kept == 0)
         return spin_unsupported("no splat of the clip is left to write");
     SPIN_TRY(spin_splat_filter_report_4d(&x->rows, x->job, x->bells.from, x->job->times,

@@ -739,10 +739,9 @@ static spin_status find_still(void *self, const struct spin_export_job *job)
 
     if (!job->again || job->n_frames < 2)
         return SPIN_OK;
-    x->frames.rows.quiet = true;
     for (int f = 0; f < job->n_frames && still; f++) {
         SPIN_TRY(job->again(job->context, f, &splats));
-        SPIN_TRY(spin_splat_filter_choose(&x->frames.rows, splats, 0));
+        SPIN_TRY(spin_splat_filter_choose(&x->frames.rows, splats));
         for (int a = 0; a < ATTRIBUTES; a++) {
             uint64_t now = f == 0 || still >> a & 1u ? imprint(x, (enum attribute)a) : 0;
 
@@ -750,7 +749,6 @@ static spin_status find_still(void *self, const struct spin_export_job *job)
             still &= now == first[a] ? ~0u : ~(1u << a);
         }
     }
-    x->frames.rows.quiet = false;
     x->still = still;
     return SPIN_OK;
 }

@@ -133,7 +133,6 @@ static spin_status video_frame(void *self, int frame, const struct spin_frame_in
 {
     struct export *x = self;
 
-    SPIN_TRY(spin_camera_path_frame(&x->drawing, info, &splats));
     for (int64_t p = spin_camera_path_first(&x->drawing, frame);
          p < spin_camera_path_first(&x->drawing, frame + 1); p++) {
         if (spin_cancelled())

@@ -397,13 +397,33 @@ struct spin_decimated {
     uint64_t reached; /* bytes of the whole output, if a size was requested */
 };
 
+/* Why spin-export leaves out a splat. If several reasons apply, the first counts. */
+enum spin_row_reason {
+    SPIN_ROW_KEPT,
+    /* Options of that name. A splat with a NaN or infinite position passes these four. */
+    SPIN_ROW_CROP,
+    SPIN_ROW_MIN_VIEWS,
+    SPIN_ROW_FLOATERS,
+    SPIN_ROW_BACKDROP, /* --backdrop off */
+    /* No viewer can draw the splat. */
+    SPIN_ROW_NOT_FINITE,
+    SPIN_ROW_NO_ROTATION, /* of length zero */
+    SPIN_ROW_TOO_LARGE,   /* --max-scale */
+    /* Options of that name. */
+    SPIN_ROW_MIN_OPACITY,
+    SPIN_ROW_DECIMATE,
+    SPIN_ROW_REASONS
+};
+
 struct spin_export_report {
     int frames;
     double splats_mean;
-    uint64_t bytes;    /* 0: unknown */
-    uint64_t left_out; /* splats that no viewer could draw, summed over all frames */
-    /* Dropped by --crop, --min-views and --floaters; not set by exporters. */
-    uint64_t filtered;
+    uint64_t bytes; /* 0: unknown */
+    /* Splats left out, summed over all frames, or 4D splats: by reason, those that no viewer can
+     * draw, and those that options other than --decimate and --max-scale drop. Exporters do not set
+     * these. */
+    uint64_t dropped[SPIN_ROW_REASONS];
+    uint64_t left_out, filtered;
     struct spin_export_check check;
     struct spin_decimated decimated;
     uint64_t images; /* images rendered and written, by exporters that render; else 0 */
@@ -434,10 +454,11 @@ struct spin_export_job {
     void *source_of;
     int source_sh_degree;
     bool source_antialias;
-    bool retrained;       /* the attributes were retrained, not imported */
-    const size_t *counts; /* [n_frames] splats of each frame, or NULL */
-    /* The exporter adds to bytes, left_out and images, and sets frames if it exports only some; or
-     * NULL. */
+    bool retrained; /* the attributes were retrained, not imported */
+    /* [n_frames] splats of each frame, or somewhat more if some cannot be drawn; NULL: unknown */
+    const size_t *counts;
+    /* The exporter adds to bytes and images, and sets frames if it exports only some; or NULL. At
+     * end(), left_out is final. */
     struct spin_export_report *report;
 
     /* With `check`, end() reads back what was written and fills report->check; only set for
@@ -462,7 +483,7 @@ struct spin_export_job {
     /* The data set's absolute folder, and the importer that reads it; NULL: none. */
     const char *data;
     const char *data_from;
-    bool identity; /* row i is the same splat in every frame */
+    bool identity; /* row i is the same splat in every frame, if no splat is left_out at end() */
 
     const int *numbers; /* [n_frames] of each frame, as in struct spin_frame_info */
 };

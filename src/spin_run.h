@@ -109,6 +109,11 @@ struct spin_export_options {
      * limit. */
     double floaters;
     enum spin_export_backdrop backdrop;
+    double min_opacity; /* drop splats of a lower opacity, 0 to below 1 */
+    /* Drop splats with a standard deviation above this multiple of the diagonal of the bounding box
+     * of the frame's positions; INFINITY: no limit. 0 means 1, or no limit for exporters that
+     * render. */
+    double max_scale;
     double scale;        /* above 0; 0: 1 */
     double translate[3]; /* applied after the scale */
 };

@@ -202,8 +202,6 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
     if (!job->views && d->path != SPIN_PATH_FILE)
         spin_log(0, "no data set: rendering from the front, like the web page");
     d->labels = spin_plugin_value(job->values, "no-labels", NULL) == NULL;
-    SPIN_TRY(spin_splat_filter_begin(&d->rows, job, NULL));
-    d->rows.max_scale = 0; /* training and spin-eval draw large splats, too */
     return SPIN_OK;
 }
 
@@ -221,9 +219,6 @@ void spin_camera_path_free(struct spin_camera_path *d)
     free(d->image);
     free(d->wide);
     spin_splats_free(&d->source);
-    spin_splats_free(&d->fit);
-    spin_splats_free(&d->source_fit);
-    spin_splat_filter_end(&d->rows);
 }
 
 /* ---- Through the cameras of a rig ------------------------------------------------------------ */
@@ -517,39 +512,15 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
     return SPIN_OK;
 }
 
-/* ---- Splats ---------------------------------------------------------------------------------- */
+/* ---- Panels ---------------------------------------------------------------------------------- */
 
-/* Replaces *splats by those that can be drawn: the same if all can, else a copy in `room`. Reports
- * the others like all exporters. */
-static spin_status choose(struct spin_camera_path *d, const struct spin_splats **splats,
-                          struct spin_splats *room)
-{
-    const struct spin_splats *s = *splats;
-
-    SPIN_TRY(spin_splat_filter_choose(&d->rows, s, d->number));
-    if (d->rows.n_kept == s->n)
-        return SPIN_OK;
-    SPIN_TRY(spin_splats_take(s, d->rows.keep, room));
-    *splats = room;
-    return SPIN_OK;
-}
-
-spin_status spin_camera_path_frame(struct spin_camera_path *d, const struct spin_frame_info *info,
-                                   const struct spin_splats **splats)
-{
-    d->number = info->number;
-    return choose(d, splats, &d->fit);
-}
-
-/* Reads the frame as it was imported into d->before. */
+/* Reads the frame as it was imported into d->source. */
 static spin_status read_source(struct spin_camera_path *d, int frame)
 {
     if (d->source_frame == frame)
         return SPIN_OK;
     d->source_frame = -1;
     SPIN_TRY(d->job->source_frame(d->job->source_of, frame, &d->source));
-    d->before = &d->source;
-    SPIN_TRY(choose(d, &d->before, &d->source_fit));
     d->source_frame = frame;
     return SPIN_OK;
 }
@@ -605,7 +576,7 @@ static spin_status draw_panel(struct spin_camera_path *d, enum spin_camera_path_
         return spin_image_load(truth, camera->width, camera->height, job->background, d->image);
     if (panel == SPIN_PANEL_BEFORE)
         SPIN_TRY(read_source(d, frame));
-    SPIN_TRY(spin_render(job->renderer, panel == SPIN_PANEL_BEFORE ? d->before : splats, camera,
+    SPIN_TRY(spin_render(job->renderer, panel == SPIN_PANEL_BEFORE ? &d->source : splats, camera,
                          job->background, d->image));
     d->n_drawn++;
     d->n_blank += spin_initial_view_is_blank(

@@ -81,14 +81,9 @@ struct spin_camera_path {
     struct spin_initial_view look; /* where a moving camera starts */
     float *image;                  /* [3][h][w] of a panel */
     float *wide;                   /* [3][h][n_panels w] */
-    int number;                    /* of the current frame, as the source counts */
     int n_drawn, n_blank;          /* renders; those that show only the background */
-    struct spin_splat_filter rows; /* chooses the splats that can be drawn */
-    struct spin_splats fit;        /* their copy, if some cannot */
     struct spin_splats source;     /* frame source_frame as imported, for the panel "before" */
     int source_frame;              /* -1: none */
-    struct spin_splats source_fit; /* as fit, of source */
-    const struct spin_splats *before; /* the splats of source that can be drawn */
 };
 
 /* Zero *d before; free it also after a failure. */
@@ -120,10 +115,6 @@ const char *spin_camera_path_name(const struct spin_camera_path *d);
  * of the first view. Without a data set it starts at the front, like the web page. */
 spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
                                     const struct spin_splats *splats, struct spin_camera *out);
-
-/* Begins a frame: replaces *splats by those that can be drawn. */
-spin_status spin_camera_path_frame(struct spin_camera_path *d, const struct spin_frame_info *info,
-                                   const struct spin_splats **splats);
 
 /* Renders the panels into d->wide. truth: path of the data set's image; NULL: no panel shows it. */
 spin_status spin_camera_path_draw(struct spin_camera_path *d, int frame,

@@ -32,13 +32,12 @@ void spin_frames_say_size(const char *output, int n_frames, uint64_t bytes, bool
 
 static void say_size(const struct spin_frames *x, const struct spin_export_job *job)
 {
-    bool at_most = x->format->packed || x->rows.min_logit > -INFINITY;
     uint64_t bytes = 0;
 
     for (int f = 0; f < job->n_frames && job->counts; f++)
         bytes += x->format->bytes(x, job->counts[f]);
     if (job->counts)
-        spin_frames_say_size(job->output, job->n_frames, bytes, at_most);
+        spin_frames_say_size(job->output, job->n_frames, bytes, x->format->packed);
 }
 
 /* ---- The export that was in the folder before ------------------------------------------------ */
@@ -301,8 +300,7 @@ static spin_status add_belongings(const struct spin_frames *x, spin_json *root)
 
     for (size_t i = 1; i < x->n_entries; i++)
         same = same && x->entry[i].n == x->entry[0].n;
-    for (int k = 0; k < SPIN_ROWS_REASONS; k++)
-        same = same && x->rows.n_left_out[k] == 0;
+    same = same && !(x->rows.report && x->rows.report->left_out > 0);
     spin_json_set_bool(root, "identity", same);
     if (!x->job->data || turned)
         return SPIN_OK;
@@ -365,7 +363,7 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
     (void)frame;
     if (x->file && x->format->add)
         return x->format->add(x, info, splats);
-    SPIN_TRY(spin_splat_filter_choose(&x->rows, splats, info->number));
+    SPIN_TRY(spin_splat_filter_choose(&x->rows, splats));
     SPIN_TRY(path_of(x, info->number, &path));
     SPIN_TRY(spin_out_open(path, x->job->force, &out));
     out.sync = x->job->sync;

@@ -211,7 +211,7 @@ static spin_status check_frame(struct check *check, int f, const char *path, int
 
     spin_readback_frame(&check->values, x->job, f);
     SPIN_TRY(x->job->again(x->job->context, f, &splats));
-    SPIN_TRY(spin_splat_filter_choose(&x->rows, splats, x->entry[f].number));
+    SPIN_TRY(spin_splat_filter_choose(&x->rows, splats));
     if (!check->self || within == 0)
         status = open_file(check, path);
     if (!check->self && x->rows.n_kept == 0)
@@ -237,7 +237,6 @@ spin_status spin_frames_check(struct spin_frames *x)
     struct check check = {.x = x};
     spin_status status = SPIN_OK;
 
-    x->rows.quiet = true;
     spin_readback_begin(&check.values);
     for (size_t f = 0; f < x->n_entries && status == SPIN_OK; f++) {
         SPIN_FREED char *path = NULL;

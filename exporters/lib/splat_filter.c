@@ -1,29 +1,18 @@
-/* Chooses the rows that are written, for all formats: math/drawable.h decides which are left out
- * (--max-scale changes the limit). A warning for each frame says how many were left out and why;
- * their sum goes to the report.
- *
- * An infinite logit is a saturated opacity, so it is written as a finite one. */
+/* An infinite logit is a saturated opacity, so it is written as a finite one. */
 #include "exporters/lib/splat_filter.h"
 
 #include "base/base.h"
 #include "io/file.h"
 #include "math/approx.h"
-
-/* Smaller frames need not be unmapped early. */
-#define SMALL ((size_t)64 << 20)
+#include "math/drawable.h"
+#include "scene/bundle.h"
 
 struct spin_splat_filter_block {
     size_t n_before; /* kept rows of the blocks before */
-    uint32_t n_kept, n_finite, n_bad[SPIN_ROWS_REASONS];
-    float low[3], high[3];
+    uint32_t n_kept;
 };
 
-struct choice {
-    struct spin_splat_filter *rows;
-    float limit; /* of the log scale */
-};
-
-/* ---- Choosing -------------------------------------------------------------------------------- */
+/* ---- Blocks ---------------------------------------------------------------------------------- */
 
 size_t spin_splat_filter_blocks(const struct spin_splat_filter *rows)
 {
@@ -49,91 +38,9 @@ static size_t end_of(const struct spin_splat_filter *rows, size_t block)
 
 void spin_splat_filter_rest(const struct spin_splat_filter *rows, size_t block, unsigned columns)
 {
-    const struct spin_splats *s = rows->splats;
-    size_t first = block * SPIN_ROWS_BLOCK, n = end_of(rows, block) - first;
-    size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
+    size_t first = block * SPIN_ROWS_BLOCK;
 
-    /* madvise() briefly stalls all threads: do not use it for small frames. */
-    if (!s->mapped || (11 + n_sh) * sizeof(float) * s->n < SMALL)
-        return;
-    if (columns & SPIN_COL_MEANS)
-        spin_map_rest(s->means + 3 * first, 3 * n * sizeof(float));
-    if (columns & SPIN_COL_QUATS)
-        spin_map_rest(s->quats + 4 * first, 4 * n * sizeof(float));
-    if (columns & SPIN_COL_LOG_SCALES)
-        spin_map_rest(s->log_scales + 3 * first, 3 * n * sizeof(float));
-    if (columns & SPIN_COL_LOGIT_OPACITIES)
-        spin_map_rest(s->logit_opacities + first, n * sizeof(float));
-    if (columns & SPIN_COL_SH)
-        spin_map_rest(s->sh + n_sh * first, n_sh * n * sizeof(float));
-}
-
-static void measure_block(void *context, int b)
-{
-    struct spin_splat_filter *rows = ((struct choice *)context)->rows;
-    struct spin_splat_filter_block *block = &rows->block[b];
-    size_t end = end_of(rows, (size_t)b);
-
-    *block = (struct spin_splat_filter_block){.low = {INFINITY, INFINITY, INFINITY},
-                                              .high = {-INFINITY, -INFINITY, -INFINITY}};
-    for (size_t i = (size_t)b * SPIN_ROWS_BLOCK; i < end; i++)
-        block->n_finite +=
-            (uint32_t)spin_box_add(rows->splats->means + 3 * i, block->low, block->high);
-}
-
-/* The largest log scale to write. */
-static float limit_of(const struct spin_splat_filter *rows)
-{
-    float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
-    size_t n = 0;
-
-    for (size_t b = 0; b < spin_splat_filter_blocks(rows); b++) {
-        n += rows->block[b].n_finite;
-        for (int c = 0; c < 3; c++) {
-            low[c] = spin_minf(low[c], rows->block[b].low[c]);
-            high[c] = spin_maxf(high[c], rows->block[b].high[c]);
-        }
-    }
-    return spin_log_scale_limit(low, high, n, rows->max_scale);
-}
-
-static void choose_block(void *context, int b)
-{
-    const struct choice *choice = context;
-    struct spin_splat_filter *rows = choice->rows;
-    struct spin_splat_filter_block *block = &rows->block[b];
-    const struct spin_splats *s = rows->splats;
-    size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree), end = end_of(rows, (size_t)b);
-
-    for (size_t i = (size_t)b * SPIN_ROWS_BLOCK; i < end; i++) {
-        enum spin_undrawable reason =
-            spin_undrawable(s->means + 3 * i, s->quats + 4 * i, s->log_scales + 3 * i,
-                            s->logit_opacities + i, s->sh + i * n_sh, n_sh, choice->limit);
-
-        rows->keep[i] = reason == SPIN_ROWS_REASONS && s->logit_opacities[i] >= rows->min_logit;
-        block->n_kept += rows->keep[i];
-        if (reason < SPIN_ROWS_REASONS)
-            block->n_bad[reason]++;
-    }
-    spin_splat_filter_rest(rows, (size_t)b, SPIN_COL_ATTRIBUTES);
-}
-
-static void say(const size_t n_bad[SPIN_ROWS_REASONS], size_t n, int number)
-{
-    static const char *const words[SPIN_ROWS_REASONS] = {
-        "with NaN or infinity", "with a rotation of length zero", "larger than the scene"};
-    size_t sum = 0, at = 0;
-    char text[256] = "", count[48];
-
-    for (int r = 0; r < SPIN_ROWS_REASONS; r++) {
-        if (n_bad[r] > 0)
-            at += (size_t)snprintf(text + at, sizeof text - at, "%s%zu %s", sum ? ", " : "",
-                                   n_bad[r], words[r]);
-        sum += n_bad[r];
-    }
-    if (sum > 0)
-        spin_warn("frame %d: %zu of %s left out: %s", number, sum,
-                  spin_text_count((long long)n, "splat", count), text);
+    spin_bundle_rest_rows(rows->splats, first, end_of(rows, block) - first, columns);
 }
 
 /* Counts the kept rows of the frame and before each block. */
@@ -146,32 +53,19 @@ static void add_up(struct spin_splat_filter *rows)
     }
 }
 
-spin_status spin_splat_filter_choose(struct spin_splat_filter *rows, const struct spin_splats *s,
-                                     int number)
+spin_status spin_splat_filter_choose(struct spin_splat_filter *rows, const struct spin_splats *s)
 {
-    struct choice choice = {.rows = rows};
-    size_t n_bad[SPIN_ROWS_REASONS] = {0};
-
     if (s->n > UINT32_MAX)
-        return spin_unsupported("frame %d: %zu splats, at most %u are supported", number, s->n,
+        return spin_unsupported("%zu splats in one frame, at most %u are supported", s->n,
                                 UINT32_MAX);
     rows->splats = s;
     SPIN_TRY(spin_grow(s->n + 1, 1, (void **)&rows->keep));
     SPIN_TRY(
         spin_grow(spin_splat_filter_blocks(rows) + 1, sizeof *rows->block, (void **)&rows->block));
-    spin_splat_filter_each(rows, measure_block, &choice);
-    choice.limit = limit_of(rows);
-    spin_splat_filter_each(rows, choose_block, &choice);
+    memset(rows->keep, 1, s->n);
+    for (size_t b = 0; b < spin_splat_filter_blocks(rows); b++)
+        rows->block[b].n_kept = (uint32_t)(end_of(rows, b) - b * SPIN_ROWS_BLOCK);
     add_up(rows);
-    for (size_t b = 0; b < spin_splat_filter_blocks(rows); b++) {
-        for (int r = 0; r < SPIN_ROWS_REASONS; r++)
-            n_bad[r] += rows->block[b].n_bad[r];
-    }
-    if (rows->quiet)
-        return SPIN_OK;
-    for (int r = 0; r < SPIN_ROWS_REASONS; r++)
-        rows->n_left_out[r] += n_bad[r];
-    say(n_bad, s->n, number);
     return SPIN_OK;
 }
 
@@ -266,17 +160,6 @@ spin_status spin_splat_filter_parse_sh(const char *text, int kept, int *out)
     return SPIN_OK;
 }
 
-static spin_status parse_min_opacity(const char *text, float *out)
-{
-    char *end;
-    double value = strtod(text, &end);
-
-    if (end == text || *end || !(value >= 0 && value < 1))
-        return spin_misuse("--min-opacity '%s': expected a number from 0 to below 1", text);
-    *out = value > 0 ? (float)log(value / (1 - value)) : -INFINITY;
-    return SPIN_OK;
-}
-
 /* The shortest rotation of the axis to y; for -y half a turn about z, as in glTF. */
 static spin_status parse_up(const char *text, double q[4])
 {
@@ -343,9 +226,6 @@ spin_status spin_splat_filter_begin(struct spin_splat_filter *rows,
     rows->report = job->report;
     SPIN_TRY(spin_splat_filter_parse_sh(spin_plugin_value(v, "sh", "keep"), job->sh_degree,
                                         &rows->sh_degree));
-    SPIN_TRY(parse_min_opacity(spin_plugin_value(v, "min-opacity", "0"), &rows->min_logit));
-    rows->max_scale = 1;
-    SPIN_TRY(spin_option_number(v, "max-scale", 0, 1e30, &rows->max_scale));
     SPIN_TRY(parse_turn(rows, v, axes));
     return spin_pool_create(job->n_threads, &rows->pool);
 }
@@ -386,8 +266,6 @@ spin_status spin_splat_filter_report_4d(const struct spin_splat_filter *rows,
 
 void spin_splat_filter_end(struct spin_splat_filter *rows)
 {
-    for (int r = 0; r < SPIN_ROWS_REASONS && rows->report; r++)
-        rows->report->left_out += rows->n_left_out[r];
     if (rows->pool)
         spin_pool_free(rows->pool);
     free(rows->keep);

@@ -1,11 +1,11 @@
-/* The rows of a frame that an exporter writes: the filter chooses those that can be drawn, and
- * returns each as it is written, turned to the file's axes, with a unit rotation and a finite
- * logit. The options below are common to all formats. */
+/* The rows of a frame, or 4D splats, as an exporter writes them: turned to the file's axes, with a
+ * unit rotation and a finite logit. Exporters receive rows that can be drawn (run/row_filter.h),
+ * and may split them over several files or nodes with spin_splat_filter_keep(). The options below
+ * are common to all formats. */
 #pragma once
 
 #include "base/pool.h"
 #include "formats/gaussian.h"
-#include "math/drawable.h"
 #include "math/scene_rotation.h"
 
 /* Defines the exporter `id` with the plug-in name `label`, which reads all columns; the remaining
@@ -52,13 +52,9 @@
             "SH degree to write, 0 to 3, filled up with zeros; keep: that of the bundle", "keep"   \
     }
 #define SPIN_ROWS_OPTIONS                                                                          \
-    {"min-opacity", "V", "leave out splats whose opacity is below V, 0 to 1", "0"},                \
-        {"max-scale", "F",                                                                         \
-         "leave out splats larger than F times the diagonal of the frame; 0: no limit", "1"},      \
-        {"up", "AXIS",                                                                             \
-         "the source's axis that points up, x, y, z, -x, -y or -z: rotate the scene so that y "    \
-         "does",                                                                                   \
-         NULL},                                                                                    \
+    {"up", "AXIS",                                                                                 \
+     "the source's axis that points up, x, y, z, -x, -y or -z: rotate the scene so that y does",   \
+     NULL},                                                                                        \
     {                                                                                              \
         "rotate", "X,Y,Z", "rotate the scene about x, then y, then z, in degrees; after --up",     \
             NULL                                                                                   \
@@ -75,8 +71,6 @@ struct spin_splat_filter {
     double turn_q[4];                /* the same as a quaternion w x y z */
     bool up;                         /* --up was given: y of the file points up */
     int sh_degree;                   /* to write */
-    float min_logit;                 /* rows with a lower opacity are left out */
-    double max_scale;                /* in diagonals of the frame; 0: no limit */
 
     /* Of the current frame. */
     const struct spin_splats *splats;
@@ -84,9 +78,6 @@ struct spin_splat_filter {
     unsigned char *keep;                   /* [splats] 1: write the row */
     struct spin_splat_filter_block *block; /* [blocks] */
 
-    /* Of the clip. */
-    bool quiet; /* frames are read a second time: no warnings, no counts */
-    uint64_t n_left_out[SPIN_ROWS_REASONS];
     struct spin_export_report *report; /* of the job, or NULL */
 };
 
@@ -103,13 +94,11 @@ spin_status spin_splat_filter_report_4d(const struct spin_splat_filter *rows,
                                         const double *times, int n_frames);
 /* Warns if some frames are written without splats. */
 void spin_splat_filter_warn_empty(size_t n_empty, size_t n_frames);
-/* Adds the number of rows left out to the job's report, and frees. */
 void spin_splat_filter_end(struct spin_splat_filter *rows);
 
-/* Chooses the rows of a frame to write, counts them, and warns how many cannot be drawn. */
-spin_status spin_splat_filter_choose(struct spin_splat_filter *rows, const struct spin_splats *s,
-                                     int number);
-/* Replaces the choice for the current frame: keep[i] is 1 or 0 for each of its rows. */
+/* Makes s, which must stay valid, the current frame, and keeps all of its rows. */
+spin_status spin_splat_filter_choose(struct spin_splat_filter *rows, const struct spin_splats *s);
+/* Keeps a part of the current frame: keep[i] is 1 or 0 for each of its rows. */
 void spin_splat_filter_keep(struct spin_splat_filter *rows, const unsigned char *keep);
 /* The number of kept rows before a block of the frame. */
 size_t spin_splat_filter_before(const struct spin_splat_filter *rows, size_t block);

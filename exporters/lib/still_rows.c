@@ -93,24 +93,18 @@ static void narrow(struct spin_still_rows *s, const struct spin_splat_filter *ro
 spin_status spin_still_rows_find(struct spin_still_rows *s, struct spin_splat_filter *rows,
                                  const struct spin_export_job *job)
 {
-    bool quiet = rows->quiet;
-    spin_status status = SPIN_OK;
-
-    rows->quiet = true; /* rows are counted and reported when they are written */
     for (int f = 0; f < job->n_frames && (f == 0 || s->n > 0); f++) {
         const struct spin_splats *splats;
 
-        SPIN_TRY_OUT(job->again(job->context, f, &splats));
-        SPIN_TRY_OUT(spin_splat_filter_choose(rows, splats, f));
-        SPIN_TRY_OUT(list_rows(s, rows));
+        SPIN_TRY(job->again(job->context, f, &splats));
+        SPIN_TRY(spin_splat_filter_choose(rows, splats));
+        SPIN_TRY(list_rows(s, rows));
         if (f == 0)
-            SPIN_TRY_OUT(take_first(s, rows));
+            SPIN_TRY(take_first(s, rows));
         else
             narrow(s, rows);
     }
-out:
-    rows->quiet = quiet;
-    return status;
+    return SPIN_OK;
 }
 
 /* Sets s->mate and s->keep for the current frame. */

@@ -1,6 +1,7 @@
 /* spin-export: write the frames of a bundle in standard file formats. */
 #include "cmd/args.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "spin_run.h"
@@ -29,6 +30,21 @@ static bool parse_crop(const struct spin_args_row *row, const char *text)
 static bool parse_translate(const struct spin_args_row *row, const char *text)
 {
     return parse_numbers(row, text, 3);
+}
+
+static bool parse_min_opacity(const struct spin_args_row *row, const char *text)
+{
+    return parse_numbers(row, text, 1) && options.min_opacity < 1;
+}
+
+/* 0 means no limit. */
+static bool parse_max_scale(const struct spin_args_row *row, const char *text)
+{
+    if (!parse_numbers(row, text, 1))
+        return false;
+    if (options.max_scale == 0)
+        options.max_scale = INFINITY;
+    return true;
 }
 
 static bool parse_none(const struct spin_args_row *row, const char *text)
@@ -69,6 +85,13 @@ static const struct spin_args_row rows[] = {
              .min = 1, .max = 1e6),
     SPIN_ARG("backdrop", 0, "auto|off", ENUM, options.backdrop,
              "off: drop the backdrop that spin-retrain added behind the scene (auto)"),
+    SPIN_ARG("min-opacity", 0, "V", CUSTOM, options.min_opacity,
+             "drop splats whose opacity is below V, 0 to 1", .parse = parse_min_opacity, .max = 1),
+    SPIN_ARG(
+        "max-scale", 0, "F", CUSTOM, options.max_scale,
+        "drop splats larger than F times the diagonal of the frame's bounding box; 0: no limit "
+        "(1; no limit for images and video)",
+        .parse = parse_max_scale, .max = 1e30),
     SPIN_ARG("scale", 0, "S", DOUBLE, options.scale, "then scale the scene by S (1)", .min = 1e-6,
              .max = 1e6),
     SPIN_ARG("translate", 0, "X,Y,Z", CUSTOM, options.translate,

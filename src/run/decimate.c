@@ -2,7 +2,6 @@
 
 #include "base/base.h"
 #include "math/activate.h"
-#include "math/drawable.h"
 
 #define COLUMNS (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
 enum {
@@ -17,8 +16,6 @@ enum {
 /* What identifies a splat in several frames: nothing, its row, its 4D splat or its track. */
 enum { NOTHING, ROWS, FOUR_D, TRACKS };
 #define NONE UINT32_MAX
-/* Why a splat of a frame is dropped, in left_out. */
-enum { COUNTS, IS_LEFT_OUT, IS_TOO_LARGE, IS_FILTERED };
 
 /* ---- The goal -------------------------------------------------------------------------------- */
 
@@ -56,43 +53,6 @@ static struct spin_decimate_set *set_of(const struct spin_decimation *d, int f)
     return &d->set[d->n_sets > 1 ? f : 0];
 }
 
-/* Sets d->left_out: which rows do not count, because of the filters (reason, NULL: none) or because
- * the exporter will drop them. shown: rows to use for the size of the scene; NULL: all. */
-static spin_status filter(struct spin_decimation *d, const struct spin_splats *s,
-                          const unsigned char *reason, const unsigned char *shown)
-{
-    float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
-    size_t n_sh = 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1)), n_finite = 0;
-    float limit;
-
-    SPIN_TRY(spin_grow(s->n + 1, 1, (void **)&d->left_out));
-    for (size_t i = 0; i < s->n; i++)
-        if (!(reason && reason[i]) && (!shown || shown[i]))
-            n_finite += (size_t)spin_box_add(s->means + 3 * i, low, high);
-    limit = spin_log_scale_limit(low, high, n_finite, d->max_scale);
-    for (size_t i = 0; i < s->n; i++) {
-        enum spin_undrawable why =
-            spin_undrawable(s->means + 3 * i, s->quats + 4 * i, s->log_scales + 3 * i,
-                            s->logit_opacities + i, s->sh + i * n_sh, n_sh, limit);
-
-        d->left_out[i] = reason && reason[i]          ? IS_FILTERED
-                         : why == SPIN_ROWS_TOO_LARGE ? IS_TOO_LARGE
-                         : why != SPIN_ROWS_REASONS || s->logit_opacities[i] < d->min_logit
-                             ? IS_LEFT_OUT
-                             : COUNTS;
-    }
-    return SPIN_OK;
-}
-
-static spin_status filter_frame(struct spin_decimation *d, int f, const struct spin_splats *s,
-                                bool counts)
-{
-    if (!d->edit->filters)
-        return filter(d, s, NULL, NULL);
-    SPIN_TRY(spin_scene_edit_judge(d->edit, f, s, counts));
-    return filter(d, s, d->edit->reason, NULL);
-}
-
 static double time_of(const struct spin_decimation *d, int f)
 {
     return d->clip->bundle.meta.frame[d->clip->frame[f]].time;
@@ -128,11 +88,11 @@ static spin_status read_frame(struct spin_decimation *d, int f, bool kept, unsig
     SPIN_TRY(spin_player_splats(d->frames, d->clip->frame[f], COLUMNS, &d->splats));
     SPIN_TRY_OUT(rows_of(d, f, d->splats.n, row));
     if (!d->splats_4d)
-        SPIN_TRY_OUT(filter_frame(d, f, &d->splats, false));
+        SPIN_TRY_OUT(spin_row_filter_judge(d->filter, f, &d->splats));
     SPIN_TRY_OUT(spin_alloc(d->splats.n + 1, 1, (void **)mark));
     for (size_t i = 0; i < d->splats.n; i++) {
         size_t k = *row ? (*row)[i] : i;
-        bool counts = d->splats_4d ? set->weight[k] >= 0 : d->left_out[i] == COUNTS;
+        bool counts = d->splats_4d ? set->weight[k] >= 0 : !d->filter->reason[i];
 
         (*mark)[i] = counts && (!kept || set->keep[k]);
     }
@@ -259,21 +219,20 @@ static spin_status weigh_frame(struct spin_decimation *d, int f)
     return SPIN_OK;
 }
 
-/* 4D splats that exist during the clip and that the exporter will not drop count, even if they are
- * visible only between frames. */
+/* 4D splats that exist during the clip and that the filter keeps count, even if they are visible
+ * only between frames. */
+static bool exists_in_clip(const struct spin_decimation *d, size_t i)
+{
+    const double *span = d->splats_4d->spans + 2 * i;
+
+    return span[0] <= time_of(d, d->clip->n_frames - 1) && span[1] >= time_of(d, 0);
+}
+
 static spin_status begin_4d(struct spin_decimation *d)
 {
-    const struct spin_splats_4d *s = d->splats_4d;
-    const struct spin_splats view = spin_splats_of_4d(s);
-    double first = time_of(d, 0), last = time_of(d, d->clip->n_frames - 1);
-    unsigned char *keep = d->set[0].keep;
-
-    for (size_t i = 0; i < s->n; i++)
-        keep[i] = s->spans[2 * i] <= last && s->spans[2 * i + 1] >= first;
-    SPIN_TRY(spin_scene_edit_judge_4d(d->edit, s));
-    SPIN_TRY(filter(d, &view, d->edit->reason_4d, keep));
-    for (size_t i = 0; i < s->n; i++)
-        d->set[0].weight[i] = keep[i] && d->left_out[i] == COUNTS ? 0 : -1;
+    SPIN_TRY(spin_row_filter_judge_4d(d->filter, d->splats_4d));
+    for (size_t i = 0; i < d->splats_4d->n; i++)
+        d->set[0].weight[i] = exists_in_clip(d, i) && !d->filter->reason_4d[i] ? 0 : -1;
     return SPIN_OK;
 }
 
@@ -468,17 +427,6 @@ static spin_status find_pairs(struct spin_decimation *d)
     return spin_clip_pairs(d->clip, SPIN_SPLIT_ALL, &d->pairs, &d->n_pairs);
 }
 
-static spin_status read_limits(struct spin_decimation *d)
-{
-    double least = 0;
-
-    d->max_scale = 1;
-    SPIN_TRY(spin_option_number(d->values, "max-scale", 0, 1e30, &d->max_scale));
-    SPIN_TRY(spin_option_number(d->values, "min-opacity", 0, 1, &least));
-    d->min_logit = least > 0 ? (float)log(least / (1 - least)) : -INFINITY;
-    return SPIN_OK;
-}
-
 static spin_status make_sets(struct spin_decimation *d)
 {
     const struct spin_clip *c = d->clip;
@@ -503,7 +451,6 @@ spin_status spin_decimation_open(struct spin_decimation *d)
     struct spin_progress progress;
     spin_status status = SPIN_OK;
 
-    SPIN_TRY(read_limits(d));
     SPIN_TRY(find_pairs(d));
     SPIN_TRY(spin_player_open(&d->drawing, d->frames->device, NULL, SPIN_FROM_SOURCE));
     d->drawing.weighs = true;
@@ -531,106 +478,63 @@ void spin_decimation_close(struct spin_decimation *d)
     }
     free(d->set);
     free(d->pairs);
-    free(d->left_out);
     spin_splats_free(&d->splats);
     spin_splats_free(&d->part);
-    spin_splats_4d_free(&d->kept_4d);
     spin_player_close(&d->drawing);
 }
 
 /* ---- What is left ---------------------------------------------------------------------------- */
 
-/* The exporter's filter compares scales with the bounding box of the remaining splats, which is
- * smaller than ours: force rejected rows over any limit. */
-static void mark_too_large(const unsigned char *mark, const unsigned char *left_out, size_t n,
-                           float *log_scales)
-{
-    for (size_t i = 0; i < n; i++)
-        if (mark[i]) {
-            if (left_out[i] == IS_TOO_LARGE)
-                log_scales[0] = 2 * SPIN_LOG_SCALE_LIMIT;
-            log_scales += 3;
-        }
-}
-
-/* For rows that do not correspond to those of the clip: marks the largest, as many as the clip
+/* For rows that do not correspond to those of the clip: keeps the largest, as many as the clip
  * keeps in that frame. */
-static spin_status mark_largest(const struct spin_decimation *d, const struct spin_splats *all,
-                                size_t most, unsigned char *mark)
+static spin_status drop_smallest(const struct spin_splats *all, size_t most, unsigned char *reason)
 {
     SPIN_FREED struct entry *entry = NULL;
     size_t n = 0;
 
     SPIN_TRY(spin_alloc(all->n + 1, sizeof *entry, (void **)&entry));
     for (size_t i = 0; i < all->n; i++)
-        if (d->left_out[i] == COUNTS)
+        if (!reason[i])
             entry[n++] =
                 (struct entry){.weight = size_of(all, i), .item = NONE, .row = (uint32_t)i};
     qsort(entry, n, sizeof *entry, by_weight);
-    for (size_t i = 0; i < n && i < most; i++)
-        mark[entry[i].row] = 1;
+    for (size_t i = most; i < n; i++)
+        reason[entry[i].row] = SPIN_ROW_DECIMATE;
     return SPIN_OK;
-}
-
-static spin_status take_frame(struct spin_decimation *d, int f, const struct spin_splats *all,
-                              bool same, bool counts, struct spin_splats *out)
-{
-    const struct spin_decimate_set *set = set_of(d, f);
-    SPIN_FREED unsigned char *mark = NULL;
-
-    SPIN_TRY(filter_frame(d, f, all, counts));
-    SPIN_TRY(spin_alloc(all->n + 1, 1, (void **)&mark));
-    if (same && all->n == set->n)
-        memcpy(mark, set->keep, all->n);
-    else
-        SPIN_TRY(mark_largest(d, all, set->n_kept, mark));
-    for (size_t i = 0; i < all->n; i++)
-        mark[i] = d->left_out[i] == COUNTS ? mark[i] : d->filters && d->left_out[i] != IS_FILTERED;
-    SPIN_TRY(spin_splats_take(all, mark, out));
-    mark_too_large(mark, d->left_out, all->n, out->log_scales);
-    return SPIN_OK;
-}
-
-spin_status spin_decimation_frame(struct spin_decimation *d, int f, const struct spin_splats *all,
-                                  bool counts, struct spin_splats *out)
-{
-    return take_frame(d, f, all, true, counts, out);
 }
 
 /* Rows of refined frames differ from the source's, and a training with densification adds and sorts
  * rows, so an equal number of rows does not prove that they correspond. */
-spin_status spin_decimation_source(struct spin_decimation *d, int f, const struct spin_splats *all,
-                                   struct spin_splats *out)
+static bool preserves_rows(const struct spin_decimation *d)
 {
     const struct spin_bundle *b = &d->clip->bundle;
-    bool same = d->frames->from == SPIN_FROM_TRAINED && !b->trained_n && b->refined.columns == 0;
 
-    return take_frame(d, f, all, same, false, out);
+    return d->frames->from == SPIN_FROM_TRAINED && !b->trained_n && b->refined.columns == 0;
 }
 
-spin_status spin_decimation_4d(struct spin_decimation *d, const struct spin_splats_4d **out)
+spin_status spin_decimation_drop(struct spin_decimation *d, int f, const struct spin_splats *all,
+                                 bool source, unsigned char *reason)
 {
-    const struct spin_splats_4d *s = d->splats_4d;
-    double first = time_of(d, 0), last = time_of(d, d->clip->n_frames - 1);
-    SPIN_FREED unsigned char *mark = NULL;
+    const struct spin_decimate_set *set = set_of(d, f);
 
-    spin_splats_4d_free(&d->kept_4d);
-    SPIN_TRY(spin_alloc(s->n + 1, 1, (void **)&mark));
-    for (size_t i = 0; i < s->n; i++)
-        mark[i] = d->set[0].keep[i] ||
-                  (d->filters && d->left_out[i] != COUNTS && d->left_out[i] != IS_FILTERED &&
-                   s->spans[2 * i] <= last && s->spans[2 * i + 1] >= first);
-    SPIN_TRY(spin_splats_4d_take(s, mark, &d->kept_4d));
-    mark_too_large(mark, d->left_out, s->n, d->kept_4d.log_scales);
-    *out = &d->kept_4d;
+    if (all->n != set->n || (source && !preserves_rows(d)))
+        return drop_smallest(all, set->n_kept, reason);
+    for (size_t i = 0; i < all->n; i++)
+        if (!reason[i] && !set->keep[i])
+            reason[i] = SPIN_ROW_DECIMATE;
     return SPIN_OK;
+}
+
+void spin_decimation_drop_4d(const struct spin_decimation *d, unsigned char *reason)
+{
+    for (size_t i = 0; i < d->splats_4d->n; i++)
+        if ((!reason[i] && !d->set[0].keep[i]) || !exists_in_clip(d, i))
+            reason[i] = SPIN_ROW_DECIMATE;
 }
 
 size_t spin_decimation_count(const struct spin_decimation *d, int f)
 {
-    const struct spin_decimate_set *set = set_of(d, f);
-
-    return set->n_kept + (d->filters ? set->n - set->n_counted : 0);
+    return set_of(d, f)->n_kept;
 }
 
 /* ---- The loss -------------------------------------------------------------------------------- */
@@ -720,7 +624,7 @@ spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decim
 
     *out = (struct spin_decimated){.by_views = d->n_pairs > 0};
     /* With filters, rows shared by all frames may be dropped in some frames only. */
-    out->in_all = d->splats_4d || (d->n_sets == 1 && d->edit->filters);
+    out->in_all = d->splats_4d || (d->n_sets == 1 && d->filter->varies);
     for (int s = 0; s < d->n_sets; s++) {
         out->before += (double)d->set[s].n_counted;
         out->after += (double)d->set[s].n_kept;

@@ -7,13 +7,11 @@
  * dropped as one, by their mean weight over those frames. If 4D splats are exported as such, the
  * best N rows are kept, by the sum of their weights over the clip.
  *
- * Splats that --crop, --min-views or --floaters drop do not count and are dropped. Splats that the
- * exporter drops by itself (--min-opacity, --max-scale, undrawable values) do not count either, and
- * are passed on to it. */
+ * Splats that the row filter drops for another reason do not count. */
 #pragma once
 
 #include "render/player.h"
-#include "run/scene_edit.h"
+#include "run/row_filter.h"
 
 enum spin_decimate_unit {
     SPIN_DECIMATE_SPLATS,
@@ -41,24 +39,17 @@ struct spin_decimation {
     const struct spin_clip *clip;
     struct spin_player *frames;             /* reads the splats of the clip */
     const struct spin_splats_4d *splats_4d; /* 4D splats to export as such, or NULL */
-    const struct spin_plugin_values *values;
-    struct spin_scene_edit *edit; /* filters of the scene, judged before decimation */
+    struct spin_row_filter *filter;         /* judges the rows before decimation */
     const float *background;
-    bool filters; /* the exporter drops undrawable splats itself and reports them; others must not
-                     receive any */
 
     /* Private. */
     struct spin_player drawing;
-    float min_logit;
-    double max_scale;
     int sharing;
     struct spin_decimate_set *set; /* [n_sets] */
     int n_sets;
     struct spin_pair *pairs; /* training views, sorted by frame */
     size_t n_pairs;
     struct spin_splats splats, part;
-    unsigned char *left_out; /* [rows of a frame] why each is dropped, see decimate.c */
-    struct spin_splats_4d kept_4d;
 };
 
 /* Computes all weights; the inputs above must be set. Close d also after a failure. */
@@ -80,14 +71,13 @@ spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes
                                          void *context, int *n_tries, uint64_t *reached);
 spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decimated *out);
 
-/* The kept splats of frame f of the clip. counts: add those that filters drop to the statistics. */
-spin_status spin_decimation_frame(struct spin_decimation *d, int f, const struct spin_splats *all,
-                                  bool counts, struct spin_splats *out);
-/* The imported splats of frame f of a retrained clip: the kept rows if the training preserved the
- * source's rows, otherwise as many of the largest. */
-spin_status spin_decimation_source(struct spin_decimation *d, int f, const struct spin_splats *all,
-                                   struct spin_splats *out);
-/* The kept 4D splats; valid until the next choice. */
-spin_status spin_decimation_4d(struct spin_decimation *d, const struct spin_splats_4d **out);
-/* Number of kept splats of frame f, before the exporter drops any; valid without filters only. */
+/* Sets the reason of the rows of frame f that are not kept to SPIN_ROW_DECIMATE, if it is
+ * SPIN_ROW_KEPT before. source: *all are the imported splats of a retrained clip: their kept rows
+ * are those of the retrained frame if the training preserved the source's rows, otherwise as many
+ * of the largest. */
+spin_status spin_decimation_drop(struct spin_decimation *d, int f, const struct spin_splats *all,
+                                 bool source, unsigned char *reason);
+/* The same for 4D splats; rows that exist outside the clip only are dropped too. */
+void spin_decimation_drop_4d(const struct spin_decimation *d, unsigned char *reason);
+/* Number of kept splats of frame f; without filters that vary between frames. */
 size_t spin_decimation_count(const struct spin_decimation *d, int f);

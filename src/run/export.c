@@ -1,9 +1,11 @@
-/* The calls of spin.h that combine the modules: opening a clip, reading, exporting, rendering. */
+/* spin_export(): from the player, through the row filter, to the exporter. */
 #include "base/base.h"
 #include "spin_run.h"
 #include "run/decimate.h"
 #include "run/run.h"
-#include "run/scene_edit.h"
+#include "run/renderer.h"
+#include "run/row_filter.h"
+#include "run/scene_move.h"
 #include "io/file.h"
 #include "io/output.h"
 #include "io/ranks.h"
@@ -13,103 +15,6 @@
 #include "scene/data_path.h"
 #include "scene/lens.h"
 #include "scene/probe.h"
-
-void spin_set_verbosity(int level) { spin_log_set_level(level); }
-
-/* ---- A clip, open for reading ---------------------------------------------------------------- */
-
-struct spin_scene {
-    struct spin_bundle bundle;
-    struct spin_device device;
-    struct spin_player player; /* of the trained splats; opened when first needed */
-    bool is_trained, device_open, player_open;
-};
-
-spin_status spin_scene_open(const char *path, struct spin_scene **out)
-{
-    struct spin_scene *scene;
-    spin_status status;
-
-    SPIN_TRY(spin_alloc(1, sizeof *scene, (void **)&scene));
-    status = spin_bundle_open(path, &scene->bundle);
-    if (status != SPIN_OK) {
-        free(scene);
-        return status;
-    }
-    scene->is_trained = spin_bundle_is_trained(&scene->bundle);
-    *out = scene;
-    return SPIN_OK;
-}
-
-void spin_scene_close(struct spin_scene *scene)
-{
-    if (!scene)
-        return;
-    if (scene->player_open)
-        spin_player_close(&scene->player);
-    if (scene->device_open)
-        spin_device_close(&scene->device);
-    spin_bundle_close(&scene->bundle);
-    free(scene);
-}
-
-int spin_scene_n_frames(const struct spin_scene *scene) { return scene->bundle.meta.n_frames; }
-
-const struct spin_frame_info *spin_scene_frame(const struct spin_scene *scene, int frame)
-{
-    return &scene->bundle.meta.frame[frame];
-}
-
-bool spin_scene_is_trained(const struct spin_scene *scene) { return scene->is_trained; }
-
-unsigned spin_scene_columns(const struct spin_scene *scene) { return scene->bundle.meta.columns; }
-
-spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_splat_source from,
-                            unsigned columns, struct spin_splats *out)
-{
-    const struct spin_bundle *bundle = &scene->bundle;
-
-    if (from == SPIN_FROM_BEST)
-        from = scene->is_trained                                ? SPIN_FROM_TRAINED
-               : SPIN_COL_ATTRIBUTES & ~bundle->refined.columns ? SPIN_FROM_SOURCE
-                                                                : SPIN_FROM_REFINED;
-    if (from == SPIN_FROM_SOURCE)
-        return spin_bundle_frame(&scene->bundle, frame, columns, out);
-    if (from == SPIN_FROM_REFINED)
-        return spin_bundle_refined_frame(&scene->bundle, frame, columns, out);
-    if (!scene->is_trained)
-        return spin_not_found("'%s' was not trained: run spin-retrain", scene->bundle.path);
-    if (!scene->device_open) {
-        SPIN_TRY(spin_device_open("auto", 0, &scene->device));
-        scene->device_open = true;
-    }
-    if (!scene->player_open) {
-        SPIN_TRY(
-            spin_player_open(&scene->player, &scene->device, &scene->bundle, SPIN_FROM_TRAINED));
-        scene->player_open = true;
-    }
-    return spin_player_splats(&scene->player, frame, columns, out);
-}
-
-/* ---- Drawing --------------------------------------------------------------------------------- */
-
-struct spin_renderer {
-    struct spin_player player;
-};
-
-spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splats,
-                        const struct spin_camera *camera, const float background[3], float *image)
-{
-    SPIN_TRY(spin_player_show_splats(&r->player, splats));
-    return spin_player_draw(&r->player, camera, background, image);
-}
-
-spin_status spin_render_layers(struct spin_renderer *r, float *alpha, float *depth)
-{
-    return spin_player_layers(&r->player, alpha, depth);
-}
-
-/* ---- Export ---------------------------------------------------------------------------------- */
 
 struct export
 {
@@ -121,21 +26,19 @@ struct export
     struct spin_player player;
     struct spin_renderer *renderer;
     struct spin_splats splats, received; /* of this rank; received from another */
-    struct spin_decimation decimation;   /* used with --decimate */
-    struct spin_splats thinned;          /* current frame after decimation */
-    bool decimates;
+    struct spin_row_filter filter;
+    struct spin_scene_move move;
+    struct spin_decimation decimation; /* used with --decimate */
     const char *output; /* current output: the final path, or a temporary one of --decimate */
     bool checks;        /* whether the current output is read back */
-    const char **pairs; /* options of the exporter with --decimate, else NULL */
     enum spin_splat_source from;
     size_t *counts; /* [n_frames] */
     int *source_index, *numbers;
     char *data;                             /* path of the data set recorded in the bundle */
     double *times;                          /* [n_frames] */
     const struct spin_splats_4d *splats_4d; /* 4D splats to write instead of frames, or NULL */
-    struct spin_scene_edit edit;
-    struct spin_splats edited; /* current frame after filters and transforms */
-    double n_written;          /* splats written so far, in all frames */
+    const struct spin_splats_4d *final_4d;  /* those of them that are written, moved */
+    double n_written;                       /* splats written so far, in all frames */
     void *self;
 };
 
@@ -181,24 +84,11 @@ static double clip_fps(const struct spin_clip *clip)
     return fps > 0 ? fps : (clip->n_frames - 1) / span;
 }
 
-/* Replaces *splats, frame f, by the splats that --decimate keeps. */
-static spin_status thin(struct export *x, int f, bool counts, struct spin_splats **splats)
+static void report_rows(struct export *x)
 {
-    if (!x->decimates)
-        return SPIN_OK;
-    SPIN_TRY(spin_decimation_frame(&x->decimation, f, *splats, counts, &x->thinned));
-    *splats = &x->thinned;
-    return SPIN_OK;
-}
-
-/* Replaces *splats, frame f, by the filtered and transformed splats. */
-static spin_status edit(struct export *x, int f, bool counts, struct spin_splats **splats)
-{
-    if (spin_scene_edit_is_none(&x->edit))
-        return SPIN_OK;
-    SPIN_TRY(spin_scene_edit_frame(&x->edit, f, *splats, counts, &x->edited));
-    *splats = &x->edited;
-    return SPIN_OK;
+    memcpy(x->report->dropped, x->filter.n_by, sizeof x->report->dropped);
+    x->report->left_out = spin_row_filter_n_undrawable(&x->filter);
+    x->report->filtered = spin_row_filter_n_filtered(&x->filter);
 }
 
 /* Each rank computes one frame of the round, and rank 0 writes them in order. */
@@ -212,20 +102,22 @@ static spin_status write_round(struct export *x, int first, int n)
     if (own < n)
         SPIN_TRY(spin_player_splats(&x->player, x->clip.frame[first + own], columns, &x->splats));
     for (int r = 0; r < n; r++) {
-        struct spin_splats *splats = r == own ? &x->splats : &x->received;
+        struct spin_splats *shared = r == own ? &x->splats : &x->received;
+        const struct spin_splats *splats = shared;
         struct spin_frame_info info = x->clip.bundle.meta.frame[x->clip.frame[first + r]];
 
-        SPIN_TRY(spin_share_splats(splats, columns, r));
-        SPIN_TRY(thin(x, first + r, true, &splats));
-        if (own == 0)
-            SPIN_TRY(edit(x, first + r, true, &splats));
+        SPIN_TRY(spin_share_splats(shared, columns, r));
+        if (own != 0)
+            continue;
+        SPIN_TRY(spin_row_filter_frame(&x->filter, first + r, &splats));
+        report_rows(x);
+        SPIN_TRY(spin_scene_move_frame(&x->move, &splats));
         x->n_written += (double)splats->n;
         x->report->splats_mean =
             x->n_written /
             (first + r + 1); /* a preliminary mean, which the exporter may overwrite */
         info.n = splats->n;
-        if (own == 0)
-            SPIN_TRY(x->exporter->frame(x->self, first + r, &info, splats));
+        SPIN_TRY(x->exporter->frame(x->self, first + r, &info, splats));
     }
     spin_bundle_rest(&x->splats);
     return SPIN_OK;
@@ -237,7 +129,6 @@ static spin_status write_frames(struct export *x)
     spin_status status = SPIN_OK;
 
     x->n_written = 0;
-    spin_scene_edit_again(&x->edit);
     spin_progress_begin(&progress, "exporting", "frames", 0, x->clip.n_frames);
     for (int f = 0; f < x->clip.n_frames && status == SPIN_OK; f += spin_n_ranks()) {
         int left = x->clip.n_frames - f, n = left < spin_n_ranks() ? left : spin_n_ranks();
@@ -247,39 +138,34 @@ static spin_status write_frames(struct export *x)
     }
     spin_progress_end(&progress);
     if (status == SPIN_OK)
-        spin_scene_edit_say(&x->edit);
+        spin_row_filter_log(&x->filter);
     return status;
 }
 
 static spin_status source_frame(void *source_of, int frame, struct spin_splats *out)
 {
     struct export *x = source_of;
-    const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    struct spin_splats *splats = &x->received, *thinned = &x->thinned;
-    bool edits = !spin_scene_edit_is_none(&x->edit), plain = !x->decimates && !edits;
 
-    SPIN_TRY(
-        spin_bundle_frame(&x->clip.bundle, x->clip.frame[frame], columns, plain ? out : splats));
-    if (x->decimates)
-        SPIN_TRY(spin_decimation_source(&x->decimation, frame, splats, edits ? thinned : out));
-    return edits
-               ? spin_scene_edit_frame(&x->edit, frame, x->decimates ? thinned : splats, false, out)
-               : SPIN_OK;
+    SPIN_TRY(spin_bundle_frame(&x->clip.bundle, x->clip.frame[frame],
+                               SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &x->received));
+    SPIN_TRY(spin_row_filter_source(&x->filter, frame, &x->received, out));
+    spin_scene_move_rows(&x->move, out);
+    return SPIN_OK;
 }
 
 static spin_status read_again(void *context, int frame, const struct spin_splats **out)
 {
+    const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     struct export *x = context;
-    struct spin_splats *splats = &x->splats;
 
     if (spin_cancelled())
         return spin_fail_cancelled();
-    SPIN_TRY(spin_player_splats(&x->player, x->clip.frame[frame],
-                                SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, splats));
-    SPIN_TRY(thin(x, frame, false, &splats));
-    SPIN_TRY(edit(x, frame, false, &splats));
-    *out = splats;
-    return SPIN_OK;
+    *out = &x->splats;
+    if (x->final_4d)
+        return spin_splats_4d_slice(x->final_4d, x->times[frame], columns, &x->splats);
+    SPIN_TRY(spin_player_splats(&x->player, x->clip.frame[frame], columns, &x->splats));
+    SPIN_TRY(spin_row_filter_reread(&x->filter, frame, out));
+    return spin_scene_move_frame(&x->move, out);
 }
 
 /* Finds the 4D splats of the clip for exporters that accept them. */
@@ -304,25 +190,27 @@ static spin_status find_4d(struct export *x)
         x->o->to);
 }
 
-/* Decimates, filters and transforms the 4D splats, and counts how many each frame shows. */
-static spin_status change_4d(struct export *x, const struct spin_splats_4d **splats_4d)
+/* Filters and moves the 4D splats, and counts how many each frame shows. */
+static spin_status make_final_4d(struct export *x)
 {
-    *splats_4d = x->splats_4d;
-    if (!x->splats_4d || (!x->decimates && spin_scene_edit_is_none(&x->edit)))
+    x->final_4d = x->splats_4d;
+    if (!x->splats_4d)
         return SPIN_OK;
-    if (x->decimates)
-        SPIN_TRY(spin_decimation_4d(&x->decimation, splats_4d));
-    if (!spin_scene_edit_is_none(&x->edit))
-        SPIN_TRY(spin_scene_edit_4d(&x->edit, *splats_4d, splats_4d));
-    spin_scene_edit_say(&x->edit);
-    return spin_splats_4d_counts(*splats_4d, x->times, (size_t)x->clip.n_frames, x->counts);
+    SPIN_TRY(spin_row_filter_4d(&x->filter, &x->final_4d));
+    SPIN_TRY(spin_scene_move_4d(&x->move, &x->final_4d));
+    report_rows(x);
+    spin_row_filter_log(&x->filter);
+    if (x->final_4d == x->splats_4d)
+        return SPIN_OK;
+    return spin_splats_4d_counts(x->final_4d, x->times, (size_t)x->clip.n_frames, x->counts);
 }
 
 static spin_status begin_export(struct export *x)
 {
     static const float black[3] = {0};
     const struct spin_export_options *o = x->o;
-    struct spin_plugin_values values = {.pairs = x->pairs ? x->pairs : o->plugin_pairs};
+    bool decimates = x->filter.decimation;
+    struct spin_plugin_values values = {.pairs = o->plugin_pairs};
     struct spin_export_job job = {
         .output = x->output,
         .force = o->force,
@@ -335,7 +223,7 @@ static spin_status begin_export(struct export *x)
         .pair = x->o->pair ? x->o->pair : x->clip.bundle.meta.pair,
         .data_from = x->clip.bundle.meta.data_from,
         .identity = x->from == SPIN_FROM_SOURCE && x->clip.bundle.meta.identity &&
-                    !x->edit.filters && !(x->decimates && x->decimation.n_sets > 1),
+                    !x->filter.varies && !(decimates && x->decimation.n_sets > 1),
         .source = x->clip.bundle.meta.from,
         .sh_degree = x->clip.bundle.meta.sh_degree,
         .antialias = x->clip.bundle.meta.antialias,
@@ -354,7 +242,6 @@ static spin_status begin_export(struct export *x)
         .again = read_again,
         .context = x,
     };
-    const struct spin_splats_4d *splats_4d = x->splats_4d;
     double sum = 0;
     spin_status status;
 
@@ -368,24 +255,25 @@ static spin_status begin_export(struct export *x)
     if (x->from != SPIN_FROM_SOURCE && !(SPIN_COL_ATTRIBUTES & ~x->clip.bundle.meta.columns))
         job.source_frame = source_frame;
     for (int f = 0; f < x->clip.n_frames; f++) {
-        x->counts[f] = x->decimates ? spin_decimation_count(&x->decimation, f)
-                                    : spin_bundle_count(&x->clip.bundle, x->clip.frame[f], x->from);
+        x->counts[f] = decimates ? spin_decimation_count(&x->decimation, f)
+                                 : spin_bundle_count(&x->clip.bundle, x->clip.frame[f], x->from);
         x->source_index[f] = x->clip.bundle.meta.source_index[x->clip.frame[f]];
         x->numbers[f] = x->clip.bundle.meta.frame[x->clip.frame[f]].number;
         x->times[f] = x->clip.bundle.meta.frame[x->clip.frame[f]].time;
     }
-    SPIN_TRY(change_4d(x, &splats_4d));
+    spin_row_filter_restart(&x->filter);
+    SPIN_TRY(make_final_4d(x));
     for (int f = 0; f < x->clip.n_frames; f++)
         sum += (double)x->counts[f];
-    job.data = x->data && spin_path_exists(x->data) && !x->edit.moves ? x->data : NULL;
+    job.data = x->data && spin_path_exists(x->data) && !x->move.moves ? x->data : NULL;
     job.source_index = x->source_index;
     job.numbers = x->numbers;
     job.times = x->times;
-    job.splats_4d = splats_4d;
+    job.splats_4d = x->final_4d;
     x->report->frames = x->clip.n_frames;
     x->report->splats_mean = sum / x->clip.n_frames;
-    SPIN_TRY(spin_scene_edit_views(&x->edit, &job.views));
-    job.counts = x->edit.filters && !x->splats_4d ? NULL : x->counts;
+    SPIN_TRY(spin_scene_move_views(&x->move, &x->clip, &job.views));
+    job.counts = x->filter.varies && !x->splats_4d ? NULL : x->counts;
     if (job.antialias && !x->exporter->antialias)
         spin_warn("these splats were trained with antialiasing, which '%s' files cannot record: "
                   "enable it in the viewer",
@@ -403,32 +291,6 @@ static spin_status begin_export(struct export *x)
 }
 
 /* ---- Decimation ------------------------------------------------------------------------------ */
-
-/* The exporter's options with --max-scale 0: rows that are too large are already marked, and the
- * exporter would compare with the bounding box of the kept splats. */
-static spin_status make_pairs(struct export *x)
-{
-    const char *const *pairs = x->o->plugin_pairs;
-    size_t n = 0;
-
-    while (pairs && pairs[n])
-        n++;
-    SPIN_TRY(spin_alloc(n + 3, sizeof *x->pairs, (void **)&x->pairs));
-    for (size_t i = 0; i < n; i++)
-        x->pairs[i] = pairs[i];
-    x->pairs[n] = "max-scale"; /* later values override earlier ones */
-    x->pairs[n + 1] = "0";
-    return SPIN_OK;
-}
-
-/* Whether an exporter drops undrawable splats: those with --min-opacity do. */
-static bool filters(const struct spin_exporter *exporter)
-{
-    for (const struct spin_plugin_option *o = exporter->options; o && o->key; o++)
-        if (strcmp(o->key, "min-opacity") == 0)
-            return true;
-    return false;
-}
 
 /* Reports existing output before the work. */
 static spin_status check_output(const struct spin_export_options *o)
@@ -466,12 +328,9 @@ static spin_status decimate(struct export *x, const struct spin_decimate_goal *g
     d->frames = &x->player;
     d->splats_4d = x->splats_4d;
     d->background = x->o->background;
-    d->filters = filters(x->exporter);
-    d->edit = &x->edit;
-    d->values = &(struct spin_plugin_values){.pairs = x->o->plugin_pairs};
+    d->filter = &x->filter;
     SPIN_TRY(spin_decimation_open(d));
-    SPIN_TRY(make_pairs(x));
-    x->decimates = x->edit.chosen = true;
+    x->filter.decimation = d;
     if (goal->unit == SPIN_DECIMATE_BYTES)
         SPIN_TRY(spin_decimation_choose_bytes(d, goal->amount, x->o->output, write_try, x, &n_tries,
                                               &reached));
@@ -522,7 +381,7 @@ static void warn_of_background(const struct export *x)
         spin_training_warn_background(&x->clip.bundle, x->from, rgb, "draws");
     else if (!o->transparent && !o->check && !o->decimate &&
              (rgb[0] != 0 || rgb[1] != 0 || rgb[2] != 0))
-        spin_warn("no effect without rendered images: --background");
+        spin_warn("--background has no effect: this export renders no images");
 }
 
 static spin_status run_export(struct export *x)
@@ -548,8 +407,9 @@ static spin_status run_export(struct export *x)
             "--background none: the output of '%s' has no alpha channel; use --to images", o->to);
     c.wants_views = x->exporter->looks_at_views || o->check || o->decimate || o->min_views > 0;
     SPIN_TRY(spin_clip_open(&c, &x->clip));
-    SPIN_TRY(spin_scene_edit_begin(&x->edit, o, &x->clip));
-    x->clip.bundle.told_not_finite = true; /* exporters report non-finite rows themselves */
+    SPIN_TRY(spin_row_filter_open(&x->filter, o, &x->clip, x->exporter->needs_renderer));
+    spin_scene_move_open(&x->move, o);
+    x->clip.bundle.told_not_finite = true; /* the row filter reports non-finite rows */
     SPIN_TRY(spin_player_choose(&x->clip.bundle, o->source, &x->from));
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &x->device));
     SPIN_TRY(spin_player_open(&x->player, &x->device, &x->clip.bundle, x->from));
@@ -591,12 +451,9 @@ spin_status spin_export_clip(const struct spin_export_options *o, struct spin_ex
     spin_player_close(&x.player);
     spin_device_close(&x.device);
     spin_splats_free(&x.splats);
-    spin_splats_free(&x.thinned);
-    free(x.pairs);
     spin_splats_free(&x.received);
-    spin_splats_free(&x.edited);
-    report->filtered = x.edit.n_seen - x.edit.n_kept;
-    spin_scene_edit_end(&x.edit);
+    spin_row_filter_close(&x.filter);
+    spin_scene_move_close(&x.move);
     spin_clip_close(&x.clip);
     free(x.counts);
     free(x.data);
@@ -645,6 +502,28 @@ static spin_json *decimated_json(const struct spin_decimated *d)
     return j;
 }
 
+/* The number of dropped splats by reason, those above 0. */
+static spin_json *dropped_json(const struct spin_export_report *r)
+{
+    static const char *const keys[SPIN_ROW_REASONS] = {
+        [SPIN_ROW_CROP] = "crop",
+        [SPIN_ROW_MIN_VIEWS] = "min_views",
+        [SPIN_ROW_FLOATERS] = "floaters",
+        [SPIN_ROW_BACKDROP] = "backdrop",
+        [SPIN_ROW_NOT_FINITE] = "not_finite",
+        [SPIN_ROW_NO_ROTATION] = "no_rotation",
+        [SPIN_ROW_TOO_LARGE] = "too_large",
+        [SPIN_ROW_MIN_OPACITY] = "min_opacity",
+        [SPIN_ROW_DECIMATE] = "decimate",
+    };
+    spin_json *j = spin_json_object();
+
+    for (int k = SPIN_ROW_KEPT + 1; k < SPIN_ROW_REASONS; k++)
+        if (r->dropped[k] > 0)
+            spin_json_set_integer(j, keys[k], (int64_t)r->dropped[k]);
+    return j;
+}
+
 spin_status spin_export(const struct spin_export_options *o, char **report)
 {
     const struct spin_exporter *exporter = spin_exporter_named(o->to);
@@ -656,12 +535,13 @@ spin_status spin_export(const struct spin_export_options *o, char **report)
     o = &as_spelled;
     SPIN_TRY(spin_export_clip(o, &r));
     return spin_json_finish(
-        json_pack("{s:o, s:o, s:i, s:o, s:f, s:o, s:I, s:I, s:o, s:o}", "to",
+        json_pack("{s:o, s:o, s:i, s:o, s:f, s:o, s:I, s:I, s:o, s:o, s:o}", "to",
                   spin_json_text_value(o->to), "output", spin_json_text_value(o->output), "frames",
                   r.frames, "images", r.images ? json_integer((json_int_t)r.images) : json_null(),
                   "splats_mean", r.splats_mean, "bytes",
                   r.bytes ? json_integer((json_int_t)r.bytes) : json_null(), "left_out",
-                  (json_int_t)r.left_out, "filtered", (json_int_t)r.filtered, "check",
-                  check_json(&r.check), "decimated", decimated_json(&r.decimated)),
+                  (json_int_t)r.left_out, "filtered", (json_int_t)r.filtered, "dropped",
+                  dropped_json(&r), "check", check_json(&r.check), "decimated",
+                  decimated_json(&r.decimated)),
         report);
 }

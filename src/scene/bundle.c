@@ -449,6 +449,23 @@ void spin_bundle_rest(const struct spin_splats *view)
     }
 }
 
+void spin_bundle_rest_rows(const struct spin_splats *view, size_t first, size_t n, unsigned columns)
+{
+    struct spin_splats s = *view;
+    size_t row = 11 + spin_column_width(SPIN_COL_SH, s.sh_degree);
+
+    /* madvise() briefly stalls all threads: do not use it for small frames. */
+    if (!s.mapped || row * sizeof(float) * s.n < (size_t)64 << 20)
+        return;
+    for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
+        const float *values = *spin_column_of(&s, column);
+        size_t width = spin_column_width(column, s.sh_degree);
+
+        if (values && (columns & column))
+            spin_map_rest(values + width * first, width * n * sizeof *values);
+    }
+}
+
 size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_splat_source from)
 {
     if (from == SPIN_FROM_TRAINED && bundle->trained_n)

@@ -123,6 +123,9 @@ spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_sp
 /* Releases the memory pages of a mapped view that will not be needed soon. Does nothing for a
  * copy. */
 void spin_bundle_rest(const struct spin_splats *view);
+/* The same for n rows from `first` and some columns; does nothing for small frames. */
+void spin_bundle_rest_rows(const struct spin_splats *view, size_t first, size_t n,
+                           unsigned columns);
 /* The number of splats of a frame. SPIN_FROM_REFINED counts the refined splats, or the source's if
  * there are none; SPIN_FROM_TRAINED the same, unless densification changed their number. */
 size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_splat_source from);

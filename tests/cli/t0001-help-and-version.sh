@@ -51,7 +51,7 @@ for name in ply gltf html video; do
 done
 run "$bin/spin-export" --to ply --help
 out_has "Options of the exporter 'ply'" "spin-export --to ply --help lists its own options"
-out_has "--min-opacity" "spin-export --to ply --help has --min-opacity"
+out_has "--rotate" "spin-export --to ply --help has --rotate"
 run "$bin/spin-import" --from d3dgs --help
 out_has "Options of the importer 'd3dgs'" "spin-import --from d3dgs --help lists its own options"
 for plugin in $("$bin/spin-export" --list | awk '/^[a-z0-9]/ { print $1 }'); do

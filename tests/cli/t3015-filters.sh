@@ -49,6 +49,7 @@ export_grid() { # OUT OPTION...
 
 export_grid box --crop -0.05,-0.05,-0.05,0.15,0.35,0.25 --json
 is "$code $(member filtered) $(member left_out) $(member splats_mean)" "0 42 0 24" "a box: how many are out of it"
+out_has '"crop": 42' "and for which reason"
 holds "a box keeps what is in it" 'p = ply(sys.argv[1])
 assert len(p["x"]) == 24 and p["x"].max() < .15 and p["y"].max() > .25 and p["z"].max() < .25' "$work/box/frame_00000.ply"
 export_grid ball --crop 4,0,0,0.5 --check

@@ -1,5 +1,4 @@
-/* What the exporters' tests share: a frame of plausible splats, bad rows, one run of an exporter.
- */
+/* What the exporters' tests share: a frame of plausible splats, one run of an exporter. */
 #ifndef SPIN_TESTS_EXPORTERS_FRAME_H
 #define SPIN_TESTS_EXPORTERS_FRAME_H
 
@@ -91,18 +90,6 @@ __attribute__((unused)) static double degrees_between(const double a[4], const d
         minus += (a[k] - b[k]) * (a[k] - b[k]);
     }
     return 4 * asin(fmin(sqrt(fmin(plus, minus)) / 2, 1)) * 57.29577951308232;
-}
-
-/* Six rows that cannot be drawn and one with a saturated opacity, of at least eight. */
-__attribute__((unused)) static void spoil_frame(struct spin_splats *s)
-{
-    s->means[3 * 1] = NAN;
-    s->log_scales[3 * 2 + 1] = INFINITY;
-    s->log_scales[3 * 3 + 2] = 60;
-    memset(s->quats + 4 * 4, 0, 4 * sizeof(float));
-    s->logit_opacities[5] = NAN;
-    s->sh[3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1)) * 6 + 1] = -INFINITY;
-    s->logit_opacities[7] = INFINITY;
 }
 
 __attribute__((unused)) static spin_status run(const struct spin_exporter *exporter,

@@ -635,26 +635,6 @@ static void test_most_visible(void)
     spin_splats_free(&s);
 }
 
-static void test_bad_rows(void)
-{
-    static struct columns c;
-    struct spin_export_job job = {.output = in_folder("bad.html"), .n_frames = 1};
-    struct spin_splats s = {0};
-    const spin_json *clip;
-    spin_json *doc;
-
-    make_frame(&s, 20, 0, 3);
-    spoil_frame(&s);
-    spin_set_verbosity(-2);
-    ok(run(&spin_exporter_html, &job, &s, 0) == SPIN_OK, "a frame with bad rows");
-    load(job.output);
-    clip = clip_of(&doc);
-    ok(decode(spin_json_at(spin_json_get(clip, "versions"), 0), 0, 0, 0, &c) && c.shared == 14,
-       "those that cannot be drawn are left out");
-    spin_json_free(doc);
-    spin_splats_free(&s);
-}
-
 /* The last byte of a gzip is the highest of its size: 0 below 16 MiB. */
 static void test_large(void)
 {
@@ -1101,19 +1081,12 @@ static void test_4d_as_frames(void)
 
 static void test_refusals(void)
 {
-    static const char *const bad[][2] = {{"sh", "4"},
-                                         {"min-opacity", "2"},
-                                         {"max-splats", "0"},
-                                         {"every", "x"},
-                                         {"fps", "-1"},
-                                         {"only", "both"},
-                                         {"level", "x"},
-                                         {"bound-place", "0"},
-                                         {"bound-colour", "-1"},
-                                         {"bound-scale", "0"},
-                                         {"bound-rotation", "90"},
-                                         {"bound-sh", "x"},
-                                         {"key-every", "300"}};
+    static const char *const bad[][2] = {{"sh", "4"},          {"max-splats", "0"},
+                                         {"every", "x"},       {"fps", "-1"},
+                                         {"only", "both"},     {"level", "x"},
+                                         {"bound-place", "0"}, {"bound-colour", "-1"},
+                                         {"bound-scale", "0"}, {"bound-rotation", "90"},
+                                         {"bound-sh", "x"},    {"key-every", "300"}};
     struct spin_export_job job = {.output = in_folder("clip.html"), .n_frames = 1};
     struct spin_splats s = {0};
     void *self = NULL;
@@ -1148,7 +1121,6 @@ TAP_MAIN
     test_mean();
     test_choice();
     test_most_visible();
-    test_bad_rows();
     test_large();
     test_camera();
     test_short();

@@ -169,31 +169,6 @@ static void test_twins(void)
     spin_views_free(&views);
 }
 
-/* What the rasteriser could not draw does not come to it, and is counted; what is only large does.
- */
-static void test_bad_rows(const struct spin_views *views)
-{
-    struct spin_export_report report = {0};
-    struct spin_export_job job = make_job(views, "bad", NULL);
-    struct spin_splats good = splats;
-
-    splats = (struct spin_splats){0};
-    make_frame(&splats, 13, 1, 5);
-    splats.means[3] = NAN;
-    splats.sh[12 * 4 + 11] = -INFINITY;
-    memset(splats.quats + 4 * 7, 0, 4 * sizeof(float));
-    splats.log_scales[3 * 8] = 60;
-    splats.log_scales[3 * 9] = 5;
-    splats.antialias = true;
-    job.report = &report;
-    ok(export_clip(&job) == SPIN_OK && antialiased &&
-           pixel_is(job.output, "cam_00_frame_00040.png", 6, 0, 6, 9, 255),
-       "draws without NaN, infinity, no rotation and scales beyond float: 4 of 13");
-    ok(report.left_out == 3 * 4, "and counts them, in every frame");
-    spin_splats_free(&splats);
-    splats = good;
-}
-
 static void test_failures(const struct spin_views *views)
 {
     static const char *const bad[] = {"views", "some", NULL};
@@ -235,7 +210,6 @@ TAP_MAIN
     make_frame(&splats, 9, 0, 3);
     test_renders(&views);
     test_twins();
-    test_bad_rows(&views);
     test_failures(&views);
     spin_views_free(&views);
     spin_splats_free(&splats);

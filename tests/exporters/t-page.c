@@ -216,14 +216,13 @@ static bool add(struct spin_page_group *g, struct spin_splat_filter *rows, struc
 {
     bool full = true;
 
-    return spin_splat_filter_choose(rows, s, 0) == SPIN_OK &&
+    return spin_splat_filter_choose(rows, s) == SPIN_OK &&
            spin_page_group_add(g, rows, s, &full) == SPIN_OK && !full;
 }
 
 static void test_group(void)
 {
-    static const char *const pairs[] = {"max-scale", "0", NULL};
-    struct spin_plugin_values values = {pairs};
+    struct spin_plugin_values values = {0};
     struct spin_export_job job = {.n_threads = 2, .values = &values};
     struct spin_page_group *g = calloc(1, sizeof *g);
     struct spin_splat_filter rows = {0};

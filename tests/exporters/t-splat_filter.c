@@ -15,83 +15,27 @@ static struct spin_splat_filter begin(const char *const *pairs, int n_threads,
     return rows;
 }
 
-static void test_reasons(void)
+static void test_blocks(void)
 {
-    struct spin_export_report report = {0};
-    struct spin_splat_filter rows = begin(NULL, 1, &report);
+    struct spin_splat_filter rows = begin(NULL, 1, NULL);
     struct spin_splats s = {0};
+    unsigned char *keep;
 
     make_frame(&s, 20000, 1, 3);
-    spoil_frame(&s);
-    s.log_scales[3 * 9000 + 2] = 2.7f; /* 14.9 against a diagonal of 13.8 */
-    s.log_scales[3 * 9001 + 2] = 2.5f;
-    s.logit_opacities[9002] = NAN;
-    ok(spin_splat_filter_choose(&rows, &s, 4) == SPIN_OK && rows.n_kept == s.n - 8,
-       "eight rows are left out");
-    ok(rows.n_left_out[SPIN_ROWS_NOT_FINITE] == 5 && rows.n_left_out[SPIN_ROWS_NO_ROTATION] == 1 &&
-           rows.n_left_out[SPIN_ROWS_TOO_LARGE] == 2,
-       "each for its reason");
-    ok(rows.keep[0] && !rows.keep[1] && rows.keep[7] && !rows.keep[9000] && rows.keep[9001],
-       "an infinite logit is no reason, nor is a large splat within the scene");
-    ok(spin_splat_filter_before(&rows, 2) == 8192 - 6, "kept rows before a block are counted");
-    spin_splat_filter_end(&rows);
-    ok(report.left_out == 8, "the report has the sum");
-    spin_splats_free(&s);
-}
-
-static void test_limits(void)
-{
-    static const char *const none[] = {"max-scale", "0", NULL};
-    static const char *const half[] = {"max-scale", "0.5", NULL};
-    struct spin_splat_filter rows = begin(none, 1, NULL);
-    struct spin_splats s = {0};
-
-    make_frame(&s, 100, 0, 3);
-    s.log_scales[3] = 40;
-    ok(spin_splat_filter_choose(&rows, &s, 0) == SPIN_OK && rows.n_kept == 100,
-       "--max-scale 0: no limit");
-    s.log_scales[3] = 45;
-    ok(spin_splat_filter_choose(&rows, &s, 0) == SPIN_OK && rows.n_kept == 99, "but that of float");
-    spin_splat_filter_end(&rows);
-    rows = begin(half, 1, NULL);
-    s.log_scales[3] = 2.1f;
-    ok(spin_splat_filter_choose(&rows, &s, 0) == SPIN_OK && rows.n_kept == 99, "--max-scale 0.5");
-    spin_splat_filter_end(&rows);
-    rows = begin(NULL, 1, NULL);
-    make_frame(&s, 7, 0, 3);
-    s.log_scales[3] = 5;
-    ok(spin_splat_filter_choose(&rows, &s, 0) == SPIN_OK && rows.n_kept == 7,
-       "seven places do not say how large a scene is");
-    make_frame(&s, 50, 0, 3);
-    for (size_t i = 0; i < 150; i++)
-        s.means[i] = 2;
-    s.log_scales[3] = 5;
-    ok(spin_splat_filter_choose(&rows, &s, 0) == SPIN_OK && rows.n_kept == 50,
-       "nor does one place");
-    s.means[0] = 3e38f;
-    s.means[3] = -3e38f;
-    ok(spin_splat_filter_choose(&rows, &s, 0) == SPIN_OK && rows.n_kept == 50,
-       "places at the ends of float overflow nothing");
+    keep = calloc(s.n, 1);
+    ok(keep && spin_splat_filter_choose(&rows, &s) == SPIN_OK && rows.n_kept == s.n &&
+           spin_splat_filter_before(&rows, 2) == 8192,
+       "all rows are kept at first");
+    for (size_t i = 0; i < s.n; i++)
+        keep[i] = i % 4 == 0;
+    spin_splat_filter_keep(&rows, keep);
+    ok(rows.n_kept == 5000 && spin_splat_filter_before(&rows, 2) == 2048,
+       "then a part: kept rows before a block are counted");
     make_frame(&s, 0, 0, 3);
-    ok(spin_splat_filter_choose(&rows, &s, 0) == SPIN_OK && rows.n_kept == 0, "an empty frame");
+    ok(spin_splat_filter_choose(&rows, &s) == SPIN_OK && rows.n_kept == 0, "an empty frame");
     spin_splat_filter_end(&rows);
     spin_splats_free(&s);
-}
-
-static void test_threads(void)
-{
-    static const char *const pairs[] = {"min-opacity", "0.3", NULL};
-    struct spin_splat_filter one = begin(pairs, 1, NULL), four = begin(pairs, 4, NULL);
-    struct spin_splats s = {0};
-
-    make_frame(&s, 50001, 1, 8);
-    ok(spin_splat_filter_choose(&one, &s, 0) == SPIN_OK &&
-           spin_splat_filter_choose(&four, &s, 0) == SPIN_OK && one.n_kept == four.n_kept &&
-           one.n_kept < s.n && memcmp(one.keep, four.keep, s.n) == 0,
-       "four threads choose as one does");
-    spin_splat_filter_end(&one);
-    spin_splat_filter_end(&four);
-    spin_splats_free(&s);
+    free(keep);
 }
 
 /* Where each axis of the source goes. */
@@ -149,7 +93,7 @@ static void test_turned(void)
     make_frame(&s, 2, 1, 3);
     s.means[0] = 1, s.means[1] = 2, s.means[2] = 3;
     memcpy(s.quats, quats, sizeof quats);
-    ok(spin_splat_filter_choose(&rows, &s, 0) == SPIN_OK, "a quarter turn about x");
+    ok(spin_splat_filter_choose(&rows, &s) == SPIN_OK, "a quarter turn about x");
     spin_splat_filter_place(&rows, 0, out);
     ok(close_to(out, place, 3), "places are turned");
     for (size_t i = 0; i < 2; i++) {
@@ -175,8 +119,7 @@ static void test_refused(void)
     static const char *const bad[][2] = {{"up", "w"},         {"up", ""},
                                          {"rotate", "1,2"},   {"rotate", "1,2,3,4"},
                                          {"rotate", "a,0,0"}, {"rotate", "inf,0,0"},
-                                         {"max-scale", "-1"}, {"max-scale", "nan"},
-                                         {"sh", "4"},         {"min-opacity", "1"}};
+                                         {"sh", "4"}};
 
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
         const char *pairs[] = {bad[i][0], bad[i][1], NULL};
@@ -194,9 +137,7 @@ static void test_refused(void)
 TAP_MAIN
 {
     spin_log_set_level(-2);
-    test_reasons();
-    test_limits();
-    test_threads();
+    test_blocks();
     test_up();
     test_rotate();
     test_turned();

@@ -51,8 +51,7 @@ static spin_status source_frame(void *of, int frame, struct spin_splats *out)
 {
     (void)of;
     (void)frame;
-    make_frame(out, 5, 0, 7);
-    out->logit_opacities[2] = NAN; /* 4 can be drawn */
+    make_frame(out, 4, 0, 7);
     return SPIN_OK;
 }
 
@@ -96,8 +95,7 @@ static spin_status export_clip(const struct spin_exporter *exporter,
     n_renders = 0;
     if (status != SPIN_OK)
         return status;
-    make_frame(&s, 10, 0, 3);
-    s.logit_opacities[9] = NAN; /* 9 can be drawn */
+    make_frame(&s, 9, 0, 3);
     for (int i = 0; i < 27; i++)
         s.means[i] = i % 3 == 0 ? (float)(i / 3 - 4) / 4 : 0;
     for (int i = 0; i < job->n_frames && status == SPIN_OK; i++) {

@@ -148,7 +148,7 @@ static void write_bundle(const char *name, bool identity, bool odd)
     spin_splats_free(&s);
 }
 
-static spin_status decimate(const char *how, const char *const *pairs, const char *to,
+static spin_status decimate(const char *how, double min_opacity, const char *to,
                             struct spin_export_report *r)
 {
     static int n;
@@ -157,7 +157,7 @@ static spin_status decimate(const char *how, const char *const *pairs, const cha
                                     .to = to,
                                     .device = "cpu",
                                     .n_threads = 1,
-                                    .plugin_pairs = pairs,
+                                    .min_opacity = min_opacity,
                                     .decimate = how};
 
     snprintf(folder, sizeof folder, "%s-%d", bundle, n++);
@@ -193,7 +193,7 @@ static void check_frames(void)
     unsigned char kept[SPLATS];
 
     write_bundle("own", false, false);
-    ok(decimate("50", NULL, "ply", &r) == SPIN_OK && r.splats_mean == 50 &&
+    ok(decimate("50", 0, "ply", &r) == SPIN_OK && r.splats_mean == 50 &&
            r.decimated.before == SPLATS && r.decimated.after == 50 && !r.decimated.by_views,
        "50 of 200, by opacity and size");
     for (int f = 0; f < FRAMES; f++) {
@@ -205,10 +205,10 @@ static void check_frames(void)
     }
     near(r.decimated.psnr, 17.3, 1, "what it loses in eight pictures, as it was measured");
     ok(r.decimated.n_pictures == 8, "from all around");
-    ok(decimate("100%", NULL, "ply", &r) == SPIN_OK && r.splats_mean == SPLATS &&
+    ok(decimate("100%", 0, "ply", &r) == SPIN_OK && r.splats_mean == SPLATS &&
            r.decimated.psnr == HUGE_VAL,
        "all of them lose nothing");
-    ok(decimate("1e-6%", NULL, "ply", &r) == SPIN_OK && r.splats_mean == 1, "one is the least");
+    ok(decimate("1e-6%", 0, "ply", &r) == SPIN_OK && r.splats_mean == 1, "one is the least");
 }
 
 static void check_identity(void)
@@ -218,7 +218,7 @@ static void check_identity(void)
     double size[SPLATS], least = HUGE_VAL, most = 0;
 
     write_bundle("same", true, false);
-    ok(decimate("25%", NULL, "ply", &r) == SPIN_OK, "rows that are one splat in all frames");
+    ok(decimate("25%", 0, "ply", &r) == SPIN_OK, "rows that are one splat in all frames");
     for (int f = 0; f < FRAMES; f++)
         ok(rows_in(f, kept[f]) == 50 && memcmp(kept[f], kept[0], SPLATS) == 0,
            "frame %d keeps the same rows", f);
@@ -236,18 +236,17 @@ static void check_identity(void)
 
 static void check_left_out(void)
 {
-    static const char *const faint[] = {"min-opacity", "0.1", NULL};
     struct spin_export_report r;
     unsigned char kept[SPLATS];
 
     write_bundle("odd", false, true);
-    ok(decimate("50%", faint, "ply", &r) == SPIN_OK && r.left_out == 2,
+    ok(decimate("50%", 0.1, "ply", &r) == SPIN_OK && r.left_out == 2,
        "what no viewer draws is left out as ever");
     ok(rows_in(0, kept) == 98 && !kept[5] && !kept[6] && !kept[7],
        "half of the others is kept in frame 0");
     ok(rows_in(1, kept) == 100, "and half of all in frame 1");
-    ok(decimate("50%", NULL, "splat", &r) == SPIN_OK && r.left_out == 2, "so it is in any format");
-    ok(decimate("50%", NULL, "images", &r) == SPIN_OK && fabs(r.splats_mean - 299 / 3.0) < 1e-9,
+    ok(decimate("50%", 0, "splat", &r) == SPIN_OK && r.left_out == 2, "so it is in any format");
+    ok(decimate("50%", 0, "images", &r) == SPIN_OK && fabs(r.splats_mean - 299 / 3.0) < 1e-9,
        "and in pictures, which leave out nothing by themselves");
 }
 
@@ -283,7 +282,7 @@ static void check_filters(void)
 
     write_bundle("cropped", false, true);
     set_crop(-1, 9.5);
-    ok(decimate("25%", NULL, "ply", &r) == SPIN_OK && r.filtered == 300 && r.left_out == 2,
+    ok(decimate("25%", 0, "ply", &r) == SPIN_OK && r.filtered == 300 && r.left_out == 2,
        "a quarter of what --crop leaves");
     near(r.decimated.before, 298 / 3.0, 1e-9, "only what is drawn of that counts");
     for (int f = 0; f < FRAMES; f++) {
@@ -302,14 +301,14 @@ static void check_filters(void)
            wanted);
     }
     write_bundle("cropped-same", true, false);
-    ok(decimate("12kB", NULL, "ply", &r) == SPIN_OK && r.decimated.n_tries > 1 &&
-           r.filtered == 300 && bytes_in(folder) <= 12000 && bytes_in(folder) > 11000,
+    ok(decimate("12kB", 0, "ply", &r) == SPIN_OK && r.decimated.n_tries > 1 && r.filtered == 300 &&
+           bytes_in(folder) <= 12000 && bytes_in(folder) > 11000,
        "a size, where rows are one splat");
     near(r.splats_mean, (double)rows_in(1, kept), 0, "as many are said as are written");
     set_crop(50, 60);
-    ok(decimate("50%", NULL, "ply", &r) == SPIN_OK && r.filtered == 600 && r.splats_mean == 0,
+    ok(decimate("50%", 0, "ply", &r) == SPIN_OK && r.filtered == 600 && r.splats_mean == 0,
        "nothing is left");
-    ok(decimate("20dB", NULL, "ply", &r) == SPIN_E_UNSUPPORTED, "and nothing loses 20 dB");
+    ok(decimate("20dB", 0, "ply", &r) == SPIN_E_UNSUPPORTED, "and nothing loses 20 dB");
     n_crop = 0;
 }
 
@@ -347,7 +346,7 @@ static void check_4d(void)
     if (spin_bundle_write_4d(&w, &s, SPIN_ROUND_NOTHING, &meta) != SPIN_OK ||
         spin_bundle_writer_finish(&w, &meta, NULL) != SPIN_OK)
         exit(1);
-    ok(decimate("5", NULL, "ftgs", &r) == SPIN_OK && r.decimated.in_all &&
+    ok(decimate("5", 0, "ftgs", &r) == SPIN_OK && r.decimated.in_all &&
            r.decimated.before == ROWS - 1 && r.decimated.after == 5,
        "5 of the 19 4D splats that are not too large");
     if (spin_ply_open(folder, &ply) == SPIN_OK) {
@@ -361,10 +360,10 @@ static void check_4d(void)
         n_large += scale[i] > -0.9f || scale[i] < -1.55f;
     ok(n == 5 && n_large == 0, "the five largest of these are in the file");
     set_crop(9.5, 99);
-    ok(decimate("5", NULL, "ftgs", &r) == SPIN_OK && r.filtered == 10 && r.decimated.before == 10 &&
+    ok(decimate("5", 0, "ftgs", &r) == SPIN_OK && r.filtered == 10 && r.decimated.before == 10 &&
            r.splats_mean == 5,
        "5 of the 10 that --crop leaves");
-    ok(decimate("100%", NULL, "ftgs", &r) == SPIN_OK && r.filtered == 10 && r.splats_mean == 10,
+    ok(decimate("100%", 0, "ftgs", &r) == SPIN_OK && r.filtered == 10 && r.splats_mean == 10,
        "or all of them");
     n_crop = 0;
     spin_bundle_meta_free(&meta);
@@ -375,22 +374,17 @@ static void check_4d(void)
  */
 static void check_source(void)
 {
-    const char *const pairs[] = {NULL};
     struct spin_export_options o = {.device = "cpu", .n_threads = 1};
     struct spin_clip_options c = {.range = o.range};
-    struct spin_plugin_values values = {.pairs = pairs};
     static struct spin_clip clip;
     struct spin_bundle_writer w;
     struct spin_bundle_meta meta = {.from = "test", .columns = columns, .n_source_frames = 1};
     struct spin_splats s = {0}, part = {0};
     struct spin_device device;
     struct spin_player player;
-    struct spin_scene_edit edit = {0};
-    struct spin_decimation d = {.clip = &clip,
-                                .frames = &player,
-                                .values = &values,
-                                .edit = &edit,
-                                .background = (const float[3]){0}};
+    struct spin_row_filter filter = {0};
+    struct spin_decimation d = {
+        .clip = &clip, .frames = &player, .filter = &filter, .background = (const float[3]){0}};
     spin_json *extra =
         json_pack("{s:{s:[s,s,s,s,s],s:i,s:[{s:i}]}}", "refined", "columns", "means", "quats",
                   "log_scales", "logit_opacities", "sh", "sh_degree", 0, "frames", "n", 4);
@@ -415,13 +409,14 @@ static void check_source(void)
     }
     if (!ok(spin_bundle_writer_finish(&w, &meta, extra) == SPIN_OK &&
                 spin_clip_open(&c, &clip) == SPIN_OK &&
-                spin_scene_edit_begin(&edit, &o, &clip) == SPIN_OK &&
+                spin_row_filter_open(&filter, &o, &clip, false) == SPIN_OK &&
                 spin_device_open("cpu", 1, &device) == SPIN_OK &&
                 spin_player_open(&player, &device, &clip.bundle, SPIN_FROM_REFINED) == SPIN_OK &&
                 spin_decimation_open(&d) == SPIN_OK &&
                 spin_decimation_choose(&d, SPIN_DECIMATE_SPLATS, 2) == SPIN_OK &&
                 spin_bundle_frame(&clip.bundle, 0, columns, &s) == SPIN_OK &&
-                spin_decimation_source(&d, 0, &s, &part) == SPIN_OK,
+                (filter.decimation = &d) &&
+                spin_row_filter_source(&filter, 0, &s, &part) == SPIN_OK,
             "the source of refined frames, decimated with them: %s", spin_last_error()))
         return;
     for (size_t i = 0; i < part.n; i++)
@@ -430,7 +425,7 @@ static void check_source(void)
     spin_decimation_close(&d);
     spin_player_close(&player);
     spin_device_close(&device);
-    spin_scene_edit_end(&edit);
+    spin_row_filter_close(&filter);
     spin_clip_close(&clip);
     spin_splats_free(&s);
     spin_splats_free(&part);
@@ -451,22 +446,22 @@ static void check_size(void)
     snprintf(left, sizeof left, "%s.tmp.999999999", folder);
     mkdir(left, 0777);
     utimes(left, old);
-    status = decimate("20kB", NULL, "ply", &r);
+    status = decimate("20kB", 0, "ply", &r);
     ok(status == SPIN_OK && r.decimated.n_tries > 1 && r.decimated.n_tries < 10,
        "a size: written %d times", r.decimated.n_tries);
     ok(bytes_in(folder) <= 20000 && bytes_in(folder) > 19000 &&
            bytes_in(folder) == (double)r.decimated.reached && r.decimated.reached == r.bytes,
        "the whole output has %.0f bytes", bytes_in(folder));
-    ok(decimate("1GB", NULL, "ply", &r) == SPIN_OK && r.splats_mean == SPLATS &&
+    ok(decimate("1GB", 0, "ply", &r) == SPIN_OK && r.splats_mean == SPLATS &&
            r.decimated.n_tries == 1,
        "where all fit all are written");
-    ok(decimate("500B", NULL, "ply", &r) == SPIN_E_UNSUPPORTED &&
+    ok(decimate("500B", 0, "ply", &r) == SPIN_E_UNSUPPORTED &&
            strstr(spin_last_error(), "smallest possible output has"),
        "a size that nothing has is refused");
     ok(access(folder, F_OK) != 0, "and nothing is written");
     snprintf(left, sizeof left, "%s*.tmp.*", bundle);
     ok(glob(left, 0, NULL, &g) == GLOB_NOMATCH, "no try is left, nor one of a killed export");
-    status = decimate("25dB", NULL, "ply", &r);
+    status = decimate("25dB", 0, "ply", &r);
     ok(status == SPIN_OK && r.decimated.psnr >= 25 && r.decimated.psnr < 27 &&
            r.splats_mean < SPLATS && r.splats_mean > 1,
        "a loss: %.2f dB with %g splats", r.decimated.psnr, r.splats_mean);

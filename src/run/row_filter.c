@@ -1,0 +1,511 @@
+/* --crop, --min-views, --floaters, --backdrop, --min-opacity and --max-scale of spin-export, and
+ * the rows that no viewer can draw. */
+#include "run/row_filter.h"
+
+#include "base/base.h"
+#include "math/drawable.h"
+#include "math/sh.h"
+#include "run/decimate.h"
+#include "train/knn.h"
+
+/* Splats whose neighbours are within this many standard deviations are not floaters. */
+#define REACH 3.0
+#define BLOCK 4096 /* rows per task */
+
+static const char *const names[SPIN_ROW_REASONS] = {
+    [SPIN_ROW_CROP] = "crop",
+    [SPIN_ROW_MIN_VIEWS] = "min-views",
+    [SPIN_ROW_FLOATERS] = "floaters",
+    [SPIN_ROW_BACKDROP] = "backdrop off",
+    [SPIN_ROW_NOT_FINITE] = "with NaN or infinity",
+    [SPIN_ROW_NO_ROTATION] = "with a rotation of length zero",
+    [SPIN_ROW_TOO_LARGE] = "larger than the scene",
+    [SPIN_ROW_MIN_OPACITY] = "min-opacity",
+};
+static const enum spin_row_reason undrawable[SPIN_ROWS_REASONS] = {
+    [SPIN_ROWS_NOT_FINITE] = SPIN_ROW_NOT_FINITE,
+    [SPIN_ROWS_NO_ROTATION] = SPIN_ROW_NO_ROTATION,
+    [SPIN_ROWS_TOO_LARGE] = SPIN_ROW_TOO_LARGE,
+};
+
+static bool is_undrawable(int reason)
+{
+    return reason == SPIN_ROW_NOT_FINITE || reason == SPIN_ROW_NO_ROTATION ||
+           reason == SPIN_ROW_TOO_LARGE;
+}
+
+/* Whether an option of that name drops the row; --decimate has its own report. */
+static bool is_filtered(int reason)
+{
+    return reason != SPIN_ROW_KEPT && reason != SPIN_ROW_DECIMATE && !is_undrawable(reason);
+}
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+static spin_status check_options(const struct spin_export_options *o, const struct spin_clip *clip)
+{
+    const double *box = o->crop;
+
+    for (int c = 0; c < 3 && o->n_crop == 6; c++)
+        if (!(box[c] < box[3 + c]))
+            return spin_misuse(
+                "--crop: the bounding box spans %g to %g: give the smaller coordinate first",
+                box[c], box[3 + c]);
+    if (o->n_crop == 4 && !(box[3] > 0))
+        return spin_misuse("--crop: the radius of the sphere is %g, expected more than 0", box[3]);
+    if (o->min_views > 0 && !clip->has_views)
+        return spin_misuse("--min-views needs a data set: give --data DIR");
+    return SPIN_OK;
+}
+
+spin_status spin_row_filter_open(struct spin_row_filter *f, const struct spin_export_options *o,
+                                 const struct spin_clip *clip, bool renders)
+{
+    double least = o->min_opacity;
+
+    f->o = o;
+    f->clip = clip;
+    f->min_logit = least > 0 ? (float)log(least / (1 - least)) : -INFINITY;
+    f->max_scale = o->max_scale > 0 ? o->max_scale : renders ? INFINITY : 1;
+    if (o->backdrop == SPIN_EXPORT_BACKDROP_OFF && !o->source)
+        SPIN_TRY(spin_bundle_tracks_open((struct spin_bundle *)&clip->bundle, &f->tracks));
+    if (o->backdrop == SPIN_EXPORT_BACKDROP_OFF && f->tracks.n_backdrop == 0)
+        spin_warn("--backdrop off has no effect: these splats have no backdrop");
+    f->varies = o->n_crop > 0 || o->min_views > 0 || o->floaters > 0 || f->tracks.n_backdrop > 0 ||
+                o->min_opacity > 0;
+    SPIN_TRY(check_options(o, clip));
+    return spin_pool_create(o->n_threads, &f->pool);
+}
+
+void spin_row_filter_close(struct spin_row_filter *f)
+{
+    if (f->pool)
+        spin_pool_free(f->pool);
+    spin_bundle_tracks_close(&f->tracks);
+    free(f->track);
+    free(f->reason);
+    free(f->reason_4d);
+    spin_splats_free(&f->kept);
+    spin_splats_4d_free(&f->kept_4d);
+    *f = (struct spin_row_filter){0};
+}
+
+void spin_row_filter_restart(struct spin_row_filter *f)
+{
+    f->n_seen = 0;
+    memset(f->n_by, 0, sizeof f->n_by);
+}
+
+/* ---- Reports --------------------------------------------------------------------------------- */
+
+static uint64_t sum_of(const struct spin_row_filter *f, bool (*counts)(int reason))
+{
+    uint64_t sum = 0;
+
+    for (int r = 0; r < SPIN_ROW_REASONS; r++)
+        sum += counts(r) ? f->n_by[r] : 0;
+    return sum;
+}
+
+uint64_t spin_row_filter_n_filtered(const struct spin_row_filter *f)
+{
+    return sum_of(f, is_filtered);
+}
+
+uint64_t spin_row_filter_n_undrawable(const struct spin_row_filter *f)
+{
+    return sum_of(f, is_undrawable);
+}
+
+/* Prints "3 by --crop, 5 by --floaters", or without "by --", for the reasons that `counts`
+ * selects. */
+static void print_reasons(const uint64_t *n_by, bool (*counts)(int reason), const char *by,
+                          char text[256])
+{
+    size_t at = 0;
+
+    text[0] = '\0';
+    for (int r = 0; r < SPIN_ROW_REASONS; r++)
+        if (counts(r) && n_by[r] > 0)
+            at += (size_t)snprintf(text + at, 256 - at, "%s%llu %s%s", at ? ", " : "",
+                                   (unsigned long long)n_by[r], by, names[r]);
+}
+
+void spin_row_filter_log(const struct spin_row_filter *f)
+{
+    uint64_t n = spin_row_filter_n_filtered(f);
+    char text[256], count[48];
+
+    print_reasons(f->n_by, is_filtered, "by --", text);
+    if (f->varies && n == f->n_seen && n > 0)
+        spin_warn("no splats are left: %s", text);
+    else if (f->varies)
+        spin_log(0, "%llu of %s left out%s%s", (unsigned long long)n,
+                 spin_text_count((long long)f->n_seen, "splat", count), n > 0 ? ": " : "", text);
+}
+
+/* Adds the rows of a frame, or 4D splats if number is -1, to the statistics, and warns of those
+ * that cannot be drawn. */
+static void count_rows(struct spin_row_filter *f, const unsigned char *reason, size_t n, int number)
+{
+    uint64_t n_by[SPIN_ROW_REASONS] = {0}, n_undrawable = 0;
+    char text[256], count[48], frame[32] = "";
+
+    for (size_t i = 0; i < n; i++)
+        n_by[reason[i]]++;
+    f->n_seen += n;
+    for (int r = 0; r < SPIN_ROW_REASONS; r++) {
+        f->n_by[r] += n_by[r];
+        n_undrawable += is_undrawable(r) ? n_by[r] : 0;
+    }
+    print_reasons(n_by, is_undrawable, "", text);
+    if (number >= 0)
+        snprintf(frame, sizeof frame, "frame %d: ", number);
+    if (n_undrawable > 0)
+        spin_warn("%s%llu of %s left out: %s", frame, (unsigned long long)n_undrawable,
+                  spin_text_count((long long)n, "splat", count), text);
+}
+
+/* ---- Options that choose a part of the scene ------------------------------------------------- */
+
+/* The rows being judged. */
+struct rows {
+    size_t n;
+    const float *place, *log_scale;
+    unsigned char *reason;
+};
+
+static bool is_finite(const float place[3])
+{
+    return isfinite(place[0]) && isfinite(place[1]) && isfinite(place[2]);
+}
+
+static bool crops_away(const struct spin_export_options *o, const float place[3])
+{
+    const double *box = o->crop;
+    double square = 0;
+    bool outside = false;
+
+    for (int c = 0; c < 3; c++) {
+        double away = (double)place[c] - box[c];
+
+        square += away * away;
+        outside = outside || away < 0 || (o->n_crop == 6 && (double)place[c] > box[3 + c]);
+    }
+    return o->n_crop == 4 ? square > box[3] * box[3] : o->n_crop == 6 && outside;
+}
+
+static spin_status drop_unseen(struct spin_row_filter *f, int frame, const struct rows *rows)
+{
+    const struct spin_views *views = &f->clip->views;
+    int row = f->clip->dataset_frame[frame], n_views = 0, least = f->o->min_views;
+
+    for (size_t v = 0; v < views->n; v++)
+        n_views += views->view[v].dataset_frame == row && !views->view[v].test;
+    if (n_views < least)
+        return spin_misuse("--min-views %d: frame %d has %d training view%s", least,
+                           f->clip->bundle.meta.frame[f->clip->frame[frame]].number, n_views,
+                           n_views == 1 ? "" : "s");
+    for (size_t i = 0; i < rows->n; i++) {
+        int seen = 0;
+        double p[3];
+
+        for (size_t v = 0; v < views->n && seen < least && !rows->reason[i]; v++)
+            seen += views->view[v].dataset_frame == row && !views->view[v].test &&
+                    spin_camera_sees(&views->view[v].camera, rows->place + 3 * i, p) &&
+                    p[2] > spin_camera_near(&views->view[v].camera);
+        if (!rows->reason[i] && is_finite(rows->place + 3 * i) && seen < least)
+            rows->reason[i] = SPIN_ROW_MIN_VIEWS;
+    }
+    return SPIN_OK;
+}
+
+/* Among the remaining rows: drops a row if the RMS distance to its three nearest neighbours exceeds
+ * F times the median, and its own reach. */
+static spin_status drop_floaters(struct spin_row_filter *f, const struct rows *rows)
+{
+    size_t n = 0;
+    SPIN_FREED size_t *row = NULL;
+    SPIN_FREED float *place = NULL, *square = NULL, *sorted = NULL;
+    double limit = 0;
+
+    SPIN_TRY(spin_alloc(rows->n + 1, sizeof *row, (void **)&row));
+    SPIN_TRY(spin_alloc(rows->n + 1, 3 * sizeof *place, (void **)&place));
+    SPIN_TRY(spin_alloc(rows->n + 1, sizeof *square, (void **)&square));
+    SPIN_TRY(spin_alloc(rows->n + 1, sizeof *sorted, (void **)&sorted));
+    for (size_t i = 0; i < rows->n; i++)
+        if (!rows->reason[i] && is_finite(rows->place + 3 * i)) {
+            memcpy(place + 3 * n, rows->place + 3 * i, 3 * sizeof *place);
+            row[n++] = i;
+        }
+    SPIN_TRY(spin_knn_mean_dist2(f->pool, n, place, square));
+    memcpy(sorted, square, n * sizeof *sorted);
+    qsort(sorted, n, sizeof *sorted, spin_by_float);
+    if (n > 0)
+        limit = f->o->floaters * f->o->floaters * (double)sorted[n / 2];
+    for (size_t k = 0; k < n; k++) {
+        const float *scale = rows->log_scale + 3 * row[k];
+        double reach =
+            REACH * exp(fmax((double)scale[0], fmax((double)scale[1], (double)scale[2])));
+
+        if ((double)square[k] > limit && !(reach * reach >= (double)square[k]))
+            rows->reason[row[k]] = SPIN_ROW_FLOATERS;
+    }
+    return SPIN_OK;
+}
+
+/* Initialises rows->reason. */
+static spin_status judge_places(struct spin_row_filter *f, int frame, const struct rows *rows)
+{
+    for (size_t i = 0; i < rows->n; i++) {
+        bool away = is_finite(rows->place + 3 * i) && crops_away(f->o, rows->place + 3 * i);
+
+        rows->reason[i] = away ? SPIN_ROW_CROP : SPIN_ROW_KEPT;
+    }
+    if (f->o->min_views > 0)
+        SPIN_TRY(drop_unseen(f, frame, rows));
+    return f->o->floaters > 0 ? drop_floaters(f, rows) : SPIN_OK;
+}
+
+/* The tracks of the backdrop are the last ones. */
+static spin_status drop_backdrop(struct spin_row_filter *f, int frame, const struct rows *rows)
+{
+    size_t first = f->tracks.n - f->tracks.n_backdrop;
+
+    if (f->tracks.n_backdrop == 0)
+        return SPIN_OK;
+    SPIN_TRY(spin_grow(rows->n + 1, sizeof *f->track, (void **)&f->track));
+    SPIN_TRY(spin_bundle_tracks_numbers(&f->tracks, f->clip->frame[frame], rows->n, f->track));
+    for (size_t i = 0; i < rows->n; i++)
+        if (!rows->reason[i] && f->track[i] != SPIN_NOT_TRACKED && f->track[i] >= first)
+            rows->reason[i] = SPIN_ROW_BACKDROP;
+    return SPIN_OK;
+}
+
+/* ---- Rows that cannot be drawn, or hardly ---------------------------------------------------- */
+
+struct drawable {
+    const struct spin_row_filter *f;
+    const struct spin_splats *s;
+    unsigned char *reason;
+    float limit; /* of the log scale */
+};
+
+static void judge_block(void *context, size_t first, size_t end)
+{
+    const struct drawable *d = context;
+    const struct spin_splats *s = d->s;
+    size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
+
+    for (size_t i = first; i < end; i++) {
+        enum spin_undrawable why;
+
+        if (d->reason[i])
+            continue;
+        why = spin_undrawable(s->means + 3 * i, s->quats + 4 * i, s->log_scales + 3 * i,
+                              s->logit_opacities + i, s->sh + i * n_sh, n_sh, d->limit);
+        if (why != SPIN_ROWS_REASONS)
+            d->reason[i] = (unsigned char)undrawable[why];
+        else if (s->logit_opacities[i] < d->f->min_logit)
+            d->reason[i] = SPIN_ROW_MIN_OPACITY;
+    }
+    spin_bundle_rest_rows(s, first, end - first, SPIN_COL_ATTRIBUTES);
+}
+
+/* The size of the scene is that of the rows that remain so far. */
+static void judge_attributes(const struct spin_row_filter *f, const struct spin_splats *s,
+                             unsigned char *reason)
+{
+    float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    struct drawable d = {.f = f, .s = s, .reason = reason};
+    size_t n_finite = 0;
+
+    for (size_t i = 0; i < s->n; i++)
+        if (!reason[i])
+            n_finite += (size_t)spin_box_add(s->means + 3 * i, low, high);
+    d.limit = spin_log_scale_limit(low, high, n_finite, f->max_scale);
+    spin_pool_rows(f->pool, s->n, BLOCK, judge_block, &d);
+}
+
+/* ---- A frame --------------------------------------------------------------------------------- */
+
+static int number_of(const struct spin_row_filter *f, int frame)
+{
+    return f->clip->bundle.meta.frame[f->clip->frame[frame]].number;
+}
+
+/* source: the rows are those of the imported frame, which the backdrop is not part of. */
+static spin_status judge(struct spin_row_filter *f, int frame, const struct spin_splats *s,
+                         bool source)
+{
+    struct rows rows = {s->n, s->means, s->log_scales, NULL};
+
+    if (s->n > UINT32_MAX)
+        return spin_unsupported("frame %d: %zu splats, at most %u are supported",
+                                number_of(f, frame), s->n, UINT32_MAX);
+    SPIN_TRY(spin_grow(s->n + 1, 1, (void **)&f->reason));
+    rows.reason = f->reason;
+    SPIN_TRY(judge_places(f, frame, &rows));
+    if (!source)
+        SPIN_TRY(drop_backdrop(f, frame, &rows));
+    judge_attributes(f, s, f->reason);
+    return SPIN_OK;
+}
+
+spin_status spin_row_filter_judge(struct spin_row_filter *f, int frame, const struct spin_splats *s)
+{
+    return judge(f, frame, s, false);
+}
+
+/* Marks the remaining rows with 1. */
+static spin_status mark_kept(const unsigned char *reason, size_t n, size_t *n_kept,
+                             unsigned char **mark)
+{
+    *n_kept = 0;
+    SPIN_TRY(spin_alloc(n + 1, 1, (void **)mark));
+    for (size_t i = 0; i < n; i++)
+        *n_kept += (*mark)[i] = !reason[i];
+    return SPIN_OK;
+}
+
+static spin_status choose_rows(struct spin_row_filter *f, int frame, const struct spin_splats *s,
+                               bool source, size_t *n_kept, unsigned char **mark)
+{
+    SPIN_TRY(judge(f, frame, s, source));
+    if (f->decimation)
+        SPIN_TRY(spin_decimation_drop(f->decimation, frame, s, source, f->reason));
+    return mark_kept(f->reason, s->n, n_kept, mark);
+}
+
+spin_status spin_row_filter_reread(struct spin_row_filter *f, int frame,
+                                   const struct spin_splats **splats)
+{
+    SPIN_FREED unsigned char *mark = NULL;
+    size_t n_kept;
+
+    SPIN_TRY(choose_rows(f, frame, *splats, false, &n_kept, &mark));
+    if (n_kept == (*splats)->n)
+        return SPIN_OK;
+    SPIN_TRY(spin_splats_take(*splats, mark, &f->kept));
+    *splats = &f->kept;
+    return SPIN_OK;
+}
+
+spin_status spin_row_filter_frame(struct spin_row_filter *f, int frame,
+                                  const struct spin_splats **splats)
+{
+    size_t n = (*splats)->n;
+
+    SPIN_TRY(spin_row_filter_reread(f, frame, splats));
+    count_rows(f, f->reason, n, number_of(f, frame));
+    return SPIN_OK;
+}
+
+spin_status spin_row_filter_source(struct spin_row_filter *f, int frame,
+                                   const struct spin_splats *all, struct spin_splats *out)
+{
+    SPIN_FREED unsigned char *mark = NULL;
+    size_t n_kept;
+
+    SPIN_TRY(choose_rows(f, frame, all, true, &n_kept, &mark));
+    return spin_splats_take(all, mark, out);
+}
+
+/* ---- 4D splats ------------------------------------------------------------------------------- */
+
+/* Finds the frame in which each row is judged, or -1 if no frame shows it. */
+static void find_frames(const struct spin_row_filter *filter, const struct spin_splats_4d *s,
+                        int *frame)
+{
+    for (size_t i = 0; i < s->n; i++) {
+        double nearest = INFINITY;
+
+        frame[i] = -1;
+        for (int f = 0; f < filter->clip->n_frames; f++) {
+            double time = filter->clip->bundle.meta.frame[filter->clip->frame[f]].time;
+            double away = fabs(time - (double)s->times[i]);
+
+            if (away < nearest && spin_splats_4d_shows(s, i, time)) {
+                nearest = away;
+                frame[i] = f;
+            }
+        }
+    }
+}
+
+/* Judges the rows assigned to this frame, among all rows that the frame shows. */
+static spin_status judge_slice(struct spin_row_filter *f, const struct spin_splats_4d *s, int frame,
+                               const int *frame_of, struct spin_splats *slice)
+{
+    double time = f->clip->bundle.meta.frame[f->clip->frame[frame]].time;
+    struct rows rows;
+    size_t at = 0;
+
+    SPIN_TRY(spin_splats_4d_slice(s, time, SPIN_COL_MEANS | SPIN_COL_LOG_SCALES, slice));
+    SPIN_TRY(spin_grow(slice->n + 1, 1, (void **)&f->reason));
+    rows = (struct rows){slice->n, slice->means, slice->log_scales, f->reason};
+    SPIN_TRY(judge_places(f, frame, &rows));
+    for (size_t i = 0; i < s->n; i++) {
+        if (!spin_splats_4d_shows(s, i, time))
+            continue;
+        if (frame_of[i] == frame)
+            f->reason_4d[i] = f->reason[at];
+        at++;
+    }
+    return SPIN_OK;
+}
+
+static spin_status judge_slices(struct spin_row_filter *f, const struct spin_splats_4d *s)
+{
+    SPIN_LEAVES(spin_splats_free) struct spin_splats slice = {0};
+    SPIN_FREED int *frame = NULL;
+
+    SPIN_TRY(spin_alloc(s->n + 1, sizeof *frame, (void **)&frame));
+    find_frames(f, s, frame);
+    for (size_t i = 0; i < s->n; i++)
+        if (frame[i] < 0 && crops_away(f->o, s->centres + 3 * i))
+            f->reason_4d[i] = SPIN_ROW_CROP;
+    for (int k = 0; k < f->clip->n_frames; k++) {
+        size_t i = 0;
+
+        while (i < s->n && frame[i] != k)
+            i++;
+        if (i < s->n)
+            SPIN_TRY(judge_slice(f, s, k, frame, &slice));
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_row_filter_judge_4d(struct spin_row_filter *f, const struct spin_splats_4d *s)
+{
+    const struct spin_splats view = spin_splats_of_4d(s);
+
+    if (f->reason_4d)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc(s->n + 1, 1, (void **)&f->reason_4d));
+    if (f->o->n_crop > 0 || f->o->min_views > 0 || f->o->floaters > 0)
+        SPIN_TRY(judge_slices(f, s));
+    judge_attributes(f, &view, f->reason_4d);
+    return SPIN_OK;
+}
+
+spin_status spin_row_filter_4d(struct spin_row_filter *f, const struct spin_splats_4d **splats_4d)
+{
+    const struct spin_splats_4d *s = *splats_4d;
+    SPIN_FREED unsigned char *mark = NULL;
+    size_t n_kept;
+
+    SPIN_TRY(spin_row_filter_judge_4d(f, s));
+    SPIN_TRY(spin_grow(s->n + 1, 1, (void **)&f->reason));
+    memcpy(f->reason, f->reason_4d, s->n);
+    if (f->decimation)
+        spin_decimation_drop_4d(f->decimation, f->reason);
+    count_rows(f, f->reason, s->n, -1);
+    SPIN_TRY(mark_kept(f->reason, s->n, &n_kept, &mark));
+    if (n_kept == s->n)
+        return SPIN_OK;
+    spin_splats_4d_free(&f->kept_4d);
+    SPIN_TRY(spin_splats_4d_take(s, mark, &f->kept_4d));
+    *splats_4d = &f->kept_4d;
+    return SPIN_OK;
+}

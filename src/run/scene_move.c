@@ -1,0 +1,105 @@
+#include "run/scene_move.h"
+
+#include "base/base.h"
+
+void spin_scene_move_open(struct spin_scene_move *m, const struct spin_export_options *o)
+{
+    const double *by = o->translate;
+
+    m->scale = o->scale > 0 ? o->scale : 1;
+    m->translate = by;
+    m->moves = m->scale != 1 || by[0] != 0 || by[1] != 0 || by[2] != 0;
+}
+
+void spin_scene_move_close(struct spin_scene_move *m)
+{
+    spin_splats_free(&m->splats);
+    spin_splats_4d_free(&m->splats_4d);
+    if (m->moves)
+        spin_views_free(&m->views);
+}
+
+static void move_places(const struct spin_scene_move *m, float *place, size_t n)
+{
+    for (size_t i = 0; i < 3 * n; i++)
+        place[i] = (float)(m->scale * (double)place[i] + m->translate[i % 3]);
+}
+
+static void move_scales(const struct spin_scene_move *m, float *log_scale, size_t n)
+{
+    float more = (float)log(m->scale);
+
+    for (size_t i = 0; i < 3 * n; i++)
+        log_scale[i] += more;
+}
+
+void spin_scene_move_rows(const struct spin_scene_move *m, struct spin_splats *splats)
+{
+    if (!m->moves)
+        return;
+    move_places(m, splats->means, splats->n);
+    move_scales(m, splats->log_scales, splats->n);
+}
+
+static spin_status mark_all(size_t n, unsigned char **mark)
+{
+    SPIN_TRY(spin_alloc(n + 1, 1, (void **)mark));
+    memset(*mark, 1, n);
+    return SPIN_OK;
+}
+
+spin_status spin_scene_move_frame(struct spin_scene_move *m, const struct spin_splats **splats)
+{
+    SPIN_FREED unsigned char *mark = NULL;
+
+    if (!m->moves)
+        return SPIN_OK;
+    SPIN_TRY(mark_all((*splats)->n, &mark));
+    SPIN_TRY(spin_splats_take(*splats, mark, &m->splats));
+    spin_scene_move_rows(m, &m->splats);
+    *splats = &m->splats;
+    return SPIN_OK;
+}
+
+spin_status spin_scene_move_4d(struct spin_scene_move *m, const struct spin_splats_4d **splats_4d)
+{
+    struct spin_splats_4d *to = &m->splats_4d;
+    SPIN_FREED unsigned char *mark = NULL;
+
+    if (!m->moves)
+        return SPIN_OK;
+    spin_splats_4d_free(to);
+    SPIN_TRY(mark_all((*splats_4d)->n, &mark));
+    SPIN_TRY(spin_splats_4d_take(*splats_4d, mark, to));
+    move_places(m, to->centres, to->n);
+    move_scales(m, to->log_scales, to->n);
+    for (size_t i = 0; i < 3 * to->n * (size_t)to->degree; i++)
+        to->paths[i] = (float)(m->scale * (double)to->paths[i]);
+    *splats_4d = to;
+    return SPIN_OK;
+}
+
+spin_status spin_scene_move_views(struct spin_scene_move *m, const struct spin_clip *clip,
+                                  const struct spin_views **out)
+{
+    const struct spin_views *from = &clip->views;
+
+    *out = clip->has_views ? from : NULL;
+    if (!clip->has_views || !m->moves)
+        return SPIN_OK;
+    spin_views_free(&m->views);
+    for (size_t v = 0; v < from->n; v++) {
+        struct spin_view view = from->view[v];
+        double *w = view.camera.w2c;
+
+        for (int r = 0; r < 3; r++) /* solve R (s p + t) + w' = s (R p + w) for w' */
+            w[4 * r + 3] = m->scale * w[4 * r + 3] - w[4 * r] * m->translate[0] -
+                           w[4 * r + 1] * m->translate[1] - w[4 * r + 2] * m->translate[2];
+        view.camera.z_near = m->scale * spin_camera_near(&view.camera);
+        SPIN_TRY(spin_views_add(&m->views, &view));
+    }
+    m->views.n_dataset_frames = from->n_dataset_frames;
+    m->views.numbered = from->numbered;
+    *out = &m->views;
+    return SPIN_OK;
+}
