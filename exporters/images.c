@@ -7,6 +7,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 #include "base/option.h"
+#include "base/text.h"
 #include "exporters/lib/camera_path.h"
 #include "io/output.h"
 #include "io/image.h"
@@ -220,8 +221,9 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
 static spin_status finish(struct export *x)
 {
     if (x->n_unseen > 0)
-        spin_warn("%d of %d frames have no such view in the data set and were not rendered",
-                  x->n_unseen, x->job->n_frames);
+        spin_warn("%s no such view in the data set: nothing is rendered",
+                  spin_text_share((size_t)x->n_unseen, (size_t)x->job->n_frames, "frame", "has",
+                                  "have", (char[96]){0}));
     spin_camera_path_say_blank(&x->drawing);
     SPIN_TRY(spin_output_folder_list(&x->folder, "images", x->job->sync));
     spin_output_folder_remove_former(&x->folder);

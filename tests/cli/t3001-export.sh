@@ -127,7 +127,7 @@ done
 run "$bin/spin-import" "$work/faint.ply" -o "$work/faint.spin"
 run "$bin/spin-export" "$work/faint.spin" --to images --path orbit --repeat 1 --size 64x48 -o "$work/faint"
 is "$code" 0 "images of what cannot be seen"
-err_has "1 of 1 renders show only the background" "images: it is said that they are empty"
+err_has "1 of 1 render shows only the background" "images: it is said that they are empty"
 run "$bin/spin-export" "$work/faint.spin" --to spz --check -o "$work/faint-spz" --json
 is "$code" 0 "--check of what cannot be seen"
 err_has "no splat of frame 0 is visible to the camera: no image was compared" "--check: and that none was compared"
@@ -135,7 +135,7 @@ grep -q '"rendered": null' "$work/out"
 ok $? "--check --json names no frame"
 run "$bin/spin-export" "$work/faint.spin" --to video --path orbit --repeat 1 --size 64x48 -o "$work/faint.mp4"
 if [ "$code" = 0 ]; then
-    err_has "1 of 1 renders show only the background" "a video: it is said that it is empty"
+    err_has "1 of 1 render shows only the background" "a video: it is said that it is empty"
 else
     skip "a video of what cannot be seen" "$(cat "$work/err")"
 fi
