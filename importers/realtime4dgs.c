@@ -750,9 +750,9 @@ static spin_status add_rows(struct hybrid_model *m)
     n_dropped = m->gaussians.n_dropped;
     n_faint += r4_add(&m->base, &m->half[STILL], n_moving, &reading, &m->gaussians);
     if (n_dropped > 0)
-        spin_note(sequence, "%s dropped: values that are not finite",
-                  spin_text_share(n_dropped, n_moving, "dynamic Gaussian", "is", "are",
-                                  (char[96]){0}));
+        spin_note(
+            sequence, "%s dropped: values that are not finite",
+            spin_text_share(n_dropped, n_moving, "dynamic Gaussian", "is", "are", (char[96]){0}));
     if (m->gaussians.n_dropped > n_dropped)
         spin_note(sequence,
                   "%s dropped: values that are not finite; the method's own conversion makes such "

@@ -249,8 +249,7 @@ static spin_status add_all_former(struct spin_output_folder *x, const spin_json 
     const spin_json *frames = spin_json_get(root, "frames");
     const char *format = spin_json_string(spin_json_get(root, "format"));
 
-    SPIN_TRY(
-        spin_alloc(spin_json_length(frames) + n_usd, sizeof *x->former, (void **)&x->former));
+    SPIN_TRY(spin_alloc(spin_json_length(frames) + n_usd, sizeof *x->former, (void **)&x->former));
     for (size_t i = 0; i < n_usd && format && strcmp(format, "usd") == 0; i++)
         SPIN_TRY(add_former(x, of_usd[i]));
     for (size_t i = 0; i < spin_json_length(frames); i++) {
@@ -306,8 +305,8 @@ void spin_output_folder_remove_former(struct spin_output_folder *x)
 
         if (x->former[i].written)
             continue;
-        if (spin_path_join(x->path, x->former[i].name, &path) == SPIN_OK &&
-            is_regular(path) && unlink(path) == 0)
+        if (spin_path_join(x->path, x->former[i].name, &path) == SPIN_OK && is_regular(path) &&
+            unlink(path) == 0)
             n++;
         else
             n_left++;

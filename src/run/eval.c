@@ -79,9 +79,10 @@ static void warn_exposures(const struct eval *e)
             n += id == e->clip.views.view[e->pairs[i].view].camera_id;
         }
     if (n > 0)
-        spin_warn("%s to cameras whose exposure was learned; the mean exposure is rendered instead, "
-                  "so these scores are too low",
-                  spin_text_share(n, e->n_pairs, "view", "belongs", "belong", (char[96]){0}));
+        spin_warn(
+            "%s to cameras whose exposure was learned; the mean exposure is rendered instead, "
+            "so these scores are too low",
+            spin_text_share(n, e->n_pairs, "view", "belongs", "belong", (char[96]){0}));
 }
 
 static spin_status open_players(struct eval *e)

@@ -205,8 +205,7 @@ static void warn_outside(const struct spin_sequence_info *t, const struct spin_f
             odd = n_outside++ ? odd : frame[i].time;
     if (n_outside > 0)
         spin_warn("%s outside the time range of the run, %g to %g, such as %g",
-                  spin_text_share((size_t)n_outside, (size_t)n, "time", "is", "are",
-                                  (char[96]){0}),
+                  spin_text_share((size_t)n_outside, (size_t)n, "time", "is", "are", (char[96]){0}),
                   t->time_first, t->time_last, odd);
 }
 

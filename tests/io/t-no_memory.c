@@ -197,8 +197,8 @@ static void loading(spin_status (*need)(void), const char *what)
             fflush(stdout);
             _exit(status == SPIN_OK ? 1 : 2);
         }
-        good = child > 0 && waitpid(child, &how, 0) == child && WIFEXITED(how) &&
-               WEXITSTATUS(how) < 2;
+        good =
+            child > 0 && waitpid(child, &how, 0) == child && WIFEXITED(how) && WEXITSTATUS(how) < 2;
         loaded = good && WEXITSTATUS(how) == 0;
         n_failed += !loaded;
     }
