@@ -139,6 +139,8 @@ is "$code $(files "$work/images")" "0 orbit_frame_00000.png orbit_frame_00001.pn
 err_has "removed 28 files of the former export from '$work/images'" "and those that go are counted"
 run "$bin/spin-eval" "$work/named.spin" --split all --images "$work/images" --force
 is "$code $(ls "$work/images" | grep -c orbit)" "0 0" "spin-eval --images --force: an export's images go"
+run "$bin/spin-import" "$work/images" -o "$work/never.spin"
+err_has "it is a folder of images, not of splats" "a folder of images is named as such, with its sequence.json"
 n=$(ls "$work/images" | wc -l)
 echo mine >"$work/images/cam_notes.png"
 run "$bin/spin-eval" "$work/named.spin" --split all --range 3:5 --images "$work/images" --force
