@@ -137,10 +137,10 @@ out_has "6 frames as images (30 images)" "in words too"
 run "$bin/spin-export" "$work/mip.spin" --to images --path orbit --size 20x20 --repeat 1 --range 0:2 -o "$work/images" --force
 is "$code $(files "$work/images")" "0 orbit_frame_00000.png orbit_frame_00001.png sequence.json " "fewer images replace more"
 err_has "removed 28 files of the former export from '$work/images'" "and those that go are counted"
-run "$bin/spin-eval" "$work/named.spin" --split all --images "$work/images" --force
-is "$code $(ls "$work/images" | grep -c orbit)" "0 0" "spin-eval --images --force: an export's images go"
 run "$bin/spin-import" "$work/images" -o "$work/never.spin"
 err_has "it is a folder of images, not of splats" "a folder of images is named as such, with its sequence.json"
+run "$bin/spin-eval" "$work/named.spin" --split all --images "$work/images" --force
+is "$code $(ls "$work/images" | grep -c orbit)" "0 0" "spin-eval --images --force: an export's images go"
 n=$(ls "$work/images" | wc -l)
 echo mine >"$work/images/cam_notes.png"
 run "$bin/spin-eval" "$work/named.spin" --split all --range 3:5 --images "$work/images" --force
