@@ -7,6 +7,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 #include "base/option.h"
+#include "base/text.h"
 #include "exporters/lib/camera_path.h"
 #include "io/output.h"
 #include "io/image.h"
@@ -72,7 +73,8 @@ static spin_status take_layers(struct export *x, const struct spin_camera *camer
     return SPIN_OK;
 }
 
-static spin_status export_picture(struct export *x, char *name, int frame,
+/* Number is the one in the name. */
+static spin_status export_picture(struct export *x, char *name, int number, int frame,
                                   const struct spin_splats *splats,
                                   const struct spin_camera *camera, const char *truth)
 {
@@ -87,6 +89,7 @@ static spin_status export_picture(struct export *x, char *name, int frame,
     x->film.height = camera->height;
     x->film.image = x->drawing.wide;
     SPIN_TRY(spin_film_write(path, &x->film, x->job->sync));
+    spin_output_folder_add(&x->folder, name, number);
     if (x->job->report)
         x->job->report->images++;
     return SPIN_OK;
@@ -163,8 +166,6 @@ static spin_status prepare(struct export *x, const struct spin_export_job *job)
                               x->which == TEST ? "test" : "train");
     SPIN_TRY(spin_output_folder_begin(job->output, job->force, x->film.exr ? ".exr" : ".png",
                                       &x->folder));
-    if (x->folder.n_before > 0)
-        spin_output_folder_warn(&x->folder);
     return SPIN_OK;
 }
 
@@ -183,7 +184,7 @@ static spin_status export_own(struct export *x, int frame, const struct spin_spl
             return spin_fail_cancelled();
         SPIN_TRY(spin_camera_path_camera(d, p, splats, &camera));
         spin_picture_name_moving(spin_camera_path_name(d), (int)p, name);
-        SPIN_TRY(export_picture(x, name, frame, splats, &camera, NULL));
+        SPIN_TRY(export_picture(x, name, (int)p, frame, splats, &camera, NULL));
     }
     return SPIN_OK;
 }
@@ -210,7 +211,7 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
             return spin_fail_cancelled();
         spin_picture_name(views, i, info->number, NULL, name);
         spin_camera_path_resize(&x->drawing, &camera);
-        SPIN_TRY(export_picture(x, name, frame, splats, &camera, view->path));
+        SPIN_TRY(export_picture(x, name, info->number, frame, splats, &camera, view->path));
     }
     x->n_unseen += !seen;
     return SPIN_OK;
@@ -219,9 +220,12 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
 static spin_status finish(struct export *x)
 {
     if (x->n_unseen > 0)
-        spin_warn("%d of %d frames have no such view in the data set and were not rendered",
-                  x->n_unseen, x->job->n_frames);
+        spin_warn("%s no such view in the data set: nothing is rendered",
+                  spin_text_share((size_t)x->n_unseen, (size_t)x->job->n_frames, "frame", "has",
+                                  "have", (char[96]){0}));
     spin_camera_path_say_blank(&x->drawing);
+    SPIN_TRY(spin_output_folder_list(&x->folder, "images", x->job->sync));
+    spin_output_folder_remove_former(&x->folder);
     spin_output_folder_end(&x->folder);
     return SPIN_OK;
 }

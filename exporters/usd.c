@@ -383,6 +383,7 @@ static spin_status write_still(struct export *x)
     SPIN_FREED char *path = NULL;
 
     SPIN_TRY(spin_path_join(x->frames.folder.path, STILL, &path));
+    spin_output_folder_mark(&x->frames.folder, path);
     SPIN_TRY(spin_out_open(path, x->frames.job->force, &out));
     out.sync = x->frames.job->sync;
     SPIN_TRY(put(&out, "#usda 1.0\n\nover \"" PRIM "\"\n{\n"));

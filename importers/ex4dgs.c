@@ -624,9 +624,8 @@ static spin_status read_parts(struct model *m)
                               n_all);
     if (n_dropped > 0)
         spin_note(m->base.sequence,
-                  "%zu of %zu Gaussians are dropped: values that are not finite, or rotations of "
-                  "length 0",
-                  n_dropped, n_all);
+                  "%s dropped: values that are not finite, or rotations of length 0",
+                  spin_text_share(n_dropped, n_all, "Gaussian", "is", "are", (char[96]){0}));
     return SPIN_OK;
 }
 

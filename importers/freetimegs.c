@@ -109,9 +109,9 @@ static spin_status finish(struct model *m)
         spin_note(sequence, "the file does not give its frame rate: assumed 30 frames a second");
     if (n_short > 0)
         spin_note(sequence,
-                  "%zu of %zu Gaussians have durations below %g of the clip, clamped to that as in "
-                  "the method's renderer",
-                  n_short, n, m->least_sigma);
+                  "%s a duration below %g of the clip, clamped to that as in the method's renderer",
+                  spin_text_share(n_short, n, "Gaussian", "has", "have", (char[96]){0}),
+                  m->least_sigma);
     return SPIN_OK;
 }
 
@@ -237,7 +237,13 @@ static spin_status read_checkpoint(struct spin_model *base)
         (!spin_value_number(spin_value_get(root, "n_frames"), &m->n_frames) ||
          !(m->n_frames >= 1 && m->n_frames <= MOST_FRAMES)))
         return spin_malformed("'n_frames' is %g, expected 1 to %d", m->n_frames, MOST_FRAMES);
+    if (moves && moves->kind != SPIN_VALUE_BOOL && moves->kind != SPIN_VALUE_INT)
+        return spin_malformed("'use_velocity' is neither true nor false");
     m->moves = !moves || moves->integer != 0;
+    if (spin_value_get(root, "color_correction") &&
+        !is_off(spin_value_get(root, "color_correction")))
+        spin_note(base->sequence, "'color_correction', which corrects the colours of each training "
+                                  "camera, is not imported");
     SPIN_TRY(bind(m, "means", 2, places, &t));
     if (t.shape[0] == 0)
         return spin_malformed("0 Gaussians");

@@ -564,7 +564,9 @@ static spin_status dash_open_save(void *self, const char *path)
     SPIN_TRY(hash_open(m, path, &method));
     for (size_t i = 0; i < m->base.canonical.n; i++)
         n_dynamic += m->extra[i] != 0;
-    spin_note(m->base.sequence, "%zu of %zu Gaussians are dynamic", n_dynamic, m->base.canonical.n);
+    spin_note(
+        m->base.sequence, "%s dynamic",
+        spin_text_share(n_dynamic, m->base.canonical.n, "Gaussian", "is", "are", (char[96]){0}));
     iteration = spin_model_iteration(m->save);
     if (iteration >= 0 && iteration <= 2000)
         spin_note(m->base.sequence,

@@ -198,6 +198,10 @@ static void note_writer(const struct spin_ply *ply, const struct content *c,
         spin_note(sequence, "trained with an antialiasing rasteriser: drawn antialiased");
         sequence->antialias = true;
     }
+    for (size_t i = 0; i < ply->n_comments; i++)
+        if (strcasecmp(ply->comment[i], "SplatRenderMode: 2dgs") == 0)
+            spin_warn("'%s': trained as 2D splats (SplatRenderMode: 2dgs), drawn as flat 3D splats",
+                      ply->path);
     if (spin_ply_has(c->vertex, "filter_3D")) {
         spin_note(
             sequence,

@@ -750,13 +750,15 @@ static spin_status add_rows(struct hybrid_model *m)
     n_dropped = m->gaussians.n_dropped;
     n_faint += r4_add(&m->base, &m->half[STILL], n_moving, &reading, &m->gaussians);
     if (n_dropped > 0)
-        spin_note(sequence, "%zu of %zu dynamic Gaussians are dropped: values that are not finite",
-                  n_dropped, n_moving);
+        spin_note(
+            sequence, "%s dropped: values that are not finite",
+            spin_text_share(n_dropped, n_moving, "dynamic Gaussian", "is", "are", (char[96]){0}));
     if (m->gaussians.n_dropped > n_dropped)
         spin_note(sequence,
-                  "%zu of %zu static Gaussians are dropped: values that are not finite; the "
-                  "method's own conversion makes such rotations, and its renderer skips them",
-                  m->gaussians.n_dropped - n_dropped, n_still);
+                  "%s dropped: values that are not finite; the method's own conversion makes such "
+                  "rotations, and its renderer skips them",
+                  spin_text_share(m->gaussians.n_dropped - n_dropped, n_still, "static Gaussian",
+                                  "is", "are", (char[96]){0}));
     return spin_gaussian4d_check(&m->gaussians, n_moving + n_still, n_faint, NULL, sequence);
 }
 

@@ -50,7 +50,7 @@ static spin_status open_file(void *self, const char *path)
     sequence->time_first = sogst.first;
     sequence->time_last = sogst.last;
     sequence->fps = sogst.fps;
-    sequence->n_clip_frames = (int)fmin((sogst.last - sogst.first) * sogst.fps + 1.5, INT_MAX);
+    sequence->n_clip_frames = (int)((sogst.last - sogst.first) * sogst.fps + 1.5);
     snprintf(sequence->variant, sizeof sequence->variant,
              "%s, %zu splats on paths of degree %d, %zu segments",
              ply ? "PLY for .sogst" : ".sogst", s->n, s->degree, sogst.n_segments);

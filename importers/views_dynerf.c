@@ -253,8 +253,9 @@ static spin_status match_cameras(struct set *set)
             if (spin_views_place(set->video, set->n_video, set->camera[i]) < 0)
                 return spin_malformed("camera %d has images but no video", set->camera[i]);
         }
-        spin_warn("'%s': %zu of %zu cameras have no images", set->base.path, set->n_cameras - n,
-                  set->n_cameras);
+        spin_warn("'%s': %s no images", set->base.path,
+                  spin_text_share(set->n_cameras - n, set->n_cameras, "camera", "has", "have",
+                                  (char[96]){0}));
         set->camera = set->video;
         return SPIN_OK;
     }

@@ -208,8 +208,9 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
 void spin_camera_path_say_blank(const struct spin_camera_path *d)
 {
     if (d->n_blank > 0)
-        spin_warn("%d of %d renders show only the background: no splat is in front of the camera",
-                  d->n_blank, d->n_drawn);
+        spin_warn("%s only the background: no splat is in front of the camera",
+                  spin_text_share((size_t)d->n_blank, (size_t)d->n_drawn, "render", "shows", "show",
+                                  (char[96]){0}));
 }
 
 void spin_camera_path_free(struct spin_camera_path *d)

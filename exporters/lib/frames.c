@@ -4,14 +4,9 @@
 #include "exporters/lib/frames.h"
 
 #include <stdatomic.h>
-#include <strings.h>
-#include <unistd.h>
 
 #include "base/base.h"
-#include "io/json.h"
 #include "io/ply.h"
-
-#define SEQUENCE "sequence.json"
 
 /* ---- Sizes ----------------------------------------------------------------------------------- */
 
@@ -40,109 +35,6 @@ static void say_size(const struct spin_frames *x, const struct spin_export_job *
         spin_frames_say_size(job->output, job->n_frames, bytes, x->format->packed);
 }
 
-/* ---- The export that was in the folder before ------------------------------------------------ */
-
-/* Without case, since some file systems ignore it. */
-static int by_name(const void *a, const void *b)
-{
-    const struct spin_frames_former *x = a, *y = b;
-
-    return strcasecmp(x->name, y->name);
-}
-
-static bool is_regular(const char *path)
-{
-    struct stat st;
-
-    return lstat(path, &st) == 0 && S_ISREG(st.st_mode);
-}
-
-/* The file name of an entry of sequence.json. Anybody may have written that file, so only a regular
- * file in the folder itself, with the frame's number in its name, is accepted. NULL: none. */
-static spin_status find_former(const struct spin_frames *x, const spin_json *entry,
-                               const char **out)
-{
-    const char *name = spin_json_string(spin_json_get(entry, "file"));
-    SPIN_FREED char *path = NULL;
-    char digits[24];
-    int64_t number;
-
-    *out = NULL;
-    if (!name || strpbrk(name, "/\\:") ||
-        !spin_json_integer(spin_json_get(entry, "frame"), &number))
-        return SPIN_OK;
-    snprintf(digits, sizeof digits, "%lld", (long long)number);
-    SPIN_TRY(spin_path_join(x->folder.path, name, &path));
-    if (strstr(name, digits) && is_regular(path))
-        *out = name;
-    return SPIN_OK;
-}
-
-static spin_status read_former(struct spin_frames *x)
-{
-    SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
-    SPIN_FREED char *path = NULL;
-    const char *generator, *name;
-    const spin_json *frames;
-    size_t n = 0;
-
-    SPIN_TRY(spin_path_join(x->folder.path, SEQUENCE, &path));
-    if (!is_regular(path) || spin_json_load(path, &root) != SPIN_OK)
-        return SPIN_OK;
-    spin_inputs_own(path); /* reading it does not protect it: this export replaces it */
-    generator = spin_json_string(spin_json_get(root, "generator"));
-    if (!generator || strncmp(generator, "spin4d ", 7) != 0)
-        return SPIN_OK;
-    frames = spin_json_get(root, "frames");
-    SPIN_TRY(spin_alloc(spin_json_length(frames) + 1, sizeof *x->former, (void **)&x->former));
-    for (size_t i = 0; i < spin_json_length(frames); i++) {
-        SPIN_TRY(find_former(x, spin_json_at(frames, i), &name));
-        if (name)
-            SPIN_TRY(spin_strdup(name, &x->former[x->n_former++].name));
-    }
-    qsort(x->former, x->n_former, sizeof *x->former, by_name);
-    for (size_t i = 0; i < x->n_former; i++) /* drop duplicates */
-        if (n > 0 && by_name(&x->former[n - 1], &x->former[i]) == 0)
-            free(x->former[i].name);
-        else
-            x->former[n++] = x->former[i];
-    x->n_former = n;
-    return SPIN_OK;
-}
-
-static void mark_written(struct spin_frames *x, const char *path)
-{
-    struct spin_frames_former key = {.name = (char *)(uintptr_t)spin_path_name(path)}, *found;
-
-    found = x->n_former ? bsearch(&key, x->former, x->n_former, sizeof key, by_name) : NULL;
-    if (found)
-        found->written = true;
-}
-
-static void remove_former(struct spin_frames *x)
-{
-    size_t n = 0, n_left = 0;
-    char text[48];
-
-    for (size_t i = 0; i < x->n_former; i++) {
-        SPIN_FREED char *path = NULL;
-
-        if (x->former[i].written)
-            continue;
-        if (spin_path_join(x->folder.path, x->former[i].name, &path) == SPIN_OK &&
-            is_regular(path) && unlink(path) == 0)
-            n++;
-        else
-            n_left++;
-    }
-    if (n > 0)
-        spin_log(0, "removed %s of the former export from '%s'",
-                 spin_text_count((long long)n, "file", text), x->folder.path);
-    if (n_left > 0)
-        spin_warn("cannot remove %s of the former export from '%s'",
-                  spin_text_count((long long)n_left, "file", text), x->folder.path);
-}
-
 /* ---- Begin and end --------------------------------------------------------------------------- */
 
 static void free_frames(struct spin_frames *x)
@@ -152,23 +44,10 @@ static void free_frames(struct spin_frames *x)
     spin_output_folder_end(&x->folder);
     spin_splat_filter_end(&x->rows);
     spin_sort_rows_free(&x->order);
-    for (size_t i = 0; i < x->n_former; i++)
-        free(x->former[i].name);
-    free(x->former);
     free(x->entry);
     free(x->scratch);
     free(x->block_quant);
     free(x);
-}
-
-static spin_status open_folder(struct spin_frames *x, const struct spin_export_job *job)
-{
-    SPIN_TRY(spin_output_folder_begin(job->output, job->force, x->pattern.after, &x->folder));
-    if (x->folder.n_before > 0)
-        SPIN_TRY(read_former(x));
-    if (x->folder.n_before > (x->n_former ? x->n_former + 1 : 0)) /* 1 more: sequence.json */
-        spin_output_folder_warn(&x->folder);
-    return SPIN_OK;
 }
 
 /* Chooses a single output file if the output has the extension of the format's files ("clip.spz")
@@ -218,7 +97,7 @@ static spin_status begin(struct spin_frames *x, const struct spin_export_job *jo
     if (x->file && x->format->open)
         return x->format->open(x, job);
     if (!x->file)
-        SPIN_TRY(open_folder(x, job));
+        SPIN_TRY(spin_output_folder_begin(job->output, job->force, x->pattern.after, &x->folder));
     say_size(x, job);
     return SPIN_OK;
 }
@@ -284,7 +163,7 @@ spin_status spin_frames_write_text(struct spin_frames *x, const char *name, cons
     SPIN_TRY(spin_path_join(x->folder.path, name, &path));
     if (!text)
         return spin_fail(SPIN_E_MEMORY, "no memory for '%s'", path);
-    mark_written(x, path);
+    spin_output_folder_mark(&x->folder, path);
     if (x->rows.report)
         x->rows.report->bytes += strlen(text);
     return spin_out_whole(path, text, strlen(text), x->job->sync);
@@ -334,7 +213,7 @@ static spin_status write_sequence(struct spin_frames *x)
     spin_json_set(root, "frames", list);
     SPIN_TRY(entries_json(x, list));
     text = spin_json_text(root, true);
-    return spin_frames_write_text(x, SEQUENCE, text);
+    return spin_frames_write_text(x, SPIN_SEQUENCE, text);
 }
 
 /* ---- The plug-in's functions ----------------------------------------------------------------- */
@@ -367,7 +246,7 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
     SPIN_TRY(path_of(x, info->number, &path));
     SPIN_TRY(spin_out_open(path, x->job->force, &out));
     out.sync = x->job->sync;
-    mark_written(x, path);
+    spin_output_folder_mark(&x->folder, path);
     SPIN_TRY(write_frame(x, info, &out));
     SPIN_TRY(spin_out_length(&out, &length));
     SPIN_TRY(spin_frames_add(x, info, x->rows.n_kept));
@@ -408,7 +287,7 @@ spin_status spin_frames_end(void *self)
     warn_clipped(x);
     if (x->job->check)
         SPIN_TRY_OUT(spin_frames_check(x));
-    remove_former(x);
+    spin_output_folder_remove_former(&x->folder);
 out:
     if (status != SPIN_OK)
         spin_output_folder_abandon(&x->folder);

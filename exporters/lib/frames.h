@@ -60,20 +60,12 @@ struct spin_frames_entry {
     size_t n;
 };
 
-/* A frame in the folder's sequence.json of a former export. */
-struct spin_frames_former {
-    char *name;
-    bool written; /* overwritten by this export */
-};
-
 struct spin_frames {
     const struct spin_frames_format *format;
     const double *axes; /* w x y z, see spin_splat_filter_begin(); NULL: the source's */
     const char *file;   /* the single output file; NULL: a folder */
     bool exact;         /* this export does not round */
     struct spin_output_folder folder;
-    struct spin_frames_former *former; /* [n_former] sorted by name */
-    size_t n_former;
     struct spin_pattern pattern;
     struct spin_splat_filter rows;
     struct spin_sort_rows order; /* see spin_frames_order() */

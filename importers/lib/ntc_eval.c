@@ -83,6 +83,8 @@ static spin_status ntc_read_shape(const spin_json *root, struct ntc_shape *s)
     if (!grid)
         return SPIN_OK;
     SPIN_TRY(ntc_word(grid, "otype", "HashGrid", "HashGrid", true));
+    SPIN_TRY(ntc_word(grid, "type", "Hash", "hash", false));
+    SPIN_TRY(ntc_word(grid, "hash", "CoherentPrime", "coherentprime", false));
     SPIN_TRY(ntc_word(grid, "interpolation", "Linear", "linear", false));
     SPIN_TRY(ntc_count(grid, "n_levels", 1, NTC_MAX_LEVELS, &s->n_levels));
     SPIN_TRY(ntc_count(grid, "n_features_per_level", 1, 8, &s->n_features));

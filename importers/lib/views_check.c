@@ -211,8 +211,9 @@ spin_status spin_views_check_images(const struct spin_views *views, size_t first
             missing = views->view[i].path;
     }
     if (n > 0)
-        return spin_not_found("%zu of %zu images are missing, the first is '%s'", n,
-                              views->n - first, missing);
+        return spin_not_found(
+            "%s missing, the first is '%s'",
+            spin_text_share(n, views->n - first, "image", "is", "are", (char[96]){0}), missing);
     return SPIN_OK;
 }
 

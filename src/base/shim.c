@@ -57,6 +57,20 @@ static bool ends_process(const char *path)
     return WIFSIGNALED(how);
 }
 
+/* dlopen(); on failure, sets why. The loader's own text does not always say that memory ran out. */
+static void *open_object(const char *path, char *why, size_t n_why)
+{
+    void *object;
+    bool no_memory;
+
+    errno = 0;
+    object = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    no_memory = errno == ENOMEM;
+    if (!object)
+        snprintf(why, n_why, "%s%s", no_memory ? "not enough memory: " : "", dlerror());
+    return object;
+}
+
 /* Load the object at path; false if there is none or it does not fit, with the reason in
  * shim->why. */
 static bool load(struct search *s, const char *path)
@@ -71,11 +85,9 @@ static bool load(struct search *s, const char *path)
                  "its libraries need more memory than `ulimit -v` allows");
         return false;
     }
-    object = dlopen(path, RTLD_NOW | RTLD_LOCAL);
-    if (!object) {
-        snprintf(s->shim->why, sizeof s->shim->why, "%s", dlerror());
+    object = open_object(path, s->shim->why, sizeof s->shim->why);
+    if (!object)
         return false;
-    }
     table = dlsym(object, s->shim->symbol);
     if (!table || *(const int *)table != s->shim->abi) {
         snprintf(s->shim->why, sizeof s->shim->why, "'%.400s' belongs to another version", path);
@@ -174,6 +186,12 @@ static const void *find(struct spin_shim *shim)
     return s.table;
 }
 
+/* Whether the text of a failure says that memory ran out. "static TLS" is another limit. */
+static bool says_no_memory(const char *why)
+{
+    return strstr(why, "memory") && !strstr(why, "static TLS");
+}
+
 static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
 
 spin_status spin_shim_need(struct spin_shim *shim, const void **table)
@@ -181,13 +199,18 @@ spin_status spin_shim_need(struct spin_shim *shim, const void **table)
     bool found;
 
     pthread_mutex_lock(&mutex);
-    if (!shim->tried)
+    if (!shim->tried) {
+        *shim->why = '\0';
         *table = find(shim);
-    shim->tried = true;
+    }
     found = *table != NULL;
+    shim->tried = found || !says_no_memory(shim->why);
     pthread_mutex_unlock(&mutex);
     if (found)
         return SPIN_OK;
+    if (!shim->tried)
+        return spin_fail(SPIN_E_MEMORY, "%s '%s' does not load for lack of memory: %s",
+                         shim->lacking, shim->file, shim->why);
     return spin_unsupported(
         "%s '%s' is missing or does not load%s%s (" WHERE ": install %s, then make)", shim->lacking,
         shim->file, *shim->why ? ": " : "", shim->why, shim->debian);
@@ -196,10 +219,8 @@ spin_status spin_shim_need(struct spin_shim *shim, const void **table)
 static void load_library(struct spin_library *library)
 {
     const char *name = getenv(library->override);
-    void *object = dlopen(name ? name : library->file, RTLD_NOW | RTLD_LOCAL);
+    void *object = open_object(name ? name : library->file, library->why, sizeof library->why);
 
-    if (!object)
-        snprintf(library->why, sizeof library->why, "%s", dlerror());
     for (const struct spin_library_function *f = library->function; object && f->name; f++) {
         *(void **)f->into = dlsym(object, f->name);
         if (!*(void **)f->into)
@@ -210,12 +231,17 @@ static void load_library(struct spin_library *library)
 spin_status spin_library_need(struct spin_library *library)
 {
     pthread_mutex_lock(&mutex);
-    if (!library->tried)
+    if (!library->tried) {
+        *library->why = '\0';
         load_library(library);
-    library->tried = true;
+    }
+    library->tried = !says_no_memory(library->why);
     pthread_mutex_unlock(&mutex);
     if (!*library->why)
         return SPIN_OK;
+    if (!library->tried)
+        return spin_fail(SPIN_E_MEMORY, "no memory to load the library '%s' for %s: %s",
+                         library->file, library->user, library->why);
     return spin_unsupported("%s needs the library '%s': %s", library->user, library->file,
                             library->why);
 }

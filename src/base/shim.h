@@ -17,9 +17,10 @@ struct spin_shim {
     char why[512]; /* why it does not load; "" if the file does not exist */
 };
 
-/* Load the object once and set *table; SPIN_E_UNSUPPORTED if that fails. Searches lib/ and
- * lib/spin4d/ beside the program's bin/ (of the build, or of an installation prefix), then spin4d/
- * in the LIBDIR of the build. Refuses files and folders that others can write to. Thread-safe. */
+/* Load the object once and set *table; SPIN_E_UNSUPPORTED if that fails, SPIN_E_MEMORY if memory
+ * ran out, after which the next call tries again. Searches lib/ and lib/spin4d/ beside the
+ * program's bin/ (of the build, or of an installation prefix), then spin4d/ in the LIBDIR of the
+ * build. Refuses files and folders that others can write to. Thread-safe. */
 spin_status spin_shim_need(struct spin_shim *shim, const void **table);
 
 /* A library of the system. Its header declares the types of the functions. */
@@ -35,6 +36,6 @@ struct spin_library {
     char why[256]; /* why it is unavailable */
 };
 
-/* Load the library once and set the function pointers; SPIN_E_UNSUPPORTED if that fails.
+/* Load the library once and set the function pointers; fails as spin_shim_need() does.
  * Thread-safe. */
 spin_status spin_library_need(struct spin_library *library);

@@ -238,6 +238,14 @@ const char *spin_text_count(long long n, const char *noun, char text[48])
     return text;
 }
 
+const char *spin_text_share(size_t n, size_t of, const char *noun, const char *verb_1,
+                            const char *verb, char text[96])
+{
+    snprintf(text, 96, "%zu of %zu %s%s %s", n, of, noun, of == 1 ? "" : "s",
+             n == 1 ? verb_1 : verb);
+    return text;
+}
+
 /* Whether the first n bytes of the notes contain this line. */
 static bool has_line(const char *notes, size_t n, const char *line)
 {

@@ -34,6 +34,10 @@ const char *spin_text_duration(double seconds, char text[32]);
 const char *spin_text_about(double seconds, char text[32]);
 /* "1 frame", "2 frames", for nouns with a plural in s. Returns text. */
 const char *spin_text_count(long long n, const char *noun, char text[48]);
+/* "1 of 6 frames has", "2 of 6 frames have": verb_1 and verb are those of one and of several.
+ * Returns text. */
+const char *spin_text_share(size_t n, size_t of, const char *noun, const char *verb_1,
+                            const char *verb, char text[96]);
 
 /* Append a line, formatted as by printf without a newline, to the notes of an importer or a data
  * set. Lines that are repeated or exceed the capacity are dropped. */

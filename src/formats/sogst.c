@@ -26,6 +26,9 @@ static spin_status check_times(const struct spin_sogst *s)
     if (!(s->last > s->first && s->last - s->first < 1e6 && s->fps > 0 && s->fps < 1e4))
         return spin_malformed(".sogst with times from %g to %g s and %g frames a second", s->first,
                               s->last, s->fps);
+    if (!((s->last - s->first) * s->fps + 1.5 < INT_MAX))
+        return spin_unsupported(".sogst with %.0f frames, %g s at %g frames a second",
+                                (s->last - s->first) * s->fps + 1, s->last - s->first, s->fps);
     return SPIN_OK;
 }
 

@@ -51,6 +51,9 @@ static spin_status check_start(const unsigned char *file, size_t size)
                               "1, has none: that is another format)");
     if (file[4] != 1 || file[5] != 0)
         return spin_unsupported(".splat4d of version %d, expected 1", file[4] | file[5] << 8);
+    if ((file[6] & ~SMOOTHED) != 0 || file[7] != 0)
+        return spin_unsupported(".splat4d with flags %04x, which may change its meaning",
+                                (unsigned)(file[6] | file[7] << 8));
     if (spin_u32_at(file + 8) > size - HEADER)
         return spin_malformed(".splat4d that ends in its header");
     return SPIN_OK;

@@ -187,6 +187,8 @@ static spin_status parse_header(const unsigned char *bytes, struct spin_spz_head
     if (out->version < OLDEST || out->version > IN_STREAMS)
         return spin_unsupported("SPZ of version %u, expected %d to %d", spin_u32_at(bytes + 4),
                                 OLDEST, IN_STREAMS);
+    if (bytes[14] & ~(ANTIALIASED | EXTENDED))
+        return spin_unsupported("SPZ with flags %02x, which may change its meaning", bytes[14]);
     if (out->sh_degree > MAX_SH_DEGREE)
         return spin_unsupported("SPZ with SH degree %d, expected 0 to %d", out->sh_degree,
                                 MAX_SH_DEGREE);

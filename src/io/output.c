@@ -2,6 +2,7 @@
 #include "io/output.h"
 
 #include <fcntl.h>
+#include <strings.h>
 #include <sys/file.h>
 #include <unistd.h>
 
@@ -201,6 +202,151 @@ void spin_output_lock_drop(struct spin_output_lock *lock)
     *lock = (struct spin_output_lock){.fd = -1};
 }
 
+/* ---- The export that was in the folder before ------------------------------------------------ */
+
+/* Without case, since some file systems ignore it. */
+static int by_name(const void *a, const void *b)
+{
+    const struct spin_output_former *x = a, *y = b;
+
+    return strcasecmp(x->name, y->name);
+}
+
+static bool is_regular(const char *path)
+{
+    struct stat st;
+
+    return lstat(path, &st) == 0 && S_ISREG(st.st_mode);
+}
+
+static spin_status add_former(struct spin_output_folder *x, const char *name)
+{
+    SPIN_FREED char *path = NULL;
+
+    SPIN_TRY(spin_path_join(x->path, name, &path));
+    return is_regular(path) ? spin_strdup(name, &x->former[x->n_former++].name) : SPIN_OK;
+}
+
+/* The file name of an entry of sequence.json, or NULL. Anybody may have written that file, so only
+ * a file in the folder itself, with the frame's number in its name, is accepted. */
+static const char *former_name(const spin_json *entry)
+{
+    const char *name = spin_json_string(spin_json_get(entry, "file"));
+    char digits[24];
+    int64_t number;
+
+    if (!name || strpbrk(name, "/\\:") ||
+        !spin_json_integer(spin_json_get(entry, "frame"), &number))
+        return NULL;
+    snprintf(digits, sizeof digits, "%lld", (long long)number);
+    return strstr(name, digits) ? name : NULL;
+}
+
+static spin_status add_all_former(struct spin_output_folder *x, const spin_json *root)
+{
+    static const char *const of_usd[] = {"clip.usda", "manifest.usda", "still.usda"};
+    const size_t n_usd = sizeof of_usd / sizeof *of_usd;
+    const spin_json *frames = spin_json_get(root, "frames");
+    const char *format = spin_json_string(spin_json_get(root, "format"));
+
+    SPIN_TRY(spin_alloc(spin_json_length(frames) + n_usd, sizeof *x->former, (void **)&x->former));
+    for (size_t i = 0; i < n_usd && format && strcmp(format, "usd") == 0; i++)
+        SPIN_TRY(add_former(x, of_usd[i]));
+    for (size_t i = 0; i < spin_json_length(frames); i++) {
+        const char *name = former_name(spin_json_at(frames, i));
+
+        if (name)
+            SPIN_TRY(add_former(x, name));
+    }
+    return SPIN_OK;
+}
+
+static spin_status read_former(struct spin_output_folder *x)
+{
+    SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
+    SPIN_FREED char *path = NULL;
+    const char *generator;
+    size_t n = 0;
+
+    SPIN_TRY(spin_path_join(x->path, SPIN_SEQUENCE, &path));
+    if (!is_regular(path) || spin_json_load(path, &root) != SPIN_OK)
+        return SPIN_OK;
+    spin_inputs_own(path); /* reading it does not protect it: this export replaces it */
+    generator = spin_json_string(spin_json_get(root, "generator"));
+    if (!generator || strncmp(generator, "spin4d ", 7) != 0)
+        return SPIN_OK;
+    SPIN_TRY(add_all_former(x, root));
+    qsort(x->former, x->n_former, sizeof *x->former, by_name);
+    for (size_t i = 0; i < x->n_former; i++) /* drop duplicates */
+        if (n > 0 && by_name(&x->former[n - 1], &x->former[i]) == 0)
+            free(x->former[i].name);
+        else
+            x->former[n++] = x->former[i];
+    x->n_former = n;
+    return SPIN_OK;
+}
+
+void spin_output_folder_mark(struct spin_output_folder *x, const char *path)
+{
+    struct spin_output_former key = {.name = (char *)(uintptr_t)spin_path_name(path)}, *found;
+
+    found = x->n_former ? bsearch(&key, x->former, x->n_former, sizeof key, by_name) : NULL;
+    if (found)
+        found->written = true;
+}
+
+void spin_output_folder_remove_former(struct spin_output_folder *x)
+{
+    size_t n = 0, n_left = 0;
+    char text[48];
+
+    for (size_t i = 0; i < x->n_former; i++) {
+        SPIN_FREED char *path = NULL;
+
+        if (x->former[i].written)
+            continue;
+        if (spin_path_join(x->path, x->former[i].name, &path) == SPIN_OK && is_regular(path) &&
+            unlink(path) == 0)
+            n++;
+        else
+            n_left++;
+    }
+    if (n > 0)
+        spin_log(0, "removed %s of the former export from '%s'",
+                 spin_text_count((long long)n, "file", text), x->path);
+    if (n_left > 0)
+        spin_warn("cannot remove %s of the former export from '%s'",
+                  spin_text_count((long long)n_left, "file", text), x->path);
+}
+
+void spin_output_folder_add(struct spin_output_folder *x, const char *name, int number)
+{
+    spin_json *item = spin_json_object();
+
+    if (!x->list)
+        x->list = spin_json_array();
+    spin_json_push(x->list, item);
+    spin_json_set_string(item, "file", name);
+    spin_json_set_integer(item, "frame", number);
+    spin_output_folder_mark(x, name);
+}
+
+spin_status spin_output_folder_list(struct spin_output_folder *x, const char *format, bool sync)
+{
+    SPIN_LEAVES(spin_json_freed) spin_json *root = spin_json_object();
+    SPIN_FREED char *path = NULL, *text = NULL;
+
+    spin_json_set_string(root, "generator", "spin4d " SPIN_VERSION);
+    spin_json_set_string(root, "format", format);
+    spin_json_set(root, "frames", x->list ? x->list : spin_json_array());
+    x->list = NULL;
+    SPIN_TRY(spin_path_join(x->path, SPIN_SEQUENCE, &path));
+    text = spin_json_text(root, true);
+    if (!text)
+        return spin_fail(SPIN_E_MEMORY, "no memory for '%s'", path);
+    return spin_out_whole(path, text, strlen(text), sync);
+}
+
 /* ---- Output folders ------------------------------------------------------------------------- */
 
 spin_status spin_output_folder_begin(const char *path, bool force, const char *ending,
@@ -217,18 +363,21 @@ spin_status spin_output_folder_begin(const char *path, bool force, const char *e
     SPIN_TRY(spin_strdup(path, &out->path));
     if (out->created)
         spin_watch_out(out->path);
+    if (out->n_before > 0)
+        SPIN_TRY(read_former(out));
+    if (out->n_before > (out->n_former ? out->n_former + 1 : 0)) /* 1 more: sequence.json */
+        spin_warn("folder '%s' was not empty: files that are not overwritten stay in it", path);
     return SPIN_OK;
-}
-
-void spin_output_folder_warn(const struct spin_output_folder *folder)
-{
-    spin_warn("folder '%s' was not empty: files that are not overwritten stay in it", folder->path);
 }
 
 void spin_output_folder_end(struct spin_output_folder *folder)
 {
     if (folder->path)
         spin_unwatch_out(folder->path);
+    for (size_t i = 0; i < folder->n_former; i++)
+        free(folder->former[i].name);
+    free(folder->former);
+    json_decref(folder->list);
     free(folder->path);
     *folder = (struct spin_output_folder){0};
 }

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "io/file.h"
+#include "io/json.h"
 
 /* Check that a file can be written, by opening it with spin_out_open() and discarding it. */
 spin_status spin_output_check_file(const char *path, bool force);
@@ -37,18 +38,37 @@ spin_status spin_output_lock_take(const char *output, struct spin_output_lock *o
 /* Release the lock and remove the file. */
 void spin_output_lock_drop(struct spin_output_lock *lock);
 
-/* A folder that an export fills: begin, write files into it, end or abandon. */
+#define SPIN_SEQUENCE "sequence.json"
+
+/* A file that sequence.json of a former export lists. */
+struct spin_output_former {
+    char *name;
+    bool written; /* overwritten by this export */
+};
+
+/* A folder that an export fills: begin, write files into it, end or abandon. Its sequence.json
+ * lists them, so that the next export with force can remove those that it does not overwrite. */
 struct spin_output_folder {
     char *path;
-    bool created;    /* by begin */
-    size_t n_before; /* entries that existed before */
+    bool created;                      /* by begin */
+    size_t n_before;                   /* entries that existed before */
+    struct spin_output_former *former; /* [n_former] sorted by name */
+    size_t n_former;
+    spin_json *list; /* of spin_output_folder_add(), or NULL */
 };
 /* Create the folder, or use an empty one; one that is not empty requires force. Removes unfinished
- * files with this extension whose writers were killed. */
+ * files with this extension whose writers were killed. Warns of files that stay in the folder. */
 spin_status spin_output_folder_begin(const char *path, bool force, const char *ending,
                                      struct spin_output_folder *out);
-/* Warn that files that are not overwritten stay in the folder. */
-void spin_output_folder_warn(const struct spin_output_folder *folder);
+/* This export writes a file of this name, which is kept. */
+void spin_output_folder_mark(struct spin_output_folder *folder, const char *path);
+/* The same, and lists the file with the number in its name, for spin_output_folder_list(). */
+void spin_output_folder_add(struct spin_output_folder *folder, const char *name, int number);
+/* Writes sequence.json of all files that were added. */
+spin_status spin_output_folder_list(struct spin_output_folder *folder, const char *format,
+                                    bool sync);
+/* Removes the former export's files that were not marked, and logs their number. */
+void spin_output_folder_remove_former(struct spin_output_folder *folder);
 void spin_output_folder_end(struct spin_output_folder *folder);
 /* End, and remove the folder if begin created it and it is still empty. */
 void spin_output_folder_abandon(struct spin_output_folder *folder);

@@ -4,6 +4,7 @@
 #include "eval/borders.h"
 #include "eval/metrics.h"
 #include "eval/report/report.h"
+#include "io/image.h"
 #include "io/output.h"
 #include "io/ranks.h"
 #include "run/run.h"
@@ -24,6 +25,7 @@ struct eval {
     enum spin_splat_source from;
     struct spin_pair *pairs;
     size_t n_pairs;
+    struct spin_output_folder images; /* of --images, on rank 0 */
 };
 
 /* ---- Opening --------------------------------------------------------------------------------- */
@@ -77,9 +79,10 @@ static void warn_exposures(const struct eval *e)
             n += id == e->clip.views.view[e->pairs[i].view].camera_id;
         }
     if (n > 0)
-        spin_warn("%zu of %zu views belong to cameras whose exposure was learned; they are "
-                  "rendered with the mean exposure, so their scores are too low",
-                  n, e->n_pairs);
+        spin_warn(
+            "%s to cameras whose exposure was learned; the mean exposure is rendered instead, "
+            "so these scores are too low",
+            spin_text_share(n, e->n_pairs, "view", "belongs", "belong", (char[96]){0}));
 }
 
 static spin_status open_players(struct eval *e)
@@ -205,6 +208,25 @@ static spin_status sum_left_out(struct eval *e)
     return SPIN_OK;
 }
 
+/* Lists the images that all ranks wrote, and removes those of a former run. */
+static spin_status list_images(struct eval *e)
+{
+    char name[SPIN_PICTURE_NAME];
+
+    if (!e->images.path)
+        return SPIN_OK;
+    for (size_t i = 0; i < e->n_pairs; i++) {
+        const struct spin_pair *pair = &e->pairs[i];
+        int number = e->report->view[i].frame;
+
+        spin_picture_name(&e->clip.views, pair->view, number, NULL, name);
+        spin_output_folder_add(&e->images, name, number);
+    }
+    SPIN_TRY(spin_output_folder_list(&e->images, "images", false));
+    spin_output_folder_remove_former(&e->images);
+    return SPIN_OK;
+}
+
 static spin_status run_eval(struct eval *e)
 {
     const struct spin_eval_options *o = e->o;
@@ -227,7 +249,8 @@ static spin_status run_eval(struct eval *e)
     SPIN_TRY(spin_alloc(e->n_pairs, sizeof *report->view, (void **)&report->view));
     if (o->images)
         SPIN_TRY(spin_ranks_agree(
-            spin_rank() == 0 ? spin_output_check_empty_folder(o->images, o->force) : SPIN_OK));
+            spin_rank() == 0 ? spin_output_folder_begin(o->images, o->force, ".png", &e->images)
+                             : SPIN_OK));
     m.source = e->has_source ? &e->source : NULL;
     m.pairs = e->pairs;
     m.n_pairs = e->n_pairs;
@@ -243,6 +266,7 @@ static spin_status run_eval(struct eval *e)
     SPIN_TRY(spin_metrics_run(&m, &report->mean));
     if (!report->mean.valid)
         return spin_not_found("--mask: the subject is in no view of this split");
+    SPIN_TRY(spin_ranks_agree(list_images(e)));
     SPIN_TRY(sum_left_out(e));
     report->n_views = e->n_pairs;
     report->n_frames = e->clip.n_frames;
@@ -279,6 +303,7 @@ spin_status spin_evaluate_for(const struct spin_eval_options *o, struct spin_com
     spin_lenses_free(&e.lenses);
     spin_image_cache_close(&e.pixels);
     spin_clip_close(&e.clip);
+    spin_output_folder_abandon(&e.images); /* an empty one */
     free(e.pairs);
     if (status != SPIN_OK)
         spin_eval_report_free(report);

@@ -204,8 +204,9 @@ static void warn_outside(const struct spin_sequence_info *t, const struct spin_f
         if (frame[i].time < t->time_first - room || frame[i].time > t->time_last + room)
             odd = n_outside++ ? odd : frame[i].time;
     if (n_outside > 0)
-        spin_warn("%d of %d times, such as %g, are outside the time range of the run, %g to %g",
-                  n_outside, n, odd, t->time_first, t->time_last);
+        spin_warn("%s outside the time range of the run, %g to %g, such as %g",
+                  spin_text_share((size_t)n_outside, (size_t)n, "time", "is", "are", (char[96]){0}),
+                  t->time_first, t->time_last, odd);
 }
 
 /* Sample times of a continuous method: from --times, evenly spaced, or those of the data set. */

@@ -41,7 +41,8 @@ void spin_training_warn_scale(const struct spin_bundle *bundle, enum spin_splat_
 void spin_training_warn_taught(const struct spin_clip *clip, int n_test_cameras)
 {
     if (clip->n_taught > 0)
-        spin_warn(
-            "%d of %d cameras of --test-cams were used to train '%s': their views are not held out",
-            clip->n_taught, n_test_cameras, clip->bundle.path);
+        spin_warn("%s used to train '%s': these views are not held out",
+                  spin_text_share((size_t)clip->n_taught, (size_t)n_test_cameras,
+                                  "--test-cams camera", "was", "were", (char[96]){0}),
+                  clip->bundle.path);
 }

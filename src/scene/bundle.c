@@ -354,9 +354,10 @@ static spin_status load_4d(struct spin_bundle *b, struct spin_splats_4d *s)
         spin_bundle_values_close(&v);
     }
     SPIN_TRY(spin_splats_4d_settle(s, &n_dropped, NULL));
-    return n_dropped ? spin_malformed("source/4d: %zu of %zu rows have values that are not finite "
-                                      "or rotations of length zero",
-                                      n_dropped, meta->n)
+    return n_dropped ? spin_malformed(
+                           "source/4d: %s values that are not finite or rotations of "
+                           "length zero",
+                           spin_text_share(n_dropped, meta->n, "row", "has", "have", (char[96]){0}))
                      : SPIN_OK;
 }
 

@@ -130,6 +130,20 @@ static spin_status keep_spec(const char *from, const struct spin_importer *impor
     return SPIN_OK;
 }
 
+/* Keeps outputs from replacing images, whether this run reads them or not. */
+static spin_status protect_images(const struct spin_views *views)
+{
+    struct stat st;
+
+    for (size_t i = 0; i < views->n; i++) {
+        if (stat(views->view[i].path, &st) == 0)
+            SPIN_TRY(spin_inputs_add(&st));
+        if (views->view[i].mask && stat(views->view[i].mask, &st) == 0)
+            SPIN_TRY(spin_inputs_add(&st));
+    }
+    return SPIN_OK;
+}
+
 spin_status spin_views_open(const char *path, const char *from, struct spin_views *out,
                             char *used_from, size_t n_used_from)
 {
@@ -146,6 +160,7 @@ spin_status spin_views_open(const char *path, const char *from, struct spin_view
     SPIN_TRY_OUT(importer->views(path, &values, out));
     SPIN_TRY_OUT(arrange(out));
     SPIN_TRY_OUT(keep_spec(from, importer, used_from, n_used_from));
+    SPIN_TRY_OUT(protect_images(out));
     free(spec.text);
     return SPIN_OK;
 out:

@@ -104,7 +104,8 @@ static bool describe_folder(const char *path, bool want_views, char *text, size_
         SPIN_FREED char *file = NULL;
         const struct kind *found;
 
-        if (names[i][0] == '.' || spin_path_join(path, names[i], &file) != SPIN_OK)
+        if (names[i][0] == '.' || strcmp(names[i], "sequence.json") == 0 || /* of our exports */
+            spin_path_join(path, names[i], &file) != SPIN_OK)
             continue;
         found = spin_path_is_folder(file) ? NULL : kind_of(file);
         same = same && found && (!kind || found->is == kind->is);

@@ -102,6 +102,12 @@ TAP_MAIN
     is_text(spin_text_count(0, "frame", text), "0 frames", "no frames");
     is_text(spin_text_count(1, "frame", text), "1 frame", "one frame");
     is_text(spin_text_count(2, "frame", text), "2 frames", "two frames");
+    is_text(spin_text_share(1, 1, "frame", "has", "have", (char[96]){0}), "1 of 1 frame has",
+            "one of one");
+    is_text(spin_text_share(1, 6, "frame", "has", "have", (char[96]){0}), "1 of 6 frames has",
+            "one of several");
+    is_text(spin_text_share(2, 6, "frame", "has", "have", (char[96]){0}), "2 of 6 frames have",
+            "several of several");
 
     f = begin();
     ok(fclose(f) == 0 && got && !*got && n_got == 0, "no text is empty");

@@ -94,6 +94,12 @@ nothing_at "$out" "nothing is written"
 
 "$bin/spin-eval" "$in" --range 0:1 --images "$work/pictures" -q >/dev/null 2>&1
 image=$data/ims/0/000009.jpg
+unread=$(find "$data/ims/0" -name '*.jpg' | sort | tail -n 1)
+cp "$unread" "$work/unread.jpg"
+retrain --log "$unread" --force
+fails 1 spin-retrain "a log that would replace an image of the data set, which is not read"
+err_has "'$unread': it is an input" "and says so"
+same "$unread" "$work/unread.jpg" "which stays as it was"
 cp "$image" "$work/image.jpg"
 for camera in "$data"/ims/*; do
     file=$(find "$camera" -name '*.jpg' | sort | head -n 1)

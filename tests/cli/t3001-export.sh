@@ -55,16 +55,16 @@ ok $? "they are PNG"
 # Without a data set, or where it is gone: from the front.
 run "$bin/spin-import" fixtures/splats/splat/frame_00000.splat -o "$work/alone.spin"
 run "$bin/spin-export" "$work/alone.spin" --to images --size 60x40 -o "$work/alone"
-is "$code $(ls "$work/alone")" "0 front_frame_00000.png" "pictures without a data set"
+is "$code $(ls "$work/alone" | tr '\n' ' ')" "0 front_frame_00000.png sequence.json " "pictures without a data set"
 run "$bin/spin-export" "$work/alone.spin" --to images --data-from panoptic -o "$work/never"
 fails 2 spin-export "--data-from without a data set"
 cp -r "$clip" "$work/run"
 run "$bin/spin-import" "$work/run" --data "$work/run" -o "$work/moved.spin"
 run "$bin/spin-export" "$work/moved.spin" --to images --path train --repeat 1 --size 60x40 --range 0:2 -o "$work/rig"
-is "$code $(ls "$work/rig" | tr '\n' ' ')" "0 train_frame_00000.png train_frame_00001.png " "a path through the training cameras"
+is "$code $(ls "$work/rig" | tr '\n' ' ')" "0 sequence.json train_frame_00000.png train_frame_00001.png " "a path through the training cameras"
 rm -r "$work/run"
 run "$bin/spin-export" "$work/moved.spin" --to images --size 60x40 --range 0:1 -o "$work/gone"
-is "$code $(ls "$work/gone")" "0 front_frame_00000.png" "a data set that is gone"
+is "$code $(ls "$work/gone" | tr '\n' ' ')" "0 front_frame_00000.png sequence.json " "a data set that is gone"
 err_has "^warning: .*$work/run.* does not exist: continuing without its cameras" "is a warning"
 
 # There, but empty, without images, or with half a file: for what needs no cameras the data set is not opened.
@@ -98,7 +98,7 @@ for name in sys.argv[1:]:
     json.dump({k: v[:2] if isinstance(v, list) else v for k, v in meta.items()}, open(name, "w"))' \
     "$work/run/train_meta.json" "$work/run/test_meta.json"
 run "$bin/spin-export" "$work/moved.spin" --to images --size 60x40 --range 0:1 -o "$work/other"
-is "$code $(ls "$work/other")" "0 front_frame_00000.png" "a data set of other frames"
+is "$code $(ls "$work/other" | tr '\n' ' ')" "0 front_frame_00000.png sequence.json " "a data set of other frames"
 err_has "^warning: .*cannot pair frames.*continuing without its cameras" "is a warning as well"
 rm -r "$work/run"
 
@@ -127,7 +127,7 @@ done
 run "$bin/spin-import" "$work/faint.ply" -o "$work/faint.spin"
 run "$bin/spin-export" "$work/faint.spin" --to images --path orbit --repeat 1 --size 64x48 -o "$work/faint"
 is "$code" 0 "images of what cannot be seen"
-err_has "1 of 1 renders show only the background" "images: it is said that they are empty"
+err_has "1 of 1 render shows only the background" "images: it is said that they are empty"
 run "$bin/spin-export" "$work/faint.spin" --to spz --check -o "$work/faint-spz" --json
 is "$code" 0 "--check of what cannot be seen"
 err_has "no splat of frame 0 is visible to the camera: no image was compared" "--check: and that none was compared"
@@ -135,7 +135,7 @@ grep -q '"rendered": null' "$work/out"
 ok $? "--check --json names no frame"
 run "$bin/spin-export" "$work/faint.spin" --to video --path orbit --repeat 1 --size 64x48 -o "$work/faint.mp4"
 if [ "$code" = 0 ]; then
-    err_has "1 of 1 renders show only the background" "a video: it is said that it is empty"
+    err_has "1 of 1 render shows only the background" "a video: it is said that it is empty"
 else
     skip "a video of what cannot be seen" "$(cat "$work/err")"
 fi

@@ -137,11 +137,11 @@ fi
 whole_pictures() {
     printf 'IEND\256B`\202' >"$work/iend"
     bad=0
-    for file in $(find "$1" -type f 2>/dev/null); do
+    for file in $(find "$1" -type f ! -name sequence.json 2>/dev/null); do
         tail -c 8 "$file" | cmp -s - "$work/iend" || bad=1
     done
     is "$bad" 0 "$2: every picture there is whole"
-    is "$(find "$1" -type f ! -name '*.png' 2>/dev/null | wc -l)" 0 "$2: nothing else is there"
+    is "$(find "$1" -type f ! -name '*.png' ! -name sequence.json 2>/dev/null | wc -l)" 0 "$2: nothing else is there"
 }
 
 # draw TO OUT [LIMIT]: pictures or a video of the clip with cameras, below a limit on files.

@@ -27,7 +27,7 @@ for to in gltf:glb html:html; do
         "${to#*:}: --sync"
 done
 n=$(syncs "$bin/spin-export" "$in" --to images --path orbit --repeat 1 --size 64x48 -o "$work/wait-c" --sync)
-is "$n" "$(find "$work/wait-c" -name '*.png' | wc -l)" "images: --sync"
+is "$n" "$(find "$work/wait-c" -type f | wc -l)" "images: --sync"
 if "$bin/spin-export" -q "$in" --to video -o "$work/try.mp4" 2>"$work/err"; then
     is "$(syncs "$bin/spin-export" "$in" --to video -o "$work/wait.mp4" --sync)" 1 "video: --sync"
 else

@@ -109,7 +109,7 @@ echo "-9 -9 -9 1 1 1 2 -5 -5 -5 1 0 0 0" >>"$work/late/0.ply"
 sed '/end_header/,$s/^\(0\.[0-9]\|4\|0\) /50\1 /' "$work/grid.ply" >"$work/late/1.ply"
 run "$bin/spin-import" "$work/late" -o "$work/late.spin"
 run "$bin/spin-export" "$work/late.spin" --to images -o "$work/late-images" --size 64x48 --crop 400,-9,-9,600,9,9
-err_has "^warning: 1 of 2 renders show only" "the frame that has splats shows them"
+err_has "^warning: 1 of 2 renders shows only" "the frame that has splats shows them"
 run "$bin/spin-export" "$work/late.spin" -o "$work/late.html" --crop 400,-9,-9,600,9,9
 grep -q '"centre": *\[50' "$work/late.html"
 ok $? "the page is about the middle of them"

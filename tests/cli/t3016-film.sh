@@ -121,8 +121,8 @@ cat >"$work/list.txt" <<'E'
 1 0 0 0  0 1 0 0  0 0 1 5
 E
 run "$bin/spin-export" "$work/walls.spin" --to images --path "$work/list.txt" --size 64x48 --format exr --depth -o "$work/walls"
-is "$code $(ls "$work/walls" | tr '\n' ' ')" "0 path_frame_00000.exr path_frame_00001.exr " "a picture for each camera of a file"
-err_has "1 of 2 renders show only" "and what is behind the camera is not drawn"
+is "$code $(ls "$work/walls" | tr '\n' ' ')" "0 path_frame_00000.exr path_frame_00001.exr sequence.json " "a picture for each camera of a file"
+err_has "1 of 2 renders shows only" "and what is behind the camera is not drawn"
 holds "expected and median depth, in world units; 1e10 where there is none" '
 e, none = exr(sys.argv[1]), exr(sys.argv[2])
 assert np.abs(e["Z"] - (.9 * 5 + .1 * .25 * 7) / (.9 + .1 * .25)).max() < 2e-3, e["Z"].max()
@@ -141,7 +141,7 @@ E
 echo '[[[1,0,0,0],[0,1,0,0],[0,0,1,-5],[0,0,0,1]], [1,0,0,0, 0,1,0,0, 0,0,1,-3]]' >"$work/list.json"
 for file in studio list; do
     run "$bin/spin-export" "$work/walls.spin" --to images --path "$work/$file.json" --format exr --depth -o "$work/$file"
-    is "$code $(ls "$work/$file" | wc -l)" "0 2" "$file.json: two cameras"
+    is "$code $(ls "$work/$file" | wc -l)" "0 3" "$file.json: two cameras"
 done
 holds "both name the same places; the file of nerfstudio its size" '
 a, b, c, d = (exr(p) for p in sys.argv[1:])

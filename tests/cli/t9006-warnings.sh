@@ -197,6 +197,9 @@ of() {
 }
 of filter
 warns "filter_3D" "'$work/filter/0.ply': property 'filter_3D' (Mip-Splatting) is ignored"
+mkdir "$work/flat" && LC_ALL=C sed '2a comment SplatRenderMode: 2dgs' "$work/sequence/0.ply" >"$work/flat/0.ply"
+of flat
+warns "2D splats" "'$work/flat/0.ply': trained as 2D splats (SplatRenderMode: 2dgs), drawn as flat 3D splats"
 of embedding --from ply
 warns "a canonical cloud" "'$work/embedding/0.ply': the canonical cloud of E-D3DGS is not a frame of the video"
 of four
@@ -231,7 +234,7 @@ warns "a fork's columns" "'$work/fork/$cloud': property 'mine_0' does not belong
 of nan --times 0.5,1,1.5,2
 warns "values that are not finite, times outside" "'$work/nan/$cloud': $base" \
     "'$work/nan/$cloud': 3 of $n_stg Gaussians dropped: values that are not finite" \
-    "2 of 4 times, such as 1.5, are outside the time range of the run, 0 to 0.95"
+    "2 of 4 times are outside the time range of the run, 0 to 0.95, such as 1.5"
 of bare --times 0,1 --colour auto
 warns "no network" \
     "'$work/bare/$cloud': base colours only, as there is no point_cloud.pt beside the cloud"
@@ -364,7 +367,7 @@ warns "a splat far away" \
 of sequence --data "$work/missing"
 run "$bin/spin-export" "$work/x.spin" --to images --size 40x30 -o "$work/images"
 warns "frames without a test view" "'$work/missing': 17 images of 5 cameras in 4 frames: some are missing" \
-    "2 of 4 frames have no such view in the data set and were not rendered"
+    "2 of 4 frames have no such view in the data set: nothing is rendered"
 mv "$work/data" "$work/gone"
 run "$bin/spin-export" "$in" --to images --size 40x30 --range 0:1 -o "$work/images2"
 warns "a data set that is gone" \

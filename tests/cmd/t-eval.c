@@ -102,7 +102,7 @@ static void test_held_out(void)
                strstr(said, "   1 view, "),
            "one view is none of several");
         ok(shell("%s/spin-eval %s/held.spin --test-cams 7,19 --scale 0.25 -q", bin, folder) == 0 &&
-               strstr(said, "warning: 1 of 2 cameras of --test-cams were used to train "),
+               strstr(said, "warning: 1 of 2 --test-cams cameras was used to train "),
            "cameras that trained it are no held-out ones, and that is said");
         ok(shell("%s/spin-eval %s/held.spin --test-cams 3 --scale 0.25 -q && %s/spin-eval "
                  "%s/held.spin --test-cams 7 --source --scale 0.25 -q && %s/spin-eval %s/held.spin "

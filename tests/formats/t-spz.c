@@ -100,7 +100,8 @@ static void test_headers(void)
                  {8, 4, SPIN_E_MALFORMED, "a splat more than there are"},
                  {11, 255, SPIN_E_MALFORMED, "billions of splats"},
                  {12, 5, SPIN_E_UNSUPPORTED, "SH of degree 5"},
-                 {12, 2, SPIN_E_MALFORMED, "another degree"}};
+                 {12, 2, SPIN_E_MALFORMED, "another degree"},
+                 {14, 128, SPIN_E_UNSUPPORTED, "a flag of another writer"}};
     struct spin_gaussian row[3];
     struct spin_splats s = {0};
     size_t n_bytes, n_packed;

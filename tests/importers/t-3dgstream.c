@@ -319,6 +319,12 @@ static void test_networks(const char *root)
          "\"n_hidden_layers\":2},\"encoding\":{\"otype\":\"Frequency\"}}",
          "'Frequency'", "another encoding"},
         {"{\"network\":{\"otype\":\"FullyFusedMLP\",\"activation\":\"ReLU\",\"n_neurons\":64,"
+         "\"n_hidden_layers\":2},\"encoding\":{\"otype\":\"HashGrid\",\"type\":\"Tiled\"}}",
+         "'Tiled'", "a grid that is tiled"},
+        {"{\"network\":{\"otype\":\"FullyFusedMLP\",\"activation\":\"ReLU\",\"n_neurons\":64,"
+         "\"n_hidden_layers\":2},\"encoding\":{\"otype\":\"HashGrid\",\"hash\":\"Rng\"}}",
+         "'Rng'", "another hash"},
+        {"{\"network\":{\"otype\":\"FullyFusedMLP\",\"activation\":\"ReLU\",\"n_neurons\":64,"
          "\"n_hidden_layers\":2},\"encoding\":{\"otype\":\"HashGrid\",\"n_levels\":32,"
          "\"n_features_per_level\":4,\"log2_hashmap_size\":9,\"base_resolution\":8}}",
          "no usable size", "a grid with more levels than numbers"},

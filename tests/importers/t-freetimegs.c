@@ -70,6 +70,7 @@ static void test_checkpoint(const char *from)
          0,
          "use_color_velocity",
          "colours that move"},
+        {NULL, NULL, 0, {0}, "use_velocity", "False", 0, 0, "'use_velocity'", "a text for a bool"},
         {NULL, NULL, 0, {0}, 0, 0, "n_frames", 0, "'n_frames' is -1", "frames below 1"},
         {NULL, NULL, 0, {0}, 0, 0, 0, "use_marginal_gating", "use_marginal_gating", "gates"},
     };
@@ -97,6 +98,13 @@ static void test_checkpoint(const char *from)
         fails(FROM, path, lies[i].word, lies[i].what);
         pth_free(&pth);
     }
+    load(from, &pth);
+    pth.yes = "color_correction";
+    pth_save(&pth, path);
+    pth_free(&pth);
+    ok(run_open(NULL, path, &run) == SPIN_OK && strstr(run.sequence.notes, "'color_correction'"),
+       "colours that were corrected for each camera are noted");
+    run_close(&run);
     load(from, &pth);
     pth_find(&pth, "means")->values[0] = NAN;
     memset(pth_find(&pth, "quats")->values + 4, 0, 4 * sizeof(float));

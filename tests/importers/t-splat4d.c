@@ -86,6 +86,7 @@ static void test_refused(const char *file)
     const struct spin_importer *found = NULL;
     struct spin_map map;
     struct spin_out out;
+    FILE *flags;
     struct run run;
 
     write_text(unity, "SPL4DV02 and what else that format has");
@@ -95,6 +96,12 @@ static void test_refused(const char *file)
     model_fails(NULL, path_in(folder, "rows.splat4d"), NULL, "rows.splat4d", "gsplat-unity",
                 "its version without a header may be meant");
     model_fails(NULL, folder, NULL, folder, "2 clips", "a folder with two clips");
+    copy_file(file, path_in(folder, "flags.splat4d"));
+    flags = fopen(path_in(folder, "flags.splat4d"), "r+b");
+    ok(flags && fseek(flags, 7, SEEK_SET) == 0 && fputc(0x80, flags) == 0x80 && fclose(flags) == 0,
+       "sets a flag");
+    model_fails(NULL, path_in(folder, "flags.splat4d"), NULL, "flags.splat4d", "flags 80",
+                "a flag that is unknown");
     copy_file(file, renamed);
     ok(spin_importer_find(renamed, NULL, false, &found) == SPIN_OK &&
            !strcmp(found->name, "splat4d"),

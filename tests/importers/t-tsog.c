@@ -552,6 +552,10 @@ static const struct change sogst_changes[] = {
     {.at = "time.fps", .word = "time.fps", .what = "no frames a second"},
     {.at = "time.fps", .json = "0", .word = "0 frames a second", .what = "0 frames a second"},
     {.at = "time.max", .json = "-1", .word = "to -1 s", .what = "times backwards"},
+    {.at = "time",
+     .json = "{\"min\": 0, \"max\": 999999, \"fps\": 9999}",
+     .word = "with 9998990002 frames",
+     .what = "more frames than an int counts"},
     {.at = "motion.degree", .json = "2", .word = "without 'accel'", .what = "no accelerations"},
     {.at = "motion.degree", .json = "3", .word = "motion.degree", .what = "paths of degree 3"},
     {.at = "accel", .json = "{}", .word = "with 'accel'", .what = "too many accelerations"},
@@ -664,6 +668,11 @@ static void test_ply(void)
        "and all of it is read");
     run_close(&run);
     fails("sogst", write_ply("", "", 0), "no comments sogst.time_min", "no comments");
+    fails("sogst",
+          write_ply("comment sogst.time_min 0\ncomment sogst.time_max 999999\ncomment sogst.fps "
+                    "9999\n",
+                    "", 0),
+          "with 9998990002 frames", "more frames than an int counts");
     fails("sogst", write_ply("comment sogst.time_min 1.0\ncomment sogst.time_max 3.0\n", "", 0),
           "no comments", "no frames a second");
     fails("sogst", write_ply(TIMES "comment sogst.motion_degree 2\n", "", 0), "degree 2",

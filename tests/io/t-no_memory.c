@@ -1,9 +1,10 @@
 /* Every reader and writer of a format with each of its allocations missing once: that is told as a
  * lack of memory, not as a damaged file, and no library's own handler ends the process. K: memory
- * zip npy json png jpeg webp zstd xz gzip */
+ * zip npy json png jpeg webp zstd xz gzip shim */
 #include "tests/no_memory.h"
 
 #include <limits.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include "base/mem.h"
@@ -169,6 +170,41 @@ static spin_status read_xz(void *path)
     return spin_xz_load(path, 1 << 20, &bytes, &n);
 }
 
+/* Loading, in processes that have not loaded anything yet. */
+static void loading(spin_status (*need)(void), const char *what)
+{
+    int how = 0, n_failed = 0;
+    bool good = true, loaded = false;
+
+    if (!CAN_RUN_OUT) {
+        skip(what, "another allocator");
+        return;
+    }
+    for (long n = 1; good && !loaded && n < 20000; n += n < 100 ? 1 : n / 20) {
+        pid_t child = fork();
+
+        if (child == 0) {
+            spin_status status;
+
+            atomic_store(&calls_until_none, n);
+            status = need();
+            if (atomic_exchange(&calls_until_none, 0) > 0)
+                _exit(status == SPIN_OK ? 0 : 3);
+            if (status == SPIN_E_MEMORY && strstr(spin_last_error(), "memory"))
+                _exit(need() == SPIN_OK ? 1 : 2);
+            if (status != SPIN_OK)
+                printf("# allocation %ld: %d %s\n", n, (int)status, spin_last_error());
+            fflush(stdout);
+            _exit(status == SPIN_OK ? 1 : 2);
+        }
+        good =
+            child > 0 && waitpid(child, &how, 0) == child && WIFEXITED(how) && WEXITSTATUS(how) < 2;
+        loaded = good && WEXITSTATUS(how) == 0;
+        n_failed += !loaded;
+    }
+    ok(good && loaded && n_failed > 0, "%s: told as such, and loads when there is memory", what);
+}
+
 static void images(void)
 {
     static const char *const names[] = {"grey.jpg", "turned.jpg", "palette-alpha.png",
@@ -201,6 +237,7 @@ TAP_MAIN
     }
     for (size_t i = 0; i < sizeof rgba; i++)
         rgba[i] = (uint8_t)(i * i >> 5 | (i % 4 == 3 ? 255 : 0));
+    loading(spin_zstd_need, "loading libzstd");
     strcpy(path, in_folder("a.npz"));
     without_memory(write_npz, path, "writing NPZ", LONG_MAX);
     without_memory(read_npz, path, "reading NPZ", LONG_MAX);
