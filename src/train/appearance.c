@@ -5,9 +5,10 @@
 #include "base/base.h"
 
 enum {
-    FRAMES = 32,      /* frames examined, evenly spaced over the clip */
-    THRESHOLD = 5,    /* of 255; noise and JPEG change the mean of 3 x 3 pixels by less */
-    CAMERAS = 2,      /* cameras that must observe a change, at least */
+    FRAMES = 32, /* frames examined, evenly spaced over the clip */
+    THRESHOLD =
+        5, /* largest deviation, of 255, that noise and JPEG cause in a mean of 3 x 3 pixels */
+    CAMERAS = 2,      /* least number of cameras that must deviate */
     NONE = UINT8_MAX, /* no brightness: the place is outside the camera's image */
 };
 
@@ -16,10 +17,11 @@ struct look {
     struct spin_photos *photos;
     size_t n;
     const float *place;
-    int n_frames;            /* examined */
-    uint8_t *image;          /* [max pixels][3] */
-    uint8_t *bright;         /* [n][n_frames] of one camera */
-    uint8_t *seen, *changed; /* [n][n_frames] numbers of cameras, at most 255 */
+    int n_frames;    /* number of examined frames */
+    uint8_t *image;  /* [max pixels][3] */
+    uint8_t *bright; /* [n][n_frames] brightness in one camera */
+    /* [n][n_frames] numbers of cameras, at most 255: that see the place; that deviate. */
+    uint8_t *seen, *changed;
 };
 
 /* Mean brightness of the 3 x 3 pixels around a point, 0 to 254. NONE outside the image or at its
@@ -52,7 +54,7 @@ static int compare_bytes(const void *a, const void *b)
     return *(const uint8_t *)a - *(const uint8_t *)b;
 }
 
-/* Median over the frames in which the place is visible; NONE if there is none. */
+/* Median over the frames in which the place is visible; NONE if it never is. */
 static uint8_t median_of(const uint8_t *bright, int n_frames)
 {
     uint8_t value[FRAMES];
@@ -75,6 +77,7 @@ static int chosen(const struct look *l, int frame)
     return (k * all + l->n_frames - 1) / l->n_frames == frame ? (int)k : -1;
 }
 
+/* Adds a camera to the numbers of cameras that see a place or deviate. */
 static spin_status look_through(struct look *l, int camera_id)
 {
     size_t n_frames = (size_t)l->n_frames;

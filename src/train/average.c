@@ -4,9 +4,9 @@
 #include "train/state_arrays.h"
 
 enum {
-    MOMENTS = 12,
-    PORTION = 1 << 20
-}; /* iterations averaged at most; floats downloaded at a time */
+    MOMENTS = 12,     /* largest number of averaged iterations */
+    PORTION = 1 << 20 /* floats downloaded at a time */
+};
 
 struct spin_average spin_average_of(double share, int64_t until, int64_t iterations)
 {
@@ -18,7 +18,8 @@ struct spin_average spin_average_of(double share, int64_t until, int64_t iterati
                                  .every = (iterations - first + MOMENTS - 1) / MOMENTS};
 }
 
-/* Number of iterations up to this one that are part of the mean. */
+/* Number of averaged iterations up to this one. Counts backwards, since the last iteration is
+ * always averaged. */
 static int count_by(const struct spin_average *a, int64_t iterations, int64_t iteration)
 {
     int64_t left = iterations - iteration;

@@ -8,17 +8,18 @@
 #include "train/point_sample.h"
 
 enum {
-    FRAMES = 3,
-    POINTS = 4096,     /* of a frame, whose colours are compared */
-    CELLS = 64,        /* of the depth map, along each axis */
-    LEAST_CAMERAS = 3, /* that must see a point */
-    LEAST_POINTS = 32, /* that a camera must see */
-    FIT_CAMERAS = 3,   /* that must see a point to be used for gains and falloff ... */
-    FIT_POINTS = 200   /* ... and how many such points are needed */
+    FRAMES = 3,        /* frames examined */
+    POINTS = 4096,     /* points per frame whose colours are compared */
+    CELLS = 64,        /* cells of the depth map along each axis */
+    LEAST_CAMERAS = 3, /* spread: cameras that must see a point */
+    LEAST_POINTS = 32, /* spread: points that a camera must see */
+    FIT_CAMERAS = 3,   /* gains and falloff: cameras that must see a point */
+    FIT_POINTS = 200   /* gains and falloff: least number of points */
 };
 /* Range of values that determine a gain: dark ones are noisy, bright ones clipped. */
 static const float darkest = 0.1f, brightest = 0.95f;
-/* Edge of the regions that are held out in turn, in radii of the ball that contains most points. */
+/* Edge length of the cubes in which half_of() divides the scene, in radii of the ball that contains
+ * most points. */
 static const double region = 0.5;
 /* A point is occluded if its depth exceeds the smallest depth of its cell by this factor. */
 static const double behind = 1.05;
@@ -28,16 +29,17 @@ struct colours {
     struct spin_photos *photos;
     struct spin_splats splats; /* of the current frame */
     size_t step, n_points;     /* every step-th splat is one of the points */
-    uint8_t *image;            /* of a view */
+    uint8_t *image;            /* image of a view */
     float (*seen)[4];          /* [points][cameras] of the frame: r g b and r^2; NaN: not visible */
-    int *lens;                 /* [cameras] */
-    float *difference[3]; /* [cameras][FRAMES * POINTS] of each channel: deviation from the cameras'
-                             mean colour, on a scale of 0..1 */
-    size_t *n;            /* [cameras] how many deviations */
-    float ball[3];        /* centre of the ball that contains most points */
+    int *lens;                 /* [cameras] index of the camera's lens */
+    /* [cameras][FRAMES * POINTS] for each channel: deviations (colours are 0..1) from the mean
+     * colour of all cameras. */
+    float *difference[3];
+    size_t *n;     /* [cameras] number of deviations */
+    float ball[3]; /* centre of the ball that contains most points */
     double radius;
     struct spin_look_sample *sample;
-    size_t n_samples, n_points_seen;
+    size_t n_samples, n_points_seen; /* n_points_seen: points in the samples */
     double nearest[CELLS][CELLS];
 };
 
@@ -139,7 +141,7 @@ static bool tells_gain(const float seen[4])
     return tells;
 }
 
-/* Half of the scene that a splat belongs to: regions alternate as on a chessboard. */
+/* Half of the scene, 0 or 1, that a splat belongs to: cubes alternate as on a chessboard. */
 static int half_of(const struct colours *c, size_t splat)
 {
     const float *mean = c->splats.means + 3 * splat;

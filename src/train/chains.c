@@ -6,12 +6,13 @@
 #include "train/knn.h"
 #include "train/link.h"
 
-/* A match is at most this many neighbour spacings from the expected position, and differs by at
- * most this in each colour channel of 0..1. The expected position continues the last displacement
- * at this share. Tuned on the clip basketball. */
-static const float reach_of_spacing = 3, colour_tolerance = 0.1f, share_of_step = 0.7f;
-static const float most_spacing = 4; /* in mean spacings: cap the search radius so that outliers are
-                                        not matched across the scene */
+/* Tuned on the clip basketball. */
+static const float reach_of_spacing = 3, /* search radius, in distances to the neighbours */
+    colour_tolerance = 0.1f,             /* largest difference in a colour channel of 0..1 */
+    share_of_step = 0.7f;                /* share of the last displacement that is expected again */
+/* Upper limit of a splat's distance to its neighbours, in means over all splats: caps the search
+ * radius so that outliers are not matched across the scene. */
+static const float most_spacing = 4;
 
 /* Splats of a frame that have no track. */
 struct loose {
@@ -53,7 +54,7 @@ static float colour_of(const struct spin_splats *s, size_t i, size_t c)
     return s->sh ? (float)(SPIN_SH_C0 * (double)s->sh[3 * coefficients * i + c]) : 0;
 }
 
-/* Search radius around the expected position of each splat. */
+/* Sets the search radius around the expected position of each splat. */
 static spin_status set_reach(struct spin_pool *pool, struct loose *l)
 {
     double mean = 0;

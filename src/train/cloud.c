@@ -17,7 +17,7 @@ spin_status spin_refine_cloud_reserve(struct spin_refine_cloud *cloud, size_t n)
 {
     size_t capacity = n + n / 2;
 
-    if (n > INT32_MAX) /* the rasteriser's lists hold 32-bit indices */
+    if (n > INT32_MAX) /* the rasteriser uses 32-bit indices */
         return spin_fail(SPIN_E_MEMORY, "%zu points in one frame are more than %d", n, INT32_MAX);
     if (n <= cloud->capacity)
         return SPIN_OK;

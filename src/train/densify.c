@@ -71,7 +71,8 @@ static int compare_wishes(const void *a, const void *b)
     return (x->point > y->point) - (x->point < y->point);
 }
 
-/* Clones and splits each add one point. If the cap allows fewer, the largest mean gradients win. */
+/* Each clone and each split adds one point. If max_points allows fewer, points with the largest
+ * mean gradients take precedence. */
 static spin_status respect_cap(const struct spin_densify_options *o,
                                const struct spin_refine_cloud *c, size_t marked, uint8_t *mark)
 {
@@ -137,9 +138,9 @@ static void add_child(struct spin_refine_cloud *c, size_t parent, const float no
     shift(p, along);
 }
 
-/* Half of a point: shifted along the longest axis by half_offset scales; the other factors apply to
- * its scale along that axis, to its other scales and to its opacity. Tuned on the clips court and
- * basketball. */
+/* Half of a point: shifted along the longest axis by half_offset times the scale of that axis.
+ * half_long multiplies this scale, half_other the other scales, and half_opacity the opacity. Tuned
+ * on the clips court and basketball. */
 static const float half_offset = 0.6f, half_long = 0.5f, half_other = 0.85f, half_opacity = 0.6f;
 
 static void add_half(struct spin_refine_cloud *c, size_t parent, float side)
@@ -196,7 +197,7 @@ static spin_status add_children(const struct spin_densify_options *o, int iterat
     return SPIN_OK;
 }
 
-/* 3DGS keeps points that are not finite. Here they are pruned, since they would reach the network's
+/* Unlike 3DGS, rejects points with values that are not finite, which would enter the network's
  * training. */
 static bool worth_keeping(const struct spin_refine_cloud *c, size_t i, float prune_opacity)
 {

@@ -10,11 +10,11 @@ struct change {
     struct spin_trainer *t;
     const struct spin_densify_options *o;
     int iteration;
-    /* The new ones, in the order of kinds: dynamic, varying, static, backdrop. */
+    /* The new tracks, sorted by kind: dynamic, varying, static, backdrop. */
     struct spin_refine_cloud tracks;
     size_t n_before, n_moving, n_varying;
     uint32_t *row; /* [n_before] splat of each old track in this frame, or SPIN_NO_TRACK */
-    struct spin_refine_cloud before, after; /* of this frame; the next one reuses them */
+    struct spin_refine_cloud before, after; /* splats of this frame; reused for the next */
 };
 
 /* ---- The tracks' parameters ------------------------------------------------------------------ */
@@ -95,7 +95,8 @@ static spin_status add_statistics(struct change *c)
     return SPIN_OK;
 }
 
-/* A new track has the kind of its parent. */
+/* Kind of the old track `origin`, which its children inherit: 0 dynamic, 1 varying, 2 static, 3
+ * backdrop. */
 static int kind_of(const struct spin_trainer *t, uint32_t origin)
 {
     return origin < t->n_moving                   ? 0
@@ -123,8 +124,7 @@ static spin_status sort_tracks(struct change *c)
     return SPIN_OK;
 }
 
-/* Remaining splat budget of a frame that has `others` splats; at least 1, since 0 means unlimited.
- */
+/* Remaining splat budget beside `others` splats of a frame; at least 1, since 0 is unlimited. */
 static size_t cap_beside(const struct change *c, size_t others)
 {
     size_t most = c->o->max_points;
@@ -160,8 +160,8 @@ static spin_status change_tracks(struct change *c, struct spin_densify_change *s
 
 /* ---- A frame --------------------------------------------------------------------------------- */
 
-/* A frame's new splats. The cloud holds those with own values, which come first; where a splat
- * lacks some of these values they are zero. */
+/* The new splats of a frame. The cloud contains the leading splats, which own values; values that a
+ * splat does not own are zero. */
 struct rows {
     struct spin_refine_cloud *cloud;
     uint32_t *track;  /* [n] */
@@ -170,7 +170,7 @@ struct rows {
 };
 static const uint32_t NEW_ROW = UINT32_MAX;
 
-/* Fills in c->row for the frame. Returns how many splats the new tracks have in it. */
+/* Sets c->row for a frame. Returns the number of splats that the new tracks have in this frame. */
 static size_t find_rows(struct change *c, const struct seen_frame *seen, size_t n)
 {
     size_t n_tracked = 0;
@@ -211,7 +211,7 @@ static spin_status change_free(struct change *c, int f, const struct seen_frame 
     return SPIN_OK;
 }
 
-/* Adds the own values of track k's splat, copied from a previous row. */
+/* Adds the values that the splat of track k owns, copied from an old row. */
 static void add_own(const struct change *c, size_t k, uint32_t row, struct rows *rows)
 {
     struct spin_refine_point *p = &rows->cloud->point[rows->cloud->n++];
@@ -257,7 +257,8 @@ static spin_status add_tracked(const struct change *c, struct rows *rows)
 static spin_status permute(const struct rows *rows, size_t n_before, uint32_t **permutation)
 {
     size_t n = rows->size.n, n_kept = 0;
-    uint32_t *to, *row_at; /* [n_before] new row of the splat at each old place of the output */
+    /* row_at [n_before]: the new index of the splat in each old row of the output. */
+    uint32_t *to, *row_at;
 
     SPIN_TRY(spin_alloc(n + n_before + 1, sizeof *to, (void **)&to));
     row_at = to + n;
@@ -276,8 +277,8 @@ static spin_status permute(const struct rows *rows, size_t n_before, uint32_t **
     return SPIN_OK;
 }
 
-/* turn [n_pos][4]: splats of dynamic tracks inherit the turns of their parents. NULL if the frame
- * has no turns. */
+/* turn [n_pos][4] = turns of the new splats, inherited from their parents. NULL if the frame has no
+ * turns. */
 static spin_status inherit_turns(const struct change *c, const struct spin_train_frame *frame,
                                  const struct rows *rows, float **turn)
 {
@@ -319,7 +320,7 @@ static spin_status replace_frame(struct change *c, int f, const struct rows *row
     return spin_refine_cloud_send(rows->cloud, d, frame);
 }
 
-/* c->before = the frame's splats with own values. */
+/* c->before = the splats of the frame that own values. */
 static spin_status fetch_frame(struct change *c, const struct spin_train_frame *frame)
 {
     const struct spin_frame_size *size = &frame->size;

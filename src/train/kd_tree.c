@@ -24,8 +24,8 @@ static void select_middle(struct spin_kd_tree *t, size_t lo, size_t hi, size_t m
 {
     while (hi - lo > 1) {
         size_t i = lo, j = hi - 1;
-        float pivot = coordinate(t, lo + (hi - lo - 1) / 2,
-                                 axis); /* not the last element, so that both parts shrink */
+        /* The pivot is not the last element, so that both parts shrink. */
+        float pivot = coordinate(t, lo + (hi - lo - 1) / 2, axis);
 
         for (;;) {
             while (coordinate(t, i, axis) < pivot)

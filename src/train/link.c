@@ -19,9 +19,9 @@ struct round {
     const float *reach;
     size_t width;
     struct spin_kd_tree tree; /* of `to` */
-    struct link *held;        /* [to->n] current matches */
+    struct link *held;        /* [to->n] current match of each splat of `to` */
     struct link *wanted;      /* [from->n] proposals of this round */
-    uint32_t *next;           /* [from->n] current matches */
+    uint32_t *next;           /* [from->n] current match of each splat of `from` */
 };
 
 struct search {

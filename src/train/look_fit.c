@@ -11,18 +11,19 @@
 #include "base/base.h"
 
 enum { ROUNDS = 6, STEPS = 100, GRID = 64 };
-static const double outlier =
-    0.05; /* a sample with this residual, as a logarithm, has weight 1/2 */
+/* Residual (of the logarithm) at which a sample has weight 1/2. */
+static const double outlier = 0.05;
 
-/* A falloff is accepted if r^2 of its samples still has this standard deviation when the means of
- * points and cameras are removed, ... */
+/* A falloff must meet three conditions. First, r^2 of its samples has at least this standard
+ * deviation after the means of points and cameras are removed. */
 static const double least_deviation = 0.1;
-/* ... if it stays within these limits and rises outwards by at most most_rise, ... */
+/* Second, the falloff stays within these limits and rises outwards by at most most_rise. */
 static const double darkest = 0.3, brightest = 1.05, most_rise = 0.02;
-/* ... and if held-out points fit better with it, by this many standard errors of the mean. */
+/* Third, held-out points fit better with the falloff than without, by at least this many standard
+ * errors of the mean. Gains must meet this condition as well. */
 static const double least_errors = 3;
-/* Gains must also explain this share of the differences within points: where views disagree for
- * other reasons, such as smoke, some gain always fits slightly better. */
+/* Gains must also reduce the loss of held-out points by at least this share: where views disagree
+ * for other reasons, such as smoke, some gain always fits slightly better. */
 static const double least_explained = 0.05;
 
 struct fit {
@@ -79,8 +80,7 @@ static void centre(const struct fit *f, double *v)
     }
 }
 
-/* out [n_unknown] = for each unknown, the sum of its derivative times the weighted samples v [n].
- */
+/* out [n_unknown] = J^T W v [n], where J is the Jacobian of the predictions and W the weights. */
 static void gather(const struct fit *f, const double *v, double *out)
 {
     memset(out, 0, f->n_unknown * sizeof *out);
@@ -93,6 +93,7 @@ static void gather(const struct fit *f, const double *v, double *out)
     }
 }
 
+/* out = the matrix of the normal equations times x. */
 static void multiply(const struct fit *f, double *x, double *out)
 {
     for (size_t i = 0; i < f->n; i++)
@@ -110,7 +111,8 @@ static double dot(const struct fit *f, const double *a, const double *b)
     return sum;
 }
 
-/* Starts from x = 0, so that unknowns without samples stay 0. */
+/* Solves the normal equations by conjugate gradients. Starts from x = 0, so that unknowns without
+ * samples stay 0. */
 static void solve(struct fit *f)
 {
     double squares, before, first;
@@ -273,7 +275,7 @@ static double deviation_of(struct fit *f, int lens, double *camera)
     return n ? sqrt(squares / (double)n) : 0;
 }
 
-/* A credible falloff never brightens and never becomes dark, out to the corner. */
+/* True if the falloff meets the second condition, from the centre to the corner. */
 static bool makes_sense(const float *falloff, double corner)
 {
     for (int rgb = 0; rgb < 3; rgb++) {
@@ -301,12 +303,13 @@ static void add_loss(struct fit *h, const double *x, int rgb, double *loss)
     else
         memset(h->x, 0, h->n_unknown * sizeof *h->x);
     weigh(h);
-    weigh(h); /* again, with means of the points that outliers no longer bias */
+    weigh(h); /* the second pass computes the means of points with low weights for outliers */
     for (size_t i = 0; i < h->n; i++)
         loss[i] -= log(h->weight[i]);
 }
 
-/* loss [n]: of each sample for a fit to the other half; fits false: without any fit. */
+/* loss [n] += the loss of each sample under a fit to the other half of the scene or, with fits
+ * false, without a fit. first: the number of samples of half 0, which precede those of half 1. */
 static spin_status hold_out(const struct spin_look_sample *sample, size_t n, size_t first,
                             int n_cameras, int n_lenses, const bool *falls, bool fits, double *loss)
 {
@@ -336,7 +339,7 @@ static double sum_of(const double *v, size_t n)
     return sum;
 }
 
-/* By how many standard errors of the mean over points `loss` is below `other`. */
+/* Mean over points of other - loss, in standard errors of this mean. */
 static double errors_below(const struct spin_look_sample *sample, size_t n, const double *loss,
                            const double *other)
 {
@@ -355,7 +358,7 @@ static double errors_below(const struct spin_look_sample *sample, size_t n, cons
     return mean / sqrt((squares / points - mean * mean) / points);
 }
 
-/* Copies the samples of half 0, then those of half 1. Returns the number of half 0. */
+/* Copies the samples of half 0, then those of half 1. Returns the number of samples of half 0. */
 static size_t part(const struct spin_look_sample *sample, size_t n, struct spin_look_sample *out)
 {
     size_t k = 0, first = 0;
@@ -369,7 +372,8 @@ static size_t part(const struct spin_look_sample *sample, size_t n, struct spin_
     return first;
 }
 
-/* Fits, and drops the falloff of lenses until all that remain are credible. */
+/* Fits gains and falloffs, and drops falloffs that fail the first or second condition, until all
+ * remaining ones meet both conditions. */
 static spin_status fit_sane(const struct spin_look_sample *sample, size_t n, int n_cameras,
                             int n_lenses, const double *corner, bool *falls, float *exposure,
                             enum spin_look_why *why)

@@ -7,7 +7,7 @@
 #include "train/test_views.h"
 
 enum { CHECK_EVERY = 100 };             /* iterations between checks that all values are finite */
-static const double save_seconds = 300; /* between checkpoints, without --save-every */
+static const double save_seconds = 300; /* seconds between checkpoints without --save-every */
 
 /* ---- Evaluation ------------------------------------------------------------------------------ */
 
@@ -43,7 +43,7 @@ static spin_status show_network(const struct spin_loop *l, struct spin_quality *
     return status;
 }
 
-/* Measures the network, logs the result and writes previews. */
+/* Measures the clip, logs the result and writes previews. */
 static spin_status look(const struct spin_loop *l)
 {
     struct spin_quality q;
@@ -67,7 +67,7 @@ static spin_status look(const struct spin_loop *l)
 
 /* ---- One iteration --------------------------------------------------------------------------- */
 
-/* Training of a single frame, as in 3DGS. */
+/* True for the training of a single frame, as in 3DGS. */
 static bool is_alone(const struct spin_loop *l) { return l->plan->o->method == SPIN_METHOD_FRAMES; }
 
 struct spin_loop spin_loop_of(struct spin_plan *plan, struct spin_photos *photos,
@@ -119,9 +119,9 @@ static spin_status densify(const struct spin_loop *l, struct spin_densify_change
     return SPIN_OK;
 }
 
-/* One iteration, after which the trainer is sound. Where single-frame training densifies it skips
- * the update: 3DGS replaces the parameters there, which loses their gradients. Checks all values
- * first, since densification would silently prune those that are not finite. */
+/* Runs one iteration, after which the trainer can be saved. An iteration that densifies a single
+ * frame skips the update, as in 3DGS, where replacing the parameters loses their gradients. Before
+ * densification all values are checked, since it would silently prune those that are not finite. */
 static spin_status take_step(const struct spin_loop *l, const struct spin_sampler *sampler,
                              struct spin_steps *steps)
 {
@@ -202,7 +202,7 @@ spin_status spin_loop_step(const struct spin_loop *l, struct spin_sampler *sampl
     double start = spin_now_s(), loaded, seconds, waited, waited_before;
     uint64_t sent, sent_before;
 
-    take_seconds(steps, d); /* discard what was done between iterations */
+    take_seconds(steps, d); /* discard the times of work between iterations */
     SPIN_TRY(spin_sampler_batch(sampler, l->trainer->iteration));
     loaded = spin_now_s();
     spin_ranks_spent(&sent_before, &waited_before);
@@ -246,7 +246,7 @@ static void say_seconds(const struct spin_steps *steps)
 
 static bool due(int64_t iteration, int every) { return every > 0 && iteration % every == 0; }
 
-/* A signal to any rank stops all; the clock of rank 0 decides when to save. */
+/* Agrees among ranks: a signal to any rank stops all; the clock of rank 0 decides when to save. */
 static spin_status stop_and_save(const struct spin_loop *l, bool *stop, bool *save)
 {
     struct wish {
@@ -282,7 +282,7 @@ static spin_status save_on_the_way(const struct spin_loop *l)
     return SPIN_OK;
 }
 
-/* *tried: whether it tried to save. */
+/* Stops after a signal, or saves a checkpoint if it is due. *tried: a checkpoint was attempted. */
 static spin_status stop_or_save(const struct spin_loop *l, bool *tried)
 {
     bool last = l->trainer->iteration == l->plan->o->iterations, stop, save;
@@ -301,7 +301,8 @@ static spin_status stop_or_save(const struct spin_loop *l, bool *tried)
 
 /* ---- Disk space ------------------------------------------------------------------------------ */
 
-/* Expected growth by the next densification: twice that of the last one. */
+/* Expected growth of the checkpoint by the next densification: twice the last growth, and at least
+ * an eighth of the checkpoint. */
 static uint64_t growth_ahead(struct spin_checkpoint *c, uint64_t state)
 {
     bool first = c->bytes == 0;
@@ -326,9 +327,9 @@ static spin_status fail_space(const struct spin_loop *l, uint64_t bytes, bool gr
         spin_text_bytes(bytes, need), grows ? " as it grows" : "");
 }
 
-/* A checkpoint must fit on the disk at any time, whatever else is written there: a training that is
- * about to outgrow the disk stops while it still fits. Once the number of splats no longer grows
- * and they are saved, space for the output suffices. */
+/* Reserves disk space for the next checkpoint, so that other programs cannot use it up: a training
+ * that is about to outgrow the disk stops while its checkpoint still fits. Once a checkpoint with
+ * the final number of splats is saved, space for the output suffices. */
 static spin_status reserve_space(const struct spin_loop *l)
 {
     struct spin_checkpoint *c = l->checkpoint;

@@ -10,15 +10,15 @@ enum preset { QUICK, BEST, OF_PAPER, OF_SHORT, PRESETS }; /* in the order of SPI
 struct row {
     enum type type;
     const char *field, *argument;
-    size_t offset, n; /* of the field; how many numbers it has */
+    size_t offset, n; /* offset of the field, and its number of values */
     double min, max;  /* 0, 0: no limit */
     struct {
         double value[PRESETS][4]; /* [preset][number] */
         const char *name[PRESETS];
     } fallback;
     struct {
-        size_t when; /* 0: never, 1: always, else the offset of the field that must differ from the
-                        paper's */
+        size_t when;     /* 0: never; 1: always; else: if the field at this offset differs from the
+                            paper's */
         const char *key; /* NULL: the field's name */
     } in_json[2];        /* [spin_options_of] */
 };
@@ -39,7 +39,7 @@ struct row {
 #define C_DOUBLE double
 #define C(type) C_##type
 #define FIELD(field) (((struct spin_retrain_options *)NULL)->field)
-/* How many numbers a field has; does not compile for a field of another type. */
+/* Number of values of a field. Does not compile for a field of another type. */
 #define COUNT(c, field) sizeof FIELD(field) / sizeof(_Generic(FIELD(field), c : (c)0, c * : (c)0))
 
 #define NEVER .when = 0
@@ -77,7 +77,7 @@ static const struct row *const end = rows + sizeof rows / sizeof *rows;
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-/* The i-th of the names in "a|b|c", and its length; NULL when there are fewer. */
+/* The i-th name in "a|b|c", and its length; NULL if there are fewer names. */
 static const char *name_at(const char *names, size_t i, size_t *length)
 {
     for (;; names++) {
@@ -90,7 +90,7 @@ static const char *name_at(const char *names, size_t i, size_t *length)
     }
 }
 
-/* Index of a name in "a|b|c"; SIZE_MAX if it is not there. */
+/* Index of a name in "a|b|c"; SIZE_MAX if the list does not contain it. */
 static size_t place_of(const char *name, const char *names)
 {
     const char *found;
@@ -209,8 +209,8 @@ static int batch_of(const struct spin_retrain_options *o)
 
 void spin_options_resolve(struct spin_retrain_options *o, int n_frames)
 {
-    int share =
-        o->batch > 0 ? 1 : spin_n_ranks(); /* iterations that one iteration of all ranks replaces */
+    /* Number of iterations of one rank that one iteration of all ranks replaces. */
+    int share = o->batch > 0 ? 1 : spin_n_ranks();
 
     o->batch = batch_of(o);
     scale_rates(o, share);
@@ -224,8 +224,8 @@ void spin_options_resolve(struct spin_retrain_options *o, int n_frames)
         o->track_iterations = o->iterations;
     if (o->densify_every < 0)
         o->densify_every = o->track_iterations / DENSIFICATIONS;
-    if (o->method ==
-        SPIN_METHOD_4D) { /* 4D splats are not densified, and learn in all iterations */
+    /* 4D splats are not densified, and learn in all iterations. */
+    if (o->method == SPIN_METHOD_4D) {
         o->tracks = false;
         o->track_iterations = o->iterations;
         o->densify_every = 0;
@@ -234,7 +234,7 @@ void spin_options_resolve(struct spin_retrain_options *o, int n_frames)
 
 /* ---- Limits ---------------------------------------------------------------------------------- */
 
-/* True if some preset starts from this value. */
+/* True if this is the default of some preset. */
 static bool is_fallback(const struct row *row, size_t i, double value)
 {
     for (int preset = 0; preset < PRESETS; preset++)

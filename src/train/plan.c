@@ -8,8 +8,9 @@
 #include "train/point_sample.h"
 #include "train/cloud.h"
 
-static const size_t program_bytes =
-    24 << 20; /* OpenImageIO, for images other than PNG and JPEG, takes 130 MB more */
+/* Memory of the program itself. OpenImageIO, which loads images other than PNG and JPEG, needs 130
+ * MB more. */
+static const size_t program_bytes = 24 << 20;
 
 /* ---- Options --------------------------------------------------------------------------------- */
 
@@ -95,8 +96,8 @@ bool spin_plan_has_residual(const struct spin_plan *plan)
     return plan->o->residual != SPIN_RESIDUAL_OFF || plan->o->tracks;
 }
 
-/* Single frames: 3DGS densifies after 500 iterations, which would leave a budget of 500 without
- * any. Clips densify while their tracks learn. */
+/* Single frames: 3DGS densifies after 500 iterations; shorter trainings start after a fifth of
+ * theirs. Clips densify only while static tracks learn. */
 struct spin_schedule spin_plan_schedule(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -119,7 +120,7 @@ bool spin_plan_densifies(const struct spin_plan *plan)
 
 struct spin_frame_size spin_plan_frame_size(const struct spin_plan *plan, size_t n)
 {
-    size_t own = plan->o->method == SPIN_METHOD_4D ? 0 : n; /* the rows have all values */
+    size_t own = plan->o->method == SPIN_METHOD_4D ? 0 : n; /* the rows store all values */
 
     return (struct spin_frame_size){n, own, own, spin_plan_has_residual(plan) ? own : 0};
 }
@@ -145,10 +146,9 @@ static void measure_pictures(struct spin_plan *plan)
     }
 }
 
-/* Extent for cameras at one position: that of a ring of cameras around the points, were they as far
- * away as the first training camera. It is 1.1 x the distance of that camera to the median of the
- * points or, where that is larger, 1.1 x the radius that contains 90 % of them (the camera is among
- * the points). */
+/* Extent for cameras at one position, as if they formed a ring around the points at the distance of
+ * the first training camera: 1.1 x the distance of that camera to the median of the points or, if
+ * that is larger, 1.1 x the radius that contains 90 % of the points (a camera among the points). */
 static spin_status measure_one_place(struct spin_plan *plan, double *extent)
 {
     struct spin_camera_f32 cam =
@@ -171,8 +171,8 @@ static spin_status measure_one_place(struct spin_plan *plan, double *extent)
     return SPIN_OK;
 }
 
-/* The extent of the training cameras scales the position rate and the thresholds of 3DGS. Cameras
- * that are all at one position have no extent. */
+/* The extent of the training cameras scales the position rate and the thresholds of 3DGS. If all
+ * cameras are at one position, their extent is 0 and one is derived from the points. */
 static spin_status plan_extent(struct spin_plan *plan)
 {
     double one_place;
@@ -217,14 +217,15 @@ static spin_status plan_field(struct spin_plan *plan)
     return SPIN_OK;
 }
 
-/* ---- Memory and time ------------------------------------------------------------------------- */
+/* ---- Derived settings ------------------------------------------------------------------------ */
 
+/* Evaluations of a frame's splats in an iteration. */
 static int decodings(const struct spin_retrain_options *o)
 {
     return (o->batch + o->views_per_frame - 1) / o->views_per_frame;
 }
 
-/* The images of an iteration are divided equally among the ranks. */
+/* The images of an iteration are divided among the ranks: with fewer images some ranks are idle. */
 static void warn_idle_ranks(const struct spin_retrain_options *o)
 {
     int n = spin_n_ranks();
@@ -341,8 +342,8 @@ void spin_plan_close_frame(struct spin_plan *plan)
     free(plan->exposure);
 }
 
-/* Share of their initial values at which the rates end if the last iterations are averaged. Tuned,
- * with that average, on the clips court and basketball. */
+/* Final learning rates of a training with Polyak average, as a share of the initial rates. Tuned
+ * together with the average on the clips court and basketball. */
 static const double averaged_floor = 0.2;
 
 static bool averages(const struct spin_plan *plan)
@@ -413,7 +414,7 @@ spin_status spin_plan_open_trainer(const struct spin_plan *plan, struct spin_dev
     return t->network && spin_plan_is_lazy(plan) ? spin_trainer_enable_lazy_adam(t) : SPIN_OK;
 }
 
-/* ---- Memory and time, again ------------------------------------------------------------------ */
+/* ---- Memory and time ------------------------------------------------------------------------- */
 
 size_t spin_plan_refine_bytes(const struct spin_plan *plan)
 {
@@ -441,8 +442,9 @@ out:
                              : SIZE_MAX;
 }
 
-/* Opens all that a training needs, for an upper bound: nothing is shared, and there are as many
- * tracks as splats. What tracks save is not known before the points are read. */
+/* Opens everything that a training allocates on the device, to count its memory. The result is an
+ * upper bound: the savings by tracks are unknown before the points are read, so all splats own
+ * their values and there are as many tracks as splats. */
 static spin_status open_training(const struct spin_plan *plan, struct spin_device *device,
                                  size_t *n_averaged)
 {
@@ -514,9 +516,10 @@ static void training_bytes(const struct spin_plan *plan, size_t *of_device, size
                  (size_t)views * spin_raster_grows(plan->clip.n_max, plan->max_pixels, true);
 }
 
-/* Decoded images are cached on the host, in at most a third of its memory and within what is left
- * beside `needed`; others are decoded again for each use. Images already cached (`held` bytes)
- * stay. Returns the bytes that the plan counts: those of all images if they are fewer. */
+/* Sets the budget of the image cache in host memory: a third of `available`, limited to what
+ * remains beside `needed`, but not below `held`, the bytes already cached. Images beyond the budget
+ * are decoded again for each use. Returns the size of the full cache: the budget, or all images if
+ * these are smaller. */
 static size_t plan_pixels(struct spin_plan *plan, size_t available, size_t needed, size_t held)
 {
     size_t all = 0, most = available / 3;
@@ -535,8 +538,8 @@ static size_t plan_pixels(struct spin_plan *plan, size_t available, size_t neede
     return all < plan->pixels_budget ? all : plan->pixels_budget;
 }
 
-/* Bytes that a rank contributes to the all-reduce of an iteration, if nothing is shared: gradients
- * of the network, and of the frames' own values. */
+/* Bytes that a rank contributes to the all-reduce of an iteration: gradients of the network and of
+ * the values that frames own, assuming that tracks share nothing. */
 static double step_bytes(const struct spin_plan *plan)
 {
     double own = spin_plan_has_residual(plan) ? SPIN_TRACK : 3;
@@ -548,8 +551,9 @@ static double step_bytes(const struct spin_plan *plan)
     return sizeof(float) * floats;
 }
 
-/* On a device with its own memory both that and the host's must suffice. Reports the host's if only
- * that is short, else the device's. held: bytes of decoded images that are already cached. */
+/* Estimates memory for the report. On a GPU, both device and host memory must suffice; the report
+ * describes host memory if only that is short, otherwise device memory. held: bytes of decoded
+ * images that are already cached. */
 static void plan_memory(struct spin_plan *plan, size_t held)
 {
     struct spin_retrain_report *report = plan->report;
@@ -577,8 +581,8 @@ static void plan_memory(struct spin_plan *plan, size_t held)
     }
 }
 
-/* True if it is known that the memory does not suffice. 0 bytes available means that the device did
- * not report its memory. */
+/* True if the memory is known to be insufficient. bytes_available is 0 if the device did not report
+ * its memory. */
 static bool is_short(const struct spin_retrain_report *report)
 {
     return report->bytes_available > 0 && report->bytes_needed > report->bytes_available;
@@ -601,7 +605,7 @@ static bool fits(const struct spin_plan *plan, const struct spin_retrain_options
     return report.bytes_available > 0 && !is_short(&report);
 }
 
-/* Options of a trial that differ from those of the run, as on the command line. */
+/* Writes the options of a trial that differ from those of the run, as given on the command line. */
 static void name_trial(const struct spin_plan *plan, const struct spin_retrain_options *o,
                        int n_frames, char *text, size_t n)
 {
@@ -620,8 +624,8 @@ static void name_trial(const struct spin_plan *plan, const struct spin_retrain_o
     memmove(text, text + 1, strlen(text)); /* remove the first blank */
 }
 
-/* Searches for options that fit and change least: first a smaller table and batch, then smaller
- * images, then fewer frames. */
+/* Searches for the smallest change of options that fits: first a smaller table and batch, then
+ * smaller images, then fewer frames. */
 static void look_for_fit(const struct spin_plan *plan)
 {
     struct spin_retrain_options o = *plan->o;
@@ -675,8 +679,8 @@ static double guess_refining(const struct spin_plan *plan)
 }
 
 /* Seconds of an iteration on one thread of a current server core: rasteriser per splat and view,
- * rasteriser and loss per pixel, network per splat and decoding, Adam of its table, values of
- * splats and tracks. Densification is assumed to end with about as many splats as pixels. */
+ * rasteriser and loss per pixel, network per splat and evaluation, Adam of the hash table, values
+ * of splats and tracks. Assumes that densification ends with about one splat per pixel. */
 static double guess_iteration(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;

@@ -5,7 +5,7 @@
 
 enum { FIRST_BYTES = 1 << 16 };
 
-/* Ensures host memory of so many bytes; its contents are lost. */
+/* Ensures that the host memory has this size; its contents are lost. */
 static spin_status need_host(struct spin_rank_sum *s, size_t bytes)
 {
     const struct spin_device_ops *op = s->device->op;
@@ -16,9 +16,10 @@ static spin_status need_host(struct spin_rank_sum *s, size_t bytes)
     return op->host_reserve(s->device, bytes + bytes / 8, &s->host);
 }
 
-/* What a rank can use to connect its GPU to those of others. */
+/* Whether a rank can connect its GPU to those of other ranks. */
 struct offer {
-    char about[32], card[40], why[200]; /* about "": it cannot, for the reason why */
+    /* Version of NCCL, or "" if it cannot; id of the GPU; reason why it cannot. */
+    char about[32], card[40], why[200];
 };
 
 static void make_offer(struct spin_device *d, struct offer *offer)
@@ -31,7 +32,7 @@ static void make_offer(struct spin_device *d, struct offer *offer)
         snprintf(offer->why, sizeof offer->why, "%s", spin_last_error());
 }
 
-/* why = the reason why the GPUs cannot be connected; "" if they can. */
+/* Sets why to the reason why the GPUs cannot be connected, or to "" if they can. */
 static void compare(const struct offer *offer, int n, char why[300])
 {
     *why = '\0';
@@ -47,7 +48,8 @@ static void compare(const struct offer *offer, int n, char why[300])
     }
 }
 
-/* Connects the GPUs, or sets why. */
+/* Connects the GPUs, or sets why to the reason why they cannot be connected. about = version of
+ * NCCL. */
 static spin_status link_cards(struct spin_rank_sum *s, char about[32], char why[300])
 {
     struct spin_device *d = s->device;

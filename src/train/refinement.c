@@ -1,5 +1,5 @@
-/* Refines frames. A training of the clip uses their positions and colours, or all attributes with
- * --residual source; --method frames has no other result.
+/* Refines frames. The training of a clip starts from the positions and colours of refined frames,
+ * or from all their attributes with --residual source. With --method frames they are the result.
  *
  * Frames are independent, so several are refined at a time, each on its share of the threads.
  * Results do not depend on the threads. A finished frame is stored in a cache beside the output
@@ -64,8 +64,7 @@ void spin_refinement_close(struct spin_refinement *refinement)
 
 /* ---- Frames refined before ------------------------------------------------------------------- */
 
-/* True if the input has this frame, refined under the same key, with all the columns that we need.
- */
+/* True if the input contains this frame, refined under the same key, with all required columns. */
 static bool input_has(struct spin_refinement *r, const struct spin_plan *plan, int f)
 {
     const struct spin_bundle *bundle = &plan->clip.bundle;
@@ -126,14 +125,14 @@ struct stage {
     struct spin_code_paths *code_paths;
     struct spin_step_log *step_log;
     int *todo, n_todo;        /* frames that this rank refines */
-    int *all, n_all;          /* those that all ranks refine */
+    int *all, n_all;          /* frames that all ranks refine */
     int first;                /* index in todo of the first frame in progress */
     int n_hands;              /* frames refined at a time */
-    struct spin_device *hand; /* [n_hands] */
-    pthread_mutex_t lock;     /* protects all that follows, and files, images, progress and log */
+    struct spin_device *hand; /* [n_hands] devices, one for each of these frames */
+    pthread_mutex_t lock;     /* protects all members below, and files, images, progress and log */
     struct spin_progress progress;
-    int64_t done;         /* iterations */
-    int64_t drawn, blind; /* iterations done; those of them in which no splat was visible */
+    int64_t done;         /* iterations, for the progress */
+    int64_t drawn, blind; /* iterations done; those in which no splat was visible */
     double start_s;
     spin_status status; /* of the first frame that failed */
     char why[512];
@@ -142,7 +141,7 @@ struct stage {
 struct job {
     struct stage *stage;
     int frame;
-    struct spin_plan plan; /* of this frame alone */
+    struct spin_plan plan; /* plan of this frame alone */
     struct spin_sampler sampler;
     struct spin_trainer trainer;
     struct spin_checkpoint clock;
@@ -330,11 +329,12 @@ static spin_status list_todo(struct stage *stage)
             stage->todo[stage->n_todo++] = f;
         stage->all[stage->n_all++] = f;
     }
-    return spin_ranks_agree(
-        SPIN_OK); /* all ranks have looked before the first of these frames is stored */
+    /* No rank may store a frame before all ranks have looked for it. */
+    return spin_ranks_agree(SPIN_OK);
 }
 
-/* Waits for all ranks, looks up the frames that others refined, and sums the statistics of all. */
+/* Waits for all ranks, looks up the frames that other ranks refined, and sums the statistics of all
+ * ranks. */
 static spin_status join(struct stage *stage)
 {
     struct work {
@@ -368,7 +368,7 @@ static spin_status join(struct stage *stage)
     return spin_ranks_agree(status);
 }
 
-/* Opens a device for each of n frames refined at a time, or for fewer if threads or memory are
+/* Opens a device for each frame refined at a time: up to n, or fewer if threads or memory are
  * short. */
 static spin_status take_hands(struct stage *stage, int n, int n_threads)
 {
@@ -417,7 +417,7 @@ out:
     return status;
 }
 
-/* Refines as many frames as there are threads, or a multiple, with one thread each; then the rest,
+/* First refines a multiple of n_threads frames, with one thread each; then the remaining frames,
  * which share the threads. */
 static spin_status run(struct stage *stage)
 {
@@ -435,6 +435,7 @@ static spin_status run(struct stage *stage)
     return SPIN_OK;
 }
 
+/* True if all refined frames have all attributes. */
 static bool can_be_drawn(const struct stage *stage)
 {
     bool input = !(whole & ~stage->plan->clip.bundle.refined.columns);
@@ -488,7 +489,8 @@ static spin_status look(struct stage *stage)
     return status;
 }
 
-/* Warns if some iterations showed no splat, since they taught nothing; fails if all of them did. */
+/* Warns if no splat was visible in some iterations, which then learned nothing; fails if that holds
+ * for all iterations of all frames. */
 static spin_status judge_blind(const struct stage *stage)
 {
     if (stage->blind == 0)
@@ -503,7 +505,8 @@ static spin_status judge_blind(const struct stage *stage)
     return SPIN_OK;
 }
 
-/* Plans again for the refined frames. Cached images stay; the budget for more of them changes. */
+/* Updates the plan for the refined frames, and with it the budget of the image cache. Cached images
+ * stay. */
 static spin_status recount(const struct stage *stage)
 {
     struct spin_image_cache *cache = &stage->photos->cache;

@@ -1,4 +1,4 @@
-/* Chooses the views of each iteration and loads their images. */
+/* Shuffles views into epochs, and loads images that the store lacks. */
 #include "train/sampler.h"
 
 #include "base/base.h"

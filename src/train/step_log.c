@@ -1,4 +1,4 @@
-/* Writes lines to the log, and stops when that fails. */
+/* Writes the log. A write error ends the log, but not the training. */
 #include "train/step_log.h"
 
 #include <fcntl.h>
@@ -7,8 +7,8 @@
 #include "base/base.h"
 #include "io/file.h"
 
-/* A character device, such as a terminal, loses nothing when it is written to. A FIFO is excluded,
- * since it could block the training. */
+/* True for a character device, such as a terminal, which may be written to without --force.
+ * Excludes FIFOs, since they could block the training. */
 static bool is_device(const char *path)
 {
     struct stat st;

@@ -49,7 +49,7 @@ spin_status spin_test_views_measure_input(struct spin_plan *plan, struct spin_ph
                                    trained ? "evaluating the clip" : "evaluating the source", out);
 }
 
-/* One image of the preview. source may be NULL. */
+/* Writes one PNG of the preview; source NULL: without the source. */
 static spin_status preview_view(struct spin_plan *plan, struct spin_photos *photos,
                                 struct spin_player *shown, struct spin_player *source,
                                 const struct spin_pair *pair, const char *label)

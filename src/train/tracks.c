@@ -6,23 +6,24 @@
 #include "train/chains.h"
 #include "train/morton.h"
 
-/* In units of the camera extent: a deviation that no image shows, and the largest one that counts
- * as noise. */
+/* Standard deviations of a position in units of the camera extent: up to UNSEEN they are invisible
+ * in images, and up to NOISE they may be noise. */
 static const double UNSEEN = 1e-4, NOISE = 1e-2;
 enum { NOISE_FRAMES = 8 }; /* fewer do not distinguish noise from motion */
 
-/* A position that splats of some frames share, or that a track starts from. */
+/* A candidate for a track: a position that splats of several frames share, or the first position of
+ * a track by identity or matching. */
 struct place {
     float at[3];
     uint32_t n_frames;
     int last_frame;
-    bool moves; /* dynamic: built by matching; or by identity, and see stands_still() */
+    bool moves; /* dynamic: built by matching, or a row that does not stand still */
 };
 
 /* Motion of a track by identity, relative to its first position. */
 struct motion {
     float last[3];
-    double sum[3], square, step; /* sums: of offsets, of their squares, of squared steps */
+    double sum[3], square, step; /* sums of offsets, squared offsets, squared steps */
 };
 
 struct places {
@@ -53,7 +54,7 @@ static void close_places(struct places *p)
     memset(p, 0, sizeof *p);
 }
 
-/* The slot with these coordinates, or the empty slot for them. */
+/* The slot of this position, or the empty slot where it belongs. */
 static size_t slot_of(const struct places *p, const float at[3])
 {
     size_t k = hash_of(at) & (p->n_slots - 1);
@@ -124,10 +125,9 @@ static spin_status add_rows(struct places *p, int frame, const struct spin_splat
     return SPIN_OK;
 }
 
-/* A track that only jitters is static: its variance is too small to be visible, or it changes from
- * frame to frame as much as noise does. The mean square of the differences of white noise is twice
- * its variance (von Neumann's ratio), that of a motion much less. Sources have such noise in static
- * regions. */
+/* True for a track that only jitters: its variance is too small to be visible, or it looks like
+ * noise, which sources have in static regions. The mean squared difference between frames is twice
+ * the variance for white noise (von Neumann's ratio), and much less for motion. */
 static bool stands_still(const struct motion *m, int n_frames, double extent)
 {
     double n = n_frames, variance = m->square / n;
@@ -140,7 +140,7 @@ static bool stands_still(const struct motion *m, int n_frames, double extent)
            variance <= pow(NOISE * extent, 2);
 }
 
-/* A static track has its mean position. */
+/* Decides which rows are static, and gives these their mean position. */
 static void settle(struct places *p, int n_frames, double extent)
 {
     for (size_t i = 0; p->motion && i < p->n; i++) {
@@ -152,7 +152,8 @@ static void settle(struct places *p, int n_frames, double extent)
     }
 }
 
-/* A second splat of the same frame at the same place has no track. */
+/* For other sources: splats at the same position are the same Gaussian. A second splat of a frame
+ * at the same position has no track. */
 static spin_status add_places(struct places *p, int frame, const struct spin_splats *s,
                               uint32_t *of)
 {
@@ -201,8 +202,8 @@ static bool is_track(const struct spin_tracks *tracks, const struct place *place
     return place->moves || tracks->identity || 2 * place->n_frames > (uint32_t)tracks->n_frames;
 }
 
-/* A splat whose position is occupied in at most half of the frames is matched instead. Each track
- * built by matching becomes a dynamic place. */
+/* Matches the splats whose position occurs in at most half of the frames. Each track built by
+ * matching becomes a dynamic place. */
 static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan, struct places *p)
 {
     SPIN_LEAVES(spin_chains_close) struct spin_chains chains = {0};
@@ -224,7 +225,7 @@ static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan
 
 /* ---- Numbering ------------------------------------------------------------------------------- */
 
-/* order [*n] = the places of p that are tracks, along a space-filling curve. */
+/* order [*n] = indices of the places that are tracks, along a space-filling curve. */
 static spin_status order_places(const struct spin_tracks *tracks, const struct places *p,
                                 uint32_t *order, size_t *n)
 {
@@ -242,7 +243,7 @@ static spin_status order_places(const struct spin_tracks *tracks, const struct p
 }
 
 /* Numbers the tracks: first dynamic ones, then varying ones, then the others. number [places] = the
- * track, or SPIN_NO_TRACK. order [tracks]: places. */
+ * track, or SPIN_NO_TRACK. order [tracks]: see order_places(). */
 static spin_status number_tracks(struct spin_tracks *tracks, const struct places *p,
                                  const uint32_t *order, const uint8_t *varies, uint32_t *number)
 {
@@ -267,8 +268,7 @@ static spin_status number_tracks(struct spin_tracks *tracks, const struct places
     return SPIN_OK;
 }
 
-/* Finds the tracks whose appearance varies over time. The results for dynamic tracks are not used.
- */
+/* Finds the tracks whose appearance varies over time. Results for dynamic tracks are not used. */
 static spin_status look_at_places(const struct spin_tracks *tracks, const struct spin_plan *plan,
                                   struct spin_photos *photos, const struct places *p,
                                   const uint32_t *order, uint8_t *varies)

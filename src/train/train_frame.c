@@ -1,5 +1,4 @@
-/* Memory of a frame's parameters, their transfer to and from the host, and their groups for Adam.
- */
+/* A frame's parameters: memory, transfer to and from the host, and groups for Adam. */
 #include "train/train_frame.h"
 
 #include "base/base.h"
@@ -140,7 +139,7 @@ spin_status spin_train_frame_download(const struct spin_train_frame *frame, stru
 }
 
 /* Splits n rows into up to two groups: the first n_free have the rate all.lr, the others `tracked`
- * times that. */
+ * times that rate. */
 static int split_group(struct spin_param_group all, size_t width, size_t n, size_t n_free,
                        double tracked, struct spin_param_group *group)
 {

@@ -19,7 +19,7 @@ static size_t most_splats(const struct spin_trainer_size *size)
     return most;
 }
 
-/* True if splats have values besides the network's outputs. */
+/* True if splats or tracks have residual values. */
 static bool has_residual(const struct spin_trainer_size *size)
 {
     size_t sum = size->n_tracks;
@@ -31,7 +31,7 @@ static bool has_residual(const struct spin_trainer_size *size)
 
 static size_t smaller(int a, int b) { return (size_t)(a < b ? a : b); }
 
-/* Floats of the own values of a batch's frames, at most. */
+/* Largest number of floats that the frames of a batch own. */
 static size_t own_floats(const struct spin_trainer *t)
 {
     return (size_t)t->max_items * t->n_max * ((t->residuals ? 3 + SPIN_RESIDUAL : 3) + t->sh_width);
@@ -42,7 +42,7 @@ int spin_trainer_frames_at_once(const struct spin_trainer *t)
     return (int)smaller(t->device->frames_at_once, t->max_items);
 }
 
-/* Splats that the device processes together, at most. */
+/* Largest number of splats that the device processes together. */
 static size_t splats_at_once(const struct spin_trainer *t)
 {
     return t->n_max * (size_t)spin_trainer_frames_at_once(t);
@@ -148,8 +148,9 @@ spin_status spin_trainer_resize(struct spin_trainer *t)
 
     for (int f = 0; f < t->n_frames; f++)
         n = t->frame[f].size.n > n ? t->frame[f].size.n : n;
-    if (n <= t->n_max) { /* clears stale gradients: if no tracks are left, Adam clears only those of
-                            own values */
+    if (n <= t->n_max) {
+        /* Clear stale gradients: if no tracks are left, an iteration clears only gradients of
+         * values that the splats own. */
         if (t->d_residual)
             t->device->op->zero(t->device, t->d_residual,
                                 splats_at_once(t) * SPIN_RESIDUAL * sizeof(float));
@@ -274,7 +275,6 @@ double spin_trainer_track_rate(const struct spin_trainer *t, double lr0)
     return spin_lr(lr0, r->end, t->iteration, r->warmup, r->track_iterations);
 }
 
-/* Steps of the network: iterations since it joined. */
 int64_t spin_trainer_network_steps(const struct spin_trainer *t)
 {
     return t->iteration > t->rates.network_from ? t->iteration - t->rates.network_from : 0;
@@ -310,7 +310,6 @@ int spin_trainer_sh_degree(const struct spin_trainer *t)
 
 /* ---- The table ------------------------------------------------------------------------------- */
 
-/* After a resume, records the rates of the iterations before it. */
 void spin_trainer_catch_up(struct spin_trainer *t, int64_t done)
 {
     while (t->lazy && t->lazy->done < done)

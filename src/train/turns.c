@@ -1,4 +1,4 @@
-/* For each frame, follows the tracks whose reference frame it is to both ends of the clip. */
+/* Follows each track from its reference frame to both ends of the clip. */
 #include "train/turns.h"
 
 #include <math.h>
@@ -10,16 +10,16 @@
 #include "train/kd_tree.h"
 #include "train/knn.h"
 
-/* Neighbours: at most NEIGHBOURS, within this multiple of the median spacing. Fewer than FEWEST do
- * not determine a rotation. Tuned on the clip court. */
+/* A rotation is determined from at most NEIGHBOURS neighbours, within reach_of_spacing times the
+ * median spacing; FEWEST are needed. Tuned on the clip court. */
 enum { NEIGHBOURS = 24, FEWEST = 4, CHUNK = 64 };
 static const float reach_of_spacing = 8;
-/* Neighbours on another part of the body do not turn with the splat: each pass lowers their weights
- * by their errors. */
+/* Each pass lowers the weights of neighbours with large errors, such as those on a part of the body
+ * that moves differently. */
 enum { PASSES = 3 };
-/* A turn is accepted if most neighbours follow it, that is, if it leaves at most this share of
- * their squared displacement. Splats that were matched by their looks slide over a surface and show
- * no turn. Tuned on the clips court and basketball. */
+/* A neighbour follows a turn if at most this share of its squared displacement remains after the
+ * turn. A turn is accepted if most neighbours follow it: splats that were matched by colour slide
+ * over a surface and do not show how it turns. Tuned on the clips court and basketball. */
 static const float most_left = 0.5f;
 
 spin_status spin_turns_open(struct spin_turns *turns, int n_frames)
@@ -99,8 +99,9 @@ static double fill_matrix(const struct offsets *o, double m[4][4])
     return most;
 }
 
-/* q = the best rotation, by power iteration on the matrix shifted to be positive. If several fit
- * equally well, as for neighbours on a line, the one nearest to the previous q. */
+/* q = the best rotation, by power iteration on the matrix, shifted to have no negative eigenvalues.
+ * The iteration starts from the previous q and, if several rotations fit equally well, as for
+ * neighbours on a line, finds the one nearest to it. */
 static void fit_rotation(const struct offsets *o, float q[4])
 {
     enum { MOST_POWERS = 100 };
@@ -140,7 +141,8 @@ static float square_of(const float from[3], const float to[3])
     return x * x + y * y + z * z;
 }
 
-/* Weights neighbours by how well they follow rotation q. Returns whether most do. */
+/* Sets the weights of neighbours by their errors under rotation q. Returns whether most of them
+ * follow q. */
 static bool weigh(struct offsets *o, const float q[4])
 {
     float square[NEIGHBOURS], mean = 0, turned[3];
@@ -168,7 +170,7 @@ struct near {
 struct origin {
     const struct spin_turns *turns;
     int frame;
-    const int *frame_of; /* [tracks] */
+    const int *frame_of; /* [tracks] reference frame */
     struct spin_kd_tree tree;
     float reach;
 };
@@ -219,8 +221,8 @@ static void subtract(const float a[3], const float b[3], float out[3])
         out[c] = a[c] - b[c];
 }
 
-/* q = the rotation from row i of the reference frame to row j of another frame. On entry it is that
- * of the previous frame, and stays so if the neighbours show no turn. */
+/* q = the turn from row i of the reference frame to row j of frame `to`. On entry q is the turn of
+ * the previous frame, which is kept if the neighbours do not determine another. */
 static void turn_to(const struct origin *origin, const struct nearest *near, size_t i,
                     const struct spin_turns_frame *to, size_t j, float q[4])
 {
@@ -302,8 +304,8 @@ static spin_status follow_frame(struct origin *origin, struct spin_pool *pool)
     return status;
 }
 
-/* The reference frame of a track is that of its frames which is nearest to the middle of the clip.
- */
+/* frame_of [n_tracks] = reference frames: of a track's frames, the one nearest to the middle of the
+ * clip. */
 static spin_status choose_frames(const struct spin_turns *turns, size_t n_tracks, int **frame_of)
 {
     int middle = turns->n_frames / 2;
