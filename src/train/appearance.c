@@ -70,7 +70,7 @@ static uint8_t median_of(const uint8_t *bright, int n_frames)
 }
 
 /* Index of a frame among the examined ones, or -1. */
-static int chosen(const struct look *l, int frame)
+static int examined_index(const struct look *l, int frame)
 {
     int64_t all = l->plan->clip.n_frames, k = (int64_t)frame * l->n_frames / all;
 
@@ -78,7 +78,7 @@ static int chosen(const struct look *l, int frame)
 }
 
 /* Adds a camera to the numbers of cameras that see a place or deviate. */
-static spin_status look_through(struct look *l, int camera_id)
+static spin_status count_camera(struct look *l, int camera_id)
 {
     size_t n_frames = (size_t)l->n_frames;
 
@@ -86,7 +86,7 @@ static spin_status look_through(struct look *l, int camera_id)
     for (size_t v = 0; v < l->plan->n_train; v++) {
         const struct spin_pair *pair = &l->plan->train[v];
         const struct spin_view *view = &l->plan->clip.views.view[pair->view];
-        int f = chosen(l, pair->frame);
+        int f = examined_index(l, pair->frame);
 
         if (view->camera_id != camera_id || f < 0)
             continue;
@@ -127,7 +127,7 @@ spin_status spin_appearance_varies(const struct spin_plan *plan, struct spin_pho
     l.changed = l.seen + cells;
     memset(l.seen, 0, 2 * cells);
     for (int c = 0; c < plan->n_cameras; c++)
-        SPIN_TRY(look_through(&l, plan->camera[c]));
+        SPIN_TRY(count_camera(&l, plan->camera[c]));
     memset(varies, 0, n);
     for (size_t k = 0; k < cells; k++)
         varies[k / (size_t)l.n_frames] |= l.changed[k] >= CAMERAS && 2 * l.changed[k] > l.seen[k];

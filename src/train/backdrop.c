@@ -229,7 +229,7 @@ static spin_status fill_cells(struct view *v)
 }
 
 /* Unprojects the surface at the centre of a cell to world space. */
-static void place_cell(const struct view *v, int i)
+static void unproject_cell(const struct view *v, int i)
 {
     const struct spin_camera *c = v->camera;
     const double *m = c->w2c;
@@ -269,7 +269,7 @@ static spin_status open_view(struct layout *l, const struct spin_camera *camera)
     SPIN_TRY(find_surfaces(l, v));
     SPIN_TRY(fill_cells(v));
     for (int i = 0; i < v->columns * v->rows; i++)
-        place_cell(v, i);
+        unproject_cell(v, i);
     return SPIN_OK;
 }
 
@@ -303,7 +303,7 @@ struct patch {
 };
 
 /* Change of the surface position from one cell to the next, by central differences. */
-static void slope(const struct view *v, int i, int dx, int dy, double out[3])
+static void find_surface_step(const struct view *v, int i, int dx, int dy, double out[3])
 {
     const struct cell *from = neighbour(v, i, -dx, -dy), *to = neighbour(v, i, dx, dy);
     double cells = from && to ? 2 : 1;
@@ -314,15 +314,15 @@ static void slope(const struct view *v, int i, int dx, int dy, double out[3])
         out[c] = (to->at[c] - from->at[c]) / cells;
 }
 
-static void lay_patch(const struct view *v, int i, struct patch *p)
+static void init_patch(const struct view *v, int i, struct patch *p)
 {
     double cell = exp(v->cell[i].log_depth) * v->camera->width / v->camera->fx / v->columns, ray[3];
     struct spin_camera_f32 camera = spin_camera_f32_from(v->camera);
 
     for (int c = 0; c < 3; c++)
         ray[c] = v->cell[i].at[c] - (double)camera.centre[c];
-    slope(v, i, 1, 0, p->axis[0]);
-    slope(v, i, 0, 1, p->axis[1]);
+    find_surface_step(v, i, 1, 0, p->axis[0]);
+    find_surface_step(v, i, 0, 1, p->axis[1]);
     p->size[0] = normalise(p->axis[0]);
     cross(p->axis[0], p->axis[1], p->axis[2]);
     normalise(p->axis[2]);
@@ -416,7 +416,7 @@ static void add_view(struct layout *l, const struct view *v)
 
         if (!v->cell[i].known)
             continue;
-        lay_patch(v, i, &p);
+        init_patch(v, i, &p);
         while (!is_covered(l, &p) && sticks_out(l, &p) && steps++ < most_steps)
             push_back(v, &p);
         if (steps <= most_steps && !is_covered(l, &p))
@@ -424,7 +424,7 @@ static void add_view(struct layout *l, const struct view *v)
     }
 }
 
-static spin_status lay_out(struct spin_plan *plan)
+static spin_status place_splats(struct spin_plan *plan)
 {
     size_t n = plan->n_train < MOST_VIEWS ? plan->n_train : MOST_VIEWS;
     SPIN_LEAVES(close_layout) struct layout l = {.out = &plan->backdrop};
@@ -469,7 +469,7 @@ spin_status spin_backdrop_add(struct spin_plan *plan, struct spin_tracks *t)
 
     if (plan->o->backdrop != SPIN_BACKDROP_ON)
         return SPIN_OK;
-    SPIN_TRY(lay_out(plan));
+    SPIN_TRY(place_splats(plan));
     SPIN_TRY(spin_grow((t->n + b->n + 1), 3 * sizeof *t->place, (void **)&t->place));
     for (size_t i = 0; i < b->n; i++)
         memcpy(t->place + 3 * (t->n + i), b->row[i].pos_w, 3 * sizeof *t->place);

@@ -79,7 +79,7 @@ static void map_nearest(struct colours *c, const struct spin_camera *camera)
 }
 
 /* Samples the colours of the frame's points in a view. */
-static spin_status look(struct colours *c, size_t view)
+static spin_status sample_view(struct colours *c, size_t view)
 {
     const struct spin_view *v = &c->plan->clip.views.view[view];
     size_t k = (size_t)spin_plan_camera(c->plan, v->camera_id), n = (size_t)c->plan->n_cameras;
@@ -107,7 +107,7 @@ static spin_status look(struct colours *c, size_t view)
 }
 
 /* Deviations of each camera from the mean colour of the frame's points. */
-static void compare(struct colours *c)
+static void add_deviations(struct colours *c)
 {
     size_t n = (size_t)c->plan->n_cameras;
 
@@ -132,7 +132,7 @@ static void compare(struct colours *c)
     }
 }
 
-static bool tells_gain(const float seen[4])
+static bool determines_gain(const float seen[4])
 {
     bool tells = true;
 
@@ -156,7 +156,7 @@ static int half_of(const struct colours *c, size_t splat)
 }
 
 /* Adds the points of the frame that enough cameras see to the samples. */
-static spin_status take_samples(struct colours *c)
+static spin_status add_fit_samples(struct colours *c)
 {
     size_t n = (size_t)c->plan->n_cameras;
 
@@ -165,12 +165,12 @@ static spin_status take_samples(struct colours *c)
         size_t cameras = 0;
 
         for (size_t k = 0; k < n; k++)
-            cameras += tells_gain(seen[k]);
+            cameras += determines_gain(seen[k]);
         if (cameras < FIT_CAMERAS)
             continue;
         SPIN_TRY(spin_grow(c->n_samples + cameras, sizeof *c->sample, (void **)&c->sample));
         for (size_t k = 0; k < n; k++)
-            if (tells_gain(seen[k])) {
+            if (determines_gain(seen[k])) {
                 struct spin_look_sample *s = &c->sample[c->n_samples++];
 
                 *s = (struct spin_look_sample){.point = (uint32_t)c->n_points_seen,
@@ -217,7 +217,7 @@ static spin_status measure_scene(struct colours *c)
     return SPIN_OK;
 }
 
-static spin_status look_at_frame(struct colours *c, int frame)
+static spin_status sample_frame(struct colours *c, int frame)
 {
     size_t n = (size_t)c->plan->n_cameras;
 
@@ -229,9 +229,9 @@ static spin_status look_at_frame(struct colours *c, int frame)
         c->seen[i][0] = NAN;
     for (size_t i = 0; i < c->plan->n_train; i++)
         if (c->plan->train[i].frame == frame)
-            SPIN_TRY(look(c, c->plan->train[i].view));
-    compare(c);
-    return take_samples(c);
+            SPIN_TRY(sample_view(c, c->plan->train[i].view));
+    add_deviations(c);
+    return add_fit_samples(c);
 }
 
 /* Largest absolute median deviation of a camera; -1 if no camera has enough points. */
@@ -271,7 +271,7 @@ spin_status spin_camera_colours(struct spin_plan *plan, struct spin_photos *phot
     SPIN_TRY_OUT(measure_scene(c));
     for (int i = 0; i < frames; i++)
         SPIN_TRY_OUT(
-            look_at_frame(c, frames > 1 ? i * (plan->clip.n_frames - 1) / (frames - 1) : 0));
+            sample_frame(c, frames > 1 ? i * (plan->clip.n_frames - 1) / (frames - 1) : 0));
     for (int rgb = 0; rgb < 3; rgb++)
         look->spread = fmax(look->spread, spread_of(c, rgb));
     status = fit_samples(c, look);

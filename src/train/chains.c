@@ -102,7 +102,7 @@ static spin_status read_loose(struct spin_pool *pool, const struct spin_splats *
     return set_reach(pool, l);
 }
 
-static spin_status begin_chain(struct spin_chains *chains, const float at[3], uint32_t *number)
+static spin_status add_track(struct spin_chains *chains, const float at[3], uint32_t *number)
 {
     SPIN_TRY(spin_room(chains->n, &chains->capacity, 3 * sizeof *chains->place,
                        (void **)&chains->place));
@@ -116,7 +116,7 @@ static spin_status add_link(struct spin_chains *chains, struct loose *from, size
                             struct loose *to, size_t k)
 {
     if (from->chain[i] == SPIN_NO_TRACK)
-        SPIN_TRY(begin_chain(chains, from->at + 3 * i, &from->chain[i]));
+        SPIN_TRY(add_track(chains, from->at + 3 * i, &from->chain[i]));
     to->chain[k] = from->chain[i];
     for (size_t c = 0; c < 3; c++)
         to->expected[3 * k + c] += share_of_step * (to->at[3 * k + c] - from->at[3 * i + c]);
@@ -144,8 +144,8 @@ static void number_splats(const struct loose *l, uint32_t *of, uint32_t first)
             of[l->splat[i]] = first + l->chain[i];
 }
 
-static spin_status pass(struct spin_pool *pool, struct spin_chains *chains, struct spin_plan *plan,
-                        uint32_t **of, uint32_t first)
+static spin_status match_frames(struct spin_pool *pool, struct spin_chains *chains,
+                                struct spin_plan *plan, uint32_t **of, uint32_t first)
 {
     unsigned there = plan->clip.bundle.meta.columns;
     unsigned columns = SPIN_COL_MEANS | (there & SPIN_COL_RGB ? SPIN_COL_RGB : there & SPIN_COL_SH);
@@ -178,7 +178,7 @@ spin_status spin_chains_find(struct spin_chains *chains, struct spin_plan *plan,
     spin_status status;
 
     SPIN_TRY(spin_pool_create(plan->o->n_threads, &pool));
-    status = pass(pool, chains, plan, of, first);
+    status = match_frames(pool, chains, plan, of, first);
     spin_pool_free(pool);
     return status;
 }

@@ -54,8 +54,8 @@ static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
 }
 
 /* *bad: some parameter is not finite. The check runs on the device. */
-static spin_status look_for_bad(const struct spin_trainer *t, const struct spin_state_array *piece,
-                                size_t n_pieces, bool *bad)
+static spin_status find_nonfinite(const struct spin_trainer *t,
+                                  const struct spin_state_array *piece, size_t n_pieces, bool *bad)
 {
     struct spin_device *d = t->device;
     void SPIN_DEV *count = NULL;
@@ -83,7 +83,7 @@ spin_status spin_check_parameters(struct spin_trainer *t)
     spin_status status;
 
     SPIN_TRY_OUT(spin_state_arrays(t, NULL, &piece, &n_pieces));
-    SPIN_TRY_OUT(look_for_bad(t, piece, n_pieces, &bad));
+    SPIN_TRY_OUT(find_nonfinite(t, piece, n_pieces, &bad));
     if (!bad && spin_n_ranks() == 1)
         goto out;
     /* Download the values, to locate the bad one or to compare ranks. */

@@ -70,7 +70,7 @@ spin_status spin_refine_cloud_fetch(struct spin_refine_cloud *cloud, struct spin
     return SPIN_OK;
 }
 
-static spin_status begin(struct spin_refine_cloud *out, size_t n)
+static spin_status reset_cloud(struct spin_refine_cloud *out, size_t n)
 {
     SPIN_TRY(spin_refine_cloud_reserve(out, n));
     if (n > 0)
@@ -101,7 +101,7 @@ spin_status spin_refine_init_from_points(struct spin_pool *pool, size_t n, const
     for (size_t i = 0; i < n * 3; i++)
         if (!isfinite(pos_w[i]))
             return spin_malformed("point %zu has a coordinate that is not finite", i / 3);
-    SPIN_TRY(begin(out, n));
+    SPIN_TRY(reset_cloud(out, n));
     SPIN_TRY(spin_alloc(n + 1, sizeof *dist2, (void **)&dist2));
     SPIN_TRY(spin_knn_mean_dist2(pool, n, pos_w, dist2));
     for (size_t i = 0; i < n; i++)
@@ -130,7 +130,7 @@ spin_status spin_refine_init_from_splats(const struct spin_splats *s, struct spi
     if (s->n > 0 && !(s->means && s->quats && s->log_scales && s->logit_opacities && s->sh))
         return spin_misuse("refining from the source's attributes needs all of them: "
                            "means, quats, log_scales, logit_opacities, sh");
-    SPIN_TRY(begin(out, s->n));
+    SPIN_TRY(reset_cloud(out, s->n));
     for (size_t i = 0; i < s->n; i++) {
         struct spin_refine_row *p = &out->point[i].p;
 

@@ -19,14 +19,14 @@ struct change {
 
 /* ---- The tracks' parameters ------------------------------------------------------------------ */
 
-static struct spin_refine_row *part_of(struct spin_refine_point *p, int part)
+static struct spin_refine_row *row_of_part(struct spin_refine_point *p, int part)
 {
     return part == 0 ? &p->p : part == 1 ? &p->m : &p->v;
 }
 
 /* Copies values, first and second moments between the device's groups and rows of the cloud. */
-static spin_status carry_tracks(struct spin_device *d, const struct spin_param *param,
-                                struct spin_refine_cloud *cloud, bool up)
+static spin_status copy_tracks(struct spin_device *d, const struct spin_param *param,
+                               struct spin_refine_cloud *cloud, bool up)
 {
     float SPIN_DEV *at[3] = {param->p, param->m, param->v};
     size_t n = cloud->n, stride = sizeof *cloud->point / sizeof(float);
@@ -34,12 +34,12 @@ static spin_status carry_tracks(struct spin_device *d, const struct spin_param *
 
     SPIN_TRY(spin_alloc(n + 1, SPIN_TRACK * sizeof *host, (void **)&host));
     for (int part = 0; n > 0 && part < 3; part++) {
-        struct spin_refine_row *first = part_of(cloud->point, part);
+        struct spin_refine_row *first = row_of_part(cloud->point, part);
 
         if (!up)
             SPIN_TRY(d->op->download(d, host, at[part], SPIN_TRACK * n * sizeof *host));
         for (size_t i = 0; i < n; i++) {
-            float *place = part_of(&cloud->point[i], part)->pos_w;
+            float *place = row_of_part(&cloud->point[i], part)->pos_w;
 
             memcpy(up ? host + 3 * i : place, up ? place : host + 3 * i, 3 * sizeof *host);
         }
@@ -125,7 +125,7 @@ static spin_status sort_tracks(struct change *c)
 }
 
 /* Remaining splat budget beside `others` splats of a frame; at least 1, since 0 is unlimited. */
-static size_t cap_beside(const struct change *c, size_t others)
+static size_t remaining_budget(const struct change *c, size_t others)
 {
     size_t most = c->o->max_points;
 
@@ -140,13 +140,13 @@ static spin_status change_tracks(struct change *c, struct spin_densify_change *s
 
     for (int f = 0; f < t->n_frames; f++)
         most_free = t->frame[f].size.n_free > most_free ? t->frame[f].size.n_free : most_free;
-    o.max_points = cap_beside(c, most_free);
+    o.max_points = remaining_budget(c, most_free);
 
     SPIN_TRY(spin_refine_cloud_reserve(&c->tracks, n));
     if (n > 0)
         memset(c->tracks.point, 0, n * sizeof *c->tracks.point);
     c->tracks.n = n;
-    SPIN_TRY(carry_tracks(t->device, &t->tracks, &c->tracks, false));
+    SPIN_TRY(copy_tracks(t->device, &t->tracks, &c->tracks, false));
     SPIN_TRY(add_statistics(c));
     for (size_t k = n - t->n_backdrop; k < n; k++)
         c->tracks.point[k].gradient = 0;
@@ -155,7 +155,7 @@ static spin_status change_tracks(struct change *c, struct spin_densify_change *s
     SPIN_TRY(sort_tracks(c));
     spin_param_close(&t->tracks, t->device);
     SPIN_TRY(spin_param_open(&t->tracks, t->device, SPIN_TRACK * c->tracks.n, 0));
-    return carry_tracks(t->device, &t->tracks, &c->tracks, true);
+    return copy_tracks(t->device, &t->tracks, &c->tracks, true);
 }
 
 /* ---- A frame --------------------------------------------------------------------------------- */
@@ -203,7 +203,7 @@ static spin_status change_free(struct change *c, int f, const struct seen_frame 
         out->point[i].seen = seen->seen[i];
     }
     o.frame += f;
-    o.max_points = cap_beside(c, n_tracked);
+    o.max_points = remaining_budget(c, n_tracked);
     SPIN_TRY(spin_densify(&o, c->iteration, out, &change));
     sum->clones += change.clones;
     sum->splits += change.splits;
@@ -254,7 +254,8 @@ static spin_status add_tracked(const struct change *c, struct rows *rows)
 }
 
 /* Existing splats keep their order in the output; new ones follow. */
-static spin_status permute(const struct rows *rows, size_t n_before, uint32_t **permutation)
+static spin_status update_permutation(const struct rows *rows, size_t n_before,
+                                      uint32_t **permutation)
 {
     size_t n = rows->size.n, n_kept = 0;
     /* row_at [n_before]: the new index of the splat in each old row of the output. */
@@ -348,7 +349,7 @@ static spin_status change_frame(struct change *c, int f, uint32_t **permutation,
     SPIN_TRY_OUT(change_free(c, f, &seen, frame->size.n_free, n_tracked, sum));
     SPIN_TRY_OUT(add_tracked(c, &rows));
     if (permutation)
-        SPIN_TRY_OUT(permute(&rows, n, permutation));
+        SPIN_TRY_OUT(update_permutation(&rows, n, permutation));
     status = replace_frame(c, f, &rows);
 out:
     free(seen.gradient);

@@ -124,8 +124,8 @@ static void close_first_tracks(struct first_tracks *first) { free(first->displac
 
 /* A static track stores its position; a dynamic one a displacement, initially 0, that is added to
  * the positions of its splats. */
-static void look_for_first(struct first_tracks *first, int frame,
-                           const struct spin_refine_cloud *cloud)
+static void record_first_values(struct first_tracks *first, int frame,
+                                const struct spin_refine_cloud *cloud)
 {
     for (size_t i = 0; i < cloud->n; i++) {
         uint32_t track = first->tracks->of[frame][i];
@@ -186,7 +186,7 @@ static spin_status send_frame(const struct spin_plan *plan, const struct spin_sp
             make_finite(&cloud.point[i].p);
         spin_backdrop_first_values(&plan->backdrop, &cloud);
         if (first->tracks->n > 0) {
-            look_for_first(first, f, &cloud);
+            record_first_values(first, f, &cloud);
             clear_tracked(first->tracks, f, &cloud);
         }
         if (cloud.n > 0)

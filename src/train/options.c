@@ -91,7 +91,7 @@ static const char *name_at(const char *names, size_t i, size_t *length)
 }
 
 /* Index of a name in "a|b|c"; SIZE_MAX if the list does not contain it. */
-static size_t place_of(const char *name, const char *names)
+static size_t index_of_name(const char *name, const char *names)
 {
     const char *found;
     size_t length;
@@ -106,10 +106,10 @@ static double fallback_of(const struct row *row, enum preset preset, size_t i)
 {
     const char *name = row->fallback.name[preset];
 
-    return name ? (double)place_of(name, row->argument) : row->fallback.value[preset][i];
+    return name ? (double)index_of_name(name, row->argument) : row->fallback.value[preset][i];
 }
 
-static double get(const struct row *row, const struct spin_retrain_options *o, size_t i)
+static double get_value(const struct row *row, const struct spin_retrain_options *o, size_t i)
 {
     const void *field = (const char *)o + row->offset;
 
@@ -130,7 +130,7 @@ static double get(const struct row *row, const struct spin_retrain_options *o, s
     return NAN;
 }
 
-static void put(const struct row *row, struct spin_retrain_options *o, size_t i, double value)
+static void set_value(const struct row *row, struct spin_retrain_options *o, size_t i, double value)
 {
     void *field = (char *)o + row->offset;
 
@@ -160,23 +160,23 @@ static void put(const struct row *row, struct spin_retrain_options *o, size_t i,
 
 static const char *const preset_names[] = {"quick", "best", "paper", "short"};
 
-static void start_from(enum preset preset, struct spin_retrain_options *o)
+static void apply_preset(enum preset preset, struct spin_retrain_options *o)
 {
     memset(o, 0, sizeof *o);
     o->device = "auto";
     o->preset = preset_names[preset];
     for (const struct row *row = rows; row < end; row++)
         for (size_t i = 0; i < row->n; i++)
-            put(row, o, i, fallback_of(row, preset, i));
+            set_value(row, o, i, fallback_of(row, preset, i));
 }
 
-void spin_retrain_defaults(struct spin_retrain_options *o) { start_from(QUICK, o); }
+void spin_retrain_defaults(struct spin_retrain_options *o) { apply_preset(QUICK, o); }
 
 spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o)
 {
-    size_t preset = place_of(name, SPIN_PRESETS);
+    size_t preset = index_of_name(name, SPIN_PRESETS);
 
-    start_from(preset < PRESETS ? (enum preset)preset : QUICK, o);
+    apply_preset(preset < PRESETS ? (enum preset)preset : QUICK, o);
     if (preset == SIZE_MAX)
         return spin_misuse("there is no preset '%s', only " SPIN_PRESETS, name);
     return SPIN_OK;
@@ -251,7 +251,8 @@ static spin_status check_number(const struct row *row, size_t i, double value)
     if (row->type == ENUM && !name_at(row->argument, (size_t)value, &length))
         return spin_misuse("%s %g is not one of %s", row->field, value, row->argument);
     if (row->min >= row->max || (value >= row->min && value <= row->max) ||
-        is_fallback(row, i, value) || (isnan(value) && place_of("auto", row->argument) != SIZE_MAX))
+        is_fallback(row, i, value) ||
+        (isnan(value) && index_of_name("auto", row->argument) != SIZE_MAX))
         return SPIN_OK;
     return spin_misuse("%s %.*g is not in the range %.*g to %.*g", row->field, digits, value,
                        digits, row->min, digits, row->max);
@@ -263,7 +264,7 @@ spin_status spin_options_check(const struct spin_retrain_options *o)
 
     for (const struct row *row = rows; row < end; row++)
         for (size_t i = 0; i < row->n; i++)
-            SPIN_TRY(check_number(row, i, get(row, o, i)));
+            SPIN_TRY(check_number(row, i, get_value(row, o, i)));
     if (o->normalise == SPIN_NORMALISE_GIVEN &&
         !(isfinite(centre[0] + centre[1] + centre[2] + o->normalise_radius) &&
           o->normalise_radius > 0))
@@ -281,7 +282,7 @@ static bool differs_at(size_t offset, const struct spin_retrain_options *o)
 {
     for (const struct row *row = rows; row < end; row++)
         for (size_t i = 0; i < row->n && row->offset == offset; i++)
-            if (get(row, o, i) != fallback_of(row, OF_PAPER, i))
+            if (get_value(row, o, i) != fallback_of(row, OF_PAPER, i))
                 return true;
     return false;
 }
@@ -289,7 +290,7 @@ static bool differs_at(size_t offset, const struct spin_retrain_options *o)
 static void add_to_json(const struct row *row, const struct spin_retrain_options *o,
                         const char *key, spin_json *j)
 {
-    double value = get(row, o, 0);
+    double value = get_value(row, o, 0);
     spin_json *array;
     size_t length;
     char text[32];
@@ -297,7 +298,7 @@ static void add_to_json(const struct row *row, const struct spin_retrain_options
     if (row->n > 1) {
         array = spin_json_array();
         for (size_t i = 0; i < row->n; i++)
-            spin_json_push_number(array, get(row, o, i));
+            spin_json_push_number(array, get_value(row, o, i));
         spin_json_set(j, key, array);
     } else if (row->type == BOOL) {
         spin_json_set_bool(j, key, value != 0);

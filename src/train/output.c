@@ -110,7 +110,7 @@ static void round_splats(const struct spin_output *output, unsigned columns, str
 /* ---- Arrays ---------------------------------------------------------------------------------- */
 
 /* out [n] = the trainer's splat in each row of the output. */
-static spin_status invert(const uint32_t *permutation, size_t n, uint32_t **out)
+static spin_status invert_permutation(const uint32_t *permutation, size_t n, uint32_t **out)
 {
     uint32_t *place;
 
@@ -165,7 +165,7 @@ static spin_status write_frame(const struct spin_output *output, struct spin_bun
     float *packed;
     SPIN_FREED void *block = NULL;
 
-    SPIN_TRY(invert(output->frames->permutation[frame], from->size.n, &place));
+    SPIN_TRY(invert_permutation(output->frames->permutation[frame], from->size.n, &place));
     SPIN_TRY(spin_alloc(width * n + 1, 2 * sizeof(float), &block));
     rows.at = block;
     packed = rows.at + width * n;
@@ -202,7 +202,7 @@ static spin_status read_numbers(const struct spin_output *output, int frame, uin
 }
 
 /* *same_rows: each row belongs to the same track in all frames. */
-static spin_status look_for_other_rows(const struct spin_output *output, bool *same_rows)
+static spin_status compare_rows(const struct spin_output *output, bool *same_rows)
 {
     const struct spin_trainer *t = output->trainer;
     SPIN_FREED uint32_t *first = NULL;
@@ -235,7 +235,7 @@ static spin_status sort_rows(const struct spin_output *output, int frame)
     SPIN_FREED uint64_t *key = NULL;
 
     SPIN_TRY(read_numbers(output, frame, &track));
-    SPIN_TRY(invert(permutation, n, &place));
+    SPIN_TRY(invert_permutation(permutation, n, &place));
     SPIN_TRY(spin_alloc(n + 1, sizeof *key, (void **)&key));
     for (size_t row = 0; row < n; row++)
         key[row] = (uint64_t)track[row] << 32 | row;
@@ -252,7 +252,7 @@ static spin_status write_numbers(const struct spin_output *output, struct spin_b
 {
     const struct spin_trainer *t = output->trainer;
 
-    SPIN_TRY(look_for_other_rows(output, same_rows));
+    SPIN_TRY(compare_rows(output, same_rows));
     for (int f = 0; f < (*same_rows ? 1 : t->n_frames); f++) {
         uint64_t shape[1] = {t->frame[f].size.n};
         SPIN_FREED uint32_t *track = NULL;
@@ -542,7 +542,8 @@ static const char *result_of(const struct spin_plan *plan)
 }
 
 /* Adds the members of meta.json that describe the training. */
-static spin_status describe(const struct spin_output *output, bool same_rows, spin_json *extra)
+static spin_status add_description(const struct spin_output *output, bool same_rows,
+                                   spin_json *extra)
 {
     const struct spin_plan *plan = output->plan;
     spin_json *refined = NULL, *trained = NULL, *held_out;
@@ -589,7 +590,7 @@ static spin_status write_whole(const struct spin_output *output, const float SPI
     w.packs = true;
     SPIN_TRY(fill_meta(output, &meta));
     SPIN_TRY(write_splats(output, &w, &meta, whole, &same_rows));
-    SPIN_TRY(describe(output, same_rows, extra));
+    SPIN_TRY(add_description(output, same_rows, extra));
     return spin_bundle_writer_finish(&w, &meta, json_incref(extra));
 }
 

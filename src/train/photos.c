@@ -78,8 +78,8 @@ static void add_camera(uint64_t *hash, const struct spin_view *view)
 
 /* Checks the image of a view, and its mask where masks are used, by their headers. *hash = their
  * digest; hash may be NULL. */
-static spin_status look_at(const struct spin_photos *photos, const struct spin_plan *plan,
-                           size_t index, uint64_t *hash)
+static spin_status check_view(const struct spin_photos *photos, const struct spin_plan *plan,
+                              size_t index, uint64_t *hash)
 {
     const struct spin_view *view = &plan->clip.views.view[index];
     struct spin_imprint imprint;
@@ -116,16 +116,17 @@ spin_status spin_photos_look(struct spin_photos *photos, const struct spin_plan 
 
     SPIN_TRY(spin_alloc(plan->clip.views.n, sizeof *photos->imprint, (void **)&photos->imprint));
     for (size_t i = 0; i < plan->n_train; i++)
-        SPIN_TRY(look_at(photos, plan, plan->train[i].view, &photos->imprint[plan->train[i].view]));
+        SPIN_TRY(
+            check_view(photos, plan, plan->train[i].view, &photos->imprint[plan->train[i].view]));
     for (int k = 0; k < plan->n_cameras; k++) {
         size_t n = median_views(photos, plan, plan->camera[k], median);
 
         for (size_t i = 0; i < n; i++)
             if (!photos->imprint[median[i]])
-                SPIN_TRY(look_at(photos, plan, median[i], &photos->imprint[median[i]]));
+                SPIN_TRY(check_view(photos, plan, median[i], &photos->imprint[median[i]]));
     }
     for (size_t i = 0; i < plan->n_test; i++)
-        SPIN_TRY(look_at(photos, plan, plan->test[i].view, NULL));
+        SPIN_TRY(check_view(photos, plan, plan->test[i].view, NULL));
     return SPIN_OK;
 }
 

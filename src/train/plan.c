@@ -134,7 +134,7 @@ int spin_plan_camera(const struct spin_plan *plan, int id)
     return k;
 }
 
-static void measure_pictures(struct spin_plan *plan)
+static void measure_images(struct spin_plan *plan)
 {
     for (size_t i = 0; i < plan->clip.views.n; i++) {
         struct spin_camera_f32 cam = spin_camera_f32_from(&plan->clip.views.view[i].camera);
@@ -589,7 +589,8 @@ static bool is_short(const struct spin_retrain_report *report)
 }
 
 /* True if the run fits with these options and only the first n_frames frames. */
-static bool fits(const struct spin_plan *plan, const struct spin_retrain_options *o, int n_frames)
+static bool fits_memory(const struct spin_plan *plan, const struct spin_retrain_options *o,
+                        int n_frames)
 {
     struct spin_retrain_report report = *plan->report;
     struct spin_plan trial = *plan;
@@ -626,7 +627,7 @@ static void name_trial(const struct spin_plan *plan, const struct spin_retrain_o
 
 /* Searches for the smallest change of options that fits: first a smaller table and batch, then
  * smaller images, then fewer frames. */
-static void look_for_fit(const struct spin_plan *plan)
+static void find_fitting(const struct spin_plan *plan)
 {
     struct spin_retrain_options o = *plan->o;
     bool network = o.method == SPIN_METHOD_NETWORK, one_step = !o.range.given || o.range.step == 1;
@@ -640,7 +641,7 @@ static void look_for_fit(const struct spin_plan *plan)
             for (o.hash_log2 = plan->o->hash_log2; o.hash_log2 >= least; o.hash_log2--)
                 for (int whole = 1; whole >= 0; whole--) {
                     o.batch = whole ? plan->o->batch : o.views_per_frame;
-                    if (!fits(plan, &o, n))
+                    if (!fits_memory(plan, &o, n))
                         continue;
                     name_trial(plan, &o, n, report->fitting, sizeof report->fitting);
                     return;
@@ -753,7 +754,7 @@ static spin_status open_clip(struct spin_plan *plan)
                               &plan->lenses));
     SPIN_TRY(reserve_exposure(plan));
     SPIN_TRY(spin_times_check(plan->clip.bundle.meta.frame, plan->clip.frame, plan->clip.n_frames));
-    measure_pictures(plan);
+    measure_images(plan);
     return plan_extent(plan);
 }
 
@@ -814,7 +815,7 @@ void spin_plan_set_device(struct spin_plan *plan, struct spin_device *device)
     plan->device = device;
     memcpy(plan->report->device, device->description, sizeof plan->report->device);
     plan_memory(plan, 0);
-    look_for_fit(plan);
+    find_fitting(plan);
     plan->report->seconds_estimated = guess_seconds(plan);
 }
 
@@ -849,6 +850,6 @@ spin_status spin_plan_recount(struct spin_plan *plan, const size_t *counts, size
         return spin_malformed("refining left no splat in any frame");
     plan->report->splats_mean = clip->n_mean;
     plan_memory(plan, held);
-    look_for_fit(plan);
+    find_fitting(plan);
     return SPIN_OK;
 }

@@ -22,7 +22,7 @@ struct offer {
     char about[32], card[40], why[200];
 };
 
-static void make_offer(struct spin_device *d, struct offer *offer)
+static void describe_rank(struct spin_device *d, struct offer *offer)
 {
     memset(offer, 0, sizeof *offer);
     memcpy(offer->card, d->card, sizeof d->card);
@@ -33,7 +33,7 @@ static void make_offer(struct spin_device *d, struct offer *offer)
 }
 
 /* Sets why to the reason why the GPUs cannot be connected, or to "" if they can. */
-static void compare(const struct offer *offer, int n, char why[300])
+static void find_obstacle(const struct offer *offer, int n, char why[300])
 {
     *why = '\0';
     for (int r = 0; r < n && !*why; r++) {
@@ -57,9 +57,9 @@ static spin_status link_cards(struct spin_rank_sum *s, char about[32], char why[
     SPIN_FREED struct offer *offer = NULL;
 
     SPIN_TRY(spin_alloc((size_t)spin_n_ranks(), sizeof *offer, (void **)&offer));
-    make_offer(d, &offer[spin_rank()]);
+    describe_rank(d, &offer[spin_rank()]);
     SPIN_TRY(spin_ranks_gather(offer, sizeof *offer));
-    compare(offer, spin_n_ranks(), why);
+    find_obstacle(offer, spin_n_ranks(), why);
     memcpy(about, offer[0].about, sizeof offer[0].about);
     if (*why)
         return SPIN_OK;

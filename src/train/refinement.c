@@ -16,7 +16,7 @@
 #include "train/unseen.h"
 
 static const unsigned whole = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-static bool is_explicit(const struct spin_plan *plan)
+static bool is_per_frame(const struct spin_plan *plan)
 {
     return plan->o->method == SPIN_METHOD_FRAMES;
 }
@@ -24,7 +24,7 @@ static bool is_explicit(const struct spin_plan *plan)
 /* True if all attributes of refined frames are used, not only positions and colours. */
 static bool needs_whole(const struct spin_plan *plan)
 {
-    return is_explicit(plan) || plan->o->residual == SPIN_RESIDUAL_SOURCE;
+    return is_per_frame(plan) || plan->o->residual == SPIN_RESIDUAL_SOURCE;
 }
 
 unsigned spin_refinement_columns(const struct spin_plan *plan)
@@ -183,7 +183,7 @@ static spin_status load_start(struct job *job)
 }
 
 /* Loads the initial splats of the frame, and its images. */
-static spin_status load(struct job *job, struct spin_device *device)
+static spin_status load_job(struct job *job, struct spin_device *device)
 {
     struct stage *stage = job->stage;
     spin_status status;
@@ -198,7 +198,7 @@ out:
     return status;
 }
 
-static void show(const struct job *job)
+static void show_progress(const struct job *job)
 {
     struct stage *stage = job->stage;
 
@@ -210,7 +210,7 @@ static void show(const struct job *job)
 }
 
 /* Trains the cloud in place. Ends early if the frame loses all its splats. */
-static spin_status train(struct job *job, struct spin_device *device)
+static spin_status train_cloud(struct job *job, struct spin_device *device)
 {
     size_t n = job->cloud.n;
     struct spin_frame_size frame = {n, n, n, n};
@@ -228,7 +228,7 @@ static spin_status train(struct job *job, struct spin_device *device)
         SPIN_TRY(spin_loop_step(&loop, &job->sampler, &job->steps));
         if (t->iteration == 1)
             job->loss_first = job->steps.last.loss;
-        show(job);
+        show_progress(job);
     }
     SPIN_TRY(spin_refine_cloud_reserve(&job->cloud, t->frame[0].size.n));
     job->cloud.n = t->frame[0].size.n;
@@ -237,7 +237,7 @@ static spin_status train(struct job *job, struct spin_device *device)
     return SPIN_OK;
 }
 
-static spin_status keep(struct job *job)
+static spin_status store_frame(struct job *job)
 {
     struct stage *stage = job->stage;
     struct spin_plan *plan = stage->plan;
@@ -260,13 +260,13 @@ static spin_status keep(struct job *job)
     return SPIN_OK;
 }
 
-static spin_status refine(struct job *job, struct spin_device *device)
+static spin_status refine_frame(struct job *job, struct spin_device *device)
 {
-    SPIN_TRY(load(job, device));
+    SPIN_TRY(load_job(job, device));
     job->n_first = job->cloud.n;
     if (job->plan.n_train > 0 && job->cloud.n > 0)
-        SPIN_TRY(train(job, device));
-    return keep(job);
+        SPIN_TRY(train_cloud(job, device));
+    return store_frame(job);
 }
 
 static void refine_task(void *context, int task)
@@ -280,7 +280,7 @@ static void refine_task(void *context, int task)
     pthread_mutex_unlock(&stage->lock);
     if (status != SPIN_OK)
         return;
-    status = refine(&job, &stage->hand[spin_pool_worker()]);
+    status = refine_frame(&job, &stage->hand[spin_pool_worker()]);
     if (status != SPIN_OK) {
         pthread_mutex_lock(&stage->lock);
         if (stage->status == SPIN_OK) {
@@ -335,7 +335,7 @@ static spin_status list_todo(struct stage *stage)
 
 /* Waits for all ranks, looks up the frames that other ranks refined, and sums the statistics of all
  * ranks. */
-static spin_status join(struct stage *stage)
+static spin_status join_ranks(struct stage *stage)
 {
     struct work {
         int64_t drawn, blind;
@@ -370,7 +370,7 @@ static spin_status join(struct stage *stage)
 
 /* Opens a device for each frame refined at a time: up to n, or fewer if threads or memory are
  * short. */
-static spin_status take_hands(struct stage *stage, int n, int n_threads)
+static spin_status open_devices(struct stage *stage, int n, int n_threads)
 {
     struct spin_plan *plan = stage->plan;
 
@@ -387,7 +387,7 @@ static spin_status take_hands(struct stage *stage, int n, int n_threads)
     return SPIN_OK;
 }
 
-static void drop_hands(struct stage *stage)
+static void close_devices(struct stage *stage)
 {
     for (int i = 0; i < stage->n_hands; i++)
         spin_device_close(&stage->hand[i]);
@@ -402,7 +402,7 @@ static spin_status run_tasks(struct stage *stage, int n, int n_threads)
     struct spin_pool *pool = NULL;
     spin_status status;
 
-    SPIN_TRY_OUT(take_hands(stage, n, n_threads));
+    SPIN_TRY_OUT(open_devices(stage, n, n_threads));
     if (stage->n_hands > 1)
         SPIN_TRY_OUT(spin_pool_create(stage->n_hands, &pool));
     spin_pool_run(pool, n, refine_task, stage);
@@ -413,13 +413,13 @@ static spin_status run_tasks(struct stage *stage, int n, int n_threads)
         status = spin_fail(stage->status, "%s", stage->why);
 out:
     spin_pool_free(pool);
-    drop_hands(stage);
+    close_devices(stage);
     return status;
 }
 
 /* First refines a multiple of n_threads frames, with one thread each; then the remaining frames,
  * which share the threads. */
-static spin_status run(struct stage *stage)
+static spin_status refine_all(struct stage *stage)
 {
     struct spin_pool *pool = NULL;
     int n_threads;
@@ -436,7 +436,7 @@ static spin_status run(struct stage *stage)
 }
 
 /* True if all refined frames have all attributes. */
-static bool can_be_drawn(const struct stage *stage)
+static bool has_all_attributes(const struct stage *stage)
 {
     bool input = !(whole & ~stage->plan->clip.bundle.refined.columns);
 
@@ -464,14 +464,14 @@ static spin_status open_shown(struct stage *stage, struct spin_player *shown)
 }
 
 /* Measures the refined frames and writes previews. */
-static spin_status look(struct stage *stage)
+static spin_status measure_frames(struct stage *stage)
 {
     struct spin_plan *plan = stage->plan;
     struct spin_quality *q = &plan->report->refined;
     struct spin_player shown;
     spin_status status;
 
-    if (!can_be_drawn(stage))
+    if (!has_all_attributes(stage))
         return SPIN_OK;
     SPIN_TRY(open_shown(stage, &shown));
     status = spin_test_views_measure(plan, stage->photos, &shown, plan->counts,
@@ -491,7 +491,7 @@ static spin_status look(struct stage *stage)
 
 /* Warns if no splat was visible in some iterations, which then learned nothing; fails if that holds
  * for all iterations of all frames. */
-static spin_status judge_blind(const struct stage *stage)
+static spin_status check_visibility(const struct stage *stage)
 {
     if (stage->blind == 0)
         return SPIN_OK;
@@ -539,12 +539,12 @@ spin_status spin_refinement_run(struct spin_refinement *refinement, struct spin_
              spin_text_count(plan->o->refine, "iteration", count));
     spin_progress_begin(&stage.progress, "refining", "it", 0,
                         (long long)stage.n_todo * plan->o->refine);
-    status = run(&stage);
+    status = refine_all(&stage);
     spin_progress_end(&stage.progress);
     if (status == SPIN_OK)
-        status = join(&stage);
+        status = join_ranks(&stage);
     if (status == SPIN_OK)
-        status = judge_blind(&stage);
+        status = check_visibility(&stage);
     plan->report->refine_seconds = spin_now_s() - stage.start_s;
     plan->report->seconds_per_iteration =
         plan->report->refine_seconds / stage.n_all / plan->o->refine;
@@ -553,7 +553,7 @@ spin_status spin_refinement_run(struct spin_refinement *refinement, struct spin_
     if (status == SPIN_OK)
         status = recount(&stage);
     if (status == SPIN_OK)
-        status = look(&stage);
+        status = measure_frames(&stage);
 out:
     free(stage.todo);
     pthread_mutex_destroy(&stage.lock);

@@ -43,8 +43,8 @@ struct cut {
 
 /* Converts a segment to a row: the line that fits its positions best, and the mean of its other
  * values. */
-static void fit(const struct cut *c, const struct piece *p, float row[SPIN_TRACK],
-                float motion[SPIN_MOTION])
+static void fit_row(const struct cut *c, const struct piece *p, float row[SPIN_TRACK],
+                    float motion[SPIN_MOTION])
 {
     double mean[SPIN_TRACK] = {0}, middle = 0, square = 0, slope[3] = {0};
 
@@ -68,12 +68,12 @@ static void fit(const struct cut *c, const struct piece *p, float row[SPIN_TRACK
 }
 
 /* True if all splats of a segment are within the tolerances. */
-static bool fits(const struct cut *c, const struct piece *p)
+static bool fits_row(const struct cut *c, const struct piece *p)
 {
     float row[SPIN_TRACK], motion[SPIN_MOTION];
     double size;
 
-    fit(c, p, row, motion);
+    fit_row(c, p, row, motion);
     size = (double)place_tolerance * exp((double)(row[3] + row[4] + row[5]) / 3);
     for (int i = 0; i < p->n; i++) {
         float d = c->time[p->first + i] - motion[3];
@@ -132,7 +132,7 @@ static spin_status end_piece(struct cut *c, struct piece *p)
         memset(motion, 0, SPIN_MOTION * sizeof *motion);
         motion[3] = (c->time[p->first] + c->time[p->first + p->n - 1]) / 2;
     } else {
-        fit(c, p, row, motion);
+        fit_row(c, p, row, motion);
     }
     span = p->n < rows->n_frames ? move_to_end(c, p, row, motion) : HUGE_VAL;
     motion[4] = (float)(1 / (bell_of_span * span + bell_of_frame * frame));
@@ -154,7 +154,7 @@ static spin_status grow_piece(struct cut *c, struct piece *p, int f, bool still,
     if (p->n < MOST_FRAMES)
         memcpy(p->value[p->n], value, sizeof p->value[0]);
     p->n++;
-    if (still || fits(c, p))
+    if (still || fits_row(c, p))
         return SPIN_OK;
     p->n--;
     SPIN_TRY(end_piece(c, p));

@@ -177,8 +177,8 @@ static void step_frames(struct spin_trainer *t, const struct batch *b, const int
 
 /* Copies the gradients of the values that a frame owns to `at` in t->own_grad, which ranks sum
  * (put), or back. Returns the number of floats. */
-static size_t move_own(struct spin_trainer *t, const struct spin_frame_of_batch *frame,
-                       const struct spin_frame_size *size, float SPIN_DEV *at, bool put)
+static size_t copy_own_gradients(struct spin_trainer *t, const struct spin_frame_of_batch *frame,
+                                 const struct spin_frame_size *size, float SPIN_DEV *at, bool put)
 {
     float SPIN_DEV *from[2 + SPIN_HEADS] = {[0] = frame->d_means, [1 + SPIN_HEADS] = frame->d_sh};
     size_t n[2 + SPIN_HEADS] = {[0] = 3 * size->n_pos,
@@ -207,7 +207,7 @@ static bool seen_before(const struct spin_trainer *t, const struct batch *b, int
 
 /* True if an item is the first of its frame among those of a rank, or with rank -1 among all. False
  * for frames without a splat. */
-static bool begins(const struct spin_trainer *t, const struct batch *b, int i, int rank)
+static bool is_first_of_frame(const struct spin_trainer *t, const struct batch *b, int i, int rank)
 {
     return (rank < 0 || rank_of(t, b, i) == rank) && !seen_before(t, b, i, rank) &&
            t->frame[b->items[i].frame].size.n > 0;
@@ -220,12 +220,12 @@ static size_t own_floats(const struct spin_trainer *t, const struct spin_frame_s
 }
 
 /* Start of the gradients of an item's frame in t->own_grad: after those of earlier frames. */
-static float SPIN_DEV *place_of(const struct spin_trainer *t, const struct batch *b, int item)
+static float SPIN_DEV *own_grad_of(const struct spin_trainer *t, const struct batch *b, int item)
 {
     float SPIN_DEV *at = t->own_grad;
 
     for (int i = 0; i < b->n && b->items[i].frame != b->items[item].frame; i++)
-        if (begins(t, b, i, -1))
+        if (is_first_of_frame(t, b, i, -1))
             at += own_floats(t, &t->frame[b->items[i].frame].size);
     return at;
 }
@@ -243,7 +243,7 @@ static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
         if (param[k]->n > 0 && (k > 1 || spin_trainer_network(t)))
             sum[n++] = (struct spin_device_sum){param[k]->g, param[k]->n, false};
     for (int i = 0; i < b->n; i++)
-        if (begins(t, b, i, -1))
+        if (is_first_of_frame(t, b, i, -1))
             own += own_floats(t, &t->frame[b->items[i].frame].size);
     if (own > 0)
         sum[n++] = (struct spin_device_sum){t->own_grad, own, false};
@@ -251,10 +251,11 @@ static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
     for (int i = 0; i < b->n; i++) {
         struct spin_frame_batch frames = {0};
 
-        if (!begins(t, b, i, -1))
+        if (!is_first_of_frame(t, b, i, -1))
             continue;
         add_frame(t, b->items[i].frame, &frames);
-        move_own(t, &frames.frame[0], &t->frame[b->items[i].frame].size, place_of(t, b, i), false);
+        copy_own_gradients(t, &frames.frame[0], &t->frame[b->items[i].frame].size,
+                           own_grad_of(t, b, i), false);
         step_frames(t, b, &i, &frames);
     }
     t->device->op->zero(t->device, t->own_grad, own * sizeof(float));
@@ -265,7 +266,8 @@ static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
 
 /* Processes the frames of the n items in `first`. Other views of these frames may be anywhere in
  * the batch. */
-static spin_status do_frames(struct spin_trainer *t, const struct batch *b, const int *first, int n)
+static spin_status process_frames(struct spin_trainer *t, const struct batch *b, const int *first,
+                                  int n)
 {
     const struct spin_field *network = spin_trainer_network(t);
     struct spin_tracks_f32 tracks = {t->n_tracks, t->tracks.p, t->tracks.g, t->motion};
@@ -294,26 +296,26 @@ static spin_status do_frames(struct spin_trainer *t, const struct batch *b, cons
     if (t->n_ranks == 1)
         step_frames(t, b, first, &frames);
     for (int f = 0; t->n_ranks > 1 && f < n; f++)
-        move_own(t, &frames.frame[f], &t->frame[b->items[first[f]].frame].size,
-                 place_of(t, b, first[f]), true);
+        copy_own_gradients(t, &frames.frame[f], &t->frame[b->items[first[f]].frame].size,
+                           own_grad_of(t, b, first[f]), true);
     return SPIN_OK;
 }
 
 /* Processes frames in groups, in the order in which items of this rank first show them. */
-static spin_status do_groups(struct spin_trainer *t, const struct batch *b)
+static spin_status process_groups(struct spin_trainer *t, const struct batch *b)
 {
     int at_once = spin_trainer_frames_at_once(t), first[SPIN_MAX_FRAMES], n = 0;
 
     for (int i = 0; i < b->n; i++) {
-        if (!begins(t, b, i, t->rank))
+        if (!is_first_of_frame(t, b, i, t->rank))
             continue;
         first[n++] = i;
         if (n == at_once || n == SPIN_MAX_FRAMES) {
-            SPIN_TRY(do_frames(t, b, first, n));
+            SPIN_TRY(process_frames(t, b, first, n));
             n = 0;
         }
     }
-    return n > 0 ? do_frames(t, b, first, n) : SPIN_OK;
+    return n > 0 ? process_frames(t, b, first, n) : SPIN_OK;
 }
 
 /* Sets the groups of the network and returns their number. With lazy Adam the table is updated
@@ -446,7 +448,7 @@ spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_images *
     spin_trainer_catch_up(t, spin_trainer_network_steps(t));
     t->iteration++;
     t->field_eval.still = t->rates.position == 0 && t->rates.displacement == 0;
-    SPIN_TRY(do_groups(t, &b));
+    SPIN_TRY(process_groups(t, &b));
     SPIN_TRY(sum_gradients(t, &b));
     step_shared(t);
     return read_values(t, n, values);

@@ -78,8 +78,8 @@ static spin_status preview_view(struct spin_plan *plan, struct spin_photos *phot
     return spin_write_beside(path, view->camera.width, view->camera.height, picture, n);
 }
 
-static spin_status preview(struct spin_plan *plan, struct spin_photos *photos,
-                           struct spin_player *shown, const char *label)
+static spin_status write_previews(struct spin_plan *plan, struct spin_photos *photos,
+                                  struct spin_player *shown, const char *label)
 {
     SPIN_LEAVES(spin_player_close) struct spin_player source = {0};
     bool with_source = spin_plan_has_source(plan);
@@ -100,5 +100,5 @@ static spin_status preview(struct spin_plan *plan, struct spin_photos *photos,
 spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_photos *photos,
                                     struct spin_player *shown, const char *label)
 {
-    return spin_plan_beside(plan, preview(plan, photos, shown, label));
+    return spin_plan_beside(plan, write_previews(plan, photos, shown, label));
 }

@@ -128,7 +128,7 @@ static spin_status add_rows(struct places *p, int frame, const struct spin_splat
 /* True for a track that only jitters: its variance is too small to be visible, or it looks like
  * noise, which sources have in static regions. The mean squared difference between frames is twice
  * the variance for white noise (von Neumann's ratio), and much less for motion. */
-static bool stands_still(const struct motion *m, int n_frames, double extent)
+static bool is_static(const struct motion *m, int n_frames, double extent)
 {
     double n = n_frames, variance = m->square / n;
 
@@ -141,12 +141,12 @@ static bool stands_still(const struct motion *m, int n_frames, double extent)
 }
 
 /* Decides which rows are static, and gives these their mean position. */
-static void settle(struct places *p, int n_frames, double extent)
+static void classify_rows(struct places *p, int n_frames, double extent)
 {
     for (size_t i = 0; p->motion && i < p->n; i++) {
         const struct motion *m = &p->motion[i];
 
-        p->place[i].moves = !stands_still(m, n_frames, extent);
+        p->place[i].moves = !is_static(m, n_frames, extent);
         for (int c = 0; c < 3 && !p->place[i].moves; c++)
             p->place[i].at[c] = (float)(p->place[i].at[c] + m->sum[c] / n_frames);
     }
@@ -180,8 +180,8 @@ static bool rows_keep_identity(const struct spin_plan *plan)
     return plan->clip.bundle.meta.identity;
 }
 
-static spin_status look_at_frames(struct spin_tracks *tracks, struct spin_plan *plan,
-                                  struct places *places)
+static spin_status read_frames(struct spin_tracks *tracks, struct spin_plan *plan,
+                               struct places *places)
 {
     SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
 
@@ -269,9 +269,9 @@ static spin_status number_tracks(struct spin_tracks *tracks, const struct places
 }
 
 /* Finds the tracks whose appearance varies over time. Results for dynamic tracks are not used. */
-static spin_status look_at_places(const struct spin_tracks *tracks, const struct spin_plan *plan,
-                                  struct spin_photos *photos, const struct places *p,
-                                  const uint32_t *order, uint8_t *varies)
+static spin_status find_varying(const struct spin_tracks *tracks, const struct spin_plan *plan,
+                                struct spin_photos *photos, const struct places *p,
+                                const uint32_t *order, uint8_t *varies)
 {
     SPIN_FREED float *at = NULL;
 
@@ -292,8 +292,8 @@ spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan,
     tracks->identity = rows_keep_identity(plan);
     SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *tracks->of, (void **)&tracks->of));
     tracks->n_frames = plan->clip.n_frames;
-    SPIN_TRY(look_at_frames(tracks, plan, &places));
-    settle(&places, tracks->n_frames, plan->extent);
+    SPIN_TRY(read_frames(tracks, plan, &places));
+    classify_rows(&places, tracks->n_frames, plan->extent);
     if (!tracks->identity)
         SPIN_TRY(add_chains(tracks, plan, &places));
     SPIN_TRY(spin_alloc(places.n + 1, 2 * sizeof *number + 1, (void **)&number));
@@ -302,7 +302,7 @@ spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan,
     memset(varies, 0, places.n);
     SPIN_TRY(order_places(tracks, &places, order, &tracks->n));
     if (photos)
-        SPIN_TRY(look_at_places(tracks, plan, photos, &places, order, varies));
+        SPIN_TRY(find_varying(tracks, plan, photos, &places, order, varies));
     SPIN_TRY(number_tracks(tracks, &places, order, varies, number));
     for (int f = 0; f < tracks->n_frames; f++)
         for (size_t i = 0; i < plan->counts[f]; i++)

@@ -5,7 +5,7 @@
 #include "model/residual.h"
 
 /* *out stays NULL for 0 floats. */
-static spin_status reserve(struct spin_device *d, size_t floats, float SPIN_DEV **out)
+static spin_status reserve_floats(struct spin_device *d, size_t floats, float SPIN_DEV **out)
 {
     return floats == 0 ? SPIN_OK : d->op->reserve(d, floats * sizeof(float), (void SPIN_DEV **)out);
 }
@@ -17,7 +17,7 @@ static spin_status reserve_turns(struct spin_train_frame *f, struct spin_device 
 
     if (n == f->size.n_free || n > f->size.n_residual)
         return SPIN_OK;
-    SPIN_TRY(reserve(d, 4 * n, &f->turn));
+    SPIN_TRY(reserve_floats(d, 4 * n, &f->turn));
     SPIN_TRY(spin_alloc(4 * n, sizeof *identity, (void **)&identity));
     for (size_t i = 0; i < n; i++)
         identity[4 * i] = 1;
@@ -36,15 +36,15 @@ spin_status spin_train_frame_open(struct spin_train_frame *f, struct spin_device
     f->size = size;
     f->sh_width = sh_width;
     for (int i = 0; i < 3; i++) {
-        SPIN_TRY(reserve(d, size.n_pos * 3, pos[i]));
-        SPIN_TRY(reserve(d, size.n_residual * SPIN_RESIDUAL, residual[i]));
-        SPIN_TRY(reserve(d, size.n * sh_width, sh[i]));
+        SPIN_TRY(reserve_floats(d, size.n_pos * 3, pos[i]));
+        SPIN_TRY(reserve_floats(d, size.n_residual * SPIN_RESIDUAL, residual[i]));
+        SPIN_TRY(reserve_floats(d, size.n * sh_width, sh[i]));
     }
     if (!tracked)
         return SPIN_OK;
-    SPIN_TRY(reserve(d, size.n, (float SPIN_DEV **)&f->track));
-    SPIN_TRY(reserve(d, size.n, &f->gradient));
-    SPIN_TRY(reserve(d, size.n, (float SPIN_DEV **)&f->seen));
+    SPIN_TRY(reserve_floats(d, size.n, (float SPIN_DEV **)&f->track));
+    SPIN_TRY(reserve_floats(d, size.n, &f->gradient));
+    SPIN_TRY(reserve_floats(d, size.n, (float SPIN_DEV **)&f->seen));
     return reserve_turns(f, d);
 }
 

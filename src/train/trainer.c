@@ -5,7 +5,7 @@
 #include "math/adam.h"
 #include "train/lazy_adam.h"
 
-static spin_status reserve(struct spin_device *d, size_t floats, float SPIN_DEV **out)
+static spin_status reserve_floats(struct spin_device *d, size_t floats, float SPIN_DEV **out)
 {
     return d->op->reserve(d, floats * sizeof(float), (void SPIN_DEV **)out);
 }
@@ -80,17 +80,17 @@ static spin_status open_buffers(struct spin_trainer *t)
     struct spin_device *d = t->device;
     size_t n = splats_at_once(t);
 
-    SPIN_TRY(reserve(d, n * 3, &t->d_pos));
+    SPIN_TRY(reserve_floats(d, n * 3, &t->d_pos));
     if (t->residuals)
-        SPIN_TRY(reserve(d, n * SPIN_RESIDUAL, &t->d_residual));
+        SPIN_TRY(reserve_floats(d, n * SPIN_RESIDUAL, &t->d_residual));
     if (t->sh_width > 0)
-        SPIN_TRY(reserve(d, n * t->sh_width, &t->d_sh));
+        SPIN_TRY(reserve_floats(d, n * t->sh_width, &t->d_sh));
     if (t->n_tracks > 0) {
-        SPIN_TRY(reserve(d, n * 3, &t->means));
-        SPIN_TRY(reserve(d, n * SPIN_RESIDUAL, &t->residual));
+        SPIN_TRY(reserve_floats(d, n * 3, &t->means));
+        SPIN_TRY(reserve_floats(d, n * SPIN_RESIDUAL, &t->residual));
     }
     if (t->n_ranks > 1)
-        SPIN_TRY(reserve(d, own_floats(t), &t->own_grad));
+        SPIN_TRY(reserve_floats(d, own_floats(t), &t->own_grad));
     SPIN_TRY(spin_field_eval_open(&t->field_eval, d, t->network, t->sh_width > 0, n, true));
     return spin_raster_open(&t->raster, d, t->n_max, t->max_pixels, t->max_tiles,
                             (int)smaller(d->views_at_once, t->max_items), true);
@@ -126,7 +126,7 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
     SPIN_TRY_OUT(spin_param_open(&t->heads, device, t->network ? field->n_heads : 0, 0));
     SPIN_TRY_OUT(spin_param_open(&t->tracks, device, SPIN_TRACK * t->n_tracks, 0));
     if (size->motion)
-        SPIN_TRY_OUT(reserve(device, SPIN_MOTION * t->n_tracks, &t->motion));
+        SPIN_TRY_OUT(reserve_floats(device, SPIN_MOTION * t->n_tracks, &t->motion));
     SPIN_TRY_OUT(spin_exposures_open(&t->exposures, device, size->n_cameras, size->n_lenses,
                                      size->exposure,
                                      t->max_pixels * smaller(device->views_at_once, t->max_items)));

@@ -60,7 +60,7 @@ struct offsets {
     float from[NEIGHBOURS][3], to[NEIGHBOURS][3], weight[NEIGHBOURS];
 };
 
-static void centre(const struct offsets *o, float (*at)[3])
+static void centre_offsets(const struct offsets *o, float (*at)[3])
 {
     float sum[3] = {0}, weight = 0;
 
@@ -143,7 +143,7 @@ static float square_of(const float from[3], const float to[3])
 
 /* Sets the weights of neighbours by their errors under rotation q. Returns whether most of them
  * follow q. */
-static bool weigh(struct offsets *o, const float q[4])
+static bool update_weights(struct offsets *o, const float q[4])
 {
     float square[NEIGHBOURS], mean = 0, turned[3];
     int n_follow = 0;
@@ -183,7 +183,7 @@ struct nearest {
     struct near near[NEIGHBOURS];
 };
 
-static void offer(void *context, uint32_t row)
+static void insert_neighbour(void *context, uint32_t row)
 {
     struct nearest *found = context;
     const float *p = found->points + 3 * (size_t)row, *at = found->at;
@@ -244,23 +244,23 @@ static void turn_to(const struct origin *origin, const struct nearest *near, siz
         return;
     memcpy(prior, q, sizeof prior);
     for (int pass = 0; pass <= PASSES; pass++) {
-        centre(&o, o.from);
-        centre(&o, o.to);
+        centre_offsets(&o, o.from);
+        centre_offsets(&o, o.to);
         fit_rotation(&o, q);
-        follow = weigh(&o, q);
+        follow = update_weights(&o, q);
     }
     if (!follow)
         memcpy(q, prior, sizeof prior);
 }
 
-static void follow(const struct origin *origin, size_t i)
+static void follow_track(const struct origin *origin, size_t i)
 {
     const struct spin_turns *turns = origin->turns;
     const struct spin_turns_frame *from = &turns->frame[origin->frame];
     struct nearest near = {
         .points = from->at, .at = from->at + 3 * i, .reach = origin->reach, .self = (uint32_t)i};
 
-    spin_kd_tree_within(&origin->tree, near.at, origin->reach, offer, &near);
+    spin_kd_tree_within(&origin->tree, near.at, origin->reach, insert_neighbour, &near);
     for (int way = -1; way <= 1; way += 2) {
         float q[4] = {1, 0, 0, 0};
 
@@ -283,7 +283,7 @@ static void follow_rows(void *context, size_t first, size_t end)
 
     for (size_t i = first; i < end; i++)
         if (origin->frame_of[from->track[i]] == origin->frame)
-            follow(origin, i);
+            follow_track(origin, i);
 }
 
 /* Follows the tracks whose reference is this frame. */
