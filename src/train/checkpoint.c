@@ -28,8 +28,8 @@ static spin_status check_values(const struct spin_trainer *t, const char *name, 
         return SPIN_OK;
     while (isfinite(v[i]))
         i++;
-    return spin_malformed("array '%s' is not finite at value %zu after iteration %lld: lower the "
-                          "learning rates, or look for bad points",
+    return spin_malformed("array '%s' has a value that is not finite at index %zu, after iteration "
+                          "%lld: lower the learning rates, or check the points of the input",
                           name, first + i, (long long)t->iteration);
 }
 
@@ -152,7 +152,9 @@ static spin_status check_numbers(const struct spin_trainer *t, const struct spin
         if (!wrong && !none)
             taken[number[i]] = 1;
     }
-    return wrong ? spin_malformed("array '%s' does not fit the tracks", piece->name) : SPIN_OK;
+    return wrong ? spin_malformed("array '%s' contradicts the tracks and splats of its frame",
+                                  piece->name)
+                 : SPIN_OK;
 }
 
 static void to_numbers(const struct spin_array *a, size_t first, size_t n, uint32_t *number)
@@ -298,8 +300,9 @@ static spin_status check_last(const float *last, size_t n, int64_t iteration)
 {
     for (size_t i = 0; i < n; i++)
         if (!(last[i] >= 0 && last[i] <= (float)iteration))
-            return spin_malformed("array 'table/last': row %zu is not an iteration up to %lld", i,
-                                  (long long)iteration);
+            return spin_malformed(
+                "array 'table/last': the value in row %zu is not an iteration from 0 to %lld", i,
+                (long long)iteration);
     return SPIN_OK;
 }
 
@@ -360,7 +363,7 @@ static spin_status read_header(const struct spin_checkpoint *c, struct spin_npz 
 
     *out = NULL;
     if (!member)
-        return spin_malformed("no state.json");
+        return spin_malformed("the archive contains no state.json, so it is not a checkpoint");
     SPIN_TRY(spin_zip_read(&npz->zip, member, true, 1 << 26, &bytes, &owned));
     SPIN_TRY(spin_json_parse("state.json", (const char *)bytes, member->size, out));
     fingerprint = spin_json_string(spin_json_get(*out, "fingerprint"));
@@ -380,7 +383,7 @@ static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t
     SPIN_TRY(read_header(c, npz, &j));
     if (!spin_json_integer(spin_json_get(j, "iteration"), &iteration) || iteration < 0 ||
         iteration > t->rates.iterations)
-        return spin_malformed("state.json: bad iteration");
+        return spin_malformed("state.json: 'iteration' is missing or out of range");
     spin_json_number(spin_json_get(j, "seconds"), &c->before_s);
     spin_json_number(spin_json_get(j, "refine_seconds"), &c->refine_s);
     spin_json_number(spin_json_get(j, "loss"), &c->loss);
@@ -391,7 +394,8 @@ static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t
         double v = 0;
 
         if (!spin_json_number(step, &v) || v < 0 || v > 1e15)
-            return spin_malformed("state.json: bad steps");
+            return spin_malformed(
+                "state.json: 'steps' has a value that is missing or out of range");
         steps = (int64_t)v;
         t->frame[f].steps = steps;
     }
@@ -404,7 +408,8 @@ static spin_status get_count(const spin_json *value, int64_t most, size_t *out)
     int64_t n;
 
     if (!spin_json_integer(value, &n) || n < 0 || n > most)
-        return spin_malformed("state.json: bad sizes");
+        return spin_malformed(
+            "state.json: 'sizes' or a number of tracks is missing or out of range");
     *out = (size_t)n;
     return SPIN_OK;
 }

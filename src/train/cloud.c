@@ -18,7 +18,8 @@ spin_status spin_refine_cloud_reserve(struct spin_refine_cloud *cloud, size_t n)
     size_t capacity = n + n / 2;
 
     if (n > INT32_MAX) /* the rasteriser uses 32-bit indices */
-        return spin_fail(SPIN_E_MEMORY, "%zu points in one frame are more than %d", n, INT32_MAX);
+        return spin_fail(SPIN_E_MEMORY, "a frame with %zu points exceeds the limit of %d points", n,
+                         INT32_MAX);
     if (n <= cloud->capacity)
         return SPIN_OK;
     SPIN_TRY(spin_grow(capacity, sizeof *cloud->point, (void **)&cloud->point));
@@ -128,7 +129,7 @@ spin_status spin_refine_init_from_splats(const struct spin_splats *s, struct spi
     size_t sh_row = 3 * (size_t)(s->sh_degree + 1) * (size_t)(s->sh_degree + 1);
 
     if (s->n > 0 && !(s->means && s->quats && s->log_scales && s->logit_opacities && s->sh))
-        return spin_misuse("refining from the source's attributes needs all of them: "
+        return spin_misuse("refinement from the source's attributes needs all of these columns: "
                            "means, quats, log_scales, logit_opacities, sh");
     SPIN_TRY(reset_cloud(out, s->n));
     for (size_t i = 0; i < s->n; i++) {

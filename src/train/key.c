@@ -52,7 +52,7 @@ spin_status spin_frame_key(struct spin_plan *plan, const struct spin_photos *pho
     text = spin_json_text(j, false);
     spin_json_free(j);
     if (!text)
-        return spin_fail(SPIN_E_MEMORY, "out of memory");
+        return spin_fail(SPIN_E_MEMORY, "out of memory for the cache key of a frame");
     spin_hash(&hash, text, strlen(text));
     snprintf(key, SPIN_FRAME_KEY, "%016" PRIx64, hash);
     return SPIN_OK;
@@ -89,5 +89,6 @@ spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_ref
     add_members(j, &plan->clip.bundle.npz.zip);
     *out = spin_json_text(j, false);
     spin_json_free(j);
-    return *out ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "out of memory");
+    return *out ? SPIN_OK
+                : spin_fail(SPIN_E_MEMORY, "out of memory for the fingerprint of the run");
 }

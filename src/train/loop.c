@@ -116,7 +116,7 @@ static spin_status densify_clip(const struct spin_loop *l, struct spin_densify_c
     SPIN_TRY(spin_densify_tracks(t, &l->densify, (int)t->iteration, l->checkpoint->permutation,
                                  l->plan->counts, change));
     if (!is_single_frame(l))
-        spin_log(1, "iteration %lld: %zu clones, %zu splits, %zu pruned: %zu tracks",
+        spin_log(1, "iteration %lld: %zu clones, %zu splits, %zu pruned; now %zu tracks",
                  (long long)t->iteration, change->clones, change->splits, change->pruned,
                  t->n_tracks);
     return SPIN_OK;
@@ -138,8 +138,8 @@ static spin_status run_iteration(const struct spin_loop *l, const struct spin_sa
     SPIN_TRY(spin_trainer_step(t, &sampler->images.images, sampler->items, l->plan->o->batch,
                                &steps->last));
     if (!isfinite(steps->last.loss))
-        return spin_malformed("the loss is not finite at iteration %lld; lower the learning rates, "
-                              "or look for bad points",
+        return spin_malformed("the loss is not finite in iteration %lld: lower the learning rates, "
+                              "or check the points of the input",
                               (long long)now);
     if (due_now || now % CHECK_EVERY == 0 || now == l->plan->o->iterations)
         SPIN_TRY(spin_check_parameters(t));
@@ -324,11 +324,12 @@ static spin_status fail_space(const struct spin_loop *l, uint64_t bytes, bool gr
     char need[32], left[32];
 
     SPIN_TRY(spin_path_folder(c->path, &folder));
-    return spin_fail(
-        SPIN_E_IO,
-        "not enough space on the disk of '%s': %s left, and the checkpoint needs %s%s; free some",
-        c->path, spin_text_bytes(spin_path_free_bytes(folder) + c->reserve.bytes, left),
-        spin_text_bytes(bytes, need), grows ? " as it grows" : "");
+    return spin_fail(SPIN_E_IO,
+                     "not enough space on the disk of '%s': %s is free, and the checkpoint needs "
+                     "%s%s; free some space",
+                     c->path,
+                     spin_text_bytes(spin_path_free_bytes(folder) + c->reserve.bytes, left),
+                     spin_text_bytes(bytes, need), grows ? " as it grows" : "");
 }
 
 /* Reserves disk space for the next checkpoint, so that other programs cannot use it up: a training
@@ -382,7 +383,7 @@ static void warn_blind(const struct spin_steps *steps)
 {
     if (steps->blind > 0)
         spin_warn("no splat was visible in any view of %lld of %lld iterations, first in iteration "
-                  "%lld: nothing was learned in them",
+                  "%lld: these iterations learned nothing",
                   (long long)steps->blind, (long long)steps->done, (long long)steps->first_blind);
 }
 

@@ -268,8 +268,8 @@ spin_status spin_options_check(const struct spin_retrain_options *o)
     if (o->normalise == SPIN_NORMALISE_GIVEN &&
         !(isfinite(centre[0] + centre[1] + centre[2] + o->normalise_radius) &&
           o->normalise_radius > 0))
-        return spin_misuse("normalise_centre and normalise_radius are not finite, or "
-                           "the radius is not above 0");
+        return spin_misuse(
+            "normalise_centre and normalise_radius must be finite, and normalise_radius above 0");
     if (o->views_per_frame > batch_of(o))
         return spin_misuse("views_per_frame %d is more than batch %d", o->views_per_frame,
                            batch_of(o));

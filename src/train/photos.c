@@ -14,8 +14,9 @@ spin_status spin_photos_open(struct spin_photos *photos, const struct spin_plan 
     SPIN_TRY(spin_dynamic_mask_open(&plan->clip.views, &photos->cache, SPIN_DYNAMIC_AUTO,
                                     plan->train, plan->n_train, &photos->dynamic));
     if (photos->dynamic.from == SPIN_DYNAMIC_OFF)
-        return spin_unsupported("--dynamic-weight: the data set has neither foreground masks "
-                                "nor a camera that is static for three frames");
+        return spin_unsupported(
+            "--dynamic-weight needs foreground masks or a camera that is static for three frames, "
+            "and this data set has neither: omit the option");
     return spin_dynamic_mask_keep(&photos->dynamic);
 }
 

@@ -21,7 +21,7 @@ static spin_status check_options(const struct spin_retrain_options *o)
     SPIN_TRY(spin_options_check(o));
     if (o->method == SPIN_METHOD_FRAMES && o->refine < 1)
         return spin_misuse(
-            "--method frames needs iterations for every frame: give their number with --refine");
+            "--method frames needs a number of iterations per frame: give it with --refine");
     if (o->method == SPIN_METHOD_TRACKS && !o->tracks)
         return spin_misuse("--method tracks needs --tracks auto");
     if ((o->method == SPIN_METHOD_TRACKS || o->method == SPIN_METHOD_4D) && o->refine > 0)
@@ -182,12 +182,13 @@ static spin_status plan_extent(struct spin_plan *plan)
     if (plan->extent <= 1e-6 * one_place || plan->extent == 0) {
         plan->extent = one_place > 0 ? one_place : 1;
         spin_log(0,
-                 "all training cameras are at one position: their extent is derived from the "
-                 "distance to the points, %.4g",
+                 "all training cameras are at one position: their extent, %.4g, is derived from "
+                 "the distance to the points",
                  plan->extent);
     }
     if (!isfinite(plan->extent))
-        return spin_malformed("the extent of the training cameras is not finite");
+        return spin_malformed(
+            "the extent of the training cameras is not finite: check their poses");
     return SPIN_OK;
 }
 
@@ -736,10 +737,9 @@ static spin_status open_clip(struct spin_plan *plan)
 
     SPIN_TRY(spin_clip_open(&c, &plan->clip));
     if (o->residual == SPIN_RESIDUAL_SOURCE && o->refine == 0 && !spin_plan_has_source(plan))
-        return spin_not_found(
-            "'%s' lacks its source's attributes: use --residual points, so that the "
-            "network adds to values made from its points",
-            o->input);
+        return spin_not_found("'%s' does not contain the attributes of its source, which "
+                              "--residual source needs: use --residual points",
+                              o->input);
     SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *plan->counts, (void **)&plan->counts));
     for (int f = 0; f < plan->clip.n_frames; f++)
         plan->counts[f] = spin_plan_info(plan, f)->n;
@@ -748,7 +748,8 @@ static spin_status open_clip(struct spin_plan *plan)
     SPIN_TRY(spin_clip_pairs(&plan->clip, SPIN_SPLIT_TRAIN, &plan->train, &plan->n_train));
     SPIN_TRY(spin_clip_pairs(&plan->clip, SPIN_SPLIT_TEST, &plan->test, &plan->n_test));
     if (plan->n_train == 0)
-        return spin_misuse("no training camera is left: all are held out for testing");
+        return spin_misuse("no training camera is left: all cameras are held out for testing; hold "
+                           "out fewer with --test-cams");
     SPIN_TRY(list_cameras(plan));
     SPIN_TRY(spin_lenses_list(&plan->clip.views, plan->train, plan->n_train, o->image_scale,
                               &plan->lenses));
@@ -847,7 +848,8 @@ spin_status spin_plan_recount(struct spin_plan *plan, const size_t *counts, size
     }
     clip->n_mean /= clip->n_frames;
     if (clip->n_max == 0)
-        return spin_malformed("refining left no splat in any frame");
+        return spin_malformed(
+            "refinement left no splat in any frame: check that the cameras belong to the points");
     plan->report->splats_mean = clip->n_mean;
     plan_memory(plan, held);
     find_fitting(plan);

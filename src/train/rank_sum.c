@@ -79,11 +79,11 @@ spin_status spin_rank_sum_open(struct spin_rank_sum *s, struct spin_device *devi
         return SPIN_OK;
     SPIN_TRY(link_cards(s, about, why));
     if (s->linked) {
-        spin_log(1, "all-reduce between GPUs: by %s", about);
+        spin_log(1, "all-reduce between GPUs: with %s", about);
         return SPIN_OK;
     }
     SPIN_TRY(need_host(s, FIRST_BYTES));
-    spin_log(1, "all-reduce between GPUs: through %s host memory, because: %s",
+    spin_log(1, "all-reduce between GPUs: through %s host memory: %s",
              s->host.pinned ? "page-locked" : "ordinary", why);
     return SPIN_OK;
 }

@@ -39,8 +39,8 @@ spin_status spin_refinement_open(struct spin_refinement *refinement, const struc
     size_t n = (size_t)plan->clip.n_frames;
 
     if (spin_plan_starts_from_source(plan) && !spin_plan_has_source(plan))
-        return spin_not_found("'%s' lacks its source's attributes: refine from its points, with "
-                              "--refine-start points",
+        return spin_not_found("'%s' does not contain the attributes of its source, which "
+                              "--refine-start source needs: use --refine-start points",
                               plan->o->input);
     SPIN_TRY(spin_alloc(n, sizeof *refinement->frame, (void **)&refinement->frame));
     SPIN_TRY(spin_alloc(n, sizeof *refinement->counts, (void **)&refinement->counts));
@@ -481,8 +481,8 @@ static spin_status measure_frames(struct stage *stage)
     if (spin_rank() > 0)
         return SPIN_OK;
     if (q->valid)
-        spin_log(0, "refined: %.0f splats a frame, test PSNR %.3f dB, SSIM %.4f", plan->clip.n_mean,
-                 q->psnr, q->ssim);
+        spin_log(0, "refined: %.0f splats per frame, test PSNR %.3f dB, SSIM %.4f",
+                 plan->clip.n_mean, q->psnr, q->ssim);
     SPIN_TRY(open_shown(stage, &shown));
     status = spin_test_views_preview(plan, stage->photos, &shown, "refined");
     spin_player_close(&shown);
@@ -499,9 +499,9 @@ static spin_status check_visibility(const struct stage *stage)
         return spin_malformed(
             "no splat is visible in any view of any frame: check that the cameras belong to these "
             "points");
-    spin_warn(
-        "no splat was visible in %lld of %lld iterations of refining: nothing was learned in them",
-        (long long)stage->blind, (long long)stage->drawn);
+    spin_warn("no splat was visible in %lld of %lld iterations of the refinement: these iterations "
+              "learned nothing",
+              (long long)stage->blind, (long long)stage->drawn);
     return SPIN_OK;
 }
 

@@ -237,8 +237,8 @@ static spin_status check_input(const struct cut *c)
 
     if (!spin_bundle_is_trained_by_tracks(c->tracks.bundle))
         return spin_not_found(
-            "--method 4d needs a clip that was trained with --method tracks: train "
-            "this one so first, and give its output");
+            "--method 4d needs a clip that was trained with --method tracks: train this clip with "
+            "--method tracks first, and use that output as the input");
     for (int f = 1; f < plan->clip.n_frames; f++)
         if (spin_plan_info(plan, f)->time < spin_plan_info(plan, f - 1)->time)
             return spin_unsupported("frame %d follows frame %d but has an earlier time: --method "

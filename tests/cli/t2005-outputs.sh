@@ -259,7 +259,7 @@ if [ "$(id -u)" = 0 ] && mount -t tmpfs -o size=7m tmpfs "$work/small" 2>/dev/nu
     # shellcheck disable=SC2086
     run "$bin/spin-retrain" "$in" -o "$work/small/grown.spin" $grows
     is "$code" 1 "splats outgrow the disk"
-    err_has "grown.spin.part': .* left, .*as it grows; free some; the checkpoint of iteration [0-9]* is kept in" \
+    err_has "grown.spin.part': .* is free, .*as it grows; free some space; the checkpoint of iteration [0-9]* is kept in" \
         "it stops while the state fits"
     mount -o remount,size=40m "$work/small"
     # shellcheck disable=SC2086
