@@ -21,7 +21,7 @@ enum { SPIN_SH_INCREASE_EVERY = 1000 };
 /* Initial values of refined frames: coloured points, or the attributes of the source. */
 enum spin_refine_start { SPIN_REFINE_FROM_POINTS, SPIN_REFINE_FROM_SOURCE };
 
-/* AUTO: on if cameras show the same points in different colours. */
+/* AUTO: on if the colours of a camera, or the brightness in image corners, differ by over 5 %. */
 enum spin_exposure { SPIN_EXPOSURE_OFF, SPIN_EXPOSURE_ON, SPIN_EXPOSURE_AUTO };
 
 /* AUTO: on, unless the borders of the training images show one flat colour or frames have fewer
@@ -113,11 +113,12 @@ struct spin_retrain_options {
     double normalise_centre[3], normalise_radius; /* with SPIN_NORMALISE_GIVEN */
     int views_per_frame;                          /* views of a batch that show the same frame */
     float background[3];
-    enum spin_precision precision; /* of the values in the output */
+    enum spin_precision precision; /* precision of the output */
     const char *device;            /* "auto", "cpu" or "cuda" */
     int n_threads;                 /* 0: all cores */
-    bool deterministic;         /* bit-reproducible results on a GPU; on the CPU they always are */
-    int eval_every, save_every; /* in iterations; 0: evaluate at the end, save every 5 minutes */
+    bool deterministic; /* bit-reproducible results on a GPU; on the CPU they always are */
+    /* Iterations between evaluations (0: only at the end) and checkpoints (0: every 5 minutes). */
+    int eval_every, save_every;
     bool resume, force, dry_run;
     /* The caller resumes by itself, as spin_convert() does: errors do not mention --resume. */
     bool auto_resume;

@@ -14,9 +14,9 @@ struct spin_field_eval {
     float SPIN_DEV *z;         /* [n][n_in] */
     bool narrow;               /* rows are narrow; must equal `narrow` of the frames */
     float SPIN_DEV *raw;       /* [n][SPIN_ATTR, or narrow] */
-    float SPIN_DEV *attr;      /* as raw */
-    float SPIN_DEV *d_attr;    /* as raw   (training) */
-    float SPIN_DEV *d_raw;     /* [active], as raw */
+    float SPIN_DEV *attr;      /* same shape as raw */
+    float SPIN_DEV *d_attr;    /* same shape as raw; d_attr to active: in training only */
+    float SPIN_DEV *d_raw;     /* [active][SPIN_ATTR, or narrow] */
     float SPIN_DEV *d_z;       /* [active][n_in] */
     float SPIN_DEV *d_x_u;     /* [active][4] */
     struct spin_active active; /* rows with a gradient in the last backward pass */

@@ -5,9 +5,8 @@
 #include "base/base.h"
 
 enum {
-    FRAMES = 32, /* frames examined, evenly spaced over the clip */
-    THRESHOLD =
-        5, /* largest deviation, of 255, that noise and JPEG cause in a mean of 3 x 3 pixels */
+    FRAMES = 32,      /* frames examined, evenly spaced over the clip */
+    THRESHOLD = 5,    /* of 255: noise and JPEG change a mean of 3 x 3 pixels by less */
     CAMERAS = 2,      /* least number of cameras that must deviate */
     NONE = UINT8_MAX, /* no brightness: the place is outside the camera's image */
 };

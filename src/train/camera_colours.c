@@ -11,10 +11,10 @@ enum {
     FRAMES = 3,        /* frames examined */
     POINTS = 4096,     /* points per frame whose colours are compared */
     CELLS = 64,        /* cells of the depth map along each axis */
-    LEAST_CAMERAS = 3, /* spread: cameras that must see a point */
-    LEAST_POINTS = 32, /* spread: points that a camera must see */
-    FIT_CAMERAS = 3,   /* gains and falloff: cameras that must see a point */
-    FIT_POINTS = 200   /* gains and falloff: least number of points */
+    LEAST_CAMERAS = 3, /* least number of cameras that see a point, for the spread */
+    LEAST_POINTS = 32, /* least number of points that a camera sees, for the spread */
+    FIT_CAMERAS = 3,   /* least number of cameras that see a point, for the fit */
+    FIT_POINTS = 200   /* least number of points for the fit of gains and falloff */
 };
 /* Range of values that determine a gain: dark ones are noisy, bright ones clipped. */
 static const float darkest = 0.1f, brightest = 0.95f;
@@ -27,7 +27,7 @@ static const double behind = 1.05;
 struct colours {
     struct spin_plan *plan;
     struct spin_photos *photos;
-    struct spin_splats splats; /* of the current frame */
+    struct spin_splats splats; /* splats of the current frame */
     size_t step, n_points;     /* every step-th splat is one of the points */
     uint8_t *image;            /* image of a view */
     float (*seen)[4];          /* [points][cameras] of the frame: r g b and r^2; NaN: not visible */

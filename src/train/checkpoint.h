@@ -7,7 +7,7 @@
 #include "train/step.h"
 
 struct spin_checkpoint {
-    const char *path;        /* of the checkpoint */
+    const char *path;        /* path of the checkpoint */
     const char *fingerprint; /* must be equal for a resume */
     const char *restart;     /* the options that discard the checkpoint, for errors */
     double start_s, saved_s; /* spin_now_s() when this run started, and when it last saved */
@@ -15,10 +15,10 @@ struct spin_checkpoint {
     double refine_s;         /* seconds of refinement, part of the total */
     double loss;             /* smoothed loss; 0: none yet */
     struct spin_code_paths *code_paths;
-    bool sound;             /* between two iterations, with finite values: the state can be saved */
-    uint32_t **permutation; /* [frames][splats] row of each splat in the output; saved if there are
-                               tracks */
-    int64_t saved;          /* iteration of the checkpoint on disk; -1: none */
+    bool sound; /* the state can be saved: no iteration is running, and values are finite */
+    /* [frames][splats] row of each splat in the output; saved if there are tracks. */
+    uint32_t **permutation;
+    int64_t saved;               /* iteration of the checkpoint on disk; -1: none */
     struct spin_reserve reserve; /* disk space for the next checkpoint or the output */
     uint64_t bytes, growth; /* size when space was last reserved; its growth by a densification */
     bool failed;            /* the last attempt to save failed */

@@ -8,7 +8,7 @@
 /* Parameters of one Gaussian before activation functions, as the optimiser sees them. */
 struct spin_refine_row {
     float pos_w[3];
-    float log_scale[3]; /* from here on a row of residual values, model/residual.h */
+    float log_scale[3]; /* first member of a row of residual values (model/residual.h) */
     float rotation[4];  /* w, x, y, z, any length */
     float dc[3];        /* first SH coefficient of r, g, b */
     float logit_opacity;

@@ -1,5 +1,5 @@
-/* Works in host memory: downloads one frame at a time, changes it and uploads it again. All ranks
- * do the same. */
+/* Densification in host memory: downloads the tracks and then one frame at a time, changes and
+ * uploads them. All ranks do the same work. */
 #include "train/densify_tracks.h"
 
 #include "base/base.h"

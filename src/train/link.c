@@ -18,7 +18,7 @@ struct round {
     const struct spin_link_side *from, *to;
     const float *reach;
     size_t width;
-    struct spin_kd_tree tree; /* of `to` */
+    struct spin_kd_tree tree; /* positions of `to` */
     struct link *held;        /* [to->n] current match of each splat of `to` */
     struct link *wanted;      /* [from->n] proposals of this round */
     uint32_t *next;           /* [from->n] current match of each splat of `from` */

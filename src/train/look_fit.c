@@ -411,7 +411,7 @@ spin_status spin_look_choose(const struct spin_look_sample *sample, size_t n, in
 {
     SPIN_FREED struct spin_look_sample *parted = NULL;
     SPIN_FREED double *nothing = NULL;
-    SPIN_FREED bool *falls = NULL; /* [lenses], then as many that are all false */
+    SPIN_FREED bool *falls = NULL; /* [lenses] whether a falloff is fitted, then [lenses] false */
     const bool *none;
     double *gains, *falloff;
     size_t first;

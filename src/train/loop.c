@@ -403,7 +403,7 @@ static spin_status iterate_all(const struct spin_loop *l, struct spin_sampler *s
         SPIN_TRY_OUT(spin_loop_step(l, sampler, steps));
         SPIN_TRY_OUT(check_visibility(l, steps));
         *smooth = *smooth > 0 ? 0.98 * *smooth + 0.02 * v->loss : v->loss;
-        if (l->plan->report->test.valid) /* of the last --eval-every */
+        if (l->plan->report->test.valid) /* an evaluation (--eval-every) has run */
             spin_progress_set(&progress, l->trainer->iteration, "loss %.4f, test PSNR %.2f dB",
                               *smooth, l->plan->report->test.psnr);
         else

@@ -12,7 +12,7 @@ struct spin_loop {
     struct spin_trainer *trainer;
     struct spin_checkpoint *checkpoint; /* a single frame uses only its clock */
     struct spin_step_log *step_log;
-    struct spin_schedule schedule; /* of densification */
+    struct spin_schedule schedule; /* iterations that densify */
     struct spin_densify_options densify;
     /* Called after each evaluation; NULL: none. */
     spin_status (*looked)(void *context);
@@ -25,13 +25,13 @@ struct spin_loop spin_loop_of(struct spin_plan *plan, struct spin_photos *photos
 
 /* Statistics of the iterations so far. Zero it first. */
 struct spin_steps {
-    struct spin_train_values last;     /* of the last iteration */
-    struct spin_densify_change change; /* of the last densification */
-    /* Iterations; those without a visible splat; number of the first of these. */
+    struct spin_train_values last;     /* losses of the last iteration */
+    struct spin_densify_change change; /* result of the last densification */
+    /* Number of iterations; number of iterations without a visible splat; first such iteration. */
     int64_t done, blind, first_blind;
-    /* Seconds: by operation in the last iteration, by operation in total, in total. */
+    /* Seconds of each operation in the last iteration, and in all; seconds of all iterations. */
     double step_s[SPIN_N_OPS], op_s[SPIN_N_OPS], wall_s;
-    double exchange_s, sent; /* communication with other ranks: seconds; bytes sent */
+    double exchange_s, sent; /* communication with other ranks: seconds, bytes sent */
 };
 
 /* Runs one iteration, densifies if it is due, and logs a line. Afterwards the trainer can be saved,

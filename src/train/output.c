@@ -307,7 +307,7 @@ static spin_status write_values(const struct spin_output *output, struct spin_bu
 {
     struct spin_trainer *t = output->trainer;
     size_t floats = SPIN_TRACK * t->n_tracks;
-    SPIN_FREED float *tracks = NULL; /* in groups (device.h) */
+    SPIN_FREED float *tracks = NULL; /* values of the tracks, in groups (device.h) */
 
     SPIN_TRY(spin_alloc(floats + 1, sizeof *tracks, (void **)&tracks));
     if (floats > 0) {

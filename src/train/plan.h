@@ -11,7 +11,7 @@
 #include "train/trainer.h"
 
 struct spin_retrain_report {
-    struct spin_retrain_options options; /* as given, with defaults resolved for the clip */
+    struct spin_retrain_options options; /* the given options, with numbers resolved for the clip */
     int iterations;
     int densify_every; /* iterations between densifications of the clip; 0: none */
     double seconds, seconds_per_iteration; /* latter NaN: FRAMES reused all frames */
@@ -52,13 +52,13 @@ struct spin_plan {
     size_t n_rows;     /* 4D splats, with --method 4d */
     int *camera;       /* [n_cameras] ids of the training cameras, ascending */
     int n_cameras;
-    struct spin_lenses lenses; /* of the training cameras */
+    struct spin_lenses lenses; /* lenses of the training cameras */
     bool lenses_stay;          /* falloffs are fixed: only gains and offsets learn */
     /* [n_cameras + lenses.n][SPIN_EXPOSURE] initial values: of cameras, then of lenses. */
     float *exposure;
     struct spin_pair *train, *test; /* pairs (frame, view) */
     size_t n_train, n_test;
-    size_t max_pixels, max_tiles; /* of the largest view */
+    size_t max_pixels, max_tiles; /* size of the largest view */
     struct spin_backdrop backdrop;
     double extent;        /* extent of the training cameras, in world units */
     size_t pixels_budget; /* bytes of decoded images to cache */
@@ -67,8 +67,7 @@ struct spin_plan {
     char *parts;         /* folder of the frames refined so far */
 };
 
-/* Plans all but the parts that depend on the device. Zero it first; close it also after a failure.
- */
+/* Plans everything except device and memory. Zero it first; close it also after a failure. */
 spin_status spin_plan_open(struct spin_plan *plan, const struct spin_retrain_options *o,
                            struct spin_retrain_report *report);
 void spin_plan_close(struct spin_plan *plan);

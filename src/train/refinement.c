@@ -121,7 +121,7 @@ struct stage {
     struct spin_refinement *refinement;
     struct spin_plan *plan;
     struct spin_photos *photos;
-    struct spin_device *device; /* of the run */
+    struct spin_device *device; /* device of the run */
     struct spin_code_paths *code_paths;
     struct spin_step_log *step_log;
     int *todo, n_todo;        /* frames that this rank refines */
@@ -131,10 +131,10 @@ struct stage {
     struct spin_device *hand; /* [n_hands] devices, one for each of these frames */
     pthread_mutex_t lock;     /* protects all members below, and files, images, progress and log */
     struct spin_progress progress;
-    int64_t done;         /* iterations, for the progress */
+    int64_t done;         /* iterations that the progress shows as done */
     int64_t drawn, blind; /* iterations done; those in which no splat was visible */
     double start_s;
-    spin_status status; /* of the first frame that failed */
+    spin_status status; /* result of the first frame that failed, else SPIN_OK */
     char why[512];
 };
 
@@ -489,8 +489,8 @@ static spin_status measure_frames(struct stage *stage)
     return status;
 }
 
-/* Warns if no splat was visible in some iterations, which then learned nothing; fails if that holds
- * for all iterations of all frames. */
+/* Warns if no splat was visible in some iterations, which then learned nothing; fails if this is
+ * true of all iterations of all frames. */
 static spin_status check_visibility(const struct stage *stage)
 {
     if (stage->blind == 0)

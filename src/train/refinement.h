@@ -10,7 +10,7 @@
 struct spin_refinement {
     struct spin_refined *frame; /* [frames], or NULL: frames are not refined */
     size_t *counts;             /* [frames] splats of the refined frame */
-    struct spin_splats scratch; /* for one refined frame */
+    struct spin_splats scratch; /* memory for one refined frame */
 };
 
 /* Allocates memory. SPIN_E_NOT_FOUND if frames should start from the source's attributes and the

@@ -9,7 +9,7 @@ struct spin_sampler {
     struct spin_photos *photos;
     /* [n_train] pairs in the order of this epoch, then [2 n_train] scratch. */
     uint32_t *sequence;
-    int64_t epoch; /* of the sequence; -1: none yet */
+    int64_t epoch; /* epoch of the sequence; -1: none yet */
     uint64_t seed;
     struct spin_image_store images; /* found by view; as many as fit, at least a batch */
     struct spin_train_item *items;  /* [batch] of this iteration */

@@ -12,7 +12,7 @@ struct spin_state_array {
         SPIN_STATE_STEPS, /* last steps of lazy Adam */
         SPIN_STATE_GRADIENT,
         /* SEEN and GRADIENT are each rank's part of a sum. In a checkpoint rank 0 has the whole sum
-           and the other ranks have zeros. */
+         * and the other ranks have zeros. */
         SPIN_STATE_SEEN,
         SPIN_STATE_TRACK, /* tracks of a frame's splats */
         SPIN_STATE_PLACE  /* rows of a frame's splats in the output */

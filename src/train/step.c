@@ -80,7 +80,7 @@ static spin_status draw_frames(struct spin_trainer *t, const struct batch *b, co
 
     for (int f = 0; f < frames->n_frames; f++) {
         struct spin_frame_of_batch *frame = &frames->frame[f];
-        float share = 0; /* of the batch's images */
+        float share = 0; /* share of the batch's images that show the frame */
 
         for (int i = first[f]; i < b->n; i++) {
             if (b->items[i].frame != b->items[first[f]].frame || rank_of(t, b, i) != t->rank)

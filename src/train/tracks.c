@@ -17,7 +17,7 @@ struct place {
     float at[3];
     uint32_t n_frames;
     int last_frame;
-    bool moves; /* dynamic: built by matching, or a row that does not stand still */
+    bool moves; /* dynamic: built by matching, or a row that is not static */
 };
 
 /* Motion of a track by identity, relative to its first position. */
@@ -31,7 +31,7 @@ struct places {
     size_t n, room;
     uint32_t *slot; /* [n_slots] hash table of positions, by their bits; UINT32_MAX: empty */
     size_t n_slots;
-    struct motion *motion; /* [n] only with tracks by identity */
+    struct motion *motion; /* [n] motion of each row; NULL unless rows keep their identity */
 };
 
 static uint32_t hash_of(const float at[3])

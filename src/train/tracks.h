@@ -28,7 +28,7 @@ spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan,
                              struct spin_photos *photos);
 void spin_tracks_close(struct spin_tracks *tracks);
 
-/* Sizes of a frame with n splats: how many have no track, an own position, own residual values. */
+/* Sizes of a frame with n splats (train_frame.h). */
 struct spin_frame_size spin_tracks_size(const struct spin_tracks *tracks, int frame, size_t n);
 /* Sorts a permutation [n] that follows a space-filling curve: first splats without a track, in the
  * order of the curve, then the others by track. */

@@ -9,10 +9,10 @@
  * (docs/method.md section 6). */
 struct spin_train_frame {
     struct spin_frame_size {
-        size_t n;          /* splats of the frame; the other counts are of leading splats */
-        size_t n_free;     /* without a track; all if there are no tracks */
-        size_t n_pos;      /* with a position of their own */
-        size_t n_residual; /* with residual values of their own */
+        size_t n;          /* all splats of the frame; the other counts are of its first splats */
+        size_t n_free;     /* splats without a track; all if there are no tracks */
+        size_t n_pos;      /* splats that own a position */
+        size_t n_residual; /* splats that own residual values */
     } size;
     double time;                 /* time of the frame, in the source's unit */
     float SPIN_DEV *pos, *m, *v; /* [n_pos][3] */
@@ -22,8 +22,8 @@ struct spin_train_frame {
     size_t sh_width;
     /* track, gradient and seen are NULL unless splats may have tracks. */
     uint32_t SPIN_DEV *track; /* [n] the track of a splat, or SPIN_NO_TRACK */
-    float SPIN_DEV *gradient; /* [n] sums of gradients for densification, see densify_stats() */
-    uint32_t SPIN_DEV *seen;  /* [n] numbers of views in these sums */
+    float SPIN_DEV *gradient; /* [n] sums of gradients over views, see densify_stats() */
+    uint32_t SPIN_DEV *seen;  /* [n] number of views in each sum of gradients */
     /* [n_pos][4] unit quaternions, see turns.h. NULL: no track is dynamic, or dynamic tracks have
      * no residual values here. */
     float SPIN_DEV *turn;

@@ -120,7 +120,7 @@ int spin_trainer_frames_at_once(const struct spin_trainer *t);
  * it. */
 spin_status spin_trainer_join_seen(struct spin_trainer *t);
 /* Turns the sums into parts again: rank 0 keeps them and the other ranks start from zero, so that
- * the next all-reduce counts them once. */
+ * the next all-reduce counts them once. All ranks call it. */
 void spin_trainer_part_seen(struct spin_trainer *t);
 
 /* The network; NULL if there is none or it has not joined yet. */
