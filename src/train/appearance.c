@@ -76,7 +76,7 @@ static int examined_index(const struct look *l, int frame)
     return (k * all + l->n_frames - 1) / l->n_frames == frame ? (int)k : -1;
 }
 
-/* Adds a camera to the numbers of cameras that see a place or deviate. */
+/* Counts one camera, for each place and frame: whether it sees the place, whether it deviates. */
 static spin_status count_camera(struct look *l, int camera_id)
 {
     size_t n_frames = (size_t)l->n_frames;

@@ -4,7 +4,7 @@
 #include "base/pool.h"
 #include "spin.h"
 
-/* Splats of a frame. */
+/* Splats of a frame, to be matched. */
 struct spin_link_side {
     size_t n;
     const float *at;   /* [n][3] positions */

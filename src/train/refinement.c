@@ -132,7 +132,7 @@ struct stage {
     pthread_mutex_t lock;     /* protects all members below, and files, images, progress and log */
     struct spin_progress progress;
     int64_t done;         /* iterations that the progress shows as done */
-    int64_t drawn, blind; /* iterations done; those in which no splat was visible */
+    int64_t drawn, blind; /* iterations done; iterations without a visible splat */
     double start_s;
     spin_status status; /* result of the first frame that failed, else SPIN_OK */
     char why[512];

@@ -12,7 +12,7 @@ struct spin_sampler {
     int64_t epoch; /* epoch of the sequence; -1: none yet */
     uint64_t seed;
     struct spin_image_store images; /* found by view; as many as fit, at least a batch */
-    struct spin_train_item *items;  /* [batch] of this iteration */
+    struct spin_train_item *items;  /* [batch] views of this iteration */
     const struct spin_pair **pairs; /* [batch] their frames and views */
 };
 

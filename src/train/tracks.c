@@ -54,7 +54,7 @@ static void close_places(struct places *p)
     memset(p, 0, sizeof *p);
 }
 
-/* The slot of this position, or the empty slot where it belongs. */
+/* The slot that contains this position, or the empty slot in which to store it. */
 static size_t slot_of(const struct places *p, const float at[3])
 {
     size_t k = hash_of(at) & (p->n_slots - 1);

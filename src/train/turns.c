@@ -161,6 +161,7 @@ static bool update_weights(struct offsets *o, const float q[4])
 
 /* ---- Following tracks ------------------------------------------------------------------------ */
 
+/* A neighbour: row in its frame, squared distance. */
 struct near {
     uint32_t row;
     float square;
