@@ -37,18 +37,21 @@ static void count_parameters(struct spin_field *field)
 static spin_status check_shape(int levels, int features, int hidden, int sh_degree)
 {
     if (levels < 1 || levels > SPIN_MAX_LEVELS)
-        return spin_misuse("cannot plan the network: %d levels, not 1 to %d", levels,
-                           SPIN_MAX_LEVELS);
+        return spin_misuse("cannot build the network: levels %d is not in the range 1 to %d",
+                           levels, SPIN_MAX_LEVELS);
     if (features != 1 && features != 2 && features != 4 && features != 8)
-        return spin_misuse("cannot plan the network: %d features, not 1, 2, 4 or 8", features);
+        return spin_misuse("cannot build the network: features %d is not 1, 2, 4 or 8", features);
     if (levels * features % 4 != 0)
-        return spin_misuse("cannot plan the network: levels x features is %d, not a multiple of 4",
-                           levels * features);
+        return spin_misuse(
+            "cannot build the network: levels x features is %d, which is not a multiple of 4",
+            levels * features);
     if (hidden < 4 || hidden > 256 || hidden % 4 != 0)
         return spin_misuse(
-            "cannot plan the network: hidden width %d, not a multiple of 4 up to 256", hidden);
+            "cannot build the network: hidden %d is not a multiple of 4 in the range 4 to 256",
+            hidden);
     if (sh_degree < 0 || sh_degree > 3)
-        return spin_misuse("cannot plan the network: SH degree %d, not 0 to 3", sh_degree);
+        return spin_misuse("cannot build the network: sh_degree %d is not in the range 0 to 3",
+                           sh_degree);
     return SPIN_OK;
 }
 
@@ -60,13 +63,13 @@ spin_status spin_field_plan(struct spin_field *field, int levels, int features, 
     memset(field, 0, sizeof *field);
     SPIN_TRY(check_shape(levels, features, hidden, sh_degree));
     if (hash_log2 < 4 || hash_log2 > 26)
-        return spin_misuse("cannot plan the network: table of 2^%d rows, not 2^4 to 2^26",
+        return spin_misuse("cannot build the network: hash_log2 %d is not in the range 4 to 26",
                            hash_log2);
     for (int d = 0; d < 4; d++)
         if (base[d] < 2 || finest[d] < base[d] || finest[d] > 65536)
-            return spin_misuse("cannot plan the network: resolution %d to %d on axis %d, not "
-                               "2 <= base <= finest <= 65536",
-                               base[d], finest[d], d);
+            return spin_misuse("cannot build the network: along %c, base_resolution %d and "
+                               "finest_resolution %d do not satisfy 2 <= base <= finest <= 65536",
+                               "xyzt"[d], base[d], finest[d]);
     field->grid.n_levels = levels;
     field->grid.n_features = features;
     field->sh_degree = sh_degree;
@@ -79,7 +82,8 @@ spin_status spin_field_plan(struct spin_field *field, int levels, int features, 
         field->grid.hashed[l] = (uint8_t)hashed;
     }
     if (offset > UINT32_MAX / 8)
-        return spin_misuse("cannot plan the network: %llu rows are more than 2^29",
+        return spin_misuse("cannot build the network: its hash grid has %llu rows, more than 2^29; "
+                           "lower hash_log2 or levels",
                            (unsigned long long)offset);
     field->grid.offset[levels] = (uint32_t)offset;
     plan_heads(&field->heads, levels * features, hidden);
@@ -269,29 +273,33 @@ static spin_status network_from_json(const spin_json *json, struct spin_field *o
     if (!get_int(json, "levels", 1, SPIN_MAX_LEVELS, &levels) ||
         !get_int(json, "features", 1, 8, &features) || !get_int(json, "hidden", 4, 256, &hidden) ||
         check_shape(levels, features, hidden, out->sh_degree) != SPIN_OK)
-        return spin_malformed("meta.json: bad shape of the network");
+        return spin_malformed("meta.json: 'levels', 'features' or 'hidden' of 'trained.field' is "
+                              "missing or out of range");
     out->grid.n_levels = levels;
     out->grid.n_features = features;
     for (int l = 0; l < levels; l++)
         if (!read_level(json, l, &out->grid))
-            return spin_malformed("meta.json: level %d of the network: its scale, res, offset and "
-                                  "hashed do not make a grid",
+            return spin_malformed("meta.json: 'scale', 'res', 'offset' and 'hashed' of "
+                                  "'trained.field' contradict each other in level %d",
                                   l);
     plan_heads(&out->heads, levels * features, hidden);
     out->heads.relu = activation && strcmp(activation, "relu") == 0;
     if (activation && !out->heads.relu && strcmp(activation, "gelu") != 0)
-        return spin_unsupported("meta.json: the network's activation is '%.32s'", activation);
+        return spin_unsupported(
+            "meta.json: 'activation' of 'trained.field' is '%.32s', not gelu or relu", activation);
     spin_json_bool(spin_json_get(transform, "raw"), &out->transform.raw);
     count_parameters(out);
     for (size_t i = 0; i < 3; i++)
         if (!get_float(spin_json_at(spin_json_get(transform, "centre"), i), -1e30, 1e30,
                        &out->transform.centre[i]))
-            return spin_malformed("meta.json: bad norm of the network");
+            return spin_malformed(
+                "meta.json: 'norm.centre' of 'trained.field' is missing or out of range");
     if (!get_float(spin_json_get(transform, "inv_radius"), 1e-30, 1e30,
                    &out->transform.inv_radius) ||
         !spin_json_number(spin_json_get(json, "time_first"), &out->time_first) ||
         !spin_json_number(spin_json_get(json, "time_last"), &out->time_last))
-        return spin_malformed("meta.json: bad norm or times of the network");
+        return spin_malformed("meta.json: 'norm.inv_radius', 'time_first' or 'time_last' of "
+                              "'trained.field' is missing or out of range");
     return SPIN_OK;
 }
 
@@ -302,7 +310,8 @@ spin_status spin_field_from_json(const spin_json *trained, struct spin_field *ou
     memset(out, 0, sizeof *out);
     *there = spin_json_is_object(field);
     if (!get_int(trained, "sh_degree", 0, 3, &out->sh_degree))
-        return spin_malformed("meta.json: bad 'trained.sh_degree'");
+        return spin_malformed(
+            "meta.json: 'trained.sh_degree' is missing or not in the range 0 to 3");
     spin_json_bool(spin_json_get(trained, "antialias"), &out->antialias);
     return *there ? network_from_json(field, out) : SPIN_OK;
 }

@@ -10,14 +10,14 @@ struct spin_field {
     struct spin_grid grid;
     struct spin_heads heads;
     struct spin_scene_transform transform;
-    double time_first, time_last; /* of the clip, in the source's unit */
+    double time_first, time_last; /* first and last time of the clip, in the source's unit */
     int sh_degree;
-    bool antialias;          /* its splats are to be drawn antialiased */
-    size_t n_table, n_heads; /* floats */
+    bool antialias;          /* splats are rendered with antialiasing */
+    size_t n_table, n_heads; /* floats of the table and of the heads */
 };
 
-/* Derives the layout from the options. finest[3] must be resolved (not 0). SPIN_E_USAGE if
- * impossible. */
+/* Derives the layout from the options. finest[3] must be resolved (not 0). SPIN_E_USAGE if an
+ * option is out of range. */
 spin_status spin_field_plan(struct spin_field *field, int levels, int features, int hash_log2,
                             int hidden, int sh_degree, const int base[4], const int finest[4]);
 
@@ -38,7 +38,7 @@ void spin_field_clear_heads(const struct spin_field *field, float *heads);
 float spin_field_time(const struct spin_field *field, double time);
 
 /* Writes and reads the first members of the "trained" object of meta.json; reading checks all
- * values. there: there is a network; otherwise "field" is null and only sh_degree and antialias are
- * set. */
+ * values. there: the training has a network; otherwise "field" is null and only sh_degree and
+ * antialias are set. */
 spin_json *spin_field_to_json(const struct spin_field *field, bool there);
 spin_status spin_field_from_json(const spin_json *trained, struct spin_field *out, bool *there);

@@ -3,8 +3,7 @@
 
 #include "base/base.h"
 
-/* An array to be reserved and released with all others: its floats (or rows) per splat. Without a
- * network there is no encoder input and no encoding. */
+/* A buffer: `floats` 4-byte values per splat. training: needed in training only. */
 struct piece {
     void SPIN_DEV **at;
     size_t floats;
@@ -12,6 +11,7 @@ struct piece {
 };
 enum { N_PIECES = 9 };
 
+/* Lists all buffers, for allocation and release. Without a network the encoder has none. */
 static void list_pieces(struct spin_field_eval *w, const struct spin_field *field,
                         struct piece piece[N_PIECES])
 {

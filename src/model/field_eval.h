@@ -12,16 +12,16 @@ struct spin_field_eval {
     bool training;
     float SPIN_DEV *x_u;       /* [n][4] */
     float SPIN_DEV *z;         /* [n][n_in] */
-    bool narrow;               /* the frames' `narrow` must equal this */
+    bool narrow;               /* rows are narrow; must equal `narrow` of the frames */
     float SPIN_DEV *raw;       /* [n][SPIN_ATTR, or narrow] */
-    float SPIN_DEV *attr;      /* as raw */
-    float SPIN_DEV *d_attr;    /* as raw   (training) */
-    float SPIN_DEV *d_raw;     /* [active], as raw */
+    float SPIN_DEV *attr;      /* same shape as raw */
+    float SPIN_DEV *d_attr;    /* same shape as raw; d_attr to active: in training only */
+    float SPIN_DEV *d_raw;     /* [active][SPIN_ATTR, or narrow] */
     float SPIN_DEV *d_z;       /* [active][n_in] */
     float SPIN_DEV *d_x_u;     /* [active][4] */
     struct spin_active active; /* rows with a gradient in the last backward pass */
 
-    struct spin_lazy_adam *lazy; /* of the table; or NULL */
+    struct spin_lazy_adam *lazy; /* lazy Adam of the table, or NULL */
     bool still; /* positions are not trained: the encoder adds nothing to d_means */
 };
 /* sh: without a network, frames may have SH coefficients beyond the first. */
@@ -31,7 +31,7 @@ spin_status spin_field_eval_open(struct spin_field_eval *eval, struct spin_devic
 void spin_field_eval_close(struct spin_field_eval *eval, const struct spin_field *field);
 
 /* attr = network(means, t) + residual, for all frames. Without a network attr is the residual
- * alone, at SH degree 0. Lazy Adam brings those lines of its table up to date that are read. */
+ * alone, at SH degree 0. Lazy Adam updates the lines of the table that are read. */
 void spin_field_forward(struct spin_field_eval *eval, const struct spin_field *field,
                         const float SPIN_DEV *table, const float SPIN_DEV *heads,
                         const struct spin_frame_batch *frames);
@@ -41,8 +41,8 @@ void spin_field_encode(struct spin_field_eval *eval, const struct spin_field *fi
 void spin_field_decode(struct spin_field_eval *eval, const struct spin_field *field,
                        const float SPIN_DEV *heads, const struct spin_frame_batch *frames);
 /* From d_attr and the d_means accumulated so far: d_table +=, d_heads +=, d_means +=, d_residual
- * +=. Without a network only d_residual. Splats whose gradient is exactly zero are skipped, which
- * does not change the result. */
+ * +=. Without a network only d_residual is set. Splats whose gradient is exactly zero are skipped,
+ * which does not change the result. */
 void spin_field_backward(struct spin_field_eval *eval, const struct spin_field *field,
                          const float SPIN_DEV *table, const float SPIN_DEV *heads,
                          const struct spin_frame_batch *frames, float SPIN_DEV *d_table,

@@ -134,7 +134,7 @@ size_t spin_camera_overlay_choose(const struct spin_views *views, int row, size_
 
 struct look {
     size_t view;
-    double share[2]; /* shares in front and inside */
+    double share[2]; /* share of points in front of the camera; share inside the image */
 };
 
 static double median(double *values, size_t n)

@@ -6,8 +6,8 @@
 
 enum {
     FRAMES = 32,      /* frames examined, evenly spaced over the clip */
-    THRESHOLD = 5,    /* of 255; noise and JPEG change the mean of 3 x 3 pixels by less */
-    CAMERAS = 2,      /* cameras that must observe a change, at least */
+    THRESHOLD = 5,    /* of 255: noise and JPEG change a mean of 3 x 3 pixels by less */
+    CAMERAS = 2,      /* least number of cameras that must deviate */
     NONE = UINT8_MAX, /* no brightness: the place is outside the camera's image */
 };
 
@@ -16,10 +16,11 @@ struct look {
     struct spin_photos *photos;
     size_t n;
     const float *place;
-    int n_frames;            /* examined */
-    uint8_t *image;          /* [max pixels][3] */
-    uint8_t *bright;         /* [n][n_frames] of one camera */
-    uint8_t *seen, *changed; /* [n][n_frames] numbers of cameras, at most 255 */
+    int n_frames;    /* number of examined frames */
+    uint8_t *image;  /* [max pixels][3] */
+    uint8_t *bright; /* [n][n_frames] brightness in one camera */
+    /* [n][n_frames] numbers of cameras, at most 255: that see the place; that deviate. */
+    uint8_t *seen, *changed;
 };
 
 /* Mean brightness of the 3 x 3 pixels around a point, 0 to 254. NONE outside the image or at its
@@ -52,7 +53,7 @@ static int compare_bytes(const void *a, const void *b)
     return *(const uint8_t *)a - *(const uint8_t *)b;
 }
 
-/* Median over the frames in which the place is visible; NONE if there is none. */
+/* Median over the frames in which the place is visible; NONE if it never is. */
 static uint8_t median_of(const uint8_t *bright, int n_frames)
 {
     uint8_t value[FRAMES];
@@ -68,14 +69,15 @@ static uint8_t median_of(const uint8_t *bright, int n_frames)
 }
 
 /* Index of a frame among the examined ones, or -1. */
-static int chosen(const struct look *l, int frame)
+static int examined_index(const struct look *l, int frame)
 {
     int64_t all = l->plan->clip.n_frames, k = (int64_t)frame * l->n_frames / all;
 
     return (k * all + l->n_frames - 1) / l->n_frames == frame ? (int)k : -1;
 }
 
-static spin_status look_through(struct look *l, int camera_id)
+/* Counts one camera, for each place and frame: whether it sees the place, whether it deviates. */
+static spin_status count_camera(struct look *l, int camera_id)
 {
     size_t n_frames = (size_t)l->n_frames;
 
@@ -83,7 +85,7 @@ static spin_status look_through(struct look *l, int camera_id)
     for (size_t v = 0; v < l->plan->n_train; v++) {
         const struct spin_pair *pair = &l->plan->train[v];
         const struct spin_view *view = &l->plan->clip.views.view[pair->view];
-        int f = chosen(l, pair->frame);
+        int f = examined_index(l, pair->frame);
 
         if (view->camera_id != camera_id || f < 0)
             continue;
@@ -124,7 +126,7 @@ spin_status spin_appearance_varies(const struct spin_plan *plan, struct spin_pho
     l.changed = l.seen + cells;
     memset(l.seen, 0, 2 * cells);
     for (int c = 0; c < plan->n_cameras; c++)
-        SPIN_TRY(look_through(&l, plan->camera[c]));
+        SPIN_TRY(count_camera(&l, plan->camera[c]));
     memset(varies, 0, n);
     for (size_t k = 0; k < cells; k++)
         varies[k / (size_t)l.n_frames] |= l.changed[k] >= CAMERAS && 2 * l.changed[k] > l.seen[k];

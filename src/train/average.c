@@ -4,9 +4,9 @@
 #include "train/state_arrays.h"
 
 enum {
-    MOMENTS = 12,
-    PORTION = 1 << 20
-}; /* iterations averaged at most; floats downloaded at a time */
+    MOMENTS = 12,     /* largest number of averaged iterations */
+    PORTION = 1 << 20 /* floats downloaded at a time */
+};
 
 struct spin_average spin_average_of(double share, int64_t until, int64_t iterations)
 {
@@ -18,7 +18,8 @@ struct spin_average spin_average_of(double share, int64_t until, int64_t iterati
                                  .every = (iterations - first + MOMENTS - 1) / MOMENTS};
 }
 
-/* Number of iterations up to this one that are part of the mean. */
+/* Number of averaged iterations up to this one. Counts backwards, since the last iteration is
+ * always averaged. */
 static int count_by(const struct spin_average *a, int64_t iterations, int64_t iteration)
 {
     int64_t left = iterations - iteration;
@@ -41,7 +42,7 @@ spin_status spin_average_values(struct spin_trainer *t, size_t *n)
     return SPIN_OK;
 }
 
-static spin_status reserve(struct spin_trainer *t)
+static spin_status reserve_mean(struct spin_trainer *t)
 {
     struct spin_average *a = &t->average;
 
@@ -52,11 +53,11 @@ static spin_status reserve(struct spin_trainer *t)
 spin_status spin_average_resume(struct spin_trainer *t)
 {
     t->average.n = count_by(&t->average, t->rates.iterations, t->iteration);
-    return t->average.n > 0 ? reserve(t) : SPIN_OK;
+    return t->average.n > 0 ? reserve_mean(t) : SPIN_OK;
 }
 
 /* Updates the mean of n - 1 samples with sample n. */
-static void add(float *mean, const float *values, size_t n_values, int n)
+static void add_sample(float *mean, const float *values, size_t n_values, int n)
 {
     float share = 1 / (float)n;
 
@@ -75,7 +76,7 @@ spin_status spin_average_step(struct spin_trainer *t)
 
     if (count_by(a, t->rates.iterations, t->iteration) == a->n)
         return SPIN_OK;
-    SPIN_TRY(a->n == 0 ? reserve(t) : SPIN_OK);
+    SPIN_TRY(a->n == 0 ? reserve_mean(t) : SPIN_OK);
     SPIN_TRY(spin_alloc(PORTION, sizeof *portion, (void **)&portion));
     SPIN_TRY(spin_state_arrays(t, NULL, &array, &n_arrays));
     a->n++;
@@ -86,7 +87,7 @@ spin_status spin_average_step(struct spin_trainer *t)
             size_t n = array[i].n - first < PORTION ? array[i].n - first : PORTION;
 
             SPIN_TRY(d->op->download(d, portion, array[i].at + first, n * sizeof *portion));
-            add(mean, portion, n, a->n);
+            add_sample(mean, portion, n, a->n);
             if (t->iteration == t->rates.iterations)
                 d->op->upload(d, array[i].at + first, mean, n * sizeof *mean);
             mean += n;

@@ -1,10 +1,10 @@
 /* Places the backdrop behind the farthest points along the rays of the training cameras.
  *
  * Each view is divided into cells. The farthest points of a cell form its outermost surface, and a
- * flat splat of about the cell's size is placed behind it, at a distance that keeps it behind the
- * surface's own splats when all are sorted by depth. It is pushed back while it would appear in
- * front of the outermost surface of any other view, and dropped where an earlier view has already
- * placed one. */
+ * flat splat of about the cell's size is placed behind that surface, far enough to stay behind the
+ * surface's own splats in the sort by depth. The splat is pushed back while it would appear in
+ * front of the outermost surface of any view, and dropped where an earlier view has already placed
+ * a splat. */
 #include "train/backdrop.h"
 
 #include "base/base.h"
@@ -14,26 +14,27 @@
 #include "scene/columns.h"
 
 enum {
-    MOST_FRAMES = 16,    /* that points are sampled from */
-    MOST_POINTS = 20000, /* sampled from a frame */
-    MOST_VIEWS = 64,     /* that splats are placed for */
+    MOST_FRAMES = 16,    /* frames to sample points from */
+    MOST_POINTS = 20000, /* points sampled per frame */
+    MOST_VIEWS = 64,     /* views to place splats for */
     LEAST_COLUMNS = 8,   /* cells along the width of an image */
     MOST_COLUMNS = 40,
     MOST_ROWS = 64,
-    CELL_POINTS = 12, /* points of a frame in a cell, on average */
-    N_BINS = 96,      /* of log depth */
-    DEPTH_BINS = 3,   /* that a surface may span */
+    CELL_POINTS = 12, /* mean number of points per frame in a visible cell */
+    N_BINS = 96,      /* bins of log depth */
+    DEPTH_BINS = 3,   /* largest number of bins that a surface spans */
     MOST_SPLATS = 20000,
-    FEWEST_SPLATS = 1000 /* of a frame, for auto: fewer do not show where surfaces are */
+    FEWEST_SPLATS = 1000 /* auto needs as many per frame: fewer do not show where surfaces are */
 };
-static const double far_share = 0.005; /* of a cell's points may be outliers behind its surface */
-static const double behind = 2;        /* distance behind the surface, in cells */
-static const double scale = 1; /* standard deviation along the surface, in spacings of cells ... */
-static const double most_scale = 2;   /* ... up to this many cells, on slanted surfaces */
-static const double thickness = 0.1;  /* standard deviation across the surface, in the same unit */
-static const double reach = 2;        /* standard deviations that must stay hidden */
-static const double tolerance = 0.03; /* of log depth, where surfaces are compared */
-static const double covered = 0.7;    /* no splat is placed within this many spacings of another */
+/* Largest share of a cell's points treated as outliers behind its surface. */
+static const double far_share = 0.005;
+static const double behind = 2;     /* distance of a splat behind its surface, in cells */
+static const double scale = 1;      /* standard deviation along the surface, in spacings of cells */
+static const double most_scale = 2; /* largest spacing on slanted surfaces, in cells */
+static const double thickness = 0.1;  /* standard deviation across the surface, in spacings */
+static const double reach = 2;        /* radius that must stay hidden, in standard deviations */
+static const double tolerance = 0.03; /* difference of log depth that still counts as equal */
+static const double covered = 0.7;    /* least distance between two splats, in spacings */
 static const double darkest = 0.02;   /* minimum colour: 0 would have no gradient */
 static const float logit_opacity = 5; /* opacity 0.993 */
 
@@ -52,7 +53,7 @@ struct view {
 struct layout {
     float *point, *colour; /* [n][3] */
     size_t n;
-    int n_frames; /* that they are of */
+    int n_frames; /* number of sampled frames */
     struct view view[MOST_VIEWS];
     int n_views;
     struct spin_backdrop *out;
@@ -127,8 +128,8 @@ struct bin {
     double n, log_depth, colour[3];
 };
 
-/* The surface is the farthest bin of a cell that is not an outlier, with the bins just in front of
- * it. */
+/* A cell's surface is the mean of its farthest bin, outliers excluded, and the bins just in front
+ * of that bin. */
 static void find_surface(const struct bin *bin, struct cell *cell)
 {
     double all = 0, behind_it = 0;
@@ -190,7 +191,7 @@ static const struct cell *neighbour(const struct view *v, int i, int dx, int dy)
     return x >= 0 && y >= 0 && x < v->columns && y < v->rows ? &v->cell[y * v->columns + x] : NULL;
 }
 
-/* Cells without points take the mean of their neighbours, ring by ring. */
+/* Gives cells without points the mean of their known neighbours, until all cells are known. */
 static spin_status fill_cells(struct view *v)
 {
     int n = v->columns * v->rows;
@@ -228,7 +229,7 @@ static spin_status fill_cells(struct view *v)
 }
 
 /* Unprojects the surface at the centre of a cell to world space. */
-static void place_cell(const struct view *v, int i)
+static void unproject_cell(const struct view *v, int i)
 {
     const struct spin_camera *c = v->camera;
     const double *m = c->w2c;
@@ -241,9 +242,9 @@ static void place_cell(const struct view *v, int i)
         v->cell[i].at[k] = m[k] * p[0] + m[4 + k] * p[1] + m[8 + k] * p[2];
 }
 
-/* The farthest surface of a cell with few points is a guess, and the backdrop would stand in front
- * of real surfaces: court-mini loses 0.6 dB with 40 columns and gains 0.6 dB with cells of this
- * size. */
+/* Chooses cells that contain CELL_POINTS points on average. The outermost surface of a cell with
+ * few points is unreliable, and the backdrop could cover real surfaces: the clip court-mini loses
+ * 0.6 dB with 40 columns and gains 0.6 dB with cells of this size. */
 static int choose_columns(const struct layout *l, const struct spin_camera *camera)
 {
     double visible = 0, columns, p[3];
@@ -268,7 +269,7 @@ static spin_status open_view(struct layout *l, const struct spin_camera *camera)
     SPIN_TRY(find_surfaces(l, v));
     SPIN_TRY(fill_cells(v));
     for (int i = 0; i < v->columns * v->rows; i++)
-        place_cell(v, i);
+        unproject_cell(v, i);
     return SPIN_OK;
 }
 
@@ -297,12 +298,12 @@ static void cross(const double a[3], const double b[3], double out[3])
 
 /* A flat splat under construction. */
 struct patch {
-    double at[3], axis[3][3]; /* two along the surface, and the one away from the camera */
-    double size[2];           /* spacing along the first two */
+    double at[3], axis[3][3]; /* two axes along the surface; the normal away from the camera */
+    double size[2];           /* spacing of cells along the first two axes */
 };
 
 /* Change of the surface position from one cell to the next, by central differences. */
-static void slope(const struct view *v, int i, int dx, int dy, double out[3])
+static void find_surface_step(const struct view *v, int i, int dx, int dy, double out[3])
 {
     const struct cell *from = neighbour(v, i, -dx, -dy), *to = neighbour(v, i, dx, dy);
     double cells = from && to ? 2 : 1;
@@ -313,15 +314,15 @@ static void slope(const struct view *v, int i, int dx, int dy, double out[3])
         out[c] = (to->at[c] - from->at[c]) / cells;
 }
 
-static void lay_patch(const struct view *v, int i, struct patch *p)
+static void init_patch(const struct view *v, int i, struct patch *p)
 {
     double cell = exp(v->cell[i].log_depth) * v->camera->width / v->camera->fx / v->columns, ray[3];
     struct spin_camera_f32 camera = spin_camera_f32_from(v->camera);
 
     for (int c = 0; c < 3; c++)
         ray[c] = v->cell[i].at[c] - (double)camera.centre[c];
-    slope(v, i, 1, 0, p->axis[0]);
-    slope(v, i, 0, 1, p->axis[1]);
+    find_surface_step(v, i, 1, 0, p->axis[0]);
+    find_surface_step(v, i, 0, 1, p->axis[1]);
     p->size[0] = normalise(p->axis[0]);
     cross(p->axis[0], p->axis[1], p->axis[2]);
     normalise(p->axis[2]);
@@ -407,7 +408,7 @@ static void add_splat(struct layout *l, const struct patch *p, const double colo
 
 static void add_view(struct layout *l, const struct view *v)
 {
-    const int most_steps = 40; /* 1.05^40: 7 times as far */
+    const int most_steps = 40; /* up to 1.05^40 = 7 times as far */
 
     for (int i = 0; i < v->columns * v->rows && l->out->n < MOST_SPLATS; i++) {
         struct patch p;
@@ -415,7 +416,7 @@ static void add_view(struct layout *l, const struct view *v)
 
         if (!v->cell[i].known)
             continue;
-        lay_patch(v, i, &p);
+        init_patch(v, i, &p);
         while (!is_covered(l, &p) && sticks_out(l, &p) && steps++ < most_steps)
             push_back(v, &p);
         if (steps <= most_steps && !is_covered(l, &p))
@@ -423,7 +424,7 @@ static void add_view(struct layout *l, const struct view *v)
     }
 }
 
-static spin_status lay_out(struct spin_plan *plan)
+static spin_status place_splats(struct spin_plan *plan)
 {
     size_t n = plan->n_train < MOST_VIEWS ? plan->n_train : MOST_VIEWS;
     SPIN_LEAVES(close_layout) struct layout l = {.out = &plan->backdrop};
@@ -432,8 +433,8 @@ static spin_status lay_out(struct spin_plan *plan)
     SPIN_TRY(spin_alloc(MOST_SPLATS, sizeof *l.spacing, (void **)&l.spacing));
     SPIN_TRY(spin_alloc(MOST_SPLATS, sizeof *l.out->row, (void **)&l.out->row));
     for (size_t i = 0; i < n; i++) {
-        /* The stride is one more than even, so that all cameras take part even if their number
-         * divides it. */
+        /* Stride n_train / n + 1: the number of cameras may divide n_train / n, and a single camera
+         * would then provide all views. */
         size_t pair = (i * (plan->n_train / n) + i) % plan->n_train;
 
         SPIN_TRY(open_view(&l, &plan->clip.views.view[plan->train[pair].view].camera));
@@ -468,7 +469,7 @@ spin_status spin_backdrop_add(struct spin_plan *plan, struct spin_tracks *t)
 
     if (plan->o->backdrop != SPIN_BACKDROP_ON)
         return SPIN_OK;
-    SPIN_TRY(lay_out(plan));
+    SPIN_TRY(place_splats(plan));
     SPIN_TRY(spin_grow((t->n + b->n + 1), 3 * sizeof *t->place, (void **)&t->place));
     for (size_t i = 0; i < b->n; i++)
         memcpy(t->place + 3 * (t->n + i), b->row[i].pos_w, 3 * sizeof *t->place);

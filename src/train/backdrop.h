@@ -15,7 +15,7 @@
  * before a uniform colour), else on. Always off without tracks, with refined frames and for 4D
  * splats. */
 spin_status spin_backdrop_choose(struct spin_plan *plan, struct spin_photos *photos);
-/* If the options say on, lays out plan->backdrop, appends its tracks to those of the source and
+/* If the backdrop is on, lays out plan->backdrop, appends its tracks to those of the source and
  * adds its splats to plan->counts. SPIN_E_MALFORMED if a mean is not finite. */
 spin_status spin_backdrop_add(struct spin_plan *plan, struct spin_tracks *tracks);
 /* Appends the backdrop's splats to a frame of the source; their columns other than means are 0. */

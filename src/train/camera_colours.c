@@ -8,17 +8,18 @@
 #include "train/point_sample.h"
 
 enum {
-    FRAMES = 3,
-    POINTS = 4096,     /* of a frame, whose colours are compared */
-    CELLS = 64,        /* of the depth map, along each axis */
-    LEAST_CAMERAS = 3, /* that must see a point */
-    LEAST_POINTS = 32, /* that a camera must see */
-    FIT_CAMERAS = 3,   /* that must see a point to be used for gains and falloff ... */
-    FIT_POINTS = 200   /* ... and how many such points are needed */
+    FRAMES = 3,        /* frames examined */
+    POINTS = 4096,     /* points per frame whose colours are compared */
+    CELLS = 64,        /* cells of the depth map along each axis */
+    LEAST_CAMERAS = 3, /* least number of cameras that see a point, for the spread */
+    LEAST_POINTS = 32, /* least number of points that a camera sees, for the spread */
+    FIT_CAMERAS = 3,   /* least number of cameras that see a point, for the fit */
+    FIT_POINTS = 200   /* least number of points for the fit of gains and falloff */
 };
 /* Range of values that determine a gain: dark ones are noisy, bright ones clipped. */
 static const float darkest = 0.1f, brightest = 0.95f;
-/* Edge of the regions that are held out in turn, in radii of the ball that contains most points. */
+/* Edge length of the cubes in which half_of() divides the scene, in radii of the ball that contains
+ * most points. */
 static const double region = 0.5;
 /* A point is occluded if its depth exceeds the smallest depth of its cell by this factor. */
 static const double behind = 1.05;
@@ -26,18 +27,19 @@ static const double behind = 1.05;
 struct colours {
     struct spin_plan *plan;
     struct spin_photos *photos;
-    struct spin_splats splats; /* of the current frame */
+    struct spin_splats splats; /* splats of the current frame */
     size_t step, n_points;     /* every step-th splat is one of the points */
-    uint8_t *image;            /* of a view */
+    uint8_t *image;            /* image of a view */
     float (*seen)[4];          /* [points][cameras] of the frame: r g b and r^2; NaN: not visible */
-    int *lens;                 /* [cameras] */
-    float *difference[3]; /* [cameras][FRAMES * POINTS] of each channel: deviation from the cameras'
-                             mean colour, on a scale of 0..1 */
-    size_t *n;            /* [cameras] how many deviations */
-    float ball[3];        /* centre of the ball that contains most points */
+    int *lens;                 /* [cameras] index of the camera's lens */
+    /* [cameras][FRAMES * POINTS] for each channel: deviations (colours are 0..1) from the mean
+     * colour of all cameras. */
+    float *difference[3];
+    size_t *n;     /* [cameras] number of deviations */
+    float ball[3]; /* centre of the ball that contains most points */
     double radius;
     struct spin_look_sample *sample;
-    size_t n_samples, n_points_seen;
+    size_t n_samples, n_points_seen; /* n_points_seen: points in the samples */
     double nearest[CELLS][CELLS];
 };
 
@@ -77,7 +79,7 @@ static void map_nearest(struct colours *c, const struct spin_camera *camera)
 }
 
 /* Samples the colours of the frame's points in a view. */
-static spin_status look(struct colours *c, size_t view)
+static spin_status sample_view(struct colours *c, size_t view)
 {
     const struct spin_view *v = &c->plan->clip.views.view[view];
     size_t k = (size_t)spin_plan_camera(c->plan, v->camera_id), n = (size_t)c->plan->n_cameras;
@@ -105,7 +107,7 @@ static spin_status look(struct colours *c, size_t view)
 }
 
 /* Deviations of each camera from the mean colour of the frame's points. */
-static void compare(struct colours *c)
+static void add_deviations(struct colours *c)
 {
     size_t n = (size_t)c->plan->n_cameras;
 
@@ -130,7 +132,7 @@ static void compare(struct colours *c)
     }
 }
 
-static bool tells_gain(const float seen[4])
+static bool determines_gain(const float seen[4])
 {
     bool tells = true;
 
@@ -139,7 +141,7 @@ static bool tells_gain(const float seen[4])
     return tells;
 }
 
-/* Half of the scene that a splat belongs to: regions alternate as on a chessboard. */
+/* Half of the scene, 0 or 1, that a splat belongs to: cubes alternate as on a chessboard. */
 static int half_of(const struct colours *c, size_t splat)
 {
     const float *mean = c->splats.means + 3 * splat;
@@ -154,7 +156,7 @@ static int half_of(const struct colours *c, size_t splat)
 }
 
 /* Adds the points of the frame that enough cameras see to the samples. */
-static spin_status take_samples(struct colours *c)
+static spin_status add_fit_samples(struct colours *c)
 {
     size_t n = (size_t)c->plan->n_cameras;
 
@@ -163,12 +165,12 @@ static spin_status take_samples(struct colours *c)
         size_t cameras = 0;
 
         for (size_t k = 0; k < n; k++)
-            cameras += tells_gain(seen[k]);
+            cameras += determines_gain(seen[k]);
         if (cameras < FIT_CAMERAS)
             continue;
         SPIN_TRY(spin_grow(c->n_samples + cameras, sizeof *c->sample, (void **)&c->sample));
         for (size_t k = 0; k < n; k++)
-            if (tells_gain(seen[k])) {
+            if (determines_gain(seen[k])) {
                 struct spin_look_sample *s = &c->sample[c->n_samples++];
 
                 *s = (struct spin_look_sample){.point = (uint32_t)c->n_points_seen,
@@ -215,7 +217,7 @@ static spin_status measure_scene(struct colours *c)
     return SPIN_OK;
 }
 
-static spin_status look_at_frame(struct colours *c, int frame)
+static spin_status sample_frame(struct colours *c, int frame)
 {
     size_t n = (size_t)c->plan->n_cameras;
 
@@ -227,9 +229,9 @@ static spin_status look_at_frame(struct colours *c, int frame)
         c->seen[i][0] = NAN;
     for (size_t i = 0; i < c->plan->n_train; i++)
         if (c->plan->train[i].frame == frame)
-            SPIN_TRY(look(c, c->plan->train[i].view));
-    compare(c);
-    return take_samples(c);
+            SPIN_TRY(sample_view(c, c->plan->train[i].view));
+    add_deviations(c);
+    return add_fit_samples(c);
 }
 
 /* Largest absolute median deviation of a camera; -1 if no camera has enough points. */
@@ -269,7 +271,7 @@ spin_status spin_camera_colours(struct spin_plan *plan, struct spin_photos *phot
     SPIN_TRY_OUT(measure_scene(c));
     for (int i = 0; i < frames; i++)
         SPIN_TRY_OUT(
-            look_at_frame(c, frames > 1 ? i * (plan->clip.n_frames - 1) / (frames - 1) : 0));
+            sample_frame(c, frames > 1 ? i * (plan->clip.n_frames - 1) / (frames - 1) : 0));
     for (int rgb = 0; rgb < 3; rgb++)
         look->spread = fmax(look->spread, spread_of(c, rgb));
     status = fit_samples(c, look);

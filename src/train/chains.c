@@ -6,12 +6,13 @@
 #include "train/knn.h"
 #include "train/link.h"
 
-/* A match is at most this many neighbour spacings from the expected position, and differs by at
- * most this in each colour channel of 0..1. The expected position continues the last displacement
- * at this share. Tuned on the clip basketball. */
-static const float reach_of_spacing = 3, colour_tolerance = 0.1f, share_of_step = 0.7f;
-static const float most_spacing = 4; /* in mean spacings: cap the search radius so that outliers are
-                                        not matched across the scene */
+/* Tuned on the clip basketball. */
+static const float reach_of_spacing = 3, /* search radius, in distances to the neighbours */
+    colour_tolerance = 0.1f,             /* largest difference in a colour channel of 0..1 */
+    share_of_step = 0.7f;                /* share of the last displacement that is expected again */
+/* Upper limit of a splat's distance to its neighbours, in means over all splats: caps the search
+ * radius so that outliers are not matched across the scene. */
+static const float most_spacing = 4;
 
 /* Splats of a frame that have no track. */
 struct loose {
@@ -53,7 +54,7 @@ static float colour_of(const struct spin_splats *s, size_t i, size_t c)
     return s->sh ? (float)(SPIN_SH_C0 * (double)s->sh[3 * coefficients * i + c]) : 0;
 }
 
-/* Search radius around the expected position of each splat. */
+/* Sets the search radius around the expected position of each splat. */
 static spin_status set_reach(struct spin_pool *pool, struct loose *l)
 {
     double mean = 0;
@@ -101,7 +102,7 @@ static spin_status read_loose(struct spin_pool *pool, const struct spin_splats *
     return set_reach(pool, l);
 }
 
-static spin_status begin_chain(struct spin_chains *chains, const float at[3], uint32_t *number)
+static spin_status add_track(struct spin_chains *chains, const float at[3], uint32_t *number)
 {
     SPIN_TRY(spin_room(chains->n, &chains->capacity, 3 * sizeof *chains->place,
                        (void **)&chains->place));
@@ -115,7 +116,7 @@ static spin_status add_link(struct spin_chains *chains, struct loose *from, size
                             struct loose *to, size_t k)
 {
     if (from->chain[i] == SPIN_NO_TRACK)
-        SPIN_TRY(begin_chain(chains, from->at + 3 * i, &from->chain[i]));
+        SPIN_TRY(add_track(chains, from->at + 3 * i, &from->chain[i]));
     to->chain[k] = from->chain[i];
     for (size_t c = 0; c < 3; c++)
         to->expected[3 * k + c] += share_of_step * (to->at[3 * k + c] - from->at[3 * i + c]);
@@ -143,8 +144,8 @@ static void number_splats(const struct loose *l, uint32_t *of, uint32_t first)
             of[l->splat[i]] = first + l->chain[i];
 }
 
-static spin_status pass(struct spin_pool *pool, struct spin_chains *chains, struct spin_plan *plan,
-                        uint32_t **of, uint32_t first)
+static spin_status match_frames(struct spin_pool *pool, struct spin_chains *chains,
+                                struct spin_plan *plan, uint32_t **of, uint32_t first)
 {
     unsigned there = plan->clip.bundle.meta.columns;
     unsigned columns = SPIN_COL_MEANS | (there & SPIN_COL_RGB ? SPIN_COL_RGB : there & SPIN_COL_SH);
@@ -177,7 +178,7 @@ spin_status spin_chains_find(struct spin_chains *chains, struct spin_plan *plan,
     spin_status status;
 
     SPIN_TRY(spin_pool_create(plan->o->n_threads, &pool));
-    status = pass(pool, chains, plan, of, first);
+    status = match_frames(pool, chains, plan, of, first);
     spin_pool_free(pool);
     return status;
 }

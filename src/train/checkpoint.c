@@ -6,8 +6,8 @@
 #include "train/state_arrays.h"
 
 enum { PORTION = 1 << 20 }; /* floats downloaded at a time */
-/* Upper bounds of state.json without frames, of the archive's overhead for an array, and of the
- * entry of a frame in state.json. */
+/* Upper bounds in bytes: state.json without its frames, the archive's overhead per array, and a
+ * frame in state.json. */
 enum { HEADER_BYTES = 4096, PIECE_BYTES = 512, FRAME_BYTES = 128 };
 
 double spin_checkpoint_seconds(const struct spin_checkpoint *c)
@@ -28,8 +28,8 @@ static spin_status check_values(const struct spin_trainer *t, const char *name, 
         return SPIN_OK;
     while (isfinite(v[i]))
         i++;
-    return spin_malformed("array '%s' is not finite at value %zu after iteration %lld: lower the "
-                          "learning rates, or look for bad points",
+    return spin_malformed("array '%s' has a value that is not finite at index %zu, after iteration "
+                          "%lld: lower the learning rates, or check the points of the input",
                           name, first + i, (long long)t->iteration);
 }
 
@@ -54,8 +54,8 @@ static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
 }
 
 /* *bad: some parameter is not finite. The check runs on the device. */
-static spin_status look_for_bad(const struct spin_trainer *t, const struct spin_state_array *piece,
-                                size_t n_pieces, bool *bad)
+static spin_status find_nonfinite(const struct spin_trainer *t,
+                                  const struct spin_state_array *piece, size_t n_pieces, bool *bad)
 {
     struct spin_device *d = t->device;
     void SPIN_DEV *count = NULL;
@@ -83,11 +83,11 @@ spin_status spin_check_parameters(struct spin_trainer *t)
     spin_status status;
 
     SPIN_TRY_OUT(spin_state_arrays(t, NULL, &piece, &n_pieces));
-    SPIN_TRY_OUT(look_for_bad(t, piece, n_pieces, &bad));
+    SPIN_TRY_OUT(find_nonfinite(t, piece, n_pieces, &bad));
     if (!bad && spin_n_ranks() == 1)
         goto out;
-    SPIN_TRY_OUT(
-        spin_alloc(PORTION, sizeof(float), &block)); /* to locate the value, and to compare ranks */
+    /* Download the values, to locate the bad one or to compare ranks. */
+    SPIN_TRY_OUT(spin_alloc(PORTION, sizeof(float), &block));
     for (size_t i = 0; i < n_pieces; i++) {
         if (!spin_state_is_parameter(&piece[i]))
             continue;
@@ -130,8 +130,8 @@ spin_status spin_write_device_array(struct spin_trainer *t, struct spin_zip_writ
     return spin_zip_member_end(w);
 }
 
-/* Checks that tracks exist, are unique, and follow the order of the frame; or that places are a
- * permutation. */
+/* Checks that the tracks of a frame's splats exist, occur once and have the order of the frame's
+ * sizes; or that rows in the output are a permutation. */
 static spin_status check_numbers(const struct spin_trainer *t, const struct spin_state_array *piece,
                                  const uint32_t *number)
 {
@@ -152,7 +152,9 @@ static spin_status check_numbers(const struct spin_trainer *t, const struct spin
         if (!wrong && !none)
             taken[number[i]] = 1;
     }
-    return wrong ? spin_malformed("array '%s' does not fit the tracks", piece->name) : SPIN_OK;
+    return wrong ? spin_malformed("array '%s' contradicts the tracks and splats of its frame",
+                                  piece->name)
+                 : SPIN_OK;
 }
 
 static void to_numbers(const struct spin_array *a, size_t first, size_t n, uint32_t *number)
@@ -231,10 +233,10 @@ static spin_status write_state(struct spin_checkpoint *c, struct spin_trainer *t
 {
     SPIN_LEAVES(spin_zip_writer_abandon) struct spin_zip_writer w = {0};
 
-    spin_inputs_own(c->path); /* may be replaced although a resume has read it */
+    spin_inputs_own(c->path); /* allow to replace it although a resume has read it */
     spin_reserve_set(&c->reserve, c->path, 0);
     SPIN_TRY(spin_zip_writer_open(c->path, true, &w));
-    w.out.sync = true; /* survives a power failure: it represents hours of work */
+    w.out.sync = true; /* hours of work must survive a power failure */
     SPIN_TRY(write_text(&w, "state.json", header));
     SPIN_TRY(save_pieces(c, t, &w));
     return spin_zip_writer_commit(&w);
@@ -292,18 +294,21 @@ spin_status spin_checkpoint_bytes(const struct spin_checkpoint *c, struct spin_t
     return SPIN_OK;
 }
 
-/* Used as indices into tables of rates, so at most `iteration`. */
+/* The last steps of lazy Adam are indices into tables of rates, so they must not exceed
+ * `iteration`. */
 static spin_status check_last(const float *last, size_t n, int64_t iteration)
 {
     for (size_t i = 0; i < n; i++)
         if (!(last[i] >= 0 && last[i] <= (float)iteration))
-            return spin_malformed("array 'table/last': row %zu is not an iteration up to %lld", i,
-                                  (long long)iteration);
+            return spin_malformed(
+                "array 'table/last': the value in row %zu is not an iteration from 0 to %lld", i,
+                (long long)iteration);
     return SPIN_OK;
 }
 
-/* Copies an array to where the trainer keeps it; floats and numbers have the same size. Sums over
- * ranks are restored on rank 0 alone. */
+/* Copies an array to the trainer, on the host or the device; floats and 32-bit integers have the
+ * same size. Statistics are restored on rank 0 only, since the next all-reduce adds those of all
+ * ranks. */
 static spin_status load_piece(struct spin_trainer *t, const struct spin_state_array *piece,
                               const struct spin_array *a, void *values)
 {
@@ -346,8 +351,8 @@ static spin_status load_pieces(const struct spin_checkpoint *c, struct spin_trai
     return SPIN_OK;
 }
 
-/* Parses state.json, which the caller frees. Fails if it was made from another input or with other
- * options. */
+/* Parses state.json, which the caller frees. Fails if the checkpoint was made from another input or
+ * with other options. */
 static spin_status read_header(const struct spin_checkpoint *c, struct spin_npz *npz,
                                spin_json **out)
 {
@@ -358,7 +363,7 @@ static spin_status read_header(const struct spin_checkpoint *c, struct spin_npz 
 
     *out = NULL;
     if (!member)
-        return spin_malformed("no state.json");
+        return spin_malformed("the archive contains no state.json, so it is not a checkpoint");
     SPIN_TRY(spin_zip_read(&npz->zip, member, true, 1 << 26, &bytes, &owned));
     SPIN_TRY(spin_json_parse("state.json", (const char *)bytes, member->size, out));
     fingerprint = spin_json_string(spin_json_get(*out, "fingerprint"));
@@ -378,7 +383,7 @@ static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t
     SPIN_TRY(read_header(c, npz, &j));
     if (!spin_json_integer(spin_json_get(j, "iteration"), &iteration) || iteration < 0 ||
         iteration > t->rates.iterations)
-        return spin_malformed("state.json: bad iteration");
+        return spin_malformed("state.json: 'iteration' is missing or out of range");
     spin_json_number(spin_json_get(j, "seconds"), &c->before_s);
     spin_json_number(spin_json_get(j, "refine_seconds"), &c->refine_s);
     spin_json_number(spin_json_get(j, "loss"), &c->loss);
@@ -389,20 +394,22 @@ static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t
         double v = 0;
 
         if (!spin_json_number(step, &v) || v < 0 || v > 1e15)
-            return spin_malformed("state.json: bad steps");
+            return spin_malformed(
+                "state.json: 'steps' has a value that is missing or out of range");
         steps = (int64_t)v;
         t->frame[f].steps = steps;
     }
     return SPIN_OK;
 }
 
-/* Reads a count of state.json, at most `most`. */
+/* Reads a count of state.json, which must be at most `most`. */
 static spin_status get_count(const spin_json *value, int64_t most, size_t *out)
 {
     int64_t n;
 
     if (!spin_json_integer(value, &n) || n < 0 || n > most)
-        return spin_malformed("state.json: bad sizes");
+        return spin_malformed(
+            "state.json: 'sizes' or a number of tracks is missing or out of range");
     *out = (size_t)n;
     return SPIN_OK;
 }

@@ -17,8 +17,9 @@ spin_status spin_refine_cloud_reserve(struct spin_refine_cloud *cloud, size_t n)
 {
     size_t capacity = n + n / 2;
 
-    if (n > INT32_MAX) /* the rasteriser's lists hold 32-bit indices */
-        return spin_fail(SPIN_E_MEMORY, "%zu points in one frame are more than %d", n, INT32_MAX);
+    if (n > INT32_MAX) /* the rasteriser uses 32-bit indices */
+        return spin_fail(SPIN_E_MEMORY, "a frame with %zu points exceeds the limit of %d points", n,
+                         INT32_MAX);
     if (n <= cloud->capacity)
         return SPIN_OK;
     SPIN_TRY(spin_grow(capacity, sizeof *cloud->point, (void **)&cloud->point));
@@ -70,7 +71,7 @@ spin_status spin_refine_cloud_fetch(struct spin_refine_cloud *cloud, struct spin
     return SPIN_OK;
 }
 
-static spin_status begin(struct spin_refine_cloud *out, size_t n)
+static spin_status reset_cloud(struct spin_refine_cloud *out, size_t n)
 {
     SPIN_TRY(spin_refine_cloud_reserve(out, n));
     if (n > 0)
@@ -101,7 +102,7 @@ spin_status spin_refine_init_from_points(struct spin_pool *pool, size_t n, const
     for (size_t i = 0; i < n * 3; i++)
         if (!isfinite(pos_w[i]))
             return spin_malformed("point %zu has a coordinate that is not finite", i / 3);
-    SPIN_TRY(begin(out, n));
+    SPIN_TRY(reset_cloud(out, n));
     SPIN_TRY(spin_alloc(n + 1, sizeof *dist2, (void **)&dist2));
     SPIN_TRY(spin_knn_mean_dist2(pool, n, pos_w, dist2));
     for (size_t i = 0; i < n; i++)
@@ -128,9 +129,9 @@ spin_status spin_refine_init_from_splats(const struct spin_splats *s, struct spi
     size_t sh_row = 3 * (size_t)(s->sh_degree + 1) * (size_t)(s->sh_degree + 1);
 
     if (s->n > 0 && !(s->means && s->quats && s->log_scales && s->logit_opacities && s->sh))
-        return spin_misuse("refining from the source's attributes needs all of them: "
+        return spin_misuse("refinement from the source's attributes needs all of these columns: "
                            "means, quats, log_scales, logit_opacities, sh");
-    SPIN_TRY(begin(out, s->n));
+    SPIN_TRY(reset_cloud(out, s->n));
     for (size_t i = 0; i < s->n; i++) {
         struct spin_refine_row *p = &out->point[i].p;
 

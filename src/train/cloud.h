@@ -8,7 +8,7 @@
 /* Parameters of one Gaussian before activation functions, as the optimiser sees them. */
 struct spin_refine_row {
     float pos_w[3];
-    float log_scale[3]; /* from here on a row of residual values, model/residual.h */
+    float log_scale[3]; /* first member of a row of residual values (model/residual.h) */
     float rotation[4];  /* w, x, y, z, any length */
     float dc[3];        /* first SH coefficient of r, g, b */
     float logit_opacity;
@@ -17,10 +17,12 @@ enum { SPIN_REFINE_WIDTH = 3 + SPIN_RESIDUAL }; /* floats of a row */
 
 struct spin_refine_point {
     struct spin_refine_row p, m, v; /* parameters and Adam's moments */
-    float gradient;  /* sum of |dL/d(ndc xy)| over the views in which the point was visible ... */
-    uint32_t seen;   /* ... and the number of those views, since the last densification */
-    uint32_t origin; /* index before the last densification, of the point or its parent */
-    bool is_new;     /* created by it */
+    /* Since the last densification: the sum of |dL/d(ndc xy)| over the views in which the point was
+     * visible, and the number of these views. */
+    float gradient;
+    uint32_t seen;
+    uint32_t origin; /* index of the point, or of its parent, before the last densification */
+    bool is_new;     /* created by the last densification */
 };
 
 enum { SPIN_REFINE_SH = 45 }; /* SH coefficients beyond the first, [15][3] */
@@ -38,8 +40,8 @@ struct spin_refine_cloud {
 /* Grows the capacity to n points; contents are kept. */
 spin_status spin_refine_cloud_reserve(struct spin_refine_cloud *cloud, size_t n);
 void spin_refine_cloud_free(struct spin_refine_cloud *cloud);
-/* Copies values and moments to a frame of as many splats, and back. Own values that a splat of the
- * frame lacks are skipped. */
+/* Uploads values and moments to the leading splats of a frame, or downloads them from there. Values
+ * that a splat of the frame does not own are skipped. */
 spin_status spin_refine_cloud_send(const struct spin_refine_cloud *cloud, struct spin_device *d,
                                    struct spin_train_frame *frame);
 spin_status spin_refine_cloud_fetch(struct spin_refine_cloud *cloud, struct spin_device *d,
@@ -49,14 +51,16 @@ spin_status spin_refine_cloud_fetch(struct spin_refine_cloud *cloud, struct spin
  * rotation, opacity 0.1. pos_w [n][3] must be finite; rgb [n][3] is 0..1, or NULL for mid grey. */
 spin_status spin_refine_init_from_points(struct spin_pool *pool, size_t n, const float *pos_w,
                                          const float *rgb, struct spin_refine_cloud *out);
-/* The same from splats with rgb, with SH whose first coefficient is a colour, or with neither. */
+/* As spin_refine_init_from_points(), with the means of splats and their rgb, else the colour of
+ * their first SH coefficient, else mid grey. */
 spin_status spin_refine_init_from_colours(const struct spin_splats *splats,
                                           struct spin_refine_cloud *out);
 /* Initialises from splats with all attribute columns, without SH beyond the first coefficient. */
 spin_status spin_refine_init_from_splats(const struct spin_splats *splats,
                                          struct spin_refine_cloud *out);
-/* Call it after one of these for an SH degree above 0. Coefficients beyond the first are copied
- * from `splats`, as many as the points, up to that degree; the rest is zero. splats may be NULL. */
+/* Adds SH of a degree above 0 to a cloud that one of the functions above has initialised.
+ * Coefficients beyond the first are copied from `splats`, one per point; those that `splats` lacks
+ * are zero, or all if it is NULL. */
 spin_status spin_refine_add_sh(int sh_degree, const struct spin_splats *splats,
                                struct spin_refine_cloud *cloud);
 

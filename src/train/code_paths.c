@@ -26,8 +26,7 @@ void spin_code_paths_add(struct spin_code_paths *paths, const char *before)
         other = true;
     }
     if (other)
-        spin_warn(
-            "the SIMD path is %s now and was another before (%s): their results differ in the "
-            "last bits, so the output is not bit for bit that of an uninterrupted run",
-            paths->now, paths->all);
+        spin_warn("the SIMD path of this run is %s, but the work used more than one (%s): the "
+                  "output will differ from that of an uninterrupted run in the last bits",
+                  paths->now, paths->all);
 }

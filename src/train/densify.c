@@ -40,8 +40,8 @@ static float largest_scale(const struct spin_refine_point *p)
     return spin_scale_of(spin_maxf(s[0], spin_maxf(s[1], s[2])));
 }
 
-static size_t mark_points(const struct spin_densify_options *o, const struct spin_refine_cloud *c,
-                          uint8_t *mark)
+static size_t choose_actions(const struct spin_densify_options *o,
+                             const struct spin_refine_cloud *c, uint8_t *mark)
 {
     float threshold = (float)o->gradient_threshold;
     float small = (float)(o->percent_dense * o->extent);
@@ -71,7 +71,8 @@ static int compare_wishes(const void *a, const void *b)
     return (x->point > y->point) - (x->point < y->point);
 }
 
-/* Clones and splits each add one point. If the cap allows fewer, the largest mean gradients win. */
+/* Each clone and each split adds one point. If max_points allows fewer, points with the largest
+ * mean gradients take precedence. */
 static spin_status respect_cap(const struct spin_densify_options *o,
                                const struct spin_refine_cloud *c, size_t marked, uint8_t *mark)
 {
@@ -115,7 +116,7 @@ static struct spin_refine_point *add_point(struct spin_refine_cloud *c, size_t p
 }
 
 /* Moves a point by an offset along its own axes. */
-static void shift(struct spin_refine_row *p, const float along[3])
+static void shift_point(struct spin_refine_row *p, const float along[3])
 {
     float q[4], offset[3];
 
@@ -134,12 +135,12 @@ static void add_child(struct spin_refine_cloud *c, size_t parent, const float no
         along[i] = normal[i] * spin_scale_of(p->log_scale[i]);
         p->log_scale[i] -= log_shrink;
     }
-    shift(p, along);
+    shift_point(p, along);
 }
 
-/* Half of a point: shifted along the longest axis by half_offset scales; the other factors apply to
- * its scale along that axis, to its other scales and to its opacity. Tuned on the clips court and
- * basketball. */
+/* Half of a point: shifted along the longest axis by half_offset times the scale of that axis.
+ * half_long multiplies this scale, half_other the other scales, and half_opacity the opacity. Tuned
+ * on the clips court and basketball. */
 static const float half_offset = 0.6f, half_long = 0.5f, half_other = 0.85f, half_opacity = 0.6f;
 
 static void add_half(struct spin_refine_cloud *c, size_t parent, float side)
@@ -155,7 +156,7 @@ static void add_half(struct spin_refine_cloud *c, size_t parent, float side)
     for (int i = 0; i < 3; i++)
         p->log_scale[i] += logf(i == longest ? half_long : half_other);
     p->logit_opacity = spin_logit_of((double)(half_opacity * spin_opacity_of(p->logit_opacity)));
-    shift(p, along);
+    shift_point(p, along);
 }
 
 static void draw_normals(const struct spin_densify_options *o, int iteration, size_t n, float *out)
@@ -196,9 +197,9 @@ static spin_status add_children(const struct spin_densify_options *o, int iterat
     return SPIN_OK;
 }
 
-/* 3DGS keeps points that are not finite. Here they are pruned, since they would reach the network's
+/* Unlike 3DGS, rejects points with values that are not finite, which would enter the network's
  * training. */
-static bool worth_keeping(const struct spin_refine_cloud *c, size_t i, float prune_opacity)
+static bool is_kept(const struct spin_refine_cloud *c, size_t i, float prune_opacity)
 {
     const struct spin_refine_row *p = &c->point[i].p;
     const float *value = (const float *)p;
@@ -214,8 +215,8 @@ static bool worth_keeping(const struct spin_refine_cloud *c, size_t i, float pru
 
 /* Removes split parents (the first n_marked points have marks) and pruned points, and clears the
  * statistics. Returns the number of pruned points. */
-static size_t compact(struct spin_refine_cloud *c, const uint8_t *mark, size_t n_marked,
-                      double prune_opacity)
+static size_t remove_points(struct spin_refine_cloud *c, const uint8_t *mark, size_t n_marked,
+                            double prune_opacity)
 {
     size_t n = 0, pruned = 0;
 
@@ -224,7 +225,7 @@ static size_t compact(struct spin_refine_cloud *c, const uint8_t *mark, size_t n
 
         if (i < n_marked && mark[i] == SPLIT)
             continue;
-        if (!worth_keeping(c, i, (float)prune_opacity)) {
+        if (!is_kept(c, i, (float)prune_opacity)) {
             pruned++;
             continue;
         }
@@ -242,7 +243,7 @@ static size_t compact(struct spin_refine_cloud *c, const uint8_t *mark, size_t n
 
 size_t spin_refine_prune(struct spin_refine_cloud *cloud, double prune_opacity)
 {
-    return compact(cloud, NULL, 0, prune_opacity);
+    return remove_points(cloud, NULL, 0, prune_opacity);
 }
 
 spin_status spin_densify(const struct spin_densify_options *o, int iteration,
@@ -255,7 +256,7 @@ spin_status spin_densify(const struct spin_densify_options *o, int iteration,
     memset(change, 0, sizeof *change);
     SPIN_TRY(spin_alloc(n + 1, 1, &block));
     mark = block;
-    marked = mark_points(o, cloud, mark);
+    marked = choose_actions(o, cloud, mark);
     SPIN_TRY(respect_cap(o, cloud, marked, mark));
     for (size_t i = 0; i < n; i++) {
         cloud->point[i].origin = (uint32_t)i;
@@ -268,6 +269,6 @@ spin_status spin_densify(const struct spin_densify_options *o, int iteration,
         if (mark[i] == CLONE)
             add_point(cloud, i);
     SPIN_TRY(add_children(o, iteration, cloud, mark, n, change->splits));
-    change->pruned = compact(cloud, mark, n, o->prune_opacity);
+    change->pruned = remove_points(cloud, mark, n, o->prune_opacity);
     return SPIN_OK;
 }

@@ -10,12 +10,12 @@
 extern const double spin_prune_opacity;
 
 struct spin_densify_options {
-    double extent;             /* of the scene: spin_views_extent(); no default */
-    double gradient_threshold; /* smallest mean gradient that densifies a point; 2e-4 */
+    double extent;             /* extent of the cameras, spin_views_extent(); no default */
+    double gradient_threshold; /* least mean gradient that densifies a point; default 2e-4 */
     /* Split into two halves along the longest axis; no clones, no random numbers. */
     bool long_axis;
-    double percent_dense; /* of the extent: largest scale that is cloned, not split; 0.01 */
-    double prune_opacity; /* spin_prune_opacity */
+    double percent_dense; /* larger points are split, not cloned: share of extent, default 0.01 */
+    double prune_opacity; /* default spin_prune_opacity */
     size_t max_points;    /* 0: no limit */
     uint64_t seed;
     int frame; /* selects the random numbers, with the seed */
@@ -29,7 +29,7 @@ void spin_densify_defaults(struct spin_densify_options *o);
 struct spin_densify_change {
     size_t clones; /* points added */
     size_t splits; /* parents, each replaced by two children */
-    size_t pruned; /* not counting those parents */
+    size_t pruned; /* points removed, not counting split parents */
 };
 
 /* Clones and splits by the statistics, then prunes and clears all statistics. Order of the result:

@@ -1,5 +1,5 @@
-/* Works in host memory: downloads one frame at a time, changes it and uploads it again. All ranks
- * do the same. */
+/* Densification in host memory: downloads the tracks and then one frame at a time, changes and
+ * uploads them. All ranks do the same work. */
 #include "train/densify_tracks.h"
 
 #include "base/base.h"
@@ -10,23 +10,23 @@ struct change {
     struct spin_trainer *t;
     const struct spin_densify_options *o;
     int iteration;
-    /* The new ones, in the order of kinds: dynamic, varying, static, backdrop. */
+    /* The new tracks, sorted by kind: dynamic, varying, static, backdrop. */
     struct spin_refine_cloud tracks;
     size_t n_before, n_moving, n_varying;
     uint32_t *row; /* [n_before] splat of each old track in this frame, or SPIN_NO_TRACK */
-    struct spin_refine_cloud before, after; /* of this frame; the next one reuses them */
+    struct spin_refine_cloud before, after; /* splats of this frame; reused for the next */
 };
 
 /* ---- The tracks' parameters ------------------------------------------------------------------ */
 
-static struct spin_refine_row *part_of(struct spin_refine_point *p, int part)
+static struct spin_refine_row *row_of_part(struct spin_refine_point *p, int part)
 {
     return part == 0 ? &p->p : part == 1 ? &p->m : &p->v;
 }
 
 /* Copies values, first and second moments between the device's groups and rows of the cloud. */
-static spin_status carry_tracks(struct spin_device *d, const struct spin_param *param,
-                                struct spin_refine_cloud *cloud, bool up)
+static spin_status copy_tracks(struct spin_device *d, const struct spin_param *param,
+                               struct spin_refine_cloud *cloud, bool up)
 {
     float SPIN_DEV *at[3] = {param->p, param->m, param->v};
     size_t n = cloud->n, stride = sizeof *cloud->point / sizeof(float);
@@ -34,12 +34,12 @@ static spin_status carry_tracks(struct spin_device *d, const struct spin_param *
 
     SPIN_TRY(spin_alloc(n + 1, SPIN_TRACK * sizeof *host, (void **)&host));
     for (int part = 0; n > 0 && part < 3; part++) {
-        struct spin_refine_row *first = part_of(cloud->point, part);
+        struct spin_refine_row *first = row_of_part(cloud->point, part);
 
         if (!up)
             SPIN_TRY(d->op->download(d, host, at[part], SPIN_TRACK * n * sizeof *host));
         for (size_t i = 0; i < n; i++) {
-            float *place = part_of(&cloud->point[i], part)->pos_w;
+            float *place = row_of_part(&cloud->point[i], part)->pos_w;
 
             memcpy(up ? host + 3 * i : place, up ? place : host + 3 * i, 3 * sizeof *host);
         }
@@ -95,7 +95,8 @@ static spin_status add_statistics(struct change *c)
     return SPIN_OK;
 }
 
-/* A new track has the kind of its parent. */
+/* Kind of the old track `origin`, which its children inherit: 0 dynamic, 1 varying, 2 static, 3
+ * backdrop. */
 static int kind_of(const struct spin_trainer *t, uint32_t origin)
 {
     return origin < t->n_moving                   ? 0
@@ -123,9 +124,8 @@ static spin_status sort_tracks(struct change *c)
     return SPIN_OK;
 }
 
-/* Remaining splat budget of a frame that has `others` splats; at least 1, since 0 means unlimited.
- */
-static size_t cap_beside(const struct change *c, size_t others)
+/* Remaining splat budget beside `others` splats of a frame; at least 1, since 0 is unlimited. */
+static size_t remaining_budget(const struct change *c, size_t others)
 {
     size_t most = c->o->max_points;
 
@@ -140,13 +140,13 @@ static spin_status change_tracks(struct change *c, struct spin_densify_change *s
 
     for (int f = 0; f < t->n_frames; f++)
         most_free = t->frame[f].size.n_free > most_free ? t->frame[f].size.n_free : most_free;
-    o.max_points = cap_beside(c, most_free);
+    o.max_points = remaining_budget(c, most_free);
 
     SPIN_TRY(spin_refine_cloud_reserve(&c->tracks, n));
     if (n > 0)
         memset(c->tracks.point, 0, n * sizeof *c->tracks.point);
     c->tracks.n = n;
-    SPIN_TRY(carry_tracks(t->device, &t->tracks, &c->tracks, false));
+    SPIN_TRY(copy_tracks(t->device, &t->tracks, &c->tracks, false));
     SPIN_TRY(add_statistics(c));
     for (size_t k = n - t->n_backdrop; k < n; k++)
         c->tracks.point[k].gradient = 0;
@@ -155,13 +155,13 @@ static spin_status change_tracks(struct change *c, struct spin_densify_change *s
     SPIN_TRY(sort_tracks(c));
     spin_param_close(&t->tracks, t->device);
     SPIN_TRY(spin_param_open(&t->tracks, t->device, SPIN_TRACK * c->tracks.n, 0));
-    return carry_tracks(t->device, &t->tracks, &c->tracks, true);
+    return copy_tracks(t->device, &t->tracks, &c->tracks, true);
 }
 
 /* ---- A frame --------------------------------------------------------------------------------- */
 
-/* A frame's new splats. The cloud holds those with own values, which come first; where a splat
- * lacks some of these values they are zero. */
+/* The new splats of a frame. The cloud contains the leading splats, which own values; values that a
+ * splat does not own are zero. */
 struct rows {
     struct spin_refine_cloud *cloud;
     uint32_t *track;  /* [n] */
@@ -170,7 +170,7 @@ struct rows {
 };
 static const uint32_t NEW_ROW = UINT32_MAX;
 
-/* Fills in c->row for the frame. Returns how many splats the new tracks have in it. */
+/* Sets c->row for a frame. Returns the number of splats that the new tracks have in this frame. */
 static size_t find_rows(struct change *c, const struct seen_frame *seen, size_t n)
 {
     size_t n_tracked = 0;
@@ -203,7 +203,7 @@ static spin_status change_free(struct change *c, int f, const struct seen_frame 
         out->point[i].seen = seen->seen[i];
     }
     o.frame += f;
-    o.max_points = cap_beside(c, n_tracked);
+    o.max_points = remaining_budget(c, n_tracked);
     SPIN_TRY(spin_densify(&o, c->iteration, out, &change));
     sum->clones += change.clones;
     sum->splits += change.splits;
@@ -211,7 +211,7 @@ static spin_status change_free(struct change *c, int f, const struct seen_frame 
     return SPIN_OK;
 }
 
-/* Adds the own values of track k's splat, copied from a previous row. */
+/* Adds the values that the splat of track k owns, copied from an old row. */
 static void add_own(const struct change *c, size_t k, uint32_t row, struct rows *rows)
 {
     struct spin_refine_point *p = &rows->cloud->point[rows->cloud->n++];
@@ -254,10 +254,12 @@ static spin_status add_tracked(const struct change *c, struct rows *rows)
 }
 
 /* Existing splats keep their order in the output; new ones follow. */
-static spin_status permute(const struct rows *rows, size_t n_before, uint32_t **permutation)
+static spin_status update_permutation(const struct rows *rows, size_t n_before,
+                                      uint32_t **permutation)
 {
     size_t n = rows->size.n, n_kept = 0;
-    uint32_t *to, *row_at; /* [n_before] new row of the splat at each old place of the output */
+    /* row_at [n_before]: the new index of the splat in each old row of the output. */
+    uint32_t *to, *row_at;
 
     SPIN_TRY(spin_alloc(n + n_before + 1, sizeof *to, (void **)&to));
     row_at = to + n;
@@ -276,8 +278,8 @@ static spin_status permute(const struct rows *rows, size_t n_before, uint32_t **
     return SPIN_OK;
 }
 
-/* turn [n_pos][4]: splats of dynamic tracks inherit the turns of their parents. NULL if the frame
- * has no turns. */
+/* turn [n_pos][4] = turns of the new splats, inherited from their parents. NULL if the frame has no
+ * turns. */
 static spin_status inherit_turns(const struct change *c, const struct spin_train_frame *frame,
                                  const struct rows *rows, float **turn)
 {
@@ -319,7 +321,7 @@ static spin_status replace_frame(struct change *c, int f, const struct rows *row
     return spin_refine_cloud_send(rows->cloud, d, frame);
 }
 
-/* c->before = the frame's splats with own values. */
+/* c->before = the splats of the frame that own values. */
 static spin_status fetch_frame(struct change *c, const struct spin_train_frame *frame)
 {
     const struct spin_frame_size *size = &frame->size;
@@ -347,7 +349,7 @@ static spin_status change_frame(struct change *c, int f, uint32_t **permutation,
     SPIN_TRY_OUT(change_free(c, f, &seen, frame->size.n_free, n_tracked, sum));
     SPIN_TRY_OUT(add_tracked(c, &rows));
     if (permutation)
-        SPIN_TRY_OUT(permute(&rows, n, permutation));
+        SPIN_TRY_OUT(update_permutation(&rows, n, permutation));
     status = replace_frame(c, f, &rows);
 out:
     free(seen.gradient);

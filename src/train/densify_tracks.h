@@ -6,10 +6,11 @@
 #include "train/densify.h"
 #include "train/step.h"
 
-/* Consumes the statistics of all frames. permutation [frames][splats]: places in the output, where
- * new splats come last; replaces the array of each frame. NULL: none. counts [frames]: set to the
- * new numbers of splats. iteration and o->seed select the random numbers. o->max_points limits the
- * splats of a frame; tracks take precedence over splats without one. */
+/* Consumes the statistics of all frames. permutation [frames][splats]: the row of each splat in the
+ * output; the array of each frame is replaced, with new splats in the last rows. NULL: not needed.
+ * counts [frames]: set to the new numbers of splats. iteration and o->seed select the random
+ * numbers. o->max_points limits the splats of a frame; tracks take precedence over splats without
+ * one. */
 spin_status spin_densify_tracks(struct spin_trainer *t, const struct spin_densify_options *o,
                                 int iteration, uint32_t **permutation, size_t *counts,
                                 struct spin_densify_change *change);

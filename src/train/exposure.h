@@ -8,7 +8,7 @@
 struct spin_exposures {
     struct spin_param param; /* [n_cameras + n_lenses][SPIN_EXPOSURE]; n 0: none is learned */
     size_t n_cameras;
-    float SPIN_DEV *exposed; /* [pixels][3] */
+    float SPIN_DEV *exposed; /* [pixels][3] rendered images with exposure and falloff */
     size_t pixels;
 };
 
@@ -23,6 +23,5 @@ spin_status spin_exposures_read_lenses(const struct spin_exposures *t, struct sp
                                        struct spin_lenses *lenses);
 
 /* Fixes the gauge after an Adam step: the mean camera has gain 1 and offset 0, so held-out views
- * are rendered in its colours. Falloff needs no gauge, as its formula gives 1 at the image centre.
- */
+ * are rendered in its colours. Falloff needs no gauge: its formula gives 1 at the image centre. */
 void spin_exposures_centre(struct spin_exposures *t, struct spin_device *d);

@@ -12,7 +12,8 @@
 #include "train/turns.h"
 #include "train/unseen.h"
 
-/* Reads a frame and checks that its means are finite; refinement NULL: the source's. */
+/* Reads a refined frame or, with refinement NULL, a frame of the source with the backdrop. Checks
+ * that its means are finite. */
 static spin_status read_frame(struct spin_plan *plan, struct spin_refinement *refinement, int frame,
                               unsigned columns, struct spin_splats *out)
 {
@@ -29,8 +30,8 @@ static spin_status read_frame(struct spin_plan *plan, struct spin_refinement *re
 /* ---- The scene transform --------------------------------------------------------------------- */
 
 /* Centre: the median of each axis. Radius: the 90th percentile of the distance to the centre
- * (docs/method.md 3.1). Options may give both; without normalisation the transform stays the
- * identity. */
+ * (docs/method.md 3.1). Options may give centre and radius; without normalisation the transform
+ * stays the identity. */
 static void fit_transform(const struct spin_retrain_options *o, struct spin_point_sample *sample,
                           struct spin_scene_transform *t)
 {
@@ -100,12 +101,12 @@ static void make_finite(struct spin_refine_row *p)
         *p = none;
 }
 
-/* Initial values of the tracks, in host memory: those of each track's first splat that a training
- * camera sees, else of its first splat. */
+/* Initial values of the tracks, in host memory: copied from a track's first splat that is visible
+ * to a training camera, or from its first splat if none is visible. */
 struct first_tracks {
     const struct spin_tracks *tracks;
     float *displacement, *residual; /* [n][3], [n][SPIN_RESIDUAL] */
-    /* [n] 0: no splat yet; 1: one that no camera sees; 2: one that a camera sees */
+    /* [n] the splat found so far: 0 none, 1 an invisible one, 2 a visible one */
     uint8_t *seen;
 };
 
@@ -123,8 +124,8 @@ static void close_first_tracks(struct first_tracks *first) { free(first->displac
 
 /* A static track stores its position; a dynamic one a displacement, initially 0, that is added to
  * the positions of its splats. */
-static void look_for_first(struct first_tracks *first, int frame,
-                           const struct spin_refine_cloud *cloud)
+static void record_first_values(struct first_tracks *first, int frame,
+                                const struct spin_refine_cloud *cloud)
 {
     for (size_t i = 0; i < cloud->n; i++) {
         uint32_t track = first->tracks->of[frame][i];
@@ -141,7 +142,7 @@ static void look_for_first(struct first_tracks *first, int frame,
     }
 }
 
-/* Uploads the values, in groups. */
+/* Uploads the initial values of tracks, converted to groups (device.h). */
 static spin_status send_first_tracks(const struct first_tracks *first, struct spin_trainer *t)
 {
     struct spin_device *d = t->device;
@@ -157,7 +158,7 @@ static spin_status send_first_tracks(const struct first_tracks *first, struct sp
     return SPIN_OK;
 }
 
-/* A splat of a track starts with zero own values, as the track has them. */
+/* Clears the residual values of splats with a track: the track has the initial values. */
 static void clear_tracked(const struct spin_tracks *tracks, int frame,
                           struct spin_refine_cloud *cloud)
 {
@@ -185,7 +186,7 @@ static spin_status send_frame(const struct spin_plan *plan, const struct spin_sp
             make_finite(&cloud.point[i].p);
         spin_backdrop_first_values(&plan->backdrop, &cloud);
         if (first->tracks->n > 0) {
-            look_for_first(first, f, &cloud);
+            record_first_values(first, f, &cloud);
             clear_tracked(first->tracks, f, &cloud);
         }
         if (cloud.n > 0)
@@ -209,8 +210,8 @@ static spin_status send_track_numbers(const struct spin_tracks *tracks, int f, s
     return SPIN_OK;
 }
 
-/* Records positions of the splats of dynamic tracks, which follow those without a track, in the
- * order of the tracks. */
+/* Records the positions of the splats of dynamic tracks. In the trainer's order these are sorted by
+ * track and follow the splats without a track. */
 static spin_status add_places(struct spin_turns *turns, const struct spin_tracks *tracks, int f,
                               const struct spin_splats *s, const uint32_t *permutation,
                               const struct spin_frame_size *size)
@@ -249,8 +250,8 @@ out:
     return status;
 }
 
-/* Turns the rotation of a track's first splat back to the track's reference frame, so that the turn
- * of that splat restores what was read. Points have no rotation and are isotropic. */
+/* A track's rotation was copied from its first splat: turns it back to the track's reference frame,
+ * so that the splat's turn restores it. Points need no correction, since they are isotropic. */
 static void turn_first_tracks(struct first_tracks *first, const struct spin_turns *turns)
 {
     memset(first->seen, 0, first->tracks->n);
@@ -293,7 +294,7 @@ static spin_status load_frame(struct spin_frames *frames, struct spin_plan *plan
 
     SPIN_TRY(
         spin_alloc((n > s->n ? n : s->n) + 1, sizeof(uint32_t), (void **)&frames->permutation[f]));
-    /* along a space-filling curve, so that neighbours share cache lines */
+    /* Order splats along a space-filling curve, so that neighbours share cache lines. */
     SPIN_TRY(spin_morton_order(s->n, s->means, frames->permutation[f]));
     if (trainer->tracked && first_values) {
         SPIN_TRY(spin_tracks_sort(tracks, f, s->n, frames->permutation[f]));

@@ -10,7 +10,7 @@ static float coordinate(const struct spin_kd_tree *t, size_t place, int axis)
     return t->points[(size_t)t->order[place] * 3 + (size_t)axis];
 }
 
-static void swap(struct spin_kd_tree *t, size_t a, size_t b)
+static void swap_points(struct spin_kd_tree *t, size_t a, size_t b)
 {
     uint32_t keep = t->order[a];
 
@@ -24,8 +24,8 @@ static void select_middle(struct spin_kd_tree *t, size_t lo, size_t hi, size_t m
 {
     while (hi - lo > 1) {
         size_t i = lo, j = hi - 1;
-        float pivot = coordinate(t, lo + (hi - lo - 1) / 2,
-                                 axis); /* not the last element, so that both parts shrink */
+        /* The pivot is not the last element, so that both parts shrink. */
+        float pivot = coordinate(t, lo + (hi - lo - 1) / 2, axis);
 
         for (;;) {
             while (coordinate(t, i, axis) < pivot)
@@ -34,7 +34,7 @@ static void select_middle(struct spin_kd_tree *t, size_t lo, size_t hi, size_t m
                 j--;
             if (i >= j)
                 break;
-            swap(t, i++, j--);
+            swap_points(t, i++, j--);
         }
         /* Now [lo, i) <= pivot <= [j + 1, hi), and i is j or j + 1. */
         if (middle <= j)
@@ -66,7 +66,7 @@ static int widest_axis(const struct spin_kd_tree *t, size_t lo, size_t hi)
     return widest;
 }
 
-static void build(struct spin_kd_tree *t, size_t lo, size_t hi)
+static void build_subtree(struct spin_kd_tree *t, size_t lo, size_t hi)
 {
     while (hi - lo > SPIN_KD_LEAF) {
         size_t middle = lo + (hi - lo) / 2;
@@ -74,7 +74,7 @@ static void build(struct spin_kd_tree *t, size_t lo, size_t hi)
 
         select_middle(t, lo, hi, middle, axis);
         t->axis[middle] = (uint8_t)axis;
-        build(t, lo, middle);
+        build_subtree(t, lo, middle);
         lo = middle + 1;
     }
 }
@@ -87,7 +87,7 @@ spin_status spin_kd_tree_open(struct spin_kd_tree *tree, size_t n, const float *
     SPIN_TRY(spin_alloc(n + 1, 1, (void **)&tree->axis));
     for (size_t i = 0; i < n; i++)
         tree->order[i] = (uint32_t)i;
-    build(tree, 0, n);
+    build_subtree(tree, 0, n);
     return SPIN_OK;
 }
 
@@ -106,7 +106,7 @@ struct within {
     void *context;
 };
 
-static void search(const struct within *w, size_t lo, size_t hi)
+static void visit_subtree(const struct within *w, size_t lo, size_t hi)
 {
     size_t middle = lo + (hi - lo) / 2;
     float gap;
@@ -119,13 +119,13 @@ static void search(const struct within *w, size_t lo, size_t hi)
     gap = spin_kd_gap(w->tree, middle, w->at);
     w->visit(w->context, w->tree->order[middle]);
     if (gap <= w->reach)
-        search(w, lo, middle);
+        visit_subtree(w, lo, middle);
     if (gap >= -w->reach)
-        search(w, middle + 1, hi);
+        visit_subtree(w, middle + 1, hi);
 }
 
 void spin_kd_tree_within(const struct spin_kd_tree *tree, const float at[3], float reach,
                          spin_kd_visit visit, void *context)
 {
-    search(&(struct within){tree, at, reach, visit, context}, 0, tree->n);
+    visit_subtree(&(struct within){tree, at, reach, visit, context}, 0, tree->n);
 }

@@ -1,5 +1,5 @@
-/* A k-d tree over points: splits at the median of the widest axis, leaves of eight. Each split is
- * in the middle of its range, so the tree is implicit: just an order of the points. */
+/* A k-d tree over points: splits at the median of the widest axis, leaves of at most eight points.
+ * Each split is in the middle of its range, so an order of the points represents the tree. */
 #pragma once
 
 #include "spin.h"
@@ -17,13 +17,14 @@ struct spin_kd_tree {
 spin_status spin_kd_tree_open(struct spin_kd_tree *tree, size_t n, const float *points);
 void spin_kd_tree_close(struct spin_kd_tree *tree);
 
-/* Calls visit for each point that may be within reach of `at` [3]: all points that are, and others
- * of their leaves. */
+/* Calls visit for every point within `reach` of `at` [3], and also for some points that are farther
+ * away. */
 typedef void (*spin_kd_visit)(void *context, uint32_t point);
 void spin_kd_tree_within(const struct spin_kd_tree *tree, const float at[3], float reach,
                          spin_kd_visit visit, void *context);
 
-/* Signed distance of `at` from the median at this position, along the axis of its split. */
+/* Signed distance of `at` from the median at position `place` of the order, along the axis of the
+ * split there. */
 static inline float spin_kd_gap(const struct spin_kd_tree *t, size_t place, const float at[3])
 {
     return at[t->axis[place]] - t->points[(size_t)t->order[place] * 3 + t->axis[place]];

@@ -15,8 +15,8 @@ static void add_images(spin_json *j, const struct spin_plan *plan, const struct 
     spin_json_set_string(j, "images", text);
 }
 
-/* Hash of the input's arrays by name, size and CRC: exchanged or renamed arrays are another input.
- */
+/* Adds a hash of the names, sizes and CRCs of the input's arrays: an input with exchanged or
+ * renamed arrays is a different input. */
 static void add_members(spin_json *j, const struct spin_zip *zip)
 {
     uint64_t hash = SPIN_HASH_BEGIN;
@@ -52,7 +52,7 @@ spin_status spin_frame_key(struct spin_plan *plan, const struct spin_photos *pho
     text = spin_json_text(j, false);
     spin_json_free(j);
     if (!text)
-        return spin_fail(SPIN_E_MEMORY, "out of memory");
+        return spin_fail(SPIN_E_MEMORY, "out of memory for the cache key of a frame");
     spin_hash(&hash, text, strlen(text));
     snprintf(key, SPIN_FRAME_KEY, "%016" PRIx64, hash);
     return SPIN_OK;
@@ -69,7 +69,7 @@ spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_ref
 
     for (int c = 0; c < 3; c++)
         spin_json_push_number(centre, o->normalise_centre[c]);
-    if (network) { /* the input and these determine the scene transform */
+    if (network) { /* with the input, these determine the scene transform */
         spin_json_set_integer(j, "normalise", o->normalise);
         spin_json_set_number(j, "normalise_radius", o->normalise_radius);
         spin_json_set(j, "normalise_centre", centre);
@@ -89,5 +89,6 @@ spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_ref
     add_members(j, &plan->clip.bundle.npz.zip);
     *out = spin_json_text(j, false);
     spin_json_free(j);
-    return *out ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "out of memory");
+    return *out ? SPIN_OK
+                : spin_fail(SPIN_E_MEMORY, "out of memory for the fingerprint of the run");
 }

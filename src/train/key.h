@@ -1,5 +1,5 @@
-/* Identifies by text what work was made from and how. Earlier work is reused only if its key is
- * equal. */
+/* Texts that identify the inputs and options of a piece of work. Earlier work is reused only if
+ * these texts are equal. */
 #pragma once
 
 #include "train/photos.h"

@@ -8,7 +8,7 @@
 
 enum { NEIGHBOURS = 3, CHUNK = 1024 };
 
-static void offer(float best[NEIGHBOURS], float d2)
+static void insert_distance(float best[NEIGHBOURS], float d2)
 {
     int i = NEIGHBOURS - 1;
 
@@ -19,39 +19,40 @@ static void offer(float best[NEIGHBOURS], float d2)
     best[i] = d2;
 }
 
-static void visit(const struct spin_kd_tree *t, size_t place, uint32_t self, float best[NEIGHBOURS])
+static void compare_points(const struct spin_kd_tree *t, size_t place, uint32_t self,
+                           float best[NEIGHBOURS])
 {
     const float *a = t->points + (size_t)self * 3;
     const float *b = t->points + (size_t)t->order[place] * 3;
     float x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
 
     if (t->order[place] != self)
-        offer(best, x * x + y * y + z * z);
+        insert_distance(best, x * x + y * y + z * z);
 }
 
-static void search(const struct spin_kd_tree *t, size_t lo, size_t hi, uint32_t self,
-                   float best[NEIGHBOURS])
+static void search_subtree(const struct spin_kd_tree *t, size_t lo, size_t hi, uint32_t self,
+                           float best[NEIGHBOURS])
 {
     size_t middle;
     float gap;
 
     if (hi - lo <= SPIN_KD_LEAF) {
         for (size_t i = lo; i < hi; i++)
-            visit(t, i, self, best);
+            compare_points(t, i, self, best);
         return;
     }
     middle = lo + (hi - lo) / 2;
     gap = spin_kd_gap(t, middle, t->points + (size_t)self * 3);
     if (gap < 0)
-        search(t, lo, middle, self, best);
+        search_subtree(t, lo, middle, self, best);
     else
-        search(t, middle + 1, hi, self, best);
-    visit(t, middle, self, best);
+        search_subtree(t, middle + 1, hi, self, best);
+    compare_points(t, middle, self, best);
     if (gap * gap < best[NEIGHBOURS - 1]) {
         if (gap < 0)
-            search(t, middle + 1, hi, self, best);
+            search_subtree(t, middle + 1, hi, self, best);
         else
-            search(t, lo, middle, self, best);
+            search_subtree(t, lo, middle, self, best);
     }
 }
 
@@ -60,7 +61,7 @@ struct measured {
     float *mean_dist2;
 };
 
-static void measure(void *context, size_t first, size_t last)
+static void measure_rows(void *context, size_t first, size_t last)
 {
     const struct measured *m = context;
     const struct spin_kd_tree *t = &m->tree;
@@ -70,7 +71,7 @@ static void measure(void *context, size_t first, size_t last)
         uint32_t self = t->order[i];
         int found = 0;
 
-        search(t, 0, t->n, self, best);
+        search_subtree(t, 0, t->n, self, best);
         for (; found < NEIGHBOURS && best[found] < FLT_MAX; found++)
             sum += best[found];
         m->mean_dist2[self] = found ? sum / (float)found : 0;
@@ -84,7 +85,7 @@ spin_status spin_knn_mean_dist2(struct spin_pool *pool, size_t n, const float *p
     spin_status status = spin_kd_tree_open(&m.tree, n, points);
 
     if (status == SPIN_OK)
-        spin_pool_rows(pool, n, CHUNK, measure, &m);
+        spin_pool_rows(pool, n, CHUNK, measure_rows, &m);
     spin_kd_tree_close(&m.tree);
     return status;
 }

@@ -10,6 +10,6 @@
  * number of threads. */
 spin_status spin_knn_mean_dist2(struct spin_pool *pool, size_t n, const float *points,
                                 float *mean_dist2);
-/* Median of these means over all points, of which there is at least one. */
+/* Median of these means over all points. n must be at least 1. */
 spin_status spin_knn_median_dist2(struct spin_pool *pool, size_t n, const float *points,
                                   float *median);

@@ -3,7 +3,8 @@
 
 #include <math.h>
 
-static const int64_t most_steps = 1 << 24; /* step numbers are stored as floats, exact up to here */
+/* Step numbers are stored as floats, which are exact up to this number. */
+static const int64_t most_steps = 1 << 24;
 
 static size_t begin_of(const struct spin_field *field)
 {
@@ -21,8 +22,8 @@ size_t spin_lazy_pad(const struct spin_field *field)
     return (SPIN_LINE - begin_of(field) % SPIN_LINE) % SPIN_LINE;
 }
 
-/* A splat needs 16 rows of a level (corners of a 4D cell), in about 9 lines, as neighbours along x
- * share one. */
+/* A splat reads 16 rows of a level, one per corner of a 4D cell. They lie in about 9 lines, as
+ * neighbours along x share a line. */
 bool spin_lazy_pays(const struct spin_field *field, double splats, int64_t steps)
 {
     const struct spin_grid *grid = &field->grid;

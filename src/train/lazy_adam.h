@@ -7,7 +7,7 @@
 /* Floats by which the start of the parameters should be shifted, so that lines coincide with cache
  * lines. */
 size_t spin_lazy_pad(const struct spin_field *field);
-/* Number of lines in the hashed levels, which lazy Adam updates. */
+/* Number of lines in the hashed levels, the part of the table that lazy Adam updates. */
 size_t spin_lazy_lines(const struct spin_field *field);
 /* True if `splats` splats per iteration need on average less than half of the lines of a hashed
  * level; otherwise updating all of them costs no more. False also if lazy Adam cannot handle the

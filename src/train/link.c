@@ -18,10 +18,10 @@ struct round {
     const struct spin_link_side *from, *to;
     const float *reach;
     size_t width;
-    struct spin_kd_tree tree; /* of `to` */
-    struct link *held;        /* [to->n] current matches */
+    struct spin_kd_tree tree; /* positions of `to` */
+    struct link *held;        /* [to->n] current match of each splat of `to` */
     struct link *wanted;      /* [from->n] proposals of this round */
-    uint32_t *next;           /* [from->n] current matches */
+    uint32_t *next;           /* [from->n] current match of each splat of `from` */
 };
 
 struct search {
@@ -57,7 +57,7 @@ static float cost_of(const struct round *r, size_t from, size_t to)
     return cost;
 }
 
-static void offer(void *context, uint32_t to)
+static void improve_proposal(void *context, uint32_t to)
 {
     const struct search *s = context;
     struct link link = {cost_of(s->round, s->from, to), to};
@@ -74,7 +74,7 @@ static void find_best(void *context, size_t first, size_t last)
     for (size_t i = first; i < last; i++) {
         r->wanted[i] = (struct link){INFINITY, 0};
         if (r->next[i] == SPIN_NO_LINK && r->reach[i] > 0)
-            spin_kd_tree_within(&r->tree, r->from->at + 3 * i, r->reach[i], offer,
+            spin_kd_tree_within(&r->tree, r->from->at + 3 * i, r->reach[i], improve_proposal,
                                 &(struct search){r, i, &r->wanted[i]});
     }
 }

@@ -4,11 +4,11 @@
 #include "base/pool.h"
 #include "spin.h"
 
-/* Splats of a frame. */
+/* Splats of a frame, to be matched. */
 struct spin_link_side {
     size_t n;
     const float *at;   /* [n][3] positions */
-    const float *look; /* [n][width] other values, scaled: matched splats differ by at most 1 */
+    const float *look; /* [n][width] other values, where matched splats differ by at most 1 */
 };
 
 #define SPIN_NO_LINK UINT32_MAX

@@ -11,18 +11,19 @@
 #include "base/base.h"
 
 enum { ROUNDS = 6, STEPS = 100, GRID = 64 };
-static const double outlier =
-    0.05; /* a sample with this residual, as a logarithm, has weight 1/2 */
+/* Residual (of the logarithm) at which a sample has weight 1/2. */
+static const double outlier = 0.05;
 
-/* A falloff is accepted if r^2 of its samples still has this standard deviation when the means of
- * points and cameras are removed, ... */
+/* A falloff must meet three conditions. First, r^2 of its samples has at least this standard
+ * deviation after the means of points and cameras are removed. */
 static const double least_deviation = 0.1;
-/* ... if it stays within these limits and rises outwards by at most most_rise, ... */
+/* Second, the falloff stays within these limits and rises outwards by at most most_rise. */
 static const double darkest = 0.3, brightest = 1.05, most_rise = 0.02;
-/* ... and if held-out points fit better with it, by this many standard errors of the mean. */
+/* Third, held-out points fit better with the falloff than without, by at least this many standard
+ * errors of the mean. Gains must meet this condition as well. */
 static const double least_errors = 3;
-/* Gains must also explain this share of the differences within points: where views disagree for
- * other reasons, such as smoke, some gain always fits slightly better. */
+/* Gains must also reduce the loss of held-out points by at least this share: where views disagree
+ * for other reasons, such as smoke, some gain always fits slightly better. */
 static const double least_explained = 0.05;
 
 struct fit {
@@ -64,7 +65,7 @@ static size_t end_of_point(const struct fit *f, size_t i)
 }
 
 /* Subtracts each point's weighted mean from v [n]. */
-static void centre(const struct fit *f, double *v)
+static void subtract_point_means(const struct fit *f, double *v)
 {
     for (size_t i = 0, end; i < f->n; i = end) {
         double sum = 0, weights = 0;
@@ -79,9 +80,8 @@ static void centre(const struct fit *f, double *v)
     }
 }
 
-/* out [n_unknown] = for each unknown, the sum of its derivative times the weighted samples v [n].
- */
-static void gather(const struct fit *f, const double *v, double *out)
+/* out [n_unknown] = J^T W v [n], where J is the Jacobian of the predictions and W the weights. */
+static void multiply_transposed(const struct fit *f, const double *v, double *out)
 {
     memset(out, 0, f->n_unknown * sizeof *out);
     for (size_t i = 0; i < f->n; i++) {
@@ -93,12 +93,13 @@ static void gather(const struct fit *f, const double *v, double *out)
     }
 }
 
-static void multiply(const struct fit *f, double *x, double *out)
+/* out = the matrix of the normal equations times x. */
+static void multiply_normal(const struct fit *f, double *x, double *out)
 {
     for (size_t i = 0; i < f->n; i++)
         f->residual[i] = value_of(f, x, i);
-    centre(f, f->residual);
-    gather(f, f->residual, out);
+    subtract_point_means(f, f->residual);
+    multiply_transposed(f, f->residual, out);
 }
 
 static double dot(const struct fit *f, const double *a, const double *b)
@@ -110,21 +111,22 @@ static double dot(const struct fit *f, const double *a, const double *b)
     return sum;
 }
 
-/* Starts from x = 0, so that unknowns without samples stay 0. */
-static void solve(struct fit *f)
+/* Solves the normal equations by conjugate gradients. Starts from x = 0, so that unknowns without
+ * samples stay 0. */
+static void solve_normal(struct fit *f)
 {
     double squares, before, first;
 
     memcpy(f->residual, f->y, f->n * sizeof *f->y);
-    centre(f, f->residual);
-    gather(f, f->residual, f->r);
+    subtract_point_means(f, f->residual);
+    multiply_transposed(f, f->residual, f->r);
     memset(f->x, 0, f->n_unknown * sizeof *f->x);
     memcpy(f->p, f->r, f->n_unknown * sizeof *f->p);
     squares = first = dot(f, f->r, f->r);
     for (int step = 0; step < STEPS && squares > 1e-20 * first; step++) {
         double length;
 
-        multiply(f, f->p, f->q);
+        multiply_normal(f, f->p, f->q);
         length = squares / dot(f, f->p, f->q);
         before = squares;
         for (size_t i = 0; i < f->n_unknown; i++) {
@@ -137,11 +139,11 @@ static void solve(struct fit *f)
     }
 }
 
-static void weigh(struct fit *f)
+static void update_weights(struct fit *f)
 {
     for (size_t i = 0; i < f->n; i++)
         f->residual[i] = f->y[i] - value_of(f, f->x, i);
-    centre(f, f->residual);
+    subtract_point_means(f, f->residual);
     for (size_t i = 0; i < f->n; i++) {
         double off = f->residual[i] / outlier;
 
@@ -150,7 +152,7 @@ static void weigh(struct fit *f)
 }
 
 /* Fits 1 + c1 r^2 + c2 r^4 to exp(a r^2 + b r^4), for r^2 up to `most`. */
-static void put_falloff(const double ab[2], double most, float *c1, float *c2)
+static void fit_polynomial(const double ab[2], double most, float *c1, float *c2)
 {
     double xx = 0, xxx = 0, xxxx = 0, xy = 0, xxy = 0, det;
 
@@ -178,7 +180,7 @@ static double most_r2(const struct fit *f, int lens)
     return most;
 }
 
-static void put(const struct fit *f, int rgb, float *exposure)
+static void store_channel(const struct fit *f, int rgb, float *exposure)
 {
     double mean = 0;
 
@@ -188,8 +190,8 @@ static void put(const struct fit *f, int rgb, float *exposure)
         exposure[6 * k + rgb] = f->x[k] != 0 ? (float)(f->x[k] - mean) : 0;
     exposure += 6 * f->n_cameras;
     for (int k = 0; k < f->n_lenses; k++)
-        put_falloff(f->x + f->n_cameras + 2 * k, most_r2(f, k), &exposure[6 * k + rgb],
-                    &exposure[6 * k + 3 + rgb]);
+        fit_polynomial(f->x + f->n_cameras + 2 * k, most_r2(f, k), &exposure[6 * k + rgb],
+                       &exposure[6 * k + 3 + rgb]);
 }
 
 /* The caller frees f->y, see close_fit(). */
@@ -212,7 +214,7 @@ static spin_status open_fit(struct fit *f, const struct spin_look_sample *sample
     return SPIN_OK;
 }
 
-static void begin(struct fit *f, int rgb)
+static void start_channel(struct fit *f, int rgb)
 {
     for (size_t i = 0; i < f->n; i++) {
         f->y[i] = log((double)f->sample[i].value[rgb]);
@@ -222,10 +224,10 @@ static void begin(struct fit *f, int rgb)
 
 static void fit_channel(struct fit *f, int rgb)
 {
-    begin(f, rgb);
+    start_channel(f, rgb);
     for (int round = 0; round < ROUNDS; round++) {
-        solve(f);
-        weigh(f);
+        solve_normal(f);
+        update_weights(f);
     }
 }
 
@@ -238,7 +240,7 @@ static spin_status fit_looks(const struct spin_look_sample *sample, size_t n, in
     SPIN_TRY(open_fit(&f, sample, n, n_cameras, n_lenses, falls));
     for (int rgb = 0; rgb < 3; rgb++) {
         fit_channel(&f, rgb);
-        put(&f, rgb, exposure);
+        store_channel(&f, rgb, exposure);
     }
     return SPIN_OK;
 }
@@ -256,7 +258,7 @@ static double deviation_of(struct fit *f, int lens, double *camera)
         f->weight[i] = 1;
     }
     for (int round = 0; round < ROUNDS; round++) {
-        centre(f, v);
+        subtract_point_means(f, v);
         memset(camera, 0, 2 * (size_t)f->n_cameras * sizeof *camera);
         for (size_t i = 0; i < f->n; i++) {
             camera[2 * f->sample[i].camera] += v[i];
@@ -273,8 +275,8 @@ static double deviation_of(struct fit *f, int lens, double *camera)
     return n ? sqrt(squares / (double)n) : 0;
 }
 
-/* A credible falloff never brightens and never becomes dark, out to the corner. */
-static bool makes_sense(const float *falloff, double corner)
+/* True if the falloff meets the second condition, from the centre to the corner. */
+static bool is_plausible(const float *falloff, double corner)
 {
     for (int rgb = 0; rgb < 3; rgb++) {
         double least = 1;
@@ -295,20 +297,23 @@ static bool makes_sense(const float *falloff, double corner)
  * samples; NULL: x = 0. */
 static void add_loss(struct fit *h, const double *x, int rgb, double *loss)
 {
-    begin(h, rgb);
+    start_channel(h, rgb);
     if (x)
         memcpy(h->x, x, h->n_unknown * sizeof *x);
     else
         memset(h->x, 0, h->n_unknown * sizeof *h->x);
-    weigh(h);
-    weigh(h); /* again, with means of the points that outliers no longer bias */
+    update_weights(h);
+    update_weights(
+        h); /* the second pass computes the means of points with low weights for outliers */
     for (size_t i = 0; i < h->n; i++)
         loss[i] -= log(h->weight[i]);
 }
 
-/* loss [n]: of each sample for a fit to the other half; fits false: without any fit. */
-static spin_status hold_out(const struct spin_look_sample *sample, size_t n, size_t first,
-                            int n_cameras, int n_lenses, const bool *falls, bool fits, double *loss)
+/* loss [n] += the loss of each sample under a fit to the other half of the scene or, with fits
+ * false, without a fit. first: the number of samples of half 0, which precede those of half 1. */
+static spin_status add_held_out_loss(const struct spin_look_sample *sample, size_t n, size_t first,
+                                     int n_cameras, int n_lenses, const bool *falls, bool fits,
+                                     double *loss)
 {
     for (int half = 0; half < 2; half++) {
         SPIN_LEAVES(close_fit) struct fit f = {0};
@@ -336,7 +341,7 @@ static double sum_of(const double *v, size_t n)
     return sum;
 }
 
-/* By how many standard errors of the mean over points `loss` is below `other`. */
+/* Mean over points of other - loss, in standard errors of this mean. */
 static double errors_below(const struct spin_look_sample *sample, size_t n, const double *loss,
                            const double *other)
 {
@@ -355,8 +360,9 @@ static double errors_below(const struct spin_look_sample *sample, size_t n, cons
     return mean / sqrt((squares / points - mean * mean) / points);
 }
 
-/* Copies the samples of half 0, then those of half 1. Returns the number of half 0. */
-static size_t part(const struct spin_look_sample *sample, size_t n, struct spin_look_sample *out)
+/* Copies the samples of half 0, then those of half 1. Returns the number of samples of half 0. */
+static size_t split_halves(const struct spin_look_sample *sample, size_t n,
+                           struct spin_look_sample *out)
 {
     size_t k = 0, first = 0;
 
@@ -369,7 +375,8 @@ static size_t part(const struct spin_look_sample *sample, size_t n, struct spin_
     return first;
 }
 
-/* Fits, and drops the falloff of lenses until all that remain are credible. */
+/* Fits gains and falloffs, and drops falloffs that fail the first or second condition, until all
+ * remaining ones meet both conditions. */
 static spin_status fit_sane(const struct spin_look_sample *sample, size_t n, int n_cameras,
                             int n_lenses, const double *corner, bool *falls, float *exposure,
                             enum spin_look_why *why)
@@ -389,7 +396,7 @@ static spin_status fit_sane(const struct spin_look_sample *sample, size_t n, int
         SPIN_TRY(fit_looks(sample, n, n_cameras, n_lenses, falls, exposure));
         before = left;
         for (int k = 0; k < n_lenses; k++)
-            if (falls[k] && !makes_sense(exposure + 6 * (n_cameras + k), corner[k])) {
+            if (falls[k] && !is_plausible(exposure + 6 * (n_cameras + k), corner[k])) {
                 falls[k] = false;
                 left--;
                 *why = left ? SPIN_LOOK_SEEN : SPIN_LOOK_ODD;
@@ -404,7 +411,7 @@ spin_status spin_look_choose(const struct spin_look_sample *sample, size_t n, in
 {
     SPIN_FREED struct spin_look_sample *parted = NULL;
     SPIN_FREED double *nothing = NULL;
-    SPIN_FREED bool *falls = NULL; /* [lenses], then as many that are all false */
+    SPIN_FREED bool *falls = NULL; /* [lenses] whether a falloff is fitted, then [lenses] false */
     const bool *none;
     double *gains, *falloff;
     size_t first;
@@ -415,16 +422,16 @@ spin_status spin_look_choose(const struct spin_look_sample *sample, size_t n, in
     none = falls + n_lenses;
     gains = nothing + n;
     falloff = gains + n;
-    first = part(sample, n, parted);
-    SPIN_TRY(hold_out(parted, n, first, n_cameras, n_lenses, none, false, nothing));
-    SPIN_TRY(hold_out(parted, n, first, n_cameras, n_lenses, none, true, gains));
+    first = split_halves(sample, n, parted);
+    SPIN_TRY(add_held_out_loss(parted, n, first, n_cameras, n_lenses, none, false, nothing));
+    SPIN_TRY(add_held_out_loss(parted, n, first, n_cameras, n_lenses, none, true, gains));
     look->gains = errors_below(parted, n, gains, nothing) > least_errors &&
                           sum_of(gains, n) < (1 - least_explained) * sum_of(nothing, n)
                       ? SPIN_LOOK_SEEN
                       : SPIN_LOOK_NOT_HELD_OUT;
     SPIN_TRY(fit_sane(sample, n, n_cameras, n_lenses, corner, falls, exposure, &look->falloff));
     if (look->falloff == SPIN_LOOK_SEEN) {
-        SPIN_TRY(hold_out(parted, n, first, n_cameras, n_lenses, falls, true, falloff));
+        SPIN_TRY(add_held_out_loss(parted, n, first, n_cameras, n_lenses, falls, true, falloff));
         if (!(errors_below(parted, n, falloff, gains) > least_errors &&
               errors_below(parted, n, falloff, nothing) > 0))
             look->falloff = SPIN_LOOK_NOT_HELD_OUT;

@@ -7,7 +7,7 @@
 #include "train/test_views.h"
 
 enum { CHECK_EVERY = 100 };             /* iterations between checks that all values are finite */
-static const double save_seconds = 300; /* between checkpoints, without --save-every */
+static const double save_seconds = 300; /* seconds between checkpoints without --save-every */
 
 /* ---- Evaluation ------------------------------------------------------------------------------ */
 
@@ -17,7 +17,7 @@ static struct spin_frame_batch frame_of(void *context, int frame)
 }
 
 /* Measures the clip in its current state, and writes previews. */
-static spin_status show_network(const struct spin_loop *l, struct spin_quality *q)
+static spin_status measure_clip(const struct spin_loop *l, struct spin_quality *q)
 {
     struct spin_trainer *t = l->trainer;
     struct spin_player live;
@@ -43,13 +43,13 @@ static spin_status show_network(const struct spin_loop *l, struct spin_quality *
     return status;
 }
 
-/* Measures the network, logs the result and writes previews. */
-static spin_status look(const struct spin_loop *l)
+/* Measures the clip, logs the result and writes previews. */
+static spin_status evaluate_clip(const struct spin_loop *l)
 {
     struct spin_quality q;
     FILE *log;
 
-    SPIN_TRY(show_network(l, &q));
+    SPIN_TRY(measure_clip(l, &q));
     if (q.valid)
         spin_log(0, "iteration %lld: test PSNR %.3f dB, SSIM %.4f",
                  (long long)l->trainer->iteration, q.psnr, q.ssim);
@@ -67,8 +67,11 @@ static spin_status look(const struct spin_loop *l)
 
 /* ---- One iteration --------------------------------------------------------------------------- */
 
-/* Training of a single frame, as in 3DGS. */
-static bool is_alone(const struct spin_loop *l) { return l->plan->o->method == SPIN_METHOD_FRAMES; }
+/* True for the training of a single frame, as in 3DGS. */
+static bool is_single_frame(const struct spin_loop *l)
+{
+    return l->plan->o->method == SPIN_METHOD_FRAMES;
+}
 
 struct spin_loop spin_loop_of(struct spin_plan *plan, struct spin_photos *photos,
                               struct spin_trainer *trainer, struct spin_checkpoint *checkpoint,
@@ -85,63 +88,63 @@ struct spin_loop spin_loop_of(struct spin_plan *plan, struct spin_photos *photos
     l.densify.extent = plan->extent;
     l.densify.seed = plan->o->seed;
     l.densify.max_points = (size_t)plan->o->max_points;
-    if (is_alone(&l))
+    if (is_single_frame(&l))
         l.densify.frame = spin_plan_info(plan, 0)->number;
     else
         l.densify.gradient_threshold = plan->o->densify_threshold / plan->o->batch;
-    l.densify.long_axis = !is_alone(&l);
+    l.densify.long_axis = !is_single_frame(&l);
     return l;
 }
 
 /* Statistics are needed only while a densification is still to come. */
-static bool gathers(const struct spin_loop *l, int64_t iteration)
+static bool gathers_at(const struct spin_loop *l, int64_t iteration)
 {
     return l->trainer->tracked && l->schedule.every > 0 && iteration < l->schedule.until;
 }
 
-static bool densifies(const struct spin_loop *l, int64_t iteration)
+static bool densifies_at(const struct spin_loop *l, int64_t iteration)
 {
-    return gathers(l, iteration) && iteration > l->schedule.first &&
+    return gathers_at(l, iteration) && iteration > l->schedule.first &&
            iteration % l->schedule.every == 0;
 }
 
-static spin_status densify(const struct spin_loop *l, struct spin_densify_change *change)
+static spin_status densify_clip(const struct spin_loop *l, struct spin_densify_change *change)
 {
     struct spin_trainer *t = l->trainer;
 
     memset(change, 0, sizeof *change);
     SPIN_TRY(spin_densify_tracks(t, &l->densify, (int)t->iteration, l->checkpoint->permutation,
                                  l->plan->counts, change));
-    if (!is_alone(l))
-        spin_log(1, "iteration %lld: %zu clones, %zu splits, %zu pruned: %zu tracks",
+    if (!is_single_frame(l))
+        spin_log(1, "iteration %lld: %zu clones, %zu splits, %zu pruned; now %zu tracks",
                  (long long)t->iteration, change->clones, change->splits, change->pruned,
                  t->n_tracks);
     return SPIN_OK;
 }
 
-/* One iteration, after which the trainer is sound. Where single-frame training densifies it skips
- * the update: 3DGS replaces the parameters there, which loses their gradients. Checks all values
- * first, since densification would silently prune those that are not finite. */
-static spin_status take_step(const struct spin_loop *l, const struct spin_sampler *sampler,
-                             struct spin_steps *steps)
+/* Runs one iteration, after which the trainer can be saved. An iteration that densifies a single
+ * frame skips the update, as in 3DGS, where replacing the parameters loses their gradients. Before
+ * densification all values are checked, since it would silently prune those that are not finite. */
+static spin_status run_iteration(const struct spin_loop *l, const struct spin_sampler *sampler,
+                                 struct spin_steps *steps)
 {
     struct spin_trainer *t = l->trainer;
     int64_t now = t->iteration + 1;
-    bool due_now = densifies(l, now);
+    bool due_now = densifies_at(l, now);
 
     l->checkpoint->sound = false;
-    t->gather = gathers(l, now);
-    t->hold = due_now && is_alone(l);
+    t->gather = gathers_at(l, now);
+    t->hold = due_now && is_single_frame(l);
     SPIN_TRY(spin_trainer_step(t, &sampler->images.images, sampler->items, l->plan->o->batch,
                                &steps->last));
     if (!isfinite(steps->last.loss))
-        return spin_malformed("the loss is not finite at iteration %lld; lower the learning rates, "
-                              "or look for bad points",
+        return spin_malformed("the loss is not finite in iteration %lld: lower the learning rates, "
+                              "or check the points of the input",
                               (long long)now);
     if (due_now || now % CHECK_EVERY == 0 || now == l->plan->o->iterations)
         SPIN_TRY(spin_check_parameters(t));
     if (due_now)
-        SPIN_TRY(densify(l, &steps->change));
+        SPIN_TRY(densify_clip(l, &steps->change));
     SPIN_TRY(spin_average_step(t));
     l->checkpoint->sound = true;
     return SPIN_OK;
@@ -162,16 +165,16 @@ static void log_step(const struct spin_loop *l, const struct spin_sampler *sampl
     fprintf(f,
             "{\"%s\": %lld, \"seconds\": %.3f, \"step_s\": %.5f, \"loss\": %.7g, "
             "\"l1\": %.7g, \"ssim\": %.7g, \"views\": [",
-            is_alone(l) ? "refine" : "iteration", (long long)l->trainer->iteration,
+            is_single_frame(l) ? "refine" : "iteration", (long long)l->trainer->iteration,
             spin_checkpoint_seconds(l->checkpoint), seconds, v->loss, v->l1, v->ssim);
     for (int i = 0; i < l->plan->o->batch; i++)
         fprintf(f, "%s[%d, %d]", i ? ", " : "",
                 spin_plan_info(l->plan, sampler->pairs[i]->frame)->number,
                 l->plan->clip.views.view[sampler->pairs[i]->view].camera_id);
     fprintf(f, "]");
-    if (is_alone(l))
+    if (is_single_frame(l))
         fprintf(f, ", \"splats\": %zu", l->trainer->frame[0].size.n);
-    if (densifies(l, l->trainer->iteration))
+    if (densifies_at(l, l->trainer->iteration))
         fprintf(f, ", \"clones\": %zu, \"splits\": %zu, \"pruned\": %zu", change->clones,
                 change->splits, change->pruned);
     fprintf(f, ", \"ops_s\": {");
@@ -182,7 +185,7 @@ static void log_step(const struct spin_loop *l, const struct spin_sampler *sampl
 }
 
 /* Reads the device's times since the last call. */
-static void take_seconds(struct spin_steps *steps, struct spin_device *device)
+static void read_op_seconds(struct spin_steps *steps, struct spin_device *device)
 {
     for (int i = 0; i < SPIN_N_OPS; i++)
         steps->step_s[i] = device->op->clock(device, i);
@@ -202,18 +205,18 @@ spin_status spin_loop_step(const struct spin_loop *l, struct spin_sampler *sampl
     double start = spin_now_s(), loaded, seconds, waited, waited_before;
     uint64_t sent, sent_before;
 
-    take_seconds(steps, d); /* discard what was done between iterations */
+    read_op_seconds(steps, d); /* discard the times of work between iterations */
     SPIN_TRY(spin_sampler_batch(sampler, l->trainer->iteration));
     loaded = spin_now_s();
     spin_ranks_spent(&sent_before, &waited_before);
-    SPIN_TRY(take_step(l, sampler, steps));
+    SPIN_TRY(run_iteration(l, sampler, steps));
     spin_ranks_spent(&sent, &waited);
     steps->sent += (double)(sent - sent_before);
     steps->exchange_s += waited - waited_before;
     steps->done++;
     if (!steps->last.seen && steps->blind++ == 0)
         steps->first_blind = l->trainer->iteration;
-    take_seconds(steps, d);
+    read_op_seconds(steps, d);
     steps->step_s[SPIN_OP_PIXELS] += loaded - start;
     seconds = spin_now_s() - start;
     count_seconds(steps, seconds);
@@ -222,7 +225,7 @@ spin_status spin_loop_step(const struct spin_loop *l, struct spin_sampler *sampl
 }
 
 /* Logs how the time of the iterations was spent. */
-static void say_seconds(const struct spin_steps *steps)
+static void log_seconds(const struct spin_steps *steps)
 {
     double named = 0;
     char sent[32];
@@ -244,10 +247,10 @@ static void say_seconds(const struct spin_steps *steps)
 
 /* ---- The loop -------------------------------------------------------------------------------- */
 
-static bool due(int64_t iteration, int every) { return every > 0 && iteration % every == 0; }
+static bool is_due(int64_t iteration, int every) { return every > 0 && iteration % every == 0; }
 
-/* A signal to any rank stops all; the clock of rank 0 decides when to save. */
-static spin_status stop_and_save(const struct spin_loop *l, bool *stop, bool *save)
+/* Agrees among ranks: a signal to any rank stops all; the clock of rank 0 decides when to save. */
+static spin_status agree_on_stop(const struct spin_loop *l, bool *stop, bool *save)
 {
     struct wish {
         bool stop, save;
@@ -282,26 +285,28 @@ static spin_status save_on_the_way(const struct spin_loop *l)
     return SPIN_OK;
 }
 
-/* *tried: whether it tried to save. */
+/* Stops after a signal, or saves a checkpoint if it is due. *tried: a checkpoint was attempted. */
 static spin_status stop_or_save(const struct spin_loop *l, bool *tried)
 {
     bool last = l->trainer->iteration == l->plan->o->iterations, stop, save;
 
     *tried = false;
-    SPIN_TRY(stop_and_save(l, &stop, &save));
+    SPIN_TRY(agree_on_stop(l, &stop, &save));
     if (stop) {
         SPIN_TRY(spin_checkpoint_save(l->checkpoint, l->trainer));
         return spin_ranks_agree(spin_fail_cancelled());
     }
     if (last)
         return SPIN_OK;
-    *tried = l->plan->o->save_every > 0 ? due(l->trainer->iteration, l->plan->o->save_every) : save;
+    *tried =
+        l->plan->o->save_every > 0 ? is_due(l->trainer->iteration, l->plan->o->save_every) : save;
     return *tried ? save_on_the_way(l) : SPIN_OK;
 }
 
 /* ---- Disk space ------------------------------------------------------------------------------ */
 
-/* Expected growth by the next densification: twice that of the last one. */
+/* Expected growth of the checkpoint by the next densification: twice the last growth, and at least
+ * an eighth of the checkpoint. */
 static uint64_t growth_ahead(struct spin_checkpoint *c, uint64_t state)
 {
     bool first = c->bytes == 0;
@@ -319,21 +324,22 @@ static spin_status fail_space(const struct spin_loop *l, uint64_t bytes, bool gr
     char need[32], left[32];
 
     SPIN_TRY(spin_path_folder(c->path, &folder));
-    return spin_fail(
-        SPIN_E_IO,
-        "not enough space on the disk of '%s': %s left, and the checkpoint needs %s%s; free some",
-        c->path, spin_text_bytes(spin_path_free_bytes(folder) + c->reserve.bytes, left),
-        spin_text_bytes(bytes, need), grows ? " as it grows" : "");
+    return spin_fail(SPIN_E_IO,
+                     "not enough space on the disk of '%s': %s is free, and the checkpoint needs "
+                     "%s%s; free some space",
+                     c->path,
+                     spin_text_bytes(spin_path_free_bytes(folder) + c->reserve.bytes, left),
+                     spin_text_bytes(bytes, need), grows ? " as it grows" : "");
 }
 
-/* A checkpoint must fit on the disk at any time, whatever else is written there: a training that is
- * about to outgrow the disk stops while it still fits. Once the number of splats no longer grows
- * and they are saved, space for the output suffices. */
+/* Reserves disk space for the next checkpoint, so that other programs cannot use it up: a training
+ * that is about to outgrow the disk stops while its checkpoint still fits. Once a checkpoint with
+ * the final number of splats is saved, space for the output suffices. */
 static spin_status reserve_space(const struct spin_loop *l)
 {
     struct spin_checkpoint *c = l->checkpoint;
     int64_t now = l->trainer->iteration;
-    bool grows = gathers(l, now + 1), saved = now == 0 || c->saved == now;
+    bool grows = gathers_at(l, now + 1), saved = now == 0 || c->saved == now;
     uint64_t state, values, ahead;
     struct stat input;
 
@@ -354,14 +360,14 @@ static spin_status reserve_space(const struct spin_loop *l)
     return SPIN_OK;
 }
 
-static spin_status keep_space(const struct spin_loop *l)
+static spin_status ensure_space(const struct spin_loop *l)
 {
     return spin_ranks_agree(spin_rank() == 0 ? reserve_space(l) : SPIN_OK);
 }
 
 /* Fails if no splat was visible in any iteration so far, checked after about two epochs and at the
  * end. */
-static spin_status judge_blind(const struct spin_loop *l, const struct spin_steps *steps)
+static spin_status check_visibility(const struct spin_loop *l, const struct spin_steps *steps)
 {
     int64_t epoch = (int64_t)(l->plan->n_train / (size_t)l->plan->o->batch) + 1, n = steps->blind;
     bool last = l->trainer->iteration == l->plan->o->iterations;
@@ -377,7 +383,7 @@ static void warn_blind(const struct spin_steps *steps)
 {
     if (steps->blind > 0)
         spin_warn("no splat was visible in any view of %lld of %lld iterations, first in iteration "
-                  "%lld: nothing was learned in them",
+                  "%lld: these iterations learned nothing",
                   (long long)steps->blind, (long long)steps->done, (long long)steps->first_blind);
 }
 
@@ -391,22 +397,22 @@ static spin_status iterate_all(const struct spin_loop *l, struct spin_sampler *s
     bool tried;
     spin_status status;
 
-    SPIN_TRY(keep_space(l));
+    SPIN_TRY(ensure_space(l));
     spin_progress_begin(&progress, "retraining", "it", l->trainer->iteration, o->iterations);
     while (l->trainer->iteration < o->iterations) {
         SPIN_TRY_OUT(spin_loop_step(l, sampler, steps));
-        SPIN_TRY_OUT(judge_blind(l, steps));
+        SPIN_TRY_OUT(check_visibility(l, steps));
         *smooth = *smooth > 0 ? 0.98 * *smooth + 0.02 * v->loss : v->loss;
-        if (l->plan->report->test.valid) /* of the last --eval-every */
+        if (l->plan->report->test.valid) /* an evaluation (--eval-every) has run */
             spin_progress_set(&progress, l->trainer->iteration, "loss %.4f, test PSNR %.2f dB",
                               *smooth, l->plan->report->test.psnr);
         else
             spin_progress_set(&progress, l->trainer->iteration, "loss %.4f", *smooth);
         SPIN_TRY_OUT(stop_or_save(l, &tried));
-        if (tried || densifies(l, l->trainer->iteration))
-            SPIN_TRY_OUT(keep_space(l));
-        if (due(l->trainer->iteration, o->eval_every) && l->trainer->iteration < o->iterations)
-            SPIN_TRY_OUT(look(l));
+        if (tried || densifies_at(l, l->trainer->iteration))
+            SPIN_TRY_OUT(ensure_space(l));
+        if (is_due(l->trainer->iteration, o->eval_every) && l->trainer->iteration < o->iterations)
+            SPIN_TRY_OUT(evaluate_clip(l));
     }
     l->plan->report->loss_last = *smooth;
     warn_blind(steps);
@@ -424,12 +430,12 @@ spin_status spin_loop_run(const struct spin_loop *l)
 
     SPIN_TRY_OUT(spin_sampler_open(&sampler, l->plan, l->photos));
     status = iterate_all(l, &sampler, &steps);
-    say_seconds(&steps);
+    log_seconds(&steps);
 out:
     spin_sampler_close(&sampler);
     SPIN_TRY(status);
     report->seconds = spin_checkpoint_seconds(l->checkpoint);
     report->seconds_per_iteration =
         (report->seconds - report->refine_seconds) / l->plan->o->iterations;
-    return look(l);
+    return evaluate_clip(l);
 }

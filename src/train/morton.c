@@ -9,7 +9,7 @@ struct keyed {
     uint32_t index;
 };
 
-static int compare(const void *a, const void *b)
+static int compare_keys(const void *a, const void *b)
 {
     const struct keyed *x = a, *y = b;
 
@@ -37,7 +37,7 @@ spin_status spin_morton_order(size_t n, const float *points, uint32_t *order)
             keyed[i].key |= spin_morton_spread((uint64_t)(u * 2097151.0)) << c;
         }
     }
-    qsort(keyed, n, sizeof *keyed, compare);
+    qsort(keyed, n, sizeof *keyed, compare_keys);
     for (size_t i = 0; i < n; i++)
         order[i] = keyed[i].index;
     return SPIN_OK;

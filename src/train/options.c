@@ -10,15 +10,15 @@ enum preset { QUICK, BEST, OF_PAPER, OF_SHORT, PRESETS }; /* in the order of SPI
 struct row {
     enum type type;
     const char *field, *argument;
-    size_t offset, n; /* of the field; how many numbers it has */
+    size_t offset, n; /* offset of the field, and its number of values */
     double min, max;  /* 0, 0: no limit */
     struct {
         double value[PRESETS][4]; /* [preset][number] */
         const char *name[PRESETS];
     } fallback;
     struct {
-        size_t when; /* 0: never, 1: always, else the offset of the field that must differ from the
-                        paper's */
+        size_t when;     /* 0: never; 1: always; else: if the field at this offset differs from the
+                            paper's */
         const char *key; /* NULL: the field's name */
     } in_json[2];        /* [spin_options_of] */
 };
@@ -39,7 +39,7 @@ struct row {
 #define C_DOUBLE double
 #define C(type) C_##type
 #define FIELD(field) (((struct spin_retrain_options *)NULL)->field)
-/* How many numbers a field has; does not compile for a field of another type. */
+/* Number of values of a field. Does not compile for a field of another type. */
 #define COUNT(c, field) sizeof FIELD(field) / sizeof(_Generic(FIELD(field), c : (c)0, c * : (c)0))
 
 #define NEVER .when = 0
@@ -77,7 +77,7 @@ static const struct row *const end = rows + sizeof rows / sizeof *rows;
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-/* The i-th of the names in "a|b|c", and its length; NULL when there are fewer. */
+/* The i-th name in "a|b|c", and its length; NULL if there are fewer names. */
 static const char *name_at(const char *names, size_t i, size_t *length)
 {
     for (;; names++) {
@@ -90,8 +90,8 @@ static const char *name_at(const char *names, size_t i, size_t *length)
     }
 }
 
-/* Index of a name in "a|b|c"; SIZE_MAX if it is not there. */
-static size_t place_of(const char *name, const char *names)
+/* Index of a name in "a|b|c"; SIZE_MAX if the list does not contain it. */
+static size_t index_of_name(const char *name, const char *names)
 {
     const char *found;
     size_t length;
@@ -106,10 +106,10 @@ static double fallback_of(const struct row *row, enum preset preset, size_t i)
 {
     const char *name = row->fallback.name[preset];
 
-    return name ? (double)place_of(name, row->argument) : row->fallback.value[preset][i];
+    return name ? (double)index_of_name(name, row->argument) : row->fallback.value[preset][i];
 }
 
-static double get(const struct row *row, const struct spin_retrain_options *o, size_t i)
+static double get_value(const struct row *row, const struct spin_retrain_options *o, size_t i)
 {
     const void *field = (const char *)o + row->offset;
 
@@ -130,7 +130,7 @@ static double get(const struct row *row, const struct spin_retrain_options *o, s
     return NAN;
 }
 
-static void put(const struct row *row, struct spin_retrain_options *o, size_t i, double value)
+static void set_value(const struct row *row, struct spin_retrain_options *o, size_t i, double value)
 {
     void *field = (char *)o + row->offset;
 
@@ -160,23 +160,23 @@ static void put(const struct row *row, struct spin_retrain_options *o, size_t i,
 
 static const char *const preset_names[] = {"quick", "best", "paper", "short"};
 
-static void start_from(enum preset preset, struct spin_retrain_options *o)
+static void apply_preset(enum preset preset, struct spin_retrain_options *o)
 {
     memset(o, 0, sizeof *o);
     o->device = "auto";
     o->preset = preset_names[preset];
     for (const struct row *row = rows; row < end; row++)
         for (size_t i = 0; i < row->n; i++)
-            put(row, o, i, fallback_of(row, preset, i));
+            set_value(row, o, i, fallback_of(row, preset, i));
 }
 
-void spin_retrain_defaults(struct spin_retrain_options *o) { start_from(QUICK, o); }
+void spin_retrain_defaults(struct spin_retrain_options *o) { apply_preset(QUICK, o); }
 
 spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o)
 {
-    size_t preset = place_of(name, SPIN_PRESETS);
+    size_t preset = index_of_name(name, SPIN_PRESETS);
 
-    start_from(preset < PRESETS ? (enum preset)preset : QUICK, o);
+    apply_preset(preset < PRESETS ? (enum preset)preset : QUICK, o);
     if (preset == SIZE_MAX)
         return spin_misuse("there is no preset '%s', only " SPIN_PRESETS, name);
     return SPIN_OK;
@@ -209,8 +209,8 @@ static int batch_of(const struct spin_retrain_options *o)
 
 void spin_options_resolve(struct spin_retrain_options *o, int n_frames)
 {
-    int share =
-        o->batch > 0 ? 1 : spin_n_ranks(); /* iterations that one iteration of all ranks replaces */
+    /* Number of iterations of one rank that one iteration of all ranks replaces. */
+    int share = o->batch > 0 ? 1 : spin_n_ranks();
 
     o->batch = batch_of(o);
     scale_rates(o, share);
@@ -224,8 +224,8 @@ void spin_options_resolve(struct spin_retrain_options *o, int n_frames)
         o->track_iterations = o->iterations;
     if (o->densify_every < 0)
         o->densify_every = o->track_iterations / DENSIFICATIONS;
-    if (o->method ==
-        SPIN_METHOD_4D) { /* 4D splats are not densified, and learn in all iterations */
+    /* 4D splats are not densified, and learn in all iterations. */
+    if (o->method == SPIN_METHOD_4D) {
         o->tracks = false;
         o->track_iterations = o->iterations;
         o->densify_every = 0;
@@ -234,7 +234,7 @@ void spin_options_resolve(struct spin_retrain_options *o, int n_frames)
 
 /* ---- Limits ---------------------------------------------------------------------------------- */
 
-/* True if some preset starts from this value. */
+/* True if this is the default of some preset. */
 static bool is_fallback(const struct row *row, size_t i, double value)
 {
     for (int preset = 0; preset < PRESETS; preset++)
@@ -251,7 +251,8 @@ static spin_status check_number(const struct row *row, size_t i, double value)
     if (row->type == ENUM && !name_at(row->argument, (size_t)value, &length))
         return spin_misuse("%s %g is not one of %s", row->field, value, row->argument);
     if (row->min >= row->max || (value >= row->min && value <= row->max) ||
-        is_fallback(row, i, value) || (isnan(value) && place_of("auto", row->argument) != SIZE_MAX))
+        is_fallback(row, i, value) ||
+        (isnan(value) && index_of_name("auto", row->argument) != SIZE_MAX))
         return SPIN_OK;
     return spin_misuse("%s %.*g is not in the range %.*g to %.*g", row->field, digits, value,
                        digits, row->min, digits, row->max);
@@ -263,12 +264,12 @@ spin_status spin_options_check(const struct spin_retrain_options *o)
 
     for (const struct row *row = rows; row < end; row++)
         for (size_t i = 0; i < row->n; i++)
-            SPIN_TRY(check_number(row, i, get(row, o, i)));
+            SPIN_TRY(check_number(row, i, get_value(row, o, i)));
     if (o->normalise == SPIN_NORMALISE_GIVEN &&
         !(isfinite(centre[0] + centre[1] + centre[2] + o->normalise_radius) &&
           o->normalise_radius > 0))
-        return spin_misuse("normalise_centre and normalise_radius are not finite, or "
-                           "the radius is not above 0");
+        return spin_misuse(
+            "normalise_centre and normalise_radius must be finite, and normalise_radius above 0");
     if (o->views_per_frame > batch_of(o))
         return spin_misuse("views_per_frame %d is more than batch %d", o->views_per_frame,
                            batch_of(o));
@@ -281,7 +282,7 @@ static bool differs_at(size_t offset, const struct spin_retrain_options *o)
 {
     for (const struct row *row = rows; row < end; row++)
         for (size_t i = 0; i < row->n && row->offset == offset; i++)
-            if (get(row, o, i) != fallback_of(row, OF_PAPER, i))
+            if (get_value(row, o, i) != fallback_of(row, OF_PAPER, i))
                 return true;
     return false;
 }
@@ -289,7 +290,7 @@ static bool differs_at(size_t offset, const struct spin_retrain_options *o)
 static void add_to_json(const struct row *row, const struct spin_retrain_options *o,
                         const char *key, spin_json *j)
 {
-    double value = get(row, o, 0);
+    double value = get_value(row, o, 0);
     spin_json *array;
     size_t length;
     char text[32];
@@ -297,7 +298,7 @@ static void add_to_json(const struct row *row, const struct spin_retrain_options
     if (row->n > 1) {
         array = spin_json_array();
         for (size_t i = 0; i < row->n; i++)
-            spin_json_push_number(array, get(row, o, i));
+            spin_json_push_number(array, get_value(row, o, i));
         spin_json_set(j, key, array);
     } else if (row->type == BOOL) {
         spin_json_set_bool(j, key, value != 0);

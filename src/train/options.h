@@ -11,8 +11,9 @@ spin_status spin_options_check(const struct spin_retrain_options *o);
  * between densifications, learning rates. */
 void spin_options_resolve(struct spin_retrain_options *o, int n_frames);
 
-/* Phrases that end errors: how to continue an unfinished run, and which options discard it. */
+/* Phrases that end error messages: how to continue an unfinished run. */
 const char *spin_options_continue(const struct spin_retrain_options *o);
+/* The options that discard an unfinished run. */
 const char *spin_options_restart(const struct spin_retrain_options *o);
 
 enum spin_options_of { SPIN_OPTIONS_OF_NETWORK, SPIN_OPTIONS_OF_REFINEMENT };

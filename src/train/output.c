@@ -10,13 +10,13 @@
 
 /* ---- Precision ------------------------------------------------------------------------------- */
 
-/* Values are rounded to multiples of 1 / per_unit. Half: about the precision of half floats, but
- * for numbers near 0 no finer than near 1. Compact: steps that are hardly visible in an 8-bit
- * image. Positions have more bits, since they are large compared with the splats: steps of 2^-16 or
- * 2^-14 of the camera extent. */
+/* Values are rounded to multiples of 1 / per_unit. Half: about the precision of half floats near 1,
+ * but with the same steps near 0. Compact: steps that are hardly visible in an 8-bit image.
+ * Positions have more bits, since they are large compared with the splats: steps of 2^-16 or 2^-14
+ * of the camera extent. */
 enum { BITS = 11, POSITION_BITS = 16, COMPACT_POSITION_BITS = 14 };
 
-/* 0: not rounded. */
+/* Steps per unit of a column's values; 0: values are not rounded. */
 static float per_unit(const struct spin_output *output, unsigned column)
 {
     enum spin_precision precision = output->plan->o->precision;
@@ -42,8 +42,8 @@ static void round_values(const struct spin_output *output, unsigned column, floa
         spin_round_values(values, n, column == SPIN_COL_MEANS ? POSITION_BITS : BITS, 1 / of);
 }
 
-/* Columns in a row of residual values. A row of a track is a displacement followed by such a row.
- */
+/* Columns in a row of residual values. A row of a track is a displacement followed by a row of
+ * residual values. */
 static const struct {
     unsigned column;
     size_t first, width;
@@ -60,7 +60,8 @@ static void round_rows(const struct spin_output *output, float *rows, size_t n, 
             round_values(output, part[k].column, rows + stride * i + part[k].first, part[k].width);
 }
 
-/* Sets the units of columns of the source or of refined frames; a column has one unit. */
+/* Gives the packer the rounding steps of columns of the source or of refined frames; all values of
+ * a column have the same step. */
 static spin_status set_column_units(const struct spin_output *output, struct spin_packer *packer,
                                     const char *group, unsigned columns, int sh_degree)
 {
@@ -79,6 +80,7 @@ static spin_status set_column_units(const struct spin_output *output, struct spi
     return SPIN_OK;
 }
 
+/* Gives the packer the rounding steps of trained values. */
 static spin_status set_units(const struct spin_output *output, struct spin_packer *packer)
 {
     float unit[SPIN_TRACK];
@@ -107,8 +109,8 @@ static void round_splats(const struct spin_output *output, unsigned columns, str
 
 /* ---- Arrays ---------------------------------------------------------------------------------- */
 
-/* out [n]: the trainer's splat in each row of the output. */
-static spin_status invert(const uint32_t *permutation, size_t n, uint32_t **out)
+/* out [n] = the trainer's splat in each row of the output. */
+static spin_status invert_permutation(const uint32_t *permutation, size_t n, uint32_t **out)
 {
     uint32_t *place;
 
@@ -119,8 +121,9 @@ static spin_status invert(const uint32_t *permutation, size_t n, uint32_t **out)
     return SPIN_OK;
 }
 
-/* Turns exist only in training: adds what they change in the tracks' values [groups] to the splats'
- * own. rows [n_pos][3], or residual [n_residual][SPIN_RESIDUAL]. */
+/* Turns exist only in training, so their effect on the tracks' values (tracks, in groups) is added
+ * to the values that splats own. rows: positions [n_pos][3] or, if residual, residual values
+ * [n_residual][SPIN_RESIDUAL]. */
 static spin_status fold_turns(const struct spin_trainer *t, const struct spin_train_frame *frame,
                               const float *tracks, bool residual, float *rows)
 {
@@ -147,8 +150,8 @@ static spin_status fold_turns(const struct spin_trainer *t, const struct spin_tr
     return SPIN_OK;
 }
 
-/* Writes a frame's own positions or residual values, for the splats that have some, in the order of
- * the output. */
+/* Writes the positions or the residual values of the splats of a frame that own them, in the order
+ * of the output. */
 static spin_status write_frame(const struct spin_output *output, struct spin_bundle_writer *w,
                                int frame, const float *tracks, bool residual)
 {
@@ -162,7 +165,7 @@ static spin_status write_frame(const struct spin_output *output, struct spin_bun
     float *packed;
     SPIN_FREED void *block = NULL;
 
-    SPIN_TRY(invert(output->frames->permutation[frame], from->size.n, &place));
+    SPIN_TRY(invert_permutation(output->frames->permutation[frame], from->size.n, &place));
     SPIN_TRY(spin_alloc(width * n + 1, 2 * sizeof(float), &block));
     rows.at = block;
     packed = rows.at + width * n;
@@ -198,7 +201,8 @@ static spin_status read_numbers(const struct spin_output *output, int frame, uin
     return SPIN_OK;
 }
 
-static spin_status look_for_other_rows(const struct spin_output *output, bool *same_rows)
+/* *same_rows: each row belongs to the same track in all frames. */
+static spin_status compare_rows(const struct spin_output *output, bool *same_rows)
 {
     const struct spin_trainer *t = output->trainer;
     SPIN_FREED uint32_t *first = NULL;
@@ -222,7 +226,7 @@ static int by_key(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Sorts a frame's rows by track, so that the numbers of the tracks compress well. */
+/* Sorts a frame's rows by track, so that track numbers compress well. */
 static spin_status sort_rows(const struct spin_output *output, int frame)
 {
     size_t n = output->trainer->frame[frame].size.n;
@@ -231,7 +235,7 @@ static spin_status sort_rows(const struct spin_output *output, int frame)
     SPIN_FREED uint64_t *key = NULL;
 
     SPIN_TRY(read_numbers(output, frame, &track));
-    SPIN_TRY(invert(permutation, n, &place));
+    SPIN_TRY(invert_permutation(permutation, n, &place));
     SPIN_TRY(spin_alloc(n + 1, sizeof *key, (void **)&key));
     for (size_t row = 0; row < n; row++)
         key[row] = (uint64_t)track[row] << 32 | row;
@@ -241,14 +245,14 @@ static spin_status sort_rows(const struct spin_output *output, int frame)
     return SPIN_OK;
 }
 
-/* Writes the tracks' numbers once if all frames have the same; otherwise for each frame, sorted by
- * them first. */
+/* Writes the track numbers of the splats: once if they are the same in all frames, otherwise for
+ * each frame, after sorting its rows by track. */
 static spin_status write_numbers(const struct spin_output *output, struct spin_bundle_writer *w,
                                  bool *same_rows)
 {
     const struct spin_trainer *t = output->trainer;
 
-    SPIN_TRY(look_for_other_rows(output, same_rows));
+    SPIN_TRY(compare_rows(output, same_rows));
     for (int f = 0; f < (*same_rows ? 1 : t->n_frames); f++) {
         uint64_t shape[1] = {t->frame[f].size.n};
         SPIN_FREED uint32_t *track = NULL;
@@ -297,13 +301,13 @@ static spin_status read_weights(void *context, uint64_t first, size_t n, uint32_
     return SPIN_OK;
 }
 
-/* Writes the values of tracks and the own values of splats. */
+/* Writes the values of tracks and the values that splats own. */
 static spin_status write_values(const struct spin_output *output, struct spin_bundle_writer *w,
                                 bool *same_rows)
 {
     struct spin_trainer *t = output->trainer;
     size_t floats = SPIN_TRACK * t->n_tracks;
-    SPIN_FREED float *tracks = NULL; /* in groups (device.h) */
+    SPIN_FREED float *tracks = NULL; /* values of the tracks, in groups (device.h) */
 
     SPIN_TRY(spin_alloc(floats + 1, sizeof *tracks, (void **)&tracks));
     if (floats > 0) {
@@ -360,8 +364,8 @@ static spin_status write_rows(const struct spin_output *output, struct spin_bund
     return SPIN_OK;
 }
 
-/* Writes the source's columns, those kept of refined frames, and the trained values; or 4D splats
- * that replace them all. */
+/* Writes the columns of the source, the kept columns of refined frames and the trained values; with
+ * --method 4d writes 4D splats instead. */
 static spin_status write_splats(const struct spin_output *output, struct spin_bundle_writer *w,
                                 struct spin_bundle_meta *meta, const float SPIN_DEV *whole,
                                 bool *same_rows)
@@ -392,7 +396,7 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
         SPIN_TRY(spin_refinement_read(output->refinement, plan, f, kept, &splats));
         if (plan->o->method == SPIN_METHOD_FRAMES && f == 0)
             SPIN_TRY(set_column_units(output, &w->packer, "refined", kept, splats.sh_degree));
-        if (plan->o->method == SPIN_METHOD_FRAMES) /* otherwise a training started from them */
+        if (plan->o->method == SPIN_METHOD_FRAMES) /* a training started from the exact values */
             round_splats(output, kept, &splats);
         SPIN_TRY(spin_bundle_write_refined(w, f, kept, &splats));
     }
@@ -529,7 +533,7 @@ static spin_status trained_to_json(const struct spin_output *output, bool same_r
     return SPIN_OK;
 }
 
-/* Member of meta.json that describes the training. 4D splats are a source by themselves. */
+/* Member of meta.json that describes the training. */
 static const char *result_of(const struct spin_plan *plan)
 {
     return plan->o->method == SPIN_METHOD_4D       ? "trained_4d"
@@ -537,8 +541,9 @@ static const char *result_of(const struct spin_plan *plan)
                                                    : "trained";
 }
 
-/* Adds what the method contributes to meta.json. */
-static spin_status describe(const struct spin_output *output, bool same_rows, spin_json *extra)
+/* Adds the members of meta.json that describe the training. */
+static spin_status add_description(const struct spin_output *output, bool same_rows,
+                                   spin_json *extra)
 {
     const struct spin_plan *plan = output->plan;
     spin_json *refined = NULL, *trained = NULL, *held_out;
@@ -585,7 +590,7 @@ static spin_status write_whole(const struct spin_output *output, const float SPI
     w.packs = true;
     SPIN_TRY(fill_meta(output, &meta));
     SPIN_TRY(write_splats(output, &w, &meta, whole, &same_rows));
-    SPIN_TRY(describe(output, same_rows, extra));
+    SPIN_TRY(add_description(output, same_rows, extra));
     return spin_bundle_writer_finish(&w, &meta, json_incref(extra));
 }
 

@@ -1,4 +1,4 @@
-/* Writes the output of a retraining, a bundle: the source, refined frames, and what was trained. */
+/* Writes the bundle that a retraining outputs: the source, refined frames and trained values. */
 #pragma once
 
 #include "train/checkpoint.h"

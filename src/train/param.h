@@ -5,11 +5,11 @@
 
 struct spin_param {
     float SPIN_DEV *p, *g, *m, *v; /* [n] */
-    size_t n, pad;                 /* pad: floats reserved before each */
+    size_t n, pad;                 /* pad: floats reserved before each array */
 };
 
-/* All are zero; each starts `pad` floats after the start of its memory. Close it also after a
- * failure. */
+/* Allocates the arrays, all zero; each starts `pad` floats after the start of its memory. Close it
+ * also after a failure. */
 spin_status spin_param_open(struct spin_param *param, struct spin_device *d, size_t n, size_t pad);
 void spin_param_close(struct spin_param *param, struct spin_device *d);
 /* The group of values [first, last), for an Adam step. */

@@ -14,8 +14,9 @@ spin_status spin_photos_open(struct spin_photos *photos, const struct spin_plan 
     SPIN_TRY(spin_dynamic_mask_open(&plan->clip.views, &photos->cache, SPIN_DYNAMIC_AUTO,
                                     plan->train, plan->n_train, &photos->dynamic));
     if (photos->dynamic.from == SPIN_DYNAMIC_OFF)
-        return spin_unsupported("--dynamic-weight: the data set has neither foreground masks "
-                                "nor a camera that is static for three frames");
+        return spin_unsupported(
+            "--dynamic-weight needs foreground masks or a camera that is static for three frames, "
+            "and this data set has neither: omit the option");
     return spin_dynamic_mask_keep(&photos->dynamic);
 }
 
@@ -78,8 +79,8 @@ static void add_camera(uint64_t *hash, const struct spin_view *view)
 
 /* Checks the image of a view, and its mask where masks are used, by their headers. *hash = their
  * digest; hash may be NULL. */
-static spin_status look_at(const struct spin_photos *photos, const struct spin_plan *plan,
-                           size_t index, uint64_t *hash)
+static spin_status check_view(const struct spin_photos *photos, const struct spin_plan *plan,
+                              size_t index, uint64_t *hash)
 {
     const struct spin_view *view = &plan->clip.views.view[index];
     struct spin_imprint imprint;
@@ -116,16 +117,17 @@ spin_status spin_photos_look(struct spin_photos *photos, const struct spin_plan 
 
     SPIN_TRY(spin_alloc(plan->clip.views.n, sizeof *photos->imprint, (void **)&photos->imprint));
     for (size_t i = 0; i < plan->n_train; i++)
-        SPIN_TRY(look_at(photos, plan, plan->train[i].view, &photos->imprint[plan->train[i].view]));
+        SPIN_TRY(
+            check_view(photos, plan, plan->train[i].view, &photos->imprint[plan->train[i].view]));
     for (int k = 0; k < plan->n_cameras; k++) {
         size_t n = median_views(photos, plan, plan->camera[k], median);
 
         for (size_t i = 0; i < n; i++)
             if (!photos->imprint[median[i]])
-                SPIN_TRY(look_at(photos, plan, median[i], &photos->imprint[median[i]]));
+                SPIN_TRY(check_view(photos, plan, median[i], &photos->imprint[median[i]]));
     }
     for (size_t i = 0; i < plan->n_test; i++)
-        SPIN_TRY(look_at(photos, plan, plan->test[i].view, NULL));
+        SPIN_TRY(check_view(photos, plan, plan->test[i].view, NULL));
     return SPIN_OK;
 }
 

@@ -8,8 +8,9 @@
 #include "train/point_sample.h"
 #include "train/cloud.h"
 
-static const size_t program_bytes =
-    24 << 20; /* OpenImageIO, for images other than PNG and JPEG, takes 130 MB more */
+/* Memory of the program itself. OpenImageIO, which loads images other than PNG and JPEG, needs 130
+ * MB more. */
+static const size_t program_bytes = 24 << 20;
 
 /* ---- Options --------------------------------------------------------------------------------- */
 
@@ -20,7 +21,7 @@ static spin_status check_options(const struct spin_retrain_options *o)
     SPIN_TRY(spin_options_check(o));
     if (o->method == SPIN_METHOD_FRAMES && o->refine < 1)
         return spin_misuse(
-            "--method frames needs iterations for every frame: give their number with --refine");
+            "--method frames needs a number of iterations per frame: give it with --refine");
     if (o->method == SPIN_METHOD_TRACKS && !o->tracks)
         return spin_misuse("--method tracks needs --tracks auto");
     if ((o->method == SPIN_METHOD_TRACKS || o->method == SPIN_METHOD_4D) && o->refine > 0)
@@ -95,8 +96,8 @@ bool spin_plan_has_residual(const struct spin_plan *plan)
     return plan->o->residual != SPIN_RESIDUAL_OFF || plan->o->tracks;
 }
 
-/* Single frames: 3DGS densifies after 500 iterations, which would leave a budget of 500 without
- * any. Clips densify while their tracks learn. */
+/* Single frames: 3DGS densifies after 500 iterations; shorter trainings start after a fifth of
+ * theirs. Clips densify only while static tracks learn. */
 struct spin_schedule spin_plan_schedule(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -119,7 +120,7 @@ bool spin_plan_densifies(const struct spin_plan *plan)
 
 struct spin_frame_size spin_plan_frame_size(const struct spin_plan *plan, size_t n)
 {
-    size_t own = plan->o->method == SPIN_METHOD_4D ? 0 : n; /* the rows have all values */
+    size_t own = plan->o->method == SPIN_METHOD_4D ? 0 : n; /* the rows store all values */
 
     return (struct spin_frame_size){n, own, own, spin_plan_has_residual(plan) ? own : 0};
 }
@@ -133,7 +134,7 @@ int spin_plan_camera(const struct spin_plan *plan, int id)
     return k;
 }
 
-static void measure_pictures(struct spin_plan *plan)
+static void measure_images(struct spin_plan *plan)
 {
     for (size_t i = 0; i < plan->clip.views.n; i++) {
         struct spin_camera_f32 cam = spin_camera_f32_from(&plan->clip.views.view[i].camera);
@@ -145,10 +146,9 @@ static void measure_pictures(struct spin_plan *plan)
     }
 }
 
-/* Extent for cameras at one position: that of a ring of cameras around the points, were they as far
- * away as the first training camera. It is 1.1 x the distance of that camera to the median of the
- * points or, where that is larger, 1.1 x the radius that contains 90 % of them (the camera is among
- * the points). */
+/* Extent for cameras at one position, as if they formed a ring around the points at the distance of
+ * the first training camera: 1.1 x the distance of that camera to the median of the points or, if
+ * that is larger, 1.1 x the radius that contains 90 % of the points (a camera among the points). */
 static spin_status measure_one_place(struct spin_plan *plan, double *extent)
 {
     struct spin_camera_f32 cam =
@@ -171,8 +171,8 @@ static spin_status measure_one_place(struct spin_plan *plan, double *extent)
     return SPIN_OK;
 }
 
-/* The extent of the training cameras scales the position rate and the thresholds of 3DGS. Cameras
- * that are all at one position have no extent. */
+/* The extent of the training cameras scales the position rate and the thresholds of 3DGS. If all
+ * cameras are at one position, their extent is 0 and one is derived from the points. */
 static spin_status plan_extent(struct spin_plan *plan)
 {
     double one_place;
@@ -182,12 +182,13 @@ static spin_status plan_extent(struct spin_plan *plan)
     if (plan->extent <= 1e-6 * one_place || plan->extent == 0) {
         plan->extent = one_place > 0 ? one_place : 1;
         spin_log(0,
-                 "all training cameras are at one position: their extent is derived from the "
-                 "distance to the points, %.4g",
+                 "all training cameras are at one position: their extent, %.4g, is derived from "
+                 "the distance to the points",
                  plan->extent);
     }
     if (!isfinite(plan->extent))
-        return spin_malformed("the extent of the training cameras is not finite");
+        return spin_malformed(
+            "the extent of the training cameras is not finite: check their poses");
     return SPIN_OK;
 }
 
@@ -217,14 +218,15 @@ static spin_status plan_field(struct spin_plan *plan)
     return SPIN_OK;
 }
 
-/* ---- Memory and time ------------------------------------------------------------------------- */
+/* ---- Derived settings ------------------------------------------------------------------------ */
 
+/* Evaluations of a frame's splats in an iteration. */
 static int decodings(const struct spin_retrain_options *o)
 {
     return (o->batch + o->views_per_frame - 1) / o->views_per_frame;
 }
 
-/* The images of an iteration are divided equally among the ranks. */
+/* The images of an iteration are divided among the ranks: with fewer images some ranks are idle. */
 static void warn_idle_ranks(const struct spin_retrain_options *o)
 {
     int n = spin_n_ranks();
@@ -341,8 +343,8 @@ void spin_plan_close_frame(struct spin_plan *plan)
     free(plan->exposure);
 }
 
-/* Share of their initial values at which the rates end if the last iterations are averaged. Tuned,
- * with that average, on the clips court and basketball. */
+/* Final learning rates of a training with Polyak average, as a share of the initial rates. Tuned
+ * together with the average on the clips court and basketball. */
 static const double averaged_floor = 0.2;
 
 static bool averages(const struct spin_plan *plan)
@@ -413,7 +415,7 @@ spin_status spin_plan_open_trainer(const struct spin_plan *plan, struct spin_dev
     return t->network && spin_plan_is_lazy(plan) ? spin_trainer_enable_lazy_adam(t) : SPIN_OK;
 }
 
-/* ---- Memory and time, again ------------------------------------------------------------------ */
+/* ---- Memory and time ------------------------------------------------------------------------- */
 
 size_t spin_plan_refine_bytes(const struct spin_plan *plan)
 {
@@ -441,8 +443,9 @@ out:
                              : SIZE_MAX;
 }
 
-/* Opens all that a training needs, for an upper bound: nothing is shared, and there are as many
- * tracks as splats. What tracks save is not known before the points are read. */
+/* Opens everything that a training allocates on the device, to count its memory. The result is an
+ * upper bound: the savings by tracks are unknown before the points are read, so all splats own
+ * their values and there are as many tracks as splats. */
 static spin_status open_training(const struct spin_plan *plan, struct spin_device *device,
                                  size_t *n_averaged)
 {
@@ -514,9 +517,10 @@ static void training_bytes(const struct spin_plan *plan, size_t *of_device, size
                  (size_t)views * spin_raster_grows(plan->clip.n_max, plan->max_pixels, true);
 }
 
-/* Decoded images are cached on the host, in at most a third of its memory and within what is left
- * beside `needed`; others are decoded again for each use. Images already cached (`held` bytes)
- * stay. Returns the bytes that the plan counts: those of all images if they are fewer. */
+/* Sets the budget of the image cache in host memory: a third of `available`, limited to what
+ * remains beside `needed`, but not below `held`, the bytes already cached. Images beyond the budget
+ * are decoded again for each use. Returns the size of the full cache: the budget, or all images if
+ * these are smaller. */
 static size_t plan_pixels(struct spin_plan *plan, size_t available, size_t needed, size_t held)
 {
     size_t all = 0, most = available / 3;
@@ -535,8 +539,8 @@ static size_t plan_pixels(struct spin_plan *plan, size_t available, size_t neede
     return all < plan->pixels_budget ? all : plan->pixels_budget;
 }
 
-/* Bytes that a rank contributes to the all-reduce of an iteration, if nothing is shared: gradients
- * of the network, and of the frames' own values. */
+/* Bytes that a rank contributes to the all-reduce of an iteration: gradients of the network and of
+ * the values that frames own, assuming that tracks share nothing. */
 static double step_bytes(const struct spin_plan *plan)
 {
     double own = spin_plan_has_residual(plan) ? SPIN_TRACK : 3;
@@ -548,8 +552,9 @@ static double step_bytes(const struct spin_plan *plan)
     return sizeof(float) * floats;
 }
 
-/* On a device with its own memory both that and the host's must suffice. Reports the host's if only
- * that is short, else the device's. held: bytes of decoded images that are already cached. */
+/* Estimates memory for the report. On a GPU, both device and host memory must suffice; the report
+ * describes host memory if only that is short, otherwise device memory. held: bytes of decoded
+ * images that are already cached. */
 static void plan_memory(struct spin_plan *plan, size_t held)
 {
     struct spin_retrain_report *report = plan->report;
@@ -577,15 +582,16 @@ static void plan_memory(struct spin_plan *plan, size_t held)
     }
 }
 
-/* True if it is known that the memory does not suffice. 0 bytes available means that the device did
- * not report its memory. */
+/* True if the memory is known to be insufficient. bytes_available is 0 if the device did not report
+ * its memory. */
 static bool is_short(const struct spin_retrain_report *report)
 {
     return report->bytes_available > 0 && report->bytes_needed > report->bytes_available;
 }
 
 /* True if the run fits with these options and only the first n_frames frames. */
-static bool fits(const struct spin_plan *plan, const struct spin_retrain_options *o, int n_frames)
+static bool fits_memory(const struct spin_plan *plan, const struct spin_retrain_options *o,
+                        int n_frames)
 {
     struct spin_retrain_report report = *plan->report;
     struct spin_plan trial = *plan;
@@ -601,7 +607,7 @@ static bool fits(const struct spin_plan *plan, const struct spin_retrain_options
     return report.bytes_available > 0 && !is_short(&report);
 }
 
-/* Options of a trial that differ from those of the run, as on the command line. */
+/* Writes the options of a trial that differ from those of the run, as given on the command line. */
 static void name_trial(const struct spin_plan *plan, const struct spin_retrain_options *o,
                        int n_frames, char *text, size_t n)
 {
@@ -620,9 +626,9 @@ static void name_trial(const struct spin_plan *plan, const struct spin_retrain_o
     memmove(text, text + 1, strlen(text)); /* remove the first blank */
 }
 
-/* Searches for options that fit and change least: first a smaller table and batch, then smaller
- * images, then fewer frames. */
-static void look_for_fit(const struct spin_plan *plan)
+/* Searches for the smallest change of options that fits: first a smaller table and batch, then
+ * smaller images, then fewer frames. */
+static void find_fitting(const struct spin_plan *plan)
 {
     struct spin_retrain_options o = *plan->o;
     bool network = o.method == SPIN_METHOD_NETWORK, one_step = !o.range.given || o.range.step == 1;
@@ -636,7 +642,7 @@ static void look_for_fit(const struct spin_plan *plan)
             for (o.hash_log2 = plan->o->hash_log2; o.hash_log2 >= least; o.hash_log2--)
                 for (int whole = 1; whole >= 0; whole--) {
                     o.batch = whole ? plan->o->batch : o.views_per_frame;
-                    if (!fits(plan, &o, n))
+                    if (!fits_memory(plan, &o, n))
                         continue;
                     name_trial(plan, &o, n, report->fitting, sizeof report->fitting);
                     return;
@@ -675,8 +681,8 @@ static double guess_refining(const struct spin_plan *plan)
 }
 
 /* Seconds of an iteration on one thread of a current server core: rasteriser per splat and view,
- * rasteriser and loss per pixel, network per splat and decoding, Adam of its table, values of
- * splats and tracks. Densification is assumed to end with about as many splats as pixels. */
+ * rasteriser and loss per pixel, network per splat and evaluation, Adam of the hash table, values
+ * of splats and tracks. Assumes that densification ends with about one splat per pixel. */
 static double guess_iteration(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -731,10 +737,9 @@ static spin_status open_clip(struct spin_plan *plan)
 
     SPIN_TRY(spin_clip_open(&c, &plan->clip));
     if (o->residual == SPIN_RESIDUAL_SOURCE && o->refine == 0 && !spin_plan_has_source(plan))
-        return spin_not_found(
-            "'%s' lacks its source's attributes: use --residual points, so that the "
-            "network adds to values made from its points",
-            o->input);
+        return spin_not_found("'%s' does not contain the attributes of its source, which "
+                              "--residual source needs: use --residual points",
+                              o->input);
     SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *plan->counts, (void **)&plan->counts));
     for (int f = 0; f < plan->clip.n_frames; f++)
         plan->counts[f] = spin_plan_info(plan, f)->n;
@@ -743,13 +748,14 @@ static spin_status open_clip(struct spin_plan *plan)
     SPIN_TRY(spin_clip_pairs(&plan->clip, SPIN_SPLIT_TRAIN, &plan->train, &plan->n_train));
     SPIN_TRY(spin_clip_pairs(&plan->clip, SPIN_SPLIT_TEST, &plan->test, &plan->n_test));
     if (plan->n_train == 0)
-        return spin_misuse("no training camera is left: all are held out for testing");
+        return spin_misuse("no training camera is left: all cameras are held out for testing; hold "
+                           "out fewer with --test-cams");
     SPIN_TRY(list_cameras(plan));
     SPIN_TRY(spin_lenses_list(&plan->clip.views, plan->train, plan->n_train, o->image_scale,
                               &plan->lenses));
     SPIN_TRY(reserve_exposure(plan));
     SPIN_TRY(spin_times_check(plan->clip.bundle.meta.frame, plan->clip.frame, plan->clip.n_frames));
-    measure_pictures(plan);
+    measure_images(plan);
     return plan_extent(plan);
 }
 
@@ -810,7 +816,7 @@ void spin_plan_set_device(struct spin_plan *plan, struct spin_device *device)
     plan->device = device;
     memcpy(plan->report->device, device->description, sizeof plan->report->device);
     plan_memory(plan, 0);
-    look_for_fit(plan);
+    find_fitting(plan);
     plan->report->seconds_estimated = guess_seconds(plan);
 }
 
@@ -842,9 +848,10 @@ spin_status spin_plan_recount(struct spin_plan *plan, const size_t *counts, size
     }
     clip->n_mean /= clip->n_frames;
     if (clip->n_max == 0)
-        return spin_malformed("refining left no splat in any frame");
+        return spin_malformed(
+            "refinement left no splat in any frame: check that the cameras belong to the points");
     plan->report->splats_mean = clip->n_mean;
     plan_memory(plan, held);
-    look_for_fit(plan);
+    find_fitting(plan);
     return SPIN_OK;
 }

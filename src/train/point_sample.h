@@ -4,7 +4,7 @@
 #include "spin.h"
 
 struct spin_point_sample {
-    float *point; /* [n][3], and capacity for another float for each */
+    float *point; /* [n][3], followed by scratch of [n] */
     size_t n;
 };
 

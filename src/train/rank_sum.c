@@ -5,7 +5,7 @@
 
 enum { FIRST_BYTES = 1 << 16 };
 
-/* Ensures host memory of so many bytes; its contents are lost. */
+/* Ensures that the host memory has this size; its contents are lost. */
 static spin_status need_host(struct spin_rank_sum *s, size_t bytes)
 {
     const struct spin_device_ops *op = s->device->op;
@@ -16,12 +16,13 @@ static spin_status need_host(struct spin_rank_sum *s, size_t bytes)
     return op->host_reserve(s->device, bytes + bytes / 8, &s->host);
 }
 
-/* What a rank can use to connect its GPU to those of others. */
+/* Whether a rank can connect its GPU to those of other ranks. */
 struct offer {
-    char about[32], card[40], why[200]; /* about "": it cannot, for the reason why */
+    /* Version of NCCL, or "" if it cannot; id of the GPU; reason why it cannot. */
+    char about[32], card[40], why[200];
 };
 
-static void make_offer(struct spin_device *d, struct offer *offer)
+static void describe_rank(struct spin_device *d, struct offer *offer)
 {
     memset(offer, 0, sizeof *offer);
     memcpy(offer->card, d->card, sizeof d->card);
@@ -31,8 +32,8 @@ static void make_offer(struct spin_device *d, struct offer *offer)
         snprintf(offer->why, sizeof offer->why, "%s", spin_last_error());
 }
 
-/* why = the reason why the GPUs cannot be connected; "" if they can. */
-static void compare(const struct offer *offer, int n, char why[300])
+/* Sets why to the reason why the GPUs cannot be connected, or to "" if they can. */
+static void find_obstacle(const struct offer *offer, int n, char why[300])
 {
     *why = '\0';
     for (int r = 0; r < n && !*why; r++) {
@@ -47,7 +48,8 @@ static void compare(const struct offer *offer, int n, char why[300])
     }
 }
 
-/* Connects the GPUs, or sets why. */
+/* Connects the GPUs, or sets why to the reason why they cannot be connected. about = version of
+ * NCCL. */
 static spin_status link_cards(struct spin_rank_sum *s, char about[32], char why[300])
 {
     struct spin_device *d = s->device;
@@ -55,9 +57,9 @@ static spin_status link_cards(struct spin_rank_sum *s, char about[32], char why[
     SPIN_FREED struct offer *offer = NULL;
 
     SPIN_TRY(spin_alloc((size_t)spin_n_ranks(), sizeof *offer, (void **)&offer));
-    make_offer(d, &offer[spin_rank()]);
+    describe_rank(d, &offer[spin_rank()]);
     SPIN_TRY(spin_ranks_gather(offer, sizeof *offer));
-    compare(offer, spin_n_ranks(), why);
+    find_obstacle(offer, spin_n_ranks(), why);
     memcpy(about, offer[0].about, sizeof offer[0].about);
     if (*why)
         return SPIN_OK;
@@ -77,11 +79,11 @@ spin_status spin_rank_sum_open(struct spin_rank_sum *s, struct spin_device *devi
         return SPIN_OK;
     SPIN_TRY(link_cards(s, about, why));
     if (s->linked) {
-        spin_log(1, "all-reduce between GPUs: by %s", about);
+        spin_log(1, "all-reduce between GPUs: with %s", about);
         return SPIN_OK;
     }
     SPIN_TRY(need_host(s, FIRST_BYTES));
-    spin_log(1, "all-reduce between GPUs: through %s host memory, because: %s",
+    spin_log(1, "all-reduce between GPUs: through %s host memory: %s",
              s->host.pinned ? "page-locked" : "ordinary", why);
     return SPIN_OK;
 }

@@ -11,7 +11,7 @@
 struct spin_rank_sum {
     struct spin_device *device;
     bool linked;                  /* the GPUs are connected */
-    struct spin_host_memory host; /* for values of a GPU */
+    struct spin_host_memory host; /* staging memory for values of a GPU */
 };
 
 /* Collective: all ranks call it. Logs with -v how the values of GPUs are summed. */

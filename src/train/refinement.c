@@ -1,5 +1,5 @@
-/* Refines frames. A training of the clip uses their positions and colours, or all attributes with
- * --residual source; --method frames has no other result.
+/* Refines frames. The training of a clip starts from the positions and colours of refined frames,
+ * or from all their attributes with --residual source. With --method frames they are the result.
  *
  * Frames are independent, so several are refined at a time, each on its share of the threads.
  * Results do not depend on the threads. A finished frame is stored in a cache beside the output
@@ -16,7 +16,7 @@
 #include "train/unseen.h"
 
 static const unsigned whole = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-static bool is_explicit(const struct spin_plan *plan)
+static bool is_per_frame(const struct spin_plan *plan)
 {
     return plan->o->method == SPIN_METHOD_FRAMES;
 }
@@ -24,7 +24,7 @@ static bool is_explicit(const struct spin_plan *plan)
 /* True if all attributes of refined frames are used, not only positions and colours. */
 static bool needs_whole(const struct spin_plan *plan)
 {
-    return is_explicit(plan) || plan->o->residual == SPIN_RESIDUAL_SOURCE;
+    return is_per_frame(plan) || plan->o->residual == SPIN_RESIDUAL_SOURCE;
 }
 
 unsigned spin_refinement_columns(const struct spin_plan *plan)
@@ -39,8 +39,8 @@ spin_status spin_refinement_open(struct spin_refinement *refinement, const struc
     size_t n = (size_t)plan->clip.n_frames;
 
     if (spin_plan_starts_from_source(plan) && !spin_plan_has_source(plan))
-        return spin_not_found("'%s' lacks its source's attributes: refine from its points, with "
-                              "--refine-start points",
+        return spin_not_found("'%s' does not contain the attributes of its source, which "
+                              "--refine-start source needs: use --refine-start points",
                               plan->o->input);
     SPIN_TRY(spin_alloc(n, sizeof *refinement->frame, (void **)&refinement->frame));
     SPIN_TRY(spin_alloc(n, sizeof *refinement->counts, (void **)&refinement->counts));
@@ -64,8 +64,7 @@ void spin_refinement_close(struct spin_refinement *refinement)
 
 /* ---- Frames refined before ------------------------------------------------------------------- */
 
-/* True if the input has this frame, refined under the same key, with all the columns that we need.
- */
+/* True if the input contains this frame, refined under the same key, with all required columns. */
 static bool input_has(struct spin_refinement *r, const struct spin_plan *plan, int f)
 {
     const struct spin_bundle *bundle = &plan->clip.bundle;
@@ -122,27 +121,27 @@ struct stage {
     struct spin_refinement *refinement;
     struct spin_plan *plan;
     struct spin_photos *photos;
-    struct spin_device *device; /* of the run */
+    struct spin_device *device; /* device of the run */
     struct spin_code_paths *code_paths;
     struct spin_step_log *step_log;
     int *todo, n_todo;        /* frames that this rank refines */
-    int *all, n_all;          /* those that all ranks refine */
+    int *all, n_all;          /* frames that all ranks refine */
     int first;                /* index in todo of the first frame in progress */
     int n_hands;              /* frames refined at a time */
-    struct spin_device *hand; /* [n_hands] */
-    pthread_mutex_t lock;     /* protects all that follows, and files, images, progress and log */
+    struct spin_device *hand; /* [n_hands] devices, one for each of these frames */
+    pthread_mutex_t lock;     /* protects all members below, and files, images, progress and log */
     struct spin_progress progress;
-    int64_t done;         /* iterations */
-    int64_t drawn, blind; /* iterations done; those of them in which no splat was visible */
+    int64_t done;         /* iterations that the progress shows as done */
+    int64_t drawn, blind; /* iterations done; iterations without a visible splat */
     double start_s;
-    spin_status status; /* of the first frame that failed */
+    spin_status status; /* result of the first frame that failed, else SPIN_OK */
     char why[512];
 };
 
 struct job {
     struct stage *stage;
     int frame;
-    struct spin_plan plan; /* of this frame alone */
+    struct spin_plan plan; /* plan of this frame alone */
     struct spin_sampler sampler;
     struct spin_trainer trainer;
     struct spin_checkpoint clock;
@@ -184,7 +183,7 @@ static spin_status load_start(struct job *job)
 }
 
 /* Loads the initial splats of the frame, and its images. */
-static spin_status load(struct job *job, struct spin_device *device)
+static spin_status load_job(struct job *job, struct spin_device *device)
 {
     struct stage *stage = job->stage;
     spin_status status;
@@ -199,7 +198,7 @@ out:
     return status;
 }
 
-static void show(const struct job *job)
+static void show_progress(const struct job *job)
 {
     struct stage *stage = job->stage;
 
@@ -211,7 +210,7 @@ static void show(const struct job *job)
 }
 
 /* Trains the cloud in place. Ends early if the frame loses all its splats. */
-static spin_status train(struct job *job, struct spin_device *device)
+static spin_status train_cloud(struct job *job, struct spin_device *device)
 {
     size_t n = job->cloud.n;
     struct spin_frame_size frame = {n, n, n, n};
@@ -229,7 +228,7 @@ static spin_status train(struct job *job, struct spin_device *device)
         SPIN_TRY(spin_loop_step(&loop, &job->sampler, &job->steps));
         if (t->iteration == 1)
             job->loss_first = job->steps.last.loss;
-        show(job);
+        show_progress(job);
     }
     SPIN_TRY(spin_refine_cloud_reserve(&job->cloud, t->frame[0].size.n));
     job->cloud.n = t->frame[0].size.n;
@@ -238,7 +237,7 @@ static spin_status train(struct job *job, struct spin_device *device)
     return SPIN_OK;
 }
 
-static spin_status keep(struct job *job)
+static spin_status store_frame(struct job *job)
 {
     struct stage *stage = job->stage;
     struct spin_plan *plan = stage->plan;
@@ -261,13 +260,13 @@ static spin_status keep(struct job *job)
     return SPIN_OK;
 }
 
-static spin_status refine(struct job *job, struct spin_device *device)
+static spin_status refine_frame(struct job *job, struct spin_device *device)
 {
-    SPIN_TRY(load(job, device));
+    SPIN_TRY(load_job(job, device));
     job->n_first = job->cloud.n;
     if (job->plan.n_train > 0 && job->cloud.n > 0)
-        SPIN_TRY(train(job, device));
-    return keep(job);
+        SPIN_TRY(train_cloud(job, device));
+    return store_frame(job);
 }
 
 static void refine_task(void *context, int task)
@@ -281,7 +280,7 @@ static void refine_task(void *context, int task)
     pthread_mutex_unlock(&stage->lock);
     if (status != SPIN_OK)
         return;
-    status = refine(&job, &stage->hand[spin_pool_worker()]);
+    status = refine_frame(&job, &stage->hand[spin_pool_worker()]);
     if (status != SPIN_OK) {
         pthread_mutex_lock(&stage->lock);
         if (stage->status == SPIN_OK) {
@@ -330,12 +329,13 @@ static spin_status list_todo(struct stage *stage)
             stage->todo[stage->n_todo++] = f;
         stage->all[stage->n_all++] = f;
     }
-    return spin_ranks_agree(
-        SPIN_OK); /* all ranks have looked before the first of these frames is stored */
+    /* No rank may store a frame before all ranks have looked for it. */
+    return spin_ranks_agree(SPIN_OK);
 }
 
-/* Waits for all ranks, looks up the frames that others refined, and sums the statistics of all. */
-static spin_status join(struct stage *stage)
+/* Waits for all ranks, looks up the frames that other ranks refined, and sums the statistics of all
+ * ranks. */
+static spin_status join_ranks(struct stage *stage)
 {
     struct work {
         int64_t drawn, blind;
@@ -368,9 +368,9 @@ static spin_status join(struct stage *stage)
     return spin_ranks_agree(status);
 }
 
-/* Opens a device for each of n frames refined at a time, or for fewer if threads or memory are
+/* Opens a device for each frame refined at a time: up to n, or fewer if threads or memory are
  * short. */
-static spin_status take_hands(struct stage *stage, int n, int n_threads)
+static spin_status open_devices(struct stage *stage, int n, int n_threads)
 {
     struct spin_plan *plan = stage->plan;
 
@@ -387,7 +387,7 @@ static spin_status take_hands(struct stage *stage, int n, int n_threads)
     return SPIN_OK;
 }
 
-static void drop_hands(struct stage *stage)
+static void close_devices(struct stage *stage)
 {
     for (int i = 0; i < stage->n_hands; i++)
         spin_device_close(&stage->hand[i]);
@@ -402,7 +402,7 @@ static spin_status run_tasks(struct stage *stage, int n, int n_threads)
     struct spin_pool *pool = NULL;
     spin_status status;
 
-    SPIN_TRY_OUT(take_hands(stage, n, n_threads));
+    SPIN_TRY_OUT(open_devices(stage, n, n_threads));
     if (stage->n_hands > 1)
         SPIN_TRY_OUT(spin_pool_create(stage->n_hands, &pool));
     spin_pool_run(pool, n, refine_task, stage);
@@ -413,13 +413,13 @@ static spin_status run_tasks(struct stage *stage, int n, int n_threads)
         status = spin_fail(stage->status, "%s", stage->why);
 out:
     spin_pool_free(pool);
-    drop_hands(stage);
+    close_devices(stage);
     return status;
 }
 
-/* Refines as many frames as there are threads, or a multiple, with one thread each; then the rest,
+/* First refines a multiple of n_threads frames, with one thread each; then the remaining frames,
  * which share the threads. */
-static spin_status run(struct stage *stage)
+static spin_status refine_all(struct stage *stage)
 {
     struct spin_pool *pool = NULL;
     int n_threads;
@@ -435,7 +435,8 @@ static spin_status run(struct stage *stage)
     return SPIN_OK;
 }
 
-static bool can_be_drawn(const struct stage *stage)
+/* True if all refined frames have all attributes. */
+static bool has_all_attributes(const struct stage *stage)
 {
     bool input = !(whole & ~stage->plan->clip.bundle.refined.columns);
 
@@ -463,14 +464,14 @@ static spin_status open_shown(struct stage *stage, struct spin_player *shown)
 }
 
 /* Measures the refined frames and writes previews. */
-static spin_status look(struct stage *stage)
+static spin_status measure_frames(struct stage *stage)
 {
     struct spin_plan *plan = stage->plan;
     struct spin_quality *q = &plan->report->refined;
     struct spin_player shown;
     spin_status status;
 
-    if (!can_be_drawn(stage))
+    if (!has_all_attributes(stage))
         return SPIN_OK;
     SPIN_TRY(open_shown(stage, &shown));
     status = spin_test_views_measure(plan, stage->photos, &shown, plan->counts,
@@ -480,16 +481,17 @@ static spin_status look(struct stage *stage)
     if (spin_rank() > 0)
         return SPIN_OK;
     if (q->valid)
-        spin_log(0, "refined: %.0f splats a frame, test PSNR %.3f dB, SSIM %.4f", plan->clip.n_mean,
-                 q->psnr, q->ssim);
+        spin_log(0, "refined: %.0f splats per frame, test PSNR %.3f dB, SSIM %.4f",
+                 plan->clip.n_mean, q->psnr, q->ssim);
     SPIN_TRY(open_shown(stage, &shown));
     status = spin_test_views_preview(plan, stage->photos, &shown, "refined");
     spin_player_close(&shown);
     return status;
 }
 
-/* Warns if some iterations showed no splat, since they taught nothing; fails if all of them did. */
-static spin_status judge_blind(const struct stage *stage)
+/* Warns if no splat was visible in some iterations, which then learned nothing; fails if this is
+ * true of all iterations of all frames. */
+static spin_status check_visibility(const struct stage *stage)
 {
     if (stage->blind == 0)
         return SPIN_OK;
@@ -497,13 +499,14 @@ static spin_status judge_blind(const struct stage *stage)
         return spin_malformed(
             "no splat is visible in any view of any frame: check that the cameras belong to these "
             "points");
-    spin_warn(
-        "no splat was visible in %lld of %lld iterations of refining: nothing was learned in them",
-        (long long)stage->blind, (long long)stage->drawn);
+    spin_warn("no splat was visible in %lld of %lld iterations of the refinement: these iterations "
+              "learned nothing",
+              (long long)stage->blind, (long long)stage->drawn);
     return SPIN_OK;
 }
 
-/* Plans again for the refined frames. Cached images stay; the budget for more of them changes. */
+/* Updates the plan for the refined frames, and with it the budget of the image cache. Cached images
+ * stay. */
 static spin_status recount(const struct stage *stage)
 {
     struct spin_image_cache *cache = &stage->photos->cache;
@@ -536,12 +539,12 @@ spin_status spin_refinement_run(struct spin_refinement *refinement, struct spin_
              spin_text_count(plan->o->refine, "iteration", count));
     spin_progress_begin(&stage.progress, "refining", "it", 0,
                         (long long)stage.n_todo * plan->o->refine);
-    status = run(&stage);
+    status = refine_all(&stage);
     spin_progress_end(&stage.progress);
     if (status == SPIN_OK)
-        status = join(&stage);
+        status = join_ranks(&stage);
     if (status == SPIN_OK)
-        status = judge_blind(&stage);
+        status = check_visibility(&stage);
     plan->report->refine_seconds = spin_now_s() - stage.start_s;
     plan->report->seconds_per_iteration =
         plan->report->refine_seconds / stage.n_all / plan->o->refine;
@@ -550,7 +553,7 @@ spin_status spin_refinement_run(struct spin_refinement *refinement, struct spin_
     if (status == SPIN_OK)
         status = recount(&stage);
     if (status == SPIN_OK)
-        status = look(&stage);
+        status = measure_frames(&stage);
 out:
     free(stage.todo);
     pthread_mutex_destroy(&stage.lock);

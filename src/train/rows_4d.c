@@ -7,21 +7,21 @@
 
 const double spin_rows_4d_least_weight = 0.01;
 
-/* How far a splat may be from its segment: in position, in units of the splat's own size; and in
- * log scale, rotation, first SH coefficient and opacity logit, in these units. Tuned on the clip
- * court. */
+/* Largest deviations of a splat from its segment, tuned on the clip court. Of the position, in
+ * units of the splat's size: */
 static const float place_tolerance = 0.5f;
+/* Of log scale, rotation, first SH coefficient and logit opacity: */
 static const struct {
     size_t first, width;
     float tolerance;
 } look[] = {{3, 3, 0.25f}, {7, 4, 0.2f}, {10, 3, 0.15f}, {13, 1, 1.0f}};
 enum { LOOKS = sizeof look / sizeof *look };
 
-/* Standard deviation of a segment's Gaussian window: the sum of these multiples of its duration and
- * of the interval between frames. Tuned on the clip court. */
+/* A segment's Gaussian window has a standard deviation of bell_of_span times the segment's duration
+ * plus bell_of_frame times the interval between frames. Tuned on the clip court. */
 static const double bell_of_span = 0.3, bell_of_frame = 0.25;
 
-enum { MOST_FRAMES = 8 }; /* of a segment that moves or changes */
+enum { MOST_FRAMES = 8 }; /* longest segment of a track that is not static, in frames */
 
 /* The growing segment of a track. */
 struct piece {
@@ -35,7 +35,7 @@ struct cut {
     struct spin_bundle_tracks tracks;
     struct piece *piece; /* [tracks] */
     float *time;         /* [frames] 0..1 */
-    uint32_t *number;    /* of the current frame's splats, and their values */
+    uint32_t *number;    /* tracks of the current frame's splats */
     float *means, *values;
 };
 
@@ -43,8 +43,8 @@ struct cut {
 
 /* Converts a segment to a row: the line that fits its positions best, and the mean of its other
  * values. */
-static void fit(const struct cut *c, const struct piece *p, float row[SPIN_TRACK],
-                float motion[SPIN_MOTION])
+static void fit_row(const struct cut *c, const struct piece *p, float row[SPIN_TRACK],
+                    float motion[SPIN_MOTION])
 {
     double mean[SPIN_TRACK] = {0}, middle = 0, square = 0, slope[3] = {0};
 
@@ -67,12 +67,13 @@ static void fit(const struct cut *c, const struct piece *p, float row[SPIN_TRACK
     motion[3] = (float)middle;
 }
 
-static bool fits(const struct cut *c, const struct piece *p)
+/* True if all splats of a segment are within the tolerances. */
+static bool fits_row(const struct cut *c, const struct piece *p)
 {
     float row[SPIN_TRACK], motion[SPIN_MOTION];
     double size;
 
-    fit(c, p, row, motion);
+    fit_row(c, p, row, motion);
     size = (double)place_tolerance * exp((double)(row[3] + row[4] + row[5]) / 3);
     for (int i = 0; i < p->n; i++) {
         float d = c->time[p->first + i] - motion[3];
@@ -114,7 +115,7 @@ static double move_to_end(const struct cut *c, const struct piece *p, float *row
     return 1.5 * span;
 }
 
-/* Adds the row of a finished segment. A segment of all frames does not fade. */
+/* Adds the row of a finished segment. A segment of all frames has a constant window. */
 static spin_status end_piece(struct cut *c, struct piece *p)
 {
     struct spin_rows_4d *rows = c->rows;
@@ -126,12 +127,12 @@ static spin_status end_piece(struct cut *c, struct piece *p)
     SPIN_TRY(reserve_row(rows));
     row = rows->values + SPIN_TRACK * rows->n;
     motion = rows->motion + SPIN_MOTION * rows->n;
-    if (p->n > MOST_FRAMES) { /* static: the first value is its only one */
+    if (p->n > MOST_FRAMES) { /* a static track: all frames have the same value */
         memcpy(row, p->value[0], sizeof p->value[0]);
         memset(motion, 0, SPIN_MOTION * sizeof *motion);
         motion[3] = (c->time[p->first] + c->time[p->first + p->n - 1]) / 2;
     } else {
-        fit(c, p, row, motion);
+        fit_row(c, p, row, motion);
     }
     span = p->n < rows->n_frames ? move_to_end(c, p, row, motion) : HUGE_VAL;
     motion[4] = (float)(1 / (bell_of_span * span + bell_of_frame * frame));
@@ -141,8 +142,8 @@ static spin_status end_piece(struct cut *c, struct piece *p)
     return SPIN_OK;
 }
 
-/* Adds a splat of frame f: the segment grows, or ends and another begins. still: the track has one
- * value. */
+/* Adds a splat of frame f to a track's segment, or ends the segment and begins another if the splat
+ * does not fit. still: the track is static and has one value. */
 static spin_status grow_piece(struct cut *c, struct piece *p, int f, bool still,
                               const float value[SPIN_TRACK])
 {
@@ -153,7 +154,7 @@ static spin_status grow_piece(struct cut *c, struct piece *p, int f, bool still,
     if (p->n < MOST_FRAMES)
         memcpy(p->value[p->n], value, sizeof p->value[0]);
     p->n++;
-    if (still || fits(c, p))
+    if (still || fits_row(c, p))
         return SPIN_OK;
     p->n--;
     SPIN_TRY(end_piece(c, p));
@@ -236,8 +237,8 @@ static spin_status check_input(const struct cut *c)
 
     if (!spin_bundle_is_trained_by_tracks(c->tracks.bundle))
         return spin_not_found(
-            "--method 4d needs a clip that was trained with --method tracks: train "
-            "this one so first, and give its output");
+            "--method 4d needs a clip that was trained with --method tracks: train this clip with "
+            "--method tracks first, and use that output as the input");
     for (int f = 1; f < plan->clip.n_frames; f++)
         if (spin_plan_info(plan, f)->time < spin_plan_info(plan, f - 1)->time)
             return spin_unsupported("frame %d follows frame %d but has an earlier time: --method "
@@ -343,7 +344,7 @@ spin_status spin_rows_4d_looks(struct spin_plan *plan)
     return SPIN_OK;
 }
 
-/* Rows become tracks, and the splats of a frame keep the order of its rows. */
+/* Rows become tracks. The splats of a frame have the order of its rows. */
 spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin_plan *plan,
                               struct spin_trainer *t, struct spin_frames *frames)
 {

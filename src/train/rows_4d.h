@@ -10,7 +10,7 @@ struct spin_rows_4d {
     size_t n, capacity;
     float *values;  /* [n][SPIN_TRACK] position, then a row of residual values (model/residual.h) */
     float *motion;  /* [n][SPIN_MOTION] in the unit of spin_field_time() */
-    size_t n_whole; /* those that cover all frames: their window is constant */
+    size_t n_whole; /* rows that cover all frames and have a constant window */
     int n_frames;
     uint32_t **of;  /* [frames][counts] the rows drawn in a frame, ascending */
     size_t *counts; /* [frames] */
@@ -19,16 +19,17 @@ struct spin_rows_4d {
 /* Rows are drawn in a frame if their Gaussian window is at least this. */
 extern const double spin_rows_4d_least_weight;
 
-/* Reads the clip of the plan's input; SPIN_E_NOT_FOUND if --method tracks did not train it. Sets
- * the numbers of splats in the plan. Zero it first; close it also after a failure. */
+/* Cuts the clip of the plan's input into rows, and sets the numbers of splats in the plan.
+ * SPIN_E_NOT_FOUND unless the clip was trained with --method tracks, SPIN_E_UNSUPPORTED if frames
+ * are not in the order of their times. Zero it first; close it also after a failure. */
 spin_status spin_rows_4d_cut(struct spin_rows_4d *rows, struct spin_plan *plan);
 void spin_rows_4d_close(struct spin_rows_4d *rows);
 /* Restores the gains and falloffs that the input was trained with, instead of measuring them. */
 spin_status spin_rows_4d_looks(struct spin_plan *plan);
-/* Uploads the rows and each frame's list of them, in place of spin_frames_load() for other methods.
- */
+/* Uploads the rows and the list of rows of each frame. Replaces spin_frames_load(). */
 spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin_plan *plan,
                               struct spin_trainer *trainer, struct spin_frames *frames);
-/* Downloads the current rows, rounded and settled. The caller frees *out, also after a failure. */
+/* Downloads the current rows, rounds them and passes them through spin_splats_4d_settle(). The
+ * caller frees *out, also after a failure. */
 spin_status spin_rows_4d_read(const struct spin_plan *plan, struct spin_trainer *trainer,
                               enum spin_round_4d round, struct spin_splats_4d *out);

@@ -1,4 +1,4 @@
-/* Chooses the views of each iteration and loads their images. */
+/* Shuffles views into epochs, and loads images that the store lacks. */
 #include "train/sampler.h"
 
 #include "base/base.h"
@@ -17,7 +17,10 @@ static void shuffle(const struct spin_sampler *s, uint64_t key, uint32_t *list, 
     }
 }
 
-static bool is_alone(const struct spin_plan *plan) { return plan->o->method == SPIN_METHOD_FRAMES; }
+static bool is_single_frame(const struct spin_plan *plan)
+{
+    return plan->o->method == SPIN_METHOD_FRAMES;
+}
 
 static spin_status find_image(struct spin_sampler *s, size_t view, uint32_t *image)
 {
@@ -89,7 +92,8 @@ spin_status spin_sampler_batch(struct spin_sampler *s, int64_t iteration)
         s->pairs[k] = pair;
     }
     for (size_t k = 0; k < batch; k++)
-        if (is_alone(plan) || spin_step_rank((int)k, (int)batch, spin_n_ranks()) == spin_rank())
+        if (is_single_frame(plan) ||
+            spin_step_rank((int)k, (int)batch, spin_n_ranks()) == spin_rank())
             SPIN_TRY(find_image(s, s->pairs[k]->view, &s->items[k].image));
     return SPIN_OK;
 }
@@ -99,7 +103,7 @@ static size_t images_kept(const struct spin_plan *plan)
 {
     size_t batch = (size_t)plan->o->batch, most;
 
-    if (is_alone(plan))
+    if (is_single_frame(plan))
         return plan->n_train;
     if (plan->device->is_host)
         return batch;
@@ -117,13 +121,13 @@ spin_status spin_sampler_open(struct spin_sampler *s, const struct spin_plan *pl
     s->photos = photos;
     s->epoch = -1;
     s->seed = plan->o->seed;
-    if (is_alone(plan))
+    if (is_single_frame(plan))
         s->seed = spin_rng_u64(s->seed, STREAM_FRAME, (uint64_t)spin_plan_info(plan, 0)->number);
     SPIN_TRY(spin_alloc(3 * plan->n_train, sizeof *s->sequence, (void **)&s->sequence));
     SPIN_TRY(spin_photos_open_store(plan, plan->device, images_kept(plan), &s->images));
     SPIN_TRY(spin_alloc(batch, sizeof *s->items, (void **)&s->items));
     SPIN_TRY(spin_alloc(batch, sizeof *s->pairs, (void **)&s->pairs));
-    for (size_t i = 0; is_alone(plan) && i < plan->n_train; i++) {
+    for (size_t i = 0; is_single_frame(plan) && i < plan->n_train; i++) {
         uint32_t image;
 
         SPIN_TRY(find_image(s, plan->train[i].view, &image));

@@ -1,4 +1,4 @@
-/* Which views an iteration trains on, and their images. */
+/* Chooses the views of each iteration and loads their images. */
 #pragma once
 
 #include "train/photos.h"
@@ -9,11 +9,11 @@ struct spin_sampler {
     struct spin_photos *photos;
     /* [n_train] pairs in the order of this epoch, then [2 n_train] scratch. */
     uint32_t *sequence;
-    int64_t epoch; /* of the sequence; -1: none yet */
+    int64_t epoch; /* epoch of the sequence; -1: none yet */
     uint64_t seed;
-    struct spin_image_store images; /* by view: as many as fit, at least a batch */
-    struct spin_train_item *items;  /* [batch] of this iteration */
-    const struct spin_pair **pairs; /* [batch] the same, as frame and view */
+    struct spin_image_store images; /* found by view; as many as fit, at least a batch */
+    struct spin_train_item *items;  /* [batch] views of this iteration */
+    const struct spin_pair **pairs; /* [batch] their frames and views */
 };
 
 /* Opens a sampler for the plan's device. For a single frame it loads all images now, since

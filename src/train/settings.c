@@ -1,4 +1,4 @@
-/* Settings as JSON: options, and what the plan adds. */
+/* Settings as JSON: options, and values from the plan. */
 #include "train/settings.h"
 
 #include "train/options.h"

@@ -5,7 +5,8 @@
 #include "io/json.h"
 #include "train/plan.h"
 
-/* For refining a frame. */
+/* Settings for refining a frame. */
 spin_json *spin_settings_refine(const struct spin_plan *plan);
-/* For training the clip. init_log_scale: the initial log scale of splats; NaN: not known yet. */
+/* Settings for training the clip. init_log_scale: the initial log scale of splats, NaN if not known
+ * yet. */
 spin_json *spin_settings_network(const struct spin_plan *plan, double init_log_scale);

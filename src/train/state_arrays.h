@@ -9,21 +9,21 @@ struct spin_state_array {
     char name[48];
     enum {
         SPIN_STATE_VALUES,
-        SPIN_STATE_STEPS, /* of lazy Adam */
+        SPIN_STATE_STEPS, /* last steps of lazy Adam */
         SPIN_STATE_GRADIENT,
-        /* This and the gradient are partial sums: in a checkpoint rank 0 has it all,
-         * and the others have zeros. */
+        /* SEEN and GRADIENT are each rank's part of a sum. In a checkpoint rank 0 has the whole sum
+         * and the other ranks have zeros. */
         SPIN_STATE_SEEN,
         SPIN_STATE_TRACK, /* tracks of a frame's splats */
-        SPIN_STATE_PLACE  /* their places in the output */
+        SPIN_STATE_PLACE  /* rows of a frame's splats in the output */
     } kind;
     float SPIN_DEV *at;
-    uint32_t *host; /* if not NULL, the array is there and not at `at` */
+    uint32_t *host; /* not NULL: the array is in this host memory and not at `at` */
     size_t n;
     int frame;
 };
 
-/* *out [*n], which the caller frees. permutation [frames][splats]: places in the output; NULL: not
+/* *out [*n], which the caller frees. permutation [frames][splats]: rows in the output; NULL: not
  * needed. */
 spin_status spin_state_arrays(struct spin_trainer *t, uint32_t **permutation,
                               struct spin_state_array **out, size_t *n);

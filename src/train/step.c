@@ -1,7 +1,7 @@
-/* One iteration. It is processed in groups of as many frames and views as the device takes at once.
- * Gradients of what frames share accumulate over all groups. Adam updates a frame's own values when
- * its group is done or, with several ranks, after the all-reduce: each rank draws its part of the
- * items. */
+/* One iteration, processed in groups of as many frames and views as the device handles at once.
+ * Gradients of shared parameters accumulate over all groups. Adam updates the values that a frame
+ * owns when its group is done or, with several ranks, after the all-reduce, since each rank renders
+ * only its part of the items. */
 #include "train/step.h"
 
 #include "model/residual.h"
@@ -22,8 +22,8 @@ static int rank_of(const struct spin_trainer *t, const struct batch *b, int item
 /* ---- Drawing --------------------------------------------------------------------------------- */
 
 /* Writes the losses of the raster's images to rows of t->values, with the layout of
- * spin_device_ops.loss. Leaves the gradient with respect to the images before exposure in the
- * raster, times each view's weight, and accumulates the gradient of the exposure. */
+ * spin_device_ops.loss. Stores in the raster the gradient with respect to the images before
+ * exposure, times each view's weight, and accumulates the gradient of the exposure. */
 static void add_loss(struct spin_trainer *t, const struct spin_images *images,
                      const struct spin_view_batch *views)
 {
@@ -72,8 +72,7 @@ static void add_item(struct spin_trainer *t, const struct batch *b, int item, in
     t->drawn[t->n_drawn++] = item;
 }
 
-/* Draws all views of the frames that belong to this rank. first[f]: the first item that shows frame
- * f of the batch. */
+/* Draws this rank's views of the frames. first[f]: the first item that shows frame f. */
 static spin_status draw_frames(struct spin_trainer *t, const struct batch *b, const int *first,
                                struct spin_frame_batch *frames)
 {
@@ -81,7 +80,7 @@ static spin_status draw_frames(struct spin_trainer *t, const struct batch *b, co
 
     for (int f = 0; f < frames->n_frames; f++) {
         struct spin_frame_of_batch *frame = &frames->frame[f];
-        float share = 0; /* of the batch's images */
+        float share = 0; /* share of the batch's images that show the frame */
 
         for (int i = first[f]; i < b->n; i++) {
             if (b->items[i].frame != b->items[first[f]].frame || rank_of(t, b, i) != t->rank)
@@ -102,8 +101,8 @@ static void add_frame(const struct spin_trainer *t, int number, struct spin_fram
     struct spin_frame_of_batch *to = &frames->frame[frames->n_frames++];
     const struct spin_train_frame *frame = &t->frame[number];
     bool residual = frame->residual && t->rates.residual[SPIN_HEAD_SCALE] > 0;
-    bool sh =
-        frame->sh && spin_trainer_sh_degree(t) > 0; /* before, SH is zero and has no gradient */
+    /* At SH degree 0 the higher coefficients are zero and have no gradient. */
+    bool sh = frame->sh && spin_trainer_sh_degree(t) > 0;
 
     *to = (struct spin_frame_of_batch){
         .first = frames->n,
@@ -151,9 +150,9 @@ struct spin_frame_batch spin_trainer_frame(struct spin_trainer *t, int frame)
     return frames;
 }
 
-/* ---- Frames' own values ---------------------------------------------------------------------- */
+/* ---- Values that frames own ------------------------------------------------------------------ */
 
-/* Adam step of the frames' own values: positions and residual values, each group with its rate. */
+/* Adam step of the values that frames own: positions, residual values and SH. */
 static void step_frames(struct spin_trainer *t, const struct batch *b, const int *first,
                         const struct spin_frame_batch *frames)
 {
@@ -176,10 +175,10 @@ static void step_frames(struct spin_trainer *t, const struct batch *b, const int
     t->device->op->adam(t->device, n_groups, group);
 }
 
-/* Copies the gradients of a frame's own values to t->own_grad (put), where ranks sum them, or back.
- * Returns the number of floats. */
-static size_t move_own(struct spin_trainer *t, const struct spin_frame_of_batch *frame,
-                       const struct spin_frame_size *size, float SPIN_DEV *at, bool put)
+/* Copies the gradients of the values that a frame owns to `at` in t->own_grad, which ranks sum
+ * (put), or back. Returns the number of floats. */
+static size_t copy_own_gradients(struct spin_trainer *t, const struct spin_frame_of_batch *frame,
+                                 const struct spin_frame_size *size, float SPIN_DEV *at, bool put)
 {
     float SPIN_DEV *from[2 + SPIN_HEADS] = {[0] = frame->d_means, [1 + SPIN_HEADS] = frame->d_sh};
     size_t n[2 + SPIN_HEADS] = {[0] = 3 * size->n_pos,
@@ -208,7 +207,7 @@ static bool seen_before(const struct spin_trainer *t, const struct batch *b, int
 
 /* True if an item is the first of its frame among those of a rank, or with rank -1 among all. False
  * for frames without a splat. */
-static bool begins(const struct spin_trainer *t, const struct batch *b, int i, int rank)
+static bool is_first_of_frame(const struct spin_trainer *t, const struct batch *b, int i, int rank)
 {
     return (rank < 0 || rank_of(t, b, i) == rank) && !seen_before(t, b, i, rank) &&
            t->frame[b->items[i].frame].size.n > 0;
@@ -221,17 +220,17 @@ static size_t own_floats(const struct spin_trainer *t, const struct spin_frame_s
 }
 
 /* Start of the gradients of an item's frame in t->own_grad: after those of earlier frames. */
-static float SPIN_DEV *place_of(const struct spin_trainer *t, const struct batch *b, int item)
+static float SPIN_DEV *own_grad_of(const struct spin_trainer *t, const struct batch *b, int item)
 {
     float SPIN_DEV *at = t->own_grad;
 
     for (int i = 0; i < b->n && b->items[i].frame != b->items[item].frame; i++)
-        if (begins(t, b, i, -1))
+        if (is_first_of_frame(t, b, i, -1))
             at += own_floats(t, &t->frame[b->items[i].frame].size);
     return at;
 }
 
-/* All-reduces the gradients, then updates the frames' own values. */
+/* All-reduces the gradients, then updates the values that frames own. */
 static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
 {
     const struct spin_param *param[] = {&t->table, &t->heads, &t->tracks, &t->exposures.param};
@@ -244,7 +243,7 @@ static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
         if (param[k]->n > 0 && (k > 1 || spin_trainer_network(t)))
             sum[n++] = (struct spin_device_sum){param[k]->g, param[k]->n, false};
     for (int i = 0; i < b->n; i++)
-        if (begins(t, b, i, -1))
+        if (is_first_of_frame(t, b, i, -1))
             own += own_floats(t, &t->frame[b->items[i].frame].size);
     if (own > 0)
         sum[n++] = (struct spin_device_sum){t->own_grad, own, false};
@@ -252,10 +251,11 @@ static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
     for (int i = 0; i < b->n; i++) {
         struct spin_frame_batch frames = {0};
 
-        if (!begins(t, b, i, -1))
+        if (!is_first_of_frame(t, b, i, -1))
             continue;
         add_frame(t, b->items[i].frame, &frames);
-        move_own(t, &frames.frame[0], &t->frame[b->items[i].frame].size, place_of(t, b, i), false);
+        copy_own_gradients(t, &frames.frame[0], &t->frame[b->items[i].frame].size,
+                           own_grad_of(t, b, i), false);
         step_frames(t, b, &i, &frames);
     }
     t->device->op->zero(t->device, t->own_grad, own * sizeof(float));
@@ -264,8 +264,10 @@ static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
 
 /* ---- The iteration --------------------------------------------------------------------------- */
 
-/* Processes the frames of these items. Their views may be anywhere in the batch. */
-static spin_status do_frames(struct spin_trainer *t, const struct batch *b, const int *first, int n)
+/* Processes the frames of the n items in `first`. Other views of these frames may be anywhere in
+ * the batch. */
+static spin_status process_frames(struct spin_trainer *t, const struct batch *b, const int *first,
+                                  int n)
 {
     const struct spin_field *network = spin_trainer_network(t);
     struct spin_tracks_f32 tracks = {t->n_tracks, t->tracks.p, t->tracks.g, t->motion};
@@ -279,8 +281,8 @@ static spin_status do_frames(struct spin_trainer *t, const struct batch *b, cons
     spin_field_forward(&t->field_eval, network, t->table.p, t->heads.p, &frames);
     d->op->zero(d, t->field_eval.d_attr, frames.n * spin_attr_width(&frames) * sizeof(float));
     d->op->zero(d, t->d_pos, frames.n * 3 * sizeof(float));
-    if (t->n_tracks > 0 ||
-        (t->n_ranks > 1 && t->residuals)) /* without an Adam step nothing else zeroes these */
+    /* Adam clears the gradients that it uses, but here it uses only a part of them, or a copy. */
+    if (t->n_tracks > 0 || (t->n_ranks > 1 && t->residuals))
         d->op->zero(d, t->d_residual, frames.n * SPIN_RESIDUAL * sizeof(float));
     if (t->n_ranks > 1 && t->sh_width > 0)
         d->op->zero(d, t->d_sh, frames.n * t->sh_width * sizeof(float));
@@ -294,29 +296,30 @@ static spin_status do_frames(struct spin_trainer *t, const struct batch *b, cons
     if (t->n_ranks == 1)
         step_frames(t, b, first, &frames);
     for (int f = 0; t->n_ranks > 1 && f < n; f++)
-        move_own(t, &frames.frame[f], &t->frame[b->items[first[f]].frame].size,
-                 place_of(t, b, first[f]), true);
+        copy_own_gradients(t, &frames.frame[f], &t->frame[b->items[first[f]].frame].size,
+                           own_grad_of(t, b, first[f]), true);
     return SPIN_OK;
 }
 
 /* Processes frames in groups, in the order in which items of this rank first show them. */
-static spin_status do_groups(struct spin_trainer *t, const struct batch *b)
+static spin_status process_groups(struct spin_trainer *t, const struct batch *b)
 {
     int at_once = spin_trainer_frames_at_once(t), first[SPIN_MAX_FRAMES], n = 0;
 
     for (int i = 0; i < b->n; i++) {
-        if (!begins(t, b, i, t->rank))
+        if (!is_first_of_frame(t, b, i, t->rank))
             continue;
         first[n++] = i;
         if (n == at_once || n == SPIN_MAX_FRAMES) {
-            SPIN_TRY(do_frames(t, b, first, n));
+            SPIN_TRY(process_frames(t, b, first, n));
             n = 0;
         }
     }
-    return n > 0 ? do_frames(t, b, first, n) : SPIN_OK;
+    return n > 0 ? process_frames(t, b, first, n) : SPIN_OK;
 }
 
-/* Groups of the network. With lazy Adam the table is updated immediately. */
+/* Sets the groups of the network and returns their number. With lazy Adam the table is updated
+ * immediately. */
 static int step_network(struct spin_trainer *t, struct spin_param_group *group)
 {
     const size_t *offset = t->field.heads.offset;
@@ -335,8 +338,8 @@ static int step_network(struct spin_trainer *t, struct spin_param_group *group)
     return n;
 }
 
-/* Group of the tracks' values [first, end). With rate 0 they do not change, and their gradient is
- * cleared. */
+/* Sets the group of the tracks' values [first, end) and returns 1. With rate 0 returns 0 and clears
+ * the gradient, so that the values do not change. */
 static int step_part(const struct spin_trainer *t, size_t first, size_t end, double rate,
                      struct spin_param_group *group)
 {
@@ -347,9 +350,10 @@ static int step_part(const struct spin_trainer *t, size_t first, size_t end, dou
     return rate > 0;
 }
 
-/* Groups of the tracks' values from `first` on, `width` for each track; those of the last `frozen`
- * tracks do not change. lr0: the initial rate, or 0; dynamic tracks have `share` of it, and learn
- * in all iterations as frames do, since fewer images show them than static tracks. */
+/* Sets the groups of `width` values per track, starting at `first`, and returns their number. The
+ * values of the last `frozen` tracks do not change. lr0: the initial rate, or 0. Dynamic tracks
+ * have `share` times this rate and learn in all iterations, as frames do, since fewer images show
+ * them than static tracks. */
 static int step_values(const struct spin_trainer *t, size_t first, size_t width, double lr0,
                        double share, size_t frozen, struct spin_param_group *group)
 {
@@ -383,7 +387,7 @@ static int step_tracks(const struct spin_trainer *t, struct spin_param_group *gr
     return n;
 }
 
-/* Adam step of what all frames share. */
+/* Adam step of the parameters that all frames share. */
 static void step_shared(struct spin_trainer *t)
 {
     struct spin_device *d = t->device;
@@ -444,7 +448,7 @@ spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_images *
     spin_trainer_catch_up(t, spin_trainer_network_steps(t));
     t->iteration++;
     t->field_eval.still = t->rates.position == 0 && t->rates.displacement == 0;
-    SPIN_TRY(do_groups(t, &b));
+    SPIN_TRY(process_groups(t, &b));
     SPIN_TRY(sum_gradients(t, &b));
     step_shared(t);
     return read_values(t, n, values);

@@ -1,4 +1,4 @@
-/* Writes lines to the log, and stops when that fails. */
+/* Writes the log. A write error ends the log, but not the training. */
 #include "train/step_log.h"
 
 #include <fcntl.h>
@@ -7,8 +7,8 @@
 #include "base/base.h"
 #include "io/file.h"
 
-/* A character device, such as a terminal, loses nothing when it is written to. A FIFO is excluded,
- * since it could block the training. */
+/* True for a character device, such as a terminal, which may be written to without --force.
+ * Excludes FIFOs, since they could block the training. */
 static bool is_device(const char *path)
 {
     struct stat st;
@@ -16,7 +16,7 @@ static bool is_device(const char *path)
     return stat(path, &st) == 0 && S_ISCHR(st.st_mode);
 }
 
-/* True if the file is empty or begins with a line of log_step() or look() in loop.c. */
+/* True if the file is empty or begins with a line of log_step() or evaluate_clip() in loop.c. */
 static bool is_log(const char *path)
 {
     static const char *const begin[] = {"{\"iteration\":", "{\"refine\":"};
@@ -57,7 +57,7 @@ spin_status spin_step_log_open(struct spin_step_log *log, const char *path, bool
     return SPIN_E_IO;
 }
 
-static void check(struct spin_step_log *log, bool flush)
+static void check_write(struct spin_step_log *log, bool flush)
 {
     if (!ferror(log->file) && (!flush || fflush(log->file) == 0))
         return;
@@ -81,14 +81,14 @@ FILE *spin_step_log_begin(struct spin_step_log *log)
 
 void spin_step_log_end(struct spin_step_log *log, bool flush)
 {
-    check(log, flush);
+    check_write(log, flush);
     pthread_mutex_unlock(&log->lock);
 }
 
 void spin_step_log_close(struct spin_step_log *log)
 {
     if (log->file)
-        check(log, true);
+        check_write(log, true);
     if (log->file && fclose(log->file) != 0)
         snprintf(log->error, sizeof log->error, "%s", strerror(errno));
     log->file = NULL;

@@ -1,4 +1,4 @@
-/* The log of a training (--log): a JSON object a line. */
+/* The log of a training (--log): one JSON object per line. */
 #pragma once
 
 #include <pthread.h>
@@ -12,15 +12,15 @@ struct spin_step_log {
     pthread_mutex_t lock;
 };
 
-/* path NULL: no log. append: to an existing log, as a resume does. Other files are replaced only
- * with force, and inputs never. */
+/* Opens the log. path NULL: no log. append: continue an existing log, as a resume does. Other
+ * existing files are replaced only with force, inputs never. */
 spin_status spin_step_log_open(struct spin_step_log *log, const char *path, bool append,
                                bool force);
-/* Locks the log for a line of this thread, until spin_step_log_end(). NULL: no log, and nothing is
- * locked. */
+/* Locks the log for this thread, which writes one line and calls spin_step_log_end(). Returns NULL,
+ * without locking, if there is no log. */
 FILE *spin_step_log_begin(struct spin_step_log *log);
-/* Call it after the line; flush: writes it out now. If writing fails the log ends with a warning,
- * and the training goes on. */
+/* Unlocks the log. flush: write the line to the file now. A write error ends the log with a
+ * warning, and the training continues. */
 void spin_step_log_end(struct spin_step_log *log, bool flush);
-/* log->error says why lines are missing; empty: none are. */
+/* Closes the log. Afterwards log->error contains the first write error, or is empty. */
 void spin_step_log_close(struct spin_step_log *log);

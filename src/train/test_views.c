@@ -49,7 +49,7 @@ spin_status spin_test_views_measure_input(struct spin_plan *plan, struct spin_ph
                                    trained ? "evaluating the clip" : "evaluating the source", out);
 }
 
-/* One image of the preview. source may be NULL. */
+/* Writes one PNG of the preview; source NULL: without the source. */
 static spin_status preview_view(struct spin_plan *plan, struct spin_photos *photos,
                                 struct spin_player *shown, struct spin_player *source,
                                 const struct spin_pair *pair, const char *label)
@@ -78,8 +78,8 @@ static spin_status preview_view(struct spin_plan *plan, struct spin_photos *phot
     return spin_write_beside(path, view->camera.width, view->camera.height, picture, n);
 }
 
-static spin_status preview(struct spin_plan *plan, struct spin_photos *photos,
-                           struct spin_player *shown, const char *label)
+static spin_status write_previews(struct spin_plan *plan, struct spin_photos *photos,
+                                  struct spin_player *shown, const char *label)
 {
     SPIN_LEAVES(spin_player_close) struct spin_player source = {0};
     bool with_source = spin_plan_has_source(plan);
@@ -100,5 +100,5 @@ static spin_status preview(struct spin_plan *plan, struct spin_photos *photos,
 spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_photos *photos,
                                     struct spin_player *shown, const char *label)
 {
-    return spin_plan_beside(plan, preview(plan, photos, shown, label));
+    return spin_plan_beside(plan, write_previews(plan, photos, shown, label));
 }

@@ -4,7 +4,7 @@
 #include "eval/metrics.h"
 #include "train/photos.h"
 
-/* Measures what a player shows. live_counts: see metrics.h. */
+/* Measures the test views, rendered by a player. live_counts: see metrics.h. */
 spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_photos *photos,
                                     struct spin_player *shown, const size_t *live_counts,
                                     const char *what, struct spin_quality *out);
@@ -12,7 +12,8 @@ spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_ph
  * bundle has all its attributes; otherwise *out is not valid. */
 spin_status spin_test_views_measure_input(struct spin_plan *plan, struct spin_photos *photos,
                                           struct spin_device *device, struct spin_quality *out);
-/* Writes one PNG for each test camera of the clip's middle frame: image | source | shown. `label`
- * ends the file names. Does nothing without --preview. Failures: see spin_plan_beside(). */
+/* Writes one PNG for each test camera of the clip's middle frame: captured image, source if it has
+ * all attributes, and `shown`, side by side. `label` ends the file names. Does nothing without
+ * --preview. Failures: see spin_plan_beside(). */
 spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_photos *photos,
                                     struct spin_player *shown, const char *label);

@@ -6,23 +6,24 @@
 #include "train/chains.h"
 #include "train/morton.h"
 
-/* In units of the camera extent: a deviation that no image shows, and the largest one that counts
- * as noise. */
+/* Standard deviations of a position in units of the camera extent: up to UNSEEN they are invisible
+ * in images, and up to NOISE they may be noise. */
 static const double UNSEEN = 1e-4, NOISE = 1e-2;
 enum { NOISE_FRAMES = 8 }; /* fewer do not distinguish noise from motion */
 
-/* A position that splats of some frames share, or that a track starts from. */
+/* A candidate for a track: a position that splats of several frames share, or the first position of
+ * a track by identity or matching. */
 struct place {
     float at[3];
     uint32_t n_frames;
     int last_frame;
-    bool moves; /* dynamic: built by matching; or by identity, and see stands_still() */
+    bool moves; /* dynamic: built by matching, or a row that is not static */
 };
 
 /* Motion of a track by identity, relative to its first position. */
 struct motion {
     float last[3];
-    double sum[3], square, step; /* sums: of offsets, of their squares, of squared steps */
+    double sum[3], square, step; /* sums of offsets, squared offsets, squared steps */
 };
 
 struct places {
@@ -30,7 +31,7 @@ struct places {
     size_t n, room;
     uint32_t *slot; /* [n_slots] hash table of positions, by their bits; UINT32_MAX: empty */
     size_t n_slots;
-    struct motion *motion; /* [n] only with tracks by identity */
+    struct motion *motion; /* [n] motion of each row; NULL unless rows keep their identity */
 };
 
 static uint32_t hash_of(const float at[3])
@@ -53,7 +54,7 @@ static void close_places(struct places *p)
     memset(p, 0, sizeof *p);
 }
 
-/* The slot with these coordinates, or the empty slot for them. */
+/* The slot that contains this position, or the empty slot in which to store it. */
 static size_t slot_of(const struct places *p, const float at[3])
 {
     size_t k = hash_of(at) & (p->n_slots - 1);
@@ -124,11 +125,10 @@ static spin_status add_rows(struct places *p, int frame, const struct spin_splat
     return SPIN_OK;
 }
 
-/* A track that only jitters is static: its variance is too small to be visible, or it changes from
- * frame to frame as much as noise does. The mean square of the differences of white noise is twice
- * its variance (von Neumann's ratio), that of a motion much less. Sources have such noise in static
- * regions. */
-static bool stands_still(const struct motion *m, int n_frames, double extent)
+/* True for a track that only jitters: its variance is too small to be visible, or it looks like
+ * noise, which sources have in static regions. The mean squared difference between frames is twice
+ * the variance for white noise (von Neumann's ratio), and much less for motion. */
+static bool is_static(const struct motion *m, int n_frames, double extent)
 {
     double n = n_frames, variance = m->square / n;
 
@@ -140,19 +140,20 @@ static bool stands_still(const struct motion *m, int n_frames, double extent)
            variance <= pow(NOISE * extent, 2);
 }
 
-/* A static track has its mean position. */
-static void settle(struct places *p, int n_frames, double extent)
+/* Decides which rows are static, and gives these their mean position. */
+static void classify_rows(struct places *p, int n_frames, double extent)
 {
     for (size_t i = 0; p->motion && i < p->n; i++) {
         const struct motion *m = &p->motion[i];
 
-        p->place[i].moves = !stands_still(m, n_frames, extent);
+        p->place[i].moves = !is_static(m, n_frames, extent);
         for (int c = 0; c < 3 && !p->place[i].moves; c++)
             p->place[i].at[c] = (float)(p->place[i].at[c] + m->sum[c] / n_frames);
     }
 }
 
-/* A second splat of the same frame at the same place has no track. */
+/* For other sources: splats at the same position are the same Gaussian. A second splat of a frame
+ * at the same position has no track. */
 static spin_status add_places(struct places *p, int frame, const struct spin_splats *s,
                               uint32_t *of)
 {
@@ -179,8 +180,8 @@ static bool rows_keep_identity(const struct spin_plan *plan)
     return plan->clip.bundle.meta.identity;
 }
 
-static spin_status look_at_frames(struct spin_tracks *tracks, struct spin_plan *plan,
-                                  struct places *places)
+static spin_status read_frames(struct spin_tracks *tracks, struct spin_plan *plan,
+                               struct places *places)
 {
     SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
 
@@ -201,8 +202,8 @@ static bool is_track(const struct spin_tracks *tracks, const struct place *place
     return place->moves || tracks->identity || 2 * place->n_frames > (uint32_t)tracks->n_frames;
 }
 
-/* A splat whose position is occupied in at most half of the frames is matched instead. Each track
- * built by matching becomes a dynamic place. */
+/* Matches the splats whose position occurs in at most half of the frames. Each track built by
+ * matching becomes a dynamic place. */
 static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan, struct places *p)
 {
     SPIN_LEAVES(spin_chains_close) struct spin_chains chains = {0};
@@ -224,7 +225,7 @@ static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan
 
 /* ---- Numbering ------------------------------------------------------------------------------- */
 
-/* order [*n] = the places of p that are tracks, along a space-filling curve. */
+/* order [*n] = indices of the places that are tracks, along a space-filling curve. */
 static spin_status order_places(const struct spin_tracks *tracks, const struct places *p,
                                 uint32_t *order, size_t *n)
 {
@@ -242,7 +243,7 @@ static spin_status order_places(const struct spin_tracks *tracks, const struct p
 }
 
 /* Numbers the tracks: first dynamic ones, then varying ones, then the others. number [places] = the
- * track, or SPIN_NO_TRACK. order [tracks]: places. */
+ * track, or SPIN_NO_TRACK. order [tracks]: see order_places(). */
 static spin_status number_tracks(struct spin_tracks *tracks, const struct places *p,
                                  const uint32_t *order, const uint8_t *varies, uint32_t *number)
 {
@@ -267,11 +268,10 @@ static spin_status number_tracks(struct spin_tracks *tracks, const struct places
     return SPIN_OK;
 }
 
-/* Finds the tracks whose appearance varies over time. The results for dynamic tracks are not used.
- */
-static spin_status look_at_places(const struct spin_tracks *tracks, const struct spin_plan *plan,
-                                  struct spin_photos *photos, const struct places *p,
-                                  const uint32_t *order, uint8_t *varies)
+/* Finds the tracks whose appearance varies over time. Results for dynamic tracks are not used. */
+static spin_status find_varying(const struct spin_tracks *tracks, const struct spin_plan *plan,
+                                struct spin_photos *photos, const struct places *p,
+                                const uint32_t *order, uint8_t *varies)
 {
     SPIN_FREED float *at = NULL;
 
@@ -292,8 +292,8 @@ spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan,
     tracks->identity = rows_keep_identity(plan);
     SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *tracks->of, (void **)&tracks->of));
     tracks->n_frames = plan->clip.n_frames;
-    SPIN_TRY(look_at_frames(tracks, plan, &places));
-    settle(&places, tracks->n_frames, plan->extent);
+    SPIN_TRY(read_frames(tracks, plan, &places));
+    classify_rows(&places, tracks->n_frames, plan->extent);
     if (!tracks->identity)
         SPIN_TRY(add_chains(tracks, plan, &places));
     SPIN_TRY(spin_alloc(places.n + 1, 2 * sizeof *number + 1, (void **)&number));
@@ -302,7 +302,7 @@ spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan,
     memset(varies, 0, places.n);
     SPIN_TRY(order_places(tracks, &places, order, &tracks->n));
     if (photos)
-        SPIN_TRY(look_at_places(tracks, plan, photos, &places, order, varies));
+        SPIN_TRY(find_varying(tracks, plan, photos, &places, order, varies));
     SPIN_TRY(number_tracks(tracks, &places, order, varies, number));
     for (int f = 0; f < tracks->n_frames; f++)
         for (size_t i = 0; i < plan->counts[f]; i++)

@@ -1,12 +1,11 @@
-/* Memory of a frame's parameters, their transfer to and from the host, and their groups for Adam.
- */
+/* A frame's parameters: memory, transfer to and from the host, and groups for Adam. */
 #include "train/train_frame.h"
 
 #include "base/base.h"
 #include "model/residual.h"
 
 /* *out stays NULL for 0 floats. */
-static spin_status reserve(struct spin_device *d, size_t floats, float SPIN_DEV **out)
+static spin_status reserve_floats(struct spin_device *d, size_t floats, float SPIN_DEV **out)
 {
     return floats == 0 ? SPIN_OK : d->op->reserve(d, floats * sizeof(float), (void SPIN_DEV **)out);
 }
@@ -18,7 +17,7 @@ static spin_status reserve_turns(struct spin_train_frame *f, struct spin_device 
 
     if (n == f->size.n_free || n > f->size.n_residual)
         return SPIN_OK;
-    SPIN_TRY(reserve(d, 4 * n, &f->turn));
+    SPIN_TRY(reserve_floats(d, 4 * n, &f->turn));
     SPIN_TRY(spin_alloc(4 * n, sizeof *identity, (void **)&identity));
     for (size_t i = 0; i < n; i++)
         identity[4 * i] = 1;
@@ -37,15 +36,15 @@ spin_status spin_train_frame_open(struct spin_train_frame *f, struct spin_device
     f->size = size;
     f->sh_width = sh_width;
     for (int i = 0; i < 3; i++) {
-        SPIN_TRY(reserve(d, size.n_pos * 3, pos[i]));
-        SPIN_TRY(reserve(d, size.n_residual * SPIN_RESIDUAL, residual[i]));
-        SPIN_TRY(reserve(d, size.n * sh_width, sh[i]));
+        SPIN_TRY(reserve_floats(d, size.n_pos * 3, pos[i]));
+        SPIN_TRY(reserve_floats(d, size.n_residual * SPIN_RESIDUAL, residual[i]));
+        SPIN_TRY(reserve_floats(d, size.n * sh_width, sh[i]));
     }
     if (!tracked)
         return SPIN_OK;
-    SPIN_TRY(reserve(d, size.n, (float SPIN_DEV **)&f->track));
-    SPIN_TRY(reserve(d, size.n, &f->gradient));
-    SPIN_TRY(reserve(d, size.n, (float SPIN_DEV **)&f->seen));
+    SPIN_TRY(reserve_floats(d, size.n, (float SPIN_DEV **)&f->track));
+    SPIN_TRY(reserve_floats(d, size.n, &f->gradient));
+    SPIN_TRY(reserve_floats(d, size.n, (float SPIN_DEV **)&f->seen));
     return reserve_turns(f, d);
 }
 
@@ -140,7 +139,7 @@ spin_status spin_train_frame_download(const struct spin_train_frame *frame, stru
 }
 
 /* Splits n rows into up to two groups: the first n_free have the rate all.lr, the others `tracked`
- * times that. */
+ * times that rate. */
 static int split_group(struct spin_param_group all, size_t width, size_t n, size_t n_free,
                        double tracked, struct spin_param_group *group)
 {

@@ -5,7 +5,7 @@
 #include "math/adam.h"
 #include "train/lazy_adam.h"
 
-static spin_status reserve(struct spin_device *d, size_t floats, float SPIN_DEV **out)
+static spin_status reserve_floats(struct spin_device *d, size_t floats, float SPIN_DEV **out)
 {
     return d->op->reserve(d, floats * sizeof(float), (void SPIN_DEV **)out);
 }
@@ -19,7 +19,7 @@ static size_t most_splats(const struct spin_trainer_size *size)
     return most;
 }
 
-/* True if splats have values besides the network's outputs. */
+/* True if splats or tracks have residual values. */
 static bool has_residual(const struct spin_trainer_size *size)
 {
     size_t sum = size->n_tracks;
@@ -31,7 +31,7 @@ static bool has_residual(const struct spin_trainer_size *size)
 
 static size_t smaller(int a, int b) { return (size_t)(a < b ? a : b); }
 
-/* Floats of the own values of a batch's frames, at most. */
+/* Largest number of floats that the frames of a batch own. */
 static size_t own_floats(const struct spin_trainer *t)
 {
     return (size_t)t->max_items * t->n_max * ((t->residuals ? 3 + SPIN_RESIDUAL : 3) + t->sh_width);
@@ -42,7 +42,7 @@ int spin_trainer_frames_at_once(const struct spin_trainer *t)
     return (int)smaller(t->device->frames_at_once, t->max_items);
 }
 
-/* Splats that the device processes together, at most. */
+/* Largest number of splats that the device processes together. */
 static size_t splats_at_once(const struct spin_trainer *t)
 {
     return t->n_max * (size_t)spin_trainer_frames_at_once(t);
@@ -80,17 +80,17 @@ static spin_status open_buffers(struct spin_trainer *t)
     struct spin_device *d = t->device;
     size_t n = splats_at_once(t);
 
-    SPIN_TRY(reserve(d, n * 3, &t->d_pos));
+    SPIN_TRY(reserve_floats(d, n * 3, &t->d_pos));
     if (t->residuals)
-        SPIN_TRY(reserve(d, n * SPIN_RESIDUAL, &t->d_residual));
+        SPIN_TRY(reserve_floats(d, n * SPIN_RESIDUAL, &t->d_residual));
     if (t->sh_width > 0)
-        SPIN_TRY(reserve(d, n * t->sh_width, &t->d_sh));
+        SPIN_TRY(reserve_floats(d, n * t->sh_width, &t->d_sh));
     if (t->n_tracks > 0) {
-        SPIN_TRY(reserve(d, n * 3, &t->means));
-        SPIN_TRY(reserve(d, n * SPIN_RESIDUAL, &t->residual));
+        SPIN_TRY(reserve_floats(d, n * 3, &t->means));
+        SPIN_TRY(reserve_floats(d, n * SPIN_RESIDUAL, &t->residual));
     }
     if (t->n_ranks > 1)
-        SPIN_TRY(reserve(d, own_floats(t), &t->own_grad));
+        SPIN_TRY(reserve_floats(d, own_floats(t), &t->own_grad));
     SPIN_TRY(spin_field_eval_open(&t->field_eval, d, t->network, t->sh_width > 0, n, true));
     return spin_raster_open(&t->raster, d, t->n_max, t->max_pixels, t->max_tiles,
                             (int)smaller(d->views_at_once, t->max_items), true);
@@ -126,7 +126,7 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
     SPIN_TRY_OUT(spin_param_open(&t->heads, device, t->network ? field->n_heads : 0, 0));
     SPIN_TRY_OUT(spin_param_open(&t->tracks, device, SPIN_TRACK * t->n_tracks, 0));
     if (size->motion)
-        SPIN_TRY_OUT(reserve(device, SPIN_MOTION * t->n_tracks, &t->motion));
+        SPIN_TRY_OUT(reserve_floats(device, SPIN_MOTION * t->n_tracks, &t->motion));
     SPIN_TRY_OUT(spin_exposures_open(&t->exposures, device, size->n_cameras, size->n_lenses,
                                      size->exposure,
                                      t->max_pixels * smaller(device->views_at_once, t->max_items)));
@@ -148,8 +148,9 @@ spin_status spin_trainer_resize(struct spin_trainer *t)
 
     for (int f = 0; f < t->n_frames; f++)
         n = t->frame[f].size.n > n ? t->frame[f].size.n : n;
-    if (n <= t->n_max) { /* clears stale gradients: if no tracks are left, Adam clears only those of
-                            own values */
+    if (n <= t->n_max) {
+        /* Clear stale gradients: if no tracks are left, an iteration clears only gradients of
+         * values that the splats own. */
         if (t->d_residual)
             t->device->op->zero(t->device, t->d_residual,
                                 splats_at_once(t) * SPIN_RESIDUAL * sizeof(float));
@@ -274,7 +275,6 @@ double spin_trainer_track_rate(const struct spin_trainer *t, double lr0)
     return spin_lr(lr0, r->end, t->iteration, r->warmup, r->track_iterations);
 }
 
-/* Steps of the network: iterations since it joined. */
 int64_t spin_trainer_network_steps(const struct spin_trainer *t)
 {
     return t->iteration > t->rates.network_from ? t->iteration - t->rates.network_from : 0;
@@ -310,7 +310,6 @@ int spin_trainer_sh_degree(const struct spin_trainer *t)
 
 /* ---- The table ------------------------------------------------------------------------------- */
 
-/* After a resume, records the rates of the iterations before it. */
 void spin_trainer_catch_up(struct spin_trainer *t, int64_t done)
 {
     while (t->lazy && t->lazy->done < done)

@@ -1,4 +1,4 @@
-/* For each frame, follows the tracks whose reference frame it is to both ends of the clip. */
+/* Follows each track from its reference frame to both ends of the clip. */
 #include "train/turns.h"
 
 #include <math.h>
@@ -10,16 +10,16 @@
 #include "train/kd_tree.h"
 #include "train/knn.h"
 
-/* Neighbours: at most NEIGHBOURS, within this multiple of the median spacing. Fewer than FEWEST do
- * not determine a rotation. Tuned on the clip court. */
+/* A rotation is determined from at most NEIGHBOURS neighbours, within reach_of_spacing times the
+ * median spacing; FEWEST are needed. Tuned on the clip court. */
 enum { NEIGHBOURS = 24, FEWEST = 4, CHUNK = 64 };
 static const float reach_of_spacing = 8;
-/* Neighbours on another part of the body do not turn with the splat: each pass lowers their weights
- * by their errors. */
+/* Each pass lowers the weights of neighbours with large errors, such as those on a part of the body
+ * that moves differently. */
 enum { PASSES = 3 };
-/* A turn is accepted if most neighbours follow it, that is, if it leaves at most this share of
- * their squared displacement. Splats that were matched by their looks slide over a surface and show
- * no turn. Tuned on the clips court and basketball. */
+/* A neighbour follows a turn if at most this share of its squared displacement remains after the
+ * turn. A turn is accepted if most neighbours follow it: splats that were matched by colour slide
+ * over a surface and do not show how it turns. Tuned on the clips court and basketball. */
 static const float most_left = 0.5f;
 
 spin_status spin_turns_open(struct spin_turns *turns, int n_frames)
@@ -60,7 +60,7 @@ struct offsets {
     float from[NEIGHBOURS][3], to[NEIGHBOURS][3], weight[NEIGHBOURS];
 };
 
-static void centre(const struct offsets *o, float (*at)[3])
+static void centre_offsets(const struct offsets *o, float (*at)[3])
 {
     float sum[3] = {0}, weight = 0;
 
@@ -99,8 +99,9 @@ static double fill_matrix(const struct offsets *o, double m[4][4])
     return most;
 }
 
-/* q = the best rotation, by power iteration on the matrix shifted to be positive. If several fit
- * equally well, as for neighbours on a line, the one nearest to the previous q. */
+/* q = the best rotation, by power iteration on the matrix, shifted to have no negative eigenvalues.
+ * The iteration starts from the previous q and, if several rotations fit equally well, as for
+ * neighbours on a line, finds the one nearest to it. */
 static void fit_rotation(const struct offsets *o, float q[4])
 {
     enum { MOST_POWERS = 100 };
@@ -140,8 +141,9 @@ static float square_of(const float from[3], const float to[3])
     return x * x + y * y + z * z;
 }
 
-/* Weights neighbours by how well they follow rotation q. Returns whether most do. */
-static bool weigh(struct offsets *o, const float q[4])
+/* Sets the weights of neighbours by their errors under rotation q. Returns whether most of them
+ * follow q. */
+static bool update_weights(struct offsets *o, const float q[4])
 {
     float square[NEIGHBOURS], mean = 0, turned[3];
     int n_follow = 0;
@@ -159,6 +161,7 @@ static bool weigh(struct offsets *o, const float q[4])
 
 /* ---- Following tracks ------------------------------------------------------------------------ */
 
+/* A neighbour: row in its frame, squared distance. */
 struct near {
     uint32_t row;
     float square;
@@ -168,7 +171,7 @@ struct near {
 struct origin {
     const struct spin_turns *turns;
     int frame;
-    const int *frame_of; /* [tracks] */
+    const int *frame_of; /* [tracks] reference frame */
     struct spin_kd_tree tree;
     float reach;
 };
@@ -181,7 +184,7 @@ struct nearest {
     struct near near[NEIGHBOURS];
 };
 
-static void offer(void *context, uint32_t row)
+static void insert_neighbour(void *context, uint32_t row)
 {
     struct nearest *found = context;
     const float *p = found->points + 3 * (size_t)row, *at = found->at;
@@ -219,8 +222,8 @@ static void subtract(const float a[3], const float b[3], float out[3])
         out[c] = a[c] - b[c];
 }
 
-/* q = the rotation from row i of the reference frame to row j of another frame. On entry it is that
- * of the previous frame, and stays so if the neighbours show no turn. */
+/* q = the turn from row i of the reference frame to row j of frame `to`. On entry q is the turn of
+ * the previous frame, which is kept if the neighbours do not determine another. */
 static void turn_to(const struct origin *origin, const struct nearest *near, size_t i,
                     const struct spin_turns_frame *to, size_t j, float q[4])
 {
@@ -242,23 +245,23 @@ static void turn_to(const struct origin *origin, const struct nearest *near, siz
         return;
     memcpy(prior, q, sizeof prior);
     for (int pass = 0; pass <= PASSES; pass++) {
-        centre(&o, o.from);
-        centre(&o, o.to);
+        centre_offsets(&o, o.from);
+        centre_offsets(&o, o.to);
         fit_rotation(&o, q);
-        follow = weigh(&o, q);
+        follow = update_weights(&o, q);
     }
     if (!follow)
         memcpy(q, prior, sizeof prior);
 }
 
-static void follow(const struct origin *origin, size_t i)
+static void follow_track(const struct origin *origin, size_t i)
 {
     const struct spin_turns *turns = origin->turns;
     const struct spin_turns_frame *from = &turns->frame[origin->frame];
     struct nearest near = {
         .points = from->at, .at = from->at + 3 * i, .reach = origin->reach, .self = (uint32_t)i};
 
-    spin_kd_tree_within(&origin->tree, near.at, origin->reach, offer, &near);
+    spin_kd_tree_within(&origin->tree, near.at, origin->reach, insert_neighbour, &near);
     for (int way = -1; way <= 1; way += 2) {
         float q[4] = {1, 0, 0, 0};
 
@@ -281,7 +284,7 @@ static void follow_rows(void *context, size_t first, size_t end)
 
     for (size_t i = first; i < end; i++)
         if (origin->frame_of[from->track[i]] == origin->frame)
-            follow(origin, i);
+            follow_track(origin, i);
 }
 
 /* Follows the tracks whose reference is this frame. */
@@ -302,8 +305,8 @@ static spin_status follow_frame(struct origin *origin, struct spin_pool *pool)
     return status;
 }
 
-/* The reference frame of a track is that of its frames which is nearest to the middle of the clip.
- */
+/* frame_of [n_tracks] = reference frames: of a track's frames, the one nearest to the middle of the
+ * clip. */
 static spin_status choose_frames(const struct spin_turns *turns, size_t n_tracks, int **frame_of)
 {
     int middle = turns->n_frames / 2;

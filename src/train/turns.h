@@ -1,8 +1,7 @@
-/* How the surface around each splat of a dynamic track turns, found from the positions of the
- * source alone: the rotation that takes the offsets of its neighbours from the track's reference
- * frame to each other frame (Horn 1987). With it, what a track learns in one frame holds in all:
- * the direction of its long axis, and where it is split. Without it, each frame would have to learn
- * both anew. */
+/* Turns: rotations of the surface around each splat of a dynamic track. A turn maps the offsets of
+ * neighbouring splats from the track's reference frame to another frame (Horn 1987); it is found
+ * from the positions of the source alone. Turns let all frames use the direction of a track's long
+ * axis, and its splits, which each frame would otherwise have to learn anew. */
 #pragma once
 
 #include "base/pool.h"
@@ -24,6 +23,6 @@ spin_status spin_turns_open(struct spin_turns *turns, int n_frames);
 void spin_turns_close(struct spin_turns *turns);
 /* Allocates n splats of a frame. The caller sets tracks and positions; turns are the identity. */
 spin_status spin_turns_reserve(struct spin_turns *turns, int frame, size_t n);
-/* Finds the turns in all frames. Tracks without enough neighbours keep the identity. n_tracks: of
- * the clip. The result does not depend on the number of threads. */
+/* Finds the turns in all frames. Tracks without enough neighbours keep the identity. n_tracks:
+ * number of tracks of the clip. The result does not depend on the number of threads. */
 spin_status spin_turns_find(struct spin_turns *turns, size_t n_tracks, struct spin_pool *pool);

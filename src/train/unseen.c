@@ -16,7 +16,7 @@ static size_t cameras_of(const struct spin_plan *plan, int f, const struct spin_
     return n;
 }
 
-/* True if the place is visible to one of the cameras. */
+/* True if a place is visible to at least one of the cameras. */
 static bool is_seen(const struct spin_camera *const *camera, size_t n, const float place[3])
 {
     double p[3];

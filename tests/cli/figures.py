@@ -578,7 +578,7 @@ def check_said(name, told, j, lines, sizes):
         became = re.findall(r"^frame (\d+): (\d+) splats became (\d+), loss ([0-9.]+) became ([0-9.]+)$", told, re.M)
         ok(sorted((int(f), int(n)) for f, n, _, _, _ in became) == list(zip(FRAMES, sizes)),
            "%s: a line for every refined frame, with its number and its splats" % name, told)
-        ok(line(r"refined: %.0f splats a frame, test PSNR %.3f dB, SSIM %.4f" % (
+        ok(line(r"refined: %.0f splats per frame, test PSNR %.3f dB, SSIM %.4f" % (
             np.mean([int(n) for _, _, n, _, _ in became]), j["refined"]["psnr"], j["refined"]["ssim"])) is not None,
            "%s: and how good they are" % name, told)
         for f, _, n, first, last in became:

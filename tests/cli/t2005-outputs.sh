@@ -265,7 +265,7 @@ if [ "$(id -u)" = 0 ] && mount -t tmpfs -o size=7m tmpfs "$work/small" 2>/dev/nu
     # shellcheck disable=SC2086
     run "$bin/spin-retrain" "$in" -o "$work/small/grown.spin" $grows
     is "$code" 1 "splats outgrow the disk"
-    err_has "grown.spin.part': .* left, .*as it grows; free some; the checkpoint of iteration [0-9]* is kept in" \
+    err_has "grown.spin.part': .* is free, .*as it grows; free some space; the checkpoint of iteration [0-9]* is kept in" \
         "it stops while the state fits"
     mount -o remount,size=40m "$work/small"
     # shellcheck disable=SC2086
@@ -447,14 +447,14 @@ else
     unset SPIN_CPU
     retrain --resume
     is "$code" 0 "goes on with another code path"
-    is "$(grep -c '^warning: .*not bit for bit' "$work/err")" 1 "and says once what that means"
+    is "$(grep -c '^warning: .*in the last bits' "$work/err")" 1 "and says once what that means"
     unzip -p "$out" meta.json 2>/dev/null | grep -q '"path": "v[34]+base"' ||
         python3 -c 'import json, sys, zipfile
 sys.exit(json.loads(zipfile.ZipFile(sys.argv[1]).read("meta.json"))["trained"]["path"] not in ("v3+base", "v4+base"))' "$out"
     ok $? "the output has both"
     killed
     retrain --resume
-    is "$(grep -c '^warning: .*not bit for bit' "$work/err")" 0 "with the same code path nothing is said"
+    is "$(grep -c '^warning: .*in the last bits' "$work/err")" 0 "with the same code path nothing is said"
     same "$out" "$work/long.spin" "and the bytes are those of an unbroken run"
     rm "$out"
     SPIN_CPU=base
@@ -465,7 +465,7 @@ sys.exit(json.loads(zipfile.ZipFile(sys.argv[1]).read("meta.json"))["trained"]["
     wait $pid 2>/dev/null
     unset SPIN_CPU
     run "$bin/spin-retrain" "$in" -o "$out" $small --refine 150 --iterations 1 --resume
-    is "$(grep -c '^warning: .*not bit for bit' "$work/err")" 1 "refined frames as well"
+    is "$(grep -c '^warning: .*in the last bits' "$work/err")" 1 "refined frames as well"
 fi
 
 # ---- One run at a time ----

@@ -92,14 +92,14 @@ sed "s/, [-0-9.]*\], $far/, -1e4], [0.0, 0.0, 0.0, 1.0]/" "$work/single/train_me
 run "$bin/spin-retrain" "$in" --data "$work/away" -o "$work/away.spin" $small --iterations 12 --force
 is "$code" 0 "nothing in view of one frame of six: retrains"
 grep -c 'no splat was visible' "$work/err" >"$work/times"
-err_has "^warning: no splat was visible in any view of 2 of 12 iterations, first in iteration [1-6]: nothing was learned in them$" \
+err_has "^warning: no splat was visible in any view of 2 of 12 iterations, first in iteration [1-6]: these iterations learned nothing$" \
     "and says in how many steps"
 is "$(cat "$work/times")" 1 "once"
 run "$bin/spin-retrain" "$in" --data "$work/away" -o "$work/away.spin" $small --method frames --refine 5 \
     --force
 is "$code" 0 "nothing in view of one frame of six: refines"
 is "$(grep 'no splat was visible' "$work/err")" \
-    "warning: no splat was visible in 5 of 30 iterations of refining: nothing was learned in them" "and says so"
+    "warning: no splat was visible in 5 of 30 iterations of the refinement: these iterations learned nothing" "and says so"
 
 # Nine megapixels, 2000 cameras, six frames: a third of a terabyte of images, of which a third of the memory is
 # kept at most.

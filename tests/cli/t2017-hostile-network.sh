@@ -13,7 +13,7 @@ for device in cpu cuda; do
     for name in network-hashed-is-not-said network-level-without-rows; do
         run "$bin/spin-export" $bad/$name.spin --to ply -o "$work/bad" --device $device -q
         fails 1 spin-export "$device, $name"
-        err_has "$name.spin': meta.json: level 1 of the network: .* do not make a grid" "$device, $name: which level"
+        err_has "$name.spin': meta.json: .* of 'trained.field' contradict each other in level 1" "$device, $name: which level"
         nothing_at "$work/bad" "$device, $name: nothing is written"
     done
 done

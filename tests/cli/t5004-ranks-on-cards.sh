@@ -32,8 +32,8 @@ same() { # NAME FILE FILE
     ok $? "$1: the same bundle"
 }
 
-by_host='all-reduce between GPUs: through page-locked host memory, because: '
-by_nccl='all-reduce between GPUs: by NCCL 2.0.0$'
+by_host='all-reduce between GPUs: through page-locked host memory: '
+by_nccl='all-reduce between GPUs: with NCCL 2.0.0$'
 for n in 2 3; do
     batch=$((n - n / 3)) # of three one has no image
     retrain $n staged $network --batch $batch

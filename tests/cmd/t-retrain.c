@@ -1512,7 +1512,7 @@ static struct densified densify(int batch, int steps, const char *more)
     while (line && line > said && line[-1] != '\n')
         line--;
     if (line)
-        sscanf(line, "iteration %*d: %d clones, %d splits, %*d pruned: %d tracks", &d.clones,
+        sscanf(line, "iteration %*d: %d clones, %d splits, %*d pruned; now %d tracks", &d.clones,
                &d.splits, &d.tracks);
     snprintf(path, sizeof path, "%s/run.spin", folder);
     if (spin_bundle_open(path, &bundle) != SPIN_OK)

@@ -283,14 +283,14 @@ static void check_refused(struct spin_device *d)
         const char *why;
     } bad[] = {
         {"frames/00001/track", 1, 2,
-         "does not fit the tracks"}, /* two splats of track 2, none of 1 */
-        {"frames/00001/track", 1, 3, "does not fit the tracks"},
+         "contradicts the tracks and splats"}, /* two splats of track 2, none of 1 */
+        {"frames/00001/track", 1, 3, "contradicts the tracks and splats"},
         {"frames/00000/track", 0, 1,
-         "does not fit the tracks"}, /* a track where splats have none */
-        {"frames/00000/track", 2, 0xffffffffu, "does not fit the tracks"},
-        {"frames/00000/track", 4, 4, "does not fit the tracks"}, /* there are four */
-        {"frames/00000/place", 1, 2, "does not fit the tracks"}, /* twice */
-        {"frames/00000/place", 1, 5, "does not fit the tracks"},
+         "contradicts the tracks and splats"}, /* a track where splats have none */
+        {"frames/00000/track", 2, 0xffffffffu, "contradicts the tracks and splats"},
+        {"frames/00000/track", 4, 4, "contradicts the tracks and splats"}, /* there are four */
+        {"frames/00000/place", 1, 2, "contradicts the tracks and splats"}, /* twice */
+        {"frames/00000/place", 1, 5, "contradicts the tracks and splats"},
         {"residual/00001/v", 3, 0x7fc00000u, "not finite"},
         {"tracks/p", 0, 0x7f800000u, "not finite"},
         {"table/m", 1, 0xff800000u, "not finite"},
@@ -311,7 +311,7 @@ static void check_refused(struct spin_device *d)
     end(&r);
     alter("table/last", 1, bits_of(ITERATION + 1));
     ok(resume(&r, d, other) == SPIN_E_MALFORMED &&
-           strstr(spin_last_error(), "row 1 is not an iteration up to"),
+           strstr(spin_last_error(), "row 1 is not an iteration from 0 to"),
        "not one that took a step more: %s", spin_last_error());
     ok(spin_checkpoint_sizes(&c, frame, &size) == SPIN_E_USAGE &&
            strstr(spin_last_error(), "another input") &&
@@ -474,7 +474,8 @@ static int n_warnings;
 
 static bool count_warning(const char *line)
 {
-    n_warnings += strstr(line, "is v1 now and was another before (v1+base)") != NULL;
+    n_warnings +=
+        strstr(line, "of this run is v1, but the work used more than one (v1+base)") != NULL;
     return false;
 }
 
