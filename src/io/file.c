@@ -21,7 +21,7 @@ enum { OUT_BUFFER = 1 << 20 };
 static const char *why(int error)
 {
     return error == ENOENT ? "no such file or folder"
-           : error == EFAULT /* from a read of mapped bytes */
+           : error == EFAULT /* a system call accessed truncated mapped bytes */
                ? "an input file was cut short while it was in use"
                : strerror(error);
 }
@@ -49,7 +49,7 @@ static spin_status check_pointer(const struct spin_map *map, const char *path)
                             path);
 }
 
-/* Open a regular file for reading. O_NONBLOCK, since opening a fifo would block. */
+/* Open a regular file for reading. Without O_NONBLOCK, opening a fifo would block. */
 static spin_status open_file(const char *path, int *fd, struct stat *st)
 {
     spin_status status;
@@ -245,7 +245,7 @@ spin_status spin_path_absolute(const char *path, char **out)
 }
 
 /* `to` relative to `from`, both absolute and without links; NULL if they share only the root. The
- * text is "../" for each folder of `from` below the shared one, then the rest of `to`. */
+ * result has "../" for each folder of `from` below the shared one, then the rest of `to`. */
 static spin_status relative(const char *from, const char *to, char **out)
 {
     size_t shared = 0, i = 0, ups = 0, n;
@@ -429,7 +429,7 @@ spin_status spin_out_check(const char *path, bool force)
 {
     struct stat st;
 
-    if (stat(path, &st) == 0) { /* else opening it will report what is wrong with the folder */
+    if (stat(path, &st) == 0) { /* otherwise opening the file reports the error */
         if (S_ISDIR(st.st_mode))
             return spin_fail(SPIN_E_IO, "cannot write '%s': it is a folder", path);
         if (!S_ISREG(st.st_mode))
@@ -447,7 +447,7 @@ static uint32_t hash_text(uint32_t hash, const char *text)
 }
 
 static pthread_once_t place_once = PTHREAD_ONCE_INIT;
-/* Identifies where this process's number is valid: a boot of a host, and a PID namespace. */
+/* Identifies the scope in which this process's PID is valid: host, boot and PID namespace. */
 static uint32_t place;
 
 static void find_place(void)
@@ -603,8 +603,8 @@ static bool is_linked(const char *path)
     return lstat(path, &st) == 0 && st.st_nlink == 2;
 }
 
-/* Give the file its final name. Without force, link() refuses an existing name; on file systems
- * without hard links, check for it instead. */
+/* Give the file its final name. Without force, link() fails if the name exists; on file systems
+ * without hard links, check that before renaming. */
 static spin_status take_name(const struct spin_out *out)
 {
     if (!out->force) {
@@ -618,7 +618,7 @@ static spin_status take_name(const struct spin_out *out)
     return rename(out->temporary, out->path) == 0 ? SPIN_OK : fail_errno("write", out->path);
 }
 
-/* fclose() does not wait until a file is on the disk; only sync does. */
+/* Without out->sync, the data may not be on the disk yet when this returns. */
 spin_status spin_out_commit(struct spin_out *out)
 {
     spin_status status = SPIN_OK;
@@ -662,7 +662,7 @@ struct ending {
     const char *at; /* NULL: no suffix */
     long pid;
     uint32_t place;
-    bool has_place; /* temporary names of earlier versions have none: ".tmp.4711" */
+    bool has_place; /* false for names of earlier versions: ".tmp.4711" */
 };
 
 static struct ending find_ending(const char *entry)
@@ -697,9 +697,10 @@ static bool is_idle(const char *path, time_t seconds)
     return lstat(path, &st) == 0 && st.st_mtime + seconds < time(NULL);
 }
 
-/* Whether the writer has ended. If it runs on another host or in another container, only the time
- * of its last write is known, and an export may compute for many minutes between writes. Names
- * without a place may belong to either, so the writer must be absent here and the file idle. */
+/* Whether the writer of a temporary file has ended. If the writer runs on another host or in
+ * another container, only the time of its last write is known, and an export may compute for many
+ * minutes between writes. If the name does not identify host and container, the process must not
+ * exist here and the file must be idle. */
 static bool is_left(const struct ending *e, const char *path)
 {
     bool is_dead = kill((pid_t)e->pid, 0) != 0 && errno == ESRCH;
@@ -734,8 +735,8 @@ uint64_t spin_out_remove(const char *path)
     return bytes;
 }
 
-/* Remove temporary files and folders of killed writers for `name`, or if that is NULL, for all
- * names with this extension. */
+/* Remove the temporary files and folders that killed writers of `name` left behind; if name is
+ * NULL, those of all names with this extension. */
 static void sweep(const char *folder, const char *name, const char *ending)
 {
     char *entry = NULL, **names = NULL;

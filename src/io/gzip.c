@@ -1,8 +1,8 @@
 /* Gzip (RFC 1952) around deflate (RFC 1951), in blocks that threads compress in parallel.
  *
  * Each block uses the preceding 32 KiB as its dictionary and ends at a byte boundary (zlib's sync
- * flush, an empty stored block), so that the concatenated blocks are one ordinary stream, about 0.1
- * % longer than if compressed in one piece. */
+ * flush, an empty stored block). The concatenated blocks are one ordinary stream, which is about
+ * 0.1 % longer than one compressed as a whole. */
 #include "io/gzip.h"
 
 #include <zlib.h>
@@ -12,13 +12,13 @@
 
 #define BLOCK ((size_t)256 << 10)
 #define WINDOW ((size_t)SPIN_DEFLATE_WINDOW)
-#define LEAST_NOISE 4096
+#define LEAST_NOISE 4096 /* bytes; shorter blocks are always compressed */
 
 struct deflated {
     const struct spin_deflate *job;
-    unsigned char *slots; /* [blocks][slot] compressed blocks */
+    unsigned char *slots; /* [blocks][slot], the compressed blocks */
     size_t slot;
-    size_t *n_packed; /* [blocks]; 0: out of memory */
+    size_t *n_packed; /* [blocks], their sizes; 0: out of memory */
 };
 
 /* Whether Huffman coding would save less than about 1 %, judged by the entropy of the bytes. */
@@ -68,7 +68,7 @@ spin_status spin_deflate(struct spin_pool *pool, const struct spin_deflate *job,
     unsigned char *end;
     spin_status status = SPIN_OK;
 
-    g.slot = compressBound(BLOCK) + 64; /* compressBound() does not include the flush */
+    g.slot = compressBound(BLOCK) + 64; /* compressBound() does not include the sync flush */
     if (n_head + n_blocks * g.slot + n_tail > to->n_room) {
         SPIN_TRY(spin_grow(n_head + n_blocks * g.slot + n_tail, 1, (void **)&to->data));
         to->n_room = n_head + n_blocks * g.slot + n_tail;

@@ -29,7 +29,7 @@ static spin_status need_plain(void)
     return spin_shim_need(&where, (const void **)&plain);
 }
 
-/* Load the other shim first: libpng must bind to its own functions, not to those that
+/* Load the plain shim first: its libpng must bind to its own functions, not to those that
  * image_oiio.cpp interposes for OpenImageIO. */
 static spin_status need_oiio(void)
 {
@@ -106,7 +106,7 @@ static bool jpeg_ends(const struct spin_map *map)
     while (at + 4 <= map->size || at + 2 == map->size) {
         const unsigned char *m = map->data + at;
 
-        if (m[0] != 0xff || m[1] == 0xff) { /* fill bytes, or stray ones, which decoders skip */
+        if (m[0] != 0xff || m[1] == 0xff) { /* fill and stray bytes, which decoders skip as well */
             at++;
             continue;
         }
@@ -127,8 +127,8 @@ static bool jpeg_ends(const struct spin_map *map)
 
 /* ---- Frames of videos ----------------------------------------------------------------------- */
 
-/* For a path such as "cam00.mp4#12", unless a file with that full name exists: the video's name,
- * allocated; else NULL. */
+/* Split a path such as "cam00.mp4#12" into the video's name, allocated, and the frame. *file is
+ * NULL for other paths, and if a file with the full name exists. */
 static spin_status find_video(const char *path, char **file, int64_t *frame)
 {
     size_t n;
@@ -206,8 +206,8 @@ static enum spin_image_result ask(const struct spin_image_shim *shim, struct que
                                sizeof q->why);
 }
 
-/* PNG and JPEG go to libpng and libjpeg. What these cannot read, and all other formats, goes to
- * OpenImageIO, which is slow to load. */
+/* Try libpng or libjpeg first. Use OpenImageIO, which is slow to load, for other formats and for
+ * files that these libraries cannot read. */
 static spin_status answer(struct question *q)
 {
     enum spin_image_result result = SPIN_IMAGE_UNREADABLE;
@@ -387,7 +387,8 @@ void spin_picture_name(const struct spin_views *views, size_t view, int number, 
     char twin[16] = "";
     size_t first = view;
 
-    /* views are sorted by frame, then camera */
+    /* Count the views before this one with the same frame and camera number; views are sorted by
+     * frame, then camera. */
     while (first > 0 && views->view[first - 1].dataset_frame == v->dataset_frame &&
            views->view[first - 1].camera_id == v->camera_id)
         first--;

@@ -1,7 +1,7 @@
 /* The implementation of image_shim.h with OpenImageIO.
  *
- * JPEG and PNG are opened with their reader directly: detection by OpenImageIO would initialise all
- * of its readers. Every function catches all exceptions. */
+ * JPEG and PNG files are opened with the reader of their format: to detect a format, OpenImageIO
+ * would initialise all of its readers. Every function of the table catches all exceptions. */
 #include "io/image_shim.h"
 
 #include <algorithm>
@@ -64,7 +64,8 @@ template <typename Work> enum spin_image_result guarded(char *why, size_t n_why,
     return result;
 }
 
-/* OpenImageIO passes on messages of each format's library, but no error codes. */
+/* OpenImageIO reports errors as texts of each format's library, without codes: detect a lack of
+ * memory by the text. */
 [[noreturn]] void fail(const std::string &why)
 {
     if (why.find(" memory") != std::string::npos || why.find("bad_alloc") != std::string::npos)
@@ -76,8 +77,8 @@ std::unique_ptr<OIIO::ImageInput> open_input(const char *path, const std::string
 {
     OIIO::ImageSpec config, spec;
 
-    config.attribute("oiio:UnassociatedAlpha",
-                     1); /* alpha is composited here, on the stored values */
+    /* Alpha is composited in this file, on the stored values. */
+    config.attribute("oiio:UnassociatedAlpha", 1);
     if (format.empty()) {
         auto guessed = OIIO::ImageInput::open(path, &config);
         if (!guessed)

@@ -1,6 +1,6 @@
-/* The implementation of image_shim.h with libjpeg-turbo and libpng, which avoids the load time of
- * OpenImageIO; the only one in builds with few dependencies (make portable, make windows,
- * tests/card). Its pixels are identical to those of OpenImageIO. */
+/* The implementation of image_shim.h with libjpeg-turbo and libpng. It avoids the load time of
+ * OpenImageIO, and is the only implementation in builds with few dependencies (make portable, make
+ * windows, tests/card). The decoded pixels are identical to those of image_oiio.cpp. */
 #include <errno.h>
 #include <setjmp.h>
 #include <stdbool.h>
@@ -14,10 +14,10 @@
 
 #include "io/image_shim.h"
 
-/* The state of a reader, released at the end in any case. */
+/* The state of one read. If it fails, open_picture() frees rgb. */
 struct picture {
     const char *path;
-    int64_t most; /* limit of pixels */
+    int64_t most; /* maximum number of pixels */
     const float *background;
     bool sizes; /* read the size only */
     FILE *file;
@@ -36,7 +36,8 @@ static enum spin_image_result fail(struct picture *p, enum spin_image_result res
     return p->result = result;
 }
 
-/* Called after the header: whether to read the pixels; allocates them. */
+/* Check the size in the header, and allocate p->rgb. Returns whether the pixels are to be read: not
+ * after an error, nor if only the size is requested. */
 static bool wants_pixels(struct picture *p)
 {
     if (p->width < 1 || p->height < 1) {
@@ -77,7 +78,7 @@ static void jpeg_fails(j_common_ptr info)
     longjmp(end->jump, 1);
 }
 
-/* To libjpeg, a truncated file is only a warning. */
+/* Treat warnings as errors, since libjpeg only warns of a truncated file. */
 static void jpeg_warns(j_common_ptr info, int level)
 {
     if (level < 0)
@@ -86,8 +87,8 @@ static void jpeg_warns(j_common_ptr info, int level)
 
 static void read_jpeg(struct picture *p)
 {
-    struct jpeg_decompress_struct jpeg = {
-        0}; /* zeroed, since it may be destroyed before it was created */
+    /* Zeroed, since jpeg_create_decompress() may fail before it initialises the struct. */
+    struct jpeg_decompress_struct jpeg = {0};
     struct jpeg_end end = {.picture = p};
 
     jpeg.err = jpeg_std_error(&end.base);
@@ -103,7 +104,7 @@ static void read_jpeg(struct picture *p)
         p->channels = jpeg.num_components;
         if (jpeg.num_components > 3)
             fail(p, SPIN_IMAGE_UNREADABLE, "a JPEG with four channels needs OpenImageIO");
-        else if (wants_pixels(p) || p->sizes) { /* starting the decompression checks the tables */
+        else if (wants_pixels(p) || p->sizes) { /* jpeg_start_decompress() also checks tables */
             jpeg.out_color_space = JCS_RGB;
             jpeg_start_decompress(&jpeg);
             while (p->rgb && jpeg.output_scanline < jpeg.output_height) {
@@ -129,7 +130,7 @@ static void png_fails(png_structp png, png_const_charp text)
     png_longjmp(png, 1);
 }
 
-/* libpng reports a lack of memory with various messages, so record it here. */
+/* Record a lack of memory here, since libpng reports it with various messages. */
 static png_voidp png_allocate(png_structp png, png_alloc_size_t n)
 {
     struct picture *p = png_get_mem_ptr(png);
@@ -188,7 +189,7 @@ static void read_png(struct picture *p)
         png_read_info(png, info);
         p->width = (int)png_get_image_width(png, info);
         p->height = (int)png_get_image_height(png, info);
-        png_set_expand(png); /* palettes, fewer than 8 bits, transparent colours */
+        png_set_expand(png); /* expands palettes, samples below 8 bits, and transparent colours */
         png_set_scale_16(png);
         png_set_interlace_handling(png);
         png_read_update_info(png, info);

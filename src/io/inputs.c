@@ -10,7 +10,7 @@ enum kind { FREE, INPUT, OWN };
 
 static struct {
     pthread_mutex_t lock;
-    int depth; /* nested and concurrent calls */
+    int depth; /* number of running calls, nested or concurrent */
     struct known {
         uint64_t device, inode;
         enum kind kind;
@@ -99,7 +99,7 @@ void spin_inputs_own(const char *path)
     struct stat st;
 
     if (stat(path, &st) == 0)
-        (void)add(&st, OWN); /* if this fails, the next write of the file is refused */
+        (void)add(&st, OWN); /* if memory runs out, the next write of the file is refused */
 }
 
 bool spin_inputs_have(const struct stat *st)

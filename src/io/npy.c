@@ -1,14 +1,14 @@
 /* .npy arrays (format versions 1 to 3) and .npz archives of them.
  *
  * The header of an .npy is the text of a Python dictionary with exactly three keys. The parser
- * accepts only that: unknown dtypes are refused by name, so that the pickle in an object array is
+ * accepts nothing else. It refuses unknown dtypes by name, so that the pickle in an object array is
  * never read. */
 #include "io/npy.h"
 
 #include "base/base.h"
 #include "io/zip_format.h"
 
-/* Headers of numeric arrays are shorter; numpy limits them to 10000 as well. */
+/* In bytes. numpy also limits headers to 10000 bytes; those of numeric arrays are shorter. */
 #define MAX_HEAD (12 + 10000)
 
 /* ---- The header's dictionary --------------------------------------------------------------- */
@@ -216,7 +216,8 @@ static spin_status check_size(const char *what, struct spin_array *a, size_t n_p
     return SPIN_OK;
 }
 
-/* spin_npy_parse() when only the first n_readable bytes are available. */
+/* spin_npy_parse() for an array of n_bytes bytes of which only the first n_readable are
+ * available. */
 static spin_status parse_head(const char *what, const unsigned char *bytes, size_t n_readable,
                               size_t n_bytes, struct spin_array *out)
 {
@@ -363,14 +364,14 @@ spin_status spin_npz_take(const struct spin_npz *npz, const char *key, bool chec
 
     *owned = NULL;
     SPIN_TRY(find(npz, key, &member));
-    /* Half, since what is made of a decompressed array needs memory too. Stored members skip the
-     * query, which takes a dozen system calls. */
+    /* Limit the array to half of the available memory, since its conversion needs memory too.
+     * Stored members skip the query, which takes a dozen system calls. */
     limit = member->method == METHOD_STORED ? 0 : spin_memory_available() / 2;
     SPIN_TRY(spin_zip_read(&npz->zip, member, check_crc, limit, &bytes, owned));
     return spin_npy_parse(key, bytes, (size_t)member->size, out);
 }
 
-/* The same; the block is kept until spin_npz_close(). */
+/* spin_npz_take() that keeps the decompressed block until spin_npz_close(). */
 static spin_status read_data(struct spin_npz *npz, const char *key, bool check_crc,
                              struct spin_array *out)
 {

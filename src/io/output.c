@@ -1,4 +1,4 @@
-/* Outputs: existing files are never overwritten without --force. */
+/* Checks of outputs. Existing files are never overwritten without --force. */
 #include "io/output.h"
 
 #include <fcntl.h>
@@ -49,8 +49,8 @@ spin_status spin_output_check_empty_folder(const char *path, bool force)
     return spin_output_check_folder(path);
 }
 
-/* Absolute folder and name, so that the same file always has the same text; the path as given if
- * the folder does not exist. */
+/* Resolve the folder of a path, so that two paths of the same file become equal. If the folder does
+ * not exist, the path is returned as given. */
 static spin_status place_of(const char *path, char **out)
 {
     SPIN_FREED char *folder = NULL, *absolute = NULL;
@@ -111,8 +111,8 @@ bool spin_reserve_set(struct spin_reserve *r, const char *path, uint64_t bytes)
     SPIN_FREED char *folder = NULL;
     enum space got;
 
-    if (bytes <= r->bytes &&
-        bytes > 0) /* a smaller reservation would gain nothing: all of it is freed at the end */
+    /* Never shrink the reservation: it will be freed as a whole. */
+    if (bytes <= r->bytes && bytes > 0)
         return true;
     if (bytes == 0) {
         if (r->bytes > 0)
@@ -128,8 +128,7 @@ bool spin_reserve_set(struct spin_reserve *r, const char *path, uint64_t bytes)
 
 /* ---- Locks ---------------------------------------------------------------------------------- */
 
-/* Whether the open file still has this name, that is, whether its previous holder did not remove it
- * in the meantime. */
+/* Whether the open file still has this name: the previous owner of the lock may have removed it. */
 static bool is_named(int fd, const char *path)
 {
     struct stat ours, there;
@@ -140,8 +139,8 @@ static bool is_named(int fd, const char *path)
 
 enum lock { HELD, TAKEN, GONE, NO_LOCKS, NO_FILE };
 
-/* GONE: the file was removed in the meantime, try again. NO_FILE: errno is set. fd stays open for
- * HELD and NO_LOCKS. */
+/* TAKEN: another process has the lock. GONE: the file was removed in the meantime, try again.
+ * NO_FILE: the file cannot be opened, see errno. *fd stays open for HELD and NO_LOCKS only. */
 static enum lock try_lock(const char *path, int *fd)
 {
     enum lock got = HELD;
@@ -186,8 +185,8 @@ spin_status spin_output_lock_take(const char *output, struct spin_output_lock *o
     return SPIN_E_IO;
 }
 
-/* Remove the file before the lock is released: a process that opened it before then finds that its
- * name is gone. A file that is not empty was not created by us. */
+/* Remove the file before releasing the lock, so that a process that has already opened it notices
+ * that the name is gone (is_named()). A file that is not empty was not created here: keep it. */
 void spin_output_lock_drop(struct spin_output_lock *lock)
 {
     struct stat st;
@@ -236,7 +235,7 @@ void spin_output_folder_end(struct spin_output_folder *folder)
 void spin_output_folder_abandon(struct spin_output_folder *folder)
 {
     if (folder->created && folder->path)
-        (void)rmdir(folder->path); /* fails if it contains files, as intended */
+        (void)rmdir(folder->path); /* fails if the folder contains files, as intended */
     spin_output_folder_end(folder);
 }
 

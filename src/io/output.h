@@ -1,5 +1,5 @@
-/* Outputs: checked and locked before long work, so that errors appear early; folders that an export
- * fills, and the names of their numbered files. */
+/* Checks and locks of outputs, for use before a long computation so that errors appear early; the
+ * folders that exports fill; the names of numbered files. */
 #pragma once
 
 #include "io/file.h"
@@ -10,23 +10,24 @@ spin_status spin_output_check_file(const char *path, bool force);
 spin_status spin_output_check_folder(const char *path);
 /* The same; without force the folder must be empty. */
 spin_status spin_output_check_empty_folder(const char *path, bool force);
-/* Check that no two of the n outputs have the same name; NULL means no output. SPIN_E_USAGE
- * contains it. */
+/* Check that no two of the n outputs have the same name; NULL means no output. SPIN_E_USAGE if two
+ * have, with the name in the message. */
 spin_status spin_output_check_distinct(const char *const *path, int n);
 
-/* Disk space reserved for output to come, held by an unnamed file, which the system frees whenever
- * the process ends. */
+/* Disk space reserved for later output. It is allocated to an unnamed file, which the system frees
+ * when the process ends, even if it is killed. */
 struct spin_reserve {
     int fd; /* valid if bytes > 0 */
     uint64_t bytes;
 };
-/* Reserve this much on the file system of `path`; 0 frees it. False if it is not available; the
- * previous reservation is kept. On file systems that cannot reserve, only compares with the free
- * space. */
+/* Reserve this many bytes on the file system of `path`; 0 frees the reservation. Returns false if
+ * the space is not available; the previous reservation is then kept. On file systems that cannot
+ * reserve space, only compares the size with the free space. */
 bool spin_reserve_set(struct spin_reserve *reserve, const char *path, uint64_t bytes);
 
-/* Ensures that one process at a time writes an output: a lock on output.lock, which the system
- * releases whenever the process ends. A file left behind by a killed process does not lock. */
+/* Lock that allows one process at a time to write an output. It is a lock on the file OUTPUT.lock,
+ * which the system releases when the process ends: a lock file left behind by a killed process is
+ * not locked. */
 struct spin_output_lock {
     char *path; /* NULL: not locked */
     int fd;
@@ -34,17 +35,17 @@ struct spin_output_lock {
 /* SPIN_E_IO if another process holds the lock. Works across hosts over NFS; a file system without
  * locks causes a warning. */
 spin_status spin_output_lock_take(const char *output, struct spin_output_lock *out);
-/* Release the lock and remove the file. */
+/* Release the lock and remove the lock file. */
 void spin_output_lock_drop(struct spin_output_lock *lock);
 
-/* A folder that an export fills: begin, write files into it, end or abandon. */
+/* A folder that an export fills: call begin, write the files, then call end or abandon. */
 struct spin_output_folder {
     char *path;
-    bool created;    /* by begin */
+    bool created;    /* the folder did not exist before */
     size_t n_before; /* entries that existed before */
 };
-/* Create the folder, or use an empty one; one that is not empty requires force. Removes unfinished
- * files with this extension whose writers were killed. */
+/* Create the folder, or use an existing one, which must be empty unless force is set. Removes
+ * unfinished files with this extension whose writers were killed. */
 spin_status spin_output_folder_begin(const char *path, bool force, const char *ending,
                                      struct spin_output_folder *out);
 /* Warn that files that are not overwritten stay in the folder. */
@@ -57,12 +58,12 @@ void spin_output_folder_abandon(struct spin_output_folder *folder);
 struct spin_pattern {
     const char *text;
     int n_before; /* bytes before the number */
-    bool zeros;
+    bool zeros;   /* pad the number with zeros to `width` digits */
     int width;
     const char *after; /* text after the number */
 };
-/* Parse `text` (borrowed), a file name with exactly one %d or %0Nd, N from 1 to 9. SPIN_E_USAGE
- * refers to --pattern. */
+/* Parse `text` (borrowed), a file name with exactly one %d or %0Nd, N from 1 to 9. SPIN_E_USAGE if
+ * it is not; the message refers to --pattern. */
 spin_status spin_pattern_parse(const char *text, struct spin_pattern *out);
 /* folder/name with the number inserted, allocated. */
 spin_status spin_pattern_path(const struct spin_pattern *pattern, const char *folder, int number,

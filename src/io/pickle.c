@@ -10,16 +10,17 @@
 
 #include "base/base.h"
 
-/* Budget for values, in addition to the size of the input. Real checkpoints need kilobytes. */
+/* The values may need this many bytes in addition to the size of the input. Real checkpoints need
+ * kilobytes. */
 #define BUDGET ((size_t)32 << 20)
-#define SLAB ((size_t)16 << 10)
+#define SLAB ((size_t)16 << 10) /* small values are allocated in blocks of this size */
 #define MAX_DEPTH 256
 
 enum role {
     PLAIN,
     GLOBAL,   /* id: its index in globals[] */
     DTYPE,    /* tensor: kind, item_size, big_endian */
-    STORAGE,  /* tensor: kind, item_size, storage or data, storage_count, offset (old views) */
+    STORAGE,  /* tensor: kind, item_size, storage or data, storage_count, offset (of a view) */
     ORDERED,  /* a dict created as an OrderedDict */
     UNFILLED, /* a numpy array before its BUILD */
     INSTANCE  /* of class globals[id]; a BUILD may follow */
@@ -44,7 +45,7 @@ struct machine {
     struct spin_storage *storage; /* one for each persistent id, unsorted, with duplicates */
     size_t n_storages, storage_capacity;
     size_t n_ops;
-    int level; /* 1 inside _load_from_bytes */
+    int level; /* 1 for a stream inside a pickle */
     struct spin_value *none, *yes, *no, *empty_tuple, *small[256];
 };
 
@@ -118,7 +119,8 @@ static spin_status take(struct machine *m, size_t bytes, void **out)
     return SPIN_OK;
 }
 
-/* Only values that describe elements are allocated with the tensor at their end. */
+/* The member v.tensor is allocated only for values that describe elements: tensors, dtypes and
+ * storages. */
 static spin_status new_node(struct machine *m, enum spin_value_kind kind, enum role role,
                             struct node **out)
 {
@@ -443,7 +445,8 @@ static spin_status load_from_bytes(struct machine *m, const struct spin_value *a
 
 /* ---- The globals that a pickle may refer to; any other is refused --------------------------- */
 
-/* Limit for views that repeat elements (stride 0) and have more of them than their storage. */
+/* Maximum number of elements of a tensor that exceeds its storage by repeating elements (stride
+ * 0). */
 #define MAX_REPEATED ((uint64_t)1 << 22)
 
 enum global {
@@ -500,8 +503,8 @@ static const struct {
 };
 enum { N_GLOBALS = sizeof globals / sizeof *globals };
 
-/* Globals that are refused with a specific message. Without a name, the module and all below it are
- * meant. */
+/* Globals that are refused with a specific message. name NULL: all of the module and its
+ * submodules. */
 static const struct {
     const char *module, *name, *why;
 } refused[] = {
@@ -618,7 +621,7 @@ static bool is_key(const struct spin_value *v)
     return true;
 }
 
-/* In very old files, a view (key, offset, size) shifts where a tensor begins. */
+/* A view (key, offset, size), which very old files contain, shifts the start of a tensor. */
 static spin_status read_view(struct machine *m, const struct spin_value *view,
                              struct spin_array *out)
 {
@@ -634,7 +637,8 @@ static spin_status read_view(struct machine *m, const struct spin_value *view,
     return SPIN_OK;
 }
 
-/* ('storage', type, key, location, count) and, in legacy streams, a view. */
+/* Convert a persistent id, ('storage', type, key, location, count) and in legacy streams a view, to
+ * a storage. */
 static spin_status op_persistent_id(struct machine *m)
 {
     struct spin_value *id;
@@ -698,7 +702,7 @@ static spin_status check_tensor(const struct machine *m, struct spin_array *t)
     return SPIN_OK;
 }
 
-/* (storage, offset, sizes, strides, ...) */
+/* args: (storage, offset, sizes, strides, ...) */
 static spin_status make_tensor(struct machine *m, const struct spin_value *args)
 {
     const struct spin_value *sizes, *strides;
@@ -795,7 +799,7 @@ static spin_status fill_array(struct machine *m, struct spin_array *t, struct sp
     return SPIN_OK;
 }
 
-/* BUILD (version, shape, dtype, is_fortran, bytes). */
+/* BUILD of an array with state (version, shape, dtype, is_fortran, bytes). */
 static spin_status build_array(struct machine *m, struct spin_value *array,
                                const struct spin_value *state)
 {
@@ -852,14 +856,14 @@ static spin_status make_scalar(struct machine *m, const struct spin_value *args)
         return push_int(m, integer);
     if (t.kind == 'b')
         return push_constant(m, integer ? &m->yes : &m->no, SPIN_VALUE_BOOL, integer != 0);
-    SPIN_TRY(new_node(m, SPIN_VALUE_TENSOR, PLAIN,
-                      &node)); /* read through a temporary tensor of one element */
+    /* Read the number through a temporary tensor of one element. */
+    SPIN_TRY(new_node(m, SPIN_VALUE_TENSOR, PLAIN, &node));
     node->v.tensor = t;
     spin_value_number(&node->v, &number);
     return push_float(m, number);
 }
 
-/* _codecs.encode(text, 'latin1'), as which protocol 2 writes bytes: code point n is byte n. */
+/* _codecs.encode(text, 'latin1'), which is how protocol 2 stores bytes: code point n is byte n. */
 static spin_status make_encoded(struct machine *m, const struct spin_value *args)
 {
     const char *to = args->n == 2 ? spin_value_text(args->item[1]) : NULL;
@@ -1355,8 +1359,8 @@ static spin_status bind_storage(struct machine *m, const struct spin_pickle *pic
     return SPIN_OK;
 }
 
-/* The pickles are magic number, version, byte order, the object, and the keys in order; then the
- * data. */
+/* The five pickles are the magic number, the version, the byte order, the object, and the list of
+ * storage keys. The storages follow in the order of that list. */
 static spin_status run_legacy(struct machine *m, struct spin_pickle *out)
 {
     const struct spin_value *version, *system, *keys, *little;
@@ -1434,7 +1438,7 @@ static spin_status parse(const char *what, const unsigned char *bytes, size_t n,
 
     memset(out, 0, sizeof *out);
     if (legacy) {
-        m.budget = BUDGET; /* the rest of the input is storages, which are not copied */
+        m.budget = BUDGET; /* most of the input is storages, which are not copied */
         SPIN_TRY_OUT(run_legacy(&m, out));
     } else {
         m.budget = n < SIZE_MAX - BUDGET ? BUDGET + n : BUDGET;

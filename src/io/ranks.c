@@ -1,4 +1,4 @@
-/* Communication between ranks, built on the shim, which is loaded only if there are several. */
+/* Communication between ranks through the MPI shim, which is loaded only if there are several. */
 #include "io/ranks.h"
 
 #include <time.h>
@@ -17,10 +17,10 @@ struct notice {
 
 static const struct spin_ranks_shim *shim;
 static int own_rank, n_ranks = 1;
-static bool heard;  /* this rank fails because another did */
-static bool agreed; /* all ranks know of the failure and end by themselves */
-static bool speaker;
-static struct notice last_words;
+static bool heard;               /* this rank fails because another did */
+static bool agreed;              /* all ranks know of the failure and end by themselves */
+static bool speaker;             /* this rank prints the error */
+static struct notice last_words; /* static, since MPI may send it later */
 static uint64_t sent_bytes;
 static double waited_s;
 
@@ -36,11 +36,10 @@ void spin_ranks_spent(uint64_t *bytes, double *seconds)
     *seconds = waited_s;
 }
 
-/* ---- Warnings -----------------------------------------------------------------------------------
- */
+/* ---- Warnings ------------------------------------------------------------------------------- */
 
-/* Warnings of this rank, without duplicates. Rank 0 prints its own immediately, and at the end
- * those that only others had. */
+/* Warnings of this rank, as consecutive NUL-terminated texts without duplicates. Rank 0 prints its
+ * own warnings immediately, and those that only other ranks gave at the end. */
 static char *lines;
 static size_t n_lines_bytes;
 
@@ -52,6 +51,7 @@ static bool is_said(const char *line)
     return false;
 }
 
+/* The log's sink: returns whether to print the line now. */
 static bool take_line(const char *line)
 {
     enum { MOST = 1 << 16 };
@@ -134,8 +134,8 @@ spin_status spin_ranks_begin(void)
     SPIN_TRY(spin_shim_need(&where, (const void **)&shim));
     if (!shim->start(&own_rank, &n_ranks, why, sizeof why))
         return spin_unsupported("cannot join the other processes: %s", why);
-    if (n_ranks ==
-        1) /* otherwise each process would do all the work, and overwrite the others' files */
+    /* Continuing would let each process do all the work and overwrite the others' files. */
+    if (n_ranks == 1)
         return spin_unsupported(
             "this process is one of several, but MPI reports only one: spin-mpi.so "
             "was built with another MPI than that of mpirun");
@@ -278,8 +278,9 @@ spin_status spin_ranks_agree(spin_status status)
 
 /* ---- End ------------------------------------------------------------------------------------ */
 
-/* Notify all other ranks of a failure, and wait for a while until each of them has noticed. The
- * lowest rank that failed by itself becomes the speaker. */
+/* Notify all other ranks of a failure, and wait up to patience_s seconds until each of them has
+ * sent a notice too. The lowest rank that did not fail because of another's notice becomes the
+ * speaker. */
 static void part(spin_status status)
 {
     double until = spin_now_s() + patience_s;

@@ -1,4 +1,4 @@
-/* The implementation of ranks_shim.h with MPI. One thread makes all calls. */
+/* The implementation of ranks_shim.h with MPI. All calls come from the same thread. */
 #include "io/ranks_shim.h"
 
 #include <mpi.h>
@@ -77,8 +77,8 @@ static int notice_waits(void)
            there;
 }
 
-/* Poll at first, then yield the processor, since ranks may share one. Sleeps grow with the time
- * waited, up to a millisecond. */
+/* Wait between two polls. turn: number of polls so far. After EAGER / 10 polls, yield the
+ * processor, since ranks may share one; after EAGER polls, sleep for 0.05 ms, growing to 1 ms. */
 static void pause_a_little(int turn)
 {
     int late = turn - EAGER;
@@ -132,8 +132,8 @@ static int exchange(const struct spin_message *message, size_t n, char *why, siz
     return end;
 }
 
-/* When a sum is abandoned, MPI may still access `at`: it must not be freed before the process ends,
- * which is soon. */
+/* MPI may still access `at` after a failed sum, so the caller must not free it; the process ends
+ * soon after. */
 static int sum(void *at, size_t n, int kind, char *why, size_t n_why)
 {
     MPI_Datatype type = kind == SPIN_SUM_F32   ? MPI_FLOAT

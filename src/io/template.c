@@ -3,7 +3,7 @@
 
 #include "base/base.h"
 
-/* Where names are looked up: the element of a loop, then what surrounds it. */
+/* Where names are looked up: in the current element, then in the enclosing scopes. */
 struct scope {
     const json_t *value;
     const char *key;
@@ -74,6 +74,7 @@ static void write_duration(FILE *to, double seconds)
         fprintf(to, "%.1f days", fmin(seconds / 86400, 1e9));
 }
 
+/* format: see template.h; its first word ends with the letter of a conversion. */
 static void write_number(FILE *to, const char *format, double v)
 {
     char plain[16], bytes[32], *kind;
@@ -128,7 +129,7 @@ static void write_settings(FILE *to, const json_t *j)
     free(text);
 }
 
-/* Expand the text between braces: a name, and after a blank a format. */
+/* Expand a placeholder: a name, optionally followed by a blank and a format. */
 static void write_place(const struct writer *w, const struct scope *scope, char *place)
 {
     char *format = strchr(place, ' ');
@@ -166,7 +167,7 @@ static void short_text(const json_t *j, char text[64])
         snprintf(text, 64, "%s", json_is_string(j) ? json_string_value(j) : "");
 }
 
-/* Whether the value equals a word, or after @ the value of that name. */
+/* Whether the value equals `word`, or if that is "@NAME", the value of NAME. */
 static bool is_same(const json_t *j, const char *word, const struct scope *scope)
 {
     char text[64], other[64];

@@ -1,9 +1,9 @@
 /* PyTorch checkpoints: detection of the kind of file, the pickle in it, and the storages of its
  * tensors.
  *
- * The zip form keeps each storage as a member TOP/data/KEY. When it is opened, members are only
- * looked up in the directory, and their sizes compared with the pickle; the moments of the
- * optimiser, two thirds of a checkpoint, are never read. Stored members are used in the map. */
+ * The zip form keeps each storage as a member TOP/data/KEY. Opening a checkpoint only looks up the
+ * members in the directory and compares their sizes with the pickle. The moments of the optimiser,
+ * two thirds of a checkpoint, are never read. Stored members are used in place. */
 #include "io/torch.h"
 
 #include <strings.h>
@@ -12,16 +12,17 @@
 #include "io/xz.h"
 #include "io/zip.h"
 
-/* Limit for data.pkl if it is deflated: it usually has kilobytes, or with tables in it some
- * megabytes. */
+/* Maximum size of a deflated data.pkl in bytes. It usually has kilobytes, or some megabytes if it
+ * contains tables. */
 #define PICKLE_LIMIT ((uint64_t)16 << 20)
 /* Verifying a CRC reads every byte, so it is skipped for larger members. */
 #define CRC_LIMIT ((uint64_t)64 << 20)
 
+/* Where the bytes of a storage are. */
 struct bound {
     const struct spin_zip_member *member;
     const unsigned char *data; /* NULL until a tensor needs it */
-    void *owned;               /* if it was deflated */
+    void *owned;               /* the decompressed block, or NULL */
 };
 
 struct spin_torch_file {
@@ -29,7 +30,7 @@ struct spin_torch_file {
     struct spin_map map; /* legacy streams */
     struct spin_zip zip;
     bool is_zip;
-    bool warned;     /* about a CRC mismatch */
+    bool warned;     /* a CRC mismatch was reported */
     const char *top; /* name of the top folder in the zip, including its slash */
     size_t n_top;
     struct bound *bound; /* [n_storages], in the order of pickle.storage */
@@ -99,7 +100,7 @@ static spin_status find_pickle(struct spin_torch_file *f, const struct spin_zip_
     return SPIN_OK;
 }
 
-/* The part of a member's name after TOP/; NULL if it is elsewhere. */
+/* The part of a member's name after TOP/, or NULL if the name does not begin with TOP/. */
 static const char *below_top(const struct spin_torch_file *f, const char *name)
 {
     return strncmp(name, f->top, f->n_top) == 0 ? name + f->n_top : NULL;
@@ -116,8 +117,8 @@ static const struct spin_zip_member *find_below(const struct spin_torch_file *f,
     return NULL;
 }
 
-/* Read a member's bytes. A CRC mismatch is only a warning, since torch has an option not to compute
- * it. */
+/* Read a member's bytes. A CRC mismatch is only a warning, since torch can be told not to compute
+ * CRCs. */
 static spin_status read_member(struct spin_torch_file *f, const struct spin_zip_member *member,
                                uint64_t limit, const unsigned char **data, void **owned)
 {
@@ -306,7 +307,7 @@ static spin_status bind(struct spin_torch *torch, struct spin_array *t)
     struct spin_torch_file *f = torch->file;
     struct bound *b;
 
-    if (!s) /* unreachable: every key in a tensor has its storage */
+    if (!s) /* unreachable: every key comes from a storage in the pickle */
         return spin_malformed("storage '%s' is missing", t->storage);
     t->big_endian = torch->pickle.big_endian && t->item_size > 1;
     if (!f->is_zip || s->count == 0) {

@@ -17,9 +17,10 @@ struct spin_video_writer {
     AVFrame *frame;
     AVPacket *packet;
     struct SwsContext *scale;
-    /* [height][width][3] of the coded size, if a side of the images is odd. */
+    /* The image with its sides padded to even sizes, [height][width][3]; NULL if the sides are
+     * even. */
     uint8_t *even;
-    int width, height; /* of the input images */
+    int width, height; /* size of the input images */
     int64_t next;
 };
 
@@ -50,6 +51,7 @@ static void set_quality(AVCodecContext *c, int quality)
         c->global_quality = FF_QP2LAMBDA * (1 + quality * 30 / 51);
         return;
     }
+    /* Names of VP8 and VP9 encoders begin with "libv". */
     snprintf(crf, sizeof crf, "%d", c->codec->name[3] == 'v' ? 4 + quality : quality);
     av_opt_set(c->priv_data, "crf", crf, 0);
     if (c->codec->name[3] == 'v')
@@ -155,7 +157,7 @@ static enum spin_video_result video_open(const char *path, const char *format, i
     if (error >= 0)
         error = avio_open(&w->file->pb, path, AVIO_FLAG_WRITE);
     if (error >= 0) {
-        w->file->flags |= AVFMT_FLAG_BITEXACT; /* no date, no version */
+        w->file->flags |= AVFMT_FLAG_BITEXACT; /* write neither date nor version */
         error = avformat_write_header(w->file, &options);
     }
     av_dict_free(&options);

@@ -23,7 +23,7 @@ struct spin_video_stream {
     int draining;
 };
 
-static _Thread_local char why[256]; /* why the last call failed */
+static _Thread_local char why[256]; /* why this thread's last call failed */
 
 static void because(int error, const char *what)
 {
@@ -189,7 +189,7 @@ static enum spin_video_result open_codec(struct spin_video_stream *s)
     if (!s->codec || !s->packet || !s->frame)
         return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
     error = avcodec_parameters_to_context(s->codec, parameters);
-    s->codec->thread_count = 1; /* more threads would decode ahead of what is requested */
+    s->codec->thread_count = 1; /* more threads would decode frames ahead of the requested one */
     s->codec->max_pixels = (int64_t)s->index->width * s->index->height * 2;
     if (error >= 0)
         error = avcodec_open2(s->codec, codec, NULL);
@@ -221,7 +221,7 @@ static enum spin_video_result video_open(const char *path, const struct spin_vid
 
 static enum spin_video_result video_seek(struct spin_video_stream *s, int64_t key)
 {
-    /* Files are indexed by decoding time. */
+    /* Container formats index frames by decoding time. */
     int error = av_seek_frame(s->file, s->place, s->index->entry[key].dts, AVSEEK_FLAG_BACKWARD);
 
     if (error < 0)
@@ -296,8 +296,8 @@ static enum spin_video_result video_next(struct spin_video_stream *s, int64_t *f
 
 /* ---- Pixels ---------------------------------------------------------------------------------- */
 
-/* The colour matrix that the file specifies; if none, that usual for the size: BT.709 from 720
- * lines up. */
+/* The colour matrix that the file specifies. If it specifies none, the usual one for the size:
+ * BT.709 for 720 lines or more, else BT.601. */
 static int colour_matrix(const AVFrame *frame)
 {
     switch (frame->colorspace) {

@@ -14,20 +14,20 @@ enum { MAPS = 256, OUTS = 64 };
 
 /* The handler may read a path while another thread releases its entry: paths are never freed. */
 static struct {
-    _Atomic(const unsigned char *) data; /* NULL: entry is free. Set last */
+    _Atomic(const unsigned char *) data; /* set last; NULL: the entry is free */
     char path[PATH_MAX];
     struct stat st;
 } maps[MAPS];
 static struct {
-    _Atomic(const char *) given; /* the caller's path; NULL: entry is free. Set last */
+    _Atomic(const char *) given; /* the caller's pointer, set last; NULL: the entry is free */
     char path[PATH_MAX];
 } outs[OUTS];
-static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* for writing to maps and outs */
+static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* protects writes to maps and outs */
 static atomic_bool dying;
 static char name[64]; /* of the command */
 
-/* Acquire the mutex before a path is written; blocks if the handler is running, which may be about
- * to remove the file with the old path. */
+/* Acquire the mutex in order to write a path. Blocks forever once the handler runs, since the
+ * handler may be about to remove the file with the entry's old path. */
 static void lock(void)
 {
     pthread_mutex_lock(&mutex);
@@ -169,14 +169,14 @@ static void on_bus(int number, siginfo_t *info, void *context)
 
         if (!first || at < first || at - first >= (uintptr_t)maps[i].st.st_size)
             continue;
-        while (atomic_exchange(&dying, true)) /* another thread is in the handler already */
+        while (atomic_exchange(&dying, true)) /* another thread already runs this */
             pause();
         say(maps[i].path);
         remove_outs();
         _exit(1);
     }
-    signal(number,
-           SIG_DFL); /* not one of our maps: the signal is raised again and ends the process */
+    /* Not one of our maps: the access is repeated, and the signal ends the process. */
+    signal(number, SIG_DFL);
 }
 
 void spin_catch_cut_files(const char *command)

@@ -58,15 +58,15 @@ static int take(const uint8_t *data, size_t size, const WebPPicture *picture)
     return 1;
 }
 
-/* The encoder cannot write only if take() has no memory. */
+/* BAD_WRITE is a lack of memory too: take() has no other error. */
 static bool is_memory(WebPEncodingError error)
 {
     return error == VP8_ENC_ERROR_OUT_OF_MEMORY || error == VP8_ENC_ERROR_BITSTREAM_OUT_OF_MEMORY ||
            error == VP8_ENC_ERROR_BAD_WRITE;
 }
 
-/* The library may be another version than that of the header, so verify that its output decodes to
- * the image. */
+/* The installed library may have another version than the header used for the build, so verify that
+ * its output decodes to the image. */
 static spin_status check_written(const struct sink *sink, const uint8_t *rgba, int width,
                                  int height)
 {
@@ -175,8 +175,8 @@ spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *h
 }
 
 /* If allocations fail, libwebp 1.2 sometimes reports damage and sometimes ends the process.
- * Therefore try to allocate what it needs beforehand: a copy of the pixels, data of transforms, and
- * Huffman tables. */
+ * Therefore check beforehand that as much memory as it needs can be allocated: for a copy of the
+ * pixels, data of transforms, and Huffman tables. */
 static spin_status check_memory(int width, int height)
 {
     SPIN_FREED void *block = malloc(2 * 4 * (size_t)width * (size_t)height + (1 << 20));

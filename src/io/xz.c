@@ -8,7 +8,7 @@
 #include "io/file.h"
 
 /* Networks, codebooks and indices compress to about half. A ratio above 32, beyond some megabytes,
- * indicates a bomb: xz can produce 7000 bytes from one. */
+ * indicates a decompression bomb: xz can reach a ratio of 7000. */
 #define RATIO 32
 #define RATIO_SLACK ((size_t)8 << 20)
 #define FIRST_PIECE ((size_t)1 << 20)

@@ -1,8 +1,8 @@
 /* Reading zip and zip64 archives through the central directory.
  *
  * The file is not trusted. Every offset and size is compared with the bytes of the file before it
- * is used; members must not overlap each other or the directory (a trick by which small files
- * appear to contain petabytes); deflate yields at most 1032 times its input, so larger claims are
+ * is used; members must not overlap each other or the directory (by overlaps, small files can
+ * appear to contain petabytes). Deflate yields at most 1032 times its input, so larger sizes are
  * refused before memory is allocated. Sizes in local headers are ignored: they may be zero (data
  * descriptor) or saturated (numpy always requests zip64 headers). */
 #include "io/zip.h"
@@ -335,8 +335,8 @@ const struct spin_zip_member *spin_zip_find(const struct spin_zip *zip, const ch
 
 /* ---- Data of members ------------------------------------------------------------------------ */
 
-/* Locate a member's compressed bytes. The local header is only used for their position, and must
- * contain the name. */
+/* Locate a member's compressed bytes. The local header is used only to find their position; its
+ * name must be the same. */
 static spin_status find_data(const struct spin_zip *zip, const struct spin_zip_member *m,
                              const unsigned char **data)
 {

@@ -13,8 +13,8 @@ enum {
     WINDOW = SPIN_DEFLATE_WINDOW,
     PART = 8 << 20 /* size that threads compress in parallel */
 };
-/* A deflated member may become slightly longer than its data; from this size on, its header
- * reserves 64-bit fields. */
+/* Deflated members of at least this size get 64-bit fields in their headers, since compression may
+ * make data slightly longer. */
 static const uint64_t deflate_zip64 = 0xf0000000u;
 
 struct spin_zip_deflate {
@@ -33,7 +33,7 @@ struct spin_zip_written {
     bool zip64; /* the local header has 64-bit sizes */
 };
 
-/* Buffer for one header; none is longer. */
+/* Buffer for one header, whose maximum length this is. */
 struct bytes {
     unsigned char data[128 + ALIGN];
     size_t n;
@@ -72,8 +72,8 @@ static spin_status add_written(struct spin_zip_writer *w, const char *name, uint
     entry = &w->written[w->n];
     memset(entry, 0, sizeof *entry);
     SPIN_TRY(spin_strdup(name, &entry->name));
-    entry->size = entry->packed_size =
-        size; /* packed_size of a deflated member is set when it ends */
+    /* The packed_size of a deflated member is corrected when the member ends. */
+    entry->size = entry->packed_size = size;
     entry->method = method;
     entry->zip64 = size >= (method == METHOD_STORED ? FULL32 : deflate_zip64);
     entry->header_offset = w->out.bytes;
@@ -97,7 +97,7 @@ static void put_common(struct bytes *b, const struct spin_zip_written *e, bool z
     put(b, strlen(e->name), 2);
 }
 
-/* Size of the padding record that aligns the data after `used` header bytes. */
+/* Size of the padding record, at least 6 bytes, that aligns the data after `used` header bytes. */
 static size_t padding(uint64_t used)
 {
     size_t pad = (size_t)(-used & (ALIGN - 1));
@@ -242,8 +242,8 @@ spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, s
     return spin_out_write(&w->out, data, bytes);
 }
 
-/* Write values that are known only now into a local header. Avoids seeking, upon which stdio would
- * reload and rewrite its buffer. */
+/* Write values that became known later into a local header. pwrite() avoids a seek, after which
+ * stdio would reload and rewrite its buffer. */
 static spin_status patch(struct spin_zip_writer *w, const struct bytes *b, uint64_t at)
 {
     if (fflush(w->out.file) != 0)
@@ -373,7 +373,7 @@ spin_status spin_zip_writer_commit(struct spin_zip_writer *w)
     if (status == SPIN_OK)
         status = write_directory(w);
     if (status == SPIN_OK)
-        status = spin_out_commit(&w->out); /* after which there is nothing to abandon */
+        status = spin_out_commit(&w->out); /* leaves nothing to abandon below */
     spin_zip_writer_abandon(w);
     return status;
 }
