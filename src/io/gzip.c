@@ -140,13 +140,14 @@ static spin_status inflate_all(int window_bits, const char *name, const void *da
     if (result == Z_MEM_ERROR)
         return spin_fail(SPIN_E_MEMORY, "not enough memory to inflate");
     if (result != Z_STREAM_END && *n < n_out)
-        return spin_malformed("the %s is damaged or cut short after %zu bytes", name, *n);
+        return spin_malformed("the %s is damaged or cut short after %zu decompressed bytes", name,
+                              *n);
     return SPIN_OK;
 }
 
 spin_status spin_gzip_read(const void *data, size_t size, void *out, size_t n_out, size_t *n)
 {
-    return inflate_all(MAX_WBITS + 16, "gzip", data, size, out, n_out, n);
+    return inflate_all(MAX_WBITS + 16, "gzip stream", data, size, out, n_out, n);
 }
 
 spin_status spin_zlib_read(const void *data, size_t size, void *out, size_t n_out, size_t *n)

@@ -70,7 +70,7 @@ template <typename Work> enum spin_image_result guarded(char *why, size_t n_why,
 {
     if (why.find(" memory") != std::string::npos || why.find("bad_alloc") != std::string::npos)
         throw failure{SPIN_IMAGE_NO_MEMORY, "not enough memory"};
-    throw failure{SPIN_IMAGE_UNREADABLE, why.empty() ? "not an image that can be read" : why};
+    throw failure{SPIN_IMAGE_UNREADABLE, why.empty() ? "not a readable image" : why};
 }
 
 std::unique_ptr<OIIO::ImageInput> open_input(const char *path, const std::string &format)

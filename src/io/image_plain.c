@@ -153,7 +153,8 @@ static void png_none(struct picture *p)
         fail(p, SPIN_IMAGE_NO_MEMORY, "not enough memory");
     else
         fail(p, SPIN_IMAGE_UNREADABLE,
-             "the installed libpng differs from the version of the build");
+             "the installed libpng is not compatible with version " PNG_LIBPNG_VER_STRING
+             ", with which spin4d was built");
 }
 
 static void png_warns(png_structp png, png_const_charp text) { (void)png, (void)text; }

@@ -140,7 +140,8 @@ static spin_status read_shape(struct text *t, struct spin_array *out)
             return spin_unsupported("array '%s' has more than %d dimensions", t->what,
                                     SPIN_NPY_MAX_DIMS);
         if (!take_number(t, &out->shape[out->n_dims]))
-            return spin_malformed("array '%s' has a shape that is not a list of counts", t->what);
+            return spin_malformed("array '%s' has a shape that is not a tuple of integers",
+                                  t->what);
         out->n_dims++;
         comma = take(t, ',');
     }
@@ -209,8 +210,9 @@ static spin_status check_size(const char *what, struct spin_array *a, size_t n_p
     overflow = overflow || __builtin_mul_overflow(a->count, (uint64_t)a->item_size, &bytes);
     if (overflow || bytes > n_present) {
         spin_array_shape_text(a->n_dims, a->shape, shape, sizeof shape);
-        return spin_malformed("array '%s' is cut short: shape %s of %d-byte items, but %zu bytes",
-                              what, shape, a->item_size, n_present);
+        return spin_malformed(
+            "array '%s' is cut short: shape %s of %d-byte items, but only %zu bytes are present",
+            what, shape, a->item_size, n_present);
     }
     a->n_bytes = (size_t)bytes;
     return SPIN_OK;
@@ -228,7 +230,8 @@ static spin_status parse_head(const char *what, const unsigned char *bytes, size
     if (n_readable < 10 || memcmp(bytes, "\x93NUMPY", 6) != 0)
         return spin_malformed("array '%s' does not begin with the .npy magic", what);
     if (bytes[6] < 1 || bytes[6] > 3)
-        return spin_unsupported("array '%s' has .npy version %d, not 1 to 3", what, bytes[6]);
+        return spin_unsupported("array '%s' has .npy version %d; supported are 1 to 3", what,
+                                bytes[6]);
     prefix = bytes[6] == 1 ? 10 : 12;
     if (n_readable < prefix)
         return fail_header(&t);
@@ -236,8 +239,9 @@ static spin_status parse_head(const char *what, const unsigned char *bytes, size
     if (prefix == 12)
         n_header |= (size_t)bytes[10] << 16 | (size_t)bytes[11] << 24;
     if (n_header > n_readable - prefix)
-        return spin_malformed("array '%s' is cut short: a header of %zu bytes in %zu", what,
-                              n_header, n_readable);
+        return spin_malformed(
+            "array '%s' is cut short: its header has %zu bytes, but only %zu bytes were read", what,
+            n_header, n_readable);
     t.p = bytes + prefix;
     t.end = t.p + n_header;
     SPIN_TRY(read_dictionary(&t, out));
@@ -326,7 +330,7 @@ static spin_status read_head(const struct spin_npz *npz, const char *key,
     n_head = (size_t)(out->data - head);
     out->data = NULL;
     if (n_head + out->n_bytes != member->size)
-        return spin_malformed("array '%s' has %zu bytes more than its header says", key,
+        return spin_malformed("array '%s' has %zu bytes more than its header states", key,
                               (size_t)member->size - n_head - out->n_bytes);
     return SPIN_OK;
 }
@@ -452,7 +456,9 @@ static spin_status describe_member(const char *name, const char *descr, int n_di
     size_t n_member = strlen(name) + 5;
 
     if (n_dims < 0 || n_dims > SPIN_NPY_MAX_DIMS)
-        return spin_misuse("cannot write array '%s': %d dimensions", name, n_dims);
+        return spin_misuse(
+            "cannot write array '%s': it has %d dimensions, but 0 to %d are supported", name,
+            n_dims, SPIN_NPY_MAX_DIMS);
     SPIN_TRY(read_dtype(&t, descr, &a));
     a.n_dims = n_dims;
     for (int i = 0; i < n_dims; i++)

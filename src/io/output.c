@@ -31,7 +31,8 @@ static spin_status count_entries(const char *path, bool force, size_t *n)
     char **names = NULL;
 
     if (!spin_path_is_folder(path))
-        return spin_fail(SPIN_E_IO, "'%s' exists and is not a folder", path);
+        return spin_fail(SPIN_E_IO, "cannot write folder '%s': it exists and is not a folder",
+                         path);
     SPIN_TRY(spin_folder_list(path, &names, n));
     spin_folder_list_free(names);
     if (*n > 0 && !force)
@@ -175,7 +176,8 @@ spin_status spin_output_lock_take(const char *output, struct spin_output_lock *o
     if (got == HELD || got == NO_LOCKS)
         return SPIN_OK;
     if (got == TAKEN)
-        (void)spin_fail(SPIN_E_IO, "'%s' is being written by another run, which holds '%s.lock'",
+        (void)spin_fail(SPIN_E_IO,
+                        "cannot write '%s': another run is writing it, and has locked '%s.lock'",
                         output, output);
     else
         (void)spin_fail(SPIN_E_IO, "cannot write '%s': %s", output,
@@ -244,7 +246,8 @@ void spin_output_folder_abandon(struct spin_output_folder *folder)
 static spin_status fail_pattern(const char *text)
 {
     return spin_misuse(
-        "--pattern '%s': expected a file name with exactly one %%d or %%0Nd, N 1 to 9", text);
+        "--pattern '%s': expected a file name with exactly one %%d or %%0Nd, where N is 1 to 9",
+        text);
 }
 
 spin_status spin_pattern_parse(const char *text, struct spin_pattern *out)

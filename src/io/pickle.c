@@ -72,7 +72,7 @@ static void release(struct machine *m)
 
 static spin_status fail_at(const struct machine *m, spin_status code, const char *why)
 {
-    return spin_fail(code, "cannot read '%s': its pickle at byte %zu: %s", m->what,
+    return spin_fail(code, "cannot read '%s': error in its pickle at byte %zu: %s", m->what,
                      (size_t)(m->op - m->start), why);
 }
 
@@ -95,7 +95,7 @@ static const char *shown(const char *text, size_t n, char out[100])
 static spin_status spend(struct machine *m, size_t bytes)
 {
     if (bytes > m->budget)
-        return bad(m, "its values would take more memory than any checkpoint needs");
+        return bad(m, "its values need more memory than those of any checkpoint");
     m->budget -= bytes;
     return SPIN_OK;
 }
@@ -186,7 +186,7 @@ static spin_status put_memo(struct machine *m, uint64_t slot)
 {
     SPIN_TRY(need(m, 1));
     if (slot > m->n_ops)
-        return bad(m, "a memo slot out of range");
+        return bad(m, "a memo index out of range");
     while (m->n_memo <= slot) {
         SPIN_TRY(room_for(m, (void **)&m->memo, m->n_memo, &m->memo_capacity, sizeof *m->memo));
         m->memo[m->n_memo++] = NULL;
@@ -198,7 +198,7 @@ static spin_status put_memo(struct machine *m, uint64_t slot)
 static spin_status get_memo(struct machine *m, uint64_t slot)
 {
     if (slot >= m->n_memo || !m->memo[slot])
-        return bad(m, "a memo slot that was never set");
+        return bad(m, "a memo entry that was never set");
     return push(m, m->memo[slot]);
 }
 
@@ -307,7 +307,7 @@ static spin_status deepen(struct machine *m, struct node *parent, struct spin_va
     unsigned depth = node_of(child)->depth + 1u;
 
     if (depth > MAX_DEPTH)
-        return bad(m, "nested deeper than any checkpoint");
+        return bad(m, "values nested deeper than in any checkpoint");
     if (depth > parent->depth)
         parent->depth = (uint16_t)depth;
     return SPIN_OK;
@@ -1015,7 +1015,7 @@ static spin_status op_build(struct machine *m)
         to->n = 1;
         return deepen(m, node_of(to), state);
     default:
-        return bad(m, "a state for a value without one");
+        return bad(m, "a state for a value that cannot have one");
     }
 }
 
@@ -1381,7 +1381,7 @@ static spin_status run_legacy(struct machine *m, struct spin_pickle *out)
     SPIN_TRY(keep_storages(m, out));
     SPIN_TRY(run(m, &keys));
     if (keys->kind != SPIN_VALUE_LIST)
-        return bad(m, "no list of storages");
+        return bad(m, "the list of storages is missing");
     for (size_t i = 0; i < keys->n; i++)
         SPIN_TRY(bind_storage(m, out, keys->item[i]));
     for (size_t i = 0; i < out->n_storages; i++)
@@ -1412,7 +1412,7 @@ static spin_status load_from_bytes(struct machine *m, const struct spin_value *a
     SPIN_TRY(status);
     if (stream.root->kind != SPIN_VALUE_OBJECT ||
         node_of((struct spin_value *)(uintptr_t)stream.root)->role != STORAGE)
-        return bad(m, "a stream that does not hold one storage");
+        return bad(m, "a stream that does not consist of one storage");
     s = spin_pickle_storage(&stream, stream.root->tensor.storage);
     SPIN_TRY(new_node(m, SPIN_VALUE_OBJECT, STORAGE, &node));
     node->v.text = stream.root->text;

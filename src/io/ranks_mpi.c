@@ -19,11 +19,11 @@ static int start(int *rank, int *n, char *why, size_t n_why)
     int given;
 
     if (MPI_Init_thread(NULL, NULL, MPI_THREAD_FUNNELED, &given) != MPI_SUCCESS) {
-        snprintf(why, n_why, "MPI fails to initialise");
+        snprintf(why, n_why, "MPI cannot be initialised");
         return 0;
     }
     if (given < MPI_THREAD_FUNNELED) {
-        snprintf(why, n_why, "this MPI does not allow threads");
+        snprintf(why, n_why, "this MPI does not support threads");
         return 0;
     }
     MPI_Comm_set_errhandler(MPI_COMM_WORLD, MPI_ERRORS_RETURN);

@@ -1,7 +1,7 @@
 /* A text with placeholders for values of a JSON document, for the reports of the commands and the
  * page of an evaluation.
  *
- *     {{splats.mean}} {{times.0}}     the value, the length of an array, or nothing if absent
+ *     {{splats.mean}} {{times.0}}       the value, the length of an array, or nothing if absent
  *     {{{figure}}}                      in HTML: the value without escaping
  *     {{psnr %8.3f}} {{name %-8s}}      formatted as by printf with d, f, g or s; a dash of the
  *                                       same width if absent

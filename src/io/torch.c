@@ -68,7 +68,7 @@ static spin_status fail_foreign(const char *path, const struct spin_map *map)
     else if (map->size >= 2 && p[0] == 0x80 && p[1] >= 2 && p[1] <= 5)
         what = "it is a bare pickle, not a PyTorch checkpoint";
     else if (map->size >= 262 && memcmp(p + 257, "ustar", 5) == 0)
-        what = "it is a tar file, as PyTorch wrote them before 0.1.10";
+        what = "it is a tar file, the unsupported format of PyTorch before 0.1.10";
     else if (is_safetensors(map))
         what = "it is a safetensors file, not a PyTorch checkpoint";
     return spin_unsupported("cannot read '%s': %s", path, what);
@@ -162,14 +162,14 @@ static spin_status check_container(struct spin_torch_file *f, bool *big_endian)
         const char *rest = below_top(f, f->zip.member[i].name);
 
         if (rest && (strcmp(rest, "constants.pkl") == 0 || strncmp(rest, "code/", 5) == 0))
-            return spin_unsupported("cannot read '%s': member '%s' says that this is a TorchScript "
-                                    "program, not a checkpoint",
+            return spin_unsupported("cannot read '%s': it is a TorchScript program, not a "
+                                    "checkpoint, since it contains member '%s'",
                                     f->path, f->zip.member[i].name);
     }
     SPIN_TRY(read_word(f, "version", word));
     version = strtol(word, &end, 10);
     if (word[0] && (end == word || *end || version < 1 || version > 10))
-        return spin_unsupported("cannot read '%s': its version is not one of 1 to 10", f->path);
+        return spin_unsupported("cannot read '%s': its version is not between 1 and 10", f->path);
     SPIN_TRY(read_word(f, "byteorder", word));
     *big_endian = strcmp(word, "big") == 0;
     if (word[0] && !*big_endian && strcmp(word, "little") != 0)

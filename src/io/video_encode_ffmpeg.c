@@ -145,7 +145,8 @@ static enum spin_video_result video_open(const char *path, const char *format, i
     if (!w || !codec) {
         free(w);
         return fail(w ? 0 : AVERROR(ENOMEM),
-                    w ? "this FFmpeg has no encoder for the format" : "cannot start encoding");
+                    w ? "the installed FFmpeg has no encoder for this format"
+                      : "cannot start encoding");
     }
     w->width = width;
     w->height = height;

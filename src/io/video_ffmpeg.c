@@ -66,7 +66,7 @@ static enum spin_video_result open_file(const char *path, AVFormatContext **out,
         error = *place = av_find_best_stream(*out, AVMEDIA_TYPE_VIDEO, -1, -1, NULL, 0);
     if (error < 0) {
         avformat_close_input(out);
-        return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "no video stream");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "it contains no video stream");
     }
     for (unsigned i = 0; i < (*out)->nb_streams; i++) {
         if ((int)i != *place)
@@ -88,9 +88,9 @@ static enum spin_video_result add_entry(struct spin_video_index *index, int64_t 
     if (packet->flags & AV_PKT_FLAG_DISCARD) /* excluded by the file's edit list */
         return SPIN_VIDEO_OK;
     if (packet->pts == AV_NOPTS_VALUE)
-        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no times");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no timestamps");
     if (index->n == MAX_FRAMES)
-        return spin_video_fail(SPIN_VIDEO_TOO_LARGE, 0, "more than four million frames");
+        return spin_video_fail(SPIN_VIDEO_TOO_LARGE, 0, "it has more than 4194304 frames");
     if (index->n == *room) {
         int64_t larger = *room ? 2 * *room : 512;
         void *block = realloc(index->entry, (size_t)larger * sizeof *index->entry);
@@ -149,9 +149,9 @@ static enum spin_video_result video_index(const char *path, int64_t max_pixels,
     out->width = file->streams[place]->codecpar->width;
     out->height = file->streams[place]->codecpar->height;
     if (out->width < 1 || out->height < 1)
-        result = spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no size");
+        result = spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no width or height");
     else if (out->width > max_pixels / out->height)
-        result = spin_video_fail(SPIN_VIDEO_TOO_LARGE, 0, "its frames exceed the limit of pixels");
+        result = spin_video_fail(SPIN_VIDEO_TOO_LARGE, 0, "its frames have too many pixels");
     else
         result = list_frames(file, place, out);
     avformat_close_input(&file);
@@ -182,7 +182,7 @@ static enum spin_video_result open_codec(struct spin_video_stream *s)
 
     if (!codec)
         return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0,
-                               "this FFmpeg has no decoder for the format");
+                               "the installed FFmpeg has no decoder for this format");
     s->codec = avcodec_alloc_context3(codec);
     s->packet = av_packet_alloc();
     s->frame = av_frame_alloc();
@@ -193,8 +193,9 @@ static enum spin_video_result open_codec(struct spin_video_stream *s)
     s->codec->max_pixels = (int64_t)s->index->width * s->index->height * 2;
     if (error >= 0)
         error = avcodec_open2(s->codec, codec, NULL);
-    return error < 0 ? spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "cannot be decoded")
-                     : SPIN_VIDEO_OK;
+    return error < 0
+               ? spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "its video stream cannot be decoded")
+               : SPIN_VIDEO_OK;
 }
 
 static enum spin_video_result video_open(const char *path, const struct spin_video_index *index,
@@ -277,17 +278,17 @@ static enum spin_video_result video_next(struct spin_video_stream *s, int64_t *f
         int error = avcodec_receive_frame(s->codec, s->frame);
 
         if (error == AVERROR_EOF)
-            return spin_video_fail(SPIN_VIDEO_END, 0, "it ends before that frame");
+            return spin_video_fail(SPIN_VIDEO_END, 0, "it ends before the requested frame");
         if (error == AVERROR(EAGAIN)) {
             error = s->draining ? AVERROR_EOF : feed(s);
             if (error < 0)
-                return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "damaged or cut short");
+                return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "it is damaged or cut short");
             continue;
         }
         if (error < 0)
-            return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "damaged or cut short");
+            return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "it is damaged or cut short");
         if (s->frame->width != s->index->width || s->frame->height != s->index->height)
-            return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames change their size");
+            return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames differ in size");
         *frame = number_of(s->index, s->frame->best_effort_timestamp);
         if (*frame >= 0)
             return SPIN_VIDEO_OK;
@@ -328,12 +329,12 @@ static enum spin_video_result video_rgb(struct spin_video_stream *s, uint8_t *ou
     if (!s->scale && sws_isSupportedInput((enum AVPixelFormat)frame->format))
         return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
     if (!s->scale)
-        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "unsupported pixel format");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its pixel format is not supported");
     sws_setColorspaceDetails(s->scale, sws_getCoefficients(colour_matrix(frame)), full,
                              sws_getCoefficients(SWS_CS_ITU709), 1, 0, 1 << 16, 1 << 16);
     if (sws_scale(s->scale, (const uint8_t *const *)frame->data, frame->linesize, 0, frame->height,
                   planes, lines) != frame->height)
-        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "cannot convert the pixels");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its pixels cannot be converted to RGB");
     return SPIN_VIDEO_OK;
 }
 

@@ -95,10 +95,12 @@ spin_status spin_webp_write(const uint8_t *rgba, int width, int height, int effo
 
     SPIN_TRY(spin_webp_need());
     if (width < 1 || height < 1 || width > SPIN_WEBP_MAX_SIDE || height > SPIN_WEBP_MAX_SIDE)
-        return spin_unsupported("a WebP of %dx%d pixels", width, height);
+        return spin_unsupported("a WebP image cannot have %dx%d pixels, only 1 to %d per side",
+                                width, height, SPIN_WEBP_MAX_SIDE);
     if (!config_init(&config, WEBP_PRESET_DEFAULT, 75, WEBP_ENCODER_ABI_VERSION) ||
         !config_lossless(&config, effort) || !picture_init(&picture, WEBP_ENCODER_ABI_VERSION))
-        return spin_unsupported("the installed libwebp differs from the version of the build");
+        return spin_unsupported(
+            "the installed libwebp is not compatible with the version with which spin4d was built");
     config.exact = 1;
     picture.use_argb = 1;
     picture.width = width;
@@ -106,11 +108,14 @@ spin_status spin_webp_write(const uint8_t *rgba, int width, int height, int effo
     picture.writer = take;
     picture.custom_ptr = &sink;
     if (!picture_import(&picture, rgba, 4 * width) || !encode(&config, &picture))
-        status = is_memory(picture.error_code)
-                     ? spin_fail(SPIN_E_MEMORY, "not enough memory for a WebP of %dx%d pixels",
-                                 width, height)
-                     : spin_fail(SPIN_E_IO, "libwebp cannot write %dx%d pixels (its error %d)",
-                                 width, height, picture.error_code);
+        status =
+            is_memory(picture.error_code)
+                ? spin_fail(SPIN_E_MEMORY,
+                            "not enough memory to encode a WebP image of %dx%d pixels", width,
+                            height)
+                : spin_fail(SPIN_E_IO,
+                            "libwebp cannot encode an image of %dx%d pixels (error %d of libwebp)",
+                            width, height, picture.error_code);
     picture_free(&picture);
     if (status == SPIN_OK)
         status = check_written(&sink, rgba, width, height);
@@ -147,7 +152,7 @@ spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *h
     if (size < 12 || memcmp(file, "RIFF", 4) != 0 || memcmp(file + 8, "WEBP", 4) != 0)
         return spin_malformed("not a WebP image");
     if ((uint64_t)word_at(file + 4) + 8 != size)
-        return spin_malformed("a WebP image of %zu bytes, whose header states %llu", size,
+        return spin_malformed("a WebP image of %zu bytes whose header states %llu bytes", size,
                               (unsigned long long)word_at(file + 4) + 8);
     for (size_t at = 12; at < size;) {
         const uint8_t *chunk = file + at;
@@ -182,7 +187,8 @@ static spin_status check_memory(int width, int height)
     SPIN_FREED void *block = malloc(2 * 4 * (size_t)width * (size_t)height + (1 << 20));
 
     return block ? SPIN_OK
-                 : spin_fail(SPIN_E_MEMORY, "not enough memory for a WebP of %dx%d pixels", width,
+                 : spin_fail(SPIN_E_MEMORY,
+                             "not enough memory to decode a WebP image of %dx%d pixels", width,
                              height);
 }
 
@@ -194,14 +200,15 @@ spin_status spin_webp_read(const void *data, size_t size, int width, int height,
     SPIN_TRY(spin_webp_need());
     SPIN_TRY(check_memory(width, height));
     if (!decoder_init(&config, WEBP_DECODER_ABI_VERSION))
-        return spin_unsupported("the installed libwebp differs from the version of the build");
+        return spin_unsupported(
+            "the installed libwebp is not compatible with the version with which spin4d was built");
     config.output.colorspace = MODE_RGBA;
     config.output.is_external_memory = 1;
     config.output.u.RGBA = (WebPRGBABuffer){
         .rgba = rgba, .stride = 4 * width, .size = (size_t)width * (size_t)height * 4};
     code = decode(data, size, &config);
     if (code == VP8_STATUS_OUT_OF_MEMORY)
-        return spin_fail(SPIN_E_MEMORY, "not enough memory for a WebP of %dx%d pixels", width,
-                         height);
+        return spin_fail(SPIN_E_MEMORY, "not enough memory to decode a WebP image of %dx%d pixels",
+                         width, height);
     return code == VP8_STATUS_OK ? SPIN_OK : spin_malformed("a damaged WebP image");
 }

@@ -33,11 +33,11 @@ static spin_status fail_lzma(const char *path, lzma_ret code)
     case LZMA_OPTIONS_ERROR:
         return spin_unsupported("'%s' uses unsupported xz options", path);
     case LZMA_MEMLIMIT_ERROR:
-        return spin_unsupported("'%s' needs more than 268 MB to be unpacked", path);
+        return spin_unsupported("'%s' needs more than 268 MB of memory to be decompressed", path);
     case LZMA_MEM_ERROR:
         return spin_fail(SPIN_E_MEMORY, "not enough memory to unpack '%s'", path);
     default:
-        return spin_malformed("'%s' is damaged: xz data that cannot be unpacked", path);
+        return spin_malformed("'%s' is damaged: its xz data cannot be decompressed", path);
     }
 }
 

@@ -115,7 +115,9 @@ static spin_status begin_member(struct spin_zip_writer *w, const char *name, uin
     struct spin_zip_written *e;
 
     if (n_name == 0 || n_name > UINT16_MAX)
-        return spin_misuse("cannot write '%s': a member's name has %zu bytes", w->out.path, n_name);
+        return spin_misuse(
+            "cannot write '%s': a member's name has %zu bytes, but 1 to 65535 are supported",
+            w->out.path, n_name);
     SPIN_TRY(add_written(w, name, size, method));
     e = &w->written[w->n - 1];
     size32 = e->zip64 ? FULL32 : (uint32_t)size;

@@ -354,7 +354,7 @@ static void archives(void)
     ok(spin_npz_array(&npz, "none", true, &a) == SPIN_E_NOT_FOUND, "a missing array");
     is_text(spin_last_error(), "no array 'none'", "is named");
     ok(spin_npz_array(&npz, "more", true, &a) == SPIN_E_MALFORMED, "bytes too many are an error");
-    is_text(spin_last_error(), "array 'more' has 2 bytes more than its header says",
+    is_text(spin_last_error(), "array 'more' has 2 bytes more than its header states",
             "that says so");
     spin_npz_close(&npz);
     ok(spin_npz_open("none.npz", &npz) == SPIN_E_NOT_FOUND &&
