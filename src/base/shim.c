@@ -1,4 +1,5 @@
-/* Finds shared objects, and checks that others cannot write to them and that their version fits. */
+/* Finds shared objects, and checks that other users cannot write to them and that their version
+ * matches. */
 #include "base/shim.h"
 
 #include <dlfcn.h>
@@ -20,7 +21,8 @@
 #define SPIN_LIBDIR "/usr/local/lib"
 #endif
 
-/* Users of the Windows build did not build it, so the hint is another one. */
+/* Where to install the packages for a missing shared object and build it. Windows users received a
+ * binary that cannot have it. */
 #ifdef _WIN32
 #define WHERE "not in spin4d for Windows; in WSL"
 #else
@@ -30,11 +32,11 @@
 struct search {
     struct spin_shim *shim;
     const void *table;
-    uid_t owner; /* of the program; 0 if unknown */
+    uid_t owner; /* owner of the program's file; 0 if unknown */
 };
 
-/* With an address space limit (`ulimit -v`), loading a library may end the process, for instance if
- * it starts threads. Try it in a child process first. */
+/* Whether loading the library would end the process, as can happen with an address space limit
+ * (`ulimit -v`), for instance if the library starts threads. Tries it in a child process. */
 static bool ends_process(const char *path)
 {
     struct rlimit limit;
@@ -57,8 +59,8 @@ static bool ends_process(const char *path)
     return WIFSIGNALED(how);
 }
 
-/* Load the object at path; false if there is none or it does not fit, with the reason in
- * shim->why. */
+/* Load the shared object at path. False if the file does not exist, or if it cannot be used, with
+ * the reason in shim->why. */
 static bool load(struct search *s, const char *path)
 {
     const void *table;
@@ -92,7 +94,7 @@ static bool others_write(struct search *s, const char *path)
     struct stat st;
 
     if (stat(path, &st) != 0)
-        return false; /* does not exist: load() handles this */
+        return false; /* load() handles a missing file */
     if (!(st.st_mode & (S_IWGRP | S_IWOTH)) &&
         (st.st_uid == 0 || st.st_uid == geteuid() || st.st_uid == s->owner))
         return false;
@@ -101,7 +103,8 @@ static bool others_write(struct search *s, const char *path)
     return true;
 }
 
-/* Load the object from the folder parent/below, if others can write to neither. */
+/* Load the object from the folder parent/below, unless other users can write to the object or the
+ * folder. */
 static bool load_from(struct search *s, const char *parent, const char *below)
 {
     char path[PATH_MAX + 64];
@@ -133,7 +136,8 @@ static bool program_path(char path[4096])
     return n > 0 && n < 4096;
 }
 
-/* Load from lib/ of the build or prefix in whose bin/ or tests/ROOM/ the program is. */
+/* Load from lib/ or lib/spin4d/ of the folder whose bin/ or tests/ROOM/ contains the program: the
+ * build folder, or the prefix of an installation. */
 static bool load_beside_program(struct search *s)
 {
     char folder[4096];

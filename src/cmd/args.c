@@ -43,9 +43,9 @@ static const struct spin_args_row common_rows[] = {
 /* State of the parser while it reads one command line. */
 struct parser {
     const struct spin_args_command *command;
-    struct spin_args_row
-        *rows;              /* of the command, common to all, of plug-ins; ends with SPIN_ARG_END */
-    size_t n_rows, n_shown; /* n_shown: the first rows, which --help and completion list */
+    /* Rows of the command, of all commands, and of plug-ins; terminated by SPIN_ARG_END. */
+    struct spin_args_row *rows;
+    size_t n_rows, n_shown; /* --help and completion list the first n_shown rows */
     const char *chosen;     /* plug-in named on the command line, or NULL */
     size_t n_pairs;         /* strings in plugin_pairs */
     int argc, next;
@@ -57,7 +57,7 @@ struct parser {
 /* Only one rank prints an error that all ranks share. */
 static bool speaks = true;
 
-/* Input texts may contain line breaks and escape sequences: an error stays one plain line. */
+/* Prints an error as one line, without the control characters that names of files may contain. */
 static void put_line(const char *name, const char *text, const char *tail)
 {
     char line[4096];
@@ -69,7 +69,7 @@ static void put_line(const char *name, const char *text, const char *tail)
     fprintf(stderr, "%s: %s%s\n", name, line, tail);
 }
 
-/* Not a usage error, hence without a reference to --help. */
+/* Unlike spin_args_misuse(), does not refer to --help. */
 static int fail_memory(const struct spin_args_command *command)
 {
     put_line(command->name, "out of memory", "");
@@ -145,7 +145,7 @@ int spin_args_finish(const struct spin_args_command *command, int code)
     errno = 0;
     if (fflush(stdout) == 0 && !ferror(stdout))
         return code;
-    if (errno != EPIPE) /* the reader has quit: nobody to report to */
+    if (errno != EPIPE) /* EPIPE: the reader of our output has ended */
         put_line(command->name, "cannot write to standard output: ", strerror(errno ? errno : EIO));
     return SPIN_EXIT_FAILED;
 }
@@ -198,7 +198,7 @@ int spin_args_numbers(const struct spin_args_row *row, const char *text, double 
     return 0;
 }
 
-static bool no_memory; /* store() failed on the last value for lack of memory */
+static bool no_memory; /* the last store() failed because memory ran out */
 
 static bool parse_list(const struct spin_args_row *row, const char *text)
 {
@@ -218,7 +218,7 @@ static bool parse_list(const struct spin_args_row *row, const char *text)
     return list->n > 0;
 }
 
-/* A:B or A:B:STEP, a half-open range that is not empty. */
+/* Parses A:B or A:B:STEP, a half-open range that is not empty. */
 static bool parse_range(const char *text, struct spin_range *range)
 {
     static const struct spin_args_row whole = {.kind = SPIN_ARG_INT};
@@ -441,7 +441,8 @@ static bool add_row(struct parser *p, struct spin_args_row row)
     return true;
 }
 
-/* Collects all options. Of plug-ins: those of the chosen one, or of all if none is chosen. */
+/* Collects all options, including those of the chosen plug-in, or of all plug-ins if none is
+ * chosen. */
 static bool list_rows(struct parser *p)
 {
     const struct spin_plugin_option *o;
@@ -604,8 +605,8 @@ static void print_help(const struct parser *p)
 
 /* ---- Completion ------------------------------------------------------------------------------ */
 
-/* The shell runs `spin-x --complete WORD...`, which prints the candidates for the last word, one
- * per line; the help text of an option follows a colon. */
+/* Prints a script by which the shell runs `spin-x --complete WORD...` for completions of the last
+ * word. These are printed one per line; options are followed by a colon and their help text. */
 static void print_completion(const struct spin_args_command *command, const char *shell)
 {
     const char *name = command->name;
@@ -633,8 +634,8 @@ static void offer(const char *word, size_t length, const char *begun)
         printf("%.*s\n", (int)length, word);
 }
 
-/* Completes the values of a row that are fixed words: those without capitals in
- * "auto|none|CX,CY,CZ,R", names of plug-ins and of data set formats. */
+/* Completes values that are fixed words: names of plug-ins and of data set formats, and the words
+ * without capitals in arg, such as auto and none in "auto|none|CX,CY,CZ,R". */
 static void offer_values(const struct parser *p, const struct spin_args_row *row, const char *begun)
 {
     const struct spin_plugin_option *options;
@@ -728,8 +729,8 @@ static int keep_pair(struct parser *p, const struct spin_args_row *row, const ch
     return SPIN_EXIT_OK;
 }
 
-/* Stores an option; its value is `value` or the next word. If the next word is another long option,
- * the value is missing. */
+/* Stores an option. If `value` is NULL, the next word is the value, unless it is a long option:
+ * then the value is missing. */
 static int take(struct parser *p, const struct spin_args_row *row, const char *value)
 {
     if (!row->arg && value)
@@ -862,11 +863,11 @@ bool spin_args_parse(const struct spin_args_command *command, int argc, char **a
     struct parser p = {.command = command, .argc = argc, .argv = argv};
     bool goes_on;
 
-    setvbuf(stderr, NULL, _IOLBF,
-            0); /* one write per line, so that mpirun does not mix lines of ranks */
+    /* One write() per line, so that mpirun does not mix lines of several ranks. */
+    setvbuf(stderr, NULL, _IOLBF, 0);
     speaks = spin_ranks_place() <= 0;
     if (command->plugin_kind) {
-        /* load plug-ins before parsing: they determine which options exist */
+        /* Load plug-ins before parsing, since they define options. */
         p.chosen = spin_args_find(argc, argv, command->plugin_selector);
         spin_plugins_load(p.chosen);
     }

@@ -82,7 +82,7 @@ static const struct spin_args_command command = {
     .takes_many = true,
 };
 
-/* ---- For people ------------------------------------------------------------------------------ */
+/* ---- Templates of the reports ---------------------------------------------------------------- */
 
 #define MEASURES                                                                                   \
     "{{psnr %10.3f}}{{ssim %9.4f}}{{^dynamic_from=off}}{{psnr_dynamic %10.3f}}{{/}}"               \
@@ -107,7 +107,7 @@ static const struct spin_args_command command = {
     "{{storage.measured %B}} for the measured attributes, "                                        \
     "{{storage.measured_per_frame %B}} per frame\n"
 
-/* Tables with a row per bundle. All bundles have the columns of the first one. */
+/* Tables with a row per bundle. The first bundle determines the columns. */
 #define EACH(text) "{{#runs}}" text "{{/}}"
 #define IF_DYNAMIC(text) "{{#runs.0.psnr_dynamic}}" text "{{/}}"
 #define IF_VGG(text) "{{#runs.0.lpips_vgg}}" text "{{/}}"
@@ -167,7 +167,7 @@ static void escape(const char *name, FILE *to)
         putc('"', to);
 }
 
-/* Adds to each run the values that only tables print: escaped names and sizes in megabytes. Takes
+/* Adds the values that only tables contain to each run: escaped names and sizes in megabytes. Takes
  * ownership of report. */
 static char *for_tables(char *report)
 {
@@ -199,7 +199,7 @@ static char *for_tables(char *report)
     return spin_json_finish(document, &text) == SPIN_OK ? text : NULL;
 }
 
-/* Measures several bundles, or one in the form of a table. */
+/* Measures several bundles, or one bundle with a table or figures. */
 static int compare(void)
 {
     const char *form = !table          ? plain_text

@@ -128,7 +128,7 @@ static char *list_exporters(void)
     return spin_json_finish(list, &text) == SPIN_OK ? text : NULL;
 }
 
-/* ---- For people ------------------------------------------------------------------------------ */
+/* ---- Templates of the reports ---------------------------------------------------------------- */
 
 static const char list_text[] = "{{#.}}{{name %-16s}} {{summary}}\n"
                                 "{{#plugin}}                 plug-in {{plugin}}\n{{/}}{{/}}";
@@ -158,7 +158,7 @@ static const char text[] =
     "{{^rendered=}}frame {{rendered}} rendered from the file: {{#psnr}}{{psnr %.2f}} dB against "
     "{{/}}the bundle's own render\n{{/}}{{/}}";
 
-/* Without --to, the extension of the output must be known. */
+/* Reports that no exporter has the extension of the output. */
 static int misuse_output(const char *output)
 {
     const char *name = strrchr(output, '/'), *ending = strrchr(name ? name : output, '.'), *near;

@@ -99,7 +99,7 @@ static char *list_importers(void)
     return spin_json_finish(list, &text) == SPIN_OK ? text : NULL;
 }
 
-/* ---- For people ------------------------------------------------------------------------------ */
+/* ---- Templates of the reports ---------------------------------------------------------------- */
 
 static const char list_text[] =
     "{{#.}}{{name %-16s}} {{#tracks}}tracks{{/}}{{^tracks}}views {{/}} {{summary}}\n"
@@ -181,7 +181,7 @@ static const char bundle_text[] =
     "{{#bytes.heads}}, heads {{bytes.heads %B}}{{/}}"
     "{{^bytes_unpacked.file=@bytes.file}}; unpacked {{bytes_unpacked.file %B}}{{/}}\n";
 
-/* Options of a data set follow its name: "dynerf:time=unit". */
+/* Finds an importer by its name, which options of a data set may follow: "dynerf:time=unit". */
 static const struct spin_importer *find_importer(const char *name)
 {
     size_t length = name ? strcspn(name, ":") : 0;
@@ -194,7 +194,7 @@ static const struct spin_importer *find_importer(const char *name)
     return NULL;
 }
 
-/* Usage errors that can be found without opening any file. */
+/* Checks for the usage errors that can be detected without opening a file. */
 static int check(void)
 {
     const struct spin_importer *from = find_importer(options.from);

@@ -11,7 +11,7 @@ static struct spin_retrain_options options;
 static struct spin_args_list test_cameras;
 static const char *preset;
 
-/* ---- Values that only this command has ------------------------------------------------------- */
+/* ---- Parsers of option values ---------------------------------------------------------------- */
 
 static bool parse_log_scale(const struct spin_args_row *row, const char *text)
 {
@@ -41,8 +41,8 @@ static bool parse_normalise(const struct spin_args_row *row, const char *text)
     return true;
 }
 
-/* One number sets all four axes, except where 0 is allowed: there it sets x, y and z, since only
- * time may be 0. */
+/* Parses one number or four, for the axes x, y, z and time. One number sets all axes; but if the
+ * row allows 0, which is only valid for time, it sets only x, y and z. */
 static bool parse_grid(const struct spin_args_row *row, const char *text)
 {
     double value[4];
@@ -156,7 +156,7 @@ static const struct spin_args_command command = {
     .rows = rows,
 };
 
-/* ---- For people ------------------------------------------------------------------------------ */
+/* ---- Templates of the reports ---------------------------------------------------------------- */
 
 static const char plan_text[] =
     "device      {{device}}\npreset      {{preset}}\n"
@@ -201,10 +201,8 @@ static const char *const of_clip[] = {"tracks",      "iterations", "batch",     
 static const char *const of_tracks[] = {"lr-track",          "lr-displacement",  "lr-tracked",
                                         "track-iterations",  "dynamic-residual", "densify-every",
                                         "densify-threshold", "densify-until",    NULL};
-enum {
-    CLIP_OF_4D = 8,
-    TRACKS_OF_4D = 2
-}; /* number of first entries that also apply to --method 4d */
+/* The number of entries at the start of of_clip and of_tracks that also apply to --method 4d. */
+enum { CLIP_OF_4D = 8, TRACKS_OF_4D = 2 };
 static const char *const of_refinement[] = {"refine-start", "densify", "cache", NULL};
 static const char *const of_densification[] = {"max-points", NULL};
 static const char *const of_residual[] = {"residual", NULL};
@@ -212,7 +210,7 @@ static const char *const of_heads_alone[] = {"init-log-scale", NULL};
 static const char *const of_average[] = {"average", NULL};
 static const char *const of_exposure[] = {"lr-exposure", NULL};
 
-/* Warns once about all options in `name` that were given but have no effect. */
+/* Unless have_effect is set, warns about the options in `name` that were given, in one line. */
 static void warn_idle(int argc, char **argv, const char *const *name, bool have_effect,
                       const char *lacking)
 {
@@ -272,7 +270,8 @@ static int check(void)
     return SPIN_EXIT_OK;
 }
 
-/* Options that only apply to the network's training, or replace it, imply the paper's settings. */
+/* The preset if --preset is not given. --refine, --method network and --method frames imply the
+ * paper's settings. */
 static const char *implied_preset(int argc, char **argv)
 {
     const char *method = spin_args_find(argc, argv, "method");
@@ -288,8 +287,8 @@ int main(int argc, char **argv)
     char *report;
     int code;
 
-    /* The preset comes first, since other options override its values. The parser reports an
-     * invalid name later. */
+    /* Apply the preset before parsing, since other options override its values. The parser reports
+     * an invalid name of a preset later. */
     preset = spin_args_find(argc, argv, "preset");
     spin_retrain_preset(preset ? preset : implied_preset(argc, argv), &options);
     if (!spin_args_parse(&command, argc, argv, &code))

@@ -58,7 +58,7 @@ static int fail(void)
 
 /* ---- Names ---------------------------------------------------------------------------------- */
 
-/* A name that is too long or not UTF-8 becomes "", which no file has. */
+/* A UTF-16 path. A path that is too long or not UTF-8 becomes "", the name of no file. */
 struct wide {
     wchar_t text[PATH_ROOM];
 };
@@ -70,7 +70,8 @@ static const wchar_t *widen(const char *path, struct wide *out)
     return out->text;
 }
 
-/* Convert to UTF-8 with slashes; the number of bytes, or 0 if the capacity n is too small. */
+/* Convert to UTF-8 with slashes. Returns the number of bytes, or 0 if the capacity n is too
+ * small. */
 static size_t narrow(const wchar_t *text, char *out, size_t n)
 {
     int bytes = WideCharToMultiByte(CP_UTF8, 0, text, -1, out, (int)n, NULL, NULL);
@@ -226,7 +227,7 @@ int posix_open(const char *path, int flags, ...)
     return fd;
 }
 
-/* Ignores 'e', close on exec: children inherit the file, which is harmless. */
+/* Ignores mode 'e' (close on exec): a child inherits the file, which is harmless. */
 FILE *posix_fopen(const char *path, const char *mode)
 {
     const wchar_t how[4] = {(wchar_t)mode[0], L'b', strchr(mode, '+') ? L'+' : L'\0'};
@@ -235,7 +236,7 @@ FILE *posix_fopen(const char *path, const char *mode)
     return _wfopen(widen(path, &wide), how);
 }
 
-/* Writes through a second handle, since Windows would move the position of the first. */
+/* Writes through a second handle, since Windows would change the file position of the first. */
 ssize_t posix_pwrite(int fd, const void *data, size_t n, int64_t at)
 {
     OVERLAPPED place = {.Offset = (DWORD)at, .OffsetHigh = (DWORD)(at >> 32)};
@@ -253,7 +254,8 @@ ssize_t posix_pwrite(int fd, const void *data, size_t n, int64_t at)
     return done ? (ssize_t)written : -1;
 }
 
-/* Locks a byte far beyond the contents, because Windows locks prevent others from reading. */
+/* Locks a byte far beyond the end, because Windows prevents other processes from reading locked
+ * bytes. */
 int posix_flock(int fd, int how)
 {
     OVERLAPPED place = {.OffsetHigh = 0x7fffffff};
@@ -270,7 +272,7 @@ int posix_flock(int fd, int how)
 static struct memory {
     struct memory *next;
     FILE *file;
-    char **text, *fixed; /* exactly one is set */
+    char **text, *fixed; /* exactly one of these two is set */
     size_t *n, room;
 } * memories;
 static pthread_mutex_t memory_mutex = PTHREAD_MUTEX_INITIALIZER;
@@ -387,7 +389,7 @@ int posix_mkdir(const char *path, int mode)
     return CreateDirectoryW(widen(path, &wide), NULL) ? 0 : fail();
 }
 
-/* Files that were replaced while mapped, to be removed at exit. */
+/* The old versions of files that were replaced while mapped, to be removed at exit. */
 static struct old {
     struct old *next;
     struct wide path;
@@ -399,9 +401,9 @@ static void remove_olds(void)
         (void)DeleteFileW(olds->path.text);
 }
 
-/* A mapped file cannot be replaced, but it can be renamed: to the name of a temporary file of
- * process number getpid() + 1, which does not exist. Files that cannot be removed at exit are later
- * removed by spin_out_sweep(). */
+/* Windows cannot replace a mapped file, but can rename it. Its new name is that of a temporary file
+ * of process getpid() + 1, which does not exist, so that spin_out_sweep() removes the file later if
+ * it cannot be removed at exit. */
 static bool replace_mapped(const wchar_t *from, const wchar_t *to)
 {
     static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
@@ -509,7 +511,7 @@ void *mmap(void *none, size_t n, int protection, int flags, int fd, int64_t zero
     return MAP_FAILED;
 }
 
-/* Decommits the pages, and releases the address range with the last of them. */
+/* Decommits the pages. Releases the address range once all its pages are decommitted. */
 int munmap(void *at, size_t n)
 {
     MEMORY_BASIC_INFORMATION info, part;
@@ -529,8 +531,8 @@ int munmap(void *at, size_t n)
     return VirtualFree(info.AllocationBase, 0, MEM_RELEASE) ? 0 : fail();
 }
 
-/* VirtualUnlock() on pages that were not locked removes them from the working set; they are read
- * again when needed. */
+/* VirtualUnlock() on pages that are not locked removes them from the working set. They are read
+ * again on access. */
 int madvise(void *at, size_t n, int advice)
 {
     if (advice == MADV_DONTNEED)
@@ -594,8 +596,8 @@ int posix_kill(pid_t pid, int zero)
     return 0;
 }
 
-/* Quote an argument: backslashes that precede a quote are doubled, and quotes are escaped with one.
- * Returns the end. */
+/* Quote an argument: double backslashes that precede a quote, and escape quotes with a backslash.
+ * Returns the end of the output. */
 static char *quote(const char *text, char *out)
 {
     *out++ = '"';
