@@ -175,7 +175,7 @@ spin_status spin_pool_create(int n_threads, struct spin_pool **out)
 
     *out = NULL;
     if (n_threads < 0 || n_threads > MAX_THREADS)
-        return spin_misuse("cannot use %d threads: not in 0..%d", n_threads, MAX_THREADS);
+        return spin_misuse("cannot use %d threads: expected 0 to %d", n_threads, MAX_THREADS);
     if (n_threads == 0 || ALONE) {
         n_threads = cores();
         if (n_threads > MAX_THREADS)

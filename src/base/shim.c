@@ -24,9 +24,9 @@
 /* Where to install the packages for a missing shared object and build it. Windows users received a
  * binary that cannot have it. */
 #ifdef _WIN32
-#define WHERE "not in spin4d for Windows; in WSL"
+#define HINT "spin4d for Windows does not include it; in WSL: install %s, then build spin4d"
 #else
-#define WHERE "Debian"
+#define HINT "on Debian: install %s, then build spin4d again"
 #endif
 
 struct search {
@@ -80,7 +80,8 @@ static bool load(struct search *s, const char *path)
     }
     table = dlsym(object, s->shim->symbol);
     if (!table || *(const int *)table != s->shim->abi) {
-        snprintf(s->shim->why, sizeof s->shim->why, "'%.400s' belongs to another version", path);
+        snprintf(s->shim->why, sizeof s->shim->why, "'%.400s' belongs to another version of spin4d",
+                 path);
         dlclose(object);
         return false;
     }
@@ -98,8 +99,8 @@ static bool others_write(struct search *s, const char *path)
     if (!(st.st_mode & (S_IWGRP | S_IWOTH)) &&
         (st.st_uid == 0 || st.st_uid == geteuid() || st.st_uid == s->owner))
         return false;
-    snprintf(s->shim->why, sizeof s->shim->why, "'%.400s' is writable by others, see spin4d(7)",
-             path);
+    snprintf(s->shim->why, sizeof s->shim->why,
+             "'%.400s' is writable by others, which is refused, see spin4d(7)", path);
     return true;
 }
 
@@ -192,9 +193,8 @@ spin_status spin_shim_need(struct spin_shim *shim, const void **table)
     pthread_mutex_unlock(&mutex);
     if (found)
         return SPIN_OK;
-    return spin_unsupported(
-        "%s '%s' is missing or does not load%s%s (" WHERE ": install %s, then make)", shim->lacking,
-        shim->file, *shim->why ? ": " : "", shim->why, shim->debian);
+    return spin_unsupported("%s '%s' is missing or cannot be loaded%s%s (" HINT ")", shim->lacking,
+                            shim->file, *shim->why ? ": " : "", shim->why, shim->debian);
 }
 
 static void load_library(struct spin_library *library)
@@ -207,7 +207,7 @@ static void load_library(struct spin_library *library)
     for (const struct spin_library_function *f = library->function; object && f->name; f++) {
         *(void **)f->into = dlsym(object, f->name);
         if (!*(void **)f->into)
-            snprintf(library->why, sizeof library->why, "it lacks %s", f->name);
+            snprintf(library->why, sizeof library->why, "it lacks the function %s", f->name);
     }
 }
 

@@ -718,8 +718,8 @@ static int keep_pair(struct parser *p, const struct spin_args_row *row, const ch
     for (const struct spin_args_row *other = row; other->help; other++)
         if (other->name && !strcmp(other->name, row->name) && !other->arg != !row->arg)
             return spin_args_misuse(
-                p->command, "'--%s' has different meanings: choose the %s with --%s", row->name,
-                p->command->plugin_kind, p->command->plugin_selector);
+                p->command, "the meaning of '--%s' depends on the %s: choose one with --%s",
+                row->name, p->command->plugin_kind, p->command->plugin_selector);
     if (!pairs)
         return fail_memory(p->command);
     spin_args.plugin_pairs = pairs;
@@ -738,7 +738,7 @@ static int take(struct parser *p, const struct spin_args_row *row, const char *v
     if (row->arg && !value && p->next < p->argc && strncmp(p->argv[p->next], "--", 2))
         value = p->argv[p->next++];
     if (row->arg && !value)
-        return spin_args_misuse(p->command, "'--%s' needs a value %s", row->name, row->arg);
+        return spin_args_misuse(p->command, "'--%s' needs a value: %s", row->name, row->arg);
     if (row->kind == SPIN_ARG_PLUGIN)
         return keep_pair(p, row, value ? value : "1");
     if (row->kind == SPIN_ARG_COUNT)

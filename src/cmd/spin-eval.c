@@ -210,8 +210,8 @@ static int compare(void)
     int code;
 
     if (options.images || options.log)
-        return spin_args_misuse(&command,
-                                "--images and --log need a single bundle, without --table");
+        return spin_args_misuse(
+            &command, "--images and --log exclude --table, --figures and several bundles");
     if (table && spin_args.json)
         return spin_args_misuse(&command, "--table and --json exclude each other");
     if (!spin_args_begin(&command, &code) ||

@@ -47,10 +47,10 @@ static const struct spin_args_row rows[] = {
              "export frames numbered A to B-1 (all)"),
     SPIN_ARG("source", 0, NULL, FLAG, options.source,
              "write the imported attributes instead of the retrained ones"),
-    SPIN_ARG(
-        "decimate", 0, "N|P%|SIZE|LOSS", STRING, options.decimate,
-        "keep the N splats per frame that contribute most to the training views; or a share (50%); "
-        "or as many as fit an output size (2MB); or the fewest for a PSNR against all (40dB)"),
+    SPIN_ARG("decimate", 0, "N|P%|SIZE|LOSS", STRING, options.decimate,
+             "keep the splats that contribute most to the training views: N per frame, a share "
+             "(50%), as many as fit an output size (2MB), or the fewest that reach a PSNR against "
+             "all splats (40dB)"),
     SPIN_ARG("check", 0, NULL, FLAG, options.check,
              "read the output back and compare it with the bundle"),
     SPIN_ARG("sync", 0, NULL, FLAG, options.sync,
@@ -69,16 +69,16 @@ static const struct spin_args_row rows[] = {
              .min = 1, .max = 1e6),
     SPIN_ARG("backdrop", 0, "auto|off", ENUM, options.backdrop,
              "off: drop the backdrop that spin-retrain added behind the scene (auto)"),
-    SPIN_ARG("scale", 0, "S", DOUBLE, options.scale, "then scale the scene by S (1)", .min = 1e-6,
-             .max = 1e6),
+    SPIN_ARG("scale", 0, "S", DOUBLE, options.scale,
+             "scale the scene by S, after the filters above (1)", .min = 1e-6, .max = 1e6),
     SPIN_ARG("translate", 0, "X,Y,Z", CUSTOM, options.translate,
-             "then move the scene; --up and --rotate of an exporter follow",
+             "move the scene, after --scale and before --up and --rotate of an exporter",
              .parse = parse_translate),
     SPIN_ARG_HEADING("Data set, for exporters that render"),
     SPIN_ARG_DATA_ROWS(options),
     SPIN_ARG("background", 0, "COLOUR", COLOUR, options.background,
-             "colour behind the splats: black, white or R,G,B with each in 0..1; none: images with "
-             "alpha (black)",
+             "colour behind the splats: black, white or R,G,B with each in 0..1; none: write "
+             "images with alpha (black)",
              .min = 0, .max = 1, .parse = parse_none),
     SPIN_ARG_HEADING("Machine"),
     SPIN_ARG_DEVICE_ROW(options),

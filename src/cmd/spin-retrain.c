@@ -95,13 +95,14 @@ static const struct spin_args_row rows[] = {
              "print the memory and time needed, then exit"),
     SPIN_ARG("resume", 0, NULL, FLAG, options.resume,
              "continue an interrupted training from the checkpoint beside OUT.spin"),
-    SPIN_ARG(
-        "cache", 0, "DIR", STRING, options.cache,
-        "keep refined frames in this folder and reuse those already there; trainings may share it"),
+    SPIN_ARG("cache", 0, "DIR", STRING, options.cache,
+             "keep refined frames in this folder and reuse those already there; several trainings "
+             "can share the folder"),
     SPIN_ARG("preview", 0, "DIR", STRING, options.preview,
              "write PNGs of ground truth and render, side by side, to this folder"),
-    SPIN_ARG("watch", 0, "DIR", STRING, options.watch,
-             "write a page to this folder that refreshes itself: curves, images, the clip so far"),
+    SPIN_ARG(
+        "watch", 0, "DIR", STRING, options.watch,
+        "write a page with curves, images and the clip so far to this folder; it refreshes itself"),
     SPIN_ARG("log", 0, "FILE", STRING, options.log, "write one line of JSON per iteration"),
     SPIN_ARG_HEADING("Preset"),
     SPIN_ARG("preset", 0, SPIN_PRESETS, CHOICE, preset,
@@ -124,8 +125,8 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Machine"),
     SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, options.device, "device to compute on (auto)"),
     SPIN_ARG("deterministic", 0, NULL, FLAG, options.deterministic,
-             "make results on a GPU repeatable to the bit, at some cost in speed; on the CPU they "
-             "always are"),
+             "make results of a GPU bit-identical between runs, at some cost in speed; those of "
+             "the CPU always are"),
     SPIN_ARG_END,
 };
 
@@ -215,13 +216,14 @@ static void warn_idle(int argc, char **argv, const char *const *name, bool have_
                       const char *lacking)
 {
     char given[600] = "";
+    int n = 0;
 
     for (; *name && !have_effect; name++)
         if (spin_args_find(argc, argv, *name))
-            snprintf(given + strlen(given), sizeof given - strlen(given), "%s--%s",
-                     *given ? ", " : "", *name);
-    if (*given && spin_ranks_place() <= 0)
-        spin_warn("no effect %s: %s", lacking, given);
+            snprintf(given + strlen(given), sizeof given - strlen(given), "%s--%s", n++ ? ", " : "",
+                     *name);
+    if (n > 0 && spin_ranks_place() <= 0)
+        spin_warn("%s %s no effect %s", given, n > 1 ? "have" : "has", lacking);
 }
 
 static void warn_without_effect(int argc, char **argv)
@@ -235,7 +237,8 @@ static void warn_without_effect(int argc, char **argv)
     warn_idle(argc, argv, of_network, options.method == SPIN_METHOD_NETWORK, "without a network");
     warn_idle(argc, argv, of_sh, options.method != SPIN_METHOD_TRACKS, "with --method tracks");
     warn_idle(argc, argv, of_sh, !of_4d, "with --method 4d");
-    warn_idle(argc, argv, of_sh, !points || options.refine > pace, "in so few iterations");
+    warn_idle(argc, argv, of_sh, !points || options.refine > pace,
+              "if --refine ends before the first increase of the SH degree");
     warn_idle(argc, argv, of_sh + 1, clip || points, "with --refine-start source");
     warn_idle(argc, argv, of_clip, clip, "with --method frames");
     warn_idle(argc, argv, of_clip + CLIP_OF_4D, !of_4d, "with --method 4d");
@@ -251,7 +254,7 @@ static void warn_without_effect(int argc, char **argv)
     warn_idle(argc, argv, of_residual, !tracks || own, "with tracks, which have their own values");
     warn_idle(argc, argv, of_heads_alone,
               options.method != SPIN_METHOD_NETWORK || (!tracks && !own),
-              "where splats have their own values");
+              "if splats have their own values");
     warn_idle(argc, argv, of_exposure, options.learn_exposure != SPIN_EXPOSURE_OFF,
               "without --learn-exposure");
 }

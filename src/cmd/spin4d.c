@@ -65,7 +65,7 @@ static const struct spin_args_command command = {
     .examples = examples,
     .main = main_options,
     .rows = rows,
-    .several = "the files of a clip are given as the folder that holds them",
+    .several = "for a clip of several files, give the folder that contains them",
     .words = commands,
 };
 

@@ -23,7 +23,8 @@ static spin_status need_plain(void)
                                      .override = "SPIN_IMAGE_PLAIN_SHIM",
                                      .symbol = SPIN_IMAGE_SHIM_SYMBOL,
                                      .abi = SPIN_IMAGE_SHIM_ABI,
-                                     .lacking = "images cannot be read or written: the libpng shim",
+                                     .lacking =
+                                         "images cannot be read or written: the shared object",
                                      .debian = "libjpeg-dev and libpng-dev"};
 
     return spin_shim_need(&where, (const void **)&plain);
@@ -38,7 +39,7 @@ static spin_status need_oiio(void)
         .override = "SPIN_IMAGE_SHIM",
         .symbol = SPIN_IMAGE_SHIM_SYMBOL,
         .abi = SPIN_IMAGE_SHIM_ABI,
-        .lacking = "only PNG and JPEG can be read and written: the OpenImageIO shim",
+        .lacking = "images other than PNG and JPEG cannot be read or written: the shared object",
         .debian = "libopenimageio-dev"};
 
     (void)need_plain();

@@ -125,7 +125,8 @@ spin_status spin_ranks_begin(void)
                                      .override = "SPIN_MPI_SHIM",
                                      .symbol = SPIN_RANKS_SHIM_SYMBOL,
                                      .abi = SPIN_RANKS_SHIM_ABI,
-                                     .lacking = "this process is one of several: the MPI shim",
+                                     .lacking =
+                                         "cannot join the other processes: the shared object",
                                      .debian = "libopenmpi-dev"};
     char why[256] = "";
 
@@ -136,9 +137,8 @@ spin_status spin_ranks_begin(void)
         return spin_unsupported("cannot join the other processes: %s", why);
     /* Continuing would let each process do all the work and overwrite the others' files. */
     if (n_ranks == 1)
-        return spin_unsupported(
-            "this process is one of several, but MPI reports only one: spin-mpi.so "
-            "was built with another MPI than that of mpirun");
+        return spin_unsupported("cannot join the other processes: MPI reports only one, so "
+                                "spin-mpi.so was built with another MPI than that of mpirun");
     if (own_rank > 0)
         spin_log_set_level(-1);
     spin_log_set_sink(take_line);

@@ -91,13 +91,13 @@ static void close_all(void)
 
 spin_status spin_video_start(void)
 {
-    static struct spin_shim where = {.file = "spin-video.so",
-                                     .override = "SPIN_VIDEO_SHIM",
-                                     .symbol = SPIN_VIDEO_SHIM_SYMBOL,
-                                     .abi = SPIN_VIDEO_SHIM_ABI,
-                                     .lacking = "videos need FFmpeg: the shim",
-                                     .debian =
-                                         "libavformat-dev, libavcodec-dev and libswscale-dev"};
+    static struct spin_shim where = {
+        .file = "spin-video.so",
+        .override = "SPIN_VIDEO_SHIM",
+        .symbol = SPIN_VIDEO_SHIM_SYMBOL,
+        .abi = SPIN_VIDEO_SHIM_ABI,
+        .lacking = "videos cannot be read or written: the shared object",
+        .debian = "libavformat-dev, libavcodec-dev and libswscale-dev"};
 
     return spin_shim_need(&where, (const void **)&shim);
 }

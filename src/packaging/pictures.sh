@@ -67,7 +67,7 @@ mkdir output data && ln -s "$fixtures/4dgaussian/coarse_and_fine/model" output/b
 python3 "$tools/transcript.py" "$transcript" "A run of one's own" "$bin" . --write >said || fail "$(grep -A1 '^not ok' said)"
 
 if [ -z "$court" ]; then
-    echo "pictures: hero.webp and before-after.jpg are unchanged: they need COURT=, the folder of that clip"
+    echo "pictures: hero.webp and before-after.jpg are unchanged: they need COURT=, the folder of the clip court"
 else
     "$bin/spin-import" -q "$court" --data "$court" -o big.spin && "$bin/spin-retrain" -q big.spin -o big-better.spin &&
         "$bin/spin-export" -q big-better.spin --to images --panels truth,before,after -o big ||

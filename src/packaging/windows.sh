@@ -32,7 +32,7 @@ source_of() {
     [ ! -d "$tree" ] || return 0
     apt-get source --download-only "$1" >"$1.log" 2>&1 ||
         apt-get source --download-only "$1/$(sed -n 's/^VERSION_CODENAME=//p' /etc/os-release)" >>"$1.log" 2>&1 ||
-        fail "cannot download the source of '$1' (do apt's sources have deb-src lines?): $(tail -n 1 "$1.log")"
+        fail "cannot download the source of '$1' (check that apt's sources contain deb-src lines): $(tail -n 1 "$1.log")"
     dpkg-source --no-check -x "$1"_*.dsc "$1" >>"$1.log" 2>&1 || fail "cannot unpack '$1', see $deps/src/$1.log"
 }
 
@@ -124,8 +124,8 @@ spin4d $version for 64-bit Windows 10 and newer. Nothing else needs to be instal
     bin\\spin4d RUN --data IMAGES -o clip.html
 
 RUN is the folder that a 4D Gaussian Splatting method wrote, IMAGES the data set it was trained on.
-For more, see bin\\spin4d --help. Images are PNG and JPEG. Videos, EXR, GPUs, several machines and
-plug-ins need Linux, or WSL. licences\\ contains the licences of the libraries.
+For more, see bin\\spin4d --help. Images are PNG and JPEG. Videos, EXR, GPUs, MPI and plug-ins
+need Linux or WSL. licences\\ contains the licences of the libraries.
 README
 sed -i 's/$/\r/' "$W/$name/README.txt"
 chmod -R u=rwX,go=rX "$W/$name"

@@ -731,8 +731,9 @@ void *dlopen(const char *path, int flags)
                                    : LOAD_LIBRARY_SEARCH_DLL_LOAD_DIR |
                                          LOAD_LIBRARY_SEARCH_DEFAULT_DIRS);
     if (!object)
-        snprintf(dl_error, sizeof dl_error, "'%.400s' %s: error %lu of Windows", name,
-                 ending ? "beside the program does not load" : "does not load", GetLastError());
+        snprintf(dl_error, sizeof dl_error, "'%.400s' %s: Windows error %lu", name,
+                 ending ? "beside the program cannot be loaded" : "cannot be loaded",
+                 GetLastError());
     return (void *)object;
 }
 
