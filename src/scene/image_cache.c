@@ -210,8 +210,8 @@ struct passing {
     int64_t frame;
 };
 
-/* Finds the view of another frame of the same video: rows and frames of a video differ by the same
- * offset. */
+/* Finds the view that shows frame `frame` of the requested view's video. Within one video, data set
+ * row minus frame number is constant. */
 static bool find_passed(const struct passing *p, int64_t frame, size_t *out)
 {
     const struct spin_views *views = p->pixels->views;
