@@ -16,8 +16,8 @@ int spin_n_ranks(void);
 /* Send and receive all listed messages concurrently. Messages between two ranks match in list
  * order. */
 spin_status spin_ranks_exchange(const struct spin_message *message, size_t n);
-/* All-reduce: replace each of the n numbers by its sum over all ranks, which is bit-identical on
- * all ranks. kind: SPIN_SUM_... */
+/* All-reduce: replace each of the n numbers by its sum, which is bit-identical on all ranks.
+ * kind: SPIN_SUM_... */
 spin_status spin_ranks_sum(void *at, size_t n, int kind);
 /* rows [n][bytes]: rank owner[i] has row i, and all ranks receive it. */
 spin_status spin_ranks_merge(void *rows, size_t n, size_t bytes, const int *owner);

@@ -5,11 +5,11 @@
  * A frame of a video is an image with the path "cam00.mp4#12", where 12 is its index from 0 in
  * display order. spin_image_size() and spin_image_read() accept such paths.
  *
- * Decoding can only start at a key frame, so that reading a random frame may decode a whole group
- * of pictures. Extracting all frames of a clip to disk first would take 15 GB and more. Instead,
- * the decoder keeps its position between calls, and passes all frames that it decodes to the
- * caller, which caches as many as fit in memory. A video whose frames all fit is decoded about
- * once. */
+ * Decoding can only start at a key frame, so that reading a random frame may decode all
+ * frames between two key frames. Extracting all frames of a clip to disk first would take 15 GB and
+ * more. Instead, the decoder keeps its position between calls, and passes all frames that it
+ * decodes to the caller, which caches as many as fit in memory. A video whose frames all fit is
+ * decoded about once. */
 #pragma once
 
 #include "io/file.h"
@@ -27,8 +27,8 @@ spin_status spin_video_start(void);
 struct spin_video_shim;
 spin_status spin_video_shim(const struct spin_video_shim **shim);
 
-/* Size and number of frames of a video file, from its packets, without decoding. imprint may be
- * NULL; it receives the digest of the whole file, which is cached until the file changes. */
+/* Size and number of frames of a video file, from its packets, without decoding. The digest
+ * of the whole file is cached until the file changes; the argument for it may be NULL. */
 spin_status spin_video_info(const char *file, int *width, int *height, int64_t *n_frames,
                             struct spin_imprint *imprint);
 

@@ -70,7 +70,8 @@ for header in dirent dlfcn sys/file sys/mman sys/resource sys/statvfs sys/wait; 
 done
 
 # -Wa,-muse-unaligned-vector-move: gcc does not align the stack for AVX vectors on Windows (gcc bug
-# 54412). -Wno-format: gcc assumes Microsoft's printf, which lacks %zu; the Linux build checks formats.
+# 54412). -Wno-format: gcc assumes Microsoft's printf, which lacks %zu. The Linux build checks
+# formats.
 windows_make() {
     make --no-print-directory -j"$jobs" BUILD="$W" CC=$host-gcc-posix CXX=$host-g++-posix AR=$host-ar MPICC= VIDEO= CUDA=0 \
         CPPFLAGS="$posix" CFLAGS='-Wa,-muse-unaligned-vector-move -Wno-format -Wno-format-extra-args' PLUGIN_LD= \
