@@ -136,7 +136,7 @@ void spin_progress_begin(struct spin_progress *p, const char *what, const char *
 
 /* Units per second in the last 10 to 20 seconds, so that the estimated time left follows changes of
  * load; 0: unknown. */
-static double rate_of_late(struct spin_progress *p, double now, long long done)
+static double recent_rate(struct spin_progress *p, double now, long long done)
 {
     double since = p->past[0].s > 0 ? p->past[0].s : p->start_s;
     long long from = p->past[0].s > 0 ? p->past[0].done : p->from;
@@ -162,7 +162,7 @@ void spin_progress_set(struct spin_progress *p, long long done, const char *fmt,
     fprintf(stderr, "%s%s  %lld", p->terminal ? erase_line : "", p->what, done);
     if (p->total > 0)
         fprintf(stderr, "/%lld  %.1f%%", p->total, 100.0 * (double)done / (double)p->total);
-    rate = rate_of_late(p, now, done);
+    rate = recent_rate(p, now, done);
     if (rate > 0) {
         fprintf(stderr, "  %.3g %s/s", rate, p->unit);
         if (p->total > 0) {

@@ -52,7 +52,7 @@ struct spin_pool {
     struct worker *worker; /* [n_threads - 1] */
 };
 
-static void relax(void)
+static void relax_cpu(void)
 {
 #if defined(__x86_64__) || defined(__i386__)
     __builtin_ia32_pause();
@@ -69,7 +69,7 @@ int spin_pool_worker(void) { return worker_number; }
 
 /* Take and run tasks until none is left. Restores worker_number, since this may be called from a
  * task of another pool. */
-static void work_on(struct spin_pool *pool, int number)
+static void run_tasks(struct spin_pool *pool, int number)
 {
     int before = worker_number;
     uint64_t word;
@@ -100,7 +100,7 @@ static bool wait_for_work(struct spin_pool *pool)
             for (int i = 0; i < 32; i++) {
                 if (tasks_left(pool) > 0)
                     return true;
-                relax();
+                relax_cpu();
             }
         } while (spin_now_s() < until);
     }
@@ -120,7 +120,7 @@ static void *worker_main(void *argument)
     struct worker *worker = argument;
 
     while (wait_for_work(worker->pool))
-        work_on(worker->pool, worker->number);
+        run_tasks(worker->pool, worker->number);
     return NULL;
 }
 
@@ -128,11 +128,11 @@ static void *worker_main(void *argument)
 /* Web pages have no threads: the caller runs all tasks, whatever n_threads is. */
 enum { ALONE = 1 };
 
-static int cores(void) { return 1; }
+static int count_cores(void) { return 1; }
 #else
 enum { ALONE = 0 };
 
-static int cores(void)
+static int count_cores(void)
 {
     cpu_set_t set;
     long online;
@@ -177,7 +177,7 @@ spin_status spin_pool_create(int n_threads, struct spin_pool **out)
     if (n_threads < 0 || n_threads > MAX_THREADS)
         return spin_misuse("cannot use %d threads: expected 0 to %d", n_threads, MAX_THREADS);
     if (n_threads == 0 || ALONE) {
-        n_threads = cores();
+        n_threads = count_cores();
         if (n_threads > MAX_THREADS)
             n_threads = MAX_THREADS;
     }
@@ -186,7 +186,7 @@ spin_status spin_pool_create(int n_threads, struct spin_pool **out)
         return spin_fail(SPIN_E_MEMORY, "not enough memory for %zu bytes", sizeof *pool);
     memset(pool, 0, sizeof *pool);
     pool->n_threads = n_threads;
-    pool->patient = n_threads <= cores();
+    pool->patient = n_threads <= count_cores();
     pthread_mutex_init(&pool->lock, NULL);
     pthread_cond_init(&pool->work, NULL);
     pthread_cond_init(&pool->done, NULL);
@@ -229,7 +229,7 @@ static void wait_for_end(struct spin_pool *pool)
             for (int i = 0; i < 32; i++) {
                 if (atomic_load(&pool->pending) == 0)
                     return;
-                relax();
+                relax_cpu();
             }
         } while (spin_now_s() < until);
     }
@@ -265,7 +265,7 @@ void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *c
         pthread_cond_broadcast(&pool->work);
         pthread_mutex_unlock(&pool->lock);
     }
-    work_on(pool, 0);
+    run_tasks(pool, 0);
     wait_for_end(pool);
 }
 
@@ -275,7 +275,7 @@ struct pieces {
     void *context;
 };
 
-static void piece_task(void *context, int task)
+static void run_piece(void *context, int task)
 {
     const struct pieces *p = context;
     size_t first = (size_t)task * p->piece;
@@ -287,5 +287,5 @@ void spin_pool_rows(struct spin_pool *pool, size_t n, size_t piece, spin_rows_fn
 {
     struct pieces p = {n, piece, fn, context};
 
-    spin_pool_run(pool, (int)((n + piece - 1) / piece), piece_task, &p);
+    spin_pool_run(pool, (int)((n + piece - 1) / piece), run_piece, &p);
 }

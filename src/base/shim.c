@@ -61,7 +61,7 @@ static bool ends_process(const char *path)
 
 /* Load the shared object at path. False if the file does not exist, or if it cannot be used, with
  * the reason in shim->why. */
-static bool load(struct search *s, const char *path)
+static bool load_object(struct search *s, const char *path)
 {
     const void *table;
     void *object;
@@ -90,12 +90,12 @@ static bool load(struct search *s, const char *path)
 }
 
 /* Whether a user other than root, this one and the owner of the program can write to path. */
-static bool others_write(struct search *s, const char *path)
+static bool is_writable_by_others(struct search *s, const char *path)
 {
     struct stat st;
 
     if (stat(path, &st) != 0)
-        return false; /* load() handles a missing file */
+        return false; /* load_object() handles a missing file */
     if (!(st.st_mode & (S_IWGRP | S_IWOTH)) &&
         (st.st_uid == 0 || st.st_uid == geteuid() || st.st_uid == s->owner))
         return false;
@@ -111,13 +111,13 @@ static bool load_from(struct search *s, const char *parent, const char *below)
     char path[PATH_MAX + 64];
 
     snprintf(path, sizeof path, "%s/%s/%s", parent, below, s->shim->file);
-    if (access(path, F_OK) != 0 || others_write(s, path))
+    if (access(path, F_OK) != 0 || is_writable_by_others(s, path))
         return false;
     *strrchr(path, '/') = '\0';
-    if (others_write(s, path))
+    if (is_writable_by_others(s, path))
         return false;
     snprintf(path, sizeof path, "%s/%s/%s", parent, below, s->shim->file);
-    return load(s, path);
+    return load_object(s, path);
 }
 
 /* Path of this program's file; false if it is unknown or too long. */
@@ -163,13 +163,13 @@ static bool load_beside_program(struct search *s)
     return load_from(s, folder, "lib") || load_from(s, folder, "lib/spin4d");
 }
 
-static const void *find(struct spin_shim *shim)
+static const void *find_table(struct spin_shim *shim)
 {
     struct search s = {.shim = shim};
     const char *given = getenv(shim->override);
 
     if (given && *given) {
-        if (!load(&s, given) && !*shim->why)
+        if (!load_object(&s, given) && !*shim->why)
             snprintf(shim->why, sizeof shim->why, "%s is '%.400s', which does not exist",
                      shim->override, given);
         return s.table;
@@ -187,7 +187,7 @@ spin_status spin_shim_need(struct spin_shim *shim, const void **table)
 
     pthread_mutex_lock(&mutex);
     if (!shim->tried)
-        *table = find(shim);
+        *table = find_table(shim);
     shim->tried = true;
     found = *table != NULL;
     pthread_mutex_unlock(&mutex);

@@ -58,7 +58,7 @@ struct parser {
 static bool speaks = true;
 
 /* Prints an error as one line, without the control characters that names of files may contain. */
-static void put_line(const char *name, const char *text, const char *tail)
+static void print_error(const char *name, const char *text, const char *tail)
 {
     char line[4096];
 
@@ -72,7 +72,7 @@ static void put_line(const char *name, const char *text, const char *tail)
 /* Unlike spin_args_misuse(), does not refer to --help. */
 static int fail_memory(const struct spin_args_command *command)
 {
-    put_line(command->name, "out of memory", "");
+    print_error(command->name, "out of memory", "");
     return SPIN_EXIT_FAILED;
 }
 
@@ -85,7 +85,7 @@ int spin_args_misuse(const struct spin_args_command *command, const char *fmt, .
     vsnprintf(text, sizeof text, fmt, args);
     va_end(args);
     snprintf(tail, sizeof tail, " (try '%s --help')", command->name);
-    put_line(command->name, text, tail);
+    print_error(command->name, text, tail);
     return SPIN_EXIT_USAGE;
 }
 
@@ -131,7 +131,7 @@ bool spin_args_ended(const struct spin_args_command *command, spin_status status
     if (status == SPIN_OK)
         return speaks;
     error = spin_last_error();
-    put_line(command->name, *error ? error : "failed for an unknown reason", "");
+    print_error(command->name, *error ? error : "failed for an unknown reason", "");
     fflush(stdout);
     *code = status == SPIN_E_USAGE ? SPIN_EXIT_USAGE : SPIN_EXIT_FAILED;
     if (status == SPIN_E_CANCELLED)
@@ -146,7 +146,8 @@ int spin_args_finish(const struct spin_args_command *command, int code)
     if (fflush(stdout) == 0 && !ferror(stdout))
         return code;
     if (errno != EPIPE) /* EPIPE: the reader of our output has ended */
-        put_line(command->name, "cannot write to standard output: ", strerror(errno ? errno : EIO));
+        print_error(command->name,
+                    "cannot write to standard output: ", strerror(errno ? errno : EIO));
     return SPIN_EXIT_FAILED;
 }
 
@@ -198,7 +199,7 @@ int spin_args_numbers(const struct spin_args_row *row, const char *text, double 
     return 0;
 }
 
-static bool no_memory; /* the last store() failed because memory ran out */
+static bool no_memory; /* the last store_value() failed because memory ran out */
 
 static bool parse_list(const struct spin_args_row *row, const char *text)
 {
@@ -288,7 +289,7 @@ static bool parse_enum(const struct spin_args_row *row, const char *text)
 }
 
 /* Parses text into the row's variable; false if text is not a valid value. */
-static bool store(const struct spin_args_row *row, const char *text)
+static bool store_value(const struct spin_args_row *row, const char *text)
 {
     double value;
 
@@ -417,7 +418,7 @@ static int check_chosen(const struct parser *p)
         }
     }
     if (spin_plugin_fault(p->chosen)) {
-        put_line(p->command->name, spin_plugin_fault(p->chosen), "");
+        print_error(p->command->name, spin_plugin_fault(p->chosen), "");
         return SPIN_EXIT_FAILED;
     }
     if (p->command->lists_exporters && spin_exporter_of_format(p->chosen))
@@ -468,7 +469,7 @@ static bool list_rows(struct parser *p)
     return true;
 }
 
-static const struct spin_args_row *find(const struct parser *p, const char *name, size_t length)
+static const struct spin_args_row *find_row(const struct parser *p, const char *name, size_t length)
 {
     for (const struct spin_args_row *row = p->rows; row->help; row++)
         if (row->name && strlen(row->name) == length && !memcmp(row->name, name, length))
@@ -588,7 +589,7 @@ static void print_help(const struct parser *p)
         print_lines("\nExamples:", command->examples);
         printf("\nOptions:\n");
         for (const char *const *name = command->main; *name; name++)
-            print_row(find(p, *name, strlen(*name)));
+            print_row(find_row(p, *name, strlen(*name)));
     }
     if (command->lists_exporters && !p->chosen)
         print_exporters(command, wants_help == WHOLE_HELP);
@@ -628,7 +629,7 @@ static void print_completion(const struct spin_args_command *command, const char
                function, name, function, name);
 }
 
-static void offer(const char *word, size_t length, const char *begun)
+static void print_candidate(const char *word, size_t length, const char *begun)
 {
     if (!strncmp(word, begun, strlen(begun)))
         printf("%.*s\n", (int)length, word);
@@ -636,17 +637,18 @@ static void offer(const char *word, size_t length, const char *begun)
 
 /* Completes values that are fixed words: names of plug-ins and of data set formats, and the words
  * without capitals in arg, such as auto and none in "auto|none|CX,CY,CZ,R". */
-static void offer_values(const struct parser *p, const struct spin_args_row *row, const char *begun)
+static void print_value_candidates(const struct parser *p, const struct spin_args_row *row,
+                                   const char *begun)
 {
     const struct spin_plugin_option *options;
     const char *name, *selector = p->command->plugin_selector;
 
     for (size_t i = 0;
          selector && !strcmp(row->name, selector) && (name = plugin_name(p, i, &options)); i++)
-        offer(name, strlen(name), begun);
+        print_candidate(name, strlen(name), begun);
     for (const struct spin_importer *const *i = spin_importer_list(); *i; i++)
         if ((*i)->views && !strcmp(row->name, "data-from"))
-            offer((*i)->name, strlen((*i)->name), begun);
+            print_candidate((*i)->name, strlen((*i)->name), begun);
     name = row->kind == SPIN_ARG_COLOUR ? "black|white" : strchr(row->arg, '|') ? row->arg : "";
     for (size_t length; *name; name += length + (name[length] == '|')) {
         size_t capitals = 0;
@@ -655,11 +657,11 @@ static void offer_values(const struct parser *p, const struct spin_args_row *row
         for (size_t i = 0; i < length; i++)
             capitals += isupper((unsigned char)name[i]) != 0;
         if (!capitals)
-            offer(name, length, begun);
+            print_candidate(name, length, begun);
     }
 }
 
-static void complete(const struct parser *p, int n, char **word)
+static void print_candidates(const struct parser *p, int n, char **word)
 {
     const char *begun = n > 0 ? word[n - 1] : "", *before = n > 1 ? word[n - 2] : "";
     size_t length = strlen(before);
@@ -675,15 +677,15 @@ static void complete(const struct parser *p, int n, char **word)
         length = strcspn(before, "=");
         begun += length + 1;
     }
-    row = length > 2 && !strncmp(before, "--", 2) ? find(p, before + 2, length - 2)
+    row = length > 2 && !strncmp(before, "--", 2) ? find_row(p, before + 2, length - 2)
           : length == 2 && *before == '-'         ? find_brief(p, before[1])
                                                   : NULL;
     if (row && row->arg) {
-        offer_values(p, row, begun);
+        print_value_candidates(p, row, begun);
         return;
     }
     for (const char *const *first = p->command->words; first && *first && n == 1; first++)
-        offer(*first, strlen(*first), begun);
+        print_candidate(*first, strlen(*first), begun);
     for (row = p->rows; *begun == '-' && row < p->rows + p->n_shown; row++)
         if (row->name && !strncmp(begun, "--", 2) &&
             !strncmp(row->name, begun + 2, strlen(begun + 2)))
@@ -704,7 +706,8 @@ const char *spin_args_find(int argc, char **argv, const char *name)
             chosen = argv[i] + 3 + length;
         else if (!argv[i][2 + length] && i + 1 < argc)
             chosen = argv[++i];
-        if (chosen && !strcmp(chosen, "=") && i + 1 < argc) /* split by bash, see complete() */
+        if (chosen && !strcmp(chosen, "=") &&
+            i + 1 < argc) /* split by bash, see print_candidates() */
             chosen = argv[++i];
     }
     return chosen;
@@ -731,7 +734,7 @@ static int keep_pair(struct parser *p, const struct spin_args_row *row, const ch
 
 /* Stores an option. If `value` is NULL, the next word is the value, unless it is a long option:
  * then the value is missing. */
-static int take(struct parser *p, const struct spin_args_row *row, const char *value)
+static int store_option(struct parser *p, const struct spin_args_row *row, const char *value)
 {
     if (!row->arg && value)
         return spin_args_misuse(p->command, "'--%s' takes no value", row->name);
@@ -745,23 +748,23 @@ static int take(struct parser *p, const struct spin_args_row *row, const char *v
         ++*(int *)row->into;
     else if (row->kind == SPIN_ARG_FLAG)
         *(bool *)row->into = true;
-    else if (!store(row, value))
+    else if (!store_value(row, value))
         return misuse_value(p, row, value);
     return SPIN_EXIT_OK;
 }
 
 /* Parses --name, --name=value and --name value; text follows the dashes. */
-static int take_long(struct parser *p, const char *text)
+static int parse_long(struct parser *p, const char *text)
 {
     size_t length = strcspn(text, "=");
-    const struct spin_args_row *row = find(p, text, length);
+    const struct spin_args_row *row = find_row(p, text, length);
 
-    return row ? take(p, row, text[length] ? text + length + 1 : NULL)
+    return row ? store_option(p, row, text[length] ? text + length + 1 : NULL)
                : misuse_unknown(p, text, length);
 }
 
 /* Parses -q, -vvv, -ofile and -o file; text follows the dash. */
-static int take_brief(struct parser *p, const char *text)
+static int parse_brief(struct parser *p, const char *text)
 {
     int code = SPIN_EXIT_OK;
 
@@ -771,8 +774,8 @@ static int take_brief(struct parser *p, const char *text)
         if (!row)
             return spin_args_misuse(p->command, "unknown option '-%c'", *text);
         if (row->arg)
-            return take(p, row, text[1] ? text + 1 : NULL);
-        code = take(p, row, NULL);
+            return store_option(p, row, text[1] ? text + 1 : NULL);
+        code = store_option(p, row, NULL);
     }
     return code;
 }
@@ -790,7 +793,7 @@ static int keep_word(struct parser *p, const char *text)
     return SPIN_EXIT_OK;
 }
 
-static int read_all(struct parser *p)
+static int parse_all(struct parser *p)
 {
     bool only_words = false;
     int code = SPIN_EXIT_OK;
@@ -801,9 +804,9 @@ static int read_all(struct parser *p)
         if (!only_words && !strcmp(text, "--"))
             only_words = true;
         else if (!only_words && text[0] == '-' && text[1] == '-')
-            code = take_long(p, text + 2);
+            code = parse_long(p, text + 2);
         else if (!only_words && text[0] == '-' && text[1])
-            code = take_brief(p, text + 1);
+            code = parse_brief(p, text + 1);
         else if (spin_args.word && !p->command->takes_many)
             return spin_args_misuse(p->command, "unexpected argument '%s'%s%s", text,
                                     p->command->several ? ": " : "",
@@ -815,7 +818,7 @@ static int read_all(struct parser *p)
 }
 
 /* --help succeeds even if other arguments are wrong, so it is searched for before parsing. */
-static enum help asks_for_help(int argc, char **argv)
+static enum help find_help(int argc, char **argv)
 {
     for (int i = 1; i < argc && strcmp(argv[i], "--"); i++) {
         bool here = !strcmp(argv[i], "--help") || !strcmp(argv[i], "-h");
@@ -830,7 +833,7 @@ static enum help asks_for_help(int argc, char **argv)
 
 /* Handles --help, --version and completion, else parses all arguments. True if the command should
  * run; otherwise *code is its exit code. */
-static bool answer(struct parser *p, int *code)
+static bool handle_arguments(struct parser *p, int *code)
 {
     bool completes = p->argc > 1 && !strcmp(p->argv[1], "--complete");
 
@@ -838,14 +841,14 @@ static bool answer(struct parser *p, int *code)
         *code = fail_memory(p->command);
         return false;
     }
-    wants_help = asks_for_help(p->argc, p->argv);
+    wants_help = find_help(p->argc, p->argv);
     *code = completes ? SPIN_EXIT_OK : check_chosen(p);
     if (*code == SPIN_EXIT_OK && !completes && !wants_help)
-        *code = read_all(p);
+        *code = parse_all(p);
     if (*code != SPIN_EXIT_OK)
         return false;
     if (speaks && completes)
-        complete(p, p->argc - 2, p->argv + 2);
+        print_candidates(p, p->argc - 2, p->argv + 2);
     else if (speaks && wants_help)
         print_help(p);
     else if (speaks && wants_version)
@@ -871,7 +874,7 @@ bool spin_args_parse(const struct spin_args_command *command, int argc, char **a
         p.chosen = spin_args_find(argc, argv, command->plugin_selector);
         spin_plugins_load(p.chosen);
     }
-    goes_on = answer(&p, exit_code);
+    goes_on = handle_arguments(&p, exit_code);
     free(p.rows);
     if (!goes_on)
         return false;

@@ -31,7 +31,7 @@ static bool parse_translate(const struct spin_args_row *row, const char *text)
     return parse_numbers(row, text, 3);
 }
 
-static bool parse_none(const struct spin_args_row *row, const char *text)
+static bool parse_no_background(const struct spin_args_row *row, const char *text)
 {
     (void)row;
     options.transparent = strcmp(text, "none") == 0;
@@ -79,7 +79,7 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("background", 0, "COLOUR", COLOUR, options.background,
              "colour behind the splats: black, white or R,G,B with each in 0..1; none: write "
              "images with alpha (black)",
-             .min = 0, .max = 1, .parse = parse_none),
+             .min = 0, .max = 1, .parse = parse_no_background),
     SPIN_ARG_HEADING("Machine"),
     SPIN_ARG_DEVICE_ROW(options),
     SPIN_ARG_END,
@@ -171,7 +171,7 @@ static int misuse_output(const char *output)
         &command, "choose a format with --to (see --list) or by the extension of --output");
 }
 
-static int check(void)
+static int check_arguments(void)
 {
     if (!options.to && options.output)
         options.to = spin_exporter_for(options.output);
@@ -198,7 +198,7 @@ int main(int argc, char **argv)
         return spin_args_misuse(&command, "--list takes no IN.spin");
     if (wants_list)
         return spin_args_report(&command, list_exporters(), list_text);
-    code = check();
+    code = check_arguments();
     if (code != SPIN_EXIT_OK)
         return code;
     options.input = spin_args.word;

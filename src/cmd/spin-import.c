@@ -195,7 +195,7 @@ static const struct spin_importer *find_importer(const char *name)
 }
 
 /* Checks for the usage errors that can be detected without opening a file. */
-static int check(void)
+static int check_arguments(void)
 {
     const struct spin_importer *from = find_importer(options.from);
     const struct spin_importer *data_from = find_importer(options.data_from);
@@ -254,7 +254,7 @@ int main(int argc, char **argv)
         return spin_args_misuse(&command, "--list takes no INPUT");
     if (wants_list)
         return spin_args_report(&command, list_importers(), list_text);
-    code = check();
+    code = check_arguments();
     if (code != SPIN_EXIT_OK)
         return code;
     options.input = spin_args.word;

@@ -212,8 +212,8 @@ static const char *const of_average[] = {"average", NULL};
 static const char *const of_exposure[] = {"lr-exposure", NULL};
 
 /* Unless have_effect is set, warns about the options in `name` that were given, in one line. */
-static void warn_idle(int argc, char **argv, const char *const *name, bool have_effect,
-                      const char *lacking)
+static void warn_unused(int argc, char **argv, const char *const *name, bool have_effect,
+                        const char *lacking)
 {
     char given[600] = "";
     int n = 0;
@@ -234,34 +234,35 @@ static void warn_without_effect(int argc, char **argv)
     bool tracks = clip && !of_4d && options.tracks, own = options.residual != SPIN_RESIDUAL_OFF;
     int pace = options.sh_increase_every > 0 ? options.sh_increase_every : SPIN_SH_INCREASE_EVERY;
 
-    warn_idle(argc, argv, of_network, options.method == SPIN_METHOD_NETWORK, "without a network");
-    warn_idle(argc, argv, of_sh, options.method != SPIN_METHOD_TRACKS, "with --method tracks");
-    warn_idle(argc, argv, of_sh, !of_4d, "with --method 4d");
-    warn_idle(argc, argv, of_sh, !points || options.refine > pace,
-              "if --refine ends before the first increase of the SH degree");
-    warn_idle(argc, argv, of_sh + 1, clip || points, "with --refine-start source");
-    warn_idle(argc, argv, of_clip, clip, "with --method frames");
-    warn_idle(argc, argv, of_clip + CLIP_OF_4D, !of_4d, "with --method 4d");
-    warn_idle(argc, argv, of_tracks + TRACKS_OF_4D, !of_4d, "with --method 4d");
-    warn_idle(argc, argv, of_tracks, of_4d || (clip && options.tracks), "without tracks");
-    warn_idle(argc, argv, of_average, options.method == SPIN_METHOD_TRACKS || of_4d,
-              "without --method tracks or 4d");
-    warn_idle(argc, argv, of_refinement, options.refine > 0, "without --refine");
-    warn_idle(argc, argv, of_densification,
-              (options.refine > 0 && options.densify) ||
-                  (tracks && options.refine == 0 && options.densify_every != 0),
-              "without densification");
-    warn_idle(argc, argv, of_residual, !tracks || own, "with tracks, which have their own values");
-    warn_idle(argc, argv, of_heads_alone,
-              options.method != SPIN_METHOD_NETWORK || (!tracks && !own),
-              "if splats have their own values");
-    warn_idle(argc, argv, of_exposure, options.learn_exposure != SPIN_EXPOSURE_OFF,
-              "without --learn-exposure");
+    warn_unused(argc, argv, of_network, options.method == SPIN_METHOD_NETWORK, "without a network");
+    warn_unused(argc, argv, of_sh, options.method != SPIN_METHOD_TRACKS, "with --method tracks");
+    warn_unused(argc, argv, of_sh, !of_4d, "with --method 4d");
+    warn_unused(argc, argv, of_sh, !points || options.refine > pace,
+                "if --refine ends before the first increase of the SH degree");
+    warn_unused(argc, argv, of_sh + 1, clip || points, "with --refine-start source");
+    warn_unused(argc, argv, of_clip, clip, "with --method frames");
+    warn_unused(argc, argv, of_clip + CLIP_OF_4D, !of_4d, "with --method 4d");
+    warn_unused(argc, argv, of_tracks + TRACKS_OF_4D, !of_4d, "with --method 4d");
+    warn_unused(argc, argv, of_tracks, of_4d || (clip && options.tracks), "without tracks");
+    warn_unused(argc, argv, of_average, options.method == SPIN_METHOD_TRACKS || of_4d,
+                "without --method tracks or 4d");
+    warn_unused(argc, argv, of_refinement, options.refine > 0, "without --refine");
+    warn_unused(argc, argv, of_densification,
+                (options.refine > 0 && options.densify) ||
+                    (tracks && options.refine == 0 && options.densify_every != 0),
+                "without densification");
+    warn_unused(argc, argv, of_residual, !tracks || own,
+                "with tracks, which have their own values");
+    warn_unused(argc, argv, of_heads_alone,
+                options.method != SPIN_METHOD_NETWORK || (!tracks && !own),
+                "if splats have their own values");
+    warn_unused(argc, argv, of_exposure, options.learn_exposure != SPIN_EXPOSURE_OFF,
+                "without --learn-exposure");
 }
 
 /* ---- The command ----------------------------------------------------------------------------- */
 
-static int check(void)
+static int check_arguments(void)
 {
     if (!spin_args.word)
         return spin_args_misuse(&command, "IN.spin is missing");
@@ -296,7 +297,7 @@ int main(int argc, char **argv)
     spin_retrain_preset(preset ? preset : implied_preset(argc, argv), &options);
     if (!spin_args_parse(&command, argc, argv, &code))
         return code;
-    code = check();
+    code = check_arguments();
     if (code != SPIN_EXIT_OK)
         return code;
     options.input = spin_args.word;

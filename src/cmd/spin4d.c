@@ -80,7 +80,7 @@ static const char text[] =
 
 /* Replaces this process by spin-`name` from the folder of this program, or from PATH if /proc is
  * not available. Returns only on failure. */
-static int become(const char *name, char **argv)
+static int exec_command(const char *name, char **argv)
 {
     char own[4096], path[4200];
     ssize_t n = readlink("/proc/self/exe", own, sizeof own - 1);
@@ -140,7 +140,7 @@ int main(int argc, char **argv)
     for (const char *const *name = commands; *name && at < argc; name++)
         if (strcmp(argv[at], *name) == 0) {
             argv[at] = argv[at - 1]; /* keep argv[0], or --complete */
-            return become(*name, argv + 1);
+            return exec_command(*name, argv + 1);
         }
     if (argc > 1 && nearest_command(argv[1]))
         return spin_args_misuse(&command, "'%s' is neither a run nor a command, did you mean '%s'?",

@@ -38,7 +38,7 @@ static enum spin_image_result fail(struct picture *p, enum spin_image_result res
 
 /* Check the size in the header, and allocate p->rgb. Returns whether the pixels are to be read: not
  * after an error, nor if only the size is requested. */
-static bool wants_pixels(struct picture *p)
+static bool prepare_pixels(struct picture *p)
 {
     if (p->width < 1 || p->height < 1) {
         fail(p, SPIN_IMAGE_UNREADABLE, "not a two-dimensional image");
@@ -104,7 +104,7 @@ static void read_jpeg(struct picture *p)
         p->channels = jpeg.num_components;
         if (jpeg.num_components > 3)
             fail(p, SPIN_IMAGE_UNREADABLE, "a JPEG with four channels needs OpenImageIO");
-        else if (wants_pixels(p) || p->sizes) { /* jpeg_start_decompress() also checks tables */
+        else if (prepare_pixels(p) || p->sizes) { /* jpeg_start_decompress() also checks tables */
             jpeg.out_color_space = JCS_RGB;
             jpeg_start_decompress(&jpeg);
             while (p->rgb && jpeg.output_scanline < jpeg.output_height) {
@@ -147,7 +147,7 @@ static void png_release(png_structp png, png_voidp block)
 }
 
 /* Report why libpng did not create its structures. */
-static void png_none(struct picture *p)
+static void fail_png_creation(struct picture *p)
 {
     if (p->no_memory)
         fail(p, SPIN_IMAGE_NO_MEMORY, "not enough memory");
@@ -160,19 +160,19 @@ static void png_none(struct picture *p)
 static void png_warns(png_structp png, png_const_charp text) { (void)png, (void)text; }
 
 /* Blend a value 0..255 over a background 0..1. */
-static uint8_t over(unsigned value, unsigned alpha, float background)
+static uint8_t blend_over(unsigned value, unsigned alpha, float background)
 {
     return (uint8_t)((float)(value * alpha) / 255.0f + background * (float)(255u - alpha) + 0.5f);
 }
 
-static void compose(struct picture *p, const uint8_t *pixels, int n)
+static void composite_pixels(struct picture *p, const uint8_t *pixels, int n)
 {
     size_t count = (size_t)p->width * (size_t)p->height;
 
     for (size_t i = 0; i < count; i++, pixels += n)
         for (int c = 0; c < 3; c++)
             p->rgb[3 * i + (size_t)c] =
-                over(pixels[n < 3 ? 0 : c], n % 2 ? 255u : pixels[n - 1], p->background[c]);
+                blend_over(pixels[n < 3 ? 0 : c], n % 2 ? 255u : pixels[n - 1], p->background[c]);
 }
 
 static void read_png(struct picture *p)
@@ -184,7 +184,7 @@ static void read_png(struct picture *p)
     png_bytep *volatile row = NULL;
 
     if (!info) {
-        png_none(p);
+        fail_png_creation(p);
     } else if (setjmp(png_jmpbuf(png)) == 0) {
         png_init_io(png, p->file);
         png_read_info(png, info);
@@ -195,7 +195,7 @@ static void read_png(struct picture *p)
         png_set_interlace_handling(png);
         png_read_update_info(png, info);
         p->channels = png_get_channels(png, info);
-        if (wants_pixels(p)) {
+        if (prepare_pixels(p)) {
             size_t bytes = (size_t)p->width * (size_t)p->channels;
 
             pixels = malloc(bytes * (size_t)p->height);
@@ -205,7 +205,7 @@ static void read_png(struct picture *p)
             if (pixels && row) {
                 png_read_image(png, row);
                 png_read_end(png, NULL);
-                compose(p, pixels, p->channels);
+                composite_pixels(p, pixels, p->channels);
             } else {
                 fail(p, SPIN_IMAGE_NO_MEMORY, "not enough memory");
             }
@@ -271,7 +271,7 @@ struct sink {
     size_t n, room;
 };
 
-static void take(png_structp png, png_bytep data, size_t n)
+static void append_bytes(png_structp png, png_bytep data, size_t n)
 {
     struct sink *sink = png_get_io_ptr(png);
 
@@ -290,10 +290,10 @@ static void take(png_structp png, png_bytep data, size_t n)
     sink->n += n;
 }
 
-static void flush(png_structp png) { (void)png; }
+static void flush_nothing(png_structp png) { (void)png; }
 
 /* Convert a row of values 0..1 to integers; 16-bit ones are big-endian. */
-static void quantise(const struct spin_image_out *image, int y, unsigned char *row)
+static void quantise_row(const struct spin_image_out *image, int y, unsigned char *row)
 {
     size_t n = (size_t)image->width * (size_t)image->n_channels;
     const float *from = image->pixels + n * (size_t)y;
@@ -320,9 +320,9 @@ static void write_png(struct sink *sink, const struct spin_image_out *image, con
     if (!row) {
         fail(&sink->base, SPIN_IMAGE_NO_MEMORY, "not enough memory");
     } else if (!info) {
-        png_none(&sink->base);
+        fail_png_creation(&sink->base);
     } else if (setjmp(png_jmpbuf(png)) == 0) {
-        png_set_write_fn(png, sink, take, flush);
+        png_set_write_fn(png, sink, append_bytes, flush_nothing);
         png_set_IHDR(png, info, (png_uint_32)image->width, (png_uint_32)image->height, image->bits,
                      image->n_channels == 4 ? PNG_COLOR_TYPE_RGBA : PNG_COLOR_TYPE_RGB,
                      PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
@@ -333,7 +333,7 @@ static void write_png(struct sink *sink, const struct spin_image_out *image, con
         png_write_info(png, info);
         for (int y = 0; y < image->height; y++) {
             if (!rgb)
-                quantise(image, y, row);
+                quantise_row(image, y, row);
             png_write_row(png, rgb ? rgb + 3 * (size_t)image->width * (size_t)y : row);
         }
         png_write_end(png, info);
@@ -342,9 +342,9 @@ static void write_png(struct sink *sink, const struct spin_image_out *image, con
     free(row);
 }
 
-static enum spin_image_result encode(const struct spin_image_out *image, const uint8_t *rgb,
-                                     unsigned char **bytes, size_t *n_bytes, char *why,
-                                     size_t n_why)
+static enum spin_image_result encode_image(const struct spin_image_out *image, const uint8_t *rgb,
+                                           unsigned char **bytes, size_t *n_bytes, char *why,
+                                           size_t n_why)
 {
     struct sink sink = {.base = {.result = SPIN_IMAGE_OK, .why = why, .n_why = n_why}};
 
@@ -362,7 +362,7 @@ static enum spin_image_result image_encode(const struct spin_image_out *image,
                                            unsigned char **bytes, size_t *n_bytes, char *why,
                                            size_t n_why)
 {
-    return encode(image, NULL, bytes, n_bytes, why, n_why);
+    return encode_image(image, NULL, bytes, n_bytes, why, n_why);
 }
 
 static enum spin_image_result image_encode_png(int width, int height, const uint8_t *rgb,
@@ -372,7 +372,7 @@ static enum spin_image_result image_encode_png(int width, int height, const uint
     const struct spin_image_out image = {
         .format = "png", .width = width, .height = height, .n_channels = 3, .bits = 8};
 
-    return encode(&image, rgb, bytes, n_bytes, why, n_why);
+    return encode_image(&image, rgb, bytes, n_bytes, why, n_why);
 }
 
 extern const struct spin_image_shim spin_image_shim_table;

@@ -17,7 +17,7 @@ static json_malloc_t allocate;
 static _Thread_local jmp_buf *parser; /* not NULL while this thread parses a text */
 static _Thread_local bool ran_out;    /* this thread lacked memory since it last formatted a text */
 
-static void *remembering_allocate(size_t n)
+static void *allocate_or_record(size_t n)
 {
     void *block = allocate(n);
 
@@ -34,7 +34,7 @@ __attribute__((constructor)) static void set_allocator(void)
     json_free_t release;
 
     json_get_alloc_funcs(&allocate, &release);
-    json_set_alloc_funcs(remembering_allocate, release);
+    json_set_alloc_funcs(allocate_or_record, release);
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */

@@ -34,7 +34,7 @@ static void skip_space(struct text *t)
 }
 
 /* Consume white space and the character c, if it follows. */
-static bool take(struct text *t, char c)
+static bool consume_char(struct text *t, char c)
 {
     skip_space(t);
     if (t->p >= t->end || *t->p != (unsigned char)c)
@@ -43,7 +43,7 @@ static bool take(struct text *t, char c)
     return true;
 }
 
-static bool take_word(struct text *t, const char *word)
+static bool consume_word(struct text *t, const char *word)
 {
     size_t n = strlen(word);
 
@@ -55,7 +55,7 @@ static bool take_word(struct text *t, const char *word)
 }
 
 /* Consume a string in either kind of quotes, without escapes. */
-static bool take_string(struct text *t, char *out, size_t n_out)
+static bool consume_string(struct text *t, char *out, size_t n_out)
 {
     unsigned char quote;
     size_t n = 0;
@@ -76,7 +76,7 @@ static bool take_string(struct text *t, char *out, size_t n_out)
     return true;
 }
 
-static bool take_number(struct text *t, uint64_t *out)
+static bool consume_number(struct text *t, uint64_t *out)
 {
     uint64_t value = 0;
     const unsigned char *first;
@@ -120,7 +120,7 @@ static spin_status read_descr(struct text *t, struct spin_array *out)
         return spin_unsupported("array '%s' has a structured dtype: %.*s", t->what,
                                 (int)(n < 60 ? n : 60), (const char *)t->p);
     }
-    if (!take_string(t, descr, sizeof descr))
+    if (!consume_string(t, descr, sizeof descr))
         return fail_header(t);
     return read_dtype(t, descr, out);
 }
@@ -131,19 +131,19 @@ static spin_status read_shape(struct text *t, struct spin_array *out)
     bool comma = true;
 
     out->n_dims = 0;
-    if (!take(t, '('))
+    if (!consume_char(t, '('))
         return fail_header(t);
-    while (!take(t, ')')) {
+    while (!consume_char(t, ')')) {
         if (!comma)
             return fail_header(t);
         if (out->n_dims == SPIN_NPY_MAX_DIMS)
             return spin_unsupported("array '%s' has more than %d dimensions", t->what,
                                     SPIN_NPY_MAX_DIMS);
-        if (!take_number(t, &out->shape[out->n_dims]))
+        if (!consume_number(t, &out->shape[out->n_dims]))
             return spin_malformed("array '%s' has a shape that is not a tuple of integers",
                                   t->what);
         out->n_dims++;
-        comma = take(t, ',');
+        comma = consume_char(t, ',');
     }
     if (out->n_dims == 1 && !comma) /* "(5)" is not a tuple */
         return fail_header(t);
@@ -155,7 +155,7 @@ static spin_status read_item(struct text *t, struct header *seen, struct spin_ar
     char key[32];
     bool *have;
 
-    if (!take_string(t, key, sizeof key) || !take(t, ':'))
+    if (!consume_string(t, key, sizeof key) || !consume_char(t, ':'))
         return fail_header(t);
     have = strcmp(key, "descr") == 0           ? &seen->has_descr
            : strcmp(key, "fortran_order") == 0 ? &seen->has_fortran
@@ -168,8 +168,8 @@ static spin_status read_item(struct text *t, struct header *seen, struct spin_ar
         return read_descr(t, out);
     if (have == &seen->has_shape)
         return read_shape(t, out);
-    seen->fortran = take_word(t, "True");
-    return seen->fortran || take_word(t, "False") ? SPIN_OK : fail_header(t);
+    seen->fortran = consume_word(t, "True");
+    return seen->fortran || consume_word(t, "False") ? SPIN_OK : fail_header(t);
 }
 
 static spin_status read_dictionary(struct text *t, struct spin_array *out)
@@ -177,13 +177,13 @@ static spin_status read_dictionary(struct text *t, struct spin_array *out)
     struct header seen = {0};
     bool comma = true;
 
-    if (!take(t, '{'))
+    if (!consume_char(t, '{'))
         return fail_header(t);
-    while (!take(t, '}')) {
+    while (!consume_char(t, '}')) {
         if (!comma)
             return fail_header(t);
         SPIN_TRY(read_item(t, &seen, out));
-        comma = take(t, ',');
+        comma = consume_char(t, ',');
     }
     skip_space(t);
     if (t->p != t->end || !seen.has_descr || !seen.has_fortran || !seen.has_shape)
@@ -299,7 +299,7 @@ bool spin_npz_has(const struct spin_npz *npz, const char *key)
 }
 
 /* Keep a decompressed member until spin_npz_close(). */
-static spin_status own(struct spin_npz *npz, void *block)
+static spin_status keep_block(struct spin_npz *npz, void *block)
 {
     void *list = npz->owned;
     spin_status status;
@@ -336,8 +336,8 @@ static spin_status read_head(const struct spin_npz *npz, const char *key,
 }
 
 /* The member for a key, or SPIN_E_NOT_FOUND. */
-static spin_status find(const struct spin_npz *npz, const char *key,
-                        const struct spin_zip_member **out)
+static spin_status find_member(const struct spin_npz *npz, const char *key,
+                               const struct spin_zip_member **out)
 {
     *out = find_array(npz, key);
     return *out ? SPIN_OK : spin_not_found("no array '%s'", key);
@@ -348,7 +348,7 @@ spin_status spin_npz_head(const struct spin_npz *npz, const char *key, struct sp
     const struct spin_zip_member *member;
 
     memset(out, 0, sizeof *out);
-    SPIN_TRY(find(npz, key, &member));
+    SPIN_TRY(find_member(npz, key, &member));
     return read_head(npz, key, member, out);
 }
 
@@ -367,7 +367,7 @@ spin_status spin_npz_take(const struct spin_npz *npz, const char *key, bool chec
     uint64_t limit;
 
     *owned = NULL;
-    SPIN_TRY(find(npz, key, &member));
+    SPIN_TRY(find_member(npz, key, &member));
     /* Limit the array to half of the available memory, since its conversion needs memory too.
      * Stored members skip the query, which takes a dozen system calls. */
     limit = member->method == METHOD_STORED ? 0 : spin_memory_available() / 2;
@@ -382,7 +382,7 @@ static spin_status read_data(struct spin_npz *npz, const char *key, bool check_c
     void *owned = NULL;
     spin_status status = spin_npz_take(npz, key, check_crc, out, &owned);
 
-    SPIN_TRY(own(npz, owned));
+    SPIN_TRY(keep_block(npz, owned));
     return status;
 }
 

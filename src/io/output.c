@@ -52,7 +52,7 @@ spin_status spin_output_check_empty_folder(const char *path, bool force)
 
 /* Resolve the folder of a path, so that two paths of the same file become equal. If the folder does
  * not exist, the path is returned as given. */
-static spin_status place_of(const char *path, char **out)
+static spin_status resolve_folder(const char *path, char **out)
 {
     SPIN_FREED char *folder = NULL, *absolute = NULL;
 
@@ -69,8 +69,8 @@ spin_status spin_output_check_distinct(const char *const *path, int n)
 
             if (!path[i] || !path[k])
                 continue;
-            SPIN_TRY(place_of(path[i], &a));
-            SPIN_TRY(place_of(path[k], &b));
+            SPIN_TRY(resolve_folder(path[i], &a));
+            SPIN_TRY(resolve_folder(path[k], &b));
             if (strcmp(a, b) == 0)
                 return spin_misuse("two outputs would be '%s': give them different names", path[i]);
         }
@@ -81,7 +81,7 @@ spin_status spin_output_check_distinct(const char *const *path, int n)
 
 enum space { KEPT, TOO_MUCH, CANNOT };
 
-static enum space allocate(struct spin_reserve *r, const char *folder, uint64_t bytes)
+static enum space reserve_bytes(struct spin_reserve *r, const char *folder, uint64_t bytes)
 {
 #ifdef O_TMPFILE
     if (r->bytes == 0)
@@ -123,7 +123,7 @@ bool spin_reserve_set(struct spin_reserve *r, const char *path, uint64_t bytes)
     }
     if (spin_path_folder(path, &folder) != SPIN_OK)
         return true;
-    got = allocate(r, folder, bytes);
+    got = reserve_bytes(r, folder, bytes);
     return got == KEPT || (got == CANNOT && spin_path_free_bytes(folder) >= bytes);
 }
 

@@ -38,7 +38,7 @@ static int start(int *rank, int *n, char *why, size_t n_why)
     return 1;
 }
 
-static int say(int code, char *why, size_t n_why)
+static int fail_mpi(int code, char *why, size_t n_why)
 {
     char text[MPI_MAX_ERROR_STRING];
     int length;
@@ -50,7 +50,7 @@ static int say(int code, char *why, size_t n_why)
 
 static size_t pieces_of(size_t bytes) { return (bytes + piece_bytes - 1) / piece_bytes; }
 
-static int post(const struct spin_message *m, MPI_Request *request, size_t *n)
+static int post_message(const struct spin_message *m, MPI_Request *request, size_t *n)
 {
     for (size_t first = 0; first < m->bytes; first += piece_bytes) {
         size_t left = m->bytes - first;
@@ -68,7 +68,7 @@ static int post(const struct spin_message *m, MPI_Request *request, size_t *n)
     return MPI_SUCCESS;
 }
 
-static int notice_waits(void)
+static int has_notice(void)
 {
     int there = 0;
 
@@ -79,7 +79,7 @@ static int notice_waits(void)
 
 /* Wait between two polls. turn: number of polls so far. After EAGER / 10 polls, yield the
  * processor, since ranks may share one; after EAGER polls, sleep for 0.05 ms, growing to 1 ms. */
-static void pause_a_little(int turn)
+static void wait_between_polls(int turn)
 {
     int late = turn - EAGER;
     struct timespec nap = {.tv_nsec = late < 380 ? 50000 + 2500 * late : 1000000};
@@ -96,12 +96,12 @@ static int wait_for(MPI_Request *request, size_t n, char *why, size_t n_why)
         int done = 0, code = MPI_Testall((int)n, request, &done, MPI_STATUSES_IGNORE);
 
         if (code != MPI_SUCCESS)
-            return say(code, why, n_why);
+            return fail_mpi(code, why, n_why);
         if (done)
             return SPIN_RANKS_DONE;
-        if (turn > EAGER / 10 && notice_waits())
+        if (turn > EAGER / 10 && has_notice())
             return SPIN_RANKS_NOTICE;
-        pause_a_little(turn);
+        wait_between_polls(turn);
     }
 }
 
@@ -121,8 +121,8 @@ static int exchange(const struct spin_message *message, size_t n, char *why, siz
     for (int receive = 1; receive >= 0; receive--)
         for (size_t i = 0; i < n && code == MPI_SUCCESS; i++)
             if (!message[i].receive == !receive)
-                code = post(&message[i], request, &posted);
-    end = code == MPI_SUCCESS ? wait_for(request, posted, why, n_why) : say(code, why, n_why);
+                code = post_message(&message[i], request, &posted);
+    end = code == MPI_SUCCESS ? wait_for(request, posted, why, n_why) : fail_mpi(code, why, n_why);
     for (size_t i = 0; i < posted && end != SPIN_RANKS_DONE; i++)
         if (request[i] != MPI_REQUEST_NULL) {
             MPI_Cancel(&request[i]);
@@ -147,7 +147,7 @@ static int sum(void *at, size_t n, int kind, char *why, size_t n_why)
         int code = MPI_Iallreduce(MPI_IN_PLACE, (char *)at + first * size, count, type, MPI_SUM,
                                   MPI_COMM_WORLD, &request);
 
-        end = code == MPI_SUCCESS ? wait_for(&request, 1, why, n_why) : say(code, why, n_why);
+        end = code == MPI_SUCCESS ? wait_for(&request, 1, why, n_why) : fail_mpi(code, why, n_why);
         if (end != SPIN_RANKS_DONE)
             return end;
     }

@@ -38,7 +38,7 @@ struct spin_torch_file {
 
 /* ---- Other kinds of files ------------------------------------------------------------------- */
 
-static bool begins(const struct spin_map *map, const char *with)
+static bool begins_with(const struct spin_map *map, const char *with)
 {
     size_t n = strlen(with);
 
@@ -61,7 +61,7 @@ static spin_status fail_foreign(const char *path, const struct spin_map *map)
 
     if (map->size == 0)
         what = "the file is empty";
-    else if (begins(map, "<!doctype") || begins(map, "<html"))
+    else if (begins_with(map, "<!doctype") || begins_with(map, "<html"))
         what = "it is an HTML page, not a PyTorch checkpoint: download it again";
     else if (spin_xz_looks_like(p, map->size))
         what = "it is an xz file, not a PyTorch checkpoint";
@@ -301,7 +301,7 @@ void spin_torch_close(struct spin_torch *torch)
 
 /* ---- Tensors --------------------------------------------------------------------------------- */
 
-static spin_status bind(struct spin_torch *torch, struct spin_array *t)
+static spin_status bind_storage(struct spin_torch *torch, struct spin_array *t)
 {
     const struct spin_storage *s = spin_pickle_storage(&torch->pickle, t->storage);
     struct spin_torch_file *f = torch->file;
@@ -339,7 +339,7 @@ spin_status spin_torch_tensor(struct spin_torch *torch, const struct spin_value 
     if (v->kind != SPIN_VALUE_TENSOR)
         return spin_malformed("cannot read '%s': '%s' is not a tensor", path, what);
     *out = v->tensor;
-    return out->storage ? bind(torch, out) : SPIN_OK;
+    return out->storage ? bind_storage(torch, out) : SPIN_OK;
 }
 
 spin_status spin_torch_tensor_of(struct spin_torch *torch, const struct spin_value *v,

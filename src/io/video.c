@@ -188,7 +188,7 @@ static size_t cost_of(const struct video *v)
 }
 
 /* Close the least recently used decoders until `bytes` more do not exceed OPEN_BYTES. */
-static void make_room(size_t bytes)
+static void limit_open_streams(size_t bytes)
 {
     for (;;) {
         struct video *oldest = NULL;
@@ -214,13 +214,13 @@ static spin_status open_stream(struct video *v)
     v->used = ++clock_now;
     if (v->stream)
         return SPIN_OK;
-    make_room(cost_of(v));
+    limit_open_streams(cost_of(v));
     result = shim->open(v->file, &v->index, &v->stream);
     v->at = -1;
     return result == SPIN_VIDEO_OK ? SPIN_OK : fail_video(result, v->file);
 }
 
-static spin_status take_info(const char *file, int *width, int *height, int64_t *n_frames,
+static spin_status read_info(const char *file, int *width, int *height, int64_t *n_frames,
                              struct spin_imprint *imprint)
 {
     struct spin_map map;
@@ -246,7 +246,7 @@ spin_status spin_video_info(const char *file, int *width, int *height, int64_t *
     spin_status status;
 
     pthread_mutex_lock(&mutex);
-    status = take_info(file, width, height, n_frames, imprint);
+    status = read_info(file, width, height, n_frames, imprint);
     pthread_mutex_unlock(&mutex);
     return status;
 }
@@ -260,7 +260,7 @@ static int64_t key_before(const struct video *v, int64_t frame)
     return frame;
 }
 
-static spin_status convert(struct video *v, uint8_t *rgb)
+static spin_status convert_frame(struct video *v, uint8_t *rgb)
 {
     enum spin_video_result result = shim->rgb(v->stream, rgb);
 
@@ -269,14 +269,14 @@ static spin_status convert(struct video *v, uint8_t *rgb)
 
 /* Decode up to the frame, from the current position or the preceding key frame. rgb receives the
  * frame; before that, it is the buffer for frames that the passer accepts. */
-static spin_status go_to(struct video *v, int64_t frame, const struct spin_video_passer *passer,
-                         uint8_t *rgb)
+static spin_status decode_up_to(struct video *v, int64_t frame,
+                                const struct spin_video_passer *passer, uint8_t *rgb)
 {
     int64_t key = key_before(v, frame);
     enum spin_video_result result = SPIN_VIDEO_OK;
 
     if (v->at == frame) /* the decoder still has it */
-        return convert(v, rgb);
+        return convert_frame(v, rgb);
     if (v->at < key || v->at > frame) {
         v->at = -1;
         result = shim->seek(v->stream, key);
@@ -292,12 +292,12 @@ static spin_status go_to(struct video *v, int64_t frame, const struct spin_video
             continue;
         v->at = now;
         if (now == frame)
-            return convert(v, rgb);
+            return convert_frame(v, rgb);
         if (now > frame)
             return spin_malformed("cannot read video '%s': frame %lld cannot be decoded", v->file,
                                   (long long)frame);
         if (passer && passer->wants(passer->context, now)) {
-            SPIN_TRY(convert(v, rgb));
+            SPIN_TRY(convert_frame(v, rgb));
             passer->take(passer->context, now, v->index.width, v->index.height, rgb);
         }
     }
@@ -320,7 +320,7 @@ static spin_status read_frame(const char *file, int64_t frame,
     SPIN_TRY(open_stream(v));
     pixels = (size_t)v->index.width * (size_t)v->index.height;
     SPIN_TRY(spin_alloc(pixels, 3, (void **)rgb));
-    status = go_to(v, frame, passer, *rgb);
+    status = decode_up_to(v, frame, passer, *rgb);
     if (status != SPIN_OK) {
         free(*rgb);
         *rgb = NULL;

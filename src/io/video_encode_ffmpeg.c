@@ -29,7 +29,7 @@ static enum spin_video_result fail(int error, const char *what)
     return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, what);
 }
 
-static const AVCodec *choose(const char *format)
+static const AVCodec *choose_encoder(const char *format)
 {
     static const char *const mp4[] = {"libx264", "mpeg4", NULL};
     static const char *const webm[] = {"libvpx-vp9", "libvpx", NULL};
@@ -137,7 +137,7 @@ static enum spin_video_result video_open(const char *path, const char *format, i
                                          struct spin_video_writer **out, const char **name)
 {
     struct spin_video_writer *w = calloc(1, sizeof *w);
-    const AVCodec *codec = choose(format);
+    const AVCodec *codec = choose_encoder(format);
     AVDictionary *options = NULL;
     int error;
 
@@ -172,7 +172,7 @@ static enum spin_video_result video_open(const char *path, const char *format, i
 }
 
 /* Write all packets that the encoder has ready. */
-static int drain(struct spin_video_writer *w)
+static int write_packets(struct spin_video_writer *w)
 {
     for (;;) {
         int error = avcodec_receive_packet(w->codec, w->packet);
@@ -191,7 +191,7 @@ static int drain(struct spin_video_writer *w)
 }
 
 /* For odd sizes, repeat the last column and row. */
-static const uint8_t *make_even(struct spin_video_writer *w, const uint8_t *rgb)
+static const uint8_t *pad_to_even(struct spin_video_writer *w, const uint8_t *rgb)
 {
     size_t to = 3 * (size_t)w->codec->width, from = 3 * (size_t)w->width;
 
@@ -210,7 +210,7 @@ static const uint8_t *make_even(struct spin_video_writer *w, const uint8_t *rgb)
 
 static enum spin_video_result video_put(struct spin_video_writer *w, const uint8_t *rgb)
 {
-    const uint8_t *planes[4] = {make_even(w, rgb), NULL, NULL, NULL};
+    const uint8_t *planes[4] = {pad_to_even(w, rgb), NULL, NULL, NULL};
     int lines[4] = {3 * w->codec->width, 0, 0, 0};
     int error = av_frame_make_writable(w->frame);
 
@@ -223,7 +223,7 @@ static enum spin_video_result video_put(struct spin_video_writer *w, const uint8
     if (error >= 0)
         error = avcodec_send_frame(w->codec, w->frame);
     if (error >= 0)
-        error = drain(w);
+        error = write_packets(w);
     return error < 0 ? fail(error, "cannot write a frame") : SPIN_VIDEO_OK;
 }
 
@@ -232,7 +232,7 @@ static enum spin_video_result video_end(struct spin_video_writer *w)
     int error = avcodec_send_frame(w->codec, NULL);
 
     if (error >= 0)
-        error = drain(w);
+        error = write_packets(w);
     if (error >= 0)
         error = av_write_trailer(w->file);
     if (error >= 0)

@@ -28,7 +28,7 @@ static char name[64]; /* of the command */
 
 /* Acquire the mutex in order to write a path. Blocks forever once the handler runs, since the
  * handler may be about to remove the file with the entry's old path. */
-static void lock(void)
+static void lock_entries(void)
 {
     pthread_mutex_lock(&mutex);
     while (atomic_load(&dying))
@@ -39,7 +39,7 @@ void spin_watch_map(const void *data, const char *path, const struct stat *st)
 {
     if (strlen(path) >= PATH_MAX)
         return;
-    lock();
+    lock_entries();
     for (int i = 0; i < MAPS; i++) {
         if (atomic_load(&maps[i].data))
             continue;
@@ -99,7 +99,7 @@ void spin_watch_out(const char *path)
 {
     if (strlen(path) >= PATH_MAX)
         return;
-    lock();
+    lock_entries();
     for (int i = 0; i < OUTS; i++) {
         if (atomic_load(&outs[i].given))
             continue;
@@ -127,21 +127,21 @@ struct line {
     size_t n;
 };
 
-static void add(struct line *line, const char *text)
+static void append_text(struct line *line, const char *text)
 {
     for (; *text && line->n < sizeof line->text; text++)
         line->text[line->n++] = *(const unsigned char *)text < 0x20 || *text == 0x7f ? '?' : *text;
 }
 
-static void say(const char *path)
+static void report_cut_file(const char *path)
 {
     struct line line = {{0}, 0};
     ssize_t n;
 
-    add(&line, name);
-    add(&line, ": cannot read '");
-    add(&line, path);
-    add(&line, "': it was cut short while it was in use, or the disk failed");
+    append_text(&line, name);
+    append_text(&line, ": cannot read '");
+    append_text(&line, path);
+    append_text(&line, "': it was cut short while it was in use, or the disk failed");
     line.text[line.n < sizeof line.text ? line.n++ : line.n - 1] = '\n';
     if (isatty(STDERR_FILENO))
         n = write(STDERR_FILENO, "\r\033[K", 4); /* erase the progress line */
@@ -171,7 +171,7 @@ static void on_bus(int number, siginfo_t *info, void *context)
             continue;
         while (atomic_exchange(&dying, true)) /* another thread already runs this */
             pause();
-        say(maps[i].path);
+        report_cut_file(maps[i].path);
         remove_outs();
         _exit(1);
     }

@@ -42,7 +42,7 @@ struct sink {
     size_t n, room;
 };
 
-static int take(const uint8_t *data, size_t size, const WebPPicture *picture)
+static int append_bytes(const uint8_t *data, size_t size, const WebPPicture *picture)
 {
     struct sink *sink = picture->custom_ptr;
 
@@ -58,7 +58,7 @@ static int take(const uint8_t *data, size_t size, const WebPPicture *picture)
     return 1;
 }
 
-/* BAD_WRITE is a lack of memory too: take() has no other error. */
+/* BAD_WRITE is a lack of memory too: append_bytes() has no other error. */
 static bool is_memory(WebPEncodingError error)
 {
     return error == VP8_ENC_ERROR_OUT_OF_MEMORY || error == VP8_ENC_ERROR_BITSTREAM_OUT_OF_MEMORY ||
@@ -105,7 +105,7 @@ spin_status spin_webp_write(const uint8_t *rgba, int width, int height, int effo
     picture.use_argb = 1;
     picture.width = width;
     picture.height = height;
-    picture.writer = take;
+    picture.writer = append_bytes;
     picture.custom_ptr = &sink;
     if (!picture_import(&picture, rgba, 4 * width) || !encode(&config, &picture))
         status =
