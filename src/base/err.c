@@ -55,7 +55,7 @@ spin_status spin_fail_reading(spin_status status, const char *path)
 
     if (status == SPIN_OK || status == SPIN_E_USAGE)
         return status;
-    snprintf(quoted, sizeof quoted, "'%s'", path); /* as all messages quote paths */
+    snprintf(quoted, sizeof quoted, "'%s'", path); /* all messages quote paths in this way */
     spin_text_tidy(quoted, false);
     if (strstr(trail, quoted))
         return status;

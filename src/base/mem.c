@@ -153,7 +153,7 @@ void spin_pages_release(void *block)
  * header. */
 struct spin_arena_block {
     struct spin_arena_block *next;
-    size_t used, bytes; /* of the whole block, including this header */
+    size_t used, bytes; /* both include this header */
 };
 
 static spin_status arena_block(struct spin_arena *arena, size_t piece)

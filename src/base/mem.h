@@ -50,8 +50,8 @@ struct spin_scratch {
 spin_status spin_scratch_need(struct spin_scratch *scratch, size_t bytes);
 void spin_scratch_free(struct spin_scratch *scratch);
 
-/* Bytes that this process can still allocate: the least of what the machine, its control groups and
- * `ulimit -v` allow. */
+/* Bytes that this process can still allocate: the least of the limits set by the machine, its
+ * control groups and `ulimit -v`. */
 size_t spin_memory_available(void);
 /* The bytes that control groups (versions 1 and 2) allow: the least over the process's own group
  * and all its ancestors. UINT64_MAX: no limit. root: "" for the system's files; tests pass a folder

@@ -21,7 +21,7 @@ float spin_light_of(float v);
 
 /* Project a point to out = x, y (pixels) and depth; false if the point is behind the camera. */
 bool spin_camera_project(const struct spin_camera *camera, const float point[3], double out[3]);
-/* The same; also false if the point is outside the image. */
+/* spin_camera_project() that also returns false if the point is outside the image. */
 bool spin_camera_sees(const struct spin_camera *camera, const float point[3], double out[3]);
 /* Depth of the near plane, world units. */
 double spin_camera_near(const struct spin_camera *camera);

@@ -10,6 +10,6 @@ spin_status spin_option_word(const struct spin_plugin_values *v, const char *key
 /* A number from least to most; *out is unchanged if the option was not given. */
 spin_status spin_option_number(const struct spin_plugin_values *v, const char *key, double least,
                                double most, double *out);
-/* The same for an integer. */
+/* An integer from least to most; *out is unchanged if the option was not given. */
 spin_status spin_option_count(const struct spin_plugin_values *v, const char *key, int least,
                               int most, int *out);

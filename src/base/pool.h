@@ -19,8 +19,8 @@ int spin_pool_n_threads(const struct spin_pool *pool);
  * must not use a pool at the same time. */
 typedef void (*spin_task_fn)(void *context, int task);
 void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *context);
-/* The same for rows 0..n-1, in tasks of `piece` rows (fewer in the last): fn(context, first, end)
- * processes rows first..end-1. */
+/* spin_pool_run() for rows 0..n-1, in tasks of `piece` rows (fewer in the last): fn(context, first,
+ * end) processes rows first..end-1. */
 typedef void (*spin_rows_fn)(void *context, size_t first, size_t end);
 void spin_pool_rows(struct spin_pool *pool, size_t n, size_t piece, spin_rows_fn fn, void *context);
 /* Within fn: the index of the thread that runs it, 0..n_threads-1. */

@@ -89,7 +89,8 @@ static bool load_object(struct search *s, const char *path)
     return true;
 }
 
-/* Whether a user other than root, this one and the owner of the program can write to path. */
+/* Whether other users can write to path: users other than root, the current user and the owner of
+ * the program's file. */
 static bool is_writable_by_others(struct search *s, const char *path)
 {
     struct stat st;

@@ -91,7 +91,8 @@ int spin_args_misuse(const struct spin_args_command *command, const char *fmt, .
 
 static volatile sig_atomic_t signal_seen;
 
-/* The first signal asks the work to stop and save its checkpoint; a second Ctrl-C exits at once. */
+/* The first signal cancels the work, which then saves its checkpoint; a second Ctrl-C exits at
+ * once. */
 static void on_signal(int number)
 {
     if (number == SIGINT && signal_seen == SIGINT)

@@ -15,7 +15,7 @@ struct spin_array {
     int n_dims;
     uint64_t shape[SPIN_NPY_MAX_DIMS];
     int64_t stride[SPIN_NPY_MAX_DIMS]; /* per dimension, in elements */
-    uint64_t offset;                   /* of the first element, in elements */
+    uint64_t offset;                   /* index of the first element in the storage */
     uint64_t count;                    /* product of shape */
     const unsigned char *data;         /* NULL: a tensor that is not bound to its storage yet */
     size_t n_bytes;                    /* size of the values; set for .npy only */
@@ -37,7 +37,8 @@ void spin_array_to_i64(const struct spin_array *a, uint64_t first, uint64_t coun
 /* The values in place if they are native, contiguous float32 at an aligned address; else NULL. */
 const float *spin_array_f32(const struct spin_array *a);
 
-/* Set kind and size from a numpy type such as "f4"; false if it is not a plain number. */
+/* Set kind and item_size from a numpy type such as "f4"; false if the type is not a plain
+ * number. */
 bool spin_array_set_type(struct spin_array *a, const char *code);
 /* Whether the array has this shape, where -1 matches any size. */
 bool spin_array_has_shape(const struct spin_array *a, int n_dims, const int64_t *shape);

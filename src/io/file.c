@@ -511,8 +511,8 @@ spin_status spin_out_open(const char *path, bool force, struct spin_out *out)
     out->force = force;
     n = strlen(path) + SPIN_OUT_SUFFIX;
 
-    /* The buffer for stdio follows the temporary name, since both are needed exactly as long as the
-     * stream. */
+    /* One block contains the temporary name and the buffer of stdio, since both are needed as long
+     * as the stream. */
     SPIN_TRY(spin_alloc(n + OUT_BUFFER, 1, &name));
     out->temporary = name;
     SPIN_TRY_OUT(spin_strdup(path, &out->path));

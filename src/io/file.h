@@ -44,11 +44,11 @@ bool spin_path_is_taken(const char *path);
 bool spin_path_is_folder(const char *path);
 /* "dir/name", allocated. */
 spin_status spin_path_join(const char *dir, const char *name, char **out);
-/* The folder that contains the path ("." if the path names none), allocated. */
+/* The folder part of the path, or "." if it has none, allocated. */
 spin_status spin_path_folder(const char *path, char **out);
 /* The last component; points into path. */
 const char *spin_path_name(const char *path);
-/* Absolute path with links resolved, allocated. Fails if it does not exist. */
+/* Absolute path with links resolved, allocated. Fails if the path does not exist. */
 spin_status spin_path_absolute(const char *path, char **out);
 /* Path of `to` as seen from the folder `from` (both exist), allocated: relative if both have a
  * common parent other than the root, else absolute. */

@@ -29,9 +29,9 @@ spin_status spin_deflate(struct spin_pool *pool, const struct spin_deflate *job,
                          size_t n_tail, struct spin_deflate_room *to);
 
 /* Compress n bytes to gzip, using the threads of the pool (NULL: only the calling thread); their
- * number does not affect the output, which contains no date. Level 1 (fast: entropy coding and runs
- * of one byte, without a search for repeats) to 9 (small). *out has a capacity of *n_room bytes; if
- * that is too small, both are updated. */
+ * number does not affect the output. The output contains no date. Level 1 (fast: entropy coding and
+ * runs of one byte, without a search for repeats) to 9 (small). *out has a capacity of *n_room
+ * bytes; if that is too small, both are updated. */
 spin_status spin_gzip_write(struct spin_pool *pool, int level, const void *data, size_t n,
                             unsigned char **out, size_t *n_room, size_t *n_out);
 
@@ -39,7 +39,7 @@ spin_status spin_gzip_write(struct spin_pool *pool, int level, const void *data,
  * SPIN_E_MALFORMED if the stream is damaged before that; checksum and length are verified if its
  * end is reached. */
 spin_status spin_gzip_read(const void *data, size_t size, void *out, size_t n_out, size_t *n);
-/* The same for a zlib stream (RFC 1950). */
+/* spin_gzip_read() for a zlib stream (RFC 1950). */
 spin_status spin_zlib_read(const void *data, size_t size, void *out, size_t n_out, size_t *n);
 /* The uncompressed length modulo 2^32, as stored at the end of gzip data; 0 if they are too
  * short. */

@@ -83,8 +83,8 @@ static bool png_ends(const struct spin_map *map)
     return false;
 }
 
-/* Skip entropy-coded data at `at`: find the next marker that is neither a stuffed FF nor a
- * restart. */
+/* Skip entropy-coded data at `at`: find the next marker that is neither a stuffed FF nor a restart
+ * marker. */
 static size_t skip_scan(const struct spin_map *map, size_t at)
 {
     while (at + 1 < map->size) {

@@ -58,6 +58,6 @@ spin_status spin_film_write(const char *path, const struct spin_film *film, bool
 enum { SPIN_PICTURE_NAME = 128 };
 void spin_picture_name(const struct spin_views *views, size_t view, int number, const char *label,
                        char name[SPIN_PICTURE_NAME]);
-/* The same for a camera that moves along a path, which has this name; number counts the images of
- * the path: "orbit_frame_00012.png". */
+/* File name of image `number` of those rendered along the camera path of this name:
+ * "orbit_frame_00012.png". */
 void spin_picture_name_moving(const char *path, int number, char name[SPIN_PICTURE_NAME]);

@@ -83,7 +83,7 @@ bool spin_json_integer(const spin_json *j, int64_t *out)
         *out = json_integer_value(j);
         return true;
     }
-    if (json_is_real(j)) { /* such as 3.0, which Python writes for an integral float */
+    if (json_is_real(j)) { /* Python writes integral floats such as 3.0 */
         double v = json_real_value(j);
 
         if (v != floor(v) || fabs(v) > 0x1p53)

@@ -8,13 +8,13 @@
 #include "base/base.h"
 #include "io/zip_format.h"
 
-/* In bytes. numpy also limits headers to 10000 bytes; those of numeric arrays are shorter. */
+/* Bytes before the data: the magic and a header, which numpy also limits to 10000 bytes. */
 #define MAX_HEAD (12 + 10000)
 
 /* ---- The header's dictionary --------------------------------------------------------------- */
 
 struct text {
-    const char *what; /* for messages */
+    const char *what; /* name of the array, for messages */
     const unsigned char *p, *end;
 };
 

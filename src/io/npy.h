@@ -26,7 +26,7 @@ spin_status spin_npz_array(struct spin_npz *npz, const char *key, bool check_crc
                            struct spin_array *out);
 /* The array's type and shape, read from its first bytes only; out->data is NULL. */
 spin_status spin_npz_head(const struct spin_npz *npz, const char *key, struct spin_array *out);
-/* Memory in bytes that the values need once read; 0 if they are used in place. */
+/* Bytes of memory that reading the array allocates; 0 if its values are used in place. */
 uint64_t spin_npz_unpacked(const struct spin_npz *npz, const char *key);
 /* Read an array whose decompressed values the caller owns: *owned receives the block to free, or
  * NULL if the values are stored, and used in place. */
@@ -52,6 +52,6 @@ spin_status spin_npz_write(struct spin_zip_writer *w, const char *name, const ch
  * spin_zip_member_end(). */
 spin_status spin_npz_write_begin(struct spin_zip_writer *w, const char *name, const char *descr,
                                  int n_dims, const uint64_t *shape);
-/* The same for a deflated member. */
+/* spin_npz_write_begin() for a deflated member. */
 spin_status spin_npz_write_begin_deflated(struct spin_zip_writer *w, const char *name,
                                           const char *descr, int n_dims, const uint64_t *shape);

@@ -6,12 +6,12 @@
 
 /* Check that a file can be written, by opening it with spin_out_open() and discarding it. */
 spin_status spin_output_check_file(const char *path, bool force);
-/* Check that a folder is writable; it is created if it does not exist. */
+/* Check that a folder is writable; create it if it does not exist. */
 spin_status spin_output_check_folder(const char *path);
-/* The same; without force the folder must be empty. */
+/* spin_output_check_folder() that also checks, without force, that the folder is empty. */
 spin_status spin_output_check_empty_folder(const char *path, bool force);
-/* Check that no two of the n outputs have the same name; NULL means no output. SPIN_E_USAGE if two
- * have, with the name in the message. */
+/* Check that no two of the n outputs have the same name; NULL means no output. If two outputs have
+ * the same name, SPIN_E_USAGE with a message that names it. */
 spin_status spin_output_check_distinct(const char *const *path, int n);
 
 /* Disk space reserved for later output. It is allocated to an unnamed file, which the system frees

@@ -23,7 +23,7 @@ enum role {
     STORAGE,  /* tensor: kind, item_size, storage or data, storage_count, offset (of a view) */
     ORDERED,  /* a dict created as an OrderedDict */
     UNFILLED, /* a numpy array before its BUILD */
-    INSTANCE  /* of class globals[id]; a BUILD may follow */
+    INSTANCE  /* id: its class in globals[]; a BUILD may set its state */
 };
 
 struct node {
@@ -239,7 +239,7 @@ static spin_status push_float(struct machine *m, double value)
     return push_value(m, &node->v);
 }
 
-/* Push None, True or False, each of which exists once. */
+/* Push None, True or False; all references share one value. */
 static spin_status push_constant(struct machine *m, struct spin_value **kept,
                                  enum spin_value_kind kind, int value)
 {
@@ -1494,7 +1494,7 @@ bool spin_value_is_sequence(const struct spin_value *v)
     return v->kind == SPIN_VALUE_TUPLE || v->kind == SPIN_VALUE_LIST;
 }
 
-/* Of equal keys the last one wins, as in Python. */
+/* If a key occurs several times, the last value is returned, as in Python. */
 const struct spin_value *spin_value_get(const struct spin_value *dict, const char *key)
 {
     if (!dict || dict->kind != SPIN_VALUE_DICT)

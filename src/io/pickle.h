@@ -39,10 +39,10 @@ struct spin_value {
 /* A storage, to which tensors refer by its key. */
 struct spin_storage {
     const char *key;
-    char kind;                 /* as in struct spin_array */
+    char kind;                 /* see struct spin_array */
     int item_size;             /* bytes */
     uint64_t count;            /* elements */
-    const unsigned char *data; /* for spin_pickle_parse_legacy() only */
+    const unsigned char *data; /* set by spin_pickle_parse_legacy() only */
 };
 
 struct spin_pickle {

@@ -16,7 +16,7 @@ enum spin_ply_type {
 
 struct spin_ply_property {
     char name[64];
-    enum spin_ply_type type; /* of the value, or of the items of a list */
+    enum spin_ply_type type; /* type of the value, or of the items of a list */
     bool is_list;
     enum spin_ply_type count_type; /* lists only: type of their counts */
     size_t offset; /* bytes from the start of a record; only if no list precedes the property */
@@ -45,9 +45,10 @@ struct spin_ply {
     bool borrowed;        /* private: map is owned by the caller */
 };
 
-/* Read the header, and check that the body is as long as it requires. */
+/* Read the header, and check that the body has the length that the header requires. */
 spin_status spin_ply_open(const char *path, struct spin_ply *out);
-/* The same for bytes in memory, which are borrowed until close; `what` names them in messages. */
+/* spin_ply_open() for bytes in memory, which are borrowed until close; `what` names them in
+ * messages. */
 spin_status spin_ply_parse(const char *what, const unsigned char *bytes, size_t n_bytes,
                            struct spin_ply *out);
 void spin_ply_close(struct spin_ply *ply);

@@ -134,7 +134,7 @@ static spin_status read_member(struct spin_torch_file *f, const struct spin_zip_
     return SPIN_OK;
 }
 
-/* Read a small text member without its line end; "" if it does not exist. */
+/* Read the first line of a small text member; "" if the member does not exist. */
 static spin_status read_word(struct spin_torch_file *f, const char *name, char out[32])
 {
     const struct spin_zip_member *member = find_below(f, name);

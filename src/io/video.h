@@ -1,15 +1,15 @@
 /* Frames of videos, decoded by FFmpeg, with a C interface. As for images, the code that calls
- * FFmpeg is in a shared object of its own (spin-video.so), which is loaded on first use. In a build
- * without FFmpeg it does not exist, and reading a video fails with a message.
+ * FFmpeg is in a shared object of its own (spin-video.so), which is loaded on first use. A build
+ * without FFmpeg does not contain this object; reading a video then fails with a message.
  *
  * A frame of a video is an image with the path "cam00.mp4#12", where 12 is its index from 0 in
  * display order. spin_image_size() and spin_image_read() accept such paths.
  *
- * Decoding can only start at a key frame, so that reading a random frame may decode all
- * frames between two key frames. Extracting all frames of a clip to disk first would take 15 GB and
- * more. Instead, the decoder keeps its position between calls, and passes all frames that it
- * decodes to the caller, which caches as many as fit in memory. A video whose frames all fit is
- * decoded about once. */
+ * Decoding can only start at a key frame, so that reading a random frame may decode all frames
+ * between two key frames. Extracting all frames of a clip to disk first would take 15 GB and more.
+ * Instead, the decoder keeps its position between calls, and passes all frames that it decodes to
+ * the caller, which caches as many as fit in memory. A video whose frames all fit is decoded about
+ * once. */
 #pragma once
 
 #include "io/file.h"

@@ -125,7 +125,7 @@ static int open_frame(struct spin_video_writer *w)
     }
     w->scale = sws_getContext(c->width, c->height, AV_PIX_FMT_RGB24, c->width, c->height,
                               c->pix_fmt, SWS_BICUBIC | SWS_ACCURATE_RND, NULL, NULL, NULL);
-    if (!w->scale) /* both formats are supported, so memory ran out */
+    if (!w->scale) /* out of memory, since both pixel formats are supported */
         return AVERROR(ENOMEM);
     sws_setColorspaceDetails(w->scale, sws_getCoefficients(SWS_CS_ITU709), 1,
                              sws_getCoefficients(SWS_CS_ITU709), 0, 0, 1 << 16, 1 << 16);
@@ -190,7 +190,7 @@ static int write_packets(struct spin_video_writer *w)
     }
 }
 
-/* For odd sizes, repeat the last column and row. */
+/* If the width or height is odd, repeat the last column or row. */
 static const uint8_t *pad_to_even(struct spin_video_writer *w, const uint8_t *rgb)
 {
     size_t to = 3 * (size_t)w->codec->width, from = 3 * (size_t)w->width;

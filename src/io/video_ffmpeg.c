@@ -52,7 +52,7 @@ static enum spin_video_result open_file(const char *path, AVFormatContext **out,
     av_log_set_level(AV_LOG_QUIET);
     if (!url)
         return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
-    snprintf(url, n, "file:%s", path); /* so that a colon in the name is not taken for a protocol */
+    snprintf(url, n, "file:%s", path); /* a colon in the path could look like a protocol */
     av_dict_set(&options, "protocol_whitelist", "file", 0);
     av_dict_set(&options, "format_whitelist", "mov,mp4,matroska,webm", 0);
     error = avformat_open_input(out, url, NULL, &options);

@@ -24,7 +24,7 @@ static struct {
 } outs[OUTS];
 static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* protects writes to maps and outs */
 static atomic_bool dying;
-static char name[64]; /* of the command */
+static char name[64]; /* name of the command */
 
 /* Acquire the mutex in order to write a path. Blocks forever once the handler runs, since the
  * handler may be about to remove the file with the entry's old path. */

@@ -146,7 +146,7 @@ static uint32_t word_at(const uint8_t *p)
 spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *height)
 {
     const uint8_t *file = data;
-    uint32_t wide = 0, high = 0; /* of VP8X; 0: absent */
+    uint32_t wide = 0, high = 0; /* size in the VP8X chunk; 0: no such chunk */
 
     *width = *height = 0;
     if (size < 12 || memcmp(file, "RIFF", 4) != 0 || memcmp(file + 8, "WEBP", 4) != 0)

@@ -17,9 +17,9 @@ spin_status spin_webp_write(const uint8_t *rgba, int width, int height, int effo
                             unsigned char **out, size_t *n_out);
 /* Size of an image; SPIN_E_MALFORMED if the data are not a WebP image. */
 spin_status spin_webp_size(const void *data, size_t size, int *width, int *height);
-/* The same for a whole file, which must be a lossless still image: one VP8L chunk, optionally with
- * a VP8X chunk of the same size and chunks without pixels. Errors state what is wrong. Does not
- * need the library. */
+/* Size of the image in a whole file, which must be a lossless still image: one VP8L chunk,
+ * optionally with a VP8X chunk of the same size and chunks without pixels. Errors state what is
+ * wrong. Does not need the library. */
 spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *height);
 /* Decode into rgba [height][width][4]; width and height are those of the functions above. */
 spin_status spin_webp_read(const void *data, size_t size, int width, int height, uint8_t *rgba);

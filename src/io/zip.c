@@ -149,8 +149,8 @@ static bool read_zip64_extra(const unsigned char *extra, size_t n, struct spin_z
     return true;
 }
 
-/* Read the entry at p, of which `left` bytes remain in the directory. *taken receives its length;
- * the name is copied to `name`, which has the capacity for it and a NUL. */
+/* Read the entry at p, of which `left` bytes remain in the directory. *taken receives the entry's
+ * length. Copies the member's name and a NUL to `name`, whose capacity suffices. */
 static spin_status read_entry(const char *path, const struct directory *dir, const unsigned char *p,
                               uint64_t left, char *name, struct spin_zip_member *m, uint64_t *taken)
 {

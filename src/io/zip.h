@@ -35,7 +35,8 @@ void spin_zip_close(struct spin_zip *zip);
 /* The member of this name, or NULL; the last one if there are several, as in Python. */
 const struct spin_zip_member *spin_zip_find(const struct spin_zip *zip, const char *name);
 
-/* The same for a name that is the concatenation of several parts; the array ends with NULL. */
+/* spin_zip_find() for a name that is the concatenation of several parts; the array ends with
+ * NULL. */
 const struct spin_zip_member *spin_zip_find_parts(const struct spin_zip *zip,
                                                   const char *const *part);
 
@@ -64,7 +65,7 @@ struct spin_zip_writer {
     uint64_t member_size;
     bool in_member;
     bool plain; /* headers without extra fields, data unaligned; to be set after begin() */
-    struct spin_zip_deflate *deflate; /* state of the member being written; NULL: it is stored */
+    struct spin_zip_deflate *deflate; /* state of the deflated member being written, or NULL */
     /* Number of threads that deflate a long member; 0: all cores. To be set after open() or
      * begin(). */
     int n_threads;
@@ -73,7 +74,7 @@ struct spin_zip_writer {
 spin_status spin_zip_writer_open(const char *path, bool force, struct spin_zip_writer *w);
 /* Write a stored member: begin with its exact size, write it in parts, then end. */
 spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, uint64_t size);
-/* The same for a member that is deflated as it is written. */
+/* spin_zip_member_begin() for a member that is deflated as it is written. */
 spin_status spin_zip_member_begin_deflated(struct spin_zip_writer *w, const char *name,
                                            uint64_t size);
 /* Compress the member just begun quickly: search only for runs of one byte, and store data that

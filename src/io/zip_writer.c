@@ -33,7 +33,7 @@ struct spin_zip_written {
     bool zip64; /* the local header has 64-bit sizes */
 };
 
-/* Buffer for one header, whose maximum length this is. */
+/* Buffer for one header; its size is the maximum length of a header. */
 struct bytes {
     unsigned char data[128 + ALIGN];
     size_t n;

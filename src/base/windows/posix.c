@@ -1,4 +1,4 @@
-/* POSIX functions implemented with those of Windows; posix.h documents them. */
+/* POSIX functions, implemented with functions of Windows; posix.h documents them. */
 #include <windows.h>
 
 #include <psapi.h>

@@ -56,7 +56,7 @@ int posix_mkdir(const char *path, int mode);
 int posix_rename(const char *from, const char *to);
 int posix_link(const char *from, const char *to);
 char *posix_realpath(const char *path, char *none);
-ssize_t posix_readlink(const char *path, char *out, size_t n); /* for "/proc/self/exe" only */
+ssize_t posix_readlink(const char *path, char *out, size_t n); /* works for "/proc/self/exe" only */
 ssize_t posix_pwrite(int fd, const void *data, size_t n, int64_t at);
 int posix_flock(int fd, int how);
 FILE *posix_fopen(const char *path, const char *mode);
