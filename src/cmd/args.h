@@ -8,8 +8,8 @@
  *         SPIN_ARG_HEADING("Work"),
  *         SPIN_ARG("size", 's', "N", INT, size, "how large (3)", .min = 1, .max = 9),
  *         SPIN_ARG_END,
- *    
- * }; */
+ *     };
+ */
 #pragma once
 
 #include "spin.h"

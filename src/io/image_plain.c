@@ -190,7 +190,7 @@ static void read_png(struct picture *p)
         png_read_info(png, info);
         p->width = (int)png_get_image_width(png, info);
         p->height = (int)png_get_image_height(png, info);
-        png_set_expand(png); /* expands palettes, samples below 8 bits, and transparent colours */
+        png_set_expand(png); /* palettes to RGB, 8 bits per sample, tRNS to alpha */
         png_set_scale_16(png);
         png_set_interlace_handling(png);
         png_read_update_info(png, info);

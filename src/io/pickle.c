@@ -3,9 +3,9 @@
  *
  * A global is pushed as its index in a table; REDUCE, NEWOBJ and BUILD switch on that index and
  * create the value it stands for. No code is called. The cost of a file is bounded: lengths by the
- * remaining input, memo slots by the number of opcodes so far, nesting by a constant, and the total
- * of all values by a budget. Nothing recurses, except for one level of a stream inside a pickle
- * (torch.storage._load_from_bytes). */
+ * remaining input, memo slots by the number of opcodes executed, nesting by a constant, and the
+ * total of all values by a budget. Nothing recurses, except for one level of a stream inside a
+ * pickle (torch.storage._load_from_bytes). */
 #include "io/pickle.h"
 
 #include "base/base.h"

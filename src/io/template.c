@@ -74,7 +74,7 @@ static void write_duration(FILE *to, double seconds)
         fprintf(to, "%.1f days", fmin(seconds / 86400, 1e9));
 }
 
-/* format: see template.h; its first word ends with the letter of a conversion. */
+/* format: its first word ends with one of the conversion letters listed in template.h. */
 static void write_number(FILE *to, const char *format, double v)
 {
     char plain[16], bytes[32], *kind;
