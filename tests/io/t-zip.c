@@ -329,7 +329,7 @@ static void lies(void)
     e = stored();
     e.method = 12;
     save_one(e);
-    fails(SPIN_E_UNSUPPORTED, "packed with method 12", 0, "an unknown method");
+    fails(SPIN_E_UNSUPPORTED, "unsupported method 12", 0, "an unknown method");
     e = stored();
     e.local_name = "b.npy";
     save_one(e);
