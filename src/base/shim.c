@@ -100,8 +100,8 @@ static bool is_writable_by_others(struct search *s, const char *path)
     if (!(st.st_mode & (S_IWGRP | S_IWOTH)) &&
         (st.st_uid == 0 || st.st_uid == geteuid() || st.st_uid == s->owner))
         return false;
-    snprintf(s->shim->why, sizeof s->shim->why,
-             "'%.400s' is writable by others, which is refused, see spin4d(7)", path);
+    snprintf(s->shim->why, sizeof s->shim->why, "'%.400s' is writable by others, see spin4d(7)",
+             path);
     return true;
 }
 
