@@ -86,7 +86,8 @@ void spin_quant_error_say(const struct spin_quant_error *q, const char *format)
     if (q->part[SPIN_QUANT_PLACE].n == 0)
         return;
     spin_log(0,
-             "%s rounds values; error, rms (largest): position %.3g (%.3g), log scale %.2g (%.2g), "
+             "%s rounds values; rms error (largest error in parentheses): position %.3g (%.3g), "
+             "log scale %.2g (%.2g), "
              "rotation %.2g deg (%.2g deg), opacity %.2g (%.2g), colour %.2g (%.2g), "
              "sh %.2g (%.2g)",
              format, r[0], m[0], r[1], m[1], r[2], m[2], r[3], m[3], r[4], m[4], r[5], m[5]);

@@ -1,8 +1,8 @@
-/* The error message: one line per thread, to which callers prefix their context.
+/* The error message: each thread has one line, before which callers put their context.
  *
- * Messages are formatted into a second buffer first, so that spin_last_error() may be an argument.
- * They quote names from foreign files: control and invisible characters become '?', which keeps the
- * message on one line and terminals safe. */
+ * Messages are formatted into a second buffer first, so that the result of spin_last_error() may be
+ * an argument. Since messages contain names from untrusted files, control and invisible characters
+ * become '?': the message stays one line and cannot control a terminal. */
 #include "base/err.h"
 
 #include <stdarg.h>
@@ -14,7 +14,7 @@
 enum { TRAIL = 4096 };
 
 static _Thread_local char trail[TRAIL];
-static atomic_int cancelled; /* lock-free: set by signal handlers */
+static atomic_int cancelled; /* lock-free, since signal handlers set it */
 
 spin_status spin_fail(spin_status code, const char *fmt, ...)
 {
@@ -55,7 +55,7 @@ spin_status spin_fail_reading(spin_status status, const char *path)
 
     if (status == SPIN_OK || status == SPIN_E_USAGE)
         return status;
-    snprintf(quoted, sizeof quoted, "'%s'", path); /* the way in which all messages quote files */
+    snprintf(quoted, sizeof quoted, "'%s'", path); /* all messages quote paths in this way */
     spin_text_tidy(quoted, false);
     if (strstr(trail, quoted))
         return status;

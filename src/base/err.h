@@ -1,7 +1,7 @@
-/* Status codes with an error message. The innermost failure calls spin_fail(); callers prefix
- * context with spin_fail_context(). Each thread has its own message, which spin_last_error()
- * returns. Plug-ins use the same functions, which is why spin.h declares them; this header declares
- * what only the library needs. */
+/* Status codes with an error message. The function that detects an error calls spin_fail(); its
+ * callers put their context before the message with spin_fail_context(). Each thread has its own
+ * message, which spin_last_error() returns. spin.h declares these functions, since plug-ins use
+ * them too; this header declares the others. */
 #pragma once
 
 #include "spin.h"
@@ -12,5 +12,5 @@ bool spin_cancelled(void);
 spin_status spin_fail_cancelled(void);
 
 /* Prefix a failure to read `path` with "cannot read 'path'", unless the message contains the path
- * already. SPIN_OK and SPIN_E_USAGE are returned as they are. */
+ * already. Does nothing for SPIN_OK and SPIN_E_USAGE. Returns status. */
 spin_status spin_fail_reading(spin_status status, const char *path);

@@ -12,8 +12,8 @@
 #include "base/text.h"
 
 static atomic_int log_level;
-static atomic_int
-    line_shown; /* a progress line is visible and must be erased before other output */
+/* Whether a progress line is visible, which must be erased before other output. */
+static atomic_int line_shown;
 
 static const double terminal_period_s = 1.0 / 6.0, plain_period_s = 60, window_s = 10;
 static const char erase_line[] = "\r\033[K";
@@ -66,7 +66,7 @@ void spin_log_set_sink(bool (*sink)(const char *line))
     pthread_mutex_unlock(&sink_mutex);
 }
 
-/* Whether stderr shows the warning, according to the sink. */
+/* Whether to print the warning; the sink decides. */
 static bool passes_sink(const char *fmt, va_list args)
 {
     char line[1024];
@@ -98,7 +98,8 @@ void spin_warn(const char *fmt, ...)
     va_end(args);
 }
 
-/* Seconds between lines of progress without a terminal, from SPIN_PROGRESS. */
+/* Seconds between progress lines if stderr is not a terminal: the environment variable
+ * SPIN_PROGRESS, or the default. */
 static double plain_period(void)
 {
     static atomic_int warned;
@@ -133,8 +134,9 @@ void spin_progress_begin(struct spin_progress *p, const char *what, const char *
         p->period_s = p->terminal ? terminal_period_s : plain_period();
 }
 
-/* Recent rate per second, so that the time left follows changes of load; 0: unknown. */
-static double rate_of_late(struct spin_progress *p, double now, long long done)
+/* Units per second in the last 10 to 20 seconds, so that the estimated time left follows changes of
+ * load; 0: unknown. */
+static double recent_rate(struct spin_progress *p, double now, long long done)
 {
     double since = p->past[0].s > 0 ? p->past[0].s : p->start_s;
     long long from = p->past[0].s > 0 ? p->past[0].done : p->from;
@@ -160,7 +162,7 @@ void spin_progress_set(struct spin_progress *p, long long done, const char *fmt,
     fprintf(stderr, "%s%s  %lld", p->terminal ? erase_line : "", p->what, done);
     if (p->total > 0)
         fprintf(stderr, "/%lld  %.1f%%", p->total, 100.0 * (double)done / (double)p->total);
-    rate = rate_of_late(p, now, done);
+    rate = recent_rate(p, now, done);
     if (rate > 0) {
         fprintf(stderr, "  %.3g %s/s", rate, p->unit);
         if (p->total > 0) {

@@ -3,11 +3,12 @@
 
 #include "base/err.h"
 
-/* -1 quiet (warnings only), 0 normal, 1 per run, 2 per frame, 3 per iteration, 4 per operation. */
+/* Levels: -1 quiet (warnings only), 0 normal, 1 lines per run, 2 per frame, 3 per iteration, 4 per
+ * operation. */
 void spin_log_set_level(int level);
 int spin_log_level(void);
 
-/* Print one line if level is at most the one that was set. Clears a progress line first. */
+/* Print one line if `level` is at most the level set. Erases a progress line first. */
 void spin_log(int level, const char *fmt, ...) SPIN_PRINTF(2, 3);
 /* spin.h declares spin_warn(), since plug-ins warn too. */
 
@@ -18,9 +19,9 @@ void spin_log_set_sink(bool (*sink)(const char *line));
 /* Progress with rate and time left:
  *     retraining  1234/40000  3.1%  4.12 it/s  2:36:12 left  loss 0.0312
  * On a terminal, one line is rewritten at most six times a second; elsewhere a line is printed
- * every SPIN_PROGRESS seconds (default 60; 0: never), the first one after that time. Levels below 0
- * show nothing. Call begin, set as often as you like, and end, which clears the terminal's line.
- * `from` is the value at which counting starts, after a resume. */
+ * every SPIN_PROGRESS seconds (default 60; 0: never), first after this time. Levels below 0 show
+ * nothing. Call begin, then set any number of times, then end, which erases the terminal's line.
+ * `from`: the value at the begin, above 0 after a resume. */
 struct spin_progress {
     const char *what, *unit;
     double start_s, shown_s;
@@ -29,7 +30,7 @@ struct spin_progress {
     struct {
         double s;
         long long done;
-    } past[2]; /* two earlier positions, at least 10 s apart; s is 0 if there is none yet */
+    } past[2]; /* two earlier states, at least 10 s apart, for the rate; s is 0 if not set yet */
     bool terminal;
 };
 void spin_progress_begin(struct spin_progress *p, const char *what, const char *unit,

@@ -2,7 +2,7 @@
  *
  * Hash tables of hundreds of MiB are read at random; with 4 KiB pages, address translation costs
  * more than the accesses. Large blocks are therefore aligned to 2 MiB and request huge pages; if
- * the system has none, ordinary pages are used silently. */
+ * the system has none, they silently consist of ordinary pages. */
 #include "base/mem.h"
 
 #include <stdlib.h>
@@ -14,7 +14,9 @@
 #if defined(__SANITIZE_ADDRESS__)
 #include <sanitizer/asan_interface.h>
 #define POISON(p, n) ASAN_POISON_MEMORY_REGION(p, n)
-enum { GAP = 64 }; /* between allocations of an arena, so that AddressSanitizer detects overruns */
+enum {
+    GAP = 64
+}; /* bytes between allocations of an arena, with which AddressSanitizer detects overruns */
 #else
 #define POISON(p, n) ((void)0)
 enum { GAP = 0 };
@@ -88,8 +90,8 @@ spin_status spin_strdup(const char *text, char **out)
     return *out ? SPIN_OK : fail_memory(strlen(text) + 1);
 }
 
-/* A 64-byte header before each block holds its size, or 0 for blocks of aligned_alloc(). A block
- * that is mapped starts at a huge page, so its header occupies an extra 4 KiB page. */
+/* The 64-byte header before each block contains its size, or 0 for blocks of aligned_alloc().
+ * Mapped blocks start at a huge page, so their headers occupy an extra 4 KiB page. */
 enum { HEAD_PAGE = 4096 };
 
 static size_t *head_of(void *block) { return (size_t *)(void *)((char *)block - LINE); }
@@ -151,7 +153,7 @@ void spin_pages_release(void *block)
  * header. */
 struct spin_arena_block {
     struct spin_arena_block *next;
-    size_t used, bytes; /* of the whole block, including this header */
+    size_t used, bytes; /* both include this header */
 };
 
 static spin_status arena_block(struct spin_arena *arena, size_t piece)
@@ -232,8 +234,9 @@ void spin_scratch_free(struct spin_scratch *scratch)
     scratch->bytes = 0;
 }
 
-/* The number after `key` in a small system file, times unit; false if there is none. With key "",
- * the file consists of one number ("max" is none). */
+/* Read the number after `key` in a small system file, and multiply it by unit; false if there is
+ * none. key "": the file consists of one number, or of the word "max", for which the result is
+ * false. */
 static bool system_number(const char *path, const char *key, uint64_t unit, uint64_t *out)
 {
     char line[256];
@@ -257,9 +260,10 @@ static bool system_number(const char *path, const char *key, uint64_t unit, uint
 
 enum { GROUP_PATH = 4096 };
 
-/* The least that the groups from `folder` up to its first n_top bytes still allow: a group's limit
- * minus its usage, where page cache counts as free. Groups that are invisible from here, as in a
- * container, are skipped. */
+/* The least number of bytes that a group still allows, among the one in `folder` and its parents up
+ * to the mount point, which is the first n_top bytes of `folder`. A group allows its limit minus
+ * its usage, where inactive page cache counts as free. Skips groups whose files cannot be read, as
+ * in a container. */
 static uint64_t groups_available(char *folder, size_t n_top, const char *const names[4])
 {
     uint64_t least = UINT64_MAX;
@@ -283,8 +287,8 @@ static uint64_t groups_available(char *folder, size_t n_top, const char *const n
     }
 }
 
-/* The path in a line of /proc/self/cgroup, "number:controllers:path", if it lists the controller.
- * "" selects version 2, which lists none. */
+/* The path in a line of /proc/self/cgroup, "number:controllers:path", if the line lists the
+ * controller, else NULL. Controller "" selects version 2, whose line lists none. */
 static const char *group_of_line(char *line, const char *controller)
 {
     char *list = strchr(line, ':'), *path = list ? strchr(list + 1, ':') : NULL, *word, *rest;

@@ -54,7 +54,7 @@ double spin_camera_near(const struct spin_camera *camera)
     return camera->z_near > 0 ? camera->z_near : SPIN_NEAR;
 }
 
-/* Tests the exponent bits, which are all ones in NaN and infinity; 32-bit partial sums allow
+/* NaN and infinities are the values whose exponent bits are all ones. The 32-bit partial sums allow
  * vectorisation. */
 size_t spin_finite_missing(const float *values, size_t n)
 {

@@ -8,8 +8,8 @@ int spin_by_float(const void *a, const void *b);
 int spin_by_double(const void *a, const void *b);
 int spin_by_int(const void *a, const void *b);
 
-/* Number of NaN or infinite values. Runs at memory speed, since it checks every value of every
- * frame. */
+/* Number of NaN and infinite values. Runs at memory speed: every value of every frame is
+ * checked. */
 size_t spin_finite_missing(const float *values, size_t n);
 
 /* Continue a 64-bit FNV-1a hash with more bytes. */
@@ -19,9 +19,9 @@ void spin_hash(uint64_t *hash, const void *data, size_t n);
 /* sRGB (IEC 61966-2-1) to linear; defined above 1 as well. */
 float spin_light_of(float v);
 
-/* Project a point to out = x, y (pixels), depth; false if it is behind the camera. */
+/* Project a point to out = x, y (pixels) and depth; false if the point is behind the camera. */
 bool spin_camera_project(const struct spin_camera *camera, const float point[3], double out[3]);
-/* The same; also false if the point is outside the image. */
+/* spin_camera_project() that also returns false if the point is outside the image. */
 bool spin_camera_sees(const struct spin_camera *camera, const float point[3], double out[3]);
 /* Depth of the near plane, world units. */
 double spin_camera_near(const struct spin_camera *camera);

@@ -1,15 +1,15 @@
 /* A thread pool with parallel-for.
  *
- * One 64-bit word holds the number of the job (high half) and the number of its tasks that are not
- * handed out yet (low half). A thread takes a task by decrementing the word with compare-and-swap.
- * Since a taken task keeps its job alive, the job's fields can be read without synchronisation
- * after the swap, and a thread that wakes late cannot take a task of one job with the fields of
- * another. Nothing waits for sleeping threads: a job ends when `pending`, the number of unfinished
- * tasks, is zero.
+ * A job is one call of spin_pool_run(). One 64-bit word contains the number of the job (high half)
+ * and the number of its tasks that no thread has taken yet (low half). A thread takes a task by
+ * decrementing the word with compare-and-swap. A job cannot end before a taken task is finished, so
+ * the thread can then read the job's fields without synchronisation; and since the word includes
+ * the job's number, a thread that was delayed cannot take a task of a later job. A job ends when
+ * `pending`, the number of unfinished tasks, is zero: sleeping threads do not delay its end.
  *
- * Between jobs, workers spin on the word for some microseconds before they sleep, because the
- * operations of a training iteration follow each other closely. With more threads than cores they
- * sleep immediately. */
+ * Between jobs, workers poll the word for some microseconds before they sleep, because the
+ * operations of a training iteration follow each other closely. If there are more threads than
+ * cores, they sleep immediately. */
 #include "base/pool.h"
 
 #include <pthread.h>
@@ -33,18 +33,18 @@ struct worker {
 };
 
 struct spin_pool {
-    int n_threads, n_started; /* including and excluding the caller */
-    bool patient;             /* workers spin before sleeping */
+    int n_threads, n_started; /* threads including the caller; workers started */
+    bool patient;             /* threads poll before they sleep */
 
     /* The job. Written by the caller while no task is taken. */
     spin_task_fn fn;
     void *context;
     int n_tasks;
 
-    _Alignas(64) atomic_uint_least64_t word; /* job << 32 | tasks that are not handed out yet */
+    _Alignas(64) atomic_uint_least64_t word; /* job << 32 | tasks not taken yet */
     _Alignas(64) atomic_int pending;         /* unfinished tasks */
     _Alignas(64) atomic_int sleepers;        /* workers waiting on `work` */
-    atomic_int caller_sleeps;                /* waiting on `done` */
+    atomic_int caller_sleeps;                /* the caller waits on `done` */
     atomic_int stop;
 
     pthread_mutex_t lock;
@@ -52,7 +52,7 @@ struct spin_pool {
     struct worker *worker; /* [n_threads - 1] */
 };
 
-static void relax(void)
+static void relax_cpu(void)
 {
 #if defined(__x86_64__) || defined(__i386__)
     __builtin_ia32_pause();
@@ -67,9 +67,9 @@ static _Thread_local int worker_number; /* index of the worker that runs in this
 
 int spin_pool_worker(void) { return worker_number; }
 
-/* Take and run tasks until none is left. May be called from a task of another pool, hence the saved
- * number. */
-static void work_on(struct spin_pool *pool, int number)
+/* Take and run tasks until none is left. Restores worker_number, since this may be called from a
+ * task of another pool. */
+static void run_tasks(struct spin_pool *pool, int number)
 {
     int before = worker_number;
     uint64_t word;
@@ -100,12 +100,13 @@ static bool wait_for_work(struct spin_pool *pool)
             for (int i = 0; i < 32; i++) {
                 if (tasks_left(pool) > 0)
                     return true;
-                relax();
+                relax_cpu();
             }
         } while (spin_now_s() < until);
     }
     pthread_mutex_lock(&pool->lock);
-    /* Before the word is read; the caller writes the word before it reads `sleepers`. */
+    /* Increment `sleepers` before reading the word: the caller writes the word before it reads
+     * `sleepers`, so that either this thread sees the new job or the caller wakes it. */
     atomic_fetch_add(&pool->sleepers, 1);
     while (tasks_left(pool) == 0 && !atomic_load(&pool->stop))
         pthread_cond_wait(&pool->work, &pool->lock);
@@ -119,19 +120,19 @@ static void *worker_main(void *argument)
     struct worker *worker = argument;
 
     while (wait_for_work(worker->pool))
-        work_on(worker->pool, worker->number);
+        run_tasks(worker->pool, worker->number);
     return NULL;
 }
 
 #ifdef __EMSCRIPTEN__
-/* Web pages have no threads: the caller runs all tasks, whatever number of threads it asks for. */
+/* Web pages have no threads: the caller runs all tasks, whatever n_threads is. */
 enum { ALONE = 1 };
 
-static int cores(void) { return 1; }
+static int count_cores(void) { return 1; }
 #else
 enum { ALONE = 0 };
 
-static int cores(void)
+static int count_cores(void)
 {
     cpu_set_t set;
     long online;
@@ -143,7 +144,7 @@ static int cores(void)
 }
 #endif
 
-/* Workers block signals: an interrupt is handled by the thread that runs the command. */
+/* Workers block signals, so that the thread that runs the command handles interrupts. */
 static spin_status start_workers(struct spin_pool *pool)
 {
     sigset_t all, old;
@@ -174,9 +175,9 @@ spin_status spin_pool_create(int n_threads, struct spin_pool **out)
 
     *out = NULL;
     if (n_threads < 0 || n_threads > MAX_THREADS)
-        return spin_misuse("cannot use %d threads: not in 0..%d", n_threads, MAX_THREADS);
+        return spin_misuse("cannot use %d threads: expected 0 to %d", n_threads, MAX_THREADS);
     if (n_threads == 0 || ALONE) {
-        n_threads = cores();
+        n_threads = count_cores();
         if (n_threads > MAX_THREADS)
             n_threads = MAX_THREADS;
     }
@@ -185,7 +186,7 @@ spin_status spin_pool_create(int n_threads, struct spin_pool **out)
         return spin_fail(SPIN_E_MEMORY, "not enough memory for %zu bytes", sizeof *pool);
     memset(pool, 0, sizeof *pool);
     pool->n_threads = n_threads;
-    pool->patient = n_threads <= cores();
+    pool->patient = n_threads <= count_cores();
     pthread_mutex_init(&pool->lock, NULL);
     pthread_cond_init(&pool->work, NULL);
     pthread_cond_init(&pool->done, NULL);
@@ -228,7 +229,7 @@ static void wait_for_end(struct spin_pool *pool)
             for (int i = 0; i < 32; i++) {
                 if (atomic_load(&pool->pending) == 0)
                     return;
-                relax();
+                relax_cpu();
             }
         } while (spin_now_s() < until);
     }
@@ -264,7 +265,7 @@ void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *c
         pthread_cond_broadcast(&pool->work);
         pthread_mutex_unlock(&pool->lock);
     }
-    work_on(pool, 0);
+    run_tasks(pool, 0);
     wait_for_end(pool);
 }
 
@@ -274,7 +275,7 @@ struct pieces {
     void *context;
 };
 
-static void piece_task(void *context, int task)
+static void run_piece(void *context, int task)
 {
     const struct pieces *p = context;
     size_t first = (size_t)task * p->piece;
@@ -286,5 +287,5 @@ void spin_pool_rows(struct spin_pool *pool, size_t n, size_t piece, spin_rows_fn
 {
     struct pieces p = {n, piece, fn, context};
 
-    spin_pool_run(pool, (int)((n + piece - 1) / piece), piece_task, &p);
+    spin_pool_run(pool, (int)((n + piece - 1) / piece), run_piece, &p);
 }

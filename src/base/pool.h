@@ -1,26 +1,26 @@
 /* A thread pool with parallel-for over numbered tasks.
  *
- * Results do not depend on the number of threads: callers split work into a number of tasks that
- * depends on the problem only, every task writes to its own output, and sums over tasks are added
- * in task order. Tasks are handed out in order, by a counter. */
+ * Results do not depend on the number of threads: callers split the work into a number of tasks
+ * that depends on the problem only, every task writes to its own output, and the caller adds up
+ * sums of tasks in task order. Tasks are started in order. */
 #pragma once
 
 #include "spin.h"
 
 struct spin_pool;
 
-/* n_threads 0: one per core that this process may use. The calling thread counts as one of them. */
+/* n_threads 0: one per core that this process may use. The calling thread is one of them. */
 spin_status spin_pool_create(int n_threads, struct spin_pool **out);
 void spin_pool_free(struct spin_pool *pool);
 int spin_pool_n_threads(const struct spin_pool *pool);
 
-/* Run fn(context, task) for task 0..n_tasks-1 and wait for all of them. If pool is NULL, or fn
- * itself makes the call on the same pool, the tasks run one by one in the calling thread. Other
- * threads must not call it at the same time. */
+/* Run fn(context, task) for task 0..n_tasks-1 and wait for all of them. If pool is NULL, or if fn
+ * itself calls this with the same pool, the tasks run one by one in the calling thread. Two threads
+ * must not use a pool at the same time. */
 typedef void (*spin_task_fn)(void *context, int task);
 void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *context);
-/* The same for rows 0..n-1 in pieces of `piece` rows, fewer in the last: fn(context, first,
- * end). */
+/* spin_pool_run() for rows 0..n-1, in tasks of `piece` rows (fewer in the last): fn(context, first,
+ * end) processes rows first..end-1. */
 typedef void (*spin_rows_fn)(void *context, size_t first, size_t end);
 void spin_pool_rows(struct spin_pool *pool, size_t n, size_t piece, spin_rows_fn fn, void *context);
 /* Within fn: the index of the thread that runs it, 0..n_threads-1. */

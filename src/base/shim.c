@@ -1,4 +1,5 @@
-/* Finds shared objects, and checks that others cannot write to them and that their version fits. */
+/* Finds shared objects, and checks that other users cannot write to them and that their version
+ * matches. */
 #include "base/shim.h"
 
 #include <dlfcn.h>
@@ -20,21 +21,22 @@
 #define SPIN_LIBDIR "/usr/local/lib"
 #endif
 
-/* Users of the Windows build did not build it, so the hint is another one. */
+/* Where to install the packages for a missing shared object and build it. Windows users received a
+ * binary that cannot have it. */
 #ifdef _WIN32
-#define WHERE "not in spin4d for Windows; in WSL"
+#define HINT "spin4d for Windows does not include it; in WSL: install %s, then build spin4d"
 #else
-#define WHERE "Debian"
+#define HINT "on Debian: install %s, then build spin4d again"
 #endif
 
 struct search {
     struct spin_shim *shim;
     const void *table;
-    uid_t owner; /* of the program; 0 if unknown */
+    uid_t owner; /* owner of the program's file; 0 if unknown */
 };
 
-/* With an address space limit (`ulimit -v`), loading a library may end the process, for instance if
- * it starts threads. Try it in a child process first. */
+/* Whether loading the library would end the process, as can happen with an address space limit
+ * (`ulimit -v`), for instance if the library starts threads. Tries it in a child process. */
 static bool ends_process(const char *path)
 {
     struct rlimit limit;
@@ -71,9 +73,9 @@ static void *open_object(const char *path, char *why, size_t n_why)
     return object;
 }
 
-/* Load the object at path; false if there is none or it does not fit, with the reason in
- * shim->why. */
-static bool load(struct search *s, const char *path)
+/* Load the shared object at path. False if the file does not exist, or if it cannot be used, with
+ * the reason in shim->why. */
+static bool load_object(struct search *s, const char *path)
 {
     const void *table;
     void *object;
@@ -90,7 +92,8 @@ static bool load(struct search *s, const char *path)
         return false;
     table = dlsym(object, s->shim->symbol);
     if (!table || *(const int *)table != s->shim->abi) {
-        snprintf(s->shim->why, sizeof s->shim->why, "'%.400s' belongs to another version", path);
+        snprintf(s->shim->why, sizeof s->shim->why, "'%.400s' belongs to another version of spin4d",
+                 path);
         dlclose(object);
         return false;
     }
@@ -98,13 +101,14 @@ static bool load(struct search *s, const char *path)
     return true;
 }
 
-/* Whether a user other than root, this one and the owner of the program can write to path. */
-static bool others_write(struct search *s, const char *path)
+/* Whether other users can write to path: users other than root, the current user and the owner of
+ * the program's file. */
+static bool is_writable_by_others(struct search *s, const char *path)
 {
     struct stat st;
 
     if (stat(path, &st) != 0)
-        return false; /* does not exist: load() handles this */
+        return false; /* load_object() handles a missing file */
     if (!(st.st_mode & (S_IWGRP | S_IWOTH)) &&
         (st.st_uid == 0 || st.st_uid == geteuid() || st.st_uid == s->owner))
         return false;
@@ -113,19 +117,20 @@ static bool others_write(struct search *s, const char *path)
     return true;
 }
 
-/* Load the object from the folder parent/below, if others can write to neither. */
+/* Load the object from the folder parent/below, unless other users can write to the object or the
+ * folder. */
 static bool load_from(struct search *s, const char *parent, const char *below)
 {
     char path[PATH_MAX + 64];
 
     snprintf(path, sizeof path, "%s/%s/%s", parent, below, s->shim->file);
-    if (access(path, F_OK) != 0 || others_write(s, path))
+    if (access(path, F_OK) != 0 || is_writable_by_others(s, path))
         return false;
     *strrchr(path, '/') = '\0';
-    if (others_write(s, path))
+    if (is_writable_by_others(s, path))
         return false;
     snprintf(path, sizeof path, "%s/%s/%s", parent, below, s->shim->file);
-    return load(s, path);
+    return load_object(s, path);
 }
 
 /* Path of this program's file; false if it is unknown or too long. */
@@ -145,7 +150,8 @@ static bool program_path(char path[4096])
     return n > 0 && n < 4096;
 }
 
-/* Load from lib/ of the build or prefix in whose bin/ or tests/ROOM/ the program is. */
+/* Load from lib/ or lib/spin4d/ of the folder whose bin/ or tests/ROOM/ contains the program: the
+ * build folder, or the prefix of an installation. */
 static bool load_beside_program(struct search *s)
 {
     char folder[4096];
@@ -170,13 +176,13 @@ static bool load_beside_program(struct search *s)
     return load_from(s, folder, "lib") || load_from(s, folder, "lib/spin4d");
 }
 
-static const void *find(struct spin_shim *shim)
+static const void *find_table(struct spin_shim *shim)
 {
     struct search s = {.shim = shim};
     const char *given = getenv(shim->override);
 
     if (given && *given) {
-        if (!load(&s, given) && !*shim->why)
+        if (!load_object(&s, given) && !*shim->why)
             snprintf(shim->why, sizeof shim->why, "%s is '%.400s', which does not exist",
                      shim->override, given);
         return s.table;
@@ -201,7 +207,7 @@ spin_status spin_shim_need(struct spin_shim *shim, const void **table)
     pthread_mutex_lock(&mutex);
     if (!shim->tried) {
         *shim->why = '\0';
-        *table = find(shim);
+        *table = find_table(shim);
     }
     found = *table != NULL;
     shim->tried = found || !says_no_memory(shim->why);
@@ -209,11 +215,10 @@ spin_status spin_shim_need(struct spin_shim *shim, const void **table)
     if (found)
         return SPIN_OK;
     if (!shim->tried)
-        return spin_fail(SPIN_E_MEMORY, "%s '%s' does not load for lack of memory: %s",
+        return spin_fail(SPIN_E_MEMORY, "%s '%s' cannot be loaded for lack of memory: %s",
                          shim->lacking, shim->file, shim->why);
-    return spin_unsupported(
-        "%s '%s' is missing or does not load%s%s (" WHERE ": install %s, then make)", shim->lacking,
-        shim->file, *shim->why ? ": " : "", shim->why, shim->debian);
+    return spin_unsupported("%s '%s' is missing or cannot be loaded%s%s (" HINT ")", shim->lacking,
+                            shim->file, *shim->why ? ": " : "", shim->why, shim->debian);
 }
 
 static void load_library(struct spin_library *library)
@@ -224,7 +229,7 @@ static void load_library(struct spin_library *library)
     for (const struct spin_library_function *f = library->function; object && f->name; f++) {
         *(void **)f->into = dlsym(object, f->name);
         if (!*(void **)f->into)
-            snprintf(library->why, sizeof library->why, "it lacks %s", f->name);
+            snprintf(library->why, sizeof library->why, "it lacks the function %s", f->name);
     }
 }
 

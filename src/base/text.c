@@ -18,7 +18,7 @@ static ssize_t add_bytes(void *cookie, const char *bytes, size_t n)
 {
     struct memory *m = cookie;
 
-    if (m->capacity - m->used <= n) { /* one more for the terminating 0 */
+    if (m->capacity - m->used <= n) { /* one more byte for the NUL */
         size_t larger = 2 * m->capacity + n + 1;
         char *grown = m->failed ? NULL : realloc(m->bytes, larger);
 
@@ -33,7 +33,7 @@ static ssize_t add_bytes(void *cookie, const char *bytes, size_t n)
     return (ssize_t)n;
 }
 
-/* The caller owns the text, even if it is incomplete. */
+/* Pass the text to the caller, even if it is incomplete. */
 static int close_memory(void *cookie)
 {
     struct memory *m = cookie;
@@ -113,8 +113,8 @@ void spin_text_html(FILE *to, const char *text)
     }
 }
 
-/* Length in bytes of the UTF-8 character at `text`, and its code; 0 if it is invalid. Never reads
- * past the terminating 0. */
+/* Decode the UTF-8 character at `text`: returns its length in bytes, or 0 if it is invalid. Never
+ * reads past the terminating NUL. */
 static int read_utf8(const char *text, uint32_t *code)
 {
     static const uint32_t least[] = {0, 0, 0x80, 0x800, 0x10000};

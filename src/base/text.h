@@ -4,8 +4,8 @@
 
 #include "spin.h"
 
-/* open_memstream() whose fclose() fails if memory ran out. That of glibc drops the text it cannot
- * store without reporting an error. */
+/* open_memstream() whose fclose() fails if memory ran out. With glibc's open_memstream(), text
+ * would be lost without an error. */
 FILE *spin_text_open(char **text, size_t *n);
 
 /* n bytes as base64, without line breaks. */
@@ -16,14 +16,14 @@ void spin_text_html(FILE *to, const char *text);
  * escaped; bytes that are not UTF-8 become U+FFFD. */
 void spin_text_json(FILE *to, const char *text);
 /* Sanitise text from files for a terminal, in place: every byte of a control character, of a
- * bidirectional control, of a zero-width character and of invalid UTF-8 becomes '?'. With `lines`,
- * line feeds are kept. */
+ * bidirectional control, of a zero-width character and of invalid UTF-8 becomes '?'. lines: keep
+ * line feeds. */
 void spin_text_tidy(char *text, bool lines);
 
 bool spin_text_ends(const char *text, const char *with);
 bool spin_text_ends_any_case(const char *text, const char *with);
-/* Edit distance (Levenshtein) of the first n_a bytes of a, and b; 99 if either is longer than
- * 31. */
+/* Levenshtein distance between the first n_a bytes of a and all of b; 99 if one of them is longer
+ * than 31 bytes. */
 int spin_text_distance(const char *a, size_t n_a, const char *b);
 
 /* With decimal units, as for disk sizes: "12.3 MB". Returns text. */
@@ -40,6 +40,6 @@ const char *spin_text_share(size_t n, size_t of, const char *noun, const char *v
                             const char *verb, char text[96]);
 
 /* Append a line, formatted as by printf without a newline, to the notes of an importer or a data
- * set. Lines that are repeated or exceed the capacity are dropped. */
+ * set. A line that is already there, or that exceeds the capacity, is dropped. */
 #define spin_note(of, ...) spin_text_note((of)->notes, sizeof(of)->notes, __VA_ARGS__)
 void spin_text_note(char *notes, size_t size, const char *fmt, ...) SPIN_PRINTF(3, 4);

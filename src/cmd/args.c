@@ -43,9 +43,9 @@ static const struct spin_args_row common_rows[] = {
 /* State of the parser while it reads one command line. */
 struct parser {
     const struct spin_args_command *command;
-    struct spin_args_row
-        *rows;              /* of the command, common to all, of plug-ins; ends with SPIN_ARG_END */
-    size_t n_rows, n_shown; /* n_shown: the first rows, which --help and completion list */
+    /* Rows of the command, of all commands, and of plug-ins; terminated by SPIN_ARG_END. */
+    struct spin_args_row *rows;
+    size_t n_rows, n_shown; /* --help and completion list the first n_shown rows */
     const char *chosen;     /* plug-in named on the command line, or NULL */
     size_t n_pairs;         /* strings in plugin_pairs */
     int argc, next;
@@ -57,8 +57,8 @@ struct parser {
 /* Only one rank prints an error that all ranks share. */
 static bool speaks = true;
 
-/* Input texts may contain line breaks and escape sequences: an error stays one plain line. */
-static void put_line(const char *name, const char *text, const char *tail)
+/* Prints an error as one line, without the control characters that names of files may contain. */
+static void print_error(const char *name, const char *text, const char *tail)
 {
     char line[4096];
 
@@ -69,10 +69,10 @@ static void put_line(const char *name, const char *text, const char *tail)
     fprintf(stderr, "%s: %s%s\n", name, line, tail);
 }
 
-/* Not a usage error, hence without a reference to --help. */
+/* Unlike spin_args_misuse(), does not refer to --help. */
 static int fail_memory(const struct spin_args_command *command)
 {
-    put_line(command->name, "out of memory", "");
+    print_error(command->name, "out of memory", "");
     return SPIN_EXIT_FAILED;
 }
 
@@ -85,13 +85,14 @@ int spin_args_misuse(const struct spin_args_command *command, const char *fmt, .
     vsnprintf(text, sizeof text, fmt, args);
     va_end(args);
     snprintf(tail, sizeof tail, " (try '%s --help')", command->name);
-    put_line(command->name, text, tail);
+    print_error(command->name, text, tail);
     return SPIN_EXIT_USAGE;
 }
 
 static volatile sig_atomic_t signal_seen;
 
-/* The first signal asks the work to stop and save its checkpoint; a second Ctrl-C exits at once. */
+/* The first signal cancels the work, which then saves its checkpoint; a second Ctrl-C exits at
+ * once. */
 static void on_signal(int number)
 {
     if (number == SIGINT && signal_seen == SIGINT)
@@ -131,7 +132,7 @@ bool spin_args_ended(const struct spin_args_command *command, spin_status status
     if (status == SPIN_OK)
         return speaks;
     error = spin_last_error();
-    put_line(command->name, *error ? error : "failed for an unknown reason", "");
+    print_error(command->name, *error ? error : "failed for an unknown reason", "");
     fflush(stdout);
     *code = status == SPIN_E_USAGE ? SPIN_EXIT_USAGE : SPIN_EXIT_FAILED;
     if (status == SPIN_E_CANCELLED)
@@ -145,8 +146,9 @@ int spin_args_finish(const struct spin_args_command *command, int code)
     errno = 0;
     if (fflush(stdout) == 0 && !ferror(stdout))
         return code;
-    if (errno != EPIPE) /* the reader has quit: nobody to report to */
-        put_line(command->name, "cannot write to standard output: ", strerror(errno ? errno : EIO));
+    if (errno != EPIPE) /* EPIPE: the reader of our output has ended */
+        print_error(command->name,
+                    "cannot write to standard output: ", strerror(errno ? errno : EIO));
     return SPIN_EXIT_FAILED;
 }
 
@@ -198,7 +200,7 @@ int spin_args_numbers(const struct spin_args_row *row, const char *text, double 
     return 0;
 }
 
-static bool no_memory; /* store() failed on the last value for lack of memory */
+static bool no_memory; /* the last store_value() failed because memory ran out */
 
 static bool parse_list(const struct spin_args_row *row, const char *text)
 {
@@ -218,7 +220,7 @@ static bool parse_list(const struct spin_args_row *row, const char *text)
     return list->n > 0;
 }
 
-/* A:B or A:B:STEP, a half-open range that is not empty. */
+/* Parses A:B or A:B:STEP, a half-open range that is not empty. */
 static bool parse_range(const char *text, struct spin_range *range)
 {
     static const struct spin_args_row whole = {.kind = SPIN_ARG_INT};
@@ -288,7 +290,7 @@ static bool parse_enum(const struct spin_args_row *row, const char *text)
 }
 
 /* Parses text into the row's variable; false if text is not a valid value. */
-static bool store(const struct spin_args_row *row, const char *text)
+static bool store_value(const struct spin_args_row *row, const char *text)
 {
     double value;
 
@@ -417,7 +419,7 @@ static int check_chosen(const struct parser *p)
         }
     }
     if (spin_plugin_fault(p->chosen)) {
-        put_line(p->command->name, spin_plugin_fault(p->chosen), "");
+        print_error(p->command->name, spin_plugin_fault(p->chosen), "");
         return SPIN_EXIT_FAILED;
     }
     if (p->command->lists_exporters && spin_exporter_of_format(p->chosen))
@@ -441,7 +443,8 @@ static bool add_row(struct parser *p, struct spin_args_row row)
     return true;
 }
 
-/* Collects all options. Of plug-ins: those of the chosen one, or of all if none is chosen. */
+/* Collects all options, including those of the chosen plug-in, or of all plug-ins if none is
+ * chosen. */
 static bool list_rows(struct parser *p)
 {
     const struct spin_plugin_option *o;
@@ -467,7 +470,7 @@ static bool list_rows(struct parser *p)
     return true;
 }
 
-static const struct spin_args_row *find(const struct parser *p, const char *name, size_t length)
+static const struct spin_args_row *find_row(const struct parser *p, const char *name, size_t length)
 {
     for (const struct spin_args_row *row = p->rows; row->help; row++)
         if (row->name && strlen(row->name) == length && !memcmp(row->name, name, length))
@@ -587,7 +590,7 @@ static void print_help(const struct parser *p)
         print_lines("\nExamples:", command->examples);
         printf("\nOptions:\n");
         for (const char *const *name = command->main; *name; name++)
-            print_row(find(p, *name, strlen(*name)));
+            print_row(find_row(p, *name, strlen(*name)));
     }
     if (command->lists_exporters && !p->chosen)
         print_exporters(command, wants_help == WHOLE_HELP);
@@ -604,8 +607,8 @@ static void print_help(const struct parser *p)
 
 /* ---- Completion ------------------------------------------------------------------------------ */
 
-/* The shell runs `spin-x --complete WORD...`, which prints the candidates for the last word, one
- * per line; the help text of an option follows a colon. */
+/* Prints a script by which the shell runs `spin-x --complete WORD...` for completions of the last
+ * word. These are printed one per line; options are followed by a colon and their help text. */
 static void print_completion(const struct spin_args_command *command, const char *shell)
 {
     const char *name = command->name;
@@ -627,25 +630,26 @@ static void print_completion(const struct spin_args_command *command, const char
                function, name, function, name);
 }
 
-static void offer(const char *word, size_t length, const char *begun)
+static void print_candidate(const char *word, size_t length, const char *begun)
 {
     if (!strncmp(word, begun, strlen(begun)))
         printf("%.*s\n", (int)length, word);
 }
 
-/* Completes the values of a row that are fixed words: those without capitals in
- * "auto|none|CX,CY,CZ,R", names of plug-ins and of data set formats. */
-static void offer_values(const struct parser *p, const struct spin_args_row *row, const char *begun)
+/* Completes values that are fixed words: names of plug-ins and of data set formats, and the words
+ * without capitals in arg, such as auto and none in "auto|none|CX,CY,CZ,R". */
+static void print_value_candidates(const struct parser *p, const struct spin_args_row *row,
+                                   const char *begun)
 {
     const struct spin_plugin_option *options;
     const char *name, *selector = p->command->plugin_selector;
 
     for (size_t i = 0;
          selector && !strcmp(row->name, selector) && (name = plugin_name(p, i, &options)); i++)
-        offer(name, strlen(name), begun);
+        print_candidate(name, strlen(name), begun);
     for (const struct spin_importer *const *i = spin_importer_list(); *i; i++)
         if ((*i)->views && !strcmp(row->name, "data-from"))
-            offer((*i)->name, strlen((*i)->name), begun);
+            print_candidate((*i)->name, strlen((*i)->name), begun);
     name = row->kind == SPIN_ARG_COLOUR ? "black|white" : strchr(row->arg, '|') ? row->arg : "";
     for (size_t length; *name; name += length + (name[length] == '|')) {
         size_t capitals = 0;
@@ -654,11 +658,11 @@ static void offer_values(const struct parser *p, const struct spin_args_row *row
         for (size_t i = 0; i < length; i++)
             capitals += isupper((unsigned char)name[i]) != 0;
         if (!capitals)
-            offer(name, length, begun);
+            print_candidate(name, length, begun);
     }
 }
 
-static void complete(const struct parser *p, int n, char **word)
+static void print_candidates(const struct parser *p, int n, char **word)
 {
     const char *begun = n > 0 ? word[n - 1] : "", *before = n > 1 ? word[n - 2] : "";
     size_t length = strlen(before);
@@ -674,15 +678,15 @@ static void complete(const struct parser *p, int n, char **word)
         length = strcspn(before, "=");
         begun += length + 1;
     }
-    row = length > 2 && !strncmp(before, "--", 2) ? find(p, before + 2, length - 2)
+    row = length > 2 && !strncmp(before, "--", 2) ? find_row(p, before + 2, length - 2)
           : length == 2 && *before == '-'         ? find_brief(p, before[1])
                                                   : NULL;
     if (row && row->arg) {
-        offer_values(p, row, begun);
+        print_value_candidates(p, row, begun);
         return;
     }
     for (const char *const *first = p->command->words; first && *first && n == 1; first++)
-        offer(*first, strlen(*first), begun);
+        print_candidate(*first, strlen(*first), begun);
     for (row = p->rows; *begun == '-' && row < p->rows + p->n_shown; row++)
         if (row->name && !strncmp(begun, "--", 2) &&
             !strncmp(row->name, begun + 2, strlen(begun + 2)))
@@ -703,7 +707,8 @@ const char *spin_args_find(int argc, char **argv, const char *name)
             chosen = argv[i] + 3 + length;
         else if (!argv[i][2 + length] && i + 1 < argc)
             chosen = argv[++i];
-        if (chosen && !strcmp(chosen, "=") && i + 1 < argc) /* split by bash, see complete() */
+        if (chosen && !strcmp(chosen, "=") &&
+            i + 1 < argc) /* split by bash, see print_candidates() */
             chosen = argv[++i];
     }
     return chosen;
@@ -717,8 +722,8 @@ static int keep_pair(struct parser *p, const struct spin_args_row *row, const ch
     for (const struct spin_args_row *other = row; other->help; other++)
         if (other->name && !strcmp(other->name, row->name) && !other->arg != !row->arg)
             return spin_args_misuse(
-                p->command, "'--%s' has different meanings: choose the %s with --%s", row->name,
-                p->command->plugin_kind, p->command->plugin_selector);
+                p->command, "the meaning of '--%s' depends on the %s: choose one with --%s",
+                row->name, p->command->plugin_kind, p->command->plugin_selector);
     if (!pairs)
         return fail_memory(p->command);
     spin_args.plugin_pairs = pairs;
@@ -728,39 +733,39 @@ static int keep_pair(struct parser *p, const struct spin_args_row *row, const ch
     return SPIN_EXIT_OK;
 }
 
-/* Stores an option; its value is `value` or the next word. If the next word is another long option,
- * the value is missing. */
-static int take(struct parser *p, const struct spin_args_row *row, const char *value)
+/* Stores an option. If `value` is NULL, the next word is the value, unless it is a long option:
+ * then the value is missing. */
+static int store_option(struct parser *p, const struct spin_args_row *row, const char *value)
 {
     if (!row->arg && value)
         return spin_args_misuse(p->command, "'--%s' takes no value", row->name);
     if (row->arg && !value && p->next < p->argc && strncmp(p->argv[p->next], "--", 2))
         value = p->argv[p->next++];
     if (row->arg && !value)
-        return spin_args_misuse(p->command, "'--%s' needs a value %s", row->name, row->arg);
+        return spin_args_misuse(p->command, "'--%s' needs a value: %s", row->name, row->arg);
     if (row->kind == SPIN_ARG_PLUGIN)
         return keep_pair(p, row, value ? value : "1");
     if (row->kind == SPIN_ARG_COUNT)
         ++*(int *)row->into;
     else if (row->kind == SPIN_ARG_FLAG)
         *(bool *)row->into = true;
-    else if (!store(row, value))
+    else if (!store_value(row, value))
         return misuse_value(p, row, value);
     return SPIN_EXIT_OK;
 }
 
 /* Parses --name, --name=value and --name value; text follows the dashes. */
-static int take_long(struct parser *p, const char *text)
+static int parse_long(struct parser *p, const char *text)
 {
     size_t length = strcspn(text, "=");
-    const struct spin_args_row *row = find(p, text, length);
+    const struct spin_args_row *row = find_row(p, text, length);
 
-    return row ? take(p, row, text[length] ? text + length + 1 : NULL)
+    return row ? store_option(p, row, text[length] ? text + length + 1 : NULL)
                : misuse_unknown(p, text, length);
 }
 
 /* Parses -q, -vvv, -ofile and -o file; text follows the dash. */
-static int take_brief(struct parser *p, const char *text)
+static int parse_brief(struct parser *p, const char *text)
 {
     int code = SPIN_EXIT_OK;
 
@@ -770,8 +775,8 @@ static int take_brief(struct parser *p, const char *text)
         if (!row)
             return spin_args_misuse(p->command, "unknown option '-%c'", *text);
         if (row->arg)
-            return take(p, row, text[1] ? text + 1 : NULL);
-        code = take(p, row, NULL);
+            return store_option(p, row, text[1] ? text + 1 : NULL);
+        code = store_option(p, row, NULL);
     }
     return code;
 }
@@ -789,7 +794,7 @@ static int keep_word(struct parser *p, const char *text)
     return SPIN_EXIT_OK;
 }
 
-static int read_all(struct parser *p)
+static int parse_all(struct parser *p)
 {
     bool only_words = false;
     int code = SPIN_EXIT_OK;
@@ -800,9 +805,9 @@ static int read_all(struct parser *p)
         if (!only_words && !strcmp(text, "--"))
             only_words = true;
         else if (!only_words && text[0] == '-' && text[1] == '-')
-            code = take_long(p, text + 2);
+            code = parse_long(p, text + 2);
         else if (!only_words && text[0] == '-' && text[1])
-            code = take_brief(p, text + 1);
+            code = parse_brief(p, text + 1);
         else if (spin_args.word && !p->command->takes_many)
             return spin_args_misuse(p->command, "unexpected argument '%s'%s%s", text,
                                     p->command->several ? ": " : "",
@@ -814,7 +819,7 @@ static int read_all(struct parser *p)
 }
 
 /* --help succeeds even if other arguments are wrong, so it is searched for before parsing. */
-static enum help asks_for_help(int argc, char **argv)
+static enum help find_help(int argc, char **argv)
 {
     for (int i = 1; i < argc && strcmp(argv[i], "--"); i++) {
         bool here = !strcmp(argv[i], "--help") || !strcmp(argv[i], "-h");
@@ -829,7 +834,7 @@ static enum help asks_for_help(int argc, char **argv)
 
 /* Handles --help, --version and completion, else parses all arguments. True if the command should
  * run; otherwise *code is its exit code. */
-static bool answer(struct parser *p, int *code)
+static bool handle_arguments(struct parser *p, int *code)
 {
     bool completes = p->argc > 1 && !strcmp(p->argv[1], "--complete");
 
@@ -837,14 +842,14 @@ static bool answer(struct parser *p, int *code)
         *code = fail_memory(p->command);
         return false;
     }
-    wants_help = asks_for_help(p->argc, p->argv);
+    wants_help = find_help(p->argc, p->argv);
     *code = completes ? SPIN_EXIT_OK : check_chosen(p);
     if (*code == SPIN_EXIT_OK && !completes && !wants_help)
-        *code = read_all(p);
+        *code = parse_all(p);
     if (*code != SPIN_EXIT_OK)
         return false;
     if (speaks && completes)
-        complete(p, p->argc - 2, p->argv + 2);
+        print_candidates(p, p->argc - 2, p->argv + 2);
     else if (speaks && wants_help)
         print_help(p);
     else if (speaks && wants_version)
@@ -862,15 +867,15 @@ bool spin_args_parse(const struct spin_args_command *command, int argc, char **a
     struct parser p = {.command = command, .argc = argc, .argv = argv};
     bool goes_on;
 
-    setvbuf(stderr, NULL, _IOLBF,
-            0); /* one write per line, so that mpirun does not mix lines of ranks */
+    /* One write() per line, so that mpirun does not mix lines of several ranks. */
+    setvbuf(stderr, NULL, _IOLBF, 0);
     speaks = spin_ranks_place() <= 0;
     if (command->plugin_kind) {
-        /* load plug-ins before parsing: they determine which options exist */
+        /* Load plug-ins before parsing, since they define options. */
         p.chosen = spin_args_find(argc, argv, command->plugin_selector);
         spin_plugins_load(p.chosen);
     }
-    goes_on = answer(&p, exit_code);
+    goes_on = handle_arguments(&p, exit_code);
     free(p.rows);
     if (!goes_on)
         return false;

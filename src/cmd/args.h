@@ -1,6 +1,6 @@
 /* Command lines. A command declares a table with a row for each option; the parser, --help, shell
- * completion and the lint of the manual are derived from it. --help prints the main options,
- * --help all the whole table. This module also has what all commands do around their work: signals,
+ * completion and the lint of the manual are derived from it. --help prints the main options, and
+ * --help all the whole table. This module also handles what all commands have in common: signals,
  * ranks, reports and exit codes.
  *
  *     static int size = 3;
@@ -25,15 +25,15 @@ enum spin_args_kind {
     SPIN_ARG_UINT64,  /* uint64_t, min..max, up to 2^53 */
     SPIN_ARG_DOUBLE,  /* double, min..max, finite */
     SPIN_ARG_STRING,  /* const char *, never empty */
-    SPIN_ARG_CHOICE,  /* const char *, one of arg's a|b|c */
-    SPIN_ARG_ENUM,    /* unsigned, index in arg's a|b|c */
-    SPIN_ARG_SWITCH,  /* bool, true for the second of arg's a|b */
+    SPIN_ARG_CHOICE,  /* const char *, one of the words in arg, "a|b|c" */
+    SPIN_ARG_ENUM,    /* unsigned, index of the word in arg, "a|b|c" */
+    SPIN_ARG_SWITCH,  /* bool, true for the second word of arg, "a|b" */
     SPIN_ARG_INTS,    /* struct spin_args_list, each min..max */
     SPIN_ARG_DOUBLES, /* struct spin_args_list, each min..max */
     SPIN_ARG_RANGE,   /* struct spin_range, A:B or A:B:STEP */
     SPIN_ARG_COLOUR,  /* float[3]: black, white or R,G,B */
     SPIN_ARG_CUSTOM,  /* stored by parse() */
-    SPIN_ARG_PLUGIN   /* of a plug-in, stored as text; without arg: a flag */
+    SPIN_ARG_PLUGIN   /* option of a plug-in, stored as text; if arg is NULL, a flag */
 };
 
 struct spin_args_list {
@@ -47,15 +47,15 @@ struct spin_args_row {
     char brief;       /* one-letter name, or 0 */
     const char *arg;  /* placeholder of the value, or NULL for flags */
     enum spin_args_kind kind;
-    void *into;       /* variable of the type given at the kind */
+    void *into;       /* address of a variable of the type listed above */
     const char *help; /* lower-case sentence without full stop; a heading; or NULL at the end */
-    double min, max;  /* limits of numbers; 0, 0: none */
-    /* SPIN_ARG_CUSTOM: stores text, returns false if it is invalid. SPIN_ARG_COLOUR: handles words
-     * other than colours, or NULL. */
+    double min, max;  /* limits of numbers; none if both are 0 */
+    /* SPIN_ARG_CUSTOM: parses and stores text; returns false if text is invalid. SPIN_ARG_COLOUR:
+     * the same for words that are not colours; may be NULL. */
     bool (*parse)(const struct spin_args_row *row, const char *text);
 };
 
-/* The variable arguments set .min and .max, or .parse, for the kinds that use them. */
+/* The variable arguments initialise .min and .max, or .parse. */
 #define SPIN_ARG(row_name, row_brief, row_arg, row_kind, row_into, row_help, ...)                  \
     {                                                                                              \
         .name = row_name, .brief = row_brief, .arg = row_arg, .kind = SPIN_ARG_##row_kind,         \
@@ -70,7 +70,8 @@ struct spin_args_row {
         .help = NULL                                                                               \
     }
 
-/* Rows of commands that use the data set of a bundle; they fill the options struct `o`. */
+/* Rows for commands that use the data set of a bundle; the values are stored in the options struct
+ * `o`. */
 #define SPIN_ARG_DATA_ROWS(o)                                                                      \
     SPIN_ARG("data", 0, "DIR", STRING, (o).data,                                                   \
              "multi-view video (the one named in the bundle)"),                                    \
@@ -82,8 +83,8 @@ struct spin_args_row {
     SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, (o).device, "device to compute on (auto)")
 
 /* Helpers for parse(). spin_args_choice(): index of text in "a|b|c", or -1. spin_args_numbers():
- * reads numbers separated by commas, each within the row's limits; returns their count, or 0 if one
- * is invalid or there are more than `room`. */
+ * parses numbers separated by commas; returns their count, or 0 if there are more than `room` or if
+ * one is invalid or outside the row's limits. */
 int spin_args_choice(const char *text, const char *choices);
 int spin_args_numbers(const struct spin_args_row *row, const char *text, double *out, int room);
 
@@ -99,13 +100,14 @@ struct spin_args_command {
     const char *const *examples; /* NULL-terminated lines: a command and what it does */
     const char *const *main;     /* names of the options that --help prints; NULL-terminated */
     const struct spin_args_row *rows;
-    const char
-        *plugin_kind; /* "importer" or "exporter" if the command accepts their options; or NULL */
+    /* "importer" or "exporter": the command accepts options of these plug-ins; or NULL. */
+    const char *plugin_kind;
     const char *plugin_selector; /* option that chooses a plug-in, such as "from" */
-    bool lists_exporters;        /* --help all prints the exporters' names and summaries */
-    bool takes_many;             /* more than one positional argument */
-    const char *several;         /* hint for users who pass more than one argument; or NULL */
-    const char *const *words;    /* completions of the first argument; NULL-terminated, or NULL */
+    bool lists_exporters;        /* --help lists the exporters */
+    bool takes_many;             /* accept more than one positional argument */
+    const char *several;         /* hint in the error about a second positional argument; or NULL */
+    const char *const
+        *words; /* completions of the first positional argument, NULL-terminated; or NULL */
 };
 
 /* Values of the options common to all commands, and the positional arguments. */
@@ -131,14 +133,13 @@ int spin_args_misuse(const struct spin_args_command *command, const char *fmt, .
     __attribute__((format(printf, 2, 3)));
 
 /* Call these before and after the work. begin joins the other ranks; ended combines the status of
- * all ranks. Both return false if this process is done, with its exit code in *code. One rank
- * prints a failure as one line "name: last error" to stderr. */
+ * all ranks. Both return false if this process should exit, with the exit code in *code. One rank
+ * prints an error as one line "name: message" to stderr. */
 bool spin_args_begin(const struct spin_args_command *command, int *code);
 bool spin_args_ended(const struct spin_args_command *command, spin_status status, int *code);
 
-/* Prints the report of the work and frees it: the JSON document itself with --json, else its text
- * by `template` (io/template.h); a NULL template prints nothing. Returns the exit code of main().
- */
+/* Prints the report and frees it: with --json the JSON document itself, else a text by `template`
+ * (io/template.h), or nothing if that is NULL. Returns the exit code for main(). */
 int spin_args_report(const struct spin_args_command *command, char *json, const char *template);
 
 /* Flushes stdout. Returns code, or SPIN_EXIT_FAILED with a message if the output could not be

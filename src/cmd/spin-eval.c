@@ -82,7 +82,7 @@ static const struct spin_args_command command = {
     .takes_many = true,
 };
 
-/* ---- For people ------------------------------------------------------------------------------ */
+/* ---- Templates of the reports ---------------------------------------------------------------- */
 
 #define MEASURES                                                                                   \
     "{{psnr %10.3f}}{{ssim %9.4f}}{{^dynamic_from=off}}{{psnr_dynamic %10.3f}}{{/}}"               \
@@ -107,7 +107,7 @@ static const struct spin_args_command command = {
     "{{storage.measured %B}} for the measured attributes, "                                        \
     "{{storage.measured_per_frame %B}} per frame\n"
 
-/* Tables with a row per bundle. All bundles have the columns of the first one. */
+/* Tables with a row per bundle. The first bundle determines the columns. */
 #define EACH(text) "{{#runs}}" text "{{/}}"
 #define IF_DYNAMIC(text) "{{#runs.0.psnr_dynamic}}" text "{{/}}"
 #define IF_VGG(text) "{{#runs.0.lpips_vgg}}" text "{{/}}"
@@ -145,7 +145,7 @@ static const char latex_text[] = "\\begin{tabular}{lrr" IF_DYNAMIC("r") IF_VGG("
                                                                "\\\\\n") "\\end{tabular}\n";
 
 /* Writes a run's name, escaped for the format of the table. */
-static void escape(const char *name, FILE *to)
+static void write_escaped(const char *name, FILE *to)
 {
     bool csv = table && *table == 'c', latex = table && *table == 'l';
 
@@ -167,9 +167,9 @@ static void escape(const char *name, FILE *to)
         putc('"', to);
 }
 
-/* Adds to each run the values that only tables print: escaped names and sizes in megabytes. Takes
+/* Adds the values that only tables contain to each run: escaped names and sizes in megabytes. Takes
  * ownership of report. */
-static char *for_tables(char *report)
+static char *add_table_values(char *report)
 {
     spin_json *document = NULL, *runs;
     char *text = report;
@@ -189,7 +189,7 @@ static char *for_tables(char *report)
         spin_json_number(spin_json_get(spin_json_get(run, "storage"), "file"), &bytes);
         spin_json_set_number(run, "file_megabytes", bytes / 1e6);
         if (to) {
-            escape(spin_json_string(spin_json_get(run, "name")), to);
+            write_escaped(spin_json_string(spin_json_get(run, "name")), to);
             fclose(to);
         }
         spin_json_set_string(run, "escaped", name ? name : "");
@@ -199,8 +199,8 @@ static char *for_tables(char *report)
     return spin_json_finish(document, &text) == SPIN_OK ? text : NULL;
 }
 
-/* Measures several bundles, or one in the form of a table. */
-static int compare(void)
+/* Measures several bundles, or one bundle with a table or figures. */
+static int compare_bundles(void)
 {
     const char *form = !table          ? plain_text
                        : *table == 'm' ? md_text
@@ -210,8 +210,8 @@ static int compare(void)
     int code;
 
     if (options.images || options.log)
-        return spin_args_misuse(&command,
-                                "--images and --log need a single bundle, without --table");
+        return spin_args_misuse(
+            &command, "--images and --log exclude --table, --figures and several bundles");
     if (table && spin_args.json)
         return spin_args_misuse(&command, "--table and --json exclude each other");
     if (!spin_args_begin(&command, &code) ||
@@ -220,7 +220,7 @@ static int compare(void)
             spin_compare(&options, spin_args.all_words, spin_args.n_words, figures, &report),
             &code))
         return code;
-    return spin_args_report(&command, spin_args.json ? report : for_tables(report), form);
+    return spin_args_report(&command, spin_args.json ? report : add_table_values(report), form);
 }
 
 int main(int argc, char **argv)
@@ -238,7 +238,7 @@ int main(int argc, char **argv)
     options.n_threads = spin_args.n_threads;
     options.force = spin_args.force;
     if (spin_args.n_words > 1 || table || figures)
-        return compare();
+        return compare_bundles();
     if (!spin_args_begin(&command, &code) ||
         !spin_args_ended(&command, spin_eval(&options, &report), &code))
         return code;

@@ -47,7 +47,7 @@ static bool parse_max_scale(const struct spin_args_row *row, const char *text)
     return true;
 }
 
-static bool parse_none(const struct spin_args_row *row, const char *text)
+static bool parse_no_background(const struct spin_args_row *row, const char *text)
 {
     (void)row;
     options.transparent = strcmp(text, "none") == 0;
@@ -63,10 +63,10 @@ static const struct spin_args_row rows[] = {
              "export frames numbered A to B-1 (all)"),
     SPIN_ARG("source", 0, NULL, FLAG, options.source,
              "write the imported attributes instead of the retrained ones"),
-    SPIN_ARG(
-        "decimate", 0, "N|P%|SIZE|LOSS", STRING, options.decimate,
-        "keep the N splats per frame that contribute most to the training views; or a share (50%); "
-        "or as many as fit an output size (2MB); or the fewest for a PSNR against all (40dB)"),
+    SPIN_ARG("decimate", 0, "N|P%|SIZE|LOSS", STRING, options.decimate,
+             "keep the splats that contribute most to the training views: N per frame, a share "
+             "(50%), as many as fit an output size (2MB), or the fewest that reach a PSNR against "
+             "all splats (40dB)"),
     SPIN_ARG("check", 0, NULL, FLAG, options.check,
              "read the output back and compare it with the bundle"),
     SPIN_ARG("sync", 0, NULL, FLAG, options.sync,
@@ -92,17 +92,17 @@ static const struct spin_args_row rows[] = {
         "drop splats larger than F times the diagonal of the frame's bounding box; 0: no limit "
         "(1; no limit for images and video)",
         .parse = parse_max_scale, .max = 1e30),
-    SPIN_ARG("scale", 0, "S", DOUBLE, options.scale, "then scale the scene by S (1)", .min = 1e-6,
-             .max = 1e6),
+    SPIN_ARG("scale", 0, "S", DOUBLE, options.scale,
+             "scale the scene by S, after the filters above (1)", .min = 1e-6, .max = 1e6),
     SPIN_ARG("translate", 0, "X,Y,Z", CUSTOM, options.translate,
-             "then move the scene; --up and --rotate of an exporter follow",
+             "move the scene, after --scale and before --up and --rotate of an exporter",
              .parse = parse_translate),
     SPIN_ARG_HEADING("Data set, for exporters that render"),
     SPIN_ARG_DATA_ROWS(options),
     SPIN_ARG("background", 0, "COLOUR", COLOUR, options.background,
-             "colour behind the splats: black, white or R,G,B with each in 0..1; none: images with "
-             "alpha (black)",
-             .min = 0, .max = 1, .parse = parse_none),
+             "colour behind the splats: black, white or R,G,B with each in 0..1; none: write "
+             "images with alpha (black)",
+             .min = 0, .max = 1, .parse = parse_no_background),
     SPIN_ARG_HEADING("Machine"),
     SPIN_ARG_DEVICE_ROW(options),
     SPIN_ARG_END,
@@ -151,7 +151,7 @@ static char *list_exporters(void)
     return spin_json_finish(list, &text) == SPIN_OK ? text : NULL;
 }
 
-/* ---- For people ------------------------------------------------------------------------------ */
+/* ---- Templates of the reports ---------------------------------------------------------------- */
 
 static const char list_text[] = "{{#.}}{{name %-16s}} {{summary}}\n"
                                 "{{#plugin}}                 plug-in {{plugin}}\n{{/}}{{/}}";
@@ -181,7 +181,7 @@ static const char text[] =
     "{{^rendered=}}frame {{rendered}} rendered from the file: {{#psnr}}{{psnr %.2f}} dB against "
     "{{/}}the bundle's own render\n{{/}}{{/}}";
 
-/* Without --to, the extension of the output must be known. */
+/* Reports that no exporter has the extension of the output. */
 static int misuse_output(const char *output)
 {
     const char *name = strrchr(output, '/'), *ending = strrchr(name ? name : output, '.'), *near;
@@ -194,7 +194,7 @@ static int misuse_output(const char *output)
         &command, "choose a format with --to (see --list) or by the extension of --output");
 }
 
-static int check(void)
+static int check_arguments(void)
 {
     if (!options.to && options.output)
         options.to = spin_exporter_for(options.output);
@@ -221,7 +221,7 @@ int main(int argc, char **argv)
         return spin_args_misuse(&command, "--list takes no IN.spin");
     if (wants_list)
         return spin_args_report(&command, list_exporters(), list_text);
-    code = check();
+    code = check_arguments();
     if (code != SPIN_EXIT_OK)
         return code;
     options.input = spin_args.word;

@@ -28,8 +28,8 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("times", 0, "T0,T1,...", DOUBLES, times,
              "continuous methods: sample at these times, in the method's unit"),
     SPIN_ARG("frame-times", 0, "auto|data|unit|count", CHOICE, options.frame_times,
-             "continuous methods: time of the data set's frame i of n: its own, i/(n-1) or i/n of "
-             "the time range (auto)"),
+             "continuous methods: the time of frame i of the data set's n frames: data: as in the "
+             "data set; unit: i/(n-1) of the time range; count: i/n of it (auto)"),
     SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range, "keep frames numbered A to B-1"),
     SPIN_ARG_HEADING("Output"),
     SPIN_ARG("output", 'o', "FILE", STRING, options.output, "bundle to write, *.spin"),
@@ -40,7 +40,7 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG(
         "precision", 0, "full|half|compact", ENUM, options.precision,
         "precision of the rotations, scales, opacities and colours of 4D splats; full: lossless; "
-        "half: about that of half floats; compact: quantised without visible loss (full)"),
+        "half: about that of 16-bit floats; compact: quantised without visible loss (full)"),
     SPIN_ARG("info", 0, NULL, FLAG, wants_info, "describe the input without writing a bundle"),
     SPIN_ARG("full", 0, NULL, FLAG, options.full,
              "with --info: read every frame instead of a sample of 16"),
@@ -79,7 +79,7 @@ static const struct spin_args_command command = {
     .examples = examples,
     .main = main_options,
     .rows = rows,
-    .several = "the files of a clip are given as the folder that holds them",
+    .several = "for a clip of several files, give the folder that contains them",
     .plugin_kind = "importer",
     .plugin_selector = "from",
 };
@@ -99,7 +99,7 @@ static char *list_importers(void)
     return spin_json_finish(list, &text) == SPIN_OK ? text : NULL;
 }
 
-/* ---- For people ------------------------------------------------------------------------------ */
+/* ---- Templates of the reports ---------------------------------------------------------------- */
 
 static const char list_text[] =
     "{{#.}}{{name %-16s}} {{#tracks}}tracks{{/}}{{^tracks}}views {{/}} {{summary}}\n"
@@ -181,7 +181,7 @@ static const char bundle_text[] =
     "{{#bytes.heads}}, heads {{bytes.heads %B}}{{/}}"
     "{{^bytes_unpacked.file=@bytes.file}}; unpacked {{bytes_unpacked.file %B}}{{/}}\n";
 
-/* Options of a data set follow its name: "dynerf:time=unit". */
+/* Finds an importer by its name, which options of a data set may follow: "dynerf:time=unit". */
 static const struct spin_importer *find_importer(const char *name)
 {
     size_t length = name ? strcspn(name, ":") : 0;
@@ -194,8 +194,8 @@ static const struct spin_importer *find_importer(const char *name)
     return NULL;
 }
 
-/* Usage errors that can be found without opening any file. */
-static int check(void)
+/* Checks for the usage errors that can be detected without opening a file. */
+static int check_arguments(void)
 {
     const struct spin_importer *from = find_importer(options.from);
     const struct spin_importer *data_from = find_importer(options.data_from);
@@ -203,7 +203,8 @@ static int check(void)
     if (!spin_args.word)
         return spin_args_misuse(&command, "INPUT is missing");
     if (wants_info && options.output)
-        return spin_args_misuse(&command, "--info writes nothing, but --output was given");
+        return spin_args_misuse(&command,
+                                "--info and --output exclude each other: --info writes nothing");
     if (!wants_info && !options.output && !options.check_cameras)
         return spin_args_misuse(&command,
                                 "--output is missing; to describe the input only, use --info");
@@ -213,7 +214,8 @@ static int check(void)
         return spin_args_misuse(&command,
                                 "--full requires --info: an import always reads every frame");
     if (from && !from->open)
-        return spin_args_misuse(&command, "'%s' reads data sets: use --data-from", from->name);
+        return spin_args_misuse(
+            &command, "importer '%s' reads data sets, not runs: use --data-from", from->name);
     if (options.data_from &&
         (data_from ? !data_from->views : !spin_plugin_fault(options.data_from)))
         return spin_args_misuse(&command,
@@ -252,7 +254,7 @@ int main(int argc, char **argv)
         return spin_args_misuse(&command, "--list takes no INPUT");
     if (wants_list)
         return spin_args_report(&command, list_importers(), list_text);
-    code = check();
+    code = check_arguments();
     if (code != SPIN_EXIT_OK)
         return code;
     options.input = spin_args.word;

@@ -11,7 +11,7 @@ static struct spin_retrain_options options;
 static struct spin_args_list test_cameras;
 static const char *preset;
 
-/* ---- Values that only this command has ------------------------------------------------------- */
+/* ---- Parsers of option values ---------------------------------------------------------------- */
 
 static bool parse_log_scale(const struct spin_args_row *row, const char *text)
 {
@@ -41,8 +41,8 @@ static bool parse_normalise(const struct spin_args_row *row, const char *text)
     return true;
 }
 
-/* One number sets all four axes, except where 0 is allowed: there it sets x, y and z, since only
- * time may be 0. */
+/* Parses one number or four, for the axes x, y, z and time. One number sets all axes; but if the
+ * row allows 0, which is only valid for time, it sets only x, y and z. */
 static bool parse_grid(const struct spin_args_row *row, const char *text)
 {
     double value[4];
@@ -95,13 +95,14 @@ static const struct spin_args_row rows[] = {
              "print the memory and time needed, then exit"),
     SPIN_ARG("resume", 0, NULL, FLAG, options.resume,
              "continue an interrupted training from the checkpoint beside OUT.spin"),
-    SPIN_ARG(
-        "cache", 0, "DIR", STRING, options.cache,
-        "keep refined frames in this folder and reuse those already there; trainings may share it"),
+    SPIN_ARG("cache", 0, "DIR", STRING, options.cache,
+             "keep refined frames in this folder and reuse those already there; several trainings "
+             "can share the folder"),
     SPIN_ARG("preview", 0, "DIR", STRING, options.preview,
              "write PNGs of ground truth and render, side by side, to this folder"),
-    SPIN_ARG("watch", 0, "DIR", STRING, options.watch,
-             "write a page to this folder that refreshes itself: curves, images, the clip so far"),
+    SPIN_ARG(
+        "watch", 0, "DIR", STRING, options.watch,
+        "write a page with curves, images and the clip so far to this folder; it refreshes itself"),
     SPIN_ARG("log", 0, "FILE", STRING, options.log, "write one line of JSON per iteration"),
     SPIN_ARG_HEADING("Preset"),
     SPIN_ARG("preset", 0, SPIN_PRESETS, CHOICE, preset,
@@ -124,8 +125,8 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Machine"),
     SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, options.device, "device to compute on (auto)"),
     SPIN_ARG("deterministic", 0, NULL, FLAG, options.deterministic,
-             "make results on a GPU repeatable to the bit, at some cost in speed; on the CPU they "
-             "always are"),
+             "make results of a GPU bit-identical between runs, at some cost in speed; those of "
+             "the CPU always are"),
     SPIN_ARG_END,
 };
 
@@ -156,7 +157,7 @@ static const struct spin_args_command command = {
     .rows = rows,
 };
 
-/* ---- For people ------------------------------------------------------------------------------ */
+/* ---- Templates of the reports ---------------------------------------------------------------- */
 
 static const char plan_text[] =
     "device      {{device}}\npreset      {{preset}}\n"
@@ -201,10 +202,8 @@ static const char *const of_clip[] = {"tracks",      "iterations", "batch",     
 static const char *const of_tracks[] = {"lr-track",          "lr-displacement",  "lr-tracked",
                                         "track-iterations",  "dynamic-residual", "densify-every",
                                         "densify-threshold", "densify-until",    NULL};
-enum {
-    CLIP_OF_4D = 8,
-    TRACKS_OF_4D = 2
-}; /* number of first entries that also apply to --method 4d */
+/* The number of entries at the start of of_clip and of_tracks that also apply to --method 4d. */
+enum { CLIP_OF_4D = 8, TRACKS_OF_4D = 2 };
 static const char *const of_refinement[] = {"refine-start", "densify", "cache", NULL};
 static const char *const of_densification[] = {"max-points", NULL};
 static const char *const of_residual[] = {"residual", NULL};
@@ -212,18 +211,19 @@ static const char *const of_heads_alone[] = {"init-log-scale", NULL};
 static const char *const of_average[] = {"average", NULL};
 static const char *const of_exposure[] = {"lr-exposure", NULL};
 
-/* Warns once about all options in `name` that were given but have no effect. */
-static void warn_idle(int argc, char **argv, const char *const *name, bool have_effect,
-                      const char *lacking)
+/* Unless have_effect is set, warns about the options in `name` that were given, in one line. */
+static void warn_unused(int argc, char **argv, const char *const *name, bool have_effect,
+                        const char *lacking)
 {
     char given[600] = "";
+    int n = 0;
 
     for (; *name && !have_effect; name++)
         if (spin_args_find(argc, argv, *name))
-            snprintf(given + strlen(given), sizeof given - strlen(given), "%s--%s",
-                     *given ? ", " : "", *name);
-    if (*given && spin_ranks_place() <= 0)
-        spin_warn("no effect %s: %s", lacking, given);
+            snprintf(given + strlen(given), sizeof given - strlen(given), "%s--%s", n++ ? ", " : "",
+                     *name);
+    if (n > 0 && spin_ranks_place() <= 0)
+        spin_warn("%s %s no effect %s", given, n > 1 ? "have" : "has", lacking);
 }
 
 static void warn_without_effect(int argc, char **argv)
@@ -234,33 +234,35 @@ static void warn_without_effect(int argc, char **argv)
     bool tracks = clip && !of_4d && options.tracks, own = options.residual != SPIN_RESIDUAL_OFF;
     int pace = options.sh_increase_every > 0 ? options.sh_increase_every : SPIN_SH_INCREASE_EVERY;
 
-    warn_idle(argc, argv, of_network, options.method == SPIN_METHOD_NETWORK, "without a network");
-    warn_idle(argc, argv, of_sh, options.method != SPIN_METHOD_TRACKS, "with --method tracks");
-    warn_idle(argc, argv, of_sh, !of_4d, "with --method 4d");
-    warn_idle(argc, argv, of_sh, !points || options.refine > pace, "in so few iterations");
-    warn_idle(argc, argv, of_sh + 1, clip || points, "with --refine-start source");
-    warn_idle(argc, argv, of_clip, clip, "with --method frames");
-    warn_idle(argc, argv, of_clip + CLIP_OF_4D, !of_4d, "with --method 4d");
-    warn_idle(argc, argv, of_tracks + TRACKS_OF_4D, !of_4d, "with --method 4d");
-    warn_idle(argc, argv, of_tracks, of_4d || (clip && options.tracks), "without tracks");
-    warn_idle(argc, argv, of_average, options.method == SPIN_METHOD_TRACKS || of_4d,
-              "without --method tracks or 4d");
-    warn_idle(argc, argv, of_refinement, options.refine > 0, "without --refine");
-    warn_idle(argc, argv, of_densification,
-              (options.refine > 0 && options.densify) ||
-                  (tracks && options.refine == 0 && options.densify_every != 0),
-              "without densification");
-    warn_idle(argc, argv, of_residual, !tracks || own, "with tracks, which have their own values");
-    warn_idle(argc, argv, of_heads_alone,
-              options.method != SPIN_METHOD_NETWORK || (!tracks && !own),
-              "where splats have their own values");
-    warn_idle(argc, argv, of_exposure, options.learn_exposure != SPIN_EXPOSURE_OFF,
-              "without --learn-exposure");
+    warn_unused(argc, argv, of_network, options.method == SPIN_METHOD_NETWORK, "without a network");
+    warn_unused(argc, argv, of_sh, options.method != SPIN_METHOD_TRACKS, "with --method tracks");
+    warn_unused(argc, argv, of_sh, !of_4d, "with --method 4d");
+    warn_unused(argc, argv, of_sh, !points || options.refine > pace,
+                "if --refine ends before the first increase of the SH degree");
+    warn_unused(argc, argv, of_sh + 1, clip || points, "with --refine-start source");
+    warn_unused(argc, argv, of_clip, clip, "with --method frames");
+    warn_unused(argc, argv, of_clip + CLIP_OF_4D, !of_4d, "with --method 4d");
+    warn_unused(argc, argv, of_tracks + TRACKS_OF_4D, !of_4d, "with --method 4d");
+    warn_unused(argc, argv, of_tracks, of_4d || (clip && options.tracks), "without tracks");
+    warn_unused(argc, argv, of_average, options.method == SPIN_METHOD_TRACKS || of_4d,
+                "without --method tracks or 4d");
+    warn_unused(argc, argv, of_refinement, options.refine > 0, "without --refine");
+    warn_unused(argc, argv, of_densification,
+                (options.refine > 0 && options.densify) ||
+                    (tracks && options.refine == 0 && options.densify_every != 0),
+                "without densification");
+    warn_unused(argc, argv, of_residual, !tracks || own,
+                "with tracks, which have their own values");
+    warn_unused(argc, argv, of_heads_alone,
+                options.method != SPIN_METHOD_NETWORK || (!tracks && !own),
+                "if splats have their own values");
+    warn_unused(argc, argv, of_exposure, options.learn_exposure != SPIN_EXPOSURE_OFF,
+                "without --learn-exposure");
 }
 
 /* ---- The command ----------------------------------------------------------------------------- */
 
-static int check(void)
+static int check_arguments(void)
 {
     if (!spin_args.word)
         return spin_args_misuse(&command, "IN.spin is missing");
@@ -272,7 +274,8 @@ static int check(void)
     return SPIN_EXIT_OK;
 }
 
-/* Options that only apply to the network's training, or replace it, imply the paper's settings. */
+/* The preset if --preset is not given. --refine, --method network and --method frames imply the
+ * paper's settings. */
 static const char *implied_preset(int argc, char **argv)
 {
     const char *method = spin_args_find(argc, argv, "method");
@@ -288,13 +291,13 @@ int main(int argc, char **argv)
     char *report;
     int code;
 
-    /* The preset comes first, since other options override its values. The parser reports an
-     * invalid name later. */
+    /* Apply the preset before parsing, since other options override its values. The parser reports
+     * an invalid name of a preset later. */
     preset = spin_args_find(argc, argv, "preset");
     spin_retrain_preset(preset ? preset : implied_preset(argc, argv), &options);
     if (!spin_args_parse(&command, argc, argv, &code))
         return code;
-    code = check();
+    code = check_arguments();
     if (code != SPIN_EXIT_OK)
         return code;
     options.input = spin_args.word;

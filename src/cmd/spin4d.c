@@ -1,4 +1,5 @@
-/* spin4d: convert a run to a clip in one call; also runs the other four commands by one name. */
+/* spin4d: convert a run to a clip in one call; also runs the other four commands, as in `spin4d
+ * import`. */
 #include "cmd/args.h"
 
 #include <errno.h>
@@ -64,7 +65,7 @@ static const struct spin_args_command command = {
     .examples = examples,
     .main = main_options,
     .rows = rows,
-    .several = "the files of a clip are given as the folder that holds them",
+    .several = "for a clip of several files, give the folder that contains them",
     .words = commands,
 };
 
@@ -77,9 +78,9 @@ static const char text[] =
     "{{bundle}}: the clip itself, for spin4d eval and spin4d export\n"
     "{{#to=html}}Open {{output}} in a browser.\n{{/}}";
 
-/* Replaces this process by spin-`name` from the folder of this program, or from PATH without /proc.
- * Returns only if that fails. */
-static int become(const char *name, char **argv)
+/* Replaces this process by spin-`name` from the folder of this program, or from PATH if /proc is
+ * not available. Returns only on failure. */
+static int exec_command(const char *name, char **argv)
 {
     char own[4096], path[4200];
     ssize_t n = readlink("/proc/self/exe", own, sizeof own - 1);
@@ -94,8 +95,8 @@ static int become(const char *name, char **argv)
     return SPIN_EXIT_FAILED;
 }
 
-/* The command that `word` may be a typing error of, or NULL; NULL also if `word` is an existing
- * path. */
+/* The command whose name is nearest to the mistyped `word`; NULL if none is near, or if `word` is
+ * an existing path. */
 static const char *nearest_command(const char *word)
 {
     const char *best = NULL;
@@ -110,8 +111,8 @@ static const char *nearest_command(const char *word)
     return best;
 }
 
-/* Rewrites `spin4d help`, `spin4d help import` and `spin4d version`, as known from git, to options.
- */
+/* Replaces `spin4d help`, `spin4d help import` and `spin4d version`, as in git, by --help and
+ * --version. */
 static void read_help(int *argc, char **argv)
 {
     static char help[] = "--help", version[] = "--version";
@@ -130,8 +131,8 @@ static void read_help(int *argc, char **argv)
 
 int main(int argc, char **argv)
 {
-    int at =
-        argc > 3 && strcmp(argv[1], "--complete") == 0 ? 2 : 1; /* index of the command's name */
+    /* Index of the command's name. */
+    int at = argc > 3 && strcmp(argv[1], "--complete") == 0 ? 2 : 1;
     char *report;
     int code;
 
@@ -139,7 +140,7 @@ int main(int argc, char **argv)
     for (const char *const *name = commands; *name && at < argc; name++)
         if (strcmp(argv[at], *name) == 0) {
             argv[at] = argv[at - 1]; /* keep argv[0], or --complete */
-            return become(*name, argv + 1);
+            return exec_command(*name, argv + 1);
         }
     if (argc > 1 && nearest_command(argv[1]))
         return spin_args_misuse(&command, "'%s' is neither a run nor a command, did you mean '%s'?",

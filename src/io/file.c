@@ -18,10 +18,10 @@ enum { OUT_BUFFER = 1 << 20 };
 
 /* ---- Opening ------------------------------------------------------------------------------- */
 
-static const char *why(int error)
+static const char *error_text(int error)
 {
     return error == ENOENT ? "no such file or folder"
-           : error == EFAULT /* from a read of mapped bytes */
+           : error == EFAULT /* a system call accessed truncated mapped bytes */
                ? "an input file was cut short while it was in use"
                : strerror(error);
 }
@@ -34,7 +34,7 @@ static spin_status fail_errno(const char *verb, const char *path)
                        : error == ENOMEM                   ? SPIN_E_MEMORY
                                                            : SPIN_E_IO;
 
-    return spin_fail(code, "cannot %s '%s': %s", verb, path, why(error));
+    return spin_fail(code, "cannot %s '%s': %s", verb, path, error_text(error));
 }
 
 /* Detect the placeholder that Git leaves for a large file that was not fetched. */
@@ -49,7 +49,7 @@ static spin_status check_pointer(const struct spin_map *map, const char *path)
                             path);
 }
 
-/* Open a regular file for reading. O_NONBLOCK, since opening a fifo would block. */
+/* Open a regular file for reading. Without O_NONBLOCK, opening a fifo would block. */
 static spin_status open_file(const char *path, int *fd, struct stat *st)
 {
     spin_status status;
@@ -194,7 +194,7 @@ bool spin_path_is_folder(const char *path)
 }
 
 /* Concatenate three texts, allocated. */
-static spin_status concat(const char *a, const char *b, const char *c, char **out)
+static spin_status concat_texts(const char *a, const char *b, const char *c, char **out)
 {
     size_t na = strlen(a), nb = strlen(b), nc = strlen(c);
     void *text;
@@ -212,7 +212,7 @@ spin_status spin_path_join(const char *dir, const char *name, char **out)
 {
     size_t n = strlen(dir);
 
-    return concat(dir, n > 0 && dir[n - 1] != '/' ? "/" : "", name, out);
+    return concat_texts(dir, n > 0 && dir[n - 1] != '/' ? "/" : "", name, out);
 }
 
 spin_status spin_path_folder(const char *path, char **out)
@@ -245,8 +245,8 @@ spin_status spin_path_absolute(const char *path, char **out)
 }
 
 /* `to` relative to `from`, both absolute and without links; NULL if they share only the root. The
- * text is "../" for each folder of `from` below the shared one, then the rest of `to`. */
-static spin_status relative(const char *from, const char *to, char **out)
+ * result has "../" for each folder of `from` below the shared one, then the rest of `to`. */
+static spin_status make_relative(const char *from, const char *to, char **out)
 {
     size_t shared = 0, i = 0, ups = 0, n;
     const char *rest;
@@ -288,7 +288,7 @@ spin_status spin_path_relative(const char *from, const char *to, char **out)
     *out = NULL;
     SPIN_TRY(spin_path_absolute(from, &from_real));
     SPIN_TRY(spin_path_absolute(to, &to_real));
-    SPIN_TRY(relative(from_real, to_real, out));
+    SPIN_TRY(make_relative(from_real, to_real, out));
     if (!*out) {
         *out = to_real;
         to_real = NULL;
@@ -323,7 +323,7 @@ long long spin_path_number(const char *path)
 
 /* ---- Folders ------------------------------------------------------------------------------- */
 
-static spin_status make_one(const char *path)
+static spin_status make_folder(const char *path)
 {
     int error;
 
@@ -357,11 +357,11 @@ spin_status spin_folder_make(const char *path)
         if (*p != '/')
             continue;
         *p = '\0';
-        status = make_one(partial);
+        status = make_folder(partial);
         *p = '/';
     }
     if (status == SPIN_OK)
-        status = make_one(partial);
+        status = make_folder(partial);
     return status;
 }
 
@@ -429,7 +429,7 @@ spin_status spin_out_check(const char *path, bool force)
 {
     struct stat st;
 
-    if (stat(path, &st) == 0) { /* else opening it will report what is wrong with the folder */
+    if (stat(path, &st) == 0) { /* otherwise opening the file reports the error */
         if (S_ISDIR(st.st_mode))
             return spin_fail(SPIN_E_IO, "cannot write '%s': it is a folder", path);
         if (!S_ISREG(st.st_mode))
@@ -446,27 +446,27 @@ static uint32_t hash_text(uint32_t hash, const char *text)
     return spin_crc32(hash, text, strlen(text));
 }
 
-static pthread_once_t place_once = PTHREAD_ONCE_INIT;
-/* Identifies where this process's number is valid: a boot of a host, and a PID namespace. */
-static uint32_t place;
+static pthread_once_t pid_scope_once = PTHREAD_ONCE_INIT;
+/* Identifies the scope in which this process's PID is valid: host, boot and PID namespace. */
+static uint32_t pid_scope;
 
-static void find_place(void)
+static void hash_pid_scope(void)
 {
     char text[64] = "";
     struct stat st;
     FILE *file = fopen("/proc/sys/kernel/random/boot_id", "re");
 
     if (file && fgets(text, sizeof text, file))
-        place = hash_text(place, text);
+        pid_scope = hash_text(pid_scope, text);
     if (file)
         fclose(file);
     if (stat("/proc/self/ns/pid", &st) == 0) {
         snprintf(text, sizeof text, "%llu", (unsigned long long)st.st_ino);
-        place = hash_text(place, text);
+        pid_scope = hash_text(pid_scope, text);
     }
 #ifndef _WIN32
     if (gethostname(text, sizeof text - 1) == 0)
-        place = hash_text(place, text);
+        pid_scope = hash_text(pid_scope, text);
 #endif
 }
 
@@ -476,12 +476,12 @@ void spin_out_suffix(char suffix[SPIN_OUT_SUFFIX])
     struct timespec now = {0};
     char text[96];
 
-    pthread_once(&place_once, find_place);
+    pthread_once(&pid_scope_once, hash_pid_scope);
     clock_gettime(CLOCK_REALTIME, &now);
     snprintf(text, sizeof text, "%ld %lld %ld %u", (long)getpid(), (long long)now.tv_sec,
              (long)now.tv_nsec, atomic_fetch_add(&n, 1));
-    snprintf(suffix, SPIN_OUT_SUFFIX, ".tmp.%ld.%08x%08x", (long)getpid(), (unsigned)place,
-             (unsigned)hash_text(place, text));
+    snprintf(suffix, SPIN_OUT_SUFFIX, ".tmp.%ld.%08x%08x", (long)getpid(), (unsigned)pid_scope,
+             (unsigned)hash_text(pid_scope, text));
 }
 
 /* Create a new file beside the path; -1 and errno on failure. */
@@ -511,8 +511,8 @@ spin_status spin_out_open(const char *path, bool force, struct spin_out *out)
     out->force = force;
     n = strlen(path) + SPIN_OUT_SUFFIX;
 
-    /* The buffer for stdio follows the temporary name, since both are needed exactly as long as the
-     * stream. */
+    /* One block contains the temporary name and the buffer of stdio, since both are needed as long
+     * as the stream. */
     SPIN_TRY(spin_alloc(n + OUT_BUFFER, 1, &name));
     out->temporary = name;
     SPIN_TRY_OUT(spin_strdup(path, &out->path));
@@ -603,9 +603,9 @@ static bool is_linked(const char *path)
     return lstat(path, &st) == 0 && st.st_nlink == 2;
 }
 
-/* Give the file its final name. Without force, link() refuses an existing name; on file systems
- * without hard links, check for it instead. */
-static spin_status take_name(const struct spin_out *out)
+/* Give the file its final name. Without force, link() fails if the name exists; on file systems
+ * without hard links, check that before renaming. */
+static spin_status give_final_name(const struct spin_out *out)
 {
     if (!out->force) {
         if (link(out->temporary, out->path) == 0 || is_linked(out->temporary)) {
@@ -618,7 +618,7 @@ static spin_status take_name(const struct spin_out *out)
     return rename(out->temporary, out->path) == 0 ? SPIN_OK : fail_errno("write", out->path);
 }
 
-/* fclose() does not wait until a file is on the disk; only sync does. */
+/* Without out->sync, the data may not be on the disk yet when this returns. */
 spin_status spin_out_commit(struct spin_out *out)
 {
     spin_status status = SPIN_OK;
@@ -629,7 +629,7 @@ spin_status spin_out_commit(struct spin_out *out)
         status = fail_errno("write", out->path);
     out->file = NULL;
     if (status == SPIN_OK)
-        status = take_name(out);
+        status = give_final_name(out);
     if (status == SPIN_OK)
         spin_inputs_own(out->path);
     else
@@ -661,8 +661,8 @@ spin_status spin_out_whole(const char *path, const void *data, size_t bytes, boo
 struct ending {
     const char *at; /* NULL: no suffix */
     long pid;
-    uint32_t place;
-    bool has_place; /* temporary names of earlier versions have none: ".tmp.4711" */
+    uint32_t pid_scope;
+    bool has_scope; /* false for names of earlier versions: ".tmp.4711" */
 };
 
 static struct ending find_ending(const char *entry)
@@ -683,8 +683,8 @@ static struct ending find_ending(const char *entry)
             continue;
         rest = strtoull(end + 1, NULL, 16);
         e.at = p;
-        e.place = (uint32_t)(rest >> 32);
-        e.has_place = true;
+        e.pid_scope = (uint32_t)(rest >> 32);
+        e.has_scope = true;
         return e;
     }
     return e;
@@ -697,17 +697,18 @@ static bool is_idle(const char *path, time_t seconds)
     return lstat(path, &st) == 0 && st.st_mtime + seconds < time(NULL);
 }
 
-/* Whether the writer has ended. If it runs on another host or in another container, only the time
- * of its last write is known, and an export may compute for many minutes between writes. Names
- * without a place may belong to either, so the writer must be absent here and the file idle. */
-static bool is_left(const struct ending *e, const char *path)
+/* Whether the writer of a temporary file has ended. If the writer runs on another host or in
+ * another container, only the time of its last write is known, and an export may compute for many
+ * minutes between writes. If the name does not identify host and container, the process must not
+ * exist here and the file must be idle. */
+static bool writer_has_ended(const struct ending *e, const char *path)
 {
     bool is_dead = kill((pid_t)e->pid, 0) != 0 && errno == ESRCH;
 
-    pthread_once(&place_once, find_place);
-    return !e->has_place       ? is_dead && is_idle(path, 60)
-           : e->place == place ? is_dead
-                               : is_idle(path, 3600);
+    pthread_once(&pid_scope_once, hash_pid_scope);
+    return !e->has_scope               ? is_dead && is_idle(path, 60)
+           : e->pid_scope == pid_scope ? is_dead
+                                       : is_idle(path, 3600);
 }
 
 uint64_t spin_out_remove(const char *path)
@@ -734,9 +735,9 @@ uint64_t spin_out_remove(const char *path)
     return bytes;
 }
 
-/* Remove temporary files and folders of killed writers for `name`, or if that is NULL, for all
- * names with this extension. */
-static void sweep(const char *folder, const char *name, const char *ending)
+/* Remove the temporary files and folders that killed writers of `name` left behind; if name is
+ * NULL, those of all names with this extension. */
+static void remove_stale(const char *folder, const char *name, const char *ending)
 {
     char *entry = NULL, **names = NULL;
     size_t n = 0, n_ending = strlen(ending);
@@ -752,7 +753,7 @@ static void sweep(const char *folder, const char *name, const char *ending)
         if (name ? strlen(name) == n_before && memcmp(names[i], name, n_before) == 0
                  : n_ending > 0 && n_before > n_ending &&
                        memcmp(e.at - n_ending, ending, n_ending) == 0)
-            if (is_left(&e, entry))
+            if (writer_has_ended(&e, entry))
                 spin_out_remove(entry);
         free(entry);
     }
@@ -767,7 +768,10 @@ void spin_out_sweep(const char *path)
         return;
     for (size_t n = strlen(file); n > 1 && file[n - 1] == '/'; n--)
         file[n - 1] = '\0';
-    sweep(folder, spin_path_name(file), "");
+    remove_stale(folder, spin_path_name(file), "");
 }
 
-void spin_out_sweep_folder(const char *folder, const char *ending) { sweep(folder, NULL, ending); }
+void spin_out_sweep_folder(const char *folder, const char *ending)
+{
+    remove_stale(folder, NULL, ending);
+}

@@ -1,8 +1,8 @@
 /* Gzip (RFC 1952) around deflate (RFC 1951), in blocks that threads compress in parallel.
  *
  * Each block uses the preceding 32 KiB as its dictionary and ends at a byte boundary (zlib's sync
- * flush, an empty stored block), so that the concatenated blocks are one ordinary stream, about 0.1
- * % longer than if compressed in one piece. */
+ * flush, an empty stored block). The concatenated blocks are one ordinary stream, which is about
+ * 0.1 % longer than one compressed as a whole. */
 #include "io/gzip.h"
 
 #include <zlib.h>
@@ -12,13 +12,13 @@
 
 #define BLOCK ((size_t)256 << 10)
 #define WINDOW ((size_t)SPIN_DEFLATE_WINDOW)
-#define LEAST_NOISE 4096
+#define LEAST_NOISE 4096 /* bytes; shorter blocks are always compressed */
 
 struct deflated {
     const struct spin_deflate *job;
-    unsigned char *slots; /* [blocks][slot] compressed blocks */
+    unsigned char *slots; /* [blocks][slot], the compressed blocks */
     size_t slot;
-    size_t *n_packed; /* [blocks]; 0: out of memory */
+    size_t *n_packed; /* [blocks], their sizes; 0: out of memory */
 };
 
 /* Whether Huffman coding would save less than about 1 %, judged by the entropy of the bytes. */
@@ -68,7 +68,7 @@ spin_status spin_deflate(struct spin_pool *pool, const struct spin_deflate *job,
     unsigned char *end;
     spin_status status = SPIN_OK;
 
-    g.slot = compressBound(BLOCK) + 64; /* compressBound() does not include the flush */
+    g.slot = compressBound(BLOCK) + 64; /* compressBound() does not include the sync flush */
     if (n_head + n_blocks * g.slot + n_tail > to->n_room) {
         SPIN_TRY(spin_grow(n_head + n_blocks * g.slot + n_tail, 1, (void **)&to->data));
         to->n_room = n_head + n_blocks * g.slot + n_tail;
@@ -140,13 +140,14 @@ static spin_status inflate_all(int window_bits, const char *name, const void *da
     if (result == Z_MEM_ERROR)
         return spin_fail(SPIN_E_MEMORY, "not enough memory to inflate");
     if (result != Z_STREAM_END && *n < n_out)
-        return spin_malformed("the %s is damaged or cut short after %zu bytes", name, *n);
+        return spin_malformed("the %s is damaged or cut short after %zu decompressed bytes", name,
+                              *n);
     return SPIN_OK;
 }
 
 spin_status spin_gzip_read(const void *data, size_t size, void *out, size_t n_out, size_t *n)
 {
-    return inflate_all(MAX_WBITS + 16, "gzip", data, size, out, n_out, n);
+    return inflate_all(MAX_WBITS + 16, "gzip stream", data, size, out, n_out, n);
 }
 
 spin_status spin_zlib_read(const void *data, size_t size, void *out, size_t n_out, size_t *n)

@@ -23,13 +23,14 @@ static spin_status need_plain(void)
                                      .override = "SPIN_IMAGE_PLAIN_SHIM",
                                      .symbol = SPIN_IMAGE_SHIM_SYMBOL,
                                      .abi = SPIN_IMAGE_SHIM_ABI,
-                                     .lacking = "images cannot be read or written: the libpng shim",
+                                     .lacking =
+                                         "images cannot be read or written: the shared object",
                                      .debian = "libjpeg-dev and libpng-dev"};
 
     return spin_shim_need(&where, (const void **)&plain);
 }
 
-/* Load the other shim first: libpng must bind to its own functions, not to those that
+/* Load the plain shim first: its libpng must bind to its own functions, not to those that
  * image_oiio.cpp interposes for OpenImageIO. */
 static spin_status need_oiio(void)
 {
@@ -38,7 +39,7 @@ static spin_status need_oiio(void)
         .override = "SPIN_IMAGE_SHIM",
         .symbol = SPIN_IMAGE_SHIM_SYMBOL,
         .abi = SPIN_IMAGE_SHIM_ABI,
-        .lacking = "only PNG and JPEG can be read and written: the OpenImageIO shim",
+        .lacking = "images other than PNG and JPEG cannot be read or written: the shared object",
         .debian = "libopenimageio-dev"};
 
     (void)need_plain();
@@ -82,8 +83,8 @@ static bool png_ends(const struct spin_map *map)
     return false;
 }
 
-/* Skip entropy-coded data at `at`: find the next marker that is neither a stuffed FF nor a
- * restart. */
+/* Skip entropy-coded data at `at`: find the next marker that is neither a stuffed FF nor a restart
+ * marker. */
 static size_t skip_scan(const struct spin_map *map, size_t at)
 {
     while (at + 1 < map->size) {
@@ -106,7 +107,7 @@ static bool jpeg_ends(const struct spin_map *map)
     while (at + 4 <= map->size || at + 2 == map->size) {
         const unsigned char *m = map->data + at;
 
-        if (m[0] != 0xff || m[1] == 0xff) { /* fill bytes, or stray ones, which decoders skip */
+        if (m[0] != 0xff || m[1] == 0xff) { /* fill and stray bytes, which decoders skip as well */
             at++;
             continue;
         }
@@ -127,8 +128,8 @@ static bool jpeg_ends(const struct spin_map *map)
 
 /* ---- Frames of videos ----------------------------------------------------------------------- */
 
-/* For a path such as "cam00.mp4#12", unless a file with that full name exists: the video's name,
- * allocated; else NULL. */
+/* Split a path such as "cam00.mp4#12" into the video's name, allocated, and the frame. *file is
+ * NULL for other paths, and if a file with the full name exists. */
 static spin_status find_video(const char *path, char **file, int64_t *frame)
 {
     size_t n;
@@ -158,7 +159,7 @@ static spin_status fail_image(enum spin_image_result result, const char *path, c
     return spin_fail(codes[result], "cannot read image '%s': %.*s", path, (int)n, why);
 }
 
-static spin_status check_there(const char *path)
+static spin_status check_exists(const char *path)
 {
     if (!spin_path_exists(path))
         return spin_not_found("image '%s' does not exist", path);
@@ -169,13 +170,13 @@ static spin_status check_there(const char *path)
 
 /* Map the file to detect its format and, with `whole`, check that it is complete. `imprint` may be
  * NULL. */
-static spin_status inspect(const char *path, bool whole, const char **format,
-                           struct spin_imprint *imprint)
+static spin_status inspect_file(const char *path, bool whole, const char **format,
+                                struct spin_imprint *imprint)
 {
     struct spin_map map;
     bool ends;
 
-    SPIN_TRY(check_there(path));
+    SPIN_TRY(check_exists(path));
     SPIN_TRY(spin_map_open(path, &map));
     *format = format_of(&map);
     ends = !whole || (strcmp(*format, "jpeg") == 0  ? jpeg_ends(&map)
@@ -190,7 +191,7 @@ static spin_status inspect(const char *path, bool whole, const char **format,
 }
 
 /* A request to a shim: for the size, and for the pixels if rgb is not NULL. */
-struct question {
+struct request {
     const char *path, *format;
     const float *background;
     int *width, *height, *channels;
@@ -198,7 +199,7 @@ struct question {
     char why[256];
 };
 
-static enum spin_image_result ask(const struct spin_image_shim *shim, struct question *q)
+static enum spin_image_result call_shim(const struct spin_image_shim *shim, struct request *q)
 {
     return q->rgb ? shim->read(q->path, q->format, MAX_PIXELS, q->background, q->width, q->height,
                                q->rgb, q->why, sizeof q->why)
@@ -206,9 +207,9 @@ static enum spin_image_result ask(const struct spin_image_shim *shim, struct que
                                sizeof q->why);
 }
 
-/* PNG and JPEG go to libpng and libjpeg. What these cannot read, and all other formats, goes to
- * OpenImageIO, which is slow to load. */
-static spin_status answer(struct question *q)
+/* Try libpng or libjpeg first. Use OpenImageIO, which is slow to load, for other formats and for
+ * files that these libraries cannot read. */
+static spin_status read_by_shims(struct request *q)
 {
     enum spin_image_result result = SPIN_IMAGE_UNREADABLE;
     spin_status status = *q->format ? spin_image_start() : need_oiio();
@@ -216,15 +217,15 @@ static spin_status answer(struct question *q)
     if (status != SPIN_OK)
         return spin_fail_context(status, "cannot read image '%s'", q->path);
     if (*q->format && plain)
-        result = ask(plain, q);
+        result = call_shim(plain, q);
     if (result == SPIN_IMAGE_UNREADABLE && need_oiio() == SPIN_OK)
-        result = ask(oiio, q);
+        result = call_shim(oiio, q);
     return result == SPIN_IMAGE_OK ? SPIN_OK : fail_image(result, q->path, q->why);
 }
 
 spin_status spin_image_size(const char *path, int *width, int *height, int *channels)
 {
-    struct question q = {.path = path, .width = width, .height = height, .channels = channels};
+    struct request q = {.path = path, .width = width, .height = height, .channels = channels};
     SPIN_FREED char *file = NULL;
     int64_t frame;
 
@@ -233,12 +234,12 @@ spin_status spin_image_size(const char *path, int *width, int *height, int *chan
         *channels = 3;
         return spin_video_info(file, width, height, &frame, NULL);
     }
-    SPIN_TRY(inspect(path, false, &q.format, NULL));
-    return answer(&q);
+    SPIN_TRY(inspect_file(path, false, &q.format, NULL));
+    return read_by_shims(&q);
 }
 
-static spin_status look_at_video(const char *file, int64_t frame, int *width, int *height,
-                                 struct spin_imprint *imprint)
+static spin_status check_video_frame(const char *file, int64_t frame, int *width, int *height,
+                                     struct spin_imprint *imprint)
 {
     int64_t n_frames;
 
@@ -252,15 +253,15 @@ static spin_status look_at_video(const char *file, int64_t frame, int *width, in
 spin_status spin_image_look(const char *path, int *width, int *height, struct spin_imprint *imprint)
 {
     int channels;
-    struct question q = {.path = path, .width = width, .height = height, .channels = &channels};
+    struct request q = {.path = path, .width = width, .height = height, .channels = &channels};
     SPIN_FREED char *file = NULL;
     int64_t frame;
 
     SPIN_TRY(find_video(path, &file, &frame));
     if (file)
-        return look_at_video(file, frame, width, height, imprint);
-    SPIN_TRY(inspect(path, true, &q.format, imprint));
-    SPIN_TRY(answer(&q));
+        return check_video_frame(file, frame, width, height, imprint);
+    SPIN_TRY(inspect_file(path, true, &q.format, imprint));
+    SPIN_TRY(read_by_shims(&q));
     if ((int64_t)*width > MAX_PIXELS / *height)
         return spin_unsupported("cannot read image '%s': %d x %d pixels exceed the limit of 64 Mi",
                                 path, *width, *height);
@@ -271,11 +272,11 @@ spin_status spin_image_read(const char *path, const float background[3], int *wi
                             uint8_t **rgb)
 {
     static const float black[3];
-    struct question q = {.path = path,
-                         .background = background ? background : black,
-                         .width = width,
-                         .height = height,
-                         .rgb = rgb};
+    struct request q = {.path = path,
+                        .background = background ? background : black,
+                        .width = width,
+                        .height = height,
+                        .rgb = rgb};
     SPIN_FREED char *file = NULL;
     int64_t frame;
 
@@ -283,8 +284,8 @@ spin_status spin_image_read(const char *path, const float background[3], int *wi
     SPIN_TRY(find_video(path, &file, &frame));
     if (file)
         return spin_video_read(file, frame, NULL, width, height, rgb);
-    SPIN_TRY(inspect(path, true, &q.format, NULL));
-    return answer(&q);
+    SPIN_TRY(inspect_file(path, true, &q.format, NULL));
+    return read_by_shims(&q);
 }
 
 static spin_status fail_encoding(enum spin_image_result result, const char *why)
@@ -387,7 +388,8 @@ void spin_picture_name(const struct spin_views *views, size_t view, int number, 
     char twin[16] = "";
     size_t first = view;
 
-    /* views are sorted by frame, then camera */
+    /* Count the views before this one with the same frame and camera number; views are sorted by
+     * frame, then camera. */
     while (first > 0 && views->view[first - 1].dataset_frame == v->dataset_frame &&
            views->view[first - 1].camera_id == v->camera_id)
         first--;

@@ -1,6 +1,6 @@
 /* Images, with a C interface: PNG and JPEG by libpng and libjpeg (spin-image-plain.so), other files
- * by OpenImageIO (spin-image.so). Each is loaded on first use, since OpenImageIO takes a fifth of a
- * second to start. Thread-safe. */
+ * by OpenImageIO (spin-image.so). Each shared object is loaded on first use, since OpenImageIO
+ * takes a fifth of a second to start. Thread-safe. */
 #pragma once
 
 #include "io/file.h"
@@ -13,16 +13,17 @@ spin_status spin_image_start(void);
 /* Size and channels, without decoding. */
 spin_status spin_image_size(const char *path, int *width, int *height, int *channels);
 
-/* Check a file without decoding it: it exists, its header is readable, and it is complete: a JPEG
- * up to its end marker, segment by segment; a PNG up to IEND, chunk by chunk; any other file is not
- * empty. For a frame of a video, the frame must exist; `imprint` is that of the whole video. */
+/* Check, without decoding, that a file exists, that its header is readable, and that it is
+ * complete: a JPEG must have all segments up to its end marker, a PNG all chunks up to IEND, and
+ * any other file must not be empty. For a frame of a video, check that the video has this frame;
+ * `imprint` is then that of the whole video. */
 spin_status spin_image_look(const char *path, int *width, int *height,
                             struct spin_imprint *imprint);
 
-/* Decode to interleaved 8-bit RGB [h][w][3], allocated with malloc. Grey is replicated, 16-bit is
- * rounded, and alpha is composited over `background` (0..1; NULL: black) as the methods do: on the
- * stored values, colour * alpha + background * (1 - alpha). EXR values are first converted from
- * linear to sRGB. Images above 64 Mi pixels are refused. */
+/* Decode to interleaved 8-bit RGB [h][w][3], allocated with malloc. Grey is replicated, 16-bit
+ * values are rounded, and alpha is composited over `background` (0..1; NULL: black) as the
+ * published methods do: on the stored values, as colour * alpha + background * (1 - alpha). EXR
+ * values are first converted from linear to sRGB. Images above 64 Mi pixels are refused. */
 spin_status spin_image_read(const char *path, const float background[3], int *width, int *height,
                             uint8_t **rgb);
 
@@ -36,12 +37,14 @@ spin_status spin_image_write(const char *path, int width, int height, const uint
                              bool sync);
 
 /* A rendered image for compositing in film production, written as by spin_image_write(). `image`
- * [3][h][w] contains the blended values, which are in sRGB, over black if there is alpha. */
+ * [3][h][w] contains the blended sRGB values, composited over black if there is an alpha
+ * channel. */
 struct spin_film {
     int width, height;
     const float *image;
     const float *alpha; /* [h][w], or NULL */
-    /* [2][h][w], expected and median, as channels Z and ZMedian; EXR only; or NULL. */
+    /* [2][h][w], expected and median depth, written as channels Z and ZMedian; EXR only; or
+     * NULL. */
     const float *depth;
     bool exr;    /* else PNG */
     int bits;    /* PNG: 8 or 16; EXR: 16 (half) or 32 */
@@ -49,11 +52,12 @@ struct spin_film {
 };
 spin_status spin_film_write(const char *path, const struct spin_film *film, bool sync);
 
-/* File name of an image rendered from a view, the same in all commands: "cam_07_frame_00012.png".
- * label: appended before the extension, or NULL. If a frame has a second camera with the same
- * number, its name is "cam_07_2". */
+/* File name of an image rendered from a view, the same in all commands: "cam_07_frame_00012.png",
+ * where number 12 is that of the frame. label: appended before the extension, or NULL. If a frame
+ * has two cameras with number 7, the second is called "cam_07_2". */
 enum { SPIN_PICTURE_NAME = 128 };
 void spin_picture_name(const struct spin_views *views, size_t view, int number, const char *label,
                        char name[SPIN_PICTURE_NAME]);
-/* The same for a moving camera; number is that of the image: "orbit_frame_00012.png". */
+/* File name of image `number` of those rendered along the camera path of this name:
+ * "orbit_frame_00012.png". */
 void spin_picture_name_moving(const char *path, int number, char name[SPIN_PICTURE_NAME]);

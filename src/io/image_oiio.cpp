@@ -1,7 +1,7 @@
 /* The implementation of image_shim.h with OpenImageIO.
  *
- * JPEG and PNG are opened with their reader directly: detection by OpenImageIO would initialise all
- * of its readers. Every function catches all exceptions. */
+ * JPEG and PNG files are opened with the reader of their format: to detect a format, OpenImageIO
+ * would initialise all of its readers. Every function of the table catches all exceptions. */
 #include "io/image_shim.h"
 
 #include <algorithm>
@@ -28,7 +28,7 @@ struct failure {
     std::string why;
 };
 
-void set_up()
+void configure_library()
 {
     static const bool done = [] {
         OIIO::attribute("threads", 1); /* the caller reads several images in parallel */
@@ -46,7 +46,7 @@ template <typename Work> enum spin_image_result guarded(char *why, size_t n_why,
     enum spin_image_result result = SPIN_IMAGE_UNREADABLE;
 
     try {
-        set_up();
+        configure_library();
         work();
         return SPIN_IMAGE_OK;
     } catch (const failure &f) {
@@ -64,20 +64,21 @@ template <typename Work> enum spin_image_result guarded(char *why, size_t n_why,
     return result;
 }
 
-/* OpenImageIO passes on messages of each format's library, but no error codes. */
+/* OpenImageIO reports errors as texts of each format's library, without codes: detect a lack of
+ * memory by the text. */
 [[noreturn]] void fail(const std::string &why)
 {
     if (why.find(" memory") != std::string::npos || why.find("bad_alloc") != std::string::npos)
         throw failure{SPIN_IMAGE_NO_MEMORY, "not enough memory"};
-    throw failure{SPIN_IMAGE_UNREADABLE, why.empty() ? "not an image that can be read" : why};
+    throw failure{SPIN_IMAGE_UNREADABLE, why.empty() ? "not a readable image" : why};
 }
 
 std::unique_ptr<OIIO::ImageInput> open_input(const char *path, const std::string &format)
 {
     OIIO::ImageSpec config, spec;
 
-    config.attribute("oiio:UnassociatedAlpha",
-                     1); /* alpha is composited here, on the stored values */
+    /* Alpha is composited in this file, on the stored values. */
+    config.attribute("oiio:UnassociatedAlpha", 1);
     if (format.empty()) {
         auto guessed = OIIO::ImageInput::open(path, &config);
         if (!guessed)
@@ -103,7 +104,7 @@ void check_spec(const OIIO::ImageSpec &spec, int64_t max_pixels)
 }
 
 /* Blend a value 0..255 over a background 0..1. */
-uint8_t over(unsigned value, unsigned alpha, float background)
+uint8_t blend_over(unsigned value, unsigned alpha, float background)
 {
     float shown =
         static_cast<float>(value * alpha) / 255.0f + background * static_cast<float>(255u - alpha);
@@ -122,12 +123,12 @@ void to_rgb(const uint8_t *pixels, size_t n_pixels, int n, int alpha, const floa
         unsigned a = alpha >= 0 ? from[alpha] : 255u;
 
         for (int c = 0; c < 3; c++)
-            rgb[3 * i + static_cast<size_t>(c)] = over(from[grey ? 0 : c], a, background[c]);
+            rgb[3 * i + static_cast<size_t>(c)] = blend_over(from[grey ? 0 : c], a, background[c]);
     }
 }
 
 /* Convert a linear value 0..1 to sRGB. */
-float screen_of(float light)
+float srgb_of_linear(float light)
 {
     return light <= 0.0031308f ? light * 12.92f : 1.055f * std::pow(light, 1 / 2.4f) - 0.055f;
 }
@@ -148,7 +149,7 @@ void read_floats(OIIO::ImageInput &in, int n, int alpha, const float background[
 
         for (int c = 0; c < 3; c++) {
             float v = a > 0 ? from[n < 3 ? 0 : c] / a : 0;
-            float shown = (linear ? screen_of(v) : v) * a + background[c] * (1 - a);
+            float shown = (linear ? srgb_of_linear(v) : v) * a + background[c] * (1 - a);
 
             rgb[3 * i + static_cast<size_t>(c)] =
                 static_cast<uint8_t>(shown > 0 ? std::min(shown, 1.0f) * 255 + 0.5f : 0);

@@ -1,6 +1,6 @@
-/* The implementation of image_shim.h with libjpeg-turbo and libpng, which avoids the load time of
- * OpenImageIO; the only one in builds with few dependencies (make portable, make windows,
- * tests/card). Its pixels are identical to those of OpenImageIO. */
+/* The implementation of image_shim.h with libjpeg-turbo and libpng. It avoids the load time of
+ * OpenImageIO, and is the only implementation in builds with few dependencies (make portable, make
+ * windows, tests/card). The decoded pixels are identical to those of image_oiio.cpp. */
 #include <errno.h>
 #include <setjmp.h>
 #include <stdbool.h>
@@ -14,10 +14,10 @@
 
 #include "io/image_shim.h"
 
-/* The state of a reader, released at the end in any case. */
+/* The state of one read. If it fails, open_picture() frees rgb. */
 struct picture {
     const char *path;
-    int64_t most; /* limit of pixels */
+    int64_t most; /* maximum number of pixels */
     const float *background;
     bool sizes; /* read the size only */
     FILE *file;
@@ -36,8 +36,9 @@ static enum spin_image_result fail(struct picture *p, enum spin_image_result res
     return p->result = result;
 }
 
-/* Called after the header: whether to read the pixels; allocates them. */
-static bool wants_pixels(struct picture *p)
+/* Check the size in the header, and allocate p->rgb. Returns whether the pixels are to be read: not
+ * after an error, nor if only the size is requested. */
+static bool prepare_pixels(struct picture *p)
 {
     if (p->width < 1 || p->height < 1) {
         fail(p, SPIN_IMAGE_UNREADABLE, "not a two-dimensional image");
@@ -77,7 +78,7 @@ static void jpeg_fails(j_common_ptr info)
     longjmp(end->jump, 1);
 }
 
-/* To libjpeg, a truncated file is only a warning. */
+/* Treat warnings as errors, since libjpeg only warns of a truncated file. */
 static void jpeg_warns(j_common_ptr info, int level)
 {
     if (level < 0)
@@ -86,8 +87,8 @@ static void jpeg_warns(j_common_ptr info, int level)
 
 static void read_jpeg(struct picture *p)
 {
-    struct jpeg_decompress_struct jpeg = {
-        0}; /* zeroed, since it may be destroyed before it was created */
+    /* Zeroed, since jpeg_create_decompress() may fail before it initialises the struct. */
+    struct jpeg_decompress_struct jpeg = {0};
     struct jpeg_end end = {.picture = p};
 
     jpeg.err = jpeg_std_error(&end.base);
@@ -103,7 +104,7 @@ static void read_jpeg(struct picture *p)
         p->channels = jpeg.num_components;
         if (jpeg.num_components > 3)
             fail(p, SPIN_IMAGE_UNREADABLE, "a JPEG with four channels needs OpenImageIO");
-        else if (wants_pixels(p) || p->sizes) { /* starting the decompression checks the tables */
+        else if (prepare_pixels(p) || p->sizes) { /* jpeg_start_decompress() also checks tables */
             jpeg.out_color_space = JCS_RGB;
             jpeg_start_decompress(&jpeg);
             while (p->rgb && jpeg.output_scanline < jpeg.output_height) {
@@ -129,7 +130,7 @@ static void png_fails(png_structp png, png_const_charp text)
     png_longjmp(png, 1);
 }
 
-/* libpng reports a lack of memory with various messages, so record it here. */
+/* Record a lack of memory here, since libpng reports it with various messages. */
 static png_voidp png_allocate(png_structp png, png_alloc_size_t n)
 {
     struct picture *p = png_get_mem_ptr(png);
@@ -146,31 +147,32 @@ static void png_release(png_structp png, png_voidp block)
 }
 
 /* Report why libpng did not create its structures. */
-static void png_none(struct picture *p)
+static void fail_png_creation(struct picture *p)
 {
     if (p->no_memory)
         fail(p, SPIN_IMAGE_NO_MEMORY, "not enough memory");
     else
         fail(p, SPIN_IMAGE_UNREADABLE,
-             "the installed libpng differs from the version of the build");
+             "the installed libpng is not compatible with version " PNG_LIBPNG_VER_STRING
+             ", with which spin4d was built");
 }
 
 static void png_warns(png_structp png, png_const_charp text) { (void)png, (void)text; }
 
 /* Blend a value 0..255 over a background 0..1. */
-static uint8_t over(unsigned value, unsigned alpha, float background)
+static uint8_t blend_over(unsigned value, unsigned alpha, float background)
 {
     return (uint8_t)((float)(value * alpha) / 255.0f + background * (float)(255u - alpha) + 0.5f);
 }
 
-static void compose(struct picture *p, const uint8_t *pixels, int n)
+static void composite_pixels(struct picture *p, const uint8_t *pixels, int n)
 {
     size_t count = (size_t)p->width * (size_t)p->height;
 
     for (size_t i = 0; i < count; i++, pixels += n)
         for (int c = 0; c < 3; c++)
             p->rgb[3 * i + (size_t)c] =
-                over(pixels[n < 3 ? 0 : c], n % 2 ? 255u : pixels[n - 1], p->background[c]);
+                blend_over(pixels[n < 3 ? 0 : c], n % 2 ? 255u : pixels[n - 1], p->background[c]);
 }
 
 static void read_png(struct picture *p)
@@ -182,18 +184,18 @@ static void read_png(struct picture *p)
     png_bytep *volatile row = NULL;
 
     if (!info) {
-        png_none(p);
+        fail_png_creation(p);
     } else if (setjmp(png_jmpbuf(png)) == 0) {
         png_init_io(png, p->file);
         png_read_info(png, info);
         p->width = (int)png_get_image_width(png, info);
         p->height = (int)png_get_image_height(png, info);
-        png_set_expand(png); /* palettes, fewer than 8 bits, transparent colours */
+        png_set_expand(png); /* palettes to RGB, 8 bits per sample, tRNS to alpha */
         png_set_scale_16(png);
         png_set_interlace_handling(png);
         png_read_update_info(png, info);
         p->channels = png_get_channels(png, info);
-        if (wants_pixels(p)) {
+        if (prepare_pixels(p)) {
             size_t bytes = (size_t)p->width * (size_t)p->channels;
 
             pixels = malloc(bytes * (size_t)p->height);
@@ -203,7 +205,7 @@ static void read_png(struct picture *p)
             if (pixels && row) {
                 png_read_image(png, row);
                 png_read_end(png, NULL);
-                compose(p, pixels, p->channels);
+                composite_pixels(p, pixels, p->channels);
             } else {
                 fail(p, SPIN_IMAGE_NO_MEMORY, "not enough memory");
             }
@@ -269,7 +271,7 @@ struct sink {
     size_t n, room;
 };
 
-static void take(png_structp png, png_bytep data, size_t n)
+static void append_bytes(png_structp png, png_bytep data, size_t n)
 {
     struct sink *sink = png_get_io_ptr(png);
 
@@ -288,10 +290,10 @@ static void take(png_structp png, png_bytep data, size_t n)
     sink->n += n;
 }
 
-static void flush(png_structp png) { (void)png; }
+static void flush_nothing(png_structp png) { (void)png; }
 
 /* Convert a row of values 0..1 to integers; 16-bit ones are big-endian. */
-static void quantise(const struct spin_image_out *image, int y, unsigned char *row)
+static void quantise_row(const struct spin_image_out *image, int y, unsigned char *row)
 {
     size_t n = (size_t)image->width * (size_t)image->n_channels;
     const float *from = image->pixels + n * (size_t)y;
@@ -318,9 +320,9 @@ static void write_png(struct sink *sink, const struct spin_image_out *image, con
     if (!row) {
         fail(&sink->base, SPIN_IMAGE_NO_MEMORY, "not enough memory");
     } else if (!info) {
-        png_none(&sink->base);
+        fail_png_creation(&sink->base);
     } else if (setjmp(png_jmpbuf(png)) == 0) {
-        png_set_write_fn(png, sink, take, flush);
+        png_set_write_fn(png, sink, append_bytes, flush_nothing);
         png_set_IHDR(png, info, (png_uint_32)image->width, (png_uint_32)image->height, image->bits,
                      image->n_channels == 4 ? PNG_COLOR_TYPE_RGBA : PNG_COLOR_TYPE_RGB,
                      PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
@@ -331,7 +333,7 @@ static void write_png(struct sink *sink, const struct spin_image_out *image, con
         png_write_info(png, info);
         for (int y = 0; y < image->height; y++) {
             if (!rgb)
-                quantise(image, y, row);
+                quantise_row(image, y, row);
             png_write_row(png, rgb ? rgb + 3 * (size_t)image->width * (size_t)y : row);
         }
         png_write_end(png, info);
@@ -340,9 +342,9 @@ static void write_png(struct sink *sink, const struct spin_image_out *image, con
     free(row);
 }
 
-static enum spin_image_result encode(const struct spin_image_out *image, const uint8_t *rgb,
-                                     unsigned char **bytes, size_t *n_bytes, char *why,
-                                     size_t n_why)
+static enum spin_image_result encode_image(const struct spin_image_out *image, const uint8_t *rgb,
+                                           unsigned char **bytes, size_t *n_bytes, char *why,
+                                           size_t n_why)
 {
     struct sink sink = {.base = {.result = SPIN_IMAGE_OK, .why = why, .n_why = n_why}};
 
@@ -360,7 +362,7 @@ static enum spin_image_result image_encode(const struct spin_image_out *image,
                                            unsigned char **bytes, size_t *n_bytes, char *why,
                                            size_t n_why)
 {
-    return encode(image, NULL, bytes, n_bytes, why, n_why);
+    return encode_image(image, NULL, bytes, n_bytes, why, n_why);
 }
 
 static enum spin_image_result image_encode_png(int width, int height, const uint8_t *rgb,
@@ -370,7 +372,7 @@ static enum spin_image_result image_encode_png(int width, int height, const uint
     const struct spin_image_out image = {
         .format = "png", .width = width, .height = height, .n_channels = 3, .bits = 8};
 
-    return encode(&image, rgb, bytes, n_bytes, why, n_why);
+    return encode_image(&image, rgb, bytes, n_bytes, why, n_why);
 }
 
 extern const struct spin_image_shim spin_image_shim_table;

@@ -34,14 +34,14 @@ struct spin_image_out {
 };
 
 /* format: "jpeg" or "png", the only ones that image_plain.c accepts; "" to let OpenImageIO guess. A
- * call that fails fills why (n_why bytes). Blocks are allocated with malloc. */
+ * call that fails fills why (n_why bytes). Results are allocated with malloc. */
 struct spin_image_shim {
     int abi;
-    const char *version; /* of the library */
+    const char *version; /* the underlying libraries */
     enum spin_image_result (*size)(const char *path, const char *format, int *width, int *height,
                                    int *channels, char *why, size_t n_why);
-    /* Refuses more than max_pixels before it allocates. Alpha is composited over background,
-     * 0..1. */
+    /* Refuses images of more than max_pixels before it allocates memory. Alpha is composited over
+     * background, 0..1. */
     enum spin_image_result (*read)(const char *path, const char *format, int64_t max_pixels,
                                    const float background[3], int *width, int *height,
                                    uint8_t **rgb, char *why, size_t n_why);

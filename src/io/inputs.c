@@ -10,7 +10,7 @@ enum kind { FREE, INPUT, OWN };
 
 static struct {
     pthread_mutex_t lock;
-    int depth; /* nested and concurrent calls */
+    int depth; /* number of running calls, nested or concurrent */
     struct known {
         uint64_t device, inode;
         enum kind kind;
@@ -43,7 +43,7 @@ static spin_status double_capacity(void)
     return SPIN_OK;
 }
 
-static spin_status add(const struct stat *st, enum kind kind)
+static spin_status add_file(const struct stat *st, enum kind kind)
 {
     spin_status status = SPIN_OK;
     struct known *k;
@@ -85,13 +85,16 @@ static _Thread_local bool paused;
 
 void spin_inputs_pause(bool pause) { paused = pause; }
 
-spin_status spin_inputs_add(const struct stat *st) { return paused ? SPIN_OK : add(st, INPUT); }
+spin_status spin_inputs_add(const struct stat *st)
+{
+    return paused ? SPIN_OK : add_file(st, INPUT);
+}
 
 spin_status spin_inputs_add_path(const char *path)
 {
     struct stat st;
 
-    return path && stat(path, &st) == 0 && S_ISREG(st.st_mode) ? add(&st, INPUT) : SPIN_OK;
+    return path && stat(path, &st) == 0 && S_ISREG(st.st_mode) ? add_file(&st, INPUT) : SPIN_OK;
 }
 
 void spin_inputs_own(const char *path)
@@ -99,7 +102,7 @@ void spin_inputs_own(const char *path)
     struct stat st;
 
     if (stat(path, &st) == 0)
-        (void)add(&st, OWN); /* if this fails, the next write of the file is refused */
+        (void)add_file(&st, OWN); /* if memory runs out, the next write of the file is refused */
 }
 
 bool spin_inputs_have(const struct stat *st)

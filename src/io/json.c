@@ -9,15 +9,15 @@
 
 /* ---- Memory ---------------------------------------------------------------------------------- */
 
-/* If memory runs out, Jansson's parser drops characters and then reads other values, reports a
- * syntax error or aborts; its setters drop values, and callers do not check their results.
- * Therefore the allocator records failures: the parser is left with longjmp, which leaks its few
- * values, and no text is produced for an incomplete document. */
+/* If memory runs out, Jansson's parser drops characters, so that it returns wrong values, reports a
+ * syntax error or aborts. Its setters drop values, and our code does not check their results.
+ * Therefore the allocator leaves the parser with longjmp, which leaks the values parsed so far, and
+ * otherwise sets a flag that makes spin_json_text() fail. */
 static json_malloc_t allocate;
-static _Thread_local jmp_buf *parser; /* set while this thread parses a text */
-static _Thread_local bool ran_out;    /* since this thread last produced a text */
+static _Thread_local jmp_buf *parser; /* not NULL while this thread parses a text */
+static _Thread_local bool ran_out;    /* this thread lacked memory since it last formatted a text */
 
-static void *remembering_allocate(size_t n)
+static void *allocate_or_record(size_t n)
 {
     void *block = allocate(n);
 
@@ -34,7 +34,7 @@ __attribute__((constructor)) static void set_allocator(void)
     json_free_t release;
 
     json_get_alloc_funcs(&allocate, &release);
-    json_set_alloc_funcs(remembering_allocate, release);
+    json_set_alloc_funcs(allocate_or_record, release);
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */
@@ -83,7 +83,7 @@ bool spin_json_integer(const spin_json *j, int64_t *out)
         *out = json_integer_value(j);
         return true;
     }
-    if (json_is_real(j)) { /* such as 3.0, which Python writes for an integral float */
+    if (json_is_real(j)) { /* Python writes integral floats such as 3.0 */
         double v = json_real_value(j);
 
         if (v != floor(v) || fabs(v) > 0x1p53)

@@ -1,5 +1,6 @@
-/* JSON by Jansson: strict, small, with limited depth, packaged by every Debian release. This header
- * adds what it lacks, and our names for the rest. Values are borrowed from the document. */
+/* JSON by Jansson, which is strict and small, limits the nesting depth, and is packaged by every
+ * Debian release. This header adds functions that Jansson lacks, and renames the others. Returned
+ * values are borrowed from the document. */
 #pragma once
 
 #include <jansson.h>
@@ -12,22 +13,23 @@ typedef json_t spin_json;
 spin_status spin_json_load(const char *path, spin_json **out);
 spin_status spin_json_parse(const char *what, const char *text, size_t n, spin_json **out);
 
-/* False if absent or of another kind. 3.0 counts as an integer. */
+/* These return false if the value is absent or of another kind. 3.0 counts as an integer. */
 bool spin_json_number(const spin_json *j, double *out);
 bool spin_json_integer(const spin_json *j, int64_t *out);
 bool spin_json_bool(const spin_json *j, bool *out);
 
-spin_json *
-spin_json_text_value(const char *v);         /* NULL becomes null; invalid UTF-8 becomes U+FFFD */
-spin_json *spin_json_number_value(double v); /* NaN and infinities become null */
+/* NULL becomes null; invalid UTF-8 becomes U+FFFD. */
+spin_json *spin_json_text_value(const char *v);
+/* NaN and infinities become null. */
+spin_json *spin_json_number_value(double v);
 spin_json *spin_json_numbers(const double *v, size_t n);
 
 /* Replace the prefix `from` of all keys by `to`. */
 void spin_json_rename(spin_json *object, const char *from, const char *to);
 
 /* Format as text, allocated. Keys keep the order in which they were set; numbers read back as the
- * same double. indent: use lines, but one line for an array of plain values. NULL if memory ran
- * out, now or when this thread set a value. */
+ * same double. indent: use several lines, but only one for an array of plain values. NULL if memory
+ * ran out, either now or when this thread set one of the values. */
 char *spin_json_text(const spin_json *j, bool indent);
 
 /* Format a finished report with indentation, allocated, and free the document. */
@@ -42,7 +44,7 @@ spin_status spin_json_finish(spin_json *document, char **text);
 #define spin_json_is_object json_is_object
 #define spin_json_is_null json_is_null
 
-/* A container takes ownership of new values. */
+/* Functions that set or push a value pass its ownership to the container. */
 #define spin_json_object json_object
 #define spin_json_array json_array
 #define spin_json_free json_decref
@@ -59,5 +61,5 @@ void spin_json_freed(spin_json **j); /* for SPIN_LEAVES() */
 #define spin_json_set_null(object, key) json_object_set_new(object, key, json_null())
 #define spin_json_push_number(array, v) json_array_append_new(array, spin_json_number_value(v))
 #define spin_json_push_string(array, v) json_array_append_new(array, spin_json_text_value(v))
-/* Add the values of `from` to `to`; both own them. */
+/* Add the members of `from` to `to`; both objects then share the values. */
 #define spin_json_share(to, from) json_object_update(to, (json_t *)(uintptr_t)(from))

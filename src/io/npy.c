@@ -1,20 +1,20 @@
 /* .npy arrays (format versions 1 to 3) and .npz archives of them.
  *
  * The header of an .npy is the text of a Python dictionary with exactly three keys. The parser
- * accepts only that: unknown dtypes are refused by name, so that the pickle in an object array is
+ * accepts nothing else. It refuses unknown dtypes by name, so that the pickle in an object array is
  * never read. */
 #include "io/npy.h"
 
 #include "base/base.h"
 #include "io/zip_format.h"
 
-/* Headers of numeric arrays are shorter; numpy limits them to 10000 as well. */
+/* Bytes before the data: the magic and a header, which numpy also limits to 10000 bytes. */
 #define MAX_HEAD (12 + 10000)
 
 /* ---- The header's dictionary --------------------------------------------------------------- */
 
 struct text {
-    const char *what; /* for messages */
+    const char *what; /* name of the array, for messages */
     const unsigned char *p, *end;
 };
 
@@ -34,7 +34,7 @@ static void skip_space(struct text *t)
 }
 
 /* Consume white space and the character c, if it follows. */
-static bool take(struct text *t, char c)
+static bool consume_char(struct text *t, char c)
 {
     skip_space(t);
     if (t->p >= t->end || *t->p != (unsigned char)c)
@@ -43,7 +43,7 @@ static bool take(struct text *t, char c)
     return true;
 }
 
-static bool take_word(struct text *t, const char *word)
+static bool consume_word(struct text *t, const char *word)
 {
     size_t n = strlen(word);
 
@@ -55,7 +55,7 @@ static bool take_word(struct text *t, const char *word)
 }
 
 /* Consume a string in either kind of quotes, without escapes. */
-static bool take_string(struct text *t, char *out, size_t n_out)
+static bool consume_string(struct text *t, char *out, size_t n_out)
 {
     unsigned char quote;
     size_t n = 0;
@@ -76,7 +76,7 @@ static bool take_string(struct text *t, char *out, size_t n_out)
     return true;
 }
 
-static bool take_number(struct text *t, uint64_t *out)
+static bool consume_number(struct text *t, uint64_t *out)
 {
     uint64_t value = 0;
     const unsigned char *first;
@@ -120,7 +120,7 @@ static spin_status read_descr(struct text *t, struct spin_array *out)
         return spin_unsupported("array '%s' has a structured dtype: %.*s", t->what,
                                 (int)(n < 60 ? n : 60), (const char *)t->p);
     }
-    if (!take_string(t, descr, sizeof descr))
+    if (!consume_string(t, descr, sizeof descr))
         return fail_header(t);
     return read_dtype(t, descr, out);
 }
@@ -131,18 +131,19 @@ static spin_status read_shape(struct text *t, struct spin_array *out)
     bool comma = true;
 
     out->n_dims = 0;
-    if (!take(t, '('))
+    if (!consume_char(t, '('))
         return fail_header(t);
-    while (!take(t, ')')) {
+    while (!consume_char(t, ')')) {
         if (!comma)
             return fail_header(t);
         if (out->n_dims == SPIN_NPY_MAX_DIMS)
             return spin_unsupported("array '%s' has more than %d dimensions", t->what,
                                     SPIN_NPY_MAX_DIMS);
-        if (!take_number(t, &out->shape[out->n_dims]))
-            return spin_malformed("array '%s' has a shape that is not a list of counts", t->what);
+        if (!consume_number(t, &out->shape[out->n_dims]))
+            return spin_malformed("array '%s' has a shape that is not a tuple of integers",
+                                  t->what);
         out->n_dims++;
-        comma = take(t, ',');
+        comma = consume_char(t, ',');
     }
     if (out->n_dims == 1 && !comma) /* "(5)" is not a tuple */
         return fail_header(t);
@@ -154,7 +155,7 @@ static spin_status read_item(struct text *t, struct header *seen, struct spin_ar
     char key[32];
     bool *have;
 
-    if (!take_string(t, key, sizeof key) || !take(t, ':'))
+    if (!consume_string(t, key, sizeof key) || !consume_char(t, ':'))
         return fail_header(t);
     have = strcmp(key, "descr") == 0           ? &seen->has_descr
            : strcmp(key, "fortran_order") == 0 ? &seen->has_fortran
@@ -167,8 +168,8 @@ static spin_status read_item(struct text *t, struct header *seen, struct spin_ar
         return read_descr(t, out);
     if (have == &seen->has_shape)
         return read_shape(t, out);
-    seen->fortran = take_word(t, "True");
-    return seen->fortran || take_word(t, "False") ? SPIN_OK : fail_header(t);
+    seen->fortran = consume_word(t, "True");
+    return seen->fortran || consume_word(t, "False") ? SPIN_OK : fail_header(t);
 }
 
 static spin_status read_dictionary(struct text *t, struct spin_array *out)
@@ -176,13 +177,13 @@ static spin_status read_dictionary(struct text *t, struct spin_array *out)
     struct header seen = {0};
     bool comma = true;
 
-    if (!take(t, '{'))
+    if (!consume_char(t, '{'))
         return fail_header(t);
-    while (!take(t, '}')) {
+    while (!consume_char(t, '}')) {
         if (!comma)
             return fail_header(t);
         SPIN_TRY(read_item(t, &seen, out));
-        comma = take(t, ',');
+        comma = consume_char(t, ',');
     }
     skip_space(t);
     if (t->p != t->end || !seen.has_descr || !seen.has_fortran || !seen.has_shape)
@@ -209,14 +210,16 @@ static spin_status check_size(const char *what, struct spin_array *a, size_t n_p
     overflow = overflow || __builtin_mul_overflow(a->count, (uint64_t)a->item_size, &bytes);
     if (overflow || bytes > n_present) {
         spin_array_shape_text(a->n_dims, a->shape, shape, sizeof shape);
-        return spin_malformed("array '%s' is cut short: shape %s of %d-byte items, but %zu bytes",
-                              what, shape, a->item_size, n_present);
+        return spin_malformed(
+            "array '%s' is cut short: shape %s of %d-byte items, but only %zu bytes are present",
+            what, shape, a->item_size, n_present);
     }
     a->n_bytes = (size_t)bytes;
     return SPIN_OK;
 }
 
-/* spin_npy_parse() when only the first n_readable bytes are available. */
+/* spin_npy_parse() for an array of n_bytes bytes of which only the first n_readable are
+ * available. */
 static spin_status parse_head(const char *what, const unsigned char *bytes, size_t n_readable,
                               size_t n_bytes, struct spin_array *out)
 {
@@ -227,7 +230,8 @@ static spin_status parse_head(const char *what, const unsigned char *bytes, size
     if (n_readable < 10 || memcmp(bytes, "\x93NUMPY", 6) != 0)
         return spin_malformed("array '%s' does not begin with the .npy magic", what);
     if (bytes[6] < 1 || bytes[6] > 3)
-        return spin_unsupported("array '%s' has .npy version %d, not 1 to 3", what, bytes[6]);
+        return spin_unsupported("array '%s' has .npy version %d; supported are 1 to 3", what,
+                                bytes[6]);
     prefix = bytes[6] == 1 ? 10 : 12;
     if (n_readable < prefix)
         return fail_header(&t);
@@ -235,8 +239,9 @@ static spin_status parse_head(const char *what, const unsigned char *bytes, size
     if (prefix == 12)
         n_header |= (size_t)bytes[10] << 16 | (size_t)bytes[11] << 24;
     if (n_header > n_readable - prefix)
-        return spin_malformed("array '%s' is cut short: a header of %zu bytes in %zu", what,
-                              n_header, n_readable);
+        return spin_malformed(
+            "array '%s' is cut short: its header has %zu bytes, but only %zu bytes were read", what,
+            n_header, n_readable);
     t.p = bytes + prefix;
     t.end = t.p + n_header;
     SPIN_TRY(read_dictionary(&t, out));
@@ -294,7 +299,7 @@ bool spin_npz_has(const struct spin_npz *npz, const char *key)
 }
 
 /* Keep a decompressed member until spin_npz_close(). */
-static spin_status own(struct spin_npz *npz, void *block)
+static spin_status keep_block(struct spin_npz *npz, void *block)
 {
     void *list = npz->owned;
     spin_status status;
@@ -325,14 +330,14 @@ static spin_status read_head(const struct spin_npz *npz, const char *key,
     n_head = (size_t)(out->data - head);
     out->data = NULL;
     if (n_head + out->n_bytes != member->size)
-        return spin_malformed("array '%s' has %zu bytes more than its header says", key,
+        return spin_malformed("array '%s' has %zu bytes more than its header states", key,
                               (size_t)member->size - n_head - out->n_bytes);
     return SPIN_OK;
 }
 
 /* The member for a key, or SPIN_E_NOT_FOUND. */
-static spin_status find(const struct spin_npz *npz, const char *key,
-                        const struct spin_zip_member **out)
+static spin_status find_member(const struct spin_npz *npz, const char *key,
+                               const struct spin_zip_member **out)
 {
     *out = find_array(npz, key);
     return *out ? SPIN_OK : spin_not_found("no array '%s'", key);
@@ -343,7 +348,7 @@ spin_status spin_npz_head(const struct spin_npz *npz, const char *key, struct sp
     const struct spin_zip_member *member;
 
     memset(out, 0, sizeof *out);
-    SPIN_TRY(find(npz, key, &member));
+    SPIN_TRY(find_member(npz, key, &member));
     return read_head(npz, key, member, out);
 }
 
@@ -362,22 +367,22 @@ spin_status spin_npz_take(const struct spin_npz *npz, const char *key, bool chec
     uint64_t limit;
 
     *owned = NULL;
-    SPIN_TRY(find(npz, key, &member));
-    /* Half, since what is made of a decompressed array needs memory too. Stored members skip the
-     * query, which takes a dozen system calls. */
+    SPIN_TRY(find_member(npz, key, &member));
+    /* Limit the array to half of the available memory, since its conversion needs memory too.
+     * Stored members skip the query, which takes a dozen system calls. */
     limit = member->method == METHOD_STORED ? 0 : spin_memory_available() / 2;
     SPIN_TRY(spin_zip_read(&npz->zip, member, check_crc, limit, &bytes, owned));
     return spin_npy_parse(key, bytes, (size_t)member->size, out);
 }
 
-/* The same; the block is kept until spin_npz_close(). */
+/* spin_npz_take() that keeps the decompressed block until spin_npz_close(). */
 static spin_status read_data(struct spin_npz *npz, const char *key, bool check_crc,
                              struct spin_array *out)
 {
     void *owned = NULL;
     spin_status status = spin_npz_take(npz, key, check_crc, out, &owned);
 
-    SPIN_TRY(own(npz, owned));
+    SPIN_TRY(keep_block(npz, owned));
     return status;
 }
 
@@ -451,7 +456,9 @@ static spin_status describe_member(const char *name, const char *descr, int n_di
     size_t n_member = strlen(name) + 5;
 
     if (n_dims < 0 || n_dims > SPIN_NPY_MAX_DIMS)
-        return spin_misuse("cannot write array '%s': %d dimensions", name, n_dims);
+        return spin_misuse(
+            "cannot write array '%s': it has %d dimensions, but 0 to %d are supported", name,
+            n_dims, SPIN_NPY_MAX_DIMS);
     SPIN_TRY(read_dtype(&t, descr, &a));
     a.n_dims = n_dims;
     for (int i = 0; i < n_dims; i++)

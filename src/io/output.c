@@ -1,4 +1,4 @@
-/* Outputs: existing files are never overwritten without --force. */
+/* Checks of outputs. Existing files are never overwritten without --force. */
 #include "io/output.h"
 
 #include <fcntl.h>
@@ -32,7 +32,8 @@ static spin_status count_entries(const char *path, bool force, size_t *n)
     char **names = NULL;
 
     if (!spin_path_is_folder(path))
-        return spin_fail(SPIN_E_IO, "'%s' exists and is not a folder", path);
+        return spin_fail(SPIN_E_IO, "cannot write folder '%s': it exists and is not a folder",
+                         path);
     SPIN_TRY(spin_folder_list(path, &names, n));
     spin_folder_list_free(names);
     if (*n > 0 && !force)
@@ -50,9 +51,9 @@ spin_status spin_output_check_empty_folder(const char *path, bool force)
     return spin_output_check_folder(path);
 }
 
-/* Absolute folder and name, so that the same file always has the same text; the path as given if
- * the folder does not exist. */
-static spin_status place_of(const char *path, char **out)
+/* Resolve the folder of a path, so that two paths of the same file become equal. If the folder does
+ * not exist, the path is returned as given. */
+static spin_status resolve_folder(const char *path, char **out)
 {
     SPIN_FREED char *folder = NULL, *absolute = NULL;
 
@@ -69,8 +70,8 @@ spin_status spin_output_check_distinct(const char *const *path, int n)
 
             if (!path[i] || !path[k])
                 continue;
-            SPIN_TRY(place_of(path[i], &a));
-            SPIN_TRY(place_of(path[k], &b));
+            SPIN_TRY(resolve_folder(path[i], &a));
+            SPIN_TRY(resolve_folder(path[k], &b));
             if (strcmp(a, b) == 0)
                 return spin_misuse("two outputs would be '%s': give them different names", path[i]);
         }
@@ -81,7 +82,7 @@ spin_status spin_output_check_distinct(const char *const *path, int n)
 
 enum space { KEPT, TOO_MUCH, CANNOT };
 
-static enum space allocate(struct spin_reserve *r, const char *folder, uint64_t bytes)
+static enum space reserve_bytes(struct spin_reserve *r, const char *folder, uint64_t bytes)
 {
 #ifdef O_TMPFILE
     if (r->bytes == 0)
@@ -112,8 +113,8 @@ bool spin_reserve_set(struct spin_reserve *r, const char *path, uint64_t bytes)
     SPIN_FREED char *folder = NULL;
     enum space got;
 
-    if (bytes <= r->bytes &&
-        bytes > 0) /* a smaller reservation would gain nothing: all of it is freed at the end */
+    /* Never shrink the reservation: it will be freed as a whole. */
+    if (bytes <= r->bytes && bytes > 0)
         return true;
     if (bytes == 0) {
         if (r->bytes > 0)
@@ -123,14 +124,13 @@ bool spin_reserve_set(struct spin_reserve *r, const char *path, uint64_t bytes)
     }
     if (spin_path_folder(path, &folder) != SPIN_OK)
         return true;
-    got = allocate(r, folder, bytes);
+    got = reserve_bytes(r, folder, bytes);
     return got == KEPT || (got == CANNOT && spin_path_free_bytes(folder) >= bytes);
 }
 
 /* ---- Locks ---------------------------------------------------------------------------------- */
 
-/* Whether the open file still has this name, that is, whether its previous holder did not remove it
- * in the meantime. */
+/* Whether the open file still has this name: the previous owner of the lock may have removed it. */
 static bool is_named(int fd, const char *path)
 {
     struct stat ours, there;
@@ -141,8 +141,8 @@ static bool is_named(int fd, const char *path)
 
 enum lock { HELD, TAKEN, GONE, NO_LOCKS, NO_FILE };
 
-/* GONE: the file was removed in the meantime, try again. NO_FILE: errno is set. fd stays open for
- * HELD and NO_LOCKS. */
+/* TAKEN: another process has the lock. GONE: the file was removed in the meantime, try again.
+ * NO_FILE: the file cannot be opened, see errno. *fd stays open for HELD and NO_LOCKS only. */
 static enum lock try_lock(const char *path, int *fd)
 {
     enum lock got = HELD;
@@ -177,7 +177,8 @@ spin_status spin_output_lock_take(const char *output, struct spin_output_lock *o
     if (got == HELD || got == NO_LOCKS)
         return SPIN_OK;
     if (got == TAKEN)
-        (void)spin_fail(SPIN_E_IO, "'%s' is being written by another run, which holds '%s.lock'",
+        (void)spin_fail(SPIN_E_IO,
+                        "cannot write '%s': another run is writing it, and has locked '%s.lock'",
                         output, output);
     else
         (void)spin_fail(SPIN_E_IO, "cannot write '%s': %s", output,
@@ -187,8 +188,8 @@ spin_status spin_output_lock_take(const char *output, struct spin_output_lock *o
     return SPIN_E_IO;
 }
 
-/* Remove the file before the lock is released: a process that opened it before then finds that its
- * name is gone. A file that is not empty was not created by us. */
+/* Remove the file before releasing the lock, so that a process that has already opened it notices
+ * that the name is gone (is_named()). A file that is not empty was not created here: keep it. */
 void spin_output_lock_drop(struct spin_output_lock *lock)
 {
     struct stat st;
@@ -385,7 +386,7 @@ void spin_output_folder_end(struct spin_output_folder *folder)
 void spin_output_folder_abandon(struct spin_output_folder *folder)
 {
     if (folder->created && folder->path)
-        (void)rmdir(folder->path); /* fails if it contains files, as intended */
+        (void)rmdir(folder->path); /* fails if the folder contains files, as intended */
     spin_output_folder_end(folder);
 }
 
@@ -394,7 +395,8 @@ void spin_output_folder_abandon(struct spin_output_folder *folder)
 static spin_status fail_pattern(const char *text)
 {
     return spin_misuse(
-        "--pattern '%s': expected a file name with exactly one %%d or %%0Nd, N 1 to 9", text);
+        "--pattern '%s': expected a file name with exactly one %%d or %%0Nd, where N is 1 to 9",
+        text);
 }
 
 spin_status spin_pattern_parse(const char *text, struct spin_pattern *out)

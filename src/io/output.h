@@ -1,5 +1,5 @@
-/* Outputs: checked and locked before long work, so that errors appear early; folders that an export
- * fills, and the names of their numbered files. */
+/* Checks and locks of outputs, for use before a long computation so that errors appear early; the
+ * folders that exports fill; the names of numbered files. */
 #pragma once
 
 #include "io/file.h"
@@ -7,27 +7,28 @@
 
 /* Check that a file can be written, by opening it with spin_out_open() and discarding it. */
 spin_status spin_output_check_file(const char *path, bool force);
-/* Check that a folder is writable; it is created if it does not exist. */
+/* Check that a folder is writable; create it if it does not exist. */
 spin_status spin_output_check_folder(const char *path);
-/* The same; without force the folder must be empty. */
+/* spin_output_check_folder() that also checks, without force, that the folder is empty. */
 spin_status spin_output_check_empty_folder(const char *path, bool force);
-/* Check that no two of the n outputs have the same name; NULL means no output. SPIN_E_USAGE
- * contains it. */
+/* Check that no two of the n outputs have the same name; NULL means no output. If two outputs have
+ * the same name, SPIN_E_USAGE with a message that names it. */
 spin_status spin_output_check_distinct(const char *const *path, int n);
 
-/* Disk space reserved for output to come, held by an unnamed file, which the system frees whenever
- * the process ends. */
+/* Disk space reserved for later output. It is allocated to an unnamed file, which the system frees
+ * when the process ends, even if it is killed. */
 struct spin_reserve {
     int fd; /* valid if bytes > 0 */
     uint64_t bytes;
 };
-/* Reserve this much on the file system of `path`; 0 frees it. False if it is not available; the
- * previous reservation is kept. On file systems that cannot reserve, only compares with the free
- * space. */
+/* Reserve this many bytes on the file system of `path`; 0 frees the reservation. Returns false if
+ * the space is not available; the previous reservation is then kept. On file systems that cannot
+ * reserve space, only compares the size with the free space. */
 bool spin_reserve_set(struct spin_reserve *reserve, const char *path, uint64_t bytes);
 
-/* Ensures that one process at a time writes an output: a lock on output.lock, which the system
- * releases whenever the process ends. A file left behind by a killed process does not lock. */
+/* Lock that allows one process at a time to write an output. It is a lock on the file OUTPUT.lock,
+ * which the system releases when the process ends: a lock file left behind by a killed process is
+ * not locked. */
 struct spin_output_lock {
     char *path; /* NULL: not locked */
     int fd;
@@ -35,7 +36,7 @@ struct spin_output_lock {
 /* SPIN_E_IO if another process holds the lock. Works across hosts over NFS; a file system without
  * locks causes a warning. */
 spin_status spin_output_lock_take(const char *output, struct spin_output_lock *out);
-/* Release the lock and remove the file. */
+/* Release the lock and remove the lock file. */
 void spin_output_lock_drop(struct spin_output_lock *lock);
 
 #define SPIN_SEQUENCE "sequence.json"
@@ -46,18 +47,20 @@ struct spin_output_former {
     bool written; /* overwritten by this export */
 };
 
-/* A folder that an export fills: begin, write files into it, end or abandon. Its sequence.json
- * lists them, so that the next export with force can remove those that it does not overwrite. */
+/* A folder that an export fills: call begin, write the files, then call end or abandon. Its
+ * sequence.json lists them, so that the next export with force can remove those that it does not
+ * overwrite. */
 struct spin_output_folder {
     char *path;
-    bool created;                      /* by begin */
+    bool created;                      /* the folder did not exist before */
     size_t n_before;                   /* entries that existed before */
     struct spin_output_former *former; /* [n_former] sorted by name */
     size_t n_former;
     spin_json *list; /* of spin_output_folder_add(), or NULL */
 };
-/* Create the folder, or use an empty one; one that is not empty requires force. Removes unfinished
- * files with this extension whose writers were killed. Warns of files that stay in the folder. */
+/* Create the folder, or use an existing one, which must be empty unless force is set. Removes
+ * unfinished files with this extension whose writers were killed. Warns of files that stay in the
+ * folder. */
 spin_status spin_output_folder_begin(const char *path, bool force, const char *ending,
                                      struct spin_output_folder *out);
 /* This export writes a file of this name, which is kept. */
@@ -77,12 +80,12 @@ void spin_output_folder_abandon(struct spin_output_folder *folder);
 struct spin_pattern {
     const char *text;
     int n_before; /* bytes before the number */
-    bool zeros;
+    bool zeros;   /* pad the number with zeros to `width` digits */
     int width;
     const char *after; /* text after the number */
 };
-/* Parse `text` (borrowed), a file name with exactly one %d or %0Nd, N from 1 to 9. SPIN_E_USAGE
- * refers to --pattern. */
+/* Parse `text` (borrowed), a file name with exactly one %d or %0Nd, N from 1 to 9. SPIN_E_USAGE if
+ * it is not; the message refers to --pattern. */
 spin_status spin_pattern_parse(const char *text, struct spin_pattern *out);
 /* folder/name with the number inserted, allocated. */
 spin_status spin_pattern_path(const struct spin_pattern *pattern, const char *folder, int number,

@@ -3,26 +3,27 @@
  *
  * A global is pushed as its index in a table; REDUCE, NEWOBJ and BUILD switch on that index and
  * create the value it stands for. No code is called. The cost of a file is bounded: lengths by the
- * remaining input, memo slots by the number of opcodes so far, nesting by a constant, and the total
- * of all values by a budget. Nothing recurses, except for one level of a stream inside a pickle
- * (torch.storage._load_from_bytes). */
+ * remaining input, memo slots by the number of opcodes executed, nesting by a constant, and the
+ * total of all values by a budget. Nothing recurses, except for one level of a stream inside a
+ * pickle (torch.storage._load_from_bytes). */
 #include "io/pickle.h"
 
 #include "base/base.h"
 
-/* Budget for values, in addition to the size of the input. Real checkpoints need kilobytes. */
+/* The values may need this many bytes in addition to the size of the input. Real checkpoints need
+ * kilobytes. */
 #define BUDGET ((size_t)32 << 20)
-#define SLAB ((size_t)16 << 10)
+#define SLAB ((size_t)16 << 10) /* small values are allocated in blocks of this size */
 #define MAX_DEPTH 256
 
 enum role {
     PLAIN,
     GLOBAL,   /* id: its index in globals[] */
     DTYPE,    /* tensor: kind, item_size, big_endian */
-    STORAGE,  /* tensor: kind, item_size, storage or data, storage_count, offset (old views) */
+    STORAGE,  /* tensor: kind, item_size, storage or data, storage_count, offset (of a view) */
     ORDERED,  /* a dict created as an OrderedDict */
     UNFILLED, /* a numpy array before its BUILD */
-    INSTANCE  /* of class globals[id]; a BUILD may follow */
+    INSTANCE  /* id: its class in globals[]; a BUILD may set its state */
 };
 
 struct node {
@@ -44,7 +45,7 @@ struct machine {
     struct spin_storage *storage; /* one for each persistent id, unsorted, with duplicates */
     size_t n_storages, storage_capacity;
     size_t n_ops;
-    int level; /* 1 inside _load_from_bytes */
+    int level; /* 1 for a stream inside a pickle */
     struct spin_value *none, *yes, *no, *empty_tuple, *small[256];
 };
 
@@ -59,9 +60,9 @@ static size_t stack_floor(const struct machine *m)
     return m->n_marks ? m->mark[m->n_marks - 1] : 0;
 }
 
-static struct spin_value *pop(struct machine *m) { return m->stack[--m->n_stack]; }
+static struct spin_value *pop_value(struct machine *m) { return m->stack[--m->n_stack]; }
 
-static void release(struct machine *m)
+static void free_machine(struct machine *m)
 {
     free(m->stack);
     free(m->memo);
@@ -71,17 +72,17 @@ static void release(struct machine *m)
 
 static spin_status fail_at(const struct machine *m, spin_status code, const char *why)
 {
-    return spin_fail(code, "cannot read '%s': its pickle at byte %zu: %s", m->what,
+    return spin_fail(code, "cannot read '%s': error in its pickle at byte %zu: %s", m->what,
                      (size_t)(m->op - m->start), why);
 }
 
-static spin_status bad(const struct machine *m, const char *why)
+static spin_status fail_malformed(const struct machine *m, const char *why)
 {
     return fail_at(m, SPIN_E_MALFORMED, why);
 }
 
 /* Text from the file for messages: printable and shortened. */
-static const char *shown(const char *text, size_t n, char out[100])
+static const char *printable(const char *text, size_t n, char out[100])
 {
     size_t i = 0;
 
@@ -91,18 +92,18 @@ static const char *shown(const char *text, size_t n, char out[100])
     return out;
 }
 
-static spin_status spend(struct machine *m, size_t bytes)
+static spin_status spend_budget(struct machine *m, size_t bytes)
 {
     if (bytes > m->budget)
-        return bad(m, "its values would take more memory than any checkpoint needs");
+        return fail_malformed(m, "its values need more memory than those of any checkpoint");
     m->budget -= bytes;
     return SPIN_OK;
 }
 
-static spin_status take(struct machine *m, size_t bytes, void **out)
+static spin_status allocate_value(struct machine *m, size_t bytes, void **out)
 {
     bytes = (bytes + 15) & ~(size_t)15;
-    SPIN_TRY(spend(m, bytes));
+    SPIN_TRY(spend_budget(m, bytes));
     if (bytes > SLAB / 4)
         return spin_arena_take(m->arena, bytes, 1, out);
     if (bytes > m->slab_left) {
@@ -118,14 +119,15 @@ static spin_status take(struct machine *m, size_t bytes, void **out)
     return SPIN_OK;
 }
 
-/* Only values that describe elements are allocated with the tensor at their end. */
+/* The member v.tensor is allocated only for values that describe elements: tensors, dtypes and
+ * storages. */
 static spin_status new_node(struct machine *m, enum spin_value_kind kind, enum role role,
                             struct node **out)
 {
     bool whole = kind == SPIN_VALUE_TENSOR || role == DTYPE || role == STORAGE;
     void *block;
 
-    SPIN_TRY(take(m, whole ? sizeof **out : offsetof(struct node, v.tensor), &block));
+    SPIN_TRY(allocate_value(m, whole ? sizeof **out : offsetof(struct node, v.tensor), &block));
     *out = block;
     (*out)->role = (unsigned char)role;
     (*out)->v.kind = kind;
@@ -141,7 +143,7 @@ static spin_status room_for(struct machine *m, void **array, size_t n, size_t *c
     if (n < *capacity)
         return SPIN_OK;
     wanted = *capacity ? 2 * *capacity : 64;
-    SPIN_TRY(spend(m, (wanted - *capacity) * size));
+    SPIN_TRY(spend_budget(m, (wanted - *capacity) * size));
     SPIN_TRY(spin_grow(wanted, size, array));
     memset((char *)*array + *capacity * size, 0, (wanted - *capacity) * size);
     *capacity = wanted;
@@ -150,7 +152,7 @@ static spin_status room_for(struct machine *m, void **array, size_t n, size_t *c
 
 /* ---- The stack ------------------------------------------------------------------------------ */
 
-static spin_status push(struct machine *m, struct spin_value *v)
+static spin_status push_value(struct machine *m, struct spin_value *v)
 {
     SPIN_TRY(room_for(m, (void **)&m->stack, m->n_stack, &m->stack_capacity, sizeof *m->stack));
     m->stack[m->n_stack++] = v;
@@ -158,10 +160,10 @@ static spin_status push(struct machine *m, struct spin_value *v)
 }
 
 /* Check for at least n values above the last mark. */
-static spin_status need(const struct machine *m, size_t n)
+static spin_status need_values(const struct machine *m, size_t n)
 {
     if (m->n_stack - stack_floor(m) < n)
-        return bad(m, "too few values on the stack");
+        return fail_malformed(m, "too few values on the stack");
     return SPIN_OK;
 }
 
@@ -175,16 +177,16 @@ static spin_status push_mark(struct machine *m)
 static spin_status pop_mark(struct machine *m, size_t *at)
 {
     if (m->n_marks == 0)
-        return bad(m, "no mark on the stack");
+        return fail_malformed(m, "no mark on the stack");
     *at = m->mark[--m->n_marks];
     return SPIN_OK;
 }
 
 static spin_status put_memo(struct machine *m, uint64_t slot)
 {
-    SPIN_TRY(need(m, 1));
+    SPIN_TRY(need_values(m, 1));
     if (slot > m->n_ops)
-        return bad(m, "a memo slot out of range");
+        return fail_malformed(m, "a memo index out of range");
     while (m->n_memo <= slot) {
         SPIN_TRY(room_for(m, (void **)&m->memo, m->n_memo, &m->memo_capacity, sizeof *m->memo));
         m->memo[m->n_memo++] = NULL;
@@ -196,8 +198,8 @@ static spin_status put_memo(struct machine *m, uint64_t slot)
 static spin_status get_memo(struct machine *m, uint64_t slot)
 {
     if (slot >= m->n_memo || !m->memo[slot])
-        return bad(m, "a memo slot that was never set");
-    return push(m, m->memo[slot]);
+        return fail_malformed(m, "a memo entry that was never set");
+    return push_value(m, m->memo[slot]);
 }
 
 /* ---- Plain values --------------------------------------------------------------------------- */
@@ -225,7 +227,7 @@ static spin_status push_int(struct machine *m, int64_t value)
     struct spin_value *v;
 
     SPIN_TRY(new_int(m, value, &v));
-    return push(m, v);
+    return push_value(m, v);
 }
 
 static spin_status push_float(struct machine *m, double value)
@@ -234,10 +236,10 @@ static spin_status push_float(struct machine *m, double value)
 
     SPIN_TRY(new_node(m, SPIN_VALUE_FLOAT, PLAIN, &node));
     node->v.number = value;
-    return push(m, &node->v);
+    return push_value(m, &node->v);
 }
 
-/* Push None, True or False, each of which exists once. */
+/* Push None, True or False; all references share one value. */
 static spin_status push_constant(struct machine *m, struct spin_value **kept,
                                  enum spin_value_kind kind, int value)
 {
@@ -249,7 +251,7 @@ static spin_status push_constant(struct machine *m, struct spin_value **kept,
         node->v.number = value;
         *kept = &node->v;
     }
-    return push(m, *kept);
+    return push_value(m, *kept);
 }
 
 /* Push a little-endian two's complement integer of any length. Values beyond 64 bits are clamped,
@@ -274,14 +276,14 @@ static spin_status push_long(struct machine *m, const unsigned char *p, size_t n
     SPIN_TRY(new_node(m, SPIN_VALUE_INT, PLAIN, &node));
     node->v.integer = negative ? INT64_MIN : INT64_MAX;
     node->v.number = number;
-    return push(m, &node->v);
+    return push_value(m, &node->v);
 }
 
 static spin_status copy_text(struct machine *m, const void *text, size_t n, const char **out)
 {
     void *copy;
 
-    SPIN_TRY(take(m, n + 1, &copy));
+    SPIN_TRY(allocate_value(m, n + 1, &copy));
     memcpy(copy, text, n);
     *out = copy;
     return SPIN_OK;
@@ -295,17 +297,17 @@ static spin_status push_text(struct machine *m, enum spin_value_kind kind, const
     SPIN_TRY(new_node(m, kind, PLAIN, &node));
     SPIN_TRY(copy_text(m, p, n, &node->v.text));
     node->v.n = n;
-    return push(m, &node->v);
+    return push_value(m, &node->v);
 }
 
 /* ---- Containers ----------------------------------------------------------------------------- */
 
-static spin_status deepen(struct machine *m, struct node *parent, struct spin_value *child)
+static spin_status update_depth(struct machine *m, struct node *parent, struct spin_value *child)
 {
     unsigned depth = node_of(child)->depth + 1u;
 
     if (depth > MAX_DEPTH)
-        return bad(m, "nested deeper than any checkpoint");
+        return fail_malformed(m, "values nested deeper than in any checkpoint");
     if (depth > parent->depth)
         parent->depth = (uint16_t)depth;
     return SPIN_OK;
@@ -319,10 +321,10 @@ static spin_status make_tuple(struct machine *m, size_t at)
     void *items;
 
     if (n == 0 && m->empty_tuple)
-        return push(m, m->empty_tuple);
+        return push_value(m, m->empty_tuple);
     SPIN_TRY(new_node(m, SPIN_VALUE_TUPLE, PLAIN, &node));
     if (n > 0) {
-        SPIN_TRY(take(m, n * sizeof *node->v.item, &items));
+        SPIN_TRY(allocate_value(m, n * sizeof *node->v.item, &items));
         memcpy(items, m->stack + at, n * sizeof *node->v.item);
         node->v.item = items;
     } else {
@@ -330,9 +332,9 @@ static spin_status make_tuple(struct machine *m, size_t at)
     }
     node->v.n = n;
     for (size_t i = 0; i < n; i++)
-        SPIN_TRY(deepen(m, node, node->v.item[i]));
+        SPIN_TRY(update_depth(m, node, node->v.item[i]));
     m->n_stack = at;
-    return push(m, &node->v);
+    return push_value(m, &node->v);
 }
 
 static spin_status push_empty(struct machine *m, enum spin_value_kind kind)
@@ -340,7 +342,7 @@ static spin_status push_empty(struct machine *m, enum spin_value_kind kind)
     struct node *node;
 
     SPIN_TRY(new_node(m, kind, PLAIN, &node));
-    return push(m, &node->v);
+    return push_value(m, &node->v);
 }
 
 static size_t power_of_two(size_t n)
@@ -353,19 +355,19 @@ static size_t power_of_two(size_t n)
 }
 
 /* Append pointers; the capacity is always the next power of two. */
-static spin_status append(struct machine *m, struct spin_value *to, size_t have,
-                          struct spin_value *const *from, size_t n)
+static spin_status append_pointers(struct machine *m, struct spin_value *to, size_t have,
+                                   struct spin_value *const *from, size_t n)
 {
     if (power_of_two(have + n) > power_of_two(have)) {
         void *items;
 
-        SPIN_TRY(take(m, power_of_two(have + n) * sizeof *to->item, &items));
+        SPIN_TRY(allocate_value(m, power_of_two(have + n) * sizeof *to->item, &items));
         if (have)
             memcpy(items, to->item, have * sizeof *to->item);
         to->item = items;
     }
     for (size_t i = 0; i < n; i++) {
-        SPIN_TRY(deepen(m, node_of(to), from[i]));
+        SPIN_TRY(update_depth(m, node_of(to), from[i]));
         to->item[have + i] = from[i];
     }
     return SPIN_OK;
@@ -378,9 +380,9 @@ static spin_status append_items(struct machine *m, size_t at)
     size_t n = m->n_stack - at;
 
     if (at <= stack_floor(m) || m->stack[at - 1]->kind != SPIN_VALUE_LIST)
-        return bad(m, "items for a value that is not a list");
+        return fail_malformed(m, "items for a value that is not a list");
     list = m->stack[at - 1];
-    SPIN_TRY(append(m, list, list->n, m->stack + at, n));
+    SPIN_TRY(append_pointers(m, list, list->n, m->stack + at, n));
     list->n += n;
     m->n_stack = at;
     return SPIN_OK;
@@ -393,11 +395,11 @@ static spin_status set_items(struct machine *m, size_t at)
     size_t n = m->n_stack - at;
 
     if (at <= stack_floor(m) || m->stack[at - 1]->kind != SPIN_VALUE_DICT)
-        return bad(m, "items for a value that is not a dict");
+        return fail_malformed(m, "items for a value that is not a dict");
     if (n % 2)
-        return bad(m, "a key without a value");
+        return fail_malformed(m, "a key without a value");
     dict = m->stack[at - 1];
-    SPIN_TRY(append(m, dict, 2 * dict->n, m->stack + at, n));
+    SPIN_TRY(append_pointers(m, dict, 2 * dict->n, m->stack + at, n));
     dict->n += n / 2;
     m->n_stack = at;
     return SPIN_OK;
@@ -430,7 +432,7 @@ static spin_status keep_storages(struct machine *m, struct spin_pickle *out)
             return spin_malformed("cannot read '%s': storage '%s' has two types or counts", m->what,
                                   s->key);
     }
-    SPIN_TRY(take(m, n * sizeof *out->storage, &block));
+    SPIN_TRY(allocate_value(m, n * sizeof *out->storage, &block));
     out->storage = memcpy(block, m->storage, n * sizeof *out->storage);
     out->n_storages = n;
     m->n_storages = 0;
@@ -443,7 +445,8 @@ static spin_status load_from_bytes(struct machine *m, const struct spin_value *a
 
 /* ---- The globals that a pickle may refer to; any other is refused --------------------------- */
 
-/* Limit for views that repeat elements (stride 0) and have more of them than their storage. */
+/* Maximum number of elements of a tensor that exceeds its storage by repeating elements (stride
+ * 0). */
 #define MAX_REPEATED ((uint64_t)1 << 22)
 
 enum global {
@@ -500,8 +503,8 @@ static const struct {
 };
 enum { N_GLOBALS = sizeof globals / sizeof *globals };
 
-/* Globals that are refused with a specific message. Without a name, the module and all below it are
- * meant. */
+/* Globals that are refused with a specific message. name NULL: all of the module and its
+ * submodules. */
 static const struct {
     const char *module, *name, *why;
 } refused[] = {
@@ -530,7 +533,8 @@ static spin_status refuse_global(const struct machine *m, const char *module, co
             why = refused[i].why;
     }
     return spin_unsupported("cannot read '%s': it refers to '%s.%s', which is %s", m->what,
-                            shown(module, strlen(module), a), shown(name, strlen(name), b), why);
+                            printable(module, strlen(module), a), printable(name, strlen(name), b),
+                            why);
 }
 
 static spin_status push_global(struct machine *m, const char *module, const char *name)
@@ -546,7 +550,7 @@ static spin_status push_global(struct machine *m, const char *module, const char
         snprintf(full, sizeof full, "%s.%s", module, name);
         SPIN_TRY(copy_text(m, full, strlen(full), &node->v.text));
         node->v.n = 0;
-        return push(m, &node->v);
+        return push_value(m, &node->v);
     }
     return refuse_global(m, module, name);
 }
@@ -558,10 +562,10 @@ static spin_status read_line(struct machine *m, char out[128])
     size_t n;
 
     if (!end)
-        return bad(m, "cut short");
+        return fail_malformed(m, "cut short");
     n = (size_t)(end - m->p);
     if (n >= 128 || memchr(m->p, '\0', n))
-        return bad(m, "a global with an invalid name");
+        return fail_malformed(m, "a global with an invalid name");
     memcpy(out, m->p, n);
     out[n] = '\0';
     m->p = end + 1;
@@ -581,12 +585,12 @@ static spin_status op_stack_global(struct machine *m)
 {
     struct spin_value *name, *module;
 
-    SPIN_TRY(need(m, 2));
-    name = pop(m);
-    module = pop(m);
+    SPIN_TRY(need_values(m, 2));
+    name = pop_value(m);
+    module = pop_value(m);
     if (name->kind != SPIN_VALUE_TEXT || module->kind != SPIN_VALUE_TEXT || name->n >= 128 ||
         module->n >= 128 || strlen(name->text) != name->n || strlen(module->text) != module->n)
-        return bad(m, "a global with an invalid name");
+        return fail_malformed(m, "a global with an invalid name");
     return push_global(m, module->text, name->text);
 }
 
@@ -618,7 +622,7 @@ static bool is_key(const struct spin_value *v)
     return true;
 }
 
-/* In very old files, a view (key, offset, size) shifts where a tensor begins. */
+/* A view (key, offset, size), which very old files contain, shifts the start of a tensor. */
 static spin_status read_view(struct machine *m, const struct spin_value *view,
                              struct spin_array *out)
 {
@@ -629,12 +633,13 @@ static spin_status read_view(struct machine *m, const struct spin_value *view,
     if (view->kind != SPIN_VALUE_TUPLE || view->n != 3 || !count_of(view->item[1], &offset) ||
         !count_of(view->item[2], &size) || offset > out->storage_count ||
         size > out->storage_count - offset)
-        return bad(m, "a view outside its storage");
+        return fail_malformed(m, "a view outside its storage");
     out->offset = offset;
     return SPIN_OK;
 }
 
-/* ('storage', type, key, location, count) and, in legacy streams, a view. */
+/* Convert a persistent id, ('storage', type, key, location, count) and in legacy streams a view, to
+ * a storage. */
 static spin_status op_persistent_id(struct machine *m)
 {
     struct spin_value *id;
@@ -643,19 +648,19 @@ static spin_status op_persistent_id(struct machine *m)
     uint64_t count, bytes;
     int type;
 
-    SPIN_TRY(need(m, 1));
-    id = pop(m);
+    SPIN_TRY(need_values(m, 1));
+    id = pop_value(m);
     if (id->kind != SPIN_VALUE_TUPLE || id->n < 5 || id->n > 6 ||
         id->item[0]->kind != SPIN_VALUE_TEXT || strcmp(id->item[0]->text, "storage") != 0)
-        return bad(m, "a persistent id that is not a storage");
+        return fail_malformed(m, "a persistent id that is not a storage");
     if (!is_global(id->item[1], G_STORAGE))
-        return bad(m, "a storage of unknown type");
+        return fail_malformed(m, "a storage of unknown type");
     if (!is_key(id->item[2]))
-        return bad(m, "a storage whose key is not a number");
+        return fail_malformed(m, "a storage whose key is not a number");
     type = node_of(id->item[1])->id;
     if (!count_of(id->item[4], &count) ||
         __builtin_mul_overflow(count, (uint64_t)globals[type].item_size, &bytes))
-        return bad(m, "a storage with an impossible count");
+        return fail_malformed(m, "a storage with an impossible count");
     SPIN_TRY(
         room_for(m, (void **)&m->storage, m->n_storages, &m->storage_capacity, sizeof *m->storage));
     row = &m->storage[m->n_storages++];
@@ -671,7 +676,7 @@ static spin_status op_persistent_id(struct machine *m)
     node->v.tensor.storage = row->key;
     if (id->n == 6)
         SPIN_TRY(read_view(m, id->item[5], &node->v.tensor));
-    return push(m, &node->v);
+    return push_value(m, &node->v);
 }
 
 /* Check that every element lies in the storage, and limit their number. */
@@ -689,16 +694,16 @@ static spin_status check_tensor(const struct machine *m, struct spin_array *t)
         if (__builtin_mul_overflow(t->count, t->shape[i], &t->count) ||
             __builtin_mul_overflow(t->shape[i] - 1, (uint64_t)t->stride[i], &reach) ||
             __builtin_add_overflow(last, reach, &last))
-            return bad(m, "a tensor whose size overflows");
+            return fail_malformed(m, "a tensor whose size overflows");
     }
     if (last >= t->storage_count)
-        return bad(m, "a tensor that reaches beyond its storage");
+        return fail_malformed(m, "a tensor that reaches beyond its storage");
     if (t->count > t->storage_count && t->count > MAX_REPEATED)
-        return bad(m, "a tensor that repeats its elements too often");
+        return fail_malformed(m, "a tensor that repeats its elements too often");
     return SPIN_OK;
 }
 
-/* (storage, offset, sizes, strides, ...) */
+/* args: (storage, offset, sizes, strides, ...) */
 static spin_status make_tensor(struct machine *m, const struct spin_value *args)
 {
     const struct spin_value *sizes, *strides;
@@ -707,27 +712,27 @@ static spin_status make_tensor(struct machine *m, const struct spin_value *args)
     uint64_t offset, value;
 
     if (args->n < 4 || node_of(args->item[0])->role != STORAGE || !count_of(args->item[1], &offset))
-        return bad(m, "a tensor without a storage");
+        return fail_malformed(m, "a tensor without a storage");
     sizes = args->item[2];
     strides = args->item[3];
     if (!spin_value_is_sequence(sizes) || !spin_value_is_sequence(strides) ||
         sizes->n != strides->n)
-        return bad(m, "a tensor whose sizes and strides do not match");
+        return fail_malformed(m, "a tensor whose sizes and strides do not match");
     if (sizes->n > SPIN_NPY_MAX_DIMS)
         return fail_at(m, SPIN_E_UNSUPPORTED, "a tensor of more than 8 dimensions");
     SPIN_TRY(new_node(m, SPIN_VALUE_TENSOR, PLAIN, &node));
     t = &node->v.tensor;
     *t = args->item[0]->tensor;
     if (__builtin_add_overflow(t->offset, offset, &t->offset))
-        return bad(m, "a tensor that reaches beyond its storage");
+        return fail_malformed(m, "a tensor that reaches beyond its storage");
     t->n_dims = (int)sizes->n;
     for (size_t i = 0; i < sizes->n; i++) {
         if (!count_of(sizes->item[i], &t->shape[i]) || !count_of(strides->item[i], &value))
-            return bad(m, "a tensor with an invalid shape");
+            return fail_malformed(m, "a tensor with an invalid shape");
         t->stride[i] = (int64_t)value;
     }
     SPIN_TRY(check_tensor(m, t));
-    return push(m, &node->v);
+    return push_value(m, &node->v);
 }
 
 /* ---- NumPy ---------------------------------------------------------------------------------- */
@@ -741,14 +746,14 @@ static spin_status make_dtype(struct machine *m, const struct spin_value *args)
     char name[100];
 
     if (!code)
-        return bad(m, "a numpy dtype without a name");
+        return fail_malformed(m, "a numpy dtype without a name");
     if (!spin_array_set_type(&type, code))
         return spin_unsupported("cannot read '%s': numpy dtype '%s' is not a plain number", m->what,
-                                shown(code, strlen(code), name));
+                                printable(code, strlen(code), name));
     SPIN_TRY(new_node(m, SPIN_VALUE_OBJECT, DTYPE, &node));
     node->v.text = "numpy.dtype";
     node->v.tensor = type;
-    return push(m, &node->v);
+    return push_value(m, &node->v);
 }
 
 static spin_status build_dtype(struct machine *m, struct spin_value *dtype,
@@ -757,7 +762,7 @@ static spin_status build_dtype(struct machine *m, struct spin_value *dtype,
     const char *order = spin_value_text(spin_value_at(state, 1));
 
     if (!order || strlen(order) != 1 || !strchr("<>|=", order[0]))
-        return bad(m, "a numpy dtype without a byte order");
+        return fail_malformed(m, "a numpy dtype without a byte order");
     dtype->tensor.big_endian = order[0] == '>' && dtype->tensor.item_size > 1;
     return SPIN_OK;
 }
@@ -771,7 +776,7 @@ static spin_status fill_array(struct machine *m, struct spin_array *t, struct sp
 
     if (node_of(dtype)->role != DTYPE || !spin_value_is_sequence(shape) ||
         shape->n > SPIN_NPY_MAX_DIMS || raw->kind != SPIN_VALUE_BYTES)
-        return bad(m, "a numpy array that does not consist of shape, dtype and bytes");
+        return fail_malformed(m, "a numpy array that does not consist of shape, dtype and bytes");
     *t = (struct spin_array){.kind = dtype->tensor.kind,
                              .item_size = dtype->tensor.item_size,
                              .big_endian = dtype->tensor.big_endian,
@@ -780,27 +785,27 @@ static spin_status fill_array(struct machine *m, struct spin_array *t, struct sp
     t->storage_count = raw->n / (size_t)t->item_size;
     for (size_t i = 0; i < shape->n; i++)
         if (!count_of(shape->item[i], &t->shape[i]))
-            return bad(m, "a numpy array with an invalid shape");
+            return fail_malformed(m, "a numpy array with an invalid shape");
     for (int k = 0; k < t->n_dims; k++) {
         int i = fortran ? k : t->n_dims - 1 - k;
 
         t->stride[i] = (int64_t)stride;
         if (__builtin_mul_overflow(stride, t->shape[i] ? t->shape[i] : 1, &stride) ||
             stride > INT64_MAX)
-            return bad(m, "a numpy array whose size overflows");
+            return fail_malformed(m, "a numpy array whose size overflows");
     }
     SPIN_TRY(check_tensor(m, t));
     if (__builtin_mul_overflow(t->count, (uint64_t)t->item_size, &bytes) || bytes != raw->n)
-        return bad(m, "a numpy array whose shape does not fit its bytes");
+        return fail_malformed(m, "a numpy array whose shape does not fit its bytes");
     return SPIN_OK;
 }
 
-/* BUILD (version, shape, dtype, is_fortran, bytes). */
+/* BUILD of an array with state (version, shape, dtype, is_fortran, bytes). */
 static spin_status build_array(struct machine *m, struct spin_value *array,
                                const struct spin_value *state)
 {
     if (state->kind != SPIN_VALUE_TUPLE || state->n != 5 || state->item[3]->kind != SPIN_VALUE_BOOL)
-        return bad(m, "a numpy array of an unknown form");
+        return fail_malformed(m, "a numpy array of an unknown form");
     SPIN_TRY(fill_array(m, &array->tensor, state->item[2], state->item[1],
                         state->item[3]->integer != 0, state->item[4]));
     node_of(array)->role = PLAIN;
@@ -813,11 +818,11 @@ static spin_status make_unfilled(struct machine *m, const struct spin_value *arg
     struct node *node;
 
     if (args->n != 3 || !is_global(args->item[0], G_NDARRAY))
-        return bad(m, "a numpy array of an unknown form");
+        return fail_malformed(m, "a numpy array of an unknown form");
     SPIN_TRY(new_node(m, SPIN_VALUE_TENSOR, UNFILLED, &node));
     node->v.tensor = (struct spin_array){
         .kind = 'f', .item_size = 4, .n_dims = 1, .stride = {1}, .data = (const unsigned char *)""};
-    return push(m, &node->v);
+    return push_value(m, &node->v);
 }
 
 /* _frombuffer(bytes, dtype, shape, order). */
@@ -827,11 +832,11 @@ static spin_status make_from_buffer(struct machine *m, const struct spin_value *
     struct node *node;
 
     if (!order || (strcmp(order, "C") != 0 && strcmp(order, "F") != 0))
-        return bad(m, "a numpy array of an unknown form");
+        return fail_malformed(m, "a numpy array of an unknown form");
     SPIN_TRY(new_node(m, SPIN_VALUE_TENSOR, PLAIN, &node));
     SPIN_TRY(fill_array(m, &node->v.tensor, args->item[1], args->item[2], order[0] == 'F',
                         args->item[0]));
-    return push(m, &node->v);
+    return push_value(m, &node->v);
 }
 
 /* Convert scalar(dtype, bytes) to a plain number. */
@@ -844,7 +849,7 @@ static spin_status make_scalar(struct machine *m, const struct spin_value *args)
     double number;
 
     if (args->n != 2)
-        return bad(m, "a numpy number of an unknown form");
+        return fail_malformed(m, "a numpy number of an unknown form");
     none.kind = SPIN_VALUE_TUPLE;
     SPIN_TRY(fill_array(m, &t, args->item[0], &none, false, args->item[1]));
     spin_array_to_i64(&t, 0, 1, &integer);
@@ -852,14 +857,14 @@ static spin_status make_scalar(struct machine *m, const struct spin_value *args)
         return push_int(m, integer);
     if (t.kind == 'b')
         return push_constant(m, integer ? &m->yes : &m->no, SPIN_VALUE_BOOL, integer != 0);
-    SPIN_TRY(new_node(m, SPIN_VALUE_TENSOR, PLAIN,
-                      &node)); /* read through a temporary tensor of one element */
+    /* Read the number through a temporary tensor of one element. */
+    SPIN_TRY(new_node(m, SPIN_VALUE_TENSOR, PLAIN, &node));
     node->v.tensor = t;
     spin_value_number(&node->v, &number);
     return push_float(m, number);
 }
 
-/* _codecs.encode(text, 'latin1'), as which protocol 2 writes bytes: code point n is byte n. */
+/* _codecs.encode(text, 'latin1'), which is how protocol 2 stores bytes: code point n is byte n. */
 static spin_status make_encoded(struct machine *m, const struct spin_value *args)
 {
     const char *to = args->n == 2 ? spin_value_text(args->item[1]) : NULL;
@@ -869,8 +874,8 @@ static spin_status make_encoded(struct machine *m, const struct spin_value *args
 
     if (!to || (strcmp(to, "latin1") != 0 && strcmp(to, "latin-1") != 0) ||
         args->item[0]->kind != SPIN_VALUE_TEXT)
-        return bad(m, "bytes in an unknown encoding");
-    SPIN_TRY(take(m, args->item[0]->n + 1, &block));
+        return fail_malformed(m, "bytes in an unknown encoding");
+    SPIN_TRY(allocate_value(m, args->item[0]->n + 1, &block));
     SPIN_TRY(new_node(m, SPIN_VALUE_BYTES, PLAIN, &node));
     out = block;
     for (size_t i = 0; i < args->item[0]->n; i++) {
@@ -882,11 +887,11 @@ static spin_status make_encoded(struct machine *m, const struct spin_value *args
             out[node->v.n++] = (unsigned char)((c[0] & 3) << 6 | (c[1] & 0x3f));
             i++;
         } else {
-            return bad(m, "text to be encoded as bytes is not Latin-1");
+            return fail_malformed(m, "text to be encoded as bytes is not Latin-1");
         }
     }
     node->v.text = block;
-    return push(m, &node->v);
+    return push_value(m, &node->v);
 }
 
 /* ---- REDUCE, NEWOBJ, BUILD ------------------------------------------------------------------ */
@@ -896,17 +901,17 @@ static spin_status make_ordered(struct machine *m, const struct spin_value *args
     struct node *node;
 
     if (args->n > 1 || (args->n == 1 && !spin_value_is_sequence(args->item[0])))
-        return bad(m, "an OrderedDict of an unknown form");
+        return fail_malformed(m, "an OrderedDict of an unknown form");
     SPIN_TRY(new_node(m, SPIN_VALUE_DICT, ORDERED, &node));
     for (size_t i = 0; args->n == 1 && i < args->item[0]->n; i++) {
         const struct spin_value *pair = args->item[0]->item[i];
 
         if (!spin_value_is_sequence(pair) || pair->n != 2)
-            return bad(m, "an OrderedDict of an unknown form");
-        SPIN_TRY(append(m, &node->v, 2 * i, pair->item, 2));
+            return fail_malformed(m, "an OrderedDict of an unknown form");
+        SPIN_TRY(append_pointers(m, &node->v, 2 * i, pair->item, 2));
         node->v.n++;
     }
-    return push(m, &node->v);
+    return push_value(m, &node->v);
 }
 
 static spin_status make_instance(struct machine *m, struct spin_value *of)
@@ -916,10 +921,11 @@ static spin_status make_instance(struct machine *m, struct spin_value *of)
     SPIN_TRY(new_node(m, SPIN_VALUE_OBJECT, INSTANCE, &node));
     node->id = node_of(of)->id;
     node->v.text = of->text;
-    return push(m, &node->v);
+    return push_value(m, &node->v);
 }
 
-static spin_status call(struct machine *m, struct spin_value *of, const struct spin_value *args)
+static spin_status call_global(struct machine *m, struct spin_value *of,
+                               const struct spin_value *args)
 {
     char why[160];
 
@@ -929,16 +935,16 @@ static spin_status call(struct machine *m, struct spin_value *of, const struct s
         return make_tensor(m, args);
     case G_PARAMETER:
         if (args->n < 1 || args->item[0]->kind != SPIN_VALUE_TENSOR)
-            return bad(m, "a parameter that is not a tensor");
-        return push(m, args->item[0]);
+            return fail_malformed(m, "a parameter that is not a tensor");
+        return push_value(m, args->item[0]);
     case G_ORDERED_DICT:
         return make_ordered(m, args);
     case G_SIZE:
         if (args->n == 0)
-            return push(m, (struct spin_value *)(uintptr_t)args);
+            return push_value(m, (struct spin_value *)(uintptr_t)args);
         if (args->n != 1 || !spin_value_is_sequence(args->item[0]))
-            return bad(m, "a torch.Size of an unknown form");
-        return push(m, args->item[0]);
+            return fail_malformed(m, "a torch.Size of an unknown form");
+        return push_value(m, args->item[0]);
     case G_SCALAR:
         return make_scalar(m, args);
     case G_RECONSTRUCT:
@@ -960,30 +966,30 @@ static spin_status call(struct machine *m, struct spin_value *of, const struct s
         break;
     }
     snprintf(why, sizeof why, "'%s' is called in an unexpected way", of->text);
-    return bad(m, why);
+    return fail_malformed(m, why);
 }
 
 static spin_status op_reduce(struct machine *m)
 {
     struct spin_value *args, *of;
 
-    SPIN_TRY(need(m, 2));
-    args = pop(m);
-    of = pop(m);
+    SPIN_TRY(need_values(m, 2));
+    args = pop_value(m);
+    of = pop_value(m);
     if (node_of(of)->role != GLOBAL || args->kind != SPIN_VALUE_TUPLE)
-        return bad(m, "a call of a value that is not a function");
-    return call(m, of, args);
+        return fail_malformed(m, "a call of a value that is not a function");
+    return call_global(m, of, args);
 }
 
 static spin_status op_newobj(struct machine *m)
 {
     struct spin_value *args, *of;
 
-    SPIN_TRY(need(m, 2));
-    args = pop(m);
-    of = pop(m);
+    SPIN_TRY(need_values(m, 2));
+    args = pop_value(m);
+    of = pop_value(m);
     if (!is_global(of, G_OBJECT) || args->kind != SPIN_VALUE_TUPLE || args->n != 0)
-        return bad(m, "an object of an unsupported class");
+        return fail_malformed(m, "an object of an unsupported class");
     return make_instance(m, of);
 }
 
@@ -992,26 +998,28 @@ static spin_status op_build(struct machine *m)
     struct spin_value *state, *to;
     void *item;
 
-    SPIN_TRY(need(m, 2));
-    state = pop(m);
+    SPIN_TRY(need_values(m, 2));
+    state = pop_value(m);
     to = m->stack[m->n_stack - 1];
     switch (node_of(to)->role) {
     case ORDERED: /* _metadata of a state_dict(), ignored */
-        return state->kind == SPIN_VALUE_DICT ? SPIN_OK : bad(m, "a dict with an unexpected state");
+        return state->kind == SPIN_VALUE_DICT
+                   ? SPIN_OK
+                   : fail_malformed(m, "a dict with an unexpected state");
     case DTYPE:
         return build_dtype(m, to, state);
     case UNFILLED:
         return build_array(m, to, state);
     case INSTANCE:
         if (state->kind != SPIN_VALUE_DICT)
-            return bad(m, "an object with an unexpected state");
-        SPIN_TRY(take(m, sizeof *to->item, &item));
+            return fail_malformed(m, "an object with an unexpected state");
+        SPIN_TRY(allocate_value(m, sizeof *to->item, &item));
         to->item = item;
         to->item[0] = state;
         to->n = 1;
-        return deepen(m, node_of(to), state);
+        return update_depth(m, node_of(to), state);
     default:
-        return bad(m, "a state for a value without one");
+        return fail_malformed(m, "a state for a value that cannot have one");
     }
 }
 
@@ -1075,7 +1083,7 @@ static spin_status read_uint(struct machine *m, int n, uint64_t *out)
 {
     *out = 0;
     if (m->end - m->p < n)
-        return bad(m, "cut short");
+        return fail_malformed(m, "cut short");
     for (int i = 0; i < n; i++)
         *out |= (uint64_t)m->p[i] << 8 * i;
     m->p += n;
@@ -1089,7 +1097,7 @@ static spin_status read_bytes(struct machine *m, int n_length, const unsigned ch
 
     SPIN_TRY(read_uint(m, n_length, &length));
     if (length > (uint64_t)(m->end - m->p))
-        return bad(m, "a length beyond its end");
+        return fail_malformed(m, "a length beyond its end");
     *p = m->p;
     *n = (size_t)length;
     m->p += length;
@@ -1135,7 +1143,7 @@ static spin_status op_float(struct machine *m)
 
 static spin_status op_tuple(struct machine *m, size_t n)
 {
-    SPIN_TRY(need(m, n));
+    SPIN_TRY(need_values(m, n));
     return make_tuple(m, m->n_stack - n);
 }
 
@@ -1145,7 +1153,7 @@ static spin_status op_pop(struct machine *m)
 
     if (m->n_stack == stack_floor(m))
         return pop_mark(m, &at);
-    (void)pop(m);
+    (void)pop_value(m);
     return SPIN_OK;
 }
 
@@ -1173,11 +1181,11 @@ static spin_status op_frame(struct machine *m)
 
     SPIN_TRY(read_uint(m, 8, &length));
     if (length > (uint64_t)(m->end - m->p))
-        return bad(m, "a length beyond its end");
+        return fail_malformed(m, "a length beyond its end");
     return SPIN_OK;
 }
 
-static spin_status step(struct machine *m, unsigned char op)
+static spin_status execute_opcode(struct machine *m, unsigned char op)
 {
     size_t at = 0;
     char why[80];
@@ -1192,8 +1200,8 @@ static spin_status step(struct machine *m, unsigned char op)
     case POP:
         return op_pop(m);
     case DUP:
-        SPIN_TRY(need(m, 1));
-        return push(m, m->stack[m->n_stack - 1]);
+        SPIN_TRY(need_values(m, 1));
+        return push_value(m, m->stack[m->n_stack - 1]);
     case NONE:
         return push_constant(m, &m->none, SPIN_VALUE_NONE, 0);
     case NEWTRUE:
@@ -1254,10 +1262,10 @@ static spin_status step(struct machine *m, unsigned char op)
     case POP_MARK:
         return pop_mark(m, &m->n_stack);
     case APPEND:
-        SPIN_TRY(need(m, 2));
+        SPIN_TRY(need_values(m, 2));
         return append_items(m, m->n_stack - 1);
     case SETITEM:
-        SPIN_TRY(need(m, 3));
+        SPIN_TRY(need_values(m, 3));
         return set_items(m, m->n_stack - 2);
     case BINPUT:
         return op_memo(m, 1, put_memo);
@@ -1289,26 +1297,26 @@ static spin_status step(struct machine *m, unsigned char op)
 }
 
 /* Read one pickle from m->p up to STOP. */
-static spin_status run(struct machine *m, const struct spin_value **root)
+static spin_status run_pickle(struct machine *m, const struct spin_value **root)
 {
     m->op = m->start = m->p;
     if (m->end - m->p < 2)
-        return bad(m, "cut short");
+        return fail_malformed(m, "cut short");
     if (m->p[0] != PROTO)
-        return bad(m, "it does not begin with a header of protocol 2 to 5");
+        return fail_malformed(m, "it does not begin with a header of protocol 2 to 5");
     m->n_stack = m->n_marks = m->n_memo = m->n_ops = 0;
     for (;;) {
         m->op = m->p;
         if (m->p == m->end)
-            return bad(m, "cut short");
+            return fail_malformed(m, "cut short");
         m->n_ops++;
         m->p++;
         if (*m->op == STOP)
             break;
-        SPIN_TRY(step(m, *m->op));
+        SPIN_TRY(execute_opcode(m, *m->op));
     }
     if (m->n_stack != 1 || m->n_marks != 0)
-        return bad(m, "it does not end with one value");
+        return fail_malformed(m, "it does not end with one value");
     *root = m->stack[0];
     return SPIN_OK;
 }
@@ -1333,13 +1341,13 @@ static spin_status bind_storage(struct machine *m, const struct spin_pickle *pic
 
     m->op = m->p;
     if (!is_key(key))
-        return bad(m, "a storage whose key is not a number");
+        return fail_malformed(m, "a storage whose key is not a number");
     s = (struct spin_storage *)(uintptr_t)spin_pickle_storage(pickle, key->text);
     if (!s)
         return spin_malformed("cannot read '%s': storage '%s' is of unknown type", m->what,
-                              shown(key->text, key->n, name));
+                              printable(key->text, key->n, name));
     if (m->end - m->p < 8)
-        return bad(m, "the storages are cut short");
+        return fail_malformed(m, "the storages are cut short");
     for (int i = 0; i < 8; i++)
         count |= (uint64_t)m->p[i] << 8 * (pickle->big_endian ? 7 - i : i);
     m->p += 8;
@@ -1349,14 +1357,14 @@ static spin_status bind_storage(struct machine *m, const struct spin_pickle *pic
                               (unsigned long long)s->count);
     bytes = count * (uint64_t)s->item_size; /* cannot overflow, see op_persistent_id() */
     if (bytes > (uint64_t)(m->end - m->p))
-        return bad(m, "the storages are cut short");
+        return fail_malformed(m, "the storages are cut short");
     s->data = m->p;
     m->p += bytes;
     return SPIN_OK;
 }
 
-/* The pickles are magic number, version, byte order, the object, and the keys in order; then the
- * data. */
+/* The five pickles are the magic number, the version, the byte order, the object, and the list of
+ * storage keys. The storages follow in the order of that list. */
 static spin_status run_legacy(struct machine *m, struct spin_pickle *out)
 {
     const struct spin_value *version, *system, *keys, *little;
@@ -1364,20 +1372,20 @@ static spin_status run_legacy(struct machine *m, struct spin_pickle *out)
     if (!spin_pickle_is_legacy(m->p, (size_t)(m->end - m->p)))
         return spin_malformed("cannot read '%s': not a torch.save stream", m->what);
     m->p += sizeof legacy_magic;
-    SPIN_TRY(run(m, &version));
+    SPIN_TRY(run_pickle(m, &version));
     if (version->kind != SPIN_VALUE_INT || version->integer != 1001)
         return fail_at(m, SPIN_E_UNSUPPORTED, "a torch.save stream that is not of version 1001");
-    SPIN_TRY(run(m, &system));
+    SPIN_TRY(run_pickle(m, &system));
     little = spin_value_get(system, "little_endian");
     if (!little || little->kind != SPIN_VALUE_BOOL)
-        return bad(m, "the byte order is missing");
+        return fail_malformed(m, "the byte order is missing");
     out->big_endian = !little->integer;
     m->n_storages = 0;
-    SPIN_TRY(run(m, &out->root));
+    SPIN_TRY(run_pickle(m, &out->root));
     SPIN_TRY(keep_storages(m, out));
-    SPIN_TRY(run(m, &keys));
+    SPIN_TRY(run_pickle(m, &keys));
     if (keys->kind != SPIN_VALUE_LIST)
-        return bad(m, "no list of storages");
+        return fail_malformed(m, "the list of storages is missing");
     for (size_t i = 0; i < keys->n; i++)
         SPIN_TRY(bind_storage(m, out, keys->item[i]));
     for (size_t i = 0; i < out->n_storages; i++)
@@ -1396,19 +1404,19 @@ static spin_status load_from_bytes(struct machine *m, const struct spin_value *a
     struct node *node;
 
     if (args->n != 1 || args->item[0]->kind != SPIN_VALUE_BYTES)
-        return bad(m, "a storage that is not made of bytes");
+        return fail_malformed(m, "a storage that is not made of bytes");
     if (inner.level > 1)
-        return bad(m, "a stream inside a stream inside a pickle");
+        return fail_malformed(m, "a stream inside a stream inside a pickle");
     inner.start = inner.op = inner.p = (const unsigned char *)args->item[0]->text;
     inner.end = inner.p + args->item[0]->n;
     inner.budget = m->budget;
     status = run_legacy(&inner, &stream);
     m->budget = inner.budget;
-    release(&inner);
+    free_machine(&inner);
     SPIN_TRY(status);
     if (stream.root->kind != SPIN_VALUE_OBJECT ||
         node_of((struct spin_value *)(uintptr_t)stream.root)->role != STORAGE)
-        return bad(m, "a stream that does not hold one storage");
+        return fail_malformed(m, "a stream that does not consist of one storage");
     s = spin_pickle_storage(&stream, stream.root->tensor.storage);
     SPIN_TRY(new_node(m, SPIN_VALUE_OBJECT, STORAGE, &node));
     node->v.text = stream.root->text;
@@ -1416,13 +1424,13 @@ static spin_status load_from_bytes(struct machine *m, const struct spin_value *a
     node->v.tensor.storage = NULL;
     node->v.tensor.data = s->data;
     node->v.tensor.big_endian = stream.big_endian && s->item_size > 1;
-    return push(m, &node->v);
+    return push_value(m, &node->v);
 }
 
 /* ---- Parsing -------------------------------------------------------------------------------- */
 
-static spin_status parse(const char *what, const unsigned char *bytes, size_t n, bool legacy,
-                         struct spin_pickle *out)
+static spin_status parse_input(const char *what, const unsigned char *bytes, size_t n, bool legacy,
+                               struct spin_pickle *out)
 {
     struct machine m = {.what = what,
                         .start = bytes,
@@ -1434,16 +1442,16 @@ static spin_status parse(const char *what, const unsigned char *bytes, size_t n,
 
     memset(out, 0, sizeof *out);
     if (legacy) {
-        m.budget = BUDGET; /* the rest of the input is storages, which are not copied */
+        m.budget = BUDGET; /* most of the input is storages, which are not copied */
         SPIN_TRY_OUT(run_legacy(&m, out));
     } else {
         m.budget = n < SIZE_MAX - BUDGET ? BUDGET + n : BUDGET;
-        SPIN_TRY_OUT(run(&m, &out->root));
+        SPIN_TRY_OUT(run_pickle(&m, &out->root));
         SPIN_TRY_OUT(keep_storages(&m, out));
     }
     out->used = (size_t)(m.p - bytes);
 out:
-    release(&m);
+    free_machine(&m);
     if (status != SPIN_OK)
         spin_pickle_free(out);
     return status;
@@ -1452,13 +1460,13 @@ out:
 spin_status spin_pickle_parse(const char *what, const unsigned char *bytes, size_t n,
                               struct spin_pickle *out)
 {
-    return parse(what, bytes, n, false, out);
+    return parse_input(what, bytes, n, false, out);
 }
 
 spin_status spin_pickle_parse_legacy(const char *what, const unsigned char *bytes, size_t n,
                                      struct spin_pickle *out)
 {
-    return parse(what, bytes, n, true, out);
+    return parse_input(what, bytes, n, true, out);
 }
 
 /* ---- Looking up values ---------------------------------------------------------------------- */
@@ -1486,7 +1494,7 @@ bool spin_value_is_sequence(const struct spin_value *v)
     return v->kind == SPIN_VALUE_TUPLE || v->kind == SPIN_VALUE_LIST;
 }
 
-/* Of equal keys the last one wins, as in Python. */
+/* If a key occurs several times, the last value is returned, as in Python. */
 const struct spin_value *spin_value_get(const struct spin_value *dict, const char *key)
 {
     if (!dict || dict->kind != SPIN_VALUE_DICT)

@@ -1,8 +1,8 @@
 /* PLY: a text header, then the records of each element, as text or packed in either byte order.
  *
  * The header is parsed line by line, since comments may contain anything. Binary records stay in
- * the map and are addressed by offset; text is converted to numbers once, on opening. Nothing is
- * allocated for a count before the file is known to contain as many bytes. */
+ * the map and are addressed by offset; text is converted to numbers once, on opening. Before memory
+ * is allocated for a count, the count is compared with the size of the file. */
 #include "io/ply.h"
 
 #include <assert.h>
@@ -293,8 +293,8 @@ static double load_value(const unsigned char *at, enum spin_ply_type type, bool 
     }
 }
 
-/* Size of property p at `at`, of which `left` bytes remain in the file; false if it does not
- * fit. */
+/* Size of the value of property p at `at`; false if it exceeds the `left` bytes that remain in the
+ * file. */
 static bool property_bytes(const struct spin_ply *ply, const struct spin_ply_property *p,
                            const unsigned char *at, uint64_t left, uint64_t *out)
 {
@@ -427,7 +427,7 @@ static spin_status read_text(struct spin_ply *ply, uint64_t first)
         struct spin_ply_element *e = &ply->element[i];
         uint64_t n;
 
-        /* A value takes at least a digit and a separator. */
+        /* A value occupies at least two bytes: a digit and a separator. */
         if (__builtin_mul_overflow(e->count, (uint64_t)e->n_properties, &n) ||
             __builtin_add_overflow(n_values, n, &n_values) || n_values > left / 2 + 1)
             return spin_malformed("'%s': cut short: element '%s' has %llu records of %zu values, "

@@ -16,10 +16,10 @@ enum spin_ply_type {
 
 struct spin_ply_property {
     char name[64];
-    enum spin_ply_type type; /* of the values */
+    enum spin_ply_type type; /* type of the value, or of the items of a list */
     bool is_list;
-    enum spin_ply_type count_type; /* of lists */
-    size_t offset;                 /* within a record, if no list precedes it */
+    enum spin_ply_type count_type; /* lists only: type of their counts */
+    size_t offset; /* bytes from the start of a record; only if no list precedes the property */
 };
 
 struct spin_ply_element {
@@ -28,8 +28,8 @@ struct spin_ply_element {
     struct spin_ply_property *property;
     size_t n_properties;
     bool has_list;
-    size_t stride;        /* bytes of a record, if it has no lists */
-    uint64_t data_offset; /* of the first record in the file (binary only) */
+    size_t stride;        /* bytes of a record; only if it has no lists */
+    uint64_t data_offset; /* position of the first record in the file (binary only) */
 };
 
 struct spin_ply {
@@ -40,22 +40,23 @@ struct spin_ply {
     size_t n_elements;
     char **comment; /* [n_comments] without the keyword "comment" */
     size_t n_comments;
-    uint64_t extra_bytes; /* after the last record */
+    uint64_t extra_bytes; /* number of bytes after the last record */
     double *ascii_values; /* private: [records of all elements][properties] */
     bool borrowed;        /* private: map is owned by the caller */
 };
 
-/* Read the header, and check that the body is as long as it requires. */
+/* Read the header, and check that the body has the length that the header requires. */
 spin_status spin_ply_open(const char *path, struct spin_ply *out);
-/* The same for bytes in memory, which are borrowed until close; `what` names them in messages. */
+/* spin_ply_open() for bytes in memory, which are borrowed until close; `what` names them in
+ * messages. */
 spin_status spin_ply_parse(const char *what, const unsigned char *bytes, size_t n_bytes,
                            struct spin_ply *out);
 void spin_ply_close(struct spin_ply *ply);
-/* The comments that Postshot and Brush write for splats that are to be rendered with antialiasing,
- * and whether a file has either. */
+/* Comments by which Postshot and Brush declare that the splats are to be rendered with
+ * antialiasing. The function returns whether a file contains one of them. */
 #define SPIN_PLY_ANTIALIASED "comment antialiased 1\ncomment SplatRenderMode: mip\n"
 bool spin_ply_is_antialiased(const struct spin_ply *ply);
-/* NULL if there is none. */
+/* The element of this name, or NULL. */
 const struct spin_ply_element *spin_ply_find_element(const struct spin_ply *ply, const char *name);
 /* The element 'vertex', with less than 2^32 rows. */
 spin_status spin_ply_vertices(const struct spin_ply *ply, const struct spin_ply_element **out);
@@ -66,8 +67,8 @@ int spin_ply_find(const struct spin_ply_element *e, const char *name);
 void spin_ply_column(const struct spin_ply *ply, const struct spin_ply_element *e, int property,
                      float *out, size_t step);
 
-/* Read several columns in one pass over the records. Use it if most of a record is needed, since
- * each spin_ply_column() traverses the whole file. */
+/* Read several columns in one pass over the records. This is faster if most properties are needed,
+ * since each spin_ply_column() traverses the whole file. */
 struct spin_ply_target {
     int property;
     float *out;

@@ -1,4 +1,4 @@
-/* Communication between ranks, built on the shim, which is loaded only if there are several. */
+/* Communication between ranks through the MPI shim, which is loaded only if there are several. */
 #include "io/ranks.h"
 
 #include <time.h>
@@ -17,10 +17,10 @@ struct notice {
 
 static const struct spin_ranks_shim *shim;
 static int own_rank, n_ranks = 1;
-static bool heard;  /* this rank fails because another did */
-static bool agreed; /* all ranks know of the failure and end by themselves */
-static bool speaker;
-static struct notice last_words;
+static bool heard;               /* this rank fails because another did */
+static bool agreed;              /* all ranks know of the failure and end by themselves */
+static bool speaker;             /* this rank prints the error */
+static struct notice last_words; /* static, since MPI may send it later */
 static uint64_t sent_bytes;
 static double waited_s;
 
@@ -36,15 +36,14 @@ void spin_ranks_spent(uint64_t *bytes, double *seconds)
     *seconds = waited_s;
 }
 
-/* ---- Warnings -----------------------------------------------------------------------------------
- */
+/* ---- Warnings ------------------------------------------------------------------------------- */
 
-/* Warnings of this rank, without duplicates. Rank 0 prints its own immediately, and at the end
- * those that only others had. */
+/* Warnings of this rank, as consecutive NUL-terminated texts without duplicates. Rank 0 prints its
+ * own warnings immediately, and those that only other ranks gave at the end. */
 static char *lines;
 static size_t n_lines_bytes;
 
-static bool is_said(const char *line)
+static bool is_recorded(const char *line)
 {
     for (const char *at = lines; at && at < lines + n_lines_bytes; at += strlen(at) + 1)
         if (strcmp(at, line) == 0)
@@ -52,13 +51,14 @@ static bool is_said(const char *line)
     return false;
 }
 
-static bool take_line(const char *line)
+/* The log's sink: returns whether to print the line now. */
+static bool record_warning(const char *line)
 {
     enum { MOST = 1 << 16 };
     size_t n = strlen(line) + 1;
     void *grown;
 
-    if (n_lines_bytes + n > MOST || is_said(line))
+    if (n_lines_bytes + n > MOST || is_recorded(line))
         return own_rank == 0;
     grown = realloc(lines, n_lines_bytes + n);
     if (!grown)
@@ -70,7 +70,7 @@ static bool take_line(const char *line)
 }
 
 /* Rank 0 prints the warnings of the other ranks. */
-static spin_status say_lines(void)
+static spin_status print_other_warnings(void)
 {
     SPIN_FREED uint64_t *bytes = NULL;
     SPIN_FREED char *text = NULL;
@@ -89,7 +89,7 @@ static spin_status say_lines(void)
         }
         SPIN_TRY(spin_ranks_exchange(&m, 1));
         for (size_t at = 0; text && at < bytes[r]; at += strlen(text + at) + 1)
-            if (!is_said(text + at))
+            if (!is_recorded(text + at))
                 spin_warn("%s", text + at);
         free(text);
         text = NULL;
@@ -100,7 +100,7 @@ static spin_status say_lines(void)
 /* ---- Begin ---------------------------------------------------------------------------------- */
 
 /* An integer from the environment that Open MPI, MPICH or Slurm sets for the processes of a job. */
-static int from_environment(const char *const name[3])
+static int read_environment(const char *const name[3])
 {
     for (int i = 0; i < 3; i++) {
         const char *value = getenv(name[i]);
@@ -116,7 +116,7 @@ int spin_ranks_place(void)
     static const char *const place[3] = {"OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK"};
     static const char *const size[3] = {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_NTASKS"};
 
-    return from_environment(size) > 1 ? from_environment(place) : -1;
+    return read_environment(size) > 1 ? read_environment(place) : -1;
 }
 
 spin_status spin_ranks_begin(void)
@@ -125,7 +125,8 @@ spin_status spin_ranks_begin(void)
                                      .override = "SPIN_MPI_SHIM",
                                      .symbol = SPIN_RANKS_SHIM_SYMBOL,
                                      .abi = SPIN_RANKS_SHIM_ABI,
-                                     .lacking = "this process is one of several: the MPI shim",
+                                     .lacking =
+                                         "cannot join the other processes: the shared object",
                                      .debian = "libopenmpi-dev"};
     char why[256] = "";
 
@@ -134,14 +135,13 @@ spin_status spin_ranks_begin(void)
     SPIN_TRY(spin_shim_need(&where, (const void **)&shim));
     if (!shim->start(&own_rank, &n_ranks, why, sizeof why))
         return spin_unsupported("cannot join the other processes: %s", why);
-    if (n_ranks ==
-        1) /* otherwise each process would do all the work, and overwrite the others' files */
-        return spin_unsupported(
-            "this process is one of several, but MPI reports only one: spin-mpi.so "
-            "was built with another MPI than that of mpirun");
+    /* Continuing would let each process do all the work and overwrite the others' files. */
+    if (n_ranks == 1)
+        return spin_unsupported("cannot join the other processes: MPI reports only one, so "
+                                "spin-mpi.so was built with another MPI than that of mpirun");
     if (own_rank > 0)
         spin_log_set_level(-1);
-    spin_log_set_sink(take_line);
+    spin_log_set_sink(record_warning);
     return SPIN_OK;
 }
 
@@ -160,7 +160,7 @@ spin_status spin_ranks_listen(void)
 }
 
 /* Wait for the notice of another rank's failure, and return its error. */
-static spin_status fail_as_told(void)
+static spin_status wait_for_notice(void)
 {
     spin_status status;
 
@@ -179,7 +179,7 @@ void spin_ranks_spend(uint64_t bytes, double seconds)
 static spin_status status_of(int end, const char *why)
 {
     if (end == SPIN_RANKS_NOTICE)
-        return fail_as_told();
+        return wait_for_notice();
     return end == SPIN_RANKS_DONE
                ? SPIN_OK
                : spin_fail(SPIN_E_IO, "lost the connection to the other processes: %s", why);
@@ -278,9 +278,10 @@ spin_status spin_ranks_agree(spin_status status)
 
 /* ---- End ------------------------------------------------------------------------------------ */
 
-/* Notify all other ranks of a failure, and wait for a while until each of them has noticed. The
- * lowest rank that failed by itself becomes the speaker. */
-static void part(spin_status status)
+/* Notify all other ranks of a failure, and wait up to patience_s seconds until each of them has
+ * sent a notice too. The lowest rank that did not fail because of another's notice becomes the
+ * speaker. */
+static void notify_failure(spin_status status)
 {
     double until = spin_now_s() + patience_s;
     struct timespec nap = {.tv_nsec = 1000000};
@@ -312,11 +313,11 @@ spin_status spin_ranks_end(spin_status status, bool *speaks)
     if (status == SPIN_OK)
         status = spin_ranks_agree(SPIN_OK);
     if (status == SPIN_OK)
-        status = say_lines();
+        status = print_other_warnings();
     if (status == SPIN_OK || agreed)
         shim->stop();
     else
-        part(status);
+        notify_failure(status);
     *speaks = speaker;
     return status;
 }

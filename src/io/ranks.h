@@ -2,9 +2,9 @@
  * MPI's mpirun or srun, and all make the same calls below in the same order. A process that was
  * started without these is rank 0 of 1: MPI is not loaded, and every call returns immediately.
  *
- * A rank that fails sends the others a notice when its work ends (spin_ranks_end, spin_run.h). A
- * rank that waits for it in one of these calls then fails as well, so that none waits forever. Only
- * the thread that called spin_ranks_begin() may make these calls. */
+ * A rank that fails sends the others a notice when its work ends (spin_ranks_end, spin_run.h).
+ * Ranks that wait for the failed one in these calls then fail as well, instead of waiting forever.
+ * Only the thread that called spin_ranks_begin() may make these calls. */
 #pragma once
 
 #include "spin.h"
@@ -16,7 +16,8 @@ int spin_n_ranks(void);
 /* Send and receive all listed messages concurrently. Messages between two ranks match in list
  * order. */
 spin_status spin_ranks_exchange(const struct spin_message *message, size_t n);
-/* All-reduce: replace at[n], of type SPIN_SUM_..., by its sum, bit-identical on all ranks. */
+/* All-reduce: replace each of the n numbers by its sum, which is bit-identical on all ranks.
+ * kind: SPIN_SUM_... */
 spin_status spin_ranks_sum(void *at, size_t n, int kind);
 /* rows [n][bytes]: rank owner[i] has row i, and all ranks receive it. */
 spin_status spin_ranks_merge(void *rows, size_t n, size_t bytes, const int *owner);
@@ -28,8 +29,8 @@ spin_status spin_ranks_share(void *at, size_t bytes, int from);
  * of the lowest rank that failed. */
 spin_status spin_ranks_agree(spin_status status);
 
-/* Whether, after a failure, all ranks know of it through spin_ranks_agree(), and so can still
- * communicate. */
+/* Whether spin_ranks_agree() has reported a failure to all ranks, so that they can still
+ * communicate. Always true for a single rank. */
 bool spin_ranks_agreed(void);
 
 /* Check for notices without waiting: SPIN_OK, or the error and message of another rank that

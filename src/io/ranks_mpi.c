@@ -1,4 +1,4 @@
-/* The implementation of ranks_shim.h with MPI. One thread makes all calls. */
+/* The implementation of ranks_shim.h with MPI. All calls come from the same thread. */
 #include "io/ranks_shim.h"
 
 #include <mpi.h>
@@ -19,11 +19,11 @@ static int start(int *rank, int *n, char *why, size_t n_why)
     int given;
 
     if (MPI_Init_thread(NULL, NULL, MPI_THREAD_FUNNELED, &given) != MPI_SUCCESS) {
-        snprintf(why, n_why, "MPI fails to initialise");
+        snprintf(why, n_why, "MPI cannot be initialised");
         return 0;
     }
     if (given < MPI_THREAD_FUNNELED) {
-        snprintf(why, n_why, "this MPI does not allow threads");
+        snprintf(why, n_why, "this MPI does not support threads");
         return 0;
     }
     MPI_Comm_set_errhandler(MPI_COMM_WORLD, MPI_ERRORS_RETURN);
@@ -38,7 +38,7 @@ static int start(int *rank, int *n, char *why, size_t n_why)
     return 1;
 }
 
-static int say(int code, char *why, size_t n_why)
+static int fail_mpi(int code, char *why, size_t n_why)
 {
     char text[MPI_MAX_ERROR_STRING];
     int length;
@@ -50,7 +50,7 @@ static int say(int code, char *why, size_t n_why)
 
 static size_t pieces_of(size_t bytes) { return (bytes + piece_bytes - 1) / piece_bytes; }
 
-static int post(const struct spin_message *m, MPI_Request *request, size_t *n)
+static int post_message(const struct spin_message *m, MPI_Request *request, size_t *n)
 {
     for (size_t first = 0; first < m->bytes; first += piece_bytes) {
         size_t left = m->bytes - first;
@@ -68,7 +68,7 @@ static int post(const struct spin_message *m, MPI_Request *request, size_t *n)
     return MPI_SUCCESS;
 }
 
-static int notice_waits(void)
+static int has_notice(void)
 {
     int there = 0;
 
@@ -77,9 +77,9 @@ static int notice_waits(void)
            there;
 }
 
-/* Poll at first, then yield the processor, since ranks may share one. Sleeps grow with the time
- * waited, up to a millisecond. */
-static void pause_a_little(int turn)
+/* Wait between two polls. turn: number of polls so far. After EAGER / 10 polls, yield the
+ * processor, since ranks may share one; after EAGER polls, sleep for 0.05 ms, growing to 1 ms. */
+static void wait_between_polls(int turn)
 {
     int late = turn - EAGER;
     struct timespec nap = {.tv_nsec = late < 380 ? 50000 + 2500 * late : 1000000};
@@ -96,12 +96,12 @@ static int wait_for(MPI_Request *request, size_t n, char *why, size_t n_why)
         int done = 0, code = MPI_Testall((int)n, request, &done, MPI_STATUSES_IGNORE);
 
         if (code != MPI_SUCCESS)
-            return say(code, why, n_why);
+            return fail_mpi(code, why, n_why);
         if (done)
             return SPIN_RANKS_DONE;
-        if (turn > EAGER / 10 && notice_waits())
+        if (turn > EAGER / 10 && has_notice())
             return SPIN_RANKS_NOTICE;
-        pause_a_little(turn);
+        wait_between_polls(turn);
     }
 }
 
@@ -121,8 +121,8 @@ static int exchange(const struct spin_message *message, size_t n, char *why, siz
     for (int receive = 1; receive >= 0; receive--)
         for (size_t i = 0; i < n && code == MPI_SUCCESS; i++)
             if (!message[i].receive == !receive)
-                code = post(&message[i], request, &posted);
-    end = code == MPI_SUCCESS ? wait_for(request, posted, why, n_why) : say(code, why, n_why);
+                code = post_message(&message[i], request, &posted);
+    end = code == MPI_SUCCESS ? wait_for(request, posted, why, n_why) : fail_mpi(code, why, n_why);
     for (size_t i = 0; i < posted && end != SPIN_RANKS_DONE; i++)
         if (request[i] != MPI_REQUEST_NULL) {
             MPI_Cancel(&request[i]);
@@ -132,8 +132,8 @@ static int exchange(const struct spin_message *message, size_t n, char *why, siz
     return end;
 }
 
-/* When a sum is abandoned, MPI may still access `at`: it must not be freed before the process ends,
- * which is soon. */
+/* MPI may still access `at` after a failed sum, so the caller must not free it; the process ends
+ * soon after. */
 static int sum(void *at, size_t n, int kind, char *why, size_t n_why)
 {
     MPI_Datatype type = kind == SPIN_SUM_F32   ? MPI_FLOAT
@@ -147,7 +147,7 @@ static int sum(void *at, size_t n, int kind, char *why, size_t n_why)
         int code = MPI_Iallreduce(MPI_IN_PLACE, (char *)at + first * size, count, type, MPI_SUM,
                                   MPI_COMM_WORLD, &request);
 
-        end = code == MPI_SUCCESS ? wait_for(&request, 1, why, n_why) : say(code, why, n_why);
+        end = code == MPI_SUCCESS ? wait_for(&request, 1, why, n_why) : fail_mpi(code, why, n_why);
         if (end != SPIN_RANKS_DONE)
             return end;
     }

@@ -33,7 +33,7 @@ struct spin_ranks_shim {
     int (*sum)(void *at, size_t n, int kind, char *why, size_t n_why);
     /* Send a notice to all other ranks, at most once, without waiting for its delivery. */
     void (*notify)(void *notice, size_t bytes);
-    /* Receive a notice, and from which rank; returns 0 if there is none. */
+    /* Receive a notice; *from receives the sender's rank. Returns 0 if no notice has arrived. */
     int (*heed)(int *from, void *notice, size_t bytes);
     void (*stop)(void);      /* called by all ranks */
     void (*abort)(int code); /* ends the processes of all ranks */

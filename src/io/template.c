@@ -3,7 +3,7 @@
 
 #include "base/base.h"
 
-/* Where names are looked up: the element of a loop, then what surrounds it. */
+/* Where names are looked up: in the current element, then in the enclosing scopes. */
 struct scope {
     const json_t *value;
     const char *key;
@@ -17,7 +17,7 @@ struct writer {
     bool html;
 };
 
-static const json_t *member(const json_t *value, const char *key)
+static const json_t *find_member(const json_t *value, const char *key)
 {
     return json_is_array(value) ? json_array_get(value, strtoul(key, NULL, 10))
                                 : json_object_get(value, key);
@@ -33,9 +33,9 @@ static const json_t *look_up(const struct scope *scope, const char *path)
     snprintf(copy, sizeof copy, "%s", path);
     key = strsep(&rest, ".");
     for (; scope && !value; scope = scope->up)
-        value = member(scope->value, key);
+        value = find_member(scope->value, key);
     while ((key = strsep(&rest, ".")))
-        value = member(value, key);
+        value = find_member(value, key);
     return value;
 }
 
@@ -74,6 +74,7 @@ static void write_duration(FILE *to, double seconds)
         fprintf(to, "%.1f days", fmin(seconds / 86400, 1e9));
 }
 
+/* format: its first word ends with one of the conversion letters listed in template.h. */
 static void write_number(FILE *to, const char *format, double v)
 {
     char plain[16], bytes[32], *kind;
@@ -128,10 +129,10 @@ static void write_settings(FILE *to, const json_t *j)
     free(text);
 }
 
-/* Expand the text between braces: a name, and after a blank a format. */
-static void write_place(const struct writer *w, const struct scope *scope, char *place)
+/* Expand a placeholder: a name, optionally followed by a blank and a format. */
+static void write_placeholder(const struct writer *w, const struct scope *scope, char *tag)
 {
-    char *format = strchr(place, ' ');
+    char *format = strchr(tag, ' ');
     const char *less = NULL;
     const json_t *j;
 
@@ -139,9 +140,9 @@ static void write_place(const struct writer *w, const struct scope *scope, char 
         *format++ = '\0';
     if (format && !strchr(format, 'N') && (less = strchr(format, ' ')))
         less++;
-    j = look_up(scope, place);
-    if (!strcmp(place, "@") || json_is_string(j))
-        write_text(w, format, *place == '@' ? scope->key : json_string_value(j));
+    j = look_up(scope, tag);
+    if (!strcmp(tag, "@") || json_is_string(j))
+        write_text(w, format, *tag == '@' ? scope->key : json_string_value(j));
     else if (json_is_object(j))
         write_settings(w->to, j);
     else if (json_is_number(j) || json_is_array(j))
@@ -166,7 +167,7 @@ static void short_text(const json_t *j, char text[64])
         snprintf(text, 64, "%s", json_is_string(j) ? json_string_value(j) : "");
 }
 
-/* Whether the value equals a word, or after @ the value of that name. */
+/* Whether the value equals `word`, or if that is "@NAME", the value of NAME. */
 static bool is_same(const json_t *j, const char *word, const struct scope *scope)
 {
     char text[64], other[64];
@@ -179,7 +180,7 @@ static bool is_same(const json_t *j, const char *word, const struct scope *scope
 
 /* Expand a section, starting after its braces; returns the position after its end. */
 static const char *write_section(const struct writer *w, const char *at, const struct scope *scope,
-                                 const char *place, bool shown)
+                                 const char *tag, bool shown)
 {
     char name[128], *word, key[32];
     const char *end = write_part(w, at, scope, false), *member_key;
@@ -187,14 +188,14 @@ static const char *write_section(const struct writer *w, const char *at, const s
     json_t *value;
     bool there;
 
-    snprintf(name, sizeof name, "%s", place + 1);
+    snprintf(name, sizeof name, "%s", tag + 1);
     if ((word = strchr(name, '=')))
         *word++ = '\0';
     j = look_up(scope, name);
     there = word ? is_same(j, word, scope) : is_there(j);
-    if (!shown || there == (*place == '^'))
+    if (!shown || there == (*tag == '^'))
         return end;
-    if (*place == '*') {
+    if (*tag == '*') {
         json_object_foreach((json_t *)(uintptr_t)j, member_key, value)
             write_part(w, at, &(struct scope){value, member_key, scope}, true);
     } else if (json_is_array(j)) {
@@ -215,23 +216,23 @@ static const char *write_part(const struct writer *w, const char *at, const stru
     for (;;) {
         const char *open = strstr(at, "{{"), *close = open ? strstr(open, "}}") : NULL;
         bool raw = open && open[2] == '{';
-        char place[128];
+        char tag[128];
 
         if (shown)
             fwrite(at, 1, close ? (size_t)(open - at) : strlen(at), w->to);
         if (!close)
             return at + strlen(at);
         open += raw ? 3 : 2;
-        snprintf(place, sizeof place, "%.*s", (int)(close - open), open);
+        snprintf(tag, sizeof tag, "%.*s", (int)(close - open), open);
         at = close + (raw ? 3 : 2);
-        if (*place == '/')
+        if (*tag == '/')
             return at;
-        if (strchr("#^*", *place))
-            at = write_section(w, at, scope, place, shown);
-        else if (raw && shown && json_is_string(look_up(scope, place)))
-            fputs(json_string_value(look_up(scope, place)), w->to);
+        if (strchr("#^*", *tag))
+            at = write_section(w, at, scope, tag, shown);
+        else if (raw && shown && json_is_string(look_up(scope, tag)))
+            fputs(json_string_value(look_up(scope, tag)), w->to);
         else if (shown)
-            write_place(w, scope, place);
+            write_placeholder(w, scope, tag);
     }
 }
 

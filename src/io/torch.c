@@ -1,9 +1,9 @@
 /* PyTorch checkpoints: detection of the kind of file, the pickle in it, and the storages of its
  * tensors.
  *
- * The zip form keeps each storage as a member TOP/data/KEY. When it is opened, members are only
- * looked up in the directory, and their sizes compared with the pickle; the moments of the
- * optimiser, two thirds of a checkpoint, are never read. Stored members are used in the map. */
+ * The zip form keeps each storage as a member TOP/data/KEY. Opening a checkpoint only looks up the
+ * members in the directory and compares their sizes with the pickle. The moments of the optimiser,
+ * two thirds of a checkpoint, are never read. Stored members are used in place. */
 #include "io/torch.h"
 
 #include <strings.h>
@@ -12,16 +12,17 @@
 #include "io/xz.h"
 #include "io/zip.h"
 
-/* Limit for data.pkl if it is deflated: it usually has kilobytes, or with tables in it some
- * megabytes. */
+/* Maximum size of a deflated data.pkl in bytes. It usually has kilobytes, or some megabytes if it
+ * contains tables. */
 #define PICKLE_LIMIT ((uint64_t)16 << 20)
 /* Verifying a CRC reads every byte, so it is skipped for larger members. */
 #define CRC_LIMIT ((uint64_t)64 << 20)
 
+/* Where the bytes of a storage are. */
 struct bound {
     const struct spin_zip_member *member;
     const unsigned char *data; /* NULL until a tensor needs it */
-    void *owned;               /* if it was deflated */
+    void *owned;               /* the decompressed block, or NULL */
 };
 
 struct spin_torch_file {
@@ -29,7 +30,7 @@ struct spin_torch_file {
     struct spin_map map; /* legacy streams */
     struct spin_zip zip;
     bool is_zip;
-    bool warned;     /* about a CRC mismatch */
+    bool warned;     /* a CRC mismatch was reported */
     const char *top; /* name of the top folder in the zip, including its slash */
     size_t n_top;
     struct bound *bound; /* [n_storages], in the order of pickle.storage */
@@ -37,7 +38,7 @@ struct spin_torch_file {
 
 /* ---- Other kinds of files ------------------------------------------------------------------- */
 
-static bool begins(const struct spin_map *map, const char *with)
+static bool begins_with(const struct spin_map *map, const char *with)
 {
     size_t n = strlen(with);
 
@@ -60,14 +61,14 @@ static spin_status fail_foreign(const char *path, const struct spin_map *map)
 
     if (map->size == 0)
         what = "the file is empty";
-    else if (begins(map, "<!doctype") || begins(map, "<html"))
+    else if (begins_with(map, "<!doctype") || begins_with(map, "<html"))
         what = "it is an HTML page, not a PyTorch checkpoint: download it again";
     else if (spin_xz_looks_like(p, map->size))
         what = "it is an xz file, not a PyTorch checkpoint";
     else if (map->size >= 2 && p[0] == 0x80 && p[1] >= 2 && p[1] <= 5)
         what = "it is a bare pickle, not a PyTorch checkpoint";
     else if (map->size >= 262 && memcmp(p + 257, "ustar", 5) == 0)
-        what = "it is a tar file, as PyTorch wrote them before 0.1.10";
+        what = "it is a tar file, the unsupported format of PyTorch before 0.1.10";
     else if (is_safetensors(map))
         what = "it is a safetensors file, not a PyTorch checkpoint";
     return spin_unsupported("cannot read '%s': %s", path, what);
@@ -99,7 +100,7 @@ static spin_status find_pickle(struct spin_torch_file *f, const struct spin_zip_
     return SPIN_OK;
 }
 
-/* The part of a member's name after TOP/; NULL if it is elsewhere. */
+/* The part of a member's name after TOP/, or NULL if the name does not begin with TOP/. */
 static const char *below_top(const struct spin_torch_file *f, const char *name)
 {
     return strncmp(name, f->top, f->n_top) == 0 ? name + f->n_top : NULL;
@@ -116,8 +117,8 @@ static const struct spin_zip_member *find_below(const struct spin_torch_file *f,
     return NULL;
 }
 
-/* Read a member's bytes. A CRC mismatch is only a warning, since torch has an option not to compute
- * it. */
+/* Read a member's bytes. A CRC mismatch is only a warning, since torch can be told not to compute
+ * CRCs. */
 static spin_status read_member(struct spin_torch_file *f, const struct spin_zip_member *member,
                                uint64_t limit, const unsigned char **data, void **owned)
 {
@@ -133,7 +134,7 @@ static spin_status read_member(struct spin_torch_file *f, const struct spin_zip_
     return SPIN_OK;
 }
 
-/* Read a small text member without its line end; "" if it does not exist. */
+/* Read the first line of a small text member; "" if the member does not exist. */
 static spin_status read_word(struct spin_torch_file *f, const char *name, char out[32])
 {
     const struct spin_zip_member *member = find_below(f, name);
@@ -161,14 +162,14 @@ static spin_status check_container(struct spin_torch_file *f, bool *big_endian)
         const char *rest = below_top(f, f->zip.member[i].name);
 
         if (rest && (strcmp(rest, "constants.pkl") == 0 || strncmp(rest, "code/", 5) == 0))
-            return spin_unsupported("cannot read '%s': member '%s' says that this is a TorchScript "
-                                    "program, not a checkpoint",
+            return spin_unsupported("cannot read '%s': it is a TorchScript program, not a "
+                                    "checkpoint, since it contains member '%s'",
                                     f->path, f->zip.member[i].name);
     }
     SPIN_TRY(read_word(f, "version", word));
     version = strtol(word, &end, 10);
     if (word[0] && (end == word || *end || version < 1 || version > 10))
-        return spin_unsupported("cannot read '%s': its version is not one of 1 to 10", f->path);
+        return spin_unsupported("cannot read '%s': its version is not between 1 and 10", f->path);
     SPIN_TRY(read_word(f, "byteorder", word));
     *big_endian = strcmp(word, "big") == 0;
     if (word[0] && !*big_endian && strcmp(word, "little") != 0)
@@ -300,13 +301,13 @@ void spin_torch_close(struct spin_torch *torch)
 
 /* ---- Tensors --------------------------------------------------------------------------------- */
 
-static spin_status bind(struct spin_torch *torch, struct spin_array *t)
+static spin_status bind_storage(struct spin_torch *torch, struct spin_array *t)
 {
     const struct spin_storage *s = spin_pickle_storage(&torch->pickle, t->storage);
     struct spin_torch_file *f = torch->file;
     struct bound *b;
 
-    if (!s) /* unreachable: every key in a tensor has its storage */
+    if (!s) /* unreachable: every key comes from a storage in the pickle */
         return spin_malformed("storage '%s' is missing", t->storage);
     t->big_endian = torch->pickle.big_endian && t->item_size > 1;
     if (!f->is_zip || s->count == 0) {
@@ -338,7 +339,7 @@ spin_status spin_torch_tensor(struct spin_torch *torch, const struct spin_value 
     if (v->kind != SPIN_VALUE_TENSOR)
         return spin_malformed("cannot read '%s': '%s' is not a tensor", path, what);
     *out = v->tensor;
-    return out->storage ? bind(torch, out) : SPIN_OK;
+    return out->storage ? bind_storage(torch, out) : SPIN_OK;
 }
 
 spin_status spin_torch_tensor_of(struct spin_torch *torch, const struct spin_value *v,

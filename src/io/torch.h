@@ -20,12 +20,12 @@ void spin_torch_close(struct spin_torch *torch);
  * until the checkpoint is closed. */
 spin_status spin_torch_tensor(struct spin_torch *torch, const struct spin_value *v,
                               const char *what, struct spin_array *out);
-/* The same, with a check of the shape; -1 matches any size. */
+/* spin_torch_tensor() that also checks the shape; -1 matches any size. */
 spin_status spin_torch_tensor_of(struct spin_torch *torch, const struct spin_value *v,
                                  const char *what, int n_dims, const int64_t *shape,
                                  struct spin_array *out);
-/* Drop the pages of the tensor's storage from memory; they are reloaded on access. For large
- * tensors that are read row by row. */
+/* Remove the pages of the tensor's storage from the process's memory (see spin_map_forget()), for
+ * large tensors that are read row by row. */
 void spin_torch_forget(const struct spin_torch *torch, const struct spin_array *t);
 /* A whole tensor as floats, allocated with malloc; NaN and infinities are SPIN_E_MALFORMED. */
 spin_status spin_torch_floats(struct spin_torch *torch, const struct spin_value *v,

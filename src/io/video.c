@@ -10,25 +10,26 @@
 #include "io/video_shim.h"
 
 #define MAX_PIXELS ((int64_t)64 << 20)
-/* A decoder keeps about six frames of 1.5 bytes per pixel: 50 MB at the size of Neural 3D Video.
- * All its 21 cameras may be open at once, since frames are often read camera by camera. */
-#define DECODER_BYTES 9
+/* A decoder keeps about six frames of 1.5 bytes per pixel: 50 MB for a video of the data set Neural
+ * 3D Video. Videos are often read alternately, so OPEN_BYTES lets all 21 videos of that data set
+ * stay open. */
+#define DECODER_BYTES 9 /* per pixel */
 #define OPEN_BYTES ((size_t)1200 << 20)
 
 struct video {
     char *file;
-    struct stat was;             /* at the time of indexing */
+    struct stat was;             /* the file's status when it was indexed */
     struct spin_imprint imprint; /* size 0: not computed yet */
     struct spin_video_index index;
     struct spin_video_stream *stream; /* NULL: closed */
     int64_t at;                       /* frame that the stream decoded last; -1: none */
-    unsigned long used;
+    unsigned long used;               /* value of clock_now at the last use */
 };
 
 static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* protects everything below */
 static const struct spin_video_shim *shim;
-static struct video *
-    *video; /* [n_videos], allocated one by one, since streams point to their indices */
+/* [n_videos]; each is allocated separately, since its stream points to its index. */
+static struct video **video;
 static size_t n_videos;
 static unsigned long clock_now;
 
@@ -90,13 +91,13 @@ static void close_all(void)
 
 spin_status spin_video_start(void)
 {
-    static struct spin_shim where = {.file = "spin-video.so",
-                                     .override = "SPIN_VIDEO_SHIM",
-                                     .symbol = SPIN_VIDEO_SHIM_SYMBOL,
-                                     .abi = SPIN_VIDEO_SHIM_ABI,
-                                     .lacking = "videos need FFmpeg: the shim",
-                                     .debian =
-                                         "libavformat-dev, libavcodec-dev and libswscale-dev"};
+    static struct spin_shim where = {
+        .file = "spin-video.so",
+        .override = "SPIN_VIDEO_SHIM",
+        .symbol = SPIN_VIDEO_SHIM_SYMBOL,
+        .abi = SPIN_VIDEO_SHIM_ABI,
+        .lacking = "videos cannot be read or written: the shared object",
+        .debian = "libavformat-dev, libavcodec-dev and libswscale-dev"};
 
     return spin_shim_need(&where, (const void **)&shim);
 }
@@ -129,7 +130,7 @@ static spin_status add_video(const char *file, struct video **out)
 
     if (!closes)
         closes = atexit(close_all) == 0;
-    SPIN_TRY(spin_map_open(file, &map)); /* reports errors of the file itself */
+    SPIN_TRY(spin_map_open(file, &map)); /* records the file as an input */
     spin_map_close(&map);
     SPIN_TRY_OUT(spin_grow(n_videos + 1, sizeof *video, (void **)&video));
     SPIN_TRY_OUT(spin_alloc(1, sizeof *new, (void **)&new));
@@ -186,8 +187,8 @@ static size_t cost_of(const struct video *v)
     return (size_t)v->index.width * (size_t)v->index.height * DECODER_BYTES;
 }
 
-/* Close the least recently used decoders until there is memory for another. */
-static void make_room(size_t bytes)
+/* Close the least recently used decoders until `bytes` more do not exceed OPEN_BYTES. */
+static void limit_open_streams(size_t bytes)
 {
     for (;;) {
         struct video *oldest = NULL;
@@ -213,13 +214,13 @@ static spin_status open_stream(struct video *v)
     v->used = ++clock_now;
     if (v->stream)
         return SPIN_OK;
-    make_room(cost_of(v));
+    limit_open_streams(cost_of(v));
     result = shim->open(v->file, &v->index, &v->stream);
     v->at = -1;
     return result == SPIN_VIDEO_OK ? SPIN_OK : fail_video(result, v->file);
 }
 
-static spin_status take_info(const char *file, int *width, int *height, int64_t *n_frames,
+static spin_status read_info(const char *file, int *width, int *height, int64_t *n_frames,
                              struct spin_imprint *imprint)
 {
     struct spin_map map;
@@ -245,7 +246,7 @@ spin_status spin_video_info(const char *file, int *width, int *height, int64_t *
     spin_status status;
 
     pthread_mutex_lock(&mutex);
-    status = take_info(file, width, height, n_frames, imprint);
+    status = read_info(file, width, height, n_frames, imprint);
     pthread_mutex_unlock(&mutex);
     return status;
 }
@@ -259,23 +260,23 @@ static int64_t key_before(const struct video *v, int64_t frame)
     return frame;
 }
 
-static spin_status convert(struct video *v, uint8_t *rgb)
+static spin_status convert_frame(struct video *v, uint8_t *rgb)
 {
     enum spin_video_result result = shim->rgb(v->stream, rgb);
 
     return result == SPIN_VIDEO_OK ? SPIN_OK : fail_video(result, v->file);
 }
 
-/* Decode up to the frame, from the current position or the preceding key frame. rgb receives it,
- * and temporarily those that the passer wants. */
-static spin_status go_to(struct video *v, int64_t frame, const struct spin_video_passer *passer,
-                         uint8_t *rgb)
+/* Decode up to the frame, from the current position or the preceding key frame. rgb receives the
+ * frame; before that, it is the buffer for frames that the passer accepts. */
+static spin_status decode_up_to(struct video *v, int64_t frame,
+                                const struct spin_video_passer *passer, uint8_t *rgb)
 {
     int64_t key = key_before(v, frame);
     enum spin_video_result result = SPIN_VIDEO_OK;
 
-    if (v->at == frame) /* decoded last */
-        return convert(v, rgb);
+    if (v->at == frame) /* the decoder still has it */
+        return convert_frame(v, rgb);
     if (v->at < key || v->at > frame) {
         v->at = -1;
         result = shim->seek(v->stream, key);
@@ -286,17 +287,17 @@ static spin_status go_to(struct video *v, int64_t frame, const struct spin_video
         result = shim->next(v->stream, &now);
         if (result != SPIN_VIDEO_OK)
             break;
-        if (now < key) /* displayed before the key frame but coded after it, so its references may
-                          be missing */
+        /* A frame displayed before the key frame but coded after it may lack its references. */
+        if (now < key)
             continue;
         v->at = now;
         if (now == frame)
-            return convert(v, rgb);
+            return convert_frame(v, rgb);
         if (now > frame)
             return spin_malformed("cannot read video '%s': frame %lld cannot be decoded", v->file,
                                   (long long)frame);
         if (passer && passer->wants(passer->context, now)) {
-            SPIN_TRY(convert(v, rgb));
+            SPIN_TRY(convert_frame(v, rgb));
             passer->take(passer->context, now, v->index.width, v->index.height, rgb);
         }
     }
@@ -319,7 +320,7 @@ static spin_status read_frame(const char *file, int64_t frame,
     SPIN_TRY(open_stream(v));
     pixels = (size_t)v->index.width * (size_t)v->index.height;
     SPIN_TRY(spin_alloc(pixels, 3, (void **)rgb));
-    status = go_to(v, frame, passer, *rgb);
+    status = decode_up_to(v, frame, passer, *rgb);
     if (status != SPIN_OK) {
         free(*rgb);
         *rgb = NULL;

@@ -1,39 +1,41 @@
 /* Frames of videos, decoded by FFmpeg, with a C interface. As for images, the code that calls
- * FFmpeg is in a shared object of its own (spin-video.so), which is loaded on first use; a build
- * without FFmpeg lacks it and reports that when a video is read.
+ * FFmpeg is in a shared object of its own (spin-video.so), which is loaded on first use. A build
+ * without FFmpeg does not contain this object; reading a video then fails with a message.
  *
  * A frame of a video is an image with the path "cam00.mp4#12", where 12 is its index from 0 in
  * display order. spin_image_size() and spin_image_read() accept such paths.
  *
- * Decoding starts at a key frame, so a random frame costs up to the distance between two of these.
- * Extracting a whole clip to disk first would take 15 GB and more. Instead, the decoder keeps its
- * position, and offers every frame it passes to the caller, who keeps it while memory lasts: a
- * video that fits in memory is decoded about once, and for others each frame costs at most the
- * distance between key frames. */
+ * Decoding can only start at a key frame, so that reading a random frame may decode all frames
+ * between two key frames. Extracting all frames of a clip to disk first would take 15 GB and more.
+ * Instead, the decoder keeps its position between calls, and passes all frames that it decodes to
+ * the caller, which caches as many as fit in memory. A video whose frames all fit is decoded about
+ * once. */
 #pragma once
 
 #include "io/file.h"
 
 /* Parse "cam00.mp4#12" to the length of the file name and the index. Accepts .mp4, .mov, .m4v, .mkv
- * and .webm; also .avi, whose frames have no times, in order to refuse it with a message. */
+ * and .webm; also .avi, so that reading it can fail with a message: its frames have no
+ * timestamps. */
 bool spin_video_path(const char *path, size_t *n_file, int64_t *frame);
 /* Whether the name has the extension of a video. */
 bool spin_video_is_name(const char *name);
 
 /* Load the shim now. Errors state what to install. */
 spin_status spin_video_start(void);
-/* The same; *shim receives its table. */
+/* spin_video_start(); *shim receives the shim's table of functions. */
 struct spin_video_shim;
 spin_status spin_video_shim(const struct spin_video_shim **shim);
 
-/* Size and number of frames of a video file, from its packets, without decoding. `imprint`, or
- * NULL: of the whole file, computed once and cached until the file changes. */
+/* Size and number of frames of a video file, from its packets, without decoding. The digest
+ * of the whole file is cached until the file changes; the argument for it may be NULL. */
 spin_status spin_video_info(const char *file, int *width, int *height, int64_t *n_frames,
                             struct spin_imprint *imprint);
 
 /* Receives the frames that are decoded before the one requested. */
 struct spin_video_passer {
     void *context;
+    /* Whether to convert this frame and pass it to take(). */
     bool (*wants)(void *context, int64_t frame);
     /* Interleaved 8-bit RGB [height][width][3], borrowed. */
     void (*take)(void *context, int64_t frame, int width, int height, const uint8_t *rgb);

@@ -24,7 +24,7 @@ static const char *format_of(const char *path)
     return dot && strcasecmp(dot, ".webm") == 0 ? "webm" : NULL;
 }
 
-static void release(struct spin_video_out *v)
+static void free_writer(struct spin_video_out *v)
 {
     if (v->writer)
         shim->encoder->close(v->writer);
@@ -68,7 +68,7 @@ spin_status spin_video_create(const char *path, bool force, bool sync, int width
     *out = v;
     return SPIN_OK;
 out:
-    release(v);
+    free_writer(v);
     return status;
 }
 
@@ -98,7 +98,7 @@ spin_status spin_video_commit(struct spin_video_out *v)
     } else {
         status = spin_out_commit(&v->out);
     }
-    release(v);
+    free_writer(v);
     return status;
 }
 
@@ -109,5 +109,5 @@ void spin_video_abandon(struct spin_video_out *v)
     shim->encoder->close(v->writer);
     v->writer = NULL;
     spin_out_abandon(&v->out);
-    release(v);
+    free_writer(v);
 }

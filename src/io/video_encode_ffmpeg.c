@@ -17,9 +17,10 @@ struct spin_video_writer {
     AVFrame *frame;
     AVPacket *packet;
     struct SwsContext *scale;
-    /* [height][width][3] of the coded size, if a side of the images is odd. */
+    /* The image with its sides padded to even sizes, [height][width][3]; NULL if the sides are
+     * even. */
     uint8_t *even;
-    int width, height; /* of the input images */
+    int width, height; /* size of the input images */
     int64_t next;
 };
 
@@ -28,7 +29,7 @@ static enum spin_video_result fail(int error, const char *what)
     return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, what);
 }
 
-static const AVCodec *choose(const char *format)
+static const AVCodec *choose_encoder(const char *format)
 {
     static const char *const mp4[] = {"libx264", "mpeg4", NULL};
     static const char *const webm[] = {"libvpx-vp9", "libvpx", NULL};
@@ -50,6 +51,7 @@ static void set_quality(AVCodecContext *c, int quality)
         c->global_quality = FF_QP2LAMBDA * (1 + quality * 30 / 51);
         return;
     }
+    /* Names of VP8 and VP9 encoders begin with "libv". */
     snprintf(crf, sizeof crf, "%d", c->codec->name[3] == 'v' ? 4 + quality : quality);
     av_opt_set(c->priv_data, "crf", crf, 0);
     if (c->codec->name[3] == 'v')
@@ -123,7 +125,7 @@ static int open_frame(struct spin_video_writer *w)
     }
     w->scale = sws_getContext(c->width, c->height, AV_PIX_FMT_RGB24, c->width, c->height,
                               c->pix_fmt, SWS_BICUBIC | SWS_ACCURATE_RND, NULL, NULL, NULL);
-    if (!w->scale) /* both formats are supported, so memory ran out */
+    if (!w->scale) /* out of memory, since both pixel formats are supported */
         return AVERROR(ENOMEM);
     sws_setColorspaceDetails(w->scale, sws_getCoefficients(SWS_CS_ITU709), 1,
                              sws_getCoefficients(SWS_CS_ITU709), 0, 0, 1 << 16, 1 << 16);
@@ -135,7 +137,7 @@ static enum spin_video_result video_open(const char *path, const char *format, i
                                          struct spin_video_writer **out, const char **name)
 {
     struct spin_video_writer *w = calloc(1, sizeof *w);
-    const AVCodec *codec = choose(format);
+    const AVCodec *codec = choose_encoder(format);
     AVDictionary *options = NULL;
     int error;
 
@@ -143,7 +145,8 @@ static enum spin_video_result video_open(const char *path, const char *format, i
     if (!w || !codec) {
         free(w);
         return fail(w ? 0 : AVERROR(ENOMEM),
-                    w ? "this FFmpeg has no encoder for the format" : "cannot start encoding");
+                    w ? "the installed FFmpeg has no encoder for this format"
+                      : "cannot start encoding");
     }
     w->width = width;
     w->height = height;
@@ -155,7 +158,7 @@ static enum spin_video_result video_open(const char *path, const char *format, i
     if (error >= 0)
         error = avio_open(&w->file->pb, path, AVIO_FLAG_WRITE);
     if (error >= 0) {
-        w->file->flags |= AVFMT_FLAG_BITEXACT; /* no date, no version */
+        w->file->flags |= AVFMT_FLAG_BITEXACT; /* write neither date nor version */
         error = avformat_write_header(w->file, &options);
     }
     av_dict_free(&options);
@@ -169,7 +172,7 @@ static enum spin_video_result video_open(const char *path, const char *format, i
 }
 
 /* Write all packets that the encoder has ready. */
-static int drain(struct spin_video_writer *w)
+static int write_packets(struct spin_video_writer *w)
 {
     for (;;) {
         int error = avcodec_receive_packet(w->codec, w->packet);
@@ -187,8 +190,8 @@ static int drain(struct spin_video_writer *w)
     }
 }
 
-/* For odd sizes, repeat the last column and row. */
-static const uint8_t *make_even(struct spin_video_writer *w, const uint8_t *rgb)
+/* If the width or height is odd, repeat the last column or row. */
+static const uint8_t *pad_to_even(struct spin_video_writer *w, const uint8_t *rgb)
 {
     size_t to = 3 * (size_t)w->codec->width, from = 3 * (size_t)w->width;
 
@@ -207,7 +210,7 @@ static const uint8_t *make_even(struct spin_video_writer *w, const uint8_t *rgb)
 
 static enum spin_video_result video_put(struct spin_video_writer *w, const uint8_t *rgb)
 {
-    const uint8_t *planes[4] = {make_even(w, rgb), NULL, NULL, NULL};
+    const uint8_t *planes[4] = {pad_to_even(w, rgb), NULL, NULL, NULL};
     int lines[4] = {3 * w->codec->width, 0, 0, 0};
     int error = av_frame_make_writable(w->frame);
 
@@ -220,7 +223,7 @@ static enum spin_video_result video_put(struct spin_video_writer *w, const uint8
     if (error >= 0)
         error = avcodec_send_frame(w->codec, w->frame);
     if (error >= 0)
-        error = drain(w);
+        error = write_packets(w);
     return error < 0 ? fail(error, "cannot write a frame") : SPIN_VIDEO_OK;
 }
 
@@ -229,7 +232,7 @@ static enum spin_video_result video_end(struct spin_video_writer *w)
     int error = avcodec_send_frame(w->codec, NULL);
 
     if (error >= 0)
-        error = drain(w);
+        error = write_packets(w);
     if (error >= 0)
         error = av_write_trailer(w->file);
     if (error >= 0)

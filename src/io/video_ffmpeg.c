@@ -19,13 +19,13 @@ struct spin_video_stream {
     AVFrame *frame;
     struct SwsContext *scale;
     const struct spin_video_index *index;
-    int place; /* index of the stream in the file */
+    int stream_index; /* index of the stream in the file */
     int draining;
 };
 
-static _Thread_local char why[256]; /* why the last call failed */
+static _Thread_local char why[256]; /* why this thread's last call failed */
 
-static void because(int error, const char *what)
+static void set_why(int error, const char *what)
 {
     char text[AV_ERROR_MAX_STRING_SIZE] = "";
 
@@ -36,13 +36,13 @@ static void because(int error, const char *what)
 
 enum spin_video_result spin_video_fail(enum spin_video_result result, int error, const char *what)
 {
-    because(error, what);
+    set_why(error, what);
     return error == AVERROR(ENOMEM) ? SPIN_VIDEO_NO_MEMORY : result;
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-static enum spin_video_result open_file(const char *path, AVFormatContext **out, int *place)
+static enum spin_video_result open_file(const char *path, AVFormatContext **out, int *stream_index)
 {
     AVDictionary *options = NULL;
     size_t n = strlen(path) + 6;
@@ -52,7 +52,7 @@ static enum spin_video_result open_file(const char *path, AVFormatContext **out,
     av_log_set_level(AV_LOG_QUIET);
     if (!url)
         return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
-    snprintf(url, n, "file:%s", path); /* so that a colon in the name is not taken for a protocol */
+    snprintf(url, n, "file:%s", path); /* a colon in the path could look like a protocol */
     av_dict_set(&options, "protocol_whitelist", "file", 0);
     av_dict_set(&options, "format_whitelist", "mov,mp4,matroska,webm", 0);
     error = avformat_open_input(out, url, NULL, &options);
@@ -63,13 +63,13 @@ static enum spin_video_result open_file(const char *path, AVFormatContext **out,
                                "not a readable MP4, QuickTime, Matroska or WebM file");
     error = avformat_find_stream_info(*out, NULL);
     if (error >= 0)
-        error = *place = av_find_best_stream(*out, AVMEDIA_TYPE_VIDEO, -1, -1, NULL, 0);
+        error = *stream_index = av_find_best_stream(*out, AVMEDIA_TYPE_VIDEO, -1, -1, NULL, 0);
     if (error < 0) {
         avformat_close_input(out);
-        return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "no video stream");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "it contains no video stream");
     }
     for (unsigned i = 0; i < (*out)->nb_streams; i++) {
-        if ((int)i != *place)
+        if ((int)i != *stream_index)
             (*out)->streams[i]->discard = AVDISCARD_ALL;
     }
     return SPIN_VIDEO_OK;
@@ -88,9 +88,9 @@ static enum spin_video_result add_entry(struct spin_video_index *index, int64_t 
     if (packet->flags & AV_PKT_FLAG_DISCARD) /* excluded by the file's edit list */
         return SPIN_VIDEO_OK;
     if (packet->pts == AV_NOPTS_VALUE)
-        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no times");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no timestamps");
     if (index->n == MAX_FRAMES)
-        return spin_video_fail(SPIN_VIDEO_TOO_LARGE, 0, "more than four million frames");
+        return spin_video_fail(SPIN_VIDEO_TOO_LARGE, 0, "it has more than 4194304 frames");
     if (index->n == *room) {
         int64_t larger = *room ? 2 * *room : 512;
         void *block = realloc(index->entry, (size_t)larger * sizeof *index->entry);
@@ -108,7 +108,7 @@ static enum spin_video_result add_entry(struct spin_video_index *index, int64_t 
     return SPIN_VIDEO_OK;
 }
 
-static enum spin_video_result list_frames(AVFormatContext *file, int place,
+static enum spin_video_result list_frames(AVFormatContext *file, int stream_index,
                                           struct spin_video_index *out)
 {
     AVPacket *packet = av_packet_alloc();
@@ -119,7 +119,7 @@ static enum spin_video_result list_frames(AVFormatContext *file, int place,
     if (!packet)
         return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
     while (result == SPIN_VIDEO_OK && (error = av_read_frame(file, packet)) >= 0) {
-        if (packet->stream_index == place)
+        if (packet->stream_index == stream_index)
             result = add_entry(out, &room, packet);
         av_packet_unref(packet);
     }
@@ -140,20 +140,20 @@ static enum spin_video_result video_index(const char *path, int64_t max_pixels,
 {
     AVFormatContext *file = NULL;
     enum spin_video_result result;
-    int place = 0;
+    int stream_index = 0;
 
     memset(out, 0, sizeof *out);
-    result = open_file(path, &file, &place);
+    result = open_file(path, &file, &stream_index);
     if (result != SPIN_VIDEO_OK)
         return result;
-    out->width = file->streams[place]->codecpar->width;
-    out->height = file->streams[place]->codecpar->height;
+    out->width = file->streams[stream_index]->codecpar->width;
+    out->height = file->streams[stream_index]->codecpar->height;
     if (out->width < 1 || out->height < 1)
-        result = spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no size");
+        result = spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no width or height");
     else if (out->width > max_pixels / out->height)
-        result = spin_video_fail(SPIN_VIDEO_TOO_LARGE, 0, "its frames exceed the limit of pixels");
+        result = spin_video_fail(SPIN_VIDEO_TOO_LARGE, 0, "its frames have too many pixels");
     else
-        result = list_frames(file, place, out);
+        result = list_frames(file, stream_index, out);
     avformat_close_input(&file);
     if (result != SPIN_VIDEO_OK) {
         free(out->entry);
@@ -176,25 +176,26 @@ static void video_close(struct spin_video_stream *s)
 
 static enum spin_video_result open_codec(struct spin_video_stream *s)
 {
-    const AVCodecParameters *parameters = s->file->streams[s->place]->codecpar;
+    const AVCodecParameters *parameters = s->file->streams[s->stream_index]->codecpar;
     const AVCodec *codec = avcodec_find_decoder(parameters->codec_id);
     int error;
 
     if (!codec)
         return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0,
-                               "this FFmpeg has no decoder for the format");
+                               "the installed FFmpeg has no decoder for this format");
     s->codec = avcodec_alloc_context3(codec);
     s->packet = av_packet_alloc();
     s->frame = av_frame_alloc();
     if (!s->codec || !s->packet || !s->frame)
         return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
     error = avcodec_parameters_to_context(s->codec, parameters);
-    s->codec->thread_count = 1; /* more threads would decode ahead of what is requested */
+    s->codec->thread_count = 1; /* more threads would decode frames ahead of the requested one */
     s->codec->max_pixels = (int64_t)s->index->width * s->index->height * 2;
     if (error >= 0)
         error = avcodec_open2(s->codec, codec, NULL);
-    return error < 0 ? spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "cannot be decoded")
-                     : SPIN_VIDEO_OK;
+    return error < 0
+               ? spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "its video stream cannot be decoded")
+               : SPIN_VIDEO_OK;
 }
 
 static enum spin_video_result video_open(const char *path, const struct spin_video_index *index,
@@ -207,7 +208,7 @@ static enum spin_video_result video_open(const char *path, const struct spin_vid
     if (!s)
         return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
     s->index = index;
-    result = open_file(path, &s->file, &s->place);
+    result = open_file(path, &s->file, &s->stream_index);
     if (result == SPIN_VIDEO_OK)
         result = open_codec(s);
     if (result == SPIN_VIDEO_OK)
@@ -221,8 +222,9 @@ static enum spin_video_result video_open(const char *path, const struct spin_vid
 
 static enum spin_video_result video_seek(struct spin_video_stream *s, int64_t key)
 {
-    /* Files are indexed by decoding time. */
-    int error = av_seek_frame(s->file, s->place, s->index->entry[key].dts, AVSEEK_FLAG_BACKWARD);
+    /* Container formats index frames by decoding time. */
+    int error =
+        av_seek_frame(s->file, s->stream_index, s->index->entry[key].dts, AVSEEK_FLAG_BACKWARD);
 
     if (error < 0)
         return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "cannot seek to a key frame");
@@ -232,7 +234,7 @@ static enum spin_video_result video_seek(struct spin_video_stream *s, int64_t ke
 }
 
 /* Index of the frame with this time, or -1. */
-static int64_t number_of(const struct spin_video_index *index, int64_t pts)
+static int64_t find_frame(const struct spin_video_index *index, int64_t pts)
 {
     int64_t low = 0, high = index->n - 1;
 
@@ -250,7 +252,7 @@ static int64_t number_of(const struct spin_video_index *index, int64_t pts)
 }
 
 /* Send the next packet to the decoder, or signal the end of the stream. */
-static int feed(struct spin_video_stream *s)
+static int send_packet(struct spin_video_stream *s)
 {
     int error;
 
@@ -262,7 +264,7 @@ static int feed(struct spin_video_stream *s)
         }
         if (error < 0)
             return error;
-        if (s->packet->stream_index == s->place)
+        if (s->packet->stream_index == s->stream_index)
             break;
         av_packet_unref(s->packet);
     }
@@ -277,18 +279,18 @@ static enum spin_video_result video_next(struct spin_video_stream *s, int64_t *f
         int error = avcodec_receive_frame(s->codec, s->frame);
 
         if (error == AVERROR_EOF)
-            return spin_video_fail(SPIN_VIDEO_END, 0, "it ends before that frame");
+            return spin_video_fail(SPIN_VIDEO_END, 0, "it ends before the requested frame");
         if (error == AVERROR(EAGAIN)) {
-            error = s->draining ? AVERROR_EOF : feed(s);
+            error = s->draining ? AVERROR_EOF : send_packet(s);
             if (error < 0)
-                return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "damaged or cut short");
+                return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "it is damaged or cut short");
             continue;
         }
         if (error < 0)
-            return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "damaged or cut short");
+            return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "it is damaged or cut short");
         if (s->frame->width != s->index->width || s->frame->height != s->index->height)
-            return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames change their size");
-        *frame = number_of(s->index, s->frame->best_effort_timestamp);
+            return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames differ in size");
+        *frame = find_frame(s->index, s->frame->best_effort_timestamp);
         if (*frame >= 0)
             return SPIN_VIDEO_OK;
     }
@@ -296,8 +298,8 @@ static enum spin_video_result video_next(struct spin_video_stream *s, int64_t *f
 
 /* ---- Pixels ---------------------------------------------------------------------------------- */
 
-/* The colour matrix that the file specifies; if none, that usual for the size: BT.709 from 720
- * lines up. */
+/* The colour matrix that the file specifies. If it specifies none, the usual one for the size:
+ * BT.709 for 720 lines or more, else BT.601. */
 static int colour_matrix(const AVFrame *frame)
 {
     switch (frame->colorspace) {
@@ -328,12 +330,12 @@ static enum spin_video_result video_rgb(struct spin_video_stream *s, uint8_t *ou
     if (!s->scale && sws_isSupportedInput((enum AVPixelFormat)frame->format))
         return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
     if (!s->scale)
-        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "unsupported pixel format");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its pixel format is not supported");
     sws_setColorspaceDetails(s->scale, sws_getCoefficients(colour_matrix(frame)), full,
                              sws_getCoefficients(SWS_CS_ITU709), 1, 0, 1 << 16, 1 << 16);
     if (sws_scale(s->scale, (const uint8_t *const *)frame->data, frame->linesize, 0, frame->height,
                   planes, lines) != frame->height)
-        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "cannot convert the pixels");
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its pixels cannot be converted to RGB");
     return SPIN_VIDEO_OK;
 }
 

@@ -46,7 +46,7 @@ struct spin_video_stream;
 
 struct spin_video_shim {
     int abi;
-    const char *version; /* of libavcodec */
+    const char *version; /* name and version of libavcodec */
     /* Why this thread's last call failed. */
     const char *(*why)(void);
     /* List the frames, from packets only. Refuses frames above max_pixels. */
@@ -67,6 +67,6 @@ struct spin_video_shim {
 
 extern const struct spin_video_shim spin_video_shim_table;
 extern const struct spin_video_encoder spin_video_encoder_table;
-/* Set why() of this thread, including FFmpeg's error number if it is not 0. Returns the result, or
- * SPIN_VIDEO_NO_MEMORY if that is the error. */
+/* Set this thread's why() to `what`, followed by FFmpeg's text for `error` unless that is 0.
+ * Returns `result`, or SPIN_VIDEO_NO_MEMORY if the error is a lack of memory. */
 enum spin_video_result spin_video_fail(enum spin_video_result result, int error, const char *what);

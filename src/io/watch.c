@@ -14,21 +14,21 @@ enum { MAPS = 256, OUTS = 64 };
 
 /* The handler may read a path while another thread releases its entry: paths are never freed. */
 static struct {
-    _Atomic(const unsigned char *) data; /* NULL: entry is free. Set last */
+    _Atomic(const unsigned char *) data; /* set last; NULL: the entry is free */
     char path[PATH_MAX];
     struct stat st;
 } maps[MAPS];
 static struct {
-    _Atomic(const char *) given; /* the caller's path; NULL: entry is free. Set last */
+    _Atomic(const char *) given; /* the caller's pointer, set last; NULL: the entry is free */
     char path[PATH_MAX];
 } outs[OUTS];
-static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* for writing to maps and outs */
+static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* protects writes to maps and outs */
 static atomic_bool dying;
-static char name[64]; /* of the command */
+static char name[64]; /* name of the command */
 
-/* Acquire the mutex before a path is written; blocks if the handler is running, which may be about
- * to remove the file with the old path. */
-static void lock(void)
+/* Acquire the mutex in order to write a path. Blocks forever once the handler runs, since the
+ * handler may be about to remove the file with the entry's old path. */
+static void lock_entries(void)
 {
     pthread_mutex_lock(&mutex);
     while (atomic_load(&dying))
@@ -39,7 +39,7 @@ void spin_watch_map(const void *data, const char *path, const struct stat *st)
 {
     if (strlen(path) >= PATH_MAX)
         return;
-    lock();
+    lock_entries();
     for (int i = 0; i < MAPS; i++) {
         if (atomic_load(&maps[i].data))
             continue;
@@ -99,7 +99,7 @@ void spin_watch_out(const char *path)
 {
     if (strlen(path) >= PATH_MAX)
         return;
-    lock();
+    lock_entries();
     for (int i = 0; i < OUTS; i++) {
         if (atomic_load(&outs[i].given))
             continue;
@@ -127,21 +127,21 @@ struct line {
     size_t n;
 };
 
-static void add(struct line *line, const char *text)
+static void append_text(struct line *line, const char *text)
 {
     for (; *text && line->n < sizeof line->text; text++)
         line->text[line->n++] = *(const unsigned char *)text < 0x20 || *text == 0x7f ? '?' : *text;
 }
 
-static void say(const char *path)
+static void report_cut_file(const char *path)
 {
     struct line line = {{0}, 0};
     ssize_t n;
 
-    add(&line, name);
-    add(&line, ": cannot read '");
-    add(&line, path);
-    add(&line, "': it was cut short while it was in use, or the disk failed");
+    append_text(&line, name);
+    append_text(&line, ": cannot read '");
+    append_text(&line, path);
+    append_text(&line, "': it was cut short while it was in use, or the disk failed");
     line.text[line.n < sizeof line.text ? line.n++ : line.n - 1] = '\n';
     if (isatty(STDERR_FILENO))
         n = write(STDERR_FILENO, "\r\033[K", 4); /* erase the progress line */
@@ -169,14 +169,14 @@ static void on_bus(int number, siginfo_t *info, void *context)
 
         if (!first || at < first || at - first >= (uintptr_t)maps[i].st.st_size)
             continue;
-        while (atomic_exchange(&dying, true)) /* another thread is in the handler already */
+        while (atomic_exchange(&dying, true)) /* another thread already runs this */
             pause();
-        say(maps[i].path);
+        report_cut_file(maps[i].path);
         remove_outs();
         _exit(1);
     }
-    signal(number,
-           SIG_DFL); /* not one of our maps: the signal is raised again and ends the process */
+    /* Not one of our maps: the access is repeated, and the signal ends the process. */
+    signal(number, SIG_DFL);
 }
 
 void spin_catch_cut_files(const char *command)

@@ -42,7 +42,7 @@ struct sink {
     size_t n, room;
 };
 
-static int take(const uint8_t *data, size_t size, const WebPPicture *picture)
+static int append_bytes(const uint8_t *data, size_t size, const WebPPicture *picture)
 {
     struct sink *sink = picture->custom_ptr;
 
@@ -58,15 +58,15 @@ static int take(const uint8_t *data, size_t size, const WebPPicture *picture)
     return 1;
 }
 
-/* The encoder cannot write only if take() has no memory. */
+/* BAD_WRITE is a lack of memory too: append_bytes() has no other error. */
 static bool is_memory(WebPEncodingError error)
 {
     return error == VP8_ENC_ERROR_OUT_OF_MEMORY || error == VP8_ENC_ERROR_BITSTREAM_OUT_OF_MEMORY ||
            error == VP8_ENC_ERROR_BAD_WRITE;
 }
 
-/* The library may be another version than that of the header, so verify that its output decodes to
- * the image. */
+/* The installed library may have another version than the header used for the build, so verify that
+ * its output decodes to the image. */
 static spin_status check_written(const struct sink *sink, const uint8_t *rgba, int width,
                                  int height)
 {
@@ -95,22 +95,27 @@ spin_status spin_webp_write(const uint8_t *rgba, int width, int height, int effo
 
     SPIN_TRY(spin_webp_need());
     if (width < 1 || height < 1 || width > SPIN_WEBP_MAX_SIDE || height > SPIN_WEBP_MAX_SIDE)
-        return spin_unsupported("a WebP of %dx%d pixels", width, height);
+        return spin_unsupported("a WebP image cannot have %dx%d pixels, only 1 to %d per side",
+                                width, height, SPIN_WEBP_MAX_SIDE);
     if (!config_init(&config, WEBP_PRESET_DEFAULT, 75, WEBP_ENCODER_ABI_VERSION) ||
         !config_lossless(&config, effort) || !picture_init(&picture, WEBP_ENCODER_ABI_VERSION))
-        return spin_unsupported("the installed libwebp differs from the version of the build");
+        return spin_unsupported(
+            "the installed libwebp is not compatible with the version with which spin4d was built");
     config.exact = 1;
     picture.use_argb = 1;
     picture.width = width;
     picture.height = height;
-    picture.writer = take;
+    picture.writer = append_bytes;
     picture.custom_ptr = &sink;
     if (!picture_import(&picture, rgba, 4 * width) || !encode(&config, &picture))
-        status = is_memory(picture.error_code)
-                     ? spin_fail(SPIN_E_MEMORY, "not enough memory for a WebP of %dx%d pixels",
-                                 width, height)
-                     : spin_fail(SPIN_E_IO, "libwebp cannot write %dx%d pixels (its error %d)",
-                                 width, height, picture.error_code);
+        status =
+            is_memory(picture.error_code)
+                ? spin_fail(SPIN_E_MEMORY,
+                            "not enough memory to encode a WebP image of %dx%d pixels", width,
+                            height)
+                : spin_fail(SPIN_E_IO,
+                            "libwebp cannot encode an image of %dx%d pixels (error %d of libwebp)",
+                            width, height, picture.error_code);
     picture_free(&picture);
     if (status == SPIN_OK)
         status = check_written(&sink, rgba, width, height);
@@ -141,13 +146,13 @@ static uint32_t word_at(const uint8_t *p)
 spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *height)
 {
     const uint8_t *file = data;
-    uint32_t wide = 0, high = 0; /* of VP8X; 0: absent */
+    uint32_t wide = 0, high = 0; /* size in the VP8X chunk; 0: no such chunk */
 
     *width = *height = 0;
     if (size < 12 || memcmp(file, "RIFF", 4) != 0 || memcmp(file + 8, "WEBP", 4) != 0)
         return spin_malformed("not a WebP image");
     if ((uint64_t)word_at(file + 4) + 8 != size)
-        return spin_malformed("a WebP image of %zu bytes, whose header states %llu", size,
+        return spin_malformed("a WebP image of %zu bytes whose header states %llu bytes", size,
                               (unsigned long long)word_at(file + 4) + 8);
     for (size_t at = 12; at < size;) {
         const uint8_t *chunk = file + at;
@@ -175,14 +180,15 @@ spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *h
 }
 
 /* If allocations fail, libwebp 1.2 sometimes reports damage and sometimes ends the process.
- * Therefore try to allocate what it needs beforehand: a copy of the pixels, data of transforms, and
- * Huffman tables. */
+ * Therefore check beforehand that as much memory as it needs can be allocated: for a copy of the
+ * pixels, data of transforms, and Huffman tables. */
 static spin_status check_memory(int width, int height)
 {
     SPIN_FREED void *block = malloc(2 * 4 * (size_t)width * (size_t)height + (1 << 20));
 
     return block ? SPIN_OK
-                 : spin_fail(SPIN_E_MEMORY, "not enough memory for a WebP of %dx%d pixels", width,
+                 : spin_fail(SPIN_E_MEMORY,
+                             "not enough memory to decode a WebP image of %dx%d pixels", width,
                              height);
 }
 
@@ -194,14 +200,15 @@ spin_status spin_webp_read(const void *data, size_t size, int width, int height,
     SPIN_TRY(spin_webp_need());
     SPIN_TRY(check_memory(width, height));
     if (!decoder_init(&config, WEBP_DECODER_ABI_VERSION))
-        return spin_unsupported("the installed libwebp differs from the version of the build");
+        return spin_unsupported(
+            "the installed libwebp is not compatible with the version with which spin4d was built");
     config.output.colorspace = MODE_RGBA;
     config.output.is_external_memory = 1;
     config.output.u.RGBA = (WebPRGBABuffer){
         .rgba = rgba, .stride = 4 * width, .size = (size_t)width * (size_t)height * 4};
     code = decode(data, size, &config);
     if (code == VP8_STATUS_OUT_OF_MEMORY)
-        return spin_fail(SPIN_E_MEMORY, "not enough memory for a WebP of %dx%d pixels", width,
-                         height);
+        return spin_fail(SPIN_E_MEMORY, "not enough memory to decode a WebP image of %dx%d pixels",
+                         width, height);
     return code == VP8_STATUS_OK ? SPIN_OK : spin_malformed("a damaged WebP image");
 }

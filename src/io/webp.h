@@ -1,7 +1,7 @@
 /* Lossless WebP images in memory, by the system's libwebp, a dependency of OpenImageIO. It is
- * loaded when first needed, so that only SOG files depend on it. SPIN_WEBP is the path of another
- * file than libwebp.so.7. OpenImageIO itself cannot be used: it changes the colours of transparent
- * pixels, in which SOG stores data. */
+ * loaded when first needed, so that only SOG files depend on it. The environment variable SPIN_WEBP
+ * can replace the path libwebp.so.7. OpenImageIO itself cannot be used: it changes the colours of
+ * transparent pixels, in which SOG stores data. */
 #pragma once
 
 #include "spin.h"
@@ -15,11 +15,11 @@ spin_status spin_webp_need(void);
  * verification: SPIN_E_IO if it differs. */
 spin_status spin_webp_write(const uint8_t *rgba, int width, int height, int effort,
                             unsigned char **out, size_t *n_out);
-/* Size of an image; SPIN_E_MALFORMED if it is not one. */
+/* Size of an image; SPIN_E_MALFORMED if the data are not a WebP image. */
 spin_status spin_webp_size(const void *data, size_t size, int *width, int *height);
-/* The same for a whole file, which must be a lossless still image: one VP8L chunk, optionally with
- * a VP8X chunk of the same size and chunks without pixels. Errors state what is wrong; does not
- * need the library. */
+/* Size of the image in a whole file, which must be a lossless still image: one VP8L chunk,
+ * optionally with a VP8X chunk of the same size and chunks without pixels. Errors state what is
+ * wrong. Does not need the library. */
 spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *height);
-/* Decode into [height][width][4] of that size. */
+/* Decode into rgba [height][width][4]; width and height are those of the functions above. */
 spin_status spin_webp_read(const void *data, size_t size, int width, int height, uint8_t *rgba);

@@ -8,7 +8,7 @@
 #include "io/file.h"
 
 /* Networks, codebooks and indices compress to about half. A ratio above 32, beyond some megabytes,
- * indicates a bomb: xz can produce 7000 bytes from one. */
+ * indicates a decompression bomb: xz can reach a ratio of 7000. */
 #define RATIO 32
 #define RATIO_SLACK ((size_t)8 << 20)
 #define FIRST_PIECE ((size_t)1 << 20)
@@ -33,11 +33,11 @@ static spin_status fail_lzma(const char *path, lzma_ret code)
     case LZMA_OPTIONS_ERROR:
         return spin_unsupported("'%s' uses unsupported xz options", path);
     case LZMA_MEMLIMIT_ERROR:
-        return spin_unsupported("'%s' needs more than 268 MB to be unpacked", path);
+        return spin_unsupported("'%s' needs more than 268 MB of memory to be decompressed", path);
     case LZMA_MEM_ERROR:
         return spin_fail(SPIN_E_MEMORY, "not enough memory to unpack '%s'", path);
     default:
-        return spin_malformed("'%s' is damaged: xz data that cannot be unpacked", path);
+        return spin_malformed("'%s' is damaged: its xz data cannot be decompressed", path);
     }
 }
 

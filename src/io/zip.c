@@ -1,8 +1,8 @@
 /* Reading zip and zip64 archives through the central directory.
  *
  * The file is not trusted. Every offset and size is compared with the bytes of the file before it
- * is used; members must not overlap each other or the directory (a trick by which small files
- * appear to contain petabytes); deflate yields at most 1032 times its input, so larger claims are
+ * is used; members must not overlap each other or the directory (by overlaps, small files can
+ * appear to contain petabytes). Deflate yields at most 1032 times its input, so larger sizes are
  * refused before memory is allocated. Sizes in local headers are ignored: they may be zero (data
  * descriptor) or saturated (numpy always requests zip64 headers). */
 #include "io/zip.h"
@@ -62,7 +62,7 @@ static spin_status read_end64(const char *path, const struct spin_map *map, uint
         return spin_malformed("cannot read '%s': its zip64 end record lies outside the file", path);
     p = map->data + at;
     if (u32(p) != SIG_END64)
-        return spin_malformed("cannot read '%s': no zip64 end record where it should be", path);
+        return spin_malformed("cannot read '%s': its zip64 end record is missing or damaged", path);
     if (u32(p + 16) != 0 || u32(p + 20) != 0 || u64(p + 24) != u64(p + 32))
         return spin_unsupported("cannot read '%s': the archive is split over several files", path);
     dir->n = u64(p + 32);
@@ -81,8 +81,9 @@ static spin_status find_directory(const char *path, const struct spin_map *map,
     if (map->size == 0)
         return spin_malformed("cannot read '%s': the file is empty", path);
     if (!find_end(map, &end))
-        return spin_malformed(
-            "cannot read '%s': no zip directory at its end (cut short or not a zip file)", path);
+        return spin_malformed("cannot read '%s': it has no zip directory at its end; it is cut "
+                              "short or not a zip file",
+                              path);
     p = map->data + end;
     if (end >= LOCATOR_BYTES && u32(p - LOCATOR_BYTES) == SIG_LOCATOR) {
         SPIN_TRY(read_end64(path, map, end, dir));
@@ -148,8 +149,8 @@ static bool read_zip64_extra(const unsigned char *extra, size_t n, struct spin_z
     return true;
 }
 
-/* Read the entry at p, of which `left` bytes remain in the directory. *taken receives its length;
- * the name is copied to `name`, which has the capacity for it and a NUL. */
+/* Read the entry at p, of which `left` bytes remain in the directory. *taken receives the entry's
+ * length. Copies the member's name and a NUL to `name`, whose capacity suffices. */
 static spin_status read_entry(const char *path, const struct directory *dir, const unsigned char *p,
                               uint64_t left, char *name, struct spin_zip_member *m, uint64_t *taken)
 {
@@ -188,8 +189,8 @@ static spin_status read_entry(const char *path, const struct directory *dir, con
     room = dir->offset - m->header_offset - LOCAL_BYTES - n_name;
     if (m->packed_size > room)
         return spin_malformed(
-            "cannot read '%s': member '%s' claims %llu bytes, but only %llu follow", path, name,
-            (unsigned long long)m->packed_size, (unsigned long long)room);
+            "cannot read '%s': member '%s' should have %llu bytes, but only %llu follow", path,
+            name, (unsigned long long)m->packed_size, (unsigned long long)room);
     return SPIN_OK;
 }
 
@@ -335,8 +336,8 @@ const struct spin_zip_member *spin_zip_find(const struct spin_zip *zip, const ch
 
 /* ---- Data of members ------------------------------------------------------------------------ */
 
-/* Locate a member's compressed bytes. The local header is only used for their position, and must
- * contain the name. */
+/* Locate a member's compressed bytes. The local header is used only to find their position; its
+ * name must be the same. */
 static spin_status find_data(const struct spin_zip *zip, const struct spin_zip_member *m,
                              const unsigned char **data)
 {
@@ -401,7 +402,7 @@ static spin_status inflate_exactly(const struct spin_zip *zip, const struct spin
     return result == Z_STREAM_END && n == 0 && size == 0
                ? SPIN_OK
                : fail_member(SPIN_E_MALFORMED, zip->path, m->name,
-                             "is damaged (it does not unpack)");
+                             "is damaged (it cannot be decompressed)");
 }
 
 /* Decompress the first n bytes of a member; *n_out receives how many there are. */
@@ -432,9 +433,10 @@ static spin_status read_deflated(const struct spin_zip *zip, const struct spin_z
 
     if (m->size > SIZE_MAX ||
         (m->size > deflate_slack && (m->size - deflate_slack) / deflate_ratio > m->packed_size))
-        return spin_malformed(
-            "cannot read '%s': member '%s' claims %llu bytes from %llu compressed ones", zip->path,
-            m->name, (unsigned long long)m->size, (unsigned long long)m->packed_size);
+        return spin_malformed("cannot read '%s': member '%s' of %llu compressed bytes cannot have "
+                              "%llu uncompressed ones",
+                              zip->path, m->name, (unsigned long long)m->packed_size,
+                              (unsigned long long)m->size);
     if (m->size > limit)
         return spin_unsupported(
             "cannot read '%s': member '%s' unpacks to %llu bytes, more than the %llu allowed",
@@ -452,8 +454,9 @@ static spin_status read_deflated(const struct spin_zip *zip, const struct spin_z
 
 static spin_status fail_method(const struct spin_zip *zip, const struct spin_zip_member *member)
 {
-    return spin_unsupported("cannot read '%s': member '%s' is packed with method %d, not 0 or 8",
-                            zip->path, member->name, member->method);
+    return spin_unsupported(
+        "cannot read '%s': member '%s' is compressed with the unsupported method %d", zip->path,
+        member->name, member->method);
 }
 
 spin_status spin_zip_head(const struct spin_zip *zip, const struct spin_zip_member *member,

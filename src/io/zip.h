@@ -1,8 +1,9 @@
-/* Zip and zip64 archives. Implemented here, on zlib, because stored members must be aligned and
- * usable in place, and because files are untrusted.
+/* Zip and zip64 archives. This implementation, which uses zlib, aligns stored members so that they
+ * can be used in place, and does not trust the files that it reads.
  *
  * The reader uses the central directory. It checks sizes, offsets and names of members against the
- * file before it allocates anything; methods 0 and 8 only, no encryption. */
+ * file before it allocates memory. Only the methods 0 (stored) and 8 (deflate) are supported,
+ * without encryption. */
 #pragma once
 
 #include "io/file.h"
@@ -31,10 +32,11 @@ spin_status spin_zip_open(const char *path, struct spin_zip *out);
 /* An archive in memory, which is borrowed; `what` names it in messages. */
 spin_status spin_zip_parse(const char *what, const void *data, size_t size, struct spin_zip *out);
 void spin_zip_close(struct spin_zip *zip);
-/* NULL if there is none. Of duplicates the last one wins, as in Python. */
+/* The member of this name, or NULL; the last one if there are several, as in Python. */
 const struct spin_zip_member *spin_zip_find(const struct spin_zip *zip, const char *name);
 
-/* The same for a name that is the concatenation of the parts; NULL-terminated. */
+/* spin_zip_find() for a name that is the concatenation of several parts; the array ends with
+ * NULL. */
 const struct spin_zip_member *spin_zip_find_parts(const struct spin_zip *zip,
                                                   const char *const *part);
 
@@ -44,13 +46,16 @@ const struct spin_zip_member *spin_zip_find_parts(const struct spin_zip *zip,
 spin_status spin_zip_read(const struct spin_zip *zip, const struct spin_zip_member *member,
                           bool check_crc, uint64_t limit, const unsigned char **data, void **owned);
 
-/* The first n bytes of a member, or less, n_out of them, without decompressing the rest. */
+/* The first n bytes of a member, or all if it is shorter, without decompressing the rest; *n_out
+ * receives their number. */
 spin_status spin_zip_head(const struct spin_zip *zip, const struct spin_zip_member *member,
                           void *out, size_t n, size_t *n_out);
 
-/* ---- Writing: members are stored, with data aligned to 64 bytes, or deflated; zip64 if needed; a
- * fixed date (1980-01-01), so that equal content gives equal bytes, with any number of threads ----
- */
+/* ---- Writing ---- */
+
+/* Members are stored, with their data aligned to 64 bytes, or deflated. Zip64 is used if needed.
+ * Equal content gives equal bytes: the date is 1980-01-01, and the number of threads has no
+ * effect. */
 
 struct spin_zip_writer {
     struct spin_out out;
@@ -60,15 +65,16 @@ struct spin_zip_writer {
     uint64_t member_size;
     bool in_member;
     bool plain; /* headers without extra fields, data unaligned; to be set after begin() */
-    struct spin_zip_deflate *deflate; /* state of the member being written; NULL: it is stored */
-    /* Threads that deflate a long member; 0: all cores. To be set after open() or begin(). */
+    struct spin_zip_deflate *deflate; /* state of the deflated member being written, or NULL */
+    /* Number of threads that deflate a long member; 0: all cores. To be set after open() or
+     * begin(). */
     int n_threads;
     struct spin_pool *pool;
 };
 spin_status spin_zip_writer_open(const char *path, bool force, struct spin_zip_writer *w);
-/* Begin with the exact size, write in parts, then end. */
+/* Write a stored member: begin with its exact size, write it in parts, then end. */
 spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, uint64_t size);
-/* The same for a member that is deflated as it is written. */
+/* spin_zip_member_begin() for a member that is deflated as it is written. */
 spin_status spin_zip_member_begin_deflated(struct spin_zip_writer *w, const char *name,
                                            uint64_t size);
 /* Compress the member just begun quickly: search only for runs of one byte, and store data that
@@ -76,12 +82,12 @@ spin_status spin_zip_member_begin_deflated(struct spin_zip_writer *w, const char
 void spin_zip_member_runs(struct spin_zip_writer *w);
 spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, size_t bytes);
 spin_status spin_zip_member_end(struct spin_zip_writer *w);
-/* The same in one call, from two blocks in memory, which are not copied. */
+/* Write a stored member in one call, from two blocks in memory, which are not copied. */
 spin_status spin_zip_member_whole(struct spin_zip_writer *w, const char *name, const void *head,
                                   size_t n_head, const void *data, size_t n_data);
-/* Write an archive into an open, empty file that the caller will commit: the file is lent to the
- * writer, and end(), which must follow, returns it, after writing the directory if so_far is
- * SPIN_OK. */
+/* Write an archive into an open, empty file that the caller will commit. begin() borrows the file;
+ * end(), which must follow, writes the directory if so_far is SPIN_OK, and returns the file in
+ * *out. */
 void spin_zip_writer_begin(const struct spin_out *out, struct spin_zip_writer *w);
 spin_status spin_zip_writer_end(struct spin_zip_writer *w, spin_status so_far,
                                 struct spin_out *out);

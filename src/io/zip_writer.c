@@ -13,8 +13,8 @@ enum {
     WINDOW = SPIN_DEFLATE_WINDOW,
     PART = 8 << 20 /* size that threads compress in parallel */
 };
-/* A deflated member may become slightly longer than its data; from this size on, its header
- * reserves 64-bit fields. */
+/* Deflated members of at least this size get 64-bit fields in their headers, since compression may
+ * make data slightly longer. */
 static const uint64_t deflate_zip64 = 0xf0000000u;
 
 struct spin_zip_deflate {
@@ -33,13 +33,13 @@ struct spin_zip_written {
     bool zip64; /* the local header has 64-bit sizes */
 };
 
-/* Buffer for one header; none is longer. */
+/* Buffer for one header; its size is the maximum length of a header. */
 struct bytes {
     unsigned char data[128 + ALIGN];
     size_t n;
 };
 
-static void put(struct bytes *b, uint64_t value, int n_bytes)
+static void put_int(struct bytes *b, uint64_t value, int n_bytes)
 {
     for (int i = 0; i < n_bytes; i++) {
         b->data[b->n++] = (unsigned char)value;
@@ -72,8 +72,8 @@ static spin_status add_written(struct spin_zip_writer *w, const char *name, uint
     entry = &w->written[w->n];
     memset(entry, 0, sizeof *entry);
     SPIN_TRY(spin_strdup(name, &entry->name));
-    entry->size = entry->packed_size =
-        size; /* packed_size of a deflated member is set when it ends */
+    /* The packed_size of a deflated member is corrected when the member ends. */
+    entry->size = entry->packed_size = size;
     entry->method = method;
     entry->zip64 = size >= (method == METHOD_STORED ? FULL32 : deflate_zip64);
     entry->header_offset = w->out.bytes;
@@ -86,19 +86,19 @@ static spin_status add_written(struct spin_zip_writer *w, const char *name, uint
 static void put_common(struct bytes *b, const struct spin_zip_written *e, bool zip64,
                        uint32_t packed_size, uint32_t size)
 {
-    put(b, zip64 ? 45 : 20, 2);
-    put(b, (uint64_t)name_flags(e->name), 2);
-    put(b, (uint64_t)e->method, 2);
-    put(b, 0, 2);
-    put(b, DOS_DATE_1980, 2);
-    put(b, e->crc, 4);
-    put(b, packed_size, 4);
-    put(b, size, 4);
-    put(b, strlen(e->name), 2);
+    put_int(b, zip64 ? 45 : 20, 2);
+    put_int(b, (uint64_t)name_flags(e->name), 2);
+    put_int(b, (uint64_t)e->method, 2);
+    put_int(b, 0, 2);
+    put_int(b, DOS_DATE_1980, 2);
+    put_int(b, e->crc, 4);
+    put_int(b, packed_size, 4);
+    put_int(b, size, 4);
+    put_int(b, strlen(e->name), 2);
 }
 
-/* Size of the padding record that aligns the data after `used` header bytes. */
-static size_t padding(uint64_t used)
+/* Size of the padding record, at least 6 bytes, that aligns the data after `used` header bytes. */
+static size_t padding_size(uint64_t used)
 {
     size_t pad = (size_t)(-used & (ALIGN - 1));
 
@@ -115,30 +115,32 @@ static spin_status begin_member(struct spin_zip_writer *w, const char *name, uin
     struct spin_zip_written *e;
 
     if (n_name == 0 || n_name > UINT16_MAX)
-        return spin_misuse("cannot write '%s': a member's name has %zu bytes", w->out.path, n_name);
+        return spin_misuse(
+            "cannot write '%s': a member's name has %zu bytes, but 1 to 65535 are supported",
+            w->out.path, n_name);
     SPIN_TRY(add_written(w, name, size, method));
     e = &w->written[w->n - 1];
     size32 = e->zip64 ? FULL32 : (uint32_t)size;
     if (e->zip64) {
-        put(&extra, EXTRA_ZIP64, 2);
-        put(&extra, 16, 2);
-        put(&extra, size, 8);
-        put(&extra, size, 8);
+        put_int(&extra, EXTRA_ZIP64, 2);
+        put_int(&extra, 16, 2);
+        put_int(&extra, size, 8);
+        put_int(&extra, size, 8);
     }
     e->crc = crc;
     pad = method == METHOD_STORED && !w->plain
-              ? padding(w->out.bytes + LOCAL_BYTES + n_name + extra.n)
+              ? padding_size(w->out.bytes + LOCAL_BYTES + n_name + extra.n)
               : 0;
     if (pad > 0) {
-        put(&extra, EXTRA_ALIGN, 2);
-        put(&extra, pad - 4, 2);
-        put(&extra, ALIGN, 2);
+        put_int(&extra, EXTRA_ALIGN, 2);
+        put_int(&extra, pad - 4, 2);
+        put_int(&extra, ALIGN, 2);
         for (size_t i = 6; i < pad; i++)
-            put(&extra, 0, 1);
+            put_int(&extra, 0, 1);
     }
-    put(&b, SIG_LOCAL, 4);
+    put_int(&b, SIG_LOCAL, 4);
     put_common(&b, e, e->zip64, size32, size32);
-    put(&b, extra.n, 2);
+    put_int(&b, extra.n, 2);
     SPIN_TRY(spin_out_write(&w->out, b.data, b.n));
     SPIN_TRY(spin_out_write(&w->out, name, n_name));
     return spin_out_write(&w->out, extra.data, extra.n);
@@ -153,7 +155,7 @@ spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, u
     return SPIN_OK;
 }
 
-static void end_deflate(struct spin_zip_writer *w)
+static void free_deflate(struct spin_zip_writer *w)
 {
     if (w->deflate) {
         free(w->deflate->in);
@@ -203,7 +205,7 @@ static spin_status deflate_part(struct spin_zip_writer *w, bool last)
     return spin_out_write(&w->out, d->out.data, d->out.n);
 }
 
-static spin_status deflate_on(struct spin_zip_writer *w, const unsigned char *data, size_t n)
+static spin_status append_deflated(struct spin_zip_writer *w, const unsigned char *data, size_t n)
 {
     struct spin_zip_deflate *d = w->deflate;
 
@@ -238,13 +240,13 @@ spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, s
     w->crc = spin_crc32(w->crc, data, bytes);
     w->member_size += bytes;
     if (w->deflate)
-        return deflate_on(w, data, bytes);
+        return append_deflated(w, data, bytes);
     return spin_out_write(&w->out, data, bytes);
 }
 
-/* Write values that are known only now into a local header. Avoids seeking, upon which stdio would
- * reload and rewrite its buffer. */
-static spin_status patch(struct spin_zip_writer *w, const struct bytes *b, uint64_t at)
+/* Write values that became known later into a local header. pwrite() avoids a seek, after which
+ * stdio would reload and rewrite its buffer. */
+static spin_status patch_header(struct spin_zip_writer *w, const struct bytes *b, uint64_t at)
 {
     if (fflush(w->out.file) != 0)
         return spin_out_failed(&w->out, errno);
@@ -261,20 +263,20 @@ spin_status spin_zip_member_end(struct spin_zip_writer *w)
         return spin_misuse("cannot write '%s': member '%s' is shorter than announced", w->out.path,
                            entry->name);
     entry->crc = w->crc;
-    put(&b, entry->crc, 4);
+    put_int(&b, entry->crc, 4);
     if (!w->deflate)
-        return patch(w, &b, entry->header_offset + 14);
+        return patch_header(w, &b, entry->header_offset + 14);
     SPIN_TRY(deflate_part(w, true));
     entry->packed_size = w->deflate->packed_size;
-    end_deflate(w);
+    free_deflate(w);
     if (!entry->zip64)
-        put(&b, entry->packed_size, 4);
-    SPIN_TRY(patch(w, &b, entry->header_offset + 14));
+        put_int(&b, entry->packed_size, 4);
+    SPIN_TRY(patch_header(w, &b, entry->header_offset + 14));
     if (!entry->zip64)
         return SPIN_OK;
     b.n = 0;
-    put(&b, entry->packed_size, 8); /* after the record's header and the uncompressed size */
-    return patch(w, &b, entry->header_offset + LOCAL_BYTES + strlen(entry->name) + 4 + 8);
+    put_int(&b, entry->packed_size, 8); /* after the record's header and the uncompressed size */
+    return patch_header(w, &b, entry->header_offset + LOCAL_BYTES + strlen(entry->name) + 4 + 8);
 }
 
 static spin_status write_entry(struct spin_zip_writer *w, const struct spin_zip_written *e)
@@ -282,25 +284,25 @@ static spin_status write_entry(struct spin_zip_writer *w, const struct spin_zip_
     struct bytes b = {.n = 0}, extra = {.n = 0};
 
     if (e->size >= FULL32)
-        put(&extra, e->size, 8);
+        put_int(&extra, e->size, 8);
     if (e->packed_size >= FULL32)
-        put(&extra, e->packed_size, 8);
+        put_int(&extra, e->packed_size, 8);
     if (e->header_offset >= FULL32)
-        put(&extra, e->header_offset, 8);
+        put_int(&extra, e->header_offset, 8);
 
-    put(&b, SIG_CENTRAL, 4);
-    put(&b, extra.n > 0 ? 45 : 20, 2); /* version made by; no attributes */
+    put_int(&b, SIG_CENTRAL, 4);
+    put_int(&b, extra.n > 0 ? 45 : 20, 2); /* version made by; no attributes */
     put_common(&b, e, extra.n > 0, low32(e->packed_size), low32(e->size));
-    put(&b, extra.n > 0 ? extra.n + 4 : 0, 2);
-    put(&b, 0, 2 + 2 + 2 + 4); /* comment, disk, attributes */
-    put(&b, low32(e->header_offset), 4);
+    put_int(&b, extra.n > 0 ? extra.n + 4 : 0, 2);
+    put_int(&b, 0, 2 + 2 + 2 + 4); /* comment, disk, attributes */
+    put_int(&b, low32(e->header_offset), 4);
     SPIN_TRY(spin_out_write(&w->out, b.data, b.n));
     SPIN_TRY(spin_out_write(&w->out, e->name, strlen(e->name)));
     if (extra.n == 0)
         return SPIN_OK;
     b.n = 0;
-    put(&b, EXTRA_ZIP64, 2);
-    put(&b, extra.n, 2);
+    put_int(&b, EXTRA_ZIP64, 2);
+    put_int(&b, extra.n, 2);
     SPIN_TRY(spin_out_write(&w->out, b.data, b.n));
     return spin_out_write(&w->out, extra.data, extra.n);
 }
@@ -315,33 +317,33 @@ static spin_status write_directory(struct spin_zip_writer *w)
     end = w->out.bytes;
     size = end - offset;
     if (w->n >= UINT16_MAX || offset >= FULL32 || size >= FULL32) {
-        put(&b, SIG_END64, 4);
-        put(&b, END64_BYTES - 12, 8);
-        put(&b, 45, 2);
-        put(&b, 45, 2);
-        put(&b, 0, 8); /* disks */
-        put(&b, w->n, 8);
-        put(&b, w->n, 8);
-        put(&b, size, 8);
-        put(&b, offset, 8);
-        put(&b, SIG_LOCATOR, 4);
-        put(&b, 0, 4);
-        put(&b, end, 8);
-        put(&b, 1, 4);
+        put_int(&b, SIG_END64, 4);
+        put_int(&b, END64_BYTES - 12, 8);
+        put_int(&b, 45, 2);
+        put_int(&b, 45, 2);
+        put_int(&b, 0, 8); /* disks */
+        put_int(&b, w->n, 8);
+        put_int(&b, w->n, 8);
+        put_int(&b, size, 8);
+        put_int(&b, offset, 8);
+        put_int(&b, SIG_LOCATOR, 4);
+        put_int(&b, 0, 4);
+        put_int(&b, end, 8);
+        put_int(&b, 1, 4);
     }
-    put(&b, SIG_END, 4);
-    put(&b, 0, 4); /* disks */
-    put(&b, w->n < UINT16_MAX ? w->n : UINT16_MAX, 2);
-    put(&b, w->n < UINT16_MAX ? w->n : UINT16_MAX, 2);
-    put(&b, low32(size), 4);
-    put(&b, low32(offset), 4);
-    put(&b, 0, 2);
+    put_int(&b, SIG_END, 4);
+    put_int(&b, 0, 4); /* disks */
+    put_int(&b, w->n < UINT16_MAX ? w->n : UINT16_MAX, 2);
+    put_int(&b, w->n < UINT16_MAX ? w->n : UINT16_MAX, 2);
+    put_int(&b, low32(size), 4);
+    put_int(&b, low32(offset), 4);
+    put_int(&b, 0, 2);
     return spin_out_write(&w->out, b.data, b.n);
 }
 
 static void free_written(struct spin_zip_writer *w)
 {
-    end_deflate(w);
+    free_deflate(w);
     for (size_t i = 0; i < w->n; i++)
         free(w->written[i].name);
     free(w->written);
@@ -373,7 +375,7 @@ spin_status spin_zip_writer_commit(struct spin_zip_writer *w)
     if (status == SPIN_OK)
         status = write_directory(w);
     if (status == SPIN_OK)
-        status = spin_out_commit(&w->out); /* after which there is nothing to abandon */
+        status = spin_out_commit(&w->out); /* leaves nothing to abandon below */
     spin_zip_writer_abandon(w);
     return status;
 }

@@ -1,6 +1,6 @@
 /* Zstandard frames (RFC 8878) in memory, by the system's libzstd. It is loaded when first needed,
  * so that only files that use it depend on it; Debian and Ubuntu always have it, as dpkg depends on
- * it. SPIN_ZSTD is the path of another file than libzstd.so.1. */
+ * it. The environment variable SPIN_ZSTD can replace the path libzstd.so.1. */
 #pragma once
 
 #include "spin.h"
@@ -11,6 +11,6 @@ spin_status spin_zstd_need(void);
  * SPIN_E_UNSUPPORTED if the library is missing. */
 spin_status spin_zstd_read(const void *data, size_t size, void *out, size_t n_out);
 /* Compress data as one frame, with level 1 (fast) to 19 (small); *out has a capacity of *n_room
- * bytes and grows if that is exceeded. Equal data, level and library give equal bytes. */
+ * bytes; if that is too small, both are updated. Equal data, level and library give equal bytes. */
 spin_status spin_zstd_write(const void *data, size_t size, int level, unsigned char **out,
                             size_t *n_room, size_t *n_out);

@@ -1,8 +1,9 @@
 #!/bin/sh
-# chroot.sh SUITE VERSION OUT [ARCH]: runs `make portable` on the last commit in a minimal Debian of
-# that suite, because programs linked with an old C library run with every newer one. debootstrap
-# creates it in OUT/debian-SUITE, which is kept. `make dist` has put the tarball into OUT. ARCH:
-# another architecture, such as arm64, in OUT/debian-SUITE-ARCH, by QEMU (qemu-user-static).
+# chroot.sh SUITE VERSION OUT [ARCH]: runs `make portable` on the last commit in a minimal Debian
+# system of this suite. Programs linked with an old C library also run with newer ones. debootstrap
+# creates the system in OUT/debian-SUITE, which is kept. Reads the tarball that `make dist` wrote to
+# OUT. ARCH: another architecture, such as arm64, which QEMU (qemu-user-static) emulates in
+# OUT/debian-SUITE-ARCH.
 suite=${1:?usage: chroot.sh SUITE VERSION OUT [ARCH]}
 version=${2:?usage: chroot.sh SUITE VERSION OUT [ARCH]}
 out=${3:?usage: chroot.sh SUITE VERSION OUT [ARCH]}
@@ -26,7 +27,7 @@ if [ ! -f "$root/ready" ]; then
 fi
 rm -rf "$root/tmp/spin4d-$version"
 tar -C "$root/tmp" -xzf "$out/spin4d-$version.tar.gz" || exit 1
-# debootstrap has created /dev/null etc. env -i: do not inherit variables of a calling make.
+# debootstrap has created /dev/null and other devices. env -i keeps out variables of a calling make.
 chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin make -s -j"$(nproc)" -C "/tmp/spin4d-$version" SETUP=0 portable || exit 1
 cp "$root/tmp/spin4d-$version/build"/spin4d-*-linux-*.tar.gz "$out/" || exit 1
 rm -rf "$root/tmp/spin4d-$version"

@@ -1,7 +1,7 @@
 #!/bin/sh
-# deb.sh BUILD: builds Debian packages of the last commit in BUILD/deb. `make dist` has put the
-# tarball into BUILD; the folder of this file becomes debian/ in a copy of the tree. NOTEST=1 skips
-# the tests, LINTIAN=0 skips lintian.
+# deb.sh BUILD: builds Debian packages of the last commit in BUILD/deb, from the tarball that
+# `make dist` wrote to BUILD. The folder of this script becomes debian/ in the unpacked tree.
+# NOTEST=1 skips the tests, LINTIAN=0 skips lintian.
 BUILD=${1:?usage: deb.sh BUILD}
 here=$(dirname "$0")
 version=$(sed -n 's/^#define SPIN_VERSION "\(.*\)"/\1/p' src/spin.h)
@@ -19,7 +19,7 @@ cp "$BUILD/spin4d-$version.tar.gz" "$deb/spin4d_$version.orig.tar.gz" || exit 1
 tar -C "$deb" -xzf "$BUILD/spin4d-$version.tar.gz" || exit 1
 cp -R "$here" "$tree/debian" || exit 1
 rm -f "$tree"/debian/*.sh "$tree/debian/wheel.py"
-# Version and date are taken from the tree, so that builds are reproducible.
+# The changelog has the version and date of the tree, so that builds are reproducible.
 cat >"$tree/debian/changelog" <<CHANGES
 spin4d ($version-1) UNRELEASED; urgency=medium
 

@@ -1,7 +1,7 @@
 #!/bin/sh
-# hero.sh BIN_DIR BUNDLE OUT.webp [CAMERA]: the animation in README.md: test views of a retrained
-# bundle, in which a line moves from side to side between the source's and the retrained splats.
-# Needs ffmpeg with libwebp (Debian: ffmpeg).
+# hero.sh BIN_DIR BUNDLE OUT.webp [CAMERA]: creates the animation in README.md. It shows the test
+# views of a retrained bundle: the source's splats left of a line that moves from side to side, and
+# the retrained ones right of it. Needs ffmpeg with libwebp (Debian: ffmpeg).
 bin=${1:?usage: hero.sh BIN_DIR BUNDLE OUT.webp [CAMERA]}
 bundle=${2:?usage: hero.sh BIN_DIR BUNDLE OUT.webp [CAMERA]}
 out=${3:?usage: hero.sh BIN_DIR BUNDLE OUT.webp [CAMERA]}

@@ -1,8 +1,10 @@
 #!/bin/sh
-# pictures.sh BIN_DIR DOCS [COURT]: generates the images of the documents from this build;
-# DOCS/pictures.txt, the figures of the run that they show; and the figures of
-# tests/clean-debian.md. COURT: the folder of the clip court, for images of the gallery. Images that
-# cannot be generated are left unchanged and listed. t9007 and t9008 compare the figures.
+# pictures.sh BIN_DIR DOCS [COURT]: generates with this build
+#   1. the images of the documents, in DOCS,
+#   2. DOCS/pictures.txt, the figures of the run shown in these images, and
+#   3. the figures in tests/clean-debian.md.
+# Images that cannot be generated are left unchanged and listed. COURT is the folder of the clip
+# "court", which some images of the gallery need. The tests t9007 and t9008 compare the figures.
 bin=$(realpath "${1:?usage: pictures.sh BIN_DIR DOCS [COURT]}")
 docs=$(realpath "${2:?usage: pictures.sh BIN_DIR DOCS [COURT]}")
 court=${3:+$(realpath "$3")}
@@ -18,12 +20,12 @@ node -e 'process.exit(parseInt(process.versions.node) < 18 ? 1 : 0)' 2>/dev/null
 command -v "${CHROMIUM:=chromium}" >/dev/null || { echo "pictures: skipped: Chromium not found (Debian: chromium; or CHROMIUM=/path)"; exit 0; }
 export CHROMIUM
 
-# shot PAGE OUT WIDTH HEIGHT [READY]: takes a screenshot once READY is true
+# shot PAGE OUT WIDTH HEIGHT [READY]: takes a screenshot once the expression READY is true
 shot() {
     node "$here/screenshot.mjs" "file://$work/$1" "$docs/$2" "$3" "$4" "${5:-true}" || fail "$2 was not made"
     echo "$2: $(wc -c <"$docs/$2") bytes"
 }
-# enlarge IMAGE OUT WIDTH HEIGHT [pixelated]: scales an image to this size
+# enlarge IMAGE OUT WIDTH HEIGHT [pixelated]: scales an image to this size; pixelated: unsmoothed
 enlarge() {
     [ -e "$1" ] || fail "no $1 for $2"
     echo "<body style='margin:0'><img src='$1' style='display:block;width:$3px;height:$4px;image-rendering:${5:-auto}'>" >image.html
@@ -65,7 +67,7 @@ mkdir output data && ln -s "$fixtures/4dgaussian/coarse_and_fine/model" output/b
 python3 "$tools/transcript.py" "$transcript" "A run of one's own" "$bin" . --write >said || fail "$(grep -A1 '^not ok' said)"
 
 if [ -z "$court" ]; then
-    echo "pictures: hero.webp and before-after.jpg are unchanged: they need COURT=, the folder of that clip"
+    echo "pictures: hero.webp and before-after.jpg are unchanged: they need COURT=, the folder of the clip court"
 else
     "$bin/spin-import" -q "$court" --data "$court" -o big.spin && "$bin/spin-retrain" -q big.spin -o big-better.spin &&
         "$bin/spin-export" -q big-better.spin --to images --panels truth,before,after -o big ||

@@ -1,8 +1,8 @@
 #!/bin/sh
-# portable.sh VERSION BUILD_DIR OUT: packs OUT/spin4d-VERSION-linux-MACHINE.tar.gz, which runs on
-# Linux without further packages: commands, manual, player, Python module, and every library except
-# the C library, with its licence. `make portable` builds the contents first. Reproducible: the same
-# build gives the same bytes.
+# portable.sh VERSION BUILD_DIR OUT: packs OUT/spin4d-VERSION-linux-MACHINE.tar.gz from the files
+# that `make portable` has built. It contains the commands, manual, player, Python module, and all
+# libraries except the C library, with their licences, and runs on Linux without further packages.
+# Reproducible: the same build gives the same bytes.
 version=${1:?usage: portable.sh VERSION BUILD_DIR OUT}
 B=${2:?usage: portable.sh VERSION BUILD_DIR OUT}
 out=${3:?usage: portable.sh VERSION BUILD_DIR OUT}
@@ -15,7 +15,7 @@ fail() {
     exit 1
 }
 
-# take FILE NAME: copies a library
+# take FILE NAME: copies a library and records its path
 take() {
     cp -L "$1" "$tree/lib/spin4d/$2" && chmod 644 "$tree/lib/spin4d/$2" || fail "cannot copy '$1'"
     realpath "$1" | sed 's|^/usr||' >>"$out/taken"
@@ -37,7 +37,7 @@ for program in "$B"/portable/bin/spin*; do
     done
 done
 
-# Libraries loaded on demand, under the names by which they are loaded.
+# Copy the libraries that are loaded on demand, under the names by which they are loaded.
 for opened in $(sed -n 's/.*struct spin_library library = {"\(lib[^"]*\)".*/\1/p' src/io/*.c); do
     take "$(${CC:-cc} -print-file-name="${opened%%.so*}.so")" "$opened"
 done
@@ -46,7 +46,7 @@ ldd "$tree"/bin/* "$tree"/lib/spin4d/*.so* | awk '$2 == "=>" && $3 ~ /^\// { pri
 while read -r library; do
     take "$library" "$(basename "$library")"
 done <"$out/libraries"
-# The licence of each library's package
+# Copy the licence of each library's package.
 sed 's/^/*/' "$out/taken" | xargs dpkg -S >"$out/owners" 2>/dev/null
 while read -r library; do
     package=$(sed -n "s|[:,].*$library\$||p" "$out/owners" | head -n 1)

@@ -1,6 +1,6 @@
-// node screenshot.mjs URL OUT.png|OUT.jpg WIDTH HEIGHT [READY]: a screenshot of a page in Chromium,
-// once the expression READY is true. Talks to Chromium through pipes, which needs no other package;
-// CHROMIUM is the path of another browser.
+// node screenshot.mjs URL OUT.png|OUT.jpg WIDTH HEIGHT [READY]: takes a screenshot of a page in
+// Chromium once the JavaScript expression READY is true. Controls Chromium through pipes, so that
+// no other package is needed. The environment variable CHROMIUM is the path of another browser.
 import { spawn } from 'node:child_process';
 import fs from 'node:fs';
 import os from 'node:os';

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """wheel.py TARBALL OUT: converts the tarball of `make portable` to a wheel.
 
-The wheel contains the module, the commands and their libraries. pip installs the commands into bin/
-of its environment, and the libraries into lib/spin4d beside it, where the commands search them.
+The wheel contains the Python module, the commands and their libraries. pip installs the commands
+into bin/ of its environment, and the libraries into lib/spin4d/, where the commands find them.
 Needs only Python's standard library. Reproducible: the same tarball gives the same bytes."""
 import base64
 import hashlib

@@ -1,8 +1,8 @@
 #!/bin/sh
-# windows.sh VERSION BUILD: builds BUILD/windows/spin4d-VERSION-windows-x86_64.zip, which runs on
-# 64-bit Windows without further software: commands, and libraries with their licences. It is built
-# with Debian's MinGW; libraries without a MinGW package are built from Debian's sources in
-# BUILD/windows/deps, which is kept. Reproducible: the same build gives the same bytes.
+# windows.sh VERSION BUILD: builds BUILD/windows/spin4d-VERSION-windows-x86_64.zip with Debian's
+# MinGW. It contains the commands, and libraries with their licences, and runs on 64-bit Windows
+# without further software. Libraries for which Debian has no MinGW package are built from Debian's
+# sources in BUILD/windows/deps, which is kept. Reproducible: the same build gives the same bytes.
 version=${1:?usage: windows.sh VERSION BUILD}
 mkdir -p "${2:?usage: windows.sh VERSION BUILD}/windows/deps/include" || exit 1
 W=$(cd "$2/windows" && pwd)
@@ -24,15 +24,15 @@ for tool in $host-gcc-posix:gcc-mingw-w64-x86-64-posix $host-g++-posix:g++-mingw
 done
 [ -f /usr/$host/include/zlib.h ] || fail "MinGW's zlib.h not found: apt-get install libz-mingw-w64-dev"
 
-# source_of PACKAGE: downloads and unpacks Debian's source into $tree. If an update's source is no
-# longer in the archive, uses the release's.
+# source_of PACKAGE: downloads and unpacks the Debian source into $tree. If the newest source is no
+# longer in the archive, uses that of the original release.
 source_of() {
     mkdir -p "$deps/src" && cd "$deps/src" || exit 1
     tree=$deps/src/$1
     [ ! -d "$tree" ] || return 0
     apt-get source --download-only "$1" >"$1.log" 2>&1 ||
         apt-get source --download-only "$1/$(sed -n 's/^VERSION_CODENAME=//p' /etc/os-release)" >>"$1.log" 2>&1 ||
-        fail "cannot download the source of '$1' (do apt's sources have deb-src lines?): $(tail -n 1 "$1.log")"
+        fail "cannot download the source of '$1' (check that apt's sources contain deb-src lines): $(tail -n 1 "$1.log")"
     dpkg-source --no-check -x "$1"_*.dsc "$1" >>"$1.log" 2>&1 || fail "cannot unpack '$1', see $deps/src/$1.log"
 }
 
@@ -63,14 +63,15 @@ library libwebp . -DWEBP_BUILD_ANIM_UTILS=OFF -DWEBP_BUILD_CWEBP=OFF -DWEBP_BUIL
 library libjpeg-turbo . -DENABLE_SHARED=OFF -DWITH_SIMD=OFF
 library libpng1.6 . -DPNG_SHARED=OFF -DPNG_TESTS=OFF
 
-# Empty versions of the headers that Windows lacks; posix.h declares their contents.
+# Create empty files for headers that Windows lacks; posix.h declares their contents.
 mkdir -p "$deps/include/sys" || exit 1
 for header in dirent dlfcn sys/file sys/mman sys/resource sys/statvfs sys/wait; do
     [ -f "$deps/include/$header.h" ] || : >"$deps/include/$header.h" || exit 1
 done
 
-# Use unaligned moves: gcc does not align the stack for AVX vectors on Windows (gcc bug 54412).
-# It checks formats against Microsoft's printf, which lacks %zu; the Linux build checks them.
+# -Wa,-muse-unaligned-vector-move: gcc does not align the stack for AVX vectors on Windows (gcc bug
+# 54412). -Wno-format: gcc assumes Microsoft's printf, which lacks %zu. The Linux build checks
+# formats.
 windows_make() {
     make --no-print-directory -j"$jobs" BUILD="$W" CC=$host-gcc-posix CXX=$host-g++-posix AR=$host-ar MPICC= VIDEO= CUDA=0 \
         CPPFLAGS="$posix" CFLAGS='-Wa,-muse-unaligned-vector-move -Wno-format -Wno-format-extra-args' PLUGIN_LD= \
@@ -88,7 +89,7 @@ windows_make $own "$image"
 windows_make "$W/release/bin/spin-import" "$W/release/bin/spin-export" "$W/release/bin/spin-eval" "$W/release/bin/spin-retrain" \
     "$W/release/bin/spin4d"
 
-# Libraries and shims that are loaded on demand.
+# Libraries and shims that the commands load on demand.
 shared() { # OUT SOURCE OPTION...: builds BUILD/windows/release/OUT
     out=$W/release/$1
     shift
@@ -124,8 +125,8 @@ spin4d $version for 64-bit Windows 10 and newer. Nothing else needs to be instal
     bin\\spin4d RUN --data IMAGES -o clip.html
 
 RUN is the folder that a 4D Gaussian Splatting method wrote, IMAGES the data set it was trained on.
-For more, see bin\\spin4d --help. Images are PNG and JPEG. Videos, EXR, GPUs, several machines and
-plug-ins need Linux, or WSL. licences\\ contains the licences of the libraries.
+For more, see bin\\spin4d --help. Images are PNG and JPEG. Videos, EXR, GPUs, MPI and plug-ins
+need Linux or WSL. licences\\ contains the licences of the libraries.
 README
 sed -i 's/$/\r/' "$W/$name/README.txt"
 chmod -R u=rwX,go=rX "$W/$name"

@@ -142,10 +142,9 @@ static spin_status find_units(struct spin_bundle *b, const char *series, char ki
         out->per_unit[c] = out->whole ? (float)value : 0;
     }
     if (!out->whole)
-        return spin_malformed(
-            "meta.json: 'per_unit' of '%s' is not a positive number for each of %" PRIu64
-            " columns, %d at most",
-            series, out->width, SPIN_UNITS);
+        return spin_malformed("meta.json: 'per_unit' of '%s' is not a list of %" PRIu64
+                              " positive numbers, one per column (at most %d)",
+                              series, out->width, SPIN_UNITS);
     return SPIN_OK;
 }
 

@@ -966,7 +966,7 @@ def check_folder(name, fmt, frames, counts, retrained, *args):
         most, unit = got.group(4).split()
         most = float(most) * {"bytes": 1, "kB": 1e3, "MB": 1e6}[unit]
         ok(0.4 * most < written < 1.005 * most, fmt + ": and how much at most", got.group(4), size(written))
-    rounds = re.search("^%s rounds values; error, rms \\(largest\\): (.*)$" % fmt, told, re.M)
+    rounds = re.search("^%s rounds values; rms error \\(largest error in parentheses\\): (.*)$" % fmt, told, re.M)
     if rounds:
         pairs = re.findall(r"(position|log scale|rotation|opacity|colour|sh) ([0-9.e-]+)(?: deg)? \(([0-9.e-]+)(?: deg)?\)",
                            rounds.group(1))

@@ -72,7 +72,7 @@ misuse "did you mean 'video'" spin-export a --to MOV -o b
 misuse "did you mean 'images'" spin-export a --to png -o b
 misuse "did you mean 'ply'" spin-export a --to pli -o b
 misuse "unknown importer 'mp4'; --list" spin-import --from mp4 a --info
-misuse "given as the folder that holds them" spin-import a.ply b.ply -o c.spin
+misuse "give the folder that contains them" spin-import a.ply b.ply -o c.spin
 misuse "'retain' is neither a run nor a command, did you mean 'retrain'" spin4d retain a.spin -o b.spin
 misuse "did you mean 'import'" spin4d imprt a
 run "$bin/spin4d" help

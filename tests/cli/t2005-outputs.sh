@@ -478,7 +478,7 @@ cp "$out.lock" "$work/lock" 2>/dev/null
 ok $? "a run holds a lock"
 retrain --force
 fails 1 spin-retrain "a second run with the same output"
-err_has "'$out' is being written by another run" "names it"
+err_has "'$out': another run is writing it" "names it"
 retrain --force --resume
 is "$code" 1 "nor does --resume"
 kill -CONT $pid

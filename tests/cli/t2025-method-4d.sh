@@ -25,8 +25,8 @@ fails 2 spin-retrain "--refine beside it"
 run "$bin/spin-retrain" "$work/tracks.spin" -o "$work/4d.spin" $net --method 4d --iterations 120 --device cpu \
     --densify-every 10 --hidden 16 --lr-residual 3 --json
 is "$code" 0 "trains 4D splats"
-err_has "no effect with --method 4d: --densify-every" "densification has no effect there"
-err_has "no effect with --method 4d: --lr-residual" "nor have rates of frames"
+err_has "warning: --densify-every has no effect with --method 4d" "densification has no effect there"
+err_has "warning: --lr-residual has no effect with --method 4d" "nor have rates of frames"
 is "$(member method)" 4d "the report names the method"
 psnr=$(sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
 before=$(sed -n '/"before": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")

@@ -316,7 +316,7 @@ greater "$(member outside_ball)" 0.09
 ok $? "a tenth of the points outside the ball"
 warns "is usual" "$(worse)more --iterations, --preset short, or --residual source"
 retrain --method frames --refine 2 --lr-sh 1
-warns "frames that are worse, an option without effect" "no effect without a network: --lr-sh" \
+warns "frames that are worse, an option without effect" "--lr-sh has no effect without a network" \
     "$(worse)a larger --refine, or --refine-start source"
 retrain --iterations 3 --lr-position 0 --lr-tracked 0 --lr-displacement 0 --lr-track 0 --lr-residual 0
 is "$code" 0 "a result that is as good"

@@ -612,7 +612,8 @@ static void test_auto_exposure(void)
        "a clip with a darker camera");
     ok(shell("%s/spin-retrain %s/in.spin --data %s/tinted -o %s/tinted.spin %s", bin, folder,
              folder, folder, one) == 0 &&
-           strstr(said, "cameras differ in colour by ") && strstr(said, "no falloff is measured (") &&
+           strstr(said, "cameras differ in colour by ") &&
+           strstr(said, "no falloff is measured (") &&
            strstr(said, "): learning an exposure for each camera\n"),
        "a darker camera is seen, and no falloff: %s", said);
     snprintf(path, sizeof path, "%s/tinted.spin", folder);
@@ -1128,48 +1129,50 @@ static void test_idle(void)
 {
     warns("", "");
     warns("--hash-log2 19 --lr-table=0.01",
-          "warning: no effect without a network: --hash-log2, --lr-table\n");
+          "warning: --hash-log2, --lr-table have no effect without a network\n");
     warns("--preset short --hash-log2 19 --lr-table 0.01 --iterations 3 --lr-residual 2", "");
     warns("--preset short --lr-track 1 --densify-every 5",
-          "warning: no effect without tracks: --lr-track, --densify-every\n");
+          "warning: --lr-track, --densify-every have no effect without tracks\n");
     warns("--lr-track 1 --densify-every 5 --average 0.5", "");
     warns("--preset short --average 0.5",
-          "warning: no effect without --method tracks or 4d: --average\n");
+          "warning: --average has no effect without --method tracks or 4d\n");
     warns("--refine-start source --densify off",
-          "warning: no effect without --refine: --refine-start, --densify\n");
+          "warning: --refine-start, --densify have no effect without --refine\n");
     warns("--refine 5 --refine-start source --densify off --sh-degree 1", "");
     warns("--method frames --iterations 5 --lr-position 0",
-          "warning: no effect with --method frames: --iterations, --lr-position\n");
+          "warning: --iterations, --lr-position have no effect with --method frames\n");
     warns("--method frames --sh-degree 1 --sh-increase-every 5", "");
-    warns("--sh-degree 1", "warning: no effect with --method tracks: --sh-degree\n");
+    warns("--sh-degree 1", "warning: --sh-degree has no effect with --method tracks\n");
     warns("--method frames --refine 1000 --sh-degree 1",
-          "warning: no effect in so few iterations: --sh-degree\n");
+          "warning: --sh-degree has no effect if --refine ends before the first increase of the SH "
+          "degree\n");
     warns("--method frames --refine 1001 --sh-degree 1", "");
     warns("--method frames --refine 5 --refine-start source --sh-degree 1 --sh-increase-every 2",
-          "warning: no effect with --refine-start source: --sh-increase-every\n");
+          "warning: --sh-increase-every has no effect with --refine-start source\n");
     warns("--method frames --save-every 5 --eval-every 5",
-          "warning: no effect with --method frames: --eval-every, --save-every\n");
+          "warning: --eval-every, --save-every have no effect with --method frames\n");
     warns("--save-every 5 --eval-every 5 --max-points 100", "");
     warns("--max-points 100 --densify-every 0",
-          "warning: no effect without densification: --max-points\n");
+          "warning: --max-points has no effect without densification\n");
     warns("--preset short --max-points 100",
-          "warning: no effect without densification: --max-points\n");
+          "warning: --max-points has no effect without densification\n");
     warns("--preset short --max-points 100 --refine 5", "");
     warns("--method frames --max-points 100", "");
     warns("--tracks auto --densify-every 9 --refine 5 --densify off --max-points 100",
-          "warning: no effect without densification: --max-points\n");
+          "warning: --max-points has no effect without densification\n");
     warns("--method frames --max-points 100 --densify off",
-          "warning: no effect without densification: --max-points\n");
+          "warning: --max-points has no effect without densification\n");
     warns("--learn-exposure off --lr-exposure 0.1",
-          "warning: no effect without --learn-exposure: --lr-exposure\n");
+          "warning: --lr-exposure has no effect without --learn-exposure\n");
     warns("--lr-exposure 0.1", "");
     warns("--residual off",
-          "warning: no effect with tracks, which have their own values: --residual\n");
+          "warning: --residual has no effect with tracks, which have their own values\n");
     warns("--residual source", "");
     warns("--preset short --residual off --init-log-scale -4", "");
     warns("--preset short --init-log-scale -4",
-          "warning: no effect where splats have their own values: --init-log-scale\n");
-    warns("--method frames --tracks auto", "warning: no effect with --method frames: --tracks\n");
+          "warning: --init-log-scale has no effect if splats have their own values\n");
+    warns("--method frames --tracks auto",
+          "warning: --tracks has no effect with --method frames\n");
 }
 
 static void test_data(void)

@@ -329,7 +329,7 @@ static void lies(void)
     e = stored();
     e.method = 12;
     save_one(e);
-    fails(SPIN_E_UNSUPPORTED, "packed with method 12", 0, "an unknown method");
+    fails(SPIN_E_UNSUPPORTED, "unsupported method 12", 0, "an unknown method");
     e = stored();
     e.local_name = "b.npy";
     save_one(e);
@@ -351,7 +351,7 @@ static void lies(void)
     add_central(&b, &e);
     add_end(&b, "");
     save(&b, b.n);
-    fails(SPIN_E_MALFORMED, "claims 17 bytes", 0, "a size beyond the directory");
+    fails(SPIN_E_MALFORMED, "should have 17 bytes", 0, "a size beyond the directory");
     memset(&b, 0, sizeof b);
     e = stored();
     add_local(&b, &e);
@@ -425,28 +425,29 @@ static void bombs(void)
 
     e.size = HELLO - 1;
     save_one(e);
-    fails(SPIN_E_MALFORMED, "does not unpack", 100, "deflated data yields more than stated");
+    fails(SPIN_E_MALFORMED, "cannot be decompressed", 100, "deflated data yields more than stated");
     e.size = HELLO + 1;
     save_one(e);
-    fails(SPIN_E_MALFORMED, "does not unpack", 100, "deflated data yields less than stated");
+    fails(SPIN_E_MALFORMED, "cannot be decompressed", 100, "deflated data yields less than stated");
     e.size = 0xfffffff0;
     save_one(e);
-    fails(SPIN_E_MALFORMED, "claims 4294967280 bytes from 18", UINT64_MAX,
+    fails(SPIN_E_MALFORMED, "of 18 compressed bytes cannot have 4294967280", UINT64_MAX,
           "a claim that deflate cannot keep is refused before memory is reserved");
     e.size = HELLO;
     save_one(e);
     fails(SPIN_E_UNSUPPORTED, "more than the 12 allowed", HELLO - 1, "more than the caller allows");
     e.packed--;
     save_one(e);
-    fails(SPIN_E_MALFORMED, "does not unpack", 100, "deflated data cut short");
+    fails(SPIN_E_MALFORMED, "cannot be decompressed", 100, "deflated data cut short");
     e = deflated();
     e.packed = HELLO_DEFLATED + 1; /* the NUL behind it */
     save_one(e);
-    fails(SPIN_E_MALFORMED, "does not unpack", 100, "bytes left after the end of deflated data");
+    fails(SPIN_E_MALFORMED, "cannot be decompressed", 100,
+          "bytes left after the end of deflated data");
     e = deflated();
     e.data = "\x07 no such block type";
     save_one(e);
-    fails(SPIN_E_MALFORMED, "does not unpack", 100, "deflated data that is none");
+    fails(SPIN_E_MALFORMED, "cannot be decompressed", 100, "deflated data that is none");
 }
 
 static void truncations(void)

@@ -15,7 +15,7 @@ static void set_console(DWORD which)
         SetConsoleMode(console, mode | ENABLE_VIRTUAL_TERMINAL_PROCESSING);
 }
 
-static char *argument(const wchar_t *given)
+static char *convert_argument(const wchar_t *given)
 {
     int n = WideCharToMultiByte(CP_UTF8, 0, given, -1, NULL, 0, NULL, NULL);
     char *text = malloc((size_t)n + 1);
@@ -36,7 +36,7 @@ int main(void)
     if (!argv)
         return 1;
     for (i = 0; i < argc; i++)
-        argv[i] = argument(given[i]);
+        argv[i] = convert_argument(given[i]);
     _setmode(STDIN_FILENO, _O_BINARY);
     _setmode(STDOUT_FILENO, _O_BINARY);
     _setmode(STDERR_FILENO, _O_BINARY);

@@ -1,4 +1,4 @@
-/* POSIX functions implemented with those of Windows; posix.h documents them. */
+/* POSIX functions, implemented with functions of Windows; posix.h documents them. */
 #include <windows.h>
 
 #include <psapi.h>
@@ -58,20 +58,21 @@ static int fail(void)
 
 /* ---- Names ---------------------------------------------------------------------------------- */
 
-/* A name that is too long or not UTF-8 becomes "", which no file has. */
+/* A UTF-16 path. A path that is too long or not UTF-8 becomes "", the name of no file. */
 struct wide {
     wchar_t text[PATH_ROOM];
 };
 
-static const wchar_t *widen(const char *path, struct wide *out)
+static const wchar_t *to_utf16(const char *path, struct wide *out)
 {
     if (!MultiByteToWideChar(CP_UTF8, MB_ERR_INVALID_CHARS, path, -1, out->text, PATH_ROOM))
         out->text[0] = L'\0';
     return out->text;
 }
 
-/* Convert to UTF-8 with slashes; the number of bytes, or 0 if the capacity n is too small. */
-static size_t narrow(const wchar_t *text, char *out, size_t n)
+/* Convert to UTF-8 with slashes. Returns the number of bytes, or 0 if the capacity n is too
+ * small. */
+static size_t to_utf8(const wchar_t *text, char *out, size_t n)
 {
     int bytes = WideCharToMultiByte(CP_UTF8, 0, text, -1, out, (int)n, NULL, NULL);
 
@@ -83,9 +84,9 @@ static size_t narrow(const wchar_t *text, char *out, size_t n)
 char *posix_realpath(const char *path, char *none)
 {
     struct wide wide, found;
-    HANDLE file =
-        CreateFileW(widen(path, &wide), 0, FILE_SHARE_READ | FILE_SHARE_WRITE | FILE_SHARE_DELETE,
-                    NULL, OPEN_EXISTING, FILE_FLAG_BACKUP_SEMANTICS, NULL);
+    HANDLE file = CreateFileW(to_utf16(path, &wide), 0,
+                              FILE_SHARE_READ | FILE_SHARE_WRITE | FILE_SHARE_DELETE, NULL,
+                              OPEN_EXISTING, FILE_FLAG_BACKUP_SEMANTICS, NULL);
     DWORD n;
     wchar_t *from = found.text;
     char *out;
@@ -104,7 +105,7 @@ char *posix_realpath(const char *path, char *none)
         from += 4;
     out = malloc(3 * PATH_ROOM);
     if (out)
-        narrow(from, out, 3 * PATH_ROOM);
+        to_utf8(from, out, 3 * PATH_ROOM);
     return out;
 }
 
@@ -114,7 +115,7 @@ ssize_t posix_readlink(const char *path, char *out, size_t n)
     DWORD got = GetModuleFileNameW(NULL, wide.text, PATH_ROOM);
 
     (void)path;
-    return got > 0 && got < PATH_ROOM ? (ssize_t)narrow(wide.text, out, n) : -1;
+    return got > 0 && got < PATH_ROOM ? (ssize_t)to_utf8(wide.text, out, n) : -1;
 }
 
 /* ---- File attributes ------------------------------------------------------------------------ */
@@ -154,7 +155,7 @@ static int stat_handle(HANDLE file, struct posix_stat *out)
 static int stat_path(const char *path, DWORD flags, struct posix_stat *out)
 {
     struct wide wide;
-    HANDLE file = CreateFileW(widen(path, &wide), FILE_READ_ATTRIBUTES,
+    HANDLE file = CreateFileW(to_utf16(path, &wide), FILE_READ_ATTRIBUTES,
                               FILE_SHARE_READ | FILE_SHARE_WRITE | FILE_SHARE_DELETE, NULL,
                               OPEN_EXISTING, FILE_FLAG_BACKUP_SEMANTICS | flags, NULL);
     int error;
@@ -181,7 +182,7 @@ int posix_fstat(int fd, struct posix_stat *out)
 int posix_access(const char *path, int mode)
 {
     struct wide wide;
-    DWORD attributes = GetFileAttributesW(widen(path, &wide));
+    DWORD attributes = GetFileAttributesW(to_utf16(path, &wide));
 
     if (attributes == INVALID_FILE_ATTRIBUTES)
         return fail();
@@ -197,7 +198,7 @@ int statvfs(const char *folder, struct statvfs *out)
     struct wide wide;
     ULARGE_INTEGER available;
 
-    if (!GetDiskFreeSpaceExW(widen(folder, &wide), &available, NULL, NULL))
+    if (!GetDiskFreeSpaceExW(to_utf16(folder, &wide), &available, NULL, NULL))
         return fail();
     *out = (struct statvfs){available.QuadPart, 1};
     return 0;
@@ -213,7 +214,7 @@ int posix_open(const char *path, int flags, ...)
                    : flags & O_WRONLY ? GENERIC_WRITE
                                       : GENERIC_READ;
     DWORD how = !(flags & O_CREAT) ? OPEN_EXISTING : flags & O_EXCL ? CREATE_NEW : OPEN_ALWAYS;
-    HANDLE file = CreateFileW(widen(path, &wide), rights,
+    HANDLE file = CreateFileW(to_utf16(path, &wide), rights,
                               FILE_SHARE_READ | FILE_SHARE_WRITE | FILE_SHARE_DELETE, NULL, how,
                               FILE_ATTRIBUTE_NORMAL | FILE_FLAG_BACKUP_SEMANTICS, NULL);
     int fd;
@@ -226,16 +227,16 @@ int posix_open(const char *path, int flags, ...)
     return fd;
 }
 
-/* Ignores 'e', close on exec: children inherit the file, which is harmless. */
+/* Ignores mode 'e' (close on exec): a child inherits the file, which is harmless. */
 FILE *posix_fopen(const char *path, const char *mode)
 {
     const wchar_t how[4] = {(wchar_t)mode[0], L'b', strchr(mode, '+') ? L'+' : L'\0'};
     struct wide wide;
 
-    return _wfopen(widen(path, &wide), how);
+    return _wfopen(to_utf16(path, &wide), how);
 }
 
-/* Writes through a second handle, since Windows would move the position of the first. */
+/* Writes through a second handle, since Windows would change the file position of the first. */
 ssize_t posix_pwrite(int fd, const void *data, size_t n, int64_t at)
 {
     OVERLAPPED place = {.Offset = (DWORD)at, .OffsetHigh = (DWORD)(at >> 32)};
@@ -253,7 +254,8 @@ ssize_t posix_pwrite(int fd, const void *data, size_t n, int64_t at)
     return done ? (ssize_t)written : -1;
 }
 
-/* Locks a byte far beyond the contents, because Windows locks prevent others from reading. */
+/* Locks a byte far beyond the end, because Windows prevents other processes from reading locked
+ * bytes. */
 int posix_flock(int fd, int how)
 {
     OVERLAPPED place = {.OffsetHigh = 0x7fffffff};
@@ -270,7 +272,7 @@ int posix_flock(int fd, int how)
 static struct memory {
     struct memory *next;
     FILE *file;
-    char **text, *fixed; /* exactly one is set */
+    char **text, *fixed; /* exactly one of these two is set */
     size_t *n, room;
 } * memories;
 static pthread_mutex_t memory_mutex = PTHREAD_MUTEX_INITIALIZER;
@@ -369,14 +371,14 @@ int posix_unlink(const char *path)
 {
     struct wide wide;
 
-    return DeleteFileW(widen(path, &wide)) ? 0 : fail();
+    return DeleteFileW(to_utf16(path, &wide)) ? 0 : fail();
 }
 
 int posix_rmdir(const char *path)
 {
     struct wide wide;
 
-    return RemoveDirectoryW(widen(path, &wide)) ? 0 : fail();
+    return RemoveDirectoryW(to_utf16(path, &wide)) ? 0 : fail();
 }
 
 int posix_mkdir(const char *path, int mode)
@@ -384,24 +386,24 @@ int posix_mkdir(const char *path, int mode)
     struct wide wide;
 
     (void)mode;
-    return CreateDirectoryW(widen(path, &wide), NULL) ? 0 : fail();
+    return CreateDirectoryW(to_utf16(path, &wide), NULL) ? 0 : fail();
 }
 
-/* Files that were replaced while mapped, to be removed at exit. */
+/* The old versions of files that were replaced while mapped, to be removed at exit. */
 static struct old {
     struct old *next;
     struct wide path;
-} * olds;
+} * old_files;
 
-static void remove_olds(void)
+static void remove_old_files(void)
 {
-    for (; olds; olds = olds->next)
-        (void)DeleteFileW(olds->path.text);
+    for (; old_files; old_files = old_files->next)
+        (void)DeleteFileW(old_files->path.text);
 }
 
-/* A mapped file cannot be replaced, but it can be renamed: to the name of a temporary file of
- * process number getpid() + 1, which does not exist. Files that cannot be removed at exit are later
- * removed by spin_out_sweep(). */
+/* Windows cannot replace a mapped file, but can rename it. Its new name is that of a temporary file
+ * of process getpid() + 1, which does not exist, so that spin_out_sweep() removes the file later if
+ * it cannot be removed at exit. */
 static bool replace_mapped(const wchar_t *from, const wchar_t *to)
 {
     static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
@@ -418,10 +420,10 @@ static bool replace_mapped(const wchar_t *from, const wchar_t *to)
         return false;
     }
     pthread_mutex_lock(&mutex);
-    if (!olds)
-        atexit(remove_olds);
-    old->next = olds;
-    olds = old;
+    if (!old_files)
+        atexit(remove_old_files);
+    old->next = old_files;
+    old_files = old;
     pthread_mutex_unlock(&mutex);
     return true;
 }
@@ -430,7 +432,7 @@ int posix_rename(const char *from, const char *to)
 {
     struct wide a, b;
 
-    if (MoveFileExW(widen(from, &a), widen(to, &b), MOVEFILE_REPLACE_EXISTING))
+    if (MoveFileExW(to_utf16(from, &a), to_utf16(to, &b), MOVEFILE_REPLACE_EXISTING))
         return 0;
     fail();
     return errno == EACCES && replace_mapped(a.text, b.text) ? 0 : -1;
@@ -440,7 +442,7 @@ int posix_link(const char *from, const char *to)
 {
     struct wide a, b;
 
-    return CreateHardLinkW(widen(to, &b), widen(from, &a), NULL) ? 0 : fail();
+    return CreateHardLinkW(to_utf16(to, &b), to_utf16(from, &a), NULL) ? 0 : fail();
 }
 
 struct posix_dir {
@@ -454,7 +456,7 @@ DIR *posix_opendir(const char *path)
 {
     struct wide wide;
     DIR *dir = malloc(sizeof *dir);
-    size_t n = wcslen(widen(path, &wide));
+    size_t n = wcslen(to_utf16(path, &wide));
 
     if (!dir)
         return NULL;
@@ -475,7 +477,7 @@ struct dirent *posix_readdir(DIR *dir)
 {
     if (dir->ends)
         return NULL;
-    narrow(dir->next.cFileName, dir->entry.d_name, sizeof dir->entry.d_name);
+    to_utf8(dir->next.cFileName, dir->entry.d_name, sizeof dir->entry.d_name);
     dir->ends = !FindNextFileW(dir->find, &dir->next);
     return &dir->entry;
 }
@@ -509,7 +511,7 @@ void *mmap(void *none, size_t n, int protection, int flags, int fd, int64_t zero
     return MAP_FAILED;
 }
 
-/* Decommits the pages, and releases the address range with the last of them. */
+/* Decommits the pages. Releases the address range once all its pages are decommitted. */
 int munmap(void *at, size_t n)
 {
     MEMORY_BASIC_INFORMATION info, part;
@@ -529,8 +531,8 @@ int munmap(void *at, size_t n)
     return VirtualFree(info.AllocationBase, 0, MEM_RELEASE) ? 0 : fail();
 }
 
-/* VirtualUnlock() on pages that were not locked removes them from the working set; they are read
- * again when needed. */
+/* VirtualUnlock() on pages that are not locked removes them from the working set. They are read
+ * again on access. */
 int madvise(void *at, size_t n, int advice)
 {
     if (advice == MADV_DONTNEED)
@@ -594,9 +596,9 @@ int posix_kill(pid_t pid, int zero)
     return 0;
 }
 
-/* Quote an argument: backslashes that precede a quote are doubled, and quotes are escaped with one.
- * Returns the end. */
-static char *quote(const char *text, char *out)
+/* Quote an argument: double backslashes that precede a quote, and escape quotes with a backslash.
+ * Returns the end of the output. */
+static char *quote_argument(const char *text, char *out)
 {
     *out++ = '"';
     for (size_t n = 0; *text; text++) {
@@ -613,7 +615,7 @@ static char *quote(const char *text, char *out)
     return out;
 }
 
-static BOOL WINAPI let_child_decide(DWORD event)
+static BOOL WINAPI ignore_interrupt(DWORD event)
 {
     return event == CTRL_C_EVENT || event == CTRL_BREAK_EVENT;
 }
@@ -637,12 +639,12 @@ intptr_t posix_execv(const char *path, char *const *argv)
     if (!line || !wide)
         return -1;
     for (char *const *text = argv; *text; text++)
-        end = quote(*text, end);
+        end = quote_argument(*text, end);
     *end = '\0';
     snprintf(with_exe, sizeof with_exe, "%s.exe", path);
-    SetConsoleCtrlHandler(let_child_decide, TRUE);
+    SetConsoleCtrlHandler(ignore_interrupt, TRUE);
     if (!MultiByteToWideChar(CP_UTF8, 0, line, -1, wide, LINE) ||
-        !CreateProcessW(widen(with_exe, &program), wide, NULL, NULL, TRUE, 0, NULL, NULL, &start,
+        !CreateProcessW(to_utf16(with_exe, &program), wide, NULL, NULL, TRUE, 0, NULL, NULL, &start,
                         &child))
         return fail();
     WaitForSingleObject(child.hProcess, INFINITE);
@@ -652,7 +654,7 @@ intptr_t posix_execv(const char *path, char *const *argv)
 
 static struct sigaction on_interrupt, on_terminate, on_bus;
 
-static BOOL WINAPI take_event(DWORD event)
+static BOOL WINAPI handle_event(DWORD event)
 {
     const struct sigaction *action = event == CTRL_C_EVENT       ? &on_interrupt
                                      : event == CTRL_BREAK_EVENT ? &on_terminate
@@ -664,7 +666,7 @@ static BOOL WINAPI take_event(DWORD event)
     return TRUE;
 }
 
-static LONG WINAPI take_fault(EXCEPTION_POINTERS *fault)
+static LONG WINAPI handle_fault(EXCEPTION_POINTERS *fault)
 {
     const EXCEPTION_RECORD *record = fault->ExceptionRecord;
     siginfo_t info;
@@ -686,10 +688,10 @@ int sigaction(int number, const struct sigaction *in, struct sigaction *none)
         on_terminate = *in;
     else if (number == SIGBUS) {
         on_bus = *in;
-        AddVectoredExceptionHandler(1, take_fault);
+        AddVectoredExceptionHandler(1, handle_fault);
     }
     if (number == SIGINT)
-        SetConsoleCtrlHandler(take_event, TRUE);
+        SetConsoleCtrlHandler(handle_event, TRUE);
     return 0;
 }
 
@@ -721,16 +723,17 @@ void *dlopen(const char *path, int flags)
     if (ending)
         snprintf(ending, sizeof name - (size_t)(ending - name), ".dll");
     if (ending)
-        widen(name, &full);
-    else if (!GetFullPathNameW(widen(name, &wide), PATH_ROOM, full.text, NULL))
+        to_utf16(name, &full);
+    else if (!GetFullPathNameW(to_utf16(name, &wide), PATH_ROOM, full.text, NULL))
         full.text[0] = L'\0';
     object = LoadLibraryExW(full.text, NULL,
                             ending ? LOAD_LIBRARY_SEARCH_APPLICATION_DIR
                                    : LOAD_LIBRARY_SEARCH_DLL_LOAD_DIR |
                                          LOAD_LIBRARY_SEARCH_DEFAULT_DIRS);
     if (!object)
-        snprintf(dl_error, sizeof dl_error, "'%.400s' %s: error %lu of Windows", name,
-                 ending ? "beside the program does not load" : "does not load", GetLastError());
+        snprintf(dl_error, sizeof dl_error, "'%.400s' %s: Windows error %lu", name,
+                 ending ? "beside the program cannot be loaded" : "cannot be loaded",
+                 GetLastError());
     return (void *)object;
 }
 

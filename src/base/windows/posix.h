@@ -35,8 +35,8 @@
 typedef int uid_t;
 struct posix_stat {
     uint64_t st_dev, st_ino, st_size;
-    unsigned st_mode,
-        st_nlink; /* "read only" is the only permission; access control lists are ignored */
+    /* st_mode: the only permission is "read only"; access control lists are ignored. */
+    unsigned st_mode, st_nlink;
     uid_t st_uid; /* always 0 */
     struct timespec st_mtim;
 };
@@ -56,12 +56,13 @@ int posix_mkdir(const char *path, int mode);
 int posix_rename(const char *from, const char *to);
 int posix_link(const char *from, const char *to);
 char *posix_realpath(const char *path, char *none);
-ssize_t posix_readlink(const char *path, char *out, size_t n); /* for "/proc/self/exe" only */
+ssize_t posix_readlink(const char *path, char *out, size_t n); /* works for "/proc/self/exe" only */
 ssize_t posix_pwrite(int fd, const void *data, size_t n, int64_t at);
 int posix_flock(int fd, int how);
 FILE *posix_fopen(const char *path, const char *mode);
-FILE *posix_open_memstream(char **text, size_t *n);           /* *text is set by fclose() */
-FILE *posix_fmemopen(void *text, size_t n, const char *mode); /* likewise; mode "w" only */
+FILE *posix_open_memstream(char **text, size_t *n); /* *text is set by fclose() */
+FILE *posix_fmemopen(void *text, size_t n,
+                     const char *mode); /* text is set by fclose(); mode "w" only */
 int posix_fclose(FILE *file);
 #define stat posix_stat
 #define lstat posix_lstat
@@ -107,12 +108,12 @@ int statvfs(const char *folder, struct statvfs *out);
 
 enum { PROT_READ = 1, PROT_WRITE = 2, MAP_PRIVATE = 2, MAP_ANONYMOUS = 32, MADV_DONTNEED = 4 };
 #define MAP_FAILED ((void *)-1)
-/* Files are mapped read-only. */
+/* Maps files read-only. */
 void *mmap(void *none, size_t n, int protection, int flags, int fd, int64_t zero);
-int munmap(void *at, size_t n); /* files: the whole mapping */
+int munmap(void *at, size_t n); /* a file can only be unmapped as a whole */
 int madvise(void *at, size_t n, int advice);
-#define aligned_alloc(alignment, n)                                                                \
-    _aligned_malloc(n, alignment) /* freed by SPIN_ALIGNED_FREE of base/mem.h */
+/* Free the block with SPIN_ALIGNED_FREE() of base/mem.h. */
+#define aligned_alloc(alignment, n) _aligned_malloc(n, alignment)
 
 enum { _SC_PAGESIZE, _SC_AVPHYS_PAGES, _SC_NPROCESSORS_ONLN };
 long long sysconf(int name);
@@ -125,7 +126,7 @@ struct rusage {
 };
 enum { RUSAGE_SELF };
 int getrusage(int self, struct rusage *out);
-/* There are no limits. */
+/* Windows has no such limits. */
 struct rlimit {
     uint64_t rlim_cur, rlim_max;
 };
@@ -171,7 +172,7 @@ void (*posix_signal(int number, void (*how)(int)))(int);
 int pause(void);
 
 enum { RTLD_NOW = 2, RTLD_LOCAL = 0 };
-void *dlopen(const char *path, int flags); /* "libzstd.so.1" is libzstd.dll beside the program */
+void *dlopen(const char *path, int flags); /* "libzstd.so.1" loads libzstd.dll beside the program */
 void *dlsym(void *object, const char *name);
 int dlclose(void *object);
 const char *dlerror(void);
