@@ -14,9 +14,10 @@
 #define MAGIC_BYTES 8
 #define MODEL "gaussian-birth"
 #define SCHEME "uniform-v1"
-#define NEVER_FADES 1 /* flag of a splat */
-/* A splat takes at least 34 bytes before compression, and its position is its own. A file that
- * unpacks to far more than 32 times its size is a decompression bomb. */
+#define NEVER_FADES 1 /* flag of a splat without a Gaussian window */
+/* A splat takes at least 34 bytes before compression, and positions compress badly, since no two
+ * splats share one. Refuse files that unpack to far more than 32 times their size (decompression
+ * bombs). */
 #define ROW_BYTES 34
 #define RATIO 32
 #define SLACK (1u << 20)
@@ -76,21 +77,21 @@ struct reader {
     size_t size;
     struct spin_4dgs *info;
     struct spin_splats_4d *splats;
-    unsigned seen; /* bits of the records that may occur only once */
+    unsigned seen; /* bit k: record k was read; only for records that must not occur twice */
     uint64_t n_said;
     double origin[3], step[N_STEPS];
     double *window; /* [n_windows][2] */
     size_t n_windows;
-    uint64_t n; /* splats of all chunks so far */
+    uint64_t n; /* number of splats in the chunks read so far */
     size_t n_chunks;
-    size_t first, n_in_chunk; /* rows of the last chunk */
-    unsigned bands;           /* bits of the SH bands of the last chunk */
+    size_t first, n_in_chunk; /* rows of the current chunk */
+    unsigned bands;           /* bit k: SH band k + 1 of the current chunk was read */
     int32_t *steps[N_ATTRIBUTES];
 };
 
 /* ---- Bytes ----------------------------------------------------------------------------------- */
 
-/* The unread bytes of a record. After an attempt to read past the end, all values are zero. */
+/* The unread bytes of a record. Reading past the end sets `cut` and returns zeros from then on. */
 struct cursor {
     const unsigned char *at;
     size_t left;
@@ -143,11 +144,10 @@ static bool says(const struct cursor *text, const char *word)
     return text->left == strlen(word) && memcmp(text->at, word, text->left) == 0;
 }
 
-/* Precision for "%.*s". */
+/* Length of a text to print with "%.*s", at most 80 characters. */
 static int length_of(const struct cursor *text) { return text->left < 80 ? (int)text->left : 80; }
 
-/* ---- Records that occur once
- * ------------------------------------------------------------------ */
+/* ---- Records that occur once ----------------------------------------------------------------- */
 
 static spin_status read_header(struct reader *r, struct cursor *c)
 {
@@ -211,7 +211,7 @@ static spin_status read_windows(struct reader *r, struct cursor *c)
     return SPIN_OK;
 }
 
-/* The index is not used, but its checksum shows whether the file is damaged. */
+/* Verifies the checksum of the index. The index itself is not used. */
 static spin_status read_footer(const struct reader *r, struct cursor *c, size_t at)
 {
     uint64_t start = take_number(c, 8);
@@ -228,7 +228,7 @@ static spin_status read_footer(const struct reader *r, struct cursor *c, size_t 
 
 /* ---- Streams --------------------------------------------------------------------------------- */
 
-/* Unpacks exactly n_out bytes into *out, which is allocated. */
+/* Allocates *out and decompresses exactly n_out bytes into it. */
 static spin_status unpack(unsigned codec, const struct cursor *packed, uint64_t n_out,
                           unsigned char **out)
 {
@@ -265,7 +265,7 @@ static struct stream take_stream(struct cursor *c)
     return s;
 }
 
-/* Decodes symbols to numbers [n][channels]. */
+/* Decodes symbols to integers, out [n][channels]. */
 static spin_status decode(const struct stream *s, const unsigned char *planes, size_t n_symbols,
                           int32_t *out)
 {
@@ -283,7 +283,7 @@ static spin_status decode(const struct stream *s, const unsigned char *planes, s
     return SPIN_OK;
 }
 
-/* Reads the numbers of n splats; *out is allocated. */
+/* Allocates *out, [n][channels], and reads the integers of n splats into it. */
 static spin_status read_stream(const struct stream *s, size_t n, int channels, int32_t **out)
 {
     size_t n_symbols = (s->mode == CONSTANT ? 1 : n) * (size_t)channels;
@@ -308,8 +308,8 @@ static double clamp(double x, double least, double most)
     return x > least ? x < most ? x : most : least;
 }
 
-/* Rounds an end of a window down to a float. Windows are half open: a splat is visible at the first
- * time and not at the last. */
+/* Rounds the start or end of a window down to a float. Windows are half open: a splat is visible at
+ * the start and invisible at the end. */
 static float at_or_below(double x)
 {
     float f = (float)clamp(x, -(double)SPIN_FOREVER, (double)SPIN_FOREVER);
@@ -323,8 +323,8 @@ static double motion_step(const struct reader *r, double life)
     return ldexp(r->step[STEP_MOTION], -(int)clamp(ceil(log2(clamp(life, 0.02, 2) / 0.5)), -4, 2));
 }
 
-/* The quantisation step of a splat's own time: a twentieth of its sigma or less, down to 2^-10 of
- * the file's step. */
+/* The quantisation step of a splat's centre in time: the file's step, halved until it is at most a
+ * twentieth of the splat's sigma, but at most ten times. */
 static double time_step(const struct reader *r, double sigma)
 {
     double step = r->step[STEP_TIME];
@@ -334,7 +334,8 @@ static double time_step(const struct reader *r, double sigma)
                : step;
 }
 
-/* Decodes three of the components x y z w, in this order; the largest is omitted and positive. */
+/* Decodes a quaternion x y z w from its three smaller components; the largest, which the file
+ * omits, is positive. */
 static void rotation_of(const int32_t *steps, int largest, double step, float wxyz[4])
 {
     static const int place[4] = {1, 2, 3, 0};
@@ -405,7 +406,7 @@ static void forget_steps(struct reader *r)
     }
 }
 
-/* Reads all streams of a chunk, in any order; streams of unknown attributes are skipped. */
+/* Reads the streams of a chunk, which may be in any order. Skips unknown attributes. */
 static spin_status read_streams(struct reader *r, struct cursor *c, const double interval[2])
 {
     while (c->left > 0) {
@@ -427,7 +428,7 @@ static spin_status read_streams(struct reader *r, struct cursor *c, const double
     return read_rows(r, interval);
 }
 
-/* Reads a chunk's streams, which may also be compressed together. */
+/* Reads the streams of a chunk. With a codec, the whole chunk was compressed once more. */
 static spin_status read_chunk_block(struct reader *r, struct cursor *block,
                                     const struct cursor *codec, uint64_t bytes,
                                     const double interval[2])
@@ -445,7 +446,7 @@ static spin_status read_chunk_block(struct reader *r, struct cursor *block,
     return read_streams(r, &(struct cursor){plain, (size_t)bytes, false}, interval);
 }
 
-/* Ends a chunk: it must have all SH bands of the file's degree. */
+/* Checks that the current chunk had all SH bands of the file's degree. */
 static spin_status end_chunk(const struct reader *r)
 {
     if (r->n_in_chunk > 0 && r->bands != (1u << r->splats->sh_degree) - 1)
@@ -454,7 +455,7 @@ static spin_status end_chunk(const struct reader *r)
     return SPIN_OK;
 }
 
-/* Counts the splats of a chunk; in the second pass, when memory is reserved, also reads them. */
+/* Counts the splats of a chunk. In the second pass, when memory is reserved, reads them as well. */
 static spin_status read_chunk(struct reader *r, struct cursor *c)
 {
     double interval[2];
@@ -489,7 +490,7 @@ static spin_status read_chunk(struct reader *r, struct cursor *c)
     return spin_fail_context(status, "chunk %zu", r->n_chunks - 1);
 }
 
-/* Reads an SH band: the coefficients of red, then green, then blue; bytes for -4 to 4. */
+/* Reads an SH band: all coefficients of red, then green, then blue. Codes 0..255 are -4..4. */
 static spin_status read_band(struct reader *r, struct cursor *c)
 {
     const struct spin_splats_4d *s = r->splats;
@@ -518,8 +519,8 @@ static spin_status read_band(struct reader *r, struct cursor *c)
 
 /* ---- The file -------------------------------------------------------------------------------- */
 
-/* Reads a record in one of two passes. The first reads the records that occur once and counts
- * splats; the second reads the splats. */
+/* Reads a record in the first or second pass over the file. The first pass reads the records that
+ * occur once and counts the splats; the second pass reads the splats. */
 static spin_status read_record(struct reader *r, unsigned opcode, struct cursor *c, size_t at)
 {
     bool first_pass = !r->splats->centres, once = opcode <= WINDOWS;

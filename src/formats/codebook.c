@@ -2,14 +2,14 @@
 
 #include "base/base.h"
 
-#define BINS 4096     /* bins of the histogram that gives the initial values */
-#define MOST_STEPS 60 /* limit of the iterations of Lloyd's algorithm */
+#define BINS 4096     /* bins of the histogram from which the initial numbers are chosen */
+#define MOST_STEPS 60 /* maximum number of iterations of Lloyd's algorithm */
 #define CUT_STEPS 6   /* iterations of 2-means */
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
 
-/* Sorts n floats in ascending order: radix sort on their bits, 11 at a time. room: scratch memory
- * for n floats. */
+/* Radix sort of n floats in ascending order, 11 bits per pass. room: scratch memory for n
+ * floats. */
 static void sort(float *values, float *room, size_t n)
 {
     enum { BITS = 11, N = 1 << BITS };
@@ -35,7 +35,7 @@ static void sort(float *values, float *room, size_t n)
     }
 }
 
-/* Number of the n ascending values that are below v. */
+/* Counts the values below v, by binary search. */
 static size_t count_below(const float *sorted, size_t n, double v)
 {
     size_t low = 0, high = n;
@@ -56,7 +56,8 @@ static double root_in(const float *sorted, size_t n, double low, double width)
     return cbrt((double)(count_below(sorted, n, low + width) - count_below(sorted, n, low)));
 }
 
-/* Initial values: at equal shares of the integral of the cube root of the density. */
+/* Chooses the initial numbers: between each of them and the next, the cube root of the density of
+ * the values has the same integral. */
 static void first_places(const float *sorted, size_t n, double place[SPIN_CODEBOOK])
 {
     double low = sorted[0], width = ((double)sorted[n - 1] - low) / BINS, sum = 0, share = 0;
@@ -73,8 +74,8 @@ static void first_places(const float *sorted, size_t n, double place[SPIN_CODEBO
         place[k++] = sorted[n - 1];
 }
 
-/* One iteration: replaces each place by the mean of the values nearest to it. False if none
- * moved. */
+/* One iteration of Lloyd's algorithm: replaces each number by the mean of the values that are
+ * nearest to it. before[i]: sum of the first i values. Returns false if no number changed. */
 static bool step(const float *sorted, const double *before, size_t n, double place[SPIN_CODEBOOK])
 {
     size_t from = 0;
@@ -138,32 +139,33 @@ unsigned char spin_codebook_nearest(const float book[SPIN_CODEBOOK], float value
 
 /* ---- Vectors --------------------------------------------------------------------------------- */
 
-/* Rows that share a vector: n entries of the order, from `first` on. After it was divided, the
- * first n_front of them are one side and the rest the other. */
+/* A cluster of rows that share a palette vector: order[first .. first + n). If it was divided, the
+ * first n_front rows form one half and the other rows the second half. */
 struct part {
-    size_t first, n, n_front; /* 0: it cannot be divided */
+    size_t first, n, n_front; /* n_front 0: cannot be divided */
     double error;             /* sum of squared distances to the mean */
-    double side_error[2];
-    bool divided;
+    double side_error[2];     /* the same for each half */
+    bool divided;             /* division was tried; n_front and side_error are set */
 };
 
 struct cutting {
     const float *rows;
     size_t width;
     uint32_t *order;
-    struct part *part; /* a max-heap by error */
+    struct part *part; /* max-heap by error */
     size_t n_parts;
-    struct part *batch; /* [BATCH] removed from the heap */
+    struct part *batch; /* [BATCH] taken from the heap to be divided */
     double *sums;       /* [workers][SUMS][width] */
     uint32_t *label;
     float *palette;
 };
 
-enum { BATCH = 256 };                               /* parts that are divided in parallel */
-enum { MEAN, SPREAD, CENTRES, SUMS = CENTRES + 2 }; /* vectors in a worker's scratch memory */
+enum { BATCH = 256 }; /* maximum number of clusters that are divided in parallel */
+/* Vectors in a worker's scratch memory: mean, spread of each coordinate, two centres. */
+enum { MEAN, SPREAD, CENTRES, SUMS = CENTRES + 2 };
 
-/* Computes the mean, sum[0..width), and returns the sum of squared distances to it; `widest` is the
- * coordinate that contributes most. */
+/* Computes the mean of rows order[first .. first + n) into sum[0..width) and returns the sum of
+ * squared distances to the mean. *widest: the coordinate that contributes most to this sum. */
 static double measure(const struct cutting *c, size_t first, size_t n, double *sum, size_t *widest)
 {
     double *mean = sum, *squares = sum + SPREAD * c->width, error = 0;
@@ -187,7 +189,7 @@ static double measure(const struct cutting *c, size_t first, size_t n, double *s
     return error;
 }
 
-/* Four independent sums, so that the processor can overlap the additions. */
+/* Dot product. Four independent partial sums let the processor overlap the additions. */
 static double dot(const float *row, const double *w, size_t n)
 {
     double sum[4] = {0};
@@ -201,14 +203,14 @@ static double dot(const float *row, const double *w, size_t n)
     return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
 
-/* Moves rows nearer to the first of two centres to the front and returns their number. If both
- * sides have rows, the centres, [2][width], become the means of the two. across: scratch memory,
- * [width]. */
+/* Moves the rows that are nearer to the first of two centres, [2][width], to the front and returns
+ * their number. If both centres have rows, replaces each centre by the mean of its rows. across:
+ * scratch memory, [width]. */
 static size_t divide(const struct cutting *c, const struct part *p, const double *mean,
                      double *across, double *centre)
 {
     size_t front = p->first, width = c->width, n;
-    double middle = 0; /* of the plane between them */
+    double middle = 0; /* offset of the plane between the centres */
 
     for (size_t k = 0; k < width; k++) {
         double one = centre[k], two = centre[width + k];
@@ -239,8 +241,9 @@ static size_t divide(const struct cutting *c, const struct part *p, const double
     return n;
 }
 
-/* Divides a part by 2-means, which starts on both sides of the mean along the widest coordinate.
- * Returns the rows of the first side, 0 if the part cannot be divided. */
+/* Divides a cluster by 2-means. The initial centres lie one standard deviation from the mean, in
+ * both directions of the widest coordinate. Returns the number of rows in the first half, or 0 if
+ * the cluster cannot be divided. */
 static size_t cut(const struct cutting *c, const struct part *p, double *sum)
 {
     double *mean = sum + MEAN * c->width, *spread = sum + SPREAD * c->width;
@@ -266,8 +269,8 @@ static size_t cut(const struct cutting *c, const struct part *p, double *sum)
     return n;
 }
 
-/* Divides one part of the batch. It reorders only the rows of this part, so parts can be divided in
- * parallel. */
+/* Divides one cluster of the batch. Only the rows of this cluster are reordered, so clusters can be
+ * divided in parallel. */
 static void divide_task(void *context, int task)
 {
     struct cutting *c = context;
@@ -294,7 +297,7 @@ static void push(struct cutting *c, struct part p)
     c->part[i] = p;
 }
 
-/* Removes the part with the largest error. */
+/* Removes and returns the cluster with the largest error. */
 static struct part pop(struct cutting *c)
 {
     struct part top = c->part[0], last = c->part[--c->n_parts];
@@ -314,8 +317,8 @@ static struct part pop(struct cutting *c)
     return top;
 }
 
-/* Divides the parts with the largest errors in parallel. The result does not depend on the number
- * of threads. */
+/* Divides the clusters with the largest errors in parallel. The batch size does not depend on the
+ * number of threads, so neither does the result. */
 static void divide_largest(struct cutting *c, size_t n_left, struct spin_pool *pool)
 {
     int n = 0;
@@ -338,7 +341,7 @@ static void cut_all(struct cutting *c, size_t n_colours, struct spin_pool *pool)
         }
         p = pop(c);
         if (p.n_front == 0) {
-            p.error = 0; /* never to be divided */
+            p.error = 0; /* sinks in the heap, so it is not tried again */
             push(c, p);
             continue;
         }
@@ -348,7 +351,7 @@ static void cut_all(struct cutting *c, size_t n_colours, struct spin_pool *pool)
     }
 }
 
-/* Computes the vectors of parts [i, end), and labels their rows. */
+/* Computes the palette vectors of clusters [i, end), and labels their rows. */
 static void finish_task(void *context, size_t i, size_t end)
 {
     struct cutting *c = context;

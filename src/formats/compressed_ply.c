@@ -5,10 +5,10 @@
 #include "math/quat.h"
 #include "math/sh.h"
 
-#define SCALE_LIMIT 20.0f /* of the logarithm, as in splat-transform */
+#define SCALE_LIMIT 20.0f /* limit of |log scale|, as in splat-transform */
 #define SQRT2 1.41421356237309505f
 
-/* Files older than the colour ranges have twelve. */
+/* Old files have only the first twelve ranges, without those of colour. */
 enum { N_RANGES_NEEDED = 12 };
 
 static const char *const range_names[SPIN_COMPRESSED_RANGES] = {
@@ -85,7 +85,7 @@ void spin_compressed_pack(struct spin_gaussian *row, size_t n, float range[SPIN_
     }
 }
 
-/* Byte u stands for (u + 0.5) / 32 - 4, except that the first and the last are exactly -4 and 4. */
+/* Byte u decodes to (u + 0.5) / 32 - 4, except for 0 and 255, which decode to exactly -4 and 4. */
 static float unpack_rest(unsigned char u)
 {
     return u == 0 ? -4 : u == 255 ? 4 : ((float)u + 0.5f) / 32 - 4;
@@ -142,7 +142,7 @@ static float lerp(float low, float high, uint32_t code, uint32_t largest)
     return low * (1 - t) + high * t;
 }
 
-/* 11, 10 and 11 bits within a bounding box. */
+/* Dequantises three numbers of 11, 10 and 11 bits. */
 static void unpack_3(uint32_t v, const float *low, const float *high, float out[3])
 {
     out[0] = lerp(low[0], high[0], v >> 21, 2047);
@@ -184,8 +184,7 @@ void spin_compressed_unpack(const uint32_t word[4], const float range[SPIN_COMPR
     out->opacity = (float)(word[COLOUR] & 255) / 255;
 }
 
-/* ---- Parsing the header
- * ------------------------------------------------------------------------ */
+/* ---- Parsing the header ---------------------------------------------------------------------- */
 
 bool spin_compressed_any(const struct spin_ply_element *vertex)
 {
@@ -248,7 +247,8 @@ spin_status spin_compressed_find(const struct spin_ply *ply, struct spin_compres
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Reads the ranges, [chunks][SPIN_COMPRESSED_RANGES]. Without ranges of colour, they are 0..1. */
+/* Reads the ranges into *out, [chunks][SPIN_COMPRESSED_RANGES]. In files without ranges of colour,
+ * colours are 0..1. */
 static spin_status read_ranges(const struct spin_compressed_ply *f, float **out)
 {
     size_t n = (size_t)f->chunk->count;

@@ -23,7 +23,8 @@ void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME])
 
 /* ---- The container --------------------------------------------------------------------------- */
 
-/* Finds the chunks of a GLB and checks their lengths, without parsing. chunk: the binary chunk. */
+/* Finds the JSON chunk and the binary chunk of a GLB and checks their lengths. *chunk: the binary
+ * chunk. */
 static spin_status find_chunks(const unsigned char *file, size_t size, uint64_t *n_json,
                                const unsigned char **chunk, uint64_t *n_chunk)
 {
@@ -159,7 +160,7 @@ void spin_glb_row(const struct spin_glb_numbers *f, size_t i, float *out)
                  : f->component == SPIN_GLB_U8  ? (float)at[0]
                  : f->component == SPIN_GLB_I16 ? (float)(int16_t)(at[0] | at[1] << 8)
                                                 : (float)(at[0] | at[1] << 8);
-        if (f->normalised) /* the least signed number also means -1 */
+        if (f->normalised) /* -128 and -32768 also decode to -1 */
             out[k] = out[k] < -largest ? -1 : out[k] / largest;
     }
 }
@@ -170,8 +171,8 @@ void spin_glb_row(const struct spin_glb_numbers *f, size_t i, float *out)
 #define SIGNED (SPIN_GLB_IS(SPIN_GLB_I8) | SPIN_GLB_IS(SPIN_GLB_I16))
 #define UNSIGNED (SPIN_GLB_IS(SPIN_GLB_U8) | SPIN_GLB_IS(SPIN_GLB_U16))
 
-/* The types that each attribute may have: POSITION by KHR_mesh_quantization, the others by
- * KHR_gaussian_splatting. */
+/* The component types that each attribute may have. KHR_mesh_quantization defines those of
+ * POSITION, KHR_gaussian_splatting the others. */
 static const unsigned allowed[SPIN_GLB_SH + 1] = {
     FLOATS | SIGNED | UNSIGNED | SPIN_GLB_NORMALISED(SIGNED | UNSIGNED),
     FLOATS | SPIN_GLB_NORMALISED(SIGNED),
@@ -185,8 +186,8 @@ bool spin_gs_glb_is_splats(const spin_json *primitive)
     return spin_json_get(spin_json_get(primitive, "extensions"), SPIN_GLB_SPLATS) != NULL;
 }
 
-/* Refuses values of an extension's key other than `known`, which is also the default, and
- * `also`. */
+/* Refuses values of an extension's key other than `known`, the default of the key, and `also`
+ * (NULL: none). */
 static spin_status check_value(const spin_json *extension, const char *key, const char *known,
                                const char *also)
 {
@@ -198,7 +199,8 @@ static spin_status check_value(const spin_json *extension, const char *key, cons
     return SPIN_OK;
 }
 
-/* Finds the SPZ that replaces all attributes of the primitive, if there is one. */
+/* Finds the SPZ data that replace all attributes of the primitive. Without such data, sets
+ * nothing. */
 static spin_status find_packed(const struct spin_glb_file *glb, const spin_json *extension,
                                struct spin_gs_glb_points *out)
 {
@@ -242,7 +244,7 @@ spin_status spin_gs_glb_find(const struct spin_glb_file *glb, const spin_json *p
     SPIN_TRY(find_packed(glb, extension, out));
     if (out->packed)
         return SPIN_OK;
-    if (out->n > glb->n_bytes / 3) /* the least size of POSITION */
+    if (out->n > glb->n_bytes / 3) /* POSITION takes at least 3 bytes per splat */
         return spin_malformed("%zu splats in %llu bytes", out->n, (unsigned long long)glb->n_bytes);
     for (; out->sh_degree < 3; out->sh_degree++) {
         spin_glb_attribute_name(SPIN_GLB_SH + spin_sh_count(out->sh_degree), name);
@@ -291,7 +293,7 @@ static spin_status read_rows(const struct spin_gs_glb_points *p, unsigned column
         float *to = out->log_scales + 3 * i;
 
         spin_glb_row(&scale, i, to);
-        for (int c = 0; c < 3; c++) { /* NaN stays NaN and is reported below */
+        for (int c = 0; c < 3; c++) { /* NaN stays NaN; the caller reports it */
             if (to[c] < 0)
                 return spin_malformed("'SCALE' is %g in row %zu, expected 0 or more", (double)to[c],
                                       i);

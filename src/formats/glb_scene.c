@@ -6,26 +6,27 @@
 #include "math/scene_rotation.h"
 
 #define POINTER "KHR_animation_pointer"
-/* Limit of frames times what they show, and of times times nodes: about four thousand frames. */
+/* Limit of frames times pieces and of key times times animated nodes, against files that expand to
+ * gigabytes. A clip with one node per frame may have 4096 frames. */
 #define MAX_CELLS ((uint64_t)1 << 24)
 #define MAX_PIECES ((size_t)1 << 16)
-#define PACKED_SLACK (1u << 20) /* splats of an SPZ that may take less than a byte each */
+#define PACKED_SLACK (1u << 20) /* SPZ: splats of a frame beyond one per byte of the file */
 #define SAME_SCALE 1e-4         /* relative tolerance between the scales of the three axes */
 #define NO_SCALE 1e-6           /* a node with a smaller scale is invisible */
 #define MAX_SIZE 1e15           /* limit of positions and scales */
-#define MAX_DEPTH 64            /* limit of nested nodes */
+#define MAX_DEPTH 64            /* limit of the depth of nested nodes */
 #define VISIBILITY "KHR_node_visibility"
 
 /* ---- Nodes ----------------------------------------------------------------------------------- */
 
-/* The transform of a node: rotation, scale, shift; its parent's transform is applied afterwards.
- * Splats stay splats only if all axes have the same scale; other nodes are refused. */
+/* A node and its transform: rotation, then scale, then shift, then the parent's transform. The
+ * three axes must have the same scale, since a skewed splat would not be a splat. */
 struct node {
     double q[4], scale, shift[3];
     int64_t parent; /* -1: none */
-    int64_t key;    /* the animation key that shows and hides the node; -1: none */
-    bool hidden;    /* by KHR_node_visibility; ignored if the node has a key */
-    bool in_scene;  /* is a root of the scene */
+    int64_t key;    /* index of the animation that shows and hides the node; -1: none */
+    bool hidden;    /* KHR_node_visibility; ignored if an animation shows and hides the node */
+    bool in_scene;  /* the node is a root of the scene */
 };
 
 struct nodes {
@@ -43,8 +44,8 @@ static spin_status read_numbers(const spin_json *list, size_t n, double *out)
     return SPIN_OK;
 }
 
-/* The common value of three scales. SPIN_E_UNSUPPORTED if they differ, are negative or not
- * numbers. */
+/* Sets *out to the common value of three scales. SPIN_E_UNSUPPORTED if the scales differ, are
+ * negative or are not numbers. */
 static spin_status one_scale(const double scale[3], double *out)
 {
     double largest = fmax(fmax(scale[0], scale[1]), scale[2]);
@@ -181,8 +182,8 @@ static void turn_point(const double q[4], const double p[3], double out[3])
     out[2] = p[2] + q[0] * t[2] + q[1] * t[1] - q[2] * t[0];
 }
 
-/* Appends to `inout` the transforms of node i and its parents. *shown: the node is in the scene and
- * not permanently hidden. */
+/* Appends to `inout` the transforms of node i and of all its parents. *shown: node i is in the
+ * scene, and neither the node nor a parent is permanently hidden. */
 static spin_status place_node(const struct nodes *nodes, size_t i, struct spin_placement *inout,
                               bool *shown)
 {
@@ -211,11 +212,11 @@ static spin_status place_node(const struct nodes *nodes, size_t i, struct spin_p
     return SPIN_OK;
 }
 
-/* The animation of one node: a value for each key. */
+/* The animation that shows and hides one node: n key frames. */
 struct key {
     size_t node, n;
     struct spin_glb_numbers time, value;
-    double scale; /* the scale while visible; 0: not known yet */
+    double scale; /* scale of the node while it is visible; 0: no such key frame was read yet */
 };
 
 struct build {
@@ -223,16 +224,16 @@ struct build {
     struct nodes nodes;
     struct key *key; /* [n_keys] */
     size_t n_keys;
-    float *time; /* [n_times] all key times, increasing */
+    float *time; /* [n_times] times of all key frames, strictly increasing */
     size_t n_times;
-    unsigned char *on; /* [n_times][n_keys] */
+    unsigned char *on; /* [n_times][n_keys] 1: the animation shows its node at this time */
 };
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
 
 static spin_status add_piece(struct build *b, size_t node, const spin_json *primitive)
 {
-    static const double to_gltf[4] = {0, 0, 0, 1}; /* from right, down, forward */
+    static const double to_gltf[4] = {0, 0, 0, 1}; /* half a turn about z: from RDF to glTF's LUF */
     struct spin_gs_glb_scene *s = b->scene;
     struct spin_gs_glb_piece piece = {.placement = {.q = {1}, .scale = 1}, .node = node};
     bool shown;
@@ -295,7 +296,7 @@ static int64_t pointed_node(const char *pointer)
     return end > 0 && pointer[end] == '\0' ? node : -1;
 }
 
-/* Adds a key for a channel that switches a node on and off; other channels only set `moves`. */
+/* Adds b->key[] for a channel that shows and hides a node. Other channels only set `moves`. */
 static spin_status add_channel(struct build *b, const spin_json *animation,
                                const spin_json *channel)
 {
@@ -336,7 +337,7 @@ static spin_status add_channel(struct build *b, const spin_json *animation,
     return SPIN_OK;
 }
 
-/* Players play the first animation. */
+/* Reads the channels of the first animation, the one that players play. */
 static spin_status find_keys(struct build *b)
 {
     const spin_json *list = spin_json_get(b->scene->file.json, "animations");
@@ -358,7 +359,7 @@ static int by_time(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* True if key k has the same times as the one before it, as is usual. */
+/* True if key k uses the same accessor of times as key k - 1, as exporters usually write it. */
 static bool has_times_before(const struct build *b, size_t k)
 {
     return k > 0 && b->key[k].time.at == b->key[k - 1].time.at && b->key[k].n == b->key[k - 1].n;
@@ -388,7 +389,8 @@ static spin_status gather_times(struct build *b)
     return SPIN_OK;
 }
 
-/* Reads whether value i shows the node. All scales that show it must be equal. */
+/* Reads whether key frame i shows the node. All key frames that show the node must have the same
+ * scale. */
 static spin_status read_switch(struct key *key, size_t i, bool *on)
 {
     double scale[3], one;
@@ -410,7 +412,7 @@ static spin_status read_switch(struct key *key, size_t i, bool *on)
     return SPIN_OK;
 }
 
-/* At each time a key has its latest value. */
+/* Fills column k of b->on: at each time, the state of the latest key frame. */
 static spin_status run_key(struct build *b, size_t k)
 {
     struct key *key = &b->key[k];
@@ -427,7 +429,7 @@ static spin_status run_key(struct build *b, size_t k)
         }
         b->on[t * b->n_keys + k] = on;
     }
-    if (key->value.width == 3) /* the animated scale replaces the node's own */
+    if (key->value.width == 3) /* an animated scale replaces the scale of the node */
         b->nodes.node[key->node].scale = key->scale;
     return SPIN_OK;
 }
@@ -444,7 +446,7 @@ static spin_status run_keys(struct build *b)
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
-/* True if no key hides the node or one of its parents. */
+/* True if no animation hides the node or one of its parents. on [n_keys]: states at one time. */
 static bool is_on(const struct build *b, size_t node, const unsigned char *on)
 {
     for (int64_t at = (int64_t)node; at >= 0; at = b->nodes.node[at].parent) {
@@ -454,7 +456,8 @@ static bool is_on(const struct build *b, size_t node, const unsigned char *on)
     return true;
 }
 
-/* The one node of a frame: the only one that is switched on, or the only one in the file. */
+/* The node whose extras describe a frame: the only animated node that is visible, or, without
+ * animation, the only node of the file. Returns b->nodes.n if there is not exactly one. */
 static size_t node_of_frame(const struct build *b, const unsigned char *on)
 {
     size_t node = b->nodes.n, n_on = 0;
@@ -468,7 +471,7 @@ static size_t node_of_frame(const struct build *b, const unsigned char *on)
     return n_on == 1 ? node : b->nodes.n;
 }
 
-/* Reads the frame number and time that our exporter stores. */
+/* Reads the frame number and time that our exporter stores in a node. */
 static void read_extras(const spin_json *extras, struct spin_gs_glb_frame *frame)
 {
     int64_t number = spin_glb_integer(extras, "frame", -1);
@@ -500,7 +503,7 @@ static spin_status add_frame(struct build *b, const unsigned char *on, double ti
         frame->n += points->n;
         n_plain += points->packed ? 0 : points->n;
     }
-    /* Many nodes may show one mesh, but a small file must not expand to gigabytes. */
+    /* Limit the expansion of a small file: many nodes may show the same mesh. */
     if (n_plain > s->file.n_bytes || frame->n > s->file.n_bytes + PACKED_SLACK)
         return spin_unsupported("%zu splats in a frame of a file of %llu bytes", frame->n,
                                 (unsigned long long)s->file.n_bytes);
@@ -509,7 +512,7 @@ static spin_status add_frame(struct build *b, const unsigned char *on, double ti
     return SPIN_OK;
 }
 
-/* Adds a frame for each time at which the visible nodes change. */
+/* Adds a frame for each time at which the set of visible nodes changes. */
 static spin_status find_frames(struct build *b)
 {
     struct spin_gs_glb_scene *s = b->scene;
@@ -536,7 +539,7 @@ static spin_status find_frames(struct build *b)
 
 /* ---- The scene ------------------------------------------------------------------------------- */
 
-/* Checks the extensions that the file requires. */
+/* Refuses files that require an unknown extension. */
 static spin_status check_required(const struct spin_gs_glb_scene *s)
 {
     static const char *const known[] = {
@@ -545,7 +548,7 @@ static spin_status check_required(const struct spin_gs_glb_scene *s)
         "KHR_mesh_quantization",
         VISIBILITY,
         POINTER,
-        "KHR_materials_unlit"}; /* for the points that other viewers draw */
+        "KHR_materials_unlit"}; /* how other viewers draw the points; does not affect splats */
     const spin_json *list = spin_json_get(s->file.json, "extensionsRequired");
 
     for (size_t i = 0; i < spin_json_length(list); i++) {
@@ -560,8 +563,8 @@ static spin_status check_required(const struct spin_gs_glb_scene *s)
     return SPIN_OK;
 }
 
-/* KHR_gaussian_splatting cannot mark antialiasing, so our exporter stores it in the asset's
- * extras. */
+/* KHR_gaussian_splatting has no flag for antialiasing, so our exporter stores one in the asset's
+ * extras. SPZ has its own flag. */
 static void find_antialias(struct spin_gs_glb_scene *s)
 {
     const spin_json *asset = spin_json_get(s->file.json, "asset");

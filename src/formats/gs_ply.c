@@ -4,15 +4,14 @@
 
 #include "math/sh.h"
 
-/* ---- The list of columns
- * ------------------------------------------------------------------------ */
+/* ---- The list of columns --------------------------------------------------------------------- */
 
 enum { MAX_REST = 45, MAX_COLUMNS = 3 + 3 + 3 + MAX_REST + 1 + 3 + 4 };
 
 struct column {
     char name[16];
-    unsigned part; /* enum spin_column; 0: normals */
-    int place;     /* index within the part's row in struct spin_splats */
+    unsigned part; /* enum spin_column; 0: not read, as normals */
+    int place;     /* index within a row of this column of struct spin_splats */
 };
 
 static struct column *add(struct column *c, const char *const *names, const char *prefix, int n,
@@ -28,7 +27,7 @@ static struct column *add(struct column *c, const char *const *names, const char
     return c;
 }
 
-/* Adds the f_rest_* that sh_degree needs, of a file with n_rest of them. */
+/* Adds the properties f_rest_* that sh_degree needs, for a file with n_rest of these properties. */
 static struct column *add_rest(struct column *c, int n_rest, int sh_degree)
 {
     int kept = spin_sh_count(sh_degree) - 1;
@@ -42,7 +41,7 @@ static struct column *add_rest(struct column *c, int n_rest, int sh_degree)
     return c;
 }
 
-/* Lists all columns in the order in which files are written; returns their number. */
+/* Lists all properties in the order in which files are written. Returns their number. */
 static size_t list_columns(int n_rest, int sh_degree, struct column out[MAX_COLUMNS])
 {
     static const char *const places[] = {"x", "y", "z"}, *const normals[] = {"nx", "ny", "nz"};
@@ -98,8 +97,7 @@ void spin_gs_ply_code(const struct spin_gs_ply_row *row, int sh_degree, unsigned
     spin_little_endian(to, spin_gs_ply_row(sh_degree) / 4);
 }
 
-/* ---- Parsing the header
- * ------------------------------------------------------------------------- */
+/* ---- Parsing the header ---------------------------------------------------------------------- */
 
 bool spin_ply_has(const struct spin_ply_element *e, const char *name)
 {

@@ -8,9 +8,9 @@
 
 #define MAX_LEVEL 2
 #define MAX_SH_DEGREE 3
-#define STEPS 32767     /* of half a bucket's width; default of a section */
-#define SH_RANGE 1.5f   /* default of the header */
-#define CENTRE_BYTES 12 /* bytes of a bucket's centre */
+#define STEPS 32767     /* default number of steps for half the width of a bucket */
+#define SH_RANGE 1.5f   /* default range of SH: -1.5 to 1.5 */
+#define CENTRE_BYTES 12 /* size of a bucket's centre: 3 floats */
 #define LEAST_SCALE 1e-38f
 
 struct file {
@@ -20,11 +20,11 @@ struct file {
 };
 
 struct section {
-    size_t n, n_full, n_buckets, bucket; /* bucket: splats of a full bucket */
+    size_t n, n_full, n_buckets, bucket; /* bucket: number of splats in a full bucket */
     const unsigned char *lengths, *centres, *rows;
-    size_t row; /* bytes */
-    float step; /* world units */
-    uint32_t steps;
+    size_t row;     /* bytes per splat */
+    float step;     /* quantisation step of positions, world units */
+    uint32_t steps; /* steps for half the width of a bucket */
     int sh_degree;
 };
 
@@ -39,8 +39,7 @@ static float f32_at(const unsigned char *at)
     return value;
 }
 
-/* ---- Headers -----------------------------------------------------------------------------------
- */
+/* ---- Headers --------------------------------------------------------------------------------- */
 
 static spin_status read_header(const unsigned char *file, size_t size, struct file *out)
 {
@@ -71,7 +70,7 @@ static size_t bucket_splats(const struct section *s, size_t bucket)
     return bucket < s->n_full ? s->bucket : spin_u32_at(s->lengths + 4 * (bucket - s->n_full));
 }
 
-/* Checks that every splat has a bucket. */
+/* Checks that the buckets of a section contain at least as many splats as the section. */
 static spin_status check_buckets(const struct section *s, uint32_t index)
 {
     uint64_t n = 0;
@@ -84,7 +83,7 @@ static spin_status check_buckets(const struct section *s, uint32_t index)
     return SPIN_OK;
 }
 
-/* Reads the header of section `index`, whose data begin at offset *at; sets *at to their end. */
+/* Reads the header of section `index`. *at: offset of the section's data; advanced to their end. */
 static spin_status read_section(const unsigned char *file, size_t size, const struct file *f,
                                 uint32_t index, uint64_t *at, struct section *out)
 {
@@ -140,10 +139,10 @@ spin_status spin_ksplat_peek(const unsigned char *file, size_t size, struct spin
     return SPIN_OK;
 }
 
-/* ---- Rows --------------------------------------------------------------------------------------
- */
+/* ---- Rows ------------------------------------------------------------------------------------ */
 
-/* Reads n consecutive numbers of a type with item_size bytes each. */
+/* Converts n consecutive numbers to floats. kind: 'f' float, 'u' unsigned; item_size: bytes per
+ * number. */
 static void take(const unsigned char *at, char kind, int item_size, size_t n, float *out)
 {
     struct spin_array a = {.kind = kind,
@@ -188,7 +187,7 @@ static void read_row(const unsigned char *at, const struct file *f, const struct
     }
     if (columns & SPIN_COL_LOG_SCALES) {
         take(scale, 'f', size, 3, v);
-        for (size_t c = 0; c < 3; c++) /* NaN stays NaN and is reported later */
+        for (size_t c = 0; c < 3; c++) /* NaN stays NaN; spin_ksplat_read() reports it */
             out->log_scales[3 * i + c] = logf(v[c] < LEAST_SCALE ? LEAST_SCALE : v[c]);
     }
     if (columns & SPIN_COL_QUATS) {

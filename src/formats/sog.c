@@ -7,17 +7,17 @@
 #include "math/quat.h"
 
 #define VERSION 2
-#define STEPS 65535.0 /* of a position */
-#define TAG 252       /* mark of a rotation whose w is the largest; then x y z */
+#define STEPS 65535.0 /* largest 16-bit code of a position */
+#define TAG 252       /* mode byte of a rotation: 252 + index of the largest of w x y z */
 #define SQRT2 1.41421356237309505f
 #define MAX_META (1u << 20)
 #define MAX_COUNT ((int64_t)SPIN_WEBP_MAX_SIDE * SPIN_WEBP_MAX_SIDE)
-#define SLACK 4096 /* allowed pixels without a Gaussian, beyond the number of Gaussians */
-/* A Gaussian takes a dozen bytes. A file with more Gaussians than bytes, beyond a million, is a
- * decompression bomb. */
+#define SLACK 4096 /* an image may have 2 n + SLACK pixels for n Gaussians */
+/* A Gaussian takes about 12 bytes. Refuse files with more Gaussians than bytes plus this number
+ * (decompression bombs). */
 #define MOST_SPLATS (1u << 20)
 
-/* The object of meta.json that each image belongs to, and its index among that object's files. */
+/* For each image: name of the member, object of meta.json that lists it, index in the list. */
 static const struct {
     const char *name, *object;
     size_t place;
@@ -44,7 +44,7 @@ void spin_sog_size(const struct spin_sog *sog, enum spin_sog_picture picture, in
         *height = lines > 0 ? (int)lines : 1;
         return;
     }
-    /* about square, with sides that are multiples of 4 */
+    /* nearly square; the sides are multiples of 4 */
     *width = sog->n > 0 ? (int)ceil(sqrt((double)sog->n) / 4) * 4 : 4;
     *height = sog->n > 0 ? (int)ceil((double)sog->n / *width / 4) * 4 : 4;
 }
@@ -178,22 +178,21 @@ spin_status spin_sog_meta(const struct spin_sog *sog, char **text, size_t *n)
     return SPIN_OK;
 }
 
-/* ---- An open file
- * -------------------------------------------------------------------------------- */
+/* ---- An open file ---------------------------------------------------------------------------- */
 
-/* A file that is being read, with the values that bytes of images stand for: of codebooks in
- * version 2, of ranges in version 1. */
 struct reading {
     struct spin_zip zip;
-    const char *folder; /* of separate files; NULL: they are in the zip */
+    const char *folder; /* with the files of an unpacked SOG; NULL: the files are in the zip */
     spin_json *meta;
     struct spin_sog sog;
+    /* The values of bytes 0..255 of the images, from codebooks (version 2) or ranges (version 1).
+     */
     float scale[3][SPIN_CODEBOOK], dc[3][SPIN_CODEBOOK], logit[SPIN_CODEBOOK];
     struct {
         const unsigned char *data;
         size_t size;
-        void *owned;
-        struct spin_map map; /* of a separate file */
+        void *owned;         /* data of a compressed member of the zip */
+        struct spin_map map; /* data of a file in `folder` */
         int width, height;
     } file[SPIN_SOG_PICTURES];
 };
@@ -221,7 +220,8 @@ static spin_status read_numbers(const spin_json *object, const char *key, size_t
     return SPIN_OK;
 }
 
-/* The first value may be null, as some writers left it: it is extrapolated below the second. */
+/* Reads a codebook. Some writers stored null as the first value, which is then extrapolated from
+ * the others. */
 static spin_status read_book(const spin_json *meta, const char *key, float book[SPIN_CODEBOOK])
 {
     const spin_json *list = spin_json_get(spin_json_get(meta, key), "codebook");
@@ -241,7 +241,7 @@ static spin_status read_book(const spin_json *meta, const char *key, float book[
     return SPIN_OK;
 }
 
-/* Reads an integer from `least` to `most`. */
+/* Reads an integer and checks that it is in [least, most]. */
 static spin_status check_count(const spin_json *json, const char *key, int64_t least, int64_t most,
                                int64_t *out)
 {
@@ -296,7 +296,8 @@ static spin_status read_ranges(const spin_json *meta, const char *key, size_t n,
     return SPIN_OK;
 }
 
-/* The size of the palette follows from that of its image: see open_picture(). */
+/* Reads 'shN' of version 1. It does not contain the size of the palette, which open_picture()
+ * derives from the size of its image. */
 static spin_status parse_1_sh(struct reading *r, const spin_json *sh_n)
 {
     const spin_json *shape = spin_json_get(sh_n, "shape");
@@ -349,8 +350,7 @@ static spin_status parse_meta(struct reading *r)
     return read_numbers(spin_json_get(r->meta, "means"), "maxs", 3, r->sog.means.maxs);
 }
 
-/* ---- The files
- * ----------------------------------------------------------------------------------- */
+/* ---- The files ------------------------------------------------------------------------------- */
 
 static spin_status open_meta(struct reading *r, const void *file, size_t size)
 {
@@ -371,7 +371,7 @@ static spin_status open_meta(struct reading *r, const void *file, size_t size)
     return parse_meta(r);
 }
 
-/* Finds the bytes of an image. */
+/* Finds the WebP data of an image, in the folder or in the zip. */
 static spin_status find_picture(struct reading *r, enum spin_sog_picture p)
 {
     const spin_json *files = spin_json_get(spin_json_get(r->meta, pictures[p].object), "files");
@@ -397,7 +397,7 @@ static spin_status find_picture(struct reading *r, enum spin_sog_picture p)
                          &r->file[p].owned);
 }
 
-/* Checks that an image has pixels for all its values and not many more. */
+/* Finds an image and checks that it has enough pixels for its values, but not many more. */
 static spin_status open_picture(struct reading *r, enum spin_sog_picture p)
 {
     int least_width, least_height, width, height;
@@ -450,8 +450,7 @@ spin_status spin_sog_peek(const void *file, size_t size, const char *folder, str
     return status;
 }
 
-/* ---- Pixels
- * -------------------------------------------------------------------------------------- */
+/* ---- Pixels ---------------------------------------------------------------------------------- */
 
 static spin_status read_picture(const struct reading *r, enum spin_sog_picture p, uint8_t **out)
 {
@@ -509,7 +508,7 @@ static spin_status read_sh_n(const struct reading *r, uint8_t **a, uint8_t **b,
     SPIN_TRY(read_picture(r, SPIN_SOG_CENTROIDS, b));
     for (size_t i = 0; i < r->sog.n; i++) {
         size_t label = (*a)[4 * i] | (size_t)(*a)[4 * i + 1] << 8;
-        const uint8_t *pixel = *b + 4 * n_vec * label; /* a row has 64 vectors */
+        const uint8_t *pixel = *b + 4 * n_vec * label; /* image rows contain 64 whole vectors */
 
         if (label >= r->sog.n_palette)
             return spin_malformed("SOG with vector %zu of a palette of %zu", label,

@@ -8,8 +8,8 @@
 #define MAX_META (4u << 20)
 #define MAX_PICTURE (512u << 20)
 #define MAX_COUNT ((int64_t)SPIN_WEBP_MAX_SIDE * SPIN_WEBP_MAX_SIDE)
-#define SLACK 4096             /* allowed pixels without a splat, beyond the number of splats */
-#define MOST_SPLATS (1u << 20) /* number of splats that is allowed for any file size */
+#define SLACK 4096             /* an image may have 2 n + SLACK pixels for n splats */
+#define MOST_SPLATS (1u << 20) /* a file of n bytes may contain n + MOST_SPLATS splats */
 
 /* ---- meta.json ------------------------------------------------------------------------------- */
 
@@ -166,16 +166,15 @@ void spin_sog_4d_close(struct spin_sog_4d *r)
     spin_zip_close(&r->zip);
 }
 
-/* ---- Images
- * ----------------------------------------------------------------------------------- */
+/* ---- Images ---------------------------------------------------------------------------------- */
 
-/* Rows of the output that are read from one set of images. */
+/* A set of images of one size, and the range of rows of *out that they contain. */
 struct set {
     struct spin_sog_4d *r;
-    const char *folder; /* NULL: none */
+    const char *folder; /* in the zip; NULL: the root */
     size_t first, n;
-    int width, height; /* of its images; 0: none was opened yet */
-    uint8_t *low, *high;
+    int width, height;   /* of the images; 0: no image was opened yet */
+    uint8_t *low, *high; /* scratch: pixels of the current image, and of the image of high bytes */
     struct spin_splats_4d *out;
 };
 
@@ -201,7 +200,7 @@ static spin_status decode(const struct spin_sog_4d *r, const void *data, size_t 
     return spin_webp_read(data, size, width, height, *out);
 }
 
-/* Opens an image; set NULL: that of the palette. */
+/* Reads an image of a set, or the palette if set is NULL. */
 static spin_status open_picture(const struct spin_sog_4d *r, enum spin_sog_4d_picture p,
                                 struct set *set, uint8_t **out)
 {
@@ -224,8 +223,8 @@ static spin_status open_picture(const struct spin_sog_4d *r, enum spin_sog_4d_pi
     return spin_fail_context(status, "image '%s' of %s", name, r->what);
 }
 
-/* Reads channels of image p, and of the image of high bytes if there is one, as numbers of a range.
- * Channel c goes to to[c][step i]; to ends with NULL. */
+/* Dequantises channels of image p, with 16 bits if image p + 1 exists and contains the high bytes.
+ * Channel c of row i is written to to[c][step * i]. NULL ends the list `to`. */
 static spin_status read_numbers(struct set *set, enum spin_sog_4d_picture p,
                                 const struct spin_sog_range *range, bool linear, float *to[4],
                                 size_t step)
@@ -247,7 +246,8 @@ static spin_status read_numbers(struct set *set, enum spin_sog_4d_picture p,
     return SPIN_OK;
 }
 
-/* Reads channels of image p as indices in codebooks. */
+/* Decodes channels of image p, which are indices in codebooks. Channel c of row i is written to
+ * to[c][step[c] * i]. NULL ends the list `to`. */
 static spin_status read_books(struct set *set, enum spin_sog_4d_picture p,
                               const struct spin_sog_book *const book[4], float *to[5],
                               const size_t step[4])
@@ -286,7 +286,8 @@ static spin_status read_rest(struct set *set, float *sh, size_t width)
     SPIN_TRY(open_picture(r, SPIN_4D_LABELS, set, &set->low));
     for (size_t i = 0; i < set->n; i++) {
         size_t label = set->low[4 * i] | (size_t)set->low[4 * i + 1] << 8;
-        const uint8_t *pixel = r->centroids + 4 * n_vec * label; /* a row has 64 vectors */
+        const uint8_t *pixel =
+            r->centroids + 4 * n_vec * label; /* image rows contain 64 whole vectors */
 
         if (label >= r->n_palette)
             return spin_malformed("%s with vector %zu of a palette of %zu", r->what, label,

@@ -20,7 +20,7 @@ static spin_status check_version(const struct spin_sog_4d *r)
     return SPIN_OK;
 }
 
-/* Checks the times of a clip: its length and fps must be above 0. */
+/* Checks that the length and the frame rate of the clip are positive and plausible. */
 static spin_status check_times(const struct spin_sogst *s)
 {
     if (!(s->last > s->first && s->last - s->first < 1e6 && s->fps > 0 && s->fps < 1e4))
@@ -95,7 +95,8 @@ static spin_status read_cov2d(const struct spin_sog_4d *r, double cov2d[2])
 
 /* ---- Segments -------------------------------------------------------------------------------- */
 
-/* Reads a range of splats, which must begin where the previous one ends. */
+/* Reads a range of splats. Ranges must be contiguous: *end is the end of the previous range, and
+ * becomes the end of this one. */
 static spin_status next_range(const spin_json *range, size_t n, size_t *at, size_t *end)
 {
     int64_t first = -1, last = -1;
@@ -111,7 +112,8 @@ static spin_status next_range(const spin_json *range, size_t n, size_t *at, size
     return SPIN_OK;
 }
 
-/* Reads the images of one group of splats, which have their own folder. */
+/* Reads the range of a group of splats and, if splats is not NULL, the images in the group's
+ * folder. */
 static spin_status read_group(struct spin_sog_4d *r, const spin_json *range, const spin_json *name,
                               size_t *end, struct spin_splats_4d *splats)
 {
@@ -127,7 +129,8 @@ static spin_status read_group(struct spin_sog_4d *r, const spin_json *range, con
     return spin_sog_4d_rows(r, folder, at, *end - at, splats);
 }
 
-/* Checks the ranges; reads the rows, by segment if there are streams. */
+/* Reads all rows, and checks the ranges of the segments. With 'streams', each segment has images of
+ * its own. */
 static spin_status read_segments(struct spin_sog_4d *r, struct spin_sogst *out,
                                  struct spin_splats_4d *splats)
 {
@@ -180,12 +183,11 @@ spin_status spin_sogst_read(const void *file, size_t size, struct spin_sogst *ou
     return read_all(&r, out, splats);
 }
 
-/* ---- The exchange PLY
- * -------------------------------------------------------------------------- */
+/* ---- The exchange PLY ------------------------------------------------------------------------ */
 
-/* The values of the comments and of the sidecar file. */
+/* Values from the comments and the sidecar file. NaN: not given. cov2d 0: not given. */
 struct scalars {
-    double first, last, fps, degree, cov2d[2]; /* NaN: not given */
+    double first, last, fps, degree, cov2d[2];
 };
 
 static void read_comments(const struct spin_ply *ply, struct scalars *out)
@@ -212,7 +214,7 @@ static void read_comments(const struct spin_ply *ply, struct scalars *out)
         }
 }
 
-/* Reads NAME.sogst.json, if it exists beside NAME.ply. */
+/* Reads the sidecar file of NAME.ply, NAME.sogst.json, if it exists. */
 static spin_status read_sidecar(const char *path, struct scalars *out)
 {
     size_t n = strlen(path);

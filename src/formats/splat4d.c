@@ -10,15 +10,19 @@
 
 #define HEADER 12
 #define STREAM_HEAD 11
-#define SMOOTHED 1 /* of the header's flags */
-#define ROW_BYTES 14
+#define SMOOTHED 1 /* flag in the header */
+#define ROW_BYTES                                                                                  \
+    14 /* bytes of a row before compression: pos 3, rot 4, rgb 3, alpha 1, scale 3                 \
+        */
 #define MAX_FRAMES 1000000
-/* Limits of decompression, beyond a megabyte: positions are unique and compress little, but
- * differences of splats that hardly move compress well. Anything above is a decompression bomb. */
+/* Refuse data that unpack to more than SLACK bytes plus this multiple of their size (decompression
+ * bombs). Rows of the static section compress badly, since no two splats share a position;
+ * differences between frames compress well if splats hardly move. */
 #define ROW_RATIO 32
 #define RATIO 1000
 #define SLACK (1u << 20)
 
+/* Values in stream headers: attributes, and kinds of streams. */
 enum { POS, ROT, RGB, ALPHA, SCALE };
 enum { KEY, CHANGE, STATIC };
 
@@ -26,7 +30,8 @@ static const struct {
     const char *name;
     size_t width;
     unsigned column;
-    const char *step, *base_step; /* NULL: 1 */
+    /* Keys of the quantisation steps in the header: of dynamic rows, of static rows (NULL: 1). */
+    const char *step, *base_step;
 } attributes[SPIN_SPLAT4D_ATTRIBUTES] = {
     [POS] = {"pos", 3, SPIN_COL_MEANS, "pos", "base_pos"},
     [ROT] = {"rot", 4, SPIN_COL_QUATS, "rot", NULL},
@@ -84,7 +89,8 @@ static spin_status get_bytes(const struct spin_splat4d *clip, const spin_json *o
     return SPIN_OK;
 }
 
-/* Reads the groups: they contain all frames in order, and their bytes do not overlap. */
+/* Reads the list of groups and checks that they contain all frames in order and do not overlap in
+ * the file. */
 static spin_status read_groups(const spin_json *json, struct spin_splat4d *out)
 {
     const spin_json *groups = spin_json_get(json, "gops");
@@ -150,8 +156,8 @@ static struct stream stream_at(const unsigned char *head)
     return (struct stream){head[0], head[1], head[2], spin_u32_at(head + 3), spin_u32_at(head + 7)};
 }
 
-/* Unpacks the planes of a stream, allocated; it must have n symbols. room: bytes left of its
- * section. */
+/* Allocates *out and decompresses the byte planes of a stream, which must have n symbols. room:
+ * bytes from `packed` to the end of the section. */
 static spin_status unpack(const struct stream *s, const unsigned char *packed, size_t room,
                           uint64_t n, unsigned char **out)
 {
@@ -177,7 +183,8 @@ static spin_status unpack(const struct stream *s, const unsigned char *packed, s
 
 static float byte_value(double v) { return (float)(v > 0 ? v < 255 ? v : 255 : 0) / 255; }
 
-/* Converts a row of a column from its steps. */
+/* Dequantises one row of an attribute and converts it to the representation of struct
+ * spin_splats. */
 static void finish(int attribute, const int32_t *steps, double step, float *out)
 {
     for (size_t c = 0; c < attributes[attribute].width; c++) {
@@ -193,8 +200,8 @@ static void finish(int attribute, const int32_t *steps, double step, float *out)
 
 /* ---- The static section ---------------------------------------------------------------------- */
 
-/* Reads the stream at *at of the static section, which must be of this attribute; advances *at to
- * its end. */
+/* Reads the stream at offset *at of the static section, which must be of the given attribute, and
+ * advances *at to the end of the stream. */
 static spin_status static_stream(const struct spin_splat4d *clip, size_t *at, int attribute,
                                  uint64_t n, struct stream *s, unsigned char **planes)
 {
@@ -212,7 +219,7 @@ static spin_status static_stream(const struct spin_splat4d *clip, size_t *at, in
     return SPIN_OK;
 }
 
-/* Reads which rows are dynamic. */
+/* Lists the dynamic rows of an attribute: those whose bit is 0, highest bit of a byte first. */
 static spin_status take_mask(struct spin_splat4d *clip, int attribute, const struct stream *s,
                              const unsigned char *bits)
 {
@@ -237,8 +244,8 @@ static spin_status take_mask(struct spin_splat4d *clip, int attribute, const str
                       (void **)&a->held);
 }
 
-/* Reads the values of static rows. Positions and scales are differences from the row before,
- * rotations have an offset of 128. */
+/* Reads the values of all rows, of which the static rows keep theirs. Positions and scales are
+ * stored as differences from the previous row, rotations with an offset of 128. */
 static spin_status take_base(struct spin_splat4d *clip, int attribute, const struct stream *s,
                              const unsigned char *planes)
 {
@@ -338,7 +345,7 @@ static spin_status unpack_group(struct spin_splat4d *clip, size_t group)
     return SPIN_OK;
 }
 
-/* Advances to the first frame of the group, or to the next frame. */
+/* Decodes the first frame of the unpacked group, or the frame after clip->frame, into `held`. */
 static void step(struct spin_splat4d *clip, bool first)
 {
     const struct spin_splat4d_group *g = &clip->groups[clip->group];

@@ -6,7 +6,7 @@
 #include "io/zip_format.h"
 
 enum { VERSION = 4, PROFILE = 1, MOST_MEMBERS = 1024, STEPS = 65536, FRAMES = 300 };
-enum { DESCRIPTOR = 1 << 3 }; /* flag of a member */
+enum { DESCRIPTOR = 1 << 3 }; /* flag of a zip member: sizes and checksum follow the data */
 #define PROFILE_ID "org.opsiclear.tsog-playback"
 #define MAX_DIRECTORY (4u << 20)
 #define MAX_SOUND (128u << 20)
@@ -15,8 +15,8 @@ enum { DESCRIPTOR = 1 << 3 }; /* flag of a member */
 
 static uint32_t u32(const unsigned char *p) { return spin_u32_at(p); }
 
-/* Checks that the local header has the values of the directory; or, if it has the flag, that the
- * descriptor after the data does. */
+/* Checks that the zip's central directory agrees with the local header of a member; or, if the
+ * DESCRIPTOR flag is set, with the data descriptor after the member's data. */
 static bool header_agrees(const struct spin_zip *zip, const struct spin_zip_member *m)
 {
     const unsigned char *p = zip->map.data + m->header_offset, *end = zip->map.data + zip->map.size;
@@ -97,7 +97,8 @@ static spin_status check_version(const struct spin_sog_4d *r)
     return SPIN_OK;
 }
 
-/* Reads the velocities; they are checked even if they are ignored. */
+/* Reads the keys of the velocities. They are checked even in files of kind "discrete", which do not
+ * use velocities. */
 static spin_status read_motion(struct spin_sog_4d *r, bool timed)
 {
     const spin_json *temporal = spin_json_get(r->meta, "temporal");
@@ -136,7 +137,7 @@ static spin_status read_timeline(struct spin_sog_4d *r, struct spin_tsog *out)
     }
     out->time = SPIN_TSOG_DISCRETE;
     r->degree = 0;
-    r->time = (struct spin_sog_range){.maxs = {STEPS - 1, STEPS - 1}}; /* integer steps */
+    r->time = (struct spin_sog_range){.maxs = {STEPS - 1, STEPS - 1}}; /* decodes to the codes */
     SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(timeline, "N"), "timeline.N", 1, STEPS, &n));
     SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(timeline, "delta"), "timeline.delta", STEPS / n,
                                  STEPS / n, &delta));
@@ -144,7 +145,7 @@ static spin_status read_timeline(struct spin_sog_4d *r, struct spin_tsog *out)
     return SPIN_OK;
 }
 
-/* Reads an optional number above 0; *out is unchanged if it is missing. */
+/* Reads an optional number, which must be above 0. If the key is missing, *out is unchanged. */
 static spin_status read_above_0(const spin_json *object, const char *key, double *out)
 {
     const spin_json *j = spin_json_get(object, key);
@@ -191,7 +192,7 @@ static spin_status read_playback(const struct spin_sog_4d *r, struct spin_tsog *
     return SPIN_OK;
 }
 
-/* True for file extensions of sound formats that browsers play. */
+/* True for the file extensions of sound formats that browsers can play. */
 static bool is_sound_name(const char *name)
 {
     static const char *const endings[] = {".mp3",  ".m4a", ".aac",  ".ogg", ".oga",
@@ -244,7 +245,7 @@ static spin_status read_sound(const struct spin_sog_4d *r, struct spin_tsog *out
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
 
-/* Converts steps to the number of the frame that shows the splat, and cuts the window to that
+/* Kind "discrete": converts the decoded times to frame numbers, and restricts each splat to its
  * frame. */
 static void cut_frames(struct spin_splats_4d *s, int n_frames)
 {
