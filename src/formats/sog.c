@@ -508,7 +508,7 @@ static spin_status read_sh_n(const struct reading *r, uint8_t **a, uint8_t **b,
     SPIN_TRY(read_picture(r, SPIN_SOG_CENTROIDS, b));
     for (size_t i = 0; i < r->sog.n; i++) {
         size_t label = (*a)[4 * i] | (size_t)(*a)[4 * i + 1] << 8;
-        const uint8_t *pixel = *b + 4 * n_vec * label; /* image rows contain 64 whole vectors */
+        const uint8_t *pixel = *b + 4 * n_vec * label; /* 64 vectors per image row */
 
         if (label >= r->sog.n_palette)
             return spin_malformed("SOG with vector %zu of a palette of %zu", label,

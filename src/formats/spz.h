@@ -30,8 +30,7 @@ enum {
     SPIN_SPZ_HEADER = 16,
     SPIN_SPZ_HEADER_4 = 32,  /* size of the header of version 4 */
     SPIN_SPZ_TOC_ENTRY = 16, /* size of an entry of the table of contents of version 4 */
-    SPIN_SPZ_FRACTION =
-        12, /* default fractional bits: coordinates to +-2048, as in the reference */
+    SPIN_SPZ_FRACTION = 12,  /* default fractional bits, as in the reference: +-2048 world units */
     /* Streams. */
     SPIN_SPZ_PLACE = 0,
     SPIN_SPZ_ALPHA,
