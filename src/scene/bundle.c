@@ -1,8 +1,8 @@
-/* Reads and writes *.spin bundles; the format is described in man/spin-bundle.5.
+/* Reads and writes *.spin bundles. man/spin-bundle.5 describes the format.
  *
- * Nothing in the file is trusted: meta.json defines which arrays must exist and with which shapes,
- * and spin_bundle_open() checks all of them. It reads headers only, so that a clip of many
- * gigabytes opens at once; values stay in the memory map until a frame is read. */
+ * The file is not trusted: meta.json defines which arrays must exist and their shapes, and
+ * spin_bundle_open() checks the headers of all arrays. It does not read the values, so that a clip
+ * of many gigabytes opens at once; they are read from the memory map, frame by frame. */
 #include "scene/bundle.h"
 
 #include "base/base.h"
@@ -18,13 +18,13 @@ static void series_name(const char *group, unsigned column, char name[64])
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* Where the columns of a frame are stored: in "source" or in "refined". */
+/* One of the two groups of splats that are stored in columns: "source" or "refined". */
 struct group {
     const char *name;
     unsigned columns, static_columns;
     int sh_degree;
     bool antialias;
-    const size_t *n; /* [n_frames] of refined frames; NULL: in meta.frame */
+    const size_t *n; /* [n_frames] splats per frame; NULL: meta.frame[].n */
 };
 
 static struct group group_of(const struct spin_bundle *b, enum spin_splat_source from)
@@ -43,7 +43,7 @@ static size_t count_of(const struct spin_bundle *b, const struct group *group, i
     return group->n ? group->n[frame] : b->meta.frame[frame].n;
 }
 
-/* Opens a column of a frame in *out, or only checks its header if out is NULL. */
+/* Opens a column of a frame as *out. If out is NULL, only checks the header of the array. */
 static spin_status find_column(struct spin_bundle *b, const struct group *group, unsigned column,
                                int frame, struct spin_bundle_values *out)
 {
@@ -61,7 +61,8 @@ static spin_status find_column(struct spin_bundle *b, const struct group *group,
                : spin_bundle_values_check(b, name, frame, 'f', n_dims, wanted);
 }
 
-/* Reading one header faults in up to a megabyte around it. Drop the pages every 16 headers. */
+/* Drops the mapped pages after every 16 headers: the kernel reads up to a megabyte around each
+ * header. */
 static void forget_all(const struct spin_bundle *b, int n_looked_at)
 {
     const struct spin_map *map = &b->npz.zip.map;
@@ -70,7 +71,7 @@ static void forget_all(const struct spin_bundle *b, int n_looked_at)
         spin_map_forget(map, map->data, map->size);
 }
 
-/* Opens an array of the source's 4D splats in *out, or only checks its header if out is NULL. */
+/* Opens array k of the source's 4D splats as *out. If out is NULL, only checks its header. */
 static spin_status find_4d(struct spin_bundle *b, int k, struct spin_bundle_values *out)
 {
     const struct spin_splats_4d *s = &b->meta.four_d;
@@ -139,7 +140,8 @@ static spin_status check_refined(struct spin_bundle *b)
     return SPIN_OK;
 }
 
-/* "splats": the number of splats of every frame, present if densification has changed it. */
+/* Reads "splats", the number of splats of every frame. It is present only if densification has
+ * changed these numbers. */
 static spin_status read_trained_counts(struct spin_bundle *b, const spin_json *trained)
 {
     const spin_json *list = spin_json_get(trained, "splats");
@@ -157,8 +159,8 @@ static spin_status read_trained_counts(struct spin_bundle *b, const spin_json *t
     return SPIN_OK;
 }
 
-/* Checks that the trained arrays exist and have the right shapes; whoever reads their values checks
- * those. */
+/* Checks that the trained arrays exist and have the right shapes. The values are checked when they
+ * are read. */
 static spin_status check_trained(struct spin_bundle *b)
 {
     const spin_json *trained = spin_json_get(b->json, "trained"), *field;
@@ -179,7 +181,7 @@ static spin_status check_trained(struct spin_bundle *b)
         SPIN_TRY(spin_bundle_values_check(b, "trained/heads", -1, 'f', 1, shape));
     }
     SPIN_TRY(read_trained_counts(b, trained));
-    if (spin_json_get(trained, "tracks")) /* spin_bundle_tracks_frame() checks these arrays */
+    if (spin_json_get(trained, "tracks")) /* spin_bundle_tracks_frame() checks arrays of tracks */
         return SPIN_OK;
     own = spin_npz_has(&b->npz, "trained/residual/00000");
     for (int f = 0; f < b->meta.n_frames; f++) {
@@ -193,8 +195,9 @@ static spin_status check_trained(struct spin_bundle *b)
     return SPIN_OK;
 }
 
-/* Before version 4 "trained" was called "network". The members of today's "field" were members of
- * "network" itself, and "explicit": true meant that there is no field. */
+/* Converts the JSON of a bundle below version 4, where "trained" was called "network". The keys
+ * that "field" contains today were in "network" itself; "explicit": true meant that there is no
+ * field. */
 static void modernise(struct spin_bundle *b)
 {
     static const char *const series[] = {"per_unit", "xor_rows"};
@@ -234,7 +237,7 @@ static spin_status load_meta(struct spin_bundle *b)
     return spin_bundle_meta_read(&b->meta, b->json);
 }
 
-/* The path is a checkpoint: open the clip that was saved beside it instead. */
+/* The path is a checkpoint: opens the clip that was saved beside the checkpoint instead. */
 static spin_status open_clip_of_state(struct spin_bundle *b)
 {
     size_t n = strlen(b->path) + sizeof SPIN_CLIP_OF_STATE;
@@ -290,7 +293,7 @@ void spin_bundle_close(struct spin_bundle *bundle)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Returns the group in *out if it contains this frame and all of these columns. */
+/* Sets *out to a group. SPIN_E_NOT_FOUND if the frame or one of the columns does not exist. */
 static spin_status find_group(const struct spin_bundle *b, int frame, enum spin_splat_source from,
                               unsigned columns, struct group *out)
 {
@@ -325,8 +328,8 @@ static spin_status read_group(struct spin_bundle *bundle, const struct group *gr
             continue;
         SPIN_TRY(find_column(bundle, group, column, frame, &v));
         spin_bundle_values_get(&v, 0, (size_t)v.count, *spin_column_of(out, column));
-        if (v.floats && !(group->static_columns &
-                          column)) /* frames are read once, in order: drop these pages */
+        /* Drop the pages: frames are usually read once, in order. */
+        if (v.floats && !(group->static_columns & column))
             spin_map_forget(&bundle->npz.zip.map, v.bytes, (size_t)v.count * sizeof *v.floats);
         spin_bundle_values_close(&v);
     }
@@ -369,7 +372,8 @@ spin_status spin_bundle_splats_4d(struct spin_bundle *bundle, const struct spin_
     return spin_fail_reading(load_4d(bundle, &bundle->four_d), bundle->path);
 }
 
-/* Slices the 4D splats at the time of a frame. Their number must match meta.json. */
+/* Slices the 4D splats at the time of a frame, and checks that the number of visible splats is the
+ * frame's number of splats in meta.json. */
 static spin_status slice(struct spin_bundle *b, int frame, unsigned columns,
                          struct spin_splats *out)
 {
@@ -428,7 +432,7 @@ spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_sp
         SPIN_TRY(find_column(bundle, &group, column, frame, &v));
         floats = v.floats;
         spin_bundle_values_close(&v);
-        if (view.n == 0 || !floats) /* packed or unaligned: copy */
+        if (view.n == 0 || !floats) /* a packed or unaligned array must be copied */
             return read_group(bundle, &group, frame, columns, out);
         *spin_column_of(&view, column) = (float *)(uintptr_t)floats;
     }
@@ -489,20 +493,19 @@ spin_status spin_bundle_checksum(struct spin_bundle *bundle, int frame, unsigned
         SPIN_TRY(find_column(bundle, &source, column, frame, &v));
         crc = spin_bundle_values_crc(&v);
         spin_bundle_values_close(&v);
-        *out = (*out ^ crc) * 0x01000193u + column; /* like FNV-1a, a word at a time */
+        *out = (*out ^ crc) * 0x01000193u + column; /* like FNV-1a, but by words */
     }
     return SPIN_OK;
 }
 
-/* ---- Member names and sizes
- * ------------------------------------------------------------------- */
+/* ---- Member names and sizes ------------------------------------------------------------------ */
 
 static bool begins(const char *text, const char *with)
 {
     return strncmp(text, with, strlen(with)) == 0;
 }
 
-/* SOG is a zip with a meta.json, too, but it has no source/. */
+/* Members in source/ distinguish a bundle from SOG, which is a zip with a meta.json as well. */
 bool spin_bundle_looks_like(const char *path)
 {
     struct spin_zip zip;
@@ -517,14 +520,15 @@ bool spin_bundle_looks_like(const char *path)
     return meta && source;
 }
 
-/* The sum that a member's size belongs to; NULL if only the size of the file includes it. */
+/* The sum to which a member's size must be added; NULL: none but the size of the file. */
 static uint64_t *part_of(struct spin_bundle_bytes *bytes, const char *name)
 {
     if (begins(name, "source/"))
         return &bytes->source;
     if (begins(name, "refined/"))
         return &bytes->refined;
-    if (!begins(name, "trained/") && !begins(name, "network/")) /* its name before version 4 */
+    /* Below version 4, trained/ was called network/. */
+    if (!begins(name, "trained/") && !begins(name, "network/"))
         return NULL;
     name = strchr(name, '/') + 1;
     if (begins(name, "means/") || begins(name, "residual/"))
@@ -534,8 +538,8 @@ static uint64_t *part_of(struct spin_bundle_bytes *bytes, const char *name)
     return begins(name, "table") ? &bytes->table : &bytes->heads;
 }
 
-/* The size of an unpacked member, including the byte planes that the file omits because they are
- * all 0. */
+/* Size of a member before packing, including the byte planes that the file omits because all their
+ * bytes are 0. */
 static uint64_t unpacked_size(const struct spin_bundle *bundle,
                               const struct spin_zip_member *member)
 {
@@ -598,7 +602,7 @@ spin_status spin_bundle_write_array(struct spin_bundle_writer *w, const char *se
 {
     char name[80];
 
-    if (!values) /* an array without rows */
+    if (!values) /* the array has no rows */
         values = "";
     if (w->packs)
         return spin_packer_put(&w->packer, &w->zip, series, frame, n_dims, shape, values);
@@ -625,8 +629,8 @@ static spin_status write_group(struct spin_bundle_writer *w, const char *group, 
             continue;
         n_dims = spin_column_shape(column, splats->n, splats->sh_degree, shape);
         series_name(group, column, name);
-        if (column == SPIN_COL_RGB && w->packs &&
-            index == 0) /* these colours probably come from 8-bit images */
+        /* rgb columns probably come from 8-bit images: try to store them as multiples of 1/255. */
+        if (column == SPIN_COL_RGB && w->packs && index == 0)
             SPIN_TRY(spin_packer_units(&w->packer, name, 3, bytes));
         SPIN_TRY(spin_bundle_write_array(w, name, still ? -1 : index, "<f4", n_dims, shape,
                                          *spin_column_of(&view, column)));
@@ -652,9 +656,8 @@ static spin_status write_array_4d(struct spin_bundle_writer *w, const struct spi
         unit[c] = per_unit;
     if (per_unit > 0)
         SPIN_TRY(spin_packer_units(&w->packer, name, shape[1], unit));
-    else if (w->packer.quick &&
-             shape[1] >=
-                 SPIN_WIDE) /* the low bits of SH are noise: packing would save a fifth at most */
+    /* The low bits of SH are noise, so packing would save at most a fifth. */
+    else if (w->packer.quick && shape[1] >= SPIN_WIDE)
         return spin_npz_write(&w->zip, name, "<f4", 2, shape, values);
     return spin_bundle_write_array(w, name, -1, "<f4", 2, shape, values);
 }

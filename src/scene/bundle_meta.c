@@ -6,8 +6,8 @@
 #include "scene/splats_4d.h"
 
 #define FORMAT "spin bundle"
-/* Plain arrays, packed arrays, 4D splats: the version is raised only for bundles that older readers
- * cannot read. */
+/* A bundle gets the lowest version that describes its contents, so that older readers can read as
+ * many bundles as possible. */
 enum { VERSION = 1, VERSION_PACKED = 4, VERSION_4D = 5 };
 
 spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames)
@@ -53,7 +53,7 @@ spin_status spin_meta_integer(const spin_json *object, const char *key, int64_t 
     return SPIN_OK;
 }
 
-/* A string, truncated to n_out - 1 bytes; "" if absent or null. */
+/* Reads a string and truncates it to n_out - 1 bytes. "" if the key is missing or null. */
 static void read_text(const spin_json *object, const char *key, char *out, size_t n_out)
 {
     const char *text = spin_json_string(spin_json_get(object, key));
@@ -169,7 +169,7 @@ static spin_status read_number(const spin_json *object, const char *key, double 
                : spin_meta_fail(key, "a number");
 }
 
-/* "splats_4d": the number of rows and all properties that are not arrays. */
+/* Reads "splats_4d": the number of 4D splats, the list of optional arrays, and common values. */
 static spin_status read_4d(struct spin_bundle_meta *meta, const spin_json *root)
 {
     const spin_json *json = spin_json_get(root, "splats_4d"), *list;

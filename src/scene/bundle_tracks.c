@@ -1,12 +1,11 @@
-/* Reads the attributes that splats share with their tracks once, and per-frame values frame by
- * frame. */
+/* Reads the values of all tracks on opening, and the per-frame values of splats frame by frame. */
 #include "scene/bundle_tracks.h"
 
 #include <inttypes.h>
 
 #include "base/base.h"
 
-enum { ROW = SPIN_TRACK_WIDTH - 3 };
+enum { ROW = SPIN_TRACK_WIDTH - 3 }; /* floats per row without the displacement */
 
 spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bundle_tracks *out)
 {
@@ -50,8 +49,8 @@ void spin_bundle_tracks_close(struct spin_bundle_tracks *t)
     memset(t, 0, sizeof *t);
 }
 
-/* Reads an array of a frame into [out, room_end) and returns its number of rows, 0 if it is
- * absent. */
+/* Reads array trained/<what>/<index>, of `width` floats per row, into [out, room_end). *n: number
+ * of rows; 0 if the array does not exist. */
 static spin_status read_own(struct spin_bundle_tracks *t, const char *what, int index, int width,
                             const float *room_end, float *out, size_t *n)
 {
@@ -94,8 +93,7 @@ spin_status spin_bundle_tracks_numbers(struct spin_bundle_tracks *t, int index, 
     return SPIN_OK;
 }
 
-/* Ensures that the block has space for the track numbers, positions and residual values of n
- * splats. */
+/* Enlarges the block to hold track numbers, positions and residual values of n splats. */
 static spin_status need(struct spin_bundle_tracks *t, size_t n)
 {
     void *block = NULL;

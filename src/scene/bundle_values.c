@@ -1,13 +1,12 @@
-/* Reads arrays of a bundle. Headers are checked against meta.json and against the bytes present
- * before anything relies on them. */
+/* Reads arrays of a bundle. Headers are checked against meta.json and against the size of the
+ * member before they are used. */
 #include <float.h>
 #include <inttypes.h>
 
 #include "base/base.h"
 #include "scene/bundle.h"
 
-/* The CRC check reads every byte of a member. Above this size it is skipped for members that are
- * stored uncompressed. */
+/* The CRC of larger arrays is not checked, since the check reads every byte. */
 #define CRC_LIMIT (64u << 20)
 
 /* The words of frame 0 of a series. */
@@ -26,8 +25,7 @@ static void name_of(const char *series, int frame, char name[80])
         snprintf(name, 80, "%s/%05d", series, frame);
 }
 
-/* ---- Words
- * ------------------------------------------------------------------------------------- */
+/* ---- Words ----------------------------------------------------------------------------------- */
 
 /* Reads words [first, first + n) of an array whose planes are stored column by column. */
 static void gather_columns(const struct spin_bundle_values *v, uint64_t first, size_t n,
@@ -67,10 +65,9 @@ static void get_words(const struct spin_bundle_values *v, uint64_t first, size_t
         to[i] ^= v->key[first + i];
 }
 
-/* ---- Differences
- * ------------------------------------------------------------------------------- */
+/* ---- Differences ----------------------------------------------------------------------------- */
 
-/* The number of rows of an array that are XORed with the same rows of frame 0. */
+/* Reads "xor_rows": how many rows of the array are XORed with the same rows of frame 0. */
 static spin_status difference_rows(struct spin_bundle *b, const char *series, int frame,
                                    uint64_t n_rows, uint64_t *rows)
 {
@@ -120,10 +117,9 @@ static spin_status find_key(struct spin_bundle *b, const char *series, char kind
     return SPIN_OK;
 }
 
-/* ---- Headers
- * ----------------------------------------------------------------------------------- */
+/* ---- Headers --------------------------------------------------------------------------------- */
 
-/* Reads per_unit of a series, if meta.json lists it: the reciprocal of each column's unit. */
+/* Reads "per_unit" of a series, the reciprocal of each column's unit, if meta.json contains it. */
 static spin_status find_units(struct spin_bundle *b, const char *series, char kind,
                               struct spin_bundle_values *out)
 {
@@ -149,7 +145,8 @@ static spin_status find_units(struct spin_bundle *b, const char *series, char ki
     return SPIN_OK;
 }
 
-/* Checks the header of an array, plain or packed, and fills *out; its shape excludes the planes. */
+/* Checks the header of a plain or packed array and fills *out. out->shape is the shape before
+ * packing, without the dimension of the planes. */
 static spin_status look_at(struct spin_bundle *b, const char *series, const char *name, char kind,
                            int n_dims, const int64_t *shape, struct spin_bundle_values *out)
 {
@@ -161,7 +158,7 @@ static spin_status look_at(struct spin_bundle *b, const char *series, const char
     SPIN_TRY(spin_npz_head(&b->npz, name, &a));
     packed = a.item_size == 1 && (a.kind == 'u' || a.kind == 'i');
     out->columns = packed && a.kind == 'i';
-    for (int d = 0; d < n_dims; d++) /* column by column: rows are the last dimension */
+    for (int d = 0; d < n_dims; d++) /* in layout |i1, rows are the last dimension */
         wanted[out->columns ? (d > 0 ? d : n_dims) : d + packed] = shape[d];
     if (packed && !out->columns)
         wanted[0] = 4;
@@ -201,8 +198,7 @@ spin_status spin_bundle_values_check(struct spin_bundle *bundle, const char *ser
     return look_at_frame(bundle, series, frame, kind, n_dims, shape, name, &values, &rows);
 }
 
-/* ---- Values
- * ------------------------------------------------------------------------------------ */
+/* ---- Values ---------------------------------------------------------------------------------- */
 
 static spin_status take_key(struct spin_bundle *b, const char *series, const char *name, char kind,
                             uint64_t rows, struct spin_bundle_values *out)

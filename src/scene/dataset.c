@@ -1,4 +1,5 @@
-/* The views of a data set: sorting, test split, scaling, near plane, pairing with a clip. */
+/* The views of a data set: reading, test split, scaling, pairing with a clip, extent, near plane,
+ * and checks of images. */
 #include "scene/dataset.h"
 
 #include "base/base.h"
@@ -20,8 +21,8 @@ static int by_row_and_camera(const void *a, const void *b)
     return strcmp(x->path, y->path);
 }
 
-/* True if each row has one number and numbers increase from row to row; only then do they identify
- * frames. */
+/* True if all views of a row have the same frame number, and numbers increase from row to row. Only
+ * then do numbers identify frames. */
 static bool are_numbered(const struct spin_views *views)
 {
     for (size_t i = 0; i < views->n; i++) {
@@ -67,10 +68,10 @@ static spin_status arrange(struct spin_views *views)
     return SPIN_OK;
 }
 
-/* "dynerf:time=unit,test=-1": the name and options of a reader, split in `text`. */
+/* An importer of data sets with options, such as "dynerf:time=unit,test=-1". */
 struct spec {
-    char *text;
-    const char *pairs[2 * SPIN_VIEWS_MAX_OPTIONS + 1];
+    char *text;                                        /* name of the importer */
+    const char *pairs[2 * SPIN_VIEWS_MAX_OPTIONS + 1]; /* key, value, ..., NULL; within `text` */
 };
 
 static spin_status parse_spec(const char *from, struct spec *spec)
@@ -100,7 +101,7 @@ static spin_status parse_spec(const char *from, struct spec *spec)
     return SPIN_OK;
 }
 
-/* Unknown options are errors; they are not ignored. */
+/* Refuses unknown options. */
 static spin_status check_spec(const struct spin_importer *importer, const struct spec *spec)
 {
     for (int i = 0; spec->pairs[i]; i += 2) {
@@ -114,8 +115,8 @@ static spin_status check_spec(const struct spin_importer *importer, const struct
     return SPIN_OK;
 }
 
-/* Returns the spec that opens the data set again: the importer that was used and the given
- * options. */
+/* Writes to `used` the argument `from` that opens the data set in the same way again: the importer
+ * that was found, and the given options. */
 static spin_status keep_spec(const char *from, const struct spin_importer *importer, char *used,
                              size_t n_used)
 {
@@ -180,8 +181,8 @@ spin_status spin_views_split(struct spin_views *views, const int *test_cameras, 
     return SPIN_OK;
 }
 
-/* Focal lengths and centre scale by the exact ratio of the rounded sizes, without a half-pixel
- * shift, as all readers of these data sets do. */
+/* Scales the size, and by the ratio of the rounded new size to the old size the focal lengths and
+ * the principal point. There is no half-pixel shift, as in other readers of these data sets. */
 static spin_status scale_camera(struct spin_camera *camera, double image_scale)
 {
     double width = round(camera->width * image_scale), height = round(camera->height * image_scale);
@@ -225,7 +226,7 @@ const struct spin_view *spin_views_row(const struct spin_views *views, int row)
     return &views->view[low];
 }
 
-/* The row with this frame number, or -1; numbers increase with the row. */
+/* The row of a frame number; -1: none. Binary search: numbers increase from row to row. */
 static int row_of_number(const struct spin_views *views, int number)
 {
     int low = 0, high = views->n_dataset_frames - 1;
@@ -304,7 +305,7 @@ spin_status spin_views_pair(const struct spin_views *views, const struct spin_bu
 
 /* ---- Extent ---------------------------------------------------------------------------------- */
 
-/* -R^T t */
+/* The camera's centre in the world: -R^T t. */
 static void camera_centre(const struct spin_camera *camera, double out[3])
 {
     const double *m = camera->w2c;
@@ -313,7 +314,7 @@ static void camera_centre(const struct spin_camera *camera, double out[3])
         out[i] = -(m[i] * m[3] + m[4 + i] * m[7] + m[8 + i] * m[11]);
 }
 
-/* A position of a training camera. */
+/* The position of a training camera in one view. */
 struct place {
     double centre[3];
     int camera;
@@ -342,7 +343,8 @@ static int by_place(const void *a, const void *b)
     return result ? result : by_order(a, b);
 }
 
-/* Lists each position of each training camera once, in the order of the views. */
+/* Lists the distinct positions of each training camera, in the order of the views. If there are
+ * only test cameras, lists theirs. */
 static size_t list_places(const struct spin_views *views, struct place *place)
 {
     size_t n = 0, n_train = 0, kept = 0;
@@ -391,15 +393,16 @@ double spin_views_extent(const struct spin_views *views)
 /* ---- Near plane ------------------------------------------------------------------------------ */
 
 enum {
-    NEAR_VIEWS = 64,    /* views that are sampled, evenly spaced */
-    NEAR_POINTS = 4096, /* points that are sampled, likewise */
-    NEAR_SHARE = 20,    /* one in 20 points of an image may be nearer than its foreground */
-    CUT_SHARE = 100     /* warn if more than one in 100 points are cut off */
+    NEAR_VIEWS = 64,    /* maximum number of views that are sampled, evenly spaced */
+    NEAR_POINTS = 4096, /* maximum number of points that are sampled, evenly spaced */
+    NEAR_SHARE = 20, /* the foreground's depth is exceeded by all but 1/20 of an image's points */
+    CUT_SHARE = 100  /* warn if more than 1/100 of an image's points are cut off */
 };
-/* The near plane is at most at this fraction of the foreground's depth. */
+/* Upper limit of the near plane, as a fraction of the foreground's depth. */
 static const double before_foreground = 0.25;
 
-/* Depths of the sampled points inside a camera's image, ascending; returns their number. */
+/* Lists the depths of the sampled points inside a camera's image in ascending order. Returns their
+ * number. */
 static size_t list_depths(const struct spin_camera *camera, const float *points, size_t n,
                           float *depth)
 {
@@ -413,7 +416,8 @@ static size_t list_depths(const struct spin_camera *camera, const float *points,
     return n_inside;
 }
 
-/* Warns of the view whose near plane cuts off the largest share of the points. */
+/* Prints a warning about the view whose near plane cuts off the largest share of points, if this
+ * share is large. */
 static void warn_cut(const struct spin_views *views, const float *points, size_t n, float *depth)
 {
     const struct spin_view *worst = NULL;
@@ -462,8 +466,8 @@ spin_status spin_views_set_near(struct spin_views *views, const float *points, s
 
 /* ---- Images ---------------------------------------------------------------------------------- */
 
-/* Checks the aspect ratio. Rounding both sides of a scaled image can change it by up to a pixel;
- * beyond that, one per cent is allowed. */
+/* The allowed difference in width is 1 %, or half a pixel plus what rounding the height by half a
+ * pixel changes in the width, if this is more. */
 spin_status spin_view_check_size(const struct spin_view *view, int width, int height)
 {
     double expected = (double)view->camera.height * width / height;

@@ -1,9 +1,9 @@
-/* Plug-ins loaded at run time: the shared objects listed in SPIN_PLUGIN_PATH and no others. They
- * call functions of this library, which the commands export to them (src/plugin.sym).
+/* Loads plug-ins at run time: only the shared objects and folders listed in SPIN_PLUGIN_PATH.
+ * Plug-ins call functions of this library, which the commands export to them (src/plugin.sym).
  *
- * A broken plug-in is skipped and the reason kept: it becomes a warning, or an error if the user
- * asked for this plug-in. An object that fails to load has no names of plug-ins, so its file name
- * without ".so" serves as one. */
+ * A broken plug-in is skipped, and the reason is stored as a fault. A fault is printed as a
+ * warning, or returned as an error if the user selected this plug-in by name. Since the names of
+ * plug-ins in an object that fails to load are unknown, its file name without ".so" is used. */
 #include <dlfcn.h>
 #include <pthread.h>
 #include <stdarg.h>
@@ -12,12 +12,13 @@
 #include "io/file.h"
 
 enum {
-    MAX_PLUGINS = 128, /* of a kind, including built-in ones */
-    MAX_FAULTS = 64,   /* reasons that are kept; further ones are only counted */
-    MAX_NAME = 31      /* characters; spin_import_report holds 32 */
+    MAX_PLUGINS = 128, /* importers, or exporters, including the built-in ones */
+    MAX_FAULTS = 64,   /* faults that are stored; further faults are only counted */
+    MAX_NAME = 31      /* characters of a name; struct spin_import_report has space for 32 bytes */
 };
 
-/* On Windows, a shared object can import our functions from one executable only. */
+/* On Windows, a shared object can import our functions from a single executable only, but there are
+ * several commands. */
 #ifdef _WIN32
 enum { CAN_LOAD = false };
 #else
@@ -25,8 +26,8 @@ enum { CAN_LOAD = true };
 #endif
 
 struct fault {
-    char name[MAX_NAME + 1]; /* the name that a user would ask for */
-    char text[1024];
+    char name[MAX_NAME + 1]; /* name of the plug-in, as in --from; "": unknown */
+    char text[1024];         /* message */
 };
 
 /* All plug-ins of one kind. */
@@ -34,7 +35,7 @@ struct list {
     const char *kind;
     struct {
         const void *plugin;
-        const char *name, *origin; /* origin NULL: built in */
+        const char *name, *origin; /* origin: path of the object; NULL: built in */
     } entry[MAX_PLUGINS];
     size_t n;
 };
@@ -88,8 +89,8 @@ static const struct fault *find_fault(const char *name)
 
 /* ---- One importer, one exporter -------------------------------------------------------------- */
 
-/* Lower case letters, digits, '-' and '_': such a name can be typed, listed and stored in a
- * bundle. */
+/* Allows lower case letters, digits, '-' and '_', since names are typed, listed and stored in
+ * bundles. */
 static bool is_name(const char *name)
 {
     size_t n = name ? strspn(name, "abcdefghijklmnopqrstuvwxyz0123456789-_") : 0;
@@ -97,7 +98,7 @@ static bool is_name(const char *name)
     return n > 0 && n <= MAX_NAME && !name[n] && name[0] != '-';
 }
 
-/* Returns what is wrong with an importer, or NULL. */
+/* Returns a description of what is wrong with an importer; NULL: nothing. */
 static const char *importer_lacks(const struct spin_importer *importer)
 {
     if (importer->abi != SPIN_PLUGIN_ABI)
@@ -127,7 +128,8 @@ static const char *exporter_lacks(const struct spin_exporter *exporter)
     return NULL;
 }
 
-/* Adds a plug-in to the list, which then refers to path. False if it was not added. */
+/* Adds a plug-in to the list. Returns true if it was added; path must then stay allocated. lack:
+ * what is wrong with the plug-in; NULL: nothing. stem: file name of the object. */
 static bool add(struct list *list, const void *plugin, const char *name, const char *lack,
                 const char *path, const char *stem)
 {
@@ -136,7 +138,7 @@ static bool add(struct list *list, const void *plugin, const char *name, const c
         return false;
     }
     for (size_t i = 0; i < list->n; i++) {
-        if (list->entry[i].plugin == plugin) /* its object is listed twice in SPIN_PLUGIN_PATH */
+        if (list->entry[i].plugin == plugin) /* SPIN_PLUGIN_PATH lists the object twice */
             return false;
         if (strcmp(list->entry[i].name, name) == 0) {
             keep_fault(name, "plug-in '%s': an %s called '%s' exists already: %s", path, list->kind,
@@ -172,7 +174,7 @@ static bool add_exporter(const struct spin_exporter *e, const char *path, const 
 
 /* ---- One object ------------------------------------------------------------------------------ */
 
-/* The message of dlerror(), without the path that precedes it. */
+/* The message of dlerror(), without the path at its beginning. */
 static const char *why_not_loaded(const char *path)
 {
     const char *text = dlerror();
@@ -183,7 +185,8 @@ static const char *why_not_loaded(const char *path)
     return strncmp(text, path, n) == 0 && strncmp(text + n, ": ", 2) == 0 ? text + n + 2 : text;
 }
 
-/* Adds the plug-ins of an object. True if any was added; path must stay allocated then. */
+/* Adds the plug-ins of an object. Returns true if at least one was added; path must then stay
+ * allocated. */
 static bool take_object(const char *path, const char *stem, void *object)
 {
     const struct spin_plugin *plugin = dlsym(object, "spin_plugin");
@@ -229,7 +232,7 @@ static void load_object(const char *given)
     if (!object)
         keep_fault(stem, "plug-in '%s': %s", path, why_not_loaded(path));
     else if (take_object(path, stem, object))
-        return; /* its code and path stay in use until exit */
+        return; /* object and path are in use until exit: free neither */
     else
         dlclose(object);
     free(path);
@@ -308,7 +311,7 @@ static void warn_once(const char *chosen)
         spin_warn("SPIN_PLUGIN_PATH: %zu more plug-ins are skipped", all.n_faults_lost);
 }
 
-/* Without SPIN_PLUGIN_PATH this costs one getenv(). */
+/* Called before every use of the lists; without SPIN_PLUGIN_PATH, the cost is one getenv(). */
 void spin_plugins_load(const char *chosen)
 {
     if (!search_path())
