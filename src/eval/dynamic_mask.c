@@ -1,4 +1,4 @@
-/* Dynamic regions, from masks or from the images themselves. */
+/* Finds dynamic regions from the data set's masks or from its images. */
 #include "eval/dynamic_mask.h"
 
 #include "base/base.h"
@@ -7,11 +7,11 @@
 enum {
     MOST_ROWS = SPIN_MOVING_ROWS,
     FEWEST_ROWS = 3,
-    FRIENDS = 4 /* changed pixels among the eight neighbours; with fewer, a pixel is a speck */
+    FRIENDS = 4 /* minimum number of dynamic neighbours; otherwise a pixel is a speck */
 };
 
-/* Above the noise of JPEG and of a good camera (sigma about 4 of 255), below the change caused by a
- * ball in front of a wall. */
+/* A larger difference from the median is dynamic. The threshold is above the noise of JPEG and of a
+ * good camera (sigma about 4 of 255), and below the contrast of a ball in front of a wall. */
 static const float threshold = 20.0f / 255.0f;
 
 struct spin_median {
@@ -34,7 +34,6 @@ static bool same_camera(const struct spin_camera *a, const struct spin_camera *b
     return true;
 }
 
-/* Views of this camera, spread over the clip; returns 0 if the camera moves. */
 size_t spin_moving_views(const struct spin_views *views, int camera_id, size_t chosen[MOST_ROWS])
 {
     size_t n = 0, k = 0, seen = 0, first = 0;
@@ -119,7 +118,7 @@ static spin_status find_median(struct spin_dynamic_mask *m, int camera_id, const
 
 /* ---- The rule -------------------------------------------------------------------------------- */
 
-/* Number of ones among the eight neighbours of (x, y). */
+/* Counts the ones among the eight neighbours of (x, y). */
 static int count_around(int width, int height, const uint8_t *map, int x, int y)
 {
     int sum = 0;
@@ -160,7 +159,8 @@ void spin_dynamic_mask_rule(int width, int height, const float *truth, const uin
 
 static const float black[3];
 
-/* Mask values are 0 and 1, or 0 and 255. A mask of another size is sampled at the pixel centres. */
+/* Reads a foreground mask with values 0 and 1, or 0 and 255. A mask of another size than the image
+ * is sampled at the pixel centres. */
 static spin_status read_mask(struct spin_dynamic_mask *m, const struct spin_view *view)
 {
     int width = view->camera.width, height = view->camera.height, w, h;
@@ -181,8 +181,8 @@ static spin_status read_mask(struct spin_dynamic_mask *m, const struct spin_view
     return SPIN_OK;
 }
 
-/* Sets pixels of alpha 0.5 or more. Alpha is measured as the difference between loading over white
- * and over black. */
+/* Sets the mask where alpha is above 0.5. Loaded over white and over black, the image differs by
+ * 1 - alpha. */
 static spin_status read_alpha(struct spin_dynamic_mask *m, const struct spin_view *view)
 {
     static const float white[3] = {1, 1, 1};

@@ -1,7 +1,8 @@
-/* The two networks as tables of layers, their weights, and the distance between features.
+/* LPIPS: the two networks as tables of layers, reading of weights, convolution, and the distance
+ * between features f and g of two images:
  *
  *     x = (2 image - 1 - shift) / scale
- *     f_s = features after the ReLU of stage s, divided at every pixel by their norm over channels
+ *     f_s = features after the ReLU of stage s, divided at each pixel by their norm over channels
  *     distance = sum over s of the mean over pixels of  sum_c lin_s[c] (f_s[c] - g_s[c])^2 */
 #include "eval/lpips.h"
 
@@ -12,17 +13,17 @@
 
 enum { MOST_LAYERS = 13, STAGES = SPIN_LPIPS_STAGES, BLOCK = 64 };
 
-/* lpips' ScalingLayer: ImageNet's mean and standard deviation, for images in -1..1. */
+/* ScalingLayer of lpips: ImageNet's mean and standard deviation, for images in -1..1. */
 static const float shift[3] = {-0.030f, -0.088f, -0.188f};
 static const float scale[3] = {0.458f, 0.448f, 0.450f};
-static const double smallest_length = 1e-10; /* added to a pixel's norm, as in lpips */
+static const double smallest_length = 1e-10; /* added to the norm of a pixel, as in lpips */
 
 /* A convolution followed by ReLU. */
 struct layer {
     int place; /* N in torchvision's features.N */
     int n_in, n_out, kernel, stride, pad;
-    int pool;   /* window of the max pooling before it, with stride 2; 0: none */
-    bool stage; /* its output contributes to the distance */
+    int pool;   /* window of the max pooling before the convolution, with stride 2; 0: none */
+    bool stage; /* the output of this layer contributes to the distance */
 };
 
 static const struct layer vgg[] = {
@@ -50,11 +51,12 @@ struct spin_lpips {
     struct spin_pool *pool;
     float *weights[MOST_LAYERS], *bias[MOST_LAYERS];
     float *lin[STAGES];
-    int width, height; /* image size of the plan below */
+    /* Buffers for images of one size. */
+    int width, height;
     int out_width[MOST_LAYERS], out_height[MOST_LAYERS];
-    float *feature[2][STAGES]; /* of the two images */
-    float *work[2], *padded;
-    float *scratch; /* [threads][SCRATCH] */
+    float *feature[2][STAGES]; /* features of the two images */
+    float *work[2], *padded;   /* input and output of a layer; its input padded with zeros */
+    float *scratch;            /* [threads][SCRATCH] */
 };
 
 /* ---- Weights --------------------------------------------------------------------------------- */
@@ -66,7 +68,7 @@ static bool has_shape(struct spin_torch *t, const char *key, int n_dims, const i
     return v && v->kind == SPIN_VALUE_TENSOR && spin_array_has_shape(&v->tensor, n_dims, shape);
 }
 
-/* The network of these convolutions; -1: unknown. */
+/* The network to which the convolutions in a file belong; -1: unknown. */
 static int backbone_of(struct spin_torch *t)
 {
     for (int k = 0; k < SPIN_N_LPIPS; k++) {
@@ -80,7 +82,7 @@ static int backbone_of(struct spin_torch *t)
     return -1;
 }
 
-/* Number of channels of stage s. */
+/* Number of channels in the output of stage s. */
 static int stage_channels(int network, int s)
 {
     const struct layer *layer = networks[network].layer;
@@ -90,6 +92,7 @@ static int stage_channels(int network, int s)
     return layer->n_out;
 }
 
+/* The network to which the linear heads in a file belong; -1: unknown. */
 static int lin_of(struct spin_torch *t)
 {
     for (int k = 0; k < SPIN_N_LPIPS; k++) {
@@ -196,7 +199,7 @@ struct found {
     char *backbone[SPIN_N_LPIPS], *lin[SPIN_N_LPIPS];
 };
 
-/* Notes the file if it contains weights; skips files that cannot be read. */
+/* Stores the path of a file in *found if it contains weights. Ignores files that cannot be read. */
 static spin_status look_at(const char *path, struct found *found)
 {
     struct spin_torch t;
@@ -267,21 +270,21 @@ spin_status spin_lpips_find(const char *folder, int n_threads, struct spin_lpips
 
 /* ---- Convolution ----------------------------------------------------------------------------- */
 
-/* Out [n_out][pixels] = weights [n_out][terms] x patches [terms][pixels], where a term is an input
- * channel and a position in the kernel. A task is COLUMNS pixels; terms are processed DEPTH at a
- * time, so that their patches stay in cache. Every output is one sum in the order of the terms, for
- * any number of threads. */
+/* A convolution is the matrix product out [n_out][pixels] = weights [n_out][terms] x patches
+ * [terms][pixels]. A term is a pair of an input channel and a position in the kernel. A task
+ * computes COLUMNS output pixels, and processes DEPTH terms at a time, so that their patches stay
+ * in the cache. Each output is summed in the order of the terms, so the result does not depend on
+ * the number of threads. */
 enum { COLUMNS = 96, DEPTH = 256, MOST_OUT = 512, SCRATCH = (DEPTH + MOST_OUT) * COLUMNS };
 
 struct convolution {
     const struct layer *layer;
-    /* in [n_in][in_height][in_width], padded with zeros */
-    const float *weights, *bias, *in;
+    const float *weights, *bias, *in; /* in [n_in][in_height][in_width], padded with zeros */
     float *out, *scratch;
     size_t in_width, in_height, out_width, plane; /* plane: number of output pixels */
 };
 
-/* The inputs that term k multiplies, for output pixels [first, first + n). */
+/* Gathers the inputs of term k for output pixels [first, first + n). */
 static void take_patches(const struct convolution *c, size_t k, size_t first, size_t n, float *to)
 {
     size_t side = (size_t)c->layer->kernel, stride = (size_t)c->layer->stride;
@@ -320,7 +323,7 @@ static void convolve_block(void *context, size_t first, size_t end)
         memcpy(c->out + row * c->plane + first, sums + row * COLUMNS, n * sizeof *sums);
 }
 
-/* Layer i with its ReLU, for an input of width x height. */
+/* Computes layer i and its ReLU for an input of width x height. */
 static void convolve(struct spin_lpips *l, int i, int width, int height, const float *in,
                      float *out)
 {
@@ -477,7 +480,7 @@ static void run_network(struct spin_lpips *l, const float *image, float *const *
     }
 }
 
-/* Sum over a block of n pixels; planes are `plane` apart. */
+/* The distance summed over a block of n pixels of a stage. Channel c begins at c * plane. */
 static double block_distance(int n_channels, size_t plane, size_t n, const float *f, const float *g,
                              const float *lin)
 {

@@ -8,7 +8,7 @@
 enum { WIDTH = 720, HEIGHT = 260, LEFT = 56, RIGHT = 26, TOP = 10, BOTTOM = 42, MOST_POINTS = 160 };
 
 struct frame {
-    double x0, x1, y0, y1; /* range of the data */
+    double x0, x1, y0, y1; /* range of the axes */
 };
 
 double spin_svg_chart_step(double span, int most)
@@ -49,7 +49,7 @@ static bool measure(const struct spin_svg_chart *chart, struct frame *f)
     return f->x1 - f->x0 > 1e-9 * fmax(1, fabs(f->x1));
 }
 
-/* Extends the range to round numbers. */
+/* Extends the range of y to round numbers. */
 static void round_frame(struct frame *f)
 {
     double step;
@@ -124,7 +124,7 @@ void spin_svg_chart_file(FILE *to, const struct spin_svg_chart *chart)
     static const char *const colours[SPIN_SVG_CHART_LINES] = {
         "#1f77c9", "#d2691e", "#2e9e5b", "#a347c4", "#c9a400", "#d33a5c", "#2aa7a7", "#8a94a3"};
     struct frame f;
-    int names = 20 * ((chart->n_lines + 1) / 2) + 10; /* two per row */
+    int names = 20 * ((chart->n_lines + 1) / 2) + 10; /* height of the legend, two names per row */
 
     if (measure(chart, &f))
         round_frame(&f);
