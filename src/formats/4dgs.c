@@ -165,14 +165,15 @@ static spin_status read_header(struct reader *r, struct cursor *c)
     if (c->cut)
         return SPIN_OK;
     if (!says(&model, MODEL))
-        return spin_unsupported("temporal model '%.*s', expected '" MODEL "'", length_of(&model),
-                                (const char *)model.at);
+        return spin_unsupported("header: temporal model '%.*s', expected '" MODEL "'",
+                                length_of(&model), (const char *)model.at);
     if (!(r->info->duration > 0) || !isfinite(r->info->duration))
-        return spin_malformed("header: a duration of %g", r->info->duration);
+        return spin_malformed("header: the duration is %g, expected above 0", r->info->duration);
     if (!(r->info->cutoff > 0) || r->info->cutoff > 1)
-        return spin_malformed("header: a cutoff of %g, expected above 0 and to 1", r->info->cutoff);
+        return spin_malformed("header: the cutoff is %g, expected above 0 and at most 1",
+                              r->info->cutoff);
     if (degree > 3)
-        return spin_unsupported("header: SH degree %u, expected 0 to 3", degree);
+        return spin_unsupported("header: the SH degree is %u, expected 0 to 3", degree);
     r->splats->sh_degree = (int)degree;
     return SPIN_OK;
 }
@@ -183,13 +184,14 @@ static spin_status read_quantization(struct reader *r, struct cursor *c)
     double sum = 0;
 
     if (!c->cut && !says(&scheme, SCHEME))
-        return spin_unsupported("quantization '%.*s', expected '" SCHEME "'", length_of(&scheme),
-                                (const char *)scheme.at);
+        return spin_unsupported("quantization: scheme '%.*s', expected '" SCHEME "'",
+                                length_of(&scheme), (const char *)scheme.at);
     for (int k = 0; k < 3; k++)
         sum += fabs(r->origin[k] = take_real(c));
     for (int k = 0; k < N_STEPS; k++)
         sum += fabs(r->step[k] = take_real(c));
-    return isfinite(sum) ? SPIN_OK : spin_malformed("quantization: steps that are not finite");
+    return isfinite(sum) ? SPIN_OK
+                         : spin_malformed("quantization: the origin or a step is not finite");
 }
 
 static spin_status read_windows(struct reader *r, struct cursor *c)
@@ -197,16 +199,16 @@ static spin_status read_windows(struct reader *r, struct cursor *c)
     uint64_t n = take_number(c, 4);
 
     if (c->cut || n > c->left / 16)
-        return spin_malformed("window table: %llu windows in %zu bytes", (unsigned long long)n,
-                              c->left);
+        return spin_malformed("window table: too short: %llu windows in %zu bytes",
+                              (unsigned long long)n, c->left);
     if (n == 0)
-        return spin_malformed("window table: it is empty, so that no splat would be visible");
+        return spin_malformed("the window table is empty, so no splat is visible");
     r->n_windows = (size_t)n;
     SPIN_TRY(spin_alloc(r->n_windows, 2 * sizeof *r->window, (void **)&r->window));
     for (size_t i = 0; i < 2 * r->n_windows; i++) {
         r->window[i] = take_real(c);
         if (isnan(r->window[i]))
-            return spin_malformed("window table: window %zu is not a number", i / 2);
+            return spin_malformed("window table: the start or end of window %zu is NaN", i / 2);
     }
     return SPIN_OK;
 }
@@ -239,7 +241,7 @@ static spin_status unpack(unsigned codec, const struct cursor *packed, uint64_t 
         return spin_zstd_read(packed->at, packed->left, *out, (size_t)n_out);
     SPIN_TRY(spin_zlib_read(packed->at, packed->left, *out, (size_t)n_out + 1, &n));
     return n == n_out ? SPIN_OK
-                      : spin_malformed("zlib data that do not unpack to %llu bytes",
+                      : spin_malformed("the zlib data do not unpack to %llu bytes",
                                        (unsigned long long)n_out);
 }
 
@@ -277,7 +279,7 @@ static spin_status decode(const struct stream *s, const unsigned char *planes, s
 
         v += s->mode == DIFFERENCE && i >= width ? out[i - width] : 0;
         if (v < INT32_MIN || v > INT32_MAX)
-            return spin_malformed("a number in row %zu does not fit in 32 bits", i / width);
+            return spin_malformed("a value in row %zu does not fit in 32 bits", i / width);
         out[i] = (int32_t)v;
     }
     return SPIN_OK;
@@ -290,12 +292,15 @@ static spin_status read_stream(const struct stream *s, size_t n, int channels, i
     SPIN_FREED unsigned char *planes = NULL;
 
     if (s->codec > 1)
-        return spin_unsupported("packed by codec %u, expected 0 (deflate) or 1 (zstd)", s->codec);
+        return spin_unsupported("codec %u is not supported, expected 0 (deflate) or 1 (zstd)",
+                                s->codec);
     if (s->n != n || s->channels != (unsigned)channels)
-        return spin_malformed("%llu x %u numbers, expected %zu x %d", (unsigned long long)s->n,
+        return spin_malformed("%llu x %u values, expected %zu x %d", (unsigned long long)s->n,
                               s->channels, n, channels);
     if (s->mode >= N_MODES || (s->symbol != 1 && s->symbol != 2 && s->symbol != 4))
-        return spin_malformed("symbols of %u bytes in mode %u", s->symbol, s->mode);
+        return spin_malformed("symbols of %u bytes and mode %u, expected 1, 2 or 4 "
+                              "bytes and mode 0, 1 or 2",
+                              s->symbol, s->mode);
     SPIN_TRY(spin_alloc(n * (size_t)channels, sizeof **out, (void **)out));
     SPIN_TRY(unpack(s->codec, &s->packed, (uint64_t)n_symbols * s->symbol, &planes));
     return decode(s, planes, n_symbols, *out);
@@ -388,10 +393,10 @@ static spin_status read_rows(struct reader *r, const double interval[2])
 {
     for (size_t k = 0; k < r->n_in_chunk; k++) {
         if (r->steps[WINDOW][k] < 0 || (size_t)r->steps[WINDOW][k] >= r->n_windows)
-            return spin_malformed("'window_index' %d in row %zu, of %zu windows",
+            return spin_malformed("'window_index' is %d in row %zu, but there are %zu windows",
                                   r->steps[WINDOW][k], k, r->n_windows);
         if (r->steps[LARGEST][k] < 0 || r->steps[LARGEST][k] > 3)
-            return spin_malformed("'rotation_index' %d in row %zu, expected 0 to 3",
+            return spin_malformed("'rotation_index' is %d in row %zu, expected 0 to 3",
                                   r->steps[LARGEST][k], k);
         fill_row(r, k, interval);
     }
@@ -413,18 +418,18 @@ static spin_status read_streams(struct reader *r, struct cursor *c, const double
         struct stream s = take_stream(c);
 
         if (c->cut)
-            return spin_malformed("a stream extends beyond it");
+            return spin_malformed("a stream extends beyond the chunk");
         if (s.attribute >= N_ATTRIBUTES)
             continue;
         if (r->steps[s.attribute])
-            return spin_malformed("it has '%s' twice", attributes[s.attribute].name);
+            return spin_malformed("stream '%s' occurs twice", attributes[s.attribute].name);
         SPIN_TRY_IN(read_stream(&s, r->n_in_chunk, attributes[s.attribute].channels,
                                 &r->steps[s.attribute]),
-                    "'%s'", attributes[s.attribute].name);
+                    "stream '%s'", attributes[s.attribute].name);
     }
     for (int a = 0; a < N_ATTRIBUTES; a++)
         if (!r->steps[a])
-            return spin_malformed("it has no '%s'", attributes[a].name);
+            return spin_malformed("stream '%s' is missing", attributes[a].name);
     return read_rows(r, interval);
 }
 
@@ -438,10 +443,11 @@ static spin_status read_chunk_block(struct reader *r, struct cursor *block,
     if (codec->left == 0 && bytes == block->left)
         return read_streams(r, block, interval);
     if (codec->left == 0 || bytes > SLACK + (uint64_t)RATIO * block->left)
-        return spin_malformed("%llu bytes in %zu", (unsigned long long)bytes, block->left);
+        return spin_malformed("%zu bytes cannot unpack to %llu bytes", block->left,
+                              (unsigned long long)bytes);
     if (!says(codec, "deflate") && !says(codec, "zstd"))
-        return spin_unsupported("packed by '%.*s', expected 'deflate' or 'zstd'", length_of(codec),
-                                (const char *)codec->at);
+        return spin_unsupported("codec '%.*s' is not supported, expected 'deflate' or 'zstd'",
+                                length_of(codec), (const char *)codec->at);
     SPIN_TRY(unpack(says(codec, "zstd"), block, bytes, &plain));
     return read_streams(r, &(struct cursor){plain, (size_t)bytes, false}, interval);
 }
@@ -450,8 +456,8 @@ static spin_status read_chunk_block(struct reader *r, struct cursor *block,
 static spin_status end_chunk(const struct reader *r)
 {
     if (r->n_in_chunk > 0 && r->bands != (1u << r->splats->sh_degree) - 1)
-        return spin_malformed("chunk %zu: it lacks SH bands of degree %d", r->n_chunks - 1,
-                              r->splats->sh_degree);
+        return spin_malformed("chunk %zu: an SH band is missing, expected bands 1 to %d",
+                              r->n_chunks - 1, r->splats->sh_degree);
     return SPIN_OK;
 }
 
@@ -483,7 +489,7 @@ static spin_status read_chunk(struct reader *r, struct cursor *c)
     if (n == 0)
         return SPIN_OK;
     if (isnan(interval[0]) || isnan(interval[1]))
-        status = spin_malformed("its interval is not a number");
+        status = spin_malformed("the start or end of the interval is NaN");
     else
         status = read_chunk_block(r, &block, &codec, bytes, interval);
     forget_steps(r);
@@ -502,15 +508,16 @@ static spin_status read_band(struct reader *r, struct cursor *c)
     if (c->cut || !s->centres || (r->n_chunks > 0 && r->n_in_chunk == 0))
         return SPIN_OK;
     if (b < 1 || b > (size_t)s->sh_degree || r->n_chunks == 0 || r->bands & 1u << (b - 1))
-        return spin_malformed("SH band %zu occurs twice, or is above the scene's degree %d", b,
-                              s->sh_degree);
+        return spin_malformed("SH band %zu occurs twice, precedes all chunks, or is above the SH "
+                              "degree %d of the file",
+                              b, s->sh_degree);
     r->bands |= 1u << (b - 1);
     status = read_stream(&stream, r->n_in_chunk, (int)(3 * width), &codes);
     for (size_t k = 0; status == SPIN_OK && k < 3 * width * r->n_in_chunk; k++) {
         size_t row = k / (3 * width), channel = k / width % 3, m = k % width;
 
         if (codes[k] < 0 || codes[k] > 255)
-            status = spin_malformed("%d in row %zu, expected 0 to 255", codes[k], row);
+            status = spin_malformed("code %d in row %zu, expected 0 to 255", codes[k], row);
         s->sh[n_sh * (r->first + row) + 3 * (b * b + m) + channel] =
             (float)(codes[k] * 8 / 255.0 - 4);
     }
@@ -527,7 +534,7 @@ static spin_status read_record(struct reader *r, unsigned opcode, struct cursor 
 
     if (once && first_pass) {
         if (opcode < HEADER || r->seen & 1u << opcode)
-            return spin_malformed("a second record %02x, or one of opcode 0", opcode);
+            return spin_malformed("record %02x occurs twice or is invalid", opcode);
         if (opcode != HEADER && !(r->seen & 1u << HEADER))
             return spin_malformed("record %02x precedes the header", opcode);
         r->seen |= 1u << opcode;
@@ -546,11 +553,11 @@ static spin_status read_record(struct reader *r, unsigned opcode, struct cursor 
     case SH_BAND:
         return read_band(r, c);
     case DELTA_CHUNK:
-        return spin_unsupported("delta chunks of the model 'keyframe-delta' are not read");
+        return spin_unsupported("delta chunks (model 'keyframe-delta') are not supported");
     case OBJECT_TRACK:
         take(c, 5);
         return take_number(c, 4) == 0 ? SPIN_OK
-                                      : spin_unsupported("tracks of rigid objects are not read");
+                                      : spin_unsupported("object tracks are not supported");
     case CAMERA:
         r->info->camera = true;
         return SPIN_OK;
@@ -588,20 +595,21 @@ static spin_status read_all(struct reader *r)
     static const unsigned all = 1u << HEADER | 1u << QUANTIZATION | 1u << WINDOWS | 1u << FOOTER;
 
     if (r->size < 2 * MAGIC_BYTES || memcmp(r->file, MAGIC, MAGIC_BYTES) != 0)
-        return spin_malformed("it does not begin with the magic of .4dgs version 1");
+        return spin_malformed("not a .4dgs of version 1: the magic number is missing");
     if (memcmp(r->file + r->size - MAGIC_BYTES, MAGIC, MAGIC_BYTES) != 0)
-        return spin_malformed("it is truncated: the magic at its end is missing");
+        return spin_malformed("truncated: the magic number at the end of the file is missing");
     SPIN_TRY(read_records(r));
     if (r->seen != all)
-        return spin_malformed("it has no %s",
+        return spin_malformed("record '%s' is missing",
                               !(r->seen & 1u << QUANTIZATION) ? "quantization" : "window table");
     if (r->n != r->n_said)
-        return spin_malformed("%llu splats in its chunks, but %llu in its header",
+        return spin_malformed("the chunks contain %llu splats, the header declares %llu",
                               (unsigned long long)r->n, (unsigned long long)r->n_said);
     if (r->n == 0)
-        return spin_malformed("0 splats");
+        return spin_malformed("the file contains no splats");
     if (r->n * ROW_BYTES > SLACK + (uint64_t)RATIO * r->size)
-        return spin_malformed("%llu splats in %zu bytes", (unsigned long long)r->n, r->size);
+        return spin_malformed("%zu bytes cannot contain %llu splats", r->size,
+                              (unsigned long long)r->n);
     SPIN_TRY(
         spin_splats_4d_reserve(r->splats, (size_t)r->n, 1, r->splats->sh_degree, SPIN_4D_CUTS));
     r->splats->least_weight = r->info->cutoff;

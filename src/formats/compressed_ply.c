@@ -197,7 +197,7 @@ static spin_status check_chunks(const struct spin_compressed_ply *f)
 
     if (!f->chunk || f->chunk->count < spin_compressed_chunks(n))
         return spin_malformed(
-            "'%s': compressed PLY with %llu chunks for %llu vertices, expected one for every %d",
+            "'%s': compressed PLY: %llu chunks for %llu vertices, expected one per %d vertices",
             f->ply->path, (unsigned long long)(f->chunk ? f->chunk->count : 0),
             (unsigned long long)n, SPIN_COMPRESSED_CHUNK);
     for (int i = 0; i < N_RANGES_NEEDED; i++) {
@@ -211,13 +211,13 @@ static spin_status check_chunks(const struct spin_compressed_ply *f)
 static spin_status check_sh(const struct spin_compressed_ply *f)
 {
     if (f->sh && f->sh->count != f->vertex->count)
-        return spin_malformed("'%s': element 'sh' has %llu records, 'vertex' has %llu",
+        return spin_malformed("'%s': element 'sh' has %llu rows, element 'vertex' has %llu",
                               f->ply->path, (unsigned long long)f->sh->count,
                               (unsigned long long)f->vertex->count);
     for (size_t i = 0; f->sh && i < f->sh->n_properties; i++) {
         if (f->sh->property[i].type != SPIN_PLY_U8)
-            return spin_malformed("'%s': property '%s' of element 'sh' is not uchar", f->ply->path,
-                                  f->sh->property[i].name);
+            return spin_malformed("'%s': element 'sh': property '%s' is not of type uchar",
+                                  f->ply->path, f->sh->property[i].name);
     }
     return SPIN_OK;
 }
@@ -232,13 +232,15 @@ spin_status spin_compressed_find(const struct spin_ply *ply, struct spin_compres
                                         .chunk = spin_ply_find_element(ply, "chunk"),
                                         .sh = spin_ply_find_element(ply, "sh")};
     if (ply->ascii || e->has_list)
-        return spin_unsupported("'%s': a compressed PLY must be binary, without lists", ply->path);
+        return spin_unsupported(
+            "'%s': compressed PLY: the format is ascii or element 'vertex' has lists", ply->path);
     for (int i = 0; i < 4; i++) {
         int p = out->packed[i] = spin_ply_find(e, packed_names[i]);
 
         if (p < 0 || e->property[p].type != SPIN_PLY_U32)
-            return spin_malformed("'%s': compressed PLY without the uint property '%s'", ply->path,
-                                  packed_names[i]);
+            return spin_malformed("'%s': compressed PLY: element 'vertex' has no property '%s' of "
+                                  "type uint",
+                                  ply->path, packed_names[i]);
     }
     SPIN_TRY(check_chunks(out));
     SPIN_TRY(check_sh(out));

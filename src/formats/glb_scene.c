@@ -39,7 +39,9 @@ static spin_status read_numbers(const spin_json *list, size_t n, double *out)
     for (size_t i = 0; list && i < n; i++) {
         if (spin_json_length(list) != n || !spin_json_number(spin_json_at(list, i), &out[i]) ||
             !(fabs(out[i]) < MAX_SIZE))
-            return spin_malformed("its transform does not consist of %zu numbers", n);
+            return spin_malformed("a property of the transform is not a list of %zu numbers below "
+                                  "1e15",
+                                  n);
     }
     return SPIN_OK;
 }
@@ -53,7 +55,8 @@ static spin_status one_scale(const double scale[3], double *out)
     *out = 0;
     for (int c = 0; c < 3; c++) {
         if (!(scale[c] >= 0 && scale[c] >= largest * (1 - SAME_SCALE) && largest < MAX_SIZE))
-            return spin_unsupported("it is scaled by %g, %g, %g: expected one positive number",
+            return spin_unsupported("the scale is %g, %g, %g, expected three equal numbers of 0 or "
+                                    "more",
                                     scale[0], scale[1], scale[2]);
     }
     *out = largest;
@@ -65,7 +68,7 @@ static spin_status normalise(double q[4])
     double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
 
     if (!(norm > 1e-6))
-        return spin_malformed("its rotation has no length");
+        return spin_malformed("'rotation' is a quaternion of length 0");
     for (int k = 0; k < 4; k++)
         q[k] /= norm;
     return SPIN_OK;
@@ -88,7 +91,7 @@ static spin_status split_matrix(const spin_json *list, struct node *node)
     det = m[0] * (m[5] * m[10] - m[6] * m[9]) - m[4] * (m[1] * m[10] - m[2] * m[9]) +
           m[8] * (m[1] * m[6] - m[2] * m[5]);
     if (fabs(det - 1) > 1e-3)
-        return spin_unsupported("its matrix is not a rotation and a scale");
+        return spin_unsupported("'matrix' is not a rotation with a scale");
     for (int i = 0; i < 9; i++)
         rows[i] = m[i % 3 * 4 + i / 3];
     spin_quat_of_matrix(rows, node->q);
@@ -123,7 +126,7 @@ static spin_status join_children(struct nodes *nodes, size_t i, const spin_json 
 
         if (!spin_json_integer(spin_json_at(children, k), &child) || child < 0 ||
             (size_t)child >= nodes->n || nodes->node[child].parent >= 0)
-            return spin_malformed("its children do not exist or have another parent");
+            return spin_malformed("a node in 'children' does not exist or has another parent");
         nodes->node[child].parent = (int64_t)i;
     }
     return SPIN_OK;
@@ -141,14 +144,14 @@ static spin_status mark_scene(const spin_json *json, struct nodes *nodes)
         return SPIN_OK;
     }
     if (scene < 0 || !spin_json_at(scenes, (size_t)scene))
-        return spin_malformed("its scene does not exist");
+        return spin_malformed("the default scene %lld does not exist", (long long)scene);
     list = spin_json_get(spin_json_at(scenes, (size_t)scene), "nodes");
     for (size_t i = 0; i < spin_json_length(list); i++) {
         int64_t node = -1;
 
         if (!spin_json_integer(spin_json_at(list, i), &node) || node < 0 ||
             (size_t)node >= nodes->n)
-            return spin_malformed("its scene has a node that does not exist");
+            return spin_malformed("scene %lld lists a node that does not exist", (long long)scene);
         nodes->node[node].in_scene = true;
     }
     return SPIN_OK;
@@ -195,7 +198,7 @@ static spin_status place_node(const struct nodes *nodes, size_t i, struct spin_p
         double joined[4], moved[3];
 
         if (depth == MAX_DEPTH)
-            return spin_malformed("nodes are more than %d deep, or in a circle", MAX_DEPTH);
+            return spin_malformed("nodes are nested more than %d deep, or in a cycle", MAX_DEPTH);
         spin_scene_rotation_join(inout->q, node->q, joined);
         memcpy(inout->q, joined, sizeof joined);
         turn_point(node->q, inout->shift, moved);
@@ -208,7 +211,8 @@ static spin_status place_node(const struct nodes *nodes, size_t i, struct spin_p
     }
     *shown = *shown && nodes->node[top].in_scene;
     if (*shown && !(inout->scale > NO_SCALE && inout->scale < MAX_SIZE))
-        return spin_unsupported("it is scaled by %g", inout->scale);
+        return spin_unsupported("the scale in the scene is %g, expected above 1e-6 and below 1e15",
+                                inout->scale);
     return SPIN_OK;
 }
 
@@ -250,7 +254,7 @@ static spin_status add_piece(struct build *b, size_t node, const spin_json *prim
     if (!shown)
         return SPIN_OK;
     if (s->n_pieces == MAX_PIECES)
-        return spin_unsupported("more than %zu meshes of splats", MAX_PIECES);
+        return spin_unsupported("the scene has more than %zu meshes of splats", MAX_PIECES);
     SPIN_TRY(spin_grow(s->n_pieces + 1, sizeof *s->piece, (void **)&s->piece));
     s->piece[s->n_pieces++] = piece;
     s->sh_degree = piece.points.sh_degree > s->sh_degree ? piece.points.sh_degree : s->sh_degree;
@@ -279,7 +283,7 @@ static spin_status find_pieces(struct build *b)
     for (size_t i = 0; i < b->nodes.n; i++)
         SPIN_TRY_IN(add_mesh(b, i), "node %zu", i);
     if (b->scene->n_pieces == 0 && spin_json_get(b->scene->file.json, "meshes"))
-        return spin_malformed("its scene shows no splats (" SPIN_GLB_SPLATS ")");
+        return spin_malformed("the scene contains no visible splats (" SPIN_GLB_SPLATS ")");
     return SPIN_OK;
 }
 
@@ -321,8 +325,8 @@ static spin_status add_channel(struct build *b, const spin_json *animation,
         return SPIN_OK;
     }
     if ((size_t)node >= b->nodes.n || b->nodes.node[node].key >= 0)
-        return spin_malformed(
-            "an animation switches a node that does not exist, or switches it twice");
+        return spin_malformed("node %lld does not exist, or is animated by another channel",
+                              (long long)node);
     SPIN_TRY(spin_glb_find(&s->file,
                            spin_glb_item(&s->file, "accessors", spin_json_get(sampler, "input")), 1,
                            SPIN_GLB_IS(SPIN_GLB_F32), &key->time));
@@ -330,7 +334,8 @@ static spin_status add_channel(struct build *b, const spin_json *animation,
         &s->file, spin_glb_item(&s->file, "accessors", spin_json_get(sampler, "output")),
         scale ? 3 : 1, SPIN_GLB_IS(scale ? SPIN_GLB_F32 : SPIN_GLB_U8), &key->value));
     if (key->time.n == 0 || key->time.n != key->value.n)
-        return spin_malformed("%zu keys with %zu values", key->time.n, key->value.n);
+        return spin_malformed("'input' has %zu times, 'output' has %zu values", key->time.n,
+                              key->value.n);
     key->node = (size_t)node;
     key->n = key->time.n;
     b->nodes.node[node].key = (int64_t)b->n_keys++;
@@ -372,13 +377,14 @@ static spin_status gather_times(struct build *b)
     for (size_t k = 0; k < b->n_keys; k++)
         room += has_times_before(b, k) ? 0 : b->key[k].n;
     if (room > MAX_CELLS)
-        return spin_unsupported("an animation of %zu keys", room);
+        return spin_unsupported("the animation has %zu key frames, more than the limit of %llu",
+                                room, (unsigned long long)MAX_CELLS);
     SPIN_TRY(spin_alloc(room + 1, sizeof *b->time, (void **)&b->time));
     for (size_t k = 0; k < b->n_keys; k++) {
         for (size_t i = 0; i < b->key[k].n && !has_times_before(b, k); i++, n++) {
             spin_glb_row(&b->key[k].time, i, &b->time[n]);
             if (!isfinite(b->time[n]) || (i > 0 && b->time[n] <= b->time[n - 1]))
-                return spin_malformed("the times of an animation's keys do not increase");
+                return spin_malformed("the times of an animation's key frames do not increase");
         }
     }
     qsort(b->time, n, sizeof *b->time, by_time);
@@ -406,8 +412,9 @@ static spin_status read_switch(struct key *key, size_t i, bool *on)
     SPIN_TRY(one_scale(scale, &one));
     *on = one > NO_SCALE;
     if (*on && key->scale > 0 && fabs(one / key->scale - 1) > SAME_SCALE)
-        return spin_unsupported("an animation scales node %zu by %g and by %g", key->node,
-                                key->scale, one);
+        return spin_unsupported("the animation changes the scale of node %zu from %g to %g; a "
+                                "scale may only change to and from 0",
+                                key->node, key->scale, one);
     key->scale = *on ? one : key->scale;
     return SPIN_OK;
 }
@@ -437,7 +444,9 @@ static spin_status run_key(struct build *b, size_t k)
 static spin_status run_keys(struct build *b)
 {
     if (b->n_times * (uint64_t)b->n_keys > MAX_CELLS)
-        return spin_unsupported("an animation of %zu nodes at %zu times", b->n_keys, b->n_times);
+        return spin_unsupported("the animation has %zu nodes and %zu times; their product exceeds "
+                                "the limit of %llu",
+                                b->n_keys, b->n_times, (unsigned long long)MAX_CELLS);
     SPIN_TRY(spin_alloc(b->n_times * b->n_keys + 1, 1, (void **)&b->on));
     for (size_t k = 0; k < b->n_keys; k++)
         SPIN_TRY(run_key(b, k));
@@ -491,7 +500,9 @@ static spin_status add_frame(struct build *b, const unsigned char *on, double ti
     *frame =
         (struct spin_gs_glb_frame){.first = at, .number = -1, .time = time, .extras_time = NAN};
     if (s->n_pieces * (uint64_t)(s->n_frames + 1) > MAX_CELLS)
-        return spin_unsupported("%zu meshes in more than %zu frames", s->n_pieces, s->n_frames);
+        return spin_unsupported("the scene has %zu meshes and more than %zu frames; their product "
+                                "exceeds the limit of %llu",
+                                s->n_pieces, s->n_frames, (unsigned long long)MAX_CELLS);
     for (size_t i = 0; i < s->n_pieces; i++) {
         const struct spin_gs_glb_points *points = &s->piece[i].points;
 
@@ -505,8 +516,8 @@ static spin_status add_frame(struct build *b, const unsigned char *on, double ti
     }
     /* Limit the expansion of a small file: many nodes may show the same mesh. */
     if (n_plain > s->file.n_bytes || frame->n > s->file.n_bytes + PACKED_SLACK)
-        return spin_unsupported("%zu splats in a frame of a file of %llu bytes", frame->n,
-                                (unsigned long long)s->file.n_bytes);
+        return spin_unsupported("frame %zu has %zu splats, too many for a file of %llu bytes",
+                                s->n_frames, frame->n, (unsigned long long)s->file.n_bytes);
     read_extras(spin_json_get(spin_json_at(nodes, node_of_frame(b, on)), "extras"), frame);
     s->n_frames++;
     return SPIN_OK;
@@ -558,7 +569,8 @@ static spin_status check_required(const struct spin_gs_glb_scene *s)
         for (size_t k = 0; k < sizeof known / sizeof *known && name; k++)
             found = found || strcmp(name, known[k]) == 0;
         if (!found)
-            return spin_unsupported("it requires '%.60s', which is not read", name ? name : "");
+            return spin_unsupported("the file requires extension '%.60s', which is not supported",
+                                    name ? name : "");
     }
     return SPIN_OK;
 }

@@ -102,8 +102,9 @@ spin_status spin_glb_failed(const struct spin_glb_clip *clip, int error)
 {
     if (error != TOO_FAR)
         return spin_out_failed(clip->out, error);
-    return spin_unsupported("cannot write '%s': a .glb ends at 4 GiB; export fewer frames with "
-                            "--range, or give a folder for one .glb per frame",
+    return spin_unsupported("cannot write '%s': the file would exceed 4 GiB, the limit of .glb; "
+                            "export fewer frames with --range, or give a folder for one .glb per "
+                            "frame",
                             clip->out->path);
 }
 
@@ -146,7 +147,8 @@ static spin_status write_front(const struct spin_glb_clip *clip, const char *tex
     SPIN_FREED unsigned char *front = NULL;
 
     if (n > room)
-        return spin_unsupported("cannot write '%s': its JSON takes %zu bytes, %zu were kept for it",
+        return spin_unsupported("cannot write '%s': the JSON takes %zu bytes, but only %zu are "
+                                "reserved",
                                 path, n, room);
     SPIN_TRY(spin_alloc(n_front, 1, (void **)&front));
     memcpy(front, "glTF", 4);

@@ -142,8 +142,8 @@ spin_status spin_gs_ply_degree(const struct spin_ply *ply, const struct spin_ply
 
         snprintf(name, sizeof name, "f_rest_%d", i);
         if (!spin_ply_has(e, name))
-            return spin_malformed("'%s': %d properties f_rest_*, but no '%s'", ply->path, *n_rest,
-                                  name);
+            return spin_malformed("'%s': there are %d properties f_rest_*, but no '%s'", ply->path,
+                                  *n_rest, name);
     }
     for (int d = 0; d <= 4; d++) {
         if (*n_rest == (int)spin_n_rest(d)) {
@@ -152,8 +152,8 @@ spin_status spin_gs_ply_degree(const struct spin_ply *ply, const struct spin_ply
         }
     }
     return spin_malformed(
-        "'%s': %d properties f_rest_*, expected 0, 9, 24, 45 or 72 (SH degree 0 to 4)", ply->path,
-        *n_rest);
+        "'%s': there are %d properties f_rest_*, expected 0, 9, 24, 45 or 72 (SH degree 0 to 4)",
+        ply->path, *n_rest);
 }
 
 spin_status spin_gs_ply_find(const struct spin_ply *ply, struct spin_gs_ply *out)
@@ -166,16 +166,18 @@ spin_status spin_gs_ply_find(const struct spin_ply *ply, struct spin_gs_ply *out
     *out = (struct spin_gs_ply){.ply = ply, .vertex = e};
     if (spin_ply_has(e, "scale_0") && spin_ply_has(e, "scale_1") && !spin_ply_has(e, "scale_2"))
         return spin_unsupported(
-            "'%s': no property 'scale_2': it looks like 2DGS, whose splats are flat", ply->path);
+            "'%s': element 'vertex' has no property 'scale_2': flat splats (2DGS) are not "
+            "supported",
+            ply->path);
     for (size_t i = 0; i < n; i++) {
         if (column[i].part == 0 || spin_ply_has(e, column[i].name))
             continue;
         out->colours = column[i].part == SPIN_COL_SH && spin_ply_has_colours(e);
         if (!out->colours)
             return spin_malformed(
-                "'%s': element 'vertex' has no property '%s', so these are not whole Gaussians%s",
-                ply->path, column[i].name,
-                column[i].part == SPIN_COL_SH ? "; 'red', 'green', 'blue' would do" : "");
+                "'%s': element 'vertex' has no property '%s', which Gaussians need%s", ply->path,
+                column[i].name,
+                column[i].part == SPIN_COL_SH ? ", and no 'red', 'green', 'blue' either" : "");
     }
     return spin_gs_ply_degree(ply, e, &out->sh_degree, &out->n_rest);
 }

@@ -44,17 +44,19 @@ static float f32_at(const unsigned char *at)
 static spin_status read_header(const unsigned char *file, size_t size, struct file *out)
 {
     if (size < SPIN_KSPLAT_HEADER)
-        return spin_malformed(".ksplat that ends in its header");
+        return spin_malformed(".ksplat: truncated within the header");
     if (file[0] != 0 || file[1] != 1)
-        return spin_unsupported(".ksplat of version %d.%d, expected 0.1", file[0], file[1]);
+        return spin_unsupported(".ksplat: version %d.%d, expected 0.1", file[0], file[1]);
     *out = (struct file){.level = (int)u16_at(file + 20),
                          .n_sections = spin_u32_at(file + 4),
                          .sh_least = f32_at(file + 36),
                          .sh_largest = f32_at(file + 40)};
     if (out->level > MAX_LEVEL)
-        return spin_unsupported(".ksplat of level %d, expected 0 to %d", out->level, MAX_LEVEL);
+        return spin_unsupported(".ksplat: compression level %d, expected 0 to %d", out->level,
+                                MAX_LEVEL);
     if (out->n_sections > (size - SPIN_KSPLAT_HEADER) / SPIN_KSPLAT_SECTION)
-        return spin_malformed(".ksplat with %u sections in %zu bytes", out->n_sections, size);
+        return spin_malformed(".ksplat: %zu bytes cannot contain %u sections", size,
+                              out->n_sections);
     out->sh_least = out->sh_least != 0 ? out->sh_least : -SH_RANGE;
     out->sh_largest = out->sh_largest != 0 ? out->sh_largest : SH_RANGE;
     return SPIN_OK;
@@ -78,7 +80,7 @@ static spin_status check_buckets(const struct section *s, uint32_t index)
     for (size_t b = 0; b < s->n_buckets; b++)
         n += bucket_splats(s, b);
     if (n < s->n)
-        return spin_malformed(".ksplat whose section %u has %zu splats, but %llu in its buckets",
+        return spin_malformed(".ksplat: section %u has %zu splats, but its buckets have %llu",
                               index, s->n, (unsigned long long)n);
     return SPIN_OK;
 }
@@ -99,11 +101,11 @@ static spin_status read_section(const unsigned char *file, size_t size, const st
                             .steps = spin_u32_at(h + 24),
                             .sh_degree = (int)u16_at(h + 40)};
     if (out->sh_degree > MAX_SH_DEGREE)
-        return spin_unsupported(".ksplat with SH degree %d, expected 0 to %d", out->sh_degree,
-                                MAX_SH_DEGREE);
+        return spin_unsupported(".ksplat: section %u has SH degree %d, expected 0 to %d", index,
+                                out->sh_degree, MAX_SH_DEGREE);
     out->row = row_bytes(f->level, out->sh_degree);
     if (rows > size || room > (size - rows) / out->row || out->n > room)
-        return spin_malformed(".ksplat whose section %u extends beyond the file", index);
+        return spin_malformed(".ksplat: section %u extends beyond the file", index);
     *at = rows + room * out->row;
     out->lengths = file + lengths;
     out->centres = file + centres;
@@ -114,7 +116,7 @@ static spin_status read_section(const unsigned char *file, size_t size, const st
         return SPIN_OK;
     if ((n_buckets > 0 && u16_at(h + 20) != CENTRE_BYTES) ||
         n_buckets != (uint64_t)out->n_full + spin_u32_at(h + 36))
-        return spin_malformed(".ksplat whose section %u has invalid buckets", index);
+        return spin_malformed(".ksplat: section %u has invalid buckets", index);
     return check_buckets(out, index);
 }
 
@@ -134,7 +136,7 @@ spin_status spin_ksplat_peek(const unsigned char *file, size_t size, struct spin
         out->sh_degree = s.sh_degree > out->sh_degree ? s.sh_degree : out->sh_degree;
     }
     if (out->n != spin_u32_at(file + 16))
-        return spin_malformed(".ksplat of %u splats with %zu in its sections",
+        return spin_malformed(".ksplat: the header declares %u splats, the sections contain %zu",
                               spin_u32_at(file + 16), out->n);
     return SPIN_OK;
 }

@@ -61,7 +61,8 @@ spin_status spin_splat_read(const unsigned char *bytes, size_t n_bytes, unsigned
     size_t n = n_bytes / SPIN_SPLAT_ROW;
 
     if (n_bytes % SPIN_SPLAT_ROW != 0)
-        return spin_malformed("%zu bytes are not rows of %d", n_bytes, SPIN_SPLAT_ROW);
+        return spin_malformed("size of %zu bytes, expected a multiple of %d", n_bytes,
+                              SPIN_SPLAT_ROW);
     SPIN_TRY(spin_splats_reserve(out, n, columns, 0));
     for (size_t i = 0; i < n; i++)
         read_row(bytes + SPIN_SPLAT_ROW * i, columns, i, out);

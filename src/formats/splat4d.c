@@ -50,14 +50,15 @@ struct spin_splat4d_group {
 static spin_status check_start(const unsigned char *file, size_t size)
 {
     if (size >= 8 && memcmp(file, "SPL4DV02", 8) == 0)
-        return spin_unsupported("the .splat4d of gsplat-unity, version 2: that is another format");
+        return spin_unsupported(".splat4d of gsplat-unity (version 2) is another format, which is "
+                                "not supported");
     if (size < HEADER || memcmp(file, "SP4D", 4) != 0)
-        return spin_malformed("no header of .splat4d (that of gsplat-unity, version "
-                              "1, has none: that is another format)");
+        return spin_malformed(".splat4d: the header is missing (files of gsplat-unity, version 1, "
+                              "have none and are not supported)");
     if (file[4] != 1 || file[5] != 0)
-        return spin_unsupported(".splat4d of version %d, expected 1", file[4] | file[5] << 8);
+        return spin_unsupported(".splat4d: version %d, expected 1", file[4] | file[5] << 8);
     if (spin_u32_at(file + 8) > size - HEADER)
-        return spin_malformed(".splat4d that ends in its header");
+        return spin_malformed(".splat4d: truncated within the header");
     return SPIN_OK;
 }
 
@@ -105,7 +106,7 @@ static spin_status read_groups(const spin_json *json, struct spin_splat4d *out)
 
         SPIN_TRY(get_bytes(out, object, &group->at, &group->bytes));
         if (group->at < end)
-            return spin_malformed("header: group %zu shares bytes with the one before", g);
+            return spin_malformed("header: group %zu overlaps with group %zu", g, g - 1);
         end = group->at + group->bytes;
         SPIN_TRY(get_whole(object, "f0", next, next, &first));
         SPIN_TRY(get_whole(object, "f1", first, out->n_frames - 1, &last));
@@ -113,7 +114,7 @@ static spin_status read_groups(const spin_json *json, struct spin_splat4d *out)
         group->last = (int)last;
     }
     if (next != out->n_frames)
-        return spin_malformed("header: %lld of %d frames are in 'gops'", (long long)next,
+        return spin_malformed("header: 'gops' contains %lld frames, 't' is %d", (long long)next,
                               out->n_frames);
     return SPIN_OK;
 }
@@ -139,8 +140,8 @@ static spin_status read_header(const spin_json *json, struct spin_splat4d *out)
     SPIN_TRY(
         get_bytes(out, spin_json_get(json, "static_section"), &out->static_at, &out->static_bytes));
     if ((uint64_t)out->n * ROW_BYTES > SLACK + (uint64_t)ROW_RATIO * out->static_bytes)
-        return spin_malformed("header: %zu splats in a static section of %zu bytes", out->n,
-                              out->static_bytes);
+        return spin_malformed("header: a static section of %zu bytes cannot contain %zu splats",
+                              out->static_bytes, out->n);
     return read_groups(json, out);
 }
 
@@ -165,18 +166,19 @@ static spin_status unpack(const struct stream *s, const unsigned char *packed, s
     uint64_t bytes = (uint64_t)s->n * (unsigned)s->symbol;
 
     if (s->bytes > room)
-        return spin_malformed("a stream of '%s' extends beyond its section", name);
+        return spin_malformed("stream '%s' extends beyond its section", name);
     if (s->n != n)
-        return spin_malformed("a stream of '%s' has %zu values, expected %llu", name, s->n,
+        return spin_malformed("stream '%s' has %zu values, expected %llu", name, s->n,
                               (unsigned long long)n);
     if (s->symbol != 1 && s->symbol != 2 && s->symbol != 4)
-        return spin_malformed("a stream of '%s' has symbols of %d bytes", name, s->symbol);
+        return spin_malformed("stream '%s' has symbols of %d bytes, expected 1, 2 or 4", name,
+                              s->symbol);
     if (bytes > SLACK + (uint64_t)RATIO * s->bytes)
-        return spin_malformed("a stream of '%s' has %llu bytes in %zu", name,
-                              (unsigned long long)bytes, s->bytes);
+        return spin_malformed("stream '%s': %zu bytes cannot unpack to %llu bytes", name, s->bytes,
+                              (unsigned long long)bytes);
     SPIN_TRY(spin_alloc((size_t)bytes + 1, 1, (void **)out));
-    return spin_fail_context(spin_zstd_read(packed, s->bytes, *out, (size_t)bytes),
-                             "a stream of '%s'", name);
+    return spin_fail_context(spin_zstd_read(packed, s->bytes, *out, (size_t)bytes), "stream '%s'",
+                             name);
 }
 
 /* ---- Values ---------------------------------------------------------------------------------- */
@@ -208,11 +210,12 @@ static spin_status static_stream(const struct spin_splat4d *clip, size_t *at, in
     const unsigned char *section = clip->file + clip->static_at;
 
     if (clip->static_bytes - *at < STREAM_HEAD)
-        return spin_malformed("the static section ends before '%s'", attributes[attribute].name);
+        return spin_malformed("the static section ends before stream '%s'",
+                              attributes[attribute].name);
     *s = stream_at(section + *at);
     *at += STREAM_HEAD;
     if (s->attribute != attribute || s->kind != STATIC)
-        return spin_malformed("the static section has another stream instead of '%s'",
+        return spin_malformed("the static section contains another stream instead of '%s'",
                               attributes[attribute].name);
     SPIN_TRY(unpack(s, section + *at, clip->static_bytes - *at, n, planes));
     *at += s->bytes;
@@ -226,7 +229,8 @@ static spin_status take_mask(struct spin_splat4d *clip, int attribute, const str
     struct spin_splat4d_attribute *a = &clip->attribute[attribute];
 
     if (s->symbol != 1)
-        return spin_malformed("the bits of '%s' are not in bytes", attributes[attribute].name);
+        return spin_malformed("stream '%s' of bits has symbols of %d bytes, expected 1",
+                              attributes[attribute].name, s->symbol);
     for (int store = 0; store < 2; store++) {
         a->n_moving = 0;
         for (size_t i = 0; i < clip->n; i++) {
@@ -287,7 +291,7 @@ static spin_status read_static(struct spin_splat4d *clip)
         SPIN_TRY(status);
     }
     if (at != clip->static_bytes)
-        return spin_malformed("the static section has bytes after its streams");
+        return spin_malformed("the static section has extra bytes after its streams");
     return SPIN_OK;
 }
 
@@ -320,15 +324,14 @@ static spin_status unpack_group(struct spin_splat4d *clip, size_t group)
     size_t at = 2 + STREAM_HEAD * n;
 
     if (at > g->bytes)
-        return spin_malformed("it ends within the headers of its streams");
+        return spin_malformed("truncated within the headers of the streams");
     for (size_t i = 0; i < n; i++) {
         struct stream s = stream_at(section + 2 + STREAM_HEAD * i);
 
         if (s.attribute >= SPIN_SPLAT4D_ATTRIBUTES || s.kind > CHANGE ||
             clip->attribute[s.attribute].planes[s.kind])
-            return spin_malformed(
-                "stream %zu, of attribute %d and kind %d, is unknown or occurs twice", i,
-                s.attribute, s.kind);
+            return spin_malformed("stream %zu (attribute %d, kind %d) is invalid or occurs twice",
+                                  i, s.attribute, s.kind);
         SPIN_TRY(unpack(&s, section + at, g->bytes - at,
                         n_symbols(clip, group, s.attribute, s.kind),
                         &clip->attribute[s.attribute].planes[s.kind]));
@@ -338,10 +341,10 @@ static spin_status unpack_group(struct spin_splat4d *clip, size_t group)
     for (int a = 0; a < SPIN_SPLAT4D_ATTRIBUTES; a++)
         for (int kind = KEY; kind <= CHANGE; kind++)
             if (!clip->attribute[a].planes[kind] && n_symbols(clip, group, a, kind) > 0)
-                return spin_malformed("it has no %s of '%s'", kind == KEY ? "key" : "changes",
-                                      attributes[a].name);
+                return spin_malformed("stream '%s' of kind '%s' is missing", attributes[a].name,
+                                      kind == KEY ? "key" : "change");
     if (at != g->bytes)
-        return spin_malformed("it has bytes after its streams");
+        return spin_malformed("extra bytes after the streams");
     return SPIN_OK;
 }
 
@@ -428,7 +431,8 @@ spin_status spin_splat4d_read(struct spin_splat4d *clip, int frame, unsigned col
     static const char *const what[5] = {"pos", "rot", "scale", "alpha", "rgb"};
 
     if (frame < 0 || frame >= clip->n_frames)
-        return spin_not_found("there is no frame %d", frame);
+        return spin_not_found("frame %d does not exist, expected 0 to %d", frame,
+                              clip->n_frames - 1);
     SPIN_TRY(seek(clip, frame));
     SPIN_TRY(spin_splats_reserve(out, clip->n, columns, 0));
     for (int k = 0; k < SPIN_SPLAT4D_ATTRIBUTES; k++) {

@@ -185,10 +185,10 @@ static spin_status parse_header(const unsigned char *bytes, struct spin_spz_head
                                     .fraction = bytes[13],
                                     .antialias = bytes[14] & ANTIALIASED};
     if (out->version < OLDEST || out->version > IN_STREAMS)
-        return spin_unsupported("SPZ of version %u, expected %d to %d", spin_u32_at(bytes + 4),
+        return spin_unsupported("SPZ: version %u, expected %d to %d", spin_u32_at(bytes + 4),
                                 OLDEST, IN_STREAMS);
     if (out->sh_degree > MAX_SH_DEGREE)
-        return spin_unsupported("SPZ with SH degree %d, expected 0 to %d", out->sh_degree,
+        return spin_unsupported("SPZ: SH degree %d, expected 0 to %d", out->sh_degree,
                                 MAX_SH_DEGREE);
     return SPIN_OK;
 }
@@ -197,7 +197,7 @@ static spin_status parse_header(const unsigned char *bytes, struct spin_spz_head
 static spin_status check_count(const struct spin_spz_header *h, size_t size)
 {
     if (all_bytes(h) > RATIO_SLACK + (uint64_t)RATIO * size)
-        return spin_malformed("SPZ with %zu splats in %zu bytes", h->n, size);
+        return spin_malformed("SPZ: %zu bytes cannot contain %zu splats", size, h->n);
     return SPIN_OK;
 }
 
@@ -208,10 +208,10 @@ static spin_status read_extensions(const unsigned char *at, size_t n, struct spi
         uint32_t length = n >= 8 ? spin_u32_at(at + 4) : 0;
 
         if (n < 8 || length > n - 8)
-            return spin_malformed("SPZ with extensions that are cut short");
+            return spin_malformed("SPZ: truncated within an extension");
         if (spin_u32_at(at) == AXES_RECORD) {
             if (length != 4 || spin_u32_at(at + 8) > MAX_AXES)
-                return spin_unsupported("SPZ with axes of an unknown kind");
+                return spin_unsupported("SPZ: the extension for axes has an unknown value");
             out->axes = (int)spin_u32_at(at + 8);
         }
         at += 8 + length;
@@ -229,7 +229,7 @@ static spin_status check_streams(const unsigned char *file, size_t size, struct 
     int entry = 0;
 
     if (toc < SPIN_SPZ_HEADER_4 || at > size)
-        return spin_malformed("SPZ whose table of contents extends beyond the file");
+        return spin_malformed("SPZ: the table of contents extends beyond the file");
     for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++) {
         uint64_t bytes = stream_bytes(h, stream);
         const unsigned char *e = file + toc + SPIN_SPZ_TOC_ENTRY * entry;
@@ -237,13 +237,14 @@ static spin_status check_streams(const unsigned char *file, size_t size, struct 
         if (bytes == 0)
             continue;
         if (entry++ >= file[15] || u64_at(e + 8) != bytes)
-            return spin_malformed("SPZ whose stream %d is not of %zu splats", stream, h->n);
+            return spin_malformed("SPZ: the size of stream %d does not match %zu splats", stream,
+                                  h->n);
         if (u64_at(e) > size - at)
-            return spin_malformed("SPZ whose stream %d extends beyond the file", stream);
+            return spin_malformed("SPZ: stream %d extends beyond the file", stream);
         at += u64_at(e);
     }
     if (entry != file[15] || at != size)
-        return spin_malformed("SPZ with bytes after its streams");
+        return spin_malformed("SPZ: there are extra streams or bytes after the last stream");
     SPIN_TRY(check_count(h, size));
     return file[14] & EXTENDED
                ? read_extensions(file + SPIN_SPZ_HEADER_4, toc - SPIN_SPZ_HEADER_4, h)
@@ -266,8 +267,8 @@ static spin_status inflate_all(const void *file, size_t size, const struct spin_
     SPIN_TRY(spin_alloc(n_bytes + 1, 1, (void **)out));
     SPIN_TRY(spin_gzip_read(file, size, *out, n_bytes + 1, n_out));
     if (*n_out != n_bytes)
-        return spin_malformed("SPZ with %zu splats in %zu bytes, but %zu bytes", h->n, n_bytes,
-                              *n_out);
+        return spin_malformed("SPZ: %zu splats take %zu bytes, but the file unpacks to %zu", h->n,
+                              n_bytes, *n_out);
     return SPIN_OK;
 }
 
@@ -280,15 +281,15 @@ static spin_status peek_gzip(const void *file, size_t size, struct spin_spz_head
 
     SPIN_TRY(spin_gzip_read(file, size, header, sizeof header, &n));
     if (n < sizeof header || spin_u32_at(header) != MAGIC)
-        return spin_malformed("no header of SPZ");
+        return spin_malformed("SPZ: the header is missing");
     SPIN_TRY(parse_header(header, out));
     if (out->version == IN_STREAMS)
-        return spin_malformed("SPZ of version %d in a gzip", IN_STREAMS);
+        return spin_malformed("SPZ: version %d must not be compressed by gzip", IN_STREAMS);
     SPIN_TRY(check_count(out, size));
     n_streams = (size_t)all_bytes(out);
     n_extensions = extension_bytes(file, size, out);
     if (n_extensions > (header[14] & EXTENDED ? MAX_EXTENSIONS : 0))
-        return spin_malformed("SPZ with %zu splats in %zu bytes, but %u bytes", out->n,
+        return spin_malformed("SPZ: %zu splats take %zu bytes, but the file unpacks to %u", out->n,
                               SPIN_SPZ_HEADER + n_streams, spin_gzip_length(file, size));
     if (n_extensions == 0)
         return SPIN_OK;
@@ -302,7 +303,7 @@ static spin_status check_plain(const unsigned char *file, size_t size, struct sp
     uint64_t n = SPIN_SPZ_HEADER + all_bytes(h);
 
     if (n > size || (n < size && !(file[14] & EXTENDED)))
-        return spin_malformed("SPZ with %zu splats in %llu bytes, but %zu bytes", h->n,
+        return spin_malformed("SPZ: %zu splats take %llu bytes, but the file has %zu", h->n,
                               (unsigned long long)n, size);
     return read_extensions(file + n, size - (size_t)n, h);
 }
@@ -312,12 +313,12 @@ spin_status spin_spz_peek(const void *file, size_t size, struct spin_spz_header 
     if (size < 4 || spin_u32_at(file) != MAGIC)
         return peek_gzip(file, size, out);
     if (size < SPIN_SPZ_HEADER)
-        return spin_malformed("SPZ that ends in its header");
+        return spin_malformed("SPZ: truncated within the header");
     SPIN_TRY(parse_header(file, out));
     if (out->version != IN_STREAMS)
         return check_plain(file, size, out);
     if (size < SPIN_SPZ_HEADER_4)
-        return spin_malformed("SPZ that ends in its header");
+        return spin_malformed("SPZ: truncated within the header");
     return check_streams(file, size, out);
 }
 
@@ -342,7 +343,7 @@ spin_status spin_spz_axes(int axes, double q[4])
             q[k] = k == turns[i].about;
         return SPIN_OK;
     }
-    return spin_unsupported("SPZ in the axes %s, expected RDF, RUB, LUF or LDB", names[axes]);
+    return spin_unsupported("SPZ: the axes are %s, expected RDF, RUB, LUF or LDB", names[axes]);
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */
@@ -434,7 +435,7 @@ static spin_status inflate_streams(const unsigned char *file, const struct spin_
 
         if (n_bytes == 0)
             continue;
-        SPIN_TRY_IN(spin_zstd_read(at, (size_t)u64_at(entry), to, n_bytes), "SPZ stream %d",
+        SPIN_TRY_IN(spin_zstd_read(at, (size_t)u64_at(entry), to, n_bytes), "SPZ: stream %d",
                     stream);
         to += n_bytes;
         at += u64_at(entry);
