@@ -255,7 +255,7 @@ spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_i
         from = masks ? SPIN_DYNAMIC_MASKS : medians ? SPIN_DYNAMIC_IMAGES : SPIN_DYNAMIC_OFF;
     if (from == SPIN_DYNAMIC_MASKS && !masks)
         return spin_not_found(
-            "the data set has no foreground mask for some of these views: use --dynamic images");
+            "--dynamic masks: some of the views have no foreground mask: use --dynamic images");
     if (from == SPIN_DYNAMIC_IMAGES && !medians)
         return spin_unsupported("cannot find dynamic regions in the images: no camera is static "
                                 "and has at least three frames");
@@ -271,8 +271,8 @@ spin_status spin_subject_mask_open(const struct spin_views *views, struct spin_i
     m->from = SPIN_DYNAMIC_MASKS;
     m->alpha = !all_have_masks(views, pairs, n_pairs);
     if (m->alpha && !all_have_alpha(views, pairs, n_pairs))
-        return spin_not_found("--mask: the data set has no foreground mask for some of these "
-                              "views, and not all their images have alpha");
+        return spin_not_found("--mask: some of the views have no foreground mask, and not all "
+                              "their images have alpha");
     return make_room(m);
 }
 

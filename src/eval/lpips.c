@@ -254,7 +254,7 @@ spin_status spin_lpips_find(const char *folder, int n_threads, struct spin_lpips
     }
     if (status == SPIN_OK && n == 0)
         status = spin_not_found(
-            "'%s' holds no LPIPS weights: put torchvision's vgg16 or alexnet there, and "
+            "'%s' contains no LPIPS weights: put torchvision's vgg16 or alexnet there, and "
             "the linear heads of the lpips package for the same network",
             folder);
     for (int k = 0; k < SPIN_N_LPIPS; k++) {

@@ -103,10 +103,10 @@ static spin_status check_source(struct spin_bundle *b)
             if (f == 0 || !still)
                 SPIN_TRY(find_column(b, &source, column, f, NULL));
             else if (b->meta.frame[f].n != b->meta.frame[0].n)
-                return spin_malformed(
-                    "meta.json: frame %d has %zu splats and frame 0 %zu, but column "
-                    "'%s' is the same in both",
-                    f, b->meta.frame[f].n, b->meta.frame[0].n, spin_column_name(column));
+                return spin_malformed("meta.json: frame %d has %zu splats and frame 0 has %zu, but "
+                                      "'static_columns' lists '%s'",
+                                      f, b->meta.frame[f].n, b->meta.frame[0].n,
+                                      spin_column_name(column));
         }
     }
     return SPIN_OK;
@@ -125,7 +125,7 @@ static spin_status check_refined(struct spin_bundle *b)
                                &b->refined.antialias));
     list = spin_json_get(refined, "frames");
     if (!list || spin_json_length(list) != (size_t)b->meta.n_frames)
-        return spin_meta_fail("frames", "a list as long as the clip's");
+        return spin_meta_fail("frames", "a list with one entry per frame of the clip");
     SPIN_TRY(spin_alloc((size_t)b->meta.n_frames, sizeof *b->refined.n, (void **)&b->refined.n));
     group = group_of(b, SPIN_FROM_REFINED);
     for (int f = 0; f < b->meta.n_frames; f++) {
@@ -308,7 +308,7 @@ static spin_status find_group(const struct spin_bundle *b, int frame, enum spin_
         return spin_not_found("'%s' has no refined splats with these columns", b->path);
     if (missing)
         return spin_not_found(
-            "'%s' has no column '%s' of its source%s", b->path, spin_column_name(missing),
+            "'%s': the source has no column '%s'%s", b->path, spin_column_name(missing),
             (b->meta.columns & SPIN_COL_ATTRIBUTES) == 0 ? ", only positions: run spin-retrain"
                                                          : "");
     return spin_map_check(&b->npz.zip.map);
@@ -383,9 +383,9 @@ static spin_status slice(struct spin_bundle *b, int frame, unsigned columns,
     SPIN_TRY(spin_bundle_splats_4d(b, &s));
     SPIN_TRY(spin_splats_4d_slice(s, info->time, columns, out));
     return out->n == info->n ? SPIN_OK
-                             : spin_malformed("'%s': meta.json lists %zu splats of frame %d, but "
-                                              "at its time %g there are %zu",
-                                              b->path, info->n, frame, info->time, out->n);
+                             : spin_malformed("'%s': meta.json lists %zu splats for frame %d, but "
+                                              "%zu are visible at its time %g",
+                                              b->path, info->n, frame, out->n, info->time);
 }
 
 static spin_status read_frame(struct spin_bundle *bundle, int frame, enum spin_splat_source from,

@@ -20,11 +20,14 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
         !spin_json_integer(spin_json_get(json, "moving"), &moving) ||
         !spin_json_integer(spin_json_get(json, "varying"), &varying) || n < 0 || n > UINT32_MAX ||
         moving < 0 || moving > n || varying < 0 || varying > n)
-        return spin_malformed("meta.json: bad 'trained.tracks'");
+        return spin_malformed(
+            "meta.json: 'n', 'moving' or 'varying' of 'trained.tracks' is missing "
+            "or out of range");
     if (spin_json_get(json, "backdrop") &&
         (!spin_json_integer(spin_json_get(json, "backdrop"), &backdrop) || backdrop < 0 ||
          backdrop > n))
-        return spin_malformed("meta.json: bad 'trained.tracks.backdrop'");
+        return spin_malformed("meta.json: 'trained.tracks.backdrop' is not an integer from 0 to "
+                              "the number of tracks");
     spin_json_bool(spin_json_get(json, "same_rows"), &out->same_rows);
     shape[0] = n;
     SPIN_TRY(spin_bundle_values_open(bundle, "trained/tracks", -1, 'f', 2, shape, &v));
@@ -65,8 +68,8 @@ static spin_status read_own(struct spin_bundle_tracks *t, const char *what, int 
         return SPIN_OK;
     SPIN_TRY(spin_bundle_values_open(t->bundle, series, index, 'f', 2, shape, &v));
     if (v.count > (uint64_t)(room_end - out))
-        return spin_malformed("array '%s' has %" PRIu64 " rows, more than the frame", name,
-                              v.shape[0]);
+        return spin_malformed("array '%s' has %" PRIu64 " rows, more than the frame has splats",
+                              name, v.shape[0]);
     spin_bundle_values_get(&v, 0, (size_t)v.count, out);
     *n = (size_t)v.shape[0];
     return SPIN_OK;
@@ -88,7 +91,8 @@ spin_status spin_bundle_tracks_numbers(struct spin_bundle_tracks *t, int index, 
     spin_bundle_values_close(&v);
     for (size_t i = 0; i < n; i++)
         if (track[i] != SPIN_NOT_TRACKED && track[i] >= t->n)
-            return spin_malformed("array 'trained/track/%05d' names track %" PRIu32 " of %zu",
+            return spin_malformed("array 'trained/track/%05d' contains track %" PRIu32
+                                  ", but there are %zu tracks",
                                   index, track[i], t->n);
     return SPIN_OK;
 }

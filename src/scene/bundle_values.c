@@ -81,7 +81,8 @@ static spin_status difference_rows(struct spin_bundle *b, const char *series, in
         return SPIN_OK;
     if (!spin_json_integer(spin_json_at(list, (size_t)frame), &value) || value < 0 ||
         (uint64_t)value > n_rows || (frame == 0 && value != 0))
-        return spin_malformed("meta.json: 'xor_rows' of array '%s/%05d' is not 0 to %" PRIu64,
+        return spin_malformed("meta.json: 'xor_rows' of array '%s/%05d' is not an integer from 0 "
+                              "to %" PRIu64,
                               series, frame, frame == 0 ? (uint64_t)0 : n_rows);
     *rows = (uint64_t)value;
     return SPIN_OK;
@@ -138,10 +139,9 @@ static spin_status find_units(struct spin_bundle *b, const char *series, char ki
         out->per_unit[c] = out->whole ? (float)value : 0;
     }
     if (!out->whole)
-        return spin_malformed(
-            "meta.json: 'per_unit' of '%s' is not a positive number for each of %" PRIu64
-            " columns, %d at most",
-            series, out->width, SPIN_UNITS);
+        return spin_malformed("meta.json: 'per_unit' of '%s' is not a list of %" PRIu64
+                              " positive numbers, or the array has more than %d columns",
+                              series, out->width, SPIN_UNITS);
     return SPIN_OK;
 }
 
@@ -165,8 +165,8 @@ static spin_status look_at(struct spin_bundle *b, const char *series, const char
     SPIN_TRY(spin_array_check_shape(name, &a, n_dims + packed, wanted));
     if ((!packed && (a.kind != kind || a.item_size != 4 || a.big_endian)) ||
         (packed && (a.shape[0] < 1 || a.shape[0] > 4)) || !spin_array_is_contiguous(&a))
-        return spin_malformed("array '%s' is neither little-endian %s nor one to four byte planes, "
-                              "in row-major order",
+        return spin_malformed("array '%s' is neither little-endian %s nor 1 to 4 byte planes, or "
+                              "is not in row-major order",
                               name, kind == 'f' ? "float32" : "uint32");
     out->n_planes = packed ? (int)a.shape[0] : 0;
     out->n_dims = n_dims;
@@ -212,8 +212,8 @@ static spin_status take_key(struct spin_bundle *b, const char *series, const cha
         same = same && key->shape[d] == out->shape[d];
     if (!same)
         return spin_malformed("array '%s' has %" PRIu64
-                              " rows of differences from frame 0, which has only %" PRIu64
-                              " rows, or words of another type or width",
+                              " rows of differences from frame 0, but frame 0 has only %" PRIu64
+                              " rows, or has another type or width",
                               name, rows, key->shape[0]);
     out->key = key->words;
     out->n_key = rows * out->width;

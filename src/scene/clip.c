@@ -22,7 +22,7 @@ spin_status spin_range_select(const struct spin_range *range, const struct spin_
     }
     if (count == 0) {
         free(list);
-        return spin_not_found("no frame has a number in %d:%d (the clip's run from %d to %d)",
+        return spin_not_found("no frame has a number in %d:%d (frames of the clip: %d to %d)",
                               range->first, range->last, n ? info[0].number : 0,
                               n ? info[n - 1].number : 0);
     }
@@ -54,7 +54,7 @@ spin_status spin_times_check(const struct spin_frame_info *info, const int *inde
     for (int i = 1; i < n; i++)
         if (sorted[i].time == sorted[i - 1].time)
             return spin_malformed(
-                "frames %d and %d have the same time, %g; every frame needs its own",
+                "frames %d and %d have the same time, %g; every frame needs a different time",
                 sorted[i - 1].number, sorted[i].number, sorted[i].time);
     return SPIN_OK;
 }
@@ -75,7 +75,8 @@ static spin_status hold_out(struct spin_clip *clip)
         camera[i] = id > INT_MAX ? -1 : (int)id;
     }
     if (n > 0 && spin_views_split(&clip->views, camera, (int)n) != SPIN_OK)
-        spin_warn("'%s' lacks cameras that the training held out: using its own test views",
+        spin_warn("'%s' lacks cameras that the training held out: using the test views of the data "
+                  "set instead",
                   clip->data_path);
     return SPIN_OK;
 }
@@ -118,7 +119,7 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
     if (!path) {
         if (o->needs_views || o->data_from)
             return spin_misuse(
-                "'%s' has no path of a data set: give the folder of the images with --data",
+                "'%s' does not contain the path of its data set: give the folder with --data",
                 o->input);
         return SPIN_OK;
     }

@@ -53,7 +53,7 @@ static void warn_duplicates(const struct spin_views *views)
 static spin_status arrange(struct spin_views *views)
 {
     if (views->n == 0)
-        return spin_malformed("it has no views");
+        return spin_malformed("there are no views");
     qsort(views->view, views->n, sizeof *views->view, by_row_and_camera);
     views->n_dataset_frames = views->view[views->n - 1].dataset_frame + 1;
     for (size_t i = 0; i < views->n; i++) {
@@ -61,7 +61,7 @@ static spin_status arrange(struct spin_views *views)
 
         if (views->view[i].dataset_frame < expected ||
             views->view[i].dataset_frame > expected + (i > 0))
-            return spin_malformed("it has no view of frame %d", expected + (i > 0));
+            return spin_malformed("there is no view of frame %d", expected + (i > 0));
     }
     views->numbered = are_numbered(views);
     warn_duplicates(views);
@@ -249,15 +249,15 @@ static spin_status pair_by_number(const struct spin_views *views,
                                   const struct spin_bundle_meta *meta, int *dataset_frame_of)
 {
     if (!views->numbered || !meta->numbered)
-        return spin_misuse("cannot pair frames by number: %s has no frame numbers; --pair order "
-                           "pairs them by order",
+        return spin_misuse("cannot pair frames by number: %s has no frame numbers; pair frames by "
+                           "order with --pair order",
                            meta->numbered ? "the data set" : "the clip");
     for (int i = 0; i < meta->n_frames; i++) {
         dataset_frame_of[i] = row_of_number(views, meta->frame[i].number);
         if (dataset_frame_of[i] < 0)
             return spin_misuse(
-                "cannot pair frames by number: the clip has a frame %d, the data set has %d to %d; "
-                "--range leaves frames out, --pair order pairs them by order",
+                "cannot pair frames by number: the clip has frame %d, the data set has frames %d "
+                "to %d; leave frames out with --range, or pair frames by order with --pair order",
                 meta->frame[i].number, views->view[0].number, views->view[views->n - 1].number);
     }
     return SPIN_OK;
@@ -293,8 +293,8 @@ spin_status spin_views_pair(const struct spin_views *views, const struct spin_bu
     if (views->numbered && meta->numbered)
         return pair_by_number(views, meta, dataset_frame_of);
     if (meta->n_source_frames != views->n_dataset_frames)
-        return spin_misuse("cannot pair frames: the clip was made of %s, the data set has "
-                           "%d, and %s frame numbers; --pair order pairs them from the first on",
+        return spin_misuse("cannot pair frames: the source clip has %s, the data set has %d, and "
+                           "%s frame numbers; pair frames from the first on with --pair order",
                            spin_text_count(meta->n_source_frames, "frame", frames),
                            views->n_dataset_frames,
                            views->numbered  ? "the clip has no"

@@ -102,29 +102,29 @@ static bool is_name(const char *name)
 static const char *importer_lacks(const struct spin_importer *importer)
 {
     if (importer->abi != SPIN_PLUGIN_ABI)
-        return "an importer in it was built for another version of spin.h";
+        return "an importer was built for another version of spin.h";
     if (!is_name(importer->name))
-        return "an importer in it has an invalid name: use a-z, 0-9, '-' and '_'";
+        return "an importer has an invalid name: use a-z, 0-9, '-' and '_'";
     if (!importer->summary)
-        return "its importer has no summary";
+        return "an importer has no summary";
     if (importer->open && !importer->frame)
-        return "its importer has open() but no frame()";
+        return "an importer has open() but no frame()";
     if (!importer->open && !importer->views)
-        return "its importer has neither open() nor views()";
+        return "an importer has neither open() nor views()";
     return NULL;
 }
 
 static const char *exporter_lacks(const struct spin_exporter *exporter)
 {
     if (exporter->abi != SPIN_PLUGIN_ABI)
-        return "an exporter in it was built for another version of spin.h";
+        return "an exporter was built for another version of spin.h";
     if (!is_name(exporter->name))
-        return "an exporter in it has an invalid name: use a-z, 0-9, '-' and '_'";
+        return "an exporter has an invalid name: use a-z, 0-9, '-' and '_'";
     if (!exporter->summary)
-        return "its exporter has no summary";
+        return "an exporter has no summary";
     if (!exporter->begin || (!exporter->frame && !exporter->splats_4d) || !exporter->end ||
         !exporter->abort)
-        return "its exporter lacks one of begin(), frame(), end() and abort()";
+        return "an exporter lacks one of begin(), frame(), end() and abort()";
     return NULL;
 }
 
@@ -147,7 +147,8 @@ static bool add(struct list *list, const void *plugin, const char *name, const c
         }
     }
     if (list->n == MAX_PLUGINS) {
-        keep_fault(name, "plug-in '%s': there are %d %ss already", path, MAX_PLUGINS, list->kind);
+        keep_fault(name, "plug-in '%s': the limit of %d %ss is exceeded", path, MAX_PLUGINS,
+                   list->kind);
         return false;
     }
     list->entry[list->n].plugin = plugin;
@@ -193,11 +194,11 @@ static bool take_object(const char *path, const char *stem, void *object)
     bool kept = false;
 
     if (!plugin) {
-        keep_fault(stem, "plug-in '%s': it defines no 'spin_plugin'", path);
+        keep_fault(stem, "plug-in '%s': the symbol 'spin_plugin' is missing", path);
         return false;
     }
     if (plugin->abi != SPIN_PLUGIN_ABI) {
-        keep_fault(stem, "plug-in '%s': it was built for version %d of spin.h, this is %d", path,
+        keep_fault(stem, "plug-in '%s': built for version %d of spin.h, expected version %d", path,
                    plugin->abi, SPIN_PLUGIN_ABI);
         return false;
     }

@@ -286,7 +286,8 @@ static spin_status look_below(const struct spin_peek *peek, bool want_views,
         return SPIN_OK;
     }
     return spin_fail(SPIN_E_NOT_RECOGNISED, "cannot recognise '%s': %s '%s' (%s)", peek->path,
-                     n > 1        ? "it contains several, such as"
+                     n > 1        ? want_views ? "it contains several data sets, such as"
+                                               : "it contains several runs, such as"
                      : want_views ? "the data set is in"
                                   : "the run is in",
                      below, first->name);

@@ -190,8 +190,8 @@ static void warn_other_run(const struct spin_report *r, const struct spin_train_
 
     if (fabs(last - r->trained_psnr) > 1e-4)
         spin_warn(
-            "the log '%s' seems to belong to another run: its test PSNR ends at %.3f dB, that "
-            "of '%s' at %.3f dB",
+            "the log '%s' seems to belong to another run: its last test PSNR is %.3f dB, that of "
+            "'%s' is %.3f dB",
             r->log, last, r->input, r->trained_psnr);
 }
 
