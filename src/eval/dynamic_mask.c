@@ -231,7 +231,7 @@ static bool some_have_medians(const struct spin_views *views, const struct spin_
     return false;
 }
 
-static spin_status make_room(struct spin_dynamic_mask *m)
+static spin_status alloc_buffers(struct spin_dynamic_mask *m)
 {
     size_t n = spin_views_pixels(m->views);
 
@@ -260,7 +260,7 @@ spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_i
         return spin_unsupported("cannot find dynamic regions in the images: no camera is static "
                                 "and has at least three frames");
     m->from = from;
-    return from == SPIN_DYNAMIC_OFF ? SPIN_OK : make_room(m);
+    return from == SPIN_DYNAMIC_OFF ? SPIN_OK : alloc_buffers(m);
 }
 
 spin_status spin_subject_mask_open(const struct spin_views *views, struct spin_image_cache *pixels,
@@ -273,7 +273,7 @@ spin_status spin_subject_mask_open(const struct spin_views *views, struct spin_i
     if (m->alpha && !all_have_alpha(views, pairs, n_pairs))
         return spin_not_found("--mask: some of the views have no foreground mask, and not all "
                               "their images have alpha");
-    return make_room(m);
+    return alloc_buffers(m);
 }
 
 void spin_dynamic_mask_close(struct spin_dynamic_mask *m)
@@ -302,14 +302,14 @@ void spin_dynamic_mask_bits(const struct spin_dynamic_mask *m, size_t n, uint8_t
         bits[i / 8] |= (uint8_t)(m->mask[i] << i % 8);
 }
 
-static spin_status keep(struct spin_dynamic_mask *m, size_t view, size_t plane)
+static spin_status store_mask(struct spin_dynamic_mask *m, size_t view, size_t plane)
 {
     SPIN_TRY(spin_alloc(plane / 8 + 1, 1, (void **)&m->kept[view]));
     spin_dynamic_mask_bits(m, plane, m->kept[view]);
     return SPIN_OK;
 }
 
-static spin_status find(struct spin_dynamic_mask *m, size_t view, const float *truth)
+static spin_status compute_mask(struct spin_dynamic_mask *m, size_t view, const float *truth)
 {
     const struct spin_view *v = &m->views->view[view];
     const uint8_t *median = NULL;
@@ -342,9 +342,9 @@ spin_status spin_dynamic_mask_find(struct spin_dynamic_mask *m, size_t view, con
         for (size_t i = 0; i < plane; i++)
             m->mask[i] = kept[i / 8] >> i % 8 & 1;
     else
-        SPIN_TRY(find(m, view, truth));
+        SPIN_TRY(compute_mask(m, view, truth));
     if (m->kept && !kept)
-        SPIN_TRY(keep(m, view, plane));
+        SPIN_TRY(store_mask(m, view, plane));
     for (size_t i = 0; i < plane; i++)
         *n += m->mask[i];
     return SPIN_OK;

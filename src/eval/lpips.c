@@ -106,8 +106,8 @@ static int lin_of(struct spin_torch *t)
     return -1;
 }
 
-static spin_status take(struct spin_torch *t, const char *key, int n_dims, const int64_t *shape,
-                        float **out)
+static spin_status read_tensor(struct spin_torch *t, const char *key, int n_dims,
+                               const int64_t *shape, float **out)
 {
     struct spin_array info;
     const struct spin_value *v = spin_value_get(t->root, key);
@@ -132,9 +132,9 @@ static spin_status read_backbone(struct spin_torch *t, struct spin_lpips *l)
         int64_t shape[4] = {a->n_out, a->n_in, a->kernel, a->kernel};
 
         snprintf(key, sizeof key, "features.%d.weight", a->place);
-        SPIN_TRY(take(t, key, 4, shape, &l->weights[i]));
+        SPIN_TRY(read_tensor(t, key, 4, shape, &l->weights[i]));
         snprintf(key, sizeof key, "features.%d.bias", a->place);
-        SPIN_TRY(take(t, key, 1, shape, &l->bias[i]));
+        SPIN_TRY(read_tensor(t, key, 1, shape, &l->bias[i]));
     }
     return SPIN_OK;
 }
@@ -155,7 +155,7 @@ static spin_status read_lin(struct spin_torch *t, struct spin_lpips *l)
         int64_t shape[4] = {1, stage_channels(network, s), 1, 1};
 
         snprintf(key, sizeof key, "lin%d.model.1.weight", s);
-        SPIN_TRY(take(t, key, 4, shape, &l->lin[s]));
+        SPIN_TRY(read_tensor(t, key, 4, shape, &l->lin[s]));
     }
     return SPIN_OK;
 }
@@ -200,7 +200,7 @@ struct found {
 };
 
 /* Stores the path of a file in *found if it contains weights. Ignores files that cannot be read. */
-static spin_status look_at(const char *path, struct found *found)
+static spin_status detect_weights(const char *path, struct found *found)
 {
     struct spin_torch t;
     int backbone, lin;
@@ -217,7 +217,7 @@ static spin_status look_at(const char *path, struct found *found)
     return SPIN_OK;
 }
 
-static spin_status search(const char *folder, int depth, struct found *found)
+static spin_status search_folder(const char *folder, int depth, struct found *found)
 {
     char **names = NULL;
     size_t n = 0;
@@ -228,10 +228,10 @@ static spin_status search(const char *folder, int depth, struct found *found)
 
         status = spin_path_join(folder, names[i], &path);
         if (status == SPIN_OK && depth > 0 && spin_path_is_folder(path))
-            status = search(path, depth - 1, found);
+            status = search_folder(path, depth - 1, found);
         else if (status == SPIN_OK &&
                  (spin_text_ends(names[i], ".pth") || spin_text_ends(names[i], ".pt")))
-            status = look_at(path, found);
+            status = detect_weights(path, found);
     }
     spin_folder_list_free(names);
     return status;
@@ -245,7 +245,7 @@ spin_status spin_lpips_find(const char *folder, int n_threads, struct spin_lpips
 
     for (int k = 0; k < SPIN_N_LPIPS; k++)
         out[k] = NULL;
-    status = search(folder, 2, &found);
+    status = search_folder(folder, 2, &found);
     for (int k = 0; status == SPIN_OK && k < SPIN_N_LPIPS; k++) {
         if (!found.backbone[k] || !found.lin[k])
             continue;
@@ -285,7 +285,7 @@ struct convolution {
 };
 
 /* Gathers the inputs of term k for output pixels [first, first + n). */
-static void take_patches(const struct convolution *c, size_t k, size_t first, size_t n, float *to)
+static void gather_patches(const struct convolution *c, size_t k, size_t first, size_t n, float *to)
 {
     size_t side = (size_t)c->layer->kernel, stride = (size_t)c->layer->stride;
     const float *corner =
@@ -315,7 +315,7 @@ static void convolve_block(void *context, size_t first, size_t end)
         size_t depth = terms - k < DEPTH ? terms - k : DEPTH;
 
         for (size_t i = 0; i < depth; i++)
-            take_patches(c, k + i, first, n, patches + i * COLUMNS);
+            gather_patches(c, k + i, first, n, patches + i * COLUMNS);
         spin_multiply_add((int)n_out, COLUMNS, (int)depth, c->weights + k, terms, patches,
                           k == 0 ? c->bias : NULL, k + depth == terms, sums);
     }
@@ -324,8 +324,8 @@ static void convolve_block(void *context, size_t first, size_t end)
 }
 
 /* Computes layer i and its ReLU for an input of width x height. */
-static void convolve(struct spin_lpips *l, int i, int width, int height, const float *in,
-                     float *out)
+static void convolve_layer(struct spin_lpips *l, int i, int width, int height, const float *in,
+                           float *out)
 {
     const struct layer *a = &networks[l->network].layer[i];
     size_t pad = (size_t)a->pad, w = (size_t)width, h = (size_t)height;
@@ -365,7 +365,7 @@ static void drop_plan(struct spin_lpips *l)
     l->width = l->height = 0;
 }
 
-static int pooled(int n, int window) { return window ? (n - window) / 2 + 1 : n; }
+static int pooled_size(int n, int window) { return window ? (n - window) / 2 + 1 : n; }
 
 static spin_status plan_layers(struct spin_lpips *l, int width, int height)
 {
@@ -375,7 +375,8 @@ static spin_status plan_layers(struct spin_lpips *l, int width, int height)
 
     for (int i = 0; i < net->n_layers; i++) {
         const struct layer *a = &net->layer[i];
-        int w = pooled(width, a->pool) + 2 * a->pad, h = pooled(height, a->pool) + 2 * a->pad;
+        int w = pooled_size(width, a->pool) + 2 * a->pad,
+            h = pooled_size(height, a->pool) + 2 * a->pad;
         size_t n = (size_t)a->n_in * (size_t)w * (size_t)h;
 
         most_padded = n > most_padded ? n : most_padded;
@@ -396,7 +397,7 @@ static spin_status plan_layers(struct spin_lpips *l, int width, int height)
                       (void **)&l->scratch);
 }
 
-static spin_status plan(struct spin_lpips *l, int width, int height)
+static spin_status plan_buffers(struct spin_lpips *l, int width, int height)
 {
     if (width < SPIN_LPIPS_SMALLEST || height < SPIN_LPIPS_SMALLEST)
         return spin_unsupported("LPIPS needs images of at least %d x %d pixels, not %d x %d",
@@ -429,7 +430,7 @@ void spin_lpips_close(struct spin_lpips *l)
 
 static void max_pool(int n, int width, int height, int window, const float *in, float *out)
 {
-    int to_width = pooled(width, window), to_height = pooled(height, window);
+    int to_width = pooled_size(width, window), to_height = pooled_size(height, window);
 
     for (int c = 0; c < n; c++)
         for (int y = 0; y < to_height; y++)
@@ -462,13 +463,13 @@ static void run_network(struct spin_lpips *l, const float *image, float *const *
 
         if (a->pool) {
             max_pool(a->n_in, width, height, a->pool, now, next);
-            width = pooled(width, a->pool);
-            height = pooled(height, a->pool);
+            width = pooled_size(width, a->pool);
+            height = pooled_size(height, a->pool);
             keep = now;
             now = next;
             next = keep;
         }
-        convolve(l, i, width, height, now, next);
+        convolve_layer(l, i, width, height, now, next);
         width = l->out_width[i];
         height = l->out_height[i];
         keep = now;
@@ -530,7 +531,7 @@ spin_status spin_lpips_compare(struct spin_lpips *l, int width, int height, cons
     int stage = 0;
 
     *distance = NAN;
-    SPIN_TRY(plan(l, width, height));
+    SPIN_TRY(plan_buffers(l, width, height));
     run_network(l, image, l->feature[0]);
     run_network(l, truth, l->feature[1]);
     *distance = 0;

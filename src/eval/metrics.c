@@ -57,7 +57,7 @@ static spin_status save_view(struct spin_metrics *m, const struct spin_pair *pai
     return spin_write_beside(path, view->camera.width, view->camera.height, picture, n);
 }
 
-static spin_status show(struct spin_metrics *m, int frame)
+static spin_status show_frame(struct spin_metrics *m, int frame)
 {
     int index = m->clip->frame[frame];
 
@@ -100,7 +100,7 @@ static spin_status draw_one(struct spin_metrics *m, size_t i)
     double start = spin_now_s();
 
     if (i == 0 || m->pairs[i - 1].frame != pair->frame) {
-        SPIN_TRY(show(m, pair->frame));
+        SPIN_TRY(show_frame(m, pair->frame));
         SPIN_TRY(m->player->device->op->wait(m->player->device));
         m->seconds_decode += spin_now_s() - start;
         m->n_decoded++;
@@ -120,8 +120,8 @@ struct pictures {
 };
 
 /* Loads the ground truth and, if `regions`, its dynamic mask. */
-static spin_status load_photo(struct spin_metrics *m, size_t view, size_t plane, bool regions,
-                              struct pictures *p, size_t *n_dynamic)
+static spin_status load_ground_truth(struct spin_metrics *m, size_t view, size_t plane,
+                                     bool regions, struct pictures *p, size_t *n_dynamic)
 {
     SPIN_TRY(spin_image_cache_get_rgb8(m->pixels, view, p->rgb8));
     spin_image_floats(p->rgb8, plane, p->truth);
@@ -220,7 +220,7 @@ static spin_status measure_one(struct spin_metrics *m, size_t i, struct pictures
     double values[SPIN_MEASURE_VALUES];
 
     SPIN_TRY(draw_one(m, i));
-    SPIN_TRY(load_photo(m, pair->view, plane, regions, p, &n_dynamic));
+    SPIN_TRY(load_ground_truth(m, pair->view, plane, regions, p, &n_dynamic));
     out->frame = m->clip->bundle.meta.frame[m->clip->frame[pair->frame]].number;
     out->camera = view->camera_id;
     if (m->subject) {

@@ -130,7 +130,7 @@ struct sheet {
     uint8_t *rgb;
 };
 
-static void put(struct sheet *s, int x, int y, const uint8_t rgb[3])
+static void put_pixel(struct sheet *s, int x, int y, const uint8_t rgb[3])
 {
     if (x >= 0 && x < s->width && y >= 0 && y < s->height)
         memcpy(s->rgb + 3 * ((size_t)y * (size_t)s->width + (size_t)x), rgb, 3);
@@ -141,12 +141,12 @@ static void put_frame(struct sheet *s, int x, int y, int width, int height)
     static const uint8_t white[3] = {255, 255, 255};
 
     for (int u = x - 1; u <= x + width; u++) {
-        put(s, u, y - 1, white);
-        put(s, u, y + height, white);
+        put_pixel(s, u, y - 1, white);
+        put_pixel(s, u, y + height, white);
     }
     for (int v = y; v < y + height; v++) {
-        put(s, x - 1, v, white);
-        put(s, x + width, v, white);
+        put_pixel(s, x - 1, v, white);
+        put_pixel(s, x + width, v, white);
     }
 }
 
@@ -170,9 +170,9 @@ static void put_picture(struct sheet *s, int x0, const struct spin_compare_row *
     y = row->height - height - 2;
     for (int v = 0; v < height; v++)
         for (int u = 0; u < width; u++)
-            put(s, x + u, y + v,
-                picture + 3 * ((size_t)(crop->y + v / times) * (size_t)row->width +
-                               (size_t)(crop->x + u / times)));
+            put_pixel(s, x + u, y + v,
+                      picture + 3 * ((size_t)(crop->y + v / times) * (size_t)row->width +
+                                     (size_t)(crop->x + u / times)));
     put_frame(s, x, y, width, height);
 }
 
@@ -199,7 +199,7 @@ static spin_status make_sheet(const struct spin_compare *c, const struct spin_co
 
                     rgb[i] = (uint8_t)(d > 255 ? 255 : d);
                 }
-                put(s, x0 + u, row->height + GAP + v, rgb);
+                put_pixel(s, x0 + u, row->height + GAP + v, rgb);
             }
     }
     return SPIN_OK;
@@ -335,7 +335,7 @@ static spin_status open_figure(const char *folder, const char *name, struct spin
     return spin_out_open(path, true, out);
 }
 
-/* Writes an SVG of the sheet with the names of the runs above the images. picture: base64 PNG. */
+/* Writes an SVG of the sheet, a base64 PNG, with the names of the runs above the images. */
 static void write_svg(const struct spin_compare *c, const struct spin_compare_row *row,
                       const struct sheet *s, const char *picture, FILE *to)
 {

@@ -14,7 +14,7 @@ struct search {
 };
 
 /* The view of the pair's camera in another frame of the clip; -1: none. */
-static long neighbour(const struct search *s, const struct spin_pair *pair, int frame)
+static long neighbour_view(const struct search *s, const struct spin_pair *pair, int frame)
 {
     const struct spin_views *views = &s->clip->views;
     const struct spin_view *from = &views->view[pair->view];
@@ -30,7 +30,7 @@ static long neighbour(const struct search *s, const struct spin_pair *pair, int 
     return -1;
 }
 
-static float change(const float *a, const float *b, size_t plane, size_t i)
+static float pixel_change(const float *a, const float *b, size_t plane, size_t i)
 {
     float most = 0;
 
@@ -46,7 +46,8 @@ static spin_status find_speed(struct search *s, const struct spin_pair *pair, bo
 {
     const struct spin_camera *c = &s->clip->views.view[pair->view].camera;
     size_t plane = (size_t)c->width * (size_t)c->height;
-    long before = neighbour(s, pair, pair->frame - 1), after = neighbour(s, pair, pair->frame + 1);
+    long before = neighbour_view(s, pair, pair->frame - 1),
+         after = neighbour_view(s, pair, pair->frame + 1);
 
     *found = before >= 0 && after >= 0;
     if (!*found)
@@ -55,8 +56,9 @@ static spin_status find_speed(struct search *s, const struct spin_pair *pair, bo
     SPIN_TRY(spin_image_cache_get(s->pixels, (size_t)before, s->before));
     SPIN_TRY(spin_image_cache_get(s->pixels, (size_t)after, s->after));
     for (size_t i = 0; i < plane; i++) {
-        float v = fminf(change(s->now, s->before, plane, i), change(s->now, s->after, plane, i)) -
-                  change(s->before, s->after, plane, i);
+        float v = fminf(pixel_change(s->now, s->before, plane, i),
+                        pixel_change(s->now, s->after, plane, i)) -
+                  pixel_change(s->before, s->after, plane, i);
 
         s->speed[i] = v > threshold ? v : 0;
     }
@@ -75,7 +77,7 @@ static double sum_in(const struct search *s, const struct spin_camera *c, int x,
     return foot[x1] - foot[x0] - top[x1] + top[x0];
 }
 
-static int within(int v, int most) { return v < 0 ? 0 : v < most ? v : most; }
+static int clamp_offset(int v, int most) { return v < 0 ? 0 : v < most ? v : most; }
 
 /* Finds the window with the highest score: the speed in its core minus a quarter of the speed
  * around the core. A ball in front of a wall gets a higher score than the leg of a person who moves
@@ -106,13 +108,13 @@ static void best_window(struct search *s, const struct spin_camera *c, struct sp
 
             if (score > out->score) {
                 out->score = score;
-                out->x = within(x - core, w - out->side_x);
-                out->y = within(y - core, h - out->side_y);
+                out->x = clamp_offset(x - core, w - out->side_x);
+                out->y = clamp_offset(y - core, h - out->side_y);
             }
         }
 }
 
-static spin_status reserve(struct search *s)
+static spin_status alloc_search(struct search *s)
 {
     size_t plane = 1, corners = 1;
 
@@ -156,7 +158,7 @@ spin_status spin_motion_crops_fast(const struct spin_clip *clip, struct spin_ima
 
     *n = 0;
     SPIN_TRY_OUT(spin_alloc(n_pairs, sizeof *all, (void **)&all));
-    SPIN_TRY_OUT(reserve(&s));
+    SPIN_TRY_OUT(alloc_search(&s));
     for (size_t i = 0; i < n_pairs; i++) {
         all[i].pair = i;
         SPIN_TRY_OUT(find_speed(&s, &pairs[i], &found));

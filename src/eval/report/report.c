@@ -116,7 +116,7 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
 /* ---- Curves ---------------------------------------------------------------------------------- */
 
 /* Reads number `key` of every object in an array; NaN if the key is missing. */
-static void take_numbers(const spin_json *array, const char *key, double *out)
+static void read_numbers(const spin_json *array, const char *key, double *out)
 {
     for (size_t i = 0; i < spin_json_length(array); i++) {
         out[i] = NAN;
@@ -143,14 +143,14 @@ static spin_status draw_frames(const spin_json *const report[2], FILE *to)
 
     SPIN_TRY(spin_alloc(n, 5 * sizeof(double), (void **)&x));
     y = x + n;
-    take_numbers(spin_json_get(report[0], "frames"), "frame", x);
+    read_numbers(spin_json_get(report[0], "frames"), "frame", x);
     for (int k = 0; k < 2; k++)
         for (int part = 0; part < 2; part++) {
             const spin_json *frames = spin_json_get(report[k], "frames");
 
             if (!spin_json_get(report[k], keys[part]))
                 continue;
-            take_numbers(frames, keys[part], y);
+            read_numbers(frames, keys[part], y);
             line[chart.n_lines++] = (struct spin_svg_chart_line){names[k][part], x, y, n, k, part};
             y += n;
         }
