@@ -63,7 +63,7 @@ static spin_status find_column(struct spin_bundle *b, const struct group *group,
 
 /* Drops the mapped pages after every 16 headers: the kernel reads up to a megabyte around each
  * header. */
-static void forget_all(const struct spin_bundle *b, int n_looked_at)
+static void drop_pages(const struct spin_bundle *b, int n_looked_at)
 {
     const struct spin_map *map = &b->npz.zip.map;
 
@@ -99,7 +99,7 @@ static spin_status check_source(struct spin_bundle *b)
         if (!(b->meta.columns & column))
             continue;
         for (int f = 0; f < b->meta.n_frames; f++) {
-            forget_all(b, n_looked_at++);
+            drop_pages(b, n_looked_at++);
             if (f == 0 || !still)
                 SPIN_TRY(find_column(b, &source, column, f, NULL));
             else if (b->meta.frame[f].n != b->meta.frame[0].n)
@@ -198,7 +198,7 @@ static spin_status check_trained(struct spin_bundle *b)
 /* Converts the JSON of a bundle below version 4, where "trained" was called "network". The keys
  * that "field" contains today were in "network" itself; "explicit": true meant that there is no
  * field. */
-static void modernise(struct spin_bundle *b)
+static void upgrade_meta(struct spin_bundle *b)
 {
     static const char *const series[] = {"per_unit", "xor_rows"};
     spin_json *json = b->json, *trained;
@@ -233,7 +233,7 @@ static spin_status load_meta(struct spin_bundle *b)
         return spin_malformed("no member 'meta.json': this is not a bundle");
     SPIN_TRY(spin_zip_read(&b->npz.zip, m, true, META_LIMIT, &text, &owned));
     SPIN_TRY(spin_json_parse(META, (const char *)text, (size_t)m->size, &b->json));
-    modernise(b);
+    upgrade_meta(b);
     return spin_bundle_meta_read(&b->meta, b->json);
 }
 
@@ -374,8 +374,8 @@ spin_status spin_bundle_splats_4d(struct spin_bundle *bundle, const struct spin_
 
 /* Slices the 4D splats at the time of a frame, and checks that the number of visible splats is the
  * frame's number of splats in meta.json. */
-static spin_status slice(struct spin_bundle *b, int frame, unsigned columns,
-                         struct spin_splats *out)
+static spin_status slice_frame(struct spin_bundle *b, int frame, unsigned columns,
+                               struct spin_splats *out)
 {
     const struct spin_frame_info *info = &b->meta.frame[frame];
     const struct spin_splats_4d *s;
@@ -395,7 +395,7 @@ static spin_status read_frame(struct spin_bundle *bundle, int frame, enum spin_s
 
     SPIN_TRY(find_group(bundle, frame, from, columns, &group));
     if (from == SPIN_FROM_SOURCE && bundle->meta.four_d.n)
-        return slice(bundle, frame, columns, out);
+        return slice_frame(bundle, frame, columns, out);
     return read_group(bundle, &group, frame, columns, out);
 }
 
@@ -419,7 +419,7 @@ spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_sp
 
     SPIN_TRY(find_group(bundle, frame, from, columns, &group));
     if (from == SPIN_FROM_SOURCE && bundle->meta.four_d.n)
-        return slice(bundle, frame, columns, out);
+        return slice_frame(bundle, frame, columns, out);
     view.n = view.capacity = count_of(bundle, &group, frame);
     view.sh_degree = group.sh_degree < 0 ? 0 : group.sh_degree;
     view.antialias = group.antialias;
@@ -467,7 +467,7 @@ static spin_status checksum_slice(struct spin_bundle *b, int frame, unsigned col
     SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
     uint64_t hash = SPIN_HASH_BEGIN;
 
-    SPIN_TRY(slice(b, frame, columns, &splats));
+    SPIN_TRY(slice_frame(b, frame, columns, &splats));
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1)
         if (columns & column)
             spin_hash(&hash, *spin_column_of(&splats, column),
@@ -500,7 +500,7 @@ spin_status spin_bundle_checksum(struct spin_bundle *bundle, int frame, unsigned
 
 /* ---- Member names and sizes ------------------------------------------------------------------ */
 
-static bool begins(const char *text, const char *with)
+static bool begins_with(const char *text, const char *with)
 {
     return strncmp(text, with, strlen(with)) == 0;
 }
@@ -515,7 +515,7 @@ bool spin_bundle_looks_like(const char *path)
         return false;
     meta = spin_zip_find(&zip, "meta.json") != NULL;
     for (size_t i = 0; i < zip.n; i++)
-        source = source || begins(zip.member[i].name, "source/");
+        source = source || begins_with(zip.member[i].name, "source/");
     spin_zip_close(&zip);
     return meta && source;
 }
@@ -523,19 +523,19 @@ bool spin_bundle_looks_like(const char *path)
 /* The sum to which a member's size must be added; NULL: none but the size of the file. */
 static uint64_t *part_of(struct spin_bundle_bytes *bytes, const char *name)
 {
-    if (begins(name, "source/"))
+    if (begins_with(name, "source/"))
         return &bytes->source;
-    if (begins(name, "refined/"))
+    if (begins_with(name, "refined/"))
         return &bytes->refined;
     /* Below version 4, trained/ was called network/. */
-    if (!begins(name, "trained/") && !begins(name, "network/"))
+    if (!begins_with(name, "trained/") && !begins_with(name, "network/"))
         return NULL;
     name = strchr(name, '/') + 1;
-    if (begins(name, "means/") || begins(name, "residual/"))
+    if (begins_with(name, "means/") || begins_with(name, "residual/"))
         return &bytes->positions;
-    if (begins(name, "track"))
+    if (begins_with(name, "track"))
         return &bytes->tracks;
-    return begins(name, "table") ? &bytes->table : &bytes->heads;
+    return begins_with(name, "table") ? &bytes->table : &bytes->heads;
 }
 
 /* Size of a member before packing, including the byte planes that the file omits because all their

@@ -102,7 +102,7 @@ static spin_status write_columns(struct spin_zip_writer *w, const char *name, in
 
 /* Estimates the compressed size in bits if the first `rows` rows are XORed with the key: the sum
  * over the planes of the entropy of their bytes. */
-static double weigh(const struct words *words, const uint32_t *key, uint64_t rows)
+static double estimate_bits(const struct words *words, const uint32_t *key, uint64_t rows)
 {
     uint64_t seen[4][256] = {{0}}, count = words->n_rows * words->width,
              n_key = rows * words->width;
@@ -139,7 +139,7 @@ static uint64_t choose_rows(const struct spin_pack_series *s, const struct words
     tried[1] = same;
     tried[2] = all;
     for (int i = 0; i < 3; i++) {
-        double bits = weigh(words, s->key.at, tried[i]);
+        double bits = estimate_bits(words, s->key.at, tried[i]);
 
         if (bits < 0.99 * least) {
             least = bits;

@@ -98,7 +98,7 @@ spin_status spin_bundle_tracks_numbers(struct spin_bundle_tracks *t, int index, 
 }
 
 /* Enlarges the block to hold track numbers, positions and residual values of n splats. */
-static spin_status need(struct spin_bundle_tracks *t, size_t n)
+static spin_status reserve_block(struct spin_bundle_tracks *t, size_t n)
 {
     void *block = NULL;
 
@@ -119,7 +119,7 @@ spin_status spin_bundle_tracks_frame(struct spin_bundle_tracks *t, int index, si
     uint32_t *track;
     float *own_pos, *own_residual;
 
-    SPIN_TRY(need(t, n));
+    SPIN_TRY(reserve_block(t, n));
     track = t->block;
     own_pos = (float *)(track + t->capacity);
     own_residual = own_pos + 3 * n;

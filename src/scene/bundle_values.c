@@ -147,8 +147,9 @@ static spin_status find_units(struct spin_bundle *b, const char *series, char ki
 
 /* Checks the header of a plain or packed array and fills *out. out->shape is the shape before
  * packing, without the dimension of the planes. */
-static spin_status look_at(struct spin_bundle *b, const char *series, const char *name, char kind,
-                           int n_dims, const int64_t *shape, struct spin_bundle_values *out)
+static spin_status check_header(struct spin_bundle *b, const char *series, const char *name,
+                                char kind, int n_dims, const int64_t *shape,
+                                struct spin_bundle_values *out)
 {
     int64_t wanted[SPIN_NPY_MAX_DIMS] = {-1};
     struct spin_array a;
@@ -179,12 +180,12 @@ static spin_status look_at(struct spin_bundle *b, const char *series, const char
     return out->columns ? find_units(b, series, kind, out) : SPIN_OK;
 }
 
-static spin_status look_at_frame(struct spin_bundle *b, const char *series, int frame, char kind,
-                                 int n_dims, const int64_t *shape, char name[80],
-                                 struct spin_bundle_values *out, uint64_t *rows)
+static spin_status check_frame_header(struct spin_bundle *b, const char *series, int frame,
+                                      char kind, int n_dims, const int64_t *shape, char name[80],
+                                      struct spin_bundle_values *out, uint64_t *rows)
 {
     name_of(series, frame, name);
-    SPIN_TRY(look_at(b, series, name, kind, n_dims, shape, out));
+    SPIN_TRY(check_header(b, series, name, kind, n_dims, shape, out));
     return difference_rows(b, series, frame, out->shape[0], rows);
 }
 
@@ -195,13 +196,13 @@ spin_status spin_bundle_values_check(struct spin_bundle *bundle, const char *ser
     uint64_t rows;
     char name[80];
 
-    return look_at_frame(bundle, series, frame, kind, n_dims, shape, name, &values, &rows);
+    return check_frame_header(bundle, series, frame, kind, n_dims, shape, name, &values, &rows);
 }
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-static spin_status take_key(struct spin_bundle *b, const char *series, const char *name, char kind,
-                            uint64_t rows, struct spin_bundle_values *out)
+static spin_status attach_key(struct spin_bundle *b, const char *series, const char *name,
+                              char kind, uint64_t rows, struct spin_bundle_values *out)
 {
     const struct spin_bundle_key *key;
     bool same;
@@ -227,9 +228,9 @@ static spin_status open_values(struct spin_bundle *b, const char *series, int fr
     char name[80];
     uint64_t rows = 0, bytes;
 
-    SPIN_TRY(look_at_frame(b, series, frame, kind, n_dims, shape, name, out, &rows));
+    SPIN_TRY(check_frame_header(b, series, frame, kind, n_dims, shape, name, out, &rows));
     if (rows > 0)
-        SPIN_TRY(take_key(b, series, name, kind, rows, out));
+        SPIN_TRY(attach_key(b, series, name, kind, rows, out));
     bytes = (uint64_t)(out->n_planes ? out->n_planes : 4) * out->count;
     SPIN_TRY(spin_npz_take(&b->npz, name, bytes < CRC_LIMIT, &a, &out->owned));
     if (a.n_bytes != bytes)

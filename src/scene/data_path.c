@@ -13,7 +13,7 @@ spin_status spin_bundle_set_data_path(struct spin_bundle_meta *meta, const char 
 
 /* Joins a folder and a relative path, which need not exist. Each leading "../" removes a component
  * of the folder. */
-static spin_status resolve(const char *folder, const char *path, char **out)
+static spin_status resolve_path(const char *folder, const char *path, char **out)
 {
     SPIN_FREED char *from = NULL;
 
@@ -46,7 +46,7 @@ spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out)
     if (path[0] == '/')
         return spin_strdup(path, out);
     SPIN_TRY(spin_path_folder(bundle->path, &folder));
-    SPIN_TRY(resolve(folder, path, &beside));
+    SPIN_TRY(resolve_path(folder, path, &beside));
     there = spin_path_exists(beside);
     if (absolute &&
         (!there || (spin_path_exists(absolute) && !is_data_set(beside) && is_data_set(absolute))))

@@ -50,7 +50,7 @@ static void warn_duplicates(const struct spin_views *views)
     }
 }
 
-static spin_status arrange(struct spin_views *views)
+static spin_status sort_views(struct spin_views *views)
 {
     if (views->n == 0)
         return spin_malformed("there are no views");
@@ -145,7 +145,7 @@ spin_status spin_views_open(const char *path, const char *from, struct spin_view
     SPIN_TRY_OUT(spin_importer_find(path, spec.text, true, &importer));
     SPIN_TRY_OUT(check_spec(importer, &spec));
     SPIN_TRY_OUT(importer->views(path, &values, out));
-    SPIN_TRY_OUT(arrange(out));
+    SPIN_TRY_OUT(sort_views(out));
     SPIN_TRY_OUT(keep_spec(from, importer, used_from, n_used_from));
     free(spec.text);
     return SPIN_OK;
@@ -157,7 +157,7 @@ out:
 
 /* ---- Split, size ----------------------------------------------------------------------------- */
 
-static bool contains(const int *list, int n, int value)
+static bool list_contains(const int *list, int n, int value)
 {
     for (int i = 0; i < n; i++) {
         if (list[i] == value)
@@ -177,7 +177,7 @@ spin_status spin_views_split(struct spin_views *views, const int *test_cameras, 
             return spin_misuse("the data set has no camera %d", test_cameras[i]);
     }
     for (size_t k = 0; k < views->n; k++)
-        views->view[k].test = contains(test_cameras, n, views->view[k].camera_id);
+        views->view[k].test = list_contains(test_cameras, n, views->view[k].camera_id);
     return SPIN_OK;
 }
 
@@ -508,7 +508,7 @@ spin_status spin_views_check_cameras(const struct spin_views *views, bool warns)
     for (size_t i = 0; i < views->n && status == SPIN_OK; i++) {
         const struct spin_camera *camera = &views->view[i].camera;
 
-        if (contains(seen, n, views->view[i].camera_id))
+        if (list_contains(seen, n, views->view[i].camera_id))
             continue;
         status = check_image(&views->view[i], &width, &height);
         if (status == SPIN_OK && width + 1 < camera->width && n_small++ == 0)

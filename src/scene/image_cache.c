@@ -58,8 +58,8 @@ static void add_row(const uint8_t *row, int from_width, int width, double weight
     }
 }
 
-static void filter(const uint8_t *rgb, int from_width, int from_height, int width, int height,
-                   double *sum, float *out)
+static void filter_box(const uint8_t *rgb, int from_width, int from_height, int width, int height,
+                       double *sum, float *out)
 {
     size_t plane = (size_t)width * (size_t)height;
     double whole = 255.0 * from_width * from_height;
@@ -100,7 +100,7 @@ static spin_status filter_image(const uint8_t *rgb, int from_width, int from_hei
         return SPIN_OK;
     }
     SPIN_TRY(spin_alloc((size_t)width, 3 * sizeof *sum, (void **)&sum));
-    filter(rgb, from_width, from_height, width, height, sum, out);
+    filter_box(rgb, from_width, from_height, width, height, sum, out);
     return SPIN_OK;
 }
 
@@ -160,7 +160,8 @@ void spin_image_cache_close(struct spin_image_cache *pixels)
 /* Resizes a decoded image to the size of its camera. The result is rounded to 8 bits, since the
  * cache stores 8 bits, and results must not depend on what is in the cache. Replaces *rgb if the
  * sizes differ. On failure, frees *rgb and sets it to NULL. */
-static spin_status fit(const struct spin_view *view, int width, int height, uint8_t **rgb)
+static spin_status resize_to_camera(const struct spin_view *view, int width, int height,
+                                    uint8_t **rgb)
 {
     size_t plane = (size_t)view->camera.width * (size_t)view->camera.height;
     void *fitted = NULL, *image = NULL;
@@ -196,7 +197,7 @@ static bool has_room(const struct spin_image_cache *pixels, size_t view)
     return bytes_of(&pixels->views->view[view]) <= pixels->budget - pixels->held;
 }
 
-static void keep(struct spin_image_cache *pixels, size_t view, uint8_t *rgb)
+static void cache_image(struct spin_image_cache *pixels, size_t view, uint8_t *rgb)
 {
     pixels->rgb[view] = rgb;
     pixels->held += bytes_of(&pixels->views->view[view]);
@@ -245,7 +246,7 @@ static bool wants_passed(void *context, int64_t frame)
 
 /* Stores a frame in the cache. Errors are ignored: the frame is decoded again on request, which
  * reports the error. */
-static void take_passed(void *context, int64_t frame, int width, int height, const uint8_t *rgb)
+static void store_passed(void *context, int64_t frame, int width, int height, const uint8_t *rgb)
 {
     const struct passing *p = context;
     size_t view, n = 3 * (size_t)width * (size_t)height;
@@ -254,15 +255,16 @@ static void take_passed(void *context, int64_t frame, int width, int height, con
     if (!find_passed(p, frame, &view) || spin_alloc(n, 1, &copy) != SPIN_OK)
         return;
     memcpy(copy, rgb, n);
-    if (fit(&p->pixels->views->view[view], width, height, (uint8_t **)&copy) == SPIN_OK)
-        keep(p->pixels, view, copy);
+    if (resize_to_camera(&p->pixels->views->view[view], width, height, (uint8_t **)&copy) ==
+        SPIN_OK)
+        cache_image(p->pixels, view, copy);
 }
 
 static spin_status read_passing(struct spin_image_cache *pixels, const struct spin_view *view,
                                 int *width, int *height, uint8_t **rgb)
 {
     struct passing p = {.pixels = pixels, .view = view};
-    struct spin_video_passer passer = {&p, wants_passed, take_passed};
+    struct spin_video_passer passer = {&p, wants_passed, store_passed};
     SPIN_FREED char *file = NULL;
 
     if (!spin_video_path(view->path, &p.n_file, &p.frame) || spin_path_exists(view->path))
@@ -273,13 +275,13 @@ static spin_status read_passing(struct spin_image_cache *pixels, const struct sp
 }
 
 /* Decodes a view to 8-bit RGB at the camera's size. */
-static spin_status decode(struct spin_image_cache *pixels, const struct spin_view *view,
-                          uint8_t **out)
+static spin_status decode_view(struct spin_image_cache *pixels, const struct spin_view *view,
+                               uint8_t **out)
 {
     int width, height;
 
     SPIN_TRY(read_passing(pixels, view, &width, &height, out));
-    return fit(view, width, height, out);
+    return resize_to_camera(view, width, height, out);
 }
 
 /* Finds the image of a view in the cache or decodes it. The caller frees *owned, which is not NULL
@@ -291,9 +293,9 @@ static spin_status find_bytes(struct spin_image_cache *pixels, size_t view, cons
 
     *owned = NULL;
     if (!rgb) {
-        SPIN_TRY(decode(pixels, &pixels->views->view[view], &rgb));
+        SPIN_TRY(decode_view(pixels, &pixels->views->view[view], &rgb));
         if (has_room(pixels, view))
-            keep(pixels, view, rgb);
+            cache_image(pixels, view, rgb);
         else
             *owned = rgb;
     }

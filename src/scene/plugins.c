@@ -130,8 +130,8 @@ static const char *exporter_lacks(const struct spin_exporter *exporter)
 
 /* Adds a plug-in to the list. Returns true if it was added; path must then stay allocated. lack:
  * what is wrong with the plug-in; NULL: nothing. stem: file name of the object. */
-static bool add(struct list *list, const void *plugin, const char *name, const char *lack,
-                const char *path, const char *stem)
+static bool add_plugin(struct list *list, const void *plugin, const char *name, const char *lack,
+                       const char *path, const char *stem)
 {
     if (lack) {
         keep_fault(is_name(stem) ? stem : "", "plug-in '%s': %s", path, lack);
@@ -159,7 +159,7 @@ static bool add(struct list *list, const void *plugin, const char *name, const c
 
 static bool add_importer(const struct spin_importer *i, const char *path, const char *stem)
 {
-    if (!add(&all.list[0], i, i->name, importer_lacks(i), path, stem))
+    if (!add_plugin(&all.list[0], i, i->name, importer_lacks(i), path, stem))
         return false;
     all.importer[all.list[0].n - 1] = i;
     return true;
@@ -167,7 +167,7 @@ static bool add_importer(const struct spin_importer *i, const char *path, const 
 
 static bool add_exporter(const struct spin_exporter *e, const char *path, const char *stem)
 {
-    if (!add(&all.list[1], e, e->name, exporter_lacks(e), path, stem))
+    if (!add_plugin(&all.list[1], e, e->name, exporter_lacks(e), path, stem))
         return false;
     all.exporter[all.list[1].n - 1] = e;
     return true;
@@ -188,7 +188,7 @@ static const char *why_not_loaded(const char *path)
 
 /* Adds the plug-ins of an object. Returns true if at least one was added; path must then stay
  * allocated. */
-static bool take_object(const char *path, const char *stem, void *object)
+static bool add_object(const char *path, const char *stem, void *object)
 {
     const struct spin_plugin *plugin = dlsym(object, "spin_plugin");
     bool kept = false;
@@ -232,7 +232,7 @@ static void load_object(const char *given)
     object = dlopen(path, RTLD_NOW | RTLD_LOCAL);
     if (!object)
         keep_fault(stem, "plug-in '%s': %s", path, why_not_loaded(path));
-    else if (take_object(path, stem, object))
+    else if (add_object(path, stem, object))
         return; /* object and path are in use until exit: free neither */
     else
         dlclose(object);

@@ -185,7 +185,7 @@ static spin_status find_by_name(const char *from, bool want_views, const struct 
 
 /* True if spin_torch_open() may have a better error message: for a file that is empty, a web page,
  * a Git LFS pointer or a damaged checkpoint. */
-static bool may_tell(const struct spin_peek *peek)
+static bool is_torch_like(const struct spin_peek *peek)
 {
     static const char *const heads[] = {"version https://git-lfs", "<!doctype", "<!DOCTYPE",
                                         "<html"};
@@ -206,7 +206,7 @@ struct choice {
     int score, second_score;
 };
 
-static struct choice choose(const struct spin_peek *peek, bool want_views)
+static struct choice choose_importer(const struct spin_peek *peek, bool want_views)
 {
     struct choice c = {0};
 
@@ -236,7 +236,7 @@ const struct spin_importer *spin_importer_guess(const char *path, bool want_view
 
     if (spin_peek_open(path, &peek) != SPIN_OK)
         return NULL;
-    c = choose(&peek, want_views);
+    c = choose_importer(&peek, want_views);
     spin_peek_free(&peek);
     return c.score >= SURE && c.score - c.second_score >= TIE ? c.best : NULL;
 }
@@ -254,8 +254,8 @@ static spin_status fail_foreign(const char *path, bool want_views)
 /* Searches the subfolders of an unrecognised folder for a run. If exactly one is found and `in` is
  * not NULL, sets *out to its importer and *in to its folder, which the caller frees. Otherwise
  * fails; the message contains a subfolder with a run, if there is one. */
-static spin_status look_below(const struct spin_peek *peek, bool want_views,
-                              const struct spin_importer **out, char **in)
+static spin_status search_subfolders(const struct spin_peek *peek, bool want_views,
+                                     const struct spin_importer **out, char **in)
 {
     const struct spin_importer *first = NULL;
     SPIN_FREED char *below = NULL;
@@ -301,7 +301,7 @@ static spin_status fail_unknown(const struct spin_peek *peek, bool want_views)
         return spin_fail(SPIN_E_NOT_RECOGNISED,
                          "'%s' is a bundle already: see --info, spin-retrain, spin-export",
                          peek->path);
-    if (!may_tell(peek))
+    if (!is_torch_like(peek))
         return fail_foreign(peek->path, want_views);
     SPIN_TRY(spin_torch_open(peek->path, &torch));
     spin_torch_close(&torch);
@@ -314,10 +314,10 @@ static spin_status fail_unknown(const struct spin_peek *peek, bool want_views)
 static spin_status find_by_probe(const struct spin_peek *peek, bool want_views,
                                  const struct spin_importer **out, char **in)
 {
-    struct choice c = choose(peek, want_views);
+    struct choice c = choose_importer(peek, want_views);
 
     if (!c.best)
-        return peek->is_folder ? look_below(peek, want_views, out, in)
+        return peek->is_folder ? search_subfolders(peek, want_views, out, in)
                                : fail_unknown(peek, want_views);
     if (c.second && c.score - c.second_score < TIE)
         return spin_fail(SPIN_E_NOT_RECOGNISED,
@@ -328,8 +328,8 @@ static spin_status find_by_probe(const struct spin_peek *peek, bool want_views,
     return SPIN_OK;
 }
 
-static spin_status find(const char *path, const char *from, bool want_views,
-                        const struct spin_importer **out, char **in)
+static spin_status find_importer(const char *path, const char *from, bool want_views,
+                                 const struct spin_importer **out, char **in)
 {
     SPIN_LEAVES(spin_peek_free) struct spin_peek peek = {0};
 
@@ -347,14 +347,14 @@ static spin_status find(const char *path, const char *from, bool want_views,
 spin_status spin_importer_find(const char *path, const char *from, bool want_views,
                                const struct spin_importer **out)
 {
-    return find(path, from, want_views, out, NULL);
+    return find_importer(path, from, want_views, out, NULL);
 }
 
 spin_status spin_importer_find_run(const char *path, const char *from,
                                    const struct spin_importer **out, char **in)
 {
     *in = NULL;
-    return find(path, from, false, out, in);
+    return find_importer(path, from, false, out, in);
 }
 
 spin_status spin_plugin_check(const char *plugin, const struct spin_plugin_option *options,
