@@ -98,7 +98,7 @@ struct cursor {
     bool cut;
 };
 
-static const unsigned char *take(struct cursor *c, uint64_t n)
+static const unsigned char *read_bytes(struct cursor *c, uint64_t n)
 {
     const unsigned char *at = c->at;
 
@@ -112,9 +112,9 @@ static const unsigned char *take(struct cursor *c, uint64_t n)
     return at;
 }
 
-static uint64_t take_number(struct cursor *c, int bytes)
+static uint64_t read_number(struct cursor *c, int bytes)
 {
-    const unsigned char *at = take(c, (uint64_t)bytes);
+    const unsigned char *at = read_bytes(c, (uint64_t)bytes);
     uint64_t value = 0;
 
     for (int b = 0; at && b < bytes; b++)
@@ -122,24 +122,24 @@ static uint64_t take_number(struct cursor *c, int bytes)
     return value;
 }
 
-static double take_real(struct cursor *c)
+static double read_double(struct cursor *c)
 {
-    uint64_t bits = take_number(c, 8);
+    uint64_t bits = read_number(c, 8);
     double value;
 
     memcpy(&value, &bits, sizeof value);
     return value;
 }
 
-static struct cursor take_block(struct cursor *c, int length_bytes)
+static struct cursor read_block(struct cursor *c, int length_bytes)
 {
-    uint64_t n = take_number(c, length_bytes);
-    const unsigned char *at = take(c, n);
+    uint64_t n = read_number(c, length_bytes);
+    const unsigned char *at = read_bytes(c, n);
 
     return (struct cursor){at ? at : (const unsigned char *)"", at ? (size_t)n : 0, false};
 }
 
-static bool says(const struct cursor *text, const char *word)
+static bool text_equals(const struct cursor *text, const char *word)
 {
     return text->left == strlen(word) && memcmp(text->at, word, text->left) == 0;
 }
@@ -154,17 +154,17 @@ static spin_status read_header(struct reader *r, struct cursor *c)
     struct cursor model;
     unsigned degree;
 
-    take_block(c, 4);
-    take_block(c, 4);
-    r->info->duration = take_real(c);
-    r->n_said = take_number(c, 8);
-    r->info->cutoff = take_real(c);
-    model = take_block(c, 4);
-    take(c, 48);
-    degree = (unsigned)take_number(c, 1);
+    read_block(c, 4);
+    read_block(c, 4);
+    r->info->duration = read_double(c);
+    r->n_said = read_number(c, 8);
+    r->info->cutoff = read_double(c);
+    model = read_block(c, 4);
+    read_bytes(c, 48);
+    degree = (unsigned)read_number(c, 1);
     if (c->cut)
         return SPIN_OK;
-    if (!says(&model, MODEL))
+    if (!text_equals(&model, MODEL))
         return spin_unsupported("header: temporal model '%.*s', expected '" MODEL "'",
                                 length_of(&model), (const char *)model.at);
     if (!(r->info->duration > 0) || !isfinite(r->info->duration))
@@ -180,23 +180,23 @@ static spin_status read_header(struct reader *r, struct cursor *c)
 
 static spin_status read_quantization(struct reader *r, struct cursor *c)
 {
-    struct cursor scheme = take_block(c, 4);
+    struct cursor scheme = read_block(c, 4);
     double sum = 0;
 
-    if (!c->cut && !says(&scheme, SCHEME))
+    if (!c->cut && !text_equals(&scheme, SCHEME))
         return spin_unsupported("quantization: scheme '%.*s', expected '" SCHEME "'",
                                 length_of(&scheme), (const char *)scheme.at);
     for (int k = 0; k < 3; k++)
-        sum += fabs(r->origin[k] = take_real(c));
+        sum += fabs(r->origin[k] = read_double(c));
     for (int k = 0; k < N_STEPS; k++)
-        sum += fabs(r->step[k] = take_real(c));
+        sum += fabs(r->step[k] = read_double(c));
     return isfinite(sum) ? SPIN_OK
                          : spin_malformed("quantization: the origin or a step is not finite");
 }
 
 static spin_status read_windows(struct reader *r, struct cursor *c)
 {
-    uint64_t n = take_number(c, 4);
+    uint64_t n = read_number(c, 4);
 
     if (c->cut || n > c->left / 16)
         return spin_malformed("window table: too short: %llu windows in %zu bytes",
@@ -206,7 +206,7 @@ static spin_status read_windows(struct reader *r, struct cursor *c)
     r->n_windows = (size_t)n;
     SPIN_TRY(spin_alloc(r->n_windows, 2 * sizeof *r->window, (void **)&r->window));
     for (size_t i = 0; i < 2 * r->n_windows; i++) {
-        r->window[i] = take_real(c);
+        r->window[i] = read_double(c);
         if (isnan(r->window[i]))
             return spin_malformed("window table: the start or end of window %zu is NaN", i / 2);
     }
@@ -216,11 +216,11 @@ static spin_status read_windows(struct reader *r, struct cursor *c)
 /* Verifies the checksum of the index. The index itself is not used. */
 static spin_status read_footer(const struct reader *r, struct cursor *c, size_t at)
 {
-    uint64_t start = take_number(c, 8);
+    uint64_t start = read_number(c, 8);
     uint32_t crc;
 
-    take_number(c, 8);
-    crc = (uint32_t)take_number(c, 4);
+    read_number(c, 8);
+    crc = (uint32_t)read_number(c, 4);
     if (c->cut || start == 0 || crc == 0)
         return SPIN_OK;
     if (start > at || spin_crc32(0, r->file + start, at - (size_t)start) != crc)
@@ -231,8 +231,8 @@ static spin_status read_footer(const struct reader *r, struct cursor *c, size_t 
 /* ---- Streams --------------------------------------------------------------------------------- */
 
 /* Allocates *out and decompresses exactly n_out bytes into it. */
-static spin_status unpack(unsigned codec, const struct cursor *packed, uint64_t n_out,
-                          unsigned char **out)
+static spin_status decompress(unsigned codec, const struct cursor *packed, uint64_t n_out,
+                              unsigned char **out)
 {
     size_t n = 0;
 
@@ -253,23 +253,23 @@ struct stream {
     struct cursor packed;
 };
 
-static struct stream take_stream(struct cursor *c)
+static struct stream read_stream_head(struct cursor *c)
 {
     struct stream s;
 
-    s.attribute = (unsigned)take_number(c, 1);
-    s.symbol = (unsigned)take_number(c, 1);
-    s.mode = (unsigned)take_number(c, 1);
-    s.codec = (unsigned)take_number(c, 1);
-    s.channels = (unsigned)take_number(c, 1);
-    s.n = take_number(c, 4);
-    s.packed = take_block(c, 8);
+    s.attribute = (unsigned)read_number(c, 1);
+    s.symbol = (unsigned)read_number(c, 1);
+    s.mode = (unsigned)read_number(c, 1);
+    s.codec = (unsigned)read_number(c, 1);
+    s.channels = (unsigned)read_number(c, 1);
+    s.n = read_number(c, 4);
+    s.packed = read_block(c, 8);
     return s;
 }
 
 /* Decodes symbols to integers, out [n][channels]. */
-static spin_status decode(const struct stream *s, const unsigned char *planes, size_t n_symbols,
-                          int32_t *out)
+static spin_status decode_symbols(const struct stream *s, const unsigned char *planes,
+                                  size_t n_symbols, int32_t *out)
 {
     size_t width = s->channels;
 
@@ -302,8 +302,8 @@ static spin_status read_stream(const struct stream *s, size_t n, int channels, i
                               "bytes and mode 0, 1 or 2",
                               s->symbol, s->mode);
     SPIN_TRY(spin_alloc(n * (size_t)channels, sizeof **out, (void **)out));
-    SPIN_TRY(unpack(s->codec, &s->packed, (uint64_t)n_symbols * s->symbol, &planes));
-    return decode(s, planes, n_symbols, *out);
+    SPIN_TRY(decompress(s->codec, &s->packed, (uint64_t)n_symbols * s->symbol, &planes));
+    return decode_symbols(s, planes, n_symbols, *out);
 }
 
 /* ---- Chunks ---------------------------------------------------------------------------------- */
@@ -315,7 +315,7 @@ static double clamp(double x, double least, double most)
 
 /* Rounds the start or end of a window down to a float. Windows are half open: a splat is visible at
  * the start and invisible at the end. */
-static float at_or_below(double x)
+static float round_down(double x)
 {
     float f = (float)clamp(x, -(double)SPIN_FOREVER, (double)SPIN_FOREVER);
 
@@ -341,7 +341,7 @@ static double time_step(const struct reader *r, double sigma)
 
 /* Decodes a quaternion x y z w from its three smaller components; the largest, which the file
  * omits, is positive. */
-static void rotation_of(const int32_t *steps, int largest, double step, float wxyz[4])
+static void decode_rotation(const int32_t *steps, int largest, double step, float wxyz[4])
 {
     static const int place[4] = {1, 2, 3, 0};
     double rest = 1;
@@ -379,14 +379,14 @@ static void fill_row(const struct reader *r, size_t k, const double interval[2])
         s->paths[3 * i + c] = (float)(steps[MOTION][3 * k + c] * v);
         s->sh[n_sh * i + c] = (float)((clamp(bin * r->step[STEP_COLOUR], 0, 1) - 0.5) / SPIN_SH_C0);
     }
-    rotation_of(steps[ROTATION] + 3 * k, steps[LARGEST][k], r->step[STEP_ROTATION],
-                s->quats + 4 * i);
+    decode_rotation(steps[ROTATION] + 3 * k, steps[LARGEST][k], r->step[STEP_ROTATION],
+                    s->quats + 4 * i);
     s->logit_opacities[i] =
         spin_opacity_logit((float)clamp(steps[OPACITY][k] * r->step[STEP_OPACITY], 0, 1));
     s->times[i] = (float)(steps[MU][k] * (never_fades ? r->step[STEP_TIME] : time_step(r, sigma)));
     s->sigmas[i] = never_fades ? SPIN_FOREVER : (float)fmin(sigma, (double)SPIN_FOREVER);
-    s->cuts[2 * i] = at_or_below(fmax(window[0], interval[0]));
-    s->cuts[2 * i + 1] = at_or_below(fmin(window[1], interval[1]));
+    s->cuts[2 * i] = round_down(fmax(window[0], interval[0]));
+    s->cuts[2 * i + 1] = round_down(fmin(window[1], interval[1]));
 }
 
 static spin_status read_rows(struct reader *r, const double interval[2])
@@ -403,7 +403,7 @@ static spin_status read_rows(struct reader *r, const double interval[2])
     return SPIN_OK;
 }
 
-static void forget_steps(struct reader *r)
+static void free_steps(struct reader *r)
 {
     for (int a = 0; a < N_ATTRIBUTES; a++) {
         free(r->steps[a]);
@@ -415,7 +415,7 @@ static void forget_steps(struct reader *r)
 static spin_status read_streams(struct reader *r, struct cursor *c, const double interval[2])
 {
     while (c->left > 0) {
-        struct stream s = take_stream(c);
+        struct stream s = read_stream_head(c);
 
         if (c->cut)
             return spin_malformed("a stream extends beyond the chunk");
@@ -445,10 +445,10 @@ static spin_status read_chunk_block(struct reader *r, struct cursor *block,
     if (codec->left == 0 || bytes > SLACK + (uint64_t)RATIO * block->left)
         return spin_malformed("%zu bytes cannot unpack to %llu bytes", block->left,
                               (unsigned long long)bytes);
-    if (!says(codec, "deflate") && !says(codec, "zstd"))
+    if (!text_equals(codec, "deflate") && !text_equals(codec, "zstd"))
         return spin_unsupported("codec '%.*s' is not supported, expected 'deflate' or 'zstd'",
                                 length_of(codec), (const char *)codec->at);
-    SPIN_TRY(unpack(says(codec, "zstd"), block, bytes, &plain));
+    SPIN_TRY(decompress(text_equals(codec, "zstd"), block, bytes, &plain));
     return read_streams(r, &(struct cursor){plain, (size_t)bytes, false}, interval);
 }
 
@@ -469,13 +469,13 @@ static spin_status read_chunk(struct reader *r, struct cursor *c)
     uint64_t bytes, n;
     spin_status status;
 
-    interval[0] = take_real(c);
-    interval[1] = take_real(c);
-    take_number(c, 4);
-    n = take_number(c, 4);
-    codec = take_block(c, 4);
-    bytes = take_number(c, 8);
-    block = take_block(c, 8);
+    interval[0] = read_double(c);
+    interval[1] = read_double(c);
+    read_number(c, 4);
+    n = read_number(c, 4);
+    codec = read_block(c, 4);
+    bytes = read_number(c, 8);
+    block = read_block(c, 8);
     if (c->cut)
         return SPIN_OK;
     r->n += n;
@@ -492,7 +492,7 @@ static spin_status read_chunk(struct reader *r, struct cursor *c)
         status = spin_malformed("the start or end of the interval is NaN");
     else
         status = read_chunk_block(r, &block, &codec, bytes, interval);
-    forget_steps(r);
+    free_steps(r);
     return spin_fail_context(status, "chunk %zu", r->n_chunks - 1);
 }
 
@@ -500,8 +500,8 @@ static spin_status read_chunk(struct reader *r, struct cursor *c)
 static spin_status read_band(struct reader *r, struct cursor *c)
 {
     const struct spin_splats_4d *s = r->splats;
-    size_t n_sh = 3 + spin_n_rest(s->sh_degree), b = (size_t)take_number(c, 1), width = 2 * b + 1;
-    struct stream stream = take_stream(c);
+    size_t n_sh = 3 + spin_n_rest(s->sh_degree), b = (size_t)read_number(c, 1), width = 2 * b + 1;
+    struct stream stream = read_stream_head(c);
     SPIN_FREED int32_t *codes = NULL;
     spin_status status;
 
@@ -555,8 +555,8 @@ static spin_status read_record(struct reader *r, unsigned opcode, struct cursor 
     case DELTA_CHUNK:
         return spin_unsupported("delta chunks (model 'keyframe-delta') are not supported");
     case OBJECT_TRACK:
-        take(c, 5);
-        return take_number(c, 4) == 0 ? SPIN_OK
+        read_bytes(c, 5);
+        return read_number(c, 4) == 0 ? SPIN_OK
                                       : spin_unsupported("object tracks are not supported");
     case CAMERA:
         r->info->camera = true;
@@ -577,8 +577,8 @@ static spin_status read_records(struct reader *r)
         size_t at = (size_t)(file.at - r->file);
         struct cursor record;
 
-        opcode = (unsigned)take_number(&file, 1);
-        record = take_block(&file, 8);
+        opcode = (unsigned)read_number(&file, 1);
+        record = read_block(&file, 8);
         if (file.cut)
             return spin_malformed("record %02x at byte %zu extends beyond the file", opcode, at);
         SPIN_TRY(read_record(r, opcode, &record, at));
@@ -624,7 +624,7 @@ spin_status spin_4dgs_read(const unsigned char *file, size_t size, struct spin_4
 
     *out = (struct spin_4dgs){0};
     status = read_all(&r);
-    forget_steps(&r);
+    free_steps(&r);
     free(r.window);
     return status;
 }

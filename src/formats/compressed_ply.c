@@ -22,7 +22,7 @@ static const char *const packed_names[4] = {"packed_position", "packed_rotation"
 /* ---- Packing --------------------------------------------------------------------------------- */
 
 /* Quantises x in [low, high] to 0..n. */
-static uint32_t steps(float x, float low, float high, uint32_t n)
+static uint32_t quantise(float x, float low, float high, uint32_t n)
 {
     float u = high - low > 0 ? (x - low) / (high - low) : 0;
 
@@ -31,8 +31,8 @@ static uint32_t steps(float x, float low, float high, uint32_t n)
 
 static uint32_t pack_3(const float *x, const float *low, const float *high)
 {
-    return steps(x[0], low[0], high[0], 2047) << 21 | steps(x[1], low[1], high[1], 1023) << 11 |
-           steps(x[2], low[2], high[2], 2047);
+    return quantise(x[0], low[0], high[0], 2047) << 21 |
+           quantise(x[1], low[1], high[1], 1023) << 11 | quantise(x[2], low[2], high[2], 2047);
 }
 
 static uint32_t pack_rotation(const float q[4])
@@ -43,7 +43,7 @@ static uint32_t pack_rotation(const float q[4])
 
     for (int k = 0; k < 4; k++)
         if (k != largest)
-            word = word << 10 | steps(sign * q[k], -0.5f * SQRT2, 0.5f * SQRT2, 1023);
+            word = word << 10 | quantise(sign * q[k], -0.5f * SQRT2, 0.5f * SQRT2, 1023);
     return word;
 }
 
@@ -52,11 +52,11 @@ static uint32_t pack_colour(const struct spin_gaussian *row, const float *low, c
     uint32_t word = 0;
 
     for (int c = 0; c < 3; c++)
-        word = word << 8 | steps(row->colour[c], low[c], high[c], 255);
-    return word << 8 | steps(row->opacity, 0, 1, 255);
+        word = word << 8 | quantise(row->colour[c], low[c], high[c], 255);
+    return word << 8 | quantise(row->opacity, 0, 1, 255);
 }
 
-static void widen(float *range, const float *x)
+static void widen_range(float *range, const float *x)
 {
     for (int c = 0; c < 3; c++) {
         range[c] = spin_minf(range[c], x[c]);
@@ -73,9 +73,9 @@ void spin_compressed_pack(struct spin_gaussian *row, size_t n, float range[SPIN_
         for (int c = 0; c < 3; c++)
             row[i].log_scale[c] =
                 spin_minf(spin_maxf(row[i].log_scale[c], -SCALE_LIMIT), SCALE_LIMIT);
-        widen(range, row[i].place);
-        widen(range + 6, row[i].log_scale);
-        widen(range + 12, row[i].colour);
+        widen_range(range, row[i].place);
+        widen_range(range + 6, row[i].log_scale);
+        widen_range(range + 12, row[i].colour);
     }
     for (size_t i = 0; i < n; i++) {
         word[i][POSITION] = pack_3(row[i].place, range, range + 3);

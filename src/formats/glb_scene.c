@@ -63,7 +63,7 @@ static spin_status one_scale(const double scale[3], double *out)
     return SPIN_OK;
 }
 
-static spin_status normalise(double q[4])
+static spin_status normalise_quat(double q[4])
 {
     double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
 
@@ -115,7 +115,7 @@ static spin_status read_node(const spin_json *object, struct node *node)
     SPIN_TRY(read_numbers(spin_json_get(object, "scale"), 3, scale));
     for (int k = 0; k < 4; k++)
         node->q[(k + 1) % 4] = rotation[k];
-    SPIN_TRY(normalise(node->q));
+    SPIN_TRY(normalise_quat(node->q));
     return one_scale(scale, &node->scale);
 }
 

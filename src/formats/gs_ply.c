@@ -14,8 +14,8 @@ struct column {
     int place;     /* index within a row of this column of struct spin_splats */
 };
 
-static struct column *add(struct column *c, const char *const *names, const char *prefix, int n,
-                          unsigned part)
+static struct column *add_columns(struct column *c, const char *const *names, const char *prefix,
+                                  int n, unsigned part)
 {
     for (int i = 0; i < n; i++, c++) {
         *c = (struct column){.part = part, .place = i};
@@ -48,13 +48,13 @@ static size_t list_columns(int n_rest, int sh_degree, struct column out[MAX_COLU
     static const char *const opacity[] = {"opacity"};
     struct column *c = out;
 
-    c = add(c, places, NULL, 3, SPIN_COL_MEANS);
-    c = add(c, normals, NULL, 3, 0);
-    c = add(c, NULL, "f_dc_", 3, SPIN_COL_SH);
+    c = add_columns(c, places, NULL, 3, SPIN_COL_MEANS);
+    c = add_columns(c, normals, NULL, 3, 0);
+    c = add_columns(c, NULL, "f_dc_", 3, SPIN_COL_SH);
     c = add_rest(c, n_rest, sh_degree);
-    c = add(c, opacity, NULL, 1, SPIN_COL_LOGIT_OPACITIES);
-    c = add(c, NULL, "scale_", 3, SPIN_COL_LOG_SCALES);
-    c = add(c, NULL, "rot_", 4, SPIN_COL_QUATS);
+    c = add_columns(c, opacity, NULL, 1, SPIN_COL_LOGIT_OPACITIES);
+    c = add_columns(c, NULL, "scale_", 3, SPIN_COL_LOG_SCALES);
+    c = add_columns(c, NULL, "rot_", 4, SPIN_COL_QUATS);
     return (size_t)(c - out);
 }
 

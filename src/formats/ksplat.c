@@ -145,7 +145,7 @@ spin_status spin_ksplat_peek(const unsigned char *file, size_t size, struct spin
 
 /* Converts n consecutive numbers to floats. kind: 'f' float, 'u' unsigned; item_size: bytes per
  * number. */
-static void take(const unsigned char *at, char kind, int item_size, size_t n, float *out)
+static void read_numbers(const unsigned char *at, char kind, int item_size, size_t n, float *out)
 {
     struct spin_array a = {.kind = kind,
                            .item_size = item_size,
@@ -163,7 +163,7 @@ static void read_sh(const unsigned char *at, const struct file *f, int sh_degree
     float rest[3 * SPIN_SH_MAX];
     const float *from = rest;
 
-    take(at, f->level == 2 ? 'u' : 'f', 4 >> f->level, spin_n_rest(sh_degree), rest);
+    read_numbers(at, f->level == 2 ? 'u' : 'f', 4 >> f->level, spin_n_rest(sh_degree), rest);
     for (int l = 1; l <= sh_degree; from += 3 * (2 * l + 1), l++)
         for (int c = 0; c < 3; c++)
             for (int m = 0; m < 2 * l + 1; m++)
@@ -182,18 +182,18 @@ static void read_row(const unsigned char *at, const struct file *f, const struct
     float v[4];
 
     if (columns & SPIN_COL_MEANS) {
-        take(at, f->level == 0 ? 'f' : 'u', size, 3, out->means + 3 * i);
+        read_numbers(at, f->level == 0 ? 'f' : 'u', size, 3, out->means + 3 * i);
         for (size_t c = 0; c < 3 && f->level > 0; c++)
             out->means[3 * i + c] =
                 (out->means[3 * i + c] - (float)s->steps) * s->step + f32_at(centre + 4 * c);
     }
     if (columns & SPIN_COL_LOG_SCALES) {
-        take(scale, 'f', size, 3, v);
+        read_numbers(scale, 'f', size, 3, v);
         for (size_t c = 0; c < 3; c++) /* NaN stays NaN; spin_ksplat_read() reports it */
             out->log_scales[3 * i + c] = logf(v[c] < LEAST_SCALE ? LEAST_SCALE : v[c]);
     }
     if (columns & SPIN_COL_QUATS) {
-        take(rotation, 'f', size, 4, out->quats + 4 * i);
+        read_numbers(rotation, 'f', size, 4, out->quats + 4 * i);
         if (isfinite(spin_quat_norm(out->quats + 4 * i)))
             spin_quat_normalise(out->quats + 4 * i);
     }

@@ -179,8 +179,8 @@ struct set {
     struct spin_splats_4d *out;
 };
 
-static spin_status decode(const struct spin_sog_4d *r, const void *data, size_t size,
-                          struct set *set, uint8_t **out)
+static spin_status decode_image(const struct spin_sog_4d *r, const void *data, size_t size,
+                                struct set *set, uint8_t **out)
 {
     size_t n_vec = spin_n_rest(r->sh_degree) / 3 * SPIN_SOG_PALETTE_LINE;
     size_t n = set ? set->n : n_vec * ((r->n_palette + 63) / SPIN_SOG_PALETTE_LINE), pixels;
@@ -220,7 +220,7 @@ static spin_status open_picture(const struct spin_sog_4d *r, enum spin_sog_4d_pi
     status = member ? spin_zip_read(&r->zip, member, true, MAX_PICTURE, &data, &owned)
                     : spin_malformed("the file is missing");
     if (status == SPIN_OK)
-        status = decode(r, data, (size_t)member->size, set, out);
+        status = decode_image(r, data, (size_t)member->size, set, out);
     return spin_fail_context(status, "%s: image '%s'", r->what, name);
 }
 

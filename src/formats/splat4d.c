@@ -62,8 +62,8 @@ static spin_status check_start(const unsigned char *file, size_t size)
     return SPIN_OK;
 }
 
-static spin_status get_whole(const spin_json *object, const char *key, int64_t least, int64_t most,
-                             int64_t *out)
+static spin_status read_integer(const spin_json *object, const char *key, int64_t least,
+                                int64_t most, int64_t *out)
 {
     if (!spin_json_integer(spin_json_get(object, key), out) || *out < least || *out > most)
         return spin_malformed("header: '%s' is not an integer from %lld to %lld", key,
@@ -71,20 +71,20 @@ static spin_status get_whole(const spin_json *object, const char *key, int64_t l
     return SPIN_OK;
 }
 
-static spin_status get_positive(const spin_json *object, const char *key, double *out)
+static spin_status read_positive(const spin_json *object, const char *key, double *out)
 {
     if (!spin_json_number(spin_json_get(object, key), out) || !isfinite(*out) || *out <= 0)
         return spin_malformed("header: '%s' is not a positive number", key);
     return SPIN_OK;
 }
 
-static spin_status get_bytes(const struct spin_splat4d *clip, const spin_json *object, size_t *at,
-                             size_t *bytes)
+static spin_status read_extent(const struct spin_splat4d *clip, const spin_json *object, size_t *at,
+                               size_t *bytes)
 {
     int64_t offset, length;
 
-    SPIN_TRY(get_whole(object, "offset", 0, (int64_t)clip->size, &offset));
-    SPIN_TRY(get_whole(object, "len", 0, (int64_t)clip->size - offset, &length));
+    SPIN_TRY(read_integer(object, "offset", 0, (int64_t)clip->size, &offset));
+    SPIN_TRY(read_integer(object, "len", 0, (int64_t)clip->size - offset, &length));
     *at = (size_t)offset;
     *bytes = (size_t)length;
     return SPIN_OK;
@@ -104,12 +104,12 @@ static spin_status read_groups(const spin_json *json, struct spin_splat4d *out)
         struct spin_splat4d_group *group = &out->groups[g];
         const spin_json *object = spin_json_at(groups, g);
 
-        SPIN_TRY(get_bytes(out, object, &group->at, &group->bytes));
+        SPIN_TRY(read_extent(out, object, &group->at, &group->bytes));
         if (group->at < end)
             return spin_malformed("header: group %zu overlaps with group %zu", g, g - 1);
         end = group->at + group->bytes;
-        SPIN_TRY(get_whole(object, "f0", next, next, &first));
-        SPIN_TRY(get_whole(object, "f1", first, out->n_frames - 1, &last));
+        SPIN_TRY(read_integer(object, "f0", next, next, &first));
+        SPIN_TRY(read_integer(object, "f1", first, out->n_frames - 1, &last));
         group->first = (int)first;
         group->last = (int)last;
     }
@@ -124,21 +124,21 @@ static spin_status read_header(const spin_json *json, struct spin_splat4d *out)
     const spin_json *steps = spin_json_get(json, "steps");
     int64_t n, n_frames;
 
-    SPIN_TRY(get_whole(json, "n", 1, UINT32_MAX, &n));
-    SPIN_TRY(get_whole(json, "t", 1, MAX_FRAMES, &n_frames));
-    SPIN_TRY(get_positive(json, "fps", &out->fps));
+    SPIN_TRY(read_integer(json, "n", 1, UINT32_MAX, &n));
+    SPIN_TRY(read_integer(json, "t", 1, MAX_FRAMES, &n_frames));
+    SPIN_TRY(read_positive(json, "fps", &out->fps));
     out->n = (size_t)n;
     out->n_frames = (int)n_frames;
     for (int a = 0; a < SPIN_SPLAT4D_ATTRIBUTES; a++) {
         struct spin_splat4d_attribute *to = &out->attribute[a];
 
         to->base_step = 1;
-        SPIN_TRY(get_positive(steps, attributes[a].step, &to->step));
+        SPIN_TRY(read_positive(steps, attributes[a].step, &to->step));
         if (attributes[a].base_step)
-            SPIN_TRY(get_positive(steps, attributes[a].base_step, &to->base_step));
+            SPIN_TRY(read_positive(steps, attributes[a].base_step, &to->base_step));
     }
-    SPIN_TRY(
-        get_bytes(out, spin_json_get(json, "static_section"), &out->static_at, &out->static_bytes));
+    SPIN_TRY(read_extent(out, spin_json_get(json, "static_section"), &out->static_at,
+                         &out->static_bytes));
     if ((uint64_t)out->n * ROW_BYTES > SLACK + (uint64_t)ROW_RATIO * out->static_bytes)
         return spin_malformed("header: a static section of %zu bytes cannot contain %zu splats",
                               out->static_bytes, out->n);
@@ -152,15 +152,15 @@ struct stream {
     size_t n, bytes; /* number of symbols, compressed bytes */
 };
 
-static struct stream stream_at(const unsigned char *head)
+static struct stream parse_stream_head(const unsigned char *head)
 {
     return (struct stream){head[0], head[1], head[2], spin_u32_at(head + 3), spin_u32_at(head + 7)};
 }
 
 /* Allocates *out and decompresses the byte planes of a stream, which must have n symbols. room:
  * bytes from `packed` to the end of the section. */
-static spin_status unpack(const struct stream *s, const unsigned char *packed, size_t room,
-                          uint64_t n, unsigned char **out)
+static spin_status decompress_stream(const struct stream *s, const unsigned char *packed,
+                                     size_t room, uint64_t n, unsigned char **out)
 {
     const char *name = attributes[s->attribute].name;
     uint64_t bytes = (uint64_t)s->n * (unsigned)s->symbol;
@@ -187,7 +187,7 @@ static float byte_value(double v) { return (float)(v > 0 ? v < 255 ? v : 255 : 0
 
 /* Dequantises one row of an attribute and converts it to the representation of struct
  * spin_splats. */
-static void finish(int attribute, const int32_t *steps, double step, float *out)
+static void dequantise_row(int attribute, const int32_t *steps, double step, float *out)
 {
     for (size_t c = 0; c < attributes[attribute].width; c++) {
         double v = steps[c] * step;
@@ -204,26 +204,26 @@ static void finish(int attribute, const int32_t *steps, double step, float *out)
 
 /* Reads the stream at offset *at of the static section, which must be of the given attribute, and
  * advances *at to the end of the stream. */
-static spin_status static_stream(const struct spin_splat4d *clip, size_t *at, int attribute,
-                                 uint64_t n, struct stream *s, unsigned char **planes)
+static spin_status read_static_stream(const struct spin_splat4d *clip, size_t *at, int attribute,
+                                      uint64_t n, struct stream *s, unsigned char **planes)
 {
     const unsigned char *section = clip->file + clip->static_at;
 
     if (clip->static_bytes - *at < STREAM_HEAD)
         return spin_malformed("the static section ends before stream '%s'",
                               attributes[attribute].name);
-    *s = stream_at(section + *at);
+    *s = parse_stream_head(section + *at);
     *at += STREAM_HEAD;
     if (s->attribute != attribute || s->kind != STATIC)
         return spin_malformed("the static section contains another stream instead of '%s'",
                               attributes[attribute].name);
-    SPIN_TRY(unpack(s, section + *at, clip->static_bytes - *at, n, planes));
+    SPIN_TRY(decompress_stream(s, section + *at, clip->static_bytes - *at, n, planes));
     *at += s->bytes;
     return SPIN_OK;
 }
 
 /* Lists the dynamic rows of an attribute: those whose bit is 0, highest bit of a byte first. */
-static spin_status take_mask(struct spin_splat4d *clip, int attribute, const struct stream *s,
+static spin_status read_mask(struct spin_splat4d *clip, int attribute, const struct stream *s,
                              const unsigned char *bits)
 {
     struct spin_splat4d_attribute *a = &clip->attribute[attribute];
@@ -250,7 +250,7 @@ static spin_status take_mask(struct spin_splat4d *clip, int attribute, const str
 
 /* Reads the values of all rows, of which the static rows keep theirs. Positions and scales are
  * stored as differences from the previous row, rotations with an offset of 128. */
-static spin_status take_base(struct spin_splat4d *clip, int attribute, const struct stream *s,
+static spin_status read_base(struct spin_splat4d *clip, int attribute, const struct stream *s,
                              const unsigned char *planes)
 {
     struct spin_splat4d_attribute *a = &clip->attribute[attribute];
@@ -267,7 +267,7 @@ static spin_status take_base(struct spin_splat4d *clip, int attribute, const str
             else
                 steps[c] = (int32_t)(symbol - (attribute == ROT ? 128 : 0));
         }
-        finish(attribute, steps, a->base_step, a->base + width * i);
+        dequantise_row(attribute, steps, a->base_step, a->base + width * i);
     }
     return SPIN_OK;
 }
@@ -283,10 +283,10 @@ static spin_status read_static(struct spin_splat4d *clip)
         uint64_t n = mask ? (clip->n + 7) / 8 : (uint64_t)clip->n * attributes[a].width;
         unsigned char *planes = NULL;
         struct stream s;
-        spin_status status = static_stream(clip, &at, a, n, &s, &planes);
+        spin_status status = read_static_stream(clip, &at, a, n, &s, &planes);
 
         if (status == SPIN_OK)
-            status = (mask ? take_mask : take_base)(clip, a, &s, planes);
+            status = (mask ? read_mask : read_base)(clip, a, &s, planes);
         free(planes);
         SPIN_TRY(status);
     }
@@ -297,7 +297,7 @@ static spin_status read_static(struct spin_splat4d *clip)
 
 /* ---- Groups ---------------------------------------------------------------------------------- */
 
-static void forget_group(struct spin_splat4d *clip)
+static void free_group(struct spin_splat4d *clip)
 {
     for (int a = 0; a < SPIN_SPLAT4D_ATTRIBUTES; a++) {
         for (int kind = KEY; kind <= CHANGE; kind++) {
@@ -326,15 +326,15 @@ static spin_status unpack_group(struct spin_splat4d *clip, size_t group)
     if (at > g->bytes)
         return spin_malformed("truncated within the headers of the streams");
     for (size_t i = 0; i < n; i++) {
-        struct stream s = stream_at(section + 2 + STREAM_HEAD * i);
+        struct stream s = parse_stream_head(section + 2 + STREAM_HEAD * i);
 
         if (s.attribute >= SPIN_SPLAT4D_ATTRIBUTES || s.kind > CHANGE ||
             clip->attribute[s.attribute].planes[s.kind])
             return spin_malformed("stream %zu (attribute %d, kind %d) is invalid or occurs twice",
                                   i, s.attribute, s.kind);
-        SPIN_TRY(unpack(&s, section + at, g->bytes - at,
-                        n_symbols(clip, group, s.attribute, s.kind),
-                        &clip->attribute[s.attribute].planes[s.kind]));
+        SPIN_TRY(decompress_stream(&s, section + at, g->bytes - at,
+                                   n_symbols(clip, group, s.attribute, s.kind),
+                                   &clip->attribute[s.attribute].planes[s.kind]));
         clip->attribute[s.attribute].symbol[s.kind] = s.symbol;
         at += s.bytes;
     }
@@ -349,7 +349,7 @@ static spin_status unpack_group(struct spin_splat4d *clip, size_t group)
 }
 
 /* Decodes the first frame of the unpacked group, or the frame after clip->frame, into `held`. */
-static void step(struct spin_splat4d *clip, bool first)
+static void decode_frame(struct spin_splat4d *clip, bool first)
 {
     const struct spin_splat4d_group *g = &clip->groups[clip->group];
     int kind = first ? KEY : CHANGE;
@@ -370,7 +370,7 @@ static void step(struct spin_splat4d *clip, bool first)
     clip->frame = first ? g->first : clip->frame + 1;
 }
 
-static spin_status seek(struct spin_splat4d *clip, int frame)
+static spin_status seek_frame(struct spin_splat4d *clip, int frame)
 {
     size_t group = 0;
 
@@ -379,18 +379,18 @@ static spin_status seek(struct spin_splat4d *clip, int frame)
     if (group != clip->group) {
         spin_status status;
 
-        forget_group(clip);
+        free_group(clip);
         status = unpack_group(clip, group);
         if (status != SPIN_OK) {
-            forget_group(clip);
+            free_group(clip);
             return spin_fail_context(status, "group %zu", group);
         }
         clip->group = group;
-        step(clip, true);
+        decode_frame(clip, true);
     } else if (frame < clip->frame)
-        step(clip, true);
+        decode_frame(clip, true);
     while (clip->frame < frame)
-        step(clip, false);
+        decode_frame(clip, false);
     return SPIN_OK;
 }
 
@@ -398,7 +398,7 @@ static spin_status seek(struct spin_splat4d *clip, int frame)
 
 void spin_splat4d_close(struct spin_splat4d *clip)
 {
-    forget_group(clip);
+    free_group(clip);
     for (int a = 0; a < SPIN_SPLAT4D_ATTRIBUTES; a++) {
         free(clip->attribute[a].base);
         free(clip->attribute[a].row);
@@ -433,7 +433,7 @@ spin_status spin_splat4d_read(struct spin_splat4d *clip, int frame, unsigned col
     if (frame < 0 || frame >= clip->n_frames)
         return spin_not_found("frame %d does not exist, expected 0 to %d", frame,
                               clip->n_frames - 1);
-    SPIN_TRY(seek(clip, frame));
+    SPIN_TRY(seek_frame(clip, frame));
     SPIN_TRY(spin_splats_reserve(out, clip->n, columns, 0));
     for (int k = 0; k < SPIN_SPLAT4D_ATTRIBUTES; k++) {
         float *const column[SPIN_SPLAT4D_ATTRIBUTES] = {out->means, out->quats, out->sh,
@@ -445,7 +445,7 @@ spin_status spin_splat4d_read(struct spin_splat4d *clip, int frame, unsigned col
             continue;
         memcpy(column[k], a->base, clip->n * width * sizeof *a->base);
         for (size_t i = 0; i < a->n_moving; i++)
-            finish(k, a->held + width * i, a->step, column[k] + width * a->row[i]);
+            dequantise_row(k, a->held + width * i, a->step, column[k] + width * a->row[i]);
     }
     return spin_check_columns(what, columns, 0, clip->n, out);
 }

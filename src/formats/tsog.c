@@ -13,7 +13,7 @@ enum { DESCRIPTOR = 1 << 3 }; /* flag of a zip member: sizes and checksum follow
 
 /* ---- The archive ----------------------------------------------------------------------------- */
 
-static uint32_t u32(const unsigned char *p) { return spin_u32_at(p); }
+static uint32_t u32_at(const unsigned char *p) { return spin_u32_at(p); }
 
 /* Checks that the zip's central directory agrees with the local header of a member; or, if the
  * DESCRIPTOR flag is set, with the data descriptor after the member's data. */
@@ -23,10 +23,11 @@ static bool header_agrees(const struct spin_zip *zip, const struct spin_zip_memb
     uint32_t expected[3] = {m->crc, (uint32_t)m->packed_size, (uint32_t)m->size};
     bool later = (p[6] & DESCRIPTOR) != 0;
 
-    if ((size_t)(end - p) < LOCAL_BYTES || u32(p) != SIG_LOCAL || (p[8] | p[9] << 8) != m->method)
+    if ((size_t)(end - p) < LOCAL_BYTES || u32_at(p) != SIG_LOCAL ||
+        (p[8] | p[9] << 8) != m->method)
         return false;
     for (int k = 0; k < 3; k++)
-        if (u32(p + 14 + 4 * k) != (later ? 0 : expected[k]))
+        if (u32_at(p + 14 + 4 * k) != (later ? 0 : expected[k]))
             return false;
     if (!later)
         return true;
@@ -34,8 +35,8 @@ static bool header_agrees(const struct spin_zip *zip, const struct spin_zip_memb
     for (int marked = 1; marked >= 0; marked--) {
         const unsigned char *at = p + 4 * marked;
 
-        if (end - at >= 12 && (!marked || u32(p) == 0x08074b50) && u32(at) == expected[0] &&
-            u32(at + 4) == expected[1] && u32(at + 8) == expected[2])
+        if (end - at >= 12 && (!marked || u32_at(p) == 0x08074b50) && u32_at(at) == expected[0] &&
+            u32_at(at + 4) == expected[1] && u32_at(at + 8) == expected[2])
             return true;
     }
     return false;
