@@ -44,9 +44,10 @@ enum spin_camera_path_panel { SPIN_PANEL_TRUTH, SPIN_PANEL_BEFORE, SPIN_PANEL_AF
 /* A training camera that a path goes through. */
 struct spin_rig_stop {
     double eye[3]; /* world */
-    double
-        turn[4]; /* quaternion w x y z, world to camera; in one hemisphere with the stop before */
-    double at;   /* length of the path up to here; 0 at the first */
+    /* Quaternion w x y z, world to camera; its sign puts it in the same hemisphere as the previous
+     * stop's. */
+    double turn[4];
+    double at; /* length of the path from the first stop to this one */
 };
 
 /* A path through the training cameras of a rig. */
