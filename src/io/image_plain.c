@@ -152,7 +152,7 @@ static void png_none(struct picture *p)
         fail(p, SPIN_IMAGE_NO_MEMORY, "not enough memory");
     else
         fail(p, SPIN_IMAGE_UNREADABLE,
-             "the installed libpng differs from the version of the build");
+             "the installed libpng is not the version with which spin4d was built");
 }
 
 static void png_warns(png_structp png, png_const_charp text) { (void)png, (void)text; }
