@@ -47,7 +47,7 @@ struct spin_rig_stop {
     /* Quaternion w x y z, world to camera; its sign puts it in the same hemisphere as the previous
      * stop's. */
     double turn[4];
-    double at; /* length of the path up to here; 0 at the first */
+    double at; /* length of the path from the first stop to this one */
 };
 
 /* A path through the training cameras of a rig. */

@@ -40,7 +40,7 @@ spin_status spin_gaussian4d_check(const struct gaussian4d *g, size_t n, size_t n
  * also the highest SH degrees that are 0 in all rows. */
 void spin_gaussian4d_drop_zeros(struct spin_model *m);
 
-/* Call last: multiplies the splats' times, which are in the file's unit, by `ratio`, settles the
- * splats and describes the sequence as continuous over the clip's times. */
+/* Call last: multiplies the times of the splats, which are in the unit of the file, by `ratio`,
+ * calls spin_splats_4d_settle(), and describes the sequence as continuous over the clip's times. */
 spin_status spin_gaussian4d_finish(struct spin_model *m, const struct gaussian4d *g, double ratio,
                                    const struct clip_times *times);

@@ -46,7 +46,7 @@ spin_status spin_views_check_images(const struct spin_views *views, size_t first
 /* The last number in the file's name as a frame number, or -1. */
 int spin_views_number(const char *path);
 
-/* N of a folder called frame<digits>, as in 3DGStream, else -1. */
+/* The number in a folder name frame<digits>, as in 3DGStream; -1 for other names. */
 int spin_frame_number(const char *name);
 
 /* Parses a whole text as a finite number. */

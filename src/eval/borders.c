@@ -5,8 +5,8 @@
 
 enum {
     MOST_VIEWS = 24,
-    LEVELS = 64, /* per channel; a level and its neighbours cover 12 of 256 values, which tolerates
-                  * JPEG noise */
+    LEVELS = 64, /* per channel: a level and its two neighbours cover 12 of 256 values, more than
+                  * the noise of JPEG */
     COLOURS = LEVELS * LEVELS * LEVELS
 };
 
@@ -15,7 +15,7 @@ static void count_pixel(const uint8_t *rgb, uint32_t *count)
     count[(rgb[0] / 4 * LEVELS + rgb[1] / 4) * LEVELS + rgb[2] / 4]++;
 }
 
-/* Counts the border pixels of an image; returns their number. */
+/* Adds the border pixels of an image to the histogram. Returns their number. */
 static uint64_t count_border(const struct spin_camera *camera, const uint8_t *rgb8, uint32_t *count)
 {
     size_t w = (size_t)camera->width, h = (size_t)camera->height;
@@ -31,8 +31,8 @@ static uint64_t count_border(const struct spin_camera *camera, const uint8_t *rg
     return 2 * (uint64_t)(w + h);
 }
 
-/* Number of pixels of the most frequent colour and its neighbours, since a flat colour may straddle
- * two levels. */
+/* Number of pixels of the most frequent colour and of its neighbours in the histogram, since a flat
+ * colour with noise may spread over two levels per channel. */
 static uint64_t largest_group(const uint32_t *count)
 {
     int best = 0, at[3];

@@ -21,10 +21,10 @@ void spin_colour_sums(int camera, size_t plane, const float *image, const float 
         }
 }
 
-/* Fits truth = gain * image + offset over all views of a camera; the gain is 0 if the image has a
- * single colour. */
-static void fit(const struct spin_colour_sums *view, size_t n_views, int camera, int c,
-                double *gain, double *offset)
+/* Fits truth = gain * image + offset for channel c over all views of a camera. The gain is 0 if the
+ * rendered images have only one value. */
+static void fit_channel(const struct spin_colour_sums *view, size_t n_views, int camera, int c,
+                        double *gain, double *offset)
 {
     double n = 0, x = 0, y = 0, xx = 0, xy = 0, spread;
 
@@ -47,7 +47,7 @@ static void fit_camera(const struct spin_colour_sums *view, size_t n_views, int 
     double a[3], b[3];
 
     for (int c = 0; c < 3; c++)
-        fit(view, n_views, camera, c, &a[c], &b[c]);
+        fit_channel(view, n_views, camera, c, &a[c], &b[c]);
     for (size_t i = 0; i < n_views; i++) {
         const struct spin_colour_sums *v = &view[i];
         double squares = 0;

@@ -1,12 +1,12 @@
-/* The photometric fit: the error that remains in a camera's images after fitting one gain and one
- * offset per channel to the ground truth. It shows how much of the error is the unknown colour
- * calibration of a camera that was not trained on. */
+/* The photometric fit: fits a gain and an offset per camera and channel that bring rendered images
+ * closest to the ground truth. Comparing the PSNR before and after shows how much of the error is
+ * due to the unknown colour calibration of a held-out camera. */
 #pragma once
 
 #include "spin.h"
 
-/* Sums over the pixels of a view, of the values x of the rendered image and y of the ground truth,
- * 0..1. */
+/* Sums over the pixels of a view. x: value in the rendered image, y: value in the ground truth,
+ * both 0..1; xx: x squared, and so on. */
 struct spin_colour_sums {
     int camera;
     double n;
@@ -15,9 +15,10 @@ struct spin_colour_sums {
     } of[3];
 };
 
-/* image (rendered), truth (captured): [3][plane]; image is clamped to 0..1. */
+/* Computes the sums of a view. image: rendered image, clamped to 0..1 here; truth: ground truth.
+ * Both [3][plane]. */
 void spin_colour_sums(int camera, size_t plane, const float *image, const float *truth,
                       struct spin_colour_sums *out);
-/* The PSNR of each view [n_views] after fitting all views of its camera together. Fitted images are
- * not clamped. */
+/* Sets psnr [n_views] to the PSNR of each view after the fit, which is common to all views of a
+ * camera. Fitted images are not clamped. */
 void spin_colour_fit(const struct spin_colour_sums *view, size_t n_views, double *psnr);

@@ -1,4 +1,4 @@
-/* Dynamic regions, from masks or from the images themselves. */
+/* Finds dynamic regions from the data set's masks or from its images. */
 #include "eval/dynamic_mask.h"
 
 #include "base/base.h"
@@ -7,11 +7,11 @@
 enum {
     MOST_ROWS = SPIN_MOVING_ROWS,
     FEWEST_ROWS = 3,
-    FRIENDS = 4 /* changed pixels among the eight neighbours; with fewer, a pixel is a speck */
+    FRIENDS = 4 /* minimum number of dynamic neighbours; otherwise a pixel is a speck */
 };
 
-/* Above the noise of JPEG and of a good camera (sigma about 4 of 255), below the change caused by a
- * ball in front of a wall. */
+/* A larger difference from the median is dynamic. The threshold is above the noise of JPEG and of a
+ * good camera (sigma about 4 of 255), and below the contrast of a ball in front of a wall. */
 static const float threshold = 20.0f / 255.0f;
 
 struct spin_median {
@@ -34,7 +34,6 @@ static bool same_camera(const struct spin_camera *a, const struct spin_camera *b
     return true;
 }
 
-/* Views of this camera, spread over the clip; returns 0 if the camera moves. */
 size_t spin_moving_views(const struct spin_views *views, int camera_id, size_t chosen[MOST_ROWS])
 {
     size_t n = 0, k = 0, seen = 0, first = 0;
@@ -119,7 +118,7 @@ static spin_status find_median(struct spin_dynamic_mask *m, int camera_id, const
 
 /* ---- The rule -------------------------------------------------------------------------------- */
 
-/* Number of ones among the eight neighbours of (x, y). */
+/* Counts the ones among the eight neighbours of (x, y). */
 static int count_around(int width, int height, const uint8_t *map, int x, int y)
 {
     int sum = 0;
@@ -160,7 +159,8 @@ void spin_dynamic_mask_rule(int width, int height, const float *truth, const uin
 
 static const float black[3];
 
-/* Mask values are 0 and 1, or 0 and 255. A mask of another size is sampled at the pixel centres. */
+/* Reads a foreground mask with values 0 and 1, or 0 and 255. A mask of another size than the image
+ * is sampled at the pixel centres. */
 static spin_status read_mask(struct spin_dynamic_mask *m, const struct spin_view *view)
 {
     int width = view->camera.width, height = view->camera.height, w, h;
@@ -181,8 +181,8 @@ static spin_status read_mask(struct spin_dynamic_mask *m, const struct spin_view
     return SPIN_OK;
 }
 
-/* Sets pixels of alpha 0.5 or more. Alpha is measured as the difference between loading over white
- * and over black. */
+/* Sets the mask where alpha is above 0.5. Loaded over white and over black, the image differs by
+ * 1 - alpha. */
 static spin_status read_alpha(struct spin_dynamic_mask *m, const struct spin_view *view)
 {
     static const float white[3] = {1, 1, 1};
@@ -231,7 +231,7 @@ static bool some_have_medians(const struct spin_views *views, const struct spin_
     return false;
 }
 
-static spin_status make_room(struct spin_dynamic_mask *m)
+static spin_status alloc_buffers(struct spin_dynamic_mask *m)
 {
     size_t n = spin_views_pixels(m->views);
 
@@ -255,12 +255,12 @@ spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_i
         from = masks ? SPIN_DYNAMIC_MASKS : medians ? SPIN_DYNAMIC_IMAGES : SPIN_DYNAMIC_OFF;
     if (from == SPIN_DYNAMIC_MASKS && !masks)
         return spin_not_found(
-            "the data set has no foreground mask for some of these views: use --dynamic images");
+            "--dynamic masks: some of the views have no foreground mask: use --dynamic images");
     if (from == SPIN_DYNAMIC_IMAGES && !medians)
         return spin_unsupported("cannot find dynamic regions in the images: no camera is static "
                                 "and has at least three frames");
     m->from = from;
-    return from == SPIN_DYNAMIC_OFF ? SPIN_OK : make_room(m);
+    return from == SPIN_DYNAMIC_OFF ? SPIN_OK : alloc_buffers(m);
 }
 
 spin_status spin_subject_mask_open(const struct spin_views *views, struct spin_image_cache *pixels,
@@ -271,9 +271,9 @@ spin_status spin_subject_mask_open(const struct spin_views *views, struct spin_i
     m->from = SPIN_DYNAMIC_MASKS;
     m->alpha = !all_have_masks(views, pairs, n_pairs);
     if (m->alpha && !all_have_alpha(views, pairs, n_pairs))
-        return spin_not_found("--mask: the data set has no foreground mask for some of these "
-                              "views, and not all their images have alpha");
-    return make_room(m);
+        return spin_not_found("--mask: some of the views have no foreground mask, and not all "
+                              "their images have alpha");
+    return alloc_buffers(m);
 }
 
 void spin_dynamic_mask_close(struct spin_dynamic_mask *m)
@@ -302,14 +302,14 @@ void spin_dynamic_mask_bits(const struct spin_dynamic_mask *m, size_t n, uint8_t
         bits[i / 8] |= (uint8_t)(m->mask[i] << i % 8);
 }
 
-static spin_status keep(struct spin_dynamic_mask *m, size_t view, size_t plane)
+static spin_status store_mask(struct spin_dynamic_mask *m, size_t view, size_t plane)
 {
     SPIN_TRY(spin_alloc(plane / 8 + 1, 1, (void **)&m->kept[view]));
     spin_dynamic_mask_bits(m, plane, m->kept[view]);
     return SPIN_OK;
 }
 
-static spin_status find(struct spin_dynamic_mask *m, size_t view, const float *truth)
+static spin_status compute_mask(struct spin_dynamic_mask *m, size_t view, const float *truth)
 {
     const struct spin_view *v = &m->views->view[view];
     const uint8_t *median = NULL;
@@ -342,9 +342,9 @@ spin_status spin_dynamic_mask_find(struct spin_dynamic_mask *m, size_t view, con
         for (size_t i = 0; i < plane; i++)
             m->mask[i] = kept[i / 8] >> i % 8 & 1;
     else
-        SPIN_TRY(find(m, view, truth));
+        SPIN_TRY(compute_mask(m, view, truth));
     if (m->kept && !kept)
-        SPIN_TRY(keep(m, view, plane));
+        SPIN_TRY(store_mask(m, view, plane));
     for (size_t i = 0; i < plane; i++)
         *n += m->mask[i];
     return SPIN_OK;

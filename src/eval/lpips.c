@@ -1,7 +1,8 @@
-/* The two networks as tables of layers, their weights, and the distance between features.
+/* LPIPS: the two networks as tables of layers, reading of weights, convolution, and the distance
+ * between features f and g of two images:
  *
  *     x = (2 image - 1 - shift) / scale
- *     f_s = features after the ReLU of stage s, divided at every pixel by their norm over channels
+ *     f_s = features after the ReLU of stage s, divided at each pixel by their norm over channels
  *     distance = sum over s of the mean over pixels of  sum_c lin_s[c] (f_s[c] - g_s[c])^2 */
 #include "eval/lpips.h"
 
@@ -12,17 +13,17 @@
 
 enum { MOST_LAYERS = 13, STAGES = SPIN_LPIPS_STAGES, BLOCK = 64 };
 
-/* lpips' ScalingLayer: ImageNet's mean and standard deviation, for images in -1..1. */
+/* ScalingLayer of lpips: ImageNet's mean and standard deviation, for images in -1..1. */
 static const float shift[3] = {-0.030f, -0.088f, -0.188f};
 static const float scale[3] = {0.458f, 0.448f, 0.450f};
-static const double smallest_length = 1e-10; /* added to a pixel's norm, as in lpips */
+static const double smallest_length = 1e-10; /* added to the norm of a pixel, as in lpips */
 
 /* A convolution followed by ReLU. */
 struct layer {
     int place; /* N in torchvision's features.N */
     int n_in, n_out, kernel, stride, pad;
-    int pool;   /* window of the max pooling before it, with stride 2; 0: none */
-    bool stage; /* its output contributes to the distance */
+    int pool;   /* window of the max pooling before the convolution, with stride 2; 0: none */
+    bool stage; /* the output of this layer contributes to the distance */
 };
 
 static const struct layer vgg[] = {
@@ -50,11 +51,12 @@ struct spin_lpips {
     struct spin_pool *pool;
     float *weights[MOST_LAYERS], *bias[MOST_LAYERS];
     float *lin[STAGES];
-    int width, height; /* image size of the plan below */
+    /* Buffers for images of one size. */
+    int width, height;
     int out_width[MOST_LAYERS], out_height[MOST_LAYERS];
-    float *feature[2][STAGES]; /* of the two images */
-    float *work[2], *padded;
-    float *scratch; /* [threads][SCRATCH] */
+    float *feature[2][STAGES]; /* features of the two images */
+    float *work[2], *padded;   /* input and output of a layer; its input padded with zeros */
+    float *scratch;            /* [threads][SCRATCH] */
 };
 
 /* ---- Weights --------------------------------------------------------------------------------- */
@@ -66,7 +68,7 @@ static bool has_shape(struct spin_torch *t, const char *key, int n_dims, const i
     return v && v->kind == SPIN_VALUE_TENSOR && spin_array_has_shape(&v->tensor, n_dims, shape);
 }
 
-/* The network of these convolutions; -1: unknown. */
+/* The network to which the convolutions in a file belong; -1: unknown. */
 static int backbone_of(struct spin_torch *t)
 {
     for (int k = 0; k < SPIN_N_LPIPS; k++) {
@@ -80,7 +82,7 @@ static int backbone_of(struct spin_torch *t)
     return -1;
 }
 
-/* Number of channels of stage s. */
+/* Number of channels in the output of stage s. */
 static int stage_channels(int network, int s)
 {
     const struct layer *layer = networks[network].layer;
@@ -90,6 +92,7 @@ static int stage_channels(int network, int s)
     return layer->n_out;
 }
 
+/* The network to which the linear heads in a file belong; -1: unknown. */
 static int lin_of(struct spin_torch *t)
 {
     for (int k = 0; k < SPIN_N_LPIPS; k++) {
@@ -103,8 +106,8 @@ static int lin_of(struct spin_torch *t)
     return -1;
 }
 
-static spin_status take(struct spin_torch *t, const char *key, int n_dims, const int64_t *shape,
-                        float **out)
+static spin_status read_tensor(struct spin_torch *t, const char *key, int n_dims,
+                               const int64_t *shape, float **out)
 {
     struct spin_array info;
     const struct spin_value *v = spin_value_get(t->root, key);
@@ -129,9 +132,9 @@ static spin_status read_backbone(struct spin_torch *t, struct spin_lpips *l)
         int64_t shape[4] = {a->n_out, a->n_in, a->kernel, a->kernel};
 
         snprintf(key, sizeof key, "features.%d.weight", a->place);
-        SPIN_TRY(take(t, key, 4, shape, &l->weights[i]));
+        SPIN_TRY(read_tensor(t, key, 4, shape, &l->weights[i]));
         snprintf(key, sizeof key, "features.%d.bias", a->place);
-        SPIN_TRY(take(t, key, 1, shape, &l->bias[i]));
+        SPIN_TRY(read_tensor(t, key, 1, shape, &l->bias[i]));
     }
     return SPIN_OK;
 }
@@ -152,7 +155,7 @@ static spin_status read_lin(struct spin_torch *t, struct spin_lpips *l)
         int64_t shape[4] = {1, stage_channels(network, s), 1, 1};
 
         snprintf(key, sizeof key, "lin%d.model.1.weight", s);
-        SPIN_TRY(take(t, key, 4, shape, &l->lin[s]));
+        SPIN_TRY(read_tensor(t, key, 4, shape, &l->lin[s]));
     }
     return SPIN_OK;
 }
@@ -196,8 +199,8 @@ struct found {
     char *backbone[SPIN_N_LPIPS], *lin[SPIN_N_LPIPS];
 };
 
-/* Notes the file if it contains weights; skips files that cannot be read. */
-static spin_status look_at(const char *path, struct found *found)
+/* Stores the path of a file in *found if it contains weights. Ignores files that cannot be read. */
+static spin_status detect_weights(const char *path, struct found *found)
 {
     struct spin_torch t;
     int backbone, lin;
@@ -214,7 +217,7 @@ static spin_status look_at(const char *path, struct found *found)
     return SPIN_OK;
 }
 
-static spin_status search(const char *folder, int depth, struct found *found)
+static spin_status search_folder(const char *folder, int depth, struct found *found)
 {
     char **names = NULL;
     size_t n = 0;
@@ -225,10 +228,10 @@ static spin_status search(const char *folder, int depth, struct found *found)
 
         status = spin_path_join(folder, names[i], &path);
         if (status == SPIN_OK && depth > 0 && spin_path_is_folder(path))
-            status = search(path, depth - 1, found);
+            status = search_folder(path, depth - 1, found);
         else if (status == SPIN_OK &&
                  (spin_text_ends(names[i], ".pth") || spin_text_ends(names[i], ".pt")))
-            status = look_at(path, found);
+            status = detect_weights(path, found);
     }
     spin_folder_list_free(names);
     return status;
@@ -242,7 +245,7 @@ spin_status spin_lpips_find(const char *folder, int n_threads, struct spin_lpips
 
     for (int k = 0; k < SPIN_N_LPIPS; k++)
         out[k] = NULL;
-    status = search(folder, 2, &found);
+    status = search_folder(folder, 2, &found);
     for (int k = 0; status == SPIN_OK && k < SPIN_N_LPIPS; k++) {
         if (!found.backbone[k] || !found.lin[k])
             continue;
@@ -251,7 +254,7 @@ spin_status spin_lpips_find(const char *folder, int n_threads, struct spin_lpips
     }
     if (status == SPIN_OK && n == 0)
         status = spin_not_found(
-            "'%s' holds no LPIPS weights: put torchvision's vgg16 or alexnet there, and "
+            "'%s' contains no LPIPS weights: put torchvision's vgg16 or alexnet there, and "
             "the linear heads of the lpips package for the same network",
             folder);
     for (int k = 0; k < SPIN_N_LPIPS; k++) {
@@ -267,22 +270,22 @@ spin_status spin_lpips_find(const char *folder, int n_threads, struct spin_lpips
 
 /* ---- Convolution ----------------------------------------------------------------------------- */
 
-/* Out [n_out][pixels] = weights [n_out][terms] x patches [terms][pixels], where a term is an input
- * channel and a position in the kernel. A task is COLUMNS pixels; terms are processed DEPTH at a
- * time, so that their patches stay in cache. Every output is one sum in the order of the terms, for
- * any number of threads. */
+/* A convolution is the matrix product out [n_out][pixels] = weights [n_out][terms] x patches
+ * [terms][pixels]. A term is a pair of an input channel and a position in the kernel. A task
+ * computes COLUMNS output pixels, and processes DEPTH terms at a time, so that their patches stay
+ * in the cache. Each output is summed in the order of the terms, so the result does not depend on
+ * the number of threads. */
 enum { COLUMNS = 96, DEPTH = 256, MOST_OUT = 512, SCRATCH = (DEPTH + MOST_OUT) * COLUMNS };
 
 struct convolution {
     const struct layer *layer;
-    /* in [n_in][in_height][in_width], padded with zeros */
-    const float *weights, *bias, *in;
+    const float *weights, *bias, *in; /* in [n_in][in_height][in_width], padded with zeros */
     float *out, *scratch;
     size_t in_width, in_height, out_width, plane; /* plane: number of output pixels */
 };
 
-/* The inputs that term k multiplies, for output pixels [first, first + n). */
-static void take_patches(const struct convolution *c, size_t k, size_t first, size_t n, float *to)
+/* Gathers the inputs of term k for output pixels [first, first + n). */
+static void gather_patches(const struct convolution *c, size_t k, size_t first, size_t n, float *to)
 {
     size_t side = (size_t)c->layer->kernel, stride = (size_t)c->layer->stride;
     const float *corner =
@@ -312,7 +315,7 @@ static void convolve_block(void *context, size_t first, size_t end)
         size_t depth = terms - k < DEPTH ? terms - k : DEPTH;
 
         for (size_t i = 0; i < depth; i++)
-            take_patches(c, k + i, first, n, patches + i * COLUMNS);
+            gather_patches(c, k + i, first, n, patches + i * COLUMNS);
         spin_multiply_add((int)n_out, COLUMNS, (int)depth, c->weights + k, terms, patches,
                           k == 0 ? c->bias : NULL, k + depth == terms, sums);
     }
@@ -320,9 +323,9 @@ static void convolve_block(void *context, size_t first, size_t end)
         memcpy(c->out + row * c->plane + first, sums + row * COLUMNS, n * sizeof *sums);
 }
 
-/* Layer i with its ReLU, for an input of width x height. */
-static void convolve(struct spin_lpips *l, int i, int width, int height, const float *in,
-                     float *out)
+/* Computes layer i and its ReLU for an input of width x height. */
+static void convolve_layer(struct spin_lpips *l, int i, int width, int height, const float *in,
+                           float *out)
 {
     const struct layer *a = &networks[l->network].layer[i];
     size_t pad = (size_t)a->pad, w = (size_t)width, h = (size_t)height;
@@ -362,7 +365,7 @@ static void drop_plan(struct spin_lpips *l)
     l->width = l->height = 0;
 }
 
-static int pooled(int n, int window) { return window ? (n - window) / 2 + 1 : n; }
+static int pooled_size(int n, int window) { return window ? (n - window) / 2 + 1 : n; }
 
 static spin_status plan_layers(struct spin_lpips *l, int width, int height)
 {
@@ -372,7 +375,8 @@ static spin_status plan_layers(struct spin_lpips *l, int width, int height)
 
     for (int i = 0; i < net->n_layers; i++) {
         const struct layer *a = &net->layer[i];
-        int w = pooled(width, a->pool) + 2 * a->pad, h = pooled(height, a->pool) + 2 * a->pad;
+        int w = pooled_size(width, a->pool) + 2 * a->pad,
+            h = pooled_size(height, a->pool) + 2 * a->pad;
         size_t n = (size_t)a->n_in * (size_t)w * (size_t)h;
 
         most_padded = n > most_padded ? n : most_padded;
@@ -393,7 +397,7 @@ static spin_status plan_layers(struct spin_lpips *l, int width, int height)
                       (void **)&l->scratch);
 }
 
-static spin_status plan(struct spin_lpips *l, int width, int height)
+static spin_status plan_buffers(struct spin_lpips *l, int width, int height)
 {
     if (width < SPIN_LPIPS_SMALLEST || height < SPIN_LPIPS_SMALLEST)
         return spin_unsupported("LPIPS needs images of at least %d x %d pixels, not %d x %d",
@@ -426,7 +430,7 @@ void spin_lpips_close(struct spin_lpips *l)
 
 static void max_pool(int n, int width, int height, int window, const float *in, float *out)
 {
-    int to_width = pooled(width, window), to_height = pooled(height, window);
+    int to_width = pooled_size(width, window), to_height = pooled_size(height, window);
 
     for (int c = 0; c < n; c++)
         for (int y = 0; y < to_height; y++)
@@ -459,13 +463,13 @@ static void run_network(struct spin_lpips *l, const float *image, float *const *
 
         if (a->pool) {
             max_pool(a->n_in, width, height, a->pool, now, next);
-            width = pooled(width, a->pool);
-            height = pooled(height, a->pool);
+            width = pooled_size(width, a->pool);
+            height = pooled_size(height, a->pool);
             keep = now;
             now = next;
             next = keep;
         }
-        convolve(l, i, width, height, now, next);
+        convolve_layer(l, i, width, height, now, next);
         width = l->out_width[i];
         height = l->out_height[i];
         keep = now;
@@ -477,7 +481,7 @@ static void run_network(struct spin_lpips *l, const float *image, float *const *
     }
 }
 
-/* Sum over a block of n pixels; planes are `plane` apart. */
+/* The distance summed over a block of n pixels of a stage. Channel c begins at c * plane. */
 static double block_distance(int n_channels, size_t plane, size_t n, const float *f, const float *g,
                              const float *lin)
 {
@@ -527,7 +531,7 @@ spin_status spin_lpips_compare(struct spin_lpips *l, int width, int height, cons
     int stage = 0;
 
     *distance = NAN;
-    SPIN_TRY(plan(l, width, height));
+    SPIN_TRY(plan_buffers(l, width, height));
     run_network(l, image, l->feature[0]);
     run_network(l, truth, l->feature[1]);
     *distance = 0;

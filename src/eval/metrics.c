@@ -1,4 +1,4 @@
-/* Evaluation: render every view, compare, average. */
+/* Evaluation: renders every view, compares it with the ground truth, and averages the measures. */
 #include "eval/metrics.h"
 
 #include "base/base.h"
@@ -23,7 +23,8 @@ spin_status spin_write_beside(const char *path, int width, int height, const flo
     return spin_image_save(path, (int)whole, height, sheet, false);
 }
 
-/* Renders the same view of the source; NULL if there is no source to show. */
+/* Renders the view from the source into *out, which the caller frees. NULL if there is no source.
+ */
 static spin_status draw_source(struct spin_metrics *m, const struct spin_pair *pair, float **out)
 {
     const struct spin_camera *c = &m->clip->views.view[pair->view].camera;
@@ -56,7 +57,7 @@ static spin_status save_view(struct spin_metrics *m, const struct spin_pair *pai
     return spin_write_beside(path, view->camera.width, view->camera.height, picture, n);
 }
 
-static spin_status show(struct spin_metrics *m, int frame)
+static spin_status show_frame(struct spin_metrics *m, int frame)
 {
     int index = m->clip->frame[frame];
 
@@ -65,8 +66,8 @@ static spin_status show(struct spin_metrics *m, int frame)
     return spin_player_show(m->player, index);
 }
 
-/* PSNR of the whole image, and inside and outside the mask where there are enough pixels to be
- * meaningful. */
+/* Computes the measures of a view from the sums v. regions: also inside and outside the dynamic
+ * regions, unless there are too few pixels for a meaningful PSNR. */
 static void set_quality(const double v[SPIN_MEASURE_VALUES], double plane, bool regions,
                         double n_dynamic, struct spin_quality *q)
 {
@@ -92,14 +93,14 @@ static void set_quality(const double v[SPIN_MEASURE_VALUES], double plane, bool 
         q->psnr_static = spin_psnr(v[SPIN_MEASURE_OUTSIDE] / (3 * (plane - n_dynamic)));
 }
 
-/* Renders view i; the image stays on the device. */
+/* Renders pair i on the device. */
 static spin_status draw_one(struct spin_metrics *m, size_t i)
 {
     const struct spin_pair *pair = &m->pairs[i];
     double start = spin_now_s();
 
     if (i == 0 || m->pairs[i - 1].frame != pair->frame) {
-        SPIN_TRY(show(m, pair->frame));
+        SPIN_TRY(show_frame(m, pair->frame));
         SPIN_TRY(m->player->device->op->wait(m->player->device));
         m->seconds_decode += spin_now_s() - start;
         m->n_decoded++;
@@ -112,15 +113,15 @@ static spin_status draw_one(struct spin_metrics *m, size_t i)
     return SPIN_OK;
 }
 
-/* Images of a view on the host. */
+/* Host memory for the images of a view. */
 struct pictures {
-    float *image, *truth; /* [3][h][w] */
-    uint8_t *rgb8, *mask; /* [h][w][3]; one bit per pixel */
+    float *image, *truth; /* [3][h][w] rendered image, ground truth */
+    uint8_t *rgb8, *mask; /* ground truth [h][w][3]; dynamic mask, one bit per pixel */
 };
 
 /* Loads the ground truth and, if `regions`, its dynamic mask. */
-static spin_status load_photo(struct spin_metrics *m, size_t view, size_t plane, bool regions,
-                              struct pictures *p, size_t *n_dynamic)
+static spin_status load_ground_truth(struct spin_metrics *m, size_t view, size_t plane,
+                                     bool regions, struct pictures *p, size_t *n_dynamic)
 {
     SPIN_TRY(spin_image_cache_get_rgb8(m->pixels, view, p->rgb8));
     spin_image_floats(p->rgb8, plane, p->truth);
@@ -133,8 +134,8 @@ static spin_status load_photo(struct spin_metrics *m, size_t view, size_t plane,
 
 /* ---- The subject only ------------------------------------------------------------------------ */
 
-/* Number of pixels of the mask [h][w] dilated by half the SSIM window. SSIM is 1 outside, where the
- * windows of both images contain only background. */
+/* Number of pixels of the mask [h][w] after dilation by half the SSIM window. All other pixels have
+ * an SSIM of 1, since their windows contain only background. */
 static size_t count_grown(const uint8_t *mask, int width, int height)
 {
     size_t n = 0;
@@ -152,8 +153,8 @@ static size_t count_grown(const uint8_t *mask, int width, int height)
     return n;
 }
 
-/* Replaces everything outside the mask by the background, in ground truth and rendered image; the
- * remaining differences are those of the subject. */
+/* Measures the subject only: replaces all pixels outside the mask by the background, in ground
+ * truth and rendered image, and divides by the number of pixels of the mask. */
 static spin_status measure_subject(struct spin_metrics *m, const struct spin_camera *c, size_t view,
                                    struct pictures *p, struct spin_quality *q)
 {
@@ -187,14 +188,13 @@ static spin_status measure_subject(struct spin_metrics *m, const struct spin_cam
     return SPIN_OK;
 }
 
-/* Result of a view. */
+/* The results of a view that ranks exchange. */
 struct measured {
     struct spin_eval_view view;
     struct spin_colour_sums sums;
 };
 
-/* Renders the same view over one minus the background and compares it with the same ground
- * truth. */
+/* Renders the view over one minus the background, and compares it with the same ground truth. */
 static spin_status measure_opposite(struct spin_metrics *m, const struct spin_camera *c,
                                     const uint8_t *rgb8, double *psnr)
 {
@@ -220,7 +220,7 @@ static spin_status measure_one(struct spin_metrics *m, size_t i, struct pictures
     double values[SPIN_MEASURE_VALUES];
 
     SPIN_TRY(draw_one(m, i));
-    SPIN_TRY(load_photo(m, pair->view, plane, regions, p, &n_dynamic));
+    SPIN_TRY(load_ground_truth(m, pair->view, plane, regions, p, &n_dynamic));
     out->frame = m->clip->bundle.meta.frame[m->clip->frame[pair->frame]].number;
     out->camera = view->camera_id;
     if (m->subject) {
@@ -305,8 +305,8 @@ struct spin_quality spin_eval_mean(const struct spin_eval_report *r, const int *
 
 int spin_metrics_rank(int frame) { return frame % spin_n_ranks(); }
 
-/* Distributes the views that each rank measured to all ranks, in *view [n_pairs], and adds up the
- * times. */
+/* Sends the results of each rank to all ranks, in view [n_pairs], and sums the times over the
+ * ranks. */
 static spin_status merge_views(struct spin_metrics *m, struct measured *view)
 {
     SPIN_FREED struct times {
@@ -333,8 +333,8 @@ static spin_status merge_views(struct spin_metrics *m, struct measured *view)
     return SPIN_OK;
 }
 
-/* Adds the PSNR after the photometric fit. NaN for a subject, since the fit would include the
- * background around it. */
+/* Sets psnr_colour_fitted of all views. It is NaN if only the subject was measured, since the fit
+ * would include the background around the subject. */
 static spin_status add_fitted(struct measured *view, size_t n, bool subject)
 {
     SPIN_FREED struct spin_colour_sums *sums = NULL;

@@ -1,52 +1,49 @@
-/* Compares rendered images with the ground truth, over views (docs/method.md section 9). */
+/* Compares rendered images with the ground truth (docs/method.md, section 9). */
 #pragma once
 
 #include "eval/lpips.h"
 #include "eval/dynamic_mask.h"
 #include "render/player.h"
 
-/* Means over views; values that were not measured are NaN. */
+/* The measures of a view, or their means over views. NaN: not measured. */
 struct spin_quality {
     bool valid; /* false: nothing was measured */
+    /* psnr: from the mean squared error over all channels; psnr_channel_mean: mean of the PSNR of
+     * the three channels. */
     double psnr, ssim, psnr_channel_mean;
-    /* after a photometric fit: one gain and offset per channel, fitted to the camera's ground
-     * truth */
-    double psnr_colour_fitted;
-    /* inside and outside the dynamic regions; NaN with fewer than 16 such pixels */
+    double psnr_colour_fitted; /* PSNR after the photometric fit (eval/colour_fit.h) */
+    /* PSNR inside and outside the dynamic regions; NaN for fewer than 16 pixels. */
     double psnr_dynamic, psnr_static;
-    double dynamic; /* share of dynamic pixels */
-    /* rendered over one minus the background: lower where splats leave holes */
+    double dynamic; /* share of dynamic pixels, 0..1 */
+    /* PSNR of an image rendered over one minus the background; lower if splats leave holes. */
     double psnr_opposite;
     double lpips[SPIN_N_LPIPS];
 };
 
 struct spin_eval_view {
-    int frame, camera;     /* the source's frame number, camera_id */
-    struct spin_quality q; /* of this view */
+    int frame, camera; /* frame number of the source; camera_id */
+    struct spin_quality q;
 };
 
 struct spin_eval_report {
     struct spin_quality mean;
     struct spin_eval_view *view; /* [n_views] */
     size_t n_views;
-    int n_frames;
-    int n_bundle_frames;            /* all frames of the bundle, measured or not; storage counts all
-                                     * of them */
-    bool trained, refined;          /* which attributes were measured; neither: the source's */
-    enum spin_dynamic_from dynamic; /* where the dynamic regions came from; OFF: not measured */
-    /* mask of the subject, if only the subject was measured: "masks" or "alpha"; NULL: whole
-     * images */
-    const char *subject;
-    uint64_t left_out;     /* splats that cannot be rendered, over all frames */
-    double seconds_decode; /* per frame: positions and field to splats */
-    double seconds_draw;   /* per view of a decoded frame */
-    struct spin_bundle_bytes storage, unpacked;
+    int n_frames;                   /* number of measured frames */
+    int n_bundle_frames;            /* number of all frames of the bundle, as in storage */
+    bool trained, refined;          /* which attributes were measured; both false: the source's */
+    enum spin_dynamic_from dynamic; /* origin of the dynamic regions; OFF: not measured */
+    const char *subject;   /* "masks" or "alpha": only this mask was measured; NULL: whole images */
+    uint64_t left_out;     /* number of splats that cannot be rendered, over all frames */
+    double seconds_decode; /* mean time to decode a frame to splats */
+    double seconds_draw;   /* mean time to render a view of a decoded frame */
+    struct spin_bundle_bytes storage, unpacked; /* size of the bundle: packed, unpacked */
 };
 
 void spin_eval_report_free(struct spin_eval_report *report);
-/* Means over the views of one frame, of one camera, of both or (NULL, NULL) of all. A value that
- * was measured in some views only is the mean over those. valid is false if there is no such
- * view. */
+/* Means over the views of a frame (NULL: all frames) and a camera (NULL: all cameras). A measure
+ * that only some of the views have is the mean over these views. valid is false if there are no
+ * views. */
 struct spin_quality spin_eval_mean(const struct spin_eval_report *report, const int *frame,
                                    const int *camera);
 
@@ -56,33 +53,34 @@ struct spin_metrics {
     struct spin_image_cache *pixels;
     const struct spin_pair *pairs; /* sorted by frame */
     size_t n_pairs;
-    const float *background;
-    bool opposite; /* also render each view over one minus the background */
-    /* field in training: number of splats of each frame; else NULL */
+    const float *background; /* [3] */
+    bool opposite;           /* also measure psnr_opposite */
+    /* [clip->n_frames] during training: number of splats of each frame; NULL: not in training. */
     const size_t *live_counts;
-    struct spin_dynamic_mask *dynamic; /* separates dynamic regions, or NULL */
-    /* measure only this mask and replace the rest by the background, or NULL */
+    struct spin_dynamic_mask *dynamic; /* dynamic regions; NULL: not measured */
+    /* Measure only this mask, with the background everywhere else; NULL: measure whole images. */
     struct spin_dynamic_mask *subject;
-    struct spin_lpips *lpips[SPIN_N_LPIPS]; /* or NULL */
-    const char *images;                     /* folder for PNGs of ground truth | rendered, or
-                                             * NULL */
-    struct spin_player *source;             /* if set, the PNGs are ground truth | source |
-                                             * rendered */
-    const char *what;                       /* for the progress line */
-    struct spin_eval_view *view;            /* [n_pairs] out, or NULL */
-    double seconds_decode;                  /* out: all frames, field or file to splats */
-    double seconds_draw;                    /* out: all views */
-    int n_decoded;                          /* out: frames */
+    struct spin_lpips *lpips[SPIN_N_LPIPS]; /* NULL: not measured */
+    /* Folder for PNGs with ground truth and rendered image side by side; NULL: none. */
+    const char *images;
+    struct spin_player *source; /* not NULL: the PNGs show the source between these two images */
+    const char *what;           /* text of the progress line */
+
+    /* Results. */
+    struct spin_eval_view *view; /* [n_pairs], or NULL */
+    double seconds_decode;       /* total time to decode frames to splats */
+    double seconds_draw;         /* total time to render views */
+    int n_decoded;               /* number of decoded frames */
 };
 
-/* Means over the views. The frames are distributed over the ranks (io/ranks.h); view, times and
- * means are those of all ranks. */
+/* Measures all pairs and sets *mean to the means over the views. The frames are distributed over
+ * the ranks (io/ranks.h); every rank receives the results of all ranks. */
 spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean);
 
 /* The rank that measures a frame. */
 int spin_metrics_rank(int frame);
 
-/* Accumulates qualities; NaN counts as not measured. Initialise to zero. */
+/* Accumulates the measures of views; a NaN is not counted. Initialise to zero. */
 struct spin_quality_sum {
     struct spin_quality sum;
     size_t n, n_dynamic, n_still, n_share, n_opposite, n_lpips[SPIN_N_LPIPS];
@@ -90,6 +88,6 @@ struct spin_quality_sum {
 void spin_quality_add(struct spin_quality_sum *sum, const struct spin_quality *q);
 struct spin_quality spin_quality_mean(const struct spin_quality_sum *sum);
 
-/* Writes images [3][h][w] side by side into one PNG. */
+/* Writes n images [3][h][w] side by side into one PNG. */
 spin_status spin_write_beside(const char *path, int width, int height, const float *const *picture,
                               int n);

@@ -14,9 +14,10 @@
 #define MAGIC_BYTES 8
 #define MODEL "gaussian-birth"
 #define SCHEME "uniform-v1"
-#define NEVER_FADES 1 /* flag of a splat */
-/* A splat takes at least 34 bytes before compression, and its position is its own. A file that
- * unpacks to far more than 32 times its size is a decompression bomb. */
+#define NEVER_FADES 1 /* flag of a splat without a Gaussian window */
+/* A splat takes at least 34 bytes before compression, and positions compress badly, since no two
+ * splats share one. Refuse files that unpack to far more than 32 times their size (decompression
+ * bombs). */
 #define ROW_BYTES 34
 #define RATIO 32
 #define SLACK (1u << 20)
@@ -76,28 +77,28 @@ struct reader {
     size_t size;
     struct spin_4dgs *info;
     struct spin_splats_4d *splats;
-    unsigned seen; /* bits of the records that may occur only once */
+    unsigned seen; /* bit k: record k was read; only for records that must not occur twice */
     uint64_t n_said;
     double origin[3], step[N_STEPS];
     double *window; /* [n_windows][2] */
     size_t n_windows;
-    uint64_t n; /* splats of all chunks so far */
+    uint64_t n; /* number of splats in the chunks read so far */
     size_t n_chunks;
-    size_t first, n_in_chunk; /* rows of the last chunk */
-    unsigned bands;           /* bits of the SH bands of the last chunk */
+    size_t first, n_in_chunk; /* rows of the current chunk */
+    unsigned bands;           /* bit k: SH band k + 1 of the current chunk was read */
     int32_t *steps[N_ATTRIBUTES];
 };
 
 /* ---- Bytes ----------------------------------------------------------------------------------- */
 
-/* The unread bytes of a record. After an attempt to read past the end, all values are zero. */
+/* The unread bytes of a record. Reading past the end sets `cut` and returns zeros from then on. */
 struct cursor {
     const unsigned char *at;
     size_t left;
     bool cut;
 };
 
-static const unsigned char *take(struct cursor *c, uint64_t n)
+static const unsigned char *read_bytes(struct cursor *c, uint64_t n)
 {
     const unsigned char *at = c->at;
 
@@ -111,9 +112,9 @@ static const unsigned char *take(struct cursor *c, uint64_t n)
     return at;
 }
 
-static uint64_t take_number(struct cursor *c, int bytes)
+static uint64_t read_number(struct cursor *c, int bytes)
 {
-    const unsigned char *at = take(c, (uint64_t)bytes);
+    const unsigned char *at = read_bytes(c, (uint64_t)bytes);
     uint64_t value = 0;
 
     for (int b = 0; at && b < bytes; b++)
@@ -121,104 +122,105 @@ static uint64_t take_number(struct cursor *c, int bytes)
     return value;
 }
 
-static double take_real(struct cursor *c)
+static double read_double(struct cursor *c)
 {
-    uint64_t bits = take_number(c, 8);
+    uint64_t bits = read_number(c, 8);
     double value;
 
     memcpy(&value, &bits, sizeof value);
     return value;
 }
 
-static struct cursor take_block(struct cursor *c, int length_bytes)
+static struct cursor read_block(struct cursor *c, int length_bytes)
 {
-    uint64_t n = take_number(c, length_bytes);
-    const unsigned char *at = take(c, n);
+    uint64_t n = read_number(c, length_bytes);
+    const unsigned char *at = read_bytes(c, n);
 
     return (struct cursor){at ? at : (const unsigned char *)"", at ? (size_t)n : 0, false};
 }
 
-static bool says(const struct cursor *text, const char *word)
+static bool text_equals(const struct cursor *text, const char *word)
 {
     return text->left == strlen(word) && memcmp(text->at, word, text->left) == 0;
 }
 
-/* Precision for "%.*s". */
+/* Length of a text to print with "%.*s", at most 80 characters. */
 static int length_of(const struct cursor *text) { return text->left < 80 ? (int)text->left : 80; }
 
-/* ---- Records that occur once
- * ------------------------------------------------------------------ */
+/* ---- Records that occur once ----------------------------------------------------------------- */
 
 static spin_status read_header(struct reader *r, struct cursor *c)
 {
     struct cursor model;
     unsigned degree;
 
-    take_block(c, 4);
-    take_block(c, 4);
-    r->info->duration = take_real(c);
-    r->n_said = take_number(c, 8);
-    r->info->cutoff = take_real(c);
-    model = take_block(c, 4);
-    take(c, 48);
-    degree = (unsigned)take_number(c, 1);
+    read_block(c, 4);
+    read_block(c, 4);
+    r->info->duration = read_double(c);
+    r->n_said = read_number(c, 8);
+    r->info->cutoff = read_double(c);
+    model = read_block(c, 4);
+    read_bytes(c, 48);
+    degree = (unsigned)read_number(c, 1);
     if (c->cut)
         return SPIN_OK;
-    if (!says(&model, MODEL))
-        return spin_unsupported("temporal model '%.*s', expected '" MODEL "'", length_of(&model),
-                                (const char *)model.at);
+    if (!text_equals(&model, MODEL))
+        return spin_unsupported("header: temporal model '%.*s', expected '" MODEL "'",
+                                length_of(&model), (const char *)model.at);
     if (!(r->info->duration > 0) || !isfinite(r->info->duration))
-        return spin_malformed("header: a duration of %g", r->info->duration);
+        return spin_malformed("header: the duration is %g, expected above 0", r->info->duration);
     if (!(r->info->cutoff > 0) || r->info->cutoff > 1)
-        return spin_malformed("header: a cutoff of %g, expected above 0 and to 1", r->info->cutoff);
+        return spin_malformed("header: the cutoff is %g, expected above 0 and at most 1",
+                              r->info->cutoff);
     if (degree > 3)
-        return spin_unsupported("header: SH degree %u, expected 0 to 3", degree);
+        return spin_unsupported("header: the SH degree is %u, expected 0 to 3", degree);
     r->splats->sh_degree = (int)degree;
     return SPIN_OK;
 }
 
 static spin_status read_quantization(struct reader *r, struct cursor *c)
 {
-    struct cursor scheme = take_block(c, 4);
+    struct cursor scheme = read_block(c, 4);
     double sum = 0;
 
-    if (!c->cut && !says(&scheme, SCHEME))
-        return spin_unsupported("quantization '%.*s', expected '" SCHEME "'", length_of(&scheme),
-                                (const char *)scheme.at);
+    if (!c->cut && !text_equals(&scheme, SCHEME))
+        return spin_unsupported("quantization: scheme '%.*s', expected '" SCHEME "'",
+                                length_of(&scheme), (const char *)scheme.at);
     for (int k = 0; k < 3; k++)
-        sum += fabs(r->origin[k] = take_real(c));
+        sum += fabs(r->origin[k] = read_double(c));
     for (int k = 0; k < N_STEPS; k++)
-        sum += fabs(r->step[k] = take_real(c));
-    return isfinite(sum) ? SPIN_OK : spin_malformed("quantization: steps that are not finite");
+        sum += fabs(r->step[k] = read_double(c));
+    return isfinite(sum) ? SPIN_OK
+                         : spin_malformed("quantization: the origin or a step is not finite");
 }
 
 static spin_status read_windows(struct reader *r, struct cursor *c)
 {
-    uint64_t n = take_number(c, 4);
+    uint64_t n = read_number(c, 4);
 
     if (c->cut || n > c->left / 16)
-        return spin_malformed("window table: %llu windows in %zu bytes", (unsigned long long)n,
-                              c->left);
+        return spin_malformed("window table: too short: %llu windows in %zu bytes",
+                              (unsigned long long)n, c->left);
     if (n == 0)
-        return spin_malformed("window table: it is empty, so that no splat would be visible");
+        return spin_malformed("the window table is empty, so no splat is visible");
     r->n_windows = (size_t)n;
     SPIN_TRY(spin_alloc(r->n_windows, 2 * sizeof *r->window, (void **)&r->window));
     for (size_t i = 0; i < 2 * r->n_windows; i++) {
-        r->window[i] = take_real(c);
+        r->window[i] = read_double(c);
         if (isnan(r->window[i]))
-            return spin_malformed("window table: window %zu is not a number", i / 2);
+            return spin_malformed("window table: the start or end of window %zu is NaN", i / 2);
     }
     return SPIN_OK;
 }
 
-/* The index is not used, but its checksum shows whether the file is damaged. */
+/* Verifies the checksum of the index. The index itself is not used. */
 static spin_status read_footer(const struct reader *r, struct cursor *c, size_t at)
 {
-    uint64_t start = take_number(c, 8);
+    uint64_t start = read_number(c, 8);
     uint32_t crc;
 
-    take_number(c, 8);
-    crc = (uint32_t)take_number(c, 4);
+    read_number(c, 8);
+    crc = (uint32_t)read_number(c, 4);
     if (c->cut || start == 0 || crc == 0)
         return SPIN_OK;
     if (start > at || spin_crc32(0, r->file + start, at - (size_t)start) != crc)
@@ -228,9 +230,9 @@ static spin_status read_footer(const struct reader *r, struct cursor *c, size_t 
 
 /* ---- Streams --------------------------------------------------------------------------------- */
 
-/* Unpacks exactly n_out bytes into *out, which is allocated. */
-static spin_status unpack(unsigned codec, const struct cursor *packed, uint64_t n_out,
-                          unsigned char **out)
+/* Allocates *out and decompresses exactly n_out bytes into it. */
+static spin_status decompress(unsigned codec, const struct cursor *packed, uint64_t n_out,
+                              unsigned char **out)
 {
     size_t n = 0;
 
@@ -239,7 +241,7 @@ static spin_status unpack(unsigned codec, const struct cursor *packed, uint64_t 
         return spin_zstd_read(packed->at, packed->left, *out, (size_t)n_out);
     SPIN_TRY(spin_zlib_read(packed->at, packed->left, *out, (size_t)n_out + 1, &n));
     return n == n_out ? SPIN_OK
-                      : spin_malformed("zlib data that do not unpack to %llu bytes",
+                      : spin_malformed("the zlib data do not unpack to %llu bytes",
                                        (unsigned long long)n_out);
 }
 
@@ -251,23 +253,23 @@ struct stream {
     struct cursor packed;
 };
 
-static struct stream take_stream(struct cursor *c)
+static struct stream read_stream_head(struct cursor *c)
 {
     struct stream s;
 
-    s.attribute = (unsigned)take_number(c, 1);
-    s.symbol = (unsigned)take_number(c, 1);
-    s.mode = (unsigned)take_number(c, 1);
-    s.codec = (unsigned)take_number(c, 1);
-    s.channels = (unsigned)take_number(c, 1);
-    s.n = take_number(c, 4);
-    s.packed = take_block(c, 8);
+    s.attribute = (unsigned)read_number(c, 1);
+    s.symbol = (unsigned)read_number(c, 1);
+    s.mode = (unsigned)read_number(c, 1);
+    s.codec = (unsigned)read_number(c, 1);
+    s.channels = (unsigned)read_number(c, 1);
+    s.n = read_number(c, 4);
+    s.packed = read_block(c, 8);
     return s;
 }
 
-/* Decodes symbols to numbers [n][channels]. */
-static spin_status decode(const struct stream *s, const unsigned char *planes, size_t n_symbols,
-                          int32_t *out)
+/* Decodes symbols to integers, out [n][channels]. */
+static spin_status decode_symbols(const struct stream *s, const unsigned char *planes,
+                                  size_t n_symbols, int32_t *out)
 {
     size_t width = s->channels;
 
@@ -277,28 +279,31 @@ static spin_status decode(const struct stream *s, const unsigned char *planes, s
 
         v += s->mode == DIFFERENCE && i >= width ? out[i - width] : 0;
         if (v < INT32_MIN || v > INT32_MAX)
-            return spin_malformed("a number in row %zu does not fit in 32 bits", i / width);
+            return spin_malformed("a value in row %zu does not fit in 32 bits", i / width);
         out[i] = (int32_t)v;
     }
     return SPIN_OK;
 }
 
-/* Reads the numbers of n splats; *out is allocated. */
+/* Allocates *out, [n][channels], and reads the integers of n splats into it. */
 static spin_status read_stream(const struct stream *s, size_t n, int channels, int32_t **out)
 {
     size_t n_symbols = (s->mode == CONSTANT ? 1 : n) * (size_t)channels;
     SPIN_FREED unsigned char *planes = NULL;
 
     if (s->codec > 1)
-        return spin_unsupported("packed by codec %u, expected 0 (deflate) or 1 (zstd)", s->codec);
+        return spin_unsupported("codec %u is not supported, expected 0 (deflate) or 1 (zstd)",
+                                s->codec);
     if (s->n != n || s->channels != (unsigned)channels)
-        return spin_malformed("%llu x %u numbers, expected %zu x %d", (unsigned long long)s->n,
+        return spin_malformed("%llu x %u values, expected %zu x %d", (unsigned long long)s->n,
                               s->channels, n, channels);
     if (s->mode >= N_MODES || (s->symbol != 1 && s->symbol != 2 && s->symbol != 4))
-        return spin_malformed("symbols of %u bytes in mode %u", s->symbol, s->mode);
+        return spin_malformed("symbols of %u bytes and mode %u, expected 1, 2 or 4 "
+                              "bytes and mode 0, 1 or 2",
+                              s->symbol, s->mode);
     SPIN_TRY(spin_alloc(n * (size_t)channels, sizeof **out, (void **)out));
-    SPIN_TRY(unpack(s->codec, &s->packed, (uint64_t)n_symbols * s->symbol, &planes));
-    return decode(s, planes, n_symbols, *out);
+    SPIN_TRY(decompress(s->codec, &s->packed, (uint64_t)n_symbols * s->symbol, &planes));
+    return decode_symbols(s, planes, n_symbols, *out);
 }
 
 /* ---- Chunks ---------------------------------------------------------------------------------- */
@@ -308,9 +313,9 @@ static double clamp(double x, double least, double most)
     return x > least ? x < most ? x : most : least;
 }
 
-/* Rounds an end of a window down to a float. Windows are half open: a splat is visible at the first
- * time and not at the last. */
-static float at_or_below(double x)
+/* Rounds the start or end of a window down to a float. Windows are half open: a splat is visible at
+ * the start and invisible at the end. */
+static float round_down(double x)
 {
     float f = (float)clamp(x, -(double)SPIN_FOREVER, (double)SPIN_FOREVER);
 
@@ -323,8 +328,8 @@ static double motion_step(const struct reader *r, double life)
     return ldexp(r->step[STEP_MOTION], -(int)clamp(ceil(log2(clamp(life, 0.02, 2) / 0.5)), -4, 2));
 }
 
-/* The quantisation step of a splat's own time: a twentieth of its sigma or less, down to 2^-10 of
- * the file's step. */
+/* The quantisation step of a splat's centre in time: the file's step, halved until it is at most a
+ * twentieth of the splat's sigma, but at most ten times. */
 static double time_step(const struct reader *r, double sigma)
 {
     double step = r->step[STEP_TIME];
@@ -334,8 +339,9 @@ static double time_step(const struct reader *r, double sigma)
                : step;
 }
 
-/* Decodes three of the components x y z w, in this order; the largest is omitted and positive. */
-static void rotation_of(const int32_t *steps, int largest, double step, float wxyz[4])
+/* Decodes a quaternion x y z w from its three smaller components; the largest, which the file
+ * omits, is positive. */
+static void decode_rotation(const int32_t *steps, int largest, double step, float wxyz[4])
 {
     static const int place[4] = {1, 2, 3, 0};
     double rest = 1;
@@ -373,31 +379,31 @@ static void fill_row(const struct reader *r, size_t k, const double interval[2])
         s->paths[3 * i + c] = (float)(steps[MOTION][3 * k + c] * v);
         s->sh[n_sh * i + c] = (float)((clamp(bin * r->step[STEP_COLOUR], 0, 1) - 0.5) / SPIN_SH_C0);
     }
-    rotation_of(steps[ROTATION] + 3 * k, steps[LARGEST][k], r->step[STEP_ROTATION],
-                s->quats + 4 * i);
+    decode_rotation(steps[ROTATION] + 3 * k, steps[LARGEST][k], r->step[STEP_ROTATION],
+                    s->quats + 4 * i);
     s->logit_opacities[i] =
         spin_opacity_logit((float)clamp(steps[OPACITY][k] * r->step[STEP_OPACITY], 0, 1));
     s->times[i] = (float)(steps[MU][k] * (never_fades ? r->step[STEP_TIME] : time_step(r, sigma)));
     s->sigmas[i] = never_fades ? SPIN_FOREVER : (float)fmin(sigma, (double)SPIN_FOREVER);
-    s->cuts[2 * i] = at_or_below(fmax(window[0], interval[0]));
-    s->cuts[2 * i + 1] = at_or_below(fmin(window[1], interval[1]));
+    s->cuts[2 * i] = round_down(fmax(window[0], interval[0]));
+    s->cuts[2 * i + 1] = round_down(fmin(window[1], interval[1]));
 }
 
 static spin_status read_rows(struct reader *r, const double interval[2])
 {
     for (size_t k = 0; k < r->n_in_chunk; k++) {
         if (r->steps[WINDOW][k] < 0 || (size_t)r->steps[WINDOW][k] >= r->n_windows)
-            return spin_malformed("'window_index' %d in row %zu, of %zu windows",
+            return spin_malformed("'window_index' is %d in row %zu, but there are %zu windows",
                                   r->steps[WINDOW][k], k, r->n_windows);
         if (r->steps[LARGEST][k] < 0 || r->steps[LARGEST][k] > 3)
-            return spin_malformed("'rotation_index' %d in row %zu, expected 0 to 3",
+            return spin_malformed("'rotation_index' is %d in row %zu, expected 0 to 3",
                                   r->steps[LARGEST][k], k);
         fill_row(r, k, interval);
     }
     return SPIN_OK;
 }
 
-static void forget_steps(struct reader *r)
+static void free_steps(struct reader *r)
 {
     for (int a = 0; a < N_ATTRIBUTES; a++) {
         free(r->steps[a]);
@@ -405,29 +411,29 @@ static void forget_steps(struct reader *r)
     }
 }
 
-/* Reads all streams of a chunk, in any order; streams of unknown attributes are skipped. */
+/* Reads the streams of a chunk, which may be in any order. Skips unknown attributes. */
 static spin_status read_streams(struct reader *r, struct cursor *c, const double interval[2])
 {
     while (c->left > 0) {
-        struct stream s = take_stream(c);
+        struct stream s = read_stream_head(c);
 
         if (c->cut)
-            return spin_malformed("a stream extends beyond it");
+            return spin_malformed("a stream extends beyond the chunk");
         if (s.attribute >= N_ATTRIBUTES)
             continue;
         if (r->steps[s.attribute])
-            return spin_malformed("it has '%s' twice", attributes[s.attribute].name);
+            return spin_malformed("stream '%s' occurs twice", attributes[s.attribute].name);
         SPIN_TRY_IN(read_stream(&s, r->n_in_chunk, attributes[s.attribute].channels,
                                 &r->steps[s.attribute]),
-                    "'%s'", attributes[s.attribute].name);
+                    "stream '%s'", attributes[s.attribute].name);
     }
     for (int a = 0; a < N_ATTRIBUTES; a++)
         if (!r->steps[a])
-            return spin_malformed("it has no '%s'", attributes[a].name);
+            return spin_malformed("stream '%s' is missing", attributes[a].name);
     return read_rows(r, interval);
 }
 
-/* Reads a chunk's streams, which may also be compressed together. */
+/* Reads the streams of a chunk. With a codec, the whole chunk was compressed once more. */
 static spin_status read_chunk_block(struct reader *r, struct cursor *block,
                                     const struct cursor *codec, uint64_t bytes,
                                     const double interval[2])
@@ -437,24 +443,25 @@ static spin_status read_chunk_block(struct reader *r, struct cursor *block,
     if (codec->left == 0 && bytes == block->left)
         return read_streams(r, block, interval);
     if (codec->left == 0 || bytes > SLACK + (uint64_t)RATIO * block->left)
-        return spin_malformed("%llu bytes in %zu", (unsigned long long)bytes, block->left);
-    if (!says(codec, "deflate") && !says(codec, "zstd"))
-        return spin_unsupported("packed by '%.*s', expected 'deflate' or 'zstd'", length_of(codec),
-                                (const char *)codec->at);
-    SPIN_TRY(unpack(says(codec, "zstd"), block, bytes, &plain));
+        return spin_malformed("%zu bytes cannot unpack to %llu bytes", block->left,
+                              (unsigned long long)bytes);
+    if (!text_equals(codec, "deflate") && !text_equals(codec, "zstd"))
+        return spin_unsupported("codec '%.*s' is not supported, expected 'deflate' or 'zstd'",
+                                length_of(codec), (const char *)codec->at);
+    SPIN_TRY(decompress(text_equals(codec, "zstd"), block, bytes, &plain));
     return read_streams(r, &(struct cursor){plain, (size_t)bytes, false}, interval);
 }
 
-/* Ends a chunk: it must have all SH bands of the file's degree. */
+/* Checks that the current chunk had all SH bands of the file's degree. */
 static spin_status end_chunk(const struct reader *r)
 {
     if (r->n_in_chunk > 0 && r->bands != (1u << r->splats->sh_degree) - 1)
-        return spin_malformed("chunk %zu: it lacks SH bands of degree %d", r->n_chunks - 1,
-                              r->splats->sh_degree);
+        return spin_malformed("chunk %zu: an SH band is missing, expected bands 1 to %d",
+                              r->n_chunks - 1, r->splats->sh_degree);
     return SPIN_OK;
 }
 
-/* Counts the splats of a chunk; in the second pass, when memory is reserved, also reads them. */
+/* Counts the splats of a chunk. In the second pass, when memory is reserved, reads them as well. */
 static spin_status read_chunk(struct reader *r, struct cursor *c)
 {
     double interval[2];
@@ -462,13 +469,13 @@ static spin_status read_chunk(struct reader *r, struct cursor *c)
     uint64_t bytes, n;
     spin_status status;
 
-    interval[0] = take_real(c);
-    interval[1] = take_real(c);
-    take_number(c, 4);
-    n = take_number(c, 4);
-    codec = take_block(c, 4);
-    bytes = take_number(c, 8);
-    block = take_block(c, 8);
+    interval[0] = read_double(c);
+    interval[1] = read_double(c);
+    read_number(c, 4);
+    n = read_number(c, 4);
+    codec = read_block(c, 4);
+    bytes = read_number(c, 8);
+    block = read_block(c, 8);
     if (c->cut)
         return SPIN_OK;
     r->n += n;
@@ -482,34 +489,35 @@ static spin_status read_chunk(struct reader *r, struct cursor *c)
     if (n == 0)
         return SPIN_OK;
     if (isnan(interval[0]) || isnan(interval[1]))
-        status = spin_malformed("its interval is not a number");
+        status = spin_malformed("the start or end of the interval is NaN");
     else
         status = read_chunk_block(r, &block, &codec, bytes, interval);
-    forget_steps(r);
+    free_steps(r);
     return spin_fail_context(status, "chunk %zu", r->n_chunks - 1);
 }
 
-/* Reads an SH band: the coefficients of red, then green, then blue; bytes for -4 to 4. */
+/* Reads an SH band: all coefficients of red, then green, then blue. Codes 0..255 are -4..4. */
 static spin_status read_band(struct reader *r, struct cursor *c)
 {
     const struct spin_splats_4d *s = r->splats;
-    size_t n_sh = 3 + spin_n_rest(s->sh_degree), b = (size_t)take_number(c, 1), width = 2 * b + 1;
-    struct stream stream = take_stream(c);
+    size_t n_sh = 3 + spin_n_rest(s->sh_degree), b = (size_t)read_number(c, 1), width = 2 * b + 1;
+    struct stream stream = read_stream_head(c);
     SPIN_FREED int32_t *codes = NULL;
     spin_status status;
 
     if (c->cut || !s->centres || (r->n_chunks > 0 && r->n_in_chunk == 0))
         return SPIN_OK;
     if (b < 1 || b > (size_t)s->sh_degree || r->n_chunks == 0 || r->bands & 1u << (b - 1))
-        return spin_malformed("SH band %zu occurs twice, or is above the scene's degree %d", b,
-                              s->sh_degree);
+        return spin_malformed("SH band %zu occurs twice, precedes all chunks, or is above the SH "
+                              "degree %d of the file",
+                              b, s->sh_degree);
     r->bands |= 1u << (b - 1);
     status = read_stream(&stream, r->n_in_chunk, (int)(3 * width), &codes);
     for (size_t k = 0; status == SPIN_OK && k < 3 * width * r->n_in_chunk; k++) {
         size_t row = k / (3 * width), channel = k / width % 3, m = k % width;
 
         if (codes[k] < 0 || codes[k] > 255)
-            status = spin_malformed("%d in row %zu, expected 0 to 255", codes[k], row);
+            status = spin_malformed("code %d in row %zu, expected 0 to 255", codes[k], row);
         s->sh[n_sh * (r->first + row) + 3 * (b * b + m) + channel] =
             (float)(codes[k] * 8 / 255.0 - 4);
     }
@@ -518,15 +526,15 @@ static spin_status read_band(struct reader *r, struct cursor *c)
 
 /* ---- The file -------------------------------------------------------------------------------- */
 
-/* Reads a record in one of two passes. The first reads the records that occur once and counts
- * splats; the second reads the splats. */
+/* Reads a record in the first or second pass over the file. The first pass reads the records that
+ * occur once and counts the splats; the second pass reads the splats. */
 static spin_status read_record(struct reader *r, unsigned opcode, struct cursor *c, size_t at)
 {
     bool first_pass = !r->splats->centres, once = opcode <= WINDOWS;
 
     if (once && first_pass) {
         if (opcode < HEADER || r->seen & 1u << opcode)
-            return spin_malformed("a second record %02x, or one of opcode 0", opcode);
+            return spin_malformed("record %02x occurs twice or is invalid", opcode);
         if (opcode != HEADER && !(r->seen & 1u << HEADER))
             return spin_malformed("record %02x precedes the header", opcode);
         r->seen |= 1u << opcode;
@@ -545,11 +553,11 @@ static spin_status read_record(struct reader *r, unsigned opcode, struct cursor 
     case SH_BAND:
         return read_band(r, c);
     case DELTA_CHUNK:
-        return spin_unsupported("delta chunks of the model 'keyframe-delta' are not read");
+        return spin_unsupported("delta chunks (model 'keyframe-delta') are not supported");
     case OBJECT_TRACK:
-        take(c, 5);
-        return take_number(c, 4) == 0 ? SPIN_OK
-                                      : spin_unsupported("tracks of rigid objects are not read");
+        read_bytes(c, 5);
+        return read_number(c, 4) == 0 ? SPIN_OK
+                                      : spin_unsupported("object tracks are not supported");
     case CAMERA:
         r->info->camera = true;
         return SPIN_OK;
@@ -569,8 +577,8 @@ static spin_status read_records(struct reader *r)
         size_t at = (size_t)(file.at - r->file);
         struct cursor record;
 
-        opcode = (unsigned)take_number(&file, 1);
-        record = take_block(&file, 8);
+        opcode = (unsigned)read_number(&file, 1);
+        record = read_block(&file, 8);
         if (file.cut)
             return spin_malformed("record %02x at byte %zu extends beyond the file", opcode, at);
         SPIN_TRY(read_record(r, opcode, &record, at));
@@ -587,20 +595,21 @@ static spin_status read_all(struct reader *r)
     static const unsigned all = 1u << HEADER | 1u << QUANTIZATION | 1u << WINDOWS | 1u << FOOTER;
 
     if (r->size < 2 * MAGIC_BYTES || memcmp(r->file, MAGIC, MAGIC_BYTES) != 0)
-        return spin_malformed("it does not begin with the magic of .4dgs version 1");
+        return spin_malformed("not a .4dgs of version 1: the magic number is missing");
     if (memcmp(r->file + r->size - MAGIC_BYTES, MAGIC, MAGIC_BYTES) != 0)
-        return spin_malformed("it is truncated: the magic at its end is missing");
+        return spin_malformed("truncated: the magic number at the end of the file is missing");
     SPIN_TRY(read_records(r));
     if (r->seen != all)
-        return spin_malformed("it has no %s",
+        return spin_malformed("record '%s' is missing",
                               !(r->seen & 1u << QUANTIZATION) ? "quantization" : "window table");
     if (r->n != r->n_said)
-        return spin_malformed("%llu splats in its chunks, but %llu in its header",
+        return spin_malformed("the chunks contain %llu splats, the header declares %llu",
                               (unsigned long long)r->n, (unsigned long long)r->n_said);
     if (r->n == 0)
-        return spin_malformed("0 splats");
+        return spin_malformed("the file contains no splats");
     if (r->n * ROW_BYTES > SLACK + (uint64_t)RATIO * r->size)
-        return spin_malformed("%llu splats in %zu bytes", (unsigned long long)r->n, r->size);
+        return spin_malformed("%zu bytes cannot contain %llu splats", r->size,
+                              (unsigned long long)r->n);
     SPIN_TRY(
         spin_splats_4d_reserve(r->splats, (size_t)r->n, 1, r->splats->sh_degree, SPIN_4D_CUTS));
     r->splats->least_weight = r->info->cutoff;
@@ -615,7 +624,7 @@ spin_status spin_4dgs_read(const unsigned char *file, size_t size, struct spin_4
 
     *out = (struct spin_4dgs){0};
     status = read_all(&r);
-    forget_steps(&r);
+    free_steps(&r);
     free(r.window);
     return status;
 }

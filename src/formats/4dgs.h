@@ -1,31 +1,39 @@
-/* .4dgs of avala-ai, version 1 (draft): 4D splats, each visible once, in its own window of time.
- * Everything is little endian: the magic, records, the magic again. A record is an opcode, the
- * length of its content (8 bytes), and the content, to which later writers may append fields:
+/* .4dgs of avala-ai, version 1 (draft): 4D splats, each visible during one interval of time. A file
+ * is little endian. It consists of a magic number, records, and the magic number again. A record is
+ * an opcode (1 byte), the length of its content (8 bytes), and the content, to which newer writers
+ * may append fields:
  *
- *     01  header         profile, writer, duration, splats, cutoff, temporal model, bounding box,
- *                        SH degree, flags
- *     03  quantization   scheme, origin of positions, steps of everything else
- *     04  window table   first and end of each window
- *     05  chunk          its interval, level, splats, codec, and streams of all attributes
- *     07  SH band        the band, and a stream of its coefficients for the preceding chunk
+ *     01  header         profile, writer, duration, number of splats, cutoff, temporal model,
+ *                        bounding box, SH degree, flags
+ *     03  quantization   scheme, origin of positions, quantisation steps
+ *     04  window table   start and end of each window
+ *     05  chunk          interval of time, level, number of splats, codec, and one stream for each
+ *                        attribute
+ *     07  SH band        number of the band, and a stream of its coefficients for the splats of the
+ *                        preceding chunk
  *     02  footer         offset of the index, and its checksum
  *
- * A stream is 17 bytes (attribute, bytes of a symbol, mode, codec, channels, 4 bytes: elements, 8
- * bytes: length) and byte planes (planes.h) compressed by zlib or zstd; text is 4 bytes of length
- * and its bytes. A splat is visible within its window and the interval of its chunk, while its
- * Gaussian window is at or above the cutoff. The steps of velocity and own time depend on sigma. */
+ * A stream is a header of 17 bytes, followed by byte planes (planes.h) that are compressed by zlib
+ * or zstd. The stream header contains attribute, bytes per symbol, mode, codec and channels in one
+ * byte each, the number of elements in 4 bytes, and the compressed length in 8 bytes. A text is a
+ * 4-byte length followed by its characters.
+ *
+ * A splat is visible while three conditions hold: the time is within the splat's entry of the
+ * window table, the time is within the interval of the splat's chunk, and the splat's Gaussian
+ * window is at or above the cutoff. The quantisation steps of a splat's velocity and centre in time
+ * depend on its sigma. */
 #pragma once
 
 #include "spin.h"
 
 struct spin_4dgs {
-    double duration;    /* seconds from 0 */
-    double cutoff;      /* least value of the Gaussian window */
-    bool sound, camera; /* the file also contains these */
+    double duration;    /* of the clip in seconds; times start at 0 */
+    double cutoff;      /* splats are not drawn while their Gaussian window is below this value */
+    bool sound, camera; /* the file contains sound, or a camera path */
 };
 
-/* Reads a whole file in memory; the splats are not settled yet. The ends of windows, which are
- * doubles in the file, are rounded down to floats. keyframe-delta models and object tracks are
- * refused with an error that names them. Errors do not name the file. */
+/* Reads a whole file that is in memory. The caller must call spin_splats_4d_settle() on the splats.
+ * The ends of windows, which are doubles in the file, are rounded down to floats. Files with
+ * keyframe-delta models or object tracks are refused. Error messages do not contain the path. */
 spin_status spin_4dgs_read(const unsigned char *file, size_t size, struct spin_4dgs *out,
                            struct spin_splats_4d *splats);

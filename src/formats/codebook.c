@@ -2,15 +2,15 @@
 
 #include "base/base.h"
 
-#define BINS 4096     /* bins of the histogram that gives the initial values */
-#define MOST_STEPS 60 /* limit of the iterations of Lloyd's algorithm */
+#define BINS 4096     /* bins of the histogram from which the initial numbers are chosen */
+#define MOST_STEPS 60 /* maximum number of iterations of Lloyd's algorithm */
 #define CUT_STEPS 6   /* iterations of 2-means */
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
 
-/* Sorts n floats in ascending order: radix sort on their bits, 11 at a time. room: scratch memory
- * for n floats. */
-static void sort(float *values, float *room, size_t n)
+/* Radix sort of n floats in ascending order, 11 bits per pass. room: scratch memory for n
+ * floats. */
+static void sort_floats(float *values, float *room, size_t n)
 {
     enum { BITS = 11, N = 1 << BITS };
 
@@ -35,7 +35,7 @@ static void sort(float *values, float *room, size_t n)
     }
 }
 
-/* Number of the n ascending values that are below v. */
+/* Counts the values below v, by binary search. */
 static size_t count_below(const float *sorted, size_t n, double v)
 {
     size_t low = 0, high = n;
@@ -51,21 +51,22 @@ static size_t count_below(const float *sorted, size_t n, double v)
     return low;
 }
 
-static double root_in(const float *sorted, size_t n, double low, double width)
+static double density_root(const float *sorted, size_t n, double low, double width)
 {
     return cbrt((double)(count_below(sorted, n, low + width) - count_below(sorted, n, low)));
 }
 
-/* Initial values: at equal shares of the integral of the cube root of the density. */
-static void first_places(const float *sorted, size_t n, double place[SPIN_CODEBOOK])
+/* Chooses the initial numbers: between each of them and the next, the cube root of the density of
+ * the values has the same integral. */
+static void choose_initial(const float *sorted, size_t n, double place[SPIN_CODEBOOK])
 {
     double low = sorted[0], width = ((double)sorted[n - 1] - low) / BINS, sum = 0, share = 0;
     int k = 0;
 
     for (int b = 0; b < BINS; b++)
-        sum += root_in(sorted, n, low + b * width, width);
+        sum += density_root(sorted, n, low + b * width, width);
     for (int b = 0; b < BINS; b++) {
-        share += root_in(sorted, n, low + b * width, width);
+        share += density_root(sorted, n, low + b * width, width);
         while (k < SPIN_CODEBOOK && share >= sum * (k + 0.5) / SPIN_CODEBOOK)
             place[k++] = low + (b + 0.5) * width;
     }
@@ -73,9 +74,10 @@ static void first_places(const float *sorted, size_t n, double place[SPIN_CODEBO
         place[k++] = sorted[n - 1];
 }
 
-/* One iteration: replaces each place by the mean of the values nearest to it. False if none
- * moved. */
-static bool step(const float *sorted, const double *before, size_t n, double place[SPIN_CODEBOOK])
+/* One iteration of Lloyd's algorithm: replaces each number by the mean of the values that are
+ * nearest to it. before[i]: sum of the first i values. Returns false if no number changed. */
+static bool move_to_means(const float *sorted, const double *before, size_t n,
+                          double place[SPIN_CODEBOOK])
 {
     size_t from = 0;
     bool moved = false;
@@ -106,12 +108,12 @@ spin_status spin_codebook_make(const float *values, size_t n, float book[SPIN_CO
     SPIN_TRY(spin_alloc(n + 1, sizeof *before, (void **)&before));
     if (n > 0) {
         memcpy(sorted, values, n * sizeof *sorted);
-        sort(sorted, (float *)before, n);
+        sort_floats(sorted, (float *)before, n);
         before[0] = 0;
         for (size_t i = 0; i < n; i++)
             before[i + 1] = before[i] + (double)sorted[i];
-        first_places(sorted, n, place);
-        for (int i = 0; i < MOST_STEPS && step(sorted, before, n, place); i++)
+        choose_initial(sorted, n, place);
+        for (int i = 0; i < MOST_STEPS && move_to_means(sorted, before, n, place); i++)
             ;
     }
     for (int k = 0; k < SPIN_CODEBOOK; k++) {
@@ -138,33 +140,35 @@ unsigned char spin_codebook_nearest(const float book[SPIN_CODEBOOK], float value
 
 /* ---- Vectors --------------------------------------------------------------------------------- */
 
-/* Rows that share a vector: n entries of the order, from `first` on. After it was divided, the
- * first n_front of them are one side and the rest the other. */
-struct part {
-    size_t first, n, n_front; /* 0: it cannot be divided */
+/* A cluster of rows that share a palette vector: order[first .. first + n). If it was divided, the
+ * first n_front rows form one half and the other rows the second half. */
+struct cluster {
+    size_t first, n, n_front; /* n_front 0: cannot be divided */
     double error;             /* sum of squared distances to the mean */
-    double side_error[2];
-    bool divided;
+    double side_error[2];     /* the same for each half */
+    bool divided;             /* division was tried; n_front and side_error are set */
 };
 
-struct cutting {
+struct clustering {
     const float *rows;
     size_t width;
     uint32_t *order;
-    struct part *part; /* a max-heap by error */
-    size_t n_parts;
-    struct part *batch; /* [BATCH] removed from the heap */
-    double *sums;       /* [workers][SUMS][width] */
+    struct cluster *cluster; /* max-heap by error */
+    size_t n_clusters;
+    struct cluster *batch; /* [BATCH] taken from the heap to be divided */
+    double *sums;          /* [workers][SUMS][width] */
     uint32_t *label;
     float *palette;
 };
 
-enum { BATCH = 256 };                               /* parts that are divided in parallel */
-enum { MEAN, SPREAD, CENTRES, SUMS = CENTRES + 2 }; /* vectors in a worker's scratch memory */
+enum { BATCH = 256 }; /* maximum number of clusters that are divided in parallel */
+/* Vectors in a worker's scratch memory: mean, spread of each coordinate, two centres. */
+enum { MEAN, SPREAD, CENTRES, SUMS = CENTRES + 2 };
 
-/* Computes the mean, sum[0..width), and returns the sum of squared distances to it; `widest` is the
- * coordinate that contributes most. */
-static double measure(const struct cutting *c, size_t first, size_t n, double *sum, size_t *widest)
+/* Computes the mean of rows order[first .. first + n) into sum[0..width) and returns the sum of
+ * squared distances to the mean. *widest: the coordinate that contributes most to this sum. */
+static double measure_cluster(const struct clustering *c, size_t first, size_t n, double *sum,
+                              size_t *widest)
 {
     double *mean = sum, *squares = sum + SPREAD * c->width, error = 0;
 
@@ -187,7 +191,7 @@ static double measure(const struct cutting *c, size_t first, size_t n, double *s
     return error;
 }
 
-/* Four independent sums, so that the processor can overlap the additions. */
+/* Dot product. Four independent partial sums let the processor overlap the additions. */
 static double dot(const float *row, const double *w, size_t n)
 {
     double sum[4] = {0};
@@ -201,14 +205,14 @@ static double dot(const float *row, const double *w, size_t n)
     return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
 
-/* Moves rows nearer to the first of two centres to the front and returns their number. If both
- * sides have rows, the centres, [2][width], become the means of the two. across: scratch memory,
- * [width]. */
-static size_t divide(const struct cutting *c, const struct part *p, const double *mean,
-                     double *across, double *centre)
+/* Moves the rows that are nearer to the first of two centres, [2][width], to the front and returns
+ * their number. If both centres have rows, replaces each centre by the mean of its rows. across:
+ * scratch memory, [width]. */
+static size_t divide_by_centres(const struct clustering *c, const struct cluster *p,
+                                const double *mean, double *across, double *centre)
 {
     size_t front = p->first, width = c->width, n;
-    double middle = 0; /* of the plane between them */
+    double middle = 0; /* offset of the plane between the centres */
 
     for (size_t k = 0; k < width; k++) {
         double one = centre[k], two = centre[width + k];
@@ -239,15 +243,16 @@ static size_t divide(const struct cutting *c, const struct part *p, const double
     return n;
 }
 
-/* Divides a part by 2-means, which starts on both sides of the mean along the widest coordinate.
- * Returns the rows of the first side, 0 if the part cannot be divided. */
-static size_t cut(const struct cutting *c, const struct part *p, double *sum)
+/* Divides a cluster by 2-means. The initial centres lie one standard deviation from the mean, in
+ * both directions of the widest coordinate. Returns the number of rows in the first half, or 0 if
+ * the cluster cannot be divided. */
+static size_t divide_cluster(const struct clustering *c, const struct cluster *p, double *sum)
 {
     double *mean = sum + MEAN * c->width, *spread = sum + SPREAD * c->width;
     double *centre = sum + CENTRES * c->width, apart;
     size_t widest, n = 0;
 
-    if (!(measure(c, p->first, p->n, sum, &widest) > 0))
+    if (!(measure_cluster(c, p->first, p->n, sum, &widest) > 0))
         return 0;
     apart = sqrt(spread[widest] / (double)p->n);
     memcpy(centre, mean, c->width * sizeof *centre);
@@ -257,7 +262,7 @@ static size_t cut(const struct cutting *c, const struct part *p, double *sum)
     for (int i = 0; i < CUT_STEPS; i++) {
         size_t before = n;
 
-        n = divide(c, p, mean, spread, centre);
+        n = divide_by_centres(c, p, mean, spread, centre);
         if (n == 0 || n == p->n)
             return 0;
         if (n == before)
@@ -266,99 +271,101 @@ static size_t cut(const struct cutting *c, const struct part *p, double *sum)
     return n;
 }
 
-/* Divides one part of the batch. It reorders only the rows of this part, so parts can be divided in
- * parallel. */
+/* Divides one cluster of the batch. Only the rows of this cluster are reordered, so clusters can be
+ * divided in parallel. */
 static void divide_task(void *context, int task)
 {
-    struct cutting *c = context;
-    struct part *p = &c->batch[task];
+    struct clustering *c = context;
+    struct cluster *p = &c->batch[task];
     double *sum = c->sums + SUMS * c->width * (size_t)spin_pool_worker();
     size_t widest;
 
     if (p->divided)
         return;
     p->divided = true;
-    p->n_front = cut(c, p, sum);
+    p->n_front = divide_cluster(c, p, sum);
     if (p->n_front == 0)
         return;
-    p->side_error[0] = measure(c, p->first, p->n_front, sum, &widest);
-    p->side_error[1] = measure(c, p->first + p->n_front, p->n - p->n_front, sum, &widest);
+    p->side_error[0] = measure_cluster(c, p->first, p->n_front, sum, &widest);
+    p->side_error[1] = measure_cluster(c, p->first + p->n_front, p->n - p->n_front, sum, &widest);
 }
 
-static void push(struct cutting *c, struct part p)
+static void push_cluster(struct clustering *c, struct cluster p)
 {
-    size_t i = c->n_parts++;
+    size_t i = c->n_clusters++;
 
-    for (; i > 0 && c->part[(i - 1) / 2].error < p.error; i = (i - 1) / 2)
-        c->part[i] = c->part[(i - 1) / 2];
-    c->part[i] = p;
+    for (; i > 0 && c->cluster[(i - 1) / 2].error < p.error; i = (i - 1) / 2)
+        c->cluster[i] = c->cluster[(i - 1) / 2];
+    c->cluster[i] = p;
 }
 
-/* Removes the part with the largest error. */
-static struct part pop(struct cutting *c)
+/* Removes and returns the cluster with the largest error. */
+static struct cluster pop_cluster(struct clustering *c)
 {
-    struct part top = c->part[0], last = c->part[--c->n_parts];
+    struct cluster top = c->cluster[0], last = c->cluster[--c->n_clusters];
     size_t i = 0;
 
     for (;;) {
         size_t child = 2 * i + 1;
 
-        if (child + 1 < c->n_parts && c->part[child + 1].error > c->part[child].error)
+        if (child + 1 < c->n_clusters && c->cluster[child + 1].error > c->cluster[child].error)
             child++;
-        if (child >= c->n_parts || c->part[child].error <= last.error)
+        if (child >= c->n_clusters || c->cluster[child].error <= last.error)
             break;
-        c->part[i] = c->part[child];
+        c->cluster[i] = c->cluster[child];
         i = child;
     }
-    c->part[i] = last;
+    c->cluster[i] = last;
     return top;
 }
 
-/* Divides the parts with the largest errors in parallel. The result does not depend on the number
- * of threads. */
-static void divide_largest(struct cutting *c, size_t n_left, struct spin_pool *pool)
+/* Divides the clusters with the largest errors in parallel. The batch size does not depend on the
+ * number of threads, so neither does the result. */
+static void divide_largest(struct clustering *c, size_t n_left, struct spin_pool *pool)
 {
     int n = 0;
 
-    while (n < BATCH && (size_t)n < n_left && c->n_parts > 0)
-        c->batch[n++] = pop(c);
+    while (n < BATCH && (size_t)n < n_left && c->n_clusters > 0)
+        c->batch[n++] = pop_cluster(c);
     spin_pool_run(pool, n, divide_task, c);
     for (int k = 0; k < n; k++)
-        push(c, c->batch[k]);
+        push_cluster(c, c->batch[k]);
 }
 
-static void cut_all(struct cutting *c, size_t n_colours, struct spin_pool *pool)
+static void divide_all(struct clustering *c, size_t n_colours, struct spin_pool *pool)
 {
-    while (c->n_parts < n_colours && c->part[0].error > 0) {
-        struct part p;
+    while (c->n_clusters < n_colours && c->cluster[0].error > 0) {
+        struct cluster p;
 
-        if (!c->part[0].divided) {
-            divide_largest(c, n_colours - c->n_parts, pool);
+        if (!c->cluster[0].divided) {
+            divide_largest(c, n_colours - c->n_clusters, pool);
             continue;
         }
-        p = pop(c);
+        p = pop_cluster(c);
         if (p.n_front == 0) {
-            p.error = 0; /* never to be divided */
-            push(c, p);
+            p.error = 0; /* sinks in the heap, so it is not tried again */
+            push_cluster(c, p);
             continue;
         }
-        push(c, (struct part){.first = p.first, .n = p.n_front, .error = p.side_error[0]});
-        push(c, (struct part){
-                    .first = p.first + p.n_front, .n = p.n - p.n_front, .error = p.side_error[1]});
+        push_cluster(c,
+                     (struct cluster){.first = p.first, .n = p.n_front, .error = p.side_error[0]});
+        push_cluster(c, (struct cluster){.first = p.first + p.n_front,
+                                         .n = p.n - p.n_front,
+                                         .error = p.side_error[1]});
     }
 }
 
-/* Computes the vectors of parts [i, end), and labels their rows. */
+/* Computes the palette vectors of clusters [i, end), and labels their rows. */
 static void finish_task(void *context, size_t i, size_t end)
 {
-    struct cutting *c = context;
+    struct clustering *c = context;
     double *sum = c->sums + SUMS * c->width * (size_t)spin_pool_worker();
     size_t widest;
 
     for (; i < end; i++) {
-        const struct part *p = &c->part[i];
+        const struct cluster *p = &c->cluster[i];
 
-        measure(c, p->first, p->n, sum, &widest);
+        measure_cluster(c, p->first, p->n, sum, &widest);
         for (size_t k = 0; k < c->width; k++)
             c->palette[i * c->width + k] = (float)sum[k];
         for (size_t j = p->first; j < p->first + p->n; j++)
@@ -370,7 +377,7 @@ spin_status spin_palette_make(const float *rows, size_t n, size_t width, size_t 
                               struct spin_pool *pool, uint32_t *label, float *palette,
                               size_t *n_used)
 {
-    struct cutting c = {.rows = rows, .width = width, .label = label, .palette = palette};
+    struct clustering c = {.rows = rows, .width = width, .label = label, .palette = palette};
     size_t n_workers = pool ? (size_t)spin_pool_n_threads(pool) : 1, widest;
     spin_status status;
 
@@ -378,19 +385,19 @@ spin_status spin_palette_make(const float *rows, size_t n, size_t width, size_t 
     if (n == 0 || n_colours == 0)
         return SPIN_OK;
     SPIN_TRY_OUT(spin_alloc(n, sizeof *c.order, (void **)&c.order));
-    SPIN_TRY_OUT(spin_alloc(n_colours + 1, sizeof *c.part, (void **)&c.part));
+    SPIN_TRY_OUT(spin_alloc(n_colours + 1, sizeof *c.cluster, (void **)&c.cluster));
     SPIN_TRY_OUT(spin_alloc(BATCH, sizeof *c.batch, (void **)&c.batch));
     SPIN_TRY_OUT(spin_alloc(n_workers, (SUMS * width + 1) * sizeof *c.sums, (void **)&c.sums));
     for (size_t i = 0; i < n; i++)
         c.order[i] = (uint32_t)i;
-    push(&c, (struct part){.n = n, .error = measure(&c, 0, n, c.sums, &widest)});
-    cut_all(&c, n_colours, pool);
-    spin_pool_rows(pool, c.n_parts, BATCH, finish_task, &c);
-    *n_used = c.n_parts;
+    push_cluster(&c, (struct cluster){.n = n, .error = measure_cluster(&c, 0, n, c.sums, &widest)});
+    divide_all(&c, n_colours, pool);
+    spin_pool_rows(pool, c.n_clusters, BATCH, finish_task, &c);
+    *n_used = c.n_clusters;
     status = SPIN_OK;
 out:
     free(c.order);
-    free(c.part);
+    free(c.cluster);
     free(c.batch);
     free(c.sums);
     return status;

@@ -5,10 +5,10 @@
 #include "math/quat.h"
 #include "math/sh.h"
 
-#define SCALE_LIMIT 20.0f /* of the logarithm, as in splat-transform */
+#define SCALE_LIMIT 20.0f /* limit of |log scale|, as in splat-transform */
 #define SQRT2 1.41421356237309505f
 
-/* Files older than the colour ranges have twelve. */
+/* Old files have only the first twelve ranges, without those of colour. */
 enum { N_RANGES_NEEDED = 12 };
 
 static const char *const range_names[SPIN_COMPRESSED_RANGES] = {
@@ -22,7 +22,7 @@ static const char *const packed_names[4] = {"packed_position", "packed_rotation"
 /* ---- Packing --------------------------------------------------------------------------------- */
 
 /* Quantises x in [low, high] to 0..n. */
-static uint32_t steps(float x, float low, float high, uint32_t n)
+static uint32_t quantise(float x, float low, float high, uint32_t n)
 {
     float u = high - low > 0 ? (x - low) / (high - low) : 0;
 
@@ -31,8 +31,8 @@ static uint32_t steps(float x, float low, float high, uint32_t n)
 
 static uint32_t pack_3(const float *x, const float *low, const float *high)
 {
-    return steps(x[0], low[0], high[0], 2047) << 21 | steps(x[1], low[1], high[1], 1023) << 11 |
-           steps(x[2], low[2], high[2], 2047);
+    return quantise(x[0], low[0], high[0], 2047) << 21 |
+           quantise(x[1], low[1], high[1], 1023) << 11 | quantise(x[2], low[2], high[2], 2047);
 }
 
 static uint32_t pack_rotation(const float q[4])
@@ -43,7 +43,7 @@ static uint32_t pack_rotation(const float q[4])
 
     for (int k = 0; k < 4; k++)
         if (k != largest)
-            word = word << 10 | steps(sign * q[k], -0.5f * SQRT2, 0.5f * SQRT2, 1023);
+            word = word << 10 | quantise(sign * q[k], -0.5f * SQRT2, 0.5f * SQRT2, 1023);
     return word;
 }
 
@@ -52,11 +52,11 @@ static uint32_t pack_colour(const struct spin_gaussian *row, const float *low, c
     uint32_t word = 0;
 
     for (int c = 0; c < 3; c++)
-        word = word << 8 | steps(row->colour[c], low[c], high[c], 255);
-    return word << 8 | steps(row->opacity, 0, 1, 255);
+        word = word << 8 | quantise(row->colour[c], low[c], high[c], 255);
+    return word << 8 | quantise(row->opacity, 0, 1, 255);
 }
 
-static void widen(float *range, const float *x)
+static void widen_range(float *range, const float *x)
 {
     for (int c = 0; c < 3; c++) {
         range[c] = spin_minf(range[c], x[c]);
@@ -73,9 +73,9 @@ void spin_compressed_pack(struct spin_gaussian *row, size_t n, float range[SPIN_
         for (int c = 0; c < 3; c++)
             row[i].log_scale[c] =
                 spin_minf(spin_maxf(row[i].log_scale[c], -SCALE_LIMIT), SCALE_LIMIT);
-        widen(range, row[i].place);
-        widen(range + 6, row[i].log_scale);
-        widen(range + 12, row[i].colour);
+        widen_range(range, row[i].place);
+        widen_range(range + 6, row[i].log_scale);
+        widen_range(range + 12, row[i].colour);
     }
     for (size_t i = 0; i < n; i++) {
         word[i][POSITION] = pack_3(row[i].place, range, range + 3);
@@ -85,7 +85,7 @@ void spin_compressed_pack(struct spin_gaussian *row, size_t n, float range[SPIN_
     }
 }
 
-/* Byte u stands for (u + 0.5) / 32 - 4, except that the first and the last are exactly -4 and 4. */
+/* Byte u decodes to (u + 0.5) / 32 - 4, except for 0 and 255, which decode to exactly -4 and 4. */
 static float unpack_rest(unsigned char u)
 {
     return u == 0 ? -4 : u == 255 ? 4 : ((float)u + 0.5f) / 32 - 4;
@@ -142,7 +142,7 @@ static float lerp(float low, float high, uint32_t code, uint32_t largest)
     return low * (1 - t) + high * t;
 }
 
-/* 11, 10 and 11 bits within a bounding box. */
+/* Dequantises three numbers of 11, 10 and 11 bits. */
 static void unpack_3(uint32_t v, const float *low, const float *high, float out[3])
 {
     out[0] = lerp(low[0], high[0], v >> 21, 2047);
@@ -184,8 +184,7 @@ void spin_compressed_unpack(const uint32_t word[4], const float range[SPIN_COMPR
     out->opacity = (float)(word[COLOUR] & 255) / 255;
 }
 
-/* ---- Parsing the header
- * ------------------------------------------------------------------------ */
+/* ---- Parsing the header ---------------------------------------------------------------------- */
 
 bool spin_compressed_any(const struct spin_ply_element *vertex)
 {
@@ -198,7 +197,7 @@ static spin_status check_chunks(const struct spin_compressed_ply *f)
 
     if (!f->chunk || f->chunk->count < spin_compressed_chunks(n))
         return spin_malformed(
-            "'%s': compressed PLY with %llu chunks for %llu vertices, expected one for every %d",
+            "'%s': compressed PLY: %llu chunks for %llu vertices, expected one per %d vertices",
             f->ply->path, (unsigned long long)(f->chunk ? f->chunk->count : 0),
             (unsigned long long)n, SPIN_COMPRESSED_CHUNK);
     for (int i = 0; i < N_RANGES_NEEDED; i++) {
@@ -212,13 +211,13 @@ static spin_status check_chunks(const struct spin_compressed_ply *f)
 static spin_status check_sh(const struct spin_compressed_ply *f)
 {
     if (f->sh && f->sh->count != f->vertex->count)
-        return spin_malformed("'%s': element 'sh' has %llu records, 'vertex' has %llu",
+        return spin_malformed("'%s': element 'sh' has %llu rows, element 'vertex' has %llu",
                               f->ply->path, (unsigned long long)f->sh->count,
                               (unsigned long long)f->vertex->count);
     for (size_t i = 0; f->sh && i < f->sh->n_properties; i++) {
         if (f->sh->property[i].type != SPIN_PLY_U8)
-            return spin_malformed("'%s': property '%s' of element 'sh' is not uchar", f->ply->path,
-                                  f->sh->property[i].name);
+            return spin_malformed("'%s': element 'sh': property '%s' is not of type uchar",
+                                  f->ply->path, f->sh->property[i].name);
     }
     return SPIN_OK;
 }
@@ -233,13 +232,15 @@ spin_status spin_compressed_find(const struct spin_ply *ply, struct spin_compres
                                         .chunk = spin_ply_find_element(ply, "chunk"),
                                         .sh = spin_ply_find_element(ply, "sh")};
     if (ply->ascii || e->has_list)
-        return spin_unsupported("'%s': a compressed PLY must be binary, without lists", ply->path);
+        return spin_unsupported(
+            "'%s': compressed PLY: the format is ascii or element 'vertex' has lists", ply->path);
     for (int i = 0; i < 4; i++) {
         int p = out->packed[i] = spin_ply_find(e, packed_names[i]);
 
         if (p < 0 || e->property[p].type != SPIN_PLY_U32)
-            return spin_malformed("'%s': compressed PLY without the uint property '%s'", ply->path,
-                                  packed_names[i]);
+            return spin_malformed("'%s': compressed PLY: element 'vertex' has no property '%s' of "
+                                  "type uint",
+                                  ply->path, packed_names[i]);
     }
     SPIN_TRY(check_chunks(out));
     SPIN_TRY(check_sh(out));
@@ -248,7 +249,8 @@ spin_status spin_compressed_find(const struct spin_ply *ply, struct spin_compres
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Reads the ranges, [chunks][SPIN_COMPRESSED_RANGES]. Without ranges of colour, they are 0..1. */
+/* Reads the ranges into *out, [chunks][SPIN_COMPRESSED_RANGES]. In files without ranges of colour,
+ * colours are 0..1. */
 static spin_status read_ranges(const struct spin_compressed_ply *f, float **out)
 {
     size_t n = (size_t)f->chunk->count;

@@ -1,15 +1,16 @@
-/* PlayCanvas's compressed PLY (splat-transform, SuperSplat): a binary little endian PLY with the
- * elements chunk, vertex and, with SH, sh.
+/* PlayCanvas's compressed PLY (splat-transform, SuperSplat): a binary little-endian PLY with the
+ * elements `chunk`, `vertex` and, for SH above degree 0, `sh`.
  *
- * Gaussians are cut into chunks of 256; a chunk holds the ranges of place, log scale and colour, a
- * vertex four words within them:
+ * Gaussians are grouped into chunks of 256. A chunk stores the minimum and maximum of position, log
+ * scale and colour. A vertex stores four words, quantised within the ranges of its chunk:
  *
- *     packed_position, packed_scale   11, 10 and 11 bits, x high
- *     packed_rotation                 2 bits: the largest of w x y z; 10 bits for each of the
- *                                     others, (v / sqrt(2) + 0.5) * 1023
- *     packed_color                    r g b within the range and opacity, 8 bits each
+ *     packed_position, packed_scale   x, y, z in 11, 10 and 11 bits; x in the highest bits
+ *     packed_rotation                 2 bits: index of the largest of w x y z, which is omitted;
+ *                                     10 bits for each other component: (v / sqrt(2) + 0.5) * 1023
+ *     packed_color                    r, g, b and opacity in 8 bits each; the range of opacity is
+ *                                     0 to 1
  *
- * sh holds f_rest, channel-major, in 256 steps over [-4, 4]. */
+ * `sh` stores f_rest_*, channel-major, as bytes: 256 steps over [-4, 4]. */
 #pragma once
 
 #include "formats/gs_ply.h"
@@ -27,20 +28,21 @@ static inline size_t spin_compressed_chunks(size_t n)
     return n / SPIN_COMPRESSED_CHUNK + (n % SPIN_COMPRESSED_CHUNK != 0);
 }
 
-/* Bytes after the header. */
+/* Size of the data after the header, in bytes. */
 uint64_t spin_compressed_body(int sh_degree, size_t n);
 /* Like spin_gs_ply_header(). */
 size_t spin_compressed_header(int sh_degree, size_t n, const char *comments,
                               char text[SPIN_GS_PLY_MAX_HEADER]);
-/* Packs one chunk of n rows, at most 256, in native byte order. Log scales are clamped to
+/* Packs one chunk of n rows, at most 256, in native byte order. Clamps row[].log_scale to
  * -20..20. */
 void spin_compressed_pack(struct spin_gaussian *row, size_t n, float range[SPIN_COMPRESSED_RANGES],
                           uint32_t (*word)[4]);
-/* Decodes a row, as readers do. */
+/* Decodes a row in the same way as readers of the format. */
 void spin_compressed_unpack(const uint32_t word[4], const float range[SPIN_COMPRESSED_RANGES],
                             struct spin_gaussian *out);
-/* Packs the f_rest_* of one row, from the first n_sh coefficients [k][3]; the others are written as
- * 0. lost: each coefficient minus its decoded value. Both [spin_n_rest()]. */
+/* Packs the f_rest_* of one row into out [spin_n_rest()]. sh: n_sh coefficients [k][3]; missing
+ * coefficients are written as 0. lost [spin_n_rest()]: quantisation error, each coefficient minus
+ * its decoded value. */
 void spin_compressed_pack_sh(const float *sh, int n_sh, int sh_degree, unsigned char *out,
                              float *lost);
 
@@ -48,16 +50,17 @@ void spin_compressed_pack_sh(const float *sh, int n_sh, int sh_degree, unsigned 
 
 struct spin_compressed_ply {
     const struct spin_ply *ply;                         /* borrowed */
-    const struct spin_ply_element *vertex, *chunk, *sh; /* sh: NULL if there is none */
+    const struct spin_ply_element *vertex, *chunk, *sh; /* sh NULL: the file has SH degree 0 */
     int packed[4];                                      /* indices of vertex properties */
     int n_rest, sh_degree;                              /* see struct spin_gs_ply */
 };
 
-/* True if the vertices have packed properties. */
+/* True if the vertices have properties named packed_*. */
 bool spin_compressed_any(const struct spin_ply_element *vertex);
 /* Finds all elements and properties. Errors name the file and the property. */
 spin_status spin_compressed_find(const struct spin_ply *ply, struct spin_compressed_ply *out);
-/* Reads into columns that are reserved with at least the file's SH degree; coefficients above it
- * become 0. All values are checked to be finite. Rotations are normalised. */
+/* Reads all rows. The columns of *out must be reserved with at least the file's SH degree;
+ * coefficients above the file's degree become 0. Values that are not finite are an error. Rotations
+ * are normalised. */
 spin_status spin_compressed_read(const struct spin_compressed_ply *file, unsigned columns,
                                  struct spin_splats *out);

@@ -60,7 +60,7 @@ void spin_little_endian(void *words, size_t n)
 #endif
 }
 
-/* Rotates the SH coefficients of one row, and sets those that it lacks to 0. */
+/* Rotates the SH coefficients of one row; coefficients n_from and above of `out` become 0. */
 static void place_sh(const float *from, int n_from, const struct spin_scene_rotation *turn,
                      float *out, int n_out)
 {

@@ -1,4 +1,4 @@
-/* One splat as stored by splat files, and helpers shared by their readers and writers. */
+/* The values of one splat, and helpers shared by the readers and writers of splat files. */
 #pragma once
 
 #include <math.h>
@@ -6,15 +6,15 @@
 #include "spin.h"
 
 struct spin_gaussian {
-    float place[3];     /* world units */
+    float place[3];     /* position of the centre, world units */
     float log_scale[3]; /* natural logarithm of the standard deviation */
     float rotation[4];  /* w x y z, unit length */
     float opacity;      /* 0..1 */
-    float colour[3];    /* of the degree 0 term: 0.5 + C0 dc; visible range 0 to 1 */
+    float colour[3];    /* 0.5 + C0 dc, from the SH of degree 0; displays show 0..1 */
 };
 
-/* Replaces an infinite logit: the sigmoid of 30 is within 1e-13 of 1, and rounds to 1 as a
- * float. */
+/* Replaces +-infinity, the logit of opacity 1 or 0: the sigmoid of 30 is within 1e-13 of 1, and
+ * rounds to 1 as a float. */
 #define SPIN_LOGIT_LIMIT 30.0f
 
 static inline float spin_finite_logit(float logit)
@@ -22,27 +22,27 @@ static inline float spin_finite_logit(float logit)
     return isinf(logit) ? copysignf(SPIN_LOGIT_LIMIT, logit) : logit;
 }
 
-/* The finite logit of an opacity in 0..1, and of one in 0..255. */
+/* The logit of an opacity in 0..1, or in 0..255; always finite. */
 float spin_opacity_logit(float opacity);
 float spin_byte_logit(unsigned char opacity);
 
-/* Rounds to the nearest of 0..255, clamped. It uses a cast because roundf() is a function call in
- * the base SIMD path. */
+/* Rounds to the nearest integer, clamped to 0..255. A cast is used since roundf() would be a
+ * function call in the base SIMD path. */
 static inline unsigned char spin_byte_of(float x)
 {
     x = x > 0 ? x : 0;
     return (unsigned char)((x < 255 ? x : 255) + 0.5f);
 }
 
-/* Normalises a quaternion, with w >= 0. One that already has unit length keeps its bits; one of
- * length zero becomes NaN. */
+/* Normalises a quaternion and flips its sign if w is negative. A quaternion that already has unit
+ * length keeps its bits, except for the sign; a quaternion of length zero becomes NaN. */
 void spin_unit_rotation(const float q[4], float out[4]);
 
-/* The component of a unit quaternion with the largest absolute value, which compact formats
+/* Index of the quaternion's component with the largest absolute value, which compact formats
  * omit. */
 int spin_largest_of_4(const float q[4]);
 
-/* Number of f_rest_* coefficients of a degree: all but degree 0, of all channels. */
+/* Number of f_rest_* coefficients for an SH degree: those above degree 0, in all three channels. */
 static inline size_t spin_n_rest(int sh_degree)
 {
     return 3 * (size_t)((sh_degree + 1) * (sh_degree + 1)) - 3;
@@ -57,22 +57,23 @@ static inline uint32_t spin_u32_at(const unsigned char *at)
     return at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
 }
 
-/* Places splats in a scene: rotates, then scales, then shifts them. */
+/* A similarity transform: rotates, then scales, then shifts. */
 struct spin_placement {
     double q[4]; /* w x y z, unit */
     double scale, shift[3];
 };
 
-/* Writes all rows of `from`, placed, to rows `first` and on of columns that are reserved with at
- * least their SH degree; coefficients above it become 0. Half turns about an axis are exact. */
+/* Applies the placement to all rows of `from` and writes them to `out`, from row `first` on. The
+ * columns of `out` must be reserved, with an SH degree of at least that of `from`; coefficients
+ * above the degree of `from` become 0. Half turns about an axis are exact. */
 void spin_splats_place(const struct spin_splats *from, unsigned columns,
                        const struct spin_placement *placement, size_t first,
                        struct spin_splats *out);
 
 /* SPIN_E_MALFORMED if any of values [n][width] is NaN or infinite. The message contains `what` and
- * the first such row, but not the file. */
+ * the first row with such a value, but not the path of the file. */
 spin_status spin_check_finite(const char *what, const float *values, size_t n, size_t width);
-/* The same for rows [first, first + n) of columns of s; what[5] names them, in the order of enum
- * spin_column. */
+/* Like spin_check_finite(), for rows [first, first + n) of the columns of s. what[5] names the
+ * columns in messages, in the order of enum spin_column. */
 spin_status spin_check_columns(const char *const what[5], unsigned columns, size_t first, size_t n,
                                const struct spin_splats *s);

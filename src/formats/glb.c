@@ -23,7 +23,8 @@ void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME])
 
 /* ---- The container --------------------------------------------------------------------------- */
 
-/* Finds the chunks of a GLB and checks their lengths, without parsing. chunk: the binary chunk. */
+/* Finds the JSON chunk and the binary chunk of a GLB and checks their lengths. *chunk: the binary
+ * chunk. */
 static spin_status find_chunks(const unsigned char *file, size_t size, uint64_t *n_json,
                                const unsigned char **chunk, uint64_t *n_chunk)
 {
@@ -34,16 +35,16 @@ static spin_status find_chunks(const unsigned char *file, size_t size, uint64_t 
     *n_chunk = 0;
     if (size < json_at || memcmp(file, "glTF", 4) != 0 || spin_u32_at(file + 4) != 2 ||
         spin_u32_at(file + 8) != size || memcmp(file + 16, "JSON", 4) != 0)
-        return spin_malformed("no GLB header, or one with another length");
+        return spin_malformed("the GLB header is missing, or its length differs from the file");
     *n_json = spin_u32_at(file + 12);
     at = json_at + *n_json;
     if (at > size)
-        return spin_malformed("the JSON extends beyond the file");
+        return spin_malformed("the JSON chunk extends beyond the file");
     if (at == size)
         return SPIN_OK;
     if (at + CHUNK_HEADER > size || memcmp(file + at + 4, "BIN", 4) != 0 ||
         at + CHUNK_HEADER + spin_u32_at(file + at) > size)
-        return spin_malformed("no binary chunk in the file");
+        return spin_malformed("the second chunk is not binary or extends beyond the file");
     *chunk = file + at + CHUNK_HEADER;
     *n_chunk = spin_u32_at(file + at);
     return SPIN_OK;
@@ -93,10 +94,10 @@ static spin_status find_view(const struct spin_glb_file *glb, const spin_json *v
     const spin_json *buffer = spin_glb_item(glb, "buffers", spin_json_get(view, "buffer"));
 
     if (!view || spin_glb_integer(view, "buffer", 0) != 0 || spin_json_get(buffer, "uri"))
-        return spin_malformed("its bytes are not in the file");
+        return spin_malformed("the buffer view is missing, or its data are in another file");
     if (at < 0 || length < 0 || (uint64_t)at > glb->n_bytes ||
         (uint64_t)length > glb->n_bytes - (uint64_t)at)
-        return spin_malformed("it extends beyond the file");
+        return spin_malformed("the buffer view extends beyond the binary chunk");
     *bytes = glb->bytes + at;
     *n_bytes = (uint64_t)length;
     return SPIN_OK;
@@ -128,14 +129,14 @@ spin_status spin_glb_find(const struct spin_glb_file *glb, const spin_json *acce
     out->normalised = out->normalised && component != SPIN_GLB_F32;
     if (!type || strcmp(type, types[width]) != 0 || spin_json_get(accessor, "sparse") ||
         !((out->normalised ? SPIN_GLB_NORMALISED(kind) : kind) & allowed))
-        return spin_malformed("it is missing or has an unsupported type");
+        return spin_malformed("the accessor is missing or has an unsupported type");
     SPIN_TRY(find_view(glb, view, &out->at, &length));
     row = (int64_t)(width * component_bytes(out->component));
     stride = spin_glb_integer(view, "byteStride", row);
     if (n < 0 || offset < 0 || stride < row || stride > MAX_STRIDE || offset > (int64_t)length ||
         (n > 0 &&
          ((int64_t)length - offset < row || ((int64_t)length - offset - row) / stride < n - 1)))
-        return spin_malformed("it extends beyond the file");
+        return spin_malformed("the accessor extends beyond its buffer view");
     out->at += offset;
     out->n = (size_t)n;
     out->stride = (size_t)stride;
@@ -159,7 +160,7 @@ void spin_glb_row(const struct spin_glb_numbers *f, size_t i, float *out)
                  : f->component == SPIN_GLB_U8  ? (float)at[0]
                  : f->component == SPIN_GLB_I16 ? (float)(int16_t)(at[0] | at[1] << 8)
                                                 : (float)(at[0] | at[1] << 8);
-        if (f->normalised) /* the least signed number also means -1 */
+        if (f->normalised) /* -128 and -32768 also decode to -1 */
             out[k] = out[k] < -largest ? -1 : out[k] / largest;
     }
 }
@@ -170,8 +171,8 @@ void spin_glb_row(const struct spin_glb_numbers *f, size_t i, float *out)
 #define SIGNED (SPIN_GLB_IS(SPIN_GLB_I8) | SPIN_GLB_IS(SPIN_GLB_I16))
 #define UNSIGNED (SPIN_GLB_IS(SPIN_GLB_U8) | SPIN_GLB_IS(SPIN_GLB_U16))
 
-/* The types that each attribute may have: POSITION by KHR_mesh_quantization, the others by
- * KHR_gaussian_splatting. */
+/* The component types that each attribute may have. KHR_mesh_quantization defines those of
+ * POSITION, KHR_gaussian_splatting the others. */
 static const unsigned allowed[SPIN_GLB_SH + 1] = {
     FLOATS | SIGNED | UNSIGNED | SPIN_GLB_NORMALISED(SIGNED | UNSIGNED),
     FLOATS | SPIN_GLB_NORMALISED(SIGNED),
@@ -185,20 +186,21 @@ bool spin_gs_glb_is_splats(const spin_json *primitive)
     return spin_json_get(spin_json_get(primitive, "extensions"), SPIN_GLB_SPLATS) != NULL;
 }
 
-/* Refuses values of an extension's key other than `known`, which is also the default, and
- * `also`. */
+/* Refuses values of an extension's key other than `known`, the default of the key, and `also`
+ * (NULL: none). */
 static spin_status check_value(const spin_json *extension, const char *key, const char *known,
                                const char *also)
 {
     const char *value = spin_json_string(spin_json_get(extension, key));
 
     if (value && strcmp(value, known) != 0 && (!also || strcmp(value, also) != 0))
-        return spin_unsupported(SPIN_GLB_SPLATS " with the %s '%.40s', expected '%s'", key, value,
+        return spin_unsupported(SPIN_GLB_SPLATS ": '%s' is '%.40s', expected '%s'", key, value,
                                 known);
     return SPIN_OK;
 }
 
-/* Finds the SPZ that replaces all attributes of the primitive, if there is one. */
+/* Finds the SPZ data that replace all attributes of the primitive. Without such data, sets
+ * nothing. */
 static spin_status find_packed(const struct spin_glb_file *glb, const spin_json *extension,
                                struct spin_gs_glb_points *out)
 {
@@ -213,7 +215,7 @@ static spin_status find_packed(const struct spin_glb_file *glb, const spin_json 
     out->n_packed = (size_t)n_bytes;
     SPIN_TRY(spin_spz_peek(out->packed, out->n_packed, &out->spz));
     if (out->spz.n != out->n)
-        return spin_malformed("%zu splats and SPZ of %zu", out->n, out->spz.n);
+        return spin_malformed("'POSITION' has %zu splats, the SPZ has %zu", out->n, out->spz.n);
     out->sh_degree = out->spz.sh_degree < 3 ? out->spz.sh_degree : 3;
     return SPIN_OK;
 }
@@ -231,19 +233,20 @@ spin_status spin_gs_glb_find(const struct spin_glb_file *glb, const spin_json *p
 
     *out = (struct spin_gs_glb_points){.glb = glb, .attributes = attributes};
     if (!extension || spin_glb_integer(primitive, "mode", SPIN_GLB_TRIANGLES) != SPIN_GLB_POINTS)
-        return spin_malformed("it is not a mesh of points with " SPIN_GLB_SPLATS);
+        return spin_malformed("the mesh primitive is not points with " SPIN_GLB_SPLATS);
     SPIN_TRY(check_value(extension, "kernel", "ellipse", NULL));
     SPIN_TRY(check_value(extension, "projection", "perspective", NULL));
     SPIN_TRY(check_value(extension, "colorSpace", "srgb_rec709_display", LINEAR));
     out->linear = colours && strcmp(colours, LINEAR) == 0;
     if (n < 0 || n > UINT32_MAX)
-        return spin_malformed("it has no attribute 'POSITION' with a count");
+        return spin_malformed("attribute 'POSITION' is missing or has no valid 'count'");
     out->n = (size_t)n;
     SPIN_TRY(find_packed(glb, extension, out));
     if (out->packed)
         return SPIN_OK;
-    if (out->n > glb->n_bytes / 3) /* the least size of POSITION */
-        return spin_malformed("%zu splats in %llu bytes", out->n, (unsigned long long)glb->n_bytes);
+    if (out->n > glb->n_bytes / 3) /* POSITION takes at least 3 bytes per splat */
+        return spin_malformed("%llu bytes cannot contain %zu splats",
+                              (unsigned long long)glb->n_bytes, out->n);
     for (; out->sh_degree < 3; out->sh_degree++) {
         spin_glb_attribute_name(SPIN_GLB_SH + spin_sh_count(out->sh_degree), name);
         if (!spin_json_get(attributes, name))
@@ -264,7 +267,7 @@ static spin_status find_attribute(const struct spin_gs_glb_points *p, int attrib
                            spin_glb_item(p->glb, "accessors", spin_json_get(p->attributes, name)),
                            width, allowed[kind], out);
     if (status == SPIN_OK && out->n != p->n)
-        status = spin_malformed("%zu rows, 'POSITION' has %zu", out->n, p->n);
+        status = spin_malformed("%zu rows, but 'POSITION' has %zu", out->n, p->n);
     return spin_fail_context(status, "attribute '%s'", name);
 }
 
@@ -291,7 +294,7 @@ static spin_status read_rows(const struct spin_gs_glb_points *p, unsigned column
         float *to = out->log_scales + 3 * i;
 
         spin_glb_row(&scale, i, to);
-        for (int c = 0; c < 3; c++) { /* NaN stays NaN and is reported below */
+        for (int c = 0; c < 3; c++) { /* NaN stays NaN; the caller reports it */
             if (to[c] < 0)
                 return spin_malformed("'SCALE' is %g in row %zu, expected 0 or more", (double)to[c],
                                       i);

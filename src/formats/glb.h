@@ -1,16 +1,16 @@
-/* Splats in the binary container of glTF 2.0, by KHR_gaussian_splatting (Khronos, release candidate
- * of 2026): a mesh of points, whose attributes are
+/* Splats in the binary container of glTF 2.0, as defined by KHR_gaussian_splatting (Khronos,
+ * release candidate of 2026): a mesh of points with the attributes
  *
  *     POSITION                                    3 floats
  *     KHR_gaussian_splatting:ROTATION             4 floats, x y z w, of unit length
- *     KHR_gaussian_splatting:SCALE                3 floats, the standard deviation itself
+ *     KHR_gaussian_splatting:SCALE                3 floats, standard deviations (no logarithm)
  *     KHR_gaussian_splatting:OPACITY              1 float, 0..1
  *     KHR_gaussian_splatting:SH_DEGREE_l_COEF_m   3 floats, one coefficient of r g b
- *     COLOR_0                                     4 numbers of 16 bits, linear light and opacity,
+ *     COLOR_0                                     4 integers of 16 bits: linear r g b and opacity,
  *                                                 for viewers that can only draw points
  *
- * The reader also accepts the integers that the extension and KHR_mesh_quantization allow, and an
- * SPZ instead of the attributes (KHR_gaussian_splatting_compression_spz_2, a draft).
+ * The reader also accepts integers where KHR_gaussian_splatting or KHR_mesh_quantization allow
+ * them, and SPZ data instead of the attributes (KHR_gaussian_splatting_compression_spz_2, a draft).
  * formats/glb_scene.h reads a file, formats/glb_write.h writes one. */
 #pragma once
 
@@ -26,32 +26,32 @@ enum { SPIN_GLB_POSITION, SPIN_GLB_ROTATION, SPIN_GLB_SCALE, SPIN_GLB_OPACITY, S
 enum { SPIN_GLB_I8 = 5120, SPIN_GLB_U8, SPIN_GLB_I16, SPIN_GLB_U16, SPIN_GLB_F32 = 5126 };
 enum { SPIN_GLB_POINTS = 0, SPIN_GLB_TRIANGLES = 4 };
 
-/* The name of an attribute; SPIN_GLB_SH + k: coefficient k. */
+/* Writes the name of an attribute. SPIN_GLB_SH + k is SH coefficient k. */
 void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME]);
 
 /* ---- The container --------------------------------------------------------------------------- */
 
-/* A file in memory, which must stay valid until the close. */
 struct spin_glb_file {
     spin_json *json;
-    const unsigned char *bytes; /* of the binary chunk */
+    const unsigned char *bytes; /* content of the binary chunk; borrowed */
     uint64_t n_bytes;
 };
 
-/* Zero *out before the call, and close it even after a failure. Errors do not name the file, here
- * and below. */
+/* Opens a file that is in memory, which must stay valid until spin_glb_close(). Zero *out before
+ * the call, and close it even after a failure. Error messages of this header do not contain the
+ * path. */
 spin_status spin_glb_open(const unsigned char *file, size_t size, struct spin_glb_file *out);
 void spin_glb_close(struct spin_glb_file *glb);
 
-/* The item of one of the document's lists, by an index that another object contains; NULL if it
- * does not exist. */
+/* Item `index` of a top-level list of the document ("nodes", "accessors", ...). NULL if the item
+ * does not exist, or if index is not an integer. */
 const spin_json *spin_glb_item(const struct spin_glb_file *glb, const char *list,
                                const spin_json *index);
 int64_t spin_glb_integer(const spin_json *object, const char *key, int64_t fallback);
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
 
-/* Component types as bits: plain, and normalised integers. */
+/* Component types as bits of a set. SPIN_GLB_NORMALISED() shifts a set to normalised integers. */
 #define SPIN_GLB_IS(component) (1u << ((component)-SPIN_GLB_I8))
 #define SPIN_GLB_NORMALISED(bits) ((bits) << 8)
 
@@ -63,11 +63,12 @@ struct spin_glb_numbers {
     bool normalised;
 };
 
-/* Finds an accessor of rows of `width` (1, 3 or 4) numbers of one of the `allowed` types, which
- * must be entirely in the binary chunk. */
+/* Resolves an accessor to its data in the binary chunk. width: numbers per row, 1, 3 or 4; allowed:
+ * set of component types. SPIN_E_MALFORMED if the accessor does not match or the data extend beyond
+ * the chunk. */
 spin_status spin_glb_find(const struct spin_glb_file *glb, const spin_json *accessor, size_t width,
                           unsigned allowed, struct spin_glb_numbers *out);
-/* Reads row i; normalised integers become 0..1 or -1..1. */
+/* Reads row i. Normalised integers are mapped to 0..1 if unsigned, to -1..1 if signed. */
 void spin_glb_row(const struct spin_glb_numbers *numbers, size_t i, float *out);
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
@@ -78,8 +79,8 @@ struct spin_gs_glb_points {
     const spin_json *attributes;
     size_t n;
     int sh_degree;
-    bool linear; /* colours are linear */
-    /* An SPZ instead of the attributes, in the axes of SPZ; NULL: none. */
+    bool linear; /* colours are linear, not sRGB */
+    /* SPZ data that replace the attributes, with the axes of SPZ; NULL: none. */
     const unsigned char *packed;
     size_t n_packed;
     struct spin_spz_header spz;
@@ -87,9 +88,10 @@ struct spin_gs_glb_points {
 
 /* True if a mesh primitive contains splats. */
 bool spin_gs_glb_is_splats(const spin_json *primitive);
+/* Checks the primitive and sets all fields of *out; does not read the splats. */
 spin_status spin_gs_glb_find(const struct spin_glb_file *glb, const spin_json *primitive,
                              struct spin_gs_glb_points *out);
-/* Reads the splats in the coordinates of the mesh and the SH degree of the file. All values are
- * checked to be finite; rotations are not normalised. */
+/* Reads the splats, in the coordinates of the mesh and with the SH degree of the primitive. Values
+ * that are not finite are an error. Rotations are not normalised. */
 spin_status spin_gs_glb_read(const struct spin_gs_glb_points *points, unsigned columns,
                              struct spin_splats *out);

@@ -6,26 +6,27 @@
 #include "math/scene_rotation.h"
 
 #define POINTER "KHR_animation_pointer"
-/* Limit of frames times what they show, and of times times nodes: about four thousand frames. */
+/* Limit of frames times pieces and of key times times animated nodes, against files that expand to
+ * gigabytes. A clip with one node per frame may have 4096 frames. */
 #define MAX_CELLS ((uint64_t)1 << 24)
 #define MAX_PIECES ((size_t)1 << 16)
-#define PACKED_SLACK (1u << 20) /* splats of an SPZ that may take less than a byte each */
+#define PACKED_SLACK (1u << 20) /* SPZ: splats of a frame beyond one per byte of the file */
 #define SAME_SCALE 1e-4         /* relative tolerance between the scales of the three axes */
 #define NO_SCALE 1e-6           /* a node with a smaller scale is invisible */
 #define MAX_SIZE 1e15           /* limit of positions and scales */
-#define MAX_DEPTH 64            /* limit of nested nodes */
+#define MAX_DEPTH 64            /* limit of the depth of nested nodes */
 #define VISIBILITY "KHR_node_visibility"
 
 /* ---- Nodes ----------------------------------------------------------------------------------- */
 
-/* The transform of a node: rotation, scale, shift; its parent's transform is applied afterwards.
- * Splats stay splats only if all axes have the same scale; other nodes are refused. */
+/* A node and its transform: rotation, then scale, then shift, then the parent's transform. The
+ * three axes must have the same scale, since a skewed splat would not be a splat. */
 struct node {
     double q[4], scale, shift[3];
     int64_t parent; /* -1: none */
-    int64_t key;    /* the animation key that shows and hides the node; -1: none */
-    bool hidden;    /* by KHR_node_visibility; ignored if the node has a key */
-    bool in_scene;  /* is a root of the scene */
+    int64_t key;    /* index of the animation that shows and hides the node; -1: none */
+    bool hidden;    /* KHR_node_visibility; ignored if an animation shows and hides the node */
+    bool in_scene;  /* the node is a root of the scene */
 };
 
 struct nodes {
@@ -38,13 +39,15 @@ static spin_status read_numbers(const spin_json *list, size_t n, double *out)
     for (size_t i = 0; list && i < n; i++) {
         if (spin_json_length(list) != n || !spin_json_number(spin_json_at(list, i), &out[i]) ||
             !(fabs(out[i]) < MAX_SIZE))
-            return spin_malformed("its transform does not consist of %zu numbers", n);
+            return spin_malformed("a property of the transform is not a list of %zu numbers below "
+                                  "1e15",
+                                  n);
     }
     return SPIN_OK;
 }
 
-/* The common value of three scales. SPIN_E_UNSUPPORTED if they differ, are negative or not
- * numbers. */
+/* Sets *out to the common value of three scales. SPIN_E_UNSUPPORTED if the scales differ, are
+ * negative or are not numbers. */
 static spin_status one_scale(const double scale[3], double *out)
 {
     double largest = fmax(fmax(scale[0], scale[1]), scale[2]);
@@ -52,19 +55,20 @@ static spin_status one_scale(const double scale[3], double *out)
     *out = 0;
     for (int c = 0; c < 3; c++) {
         if (!(scale[c] >= 0 && scale[c] >= largest * (1 - SAME_SCALE) && largest < MAX_SIZE))
-            return spin_unsupported("it is scaled by %g, %g, %g: expected one positive number",
+            return spin_unsupported("the scale is %g, %g, %g, expected three equal numbers of 0 or "
+                                    "more",
                                     scale[0], scale[1], scale[2]);
     }
     *out = largest;
     return SPIN_OK;
 }
 
-static spin_status normalise(double q[4])
+static spin_status normalise_quat(double q[4])
 {
     double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
 
     if (!(norm > 1e-6))
-        return spin_malformed("its rotation has no length");
+        return spin_malformed("'rotation' is a quaternion of length 0");
     for (int k = 0; k < 4; k++)
         q[k] /= norm;
     return SPIN_OK;
@@ -87,7 +91,7 @@ static spin_status split_matrix(const spin_json *list, struct node *node)
     det = m[0] * (m[5] * m[10] - m[6] * m[9]) - m[4] * (m[1] * m[10] - m[2] * m[9]) +
           m[8] * (m[1] * m[6] - m[2] * m[5]);
     if (fabs(det - 1) > 1e-3)
-        return spin_unsupported("its matrix is not a rotation and a scale");
+        return spin_unsupported("'matrix' is not a rotation with a scale");
     for (int i = 0; i < 9; i++)
         rows[i] = m[i % 3 * 4 + i / 3];
     spin_quat_of_matrix(rows, node->q);
@@ -111,7 +115,7 @@ static spin_status read_node(const spin_json *object, struct node *node)
     SPIN_TRY(read_numbers(spin_json_get(object, "scale"), 3, scale));
     for (int k = 0; k < 4; k++)
         node->q[(k + 1) % 4] = rotation[k];
-    SPIN_TRY(normalise(node->q));
+    SPIN_TRY(normalise_quat(node->q));
     return one_scale(scale, &node->scale);
 }
 
@@ -122,7 +126,7 @@ static spin_status join_children(struct nodes *nodes, size_t i, const spin_json 
 
         if (!spin_json_integer(spin_json_at(children, k), &child) || child < 0 ||
             (size_t)child >= nodes->n || nodes->node[child].parent >= 0)
-            return spin_malformed("its children do not exist or have another parent");
+            return spin_malformed("a node in 'children' does not exist or has another parent");
         nodes->node[child].parent = (int64_t)i;
     }
     return SPIN_OK;
@@ -140,14 +144,14 @@ static spin_status mark_scene(const spin_json *json, struct nodes *nodes)
         return SPIN_OK;
     }
     if (scene < 0 || !spin_json_at(scenes, (size_t)scene))
-        return spin_malformed("its scene does not exist");
+        return spin_malformed("the default scene %lld does not exist", (long long)scene);
     list = spin_json_get(spin_json_at(scenes, (size_t)scene), "nodes");
     for (size_t i = 0; i < spin_json_length(list); i++) {
         int64_t node = -1;
 
         if (!spin_json_integer(spin_json_at(list, i), &node) || node < 0 ||
             (size_t)node >= nodes->n)
-            return spin_malformed("its scene has a node that does not exist");
+            return spin_malformed("scene %lld lists a node that does not exist", (long long)scene);
         nodes->node[node].in_scene = true;
     }
     return SPIN_OK;
@@ -181,8 +185,8 @@ static void turn_point(const double q[4], const double p[3], double out[3])
     out[2] = p[2] + q[0] * t[2] + q[1] * t[1] - q[2] * t[0];
 }
 
-/* Appends to `inout` the transforms of node i and its parents. *shown: the node is in the scene and
- * not permanently hidden. */
+/* Appends to `inout` the transforms of node i and of all its parents. *shown: node i is in the
+ * scene, and neither the node nor a parent is permanently hidden. */
 static spin_status place_node(const struct nodes *nodes, size_t i, struct spin_placement *inout,
                               bool *shown)
 {
@@ -194,7 +198,7 @@ static spin_status place_node(const struct nodes *nodes, size_t i, struct spin_p
         double joined[4], moved[3];
 
         if (depth == MAX_DEPTH)
-            return spin_malformed("nodes are more than %d deep, or in a circle", MAX_DEPTH);
+            return spin_malformed("nodes are nested more than %d deep, or in a cycle", MAX_DEPTH);
         spin_scene_rotation_join(inout->q, node->q, joined);
         memcpy(inout->q, joined, sizeof joined);
         turn_point(node->q, inout->shift, moved);
@@ -207,15 +211,16 @@ static spin_status place_node(const struct nodes *nodes, size_t i, struct spin_p
     }
     *shown = *shown && nodes->node[top].in_scene;
     if (*shown && !(inout->scale > NO_SCALE && inout->scale < MAX_SIZE))
-        return spin_unsupported("it is scaled by %g", inout->scale);
+        return spin_unsupported("the scale in the scene is %g, expected above 1e-6 and below 1e15",
+                                inout->scale);
     return SPIN_OK;
 }
 
-/* The animation of one node: a value for each key. */
+/* The animation that shows and hides one node: n key frames. */
 struct key {
     size_t node, n;
     struct spin_glb_numbers time, value;
-    double scale; /* the scale while visible; 0: not known yet */
+    double scale; /* scale of the node while it is visible; 0: no such key frame was read yet */
 };
 
 struct build {
@@ -223,16 +228,16 @@ struct build {
     struct nodes nodes;
     struct key *key; /* [n_keys] */
     size_t n_keys;
-    float *time; /* [n_times] all key times, increasing */
+    float *time; /* [n_times] times of all key frames, strictly increasing */
     size_t n_times;
-    unsigned char *on; /* [n_times][n_keys] */
+    unsigned char *on; /* [n_times][n_keys] 1: the animation shows its node at this time */
 };
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
 
 static spin_status add_piece(struct build *b, size_t node, const spin_json *primitive)
 {
-    static const double to_gltf[4] = {0, 0, 0, 1}; /* from right, down, forward */
+    static const double to_gltf[4] = {0, 0, 0, 1}; /* half a turn about z: from RDF to glTF's LUF */
     struct spin_gs_glb_scene *s = b->scene;
     struct spin_gs_glb_piece piece = {.placement = {.q = {1}, .scale = 1}, .node = node};
     bool shown;
@@ -249,7 +254,7 @@ static spin_status add_piece(struct build *b, size_t node, const spin_json *prim
     if (!shown)
         return SPIN_OK;
     if (s->n_pieces == MAX_PIECES)
-        return spin_unsupported("more than %zu meshes of splats", MAX_PIECES);
+        return spin_unsupported("the scene has more than %zu meshes of splats", MAX_PIECES);
     SPIN_TRY(spin_grow(s->n_pieces + 1, sizeof *s->piece, (void **)&s->piece));
     s->piece[s->n_pieces++] = piece;
     s->sh_degree = piece.points.sh_degree > s->sh_degree ? piece.points.sh_degree : s->sh_degree;
@@ -278,7 +283,7 @@ static spin_status find_pieces(struct build *b)
     for (size_t i = 0; i < b->nodes.n; i++)
         SPIN_TRY_IN(add_mesh(b, i), "node %zu", i);
     if (b->scene->n_pieces == 0 && spin_json_get(b->scene->file.json, "meshes"))
-        return spin_malformed("its scene shows no splats (" SPIN_GLB_SPLATS ")");
+        return spin_malformed("the scene contains no visible splats (" SPIN_GLB_SPLATS ")");
     return SPIN_OK;
 }
 
@@ -295,7 +300,7 @@ static int64_t pointed_node(const char *pointer)
     return end > 0 && pointer[end] == '\0' ? node : -1;
 }
 
-/* Adds a key for a channel that switches a node on and off; other channels only set `moves`. */
+/* Adds b->key[] for a channel that shows and hides a node. Other channels only set `moves`. */
 static spin_status add_channel(struct build *b, const spin_json *animation,
                                const spin_json *channel)
 {
@@ -320,8 +325,8 @@ static spin_status add_channel(struct build *b, const spin_json *animation,
         return SPIN_OK;
     }
     if ((size_t)node >= b->nodes.n || b->nodes.node[node].key >= 0)
-        return spin_malformed(
-            "an animation switches a node that does not exist, or switches it twice");
+        return spin_malformed("node %lld does not exist, or is animated by another channel",
+                              (long long)node);
     SPIN_TRY(spin_glb_find(&s->file,
                            spin_glb_item(&s->file, "accessors", spin_json_get(sampler, "input")), 1,
                            SPIN_GLB_IS(SPIN_GLB_F32), &key->time));
@@ -329,14 +334,15 @@ static spin_status add_channel(struct build *b, const spin_json *animation,
         &s->file, spin_glb_item(&s->file, "accessors", spin_json_get(sampler, "output")),
         scale ? 3 : 1, SPIN_GLB_IS(scale ? SPIN_GLB_F32 : SPIN_GLB_U8), &key->value));
     if (key->time.n == 0 || key->time.n != key->value.n)
-        return spin_malformed("%zu keys with %zu values", key->time.n, key->value.n);
+        return spin_malformed("'input' has %zu times, 'output' has %zu values", key->time.n,
+                              key->value.n);
     key->node = (size_t)node;
     key->n = key->time.n;
     b->nodes.node[node].key = (int64_t)b->n_keys++;
     return SPIN_OK;
 }
 
-/* Players play the first animation. */
+/* Reads the channels of the first animation, the one that players play. */
 static spin_status find_keys(struct build *b)
 {
     const spin_json *list = spin_json_get(b->scene->file.json, "animations");
@@ -358,7 +364,7 @@ static int by_time(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* True if key k has the same times as the one before it, as is usual. */
+/* True if key k uses the same accessor of times as key k - 1, as exporters usually write it. */
 static bool has_times_before(const struct build *b, size_t k)
 {
     return k > 0 && b->key[k].time.at == b->key[k - 1].time.at && b->key[k].n == b->key[k - 1].n;
@@ -371,13 +377,14 @@ static spin_status gather_times(struct build *b)
     for (size_t k = 0; k < b->n_keys; k++)
         room += has_times_before(b, k) ? 0 : b->key[k].n;
     if (room > MAX_CELLS)
-        return spin_unsupported("an animation of %zu keys", room);
+        return spin_unsupported("the animation has %zu key frames, more than the limit of %llu",
+                                room, (unsigned long long)MAX_CELLS);
     SPIN_TRY(spin_alloc(room + 1, sizeof *b->time, (void **)&b->time));
     for (size_t k = 0; k < b->n_keys; k++) {
         for (size_t i = 0; i < b->key[k].n && !has_times_before(b, k); i++, n++) {
             spin_glb_row(&b->key[k].time, i, &b->time[n]);
             if (!isfinite(b->time[n]) || (i > 0 && b->time[n] <= b->time[n - 1]))
-                return spin_malformed("the times of an animation's keys do not increase");
+                return spin_malformed("the times of an animation's key frames do not increase");
         }
     }
     qsort(b->time, n, sizeof *b->time, by_time);
@@ -388,7 +395,8 @@ static spin_status gather_times(struct build *b)
     return SPIN_OK;
 }
 
-/* Reads whether value i shows the node. All scales that show it must be equal. */
+/* Reads whether key frame i shows the node. All key frames that show the node must have the same
+ * scale. */
 static spin_status read_switch(struct key *key, size_t i, bool *on)
 {
     double scale[3], one;
@@ -404,13 +412,14 @@ static spin_status read_switch(struct key *key, size_t i, bool *on)
     SPIN_TRY(one_scale(scale, &one));
     *on = one > NO_SCALE;
     if (*on && key->scale > 0 && fabs(one / key->scale - 1) > SAME_SCALE)
-        return spin_unsupported("an animation scales node %zu by %g and by %g", key->node,
-                                key->scale, one);
+        return spin_unsupported("the animation changes the scale of node %zu from %g to %g; a "
+                                "scale may only change to and from 0",
+                                key->node, key->scale, one);
     key->scale = *on ? one : key->scale;
     return SPIN_OK;
 }
 
-/* At each time a key has its latest value. */
+/* Fills column k of b->on: at each time, the state of the latest key frame. */
 static spin_status run_key(struct build *b, size_t k)
 {
     struct key *key = &b->key[k];
@@ -427,7 +436,7 @@ static spin_status run_key(struct build *b, size_t k)
         }
         b->on[t * b->n_keys + k] = on;
     }
-    if (key->value.width == 3) /* the animated scale replaces the node's own */
+    if (key->value.width == 3) /* an animated scale replaces the scale of the node */
         b->nodes.node[key->node].scale = key->scale;
     return SPIN_OK;
 }
@@ -435,7 +444,9 @@ static spin_status run_key(struct build *b, size_t k)
 static spin_status run_keys(struct build *b)
 {
     if (b->n_times * (uint64_t)b->n_keys > MAX_CELLS)
-        return spin_unsupported("an animation of %zu nodes at %zu times", b->n_keys, b->n_times);
+        return spin_unsupported("the animation has %zu nodes and %zu times; their product exceeds "
+                                "the limit of %llu",
+                                b->n_keys, b->n_times, (unsigned long long)MAX_CELLS);
     SPIN_TRY(spin_alloc(b->n_times * b->n_keys + 1, 1, (void **)&b->on));
     for (size_t k = 0; k < b->n_keys; k++)
         SPIN_TRY(run_key(b, k));
@@ -444,7 +455,7 @@ static spin_status run_keys(struct build *b)
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
-/* True if no key hides the node or one of its parents. */
+/* True if no animation hides the node or one of its parents. on [n_keys]: states at one time. */
 static bool is_on(const struct build *b, size_t node, const unsigned char *on)
 {
     for (int64_t at = (int64_t)node; at >= 0; at = b->nodes.node[at].parent) {
@@ -454,7 +465,8 @@ static bool is_on(const struct build *b, size_t node, const unsigned char *on)
     return true;
 }
 
-/* The one node of a frame: the only one that is switched on, or the only one in the file. */
+/* The node whose extras describe a frame: the only animated node that is visible, or, without
+ * animation, the only node of the file. Returns b->nodes.n if there is not exactly one. */
 static size_t node_of_frame(const struct build *b, const unsigned char *on)
 {
     size_t node = b->nodes.n, n_on = 0;
@@ -468,7 +480,7 @@ static size_t node_of_frame(const struct build *b, const unsigned char *on)
     return n_on == 1 ? node : b->nodes.n;
 }
 
-/* Reads the frame number and time that our exporter stores. */
+/* Reads the frame number and time that our exporter stores in a node. */
 static void read_extras(const spin_json *extras, struct spin_gs_glb_frame *frame)
 {
     int64_t number = spin_glb_integer(extras, "frame", -1);
@@ -488,7 +500,9 @@ static spin_status add_frame(struct build *b, const unsigned char *on, double ti
     *frame =
         (struct spin_gs_glb_frame){.first = at, .number = -1, .time = time, .extras_time = NAN};
     if (s->n_pieces * (uint64_t)(s->n_frames + 1) > MAX_CELLS)
-        return spin_unsupported("%zu meshes in more than %zu frames", s->n_pieces, s->n_frames);
+        return spin_unsupported("the scene has %zu meshes and more than %zu frames; their product "
+                                "exceeds the limit of %llu",
+                                s->n_pieces, s->n_frames, (unsigned long long)MAX_CELLS);
     for (size_t i = 0; i < s->n_pieces; i++) {
         const struct spin_gs_glb_points *points = &s->piece[i].points;
 
@@ -500,16 +514,16 @@ static spin_status add_frame(struct build *b, const unsigned char *on, double ti
         frame->n += points->n;
         n_plain += points->packed ? 0 : points->n;
     }
-    /* Many nodes may show one mesh, but a small file must not expand to gigabytes. */
+    /* Limit the expansion of a small file: many nodes may show the same mesh. */
     if (n_plain > s->file.n_bytes || frame->n > s->file.n_bytes + PACKED_SLACK)
-        return spin_unsupported("%zu splats in a frame of a file of %llu bytes", frame->n,
-                                (unsigned long long)s->file.n_bytes);
+        return spin_unsupported("frame %zu has %zu splats, too many for a file of %llu bytes",
+                                s->n_frames, frame->n, (unsigned long long)s->file.n_bytes);
     read_extras(spin_json_get(spin_json_at(nodes, node_of_frame(b, on)), "extras"), frame);
     s->n_frames++;
     return SPIN_OK;
 }
 
-/* Adds a frame for each time at which the visible nodes change. */
+/* Adds a frame for each time at which the set of visible nodes changes. */
 static spin_status find_frames(struct build *b)
 {
     struct spin_gs_glb_scene *s = b->scene;
@@ -536,7 +550,7 @@ static spin_status find_frames(struct build *b)
 
 /* ---- The scene ------------------------------------------------------------------------------- */
 
-/* Checks the extensions that the file requires. */
+/* Refuses files that require an unknown extension. */
 static spin_status check_required(const struct spin_gs_glb_scene *s)
 {
     static const char *const known[] = {
@@ -545,7 +559,7 @@ static spin_status check_required(const struct spin_gs_glb_scene *s)
         "KHR_mesh_quantization",
         VISIBILITY,
         POINTER,
-        "KHR_materials_unlit"}; /* for the points that other viewers draw */
+        "KHR_materials_unlit"}; /* how other viewers draw the points; does not affect splats */
     const spin_json *list = spin_json_get(s->file.json, "extensionsRequired");
 
     for (size_t i = 0; i < spin_json_length(list); i++) {
@@ -555,13 +569,14 @@ static spin_status check_required(const struct spin_gs_glb_scene *s)
         for (size_t k = 0; k < sizeof known / sizeof *known && name; k++)
             found = found || strcmp(name, known[k]) == 0;
         if (!found)
-            return spin_unsupported("it requires '%.60s', which is not read", name ? name : "");
+            return spin_unsupported("the file requires extension '%.60s', which is not supported",
+                                    name ? name : "");
     }
     return SPIN_OK;
 }
 
-/* KHR_gaussian_splatting cannot mark antialiasing, so our exporter stores it in the asset's
- * extras. */
+/* KHR_gaussian_splatting has no flag for antialiasing, so our exporter stores one in the asset's
+ * extras. SPZ has its own flag. */
 static void find_antialias(struct spin_gs_glb_scene *s)
 {
     const spin_json *asset = spin_json_get(s->file.json, "asset");

@@ -1,6 +1,6 @@
 /* Creates the JSON of a .glb with tinygltf. The binary data are not passed to tinygltf, which would
- * hold them twice. Since it takes a buffer's length from the bytes that it holds, the buffer is
- * added to its text afterwards. */
+ * copy them. Since tinygltf computes the length of a buffer from its data, the object "buffers" is
+ * inserted into the text afterwards. */
 #include "formats/glb_shim.h"
 
 #include <cstdio>
@@ -18,8 +18,8 @@ using tinygltf::Value;
 
 #define SPLATS "KHR_gaussian_splatting"
 
-/* Makes a text from a file safe for JSON: characters other than printable ASCII become
- * underscores. */
+/* Replaces all characters other than printable ASCII by underscores: JSON must be valid UTF-8,
+ * which texts from files may not be. */
 std::string plain(const char *text)
 {
     std::string out(text);
@@ -30,7 +30,7 @@ std::string plain(const char *text)
     return out;
 }
 
-/* Adds an accessor with its own buffer view and returns its index. */
+/* Adds an accessor with its own buffer view. Returns the index of the accessor. */
 int add_accessor(tinygltf::Model &model, int components, bool is_u16, uint64_t n, uint64_t offset,
                  int target)
 {
@@ -53,7 +53,7 @@ int add_accessor(tinygltf::Model &model, int components, bool is_u16, uint64_t n
     return static_cast<int>(model.accessors.size()) - 1;
 }
 
-/* Accessor i describes column i. */
+/* Adds accessor i for column i. */
 void add_columns(tinygltf::Model &model, const spin_glb_clip &clip)
 {
     for (size_t i = 0; i < clip.n_columns; i++) {
@@ -97,7 +97,7 @@ void add_nodes(tinygltf::Model &model, const spin_glb_clip &clip)
             Value(Value::Object{{"frame", Value(frame.number)}, {"time", Value(frame.time)}});
         if (frame.n > 0)
             node.mesh = add_mesh(model, clip, frame);
-        if (clip.animated) /* viewers that ignore animations show frame 0 */
+        if (clip.animated) /* viewers that ignore animations show only frame 0 */
             node.scale.assign(3, f == 0 ? 1.0 : 0.0);
         model.nodes.push_back(node);
         scene.nodes.push_back(f);

@@ -1,13 +1,13 @@
-/* Writes the binary container of glTF 2.0 (its section 4): a header, the JSON padded with spaces,
- * and the binary chunk. */
+/* Writes the binary container of glTF 2.0 (section 4 of the specification): a header, the JSON
+ * padded with spaces, and the binary chunk. */
 #include "formats/glb_write.h"
 
 #include "base/base.h"
 #include "base/shim.h"
 
-enum { HEADER = 12, CHUNK_HEADER = 8, TOO_FAR = -1 /* no errno */ };
+enum { HEADER = 12, CHUNK_HEADER = 8, TOO_FAR = -1 /* differs from every errno */ };
 _Static_assert(SPIN_GLB_MAX_ATTRIBUTES == SPIN_GLB_SH + SPIN_SH_MAX + 1, "all have their place");
-#define MAX_BYTES UINT32_MAX /* lengths in the file have 32 bits */
+#define MAX_BYTES UINT32_MAX /* lengths are 32-bit words in the file */
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
@@ -77,8 +77,8 @@ void spin_glb_begin(struct spin_glb_clip *clip)
         else
             spin_glb_attribute_name(a, clip->name[a]);
     }
-    /* 216: of an attribute's accessor, view and name with numbers of maximum length; 768: of
-     * everything else of a frame. */
+    /* Upper bounds of the text: 216 bytes for an attribute's accessor, buffer view and name, with
+     * numbers of maximum length; 768 bytes for all other text of a frame. */
     clip->room = 1024 + n_meshes * (768 + 216 * (size_t)clip->n_attributes);
 }
 
@@ -102,14 +102,15 @@ spin_status spin_glb_failed(const struct spin_glb_clip *clip, int error)
 {
     if (error != TOO_FAR)
         return spin_out_failed(clip->out, error);
-    return spin_unsupported("cannot write '%s': a .glb ends at 4 GiB; export fewer frames with "
-                            "--range, or give a folder for one .glb per frame",
+    return spin_unsupported("cannot write '%s': the file would exceed 4 GiB, the limit of .glb; "
+                            "export fewer frames with --range, or give a folder for one .glb per "
+                            "frame",
                             clip->out->path);
 }
 
-/* Writes the animation's keys. Key i is at i / fps. Frame f is visible from its own key to the
- * next; the last frame has an additional key after it with the same value, without which players
- * would skip it. */
+/* Writes the animation's key frames. Key frame i is at i / fps seconds. Frame f is visible from key
+ * frame f to the next. An additional key frame at the end repeats the last frame, which players
+ * would skip otherwise. */
 static spin_status write_keys(struct spin_glb_clip *clip)
 {
     size_t n_frames = (size_t)clip->n_frames, n = n_frames + 1;
@@ -137,7 +138,7 @@ static void put_u32(unsigned char *at, uint64_t value)
         at[i] = (unsigned char)(value >> (8 * i));
 }
 
-/* Writes everything before the binary data: header, JSON, and the header of the binary chunk. */
+/* Writes header, JSON, and the header of the binary chunk, which precede the binary data. */
 static spin_status write_front(const struct spin_glb_clip *clip, const char *text)
 {
     const char *path = clip->out->path;
@@ -146,7 +147,8 @@ static spin_status write_front(const struct spin_glb_clip *clip, const char *tex
     SPIN_FREED unsigned char *front = NULL;
 
     if (n > room)
-        return spin_unsupported("cannot write '%s': its JSON takes %zu bytes, %zu were kept for it",
+        return spin_unsupported("cannot write '%s': the JSON takes %zu bytes, but only %zu are "
+                                "reserved",
                                 path, n, room);
     SPIN_TRY(spin_alloc(n_front, 1, (void **)&front));
     memcpy(front, "glTF", 4);

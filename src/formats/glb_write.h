@@ -1,6 +1,6 @@
-/* Writes a .glb of frames of splats (formats/glb.h): all floats, each attribute of a frame
- * contiguous. Binary data are written in any order to their final offsets; the JSON, which comes
- * first in the file but is known last, goes into reserved space. */
+/* Writes the frames of a clip to one .glb (formats/glb.h). Values are floats, and each attribute of
+ * a frame is contiguous. Binary data are written to their final offsets, in any order. The JSON
+ * precedes them in the file but depends on all of them: it is written last, into reserved space. */
 #pragma once
 
 #include "formats/gaussian.h"
@@ -8,25 +8,27 @@
 #include "formats/glb_shim.h"
 #include "io/file.h"
 
-/* Checks that tinygltf, which creates the JSON, can be loaded; the error says how to install it. */
+/* Loads the shared object with tinygltf, which creates the JSON. If it is missing, the error
+ * message explains how to install it. */
 spin_status spin_glb_can_write(void);
-/* Reserves space for the JSON; the attributes follow from the SH degree. */
+/* Derives the attributes from clip->sh_degree, and the space to reserve for the JSON. */
 void spin_glb_begin(struct spin_glb_clip *clip);
-/* The size of a file with this many rows; call it after spin_glb_begin(). */
+/* Size in bytes of a file with n_rows splats. Call spin_glb_begin() before. */
 uint64_t spin_glb_bytes(const struct spin_glb_clip *clip, uint64_t n_rows);
 
-/* Writes a row at index `at` of each attribute's column, from the first n_sh coefficients [k][3];
- * the others are written as 0. The columns are in native byte order until spin_glb_order() converts
- * rows 0..n. */
+/* Writes a splat to row `at` of all columns, in native byte order. sh: n_sh coefficients [k][3];
+ * missing coefficients are written as 0. */
 void spin_glb_code(const struct spin_glb_clip *clip, const struct spin_gaussian *row,
                    const float *sh, int n_sh, unsigned char *const column[], size_t at);
+/* Converts rows [0, n) of all columns to little endian. */
 void spin_glb_order(const struct spin_glb_clip *clip, unsigned char *const column[], size_t n);
 
-/* Writes at an offset of the binary chunk. Thread-safe; does not set the error message: returns 0,
- * or an error for spin_glb_failed(). */
+/* Writes data at offset `at` of the binary chunk. Thread-safe. Does not set the error message:
+ * returns 0, or an error code for spin_glb_failed(). */
 int spin_glb_put(const struct spin_glb_clip *clip, uint64_t at, const void *data, size_t bytes);
-/* Converts such an error to a status; SPIN_E_UNSUPPORTED beyond the 4 GiB limit of the format. */
+/* Converts an error code of spin_glb_put() to a status with a message. SPIN_E_UNSUPPORTED if the
+ * file would exceed 4 GiB, the limit of the format. */
 spin_status spin_glb_failed(const struct spin_glb_clip *clip, int error);
-/* Ends the file after all of [0, n_bytes) has been written: adds the keys of the animation, and
- * everything before the binary data. */
+/* Completes the file: appends the animation's data to the binary chunk, then writes the JSON and
+ * the headers. Bytes [0, clip->n_bytes) of the chunk must have been written. */
 spin_status spin_glb_end(struct spin_glb_clip *clip);

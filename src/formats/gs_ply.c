@@ -4,19 +4,18 @@
 
 #include "math/sh.h"
 
-/* ---- The list of columns
- * ------------------------------------------------------------------------ */
+/* ---- The list of columns --------------------------------------------------------------------- */
 
 enum { MAX_REST = 45, MAX_COLUMNS = 3 + 3 + 3 + MAX_REST + 1 + 3 + 4 };
 
 struct column {
     char name[16];
-    unsigned part; /* enum spin_column; 0: normals */
-    int place;     /* index within the part's row in struct spin_splats */
+    unsigned part; /* enum spin_column; 0: not read, as normals */
+    int place;     /* index within a row of this column of struct spin_splats */
 };
 
-static struct column *add(struct column *c, const char *const *names, const char *prefix, int n,
-                          unsigned part)
+static struct column *add_columns(struct column *c, const char *const *names, const char *prefix,
+                                  int n, unsigned part)
 {
     for (int i = 0; i < n; i++, c++) {
         *c = (struct column){.part = part, .place = i};
@@ -28,7 +27,7 @@ static struct column *add(struct column *c, const char *const *names, const char
     return c;
 }
 
-/* Adds the f_rest_* that sh_degree needs, of a file with n_rest of them. */
+/* Adds the properties f_rest_* that sh_degree needs, for a file with n_rest of these properties. */
 static struct column *add_rest(struct column *c, int n_rest, int sh_degree)
 {
     int kept = spin_sh_count(sh_degree) - 1;
@@ -42,20 +41,20 @@ static struct column *add_rest(struct column *c, int n_rest, int sh_degree)
     return c;
 }
 
-/* Lists all columns in the order in which files are written; returns their number. */
+/* Lists all properties in the order in which files are written. Returns their number. */
 static size_t list_columns(int n_rest, int sh_degree, struct column out[MAX_COLUMNS])
 {
     static const char *const places[] = {"x", "y", "z"}, *const normals[] = {"nx", "ny", "nz"};
     static const char *const opacity[] = {"opacity"};
     struct column *c = out;
 
-    c = add(c, places, NULL, 3, SPIN_COL_MEANS);
-    c = add(c, normals, NULL, 3, 0);
-    c = add(c, NULL, "f_dc_", 3, SPIN_COL_SH);
+    c = add_columns(c, places, NULL, 3, SPIN_COL_MEANS);
+    c = add_columns(c, normals, NULL, 3, 0);
+    c = add_columns(c, NULL, "f_dc_", 3, SPIN_COL_SH);
     c = add_rest(c, n_rest, sh_degree);
-    c = add(c, opacity, NULL, 1, SPIN_COL_LOGIT_OPACITIES);
-    c = add(c, NULL, "scale_", 3, SPIN_COL_LOG_SCALES);
-    c = add(c, NULL, "rot_", 4, SPIN_COL_QUATS);
+    c = add_columns(c, opacity, NULL, 1, SPIN_COL_LOGIT_OPACITIES);
+    c = add_columns(c, NULL, "scale_", 3, SPIN_COL_LOG_SCALES);
+    c = add_columns(c, NULL, "rot_", 4, SPIN_COL_QUATS);
     return (size_t)(c - out);
 }
 
@@ -98,8 +97,7 @@ void spin_gs_ply_code(const struct spin_gs_ply_row *row, int sh_degree, unsigned
     spin_little_endian(to, spin_gs_ply_row(sh_degree) / 4);
 }
 
-/* ---- Parsing the header
- * ------------------------------------------------------------------------- */
+/* ---- Parsing the header ---------------------------------------------------------------------- */
 
 bool spin_ply_has(const struct spin_ply_element *e, const char *name)
 {
@@ -144,8 +142,8 @@ spin_status spin_gs_ply_degree(const struct spin_ply *ply, const struct spin_ply
 
         snprintf(name, sizeof name, "f_rest_%d", i);
         if (!spin_ply_has(e, name))
-            return spin_malformed("'%s': %d properties f_rest_*, but no '%s'", ply->path, *n_rest,
-                                  name);
+            return spin_malformed("'%s': there are %d properties f_rest_*, but no '%s'", ply->path,
+                                  *n_rest, name);
     }
     for (int d = 0; d <= 4; d++) {
         if (*n_rest == (int)spin_n_rest(d)) {
@@ -154,8 +152,8 @@ spin_status spin_gs_ply_degree(const struct spin_ply *ply, const struct spin_ply
         }
     }
     return spin_malformed(
-        "'%s': %d properties f_rest_*, expected 0, 9, 24, 45 or 72 (SH degree 0 to 4)", ply->path,
-        *n_rest);
+        "'%s': there are %d properties f_rest_*, expected 0, 9, 24, 45 or 72 (SH degree 0 to 4)",
+        ply->path, *n_rest);
 }
 
 spin_status spin_gs_ply_find(const struct spin_ply *ply, struct spin_gs_ply *out)
@@ -168,16 +166,18 @@ spin_status spin_gs_ply_find(const struct spin_ply *ply, struct spin_gs_ply *out
     *out = (struct spin_gs_ply){.ply = ply, .vertex = e};
     if (spin_ply_has(e, "scale_0") && spin_ply_has(e, "scale_1") && !spin_ply_has(e, "scale_2"))
         return spin_unsupported(
-            "'%s': no property 'scale_2': it looks like 2DGS, whose splats are flat", ply->path);
+            "'%s': element 'vertex' has no property 'scale_2': flat splats (2DGS) are not "
+            "supported",
+            ply->path);
     for (size_t i = 0; i < n; i++) {
         if (column[i].part == 0 || spin_ply_has(e, column[i].name))
             continue;
         out->colours = column[i].part == SPIN_COL_SH && spin_ply_has_colours(e);
         if (!out->colours)
             return spin_malformed(
-                "'%s': element 'vertex' has no property '%s', so these are not whole Gaussians%s",
-                ply->path, column[i].name,
-                column[i].part == SPIN_COL_SH ? "; 'red', 'green', 'blue' would do" : "");
+                "'%s': element 'vertex' has no property '%s', which Gaussians need%s", ply->path,
+                column[i].name,
+                column[i].part == SPIN_COL_SH ? ", and no 'red', 'green', 'blue' either" : "");
     }
     return spin_gs_ply_degree(ply, e, &out->sh_degree, &out->n_rest);
 }

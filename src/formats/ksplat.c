@@ -8,9 +8,9 @@
 
 #define MAX_LEVEL 2
 #define MAX_SH_DEGREE 3
-#define STEPS 32767     /* of half a bucket's width; default of a section */
-#define SH_RANGE 1.5f   /* default of the header */
-#define CENTRE_BYTES 12 /* bytes of a bucket's centre */
+#define STEPS 32767     /* default number of steps for half the width of a bucket */
+#define SH_RANGE 1.5f   /* default range of SH: -1.5 to 1.5 */
+#define CENTRE_BYTES 12 /* size of a bucket's centre: 3 floats */
 #define LEAST_SCALE 1e-38f
 
 struct file {
@@ -20,11 +20,11 @@ struct file {
 };
 
 struct section {
-    size_t n, n_full, n_buckets, bucket; /* bucket: splats of a full bucket */
+    size_t n, n_full, n_buckets, bucket; /* bucket: number of splats in a full bucket */
     const unsigned char *lengths, *centres, *rows;
-    size_t row; /* bytes */
-    float step; /* world units */
-    uint32_t steps;
+    size_t row;     /* bytes per splat */
+    float step;     /* quantisation step of positions, world units */
+    uint32_t steps; /* steps for half the width of a bucket */
     int sh_degree;
 };
 
@@ -39,23 +39,24 @@ static float f32_at(const unsigned char *at)
     return value;
 }
 
-/* ---- Headers -----------------------------------------------------------------------------------
- */
+/* ---- Headers --------------------------------------------------------------------------------- */
 
 static spin_status read_header(const unsigned char *file, size_t size, struct file *out)
 {
     if (size < SPIN_KSPLAT_HEADER)
-        return spin_malformed(".ksplat that ends in its header");
+        return spin_malformed(".ksplat: truncated within the header");
     if (file[0] != 0 || file[1] != 1)
-        return spin_unsupported(".ksplat of version %d.%d, expected 0.1", file[0], file[1]);
+        return spin_unsupported(".ksplat: version %d.%d, expected 0.1", file[0], file[1]);
     *out = (struct file){.level = (int)u16_at(file + 20),
                          .n_sections = spin_u32_at(file + 4),
                          .sh_least = f32_at(file + 36),
                          .sh_largest = f32_at(file + 40)};
     if (out->level > MAX_LEVEL)
-        return spin_unsupported(".ksplat of level %d, expected 0 to %d", out->level, MAX_LEVEL);
+        return spin_unsupported(".ksplat: compression level %d, expected 0 to %d", out->level,
+                                MAX_LEVEL);
     if (out->n_sections > (size - SPIN_KSPLAT_HEADER) / SPIN_KSPLAT_SECTION)
-        return spin_malformed(".ksplat with %u sections in %zu bytes", out->n_sections, size);
+        return spin_malformed(".ksplat: %zu bytes cannot contain %u sections", size,
+                              out->n_sections);
     out->sh_least = out->sh_least != 0 ? out->sh_least : -SH_RANGE;
     out->sh_largest = out->sh_largest != 0 ? out->sh_largest : SH_RANGE;
     return SPIN_OK;
@@ -71,7 +72,7 @@ static size_t bucket_splats(const struct section *s, size_t bucket)
     return bucket < s->n_full ? s->bucket : spin_u32_at(s->lengths + 4 * (bucket - s->n_full));
 }
 
-/* Checks that every splat has a bucket. */
+/* Checks that the buckets of a section contain at least as many splats as the section. */
 static spin_status check_buckets(const struct section *s, uint32_t index)
 {
     uint64_t n = 0;
@@ -79,12 +80,12 @@ static spin_status check_buckets(const struct section *s, uint32_t index)
     for (size_t b = 0; b < s->n_buckets; b++)
         n += bucket_splats(s, b);
     if (n < s->n)
-        return spin_malformed(".ksplat whose section %u has %zu splats, but %llu in its buckets",
+        return spin_malformed(".ksplat: section %u has %zu splats, but its buckets have %llu",
                               index, s->n, (unsigned long long)n);
     return SPIN_OK;
 }
 
-/* Reads the header of section `index`, whose data begin at offset *at; sets *at to their end. */
+/* Reads the header of section `index`. *at: offset of the section's data; advanced to their end. */
 static spin_status read_section(const unsigned char *file, size_t size, const struct file *f,
                                 uint32_t index, uint64_t *at, struct section *out)
 {
@@ -100,11 +101,11 @@ static spin_status read_section(const unsigned char *file, size_t size, const st
                             .steps = spin_u32_at(h + 24),
                             .sh_degree = (int)u16_at(h + 40)};
     if (out->sh_degree > MAX_SH_DEGREE)
-        return spin_unsupported(".ksplat with SH degree %d, expected 0 to %d", out->sh_degree,
-                                MAX_SH_DEGREE);
+        return spin_unsupported(".ksplat: section %u has SH degree %d, expected 0 to %d", index,
+                                out->sh_degree, MAX_SH_DEGREE);
     out->row = row_bytes(f->level, out->sh_degree);
     if (rows > size || room > (size - rows) / out->row || out->n > room)
-        return spin_malformed(".ksplat whose section %u extends beyond the file", index);
+        return spin_malformed(".ksplat: section %u extends beyond the file", index);
     *at = rows + room * out->row;
     out->lengths = file + lengths;
     out->centres = file + centres;
@@ -115,7 +116,7 @@ static spin_status read_section(const unsigned char *file, size_t size, const st
         return SPIN_OK;
     if ((n_buckets > 0 && u16_at(h + 20) != CENTRE_BYTES) ||
         n_buckets != (uint64_t)out->n_full + spin_u32_at(h + 36))
-        return spin_malformed(".ksplat whose section %u has invalid buckets", index);
+        return spin_malformed(".ksplat: section %u has invalid buckets", index);
     return check_buckets(out, index);
 }
 
@@ -135,16 +136,16 @@ spin_status spin_ksplat_peek(const unsigned char *file, size_t size, struct spin
         out->sh_degree = s.sh_degree > out->sh_degree ? s.sh_degree : out->sh_degree;
     }
     if (out->n != spin_u32_at(file + 16))
-        return spin_malformed(".ksplat of %u splats with %zu in its sections",
+        return spin_malformed(".ksplat: the header declares %u splats, the sections contain %zu",
                               spin_u32_at(file + 16), out->n);
     return SPIN_OK;
 }
 
-/* ---- Rows --------------------------------------------------------------------------------------
- */
+/* ---- Rows ------------------------------------------------------------------------------------ */
 
-/* Reads n consecutive numbers of a type with item_size bytes each. */
-static void take(const unsigned char *at, char kind, int item_size, size_t n, float *out)
+/* Converts n consecutive numbers to floats. kind: 'f' float, 'u' unsigned; item_size: bytes per
+ * number. */
+static void read_numbers(const unsigned char *at, char kind, int item_size, size_t n, float *out)
 {
     struct spin_array a = {.kind = kind,
                            .item_size = item_size,
@@ -162,7 +163,7 @@ static void read_sh(const unsigned char *at, const struct file *f, int sh_degree
     float rest[3 * SPIN_SH_MAX];
     const float *from = rest;
 
-    take(at, f->level == 2 ? 'u' : 'f', 4 >> f->level, spin_n_rest(sh_degree), rest);
+    read_numbers(at, f->level == 2 ? 'u' : 'f', 4 >> f->level, spin_n_rest(sh_degree), rest);
     for (int l = 1; l <= sh_degree; from += 3 * (2 * l + 1), l++)
         for (int c = 0; c < 3; c++)
             for (int m = 0; m < 2 * l + 1; m++)
@@ -181,18 +182,18 @@ static void read_row(const unsigned char *at, const struct file *f, const struct
     float v[4];
 
     if (columns & SPIN_COL_MEANS) {
-        take(at, f->level == 0 ? 'f' : 'u', size, 3, out->means + 3 * i);
+        read_numbers(at, f->level == 0 ? 'f' : 'u', size, 3, out->means + 3 * i);
         for (size_t c = 0; c < 3 && f->level > 0; c++)
             out->means[3 * i + c] =
                 (out->means[3 * i + c] - (float)s->steps) * s->step + f32_at(centre + 4 * c);
     }
     if (columns & SPIN_COL_LOG_SCALES) {
-        take(scale, 'f', size, 3, v);
-        for (size_t c = 0; c < 3; c++) /* NaN stays NaN and is reported later */
+        read_numbers(scale, 'f', size, 3, v);
+        for (size_t c = 0; c < 3; c++) /* NaN stays NaN; spin_ksplat_read() reports it */
             out->log_scales[3 * i + c] = logf(v[c] < LEAST_SCALE ? LEAST_SCALE : v[c]);
     }
     if (columns & SPIN_COL_QUATS) {
-        take(rotation, 'f', size, 4, out->quats + 4 * i);
+        read_numbers(rotation, 'f', size, 4, out->quats + 4 * i);
         if (isfinite(spin_quat_norm(out->quats + 4 * i)))
             spin_quat_normalise(out->quats + 4 * i);
     }

@@ -1,23 +1,31 @@
-/* .ksplat, the format of mkkellogg's viewer (GaussianSplats3D), version 0.1. Little endian.
+/* .ksplat, the format of mkkellogg's viewer (GaussianSplats3D), version 0.1. A file is little
+ * endian and consists of the file header, the headers of all sections, and the data of all
+ * sections. Fields are 4-byte integers if no type is given. The number before a field is its offset
+ * in bytes:
  *
- *     header, 4096 bytes      0 version (0, 1)    4 capacity in sections    8 sections
- *                             16 splats    20 level, 2 bytes    36 least and largest SH
- *     section header, 1024    0 splats    4 capacity in splats    8 splats of a full bucket
- *                             12 buckets    16 width of a bucket, a float
- *                             20 bytes of a bucket, 2    24 steps of half a width
- *                             32 full buckets    36 other buckets    40 SH degree, 2 bytes
- *     data of a section       the number of splats of each bucket that is not full; centres of
- *                             buckets, 3 floats; rows of splats, bucket after bucket
+ *     file header, 4096 bytes       0 version, bytes 0 and 1    4 capacity in sections
+ *                                   8 number of sections    16 number of splats
+ *                                   20 level, 2 bytes    36 minimum and 40 maximum of SH, floats
+ *     section header, 1024 bytes    0 number of splats    4 capacity in splats
+ *                                   8 splats per full bucket    12 number of buckets
+ *                                   16 width of a bucket, float
+ *                                   20 size of a bucket's centre, 2 bytes
+ *                                   24 steps for half the width of a bucket
+ *                                   32 number of full buckets    36 number of other buckets
+ *                                   40 SH degree, 2 bytes
+ *     data of a section             number of splats of each bucket that is not full; centre of
+ *                                   each bucket, 3 floats; rows of splats, bucket by bucket
  *
- * A row has position, scale (not its logarithm), rotation w x y z, colour and opacity as 4 bytes,
- * and SH. SH are ordered by degree: within a degree, the coefficients of red, then green, then
- * blue.
+ * A row contains position, scale (without logarithm), rotation w x y z, colour and opacity as 4
+ * bytes, and SH. SH are ordered by degree; each degree has all coefficients of red, then those of
+ * green, then those of blue. The level defines the types:
  *
- *     level 0    all floats, no buckets
- *     level 1    position in 16-bit steps around the bucket's centre, the others half floats
- *     level 2    the same, with SH as bytes between least and largest
+ *     level 0    all values are floats; there are no buckets
+ *     level 1    positions are 16-bit steps around the centre of the bucket; all other values are
+ *                half floats
+ *     level 2    like level 1, but SH are bytes between minimum and maximum
  *
- * The description is based on the viewer's own reader and writer. The axes are those of a PLY. */
+ * This description follows the viewer's own reader and writer. The axes are those of a PLY. */
 #pragma once
 
 #include "formats/gaussian.h"
@@ -26,13 +34,14 @@ enum { SPIN_KSPLAT_HEADER = 4096, SPIN_KSPLAT_SECTION = 1024 };
 
 struct spin_ksplat {
     size_t n;
-    int sh_degree; /* the largest of the sections, 0 to 3 */
+    int sh_degree; /* maximum over the sections, 0 to 3 */
 };
 
-/* Reads the headers of a file in memory and checks that all its data are present. Errors do not
- * name the file, here and below. */
+/* Reads the headers of a file that is in memory and checks that the file is complete. Error
+ * messages of this header do not contain the path. */
 spin_status spin_ksplat_peek(const unsigned char *file, size_t size, struct spin_ksplat *out);
-/* Reads all splats. All values are checked to be finite, rotations are normalised; a scale of 0 or
- * less becomes 1e-38. Coefficients that a section lacks are 0. */
+/* Reads all splats. Values that are not finite are an error. Rotations are normalised. Scales below
+ * 1e-38, including 0 and negative ones, become 1e-38. SH coefficients above the degree of a section
+ * become 0. */
 spin_status spin_ksplat_read(const unsigned char *file, size_t size, unsigned columns,
                              struct spin_splats *out);

@@ -1,11 +1,12 @@
-/* Integers in compressed columns: zigzag symbols of 1, 2 or 4 bytes in byte planes, first all low
- * bytes, then all second bytes, and so on. */
+/* Columns of integers as some formats store them before compression: each integer is mapped to an
+ * unsigned symbol of 1, 2 or 4 bytes (zigzag), and the symbols are split into byte planes: the
+ * lowest bytes of all symbols, then their second bytes, and so on. */
 #pragma once
 
 #include <stddef.h>
 #include <stdint.h>
 
-/* Symbol i of n, which have `width` bytes each. */
+/* Reads symbol i of n symbols with `width` bytes each. */
 static inline uint32_t spin_plane_symbol(const unsigned char *planes, int width, size_t n, size_t i)
 {
     uint32_t symbol = 0;
@@ -15,7 +16,7 @@ static inline uint32_t spin_plane_symbol(const unsigned char *planes, int width,
     return symbol;
 }
 
-/* 0, 1, 2, 3, 4 decode to 0, -1, 1, -2, 2. */
+/* Zigzag decoding: 0, 1, 2, 3, 4 become 0, -1, 1, -2, 2. */
 static inline int32_t spin_unzigzag(uint32_t symbol)
 {
     return (int32_t)(symbol >> 1 ^ -(symbol & 1));

@@ -7,17 +7,17 @@
 #include "math/quat.h"
 
 #define VERSION 2
-#define STEPS 65535.0 /* of a position */
-#define TAG 252       /* mark of a rotation whose w is the largest; then x y z */
+#define STEPS 65535.0 /* largest 16-bit code of a position */
+#define TAG 252       /* mode byte of a rotation: 252 + index of the largest of w x y z */
 #define SQRT2 1.41421356237309505f
 #define MAX_META (1u << 20)
 #define MAX_COUNT ((int64_t)SPIN_WEBP_MAX_SIDE * SPIN_WEBP_MAX_SIDE)
-#define SLACK 4096 /* allowed pixels without a Gaussian, beyond the number of Gaussians */
-/* A Gaussian takes a dozen bytes. A file with more Gaussians than bytes, beyond a million, is a
- * decompression bomb. */
+#define SLACK 4096 /* an image may have 2 n + SLACK pixels for n Gaussians */
+/* A Gaussian takes about 12 bytes. Refuse files with more Gaussians than bytes plus this number
+ * (decompression bombs). */
 #define MOST_SPLATS (1u << 20)
 
-/* The object of meta.json that each image belongs to, and its index among that object's files. */
+/* For each image: name of the member, object of meta.json that lists it, index in the list. */
 static const struct {
     const char *name, *object;
     size_t place;
@@ -44,7 +44,7 @@ void spin_sog_size(const struct spin_sog *sog, enum spin_sog_picture picture, in
         *height = lines > 0 ? (int)lines : 1;
         return;
     }
-    /* about square, with sides that are multiples of 4 */
+    /* nearly square; the sides are multiples of 4 */
     *width = sog->n > 0 ? (int)ceil(sqrt((double)sog->n) / 4) * 4 : 4;
     *height = sog->n > 0 ? (int)ceil((double)sog->n / *width / 4) * 4 : 4;
 }
@@ -171,29 +171,28 @@ spin_status spin_sog_meta(const struct spin_sog *sog, char **text, size_t *n)
     FILE *to = spin_text_open(text, n);
 
     if (!to)
-        return spin_fail(SPIN_E_MEMORY, "no memory for meta.json");
+        return spin_fail(SPIN_E_MEMORY, "not enough memory for meta.json");
     print_meta(to, sog);
     if (fclose(to) != 0)
-        return spin_fail(SPIN_E_MEMORY, "no memory for meta.json");
+        return spin_fail(SPIN_E_MEMORY, "not enough memory for meta.json");
     return SPIN_OK;
 }
 
-/* ---- An open file
- * -------------------------------------------------------------------------------- */
+/* ---- An open file ---------------------------------------------------------------------------- */
 
-/* A file that is being read, with the values that bytes of images stand for: of codebooks in
- * version 2, of ranges in version 1. */
 struct reading {
     struct spin_zip zip;
-    const char *folder; /* of separate files; NULL: they are in the zip */
+    const char *folder; /* with the files of an unpacked SOG; NULL: the files are in the zip */
     spin_json *meta;
     struct spin_sog sog;
+    /* The values of bytes 0..255 of the images, from codebooks (version 2) or ranges (version 1).
+     */
     float scale[3][SPIN_CODEBOOK], dc[3][SPIN_CODEBOOK], logit[SPIN_CODEBOOK];
     struct {
         const unsigned char *data;
         size_t size;
-        void *owned;
-        struct spin_map map; /* of a separate file */
+        void *owned;         /* data of a compressed member of the zip */
+        struct spin_map map; /* data of a file in `folder` */
         int width, height;
     } file[SPIN_SOG_PICTURES];
 };
@@ -217,11 +216,12 @@ static spin_status read_numbers(const spin_json *object, const char *key, size_t
     for (size_t i = 0; i < n; i++)
         if (spin_json_length(list) != n || !spin_json_number(spin_json_at(list, i), &out[i]) ||
             fabs(out[i]) > 1e9)
-            return spin_malformed("SOG whose '%s' is not %zu numbers", key, n);
+            return spin_malformed("SOG: '%s' is not a list of %zu numbers of at most 1e9", key, n);
     return SPIN_OK;
 }
 
-/* The first value may be null, as some writers left it: it is extrapolated below the second. */
+/* Reads a codebook. Some writers stored null as the first value, which is then extrapolated from
+ * the others. */
 static spin_status read_book(const spin_json *meta, const char *key, float book[SPIN_CODEBOOK])
 {
     const spin_json *list = spin_json_get(spin_json_get(meta, key), "codebook");
@@ -234,20 +234,20 @@ static spin_status read_book(const spin_json *meta, const char *key, float book[
             value[0] = value[1] + (value[1] - value[SPIN_CODEBOOK - 1]) / (SPIN_CODEBOOK - 1);
         else if (spin_json_length(list) != SPIN_CODEBOOK || !spin_json_number(json, &value[k]) ||
                  fabs(value[k]) > 1e9)
-            return spin_malformed("SOG whose 'codebook' of '%s' is not %d numbers", key,
-                                  SPIN_CODEBOOK);
+            return spin_malformed("SOG: '%s.codebook' is not a list of %d numbers of at most 1e9",
+                                  key, SPIN_CODEBOOK);
         book[k] = (float)value[k];
     }
     return SPIN_OK;
 }
 
-/* Reads an integer from `least` to `most`. */
+/* Reads an integer and checks that it is in [least, most]. */
 static spin_status check_count(const spin_json *json, const char *key, int64_t least, int64_t most,
                                int64_t *out)
 {
     if (!spin_json_integer(json, out) || *out < least || *out > most)
-        return spin_malformed("SOG whose '%s' is not from %lld to %lld", key, (long long)least,
-                              (long long)most);
+        return spin_malformed("SOG: '%s' is not an integer from %lld to %lld", key,
+                              (long long)least, (long long)most);
     return SPIN_OK;
 }
 
@@ -296,7 +296,8 @@ static spin_status read_ranges(const spin_json *meta, const char *key, size_t n,
     return SPIN_OK;
 }
 
-/* The size of the palette follows from that of its image: see open_picture(). */
+/* Reads 'shN' of version 1. It does not contain the size of the palette, which open_picture()
+ * derives from the size of its image. */
 static spin_status parse_1_sh(struct reading *r, const spin_json *sh_n)
 {
     const spin_json *shape = spin_json_get(sh_n, "shape");
@@ -310,7 +311,7 @@ static spin_status parse_1_sh(struct reading *r, const spin_json *sh_n)
     if (r->sog.sh_degree == 0 || !spin_json_number(spin_json_get(sh_n, "mins"), &least) ||
         !spin_json_number(spin_json_get(sh_n, "maxs"), &largest) || fabs(least) > 1e9 ||
         fabs(largest) > 1e9)
-        return spin_malformed("SOG whose 'shN' has no valid shape, mins and maxs");
+        return spin_malformed("SOG: 'shN' has no valid 'shape', 'mins' and 'maxs'");
     fill_range(least, largest, r->sog.sh_n);
     return SPIN_OK;
 }
@@ -324,7 +325,7 @@ static spin_status parse_1(struct reading *r, int64_t *count)
     float *const colour[4] = {r->dc[0], r->dc[1], r->dc[2], r->logit};
 
     if (!encoding || strcmp(encoding, "quaternion_packed") != 0)
-        return spin_unsupported("SOG of version 1 with rotations '%.60s', expected "
+        return spin_unsupported("SOG version 1: 'quats.encoding' is '%.60s', expected "
                                 "'quaternion_packed'",
                                 encoding ? encoding : "");
     SPIN_TRY(check_count(spin_json_at(spin_json_get(spin_json_get(meta, "means"), "shape"), 0),
@@ -340,8 +341,8 @@ static spin_status parse_meta(struct reading *r)
     int64_t number = 1, count = 0;
 
     if (version && (!spin_json_integer(version, &number) || number < 1 || number > VERSION))
-        return spin_unsupported("SOG of version %lld, expected 1 or %d%s", (long long)number,
-                                VERSION, number == 4 ? " (4 is TSOG: use --from tsog)" : "");
+        return spin_unsupported("SOG: version %lld, expected 1 or %d%s", (long long)number, VERSION,
+                                number == 4 ? " (4 is TSOG: use --from tsog)" : "");
     r->sog.version = (int)number;
     SPIN_TRY(number == 1 ? parse_1(r, &count) : parse_2(r, &count));
     r->sog.n = (size_t)count;
@@ -349,8 +350,7 @@ static spin_status parse_meta(struct reading *r)
     return read_numbers(spin_json_get(r->meta, "means"), "maxs", 3, r->sog.means.maxs);
 }
 
-/* ---- The files
- * ----------------------------------------------------------------------------------- */
+/* ---- The files ------------------------------------------------------------------------------- */
 
 static spin_status open_meta(struct reading *r, const void *file, size_t size)
 {
@@ -366,12 +366,12 @@ static spin_status open_meta(struct reading *r, const void *file, size_t size)
             SPIN_TRY(spin_zip_read(&r->zip, member, true, MAX_META, &data, &owned));
     }
     if (size > MAX_META)
-        return spin_malformed("no meta.json of SOG");
+        return spin_malformed("SOG: meta.json is missing or above 1 MiB");
     SPIN_TRY(spin_json_parse("meta.json", (const char *)data, size, &r->meta));
     return parse_meta(r);
 }
 
-/* Finds the bytes of an image. */
+/* Finds the WebP data of an image, in the folder or in the zip. */
 static spin_status find_picture(struct reading *r, enum spin_sog_picture p)
 {
     const spin_json *files = spin_json_get(spin_json_get(r->meta, pictures[p].object), "files");
@@ -391,13 +391,13 @@ static spin_status find_picture(struct reading *r, enum spin_sog_picture p)
     if (!r->folder && name)
         member = spin_zip_find(&r->zip, name);
     if (!member)
-        return spin_malformed("SOG without its image '%s'", pictures[p].name);
+        return spin_malformed("SOG: image '%s' is missing", pictures[p].name);
     r->file[p].size = (size_t)member->size;
     return spin_zip_read(&r->zip, member, true, r->zip.map.size, &r->file[p].data,
                          &r->file[p].owned);
 }
 
-/* Checks that an image has pixels for all its values and not many more. */
+/* Finds an image and checks that it has enough pixels for its values, but not many more. */
 static spin_status open_picture(struct reading *r, enum spin_sog_picture p)
 {
     int least_width, least_height, width, height;
@@ -418,8 +418,8 @@ static spin_status open_picture(struct reading *r, enum spin_sog_picture p)
     pixels = (int64_t)width * height;
     if (pixels < least || pixels > 2 * least + SLACK ||
         (p == SPIN_SOG_CENTROIDS && width != least_width))
-        return spin_malformed("SOG with an image '%s' of %dx%d pixels", pictures[p].name, width,
-                              height);
+        return spin_malformed("SOG: image '%s' has %dx%d pixels, which do not fit its contents",
+                              pictures[p].name, width, height);
     r->file[p].width = width;
     r->file[p].height = height;
     return SPIN_OK;
@@ -435,8 +435,8 @@ static spin_status open_reading(const void *file, size_t size, struct reading *r
         n_bytes += r->file[p].size;
     }
     if (r->sog.n > n_bytes + MOST_SPLATS)
-        return spin_malformed("SOG with %zu splats in %llu bytes", r->sog.n,
-                              (unsigned long long)n_bytes);
+        return spin_malformed("SOG: %llu bytes cannot contain %zu splats",
+                              (unsigned long long)n_bytes, r->sog.n);
     return SPIN_OK;
 }
 
@@ -450,8 +450,7 @@ spin_status spin_sog_peek(const void *file, size_t size, const char *folder, str
     return status;
 }
 
-/* ---- Pixels
- * -------------------------------------------------------------------------------------- */
+/* ---- Pixels ---------------------------------------------------------------------------------- */
 
 static spin_status read_picture(const struct reading *r, enum spin_sog_picture p, uint8_t **out)
 {
@@ -480,7 +479,7 @@ static spin_status read_quats(const struct reading *r, uint8_t **a, float *quats
     SPIN_TRY(read_picture(r, SPIN_SOG_QUATS, a));
     for (size_t i = 0; i < r->sog.n; i++)
         if (!spin_sog_rotation(*a + 4 * i, quats + 4 * i))
-            return spin_malformed("SOG whose rotation %zu has the invalid mark %d", i,
+            return spin_malformed("SOG: rotation %zu has the invalid mode byte %d", i,
                                   (*a)[4 * i + 3]);
     return SPIN_OK;
 }
@@ -509,11 +508,11 @@ static spin_status read_sh_n(const struct reading *r, uint8_t **a, uint8_t **b,
     SPIN_TRY(read_picture(r, SPIN_SOG_CENTROIDS, b));
     for (size_t i = 0; i < r->sog.n; i++) {
         size_t label = (*a)[4 * i] | (size_t)(*a)[4 * i + 1] << 8;
-        const uint8_t *pixel = *b + 4 * n_vec * label; /* a row has 64 vectors */
+        const uint8_t *pixel = *b + 4 * n_vec * label; /* 64 vectors per image row */
 
         if (label >= r->sog.n_palette)
-            return spin_malformed("SOG with vector %zu of a palette of %zu", label,
-                                  r->sog.n_palette);
+            return spin_malformed("SOG: splat %zu has SH vector %zu, but the palette has %zu", i,
+                                  label, r->sog.n_palette);
         for (size_t k = 0; k < n_vec; k++)
             for (size_t c = 0; c < 3; c++)
                 out->sh[(3 + 3 * n_vec) * i + 3 + 3 * k + c] = r->sog.sh_n[pixel[4 * k + c]];

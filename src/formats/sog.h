@@ -1,23 +1,25 @@
-/* PlayCanvas's SOG, version 2: a zip of stored members, lossless WebP images and a meta.json that
- * names them. The reader also accepts the same as separate files in a folder, and version 1. A
- * Gaussian is the same pixel, row by row, in all images except that of the palette:
+/* PlayCanvas's SOG, version 2: a zip with uncompressed members, which are lossless WebP images and
+ * a meta.json with their names. The reader also accepts an unpacked SOG (files in a folder), and
+ * version 1. Gaussian i is pixel i, row by row, of every image except the palette:
  *
- *     means_l, means_u   low and high bytes of x y z: 65535 steps between mins and maxs of
+ *     means_l, means_u   low and high bytes of x y z: 16-bit codes between mins and maxs of
  *                        sign(v) ln(1 + |v|)
- *     quats              three of w x y z, each (v / sqrt(2) + 0.5) * 255, and 252 + the index of
- *                        the omitted one: the largest, which is positive
- *     scales             for each axis the index of a log scale in a codebook of 256
- *     sh0                indices of dc in a codebook of 256, and opacity * 255
+ *     quats              r g b: the three smaller components of w x y z, each
+ *                        (v / sqrt(2) + 0.5) * 255; alpha, the mode byte: 252 + index of the
+ *                        largest component, which is omitted and positive
+ *     scales             indices of the three log scales in a codebook of 256 values
+ *     sh0                r g b: indices of dc in a codebook of 256 values; alpha: opacity * 255
  *     shN_labels         low and high byte of the index of an SH vector in a palette of at most
- *                        65536
- *     shN_centroids      the palette, 64 vectors a row, one pixel a coefficient: indices of r g b
- *                        in a codebook of 256
+ *                        65536 vectors
+ *     shN_centroids      the palette: 64 vectors per image row, one pixel per coefficient; r g b
+ *                        are indices in a codebook of 256 values
  *
- * Version 1, whose meta.json has no version, uses ranges instead of codebooks: a byte of scales and
- * sh0 is between the mins and maxs of its channel, opacity as a logit, and a byte of shN between
- * its min and max. The numbers of Gaussians and coefficients are given as shapes of arrays.
+ * Version 1, whose meta.json has no key 'version', has ranges instead of codebooks: bytes 0 and 255
+ * are the minimum and maximum, per channel in scales and sh0, common to all coefficients in shN.
+ * Opacity is stored as a logit. The number of Gaussians and the SH degree are given as shapes of
+ * arrays.
  *
- * The description is based on PlayCanvas's specification, and for version 1 on its readers. The
+ * This description follows PlayCanvas's specification and, for version 1, PlayCanvas's readers. The
  * axes are those of a PLY. */
 #pragma once
 
@@ -30,14 +32,14 @@ enum spin_sog_picture {
     SPIN_SOG_QUATS,
     SPIN_SOG_SCALES,
     SPIN_SOG_SH0,
-    SPIN_SOG_LABELS, /* the last two only with SH */
-    SPIN_SOG_CENTROIDS,
+    SPIN_SOG_LABELS,    /* only with SH above degree 0 */
+    SPIN_SOG_CENTROIDS, /* only with SH above degree 0 */
     SPIN_SOG_PICTURES
 };
 
 enum { SPIN_SOG_PALETTE_LINE = 64, SPIN_SOG_MAX_PALETTE = 65536 };
 
-/* The "model" in meta.json of splats that are to be drawn antialiased. */
+/* Value of "model" in meta.json for splats that must be drawn antialiased. */
 #define SPIN_SOG_ANTIALIASED "antialiased"
 
 struct spin_sog_range {
@@ -48,45 +50,47 @@ struct spin_sog {
     size_t n;
     int sh_degree; /* 0 to 3 */
     bool antialias;
-    struct spin_sog_range means; /* of spin_sog_log() of the positions */
+    struct spin_sog_range means; /* range of spin_sog_log() of the positions */
     float scales[SPIN_CODEBOOK], sh0[SPIN_CODEBOOK], sh_n[SPIN_CODEBOOK];
     size_t n_palette;
-    int version; /* 1 or 2, of a file that was read */
+    int version; /* of a file that was read: 1 or 2 */
 };
 
-/* The name of an image's member. */
+/* The name of an image in the zip. */
 const char *spin_sog_name(enum spin_sog_picture picture);
-/* The size of an image in pixels; width 0: it does not exist. */
+/* The size of an image in pixels; 0 if SH of degree 0 do not need this image. */
 void spin_sog_size(const struct spin_sog *sog, enum spin_sog_picture picture, int *width,
                    int *height);
-/* The size of the palette for n Gaussians, as in splat-transform: the largest power of 2 up to n,
+/* Number of palette vectors for n Gaussians, as in splat-transform: the largest power of 2 up to n,
  * but at least 1024 and at most 65536. */
 size_t spin_sog_palette(size_t n);
 
 /* ---- Writing --------------------------------------------------------------------------------- */
 
+/* sign(v) ln(1 + |v|), and its inverse. */
 double spin_sog_log(double v);
 double spin_sog_unlog(double v);
-/* Quantises n numbers to the steps of a range (of their spin_sog_log(), unless it is linear): 16
- * bits, or 8 if high is NULL. shown: the decoded values, here and below. */
+/* Quantises n numbers within a range to 16 bits, or to 8 bits if high is NULL. Unless `linear`, the
+ * range is that of spin_sog_log() of the numbers. shown: the decoded numbers. */
 void spin_sog_code(const struct spin_sog_range *range, bool linear, size_t n, const float *v,
                    uint8_t *low, uint8_t *high, float *shown);
-/* Decodes number c from step q of `steps`. */
+/* Decodes number c of a range from its code q in 0..steps. */
 float spin_sog_number(const struct spin_sog_range *range, bool linear, size_t c, unsigned q,
                       double steps);
+/* Quantises a unit quaternion w x y z to a pixel. shown: the decoded quaternion. */
 void spin_sog_code_rotation(const float q[4], uint8_t out[4], float shown[4]);
-/* Decodes such a pixel; false if its mark is invalid. */
+/* Decodes a pixel of quats.webp; returns false if its mode byte is invalid. */
 bool spin_sog_rotation(const uint8_t pixel[4], float q[4]);
-/* The text of meta.json, malloc'ed. */
+/* Sets *text to the text of meta.json, which the caller frees, and *n to its length. */
 spin_status spin_sog_meta(const struct spin_sog *sog, char **text, size_t *n);
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Reads meta.json and checks that its images exist and have the right size. The file is the zip;
- * or, with a folder, meta.json itself, whose images are files in the folder. Errors do not name the
- * file, here and below. */
+/* Reads meta.json and checks that its images exist and have the right size. file: content of the
+ * zip if folder is NULL, otherwise of the meta.json of an unpacked SOG in `folder`. Error messages
+ * of this section do not contain the path. */
 spin_status spin_sog_peek(const void *file, size_t size, const char *folder, struct spin_sog *out);
-/* Reads all splats. All values are finite, rotations are normalised. Refuses versions above 2, and
- * images that are much larger than their contents. */
+/* Reads all splats; arguments as above. All values are finite, and rotations are normalised.
+ * Versions above 2 are refused, and images with many more pixels than splats. */
 spin_status spin_sog_read(const void *file, size_t size, const char *folder, unsigned columns,
                           struct spin_splats *out);

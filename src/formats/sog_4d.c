@@ -8,8 +8,8 @@
 #define MAX_META (4u << 20)
 #define MAX_PICTURE (512u << 20)
 #define MAX_COUNT ((int64_t)SPIN_WEBP_MAX_SIDE * SPIN_WEBP_MAX_SIDE)
-#define SLACK 4096             /* allowed pixels without a splat, beyond the number of splats */
-#define MOST_SPLATS (1u << 20) /* number of splats that is allowed for any file size */
+#define SLACK 4096             /* an image may have 2 n + SLACK pixels for n splats */
+#define MOST_SPLATS (1u << 20) /* a file of n bytes may contain n + MOST_SPLATS splats */
 
 /* ---- meta.json ------------------------------------------------------------------------------- */
 
@@ -17,8 +17,8 @@ spin_status spin_sog_4d_integer(const struct spin_sog_4d *r, const spin_json *j,
                                 int64_t least, int64_t most, int64_t *out)
 {
     if (!spin_json_integer(j, out) || *out < least || *out > most)
-        return spin_malformed("%s whose '%s' is not a whole number from %lld to %lld", r->what,
-                              name, (long long)least, (long long)most);
+        return spin_malformed("%s: '%s' is not an integer from %lld to %lld", r->what, name,
+                              (long long)least, (long long)most);
     return SPIN_OK;
 }
 
@@ -26,7 +26,7 @@ spin_status spin_sog_4d_number(const struct spin_sog_4d *r, const spin_json *j, 
                                double *out)
 {
     if (!spin_json_number(j, out) || !(fabs(*out) <= (double)FLT_MAX))
-        return spin_malformed("%s whose '%s' is not a number that a float holds", r->what, name);
+        return spin_malformed("%s: '%s' is not a number in the range of a float", r->what, name);
     return SPIN_OK;
 }
 
@@ -34,7 +34,7 @@ static spin_status read_list(const struct spin_sog_4d *r, const spin_json *list,
                              size_t n, double *out)
 {
     if (spin_json_length(list) != n)
-        return spin_malformed("%s whose '%s' is not %zu numbers", r->what, name, n);
+        return spin_malformed("%s: '%s' is not a list of %zu numbers", r->what, name, n);
     for (size_t i = 0; i < n; i++)
         SPIN_TRY(spin_sog_4d_number(r, spin_json_at(list, i), name, &out[i]));
     return SPIN_OK;
@@ -48,7 +48,7 @@ spin_status spin_sog_4d_range(const struct spin_sog_4d *r, const spin_json *mins
     SPIN_TRY(read_list(r, maxs, name, n, out->maxs));
     for (size_t c = 0; c < n; c++)
         if (out->mins[c] > out->maxs[c])
-            return spin_malformed("%s whose '%s' has mins above its maxs", r->what, name);
+            return spin_malformed("%s: '%s' has a minimum above its maximum", r->what, name);
     return SPIN_OK;
 }
 
@@ -59,7 +59,8 @@ spin_status spin_sog_4d_book(const struct spin_sog_4d *r, const spin_json *j, co
     double value[SPIN_CODEBOOK];
 
     if (n < least || n > SPIN_CODEBOOK)
-        return spin_malformed("%s whose code book of '%s' has %zu numbers", r->what, name, n);
+        return spin_malformed("%s: '%s.codebook' has %zu numbers, expected %zu to %d", r->what,
+                              name, n, least, SPIN_CODEBOOK);
     SPIN_TRY(read_list(r, j, name, n, value));
     out->n = n;
     for (size_t k = 0; k < n; k++)
@@ -91,7 +92,7 @@ spin_status spin_sog_4d_files(struct spin_sog_4d *r, const spin_json *object, co
     size_t n = spin_json_length(files);
 
     if (n < least || n > most)
-        return spin_malformed("%s whose '%s' names %zu files, expected %zu", r->what, name, n,
+        return spin_malformed("%s: '%s.files' lists %zu files, expected %zu", r->what, name, n,
                               most);
     for (size_t i = 0; i < n; i++) {
         const char *file = spin_json_string(spin_json_at(files, i));
@@ -99,8 +100,8 @@ spin_status spin_sog_4d_files(struct spin_sog_4d *r, const spin_json *object, co
         if (!file || !spin_sog_4d_name_is_plain(file) || strcmp(file, "meta.json") == 0 ||
             (i > 0 && strcmp(file, r->name[first]) == 0))
             return spin_malformed(
-                "%s whose '%s' names '%.60s', which is not a valid name of an image", r->what, name,
-                file ? file : "");
+                "%s: '%s.files' lists '%.60s', which is not a valid name of an image", r->what,
+                name, file ? file : "");
         r->name[first + i] = file;
     }
     return SPIN_OK;
@@ -116,8 +117,8 @@ spin_status spin_sog_4d_still(struct spin_sog_4d *r, size_t least)
 
     SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(r->meta, "count"), "count", 1, MAX_COUNT, &n));
     if ((uint64_t)n > r->zip.map.size + MOST_SPLATS)
-        return spin_malformed("%s with %lld splats in %zu bytes", r->what, (long long)n,
-                              r->zip.map.size);
+        return spin_malformed("%s: %zu bytes cannot contain %lld splats", r->what, r->zip.map.size,
+                              (long long)n);
     r->n = (size_t)n;
     r->antialias = model && strcmp(model, SPIN_SOG_ANTIALIASED) == 0;
     SPIN_TRY(spin_sog_4d_range(r, spin_json_get(means, "mins"), spin_json_get(means, "maxs"),
@@ -154,7 +155,7 @@ spin_status spin_sog_4d_open(const char *what, const void *file, size_t size,
     SPIN_TRY(spin_zip_parse(what, file, size, &out->zip));
     member = spin_zip_find(&out->zip, "meta.json");
     if (!member || member->size > MAX_META)
-        return spin_malformed("no meta.json of %s", what);
+        return spin_malformed("%s: meta.json is missing or above 4 MiB", what);
     SPIN_TRY(spin_zip_read(&out->zip, member, true, MAX_META, &data, &owned));
     return spin_json_parse("meta.json", (const char *)data, (size_t)member->size, &out->meta);
 }
@@ -166,21 +167,20 @@ void spin_sog_4d_close(struct spin_sog_4d *r)
     spin_zip_close(&r->zip);
 }
 
-/* ---- Images
- * ----------------------------------------------------------------------------------- */
+/* ---- Images ---------------------------------------------------------------------------------- */
 
-/* Rows of the output that are read from one set of images. */
+/* A set of images of one size, and the range of rows of *out that they contain. */
 struct set {
     struct spin_sog_4d *r;
-    const char *folder; /* NULL: none */
+    const char *folder; /* in the zip; NULL: the root */
     size_t first, n;
-    int width, height; /* of its images; 0: none was opened yet */
-    uint8_t *low, *high;
+    int width, height;   /* of the images; 0: no image was opened yet */
+    uint8_t *low, *high; /* scratch: pixels of the current image, and of the image of high bytes */
     struct spin_splats_4d *out;
 };
 
-static spin_status decode(const struct spin_sog_4d *r, const void *data, size_t size,
-                          struct set *set, uint8_t **out)
+static spin_status decode_image(const struct spin_sog_4d *r, const void *data, size_t size,
+                                struct set *set, uint8_t **out)
 {
     size_t n_vec = spin_n_rest(r->sh_degree) / 3 * SPIN_SOG_PALETTE_LINE;
     size_t n = set ? set->n : n_vec * ((r->n_palette + 63) / SPIN_SOG_PALETTE_LINE), pixels;
@@ -190,7 +190,7 @@ static spin_status decode(const struct spin_sog_4d *r, const void *data, size_t 
     pixels = (size_t)width * (size_t)height;
     if (pixels < n || pixels > 2 * n + SLACK || (!set && (size_t)width != n_vec) ||
         (set && set->width > 0 && (set->width != width || set->height != height)))
-        return spin_malformed("it has %dx%d pixels", width, height);
+        return spin_malformed("size of %dx%d pixels, which does not fit the splats", width, height);
     if (set) {
         set->width = width;
         set->height = height;
@@ -201,7 +201,7 @@ static spin_status decode(const struct spin_sog_4d *r, const void *data, size_t 
     return spin_webp_read(data, size, width, height, *out);
 }
 
-/* Opens an image; set NULL: that of the palette. */
+/* Reads an image of a set, or the palette if set is NULL. */
 static spin_status open_picture(const struct spin_sog_4d *r, enum spin_sog_4d_picture p,
                                 struct set *set, uint8_t **out)
 {
@@ -218,14 +218,14 @@ static spin_status open_picture(const struct spin_sog_4d *r, enum spin_sog_4d_pi
         SPIN_TRY(spin_strdup(r->name[p], &name));
     member = spin_zip_find(&r->zip, name);
     status = member ? spin_zip_read(&r->zip, member, true, MAX_PICTURE, &data, &owned)
-                    : spin_malformed("it is missing");
+                    : spin_malformed("the file is missing");
     if (status == SPIN_OK)
-        status = decode(r, data, (size_t)member->size, set, out);
-    return spin_fail_context(status, "image '%s' of %s", name, r->what);
+        status = decode_image(r, data, (size_t)member->size, set, out);
+    return spin_fail_context(status, "%s: image '%s'", r->what, name);
 }
 
-/* Reads channels of image p, and of the image of high bytes if there is one, as numbers of a range.
- * Channel c goes to to[c][step i]; to ends with NULL. */
+/* Dequantises channels of image p, with 16 bits if image p + 1 exists and contains the high bytes.
+ * Channel c of row i is written to to[c][step * i]. NULL ends the list `to`. */
 static spin_status read_numbers(struct set *set, enum spin_sog_4d_picture p,
                                 const struct spin_sog_range *range, bool linear, float *to[4],
                                 size_t step)
@@ -241,13 +241,14 @@ static spin_status read_numbers(struct set *set, enum spin_sog_4d_picture p,
 
             to[c][step * i] = spin_sog_number(range, linear, c, q, wide ? 65535 : 255);
             if (!isfinite(to[c][step * i]))
-                return spin_malformed("image '%s' of %s: row %zu is not finite", set->r->name[p],
-                                      set->r->what, i);
+                return spin_malformed("%s: image '%s': splat %zu is not finite", set->r->what,
+                                      set->r->name[p], i);
         }
     return SPIN_OK;
 }
 
-/* Reads channels of image p as indices in codebooks. */
+/* Decodes channels of image p, which are indices in codebooks. Channel c of row i is written to
+ * to[c][step[c] * i]. NULL ends the list `to`. */
 static spin_status read_books(struct set *set, enum spin_sog_4d_picture p,
                               const struct spin_sog_book *const book[4], float *to[5],
                               const size_t step[4])
@@ -258,8 +259,8 @@ static spin_status read_books(struct set *set, enum spin_sog_4d_picture p,
             uint8_t k = set->low[4 * i + c];
 
             if (k >= book[c]->n)
-                return spin_malformed("image '%s' of %s: row %zu has entry %d of a book of %zu",
-                                      set->r->name[p], set->r->what, i, k, book[c]->n);
+                return spin_malformed("%s: image '%s': splat %zu has index %d in a codebook of %zu",
+                                      set->r->what, set->r->name[p], i, k, book[c]->n);
             to[c][step[c] * i] = book[c]->value[k];
         }
     return SPIN_OK;
@@ -270,8 +271,8 @@ static spin_status read_quats(struct set *set, float *quats)
     SPIN_TRY(open_picture(set->r, SPIN_4D_QUATS, set, &set->low));
     for (size_t i = 0; i < set->n; i++)
         if (!spin_sog_rotation(set->low + 4 * i, quats + 4 * i))
-            return spin_malformed("image '%s' of %s: row %zu has the invalid mark %d",
-                                  set->r->name[SPIN_4D_QUATS], set->r->what, i,
+            return spin_malformed("%s: image '%s': rotation %zu has the invalid mode byte %d",
+                                  set->r->what, set->r->name[SPIN_4D_QUATS], i,
                                   set->low[4 * i + 3]);
     return SPIN_OK;
 }
@@ -286,17 +287,17 @@ static spin_status read_rest(struct set *set, float *sh, size_t width)
     SPIN_TRY(open_picture(r, SPIN_4D_LABELS, set, &set->low));
     for (size_t i = 0; i < set->n; i++) {
         size_t label = set->low[4 * i] | (size_t)set->low[4 * i + 1] << 8;
-        const uint8_t *pixel = r->centroids + 4 * n_vec * label; /* a row has 64 vectors */
+        const uint8_t *pixel = r->centroids + 4 * n_vec * label; /* 64 vectors per image row */
 
         if (label >= r->n_palette)
-            return spin_malformed("%s with vector %zu of a palette of %zu", r->what, label,
-                                  r->n_palette);
+            return spin_malformed("%s: splat %zu has SH vector %zu, but the palette has %zu",
+                                  r->what, i, label, r->n_palette);
         for (size_t k = 0; k < 3 * n_vec; k++) {
             uint8_t entry = pixel[k / 3 * 4 + k % 3];
 
             if (entry >= r->sh_n.n)
-                return spin_malformed("%s with entry %d of a book of %zu for shN", r->what, entry,
-                                      r->sh_n.n);
+                return spin_malformed("%s: the palette has index %d in a codebook of %zu", r->what,
+                                      entry, r->sh_n.n);
             sh[width * i + 3 + k] = r->sh_n.value[entry];
         }
     }

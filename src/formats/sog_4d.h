@@ -1,14 +1,14 @@
-/* The common part of the two kinds of SOG (sog.h) with time, TSOG (tsog.h) and .sogst (sogst.h).
- * They add to the images of SOG, for each splat,
+/* Code shared by TSOG (tsog.h) and .sogst (sogst.h), two extensions of SOG (sog.h) to 4D splats.
+ * With d = time minus the splat's centre in time, the additional images contain for each splat
  *
- *   time     its own time and its sigma: 16 bits of a range in two images, or two indices in
- *            codebooks
- *   motion   the coefficient of d in its path, encoded like positions: 16 bits of a range in two
- *            images, or 8 bits in one
- *   accel    the same for d^2
+ *   time     centre in time and sigma: 16-bit codes within a range, as two images of low and high
+ *            bytes; or indices in two codebooks, in one image
+ *   motion   coefficient of d in the path, encoded like positions: 16-bit codes in two images, or
+ *            8-bit codes in one image
+ *   accel    coefficient of d^2 in the path, encoded like motion
  *
- * Images may have any names, and any size that holds the splats; pixels after the last splat are
- * not read. */
+ * Images may have any names, and any size with enough pixels; pixels after the last splat are
+ * ignored. */
 #pragma once
 
 #include "formats/sog.h"
@@ -16,7 +16,7 @@
 #include "io/zip.h"
 
 enum spin_sog_4d_picture {
-    SPIN_4D_MEANS, /* low bytes; the next one has the high bytes */
+    SPIN_4D_MEANS, /* low bytes; SPIN_4D_..._HIGH: high bytes */
     SPIN_4D_MEANS_HIGH,
     SPIN_4D_SCALES,
     SPIN_4D_QUATS,
@@ -40,54 +40,57 @@ struct spin_sog_book {
 struct spin_sog_4d {
     const char *what; /* name of the format, for messages */
     size_t n;
-    int degree, sh_degree; /* degrees: 0 to 2 of paths, 0 to 3 of SH */
-    int n_frames; /* of files that store a frame number instead of time and sigma; 0: other files */
-    bool antialias; /* to be drawn antialiased */
+    int degree, sh_degree; /* degree of the paths, 0 to 2; degree of SH, 0 to 3 */
+    int n_frames;   /* if splats have a frame number instead of centre and sigma; otherwise 0 */
+    bool antialias; /* splats must be drawn antialiased */
     bool linear;    /* motion is stored directly, not as its spin_sog_log() */
-    struct spin_sog_range means, motion, accel, time; /* time: own time, sigma */
+    struct spin_sog_range means, motion, accel, time; /* time: [0] centre in time, [1] sigma */
     struct spin_sog_book scales, sh0, sh_n, centre, sigma;
     size_t n_palette;
     const char *name[SPIN_4D_PICTURES]; /* NULL: the image does not exist */
 
-    /* Of a file that is read. */
+    /* Set only while reading. */
     struct spin_zip zip;
     spin_json *meta;
-    struct spin_sog_book opacity; /* logits */
-    uint8_t *centroids;           /* pixels of the palette, once read */
+    struct spin_sog_book opacity; /* logits of bytes 0..255 */
+    uint8_t *centroids;           /* pixels of the palette; NULL: not read yet */
 };
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Opens the zip and its meta.json. Close it even after a failure. Errors do not name the file. */
+/* Opens the zip and parses its meta.json. Call spin_sog_4d_close() even after a failure. Error
+ * messages of this section contain `what`, but not the path. */
 spin_status spin_sog_4d_open(const char *what, const void *file, size_t size,
                              struct spin_sog_4d *out);
 void spin_sog_4d_close(struct spin_sog_4d *r);
 
-/* Read a value of meta.json: an integer; a number within the range of float. `name` is used in
- * messages. */
+/* Read a value of meta.json: an integer in [least, most]; a number that does not overflow a float.
+ * name: of the value, for messages. */
 spin_status spin_sog_4d_integer(const struct spin_sog_4d *r, const spin_json *j, const char *name,
                                 int64_t least, int64_t most, int64_t *out);
 spin_status spin_sog_4d_number(const struct spin_sog_4d *r, const spin_json *j, const char *name,
                                double *out);
-/* Reads n minima and n maxima, none of which exceeds its maximum. */
+/* Reads n minima and n maxima. SPIN_E_MALFORMED if a minimum is above its maximum. */
 spin_status spin_sog_4d_range(const struct spin_sog_4d *r, const spin_json *mins,
                               const spin_json *maxs, const char *name, size_t n,
                               struct spin_sog_range *out);
-/* Reads `least` to 256 numbers. */
+/* Reads a codebook of `least` to 256 numbers. */
 spin_status spin_sog_4d_book(const struct spin_sog_4d *r, const spin_json *j, const char *name,
                              size_t least, struct spin_sog_book *out);
-/* Reads `least` to `most` names from the list of files of `object`, all different: the images from
- * `first` on. */
+/* Reads the names of images `first` and following from object.files, which must list `least` to
+ * `most` different names. */
 spin_status spin_sog_4d_files(struct spin_sog_4d *r, const spin_json *object, const char *name,
                               size_t least, size_t most, enum spin_sog_4d_picture first);
-/* True if unpacking a member of this name cannot write outside the target folder: no component is
- * empty, "." or "..", and there is none of \ : ? # and no control character. */
+/* True if a member with this name can be unpacked safely within a folder: no component of the path
+ * is empty, "." or "..", and the name contains no \ : ? # and no control character. */
 bool spin_sog_4d_name_is_plain(const char *name);
-/* Reads means, scales, quats, sh0 and shN, whose codebooks have at least `least` numbers. */
+/* Reads the keys of meta.json that SOG has as well: means, scales, quats, sh0 and shN. Codebooks
+ * must have at least `least` numbers. */
 spin_status spin_sog_4d_still(struct spin_sog_4d *r, size_t least);
 
-/* Reads the images of n splats in `folder` of the zip (NULL: the root) into rows `first` and on.
- * Time uses codebooks if there are any, else a range; without images of time, times are 0 and
- * sigmas are SPIN_FOREVER. */
+/* Reads the images of n splats in `folder` of the zip (NULL: the root) into rows
+ * [first, first + n). Centres in time and sigmas are decoded with r->centre and r->sigma if these
+ * codebooks were read, otherwise with the range r->time. Without images of time, times become 0 and
+ * sigmas SPIN_FOREVER. */
 spin_status spin_sog_4d_rows(struct spin_sog_4d *r, const char *folder, size_t first, size_t n,
                              struct spin_splats_4d *out);

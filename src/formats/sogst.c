@@ -15,19 +15,19 @@ static spin_status check_version(const struct spin_sog_4d *r)
     if (!spin_json_integer(spin_json_get(r->meta, "version"), &version) || version != VERSION ||
         !format || strcmp(format, "sogst") != 0)
         return spin_unsupported(
-            ".sogst of version %lld and format '%.60s', expected %d and 'sogst'",
+            ".sogst: 'version' is %lld and 'format' is '%.60s', expected %d and 'sogst'",
             (long long)version, format ? format : "", VERSION);
     return SPIN_OK;
 }
 
-/* Checks the times of a clip: its length and fps must be above 0. */
+/* Checks that the length and the frame rate of the clip are positive and plausible. */
 static spin_status check_times(const struct spin_sogst *s)
 {
     if (!(s->last > s->first && s->last - s->first < 1e6 && s->fps > 0 && s->fps < 1e4))
-        return spin_malformed(".sogst with times from %g to %g s and %g frames a second", s->first,
-                              s->last, s->fps);
+        return spin_malformed(".sogst: invalid time range %g to %g s or %g frames per second",
+                              s->first, s->last, s->fps);
     if (!((s->last - s->first) * s->fps + 1.5 < INT_MAX))
-        return spin_unsupported(".sogst with %.0f frames, %g s at %g frames a second",
+        return spin_unsupported(".sogst: %.0f frames in %g s at %g frames per second are too many",
                                 (s->last - s->first) * s->fps + 1, s->last - s->first, s->fps);
     return SPIN_OK;
 }
@@ -60,8 +60,8 @@ static spin_status read_motion(struct spin_sog_4d *r)
     SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(spin_json_get(r->meta, "motion"), "degree"),
                                  "motion.degree", 1, 2, &degree));
     if ((accel != NULL) != (degree == 2))
-        return spin_malformed(".sogst of degree %d %s 'accel'", (int)degree,
-                              accel ? "with" : "without");
+        return spin_malformed(".sogst: 'motion.degree' is %d, but 'accel' is %s", (int)degree,
+                              accel ? "present" : "missing");
     r->degree = (int)degree;
     SPIN_TRY(read_path(r, "motion", &r->motion, SPIN_4D_MOTION));
     return accel ? read_path(r, "accel", &r->accel, SPIN_4D_ACCEL) : SPIN_OK;
@@ -78,7 +78,7 @@ static spin_status read_trbf(struct spin_sog_4d *r)
                               &r->sigma));
     for (size_t k = 0; k < SPIN_CODEBOOK; k++)
         if (!(r->sigma.value[k] > 0))
-            return spin_malformed(".sogst whose 'trbf.sigma' is not above 0");
+            return spin_malformed(".sogst: 'trbf.sigma.codebook' has a value of 0 or below");
     return spin_sog_4d_files(r, trbf, "trbf", 1, 1, SPIN_4D_TIME);
 }
 
@@ -91,14 +91,15 @@ static spin_status read_cov2d(const struct spin_sog_4d *r, double cov2d[2])
     for (size_t k = 0; k < 2; k++) {
         SPIN_TRY(spin_sog_4d_number(r, spin_json_at(scale, k), "cov2d_scale", &cov2d[k]));
         if (spin_json_length(scale) != 2 || !(cov2d[k] > 0))
-            return spin_malformed(".sogst whose 'cov2d_scale' is not two factors");
+            return spin_malformed(".sogst: 'cov2d_scale' is not a list of two positive numbers");
     }
     return SPIN_OK;
 }
 
 /* ---- Segments -------------------------------------------------------------------------------- */
 
-/* Reads a range of splats, which must begin where the previous one ends. */
+/* Reads a range of splats. Ranges must be contiguous: *end is the end of the previous range, and
+ * becomes the end of this one. */
 static spin_status next_range(const spin_json *range, size_t n, size_t *at, size_t *end)
 {
     int64_t first = -1, last = -1;
@@ -107,14 +108,16 @@ static spin_status next_range(const spin_json *range, size_t n, size_t *at, size
         !spin_json_integer(spin_json_at(range, 1), &last) || first != (int64_t)*end ||
         last < first || last > (int64_t)n)
         return spin_malformed(
-            ".sogst whose 'segments' have a range %lld to %lld after splat %zu of %zu",
+            ".sogst: 'segments' has the range %lld to %lld, expected a range from %zu to at most "
+            "%zu",
             (long long)first, (long long)last, *end, n);
     *at = *end;
     *end = (size_t)last;
     return SPIN_OK;
 }
 
-/* Reads the images of one group of splats, which have their own folder. */
+/* Reads the range of a group of splats and, if splats is not NULL, the images in the group's
+ * folder. */
 static spin_status read_group(struct spin_sog_4d *r, const spin_json *range, const spin_json *name,
                               size_t *end, struct spin_splats_4d *splats)
 {
@@ -125,12 +128,13 @@ static spin_status read_group(struct spin_sog_4d *r, const spin_json *range, con
     if (!splats || at == *end)
         return SPIN_OK;
     if (!folder || !spin_sog_4d_name_is_plain(folder))
-        return spin_malformed(".sogst whose 'streams' name no folder for splats %zu to %zu", at,
+        return spin_malformed(".sogst: 'streams' has no valid folder for splats %zu to %zu", at,
                               *end);
     return spin_sog_4d_rows(r, folder, at, *end - at, splats);
 }
 
-/* Checks the ranges; reads the rows, by segment if there are streams. */
+/* Reads all rows, and checks the ranges of the segments. With 'streams', each segment has images of
+ * its own. */
 static spin_status read_segments(struct spin_sog_4d *r, struct spin_sogst *out,
                                  struct spin_splats_4d *splats)
 {
@@ -143,10 +147,12 @@ static spin_status read_segments(struct spin_sog_4d *r, struct spin_sogst *out,
 
     out->n_segments = spin_json_length(list);
     if (!segments && streams)
-        return spin_malformed(".sogst with 'streams' but no 'segments'");
+        return spin_malformed(".sogst: 'streams' is present, but 'segments' is missing");
     if (out->n_segments > MOST_SEGMENTS || (streams && spin_json_length(names) != out->n_segments))
-        return spin_malformed(".sogst with %zu segments and %zu streams of them", out->n_segments,
-                              spin_json_length(names));
+        return spin_malformed(
+            ".sogst: 'segments' lists %zu segments and 'streams' %zu, expected equal numbers of at "
+            "most %d",
+            out->n_segments, spin_json_length(names), MOST_SEGMENTS);
     if (!segments)
         return spin_sog_4d_rows(r, NULL, 0, r->n, splats);
     SPIN_TRY(read_group(r, spin_json_get(segments, "persistent"),
@@ -155,7 +161,7 @@ static spin_status read_segments(struct spin_sog_4d *r, struct spin_sogst *out,
         SPIN_TRY(read_group(r, spin_json_get(spin_json_at(list, k), "range"),
                             spin_json_at(names, k), &end, to));
     if (end != r->n)
-        return spin_malformed(".sogst whose 'segments' contain %zu of %zu splats", end, r->n);
+        return spin_malformed(".sogst: 'segments' contains %zu splats, 'count' is %zu", end, r->n);
     return streams ? SPIN_OK : spin_sog_4d_rows(r, NULL, 0, r->n, splats);
 }
 
@@ -183,12 +189,11 @@ spin_status spin_sogst_read(const void *file, size_t size, struct spin_sogst *ou
     return read_all(&r, out, splats);
 }
 
-/* ---- The exchange PLY
- * -------------------------------------------------------------------------- */
+/* ---- The exchange PLY ------------------------------------------------------------------------ */
 
-/* The values of the comments and of the sidecar file. */
+/* Values from the comments and the sidecar file. NaN: not given. cov2d 0: not given. */
 struct scalars {
-    double first, last, fps, degree, cov2d[2]; /* NaN: not given */
+    double first, last, fps, degree, cov2d[2];
 };
 
 static void read_comments(const struct spin_ply *ply, struct scalars *out)
@@ -215,7 +220,7 @@ static void read_comments(const struct spin_ply *ply, struct scalars *out)
         }
 }
 
-/* Reads NAME.sogst.json, if it exists beside NAME.ply. */
+/* Reads the sidecar file of NAME.ply, NAME.sogst.json, if it exists. */
 static spin_status read_sidecar(const char *path, struct scalars *out)
 {
     size_t n = strlen(path);
@@ -247,13 +252,13 @@ static spin_status read_scalars(const struct spin_ply *ply, int degree, struct s
     read_comments(ply, &s);
     SPIN_TRY(read_sidecar(ply->path, &s));
     if (isnan(s.first) || isnan(s.last) || isnan(s.fps))
-        return spin_malformed("no comments sogst.time_min, sogst.time_max and sogst.fps");
+        return spin_malformed("comment sogst.time_min, sogst.time_max or sogst.fps is missing");
     if (!isnan(s.degree) && s.degree != degree)
-        return spin_malformed("it declares motion of degree %g but has properties of degree %d",
+        return spin_malformed("sogst.motion_degree is %g, but the properties have degree %d",
                               s.degree, degree);
     for (int k = 0; k < 2; k++)
         if (!(s.cov2d[k] >= 0 && (s.cov2d[k] > 0) == (s.cov2d[0] > 0) && s.cov2d[k] < 1e6))
-            return spin_malformed("sogst.cov2d_scale is not two factors");
+            return spin_malformed("sogst.cov2d_scale is not two positive numbers");
     memcpy(cov2d, s.cov2d, sizeof s.cov2d);
     *out = (struct spin_sogst){s.first, s.last, s.fps, 0};
     return check_times(out);
@@ -271,7 +276,7 @@ static spin_status read_vertices(const struct spin_ply *ply, struct spin_sogst *
     SPIN_TRY(spin_gs_ply_find(ply, &cloud));
     degree = spin_ply_has(cloud.vertex, "ax") ? 2 : 1;
     if (cloud.vertex->count == 0)
-        return spin_malformed("0 splats");
+        return spin_malformed("the file contains no splats");
     SPIN_TRY(read_scalars(ply, degree, out, splats->cov2d));
     SPIN_TRY(
         spin_splats_4d_reserve(splats, (size_t)cloud.vertex->count, degree, cloud.sh_degree, 0));
@@ -281,7 +286,7 @@ static spin_status read_vertices(const struct spin_ply *ply, struct spin_sogst *
         float *to = k == 0 ? splats->times : k == 1 ? splats->sigmas : splats->paths + k - 2;
 
         if (property < 0)
-            return spin_malformed("no property '%s'", names[k]);
+            return spin_malformed("element 'vertex' has no property '%s'", names[k]);
         spin_ply_column(ply, cloud.vertex, property, to, k < 2 ? 1 : 3 * (size_t)degree);
     }
     still = spin_splats_of_4d(splats);

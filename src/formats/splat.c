@@ -46,7 +46,7 @@ static void read_row(const unsigned char *in, unsigned columns, size_t i, struct
     if (columns & SPIN_COL_LOGIT_OPACITIES)
         out->logit_opacities[i] = spin_byte_logit(in[27]);
     for (size_t c = 0; c < 3; c++) {
-        if (columns & SPIN_COL_LOG_SCALES) /* NaN stays NaN and is reported later */
+        if (columns & SPIN_COL_LOG_SCALES) /* NaN stays NaN; spin_splat_read() reports it */
             out->log_scales[3 * i + c] =
                 logf(place_scale[3 + c] < 1e-38f ? 1e-38f : place_scale[3 + c]);
         if (columns & SPIN_COL_SH)
@@ -61,7 +61,8 @@ spin_status spin_splat_read(const unsigned char *bytes, size_t n_bytes, unsigned
     size_t n = n_bytes / SPIN_SPLAT_ROW;
 
     if (n_bytes % SPIN_SPLAT_ROW != 0)
-        return spin_malformed("%zu bytes are not rows of %d", n_bytes, SPIN_SPLAT_ROW);
+        return spin_malformed("size of %zu bytes, expected a multiple of %d", n_bytes,
+                              SPIN_SPLAT_ROW);
     SPIN_TRY(spin_splats_reserve(out, n, columns, 0));
     for (size_t i = 0; i < n; i++)
         read_row(bytes + SPIN_SPLAT_ROW * i, columns, i, out);

@@ -10,15 +10,19 @@
 
 #define HEADER 12
 #define STREAM_HEAD 11
-#define SMOOTHED 1 /* of the header's flags */
-#define ROW_BYTES 14
+#define SMOOTHED 1 /* flag in the header */
+#define ROW_BYTES                                                                                  \
+    14 /* bytes of a row before compression: pos 3, rot 4, rgb 3, alpha 1, scale 3                 \
+        */
 #define MAX_FRAMES 1000000
-/* Limits of decompression, beyond a megabyte: positions are unique and compress little, but
- * differences of splats that hardly move compress well. Anything above is a decompression bomb. */
+/* Refuse data that unpack to more than SLACK bytes plus this multiple of their size (decompression
+ * bombs). Rows of the static section compress badly, since no two splats share a position;
+ * differences between frames compress well if splats hardly move. */
 #define ROW_RATIO 32
 #define RATIO 1000
 #define SLACK (1u << 20)
 
+/* Values in stream headers: attributes, and kinds of streams. */
 enum { POS, ROT, RGB, ALPHA, SCALE };
 enum { KEY, CHANGE, STATIC };
 
@@ -26,7 +30,8 @@ static const struct {
     const char *name;
     size_t width;
     unsigned column;
-    const char *step, *base_step; /* NULL: 1 */
+    /* Keys of the quantisation steps in the header: of dynamic rows, of static rows (NULL: 1). */
+    const char *step, *base_step;
 } attributes[SPIN_SPLAT4D_ATTRIBUTES] = {
     [POS] = {"pos", 3, SPIN_COL_MEANS, "pos", "base_pos"},
     [ROT] = {"rot", 4, SPIN_COL_QUATS, "rot", NULL},
@@ -45,22 +50,23 @@ struct spin_splat4d_group {
 static spin_status check_start(const unsigned char *file, size_t size)
 {
     if (size >= 8 && memcmp(file, "SPL4DV02", 8) == 0)
-        return spin_unsupported("the .splat4d of gsplat-unity, version 2: that is another format");
+        return spin_unsupported(".splat4d of gsplat-unity (version 2) is another format, which is "
+                                "not supported");
     if (size < HEADER || memcmp(file, "SP4D", 4) != 0)
-        return spin_malformed("no header of .splat4d (that of gsplat-unity, version "
-                              "1, has none: that is another format)");
+        return spin_malformed(".splat4d: the header is missing (files of gsplat-unity, version 1, "
+                              "have none and are not supported)");
     if (file[4] != 1 || file[5] != 0)
-        return spin_unsupported(".splat4d of version %d, expected 1", file[4] | file[5] << 8);
+        return spin_unsupported(".splat4d: version %d, expected 1", file[4] | file[5] << 8);
     if ((file[6] & ~SMOOTHED) != 0 || file[7] != 0)
-        return spin_unsupported(".splat4d with flags %04x, which may change its meaning",
+        return spin_unsupported(".splat4d: unknown flags %04x, which may change its meaning",
                                 (unsigned)(file[6] | file[7] << 8));
     if (spin_u32_at(file + 8) > size - HEADER)
-        return spin_malformed(".splat4d that ends in its header");
+        return spin_malformed(".splat4d: truncated within the header");
     return SPIN_OK;
 }
 
-static spin_status get_whole(const spin_json *object, const char *key, int64_t least, int64_t most,
-                             int64_t *out)
+static spin_status read_integer(const spin_json *object, const char *key, int64_t least,
+                                int64_t most, int64_t *out)
 {
     if (!spin_json_integer(spin_json_get(object, key), out) || *out < least || *out > most)
         return spin_malformed("header: '%s' is not an integer from %lld to %lld", key,
@@ -68,26 +74,27 @@ static spin_status get_whole(const spin_json *object, const char *key, int64_t l
     return SPIN_OK;
 }
 
-static spin_status get_positive(const spin_json *object, const char *key, double *out)
+static spin_status read_positive(const spin_json *object, const char *key, double *out)
 {
     if (!spin_json_number(spin_json_get(object, key), out) || !isfinite(*out) || *out <= 0)
         return spin_malformed("header: '%s' is not a positive number", key);
     return SPIN_OK;
 }
 
-static spin_status get_bytes(const struct spin_splat4d *clip, const spin_json *object, size_t *at,
-                             size_t *bytes)
+static spin_status read_extent(const struct spin_splat4d *clip, const spin_json *object, size_t *at,
+                               size_t *bytes)
 {
     int64_t offset, length;
 
-    SPIN_TRY(get_whole(object, "offset", 0, (int64_t)clip->size, &offset));
-    SPIN_TRY(get_whole(object, "len", 0, (int64_t)clip->size - offset, &length));
+    SPIN_TRY(read_integer(object, "offset", 0, (int64_t)clip->size, &offset));
+    SPIN_TRY(read_integer(object, "len", 0, (int64_t)clip->size - offset, &length));
     *at = (size_t)offset;
     *bytes = (size_t)length;
     return SPIN_OK;
 }
 
-/* Reads the groups: they contain all frames in order, and their bytes do not overlap. */
+/* Reads the list of groups and checks that they contain all frames in order and do not overlap in
+ * the file. */
 static spin_status read_groups(const spin_json *json, struct spin_splat4d *out)
 {
     const spin_json *groups = spin_json_get(json, "gops");
@@ -100,17 +107,17 @@ static spin_status read_groups(const spin_json *json, struct spin_splat4d *out)
         struct spin_splat4d_group *group = &out->groups[g];
         const spin_json *object = spin_json_at(groups, g);
 
-        SPIN_TRY(get_bytes(out, object, &group->at, &group->bytes));
+        SPIN_TRY(read_extent(out, object, &group->at, &group->bytes));
         if (group->at < end)
-            return spin_malformed("header: group %zu shares bytes with the one before", g);
+            return spin_malformed("header: group %zu overlaps with group %zu", g, g - 1);
         end = group->at + group->bytes;
-        SPIN_TRY(get_whole(object, "f0", next, next, &first));
-        SPIN_TRY(get_whole(object, "f1", first, out->n_frames - 1, &last));
+        SPIN_TRY(read_integer(object, "f0", next, next, &first));
+        SPIN_TRY(read_integer(object, "f1", first, out->n_frames - 1, &last));
         group->first = (int)first;
         group->last = (int)last;
     }
     if (next != out->n_frames)
-        return spin_malformed("header: %lld of %d frames are in 'gops'", (long long)next,
+        return spin_malformed("header: 'gops' contains %lld frames, 't' is %d", (long long)next,
                               out->n_frames);
     return SPIN_OK;
 }
@@ -120,24 +127,24 @@ static spin_status read_header(const spin_json *json, struct spin_splat4d *out)
     const spin_json *steps = spin_json_get(json, "steps");
     int64_t n, n_frames;
 
-    SPIN_TRY(get_whole(json, "n", 1, UINT32_MAX, &n));
-    SPIN_TRY(get_whole(json, "t", 1, MAX_FRAMES, &n_frames));
-    SPIN_TRY(get_positive(json, "fps", &out->fps));
+    SPIN_TRY(read_integer(json, "n", 1, UINT32_MAX, &n));
+    SPIN_TRY(read_integer(json, "t", 1, MAX_FRAMES, &n_frames));
+    SPIN_TRY(read_positive(json, "fps", &out->fps));
     out->n = (size_t)n;
     out->n_frames = (int)n_frames;
     for (int a = 0; a < SPIN_SPLAT4D_ATTRIBUTES; a++) {
         struct spin_splat4d_attribute *to = &out->attribute[a];
 
         to->base_step = 1;
-        SPIN_TRY(get_positive(steps, attributes[a].step, &to->step));
+        SPIN_TRY(read_positive(steps, attributes[a].step, &to->step));
         if (attributes[a].base_step)
-            SPIN_TRY(get_positive(steps, attributes[a].base_step, &to->base_step));
+            SPIN_TRY(read_positive(steps, attributes[a].base_step, &to->base_step));
     }
-    SPIN_TRY(
-        get_bytes(out, spin_json_get(json, "static_section"), &out->static_at, &out->static_bytes));
+    SPIN_TRY(read_extent(out, spin_json_get(json, "static_section"), &out->static_at,
+                         &out->static_bytes));
     if ((uint64_t)out->n * ROW_BYTES > SLACK + (uint64_t)ROW_RATIO * out->static_bytes)
-        return spin_malformed("header: %zu splats in a static section of %zu bytes", out->n,
-                              out->static_bytes);
+        return spin_malformed("header: a static section of %zu bytes cannot contain %zu splats",
+                              out->static_bytes, out->n);
     return read_groups(json, out);
 }
 
@@ -148,40 +155,42 @@ struct stream {
     size_t n, bytes; /* number of symbols, compressed bytes */
 };
 
-static struct stream stream_at(const unsigned char *head)
+static struct stream parse_stream_head(const unsigned char *head)
 {
     return (struct stream){head[0], head[1], head[2], spin_u32_at(head + 3), spin_u32_at(head + 7)};
 }
 
-/* Unpacks the planes of a stream, allocated; it must have n symbols. room: bytes left of its
- * section. */
-static spin_status unpack(const struct stream *s, const unsigned char *packed, size_t room,
-                          uint64_t n, unsigned char **out)
+/* Allocates *out and decompresses the byte planes of a stream, which must have n symbols. room:
+ * bytes from `packed` to the end of the section. */
+static spin_status decompress_stream(const struct stream *s, const unsigned char *packed,
+                                     size_t room, uint64_t n, unsigned char **out)
 {
     const char *name = attributes[s->attribute].name;
     uint64_t bytes = (uint64_t)s->n * (unsigned)s->symbol;
 
     if (s->bytes > room)
-        return spin_malformed("a stream of '%s' extends beyond its section", name);
+        return spin_malformed("stream '%s' extends beyond its section", name);
     if (s->n != n)
-        return spin_malformed("a stream of '%s' has %zu values, expected %llu", name, s->n,
+        return spin_malformed("stream '%s' has %zu values, expected %llu", name, s->n,
                               (unsigned long long)n);
     if (s->symbol != 1 && s->symbol != 2 && s->symbol != 4)
-        return spin_malformed("a stream of '%s' has symbols of %d bytes", name, s->symbol);
+        return spin_malformed("stream '%s' has symbols of %d bytes, expected 1, 2 or 4", name,
+                              s->symbol);
     if (bytes > SLACK + (uint64_t)RATIO * s->bytes)
-        return spin_malformed("a stream of '%s' has %llu bytes in %zu", name,
-                              (unsigned long long)bytes, s->bytes);
+        return spin_malformed("stream '%s': %zu bytes cannot unpack to %llu bytes", name, s->bytes,
+                              (unsigned long long)bytes);
     SPIN_TRY(spin_alloc((size_t)bytes + 1, 1, (void **)out));
-    return spin_fail_context(spin_zstd_read(packed, s->bytes, *out, (size_t)bytes),
-                             "a stream of '%s'", name);
+    return spin_fail_context(spin_zstd_read(packed, s->bytes, *out, (size_t)bytes), "stream '%s'",
+                             name);
 }
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
 static float byte_value(double v) { return (float)(v > 0 ? v < 255 ? v : 255 : 0) / 255; }
 
-/* Converts a row of a column from its steps. */
-static void finish(int attribute, const int32_t *steps, double step, float *out)
+/* Dequantises one row of an attribute and converts it to the representation of struct
+ * spin_splats. */
+static void dequantise_row(int attribute, const int32_t *steps, double step, float *out)
 {
     for (size_t c = 0; c < attributes[attribute].width; c++) {
         double v = steps[c] * step;
@@ -196,33 +205,35 @@ static void finish(int attribute, const int32_t *steps, double step, float *out)
 
 /* ---- The static section ---------------------------------------------------------------------- */
 
-/* Reads the stream at *at of the static section, which must be of this attribute; advances *at to
- * its end. */
-static spin_status static_stream(const struct spin_splat4d *clip, size_t *at, int attribute,
-                                 uint64_t n, struct stream *s, unsigned char **planes)
+/* Reads the stream at offset *at of the static section, which must be of the given attribute, and
+ * advances *at to the end of the stream. */
+static spin_status read_static_stream(const struct spin_splat4d *clip, size_t *at, int attribute,
+                                      uint64_t n, struct stream *s, unsigned char **planes)
 {
     const unsigned char *section = clip->file + clip->static_at;
 
     if (clip->static_bytes - *at < STREAM_HEAD)
-        return spin_malformed("the static section ends before '%s'", attributes[attribute].name);
-    *s = stream_at(section + *at);
+        return spin_malformed("the static section ends before stream '%s'",
+                              attributes[attribute].name);
+    *s = parse_stream_head(section + *at);
     *at += STREAM_HEAD;
     if (s->attribute != attribute || s->kind != STATIC)
-        return spin_malformed("the static section has another stream instead of '%s'",
+        return spin_malformed("the static section contains another stream instead of '%s'",
                               attributes[attribute].name);
-    SPIN_TRY(unpack(s, section + *at, clip->static_bytes - *at, n, planes));
+    SPIN_TRY(decompress_stream(s, section + *at, clip->static_bytes - *at, n, planes));
     *at += s->bytes;
     return SPIN_OK;
 }
 
-/* Reads which rows are dynamic. */
-static spin_status take_mask(struct spin_splat4d *clip, int attribute, const struct stream *s,
+/* Lists the dynamic rows of an attribute: those whose bit is 0, highest bit of a byte first. */
+static spin_status read_mask(struct spin_splat4d *clip, int attribute, const struct stream *s,
                              const unsigned char *bits)
 {
     struct spin_splat4d_attribute *a = &clip->attribute[attribute];
 
     if (s->symbol != 1)
-        return spin_malformed("the bits of '%s' are not in bytes", attributes[attribute].name);
+        return spin_malformed("stream '%s' of bits has symbols of %d bytes, expected 1",
+                              attributes[attribute].name, s->symbol);
     for (int store = 0; store < 2; store++) {
         a->n_moving = 0;
         for (size_t i = 0; i < clip->n; i++) {
@@ -240,9 +251,9 @@ static spin_status take_mask(struct spin_splat4d *clip, int attribute, const str
                       (void **)&a->held);
 }
 
-/* Reads the values of static rows. Positions and scales are differences from the row before,
- * rotations have an offset of 128. */
-static spin_status take_base(struct spin_splat4d *clip, int attribute, const struct stream *s,
+/* Reads the values of all rows, of which the static rows keep theirs. Positions and scales are
+ * stored as differences from the previous row, rotations with an offset of 128. */
+static spin_status read_base(struct spin_splat4d *clip, int attribute, const struct stream *s,
                              const unsigned char *planes)
 {
     struct spin_splat4d_attribute *a = &clip->attribute[attribute];
@@ -259,7 +270,7 @@ static spin_status take_base(struct spin_splat4d *clip, int attribute, const str
             else
                 steps[c] = (int32_t)(symbol - (attribute == ROT ? 128 : 0));
         }
-        finish(attribute, steps, a->base_step, a->base + width * i);
+        dequantise_row(attribute, steps, a->base_step, a->base + width * i);
     }
     return SPIN_OK;
 }
@@ -275,21 +286,21 @@ static spin_status read_static(struct spin_splat4d *clip)
         uint64_t n = mask ? (clip->n + 7) / 8 : (uint64_t)clip->n * attributes[a].width;
         unsigned char *planes = NULL;
         struct stream s;
-        spin_status status = static_stream(clip, &at, a, n, &s, &planes);
+        spin_status status = read_static_stream(clip, &at, a, n, &s, &planes);
 
         if (status == SPIN_OK)
-            status = (mask ? take_mask : take_base)(clip, a, &s, planes);
+            status = (mask ? read_mask : read_base)(clip, a, &s, planes);
         free(planes);
         SPIN_TRY(status);
     }
     if (at != clip->static_bytes)
-        return spin_malformed("the static section has bytes after its streams");
+        return spin_malformed("the static section has extra bytes after its streams");
     return SPIN_OK;
 }
 
 /* ---- Groups ---------------------------------------------------------------------------------- */
 
-static void forget_group(struct spin_splat4d *clip)
+static void free_group(struct spin_splat4d *clip)
 {
     for (int a = 0; a < SPIN_SPLAT4D_ATTRIBUTES; a++) {
         for (int kind = KEY; kind <= CHANGE; kind++) {
@@ -316,33 +327,32 @@ static spin_status unpack_group(struct spin_splat4d *clip, size_t group)
     size_t at = 2 + STREAM_HEAD * n;
 
     if (at > g->bytes)
-        return spin_malformed("it ends within the headers of its streams");
+        return spin_malformed("truncated within the headers of the streams");
     for (size_t i = 0; i < n; i++) {
-        struct stream s = stream_at(section + 2 + STREAM_HEAD * i);
+        struct stream s = parse_stream_head(section + 2 + STREAM_HEAD * i);
 
         if (s.attribute >= SPIN_SPLAT4D_ATTRIBUTES || s.kind > CHANGE ||
             clip->attribute[s.attribute].planes[s.kind])
-            return spin_malformed(
-                "stream %zu, of attribute %d and kind %d, is unknown or occurs twice", i,
-                s.attribute, s.kind);
-        SPIN_TRY(unpack(&s, section + at, g->bytes - at,
-                        n_symbols(clip, group, s.attribute, s.kind),
-                        &clip->attribute[s.attribute].planes[s.kind]));
+            return spin_malformed("stream %zu (attribute %d, kind %d) is invalid or occurs twice",
+                                  i, s.attribute, s.kind);
+        SPIN_TRY(decompress_stream(&s, section + at, g->bytes - at,
+                                   n_symbols(clip, group, s.attribute, s.kind),
+                                   &clip->attribute[s.attribute].planes[s.kind]));
         clip->attribute[s.attribute].symbol[s.kind] = s.symbol;
         at += s.bytes;
     }
     for (int a = 0; a < SPIN_SPLAT4D_ATTRIBUTES; a++)
         for (int kind = KEY; kind <= CHANGE; kind++)
             if (!clip->attribute[a].planes[kind] && n_symbols(clip, group, a, kind) > 0)
-                return spin_malformed("it has no %s of '%s'", kind == KEY ? "key" : "changes",
-                                      attributes[a].name);
+                return spin_malformed("stream '%s' of kind '%s' is missing", attributes[a].name,
+                                      kind == KEY ? "key" : "change");
     if (at != g->bytes)
-        return spin_malformed("it has bytes after its streams");
+        return spin_malformed("extra bytes after the streams");
     return SPIN_OK;
 }
 
-/* Advances to the first frame of the group, or to the next frame. */
-static void step(struct spin_splat4d *clip, bool first)
+/* Decodes the first frame of the unpacked group, or the frame after clip->frame, into `held`. */
+static void decode_frame(struct spin_splat4d *clip, bool first)
 {
     const struct spin_splat4d_group *g = &clip->groups[clip->group];
     int kind = first ? KEY : CHANGE;
@@ -363,7 +373,7 @@ static void step(struct spin_splat4d *clip, bool first)
     clip->frame = first ? g->first : clip->frame + 1;
 }
 
-static spin_status seek(struct spin_splat4d *clip, int frame)
+static spin_status seek_frame(struct spin_splat4d *clip, int frame)
 {
     size_t group = 0;
 
@@ -372,18 +382,18 @@ static spin_status seek(struct spin_splat4d *clip, int frame)
     if (group != clip->group) {
         spin_status status;
 
-        forget_group(clip);
+        free_group(clip);
         status = unpack_group(clip, group);
         if (status != SPIN_OK) {
-            forget_group(clip);
+            free_group(clip);
             return spin_fail_context(status, "group %zu", group);
         }
         clip->group = group;
-        step(clip, true);
+        decode_frame(clip, true);
     } else if (frame < clip->frame)
-        step(clip, true);
+        decode_frame(clip, true);
     while (clip->frame < frame)
-        step(clip, false);
+        decode_frame(clip, false);
     return SPIN_OK;
 }
 
@@ -391,7 +401,7 @@ static spin_status seek(struct spin_splat4d *clip, int frame)
 
 void spin_splat4d_close(struct spin_splat4d *clip)
 {
-    forget_group(clip);
+    free_group(clip);
     for (int a = 0; a < SPIN_SPLAT4D_ATTRIBUTES; a++) {
         free(clip->attribute[a].base);
         free(clip->attribute[a].row);
@@ -424,8 +434,9 @@ spin_status spin_splat4d_read(struct spin_splat4d *clip, int frame, unsigned col
     static const char *const what[5] = {"pos", "rot", "scale", "alpha", "rgb"};
 
     if (frame < 0 || frame >= clip->n_frames)
-        return spin_not_found("there is no frame %d", frame);
-    SPIN_TRY(seek(clip, frame));
+        return spin_not_found("frame %d does not exist, expected 0 to %d", frame,
+                              clip->n_frames - 1);
+    SPIN_TRY(seek_frame(clip, frame));
     SPIN_TRY(spin_splats_reserve(out, clip->n, columns, 0));
     for (int k = 0; k < SPIN_SPLAT4D_ATTRIBUTES; k++) {
         float *const column[SPIN_SPLAT4D_ATTRIBUTES] = {out->means, out->quats, out->sh,
@@ -437,7 +448,7 @@ spin_status spin_splat4d_read(struct spin_splat4d *clip, int frame, unsigned col
             continue;
         memcpy(column[k], a->base, clip->n * width * sizeof *a->base);
         for (size_t i = 0; i < a->n_moving; i++)
-            finish(k, a->held + width * i, a->step, column[k] + width * a->row[i]);
+            dequantise_row(k, a->held + width * i, a->step, column[k] + width * a->row[i]);
     }
     return spin_check_columns(what, columns, 0, clip->n, out);
 }

@@ -1,58 +1,66 @@
-/* .splat4d, version 1, of adamraudonis/splats4D: frames of the same splats with the attributes of
- * antimatter15's .splat, quantised in steps of twice an error bound. Everything is little endian.
+/* .splat4d, version 1, of adamraudonis/splats4D: a clip in which all frames have the same splats,
+ * with the attributes of antimatter15's .splat. Values are quantised; a step is twice the maximum
+ * error. A file is little endian and begins with a header of 12 bytes (offsets in bytes):
  *
- *     0  "SP4D"     4  version, 2 bytes     6  flags, 2 bytes (1: colours were smoothed in time)
- *     8  bytes of the JSON that follows, 4: n, t, fps, steps, and offsets of the static section
- *        and the groups
+ *     0  "SP4D"
+ *     4  version, 2 bytes
+ *     6  flags, 2 bytes (1: colours were smoothed in time)
+ *     8  length of the JSON, 4 bytes
  *
- *     stream header, 11 bytes   attribute, kind, bytes of a symbol; 4 each: symbols, compressed
- *                               bytes
- *     static section            streams, each after its header: for every attribute its static rows
- *                               (a bit each, highest first); then values of all rows, of which the
- *                               static ones are used
- *     group of frames           number of streams, 2 bytes; their headers; their compressed bytes.
- *                               For dynamic rows: the steps of the first frame (key), and the
- *                               differences of each next frame (change)
+ * The JSON follows the header. It contains the number of splats n, the number of frames t, fps, the
+ * quantisation steps, and offset and length of the following sections:
  *
- * A stream is byte planes (planes.h) compressed by zstd. The Unity package gsplat-unity has another
- * format with the same extension. */
+ *     static section     For each attribute a stream of bits, one per row, highest bit of a byte
+ *                        first: 1 if the row is static in this attribute. Then for each attribute
+ *                        a stream of the values of all rows; only static rows use them. A stream
+ *                        follows its header.
+ *     group of frames    Number of streams, 2 bytes; the headers of all streams; the data of all
+ *                        streams. For each attribute a stream of kind "key", the codes of the
+ *                        dynamic rows in the first frame; and a stream of kind "change", their
+ *                        differences from frame to frame.
+ *
+ * A stream header has 11 bytes: attribute, kind and bytes per symbol in one byte each, the number
+ * of symbols and the compressed size in 4 bytes each. A stream consists of byte planes (planes.h),
+ * compressed by zstd. The Unity package gsplat-unity uses the same extension for another format. */
 #pragma once
 
 #include "spin.h"
 
 enum { SPIN_SPLAT4D_ATTRIBUTES = 5 };
 
-/* A clip in memory, with one group of frames unpacked. */
+/* An open clip, with one group of frames unpacked. */
 struct spin_splat4d {
-    size_t n; /* splats, the same in every frame */
+    size_t n; /* number of splats, which is the same in every frame */
     int n_frames;
     double fps;      /* frame i is at i / fps seconds */
     bool smoothed;   /* colours were smoothed in time */
-    unsigned moving; /* columns that change over time */
+    unsigned moving; /* set of SPIN_COL_*: columns that change over time */
 
     /* Private. */
-    const unsigned char *file; /* must stay valid until the close */
+    const unsigned char *file; /* borrowed */
     size_t size;
     size_t static_at, static_bytes;
     struct spin_splat4d_group *groups;
-    size_t n_groups, group; /* the unpacked one; SIZE_MAX: none */
-    int frame;              /* the frame of the values in `held` */
+    size_t n_groups, group; /* group: index of the unpacked group; SIZE_MAX: none */
+    int frame;              /* index of the frame whose values are in `held` */
     struct spin_splat4d_attribute {
-        double step, base_step; /* of dynamic and of static rows */
-        float *base;            /* [n][width], converted to columns */
-        uint32_t *row;          /* [n_moving] the dynamic rows */
+        double step, base_step; /* quantisation steps of dynamic and of static rows */
+        float *base;            /* [n][width], as in struct spin_splats */
+        uint32_t *row;          /* [n_moving] indices of the dynamic rows */
         size_t n_moving;
-        int32_t *held;            /* [n_moving][width] in steps */
-        unsigned char *planes[2]; /* of the group: key, and changes */
-        int symbol[2];            /* bytes per symbol */
+        int32_t *held;            /* [n_moving][width] quantised values of the dynamic rows */
+        unsigned char *planes[2]; /* streams of the unpacked group: key, change */
+        int symbol[2];            /* bytes per symbol of these streams */
     } attribute[SPIN_SPLAT4D_ATTRIBUTES];
 };
 
-/* The file must stay valid until the close. All lengths are checked; a file that unpacks to much
- * more than a clip would is refused. Errors do not name the file, here and below. */
+/* Opens a file that is in memory, which must stay valid until spin_splat4d_close(). All lengths are
+ * checked, and decompression bombs are refused. Error messages of this header do not contain the
+ * path. */
 spin_status spin_splat4d_open(const unsigned char *file, size_t size, struct spin_splat4d *out);
 void spin_splat4d_close(struct spin_splat4d *clip);
-/* Reads a frame, in any order; reading the next one is fastest. All values are checked to be
- * finite, rotations are normalised; SH have degree 0. */
+/* Reads frame 0..n_frames - 1. Any order is possible; consecutive frames are fastest. Values that
+ * are not finite are an error. Rotations are normalised. SH have degree 0. SPIN_E_NOT_FOUND if the
+ * frame does not exist. */
 spin_status spin_splat4d_read(struct spin_splat4d *clip, int frame, unsigned columns,
                               struct spin_splats *out);

@@ -10,23 +10,23 @@
 #define MAGIC 0x5053474eu /* "NGSP" */
 #define OLDEST 2
 #define IN_STREAMS 4  /* first version whose streams are compressed separately */
-#define ANTIALIASED 1 /* of the header's flags */
-#define EXTENDED 2    /* of the header's flags */
+#define ANTIALIASED 1 /* flag in the header */
+#define EXTENDED 2    /* flag in the header */
 #define MAX_SH_DEGREE 4
 #define AXES_RECORD 0xadbe0003u /* type of the extension record for axes */
 #define MAX_AXES 16
 #define LEFT_DOWN_BACK 1
 #define COLOUR_SCALE (0.15f * 255)
 #define SQRT2 1.41421356237309505f
-#define MAX_PLACE 8388606 /* in steps */
-/* Scenes unpack to two or three times the file, to ten times if SH are padded with zeros. Anything
- * above 32 times, beyond some megabytes, is a decompression bomb: deflate can expand a byte to
- * 1032, zstd to far more. */
+#define MAX_PLACE 8388606 /* largest coordinate, in quantisation steps */
+/* Scenes unpack to two or three times the size of the file, or to ten times if SH are padded with
+ * zeros. Refuse files that unpack to more than RATIO times their size plus RATIO_SLACK bytes, as
+ * decompression bombs: deflate can expand one byte to 1032 bytes, zstd to far more. */
 #define RATIO 32
 #define RATIO_SLACK (8u << 20)
 #define MAX_EXTENSIONS (1u << 20)
 
-/* Indices of x y z w in our w x y z. */
+/* Index in a quaternion w x y z of each component of x y z w, the order of SPZ. */
 static const int xyzw[4] = {1, 2, 3, 0};
 
 /* ---- Writing --------------------------------------------------------------------------------- */
@@ -159,7 +159,7 @@ static uint64_t u64_at(const unsigned char *at)
     return spin_u32_at(at) | (uint64_t)spin_u32_at(at + 4) << 32;
 }
 
-/* Bytes of a stream, unpacked. */
+/* Size of a stream in bytes, before compression. */
 static uint64_t stream_bytes(const struct spin_spz_header *h, int stream)
 {
     bool three = stream == SPIN_SPZ_ROTATION && h->version == OLDEST;
@@ -185,35 +185,35 @@ static spin_status parse_header(const unsigned char *bytes, struct spin_spz_head
                                     .fraction = bytes[13],
                                     .antialias = bytes[14] & ANTIALIASED};
     if (out->version < OLDEST || out->version > IN_STREAMS)
-        return spin_unsupported("SPZ of version %u, expected %d to %d", spin_u32_at(bytes + 4),
+        return spin_unsupported("SPZ: version %u, expected %d to %d", spin_u32_at(bytes + 4),
                                 OLDEST, IN_STREAMS);
     if (bytes[14] & ~(ANTIALIASED | EXTENDED))
         return spin_unsupported("SPZ with flags %02x, which may change its meaning", bytes[14]);
     if (out->sh_degree > MAX_SH_DEGREE)
-        return spin_unsupported("SPZ with SH degree %d, expected 0 to %d", out->sh_degree,
+        return spin_unsupported("SPZ: SH degree %d, expected 0 to %d", out->sh_degree,
                                 MAX_SH_DEGREE);
     return SPIN_OK;
 }
 
-/* Checks the number of splats against the file size, before memory is reserved. */
+/* Refuses decompression bombs: compares the number of splats with the size of the file. */
 static spin_status check_count(const struct spin_spz_header *h, size_t size)
 {
     if (all_bytes(h) > RATIO_SLACK + (uint64_t)RATIO * size)
-        return spin_malformed("SPZ with %zu splats in %zu bytes", h->n, size);
+        return spin_malformed("SPZ: %zu bytes cannot contain %zu splats", size, h->n);
     return SPIN_OK;
 }
 
-/* Reads records of a type, a length and so many bytes; unknown types are skipped. */
+/* Reads extension records: a type, a length, and content of this length. Skips unknown types. */
 static spin_status read_extensions(const unsigned char *at, size_t n, struct spin_spz_header *out)
 {
     while (n > 0) {
         uint32_t length = n >= 8 ? spin_u32_at(at + 4) : 0;
 
         if (n < 8 || length > n - 8)
-            return spin_malformed("SPZ with extensions that are cut short");
+            return spin_malformed("SPZ: truncated within an extension");
         if (spin_u32_at(at) == AXES_RECORD) {
             if (length != 4 || spin_u32_at(at + 8) > MAX_AXES)
-                return spin_unsupported("SPZ with axes of an unknown kind");
+                return spin_unsupported("SPZ: the extension for axes has an unknown value");
             out->axes = (int)spin_u32_at(at + 8);
         }
         at += 8 + length;
@@ -222,8 +222,8 @@ static spin_status read_extensions(const unsigned char *at, size_t n, struct spi
     return SPIN_OK;
 }
 
-/* Version 4: the table of contents lists the streams that are not empty, in order, and the last one
- * ends at the end of the file. */
+/* Version 4: checks that the table of contents lists the streams that are not empty, in order, and
+ * that the last stream ends at the end of the file. */
 static spin_status check_streams(const unsigned char *file, size_t size, struct spin_spz_header *h)
 {
     uint32_t toc = spin_u32_at(file + 16);
@@ -231,7 +231,7 @@ static spin_status check_streams(const unsigned char *file, size_t size, struct 
     int entry = 0;
 
     if (toc < SPIN_SPZ_HEADER_4 || at > size)
-        return spin_malformed("SPZ whose table of contents extends beyond the file");
+        return spin_malformed("SPZ: the table of contents extends beyond the file");
     for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++) {
         uint64_t bytes = stream_bytes(h, stream);
         const unsigned char *e = file + toc + SPIN_SPZ_TOC_ENTRY * entry;
@@ -239,27 +239,28 @@ static spin_status check_streams(const unsigned char *file, size_t size, struct 
         if (bytes == 0)
             continue;
         if (entry++ >= file[15] || u64_at(e + 8) != bytes)
-            return spin_malformed("SPZ whose stream %d is not of %zu splats", stream, h->n);
+            return spin_malformed("SPZ: the size of stream %d does not match %zu splats", stream,
+                                  h->n);
         if (u64_at(e) > size - at)
-            return spin_malformed("SPZ whose stream %d extends beyond the file", stream);
+            return spin_malformed("SPZ: stream %d extends beyond the file", stream);
         at += u64_at(e);
     }
     if (entry != file[15] || at != size)
-        return spin_malformed("SPZ with bytes after its streams");
+        return spin_malformed("SPZ: there are extra streams or bytes after the last stream");
     SPIN_TRY(check_count(h, size));
     return file[14] & EXTENDED
                ? read_extensions(file + SPIN_SPZ_HEADER_4, toc - SPIN_SPZ_HEADER_4, h)
                : SPIN_OK;
 }
 
-/* Bytes of the extensions in the gzip of version 2 or 3, computed from the length at its end, which
- * is modulo 2^32. */
+/* Versions 2 and 3 in a gzip: size of the extensions in bytes. It is computed modulo 2^32 from the
+ * unpacked length that the last bytes of a gzip contain, which is modulo 2^32 as well. */
 static uint32_t extension_bytes(const void *file, size_t size, const struct spin_spz_header *h)
 {
     return spin_gzip_length(file, size) - (uint32_t)(SPIN_SPZ_HEADER + all_bytes(h));
 }
 
-/* Unpacks the whole of a version 2 or 3. */
+/* Versions 2 and 3 in a gzip: allocates *out and decompresses the whole file. */
 static spin_status inflate_all(const void *file, size_t size, const struct spin_spz_header *h,
                                unsigned char **out, size_t *n_out)
 {
@@ -268,8 +269,8 @@ static spin_status inflate_all(const void *file, size_t size, const struct spin_
     SPIN_TRY(spin_alloc(n_bytes + 1, 1, (void **)out));
     SPIN_TRY(spin_gzip_read(file, size, *out, n_bytes + 1, n_out));
     if (*n_out != n_bytes)
-        return spin_malformed("SPZ with %zu splats in %zu bytes, but %zu bytes", h->n, n_bytes,
-                              *n_out);
+        return spin_malformed("SPZ: %zu splats take %zu bytes, but the file unpacks to %zu", h->n,
+                              n_bytes, *n_out);
     return SPIN_OK;
 }
 
@@ -282,15 +283,15 @@ static spin_status peek_gzip(const void *file, size_t size, struct spin_spz_head
 
     SPIN_TRY(spin_gzip_read(file, size, header, sizeof header, &n));
     if (n < sizeof header || spin_u32_at(header) != MAGIC)
-        return spin_malformed("no header of SPZ");
+        return spin_malformed("SPZ: the header is missing");
     SPIN_TRY(parse_header(header, out));
     if (out->version == IN_STREAMS)
-        return spin_malformed("SPZ of version %d in a gzip", IN_STREAMS);
+        return spin_malformed("SPZ: version %d must not be compressed by gzip", IN_STREAMS);
     SPIN_TRY(check_count(out, size));
     n_streams = (size_t)all_bytes(out);
     n_extensions = extension_bytes(file, size, out);
     if (n_extensions > (header[14] & EXTENDED ? MAX_EXTENSIONS : 0))
-        return spin_malformed("SPZ with %zu splats in %zu bytes, but %u bytes", out->n,
+        return spin_malformed("SPZ: %zu splats take %zu bytes, but the file unpacks to %u", out->n,
                               SPIN_SPZ_HEADER + n_streams, spin_gzip_length(file, size));
     if (n_extensions == 0)
         return SPIN_OK;
@@ -298,13 +299,13 @@ static spin_status peek_gzip(const void *file, size_t size, struct spin_spz_head
     return read_extensions(all + n - n_extensions, n_extensions, out);
 }
 
-/* Checks versions 2 and 3 without gzip. */
+/* Versions 2 and 3 without gzip: checks the length and reads the extensions. */
 static spin_status check_plain(const unsigned char *file, size_t size, struct spin_spz_header *h)
 {
     uint64_t n = SPIN_SPZ_HEADER + all_bytes(h);
 
     if (n > size || (n < size && !(file[14] & EXTENDED)))
-        return spin_malformed("SPZ with %zu splats in %llu bytes, but %zu bytes", h->n,
+        return spin_malformed("SPZ: %zu splats take %llu bytes, but the file has %zu", h->n,
                               (unsigned long long)n, size);
     return read_extensions(file + n, size - (size_t)n, h);
 }
@@ -314,12 +315,12 @@ spin_status spin_spz_peek(const void *file, size_t size, struct spin_spz_header 
     if (size < 4 || spin_u32_at(file) != MAGIC)
         return peek_gzip(file, size, out);
     if (size < SPIN_SPZ_HEADER)
-        return spin_malformed("SPZ that ends in its header");
+        return spin_malformed("SPZ: truncated within the header");
     SPIN_TRY(parse_header(file, out));
     if (out->version != IN_STREAMS)
         return check_plain(file, size, out);
     if (size < SPIN_SPZ_HEADER_4)
-        return spin_malformed("SPZ that ends in its header");
+        return spin_malformed("SPZ: truncated within the header");
     return check_streams(file, size, out);
 }
 
@@ -328,7 +329,8 @@ spin_status spin_spz_axes(int axes, double q[4])
     static const char *const names[MAX_AXES + 1] = {
         "unspecified", "LDB", "RDB", "LUB", "RUB", "LDF", "RDF", "LUF", "RUF",
         "LFD",         "RFD", "LFU", "RFU", "LBD", "RBD", "LBU", "RBU"};
-    /* Half a turn about x, y, z, or none; other axes are mirrored or need a quarter turn. */
+    /* about: 0: no rotation; 1, 2, 3: half a turn about x, y, z. Other axes are not supported: they
+     * are mirrored or need a quarter turn. */
     static const struct {
         int axes, about;
     } turns[] = {{SPIN_SPZ_RIGHT_DOWN_FORWARD, 0},
@@ -343,12 +345,12 @@ spin_status spin_spz_axes(int axes, double q[4])
             q[k] = k == turns[i].about;
         return SPIN_OK;
     }
-    return spin_unsupported("SPZ in the axes %s, expected RDF, RUB, LUF or LDB", names[axes]);
+    return spin_unsupported("SPZ: the axes are %s, expected RDF, RUB, LUF or LDB", names[axes]);
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* 24 bits, signed, in steps of 2^-fraction. */
+/* Dequantises a coordinate: a signed 24-bit integer in steps of 2^-fraction. */
 static float place_of(const unsigned char *at, int fraction)
 {
     uint32_t bits = (uint32_t)at[0] << 8 | (uint32_t)at[1] << 16 | (uint32_t)at[2] << 24;
@@ -375,7 +377,7 @@ static void rotation_of(const unsigned char *at, float q[4])
     spin_quat_normalise(q);
 }
 
-/* Version 2: x y z, where w is not negative. */
+/* Version 2: dequantises x y z of a quaternion, whose omitted component w is 0 or above. */
 static void rotation_of_three(const unsigned char *at, float q[4])
 {
     float rest = 1;
@@ -388,7 +390,8 @@ static void rotation_of_three(const unsigned char *at, float q[4])
     spin_quat_normalise(q);
 }
 
-/* Reads the streams in order, as Niantic's library does. */
+/* Dequantises all streams, as Niantic's library does. place: unpacked streams, one after the
+ * other. */
 static void read_streams(const struct spin_spz_header *h, const unsigned char *place,
                          unsigned columns, struct spin_splats *out)
 {
@@ -419,7 +422,7 @@ static void read_streams(const struct spin_spz_header *h, const unsigned char *p
     }
 }
 
-/* Unpacks the streams of version 4, one after the other. */
+/* Version 4: allocates *out and decompresses the streams into it, one after the other. */
 static spin_status inflate_streams(const unsigned char *file, const struct spin_spz_header *h,
                                    unsigned char **out)
 {
@@ -434,7 +437,7 @@ static spin_status inflate_streams(const unsigned char *file, const struct spin_
 
         if (n_bytes == 0)
             continue;
-        SPIN_TRY_IN(spin_zstd_read(at, (size_t)u64_at(entry), to, n_bytes), "SPZ stream %d",
+        SPIN_TRY_IN(spin_zstd_read(at, (size_t)u64_at(entry), to, n_bytes), "SPZ: stream %d",
                     stream);
         to += n_bytes;
         at += u64_at(entry);

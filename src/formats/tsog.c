@@ -6,27 +6,28 @@
 #include "io/zip_format.h"
 
 enum { VERSION = 4, PROFILE = 1, MOST_MEMBERS = 1024, STEPS = 65536, FRAMES = 300 };
-enum { DESCRIPTOR = 1 << 3 }; /* flag of a member */
+enum { DESCRIPTOR = 1 << 3 }; /* flag of a zip member: sizes and checksum follow the data */
 #define PROFILE_ID "org.opsiclear.tsog-playback"
 #define MAX_DIRECTORY (4u << 20)
 #define MAX_SOUND (128u << 20)
 
 /* ---- The archive ----------------------------------------------------------------------------- */
 
-static uint32_t u32(const unsigned char *p) { return spin_u32_at(p); }
+static uint32_t u32_at(const unsigned char *p) { return spin_u32_at(p); }
 
-/* Checks that the local header has the values of the directory; or, if it has the flag, that the
- * descriptor after the data does. */
+/* Checks that the zip's central directory agrees with the local header of a member; or, if the
+ * DESCRIPTOR flag is set, with the data descriptor after the member's data. */
 static bool header_agrees(const struct spin_zip *zip, const struct spin_zip_member *m)
 {
     const unsigned char *p = zip->map.data + m->header_offset, *end = zip->map.data + zip->map.size;
     uint32_t expected[3] = {m->crc, (uint32_t)m->packed_size, (uint32_t)m->size};
     bool later = (p[6] & DESCRIPTOR) != 0;
 
-    if ((size_t)(end - p) < LOCAL_BYTES || u32(p) != SIG_LOCAL || (p[8] | p[9] << 8) != m->method)
+    if ((size_t)(end - p) < LOCAL_BYTES || u32_at(p) != SIG_LOCAL ||
+        (p[8] | p[9] << 8) != m->method)
         return false;
     for (int k = 0; k < 3; k++)
-        if (u32(p + 14 + 4 * k) != (later ? 0 : expected[k]))
+        if (u32_at(p + 14 + 4 * k) != (later ? 0 : expected[k]))
             return false;
     if (!later)
         return true;
@@ -34,8 +35,8 @@ static bool header_agrees(const struct spin_zip *zip, const struct spin_zip_memb
     for (int marked = 1; marked >= 0; marked--) {
         const unsigned char *at = p + 4 * marked;
 
-        if (end - at >= 12 && (!marked || u32(p) == 0x08074b50) && u32(at) == expected[0] &&
-            u32(at + 4) == expected[1] && u32(at + 8) == expected[2])
+        if (end - at >= 12 && (!marked || u32_at(p) == 0x08074b50) && u32_at(at) == expected[0] &&
+            u32_at(at + 4) == expected[1] && u32_at(at + 8) == expected[2])
             return true;
     }
     return false;
@@ -52,24 +53,27 @@ static spin_status check_archive(const struct spin_zip *zip)
     size_t n_names = 0;
 
     if (zip->zip64)
-        return spin_unsupported("TSOG in a ZIP64 archive");
+        return spin_unsupported("TSOG: ZIP64 archives are not supported");
     if (zip->n > MOST_MEMBERS)
-        return spin_malformed("TSOG of %zu members, expected at most %d", zip->n, MOST_MEMBERS);
+        return spin_malformed("TSOG: the zip has %zu members, expected at most %d", zip->n,
+                              MOST_MEMBERS);
     for (size_t i = 0; i < zip->n; i++) {
         const struct spin_zip_member *m = &zip->member[i];
 
         name[i] = m->name;
         n_names += strlen(m->name) + CENTRAL_BYTES;
         if ((m->method != METHOD_STORED && m->method != METHOD_DEFLATE) || !header_agrees(zip, m))
-            return spin_malformed(
-                "TSOG whose member '%.60s' has a header that differs from the directory", m->name);
+            return spin_malformed("TSOG: the header of member '%.60s' differs from the directory, "
+                                  "or its compression is unknown",
+                                  m->name);
     }
     if (n_names > MAX_DIRECTORY)
-        return spin_malformed("TSOG with a directory of %zu bytes", n_names);
+        return spin_malformed("TSOG: the directory of the zip has %zu bytes, expected at most %u",
+                              n_names, MAX_DIRECTORY);
     qsort(name, zip->n, sizeof *name, by_name);
     for (size_t i = 1; i < zip->n; i++)
         if (strcmp(name[i - 1], name[i]) == 0)
-            return spin_malformed("TSOG with two members '%.60s'", name[i]);
+            return spin_malformed("TSOG: member '%.60s' occurs twice", name[i]);
     return SPIN_OK;
 }
 
@@ -77,7 +81,7 @@ static spin_status check_archive(const struct spin_zip *zip)
 
 static spin_status fail_meta(const char *key, const char *expected)
 {
-    return spin_malformed("TSOG whose '%s' is not %s", key, expected);
+    return spin_malformed("TSOG: '%s' is invalid, expected %s", key, expected);
 }
 
 static spin_status check_version(const struct spin_sog_4d *r)
@@ -87,17 +91,18 @@ static spin_status check_version(const struct spin_sog_4d *r)
     int64_t version = -1;
 
     if (!spin_json_integer(spin_json_get(r->meta, "version"), &version) || version != VERSION)
-        return spin_unsupported("TSOG of version %lld, expected %d", (long long)version, VERSION);
+        return spin_unsupported("TSOG: version %lld, expected %d", (long long)version, VERSION);
     version = -1;
     if (profile &&
         (!id || strcmp(id, PROFILE_ID) != 0 ||
          !spin_json_integer(spin_json_get(profile, "version"), &version) || version != PROFILE))
-        return spin_unsupported("TSOG of profile '%.60s' version %lld, expected '%s' version %d",
+        return spin_unsupported("TSOG: profile '%.60s' version %lld, expected '%s' version %d",
                                 id ? id : "", (long long)version, PROFILE_ID, PROFILE);
     return SPIN_OK;
 }
 
-/* Reads the velocities; they are checked even if they are ignored. */
+/* Reads the keys of the velocities. They are checked even in files of kind "discrete", which do not
+ * use velocities. */
 static spin_status read_motion(struct spin_sog_4d *r, bool timed)
 {
     const spin_json *temporal = spin_json_get(r->meta, "temporal");
@@ -106,11 +111,11 @@ static spin_status read_motion(struct spin_sog_4d *r, bool timed)
     if (!temporal)
         return SPIN_OK;
     if (!timed || !spin_json_is_object(means) || json_object_size(temporal) != 1)
-        return fail_meta("temporal", "'means' alone, beside a timeline");
+        return fail_meta("temporal", "only the key 'means', in a file with 'timeline'");
     mins = spin_json_get(means, "mins");
     maxs = spin_json_get(means, "maxs");
     if (spin_json_length(mins) != 1 || spin_json_length(maxs) != 1)
-        return fail_meta("temporal.means", "one row of numbers");
+        return fail_meta("temporal.means", "'mins' and 'maxs' with one row of numbers each");
     SPIN_TRY(spin_sog_4d_range(r, spin_json_at(mins, 0), spin_json_at(maxs, 0), "temporal.means", 3,
                                &r->motion));
     r->degree = 1;
@@ -136,7 +141,7 @@ static spin_status read_timeline(struct spin_sog_4d *r, struct spin_tsog *out)
     }
     out->time = SPIN_TSOG_DISCRETE;
     r->degree = 0;
-    r->time = (struct spin_sog_range){.maxs = {STEPS - 1, STEPS - 1}}; /* integer steps */
+    r->time = (struct spin_sog_range){.maxs = {STEPS - 1, STEPS - 1}}; /* decodes to the codes */
     SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(timeline, "N"), "timeline.N", 1, STEPS, &n));
     SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(timeline, "delta"), "timeline.delta", STEPS / n,
                                  STEPS / n, &delta));
@@ -144,7 +149,7 @@ static spin_status read_timeline(struct spin_sog_4d *r, struct spin_tsog *out)
     return SPIN_OK;
 }
 
-/* Reads an optional number above 0; *out is unchanged if it is missing. */
+/* Reads an optional number, which must be above 0. If the key is missing, *out is unchanged. */
 static spin_status read_above_0(const spin_json *object, const char *key, double *out)
 {
     const spin_json *j = spin_json_get(object, key);
@@ -165,7 +170,7 @@ static spin_status read_playback(const struct spin_sog_4d *r, struct spin_tsog *
     SPIN_TRY(read_above_0(p, "duration", &out->duration));
     SPIN_TRY(read_above_0(p, "rate", &rate));
     if (rate < 0.25 || rate > 4)
-        return fail_meta("playback.rate", "from 0.25 to 4");
+        return fail_meta("playback.rate", "a number from 0.25 to 4");
     if (loop && !json_is_boolean(loop))
         return fail_meta("playback.loop", "true or false");
     fps = own > 0 ? own : fps;
@@ -177,21 +182,21 @@ static spin_status read_playback(const struct spin_sog_4d *r, struct spin_tsog *
         double n = out->n_frames;
 
         if (own > 0 && out->duration > 0 && !(fabs(out->duration * own - n) <= 1e-6 * n))
-            return fail_meta("playback.duration", "that of its frames at its fps");
+            return fail_meta("playback.duration", "'timeline.N' divided by 'playback.fps'");
         out->duration = out->duration > 0 ? out->duration : n / fps;
         out->fps = n / out->duration;
         return SPIN_OK;
     }
     frames = out->duration > 0 ? fmax(2, floor(out->duration * fps + 0.5) + 1) : FRAMES;
     if (!(frames <= INT_MAX))
-        return fail_meta("playback.duration", "one that can be counted in frames");
+        return fail_meta("playback.duration", "fewer than 2^31 frames");
     out->n_frames = (int)frames;
     out->fps = fps;
     out->duration = out->duration > 0 ? out->duration : (FRAMES - 1) / fps;
     return SPIN_OK;
 }
 
-/* True for file extensions of sound formats that browsers play. */
+/* True for the file extensions of sound formats that browsers can play. */
 static bool is_sound_name(const char *name)
 {
     static const char *const endings[] = {".mp3",  ".m4a", ".aac",  ".ogg", ".oga",
@@ -225,26 +230,26 @@ static spin_status read_sound(const struct spin_sog_4d *r, struct spin_tsog *out
         return fail_meta("audio.file", "the name of a member");
     for (int p = 0; p < SPIN_4D_PICTURES; p++)
         if (r->name[p] && strcmp(r->name[p], file) == 0)
-            return fail_meta("audio.file", "the name of a file other than the images");
+            return fail_meta("audio.file", "a name that differs from those of the images");
     type = spin_json_get(sound, "mimeType");
     if (type ? !spin_json_string(type) || !is_sound_type(spin_json_string(type))
              : !is_sound_name(file))
-        return fail_meta("audio", "of a known kind of sound");
+        return fail_meta("audio", "a known 'mimeType' or file extension");
     volume = spin_json_get(sound, "volume");
     if (volume && (!spin_json_number(volume, &loud) || !(loud >= 0 && loud <= 1)))
-        return fail_meta("audio.volume", "from 0 to 1");
+        return fail_meta("audio.volume", "a number from 0 to 1");
     if (out->time == SPIN_TSOG_STATIC && out->duration == 0)
-        return fail_meta("playback.duration", "given, as a static file with sound requires");
+        return fail_meta("playback.duration", "a duration, since a static file has sound");
     member = spin_zip_find(&r->zip, file);
     if (!member || member->size > MAX_SOUND)
-        return spin_malformed("TSOG without its sound '%.60s', or one above 128 MiB", file);
+        return spin_malformed("TSOG: sound '%.60s' is missing or above 128 MiB", file);
     out->sound = true;
     return SPIN_OK;
 }
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
 
-/* Converts steps to the number of the frame that shows the splat, and cuts the window to that
+/* Kind "discrete": converts the decoded times to frame numbers, and restricts each splat to its
  * frame. */
 static void cut_frames(struct spin_splats_4d *s, int n_frames)
 {

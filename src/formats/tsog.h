@@ -1,13 +1,13 @@
-/* TSOG, base version 4, by its Playback Profile 1.0.1 (OpsiClear-4DGS/ftgs-player): a zip of a
- * meta.json, the images of SOG and, for two of three kinds of time, those of time (sog_4d.h). It
- * may contain one sound file.
+/* TSOG, base version 4, as defined by Playback Profile 1.0.1 (OpsiClear-4DGS/ftgs-player): a zip
+ * with a meta.json, the images of SOG, images of time (sog_4d.h) unless the file is static, and
+ * optionally a sound file. There are three kinds of files:
  *
- *   continuous   Gaussian windows at times of a clip from 0 to 1, on straight paths; velocities are
- *                per clip, stored without a logarithm
- *   discrete     every splat has the number of the only frame that shows it
- *   static       no time
+ *   continuous   Splats have Gaussian windows and straight paths. The time of a clip runs from 0 to
+ *                1, also for velocities, which are stored without a logarithm.
+ *   discrete     A splat is visible in one frame only, whose number is stored.
+ *   static       Splats do not change over time.
  *
- * The description is based on the profile's specification. A file does not specify its axes. */
+ * This description follows the specification of the profile. A file does not specify its axes. */
 #pragma once
 
 #include "formats/sog_4d.h"
@@ -17,13 +17,14 @@ enum spin_tsog_time { SPIN_TSOG_STATIC, SPIN_TSOG_DISCRETE, SPIN_TSOG_CONTINUOUS
 struct spin_tsog {
     enum spin_tsog_time time;
     int n_frames;
-    double fps;      /* 0: static, and not given */
-    double duration; /* seconds; 0: static, and not given */
-    bool sound;
+    double fps;      /* frames per second; 0 if the file is static */
+    double duration; /* seconds; 0 if the file is static and does not give it */
+    bool sound;      /* the file contains sound, which is not read */
 };
 
-/* Reads a file into *out and *splats, which must be zero before, and be freed even after a failure;
- * the splats are not settled. Times are 0 to 1; for discrete files they are frame numbers, with
- * cuts around each frame. Errors do not name the file. */
+/* Reads a file that is in memory. Zero *splats before the call, and free it even after a failure.
+ * The caller must call spin_splats_4d_settle() on the splats. Times are 0 to 1 in continuous files;
+ * in discrete files they are frame numbers, and cuts restrict each splat to its frame. Error
+ * messages do not contain the path. */
 spin_status spin_tsog_read(const void *file, size_t size, struct spin_tsog *out,
                            struct spin_splats_4d *splats);

@@ -1,11 +1,12 @@
-/* Activations of the heads' raw outputs and their adjoints (the table of docs/method.md 3.4).
- * Colour is the identity and needs no function. */
+/* Activations of the raw outputs h and r of the heads, and their adjoints (table in docs/method.md
+ * 3.4). The activation of colour is the identity and needs no function. */
 #pragma once
 
 #include "math/approx.h"
 #include "math/quat.h"
 
-/* Truncated exponential: the clamp at 20 keeps the value finite and lets the gradient pass. */
+/* Truncated exponential: above h = 20 the value is constant and so stays finite, but the gradient
+ * still passes. */
 SPIN_FN float spin_scale_of(float h) { return spin_exp(h > 20.0f ? 20.0f : h); }
 SPIN_FN float spin_scale_adj(float h, float d_scale) { return d_scale * spin_scale_of(h); }
 
@@ -17,7 +18,7 @@ SPIN_FN float spin_opacity_adj(float h, float d_opacity)
     return d_opacity * o * (1.0f - o);
 }
 
-/* 1 / max(|r|, 1e-12) */
+/* The factor that normalises r: 1 / max(|r|, 1e-12). */
 SPIN_FN double spin_rotation_factor(const float r[4])
 {
     double norm = spin_quat_norm(r);
@@ -33,8 +34,8 @@ SPIN_FN void spin_rotation_of(const float r[4], float q[4])
         q[i] = (float)(r[i] * k);
 }
 
-/* d_r = (g - q (q.g)) / |r|. If |r| < 1e-12 the divisor is a constant and |q| is far below 1, so
- * the second term vanishes by itself. */
+/* d_r = (d_q - q (q.d_q)) / |r|. If |r| < 1e-12, the divisor is the constant 1e-12 and the second
+ * term should be 0; no special case is needed, since |q| is then far below 1. */
 SPIN_FN void spin_rotation_adj(const float r[4], const float d_q[4], float d_r[4])
 {
     double k = spin_rotation_factor(r), dot = 0.0;
@@ -45,7 +46,8 @@ SPIN_FN void spin_rotation_adj(const float r[4], const float d_q[4], float d_r[4
         d_r[i] = (float)((d_q[i] - r[i] * k * dot) * k);
 }
 
-/* Opacity and logit in double. The logit is finite: opacities are clamped to 1e-6 from 0 and 1. */
+/* Conversions between logit and opacity in double. spin_logit_of() clamps the opacity to
+ * [1e-6, 1 - 1e-6], so that the logit is finite. */
 SPIN_FN double spin_sigmoid_of(double logit) { return 1 / (1 + exp(-logit)); }
 
 SPIN_FN float spin_logit_of(double opacity)

@@ -1,5 +1,5 @@
-/* Adam for one parameter and one step, and the learning rate schedules (docs/method.md 6; Kingma
- * and Ba 2015).
+/* One Adam step of one parameter, and the learning rate schedules (docs/method.md 6; Kingma and Ba
+ * 2015).
  *
  *     m = .9 m + .1 g;  v = .999 v + .001 g^2
  *     p -= lr/(1-.9^k) m / (sqrt(v)/sqrt(1-.999^k) + 1e-15) */
@@ -7,7 +7,7 @@
 
 #include "math/portable.h"
 
-/* The two bias corrections of Adam step k, the same for all parameters. Steps count from 1. */
+/* The bias corrections of Adam step k = 1, 2, ..., which are the same for all parameters. */
 struct spin_adam_step {
     float rate;     /* lr / (1 - .9^k) */
     float inv_root; /* 1 / sqrt(1 - .999^k) */
@@ -32,17 +32,17 @@ SPIN_FN void spin_adam_one(struct spin_adam_step s, float g, float *p, float *m,
     *v = v_new;
 }
 
-/* Applies t steps without a gradient at once. After t such steps from step j to k = j + t, a
- * parameter has m .9^t and v .999^t, and the steps i = j+1..k have moved it by, with
- * r_i = sqrt(1-.999^i),
+/* Applies t Adam steps i = j + 1 .. k, with k = j + t, in which the gradient of the parameter is 0.
+ * They multiply m by .9^t and v by .999^t. With r_i = sqrt(1-.999^i), they change the parameter by
+ * minus
  *
- *     m / sqrt(v) * sum of lr_i r_i/(1-.9^i) (.9/sqrt(.999))^(i-j)    where sqrt(v) dominates, and
- *     m / 1e-15   * sum of lr_i    /(1-.9^i)  .9^(i-j)                where the 1e-15 does.
+ *     m / sqrt(v) * sum of lr_i r_i/(1-.9^i) (.9/sqrt(.999))^(i-j)    if sqrt(v) is far above 1e-15
+ *     m / 1e-15   * sum of lr_i    /(1-.9^i)  .9^(i-j)                if sqrt(v) is far below 1e-15
  *
- * The sums depend on j and k only. `drift` is the first sum and `tiny` is 1e-15 times the first
- * divided by the second: both limits are exact, with a smooth transition. `decay_m` and `decay_v`
- * are .9^t and .999^t. Equal to t single steps up to rounding, except for gradients of 1e-16 to
- * 1e-14. */
+ * Both sums depend on j and k only, and are computed by the caller. drift: the first sum; tiny:
+ * 1e-15 times the first sum divided by the second; decay_m, decay_v: .9^t and .999^t. The formula
+ * below is exact in both limits and smooth in between: the result equals that of t single steps up
+ * to rounding, except for gradients of 1e-16 to 1e-14. */
 SPIN_FN void spin_adam_skip(float drift, float tiny, float decay_m, float decay_v, float *p,
                             float *m, float *v)
 {
@@ -51,8 +51,8 @@ SPIN_FN void spin_adam_skip(float drift, float tiny, float decay_m, float decay_
     *v *= decay_v;
 }
 
-/* Learning rate of iteration i = 1..n: linear warm-up for `warmup` iterations, then half a cosine
- * to lr_end. */
+/* Learning rate of iteration i = 1..n: rises linearly to lr0 in `warmup` iterations, then falls to
+ * lr_end along half a cosine. */
 SPIN_FN double spin_lr(double lr0, double lr_end, int64_t i, int64_t warmup, int64_t n)
 {
     double along;
@@ -65,8 +65,8 @@ SPIN_FN double spin_lr(double lr0, double lr_end, int64_t i, int64_t warmup, int
     return lr_end + (lr0 - lr_end) * 0.5 * (1.0 + cos(3.14159265358979323846 * along));
 }
 
-/* Log-linear from lr0 (at i = 0) to lr_end (from i = n on): positions in the refinement
- * (docs/method.md 2). */
+/* Learning rate of positions in the refinement (docs/method.md 2): log-linear from lr0 at i = 0 to
+ * lr_end at i = n, then constant. */
 SPIN_FN double spin_lr_exp(double lr0, double lr_end, int64_t i, int64_t n)
 {
     double along = n > 0 ? (double)i / (double)n : 1.0;

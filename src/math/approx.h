@@ -1,7 +1,8 @@
-/* exp, exp2, sigmoid, erf and GELU without libm, so that loops over them vectorise and all devices
- * compute the same values. tests/math/t-approx.c checks the stated error bounds on a dense sweep.
+/* exp, exp2, sigmoid, erf and GELU without libm, so that loops over these functions vectorise and
+ * all devices compute the same values. tests/math/t-approx.c checks the error bounds below on a
+ * dense grid of arguments.
  *
- * No special cases: arguments outside the range are clamped, NaN stays NaN. */
+ * Unless stated otherwise, arguments outside the range are clamped, and NaN stays NaN. */
 #pragma once
 
 #include "math/portable.h"
@@ -34,11 +35,12 @@ SPIN_FN uint32_t spin_bits_of_float(float x)
 #endif
 }
 
-/* Adding 1.5 * 2^23 leaves the nearest integer in the low bits of the float. */
+/* Adding 1.5 * 2^23 to a float rounds it to the nearest integer, which is then in the low bits of
+ * the float. SPIN_ROUND_BITS: the bits of this number. */
 #define SPIN_ROUND_MAGIC 12582912.0f
 #define SPIN_ROUND_BITS 0x4b400000u
 
-/* 2^f for |f| <= 1/2. Relative error 3e-7; degree 5 minimax. */
+/* 2^f for |f| <= 1/2: minimax polynomial of degree 5, relative error 3e-7. */
 SPIN_FN float spin_exp2_fraction(float f)
 {
     float p = 1.3276471979302398e-3f;
@@ -50,8 +52,8 @@ SPIN_FN float spin_exp2_fraction(float f)
     return p * f + 1.0f;
 }
 
-/* 1 / v, for normal v whose inverse is normal. On a GPU accurate to 1 unit in the last place,
- * without the handling of other values. */
+/* 1 / v, for a normal v whose inverse is normal. On a GPU, the result is accurate to 1 unit in the
+ * last place; the slower division would also handle other values. */
 SPIN_FN float spin_reciprocal(float v)
 {
 #if defined(__CUDA_ARCH__)
@@ -64,7 +66,7 @@ SPIN_FN float spin_reciprocal(float v)
 #endif
 }
 
-/* 2^x for -126 <= x <= 127, clamped to that. Relative error 3e-7. */
+/* 2^x; x is clamped to [-126, 127]. Relative error 3e-7. */
 SPIN_FN float spin_exp2(float x)
 {
     float shifted, p;
@@ -76,8 +78,8 @@ SPIN_FN float spin_exp2(float x)
     return p * spin_float_of_bits((spin_bits_of_float(shifted) - SPIN_ROUND_BITS + 127u) << 23);
 }
 
-/* The same without clamping; x must be within the range. The integer part is added to the
- * exponent. */
+/* 2^x without clamping; x must be in [-126, 127]. Adds the integer part of x to the exponent of the
+ * float. */
 SPIN_FN float spin_exp2_within(float x)
 {
     float shifted = x + SPIN_ROUND_MAGIC;
@@ -86,8 +88,9 @@ SPIN_FN float spin_exp2_within(float x)
     return spin_float_of_bits(spin_bits_of_float(p) + (spin_bits_of_float(shifted) << 23));
 }
 
-/* e^x for -87 <= x <= 88, clamped to that. Relative error 2e-7. e^x = 2^n e^f with |f| <= ln(2)/2;
- * n ln 2 is subtracted in two parts to keep the low bits of f. Degree 6, exact at f = 0. */
+/* e^x; x is clamped to [-87, 88]. Relative error 2e-7. e^x = 2^n e^f with |f| <= ln(2)/2, where n
+ * ln 2 is subtracted from x in two parts to keep the low bits of f. e^f is a polynomial of degree
+ * 6, exact at f = 0. */
 SPIN_FN float spin_exp(float x)
 {
     float shifted, n, f, p;
@@ -107,15 +110,16 @@ SPIN_FN float spin_exp(float x)
     return p * spin_float_of_bits((spin_bits_of_float(shifted) - SPIN_ROUND_BITS + 127u) << 23);
 }
 
-/* 1 / (1 + e^-x). Relative error 4e-7 for x >= -87, absolute error 2e-7 everywhere. */
+/* 1 / (1 + e^-x). Relative error 4e-7 for x >= -87; absolute error 2e-7 for all x. */
 SPIN_FN float spin_sigmoid(float x) { return 1.0f / (1.0f + spin_exp(-x)); }
 
-/* Half the complementary error function of |x| / sqrt(2), that is Phi(-|x|), given e^(-x^2/2).
- * Abramowitz and Stegun 7.1.26, absolute error 0.8e-7 plus rounding. */
+/* Phi(-|x|), the tail of the standard normal distribution, from |x| and e^(-x^2/2). This is half
+ * the complementary error function of |x| / sqrt(2): Abramowitz and Stegun 7.1.26, absolute error
+ * 0.8e-7 plus rounding. */
 SPIN_FN float spin_normal_tail(float abs_x, float exp_half_x2)
 {
     float t = spin_reciprocal(1.0f + 0.231641888f * abs_x); /* 0.3275911 / sqrt(2) */
-    float p = 0.5307027145f;                                /* 1.061405429 / 2, and so on */
+    float p = 0.5307027145f; /* this and the following coefficients are half those of 7.1.26 */
 
     p = p * t - 0.7265760135f;
     p = p * t + 0.7107068705f;
@@ -124,7 +128,7 @@ SPIN_FN float spin_normal_tail(float abs_x, float exp_half_x2)
     return p * t * exp_half_x2;
 }
 
-/* erf(x). Absolute error 6e-7 (near 0, where it is a difference). */
+/* erf(x). Absolute error 6e-7; largest near 0, by cancellation. */
 SPIN_FN float spin_erf(float x)
 {
     float u = fabsf(x);
@@ -134,9 +138,9 @@ SPIN_FN float spin_erf(float x)
     return x < 0.0f ? -y : y;
 }
 
-/* GELU(x) = x Phi(x) in its exact (erf) form, docs/method.md 3.4, and its slope Phi(x) + x phi(x).
- * Both use the same exponential e^(-x^2/2). Absolute error for |x| <= 6: 5e-7 of the value, in
- * excess of plain rounding, and 5e-7 of the slope. */
+/* Returns GELU(x) = x Phi(x) in its exact (erf) form (docs/method.md 3.4), and sets *slope to its
+ * derivative Phi(x) + x phi(x). Value and derivative share the exponential e^(-x^2/2). For |x| <= 6
+ * the absolute error is 5e-7 plus rounding in the value, and 5e-7 in the derivative. */
 SPIN_FN float spin_gelu_both(float x, float *slope)
 {
     float u = fabsf(x);
@@ -148,10 +152,11 @@ SPIN_FN float spin_gelu_both(float x, float *slope)
     return x * phi;
 }
 
-/* GELU alone: x Phi(x) = max(x, 0) - u Phi(-u) with u = |x|. log2 of Phi(-u) is so smooth that a
- * polynomial of degree 6, minimax for the error of the product on [0, 5.6], replaces the quotient
- * and the square above; beyond 5.6 the product is held constant at 6e-8. Absolute error 5e-7.
- * Positive floats compare like their bits; max(x, 0) is (x + |x|) / 2, so that NaN stays NaN. */
+/* GELU(x) without its derivative, absolute error 5e-7. With u = |x|, x Phi(x) = max(x, 0) - u
+ * Phi(-u). log2 of Phi(-u) is so smooth that a polynomial of degree 6 is sufficient, which is
+ * faster than spin_normal_tail(). The polynomial is minimax for the error of u Phi(-u) on [0, 5.6];
+ * above, the product is 6e-8, its value at 5.6. The bits of positive floats can be compared as
+ * integers. max(x, 0) is computed as (x + |x|) / 2, so that NaN stays NaN. */
 SPIN_FN float spin_gelu(float x)
 {
     uint32_t bits = spin_bits_of_float(x) & 0x7fffffffu, far = 0x40b33333u; /* 5.6 */

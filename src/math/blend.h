@@ -1,40 +1,41 @@
-/* One Gaussian at one pixel: alpha, a blending step front to back, and its adjoint back to front
- * (docs/method.md 4.2, 4.3; the sum S stands for the colour behind). Exponents are to the base 2
- * and include the opacity: alpha = exp2(-log2(e)/2 (a dx^2 + 2 b dx dy + c dy^2) +
- * log2(opacity)). */
+/* Blending of one Gaussian at one pixel: alpha, the blending step, applied front to back, and its
+ * adjoint, applied back to front (docs/method.md 4.2, 4.3). Exponents are to the base 2 and include
+ * the opacity: alpha = exp2(-log2(e)/2 (a dx^2 + 2 b dx dy + c dy^2) + log2(opacity)). */
 #pragma once
 
 #include "math/approx.h"
 #include "math/portable.h"
 
-/* Constants of the 3DGS rasteriser; other values give other images. */
+/* Constants of the 3DGS rasteriser, which images depend on: limits of alpha, and the transmittance
+ * at which blending stops. */
 #define SPIN_ALPHA_MAX 0.99f
 #define SPIN_ALPHA_MIN_LOG2 -7.994353436858858f /* log2(1/255) */
 #define SPIN_T_MIN 1e-4f
 
 #define SPIN_LOG2_E 1.4426950408889634f
 
-/* log2 of a positive, normal float, with an absolute error of 2e-7 in the fraction: the exponent,
- * plus a series in (m - 1)/(m + 1). */
+/* log2 of a positive, normal float: the exponent plus a series in (m - 1)/(m + 1) for mantissa m.
+ * The series has an absolute error of 2e-7. */
 SPIN_FN float spin_blend_log2(float v)
 {
     uint32_t bits = spin_bits_of_float(v);
-    int e = (int)(bits - 0x3f3504f3u) >> 23; /* mantissa into [sqrt 1/2, sqrt 2) */
+    int e = (int)(bits - 0x3f3504f3u) >> 23; /* exponent for a mantissa m in [sqrt 1/2, sqrt 2) */
     float m = spin_float_of_bits(bits - ((uint32_t)e << 23)), s = (m - 1) / (m + 1), ss = s * s;
 
     return (float)e + s * (2.885390082f + ss * (0.961796694f + ss * (0.577078016f + ss * 0.44f)));
 }
 
-/* A projected Gaussian, prepared: the conic times -log2(e)/2 (b doubled), log2 of the opacity. */
+/* A projected Gaussian, prepared for blending. a, b, c: the conic (a, 2 b, c) times -log2(e)/2. */
 struct spin_blend_splat {
     float u_px, v_px, a, b, c, log2_opacity;
     float colour[3];
 };
 
-/* Half extents, in pixels and rounded outwards, of the region where alpha can reach 1/255; huge if
- * the conic is too thin for float precision, negative if the region is empty. On the ellipse of
- * exponent -L the extents are sqrt(L c / (a c - b^2 / 4)), and with a instead of c. The margins
- * cover the rounding of the exponent, whose terms can be a c / det times larger than their sum. */
+/* Half extents in pixels, rounded up, of the region in which alpha can reach 1/255. They are 1e30
+ * if the conic is too thin for the precision of float, and -1 if the region is empty. On the
+ * ellipse with exponent -L, the half extent in x is sqrt(L c / (a c - b^2 / 4)); in y, a replaces
+ * the c in the numerator. Margins are added for rounding errors of the exponent, whose terms can be
+ * a c / det times larger than their sum. */
 SPIN_FN void spin_blend_reach(float a, float b, float c, float log2_opacity, float *reach_x,
                               float *reach_y)
 {
@@ -48,8 +49,8 @@ SPIN_FN void spin_blend_reach(float a, float b, float c, float log2_opacity, flo
     *reach_y = !(level > 0) ? -1 : usable ? sqrtf(-a * by) * 1.0005f + 0.01f : 1e30f;
 }
 
-/* Converts a conic to the exponent's coefficients, in place; returns log2 of the opacity. An
- * opacity that is 0, denormal or NaN draws nothing; others are at most 1. */
+/* Converts a conic in place to the coefficients of the exponent. Returns log2 of the opacity, which
+ * must be at most 1; for an opacity of 0, denormal or NaN, the Gaussian is not drawn. */
 SPIN_FN float spin_blend_scale(float *a, float *b, float *c, float opacity)
 {
     float log2_opacity = spin_blend_log2(spin_maxf(opacity, 1e-30f));
@@ -70,7 +71,7 @@ SPIN_FN struct spin_blend_splat spin_blend_prepare(float u_px, float v_px, const
     return s;
 }
 
-/* The exponent without the opacity; pairs with a value above 0 are skipped. */
+/* The exponent without the opacity. Rounding can make it positive; such a Gaussian is skipped. */
 SPIN_FN float spin_blend_power(const struct spin_blend_splat *s, float dx, float dy)
 {
     return s->a * dx * dx + s->b * dx * dy + s->c * dy * dy;
@@ -83,11 +84,11 @@ SPIN_FN int spin_blend_counts(float power, float log2_opacity)
 }
 
 struct spin_blend_pixel {
-    float t, colour[3]; /* transmittance so far, colour so far */
-    int stopped;
+    float t, colour[3]; /* transmittance and colour of the Gaussians blended so far */
+    int stopped;        /* the transmittance limit was reached */
 };
 
-/* Blends one Gaussian, front to back. Returns 1 if it was added. */
+/* Blends the next Gaussian, front to back. Returns 1 if it contributes to the pixel. */
 SPIN_FN int spin_blend_step(const struct spin_blend_splat *s, float dx, float dy,
                             struct spin_blend_pixel *pixel)
 {
@@ -107,9 +108,9 @@ SPIN_FN int spin_blend_step(const struct spin_blend_splat *s, float dx, float dy
     return 1;
 }
 
-/* The same for depths, with a Gaussian whose colour is (depth, 1, 0). The pixel's colour becomes
- * the weighted sum of depths, the sum of weights, and the median depth: where the transmittance
- * falls to one half, 0 until then. */
+/* Blends depths instead of colours: s->colour must be (depth, 1, 0). pixel->colour becomes the
+ * weighted sum of depths, the sum of weights, and the median depth. The median depth is the depth
+ * at which the transmittance falls to one half, and 0 until then. */
 SPIN_FN void spin_blend_depth(const struct spin_blend_splat *s, float dx, float dy,
                               struct spin_blend_pixel *pixel)
 {
@@ -119,26 +120,29 @@ SPIN_FN void spin_blend_depth(const struct spin_blend_splat *s, float dx, float 
         pixel->colour[2] = s->colour[0];
 }
 
-/* The expected depth: the weighted mean of the depths; 0 if nothing is visible. */
+/* The expected depth after spin_blend_depth(): the weighted mean of depths; 0 if nothing is
+ * visible. */
 SPIN_FN float spin_blend_expected(const struct spin_blend_pixel *pixel)
 {
     return pixel->colour[1] > 0 ? pixel->colour[0] / pixel->colour[1] : 0;
 }
 
-/* The parts of a Gaussian's gradient: sums over its pixels of w g and of de dx^i dy^j, where de is
- * dL/d(exponent to the base e). */
+/* Sums over the pixels of a Gaussian, from which its gradient is computed. colour: of weight times
+ * g, the gradient of the pixel. The others: of de dx^i dy^j, where de is the gradient of the
+ * exponent to the base e. */
 struct spin_blend_sums {
     float colour[3], e, ex, ey, exx, exy, eyy;
 };
 
 struct spin_blend_pixel_adj {
-    float t;    /* transmittance behind the Gaussian; in front of it afterwards */
-    float s;    /* sum over everything behind of w (c . g), including the background */
-    float g[3]; /* dL/dpixel */
+    float t;    /* transmittance behind the current Gaussian */
+    float s;    /* sum of weight (colour . g) of the Gaussians behind it and of the background */
+    float g[3]; /* gradient of the pixel */
 };
 
-/* One step back to front, for a pair of this power that was added: its weight in the pixel, and de.
- * The gradient passes through the cap of alpha. */
+/* Adjoint of one blending step, back to front, of a Gaussian that contributes to the pixel. power:
+ * from spin_blend_power(). Sets the Gaussian's weight in the pixel and de, and updates *pixel for
+ * the Gaussian in front. The limit of alpha to 0.99 does not stop the gradient. */
 SPIN_FN void spin_blend_pixel_adj(const struct spin_blend_splat *s, float power,
                                   struct spin_blend_pixel_adj *pixel, float *weight, float *de)
 {
@@ -153,7 +157,7 @@ SPIN_FN void spin_blend_pixel_adj(const struct spin_blend_splat *s, float power,
     pixel->s += w * cg;
 }
 
-/* Adds a pixel to the sums. */
+/* Adds one pixel to the sums of a Gaussian. */
 SPIN_FN void spin_blend_add_adj(const float g[3], float weight, float de, float dx, float dy,
                                 struct spin_blend_sums *sums)
 {
@@ -176,7 +180,7 @@ SPIN_FN void spin_blend_step_adj(const struct spin_blend_splat *s, float dx, flo
     spin_blend_add_adj(pixel->g, weight, de, dx, dy, sums);
 }
 
-/* Converts the sums to the gradients of u, v, the conic and the opacity. */
+/* Computes the gradients of u, v, the conic and the opacity from the sums. */
 SPIN_FN void spin_blend_finish_adj(const float *conic, float opacity,
                                    const struct spin_blend_sums *sums, float *d_u, float *d_v,
                                    float *d_conic, float *d_opacity)

@@ -1,24 +1,25 @@
 /* The contraction of unbounded space to the unit cube (SPIN-4DGS; docs/method.md 3.1).
  *
- * A point inside the unit ball keeps its place; outside, radius r becomes 2 - 1/r, so that every
- * point is within radius 2. Multiplying by 1/4 and adding 1/2 gives the unit cube.
- * With s(r) the factor applied to p:   s = 1            for r <= 1
- *                                      s = (2 - 1/r)/r  for r > 1
- * Both branches have value 1 and radial slope 1 at r = 1, so the map is smooth there and the
- * adjoint needs no special case. */
+ * Points inside the unit ball do not change; outside, radius r becomes 2 - 1/r, so that all points
+ * are within radius 2. The result is multiplied by 1/4 and shifted by 1/2 into the unit cube.
+ * The contraction multiplies p by s(r) with   s = 1            for r <= 1
+ *                                             s = (2 - 1/r)/r  for r > 1
+ * At r = 1, both branches map to radius 1 with radial derivative 1: the map is continuously
+ * differentiable, and the adjoint needs no special case. */
 #pragma once
 
 #include "math/portable.h"
 
-/* Clamps to [0, 1] against rounding (docs/method.md 3.3): 1 + 1e-7 would be out of range. NaN stays
- * NaN. */
+/* Clamps to [0, 1], since a rounding error such as 1 + 1e-7 would be outside the grid
+ * (docs/method.md 3.3). NaN stays NaN. */
 SPIN_FN float spin_clamp_unit(float x)
 {
     x = x < 0.0f ? 0.0f : x;
     return x > 1.0f ? 1.0f : x;
 }
 
-/* The scene's similarity transform, clamped to 1e18 so that squares stay finite. */
+/* One axis of the scene's similarity transform. The result is clamped to +-1e18, so that squares
+ * stay finite. */
 SPIN_FN float spin_contract_axis(float p_w, float centre, float inv_radius)
 {
     float x = (p_w - centre) * inv_radius;
@@ -39,9 +40,9 @@ SPIN_FN spin_vec3 spin_contract(spin_vec3 p)
                    spin_clamp_unit(0.25f * s * p.z + 0.5f));
 }
 
-/* For u = s(r) p:  d_p = s d_u + (s'(r) / r) (p . d_u) p. With n = p/r, the second term outside the
- * ball is (1/r^2 - s) n (n . d_u), which stays finite where p p^T would overflow. The factor 1/4 is
- * the scale of the cube. */
+/* Adjoint of spin_contract(). For u = s(r) p, d_p = s d_u + (s'(r) / r) (p . d_u) p. Outside the
+ * ball, the second term is computed as (1/r^2 - s) n (n . d_u) with n = p/r, since p p^T could
+ * overflow. The factor 1/4 is the scale of the cube. */
 SPIN_FN spin_vec3 spin_contract_adj(spin_vec3 p, spin_vec3 d_u)
 {
     float r2 = spin_dot3(p, p), s = 1.0f, k = 0.0f, inv_r = 0.0f;

@@ -1,14 +1,15 @@
-/* Covariances from scale and rotation and back, and slices of 4-D covariances at a time.
+/* Converts scale and rotation to a covariance and back, and slices 4-D covariances at a time.
  *
- * A symmetric 3x3 matrix is six numbers, xx xy xz yy yz zz. All in double: slicing subtracts nearly
- * equal matrices if a Gaussian moves fast, and floats would lose half of their digits. */
+ * A symmetric 3x3 matrix is stored as xx xy xz yy yz zz. All values are double: for a Gaussian that
+ * moves fast, slicing subtracts nearly equal matrices, and floats would lose half of their
+ * digits. */
 #pragma once
 
 #include "math/portable.h"
 
 /* ---- 3-D ------------------------------------------------------------------------------------- */
 
-/* Rows of R for a quaternion w, x, y, z of any length but zero. */
+/* The rotation matrix, row by row, of a quaternion w x y z of any length except zero. */
 SPIN_FN void spin_matrix_of_quat(const double quat[4], double r[9])
 {
     double s =
@@ -26,8 +27,8 @@ SPIN_FN void spin_matrix_of_quat(const double quat[4], double r[9])
     r[8] = 1 - s * (x * x + y * y);
 }
 
-/* The unit quaternion of a rotation matrix, w >= 0. Of the four formulas it uses the one that
- * divides by the largest component (Shepperd, 1978). */
+/* The unit quaternion with w >= 0 of a rotation matrix. Uses that one of the four possible formulas
+ * which divides by the largest component (Shepperd, 1978). */
 SPIN_FN void spin_quat_of_matrix(const double r[9], double quat[4])
 {
     double q[4], norm, trace = r[0] + r[4] + r[8];
@@ -66,7 +67,7 @@ SPIN_FN void spin_covariance_of_matrix(const double scale[3], const double r[9],
     }
 }
 
-/* The same, from a quaternion of any length but zero. */
+/* The covariance from scale and a quaternion of any length except zero. */
 SPIN_FN void spin_covariance_of(const double scale[3], const double quat[4], double cov6[6])
 {
     double r[9];
@@ -75,9 +76,9 @@ SPIN_FN void spin_covariance_of(const double scale[3], const double quat[4], dou
     spin_covariance_of_matrix(scale, r, cov6);
 }
 
-/* The covariance that the 3DGS rasteriser computes from a quaternion that it assumes to be
- * normalised, but that is not: its R is then no rotation, and no unit quaternion with the same
- * scales gives this ellipsoid. */
+/* The covariance as computed by the 3DGS rasteriser, which assumes a unit quaternion. For a
+ * quaternion of another length, the matrix R is not a rotation, and no unit quaternion with the
+ * same scales describes this ellipsoid. */
 SPIN_FN void spin_covariance_unnormalised(const double scale[3], const double q[4], double cov6[6])
 {
     double w = q[0], x = q[1], y = q[2], z = q[3];
@@ -88,8 +89,8 @@ SPIN_FN void spin_covariance_unnormalised(const double scale[3], const double q[
     spin_covariance_of_matrix(scale, r, cov6);
 }
 
-/* Rotates in the plane of axes p and q so that a[p][q] becomes 0, and applies the rotation to v
- * (Golub and Van Loan, 8.5.2). */
+/* A Jacobi rotation: rotates matrix a in the plane of axes p and q so that a[p][q] becomes 0, and
+ * applies the same rotation to the columns of v (Golub and Van Loan, 8.5.2). */
 SPIN_FN void spin_jacobi_turn(double a[9], double v[9], int p, int q)
 {
     double apq = a[3 * p + q], theta, t, c, s;
@@ -119,9 +120,9 @@ SPIN_FN void spin_jacobi_turn(double a[9], double v[9], int p, int q)
     a[3 * p + q] = a[3 * q + p] = 0;
 }
 
-/* Eigenvalues, and eigenvectors as the columns of a rotation (det +1), by cyclic Jacobi rotations:
- * slower than closed formulas, but accurate to the last digits even if eigenvalues are equal.
- * Returns 0 and leaves the results unset if an element is not finite. */
+/* Computes the eigenvalues, and the eigenvectors as columns of a rotation matrix (determinant +1).
+ * Cyclic Jacobi rotations are slower than closed formulas, but accurate to the last digits, even if
+ * eigenvalues are equal. Returns 0 and does not set the results if an element is not finite. */
 SPIN_FN int spin_eigen3(const double cov6[6], double value[3], double vector[9])
 {
     double largest = 0, det;
@@ -133,11 +134,11 @@ SPIN_FN int spin_eigen3(const double cov6[6], double value[3], double vector[9])
         largest = fabs(cov6[i]) > largest ? fabs(cov6[i]) : largest;
     }
     for (int i = 0; i < 9; i++) {
-        a[i] =
-            largest > 0 ? a[i] / largest : 0; /* so that squares neither overflow nor underflow */
+        /* Scale to at most 1, so that squares neither overflow nor underflow. */
+        a[i] = largest > 0 ? a[i] / largest : 0;
         vector[i] = i % 4 == 0;
     }
-    /* Convergence is quadratic: 4 or 5 sweeps in practice. */
+    /* Convergence is quadratic; in practice there are 4 or 5 sweeps. */
     for (int sweep = 0; sweep < 20; sweep++) {
         if (fabs(a[1]) + fabs(a[2]) + fabs(a[5]) < 1e-18)
             break;
@@ -155,9 +156,10 @@ SPIN_FN int spin_eigen3(const double cov6[6], double value[3], double vector[9])
     return 1;
 }
 
-/* Decomposes a covariance into log standard deviations and a unit quaternion. They are not unique
- * (order and signs of the axes), but R diag(exp(log_scale))^2 R^T is. Eigenvalues that rounding
- * made zero or negative become 1e-14 of the largest one. Returns 0 if an element is not finite. */
+/* Decomposes a covariance into log standard deviations and a unit quaternion, so that
+ * R diag(exp(log_scale))^2 R^T is the covariance. Order and signs of the axes are arbitrary.
+ * Eigenvalues that are zero or negative by rounding become 1e-14 of the largest eigenvalue. Returns
+ * 0 if an element is not finite. */
 SPIN_FN int spin_covariance_split(const double cov6[6], double log_scale[3], double quat[4])
 {
     double value[3], vector[9], least = 0;
@@ -175,10 +177,10 @@ SPIN_FN int spin_covariance_split(const double cov6[6], double log_scale[3], dou
 
 /* ---- 4-D ------------------------------------------------------------------------------------- */
 
-/* 4-D rotation of a pair of quaternions, axes x, y, z, t: the product of a left- and a
- * right-isoclinic rotation (4D Gaussian Splatting, Yang et al., ICLR 2024;
- * fudan-zvg/4d-gaussian-splatting 63725f2). Quaternions of any length but zero. older: use the
- * order of axes before 2024-09-15; today's matrix has the rows and columns of that one reversed. */
+/* The 4-D rotation matrix, with axes x y z t, of a pair of quaternions of any length except zero:
+ * the product of a left-isoclinic and a right-isoclinic rotation (4D Gaussian Splatting, Yang et
+ * al., ICLR 2024; fudan-zvg/4d-gaussian-splatting 63725f2). older: use the order of axes before
+ * 2024-09-15; since then, rows and columns are in reverse order. */
 SPIN_FN void spin_rotation4_of_pair(const double left[4], const double right[4], int older,
                                     double a[16])
 {
@@ -207,9 +209,9 @@ SPIN_FN void spin_rotation4_of_pair(const double left[4], const double right[4],
     }
 }
 
-/* 4-D matrix of a rotor s xy xz yz xw yw zw xyzw, where w is time (4D-Rotor Gaussian Splatting,
- * Duan et al., SIGGRAPH 2024; weify627/4D-Rotor-Gaussians 1ea2ff9). The rotor is used as stored:
- * without unit length the matrix is no rotation, as in the method's renderer. */
+/* The 4-D matrix of a rotor s xy xz yz xw yw zw xyzw, where w is time (4D-Rotor Gaussian Splatting,
+ * Duan et al., SIGGRAPH 2024; weify627/4D-Rotor-Gaussians 1ea2ff9). As in the method's renderer,
+ * the rotor is not normalised: if its length is not 1, the matrix is not a rotation. */
 SPIN_FN void spin_matrix4_of_rotor(const double rotor[8], double a[16])
 {
     double s = rotor[0], xy = rotor[1], xz = rotor[2], yz = rotor[3];
@@ -235,15 +237,17 @@ SPIN_FN void spin_matrix4_of_rotor(const double rotor[8], double a[16])
     a[15] = s2 + xy2 + xz2 - xw2 + yz2 - yw2 - zw2 - p2;
 }
 
-/* The slices of a 4-D Gaussian: at any time an ellipsoid of the same shape, moving along a line. */
+/* The slices of a 4-D Gaussian at all times: a 3-D Gaussian of constant shape that moves along a
+ * line. */
 typedef struct spin_slice {
     double velocity[3]; /* units of space per unit of time */
     double cov6[6];
-    double variance_t;
+    double variance_t; /* square of sigma, the width of the Gaussian window in time */
 } spin_slice;
 
-/* Sigma = A diag(scale)^2 A^T with blocks [C k; k^T c]. Conditioned on t its mean is mu + k/c (t -
- * mu_t) and its covariance C - k k^T / c, as for any normal distribution. */
+/* Slices the 4-D Gaussian with covariance Sigma = A diag(scale)^2 A^T. If Sigma has the blocks
+ * [C k; k^T c], the conditional distribution at time t has the mean mu + k/c (t - mu_t) and the
+ * covariance C - k k^T / c. */
 SPIN_FN void spin_slice_of(const double a[16], const double scale[4], spin_slice *out)
 {
     double sigma[16];
@@ -264,15 +268,15 @@ SPIN_FN void spin_slice_of(const double a[16], const double scale[4], spin_slice
             out->cov6[at++] = sigma[4 * i + j] - out->velocity[i] * sigma[4 * j + 3];
 }
 
-/* The factor on a Gaussian's opacity at dt from its own time: 1 at 0. */
+/* The Gaussian window: the factor on the opacity at time dt from the splat's centre in time. */
 SPIN_FN double spin_time_weight(double dt, double variance)
 {
     return exp(-0.5 * dt * dt / variance);
 }
 
-/* Evaluates 4-D spherindrical harmonics at one time, which gives plain SH. sh has [16 (1 +
- * degree_t)][3], out [16][3]; dt and length (of the clip) in the same unit. Exact, since the basis
- * is a product of SH and cosines. */
+/* Converts 4-D spherindrical harmonics at one time to spherical harmonics, exactly, since their
+ * basis functions are products of SH and cosines of time. sh [16 (1 + degree_t)][3], out [16][3].
+ * dt: time from the splat's centre in time; length: of the clip, in the same unit. */
 SPIN_FN void spin_sh_fold(int degree_t, double dt, double length, const float *sh, float *out)
 {
     for (int i = 0; i < 48; i++) {

@@ -1,30 +1,33 @@
-/* Decides which splats are omitted from output files because no viewer can draw them: those with a
- * NaN or infinity, which hangs some viewers; a rotation of length zero; a scale whose square
- * overflows float; or a scale larger than the scene, that is, a standard deviation above the
- * diagonal of the bounding box of the frame's positions, which would cover everything with one
- * colour. */
+/* Decides which splats are omitted from output files because viewers cannot draw them:
+ *
+ * - splats with NaN or infinity, which make some viewers hang;
+ * - splats with a rotation of length zero;
+ * - splats that are too large: the square of their scale overflows float, or their standard
+ *   deviation exceeds the diagonal of the bounding box of the frame's positions, so that they would
+ *   cover the whole scene with one colour. */
 #pragma once
 
 #include <stddef.h>
 
 #include "math/portable.h"
 
-/* exp(2 * 44) is the last integer power that float holds: renderers square the scale. */
+/* Renderers square the scale: exp(2 * 44) is the largest even power of e that fits into a float. */
 #define SPIN_LOG_SCALE_LIMIT 44.0f
 /* exp() of larger values overflows float. */
 #define SPIN_LOG_SCALE_MOST 88.72283f
-/* With fewer positions than this, their bounding box does not measure the scene. */
+/* The bounding box of fewer positions is not a measure of the size of the scene. */
 #define SPIN_LEAST_FOR_BOX 8
 
 /* Why a splat is omitted. */
 enum spin_undrawable {
-    SPIN_ROWS_NOT_FINITE,  /* NaN or infinity */
-    SPIN_ROWS_NO_ROTATION, /* of length zero */
-    SPIN_ROWS_TOO_LARGE,   /* compared with the scene */
-    SPIN_ROWS_REASONS      /* not omitted */
+    SPIN_ROWS_NOT_FINITE,  /* a value is NaN or infinite */
+    SPIN_ROWS_NO_ROTATION, /* the rotation has length zero */
+    SPIN_ROWS_TOO_LARGE,   /* a log scale is above the limit */
+    SPIN_ROWS_REASONS      /* the splat is not omitted */
 };
 
-/* x * 0 is 0 for a finite x and NaN for any other: the sum tests all values without a branch. */
+/* Returns 0 if all n values are finite, otherwise NaN. x * 0 is 0 for finite x and NaN for others,
+ * so the sum tests all values without branches. */
 SPIN_FN float spin_zeros(const float *x, size_t n)
 {
     float sum = 0;
@@ -34,8 +37,8 @@ SPIN_FN float spin_zeros(const float *x, size_t n)
     return sum;
 }
 
-/* Extends a bounding box by a position if that is finite, and returns whether it is. low and high
- * start as INFINITY and -INFINITY. */
+/* Extends a bounding box by a position if the position is finite, and returns 1; otherwise returns
+ * 0. Initialise low to INFINITY and high to -INFINITY. */
 SPIN_FN int spin_box_add(const float place[3], float low[3], float high[3])
 {
     if (spin_zeros(place, 3) != 0.0f)
@@ -47,8 +50,9 @@ SPIN_FN int spin_box_add(const float place[3], float low[3], float high[3])
     return 1;
 }
 
-/* The largest log scale of a frame that has n finite positions in this bounding box. max_scale: in
- * units of its diagonal; 0: no limit but SPIN_LOG_SCALE_LIMIT. */
+/* The largest allowed log scale in a frame with n finite positions within this bounding box.
+ * max_scale: largest allowed scale as a multiple of the diagonal of the bounding box; 0: only
+ * SPIN_LOG_SCALE_LIMIT applies. */
 SPIN_FN float spin_log_scale_limit(const float low[3], const float high[3], size_t n,
                                    double max_scale)
 {
@@ -62,8 +66,8 @@ SPIN_FN float spin_log_scale_limit(const float low[3], const float high[3], size
     return limit < (double)SPIN_LOG_SCALE_LIMIT ? (float)limit : SPIN_LOG_SCALE_LIMIT;
 }
 
-/* Quaternions whose squared length overflows float are drawable. An infinite logit is an opacity of
- * 0 or 1. */
+/* Returns why a splat is omitted. limit: largest allowed log scale. Not omitted are quaternions
+ * whose squared length overflows float, and infinite logits, which are opacities of 0 or 1. */
 SPIN_FN enum spin_undrawable spin_undrawable(const float place[3], const float q[4],
                                              const float log_scale[3], const float *logit,
                                              const float *sh, size_t n_sh, float limit)

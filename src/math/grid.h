@@ -1,20 +1,21 @@
-/* The 4-D hash grid of DASH: level sizes, the cell of a point, the row of a corner
- * (chenj02/DASH 0898b2d; docs/method.md 3.3).
+/* The 4-D hash grid of DASH: sizes of levels, and rows of vertices (chenj02/DASH 0898b2d;
+ * docs/method.md 3.3).
  *
- * Vertex k of an axis sits at k / scale; corner number k of a cell has bit d set for the upper
- * vertex of axis d; its weight is the product of smoothstep weights. */
+ * Vertex k of an axis is at position k / scale. The 16 corners of a cell are numbered 0..15: bit d
+ * of the number is set for the upper vertex of axis d. The weight of a corner is the product of the
+ * smoothstep weights of the four axes. */
 #pragma once
 
 #include "math/portable.h"
 
-/* The factors of the spatial hash; the first is 1, so neighbours in x usually share a cache
- * line. */
+/* The factors of the spatial hash. The factor of x is 1, so that neighbours in x usually share a
+ * cache line. */
 #define SPIN_GRID_PRIME_X 1u
 #define SPIN_GRID_PRIME_Y 2654435761u
 #define SPIN_GRID_PRIME_Z 805459861u
 #define SPIN_GRID_PRIME_T 3674653429u
 
-/* Weight of the upper vertex at position r in [0, 1] of the cell, and its derivative. */
+/* Weight of the upper vertex at position r in [0, 1] within a cell, and its derivative. */
 SPIN_FN float spin_smoothstep(float r) { return r * r * (3.0f - 2.0f * r); }
 SPIN_FN float spin_smoothstep_slope(float r) { return 6.0f * r * (1.0f - r); }
 
@@ -24,9 +25,9 @@ SPIN_FN uint32_t spin_grid_hash(const uint32_t q[4])
            (q[3] * SPIN_GRID_PRIME_T);
 }
 
-/* A level is dense if each of its vertices can have its own row (equality included). The product is
- * computed in 64 bits: 32 bits would wrap to 0 at 2048^3 and the level would not be hashed
- * (docs/method.md 14). */
+/* Returns 1 if a level has more vertices than rows, so that vertices must share rows by hashing;
+ * otherwise the level is dense. The product is computed in 64 bits, since 32 bits would wrap to 0
+ * at 2048^3, and the level would be considered dense (docs/method.md 14). */
 SPIN_FN int spin_grid_is_hashed(const uint32_t res[4], uint64_t rows)
 {
     uint64_t product = 1;
@@ -39,7 +40,7 @@ SPIN_FN int spin_grid_is_hashed(const uint32_t res[4], uint64_t rows)
     return 0;
 }
 
-/* The row of vertex q within a level of `rows` rows. */
+/* The row of vertex q, 0..rows - 1, within its level. */
 SPIN_FN uint32_t spin_grid_row(const uint32_t q[4], const uint32_t res[4], uint32_t rows,
                                int hashed)
 {
@@ -48,10 +49,11 @@ SPIN_FN uint32_t spin_grid_row(const uint32_t q[4], const uint32_t res[4], uint3
     return (q[0] + res[0] * (q[1] + res[1] * (q[2] + res[2] * q[3]))) % rows;
 }
 
-/* Geometry of one level of our own network (docs/method.md 3.3): n = base * growth^level vertices
- * per axis in double, in the last level exactly `finest`; scale = n - 1; 1e-9 is subtracted before
- * ceil() against rounding. A single level uses `base`. Returns its rows, min(2^log2_rows, product
- * of res). */
+/* Geometry of one level of a network trained by spin4d (docs/method.md 3.3). Along an axis there
+ * are n = base * growth^level vertices, computed in double; exactly `base` in the first level and
+ * exactly `finest` in the last level, if there are two or more. scale = n - 1; res = n, rounded up,
+ * except for a rounding error of 1e-9. Returns the number of rows: min(2^log2_rows, product of
+ * res). */
 SPIN_FN uint64_t spin_grid_level(int level, int n_levels, const int base[4], const int finest[4],
                                  int log2_rows, float scale[4], uint32_t res[4], int *hashed)
 {
@@ -75,10 +77,11 @@ SPIN_FN uint64_t spin_grid_level(int level, int n_levels, const int base[4], con
     return product;
 }
 
-/* Geometry of a level of an imported network, from the numbers stored with it (DASH, Grid4D):
- * growth and base per axis as float32, rounded where the method's kernel rounds, since a difference
- * of one unit in the last place can turn a dense level into a hashed one. Axes from n_dims on get
- * one vertex, which does not change rows and hashes. Returns 0 if the numbers are invalid. */
+/* Geometry of one level of an imported network (DASH, Grid4D), from the growth and base of each
+ * axis, which are stored with the network as float32. Rounding occurs at the same places as in the
+ * method's kernel, since a difference of one unit in the last place can turn a dense level into a
+ * hashed one. Axes n_dims and above get one vertex, which does not affect rows and hashes. Returns
+ * 0 if the numbers are invalid. */
 SPIN_FN int spin_grid_stored_level(int level, int n_dims, const float *growth, const float *base,
                                    float scale[4], uint32_t res[4])
 {

@@ -1,22 +1,23 @@
-/* Interpolation between key frames: positions, rotations, and an opacity that is visible between
- * two times (Ex4DGS, Lee et al., NeurIPS 2024). */
+/* Interpolation between key frames: positions, rotations, and visibility between two times (Ex4DGS,
+ * Lee et al., NeurIPS 2024). */
 #pragma once
 
 #include "math/quat.h"
 
 enum keyframes_kind { KEYFRAMES_LINEAR, KEYFRAMES_CUBE, KEYFRAMES_PCHIP };
 
-/* A time between two keys; curves also use the key before and the key after these two. */
+/* A time between two key frames. Curves (CUBE, PCHIP) also need the key frames before and after
+ * these two. */
 struct keyframes {
     enum keyframes_kind kind;
-    int key;     /* the last one before the time */
-    double part; /* fraction of the way to the next key, 0 to 1 */
-    double time; /* in units of keys: key + part */
+    int key;     /* the last key frame before the time */
+    double part; /* fraction of the way to the next key frame, 0 to 1 */
+    double time; /* in units of key frames: key + part */
 };
 
-/* The slope of a curve at a key, from the differences to the keys before and after: their mean
- * (CUBE), or their harmonic mean and 0 if they have opposite signs (PCHIP; Fritsch and Butland,
- * 1984). */
+/* The derivative of a curve at a key frame, from the differences to the previous and to the next
+ * key frame. CUBE: their mean. PCHIP (Fritsch and Butland, 1984): their harmonic mean, or 0 if
+ * their signs differ. */
 SPIN_FN double spin_keyframes_slope(enum keyframes_kind kind, double before, double after)
 {
     if (kind == KEYFRAMES_CUBE)
@@ -24,8 +25,8 @@ SPIN_FN double spin_keyframes_slope(enum keyframes_kind kind, double before, dou
     return before * after > 0 ? 2 * before * after / (before + after) : 0;
 }
 
-/* Coefficients of the curve from key `at` to the next: sum c[i] u^i at fraction u of the way. Key k
- * has the value y[step k]. */
+/* Coefficients of the curve from key frame `at` to the next: sum of c[i] u^i, where u is the
+ * fraction of the way. y[step * k]: value of key frame k. */
 SPIN_FN void spin_keyframes_cubic(enum keyframes_kind kind, int at, const float *y, int step,
                                   double c[4])
 {
@@ -50,9 +51,9 @@ SPIN_FN double spin_keyframes_value(const struct keyframes *at, const float *y, 
     return c[0] + u * (c[1] + u * (c[2] + u * c[3]));
 }
 
-/* Interpolates quats[4 k], of any length but zero; out has unit length. Spherical interpolation
- * (Shoemake, 1985), but the longer way if two keys have opposite signs, as in the method. If they
- * cancel out, the result is the first. */
+/* Spherical interpolation (Shoemake, 1985) of quaternions quats[4 k] of any length except zero. out
+ * has unit length. As in the method, the longer way is taken if the two quaternions have opposite
+ * signs. If their weighted sum is zero, the result is the first quaternion. */
 SPIN_FN void spin_keyframes_turn(const struct keyframes *at, const float *quats, float out[4])
 {
     double q[2][4], dot = 0, angle, w[2], sum = 0;
@@ -73,9 +74,10 @@ SPIN_FN void spin_keyframes_turn(const struct keyframes *at, const float *quats,
     spin_quat_normalise(out);
 }
 
-/* The factor on a Gaussian's opacity, 0 to 1. The two times, in units of keys, may be in any order;
- * log_width: of the edge before them and of the edge after; least_width is added to both. Both
- * edges are measured from the later time, so the opacity jumps at the earlier one. */
+/* The factor on a splat's opacity, 0 to 1. times: start and end of full visibility in units of key
+ * frames, in any order. log_width: logarithm of the width of the edge before the start and of the
+ * edge after the end; least_width is added to both widths. As in the method, both edges are
+ * measured from the later time, so the factor jumps at the earlier time. */
 SPIN_FN double spin_keyframes_visibility(const struct keyframes *at, const float times[2],
                                          const float log_width[2], double least_width)
 {

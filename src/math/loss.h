@@ -1,5 +1,5 @@
-/* L1, the SSIM window, one pixel of the SSIM map with its derivatives (docs/method.md 5), and PSNR
- * (section 8). */
+/* The derivative of L1, the SSIM window, one pixel of the SSIM map with its derivatives
+ * (docs/method.md 5), and PSNR (docs/method.md 8). */
 #pragma once
 
 #include <stddef.h>
@@ -10,21 +10,23 @@
 #define SPIN_SSIM_C1 1e-4f
 #define SPIN_SSIM_C2 9e-4f
 
-/* exp(-k^2 / 4.5) / sum, for k = 0..5 */
+/* The weights of the window at distance k = 0..5: exp(-k^2 / 4.5), normalised to a sum of 1 over
+ * all 11 taps. */
 #define SPIN_SSIM_WINDOW                                                                           \
     {                                                                                              \
         0.26601172486f, 0.21300553771f, 0.10936068951f, 0.03600077213f, 0.00759875814f,            \
             0.00102838008f                                                                         \
     }
 
+/* Derivatives of the SSIM map at a pixel with respect to the windowed means of x, x^2 and x y. */
 struct spin_ssim_slope {
-    float d_mu, d_xx,
-        d_xy; /* derivatives of the map at this pixel by the windowed means of x, x^2, x y */
+    float d_mu, d_xx, d_xy;
 };
 
-/* mean_squares and mean_xy are the windowed means of x^2 + y^2 and x y; the variances are only
- * needed as their sum. It is clamped at zero, since rounding can make it negative: flat images far
- * outside 0..1 would then divide by zero. */
+/* SSIM at a pixel of images x and y. mu_x, mu_y: windowed means of x and y; mean_squares: windowed
+ * mean of x^2 + y^2, since only the sum of the two variances is needed; mean_xy: windowed mean of x
+ * y. The sum of the variances is clamped at zero: rounding can make it negative, and the SSIM of
+ * flat images far outside 0..1 would divide by zero. */
 SPIN_FN float spin_ssim(float mu_x, float mu_y, float mean_squares, float mean_xy,
                         struct spin_ssim_slope *slope)
 {

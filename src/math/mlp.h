@@ -1,14 +1,15 @@
-/* A head: three Linear layers with an activation after the first and second (docs/method.md 3.4).
- * The devices implement the matrix products; this file has the layout of the parameters and the
- * ReLU. */
+/* A head: three linear layers with an activation after the first and the second (docs/method.md
+ * 3.4). This file contains the layout of the parameters and the ReLU; the matrix products are in
+ * src/device. */
 #pragma once
 
 #include <stddef.h>
 
 #include "math/approx.h"
 
-/* Offsets of the parts of a head, in floats: w1 [hidden][n_in] b1 [hidden] w2 [hidden][hidden] b2
- * [hidden] w3 [n_out][hidden] b3 [n_out]; y = W x + b. size: of the whole head. */
+/* Offsets of the parameters of a head, in floats: w1 [hidden][n_in], b1 [hidden],
+ * w2 [hidden][hidden], b2 [hidden], w3 [n_out][hidden], b3 [n_out]. Layer k computes y = wk x + bk.
+ * size: number of floats of a head. */
 struct spin_head_layout {
     size_t w1, b1, w2, b2, w3, b3, size;
 };

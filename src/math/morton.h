@@ -1,12 +1,12 @@
-/* Morton codes (Morton 1966): the bits of x, y and z interleaved, so that points near in space are
- * mostly near in order. */
+/* Morton codes (Morton 1966): interleave the bits of x, y and z, so that points that are close in
+ * space mostly have similar codes. */
 #pragma once
 
 #include "math/portable.h"
 
 #define SPIN_MORTON_MAX 2097151.0 /* 21 bits per axis */
 
-/* Spreads the low 21 bits, with two zeros between neighbours. */
+/* Spreads the low 21 bits, with two zero bits between consecutive bits. */
 SPIN_FN uint64_t spin_morton_spread(uint64_t x)
 {
     x &= 0x1fffff;

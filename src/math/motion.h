@@ -1,11 +1,11 @@
-/* A 4D splat over time: the path of its centre, and the window that scales its opacity. Each
- * formula comes with its adjoint. */
+/* A 4D splat over time: the path of its mean, and the window in time that scales its opacity, both
+ * with their adjoints. */
 #pragma once
 
 #include "math/portable.h"
 
-/* centre + path[0] d + path[1] d^2 + path[2] d^3, with `degree` terms; d is the time relative to
- * the splat's own. */
+/* centre + path[0] d + path[1] d^2 + path[2] d^3, up to d^degree. d: time minus the splat's centre
+ * in time. */
 SPIN_FN void spin_path_at(const float centre[3], const float *path, int degree, double d,
                           double out[3])
 {
@@ -18,8 +18,9 @@ SPIN_FN void spin_path_at(const float centre[3], const float *path, int degree, 
     }
 }
 
-/* From the gradient g of the position: the gradient of the path, [degree][3]; that of the centre is
- * g itself. Returns the gradient of the splat's own time. */
+/* Adjoint of spin_path_at(). g: gradient of the position, which is also that of `centre`. Sets
+ * g_path [degree][3] to the gradient of the path. Returns the gradient of the splat's centre in
+ * time. */
 SPIN_FN double spin_path_adj(const float *path, int degree, double d, const double g[3],
                              double *g_path)
 {
@@ -35,9 +36,10 @@ SPIN_FN double spin_path_adj(const float *path, int degree, double d, const doub
     return g_time;
 }
 
-/* 1 from lo to hi; before lo it falls like a Gaussian of standard deviation sigma, after hi of
- * sigma2, to the floor `gate`. A plain Gaussian has lo = hi and sigma = sigma2. Outside [first,
- * end) the window is 0. */
+/* The window of a splat. It is 1 from lo to hi. Before lo it decreases to the minimum `gate` like a
+ * Gaussian with standard deviation sigma, after hi like a Gaussian with standard deviation sigma2.
+ * A Gaussian window has lo = hi, sigma = sigma2 and gate = 0. Outside [first, end) the window is
+ * 0. */
 struct spin_window {
     double lo, hi, sigma, sigma2, gate, first, end;
 };
@@ -49,13 +51,13 @@ SPIN_FN double spin_window_at(const struct spin_window *w, double t)
     return t >= w->first && t < w->end ? w->gate + (1 - w->gate) * exp(-0.5 * x * x) : 0;
 }
 
-/* Gradients of the window's parameters, from the gradient g of its value at t. For a plain
- * Gaussian, that of its time is lo + hi and that of its sigma is sigma + sigma2. The cuts, first
- * and end, have no gradient. */
+/* Gradients of the window's parameters. For a Gaussian window, the gradient of its centre is lo +
+ * hi, and that of its sigma is sigma + sigma2. The parameters first and end have no gradient. */
 struct spin_window_slopes {
     double lo, hi, sigma, sigma2, gate;
 };
 
+/* Adjoint of spin_window_at(). g: gradient of the window's value at t. */
 SPIN_FN void spin_window_adj(const struct spin_window *w, double t, double g,
                              struct spin_window_slopes *out)
 {
@@ -72,11 +74,11 @@ SPIN_FN void spin_window_adj(const struct spin_window *w, double t, double g,
     out->gate = seen * (1 - bell);
 }
 
-/* ln(e^l (1 - w)) of w = exp(ln_weight); minus infinity for w = 1. */
+/* ln(e^l (1 - w)) for w = exp(ln_weight); minus infinity for w = 1. */
 SPIN_FN float spin_unseen(float l, float ln_weight) { return l + logf(-expm1f(ln_weight)); }
 
-/* The logit of w o, the opacity of a splat scaled by its window, from the logit l of o: w o = w e^l
- * / (1 + e^l) has the logit l + ln w - ln(1 + e^l (1 - w)). ln_weight is at most 0. */
+/* The logit of w o, the opacity o of a splat times its window w. l: the logit of o; ln_weight:
+ * ln(w), at most 0. w o = w e^l / (1 + e^l) has the logit l + ln w - ln(1 + e^l (1 - w)). */
 SPIN_FN float spin_seen_logit(float l, float ln_weight)
 {
     float a = spin_unseen(l, ln_weight);
@@ -84,14 +86,14 @@ SPIN_FN float spin_seen_logit(float l, float ln_weight)
     return l + ln_weight - (a > 0 ? a + log1pf(expf(-a)) : log1pf(expf(a)));
 }
 
-/* Its derivative by l: 1 / (1 + e^l (1 - w)). */
+/* The derivative of spin_seen_logit() with respect to l: 1 / (1 + e^l (1 - w)). */
 SPIN_FN float spin_seen_logit_adj(float l, float ln_weight)
 {
     return 1 / (1 + expf(spin_unseen(l, ln_weight)));
 }
 
-/* The times, both ends included, at which the window is at least `least`; span[0] > span[1]:
- * never. */
+/* Sets span to the first and last time at which the window is at least `least`. span[0] > span[1]:
+ * there is no such time. */
 SPIN_FN void spin_window_span(const struct spin_window *w, double least, double span[2])
 {
     double bell = w->gate < 1 ? (least - w->gate) / (1 - w->gate) : least > 1 ? 2 : 0;

@@ -1,23 +1,23 @@
-/* The Neural Transformation Cache of 3DGStream as laid out by tiny-cuda-nn: a multi-resolution 3-D
- * hash grid, and rounding to half precision (NVlabs/tiny-cuda-nn 6ee3546).
+/* The Neural Transformation Cache of 3DGStream, as implemented in tiny-cuda-nn: a multi-resolution
+ * 3-D hash grid, and rounding to half precision (NVlabs/tiny-cuda-nn 6ee3546).
  *
- * It differs from our own grid (grid.h): vertices are at (k - 0.5) / scale, weights are linear, and
- * the size of a level is rounded up to a multiple of 8. */
+ * There are three differences from the grid of spin4d (grid.h): vertices are at (k - 0.5) / scale,
+ * weights are linear, and the number of rows of a level is rounded up to a multiple of 8. */
 #pragma once
 
 #include "math/approx.h"
 
-/* Rounds to half precision, ties to even; the result is a float. */
+/* Rounds a float to the nearest half-precision value, ties to even, and returns it as a float. */
 SPIN_FN float spin_half(float x)
 {
     uint32_t bits = spin_bits_of_float(x), sign = bits & 0x80000000u, a = bits & 0x7fffffffu;
 
-    if (a >= 0x7f800000u) /* infinite, NaN */
+    if (a >= 0x7f800000u) /* infinity or NaN */
         return x;
-    if (a >= 0x477ff000u) /* 65520, half way to 2^16 */
+    if (a >= 0x477ff000u) /* 65520: midpoint of 65504, the largest half, and 2^16 */
         return spin_float_of_bits(sign | 0x7f800000u);
-    if (a < 0x38800000u) { /* below 2^-14: multiples of 2^-24, which is half a unit in the last
-                              place of 0.5f */
+    /* Below 2^-14, halves are multiples of 2^-24: adding 0.5f rounds to such a multiple. */
+    if (a < 0x38800000u) {
         float r = (spin_float_of_bits(a) + 0.5f) - 0.5f;
 
         return spin_float_of_bits(sign | spin_bits_of_float(r));
@@ -33,8 +33,8 @@ struct spin_ntc_level {
     int hashed;
 };
 
-/* scale = base * growth^level - 1 in floats; res = ceil(scale) + 1. False if an index would not fit
- * in 32 bits. */
+/* Computes the geometry of a level: scale = base * growth^level - 1 in floats; res = ceil(scale) +
+ * 1. Returns 0 if an index would not fit into 32 bits. */
 SPIN_FN int spin_ntc_level(int level, int base, float growth, int log2_entries,
                            struct spin_ntc_level *out)
 {
@@ -51,7 +51,7 @@ SPIN_FN int spin_ntc_level(int level, int base, float growth, int log2_entries,
     return 1;
 }
 
-/* Row of vertex q. The last vertex of a dense level wraps. */
+/* The row of vertex q. In a dense level, indices beyond the table wrap around. */
 SPIN_FN uint32_t spin_ntc_row(const struct spin_ntc_level *l, const uint32_t q[3])
 {
     if (l->hashed)
@@ -59,8 +59,8 @@ SPIN_FN uint32_t spin_ntc_row(const struct spin_ntc_level *l, const uint32_t q[3
     return (q[0] + l->res * (q[1] + l->res * q[2])) % l->entries;
 }
 
-/* Rows and weights of the 8 vertices around x in [0, 1]^3; bit d of a vertex's number selects the
- * upper one along axis d. */
+/* Rows and weights of the 8 vertices of the cell that contains x in [0, 1]^3. Bit d of the index is
+ * set for the upper vertex of axis d. */
 SPIN_FN void spin_ntc_corners(const struct spin_ntc_level *l, const float x[3], uint32_t row[8],
                               float weight[8])
 {

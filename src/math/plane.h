@@ -1,8 +1,8 @@
-/* Bilinear and trilinear lookup in feature grids (K-planes and HexPlane; hustvl/4DGaussians
- * 843d5ac).
+/* Bilinear lookup in feature planes and trilinear lookup in feature grids (K-planes and HexPlane;
+ * hustvl/4DGaussians 843d5ac).
  *
- * Coordinates follow align_corners: -1 is the first sample and 1 the last. Outside, a plane repeats
- * its border: the position is clamped before it is split into cell and fraction. */
+ * Coordinates are those of PyTorch's align_corners=True: -1 is the first sample and 1 the last.
+ * Positions outside a plane are clamped to its border. */
 #pragma once
 
 #include <stddef.h>
@@ -15,7 +15,8 @@ struct spin_plane_axis {
     float r;
 };
 
-/* u in [-1, 1] on an axis of `size` samples, position (u + 1) / 2 (size - 1). */
+/* Finds the samples and the fraction for coordinate u on an axis of `size` samples: the position in
+ * samples is (u + 1) / 2 (size - 1). */
 SPIN_FN struct spin_plane_axis spin_plane_axis(float u, int size)
 {
     struct spin_plane_axis a;
@@ -29,8 +30,8 @@ SPIN_FN struct spin_plane_axis spin_plane_axis(float u, int size)
     return a;
 }
 
-/* Sets out [n] to the interpolated samples of a plane [height][width][n] at (column, row), or
- * multiplies it by them. */
+/* Interpolates a plane [height][width][n] at (column, row). Sets out [n] to the result, or
+ * multiplies out by it if `multiply`. */
 SPIN_FN void spin_plane_lookup(const float *SPIN_RESTRICT plane, int width, int n,
                                struct spin_plane_axis column, struct spin_plane_axis row,
                                int multiply, float *SPIN_RESTRICT out)
@@ -51,7 +52,8 @@ SPIN_FN void spin_plane_lookup(const float *SPIN_RESTRICT plane, int width, int 
     }
 }
 
-/* Trilinear lookup in a grid [n][n][n], x slowest, at u in samples; samples outside are 0. */
+/* Trilinear lookup in a grid [n][n][n] with x as the first dimension. u: position in samples.
+ * Samples outside the grid are 0. */
 SPIN_FN float spin_voxel_lookup(const float *grid, int n, const float u[3])
 {
     float sum = 0.0f;

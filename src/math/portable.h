@@ -1,4 +1,5 @@
-/* Definitions for both C and nvcc. Headers of this folder include only each other. */
+/* Definitions that compile as C and as CUDA. Headers in this folder include only each other and
+ * headers of the C library. */
 #pragma once
 
 #include <math.h>

@@ -1,10 +1,11 @@
-/* Projects a Gaussian in space to an ellipse on the screen, and the adjoint (docs/method.md 4.1 and
+/* The projection of a Gaussian to an ellipse in the image, and its adjoint (docs/method.md 4.1 and
  * 4.3). */
 #pragma once
 
 #include "math/portable.h"
 
-/* Constant of the 3DGS rasteriser; another value gives other images. */
+/* A constant of the 3DGS rasteriser, which images depend on: added to both variances of an ellipse,
+ * in pixels^2. */
 #define SPIN_PROJECT_DILATION 0.3f
 
 struct spin_projection {
@@ -13,7 +14,7 @@ struct spin_projection {
     const float *r, *t;     /* [9], [3]: world to camera */
 };
 
-/* Intermediate values that forward and backward pass share. */
+/* Intermediate values that the forward and the backward pass share. */
 struct spin_projected_cov {
     spin_vec3 p; /* mean in camera coordinates */
     float x, y;  /* p.x, p.y clamped for the Jacobian */
@@ -25,7 +26,7 @@ struct spin_projected_cov {
 
 struct spin_ellipse {
     float u_px, v_px, conic[3];
-    float radius_px; /* an integer; 0 or not finite if there is nothing to draw */
+    float radius_px; /* 3 sigma, rounded up; 0 or not finite: nothing to draw */
 };
 
 SPIN_FN spin_vec3 spin_to_camera(const float *r, const float *t, spin_vec3 w)
@@ -35,7 +36,7 @@ SPIN_FN spin_vec3 spin_to_camera(const float *r, const float *t, spin_vec3 w)
                    r[6] * w.x + r[7] * w.y + r[8] * w.z + t[2]);
 }
 
-/* Unit quaternion (w, x, y, z) to matrix. */
+/* The rotation matrix of a unit quaternion w x y z. */
 SPIN_FN void spin_rotation(const float *q, float rot[3][3])
 {
     float w = q[0], x = q[1], y = q[2], z = q[3];
@@ -51,7 +52,8 @@ SPIN_FN void spin_rotation(const float *q, float rot[3][3])
     rot[2][2] = 1 - 2 * (x * x + y * y);
 }
 
-/* d_q [4] += for g = dL/drot. The plain derivative, without projection onto the unit sphere. */
+/* Adjoint of spin_rotation(): adds to d_q [4] the gradient of the quaternion, given g, the gradient
+ * of the matrix. The gradient is not projected onto the tangent space of unit quaternions. */
 SPIN_FN void spin_matrix_quat_adj(const float *q, float g[3][3], float *d_q)
 {
     float w = q[0], x = q[1], y = q[2], z = q[3];
@@ -70,7 +72,8 @@ SPIN_FN float spin_clampf(float v, float limit)
     return v > limit ? limit : v < -limit ? -limit : v;
 }
 
-/* p is the mean in camera coordinates, with p.z > 0. */
+/* Computes *f for a Gaussian with scale [3] and rotation q [4]. p: its mean in camera coordinates;
+ * p.z must be above 0. */
 SPIN_FN void spin_projected_cov_from(const struct spin_projection *lens, spin_vec3 p,
                                      const float *scale, const float *q,
                                      struct spin_projected_cov *f)
@@ -97,12 +100,12 @@ SPIN_FN void spin_projected_cov_from(const struct spin_projection *lens, spin_ve
                 f->a[i][0] * f->m[0][j] + f->a[i][1] * f->m[1][j] + f->a[i][2] * f->m[2][j];
 }
 
-/* The 2-D covariance is k k^T + dilation. With its rows k0, k1 the determinant is
- * |k0 x k1|^2 + d (|k0|^2 + |k1|^2) + d^2: a sum of positive terms, where a c - b^2 would cancel
- * for needles. */
+/* The 2-D covariance k k^T + d I, where d is the dilation. With the rows k0, k1 of k, its
+ * determinant is computed as |k0 x k1|^2 + d (|k0|^2 + |k1|^2) + d^2. All terms are positive,
+ * whereas a c - b^2 would suffer from cancellation for needles. */
 struct spin_cov2d {
-    float aa, b, cc; /* k k^T */
-    float area, det; /* determinants without and with the dilation */
+    float aa, b, cc; /* elements of k k^T */
+    float area, det; /* determinants of k k^T and of k k^T + d I */
 };
 
 SPIN_FN struct spin_cov2d spin_cov2d_from(const struct spin_projected_cov *f)
@@ -139,12 +142,12 @@ SPIN_FN struct spin_ellipse spin_ellipse_from(const struct spin_projection *lens
     return e;
 }
 
-/* Antialiasing: the dilation spreads a splat over more pixels, so its opacity is reduced by the
- * square root of the ratio of the determinants without and with it. The lower limit of the ratio is
- * that of the 3DGS rasteriser. */
+/* Antialiasing: the dilation spreads a splat over more pixels. To compensate, the opacity is
+ * multiplied by the square root of the ratio of the determinants without and with the dilation.
+ * This lower limit of the ratio is that of the 3DGS rasteriser. */
 #define SPIN_PROJECT_FAINTEST 2.5e-5f
 
-/* The factor on the opacity, 0.005 to 1. */
+/* The compensation factor on the opacity, 0.005 to 1. */
 SPIN_FN float spin_aa_compensation(const struct spin_projected_cov *f)
 {
     struct spin_cov2d g = spin_cov2d_from(f);
@@ -153,7 +156,8 @@ SPIN_FN float spin_aa_compensation(const struct spin_projected_cov *f)
     return sqrtf(ratio > SPIN_PROJECT_FAINTEST ? ratio : SPIN_PROJECT_FAINTEST);
 }
 
-/* d_k [2][3] += from the gradient of the factor; nothing where the factor is at its limit. */
+/* Adds to d_k [2][3] the gradient through the compensation factor, given d_fade, the gradient of
+ * the factor. Adds nothing if the factor is at its lower limit. */
 SPIN_FN void spin_aa_compensation_adj(const struct spin_projected_cov *f, float d_fade,
                                       float d_k[2][3])
 {
@@ -171,9 +175,9 @@ SPIN_FN void spin_aa_compensation_adj(const struct spin_projected_cov *f, float 
     }
 }
 
-/* d_k [2][3] = from the gradient of the conic. The conic is the inverse of C = k k^T + dilation, so
- * dL/dC = -conic G conic. In double: for a needle of aspect 100 these products cancel to 1e-4 of
- * their terms. */
+/* Sets d_k [2][3] to the gradient through the conic, given d_conic [3], the gradient of the conic.
+ * The conic is the inverse of C = k k^T + dilation, so dL/dC = -conic G conic. Computed in double:
+ * for a needle of aspect ratio 100, these products cancel to 1e-4 of their terms. */
 SPIN_FN void spin_conic_adj(const struct spin_projected_cov *f, const float *d_conic,
                             float d_k[2][3])
 {
@@ -185,7 +189,7 @@ SPIN_FN void spin_conic_adj(const struct spin_projected_cov *f, const float *d_c
     double inv = 1 / (nx * nx + ny * ny + nz * nz + dil * (aa + cc) + dil * dil);
     double a = (cc + dil) * inv, b = -bb * inv, c = (aa + dil) * inv;
     double ga = d_conic[0], gb = d_conic[1], gc = d_conic[2];
-    /* dL/d of the covariance's xx and yy, and of xy (both elements) */
+    /* Gradients of the elements xx and yy of the covariance, and of xy, which occurs twice. */
     double dxx = -(a * a * ga + a * b * gb + b * b * gc);
     double dyy = -(b * b * ga + b * c * gb + c * c * gc);
     double dxy = -(2 * a * b * ga + (a * c + b * b) * gb + 2 * b * c * gc);
@@ -196,9 +200,11 @@ SPIN_FN void spin_conic_adj(const struct spin_projected_cov *f, const float *d_c
     }
 }
 
-/* From the gradients of u, v, the conic and the antialiasing factor (0: not antialiased): d_scale
- * [3] +=, d_pos_w [3] +=, and d_rot [3][3] =, for spin_matrix_quat_adj. If x or y was clamped in
- * the Jacobian it counts as a constant, as in 3DGS: no gradient flows through p.x or p.y there. */
+/* Adjoint of the whole projection, given the gradients of u, v, the conic and the compensation
+ * factor (d_fade; 0 without antialiasing). Adds to d_scale [3] and d_pos_w [3], the gradients of
+ * scale and mean, and sets d_rot [3][3], the gradient of the rotation matrix, for
+ * spin_matrix_quat_adj(). An x/z or y/z that was clamped in the Jacobian is a constant, as in 3DGS:
+ * the gradient of the Jacobian does not reach p.x or p.y. */
 SPIN_FN void spin_ellipse_adj(const struct spin_projection *lens,
                               const struct spin_projected_cov *f, const float *scale, float d_u,
                               float d_v, const float *d_conic, float d_fade, float *d_scale,
@@ -233,7 +239,7 @@ SPIN_FN void spin_ellipse_adj(const struct spin_projection *lens,
         d_pos_w[j] += r[j] * dp[0] + r[3 + j] * dp[1] + r[6 + j] * dp[2];
 }
 
-/* Unit vector from the camera centre to the mean, and its length. */
+/* The unit vector from the camera centre to the mean of a splat, and their distance. */
 SPIN_FN spin_vec3 spin_view_direction(const float *centre, const float *pos_w, float *distance)
 {
     spin_vec3 d = spin_v3(pos_w[0] - centre[0], pos_w[1] - centre[1], pos_w[2] - centre[2]);
@@ -243,7 +249,7 @@ SPIN_FN spin_vec3 spin_view_direction(const float *centre, const float *pos_w, f
     return spin_v3(d.x * inv, d.y * inv, d.z * inv);
 }
 
-/* d_pos_w [3] += (I - d d^T) d_d / distance */
+/* Adjoint of spin_view_direction(): d_pos_w [3] += (I - d d^T) d_d / distance. */
 SPIN_FN void spin_view_direction_adj(spin_vec3 d, float distance, spin_vec3 d_d, float *d_pos_w)
 {
     float along = spin_dot3(d, d_d), inv = 1 / distance;

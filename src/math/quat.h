@@ -1,16 +1,16 @@
-/* Quaternions w, x, y, z: length, normalisation, product, rotation of a point. */
+/* Quaternions w x y z: length, normalisation, product, rotation of a point. */
 #pragma once
 
 #include "math/portable.h"
 
-/* |q|. In double, where the squares of floats neither overflow nor underflow. */
+/* The length of q. In double, the squares of floats neither overflow nor underflow. */
 SPIN_FN double spin_quat_norm(const float q[4])
 {
     return sqrt((double)q[0] * q[0] + (double)q[1] * q[1] + (double)q[2] * q[2] +
                 (double)q[3] * q[3]);
 }
 
-/* q / |q| in place; the zero quaternion becomes the identity. */
+/* Normalises q in place. The zero quaternion becomes the identity. */
 SPIN_FN void spin_quat_normalise(float q[4])
 {
     double norm = spin_quat_norm(q);
@@ -19,7 +19,7 @@ SPIN_FN void spin_quat_normalise(float q[4])
         q[i] = norm > 0 ? (float)(q[i] / norm) : (float)(i == 0);
 }
 
-/* The same in double; NaN for the zero quaternion. */
+/* Normalises a quaternion into doubles. The zero quaternion becomes NaN. */
 SPIN_FN void spin_unit_quat(const float in[4], double out[4])
 {
     double norm = spin_quat_norm(in);
@@ -28,7 +28,7 @@ SPIN_FN void spin_unit_quat(const float in[4], double out[4])
         out[i] = norm > 0 ? in[i] / norm : NAN;
 }
 
-/* Hamilton product a b; out must be neither of them. */
+/* Hamilton product a b. out must differ from a and b. */
 SPIN_FN void spin_quat_product(const float a[4], const float b[4], float out[4])
 {
     out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
@@ -37,7 +37,7 @@ SPIN_FN void spin_quat_product(const float a[4], const float b[4], float out[4])
     out[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0];
 }
 
-/* Rotates p about the origin by a quaternion of any length but zero. */
+/* Rotates p about the origin by a quaternion of any length except zero. */
 SPIN_FN void spin_quat_rotate(const float q[4], const float p[3], float out[3])
 {
     float w = q[0], x = q[1], y = q[2], z = q[3];

@@ -1,6 +1,6 @@
-/* Counter-based random numbers: a pure function of (seed, stream, counter), so that any thread or
- * device can draw any element in any order. The mixing is the finaliser of SplitMix64 (Steele, Lea
- * and Flood 2014), applied to the key and then to key + counter * golden ratio. */
+/* Counter-based random numbers: pure functions of (seed, stream, counter), so that threads and
+ * devices can draw numbers in any order. The numbers are mixed by the finaliser of SplitMix64
+ * (Steele, Lea and Flood 2014), applied to the key and then to key + counter * golden ratio. */
 #pragma once
 
 #include "math/portable.h"
@@ -24,19 +24,19 @@ SPIN_FN uint32_t spin_rng_u32(uint64_t seed, uint64_t stream, uint64_t counter)
     return (uint32_t)(spin_rng_u64(seed, stream, counter) >> 32);
 }
 
-/* [0, 1): a multiple of 2^-24. */
+/* Uniform in [0, 1), a multiple of 2^-24. */
 SPIN_FN float spin_rng_uniform(uint64_t seed, uint64_t stream, uint64_t counter)
 {
     return (float)(spin_rng_u64(seed, stream, counter) >> 40) * 5.9604644775390625e-8f;
 }
 
-/* 0 .. n-1, n > 0. The bias is below n / 2^32. */
+/* Uniform integer in 0 .. n-1, for n > 0. The bias is below n / 2^32. */
 SPIN_FN uint32_t spin_rng_below(uint64_t seed, uint64_t stream, uint64_t counter, uint32_t n)
 {
     return (uint32_t)(((uint64_t)spin_rng_u32(seed, stream, counter) * n) >> 32);
 }
 
-/* Standard normal (Box and Muller), from the two halves of one 64-bit draw. */
+/* Standard normal (Box and Muller), from the two halves of one 64-bit number. */
 SPIN_FN float spin_rng_normal(uint64_t seed, uint64_t stream, uint64_t counter)
 {
     uint64_t bits = spin_rng_u64(seed, stream, counter);

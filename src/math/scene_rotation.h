@@ -1,11 +1,11 @@
 /* Rotates a scene: positions, rotations and spherical harmonics.
  *
- * A colour visible from direction d before the rotation R is visible from R d after it:
- * f'(R d) = f(d). With real harmonics Y that are orthonormal over the sphere, the coefficients
- * become
- *     c'_m = sum_n c_n integral Y_m(R d) Y_n(d) dd,   within each degree.
- * The product of two functions of degree 3 is a polynomial of degree 6, so the integral is exactly
- * the sum over 4 Gauss-Legendre nodes in z times 8 equal steps around the axis. */
+ * The colour f(d) in direction d before a rotation R is the colour f'(R d) in direction R d after
+ * it. With real harmonics Y that are orthonormal over the sphere, the coefficients become
+ *     c'_m = sum_n c_n integral Y_m(R d) Y_n(d) dd,
+ * where the sum is over the functions n of the same degree as m. The product of two functions of
+ * degree 3 is a polynomial of degree 6, so the integral is equal to a quadrature with 4
+ * Gauss-Legendre nodes in z times 8 equidistant angles around the z axis. */
 #pragma once
 
 #include "math/quat.h"
@@ -13,7 +13,7 @@
 
 enum spin_scene_rotation_kind {
     SPIN_TURN_NONE,
-    SPIN_TURN_SIGNS, /* half a turn about an axis: only signs change, which is exact */
+    SPIN_TURN_SIGNS, /* half a turn about x, y or z, which only changes signs and is exact */
     SPIN_TURN_ANY
 };
 
@@ -21,10 +21,10 @@ struct spin_scene_rotation {
     enum spin_scene_rotation_kind kind;
     float q[4];                         /* w x y z */
     float m[9];                         /* [3][3] */
-    float sh[SPIN_SH_MAX][SPIN_SH_MAX]; /* zero between different degrees */
+    float sh[SPIN_SH_MAX][SPIN_SH_MAX]; /* matrix for the SH coefficients */
 };
 
-/* Rotation a followed by b, as unit quaternions w x y z: out = b a. */
+/* out = b a: rotation a followed by rotation b, as unit quaternions w x y z. */
 SPIN_FN void spin_scene_rotation_join(const double *a, const double *b, double *out)
 {
     double w = b[0] * a[0] - b[1] * a[1] - b[2] * a[2] - b[3] * a[3];
@@ -38,7 +38,7 @@ SPIN_FN void spin_scene_rotation_join(const double *a, const double *b, double *
     out[3] = z;
 }
 
-/* Removes rounding errors near 0, 1 and -1. */
+/* Rounds values very close to 0, 1 or -1 to that number. */
 SPIN_FN float spin_scene_rotation_snap(double x)
 {
     double a = x < 0 ? -x : x;
@@ -82,7 +82,7 @@ SPIN_FN void spin_scene_rotation_sh_matrix(struct spin_scene_rotation *t)
             t->sh[m][n] = spin_scene_rotation_snap(sum[m][n]);
 }
 
-/* From a unit quaternion w x y z. */
+/* Initialises *t from a unit quaternion w x y z. */
 SPIN_FN void spin_scene_rotation_from(const double *q, struct spin_scene_rotation *t)
 {
     double w = q[0], x = q[1], y = q[2], z = q[3];
@@ -102,7 +102,7 @@ SPIN_FN void spin_scene_rotation_from(const double *q, struct spin_scene_rotatio
     spin_scene_rotation_sh_matrix(t);
 }
 
-/* The rotation of a splat, q (w x y z, unit), after rotating the scene. */
+/* Rotates the rotation q of a splat, a unit quaternion w x y z. */
 SPIN_FN void spin_scene_rotation_quat(const struct spin_scene_rotation *t, const float *q,
                                       float *out)
 {
@@ -111,14 +111,15 @@ SPIN_FN void spin_scene_rotation_quat(const struct spin_scene_rotation *t, const
     spin_quat_product(t->q, from, out);
 }
 
-/* sh and out [n][3] must differ; n is the number of functions of a complete degree. */
+/* Rotates SH coefficients [n][3]. n: number of functions of a complete degree, 1, 4, 9 or 16. out
+ * must differ from sh. */
 SPIN_FN void spin_scene_rotation_sh(const struct spin_scene_rotation *t, int n, const float *sh,
                                     float *out)
 {
     for (int m = 0, low = 0, high = 1; m < n; m++) {
         float sum[3] = {0, 0, 0};
 
-        if (m == high) { /* the next degree l has 2 l + 1 functions */
+        if (m == high) { /* begin the next degree l, which has 2 l + 1 functions */
             int width = high - low + 2;
 
             low = high;

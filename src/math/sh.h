@@ -20,7 +20,8 @@
 /* Number of basis functions up to a degree. */
 SPIN_FN int spin_sh_count(int degree) { return (degree + 1) * (degree + 1); }
 
-/* basis [16] at unit direction d; functions above the degree are 0. */
+/* Evaluates the basis functions, basis [16], at unit direction d. Functions above the degree are
+ * 0. */
 SPIN_FN void spin_sh_basis(int degree, spin_vec3 d, float *basis)
 {
     float x = d.x, y = d.y, z = d.z;
@@ -52,7 +53,7 @@ SPIN_FN void spin_sh_basis(int degree, spin_vec3 d, float *basis)
     basis[15] = -SPIN_SH_C3A * x * (xx - 3 * yy);
 }
 
-/* sum_k weight[k] * grad basis[k]; the gradient treats the three components of d as independent. */
+/* sum_k weight[k] * grad basis[k]. The gradient treats the three components of d as independent. */
 SPIN_FN spin_vec3 spin_sh_slope(int degree, spin_vec3 d, const float *weight)
 {
     const float *w = weight;
@@ -85,7 +86,8 @@ SPIN_FN spin_vec3 spin_sh_slope(int degree, spin_vec3 d, const float *weight)
     return g;
 }
 
-/* colour [3] = max(0, SH(d) + 0.5). Bit c of the result is set if channel c was clamped. */
+/* colour [3] = max(0, SH(d) + 0.5). Returns a set of bits: bit c is set if channel c was clamped.
+ */
 SPIN_FN unsigned spin_sh_colour(int degree, spin_vec3 d, const float *sh, float *colour)
 {
     float basis[SPIN_SH_MAX], sum[3] = {0.5f, 0.5f, 0.5f};
@@ -103,7 +105,9 @@ SPIN_FN unsigned spin_sh_colour(int degree, spin_vec3 d, const float *sh, float 
     return clamped;
 }
 
-/* d_sh [48] += and returns dL/dd, for d_colour [3] with clamped channels already set to 0. */
+/* Adjoint of spin_sh_colour(): adds to d_sh [48] the gradient of the coefficients, and returns the
+ * gradient of d. d_colour [3]: gradient of the colour, in which the caller has set clamped channels
+ * to 0. */
 SPIN_FN spin_vec3 spin_sh_colour_adj(int degree, spin_vec3 d, const float *sh,
                                      const float *d_colour, float *d_sh)
 {

@@ -1,4 +1,4 @@
-/* The tiles that an ellipse touches, and its sort key (docs/method.md 4.1, 4.2). */
+/* The tiles that an ellipse overlaps, and its sort key (docs/method.md 4.1, 4.2). */
 #pragma once
 
 #include "math/approx.h"
@@ -6,15 +6,15 @@
 
 #define SPIN_TILE_PX 16
 
-/* v / 16, truncated and clamped to 0..n; also for infinities and NaN (which gives 0). */
+/* v / 16, truncated to an integer and clamped to 0..n. NaN gives 0. */
 SPIN_FN int spin_tile_of(float v, int n)
 {
     float t = v * (1.0f / SPIN_TILE_PX);
     return !(t > 0) ? 0 : t >= (float)n ? n : (int)t;
 }
 
-/* The tiles of the integer 3-sigma radius, half open. As in 3DGS: other rectangles give other
- * images. */
+/* The half-open rectangle of tiles that a square of half side radius_px overlaps. It is that of
+ * 3DGS, which images depend on. */
 SPIN_FN void spin_tile_rect(float u_px, float v_px, float radius_px, int tiles_x, int tiles_y,
                             int *x0, int *y0, int *x1, int *y1)
 {
@@ -24,8 +24,8 @@ SPIN_FN void spin_tile_rect(float u_px, float v_px, float radius_px, int tiles_x
     *y1 = spin_tile_of(v_px + radius_px + (SPIN_TILE_PX - 1), tiles_y);
 }
 
-/* Narrows [low, high) to tiles with pixels nearer than `reach` to `at`. Branch-free, so that loops
- * over it vectorise. */
+/* Narrows the range of tiles [low, high) along one axis to tiles with pixel centres within `reach`
+ * of `at`. Branch-free, so that loops over this function vectorise. */
 SPIN_FN void spin_tile_narrow(float at, float reach, int *low, int *high)
 {
     float first = ceilf(at - reach), last = floorf(at + reach);
@@ -39,5 +39,6 @@ SPIN_FN void spin_tile_narrow(float at, float reach, int *low, int *high)
     *low = a;
 }
 
-/* Positive floats compare like their bits. */
+/* The sort key of a positive depth: the bits of positive floats have the same order as the
+ * floats. */
 SPIN_FN uint32_t spin_depth_key(float depth) { return spin_bits_of_float(depth); }

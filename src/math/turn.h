@@ -1,11 +1,11 @@
-/* The displacement and rotation that a dynamic track contributes to a splat if the surface has
- * rotated by the unit quaternion q since the track's own frame: R(q) d and q r. Both maps are
- * orthogonal, so the adjoint is the inverse rotation. */
+/* The contribution of a dynamic track to a splat if the surface has rotated by the unit quaternion
+ * q since the reference frame of the track: displacement d becomes R(q) d, and rotation r becomes
+ * q r. Both maps are orthogonal, so their adjoints are those of the inverse rotation. */
 #pragma once
 
 #include "math/quat.h"
 
-/* width 3: a displacement; 4: a rotation. out must differ from in. */
+/* Rotates a displacement (width 3) or a rotation (width 4). out must differ from in. */
 SPIN_FN void spin_turn(const float q[4], int width, const float *in, float *out)
 {
     if (width == 3)

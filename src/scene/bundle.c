@@ -1,8 +1,8 @@
-/* Reads and writes *.spin bundles; the format is described in man/spin-bundle.5.
+/* Reads and writes *.spin bundles. man/spin-bundle.5 describes the format.
  *
- * Nothing in the file is trusted: meta.json defines which arrays must exist and with which shapes,
- * and spin_bundle_open() checks all of them. It reads headers only, so that a clip of many
- * gigabytes opens at once; values stay in the memory map until a frame is read. */
+ * The file is not trusted: meta.json defines which arrays must exist and their shapes, and
+ * spin_bundle_open() checks the headers of all arrays. It does not read the values, so that a clip
+ * of many gigabytes opens at once; they are read from the memory map, frame by frame. */
 #include "scene/bundle.h"
 
 #include "base/base.h"
@@ -18,13 +18,13 @@ static void series_name(const char *group, unsigned column, char name[64])
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* Where the columns of a frame are stored: in "source" or in "refined". */
+/* One of the two groups of splats that are stored in columns: "source" or "refined". */
 struct group {
     const char *name;
     unsigned columns, static_columns;
     int sh_degree;
     bool antialias;
-    const size_t *n; /* [n_frames] of refined frames; NULL: in meta.frame */
+    const size_t *n; /* [n_frames] splats per frame; NULL: meta.frame[].n */
 };
 
 static struct group group_of(const struct spin_bundle *b, enum spin_splat_source from)
@@ -43,7 +43,7 @@ static size_t count_of(const struct spin_bundle *b, const struct group *group, i
     return group->n ? group->n[frame] : b->meta.frame[frame].n;
 }
 
-/* Opens a column of a frame in *out, or only checks its header if out is NULL. */
+/* Opens a column of a frame as *out. If out is NULL, only checks the header of the array. */
 static spin_status find_column(struct spin_bundle *b, const struct group *group, unsigned column,
                                int frame, struct spin_bundle_values *out)
 {
@@ -61,8 +61,9 @@ static spin_status find_column(struct spin_bundle *b, const struct group *group,
                : spin_bundle_values_check(b, name, frame, 'f', n_dims, wanted);
 }
 
-/* Reading one header faults in up to a megabyte around it. Drop the pages every 16 headers. */
-static void forget_all(const struct spin_bundle *b, int n_looked_at)
+/* Drops the mapped pages after every 16 headers: the kernel reads up to a megabyte around each
+ * header. */
+static void drop_pages(const struct spin_bundle *b, int n_looked_at)
 {
     const struct spin_map *map = &b->npz.zip.map;
 
@@ -70,7 +71,7 @@ static void forget_all(const struct spin_bundle *b, int n_looked_at)
         spin_map_forget(map, map->data, map->size);
 }
 
-/* Opens an array of the source's 4D splats in *out, or only checks its header if out is NULL. */
+/* Opens array k of the source's 4D splats as *out. If out is NULL, only checks its header. */
 static spin_status find_4d(struct spin_bundle *b, int k, struct spin_bundle_values *out)
 {
     const struct spin_splats_4d *s = &b->meta.four_d;
@@ -98,14 +99,14 @@ static spin_status check_source(struct spin_bundle *b)
         if (!(b->meta.columns & column))
             continue;
         for (int f = 0; f < b->meta.n_frames; f++) {
-            forget_all(b, n_looked_at++);
+            drop_pages(b, n_looked_at++);
             if (f == 0 || !still)
                 SPIN_TRY(find_column(b, &source, column, f, NULL));
             else if (b->meta.frame[f].n != b->meta.frame[0].n)
-                return spin_malformed(
-                    "meta.json: frame %d has %zu splats and frame 0 %zu, but column "
-                    "'%s' is the same in both",
-                    f, b->meta.frame[f].n, b->meta.frame[0].n, spin_column_name(column));
+                return spin_malformed("meta.json: frame %d has %zu splats and frame 0 has %zu, but "
+                                      "'static_columns' lists '%s'",
+                                      f, b->meta.frame[f].n, b->meta.frame[0].n,
+                                      spin_column_name(column));
         }
     }
     return SPIN_OK;
@@ -124,7 +125,7 @@ static spin_status check_refined(struct spin_bundle *b)
                                &b->refined.antialias));
     list = spin_json_get(refined, "frames");
     if (!list || spin_json_length(list) != (size_t)b->meta.n_frames)
-        return spin_meta_fail("frames", "a list as long as the clip's");
+        return spin_meta_fail("frames", "a list with one entry per frame of the clip");
     SPIN_TRY(spin_alloc((size_t)b->meta.n_frames, sizeof *b->refined.n, (void **)&b->refined.n));
     group = group_of(b, SPIN_FROM_REFINED);
     for (int f = 0; f < b->meta.n_frames; f++) {
@@ -139,7 +140,8 @@ static spin_status check_refined(struct spin_bundle *b)
     return SPIN_OK;
 }
 
-/* "splats": the number of splats of every frame, present if densification has changed it. */
+/* Reads "splats", the number of splats of every frame. It is present only if densification has
+ * changed these numbers. */
 static spin_status read_trained_counts(struct spin_bundle *b, const spin_json *trained)
 {
     const spin_json *list = spin_json_get(trained, "splats");
@@ -157,8 +159,8 @@ static spin_status read_trained_counts(struct spin_bundle *b, const spin_json *t
     return SPIN_OK;
 }
 
-/* Checks that the trained arrays exist and have the right shapes; whoever reads their values checks
- * those. */
+/* Checks that the trained arrays exist and have the right shapes. The values are checked when they
+ * are read. */
 static spin_status check_trained(struct spin_bundle *b)
 {
     const spin_json *trained = spin_json_get(b->json, "trained"), *field;
@@ -179,7 +181,7 @@ static spin_status check_trained(struct spin_bundle *b)
         SPIN_TRY(spin_bundle_values_check(b, "trained/heads", -1, 'f', 1, shape));
     }
     SPIN_TRY(read_trained_counts(b, trained));
-    if (spin_json_get(trained, "tracks")) /* spin_bundle_tracks_frame() checks these arrays */
+    if (spin_json_get(trained, "tracks")) /* spin_bundle_tracks_frame() checks arrays of tracks */
         return SPIN_OK;
     own = spin_npz_has(&b->npz, "trained/residual/00000");
     for (int f = 0; f < b->meta.n_frames; f++) {
@@ -193,9 +195,10 @@ static spin_status check_trained(struct spin_bundle *b)
     return SPIN_OK;
 }
 
-/* Before version 4 "trained" was called "network". The members of today's "field" were members of
- * "network" itself, and "explicit": true meant that there is no field. */
-static void modernise(struct spin_bundle *b)
+/* Converts the JSON of a bundle below version 4, where "trained" was called "network". The keys
+ * that "field" contains today were in "network" itself; "explicit": true meant that there is no
+ * field. */
+static void upgrade_meta(struct spin_bundle *b)
 {
     static const char *const series[] = {"per_unit", "xor_rows"};
     spin_json *json = b->json, *trained;
@@ -230,11 +233,11 @@ static spin_status load_meta(struct spin_bundle *b)
         return spin_malformed("no member 'meta.json': this is not a bundle");
     SPIN_TRY(spin_zip_read(&b->npz.zip, m, true, META_LIMIT, &text, &owned));
     SPIN_TRY(spin_json_parse(META, (const char *)text, (size_t)m->size, &b->json));
-    modernise(b);
+    upgrade_meta(b);
     return spin_bundle_meta_read(&b->meta, b->json);
 }
 
-/* The path is a checkpoint: open the clip that was saved beside it instead. */
+/* The path is a checkpoint: opens the clip that was saved beside the checkpoint instead. */
 static spin_status open_clip_of_state(struct spin_bundle *b)
 {
     size_t n = strlen(b->path) + sizeof SPIN_CLIP_OF_STATE;
@@ -290,7 +293,7 @@ void spin_bundle_close(struct spin_bundle *bundle)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Returns the group in *out if it contains this frame and all of these columns. */
+/* Sets *out to a group. SPIN_E_NOT_FOUND if the frame or one of the columns does not exist. */
 static spin_status find_group(const struct spin_bundle *b, int frame, enum spin_splat_source from,
                               unsigned columns, struct group *out)
 {
@@ -305,7 +308,7 @@ static spin_status find_group(const struct spin_bundle *b, int frame, enum spin_
         return spin_not_found("'%s' has no refined splats with these columns", b->path);
     if (missing)
         return spin_not_found(
-            "'%s' has no column '%s' of its source%s", b->path, spin_column_name(missing),
+            "'%s': the source has no column '%s'%s", b->path, spin_column_name(missing),
             (b->meta.columns & SPIN_COL_ATTRIBUTES) == 0 ? ", only positions: run spin-retrain"
                                                          : "");
     return spin_map_check(&b->npz.zip.map);
@@ -325,8 +328,8 @@ static spin_status read_group(struct spin_bundle *bundle, const struct group *gr
             continue;
         SPIN_TRY(find_column(bundle, group, column, frame, &v));
         spin_bundle_values_get(&v, 0, (size_t)v.count, *spin_column_of(out, column));
-        if (v.floats && !(group->static_columns &
-                          column)) /* frames are read once, in order: drop these pages */
+        /* Drop the pages: frames are usually read once, in order. */
+        if (v.floats && !(group->static_columns & column))
             spin_map_forget(&bundle->npz.zip.map, v.bytes, (size_t)v.count * sizeof *v.floats);
         spin_bundle_values_close(&v);
     }
@@ -370,9 +373,10 @@ spin_status spin_bundle_splats_4d(struct spin_bundle *bundle, const struct spin_
     return spin_fail_reading(load_4d(bundle, &bundle->four_d), bundle->path);
 }
 
-/* Slices the 4D splats at the time of a frame. Their number must match meta.json. */
-static spin_status slice(struct spin_bundle *b, int frame, unsigned columns,
-                         struct spin_splats *out)
+/* Slices the 4D splats at the time of a frame, and checks that the number of visible splats is the
+ * frame's number of splats in meta.json. */
+static spin_status slice_frame(struct spin_bundle *b, int frame, unsigned columns,
+                               struct spin_splats *out)
 {
     const struct spin_frame_info *info = &b->meta.frame[frame];
     const struct spin_splats_4d *s;
@@ -380,9 +384,9 @@ static spin_status slice(struct spin_bundle *b, int frame, unsigned columns,
     SPIN_TRY(spin_bundle_splats_4d(b, &s));
     SPIN_TRY(spin_splats_4d_slice(s, info->time, columns, out));
     return out->n == info->n ? SPIN_OK
-                             : spin_malformed("'%s': meta.json lists %zu splats of frame %d, but "
-                                              "at its time %g there are %zu",
-                                              b->path, info->n, frame, info->time, out->n);
+                             : spin_malformed("'%s': meta.json lists %zu splats for frame %d, but "
+                                              "%zu are visible at its time %g",
+                                              b->path, info->n, frame, out->n, info->time);
 }
 
 static spin_status read_frame(struct spin_bundle *bundle, int frame, enum spin_splat_source from,
@@ -392,7 +396,7 @@ static spin_status read_frame(struct spin_bundle *bundle, int frame, enum spin_s
 
     SPIN_TRY(find_group(bundle, frame, from, columns, &group));
     if (from == SPIN_FROM_SOURCE && bundle->meta.four_d.n)
-        return slice(bundle, frame, columns, out);
+        return slice_frame(bundle, frame, columns, out);
     return read_group(bundle, &group, frame, columns, out);
 }
 
@@ -416,7 +420,7 @@ spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_sp
 
     SPIN_TRY(find_group(bundle, frame, from, columns, &group));
     if (from == SPIN_FROM_SOURCE && bundle->meta.four_d.n)
-        return slice(bundle, frame, columns, out);
+        return slice_frame(bundle, frame, columns, out);
     view.n = view.capacity = count_of(bundle, &group, frame);
     view.sh_degree = group.sh_degree < 0 ? 0 : group.sh_degree;
     view.antialias = group.antialias;
@@ -429,7 +433,7 @@ spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_sp
         SPIN_TRY(find_column(bundle, &group, column, frame, &v));
         floats = v.floats;
         spin_bundle_values_close(&v);
-        if (view.n == 0 || !floats) /* packed or unaligned: copy */
+        if (view.n == 0 || !floats) /* a packed or unaligned array must be copied */
             return read_group(bundle, &group, frame, columns, out);
         *spin_column_of(&view, column) = (float *)(uintptr_t)floats;
     }
@@ -481,7 +485,7 @@ static spin_status checksum_slice(struct spin_bundle *b, int frame, unsigned col
     SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
     uint64_t hash = SPIN_HASH_BEGIN;
 
-    SPIN_TRY(slice(b, frame, columns, &splats));
+    SPIN_TRY(slice_frame(b, frame, columns, &splats));
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1)
         if (columns & column)
             spin_hash(&hash, *spin_column_of(&splats, column),
@@ -507,20 +511,19 @@ spin_status spin_bundle_checksum(struct spin_bundle *bundle, int frame, unsigned
         SPIN_TRY(find_column(bundle, &source, column, frame, &v));
         crc = spin_bundle_values_crc(&v);
         spin_bundle_values_close(&v);
-        *out = (*out ^ crc) * 0x01000193u + column; /* like FNV-1a, a word at a time */
+        *out = (*out ^ crc) * 0x01000193u + column; /* like FNV-1a, but by words */
     }
     return SPIN_OK;
 }
 
-/* ---- Member names and sizes
- * ------------------------------------------------------------------- */
+/* ---- Member names and sizes ------------------------------------------------------------------ */
 
-static bool begins(const char *text, const char *with)
+static bool begins_with(const char *text, const char *with)
 {
     return strncmp(text, with, strlen(with)) == 0;
 }
 
-/* SOG is a zip with a meta.json, too, but it has no source/. */
+/* Members in source/ distinguish a bundle from SOG, which is a zip with a meta.json as well. */
 bool spin_bundle_looks_like(const char *path)
 {
     struct spin_zip zip;
@@ -530,30 +533,31 @@ bool spin_bundle_looks_like(const char *path)
         return false;
     meta = spin_zip_find(&zip, "meta.json") != NULL;
     for (size_t i = 0; i < zip.n; i++)
-        source = source || begins(zip.member[i].name, "source/");
+        source = source || begins_with(zip.member[i].name, "source/");
     spin_zip_close(&zip);
     return meta && source;
 }
 
-/* The sum that a member's size belongs to; NULL if only the size of the file includes it. */
+/* The sum to which a member's size must be added; NULL: none but the size of the file. */
 static uint64_t *part_of(struct spin_bundle_bytes *bytes, const char *name)
 {
-    if (begins(name, "source/"))
+    if (begins_with(name, "source/"))
         return &bytes->source;
-    if (begins(name, "refined/"))
+    if (begins_with(name, "refined/"))
         return &bytes->refined;
-    if (!begins(name, "trained/") && !begins(name, "network/")) /* its name before version 4 */
+    /* Below version 4, trained/ was called network/. */
+    if (!begins_with(name, "trained/") && !begins_with(name, "network/"))
         return NULL;
     name = strchr(name, '/') + 1;
-    if (begins(name, "means/") || begins(name, "residual/"))
+    if (begins_with(name, "means/") || begins_with(name, "residual/"))
         return &bytes->positions;
-    if (begins(name, "track"))
+    if (begins_with(name, "track"))
         return &bytes->tracks;
-    return begins(name, "table") ? &bytes->table : &bytes->heads;
+    return begins_with(name, "table") ? &bytes->table : &bytes->heads;
 }
 
-/* The size of an unpacked member, including the byte planes that the file omits because they are
- * all 0. */
+/* Size of a member before packing, including the byte planes that the file omits because all their
+ * bytes are 0. */
 static uint64_t unpacked_size(const struct spin_bundle *bundle,
                               const struct spin_zip_member *member)
 {
@@ -616,7 +620,7 @@ spin_status spin_bundle_write_array(struct spin_bundle_writer *w, const char *se
 {
     char name[80];
 
-    if (!values) /* an array without rows */
+    if (!values) /* the array has no rows */
         values = "";
     if (w->packs)
         return spin_packer_put(&w->packer, &w->zip, series, frame, n_dims, shape, values);
@@ -643,8 +647,8 @@ static spin_status write_group(struct spin_bundle_writer *w, const char *group, 
             continue;
         n_dims = spin_column_shape(column, splats->n, splats->sh_degree, shape);
         series_name(group, column, name);
-        if (column == SPIN_COL_RGB && w->packs &&
-            index == 0) /* these colours probably come from 8-bit images */
+        /* rgb columns probably come from 8-bit images: try to store them as multiples of 1/255. */
+        if (column == SPIN_COL_RGB && w->packs && index == 0)
             SPIN_TRY(spin_packer_units(&w->packer, name, 3, bytes));
         SPIN_TRY(spin_bundle_write_array(w, name, still ? -1 : index, "<f4", n_dims, shape,
                                          *spin_column_of(&view, column)));
@@ -670,9 +674,8 @@ static spin_status write_array_4d(struct spin_bundle_writer *w, const struct spi
         unit[c] = per_unit;
     if (per_unit > 0)
         SPIN_TRY(spin_packer_units(&w->packer, name, shape[1], unit));
-    else if (w->packer.quick &&
-             shape[1] >=
-                 SPIN_WIDE) /* the low bits of SH are noise: packing would save a fifth at most */
+    /* The low bits of SH are noise, so packing would save at most a fifth. */
+    else if (w->packer.quick && shape[1] >= SPIN_WIDE)
         return spin_npz_write(&w->zip, name, "<f4", 2, shape, values);
     return spin_bundle_write_array(w, name, -1, "<f4", 2, shape, values);
 }

@@ -6,8 +6,8 @@
 #include "scene/splats_4d.h"
 
 #define FORMAT "spin bundle"
-/* Plain arrays, packed arrays, 4D splats: the version is raised only for bundles that older readers
- * cannot read. */
+/* A bundle gets the lowest version that describes its contents, so that older readers can read as
+ * many bundles as possible. */
 enum { VERSION = 1, VERSION_PACKED = 4, VERSION_4D = 5 };
 
 spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames)
@@ -53,7 +53,7 @@ spin_status spin_meta_integer(const spin_json *object, const char *key, int64_t 
     return SPIN_OK;
 }
 
-/* A string, truncated to n_out - 1 bytes; "" if absent or null. */
+/* Reads a string and truncates it to n_out - 1 bytes. "" if the key is missing or null. */
 static void read_text(const spin_json *object, const char *key, char *out, size_t n_out)
 {
     const char *text = spin_json_string(spin_json_get(object, key));
@@ -74,7 +74,7 @@ static spin_status read_columns(const spin_json *root, const char *key, unsigned
         if (!name)
             return spin_meta_fail(key, "a list of names");
         if (!spin_column_named(name))
-            return spin_unsupported("meta.json: '%s' names the unknown column '%.40s'", key, name);
+            return spin_unsupported("meta.json: '%s' lists the unknown column '%.40s'", key, name);
         *out |= spin_column_named(name);
     }
     return SPIN_OK;
@@ -87,10 +87,10 @@ spin_status spin_meta_columns(const spin_json *object, unsigned *columns, int *s
 
     SPIN_TRY(read_columns(object, "columns", columns));
     if (!(*columns & SPIN_COL_MEANS))
-        return spin_malformed("meta.json: 'columns' lacks 'means'");
+        return spin_malformed("meta.json: 'columns' does not list 'means'");
     SPIN_TRY(spin_meta_integer(object, "sh_degree", -1, 3, &degree));
     if ((*columns & SPIN_COL_SH) && degree < 0)
-        return spin_malformed("meta.json: column 'sh' with an 'sh_degree' of -1");
+        return spin_malformed("meta.json: 'columns' lists 'sh', but 'sh_degree' is -1");
     *sh_degree = (int)degree;
     spin_json_bool(spin_json_get(object, "antialias"), antialias);
     return SPIN_OK;
@@ -169,7 +169,7 @@ static spin_status read_number(const spin_json *object, const char *key, double 
                : spin_meta_fail(key, "a number");
 }
 
-/* "splats_4d": the number of rows and all properties that are not arrays. */
+/* Reads "splats_4d": the number of 4D splats, the list of optional arrays, and common values. */
 static spin_status read_4d(struct spin_bundle_meta *meta, const spin_json *root)
 {
     const spin_json *json = spin_json_get(root, "splats_4d"), *list;
@@ -184,7 +184,7 @@ static spin_status read_4d(struct spin_bundle_meta *meta, const spin_json *root)
     SPIN_TRY(spin_meta_integer(json, "degree", 0, 3, &degree));
     if (meta->columns != (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES) || meta->static_columns)
         return spin_malformed(
-            "meta.json: 'columns' of 4D splats must be the means and all attributes");
+            "meta.json: 'columns' must list the means and all attributes if there are 4D splats");
     *s = (struct spin_splats_4d){.n = (size_t)n,
                                  .degree = (int)degree,
                                  .sh_degree = meta->sh_degree,
@@ -203,7 +203,7 @@ static spin_status read_4d(struct spin_bundle_meta *meta, const spin_json *root)
         unsigned part = name ? spin_array_4d_part(name) : 0;
 
         if (!part)
-            return spin_unsupported("meta.json: 'arrays' names the unknown array '%.40s'",
+            return spin_unsupported("meta.json: 'arrays' lists the unknown array '%.40s'",
                                     name ? name : "");
         meta->parts |= part;
     }
@@ -231,7 +231,7 @@ spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json
     SPIN_TRY(read_columns(root, "static_columns", &meta->static_columns));
     spin_json_bool(spin_json_get(root, "identity"), &meta->identity);
     if (meta->static_columns & ~meta->columns)
-        return spin_malformed("meta.json: 'static_columns' names columns that 'columns' does not");
+        return spin_malformed("meta.json: 'static_columns' lists a column that 'columns' does not");
     SPIN_TRY(read_4d(meta, root));
     SPIN_TRY(read_number(root, "fps", &meta->fps));
     if (meta->fps < 0)

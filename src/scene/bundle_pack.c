@@ -1,26 +1,27 @@
-/* Stores the words of an array as planes of bytes, column by column: bytes that are alike in
- * neighbouring words (signs, exponents, high bytes) become neighbours, which deflate compresses
- * well. */
+/* Stores the words of an array as planes of bytes, column by column. Bytes that are similar in
+ * consecutive rows (signs, exponents, high bytes) become neighbours in the file, and deflate
+ * compresses them well. */
 #include "scene/bundle_pack.h"
 
 #include "base/base.h"
 
-enum { PORTION = 1 << 15, GROUP = 16 }; /* values written at once; columns gathered at once */
+/* Values that are written at a time; columns that are gathered at a time. */
+enum { PORTION = 1 << 15, GROUP = 16 };
 
 /* The words of an array, row by row. */
 struct words {
     uint64_t n_rows, width;
     uint32_t *at;
-    bool whole; /* integers in units of 1 / per_unit */
+    bool whole; /* words are integers, in units of 1 / per_unit */
 };
 
 struct spin_pack_series {
     char name[64];
-    float *per_unit; /* [n_units], or NULL */
+    float *per_unit; /* [n_units]; NULL: words are floats */
     size_t n_units;
-    bool written;
+    bool written;     /* at least one array was written */
     struct words key; /* words of frame 0 */
-    spin_json *rows;  /* "xor_rows" of each frame so far; NULL: an array without frames */
+    spin_json *rows;  /* "xor_rows" of the frames so far; NULL: one array without frames */
 };
 
 /* ---- One array ------------------------------------------------------------------------------- */
@@ -63,7 +64,8 @@ static spin_status write_bytes(struct spin_zip_writer *w, const unsigned char *b
     return SPIN_OK;
 }
 
-/* Gathers 16 columns in a pass over the rows: the words of one cache line. */
+/* Writes the planes column by column. A pass over the rows gathers 16 columns: the words of one
+ * cache line. */
 static spin_status write_columns(struct spin_zip_writer *w, const char *name, int n_dims,
                                  const uint64_t *shape, const struct words *words, bool quick)
 {
@@ -98,9 +100,9 @@ static spin_status write_columns(struct spin_zip_writer *w, const char *name, in
 
 /* ---- Series ---------------------------------------------------------------------------------- */
 
-/* Estimates the compressed size in bits if the first `rows` rows are XORed with the key: the
- * entropy of the bytes, for each plane separately. */
-static double weigh(const struct words *words, const uint32_t *key, uint64_t rows)
+/* Estimates the compressed size in bits if the first `rows` rows are XORed with the key: the sum
+ * over the planes of the entropy of their bytes. */
+static double estimate_bits(const struct words *words, const uint32_t *key, uint64_t rows)
 {
     uint64_t seen[4][256] = {{0}}, count = words->n_rows * words->width,
              n_key = rows * words->width;
@@ -119,8 +121,8 @@ static double weigh(const struct words *words, const uint32_t *key, uint64_t row
     return bits;
 }
 
-/* Chooses how many rows to XOR with frame 0: none, all, or those up to the last one that is
- * identical. */
+/* Chooses how many of the first rows to XOR with frame 0: none, all, or the rows up to the last row
+ * that is equal in both frames. */
 static uint64_t choose_rows(const struct spin_pack_series *s, const struct words *words)
 {
     uint64_t width = words->width, best = 0;
@@ -137,7 +139,7 @@ static uint64_t choose_rows(const struct spin_pack_series *s, const struct words
     tried[1] = same;
     tried[2] = all;
     for (int i = 0; i < 3; i++) {
-        double bits = weigh(words, s->key.at, tried[i]);
+        double bits = estimate_bits(words, s->key.at, tried[i]);
 
         if (bits < 0.99 * least) {
             least = bits;
@@ -174,8 +176,8 @@ spin_status spin_packer_units(struct spin_packer *packer, const char *series, si
     return SPIN_OK;
 }
 
-/* Replaces values by the words of their integers. False, without changes, if any value is not a
- * multiple of its unit. */
+/* Converts floats to words of integers, in units of 1 / per_unit. Returns false, and changes
+ * nothing, if a value is not a multiple of its unit. */
 static bool make_whole(const struct spin_pack_series *s, struct words *words)
 {
     uint64_t count = words->n_rows * words->width;
@@ -191,8 +193,8 @@ static bool make_whole(const struct spin_pack_series *s, struct words *words)
             if (!(fabsf(k) < 0x1p31f))
                 return false;
             back = (float)(int32_t)k / per_unit;
-            if (memcmp(&back, &value, sizeof back) !=
-                0) /* -0 fails as well: it would come back as 0 */
+            /* Compare bits, since -0 would be decoded as 0. */
+            if (memcmp(&back, &value, sizeof back) != 0)
                 return false;
             if (pass == 1)
                 words->at[i] = spin_word_of((int32_t)k);
@@ -214,7 +216,7 @@ spin_status spin_packer_put(struct spin_packer *packer, struct spin_zip_writer *
     for (int i = 1; i < n_dims; i++)
         words.width *= shape[i];
     SPIN_TRY(find_series(packer, series, &s));
-    as_it_is = frame < 0 && !s->per_unit; /* stored as it is: no copy */
+    as_it_is = frame < 0 && !s->per_unit; /* the words do not change: no copy is needed */
     if (as_it_is) {
         words.at = (uint32_t *)(uintptr_t)values;
     } else {
@@ -281,8 +283,8 @@ void spin_packer_free(struct spin_packer *packer)
 
 /* ---- Rounding -------------------------------------------------------------------------------- */
 
-/* Rounds the bit pattern to nearest, ties to even; a carry into the exponent gives the right
- * result. */
+/* Rounds the mantissa to `bits` bits, to nearest, ties to even, then the value to a multiple of
+ * step. The addition works on the bit pattern: a carry from mantissa to exponent is correct. */
 static float round_one(float value, int bits, float step)
 {
     uint32_t u, dropped = 24 - (uint32_t)bits;
@@ -296,7 +298,7 @@ static float round_one(float value, int bits, float step)
         return value;
     if (step > 0 && fabsf(rounded) < 0x1p22f * step)
         rounded = rintf(rounded / step) * step;
-    return rounded == 0 ? 0 : rounded; /* never -0, which make_whole() refuses */
+    return rounded == 0 ? 0 : rounded; /* replaces -0, which make_whole() refuses, by 0 */
 }
 
 void spin_round_values(float *values, size_t n, int bits, float step)

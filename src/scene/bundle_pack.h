@@ -1,54 +1,59 @@
-/* Packed arrays of a bundle: deflated planes of the bytes of 4-byte words; in a series, also
- * differences from frame 0.
+/* Packed arrays of a bundle. A series is one array [n, ...] for each frame, or a single array for
+ * the whole clip. Its 4-byte words are split into byte planes, which are compressed by deflate.
  *
- * A word is the bit pattern of a float, or an integer: a series that is listed in "per_unit" of
- * meta.json, with one number u per column, stores the value k / u as k, where k = 0, -1, 1, -2, 2,
- * ... is encoded as the words 0, 1, 2, 3, 4, ... A series is an array for each frame, [n, ...], or
- * one array without frames. The first rows of a later frame may be XORed with the same rows of
- * frame 0; "xor_rows" in meta.json lists the number of these rows for each frame.
+ * A word is the bit pattern of a float, or an integer. It is an integer if "per_unit" of meta.json
+ * lists the series, with a number u for each column: a word then encodes an integer k, and the
+ * value is k / u. The words 0, 1, 2, 3, 4, ... encode k = 0, -1, 1, -2, 2, ...
  *
- *     bytes     array               plane k has byte k of every word, the lowest first
- *     |i1       [1 to 4, ..., n]    column after column; planes that are all 0 are left out
- *     |u1       [4, n, ...]         row after row; the words are always the bits of floats */
+ * The first rows of a frame may be XORed with the same rows of frame 0. "xor_rows" of meta.json
+ * lists the number of these rows for each frame.
+ *
+ * Plane k contains byte k of every word, beginning with the lowest byte. There are two layouts,
+ * which differ in the type of the npy array:
+ *
+ *     |i1   [1 to 4, ..., n]   column by column; the highest planes are omitted if all bytes are 0
+ *     |u1   [4, n, ...]        row by row; the words are always floats */
 #pragma once
 
 #include "io/json.h"
 #include "io/npy.h"
 
-/* The most columns of a series with units; the fewest columns of an array of SH. */
+/* SPIN_UNITS: maximum number of columns of a series in "per_unit". SPIN_WIDE: an array with this
+ * many columns or more contains SH. */
 enum { SPIN_UNITS = 96, SPIN_WIDE = 12 };
-/* The word of an integer, and the integer of a word. */
+/* Encode an integer as a word, and decode it. */
 static inline uint32_t spin_word_of(int32_t k) { return (uint32_t)k << 1 ^ (uint32_t)(k >> 31); }
 static inline int32_t spin_word_to(uint32_t word) { return (int32_t)(word >> 1 ^ -(word & 1)); }
 
-/* Reads values [first, first + n) of an array as bits. */
+/* Callback that writes the bit patterns of values [first, first + n) of an array to `to`. */
 typedef spin_status (*spin_pack_read_fn)(void *context, uint64_t first, size_t n, uint32_t *to);
 
-/* The series of a bundle that is being written; zero it before use. */
+/* The state of all series of a bundle that is being written. Zero it before use. */
 struct spin_packer {
     struct spin_pack_series *series;
     size_t n, capacity;
-    bool quick; /* pack arrays of SPIN_WIDE columns or more several times faster, into a few percent
-                   more */
+    bool quick; /* pack arrays of SPIN_WIDE columns or more several times faster, but a few percent
+                   larger */
 };
 
-/* Writes one array that does not fit into memory, as |u1. read() is called four times for each
- * value, once per plane. */
+/* Writes an array that does not fit into memory, in layout |u1. read() is called for the whole
+ * array four times, once per plane. */
 spin_status spin_pack_write(struct spin_zip_writer *w, const char *name, int n_dims,
                             const uint64_t *shape, spin_pack_read_fn read, void *context);
-/* Declares that values of column c of a series are multiples of 1 / per_unit[c]. An array with any
- * other value is written as |u1. Call it once, before the first array of the series. */
+/* Declares that the values of column c of a series are multiples of 1 / per_unit[c]. An array with
+ * other values is written in layout |u1. Must be called before the first array of the series, and
+ * only once. */
 spin_status spin_packer_units(struct spin_packer *packer, const char *series, size_t width,
                               const float *per_unit);
-/* Writes array `series`/`frame`, or `series` itself if frame is -1. The frames of a series must
- * come in order, from 0. */
+/* Writes array `series`/`frame`, or array `series` if frame is -1. The frames of a series must be
+ * written in order, beginning with frame 0. */
 spin_status spin_packer_put(struct spin_packer *packer, struct spin_zip_writer *w,
                             const char *series, int frame, int n_dims, const uint64_t *shape,
                             const void *values);
-/* Puts "xor_rows" and "per_unit" into meta.json. */
+/* Adds "xor_rows" and "per_unit" to meta.json. */
 void spin_packer_json(const struct spin_packer *packer, spin_json *meta);
 void spin_packer_free(struct spin_packer *packer);
 
-/* Rounds finite values to this many significant bits, then to multiples of step: a power of two, or
- * 0 for none. */
+/* Rounds finite values to `bits` significant bits, then to multiples of step. step: a power of two;
+ * 0: no multiples. */
 void spin_round_values(float *values, size_t n, int bits, float step);

@@ -1,12 +1,11 @@
-/* Reads the attributes that splats share with their tracks once, and per-frame values frame by
- * frame. */
+/* Reads the values of all tracks on opening, and the per-frame values of splats frame by frame. */
 #include "scene/bundle_tracks.h"
 
 #include <inttypes.h>
 
 #include "base/base.h"
 
-enum { ROW = SPIN_TRACK_WIDTH - 3 };
+enum { ROW = SPIN_TRACK_WIDTH - 3 }; /* floats per row without the displacement */
 
 spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bundle_tracks *out)
 {
@@ -21,11 +20,14 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
         !spin_json_integer(spin_json_get(json, "moving"), &moving) ||
         !spin_json_integer(spin_json_get(json, "varying"), &varying) || n < 0 || n > UINT32_MAX ||
         moving < 0 || moving > n || varying < 0 || varying > n)
-        return spin_malformed("meta.json: bad 'trained.tracks'");
+        return spin_malformed(
+            "meta.json: 'n', 'moving' or 'varying' of 'trained.tracks' is missing "
+            "or out of range");
     if (spin_json_get(json, "backdrop") &&
         (!spin_json_integer(spin_json_get(json, "backdrop"), &backdrop) || backdrop < 0 ||
          backdrop > n))
-        return spin_malformed("meta.json: bad 'trained.tracks.backdrop'");
+        return spin_malformed("meta.json: 'trained.tracks.backdrop' is not an integer from 0 to "
+                              "the number of tracks");
     spin_json_bool(spin_json_get(json, "same_rows"), &out->same_rows);
     shape[0] = n;
     SPIN_TRY(spin_bundle_values_open(bundle, "trained/tracks", -1, 'f', 2, shape, &v));
@@ -50,8 +52,8 @@ void spin_bundle_tracks_close(struct spin_bundle_tracks *t)
     memset(t, 0, sizeof *t);
 }
 
-/* Reads an array of a frame into [out, room_end) and returns its number of rows, 0 if it is
- * absent. */
+/* Reads array trained/<what>/<index>, of `width` floats per row, into [out, room_end). *n: number
+ * of rows; 0 if the array does not exist. */
 static spin_status read_own(struct spin_bundle_tracks *t, const char *what, int index, int width,
                             const float *room_end, float *out, size_t *n)
 {
@@ -66,8 +68,8 @@ static spin_status read_own(struct spin_bundle_tracks *t, const char *what, int 
         return SPIN_OK;
     SPIN_TRY(spin_bundle_values_open(t->bundle, series, index, 'f', 2, shape, &v));
     if (v.count > (uint64_t)(room_end - out))
-        return spin_malformed("array '%s' has %" PRIu64 " rows, more than the frame", name,
-                              v.shape[0]);
+        return spin_malformed("array '%s' has %" PRIu64 " rows, more than the frame has splats",
+                              name, v.shape[0]);
     spin_bundle_values_get(&v, 0, (size_t)v.count, out);
     *n = (size_t)v.shape[0];
     return SPIN_OK;
@@ -89,14 +91,14 @@ spin_status spin_bundle_tracks_numbers(struct spin_bundle_tracks *t, int index, 
     spin_bundle_values_close(&v);
     for (size_t i = 0; i < n; i++)
         if (track[i] != SPIN_NOT_TRACKED && track[i] >= t->n)
-            return spin_malformed("array 'trained/track/%05d' names track %" PRIu32 " of %zu",
+            return spin_malformed("array 'trained/track/%05d' contains track %" PRIu32
+                                  ", but there are %zu tracks",
                                   index, track[i], t->n);
     return SPIN_OK;
 }
 
-/* Ensures that the block has space for the track numbers, positions and residual values of n
- * splats. */
-static spin_status need(struct spin_bundle_tracks *t, size_t n)
+/* Enlarges the block to hold track numbers, positions and residual values of n splats. */
+static spin_status reserve_block(struct spin_bundle_tracks *t, size_t n)
 {
     void *block = NULL;
 
@@ -117,7 +119,7 @@ spin_status spin_bundle_tracks_frame(struct spin_bundle_tracks *t, int index, si
     uint32_t *track;
     float *own_pos, *own_residual;
 
-    SPIN_TRY(need(t, n));
+    SPIN_TRY(reserve_block(t, n));
     track = t->block;
     own_pos = (float *)(track + t->capacity);
     own_residual = own_pos + 3 * n;

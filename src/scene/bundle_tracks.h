@@ -1,15 +1,17 @@
-/* The tracks of a bundle: Gaussians that several frames share.
+/* The tracks of a bundle: splats of several frames that share attributes.
  *
  *   trained/tracks.npy            [n][14] displacement 3, log scale 3, rotation 4, colour 3,
  *                                 logit opacity 1
- *   trained/track/<index>.npy     [splats] uint32: the track of each splat, 0xffffffff: none; with
- *                                 "same_rows" only index 0 exists, which is valid for all frames
- *   trained/means/<index>.npy     [own][3]  positions: splats without a track or of a dynamic one
- *   trained/residual/<index>.npy  [own][11] values: splats without a track or of a varying one
+ *   trained/track/<index>.npy     [splats] uint32, the track of each splat; 0xffffffff: no track.
+ *                                 With "same_rows", only index 0 exists and applies to all frames.
+ *   trained/means/<index>.npy     [rows][3] positions of splats with a dynamic track or without a
+ *                                 track
+ *   trained/residual/<index>.npy  [rows][11] values of splats with a varying track or without a
+ *                                 track
  *
- * The attributes of a splat are the sum of its own values and those of its track. The first
- * "moving" tracks are dynamic; the displacement of a static track is its whole position. The first
- * "varying" tracks have their own values in every frame. */
+ * The attributes of a splat are its own values plus those of its track. With the counts in
+ * meta.json, the first "moving" tracks are dynamic and the first "varying" tracks are varying. The
+ * displacement of a static track is the position of its splats. */
 #pragma once
 
 #include "scene/bundle.h"
@@ -20,22 +22,23 @@ enum { SPIN_TRACK_WIDTH = 14 };
 struct spin_bundle_tracks {
     struct spin_bundle *bundle;
     size_t n, n_moving, n_varying;
-    size_t n_backdrop; /* the last n_backdrop tracks close the scene from behind */
-    bool same_rows;
-    float *values; /* [n][SPIN_TRACK_WIDTH]; NULL: the bundle has no tracks */
-    /* Scratch memory for one frame. */
+    size_t n_backdrop; /* the last n_backdrop tracks are the backdrop behind the scene */
+    bool same_rows;    /* row i has the same track in every frame */
+    float *values;     /* [n][SPIN_TRACK_WIDTH]; NULL: the bundle has no tracks */
+    /* Scratch memory for one frame of `capacity` splats. */
     void *block;
     size_t capacity;
 };
 
-/* Checks that all values are finite. Zero *out before the call, and close it even after a
- * failure. */
+/* Reads the values of all tracks and checks that they are finite. Zero *out before the call, and
+ * close it even after a failure. The bundle must stay open until then. */
 spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bundle_tracks *out);
 void spin_bundle_tracks_close(struct spin_bundle_tracks *tracks);
-/* The track of each of the n splats of frame `index`, or SPIN_NOT_TRACKED: for all splats if the
- * bundle has no tracks. */
+/* Reads the tracks of the n splats of frame `index`; SPIN_NOT_TRACKED: no track. In a bundle
+ * without tracks, no splat has a track. */
 spin_status spin_bundle_tracks_numbers(struct spin_bundle_tracks *tracks, int index, size_t n,
                                        uint32_t *track);
-/* The sums for the n splats of frame `index`: means [n][3] and residual rows [n][11]. */
+/* Computes the values of the n splats of frame `index`, including those of their tracks: means
+ * [n][3], residual rows [n][11]. */
 spin_status spin_bundle_tracks_frame(struct spin_bundle_tracks *tracks, int index, size_t n,
                                      float *means, float *rows);

@@ -1,13 +1,12 @@
-/* Reads arrays of a bundle. Headers are checked against meta.json and against the bytes present
- * before anything relies on them. */
+/* Reads arrays of a bundle. Headers are checked against meta.json and against the size of the
+ * member before they are used. */
 #include <float.h>
 #include <inttypes.h>
 
 #include "base/base.h"
 #include "scene/bundle.h"
 
-/* The CRC check reads every byte of a member. Above this size it is skipped for members that are
- * stored uncompressed. */
+/* The CRC of larger arrays is not checked, since the check reads every byte. */
 #define CRC_LIMIT (64u << 20)
 
 /* The words of frame 0 of a series. */
@@ -26,8 +25,7 @@ static void name_of(const char *series, int frame, char name[80])
         snprintf(name, 80, "%s/%05d", series, frame);
 }
 
-/* ---- Words
- * ------------------------------------------------------------------------------------- */
+/* ---- Words ----------------------------------------------------------------------------------- */
 
 /* Reads words [first, first + n) of an array whose planes are stored column by column. */
 static void gather_columns(const struct spin_bundle_values *v, uint64_t first, size_t n,
@@ -67,10 +65,9 @@ static void get_words(const struct spin_bundle_values *v, uint64_t first, size_t
         to[i] ^= v->key[first + i];
 }
 
-/* ---- Differences
- * ------------------------------------------------------------------------------- */
+/* ---- Differences ----------------------------------------------------------------------------- */
 
-/* The number of rows of an array that are XORed with the same rows of frame 0. */
+/* Reads "xor_rows": how many rows of the array are XORed with the same rows of frame 0. */
 static spin_status difference_rows(struct spin_bundle *b, const char *series, int frame,
                                    uint64_t n_rows, uint64_t *rows)
 {
@@ -84,7 +81,8 @@ static spin_status difference_rows(struct spin_bundle *b, const char *series, in
         return SPIN_OK;
     if (!spin_json_integer(spin_json_at(list, (size_t)frame), &value) || value < 0 ||
         (uint64_t)value > n_rows || (frame == 0 && value != 0))
-        return spin_malformed("meta.json: 'xor_rows' of array '%s/%05d' is not 0 to %" PRIu64,
+        return spin_malformed("meta.json: 'xor_rows' of array '%s/%05d' is not an integer from 0 "
+                              "to %" PRIu64,
                               series, frame, frame == 0 ? (uint64_t)0 : n_rows);
     *rows = (uint64_t)value;
     return SPIN_OK;
@@ -120,10 +118,9 @@ static spin_status find_key(struct spin_bundle *b, const char *series, char kind
     return SPIN_OK;
 }
 
-/* ---- Headers
- * ----------------------------------------------------------------------------------- */
+/* ---- Headers --------------------------------------------------------------------------------- */
 
-/* Reads per_unit of a series, if meta.json lists it: the reciprocal of each column's unit. */
+/* Reads "per_unit" of a series, the reciprocal of each column's unit, if meta.json contains it. */
 static spin_status find_units(struct spin_bundle *b, const char *series, char kind,
                               struct spin_bundle_values *out)
 {
@@ -148,9 +145,11 @@ static spin_status find_units(struct spin_bundle *b, const char *series, char ki
     return SPIN_OK;
 }
 
-/* Checks the header of an array, plain or packed, and fills *out; its shape excludes the planes. */
-static spin_status look_at(struct spin_bundle *b, const char *series, const char *name, char kind,
-                           int n_dims, const int64_t *shape, struct spin_bundle_values *out)
+/* Checks the header of a plain or packed array and fills *out. out->shape is the shape before
+ * packing, without the dimension of the planes. */
+static spin_status check_header(struct spin_bundle *b, const char *series, const char *name,
+                                char kind, int n_dims, const int64_t *shape,
+                                struct spin_bundle_values *out)
 {
     int64_t wanted[SPIN_NPY_MAX_DIMS] = {-1};
     struct spin_array a;
@@ -160,15 +159,15 @@ static spin_status look_at(struct spin_bundle *b, const char *series, const char
     SPIN_TRY(spin_npz_head(&b->npz, name, &a));
     packed = a.item_size == 1 && (a.kind == 'u' || a.kind == 'i');
     out->columns = packed && a.kind == 'i';
-    for (int d = 0; d < n_dims; d++) /* column by column: rows are the last dimension */
+    for (int d = 0; d < n_dims; d++) /* in layout |i1, rows are the last dimension */
         wanted[out->columns ? (d > 0 ? d : n_dims) : d + packed] = shape[d];
     if (packed && !out->columns)
         wanted[0] = 4;
     SPIN_TRY(spin_array_check_shape(name, &a, n_dims + packed, wanted));
     if ((!packed && (a.kind != kind || a.item_size != 4 || a.big_endian)) ||
         (packed && (a.shape[0] < 1 || a.shape[0] > 4)) || !spin_array_is_contiguous(&a))
-        return spin_malformed("array '%s' is neither little-endian %s nor one to four byte planes, "
-                              "in row-major order",
+        return spin_malformed("array '%s' is neither little-endian %s nor 1 to 4 byte planes, or "
+                              "is not in row-major order",
                               name, kind == 'f' ? "float32" : "uint32");
     out->n_planes = packed ? (int)a.shape[0] : 0;
     out->n_dims = n_dims;
@@ -181,12 +180,12 @@ static spin_status look_at(struct spin_bundle *b, const char *series, const char
     return out->columns ? find_units(b, series, kind, out) : SPIN_OK;
 }
 
-static spin_status look_at_frame(struct spin_bundle *b, const char *series, int frame, char kind,
-                                 int n_dims, const int64_t *shape, char name[80],
-                                 struct spin_bundle_values *out, uint64_t *rows)
+static spin_status check_frame_header(struct spin_bundle *b, const char *series, int frame,
+                                      char kind, int n_dims, const int64_t *shape, char name[80],
+                                      struct spin_bundle_values *out, uint64_t *rows)
 {
     name_of(series, frame, name);
-    SPIN_TRY(look_at(b, series, name, kind, n_dims, shape, out));
+    SPIN_TRY(check_header(b, series, name, kind, n_dims, shape, out));
     return difference_rows(b, series, frame, out->shape[0], rows);
 }
 
@@ -197,14 +196,13 @@ spin_status spin_bundle_values_check(struct spin_bundle *bundle, const char *ser
     uint64_t rows;
     char name[80];
 
-    return look_at_frame(bundle, series, frame, kind, n_dims, shape, name, &values, &rows);
+    return check_frame_header(bundle, series, frame, kind, n_dims, shape, name, &values, &rows);
 }
 
-/* ---- Values
- * ------------------------------------------------------------------------------------ */
+/* ---- Values ---------------------------------------------------------------------------------- */
 
-static spin_status take_key(struct spin_bundle *b, const char *series, const char *name, char kind,
-                            uint64_t rows, struct spin_bundle_values *out)
+static spin_status attach_key(struct spin_bundle *b, const char *series, const char *name,
+                              char kind, uint64_t rows, struct spin_bundle_values *out)
 {
     const struct spin_bundle_key *key;
     bool same;
@@ -215,8 +213,8 @@ static spin_status take_key(struct spin_bundle *b, const char *series, const cha
         same = same && key->shape[d] == out->shape[d];
     if (!same)
         return spin_malformed("array '%s' has %" PRIu64
-                              " rows of differences from frame 0, which has only %" PRIu64
-                              " rows, or words of another type or width",
+                              " rows of differences from frame 0, but frame 0 has only %" PRIu64
+                              " rows, or has another type or width",
                               name, rows, key->shape[0]);
     out->key = key->words;
     out->n_key = rows * out->width;
@@ -230,9 +228,9 @@ static spin_status open_values(struct spin_bundle *b, const char *series, int fr
     char name[80];
     uint64_t rows = 0, bytes;
 
-    SPIN_TRY(look_at_frame(b, series, frame, kind, n_dims, shape, name, out, &rows));
+    SPIN_TRY(check_frame_header(b, series, frame, kind, n_dims, shape, name, out, &rows));
     if (rows > 0)
-        SPIN_TRY(take_key(b, series, name, kind, rows, out));
+        SPIN_TRY(attach_key(b, series, name, kind, rows, out));
     bytes = (uint64_t)(out->n_planes ? out->n_planes : 4) * out->count;
     SPIN_TRY(spin_npz_take(&b->npz, name, bytes < CRC_LIMIT, &a, &out->owned));
     if (a.n_bytes != bytes)

@@ -22,7 +22,7 @@ spin_status spin_range_select(const struct spin_range *range, const struct spin_
     }
     if (count == 0) {
         free(list);
-        return spin_not_found("no frame has a number in %d:%d (the clip's run from %d to %d)",
+        return spin_not_found("no frame has a number in %d:%d (frames of the clip: %d to %d)",
                               range->first, range->last, n ? info[0].number : 0,
                               n ? info[n - 1].number : 0);
     }
@@ -54,13 +54,13 @@ spin_status spin_times_check(const struct spin_frame_info *info, const int *inde
     for (int i = 1; i < n; i++)
         if (sorted[i].time == sorted[i - 1].time)
             return spin_malformed(
-                "frames %d and %d have the same time, %g; every frame needs its own",
+                "frames %d and %d have the same time, %g; every frame needs a different time",
                 sorted[i - 1].number, sorted[i].number, sorted[i].time);
     return SPIN_OK;
 }
 
-/* Holds out the cameras that the training held out. If one is missing, this is a different data
- * set: use its own test split. */
+/* Holds out the cameras that the training held out. If a camera is missing, the data set is a
+ * different one, and its own test split is used. */
 static spin_status hold_out(struct spin_clip *clip)
 {
     const spin_json *list = spin_json_get(clip->bundle.json, "held_out");
@@ -75,13 +75,14 @@ static spin_status hold_out(struct spin_clip *clip)
         camera[i] = id > INT_MAX ? -1 : (int)id;
     }
     if (n > 0 && spin_views_split(&clip->views, camera, (int)n) != SPIN_OK)
-        spin_warn("'%s' lacks cameras that the training held out: using its own test views",
+        spin_warn("'%s' lacks cameras that the training held out: using the test views of the data "
+                  "set instead",
                   clip->data_path);
     return SPIN_OK;
 }
 
-/* Counts the test cameras that the training saw. Camera ids of another data set say nothing about
- * that. */
+/* Counts the test cameras that the training used. Counts none if the data set is not that of the
+ * training, since its camera ids mean other cameras. */
 static spin_status count_taught(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     SPIN_FREED char *own = NULL;
@@ -118,7 +119,7 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
     if (!path) {
         if (o->needs_views || o->data_from)
             return spin_misuse(
-                "'%s' has no path of a data set: give the folder of the images with --data",
+                "'%s' does not contain the path of its data set: give the folder with --data",
                 o->input);
         return SPIN_OK;
     }
@@ -158,9 +159,9 @@ static spin_status pair_rows(const struct spin_clip_options *o, struct spin_clip
     return status;
 }
 
-/* Opens a bundle. If the path exists but is no bundle, the error names the importer that reads it
- * or the kind of file; for a zip that no importer recognises, it says what is wrong with it as a
- * bundle. */
+/* Opens a bundle. If the path exists but is not a bundle, the error message contains the importer
+ * that reads it, or the kind of file. For a zip that no importer recognises, the message is that of
+ * spin_bundle_open(). */
 static spin_status open_bundle(const char *path, struct spin_bundle *out)
 {
     const struct spin_importer *importer;
@@ -188,8 +189,8 @@ static spin_status open_bundle(const char *path, struct spin_bundle *out)
     return spin_fail(status, "%s", why);
 }
 
-/* Opens the data set and pairs its rows with the clip's frames. If the caller can do without it, a
- * missing data set that only the bundle names is a warning. */
+/* Opens the data set and pairs its rows with the clip's frames. A data set that cannot be opened is
+ * only a warning if the caller does not need it and its path comes from the bundle. */
 static spin_status open_data(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     bool named = o->data || o->data_from, opened = named || o->needs_views || o->wants_views;
@@ -210,9 +211,9 @@ static spin_status open_data(const struct spin_clip_options *o, struct spin_clip
     return pair_rows(o, clip);
 }
 
-/* Sets the cameras' near plane from the first frame of the bundle that has splats, whatever frames
- * were selected: what a camera renders must not depend on --range. A frame that cannot be read is
- * not an error here; it fails where it is needed. */
+/* Sets the cameras' near plane from the first frame of the bundle that has splats, even if --range
+ * does not select this frame: rendered images must not depend on --range. If the frame cannot be
+ * read, the near plane is not changed; the error is reported when the frame is needed. */
 static spin_status set_near(struct spin_clip *clip)
 {
     const struct spin_bundle_meta *meta = &clip->bundle.meta;

@@ -1,4 +1,4 @@
-/* Splats and lists of views (spin.h, parts 2 to 4): allocation and growth. */
+/* Allocation and growth of splats and of lists of views. */
 #include "scene/columns.h"
 
 #include "base/base.h"
@@ -46,8 +46,8 @@ float **spin_column_of(struct spin_splats *s, unsigned column)
     return of[place_of(column)];
 }
 
-/* Gives a column capacity for n rows. The old one is freed first: its contents are not needed, and
- * both at once might not fit into memory. */
+/* Enlarges a column to n rows. The contents are lost: the old memory is freed first, since old and
+ * new memory together might exceed the available memory. *held: capacity in bytes. */
 static spin_status column_reserve(float **column, size_t *held, size_t n, size_t row_bytes)
 {
     size_t bytes;
@@ -60,7 +60,7 @@ static spin_status column_reserve(float **column, size_t *held, size_t n, size_t
     free(*column);
     *column = NULL;
     *held = 0;
-    /* A frame without splats still has non-NULL columns. */
+    /* Columns of a frame without splats are not NULL either. */
     SPIN_TRY(spin_alloc(bytes ? bytes : row_bytes, 1, (void **)column));
     *held = bytes ? bytes : row_bytes;
     return SPIN_OK;
@@ -81,7 +81,7 @@ spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned column
         float **column = spin_column_of(s, 1u << i);
         size_t row_bytes = spin_column_width(1u << i, sh_degree) * sizeof(float);
 
-        /* Columns of an earlier call grow as well, so that all of them hold n rows. */
+        /* Columns that an earlier call allocated must hold n rows as well. */
         if (!*column && !(columns & 1u << i))
             continue;
         SPIN_TRY(column_reserve(column, &s->held[i], n, row_bytes));

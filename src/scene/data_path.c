@@ -11,9 +11,9 @@ spin_status spin_bundle_set_data_path(struct spin_bundle_meta *meta, const char 
     return spin_path_absolute(data, &meta->data_absolute);
 }
 
-/* Joins a folder and a relative path that may not exist: each leading "../" removes a component of
- * the folder. */
-static spin_status resolve(const char *folder, const char *path, char **out)
+/* Joins a folder and a relative path, which need not exist. Each leading "../" removes a component
+ * of the folder. */
+static spin_status resolve_path(const char *folder, const char *path, char **out)
 {
     SPIN_FREED char *from = NULL;
 
@@ -30,8 +30,8 @@ static spin_status resolve(const char *folder, const char *path, char **out)
     return *path ? spin_path_join(from, path, out) : spin_strdup(*from ? from : "/", out);
 }
 
-/* If a bundle was moved without its data set, its relative path may point to anything, above all if
- * it is "..". */
+/* Checks that a path is a data set. If a bundle was moved without its data set, the relative path,
+ * which is often just "..", may lead to any other folder. */
 static bool is_data_set(const char *path) { return spin_importer_guess(path, true) != NULL; }
 
 spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out)
@@ -46,7 +46,7 @@ spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out)
     if (path[0] == '/')
         return spin_strdup(path, out);
     SPIN_TRY(spin_path_folder(bundle->path, &folder));
-    SPIN_TRY(resolve(folder, path, &beside));
+    SPIN_TRY(resolve_path(folder, path, &beside));
     there = spin_path_exists(beside);
     if (absolute &&
         (!there || (spin_path_exists(absolute) && !is_data_set(beside) && is_data_set(absolute))))

@@ -1,12 +1,12 @@
-/* Finds the data set of a bundle, which may have been moved with it or without it. */
+/* Finds the data set of a bundle, even if the bundle was moved, with or without the data set. */
 #pragma once
 
 #include "scene/bundle.h"
 
-/* Records the path of the data set, relative to the bundle's folder and absolute. Both folders must
- * exist. */
+/* Stores the path of data set `data` in *meta, both relative to `folder`, the folder of the bundle,
+ * and absolute. Both must exist. */
 spin_status spin_bundle_set_data_path(struct spin_bundle_meta *meta, const char *folder,
                                       const char *data);
-/* The absolute path of the data set, which may not exist; NULL if the bundle has none.
- * Allocated. */
+/* Sets *out to the absolute path of the data set, which need not exist, or to NULL if the bundle
+ * has no data set. The caller frees *out. */
 spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out);

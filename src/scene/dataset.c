@@ -1,4 +1,5 @@
-/* The views of a data set: sorting, test split, scaling, near plane, pairing with a clip. */
+/* The views of a data set: reading, test split, scaling, pairing with a clip, extent, near plane,
+ * and checks of images. */
 #include "scene/dataset.h"
 
 #include "base/base.h"
@@ -20,8 +21,8 @@ static int by_row_and_camera(const void *a, const void *b)
     return strcmp(x->path, y->path);
 }
 
-/* True if each row has one number and numbers increase from row to row; only then do they identify
- * frames. */
+/* True if all views of a row have the same frame number, and numbers increase from row to row. Only
+ * then do numbers identify frames. */
 static bool are_numbered(const struct spin_views *views)
 {
     for (size_t i = 0; i < views->n; i++) {
@@ -49,10 +50,10 @@ static void warn_duplicates(const struct spin_views *views)
     }
 }
 
-static spin_status arrange(struct spin_views *views)
+static spin_status sort_views(struct spin_views *views)
 {
     if (views->n == 0)
-        return spin_malformed("it has no views");
+        return spin_malformed("there are no views");
     qsort(views->view, views->n, sizeof *views->view, by_row_and_camera);
     views->n_dataset_frames = views->view[views->n - 1].dataset_frame + 1;
     for (size_t i = 0; i < views->n; i++) {
@@ -60,17 +61,17 @@ static spin_status arrange(struct spin_views *views)
 
         if (views->view[i].dataset_frame < expected ||
             views->view[i].dataset_frame > expected + (i > 0))
-            return spin_malformed("it has no view of frame %d", expected + (i > 0));
+            return spin_malformed("there is no view of frame %d", expected + (i > 0));
     }
     views->numbered = are_numbered(views);
     warn_duplicates(views);
     return SPIN_OK;
 }
 
-/* "dynerf:time=unit,test=-1": the name and options of a reader, split in `text`. */
+/* An importer of data sets with options, such as "dynerf:time=unit,test=-1". */
 struct spec {
-    char *text;
-    const char *pairs[2 * SPIN_VIEWS_MAX_OPTIONS + 1];
+    char *text;                                        /* name of the importer */
+    const char *pairs[2 * SPIN_VIEWS_MAX_OPTIONS + 1]; /* key, value, ..., NULL; within `text` */
 };
 
 static spin_status parse_spec(const char *from, struct spec *spec)
@@ -100,7 +101,7 @@ static spin_status parse_spec(const char *from, struct spec *spec)
     return SPIN_OK;
 }
 
-/* Unknown options are errors; they are not ignored. */
+/* Refuses unknown options. */
 static spin_status check_spec(const struct spin_importer *importer, const struct spec *spec)
 {
     for (int i = 0; spec->pairs[i]; i += 2) {
@@ -114,8 +115,8 @@ static spin_status check_spec(const struct spin_importer *importer, const struct
     return SPIN_OK;
 }
 
-/* Returns the spec that opens the data set again: the importer that was used and the given
- * options. */
+/* Writes to `used` the argument `from` that opens the data set in the same way again: the importer
+ * that was found, and the given options. */
 static spin_status keep_spec(const char *from, const struct spin_importer *importer, char *used,
                              size_t n_used)
 {
@@ -158,7 +159,7 @@ spin_status spin_views_open(const char *path, const char *from, struct spin_view
     SPIN_TRY_OUT(spin_importer_find(path, spec.text, true, &importer));
     SPIN_TRY_OUT(check_spec(importer, &spec));
     SPIN_TRY_OUT(importer->views(path, &values, out));
-    SPIN_TRY_OUT(arrange(out));
+    SPIN_TRY_OUT(sort_views(out));
     SPIN_TRY_OUT(keep_spec(from, importer, used_from, n_used_from));
     SPIN_TRY_OUT(protect_images(out));
     free(spec.text);
@@ -171,7 +172,7 @@ out:
 
 /* ---- Split, size ----------------------------------------------------------------------------- */
 
-static bool contains(const int *list, int n, int value)
+static bool list_contains(const int *list, int n, int value)
 {
     for (int i = 0; i < n; i++) {
         if (list[i] == value)
@@ -191,12 +192,12 @@ spin_status spin_views_split(struct spin_views *views, const int *test_cameras, 
             return spin_misuse("the data set has no camera %d", test_cameras[i]);
     }
     for (size_t k = 0; k < views->n; k++)
-        views->view[k].test = contains(test_cameras, n, views->view[k].camera_id);
+        views->view[k].test = list_contains(test_cameras, n, views->view[k].camera_id);
     return SPIN_OK;
 }
 
-/* Focal lengths and centre scale by the exact ratio of the rounded sizes, without a half-pixel
- * shift, as all readers of these data sets do. */
+/* Scales the size, and by the ratio of the rounded new size to the old size the focal lengths and
+ * the principal point. There is no half-pixel shift, as in other readers of these data sets. */
 static spin_status scale_camera(struct spin_camera *camera, double image_scale)
 {
     double width = round(camera->width * image_scale), height = round(camera->height * image_scale);
@@ -240,7 +241,7 @@ const struct spin_view *spin_views_row(const struct spin_views *views, int row)
     return &views->view[low];
 }
 
-/* The row with this frame number, or -1; numbers increase with the row. */
+/* The row of a frame number; -1: none. Binary search: numbers increase from row to row. */
 static int row_of_number(const struct spin_views *views, int number)
 {
     int low = 0, high = views->n_dataset_frames - 1;
@@ -263,15 +264,15 @@ static spin_status pair_by_number(const struct spin_views *views,
                                   const struct spin_bundle_meta *meta, int *dataset_frame_of)
 {
     if (!views->numbered || !meta->numbered)
-        return spin_misuse("cannot pair frames by number: %s has no frame numbers; --pair order "
-                           "pairs them by order",
+        return spin_misuse("cannot pair frames by number: %s has no frame numbers; pair frames by "
+                           "order with --pair order",
                            meta->numbered ? "the data set" : "the clip");
     for (int i = 0; i < meta->n_frames; i++) {
         dataset_frame_of[i] = row_of_number(views, meta->frame[i].number);
         if (dataset_frame_of[i] < 0)
             return spin_misuse(
-                "cannot pair frames by number: the clip has a frame %d, the data set has %d to %d; "
-                "--range leaves frames out, --pair order pairs them by order",
+                "cannot pair frames by number: the clip has frame %d, the data set has frames %d "
+                "to %d; leave frames out with --range, or pair frames by order with --pair order",
                 meta->frame[i].number, views->view[0].number, views->view[views->n - 1].number);
     }
     return SPIN_OK;
@@ -307,8 +308,8 @@ spin_status spin_views_pair(const struct spin_views *views, const struct spin_bu
     if (views->numbered && meta->numbered)
         return pair_by_number(views, meta, dataset_frame_of);
     if (meta->n_source_frames != views->n_dataset_frames)
-        return spin_misuse("cannot pair frames: the clip was made of %s, the data set has "
-                           "%d, and %s frame numbers; --pair order pairs them from the first on",
+        return spin_misuse("cannot pair frames: the source clip has %s, the data set has %d, and "
+                           "%s frame numbers; pair frames from the first on with --pair order",
                            spin_text_count(meta->n_source_frames, "frame", frames),
                            views->n_dataset_frames,
                            views->numbered  ? "the clip has no"
@@ -319,7 +320,7 @@ spin_status spin_views_pair(const struct spin_views *views, const struct spin_bu
 
 /* ---- Extent ---------------------------------------------------------------------------------- */
 
-/* -R^T t */
+/* The camera's centre in the world: -R^T t. */
 static void camera_centre(const struct spin_camera *camera, double out[3])
 {
     const double *m = camera->w2c;
@@ -328,7 +329,7 @@ static void camera_centre(const struct spin_camera *camera, double out[3])
         out[i] = -(m[i] * m[3] + m[4 + i] * m[7] + m[8 + i] * m[11]);
 }
 
-/* A position of a training camera. */
+/* The position of a training camera in one view. */
 struct place {
     double centre[3];
     int camera;
@@ -357,7 +358,8 @@ static int by_place(const void *a, const void *b)
     return result ? result : by_order(a, b);
 }
 
-/* Lists each position of each training camera once, in the order of the views. */
+/* Lists the distinct positions of each training camera, in the order of the views. If there are
+ * only test cameras, lists theirs. */
 static size_t list_places(const struct spin_views *views, struct place *place)
 {
     size_t n = 0, n_train = 0, kept = 0;
@@ -406,15 +408,16 @@ double spin_views_extent(const struct spin_views *views)
 /* ---- Near plane ------------------------------------------------------------------------------ */
 
 enum {
-    NEAR_VIEWS = 64,    /* views that are sampled, evenly spaced */
-    NEAR_POINTS = 4096, /* points that are sampled, likewise */
-    NEAR_SHARE = 20,    /* one in 20 points of an image may be nearer than its foreground */
-    CUT_SHARE = 100     /* warn if more than one in 100 points are cut off */
+    NEAR_VIEWS = 64,    /* maximum number of views that are sampled, evenly spaced */
+    NEAR_POINTS = 4096, /* maximum number of points that are sampled, evenly spaced */
+    NEAR_SHARE = 20, /* the foreground's depth is exceeded by all but 1/20 of an image's points */
+    CUT_SHARE = 100  /* warn if more than 1/100 of an image's points are cut off */
 };
-/* The near plane is at most at this fraction of the foreground's depth. */
+/* Upper limit of the near plane, as a fraction of the foreground's depth. */
 static const double before_foreground = 0.25;
 
-/* Depths of the sampled points inside a camera's image, ascending; returns their number. */
+/* Lists the depths of the sampled points inside a camera's image in ascending order. Returns their
+ * number. */
 static size_t list_depths(const struct spin_camera *camera, const float *points, size_t n,
                           float *depth)
 {
@@ -428,7 +431,8 @@ static size_t list_depths(const struct spin_camera *camera, const float *points,
     return n_inside;
 }
 
-/* Warns of the view whose near plane cuts off the largest share of the points. */
+/* Prints a warning about the view whose near plane cuts off the largest share of points, if this
+ * share is large. */
 static void warn_cut(const struct spin_views *views, const float *points, size_t n, float *depth)
 {
     const struct spin_view *worst = NULL;
@@ -477,8 +481,8 @@ spin_status spin_views_set_near(struct spin_views *views, const float *points, s
 
 /* ---- Images ---------------------------------------------------------------------------------- */
 
-/* Checks the aspect ratio. Rounding both sides of a scaled image can change it by up to a pixel;
- * beyond that, one per cent is allowed. */
+/* The allowed difference in width is 1 %, or half a pixel plus what rounding the height by half a
+ * pixel changes in the width, if this is more. */
 spin_status spin_view_check_size(const struct spin_view *view, int width, int height)
 {
     double expected = (double)view->camera.height * width / height;
@@ -519,7 +523,7 @@ spin_status spin_views_check_cameras(const struct spin_views *views, bool warns)
     for (size_t i = 0; i < views->n && status == SPIN_OK; i++) {
         const struct spin_camera *camera = &views->view[i].camera;
 
-        if (contains(seen, n, views->view[i].camera_id))
+        if (list_contains(seen, n, views->view[i].camera_id))
             continue;
         status = check_image(&views->view[i], &width, &height);
         if (status == SPIN_OK && width + 1 < camera->width && n_small++ == 0)

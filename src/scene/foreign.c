@@ -48,7 +48,7 @@ static const struct kind *kind_of(const char *path)
     return NULL;
 }
 
-/* Finds a member of a ZIP archive that an importer might read, to suggest unpacking it. */
+/* Finds a member of a ZIP archive that an importer might read. "" if there is none. */
 static void find_member(const char *path, char *name, size_t n_name)
 {
     static const char *const endings[] = {".ply",  ".spz",   ".splat", ".ksplat", ".sog",  ".glb",
@@ -89,7 +89,7 @@ static void describe_file(const char *path, const struct kind *kind, bool want_v
                  kind->name);
 }
 
-/* Describes a folder whose files are all of one kind, judging by the first few. */
+/* Describes a folder whose files are all of one kind. Only the first few files are read. */
 static bool describe_folder(const char *path, bool want_views, char *text, size_t n_text)
 {
     enum { LOOKED_AT = 8 };

@@ -1,11 +1,12 @@
-/* Recognises common inputs that no importer reads, and suggests what to give instead. */
+/* Recognises common inputs that no importer reads, and suggests a correct input. */
 #pragma once
 
 #include "spin.h"
 
-/* SPIN_E_NOT_FOUND, with a suggestion, if a URL or a pattern was given instead of a path; SPIN_OK
- * for everything else, missing files included. */
+/* SPIN_E_NOT_FOUND with a suggestion if `path` is a URL or a pattern; otherwise SPIN_OK, also if
+ * the file does not exist. */
 spin_status spin_foreign_missing(const char *path);
-/* Describes an existing input for the end of an error: "it is a ZIP archive: unpack it". False if
- * there is nothing to say. want_views: a data set was expected. */
+/* Writes a description of an existing input to text[n_text], as the end of an error message:
+ * "it is a ZIP archive: unpack it". Returns false if the kind of the input is unknown. want_views:
+ * a data set was expected. */
 bool spin_foreign_input(const char *path, bool want_views, char *text, size_t n_text);

@@ -1,9 +1,10 @@
-/* Images as planar floats at a camera's size (spin.h, part 6), and a cache of decoded pixels.
+/* Reads images as planar floats at the size of a camera, and caches decoded images.
  *
- * The box filter averages over the area that an output pixel covers. In units of 1/(from * to),
- * source pixel i covers [i * to, (i + 1) * to) and output pixel o covers [o * from, (o + 1) *
- * from), so all overlaps are integers and sum to `from`: no rounding errors, and equal weights for
- * integer factors. */
+ * Resizing uses a box filter: an output pixel is the mean over the area that it covers in the
+ * source image. Along one side with `from` source and `to` output pixels, measured in units of
+ * 1/(from * to) of its length, source pixel i covers [i * to, (i + 1) * to), and output pixel o
+ * covers [o * from, (o + 1) * from). All overlaps are therefore integers, whose sum is `from`:
+ * weights have no rounding errors, and are equal if the sizes differ by an integer factor. */
 #include "scene/image_cache.h"
 
 #include <math.h>
@@ -16,10 +17,10 @@
 #include "io/video.h"
 #include "scene/dataset.h"
 
-/* The source pixels that an output pixel covers. */
+/* The interval of an output pixel along one side. */
 struct box {
-    int64_t begin, end;  /* of the output pixel, in units of 1/(from * to) */
-    int64_t first, last; /* source pixels */
+    int64_t begin, end;  /* in units of 1/(from * to) */
+    int64_t first, last; /* source pixels that overlap the interval */
 };
 
 static struct box box_at(int64_t o, int64_t from, int64_t to)
@@ -39,7 +40,7 @@ static double box_weight(const struct box *b, int64_t i, int64_t to)
     return (double)(end - begin);
 }
 
-/* Adds a row, filtered horizontally and times weight, to sum [width][3]. */
+/* Filters a source row horizontally and adds it, times weight, to sum [width][3]. */
 static void add_row(const uint8_t *row, int from_width, int width, double weight, double *sum)
 {
     for (int x = 0; x < width; x++) {
@@ -57,8 +58,8 @@ static void add_row(const uint8_t *row, int from_width, int width, double weight
     }
 }
 
-static void filter(const uint8_t *rgb, int from_width, int from_height, int width, int height,
-                   double *sum, float *out)
+static void filter_box(const uint8_t *rgb, int from_width, int from_height, int width, int height,
+                       double *sum, float *out)
 {
     size_t plane = (size_t)width * (size_t)height;
     double whole = 255.0 * from_width * from_height;
@@ -87,8 +88,8 @@ void spin_image_floats(const uint8_t *rgb, size_t n_pixels, float *out)
     }
 }
 
-/* Converts interleaved 8-bit RGB to planar [3][height][width] 0..1, box-filtered if the sizes
- * differ. */
+/* Converts interleaved 8-bit RGB to planar floats 0..1, [3][height][width]. Resizes the image if
+ * the sizes differ. */
 static spin_status filter_image(const uint8_t *rgb, int from_width, int from_height, int width,
                                 int height, float *out)
 {
@@ -99,7 +100,7 @@ static spin_status filter_image(const uint8_t *rgb, int from_width, int from_hei
         return SPIN_OK;
     }
     SPIN_TRY(spin_alloc((size_t)width, 3 * sizeof *sum, (void **)&sum));
-    filter(rgb, from_width, from_height, width, height, sum, out);
+    filter_box(rgb, from_width, from_height, width, height, sum, out);
     return SPIN_OK;
 }
 
@@ -113,7 +114,7 @@ spin_status spin_image_load(const char *path, int width, int height, const float
     return filter_image(rgb, from_width, from_height, width, height, out);
 }
 
-/* NaN becomes 0. */
+/* Converts 0..1 to 0..255, rounded and clamped; NaN becomes 0. */
 static uint8_t to_byte(float value)
 {
     if (!(value > 0.0f))
@@ -134,8 +135,7 @@ spin_status spin_image_save(const char *path, int width, int height, const float
     return spin_image_write(path, width, height, rgb, sync);
 }
 
-/* ---- Cache
- * ------------------------------------------------------------------------------------ */
+/* ---- Cache ----------------------------------------------------------------------------------- */
 
 spin_status spin_image_cache_open(const struct spin_views *views, size_t budget,
                                   const float background[3], struct spin_image_cache *out)
@@ -157,9 +157,11 @@ void spin_image_cache_close(struct spin_image_cache *pixels)
     memset(pixels, 0, sizeof *pixels);
 }
 
-/* Scales decoded pixels to the camera's size. The result is 8-bit again, so that cached and newly
- * decoded images are equal. Replaces *rgb if the sizes differ; on failure it is freed and NULL. */
-static spin_status fit(const struct spin_view *view, int width, int height, uint8_t **rgb)
+/* Resizes a decoded image to the size of its camera. The result is rounded to 8 bits, since the
+ * cache stores 8 bits, and results must not depend on what is in the cache. Replaces *rgb if the
+ * sizes differ. On failure, frees *rgb and sets it to NULL. */
+static spin_status resize_to_camera(const struct spin_view *view, int width, int height,
+                                    uint8_t **rgb)
 {
     size_t plane = (size_t)view->camera.width * (size_t)view->camera.height;
     void *fitted = NULL, *image = NULL;
@@ -195,19 +197,19 @@ static bool has_room(const struct spin_image_cache *pixels, size_t view)
     return bytes_of(&pixels->views->view[view]) <= pixels->budget - pixels->held;
 }
 
-static void keep(struct spin_image_cache *pixels, size_t view, uint8_t *rgb)
+static void cache_image(struct spin_image_cache *pixels, size_t view, uint8_t *rgb)
 {
     pixels->rgb[view] = rgb;
     pixels->held += bytes_of(&pixels->views->view[view]);
 }
 
-/* ---- Frames of videos that are decoded on the way to the requested one ---------------------- */
+/* ---- Frames of videos that are decoded before the requested frame ---------------------------- */
 
 struct passing {
     struct spin_image_cache *pixels;
-    const struct spin_view *view; /* the requested one */
+    const struct spin_view *view; /* requested view */
     size_t n_file;                /* length of the video's path in view->path */
-    int64_t frame;
+    int64_t frame;                /* requested frame of the video */
 };
 
 /* Finds the view that shows frame `frame` of the requested view's video. Within one video, data set
@@ -242,9 +244,9 @@ static bool wants_passed(void *context, int64_t frame)
     return find_passed(p, frame, &view) && !p->pixels->rgb[view] && has_room(p->pixels, view);
 }
 
-/* Errors are ignored: a frame that cannot be kept is decoded again when requested, and fails
- * then. */
-static void take_passed(void *context, int64_t frame, int width, int height, const uint8_t *rgb)
+/* Stores a frame in the cache. Errors are ignored: the frame is decoded again on request, which
+ * reports the error. */
+static void store_passed(void *context, int64_t frame, int width, int height, const uint8_t *rgb)
 {
     const struct passing *p = context;
     size_t view, n = 3 * (size_t)width * (size_t)height;
@@ -253,15 +255,16 @@ static void take_passed(void *context, int64_t frame, int width, int height, con
     if (!find_passed(p, frame, &view) || spin_alloc(n, 1, &copy) != SPIN_OK)
         return;
     memcpy(copy, rgb, n);
-    if (fit(&p->pixels->views->view[view], width, height, (uint8_t **)&copy) == SPIN_OK)
-        keep(p->pixels, view, copy);
+    if (resize_to_camera(&p->pixels->views->view[view], width, height, (uint8_t **)&copy) ==
+        SPIN_OK)
+        cache_image(p->pixels, view, copy);
 }
 
 static spin_status read_passing(struct spin_image_cache *pixels, const struct spin_view *view,
                                 int *width, int *height, uint8_t **rgb)
 {
     struct passing p = {.pixels = pixels, .view = view};
-    struct spin_video_passer passer = {&p, wants_passed, take_passed};
+    struct spin_video_passer passer = {&p, wants_passed, store_passed};
     SPIN_FREED char *file = NULL;
 
     if (!spin_video_path(view->path, &p.n_file, &p.frame) || spin_path_exists(view->path))
@@ -272,16 +275,17 @@ static spin_status read_passing(struct spin_image_cache *pixels, const struct sp
 }
 
 /* Decodes a view to 8-bit RGB at the camera's size. */
-static spin_status decode(struct spin_image_cache *pixels, const struct spin_view *view,
-                          uint8_t **out)
+static spin_status decode_view(struct spin_image_cache *pixels, const struct spin_view *view,
+                               uint8_t **out)
 {
     int width, height;
 
     SPIN_TRY(read_passing(pixels, view, &width, &height, out));
-    return fit(view, width, height, out);
+    return resize_to_camera(view, width, height, out);
 }
 
-/* The bytes of a view; the caller frees *owned. */
+/* Finds the image of a view in the cache or decodes it. The caller frees *owned, which is not NULL
+ * if the image was not cached. */
 static spin_status find_bytes(struct spin_image_cache *pixels, size_t view, const uint8_t **out,
                               uint8_t **owned)
 {
@@ -289,9 +293,9 @@ static spin_status find_bytes(struct spin_image_cache *pixels, size_t view, cons
 
     *owned = NULL;
     if (!rgb) {
-        SPIN_TRY(decode(pixels, &pixels->views->view[view], &rgb));
+        SPIN_TRY(decode_view(pixels, &pixels->views->view[view], &rgb));
         if (has_room(pixels, view))
-            keep(pixels, view, rgb);
+            cache_image(pixels, view, rgb);
         else
             *owned = rgb;
     }

@@ -1,9 +1,10 @@
-/* Lenses: listing, matching with cameras, and JSON. */
+/* Lists lenses, matches them with cameras, reads and writes them as JSON. */
 #include "scene/lens.h"
 
 #include "base/base.h"
 
-/* Sizes are rounded when images are scaled; focal lengths of one camera model differ a little. */
+/* Tolerances for a match. Image sizes differ after rounding by the image scale; focal lengths
+ * differ a little between cameras of one model. */
 static const double size_tolerance = 0.02, focal_tolerance = 1.2;
 
 static bool is_near(double a, double b, double tolerance) { return fabs(a - b) <= tolerance * b; }
@@ -87,8 +88,7 @@ double spin_lenses_corner(const struct spin_lenses *lenses)
     return farthest;
 }
 
-/* ---- JSON
- * -------------------------------------------------------------------------------------- */
+/* ---- JSON ------------------------------------------------------------------------------------ */
 
 static const char *const coefficient[2] = {"c1", "c2"};
 

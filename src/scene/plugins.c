@@ -1,9 +1,9 @@
-/* Plug-ins loaded at run time: the shared objects listed in SPIN_PLUGIN_PATH and no others. They
- * call functions of this library, which the commands export to them (src/plugin.sym).
+/* Loads plug-ins at run time: only the shared objects and folders listed in SPIN_PLUGIN_PATH.
+ * Plug-ins call functions of this library, which the commands export to them (src/plugin.sym).
  *
- * A broken plug-in is skipped and the reason kept: it becomes a warning, or an error if the user
- * asked for this plug-in. An object that fails to load has no names of plug-ins, so its file name
- * without ".so" serves as one. */
+ * A broken plug-in is skipped, and the reason is stored as a fault. A fault is printed as a
+ * warning, or returned as an error if the user selected this plug-in by name. Since the names of
+ * plug-ins in an object that fails to load are unknown, its file name without ".so" is used. */
 #include <dlfcn.h>
 #include <pthread.h>
 #include <stdarg.h>
@@ -12,12 +12,13 @@
 #include "io/file.h"
 
 enum {
-    MAX_PLUGINS = 128, /* of a kind, including built-in ones */
-    MAX_FAULTS = 64,   /* reasons that are kept; further ones are only counted */
-    MAX_NAME = 31      /* characters; spin_import_report holds 32 */
+    MAX_PLUGINS = 128, /* importers, or exporters, including the built-in ones */
+    MAX_FAULTS = 64,   /* faults that are stored; further faults are only counted */
+    MAX_NAME = 31      /* characters of a name; struct spin_import_report has space for 32 bytes */
 };
 
-/* On Windows, a shared object can import our functions from one executable only. */
+/* On Windows, a shared object can import our functions from a single executable only, but there are
+ * several commands. */
 #ifdef _WIN32
 enum { CAN_LOAD = false };
 #else
@@ -25,8 +26,8 @@ enum { CAN_LOAD = true };
 #endif
 
 struct fault {
-    char name[MAX_NAME + 1]; /* the name that a user would ask for */
-    char text[1024];
+    char name[MAX_NAME + 1]; /* name of the plug-in, as in --from; "": unknown */
+    char text[1024];         /* message */
 };
 
 /* All plug-ins of one kind. */
@@ -34,7 +35,7 @@ struct list {
     const char *kind;
     struct {
         const void *plugin;
-        const char *name, *origin; /* origin NULL: built in */
+        const char *name, *origin; /* origin: path of the object; NULL: built in */
     } entry[MAX_PLUGINS];
     size_t n;
 };
@@ -88,8 +89,8 @@ static const struct fault *find_fault(const char *name)
 
 /* ---- One importer, one exporter -------------------------------------------------------------- */
 
-/* Lower case letters, digits, '-' and '_': such a name can be typed, listed and stored in a
- * bundle. */
+/* Allows lower case letters, digits, '-' and '_', since names are typed, listed and stored in
+ * bundles. */
 static bool is_name(const char *name)
 {
     size_t n = name ? strspn(name, "abcdefghijklmnopqrstuvwxyz0123456789-_") : 0;
@@ -97,46 +98,47 @@ static bool is_name(const char *name)
     return n > 0 && n <= MAX_NAME && !name[n] && name[0] != '-';
 }
 
-/* Returns what is wrong with an importer, or NULL. */
+/* Returns a description of what is wrong with an importer; NULL: nothing. */
 static const char *importer_lacks(const struct spin_importer *importer)
 {
     if (importer->abi != SPIN_PLUGIN_ABI)
-        return "an importer in it was built for another version of spin.h";
+        return "an importer was built for another version of spin.h";
     if (!is_name(importer->name))
-        return "an importer in it has an invalid name: use a-z, 0-9, '-' and '_'";
+        return "an importer has an invalid name: use a-z, 0-9, '-' and '_'";
     if (!importer->summary)
-        return "its importer has no summary";
+        return "an importer has no summary";
     if (importer->open && !importer->frame)
-        return "its importer has open() but no frame()";
+        return "an importer has open() but no frame()";
     if (!importer->open && !importer->views)
-        return "its importer has neither open() nor views()";
+        return "an importer has neither open() nor views()";
     return NULL;
 }
 
 static const char *exporter_lacks(const struct spin_exporter *exporter)
 {
     if (exporter->abi != SPIN_PLUGIN_ABI)
-        return "an exporter in it was built for another version of spin.h";
+        return "an exporter was built for another version of spin.h";
     if (!is_name(exporter->name))
-        return "an exporter in it has an invalid name: use a-z, 0-9, '-' and '_'";
+        return "an exporter has an invalid name: use a-z, 0-9, '-' and '_'";
     if (!exporter->summary)
-        return "its exporter has no summary";
+        return "an exporter has no summary";
     if (!exporter->begin || (!exporter->frame && !exporter->splats_4d) || !exporter->end ||
         !exporter->abort)
-        return "its exporter lacks one of begin(), frame(), end() and abort()";
+        return "an exporter lacks one of begin(), frame(), end() and abort()";
     return NULL;
 }
 
-/* Adds a plug-in to the list, which then refers to path. False if it was not added. */
-static bool add(struct list *list, const void *plugin, const char *name, const char *lack,
-                const char *path, const char *stem)
+/* Adds a plug-in to the list. Returns true if it was added; path must then stay allocated. lack:
+ * what is wrong with the plug-in; NULL: nothing. stem: file name of the object. */
+static bool add_plugin(struct list *list, const void *plugin, const char *name, const char *lack,
+                       const char *path, const char *stem)
 {
     if (lack) {
         keep_fault(is_name(stem) ? stem : "", "plug-in '%s': %s", path, lack);
         return false;
     }
     for (size_t i = 0; i < list->n; i++) {
-        if (list->entry[i].plugin == plugin) /* its object is listed twice in SPIN_PLUGIN_PATH */
+        if (list->entry[i].plugin == plugin) /* SPIN_PLUGIN_PATH lists the object twice */
             return false;
         if (strcmp(list->entry[i].name, name) == 0) {
             keep_fault(name, "plug-in '%s': an %s called '%s' exists already: %s", path, list->kind,
@@ -145,7 +147,8 @@ static bool add(struct list *list, const void *plugin, const char *name, const c
         }
     }
     if (list->n == MAX_PLUGINS) {
-        keep_fault(name, "plug-in '%s': there are %d %ss already", path, MAX_PLUGINS, list->kind);
+        keep_fault(name, "plug-in '%s': the limit of %d %ss is exceeded", path, MAX_PLUGINS,
+                   list->kind);
         return false;
     }
     list->entry[list->n].plugin = plugin;
@@ -156,7 +159,7 @@ static bool add(struct list *list, const void *plugin, const char *name, const c
 
 static bool add_importer(const struct spin_importer *i, const char *path, const char *stem)
 {
-    if (!add(&all.list[0], i, i->name, importer_lacks(i), path, stem))
+    if (!add_plugin(&all.list[0], i, i->name, importer_lacks(i), path, stem))
         return false;
     all.importer[all.list[0].n - 1] = i;
     return true;
@@ -164,7 +167,7 @@ static bool add_importer(const struct spin_importer *i, const char *path, const 
 
 static bool add_exporter(const struct spin_exporter *e, const char *path, const char *stem)
 {
-    if (!add(&all.list[1], e, e->name, exporter_lacks(e), path, stem))
+    if (!add_plugin(&all.list[1], e, e->name, exporter_lacks(e), path, stem))
         return false;
     all.exporter[all.list[1].n - 1] = e;
     return true;
@@ -172,7 +175,7 @@ static bool add_exporter(const struct spin_exporter *e, const char *path, const 
 
 /* ---- One object ------------------------------------------------------------------------------ */
 
-/* The message of dlerror(), without the path that precedes it. */
+/* The message of dlerror(), without the path at its beginning. */
 static const char *why_not_loaded(const char *path)
 {
     const char *text = dlerror();
@@ -183,18 +186,19 @@ static const char *why_not_loaded(const char *path)
     return strncmp(text, path, n) == 0 && strncmp(text + n, ": ", 2) == 0 ? text + n + 2 : text;
 }
 
-/* Adds the plug-ins of an object. True if any was added; path must stay allocated then. */
-static bool take_object(const char *path, const char *stem, void *object)
+/* Adds the plug-ins of an object. Returns true if at least one was added; path must then stay
+ * allocated. */
+static bool add_object(const char *path, const char *stem, void *object)
 {
     const struct spin_plugin *plugin = dlsym(object, "spin_plugin");
     bool kept = false;
 
     if (!plugin) {
-        keep_fault(stem, "plug-in '%s': it defines no 'spin_plugin'", path);
+        keep_fault(stem, "plug-in '%s': the symbol 'spin_plugin' is missing", path);
         return false;
     }
     if (plugin->abi != SPIN_PLUGIN_ABI) {
-        keep_fault(stem, "plug-in '%s': it was built for version %d of spin.h, this is %d", path,
+        keep_fault(stem, "plug-in '%s': built for version %d of spin.h, expected version %d", path,
                    plugin->abi, SPIN_PLUGIN_ABI);
         return false;
     }
@@ -228,8 +232,8 @@ static void load_object(const char *given)
     object = dlopen(path, RTLD_NOW | RTLD_LOCAL);
     if (!object)
         keep_fault(stem, "plug-in '%s': %s", path, why_not_loaded(path));
-    else if (take_object(path, stem, object))
-        return; /* its code and path stay in use until exit */
+    else if (add_object(path, stem, object))
+        return; /* object and path are in use until exit: free neither */
     else
         dlclose(object);
     free(path);
@@ -308,7 +312,7 @@ static void warn_once(const char *chosen)
         spin_warn("SPIN_PLUGIN_PATH: %zu more plug-ins are skipped", all.n_faults_lost);
 }
 
-/* Without SPIN_PLUGIN_PATH this costs one getenv(). */
+/* Called before every use of the lists; without SPIN_PLUGIN_PATH, the cost is one getenv(). */
 void spin_plugins_load(const char *chosen)
 {
     if (!search_path())

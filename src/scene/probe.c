@@ -1,5 +1,5 @@
-/* Chooses an importer, by name or by the scores that all importers give the input. They score its
- * beginning and names only (struct spin_peek). */
+/* Chooses an importer by its name, or detects it: every importer's probe() returns a score for the
+ * input, of which it gets the first bytes and the names of files only (struct spin_peek). */
 #include "scene/probe.h"
 
 #include <strings.h>
@@ -11,11 +11,11 @@
 #include "scene/bundle.h"
 #include "scene/foreign.h"
 
-/* Two scores this close are a tie, since they are guesses. */
+/* Scores are estimates: if the two highest differ by less than this, detection fails. */
 #define TIE 10
-/* Minimum score for a guess that the user did not ask for. */
+/* Minimum score of spin_importer_guess(). */
 #define SURE 60
-/* Subfolders of an unrecognised folder that are searched for a run. */
+/* Maximum number of subfolders of an unrecognised folder that are searched for a run. */
 #define MAX_BELOW 256
 
 enum { PEEK_HEAD = 16384, PEEK_NAMES = 4096, PEEK_NAMES_BYTES = 1 << 20 };
@@ -31,8 +31,8 @@ static spin_status peek_head(const char *path, struct spin_peek *out)
     return spin_file_head(path, head, PEEK_HEAD, &out->n_head);
 }
 
-/* Member names of a zip, one per line, up to the limits. An unreadable archive gives none: opening
- * it later reports the reason. */
+/* Lists the member names of a zip, one per line, up to PEEK_NAMES and PEEK_NAMES_BYTES. For an
+ * archive that cannot be read, *out is unchanged; opening it later reports the reason. */
 static spin_status peek_members(const char *path, char **out)
 {
     struct spin_zip zip;
@@ -62,17 +62,16 @@ static spin_status peek_members(const char *path, char **out)
     return status;
 }
 
-/* Reads the files of a run that distinguish related methods: the members of params.npz (Dynamic 3D
- * Gaussians and its descendants) and the text of cfg_args (descendants of 3DGS). Without cfg_args,
- * the head of a checkpoint is read, which contains the names of its optimiser's groups; in the
- * folder of a single save, the keys of the network, or else the header of the point cloud. */
+/* Reads a file of a folder if it helps to distinguish related methods. Of params.npz (Dynamic 3D
+ * Gaussians and its descendants) the names of members are read. The head is read of the first file
+ * that exists of: cfg_args (descendants of 3DGS); a checkpoint, whose head contains the names of
+ * the optimiser's groups; deformation.pth, with the keys of the network; point_cloud.ply. */
 static spin_status peek_inside(const char *folder, const char *name, struct spin_peek *out,
                                char **members)
 {
-    /* In alphabetical order, like the names of a folder: the first that exists provides the
-     * head. */
+    /* In alphabetical order, in which the files of a folder are visited. */
     static const char *const heads[] = {"cfg_args", "chkpnt", "deformation.pth", "point_cloud.ply"};
-    enum { CHECKPOINT = 1 }; /* a prefix of the name */
+    enum { CHECKPOINT = 1 }; /* this entry is a prefix of file names */
     bool head = false;
     SPIN_FREED char *path = NULL;
     spin_status status = SPIN_OK;
@@ -86,7 +85,7 @@ static spin_status peek_inside(const char *folder, const char *name, struct spin
     if (!head)
         status = peek_members(path, members);
     else
-        (void)peek_head(path, out); /* an unreadable file has no head */
+        (void)peek_head(path, out); /* a file that cannot be read has an empty head */
     return status;
 }
 
@@ -154,7 +153,7 @@ static bool is_candidate(const struct spin_importer *importer, bool want_views)
     return want_views ? importer->views != NULL : importer->open != NULL;
 }
 
-/* "d3dgs, ply" */
+/* Writes the names of all importers, such as "d3dgs, ply". */
 static void list_names(bool want_views, char *text, size_t n_text)
 {
     size_t used = 0;
@@ -184,9 +183,9 @@ static spin_status find_by_name(const char *from, bool want_views, const struct 
                        want_views ? "data sets" : "runs", from, names);
 }
 
-/* True if opening the file as a PyTorch checkpoint gives the better error: it is empty, a web page,
- * a Git LFS pointer, or a checkpoint of which parts are missing or invalid. */
-static bool may_tell(const struct spin_peek *peek)
+/* True if spin_torch_open() may have a better error message: for a file that is empty, a web page,
+ * a Git LFS pointer or a damaged checkpoint. */
+static bool is_torch_like(const struct spin_peek *peek)
 {
     static const char *const heads[] = {"version https://git-lfs", "<!doctype", "<!DOCTYPE",
                                         "<html"};
@@ -207,7 +206,7 @@ struct choice {
     int score, second_score;
 };
 
-static struct choice choose(const struct spin_peek *peek, bool want_views)
+static struct choice choose_importer(const struct spin_peek *peek, bool want_views)
 {
     struct choice c = {0};
 
@@ -237,7 +236,7 @@ const struct spin_importer *spin_importer_guess(const char *path, bool want_view
 
     if (spin_peek_open(path, &peek) != SPIN_OK)
         return NULL;
-    c = choose(&peek, want_views);
+    c = choose_importer(&peek, want_views);
     spin_peek_free(&peek);
     return c.score >= SURE && c.score - c.second_score >= TIE ? c.best : NULL;
 }
@@ -252,10 +251,11 @@ static spin_status fail_foreign(const char *path, bool want_views)
                      "cannot recognise '%s': no importer reads it (see spin-import --list)", path);
 }
 
-/* Looks for a run in the subfolders of an unrecognised folder. If there is exactly one and `in` is
- * not NULL, it is used: *in is its folder, allocated. Otherwise an error names one. */
-static spin_status look_below(const struct spin_peek *peek, bool want_views,
-                              const struct spin_importer **out, char **in)
+/* Searches the subfolders of an unrecognised folder for a run. If exactly one is found and `in` is
+ * not NULL, sets *out to its importer and *in to its folder, which the caller frees. Otherwise
+ * fails; the message contains a subfolder with a run, if there is one. */
+static spin_status search_subfolders(const struct spin_peek *peek, bool want_views,
+                                     const struct spin_importer **out, char **in)
 {
     const struct spin_importer *first = NULL;
     SPIN_FREED char *below = NULL;
@@ -286,7 +286,8 @@ static spin_status look_below(const struct spin_peek *peek, bool want_views,
         return SPIN_OK;
     }
     return spin_fail(SPIN_E_NOT_RECOGNISED, "cannot recognise '%s': %s '%s' (%s)", peek->path,
-                     n > 1        ? "it contains several, such as"
+                     n > 1        ? want_views ? "it contains several data sets, such as"
+                                               : "it contains several runs, such as"
                      : want_views ? "the data set is in"
                                   : "the run is in",
                      below, first->name);
@@ -300,7 +301,7 @@ static spin_status fail_unknown(const struct spin_peek *peek, bool want_views)
         return spin_fail(SPIN_E_NOT_RECOGNISED,
                          "'%s' is a bundle already: see --info, spin-retrain, spin-export",
                          peek->path);
-    if (!may_tell(peek))
+    if (!is_torch_like(peek))
         return fail_foreign(peek->path, want_views);
     SPIN_TRY(spin_torch_open(peek->path, &torch));
     spin_torch_close(&torch);
@@ -313,10 +314,10 @@ static spin_status fail_unknown(const struct spin_peek *peek, bool want_views)
 static spin_status find_by_probe(const struct spin_peek *peek, bool want_views,
                                  const struct spin_importer **out, char **in)
 {
-    struct choice c = choose(peek, want_views);
+    struct choice c = choose_importer(peek, want_views);
 
     if (!c.best)
-        return peek->is_folder ? look_below(peek, want_views, out, in)
+        return peek->is_folder ? search_subfolders(peek, want_views, out, in)
                                : fail_unknown(peek, want_views);
     if (c.second && c.score - c.second_score < TIE)
         return spin_fail(SPIN_E_NOT_RECOGNISED,
@@ -327,8 +328,8 @@ static spin_status find_by_probe(const struct spin_peek *peek, bool want_views,
     return SPIN_OK;
 }
 
-static spin_status find(const char *path, const char *from, bool want_views,
-                        const struct spin_importer **out, char **in)
+static spin_status find_importer(const char *path, const char *from, bool want_views,
+                                 const struct spin_importer **out, char **in)
 {
     SPIN_LEAVES(spin_peek_free) struct spin_peek peek = {0};
 
@@ -346,14 +347,14 @@ static spin_status find(const char *path, const char *from, bool want_views,
 spin_status spin_importer_find(const char *path, const char *from, bool want_views,
                                const struct spin_importer **out)
 {
-    return find(path, from, want_views, out, NULL);
+    return find_importer(path, from, want_views, out, NULL);
 }
 
 spin_status spin_importer_find_run(const char *path, const char *from,
                                    const struct spin_importer **out, char **in)
 {
     *in = NULL;
-    return find(path, from, false, out, in);
+    return find_importer(path, from, false, out, in);
 }
 
 spin_status spin_plugin_check(const char *plugin, const struct spin_plugin_option *options,

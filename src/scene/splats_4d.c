@@ -1,4 +1,4 @@
-/* 4D splats: allocation, validation ("settling"), rounding and slicing at a time. */
+/* 4D splats: allocation, validation (spin_splats_4d_settle()), rounding, and slices at a time. */
 #include "scene/splats_4d.h"
 
 #include "base/base.h"
@@ -8,9 +8,9 @@
 #include "scene/bundle_pack.h"
 #include "scene/columns.h"
 
-/* The largest absolute value: far below FLT_MAX, since positions move and callers square them. */
+/* Limit of absolute values: far below FLT_MAX, since splats move, and squares must not overflow. */
 #define SANE 1e18
-/* The precision of a half float near 1. */
+/* The precision of a half float just below 1: steps per unit, and significant bits. */
 #define HALF_PER_UNIT 0x1p11f
 #define HALF_BITS 11
 
@@ -18,11 +18,11 @@ enum { PATHS = 1u << 31, ALWAYS = 0 };
 
 static const struct {
     const char *name;
-    size_t place; /* offset in the struct */
-    size_t width; /* 0: depends on a degree */
-    unsigned part;
-    double most; /* largest absolute value; times may extend to SPIN_FOREVER */
-    float steps; /* rounding steps per unit that are hardly visible; 0: never rounded */
+    size_t place;  /* offset of the pointer in struct spin_splats_4d */
+    size_t width;  /* floats per row; 0: depends on a degree */
+    unsigned part; /* enum spin_splats_4d_part, PATHS or ALWAYS */
+    double most;   /* limit of absolute values */
+    float steps;   /* rounding steps per unit for SPIN_ROUND_COMPACT; 0: never rounded */
 } arrays[SPIN_N_ARRAYS_4D] = {
     {"centres", offsetof(struct spin_splats_4d, centres), 3, ALWAYS, SANE, 0},
     {"times", offsetof(struct spin_splats_4d, times), 1, ALWAYS, SANE, 0},
@@ -39,8 +39,7 @@ static const struct {
     {"sh_cos", offsetof(struct spin_splats_4d, sh_cos), 0, SPIN_4D_SH_COS, SANE, 128},
 };
 
-/* ---- Arrays
- * ----------------------------------------------------------------------------------- */
+/* ---- Arrays ---------------------------------------------------------------------------------- */
 
 const char *spin_array_4d_name(int k) { return arrays[k].name; }
 
@@ -132,8 +131,7 @@ struct spin_splats spin_splats_of_4d(const struct spin_splats_4d *s)
                                 .sh = s->sh};
 }
 
-/* ---- Settling
- * --------------------------------------------------------------------------------- */
+/* ---- Validation ------------------------------------------------------------------------------ */
 
 static struct spin_window window_of(const struct spin_splats_4d *s, size_t i)
 {
@@ -151,8 +149,8 @@ static struct spin_window window_of(const struct spin_splats_4d *s, size_t i)
     return w;
 }
 
-/* Checks that all values of a row are finite and in range, and that its rotation and window are
- * valid. Normalises quats and scales spins with them. */
+/* Checks a row: all values must be finite and in range, rotation and window valid. Normalises the
+ * rotation, and scales its spin by the same factor. */
 static bool settle_row(struct spin_splats_4d *s, size_t i)
 {
     double length = 0;
@@ -273,8 +271,7 @@ spin_status spin_splats_4d_take(const struct spin_splats_4d *s, const unsigned c
     return SPIN_OK;
 }
 
-/* ---- Slicing
- * ---------------------------------------------------------------------------------- */
+/* ---- Slices ---------------------------------------------------------------------------------- */
 
 double spin_splats_4d_weight(const struct spin_splats_4d *s, size_t i, double time)
 {
@@ -347,7 +344,7 @@ spin_status spin_splats_4d_slice(const struct spin_splats_4d *s, double time, un
     return SPIN_OK;
 }
 
-/* The index of the first of the sorted times that is at or after t. */
+/* Index of the first of the sorted times that is not before t. */
 static size_t first_at(const double *sorted, size_t n, double t)
 {
     size_t low = 0, high = n;
@@ -382,7 +379,7 @@ spin_status spin_splats_4d_counts(const struct spin_splats_4d *s, const double *
     }
     for (size_t k = 0; k < n; k++)
         change[k] = sum += change[k];
-    for (size_t k = 0; k < n; k++) /* times need not be sorted */
+    for (size_t k = 0; k < n; k++) /* times[] may be unsorted */
         counts[k] = (size_t)change[first_at(sorted, n, times[k])];
     return SPIN_OK;
 }

@@ -1,8 +1,8 @@
-/* The options of a training as recorded in a bundle, for reports. */
+/* The training options that a bundle records, for reports. */
 #pragma once
 
 #include "io/json.h"
 
-/* A copy of "options" of "trained" in meta.json, without the options of a network if none was
- * trained. NULL: there are none. */
+/* Returns a copy of "options" in "trained" of meta.json. If no network was trained, the options of
+ * the network are omitted. NULL if there are no options. */
 spin_json *spin_trained_options(const spin_json *trained);

@@ -121,11 +121,11 @@ refused() {
 
 variant future 's/SPIN_PLUGIN_ABI/(SPIN_PLUGIN_ABI + 1)/'
 abi=$(sed -n 's/^#define SPIN_PLUGIN_ABI //p' src/spin.h)
-refused future "built for version $((abi + 1)) of spin.h, this is $abi"
+refused future "built for version $((abi + 1)) of spin.h, expected version $abi"
 variant mixed '/const struct spin_importer points_csv/,/^};/ s/SPIN_PLUGIN_ABI/(SPIN_PLUGIN_ABI - 1)/'
-refused mixed "an importer in it was built for another version"
+refused mixed "an importer was built for another version"
 variant nameless 's/^const struct spin_plugin spin_plugin/static const struct spin_plugin hidden/; s/-csv"/-x"/'
-refused nameless "defines no 'spin_plugin'"
+refused nameless "symbol 'spin_plugin' is missing"
 variant needy 's/spin_splats_reserve(/spin_splats_conjure(/'
 refused needy "undefined symbol: spin_splats_conjure"
 variant frameless 's/^    .frame = .*//'

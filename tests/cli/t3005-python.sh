@@ -237,7 +237,7 @@ with zipfile.ZipFile(sys.argv[1]) as now, zipfile.ZipFile(sys.argv[2], "w") as t
 E
 run "$bin/spin-eval" "$work/other-rig.spin" --device cpu
 is "$code" 0 "held-out cameras that the data set lacks: measures"
-err_has "lacks cameras that the training held out: using its own test views" "and says on which views"
+err_has "lacks cameras that the training held out: using the test views of the data set instead" "and says on which views"
 
 # ---- What the class refuses
 

@@ -35,7 +35,7 @@ run "$bin/spin-eval" --source "$work/court.spin" --lpips-lin x.pth
 fails 2 spin-eval "half of the weights of LPIPS"
 run "$bin/spin-eval" --source "$work/court.spin" --lpips "$work"
 fails 1 spin-eval "LPIPS without weights"
-err_has 'holds no LPIPS weights' "says what is missing"
+err_has 'contains no LPIPS weights' "says what is missing"
 run "$bin/spin-eval" --source "$work/court.spin" --lpips-backbone x.pth --lpips-lin x.pth
 fails 1 spin-eval "weights that are not there"
 err_has "x.pth" "says which"

@@ -335,7 +335,7 @@ static void test_report(void)
     ok(shell("sed 's/\"test_psnr\": /&1/' %s/log >%s/other; %s/spin-eval %s/net.spin --scale 0.25 "
              "--report %s/other.html --log %s/other -q",
              folder, folder, bin, folder, folder, folder) == 0 &&
-           strstr(said, "/other' seems to belong to another run: its test PSNR ends at 1"),
+           strstr(said, "/other' seems to belong to another run: its last test PSNR is 1"),
        "a log of another run is seen");
     ok(shell("test $(grep -c '<svg class=.chart' %s/with.html) -gt $(grep -c '<svg class=.chart' "
              "%s/without.html)",

@@ -331,7 +331,7 @@ static void rewrite(const struct spin_zip *zip, const char *path, const char *fr
 static void test_hostile(void)
 {
     static const char *const bad[][3] = {
-        {"\"version\":2", "\"version\":1", "of version 1 with rotations"},
+        {"\"version\":2", "\"version\":1", "SOG version 1: 'quats.encoding'"},
         {"\"version\":2", "\"version\":4", "version 4, expected 1 or 2 (4 is TSOG"},
         {"\"count\":900", "\"count\":-1", "'count'"},
         {"\"count\":900", "\"count\":9e9", "'count'"},
@@ -339,13 +339,13 @@ static void test_hostile(void)
         {"\"count\":900", "\"count\":12000", "pixels"},
         {"\"mins\":[", "\"mins\":[1,", "'mins'"},
         {"\"maxs\":[", "\"maxs\":[1e300,", "'maxs'"},
-        {"\"scales\":{\"codebook\":[", "\"scales\":{\"codebook\":[1,", "'codebook'"},
-        {"\"sh0\":{\"codebook\":[", "\"sh0\":{\"codebook\":[null,", "'codebook'"},
+        {"\"scales\":{\"codebook\":[", "\"scales\":{\"codebook\":[1,", "'scales.codebook'"},
+        {"\"sh0\":{\"codebook\":[", "\"sh0\":{\"codebook\":[null,", "'sh0.codebook'"},
         {"\"quats.webp\"", "\"other.webp\"", "quats.webp"},
         {"\"bands\":3", "\"bands\":4", "'bands'"},
         {"\"bands\":3", "\"bands\":2", "centroids"},
         {"\"shN\":{\"count\":900", "\"shN\":{\"count\":0", "'count'"},
-        {"\"shN\":{\"count\":900", "\"shN\":{\"count\":850", "palette of 850"},
+        {"\"shN\":{\"count\":900", "\"shN\":{\"count\":850", "the palette has 850"},
         {"{\"version\"", "[\"version\"", "meta.json"},
     };
     const char *path = in_folder("hostile.sog");
@@ -370,7 +370,7 @@ static void test_hostile(void)
     spin_map_close(&map);
     for (size_t i = 0; i <= sizeof bad / sizeof *bad; i++) {
         const char *from = i ? bad[i - 1][0] : NULL,
-                   *want = i ? bad[i - 1][2] : "has the invalid mark";
+                   *want = i ? bad[i - 1][2] : "has the invalid mode byte";
 
         rewrite(&zip, path, from, i ? bad[i - 1][1] : NULL);
         if (spin_map_open(path, &map) != SPIN_OK)

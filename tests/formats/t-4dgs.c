@@ -381,44 +381,54 @@ static void test_lies(void)
         int n;
         const char *word, *what;
     } lies[] = {
-        {1, 8, 0, 8, "duration of 0", "no duration"},
-        {1, 24, 0, 8, "cutoff of 0", "a cutoff of 0"},
-        {1, 24, 0x4000000000000000, 8, "cutoff of 2", "one above 1"},
+        {1, 8, 0, 8, "the duration is 0,", "no duration"},
+        {1, 24, 0, 8, "the cutoff is 0,", "a cutoff of 0"},
+        {1, 24, 0x4000000000000000, 8, "the cutoff is 2,", "one above 1"},
         {1, 36, 'k', 1, "temporal model 'kaussian-birth'", "another temporal model, by name"},
-        {1, 98, 4, 1, "SH degree 4", "SH degree 4"},
-        {1, 98, 3, 1, "lacks SH bands of degree 3", "a degree whose bands are missing"},
-        {1, 98, 1, 1, "SH band 2 occurs twice, or is above", "and one with more bands"},
+        {1, 98, 4, 1, "the SH degree is 4", "SH degree 4"},
+        {1, 98, 3, 1, "an SH band is missing, expected bands 1 to 3",
+         "a degree whose bands are missing"},
+        {1, 98, 1, 1, "SH band 2 occurs twice, precedes all chunks, or is above",
+         "and one with more bands"},
         {1, 4, 0xffffff, 4, "record 01 at byte 8 is too short", "text that ends behind its record"},
-        {3, 4, 'x', 1, "quantization 'xniform-v1'", "another quantization, by name"},
-        {3, 14, 0x7ff0000000000000, 8, "steps that are not finite", "an infinite origin"},
-        {3, 94, 0x7ff8000000000000, 8, "steps that are not finite", "a step that is not a number"},
-        {4, 0, 0, 4, "no splat would be visible", "no window"},
+        {3, 4, 'x', 1, "quantization: scheme 'xniform-v1'", "another quantization, by name"},
+        {3, 14, 0x7ff0000000000000, 8, "origin or a step is not finite", "an infinite origin"},
+        {3, 94, 0x7ff8000000000000, 8, "origin or a step is not finite",
+         "a step that is not a number"},
+        {4, 0, 0, 4, "no splat is visible", "no window"},
         {4, 0, 9, 4, "9 windows in 48 bytes", "more windows than bytes"},
         {4, 4, 0x7ff8000000000000, 8, "window 0", "a window that is not a number"},
-        {5, 0, 0x7ff8000000000000, 8, "chunk 0: its interval", "an interval that is not a number"},
-        {5, 20, 15, 4, "24 splats in its chunks, but 23", "other numbers of splats"},
-        {5, 28, 9, 8, "chunk 0: 9 bytes in", "another length of the streams"},
-        {5, 44, 9, 1, "chunk 0: it has 'flags' twice", "an attribute twice"},
-        {5, 44, 99, 1, "chunk 0: it has no 'window_index'", "and one that is missing"},
+        {5, 0, 0x7ff8000000000000, 8, "chunk 0: the start or end of the interval",
+         "an interval that is not a number"},
+        {5, 20, 15, 4, "chunks contain 24 splats, the header declares 23",
+         "other numbers of splats"},
+        {5, 28, 9, 8, "cannot unpack to 9 bytes", "another length of the streams"},
+        {5, 44, 9, 1, "chunk 0: stream 'flags' occurs twice", "an attribute twice"},
+        {5, 44, 99, 1, "chunk 0: stream 'window_index' is missing", "and one that is missing"},
         {5, 45, 3, 1, "'window_index': symbols of 3 bytes", "symbols of 3 bytes"},
-        {5, 46, 3, 1, "'window_index': symbols of 1 bytes in mode 3", "another mode"},
-        {5, 47, 2, 1, "'window_index': packed by codec 2", "another codec, by name"},
-        {5, 48, 2, 1, "'window_index': 14 x 2 numbers, expected 14 x 1", "other channels"},
-        {5, 49, 13, 4, "'window_index': 13 x 1 numbers", "another number of elements"},
-        {5, 53, 0xffffff, 4, "chunk 0: a stream extends beyond it", "a stream that ends behind it"},
+        {5, 46, 3, 1, "'window_index': symbols of 1 bytes and mode 3", "another mode"},
+        {5, 47, 2, 1, "'window_index': codec 2 is not supported", "another codec, by name"},
+        {5, 48, 2, 1, "'window_index': 14 x 2 values, expected 14 x 1", "other channels"},
+        {5, 49, 13, 4, "'window_index': 13 x 1 values", "another number of elements"},
+        {5, 53, 0xffffff, 4, "chunk 0: a stream extends beyond the chunk",
+         "a stream that ends behind it"},
         {5, 61, 0xff, 1, "'window_index': the zlib", "a damaged stream"},
         {7, 0, 3, 1, "SH band 3", "another band"},
-        {7, 0, 1, 1, "SH band 1: 14 x 15 numbers, expected 14 x 9", "a band as another"},
+        {7, 0, 1, 1, "SH band 1: 14 x 15 values, expected 14 x 9", "a band as another"},
         {2, 16, 1, 4, "the checksum of the index", "a wrong checksum"},
         {2, 0, 0xffffff, 4, "the checksum of the index", "an index behind the file"},
     };
     static const struct {
         int again, left_out;
         const char *word;
-    } records[] = {{1, 0, "second record 01"},  {3, 0, "second record 03"},
-                   {4, 0, "second record 04"},  {2, 0, "second record 02"},
-                   {0, 1, "precedes the header"}, {0, 3, "no quantization"},
-                   {0, 4, "no window table"},   {0, 2, "is not a footer"}};
+    } records[] = {{1, 0, "record 01 occurs twice"},
+                   {3, 0, "record 03 occurs twice"},
+                   {4, 0, "record 04 occurs twice"},
+                   {2, 0, "record 02 occurs twice"},
+                   {0, 1, "precedes the header"},
+                   {0, 3, "record 'quantization' is missing"},
+                   {0, 4, "record 'window table' is missing"},
+                   {0, 2, "is not a footer"}};
     struct bytes *b;
 
     for (size_t i = 0; i < sizeof lies / sizeof *lies; i++) {
@@ -435,22 +445,23 @@ static void test_lies(void)
         refused(make(), records[i].word, records[i].word);
     }
     wrong.window = N_WINDOWS;
-    refused(make(), "'window_index' 3 in row 8, of 3", "a window outside the table");
+    refused(make(), "'window_index' is 3 in row 8, but there are 3", "a window outside the table");
     wrong.window = -1;
-    refused(make(), "'window_index' -1", "and one below it");
+    refused(make(), "'window_index' is -1", "and one below it");
     wrong.largest = 4;
-    refused(make(), "'rotation_index' 4 in row 8", "a component that rotations do not have");
+    refused(make(), "'rotation_index' is 4 in row 8", "a component that rotations do not have");
     wrong.code = 256;
-    refused(make(), "chunk 1: SH band 2: 256 in row 8", "an SH code above a byte");
+    refused(make(), "chunk 1: SH band 2: code 256 in row 8", "an SH code above a byte");
     wrong.n_more = 1;
-    refused(make(), "23 splats in its chunks, but 24", "splats that are not there");
+    refused(make(), "chunks contain 23 splats, the header declares 24",
+            "splats that are not there");
     wrong.delta = true;
     refused(make(), "keyframe-delta", "delta chunks, by name");
     wrong.track = true;
-    refused(make(), "rigid objects", "tracks of objects, by name");
+    refused(make(), "object tracks", "tracks of objects, by name");
     b = make();
     b->at[5] = '2';
-    refused(b, "the magic of .4dgs version 1", "another version");
+    refused(b, "not a .4dgs of version 1", "another version");
 }
 
 /* A chunk of four thousand million splats, all of them alike. */
@@ -461,7 +472,7 @@ static void test_bomb(void)
     memset(content_of(b, 5) + 20, 0xff, 4);
     memset(content_of(b, 1) + 16, 0, 8);
     memcpy(content_of(b, 1) + 16, "\x08\0\0\0\1", 5);
-    refused(b, "4294967304 splats in", "a bomb");
+    refused(b, "cannot contain 4294967304 splats", "a bomb");
 }
 
 static spin_status read_slice(const unsigned char *bytes, size_t n, struct spin_splats *out)

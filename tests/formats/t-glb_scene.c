@@ -338,9 +338,10 @@ static void test_nodes(void)
     ok(count_of("\"nodes\":[{\"mesh\":0},{\"children\":[2],\"extensions\":{"
                 "\"KHR_node_visibility\":{\"visible\":false}}},{\"mesh\":0}]") == 2,
        "or hang from one that is");
-    is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"scale\":[1,2,1]}]", "scaled by 1, 2, 1",
+    is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"scale\":[1,2,1]}]", "scale is 1, 2, 1",
                "different scales along the axes");
-    is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"scale\":[-1,1,1]}]", "scaled by", "a mirror");
+    is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"scale\":[-1,1,1]}]", "scale is -1, 1, 1",
+               "a mirror");
     is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"matrix\":[-1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]}]",
                "not a rotation", "a mirror as a matrix");
     is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"matrix\":[1,0,0,0,1,0,0,0,0,0,1,0,0,0,0,1]}]",
@@ -349,24 +350,24 @@ static void test_nodes(void)
                "a short matrix");
     is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"translation\":[1e300,0,0]}]", "3 numbers",
                "a place that is far away");
-    is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"rotation\":[0,0,0,0]}]", "no length",
-               "a rotation of no length");
-    is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"children\":[1]},{\"children\":[0]}]", "circle",
-               "nodes in a circle");
+    is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"rotation\":[0,0,0,0]}]",
+               "'rotation' is a quaternion of length 0", "a rotation of no length");
+    is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"children\":[1]},{\"children\":[0]}]",
+               "in a cycle", "nodes in a circle");
     is_refused(plain(), "\"nodes\":[{\"mesh\":0},{\"children\":[0]},{\"children\":[0]}]",
                "another parent", "a node with two parents");
     is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"children\":[7]}]", "children",
                "a child that is not there");
     is_refused(plain(), "\"scenes\":[{\"nodes\":[3]}],\"nodes\":[{\"mesh\":0}]", "does not exist",
                "a scene of a node that is not there");
-    is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"scale\":[0,0,0]}]", "shows no splats",
+    is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"scale\":[0,0,0]}]", "no visible splats",
                "a scene that shows nothing");
-    is_refused(plain(), "\"nodes\":[{}]", "shows no splats", "no mesh");
+    is_refused(plain(), "\"nodes\":[{}]", "no visible splats", "no mesh");
     used = (size_t)snprintf(text, sizeof text, "\"nodes\":[{\"mesh\":0}");
     for (int i = 0; i < 900; i++) /* 1802 splats in some 1200 bytes */
         used += (size_t)snprintf(text + used, sizeof text - used, ",{\"mesh\":0}");
     snprintf(text + used, sizeof text - used, "]");
-    is_refused(plain(), text, "1802 splats in a frame", "hundreds of nodes of one mesh");
+    is_refused(plain(), text, "1802 splats, too many for a file", "hundreds of nodes of one mesh");
 }
 
 /* ---- Clips -------------------------------------------------------------------------------------
@@ -530,7 +531,7 @@ static void test_clips(void)
                clip_of("{\"sampler\":0,\"target\":{\"node\":0,\"path\":\"scale\"}},"
                        "{\"sampler\":0,\"target\":{\"node\":0,\"path\":\"scale\"}}",
                        samplers),
-               "twice", "a node that is switched twice");
+               "another channel", "a node that is switched twice");
     is_refused(plain(),
                clip_of("{\"sampler\":0,\"target\":{\"node\":3,\"path\":\"scale\"}}", samplers),
                "does not exist", "a switched node that is not there");
@@ -541,11 +542,11 @@ static void test_clips(void)
     is_refused(plain(),
                clip_of("{\"sampler\":0,\"target\":{\"node\":0,\"path\":\"scale\"}}",
                        sampler_of(time_accessor, 0, "STEP")),
-               "4 keys with 2 values", "keys without values");
+               "4 times, 'output' has 2 values", "keys without values");
     is_refused(plain(),
                clip_of("{\"sampler\":0,\"target\":{\"node\":0,\"path\":\"scale\"}}",
                        sampler_of(time_accessor, sizes_accessor, "STEP")),
-               "by 1 and by 2", "a node that is shown in two sizes");
+               "from 1 to 2", "a node that is shown in two sizes");
     is_refused(plain(),
                clip_of("{\"sampler\":0,\"target\":{\"node\":0,\"path\":\"scale\"}}",
                        sampler_of(time_accessor, time_accessor, "STEP")),
@@ -584,14 +585,14 @@ static void test_extension(void)
     is_refused(plain(),
                "\"extensionsRequired\":[\"EXT_meshopt_compression\"],\"nodes\":[{\"mesh\":0}]",
                "EXT_meshopt_compression", "one that is not");
-    is_refused(primitive_of(0, 1, 2, 3, 4, 0, "\"kernel\":\"disc\""), node, "kernel 'disc'",
+    is_refused(primitive_of(0, 1, 2, 3, 4, 0, "\"kernel\":\"disc\""), node, "'kernel' is 'disc'",
                "another kernel");
     is_refused(primitive_of(0, 1, 2, 3, 4, 0, "\"projection\":\"fisheye\""), node,
-               "projection 'fisheye'", "another projection");
-    is_refused(primitive_of(0, 1, 2, 3, 4, 0, "\"colorSpace\":\"xyz\""), node, "colorSpace 'xyz'",
-               "other colours");
+               "'projection' is 'fisheye'", "another projection");
+    is_refused(primitive_of(0, 1, 2, 3, 4, 0, "\"colorSpace\":\"xyz\""), node,
+               "'colorSpace' is 'xyz'", "other colours");
     is_refused("{\"mode\":4,\"extensions\":{\"" E "\":{}},\"attributes\":{\"POSITION\":0}}", node,
-               "not a mesh of points", "triangles that say they are splats");
+               "primitive is not points", "triangles that say they are splats");
     is_refused("{\"mode\":0,\"extensions\":{\"" E "\":{}},\"attributes\":{\"POSITION\":0}}", node,
                ":ROTATION", "points without rotations");
     is_refused("{\"mode\":0,\"extensions\":{\"" E "\":{}},\"attributes\":{}}", node, "'POSITION'",

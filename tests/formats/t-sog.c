@@ -233,7 +233,7 @@ static void test_lies(void)
         int version;
         const char *from, *to, *word;
     } cases[] = {
-        {1, "quaternion_packed", "euler", "rotations 'euler'"},
+        {1, "quaternion_packed", "euler", "'quats.encoding' is 'euler'"},
         {1, "\"shape\":[5,3]", "\"shape\":[-1,3]", "'shape'"},
         {1, "\"shape\":[5,3]", "\"shape\":[99999,3]", "pixels"},
         {1, "\"shape\":[5,9]", "\"shape\":[5,10]", "'shN'"},
@@ -244,11 +244,11 @@ static void test_lies(void)
         {1, "[1,2,3,5]", "[1,2,3]", "'maxs'"},
         {2, "[-3,-0.5,1]", "[-3,-1e10,1]", "'mins'"},
         {2, "\"version\":2", "\"version\":\"2\"", "version"},
-        {2, "\"quats.webp\"", "\"../quats.webp\"", "without its image 'quats.webp'"},
-        {2, "\"quats.webp\"", "\"\"", "without its image 'quats.webp'"},
+        {2, "\"quats.webp\"", "\"../quats.webp\"", "image 'quats.webp' is missing"},
+        {2, "\"quats.webp\"", "\"\"", "image 'quats.webp' is missing"},
         {2, "\"quats.webp\"", "\"no.webp\"", "no.webp"},
         {2, "\"quats.webp\"", "\"meta.json\"", "not a WebP"},
-        {2, "\"count\":70", "\"count\":69", "vector 69 of a palette of 69"},
+        {2, "\"count\":70", "\"count\":69", "SH vector 69, but the palette has 69"},
     };
     struct spin_splats s = {0};
 
@@ -283,7 +283,7 @@ static void test_bomb(void)
     for (int p = 0; p < SPIN_SOG_LABELS; p++)
         replace(names[p], "blank.webp");
     ok(n < 20000 && read_loose((const unsigned char *)meta, strlen(meta), &s) == SPIN_E_MALFORMED &&
-           strstr(spin_last_error(), "1900000 splats in"),
+           strstr(spin_last_error(), "cannot contain 1900000 splats"),
        "a bomb of %zu bytes: %s", n, spin_last_error());
     free(blank);
     free(packed);

@@ -257,7 +257,7 @@ static void test_shared_bytes(void)
              group_at[2] - group_at[1]);
     snprintf(by, sizeof by, "{\"offset\": %zu, \"len\": %zu", group_at[0],
              group_at[1] - group_at[0]);
-    refused(make(find, by), "shares bytes", "two groups of the same bytes");
+    refused(make(find, by), "group 1 overlaps with group 0", "two groups of the same bytes");
 }
 
 static void test_header(void)
@@ -266,10 +266,10 @@ static void test_header(void)
         const char *find, *by, *word;
     } lies[] = {
         {"\"n\": 37", "\"n\": 0", "'n'"},
-        {"\"n\": 37", "\"n\": 3000000", "3000000 splats in a static section"},
+        {"\"n\": 37", "\"n\": 3000000", "cannot contain 3000000 splats"},
         {"\"n\": 37", "\"n\": 30", "has 5 values, expected 4"},
         {"\"n\": 37", "\"n\": 40", "has 111 values, expected 120"},
-        {"\"t\": 7", "\"t\": 8", "7 of 8 frames"},
+        {"\"t\": 7", "\"t\": 8", "'gops' contains 7 frames, 't' is 8"},
         {"\"t\": 7", "\"t\": 6", "'f1'"},
         {"\"t\": 7", "\"t\": 2000000", "'t'"},
         {"\"fps\": 12.5", "\"fps\": 0", "'fps'"},
@@ -282,7 +282,7 @@ static void test_header(void)
         {"\"offset\": 1412", "\"offset\": 1413", "the static section"},
         {"\"offset\": 1412", "\"offset\": 99999999", "'offset'"},
         {"\"offset\": 1412", "\"offset\": -4", "'offset'"},
-        {"\"gops\"", "\"gaps\"", "0 of 7 frames"},
+        {"\"gops\"", "\"gaps\"", "'gops' contains 0 frames, 't' is 7"},
         {"{\"n\"", "[\"n\"", "'header'"},
     };
 
@@ -306,16 +306,17 @@ static void test_streams(void)
     } lies[] = {
         {HEAD, 4, 2, 2, "version 2", "another version"},
         {HEAD, 0, 'X', 1, "gsplat-unity", "no magic: perhaps the format that has none"},
-        {HEAD, 8, 0xffffffff, 4, "ends in its header", "a header that ends behind the file"},
+        {HEAD, 8, 0xffffffff, 4, "truncated within the header",
+         "a header that ends behind the file"},
         {STATIC, 0, 1, 1, "another stream instead of 'pos'", "masks in another order"},
         {STATIC, 1, 0, 1, "another stream instead of 'pos'", "a stream of another kind"},
         {STATIC, 2, 2, 1, "zstd data of 5 bytes, expected 10", "bits in symbols of two bytes"},
         {STATIC, 7, 0xffffff, 4, "extends beyond its section",
          "a stream that ends behind its section"},
-        {ONE, 0, 0xffff, 2, "ends within the headers", "more heads than bytes"},
+        {ONE, 0, 0xffff, 2, "truncated within the headers", "more heads than bytes"},
         {ONE, 2 + 11, 0, 1, "occurs twice", "two streams of one attribute"},
-        {ONE, 2, 5, 1, "unknown", "another attribute"},
-        {ONE, 3, 2, 1, "unknown", "another kind"},
+        {ONE, 2, 5, 1, "is invalid or", "another attribute"},
+        {ONE, 3, 2, 1, "is invalid or", "another kind"},
         {ONE, 4, 3, 1, "symbols of 3 bytes", "symbols of 3 bytes"},
         {ONE, 5, 0x7fffffff, 4, "2147483647 values, expected", "billions of values"},
         {ONE, 9, 1, 4, "damaged zstd", "a stream cut short"},
@@ -335,18 +336,20 @@ static void test_streams(void)
         refused(b, lies[i].word, lies[i].what);
     }
     left_out = 1;
-    refused(make(NULL, NULL), "group 0: it has no key of 'rot'", "a group without a key");
+    refused(make(NULL, NULL), "group 0: stream 'rot' of kind 'key' is missing",
+            "a group without a key");
     left_out = 5;
-    refused(make(NULL, NULL), "group 0: it has no changes of 'pos'", "or without changes");
+    refused(make(NULL, NULL), "group 0: stream 'pos' of kind 'change' is missing",
+            "or without changes");
     left_out = -1;
-    refused(make("\"f1\": 6", "\"f1\": 6, \"len\": 2"), "group 2: it ends within the headers",
+    refused(make("\"f1\": 6", "\"f1\": 6, \"len\": 2"), "group 2: truncated within the headers",
             "a group cut short");
     surplus = 1;
-    refused(make(NULL, NULL), "group 0: it has bytes after its streams", "and one with more bytes");
+    refused(make(NULL, NULL), "group 0: extra bytes after the streams", "and one with more bytes");
     surplus = 0;
     b = make(NULL, NULL);
     memcpy(b->at, "SPL4DV02", 8);
-    refused(b, "gsplat-unity, version 2", "the format of the Unity package, by name");
+    refused(b, "gsplat-unity (version 2)", "the format of the Unity package, by name");
 }
 
 TAP_MAIN

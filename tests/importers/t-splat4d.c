@@ -90,7 +90,7 @@ static void test_refused(const char *file)
     struct run run;
 
     write_text(unity, "SPL4DV02 and what else that format has");
-    model_fails(NULL, unity, NULL, "unity.splat4d", "gsplat-unity, version 2",
+    model_fails(NULL, unity, NULL, "unity.splat4d", "gsplat-unity (version 2)",
                 "the format of the Unity package is refused by name");
     write_text(path_in(folder, "rows.splat4d"), "rows of 64 bytes");
     model_fails(NULL, path_in(folder, "rows.splat4d"), NULL, "rows.splat4d", "gsplat-unity",

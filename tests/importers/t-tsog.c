@@ -523,9 +523,12 @@ static void test_changes(const char *from, const char *fixture, const struct cha
 }
 
 static const struct change tsog_changes[] = {
-    {.member = "pl", .offset = -1, .word = "'pl' of TSOG: it is missing", .what = "no picture"},
+    {.member = "pl",
+     .offset = -1,
+     .word = "TSOG: image 'pl': the file is missing",
+     .what = "no picture"},
     {.member = "pl", .offset = -2, .word = "header states", .what = "a byte behind a picture"},
-    {.member = "pl", .offset = -3, .word = "two members 'pl'", .what = "a member twice"},
+    {.member = "pl", .offset = -3, .word = "member 'pl' occurs twice", .what = "a member twice"},
     {.member = "pl", .offset = -4, .word = "pixels", .what = "a picture of another size"},
     {.member = "q", .offset = -4, .word = "pixels", .what = "the same of rotations"},
     {.member = "pl", .offset = 15, .byte = ' ', .word = "'VP8 '", .what = "a lossy picture"},
@@ -536,29 +539,35 @@ static const struct change tsog_changes[] = {
     {.at = "count", .json = "200000000", .word = "bytes", .what = "more splats than bytes"},
     {.at = "sh0.codebook",
      .json = "[0,1]",
-     .word = "entry 2 of a book of 2",
+     .word = "index 2 in a codebook of 2",
      .what = "an entry behind its book"},
-    {.at = "shN.codebook", .json = "[0,1]", .word = "book of 2 for shN", .what = "the same of SH"},
+    {.at = "shN.codebook",
+     .json = "[0,1]",
+     .word = "the palette has index 2 in a codebook of 2",
+     .what = "the same of SH"},
     {.at = "means.maxs", .json = "[1e9,1,1]", .word = "not finite", .what = "places out of range"},
-    {.at = "quats.files", .json = "[\"dc\"]", .word = "mark 128", .what = "colours for rotations"},
+    {.at = "quats.files",
+     .json = "[\"dc\"]",
+     .word = "mode byte 128",
+     .what = "colours for rotations"},
     {.at = "shN.bands", .json = "4", .word = "bands", .what = "SH of degree 4"},
     {.at = "timeline.files", .json = "[\"tl\"]", .word = "timeline", .what = "half of the times"},
 };
 
 static const struct change sogst_changes[] = {
-    {.at = "version", .json = "2", .word = "version 2", .what = "version 2"},
+    {.at = "version", .json = "2", .word = "'version' is 2", .what = "version 2"},
     {.at = "format", .json = "\"omg4\"", .word = "'omg4'", .what = "another format"},
     {.at = "time", .word = "time.min", .what = "no times"},
     {.at = "time.fps", .word = "time.fps", .what = "no frames a second"},
-    {.at = "time.fps", .json = "0", .word = "0 frames a second", .what = "0 frames a second"},
+    {.at = "time.fps", .json = "0", .word = "0 frames per second", .what = "0 frames a second"},
     {.at = "time.max", .json = "-1", .word = "to -1 s", .what = "times backwards"},
     {.at = "time",
      .json = "{\"min\": 0, \"max\": 999999, \"fps\": 9999}",
-     .word = "with 9998990002 frames",
+     .word = "9998990002 frames",
      .what = "more frames than an int counts"},
-    {.at = "motion.degree", .json = "2", .word = "without 'accel'", .what = "no accelerations"},
+    {.at = "motion.degree", .json = "2", .word = "'accel' is missing", .what = "no accelerations"},
     {.at = "motion.degree", .json = "3", .word = "motion.degree", .what = "paths of degree 3"},
-    {.at = "accel", .json = "{}", .word = "with 'accel'", .what = "too many accelerations"},
+    {.at = "accel", .json = "{}", .word = "'accel' is present", .what = "too many accelerations"},
     {.at = "trbf.sigma.codebook.0", .json = "0", .word = "trbf.sigma", .what = "a sigma of 0"},
     {.at = "scales.codebook", .json = "[1]", .word = "1 numbers", .what = "a short book"},
     {.at = "cov2d_scale", .json = "[1]", .word = "cov2d_scale", .what = "one factor"},
@@ -570,13 +579,13 @@ static const struct change sogst_changes[] = {
     {.at = "streams.segments", .json = "[]", .word = "streams", .what = "no streams of segments"},
     {.at = "streams.persistent",
      .json = "\"../x\"",
-     .word = "no folder",
+     .word = "no valid folder",
      .what = "a stream elsewhere"},
     {.at = "streams.persistent",
      .json = "\"elsewhere\"",
-     .word = "it is missing",
+     .word = "the file is missing",
      .what = "a stream that is not there"},
-    {.at = "segments", .word = "no 'segments'", .what = "streams of no segments"},
+    {.at = "segments", .word = "'segments' is missing", .what = "streams of no segments"},
     {.member = "persistent/trbf.webp",
      .offset = -4,
      .word = "pixels",
@@ -667,16 +676,17 @@ static void test_ply(void)
            run.sequence.n_clip_frames == 49,
        "and all of it is read");
     run_close(&run);
-    fails("sogst", write_ply("", "", 0), "no comments sogst.time_min", "no comments");
+    fails("sogst", write_ply("", "", 0), "comment sogst.time_min, sogst.time_max or sogst.fps",
+          "no comments");
     fails("sogst",
           write_ply("comment sogst.time_min 0\ncomment sogst.time_max 999999\ncomment sogst.fps "
                     "9999\n",
                     "", 0),
-          "with 9998990002 frames", "more frames than an int counts");
+          "9998990002 frames", "more frames than an int counts");
     fails("sogst", write_ply("comment sogst.time_min 1.0\ncomment sogst.time_max 3.0\n", "", 0),
-          "no comments", "no frames a second");
-    fails("sogst", write_ply(TIMES "comment sogst.motion_degree 2\n", "", 0), "degree 2",
-          "a degree that is not there");
+          "sogst.fps is missing", "no frames a second");
+    fails("sogst", write_ply(TIMES "comment sogst.motion_degree 2\n", "", 0),
+          "sogst.motion_degree is 2", "a degree that is not there");
     fails("sogst", write_ply(TIMES, "property float ax\n", 1), "'ay'", "a part of accelerations");
     fails("sogst", write_ply(TIMES "comment sogst.cov2d_scale 1\n", "", 0), "cov2d", "one factor");
     fails("ply", write_ply(TIMES, "", 0), "use --from sogst", "it is no still");

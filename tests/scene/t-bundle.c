@@ -396,7 +396,7 @@ static void test_lies(void)
         {HEAD COLUMNS "\"refined\":[]," TAIL(GOOD), "refined", "refined frames in a list"},
         {HEAD COLUMNS "\"refined\":{\"n\":1}," TAIL(GOOD), "columns",
          "refined frames without columns"},
-        {HEAD COLUMNS "\"refined\":{" COLUMNS "\"frames\":[]}," TAIL(GOOD), "as long as",
+        {HEAD COLUMNS "\"refined\":{" COLUMNS "\"frames\":[]}," TAIL(GOOD), "one entry per frame",
          "a refined frame too few"},
         {HEAD COLUMNS "\"refined\":{" COLUMNS "\"frames\":[7]}," TAIL(GOOD), "'n'",
          "a refined frame that is a number"},

@@ -119,7 +119,7 @@ TAP_MAIN
     check_sums(1, 3);
     check_sums(3, 4);
     c = sound, c.track[1] = TRACKS;
-    check_refused(c, "names track 3 of 3", "a track that is not there");
+    check_refused(c, "contains track 3, but there are 3 tracks", "a track that is not there");
     c = sound, c.n_means = 2;
     check_refused(c, "2 positions", "too few positions");
     c = sound, c.n_means = 4;

@@ -1,5 +1,5 @@
-/* A page of several runs: their curves, and the same views of all runs with an inset and the
- * difference from the ground truth. */
+/* Writes a comparison of several runs: curves, and for some views the images of all runs with an
+ * enlarged crop and the difference from the ground truth. */
 #include "eval/report/compare.h"
 
 #include "base/base.h"
@@ -7,13 +7,15 @@
 #include "io/image.h"
 #include "io/template.h"
 
-enum { GAP = 4, GAIN = 4 /* factor of the difference */, LABEL = 24 };
+/* GAP: pixels between images; GAIN: factor of difference images; LABEL: height of names, pixels. */
+enum { GAP = 4, GAIN = 4, LABEL = 24 };
 
 extern const char spin_compare_html[]; /* compare.html */
 
 /* ---- Images ---------------------------------------------------------------------------------- */
 
-/* Crops of fast motion; in a clip without any, the centre of the worst views. */
+/* Chooses the views and crops to show: fast motion; in a clip without fast motion, the centres of
+ * the worst views. */
 static spin_status choose_rows(struct spin_compare *c, const struct spin_clip *clip,
                                struct spin_image_cache *pixels, const struct spin_pair *pairs,
                                const struct spin_eval_report *report)
@@ -49,7 +51,7 @@ static spin_status choose_rows(struct spin_compare *c, const struct spin_clip *c
     return SPIN_OK;
 }
 
-/* Allocates one more image. */
+/* Adds image n to a row and allocates it. */
 static spin_status add_picture(struct spin_compare_row *row, int n, uint8_t **out)
 {
     void *grown = realloc(row->picture, ((size_t)n + 1) * sizeof *row->picture);
@@ -101,7 +103,7 @@ spin_status spin_compare_draw(struct spin_compare *c, const struct spin_clip *cl
 
         if (at >= report->n_views || report->view[at].frame != c->row[i].frame ||
             report->view[at].camera != c->row[i].camera)
-            return SPIN_OK; /* other views: the caller reports that */
+            return SPIN_OK; /* the views differ, which the caller reports */
     }
     for (size_t i = 0; i < c->n_rows; i++)
         SPIN_TRY(draw_row(&c->row[i], c->n, clip, pixels, &pairs[c->row[i].crop.pair], player,
@@ -121,14 +123,14 @@ void spin_compare_free(struct spin_compare *c)
     *c = (struct spin_compare){0};
 }
 
-/* ---- A sheet: ground truth and runs side by side, differences below -------------------------- */
+/* ---- Sheets: ground truth and runs side by side, differences below --------------------------- */
 
 struct sheet {
     int width, height;
     uint8_t *rgb;
 };
 
-static void put(struct sheet *s, int x, int y, const uint8_t rgb[3])
+static void put_pixel(struct sheet *s, int x, int y, const uint8_t rgb[3])
 {
     if (x >= 0 && x < s->width && y >= 0 && y < s->height)
         memcpy(s->rgb + 3 * ((size_t)y * (size_t)s->width + (size_t)x), rgb, 3);
@@ -139,16 +141,16 @@ static void put_frame(struct sheet *s, int x, int y, int width, int height)
     static const uint8_t white[3] = {255, 255, 255};
 
     for (int u = x - 1; u <= x + width; u++) {
-        put(s, u, y - 1, white);
-        put(s, u, y + height, white);
+        put_pixel(s, u, y - 1, white);
+        put_pixel(s, u, y + height, white);
     }
     for (int v = y; v < y + height; v++) {
-        put(s, x - 1, v, white);
-        put(s, x + width, v, white);
+        put_pixel(s, x - 1, v, white);
+        put_pixel(s, x + width, v, white);
     }
 }
 
-/* An image with its crop, enlarged, in the lower corner farther from the crop. */
+/* Draws an image, and its enlarged crop into the lower corner that is farther from the crop. */
 static void put_picture(struct sheet *s, int x0, const struct spin_compare_row *row,
                         const uint8_t *picture)
 {
@@ -168,9 +170,9 @@ static void put_picture(struct sheet *s, int x0, const struct spin_compare_row *
     y = row->height - height - 2;
     for (int v = 0; v < height; v++)
         for (int u = 0; u < width; u++)
-            put(s, x + u, y + v,
-                picture + 3 * ((size_t)(crop->y + v / times) * (size_t)row->width +
-                               (size_t)(crop->x + u / times)));
+            put_pixel(s, x + u, y + v,
+                      picture + 3 * ((size_t)(crop->y + v / times) * (size_t)row->width +
+                                     (size_t)(crop->x + u / times)));
     put_frame(s, x, y, width, height);
 }
 
@@ -197,13 +199,13 @@ static spin_status make_sheet(const struct spin_compare *c, const struct spin_co
 
                     rgb[i] = (uint8_t)(d > 255 ? 255 : d);
                 }
-                put(s, x0 + u, row->height + GAP + v, rgb);
+                put_pixel(s, x0 + u, row->height + GAP + v, rgb);
             }
     }
     return SPIN_OK;
 }
 
-/* The sheet as base64 of a PNG. */
+/* Draws a sheet into *s, and encodes it as base64 of a PNG. The caller frees *text and s->rgb. */
 static spin_status sheet_text(const struct spin_compare *c, const struct spin_compare_row *row,
                               char **text, struct sheet *s)
 {
@@ -225,7 +227,8 @@ static spin_status sheet_text(const struct spin_compare *c, const struct spin_co
 
 /* ---- Curves ---------------------------------------------------------------------------------- */
 
-/* A measure over the frames, one line per run; inline in the page, or as a file. */
+/* Draws the measure `key` over the frames, with one line per run. file: as a file of its own,
+ * otherwise to be included in a page. */
 static spin_status draw_curves(const struct spin_compare *c, const char *key, const char *title,
                                const char *unit, bool file, FILE *to)
 {
@@ -323,7 +326,7 @@ spin_status spin_compare_page(const struct spin_compare *c, const char *path, bo
     return spin_fail_context(status, "cannot write the report '%s'", path);
 }
 
-/* Opens a file of the folder for writing. */
+/* Opens a file in the folder for writing. */
 static spin_status open_figure(const char *folder, const char *name, struct spin_out *out)
 {
     SPIN_FREED char *path = NULL;
@@ -332,7 +335,7 @@ static spin_status open_figure(const char *folder, const char *name, struct spin
     return spin_out_open(path, true, out);
 }
 
-/* The sheet with the names of the runs above it. */
+/* Writes an SVG of the sheet, a base64 PNG, with the names of the runs above the images. */
 static void write_svg(const struct spin_compare *c, const struct spin_compare_row *row,
                       const struct sheet *s, const char *picture, FILE *to)
 {

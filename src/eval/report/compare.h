@@ -1,5 +1,5 @@
-/* Compares several bundles measured on the same views: one page with curves and images, and figures
- * of it. */
+/* Compares several bundles that were measured on the same views: writes an HTML page with curves
+ * and images, and the same curves and images as files. */
 #pragma once
 
 #include "eval/metrics.h"
@@ -8,27 +8,27 @@
 
 enum { SPIN_COMPARE_ROWS = 4 };
 
-/* Initialise to zero. */
+/* The measurements and images of all runs. Initialise to zero. */
 struct spin_compare {
-    spin_json *runs; /* array of spin_eval_json(), each with a "name" */
-    int n;           /* runs whose images are here */
+    spin_json *runs; /* list of spin_eval_json(), each with the additional key "name" */
+    int n;           /* number of runs whose images were added */
     size_t n_rows;
     struct spin_compare_row {
-        struct spin_crop crop; /* the enlarged part */
+        struct spin_crop crop; /* the part that is shown enlarged */
         int width, height, frame, camera;
-        /* [1 + n] [h][w][3]: ground truth, then the runs */
-        uint8_t **picture;
+        uint8_t **picture; /* [1 + n] images [h][w][3]: ground truth, then one per run */
     } row[SPIN_COMPARE_ROWS];
 };
 
-/* Adds the images of an open run; the first run decides which views and crops are shown. The caller
- * checks that the others were measured on the same views. */
+/* Adds the images of an open run. The first run determines which views and crops are shown. The
+ * caller must check that all runs were measured on the same views. */
 spin_status spin_compare_draw(struct spin_compare *c, const struct spin_clip *clip,
                               struct spin_image_cache *pixels, const struct spin_pair *pairs,
                               const struct spin_eval_report *report, struct spin_player *player,
                               const float background[3]);
-/* Writes the page; and into a folder psnr.svg, ssim.svg, and a PNG and an SVG with names for each
- * row. */
+/* Writes the HTML page. */
 spin_status spin_compare_page(const struct spin_compare *c, const char *path, bool force);
+/* Writes figures into a folder: psnr.svg, ssim.svg, and for each row a PNG, and an SVG that also
+ * shows the names of the runs. */
 spin_status spin_compare_figures(const struct spin_compare *c, const char *folder);
 void spin_compare_free(struct spin_compare *c);

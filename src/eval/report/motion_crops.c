@@ -1,20 +1,20 @@
-/* Finds fast motion from differences of three consecutive frames, with summed-area tables. */
+/* Finds fast motion from differences between three consecutive frames, using summed-area tables. */
 #include "eval/report/motion_crops.h"
 
 #include "base/base.h"
 
-static const float threshold = 20.0f / 255.0f; /* as in dynamic_mask.c: above noise */
+static const float threshold = 20.0f / 255.0f; /* above noise, as in dynamic_mask.c */
 
 struct search {
     const struct spin_clip *clip;
     struct spin_image_cache *pixels;
     float *now, *before, *after; /* [3][h][w] */
-    float *speed;                /* [h][w] */
+    float *speed;                /* [h][w], from find_speed() */
     double *area;                /* [h + 1][w + 1] summed-area table of speed */
 };
 
-/* The view of the same camera in another frame of the clip, or -1. */
-static long neighbour(const struct search *s, const struct spin_pair *pair, int frame)
+/* The view of the pair's camera in another frame of the clip; -1: none. */
+static long neighbour_view(const struct search *s, const struct spin_pair *pair, int frame)
 {
     const struct spin_views *views = &s->clip->views;
     const struct spin_view *from = &views->view[pair->view];
@@ -30,7 +30,7 @@ static long neighbour(const struct search *s, const struct spin_pair *pair, int 
     return -1;
 }
 
-static float change(const float *a, const float *b, size_t plane, size_t i)
+static float pixel_change(const float *a, const float *b, size_t plane, size_t i)
 {
     float most = 0;
 
@@ -39,13 +39,15 @@ static float change(const float *a, const float *b, size_t plane, size_t i)
     return most;
 }
 
-/* speed = how much more this frame differs from the previous and the next one than these differ
- * from each other: an object that passes through counts, a striped shirt that turns does not. */
+/* Computes s->speed of each pixel: by how much this frame differs more from the previous and from
+ * the next frame than these two differ from each other. An object that passes by has a high speed;
+ * a striped shirt that turns has not, since all three frames differ. */
 static spin_status find_speed(struct search *s, const struct spin_pair *pair, bool *found)
 {
     const struct spin_camera *c = &s->clip->views.view[pair->view].camera;
     size_t plane = (size_t)c->width * (size_t)c->height;
-    long before = neighbour(s, pair, pair->frame - 1), after = neighbour(s, pair, pair->frame + 1);
+    long before = neighbour_view(s, pair, pair->frame - 1),
+         after = neighbour_view(s, pair, pair->frame + 1);
 
     *found = before >= 0 && after >= 0;
     if (!*found)
@@ -54,8 +56,9 @@ static spin_status find_speed(struct search *s, const struct spin_pair *pair, bo
     SPIN_TRY(spin_image_cache_get(s->pixels, (size_t)before, s->before));
     SPIN_TRY(spin_image_cache_get(s->pixels, (size_t)after, s->after));
     for (size_t i = 0; i < plane; i++) {
-        float v = fminf(change(s->now, s->before, plane, i), change(s->now, s->after, plane, i)) -
-                  change(s->before, s->after, plane, i);
+        float v = fminf(pixel_change(s->now, s->before, plane, i),
+                        pixel_change(s->now, s->after, plane, i)) -
+                  pixel_change(s->before, s->after, plane, i);
 
         s->speed[i] = v > threshold ? v : 0;
     }
@@ -74,10 +77,11 @@ static double sum_in(const struct search *s, const struct spin_camera *c, int x,
     return foot[x1] - foot[x0] - top[x1] + top[x0];
 }
 
-static int within(int v, int most) { return v < 0 ? 0 : v < most ? v : most; }
+static int clamp_offset(int v, int most) { return v < 0 ? 0 : v < most ? v : most; }
 
-/* Finds the window whose core contains the most speed, minus a fraction of the speed around the
- * core: prefers a ball in front of a wall to a leg of a figure that moves as a whole. */
+/* Finds the window with the highest score: the speed in its core minus a quarter of the speed
+ * around the core. A ball in front of a wall gets a higher score than the leg of a person who moves
+ * as a whole. */
 static void best_window(struct search *s, const struct spin_camera *c, struct spin_crop *out)
 {
     int w = c->width, h = c->height, core = h / 9 < 8 ? 8 : h / 9, side = 3 * core;
@@ -104,13 +108,13 @@ static void best_window(struct search *s, const struct spin_camera *c, struct sp
 
             if (score > out->score) {
                 out->score = score;
-                out->x = within(x - core, w - out->side_x);
-                out->y = within(y - core, h - out->side_y);
+                out->x = clamp_offset(x - core, w - out->side_x);
+                out->y = clamp_offset(y - core, h - out->side_y);
             }
         }
 }
 
-static spin_status reserve(struct search *s)
+static spin_status alloc_search(struct search *s)
 {
     size_t plane = 1, corners = 1;
 
@@ -129,8 +133,7 @@ static spin_status reserve(struct search *s)
     return spin_alloc(corners, sizeof(double), (void **)&s->area);
 }
 
-/* Whether this pair differs from the chosen ones: not the same camera in the same or an adjacent
- * frame. */
+/* False if a crop of the same camera in the same or an adjacent frame was already chosen. */
 static bool is_new(const struct spin_clip *clip, const struct spin_pair *pairs,
                    const struct spin_crop *chosen, size_t n, const struct spin_pair *pair)
 {
@@ -155,7 +158,7 @@ spin_status spin_motion_crops_fast(const struct spin_clip *clip, struct spin_ima
 
     *n = 0;
     SPIN_TRY_OUT(spin_alloc(n_pairs, sizeof *all, (void **)&all));
-    SPIN_TRY_OUT(reserve(&s));
+    SPIN_TRY_OUT(alloc_search(&s));
     for (size_t i = 0; i < n_pairs; i++) {
         all[i].pair = i;
         SPIN_TRY_OUT(find_speed(&s, &pairs[i], &found));
@@ -192,7 +195,7 @@ size_t spin_motion_crops_worst(const struct spin_eval_view *view, size_t n_views
 {
     size_t n = 0;
 
-    for (int pass = 0; pass < 2; pass++) /* one per camera first, then any */
+    for (int pass = 0; pass < 2; pass++) /* first pass: one view per camera; second: any view */
         while (n < most) {
             size_t worst = n_views;
 

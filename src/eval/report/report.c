@@ -1,6 +1,6 @@
-/* Writes an evaluation as a JSON document; and as a page, which is that document with curves, crops
- * of fast motion, the worst views and the options of the run, in the template page.html. Equal runs
- * give equal pages, except for speed. */
+/* Writes an evaluation as a JSON document, and as an HTML page. The page is made from the template
+ * page.html, the JSON document, curves, crops of fast motion, the worst views and the options of
+ * the training. Pages of equal runs differ only in the measured speed. */
 #include "eval/report/report.h"
 
 #include "base/base.h"
@@ -16,11 +16,10 @@ enum {
     WORST = 4,
     LOSS_POINTS = 300,
     PICTURES = 4,
-    GAIN = 4 /* factor of the
-              * difference */
+    GAIN = 4 /* factor of difference images */
 };
 
-/* dB between opposite backgrounds above which the report shows it */
+/* "background_shows" is true if the PSNR over opposite backgrounds differs by this many dB. */
 static const double BACKGROUND_SHOWS = 0.3;
 
 extern const char spin_report_page[]; /* page.html */
@@ -52,7 +51,7 @@ static spin_json *quality_json(const struct spin_eval_report *r, const struct sp
 static spin_json *bytes_json(const struct spin_eval_report *r, const struct spin_bundle_bytes *s)
 {
     spin_json *j = spin_bundle_bytes_json(s);
-    /* size of the parts that the measured attributes need */
+    /* Sum of the parts of the bundle that the measured attributes need. */
     uint64_t measured = r->trained   ? s->positions + s->tracks + s->table + s->heads
                         : r->refined ? s->refined
                                      : s->source;
@@ -76,7 +75,7 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
 
         while (r->view[k].camera != v->camera)
             k++;
-        if (k == i) { /* first view of its camera */
+        if (k == i) { /* the first view of a camera */
             mean = spin_eval_mean(r, NULL, &v->camera);
             spin_json_push(cameras, one = quality_json(r, &mean));
             spin_json_set_integer(one, "id", v->camera);
@@ -104,7 +103,7 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
     spin_json_set_number(j, "seconds_decode", r->seconds_decode);
     spin_json_set_number(j, "seconds_draw", r->seconds_draw);
     spin_json_set_integer(j, "left_out", (int64_t)r->left_out);
-    if (r->n_bundle_frames > 0) { /* the storage of `before` is not reported */
+    if (r->n_bundle_frames > 0) { /* 0 in a report `before`, which has no storage */
         spin_json_set(j, "storage", bytes_json(r, &r->storage));
         spin_json_set(j, "storage_unpacked", bytes_json(r, &r->unpacked));
     }
@@ -116,8 +115,8 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
 
 /* ---- Curves ---------------------------------------------------------------------------------- */
 
-/* The numbers of the objects in an array, NaN where missing. */
-static void take_numbers(const spin_json *array, const char *key, double *out)
+/* Reads number `key` of every object in an array; NaN if the key is missing. */
+static void read_numbers(const spin_json *array, const char *key, double *out)
 {
     for (size_t i = 0; i < spin_json_length(array); i++) {
         out[i] = NAN;
@@ -125,7 +124,8 @@ static void take_numbers(const spin_json *array, const char *key, double *out)
     }
 }
 
-/* PSNR over the frames: whole image solid, dynamic regions dashed. */
+/* Draws the PSNR over the frames: solid lines for whole images, dashed lines for dynamic regions.
+ */
 static spin_status draw_frames(const spin_json *const report[2], FILE *to)
 {
     static const char *const names[2][2] = {{"after", "after, dynamic"},
@@ -143,14 +143,14 @@ static spin_status draw_frames(const spin_json *const report[2], FILE *to)
 
     SPIN_TRY(spin_alloc(n, 5 * sizeof(double), (void **)&x));
     y = x + n;
-    take_numbers(spin_json_get(report[0], "frames"), "frame", x);
+    read_numbers(spin_json_get(report[0], "frames"), "frame", x);
     for (int k = 0; k < 2; k++)
         for (int part = 0; part < 2; part++) {
             const spin_json *frames = spin_json_get(report[k], "frames");
 
             if (!spin_json_get(report[k], keys[part]))
                 continue;
-            take_numbers(frames, keys[part], y);
+            read_numbers(frames, keys[part], y);
             line[chart.n_lines++] = (struct spin_svg_chart_line){names[k][part], x, y, n, k, part};
             y += n;
         }
@@ -190,8 +190,8 @@ static void warn_other_run(const struct spin_report *r, const struct spin_train_
 
     if (fabs(last - r->trained_psnr) > 1e-4)
         spin_warn(
-            "the log '%s' seems to belong to another run: its test PSNR ends at %.3f dB, that "
-            "of '%s' at %.3f dB",
+            "the log '%s' seems to belong to another run: its last test PSNR is %.3f dB, that of "
+            "'%s' is %.3f dB",
             r->log, last, r->input, r->trained_psnr);
 }
 
@@ -226,11 +226,11 @@ static spin_status add_curves(const struct spin_report *r, spin_json *page,
 
 struct pictures {
     const struct spin_report *r;
-    float *picture[PICTURES]; /* ground truth, before, after, difference, [3][h][w] each */
+    float *picture[PICTURES]; /* [3][h][w] each: ground truth, source, result, difference */
     uint8_t *rgb;
 };
 
-/* A crop of an image as a PNG inside the page. */
+/* Appends a crop of an image to the list `to`, as a base64 PNG. */
 static spin_status put_picture(struct pictures *p, const struct spin_camera *c, const float *image,
                                const struct spin_crop *crop, spin_json *to)
 {
@@ -257,7 +257,7 @@ static spin_status put_picture(struct pictures *p, const struct spin_camera *c, 
     return SPIN_OK;
 }
 
-/* Renders all images of a pair. */
+/* Loads the ground truth of a pair, renders its other images and computes the difference. */
 static spin_status draw_pair(struct pictures *p, size_t i)
 {
     const struct spin_pair *pair = &p->r->pairs[i];
@@ -333,7 +333,7 @@ out:
 
 /* ---- The page -------------------------------------------------------------------------------- */
 
-/* One row per camera, and one for all. */
+/* Adds a row for each camera and a row for all cameras. */
 static void add_cameras(spin_json *page, const spin_json *const report[2])
 {
     static const char *const when[] = {"now", "then"};
@@ -388,7 +388,8 @@ static spin_status fill_page(const struct spin_report *r, spin_json *page)
     static const char *const split[] = {"test ", "training ", " "};
     const spin_json *report[2] = {spin_eval_json(r->after, r->split),
                                   r->before ? spin_eval_json(r->before, r->split) : NULL};
-    bool source = !r->after->trained && !r->after->refined; /* 4D splats are trained as a source */
+    /* After a training of 4D splats, the result is stored as the source. */
+    bool source = !r->after->trained && !r->after->refined;
     spin_json *trained = spin_json_get(r->clip->bundle.json, source ? "trained_4d" : "trained");
     spin_json *options = spin_trained_options(trained);
     char *settings = options ? spin_json_text(options, true) : NULL;

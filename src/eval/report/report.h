@@ -1,27 +1,27 @@
-/* An evaluation as a JSON document, and as a self-contained HTML page with curves, tables and
- * images. */
+/* Writes an evaluation as a JSON document, or as an HTML page with curves, tables and images that
+ * needs no other files. */
 #pragma once
 
 #include "eval/metrics.h"
 #include "io/json.h"
 
 struct spin_report {
-    const char *path, *log; /* output page; the log of spin-retrain --log, or NULL */
-    double trained_psnr;    /* of the test views at the end of training; NaN: unknown */
-    bool force;
-    const char *input; /* the bundle, as given by the user */
+    const char *path, *log; /* path of the page; log file of spin-retrain --log, or NULL */
+    double trained_psnr;    /* PSNR of the test views at the end of training; NaN: unknown */
+    bool force;             /* replace an existing page */
+    const char *input;      /* path of the bundle, as given by the user */
     enum spin_split split;
     const float *background; /* [3] */
     const struct spin_clip *clip;
     struct spin_image_cache *pixels;
-    const struct spin_pair *pairs; /* [n_views] measured pairs */
+    const struct spin_pair *pairs; /* [after->n_views] measured pairs */
     struct spin_player *player;
-    const struct spin_eval_report *after;
-    struct spin_player *source;            /* what the result is compared with, or NULL */
-    const struct spin_eval_report *before; /* result of source */
+    const struct spin_eval_report *after;  /* results of player */
+    struct spin_player *source;            /* splats of the source; NULL: no comparison */
+    const struct spin_eval_report *before; /* results of source */
 };
 
-/* The document that --json prints, see spin-eval(1). */
+/* Creates the document that --json prints; see spin-eval(1). */
 spin_json *spin_eval_json(const struct spin_eval_report *report, enum spin_split split);
 
 spin_status spin_report_write(const struct spin_report *report);

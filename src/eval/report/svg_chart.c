@@ -8,7 +8,7 @@
 enum { WIDTH = 720, HEIGHT = 260, LEFT = 56, RIGHT = 26, TOP = 10, BOTTOM = 42, MOST_POINTS = 160 };
 
 struct frame {
-    double x0, x1, y0, y1; /* range of the data */
+    double x0, x1, y0, y1; /* range of the axes */
 };
 
 double spin_svg_chart_step(double span, int most)
@@ -22,17 +22,17 @@ double spin_svg_chart_step(double span, int most)
     return power * 10;
 }
 
-static double across(const struct frame *f, double x)
+static double x_to_px(const struct frame *f, double x)
 {
     return LEFT + (x - f->x0) / (f->x1 - f->x0) * (WIDTH - LEFT - RIGHT);
 }
 
-static double down(const struct frame *f, double y)
+static double y_to_px(const struct frame *f, double y)
 {
     return HEIGHT - BOTTOM - (y - f->y0) / (f->y1 - f->y0) * (HEIGHT - TOP - BOTTOM);
 }
 
-static bool measure(const struct spin_svg_chart *chart, struct frame *f)
+static bool measure_range(const struct spin_svg_chart *chart, struct frame *f)
 {
     *f = (struct frame){DBL_MAX, -DBL_MAX, DBL_MAX, -DBL_MAX};
     for (int k = 0; k < chart->n_lines; k++)
@@ -49,7 +49,7 @@ static bool measure(const struct spin_svg_chart *chart, struct frame *f)
     return f->x1 - f->x0 > 1e-9 * fmax(1, fabs(f->x1));
 }
 
-/* Extends the range to round numbers. */
+/* Extends the range of y to round numbers. */
 static void round_frame(struct frame *f)
 {
     double step;
@@ -71,7 +71,7 @@ static void write_axes(FILE *to, const struct spin_svg_chart *chart, const struc
         fprintf(to,
                 "<line class=\"grid\" x1=\"%d\" x2=\"%d\" y1=\"%.1f\" y2=\"%.1f\"/><text "
                 "x=\"%d\" y=\"%.1f\" text-anchor=\"end\">%.6g</text>\n",
-                LEFT, WIDTH - RIGHT, down(f, y), down(f, y), LEFT - 8, down(f, y) + 4,
+                LEFT, WIDTH - RIGHT, y_to_px(f, y), y_to_px(f, y), LEFT - 8, y_to_px(f, y) + 4,
                 fabs(y) < step / 1e6 ? 0 : y);
     step = spin_svg_chart_step(f->x1 - f->x0, 9);
     step = chart->whole ? fmax(step, 1) : step;
@@ -79,7 +79,7 @@ static void write_axes(FILE *to, const struct spin_svg_chart *chart, const struc
         fprintf(to,
                 "<line class=\"tick\" x1=\"%.1f\" x2=\"%.1f\" y1=\"%d\" y2=\"%d\"/><text "
                 "x=\"%.1f\" y=\"%d\" text-anchor=\"middle\">%.7g</text>\n",
-                across(f, x), across(f, x), HEIGHT - BOTTOM, HEIGHT - BOTTOM + 4, across(f, x),
+                x_to_px(f, x), x_to_px(f, x), HEIGHT - BOTTOM, HEIGHT - BOTTOM + 4, x_to_px(f, x),
                 HEIGHT - BOTTOM + 18, fabs(x) < step / 1e6 ? 0 : x);
     fprintf(
         to,
@@ -104,8 +104,8 @@ static void write_line(FILE *to, const struct spin_svg_chart_line *line, const s
         bool good = isfinite(line->x[i]) && isfinite(line->y[i]);
 
         if (good)
-            fprintf(to, "%c%.1f %.1f", open ? 'L' : 'M', across(f, line->x[i]),
-                    down(f, line->y[i]));
+            fprintf(to, "%c%.1f %.1f", open ? 'L' : 'M', x_to_px(f, line->x[i]),
+                    y_to_px(f, line->y[i]));
         open = good;
     }
     fprintf(to, "\"/>\n");
@@ -115,7 +115,7 @@ static void write_line(FILE *to, const struct spin_svg_chart_line *line, const s
                 to,
                 "<circle class=\"dot line-%d\" cx=\"%.1f\" cy=\"%.1f\" r=\"3\"><title>%s: %.7g, "
                 "%.5g</title></circle>\n",
-                line->style, across(f, line->x[i]), down(f, line->y[i]), name, line->x[i],
+                line->style, x_to_px(f, line->x[i]), y_to_px(f, line->y[i]), name, line->x[i],
                 line->y[i]);
 }
 
@@ -124,9 +124,9 @@ void spin_svg_chart_file(FILE *to, const struct spin_svg_chart *chart)
     static const char *const colours[SPIN_SVG_CHART_LINES] = {
         "#1f77c9", "#d2691e", "#2e9e5b", "#a347c4", "#c9a400", "#d33a5c", "#2aa7a7", "#8a94a3"};
     struct frame f;
-    int names = 20 * ((chart->n_lines + 1) / 2) + 10; /* two per row */
+    int names = 20 * ((chart->n_lines + 1) / 2) + 10; /* height of the legend, two names per row */
 
-    if (measure(chart, &f))
+    if (measure_range(chart, &f))
         round_frame(&f);
     else
         f = (struct frame){0, 1, 0, 1};
@@ -158,7 +158,7 @@ void spin_svg_chart_write(FILE *to, const struct spin_svg_chart *chart)
 {
     struct frame f;
 
-    if (!measure(chart, &f))
+    if (!measure_range(chart, &f))
         return;
     round_frame(&f);
     fprintf(to, "<figure><figcaption>%s</figcaption>\n", chart->title);

@@ -1,4 +1,5 @@
-/* A line chart as inline SVG. The page defines the colours: classes line-0, line-1, ... */
+/* Draws a line chart as SVG. An inline chart has no colours: the page defines them for the classes
+ * line-0, line-1, ... */
 #pragma once
 
 #include <stdbool.h>
@@ -6,10 +7,10 @@
 #include <stdio.h>
 
 struct spin_svg_chart_line {
-    const char *name;    /* any text; escaped when written */
-    const double *x, *y; /* [n]; a nonfinite y leaves a gap */
+    const char *name;    /* plain text */
+    const double *x, *y; /* [n]; values that are not finite leave a gap */
     size_t n;
-    int style; /* number of the page's line class */
+    int style; /* k: class line-k */
     bool dashed;
 };
 
@@ -17,16 +18,18 @@ struct spin_svg_chart {
     const char *title, *x_name, *y_name;
     const struct spin_svg_chart_line *line;
     int n_lines;
-    bool whole; /* x values are integers, and so are the ticks */
+    bool whole; /* x is an integer: put ticks at integers only */
 };
 
-/* Writes nothing if there are no points or all have the same x. */
+/* Writes a chart to be included in a page. Writes nothing if there are fewer than two different
+ * values of x. */
 void spin_svg_chart_write(FILE *to, const struct spin_svg_chart *chart);
 
-/* The same as a separate file with a legend above the chart, for at most SPIN_SVG_CHART_LINES
+/* Writes a chart as a file of its own, with colours and a legend. At most SPIN_SVG_CHART_LINES
  * lines. */
 enum { SPIN_SVG_CHART_LINES = 8 };
 void spin_svg_chart_file(FILE *to, const struct spin_svg_chart *chart);
 
-/* A step of 1, 2 or 5 times a power of ten that divides `span` into at most `most` intervals. */
+/* The smallest step of 1, 2 or 5 times a power of ten that divides `span` into at most `most`
+ * intervals. */
 double spin_svg_chart_step(double span, int most);

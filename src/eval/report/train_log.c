@@ -1,12 +1,12 @@
-/* The log of a run, thinned for drawing. A resumed run appends to the same file; iterations that
- * were repeated use the last values. */
+/* Reads the log of a run and averages it for a chart. A resumed run appends to the same file and
+ * may repeat iterations: the last values of an iteration are used. */
 #include "eval/report/train_log.h"
 
 #include "base/base.h"
 #include "io/file.h"
 #include "io/json.h"
 
-static spin_status room_for(double **column[], int n_columns, size_t n, size_t *room)
+static spin_status grow_columns(double **column[], int n_columns, size_t n, size_t *room)
 {
     size_t more = *room ? 2 * *room : 256;
 
@@ -31,14 +31,14 @@ static spin_status add_line(struct spin_train_log *h, const spin_json *j)
     if (spin_json_number(spin_json_get(j, "loss"), &value)) {
         while (h->n_steps && h->step[h->n_steps - 1] >= iteration)
             h->n_steps--;
-        SPIN_TRY(room_for(steps, 2, h->n_steps, &h->room_steps));
+        SPIN_TRY(grow_columns(steps, 2, h->n_steps, &h->room_steps));
         h->step[h->n_steps] = iteration;
         h->loss[h->n_steps++] = value;
     }
     if (spin_json_number(spin_json_get(j, "test_psnr"), &value)) {
         while (h->n_tests && h->test[h->n_tests - 1] >= iteration)
             h->n_tests--;
-        SPIN_TRY(room_for(tests, 4, h->n_tests, &h->room_tests));
+        SPIN_TRY(grow_columns(tests, 4, h->n_tests, &h->room_tests));
         spin_json_number(spin_json_get(j, "test_ssim"), &ssim);
         h->test[h->n_tests] = iteration;
         h->seconds[h->n_tests] = seconds;
@@ -60,7 +60,7 @@ static spin_status read_lines(const char *path, const struct spin_map *map,
         spin_status status;
 
         if (!stop)
-            break; /* incomplete line: the run is still writing, or was killed */
+            break; /* the last line is incomplete: the run is still writing, or was killed */
         snprintf(name, sizeof name, "line %d", number);
         status = spin_json_parse(name, at, (size_t)(stop - at), &j);
         if (status == SPIN_OK)
@@ -71,8 +71,8 @@ static spin_status read_lines(const char *path, const struct spin_map *map,
     return SPIN_OK;
 }
 
-/* Averages the loss over intervals of equally many entries. */
-static void thin(struct spin_train_log *h, size_t most)
+/* Averages the loss over intervals with the same number of entries. */
+static void average_loss(struct spin_train_log *h, size_t most)
 {
     size_t each = (h->n_steps + most - 1) / most, k = 0;
 
@@ -98,7 +98,7 @@ spin_status spin_train_log_read(const char *path, size_t most, struct spin_train
     status = read_lines(path, &map, out);
     spin_map_close(&map);
     if (status == SPIN_OK && out->n_steps > most)
-        thin(out, most);
+        average_loss(out, most);
     if (status != SPIN_OK)
         spin_train_log_free(out);
     return status;

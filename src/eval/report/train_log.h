@@ -1,19 +1,18 @@
-/* The log of spin-retrain --log: one JSON object per line. */
+/* Reads the log of spin-retrain --log, which has one JSON object per line. */
 #pragma once
 
 #include "spin.h"
 
 struct spin_train_log {
     size_t n_steps, n_tests;
-    double *step, *loss;  /* [n_steps] loss, averaged over intervals of
-                           * iterations */
-    double total_seconds; /* of the run, including resumed parts */
-    /* [n_tests] iteration, time, PSNR and SSIM of the test views */
+    double *step, *loss;  /* [n_steps] iteration, and mean loss of an interval that ends with it */
+    double total_seconds; /* duration of the run, including resumed parts */
+    /* [n_tests] iteration, time in seconds, and PSNR and SSIM of the test views */
     double *test, *seconds, *psnr, *ssim;
     size_t room_steps, room_tests; /* private */
 };
 
-/* Reads at most `most` points of the loss. An incomplete last line is ignored; any other malformed
- * line is an error with its number. */
+/* Reads a log and averages the loss to at most `most` points. An incomplete last line is ignored;
+ * any other malformed line is an error, whose message contains the line number. */
 spin_status spin_train_log_read(const char *path, size_t most, struct spin_train_log *out);
 void spin_train_log_free(struct spin_train_log *history);
