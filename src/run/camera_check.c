@@ -10,7 +10,8 @@
 #include "math/sh.h"
 
 #define DARKEN 0.45f
-/* Squares are one pixel wide, plus one on each side for every so many pixels of image width. */
+/* The radius of a square is 1 pixel for every so many pixels of image width, rounded down; a radius
+ * of 0 is a single pixel. */
 #define PIXELS_PER_RADIUS 900
 
 struct canvas {
@@ -55,7 +56,8 @@ static void square(struct canvas *canvas, int u, int v, float depth, const float
     }
 }
 
-/* Draws every stride-th point and counts; with canvas NULL it only counts. */
+/* Draws every stride-th point, and counts the points in front of the camera and inside its image.
+ * If canvas is NULL, only counts. */
 static void draw_points(struct canvas *canvas, const struct spin_camera *camera,
                         const struct spin_splats *s, size_t stride,
                         struct spin_camera_overlay_share *out)
@@ -99,6 +101,7 @@ spin_status spin_camera_overlay_draw(const struct spin_view *view, const struct 
     return spin_image_save(path, width, height, image, false);
 }
 
+/* Number of views of one frame of the data set, and the index of the first. */
 static size_t row_of(const struct spin_views *views, int row, size_t *first)
 {
     size_t n = 0;
@@ -121,14 +124,15 @@ size_t spin_camera_overlay_choose(const struct spin_views *views, int row, size_
     return chosen;
 }
 
-/* ---- Cameras that lie apart ------------------------------------------------------------------ */
+/* ---- Outlying cameras ------------------------------------------------------------------------ */
 
 /* Points projected per view, evenly spaced. */
 #define POINTS 4096
 /* With fewer views an outlier cannot be identified. */
 #define LEAST_VIEWS 4
-/* A view is an outlier if it is below the median by so many standard deviations, estimated from the
- * MAD, and by at least this share of the points. Cameras of one rig may differ by less. */
+/* A view is an outlier if its share of the points is below the median by more than DEVIATIONS
+ * standard deviations, estimated from the MAD, and by more than LEAST_GAP, since the shares of
+ * correct cameras also differ. */
 #define DEVIATIONS 6
 #define LEAST_GAP 0.25
 
@@ -155,12 +159,14 @@ static void judge(const struct look *look, size_t n, int which, double *values, 
     *limit = *middle - fmax(LEAST_GAP, DEVIATIONS * 1.4826 * median(values, n));
 }
 
-/* Whether view a of a camera is worse than its view b: outliers first, then fewer points inside. */
+/* Whether view a of a camera is worse than view b of the same camera: an outlier is worse than
+ * other views; otherwise the view with fewer points inside is worse. */
 static bool is_lower(const struct spin_camera_share *a, const struct spin_camera_share *b)
 {
     return a->apart != b->apart ? a->apart : a->inside < b->inside;
 }
 
+/* Adds a view to the list of cameras, which contains the worst view of each. */
 static void put(const struct spin_views *views, const struct spin_camera_share *one,
                 struct spin_camera_shares *out)
 {
@@ -174,7 +180,7 @@ static void put(const struct spin_views *views, const struct spin_camera_share *
     out->n += k == out->n;
 }
 
-/* Measures every view of the rows; returns their number. */
+/* Measures every view of the given data set frames; returns the number of views. */
 static size_t look_at(const struct spin_views *views, const int *rows, int n_rows,
                       const struct spin_splats *s, struct look *look)
 {

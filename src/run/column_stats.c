@@ -1,4 +1,4 @@
-/* Minimum, median and maximum of every attribute over the frames that are read. */
+/* Collects minimum, median and maximum of every attribute over the frames that are read. */
 #include "run/column_stats.h"
 
 #include <float.h>
@@ -6,12 +6,12 @@
 #include "base/base.h"
 #include "scene/columns.h"
 
-/* Values sampled per series for its median. */
+/* Number of sampled values of each series, for its median. */
 #define SAMPLE 65536
 
-/* Positions have a series per axis, since a single axis may be wrong; colours one for the
- * view-independent part and one for the rest. Each row contributes values first to first + n - 1; n
- * 0 means all from first on. */
+/* The series. Positions have one per axis, since a single axis may be wrong; SH has one for the
+ * view-independent part and one for the rest. Each splat contributes the values first to
+ * first + n - 1 of its row in the column; if n is 0, all values from first on. */
 static const struct {
     const char *name;
     unsigned column;
@@ -69,7 +69,7 @@ static void take(struct spin_series *series, const float *row, size_t n)
     series->n += n;
 }
 
-/* A frame's share of the sample, evenly from its values. */
+/* Adds at most about `quota` values of a frame to the sample, evenly spaced. */
 static void sample(struct spin_series *series, size_t quota, const float *values, size_t n_rows,
                    size_t width, size_t first, size_t n)
 {
@@ -102,7 +102,7 @@ void spin_column_stats_frame(struct spin_column_stats *d, unsigned columns,
     }
 }
 
-/* Converts stored values to familiar ones: scales and opacities. */
+/* Convert stored values, which are logarithms and logits, to scales and opacities. */
 static double exponential(double x) { return exp(x); }
 static double sigmoid(double x) { return 1 / (1 + exp(-x)); }
 

@@ -23,7 +23,7 @@ static spin_status set_name(spin_json *run, const char *const *input, int n, int
     return SPIN_OK;
 }
 
-/* Scores are only comparable on the same views. */
+/* Refuses runs with different views, since only scores on the same views are comparable. */
 static spin_status check_views(const spin_json *first, const spin_json *run)
 {
     const spin_json *a = spin_json_get(first, "views"), *b = spin_json_get(run, "views");
@@ -59,8 +59,8 @@ static spin_status measure(const struct spin_eval_options *all, const char *cons
     return check_views(spin_json_at(c->runs, 0), run);
 }
 
-/* Different data sets are not comparable either, but may be copies of one: warn only. Errors are
- * ignored here, since measuring reports them. */
+/* Warns if the bundles were made for different data sets. This is no error, since these may be
+ * copies of one data set. A bundle that cannot be opened is reported later, when it is measured. */
 static void warn_data(const char *const *input, int n)
 {
     SPIN_FREED char *first = NULL;

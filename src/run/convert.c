@@ -1,10 +1,15 @@
 /* spin_convert(): converts a run to a format for viewers by the other calls: import, retrain,
  * export.
  *
- * Intermediate files are beside the output, under its name: clip.import.spin until all is done,
- * clip.spin.part (the checkpoint) while the training is unfinished, and clip.spin, which stays. So
- * the same call continues after an interruption. Formats of 4D splats need two trainings: of
- * frames, kept as clip.tracks.spin, and then of the 4D splats made from them. */
+ * For the output clip.html, these files are written beside it:
+ *
+ *     clip.import.spin  the imported clip, until everything is done
+ *     clip.spin.part    the checkpoint, while the training is unfinished
+ *     clip.spin         the final clip, which is kept
+ *
+ * After an interruption the same call continues from them. A format of 4D splats needs two
+ * trainings: first of frames, kept as clip.tracks.spin, then of 4D splats made from these frames.
+ */
 #include <sys/stat.h>
 
 #include "base/base.h"
@@ -24,8 +29,8 @@ struct convert {
     char *import; /* the bundle to export or retrain; the input itself if that is a bundle */
     char *beside; /* data set found beside the run, not named by the user; or NULL */
     bool imports;
-    bool has_data, is_trained; /* of the bundle `import` */
-    bool is_tracks; /* its frames were trained with tracks, so 4D splats can be made of them */
+    bool has_data, is_trained; /* the bundle `import` has a data set, was retrained */
+    bool is_tracks; /* `import` was trained with tracks, so 4D splats can be made of its frames */
     spin_json *report;
 };
 
@@ -67,8 +72,8 @@ static spin_status name_output(struct convert *c)
                         &c->output);
 }
 
-/* Whether an exporter stores 4D splats. TSOG also accepts frames, but stores every splat of every
- * frame then, so it is given 4D splats. */
+/* Whether an exporter is to get 4D splats: if it accepts nothing else, or is TSOG, which would
+ * store every splat of every frame. */
 static bool holds_rows(const char *name)
 {
     for (const struct spin_exporter *const *e = spin_exporter_list(); *e; e++)
@@ -113,7 +118,7 @@ static bool is_same_folder(const char *a, const char *b)
            one.st_dev == other.st_dev && one.st_ino == other.st_ino;
 }
 
-/* Fail early: check the output before the training. */
+/* Checks the output before the training, to fail early. */
 static spin_status check_output(const struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
@@ -192,7 +197,8 @@ static spin_status import_from(struct convert *c, const char *data)
     return add_report(c, "import", text);
 }
 
-/* A data set that the user did not name and that does not fit is only a warning. */
+/* Imports the run, with the data set that the user names or that is found beside the run. If the
+ * latter does not fit, warns and imports without it. */
 static spin_status import(struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
@@ -214,7 +220,8 @@ static spin_status import(struct convert *c)
     return import_from(c, NULL);
 }
 
-/* Trained clips are not retrained, except that 4D splats are trained from frames with tracks. */
+/* Whether to retrain. A trained clip is not retrained, unless 4D splats are to be made from frames
+ * that were trained with tracks. */
 static bool retrains(const struct convert *c)
 {
     return c->has_data && !c->o->no_retrain && (!c->is_trained || (c->tracks && c->is_tracks));
@@ -243,8 +250,8 @@ static spin_status look(struct convert *c)
     return SPIN_OK;
 }
 
-/* Retrains input to output, resuming an unfinished training; with --force, one with other options
- * is replaced. rows: train 4D splats. */
+/* Retrains the bundle `input` to `output`. Resumes an unfinished training; with --force, replaces
+ * one that had other options. rows: train 4D splats. */
 static spin_status retrain_as(struct convert *c, const char *input, const char *output, bool rows)
 {
     const struct spin_convert_options *o = c->o;

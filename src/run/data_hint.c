@@ -5,12 +5,13 @@
 #include "io/json.h"
 #include "scene/probe.h"
 
-#define MAX_BESIDE 64 /* entries of the parent folder that are examined */
+/* At most this many entries of the parent folder are examined. */
+#define MAX_BESIDE 64
 
 struct found {
-    const struct spin_importer *importer; /* importer and path of the first data set */
-    char *path;
-    int n;
+    const struct spin_importer *importer; /* importer of the first data set */
+    char *path;                           /* path of the first data set */
+    int n;                                /* number of data sets */
 };
 
 /* Counts the data set at path, if it is one. Takes ownership of path. */
@@ -39,7 +40,7 @@ static void look_beside(struct found *found, const char *input, const char *fold
         if (strcmp(names[i], spin_path_name(input)) == 0 ||
             spin_path_join(folder, names[i], &path) != SPIN_OK)
             continue;
-        if (spin_importer_guess(path, false)) /* another run, whose data set is not ours */
+        if (spin_importer_guess(path, false)) /* another run; a data set inside belongs to it */
             free(path);
         else
             look_at(found, path);

@@ -20,12 +20,14 @@
 
 /* A description reads this many frames, evenly spaced, unless all are requested. */
 #define DESCRIBED_FRAMES 16
-/* Limit on the number of frames that a file claims to have: half an hour at 30 per second. */
+/* At most this many frames are sampled, even if a file claims to have more: 36 minutes at 30 frames
+ * per second. */
 #define MOST_OWN 65536
-/* --check-cameras draws this many views of each of this many frames, */
+/* --check-cameras draws CHECKED_VIEWS views of each of CHECKED_FRAMES frames. */
 #define CHECKED_FRAMES 3
 #define CHECKED_VIEWS 4
-/* and this many of the cameras that see far fewer points than the others. */
+/* --check-cameras also draws one view of at most this many outliers: cameras with far fewer points
+ * in their images than the others. */
 #define CHECKED_APART 4
 struct import {
     const struct spin_import_options *o;
@@ -38,13 +40,13 @@ struct import {
     struct spin_sequence_info sequence;
     struct spin_bundle_meta meta;
     struct spin_bundle_writer writer;
-    bool stores, writing; /* stores: frames are written to a bundle; writing: by this process */
+    bool stores, writing; /* stores: there is an output bundle; writing: this process writes it */
     struct spin_splats splats;
     const struct spin_splats_4d *four_d; /* 4D splats of the source, or NULL */
     bool keeps_4d;                       /* the bundle stores four_d instead of frames */
     struct spin_views views;             /* of the data set, if any */
     char *data;                          /* absolute path of the data set, or NULL */
-    int n_own;  /* frames of a continuous run by its own data; 0: unknown or not needed */
+    int n_own;  /* number of frames that a continuous run states; 0: unknown or not needed */
     int *rows;  /* [n_frames] data set frame of each frame */
     int *index; /* [n_frames] index of each frame in the importer */
     struct spin_column_stats describe;
@@ -58,7 +60,7 @@ struct import {
     struct {
         spin_status status;
         char why[1024]; /* the error text, which is thread-local */
-    } done[2];          /* of reading and of writing */
+    } done[2];          /* results of task 0, reading, and of task 1, writing */
 };
 
 /* Reads frame i of the import, in the order of im->index, from the importer. */
@@ -69,8 +71,8 @@ static spin_status source_frame(struct import *im, int i, unsigned columns, stru
 
 /* ---- The data set ---------------------------------------------------------------------------- */
 
-/* The user did not request the data set of an exported clip, so ignore an unusable one with a
- * warning. */
+/* Closes the data set of an exported clip, with a warning. The user did not request this data set,
+ * so the import continues without it. */
 static void forget_data(struct import *im)
 {
     spin_warn("not using the data set of the exported clip: %s", spin_last_error());
@@ -80,8 +82,8 @@ static void forget_data(struct import *im)
     im->meta.data_from[0] = '\0';
 }
 
-/* Opens the data set before the frames are chosen: a continuous method may be sampled at its
- * frames. */
+/* Opens the data set. This comes before the choice of frames, since a continuous method may be
+ * sampled at the times of the data set's frames. */
 static spin_status open_data(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -110,9 +112,10 @@ static spin_status open_data(struct import *im)
     return status;
 }
 
-/* Chooses frames for a continuous run if the user names none: the run's own number of frames, the
- * frames that its times count, or the frame times of the only data set beside it (whose images are
- * not used). */
+/* Chooses the frames of a continuous run if the user did not: as many as the run states; else one
+ * for each integer, if the run's times are frame numbers; else those of the only data set beside
+ * the run, whose images are not used. Failing that, 4D splats get 30 frames per unit of time, as if
+ * the unit were a second, or 61 frames if that would be fewer or the range is implausibly long. */
 static void look_for_frames(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -152,8 +155,8 @@ static void look_for_frames(struct import *im)
     }
 }
 
-/* Realtime-4DGS assumes a field of view of -1 if the data set stores focal lengths as fl_x: it then
- * rasterises with wrong footprints, and splats grow too large in training. */
+/* If a data set stores focal lengths as fl_x, Realtime-4DGS assumes a field of view of -1. It then
+ * rasterises with wrong footprints, and the splats grow too large in training. */
 static void note_focal(struct import *im)
 {
     SPIN_FREED char *beside = im->data ? NULL : spin_data_beside(im->input);
@@ -192,8 +195,8 @@ static spin_status attach_data(struct import *im)
 
 /* ---- Which frames ---------------------------------------------------------------------------- */
 
-/* A continuous method extrapolates without an error outside the times that it was trained on. A
- * margin of a tenth of the range allows for the next frame or two. */
+/* Warns about sample times outside the trained range, where a continuous method extrapolates
+ * without an error. A margin of a tenth of the range allows for the next frame or two. */
 static void warn_outside(const struct spin_sequence_info *t, const struct spin_frame_info *frame,
                          int n)
 {
@@ -227,7 +230,7 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
         return spin_misuse("'%s' is continuous in time, from %g to %g, and does not store its "
                            "number of frames: choose them with --frames, --times or --data",
                            o->input, t->time_first, t->time_last);
-    if (*n <= 0) /* both ends are enough for a description */
+    if (*n <= 0) /* a description samples only the two ends of the time range */
         *n = 2;
     SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));
     all = *out;
@@ -251,7 +254,7 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
     return SPIN_OK;
 }
 
-/* Frames of a method that stores its frames. */
+/* Lists the frames of a method that stores frames. */
 static spin_status stored_frames(struct import *im, struct spin_frame_info **out, int *n)
 {
     const struct spin_import_options *o = im->o;
@@ -300,7 +303,8 @@ static spin_status choose_frames(struct import *im)
     return SPIN_OK;
 }
 
-/* A description may have two frames at the same time, for a static scene; a bundle may not. */
+/* The frames of a bundle must have different times. A description may have two frames at the same
+ * time, for a static scene. */
 static spin_status check_times(const struct import *im)
 {
     spin_status status = SPIN_OK;
@@ -314,12 +318,13 @@ static spin_status check_times(const struct import *im)
 
 /* ---- Points over images ---------------------------------------------------------------------- */
 
-/* Index of the kth of `most` items spread evenly over n, including both ends. */
+/* Index of the kth of `most` items that are evenly spaced over 0..n-1, including both ends. */
 static int spread(int k, int most, int n)
 {
     return most > 1 ? (int)((int64_t)k * (n - 1) / (most - 1)) : 0;
 }
 
+/* Draws the points of a frame over one view and adds the camera to the report. */
 static spin_status check_view(struct import *im, int frame, size_t view)
 {
     const struct spin_view *v = &im->views.view[view];
@@ -340,13 +345,13 @@ static spin_status check_view(struct import *im, int frame, size_t view)
     return SPIN_OK;
 }
 
-/* A number from the report of a camera that was drawn. */
+/* A number from the report on the ith camera that was drawn. */
 static double of_camera(const spin_json *cameras, size_t i, const char *key)
 {
     return json_number_value(spin_json_get(spin_json_at(cameras, i), key));
 }
 
-/* If the axes or the data set are wrong, few points project into the images. */
+/* Warns if few points project into the images: the axes or the data set are then probably wrong. */
 static void judge_cameras(const spin_json *cameras)
 {
     size_t n = spin_json_length(cameras);
@@ -460,7 +465,8 @@ static void widen_bounds(struct import *im, const struct spin_splats *s)
     }
 }
 
-/* Checks the result of the importer's frame(): the requested columns, with capacity for n rows. */
+/* Checks that the importer's frame() filled the requested columns, with capacity for n rows: a
+ * plug-in may violate the interface. */
 static spin_status check_frame(const struct import *im, int i, unsigned wanted,
                                const struct spin_splats *s)
 {
@@ -478,7 +484,7 @@ static spin_status check_frame(const struct import *im, int i, unsigned wanted,
     return SPIN_OK;
 }
 
-/* Files store logarithms of scales, which may be finite where the scale overflows a float. */
+/* Refuses scales that overflow a float, although their logarithms, which files store, do not. */
 static spin_status check_scales(const struct import *im, int i, const struct spin_splats *s)
 {
     size_t n = 0, first = 0;
@@ -496,8 +502,8 @@ static spin_status check_scales(const struct import *im, int i, const struct spi
                           (double)s->log_scales[first], n);
 }
 
-/* Reads `columns` of frame i of the bundle; the other columns are those of frame 0. Rank `rank`
- * reads the frame and sends it to rank 0. */
+/* Reads `columns` of frame i of the bundle; without any, the frame is the same as frame 0. Rank
+ * `rank` reads the frame and sends it to rank 0. */
 static spin_status read_frame(struct import *im, int i, int rank, unsigned columns,
                               struct spin_splats *out)
 {
@@ -524,8 +530,8 @@ static spin_status read_frame(struct import *im, int i, int rank, unsigned colum
     return SPIN_OK;
 }
 
-/* Task 0 reads frame im->step, task 1 writes the previous one. Static columns are read and written
- * with the first frame only. */
+/* Task 0 reads frame im->step, task 1 writes the frame before it. Static columns are read and
+ * written with the first frame only. */
 static void store_task(void *context, int task)
 {
     struct import *im = context;
@@ -574,7 +580,7 @@ static spin_status store_frames(struct import *im, struct spin_progress *progres
     return status;
 }
 
-/* Stores a copy rounded to --precision; *s is that copy, for counting. */
+/* Stores the 4D splats rounded to --precision, and returns the rounded copy in *s for counting. */
 static spin_status store_rounded(struct import *im, struct spin_splats_4d *s)
 {
     enum spin_round_4d round = (enum spin_round_4d)im->o->precision;
@@ -590,8 +596,8 @@ static spin_status store_rounded(struct import *im, struct spin_splats_4d *s)
     return spin_splats_4d_settle(s, &n_dropped, NULL);
 }
 
-/* Stores the 4D splats themselves. Frames are their slices, so only the splats of each frame are
- * counted. */
+/* Stores the 4D splats instead of frames, which are slices of them, and counts the splats of each
+ * frame. */
 static spin_status store_4d(struct import *im)
 {
     struct spin_bundle_meta *meta = &im->meta;
@@ -614,8 +620,8 @@ static spin_status store_4d(struct import *im)
     SPIN_TRY(spin_splats_4d_counts(s, times, n, counts));
     for (size_t i = 0; i < n; i++)
         meta->frame[i].n = counts[i];
-    for (size_t i = 0; i < s->n;
-         i++) /* centres are positions at the splat's own time, halfway along its path */
+    /* The bounds are those of the centres, each at the splat's own time. */
+    for (size_t i = 0; i < s->n; i++)
         for (size_t c = 0; c < 3; c++) {
             im->low[c] = fminf(im->low[c], s->centres[3 * i + c]);
             im->high[c] = fmaxf(im->high[c], s->centres[3 * i + c]);
@@ -623,14 +629,15 @@ static spin_status store_4d(struct import *im)
     return SPIN_OK;
 }
 
-/* Splats per frame: as counted by the importer, otherwise of the frames that were read. */
+/* Reports the number of splats per frame: over all frames if the importer counted them, otherwise
+ * over the frames that were read. */
 static void count_splats(struct import *im, const int *read, int n_read)
 {
     const struct spin_sequence_info *t = &im->sequence;
     size_t least = SIZE_MAX, most = 0;
     double sum = 0;
-    bool stored = im->keeps_4d &&
-                  im->stores; /* rounding may drop rows, so the importer's counts do not apply */
+    /* The importer's counts do not apply to stored 4D splats, since rounding may drop rows. */
+    bool stored = im->keeps_4d && im->stores;
     bool known = t->counts && !stored && (!t->continuous || t->n_frames == 1);
     int n = known ? im->meta.n_frames : n_read;
 
@@ -649,7 +656,8 @@ static void count_splats(struct import *im, const int *read, int n_read)
                             (json_int_t)most));
 }
 
-/* An import reads every frame; a description a sample, since a clip may have many gigabytes. */
+/* An import reads every frame. A description reads some frames only, since a clip may have many
+ * gigabytes. */
 static spin_status read_frames(struct import *im)
 {
     int n_all = im->meta.n_frames, n = n_all;
@@ -710,7 +718,7 @@ static void say_why(struct import *im)
     spin_json_set_string(im->report, "recognised", text);
 }
 
-/* The importer's notes, one per line, and a hint at a data set beside the run. */
+/* A list of the importer's notes, and a hint if there is a data set beside the run. */
 static spin_json *notes_json(struct import *im)
 {
     char hint[600] = "", *text[] = {im->sequence.notes, hint};
@@ -780,7 +788,7 @@ static spin_status check_frame_times(const struct spin_import_options *o)
     return spin_misuse("--frame-times is '%s', expected auto, data, unit or count", o->frame_times);
 }
 
-/* Checks the result of the importer's open(): plug-ins may violate the interface. */
+/* Checks the result of the importer's open(): a plug-in may violate the interface. */
 static spin_status check_track(const struct import *im)
 {
     const struct spin_sequence_info *t = &im->sequence;
@@ -796,8 +804,8 @@ static spin_status check_track(const struct import *im)
     return SPIN_OK;
 }
 
-/* Decides whether to keep 4D splats: yes, unless the user requests positions only or sampled
- * frames. */
+/* Gets the 4D splats of the source, if any, and decides whether the bundle stores them: yes, unless
+ * the user requests positions only or sampled frames. */
 static spin_status find_4d(struct import *im)
 {
     const struct spin_import_options *o = im->o;

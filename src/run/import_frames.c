@@ -2,10 +2,10 @@
 
 #include "base/base.h"
 
-/* ---- At which times a data set's frames are -------------------------------------------------- */
+/* ---- Times of a data set's frames ------------------------------------------------------------ */
 
-/* True for a data set without times, whose frames count 0, 1, 2, ... beyond the time range of a
- * continuous method. */
+/* Whether the data set stores no times: its frames then have the times 0, 1, 2, ..., which extend
+ * beyond the time range of the method. */
 static bool rows_are_counted(const struct spin_sequence_info *t, const struct spin_frame_info *all,
                              int n)
 {
@@ -16,7 +16,7 @@ static bool rows_are_counted(const struct spin_sequence_info *t, const struct sp
     return n > 1 && n - 1 > t->time_last + 0.1 * (t->time_last - t->time_first);
 }
 
-/* For methods whose times are frame numbers counted from the first frame. */
+/* Sets the times for a method whose times are frame numbers, counted from the first frame. */
 static void count_rows(struct spin_sequence_info *t, bool numbered, struct spin_frame_info *all,
                        int n)
 {
@@ -35,8 +35,8 @@ static void count_rows(struct spin_sequence_info *t, bool numbered, struct spin_
                   all[n - 1].time);
 }
 
-/* Notes times that cover less than half of the method's range or lie far outside it: they may be in
- * another unit. */
+/* Adds a note if the times cover less than half of the method's range or extend far beyond it, as
+ * their unit is then probably another. */
 static void compare_ranges(struct spin_sequence_info *t, const struct spin_frame_info *all, int n)
 {
     double first = all[0].time, last = all[0].time, span = t->time_last - t->time_first;
@@ -79,7 +79,7 @@ void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info
               all[0].time, all[n - 1].time, half_open ? "n" : "(n-1)");
 }
 
-/* ---- What sequence.json says ----------------------------------------------------------------- */
+/* ---- sequence.json of an exported clip ------------------------------------------------------- */
 
 static const spin_json *entry_of(const spin_json *frames, int number)
 {
@@ -93,7 +93,8 @@ static const spin_json *entry_of(const spin_json *frames, int number)
     return NULL;
 }
 
-/* Pass 0 checks all entries, pass 1 sets them: nothing is set unless all frames match. */
+/* Applies sequence.json to the frames. Pass 0 checks all entries and pass 1 sets the values, so
+ * nothing is set unless all frames match. */
 static bool take(const spin_json *root, struct spin_frame_info *frame, int n, int *place,
                  struct spin_bundle_meta *meta)
 {
@@ -128,8 +129,8 @@ static bool take(const spin_json *root, struct spin_frame_info *frame, int n, in
     return true;
 }
 
-/* Loads sequence.json from the folder of exported frames; *root is NULL if there is none written by
- * spin-export. */
+/* Loads sequence.json from the folder of exported frames. *root is NULL unless spin-export wrote
+ * that file. */
 static spin_status open_sequence(const char *input, char **path, spin_json **root)
 {
     const char *generator;

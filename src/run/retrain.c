@@ -18,7 +18,9 @@
 #include "train/rows_4d.h"
 #include "train/test_views.h"
 
-/* Smallest spread of the cameras' colours, and of the brightness at the corners, worth learning. */
+/* --learn-exposure auto learns exposures if the cameras' colours differ by more than least_spread,
+ * or if the brightness at the corners differs from that at the centre by more than least_falloff;
+ * both are fractions. */
 static const double least_spread = 0.05, least_falloff = 0.05;
 
 /* Owns the objects of a training; each stage gets those that it needs. */
@@ -37,7 +39,7 @@ struct run {
     struct spin_step_log step_log;
     struct spin_output_lock lock; /* of the output */
     struct spin_watch watch;
-    struct spin_look look; /* differences between cameras; spread is NaN if not measured */
+    struct spin_look look; /* differences between cameras; look.spread is NaN if not measured */
     bool resume;           /* continue from the checkpoint */
 };
 
@@ -84,8 +86,8 @@ static spin_status check_output(const struct run *r, bool *done)
     return SPIN_OK;
 }
 
-/* Checks that checkpoint and output fit on the disk at the same time. The number of splats that
- * share a track is not known yet; there are at least those of one frame. */
+/* Checks that checkpoint and output fit on the disk at the same time. With tracks, the number of
+ * splats to store is not known yet, but is at least that of the largest frame. */
 static spin_status check_disk(const struct run *r)
 {
     const struct spin_plan *p = &r->plan;
@@ -106,8 +108,8 @@ static spin_status check_disk(const struct run *r)
              (spin_plan_has_residual(p) ? 3 + SPIN_RESIDUAL : 3);
     if (p->o->method == SPIN_METHOD_NETWORK)
         floats += p->field.n_table + p->field.n_heads;
-    bytes =
-        4 * floats * sizeof(float); /* checkpoint: values and Adam's two moments; output: values */
+    /* The checkpoint stores the values and Adam's two moments, the output the values. */
+    bytes = 4 * floats * sizeof(float);
     SPIN_TRY(spin_path_folder(p->o->output, &folder));
     room = spin_path_free_bytes(folder);
     if (room < bytes)
@@ -141,7 +143,7 @@ static spin_status check_outputs(struct run *r)
     return o->watch ? spin_watch_begin(&r->watch) : SPIN_OK;
 }
 
-/* Different SIMD paths would make ranks diverge in the last bits. */
+/* Refuses ranks with different SIMD paths, since their results would differ in the last bits. */
 static spin_status check_paths(const struct run *r)
 {
     char(*path)[16];
@@ -213,7 +215,7 @@ static spin_status plan(struct run *r, const struct spin_retrain_options *o,
     SPIN_TRY(check_paths(r));
     spin_code_paths_begin(&r->code_paths, r->device.path);
     SPIN_TRY(prepare_watch(r));
-    /* without a dry run or refinement, loading the frames examines the points */
+    /* Otherwise the points are examined later, when the frames are loaded. */
     return !trains_4d(r) && (o->dry_run || o->refine > 0) ? spin_frames_look(&r->plan) : SPIN_OK;
 }
 
@@ -227,8 +229,8 @@ static bool has_falloff(const struct spin_lens *lens)
     return memcmp(lens->falloff, none, sizeof none) != 0;
 }
 
-/* Resolves auto to on or off. Training would fit a falloff to anything in the scene that resembles
- * one, so lenses are learned only if auto measured a falloff. */
+/* Resolves auto to on or off. A training would fit a falloff to anything in the scene that
+ * resembles one, so with auto the lenses are learned only if a falloff was measured. */
 static spin_status choose_exposure(struct run *r)
 {
     enum spin_exposure *choice = &r->plan.report->options.learn_exposure;
@@ -264,7 +266,7 @@ static const char *why_not(enum spin_look_why why)
     return text[why];
 }
 
-/* Describes what was measured, or why it is rejected. */
+/* Describes the measured differences between cameras, or why the measurement is rejected. */
 static void describe_look(const struct run *r, bool on, char text[400])
 {
     const struct spin_look *look = &r->look;
@@ -303,7 +305,8 @@ static void say_exposure(const struct run *r)
         spin_log(r->look.spread > least_spread ? 0 : 1, "%s: no exposure is learned", text);
 }
 
-/* Opens the inputs: images, exposure, backdrop, keys of refined frames, fingerprint. */
+/* Opens the images and computes what the training derives from them: exposures, backdrop, keys of
+ * refined frames, and the fingerprint of all inputs. */
 static spin_status look_at_input(struct run *r)
 {
     SPIN_TRY(spin_photos_open(&r->photos, &r->plan));
@@ -346,7 +349,7 @@ static spin_status look_at_source(struct run *r)
     return SPIN_OK;
 }
 
-/* Finds tracks; refined frames share no splats. */
+/* Finds tracks. Refined frames have none, since they share no splats. */
 static spin_status find_tracks(struct run *r)
 {
     const struct spin_plan *p = &r->plan;
@@ -447,7 +450,7 @@ static struct spin_output output_of(struct run *r)
                                 .code_paths = r->code_paths.all};
 }
 
-/* Updates the page of --watch. Failing to write it does not end the training. */
+/* Updates the page of --watch. A failure to write the page does not end the training. */
 static spin_status show_state(void *context)
 {
     struct run *r = context;
@@ -538,8 +541,8 @@ static spin_status run(struct run *r)
     return SPIN_OK;
 }
 
-/* Users who interrupt a training want to see the result so far: writes a clip beside the
- * checkpoint, where spin_bundle_open() finds it. */
+/* After an interrupt, writes the result so far as a clip beside the checkpoint, where
+ * spin_bundle_open() finds it, so that users can view it. */
 static void keep_clip(struct run *r)
 {
     struct spin_retrain_options o = *r->plan.o;
@@ -554,14 +557,14 @@ static void keep_clip(struct run *r)
         spin_warn("cannot write the clip of the checkpoint for viewing: %s", spin_last_error());
 }
 
-/* After a failure or an interrupt, saves the checkpoint for --resume and extends the error by where
- * it is kept. */
+/* After a failure or an interrupt, saves the checkpoint for --resume and adds its path to the
+ * error. */
 static spin_status keep(struct run *r, spin_status failed)
 {
     struct spin_checkpoint *c = &r->checkpoint;
     const char *go_on = spin_options_continue(r->plan.o);
     bool shared = r->plan.o->cache && !r->plan.o->resume;
-    bool lost = false, said = c->failed; /* saving the checkpoint is what failed */
+    bool lost = false, said = c->failed; /* said: the failure was to save the checkpoint */
     char why[1024], kept[1024] = "";
 
     snprintf(why, sizeof why, "%s", spin_last_error());
@@ -625,7 +628,7 @@ static spin_status work(struct run *r)
     return SPIN_OK;
 }
 
-/* The training is complete, but an incomplete log or preview is still an error. */
+/* Closes the log. An incomplete log or preview is an error even though the training is complete. */
 static spin_status close_log(struct run *r)
 {
     const char *output = r->plan.o->output, *incomplete = r->plan.report->incomplete;

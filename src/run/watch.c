@@ -1,4 +1,4 @@
-/* The page of --watch, which loads now.js as a script every few seconds: this works without a
+/* The page of --watch. It loads now.js as a script every few seconds, which works without a
  * server. */
 #include "run/watch.h"
 
