@@ -294,7 +294,7 @@ static spin_status retrain(struct convert *c)
         return retrain_as(c, c->import, c->bundle, false);
     if (frames)
         SPIN_TRY(retrain_as(c, c->import, c->tracks, false));
-    spin_log(0, "'%s' stores 4D splats: training them from these frames", c->to);
+    spin_log(0, "'%s' stores 4D splats: training 4D splats from the frames", c->to);
     return retrain_as(c, frames ? c->tracks : c->import, c->bundle, true);
 }
 

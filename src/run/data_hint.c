@@ -87,12 +87,13 @@ void spin_data_hint(const char *input, char *text, size_t n_text)
     if (found.n == 1)
         snprintf(
             text, n_text,
-            "a data set (%s) was found beside the run: use --data '%s' if it was trained on that\n",
+            "a data set (%s) was found beside the run: use --data '%s' if the run was trained on "
+            "it\n",
             found.importer->name, found.path);
     else if (found.n > 1)
         snprintf(text, n_text,
-                 "%d data sets were found beside the run, one in '%s': use --data to choose the "
-                 "one it was trained on\n",
+                 "%d data sets were found beside the run, one of them in '%s': use --data to name "
+                 "the one that the run was trained on\n",
                  found.n, found.path);
     free(found.path);
 }

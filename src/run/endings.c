@@ -136,8 +136,8 @@ spin_status spin_bundle_check_name(const char *output)
     if (!ending || strcasecmp(ending, ".spin") == 0)
         return SPIN_OK;
     return spin_misuse(
-        "'%s' would be a bundle and must be named *.spin; convert it with spin-export to %s",
-        output, spin_exporter_for(output) ? ending : spin_exporter_nearest(ending));
+        "'%s' would be a bundle and must be named *.spin; to write %s, use spin-export", output,
+        spin_exporter_for(output) ? ending : spin_exporter_nearest(ending));
 }
 
 spin_status spin_report_check_name(const char *path)

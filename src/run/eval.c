@@ -136,7 +136,7 @@ static spin_status open_lpips(struct eval *e)
 static spin_status check_report(const struct spin_eval_options *o)
 {
     if (o->log && !o->report)
-        return spin_misuse("--log is read for the report only: give --report");
+        return spin_misuse("--log is only for the report: give --report too");
     if (o->report)
         SPIN_TRY(spin_report_check_name(o->report));
     if (o->log && !spin_path_exists(o->log))

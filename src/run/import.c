@@ -128,7 +128,9 @@ static void look_for_frames(struct import *im)
     im->n_own = t->n_clip_frames;
     if (im->n_own > MOST_OWN) {
         im->n_own = MOST_OWN;
-        spin_note(t, "the clip has %d frames, of which %d are sampled evenly (see --frames)",
+        spin_note(t,
+                  "the clip has %d frames, of which %d are sampled, evenly spaced in time (to "
+                  "sample another number, give --frames)",
                   t->n_clip_frames, MOST_OWN);
     }
     if (!o->output || im->n_own > 0)
@@ -148,8 +150,8 @@ static void look_for_frames(struct import *im)
 
         im->n_own = span > 2 && span < 1e4 ? (int)(30 * span + 0.5) + 1 : 61;
         spin_note(t,
-                  "the run does not store its number of frames: %d are sampled, from time %g to "
-                  "%g%s (use --data for those of a data set)",
+                  "the run does not store its number of frames, so %d frames are sampled from time "
+                  "%g to %g%s (to use the frame times of a data set, give --data)",
                   im->n_own, t->time_first, t->time_last,
                   im->keeps_4d ? "; the 4D splats cover all times in between" : "");
     }
@@ -165,7 +167,8 @@ static void note_focal(struct import *im)
     if (data && strcmp(im->importer->name, "realtime4dgs") == 0 && spin_data_has_focal(data))
         spin_note(&im->sequence,
                   "'%s' stores focal lengths as fl_x, which Realtime-4DGS reads as a field of view "
-                  "of -1: its splats are too large and look blurred; spin-retrain corrects this",
+                  "of -1: the splats of the run are too large and look blurred; spin-retrain "
+                  "corrects this",
                   data);
 }
 
@@ -228,7 +231,7 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
                                         : "ends");
     if (*n <= 0 && o->output)
         return spin_misuse("'%s' is continuous in time, from %g to %g, and does not store its "
-                           "number of frames: choose them with --frames, --times or --data",
+                           "number of frames: choose the frames with --frames, --times or --data",
                            o->input, t->time_first, t->time_last);
     if (*n <= 0) /* a description samples only the two ends of the time range */
         *n = 2;
@@ -263,10 +266,10 @@ static spin_status stored_frames(struct import *im, struct spin_frame_info **out
 
     if (o->frame_times && strcmp(o->frame_times, "auto") != 0)
         return spin_misuse(
-            "'%s' stores its %s: --frame-times is for methods that are continuous in time",
+            "'%s' stores its %s: --frame-times is only for methods that are continuous in time",
             o->input, spin_text_count(t->n_frames, "frame", frames));
     if (o->n_frames > 0 || o->n_times > 0)
-        return spin_misuse("'%s' stores its %s: --frames and --times are for methods that "
+        return spin_misuse("'%s' stores its %s: --frames and --times are only for methods that "
                            "are continuous in time; use --range",
                            o->input, spin_text_count(t->n_frames, "frame", frames));
     *n = t->n_frames;
@@ -409,7 +412,8 @@ static spin_status report_shares(struct import *im, const struct spin_camera_sha
         if (!c->apart)
             continue;
         spin_warn("camera %d has %.0f %% of the points in front and %.0f %% inside its image in "
-                  "frame %d, but the median of all views is %.0f %% and %.0f %%: check its pose",
+                  "frame %d, but the median of all views is %.0f %% and %.0f %%: check the pose of "
+                  "this camera",
                   v->camera_id, 100 * c->in_front, 100 * c->inside, number, 100 * shares->in_front,
                   100 * shares->inside);
         if (n_apart++ >= CHECKED_APART ||
@@ -479,7 +483,7 @@ static spin_status check_frame(const struct import *im, int i, unsigned wanted,
     }
     if ((wanted & SPIN_COL_SH) && s->sh_degree != im->sequence.sh_degree)
         return spin_unsupported(
-            "the importer '%s' provides SH of degree %d in frame %d, but %d before",
+            "the importer '%s' provides SH of degree %d in frame %d, but declared degree %d",
             im->importer->name, s->sh_degree, i, im->sequence.sh_degree);
     return SPIN_OK;
 }
@@ -497,7 +501,7 @@ static spin_status check_scales(const struct import *im, int i, const struct spi
     if (n == 0)
         return SPIN_OK;
     return spin_malformed("cannot read '%s': frame %d: the scale of row %zu, exp(%g), overflows "
-                          "a float, and so do %zu scales in all: remove these splats from the file",
+                          "a float (scales that do so: %zu): remove these splats from the file",
                           im->input, im->meta.frame[i].number, first / 3,
                           (double)s->log_scales[first], n);
 }
@@ -779,8 +783,8 @@ static spin_status check_frame_times(const struct spin_import_options *o)
     if (!o->frame_times)
         return SPIN_OK;
     if (!o->data || o->n_frames > 0 || o->n_times > 0)
-        return spin_misuse("--frame-times chooses how frames of --data get their times: it "
-                           "requires --data, and excludes --frames and --times");
+        return spin_misuse("--frame-times sets the times of a data set's frames: it requires "
+                           "--data, and excludes --frames and --times");
     for (size_t i = 0; i < sizeof rules / sizeof *rules; i++) {
         if (strcmp(o->frame_times, rules[i]) == 0)
             return SPIN_OK;
@@ -814,7 +818,8 @@ static spin_status find_4d(struct import *im)
     if (im->importer->splats_4d)
         SPIN_TRY(im->importer->splats_4d(im->self, &im->four_d));
     if (im->four_d && !spin_splats_4d_is_settled(im->four_d))
-        return spin_malformed("the importer '%s' provides 4D splats that are not settled",
+        return spin_malformed("the importer '%s' provides 4D splats without calling "
+                              "spin_splats_4d_settle()",
                               im->importer->name);
     im->keeps_4d = im->four_d && im->sequence.continuous && !sampled && !o->positions_only &&
                    (im->sequence.columns & SPIN_COL_ATTRIBUTES) == SPIN_COL_ATTRIBUTES;
@@ -823,7 +828,8 @@ static spin_status find_4d(struct import *im)
                            "--times or --positions-only");
     if (im->four_d && sampled && o->output)
         spin_note(&im->sequence,
-                  "sampled at --frames or --times: the 4D splats themselves are not stored");
+                  "--frames and --times sample the 4D splats: the bundle stores the sampled frames "
+                  "instead of the 4D splats");
     return SPIN_OK;
 }
 

@@ -30,8 +30,8 @@ static void count_rows(struct spin_sequence_info *t, bool numbered, struct spin_
     }
     if (!counted)
         spin_note(t,
-                  "the data set's frames are placed at the method's times 0 to %g, not at their "
-                  "own (see --frame-times data)",
+                  "the data set's frames get the times of the method, 0 to %g, instead of their "
+                  "own (to keep their own, give --frame-times data)",
                   all[n - 1].time);
 }
 
@@ -48,8 +48,8 @@ static void compare_ranges(struct spin_sequence_info *t, const struct spin_frame
     if (n > 1 && (last - first < 0.5 * span || last > t->time_last + 0.5 * span ||
                   first < t->time_first - 0.5 * span))
         spin_note(t,
-                  "the data set's times are %g to %g but the method's %g to %g: check that both "
-                  "use the same unit (see --frame-times)",
+                  "the times of the data set are %g to %g, but those of the method are %g to %g: "
+                  "check that their units agree (see --frame-times)",
                   first, last, t->time_first, t->time_last);
 }
 
@@ -73,9 +73,11 @@ void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info
     }
     for (int i = 0; i < n; i++)
         all[i].time = t->time_first + span * i / steps;
-    spin_note(t, "%sspread over the times %g to %g, frame i of n at i/%s (see --frame-times)",
-              automatic ? "the data set numbers its frames without times: "
-                        : "the data set's frames: ",
+    spin_note(t,
+              "%s evenly spaced over the times %g to %g, frame i of n at i/%s of the range (see "
+              "--frame-times)",
+              automatic ? "the data set stores no frame times, so its frames are"
+                        : "the frames of the data set are",
               all[0].time, all[n - 1].time, half_open ? "n" : "(n-1)");
 }
 
@@ -158,8 +160,8 @@ spin_status spin_exported_frames(const char *input, struct spin_frame_info *fram
 
     SPIN_TRY(open_sequence(input, &path, &root));
     if (root && !take(root, frame, n, place, meta))
-        spin_warn("'%s' does not match the frames beside it: ignoring the times and positions of "
-                  "the frames in the exported clip",
+        spin_warn("'%s' does not match the frames in its folder: ignoring the frame times and "
+                  "indices that it records",
                   path);
     return SPIN_OK;
 }

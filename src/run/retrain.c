@@ -260,7 +260,7 @@ static const char *why_not(enum spin_look_why why)
         [SPIN_LOOK_FEW] = "too few points are visible in three training cameras",
         [SPIN_LOOK_SAME_RADII] = "each point is about equally far from the centre in all images",
         [SPIN_LOOK_ODD] = "the measured falloff fits no lens",
-        [SPIN_LOOK_NOT_HELD_OUT] = "held-out points do not confirm it",
+        [SPIN_LOOK_NOT_HELD_OUT] = "held-out points do not confirm the measurement",
     };
 
     return text[why];
@@ -294,7 +294,7 @@ static void say_exposure(const struct run *r)
     describe_look(r, on, text);
     if (on && r->look.spread < 0)
         spin_log(0, "no point is visible in three training cameras to compare their colours: "
-                    "exposures and falloff start from none");
+                    "the learned exposures and falloff start from neutral values");
     else if (on)
         spin_log(0, "%s: learning an exposure for each camera%s", text,
                  r->plan.lenses_stay ? "" : ", and the falloff of their lens");
@@ -329,11 +329,13 @@ static void say_plan(const struct run *r)
              spin_text_count(r->plan.clip.n_frames, "frame", frames), r->plan.clip.n_mean,
              r->plan.n_train, r->plan.n_test, r->device.description);
     if (trains_4d(r))
-        spin_log(0, "%zu 4D splats, %zu of them the same in all frames", r->rows.n,
+        spin_log(0, "%zu 4D splats, of which %zu are the same in all frames", r->rows.n,
                  r->rows.n_whole);
     if (r->plan.o->method != SPIN_METHOD_NETWORK)
         return;
-    spin_log(0, "%.1f M parameters in the table, %.1f %% of the points outside the unit ball",
+    spin_log(0,
+             "the hash table has %.1f million parameters; %.1f %% of the points are outside the "
+             "unit ball",
              (double)r->plan.field.n_table / 1e6, 100 * outside);
     if (outside > 0.9)
         spin_warn("nearly all points are outside the unit ball: consider --scene-normalise auto");
@@ -345,7 +347,7 @@ static spin_status look_at_source(struct run *r)
 
     SPIN_TRY(spin_test_views_measure_input(&r->plan, &r->photos, &r->device, q));
     if (q->valid)
-        spin_log(0, "before: test PSNR %.3f dB, SSIM %.4f", q->psnr, q->ssim);
+        spin_log(0, "before retraining: test PSNR %.3f dB, SSIM %.4f", q->psnr, q->ssim);
     return SPIN_OK;
 }
 
@@ -358,7 +360,7 @@ static spin_status find_tracks(struct run *r)
     if (!p->o->tracks)
         return SPIN_OK;
     if (r->refinement.frame) {
-        spin_log(0, "refined frames share no splats: no tracks");
+        spin_log(0, "no tracks: refined frames share no splats");
         return SPIN_OK;
     }
     SPIN_TRY(spin_tracks_find(t, &r->plan, p->o->dynamic_residual ? &r->photos : NULL));
@@ -367,7 +369,7 @@ static spin_status find_tracks(struct run *r)
         spin_log(0, "added a backdrop of %zu splats behind the surfaces of the scene",
                  t->n_backdrop);
     if (t->n == 0)
-        spin_log(0, "no splat matches one of another frame: no tracks%s",
+        spin_log(0, "no splat matches a splat of another frame: no tracks%s",
                  spin_plan_densifies(p) ? ", each frame is densified independently" : "");
     else
         spin_log(0, "%zu tracks, %zu dynamic%s, %zu with attributes per frame", t->n, t->n_moving,
@@ -515,7 +517,7 @@ static void warn_worse(const struct run *r)
     const struct spin_quality *before = &r->plan.report->before, *test = &r->plan.report->test;
 
     if (before->valid && test->valid && test->psnr < before->psnr)
-        spin_warn("the result is worse than the %s, test PSNR %.3f dB after %.3f dB: try %s",
+        spin_warn("the result is worse than the %s, test PSNR %.3f dB instead of %.3f dB: try %s",
                   trains_4d(r) ? "input clip" : "source", test->psnr, before->psnr,
                   trains_clip(r) && r->plan.o->method != SPIN_METHOD_NETWORK
                       ? "more --iterations, or --preset best"
@@ -554,7 +556,7 @@ static void keep_clip(struct run *r)
     plan.o = &o;
     output.plan = &plan;
     if (spin_output_write(&output) != SPIN_OK && spin_rank() == 0)
-        spin_warn("cannot write the clip of the checkpoint for viewing: %s", spin_last_error());
+        spin_warn("cannot write the result so far as a clip for viewing: %s", spin_last_error());
 }
 
 /* After a failure or an interrupt, saves the checkpoint for --resume and adds its path to the
