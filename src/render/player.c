@@ -42,11 +42,10 @@ spin_status spin_player_choose(const struct spin_bundle *bundle, bool source,
     return SPIN_OK;
 }
 
-/* ---- Values that are not finite
- * --------------------------------------------------------------- */
+/* ---- Values that are not finite -------------------------------------------------------------- */
 
-/* An infinite logit is an opacity of 0 or 1, and a log scale of minus infinity a point: both can be
- * drawn. */
+/* Whether the values of a splat can be drawn. An infinite logit can, since it means an opacity of 0
+ * or 1; so can a log scale of minus infinity, which means a point. */
 static bool is_drawable(const struct spin_splats *s, size_t i, size_t n_sh)
 {
     const float *scale = s->log_scales + 3 * i;
@@ -76,8 +75,8 @@ static void count_stored(struct spin_player *p, int index, const struct spin_spl
     add_bad(p, index, n_bad);
 }
 
-/* Counts splats of the network with positions or residuals (NULL: none) that are not finite; their
- * other attributes are computed from checked parameters. */
+/* Counts splats whose positions or residuals (NULL: none) are not finite. No other check is needed,
+ * since the network, from which the other values are computed, was checked when it was loaded. */
 static void count_network(struct spin_player *p, int index, size_t n, const float *means,
                           const float *residual)
 {
@@ -115,10 +114,9 @@ static spin_status check_weights(const char *name, const float *values, size_t n
     return SPIN_OK;
 }
 
-/* ---- Opening
- * ---------------------------------------------------------------------------------- */
+/* ---- Opening --------------------------------------------------------------------------------- */
 
-enum { PORTION = 1 << 20 }; /* values of a packed array that are decoded at once */
+enum { PORTION = 1 << 20 }; /* number of values of a packed array that are decoded at once */
 
 static spin_status upload_values(struct spin_player *p, const char *name,
                                  const struct spin_bundle_values *v, float SPIN_DEV *to)
@@ -263,7 +261,7 @@ void spin_player_close(struct spin_player *p)
     memset(p, 0, sizeof *p);
 }
 
-/* Ensures capacity for n splats. A larger capacity discards the current frame. */
+/* Ensures capacity for n splats. If the capacity grows, the current frame is discarded. */
 static spin_status need(struct spin_player *p, size_t n)
 {
     struct spin_device *d = p->device;
@@ -297,7 +295,7 @@ static void decode(struct spin_player *p, const struct spin_frame_batch *frame)
     p->now_antialias = p->field.antialias;
 }
 
-/* Reads an array of a frame, [n][width]. */
+/* Reads the array [n][width] of a frame. */
 static spin_status read_rows(struct spin_player *p, const char *series, int index, size_t n,
                              int64_t width, float *to)
 {
@@ -310,7 +308,7 @@ static spin_status read_rows(struct spin_player *p, const char *series, int inde
     return SPIN_OK;
 }
 
-/* Uploads the residuals of a frame, rows [n][SPIN_RESIDUAL] in the staging buffer. */
+/* Uploads the residuals of a frame, which are rows [n][SPIN_RESIDUAL] in the staging buffer. */
 static spin_status send_residual(struct spin_player *p, size_t n, const float SPIN_DEV **residual)
 {
     struct spin_device *d = p->device;
@@ -325,7 +323,7 @@ static spin_status send_residual(struct spin_player *p, size_t n, const float SP
     return SPIN_OK;
 }
 
-/* Reads and uploads the residuals of a frame; *residual is NULL if it has none. */
+/* Reads and uploads the residuals of a frame; *residual is NULL if the frame has none. */
 static spin_status read_residual(struct spin_player *p, int index, size_t n,
                                  const float SPIN_DEV **residual)
 {
@@ -352,7 +350,7 @@ static spin_status read_network_frame(struct spin_player *p, int index, size_t n
     return send_residual(p, n, residual);
 }
 
-/* Reads columns as they are stored. */
+/* Reads columns that are stored as they are. */
 static spin_status read_stored(struct spin_player *p, int index, unsigned columns,
                                struct spin_splats *out)
 {
@@ -468,7 +466,7 @@ spin_status spin_player_set_lenses(struct spin_player *p, const struct spin_lens
     return SPIN_OK;
 }
 
-/* Applies the camera's lens to the image rendered last. */
+/* Applies the falloff of the camera's lens to the image rendered last. */
 static void look_through_lens(struct spin_player *p, const struct spin_camera *camera)
 {
     int lens = p->lenses ? spin_lenses_find(p->lenses, camera) : -1;
@@ -500,8 +498,8 @@ spin_status spin_player_picture(struct spin_player *p, float *image)
                                    3 * p->drawn_pixels * sizeof(float));
 }
 
-/* A splat's contribution is the derivative of the sum of all pixels by its colour: run the backward
- * pass of blending with a gradient of 1 in every pixel. */
+/* The contribution of a splat is the derivative of the sum of all pixels by the splat's colour.
+ * Hence this runs the backward pass of blending with a gradient of 1 in every pixel. */
 spin_status spin_player_weigh(struct spin_player *p, float *weights)
 {
     struct spin_device *d = p->device;
