@@ -435,7 +435,7 @@ spin_status spin_player_splats(struct spin_player *p, int index, unsigned column
     return SPIN_OK;
 }
 
-/* Ensures capacity for an image and for the intersections of the current frame. */
+/* Ensures that the raster is open, with capacity for an image of this size. */
 static spin_status need_pictures(struct spin_player *p, size_t pixels, size_t tiles)
 {
     if (pixels > p->pixels || tiles > p->tiles) {

@@ -1,5 +1,5 @@
-/* The CPU device: memory, and the table of its verbs. Verbs run synchronously. A batch of one frame
- * and one view fits its caches best. */
+/* The CPU device: memory, and the table of verbs. Verbs run synchronously. A batch of one frame and
+ * one view makes the best use of the caches. */
 #include "device/cpu/cpu.h"
 
 #include "base/base.h"
