@@ -9,7 +9,7 @@
 enum { CHUNK = 1024, BLOCK = 32 };
 
 struct job {
-    size_t n, width; /* of a row of attributes */
+    size_t n, width; /* width: floats in a row of attributes */
     const uint32_t *rows;
     const float *raw, *d_attr, *d_pos_w;
     float *out;
@@ -170,7 +170,8 @@ static void active_task(void *context, size_t first, size_t end)
     job->count[first / CHUNK] = n;
 }
 
-/* Each chunk lists its own rows, then the lists are joined in order. Returns the number of rows. */
+/* Lists the active rows of a frame: each chunk lists its own rows, then the lists are joined in
+ * order. Returns the number of rows. */
 static uint32_t list_active(struct spin_device *d, const struct spin_frame_of_batch *frame,
                             size_t width, const float *d_attr, uint32_t *rows)
 {

@@ -1,5 +1,5 @@
-/* Applies a camera's gain and offset and its lens's falloff to an image, and the gradient back.
- * Sums are accumulated chunk by chunk in double. */
+/* Applies the gain and offset of a camera and the falloff of its lens to an image, and propagates
+ * gradients back. Sums are accumulated chunk by chunk in double. */
 #include <math.h>
 
 #include "device/cpu/cpu.h"
@@ -8,7 +8,7 @@
 enum { ROWS = 8, SUMS = 4 }; /* a chunk has ROWS rows of one channel */
 
 struct job {
-    int width, height, n_chunks; /* chunks per channel */
+    int width, height, n_chunks; /* n_chunks: chunks per channel */
     float cx, cy;
     const float *exposure, *lens, *image;
     float *out;   /* the image with exposure applied, or d_image in place */

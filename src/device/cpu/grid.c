@@ -1,15 +1,15 @@
 /* The 4-D hash grid on the CPU, forward and backward.
  *
  * Points are processed in blocks of 64. For one level, the rows and weights of all corners of a
- * block are computed first, in loops over points that vectorise; then every corner is one short
- * vector of the table. Meanwhile the table rows of the next level or block are prefetched: most of
- * the encoder's time is memory latency. Compiled with -ffp-contract=off, so that every SIMD path
- * gives the same bits.
+ * block are computed first, in loops over points that the compiler vectorises. Then the features of
+ * each corner are read from the table as one short vector. Meanwhile the table rows of the next
+ * level or block are prefetched, since most of the encoder's time is memory latency. Compiled with
+ * -ffp-contract=off, so that every SIMD path gives the same bits.
  *
- * Backward: each level is one task, which visits the points in order, so the sums into the table do
- * not depend on the number of threads. Gradients to the positions are kept per level and added in a
- * second pass by a binary tree over the levels, so that the sum of an aligned group of levels is a
- * branch of that tree. */
+ * Backward: each level is one task, which visits the points in order, so the sums in the table do
+ * not depend on the number of threads. The gradients of the positions are kept per level. A second
+ * pass adds them by a binary tree over the levels, in which the sum of an aligned group of levels
+ * is a node. */
 #include "device/cpu/cpu.h"
 
 #include <string.h>
@@ -47,32 +47,32 @@ static inline __attribute__((always_inline)) void quad_store(float *p, quad v, i
 
 static size_t row_of(const uint32_t *rows, size_t i) { return rows ? rows[i] : i; }
 
-/* ---- rows and weights of a block ------------------------------------------------------------- */
+/* ---- Rows and weights of a block ------------------------------------------------------------- */
 
-/* Up to 64 points, axis-major. Unused entries and points outside [0,1]^4 (or NaN) hold 0 and have
- * inside = 0. */
+/* Up to 64 points, axis-major. Unused entries, and points that are NaN or outside [0,1]^4, have x =
+ * 0 and inside = 0. */
 struct points {
     float x[4][BLOCK];
     uint32_t inside[BLOCK];
 };
 
 /* Constants of a level for computing rows. In a dense level an upper vertex beyond the border has
- * weight 0; the last vertex stands in for it, which avoids the modulo and keeps every index inside
+ * weight 0; it is replaced by the last vertex, which avoids a modulo and keeps every index inside
  * the table. */
 struct level {
     float scale[4];
     uint32_t step[4]; /* stride of a dense level, hash prime of a hashed one */
     uint32_t top[4];  /* last vertex */
     uint32_t n_rows, mask;
-    int hashed; /* 0: dense; 1: n_rows is a power of two; 2: it is not */
+    int hashed; /* 0: dense; 1: hashed, n_rows is a power of two; 2: hashed, another n_rows */
     size_t first_row;
 };
 
 struct corners {
-    uint32_t row[CORNERS][BLOCK]; /* within the level */
+    uint32_t row[CORNERS][BLOCK]; /* index within the level */
     float weight[CORNERS][BLOCK];
     float w[4][BLOCK];     /* weight of the upper vertex, per axis */
-    float slope[4][BLOCK]; /* d w / d x_u, space only */
+    float slope[4][BLOCK]; /* d w / d x_u, used for the axes of space only */
 };
 
 static void level_set(struct level *at, const struct spin_grid *grid, int level)
@@ -173,7 +173,7 @@ struct ahead {
 };
 
 /* Prefetches the rows of point b into the second-level cache: in the first level they would evict
- * those that are being read. */
+ * the rows that are being read. */
 static inline __attribute__((always_inline)) void fetch(const struct ahead *a, int b, int width)
 {
     if (!a->c)
@@ -187,7 +187,7 @@ static inline __attribute__((always_inline)) void fetch(const struct ahead *a, i
     }
 }
 
-/* ---- forward --------------------------------------------------------------------------------- */
+/* ---- Forward --------------------------------------------------------------------------------- */
 
 struct grid_job {
     const struct spin_grid *grid;
@@ -198,7 +198,7 @@ struct grid_job {
     quad *d_x; /* [n_levels][n] */
     float *d_x_u;
     const struct spin_cpu_lazy_adam *lazy;
-    float *p, *m, *v; /* of the table with lazy Adam */
+    float *p, *m, *v; /* with lazy Adam: the table and its moments */
 };
 
 /* Up to 64 points and their corners in one level. */
@@ -293,9 +293,10 @@ void SPIN_CPU(grid)(struct spin_device *d, const struct spin_grid *grid, const f
     spin_pool_rows(spin_cpu_pool(d), n, BLOCK, grid_task, &job);
 }
 
-/* ---- forward, with lazy Adam ----------------------------------------------------------------- */
+/* ---- Forward, with lazy Adam ----------------------------------------------------------------- */
 
-/* Applies the Adam steps that a line has missed. */
+/* Applies the Adam steps that a line has missed. from: its last step; at: index of its first
+ * value. */
 static void bring(const struct grid_job *job, float from, size_t at)
 {
     const struct spin_cpu_lazy_adam *lazy = job->lazy;
@@ -309,8 +310,8 @@ static void bring(const struct grid_job *job, float from, size_t at)
         spin_adam_skip(skipped_step, skipped_eps, decay_m, decay_v, &p[i], &m[i], &v[i]);
 }
 
-/* Updates and marks the lines that the corners of a block need. `line` is the first line of the
- * level. */
+/* Updates and marks the lines that the corners of a block need. begin: index of the first value
+ * that is divided into lines; line: first line of the level. */
 static void need(const struct grid_job *job, const struct corners *c, const struct points *p, int m,
                  size_t begin, size_t line, const struct ahead *next)
 {
@@ -390,7 +391,7 @@ void SPIN_CPU(lazy_adam_grid)(struct spin_device *d, struct spin_lazy_adam *lazy
     spin_pool_run(spin_cpu_pool(d), own->grid.n_levels, grid_lazy_task, &job);
 }
 
-/* ---- backward -------------------------------------------------------------------------------- */
+/* ---- Backward -------------------------------------------------------------------------------- */
 
 /* Interpolates along one axis: a + w (b - a). */
 static inline __attribute__((always_inline)) quad mix(quad a, quad b, float w)
@@ -468,7 +469,7 @@ static void grid_back_task(void *context, int task)
 {
     const struct grid_job *job = context;
     const struct spin_grid *grid = job->grid;
-    int level = grid->n_levels - 1 - task; /* finest first: they take longest */
+    int level = grid->n_levels - 1 - task; /* the finest levels first, as they take longest */
     size_t width = (size_t)grid->n_features, z_width = (size_t)grid->n_levels * width;
     static const struct ahead nothing;
     const float *table = job->table;

@@ -1,19 +1,22 @@
 /* L1 + SSIM in two passes over bands of rows (docs/method.md 5). The first pass filters x, y, x^2 +
- * y^2 and x y with the SSIM window and stores the three slopes of the SSIM map; the second filters
- * those slopes. The bands depend only on the image size, and their sums are added in order. */
+ * y^2 and x y with the SSIM window, computes the SSIM map from them, and stores the three partial
+ * derivatives of the map. The second pass filters these derivatives, which gives the gradient of
+ * the image. The bands depend only on the image size and their sums are added in order, so the
+ * result does not depend on the number of threads. */
 #include <string.h>
 
 #include "device/cpu/cpu.h"
 #include "math/loss.h"
 
 enum {
-    BAND = 24,
-    PART = 8, /* rows of a band that are filtered at a time */
+    BAND = 24, /* rows of a band */
+    PART = 8,  /* rows of a band that are filtered at a time */
     HALF = SPIN_SSIM_HALF,
     TAPS = 2 * HALF + 1,
     RING = PART + 2 * HALF,
-    STRIP = 256, /* columns at a time, so that the rows shared by their windows stay in cache */
-    MAPS = 4,    /* forward; backward uses 3 */
+    STRIP = 256, /* columns that are filtered at a time, so that all rows of the window stay in
+                    cache */
+    MAPS = 4,    /* filtered maps in the forward pass; the backward pass uses 3 */
     PAD = 16,    /* zeros on both sides of a row; a multiple of the vector size, for alignment */
     SUMS = 16    /* partial sums per row */
 };
@@ -25,9 +28,9 @@ struct job {
     size_t stride; /* floats in a padded row */
     const float *image, *truth, *pixel_weight;
     float *d_image;
-    float *slope[3];    /* slopes of the map, planes [3][h][w] */
-    float *rows;        /* scratch per worker, see struct band */
-    size_t rows_floats; /* per worker */
+    float *slope[3];    /* partial derivatives of the SSIM map (by mu, xx, xy), each [3][h][w] */
+    float *rows;        /* scratch of all workers, see struct band */
+    size_t rows_floats; /* floats of `rows` per worker */
     float scale_l1, scale_ssim;
     double *l1, *ssim, *mass; /* [3 * bands] sums; mass: sum of the pixel weights */
 };
@@ -55,7 +58,8 @@ SPIN_FN float window_across(const float *row, int x)
     return sum;
 }
 
-/* Sum of a row in double, in an order independent of the SIMD width. */
+/* Sum of a row: SUMS partial sums in float, which are added in double. The order of the additions
+ * does not depend on the SIMD width. */
 static double sum_row(const float *row, int w)
 {
     float part[SUMS] = {0};
@@ -155,8 +159,9 @@ static void window_forward(const struct job *job, const struct band *b, int firs
     window_part_down(job, b, first, 3, b->products, RING, job->stride);
 }
 
-/* map [w] = SSIM from rows p0..p3, and its slopes. A separate function so that the compiler sees
- * that nothing overlaps, and vectorises the loop. */
+/* map [w] = SSIM of the filtered rows p0..p3; d_mu, d_xx and d_xy [w] = its partial derivatives. In
+ * a function of its own the compiler can rely on the arrays not to overlap, and vectorises the
+ * loop. */
 static __attribute__((noinline)) void
 ssim_row(int w, const float *SPIN_RESTRICT p0, const float *SPIN_RESTRICT p1,
          const float *SPIN_RESTRICT p2, const float *SPIN_RESTRICT p3, float *SPIN_RESTRICT map,
@@ -273,8 +278,8 @@ static void photo_task(void *context, size_t first, size_t last)
         p->pixel_weight[i] = p->weight[p->mask[i / 8] >> i % 8 & 1];
 }
 
-/* The view's image as floats and, if `weights`, its pixel weights (NULL: all 1). Returns false if
- * out of memory. */
+/* Provides the input image of a view as floats and, if `weights` is set, the weights of its pixels;
+ * *pixel_weight is NULL if all weights are 1. Returns false if out of memory. */
 static bool load_photo(struct spin_device *d, const struct spin_view_of_batch *view,
                        const struct spin_images *images, bool weights, const float **truth,
                        const float **pixel_weight)
@@ -302,6 +307,7 @@ static bool load_photo(struct spin_device *d, const struct spin_view_of_batch *v
 
 /* ---- Verbs ----------------------------------------------------------------------------------- */
 
+/* Computes the values of the loss of one view and, unless d_image is NULL, its gradient. */
 static void lose(struct spin_device *d, int width, int height, const float *image,
                  const float *truth, const float *pixel_weight, float lambda_dssim, float weight,
                  double values[SPIN_LOSS_VALUES], float *d_image)

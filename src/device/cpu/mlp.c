@@ -2,9 +2,9 @@
  *
  * Gaussians are processed in blocks of 96, so that the activations of a block and all weights stay
  * in the second-level cache; only the outputs go to memory. The matrix products use register tiles
- * of 6 rows (6 x 64 with AVX-512): load one row of the right factor, broadcast six values of the
- * left. Weights are copied once per call, transposed for the forward pass and padded to whole
- * vectors.
+ * of 6 rows (6 x 64 with AVX-512), to which each step adds the product of one row of the right
+ * factor with six broadcast values of the left factor. Weights are copied once per call, transposed
+ * for the forward pass and padded to whole vectors.
  *
  * Backward recomputes the activations (docs/method.md 3.4). The gradient of the weights is a sum
  * over Gaussians: the blocks are divided among at most 32 tasks, whose number depends only on the
@@ -28,11 +28,11 @@ enum { BLOCK = 96, TILE_ROWS = 6, MAX_TASKS = 32, PAD = 16 };
 
 #define ALWAYS_INLINE static inline __attribute__((always_inline))
 
-/* LANES floats; vec_at at any address. */
+/* A vector of LANES floats; a vec_at may be at any address. */
 typedef float vec __attribute__((vector_size(LANES * 4)));
 typedef float vec_at __attribute__((vector_size(LANES * 4), aligned(4), may_alias));
 
-/* ---- matrix product -------------------------------------------------------------------------- */
+/* ---- Matrix product -------------------------------------------------------------------------- */
 
 /* C [m][n] = start + A B, where A(i, k) = a[i * a_row + k * a_col] and the rows of B and C are ldb
  * and ldc apart. `start` is zero, or the rows of `from`, from_ld apart (0 repeats one row, a bias).
@@ -49,7 +49,7 @@ struct product {
     size_t from_ld;
 };
 
-/* rows and vecs are constants after inlining, so the sums stay in registers. */
+/* One tile of C. rows and vecs are constants after inlining, so the sums stay in registers. */
 ALWAYS_INLINE void tile(const struct product *x, int rows, int vecs, size_t a_row, size_t a_col,
                         const float *a, const float *b, const float *from, float *c)
 {
@@ -102,7 +102,8 @@ ALWAYS_INLINE void column(const struct product *x, int vecs, size_t a_row, size_
     }
 }
 
-/* A separate function for each width: merged into one, the compiler runs out of registers. */
+/* A separate function for each width: in a single function the compiler would run out of
+ * registers. */
 #define COLUMN(name, vecs, a_row, a_col)                                                           \
     static __attribute__((noinline)) void name(const struct product *x, int n0)                    \
     {                                                                                              \
@@ -136,7 +137,7 @@ static void multiply(const struct product *x)
     columns(x, of_width);
 }
 
-/* The same for A stored transposed: the sum runs over its rows. */
+/* multiply() for an A that is stored transposed, so that the sum runs over its rows in memory. */
 static void multiply_transposed(const struct product *x)
 {
     static column_fn *const of_width[] = {column_turned_1, column_turned_2, column_turned_3,
@@ -145,7 +146,7 @@ static void multiply_transposed(const struct product *x)
     columns(x, of_width);
 }
 
-/* ---- weights, padded ------------------------------------------------------------------------- */
+/* ---- Padded weights -------------------------------------------------------------------------- */
 
 /* A weight matrix or bias: [rows][cols] at `param` of the parameters, and its padded copy at `at`,
  * whose rows (columns, if transposed) are `ld` floats apart. */
@@ -209,7 +210,7 @@ static void pack(const struct pieces *p, const float *param, float *copy)
     }
 }
 
-/* ---- forward --------------------------------------------------------------------------------- */
+/* ---- Forward --------------------------------------------------------------------------------- */
 
 struct job {
     const struct spin_heads *heads;
@@ -230,8 +231,9 @@ struct job {
 static const int column_of[SPIN_HEADS] = {SPIN_ATTR_SCALE, SPIN_ATTR_ROTATION, SPIN_ATTR_SH,
                                           SPIN_ATTR_OPACITY};
 
-/* y [m][padded n_out, y_ld apart] = x [m][n_in, x_ld apart] W + bias, for weights w and the bias
- * that follows them. */
+/* One layer of head h: y [m][n_out] = x [m][n_in] W + bias, where W is piece w and the bias is
+ * piece w + 1. Rows of x and y are x_ld and y_ld floats apart, and rows of y are written up to the
+ * padded n_out. */
 static void layer(const struct job *job, int h, int w, int m, const float *x, size_t x_ld, float *y,
                   size_t y_ld)
 {
@@ -291,7 +293,8 @@ static void mlp_task(void *context, size_t first, size_t end)
         activate(job->heads->relu, (size_t)m * ld, h1);
         layer(job, h, W2, m, h1, ld, h2, ld);
         activate(job->heads->relu, (size_t)m * ld, h2);
-        if ((size_t)column_of[h] + out_ld <= SPIN_ATTR) { /* later heads overwrite the padding */
+        /* Write directly if the padding stays inside the row: later heads overwrite it. */
+        if ((size_t)column_of[h] + out_ld <= SPIN_ATTR) {
             layer(job, h, W3, m, h2, ld, raw, SPIN_ATTR);
             continue;
         }
@@ -332,12 +335,12 @@ void SPIN_CPU(mlp)(struct spin_device *d, const struct spin_heads *heads, const 
     spin_pool_rows(spin_cpu_pool(d), n, BLOCK, mlp_task, &job);
 }
 
-/* ---- backward -------------------------------------------------------------------------------- */
+/* ---- Backward -------------------------------------------------------------------------------- */
 
-/* Work arrays of one worker, [BLOCK][.]. */
+/* Work arrays of one worker, each with BLOCK rows of the given length. */
 struct work {
     float *z, *d_z;                   /* n_in, padded */
-    float *a1, *slope1, *a2, *slope2; /* hidden, padded: activations and their slopes */
+    float *a1, *slope1, *a2, *slope2; /* hidden, padded: activations and their derivatives */
     float *d;                         /* hidden, padded */
     float *d_out;                     /* n_out, padded */
 };
@@ -372,7 +375,7 @@ static void activate_both(bool relu, size_t n, float *restrict x, float *restric
             x[i] = spin_gelu_both(x[i], &slope[i]);
 }
 
-/* d_x [m][ld] = d_y [m][d_y_ld] W, or += if `add`. */
+/* d_x [m][ld] = d_y [m][d_y_ld] W; if `add` is set, d_x += instead. */
 static void layer_back(const struct job *job, int h, int w, int m, const float *d_y, size_t d_y_ld,
                        bool add, float *d_x)
 {
@@ -393,7 +396,8 @@ static void layer_back(const struct job *job, int h, int w, int m, const float *
     multiply(&product);
 }
 
-/* d_W += d_y^T x; d_bias is summed elsewhere. Rows of x are ld of the weights apart. */
+/* Adds d_W = d_y^T x to the partial sums. Rows of x are piece->ld floats apart. The caller adds
+ * d_bias. */
 static void weights_back(const struct job *job, int h, int w, int m, const float *d_y,
                          size_t d_y_ld, const float *x, float *partial)
 {

@@ -1,11 +1,11 @@
-/* Adds per-splat values to rows of raw attributes, and propagates gradients back (layout:
+/* Adds the residuals of splats to rows of raw attributes, and propagates gradients back (layout:
  * device.h). */
 #include "device/cpu/cpu.h"
 
 enum { CHUNK = 1024 };
 
 struct job {
-    size_t n, n_rows, width, sh_width; /* width: of a row of attributes */
+    size_t n, n_rows, width, sh_width; /* width: floats in a row of attributes */
     const uint32_t *rows;              /* [n_rows], rows of the batch */
     size_t first_row;                  /* first row of the frame */
     const float *from, *sh;
