@@ -63,9 +63,8 @@ struct one {
 };
 
 /* One axis of spin_to_camera(). In code for a single splat, the compiler fuses the products of x
- * and y in an order that differs between forward and backward. `first` is the product that is fused
- * last there: with it, a block gives the same bits as that code, and so as the published
- * results. */
+ * and y in a certain order, forward and backward; `first` is the product that it fuses last. With
+ * this order a block gives the same bits as that code, and so as the published results. */
 SPIN_FN float to_camera(const struct spin_projection *lens, int axis, int first,
                         const struct block *b, int i)
 {

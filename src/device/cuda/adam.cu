@@ -1,5 +1,5 @@
-/* Adam, one thread per parameter; zeroes the gradient. All groups share one launch, as far as they
- * fit into its arguments; each group has its own blocks. */
+/* Adam, one thread per parameter, which also zeroes the gradient. One launch handles up to
+ * MOST_GROUPS groups, which are its arguments; each group has its own blocks. */
 #include "device/cuda/cuda.h"
 #include "math/adam.h"
 #include "math/approx.h"
@@ -11,7 +11,7 @@ struct groups {
         float *p, *g, *m, *v;
         size_t n;
         struct spin_adam_step step;
-        unsigned end; /* one past its last block */
+        unsigned end; /* one past the last block of the group */
     } group[MOST_GROUPS];
 };
 static_assert(sizeof(struct groups) <= 4000, "a launch has 4096 bytes of arguments");

@@ -4,10 +4,11 @@
  * is below 1/255 in all of them.
  *
  * Backward, a block starts at the last contributor of any of its pixels. A warp processes two
- * splats at a time: each pixel stores its terms for them in shared memory until there are eight
- * splats; then each lane sums a row of eight pixels, four lanes per splat. The sums of the warps
- * for a batch are added in order. Each (splat, tile) pair writes its sums to its own slot, and the
- * slots of a splat are added in order: no atomics, and the same bits every time. */
+ * splats at a time: each pixel stores its terms for these splats in shared memory. When terms of
+ * eight splats are stored, each lane sums a row of eight pixels, four lanes per splat. The sums of
+ * the warps for a batch are added in order. Each (splat, tile) pair writes its sums to its own
+ * slot, and the slots of a splat are added in order. This needs no atomics and gives the same bits
+ * in every run. */
 #include "device/cuda/cuda.h"
 #include "device/pairs.h"
 #include "math/blend.h"
@@ -36,7 +37,8 @@ struct picture {
     const uint32_t *lists, *start;
 };
 
-/* With the position relative to the tile's first pixel, as on the CPU. */
+/* Prepares a splat, with its position relative to the tile's first pixel (x0, y0), as on the
+ * CPU. */
 static __device__ struct spin_blend_splat make_ready(const struct spin_splat2d *s, int x0, int y0)
 {
     return spin_blend_prepare(s->u_px - (float)x0, s->v_px - (float)y0, s->conic, s->opacity,
@@ -58,7 +60,7 @@ static __device__ struct front make_front(const struct spin_splat2d *s, int x0, 
     return f;
 }
 
-/* Whether the splat can reach the pixels of a warp, the first of which is (x, y). */
+/* Whether the splat can reach a pixel of the warp whose first pixel is (x, y). */
 static __device__ bool comes_near(const struct front *f, int x, int y)
 {
     float dx = f->splat.u_px - (float)x, dy = f->splat.v_px - (float)y;
@@ -202,8 +204,8 @@ static __device__ void add_sums(struct spin_blend_sums *to, const struct spin_bl
     to->eyy += more.eyy;
 }
 
-/* Terms of up to HELD splats for the pixels of a warp, by lane. Rows are padded so that lanes
- * reading different rows use different banks. */
+/* Terms of up to HELD splats for the pixels of a warp, by lane. Rows are padded so that lanes that
+ * read different rows use different banks. */
 struct held {
     float4 weight[HELD][WARP / 4 + 1], de[HELD][WARP / 4 + 1];
 };
@@ -237,7 +239,7 @@ static __device__ struct spin_blend_sums sums_of_row(const float4 *weight, const
     return sums;
 }
 
-/* Adds the sums of a splat's rows, which are in neighbouring lanes. */
+/* Adds up the sums of a splat's rows, which are in WARP_Y neighbouring lanes. */
 static __device__ void add_rows(struct spin_blend_sums *sums)
 {
     for (int by = 1; by < WARP_Y; by *= 2) {
@@ -255,8 +257,8 @@ static __device__ void add_rows(struct spin_blend_sums *sums)
     }
 }
 
-/* part [BACK]: the sums over a warp's pixels of the n held splats; this lane computes splat `mine`
- * of the batch. */
+/* part [BACK] = the sums over a warp's pixels, for the n splats in `held`. `mine` is the index in
+ * the batch of the splat that this lane works on. */
 static __device__ void add_held(const struct held &held, int n, uint32_t mine,
                                 const struct front *batch, const float4 (*g)[WARP / 4], int warp_x,
                                 int warp_y, struct spin_blend_sums *part)
@@ -275,10 +277,10 @@ static __device__ void add_held(const struct held &held, int n, uint32_t mine,
         part[mine] = sums;
 }
 
-/* Backward step for two splats of a batch, the second only if `two`: two independent sequences of
- * instructions hide each other's latency. `used` is the pixel's last contributor, relative to the
- * batch. Stores the terms in `held`; returns false, with nothing stored, if neither splat
- * contributes to any pixel of the warp. */
+/* Backward step for two splats of a batch, whose independent instructions hide each other's
+ * latency; if `two` is false, for the first only. `used` is the pixel's last contributor, relative
+ * to the batch. Stores the terms in `held`. Returns false, with nothing stored, if neither splat
+ * contributes to a pixel of the warp. */
 static __device__ bool step_back(const struct front *batch, const uint32_t i[TWO], bool two,
                                  int32_t used, int in_x, int in_y,
                                  struct spin_blend_pixel_adj *pixel, struct held *held, int n_held)
@@ -357,8 +359,8 @@ static __global__ void __launch_bounds__(PIXELS, 5)
     __syncthreads();
     for (int w = 0; w < WARPS; w++)
         last = last_of[w] > last ? last_of[w] : last;
-    for (uint32_t k = last + (uint32_t)me; k < n; k += PIXELS) { /* behind the last contributor of
-                                                                  * all pixels */
+    /* Splats behind the last contributor of all pixels have no gradient. */
+    for (uint32_t k = last + (uint32_t)me; k < n; k += PIXELS) {
         struct spin_blend_sums none = {};
 
         slots[slot_of(p.splat2d + p.lists[first + k], tile_x, tile_y)] = none;
@@ -369,7 +371,8 @@ static __global__ void __launch_bounds__(PIXELS, 5)
         int n_held = 0;
         unsigned near;
 
-        if (in + BACK == LOADED || at + BACK >= last) { /* first batch of a group to load */
+        /* Load a group of batches when its last batch is reached, which comes first. */
+        if (in + BACK == LOADED || at + BACK >= last) {
             if ((uint32_t)me < in + count) {
                 const struct spin_splat2d *s = p.splat2d + p.lists[first + at - in + (uint32_t)me];
 

@@ -1,4 +1,4 @@
-/* The CUDA device: memory, errors, clocks, and the table of its verbs. */
+/* The CUDA device: memory, errors, clocks, and the table of verbs. */
 #include "device/cuda/cuda.h"
 
 #include <stdio.h>
@@ -17,7 +17,8 @@ spin_status cuda_fail(spin_status status, const char *what, const char *why)
 
 spin_status cuda_no_memory(void) { return fail(SPIN_E_MEMORY, "out of memory"); }
 
-/* Keeps the first error: later ones are consequences. */
+/* Records an error for the next wait(), unless `why` is NULL. Only the first error is kept, since
+ * later ones are its consequences. */
 static void note(struct spin_device *d, spin_status status, const char *why)
 {
     struct cuda *cuda = cuda_of(d);
@@ -28,8 +29,8 @@ static void note(struct spin_device *d, spin_status status, const char *why)
     snprintf(cuda->why, sizeof cuda->why, "%s: %s", cuda->gpu.name, why);
 }
 
-/* Number of the GPU to use: ranks on one machine use one GPU each, by their local rank, which Open
- * MPI, MPICH and Slurm export. */
+/* Number of the GPU to try first. Each rank of a machine has its own GPU, numbered by the local
+ * rank, which Open MPI, MPICH and Slurm provide in the environment. */
 static int card_number(void)
 {
     static const char *const name[] = {"OMPI_COMM_WORLD_LOCAL_RANK", "MPI_LOCALRANKID",
@@ -44,8 +45,8 @@ static int card_number(void)
     return 0;
 }
 
-/* Whether three tf32 products are faster than one fp32 product. Not on consumer GPUs (8.6, 8.9,
- * 12), whose tf32 and fp32 rates are equal. SPIN_CUDA_MLP=fp32 or tf32 overrides, for
+/* Whether three tf32 products are faster than one fp32 product. They are not on consumer GPUs (8.6,
+ * 8.9, 12), whose tf32 and fp32 rates are equal. SPIN_CUDA_MLP=fp32 or tf32 overrides this, for
  * comparisons. */
 static bool wants_tensor(const struct gpu *gpu)
 {
@@ -166,7 +167,7 @@ static spin_status download(struct spin_device *d, void *host, const void SPIN_D
     return wait(d);
 }
 
-/* Falls back to ordinary memory if page-locked memory is not available. */
+/* Reserves page-locked memory, or ordinary memory if page-locked memory is not available. */
 static spin_status host_reserve(struct spin_device *d, size_t bytes, struct spin_host_memory *out)
 {
     size_t room = (bytes + 63) / 64 * 64 + 64;
@@ -189,7 +190,7 @@ static void host_release(struct spin_device *d, struct spin_host_memory *memory)
 
 static void *host_view(struct spin_device *, void SPIN_DEV *) { return NULL; }
 
-/* A sixteenth is reserved for the verbs' scratch memory. */
+/* Excludes a sixteenth of the free memory, which is reserved for the verbs' scratch memory. */
 static size_t memory_available(struct spin_device *d)
 {
     size_t left = gpu_memory_free(gpu_of(d));
@@ -223,8 +224,10 @@ void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t byt
     return s->block;
 }
 
-/* ---- Clocks: pairs of events, evaluated on request or when all are used ---------------------- */
+/* ---- Clocks ---------------------------------------------------------------------------------- */
 
+/* Adds the times between the pairs of events to the clock. This happens on request or when all
+ * pairs are in use, since it waits for the events. */
 static void make_up(struct cuda_clock *clock)
 {
     for (int i = 0; i < clock->n; i++)

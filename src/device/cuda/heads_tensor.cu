@@ -1,12 +1,12 @@
-/* Heads at most 64 wide, on tensor cores. A block keeps one head's weights in shared memory, each
- * split into two tf32 numbers, and processes all its splats with them before the next head. A warp
- * has its own rows, whose activations are in its part of shared memory, so that it advances from
- * layer to layer without block synchronisation. Backward, the activations and gradients of 128
- * splats are in shared memory for the gradients of the weights, of which each warp keeps a part in
- * registers.
+/* Heads at most 64 wide, on tensor cores. A block keeps the weights of one head in shared memory,
+ * each split into two tf32 numbers, and processes all of its splats before the next head. Each warp
+ * has its own rows (splats), whose activations are in a part of shared memory of its own, so it
+ * advances from layer to layer without synchronising the block. Backward, the activations and
+ * gradients of 128 splats are in shared memory to compute the gradients of the weights; each warp
+ * keeps a part of these gradients in registers.
  *
- * The order of a sum's terms is free. Therefore columns t and t + 4 of A in mma.h (and these rows
- * of B) are stored here as columns 2 t and 2 t + 1: a lane reads pairs. */
+ * Since the terms of a sum may be added in any order, columns t and t + 4 of A in mma.h, and these
+ * rows of B, are stored here as columns 2 t and 2 t + 1, so that a lane reads pairs. */
 #include "device/cuda/heads.h"
 
 #include "device/cuda/mma.h"
@@ -14,20 +14,20 @@
 
 enum {
     WIDE = CUDA_HEADS_WIDE,
-    MOST_OUT = 48, /* outputs of a head */
-    DEEP = 8,      /* depth of a product of mma.h, and its columns */
+    MOST_OUT = 48, /* most outputs of a head */
+    DEEP = 8,      /* depth of a product of mma.h, and number of its columns */
     TILES = WIDE / DEEP,
     LONG = WIDE + 8, /* row stride of activations; avoids bank conflicts */
     WARP = 32,
-    WARPS = 12, /* at most, in a block forward, with ROWS rows each */
-    ROWS = 32,
+    WARPS = 12, /* forward: most warps of a block */
+    ROWS = 32,  /* forward: rows of a warp at a time */
     BACK_WARPS = 8,
     BACK_ROWS = 16,
     BACK_TILE = BACK_WARPS * BACK_ROWS
 };
 
-/* Weights of one head in shared memory, padded with zeros. Each of w1 to w3 holds the high parts,
- * then the low parts, see place(). */
+/* Weights of one head in shared memory, padded with zeros. Each of w1 to w3 contains the high parts
+ * of the weights, then the low parts, in the order of place(). */
 struct weights {
     float w1[2 * WIDE * WIDE], w2[2 * WIDE * WIDE], w3[2 * MOST_OUT * WIDE], b1[WIDE], b2[WIDE],
         b3[MOST_OUT];
@@ -41,7 +41,7 @@ struct back_room {
     float x[BACK_TILE * LONG], g[BACK_TILE * LONG];
 };
 
-/* As many warps as shared memory allows: 8 on sm_80. */
+/* Number of warps in a block, limited by shared memory: 8 on sm_80. */
 static int warps_of(const struct gpu *gpu)
 {
     long warps = ((long)gpu->shared - (long)sizeof(struct weights)) /
@@ -85,7 +85,8 @@ static __device__ void stage_bias(const float *bias, int n_out, int room, float 
         to[i] = i < n_out ? bias[i] : 0;
 }
 
-/* All threads must call it; on return the weights are visible to all. */
+/* Copies the weights of a head to shared memory. All threads must call it; on return all of them
+ * can read the weights. */
 static __device__ void stage_head(const struct spin_heads &heads, const float *param, int head,
                                   struct weights *w)
 {
@@ -167,7 +168,7 @@ static __device__ void product(const float *x, int steps, const float *w, float 
     }
 }
 
-/* Stores the lanes' sums in the warp's rows of shared memory, in the layout that take_rows()
+/* Stores the sums of the lanes in the warp's rows of shared memory, in the layout that take_rows()
  * reads. */
 template <int N> static __device__ void put(const float *sum, float *x)
 {
@@ -182,8 +183,8 @@ template <int N> static __device__ void put(const float *sum, float *x)
     }
 }
 
-/* R rows of the warp = the first n columns of m rows of `from`, selected by `number` (NULL:
- * consecutive rows); zero elsewhere in COLUMNS columns. */
+/* Sets R rows x COLUMNS columns of the warp's part of shared memory: the first n columns of m rows
+ * of `from`, selected by `number` (NULL: consecutive rows), and zero elsewhere. */
 template <int R, int COLUMNS>
 static __device__ void load(float *x, const float *from, size_t ld, const uint32_t *number, int m,
                             int n)
@@ -215,7 +216,7 @@ static __device__ void load(float *x, const float *from, size_t ld, const uint32
 /* ---- Forward --------------------------------------------------------------------------------- */
 
 #if CUDA_HAS_MMA
-/* sum = activation(sum + bias); slope = its derivative, unless NULL. */
+/* sum = activation(sum + bias); slope = the derivative of the activation, unless NULL. */
 static __device__ void activate(const float *bias, bool relu, float *sum, float *slope)
 {
     CUDA_UNROLL
@@ -232,8 +233,8 @@ static __device__ void activate(const float *bias, bool relu, float *sum, float 
     }
 }
 
-/* Computes the last layer for the warp's first m rows, and writes it to `to`, whose rows are
- * SPIN_ATTR long. */
+/* Computes the last layer for the first m rows of the warp, and writes the outputs to `to`, whose
+ * rows are SPIN_ATTR long. */
 template <int N>
 static __device__ void finish(const float *x, int steps, const struct weights *w, int m, int n_out,
                               float *to)
@@ -320,8 +321,8 @@ struct back {
 };
 
 #if CUDA_HAS_MMA
-/* sum [16 M][8 N] += d^T x over the rows of the block, columns from i0 and j0; bias += this lane's
- * share of the column sums of d. */
+/* sum [16 M][8 N] += d^T x, summed over the rows of the block, for the columns of d from i0 on and
+ * those of x from j0 on; bias += this lane's share of the column sums of d. */
 template <int M, int N>
 static __device__ void outer(const float *d, const float *x, int i0, int j0, float *sum,
                              float *bias)
@@ -349,7 +350,7 @@ static __device__ void outer(const float *d, const float *x, int i0, int j0, flo
     }
 }
 
-/* Stores a block's gradients: to [n][n_in] of weights, to_bias [n] of a bias. */
+/* Stores the partial gradients of a block: to [n][n_in] for weights, to_bias [n] for a bias. */
 template <int M, int N>
 static __device__ void leave(const float *sum, const float *bias, int i0, int j0, int n, int n_in,
                              float *to, float *to_bias)
@@ -374,7 +375,7 @@ static __device__ void leave(const float *sum, const float *bias, int i0, int j0
     }
 }
 
-/* to = m of the warp's rows, n columns each; or += if `add`. */
+/* to = m rows of the warp, n columns each; if `add` is set, to += instead. */
 static __device__ void store(const float *x, int m, int n, bool add, float *to)
 {
     int lane = (int)threadIdx.x % WARP, column = lane * 4 % WIDE;
@@ -401,11 +402,12 @@ static __device__ void store(const float *x, int m, int n, bool add, float *to)
     }
 }
 
-/* One head for 128 splats. `mine` and x are the warp's rows of g and x; the gradients of the
- * weights are added to s. */
+/* The gradients of weights and biases that a lane keeps in registers. */
 struct back_sums {
     float w1[16], w2[16], w3[12], b1[2], b2[2], b3[6];
 };
+/* Backward pass of one head for 128 splats. `mine` and x are the warp's rows of g and x; the
+ * gradients of weights and biases are added to s. */
 static __device__ void back_tile(const struct back &b, int head, size_t first, size_t count,
                                  struct back_room *room, struct back_sums *s)
 {
@@ -494,7 +496,7 @@ static __global__ void __launch_bounds__(WARP *BACK_WARPS, 1)
 #endif
 }
 
-/* One block per multiprocessor. */
+/* At most one block per multiprocessor. */
 unsigned cuda_heads_tensor_blocks(struct spin_device *d, size_t n)
 {
     size_t tiles = (n + BACK_TILE - 1) / BACK_TILE, most = (size_t)gpu_of(d)->processors;

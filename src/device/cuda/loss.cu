@@ -1,6 +1,6 @@
-/* L1 + SSIM with gradient, and the errors of an image against the input image (docs/method.md 5).
- * The SSIM window is applied to columns first, with eight vertically adjacent values per thread,
- * then to rows, as on the CPU. Sums are in double and add the blocks in order. */
+/* L1 + SSIM with gradient, and the differences of an image from the input image (docs/method.md 5).
+ * As on the CPU, the SSIM window is applied to columns first, then to rows; a thread filters eight
+ * vertically adjacent values of a column. Sums are in double and add the blocks in order. */
 #include "device/cuda/cuda.h"
 #include "math/loss.h"
 
@@ -52,7 +52,7 @@ static __device__ float weight_of(const struct photo &p, size_t i)
     return !p.mask ? 1.0f : bit_of(p, i) ? p.weight[1] : p.weight[0];
 }
 
-/* STRIP values of a column of one plane [h][w], from row y on; the first is at index `at`. */
+/* STRIP values of a column of one plane [h][w], from row y on; `at` is the index of the first. */
 struct strip {
     size_t plane, at, width;
     int y, height;
@@ -63,7 +63,7 @@ static unsigned strips(const struct photo &p, unsigned planes)
     return planes * (unsigned)p.width * (unsigned)((p.height + STRIP - 1) / STRIP);
 }
 
-/* The strip of this thread, if its index is below strips(). */
+/* The strip of this thread, whose index must be below strips(). */
 static __device__ struct strip strip_of(const struct photo &p)
 {
     unsigned me = (unsigned)GPU_INDEX(), width = (unsigned)p.width;
@@ -88,7 +88,7 @@ template <class V> static __device__ void load_strip(const struct strip &s, floa
     }
 }
 
-/* Writes v [TALL], filtered by the vertical window, to the strip in map. */
+/* Filters v [TALL] with the vertical window and writes the result to the strip of map. */
 static __device__ void put_strip(const struct strip &s, const float *v, float *map)
 {
     const float window[HALF + 1] = SPIN_SSIM_WINDOW;
@@ -163,7 +163,8 @@ static __device__ float along(const float *map, const struct value &v, int width
     return sum;
 }
 
-/* slopes [SLOPES][3][h][w], and the sums of L1, SSIM and weights of every block. */
+/* slopes [SLOPES][3][h][w] = partial derivatives of the SSIM map (by mu, xx, xy); sums [blocks] =
+ * the sums of L1, SSIM and weights of each block. */
 static __global__ void ssim_kernel(struct photo p, bool weigh, const float *maps, float *slopes,
                                    double *sums)
 {
@@ -201,7 +202,7 @@ static __global__ void ssim_kernel(struct photo p, bool weigh, const float *maps
     }
 }
 
-/* to [n] = sums over the blocks of from [blocks][n]; one block per sum. */
+/* to [n] = the sums of from [blocks][n] over its blocks. This kernel has one block per sum. */
 static __global__ void add_blocks_kernel(unsigned blocks, const double *from, double *to)
 {
     __shared__ double sum[GPU_BLOCK];
@@ -215,7 +216,7 @@ static __global__ void add_blocks_kernel(unsigned blocks, const double *from, do
         to[s] = own;
 }
 
-/* values [SPIN_LOSS_VALUES] from the sums. */
+/* Computes values [SPIN_LOSS_VALUES] from the sums. */
 static __global__ void values_kernel(const double *sums, float lambda_dssim, double *values)
 {
     double lambda = (double)lambda_dssim;
@@ -273,7 +274,7 @@ static bool work_of(struct spin_device *d, size_t plane, struct work *w)
     return at != NULL;
 }
 
-/* sums [SUMS] = sums of L1, SSIM and weights. */
+/* w.sums [SUMS] = the sums of L1, SSIM and weights over the image. */
 static void lose(struct spin_device *d, const struct photo &p, bool weigh, const struct work &w)
 {
     unsigned n = strips(p, 3), blocks = blocks_of(p.plane);
@@ -317,8 +318,7 @@ static __global__ void clamp_kernel(size_t n, float *image)
         image[i] = fminf(fmaxf(image[i], 0.0f), 1.0f);
 }
 
-/* Squared differences of a block's pixels, per channel: first where the mask is 0, then where it is
- * 1. */
+/* sums [blocks][2][3] = sums of squared differences by mask bit and channel. */
 static __global__ void squares_kernel(struct photo p, double *sums)
 {
     __shared__ double sum[GPU_BLOCK];

@@ -1,9 +1,9 @@
 /* All-reduce between the GPUs of ranks with NCCL, compiled if nccl.h is found (NCCL= in the
- * Makefile). libnccl is opened on first use: the machine that runs the program may lack it.
+ * Makefile). libnccl is loaded on first use, since the machine that runs the program may lack it.
  *
- * NCCL's rules: https://docs.nvidia.com/deeplearning/nccl/user-guide/docs/api.html, group calls and
- * collective communication. Calls of one group run together; the ranks must make matching calls in
- * the same order. */
+ * The rules of NCCL are in https://docs.nvidia.com/deeplearning/nccl/user-guide/docs/api.html,
+ * group calls and collective communication. Calls of one group run together; the ranks must make
+ * matching calls in the same order. */
 #include <dlfcn.h>
 #include <nccl.h>
 #include <stdio.h>
@@ -43,7 +43,7 @@ static spin_status failed(const char *call, ncclResult_t result)
     return cuda_fail(SPIN_E_DEVICE, what, nccl.ncclGetErrorString(result));
 }
 
-/* Calls a function of NCCL; on failure, returns from the calling function. */
+/* Calls a function of NCCL; if it fails, returns its error from the calling function. */
 #define NCCL(name, ...)                                                                            \
     do {                                                                                           \
         ncclResult_t result = nccl.name(__VA_ARGS__);                                              \
@@ -136,8 +136,8 @@ static void take_a_nap(void)
     nanosleep(&nap, NULL);
 }
 
-/* When a rank fails, its link breaks first and its error message arrives a little later: wait for
- * the message. */
+/* Waits for the error message of another rank: when a rank fails, its link breaks first, and its
+ * message arrives a little later. */
 static spin_status hear_why(ncclResult_t result, spin_status (*listen)(void))
 {
     enum { NAPS = 40000 }; /* at least two seconds */
@@ -149,7 +149,8 @@ static spin_status hear_why(ncclResult_t result, spin_status (*listen)(void))
     return failed("an all-reduce", result);
 }
 
-/* Polls instead of waiting in CUDA: if another rank has failed, its part never arrives. */
+/* Waits until the all-reduce is done. Polls instead of waiting in CUDA, since the values of a rank
+ * that has failed never arrive. */
 static spin_status wait_for_others(struct spin_device *d, spin_status (*listen)(void))
 {
     enum { EAGER = 2000 };
