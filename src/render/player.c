@@ -57,7 +57,7 @@ static bool is_drawable(const struct spin_splats *s, size_t i, size_t n_sh)
            !isnan(s->logit_opacities[i]);
 }
 
-static void add_bad(struct spin_player *p, int index, size_t n_bad)
+static void add_bad_splats(struct spin_player *p, int index, size_t n_bad)
 {
     p->looked[index] = 1;
     p->n_bad += n_bad;
@@ -72,7 +72,7 @@ static void count_stored(struct spin_player *p, int index, const struct spin_spl
         return;
     for (size_t i = 0; i < s->n; i++)
         n_bad += !is_drawable(s, i, n_sh);
-    add_bad(p, index, n_bad);
+    add_bad_splats(p, index, n_bad);
 }
 
 /* Counts splats whose positions or residuals (NULL: none) are not finite. No other check is needed,
@@ -88,7 +88,7 @@ static void count_network(struct spin_player *p, int index, size_t n, const floa
         n_bad += spin_zeros(means + 3 * i, 3) +
                      (residual ? spin_zeros(residual + SPIN_RESIDUAL * i, SPIN_RESIDUAL) : 0) !=
                  0.0f;
-    add_bad(p, index, n_bad);
+    add_bad_splats(p, index, n_bad);
 }
 
 static void warn_bad(const struct spin_player *p)
@@ -229,7 +229,7 @@ static void release_frame(struct spin_player *p)
     p->capacity = 0;
 }
 
-static void release_pictures(struct spin_player *p)
+static void release_images(struct spin_player *p)
 {
     struct spin_device *d = p->device;
 
@@ -249,7 +249,7 @@ void spin_player_close(struct spin_player *p)
     warn_bad(p);
     free(p->looked);
     release_frame(p);
-    release_pictures(p);
+    release_images(p);
     if (p->lenses)
         p->device->op->release(p->device, p->falloff);
     spin_bundle_tracks_close(&p->tracks);
@@ -262,7 +262,7 @@ void spin_player_close(struct spin_player *p)
 }
 
 /* Ensures capacity for n splats. If the capacity grows, the current frame is discarded. */
-static spin_status need(struct spin_player *p, size_t n)
+static spin_status reserve_frame(struct spin_player *p, size_t n)
 {
     struct spin_device *d = p->device;
     size_t capacity = n + n / 8 + 64;
@@ -285,7 +285,7 @@ out:
     return status;
 }
 
-static void decode(struct spin_player *p, const struct spin_frame_batch *frame)
+static void decode_frame(struct spin_player *p, const struct spin_frame_batch *frame)
 {
     p->now = *frame;
     p->now.narrow = p->field_eval.narrow;
@@ -309,7 +309,7 @@ static spin_status read_rows(struct spin_player *p, const char *series, int inde
 }
 
 /* Uploads the residuals of a frame, which are rows [n][SPIN_RESIDUAL] in the staging buffer. */
-static spin_status send_residual(struct spin_player *p, size_t n, const float SPIN_DEV **residual)
+static spin_status upload_residual(struct spin_player *p, size_t n, const float SPIN_DEV **residual)
 {
     struct spin_device *d = p->device;
     float *rows = p->staging, *groups = p->staging + p->capacity * SPIN_ATTR;
@@ -334,7 +334,7 @@ static spin_status read_residual(struct spin_player *p, int index, size_t n,
     if (!spin_npz_has(&p->bundle->npz, name))
         return SPIN_OK;
     SPIN_TRY(read_rows(p, "trained/residual", index, n, SPIN_RESIDUAL, p->staging));
-    return send_residual(p, n, residual);
+    return upload_residual(p, n, residual);
 }
 
 /* Reads positions and residuals of a retrained frame. */
@@ -347,7 +347,7 @@ static spin_status read_network_frame(struct spin_player *p, int index, size_t n
         return read_residual(p, index, n, residual);
     }
     SPIN_TRY(spin_bundle_tracks_frame(&p->tracks, index, n, p->splats.means, p->staging));
-    return send_residual(p, n, residual);
+    return upload_residual(p, n, residual);
 }
 
 /* Reads columns that are stored as they are. */
@@ -371,13 +371,13 @@ spin_status spin_player_show(struct spin_player *p, int index)
         SPIN_TRY(spin_player_show_splats(p, &p->splats));
         spin_bundle_rest(&p->splats);
     } else {
-        SPIN_TRY(need(p, n));
+        SPIN_TRY(reserve_frame(p, n));
         SPIN_TRY(read_network_frame(p, index, n, &residual));
         p->device->op->upload(p->device, p->pos, p->splats.means, n * 3 * sizeof(float));
         count_network(p, index, n, p->splats.means, residual ? p->staging : NULL);
         frame = spin_one_frame(
             n, p->pos, spin_field_time(&p->field, p->bundle->meta.frame[index].time), residual);
-        decode(p, &frame);
+        decode_frame(p, &frame);
     }
     p->now_frame = index;
     return SPIN_OK;
@@ -391,16 +391,16 @@ spin_status spin_player_show_live(struct spin_player *p, int index, size_t n)
         SPIN_TRY(p->read(p->context, index, &p->splats));
         return spin_player_show_splats(p, &p->splats);
     }
-    SPIN_TRY(need(p, n));
+    SPIN_TRY(reserve_frame(p, n));
     frame = p->live(p->context, index);
-    decode(p, &frame);
+    decode_frame(p, &frame);
     p->now_frame = index;
     return SPIN_OK;
 }
 
 spin_status spin_player_show_splats(struct spin_player *p, const struct spin_splats *s)
 {
-    SPIN_TRY(need(p, s->n));
+    SPIN_TRY(reserve_frame(p, s->n));
     spin_attr_from_splats(s, p->staging);
     p->device->op->upload(p->device, p->pos, s->means, s->n * 3 * sizeof(float));
     p->device->op->upload(p->device, p->attr, p->staging, s->n * SPIN_ATTR * sizeof(float));
@@ -436,10 +436,10 @@ spin_status spin_player_splats(struct spin_player *p, int index, unsigned column
 }
 
 /* Ensures that the raster is open, with capacity for an image of this size. */
-static spin_status need_pictures(struct spin_player *p, size_t pixels, size_t tiles)
+static spin_status reserve_images(struct spin_player *p, size_t pixels, size_t tiles)
 {
     if (pixels > p->pixels || tiles > p->tiles) {
-        release_pictures(p);
+        release_images(p);
         p->pixels = pixels;
         p->tiles = tiles;
     }
@@ -467,7 +467,7 @@ spin_status spin_player_set_lenses(struct spin_player *p, const struct spin_lens
 }
 
 /* Applies the falloff of the camera's lens to the image rendered last. */
-static void look_through_lens(struct spin_player *p, const struct spin_camera *camera)
+static void apply_lens(struct spin_player *p, const struct spin_camera *camera)
 {
     int lens = p->lenses ? spin_lenses_find(p->lenses, camera) : -1;
 
@@ -484,11 +484,11 @@ spin_status spin_player_draw(struct spin_player *p, const struct spin_camera *ca
     struct spin_camera_f32 cam = spin_camera_f32_from(camera);
 
     p->drawn_pixels = (size_t)cam.width * (size_t)cam.height;
-    SPIN_TRY(need_pictures(p, p->drawn_pixels, (size_t)cam.tiles_x * (size_t)cam.tiles_y));
+    SPIN_TRY(reserve_images(p, p->drawn_pixels, (size_t)cam.tiles_x * (size_t)cam.tiles_y));
     p->drawn = spin_raster_batch(&p->raster, background);
     spin_raster_add_view(&p->raster, &p->drawn, 0, p->now.n, camera, p->now_antialias);
     SPIN_TRY(spin_raster_forward(&p->raster, &p->drawn, &p->now, p->now_attr, p->now_sh_degree));
-    look_through_lens(p, camera);
+    apply_lens(p, camera);
     return image ? spin_player_picture(p, image) : SPIN_OK;
 }
 

@@ -56,7 +56,7 @@ void spin_column_stats_close(struct spin_column_stats *d)
     memset(d, 0, sizeof *d);
 }
 
-static void take(struct spin_series *series, const float *row, size_t n)
+static void add_row(struct spin_series *series, const float *row, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
         if (!isfinite(row[i])) {
@@ -70,8 +70,8 @@ static void take(struct spin_series *series, const float *row, size_t n)
 }
 
 /* Adds at most about `quota` values of a frame to the sample, evenly spaced. */
-static void sample(struct spin_series *series, size_t quota, const float *values, size_t n_rows,
-                   size_t width, size_t first, size_t n)
+static void sample_frame(struct spin_series *series, size_t quota, const float *values,
+                         size_t n_rows, size_t width, size_t first, size_t n)
 {
     size_t total = n_rows * n, step = total > quota ? (total + quota - 1) / quota : 1;
 
@@ -97,8 +97,8 @@ void spin_column_stats_frame(struct spin_column_stats *d, unsigned columns,
         if (!(columns & kinds[k].column) || !values || n == 0)
             continue;
         for (size_t i = 0; i < s->n; i++)
-            take(&d->series[k], values + i * width + kinds[k].first, n);
-        sample(&d->series[k], quota ? quota : 1, values, s->n, width, kinds[k].first, n);
+            add_row(&d->series[k], values + i * width + kinds[k].first, n);
+        sample_frame(&d->series[k], quota ? quota : 1, values, s->n, width, kinds[k].first, n);
     }
 }
 
@@ -106,7 +106,7 @@ void spin_column_stats_frame(struct spin_column_stats *d, unsigned columns,
 static double exponential(double x) { return exp(x); }
 static double sigmoid(double x) { return 1 / (1 + exp(-x)); }
 
-static spin_json *three(double (*function)(double), const double v[3])
+static spin_json *convert_three(double (*function)(double), const double v[3])
 {
     return spin_json_numbers((double[]){function(v[0]), function(v[1]), function(v[2])}, 3);
 }
@@ -134,9 +134,9 @@ void spin_column_stats_ranges(struct spin_column_stats *d, spin_json *report)
                           spin_json_number_value(value[1]), "max", spin_json_number_value(value[2]),
                           "not_finite", (double)series->n_not_finite / (double)series->n);
         if (kinds[k].column == SPIN_COL_LOG_SCALES)
-            spin_json_set(range, "scales", three(exponential, value));
+            spin_json_set(range, "scales", convert_three(exponential, value));
         if (kinds[k].column == SPIN_COL_LOGIT_OPACITIES)
-            spin_json_set(range, "opacities", three(sigmoid, value));
+            spin_json_set(range, "opacities", convert_three(sigmoid, value));
         spin_json_set(ranges, kinds[k].name, range);
     }
     spin_json_set(report, "ranges", ranges);

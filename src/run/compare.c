@@ -41,8 +41,8 @@ static spin_status check_views(const spin_json *first, const spin_json *run)
                               spin_json_string(spin_json_get(run, "input")));
 }
 
-static spin_status measure(const struct spin_eval_options *all, const char *const *input, int n,
-                           int i, struct spin_compare *c)
+static spin_status measure_run(const struct spin_eval_options *all, const char *const *input, int n,
+                               int i, struct spin_compare *c)
 {
     struct spin_eval_options o = *all;
     struct spin_eval_report report;
@@ -107,7 +107,7 @@ spin_status spin_compare(const struct spin_eval_options *o, const char *const *i
     if (spin_rank() == 0 && !o->data)
         warn_data(input, n);
     for (int i = 0; i < n; i++)
-        SPIN_TRY(measure(&all, input, n, i, &c));
+        SPIN_TRY(measure_run(&all, input, n, i, &c));
     if (spin_rank() == 0 && o->report)
         SPIN_TRY(spin_compare_page(&c, o->report, o->force));
     if (spin_rank() == 0 && figures)

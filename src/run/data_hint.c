@@ -15,7 +15,7 @@ struct found {
 };
 
 /* Counts the data set at path, if it is one. Takes ownership of path. */
-static void look_at(struct found *found, char *path)
+static void count_data_set(struct found *found, char *path)
 {
     const struct spin_importer *importer =
         path && spin_path_is_folder(path) ? spin_importer_guess(path, true) : NULL;
@@ -29,7 +29,7 @@ static void look_at(struct found *found, char *path)
     found->path = path;
 }
 
-static void look_beside(struct found *found, const char *input, const char *folder)
+static void search_folder(struct found *found, const char *input, const char *folder)
 {
     char **names = NULL, *path;
     size_t n = 0;
@@ -43,12 +43,12 @@ static void look_beside(struct found *found, const char *input, const char *fold
         if (spin_importer_guess(path, false)) /* another run; a data set inside belongs to it */
             free(path);
         else
-            look_at(found, path);
+            count_data_set(found, path);
     }
     spin_folder_list_free(names);
 }
 
-static struct found search(const char *input)
+static struct found find_data_sets(const char *input)
 {
     struct found found = {0};
     SPIN_FREED char *absolute = NULL, *folder = NULL;
@@ -58,12 +58,12 @@ static struct found search(const char *input)
     if (spin_path_absolute(input, &absolute) == SPIN_OK &&
         spin_path_folder(absolute, &folder) == SPIN_OK) {
         if (spin_strdup(absolute, &copy) == SPIN_OK)
-            look_at(&found, copy);
+            count_data_set(&found, copy);
         copy = NULL;
         if (found.n == 0 && spin_strdup(folder, &copy) == SPIN_OK)
-            look_at(&found, copy);
+            count_data_set(&found, copy);
         if (found.n == 0)
-            look_beside(&found, absolute, folder);
+            search_folder(&found, absolute, folder);
     }
     spin_inputs_pause(false);
     return found;
@@ -71,7 +71,7 @@ static struct found search(const char *input)
 
 char *spin_data_beside(const char *input)
 {
-    struct found found = search(input);
+    struct found found = find_data_sets(input);
 
     if (found.n == 1)
         return found.path;
@@ -81,7 +81,7 @@ char *spin_data_beside(const char *input)
 
 void spin_data_hint(const char *input, char *text, size_t n_text)
 {
-    struct found found = search(input);
+    struct found found = find_data_sets(input);
 
     text[0] = '\0';
     if (found.n == 1)

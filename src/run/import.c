@@ -73,7 +73,7 @@ static spin_status source_frame(struct import *im, int i, unsigned columns, stru
 
 /* Closes the data set of an exported clip, with a warning. The user did not request this data set,
  * so the import continues without it. */
-static void forget_data(struct import *im)
+static void drop_data(struct import *im)
 {
     spin_warn("not using the data set of the exported clip: %s", spin_last_error());
     spin_views_free(&im->views);
@@ -102,7 +102,7 @@ static spin_status open_data(struct import *im)
     if (im->data && status == SPIN_OK)
         status = spin_views_check_cameras(&im->views, false);
     if (status != SPIN_OK && !o->data && status != SPIN_E_MEMORY) {
-        forget_data(im);
+        drop_data(im);
         status = SPIN_OK;
     }
     if (im->data && *im->views.notes)
@@ -116,7 +116,7 @@ static spin_status open_data(struct import *im)
  * for each integer, if the run's times are frame numbers; else those of the only data set beside
  * the run, whose images are not used. Failing that, 4D splats get 30 frames per unit of time, as if
  * the unit were a second, or 61 frames if that would be fewer or the range is implausibly long. */
-static void look_for_frames(struct import *im)
+static void choose_default_frames(struct import *im)
 {
     const struct spin_import_options *o = im->o;
     struct spin_sequence_info *t = &im->sequence;
@@ -186,7 +186,7 @@ static spin_status attach_data(struct import *im)
         snprintf(im->meta.pair, sizeof im->meta.pair, "%s", o->pair);
     status = spin_views_pair(&im->views, &im->meta, im->meta.pair, im->rows);
     if (status != SPIN_OK && !o->data && status != SPIN_E_MEMORY) {
-        forget_data(im);
+        drop_data(im);
         return SPIN_OK;
     }
     SPIN_TRY(status);
@@ -322,7 +322,7 @@ static spin_status check_times(const struct import *im)
 /* ---- Points over images ---------------------------------------------------------------------- */
 
 /* Index of the kth of `most` items that are evenly spaced over 0..n-1, including both ends. */
-static int spread(int k, int most, int n)
+static int spread_index(int k, int most, int n)
 {
     return most > 1 ? (int)((int64_t)k * (n - 1) / (most - 1)) : 0;
 }
@@ -349,20 +349,20 @@ static spin_status check_view(struct import *im, int frame, size_t view)
 }
 
 /* A number from the report on the ith camera that was drawn. */
-static double of_camera(const spin_json *cameras, size_t i, const char *key)
+static double camera_value(const spin_json *cameras, size_t i, const char *key)
 {
     return json_number_value(spin_json_get(spin_json_at(cameras, i), key));
 }
 
 /* Warns if few points project into the images: the axes or the data set are then probably wrong. */
-static void judge_cameras(const spin_json *cameras)
+static void warn_few_points(const spin_json *cameras)
 {
     size_t n = spin_json_length(cameras);
     double in_front = 0, inside = 0;
 
     for (size_t i = 0; i < n; i++) {
-        in_front += of_camera(cameras, i, "in_front") / (double)n;
-        inside += of_camera(cameras, i, "inside") / (double)n;
+        in_front += camera_value(cameras, i, "in_front") / (double)n;
+        inside += camera_value(cameras, i, "inside") / (double)n;
     }
     if (in_front < 0.5)
         spin_warn("only %.0f %% of the points are in front of the cameras: check the axes, and "
@@ -384,7 +384,8 @@ static spin_status read_points(struct import *im, int frame)
 static bool is_drawn(const spin_json *cameras, int number, int camera)
 {
     for (size_t i = 0; i < spin_json_length(cameras); i++)
-        if (of_camera(cameras, i, "frame") == number && of_camera(cameras, i, "camera") == camera)
+        if (camera_value(cameras, i, "frame") == number &&
+            camera_value(cameras, i, "camera") == camera)
             return true;
     return false;
 }
@@ -438,7 +439,7 @@ static spin_status check_cameras(struct import *im)
     spin_json_set_string(im->report, "folder", o->check_cameras);
     spin_json_set(im->report, "cameras", spin_json_array());
     for (int k = 0; k < n; k++) {
-        int frame = spread(k, n, im->meta.n_frames);
+        int frame = spread_index(k, n, im->meta.n_frames);
         size_t view[CHECKED_VIEWS];
         size_t n_views =
             spin_camera_overlay_choose(&im->views, im->rows[frame], CHECKED_VIEWS, view);
@@ -447,7 +448,7 @@ static spin_status check_cameras(struct import *im)
         for (size_t i = 0; i < n_views; i++)
             SPIN_TRY(check_view(im, frame, view[i]));
     }
-    judge_cameras(spin_json_get(im->report, "cameras"));
+    warn_few_points(spin_json_get(im->report, "cameras"));
     status = spin_camera_shares(&im->views, im->rows, im->meta.n_frames, &im->splats, &shares);
     if (status == SPIN_OK)
         status = report_shares(im, &shares);
@@ -678,7 +679,7 @@ static spin_status read_frames(struct import *im)
     SPIN_TRY(spin_alloc((size_t)n, sizeof *read, (void **)&read));
     spin_progress_begin(&progress, im->stores ? "importing" : "reading", "frames", 0, n);
     for (int k = 0; k < n; k++)
-        read[k] = n < n_all ? spread(k, n, n_all) : k;
+        read[k] = n < n_all ? spread_index(k, n, n_all) : k;
     if (im->keeps_4d && im->stores)
         SPIN_TRY_OUT(store_4d(im));
     else if (im->stores)
@@ -704,7 +705,7 @@ out:
 /* ---- From start to end ----------------------------------------------------------------------- */
 
 /* Reports how the importer was chosen. */
-static void say_why(struct import *im)
+static void report_recognition(struct import *im)
 {
     char text[160] = "";
     struct spin_peek peek;
@@ -752,7 +753,7 @@ static void fill_report(struct import *im)
     }
     spin_json_set_string(report, "variant", t->variant);
     spin_json_set_string(report, "upstream", im->importer->upstream ? im->importer->upstream : "");
-    say_why(im);
+    report_recognition(im);
     spin_json_set_integer(report, "frames", meta->n_frames);
     spin_json_set(report, "times", spin_json_numbers((double[]){first->time, last->time}, 2));
     spin_json_set_bool(report, "continuous", t->continuous);
@@ -793,7 +794,7 @@ static spin_status check_frame_times(const struct spin_import_options *o)
 }
 
 /* Checks the result of the importer's open(): a plug-in may violate the interface. */
-static spin_status check_track(const struct import *im)
+static spin_status check_sequence(const struct import *im)
 {
     const struct spin_sequence_info *t = &im->sequence;
     const char *name = im->importer->name;
@@ -853,12 +854,12 @@ static spin_status run_import(struct import *im)
     im->values.pairs = o->plugin_pairs;
     spin_json_set_string(im->report, "from", im->importer->name);
     SPIN_TRY(im->importer->open(im->input, &im->values, &im->self, &im->sequence));
-    SPIN_TRY(check_track(im));
+    SPIN_TRY(check_sequence(im));
     SPIN_TRY(find_4d(im));
     if (im->below)
         spin_note(&im->sequence, "the run was found in '%s'", im->below);
     SPIN_TRY(open_data(im));
-    look_for_frames(im);
+    choose_default_frames(im);
     note_focal(im);
     SPIN_TRY(choose_frames(im));
     SPIN_TRY(check_times(im));

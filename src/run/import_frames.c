@@ -17,8 +17,8 @@ static bool rows_are_counted(const struct spin_sequence_info *t, const struct sp
 }
 
 /* Sets the times for a method whose times are frame numbers, counted from the first frame. */
-static void count_rows(struct spin_sequence_info *t, bool numbered, struct spin_frame_info *all,
-                       int n)
+static void set_counted_times(struct spin_sequence_info *t, bool numbered,
+                              struct spin_frame_info *all, int n)
 {
     bool counted = true;
 
@@ -37,7 +37,8 @@ static void count_rows(struct spin_sequence_info *t, bool numbered, struct spin_
 
 /* Adds a note if the times cover less than half of the method's range or extend far beyond it, as
  * their unit is then probably another. */
-static void compare_ranges(struct spin_sequence_info *t, const struct spin_frame_info *all, int n)
+static void note_different_range(struct spin_sequence_info *t, const struct spin_frame_info *all,
+                                 int n)
 {
     double first = all[0].time, last = all[0].time, span = t->time_last - t->time_first;
 
@@ -61,14 +62,14 @@ void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info
     double span = t->time_last - t->time_first, steps = half_open ? n : n > 1 ? n - 1 : 1;
 
     if (automatic && t->counts_frames) {
-        count_rows(t, numbered, all, n);
-        compare_ranges(t, all, n);
+        set_counted_times(t, numbered, all, n);
+        note_different_range(t, all, n);
         return;
     }
     if (!automatic && strcmp(rule, "data") == 0)
         return;
     if (automatic && !rows_are_counted(t, all, n)) {
-        compare_ranges(t, all, n);
+        note_different_range(t, all, n);
         return;
     }
     for (int i = 0; i < n; i++)
@@ -97,8 +98,8 @@ static const spin_json *entry_of(const spin_json *frames, int number)
 
 /* Applies sequence.json to the frames. Pass 0 checks all entries and pass 1 sets the values, so
  * nothing is set unless all frames match. */
-static bool take(const spin_json *root, struct spin_frame_info *frame, int n, int *place,
-                 struct spin_bundle_meta *meta)
+static bool apply_sequence(const spin_json *root, struct spin_frame_info *frame, int n, int *place,
+                           struct spin_bundle_meta *meta)
 {
     const spin_json *frames = spin_json_get(root, "frames");
     const char *pair = spin_json_string(spin_json_get(root, "pair"));
@@ -159,7 +160,7 @@ spin_status spin_exported_frames(const char *input, struct spin_frame_info *fram
     SPIN_FREED char *path = NULL;
 
     SPIN_TRY(open_sequence(input, &path, &root));
-    if (root && !take(root, frame, n, place, meta))
+    if (root && !apply_sequence(root, frame, n, place, meta))
         spin_warn("'%s' does not match the frames in its folder: ignoring the frame times and "
                   "indices that it records",
                   path);

@@ -49,7 +49,7 @@ static bool trains_clip(const struct run *r) { return r->plan.o->method != SPIN_
 /* ---- Before the work ------------------------------------------------------------------------- */
 
 /* Output complete: delete intermediate files. */
-static void tidy_up(const struct run *r)
+static void delete_intermediate_files(const struct run *r)
 {
     remove(r->plan.part);
     remove(r->plan.clip_of_state);
@@ -70,7 +70,7 @@ static spin_status check_output(const struct run *r, bool *done)
         *done = o->resume && spin_output_is_done(&r->plan, r->fingerprint);
         spin_inputs_own(o->output);
         if (*done) {
-            tidy_up(r);
+            delete_intermediate_files(r);
             return SPIN_OK;
         }
         return spin_output_check_file(o->output, false); /* reports the existing file */
@@ -162,7 +162,7 @@ static spin_status check_paths(const struct run *r)
 }
 
 /* Logs the preset, the number of iterations and the estimated time. */
-static void say_recipe(const struct spin_plan *p)
+static void log_recipe(const struct spin_plan *p)
 {
     const struct spin_retrain_options *o = p->o;
     char time[32], count[48], frames[48], about[64] = "", refining[96] = "";
@@ -198,8 +198,8 @@ static spin_status prepare_watch(struct run *r)
     return SPIN_OK;
 }
 
-static spin_status plan(struct run *r, const struct spin_retrain_options *o,
-                        struct spin_retrain_report *report)
+static spin_status make_plan(struct run *r, const struct spin_retrain_options *o,
+                             struct spin_retrain_report *report)
 {
     SPIN_TRY(spin_plan_open(&r->plan, o, report));
     if (trains_4d(r)) {
@@ -220,7 +220,7 @@ static spin_status plan(struct run *r, const struct spin_retrain_options *o,
 }
 
 /* Brightness at the corners of the images, relative to the centre. */
-static double corner_of(const struct run *r) { return spin_lenses_corner(&r->plan.lenses); }
+static double corner_brightness(const struct run *r) { return spin_lenses_corner(&r->plan.lenses); }
 
 static bool has_falloff(const struct spin_lens *lens)
 {
@@ -245,7 +245,7 @@ static spin_status choose_exposure(struct run *r)
     if (*choice == SPIN_EXPOSURE_ON)
         return SPIN_OK;
     *choice = (r->look.spread > least_spread && r->look.gains == SPIN_LOOK_SEEN) ||
-                      fabs(corner_of(r) - 1) > least_falloff
+                      fabs(corner_brightness(r) - 1) > least_falloff
                   ? SPIN_EXPOSURE_ON
                   : SPIN_EXPOSURE_OFF;
     for (int i = 0; i < lenses->n; i++)
@@ -253,7 +253,7 @@ static spin_status choose_exposure(struct run *r)
     return SPIN_OK;
 }
 
-static const char *why_not(enum spin_look_why why)
+static const char *rejection_text(enum spin_look_why why)
 {
     static const char *const text[] = {
         [SPIN_LOOK_SEEN] = "",
@@ -267,22 +267,25 @@ static const char *why_not(enum spin_look_why why)
 }
 
 /* Describes the measured differences between cameras, or why the measurement is rejected. */
-static void describe_look(const struct run *r, bool on, char text[400])
+static void describe_differences(const struct run *r, bool on, char text[400])
 {
     const struct spin_look *look = &r->look;
     bool refused = !on && look->spread > least_spread;
     char falloff[160];
 
-    if (corner_of(r) != 1)
+    if (corner_brightness(r) != 1)
         snprintf(falloff, sizeof falloff,
-                 "their images keep %.1f %% of the brightness in the corners", 100 * corner_of(r));
+                 "their images keep %.1f %% of the brightness in the corners",
+                 100 * corner_brightness(r));
     else
-        snprintf(falloff, sizeof falloff, "no falloff is measured (%s)", why_not(look->falloff));
+        snprintf(falloff, sizeof falloff, "no falloff is measured (%s)",
+                 rejection_text(look->falloff));
     snprintf(text, 400, "cameras differ in colour by %.1f %%%s%s%s, %s", 100 * look->spread,
-             refused ? " (" : "", refused ? why_not(look->gains) : "", refused ? ")" : "", falloff);
+             refused ? " (" : "", refused ? rejection_text(look->gains) : "", refused ? ")" : "",
+             falloff);
 }
 
-static void say_exposure(const struct run *r)
+static void log_exposure(const struct run *r)
 {
     bool on = r->plan.o->learn_exposure == SPIN_EXPOSURE_ON;
     char text[400];
@@ -291,7 +294,7 @@ static void say_exposure(const struct run *r)
         return;
     if (on && spin_rank() == 0)
         spin_lenses_warn(&r->plan.lenses, &r->plan.clip.views, r->plan.test, r->plan.n_test);
-    describe_look(r, on, text);
+    describe_differences(r, on, text);
     if (on && r->look.spread < 0)
         spin_log(0, "no point is visible in three training cameras to compare their colours: "
                     "the learned exposures and falloff start from neutral values");
@@ -307,7 +310,7 @@ static void say_exposure(const struct run *r)
 
 /* Opens the images and computes what the training derives from them: exposures, backdrop, keys of
  * refined frames, and the fingerprint of all inputs. */
-static spin_status look_at_input(struct run *r)
+static spin_status open_inputs(struct run *r)
 {
     SPIN_TRY(spin_photos_open(&r->photos, &r->plan));
     SPIN_TRY(spin_photos_look(&r->photos, &r->plan));
@@ -320,7 +323,7 @@ static spin_status look_at_input(struct run *r)
 
 /* ---- The work -------------------------------------------------------------------------------- */
 
-static void say_plan(const struct run *r)
+static void log_plan(const struct run *r)
 {
     double outside = r->plan.report->outside_ball;
     char frames[48];
@@ -341,7 +344,7 @@ static void say_plan(const struct run *r)
         spin_warn("nearly all points are outside the unit ball: consider --scene-normalise auto");
 }
 
-static spin_status look_at_source(struct run *r)
+static spin_status measure_source(struct run *r)
 {
     struct spin_quality *q = &r->plan.report->before;
 
@@ -409,7 +412,7 @@ static spin_status open_trainer(struct run *r, bool resume)
 }
 
 /* Initialises hash table and heads. */
-static spin_status begin_network(struct run *r)
+static spin_status init_network(struct run *r)
 {
     const struct spin_retrain_options *o = r->plan.o;
     struct spin_trainer *t = &r->trainer;
@@ -453,7 +456,7 @@ static struct spin_output output_of(struct run *r)
 }
 
 /* Updates the page of --watch. A failure to write the page does not end the training. */
-static spin_status show_state(void *context)
+static spin_status update_watch(void *context)
 {
     struct run *r = context;
     struct spin_output output = output_of(r);
@@ -473,7 +476,7 @@ static spin_status train_network(struct run *r)
     struct spin_checkpoint *c = &r->checkpoint;
     struct spin_loop loop = spin_loop_of(&r->plan, &r->photos, &r->trainer, c, &r->step_log);
 
-    loop.looked = r->plan.o->watch ? show_state : NULL;
+    loop.looked = r->plan.o->watch ? update_watch : NULL;
     loop.context = r;
     c->path = r->plan.part;
     c->fingerprint = r->fingerprint;
@@ -485,10 +488,10 @@ static spin_status train_network(struct run *r)
                           : spin_frames_load(&r->frames, &r->plan, &r->refinement, &r->tracks,
                                              &r->trainer, !resume));
     c->permutation = r->frames.permutation;
-    SPIN_TRY(resume ? spin_checkpoint_load(c, &r->trainer) : begin_network(r));
+    SPIN_TRY(resume ? spin_checkpoint_load(c, &r->trainer) : init_network(r));
     c->sound = true;
-    say_plan(r);
-    SPIN_TRY(look_at_source(r));
+    log_plan(r);
+    SPIN_TRY(measure_source(r));
     if (spin_rank() == 0)
         remove(r->plan.clip_of_state); /* left by an earlier interrupt */
     c->saved_s = spin_now_s();
@@ -501,12 +504,12 @@ static spin_status train_network(struct run *r)
 }
 
 /* --method frames: the refined frames are the result. */
-static spin_status keep_frames(struct run *r)
+static spin_status use_refined_frames(struct run *r)
 {
     struct spin_retrain_report *report = r->plan.report;
 
-    say_plan(r);
-    SPIN_TRY(look_at_source(r));
+    log_plan(r);
+    SPIN_TRY(measure_source(r));
     report->test = report->refined;
     report->seconds = report->refine_seconds;
     return SPIN_OK;
@@ -525,7 +528,7 @@ static void warn_worse(const struct run *r)
                                    : "a larger --refine, or --refine-start source");
 }
 
-static spin_status run(struct run *r)
+static spin_status run_stages(struct run *r)
 {
     struct spin_plan *p = &r->plan;
     struct spin_output output = output_of(r);
@@ -536,7 +539,7 @@ static spin_status run(struct run *r)
         if (trains_clip(r))
             SPIN_TRY(spin_plan_check_memory(p));
     }
-    SPIN_TRY(trains_clip(r) ? train_network(r) : keep_frames(r));
+    SPIN_TRY(trains_clip(r) ? train_network(r) : use_refined_frames(r));
     spin_reserve_set(&r->checkpoint.reserve, NULL, 0);
     SPIN_TRY(spin_output_write(&output));
     warn_worse(r);
@@ -545,7 +548,7 @@ static spin_status run(struct run *r)
 
 /* After an interrupt, writes the result so far as a clip beside the checkpoint, where
  * spin_bundle_open() finds it, so that users can view it. */
-static void keep_clip(struct run *r)
+static void write_partial_clip(struct run *r)
 {
     struct spin_retrain_options o = *r->plan.o;
     struct spin_plan plan = r->plan;
@@ -561,7 +564,7 @@ static void keep_clip(struct run *r)
 
 /* After a failure or an interrupt, saves the checkpoint for --resume and adds its path to the
  * error. */
-static spin_status keep(struct run *r, spin_status failed)
+static spin_status save_after_failure(struct run *r, spin_status failed)
 {
     struct spin_checkpoint *c = &r->checkpoint;
     const char *go_on = spin_options_continue(r->plan.o);
@@ -577,7 +580,7 @@ static spin_status keep(struct run *r, spin_status failed)
         snprintf(kept, sizeof kept, "; %s", spin_last_error());
     if (failed == SPIN_E_CANCELLED && spin_ranks_agreed() && c->sound &&
         c->saved == r->trainer.iteration)
-        keep_clip(r);
+        write_partial_clip(r);
     if (c->saved >= 0)
         return spin_fail(failed, "%s%s; the checkpoint of iteration %lld is kept in '%s'%s%s", why,
                          kept, (long long)c->saved, r->plan.part, c->sound ? ": " : "",
@@ -588,7 +591,7 @@ static spin_status keep(struct run *r, spin_status failed)
     return spin_fail(failed, "%s%s", why, kept);
 }
 
-static spin_status begin(struct run *r, bool *done)
+static spin_status prepare_outputs(struct run *r, bool *done)
 {
     bool found[2] = {false, r->plan.o->resume && spin_path_exists(r->plan.part)};
     spin_status status = spin_rank() == 0 ? check_output(r, &found[0]) : SPIN_OK;
@@ -604,7 +607,7 @@ static spin_status begin(struct run *r, bool *done)
     return SPIN_OK;
 }
 
-static spin_status work(struct run *r)
+static spin_status run_training(struct run *r)
 {
     struct spin_plan *p = &r->plan;
     bool done = false;
@@ -613,20 +616,20 @@ static spin_status work(struct run *r)
     /* rank 0 alone writes files: lock, log and checkpoint */
     SPIN_TRY(spin_ranks_agree(spin_rank() == 0 ? spin_output_lock_take(p->o->output, &r->lock)
                                                : SPIN_OK));
-    SPIN_TRY(look_at_input(r));
-    SPIN_TRY(begin(r, &done));
+    SPIN_TRY(open_inputs(r));
+    SPIN_TRY(prepare_outputs(r, &done));
     if (done) {
         spin_log(0, "'%s' is already finished", p->o->output);
         return SPIN_OK;
     }
-    say_recipe(p);
-    say_exposure(r);
-    status = run(r);
+    log_recipe(p);
+    log_exposure(r);
+    status = run_stages(r);
     if (status != SPIN_OK)
-        return keep(r, status);
+        return save_after_failure(r, status);
     p->report->bytes_peak = spin_memory_peak();
     if (spin_rank() == 0)
-        tidy_up(r);
+        delete_intermediate_files(r);
     return SPIN_OK;
 }
 
@@ -673,9 +676,9 @@ spin_status spin_train(const struct spin_retrain_options *o, struct spin_retrain
     r.checkpoint.saved = -1;
     status = o->output ? spin_bundle_check_name(o->output) : SPIN_OK;
     if (status == SPIN_OK)
-        status = plan(&r, o, report);
+        status = make_plan(&r, o, report);
     if (status == SPIN_OK && !o->dry_run)
-        status = work(&r);
+        status = run_training(&r);
     if (status == SPIN_OK) {
         status = close_log(&r);
     } else {

@@ -73,7 +73,7 @@ SPIN_FN int32_t clamp_to(float v, float n) { return (int32_t)spin_minf(spin_maxf
  * reach of spin_blend_reach() is padded by 0.01, so adding 0.999 rounds up. `least` has a margin
  * for the rounding errors of the exponent's terms anywhere in the tile; for degenerate coefficients
  * it is so low that no pixel is skipped. */
-static void reach_of(struct ready *r)
+static void compute_reach(struct ready *r)
 {
     for (int i = 0; i < BATCH; i++) {
         float reach_x, reach_y, a, b, c, x, y, terms;
@@ -94,9 +94,9 @@ static void reach_of(struct ready *r)
 }
 
 /* Prepares a batch of n pairs, and prefetches the n_next splats of the batch after it, `next`. */
-static void make_ready(const struct spin_splat2d *splat2d, const struct place *p,
-                       const uint32_t *intersections, uint32_t n, const uint32_t *next,
-                       uint32_t n_next, struct ready *r)
+static void prepare_batch(const struct spin_splat2d *splat2d, const struct place *p,
+                          const uint32_t *intersections, uint32_t n, const uint32_t *next,
+                          uint32_t n_next, struct ready *r)
 {
     for (uint32_t i = 0; i < n_next; i++)
         __builtin_prefetch(splat2d + next[i]);
@@ -111,7 +111,7 @@ static void make_ready(const struct spin_splat2d *splat2d, const struct place *p
         for (int c = 0; c < 3; c++)
             r->colour[c][i] = s->colour[c];
     }
-    reach_of(r);
+    compute_reach(r);
 }
 
 static struct spin_blend_splat splat_of(const struct ready *r, uint32_t i)
@@ -298,8 +298,8 @@ static void blend_task(void *context, int tile)
     front_begin(&f, &p);
     for (uint32_t first = 0; first < n && f.n_live; first += BATCH) {
         uint32_t count = n - first < BATCH ? n - first : BATCH, left = n - first - count;
-        make_ready(job->splat2d, &p, intersections + first, count, intersections + first + count,
-                   left < BATCH ? left : BATCH, &ready);
+        prepare_batch(job->splat2d, &p, intersections + first, count, intersections + first + count,
+                      left < BATCH ? left : BATCH, &ready);
         for (uint32_t i = 0; i < count && f.n_live; i++)
             front_splat(&f, &ready, i, p.height, (int32_t)(first + i));
     }
@@ -550,8 +550,8 @@ static void back_task(void *context, int tile)
     while (end > 0) {
         uint32_t first = (end - 1) / BATCH * BATCH, n_batch = end - first;
         struct spin_blend_sums *slot[BATCH];
-        make_ready(job->splat2d, &p, intersections + first, n_batch,
-                   intersections + first - (first ? BATCH : 0), first ? BATCH : 0, &ready);
+        prepare_batch(job->splat2d, &p, intersections + first, n_batch,
+                      intersections + first - (first ? BATCH : 0), first ? BATCH : 0, &ready);
         for (uint32_t i = 0; i < n_batch; i++) {
             slot[i] = slot_of(job, &p, intersections[first + i]);
             __builtin_prefetch(slot[i], 1);

@@ -174,7 +174,8 @@ struct ahead {
 
 /* Prefetches the rows of point b into the second-level cache: in the first level they would evict
  * the rows that are being read. */
-static inline __attribute__((always_inline)) void fetch(const struct ahead *a, int b, int width)
+static inline __attribute__((always_inline)) void prefetch_rows(const struct ahead *a, int b,
+                                                                int width)
 {
     if (!a->c)
         return;
@@ -218,13 +219,13 @@ static void block_set(struct block *b, const struct grid_job *job, const struct 
 
 /* Interpolates one group of `lanes` features of rows of `width` floats. */
 static inline __attribute__((always_inline)) void
-gather(const float *table, const struct corners *c, const struct points *p, int m, int width,
-       int lanes, float *z, size_t z_width, const struct ahead *next)
+gather_features(const float *table, const struct corners *c, const struct points *p, int m,
+                int width, int lanes, float *z, size_t z_width, const struct ahead *next)
 {
     for (int b = 0; b < m; b++) {
         quad sum = {0, 0, 0, 0};
 
-        fetch(next, b, width);
+        prefetch_rows(next, b, width);
         if (p->inside[b])
             for (int k = 0; k < CORNERS; k++)
                 sum += c->weight[k][b] *
@@ -245,17 +246,17 @@ static void gather_level(const struct grid_job *job, int level, const struct lev
 
     switch (job->grid->n_features) {
     case 1:
-        gather(table, c, p, m, 1, 1, z, z_width, next);
+        gather_features(table, c, p, m, 1, 1, z, z_width, next);
         break;
     case 2:
-        gather(table, c, p, m, 2, 2, z, z_width, next);
+        gather_features(table, c, p, m, 2, 2, z, z_width, next);
         break;
     case 4:
-        gather(table, c, p, m, 4, 4, z, z_width, next);
+        gather_features(table, c, p, m, 4, 4, z, z_width, next);
         break;
     default:
-        gather(table, c, p, m, 8, 4, z, z_width, next);
-        gather(table + 4, c, p, m, 8, 4, z + 4, z_width, &nothing);
+        gather_features(table, c, p, m, 8, 4, z, z_width, next);
+        gather_features(table + 4, c, p, m, 8, 4, z + 4, z_width, &nothing);
     }
 }
 
@@ -297,7 +298,7 @@ void SPIN_CPU(grid)(struct spin_device *d, const struct spin_grid *grid, const f
 
 /* Applies the Adam steps that a line has missed. from: its last step; at: index of its first
  * value. */
-static void bring(const struct grid_job *job, float from, size_t at)
+static void catch_up_line(const struct grid_job *job, float from, size_t at)
 {
     const struct spin_cpu_lazy_adam *lazy = job->lazy;
     size_t step = (size_t)from, missed = (size_t)lazy->public.done - step;
@@ -312,8 +313,9 @@ static void bring(const struct grid_job *job, float from, size_t at)
 
 /* Updates and marks the lines that the corners of a block need. begin: index of the first value
  * that is divided into lines; line: first line of the level. */
-static void need(const struct grid_job *job, const struct corners *c, const struct points *p, int m,
-                 size_t begin, size_t line, const struct ahead *next)
+static void update_lines(const struct grid_job *job, const struct corners *c,
+                         const struct points *p, int m, size_t begin, size_t line,
+                         const struct ahead *next)
 {
     float mark = (float)(job->lazy->public.done + 1), done = (float)job->lazy->public.done;
     float *lines = job->lazy->public.last;
@@ -337,7 +339,7 @@ static void need(const struct grid_job *job, const struct corners *c, const stru
             if (last == mark)
                 continue;
             if (last != done)
-                bring(job, last, begin + at * SPIN_LINE);
+                catch_up_line(job, last, begin + at * SPIN_LINE);
             lines[at] = mark;
         }
     }
@@ -366,7 +368,8 @@ static void grid_lazy_task(void *context, int task)
             next.first = job->table + at.first_row * width;
         }
         if (level >= lazy_level)
-            need(job, &b->c, &b->p, b->m, begin, (at.first_row * width - begin) / SPIN_LINE, &next);
+            update_lines(job, &b->c, &b->p, b->m, begin, (at.first_row * width - begin) / SPIN_LINE,
+                         &next);
         gather_level(job, level, &at, &b->c, &b->p, first, b->m, &next);
     }
     spin_denormals_back(before);
@@ -438,16 +441,17 @@ static inline __attribute__((always_inline)) quad slopes(const quad v[CORNERS], 
     return sum;
 }
 
-/* The adjoint of gather(). Adds the position gradient, including the smoothstep slopes, to d_x
- * unless it is NULL. */
+/* The adjoint of gather_features(). Adds the position gradient, including the smoothstep slopes, to
+ * d_x unless it is NULL. */
 static inline __attribute__((always_inline)) void
-scatter(const float *table, float *d_table, const struct corners *c, const struct points *p, int m,
-        int width, int lanes, const float *d_z, size_t z_width, quad *d_x, const struct ahead *next)
+scatter_gradients(const float *table, float *d_table, const struct corners *c,
+                  const struct points *p, int m, int width, int lanes, const float *d_z,
+                  size_t z_width, quad *d_x, const struct ahead *next)
 {
     for (int b = 0; b < m; b++) {
         quad g = quad_load(d_z + (size_t)b * z_width, lanes);
 
-        fetch(next, b, width);
+        prefetch_rows(next, b, width);
         if (!p->inside[b])
             continue;
         for (int k = 0; k < CORNERS; k++) {
@@ -497,17 +501,18 @@ static void grid_back_task(void *context, int task)
             memset(d_x, 0, (size_t)m * sizeof *d_x);
         switch (grid->n_features) {
         case 1:
-            scatter(table, d_table, c, p, m, 1, 1, d_z, z_width, d_x, &next);
+            scatter_gradients(table, d_table, c, p, m, 1, 1, d_z, z_width, d_x, &next);
             break;
         case 2:
-            scatter(table, d_table, c, p, m, 2, 2, d_z, z_width, d_x, &next);
+            scatter_gradients(table, d_table, c, p, m, 2, 2, d_z, z_width, d_x, &next);
             break;
         case 4:
-            scatter(table, d_table, c, p, m, 4, 4, d_z, z_width, d_x, &next);
+            scatter_gradients(table, d_table, c, p, m, 4, 4, d_z, z_width, d_x, &next);
             break;
         default:
-            scatter(table, d_table, c, p, m, 8, 4, d_z, z_width, d_x, &next);
-            scatter(table + 4, d_table + 4, c, p, m, 8, 4, d_z + 4, z_width, d_x, &nothing);
+            scatter_gradients(table, d_table, c, p, m, 8, 4, d_z, z_width, d_x, &next);
+            scatter_gradients(table + 4, d_table + 4, c, p, m, 8, 4, d_z + 4, z_width, d_x,
+                              &nothing);
         }
     }
 }

@@ -177,7 +177,7 @@ ssim_row(int w, const float *SPIN_RESTRICT p0, const float *SPIN_RESTRICT p1,
     }
 }
 
-static void times_row(int w, const float *SPIN_RESTRICT weight, float *SPIN_RESTRICT row)
+static void weight_row(int w, const float *SPIN_RESTRICT weight, float *SPIN_RESTRICT row)
 {
     for (int x = 0; x < w; x++)
         row[x] *= weight[x];
@@ -204,14 +204,14 @@ static void forward_task(void *context, int task)
                  padded(job, &b, 2, in_part), padded(job, &b, 3, in_part), line, job->slope[0] + at,
                  job->slope[1] + at, job->slope[2] + at);
         for (int m = 0; weight && m < 3; m++)
-            times_row(job->width, weight, job->slope[m] + at);
+            weight_row(job->width, weight, job->slope[m] + at);
         if (weight)
-            times_row(job->width, weight, line);
+            weight_row(job->width, weight, line);
         ssim += sum_row(line, job->width);
         for (int i = 0; i < job->width; i++)
             line[i] = fabsf(x[i] - y[i]);
         if (weight)
-            times_row(job->width, weight, line);
+            weight_row(job->width, weight, line);
         l1 += sum_row(line, job->width);
         mass += weight ? sum_row(weight, job->width) : job->width;
     }
@@ -233,7 +233,7 @@ static void backward_row(const struct job *job, const struct band *b, int row)
     for (int i = 0; i < job->width; i++)
         l1[i] = job->scale_l1;
     if (job->pixel_weight)
-        times_row(job->width, job->pixel_weight + in_plane, l1);
+        weight_row(job->width, job->pixel_weight + in_plane, l1);
     for (int i = 0; i < job->width; i++) {
         float slope =
             window_across(p0, i) + 2 * x[i] * window_across(p1, i) + y[i] * window_across(p2, i);
@@ -308,9 +308,9 @@ static bool load_photo(struct spin_device *d, const struct spin_view_of_batch *v
 /* ---- Verbs ----------------------------------------------------------------------------------- */
 
 /* Computes the values of the loss of one view and, unless d_image is NULL, its gradient. */
-static void lose(struct spin_device *d, int width, int height, const float *image,
-                 const float *truth, const float *pixel_weight, float lambda_dssim, float weight,
-                 double values[SPIN_LOSS_VALUES], float *d_image)
+static void compute_loss(struct spin_device *d, int width, int height, const float *image,
+                         const float *truth, const float *pixel_weight, float lambda_dssim,
+                         float weight, double values[SPIN_LOSS_VALUES], float *d_image)
 {
     struct job job = {.width = width,
                       .height = height,
@@ -369,9 +369,10 @@ void SPIN_CPU(loss)(struct spin_device *d, const struct spin_view_batch *views,
 
         if (!load_photo(d, view, images, true, &truth, &pixel_weight))
             return;
-        lose(d, view->camera.width, view->camera.height, image + (size_t)k * 3 * views->max_pixels,
-             truth, pixel_weight, lambda_dssim, view->weight,
-             values + (size_t)view->value * SPIN_LOSS_VALUES, spin_cpu_picture(views, k, d_image));
+        compute_loss(d, view->camera.width, view->camera.height,
+                     image + (size_t)k * 3 * views->max_pixels, truth, pixel_weight, lambda_dssim,
+                     view->weight, values + (size_t)view->value * SPIN_LOSS_VALUES,
+                     spin_cpu_picture(views, k, d_image));
     }
 }
 
@@ -406,8 +407,8 @@ void SPIN_CPU(measure)(struct spin_device *d, const struct spin_view_batch *view
         v[SPIN_MEASURE_SQUARES] = spin_squares(shown, truth, 3 * plane);
         for (size_t c = 0; c < 3; c++)
             v[SPIN_MEASURE_RED + c] = spin_squares(shown + c * plane, truth + c * plane, plane);
-        lose(d, view->camera.width, view->camera.height, shown, truth, NULL, 1.0f, 0.0f, loss,
-             NULL);
+        compute_loss(d, view->camera.width, view->camera.height, shown, truth, NULL, 1.0f, 0.0f,
+                     loss, NULL);
         v[SPIN_MEASURE_SSIM] = loss[SPIN_LOSS_SSIM];
         v[SPIN_MEASURE_OUTSIDE] = v[SPIN_MEASURE_SQUARES];
         v[SPIN_MEASURE_INSIDE] = 0;

@@ -50,8 +50,9 @@ struct product {
 };
 
 /* One tile of C. rows and vecs are constants after inlining, so the sums stay in registers. */
-ALWAYS_INLINE void tile(const struct product *x, int rows, int vecs, size_t a_row, size_t a_col,
-                        const float *a, const float *b, const float *from, float *c)
+ALWAYS_INLINE void multiply_tile(const struct product *x, int rows, int vecs, size_t a_row,
+                                 size_t a_col, const float *a, const float *b, const float *from,
+                                 float *c)
 {
     vec sum[TILE_ROWS][TILE_VECS];
     size_t ldb = x->ldb, ldc = x->ldc, from_ld = x->from_ld;
@@ -81,7 +82,8 @@ ALWAYS_INLINE void tile(const struct product *x, int rows, int vecs, size_t a_ro
 
 /* All rows of one column of tiles starting at n0: by sixes, then fours, then ones. Callers pass 1
  * as a constant for one of a_row and a_col. */
-ALWAYS_INLINE void column(const struct product *x, int vecs, size_t a_row, size_t a_col, int n0)
+ALWAYS_INLINE void multiply_column(const struct product *x, int vecs, size_t a_row, size_t a_col,
+                                   int n0)
 {
     static const float zeros[TILE_VECS * LANES];
     const float *a = x->a, *b = x->b + n0, *from = x->from ? x->from + n0 : zeros;
@@ -89,15 +91,15 @@ ALWAYS_INLINE void column(const struct product *x, int vecs, size_t a_row, size_
     int i = 0;
 
     for (; i + 6 <= x->m; i += 6) {
-        tile(x, 6, vecs, a_row, a_col, a, b, from, c);
+        multiply_tile(x, 6, vecs, a_row, a_col, a, b, from, c);
         a += 6 * a_row, from += 6 * x->from_ld, c += 6 * x->ldc;
     }
     for (; i + 4 <= x->m; i += 4) {
-        tile(x, 4, vecs, a_row, a_col, a, b, from, c);
+        multiply_tile(x, 4, vecs, a_row, a_col, a, b, from, c);
         a += 4 * a_row, from += 4 * x->from_ld, c += 4 * x->ldc;
     }
     for (; i < x->m; i++) {
-        tile(x, 1, vecs, a_row, a_col, a, b, from, c);
+        multiply_tile(x, 1, vecs, a_row, a_col, a, b, from, c);
         a += a_row, from += x->from_ld, c += x->ldc;
     }
 }
@@ -107,7 +109,7 @@ ALWAYS_INLINE void column(const struct product *x, int vecs, size_t a_row, size_
 #define COLUMN(name, vecs, a_row, a_col)                                                           \
     static __attribute__((noinline)) void name(const struct product *x, int n0)                    \
     {                                                                                              \
-        column(x, vecs < TILE_VECS ? vecs : TILE_VECS, a_row, a_col, n0);                          \
+        multiply_column(x, vecs < TILE_VECS ? vecs : TILE_VECS, a_row, a_col, n0);                 \
     }
 COLUMN(column_1, 1, x->a_row, 1)
 COLUMN(column_2, 2, x->a_row, 1)
@@ -120,7 +122,7 @@ COLUMN(column_turned_4, 4, 1, x->a_col)
 
 typedef void column_fn(const struct product *x, int n0);
 
-static void columns(const struct product *x, column_fn *const of_width[])
+static void multiply_columns(const struct product *x, column_fn *const of_width[])
 {
     int n0 = 0, width = TILE_VECS * LANES;
 
@@ -134,7 +136,7 @@ static void multiply(const struct product *x)
 {
     static column_fn *const of_width[] = {column_1, column_2, column_3, column_4};
 
-    columns(x, of_width);
+    multiply_columns(x, of_width);
 }
 
 /* multiply() for an A that is stored transposed, so that the sum runs over its rows in memory. */
@@ -143,7 +145,7 @@ static void multiply_transposed(const struct product *x)
     static column_fn *const of_width[] = {column_turned_1, column_turned_2, column_turned_3,
                                           column_turned_4};
 
-    columns(x, of_width);
+    multiply_columns(x, of_width);
 }
 
 /* ---- Padded weights -------------------------------------------------------------------------- */
@@ -193,7 +195,7 @@ static struct pieces pieces_of(const struct spin_heads *heads, bool transposed)
     return p;
 }
 
-static void pack(const struct pieces *p, const float *param, float *copy)
+static void pack_weights(const struct pieces *p, const float *param, float *copy)
 {
     memset(copy, 0, p->n_floats * sizeof *copy);
     for (int h = 0; h < SPIN_HEADS; h++) {
@@ -234,8 +236,8 @@ static const int column_of[SPIN_HEADS] = {SPIN_ATTR_SCALE, SPIN_ATTR_ROTATION, S
 /* One layer of head h: y [m][n_out] = x [m][n_in] W + bias, where W is piece w and the bias is
  * piece w + 1. Rows of x and y are x_ld and y_ld floats apart, and rows of y are written up to the
  * padded n_out. */
-static void layer(const struct job *job, int h, int w, int m, const float *x, size_t x_ld, float *y,
-                  size_t y_ld)
+static void layer_forward(const struct job *job, int h, int w, int m, const float *x, size_t x_ld,
+                          float *y, size_t y_ld)
 {
     const struct piece *piece = &job->turned.of[h][w];
     struct product product = {.m = m,
@@ -264,7 +266,7 @@ static void activate(bool relu, size_t n, float *restrict x)
 }
 
 /* Prefetches n floats. */
-ALWAYS_INLINE void fetch(const float *from, size_t n, int to_write)
+ALWAYS_INLINE void prefetch(const float *from, size_t n, int to_write)
 {
     for (size_t i = 0; i < n; i += 16) {
         if (to_write)
@@ -282,23 +284,23 @@ static void mlp_task(void *context, size_t first, size_t end)
     float *h1 = job->work + (size_t)spin_pool_worker() * job->work_floats;
     float *h2 = h1 + BLOCK * ld, *out = h2 + BLOCK * ld;
 
-    fetch(job->raw + first * SPIN_ATTR, (size_t)m * SPIN_ATTR, 1);
+    prefetch(job->raw + first * SPIN_ATTR, (size_t)m * SPIN_ATTR, 1);
     if (job->n - first > 2 * BLOCK)
-        fetch(job->z + (first + BLOCK) * n_in, BLOCK * n_in, 0);
+        prefetch(job->z + (first + BLOCK) * n_in, BLOCK * n_in, 0);
     for (int h = 0; h < SPIN_HEADS; h++) {
         size_t n_out = (size_t)job->heads->n_out[h], out_ld = padded(job->heads->n_out[h]);
         float *raw = job->raw + first * SPIN_ATTR + column_of[h];
 
-        layer(job, h, W1, m, job->z + first * n_in, n_in, h1, ld);
+        layer_forward(job, h, W1, m, job->z + first * n_in, n_in, h1, ld);
         activate(job->heads->relu, (size_t)m * ld, h1);
-        layer(job, h, W2, m, h1, ld, h2, ld);
+        layer_forward(job, h, W2, m, h1, ld, h2, ld);
         activate(job->heads->relu, (size_t)m * ld, h2);
         /* Write directly if the padding stays inside the row: later heads overwrite it. */
         if ((size_t)column_of[h] + out_ld <= SPIN_ATTR) {
-            layer(job, h, W3, m, h2, ld, raw, SPIN_ATTR);
+            layer_forward(job, h, W3, m, h2, ld, raw, SPIN_ATTR);
             continue;
         }
-        layer(job, h, W3, m, h2, ld, out, out_ld);
+        layer_forward(job, h, W3, m, h2, ld, out, out_ld);
         for (size_t i = 0; i < (size_t)m; i++)
             for (size_t j = 0; j < n_out; j++)
                 raw[i * SPIN_ATTR + j] = out[i * out_ld + j];
@@ -329,7 +331,7 @@ void SPIN_CPU(mlp)(struct spin_device *d, const struct spin_heads *heads, const 
         d, SPIN_SCRATCH_MLP, (job.turned.n_floats + n_workers * job.work_floats) * sizeof *scratch);
     if (!scratch)
         return;
-    pack(&job.turned, param, scratch);
+    pack_weights(&job.turned, param, scratch);
     job.turned_w = scratch;
     job.work = scratch + job.turned.n_floats;
     spin_pool_rows(spin_cpu_pool(d), n, BLOCK, mlp_task, &job);
@@ -438,9 +440,9 @@ static void head_back(const struct job *job, int h, int m, const float *d_raw, c
            out_ld = padded(heads->n_out[h]);
     size_t n_out = (size_t)heads->n_out[h];
 
-    layer(job, h, W1, m, w->z, in_ld, w->a1, ld);
+    layer_forward(job, h, W1, m, w->z, in_ld, w->a1, ld);
     activate_both(heads->relu, (size_t)m * ld, w->a1, w->slope1);
-    layer(job, h, W2, m, w->a1, ld, w->a2, ld);
+    layer_forward(job, h, W2, m, w->a1, ld, w->a2, ld);
     activate_both(heads->relu, (size_t)m * ld, w->a2, w->slope2);
 
     for (int i = 0; i < m; i++) {
@@ -541,10 +543,10 @@ void SPIN_CPU(mlp_back)(struct spin_device *d, const struct spin_heads *heads, c
     scratch = spin_cpu_scratch_need(d, SPIN_SCRATCH_MLP, floats * sizeof *scratch);
     if (!scratch)
         return;
-    pack(&job.turned, param, scratch);
+    pack_weights(&job.turned, param, scratch);
     job.turned_w = scratch;
     scratch += job.turned.n_floats;
-    pack(&job.plain, param, scratch);
+    pack_weights(&job.plain, param, scratch);
     job.plain_w = scratch;
     job.partial = scratch + job.plain.n_floats;
     job.work = job.partial + (size_t)job.n_tasks * job.plain.n_floats;

@@ -47,7 +47,7 @@ static struct job job_of(const struct spin_frame_of_batch *frame,
 
 /* Applies the motion of a splat's track: the displacement to the position, the Gaussian window to
  * the opacity. */
-static void move(const struct job *job, const float *motion, float *value)
+static void apply_motion(const struct job *job, const float *motion, float *value)
 {
     float d = job->t - motion[3], x = d * motion[4];
 
@@ -73,7 +73,7 @@ static inline void sum_rows(const struct job *job, size_t w, size_t first, size_
         for (size_t c = 0; c < w; c++)
             job->to[w * i + c] = (own ? own[c] : 0) + (shared ? shared[c] : 0);
         if (job->motion && shared)
-            move(job, job->motion + SPIN_MOTION * (size_t)job->track[i], job->to + w * i);
+            apply_motion(job, job->motion + SPIN_MOTION * (size_t)job->track[i], job->to + w * i);
     }
 }
 

@@ -33,7 +33,7 @@ static __global__ void adam_kernel(struct groups groups)
     groups.group[k].g[i] = 0;
 }
 
-static void launch(struct spin_device *d, struct groups *groups)
+static void launch_groups(struct spin_device *d, struct groups *groups)
 {
     if (groups->n > 0)
         GPU_LAUNCH(gpu_of(d), adam_kernel, groups->group[groups->n - 1].end, GPU_BLOCK, *groups);
@@ -58,9 +58,9 @@ void cuda_adam(struct spin_device *d, int n_groups, const struct spin_param_grou
                                     spin_adam_step_of(group[k].lr, group[k].step),
                                     first + gpu_blocks(group[k].n)};
         if (groups.n == MOST_GROUPS)
-            launch(d, &groups);
+            launch_groups(d, &groups);
     }
-    launch(d, &groups);
+    launch_groups(d, &groups);
 }
 
 /* ---- Nonfinite values ------------------------------------------------------------------------ */

@@ -39,7 +39,8 @@ struct picture {
 
 /* Prepares a splat, with its position relative to the tile's first pixel (x0, y0), as on the
  * CPU. */
-static __device__ struct spin_blend_splat make_ready(const struct spin_splat2d *s, int x0, int y0)
+static __device__ struct spin_blend_splat prepare_splat(const struct spin_splat2d *s, int x0,
+                                                        int y0)
 {
     return spin_blend_prepare(s->u_px - (float)x0, s->v_px - (float)y0, s->conic, s->opacity,
                               s->colour);
@@ -55,13 +56,13 @@ static __device__ struct front make_front(const struct spin_splat2d *s, int x0, 
 {
     struct front f;
 
-    f.splat = make_ready(s, x0, y0);
+    f.splat = prepare_splat(s, x0, y0);
     spin_blend_reach(f.splat.a, f.splat.b, f.splat.c, f.splat.log2_opacity, &f.reach_x, &f.reach_y);
     return f;
 }
 
 /* Whether the splat can reach a pixel of the warp whose first pixel is (x, y). */
-static __device__ bool comes_near(const struct front *f, int x, int y)
+static __device__ bool reaches_warp(const struct front *f, int x, int y)
 {
     float dx = f->splat.u_px - (float)x, dy = f->splat.v_px - (float)y;
 
@@ -97,7 +98,7 @@ static __global__ void blend_kernel(struct picture p, float *image, float *final
 
             if (__all_sync(all_lanes, pixel.stopped))
                 break;
-            near = __ballot_sync(all_lanes, i < count && comes_near(&batch[i], warp_x, warp_y));
+            near = __ballot_sync(all_lanes, i < count && reaches_warp(&batch[i], warp_x, warp_y));
             for (; near; near &= near - 1) {
                 struct spin_blend_splat s;
 
@@ -159,7 +160,7 @@ static __global__ void depth_kernel(struct picture p, float *depth)
     if (x0 + in_x >= p.cam.width || y0 + in_y >= p.cam.height)
         return;
     for (uint32_t k = p.start[tile]; k < p.start[tile + 1] && !pixel.stopped; k++) {
-        struct spin_blend_splat s = make_ready(p.splat2d + p.lists[k], x0, y0);
+        struct spin_blend_splat s = prepare_splat(p.splat2d + p.lists[k], x0, y0);
 
         s.colour[0] = p.splat2d[p.lists[k]].depth;
         s.colour[1] = 1;
@@ -281,9 +282,10 @@ static __device__ void add_held(const struct held &held, int n, uint32_t mine,
  * latency; if `two` is false, for the first only. `used` is the pixel's last contributor, relative
  * to the batch. Stores the terms in `held`. Returns false, with nothing stored, if neither splat
  * contributes to a pixel of the warp. */
-static __device__ bool step_back(const struct front *batch, const uint32_t i[TWO], bool two,
-                                 int32_t used, int in_x, int in_y,
-                                 struct spin_blend_pixel_adj *pixel, struct held *held, int n_held)
+static __device__ bool blend_two_back(const struct front *batch, const uint32_t i[TWO], bool two,
+                                      int32_t used, int in_x, int in_y,
+                                      struct spin_blend_pixel_adj *pixel, struct held *held,
+                                      int n_held)
 {
     int lane = (int)threadIdx.x % WARP;
     struct spin_blend_splat s[TWO];
@@ -382,7 +384,7 @@ static __global__ void __launch_bounds__(PIXELS, 5)
             __syncthreads();
         }
         near = __ballot_sync(all_lanes, at + (uint32_t)lane < warp_last &&
-                                            comes_near(&loaded[in + lane], warp_x, warp_y));
+                                            reaches_warp(&loaded[in + lane], warp_x, warp_y));
         while (near) {
             uint32_t i[TWO];
             bool two = (near & (near - 1)) != 0;
@@ -391,8 +393,8 @@ static __global__ void __launch_bounds__(PIXELS, 5)
             near ^= 1u << i[0];
             i[1] = two ? WARP - 1 - (uint32_t)__clz((int)near) : i[0];
             near &= ~(1u << i[1]);
-            if (!step_back(&loaded[in], i, two, (int32_t)(used - at), in_x, in_y, &pixel,
-                           &held[warp], n_held))
+            if (!blend_two_back(&loaded[in], i, two, (int32_t)(used - at), in_x, in_y, &pixel,
+                                &held[warp], n_held))
                 continue;
             seen |= 1u << i[0] | 1u << i[1];
             mine = lane / WARP_Y == n_held ? i[0] : lane / WARP_Y == n_held + 1 ? i[1] : mine;

@@ -8,7 +8,7 @@
 
 static spin_fail_fn *fail;
 
-static void use(spin_fail_fn *how) { fail = how; }
+static void set_fail(spin_fail_fn *how) { fail = how; }
 
 spin_status cuda_fail(spin_status status, const char *what, const char *why)
 {
@@ -19,7 +19,7 @@ spin_status cuda_no_memory(void) { return fail(SPIN_E_MEMORY, "out of memory"); 
 
 /* Records an error for the next wait(), unless `why` is NULL. Only the first error is kept, since
  * later ones are its consequences. */
-static void note(struct spin_device *d, spin_status status, const char *why)
+static void note_error(struct spin_device *d, spin_status status, const char *why)
 {
     struct cuda *cuda = cuda_of(d);
 
@@ -31,7 +31,7 @@ static void note(struct spin_device *d, spin_status status, const char *why)
 
 /* Number of the GPU to try first. Each rank of a machine has its own GPU, numbered by the local
  * rank, which Open MPI, MPICH and Slurm provide in the environment. */
-static int card_number(void)
+static int gpu_number(void)
 {
     static const char *const name[] = {"OMPI_COMM_WORLD_LOCAL_RANK", "MPI_LOCALRANKID",
                                        "SLURM_LOCALID"};
@@ -48,7 +48,7 @@ static int card_number(void)
 /* Whether three tf32 products are faster than one fp32 product. They are not on consumer GPUs (8.6,
  * 8.9, 12), whose tf32 and fp32 rates are equal. SPIN_CUDA_MLP=fp32 or tf32 overrides this, for
  * comparisons. */
-static bool wants_tensor(const struct gpu *gpu)
+static bool prefers_tensor(const struct gpu *gpu)
 {
     const char *wanted = getenv("SPIN_CUDA_MLP");
     bool games = (gpu->major == 8 && (gpu->minor == 6 || gpu->minor == 9)) || gpu->major == 12;
@@ -62,7 +62,7 @@ static spin_status open_cuda(struct spin_device *d, int n_threads)
 {
     struct cuda *cuda = (struct cuda *)calloc(1, sizeof *cuda);
     char why[200] = "";
-    int n, first = card_number(), at = 0;
+    int n, first = gpu_number(), at = 0;
     const char *sync = getenv("SPIN_CUDA_SYNC");
 
     (void)n_threads;
@@ -77,7 +77,7 @@ static spin_status open_cuda(struct spin_device *d, int n_threads)
         return fail(SPIN_E_DEVICE, "no CUDA device: %s", why);
     }
     cuda->sync = sync && strcmp(sync, "1") == 0;
-    cuda->tensor = wants_tensor(&cuda->gpu);
+    cuda->tensor = prefers_tensor(&cuda->gpu);
     d->state = cuda;
     d->path = "cuda";
     d->frames_at_once = SPIN_MAX_FRAMES;
@@ -117,7 +117,7 @@ static spin_status wait(struct spin_device *d)
     struct cuda *cuda = cuda_of(d);
     spin_status status;
 
-    note(d, SPIN_E_DEVICE, gpu_wait(&cuda->gpu));
+    note_error(d, SPIN_E_DEVICE, gpu_wait(&cuda->gpu));
     status = cuda->failed;
     cuda->failed = SPIN_OK;
     return status == SPIN_OK ? SPIN_OK : fail(status, "the CUDA device failed: %s", cuda->why);
@@ -129,7 +129,7 @@ static spin_status reserve(struct spin_device *d, size_t bytes, void SPIN_DEV **
     void *block = gpu_alloc(gpu_of(d), bytes, &why);
 
     *out = block;
-    note(d, SPIN_E_DEVICE, why);
+    note_error(d, SPIN_E_DEVICE, why);
     if (why)
         return wait(d);
     if (!block)
@@ -215,11 +215,11 @@ void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t byt
         s->bytes = bytes;
         s->block = gpu_alloc(&cuda->gpu, s->bytes, &failed);
     }
-    note(d, SPIN_E_DEVICE, failed);
+    note_error(d, SPIN_E_DEVICE, failed);
     if (!s->block) {
         snprintf(why, sizeof why, "out of memory: an operation needs %zu bytes of scratch memory",
                  s->bytes);
-        note(d, SPIN_E_MEMORY, why);
+        note_error(d, SPIN_E_MEMORY, why);
     }
     return s->block;
 }
@@ -228,14 +228,14 @@ void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t byt
 
 /* Adds the times between the pairs of events to the clock. This happens on request or when all
  * pairs are in use, since it waits for the events. */
-static void make_up(struct cuda_clock *clock)
+static void add_marks(struct cuda_clock *clock)
 {
     for (int i = 0; i < clock->n; i++)
         clock->seconds += gpu_seconds(clock->mark[i][0], clock->mark[i][1]);
     clock->n = 0;
 }
 
-static void mark(struct spin_device *d, int op, int end)
+static void record_mark(struct spin_device *d, int op, int end)
 {
     struct cuda_clock *clock = &cuda_of(d)->clock[op];
     void **at = &clock->mark[clock->n][end];
@@ -248,8 +248,8 @@ static void mark(struct spin_device *d, int op, int end)
 cuda_clocked::cuda_clocked(struct spin_device *device, int number) : d(device), op(number)
 {
     if (cuda_of(d)->clock[op].n == CUDA_MARKS)
-        make_up(&cuda_of(d)->clock[op]);
-    mark(d, op, 0);
+        add_marks(&cuda_of(d)->clock[op]);
+    record_mark(d, op, 0);
 }
 
 cuda_clocked::~cuda_clocked()
@@ -258,14 +258,14 @@ cuda_clocked::~cuda_clocked()
     const char *failed;
     char why[160];
 
-    mark(d, op, 1);
+    record_mark(d, op, 1);
     cuda_of(d)->clock[op].n++;
     failed = cuda_of(d)->sync ? gpu_wait(gpu_of(d)) : gpu_error(gpu_of(d));
     if (failed && cuda_of(d)->sync) {
         snprintf(why, sizeof why, "%s (in %s)", failed, name[op]);
         failed = why;
     }
-    note(d, SPIN_E_DEVICE, failed);
+    note_error(d, SPIN_E_DEVICE, failed);
 }
 
 static double clock_of(struct spin_device *d, int op)
@@ -273,7 +273,7 @@ static double clock_of(struct spin_device *d, int op)
     struct cuda_clock *clock = &cuda_of(d)->clock[op];
     double seconds;
 
-    make_up(clock);
+    add_marks(clock);
     seconds = clock->seconds;
     clock->seconds = 0;
     return seconds;
@@ -348,5 +348,5 @@ static const struct spin_device_ops ops = {
 
 extern "C" {
 extern SPIN_VISIBLE const struct spin_cuda_shim spin_cuda_shim_table;
-const struct spin_cuda_shim spin_cuda_shim_table = {SPIN_CUDA_SHIM_ABI, &ops, use};
+const struct spin_cuda_shim spin_cuda_shim_table = {SPIN_CUDA_SHIM_ABI, &ops, set_fail};
 }

@@ -111,8 +111,8 @@ static __device__ void activate(const float *sum, const float *bias, int hidden,
 
 /* to [ROWS][WIDE] = the first n columns of m rows of `from`, selected by `number` (NULL:
  * consecutive rows); zero elsewhere. */
-static __device__ void load(float *to, const float *from, size_t ld, const uint32_t *number, int m,
-                            int n)
+static __device__ void load_rows(float *to, const float *from, size_t ld, const uint32_t *number,
+                                 int m, int n)
 {
     for (int at = (int)threadIdx.x; at < ROWS * WIDE; at += THREADS) {
         int row = at / WIDE, column = at % WIDE;
@@ -136,7 +136,7 @@ static __device__ void forward(const struct spin_heads &heads, const float *para
     const float *p = param + heads.offset[head];
     float sum[OWN];
 
-    load(x, z + first * (size_t)n_in, (size_t)n_in, NULL, m, n_in);
+    load_rows(x, z + first * (size_t)n_in, (size_t)n_in, NULL, m, n_in);
     multiply(x, p + at.w1, n_in, hidden, false, stage, sum);
     activate(sum, p + at.b1, hidden, heads.relu, y, NULL);
     multiply(y, p + at.w2, hidden, hidden, false, stage, sum);
@@ -198,8 +198,8 @@ static __device__ float sum_of_rows(const float *d)
 
 /* Stores the partial gradients of a block: to [n][n_in] for weights, bias [n] for a bias, whose
  * four partial sums are exchanged by way of `stage`. */
-static __device__ void leave(const float *sum, float sum_of_bias, int n, int n_in, float *stage,
-                             float *to, float *bias)
+static __device__ void store_gradients(const float *sum, float sum_of_bias, int n, int n_in,
+                                       float *stage, float *to, float *bias)
 {
     int me = (int)threadIdx.x;
 
@@ -218,7 +218,7 @@ static __device__ void leave(const float *sum, float sum_of_bias, int n, int n_i
 }
 
 /* to = sum times `slope`, the derivatives of the activation below. */
-static __device__ void through(const float *sum, const float *slope, float *to)
+static __device__ void through_activation(const float *sum, const float *slope, float *to)
 {
     for (int e = 0; e < OWN; e++) {
         int row, column;
@@ -245,8 +245,9 @@ static __device__ void backward(const struct back &b, float *z, float *a1, float
          first += (size_t)gridDim.x * ROWS) {
         int m = count - first < ROWS ? (int)(count - first) : (int)ROWS;
 
-        load(z, b.z, (size_t)n_in, b.rows.row + first, m, n_in);
-        load(g, b.d_raw + first * SPIN_ATTR + cuda_heads_column(b.head), SPIN_ATTR, NULL, m, n_out);
+        load_rows(z, b.z, (size_t)n_in, b.rows.row + first, m, n_in);
+        load_rows(g, b.d_raw + first * SPIN_ATTR + cuda_heads_column(b.head), SPIN_ATTR, NULL, m,
+                  n_out);
         multiply(z, p + at.w1, n_in, hidden, false, stage, sum);
         activate(sum, p + at.b1, hidden, b.heads.relu, a1, slope1);
         multiply(a1, p + at.w2, hidden, hidden, false, stage, sum);
@@ -255,11 +256,11 @@ static __device__ void backward(const struct back &b, float *z, float *a1, float
         outer(n_out, g, a2, w3);
         b3 += sum_of_rows(g);
         multiply(g, p + at.w3, hidden, n_out, true, stage, sum);
-        through(sum, slope2, g);
+        through_activation(sum, slope2, g);
         outer(hidden, g, a1, w2);
         b2 += sum_of_rows(g);
         multiply(g, p + at.w2, hidden, hidden, true, stage, sum);
-        through(sum, slope1, g);
+        through_activation(sum, slope1, g);
         outer(hidden, g, z, w1);
         b1 += sum_of_rows(g);
         multiply(g, p + at.w1, n_in, hidden, true, stage, sum);
@@ -274,9 +275,9 @@ static __device__ void backward(const struct back &b, float *z, float *a1, float
         }
     }
     to = b.partial + blockIdx.x * at.size;
-    leave(w1, b1, hidden, n_in, stage, to + at.w1, to + at.b1);
-    leave(w2, b2, hidden, hidden, stage, to + at.w2, to + at.b2);
-    leave(w3, b3, n_out, hidden, stage, to + at.w3, to + at.b3);
+    store_gradients(w1, b1, hidden, n_in, stage, to + at.w1, to + at.b1);
+    store_gradients(w2, b2, hidden, hidden, stage, to + at.w2, to + at.b2);
+    store_gradients(w3, b3, n_out, hidden, stage, to + at.w3, to + at.b3);
 }
 
 static __global__ void __launch_bounds__(THREADS, 2) heads_back_kernel(struct back b)

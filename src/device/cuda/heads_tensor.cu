@@ -67,7 +67,8 @@ static __device__ int tiles(int n) { return (n + DEEP - 1) / DEEP; }
 /* Index of W(o, i): lanes that read (g, 2 t) and (g, 2 t + 1), or (2 t, g), use different banks. */
 static __device__ int place(int o, int i) { return o * WIDE + (i ^ ((o & 6) << 2 ^ (o & 1) << 4)); }
 
-template <int ROOM> static __device__ void stage(const float *w, int n_in, int n_out, float *to)
+template <int ROOM>
+static __device__ void stage_weights(const float *w, int n_in, int n_out, float *to)
 {
     for (int at = (int)threadIdx.x; at < ROOM * WIDE; at += (int)blockDim.x) {
         int o = at / WIDE, i = at % WIDE;
@@ -95,9 +96,9 @@ static __device__ void stage_head(const struct spin_heads &heads, const float *p
     const float *p = param + heads.offset[head];
 
     __syncthreads();
-    stage<WIDE>(p + at.w1, n_in, hidden, w->w1);
-    stage<WIDE>(p + at.w2, hidden, hidden, w->w2);
-    stage<MOST_OUT>(p + at.w3, hidden, n_out, w->w3);
+    stage_weights<WIDE>(p + at.w1, n_in, hidden, w->w1);
+    stage_weights<WIDE>(p + at.w2, hidden, hidden, w->w2);
+    stage_weights<MOST_OUT>(p + at.w3, hidden, n_out, w->w3);
     stage_bias(p + at.b1, hidden, WIDE, w->b1);
     stage_bias(p + at.b2, hidden, WIDE, w->b2);
     stage_bias(p + at.b3, n_out, MOST_OUT, w->b3);
@@ -105,7 +106,7 @@ static __device__ void stage_head(const struct spin_heads &heads, const float *p
 }
 
 /* Loads A(16 rows, columns [8 step, 8 step + 8)) of a warp's rows from shared memory. */
-static __device__ void take_rows(const float *x, int step, cuda_split<4> *to)
+static __device__ void load_rows(const float *x, int step, cuda_split<4> *to)
 {
     CUDA_UNROLL
     for (int r = 0; r < 2; r++) {
@@ -120,7 +121,7 @@ static __device__ void take_rows(const float *x, int step, cuda_split<4> *to)
  * with ROOM rows. place() is written out here, so that only the parts that depend on the step are
  * recomputed. */
 template <int N, bool BACK, int ROOM>
-static __device__ void take_weights(const float *w, int step, cuda_split<2 * N> *to)
+static __device__ void load_weights(const float *w, int step, cuda_split<2 * N> *to)
 {
     CUDA_UNROLL
     for (int n = 0; n < N; n++) {
@@ -157,20 +158,20 @@ static __device__ void product(const float *x, int steps, const float *w, float 
     for (int step = 0; step < steps; step++) {
         cuda_split<2 * N> right;
 
-        take_weights<N, BACK, ROOM>(w, step, &right);
+        load_weights<N, BACK, ROOM>(w, step, &right);
         CUDA_UNROLL
         for (int m = 0; m < M; m++) {
             cuda_split<4> left;
 
-            take_rows(x + 16 * m * LONG, step, &left);
+            load_rows(x + 16 * m * LONG, step, &left);
             cuda_mma<N>(sum[m], left, right);
         }
     }
 }
 
-/* Stores the sums of the lanes in the warp's rows of shared memory, in the layout that take_rows()
+/* Stores the sums of the lanes in the warp's rows of shared memory, in the layout that load_rows()
  * reads. */
-template <int N> static __device__ void put(const float *sum, float *x)
+template <int N> static __device__ void store_sums(const float *sum, float *x)
 {
     CUDA_UNROLL
     for (int n = 0; n < N; n++) {
@@ -186,8 +187,8 @@ template <int N> static __device__ void put(const float *sum, float *x)
 /* Sets R rows x COLUMNS columns of the warp's part of shared memory: the first n columns of m rows
  * of `from`, selected by `number` (NULL: consecutive rows), and zero elsewhere. */
 template <int R, int COLUMNS>
-static __device__ void load(float *x, const float *from, size_t ld, const uint32_t *number, int m,
-                            int n)
+static __device__ void load_input(float *x, const float *from, size_t ld, const uint32_t *number,
+                                  int m, int n)
 {
     int lane = (int)threadIdx.x % WARP, column = lane * 4 % COLUMNS;
 
@@ -236,8 +237,8 @@ static __device__ void activate(const float *bias, bool relu, float *sum, float 
 /* Computes the last layer for the first m rows of the warp, and writes the outputs to `to`, whose
  * rows are SPIN_ATTR long. */
 template <int N>
-static __device__ void finish(const float *x, int steps, const struct weights *w, int m, int n_out,
-                              float *to)
+static __device__ void finish_rows(const float *x, int steps, const struct weights *w, int m,
+                                   int n_out, float *to)
 {
     float sum[ROWS / 16][4 * N];
 
@@ -273,7 +274,7 @@ static __global__ void __launch_bounds__(WARP *WARPS, 1)
              first += (size_t)gridDim.x * (blockDim.x / WARP) * ROWS) {
             int m = n - first < ROWS ? (int)(n - first) : (int)ROWS;
 
-            load<ROWS, WIDE>(x, z + first * (size_t)n_in, (size_t)n_in, NULL, m, n_in);
+            load_input<ROWS, WIDE>(x, z + first * (size_t)n_in, (size_t)n_in, NULL, m, n_in);
             __syncwarp(0xffffffffu);
             for (int layer = 0; layer < 2; layer++) {
                 float sum[ROWS / 16][4 * TILES];
@@ -283,13 +284,13 @@ static __global__ void __launch_bounds__(WARP *WARPS, 1)
                 CUDA_UNROLL
                 for (int i = 0; i < ROWS / 16; i++) {
                     activate(layer ? w->b2 : w->b1, heads.relu, sum[i], NULL);
-                    put<TILES>(sum[i], x + 16 * i * LONG);
+                    store_sums<TILES>(sum[i], x + 16 * i * LONG);
                 }
             }
             if (n_out > DEEP)
-                finish<MOST_OUT / DEEP>(x, steps, w, m, n_out, to + first * SPIN_ATTR);
+                finish_rows<MOST_OUT / DEEP>(x, steps, w, m, n_out, to + first * SPIN_ATTR);
             else
-                finish<1>(x, steps, w, m, n_out, to + first * SPIN_ATTR);
+                finish_rows<1>(x, steps, w, m, n_out, to + first * SPIN_ATTR);
             __syncwarp(0xffffffffu);
         }
     }
@@ -324,8 +325,8 @@ struct back {
 /* sum [16 M][8 N] += d^T x, summed over the rows of the block, for the columns of d from i0 on and
  * those of x from j0 on; bias += this lane's share of the column sums of d. */
 template <int M, int N>
-static __device__ void outer(const float *d, const float *x, int i0, int j0, float *sum,
-                             float *bias)
+static __device__ void add_outer_product(const float *d, const float *x, int i0, int j0, float *sum,
+                                         float *bias)
 {
     CUDA_UNROLL_TWICE
     for (int row = 0; row < BACK_TILE; row += DEEP) {
@@ -352,8 +353,8 @@ static __device__ void outer(const float *d, const float *x, int i0, int j0, flo
 
 /* Stores the partial gradients of a block: to [n][n_in] for weights, to_bias [n] for a bias. */
 template <int M, int N>
-static __device__ void leave(const float *sum, const float *bias, int i0, int j0, int n, int n_in,
-                             float *to, float *to_bias)
+static __device__ void store_gradients(const float *sum, const float *bias, int i0, int j0, int n,
+                                       int n_in, float *to, float *to_bias)
 {
     CUDA_UNROLL
     for (int e = 0; e < 4 * M * N; e++) {
@@ -376,7 +377,7 @@ static __device__ void leave(const float *sum, const float *bias, int i0, int j0
 }
 
 /* to = m rows of the warp, n columns each; if `add` is set, to += instead. */
-static __device__ void store(const float *x, int m, int n, bool add, float *to)
+static __device__ void store_rows(const float *x, int m, int n, bool add, float *to)
 {
     int lane = (int)threadIdx.x % WARP, column = lane * 4 % WIDE;
 
@@ -425,46 +426,46 @@ static __device__ void back_tile(const struct back &b, int head, size_t first, s
     number = b.rows.row + first;
     d_out = b.d_raw + first * SPIN_ATTR + cuda_heads_column(head);
     __syncwarp(0xffffffffu);
-    load<BACK_ROWS, WIDE>(x, b.z, (size_t)n_in, number, m, n_in);
+    load_input<BACK_ROWS, WIDE>(x, b.z, (size_t)n_in, number, m, n_in);
     if (n_out > 16)
-        load<BACK_ROWS, MOST_OUT>(mine, d_out, SPIN_ATTR, NULL, m, n_out);
+        load_input<BACK_ROWS, MOST_OUT>(mine, d_out, SPIN_ATTR, NULL, m, n_out);
     else
-        load<BACK_ROWS, 16>(mine, d_out, SPIN_ATTR, NULL, m, n_out);
+        load_input<BACK_ROWS, 16>(mine, d_out, SPIN_ATTR, NULL, m, n_out);
     __syncwarp(0xffffffffu);
     product<1, TILES, false, WIDE>(x, tiles(n_in), w->w1, a1);
     activate(w->b1, b.heads.relu, a1[0], slope1);
-    put<TILES>(a1[0], x);
+    store_sums<TILES>(a1[0], x);
     product<1, TILES, false, WIDE>(x, steps, w->w2, sum);
     activate(w->b2, b.heads.relu, sum[0], slope2);
-    put<TILES>(sum[0], x);
+    store_sums<TILES>(sum[0], x);
     __syncthreads();
     if (n_out > 16)
-        outer<3, 1>(room->g, room->x, 0, DEEP * warp(), s->w3, s->b3);
+        add_outer_product<3, 1>(room->g, room->x, 0, DEEP * warp(), s->w3, s->b3);
     else
-        outer<1, 1>(room->g, room->x, 0, DEEP * warp(), s->w3, s->b3);
+        add_outer_product<1, 1>(room->g, room->x, 0, DEEP * warp(), s->w3, s->b3);
     product<1, TILES, true, MOST_OUT>(mine, tiles(n_out), w->w3, sum);
     CUDA_UNROLL
     for (int e = 0; e < 4 * TILES; e++)
         sum[0][e] *= slope2[e];
     __syncthreads();
-    put<TILES>(a1[0], x);
-    put<TILES>(sum[0], mine);
+    store_sums<TILES>(a1[0], x);
+    store_sums<TILES>(sum[0], mine);
     __syncthreads();
-    outer<1, 4>(room->g, room->x, i0, j0, s->w2, s->b2);
+    add_outer_product<1, 4>(room->g, room->x, i0, j0, s->w2, s->b2);
     product<1, TILES, true, WIDE>(mine, steps, w->w2, sum);
     CUDA_UNROLL
     for (int e = 0; e < 4 * TILES; e++)
         sum[0][e] *= slope1[e];
     __syncthreads();
-    load<BACK_ROWS, WIDE>(x, b.z, (size_t)n_in, number, m, n_in);
-    put<TILES>(sum[0], mine);
+    load_input<BACK_ROWS, WIDE>(x, b.z, (size_t)n_in, number, m, n_in);
+    store_sums<TILES>(sum[0], mine);
     __syncthreads();
-    outer<1, 4>(room->g, room->x, i0, j0, s->w1, s->b1);
+    add_outer_product<1, 4>(room->g, room->x, i0, j0, s->w1, s->b1);
     product<1, TILES, true, WIDE>(mine, steps, w->w1, sum);
     __syncthreads();
-    put<TILES>(sum[0], mine);
+    store_sums<TILES>(sum[0], mine);
     __syncwarp(0xffffffffu);
-    store(mine, m, n_in, head > 0, b.d_z + first * (size_t)n_in);
+    store_rows(mine, m, n_in, head > 0, b.d_z + first * (size_t)n_in);
 }
 #endif
 
@@ -486,12 +487,14 @@ static __global__ void __launch_bounds__(WARP *BACK_WARPS, 1)
         for (size_t first = (size_t)blockIdx.x * BACK_TILE; first < count;
              first += (size_t)b.blocks * BACK_TILE)
             back_tile(b, head, first, count, back_room, &s);
-        leave<1, 4>(s.w1, s.b1, i0, j0, hidden, n_in, to + at.w1, to + at.b1);
-        leave<1, 4>(s.w2, s.b2, i0, j0, hidden, hidden, to + at.w2, to + at.b2);
+        store_gradients<1, 4>(s.w1, s.b1, i0, j0, hidden, n_in, to + at.w1, to + at.b1);
+        store_gradients<1, 4>(s.w2, s.b2, i0, j0, hidden, hidden, to + at.w2, to + at.b2);
         if (n_out > 16)
-            leave<3, 1>(s.w3, s.b3, 0, DEEP * warp(), n_out, hidden, to + at.w3, to + at.b3);
+            store_gradients<3, 1>(s.w3, s.b3, 0, DEEP * warp(), n_out, hidden, to + at.w3,
+                                  to + at.b3);
         else
-            leave<1, 1>(s.w3, s.b3, 0, DEEP * warp(), n_out, hidden, to + at.w3, to + at.b3);
+            store_gradients<1, 1>(s.w3, s.b3, 0, DEEP * warp(), n_out, hidden, to + at.w3,
+                                  to + at.b3);
     }
 #endif
 }

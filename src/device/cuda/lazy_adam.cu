@@ -99,7 +99,7 @@ void cuda_lazy_adam_close(struct spin_device *d, struct spin_lazy_adam *lazy)
 /* ---- Forward --------------------------------------------------------------------------------- */
 
 /* Applies the Adam steps that a line has missed since step `from`. */
-static __device__ void bring(const struct lines &lines, size_t line, int64_t from)
+static __device__ void catch_up_line(const struct lines &lines, size_t line, int64_t from)
 {
     const float *skipped = lines.skipped + 2 * from, *decay = lines.decay + 2 * (lines.done - from);
 
@@ -129,7 +129,7 @@ static __global__ void need_kernel(struct spin_grid grid, int first_level, struc
         before = line;
         last = atomicExch(&lines.last[line], mark);
         if (last != mark && last != (float)lines.done)
-            bring(lines, line, (int64_t)last);
+            catch_up_line(lines, line, (int64_t)last);
     }
 }
 

@@ -89,7 +89,7 @@ template <class V> static __device__ void load_strip(const struct strip &s, floa
 }
 
 /* Filters v [TALL] with the vertical window and writes the result to the strip of map. */
-static __device__ void put_strip(const struct strip &s, const float *v, float *map)
+static __device__ void store_strip(const struct strip &s, const float *v, float *map)
 {
     const float window[HALF + 1] = SPIN_SSIM_WINDOW;
 
@@ -115,16 +115,16 @@ static __global__ void down_kernel(struct photo p, unsigned n, float *maps)
         return;
     load_strip(s, x, [&](int64_t k) { return p.image[(int64_t)s.at + k]; });
     load_strip(s, y, [&](int64_t k) { return truth_of(p, s.plane, (size_t)((int64_t)i + k)); });
-    put_strip(s, x, maps);
-    put_strip(s, y, maps + 3 * p.plane);
+    store_strip(s, x, maps);
+    store_strip(s, y, maps + 3 * p.plane);
     for (int k = 0; k < TALL; k++) {
         float squares = x[k] * x[k] + y[k] * y[k];
 
         y[k] = x[k] * y[k];
         x[k] = squares;
     }
-    put_strip(s, x, maps + 6 * p.plane);
-    put_strip(s, y, maps + 9 * p.plane);
+    store_strip(s, x, maps + 6 * p.plane);
+    store_strip(s, y, maps + 9 * p.plane);
 }
 
 /* One value of an image: pixel i of channel c, in column x. A block's values are all of one
@@ -149,7 +149,7 @@ static __device__ bool value_of(const struct photo &p, struct value *v)
 }
 
 /* The horizontal window applied to map at v. */
-static __device__ float along(const float *map, const struct value &v, int width)
+static __device__ float window_along(const float *map, const struct value &v, int width)
 {
     const float window[HALF + 1] = SPIN_SSIM_WINDOW;
     float sum = window[0] * map[v.at];
@@ -178,7 +178,7 @@ static __global__ void ssim_kernel(struct photo p, bool weigh, const float *maps
         struct spin_ssim_slope slope;
 
         for (size_t m = 0; m < MAPS; m++)
-            mean[m] = along(maps + m * all, v, p.width);
+            mean[m] = window_along(maps + m * all, v, p.width);
         weight = weigh ? weight_of(p, v.i) : 1.0f;
         ssim = weight * spin_ssim(mean[0], mean[1], mean[2], mean[3], &slope);
         l1 = weight * fabsf(p.image[v.at] - truth_of(p, v.c, v.i));
@@ -235,7 +235,7 @@ static __global__ void slopes_down_kernel(struct photo p, unsigned n, const floa
     if (GPU_INDEX() >= n)
         return;
     load_strip(s, v, [&](int64_t k) { return slopes[(int64_t)s.at + k]; });
-    put_strip(s, v, down);
+    store_strip(s, v, down);
 }
 
 static __global__ void d_image_kernel(struct photo p, float lambda_dssim, float view_weight,
@@ -250,8 +250,8 @@ static __global__ void d_image_kernel(struct photo p, float lambda_dssim, float 
     x = p.image[v.at];
     y = truth_of(p, v.c, v.i);
     l1 = (1 - lambda_dssim) * view_weight / mass * weight_of(p, v.i);
-    slope = along(down, v, p.width) + 2 * x * along(down + all, v, p.width) +
-            y * along(down + 2 * all, v, p.width);
+    slope = window_along(down, v, p.width) + 2 * x * window_along(down + all, v, p.width) +
+            y * window_along(down + 2 * all, v, p.width);
     d_image[v.at] = l1 * spin_sign(x - y) + -lambda_dssim * view_weight / mass * slope;
 }
 
@@ -275,7 +275,7 @@ static bool work_of(struct spin_device *d, size_t plane, struct work *w)
 }
 
 /* w.sums [SUMS] = the sums of L1, SSIM and weights over the image. */
-static void lose(struct spin_device *d, const struct photo &p, bool weigh, const struct work &w)
+static void sum_loss(struct spin_device *d, const struct photo &p, bool weigh, const struct work &w)
 {
     unsigned n = strips(p, 3), blocks = blocks_of(p.plane);
 
@@ -297,7 +297,7 @@ void cuda_loss(struct spin_device *d, const struct spin_view_batch *views,
 
         if (!work_of(d, p.plane, &w))
             break;
-        lose(d, p, true, w);
+        sum_loss(d, p, true, w);
         GPU_LAUNCH(gpu_of(d), values_kernel, 1, 1, w.sums, lambda_dssim,
                    values + (size_t)view->value * SPIN_LOSS_VALUES);
         if (!d_image)
@@ -373,7 +373,7 @@ void cuda_measure(struct spin_device *d, const struct spin_view_batch *views,
         GPU_LAUNCH(gpu_of(d), add_blocks_kernel, 6, GPU_BLOCK, gpu_blocks(p.plane), w.blocks,
                    w.sums);
         GPU_LAUNCH(gpu_of(d), measure_kernel, 1, 1, w.sums, (const double *)NULL, v);
-        lose(d, p, false, w);
+        sum_loss(d, p, false, w);
         GPU_LAUNCH(gpu_of(d), measure_kernel, 1, 1, w.sums, w.sums, v);
     }
 }

@@ -35,7 +35,7 @@ static struct {
 
 static ncclComm_t comm_of(struct spin_device *d) { return (ncclComm_t)cuda_of(d)->link; }
 
-static spin_status failed(const char *call, ncclResult_t result)
+static spin_status nccl_error(const char *call, ncclResult_t result)
 {
     char what[64];
 
@@ -49,10 +49,10 @@ static spin_status failed(const char *call, ncclResult_t result)
         ncclResult_t result = nccl.name(__VA_ARGS__);                                              \
                                                                                                    \
         if (result != ncclSuccess)                                                                 \
-            return failed(#name, result);                                                          \
+            return nccl_error(#name, result);                                                      \
     } while (0)
 
-static spin_status load(void)
+static spin_status load_nccl(void)
 {
     const char *wanted = getenv("SPIN_NCCL"), *file = wanted && *wanted ? wanted : "libnccl.so.2";
 
@@ -78,7 +78,7 @@ spin_status cuda_link_ready(struct spin_device *, char about[32])
 {
     int version = 0;
 
-    SPIN_TRY(load());
+    SPIN_TRY(load_nccl());
     NCCL(ncclGetVersion, &version);
     snprintf(about, 32, "NCCL %d.%d.%d", version / 10000, version / 100 % 100, version % 100);
     return SPIN_OK;
@@ -113,7 +113,7 @@ void cuda_unlink(struct spin_device *d)
     cuda_of(d)->link = NULL;
 }
 
-static spin_status post(struct spin_device *d, const struct spin_device_sum *sum, size_t n)
+static spin_status queue_sums(struct spin_device *d, const struct spin_device_sum *sum, size_t n)
 {
     cudaStream_t stream = (cudaStream_t)gpu_of(d)->stream;
     ncclResult_t result = ncclSuccess, end;
@@ -125,11 +125,11 @@ static spin_status post(struct spin_device *d, const struct spin_device_sum *sum
                                     stream);
     end = nccl.ncclGroupEnd();
     if (result != ncclSuccess)
-        return failed("ncclAllReduce", result);
-    return end == ncclSuccess ? SPIN_OK : failed("ncclGroupEnd", end);
+        return nccl_error("ncclAllReduce", result);
+    return end == ncclSuccess ? SPIN_OK : nccl_error("ncclGroupEnd", end);
 }
 
-static void take_a_nap(void)
+static void sleep_briefly(void)
 {
     const struct timespec nap = {0, 50000};
 
@@ -138,15 +138,15 @@ static void take_a_nap(void)
 
 /* Waits for the error message of another rank: when a rank fails, its link breaks first, and its
  * message arrives a little later. */
-static spin_status hear_why(ncclResult_t result, spin_status (*listen)(void))
+static spin_status wait_for_error(ncclResult_t result, spin_status (*listen)(void))
 {
     enum { NAPS = 40000 }; /* at least two seconds */
 
     for (int i = 0; i < NAPS; i++) {
         SPIN_TRY(listen());
-        take_a_nap();
+        sleep_briefly();
     }
-    return failed("an all-reduce", result);
+    return nccl_error("an all-reduce", result);
 }
 
 /* Waits until the all-reduce is done. Polls instead of waiting in CUDA, since the values of a rank
@@ -159,11 +159,11 @@ static spin_status wait_for_others(struct spin_device *d, spin_status (*listen)(
     for (int turn = 0; !gpu_done(gpu_of(d)); turn += turn < EAGER) {
         NCCL(ncclCommGetAsyncError, comm_of(d), &state);
         if (state != ncclSuccess)
-            return hear_why(state, listen);
+            return wait_for_error(state, listen);
         if (turn % 100 == 99 || turn == EAGER)
             SPIN_TRY(listen());
         if (turn == EAGER)
-            take_a_nap();
+            sleep_briefly();
     }
     return d->op->wait(d);
 }
@@ -174,7 +174,7 @@ spin_status cuda_sum(struct spin_device *d, const struct spin_device_sum *sum, s
     spin_status status;
 
     SPIN_TRY(d->op->wait(d)); /* report an earlier error of this GPU first */
-    status = post(d, sum, n);
+    status = queue_sums(d, sum, n);
     if (status == SPIN_OK)
         status = wait_for_others(d, listen);
     if (status != SPIN_OK)
