@@ -119,14 +119,14 @@ spin_status spin_fail_context(spin_status code, const char *fmt, ...) SPIN_PRINT
             goto out;                                                                              \
     } while (0)
 
-/* Print "warning: ..." as one line on stderr. */
+/* Prints "warning: ..." as one line on stderr. */
 void spin_warn(const char *fmt, ...) SPIN_PRINTF(1, 2);
 
 /* Verbosity of the library on stderr: -1 warnings only, 0 normal, 1 log lines per run, 2 per frame,
  * 3 per iteration, 4 per operation. */
 void spin_set_verbosity(int level);
 
-/* Ask running work to stop at the next safe point. Async-signal-safe. */
+/* Makes running work stop at the next safe point. Async-signal-safe. */
 void spin_cancel(void);
 
 /* ---- 2. Splats of one frame ------------------------------------------------------------------ */
@@ -137,8 +137,8 @@ enum spin_column {
     SPIN_COL_LOG_SCALES = 1 << 2,      /* [n][3] natural log of the standard deviation */
     SPIN_COL_LOGIT_OPACITIES = 1 << 3, /* [n] before the sigmoid, finite */
     SPIN_COL_SH = 1 << 4,              /* [n][(sh_degree+1)^2][3] coefficients, channel last */
-    SPIN_COL_RGB = 1 << 5,             /* [n][3] 0..1, for points with a plain colour */
-    SPIN_COL_ATTRIBUTES =              /* all that a Gaussian needs besides its mean */
+    SPIN_COL_RGB = 1 << 5,             /* [n][3] 0..1, colours of points without SH */
+    SPIN_COL_ATTRIBUTES =              /* all columns of a Gaussian except its mean */
     SPIN_COL_QUATS | SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH
 };
 
@@ -482,9 +482,9 @@ struct spin_export_job {
 };
 
 struct spin_frame_info {
-    int number;  /* the source's frame number, or the index if it has none */
-    double time; /* in the source's unit */
-    size_t n;    /* splats, if known */
+    int number;  /* frame number in the source, or the index if the source has no numbers */
+    double time; /* time of the frame, in the source's unit */
+    size_t n;    /* number of splats, if known */
 };
 
 struct spin_exporter {
@@ -536,7 +536,7 @@ spin_status spin_out_write(struct spin_out *out, const void *data, size_t bytes)
 spin_status spin_out_commit(struct spin_out *out);
 void spin_out_abandon(struct spin_out *out);
 
-/* mkdir -p */
+/* Creates a folder and its missing parents, like mkdir -p. */
 spin_status spin_folder_make(const char *path);
 
 /* The object that a shared library built outside this tree defines as spin_plugin; spin-plugin(7)
@@ -548,7 +548,7 @@ struct spin_plugin {
 };
 extern SPIN_VISIBLE const struct spin_plugin spin_plugin;
 
-/* The built-in ones, NULL-terminated, in alphabetical order. */
+/* The built-in importers and exporters, NULL-terminated, in alphabetical order. */
 extern const struct spin_importer *const spin_importers[];
 extern const struct spin_exporter *const spin_exporters[];
 
@@ -588,7 +588,7 @@ spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_splat
 
 /* ---- 6. Rendering ---------------------------------------------------------------------------- */
 
-/* Render one view of splats that have all attribute columns. image: [3][h][w]. */
+/* Renders one view of splats that have all attribute columns. image: [3][h][w]. */
 spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splats,
                         const struct spin_camera *camera, const float background[3], float *image);
 
@@ -620,7 +620,7 @@ enum spin_split { SPIN_SPLIT_TEST, SPIN_SPLIT_TRAIN, SPIN_SPLIT_ALL };
 enum spin_dynamic_from {
     SPIN_DYNAMIC_AUTO,   /* masks if every view has one, else images */
     SPIN_DYNAMIC_MASKS,  /* the data set's foreground masks */
-    SPIN_DYNAMIC_IMAGES, /* pixels that differ from their camera's median over time */
+    SPIN_DYNAMIC_IMAGES, /* pixels that differ from the median of their camera's images over time */
     SPIN_DYNAMIC_OFF
 };
 

@@ -122,7 +122,7 @@ struct spin_camera_f32 spin_camera_f32_from(const struct spin_camera *camera);
 /* One projected Gaussian: 64 bytes. radius_px 0 = culled; all other fields are then undefined. */
 struct spin_splat2d {
     float u_px, v_px; /* integer coordinates are pixel centres */
-    float conic[3];   /* a b c of [a b; b c] */
+    float conic[3];   /* elements a, b, c of the inverse covariance [a b; b c] */
     float opacity;
     float colour[3];
     float depth;

@@ -138,7 +138,7 @@ size_t spin_camera_overlay_choose(const struct spin_views *views, int row, size_
 
 struct look {
     size_t view;
-    double share[2]; /* shares in front and inside */
+    double share[2]; /* shares of the points: in front of the camera, inside the image */
 };
 
 static double median(double *values, size_t n)

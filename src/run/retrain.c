@@ -613,7 +613,7 @@ static spin_status run_training(struct run *r)
     bool done = false;
     spin_status status;
 
-    /* rank 0 alone writes files: lock, log and checkpoint */
+    /* Only rank 0 writes files: lock, log and checkpoint. */
     SPIN_TRY(spin_ranks_agree(spin_rank() == 0 ? spin_output_lock_take(p->o->output, &r->lock)
                                                : SPIN_OK));
     SPIN_TRY(open_inputs(r));

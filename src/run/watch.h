@@ -4,7 +4,7 @@
 #include "train/output.h"
 
 struct spin_watch {
-    char *page, *now, *log, *pictures, *state, *clip; /* paths of files and folders in the folder */
+    char *page, *now, *log, *pictures, *state, *clip; /* paths below the folder */
 };
 
 spin_status spin_watch_open(struct spin_watch *w, const char *folder);

@@ -136,7 +136,7 @@ struct value {
 
 static unsigned blocks_of(size_t plane) { return 3 * gpu_blocks(plane); }
 
-/* Returns false if this thread has no value. */
+/* Finds the value that this thread computes. Returns false if there is none. */
 static __device__ bool value_of(const struct photo &p, struct value *v)
 {
     unsigned blocks = gridDim.x / 3, i = blockIdx.x % blocks * GPU_BLOCK + threadIdx.x;
