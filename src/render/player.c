@@ -36,7 +36,8 @@ spin_status spin_player_choose(const struct spin_bundle *bundle, bool source,
     else if (!(SPIN_COL_ATTRIBUTES & ~bundle->meta.columns))
         *out = SPIN_FROM_SOURCE;
     else if (source)
-        return spin_not_found("'%s' contains positions only, no source attributes", bundle->path);
+        return spin_not_found("the source in '%s' contains positions only: omit --source",
+                              bundle->path);
     else
         return spin_not_found("'%s' contains positions only: run spin-retrain first", bundle->path);
     return SPIN_OK;

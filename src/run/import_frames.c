@@ -161,8 +161,8 @@ spin_status spin_exported_frames(const char *input, struct spin_frame_info *fram
 
     SPIN_TRY(open_sequence(input, &path, &root));
     if (root && !apply_sequence(root, frame, n, place, meta))
-        spin_warn("'%s' does not match the frames in its folder: ignoring the frame times and "
-                  "indices that it records",
+        spin_warn("'%s' does not match the frames in its folder: ignoring the times and indices in "
+                  "this file",
                   path);
     return SPIN_OK;
 }

@@ -300,7 +300,7 @@ static void log_exposure(const struct run *r)
                     "the learned exposures and falloff start from neutral values");
     else if (on)
         spin_log(0, "%s: learning an exposure for each camera%s", text,
-                 r->plan.lenses_stay ? "" : ", and the falloff of their lens");
+                 r->plan.lenses_stay ? "" : " and the falloff of the lenses");
     else if (r->look.spread < 0)
         spin_log(1, "no point is visible in three training cameras to compare their colours: no "
                     "exposure is learned");
