@@ -25,7 +25,7 @@
 #include "spin.h"
 
 /* Marks pointers to device memory. Clang warns where the host dereferences such a pointer
- * (tests/lint/noderef.sh). Within the sources of a device the mark is empty. */
+ * (tests/lint/noderef.sh). Within the sources of a device SPIN_DEV is empty. */
 #if defined(__clang__) && !defined(SPIN_CPU_PATH) && !defined(__CUDACC__) && !defined(SPIN_EMU)
 #define SPIN_DEV __attribute__((noderef))
 #else
@@ -100,7 +100,7 @@ struct spin_scene_transform {
 enum { SPIN_HEAD_SCALE, SPIN_HEAD_ROTATION, SPIN_HEAD_SH, SPIN_HEAD_OPACITY, SPIN_HEADS };
 struct spin_heads {
     int n_in, hidden;
-    int n_out[SPIN_HEADS];         /* 3 4 48 1 */
+    int n_out[SPIN_HEADS];         /* number of outputs: 3 4 48 1 */
     size_t offset[SPIN_HEADS + 1]; /* floats; [SPIN_HEADS] = total */
     bool relu;                     /* an ablation: ReLU instead of GELU */
 };
@@ -390,16 +390,16 @@ struct spin_device_ops {
     /* x_u [n][4] = contract(means), t */
     void (*contract)(struct spin_device *d, const struct spin_scene_transform *transform,
                      const struct spin_frame_batch *frames, float SPIN_DEV *x_u);
-    /* d_means += adjoint of d_x_u[.][0..2] */
+    /* d_means += adjoint of contract(), from d_x_u[.][0..2] */
     void (*contract_back)(struct spin_device *d, const struct spin_scene_transform *transform,
                           const struct spin_frame_batch *frames, const struct spin_active *active,
                           const float SPIN_DEV *d_x_u);
 
-    /* z [n][levels*features] = */
+    /* z [n][levels * features] = the features of the table, interpolated at x_u */
     void (*grid)(struct spin_device *d, const struct spin_grid *grid, const float SPIN_DEV *table,
                  size_t n, const float SPIN_DEV *x_u, float SPIN_DEV *z);
-    /* d_table [rows][features] +=, d_x_u [active][4] = (with d_x_u[.][3] = 0). d_x_u may be
-     * NULL. */
+    /* d_table [rows][features] += and d_x_u [active][4] = adjoint of grid(), with d_x_u[.][3] = 0.
+     * d_x_u may be NULL. */
     void (*grid_back)(struct spin_device *d, const struct spin_grid *grid,
                       const float SPIN_DEV *table, const struct spin_active *active,
                       const float SPIN_DEV *x_u, const float SPIN_DEV *d_z, float SPIN_DEV *d_table,
@@ -408,7 +408,7 @@ struct spin_device_ops {
     /* raw [n][SPIN_ATTR] = heads(z [n][n_in]) */
     void (*mlp)(struct spin_device *d, const struct spin_heads *heads, const float SPIN_DEV *param,
                 size_t n, const float SPIN_DEV *z, float SPIN_DEV *raw);
-    /* d_param +=, d_z [active][n_in] =. Activations are recomputed from z. */
+    /* d_param += and d_z [active][n_in] = adjoint of mlp(). Activations are recomputed from z. */
     void (*mlp_back)(struct spin_device *d, const struct spin_heads *heads,
                      const float SPIN_DEV *param, const struct spin_active *active,
                      const float SPIN_DEV *z, const float SPIN_DEV *d_raw, float SPIN_DEV *d_param,
@@ -447,11 +447,11 @@ struct spin_device_ops {
 
     /* ---- Rasteriser ---- */
 
-    /* splat2d =; sh_degree 0..3 */
+    /* splat2d = the projections of the splats of each view; sh_degree: 0..3 */
     void (*project)(struct spin_device *d, const struct spin_view_batch *views,
                     const struct spin_frame_batch *frames, const float SPIN_DEV *attr,
                     int sh_degree, struct spin_splat2d SPIN_DEV *splat2d);
-    /* d_attr [n][SPIN_ATTR] +=, d_means += */
+    /* d_attr [n][SPIN_ATTR] += and d_means += adjoint of project() */
     void (*project_back)(struct spin_device *d, const struct spin_view_batch *views,
                          const struct spin_frame_batch *frames, const float SPIN_DEV *attr,
                          int sh_degree, const struct spin_splat2d SPIN_DEV *splat2d,
@@ -487,7 +487,7 @@ struct spin_device_ops {
     void (*depth)(struct spin_device *d, const struct spin_view_batch *views,
                   const struct spin_splat2d SPIN_DEV *splat2d, const struct spin_tiles *tiles,
                   float SPIN_DEV *depth);
-    /* d_splat2d = */
+    /* d_splat2d = adjoint of blend(), from d_image */
     void (*blend_back)(struct spin_device *d, const struct spin_view_batch *views,
                        const struct spin_splat2d SPIN_DEV *splat2d, const struct spin_tiles *tiles,
                        const float SPIN_DEV *final_transmittance,

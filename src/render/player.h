@@ -51,7 +51,7 @@ struct spin_player {
     bool now_antialias;
     uint8_t *looked;  /* [frames of the bundle] 1: n_bad and n_bad_frames include this frame */
     uint64_t n_bad;   /* splats that are not drawn, since their values are not finite */
-    int n_bad_frames; /* frames with such splats */
+    int n_bad_frames; /* number of frames that contain any of them */
 };
 
 /* True if spin-retrain wrote the bundle's frames: SPIN_FROM_TRAINED exists. */

@@ -69,7 +69,7 @@ static void add_row(struct spin_series *series, const float *row, size_t n)
     series->n += n;
 }
 
-/* Adds at most about `quota` values of a frame to the sample, evenly spaced. */
+/* Adds at most `quota` values of a frame to the sample, evenly spaced. */
 static void sample_frame(struct spin_series *series, size_t quota, const float *values,
                          size_t n_rows, size_t width, size_t first, size_t n)
 {

@@ -44,7 +44,7 @@ struct import {
     struct spin_splats splats;
     const struct spin_splats_4d *four_d; /* 4D splats of the source, or NULL */
     bool keeps_4d;                       /* the bundle stores four_d instead of frames */
-    struct spin_views views;             /* of the data set, if any */
+    struct spin_views views;             /* views of the data set, if there is one */
     char *data;                          /* absolute path of the data set, or NULL */
     int n_own;  /* number of frames that a continuous run states; 0: unknown or not needed */
     int *rows;  /* [n_frames] data set frame of each frame */

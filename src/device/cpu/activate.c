@@ -14,8 +14,8 @@ struct job {
     const float *raw, *d_attr, *d_pos_w;
     float *out;
     uint32_t first_row; /* first row of the frame */
-    uint32_t *found;    /* [n], each chunk writes at its first row */
-    uint32_t *count;    /* [chunks] rows found */
+    uint32_t *found;    /* [n] active rows; each chunk writes from the index of its first row on */
+    uint32_t *count;    /* [chunks] number of active rows of each chunk */
 };
 
 static inline void copy_sh(size_t width, const float *from, float *to)

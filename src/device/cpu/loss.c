@@ -32,7 +32,7 @@ struct job {
     float *rows;        /* scratch of all workers, see struct band */
     size_t rows_floats; /* floats of `rows` per worker */
     float scale_l1, scale_ssim;
-    double *l1, *ssim, *mass; /* [3 * bands] sums; mass: sum of the pixel weights */
+    double *l1, *ssim, *mass; /* [3 * bands] sums of each band; mass: of the pixel weights */
 };
 
 /* to [w] = the rows from[0..TAPS-1] weighted by the vertical window. */

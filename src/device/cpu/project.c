@@ -62,9 +62,9 @@ struct one {
     float scale[3], q[4];
 };
 
-/* One axis of spin_to_camera(). In code for a single splat, the compiler fuses the products of x
- * and y in a certain order, forward and backward; `first` is the product that it fuses last. With
- * this order a block gives the same bits as that code, and so as the published results. */
+/* One axis of spin_to_camera(). `first`, 0 or 1, is the product that the compiler fuses last in
+ * code for a single splat, which differs between the forward and the backward pass. With the same
+ * order a block gives the same bits as that code, and so as the published results. */
 SPIN_FN float to_camera(const struct spin_projection *lens, int axis, int first,
                         const struct block *b, int i)
 {

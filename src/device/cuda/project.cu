@@ -218,7 +218,7 @@ static __device__ bool all_zero(const struct spin_splat2d_grad &g)
            g.opacity == 0 && g.colour[0] == 0 && g.colour[1] == 0 && g.colour[2] == 0;
 }
 
-/* Replaces attr by its gradient. */
+/* Replaces attr by its gradient, and adds the gradient of the position to d_pos_w. */
 static __device__ void project_one_back(const struct spin_camera_f32 &cam, int degree,
                                         const float *pos_w, uint32_t flags,
                                         const struct spin_splat2d_grad &g, float *attr,
