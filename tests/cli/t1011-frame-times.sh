@@ -18,7 +18,7 @@ fi
 run "$bin/spin-import" "$model" --data "$clip" -o "$work/auto.spin" --json
 is "$code" 0 "4dgaussian with a data set that counts its frames"
 times_are "0,0.83333[0-9]*" "takes i/n, as its own reader does"
-out_has "i/n (see --frame-times)" "and a note says so"
+out_has "i/n of the range (see --frame-times)" "and a note says so"
 run "$bin/spin-import" "$model" --data "$clip" --frame-times unit -o "$work/unit.spin" --json
 times_are "0,1" "unit: i/(n-1)"
 run "$bin/spin-import" "$model" --data "$clip" --frame-times count -o "$work/count.spin" --json
